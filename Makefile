@@ -1,0 +1,4 @@
+# Aliases for those whose fingers type make.
+demo test setup clean:
+	./run $@
+.PHONY: demo test setup clean

@@ -1,0 +1,100 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The boulder: a sphere of random volume, and where and how it is released
+!> (Bourrier et al. 2009, sections 2 and 3.4).
+module rockfall_boulder
+   use rockfall_kinds, only: wp, i8
+   use rockfall_math, only: pi, logarithm, exponential, cube_root
+   use rockfall_random, only: random_key_t, random_words, uniform, normal, normal_table_t, for_release
+   implicit none
+   private
+   public :: boulder_t, boulder_law_t, release_t, draw_boulder, source_of, spin_inertia
+   public :: fixed_volume, normal_volume, uniform_volume, lognormal_volume, list_volume
+
+   real(wp), parameter :: spin_inertia = 0.4_wp  !! I/(m R_b**2) of a sphere [-]
+   integer, parameter :: fixed_volume = 1, normal_volume = 2, uniform_volume = 3, lognormal_volume = 4, &
+                         list_volume = 5
+
+   type :: boulder_law_t
+      integer :: law = fixed_volume
+      real(wp) :: mean = 1.0_wp       !! fixed, normal, lognormal [m3]
+      real(wp) :: deviation = 0.0_wp  !! normal (before truncation at zero), lognormal [m3]
+      real(wp) :: least = 0.0_wp, most = 0.0_wp  !! uniform [m3]
+      real(wp), allocatable :: list(:)           !! list: each with equal probability [m3]
+      real(wp) :: density = 2800.0_wp            !! [kg/m3]
+   end type boulder_law_t
+
+   type :: boulder_t
+      real(wp) :: volume = 0  !! [m3]
+      real(wp) :: radius = 0  !! R_b [m]
+      real(wp) :: mass = 0    !! [kg]
+   end type boulder_t
+
+   !> Every source releases the same number of boulders, in order: boulder b has source (b-1)/n + 1.
+   type :: release_t
+      real(wp), allocatable :: x(:), y(:)    !! of each source, local coordinates [m]
+      integer(i8) :: boulders_per_source = 1
+      real(wp) :: drop_height = 0.0_wp       !! above the surface [m]
+      real(wp) :: velocity(3) = 0.0_wp       !! east, north, up [m/s]
+   end type release_t
+
+contains
+
+   pure integer(i8) function source_of(release, boulder)
+      type(release_t), intent(in) :: release
+      integer(i8), intent(in) :: boulder  !! 1..
+
+      source_of = (boulder - 1)/release%boulders_per_source + 1
+   end function source_of
+
+   !> The boulder of a number: its volume from the law, radius of the sphere and mass.
+   pure type(boulder_t) function draw_boulder(law, table, key, number) result(boulder)
+      type(boulder_law_t), intent(in) :: law
+      type(normal_table_t), intent(in) :: table
+      type(random_key_t), intent(in) :: key
+      integer(i8), intent(in) :: number
+      integer(i8) :: word(12)
+
+      word = random_words(key, for_release, number, 0_i8, 0_i8)
+      select case (law%law)
+      case (normal_volume)
+         boulder%volume = truncated_normal(law, table, key, number)
+      case (uniform_volume)
+         boulder%volume = law%least + (law%most - law%least)*uniform(word(1))
+      case (lognormal_volume)
+         boulder%volume = lognormal(law, normal(table, word(1)))
+      case (list_volume)
+         boulder%volume = law%list(1 + int(uniform(word(1))*size(law%list)))
+      case default
+         boulder%volume = law%mean
+      end select
+      boulder%radius = cube_root(3*boulder%volume/(4*pi))
+      boulder%mass = law%density*boulder%volume
+   end function draw_boulder
+
+   !> A normal volume above zero [m3]: drawn again until it is.
+   pure real(wp) function truncated_normal(law, table, key, number) result(volume)
+      type(boulder_law_t), intent(in) :: law  !! mean > 0, so each draw succeeds at least every second time
+      type(normal_table_t), intent(in) :: table
+      type(random_key_t), intent(in) :: key
+      integer(i8), intent(in) :: number
+      integer(i8) :: draw, word(12)
+
+      draw = 0
+      do
+         word = random_words(key, for_release, number, 0_i8, draw)
+         volume = law%mean + law%deviation*normal(table, word(1))
+         if (volume > 0) return
+         draw = draw + 1
+      end do
+   end function truncated_normal
+
+   !> A lognormal volume [m3] whose own (arithmetic) mean and deviation are those of the law.
+   pure real(wp) function lognormal(law, z)
+      type(boulder_law_t), intent(in) :: law
+      real(wp), intent(in) :: z  !! standard normal
+      real(wp) :: variance
+
+      variance = logarithm(1 + (law%deviation/law%mean)**2)
+      lognormal = law%mean*exponential(sqrt(variance)*z - variance/2)
+   end function lognormal
+end module rockfall_boulder

@@ -1,0 +1,609 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The case file: every group and key, its default and what it may be, in one table that both doors read;
+!> and the rules that tie keys together.
+module rockfall_case
+   use rockfall_kinds, only: wp, i8
+   use rockfall_error, only: error_t, fail
+   use rockfall_textfile, only: integer_text
+   use rockfall_namelist, only: namelist_t, group_t, entry_t, parse_namelist
+   use rockfall_values, only: has_key, value_count, get_text, get_integer, get_real, get_logical, refuse
+   use rockfall_boulder, only: boulder_law_t, fixed_volume, normal_volume, uniform_volume, lognormal_volume, &
+                               list_volume
+   use rockfall_surface, only: method_a, method_b
+   implicit none
+   private
+   public :: case_t, case_line_t, read_case, key_t, key_table, n_keys, key_text, map_names, n_maps
+
+   integer, parameter :: many = 100000       !! values of a list
+   integer, parameter :: text_length = 4096  !! characters of a text
+
+   !> A key of the case file.
+   type :: key_t
+      character(len=8) :: group
+      character(len=20) :: name
+      character(len=7) :: kind      !! text, integer, real, logical
+      integer :: most               !! values
+      character(len=12) :: default  !! as written in a case; "required", or "absent"
+      character(len=100) :: allowed  !! "", a bound ("> 0"), or words ("A, B")
+      character(len=5) :: unit
+      character(len=100) :: meaning
+   end type key_t
+
+   integer, parameter :: n_maps = 7
+   character(len=19), parameter :: map_names(n_maps) = [character(len=19) :: "passages", "reach_probability", &
+      "deposits", "energy_max", "energy_mean", "speed_max_map", "jump_height_max_map"]
+   character(len=*), parameter :: map_words = &
+      "passages, reach_probability, deposits, energy_max, energy_mean, speed_max_map, jump_height_max_map"
+
+   integer, parameter :: n_keys = 40
+   type(key_t), parameter :: key_table(n_keys) = [ &
+      key_t("case", "title", "text", 1, "''", "", "", "what the result is called"), &
+      key_t("case", "seed", "integer", 1, "1", ">= 0", "", "of the random numbers"), &
+      key_t("case", "boulders", "integer", 1, "required", ">= 1", "", "released from each source"), &
+      key_t("case", "threads", "integer", 1, "0", ">= 0", "", "0 = all cores"), &
+      key_t("terrain", "dem", "text", 1, "required", "", "", "elevation raster, square cells in metres"), &
+      key_t("surface", "zones", "text", 1, "absent", "", "", "raster of zone ids, or polygons"), &
+      key_t("surface", "table", "text", 1, "absent", "", "", "CSV with zone, mean_radius, rg70, rg20, rg10"), &
+      key_t("surface", "zone_field", "text", 1, "'zone'", "", "", "attribute of zone polygons with the id"), &
+      key_t("surface", "default_zone", "integer", 1, "absent", "", "", "zone of cells that have none"), &
+      key_t("surface", "mean_radius", "text", 1, "absent", "", "", "raster of mean rock radii [m]"), &
+      key_t("surface", "rg70", "text", 1, "absent", "", "", "raster of obstacle sizes met at 70 % [m]"), &
+      key_t("surface", "rg20", "text", 1, "absent", "", "", "raster of obstacle sizes met at 20 % [m]"), &
+      key_t("surface", "rg10", "text", 1, "absent", "", "", "raster of obstacle sizes met at 10 % [m]"), &
+      key_t("surface", "uniform_mean_radius", "real", 1, "absent", "> 0", "m", "one mean rock radius everywhere"), &
+      key_t("surface", "uniform_rg", "real", 3, "absent", "> 0", "m", "Rg70, Rg20, Rg10 everywhere"), &
+      key_t("surface", "method", "text", 1, "'B'", "A, B", "", "A: three obstacle sizes, B: one mean radius"), &
+      key_t("surface", "rg_reading", "text", 1, "'diameter'", "diameter, radius", "", "what Rg measures"), &
+      key_t("impact", "sets", "text", 1, "required", "", "", "shipped impact set, or a file"), &
+      key_t("impact", "stop_speed", "real", 1, "0.5", "> 0", "m/s", "slower after a rebound: stopped"), &
+      key_t("impact", "impact_limit", "integer", 1, "100000", ">= 1", "", "contacts of a boulder at most"), &
+      key_t("boulder", "volume", "text", 1, "'fixed'", "fixed, normal, uniform, lognormal, list", "", "law"), &
+      key_t("boulder", "volume_mean", "real", 1, "absent", "> 0", "m3", "fixed, normal, lognormal"), &
+      key_t("boulder", "volume_std", "real", 1, "absent", ">= 0", "m3", "normal (truncated at 0), lognormal"), &
+      key_t("boulder", "volume_min", "real", 1, "absent", "> 0", "m3", "uniform"), &
+      key_t("boulder", "volume_max", "real", 1, "absent", "> 0", "m3", "uniform"), &
+      key_t("boulder", "volumes", "real", many, "absent", "> 0", "m3", "list: each with equal probability"), &
+      key_t("boulder", "density", "real", 1, "2800.0", "> 0", "kg/m3", "of the boulders"), &
+      key_t("release", "x", "real", many, "absent", "", "m", "release points"), &
+      key_t("release", "y", "real", many, "absent", "", "m", "release points"), &
+      key_t("release", "cells", "text", 1, "absent", "", "", "raster: cells above zero are sources"), &
+      key_t("release", "polygons", "text", 1, "absent", "", "", "polygons: cells inside are sources"), &
+      key_t("release", "drop_height", "real", 1, "0.0", ">= 0", "m", "above the surface"), &
+      key_t("release", "velocity", "real", 3, "3*0.0", "", "m/s", "east, north, up"), &
+      key_t("flight", "gravity", "real", 1, "9.81", "> 0", "m/s2", "acceleration of gravity"), &
+      key_t("line", "name", "text", 1, "required", "", "", "of an evaluation line"), &
+      key_t("line", "x", "real", many, "required", "", "m", "vertices, two or more"), &
+      key_t("line", "y", "real", many, "required", "", "m", "vertices, two or more"), &
+      key_t("output", "maps", "text", n_maps, "absent", map_words, "", "rasters of results"), &
+      key_t("output", "rebounds", "logical", 1, ".false.", "", "", "histograms over all rebounds"), &
+      key_t("output", "trajectories", "integer", 1, "0", ">= 0", "", "record the first n boulders")]
+
+   type :: case_line_t
+      character(len=:), allocatable :: name
+      real(wp), allocatable :: x(:), y(:)  !! map coordinates [m]
+   end type case_line_t
+
+   !> A case as read; file names as written, "" when absent.
+   type :: case_t
+      character(len=:), allocatable :: file, title, dem, zones, table, zone_field, mean_radius, rg(:), sets, &
+                                       cells, polygons
+      integer(i8) :: seed = 1, boulders = 1
+      integer :: threads = 0
+      integer, allocatable :: default_zone
+      real(wp), allocatable :: uniform_sizes(:)  !! R_m, or Rg70, Rg20, Rg10 [m]
+      integer :: method = method_b
+      real(wp) :: size_to_radius = 0.5_wp
+      real(wp) :: stop_speed = 0.5_wp, gravity = 9.81_wp, drop_height = 0.0_wp, velocity(3) = 0.0_wp
+      integer :: impact_limit = 100000
+      type(boulder_law_t) :: law
+      real(wp), allocatable :: x(:), y(:)        !! release points, map coordinates [m]
+      type(case_line_t), allocatable :: lines(:)
+      logical :: map(n_maps) = .false.           !! which of map_names
+      logical :: rebounds = .false.
+      integer :: trajectories = 0
+   end type case_t
+
+contains
+
+   !> The case in a text; one clear error for anything that is not as the table and the rules want it.
+   pure subroutine read_case(text, file, case, error)
+      character(len=*), intent(in) :: text
+      character(len=*), intent(in) :: file  !! its name, for messages
+      type(case_t), intent(out) :: case
+      type(error_t), allocatable, intent(out) :: error
+      type(namelist_t) :: list
+
+      call parse_namelist(text, file, list, error)
+      if (.not. allocated(error)) call check_groups(list, error)
+      if (.not. allocated(error)) call complete(list, file)
+      if (.not. allocated(error)) call check_keys(list, error)
+      if (allocated(error)) return
+      case%file = file
+      call read_run(list, case, error)
+      if (.not. allocated(error)) call read_surface(group_of(list, "surface"), case, error)
+      if (.not. allocated(error)) call read_boulder(group_of(list, "boulder"), case, error)
+      if (.not. allocated(error)) call read_release(group_of(list, "release"), case, error)
+      if (.not. allocated(error)) call read_lines(list, case, error)
+      if (.not. allocated(error)) call read_output(group_of(list, "output"), case, error)
+   end subroutine read_case
+
+   !> A row of the table as text: group|key|kind|most|default|allowed|unit|meaning.
+   pure function key_text(k) result(text)
+      integer, intent(in) :: k
+      character(len=:), allocatable :: text
+      type(key_t) :: key
+
+      key = key_table(k)
+      text = trim(key%group)//"|"//trim(key%name)//"|"//trim(key%kind)//"|"//integer_text(key%most)//"|" &
+             //trim(key%default)//"|"//trim(key%allowed)//"|"//trim(key%unit)//"|"//trim(key%meaning)
+   end function key_text
+
+   !> Only groups and keys of the table, and only &line repeats.
+   pure subroutine check_groups(list, error)
+      type(namelist_t), intent(in) :: list
+      type(error_t), allocatable, intent(out) :: error
+      integer :: g, e
+
+      do g = 1, size(list%group)
+         associate (group => list%group(g))
+            if (.not. any(key_table%group == group%name)) then
+               call fail(error, group%file//": line "//integer_text(group%line)//": &"//trim(group%name) &
+                         //": unknown group; known: "//known_groups())
+            else if (group%repeated .and. group%name /= "line") then
+               call fail(error, group%file//": line "//integer_text(group%line)//": &"//trim(group%name) &
+                         //": a case has one such group; only &line may repeat")
+            end if
+            if (allocated(error)) return
+            do e = 1, size(group%entry)
+               if (any(key_table%group == group%name .and. key_table%name == group%entry(e)%key)) cycle
+               call fail(error, group%file//": line "//integer_text(group%entry(e)%line)//": &" &
+                         //trim(group%name)//" "//trim(group%entry(e)%key)//": unknown key; known: " &
+                         //known_keys(trim(group%name)))
+               return
+            end do
+         end associate
+      end do
+   end subroutine check_groups
+
+   pure function known_groups() result(names)
+      character(len=:), allocatable :: names
+      integer :: k
+
+      names = "&case"
+      do k = 2, n_keys
+         if (key_table(k)%group /= key_table(k - 1)%group) names = names//", &"//trim(key_table(k)%group)
+      end do
+   end function known_groups
+
+   pure function known_keys(group) result(names)
+      character(len=*), intent(in) :: group
+      character(len=:), allocatable :: names
+      integer :: k
+
+      names = ""
+      do k = 1, n_keys
+         if (key_table(k)%group == group) names = names//", "//trim(key_table(k)%name)
+      end do
+      names = names(3:)
+   end function known_keys
+
+   !> Add the groups that are absent and the defaults of keys that are absent.
+   pure subroutine complete(list, file)
+      type(namelist_t), intent(inout) :: list
+      character(len=*), intent(in) :: file
+      type(namelist_t) :: defaults
+      type(error_t), allocatable :: error
+      integer :: d, e, g
+
+      call parse_namelist(default_case(), file, defaults, error)
+      do d = 1, size(defaults%group)
+         associate (default => defaults%group(d))
+            if (default%name /= "line" .and. .not. has_group(list, default%name)) then
+               list%group = [list%group, default]
+               cycle
+            end if
+            do g = 1, size(list%group)
+               if (list%group(g)%name /= default%name) cycle
+               do e = 1, size(default%entry)
+                  if (has_key(list%group(g), trim(default%entry(e)%key))) cycle
+                  list%group(g)%entry = [list%group(g)%entry, default%entry(e)]
+               end do
+            end do
+         end associate
+      end do
+   end subroutine complete
+
+   !> The defaults of the table as the text of a case.
+   pure function default_case() result(text)
+      character(len=:), allocatable :: text
+      type(key_t) :: key
+      character(len=len(key%group)) :: group
+      integer :: k
+
+      text = ""
+      group = ""
+      do k = 1, n_keys
+         key = key_table(k)
+         if (key%group /= group) then
+            if (k > 1) text = text//" / "
+            text = text//"&"//trim(key%group)
+            group = key%group
+         end if
+         if (key%default == "required" .or. key%default == "absent") cycle
+         text = text//" "//trim(key%name)//" = "//trim(key%default)
+      end do
+      text = text//" /"
+   end function default_case
+
+   pure logical function has_group(list, name)
+      type(namelist_t), intent(in) :: list
+      character(len=*), intent(in) :: name
+
+      has_group = any(list%group%name == name)
+   end function has_group
+
+   !> The group of a name, which `complete` made sure is there.
+   pure type(group_t) function group_of(list, name)
+      type(namelist_t), intent(in) :: list
+      character(len=*), intent(in) :: name
+      integer :: g
+
+      do g = 1, size(list%group)
+         if (list%group(g)%name == name) group_of = list%group(g)
+      end do
+   end function group_of
+
+   !> Every value is of the kind, number and range that the table says.
+   pure subroutine check_keys(list, error)
+      type(namelist_t), intent(in) :: list
+      type(error_t), allocatable, intent(out) :: error
+      integer :: g, k
+
+      do g = 1, size(list%group)
+         do k = 1, n_keys
+            if (key_table(k)%group /= list%group(g)%name) cycle
+            call check_key(list%group(g), key_table(k), error)
+            if (allocated(error)) return
+         end do
+      end do
+   end subroutine check_keys
+
+   pure subroutine check_key(group, key, error)
+      type(group_t), intent(in) :: group
+      type(key_t), intent(in) :: key
+      type(error_t), allocatable, intent(out) :: error
+      character(len=:), allocatable :: name
+      integer :: n
+
+      name = trim(key%name)
+      n = value_count(group, name)
+      if (n == 0) then
+         if (key%default == "required") call fail(error, about(group, name)//" is missing: " &
+                                                  //trim(key%kind)//", "//trim(key%meaning))
+      else if (n > key%most .or. (key%most == 3 .and. n < 3)) then
+         if (key%most == 1) call refuse(group, name, "must be one value", error)
+         if (key%most == 3) call refuse(group, name, "must be three values", error)
+         if (key%most > 3) call refuse(group, name, "must be at most "//integer_text(key%most)//" values", error)
+      else
+         select case (key%kind)
+         case ("text"); call check_texts(group, key, error)
+         case ("integer"); call check_integers(group, key, error)
+         case ("real"); call check_reals(group, key, error)
+         case default; call check_logical(group, name, error)
+         end select
+      end if
+   end subroutine check_key
+
+   !> `case.nml: &group key`
+   pure function about(group, name) result(text)
+      type(group_t), intent(in) :: group
+      character(len=*), intent(in) :: name
+      character(len=:), allocatable :: text
+
+      text = group%file//": "
+      if (group%repeated) text = text//"line "//integer_text(group%line)//": "
+      text = text//"&"//trim(group%name)//" "//name
+   end function about
+
+   pure subroutine check_texts(group, key, error)
+      type(group_t), intent(in) :: group
+      type(key_t), intent(in) :: key
+      type(error_t), allocatable, intent(out) :: error
+      character(len=text_length), allocatable :: values(:)
+      integer :: k
+
+      allocate (values(0))
+      call get_text(group, trim(key%name), values, error)
+      if (allocated(error)) return
+      do k = 1, size(values)
+         if (len_trim(values(k)) == 0 .and. key%name /= "title") then
+            call refuse(group, trim(key%name), "must not be empty", error, k)
+         else if (key%allowed /= "" .and. &
+                  index(", "//trim(key%allowed)//",", ", "//trim(values(k))//",") == 0) then
+            call refuse(group, trim(key%name), "must be one of: "//trim(key%allowed), error, k)
+         end if
+         if (allocated(error)) return
+      end do
+   end subroutine check_texts
+
+   pure subroutine check_integers(group, key, error)
+      type(group_t), intent(in) :: group
+      type(key_t), intent(in) :: key
+      type(error_t), allocatable, intent(out) :: error
+      integer(i8) :: value
+      logical :: small
+
+      call get_integer(group, trim(key%name), value, error)
+      if (allocated(error)) return
+      small = key%name /= "seed" .and. key%name /= "boulders"
+      if ((key%allowed == ">= 0" .and. value < 0) .or. (key%allowed == ">= 1" .and. value < 1)) then
+         call refuse(group, trim(key%name), "must be "//trim(key%allowed), error)
+      else if (small .and. abs(value) > huge(1)) then
+         call refuse(group, trim(key%name), "must be at most "//integer_text(huge(1)), error)
+      end if
+   end subroutine check_integers
+
+   pure subroutine check_reals(group, key, error)
+      type(group_t), intent(in) :: group
+      type(key_t), intent(in) :: key
+      type(error_t), allocatable, intent(out) :: error
+      real(wp), allocatable :: values(:)
+      character(len=:), allocatable :: unit
+      integer :: k
+
+      call get_real(group, trim(key%name), values, error)
+      if (allocated(error)) return
+      unit = ""
+      if (key%unit /= "") unit = " ["//trim(key%unit)//"]"
+      do k = 1, size(values)
+         if ((key%allowed == "> 0" .and. values(k) <= 0) .or. (key%allowed == ">= 0" .and. values(k) < 0)) then
+            call refuse(group, trim(key%name), "must be "//trim(key%allowed)//unit, error, k)
+         else if (abs(values(k)) > 1.0e12_wp) then
+            call refuse(group, trim(key%name), "must be at most 1e12"//unit, error, k)
+         else if (key%allowed == "> 0" .and. values(k) < 1.0e-12_wp) then
+            call refuse(group, trim(key%name), "must be at least 1e-12"//unit, error, k)
+         end if
+         if (allocated(error)) return
+      end do
+   end subroutine check_reals
+
+   pure subroutine check_logical(group, name, error)
+      type(group_t), intent(in) :: group
+      character(len=*), intent(in) :: name
+      type(error_t), allocatable, intent(out) :: error
+      logical :: value
+
+      call get_logical(group, name, value, error)
+   end subroutine check_logical
+
+   ! From here on every value is known to be of its kind and range; what is left are the rules between keys.
+
+   pure function text_of(group, key) result(value)
+      type(group_t), intent(in) :: group
+      character(len=*), intent(in) :: key
+      character(len=:), allocatable :: value  !! "" when absent
+      type(error_t), allocatable :: error
+
+      value = ""
+      call get_text(group, key, value, error)
+   end function text_of
+
+   pure integer(i8) function integer_of(group, key) result(value)
+      type(group_t), intent(in) :: group
+      character(len=*), intent(in) :: key
+      type(error_t), allocatable :: error
+
+      value = 0
+      call get_integer(group, key, value, error)
+   end function integer_of
+
+   pure real(wp) function real_of(group, key) result(value)
+      type(group_t), intent(in) :: group
+      character(len=*), intent(in) :: key
+      type(error_t), allocatable :: error
+
+      value = 0
+      call get_real(group, key, value, error)
+   end function real_of
+
+   pure function reals_of(group, key) result(values)
+      type(group_t), intent(in) :: group
+      character(len=*), intent(in) :: key
+      real(wp), allocatable :: values(:)
+      type(error_t), allocatable :: error
+
+      allocate (values(0))
+      call get_real(group, key, values, error)
+   end function reals_of
+
+   pure subroutine read_run(list, case, error)
+      type(namelist_t), intent(in) :: list
+      type(case_t), intent(inout) :: case
+      type(error_t), allocatable, intent(out) :: error
+      type(group_t) :: group
+
+      group = group_of(list, "case")
+      case%title = text_of(group, "title")
+      case%seed = integer_of(group, "seed")
+      case%boulders = integer_of(group, "boulders")
+      case%threads = int(integer_of(group, "threads"))
+      if (case%boulders > 10_i8**15) call refuse(group, "boulders", "must be at most 10**15", error)
+      group = group_of(list, "terrain")
+      case%dem = text_of(group, "dem")
+      group = group_of(list, "flight")
+      case%gravity = real_of(group, "gravity")
+      group = group_of(list, "impact")
+      case%sets = text_of(group, "sets")
+      case%stop_speed = real_of(group, "stop_speed")
+      case%impact_limit = int(integer_of(group, "impact_limit"))
+   end subroutine read_run
+
+   !> The material is given in one of three ways: zones with a table, rasters of values, or one value.
+   pure subroutine read_surface(group, case, error)
+      type(group_t), intent(in) :: group
+      type(case_t), intent(inout) :: case
+      type(error_t), allocatable, intent(out) :: error
+      character(len=*), parameter :: rasters(4) = [character(len=11) :: "mean_radius", "rg70", "rg20", "rg10"]
+      logical :: zones, by_raster, uniform
+      integer :: k
+
+      case%method = merge(method_a, method_b, text_of(group, "method") == "A")
+      case%size_to_radius = merge(0.5_wp, 1.0_wp, text_of(group, "rg_reading") == "diameter")
+      case%zones = text_of(group, "zones")
+      case%table = text_of(group, "table")
+      case%zone_field = text_of(group, "zone_field")
+      case%mean_radius = text_of(group, "mean_radius")
+      allocate (character(len=text_length) :: case%rg(3))
+      do k = 1, 3
+         case%rg(k) = text_of(group, trim(rasters(k + 1)))
+      end do
+      if (has_key(group, "default_zone")) case%default_zone = int(integer_of(group, "default_zone"))
+      zones = has_key(group, "zones") .or. has_key(group, "table") .or. has_key(group, "default_zone")
+      by_raster = any([(has_key(group, trim(rasters(k))), k=1, 4)])
+      uniform = has_key(group, "uniform_mean_radius") .or. has_key(group, "uniform_rg")
+      if (count([zones, by_raster, uniform]) /= 1) then
+         call fail(error, group%file//": &surface: give one of: zones with table; mean_radius (method B) or rg70, " &
+                   //"rg20, rg10 (method A) rasters; uniform_mean_radius (B) or uniform_rg (A)")
+      else if (zones) then
+         call need(group, "zones", "to say where the zones of the table are", error)
+         if (.not. allocated(error)) call need(group, "table", "to say what the zones are made of", error)
+      else if (by_raster .and. case%method == method_b) then
+         call need(group, "mean_radius", "for method B", error)
+      else if (by_raster) then
+         do k = 2, 4
+            if (.not. allocated(error)) call need(group, trim(rasters(k)), "for method A", error)
+         end do
+      else if (case%method == method_b) then
+         call need(group, "uniform_mean_radius", "for method B", error)
+         case%uniform_sizes = reals_of(group, "uniform_mean_radius")
+      else
+         call need(group, "uniform_rg", "for method A", error)
+         case%uniform_sizes = reals_of(group, "uniform_rg")
+      end if
+   end subroutine read_surface
+
+   pure subroutine need(group, key, why, error)
+      type(group_t), intent(in) :: group
+      character(len=*), intent(in) :: key, why
+      type(error_t), allocatable, intent(inout) :: error
+
+      if (has_key(group, key)) return
+      call fail(error, about(group, key)//" is missing: needed "//why)
+   end subroutine need
+
+   !> The volume law, with the keys that it needs and no others.
+   pure subroutine read_boulder(group, case, error)
+      type(group_t), intent(in) :: group
+      type(case_t), intent(inout) :: case
+      type(error_t), allocatable, intent(out) :: error
+      character(len=*), parameter :: keys(5) = [character(len=11) :: "volume_mean", "volume_std", &
+                                                "volume_min", "volume_max", "volumes"]
+      logical :: needs(5)
+      character(len=:), allocatable :: law
+      integer :: k
+
+      law = text_of(group, "volume")
+      needs = .false.
+      select case (law)
+      case ("normal"); case%law%law = normal_volume; needs(1:2) = .true.
+      case ("lognormal"); case%law%law = lognormal_volume; needs(1:2) = .true.
+      case ("uniform"); case%law%law = uniform_volume; needs(3:4) = .true.
+      case ("list"); case%law%law = list_volume; needs(5) = .true.
+      case default; case%law%law = fixed_volume; needs(1) = .true.
+      end select
+      do k = 1, 5
+         if (needs(k)) call need(group, trim(keys(k)), "for volume = '"//law//"'", error)
+         if (.not. needs(k) .and. has_key(group, trim(keys(k)))) then
+            call refuse(group, trim(keys(k)), "has no meaning for volume = '"//law//"'", error)
+         end if
+         if (allocated(error)) return
+      end do
+      case%law%mean = real_of(group, "volume_mean")
+      case%law%deviation = real_of(group, "volume_std")
+      case%law%least = real_of(group, "volume_min")
+      case%law%most = real_of(group, "volume_max")
+      case%law%list = reals_of(group, "volumes")
+      case%law%density = real_of(group, "density")
+      if (case%law%most < case%law%least) then
+         call refuse(group, "volume_max", "must not be below volume_min", error)
+      end if
+   end subroutine read_boulder
+
+   pure subroutine read_release(group, case, error)
+      type(group_t), intent(in) :: group
+      type(case_t), intent(inout) :: case
+      type(error_t), allocatable, intent(out) :: error
+      logical :: points
+
+      points = has_key(group, "x") .or. has_key(group, "y")
+      if (count([points, has_key(group, "cells"), has_key(group, "polygons")]) /= 1) then
+         call fail(error, group%file//": &release: give one of: points (x, y); cells; polygons")
+      else if (points) then
+         call check_points(group, 1, error)
+      end if
+      case%x = reals_of(group, "x")
+      case%y = reals_of(group, "y")
+      case%cells = text_of(group, "cells")
+      case%polygons = text_of(group, "polygons")
+      case%drop_height = real_of(group, "drop_height")
+      case%velocity = reals_of(group, "velocity")
+   end subroutine read_release
+
+   !> As many y as x, and at least so many of them.
+   pure subroutine check_points(group, least, error)
+      type(group_t), intent(in) :: group
+      integer, intent(in) :: least
+      type(error_t), allocatable, intent(out) :: error
+
+      if (value_count(group, "x") /= value_count(group, "y")) then
+         call fail(error, about(group, "x, y")//": "//integer_text(value_count(group, "x"))//" x and " &
+                   //integer_text(value_count(group, "y"))//" y: must be as many")
+      else if (value_count(group, "x") < least) then
+         call refuse(group, "x", "must be at least "//integer_text(least)//" values", error)
+      end if
+   end subroutine check_points
+
+   pure subroutine read_lines(list, case, error)
+      type(namelist_t), intent(in) :: list
+      type(case_t), intent(inout) :: case
+      type(error_t), allocatable, intent(out) :: error
+      integer :: g, k, n
+
+      allocate (case%lines(count(list%group%name == "line")))
+      n = 0
+      do g = 1, size(list%group)
+         if (list%group(g)%name /= "line") cycle
+         n = n + 1
+         associate (group => list%group(g), line => case%lines(n))
+            line%name = text_of(group, "name")
+            line%x = reals_of(group, "x")
+            line%y = reals_of(group, "y")
+            call check_points(group, 2, error)
+            if (allocated(error)) return
+            do k = 1, n - 1
+               if (case%lines(k)%name == line%name) call refuse(group, "name", "must be another for each line", error)
+            end do
+            if (len(line%name) > 60) call refuse(group, "name", "must be at most 60 characters", error)
+            if (all(line%x >= line%x(1)) .and. all(line%x <= line%x(1)) .and. &
+                all(line%y >= line%y(1)) .and. all(line%y <= line%y(1))) then
+               call refuse(group, "x", "a line must have two different points", error)
+            end if
+            if (allocated(error)) return
+         end associate
+      end do
+   end subroutine read_lines
+
+   pure subroutine read_output(group, case, error)
+      type(group_t), intent(in) :: group
+      type(case_t), intent(inout) :: case
+      type(error_t), allocatable, intent(out) :: error
+      character(len=20), allocatable :: maps(:)
+      integer :: k
+
+      allocate (maps(0))
+      call get_text(group, "maps", maps, error)
+      if (.not. allocated(error)) call get_logical(group, "rebounds", case%rebounds, error)
+      case%trajectories = int(integer_of(group, "trajectories"))
+      case%map = [(any(maps == map_names(k)), k=1, n_maps)]
+   end subroutine read_output
+end module rockfall_case

@@ -1,0 +1,243 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Decimal text to numbers and back: correctly rounded, every fault told, nothing else accepted.
+module rockfall_decimal
+   use rockfall_kinds, only: wp, i8
+   implicit none
+   private
+   public :: parse_real, parse_integer, real_text, decimal_ok, decimal_malformed, decimal_overflow
+
+   integer, parameter :: decimal_ok = 0         !! the number was read
+   integer, parameter :: decimal_malformed = 1  !! no decimal number (Inf and NaN are none)
+   integer, parameter :: decimal_overflow = 2   !! a number, too large for its type
+
+   integer, parameter :: kept = 18               !! significant digits that an i8 holds for sure
+   integer, parameter :: largest_power = 308     !! of ten in the largest double
+   integer(i8), parameter :: largest_17_digits = 17976931348623157_i8  !! its first 17 digits
+   integer(i8), parameter :: exact = 2_i8**53    !! integers up to here are exact doubles
+   integer, parameter :: exact_power = 22        !! so are the powers of ten up to here
+   integer, parameter :: i128 = selected_int_kind(38)
+   integer :: k_
+   real(wp), parameter :: ten_to(0:exact_power) = [(10.0_wp**k_, k_=0, exact_power)]
+   integer(i128), parameter :: ten_to_whole(0:kept) = [(10_i128**k_, k_=0, kept)]
+
+   !> A decimal number taken apart: sign * mantissa * 10**power, if no digit was `dropped`.
+   type :: decimal_t
+      logical :: negative = .false., dropped = .false.
+      integer(i8) :: mantissa = 0  !! the first `kept` significant digits
+      integer :: digits = 0        !! of the mantissa
+      integer :: power = 0
+   end type decimal_t
+
+contains
+
+   !> A real number such as `-2`, `.5`, `1.5e3`, `1d-3`: the double nearest to what is written.
+   pure subroutine parse_real(text, value, status)
+      character(len=*), intent(in) :: text   !! without blanks
+      real(wp), intent(out) :: value
+      integer, intent(out) :: status
+      type(decimal_t) :: number
+      logical :: ok
+
+      value = 0.0_wp
+      status = decimal_malformed
+      call take_apart(text, number, ok)
+      if (.not. ok) return
+      status = decimal_overflow
+      if (too_large(number)) return
+      status = decimal_ok
+      if (number%mantissa == 0 .or. number%power < -400) then
+         value = 0.0_wp
+      else if (number%dropped .or. abs(number%power) > exact_power) then
+         read (text, *) value
+         return
+      else if (number%mantissa <= exact) then  ! two exact doubles, so one rounding
+         if (number%power < 0) value = real(number%mantissa, wp)/ten_to(-number%power)
+         if (number%power >= 0) value = real(number%mantissa, wp)*ten_to(number%power)
+      else if (number%power <= 0 .and. number%power >= -kept) then
+         value = quotient(number%mantissa, -number%power)
+      else
+         read (text, *) value
+         return
+      end if
+      if (number%negative) value = -value
+   end subroutine parse_real
+
+   !> mantissa/10**power, rounded once; for 2**53 < mantissa < 10**18 and power from 0 to 18.
+   pure real(wp) function quotient(mantissa, power)
+      integer(i8), intent(in) :: mantissa
+      integer, intent(in) :: power
+      integer(i128) :: dividend, whole
+
+      dividend = shiftl(int(mantissa, i128), 64)
+      whole = dividend/ten_to_whole(power)
+      ! at least 57 bits: the last one is too low to matter but for saying that something follows
+      if (whole*ten_to_whole(power) /= dividend) whole = ior(whole, 1_i128)
+      quotient = real(whole, wp)*2.0_wp**(-64)
+   end function quotient
+
+   !> [+-]digits[.digits][(e|d)[+-]digits] with at least one digit before the exponent.
+   pure subroutine take_apart(text, number, ok)
+      character(len=*), intent(in) :: text
+      type(decimal_t), intent(out) :: number
+      logical, intent(out) :: ok
+      integer :: i, digit, seen, exponent
+      logical :: point
+
+      ok = .false.
+      i = 1
+      if (len(text) == 0) return
+      if (scan(text(1:1), "+-") == 1) i = 2
+      number%negative = text(1:1) == "-"
+      point = .false.
+      seen = 0
+      do i = i, len(text)
+         digit = iachar(text(i:i)) - iachar("0")
+         if (digit >= 0 .and. digit <= 9) then
+            seen = seen + 1
+            call add_digit(number, digit, point)
+         else if (text(i:i) == "." .and. .not. point) then
+            point = .true.
+         else
+            exit
+         end if
+      end do
+      if (seen == 0) return
+      if (i <= len(text)) then
+         if (scan(text(i:i), "eEdD") == 0) return
+         call take_exponent(text(i + 1:), exponent, ok)
+         if (.not. ok) return
+         number%power = number%power + exponent
+      end if
+      ok = .true.
+   end subroutine take_apart
+
+   pure subroutine add_digit(number, digit, after_point)
+      type(decimal_t), intent(inout) :: number
+      integer, intent(in) :: digit
+      logical, intent(in) :: after_point
+
+      if (number%digits < kept) then
+         number%mantissa = 10*number%mantissa + digit
+         if (number%mantissa > 0) number%digits = number%digits + 1
+         if (after_point) number%power = number%power - 1
+      else
+         if (digit > 0) number%dropped = .true.
+         if (.not. after_point) number%power = number%power + 1
+      end if
+   end subroutine add_digit
+
+   pure subroutine take_exponent(text, exponent, ok)
+      character(len=*), intent(in) :: text
+      integer, intent(out) :: exponent
+      logical, intent(out) :: ok
+      integer, parameter :: beyond_all = 100000  ! overflow or zero, whatever the digits are
+      integer :: i, first
+
+      exponent = 0
+      first = 1
+      if (len(text) > 0) then
+         if (scan(text(1:1), "+-") == 1) first = 2
+      end if
+      ok = first <= len(text) .and. verify(text(first:), "0123456789") == 0
+      if (.not. ok) return
+      do i = first, len(text)
+         exponent = min(10*exponent + iachar(text(i:i)) - iachar("0"), beyond_all)
+      end do
+      if (text(1:1) == "-") exponent = -exponent
+   end subroutine take_exponent
+
+   !> Found before the conversion, which would raise the overflow flag (and trap where that is on).
+   pure logical function too_large(number)
+      type(decimal_t), intent(in) :: number
+      integer(i8) :: first_17
+      integer :: power
+
+      too_large = .false.
+      if (number%mantissa == 0) return
+      power = number%power + number%digits - 1  ! of the leading digit
+      if (number%digits > 17) then
+         first_17 = number%mantissa/10_i8**(number%digits - 17)
+      else
+         first_17 = number%mantissa*10_i8**(17 - number%digits)
+      end if
+      too_large = power > largest_power .or. &
+                  (power == largest_power .and. first_17 > largest_17_digits)
+   end function too_large
+
+   !> The shortest decimal that reads back as `value`, or nearly so; 24 characters at most.
+   pure function real_text(value) result(text)
+      real(wp), intent(in) :: value  !! finite
+      character(len=:), allocatable :: text
+      character(len=24) :: buffer
+      real(wp) :: back
+      integer(i8) :: digits
+      integer :: decimals, status
+
+      do decimals = 0, kept
+         if (abs(value) >= real(exact, wp)/ten_to(decimals)) exit
+         digits = nint(abs(value)*ten_to(decimals), i8)
+         back = real(digits, wp)/ten_to(decimals)  ! what parse_real makes of digits and decimals
+         if (abs(value) < back .or. abs(value) > back) cycle
+         text = fixed_text(digits, decimals)
+         if (sign(1.0_wp, value) < 0.0_wp) text = "-"//text
+         return
+      end do
+      write (buffer, "(es23.15e3)") value
+      call parse_real(trim(adjustl(buffer)), back, status)
+      if (status /= decimal_ok .or. value < back .or. value > back) then
+         write (buffer, "(es24.16e3)") value
+      end if
+      text = trim(adjustl(buffer))
+   end function real_text
+
+   !> `digits` with the point before the last `decimals` of them.
+   pure function fixed_text(digits, decimals) result(text)
+      integer(i8), intent(in) :: digits
+      integer, intent(in) :: decimals
+      character(len=:), allocatable :: text
+      character(len=24) :: buffer
+      integer(i8) :: rest
+      integer :: n, first
+
+      rest = digits
+      first = len(buffer) + 1
+      n = 0
+      do
+         if (n == decimals .and. n > 0) then
+            first = first - 1
+            buffer(first:first) = "."
+         end if
+         first = first - 1
+         buffer(first:first) = achar(iachar("0") + int(modulo(rest, 10_i8)))
+         rest = rest/10
+         n = n + 1
+         if (rest == 0 .and. n > decimals) exit
+      end do
+      text = buffer(first:)
+   end function fixed_text
+
+   !> An integer of 64 bits; `3.7` and `3.0` are malformed.
+   pure subroutine parse_integer(text, value, status)
+      character(len=*), intent(in) :: text  !! without blanks
+      integer(i8), intent(out) :: value
+      integer, intent(out) :: status
+      integer :: i, first, digit
+
+      value = 0
+      status = decimal_malformed
+      first = 1
+      if (len(text) > 0) then
+         if (scan(text(1:1), "+-") == 1) first = 2
+      end if
+      if (first > len(text)) return
+      if (verify(text(first:), "0123456789") > 0) return
+      status = decimal_overflow
+      do i = first, len(text)
+         digit = iachar(text(i:i)) - iachar("0")
+         if (value > (huge(value) - digit)/10) return
+         value = 10*value + digit
+      end do
+      if (text(1:1) == "-") value = -value
+      status = decimal_ok
+   end subroutine parse_integer
+end module rockfall_decimal

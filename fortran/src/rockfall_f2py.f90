@@ -1,0 +1,264 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Door 1: plain arrays for Python. No physics here. An optional array that is absent comes with a
+!> single element, because f2py has no empty ones.
+module rockfall_f2py
+   use iso_c_binding, only: c_double, c_float, c_int, c_int16_t, c_int32_t, c_int64_t
+   use rockfall_error, only: error_t
+   use rockfall_random, only: random_key
+   use rockfall_terrain, only: terrain
+   use rockfall_trajectory, only: scene_t, fate_t, crossing_t, scratch_t
+   use rockfall_scene, only: set_sources, check_sources, add_line, set_impacts
+   use rockfall_map, only: maps_t, follows_cells
+   use rockfall_ensemble, only: run_boulders, trace_boulder, team_size
+   use rockfall_result, only: boulder_row, boulder_count_row, line_row, vertex_row
+   use rockfall_variables, only: variable_text, boulder_fields, boulder_counts, line_fields, vertex_fields
+   use rockfall_histogram, only: bin_width, n_bins
+   use rockfall_case, only: case_t, read_case, key_text, n_keys
+   use rockfall_sets, only: read_impact_sets => read_sets
+   implicit none
+   private
+   public :: run, check_case, case_key, variable, read_sets, fields, histogram_bins, team
+
+contains
+
+   !> Follow boulders first .. first + n - 1 of a scene; maps and histograms are added to. With room > 1 (and
+   !> n = 1) the vertices of the trajectory are kept too, up to `room` of `recorded`.
+   subroutine run(z8, z4, west, north, cell, zone, values, sizes, method, size_to_radius, &
+                  set_mean, set_covariance, gravity, stop_speed, impact_limit, &
+                  law, law_values, volumes, density, source_x, source_y, per_source, drop_height, velocity, &
+                  lines, line_end, line_x, line_y, seed, first, threads, &
+                  map_slot, map_counts, map_sums, map_reals, histograms, histogram, &
+                  boulder, counts, crossing, vertex, recorded, code, message, &
+                  nx8, ny8, nx4, ny4, nxz, nyz, nxv, nyv, nkv, ks, ms, nv, ns, nl, nlv, &
+                  nxc, nyc, nkc, nxs, nys, nxr, nyr, nkr, n, room)
+      !f2py threadsafe
+      integer(c_int), intent(in) :: nx8, ny8, nx4, ny4, nxz, nyz, nxv, nyv, nkv, ks, ms, nv, ns, nl, nlv, &
+                                    nxc, nyc, nkc, nxs, nys, nxr, nyr, nkr, n, room
+      real(c_double), intent(in), target :: z8(nx8, ny8)         !! elevations [m], or
+      real(c_float), intent(in), target :: z4(nx4, ny4)          !! in single precision
+      real(c_double), intent(in) :: west, north, cell            !! outer edges, cell size [m]
+      integer(c_int16_t), intent(in), target :: zone(nxz, nyz)   !! column of `sizes`, or
+      real(c_float), intent(in), target :: values(nxv, nyv, nkv) !! sizes of each cell [m]
+      real(c_double), intent(in) :: sizes(ks, ms)                !! as in surface_t [m]
+      integer(c_int), intent(in) :: method                       !! 1 = A, 2 = B
+      real(c_double), intent(in) :: size_to_radius
+      real(c_double), intent(in) :: set_mean(9, 5), set_covariance(9, 9, 5)
+      real(c_double), intent(in) :: gravity, stop_speed          !! [m/s2], [m/s]
+      integer(c_int), intent(in) :: impact_limit
+      integer(c_int), intent(in) :: law                          !! as in boulder_law_t
+      real(c_double), intent(in) :: law_values(4), volumes(nv)   !! mean, deviation, least, most; list [m3]
+      real(c_double), intent(in) :: density                      !! [kg/m3]
+      real(c_double), intent(in) :: source_x(ns), source_y(ns)   !! map coordinates [m]
+      integer(c_int64_t), intent(in) :: per_source
+      real(c_double), intent(in) :: drop_height, velocity(3)     !! [m], [m/s]
+      integer(c_int), intent(in) :: lines                        !! how many; vertices up to line_end(k)
+      integer(c_int), intent(in) :: line_end(nl)
+      real(c_double), intent(in) :: line_x(nlv), line_y(nlv)     !! map coordinates [m]
+      integer(c_int64_t), intent(in) :: seed, first
+      integer(c_int), intent(in) :: threads
+      integer(c_int), intent(in) :: map_slot(6)                  !! where each map is; 0 = not wanted
+      integer(c_int32_t), intent(inout), target :: map_counts(nxc, nyc, nkc)  !! passages, deposits
+      integer(c_int64_t), intent(inout), target :: map_sums(nxs, nys)         !! energy [J]
+      real(c_float), intent(inout), target :: map_reals(nxr, nyr, nkr)        !! greatest energy, speed, jump
+      integer(c_int), intent(in) :: histograms                   !! 0: none
+      integer(c_int64_t), intent(inout) :: histogram(50, 6)
+      real(c_double), intent(out) :: boulder(12, n)              !! boulder_fields
+      integer(c_int32_t), intent(out) :: counts(6, n)            !! boulder_counts
+      real(c_double), intent(out) :: crossing(12, nl, n)         !! line_fields
+      real(c_double), intent(out) :: vertex(14, room)            !! vertex_fields
+      integer(c_int), intent(out) :: recorded
+      integer(c_int), intent(out) :: code                        !! 0 = success
+      character(len=512), intent(out) :: message
+      type(scene_t) :: scene
+      type(maps_t) :: maps
+      type(error_t), allocatable :: error
+
+      recorded = 0
+      boulder = 0
+      counts = 0
+      crossing = 0
+      vertex = 0
+      scene%key = random_key(seed)
+      scene%gravity = gravity
+      scene%stop_speed = stop_speed
+      scene%most_impacts = impact_limit
+      if (size(z8) > 1) then
+         scene%dem = terrain(west, north, cell, z8=z8)
+      else
+         scene%dem = terrain(west, north, cell, z4=z4)
+      end if
+      call set_surface()
+      call set_boulders()
+      call set_lines()
+      call set_maps()
+      scene%wants_histograms = histograms /= 0
+      call set_impacts(scene, set_mean, set_covariance, error)
+      if (.not. allocated(error)) call check_sources(scene, error)
+      call give_error(error, code, message)
+      if (code /= 0) return
+      if (room > 1) then
+         call trace()
+      else
+         call follow_all()
+      end if
+
+   contains
+
+      subroutine set_surface()
+         scene%surface%method = method
+         scene%surface%size_to_radius = size_to_radius
+         scene%surface%sizes = sizes
+         if (size(zone) > 1) scene%surface%zone => zone
+         if (size(values) > 1) scene%surface%values => values
+      end subroutine set_surface
+
+      subroutine set_boulders()
+         scene%law%law = law
+         scene%law%mean = law_values(1)
+         scene%law%deviation = law_values(2)
+         scene%law%least = law_values(3)
+         scene%law%most = law_values(4)
+         scene%law%list = volumes
+         scene%law%density = density
+         scene%release%boulders_per_source = per_source
+         scene%release%drop_height = drop_height
+         scene%release%velocity = velocity
+         call set_sources(scene, source_x, source_y)
+      end subroutine set_boulders
+
+      subroutine set_lines()
+         integer :: k, from
+
+         from = 1
+         do k = 1, lines
+            call add_line(scene, line_x(from:line_end(k)), line_y(from:line_end(k)))
+            from = line_end(k) + 1
+         end do
+      end subroutine set_lines
+
+      subroutine set_maps()
+         if (map_slot(1) > 0) maps%passages => map_counts(:, :, map_slot(1))
+         if (map_slot(2) > 0) maps%deposits => map_counts(:, :, map_slot(2))
+         if (map_slot(3) > 0) maps%energy_sum => map_sums
+         if (map_slot(4) > 0) maps%energy_max => map_reals(:, :, map_slot(4))
+         if (map_slot(5) > 0) maps%speed_max => map_reals(:, :, map_slot(5))
+         if (map_slot(6) > 0) maps%jump_height_max => map_reals(:, :, map_slot(6))
+         scene%wants_cells = follows_cells(maps)
+      end subroutine set_maps
+
+      subroutine follow_all()
+         type(fate_t), allocatable :: fates(:)
+         type(crossing_t), allocatable :: crossings(:, :)
+         integer :: k, l
+
+         allocate (fates(n), crossings(lines, n))
+         call run_boulders(scene, first, threads, fates, crossings, maps, histogram)
+         do k = 1, n
+            boulder(:, k) = boulder_row(scene%dem, fates(k))
+            counts(:, k) = boulder_count_row(fates(k))
+            do l = 1, lines
+               crossing(:, l, k) = line_row(scene%dem, fates(k), crossings(l, k))
+            end do
+         end do
+      end subroutine follow_all
+
+      subroutine trace()
+         type(fate_t) :: fate
+         type(scratch_t) :: scratch
+         integer :: k
+
+         call trace_boulder(scene, first, room, fate, scratch)
+         boulder(:, 1) = boulder_row(scene%dem, fate)
+         counts(:, 1) = boulder_count_row(fate)
+         recorded = scratch%recorded
+         do k = 1, min(room, recorded)
+            vertex(:, k) = vertex_row(scene%dem, scratch%record(k))
+         end do
+      end subroutine trace
+   end subroutine run
+
+   !> Check the text of a case: code 0, or one line that says what is wrong.
+   subroutine check_case(text, name, code, message)
+      character(len=*), intent(in) :: text, name
+      integer(c_int), intent(out) :: code
+      character(len=512), intent(out) :: message
+      type(case_t) :: case
+      type(error_t), allocatable :: error
+
+      call read_case(text, name, case, error)
+      call give_error(error, code, message)
+   end subroutine check_case
+
+   !> Row k of the table of keys: group|key|kind|most|default|allowed|unit|meaning; blank past the end.
+   subroutine case_key(k, text)
+      integer(c_int), intent(in) :: k
+      character(len=512), intent(out) :: text
+
+      text = ""
+      if (k >= 1 .and. k <= n_keys) text = key_text(k)
+   end subroutine case_key
+
+   !> Row k of the table of result variables: group|name|kind|units|long_name|comment; blank past the end.
+   subroutine variable(k, text)
+      integer(c_int), intent(in) :: k
+      character(len=512), intent(out) :: text
+
+      text = variable_text(k)
+   end subroutine variable
+
+   !> Means and covariances of the five impact sets in a text.
+   subroutine read_sets(text, name, mean, covariance, code, message)
+      character(len=*), intent(in) :: text, name
+      real(c_double), intent(out) :: mean(9, 5), covariance(9, 9, 5)
+      integer(c_int), intent(out) :: code
+      character(len=512), intent(out) :: message
+      type(error_t), allocatable :: error
+
+      call read_impact_sets(text, name, mean, covariance, error)
+      call give_error(error, code, message)
+   end subroutine read_sets
+
+   !> Names of the rows of `run`: 1 boulder, 2 counts, 3 crossing, 4 vertex; blank past the end.
+   subroutine fields(what, text)
+      integer(c_int), intent(in) :: what
+      character(len=512), intent(out) :: text
+      integer :: k
+
+      select case (what)
+      case (1); write (text, "(*(a,1x))") (trim(boulder_fields(k)), k=1, size(boulder_fields))
+      case (2); write (text, "(*(a,1x))") (trim(boulder_counts(k)), k=1, size(boulder_counts))
+      case (3); write (text, "(*(a,1x))") (trim(line_fields(k)), k=1, size(line_fields))
+      case (4); write (text, "(*(a,1x))") (trim(vertex_fields(k)), k=1, size(vertex_fields))
+      case default; text = ""
+      end select
+   end subroutine fields
+
+   !> Threads that a run uses when it asks for `threads`.
+   subroutine team(threads, size)
+      integer(c_int), intent(in) :: threads
+      integer(c_int), intent(out) :: size
+
+      size = team_size(threads)
+   end subroutine team
+
+   !> Number and width of the bins of each histogram, in the order of rockfall_histogram.
+   subroutine histogram_bins(bins, width)
+      integer(c_int), intent(out) :: bins(6)
+      real(c_double), intent(out) :: width(6)
+
+      bins = n_bins
+      width = bin_width
+   end subroutine histogram_bins
+
+   subroutine give_error(error, code, message)
+      type(error_t), allocatable, intent(in) :: error
+      integer(c_int), intent(out) :: code
+      character(len=512), intent(out) :: message
+
+      code = 0
+      message = ""
+      if (.not. allocated(error)) return
+      code = error%code
+      message = error%message
+   end subroutine give_error
+end module rockfall_f2py

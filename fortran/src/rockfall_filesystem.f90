@@ -1,0 +1,99 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> What Fortran does not have of POSIX: folders, names, and the number of the process.
+module rockfall_filesystem
+   use, intrinsic :: iso_c_binding, only: c_char, c_int, c_null_char
+   use rockfall_textfile, only: integer_text
+   implicit none
+   private
+   public :: make_folder, remove_folder, remove_file, rename_path, path_exists, is_folder, folder_of, name_of, &
+             temporary_name
+
+   interface
+      integer(c_int) function c_mkdir(path, mode) bind(c, name="mkdir")
+         import :: c_char, c_int
+         character(kind=c_char), intent(in) :: path(*)
+         integer(c_int), value :: mode
+      end function c_mkdir
+      integer(c_int) function c_rmdir(path) bind(c, name="rmdir")
+         import :: c_char, c_int
+         character(kind=c_char), intent(in) :: path(*)
+      end function c_rmdir
+      integer(c_int) function c_unlink(path) bind(c, name="unlink")
+         import :: c_char, c_int
+         character(kind=c_char), intent(in) :: path(*)
+      end function c_unlink
+      integer(c_int) function c_rename(from, to) bind(c, name="rename")
+         import :: c_char, c_int
+         character(kind=c_char), intent(in) :: from(*), to(*)
+      end function c_rename
+      integer(c_int) function c_getpid() bind(c, name="getpid")
+         import :: c_int
+      end function c_getpid
+   end interface
+
+contains
+
+   !> Make a folder; whether it worked.
+   logical function make_folder(path) result(ok)
+      character(len=*), intent(in) :: path
+
+      ok = c_mkdir(path//c_null_char, int(o"777", c_int)) == 0
+   end function make_folder
+
+   !> Remove an empty folder; whether it worked.
+   logical function remove_folder(path) result(ok)
+      character(len=*), intent(in) :: path
+
+      ok = c_rmdir(path//c_null_char) == 0
+   end function remove_folder
+
+   !> Remove a file; whether it worked.
+   logical function remove_file(path) result(ok)
+      character(len=*), intent(in) :: path
+
+      ok = c_unlink(path//c_null_char) == 0
+   end function remove_file
+
+   !> Give a file or folder another name; whether it worked.
+   logical function rename_path(from, to) result(ok)
+      character(len=*), intent(in) :: from, to
+
+      ok = c_rename(from//c_null_char, to//c_null_char) == 0
+   end function rename_path
+
+   logical function path_exists(path)
+      character(len=*), intent(in) :: path
+
+      inquire (file=path, exist=path_exists)
+   end function path_exists
+
+   logical function is_folder(path)
+      character(len=*), intent(in) :: path
+
+      inquire (file=path//"/.", exist=is_folder)
+   end function is_folder
+
+   !> The folder part of a path with its final slash; "" when there is none.
+   pure function folder_of(path) result(folder)
+      character(len=*), intent(in) :: path
+      character(len=:), allocatable :: folder
+
+      folder = path(:index(path, "/", back=.true.))
+   end function folder_of
+
+   !> A path without its folder.
+   pure function name_of(path) result(name)
+      character(len=*), intent(in) :: path
+      character(len=:), allocatable :: name
+
+      name = path(index(path, "/", back=.true.) + 1:)
+   end function name_of
+
+   !> A hidden name beside a path that no other process takes.
+   function temporary_name(path) result(name)
+      character(len=*), intent(in) :: path
+      character(len=:), allocatable :: name
+
+      name = folder_of(path)//"."//name_of(path)//"."//integer_text(int(c_getpid()))
+   end function temporary_name
+end module rockfall_filesystem

@@ -1,0 +1,189 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Free flight: a parabola over bilinear patches. Along its straight plan path the height above a patch is
+!> a quadratic in time, so the landing is a root of a quadratic: no time step, no iteration, no tolerance.
+module rockfall_flight
+   use rockfall_kinds, only: wp
+   use rockfall_math, only: logarithm
+   use rockfall_terrain, only: terrain_t, patch_t, read_patch, height, gradient, within
+   implicit none
+   private
+   public :: flight_t, landing_t, span_t, fly, launch_rate, arc_length, never
+
+   real(wp), parameter :: never = 1.0e30_wp  !! [s] longer than any flight; its square does not overflow
+
+   !> The start of a flight.
+   type :: flight_t
+      type(patch_t) :: patch           !! the patch it starts over
+      real(wp) :: x, y, z              !! [m]
+      real(wp) :: v(3)                 !! [m/s]
+      real(wp) :: above = 0.0_wp       !! height above the patch, >= 0 [m]
+      real(wp) :: rate                 !! its rate of change, known exactly after a rebound [m/s]
+      real(wp) :: heading(2) = 0.0_wp  !! of the tangential velocity after the rebound, in plan
+   end type flight_t
+
+   !> The end of a flight: the first contact, or where it left the known terrain.
+   type :: landing_t
+      logical :: contact               !! false: left the domain
+      real(wp) :: time                 !! of flight [s]
+      real(wp) :: x, y, z              !! [m]
+      type(patch_t) :: patch           !! the patch that was met
+      real(wp) :: u, w                 !! place in that patch, 0..1
+      real(wp) :: jump_height          !! greatest height above the surface [m]
+   end type landing_t
+
+   !> A flight over one patch: height above it = d0 + d1 s + d2 s**2 for s = t - t0 in 0..t1-t0.
+   type :: span_t
+      type(patch_t) :: patch
+      real(wp) :: t0, t1, d0, d1, d2
+   end type span_t
+
+contains
+
+   !> Rate of change of the height above a patch [m/s] for a velocity [m/s] at u, w.
+   pure real(wp) function launch_rate(dem, patch, u, w, v)
+      type(terrain_t), intent(in) :: dem
+      type(patch_t), intent(in) :: patch
+      real(wp), intent(in) :: u, w, v(3)
+
+      launch_rate = v(3) - dot_product(gradient(dem, patch, u, w), v(1:2))
+   end function launch_rate
+
+   !> Fly until the first contact after the start, or out of the known terrain.
+   !>
+   !> The walk keeps one invariant, which is why nothing can pass through the ground: the height at the
+   !> entry of a patch is >= 0. It comes from the exit of the patch before, where it was >= 0; rounding
+   !> below zero counts as zero. From zero, going down is a contact at once, going up is not.
+   pure subroutine fly(dem, gravity, start, landing, spans, n_spans)
+      type(terrain_t), intent(in) :: dem
+      real(wp), intent(in) :: gravity                       !! [m/s2]
+      type(flight_t), intent(in) :: start
+      type(landing_t), intent(out) :: landing
+      type(span_t), intent(inout), optional :: spans(:)     !! at least nx + ny
+      integer, intent(out), optional :: n_spans
+      type(patch_t) :: patch
+      real(wp) :: inverse(2), p, q, u, w, t0, t1, tx, ty, s, d0, d1, d2
+      integer :: step(2), i, j
+      logical :: contact
+
+      patch = start%patch
+      step = merge(1, -1, start%v(1:2) > 0)
+      inverse = 0
+      if (abs(start%v(1))*never > dem%cell) inverse(1) = 1/start%v(1)
+      if (abs(start%v(2))*never > dem%cell) inverse(2) = 1/start%v(2)
+      p = start%v(1)*dem%per_cell
+      q = start%v(2)*dem%per_cell
+      t0 = 0
+      d0 = start%above
+      d1 = start%rate
+      landing%jump_height = 0
+      if (present(n_spans)) n_spans = 0
+      do
+         tx = exit_time(start%x, patch%i, step(1), dem%cell, inverse(1))
+         ty = exit_time(start%y, patch%j, step(2), dem%cell, inverse(2))
+         t1 = max(t0, min(tx, ty))
+         d2 = -0.5_wp*gravity - patch%c*p*q
+         call first_root(d0, d1, d2, t1 - t0, contact, s)
+         landing%jump_height = max(landing%jump_height, highest(d0, d1, d2, s))
+         if (present(spans)) then
+            n_spans = n_spans + 1
+            spans(n_spans) = span_t(patch, t0, t0 + s, d0, d1, d2)
+         end if
+         if (contact) exit
+         t0 = t1
+         i = patch%i + merge(step(1), 0, tx <= ty)
+         j = patch%j + merge(0, step(2), tx <= ty)
+         call read_patch(dem, i, j, patch)
+         if (.not. patch%known) exit
+         u = within(dem, start%x + start%v(1)*t0, patch%i)
+         w = within(dem, start%y + start%v(2)*t0, patch%j)
+         d0 = max(0.0_wp, start%z + t0*(start%v(3) - 0.5_wp*gravity*t0) - height(patch, u, w))
+         d1 = (start%v(3) - gravity*t0) - ((patch%a + patch%c*w)*p + (patch%b + patch%c*u)*q)
+      end do
+      landing%contact = contact
+      landing%patch = patch
+      landing%time = t0
+      if (contact) landing%time = t0 + s
+      landing%x = start%x + start%v(1)*landing%time
+      landing%y = start%y + start%v(2)*landing%time
+      landing%z = start%z + landing%time*(start%v(3) - 0.5_wp*gravity*landing%time)
+      if (contact) call put_on_surface(dem, landing)
+   end subroutine fly
+
+   !> Time at which a coordinate leaves patch interval i [s].
+   pure real(wp) function exit_time(x, i, step, cell, inverse)
+      real(wp), intent(in) :: x, cell
+      integer, intent(in) :: i, step   !! step: 1 when it grows, else -1
+      real(wp), intent(in) :: inverse  !! 1/v [s/m], 0 at rest
+
+      exit_time = never
+      if (abs(inverse) > 0) exit_time = ((i + (step - 1)/2)*cell - x)*inverse
+   end function exit_time
+
+   !> First root of d0 + d1 s + d2 s**2 in 0..length, d0 >= 0, where it goes below zero; without one, s = length.
+   pure subroutine first_root(d0, d1, d2, length, contact, s)
+      real(wp), intent(in) :: d0, d1, d2, length
+      logical, intent(out) :: contact
+      real(wp), intent(out) :: s
+      real(wp) :: root
+
+      s = length
+      contact = d0 + length*(d1 + length*d2) < 0
+      if (.not. contact .and. d2 > 0 .and. d1 < 0) then  ! a dip between two ends above the ground
+         contact = -d1 < 2*d2*length .and. d1*d1 >= 4*d2*d0
+      end if
+      if (.not. contact) return
+      root = sqrt(max(0.0_wp, d1*d1 - 4*d2*d0))
+      if (d1 < 0) then
+         s = 2*d0/(root - d1)
+      else
+         s = (d1 + root)/(-2*d2)
+      end if
+      s = min(s, length)
+   end subroutine first_root
+
+   !> Greatest value of d0 + d1 s + d2 s**2 in 0..length.
+   pure real(wp) function highest(d0, d1, d2, length)
+      real(wp), intent(in) :: d0, d1, d2, length
+
+      highest = max(d0, d0 + length*(d1 + length*d2))
+      if (d1 > 0 .and. d1 < -2*d2*length) highest = d0 - d1*d1/(4*d2)
+   end function highest
+
+   !> Put a contact exactly on its patch, so that rounding does not add up over thousands of rebounds.
+   pure subroutine put_on_surface(dem, landing)
+      type(terrain_t), intent(in) :: dem
+      type(landing_t), intent(inout) :: landing
+
+      landing%u = within(dem, landing%x, landing%patch%i)
+      landing%w = within(dem, landing%y, landing%patch%j)
+      landing%x = (landing%patch%i - 1 + landing%u)*dem%cell
+      landing%y = (landing%patch%j - 1 + landing%w)*dem%cell
+      landing%z = height(landing%patch, landing%u, landing%w)
+   end subroutine put_on_surface
+
+   !> Length [m] of a parabola flown for a time: the integral of the speed, in closed form.
+   pure real(wp) function arc_length(v, gravity, time)
+      real(wp), intent(in) :: v(3), gravity, time
+      real(wp) :: plan2, v0, v1, s0, s1
+
+      plan2 = v(1)*v(1) + v(2)*v(2)
+      v0 = v(3)
+      v1 = v(3) - gravity*time
+      s0 = sqrt(plan2 + v0*v0)
+      s1 = sqrt(plan2 + v1*v1)
+      arc_length = v0*s0 - v1*s1
+      if (plan2 > 1.0e-200_wp) arc_length = arc_length + plan2*logarithm(rise(v0, s0)/rise(v1, s1))
+      arc_length = 0.5_wp*arc_length/gravity
+   contains
+      !> v + s without cancellation, s = sqrt(plan2 + v**2).
+      pure real(wp) function rise(v, s)
+         real(wp), intent(in) :: v, s
+
+         if (v >= 0) then
+            rise = v + s
+         else
+            rise = plan2/(s - v)
+         end if
+      end function rise
+   end function arc_length
+end module rockfall_flight

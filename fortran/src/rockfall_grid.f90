@@ -1,0 +1,31 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Where the cells of a raster lie.
+module rockfall_grid
+   use rockfall_kinds, only: wp
+   implicit none
+   private
+   public :: grid_t, same_grid
+
+   !> North-up, square cells; row 1 is the northernmost and x runs fastest, as in files.
+   type :: grid_t
+      real(wp) :: west = 0.0_wp, north = 0.0_wp  !! outer edges of the raster [m]
+      real(wp) :: cell = 1.0_wp                  !! edge of a cell [m]
+      integer :: nx = 0, ny = 0                  !! columns, rows
+   end type grid_t
+
+contains
+
+   !> The same cells, up to a millionth of a cell at every corner.
+   pure logical function same_grid(a, b)
+      type(grid_t), intent(in) :: a, b
+      real(wp), parameter :: tolerance = 1.0e-6_wp  !! [cells]
+      real(wp) :: off
+
+      same_grid = a%nx == b%nx .and. a%ny == b%ny
+      if (.not. same_grid) return
+      off = max(abs(a%west - b%west), abs(a%north - b%north))
+      off = max(off, abs(a%west - b%west + a%nx*(a%cell - b%cell)), &
+                abs(a%north - b%north - a%ny*(a%cell - b%cell)))
+      same_grid = off <= tolerance*min(a%cell, b%cell)
+   end function same_grid
+end module rockfall_grid

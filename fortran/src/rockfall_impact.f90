@@ -1,0 +1,226 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The stochastic impact model (Bourrier et al. 2009, eqs 4-7): V_out = A V_in with V = (V_t, V_n, W),
+!> W = R_b omega, and a random 3x3 matrix A, multivariate normal, whose distribution depends only on
+!> the size of the boulder over the size of the rocks on the slope.
+module rockfall_impact
+   use rockfall_kinds, only: wp, i8
+   use rockfall_error, only: error_t, fail, our_fault
+   use rockfall_random, only: random_key_t, normal_table_t, normal, random_words, for_impact
+   use rockfall_boulder, only: spin_inertia
+   implicit none
+   private
+   public :: impact_set_t, impact_set, impact_ratios, ratio_class, rebound_t, rebound
+
+   integer, parameter :: impact_ratios = 5  !! sets for R_b/R_m = 1, 2, 3, 4, 5
+   integer, parameter :: most_draws = 32    !! draws of A before one is forced to be admissible
+
+   !> Mean m and root L of the covariance C = L L^T of (a1..a9), A by rows; L is lower triangular.
+   type :: impact_set_t
+      real(wp) :: mean(9) = 0.0_wp
+      real(wp) :: root(9, 9) = 0.0_wp  !! transposed: root(k, i) = L_ik, so that a row is contiguous
+   end type impact_set_t
+
+   !> What one rebound did.
+   type :: rebound_t
+      real(wp) :: v(3)            !! V_t, V_n, W after it [m/s]
+      integer :: draws = 1        !! of A
+      logical :: forced = .false. !! none of them was admissible
+   end type rebound_t
+
+   interface  ! LAPACK
+      subroutine dpotrf(uplo, n, a, lda, info)
+         import :: wp
+         character, intent(in) :: uplo
+         integer, intent(in) :: n, lda
+         real(wp), intent(inout) :: a(lda, *)
+         integer, intent(out) :: info
+      end subroutine dpotrf
+      subroutine dpstrf(uplo, n, a, lda, piv, rank, tol, work, info)
+         import :: wp
+         character, intent(in) :: uplo
+         integer, intent(in) :: n, lda
+         real(wp), intent(inout) :: a(lda, *)
+         integer, intent(out) :: piv(n), rank
+         real(wp), intent(in) :: tol
+         real(wp), intent(out) :: work(2*n)
+         integer, intent(out) :: info
+      end subroutine dpstrf
+      subroutine dgelqf(m, n, a, lda, tau, work, lwork, info)
+         import :: wp
+         integer, intent(in) :: m, n, lda, lwork
+         real(wp), intent(inout) :: a(lda, *)
+         real(wp), intent(out) :: tau(*), work(lwork)
+         integer, intent(out) :: info
+      end subroutine dgelqf
+      subroutine dsyev(jobz, uplo, n, a, lda, w, work, lwork, info)
+         import :: wp
+         character, intent(in) :: jobz, uplo
+         integer, intent(in) :: n, lda, lwork
+         real(wp), intent(inout) :: a(lda, *)
+         real(wp), intent(out) :: w(n), work(lwork)
+         integer, intent(out) :: info
+      end subroutine dsyev
+   end interface
+
+contains
+
+   !> A set from its mean and covariance. Factors by dpotrf; a covariance that is only semidefinite by the
+   !> pivoted dpstrf. Errors: not symmetric (names the entry), indefinite (names the eigenvalue).
+   subroutine impact_set(mean, covariance, set, error)
+      real(wp), intent(in) :: mean(9), covariance(9, 9)
+      type(impact_set_t), intent(out) :: set
+      type(error_t), allocatable, intent(out) :: error
+      real(wp) :: root(9, 9)
+      integer :: info, i
+
+      call check_symmetric(covariance, error)
+      if (.not. allocated(error)) call check_definite(covariance, error)
+      if (allocated(error)) return
+      set%mean = mean
+      root = covariance
+      call dpotrf("L", 9, root, 9, info)
+      if (info /= 0) call semidefinite_root(covariance, root)
+      do i = 1, 9
+         set%root(:i, i) = root(i, :i)
+      end do
+   end subroutine impact_set
+
+   subroutine check_symmetric(c, error)
+      real(wp), intent(in) :: c(9, 9)
+      type(error_t), allocatable, intent(out) :: error
+      character(len=160) :: text
+      integer :: i, j
+
+      do j = 1, 9
+         do i = j + 1, 9
+            if (abs(c(i, j) - c(j, i)) <= 1.0e-12_wp*maxval(abs(c))) cycle
+            write (text, "(a,i0,a,i0,a,g0,a,i0,a,i0,a,g0)") "covariance is not symmetric: entry (", i, ", ", j, &
+               ") = ", c(i, j), ", entry (", j, ", ", i, ") = ", c(j, i)
+            call fail(error, trim(text))
+            return
+         end do
+      end do
+   end subroutine check_symmetric
+
+   !> An eigenvalue below zero by more than rounding means that no random matrix has this covariance.
+   subroutine check_definite(c, error)
+      real(wp), intent(in) :: c(9, 9)
+      type(error_t), allocatable, intent(out) :: error
+      real(wp) :: a(9, 9), eigenvalue(9), work(90)
+      character(len=120) :: text
+      integer :: info
+
+      a = c
+      call dsyev("N", "L", 9, a, 9, eigenvalue, work, size(work), info)
+      if (info /= 0) then
+         call fail(error, "the eigenvalues of the covariance did not converge", our_fault)
+      else if (eigenvalue(1) < -rounding(c)) then
+         write (text, "(a,es12.4)") "covariance is indefinite: smallest eigenvalue ", eigenvalue(1)
+         call fail(error, trim(text)//", must be >= 0")
+      end if
+   end subroutine check_definite
+
+   !> What an eigenvalue of a semidefinite matrix printed with seven digits may fall below zero.
+   pure real(wp) function rounding(c)
+      real(wp), intent(in) :: c(9, 9)
+
+      rounding = 1.0e-6_wp*maxval(abs(c))
+   end function rounding
+
+   !> Lower triangular L with L L^T = C for a semidefinite C: dpstrf gives C = P M M^T P^T with a
+   !> trapezoid M, and dgelqf turns P M into L Q with an orthogonal Q, which does not matter.
+   subroutine semidefinite_root(c, root)
+      real(wp), intent(in) :: c(9, 9)
+      real(wp), intent(out) :: root(9, 9)
+      real(wp) :: factor(9, 9), reflectors(9), work(90)
+      integer :: pivot(9), rank, info, k
+
+      root = 0
+      if (.not. any(abs(c) > 0)) return
+      factor = c
+      call dpstrf("L", 9, factor, 9, pivot, rank, -1.0_wp, work, info)
+      do k = 1, rank
+         root(pivot(k:9), k) = factor(k:9, k)
+      end do
+      call dgelqf(9, 9, root, 9, reflectors, work, size(work), info)
+   end subroutine semidefinite_root
+
+   !> The set that serves a ratio R_b/R_m: rounded, within 1..5; `outside`: beyond 0.5..5.5, where no set
+   !> is calibrated.
+   pure subroutine ratio_class(ratio, class, outside)
+      real(wp), intent(in) :: ratio
+      integer, intent(out) :: class
+      logical, intent(out) :: outside
+
+      outside = ratio < 0.5_wp .or. ratio > impact_ratios + 0.5_wp
+      class = int(0.5_wp + max(1.0_wp, min(real(impact_ratios, wp), ratio)))
+   end subroutine ratio_class
+
+   !> One rebound (eqs 4, 5). A draw is admissible if the boulder leaves the surface and gains no
+   !> kinetic energy; otherwise A is drawn again, and after 32 draws the last is forced.
+   pure subroutine rebound(set, table, key, boulder, impact, words, v_in, out)
+      type(impact_set_t), intent(in) :: set
+      type(normal_table_t), intent(in) :: table
+      type(random_key_t), intent(in) :: key
+      integer(i8), intent(in) :: boulder, impact
+      integer(i8), intent(in) :: words(9)      !! of the first draw
+      real(wp), intent(in) :: v_in(3)          !! V_t, V_n, W [m/s]
+      type(rebound_t), intent(out) :: out
+      integer(i8) :: again(12)
+      real(wp) :: energy_in, z(9)
+      integer :: draw
+
+      energy_in = twice_energy(v_in)
+      z = normal(table, words)
+      out%v = product_with(set, z, v_in)
+      do draw = 1, most_draws - 1
+         if (admissible(out%v, energy_in)) return
+         again = random_words(key, for_impact, boulder, impact, int(draw, i8))
+         z = normal(table, again(1:9))
+         out%v = product_with(set, z, v_in)
+         out%draws = out%draws + 1
+      end do
+      out%forced = .not. admissible(out%v, energy_in)
+      if (out%forced) call force(out%v, v_in)
+   end subroutine rebound
+
+   !> A V_in for A = m + L z.
+   pure function product_with(set, z, v_in) result(v)
+      type(impact_set_t), intent(in) :: set
+      real(wp), intent(in) :: z(9), v_in(3)
+      real(wp) :: v(3), a(9)
+      integer :: i, k
+
+      do i = 1, 9
+         a(i) = set%mean(i)
+         do k = 1, i
+            a(i) = a(i) + set%root(k, i)*z(k)
+         end do
+      end do
+      v(1) = a(1)*v_in(1) + a(2)*v_in(2) + a(3)*v_in(3)
+      v(2) = a(4)*v_in(1) + a(5)*v_in(2) + a(6)*v_in(3)
+      v(3) = a(7)*v_in(1) + a(8)*v_in(2) + a(9)*v_in(3)
+   end function product_with
+
+   !> Twice the kinetic energy per mass of (V_t, V_n, W) [m2/s2].
+   pure real(wp) function twice_energy(v)
+      real(wp), intent(in) :: v(3)
+
+      twice_energy = v(1)*v(1) + v(2)*v(2) + spin_inertia*v(3)*v(3)
+   end function twice_energy
+
+   pure logical function admissible(v, energy_in)
+      real(wp), intent(in) :: v(3), energy_in
+
+      admissible = v(2) > 0 .and. twice_energy(v) <= energy_in
+   end function admissible
+
+   !> The nearest thing to an admissible rebound: up at 1 % of the incoming speed, no more energy than before.
+   pure subroutine force(v, v_in)
+      real(wp), intent(inout) :: v(3)
+      real(wp), intent(in) :: v_in(3)
+
+      if (v(2) <= 0) v(2) = 0.01_wp*sqrt(v_in(1)**2 + v_in(2)**2)
+      if (twice_energy(v) > twice_energy(v_in)) v = v*sqrt(twice_energy(v_in)/twice_energy(v))
+   end subroutine force
+end module rockfall_impact

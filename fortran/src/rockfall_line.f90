@@ -1,0 +1,53 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Evaluation lines: polylines in plan where the first crossing of each boulder is recorded.
+module rockfall_line
+   use rockfall_kinds, only: wp
+   implicit none
+   private
+   public :: line_t, line, first_crossing
+
+   type :: line_t
+      real(wp), allocatable :: x(:), y(:)     !! vertices, local coordinates [m]
+      real(wp) :: low(2), high(2)             !! bounding box [m]
+   end type line_t
+
+contains
+
+   pure type(line_t) function line(x, y)
+      real(wp), intent(in) :: x(:), y(:)  !! two vertices or more [m]
+
+      allocate (line%x, source=x)
+      allocate (line%y, source=y)
+      line%low = [minval(x), minval(y)]
+      line%high = [maxval(x), maxval(y)]
+   end function line
+
+   !> Where along the plan path from a to b a line is met first: share of the way in 0..1, or above 1 when
+   !> it is not met. Which side a point is on is a sign, with zero on the left, so that a path that ends
+   !> on the line and goes on from there meets it once.
+   pure real(wp) function first_crossing(this, a, b) result(share)
+      type(line_t), intent(in) :: this
+      real(wp), intent(in) :: a(2), b(2)  !! [m]
+      real(wp) :: side_a, side_b, p(2), q(2), at
+      integer :: k
+
+      share = 2
+      if (any(min(a, b) > this%high) .or. any(max(a, b) < this%low)) return
+      do k = 1, size(this%x) - 1
+         p = [this%x(k), this%y(k)]
+         q = [this%x(k + 1), this%y(k + 1)]
+         side_a = cross(q - p, a - p)
+         side_b = cross(q - p, b - p)
+         if ((side_a >= 0) .eqv. (side_b >= 0)) cycle
+         if ((cross(b - a, p - a) >= 0) .eqv. (cross(b - a, q - a) >= 0)) cycle
+         at = side_a/(side_a - side_b)
+         share = min(share, at)
+      end do
+   end function first_crossing
+
+   pure real(wp) function cross(a, b)
+      real(wp), intent(in) :: a(2), b(2)
+
+      cross = a(1)*b(2) - a(2)*b(1)
+   end function cross
+end module rockfall_line

@@ -1,0 +1,263 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Maps: what boulders did in each raster cell, as counts, sums of whole joules, and maxima, so that no
+!> order of boulders changes a bit. A boulder counts once a cell: it gathers its own visits first.
+module rockfall_map
+   use rockfall_kinds, only: wp, sp, i4, i8
+   use rockfall_terrain, only: terrain_t
+   use rockfall_flight, only: span_t, never
+   implicit none
+   private
+   public :: maps_t, visits_t, follows_cells, start_visits, visit_spans, visit_cell, add_visits, add_deposit
+
+   !> The maps a run asks for; the others are not associated. All (nx, ny), row 1 the northernmost.
+   type :: maps_t
+      integer(i4), pointer, contiguous :: passages(:, :) => null()    !! boulders that passed
+      integer(i4), pointer, contiguous :: deposits(:, :) => null()    !! boulders that ended there at rest
+      integer(i8), pointer, contiguous :: energy_sum(:, :) => null()  !! of each boulder's greatest energy [J]
+      real(sp), pointer, contiguous :: energy_max(:, :) => null()     !! translational and rotational [J]
+      real(sp), pointer, contiguous :: speed_max(:, :) => null()      !! [m/s]
+      real(sp), pointer, contiguous :: jump_height_max(:, :) => null()  !! [m]
+   end type maps_t
+
+   !> One boulder's greatest values in one cell.
+   type :: visit_t
+      integer(i8) :: boulder = 0         !! whose visit this slot holds
+      integer :: at(2) = 0               !! column, row
+      real(wp) :: greatest(3) = 0.0_wp   !! speed**2, twice the energy per mass [m2/s2]; jump height [m]
+   end type visit_t
+
+   !> The cells that one boulder visited: a hash table that is never cleared, because a slot of
+   !> another boulder counts as free.
+   type :: visits_t
+      integer(i8) :: boulder = 0
+      integer :: n = 0
+      integer, allocatable :: used(:)         !! slots, in order of the first visit
+      type(visit_t), allocatable :: slot(:)   !! 0-based; a power of two of them
+      integer :: last = -1                    !! slot of the last visit
+   end type visits_t
+
+contains
+
+   !> True if a map asks what happened along the way.
+   pure logical function follows_cells(maps)
+      type(maps_t), intent(in) :: maps
+
+      follows_cells = associated(maps%passages) .or. associated(maps%energy_sum) .or. associated(maps%energy_max) &
+                      .or. associated(maps%speed_max) .or. associated(maps%jump_height_max)
+   end function follows_cells
+
+   !> Begin the visits of a boulder (numbers count from 1).
+   pure subroutine start_visits(visits, boulder)
+      type(visits_t), intent(inout) :: visits
+      integer(i8), intent(in) :: boulder
+
+      if (.not. allocated(visits%slot)) call make_room(visits, 1024)
+      visits%boulder = boulder
+      visits%n = 0
+      visits%last = -1
+   end subroutine start_visits
+
+   !> Add the cells under a flight. A cell reaches half a cell round its node, so a patch is met in
+   !> up to three quarters, each of another cell.
+   pure subroutine visit_spans(visits, dem, gravity, x, y, v, spin, spans)
+      type(visits_t), intent(inout) :: visits
+      type(terrain_t), intent(in) :: dem
+      real(wp), intent(in) :: gravity    !! [m/s2]
+      real(wp), intent(in) :: x, y, v(3) !! start of the flight [m], [m/s]
+      real(wp), intent(in) :: spin       !! twice the rotational energy per mass [m2/s2]
+      type(span_t), intent(in) :: spans(:)
+      real(wp) :: plan2, cut(2), t, next, d(2), w(2)
+      integer :: k, cell(2), step(2)
+
+      plan2 = v(1)*v(1) + v(2)*v(2)
+      step = merge(1, -1, v(1:2) > 0)
+      do k = 1, size(spans)
+         associate (s => spans(k))
+            call enter(x, v(1), dem, s%patch%i, s%t0, cut(1), cell(1))
+            call enter(y, v(2), dem, s%patch%j, s%t0, cut(2), cell(2))
+            t = s%t0
+            d(1) = s%d0
+            w(1) = v(3) - gravity*t
+            do
+               next = min(cut(1), cut(2), s%t1)
+               d(2) = s%d0 + (next - s%t0)*(s%d1 + (next - s%t0)*s%d2)
+               w(2) = v(3) - gravity*next
+               call visit_cell(visits, [cell(1), dem%ny + 1 - cell(2)], plan2 + max(w(1)*w(1), w(2)*w(2)), spin, &
+                               highest(s, t, next, d))
+               if (next >= s%t1) exit
+               if (cut(1) <= cut(2)) then
+                  cell(1) = cell(1) + step(1)
+                  cut(1) = never
+               else
+                  cell(2) = cell(2) + step(2)
+                  cut(2) = never
+               end if
+               t = next
+               d(1) = d(2)
+               w(1) = w(2)
+            end do
+         end associate
+      end do
+   end subroutine visit_spans
+
+   !> On one axis: the cell over which a path enters patch interval i at time t0, and when it passes
+   !> to the next cell in the middle of the patch.
+   pure subroutine enter(x, v, dem, i, t0, cut, cell)
+      real(wp), intent(in) :: x, v  !! start of the flight [m], its velocity [m/s]
+      type(terrain_t), intent(in) :: dem
+      integer, intent(in) :: i
+      real(wp), intent(in) :: t0
+      real(wp), intent(out) :: cut  !! [s]; `never` when it does not
+      integer, intent(out) :: cell  !! i or i + 1
+      real(wp) :: middle
+
+      middle = (i - 0.5_wp)*dem%cell - x
+      cut = never
+      cell = i
+      if (abs(v)*never > dem%cell) cut = middle/v
+      if (cut <= t0) then
+         cut = never
+         if (v > 0) cell = i + 1
+      else if (v < 0 .and. cut < never) then
+         cell = i + 1
+      else if (cut >= never .and. middle <= 0) then
+         cell = i + 1
+      end if
+   end subroutine enter
+
+   !> Greatest height above the patch within t0..t1 of a span, d its heights at both.
+   pure real(wp) function highest(s, t0, t1, d)
+      type(span_t), intent(in) :: s
+      real(wp), intent(in) :: t0, t1, d(2)
+
+      highest = max(0.0_wp, d(1), d(2))
+      if (s%d1 > -2*s%d2*(t0 - s%t0) .and. s%d1 < -2*s%d2*(t1 - s%t0)) highest = s%d0 - s%d1*s%d1/(4*s%d2)
+   end function highest
+
+   !> Add one visit: raises the boulder's values in that cell.
+   pure subroutine visit_cell(visits, at, speed2, spin, jump_height)
+      type(visits_t), intent(inout) :: visits
+      integer, intent(in) :: at(2)                !! column, row
+      real(wp), intent(in) :: speed2, spin        !! as in visit_spans
+      real(wp), intent(in) :: jump_height         !! [m]
+
+      call raise_visit(visits, at, [speed2, speed2 + spin, jump_height])
+   end subroutine visit_cell
+
+   pure subroutine raise_visit(visits, at, values)
+      type(visits_t), intent(inout) :: visits
+      integer, intent(in) :: at(2)
+      real(wp), intent(in) :: values(3)  !! as in visit_t
+
+      if (visits%last >= 0) then  ! most visits go on in the same cell
+         if (all(visits%slot(visits%last)%at == at)) then
+            call raise(visits%slot(visits%last)%greatest, values)
+            return
+         end if
+      end if
+      if (2*visits%n >= size(visits%slot)) call make_room(visits, 2*size(visits%slot))
+      visits%last = find(visits, at)
+      associate (slot => visits%slot(visits%last))
+         if (slot%boulder == visits%boulder) then
+            call raise(slot%greatest, values)
+         else
+            slot = visit_t(visits%boulder, at, values)
+            visits%n = visits%n + 1
+            visits%used(visits%n) = visits%last
+         end if
+      end associate
+   end subroutine raise_visit
+
+   pure subroutine raise(greatest, values)
+      real(wp), intent(inout) :: greatest(3)
+      real(wp), intent(in) :: values(3)
+
+      greatest = max(greatest, values)
+   end subroutine raise
+
+   !> The slot of a cell: its own, or the free one where it belongs.
+   pure integer function find(visits, at) result(k)
+      type(visits_t), intent(in) :: visits
+      integer, intent(in) :: at(2)
+      integer :: mask
+
+      mask = size(visits%slot) - 1
+      k = iand(at(1) + 33*at(2), mask)  ! neighbours fall into different slots
+      do while (visits%slot(k)%boulder == visits%boulder)
+         if (all(visits%slot(k)%at == at)) return
+         k = iand(k + 1, mask)
+      end do
+   end function find
+
+   !> A table of `slots` slots with the same visits.
+   pure subroutine make_room(visits, slots)
+      type(visits_t), intent(inout) :: visits
+      integer, intent(in) :: slots  !! a power of two
+      type(visits_t) :: larger
+      integer :: k
+
+      allocate (larger%slot(0:slots - 1), larger%used(slots))
+      larger%boulder = visits%boulder
+      do k = 1, visits%n
+         associate (slot => visits%slot(visits%used(k)))
+            call raise_visit(larger, slot%at, slot%greatest)
+         end associate
+      end do
+      call move_alloc(larger%slot, visits%slot)
+      call move_alloc(larger%used, visits%used)
+      visits%last = larger%last
+   end subroutine make_room
+
+   !> Add a boulder's visits to the maps; many threads may do so at once.
+   subroutine add_visits(maps, visits, mass)
+      type(maps_t), intent(in) :: maps
+      type(visits_t), intent(in) :: visits
+      real(wp), intent(in) :: mass  !! of the boulder [kg]
+      real(wp) :: energy
+      integer :: k, i, r
+
+      do k = 1, visits%n
+         associate (slot => visits%slot(visits%used(k)))
+            i = slot%at(1)
+            r = slot%at(2)
+            energy = 0.5_wp*mass*slot%greatest(2)
+            if (associated(maps%passages)) then
+               !$omp atomic update
+               maps%passages(i, r) = maps%passages(i, r) + 1
+            end if
+            if (associated(maps%energy_sum)) then
+               !$omp atomic update
+               maps%energy_sum(i, r) = maps%energy_sum(i, r) + nint(energy, i8)
+            end if
+            if (associated(maps%energy_max)) call raise_cell(maps%energy_max(i, r), real(energy, sp))
+            if (associated(maps%speed_max)) call raise_cell(maps%speed_max(i, r), real(sqrt(slot%greatest(1)), sp))
+            if (associated(maps%jump_height_max)) then
+               call raise_cell(maps%jump_height_max(i, r), real(slot%greatest(3), sp))
+            end if
+         end associate
+      end do
+   end subroutine add_visits
+
+   !> Raise a shared maximum; most visits do not, and then only read it.
+   subroutine raise_cell(greatest, value)
+      real(sp), intent(inout) :: greatest
+      real(sp), intent(in) :: value
+      real(sp) :: now
+
+      !$omp atomic read
+      now = greatest
+      if (value <= now) return
+      !$omp atomic update
+      greatest = max(greatest, value)
+   end subroutine raise_cell
+
+   !> Count a boulder that came to rest in a cell.
+   subroutine add_deposit(maps, at)
+      type(maps_t), intent(in) :: maps
+      integer, intent(in) :: at(2)  !! column, row
+
+      if (.not. associated(maps%deposits)) return
+      !$omp atomic update
+      maps%deposits(at(1), at(2)) = maps%deposits(at(1), at(2)) + 1
+   end subroutine add_deposit
+end module rockfall_map

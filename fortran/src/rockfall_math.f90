@@ -1,0 +1,83 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Elementary functions from + - * / and sqrt alone, so that they give the same bits on every machine
+!> (libm chooses other last bits by processor type).
+module rockfall_math
+   use rockfall_kinds, only: wp, i8
+   implicit none
+   private
+   public :: pi, degree, logarithm, exponential, cube_root, sine_cosine
+
+   real(wp), parameter :: pi = 3.14159265358979323846_wp
+   real(wp), parameter :: degree = pi/180.0_wp  !! [rad]
+   real(wp), parameter :: ln2 = 0.69314718055994530942_wp
+   integer(i8), parameter :: mantissa_bits = int(z"000FFFFFFFFFFFFF", i8)
+   integer(i8), parameter :: one_bits = int(z"3FF0000000000000", i8)
+
+contains
+
+   !> Natural logarithm of a positive normal number, within 2 units in the last place.
+   elemental real(wp) function logarithm(x)
+      real(wp), intent(in) :: x  !! > 0
+      integer(i8) :: bits, e
+      real(wp) :: m, s, q, q2, q4
+      real(wp), parameter :: r(9) = [1.0_wp/3, 1.0_wp/5, 1.0_wp/7, 1.0_wp/9, 1.0_wp/11, 1.0_wp/13, &
+                                     1.0_wp/15, 1.0_wp/17, 1.0_wp/19]
+
+      bits = transfer(x, bits)
+      e = shiftr(bits, 52) - 1023
+      m = transfer(ior(iand(bits, mantissa_bits), one_bits), m)
+      if (m > 1.4142135623730951_wp) then
+         m = 0.5_wp*m
+         e = e + 1
+      end if
+      s = (m - 1)/(m + 1)  ! log m = 2 artanh s, |s| <= 0.172
+      q = s*s
+      q2 = q*q
+      q4 = q2*q2
+      logarithm = e*ln2 + 2*s*(((1 + q*r(1)) + q2*(r(2) + q*r(3))) + q4*((r(4) + q*r(5)) + q2*(r(6) + q*r(7)) &
+                                                                           + q4*(r(8) + q*r(9))))
+   end function logarithm
+
+   !> e**x for |x| < 700.
+   elemental real(wp) function exponential(x)
+      real(wp), intent(in) :: x
+      integer :: k, n
+      real(wp) :: r, term
+
+      k = nint(x/ln2)
+      r = x - k*ln2
+      term = 1
+      exponential = 1
+      do n = 1, 18  ! |r| <= 0.35
+         term = term*r/n
+         exponential = exponential + term
+      end do
+      exponential = scale(exponential, k)
+   end function exponential
+
+   !> Cube root of a positive number.
+   elemental real(wp) function cube_root(x)
+      real(wp), intent(in) :: x  !! > 0
+      integer :: n
+
+      cube_root = exponential(logarithm(x)/3)
+      do n = 1, 2
+         cube_root = cube_root - (cube_root - x/(cube_root*cube_root))/3
+      end do
+   end function cube_root
+
+   !> Sine and cosine for |angle| <= 0.88 rad (50 degrees), by their series.
+   elemental subroutine sine_cosine(angle, s, c)
+      real(wp), intent(in) :: angle  !! [rad]
+      real(wp), intent(out) :: s, c
+      real(wp), parameter :: s3 = -1.0_wp/6, s5 = -s3/20, s7 = -s5/42, s9 = -s7/72, s11 = -s9/110, &
+                             s13 = -s11/156, s15 = -s13/210
+      real(wp), parameter :: c2 = -0.5_wp, c4 = -c2/12, c6 = -c4/30, c8 = -c6/56, c10 = -c8/90, &
+                             c12 = -c10/132, c14 = -c12/182, c16 = -c14/240
+      real(wp) :: q
+
+      q = angle*angle
+      s = angle*(1 + q*(s3 + q*(s5 + q*(s7 + q*(s9 + q*(s11 + q*(s13 + q*s15)))))))
+      c = 1 + q*(c2 + q*(c4 + q*(c6 + q*(c8 + q*(c10 + q*(c12 + q*(c14 + q*c16)))))))
+   end subroutine sine_cosine
+end module rockfall_math

@@ -1,0 +1,508 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Namelist text in memory, taken apart: groups, their keys, their values as written.
+!>
+!> Narrower than the language on purpose: what two readers could take in two ways is refused, such
+!> as null values, text over several lines, array subscripts, and the same key twice in a group.
+module rockfall_namelist
+   use rockfall_kinds, only: i8
+   use rockfall_error, only: error_t, fail
+   use rockfall_decimal, only: parse_integer, decimal_ok
+   use rockfall_textfile, only: check_text, after_mark, lower, integer_text, excerpt
+   implicit none
+   private
+   public :: namelist_t, group_t, entry_t, value_t, parse_namelist
+
+   integer, parameter :: name_length = 63         !! of groups and keys
+   integer, parameter :: longest_value = 4096     !! [characters]
+   integer, parameter :: most_values = 10000000   !! of a file, repeat counts included
+   integer, parameter :: most_repeats = 100000    !! of one value
+   integer, parameter :: most_keys = 200          !! of a group
+   integer, parameter :: most_names = 100         !! of different groups
+
+   character(len=*), parameter :: blanks = " "//achar(9)//achar(10)//achar(13)
+   character(len=*), parameter :: word_end = blanks//",/=!&'"""
+   character(len=*), parameter :: digits = "0123456789"
+
+   !> A raw value: `entry%text(first:last)`, without its quotes.
+   type :: value_t
+      integer :: first = 1, last = 0
+      logical :: quoted = .false.
+   end type value_t
+
+   !> `key = values`, as written.
+   type :: entry_t
+      character(len=name_length) :: key = ""  !! lower case
+      integer :: line = 0
+      character(len=:), allocatable :: text    !! from the first value to the last
+      type(value_t), allocatable :: value(:)   !! at least one; repeat counts are written out
+   end type entry_t
+
+   !> `&name ... /`
+   type :: group_t
+      character(len=:), allocatable :: file      !! for messages
+      character(len=name_length) :: name = ""   !! lower case
+      integer :: line = 0
+      logical :: repeated = .false.              !! the file has several groups of this name
+      type(entry_t), allocatable :: entry(:)     !! in the order of the file
+   end type group_t
+
+   type :: namelist_t
+      type(group_t), allocatable :: group(:)     !! in the order of the file
+   end type namelist_t
+
+   !> Where the parser stands.
+   type :: cursor_t
+      integer :: pos = 1, line = 1
+      integer :: values = 0  !! found so far
+   end type cursor_t
+
+contains
+
+   !> All groups of `text`; time and memory grow with its length and no faster.
+   pure subroutine parse_namelist(text, file, list, error)
+      character(len=*), intent(in) :: text
+      character(len=*), intent(in) :: file  !! for messages
+      type(namelist_t), intent(out) :: list
+      type(error_t), allocatable, intent(out) :: error
+      type(group_t), allocatable :: groups(:)
+      type(cursor_t) :: at
+      integer :: n
+
+      call check_text(text, file, error)
+      if (allocated(error)) return
+      allocate (groups(4))
+      n = 0
+      at%pos = after_mark(text)
+      do
+         call skip_blanks(text, at)
+         if (at%pos > len(text)) exit
+         if (text(at%pos:at%pos) /= "&") then
+            call fail(error, place(file, at%line)//"text outside of a group: " &
+                      //excerpt(rest_of_line(text, at%pos))//" (a group ends at its first / " &
+                      //"outside of quotes)")
+            return
+         end if
+         if (n == size(groups)) call enlarge_groups(groups)
+         n = n + 1
+         call parse_group(text, file, at, groups(n), error)
+         if (allocated(error)) return
+      end do
+      allocate (list%group(n))
+      call move_groups(groups, list%group)
+      call mark_repeated(list%group, file, error)
+   end subroutine parse_namelist
+
+   !> From `&` to the closing `/`.
+   pure subroutine parse_group(text, file, at, group, error)
+      character(len=*), intent(in) :: text, file
+      type(cursor_t), intent(inout) :: at
+      type(group_t), intent(inout) :: group
+      type(error_t), allocatable, intent(out) :: error
+      type(entry_t), allocatable :: entries(:)
+      type(cursor_t) :: start
+      integer :: n
+
+      group%file = file
+      group%line = at%line
+      at%pos = at%pos + 1
+      start = at
+      call take_word(text, at)
+      if (.not. is_name(text(start%pos:at%pos - 1))) then
+         call fail(error, place(file, at%line)//"a group name is due after &")
+         return
+      end if
+      group%name = lower(text(start%pos:at%pos - 1))
+
+      allocate (entries(8))
+      n = 0
+      do
+         call skip_blanks(text, at)
+         if (at%pos > len(text)) exit
+         if (text(at%pos:at%pos) == "/" .or. text(at%pos:at%pos) == "&") exit
+         if (n == size(entries)) call enlarge_entries(entries)
+         n = n + 1
+         call parse_entry(text, file, at, entries(n), error)
+         if (allocated(error)) return
+         call check_key(entries(:n), place(file, entries(n)%line)//"&"//trim(group%name), error)
+         if (allocated(error)) return
+      end do
+      if (at%pos <= len(text)) then
+         if (text(at%pos:at%pos) == "/") then
+            at%pos = at%pos + 1
+            allocate (group%entry(n))
+            call move_entries(entries, group%entry)
+            return
+         end if
+      end if
+      call fail(error, place(file, group%line)//"&"//trim(group%name)//" is not closed by /")
+   end subroutine parse_group
+
+   !> `key = value, value ...`, up to what begins the next key or ends the group.
+   pure subroutine parse_entry(text, file, at, entry, error)
+      character(len=*), intent(in) :: text, file
+      type(cursor_t), intent(inout) :: at
+      type(entry_t), intent(inout) :: entry
+      type(error_t), allocatable, intent(out) :: error
+      character(len=:), allocatable :: word
+      type(cursor_t) :: start
+      integer :: first
+
+      start = at
+      call take_word(text, at)
+      word = text(start%pos:at%pos - 1)
+      call check_word(word, place(file, start%line), error)
+      if (allocated(error)) return
+      call skip_blanks(text, at)
+      if (.not. is_at(text, at, "=") .or. len(word) == 0) then
+         call fail(error, place(file, start%line)//"a key and = are due before " &
+                   //excerpt(rest_of_line(text, start%pos)))
+         return
+      else if (.not. is_name(word)) then
+         call fail(error, place(file, start%line)//"'"//excerpt(word)//"' before = is no key")
+         return
+      end if
+      entry%key = lower(word)
+      entry%line = start%line
+      at%pos = at%pos + 1
+      call skip_blanks(text, at)
+      first = at%pos
+      call parse_values(text, file, at, entry%value, error)
+      if (allocated(error)) return
+      if (size(entry%value) == 0) then
+         call fail(error, place(file, entry%line)//"'"//word//"' has no value")
+         return
+      end if
+      entry%text = text(first:entry%value(size(entry%value))%last)
+      entry%value%first = entry%value%first - first + 1
+      entry%value%last = entry%value%last - first + 1
+   end subroutine parse_entry
+
+   !> The values that begin at the cursor; the cursor ends at what follows them.
+   pure subroutine parse_values(text, file, at, values, error)
+      character(len=*), intent(in) :: text, file
+      type(cursor_t), intent(inout) :: at
+      type(value_t), allocatable, intent(out) :: values(:)
+      type(error_t), allocatable, intent(out) :: error
+      type(cursor_t) :: start
+      type(value_t) :: value
+      integer :: n, repeats
+      logical :: comma_may_come
+
+      allocate (values(0))
+      n = 0
+      comma_may_come = .false.
+      do
+         call skip_blanks(text, at)
+         if (at%pos > len(text)) exit
+         if (scan(text(at%pos:at%pos), "/&") == 1) exit
+         if (is_at(text, at, ",")) then
+            if (.not. comma_may_come) then
+               call fail(error, place(file, at%line)//"a value is missing before a comma")
+               return
+            end if
+            comma_may_come = .false.
+            at%pos = at%pos + 1
+            cycle
+         end if
+         start = at
+         call take_value(text, place(file, at%line), at, value, repeats, error)
+         if (allocated(error)) return
+         call skip_blanks(text, at)
+         if (is_at(text, at, "=") .and. .not. value%quoted) then  ! it was the next key
+            at = start
+            exit
+         end if
+         if (at%values + repeats > most_values) then
+            call fail(error, place(file, at%line)//"more than " &
+                      //integer_text(most_values)//" values in the file")
+            return
+         end if
+         at%values = at%values + repeats
+         call append(values, n, value, repeats)
+         comma_may_come = .true.
+      end do
+      values = values(:n)
+   end subroutine parse_values
+
+   !> One value with its repeat count. A word that turns out to be a key is taken, too.
+   pure subroutine take_value(text, where, at, value, repeats, error)
+      character(len=*), intent(in) :: text, where
+      type(cursor_t), intent(inout) :: at
+      type(value_t), intent(out) :: value
+      integer, intent(out) :: repeats
+      type(error_t), allocatable, intent(out) :: error
+      integer :: star
+
+      repeats = 1
+      value%first = at%pos
+      call take_word(text, at)
+      value%last = at%pos - 1
+      call check_word(text(value%first:value%last), where, error)
+      if (allocated(error)) return
+      star = verify(text(value%first:value%last), digits)
+      if (star > 1) then
+         if (text(value%first + star - 1:value%first + star - 1) == "*") then
+            call take_repeats(text(value%first:value%first + star - 2), where, repeats, error)
+            if (allocated(error)) return
+            value%first = value%first + star
+         end if
+      end if
+      if (at%pos <= len(text)) value%quoted = scan(text(at%pos:at%pos), "'""") == 1
+      if (value%quoted) then
+         if (value%first <= value%last) then
+            call fail(error, where//"a blank or comma is due before " &
+                      //excerpt(rest_of_line(text, at%pos)))
+            return
+         end if
+         call take_quoted(text, where, at, value, error)
+      else if (value%first > value%last) then
+         call fail(error, where//"a value is due at "//excerpt(rest_of_line(text, at%pos)))
+      end if
+   end subroutine take_value
+
+   !> From the opening quote to the closing one, on one line; a doubled quote stands for itself.
+   pure subroutine take_quoted(text, where, at, value, error)
+      character(len=*), intent(in) :: text, where
+      type(cursor_t), intent(inout) :: at
+      type(value_t), intent(inout) :: value
+      type(error_t), allocatable, intent(out) :: error
+      character(len=1) :: quote
+      integer :: i, step
+
+      quote = text(at%pos:at%pos)
+      value%first = at%pos + 1
+      i = value%first
+      do
+         step = scan(text(i:), quote//achar(10))
+         i = i + step
+         if (step == 0 .or. text(i - 1:i - 1) /= quote) then
+            call fail(error, where//"text without its closing quote: " &
+                      //excerpt(rest_of_line(text, at%pos)))
+            return
+         end if
+         if (i > len(text)) exit
+         if (text(i:i) /= quote) exit
+         i = i + 1
+      end do
+      at%pos = i
+      value%last = i - 2
+      if (value%last - value%first + 1 > longest_value) then
+         call fail(error, where//"text longer than "//integer_text(longest_value)//" characters")
+      else if (i <= len(text)) then
+         if (scan(text(i:i), blanks//",/&!") == 0) then
+            call fail(error, where//"a blank or comma is due before " &
+                      //excerpt(rest_of_line(text, i)))
+         end if
+      end if
+   end subroutine take_quoted
+
+   pure subroutine take_repeats(text, where, repeats, error)
+      character(len=*), intent(in) :: text, where
+      integer, intent(out) :: repeats
+      type(error_t), allocatable, intent(out) :: error
+      integer(i8) :: count
+      integer :: status
+
+      repeats = 1
+      call parse_integer(text, count, status)
+      if (status /= decimal_ok .or. count < 1 .or. count > most_repeats) then
+         call fail(error, where//"repeat count "//excerpt(text)//"*: must be 1 to " &
+                   //integer_text(most_repeats))
+         return
+      end if
+      repeats = int(count)
+   end subroutine take_repeats
+
+   !> What no unquoted word may be.
+   pure subroutine check_word(word, where, error)
+      character(len=*), intent(in) :: word, where
+      type(error_t), allocatable, intent(out) :: error
+
+      if (len(word) > longest_value) then
+         call fail(error, where//"a value longer than "//integer_text(longest_value)//" characters")
+      else if (scan(word, "(%)") > 0) then
+         call fail(error, where//"'"//excerpt(word)//"': array subscripts, components (%) and " &
+                   //"complex numbers are not supported")
+      end if
+   end subroutine check_word
+
+   !> The last entry must not repeat a key, nor be one too many.
+   pure subroutine check_key(entries, where, error)
+      type(entry_t), intent(in) :: entries(:)
+      character(len=*), intent(in) :: where
+      type(error_t), allocatable, intent(out) :: error
+      integer :: i, n
+
+      n = size(entries)
+      do i = 1, n - 1
+         if (entries(i)%key /= entries(n)%key) cycle
+         call fail(error, where//" "//trim(entries(n)%key)//": given twice in this group " &
+                   //"(first in line "//integer_text(entries(i)%line)//")")
+         return
+      end do
+      if (n > most_keys) call fail(error, where//": more than "//integer_text(most_keys)//" keys")
+   end subroutine check_key
+
+   !> Groups that share their name are told apart by their line in messages.
+   pure subroutine mark_repeated(groups, file, error)
+      type(group_t), intent(inout) :: groups(:)
+      character(len=*), intent(in) :: file
+      type(error_t), allocatable, intent(out) :: error
+      integer :: first(most_names)  ! group that first has a name
+      integer :: i, k, n
+
+      n = 0
+      do i = 1, size(groups)
+         do k = 1, n
+            if (groups(first(k))%name == groups(i)%name) exit
+         end do
+         if (k <= n) then
+            groups(first(k))%repeated = .true.
+            groups(i)%repeated = .true.
+         else if (n == most_names) then
+            call fail(error, place(file, groups(i)%line)//"more than " &
+                      //integer_text(most_names)//" different groups")
+            return
+         else
+            n = n + 1
+            first(n) = i
+         end if
+      end do
+   end subroutine mark_repeated
+
+   !> Past blanks, line ends and comments.
+   pure subroutine skip_blanks(text, at)
+      character(len=*), intent(in) :: text
+      type(cursor_t), intent(inout) :: at
+      logical :: comment
+
+      comment = .false.
+      do while (at%pos <= len(text))
+         select case (text(at%pos:at%pos))
+         case (achar(10))
+            at%line = at%line + 1
+            comment = .false.
+         case (" ", achar(9), achar(13))
+            continue
+         case ("!")
+            comment = .true.
+         case default
+            if (.not. comment) return
+         end select
+         at%pos = at%pos + 1
+      end do
+   end subroutine skip_blanks
+
+   !> Past all that can stand in an unquoted word; maybe nothing.
+   pure subroutine take_word(text, at)
+      character(len=*), intent(in) :: text
+      type(cursor_t), intent(inout) :: at
+      integer :: length
+
+      length = scan(text(at%pos:), word_end) - 1
+      if (length < 0) length = len(text) - at%pos + 1
+      at%pos = at%pos + length
+   end subroutine take_word
+
+   pure logical function is_at(text, at, sign)
+      character(len=*), intent(in) :: text
+      type(cursor_t), intent(in) :: at
+      character(len=1), intent(in) :: sign
+
+      is_at = .false.
+      if (at%pos <= len(text)) is_at = text(at%pos:at%pos) == sign
+   end function is_at
+
+   !> A letter, then letters, digits and underscores.
+   pure logical function is_name(word)
+      character(len=*), intent(in) :: word
+      character(len=*), parameter :: letters = "abcdefghijklmnopqrstuvwxyz"
+
+      is_name = .false.
+      if (len(word) < 1 .or. len(word) > name_length) return
+      is_name = verify(lower(word(1:1)), letters) == 0 .and. &
+                verify(lower(word), letters//digits//"_") == 0
+   end function is_name
+
+   pure function rest_of_line(text, first)
+      character(len=*), intent(in) :: text
+      integer, intent(in) :: first
+      character(len=:), allocatable :: rest_of_line
+      integer :: length
+
+      length = scan(text(first:), achar(10)//achar(13)) - 1
+      if (length < 0) length = len(text) - first + 1
+      rest_of_line = trim(text(first:first + length - 1))
+   end function rest_of_line
+
+   pure function place(file, line)
+      character(len=*), intent(in) :: file
+      integer, intent(in) :: line
+      character(len=:), allocatable :: place
+
+      place = file//": line "//integer_text(line)//": "
+   end function place
+
+   !> `value` so many times after the first `n` of `values`, which grow by doubling.
+   pure subroutine append(values, n, value, repeats)
+      type(value_t), allocatable, intent(inout) :: values(:)
+      integer, intent(inout) :: n
+      type(value_t), intent(in) :: value
+      integer, intent(in) :: repeats
+      type(value_t), allocatable :: larger(:)
+
+      if (n + repeats > size(values)) then
+         allocate (larger(max(2*n, n + repeats)))
+         larger(:n) = values(:n)
+         call move_alloc(larger, values)
+      end if
+      values(n + 1:n + repeats) = value
+      n = n + repeats
+   end subroutine append
+
+   pure subroutine enlarge_entries(entries)
+      type(entry_t), allocatable, intent(inout) :: entries(:)
+      type(entry_t), allocatable :: larger(:)
+
+      allocate (larger(2*size(entries)))
+      call move_entries(entries, larger(:size(entries)))
+      call move_alloc(larger, entries)
+   end subroutine enlarge_entries
+
+   !> Handed over, not copied: values may be many.
+   pure subroutine move_entries(from, to)
+      type(entry_t), intent(inout) :: from(:)
+      type(entry_t), intent(inout) :: to(:)
+      integer :: i
+
+      do i = 1, size(to)
+         to(i)%key = from(i)%key
+         to(i)%line = from(i)%line
+         call move_alloc(from(i)%text, to(i)%text)
+         call move_alloc(from(i)%value, to(i)%value)
+      end do
+   end subroutine move_entries
+
+   pure subroutine enlarge_groups(groups)
+      type(group_t), allocatable, intent(inout) :: groups(:)
+      type(group_t), allocatable :: larger(:)
+
+      allocate (larger(2*size(groups)))
+      call move_groups(groups, larger(:size(groups)))
+      call move_alloc(larger, groups)
+   end subroutine enlarge_groups
+
+   pure subroutine move_groups(from, to)
+      type(group_t), intent(inout) :: from(:)
+      type(group_t), intent(inout) :: to(:)
+      integer :: i
+
+      do i = 1, size(to)
+         to(i)%name = from(i)%name
+         to(i)%line = from(i)%line
+         to(i)%repeated = from(i)%repeated
+         call move_alloc(from(i)%file, to(i)%file)
+         call move_alloc(from(i)%entry, to(i)%entry)
+      end do
+   end subroutine move_groups
+end module rockfall_namelist

@@ -1,0 +1,85 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> What both doors do to a scene before it runs: bring release points and lines into local coordinates,
+!> and refuse sources where no boulder can be.
+module rockfall_scene
+   use rockfall_kinds, only: wp, i8
+   use rockfall_error, only: error_t, fail
+   use rockfall_terrain, only: terrain_t, patch_t, locate, on_terrain
+   use rockfall_line, only: line_t, line
+   use rockfall_impact, only: impact_set, impact_ratios
+   use rockfall_trajectory, only: scene_t
+   use rockfall_random, only: normal_table
+   implicit none
+   private
+   public :: set_sources, check_sources, add_line, set_impacts
+
+contains
+
+   !> Release points in map coordinates [m].
+   pure subroutine set_sources(scene, x, y)
+      type(scene_t), intent(inout) :: scene
+      real(wp), intent(in) :: x(:), y(:)
+
+      allocate (scene%release%x(size(x)), scene%release%y(size(x)))
+      scene%release%x = x - scene%dem%x0
+      scene%release%y = y - scene%dem%y0
+   end subroutine set_sources
+
+   !> Every source lies on known terrain.
+   pure subroutine check_sources(scene, error)
+      type(scene_t), intent(in) :: scene
+      type(error_t), allocatable, intent(out) :: error
+      type(patch_t) :: patch
+      character(len=300) :: text
+      real(wp) :: u, w
+      integer :: k
+
+      associate (dem => scene%dem, x => scene%release%x, y => scene%release%y)
+         do k = 1, size(x)
+            if (.not. on_terrain(dem, x(k), y(k))) then
+               write (text, "(a,i0,6(a,f0.3),a)") "&release: source ", k, " (", x(k) + dem%x0, ", ", y(k) + dem%y0, &
+                  ") lies outside the terrain between its outer cell centres: must be x ", dem%x0, " to ", &
+                  dem%x0 + (dem%nx - 1)*dem%cell, ", y ", dem%y0, " to ", dem%y0 + (dem%ny - 1)*dem%cell, ""
+               call fail(error, trim(text))
+               return
+            end if
+            call locate(dem, x(k), y(k), patch, u, w)
+            if (.not. patch%known) then
+               write (text, "(a,i0,2(a,f0.3),a)") "&release: source ", k, " (", x(k) + dem%x0, ", ", y(k) + dem%y0, &
+                  ") lies on nodata of the DEM, or beside it: must be on known terrain"
+               call fail(error, trim(text))
+               return
+            end if
+         end do
+      end associate
+   end subroutine check_sources
+
+   !> Add an evaluation line, in map coordinates [m].
+   pure subroutine add_line(scene, x, y)
+      type(scene_t), intent(inout) :: scene
+      real(wp), intent(in) :: x(:), y(:)
+      type(line_t), allocatable :: lines(:)
+      integer :: n
+
+      n = 0
+      if (allocated(scene%lines)) n = size(scene%lines)
+      allocate (lines(n + 1))
+      if (n > 0) lines(:n) = scene%lines
+      lines(n + 1) = line(x - scene%dem%x0, y - scene%dem%y0)
+      call move_alloc(lines, scene%lines)
+   end subroutine add_line
+
+   !> The impact sets, factored, and the table of normal numbers.
+   subroutine set_impacts(scene, mean, covariance, error)
+      type(scene_t), intent(inout) :: scene
+      real(wp), intent(in) :: mean(9, impact_ratios), covariance(9, 9, impact_ratios)
+      type(error_t), allocatable, intent(out) :: error
+      integer :: k
+
+      scene%table = normal_table()
+      do k = 1, impact_ratios
+         call impact_set(mean(:, k), covariance(:, :, k), scene%sets(k), error)
+         if (allocated(error)) return
+      end do
+   end subroutine set_impacts
+end module rockfall_scene

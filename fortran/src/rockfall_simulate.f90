@@ -1,0 +1,201 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Door 2: runs all boulders of a scene, and keeps what the case asks for.
+module rockfall_simulate
+   use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
+   use rockfall_kinds, only: wp, sp, i4, i8
+   use rockfall_error, only: error_t, fail
+   use rockfall_trajectory, only: fate_t, crossing_t, contact_t, scratch_t
+   use rockfall_map, only: maps_t, follows_cells
+   use rockfall_histogram, only: bins, quantities, bin_width
+   use rockfall_variables, only: boulder_counts
+   use rockfall_result, only: boulder_count_row
+   use rockfall_ensemble, only: run_boulders, trace_boulder, team_size
+   use rockfall_case, only: case_t, map_names
+   use rockfall_load, only: inputs_t
+   implicit none
+   private
+   public :: results_t, simulate, asks_for, real_map_row, bin_edge, rebound_counts
+
+   integer(i8), parameter :: chunk = 2_i8**20  !! boulders in one call
+
+   !> The vertices of a trajectory.
+   type :: path_t
+      type(contact_t), allocatable :: vertex(:)
+   end type path_t
+
+   !> What a run found, in local coordinates. Maps that nobody asked for are not allocated.
+   type :: results_t
+      integer(i8) :: boulders = 0
+      type(fate_t), allocatable :: fate(:)
+      type(crossing_t), allocatable :: crossing(:, :)    !! (lines, boulders)
+      integer(i4), allocatable :: passages(:, :), deposits(:, :)
+      integer(i8), allocatable :: energy_sum(:, :)       !! [J]
+      real(sp), allocatable :: energy_max(:, :), speed_max(:, :), jump_height_max(:, :)
+      integer(i8) :: histogram(bins, quantities) = 0
+      type(path_t), allocatable :: path(:)               !! of the first boulders
+      integer :: threads = 1
+      real(wp) :: wall = 0.0_wp, cpu = 0.0_wp            !! [s]
+   end type results_t
+
+contains
+
+   !> Run the case. It is refused when its results do not fit in memory.
+   subroutine simulate(case, inputs, results, error)
+      type(case_t), intent(in) :: case
+      type(inputs_t), intent(inout), target :: inputs
+      type(results_t), intent(out), target :: results
+      type(error_t), allocatable, intent(out) :: error
+      type(maps_t) :: maps
+      real(wp) :: cpu_start, cpu_end
+      integer(i8) :: first, last, start, end, rate
+
+      call make_room(case, inputs, results, error)
+      if (allocated(error)) return
+      maps = views(results)
+      inputs%scene%wants_cells = follows_cells(maps)
+      results%threads = team_size(case%threads)
+      call system_clock(start, rate)
+      call cpu_time(cpu_start)
+      do first = 1, results%boulders, chunk
+         last = min(results%boulders, first + chunk - 1)
+         call run_boulders(inputs%scene, first, results%threads, results%fate(first:last), &
+                           results%crossing(:, first:last), maps, results%histogram)
+      end do
+      call cpu_time(cpu_end)
+      call system_clock(end)
+      results%wall = real(end - start, wp)/rate
+      results%cpu = cpu_end - cpu_start
+      call trace(case, inputs, results, error)
+   end subroutine simulate
+
+   !> Places for the results of all boulders, and empty maps.
+   subroutine make_room(case, inputs, results, error)
+      type(case_t), intent(in) :: case
+      type(inputs_t), intent(in) :: inputs
+      type(results_t), intent(inout) :: results
+      type(error_t), allocatable, intent(out) :: error
+      integer(i8) :: n
+      integer :: status(7)
+
+      n = case%boulders*size(inputs%scene%release%x)
+      results%boulders = n
+      status = 0
+      allocate (results%fate(n), stat=status(1))
+      if (status(1) == 0) allocate (results%crossing(size(case%lines), n), stat=status(1))
+      associate (nx => inputs%grid%nx, ny => inputs%grid%ny)
+         if (asks_for(case, "passages") .or. asks_for(case, "reach_probability") &
+             .or. asks_for(case, "energy_mean")) allocate (results%passages(nx, ny), source=0_i4, stat=status(2))
+         if (asks_for(case, "deposits")) allocate (results%deposits(nx, ny), source=0_i4, stat=status(3))
+         if (asks_for(case, "energy_mean")) allocate (results%energy_sum(nx, ny), source=0_i8, stat=status(4))
+         if (asks_for(case, "energy_max")) allocate (results%energy_max(nx, ny), source=0.0_sp, stat=status(5))
+         if (asks_for(case, "speed_max_map")) allocate (results%speed_max(nx, ny), source=0.0_sp, stat=status(6))
+         if (asks_for(case, "jump_height_max_map")) then
+            allocate (results%jump_height_max(nx, ny), source=0.0_sp, stat=status(7))
+         end if
+      end associate
+      if (status(1) /= 0) then
+         call fail(error, case%file//": "//number(n)//" boulders do not fit in memory")
+      else if (any(status /= 0)) then
+         call fail(error, case%file//": &output maps do not fit in memory")
+      end if
+   end subroutine make_room
+
+   !> Whether the case asks for a map.
+   pure logical function asks_for(case, name)
+      type(case_t), intent(in) :: case
+      character(len=*), intent(in) :: name
+
+      asks_for = any(case%map .and. map_names == name)
+   end function asks_for
+
+   !> The kernel's view of the maps.
+   function views(results) result(maps)
+      type(results_t), intent(in), target :: results
+      type(maps_t) :: maps
+
+      if (allocated(results%passages)) maps%passages => results%passages
+      if (allocated(results%deposits)) maps%deposits => results%deposits
+      if (allocated(results%energy_sum)) maps%energy_sum => results%energy_sum
+      if (allocated(results%energy_max)) maps%energy_max => results%energy_max
+      if (allocated(results%speed_max)) maps%speed_max => results%speed_max
+      if (allocated(results%jump_height_max)) maps%jump_height_max => results%jump_height_max
+   end function views
+
+   !> Fly the first boulders once more, each alone, and keep their way.
+   subroutine trace(case, inputs, results, error)
+      type(case_t), intent(in) :: case
+      type(inputs_t), intent(in), target :: inputs
+      type(results_t), intent(inout) :: results
+      type(error_t), allocatable, intent(out) :: error
+      type(fate_t) :: fate
+      type(scratch_t) :: scratch
+      integer :: k, n, status
+
+      n = int(min(int(case%trajectories, i8), results%boulders))
+      allocate (results%path(n), stat=status)
+      do k = 1, n
+         if (status /= 0) exit
+         call trace_boulder(inputs%scene, int(k, i8), results%fate(k)%impacts + 3, fate, scratch)
+         allocate (results%path(k)%vertex(scratch%recorded), stat=status)
+         if (status == 0) results%path(k)%vertex = scratch%record(:scratch%recorded)
+      end do
+      if (status /= 0) then
+         call fail(error, case%file//": &output trajectories = "//number(int(n, i8))//": do not fit in memory")
+      end if
+   end subroutine trace
+
+   !> Row j of a map of reals as asked for; NaN where no boulder passed.
+   pure subroutine real_map_row(results, name, j, row)
+      type(results_t), intent(in) :: results
+      character(len=*), intent(in) :: name
+      integer, intent(in) :: j
+      real(sp), intent(out) :: row(:)
+      real(sp) :: nothing
+
+      nothing = ieee_value(1.0_sp, ieee_quiet_nan)
+      select case (name)
+      case ("reach_probability")
+         row = real(real(results%passages(:, j), wp)/results%boulders, sp)
+      case ("energy_mean")
+         row = nothing
+         where (results%passages(:, j) > 0)
+            row = real(real(results%energy_sum(:, j), wp)/max(1, results%passages(:, j)), sp)
+         end where
+      case ("energy_max")
+         row = merge(nothing, results%energy_max(:, j), results%energy_max(:, j) <= 0)
+      case ("speed_max_map")
+         row = merge(nothing, results%speed_max(:, j), results%speed_max(:, j) <= 0)
+      case ("jump_height_max_map")
+         row = merge(nothing, results%jump_height_max(:, j), results%jump_height_max(:, j) <= 0)
+      end select
+   end subroutine real_map_row
+
+   !> Edge k = 0, 1, ... of the bins of a histogram.
+   pure real(wp) function bin_edge(quantity, k)
+      integer, intent(in) :: quantity, k
+      real(wp), parameter :: decimals = 1.0e10_wp
+
+      bin_edge = anint(k*bin_width(quantity)*decimals)/decimals
+   end function bin_edge
+
+   !> The integers of all boulders (`boulder_counts`), added up.
+   pure function rebound_counts(results) result(total)
+      type(results_t), intent(in) :: results
+      integer(i8) :: total(size(boulder_counts))
+      integer(i8) :: b
+
+      total = 0
+      do b = 1, results%boulders
+         total = total + boulder_count_row(results%fate(b))
+      end do
+   end function rebound_counts
+
+   pure function number(n) result(text)
+      integer(i8), intent(in) :: n
+      character(len=:), allocatable :: text
+      character(len=20) :: buffer
+
+      write (buffer, "(i0)") n
+      text = trim(buffer)
+   end function number
+end module rockfall_simulate

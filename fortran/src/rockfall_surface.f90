@@ -1,0 +1,49 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> What the slope is made of under a contact: the radius R_m of the rocks there, by method B (one mean
+!> radius) or method A (three obstacle sizes drawn with probability 0.7, 0.2, 0.1); Bourrier et al. 2009,
+!> section 3.4 and table 1. An infinite radius absorbs the boulder.
+module rockfall_surface
+   use rockfall_kinds, only: wp, sp, i2
+   implicit none
+   private
+   public :: surface_t, rock_radius, method_a, method_b
+
+   integer, parameter :: method_a = 1, method_b = 2
+
+   !> One of: the same everywhere (neither array), zones with a table, or rasters of the values.
+   type :: surface_t
+      integer :: method = method_b
+      real(wp) :: size_to_radius = 0.5_wp  !! method A: 1/2 reads Rg as a diameter, 1 as a radius
+      !> Sizes of each material [m]: (1, m) the mean radius, or (1:3, m) Rg70, Rg20, Rg10.
+      real(wp), allocatable :: sizes(:, :)
+      integer(i2), pointer, contiguous :: zone(:, :) => null()    !! (nx, ny) column of `sizes`
+      real(sp), pointer, contiguous :: values(:, :, :) => null()  !! (nx, ny, 1 or 3) sizes of each cell [m]
+   end type surface_t
+
+contains
+
+   !> R_m [m] at a raster cell for one rebound; `u` in (0, 1) draws the obstacle size of method A.
+   pure real(wp) function rock_radius(surface, at, u)
+      type(surface_t), intent(in) :: surface
+      integer, intent(in) :: at(2)  !! column, row from the north
+      real(wp), intent(in) :: u
+      integer :: k
+
+      k = 1
+      if (surface%method == method_a) then
+         if (u >= 0.9_wp) then
+            k = 3
+         else if (u >= 0.7_wp) then
+            k = 2
+         end if
+      end if
+      if (associated(surface%zone)) then
+         rock_radius = surface%sizes(k, surface%zone(at(1), at(2)))
+      else if (associated(surface%values)) then
+         rock_radius = surface%values(at(1), at(2), k)
+      else
+         rock_radius = surface%sizes(k, 1)
+      end if
+      if (surface%method == method_a) rock_radius = rock_radius*surface%size_to_radius
+   end function rock_radius
+end module rockfall_surface

@@ -1,0 +1,211 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Terrain on a regular raster. Elevations belong to cell centres (nodes); between four nodes the surface
+!> is bilinear: a patch. Coordinates are local: x east, y north from the south-western node [m], so
+!> that the millions of a map projection cost no digits.
+module rockfall_terrain
+   use rockfall_kinds, only: wp, sp
+   implicit none
+   private
+   public :: terrain_t, patch_t, terrain, locate, within, on_terrain, read_patch, height, gradient, cell_of, &
+             cell_descent, steepest_cell_slope
+
+   !> A view of the caller's array, in the precision it came in. `z(i, r)`: column i from the west, row r
+   !> from the north, as files have it; NaN = no data.
+   type :: terrain_t
+      integer :: nx = 0, ny = 0                           !! nodes
+      real(wp) :: cell = 1.0_wp                           !! node spacing [m]
+      real(wp) :: per_cell = 1.0_wp                       !! 1/cell [1/m]
+      real(wp) :: x0 = 0.0_wp, y0 = 0.0_wp                !! south-western node in map coordinates [m]
+      real(wp), pointer, contiguous :: z8(:, :) => null() !! elevations, double precision [m], or
+      real(sp), pointer, contiguous :: z4(:, :) => null() !! single precision
+   end type terrain_t
+
+   !> z(u, w) = z00 + a u + b w + c u w over the patch between nodes (i, j) and (i+1, j+1), j from the
+   !> south; u, w in 0..1.
+   type :: patch_t
+      integer :: i = 0, j = 0
+      real(wp) :: z00 = 0.0_wp, a = 0.0_wp, b = 0.0_wp, c = 0.0_wp  !! [m]
+      logical :: known = .false.  !! false where a corner has no data, or outside
+   end type patch_t
+
+contains
+
+   !> A terrain over elevations whose outer north-western corner is (west, north) in map coordinates.
+   function terrain(west, north, cell, z8, z4) result(dem)
+      real(wp), intent(in) :: west, north, cell                  !! [m]
+      real(wp), intent(in), target, contiguous, optional :: z8(:, :)  !! one of the two [m]
+      real(sp), intent(in), target, contiguous, optional :: z4(:, :)
+      type(terrain_t) :: dem
+
+      if (present(z8)) then
+         dem%z8 => z8
+         dem%nx = size(z8, 1); dem%ny = size(z8, 2)
+      else
+         dem%z4 => z4
+         dem%nx = size(z4, 1); dem%ny = size(z4, 2)
+      end if
+      dem%cell = cell
+      dem%per_cell = 1/cell
+      dem%x0 = west + 0.5_wp*cell
+      dem%y0 = north - (dem%ny - 0.5_wp)*cell
+   end function terrain
+
+   !> Elevation of node (i, j), j from the south [m]; NaN where there is no data.
+   pure real(wp) function node(dem, i, j)
+      type(terrain_t), intent(in) :: dem
+      integer, intent(in) :: i, j
+
+      if (associated(dem%z8)) then
+         node = dem%z8(i, dem%ny + 1 - j)
+      else
+         node = dem%z4(i, dem%ny + 1 - j)
+      end if
+   end function node
+
+   !> The patch at a point, and the place in it. A point beyond the raster gets the nearest patch; one on
+   !> the edge of known terrain (within a billionth of a cell) gets a known patch.
+   pure subroutine locate(dem, x, y, patch, u, w)
+      type(terrain_t), intent(in) :: dem
+      real(wp), intent(in) :: x, y  !! [m]
+      type(patch_t), intent(out) :: patch
+      real(wp), intent(out) :: u, w
+      integer :: i, j, k
+
+      i = max(1, min(dem%nx - 1, int(x*dem%per_cell) + 1))
+      j = max(1, min(dem%ny - 1, int(y*dem%per_cell) + 1))
+      do k = 0, 3  ! itself, then its neighbours across a side and a corner
+         call read_patch(dem, i + mod(k, 2)*beyond(within(dem, x, i)), j + k/2*beyond(within(dem, y, j)), patch)
+         if (patch%known) exit
+      end do
+      if (.not. patch%known) call read_patch(dem, i, j, patch)
+      u = within(dem, x, patch%i)
+      w = within(dem, y, patch%j)
+   end subroutine locate
+
+   !> The neighbour (-1 or 1) across the side that a place 0..1 lies on; 0 away from sides.
+   pure integer function beyond(u)
+      real(wp), intent(in) :: u
+      real(wp), parameter :: on_side = 1.0e-9_wp
+
+      beyond = 0
+      if (u < on_side) beyond = -1
+      if (u > 1 - on_side) beyond = 1
+   end function beyond
+
+   !> Place 0..1 of a coordinate [m] in patch interval k.
+   pure real(wp) function within(dem, x, k)
+      type(terrain_t), intent(in) :: dem
+      real(wp), intent(in) :: x
+      integer, intent(in) :: k
+
+      within = max(0.0_wp, min(1.0_wp, x*dem%per_cell - (k - 1)))
+   end function within
+
+   !> True inside the hull of the cell centres (nodata apart).
+   pure logical function on_terrain(dem, x, y)
+      type(terrain_t), intent(in) :: dem
+      real(wp), intent(in) :: x, y  !! [m]
+
+      on_terrain = x >= 0 .and. y >= 0 .and. x <= (dem%nx - 1)*dem%cell .and. y <= (dem%ny - 1)*dem%cell
+   end function on_terrain
+
+   !> The patch (i, j); unknown outside the raster or beside nodata.
+   pure subroutine read_patch(dem, i, j, patch)
+      type(terrain_t), intent(in) :: dem
+      integer, intent(in) :: i, j
+      type(patch_t), intent(out) :: patch
+      real(wp) :: z10, z01, z11
+      integer :: r
+
+      patch%i = i
+      patch%j = j
+      if (i < 1 .or. j < 1 .or. i >= dem%nx .or. j >= dem%ny) return
+      r = dem%ny + 1 - j
+      if (associated(dem%z8)) then
+         patch%z00 = dem%z8(i, r); z10 = dem%z8(i + 1, r)
+         z01 = dem%z8(i, r - 1); z11 = dem%z8(i + 1, r - 1)
+      else
+         patch%z00 = dem%z4(i, r); z10 = dem%z4(i + 1, r)
+         z01 = dem%z4(i, r - 1); z11 = dem%z4(i + 1, r - 1)
+      end if
+      patch%a = z10 - patch%z00
+      patch%b = z01 - patch%z00
+      patch%c = (z11 - z10) - patch%b
+      patch%known = patch%a + z11 == patch%a + z11 .and. patch%b == patch%b
+   end subroutine read_patch
+
+   !> Height of a patch [m] at u, w in 0..1.
+   pure real(wp) function height(patch, u, w)
+      type(patch_t), intent(in) :: patch
+      real(wp), intent(in) :: u, w
+
+      height = patch%z00 + patch%a*u + w*(patch%b + patch%c*u)
+   end function height
+
+   !> Gradient (dz/dx, dz/dy) [-] of a patch at u, w in 0..1.
+   pure function gradient(dem, patch, u, w) result(g)
+      type(terrain_t), intent(in) :: dem
+      type(patch_t), intent(in) :: patch
+      real(wp), intent(in) :: u, w
+      real(wp) :: g(2)
+
+      g(1) = (patch%a + patch%c*w)*dem%per_cell
+      g(2) = (patch%b + patch%c*u)*dem%per_cell
+   end function gradient
+
+   !> The raster cell (node) nearest to a place in a patch: column from the west, row from the north.
+   pure function cell_of(dem, patch, u, w) result(at)
+      type(terrain_t), intent(in) :: dem
+      type(patch_t), intent(in) :: patch
+      real(wp), intent(in) :: u, w
+      integer :: at(2)
+
+      at(1) = patch%i
+      if (u >= 0.5_wp) at(1) = at(1) + 1
+      at(2) = dem%ny + 1 - patch%j
+      if (w >= 0.5_wp) at(2) = at(2) - 1
+   end function cell_of
+
+   !> The direction of steepest descent of a raster cell, by 3x3 finite differences (Horn 1981,
+   !> doi:10.1109/PROC.1981.11918), as the downhill vector -grad z, not normalised; and whether the cell is
+   !> a pit (none of its eight neighbours is lower). Where the window is incomplete: the patch's own
+   !> descent, and no pit.
+   pure subroutine cell_descent(dem, at, patch_gradient, descent, pit)
+      type(terrain_t), intent(in) :: dem
+      integer, intent(in) :: at(2)              !! as from cell_of
+      real(wp), intent(in) :: patch_gradient(2) !! [-]
+      real(wp), intent(out) :: descent(2)       !! [-]
+      logical, intent(out) :: pit
+      real(wp) :: z(-1:1, -1:1)  !! columns west to east, rows north to south
+      real(wp) :: gx, gy
+      integer :: i, r
+
+      descent = -patch_gradient
+      pit = .false.
+      i = at(1); r = at(2)
+      if (i < 2 .or. r < 2 .or. i >= dem%nx .or. r >= dem%ny) return
+      if (associated(dem%z8)) then
+         z = dem%z8(i - 1:i + 1, r - 1:r + 1)
+      else
+         z = dem%z4(i - 1:i + 1, r - 1:r + 1)
+      end if
+      gx = (z(1, -1) - z(-1, -1)) + 2*(z(1, 0) - z(-1, 0)) + (z(1, 1) - z(-1, 1))
+      gy = (z(-1, -1) - z(-1, 1)) + 2*(z(0, -1) - z(0, 1)) + (z(1, -1) - z(1, 1))
+      if (gx + gy /= gx + gy) return
+      descent = [-gx, -gy]*(0.125_wp*dem%per_cell)
+      pit = minval(z) >= z(0, 0)
+   end subroutine cell_descent
+
+   !> Tangent of the steepest slope of a raster cell (Horn 1981) [-]; NaN where the window is incomplete.
+   pure real(wp) function steepest_cell_slope(dem, at) result(slope)
+      use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
+      type(terrain_t), intent(in) :: dem
+      integer, intent(in) :: at(2)
+      real(wp) :: descent(2), missing(2)
+      logical :: pit
+
+      missing = ieee_value(0.0_wp, ieee_quiet_nan)
+      call cell_descent(dem, at, missing, descent, pit)
+      slope = sqrt(sum(descent**2))
+   end function steepest_cell_slope
+end module rockfall_terrain

@@ -1,0 +1,173 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Text from users: small files as one string, is it text at all, and quoting it in messages.
+module rockfall_textfile
+   use, intrinsic :: iso_fortran_env, only: iostat_end
+   use rockfall_kinds, only: i8
+   use rockfall_error, only: error_t, fail
+   implicit none
+   private
+   public :: read_text, check_text, after_mark, lower, integer_text, excerpt
+
+   integer(i8), parameter :: largest = 64*1024_i8**2  !! [bytes]
+
+contains
+
+   !> The whole of `file`, line ends and all.
+   subroutine read_text(file, text, error)
+      character(len=*), intent(in) :: file
+      character(len=:), allocatable, intent(out) :: text
+      type(error_t), allocatable, intent(out) :: error
+      character(len=200) :: message
+      character(len=1) :: extra
+      integer :: unit, status
+      integer(i8) :: size
+      logical :: exists
+
+      inquire (file=file, exist=exists)
+      if (.not. exists .or. len_trim(file) == 0) then
+         call fail(error, file//": no such file")
+         return
+      end if
+      open (newunit=unit, file=file, access="stream", form="unformatted", status="old", &
+            action="read", iostat=status, iomsg=message)
+      if (status /= 0) then
+         call fail(error, file//": cannot be opened: "//trim(message))
+         return
+      end if
+      inquire (unit=unit, size=size)
+      if (size > largest) then
+         call fail(error, file//": larger than 64 MB; not a text file of ours")
+      else
+         allocate (character(len=max(size, 0_i8)) :: text)
+         status = 0
+         if (size > 0) read (unit, iostat=status, iomsg=message) text
+         if (status /= 0) call fail(error, file//": cannot be read: "//trim(message))
+      end if
+      if (.not. allocated(error)) then  ! a pipe or a device does not know its size
+         read (unit, iostat=status, iomsg=message) extra
+         if (status == 0) then
+            call fail(error, file//": not a regular file, or it grew while it was read")
+         else if (status /= iostat_end) then
+            call fail(error, file//": cannot be read: "//trim(message))
+         end if
+      end if
+      close (unit)
+   end subroutine read_text
+
+   !> Refuse what is not text: control characters other than tabs and line ends, and broken UTF-8.
+   pure subroutine check_text(text, file, error)
+      character(len=*), intent(in) :: text
+      character(len=*), intent(in) :: file  !! for the message
+      type(error_t), allocatable, intent(out) :: error
+      integer :: i, line, length
+
+      line = 1
+      i = 1
+      do while (i <= len(text))
+         length = character_length(text, i)
+         if (length == 0) then
+            call fail(error, file//": line "//integer_text(line)//": character code " &
+                      //integer_text(ichar(text(i:i)))//" is not text (UTF-8 is due)")
+            return
+         end if
+         if (text(i:i) == achar(10)) line = line + 1
+         i = i + length
+      end do
+   end subroutine check_text
+
+   !> Bytes of the character that starts at `text(i:i)`; 0 if it is none that a text file may hold.
+   pure integer function character_length(text, i) result(length)
+      character(len=*), intent(in) :: text
+      integer, intent(in) :: i
+      integer :: code, k
+
+      code = ichar(text(i:i))
+      length = 0
+      select case (code)
+      case (9, 10, 32:126)
+         length = 1
+         return
+      case (13)  ! only as a part of a line end
+         if (i == len(text)) then
+            length = 1
+         else if (text(i + 1:i + 1) == achar(10)) then
+            length = 1
+         end if
+         return
+      case (194:223)
+         length = 2
+      case (224:239)
+         length = 3
+      case (240:244)
+         length = 4
+      case default
+         return
+      end select
+
+      if (i + length - 1 > len(text)) then
+         length = 0
+         return
+      end if
+      code = iand(code, ishft(255, -length - 1))
+      do k = i + 1, i + length - 1
+         if (iand(ichar(text(k:k)), 192) /= 128) length = 0
+         if (length == 0) return
+         code = 64*code + iand(ichar(text(k:k)), 63)
+      end do
+      if (code < ishft(1, 5*length - 4)) length = 0  ! a shorter form exists
+      if (code > 1114111 .or. (code >= 55296 .and. code <= 57343)) length = 0  ! no character
+   end function character_length
+
+   !> Where the text begins: after the byte-order mark if there is one.
+   pure integer function after_mark(text)
+      character(len=*), intent(in) :: text
+
+      after_mark = 1
+      if (len(text) < 3) return
+      if (text(:3) == char(239)//char(187)//char(191)) after_mark = 4
+   end function after_mark
+
+   !> ASCII letters in lower case; the rest as it is.
+   elemental function lower(text)
+      character(len=*), intent(in) :: text
+      character(len=len(text)) :: lower
+      integer :: i
+
+      lower = text
+      do i = 1, len(text)
+         if (text(i:i) < "A" .or. text(i:i) > "Z") cycle
+         lower(i:i) = achar(iachar(text(i:i)) + 32)
+      end do
+   end function lower
+
+   !> An integer without blanks, for messages.
+   pure function integer_text(number)
+      integer, intent(in) :: number
+      character(len=:), allocatable :: integer_text
+      character(len=12) :: buffer
+
+      write (buffer, "(i0)") number
+      integer_text = trim(buffer)
+   end function integer_text
+
+   !> Text fit for a message of one line: no line ends or tabs, and short. A cut is marked, and
+   !> splits no UTF-8 character.
+   pure function excerpt(text)
+      character(len=*), intent(in) :: text
+      character(len=:), allocatable :: excerpt
+      integer, parameter :: longest = 60
+      integer :: i, n
+
+      excerpt = text
+      if (len(text) > longest) then
+         n = longest - 3
+         do while (iand(ichar(text(n + 1:n + 1)), 192) == 128 .and. n > 1)
+            n = n - 1
+         end do
+         excerpt = text(:n)//"..."
+      end if
+      do i = 1, len(excerpt)
+         if (iachar(excerpt(i:i)) < 32) excerpt(i:i) = " "
+      end do
+   end function excerpt
+end module rockfall_textfile

@@ -1,0 +1,358 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Typed values of the keys of a namelist group, and messages about them.
+module rockfall_values
+   use rockfall_kinds, only: wp, i8
+   use rockfall_error, only: error_t, fail
+   use rockfall_decimal, only: parse_real, parse_integer, decimal_ok, decimal_malformed
+   use rockfall_namelist, only: group_t, entry_t
+   use rockfall_textfile, only: lower, integer_text, excerpt
+   implicit none
+   private
+   public :: has_key, value_count, get_text, get_integer, get_real, get_logical, refuse
+
+   integer, parameter :: most_texts = 1000  !! of a list of texts
+
+   !> The value or values of a key. An absent key leaves `value` as it is: set the default before.
+   !> A message names file, group, key and value: `case.nml: &boulder density = 'a': must be ...`
+   interface get_text
+      module procedure get_text_one, get_text_list
+   end interface get_text
+   interface get_integer
+      module procedure get_integer_one, get_integer_list
+   end interface get_integer
+   interface get_real
+      module procedure get_real_one, get_real_list
+   end interface get_real
+   interface get_logical
+      module procedure get_logical_one, get_logical_list
+   end interface get_logical
+
+contains
+
+   pure logical function has_key(group, key)
+      type(group_t), intent(in) :: group
+      character(len=*), intent(in) :: key  !! lower case
+
+      has_key = key_index(group, key) > 0
+   end function has_key
+
+   !> Number of values of `key`; 0 if it is absent.
+   pure integer function value_count(group, key)
+      type(group_t), intent(in) :: group
+      character(len=*), intent(in) :: key
+      integer :: k
+
+      value_count = 0
+      k = key_index(group, key)
+      if (k > 0) value_count = size(group%entry(k)%value)
+   end function value_count
+
+   pure integer function key_index(group, key)
+      type(group_t), intent(in) :: group
+      character(len=*), intent(in) :: key
+
+      do key_index = size(group%entry), 1, -1
+         if (group%entry(key_index)%key == key) return
+      end do
+   end function key_index
+
+   !> An error that shows `key` with its value, or value number `item` of several, and the `rule`.
+   pure subroutine refuse(group, key, rule, error, item)
+      type(group_t), intent(in) :: group
+      character(len=*), intent(in) :: key
+      character(len=*), intent(in) :: rule  !! such as "must be > 0 [kg/m3]"
+      type(error_t), allocatable, intent(out) :: error
+      integer, intent(in), optional :: item
+      character(len=:), allocatable :: message
+      integer :: k, one
+
+      k = key_index(group, key)
+      message = group%file//": "
+      if (group%repeated) message = message//"line "//integer_text(group%line)//": "
+      message = message//"&"//trim(group%name)//" "//key
+      if (k > 0) then
+         one = 0
+         if (present(item)) one = item
+         if (one > 0 .and. size(group%entry(k)%value) > 1) then
+            message = message//" (value "//integer_text(one)//")"
+         end if
+         message = message//" = "//shown(group%entry(k), one)
+      end if
+      call fail(error, message//": "//rule)
+   end subroutine refuse
+
+   !> The values as written, shortened; all of them if `item` is 0.
+   pure function shown(entry, item)
+      type(entry_t), intent(in) :: entry
+      integer, intent(in) :: item
+      character(len=:), allocatable :: shown
+      integer :: i
+
+      if (item > 0) then
+         shown = excerpt(as_written(entry, item))
+         return
+      end if
+      shown = as_written(entry, 1)
+      do i = 2, size(entry%value)
+         if (len(shown) > 100) exit
+         shown = shown//", "//as_written(entry, i)
+      end do
+      shown = excerpt(shown)
+   end function shown
+
+   pure function as_written(entry, i)
+      type(entry_t), intent(in) :: entry
+      integer, intent(in) :: i
+      character(len=:), allocatable :: as_written
+      character(len=1) :: quote
+
+      as_written = raw(entry, i)
+      if (.not. entry%value(i)%quoted) return
+      quote = entry%text(entry%value(i)%first - 1:entry%value(i)%first - 1)
+      as_written = quote//as_written//quote
+   end function as_written
+
+   pure function raw(entry, i)
+      type(entry_t), intent(in) :: entry
+      integer, intent(in) :: i
+      character(len=:), allocatable :: raw
+
+      raw = entry%text(entry%value(i)%first:entry%value(i)%last)
+   end function raw
+
+   !> Where `key` stands (0: absent), and that it has a single value.
+   pure subroutine find_one(group, key, k, error)
+      type(group_t), intent(in) :: group
+      character(len=*), intent(in) :: key
+      integer, intent(out) :: k
+      type(error_t), allocatable, intent(out) :: error
+
+      k = key_index(group, key)
+      if (value_count(group, key) > 1) then
+         call refuse(group, key, "must be one value, not " &
+                     //integer_text(value_count(group, key)), error)
+      end if
+   end subroutine find_one
+
+   pure subroutine get_text_one(group, key, value, error)
+      type(group_t), intent(in) :: group
+      character(len=*), intent(in) :: key
+      character(len=:), allocatable, intent(inout) :: value
+      type(error_t), allocatable, intent(out) :: error
+      integer :: k
+
+      call find_one(group, key, k, error)
+      if (k > 0 .and. .not. allocated(error)) call to_text(group, k, 1, value, error)
+   end subroutine get_text_one
+
+   !> Texts of at most the caller's length, padded with blanks.
+   pure subroutine get_text_list(group, key, values, error)
+      type(group_t), intent(in) :: group
+      character(len=*), intent(in) :: key
+      character(len=*), allocatable, intent(inout) :: values(:)
+      type(error_t), allocatable, intent(out) :: error
+      character(len=len(values)), allocatable :: found(:)
+      character(len=:), allocatable :: text
+      integer :: i, k
+
+      k = key_index(group, key)
+      if (k == 0) return
+      if (value_count(group, key) > most_texts) then
+         call refuse(group, key, "must be at most "//integer_text(most_texts)//" texts", error)
+         return
+      end if
+      allocate (found(value_count(group, key)))
+      do i = 1, size(found)
+         call to_text(group, k, i, text, error)
+         if (allocated(error)) return
+         found(i) = text
+         if (len_trim(text) <= len(found)) cycle
+         call refuse(group, key, "must be at most "//integer_text(len(found)) &
+                     //" characters", error, i)
+         return
+      end do
+      call move_alloc(found, values)
+   end subroutine get_text_list
+
+   pure subroutine get_integer_one(group, key, value, error)
+      type(group_t), intent(in) :: group
+      character(len=*), intent(in) :: key
+      integer(i8), intent(inout) :: value
+      type(error_t), allocatable, intent(out) :: error
+      integer :: k
+
+      call find_one(group, key, k, error)
+      if (k > 0 .and. .not. allocated(error)) call to_integer(group, k, 1, value, error)
+   end subroutine get_integer_one
+
+   pure subroutine get_integer_list(group, key, values, error)
+      type(group_t), intent(in) :: group
+      character(len=*), intent(in) :: key
+      integer(i8), allocatable, intent(inout) :: values(:)
+      type(error_t), allocatable, intent(out) :: error
+      integer(i8), allocatable :: found(:)
+      integer :: i, k
+
+      k = key_index(group, key)
+      if (k == 0) return
+      allocate (found(size(group%entry(k)%value)))
+      do i = 1, size(found)
+         call to_integer(group, k, i, found(i), error)
+         if (allocated(error)) return
+      end do
+      call move_alloc(found, values)
+   end subroutine get_integer_list
+
+   pure subroutine get_real_one(group, key, value, error)
+      type(group_t), intent(in) :: group
+      character(len=*), intent(in) :: key
+      real(wp), intent(inout) :: value
+      type(error_t), allocatable, intent(out) :: error
+      integer :: k
+
+      call find_one(group, key, k, error)
+      if (k > 0 .and. .not. allocated(error)) call to_real(group, k, 1, value, error)
+   end subroutine get_real_one
+
+   pure subroutine get_real_list(group, key, values, error)
+      type(group_t), intent(in) :: group
+      character(len=*), intent(in) :: key
+      real(wp), allocatable, intent(inout) :: values(:)
+      type(error_t), allocatable, intent(out) :: error
+      real(wp), allocatable :: found(:)
+      integer :: i, k
+
+      k = key_index(group, key)
+      if (k == 0) return
+      allocate (found(size(group%entry(k)%value)))
+      do i = 1, size(found)
+         call to_real(group, k, i, found(i), error)
+         if (allocated(error)) return
+      end do
+      call move_alloc(found, values)
+   end subroutine get_real_list
+
+   pure subroutine get_logical_one(group, key, value, error)
+      type(group_t), intent(in) :: group
+      character(len=*), intent(in) :: key
+      logical, intent(inout) :: value
+      type(error_t), allocatable, intent(out) :: error
+      integer :: k
+
+      call find_one(group, key, k, error)
+      if (k > 0 .and. .not. allocated(error)) call to_logical(group, k, 1, value, error)
+   end subroutine get_logical_one
+
+   pure subroutine get_logical_list(group, key, values, error)
+      type(group_t), intent(in) :: group
+      character(len=*), intent(in) :: key
+      logical, allocatable, intent(inout) :: values(:)
+      type(error_t), allocatable, intent(out) :: error
+      logical, allocatable :: found(:)
+      integer :: i, k
+
+      k = key_index(group, key)
+      if (k == 0) return
+      allocate (found(size(group%entry(k)%value)))
+      do i = 1, size(found)
+         call to_logical(group, k, i, found(i), error)
+         if (allocated(error)) return
+      end do
+      call move_alloc(found, values)
+   end subroutine get_logical_list
+
+   !> Value `i` of entry `k` as text, its doubled quotes made single.
+   pure subroutine to_text(group, k, i, value, error)
+      type(group_t), intent(in) :: group
+      integer, intent(in) :: k, i
+      character(len=:), allocatable, intent(inout) :: value
+      type(error_t), allocatable, intent(out) :: error
+      character(len=:), allocatable :: written
+      integer :: n, next
+
+      if (.not. group%entry(k)%value(i)%quoted) then
+         call refuse(group, trim(group%entry(k)%key), "must be text in quotes", error, i)
+         return
+      end if
+      written = as_written(group%entry(k), i)
+      n = 0
+      next = 2
+      do while (next < len(written))
+         n = n + 1
+         written(n:n) = written(next:next)
+         if (written(next:next) == written(len(written):)) next = next + 1
+         next = next + 1
+      end do
+      value = written(:n)
+   end subroutine to_text
+
+   pure subroutine to_integer(group, k, i, value, error)
+      type(group_t), intent(in) :: group
+      integer, intent(in) :: k, i
+      integer(i8), intent(inout) :: value
+      type(error_t), allocatable, intent(out) :: error
+      integer(i8) :: number
+      integer :: status
+
+      status = decimal_malformed
+      if (.not. group%entry(k)%value(i)%quoted) then
+         call parse_integer(raw(group%entry(k), i), number, status)
+      end if
+      if (status == decimal_ok) then
+         value = number
+      else if (status == decimal_malformed) then
+         call refuse(group, trim(group%entry(k)%key), "must be an integer", error, i)
+      else
+         call refuse(group, trim(group%entry(k)%key), "must be an integer of 64 bits", error, i)
+      end if
+   end subroutine to_integer
+
+   pure subroutine to_real(group, k, i, value, error)
+      type(group_t), intent(in) :: group
+      integer, intent(in) :: k, i
+      real(wp), intent(inout) :: value
+      type(error_t), allocatable, intent(out) :: error
+      real(wp) :: number
+      integer :: status
+
+      status = decimal_malformed
+      if (.not. group%entry(k)%value(i)%quoted) then
+         call parse_real(raw(group%entry(k), i), number, status)
+      end if
+      if (status == decimal_ok) then
+         value = number
+      else if (status /= decimal_malformed .or. is_not_finite(as_written(group%entry(k), i))) then
+         call refuse(group, trim(group%entry(k)%key), "must be a finite real number", error, i)
+      else
+         call refuse(group, trim(group%entry(k)%key), "must be a real number", error, i)
+      end if
+   end subroutine to_real
+
+   !> Inf and NaN, as the language writes them.
+   pure logical function is_not_finite(word)
+      character(len=*), intent(in) :: word
+      integer :: first
+
+      first = verify(word//"x", "+-")
+      is_not_finite = index(lower(word(first:)), "inf") == 1 .or. &
+                      index(lower(word(first:)), "nan") == 1
+   end function is_not_finite
+
+   pure subroutine to_logical(group, k, i, value, error)
+      type(group_t), intent(in) :: group
+      integer, intent(in) :: k, i
+      logical, intent(inout) :: value
+      type(error_t), allocatable, intent(out) :: error
+      character(len=:), allocatable :: word
+
+      word = lower(as_written(group%entry(k), i))
+      select case (word)
+      case (".true.", ".t.", "true", "t")
+         value = .true.
+      case (".false.", ".f.", "false", "f")
+         value = .false.
+      case default
+         call refuse(group, trim(group%entry(k)%key), "must be .true. or .false.", error, i)
+      end select
+   end subroutine to_logical
+end module rockfall_values

@@ -1,0 +1,25 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Where falling rocks go, how fast, how high and how often."""
+
+from importlib.metadata import PackageNotFoundError, version
+
+from rockfall.case import Case, read_case
+from rockfall.errors import RockfallError
+from rockfall.result import write_result
+from rockfall.simulate import Interrupted, run
+from rockfall.statistics import line_statistics
+
+try:
+    __version__ = version("rockfall")
+except PackageNotFoundError:  # a source tree that is not installed
+    __version__ = "unknown"
+
+__all__ = [
+    "Case",
+    "Interrupted",
+    "RockfallError",
+    "line_statistics",
+    "read_case",
+    "run",
+    "write_result",
+]

@@ -1,0 +1,169 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The case: what a run is told. Keys, defaults and ranges stand in the kernel's table alone."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterable, Mapping
+from functools import cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from rockfall._core import rockfall_f2py as _core
+from rockfall.errors import RockfallError
+
+FROM_ARRAY = "(array)"  # the DEM of a case that gets its elevations from `run(case, dem=...)`
+
+
+class Key(NamedTuple):
+    """A row of the table of keys; `default` is text as in a case file, "required" or "absent"."""
+
+    group: str
+    name: str
+    kind: str
+    most: int
+    default: str
+    allowed: str
+    unit: str
+    meaning: str
+
+
+@cache
+def key_table() -> tuple[Key, ...]:
+    """Every key of a case file, in order."""
+    rows = []
+    while text := _core.case_key(len(rows) + 1).decode().strip():
+        group, name, kind, most, *rest = text.split("|")
+        rows.append(Key(group, name, kind, int(most), *rest))
+    return tuple(rows)
+
+
+def read_case(path: str | Path) -> Case:
+    """The case in a namelist file. RockfallError names file, group, key, value and what is allowed."""
+    path = Path(path)
+    try:
+        text = path.read_bytes()
+    except OSError as error:
+        raise RockfallError(f"{path}: cannot be read: {error.strerror}") from error
+    _check(text, str(path))
+    groups = _parse(text.decode("utf-8-sig"))
+    lines = groups.pop("line", [])
+    return Case(line=lines, folder=path.parent, name=str(path), **groups)
+
+
+class Case:
+    """A case, group by group as in its file: `case.boulder["density"]`, `case.line[0]["name"]`.
+
+    Keys that are not given have their default, or are absent. File names are relative to `folder`.
+    """
+
+    def __init__(
+        self,
+        *,
+        line: Iterable[Mapping[str, Any]] = (),
+        folder: str | Path = ".",
+        name: str = "case",
+        **groups: Mapping[str, Any],
+    ) -> None:
+        self.folder, self.name = Path(folder), name
+        self.line = [dict(one) for one in line]
+        for key in key_table():
+            if key.group != "line" and key.group not in groups:
+                groups[key.group] = {}
+        if "dem" not in groups["terrain"]:
+            groups["terrain"] = {**groups["terrain"], "dem": FROM_ARRAY}
+        self._groups = {group: _plain(values) for group, values in groups.items()}
+        _check(self.text().encode(), name)
+        for group, values in _parse(_defaults()).items():
+            self._groups[group] = {**values, **self._groups[group]}
+        self._groups = {group: _typed(group, values) for group, values in self._groups.items()}
+        self.line = [_typed("line", one) for one in self.line]
+
+    def __getattr__(self, group: str) -> dict[str, Any]:
+        try:
+            return self.__dict__["_groups"][group]
+        except KeyError:
+            raise AttributeError(f"a case has no group {group!r}") from None
+
+    def __repr__(self) -> str:
+        return f"<rockfall.Case {self.name}: {self.case['title']!r}>"
+
+    def replace(self, *, line: Iterable[Mapping[str, Any]] | None = None, **groups: Any) -> Case:
+        """A case with other values: `case.replace(surface={"method": "A"})`; None takes a key out."""
+        changed = {
+            group: {**self._groups.get(group, {}), **groups.get(group, {})}
+            for group in {**self._groups, **groups}
+        }
+        lines = self.line if line is None else line
+        return Case(line=lines, folder=self.folder, name=self.name, **changed)
+
+    def text(self) -> str:
+        """The case as the text of a namelist file."""
+        import f90nml
+
+        namelist = f90nml.Namelist(
+            {name: values for name, values in self._groups.items() if values}
+        )
+        for one in self.line:
+            namelist.add_cogroup("line", f90nml.Namelist(_plain(one)))
+        text = io.StringIO()
+        namelist.write(text)
+        return text.getvalue()
+
+    def path(self, file: str) -> Path:
+        """The path of a file that the case names."""
+        return self.folder / file
+
+
+def _check(text: bytes, name: str) -> None:
+    code, message = _core.check_case(text or b"\n", name.encode())
+    if code:
+        raise RockfallError(message.decode(errors="replace").strip(), code)
+
+
+def _parse(text: str) -> dict[str, Any]:
+    """Groups of a text that has been checked; `line` is a list."""
+    import f90nml
+
+    namelist = f90nml.reads(text)
+    groups: dict[str, Any] = {}
+    for name in dict.fromkeys(key.group for key in key_table()):
+        if name in namelist:
+            found = namelist[name]  # a list where the group is repeated
+            several = [dict(one) for one in (found if isinstance(found, list) else [found])]
+            groups[name] = several if name == "line" else several[0]
+    return groups
+
+
+def _defaults() -> str:
+    groups: dict[str, str] = {}
+    for key in key_table():
+        if key.default not in ("required", "absent"):
+            groups[key.group] = f"{groups.get(key.group, '')} {key.name} = {key.default}"
+    return "\n".join(f"&{group} {values} /" for group, values in groups.items())
+
+
+def _plain(values: Mapping[str, Any]) -> dict[str, Any]:
+    """NumPy numbers, arrays, paths and tuples as what a namelist file has; no None, no empty list."""
+
+    def plain(value: Any) -> Any:
+        if isinstance(value, Path):
+            return str(value)
+        if hasattr(value, "tolist"):
+            return value.tolist()
+        return list(value) if isinstance(value, tuple) else value
+
+    found = {key.lower(): plain(value) for key, value in values.items()}
+    return {key: value for key, value in found.items() if value is not None and value != []}
+
+
+def _typed(group: str, values: Mapping[str, Any]) -> dict[str, Any]:
+    """Reals as float, and a list wherever the table allows several values."""
+    kinds = {key.name: key for key in key_table() if key.group == group}
+    typed = {}
+    for name, value in _plain(values).items():
+        several = value if isinstance(value, list) else [value]
+        if kinds[name].kind == "real":
+            several = [float(one) for one in several]
+        typed[name] = several if kinds[name].most > 1 else several[0]
+    return typed

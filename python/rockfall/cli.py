@@ -1,0 +1,194 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The command line: arguments in, exit status out. What a command does stands elsewhere."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import traceback
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, NoReturn
+
+from rockfall.errors import RockfallError
+
+if TYPE_CHECKING:
+    from rockfall.case import Case
+    from rockfall.scene import Scene
+
+DONE, FAULT, REFUSED, INTERRUPTED = 0, 1, 2, 130  # exit status
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run a command; returns the exit status. Whatever goes wrong is one line on stderr."""
+    if not sys.warnoptions:
+        warnings.simplefilter("ignore")  # of the packages below us, to their programmers
+    try:
+        arguments = _parser().parse_args(argv)
+        status = arguments.command(arguments)
+        sys.stdout.flush()
+        return status
+    except SystemExit as done:  # --help, --version
+        return int(done.code or DONE)
+    except RockfallError as error:
+        return _say(str(error), error.code)
+    except KeyboardInterrupt:
+        return _say("interrupted, nothing written", INTERRUPTED)
+    except MemoryError:
+        return _say("not enough memory for this case; `rockfall check` says what it needs", REFUSED)
+    except BrokenPipeError:
+        _close_stdout()  # who reads has seen enough
+        return DONE
+    except OSError as error:
+        _close_stdout()
+        return _say(f"{error.filename or 'output'}: {error.strerror or error}", REFUSED)
+    except Exception as error:
+        return _fault(error)
+
+
+class _Parser(argparse.ArgumentParser):
+    def error(self, message: str) -> NoReturn:
+        raise RockfallError(f"{message}; see {self.prog} --help")
+
+
+class _Version(argparse.Action):
+    """`--version`, looked up only when asked for."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
+        from rockfall import __version__
+
+        print(f"rockfall {__version__}")
+        parser.exit()
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = _Parser(
+        prog="rockfall", description="Where falling rocks go, how fast, how high and how often."
+    )
+    parser.add_argument("--version", action=_Version, nargs=0, help="print the version")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+
+    def command(name: str, does: str, what: str) -> argparse.ArgumentParser:
+        one = commands.add_parser(name, help=does, description=does[0].upper() + does[1:] + ".")
+        one.add_argument(what.lower(), metavar=what, type=Path)
+        one.set_defaults(command=globals()[f"_{name}"])
+        return one
+
+    command("check", "read and check everything, say what would run, run nothing", "CASE")
+    run = command("run", "run a case and write its result as netCDF", "CASE")
+    run.add_argument("-o", "--output", metavar="OUT.nc", type=Path, help="default: CASE.nc, here")
+    run.add_argument("--boulders", metavar="N", type=int, help="released from each source")
+    run.add_argument("--seed", metavar="N", type=int, help="of the random numbers")
+    run.add_argument("--threads", metavar="N", type=int, help="0 = all cores")
+    run.add_argument("--quiet", action="store_true", help="no progress, no summary")
+    prepare = command("prepare", "make a case that rockfall-batch reads without Python", "CASE")
+    prepare.add_argument("folder", metavar="DIR", type=Path, help="made; what is prepared there")
+    export = command("export", "write a result as GeoTIFF, GeoPackage and CSV", "OUT.nc")
+    export.add_argument("folder", metavar="DIR", type=Path, help="made where it is missing")
+    return parser
+
+
+def _check(arguments: argparse.Namespace) -> int:
+    from rockfall.case import read_case
+    from rockfall.preview import preview
+    from rockfall.scene import read_scene
+
+    scene = read_scene(read_case(arguments.case))
+    _warn(scene)
+    print(preview(scene))
+    return DONE
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    from rockfall.interrupts import interrupts
+    from rockfall.result import check_writable, write_result
+    from rockfall.scene import read_scene
+    from rockfall.simulate import Interrupted, run_scene
+    from rockfall.summary import summary
+
+    case = _overridden(arguments)
+    path = arguments.output or Path(f"{arguments.case.stem}.nc")
+    check_writable(path)
+    scene = read_scene(case)
+    _warn(scene)
+    with interrupts():  # what has been done is also written
+        try:
+            result = run_scene(scene, progress=not arguments.quiet, keep=False)
+        except Interrupted as stop:
+            return _keep(stop, path)
+        write_result(result, path)
+    if not arguments.quiet:
+        print(summary(result))
+        print(path)
+    return DONE
+
+
+def _prepare(arguments: argparse.Namespace) -> int:
+    from rockfall.batch import prepare
+    from rockfall.case import read_case
+
+    for path in prepare(read_case(arguments.case), arguments.folder):
+        print(path)
+    return DONE
+
+
+def _export(arguments: argparse.Namespace) -> int:
+    from rockfall.export import export
+
+    for path in export(getattr(arguments, "out.nc"), arguments.folder):
+        print(path)
+    return DONE
+
+
+def _overridden(arguments: argparse.Namespace) -> Case:
+    """The case with what the command line has in place of its own."""
+    from rockfall.case import read_case
+
+    case = read_case(arguments.case)
+    given = {key: getattr(arguments, key) for key in ("boulders", "seed", "threads")}
+    given = {key: value for key, value in given.items() if value is not None}
+    return case.replace(case=given) if given else case
+
+
+def _keep(stop: BaseException, path: Path) -> int:
+    """Write what was done before Ctrl-C."""
+    from rockfall.result import write_result
+
+    result = stop.result
+    done, asked = result.sizes["boulder"], result.attrs["boulders_asked"]
+    if not done:
+        raise KeyboardInterrupt
+    write_result(result, path)
+    holds = f"{path} holds the first {done:,} of {asked:,} boulders and is a valid result"
+    return _say(f"interrupted: {holds}", INTERRUPTED)
+
+
+def _warn(scene: Scene) -> None:
+    from rockfall.scene import lines_outside
+
+    for name in lines_outside(scene):
+        about = f"{scene.case.name}: &line name = '{name}': no part of it lies over the terrain"
+        print(f"rockfall: warning: {about}", file=sys.stderr)
+
+
+def _say(line: str, status: int) -> int:
+    print("rockfall:", " ".join(line.splitlines()), file=sys.stderr)
+    return status
+
+
+def _fault(error: Exception) -> int:
+    if os.environ.get("ROCKFALL_TRACEBACK"):
+        traceback.print_exc()
+    about = f"internal error: {type(error).__name__}: {error}"
+    return _say(f"{about} (please report; set ROCKFALL_TRACEBACK=1 for the trace)", FAULT)
+
+
+def _close_stdout() -> None:
+    """Nobody takes what is still to be printed; Python must not try again when it exits."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+if __name__ == "__main__":
+    sys.exit(main())

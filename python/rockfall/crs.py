@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Coordinate reference systems: their names, which are alike, and which the model can use."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from rockfall.errors import RockfallError
+
+if TYPE_CHECKING:
+    from rasterio.crs import CRS
+
+    from rockfall.grid import Grid
+
+
+def crs_name(crs: CRS) -> str:
+    """A short name: EPSG:25832, or the title of a system that has no number."""
+    code = crs.to_epsg()
+    return f"EPSG:{code}" if code else crs.to_dict(projjson=True).get("name", "unnamed")
+
+
+def same_crs(a: CRS | None, b: CRS | None) -> bool:
+    """Whether coordinates in plan mean the same; a system that is not known is like any other."""
+    if a is None or b is None:
+        return True
+    a, b = _in_plan(a), _in_plan(b)
+    return a == b or (a.to_epsg() is not None and a.to_epsg() == b.to_epsg())
+
+
+def check_metres(grid: Grid, path: str, warp: Callable[[str, str], str] | None = None) -> None:
+    """Refuse degrees and feet; `warp(word, options)` gives the command that makes file_word."""
+    crs = grid.crs
+    if crs is None:
+        return
+    if crs.is_geographic:
+        unit = "degrees"
+    elif crs.is_projected and abs(crs.linear_units_factor[1] - 1.0) > 1e-9:
+        unit = crs.linear_units_factor[0]
+    else:
+        return
+    cure = f"reproject to {_utm(grid)}"
+    if warp is not None:
+        cure = f"reproject with: {warp('utm', f'--dst-crs {_utm(grid)} --resampling bilinear')}"
+    raise RockfallError(f"{path}: cells are in {unit} ({crs_name(crs)}), metres are needed; {cure}")
+
+
+def _in_plan(crs: CRS) -> CRS:
+    """The horizontal part of a system that also tells what heights refer to."""
+    from rasterio.crs import CRS
+
+    about = crs.to_dict(projjson=True)
+    if about.get("type") != "CompoundCRS":
+        return crs
+    return CRS.from_user_input(json.dumps(about["components"][0]))
+
+
+def _utm(grid: Grid) -> str:
+    """The UTM zone in which the middle of a raster lies."""
+    from rasterio.warp import transform
+
+    middle = (grid.west + grid.east) / 2, (grid.south + grid.north) / 2
+    (longitude,), (latitude,) = transform(grid.crs, "EPSG:4326", *([c] for c in middle))
+    zone = int((longitude + 180.0) // 6.0) % 60 + 1
+    return f"EPSG:{(32600 if latitude >= 0 else 32700) + zone}"

@@ -1,0 +1,34 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What an array of elevations must be, wherever it comes from."""
+
+import numpy as np
+
+from rockfall.errors import RockfallError
+from rockfall.grid import row_blocks
+
+
+def elevation_dtype(stored: np.dtype | str, name: str) -> np.dtype:
+    """float32 for what it holds exactly (integers of 8 and 16 bits too), float64 for the rest."""
+    stored = np.dtype(stored)
+    if stored.kind not in "iuf":
+        raise RockfallError(f"{name}: elevations are of type {stored}, real numbers are needed")
+    return np.dtype(np.float32 if np.can_cast(stored, np.float32) else np.float64)
+
+
+def check_elevations(name: str, z: np.ndarray) -> None:
+    """Refuse rasters too small for a patch, infinite elevations, and rasters without any."""
+    ny, nx = z.shape
+    if min(nx, ny) < 2:
+        raise RockfallError(f"{name}: {nx} x {ny} cells, at least 2 x 2 are needed")
+    some = False
+    for rows in row_blocks(z.shape):
+        infinite = np.argwhere(np.isinf(z[rows]))
+        if infinite.size:
+            row, column = infinite[0] + (rows.start, 0)
+            raise RockfallError(
+                f"{name}: row {row + 1}, column {column + 1}: elevation {z[row, column]:g}: "
+                "must be finite or nodata"
+            )
+        some = some or not np.isnan(z[rows]).all()
+    if not some:
+        raise RockfallError(f"{name}: all cells are nodata")

@@ -1,0 +1,13 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The one exception a user of rockfall meets."""
+
+
+class RockfallError(ValueError):
+    """One line that says what is wrong, where, and what is allowed.
+
+    `code` is the exit status: 2 when the input can be mended, 1 when the fault is ours.
+    """
+
+    def __init__(self, message: str, code: int = 2) -> None:
+        super().__init__(" ".join(str(message).splitlines()))
+        self.code = code

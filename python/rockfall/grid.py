@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Where the cells of a raster lie: north-up, square, in metres."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from affine import Affine
+    from rasterio.crs import CRS
+
+#: Marks the cells without a number in rasters of integers; no zone can have it.
+NO_ID = int(np.iinfo(np.int32).min)
+
+#: Edges that differ by less than this part of a cell are the same edge.
+TOLERANCE = 1e-6
+
+_BLOCK = 1_000_000  # cells
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Raster geometry; row 0 is the northernmost, as in files.
+
+    `west` and `north` are the outer edges [m], `cell` the side of a cell [m], `path` the file it
+    came from (for messages only).
+    """
+
+    west: float
+    north: float
+    cell: float
+    nx: int
+    ny: int
+    crs: CRS | None = None
+    path: str | None = field(default=None, compare=False)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(ny, nx), the shape of its arrays."""
+        return self.ny, self.nx
+
+    @property
+    def east(self) -> float:
+        """Outer eastern edge [m]."""
+        return self.west + self.nx * self.cell
+
+    @property
+    def south(self) -> float:
+        """Outer southern edge [m]."""
+        return self.north - self.ny * self.cell
+
+    @property
+    def x(self) -> np.ndarray:
+        """Cell centres from west to east [m], shape (nx,)."""
+        return self.west + (np.arange(self.nx) + 0.5) * self.cell
+
+    @property
+    def y(self) -> np.ndarray:
+        """Cell centres from north to south [m], shape (ny,)."""
+        return self.north - (np.arange(self.ny) + 0.5) * self.cell
+
+    @property
+    def transform(self) -> Affine:
+        """The affine transform from (column, row) to (x, y), as rasterio has it."""
+        from affine import Affine
+
+        return Affine(self.cell, 0.0, self.west, 0.0, -self.cell, self.north)
+
+    def matches(self, other: Grid) -> bool:
+        """Whether both have the same cells, up to `TOLERANCE` of a cell; CRS apart."""
+        near = TOLERANCE * self.cell
+        return self.shape == other.shape and all(
+            abs(getattr(self, edge) - getattr(other, edge)) <= near
+            for edge in ("west", "east", "south", "north")
+        )
+
+    def overlaps(self, other: Grid) -> bool:
+        """Whether the two have ground in common; CRS apart."""
+        return max(self.west, other.west) < min(self.east, other.east) and max(
+            self.south, other.south
+        ) < min(self.north, other.north)
+
+
+def row_blocks(shape: tuple[int, int], multiple: int = 1) -> Iterator[slice]:
+    """Slices of rows, about a million cells each, a multiple of so many rows."""
+    ny, nx = shape
+    step = max(1, _BLOCK // (max(1, nx) * multiple)) * multiple
+    return (slice(first, min(first + step, ny)) for first in range(0, ny, step))

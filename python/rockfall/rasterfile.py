@@ -1,0 +1,189 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""One raster file: opened with every doubt about it cleared, read in blocks of rows."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from shlex import quote
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rockfall.asciigrid import check_size, read_rows
+from rockfall.elevations import elevation_dtype
+from rockfall.errors import RockfallError
+from rockfall.grid import TOLERANCE, Grid, row_blocks
+
+if TYPE_CHECKING:
+    from rasterio.io import DatasetReader
+
+_CACHE = 32  # MB, a row of tiles of a wide raster; GDAL would take 5 % of the machine
+_ASCII_NODATA = -9999.0  # what ESRI ASCII means when it does not say
+
+
+@dataclass(frozen=True)
+class RasterFile:
+    """An open raster file, and where its cells lie."""
+
+    path: str
+    source: DatasetReader
+    grid: Grid
+    flipped: bool  #: the first row of the file is the southernmost
+
+    @property
+    def dtype(self) -> np.dtype:
+        """The type that holds the elevations of the file as they are."""
+        if self.source.driver == "AAIGrid" or self._scaled:
+            return np.dtype(np.float64)
+        return elevation_dtype(self.source.dtypes[0], self.path)
+
+    def blocks(self) -> Iterator[tuple[slice, np.ndarray, np.ndarray]]:
+        """(rows in memory, values, where they are data), north-up; values may be changed."""
+        for rows, block, valid in self._stored():
+            if self._scaled:
+                block = block * float(self.source.scales[0]) + float(self.source.offsets[0])
+            if block.dtype.kind == "f":
+                valid = valid & ~np.isnan(block)
+            if self.flipped:
+                rows = slice(self.grid.ny - rows.stop, self.grid.ny - rows.start)
+                block, valid = block[::-1], valid[::-1]
+            yield rows, block, valid
+
+    def warp(self, word: str, options: str) -> str:
+        """The command that resamples this file into dem_word.tif; holes become nodata, not 0."""
+        if self.source.nodata is None:
+            dtype = np.dtype(self.source.dtypes[0])
+            mark = np.iinfo(dtype).max if dtype.kind == "u" else -9999
+            options += f" --src-nodata {mark} --dst-nodata {mark}"
+        path = Path(self.path.replace(".nc:", "_"))
+        out = path.with_name(f"{path.stem}_{word}.tif")
+        return f"rio warp {quote(_gdal_name(self.path))} {quote(str(out))} {options}"
+
+    def flaw(self) -> str:
+        """Why its cells cannot be those of a grid; empty when they can."""
+        t, far = self.source.transform, max(self.grid.shape)
+        if max(abs(t.b), abs(t.d)) * far > TOLERANCE * abs(t.a):
+            return "is rotated"
+        if t.a < 0:
+            return "is mirrored: columns run from east to west"
+        if abs(t.a - abs(t.e)) * far > TOLERANCE * t.a:
+            return f"cells are not square ({t.a:.10g} x {abs(t.e):.10g} m)"
+        return ""
+
+    def check_cells(self) -> None:
+        """Refuse cells with a flaw; offer the command that makes square ones."""
+        if not (flaw := self.flaw()):
+            return
+        t = self.source.transform
+        if t.a < 0 and not t.b:
+            raise RockfallError(f"{self.path}: {flaw}")
+        side = min(float(np.hypot(t.a, t.d)), float(np.hypot(t.b, t.e)))
+        command = self.warp("square", f"--res {side:.10g} --resampling bilinear")
+        raise RockfallError(f"{self.path}: {flaw}; resample with: {command}")
+
+    @property
+    def _scaled(self) -> bool:
+        return (self.source.scales[0], self.source.offsets[0]) != (1.0, 0.0)
+
+    def _stored(self) -> Iterator[tuple[slice, np.ndarray, np.ndarray]]:
+        """Blocks as the file has them: (rows in the file, values, where they are data)."""
+        from rasterio.windows import Window
+
+        if self.source.driver == "AAIGrid":
+            nodata = _ASCII_NODATA if self.source.nodata is None else self.source.nodata
+            for rows, block in read_rows(self.path, *self.grid.shape):
+                yield rows, block, block != nodata
+            return
+        for rows in row_blocks(self.grid.shape, self.source.block_shapes[0][0]):
+            window = Window(0, rows.start, self.grid.nx, rows.stop - rows.start)
+            valid = self.source.read_masks(1, window=window) != 0
+            yield rows, self.source.read(1, window=window), valid
+
+
+@contextmanager
+def open_raster(path: str | Path) -> Iterator[RasterFile]:
+    """Open a raster of one band that says where it lies; `path` may be `file.nc:variable`.
+
+    Whatever GDAL has to say against it, now or while it is read, comes as one line.
+    """
+    import rasterio
+
+    path = str(path)
+    with rasterio.Env(GDAL_CACHEMAX=_CACHE), warnings.catch_warnings():
+        warnings.simplefilter("ignore", rasterio.errors.NotGeoreferencedWarning)
+        try:
+            with _dataset(_gdal_name(path)) as source:
+                _check_band(path, source)
+                _check_place(path, source)
+                t = source.transform
+                north = t.f if t.e < 0 else t.f + source.height * t.e
+                grid = Grid(t.c, north, t.a, source.width, source.height, source.crs, path)
+                raster = RasterFile(path, source, grid, flipped=t.e > 0)
+                _check_size(raster)
+                yield raster
+        except rasterio.errors.RasterioError as error:
+            raise RockfallError(
+                f"{path}: cannot be read as a raster (unknown format, truncated or damaged): "
+                f"{error.__cause__ or error}"
+            ) from error
+
+
+def _gdal_name(path: str) -> str:
+    """The name by which GDAL opens a file, or one variable of a netCDF file."""
+    file, variable = path, ""
+    if not Path(path).exists() and ".nc:" in path:
+        file, _, variable = path.rpartition(":")
+    if not Path(file).exists():
+        raise RockfallError(f"{path}: no such file")
+    if Path(file).is_file() and Path(file).stat().st_size == 0:
+        raise RockfallError(f"{path}: is empty")
+    return f'NETCDF:"{file}":{variable}' if variable else file
+
+
+def _dataset(name: str) -> DatasetReader:
+    """The file, open; the nodata value of ESRI ASCII is not to be rounded to float32."""
+    import rasterio
+
+    source = rasterio.open(name)
+    return rasterio.open(name, DATATYPE="Float64") if source.driver == "AAIGrid" else source
+
+
+def _check_band(path: str, source: DatasetReader) -> None:
+    if source.count == 0 and source.subdatasets:
+        names = (f"{path}:{name.rpartition(':')[2]}" for name in source.subdatasets)
+        raise RockfallError(f"{path}: has several rasters, take one of: {', '.join(names)}")
+    if source.count != 1:
+        raise RockfallError(f"{path}: has {source.count} bands, exactly one is needed")
+    if np.dtype(source.dtypes[0]).kind not in "iuf":
+        raise RockfallError(f"{path}: holds {source.dtypes[0]}, real numbers are needed")
+
+
+def _check_place(path: str, source: DatasetReader) -> None:
+    """Refuse a raster that lies nowhere."""
+    if not source.transform.is_identity:
+        return
+    if source.driver != "netCDF":
+        raise RockfallError(f"{path}: does not say where it lies (no georeference)")
+    raise RockfallError(
+        f"{path}: its coordinates are not marked as such: give x the attribute axis = 'X' and "
+        "y the attribute axis = 'Y'"
+    )
+
+
+def _check_size(raster: RasterFile) -> None:
+    """Refuse a header that promises more than the file, or the machine, can hold."""
+    ny, nx = raster.grid.shape
+    if raster.source.driver == "AAIGrid":
+        check_size(raster.path, ny, nx)
+    need = 4e-9 * nx * ny
+    have = 1e-9 * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    if need > have:
+        raise RockfallError(
+            f"{raster.path}: {nx} x {ny} cells need {need:.0f} GB of memory, "
+            f"this machine has {have:.0f} GB"
+        )

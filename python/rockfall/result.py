@@ -1,0 +1,246 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The result of a run: one xarray.Dataset, one CF netCDF file."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rockfall import variables
+from rockfall._core import rockfall_f2py as _core
+from rockfall.errors import RockfallError
+from rockfall.files import whole_file
+from rockfall.grid import row_blocks
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from rockfall.grid import Grid
+    from rockfall.simulate import Tally
+
+NO_COUNT = -1  # fill value of counts
+TILE = 256  # cells of a map that are compressed together, either way
+
+
+def make_result(tally: Tally) -> xr.Dataset:
+    """Everything that a run found, as interface names of `variables`."""
+    import xarray as xr
+
+    data: dict[str, Any] = {}
+    _add_boulders(data, tally)
+    if tally.scene.case.line:
+        _add_lines(data, tally)
+    if tally.maps:
+        _add_maps(data, tally)
+    if tally.scene.case.output["rebounds"]:
+        _add_histograms(data, tally)
+    if tally.trajectories:
+        _add_trajectories(data, tally)
+    result = xr.Dataset(data, attrs=_attributes(tally))
+    names = {"boulder", "line", "x", "y", *(name for name in data if name.endswith("_bin"))}
+    return result.set_coords(sorted(names & set(data)))
+
+
+def _add_boulders(data: dict[str, Any], tally: Tally) -> None:
+    from rockfall.simulate import fields
+
+    columns = dict(zip(fields(1), tally.boulder[: tally.done].T, strict=True))
+    columns |= dict(zip(fields(2), tally.count[: tally.done].T, strict=True))
+    number = np.arange(1, tally.done + 1)
+    data["boulder"] = ("boulder", number, {"units": "1", "long_name": "number of the boulder"})
+    for name, about in variables.BOULDER.items():
+        values = columns[name].astype("i1") if name == "status" else columns[name]
+        data[name] = ("boulder", values, about | (_flags() if name == "status" else {}))
+    for name, about in variables.COUNT.items():
+        data[name] = ((), columns[name].sum(dtype="i8"), about)
+
+
+def _flags() -> dict[str, Any]:
+    """What the numbers of `status` mean, as CF says it."""
+    values = np.array(list(variables.STATUS.values()), "i1")
+    return {"flag_values": values, "flag_meanings": " ".join(variables.STATUS)}
+
+
+def _add_lines(data: dict[str, Any], tally: Tally) -> None:
+    from rockfall.simulate import fields
+
+    lines = tally.scene.case.line
+    names = np.array([line["name"] for line in lines], dtype=object)
+    data["line"] = ("line", names, {"long_name": "name of the evaluation line"})
+    for k, name in enumerate(fields(3)):
+        about = variables.LINE[name]
+        data[f"line_{name}"] = (("line", "boulder"), tally.crossing[: tally.done, :, k].T, about)
+    vertices = {
+        "line": np.repeat(np.arange(len(lines)), [len(line["x"]) for line in lines]).astype("i4"),
+        "x": np.concatenate([line["x"] for line in lines]),
+        "y": np.concatenate([line["y"] for line in lines]),
+    }
+    for name, about in variables.LINE_VERTEX.items():
+        data[f"line_vertex_{name}"] = ("line_vertex", vertices[name], about)
+
+
+def _add_maps(data: dict[str, Any], tally: Tally) -> None:
+    grid, maps = tally.scene.grid, tally.maps
+    asked = tally.scene.case.output["maps"]
+    for axis, centres, word in (("x", grid.x, "easting"), ("y", grid.y, "northing")):
+        about = {
+            "units": "m",
+            "long_name": f"{word} of cell centres",
+            "standard_name": f"projection_{axis}_coordinate",
+            "axis": axis.upper(),
+        }
+        data[axis] = (axis, centres, about)
+    data["crs"] = ((), np.int32(0), _grid_mapping(grid))
+    for name, about in variables.MAP.items():
+        if name in asked:
+            values = _map(name, maps, tally.done)
+            data[name] = (("y", "x"), values, about | {"grid_mapping": "crs"})
+
+
+def _map(name: str, maps: dict[str, np.ndarray], boulders: int) -> np.ndarray:
+    """A map as asked for; NaN where no boulder passed."""
+    if name in ("passages", "deposits"):
+        return maps[name]
+    derived = name in ("reach_probability", "energy_mean")
+    values = np.empty(maps["passages"].shape, "f4") if derived else maps[name.removesuffix("_map")]
+    for rows in row_blocks(values.shape):
+        if name == "reach_probability":
+            values[rows] = maps["passages"][rows] / np.float32(boulders)
+        elif name == "energy_mean":
+            with np.errstate(invalid="ignore"):
+                values[rows] = maps["energy_sum"][rows] / maps["passages"][rows]
+        else:
+            values[rows][values[rows] == 0] = np.nan
+    return values
+
+
+def _grid_mapping(grid: Grid) -> dict[str, Any]:
+    from rockfall.cf import grid_mapping
+
+    transform = f"{grid.west!r} {grid.cell!r} 0.0 {grid.north!r} 0.0 {-grid.cell!r}"
+    about = {"units": "1", "long_name": "coordinate reference system", "GeoTransform": transform}
+    return about | (grid_mapping(grid.crs) if grid.crs else {})
+
+
+def _add_histograms(data: dict[str, Any], tally: Tally) -> None:
+    bins, widths = _core.histogram_bins()
+    for k, (name, quantity) in enumerate(variables.HISTOGRAM.items()):
+        dim, n = f"{name}_bin", int(bins[k])
+        edges = np.round(np.arange(n + 1) * widths[k], 10)
+        data[dim] = (
+            dim,
+            (edges[:-1] + edges[1:]) / 2,
+            {
+                "units": quantity["units"],
+                "long_name": quantity["long_name"],
+                "bounds": f"{dim}_bounds",
+            },
+        )
+        data[f"{dim}_bounds"] = (
+            (dim, "bound"),
+            np.stack([edges[:-1], edges[1:]], axis=1),
+            {"units": quantity["units"], "long_name": f"edges of the bins of {name}"},
+        )
+        about = quantity | {"units": "1", "long_name": f"rebounds by {quantity['long_name']}"}
+        data[f"{name}_histogram"] = (dim, tally.histogram[k, :n], about)
+
+
+def _add_trajectories(data: dict[str, Any], tally: Tally) -> None:
+    from rockfall.simulate import fields
+
+    vertices = np.concatenate(tally.trajectories)
+    columns = dict(zip(fields(4), vertices.T, strict=True))
+    lengths = [len(one) for one in tally.trajectories]
+    columns["boulder"] = np.repeat(np.arange(1, len(lengths) + 1), lengths)
+    for name, about in variables.VERTEX.items():
+        data[f"trajectory_{name}"] = ("trajectory_vertex", columns[name], about)
+
+
+def _attributes(tally: Tally) -> dict[str, Any]:
+    from rockfall import __version__
+
+    scene = tally.scene
+    return {
+        "Conventions": "CF-1.8",
+        "title": scene.case.case["title"],
+        "source": f"rockfall {__version__}, stochastic impact model of Bourrier et al. (2009)",
+        "version": __version__,
+        "case": scene.case.text(),
+        "seed": scene.case.case["seed"],
+        "boulder_first": 1,
+        "boulder_last": tally.done,
+        "boulders_asked": scene.boulders,
+        "complete": int(tally.done == scene.boulders),
+        "impact_set": scene.case.impact["sets"],
+        "impact_set_checksum": scene.checksums["sets"],
+        "input_checksums": json.dumps(scene.checksums, sort_keys=True),
+        "threads": _core.team(tally.threads),
+        "wall_seconds": tally.wall,
+        "cpu_seconds": tally.cpu,
+    }
+
+
+def check_writable(path: str | Path) -> None:
+    """Refuse a place where no result can be written, before the run and not after it."""
+    path = Path(path)
+    if path.is_dir():
+        raise RockfallError(f"{path}: is a folder; a file name is needed")
+    if path.exists() and not _is_netcdf(path):
+        raise RockfallError(f"{path}: is there, and not a netCDF file; it is not overwritten")
+    if not path.parent.is_dir():
+        raise RockfallError(f"{path}: there is no folder {path.parent}")
+    try:
+        tempfile.TemporaryFile(dir=path.parent).close()
+    except OSError as error:
+        raise RockfallError(
+            f"{path}: folder {path.parent} is not writable: {error.strerror}"
+        ) from error
+
+
+def _is_netcdf(path: Path) -> bool:
+    if not path.is_file():
+        return False
+    with open(path, "rb") as file:
+        return file.read(4) in (b"\x89HDF", b"CDF\x01", b"CDF\x02", b"CDF\x05")
+
+
+def write_result(result: xr.Dataset, path: str | Path) -> None:
+    """Write a result as netCDF, whole or not at all."""
+    check_writable(path)
+    maps = [name for name, variable in result.data_vars.items() if variable.dims == ("y", "x")]
+    rest = result.drop_vars(maps)
+    encoding = {name: {"_FillValue": _fill(result[name])} for name in rest.variables}
+    with whole_file(path) as part:
+        try:
+            rest.to_netcdf(part, engine="netcdf4", encoding=encoding)
+            if maps:
+                _write_maps(part, result[maps])
+        except (RuntimeError, PermissionError) as error:  # netCDF4 reports a full disk so
+            raise RockfallError(f"{path}: cannot be written: {error}; disk full?") from error
+
+
+def _write_maps(path: Path, maps: xr.Dataset) -> None:
+    """Add maps to a file, in blocks of rows; xarray would copy each of them whole."""
+    import netCDF4
+
+    with netCDF4.Dataset(path, "a") as file:
+        for name, variable in maps.data_vars.items():
+            tile = tuple(min(TILE, size) for size in variable.shape)
+            stored = file.createVariable(
+                name, variable.dtype, ("y", "x"), chunksizes=tile, zlib=True, complevel=1,
+                shuffle=True, fill_value=_fill(variable),
+            )  # fmt: skip
+            stored.setncatts(variable.attrs)
+            for rows in row_blocks(variable.shape, TILE):
+                stored[rows] = variable.values[rows]
+
+
+def _fill(variable: xr.DataArray) -> Any:
+    """What marks a missing value; coordinates and texts have none missing."""
+    if variable.name in variable.coords or variable.dtype.kind not in "fi":
+        return None
+    return np.nan if variable.dtype.kind == "f" else variable.dtype.type(NO_COUNT)

@@ -1,0 +1,273 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""From a case to the arrays that the kernel takes: rasters, sources, impact sets, lines."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.resources
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rockfall._core import rockfall_f2py as _core
+from rockfall.case import FROM_ARRAY, Case
+from rockfall.errors import RockfallError
+from rockfall.grid import NO_ID, Grid, row_blocks
+
+LAWS = {"fixed": 1, "normal": 2, "uniform": 3, "lognormal": 4, "list": 5}
+METHODS = {"A": 1, "B": 2}
+SIZE_TO_RADIUS = {"diameter": 0.5, "radius": 1.0}
+POLYGONS = {".gpkg", ".geojson", ".json", ".shp", ".fgb"}  # endings of layers of polygons
+ABSENT = np.zeros(1)  # what the kernel takes for an array that a scene does not have
+
+
+@dataclass
+class Scene:
+    """What a run needs, read and checked. Rasters are (ny, nx), row 0 the northernmost."""
+
+    case: Case
+    grid: Grid
+    z: np.ndarray  # elevations [m], NaN = none
+    sizes: np.ndarray  # (materials, 1 or 3): R_m, or Rg70, Rg20, Rg10 [m]
+    zone: np.ndarray | None = None  # int16: 1-based row of `sizes`
+    values: np.ndarray | None = None  # float32 (1 or 3, ny, nx): sizes of each cell [m]
+    x: np.ndarray = field(default_factory=lambda: np.empty(0))  # of each source [m]
+    y: np.ndarray = field(default_factory=lambda: np.empty(0))
+    mean: np.ndarray | None = None  # (9, 5)
+    covariance: np.ndarray | None = None  # (9, 9, 5)
+    checksums: dict[str, str] = field(default_factory=dict)  # of the input files
+
+    @property
+    def boulders(self) -> int:
+        """Boulders of the whole run."""
+        return self.case.case["boulders"] * self.x.size
+
+    def forget_rasters(self) -> None:
+        """Give their memory back; the scene cannot be run any more."""
+        self.z, self.zone, self.values = np.empty((0, 0), self.z.dtype), None, None
+
+    def kernel_arguments(self) -> dict[str, Any]:
+        """The arguments of `_core.run` that stay the same from chunk to chunk."""
+        case, boulder, release = self.case, self.case.boulder, self.case.release
+        single = self.z.dtype == np.float32
+        law = [boulder.get(f"volume_{key}", 0.0) for key in ("mean", "std", "min", "max")]
+        ends = np.cumsum([len(line["x"]) for line in case.line]) if case.line else [1]
+        return {
+            "z8": ABSENT.reshape(1, 1) if single else self.z.T,
+            "z4": self.z.T if single else ABSENT.reshape(1, 1).astype("f4"),
+            "west": self.grid.west, "north": self.grid.north, "cell": self.grid.cell,
+            "zone": ABSENT.reshape(1, 1).astype("i2") if self.zone is None else self.zone.T,
+            "values": ABSENT.reshape(1, 1, 1).astype("f4") if self.values is None else self.values.T,
+            "sizes": np.asfortranarray(self.sizes.T),
+            "method": METHODS[case.surface["method"]],
+            "size_to_radius": SIZE_TO_RADIUS[case.surface["rg_reading"]],
+            "set_mean": self.mean, "set_covariance": self.covariance,
+            "gravity": case.flight["gravity"], "stop_speed": case.impact["stop_speed"],
+            "impact_limit": case.impact["impact_limit"],
+            "law": LAWS[boulder["volume"]], "law_values": law,
+            "volumes": boulder.get("volumes", ABSENT), "density": boulder["density"],
+            "source_x": self.x, "source_y": self.y, "per_source": case.case["boulders"],
+            "drop_height": release["drop_height"], "velocity": release["velocity"],
+            "lines": len(case.line), "line_end": ends,
+            "line_x": np.concatenate([ABSENT, *(line["x"] for line in case.line)])[bool(case.line) :],
+            "line_y": np.concatenate([ABSENT, *(line["y"] for line in case.line)])[bool(case.line) :],
+            "seed": case.case["seed"],
+        }  # fmt: skip
+
+
+def read_scene(case: Case, dem: Any = None, transform: Any = None, **rasters: Any) -> Scene:
+    """Read and check everything that a case names.
+
+    `dem` and `rasters` (zones, mean_radius, rg70, rg20, rg10, cells) may be given as arrays: an
+    xarray.DataArray, or NumPy on the cells of the DEM (for the DEM itself with its `transform`).
+    """
+    from rockfall.rasters import from_array, read_dem
+
+    if dem is not None:
+        z, grid = from_array(dem, transform)
+    elif case.terrain["dem"] == FROM_ARRAY:
+        raise RockfallError(
+            f"{case.name}: &terrain dem is missing: a raster file, or run(case, dem=...)"
+        )
+    else:
+        z, grid = read_dem(case.path(case.terrain["dem"]))
+    scene = Scene(case, grid, z, np.zeros((1, 1)))
+    if dem is None:
+        scene.checksums["dem"] = _checksum(case.path(case.terrain["dem"]))
+    _read_surface(scene, rasters)
+    _read_sources(scene, rasters)
+    _read_sets(scene)
+    if rasters:
+        raise RockfallError(
+            f"{case.name}: rasters that the case does not use: {', '.join(rasters)}"
+        )
+    return scene
+
+
+def lines_outside(scene: Scene) -> list[str]:
+    """Names of the evaluation lines of which no part lies over the terrain."""
+    grid, outside = scene.grid, []
+    for line in scene.case.line:
+        apart_x = max(line["x"]) < grid.west or min(line["x"]) > grid.east
+        apart_y = max(line["y"]) < grid.south or min(line["y"]) > grid.north
+        if apart_x or apart_y:
+            outside.append(line["name"])
+    return outside
+
+
+def set_path(case: Case) -> Path:
+    """The file of the case's impact sets: beside the case, or shipped with the program."""
+    name = case.impact["sets"]
+    shipped = Path(str(importlib.resources.files("rockfall") / "data" / "impact_sets"))
+    if "/" not in name and (shipped / f"{name}.nml").is_file():
+        return shipped / f"{name}.nml"
+    if case.path(name).is_file():
+        return case.path(name)
+    known = ", ".join(sorted(path.stem for path in shipped.glob("*.nml")))
+    raise RockfallError(
+        f"{case.name}: &impact sets = '{name}': no such file; shipped sets: {known}"
+    )
+
+
+def _read_surface(scene: Scene, rasters: dict[str, Any]) -> None:
+    surface = scene.case.surface
+    columns = ("mean_radius",) if surface["method"] == "B" else ("rg70", "rg20", "rg10")
+    uniform = surface.get("uniform_mean_radius" if surface["method"] == "B" else "uniform_rg")
+    if uniform is not None:
+        scene.sizes = np.atleast_2d(np.asarray(uniform, dtype=float))
+    elif "zones" in surface:
+        _read_zones(scene, columns, rasters)
+    else:
+        _read_values(scene, columns, rasters)
+
+
+def _read_zones(scene: Scene, columns: tuple[str, ...], rasters: dict[str, Any]) -> None:
+    """Zones as an index into the table's sizes."""
+    from rockfall.rasters import burn_polygons, index_blocks, read_zone_table
+
+    case, surface = scene.case, scene.case.surface
+    path, table_path = case.path(surface["zones"]), case.path(surface["table"])
+    table = read_zone_table(table_path)
+    scene.checksums["table"] = _checksum(table_path)
+    if "zones" not in rasters and path.suffix.lower() in POLYGONS:
+        ids = burn_polygons(path, scene.grid, surface["zone_field"])
+        blocks = ((rows, ids[rows]) for rows in row_blocks(ids.shape))
+        scene.checksums["zones"] = _checksum(path)
+    else:
+        blocks = _blocks(scene, "zones", "zones", np.int32, rasters)
+    names = ("mean_radius", "rg70", "rg20", "rg10")
+    sizes = np.array(list(table.values()))[:, [names.index(column) for column in columns]]
+    scene.zone = index_blocks(
+        blocks, scene.grid.shape, list(table), surface.get("default_zone"), scene.z,
+        str(path), str(table_path),
+    )  # fmt: skip
+    scene.sizes = sizes
+    used = set(used_zones(scene).tolist())
+    for k, zone in enumerate(table):
+        if k in used and np.isnan(sizes[k]).any():
+            raise RockfallError(
+                f"{table_path}: zone {zone}: {', '.join(columns)} needed for method "
+                f"{surface['method']}"
+            )
+
+
+def used_zones(scene: Scene) -> np.ndarray:
+    """The rows of `sizes`, counted from 0, that some cell has."""
+    found = np.zeros(len(scene.sizes) + 1, bool)
+    for rows in row_blocks(scene.grid.shape):
+        found[scene.zone[rows]] = True
+    return np.flatnonzero(found[1:])
+
+
+def _read_values(scene: Scene, columns: tuple[str, ...], rasters: dict[str, Any]) -> None:
+    """Rasters of sizes, known wherever the terrain is."""
+    scene.values = np.empty((len(columns), *scene.grid.shape), np.float32)
+    for name, layer in zip(columns, scene.values, strict=True):
+        missing = bad = 0
+        for rows, block in _blocks(scene, name, f"values of {name}", np.float32, rasters):
+            layer[rows] = block
+            missing += np.count_nonzero(np.isnan(block) & ~np.isnan(scene.z[rows]))
+            bad += np.count_nonzero(block <= 0)
+        if missing or bad:
+            raise RockfallError(
+                f"{scene.case.path(scene.case.surface.get(name, name))}: {missing} cells of the "
+                f"terrain without a value, {bad} not > 0 (Inf absorbs)"
+            )
+
+
+def _read_sources(scene: Scene, rasters: dict[str, Any]) -> None:
+    """Release points, or the centres of source cells in the order of the raster."""
+    from rockfall.rasters import burn_polygons
+
+    case, release = scene.case, scene.case.release
+    if "x" in release:
+        scene.x, scene.y = np.asarray(release["x"]), np.asarray(release["y"])
+        return
+    if "polygons" in release:
+        path = case.path(release["polygons"])
+        inside, parts = burn_polygons(path, scene.grid), row_blocks(scene.grid.shape)
+        blocks = ((rows, inside[rows] & ~np.isnan(scene.z[rows])) for rows in parts)
+        scene.checksums["polygons"] = _checksum(path)
+    else:
+        path = case.path(release["cells"])
+        blocks = _blocks(scene, "cells", "source cells", np.int32, rasters)
+    found = {rows.start: np.argwhere(block > 0) + (rows.start, 0) for rows, block in blocks}
+    row, column = np.concatenate([found[start] for start in sorted(found)]).T
+    if not row.size:
+        raise RockfallError(f"{path}: no source cells: must have cells above zero")
+    scene.x, scene.y = scene.grid.x[column], scene.grid.y[row]
+
+
+def _read_sets(scene: Scene) -> None:
+    path = set_path(scene.case)
+    text = path.read_bytes()
+    scene.mean, scene.covariance, code, message = _core.read_sets(text or b"\n", str(path).encode())
+    if code:
+        raise RockfallError(message.decode(errors="replace").strip(), code)
+    scene.checksums["sets"] = hashlib.sha256(text).hexdigest()
+
+
+def _blocks(
+    scene: Scene, key: str, what: str, dtype: Any, rasters: dict[str, Any]
+) -> Iterator[tuple[slice, np.ndarray]]:
+    """A raster on the cells of the DEM, as blocks of rows in any order.
+
+    It is the array given for it, or the file that the case names.
+    """
+    from rockfall.dataarrays import grid_of
+    from rockfall.rasters import aligned_blocks
+
+    given = rasters.pop(key, None)
+    if given is None:
+        group = scene.case.release if key == "cells" else scene.case.surface
+        path = scene.case.path(group[key])
+        scene.checksums[key] = _checksum(path)
+        yield from aligned_blocks(path, scene.grid, what, dtype)
+        return
+    if hasattr(given, "coords"):
+        grid, flipped = grid_of(given)
+        if not grid.matches(scene.grid):
+            raise RockfallError(f"{key}: the DataArray is not on the cells of the DEM")
+        given = given.values[::-1] if flipped else given.values
+    given = np.asarray(given)
+    if given.shape != scene.grid.shape:
+        raise RockfallError(
+            f"{key}: array {given.shape} is not of the shape of the DEM {scene.grid.shape}"
+        )
+    for rows in row_blocks(given.shape):
+        block = given[rows]
+        if np.dtype(dtype).kind == "i" and block.dtype.kind == "f":
+            block = np.where(np.isnan(block), NO_ID, block)
+        yield rows, block.astype(dtype)
+
+
+def _checksum(path: Path) -> str:
+    """SHA-256 of a file."""
+    try:
+        with open(path, "rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise RockfallError(f"{path}: cannot be read: {error.strerror}") from error

@@ -1,0 +1,215 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Drive the kernel over the boulders of a case, in chunks, and make a result of what it returns."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rockfall._core import rockfall_f2py as _core
+from rockfall.case import Case
+from rockfall.errors import RockfallError
+from rockfall.interrupts import interrupts
+from rockfall.scene import Scene, read_scene
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+CHUNK_SECONDS = 0.25  # between calls of the kernel: progress, Ctrl-C
+FIRST_CHUNK = 64  # boulders
+BINS = 50  # rows of the kernel's histograms
+
+# The kernel's maps: in which array, and which of the asked maps need it.
+COUNTS = {"passages": ("passages", "reach_probability", "energy_mean"), "deposits": ("deposits",)}
+SUMS = {"energy_sum": ("energy_mean",)}
+MAXIMA = {
+    "energy_max": ("energy_max",),
+    "speed_max": ("speed_max_map",),
+    "jump_height_max": ("jump_height_max_map",),
+}
+
+
+class Interrupted(KeyboardInterrupt):
+    """Ctrl-C came: `result` holds the boulders that were done, whole."""
+
+    def __init__(self, result: xr.Dataset) -> None:
+        super().__init__(f"interrupted after {result.sizes['boulder']} boulders")
+        self.result = result
+
+
+@dataclass
+class Tally:
+    """What the kernel adds to from chunk to chunk, and the rows of the boulders done."""
+
+    scene: Scene
+    maps: dict[str, np.ndarray]  # by the kernel's names, (ny, nx)
+    slots: list[int]
+    counts: np.ndarray
+    sums: np.ndarray
+    maxima: np.ndarray
+    histogram: np.ndarray  # (6, bins)
+    boulder: np.ndarray  # (boulders, fields)
+    count: np.ndarray
+    crossing: np.ndarray  # (boulders, lines, fields)
+    done: int = 0
+    trajectories: list[np.ndarray] = field(default_factory=list)  # (vertices, fields) each
+    wall: float = 0.0
+    cpu: float = 0.0
+    threads: int = 0
+
+
+def run(
+    case: Case,
+    *,
+    progress: bool = False,
+    threads: int | None = None,
+    chunk: int | None = None,
+    **arrays: Any,
+) -> xr.Dataset:
+    """Run a case: an xarray.Dataset of boulders, lines, maps and histograms.
+
+    `arrays` (dem, zones, ...) are as in `rockfall.scene.read_scene`. The result does not depend on
+    `threads` (default: the case's) or `chunk`, boulders in one call of the kernel (default: what
+    takes a quarter of a second). Ctrl-C raises `Interrupted`, which holds the boulders done.
+    """
+    scene = read_scene(case, **arrays)
+    return run_scene(scene, progress=progress, threads=threads, chunk=chunk, keep=False)
+
+
+def run_scene(
+    scene: Scene,
+    *,
+    progress: bool = False,
+    threads: int | None = None,
+    chunk: int | None = None,
+    keep: bool = True,
+) -> xr.Dataset:
+    """Run a scene that has been read; see `run`.
+
+    A scene that need not be kept loses its rasters before the result is made, to save memory.
+    """
+    from rockfall.progress import progress_bar
+    from rockfall.result import make_result
+
+    threads = scene.case.case["threads"] if threads is None else threads
+    with interrupts() as interrupted:  # no chunk is lost half-way
+        tally = start(scene, threads)
+        with progress_bar(scene.boulders, shown=progress) as advance:
+            run_chunks(tally, chunk, interrupted, advance)
+            _trace(tally, interrupted)
+        if not keep:
+            scene.forget_rasters()
+        result = make_result(tally)
+    if interrupted():
+        raise Interrupted(result)
+    return result
+
+
+def start(scene: Scene, threads: int) -> Tally:
+    """Empty tallies of what the case asks for."""
+    try:
+        return _start(scene, threads)
+    except (MemoryError, ValueError) as error:  # NumPy has the latter for sizes past all bounds
+        raise RockfallError(
+            f"{scene.case.name}: {scene.boulders} boulders and the asked maps do not fit in memory"
+        ) from error
+
+
+def _start(scene: Scene, threads: int) -> Tally:
+    asked = set(scene.case.output.get("maps", []))
+    wanted = [
+        [name for name, by in kind.items() if asked & set(by)] for kind in (COUNTS, SUMS, MAXIMA)
+    ]
+    stacks = [
+        np.zeros((max(1, len(names)), *(scene.grid.shape if names else (1, 1))), dtype)
+        for names, dtype in zip(wanted, ("i4", "i8", "f4"), strict=True)
+    ]
+    maps = {
+        name: stack[k]
+        for names, stack in zip(wanted, stacks, strict=True)
+        for k, name in enumerate(names)
+    }
+    slots = [
+        names.index(name) + 1 if name in names else 0
+        for names, kind in zip(wanted, (COUNTS, SUMS, MAXIMA), strict=True)
+        for name in kind
+    ]
+    lines = len(scene.case.line)
+    return Tally(
+        scene, maps, slots, stacks[0], stacks[1][0], stacks[2],
+        histogram=np.zeros((len(_core.histogram_bins()[0]), BINS), "i8"),
+        boulder=np.empty((scene.boulders, len(fields(1)))),
+        count=np.empty((scene.boulders, len(fields(2))), "i4"),
+        crossing=np.empty((scene.boulders, lines, len(fields(3)))),
+        threads=threads,
+    )  # fmt: skip
+
+
+def fields(what: int) -> list[str]:
+    """Names of the kernel's columns: 1 boulder, 2 counts, 3 crossing, 4 vertex."""
+    return _core.fields(what).decode().split()
+
+
+def run_chunks(
+    tally: Tally, chunk: int | None, interrupted: Callable[[], bool], advance: Callable[[int], None]
+) -> None:
+    arguments = tally.scene.kernel_arguments()
+    size, total = chunk or FIRST_CHUNK, tally.scene.boulders
+    while tally.done < total and not interrupted():
+        size = min(size, total - tally.done)
+        wall, cpu = time.perf_counter(), time.process_time()
+        _call(tally, arguments, tally.done + 1, size)
+        wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
+        tally.wall, tally.cpu = tally.wall + wall, tally.cpu + cpu
+        advance(size)
+        if chunk is None:
+            size = max(1, int(size * min(4.0, CHUNK_SECONDS / max(wall, 1e-9))))
+
+
+def _call(tally: Tally, arguments: dict[str, Any], first: int, size: int) -> None:
+    """Boulders `first` to `first + size - 1`, into their places."""
+    lines = len(tally.scene.case.line)
+    boulder, count, crossing, _, _, code, message = _core.run(
+        **arguments, first=first, threads=tally.threads,
+        map_slot=tally.slots, map_counts=tally.counts.T, map_sums=tally.sums.T,
+        map_reals=tally.maxima.T,
+        histograms=int(tally.scene.case.output["rebounds"]), histogram=tally.histogram.T,
+        n=size, room=1,
+    )  # fmt: skip
+    _raise(tally.scene, code, message)
+    done = slice(first - 1, first - 1 + size)
+    tally.boulder[done], tally.count[done] = boulder.T, count.T
+    tally.crossing[done] = crossing.T[:, :lines]
+    tally.done = done.stop
+
+
+def _trace(tally: Tally, interrupted: Callable[[], bool]) -> None:
+    """Fly the first boulders once more, each alone, and keep their way."""
+    for number in range(1, min(tally.scene.case.output["trajectories"], tally.done) + 1):
+        if interrupted():
+            return
+        tally.trajectories.append(trajectory(tally.scene, number))
+
+
+def trajectory(scene: Scene, number: int) -> np.ndarray:
+    """The vertices (release, contacts, end) of one boulder, each with the columns `fields(4)`."""
+    arguments = scene.kernel_arguments()
+    room, recorded = 0, 256
+    while recorded > room:
+        room = recorded
+        *_, vertex, recorded, code, message = _core.run(
+            **arguments, first=number, threads=1, map_slot=[0] * 6, histograms=0, n=1, room=room,
+            map_counts=np.zeros((1, 1, 1), "i4"), map_sums=np.zeros((1, 1), "i8"),
+            map_reals=np.zeros((1, 1, 1), "f4"), histogram=np.zeros((BINS, 6), "i8", order="F"),
+        )  # fmt: skip
+        _raise(scene, code, message)
+    return vertex.T[:recorded].copy()
+
+
+def _raise(scene: Scene, code: int, message: bytes) -> None:
+    if code:
+        raise RockfallError(f"{scene.case.name}: {message.decode().strip()}", code)

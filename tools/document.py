@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Write docs/case.md and docs/result.md from the tables in the program, so that they cannot differ.
+
+python tools/document.py           writes both
+python tools/document.py --check   says whether they are as they should be (exit status 0 or 1)
+"""
+
+import sys
+from itertools import groupby
+from pathlib import Path
+
+from rockfall import variables
+from rockfall.case import key_table
+
+DOCS = Path(__file__).resolve().parents[1] / "docs"
+
+CASE = """# The case file
+
+One namelist file for the command line, for Python and for the standalone program. File names are relative to the case file. Text stands in quotes, logicals are `.true.` or `.false.`, lists are
+separated by commas (`3*0.0` repeats), `!` starts a comment. An unknown group or key, a wrong type or a value out of range is refused in one line. Only `&line` may be repeated. This page is made from the
+program's own table.
+"""
+
+RESULT = """# The result
+
+One CF netCDF file, or the same as an `xarray.Dataset`. Attributes hold the whole case, the program's version, checksums of all inputs, the range of boulders, threads, wall and CPU seconds. Only what the case asks for is there.
+This page is made from the program's own table.
+"""
+
+KINDS = {
+    "Boulders: dimension `boulder`": ("", variables.BOULDER),
+    "Evaluation lines: dimensions `line`, `boulder`; fill value where the boulder did not cross": (
+        "line_",
+        variables.LINE,
+    ),
+    "Maps: dimensions `y`, `x`": ("", variables.MAP),
+    "Counts over all boulders": ("", variables.COUNT),
+    "Trajectories: dimension `trajectory_vertex`; release, contacts and end of the first boulders": (
+        "trajectory_",
+        variables.VERTEX,
+    ),
+}
+
+
+def table(head: list[str], rows: list[list[str]]) -> str:
+    lines = [head, ["---"] * len(head), *rows]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines) + "\n"
+
+
+def case_page() -> str:
+    page = CASE
+    for group, keys in groupby(key_table(), key=lambda key: key.group):
+        rows = []
+        for key in keys:
+            kind = key.kind if key.most == 1 else f"{key.kind}, {key.most if key.most < 10 else 'list'}"
+            default = key.default if key.default in ("required", "absent") else f"`{key.default}`"
+            unit = f" [{key.unit}]" if key.unit else ""
+            rows.append([f"`{key.name}`", kind, default, key.allowed, key.meaning + unit])
+        head = ["key", "type", "default", "allowed", "meaning"]
+        page += f"\n## &{group}\n\n{table(head, rows)}"
+    return page
+
+
+def result_page() -> str:
+    page = RESULT
+    for title, (prefix, about) in KINDS.items():
+        rows = [[f"`{prefix}{name}`", a["units"], a["long_name"]] for name, a in about.items()]
+        page += f"\n## {title}\n\n{table(['variable', 'units', 'meaning'], rows)}"
+    rows = [
+        [f"`{name}_histogram`", unit, long_name]
+        for name, (long_name, unit) in variables.HISTOGRAM.items()
+    ]
+    page += f"\n## Histograms over all rebounds: bins with bounds\n\n{table(['variable', 'units of the bins', 'meaning'], rows)}"
+    return page
+
+
+def main() -> int:
+    pages = {DOCS / "case.md": case_page(), DOCS / "result.md": result_page()}
+    if "--check" in sys.argv:
+        stale = [path.name for path, text in pages.items() if path.read_text() != text]
+        if stale:
+            print(f"not up to date: {', '.join(stale)}; run python tools/document.py")
+        return int(bool(stale))
+    for path, text in pages.items():
+        path.write_text(text)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
