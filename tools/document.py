@@ -16,16 +16,22 @@ DOCS = Path(__file__).resolve().parents[1] / "docs"
 
 CASE = """# The case file
 
-One namelist file for the command line, for Python and for the standalone program. File names are relative to the case file. Text stands in quotes, logicals are `.true.` or `.false.`, lists are
-separated by commas (`3*0.0` repeats), `!` starts a comment. An unknown group or key, a wrong type or a value out of range is refused in one line. Only `&line` may be repeated. This page is made from the
-program's own table.
+One namelist file for the command line, for Python and for the standalone program. File names are
+relative to the case file. Text stands in quotes, logicals are `.true.` or `.false.`, lists are
+separated by commas (`3*0.0` repeats), `!` starts a comment. An unknown group or key, a wrong type
+or a value out of range is refused in one line. Only `&line` may be repeated. This page is made from
+the program's own table.
 """
 
 RESULT = """# The result
 
-One CF netCDF file, or the same as an `xarray.Dataset`. Attributes hold the whole case, the program's version, checksums of all inputs, the range of boulders, threads, wall and CPU seconds. Only what the case asks for is there.
-This page is made from the program's own table.
+One CF netCDF file, or the same as an `xarray.Dataset`. Attributes hold the whole case, the version
+of the program, checksums of all inputs, the range of boulders, threads, wall and CPU seconds. Only
+what the case asks for is there. This page is made from the program's own table.
 """
+
+STATUSES = ", ".join(f"{k} {name}" for name, k in variables.STATUS.items())
+STATUS = f"\n`status` is one of: {STATUSES}.\n"
 
 KINDS = {
     "Boulders: dimension `boulder`": ("", variables.BOULDER),
@@ -35,7 +41,7 @@ KINDS = {
     ),
     "Maps: dimensions `y`, `x`": ("", variables.MAP),
     "Counts over all boulders": ("", variables.COUNT),
-    "Trajectories: dimension `trajectory_vertex`; release, contacts and end of the first boulders": (
+    "Trajectories of the first boulders: dimension `trajectory_vertex`": (
         "trajectory_",
         variables.VERTEX,
     ),
@@ -52,10 +58,12 @@ def case_page() -> str:
     for group, keys in groupby(key_table(), key=lambda key: key.group):
         rows = []
         for key in keys:
-            kind = key.kind if key.most == 1 else f"{key.kind}, {key.most if key.most < 10 else 'list'}"
+            several = "" if key.most == 1 else f", {key.most}" if key.most == 3 else ", list"
             default = key.default if key.default in ("required", "absent") else f"`{key.default}`"
             unit = f" [{key.unit}]" if key.unit else ""
-            rows.append([f"`{key.name}`", kind, default, key.allowed, key.meaning + unit])
+            rows.append(
+                [f"`{key.name}`", key.kind + several, default, key.allowed, key.meaning + unit]
+            )
         head = ["key", "type", "default", "allowed", "meaning"]
         page += f"\n## &{group}\n\n{table(head, rows)}"
     return page
@@ -67,11 +75,12 @@ def result_page() -> str:
         rows = [[f"`{prefix}{name}`", a["units"], a["long_name"]] for name, a in about.items()]
         page += f"\n## {title}\n\n{table(['variable', 'units', 'meaning'], rows)}"
     rows = [
-        [f"`{name}_histogram`", unit, long_name]
-        for name, (long_name, unit) in variables.HISTOGRAM.items()
+        [f"`{name}_histogram`", about["units"], about["long_name"]]
+        for name, about in variables.HISTOGRAM.items()
     ]
-    page += f"\n## Histograms over all rebounds: bins with bounds\n\n{table(['variable', 'units of the bins', 'meaning'], rows)}"
-    return page
+    title = "Histograms over all rebounds: dimension `<name>_bin`, with bounds"
+    page += f"\n## {title}\n\n{table(['variable', 'units of the bins', 'meaning'], rows)}"
+    return page + STATUS
 
 
 def main() -> int:

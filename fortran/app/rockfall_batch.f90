@@ -9,7 +9,7 @@ program rockfall_batch
    use rockfall_paths, only: version
    use rockfall_case, only: case_t
    use rockfall_override, only: read_case_file
-   use rockfall_filesystem, only: name_of
+   use rockfall_filesystem, only: name_of, fail_beyond_size_limit, end_at_once
    use rockfall_wholefolder, only: check_folder
    use rockfall_load, only: inputs_t, load, lines_outside
    use rockfall_simulate, only: results_t, simulate, rebound_counts
@@ -20,34 +20,47 @@ program rockfall_batch
 #endif
    implicit none
 
+#ifdef HAVE_NETCDF
+   character(len=*), parameter :: netcdf_word = "with netCDF"
+#else
+   character(len=*), parameter :: netcdf_word = "without netCDF"
+#endif
+
    type :: options_t
       character(len=:), allocatable :: case, output, boulders, seed, threads
       logical :: quiet = .false., only_help = .false.
    end type options_t
 
    integer :: code
+   logical :: half_written
 
-   call main(code)
+   call main(code, half_written)
+   flush (error_unit)
+   if (half_written) call end_at_once(code)  ! HDF5 would try once more, and crash
    if (code /= 0) stop code, quiet=.true.
 
 contains
 
    !> All variables live here, and are gone before the program stops.
-   subroutine main(code)
+   subroutine main(code, half_written)
       integer, intent(out) :: code
+      logical, intent(out) :: half_written  !! a netCDF file could not be finished
       type(options_t) :: options
       type(error_t), allocatable :: error
 
+      call fail_beyond_size_limit()
       call read_arguments(options, error)
-      if (.not. allocated(error) .and. .not. options%only_help) call run(options, error)
+      half_written = .false.
+      if (.not. allocated(error) .and. .not. options%only_help) call run(options, half_written, error)
       code = 0
       if (.not. allocated(error)) return
       code = error%code
       write (error_unit, "(2a)") "rockfall-batch: ", one_line(error%message)
    end subroutine main
 
-   subroutine run(options, error)
+   subroutine run(options, half_written, error)
       type(options_t), intent(in) :: options
+      logical, intent(inout) :: half_written
       type(error_t), allocatable, intent(out) :: error
       type(case_t) :: case
       type(inputs_t), target :: inputs
@@ -63,7 +76,10 @@ contains
             lines_outside(case, inputs%grid)
       end if
       call simulate(case, inputs, results, error)
-      if (.not. allocated(error)) call write_output(options%output, text, case, inputs, results, error)
+      if (.not. allocated(error)) then
+         call write_output(options%output, text, case, inputs, results, error)
+         half_written = allocated(error) .and. is_netcdf(options%output)
+      end if
       if (allocated(error) .or. options%quiet) return
       call summary(case, results)
       write (output_unit, "(2a)") "results in ", options%output
@@ -85,7 +101,7 @@ contains
             call print_help()
             options%only_help = .true.
          case ("--version")
-            write (output_unit, "(2a)") "rockfall-batch ", version
+            write (output_unit, "(4a)") "rockfall-batch ", version, ", ", netcdf_word
             options%only_help = .true.
          case default
             call read_argument(word, options, error)
@@ -240,8 +256,8 @@ contains
             ended(status) = ended(status) + 1
          end associate
       end do
-      write (output_unit, "(i0,a,*(5a))") results%boulders, " boulders: ", &
-         (percent(ended(k), results%boulders), " ", trim(statuses(k)), trim(merge(", ", "  ", k < size(statuses))), " ", &
+      write (output_unit, "(i0,a,*(4a))") results%boulders, " boulders", &
+         (trim(merge(":", ",", k == 1))//" ", percent(ended(k), results%boulders), " ", trim(statuses(k)), &
           k=1, size(statuses))
       do k = 1, size(case%lines)
          call line_summary(case%lines(k)%name, k, results)

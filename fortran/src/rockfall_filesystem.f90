@@ -1,12 +1,12 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> What Fortran does not have of POSIX: folders, names, and the number of the process.
 module rockfall_filesystem
-   use, intrinsic :: iso_c_binding, only: c_char, c_int, c_null_char
+   use, intrinsic :: iso_c_binding, only: c_char, c_int, c_intptr_t, c_null_char
    use rockfall_textfile, only: integer_text
    implicit none
    private
    public :: make_folder, remove_folder, remove_file, rename_path, path_exists, is_folder, folder_of, name_of, &
-             temporary_name
+             temporary_name, fail_beyond_size_limit, end_at_once
 
    interface
       integer(c_int) function c_mkdir(path, mode) bind(c, name="mkdir")
@@ -29,9 +29,36 @@ module rockfall_filesystem
       integer(c_int) function c_getpid() bind(c, name="getpid")
          import :: c_int
       end function c_getpid
+      subroutine c_exit(status) bind(c, name="_exit")
+         import :: c_int
+         integer(c_int), value :: status
+      end subroutine c_exit
+      integer(c_intptr_t) function c_signal(number, action) bind(c, name="signal")
+         import :: c_int, c_intptr_t
+         integer(c_int), value :: number
+         integer(c_intptr_t), value :: action
+      end function c_signal
    end interface
 
+   integer(c_int), parameter :: size_signal = 25        !! SIGXFSZ of Linux and BSD
+   integer(c_intptr_t), parameter :: ignore_signal = 1  !! SIG_IGN
+
 contains
+
+   !> From now on a file that outgrows the limit of the process (ulimit -f) is an error of writing, as on
+   !> a full disk, and does not kill the program.
+   subroutine fail_beyond_size_limit()
+      integer(c_intptr_t) :: before
+
+      before = c_signal(size_signal, ignore_signal)
+   end subroutine fail_beyond_size_limit
+
+   !> End the process without the exit handlers of its libraries.
+   subroutine end_at_once(code)
+      integer, intent(in) :: code
+
+      call c_exit(int(code, c_int))
+   end subroutine end_at_once
 
    !> Make a folder; whether it worked.
    logical function make_folder(path) result(ok)

@@ -229,6 +229,7 @@ contains
          names%x = axis(file, "x", x, "easting of cell centres")
          names%y = axis(file, "y", y, "northing of cell centres")
          names%crs = variable(file, "crs", nf90_int, [integer ::], "1", "coordinate reference system")
+         call fill(file, names%crs, nf90_int)
          call note(file, names%crs, "GeoTransform", real_text(grid%west)//" "//cell//" 0.0 "//real_text(grid%north) &
                    //" 0.0 -"//cell)
       end associate
@@ -282,7 +283,7 @@ contains
          dim = dimension(file, bin, int(n_bins(k), i8))
          names%bin(k) = variable(file, bin, nf90_double, [dim], trim(about%units), trim(about%long_name))
          call note(file, names%bin(k), "bounds", bin//"_bounds")
-         names%bounds(k) = variable(file, bin//"_bounds", nf90_double, [bound, dim], trim(about%units), &
+         names%bounds(k) = variable(file, bin//"_bounds", nf90_double, [bound, dim], "", &
                                     "edges of the bins of "//trim(about%name))
          call fill(file, names%bounds(k), nf90_double)
          names%histogram(k) = variable(file, trim(about%name)//"_histogram", nf90_int64, [dim], "1", &
@@ -323,7 +324,7 @@ contains
       end if
    end function dimension
 
-   !> A variable with units and a long name.
+   !> A variable with units (edges of bins have those of the bins, by CF) and a long name.
    integer function variable(file, name, kind, dims, units, long_name, piece) result(id)
       type(file_t), intent(inout) :: file
       character(len=*), intent(in) :: name, units, long_name
@@ -338,7 +339,7 @@ contains
       else
          call keep(file, nf90_def_var(file%id, name, kind, dims, id))
       end if
-      call note(file, id, "units", units)
+      if (units /= "") call note(file, id, "units", units)
       call note(file, id, "long_name", long_name)
    end function variable
 

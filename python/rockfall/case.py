@@ -39,7 +39,7 @@ def key_table() -> tuple[Key, ...]:
 
 
 def read_case(path: str | Path) -> Case:
-    """The case in a namelist file. RockfallError names file, group, key, value and what is allowed."""
+    """The case in a namelist file. A RockfallError names file, group, key, value and the rule."""
     path = Path(path)
     try:
         text = path.read_bytes()
@@ -89,7 +89,7 @@ class Case:
         return f"<rockfall.Case {self.name}: {self.case['title']!r}>"
 
     def replace(self, *, line: Iterable[Mapping[str, Any]] | None = None, **groups: Any) -> Case:
-        """A case with other values: `case.replace(surface={"method": "A"})`; None takes a key out."""
+        """With other values: `case.replace(surface={"method": "A"})`; None takes a key out."""
         changed = {
             group: {**self._groups.get(group, {}), **groups.get(group, {})}
             for group in {**self._groups, **groups}
@@ -144,7 +144,7 @@ def _defaults() -> str:
 
 
 def _plain(values: Mapping[str, Any]) -> dict[str, Any]:
-    """NumPy numbers, arrays, paths and tuples as what a namelist file has; no None, no empty list."""
+    """NumPy numbers, arrays, paths and tuples as a namelist file has them; nothing empty."""
 
     def plain(value: Any) -> Any:
         if isinstance(value, Path):

@@ -89,7 +89,7 @@ def _boulders(scene: Scene) -> str:
     each, kind = scene.case.case["boulders"], "points"
     if "x" not in scene.case.release:
         kind = "cells" if "cells" in scene.case.release else "cells within polygons"
-    return f"{scene.boulders:,} from {scene.x.size:,} {kind}, {each:,} each"
+    return f"{scene.boulders:,}, {each:,} from each source; sources: {scene.x.size:,} ({kind})"
 
 
 def _mean_radii(scene: Scene) -> Iterator[float]:

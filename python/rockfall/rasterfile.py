@@ -43,7 +43,7 @@ class RasterFile:
         return elevation_dtype(self.source.dtypes[0], self.path)
 
     def blocks(self) -> Iterator[tuple[slice, np.ndarray, np.ndarray]]:
-        """(rows in memory, values, where they are data), north-up; values may be changed."""
+        """(rows in memory, values, where they are data), north-up; good until the next one."""
         for rows, block, valid in self._stored():
             if self._scaled:
                 block = block * float(self.source.scales[0]) + float(self.source.offsets[0])
@@ -99,10 +99,13 @@ class RasterFile:
             for rows, block in read_rows(self.path, *self.grid.shape):
                 yield rows, block, block != nodata
             return
+        store = np.empty(0)  # one for all blocks: the heap keeps what comes and goes
         for rows in row_blocks(self.grid.shape, self.source.block_shapes[0][0]):
             window = Window(0, rows.start, self.grid.nx, rows.stop - rows.start)
-            valid = self.source.read_masks(1, window=window) != 0
-            yield rows, self.source.read(1, window=window), valid
+            if not store.size:
+                store = np.empty((window.height, window.width), self.source.dtypes[0])
+            block = self.source.read(1, window=window, out=store[: window.height])
+            yield rows, block, self.source.read_masks(1, window=window) != 0
 
 
 @contextmanager

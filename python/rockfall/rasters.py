@@ -78,16 +78,21 @@ def read_aligned(path: str | Path, grid: Grid, what: str, dtype: Any) -> np.ndar
 def aligned_blocks(
     path: str | Path, grid: Grid, what: str, dtype: Any
 ) -> Iterator[tuple[slice, np.ndarray]]:
-    """The same as `read_aligned`, as blocks of rows: (which rows, their values)."""
+    """The same as `read_aligned`, as blocks of rows: (which rows, values good until the next)."""
     dtype = np.dtype(dtype)
+    store = np.empty((0, grid.nx), dtype)
     with open_raster(path) as raster:
         _check_aligned(raster, grid, what, "bilinear" if dtype.kind == "f" else "nearest")
         for rows, block, valid in raster.blocks():
             if dtype.kind != "f":
                 inside = (block > NO_ID) & (block <= np.iinfo(dtype).max)
-                whole = inside & (np.rint(block) == block)
-                _refuse(raster.path, what, rows, block, valid & ~whole, "must be integers")
-            values = np.full(block.shape, np.nan if dtype.kind == "f" else NO_ID, dtype)
+                if block.dtype.kind == "f":
+                    inside &= np.rint(block) == block
+                _refuse(raster.path, what, rows, block, valid & ~inside, "must be integers")
+            if store.shape < block.shape:  # one for all blocks: the heap keeps what comes and goes
+                store = np.empty(block.shape, dtype)
+            values = store[: len(block)]
+            values.fill(np.nan if dtype.kind == "f" else NO_ID)
             np.copyto(values, block, where=valid, casting="unsafe")
             yield rows, values
 

@@ -21,7 +21,14 @@ LAWS = {"fixed": 1, "normal": 2, "uniform": 3, "lognormal": 4, "list": 5}
 METHODS = {"A": 1, "B": 2}
 SIZE_TO_RADIUS = {"diameter": 0.5, "radius": 1.0}
 POLYGONS = {".gpkg", ".geojson", ".json", ".shp", ".fgb"}  # endings of layers of polygons
-ABSENT = np.zeros(1)  # what the kernel takes for an array that a scene does not have
+
+
+def _absent(dtype: str, dims: int = 1) -> np.ndarray:
+    """What the kernel takes for an array that a scene does not have."""
+    return np.zeros((1,) * dims, dtype)
+
+
+ABSENT = _absent("f8")
 
 
 @dataclass
@@ -54,13 +61,13 @@ class Scene:
         case, boulder, release = self.case, self.case.boulder, self.case.release
         single = self.z.dtype == np.float32
         law = [boulder.get(f"volume_{key}", 0.0) for key in ("mean", "std", "min", "max")]
-        ends = np.cumsum([len(line["x"]) for line in case.line]) if case.line else [1]
+        lines = case.line or [{"x": ABSENT, "y": ABSENT}]
         return {
-            "z8": ABSENT.reshape(1, 1) if single else self.z.T,
-            "z4": self.z.T if single else ABSENT.reshape(1, 1).astype("f4"),
+            "z8": _absent("f8", 2) if single else self.z.T,
+            "z4": self.z.T if single else _absent("f4", 2),
             "west": self.grid.west, "north": self.grid.north, "cell": self.grid.cell,
-            "zone": ABSENT.reshape(1, 1).astype("i2") if self.zone is None else self.zone.T,
-            "values": ABSENT.reshape(1, 1, 1).astype("f4") if self.values is None else self.values.T,
+            "zone": _absent("i2", 2) if self.zone is None else self.zone.T,
+            "values": _absent("f4", 3) if self.values is None else self.values.T,
             "sizes": np.asfortranarray(self.sizes.T),
             "method": METHODS[case.surface["method"]],
             "size_to_radius": SIZE_TO_RADIUS[case.surface["rg_reading"]],
@@ -71,9 +78,9 @@ class Scene:
             "volumes": boulder.get("volumes", ABSENT), "density": boulder["density"],
             "source_x": self.x, "source_y": self.y, "per_source": case.case["boulders"],
             "drop_height": release["drop_height"], "velocity": release["velocity"],
-            "lines": len(case.line), "line_end": ends,
-            "line_x": np.concatenate([ABSENT, *(line["x"] for line in case.line)])[bool(case.line) :],
-            "line_y": np.concatenate([ABSENT, *(line["y"] for line in case.line)])[bool(case.line) :],
+            "lines": len(case.line), "line_end": np.cumsum([len(line["x"]) for line in lines]),
+            "line_x": np.concatenate([line["x"] for line in lines]),
+            "line_y": np.concatenate([line["y"] for line in lines]),
             "seed": case.case["seed"],
         }  # fmt: skip
 

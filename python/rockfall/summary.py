@@ -57,7 +57,7 @@ def _rebounds(result: xr.Dataset) -> Iterator[str]:
     )
     yield f"  {rebounds:,} rebounds" + (f", {redrawn / rebounds:.1%} redrawn" if redrawn else "")
     if forced:
-        yield f"  {forced:,} rebounds were forced: none of 32 draws was admissible"
+        yield f"  forced rebounds: {forced:,} (none of 32 draws was admissible)"
     if outside:
         yield (
             f"  {outside / rebounds:.1%} of rebounds had R_b/R_m outside 0.5 to 5.5: "

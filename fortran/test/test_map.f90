@@ -1,0 +1,263 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Maps: a flight visits the cells under its path, each boulder counts once a cell, and maxima are those
+!> of a fine sampling.
+program test_map
+   use rockfall_kinds, only: wp, sp, i4, i8
+   use rockfall_terrain, only: terrain_t, terrain, locate, height
+   use rockfall_flight, only: flight_t, landing_t, span_t, fly, launch_rate
+   use rockfall_map, only: maps_t, visits_t, follows_cells, start_visits, visit_spans, visit_cell, add_visits, add_deposit
+   use check_m, only: check, check_close, finish
+   implicit none
+
+   integer, parameter :: nx = 60, ny = 50
+   real(wp), parameter :: gravity = 9.81_wp, cell = 2.0_wp
+   integer(i4), target :: passages(nx, ny), deposits(nx, ny)
+   integer(i8), target :: energy_sum(nx, ny)
+   real(sp), target :: energy_max(nx, ny), speed_max(nx, ny), jump_height_max(nx, ny)
+   real(wp), target :: z(nx, ny)
+   type(maps_t) :: maps
+   type(terrain_t) :: dem
+
+   call random_init(.true., .false.)
+   call random_number(z)
+   dem = terrain(0.0_wp, 0.0_wp, cell, z8=z)
+   maps%passages => passages
+   maps%deposits => deposits
+   maps%energy_sum => energy_sum
+   maps%energy_max => energy_max
+   maps%speed_max => speed_max
+   maps%jump_height_max => jump_height_max
+   call test_flights()
+   call test_axes()
+   call test_once()
+   call test_totals()
+   call test_many_cells()
+   call test_what_is_asked()
+   call finish()
+
+contains
+
+   subroutine clear()
+      passages = 0
+      deposits = 0
+      energy_sum = 0
+      energy_max = 0
+      speed_max = 0
+      jump_height_max = 0
+   end subroutine clear
+
+   !> A flight from a place above the ground, into the maps, by a boulder of mass 3 kg that has
+   !> a spin of 7 m2/s2.
+   subroutine map_flight(x, y, v, start, landing)
+      real(wp), intent(in) :: x, y, v(3)
+      type(flight_t), intent(out) :: start
+      type(landing_t), intent(out) :: landing
+      type(span_t) :: spans(nx + ny)
+      type(visits_t) :: visits
+      real(wp) :: u, w
+      integer :: n
+
+      call clear()
+      start%x = x
+      start%y = y
+      start%v = v
+      call locate(dem, x, y, start%patch, u, w)
+      start%above = 0.5_wp
+      start%z = height(start%patch, u, w) + start%above
+      start%rate = launch_rate(dem, start%patch, u, w, v)
+      call start_visits(visits, 1_i8)
+      call fly(dem, gravity, start, landing, spans, n)
+      call visit_spans(visits, dem, gravity, x, y, v, 7.0_wp, spans(:n))
+      call add_visits(maps, visits, 3.0_wp)
+   end subroutine map_flight
+
+   !> Every cell of a fine sampling is visited, its greatest values are those of the sampling, and no
+   !> other cell is (but those that the path only cuts by less than a sample).
+   subroutine test_flights()
+      type(flight_t) :: start
+      type(landing_t) :: landing
+      real(wp) :: draw(5)
+      integer :: k, most
+
+      most = 0
+      do k = 1, 400
+         call random_number(draw)
+         call map_flight(draw(1)*(nx - 1)*cell, draw(2)*(ny - 1)*cell, &
+                         [40*draw(3) - 20, 40*draw(4) - 20, 30*draw(5)], start, landing)
+         call compare_with_sampling(start, landing)
+         most = max(most, int(sum(passages)))
+      end do
+      call check("long flights", most > 40)
+   end subroutine test_flights
+
+   !> Flights along an axis, along the diagonal, straight down, and from sides of cells and patches.
+   subroutine test_axes()
+      type(flight_t) :: start
+      type(landing_t) :: landing
+      real(wp), parameter :: x(3) = [50.0_wp, 51.0_wp, 50.3_wp]
+      integer :: k, i, j
+
+      do k = 1, 3
+         do i = -1, 1
+            do j = -1, 1
+               call map_flight(x(k), x(4 - k), [9.0_wp*i, 9.0_wp*j, 12.0_wp], start, landing)
+               call compare_with_sampling(start, landing)
+               call check("one cell for a fall", sum(passages) == 1 .or. i /= 0 .or. j /= 0)
+            end do
+         end do
+      end do
+   end subroutine test_axes
+
+   subroutine compare_with_sampling(start, landing)
+      type(flight_t), intent(in) :: start
+      type(landing_t), intent(in) :: landing
+      integer, parameter :: samples = 20000
+      real(wp) :: best(3, nx, ny), t, x, y, speed2
+      integer :: k, i, r
+      logical :: missed, other, less, more
+
+      best = -1
+      missed = .false.
+      do k = 0, samples
+         t = landing%time*k/samples
+         x = (start%x + start%v(1)*t)/cell
+         y = (start%y + start%v(2)*t)/cell
+         if (abs(abs(x - floor(x)) - 0.5_wp) < 1.0e-9_wp .or. abs(abs(y - floor(y)) - 0.5_wp) < 1.0e-9_wp) cycle
+         i = 1 + nint(x)
+         r = ny - nint(y)
+         speed2 = start%v(1)**2 + start%v(2)**2 + (start%v(3) - gravity*t)**2
+         missed = missed .or. passages(i, r) /= 1
+         best(:, i, r) = max(best(:, i, r), [sqrt(speed2), 0.5_wp*3*(speed2 + 7), above_ground(start, x, y, t)])
+      end do
+      call check("every cell under a flight is visited, once", .not. missed)
+      other = .false.
+      less = .false.
+      more = .false.
+      do r = 1, ny
+         do i = 1, nx
+            if (passages(i, r) == 0) cycle
+            if (best(1, i, r) < 0) then
+               other = other .or. .not. near_corner(start, landing, i, ny - r)
+               cycle
+            end if
+            associate (found => real([speed_max(i, r), energy_max(i, r), jump_height_max(i, r)], wp))
+               less = less .or. any(found < best(:, i, r)*(1 - 1.0e-6_wp) - 1.0e-6_wp)
+               more = more .or. any(found > best(:, i, r)*(1 + 1.0e-2_wp) + 2.0e-2_wp)
+            end associate
+            more = more .or. abs(energy_sum(i, r) - energy_max(i, r)) > 0.6_wp + 1.0e-6_wp*energy_max(i, r)
+         end do
+      end do
+      call check("no other cell is", .not. other)
+      call check("greatest values are not below a sampling", .not. less)
+      call check("nor far above", .not. more)
+   end subroutine compare_with_sampling
+
+   pure real(wp) function above_ground(start, x, y, t)
+      type(flight_t), intent(in) :: start
+      real(wp), intent(in) :: x, y, t  !! in cells, [s]
+      integer :: i, r
+
+      i = min(nx - 1, 1 + int(x))
+      r = max(2, ny - int(y))
+      associate (u => x - (i - 1), w => y - (ny - r))
+         above_ground = start%z + start%v(3)*t - 0.5_wp*gravity*t**2 &
+                        - (1 - w)*((1 - u)*z(i, r) + u*z(i + 1, r)) - w*((1 - u)*z(i, r - 1) + u*z(i + 1, r - 1))
+      end associate
+   end function above_ground
+
+   !> True if a path passes the cell round the node (i - 1, j) within a hundredth of a cell: too short a visit
+   !> for the sampling to see.
+   pure logical function near_corner(start, landing, i, j)
+      type(flight_t), intent(in) :: start
+      type(landing_t), intent(in) :: landing
+      integer, intent(in) :: i, j
+      integer :: k
+      real(wp) :: p(2), far
+
+      near_corner = .false.
+      do k = 0, 200000
+         p = [start%x + start%v(1)*landing%time*k/200000, start%y + start%v(2)*landing%time*k/200000]/cell
+         far = maxval(abs(p - [i - 1, j]))
+         near_corner = near_corner .or. far < 0.5001_wp
+      end do
+   end function near_corner
+
+   !> A boulder that comes back to a cell counts once there, with the greater values.
+   subroutine test_once()
+      type(visits_t) :: visits
+
+      call clear()
+      call start_visits(visits, 1_i8)
+      call visit_cell(visits, [5, 6], 9.0_wp, 2.0_wp, 3.0_wp)
+      call visit_cell(visits, [6, 6], 1.0_wp, 0.0_wp, 0.5_wp)
+      call visit_cell(visits, [5, 6], 4.0_wp, 20.0_wp, 1.0_wp)
+      call add_visits(maps, visits, 2.0_wp)
+      call check("passed once", passages(5, 6) == 1 .and. passages(6, 6) == 1 .and. sum(passages) == 2)
+      call check_close("greatest speed", real(speed_max(5, 6), wp), 3.0_wp, 0.0_wp)
+      call check_close("greatest energy, of one moment", real(energy_max(5, 6), wp), 24.0_wp, 0.0_wp)
+      call check("its sum", energy_sum(5, 6) == 24)
+      call check_close("greatest height", real(jump_height_max(5, 6), wp), 3.0_wp, 0.0_wp)
+   end subroutine test_once
+
+   !> Over boulders: counts and sums add up, maxima stay; a boulder's visits are gone with it.
+   subroutine test_totals()
+      type(visits_t) :: visits
+      integer(i8) :: b
+
+      call clear()
+      do b = 1, 10
+         call start_visits(visits, b)
+         call visit_cell(visits, [int(b), 1], 1.0_wp, 0.0_wp, 0.0_wp)
+         call visit_cell(visits, [20, 20], real(merge(b, 11 - b, b > 5)**2, wp), 0.0_wp, 0.1_wp*b)
+         call add_visits(maps, visits, 2.0_wp)
+         call add_deposit(maps, [20, 20])
+      end do
+      call check("every boulder passed its own cell alone", all(passages(:10, 1) == 1))
+      call check("and all the common one", passages(20, 20) == 10 .and. sum(passages) == 20)
+      call check("all came to rest there", deposits(20, 20) == 10 .and. sum(deposits) == 10)
+      call check("sum of their energies", energy_sum(20, 20) == 2*(36 + 49 + 64 + 81 + 100))
+      call check_close("the greatest of all", real(speed_max(20, 20), wp), 10.0_wp, 0.0_wp)
+      call check_close("the highest of all", real(jump_height_max(20, 20), wp), 1.0_wp, 1.0e-7_wp)
+   end subroutine test_totals
+
+   !> A boulder that sees all cells, several times and in any order, still counts once in each.
+   subroutine test_many_cells()
+      type(visits_t) :: visits
+      integer :: turn, k
+
+      call clear()
+      do turn = 1, 2  ! the second boulder finds the slots of the first
+         call start_visits(visits, int(turn, i8))
+         do k = 0, 3*nx*ny - 1
+            associate (c => mod(7919*k, nx*ny))
+               call visit_cell(visits, [1 + mod(c, nx), 1 + c/nx], real(k + 1, wp), 0.0_wp, 0.0_wp)
+            end associate
+         end do
+         call add_visits(maps, visits, 1.0_wp)
+         call check("all cells, once a boulder", all(passages == turn))
+      end do
+      call check_close("the last visit was the fastest", real(maxval(speed_max), wp), sqrt(3.0_wp*nx*ny), 1.0e-7_wp)
+      call check("nowhere an early one", minval(speed_max) > sqrt(2.0_sp*nx*ny))
+   end subroutine test_many_cells
+
+   !> Maps that are not asked for are not touched; deposits alone need no visits.
+   subroutine test_what_is_asked()
+      type(maps_t) :: some
+      type(visits_t) :: visits
+
+      call clear()
+      call check("nothing asked", .not. follows_cells(some))
+      some%deposits => deposits
+      call check("deposits need no visits", .not. follows_cells(some))
+      some%speed_max => speed_max
+      call check("a speed does", follows_cells(some))
+      call start_visits(visits, 1_i8)
+      call visit_cell(visits, [3, 3], 4.0_wp, 0.0_wp, 0.0_wp)
+      call add_visits(some, visits, 1.0_wp)
+      call check("the asked map is written", abs(speed_max(3, 3) - 2) <= 0)
+      call check("the others are not", sum(passages) == 0 .and. sum(energy_sum) == 0)
+      nullify (some%deposits)
+      call add_deposit(some, [3, 3])
+      call check("nor deposits", sum(deposits) == 0)
+   end subroutine test_what_is_asked
+end program test_map
