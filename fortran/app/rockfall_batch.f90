@@ -1,5 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The standalone program: reads a case, runs it, writes its results. Only here anything is printed, or stopped.
+!> The standalone program: reads a case, runs it, writes its results. Only here anything is printed,
+!> or stopped.
 program rockfall_batch
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
    use, intrinsic :: iso_fortran_env, only: error_unit, output_unit
@@ -51,7 +52,8 @@ contains
       call fail_beyond_size_limit()
       call read_arguments(options, error)
       half_written = .false.
-      if (.not. allocated(error) .and. .not. options%only_help) call run(options, half_written, error)
+      if (.not. allocated(error) .and. .not. options%only_help) &
+         call run(options, half_written, error)
       code = 0
       if (.not. allocated(error)) return
       code = error%code
@@ -67,13 +69,14 @@ contains
       type(results_t), target :: results
       character(len=:), allocatable :: text
 
-      call read_case_file(options%case, options%boulders, options%seed, options%threads, text, case, error)
+      call read_case_file(options%case, options%boulders, options%seed, options%threads, text, &
+                          case, error)
       if (.not. allocated(error)) call check_output(options%output, error)
       if (.not. allocated(error)) call load(case, inputs, error)
       if (allocated(error)) return
       if (lines_outside(case, inputs%grid) /= "") then
-         write (error_unit, "(3a)") "rockfall-batch: warning: lines outside the terrain, which no boulder can cross: ", &
-            lines_outside(case, inputs%grid)
+         write (error_unit, "(3a)") "rockfall-batch: warning: no boulder can cross ", &
+            lines_outside(case, inputs%grid), ": outside the terrain"
       end if
       call simulate(case, inputs, results, error)
       if (.not. allocated(error)) then
@@ -108,7 +111,8 @@ contains
          end select
          if (allocated(error) .or. options%only_help) return
       end do
-      if (options%case == "") call fail(error, "a case file is needed: rockfall-batch CASE [key=value ...]; see --help")
+      if (options%case == "") &
+         call fail(error, "a case file is needed: rockfall-batch CASE [key=value ...]; see --help")
       if (options%output == "") options%output = default_output(options%case)
    end subroutine read_arguments
 
@@ -133,7 +137,8 @@ contains
       case ("threads"); options%threads = value
       case ("quiet")
          options%quiet = any(lower(value) == [character(len=6) :: "true", "t", ".true."])
-         if (.not. any(lower(value) == [character(len=7) :: "true", "t", ".true.", "false", "f", ".false."])) then
+         if (.not. options%quiet .and. &
+             .not. any(lower(value) == [character(len=7) :: "false", "f", ".false."])) then
             call fail(error, "quiet = "//excerpt(value)//": must be true or false")
          end if
       case ("")
@@ -145,7 +150,8 @@ contains
          end if
          options%case = word
       case default
-         call fail(error, excerpt(word)//": unknown key; known: output, boulders, seed, threads, quiet")
+         call fail(error, excerpt(word) &
+                   //": unknown key; known: output, boulders, seed, threads, quiet")
       end select
    end subroutine read_argument
 
@@ -184,9 +190,9 @@ contains
          "usage: rockfall-batch CASE [key=value ...]", &
          "", &
          "Runs a case: the same case file as `rockfall run`, the same numbers, no Python.", &
-         "Rasters are ESRI ASCII grids or netCDF; `rockfall prepare` makes such a case of any other.", &
+         "Rasters are ESRI ASCII grids or netCDF; `rockfall prepare` makes such a case.", &
          "", &
-         "  output=FOLDER   tables (CSV) and maps (ESRI ASCII); default: the case's name and _results", &
+         "  output=FOLDER   tables (CSV), maps (ESRI ASCII); default: name of the case, _results", &
          "  output=FILE.nc  one netCDF file, as `rockfall run` writes it", &
          "  boulders=N      released from each source, instead of the case's number", &
          "  seed=N          of the random numbers, instead of the case's", &
@@ -194,8 +200,8 @@ contains
          "  quiet=true      no summary", &
          "  --help, --version", &
          "", &
-         "Impact sets are looked for in the folder ROCKFALL_SETS, then among those shipped with the", &
-         "program, then beside the case. Exit status: 0 done, 2 the input is wrong, 1 a fault of ours."]
+         "Impact sets are looked for in the folder ROCKFALL_SETS, then among those shipped, then", &
+         "beside the case. Exit status: 0 done, 2 the input is wrong, 1 a fault of ours."]
       integer :: k
 
       write (output_unit, "(a)") (trim(help(k)), k=1, size(help))
@@ -221,7 +227,8 @@ contains
 #ifdef HAVE_NETCDF
          call check_netcdf(output, error)
 #else
-         call fail(error, "output = "//output//": this program was built without netCDF; give a folder")
+         call fail(error, "output = "//output &
+                   //": this program was built without netCDF; give a folder")
 #endif
       end if
    end subroutine check_output
@@ -257,16 +264,17 @@ contains
          end associate
       end do
       write (output_unit, "(i0,a,*(4a))") results%boulders, " boulders", &
-         (trim(merge(":", ",", k == 1))//" ", percent(ended(k), results%boulders), " ", trim(statuses(k)), &
+         (merge(": ", ", ", k == 1), percent(ended(k), results%boulders), " ", trim(statuses(k)), &
           k=1, size(statuses))
       do k = 1, size(case%lines)
          call line_summary(case%lines(k)%name, k, results)
       end do
       counts = rebound_counts(results)
-      write (output_unit, "(i0,a,3(i0,a))") counts(3), " rebounds; ", counts(4), " redrawn, ", counts(5), &
-         " forced, ", counts(6), " with R_b/R_m outside 0.5 to 5.5, where no set is calibrated"
-      write (output_unit, "(4a,i0,a)") decimal(results%wall, 2), " s (", decimal(results%cpu, 2), " s of CPU, ", &
-         results%threads, " threads)"
+      write (output_unit, "(i0,a,3(i0,a))") counts(3), " rebounds; ", counts(4), " redrawn, ", &
+         counts(5), " forced, ", counts(6), &
+         " with R_b/R_m outside 0.5 to 5.5, where no set is calibrated"
+      write (output_unit, "(4a,i0,a)") decimal(results%wall, 2), " s (", decimal(results%cpu, 2), &
+         " s of CPU, ", results%threads, " threads)"
    end subroutine summary
 
    pure function percent(part, whole) result(text)
@@ -309,8 +317,9 @@ contains
       if (n == 0) then
          write (output_unit, "(3a)") "line ", name, ": no boulder"
       else
-         write (output_unit, "(3a,i0,7a)") "line ", name, ": ", n, " boulders (", percent(n, results%boulders), &
-            "), mean speed ", decimal(speed/n, 2), " m/s, mean passing height ", decimal(height/n, 2), " m"
+         write (output_unit, "(3a,i0,7a)") "line ", name, ": ", n, " boulders (", &
+            percent(n, results%boulders), "), mean speed ", decimal(speed/n, 2), &
+            " m/s, mean passing height ", decimal(height/n, 2), " m"
       end if
    end subroutine line_summary
 

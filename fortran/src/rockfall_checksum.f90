@@ -149,7 +149,8 @@ contains
    pure integer(i8) function word(bytes)
       character(len=4), intent(in) :: bytes
 
-      word = ior(ior(shiftl(int(ichar(bytes(1:1)), i8), 24), shiftl(int(ichar(bytes(2:2)), i8), 16)), &
+      word = ior(ior(shiftl(int(ichar(bytes(1:1)), i8), 24), &
+                     shiftl(int(ichar(bytes(2:2)), i8), 16)), &
                  ior(shiftl(int(ichar(bytes(3:3)), i8), 8), int(ichar(bytes(4:4)), i8)))
    end function word
 

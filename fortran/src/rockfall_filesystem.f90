@@ -5,8 +5,8 @@ module rockfall_filesystem
    use rockfall_textfile, only: integer_text
    implicit none
    private
-   public :: make_folder, remove_folder, remove_file, rename_path, path_exists, is_folder, folder_of, name_of, &
-             temporary_name, fail_beyond_size_limit, end_at_once
+   public :: make_folder, remove_folder, remove_file, rename_path, path_exists, is_folder, &
+             folder_of, name_of, temporary_name, fail_beyond_size_limit, end_at_once
 
    interface
       integer(c_int) function c_mkdir(path, mode) bind(c, name="mkdir")
@@ -45,8 +45,8 @@ module rockfall_filesystem
 
 contains
 
-   !> From now on a file that outgrows the limit of the process (ulimit -f) is an error of writing, as on
-   !> a full disk, and does not kill the program.
+   !> From now on a file that outgrows the limit of the process (ulimit -f) is an error of writing,
+   !> as on a full disk, and does not kill the program.
    subroutine fail_beyond_size_limit()
       integer(c_intptr_t) :: before
 

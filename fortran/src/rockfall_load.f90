@@ -18,8 +18,8 @@ module rockfall_load
    use rockfall_csv, only: read_zone_table
    use rockfall_filesystem, only: folder_of
    use rockfall_checksum, only: file_checksum
-   use rockfall_raster, only: read_raster, in_single_precision, check_same_grid, crs_of, check_metres, &
-                              raster_file, prepare_hint
+   use rockfall_raster, only: read_raster, in_single_precision, check_same_grid, crs_of, &
+                              check_metres, raster_file, prepare_hint
    use rockfall_material, only: index_zones, without_row, check_sizes
    implicit none
    private
@@ -39,14 +39,14 @@ module rockfall_load
       real(sp), allocatable :: z4(:, :)           !! in single precision; NaN = none
       integer(i2), allocatable :: zone(:, :)      !! row of the table
       real(sp), allocatable :: values(:, :, :)    !! sizes of each cell [m]
-      character(len=:), allocatable :: crs        !! coordinate reference system as WKT; "" = not known
+      character(len=:), allocatable :: crs        !! coordinate reference system as WKT, or ""
       type(input_file_t), allocatable :: files(:)
    end type inputs_t
 
 contains
 
-   !> Read and check all that a case names. The surface comes before the elevations, so that what its
-   !> reading needs is free again when they come.
+   !> Read and check all that a case names. The surface comes before the elevations, so that what
+   !> its reading needs is free again when they come.
    subroutine load(case, inputs, error)
       type(case_t), intent(in) :: case
       type(inputs_t), intent(out), target :: inputs
@@ -77,22 +77,25 @@ contains
       if (file(1:1) /= "/") path = folder_of(case%file)//path
    end function path_of
 
-   !> Note which file a key named.
+   !> Note which file a key named; by the keys in order.
    subroutine note_file(inputs, key, path, error)
       type(inputs_t), intent(inout) :: inputs
       character(len=*), intent(in) :: key, path
       type(error_t), allocatable, intent(out) :: error
       type(input_file_t) :: file
+      integer :: k
 
       file%key = key
       call file_checksum(raster_file(path), file%checksum, error)
-      inputs%files = [inputs%files, file]
+      k = count(inputs%files%key < key)
+      inputs%files = [inputs%files(:k), file, inputs%files(k + 1:)]
    end subroutine note_file
 
    subroutine refuse_polygons(case, error)
       type(case_t), intent(in) :: case
       type(error_t), allocatable, intent(out) :: error
-      character(len=*), parameter :: endings(5) = [character(len=8) :: ".gpkg", ".geojson", ".json", ".shp", ".fgb"]
+      character(len=*), parameter :: endings(5) = [character(len=8) :: ".gpkg", ".geojson", &
+         ".json", ".shp", ".fgb"]
       integer :: dot
 
       if (case%polygons /= "") then
@@ -213,7 +216,8 @@ contains
       if (.not. allocated(error)) call note_file(inputs, "table", table, error)
       if (.not. allocated(error) .and. allocated(case%default_zone)) then
          if (.not. any(table_ids == case%default_zone)) then
-            call fail(error, "&surface default_zone = "//integer_text(case%default_zone)//": has no row in "//table)
+            call fail(error, "&surface default_zone = "//integer_text(case%default_zone) &
+                      //": has no row in "//table)
          end if
       end if
       if (.not. allocated(error)) call read_raster(path, ids, grid, error)
@@ -261,7 +265,7 @@ contains
          if (k == 1) then
             grid = own
             allocate (inputs%values(grid%nx, grid%ny, n), stat=status)
-            if (status /= 0) call fail(error, path//": no memory for "//integer_text(n)//" rasters of its size")
+            if (status /= 0) call fail(error, path//": no memory for rasters of its size")
          else
             call check_same_grid(path, own, "values of "//values_key(case, k), "bilinear", &
                                  path_of(case, values_file(case, 1)), grid, error)
@@ -303,13 +307,16 @@ contains
 
       dem = path_of(case, case%dem)
       if (allocated(inputs%zone)) then
-         call check_same_grid(path_of(case, case%zones), grid, "zones", "nearest", dem, inputs%grid, error)
+         call check_same_grid(path_of(case, case%zones), grid, "zones", "nearest", dem, &
+                              inputs%grid, error)
          if (.not. allocated(error)) call check_zones(case, inputs, table_ids, error)
       else if (allocated(inputs%values)) then
-         call check_same_grid(path_of(case, values_file(case, 1)), grid, "values of "//values_key(case, 1), &
-                              "bilinear", dem, inputs%grid, error)
+         call check_same_grid(path_of(case, values_file(case, 1)), grid, &
+                              "values of "//values_key(case, 1), "bilinear", dem, inputs%grid, &
+                              error)
          do k = 1, size(inputs%values, 3)
-            if (.not. allocated(error)) call check_values(path_of(case, values_file(case, k)), inputs, k, error)
+            if (allocated(error)) return
+            call check_values(path_of(case, values_file(case, k)), inputs, k, error)
          end do
       end if
    end subroutine check_surface
@@ -332,8 +339,8 @@ contains
       if (used(0)) then
          call explain_zones(case, inputs, error)
       else if (case%method == method_a) then
-         call check_sizes(inputs%scene%surface%sizes, used(1:), table_ids, "rg70, rg20, rg10", "A", &
-                          path_of(case, case%table), error)
+         call check_sizes(inputs%scene%surface%sizes, used(1:), table_ids, "rg70, rg20, rg10", &
+                          "A", path_of(case, case%table), error)
       else
          call check_sizes(inputs%scene%surface%sizes, used(1:), table_ids, "mean_radius", "B", &
                           path_of(case, case%table), error)
@@ -356,7 +363,8 @@ contains
       do j = 1, grid%ny
          here(:, j) = known(inputs, j)
       end do
-      call without_row(ids, inputs%zone, here, path_of(case, case%zones), path_of(case, case%table), error)
+      call without_row(ids, inputs%zone, here, path_of(case, case%zones), &
+                       path_of(case, case%table), error)
    end subroutine explain_zones
 
    subroutine check_values(path, inputs, k, error)
@@ -375,7 +383,8 @@ contains
          not_positive = not_positive + count(merge(1.0_sp, inputs%values(:, j, k), none) <= 0)
       end do
       if (missing + not_positive > 0) then
-         call fail(error, path//": "//integer_text(missing)//" cells of the terrain without a value, " &
+         call fail(error, path//": "//integer_text(missing) &
+                   //" cells of the terrain without a value, " &
                    //integer_text(not_positive)//" not > 0 (Inf absorbs)")
       end if
    end subroutine check_values
@@ -401,7 +410,8 @@ contains
       call read_raster(path, cells, grid, error)
       if (.not. allocated(error)) call note_file(inputs, "cells", path, error)
       if (.not. allocated(error)) then
-         call check_same_grid(path, grid, "source cells", "nearest", path_of(case, case%dem), inputs%grid, error)
+         call check_same_grid(path, grid, "source cells", "nearest", path_of(case, case%dem), &
+                              inputs%grid, error)
       end if
       if (allocated(error)) return
       grid = inputs%grid
@@ -459,8 +469,8 @@ contains
       path = path_of(case, case%sets)
       inquire (file=path, exist=exists)
       if (exists) return
-      call fail(error, case%file//": &impact sets = '"//case%sets//"': no such file, and no shipped set (ROCKFALL_SETS" &
-                //" may name their folder)")
+      call fail(error, case%file//": &impact sets = '"//case%sets//"': no such file, and no " &
+                //"shipped set (ROCKFALL_SETS may name their folder)")
    end subroutine find_sets
 
    !> What the scene takes from the case as it stands.

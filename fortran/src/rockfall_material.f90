@@ -10,12 +10,12 @@ module rockfall_material
    private
    public :: index_zones, without_row, check_sizes
 
-   integer(i8), parameter :: shift = 2_i8**16  !! a key is id*shift + row, so that sorting keeps rows
+   integer(i8), parameter :: shift = 2_i8**16  !! a key is id*shift + row: sorted, it keeps its row
 
 contains
 
-   !> The row of the table (from 1) of each cell; 0 where its zone has none. Cells without a zone have
-   !> that of `default_zone`, if there is one.
+   !> The row of the table (from 1) of each cell; 0 where its zone has none. Cells without a zone
+   !> have that of `default_zone`, if there is one.
    pure subroutine index_zones(ids, table_ids, default_zone, index)
       integer(i4), intent(in) :: ids(:, :)                 !! `no_id`: none
       integer(i4), intent(in) :: table_ids(:)              !! of the rows
@@ -62,7 +62,8 @@ contains
          end if
       end do
       row = 0
-      if (keys(low) > wanted*shift .and. keys(low) < (wanted + 1)*shift) row = int(keys(low) - wanted*shift, i2)
+      if (keys(low) > wanted*shift .and. keys(low) < (wanted + 1)*shift) &
+         row = int(keys(low) - wanted*shift, i2)
    end function row_of
 
    !> What to say of cells of known terrain whose zone is not in the table, or that have none.
@@ -79,7 +80,8 @@ contains
       found = pack(int(ids, i8), index == 0 .and. known)
       n = count(found == no_id, kind=i8)
       if (n > 0) then
-         call fail(error, path//": "//number(n)//" cells of the terrain have no zone; give them one, or set " &
+         call fail(error, path//": "//integer_text(int(n)) &
+                   //" cells of the terrain have no zone; give them one, or set " &
                    //"&surface default_zone")
          return
       end if
@@ -92,11 +94,13 @@ contains
             if (found(k + 1) == found(k)) cycle
          end if
          n = n + 1
-         if (n <= 10) zones = zones//", zone "//number(found(k))//" ("//number(k - first + 1)//" cells)"
+         if (n <= 10) zones = zones//", zone "//integer_text(int(found(k)))//" ("//integer_text(int(k - first + 1)) &
+            //" cells)"
          first = k + 1
       end do
-      if (n > 10) zones = zones//", "//number(n - 10)//" more"
-      call fail(error, path//": "//zones(3:)//trim(merge(" has ", " have", n == 1))//" no row in "//table)
+      if (n > 10) zones = zones//", "//integer_text(int(n - 10))//" more"
+      call fail(error, path//": "//zones(3:)//trim(merge(" has ", " have", n == 1)) &
+                //" no row in "//table)
    end subroutine without_row
 
    !> Every zone of known terrain has the sizes that the method needs.
@@ -110,7 +114,8 @@ contains
 
       do k = 1, size(ids)
          if (.not. used(k) .or. .not. any(ieee_is_nan(sizes(:, k)))) cycle
-         call fail(error, table//": zone "//integer_text(ids(k))//": "//columns//" needed for method "//method)
+         call fail(error, table//": zone "//integer_text(ids(k))//": "//columns &
+                   //" needed for method "//method)
          return
       end do
    end subroutine check_sizes
@@ -150,13 +155,4 @@ contains
       end do
       a(place) = moved
    end subroutine sink
-
-   pure function number(n) result(text)
-      integer(i8), intent(in) :: n
-      character(len=:), allocatable :: text
-      character(len=20) :: buffer
-
-      write (buffer, "(i0)") n
-      text = trim(buffer)
-   end function number
 end module rockfall_material

@@ -1,17 +1,17 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> A finished run as one CF netCDF file: the variables, dimensions and attributes that Python writes.
+!> A finished run as one CF netCDF file: variables, dimensions and attributes as Python writes them.
 module rockfall_ncresult
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
-   use netcdf, only: nf90_create, nf90_close, nf90_def_dim, nf90_def_var, nf90_put_var, nf90_put_att, nf90_enddef, &
-                     nf90_set_fill, nf90_strerror, nf90_noerr, nf90_netcdf4, nf90_clobber, nf90_nofill, nf90_global, &
-                     nf90_edimsize, &
+   use netcdf, only: nf90_create, nf90_close, nf90_def_dim, nf90_def_var, nf90_put_var, &
+                     nf90_put_att, nf90_enddef, nf90_set_fill, nf90_strerror, nf90_noerr, &
+                     nf90_netcdf4, nf90_clobber, nf90_nofill, nf90_global, nf90_edimsize, &
                      nf90_byte, nf90_char, nf90_int, nf90_int64, nf90_float, nf90_double
    use rockfall_kinds, only: wp, sp, i4, i8
    use rockfall_error, only: error_t, fail
    use rockfall_decimal, only: real_text
-   use rockfall_filesystem, only: path_exists, is_folder, folder_of, temporary_name, remove_file, rename_path
-   use rockfall_variables, only: variable_t, variable_table, boulder_fields, boulder_counts, line_fields, vertex_fields, &
-                                 histogram_fields, statuses
+   use rockfall_filesystem, only: is_folder, folder_of, temporary_name, remove_file, rename_path
+   use rockfall_variables, only: variable_t, variable_table, boulder_fields, boulder_counts, &
+                                 line_fields, vertex_fields, histogram_fields, statuses
    use rockfall_histogram, only: n_bins
    use rockfall_result, only: boulder_row, boulder_count_row, line_row, vertex_row
    use rockfall_case, only: case_t, map_names, n_maps
@@ -56,7 +56,8 @@ contains
       else if (taken) then
          call fail(error, name//": is a folder; a file name is needed")
       else
-         open (newunit=unit, file=temporary_name(name), status="replace", action="write", iostat=status)
+         open (newunit=unit, file=temporary_name(name), status="replace", action="write", &
+               iostat=status)
          if (status == 0) close (unit, status="delete", iostat=status)
          if (status /= 0) call fail(error, name//": cannot be written (is its folder writable?)")
       end if
@@ -141,8 +142,10 @@ contains
 
       checksums = ""
       do k = 1, size(inputs%files)
-         checksums = checksums//", """//trim(inputs%files(k)%key)//""": """//inputs%files(k)%checksum//""""
-         if (inputs%files(k)%key == "sets") call note(file, nf90_global, "impact_set_checksum", inputs%files(k)%checksum)
+         checksums = checksums//", """//trim(inputs%files(k)%key)//""": """ &
+            //inputs%files(k)%checksum//""""
+         if (inputs%files(k)%key == "sets") &
+            call note(file, nf90_global, "impact_set_checksum", inputs%files(k)%checksum)
       end do
       call note(file, nf90_global, "Conventions", "CF-1.8")
       call note(file, nf90_global, "title", case%title)
@@ -171,14 +174,16 @@ contains
 
       names%boulder = variable(file, "boulder", nf90_int64, [boulder], "1", "number of the boulder")
       do k = 1, size(boulder_fields)
-         names%boulder_real(k) = described(file, "boulder", boulder_fields(k), "", nf90_double, [boulder])
+         names%boulder_real(k) = described(file, "boulder", boulder_fields(k), "", nf90_double, &
+                                           [boulder])
       end do
       names%status = described(file, "boulder", "status", "", nf90_byte, [boulder])
       meanings = trim(statuses(1))
       do k = 2, size(statuses)
          meanings = meanings//" "//trim(statuses(k))
       end do
-      call keep(file, nf90_put_att(file%id, names%status, "flag_values", [(int(k, 1), k=1, size(statuses))]))
+      call keep(file, nf90_put_att(file%id, names%status, "flag_values", &
+                                   [(int(k, 1), k=1, size(statuses))]))
       call note(file, names%status, "flag_meanings", meanings)
       names%impacts = described(file, "boulder", "impacts", "", nf90_int, [boulder])
       do k = 3, size(boulder_counts)
@@ -191,20 +196,24 @@ contains
       type(names_t), intent(inout) :: names
       type(case_t), intent(in) :: case
       integer, intent(in) :: boulder
+      character(len=*), parameter :: vertex_parts(3) = [character(len=4) :: "line", "x", "y"]
       integer :: line, letter, vertex, k
 
       line = dimension(file, "line", size(case%lines, kind=i8))
       letter = dimension(file, "line_name_length", int(name_length(case), i8))
-      vertex = dimension(file, "line_vertex", int(sum([(size(case%lines(k)%x), k=1, size(case%lines))]), i8))
+      vertex = dimension(file, "line_vertex", &
+                         int(sum([(size(case%lines(k)%x), k=1, size(case%lines))]), i8))
       call keep(file, nf90_def_var(file%id, "line", nf90_char, [letter, line], names%line))
       call note(file, names%line, "long_name", "name of the evaluation line")
       call note(file, names%line, "_Encoding", "utf-8")
       do k = 1, size(line_fields)
-         names%line_real(k) = described(file, "line", line_fields(k), "line_", nf90_double, [boulder, line])
+         names%line_real(k) = described(file, "line", line_fields(k), "line_", nf90_double, &
+                                        [boulder, line])
       end do
-      names%line_vertex(1) = described(file, "line_vertex", "line", "line_vertex_", nf90_int, [vertex])
-      names%line_vertex(2) = described(file, "line_vertex", "x", "line_vertex_", nf90_double, [vertex])
-      names%line_vertex(3) = described(file, "line_vertex", "y", "line_vertex_", nf90_double, [vertex])
+      do k = 1, 3
+         names%line_vertex(k) = described(file, "line_vertex", vertex_parts(k), "line_vertex_", &
+                                          merge(nf90_int, nf90_double, k == 1), [vertex])
+      end do
    end subroutine define_lines
 
    pure integer function name_length(case)
@@ -228,9 +237,11 @@ contains
          cell = real_text(grid%cell)
          names%x = axis(file, "x", x, "easting of cell centres")
          names%y = axis(file, "y", y, "northing of cell centres")
-         names%crs = variable(file, "crs", nf90_int, [integer ::], "1", "coordinate reference system")
+         names%crs = variable(file, "crs", nf90_int, [integer ::], "1", &
+                              "coordinate reference system")
          call fill(file, names%crs, nf90_int)
-         call note(file, names%crs, "GeoTransform", real_text(grid%west)//" "//cell//" 0.0 "//real_text(grid%north) &
+         call note(file, names%crs, "GeoTransform", &
+                   real_text(grid%west)//" "//cell//" 0.0 "//real_text(grid%north) &
                    //" 0.0 -"//cell)
       end associate
       if (inputs%crs /= "") then
@@ -240,7 +251,8 @@ contains
       do k = 1, n_maps
          if (.not. case%map(k)) cycle
          kind = merge(nf90_int, nf90_float, is_count(map_names(k)))
-         names%map(k) = described(file, "map", map_names(k), "", kind, [x, y], [inputs%grid%nx, map_rows(inputs)])
+         names%map(k) = described(file, "map", map_names(k), "", kind, [x, y], &
+                                  [inputs%grid%nx, map_rows(inputs)])
          call note(file, names%map(k), "grid_mapping", "crs")
       end do
    end subroutine define_maps
@@ -281,13 +293,14 @@ contains
          about = row_of("histogram", histogram_fields(k))
          bin = trim(about%name)//"_bin"
          dim = dimension(file, bin, int(n_bins(k), i8))
-         names%bin(k) = variable(file, bin, nf90_double, [dim], trim(about%units), trim(about%long_name))
+         names%bin(k) = variable(file, bin, nf90_double, [dim], trim(about%units), &
+                                 trim(about%long_name))
          call note(file, names%bin(k), "bounds", bin//"_bounds")
          names%bounds(k) = variable(file, bin//"_bounds", nf90_double, [bound, dim], "", &
                                     "edges of the bins of "//trim(about%name))
          call fill(file, names%bounds(k), nf90_double)
-         names%histogram(k) = variable(file, trim(about%name)//"_histogram", nf90_int64, [dim], "1", &
-                                       "rebounds by "//trim(about%long_name))
+         names%histogram(k) = variable(file, trim(about%name)//"_histogram", nf90_int64, [dim], &
+                                       "1", "rebounds by "//trim(about%long_name))
          call fill(file, names%histogram(k), nf90_int64)
          call note(file, names%histogram(k), "comment", trim(about%comment))
       end do
@@ -305,9 +318,11 @@ contains
          n = n + size(results%path(k)%vertex)
       end do
       vertex = dimension(file, "trajectory_vertex", n)
-      names%vertex_boulder = described(file, "vertex", "boulder", "trajectory_", nf90_int64, [vertex])
+      names%vertex_boulder = described(file, "vertex", "boulder", "trajectory_", nf90_int64, &
+                                       [vertex])
       do k = 1, size(vertex_fields)
-         names%vertex_real(k) = described(file, "vertex", vertex_fields(k), "trajectory_", nf90_double, [vertex])
+         names%vertex_real(k) = described(file, "vertex", vertex_fields(k), "trajectory_", &
+                                          nf90_double, [vertex])
       end do
    end subroutine define_paths
 
@@ -333,7 +348,8 @@ contains
 
       id = 0
       if (present(piece)) then
-         call keep(file, nf90_def_var(file%id, name, kind, dims, id, chunksizes=piece, deflate_level=1, shuffle=.true.))
+         call keep(file, nf90_def_var(file%id, name, kind, dims, id, chunksizes=piece, &
+                                      deflate_level=1, shuffle=.true.))
       else if (size(dims) == 0) then
          call keep(file, nf90_def_var(file%id, name, kind, id))
       else
@@ -352,7 +368,8 @@ contains
       type(variable_t) :: about
 
       about = row_of(group, name)
-      id = variable(file, before//trim(name), kind, dims, trim(about%units), trim(about%long_name), piece)
+      id = variable(file, before//trim(name), kind, dims, trim(about%units), &
+                    trim(about%long_name), piece)
       if (about%comment /= "") call note(file, id, "comment", trim(about%comment))
       call fill(file, id, kind)
    end function described
@@ -371,12 +388,16 @@ contains
    subroutine fill(file, id, kind)
       type(file_t), intent(inout) :: file
       integer, intent(in) :: id, kind
+      real(wp) :: nan
 
-      if (kind == nf90_byte) call keep(file, nf90_put_att(file%id, id, "_FillValue", -1_1))
-      if (kind == nf90_int) call keep(file, nf90_put_att(file%id, id, "_FillValue", -1_i4))
-      if (kind == nf90_int64) call keep(file, nf90_put_att(file%id, id, "_FillValue", -1_i8))
-      if (kind == nf90_float) call keep(file, nf90_put_att(file%id, id, "_FillValue", ieee_value(1.0_sp, ieee_quiet_nan)))
-      if (kind == nf90_double) call keep(file, nf90_put_att(file%id, id, "_FillValue", ieee_value(1.0_wp, ieee_quiet_nan)))
+      nan = ieee_value(nan, ieee_quiet_nan)
+      select case (kind)
+      case (nf90_byte); call keep(file, nf90_put_att(file%id, id, "_FillValue", -1_1))
+      case (nf90_int); call keep(file, nf90_put_att(file%id, id, "_FillValue", -1_i4))
+      case (nf90_int64); call keep(file, nf90_put_att(file%id, id, "_FillValue", -1_i8))
+      case (nf90_float); call keep(file, nf90_put_att(file%id, id, "_FillValue", real(nan, sp)))
+      case (nf90_double); call keep(file, nf90_put_att(file%id, id, "_FillValue", nan))
+      end select
    end subroutine fill
 
    !> A text attribute.
@@ -408,7 +429,8 @@ contains
             rows(k, :) = boulder_row(inputs%scene%dem, results%fate(first + k - 1))
             counts(k, :) = boulder_count_row(results%fate(first + k - 1))
          end do
-         call keep(file, nf90_put_var(file%id, names%boulder, [(int(first + k - 1, i8), k=1, n)], [first]))
+         call keep(file, nf90_put_var(file%id, names%boulder, [(int(first + k - 1, i8), k=1, n)], &
+                                      [first]))
          do k = 1, size(rows, 2)
             call keep(file, nf90_put_var(file%id, names%boulder_real(k), rows(:n, k), [first]))
          end do
@@ -438,10 +460,12 @@ contains
          do first = 1, int(results%boulders), block
             n = int(min(int(block, i8), results%boulders - first + 1))
             do k = 1, n
-               rows(k, :) = line_row(inputs%scene%dem, results%fate(first + k - 1), results%crossing(line, first + k - 1))
+               rows(k, :) = line_row(inputs%scene%dem, results%fate(first + k - 1), &
+                                     results%crossing(line, first + k - 1))
             end do
             do k = 1, size(rows, 2)
-               call keep(file, nf90_put_var(file%id, names%line_real(k), rows(:n, k), [first, line], [n, 1]))
+               call keep(file, nf90_put_var(file%id, names%line_real(k), rows(:n, k), &
+                                            [first, line], [n, 1]))
             end do
             if (file%status /= nf90_noerr) return
          end do
@@ -462,7 +486,8 @@ contains
          name = this%name//repeat(achar(0), name_length(case) - len(this%name))
          n = size(this%x)
          call keep(file, nf90_put_var(file%id, names%line, name, [1, line], [len(name), 1]))
-         call keep(file, nf90_put_var(file%id, names%line_vertex(1), spread(line - 1, 1, n), [vertex]))
+         call keep(file, nf90_put_var(file%id, names%line_vertex(1), spread(line - 1, 1, n), &
+                                      [vertex]))
          call keep(file, nf90_put_var(file%id, names%line_vertex(2), this%x, [vertex]))
          call keep(file, nf90_put_var(file%id, names%line_vertex(3), this%y, [vertex]))
          vertex = vertex + n
@@ -479,8 +504,10 @@ contains
 
       if (.not. any(case%map)) return
       associate (grid => inputs%grid)
-         call keep(file, nf90_put_var(file%id, names%x, [(grid%west + (i - 0.5_wp)*grid%cell, i=1, grid%nx)]))
-         call keep(file, nf90_put_var(file%id, names%y, [(grid%north - (i - 0.5_wp)*grid%cell, i=1, grid%ny)]))
+         call keep(file, nf90_put_var(file%id, names%x, &
+                                      [(grid%west + (i - 0.5_wp)*grid%cell, i=1, grid%nx)]))
+         call keep(file, nf90_put_var(file%id, names%y, &
+                                      [(grid%north - (i - 0.5_wp)*grid%cell, i=1, grid%ny)]))
       end associate
       call keep(file, nf90_put_var(file%id, names%crs, 0))
       do k = 1, n_maps
@@ -529,7 +556,8 @@ contains
          n = n_bins(k)
          edge = [(bin_edge(k, i), i=0, n)]
          call keep(file, nf90_put_var(file%id, names%bin(k), (edge(:n) + edge(2:))/2))
-         call keep(file, nf90_put_var(file%id, names%bounds(k), transpose(reshape([edge(:n), edge(2:)], [n, 2]))))
+         call keep(file, nf90_put_var(file%id, names%bounds(k), &
+                                      transpose(reshape([edge(:n), edge(2:)], [n, 2]))))
          call keep(file, nf90_put_var(file%id, names%histogram(k), results%histogram(:n, k)))
       end do
    end subroutine put_histograms
@@ -549,7 +577,8 @@ contains
          do k = 1, n
             rows(k, :) = vertex_row(inputs%scene%dem, results%path(b)%vertex(k))
          end do
-         call keep(file, nf90_put_var(file%id, names%vertex_boulder, spread(int(b, i8), 1, n), [first]))
+         call keep(file, nf90_put_var(file%id, names%vertex_boulder, spread(int(b, i8), 1, n), &
+                                      [first]))
          do k = 1, size(rows, 2)
             call keep(file, nf90_put_var(file%id, names%vertex_real(k), rows(:, k), [first]))
          end do

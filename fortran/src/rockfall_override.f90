@@ -75,7 +75,8 @@ contains
       do g = 1, size(list%group)
          text = text//"&"//trim(list%group(g)%name)//line_end
          do e = 1, size(list%group(g)%entry)
-            text = text//"   "//trim(list%group(g)%entry(e)%key)//" = "//values_text(list%group(g)%entry(e))//line_end
+            text = text//"   "//trim(list%group(g)%entry(e)%key)//" = " &
+               //values_text(list%group(g)%entry(e))//line_end
          end do
          text = text//"/"//line_end
       end do

@@ -2,10 +2,13 @@
 !> Rasters from files of any format that the program reads: ESRI ASCII grids, and netCDF where the
 !> program was built with it. Each by its contents, whatever its name.
 module rockfall_raster
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_value, ieee_quiet_nan, &
+                                            ieee_positive_inf, ieee_negative_inf
    use rockfall_kinds, only: wp, sp, i4
    use rockfall_error, only: error_t, fail
    use rockfall_decimal, only: real_text
-   use rockfall_textfile, only: read_text, integer_text
+   use rockfall_textfile, only: read_text, integer_text, lower
+   use rockfall_filesystem, only: name_of
    use rockfall_grid, only: grid_t, same_grid
    use rockfall_asciigrid, only: read_ascii_grid
 #ifdef HAVE_NETCDF
@@ -13,7 +16,8 @@ module rockfall_raster
 #endif
    implicit none
    private
-   public :: read_raster, in_single_precision, check_same_grid, crs_of, check_metres, raster_file, prepare_hint
+   public :: read_raster, in_single_precision, check_same_grid, crs_of, check_metres, &
+             raster_file, prepare_hint
 
    integer, parameter :: other_format = 0, ascii_format = 1, netcdf_format = 2
    character(len=*), parameter :: prepare_hint = &
@@ -96,11 +100,12 @@ contains
 
    !> Single precision by rounding; beyond it is infinite, without the overflow that could trap.
    elemental real(sp) function narrow(value)
-      use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_positive_inf, ieee_negative_inf
       real(wp), intent(in) :: value
       real(wp), parameter :: beyond = 3.40282356779733661637e38_wp  !! rounds to infinity
 
-      if (value >= beyond) then
+      if (ieee_is_nan(value)) then
+         narrow = ieee_value(1.0_sp, ieee_quiet_nan)
+      else if (value >= beyond) then
          narrow = ieee_value(1.0_sp, ieee_positive_inf)
       else if (value <= -beyond) then
          narrow = ieee_value(1.0_sp, ieee_negative_inf)
@@ -171,7 +176,7 @@ contains
       end if
    end subroutine refuse_format
 
-   !> The coordinate reference system of an ESRI ASCII grid, as its .prj file has it; "" without one.
+   !> The coordinate reference system of an ESRI ASCII grid from its .prj file; "" without one.
    function crs_of(path) result(crs)
       character(len=*), intent(in) :: path
       character(len=:), allocatable :: crs
@@ -185,17 +190,13 @@ contains
       if (allocated(error)) crs = ""  ! nobody named this file, so it may say nothing
    end function crs_of
 
-   !> Refuse cells in degrees or feet.
+   !> Refuse cells in feet (degrees are refused where the grid is read).
    pure subroutine check_metres(path, crs, error)
       character(len=*), intent(in) :: path, crs
       type(error_t), allocatable, intent(out) :: error
-      character(len=:), allocatable :: unit
 
-      unit = ""
-      if (index(crs, "GEOGCS") == 1 .or. index(crs, "GEOGCRS") == 1) unit = "degrees"
-      if (index(crs, "UNIT[""Foot") + index(crs, "UNIT[""foot") + index(crs, "UNIT[""US survey foot") > 0) unit = "feet"
-      if (unit /= "") then
-         call fail(error, path//": cells are in "//unit//" ("//stem(path)//".prj), metres are needed")
+      if (index(lower(crs), "unit[""foot") + index(lower(crs), "unit[""us survey foot") > 0) then
+         call fail(error, path//": cells are in feet ("//stem(path)//".prj), metres are needed")
       end if
    end subroutine check_metres
 
@@ -208,9 +209,9 @@ contains
 
       if (same_grid(grid, dem_grid)) return
       if (overlap(grid, dem_grid)) then
-         message = " are not on the cells of "//dem//" ("//extent(dem_grid)//"); resample with: rio warp " &
-                   //path//" "//stem(path)//"_on_"//stem(dem(index(dem, "/", back=.true.) + 1:)) &
-                   //".tif --like "//dem//" --resampling "//resampling
+         message = " are not on the cells of "//dem//" ("//extent(dem_grid)//"); resample with: " &
+                   //"rio warp "//path//" "//stem(path)//"_on_"//stem(name_of(dem))//".tif" &
+                   //" --like "//dem//" --resampling "//resampling
       else
          message = " lie apart from the cells of "//dem//" ("//extent(dem_grid)//")"
       end if
@@ -229,8 +230,8 @@ contains
       type(grid_t), intent(in) :: grid
       character(len=:), allocatable :: text
 
-      text = integer_text(grid%nx)//" x "//integer_text(grid%ny)//" cells of "//real_text(grid%cell) &
-             //", corner "//real_text(grid%west)//", "//real_text(grid%north)
+      text = integer_text(grid%nx)//" x "//integer_text(grid%ny)//" cells of " &
+             //real_text(grid%cell)//", corner "//real_text(grid%west)//", "//real_text(grid%north)
    end function extent
 
    !> A path without its ending.

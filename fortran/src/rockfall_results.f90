@@ -1,22 +1,24 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> A finished run as a folder of tables (CSV) and maps (ESRI ASCII), whole or not at all. Numbers are
-!> written so that they read back the same.
+!> A finished run as a folder of tables (CSV) and maps (ESRI ASCII), whole or not at all. Numbers
+!> are written so that they read back the same.
 module rockfall_results
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
-   use rockfall_kinds, only: wp, sp, i8
+   use rockfall_kinds, only: wp, sp, i4, i8
    use rockfall_error, only: error_t, fail
    use rockfall_decimal, only: real_text
    use rockfall_textfile, only: lower, integer_text
    use rockfall_wholefile, only: whole_file_t, create_file, put, complete_file, discard_file
-   use rockfall_wholefolder, only: folder_t, create_folder, new_file, complete_folder, discard_folder, list_name
+   use rockfall_wholefolder, only: folder_t, create_folder, new_file, complete_folder, &
+                                   discard_folder, list_name
    use rockfall_grid, only: grid_t
-   use rockfall_variables, only: boulder_fields, boulder_counts, line_fields, vertex_fields, histogram_fields, statuses
+   use rockfall_variables, only: boulder_fields, boulder_counts, line_fields, vertex_fields, &
+                                 histogram_fields, statuses
    use rockfall_histogram, only: n_bins
    use rockfall_result, only: boulder_row, boulder_count_row, line_row, vertex_row
    use rockfall_case, only: case_t, map_names, n_maps
    use rockfall_paths, only: version
    use rockfall_load, only: inputs_t
-   use rockfall_simulate, only: results_t, real_map_row, bin_edge, rebound_counts
+   use rockfall_simulate, only: results_t, real_map_row, bin_edge, rebound_counts, number
    implicit none
    private
    public :: write_folder
@@ -49,18 +51,22 @@ contains
       call write_boulders(folder, inputs, results, error)
       line_names = file_names(case)
       do k = 1, size(case%lines)
-         if (.not. allocated(error)) call write_line(folder, trim(line_names(k)), k, inputs, results, error)
+         if (.not. allocated(error)) &
+            call write_line(folder, trim(line_names(k)), k, inputs, results, error)
       end do
       do k = 1, n_maps
-         if (case%map(k) .and. .not. allocated(error)) call write_map(folder, trim(map_names(k)), inputs, results, error)
+         if (case%map(k) .and. .not. allocated(error)) &
+            call write_map(folder, trim(map_names(k)), inputs, results, error)
       end do
       if (case%rebounds .and. .not. allocated(error)) call write_histograms(folder, results, error)
-      if (size(results%path) > 0 .and. .not. allocated(error)) call write_paths(folder, inputs, results, error)
+      if (size(results%path) > 0 .and. .not. allocated(error)) &
+         call write_paths(folder, inputs, results, error)
       if (.not. allocated(error)) call write_case(folder, text, error)
       if (.not. allocated(error)) call write_run(folder, case, inputs, results, error)
       if (allocated(error)) then
          call discard_folder(folder)
-         error%message = name//": cannot be written"//error%message(index(error%message, ": ", back=.true.):)
+         error%message = name//": cannot be written" &
+            //error%message(index(error%message, ": ", back=.true.):)
       else
          call complete_folder(folder, error)
       end if
@@ -78,12 +84,13 @@ contains
       integer(i8) :: b
       integer :: counts(size(boulder_counts))
 
-      call open_table(folder, "boulders.csv", "boulder,"//joined(boulder_fields)//","//joined(boulder_counts(:2)), table)
+      call open_table(folder, "boulders.csv", &
+                      "boulder,"//joined(boulder_fields)//","//joined(boulder_counts(:2)), table)
       do b = 1, results%boulders
          if (allocated(table%error)) exit
          counts = boulder_count_row(results%fate(b))
-         call add(table, number(b)//","//numbers(boulder_row(inputs%scene%dem, results%fate(b)))//"," &
-                  //trim(statuses(counts(1)))//","//integer_text(counts(2)))
+         call add(table, number(b)//","//numbers(boulder_row(inputs%scene%dem, results%fate(b))) &
+                  //","//trim(statuses(counts(1)))//","//integer_text(counts(2)))
       end do
       call close_table(table, error)
    end subroutine write_boulders
@@ -137,7 +144,8 @@ contains
       call open_table(folder, "trajectories.csv", "boulder,"//joined(vertex_fields), table)
       do b = 1, size(results%path)
          do k = 1, size(results%path(b)%vertex)
-            call add(table, integer_text(b)//","//numbers(vertex_row(inputs%scene%dem, results%path(b)%vertex(k))))
+            call add(table, integer_text(b)//"," &
+                     //numbers(vertex_row(inputs%scene%dem, results%path(b)%vertex(k))))
          end do
       end do
       call close_table(table, error)
@@ -201,9 +209,11 @@ contains
 
       associate (grid => inputs%grid)
          call open_table(folder, name//".asc", "ncols "//integer_text(grid%nx), table)
-         call add(table, "nrows "//integer_text(grid%ny)//line_end//"xllcorner "//real_text(grid%west)//line_end &
-                  //"yllcorner "//real_text(south(grid))//line_end//"cellsize "//real_text(grid%cell)//line_end &
-                  //"NODATA_value "//nodata)
+         call add(table, "nrows "//integer_text(grid%ny))
+         call add(table, "xllcorner "//real_text(grid%west))
+         call add(table, "yllcorner "//real_text(south(grid)))
+         call add(table, "cellsize "//real_text(grid%cell))
+         call add(table, "NODATA_value "//nodata)
          do j = 1, grid%ny
             if (allocated(table%error)) exit
             call add_map_row(table, name, j, grid%nx, results)
@@ -222,13 +232,9 @@ contains
 
       select case (name)
       case ("passages")
-         do i = 1, nx
-            call add_cell(table, integer_text(results%passages(i, j)), i == nx)
-         end do
+         call add_counts(table, results%passages(:, j))
       case ("deposits")
-         do i = 1, nx
-            call add_cell(table, integer_text(results%deposits(i, j)), i == nx)
-         end do
+         call add_counts(table, results%deposits(:, j))
       case default
          call real_map_row(results, name, j, row)
          do i = 1, nx
@@ -240,6 +246,20 @@ contains
          end do
       end select
    end subroutine add_map_row
+
+   subroutine add_counts(table, counts)
+      type(table_t), intent(inout) :: table
+      integer(i4), intent(in) :: counts(:)
+      integer :: i
+
+      do i = 1, size(counts)
+         if (counts(i) == 0) then  ! most cells of most maps
+            call add_cell(table, "0", i == size(counts))
+         else
+            call add_cell(table, integer_text(counts(i)), i == size(counts))
+         end if
+      end do
+   end subroutine add_counts
 
    !> The southern edge: that with south + ny*cell == north, as readers add, where there is one.
    pure real(wp) function south(grid)
@@ -284,7 +304,8 @@ contains
       character(len=*), intent(in) :: text
       logical, intent(in) :: last  !! of its row
 
-      if (.not. allocated(table%error)) call put(table%file, text//merge(line_end, " ", last), table%error)
+      if (.not. allocated(table%error)) &
+         call put(table%file, text//merge(line_end, " ", last), table%error)
    end subroutine add_cell
 
    subroutine close_table(table, error)
@@ -318,15 +339,6 @@ contains
          text = text//","//real_text(values(k))
       end do
    end function numbers
-
-   pure function number(n) result(text)
-      integer(i8), intent(in) :: n
-      character(len=:), allocatable :: text
-      character(len=20) :: buffer
-
-      write (buffer, "(i0)") n
-      text = trim(buffer)
-   end function number
 
    !> A text as a cell of a table.
    pure function quoted(text) result(cell)
@@ -375,7 +387,7 @@ contains
       plain = ""
       gap = .false.
       do i = 1, len(name)
-         if (scan(name(i:i), known) == 1 .or. iachar(name(i:i)) > 127) then  ! letters of other alphabets
+         if (scan(name(i:i), known) == 1 .or. ichar(name(i:i)) > 127) then  ! or another alphabet
             if (gap) plain = plain//"_"
             gap = .false.
             plain = plain//name(i:i)

@@ -14,7 +14,8 @@ module rockfall_simulate
    use rockfall_load, only: inputs_t
    implicit none
    private
-   public :: results_t, simulate, asks_for, real_map_row, bin_edge, rebound_counts
+   public :: results_t, simulate, asks_for, real_map_row, bin_edge, rebound_counts, &
+             number
 
    integer(i8), parameter :: chunk = 2_i8**20  !! boulders in one call
 
@@ -84,14 +85,18 @@ contains
       if (status(1) == 0) allocate (results%crossing(size(case%lines), n), stat=status(1))
       associate (nx => inputs%grid%nx, ny => inputs%grid%ny)
          if (asks_for(case, "passages") .or. asks_for(case, "reach_probability") &
-             .or. asks_for(case, "energy_mean")) allocate (results%passages(nx, ny), source=0_i4, stat=status(2))
-         if (asks_for(case, "deposits")) allocate (results%deposits(nx, ny), source=0_i4, stat=status(3))
-         if (asks_for(case, "energy_mean")) allocate (results%energy_sum(nx, ny), source=0_i8, stat=status(4))
-         if (asks_for(case, "energy_max")) allocate (results%energy_max(nx, ny), source=0.0_sp, stat=status(5))
-         if (asks_for(case, "speed_max_map")) allocate (results%speed_max(nx, ny), source=0.0_sp, stat=status(6))
-         if (asks_for(case, "jump_height_max_map")) then
+             .or. asks_for(case, "energy_mean")) &
+            allocate (results%passages(nx, ny), source=0_i4, stat=status(2))
+         if (asks_for(case, "deposits")) &
+            allocate (results%deposits(nx, ny), source=0_i4, stat=status(3))
+         if (asks_for(case, "energy_mean")) &
+            allocate (results%energy_sum(nx, ny), source=0_i8, stat=status(4))
+         if (asks_for(case, "energy_max")) &
+            allocate (results%energy_max(nx, ny), source=0.0_sp, stat=status(5))
+         if (asks_for(case, "speed_max_map")) &
+            allocate (results%speed_max(nx, ny), source=0.0_sp, stat=status(6))
+         if (asks_for(case, "jump_height_max_map")) &
             allocate (results%jump_height_max(nx, ny), source=0.0_sp, stat=status(7))
-         end if
       end associate
       if (status(1) /= 0) then
          call fail(error, case%file//": "//number(n)//" boulders do not fit in memory")
@@ -140,7 +145,8 @@ contains
          if (status == 0) results%path(k)%vertex = scratch%record(:scratch%recorded)
       end do
       if (status /= 0) then
-         call fail(error, case%file//": &output trajectories = "//number(int(n, i8))//": do not fit in memory")
+         call fail(error, case%file//": &output trajectories = "//number(int(n, i8)) &
+                   //": do not fit in memory")
       end if
    end subroutine trace
 
@@ -190,6 +196,7 @@ contains
       end do
    end function rebound_counts
 
+   !> A large integer without blanks.
    pure function number(n) result(text)
       integer(i8), intent(in) :: n
       character(len=:), allocatable :: text

@@ -1,14 +1,15 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> A folder of results that appears under its name only when it is whole. Its file run.csv begins with
-!> `rockfall,` and lists the files, so that a later run may replace them, and nothing else.
+!> A folder of results that appears under its name only when it is whole. Its file run.csv begins
+!> with `rockfall,` and lists the files, so that a later run may replace them, and nothing else.
 module rockfall_wholefolder
    use rockfall_error, only: error_t, fail
    use rockfall_textfile, only: read_text
-   use rockfall_filesystem, only: make_folder, remove_folder, remove_file, rename_path, path_exists, is_folder, &
-                                  folder_of, name_of, temporary_name
+   use rockfall_filesystem, only: make_folder, remove_folder, remove_file, rename_path, &
+                                  path_exists, is_folder, folder_of, name_of, temporary_name
    implicit none
    private
-   public :: folder_t, check_folder, create_folder, new_file, complete_folder, discard_folder, list_name
+   public :: folder_t, check_folder, create_folder, new_file, complete_folder, discard_folder, &
+             list_name
 
    character(len=*), parameter :: list_name = "run.csv"
 
@@ -36,8 +37,9 @@ contains
       else if (.not. has_parent) then
          call fail(error, name//": there is no folder "//parent)
       else if (is_folder(name)) then
-         if (.not. is_ours(name)) call fail(error, name//": is a folder that is no result of this program; " &
-                                            //"choose another name: output=NAME")
+         if (.not. is_ours(name)) &
+            call fail(error, name//": is a folder that is no result of this program; " &
+                      //"choose another name: output=NAME")
       else if (is_file) then
          call fail(error, name//": is a file, not a folder")
       end if
@@ -55,7 +57,8 @@ contains
       folder%name = name
       folder%part = temporary_name(name)
       allocate (folder%files(0))
-      if (.not. make_folder(folder%part)) call fail(error, name//": cannot be written (is its folder writable?)")
+      if (.not. make_folder(folder%part)) &
+         call fail(error, name//": cannot be written (is its folder writable?)")
    end subroutine create_folder
 
    !> The path of a file to be written into the folder.
@@ -68,7 +71,8 @@ contains
       path = folder%part//"/"//name
    end subroutine new_file
 
-   !> Give the folder its name. One of an earlier run gets the new files instead of its own, the list last.
+   !> Give the folder its name. One of an earlier run gets the new files instead of its own, the
+   !> list last.
    subroutine complete_folder(folder, error)
       type(folder_t), intent(inout) :: folder
       type(error_t), allocatable, intent(out) :: error
@@ -80,10 +84,12 @@ contains
          call read_list(folder%name, old)
          ok = .true.
          do k = 1, size(old)
-            if (.not. any(folder%files == old(k))) ok = remove_file(folder%name//"/"//trim(old(k))) .and. ok
+            if (.not. any(folder%files == old(k))) &
+               ok = remove_file(folder%name//"/"//trim(old(k))) .and. ok
          end do
          do k = 1, size(folder%files)
-            if (ok) ok = rename_path(folder%part//"/"//trim(folder%files(k)), folder%name//"/"//trim(folder%files(k)))
+            if (ok) ok = rename_path(folder%part//"/"//trim(folder%files(k)), &
+                                     folder%name//"/"//trim(folder%files(k)))
          end do
          if (ok) ok = remove_folder(folder%part)
       else
@@ -91,7 +97,8 @@ contains
       end if
       if (ok) return
       call discard_folder(folder)
-      call fail(error, folder%name//": cannot be written: its name, or a file in it, cannot be replaced")
+      call fail(error, &
+                folder%name//": cannot be written: its name, or a file in it, cannot be replaced")
    end subroutine complete_folder
 
    !> Leave nothing behind.
@@ -136,7 +143,8 @@ contains
          if (index(text(first:first + length - 1), "file,") == 1) then
             file = text(first + 5:first + length - 1)
             exists = path_exists(name//"/"//file)
-            if (exists .and. index(file, "/") == 0 .and. len(file) <= 200) files = [character(len=200) :: files, file]
+            if (exists .and. index(file, "/") == 0 .and. len(file) <= 200) &
+               files = [character(len=200) :: files, file]
          end if
          first = first + length + 1
       end do

@@ -3,8 +3,8 @@
 program test_boulder
    use rockfall_kinds, only: wp, i8
    use rockfall_random, only: random_key_t, random_key, normal_table_t, normal_table
-   use rockfall_boulder, only: boulder_t, boulder_law_t, release_t, draw_boulder, source_of, spin_inertia, &
-      fixed_volume, normal_volume, uniform_volume, lognormal_volume, list_volume
+   use rockfall_boulder, only: boulder_t, boulder_law_t, release_t, draw_boulder, source_of, &
+      spin_inertia, normal_volume, uniform_volume, lognormal_volume, list_volume
    use check_m, only: check, check_close, finish
    implicit none
 
@@ -48,7 +48,8 @@ contains
       call check(name//": mean", abs(sum(volume)/n - mean) < 4*deviation/sqrt(real(n, wp)))
       variance = sum((volume - mean)**2)/n
       fourth = sum((volume - mean)**4)/n
-      call check(name//": deviation", abs(variance - deviation**2) < 4*sqrt((fourth - variance**2)/n))
+      call check(name//": deviation", &
+                 abs(variance - deviation**2) < 4*sqrt((fourth - variance**2)/n))
    end subroutine check_moments
 
    subroutine test_sphere()
@@ -109,7 +110,8 @@ contains
       law%law = list_volume
       law%list = list
       call draw(law)
-      call check("only volumes of the list", all(volume >= 2 .or. volume <= 0.5_wp .or. (volume >= 1 .and. volume <= 1)))
+      call check("only volumes of the list", all(volume >= 2 .or. volume <= 0.5_wp &
+                                                 .or. (volume >= 1 .and. volume <= 1)))
       call check_moments("list", 1.125_wp, sqrt(sum((list - 1.125_wp)**2)/4))
    end subroutine test_list
 

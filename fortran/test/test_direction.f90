@@ -49,7 +49,8 @@ contains
    subroutine test_classes()
       real(wp) :: class, within, turn
       integer :: k, hits(20)
-      real(wp), parameter :: p(20) = [(0.72_wp/9, k=1, 9), (0.24_wp/9, k=1, 9), 0.04_wp/2, 0.04_wp/2]
+      real(wp), parameter :: p(20) = [(0.72_wp/9, k=1, 9), (0.24_wp/9, k=1, 9), 0.04_wp/2, &
+                                      0.04_wp/2]
 
       hits = 0
       do k = 1, n
@@ -65,9 +66,12 @@ contains
       do k = 1, 20
          call check_share("uniform inside the class", hits(k), p(k))
       end do
-      call check_close("the end of the first class", turn_angle(0.7199_wp, 1.0_wp), 22.5_wp*degree, 1.0e-15_wp)
-      call check_close("the start of the second", turn_angle(0.72_wp, 0.0_wp), 22.5_wp*degree, 1.0e-15_wp)
-      call check_close("the end of the second", turn_angle(0.9599_wp, 1.0_wp), 45*degree, 1.0e-15_wp)
+      call check_close("the end of the first class", turn_angle(0.7199_wp, 1.0_wp), &
+                       22.5_wp*degree, 1.0e-15_wp)
+      call check_close("the start of the second", turn_angle(0.72_wp, 0.0_wp), 22.5_wp*degree, &
+                       1.0e-15_wp)
+      call check_close("the end of the second", turn_angle(0.9599_wp, 1.0_wp), 45*degree, &
+                       1.0e-15_wp)
       call check_close("the start of the third", turn_angle(0.96_wp, 0.0_wp), 45*degree, 1.0e-15_wp)
       call check_close("the end of the third", turn_angle(1.0_wp, 1.0_wp), 50*degree, 1.0e-15_wp)
    end subroutine test_classes
@@ -82,7 +86,8 @@ contains
          before = at_angle(2*pi*draw(1))
          apart = (50.01_wp + 129.98_wp*draw(2))*degree
          if (mod(k, 2) == 0) apart = -apart
-         after = new_heading(before, 0.37_wp*at_angle(2*pi*draw(1) + apart), .false., .false., draw(3), draw(4))
+         after = new_heading(before, 0.37_wp*at_angle(2*pi*draw(1) + apart), .false., .false., &
+                             draw(3), draw(4))
          turned = angle_between(before, after)
          call check("turned by the drawn angle, towards the descent", &
                     abs(turned - sign(turn_angle(draw(3), draw(4)), apart)) < 1.0e-14_wp)
@@ -106,7 +111,8 @@ contains
             met = met + 1
             call check("down the aspect, not past it", maxval(abs(after - aspect)) < 1.0e-15_wp)
          else
-            call check("still on its side of the aspect", angle_between(after, aspect)*apart > -1.0e-12_wp)
+            call check("still on its side of the aspect", &
+                       angle_between(after, aspect)*apart > -1.0e-12_wp)
          end if
       end do
       call check("both happen", met > 1000 .and. met < 9000)
@@ -115,15 +121,17 @@ contains
    !> Upslope: uniform within 22.5 degrees of the heading before, whatever the class.
    subroutine test_upslope()
       real(wp) :: before(2), draw(2), turned
-      integer :: k, hits(10)
+      integer :: k, bin, hits(10)
 
       hits = 0
       before = at_angle(1.0_wp)
       do k = 1, n
          call random_number(draw)
-         turned = angle_between(before, new_heading(before, at_angle(3.0_wp), .false., .true., draw(1), draw(2)))
+         turned = angle_between(before, new_heading(before, at_angle(3.0_wp), .false., .true., &
+                                                    draw(1), draw(2)))
          call check("within 22.5 degrees", abs(turned) <= 22.5_wp*degree)
-         hits(1 + int(5 + 4.999999_wp*turned/(22.5_wp*degree))) = hits(1 + int(5 + 4.999999_wp*turned/(22.5_wp*degree))) + 1
+         bin = 1 + int(5 + 4.999999_wp*turned/(22.5_wp*degree))
+         hits(bin) = hits(bin) + 1
       end do
       do k = 1, 10
          call check_share("uniform upslope", hits(k), 0.1_wp)
@@ -135,11 +143,14 @@ contains
       real(wp) :: before(2)
 
       before = at_angle(1.0_wp)
-      call check("in a pit", all(abs(new_heading(before, at_angle(3.0_wp), .true., .false., 0.5_wp, 0.9_wp) - before) <= 0))
+      call check("in a pit", all(abs(new_heading(before, at_angle(3.0_wp), .true., .false., &
+                                                 0.5_wp, 0.9_wp) - before) <= 0))
       call check("in a pit, upslope", &
-                 all(abs(new_heading(before, at_angle(3.0_wp), .true., .true., 0.5_wp, 0.9_wp) - before) <= 0))
+                 all(abs(new_heading(before, at_angle(3.0_wp), .true., .true., 0.5_wp, &
+                                     0.9_wp) - before) <= 0))
       call check("nothing descends", &
-                 all(abs(new_heading(before, [0.0_wp, 0.0_wp], .false., .false., 0.5_wp, 0.9_wp) - before) <= 0))
+                 all(abs(new_heading(before, [0.0_wp, 0.0_wp], .false., .false., 0.5_wp, &
+                                     0.9_wp) - before) <= 0))
    end subroutine test_unchanged
 
    !> A mirrored scene has mirrored headings, to the bit.
@@ -152,7 +163,8 @@ contains
          before = at_angle(2*pi*draw(1))
          down = at_angle(2*pi*draw(2))
          one = new_heading(before, down, .false., mod(k, 2) == 0, draw(3), draw(4))
-         other = new_heading([-before(1), before(2)], [-down(1), down(2)], .false., mod(k, 2) == 0, draw(3), draw(4))
+         other = new_heading([-before(1), before(2)], [-down(1), down(2)], .false., &
+                             mod(k, 2) == 0, draw(3), draw(4))
          call check("east is as west", all(abs(other - [-one(1), one(2)]) <= 0))
       end do
    end subroutine test_mirror

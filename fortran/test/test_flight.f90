@@ -77,7 +77,8 @@ contains
       do k = 1, 1000
          above = merge(0.0_wp, between(0.0_wp, 20.0_wp), mod(k, 2) == 0)
          start = flight_from(dem, between(150.0_wp, 250.0_wp), between(100.0_wp, 200.0_wp), above, &
-                             [between(-15.0_wp, 15.0_wp), between(-15.0_wp, 15.0_wp), between(12.0_wp, 20.0_wp)])
+                             [between(-15.0_wp, 15.0_wp), between(-15.0_wp, 15.0_wp), &
+                              between(12.0_wp, 20.0_wp)])
          rate = start%v(3) + 0.7_wp*start%v(1) - 0.4_wp*start%v(2)
          if (rate <= 0.1_wp) cycle
          call fly(dem, gravity, start, landing)
@@ -96,23 +97,28 @@ contains
       real(wp), target :: z(nx, ny)
       type(terrain_t) :: dem
       type(landing_t) :: landing
-      real(wp), parameter :: x(4) = [123.4_wp, 120.0_wp, 123.4_wp, 120.0_wp], y(4) = [56.7_wp, 56.7_wp, 50.0_wp, 50.0_wp]
+      real(wp), parameter :: x(4) = [123.4_wp, 120.0_wp, 123.4_wp, 120.0_wp], &
+         y(4) = [56.7_wp, 56.7_wp, 50.0_wp, 50.0_wp]
       integer :: k
 
       z = plane(-0.7_wp, 0.4_wp, 10.0_wp)
       dem = terrain(0.0_wp, 0.0_wp, 10.0_wp, z8=z)
       do k = 1, 4
-         call fly(dem, gravity, flight_from(dem, x(k), y(k), 5.0_wp, [0.0_wp, 0.0_wp, 0.0_wp]), landing)
+         call fly(dem, gravity, flight_from(dem, x(k), y(k), 5.0_wp, [0.0_wp, 0.0_wp, 0.0_wp]), &
+                  landing)
          call check("a fall meets the ground", landing%contact)
          call check_close("after sqrt(2 h/g)", landing%time, sqrt(10/gravity), 1.0e-14_wp)
          call check_close("where it began, x", landing%x, x(k), 1.0e-14_wp)
          call check_close("where it began, y", landing%y, y(k), 1.0e-14_wp)
          call check_close("jump height of a fall", landing%jump_height, 5.0_wp, 1.0e-14_wp)
       end do
-      call fly(dem, gravity, flight_from(dem, 120.0_wp, 50.0_wp, 0.0_wp, [0.0_wp, 0.0_wp, 9.81_wp]), landing)
+      call fly(dem, gravity, flight_from(dem, 120.0_wp, 50.0_wp, 0.0_wp, &
+                                         [0.0_wp, 0.0_wp, 9.81_wp]), landing)
       call check_close("thrown straight up, back after 2 v/g", landing%time, 2.0_wp, 1.0e-14_wp)
-      call fly(dem, gravity, flight_from(dem, 55.0_wp, 55.0_wp, 0.0_wp, [0.0_wp, 0.0_wp, 0.0_wp]), landing)
-      call check("at rest on the ground: a contact at once", landing%contact .and. abs(landing%time) <= 0)
+      call fly(dem, gravity, flight_from(dem, 55.0_wp, 55.0_wp, 0.0_wp, &
+                                         [0.0_wp, 0.0_wp, 0.0_wp]), landing)
+      call check("at rest on the ground: a contact at once", landing%contact &
+                 .and. abs(landing%time) <= 0)
    end subroutine test_fall
 
    !> From a corner of four patches in 16 directions, starting over each of the four: the same landing.
@@ -130,8 +136,10 @@ contains
          angle = k*acos(-1.0_wp)/8
          do i = 19, 20
             do j = 14, 15
-               start = flight_from(dem, 190.0_wp, 140.0_wp, 0.0_wp, [8*cos(angle), 8*sin(angle), 20.0_wp])
-               if (mod(k, 4) == 0) start%v = [nint(cos(angle))*8.0_wp, nint(sin(angle))*8.0_wp, 20.0_wp]
+               start = flight_from(dem, 190.0_wp, 140.0_wp, 0.0_wp, &
+                                   [8*cos(angle), 8*sin(angle), 20.0_wp])
+               if (mod(k, 4) == 0) start%v = [nint(cos(angle))*8.0_wp, nint(sin(angle))*8.0_wp, &
+                                              20.0_wp]
                call read_patch(dem, i, j, start%patch)
                rate = start%v(3) + 0.7_wp*start%v(1) - 0.4_wp*start%v(2)
                start%rate = rate
@@ -162,8 +170,10 @@ contains
          start%above = start%z + 4
          call fly(dem, gravity, start, landing)
          if (k == 1) then
-            call check("just below the crest: the near face", landing%contact .and. landing%patch%i == 19)
-            call check("within a nanometre of it", abs(landing%x - 190) < 1.0e-8_wp .and. abs(landing%z) < 1.0e-8_wp)
+            call check("just below the crest: the near face", landing%contact &
+                       .and. landing%patch%i == 19)
+            call check("within a nanometre of it", abs(landing%x - 190) < 1.0e-8_wp &
+                       .and. abs(landing%z) < 1.0e-8_wp)
          else
             call check("just above the crest: beyond it", landing%contact .and. landing%x > 195)
             call check_close("on the far face", landing%z, -0.8_wp*(landing%x - 190), 1.0e-12_wp)
@@ -196,7 +206,8 @@ contains
       start%above = start%z
       call fly(dem, 8.0_wp, start, landing)
       call check("a micrometre below: a contact", landing%contact)
-      call check_close("at the first of two roots", landing%time, 0.5_wp - sqrt(1.0e-6_wp/36), 1.0e-9_wp)
+      call check_close("at the first of two roots", landing%time, 0.5_wp - sqrt(1.0e-6_wp/36), &
+                       1.0e-9_wp)
    end subroutine test_saddle
 
    !> Hops far below a rounding error of the place still take their time, and end.
@@ -231,18 +242,23 @@ contains
       z = 0
       z(20, :) = ieee_value(0.0_wp, ieee_quiet_nan)  ! patches 19 and 20: x 180 to 200
       dem = terrain(0.0_wp, 0.0_wp, 10.0_wp, z8=z)
-      call fly(dem, gravity, flight_from(dem, 152.0_wp, 55.0_wp, 1.0_wp, [10.0_wp, 3.0_wp, 20.0_wp]), landing)
+      call fly(dem, gravity, flight_from(dem, 152.0_wp, 55.0_wp, 1.0_wp, &
+                                         [10.0_wp, 3.0_wp, 20.0_wp]), landing)
       call check("nodata ends a flight", .not. landing%contact)
       call check_close("where it begins", landing%x, 180.0_wp, 1.0e-14_wp)
       call check_close("after its time", landing%time, 2.8_wp, 1.0e-14_wp)
-      call check_close("at its height", landing%z, 1 + 2.8_wp*20 - 0.5_wp*gravity*2.8_wp**2, 1.0e-13_wp)
-      call fly(dem, gravity, flight_from(dem, 152.0_wp, 285.0_wp, 1.0_wp, [1.0_wp, 10.0_wp, 20.0_wp]), landing)
+      call check_close("at its height", landing%z, 1 + 2.8_wp*20 - 0.5_wp*gravity*2.8_wp**2, &
+                       1.0e-13_wp)
+      call fly(dem, gravity, flight_from(dem, 152.0_wp, 285.0_wp, 1.0_wp, &
+                                         [1.0_wp, 10.0_wp, 20.0_wp]), landing)
       call check("the northern edge ends a flight", .not. landing%contact)
       call check_close("at y of the last node", landing%y, 290.0_wp, 1.0e-14_wp)
-      call fly(dem, gravity, flight_from(dem, 5.0_wp, 4.0_wp, 1.0_wp, [-2.0_wp, -1.0_wp, 20.0_wp]), landing)
+      call fly(dem, gravity, flight_from(dem, 5.0_wp, 4.0_wp, 1.0_wp, &
+                                         [-2.0_wp, -1.0_wp, 20.0_wp]), landing)
       call check("the western edge ends a flight", .not. landing%contact)
       call check_close("at x of the first node", landing%x, 0.0_wp, 1.0e-14_wp)
-      call fly(dem, gravity, flight_from(dem, 5.0_wp, 4.0_wp, 1.0_wp, [-1.0_wp, -2.0_wp, 20.0_wp]), landing)
+      call fly(dem, gravity, flight_from(dem, 5.0_wp, 4.0_wp, 1.0_wp, &
+                                         [-1.0_wp, -2.0_wp, 20.0_wp]), landing)
       call check_close("and the southern at y of its node", landing%y, 0.0_wp, 1.0e-14_wp)
    end subroutine test_leaving
 
@@ -302,8 +318,10 @@ contains
                              launch_rate(dem, landing%patch, landing%u, landing%w, v))
             if (start%rate <= 0) cycle
          else
-            start = flight_from(dem, between(0.0_wp, 97.5_wp), between(0.0_wp, 72.5_wp), between(0.0_wp, 9.0_wp), v)
-            if (mod(k, 2) == 0) start = flight_from(dem, anint(start%x/2.5_wp)*2.5_wp, start%y, 0.5_wp, v)
+            start = flight_from(dem, between(0.0_wp, 97.5_wp), between(0.0_wp, 72.5_wp), &
+                                between(0.0_wp, 9.0_wp), v)
+            if (mod(k, 2) == 0) start = flight_from(dem, anint(start%x/2.5_wp)*2.5_wp, start%y, &
+                                                    0.5_wp, v)
          end if
          call fly(dem, gravity, start, landing)
          deepest = max(deepest, depth(z, 2.5_wp, start, landing%time))
@@ -325,7 +343,8 @@ contains
       i = max(1, min(size(z, 1) - 1, 1 + floor(x)))
       r = max(2, min(size(z, 2), size(z, 2) - floor(y)))
       associate (u => x - (i - 1), w => y - (size(z, 2) - r))
-         ground = (1 - w)*((1 - u)*z(i, r) + u*z(i + 1, r)) + w*((1 - u)*z(i, r - 1) + u*z(i + 1, r - 1))
+         ground = (1 - w)*((1 - u)*z(i, r) + u*z(i + 1, r)) + w*((1 - u)*z(i, &
+            r - 1) + u*z(i + 1, r - 1))
       end associate
    end function ground
 
@@ -339,7 +358,8 @@ contains
 
       depth = 0
       t0 = 0
-      side = merge(ceiling([start%x, start%y]/cell), floor([start%x, start%y]/cell), start%v(1:2) > 0)
+      side = merge(ceiling([start%x, start%y]/cell), floor([start%x, start%y]/cell), &
+                   start%v(1:2) > 0)
       do while (t0 < time)
          at_side = huge(time)
          where (abs(start%v(1:2)) > 0) at_side = (side*cell - [start%x, start%y])/start%v(1:2)
@@ -381,12 +401,17 @@ contains
          do m = 1, n - 1
             sum = sum + merge(4, 2, mod(m, 2) == 1)*speed(v, m*time/n)
          end do
-         call check_close("length of an arc", arc_length(v, gravity, time), sum*time/(3*n), 1.0e-8_wp)
+         call check_close("length of an arc", arc_length(v, gravity, time), sum*time/(3*n), &
+                          1.0e-8_wp)
       end do
-      call check_close("of a fall", arc_length([0.0_wp, 0.0_wp, 0.0_wp], gravity, 2.0_wp), 2*gravity, 1.0e-14_wp)
-      call check_close("up and down", arc_length([0.0_wp, 0.0_wp, gravity], gravity, 2.0_wp), gravity, 1.0e-14_wp)
-      call check_close("almost a fall", arc_length([1.0e-200_wp, 0.0_wp, 0.0_wp], gravity, 2.0_wp), 2*gravity, 1.0e-14_wp)
-      call check_close("of no time", arc_length([3.0_wp, 4.0_wp, -5.0_wp], gravity, 0.0_wp), 0.0_wp, 0.0_wp)
+      call check_close("of a fall", arc_length([0.0_wp, 0.0_wp, 0.0_wp], gravity, 2.0_wp), &
+                       2*gravity, 1.0e-14_wp)
+      call check_close("up and down", arc_length([0.0_wp, 0.0_wp, gravity], gravity, 2.0_wp), &
+                       gravity, 1.0e-14_wp)
+      call check_close("almost a fall", arc_length([1.0e-200_wp, 0.0_wp, 0.0_wp], gravity, &
+                                                   2.0_wp), 2*gravity, 1.0e-14_wp)
+      call check_close("of no time", arc_length([3.0_wp, 4.0_wp, -5.0_wp], gravity, 0.0_wp), &
+                       0.0_wp, 0.0_wp)
    end subroutine test_arc_length
 
    pure real(wp) function speed(v, t)

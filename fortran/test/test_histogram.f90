@@ -2,7 +2,8 @@
 !> Histograms of rebounds: bins by the definitions of the quantities, every rebound counted once in each.
 program test_histogram
    use rockfall_kinds, only: wp, i8
-   use rockfall_histogram, only: histograms_t, histograms, count_rebound, quantities, bin_width, n_bins
+   use rockfall_histogram, only: histograms_t, histograms, count_rebound, quantities, bin_width, &
+      n_bins
    use check_m, only: check, finish
    implicit none
 
@@ -33,12 +34,15 @@ contains
 
    !> V_t = 3, V_n = -4, W = 5: 53.13 degrees, energies 9, 16 and 2/5*25 of 35.
    subroutine test_by_hand()
-      call check("widths are as told", all(abs(bin_width - [2.0_wp, 0.02_wp, 0.02_wp, 0.02_wp, 0.04_wp, 0.1_wp]) <= 0))
+      call check("widths are as told", all(abs(bin_width - [2.0_wp, 0.02_wp, 0.02_wp, 0.02_wp, &
+                                                            0.04_wp, 0.1_wp]) <= 0))
       call check("bins cover their ranges", all(n_bins == [45, 50, 50, 50, 50, 50]))
       ! 26.57 = 53.13/2, 12.86 = 9/35/0.02, 22.86, 14.29; R_t = 0.5 = 12.5*0.04; R_n = 0.3125 = 3.125*0.1
-      call check("by hand", in_bins([3.0_wp, -4.0_wp, 5.0_wp], [1.5_wp, 1.25_wp, 0.0_wp], [27, 13, 23, 15, 13, 4]))
+      call check("by hand", in_bins([3.0_wp, -4.0_wp, 5.0_wp], [1.5_wp, 1.25_wp, 0.0_wp], &
+                                    [27, 13, 23, 15, 13, 4]))
       call check("the sense of the spin does not matter", &
-                 in_bins([3.0_wp, -4.0_wp, -5.0_wp], [1.5_wp, 1.25_wp, 9.0_wp], [27, 13, 23, 15, 13, 4]))
+                 in_bins([3.0_wp, -4.0_wp, -5.0_wp], [1.5_wp, 1.25_wp, 9.0_wp], &
+                         [27, 13, 23, 15, 13, 4]))
    end subroutine test_by_hand
 
    !> 10**5 rebounds, binned here by the definitions with the compiler's arctangent.
@@ -57,7 +61,8 @@ contains
          v_out = 10*[v_out(1) - 0.2_wp, v_out(2), v_out(3)]
          call count_rebound(this, v_in, v_out)
          energy = v_in(1)**2 + v_in(2)**2 + 0.4_wp*v_in(3)**2
-         value = [atan2(-v_in(2), v_in(1))*degrees, v_in(1)**2/energy, v_in(2)**2/energy, 0.4_wp*v_in(3)**2/energy, &
+         value = [atan2(-v_in(2), v_in(1))*degrees, v_in(1)**2/energy, v_in(2)**2/energy, &
+                  0.4_wp*v_in(3)**2/energy, &
                   v_out(1)/v_in(1), -v_out(2)/v_in(2)]
          do q = 1, quantities
             bin = 1 + floor(max(0.0_wp, min(60.0_wp, value(q)/bin_width(q))))
@@ -71,15 +76,18 @@ contains
 
    !> What lies below and above is in the first and the last bin, also where a ratio has no value.
    subroutine test_ends()
-      call check("straight down", in_bins([0.0_wp, -3.0_wp, 0.0_wp], [0.0_wp, 1.5_wp, 0.0_wp], [45, 1, 50, 1, 50, 6]))
+      call check("straight down", in_bins([0.0_wp, -3.0_wp, 0.0_wp], [0.0_wp, 1.5_wp, 0.0_wp], &
+                                          [45, 1, 50, 1, 50, 6]))
       call check("straight down, off sideways", &
-                 in_bins([0.0_wp, -3.0_wp, 0.0_wp], [1.0_wp, 1.5_wp, 0.0_wp], [45, 1, 50, 1, 50, 6]))
+                 in_bins([0.0_wp, -3.0_wp, 0.0_wp], [1.0_wp, 1.5_wp, 0.0_wp], &
+                         [45, 1, 50, 1, 50, 6]))
       call check("along the ground", &
                  in_bins([3.0_wp, 0.0_wp, 0.0_wp], [6.0_wp, 1.0_wp, 0.0_wp], [1, 50, 1, 1, 50, 50]))
       call check("bounced back", &
-                 in_bins([3.0_wp, -3.0_wp, 0.0_wp], [-1.0_wp, 50.0_wp, 0.0_wp], [23, 25, 25, 1, 1, 50]) .or. &
-                 in_bins([3.0_wp, -3.0_wp, 0.0_wp], [-1.0_wp, 50.0_wp, 0.0_wp], [23, 26, 26, 1, 1, 50]))
+                 in_bins([5.0_wp, -3.0_wp, 0.0_wp], [-1.0_wp, 50.0_wp, 0.0_wp], &
+                         [16, 37, 14, 1, 1, 50]))
       call check("almost no normal speed", &
-                 in_bins([3.0_wp, -1.0e-300_wp, 0.0_wp], [1.5_wp, 1.0_wp, 0.0_wp], [1, 50, 1, 1, 13, 50]))
+                 in_bins([3.0_wp, -1.0e-300_wp, 0.0_wp], [1.5_wp, 1.0_wp, 0.0_wp], &
+                         [1, 50, 1, 1, 13, 50]))
    end subroutine test_ends
 end program test_histogram

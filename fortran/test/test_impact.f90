@@ -4,13 +4,16 @@
 program test_impact
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, bad_input
-   use rockfall_random, only: random_key_t, random_key, random_words, normal_table_t, normal_table, normal, for_impact
+   use rockfall_random, only: random_key_t, random_key, random_words, normal_table_t, &
+      normal_table, normal, for_impact
    use rockfall_impact, only: impact_set_t, impact_set, ratio_class, rebound_t, rebound
    use check_m, only: check, check_close, finish
    implicit none
 
-   real(wp), parameter :: lively(9) = [0.62_wp, 0.02_wp, 0.13_wp, 0.19_wp, -0.45_wp, -0.19_wp, 0.24_wp, 0.05_wp, 0.34_wp]
-   real(wp), parameter :: spread_(9) = [0.12_wp, 0.15_wp, 0.1_wp, 0.08_wp, 0.1_wp, 0.05_wp, 0.15_wp, 0.2_wp, 0.15_wp]
+   real(wp), parameter :: lively(9) = [0.62_wp, 0.02_wp, 0.13_wp, 0.19_wp, -0.45_wp, -0.19_wp, &
+                                       0.24_wp, 0.05_wp, 0.34_wp]
+   real(wp), parameter :: spread_(9) = [0.12_wp, 0.15_wp, 0.1_wp, 0.08_wp, 0.1_wp, 0.05_wp, &
+                                        0.15_wp, 0.2_wp, 0.15_wp]
    type(normal_table_t) :: table
    type(random_key_t) :: key
 
@@ -100,7 +103,8 @@ contains
       character(len=*), intent(in) :: name
       real(wp), intent(in) :: c(9, 9)
       integer(i8), parameter :: n = 1000000
-      real(wp), parameter :: mean(9) = [0.5_wp, 0.1_wp, 0.1_wp, 0.3_wp, -0.3_wp, 0.2_wp, 0.3_wp, -0.1_wp, 0.3_wp]
+      real(wp), parameter :: mean(9) = [0.5_wp, 0.1_wp, 0.1_wp, 0.3_wp, -0.3_wp, 0.2_wp, 0.3_wp, &
+                                        -0.1_wp, 0.3_wp]
       real(wp), parameter :: columns(3, 3) = reshape([1, 0, 0, 0, -1, 0, 0, 0, 1], [3, 3])
       type(impact_set_t) :: set
       type(error_t), allocatable :: error
@@ -132,7 +136,8 @@ contains
       do j = 1, 9
          call check("a mean, "//name, abs(total(j)) < 4*sqrt(c(j, j)/n))
          do i = j, 9
-            call check("a covariance, "//name, abs(products(i, j) - c(i, j)) < 4*sqrt((c(i, i)*c(j, j) + c(i, j)**2)/n))
+            call check("a covariance, "//name, &
+                       abs(products(i, j) - c(i, j)) < 4*sqrt((c(i, i)*c(j, j) + c(i, j)**2)/n))
          end do
       end do
    end subroutine test_sampling
@@ -169,10 +174,13 @@ contains
          out = rebound_of(set, k, v_in)
          do draw = 0, out%draws - 1
             word = random_words(key, for_impact, k, 3_i8, draw)
-            v = matmul(transpose(reshape(lively + matmul(l, normal(table, word(:9))), [3, 3])), v_in)
-            if (draw < out%draws - 1) call check("refused for a reason", v(2) <= 0 .or. energy(v) > energy(v_in))
+            v = matmul(transpose(reshape(lively + matmul(l, normal(table, word(:9))), [3, 3])), &
+                       v_in)
+            if (draw < out%draws - 1) call check("refused for a reason", v(2) <= 0 &
+                                                 .or. energy(v) > energy(v_in))
          end do
-         call check("the draw that was taken", all(abs(v - out%v) < 1.0e-13_wp) .and. .not. out%forced)
+         call check("the draw that was taken", all(abs(v - out%v) < 1.0e-13_wp) &
+                    .and. .not. out%forced)
          if (out%draws > 1) several = several + 1
       end do
       call check("some were drawn again", several > 100)
@@ -216,19 +224,23 @@ contains
       real(wp) :: none(9, 9), want(3)
 
       none = 0
-      call impact_set([0.5_wp, 0.0_wp, 0.0_wp, 0.0_wp, 0.5_wp, 0.0_wp, 0.0_wp, 0.0_wp, 0.5_wp], none, set, error)
+      call impact_set([0.5_wp, 0.0_wp, 0.0_wp, 0.0_wp, 0.5_wp, 0.0_wp, 0.0_wp, 0.0_wp, 0.5_wp], &
+                      none, set, error)
       out = rebound_of(set, 1_i8, v_in)
       call check("never up: forced after 32 draws", out%forced .and. out%draws == 32)
-      call check("up at 1 % of the incoming speed", all(abs(out%v - [4.0_wp, 0.1_wp, 2.5_wp]) < 1.0e-15_wp))
+      call check("up at 1 % of the incoming speed", &
+                 all(abs(out%v - [4.0_wp, 0.1_wp, 2.5_wp]) < 1.0e-15_wp))
 
-      call impact_set([1.0_wp, 0.0_wp, 0.0_wp, 0.0_wp, -3.0_wp, 0.0_wp, 0.0_wp, 0.0_wp, 1.0_wp], none, set, error)
+      call impact_set([1.0_wp, 0.0_wp, 0.0_wp, 0.0_wp, -3.0_wp, 0.0_wp, 0.0_wp, 0.0_wp, 1.0_wp], &
+                      none, set, error)
       out = rebound_of(set, 1_i8, v_in)
       want = [8.0_wp, 18.0_wp, 5.0_wp]
       want = want*sqrt(energy(v_in)/energy(want))
       call check("gains energy: forced after 32 draws", out%forced .and. out%draws == 32)
       call check("scaled down to the incoming energy", all(abs(out%v - want) < 1.0e-14_wp))
 
-      call impact_set([2.0_wp, 0.0_wp, 0.0_wp, 0.0_wp, 1.0_wp, 0.0_wp, 0.0_wp, 0.0_wp, 2.0_wp], none, set, error)
+      call impact_set([2.0_wp, 0.0_wp, 0.0_wp, 0.0_wp, 1.0_wp, 0.0_wp, 0.0_wp, 0.0_wp, 2.0_wp], &
+                      none, set, error)
       out = rebound_of(set, 1_i8, v_in)
       want = [16.0_wp, 0.1_wp, 10.0_wp]
       want = want*sqrt(energy(v_in)/energy(want))
@@ -254,7 +266,8 @@ contains
       call impact_set(lively, c, set, error)
       call check("indefinite is refused", allocated(error))
       if (allocated(error)) then
-         call check("its eigenvalue is named", index(error%message, "indefinite: smallest eigenvalue  -") > 0)
+         call check("its eigenvalue is named", &
+                    index(error%message, "indefinite: smallest eigenvalue  -") > 0)
          call check("as bad input", error%code == bad_input)
       end if
       c = 0
@@ -282,7 +295,8 @@ contains
 
    !> Rounded to the nearest integer, kept within 1 to 5; beyond 0.5 to 5.5 no set is calibrated.
    subroutine test_ratio_class()
-      real(wp), parameter :: ratio(13) = [1.0e-9_wp, 0.49_wp, 0.5_wp, 1.0_wp, 1.49_wp, 1.5_wp, 2.49_wp, 3.0_wp, &
+      real(wp), parameter :: ratio(13) = [1.0e-9_wp, 0.49_wp, 0.5_wp, 1.0_wp, 1.49_wp, 1.5_wp, &
+                                          2.49_wp, 3.0_wp, &
                                           4.51_wp, 5.49_wp, 5.5_wp, 5.51_wp, 1.0e30_wp]
       integer, parameter :: want(13) = [1, 1, 1, 1, 1, 2, 2, 3, 5, 5, 5, 5, 5]
       integer :: k, class

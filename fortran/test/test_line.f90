@@ -21,12 +21,15 @@ contains
       type(line_t) :: this
 
       this = line([0.0_wp, 10.0_wp], [5.0_wp, 5.0_wp])
-      call check_close("crossed in the middle", first_crossing(this, [3.0_wp, 4.0_wp], [4.0_wp, 6.0_wp]), 0.5_wp, 1.0e-15_wp)
-      call check_close("from the other side", first_crossing(this, [4.0_wp, 6.0_wp], [3.0_wp, 4.0_wp]), 0.5_wp, 1.0e-15_wp)
+      call check_close("crossed in the middle", &
+                       first_crossing(this, [3.0_wp, 4.0_wp], [4.0_wp, 6.0_wp]), 0.5_wp, 1.0e-15_wp)
+      call check_close("from the other side", first_crossing(this, [4.0_wp, 6.0_wp], &
+         [3.0_wp, 4.0_wp]), 0.5_wp, 1.0e-15_wp)
       call check("before it", first_crossing(this, [3.0_wp, 1.0_wp], [4.0_wp, 4.9_wp]) > 1)
       call check("beside it", first_crossing(this, [9.0_wp, 4.0_wp], [12.0_wp, 6.0_wp]) > 1)
       call check("nowhere near", first_crossing(this, [30.0_wp, 40.0_wp], [31.0_wp, 50.0_wp]) > 1)
-      call check("a path of no length", first_crossing(this, [3.0_wp, 5.0_wp], [3.0_wp, 5.0_wp]) > 1)
+      call check("a path of no length", first_crossing(this, [3.0_wp, 5.0_wp], &
+                                                       [3.0_wp, 5.0_wp]) > 1)
    end subroutine test_straight
 
    !> Of several crossings the first along the path, not the first of the line.
@@ -34,8 +37,10 @@ contains
       type(line_t) :: this
 
       this = line([6.0_wp, 6.0_wp, 2.0_wp, 2.0_wp], [0.0_wp, 10.0_wp, 10.0_wp, 0.0_wp])
-      call check_close("the nearer part", first_crossing(this, [0.0_wp, 5.0_wp], [8.0_wp, 5.0_wp]), 0.25_wp, 1.0e-15_wp)
-      call check_close("from the other end", first_crossing(this, [8.0_wp, 5.0_wp], [0.0_wp, 5.0_wp]), 0.25_wp, 1.0e-15_wp)
+      call check_close("the nearer part", first_crossing(this, [0.0_wp, 5.0_wp], &
+                                                         [8.0_wp, 5.0_wp]), 0.25_wp, 1.0e-15_wp)
+      call check_close("from the other end", first_crossing(this, [8.0_wp, 5.0_wp], &
+                                                            [0.0_wp, 5.0_wp]), 0.25_wp, 1.0e-15_wp)
       call check("inside its bend", first_crossing(this, [3.0_wp, 5.0_wp], [5.0_wp, 9.0_wp]) > 1)
    end subroutine test_polyline
 
@@ -43,11 +48,14 @@ contains
    !> touches it and goes back crosses it twice or never.
    subroutine test_end_on_line()
       type(line_t) :: this
-      real(wp), parameter :: below(2) = [3.0_wp, 4.0_wp], on(2) = [4.0_wp, 5.0_wp], above(2) = [5.0_wp, 7.0_wp]
+      real(wp), parameter :: below(2) = [3.0_wp, 4.0_wp], on(2) = [4.0_wp, 5.0_wp], &
+         above(2) = [5.0_wp, 7.0_wp]
 
       this = line([0.0_wp, 10.0_wp], [5.0_wp, 5.0_wp])
-      call check("ending on it, up: once", crossings(this, below, on) + crossings(this, on, above) == 1)
-      call check("ending on it, down: once", crossings(this, above, on) + crossings(this, on, below) == 1)
+      call check("ending on it, up: once", crossings(this, below, on) + crossings(this, on, &
+         above) == 1)
+      call check("ending on it, down: once", crossings(this, above, on) + crossings(this, on, &
+         below) == 1)
       call check("touched from above", crossings(this, above, on) + crossings(this, on, above) /= 1)
       call check("touched from below", crossings(this, below, on) + crossings(this, on, below) /= 1)
    end subroutine test_end_on_line
@@ -66,10 +74,13 @@ contains
       this = line([0.0_wp, 5.0_wp, 10.0_wp], [5.0_wp, 5.0_wp, 5.0_wp])
       call check_close("through a vertex of a straight line", &
                        first_crossing(this, [4.0_wp, 4.0_wp], [6.0_wp, 6.0_wp]), 0.5_wp, 1.0e-15_wp)
-      call check_close("and back", first_crossing(this, [6.0_wp, 6.0_wp], [4.0_wp, 4.0_wp]), 0.5_wp, 1.0e-15_wp)
+      call check_close("and back", first_crossing(this, [6.0_wp, 6.0_wp], [4.0_wp, 4.0_wp]), &
+                       0.5_wp, 1.0e-15_wp)
       this = line([0.0_wp, 5.0_wp, 5.0_wp], [5.0_wp, 5.0_wp, 20.0_wp])
-      call check_close("through a corner, out", first_crossing(this, [4.0_wp, 6.0_wp], [6.0_wp, 4.0_wp]), 0.5_wp, 1.0e-15_wp)
-      call check_close("through a corner, in", first_crossing(this, [6.0_wp, 4.0_wp], [4.0_wp, 6.0_wp]), 0.5_wp, 1.0e-15_wp)
+      call check_close("through a corner, out", &
+                       first_crossing(this, [4.0_wp, 6.0_wp], [6.0_wp, 4.0_wp]), 0.5_wp, 1.0e-15_wp)
+      call check_close("through a corner, in", &
+                       first_crossing(this, [6.0_wp, 4.0_wp], [4.0_wp, 6.0_wp]), 0.5_wp, 1.0e-15_wp)
    end subroutine test_vertex
 
    !> A path along the line does not cross until it leaves to the other side.
@@ -79,7 +90,8 @@ contains
       this = line([0.0_wp, 10.0_wp], [5.0_wp, 5.0_wp])
       call check("a path along the line has no place of crossing", &
                  first_crossing(this, [2.0_wp, 5.0_wp], [8.0_wp, 5.0_wp]) > 1)
-      call check("onto it, along it and through: once", crossings(this, [2.0_wp, 4.0_wp], [3.0_wp, 5.0_wp]) &
+      call check("onto it, along it and through: once", &
+                 crossings(this, [2.0_wp, 4.0_wp], [3.0_wp, 5.0_wp]) &
                  + crossings(this, [3.0_wp, 5.0_wp], [6.0_wp, 5.0_wp]) &
                  + crossings(this, [6.0_wp, 5.0_wp], [7.0_wp, 6.0_wp]) == 1)
    end subroutine test_along

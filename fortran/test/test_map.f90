@@ -5,7 +5,8 @@ program test_map
    use rockfall_kinds, only: wp, sp, i4, i8
    use rockfall_terrain, only: terrain_t, terrain, locate, height
    use rockfall_flight, only: flight_t, landing_t, span_t, fly, launch_rate
-   use rockfall_map, only: maps_t, visits_t, follows_cells, start_visits, visit_spans, visit_cell, add_visits, add_deposit
+   use rockfall_map, only: maps_t, visits_t, follows_cells, start_visits, visit_spans, &
+      visit_cell, add_visits, add_deposit
    use check_m, only: check, check_close, finish
    implicit none
 
@@ -122,12 +123,14 @@ contains
          t = landing%time*k/samples
          x = (start%x + start%v(1)*t)/cell
          y = (start%y + start%v(2)*t)/cell
-         if (abs(abs(x - floor(x)) - 0.5_wp) < 1.0e-9_wp .or. abs(abs(y - floor(y)) - 0.5_wp) < 1.0e-9_wp) cycle
+         if (abs(abs(x - floor(x)) - 0.5_wp) < 1.0e-9_wp &
+             .or. abs(abs(y - floor(y)) - 0.5_wp) < 1.0e-9_wp) cycle
          i = 1 + nint(x)
          r = ny - nint(y)
          speed2 = start%v(1)**2 + start%v(2)**2 + (start%v(3) - gravity*t)**2
          missed = missed .or. passages(i, r) /= 1
-         best(:, i, r) = max(best(:, i, r), [sqrt(speed2), 0.5_wp*3*(speed2 + 7), above_ground(start, x, y, t)])
+         best(:, i, r) = max(best(:, i, r), [sqrt(speed2), 0.5_wp*3*(speed2 + 7), &
+                                             above_ground(start, x, y, t)])
       end do
       call check("every cell under a flight is visited, once", .not. missed)
       other = .false.
@@ -140,11 +143,13 @@ contains
                other = other .or. .not. near_corner(start, landing, i, ny - r)
                cycle
             end if
-            associate (found => real([speed_max(i, r), energy_max(i, r), jump_height_max(i, r)], wp))
+            associate (found => real([speed_max(i, r), energy_max(i, r), jump_height_max(i, r)], &
+                                     wp))
                less = less .or. any(found < best(:, i, r)*(1 - 1.0e-6_wp) - 1.0e-6_wp)
                more = more .or. any(found > best(:, i, r)*(1 + 1.0e-2_wp) + 2.0e-2_wp)
             end associate
-            more = more .or. abs(energy_sum(i, r) - energy_max(i, r)) > 0.6_wp + 1.0e-6_wp*energy_max(i, r)
+            more = more .or. abs(real(energy_sum(i, r), wp) - energy_max(i, &
+               r)) > 0.6_wp + 1.0e-6_wp*energy_max(i, r)
          end do
       end do
       call check("no other cell is", .not. other)
@@ -161,7 +166,8 @@ contains
       r = max(2, ny - int(y))
       associate (u => x - (i - 1), w => y - (ny - r))
          above_ground = start%z + start%v(3)*t - 0.5_wp*gravity*t**2 &
-                        - (1 - w)*((1 - u)*z(i, r) + u*z(i + 1, r)) - w*((1 - u)*z(i, r - 1) + u*z(i + 1, r - 1))
+                        - (1 - w)*((1 - u)*z(i, r) + u*z(i + 1, r)) - w*((1 - u)*z(i, &
+                           r - 1) + u*z(i + 1, r - 1))
       end associate
    end function above_ground
 
@@ -176,7 +182,8 @@ contains
 
       near_corner = .false.
       do k = 0, 200000
-         p = [start%x + start%v(1)*landing%time*k/200000, start%y + start%v(2)*landing%time*k/200000]/cell
+         p = [start%x + start%v(1)*landing%time*k/200000, &
+              start%y + start%v(2)*landing%time*k/200000]/cell
          far = maxval(abs(p - [i - 1, j]))
          near_corner = near_corner .or. far < 0.5001_wp
       end do
@@ -192,9 +199,11 @@ contains
       call visit_cell(visits, [6, 6], 1.0_wp, 0.0_wp, 0.5_wp)
       call visit_cell(visits, [5, 6], 4.0_wp, 20.0_wp, 1.0_wp)
       call add_visits(maps, visits, 2.0_wp)
-      call check("passed once", passages(5, 6) == 1 .and. passages(6, 6) == 1 .and. sum(passages) == 2)
+      call check("passed once", passages(5, 6) == 1 .and. passages(6, 6) == 1 &
+                 .and. sum(passages) == 2)
       call check_close("greatest speed", real(speed_max(5, 6), wp), 3.0_wp, 0.0_wp)
-      call check_close("greatest energy, of one moment", real(energy_max(5, 6), wp), 24.0_wp, 0.0_wp)
+      call check_close("greatest energy, of one moment", real(energy_max(5, 6), wp), 24.0_wp, &
+                       0.0_wp)
       call check("its sum", energy_sum(5, 6) == 24)
       call check_close("greatest height", real(jump_height_max(5, 6), wp), 3.0_wp, 0.0_wp)
    end subroutine test_once
@@ -236,7 +245,8 @@ contains
          call add_visits(maps, visits, 1.0_wp)
          call check("all cells, once a boulder", all(passages == turn))
       end do
-      call check_close("the last visit was the fastest", real(maxval(speed_max), wp), sqrt(3.0_wp*nx*ny), 1.0e-7_wp)
+      call check_close("the last visit was the fastest", real(maxval(speed_max), wp), &
+                       sqrt(3.0_wp*nx*ny), 1.0e-7_wp)
       call check("nowhere an early one", minval(speed_max) > sqrt(2.0_sp*nx*ny))
    end subroutine test_many_cells
 

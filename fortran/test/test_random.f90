@@ -2,8 +2,8 @@
 !> Random numbers: the published words of Philox, the exact normal quantile, moments, separate streams.
 program test_random
    use rockfall_kinds, only: wp, i8
-   use rockfall_random, only: random_key_t, random_key, philox4x32, random_words, uniform, normal_table_t, &
-      normal_table, normal, normal_quantile, for_release, for_impact
+   use rockfall_random, only: random_key_t, random_key, philox4x32, random_words, uniform, &
+      normal_table_t, normal_table, normal, normal_quantile, for_release, for_impact
    use check_m, only: check, check_close, finish
    implicit none
 
@@ -28,7 +28,8 @@ contains
       integer(i8), parameter :: zero(4) = 0, ones(4) = low32
       integer(i8), parameter :: pi_words(4) = [int(z"243F6A88", i8), int(z"85A308D3", i8), &
                                                int(z"13198A2E", i8), int(z"03707344", i8)]
-      integer(i8), parameter :: pi_seed = ior(shiftl(int(z"299F31D0", i8), 32), int(z"A4093822", i8))
+      integer(i8), parameter :: pi_seed = ior(shiftl(int(z"299F31D0", i8), 32), &
+                                              int(z"A4093822", i8))
 
       call check("Philox of zeros", all(philox4x32(zero, random_key(0_i8)) == &
          [int(z"6627E8D5", i8), int(z"E169C58D", i8), int(z"BC57AC4C", i8), int(z"9B00DBD8", i8)]))
@@ -74,7 +75,8 @@ contains
       word(:, 10) = random_words(random_key(1_i8), for_release, 1_i8, 0_i8, 0_i8)
       do k = 1, n
          do l = 1, k - 1
-            call check("separate streams differ", .not. any(spread(word(:, k), 1, 12) == spread(word(:, l), 2, 12)))
+            call check("separate streams differ", &
+                       .not. any(spread(word(:, k), 1, 12) == spread(word(:, l), 2, 12)))
          end do
       end do
    end subroutine test_streams
@@ -93,7 +95,8 @@ contains
       worst = 0
       do k = 0, 3500
          p = 0.5_wp*10.0_wp**(-k/350.0_wp)
-         worst = max(worst, abs(quantile_error(normal_quantile(p), p)/min(-1.0e-3_wp, normal_quantile(p))))
+         worst = max(worst, abs(quantile_error(normal_quantile(p), p)/min(-1.0e-3_wp, &
+            normal_quantile(p))))
       end do
       call check("the quantile to 1e-14", worst < 1.0e-14_wp)
       call check_close("the median", normal_quantile(0.5_wp), 0.0_wp, 1.0e-16_wp)

@@ -3,7 +3,7 @@
 program test_surface
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_positive_inf
    use rockfall_kinds, only: wp, sp, i2
-   use rockfall_surface, only: surface_t, rock_radius, method_a, method_b
+   use rockfall_surface, only: surface_t, rock_radius, method_a
    use check_m, only: check, check_close, finish
    implicit none
 
@@ -26,14 +26,17 @@ contains
       integer :: k
 
       surface%sizes = reshape([0.25_wp], [1, 1])
-      call check_close("method B has its radius as it is", rock_radius(surface, [3, 4], 0.99_wp), 0.25_wp, 0.0_wp)
+      call check_close("method B has its radius as it is", &
+                       rock_radius(surface, [3, 4], 0.99_wp), 0.25_wp, 0.0_wp)
       surface%method = method_a
       surface%sizes = reshape([0.3_wp, 0.1_wp, 0.45_wp], [3, 1])
       do k = 1, 5
          surface%size_to_radius = 0.5_wp
-         call check_close("a diameter is halved", rock_radius(surface, [3, 4], u(k)), surface%sizes(drawn(k), 1)/2, 0.0_wp)
+         call check_close("a diameter is halved", rock_radius(surface, [3, 4], u(k)), &
+                          surface%sizes(drawn(k), 1)/2, 0.0_wp)
          surface%size_to_radius = 1
-         call check_close("a radius is not", rock_radius(surface, [3, 4], u(k)), surface%sizes(drawn(k), 1), 0.0_wp)
+         call check_close("a radius is not", rock_radius(surface, [3, 4], u(k)), &
+                          surface%sizes(drawn(k), 1), 0.0_wp)
       end do
    end subroutine test_uniform
 
@@ -48,13 +51,15 @@ contains
       surface%sizes = reshape([0.1_wp, 0.2_wp, 0.3_wp], [1, 3])
       do r = 1, 2
          do i = 1, 3
-            call check_close("the zone's radius", rock_radius(surface, [i, r], 0.9_wp), zone(i, r)*0.1_wp, 1.0e-15_wp)
+            call check_close("the zone's radius", rock_radius(surface, [i, r], 0.9_wp), &
+                             zone(i, r)*0.1_wp, 1.0e-15_wp)
          end do
       end do
       surface%method = method_a
       surface%sizes = reshape([(0.1_wp*k, k=1, 9)], [3, 3])
       do k = 1, 5
-         call check_close("the zone's sizes", rock_radius(surface, [1, 2], u(k)), 0.05_wp*(6 + drawn(k)), 1.0e-15_wp)
+         call check_close("the zone's sizes", rock_radius(surface, [1, 2], u(k)), &
+                          0.05_wp*(6 + drawn(k)), 1.0e-15_wp)
       end do
    end subroutine test_zones
 
@@ -65,10 +70,12 @@ contains
 
       call random_number(values)
       surface%values => values
-      call check_close("the cell's radius", rock_radius(surface, [2, 1], 0.9_wp), real(values(2, 1, 1), wp), 0.0_wp)
+      call check_close("the cell's radius", rock_radius(surface, [2, 1], 0.9_wp), &
+                       real(values(2, 1, 1), wp), 0.0_wp)
       surface%method = method_a
       do k = 1, 5
-         call check_close("the cell's sizes", rock_radius(surface, [3, 2], u(k)), values(3, 2, drawn(k))/2.0_wp, 0.0_wp)
+         call check_close("the cell's sizes", rock_radius(surface, [3, 2], u(k)), &
+                          values(3, 2, drawn(k))/2.0_wp, 0.0_wp)
       end do
    end subroutine test_rasters
 
@@ -99,7 +106,8 @@ contains
          hits(size) = hits(size) + 1
       end do
       do k = 1, 3
-         call check("Rg70, Rg20, Rg10 by their shares", abs(hits(k) - n*p(k)) < 4*sqrt(n*p(k)*(1 - p(k))))
+         call check("Rg70, Rg20, Rg10 by their shares", &
+                    abs(hits(k) - n*p(k)) < 4*sqrt(n*p(k)*(1 - p(k))))
       end do
    end subroutine test_shares
 end program test_surface

@@ -4,8 +4,8 @@
 program test_terrain
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan, ieee_is_nan
    use rockfall_kinds, only: wp, sp
-   use rockfall_terrain, only: terrain_t, patch_t, terrain, locate, within, on_terrain, read_patch, height, &
-      gradient, cell_of, cell_descent, steepest_cell_slope
+   use rockfall_terrain, only: terrain_t, patch_t, terrain, locate, within, on_terrain, &
+      read_patch, height, gradient, cell_of, cell_descent, steepest_cell_slope
    use check_m, only: check, check_close, finish
    implicit none
 
@@ -83,7 +83,8 @@ contains
          call draw_place(x, y)
          call locate(dem, x, y, patch, u, w)
          g = gradient(dem, patch, u, w)
-         call check_close("height of a plane", height(patch, u, w), 1000 + 0.75_wp*x - 0.5_wp*y, 1.0e-15_wp)
+         call check_close("height of a plane", height(patch, u, w), 1000 + 0.75_wp*x - 0.5_wp*y, &
+                          1.0e-15_wp)
          call check_close("eastward gradient of a plane", g(1), 0.75_wp, 1.0e-12_wp)
          call check_close("northward gradient of a plane", g(2), -0.5_wp, 1.0e-12_wp)
       end do
@@ -105,7 +106,8 @@ contains
          g = gradient(dem, patch, u, w)
          call check_close("height of a saddle", height(patch, u, w), &
                           100 - 0.25_wp*x + 0.5_wp*y + 0.125_wp*x*y, 1.0e-14_wp)
-         call check_close("1 + eastward gradient of a saddle", 1 + g(1), 0.75_wp + 0.125_wp*y, 1.0e-12_wp)
+         call check_close("1 + eastward gradient of a saddle", 1 + g(1), 0.75_wp + 0.125_wp*y, &
+                          1.0e-12_wp)
          call check_close("northward gradient of a saddle", g(2), 0.5_wp + 0.125_wp*x, 1.0e-12_wp)
       end do
    end subroutine test_saddle
@@ -131,8 +133,10 @@ contains
          call locate(single, x, y, a, u, w)
          call locate(double, x, y, b, u, w)
          same = same .and. abs(height(a, u, w) - height(b, u, w)) <= 0
-         call cell_descent(single, cell_of(single, a, u, w), gradient(single, a, u, w), down(:, 1), pit(1))
-         call cell_descent(double, cell_of(double, b, u, w), gradient(double, b, u, w), down(:, 2), pit(2))
+         call cell_descent(single, cell_of(single, a, u, w), gradient(single, a, u, w), &
+                           down(:, 1), pit(1))
+         call cell_descent(double, cell_of(double, b, u, w), gradient(double, b, u, w), &
+                           down(:, 2), pit(2))
          same = same .and. all(abs(down(:, 1) - down(:, 2)) <= 0) .and. (pit(1) .eqv. pit(2))
       end do
       call check("single and double precision agree", same)
@@ -172,7 +176,8 @@ contains
       call check_close("eastward descent of a plane", down(1), -0.75_wp, 1.0e-14_wp)
       call check_close("northward descent of a plane", down(2), 0.5_wp, 1.0e-14_wp)
       call check("a plane has no pit", .not. pit)
-      call check_close("steepest slope of a plane", steepest_cell_slope(dem, [3, 3]), sqrt(0.8125_wp), 1.0e-14_wp)
+      call check_close("steepest slope of a plane", steepest_cell_slope(dem, [3, 3]), &
+                       sqrt(0.8125_wp), 1.0e-14_wp)
       call random_number(z)
       call cell_descent(dem, [4, 2], [9.0_wp, 9.0_wp], down, pit)
       east = (z(5, 1) + 2*z(5, 2) + z(5, 3) - z(3, 1) - 2*z(3, 2) - z(3, 3))/(8*cell)
@@ -220,18 +225,22 @@ contains
       do i = 0, nx
          do j = 0, ny
             call read_patch(dem, i, j, patch)
-            call check("patches are known inside", patch%known .eqv. (i > 0 .and. j > 0 .and. i < nx .and. j < ny))
+            call check("patches are known inside", &
+                       patch%known .eqv. (i > 0 .and. j > 0 .and. i < nx .and. j < ny))
          end do
       end do
-      call check("the corners are terrain", on_terrain(dem, 0.0_wp, 0.0_wp) .and. on_terrain(dem, 15.0_wp, 10.0_wp))
-      call check("beyond them is none", .not. (on_terrain(dem, 15.001_wp, 1.0_wp) .or. on_terrain(dem, 1.0_wp, -0.001_wp)))
+      call check("the corners are terrain", on_terrain(dem, 0.0_wp, 0.0_wp) &
+                 .and. on_terrain(dem, 15.0_wp, 10.0_wp))
+      call check("beyond them is none", .not. (on_terrain(dem, 15.001_wp, 1.0_wp) &
+                                               .or. on_terrain(dem, 1.0_wp, -0.001_wp)))
       call locate(dem, 100.0_wp, -100.0_wp, patch, u, w)
       call check("a point beyond gets the nearest patch", patch%i == nx - 1 .and. patch%j == 1)
       call check("and its nearest corner", abs(u - 1) <= 0 .and. abs(w) <= 0)
       call locate(dem, 15.0_wp, 10.0_wp, patch, u, w)
       call check_close("height in the last corner", height(patch, u, w), 6.25_wp, 1.0e-15_wp)
       call cell_descent(dem, [1, 3], [0.25_wp, -2.0_wp], down, pit)
-      call check("a cell of the edge has the descent of the patch", all(abs(down - [-0.25_wp, 2.0_wp]) <= 0))
+      call check("a cell of the edge has the descent of the patch", &
+                 all(abs(down - [-0.25_wp, 2.0_wp]) <= 0))
       call check("and no pit", .not. pit)
       call check("and no slope of its own", ieee_is_nan(steepest_cell_slope(dem, [3, ny])))
    end subroutine test_edges
@@ -255,7 +264,8 @@ contains
          end do
       end do
       call locate(dem, 5.0_wp, 3.0_wp, patch, u, w)
-      call check("on the side of nodata the known patch", patch%known .and. patch%i == 2 .and. patch%j == 2)
+      call check("on the side of nodata the known patch", patch%known .and. patch%i == 2 &
+                 .and. patch%j == 2)
       call check_close("at its east side", u, 1.0_wp, 0.0_wp)
       call locate(dem, 5.0_wp, 2.5_wp, patch, u, w)
       call check("at its corner a known patch", patch%known)
@@ -263,7 +273,8 @@ contains
       call locate(dem, 6.0_wp, 4.0_wp, patch, u, w)
       call check("inside nodata none", .not. patch%known)
       call cell_descent(dem, [3, 2], [0.25_wp, -2.0_wp], down, pit)
-      call check("beside nodata the descent of the patch", all(abs(down - [-0.25_wp, 2.0_wp]) <= 0) .and. .not. pit)
+      call check("beside nodata the descent of the patch", &
+                 all(abs(down - [-0.25_wp, 2.0_wp]) <= 0) .and. .not. pit)
       call check("beside nodata no slope", ieee_is_nan(steepest_cell_slope(dem, [5, 4])))
    end subroutine test_nodata
 end program test_terrain

@@ -15,6 +15,7 @@ import numpy as np
 from rockfall.case import Case
 from rockfall.errors import RockfallError
 from rockfall.scene import Scene, read_scene, set_path
+from rockfall.simulate import trajectory
 
 MARK = "! Prepared by rockfall"  # first words of a prepared case.nml
 RASTERS = ("dem", "zones", "mean_radius", "rg70", "rg20", "rg10", "cells")
@@ -31,6 +32,7 @@ def prepare(case: Case, folder: str | Path, **arrays: Any) -> list[Path]:
     folder = Path(folder)
     _check_folder(folder)
     scene = read_scene(case, **arrays)
+    trajectory(scene, 1)  # the kernel refuses sources off the terrain
     sets = set_path(case)
     coefficients = sets.read_bytes()
     with _whole_folder(folder) as part:
@@ -125,7 +127,8 @@ def _whole_folder(folder: Path) -> Iterator[Path]:
         part.mkdir(parents=True)
         yield part
         folder.mkdir(exist_ok=True)
-        for name in ("case.nml", *(f"{name}{end}" for name in RASTERS for end in (".asc", ".prj"))):
+        rasters = (f"{name}{ending}" for name in RASTERS for ending in (".asc", ".prj"))
+        for name in ("case.nml", "zones.csv", *rasters):
             (folder / name).unlink(missing_ok=True)
         for path in sorted(part.iterdir(), key=lambda path: path.name == "case.nml"):
             os.replace(path, folder / path.name)

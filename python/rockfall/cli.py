@@ -42,8 +42,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         _close_stdout()  # who reads has seen enough
         return DONE
     except OSError as error:
-        _close_stdout()
-        return _say(f"{error.filename or 'output'}: {error.strerror or error}", REFUSED)
+        if error.filename is not None:
+            return _fault(error)
+        _close_stdout()  # takes no more
+        return _say(f"output: {error.strerror or error}", REFUSED)
     except Exception as error:
         return _fault(error)
 

@@ -13,7 +13,7 @@ import numpy as np
 from rockfall.crs import crs_name
 from rockfall.grid import row_blocks
 from rockfall.scene import SIZE_TO_RADIUS, Scene, used_zones
-from rockfall.simulate import Tally, fields, run_chunks, start
+from rockfall.simulate import Tally, fields, run_chunks, start, trajectory
 
 PILOT_SECONDS = 0.3
 PILOT_BOULDERS = 10_000  # at most
@@ -41,12 +41,13 @@ def preview(scene: Scene) -> str:
 
 def memory(scene: Scene) -> dict[str, int]:
     """Bytes that a run takes: rasters of the scene, maps, rows of results, the program itself."""
-    start_of = start(replace(scene, x=scene.x[:1], y=scene.y[:1]), threads=1)
+    tally = start(replace(scene, x=scene.x[:1], y=scene.y[:1]), threads=1)
+    derived = {"reach_probability", "energy_mean"} & set(scene.case.output.get("maps", []))
     row = 8 * len(fields(1)) + 4 * len(fields(2)) + 8 * len(fields(3)) * len(scene.case.line)
     rasters = [scene.z, scene.zone, scene.values, scene.x, scene.y]
     return {
         "rasters": sum(array.nbytes for array in rasters if array is not None),
-        "maps": sum(array.nbytes for array in start_of.maps.values()),
+        "maps": sum(m.nbytes for m in tally.maps.values()) + 4 * scene.z.size * len(derived),
         "results": row * scene.boulders,
         "program": BASE,
     }
@@ -54,8 +55,8 @@ def memory(scene: Scene) -> dict[str, int]:
 
 def _pilot(scene: Scene) -> Tally:
     """Some boulders from sources drawn at random, followed for about `PILOT_SECONDS`."""
-    whole = start(scene, threads=1)
-    run_chunks(whole, 1, lambda: whole.done > 0, lambda _: None)  # checks all sources
+    start(scene, threads=1)  # does it fit in memory?
+    trajectory(scene, 1)  # the kernel refuses sources off the terrain
     number = min(scene.boulders, PILOT_BOULDERS)
     drawn = np.random.default_rng(0).integers(scene.x.size, size=number)
     case = scene.case.replace(case={"boulders": 1})

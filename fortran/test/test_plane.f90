@@ -1,0 +1,130 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> A boulder that bounces down a plane with one fixed matrix: every contact is known in closed form.
+program test_plane
+   use rockfall_kinds, only: wp, i8
+   use rockfall_error, only: error_t
+   use rockfall_terrain, only: terrain
+   use rockfall_random, only: random_key
+   use rockfall_scene, only: set_sources, check_sources, set_impacts
+   use rockfall_trajectory, only: scene_t, fate_t, scratch_t, contact_t, impact_limit
+   use rockfall_ensemble, only: trace_boulder
+   use check_m, only: check, check_close, finish
+   implicit none
+
+   integer, parameter :: rebounds = 100, nx = 80, ny = 70
+   real(wp), parameter :: cell = 5.0_wp, gravity = 9.81_wp, drop = 2.0_wp, small = 1.0e-10_wp
+   !> Keeps energy from growing, and speeds on a slope of 30 degrees almost as they are.
+   real(wp), parameter :: matrix(3, 3) = reshape([0.675_wp, 0.2_wp, 0.3_wp, 0.05_wp, -0.4_wp, &
+                                                  0.05_wp, &
+                                                  0.1_wp, -0.1_wp, 0.4_wp], [3, 3])
+   real(wp), target :: z(nx, ny)
+
+   call test_contacts(0.0_wp)
+   call test_contacts(37.0_wp)
+   call test_contacts(111.0_wp)
+   call test_contacts(270.0_wp)
+   call finish()
+
+contains
+
+   !> A plane of 30 degrees whose descent has a bearing, anticlockwise from east [degrees].
+   subroutine test_contacts(bearing)
+      real(wp), intent(in) :: bearing
+      type(scene_t) :: scene
+      type(fate_t) :: fate
+      type(scratch_t) :: scratch
+      type(error_t), allocatable :: error
+      real(wp) :: down(2), tangent
+      integer :: i, r
+
+      tangent = sqrt(1/3.0_wp)
+      down = [cosd_(bearing), cosd_(bearing - 90)]
+      do r = 1, ny
+         do i = 1, nx
+            z(i, r) = -tangent*cell*(down(1)*(i - 40) - down(2)*(r - 35))
+         end do
+      end do
+      call make_scene(scene, -110*down, error)
+      call check("a scene", .not. allocated(error))
+      call trace_boulder(scene, 1_i8, 2*rebounds, fate, scratch)
+      call check("bounces to its limit", fate%status == impact_limit .and. fate%impacts == rebounds)
+      call check("nothing redrawn", fate%redrawn == 0 .and. fate%forced == 0)
+      call compare(scratch%record(:scratch%recorded), fate, tangent, down)
+   end subroutine test_contacts
+
+   !> Cosine of degrees, exact at right angles.
+   pure real(wp) function cosd_(angle)
+      real(wp), intent(in) :: angle
+
+      cosd_ = cos(angle*acos(-1.0_wp)/180)
+      if (abs(mod(angle, 90.0_wp)) <= 0) cosd_ = anint(cosd_)
+   end function cosd_
+
+   !> Release from a place off the middle of the terrain [m].
+   subroutine make_scene(scene, place, error)
+      type(scene_t), intent(out) :: scene
+      real(wp), intent(in) :: place(2)
+      type(error_t), allocatable, intent(out) :: error
+      real(wp) :: mean(9, 5), covariance(9, 9, 5)
+
+      scene%dem = terrain(4.0e5_wp, 5.0e6_wp, cell, z8=z)
+      scene%key = random_key(3_i8)
+      scene%gravity = gravity
+      scene%most_impacts = rebounds
+      scene%surface%sizes = reshape([0.25_wp], [1, 1])
+      scene%law%mean = 0.8_wp
+      scene%release%drop_height = drop
+      associate (dem => scene%dem)
+         call set_sources(scene, [dem%x0 + 39*cell + place(1)], [dem%y0 + 35*cell + place(2)])
+      end associate
+      call check_sources(scene, error)
+      if (allocated(error)) return
+      mean = spread(reshape(transpose(matrix), [9]), 2, 5)
+      covariance = 0
+      call set_impacts(scene, mean, covariance, error)
+   end subroutine make_scene
+
+   !> The normal velocity is reversed after T = 2 V_n/(g cos), meanwhile g sin T is gained along the slope
+   !> and V_t T + g sin T**2/2 covered.
+   subroutine compare(record, fate, tangent, down)
+      type(contact_t), intent(in) :: record(:)
+      type(fate_t), intent(in) :: fate
+      real(wp), intent(in) :: tangent, down(2)
+      real(wp) :: sine, cosine, v_in(3), v_out(3), along, time, flight, fastest, highest
+      integer :: k
+
+      cosine = 1/sqrt(1 + tangent**2)
+      sine = tangent*cosine
+      time = sqrt(2*drop/gravity)
+      v_in = gravity*time*[sine, -cosine, 0.0_wp]
+      along = 0
+      fastest = gravity*time
+      highest = drop
+      call check("as many vertices", size(record) == rebounds + 1)
+      do k = 1, rebounds
+         associate (c => record(k + 1))
+            v_out = matmul(matrix, v_in)
+            call check_close("time", c%time, time, small)
+            call check("x", abs(c%x - record(1)%x - along*cosine*down(1)) <= small*max(1.0_wp, &
+               along))
+            call check("y", abs(c%y - record(1)%y - along*cosine*down(2)) <= small*max(1.0_wp, &
+               along))
+            call check("z", abs(c%z - (record(1)%z - drop) + along*sine) <= small*max(1.0_wp, &
+               along))
+            call check("incoming", all(abs(c%v_in - v_in) <= small*norm2(v_in)))
+            call check("outgoing", all(abs(c%v_out - v_out) <= small*norm2(v_out)))
+            call check("velocity", all(abs(c%v - v_out(1)*[cosine*down, -sine] &
+                                           - v_out(2)*[sine*down, cosine]) <= small*norm2(v_out)))
+            fastest = max(fastest, norm2(v_in(:2)), norm2(v_out(:2)))
+            if (k < rebounds) highest = max(highest, (v_out(2)/cosine)**2/(2*gravity))
+            flight = 2*v_out(2)/(gravity*cosine)
+            time = time + flight
+            along = along + v_out(1)*flight + 0.5_wp*gravity*sine*flight**2
+            v_in = [v_out(1) + gravity*sine*flight, -v_out(2), v_out(3)]
+         end associate
+      end do
+      call check("it went far", along > 200)
+      call check_close("greatest speed", fate%speed_max, fastest, small)
+      call check_close("greatest jump", fate%jump_height_max, highest, small)
+   end subroutine compare
+end program test_plane

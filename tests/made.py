@@ -1,0 +1,56 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Files for the tests to read, and the one way in which they may be refused."""
+
+import contextlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rasterio
+from affine import Affine
+
+from rockfall.errors import RockfallError
+
+UTM = "EPSG:32632"
+PLACE = Affine(5.0, 0.0, 600000.0, 0.0, -5.0, 5000000.0)
+
+
+def hill(ny=6, nx=4, dtype="float64"):
+    """Elevations that differ in every cell."""
+    return (1000.0 + np.arange(ny * nx).reshape(ny, nx) * 0.25).astype(dtype)
+
+
+def make_raster(path, array, transform=PLACE, crs=UTM, nodata=None, **profile):
+    """Write a raster of one band, or of several for an array of three dimensions."""
+    bands = array if array.ndim == 3 else array[None]
+    with rasterio.open(
+        path,
+        "w",
+        driver="GTiff",
+        count=len(bands),
+        height=bands.shape[1],
+        width=bands.shape[2],
+        dtype=bands.dtype.name,
+        transform=transform,
+        crs=crs,
+        nodata=nodata,
+        **profile,
+    ) as file:
+        file.write(bands)
+    return path
+
+
+def make_ascii(path, body, head="xllcorner 600000\nyllcorner 4999970\ncellsize 5\n", size=(3, 2)):
+    """Write an ESRI ASCII grid of `size` (columns, rows) with any text for its numbers."""
+    Path(path).write_text(f"ncols {size[0]}\nnrows {size[1]}\n{head}{body}")
+    return path
+
+
+@contextlib.contextmanager
+def refused(message):
+    """The block must end in a RockfallError of exactly this one line, with exit status 2."""
+    with pytest.raises(RockfallError) as caught:
+        yield
+    assert str(caught.value) == message
+    assert caught.value.code == 2
+    assert "\n" not in message

@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Terrain, impact sets and cases that tests make."""
+
+import numpy as np
+
+import rockfall
+from rockfall.grid import Grid
+
+
+def rough(nx=60, ny=80, cell=5.0, gradient=0.8, relief=3.0, seed=1, dtype="f8"):
+    """A southward slope with bumps of every size, the smallest a cell wide."""
+    random = np.random.default_rng(seed)
+    y, x = np.mgrid[ny - 1 : -1 : -1, 0:nx] * cell
+    z = gradient * y + 1000.0
+    for wave in (4, 8, 16, 32):
+        phase = random.uniform(0, 2 * np.pi, 2)
+        size = relief * wave / 32
+        z += size * np.sin(2 * np.pi * x / (wave * cell) + phase[0])
+        z += size * np.sin(2 * np.pi * y / (wave * cell) + phase[1])
+    return (z + random.normal(0, 0.1 * relief, z.shape)).astype(dtype)
+
+
+#: A lively slope: boulders bounce back, spin both ways, and have draws refused.
+LIVELY_MEAN = np.array([0.62, 0.02, 0.13, 0.19, -0.45, -0.19, 0.24, 0.05, 0.34])
+_SPREAD = np.array([0.12, 0.15, 0.1, 0.08, 0.1, 0.05, 0.15, 0.2, 0.15])
+LIVELY_COVARIANCE = np.outer(_SPREAD, _SPREAD) * (0.8 * np.eye(9) + 0.2)
+
+
+def sets(scatter=1.0):
+    """Mean (5, 9) and covariance (5, 9, 9): a lively set, a little harder for each ratio."""
+    harder = 1 + 0.02 * np.arange(5)
+    return np.outer(harder, LIVELY_MEAN), np.repeat(scatter * LIVELY_COVARIANCE[None], 5, axis=0)
+
+
+def write_sets(path, mean, covariance):
+    """A file of impact sets, with every digit."""
+    groups = []
+    for k in range(5):
+        lower = ", ".join(repr(float(c)) for i in range(9) for c in covariance[k, i, : i + 1])
+        means = ", ".join(repr(float(m)) for m in mean[k])
+        groups.append(f"&impact_set\n ratio = {k + 1}\n mean = {means}\n covariance = {lower}\n/\n")
+    path.write_text("".join(groups))
+    return path
+
+
+def make_case(folder, mean, covariance, line=(), **groups):
+    """A case for an array of elevations; `folder` gets its impact sets."""
+    write_sets(folder / "sets.nml", mean, covariance)
+    case = {
+        "case": {"boulders": 50, "seed": 20090601, "threads": 1},
+        "boulder": {"volume": "fixed", "volume_mean": 0.8},
+        "release": {"drop_height": 5.0},
+    }
+    case = {name: case.get(name, {}) | groups.get(name, {}) for name in {**case, **groups}}
+    case["surface"] = case.get("surface") or {"uniform_mean_radius": 0.25}
+    case["impact"] = {"sets": "sets.nml"} | case.get("impact", {})
+    return rockfall.Case(folder=folder, line=line, **case)
+
+
+def grid(z, cell=5.0, west=0.0, south=0.0):
+    """The grid of an array of elevations."""
+    ny, nx = z.shape
+    return Grid(west, south + ny * cell, cell, nx, ny)
+
+
+def status(result):
+    """The status of each boulder as its name."""
+    names = result.status.attrs["flag_meanings"].split()
+    return [names[k - 1] for k in result.status.values]
