@@ -431,7 +431,7 @@ HOSTILE = {
     "words in dem": (write("dem.asc", "hello\n"), ["dem.asc: no ESRI ASCII grid"], False),
     "geotiff": (write("dem.asc", b"II*\0\1\2\3"), ["dem.asc", "rockfall prepare"], False),
     "degrees": (write("dem.prj", 'GEOGCS["x"]'), ["dem.asc: cells are in degrees"], False),
-    "feet": (write("dem.prj", 'PROJCS["x",UNIT["Foot",0.3048]]'), ["dem.asc: cells are in feet"], False),
+    "feet": (write("dem.prj", 'PROJCS["x",UNIT["Foot",0.3048]]'), ["cells are in feet"], False),
     "not square": (
         write("dem.asc", "ncols 2\nnrows 2\nxllcorner 0\nyllcorner 0\ndx 2.5\ndy 3\n1 2 3 4\n"),
         ["dem.asc: cells are not square (2.5 x 3 m)", "rio warp"], False,

@@ -75,30 +75,29 @@ contains
       type(error_t), allocatable, intent(out) :: error
       integer(i8), allocatable :: found(:)
       character(len=:), allocatable :: zones
-      integer(i8) :: first, k, n
+      integer :: first, k, n
 
       found = pack(int(ids, i8), index == 0 .and. known)
-      n = count(found == no_id, kind=i8)
+      n = count(found == no_id)
       if (n > 0) then
-         call fail(error, path//": "//integer_text(int(n)) &
-                   //" cells of the terrain have no zone; give them one, or set " &
-                   //"&surface default_zone")
+         call fail(error, path//": "//integer_text(n)//" cells of the terrain have no zone; " &
+                   //"give them one, or set &surface default_zone")
          return
       end if
       call sort(found)
       zones = ""
       n = 0
       first = 1
-      do k = 1, size(found, kind=i8)
-         if (k < size(found, kind=i8)) then
+      do k = 1, size(found)
+         if (k < size(found)) then
             if (found(k + 1) == found(k)) cycle
          end if
          n = n + 1
-         if (n <= 10) zones = zones//", zone "//integer_text(int(found(k)))//" ("//integer_text(int(k - first + 1)) &
-            //" cells)"
+         if (n <= 10) zones = zones//", zone "//integer_text(int(found(k)))//" (" &
+                              //integer_text(k - first + 1)//" cells)"
          first = k + 1
       end do
-      if (n > 10) zones = zones//", "//integer_text(int(n - 10))//" more"
+      if (n > 10) zones = zones//", "//integer_text(n - 10)//" more"
       call fail(error, path//": "//zones(3:)//trim(merge(" has ", " have", n == 1)) &
                 //" no row in "//table)
    end subroutine without_row
