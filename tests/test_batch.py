@@ -423,7 +423,7 @@ HOSTILE = {
     "twice": (replace("seed =", "seed = 1, seed ="), ["&case seed", "twice"], True),
     "no boulders": (replace("boulders = 40", "boulders = 0"), ["boulders = 0", ">= 1"], True),
     "memory": (replace("boulders = 40", "boulders = 900000000000"), ["not fit in memory"], False),
-    "no dem": (replace("dem.asc", "none.asc"), ["none.asc: no such file"], True),
+    "no dem": (replace("dem.asc", "none.asc"), ["&terrain dem = 'none.asc': no such file"], True),
     "empty dem": (write("dem.asc", ""), ["dem.asc: is empty"], True),
     "truncated dem": (
         lambda folder: os.truncate(folder / "dem.asc", 9000), ["dem.asc", "truncated"], False
@@ -468,7 +468,7 @@ HOSTILE = {
         ["100 cells of the terrain have no zone", "default_zone"], True,
     ),
     "default": (replace("default_zone = 7", "default_zone = 8"), ["default_zone = 8"], True),
-    "no table": (replace("zones.csv", "none.csv"), ["none.csv: no such file"], False),
+    "no table": (replace("zones.csv", "none.csv"), ["&surface table = 'none.csv': no such file"], True),
     "radius": (
         write("zones.csv", TABLE.replace("0.35", "-0.35")),
         ["zones.csv: line 2: mean_radius = -0.35: must be > 0 (Inf absorbs)"], True,

@@ -56,6 +56,7 @@ contains
 
       allocate (inputs%files(0))
       call refuse_polygons(case, error)
+      if (.not. allocated(error)) call check_files(case, error)
       if (.not. allocated(error)) call read_surface(case, inputs, surface_grid, table_ids, error)
       if (.not. allocated(error)) call read_dem(case, inputs, error)
       if (.not. allocated(error)) call check_surface(case, inputs, surface_grid, table_ids, error)
@@ -90,6 +91,33 @@ contains
       k = count(inputs%files%key < key)
       inputs%files = [inputs%files(:k), file, inputs%files(k + 1:)]
    end subroutine note_file
+
+   !> Every file that the case names and that is to be read is there.
+   subroutine check_files(case, error)
+      type(case_t), intent(in) :: case
+      type(error_t), allocatable, intent(out) :: error
+      integer :: k
+
+      call check_file(case, "&terrain dem", case%dem, error)
+      if (.not. allocated(error)) call check_file(case, "&surface zones", case%zones, error)
+      if (.not. allocated(error)) call check_file(case, "&surface table", case%table, error)
+      do k = 1, merge(3, 1, case%method == method_a)
+         if (allocated(error)) return
+         call check_file(case, "&surface "//values_key(case, k), values_file(case, k), error)
+      end do
+      if (.not. allocated(error)) call check_file(case, "&release cells", case%cells, error)
+   end subroutine check_files
+
+   subroutine check_file(case, key, file, error)
+      type(case_t), intent(in) :: case
+      character(len=*), intent(in) :: key, file  !! "" when the case does not name it
+      type(error_t), allocatable, intent(out) :: error
+      logical :: exists
+
+      if (file == "") return
+      inquire (file=raster_file(path_of(case, file)), exist=exists)
+      if (.not. exists) call fail(error, case%file//": "//key//" = '"//file//"': no such file")
+   end subroutine check_file
 
    subroutine refuse_polygons(case, error)
       type(case_t), intent(in) :: case

@@ -23,6 +23,7 @@ program test_plane
    call test_contacts(37.0_wp)
    call test_contacts(111.0_wp)
    call test_contacts(270.0_wp)
+   call test_sliding()
    call finish()
 
 contains
@@ -51,6 +52,32 @@ contains
       call check("nothing redrawn", fate%redrawn == 0 .and. fate%forced == 0)
       call compare(scratch%record(:scratch%recorded), fate, tangent, down)
    end subroutine test_contacts
+
+   !> Rebounds so flat that the rounding of the velocity is more than V_n: each still takes its time.
+   subroutine test_sliding()
+      type(scene_t) :: scene
+      type(fate_t) :: fate
+      type(scratch_t) :: scratch
+      type(error_t), allocatable :: error
+      real(wp), parameter :: flat = 1.0e-18_wp, kept = 0.99_wp
+      real(wp) :: covariance(9, 9, 5), time
+      integer :: k
+
+      z = spread([(-0.7_wp*cell*k, k=1, nx)], 2, ny)
+      call make_scene(scene, [0.0_wp, 0.0_wp], error)
+      scene%release%drop_height = 0
+      scene%release%velocity = [7.0_wp, 1.0_wp, -9.0_wp]
+      covariance = 0
+      call set_impacts(scene, spread([kept, 0.0_wp, 0.0_wp, flat, (0.0_wp, k=5, 9)], 2, 5), &
+                       covariance, error)
+      call trace_boulder(scene, 1_i8, 2*rebounds, fate, scratch)
+      call check("slides on", fate%impacts == rebounds .and. fate%rebounds == rebounds)
+      time = 0
+      do k = 1, min(fate%impacts, 50)
+         call check_close("sum of the flights", scratch%record(k + 1)%time, time, 1.0e-10_wp)
+         time = time + 2*flat*(scratch%record(2)%v_in(1)*kept**(k - 1))*sqrt(1.49_wp)/gravity
+      end do
+   end subroutine test_sliding
 
    !> Cosine of degrees, exact at right angles.
    pure real(wp) function cosd_(angle)

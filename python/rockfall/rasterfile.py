@@ -136,11 +136,15 @@ def open_raster(path: str | Path) -> Iterator[RasterFile]:
             ) from error
 
 
+def raster_file(path: str) -> str:
+    """The file of a raster, which may be one variable of a netCDF file: `file.nc:variable`."""
+    return path.rpartition(":")[0] if ".nc:" in path and not Path(path).exists() else path
+
+
 def _gdal_name(path: str) -> str:
     """The name by which GDAL opens a file, or one variable of a netCDF file."""
-    file, variable = path, ""
-    if not Path(path).exists() and ".nc:" in path:
-        file, _, variable = path.rpartition(":")
+    file = raster_file(path)
+    variable = path[len(file) + 1 :]
     if not Path(file).exists():
         raise RockfallError(f"{path}: no such file")
     if Path(file).is_file() and Path(file).stat().st_size == 0:

@@ -93,6 +93,7 @@ def read_scene(case: Case, dem: Any = None, transform: Any = None, **rasters: An
     """
     from rockfall.rasters import from_array, read_dem
 
+    _check_files(case, {"dem": dem, **rasters})
     if dem is not None:
         z, grid = from_array(dem, transform)
     elif case.terrain["dem"] == FROM_ARRAY:
@@ -112,6 +113,22 @@ def read_scene(case: Case, dem: Any = None, transform: Any = None, **rasters: An
             f"{case.name}: rasters that the case does not use: {', '.join(rasters)}"
         )
     return scene
+
+
+def _check_files(case: Case, arrays: dict[str, Any]) -> None:
+    """Every file that the case names and that is to be read is there."""
+    from rockfall.rasterfile import raster_file
+
+    sizes = ("mean_radius",) if case.surface["method"] == "B" else ("rg70", "rg20", "rg10")
+    keys = {"terrain": ("dem",), "surface": ("zones", "table", *sizes)}
+    keys["release"] = ("cells", "polygons")
+    for group, names in keys.items():
+        for key in names:
+            file = getattr(case, group).get(key)
+            if file in (None, FROM_ARRAY) or arrays.get(key) is not None:
+                continue
+            if not Path(raster_file(str(case.path(file)))).exists():
+                raise RockfallError(f"{case.name}: &{group} {key} = '{file}': no such file")
 
 
 def lines_outside(scene: Scene) -> list[str]:
@@ -273,8 +290,10 @@ def _blocks(
 
 def _checksum(path: Path) -> str:
     """SHA-256 of a file."""
+    from rockfall.rasterfile import raster_file
+
     try:
-        with open(path, "rb") as file:
+        with open(raster_file(str(path)), "rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:
         raise RockfallError(f"{path}: cannot be read: {error.strerror}") from error
