@@ -468,7 +468,9 @@ HOSTILE = {
         ["100 cells of the terrain have no zone", "default_zone"], True,
     ),
     "default": (replace("default_zone = 7", "default_zone = 8"), ["default_zone = 8"], True),
-    "no table": (replace("zones.csv", "none.csv"), ["&surface table = 'none.csv': no such file"], True),
+    "no table": (
+        replace("zones.csv", "none.csv"), ["&surface table = 'none.csv': no such file"], True
+    ),
     "radius": (
         write("zones.csv", TABLE.replace("0.35", "-0.35")),
         ["zones.csv: line 2: mean_radius = -0.35: must be > 0 (Inf absorbs)"], True,
