@@ -237,6 +237,21 @@ def test_passages_are_the_cells_under_the_trajectories(folder):
     assert np.array_equal(passed, result.passages)
 
 
+def test_greatest_speeds_are_those_of_the_trajectories(folder):
+    """Speed is greatest at the ends of flights; spin can make it grow in a rebound."""
+    case = make_case(folder, 200, output={"trajectories": 200}, release={"drop_height": 0.5})
+    result = run(case)
+    after = np.sqrt(sum(result[f"trajectory_velocity_{axis}"].values ** 2 for axis in "xyz"))
+    before = np.hypot(result.trajectory_in_t.values, result.trajectory_in_n.values)
+    by_rebound = 0
+    for k, number in enumerate(result.boulder.values):
+        mine = result.trajectory_boulder.values == number
+        fastest = max(after[mine].max(), before[mine].max())
+        assert result.speed_max.values[k] == pytest.approx(fastest, rel=1e-12)
+        by_rebound += after[mine].max() > before[mine].max() * (1 + 1e-9)
+    assert by_rebound > 5
+
+
 def test_lines_are_met_where_the_trajectories_cross_them(folder):
     level = LINES[0]["y"][0]
     result = run(make_case(folder, 200, line=LINES, output={"trajectories": 200}))

@@ -303,8 +303,10 @@ contains
       type(terrain_t) :: dem
       type(flight_t) :: start
       type(landing_t) :: landing
+      type(span_t) :: spans(nx + ny)
       real(wp) :: deepest, off, v(3)
-      integer :: k, contacts
+      integer :: k, n, contacts
+      logical :: above, exact
 
       call random_number(z)
       z = 25*z
@@ -312,6 +314,8 @@ contains
       deepest = 0
       off = 0
       contacts = 0
+      above = .true.
+      exact = .true.
       landing%contact = .false.
       do k = 1, 100000
          v = [between(-20.0_wp, 20.0_wp), between(-20.0_wp, 20.0_wp), between(-20.0_wp, 20.0_wp)]
@@ -327,16 +331,20 @@ contains
             if (mod(k, 2) == 0) start = flight_from(dem, anint(start%x/2.5_wp)*2.5_wp, start%y, &
                                                     0.5_wp, v)
          end if
-         call fly(dem, gravity, start, landing)
+         call fly(dem, gravity, start, landing, spans, n)
+         above = above .and. all(spans(:n)%d0 >= 0 .and. spans(:n)%t1 >= spans(:n)%t0)
          deepest = max(deepest, depth(z, 2.5_wp, start, landing%time))
          if (.not. landing%contact) cycle
          contacts = contacts + 1
+         exact = exact .and. abs(height(landing%patch, landing%u, landing%w) - landing%z) <= 0
          off = max(off, abs(ground(z, landing%x/2.5_wp, landing%y/2.5_wp) - landing%z))
       end do
       print "(a, es9.2, a)", "deepest below the ground: ", deepest, " m"
       call check("many contacts", contacts > 50000)
       call check("no flight goes through the ground", deepest < 1.0e-9_wp)
       call check("contacts lie on it", off < 1.0e-11_wp)
+      call check("to the bit, by the place in their patch", exact)
+      call check("every patch is entered on or above the ground, later than the one before", above)
    end subroutine test_never_below_ground
 
    !> Bilinear elevation at x, y in node spacings.
