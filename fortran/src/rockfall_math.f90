@@ -15,7 +15,7 @@ module rockfall_math
 
 contains
 
-   !> Natural logarithm of a positive normal number, within 2 units in the last place.
+   !> Natural logarithm of a positive normal number, within 5 units in the last place.
    elemental real(wp) function logarithm(x)
       real(wp), intent(in) :: x  !! > 0
       integer(i8) :: bits, e
@@ -38,7 +38,7 @@ contains
                                                                            + q4*(r(8) + q*r(9))))
    end function logarithm
 
-   !> e**x for |x| < 700.
+   !> e**x for |x| < 700, within 5 + 2 |x| units in the last place.
    elemental real(wp) function exponential(x)
       real(wp), intent(in) :: x
       integer :: k, n
