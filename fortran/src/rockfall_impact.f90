@@ -16,8 +16,8 @@ module rockfall_impact
 
    !> Mean m and root L of the covariance C = L L^T of (a1..a9), A by rows; L is lower triangular.
    type :: impact_set_t
-      real(wp) :: mean(9) = 0.0_wp
-      real(wp) :: root(9, 9) = 0.0_wp  !! transposed: root(k, i) = L_ik, so that a row is contiguous
+      real(wp) :: mean(10) = 0.0_wp     !! and a tenth row of zeros, because
+      real(wp) :: root(10, 9) = 0.0_wp  !! processors work in pairs
    end type impact_set_t
 
    !> What one rebound did.
@@ -71,17 +71,17 @@ contains
       type(impact_set_t), intent(out) :: set
       type(error_t), allocatable, intent(out) :: error
       real(wp) :: root(9, 9)
-      integer :: info, i
+      integer :: info, k
 
       call check_symmetric(covariance, error)
       if (.not. allocated(error)) call check_definite(covariance, error)
       if (allocated(error)) return
-      set%mean = mean
+      set%mean(:9) = mean
       root = covariance
       call dpotrf("L", 9, root, 9, info)
       if (info /= 0) call semidefinite_root(covariance, root)
-      do i = 1, 9
-         set%root(:i, i) = root(i, :i)
+      do k = 1, 9
+         set%root(k:9, k) = root(k:9, k)
       end do
    end subroutine impact_set
 
@@ -188,15 +188,12 @@ contains
    pure function product_with(set, z, v_in) result(v)
       type(impact_set_t), intent(in) :: set
       real(wp), intent(in) :: z(9), v_in(3)
-      real(wp) :: v(3), a(9)
-      integer :: i, k
+      real(wp) :: v(3), a(10)
 
-      do i = 1, 9
-         a(i) = set%mean(i)
-         do k = 1, i
-            a(i) = a(i) + set%root(k, i)*z(k)
-         end do
-      end do
+      associate (m => set%mean, l => set%root)
+         a = m + l(:, 1)*z(1) + l(:, 2)*z(2) + l(:, 3)*z(3) + l(:, 4)*z(4) + l(:, 5)*z(5) &
+             + l(:, 6)*z(6) + l(:, 7)*z(7) + l(:, 8)*z(8) + l(:, 9)*z(9)
+      end associate
       v(1) = a(1)*v_in(1) + a(2)*v_in(2) + a(3)*v_in(3)
       v(2) = a(4)*v_in(1) + a(5)*v_in(2) + a(6)*v_in(3)
       v(3) = a(7)*v_in(1) + a(8)*v_in(2) + a(9)*v_in(3)

@@ -66,15 +66,18 @@ contains
       real(wp), intent(in) :: x, y, v(3) !! start of the flight [m], [m/s]
       real(wp), intent(in) :: spin       !! twice the rotational energy per mass [m2/s2]
       type(span_t), intent(in) :: spans(:)
-      real(wp) :: plan2, cut(2), t, next, d(2), w(2)
+      real(wp) :: plan2, inverse(2), cut(2), t, next, d(2), w(2)
       integer :: k, cell(2), step(2)
 
       plan2 = v(1)*v(1) + v(2)*v(2)
       step = merge(1, -1, v(1:2) > 0)
+      inverse = 0
+      if (abs(v(1))*never > dem%cell) inverse(1) = 1/v(1)
+      if (abs(v(2))*never > dem%cell) inverse(2) = 1/v(2)
       do k = 1, size(spans)
          associate (s => spans(k))
-            call enter(x, v(1), dem, s%patch%i, s%t0, cut(1), cell(1))
-            call enter(y, v(2), dem, s%patch%j, s%t0, cut(2), cell(2))
+            call enter((s%patch%i - 0.5_wp)*dem%cell - x, inverse(1), step(1), s%patch%i, s%t0, cut(1), cell(1))
+            call enter((s%patch%j - 0.5_wp)*dem%cell - y, inverse(2), step(2), s%patch%j, s%t0, cut(2), cell(2))
             t = s%t0
             d(1) = s%d0
             w(1) = v(3) - gravity*t
@@ -102,27 +105,24 @@ contains
 
    !> On one axis: the cell over which a path enters patch interval i at time t0, and when it passes
    !> to the next cell in the middle of the patch.
-   pure subroutine enter(x, v, dem, i, t0, cut, cell)
-      real(wp), intent(in) :: x, v  !! start of the flight [m], its velocity [m/s]
-      type(terrain_t), intent(in) :: dem
+   pure subroutine enter(middle, inverse, step, i, t0, cut, cell)
+      real(wp), intent(in) :: middle   !! of the patch, from the start of the flight [m]
+      real(wp), intent(in) :: inverse  !! 1/v [s/m]; 0 at rest
+      integer, intent(in) :: step      !! 1 or -1, the way it goes
       integer, intent(in) :: i
       real(wp), intent(in) :: t0
-      real(wp), intent(out) :: cut  !! [s]; `never` when it does not
-      integer, intent(out) :: cell  !! i or i + 1
-      real(wp) :: middle
+      real(wp), intent(out) :: cut     !! [s]; `never` when it does not
+      integer, intent(out) :: cell     !! i or i + 1
+      logical :: before
 
-      middle = (i - 0.5_wp)*dem%cell - x
       cut = never
-      cell = i
-      if (abs(v)*never > dem%cell) cut = middle/v
-      if (cut <= t0) then
-         cut = never
-         if (v > 0) cell = i + 1
-      else if (v < 0 .and. cut < never) then
-         cell = i + 1
-      else if (cut >= never .and. middle <= 0) then
-         cell = i + 1
+      before = middle > 0
+      if (abs(inverse) > 0) then
+         cut = middle*inverse
+         before = cut > t0 .eqv. step > 0
+         if (cut <= t0) cut = never
       end if
+      cell = i + merge(0, 1, before)
    end subroutine enter
 
    !> Greatest height above the patch within t0..t1 of a span, d its heights at both.
