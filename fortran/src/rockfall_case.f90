@@ -16,6 +16,7 @@ module rockfall_case
 
    integer, parameter :: many = 100000       !! values of a list
    integer, parameter :: text_length = 4096  !! characters of a text
+   integer, parameter :: most_threads = 1024
 
    !> A key of the case file.
    type :: key_t
@@ -338,6 +339,8 @@ contains
       small = key%name /= "seed" .and. key%name /= "boulders"
       if ((key%allowed == ">= 0" .and. value < 0) .or. (key%allowed == ">= 1" .and. value < 1)) then
          call refuse(group, trim(key%name), "must be "//trim(key%allowed), error)
+      else if (key%name == "threads" .and. value > most_threads) then
+         call refuse(group, trim(key%name), "must be at most "//integer_text(most_threads), error)
       else if (small .and. abs(value) > huge(1)) then
          call refuse(group, trim(key%name), "must be at most "//integer_text(huge(1)), error)
       end if

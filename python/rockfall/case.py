@@ -116,6 +116,8 @@ class Case:
 
 
 def _check(text: bytes, name: str) -> None:
+    if b"\0" in text:  # the kernel would see the text before it only
+        raise RockfallError(f"{name}: character code 0 is not text")
     code, message = _core.check_case(text or b"\n", name.encode())
     if code:
         raise RockfallError(message.decode(errors="replace").strip(), code)

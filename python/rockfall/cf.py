@@ -25,7 +25,16 @@ _PROJECTIONS: dict[str, tuple[str, tuple[tuple[str, str], ...]]] = {
     "laea": ("lambert_azimuthal_equal_area", (_LATITUDE, _ORIGIN, *_SHIFT)),
     "aea": ("albers_conical_equal_area", (_LATITUDE, _MERIDIAN, *_SHIFT)),
     "merc": ("mercator", (_ORIGIN, ("scale_factor_at_projection_origin", "k"), *_SHIFT)),
-    "stere": ("polar_stereographic", (_LATITUDE, _MERIDIAN, *_SHIFT)),
+    "stere": (
+        "polar_stereographic",
+        (
+            _LATITUDE,
+            ("straight_vertical_longitude_from_pole", "lon_0"),
+            ("standard_parallel", "lat_ts"),
+            ("scale_factor_at_projection_origin", "k"),
+            *_SHIFT,
+        ),
+    ),
 }
 
 

@@ -31,7 +31,7 @@ def from_array(
     y of its cell centres, y in either direction, and its CRS where rioxarray or CF keep it.
     """
     if hasattr(data, "coords"):
-        data = _plan(data)
+        data = as_plan(data)
         grid, flipped = grid_of(data)
         values, fill = data.values, data.attrs.get("_FillValue")
     elif transform is None:
@@ -74,7 +74,7 @@ def grid_of(data: xr.DataArray) -> tuple[Grid, bool]:
     return _exact(grid, about), bool(step < 0)
 
 
-def _plan(data: xr.DataArray) -> xr.DataArray:
+def as_plan(data: xr.DataArray) -> xr.DataArray:
     """The same on dims (y, x), rid of other dims of length one, such as a single band."""
     others = [name for name in data.dims if name not in ("y", "x")]
     if not {"y", "x"} <= set(data.dims) or any(data.sizes[name] > 1 for name in others):

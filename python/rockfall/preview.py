@@ -13,7 +13,7 @@ import numpy as np
 from rockfall.crs import crs_name
 from rockfall.grid import row_blocks
 from rockfall.scene import SIZE_TO_RADIUS, Scene, used_zones
-from rockfall.simulate import Tally, fields, run_chunks, start, trajectory
+from rockfall.simulate import Tally, check_sources, fields, run_chunks, start
 
 PILOT_SECONDS = 0.3
 PILOT_BOULDERS = 10_000  # at most
@@ -56,7 +56,7 @@ def memory(scene: Scene) -> dict[str, int]:
 def _pilot(scene: Scene) -> Tally:
     """Some boulders from sources drawn at random, followed for about `PILOT_SECONDS`."""
     start(scene, threads=1)  # does it fit in memory?
-    trajectory(scene, 1)  # the kernel refuses sources off the terrain
+    check_sources(scene)
     number = min(scene.boulders, PILOT_BOULDERS)
     drawn = np.random.default_rng(0).integers(scene.x.size, size=number)
     case = scene.case.replace(case={"boulders": 1})

@@ -67,6 +67,8 @@ class RasterFile:
     def flaw(self) -> str:
         """Why its cells cannot be those of a grid; empty when they can."""
         t, far = self.source.transform, max(self.grid.shape)
+        if not 0 < abs(t.a) < np.inf:
+            return f"cells have the size {t.a:g}: must be > 0"
         if max(abs(t.b), abs(t.d)) * far > TOLERANCE * abs(t.a):
             return "is rotated"
         if t.a < 0:

@@ -93,7 +93,9 @@ def read_scene(case: Case, dem: Any = None, transform: Any = None, **rasters: An
     """
     from rockfall.rasters import from_array, read_dem
 
-    _check_files(case, {"dem": dem, **rasters})
+    arrays = {"dem": dem, **rasters}
+    case = _with_arrays(case, {key for key, array in arrays.items() if array is not None})
+    _check_files(case, arrays)
     if dem is not None:
         z, grid = from_array(dem, transform)
     elif case.terrain["dem"] == FROM_ARRAY:
@@ -103,8 +105,8 @@ def read_scene(case: Case, dem: Any = None, transform: Any = None, **rasters: An
     else:
         z, grid = read_dem(case.path(case.terrain["dem"]))
     scene = Scene(case, grid, z, np.zeros((1, 1)))
-    if dem is None:
-        scene.checksums["dem"] = _checksum(case.path(case.terrain["dem"]))
+    file = case.path(case.terrain["dem"])
+    scene.checksums["dem"] = _checksum(file) if dem is None else _array_checksum(z)
     _read_surface(scene, rasters)
     _read_sources(scene, rasters)
     _read_sets(scene)
@@ -113,6 +115,17 @@ def read_scene(case: Case, dem: Any = None, transform: Any = None, **rasters: An
             f"{case.name}: rasters that the case does not use: {', '.join(rasters)}"
         )
     return scene
+
+
+def _with_arrays(case: Case, keys: set[str]) -> Case:
+    """The case, checked once more, saying which of its rasters came as arrays."""
+    groups = {"dem": "terrain", "cells": "release"}
+    changes: dict[str, dict[str, str]] = {}
+    for key in keys & {"dem", "zones", "mean_radius", "rg70", "rg20", "rg10", "cells"}:
+        group = groups.get(key, "surface")
+        if key == "dem" or key in getattr(case, group):
+            changes.setdefault(group, {})[key] = FROM_ARRAY
+    return case.replace(**changes)
 
 
 def _check_files(case: Case, arrays: dict[str, Any]) -> None:
@@ -261,7 +274,6 @@ def _blocks(
 
     It is the array given for it, or the file that the case names.
     """
-    from rockfall.dataarrays import grid_of
     from rockfall.rasters import aligned_blocks
 
     given = rasters.pop(key, None)
@@ -271,21 +283,56 @@ def _blocks(
         scene.checksums[key] = _checksum(path)
         yield from aligned_blocks(path, scene.grid, what, dtype)
         return
-    if hasattr(given, "coords"):
-        grid, flipped = grid_of(given)
-        if not grid.matches(scene.grid):
-            raise RockfallError(f"{key}: the DataArray is not on the cells of the DEM")
-        given = given.values[::-1] if flipped else given.values
-    given = np.asarray(given)
-    if given.shape != scene.grid.shape:
-        raise RockfallError(
-            f"{key}: array {given.shape} is not of the shape of the DEM {scene.grid.shape}"
-        )
+    given = _on_cells(scene.grid, key, given)
+    scene.checksums[key] = _array_checksum(given)
+    if np.dtype(dtype).kind == "i":
+        given = _whole_numbers(key, given, dtype)
     for rows in row_blocks(given.shape):
         block = given[rows]
-        if np.dtype(dtype).kind == "i" and block.dtype.kind == "f":
-            block = np.where(np.isnan(block), NO_ID, block)
-        yield rows, block.astype(dtype)
+        yield rows, np.ma.filled(block.astype(dtype), NO_ID if dtype == np.int32 else np.nan)
+
+
+def _on_cells(grid: Grid, key: str, given: Any) -> np.ma.MaskedArray:
+    """An array (ny, nx) on the cells of the DEM, missing values masked."""
+    from rockfall.crs import crs_name, same_crs
+    from rockfall.dataarrays import as_plan, grid_of
+
+    if hasattr(given, "coords"):
+        given = as_plan(given)
+        own, flipped = grid_of(given)
+        if not same_crs(own.crs, grid.crs):
+            raise RockfallError(
+                f"{key} = (array): is in {crs_name(own.crs)}, the DEM in {crs_name(grid.crs)}"
+            )
+        if not own.matches(grid):
+            raise RockfallError(f"{key} = (array): is not on the cells of the DEM")
+        given = given.values[::-1] if flipped else given.values
+    given = np.ma.asarray(given)
+    if given.dtype.kind not in "biuf":
+        raise RockfallError(f"{key} = (array): holds {given.dtype}, must be numbers")
+    if given.shape != grid.shape:
+        raise RockfallError(
+            f"{key} = (array): has the shape {given.shape}, must be that of the DEM {grid.shape}"
+        )
+    return np.ma.masked_where(np.isnan(given), given) if given.dtype.kind == "f" else given
+
+
+def _whole_numbers(key: str, given: np.ma.MaskedArray, dtype: Any) -> np.ma.MaskedArray:
+    """The array, if all its values are integers that `dtype` holds."""
+    limits = np.iinfo(dtype)
+    wrong = (given < limits.min + 1) | (given > limits.max) | (given != np.rint(given))
+    if np.ma.filled(wrong, False).any():
+        value = given[np.ma.filled(wrong, False)][0]
+        raise RockfallError(f"{key} = (array): {value}: must be an integer of 32 bits")
+    return given
+
+
+def _array_checksum(array: np.ndarray) -> str:
+    """SHA-256 of the bytes of an array, and of its mask where it has one."""
+    found = hashlib.sha256(np.ascontiguousarray(np.ma.getdata(array)).data)
+    if np.ma.is_masked(array):
+        found.update(np.ascontiguousarray(np.ma.getmaskarray(array)).data)
+    return found.hexdigest()
 
 
 def _checksum(path: Path) -> str:

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 CHUNK_SECONDS = 0.25  # between calls of the kernel: progress, Ctrl-C
 FIRST_CHUNK = 64  # boulders
 BINS = 50  # rows of the kernel's histograms
+MOST_THREADS = 1024  # as in the kernel's table of keys
 
 # The kernel's maps: in which array, and which of the asked maps need it.
 COUNTS = {"passages": ("passages", "reach_probability", "energy_mean"), "deposits": ("deposits",)}
@@ -96,11 +97,13 @@ def run_scene(
     from rockfall.result import make_result
 
     threads = scene.case.case["threads"] if threads is None else threads
+    if not 0 <= threads <= MOST_THREADS:
+        raise RockfallError(f"threads = {threads}: must be 0 (all cores) to {MOST_THREADS}")
     with interrupts() as interrupted:  # no chunk is lost half-way
         tally = start(scene, threads)
         with progress_bar(scene.boulders, shown=progress) as advance:
             run_chunks(tally, chunk, interrupted, advance)
-            _trace(tally, interrupted)
+            _trace(tally)
         if not keep:
             scene.forget_rasters()
         result = make_result(tally)
@@ -187,27 +190,44 @@ def _call(tally: Tally, arguments: dict[str, Any], first: int, size: int) -> Non
     tally.done = done.stop
 
 
-def _trace(tally: Tally, interrupted: Callable[[], bool]) -> None:
+def _trace(tally: Tally) -> None:
     """Fly the first boulders once more, each alone, and keep their way."""
+    wall, cpu = time.perf_counter(), time.process_time()
     for number in range(1, min(tally.scene.case.output["trajectories"], tally.done) + 1):
-        if interrupted():
-            return
         tally.trajectories.append(trajectory(tally.scene, number))
+    tally.wall += time.perf_counter() - wall
+    tally.cpu += time.process_time() - cpu
 
 
 def trajectory(scene: Scene, number: int) -> np.ndarray:
     """The vertices (release, contacts, end) of one boulder, each with the columns `fields(4)`."""
     arguments = scene.kernel_arguments()
+    source = (number - 1) // arguments["per_source"]
+    alone = slice(source, source + 1)  # the kernel would check all sources for each boulder
+    arguments |= {"source_x": scene.x[alone], "source_y": scene.y[alone], "per_source": number}
     room, recorded = 0, 256
     while recorded > room:
         room = recorded
-        *_, vertex, recorded, code, message = _core.run(
-            **arguments, first=number, threads=1, map_slot=[0] * 6, histograms=0, n=1, room=room,
-            map_counts=np.zeros((1, 1, 1), "i4"), map_sums=np.zeros((1, 1), "i8"),
-            map_reals=np.zeros((1, 1, 1), "f4"), histogram=np.zeros((BINS, 6), "i8", order="F"),
-        )  # fmt: skip
-        _raise(scene, code, message)
-    return vertex.T[:recorded].copy()
+        vertex, recorded = _fly_alone(scene, arguments, number, room)
+    return vertex[:recorded].copy()
+
+
+def check_sources(scene: Scene) -> None:
+    """Refuse a scene with a source where no boulder can be; runs make the same check."""
+    _fly_alone(scene, scene.kernel_arguments(), 1, 2)
+
+
+def _fly_alone(
+    scene: Scene, arguments: dict[str, Any], number: int, room: int
+) -> tuple[np.ndarray, int]:
+    """Up to `room` vertices of a boulder, and how many there were; no tally changes."""
+    *_, vertex, recorded, code, message = _core.run(
+        **arguments, first=number, threads=1, map_slot=[0] * 6, histograms=0, n=1, room=room,
+        map_counts=np.zeros((1, 1, 1), "i4"), map_sums=np.zeros((1, 1), "i8"),
+        map_reals=np.zeros((1, 1, 1), "f4"), histogram=np.zeros((BINS, 6), "i8", order="F"),
+    )  # fmt: skip
+    _raise(scene, code, message)
+    return vertex.T, recorded
 
 
 def _raise(scene: Scene, code: int, message: bytes) -> None:
