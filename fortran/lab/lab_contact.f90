@@ -1,0 +1,182 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The law of a contact between two spheres, or a sphere and a plane: Hertz along the normal,
+!> Mindlin's spring with Coulomb's limit along the tangent, and, if asked for, a viscous normal part
+!> and a resistance to rolling. Pure: the caller knows the geometry, and keeps what a contact
+!> remembers.
+module lab_contact
+   use rockfall_kinds, only: wp
+   use rockfall_error, only: error_t, fail
+   use rockfall_math, only: pi, logarithm, exponential
+   implicit none
+   private
+   public :: material_t, law_t, touch_t, pair_law, plane_law, press, stored_energy
+   public :: check_material, reduced_modulus, collision_time, rayleigh_time
+
+   !> One material for all bodies and planes.
+   type :: material_t
+      real(wp) :: young = 1.0e9_wp   !! [Pa]
+      real(wp) :: poisson = 0.25_wp  !! [-]
+      real(wp) :: friction = 0.5_wp  !! Coulomb coefficient [-]
+      real(wp) :: damping = 0.0_wp   !! viscous share of the critical one [-]: see `press`
+      real(wp) :: rolling = 0.0_wp   !! greatest rolling moment / (R* normal force) [-]
+   end type material_t
+
+   !> What two given bodies share in every contact.
+   type :: law_t
+      real(wp) :: hertz = 0    !! normal force / overlap**1.5 [N/m1.5]
+      real(wp) :: mindlin = 0  !! tangential stiffness / overlap**0.5 [N/m1.5]
+      real(wp) :: viscous = 0  !! viscous force / (rate of overlap * overlap**0.25) [N s/m1.25]
+      real(wp) :: bending = 0  !! rolling stiffness / overlap**0.5 [N m0.5]
+      real(wp) :: friction = 0 !! greatest tangential / normal force [-]
+      real(wp) :: rolling = 0  !! greatest rolling moment / normal force [m]
+      real(wp) :: share = 0    !! of the overlap that lies in the first body [-]
+      real(wp) :: mass = 0     !! reduced mass m* [kg]
+   end type law_t
+
+   !> What a contact remembers.
+   type :: touch_t
+      real(wp) :: root = 0    !! square root of the overlap; 0: apart [m0.5]
+      real(wp) :: shear = 0   !! tangential force on the first body [N]
+      real(wp) :: moment = 0  !! rolling moment on the first body [N m]
+   end type touch_t
+
+contains
+
+   !> Refuse what is no material.
+   pure subroutine check_material(material, error)
+      type(material_t), intent(in) :: material
+      type(error_t), allocatable, intent(out) :: error
+
+      if (.not. material%young > 0) then
+         call fail(error, "material: young must be > 0 [Pa]")
+      else if (.not. (material%poisson > -1 .and. material%poisson <= 0.5_wp)) then
+         call fail(error, "material: poisson must be above -1 and at most 0.5")
+      else if (.not. min(material%friction, material%damping, material%rolling) >= 0) then
+         call fail(error, "material: friction, damping and rolling must be >= 0")
+      end if
+   end subroutine check_material
+
+   !> The law between two spheres.
+   elemental type(law_t) function pair_law(material, r1, m1, r2, m2) result(law)
+      type(material_t), intent(in) :: material
+      real(wp), intent(in) :: r1, r2  !! radii [m]
+      real(wp), intent(in) :: m1, m2  !! masses [kg]
+
+      law = contact_law(material, r1*r2/(r1 + r2), m1*m2/(m1 + m2))
+      law%share = r2/(r1 + r2)
+   end function pair_law
+
+   !> The law between a sphere and a fixed plane.
+   elemental type(law_t) function plane_law(material, r, m) result(law)
+      type(material_t), intent(in) :: material
+      real(wp), intent(in) :: r, m  !! [m], [kg]
+
+      law = contact_law(material, r, m)
+      law%share = 1
+   end function plane_law
+
+   !> Hertz: F = 4/3 E* sqrt(R*) d**1.5. Mindlin without slip: k_t = 8 G* sqrt(R* d). The viscous
+   !> part of Tsuji et al. (1992), c = sqrt(5) damping sqrt(m* K) d**0.25 with K = F/d**1.5: in
+   !> terms of d**1.25 the collision is that of a linear oscillator with this share of critical
+   !> damping, at any speed (Antypov & Elliott 2011). Rolling as type C of Ai et al. (2011), a
+   !> spring with a limit, without their viscous part: k_r = 2.25 k_n (rolling R*)**2.
+   elemental type(law_t) function contact_law(material, radius, mass) result(law)
+      type(material_t), intent(in) :: material
+      real(wp), intent(in) :: radius, mass  !! R* [m], m* [kg]
+      real(wp) :: shear_modulus
+
+      ! G* of two alike
+      shear_modulus = material%young/(4*(2 - material%poisson)*(1 + material%poisson))
+      law%hertz = 4.0_wp/3*reduced_modulus(material)*sqrt(radius)
+      law%mindlin = 8*shear_modulus*sqrt(radius)
+      law%viscous = sqrt(5*mass*law%hertz)*material%damping
+      law%friction = material%friction
+      law%rolling = material%rolling*radius
+      law%bending = 2.25_wp*1.5_wp*law%hertz*law%rolling**2
+      law%mass = mass
+   end function contact_law
+
+   !> E* of two bodies of the same material [Pa].
+   elemental real(wp) function reduced_modulus(material)
+      type(material_t), intent(in) :: material
+
+      reduced_modulus = material%young/(2*(1 - material%poisson**2))
+   end function reduced_modulus
+
+   !> One time step of a contact. The normal force comes from the state at the end of the step, the
+   !> changes of the springs from the rates in its middle: of second order, both. A spring keeps its
+   !> force while the overlap grows and its length while it shrinks, so that no cycle of load and
+   !> slip yields energy.
+   elemental subroutine press(law, overlap, closing, slip, turn, dt, touch, normal)
+      type(law_t), intent(in) :: law
+      real(wp), intent(in) :: overlap        !! at the end of the step, > 0 [m]
+      real(wp), intent(in) :: closing        !! rate of overlap at the end of the step [m/s]
+      real(wp), intent(in) :: slip !! tangential speed of the first surface over the second [m/s]
+      real(wp), intent(in) :: turn !! spin of the first body relative to the second [rad/s]
+      real(wp), intent(in) :: dt             !! [s]
+      type(touch_t), intent(inout) :: touch
+      real(wp), intent(out) :: normal        !! force between the bodies, never attraction [N]
+      real(wp), parameter :: barely = 1.0e-100_wp  ! a root that divides
+      real(wp) :: root, before, mean, kept, time, limit
+
+      root = sqrt(overlap)
+      normal = law%hertz*overlap*root
+      if (law%viscous > 0) normal = max(0.0_wp, normal + law%viscous*sqrt(root)*closing)
+      if (law%friction > 0) then
+         before = touch%root
+         kept = min(1.0_wp, root/max(before, barely))
+         ! of sqrt(d) as d grows evenly
+         mean = min(root, 2*(overlap + before*(root + before))/(3*(root + before)))
+         time = dt
+         ! it began within the step
+         if (before <= 0 .and. closing*dt > overlap) time = overlap/closing
+         limit = law%friction*normal
+         touch%shear = clip(kept*touch%shear - law%mindlin*mean*slip*time, limit)
+         if (law%rolling > 0) then
+            limit = law%rolling*normal
+            touch%moment = clip(kept*touch%moment - law%bending*mean*turn*time, limit)
+         end if
+      end if
+      touch%root = root
+   end subroutine press
+
+   elemental real(wp) function clip(force, limit)
+      real(wp), intent(in) :: force, limit  !! limit >= 0
+
+      clip = max(-limit, min(limit, force))
+   end function clip
+
+   !> Energy in the springs of a contact [J].
+   elemental real(wp) function stored_energy(law, touch) result(energy)
+      type(law_t), intent(in) :: law
+      type(touch_t), intent(in) :: touch
+
+      energy = 0
+      if (touch%root <= 0) return
+      energy = 0.4_wp*law%hertz*touch%root**5
+      if (law%friction > 0) energy = energy + 0.5_wp*touch%shear**2/(law%mindlin*touch%root)
+      if (law%rolling > 0) energy = energy + 0.5_wp*touch%moment**2/(law%bending*touch%root)
+   end function stored_energy
+
+   !> Duration of Hertz's elastic collision [s]: 2.868 (m***2/(R* E***2 v))**(1/5).
+   elemental real(wp) function collision_time(material, radius, mass, speed) result(time)
+      type(material_t), intent(in) :: material
+      real(wp), intent(in) :: radius, mass  !! R* [m], m* [kg]
+      real(wp), intent(in) :: speed         !! of approach, > 0 [m/s]
+      ! 2 int_0^1 dx/sqrt(1 - x**2.5) * (15/16)**0.4
+      real(wp), parameter :: coefficient = 2.868265699195333_wp
+
+      time = (mass/reduced_modulus(material))**2/(radius*speed)
+      time = coefficient*exponential(logarithm(time)/5)
+   end function collision_time
+
+   !> Time in which a Rayleigh wave goes half round a sphere [s].
+   elemental real(wp) function rayleigh_time(material, radius, density) result(time)
+      type(material_t), intent(in) :: material
+      real(wp), intent(in) :: radius, density  !! [m], [kg/m3]
+
+      associate (nu => material%poisson)
+         time = pi*radius*sqrt(2*(1 + nu)*density/material%young)/(0.1631_wp*nu + 0.8766_wp)
+      end associate
+   end function rayleigh_time
+end module lab_contact

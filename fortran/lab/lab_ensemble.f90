@@ -1,0 +1,136 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Many layers, many impacts. The only file of the laboratory with threads. A layer is a pure
+!> function of (seed, layer), an impact of (seed, layer, point, impact), so threads and chunks
+!> cannot change a bit.
+module lab_ensemble
+   use rockfall_kinds, only: wp, i8
+   use rockfall_error, only: error_t
+   use rockfall_random, only: random_key_t, random_words, uniform
+   use lab_contact, only: material_t
+   use lab_packing, only: packing_t, layer_t, pack_layer
+   use lab_impact, only: shot_t, outcome_t, check_shot, fire
+   implicit none
+   private
+   public :: range_t, identity_t, draw_shot, check_range, pack_layers, fire_shots
+
+   integer(i8), parameter :: for_point = 66, for_shot = 67  !! purposes of random numbers
+
+   !> Incident states are even in these ranges.
+   type :: range_t
+      real(wp) :: speed(2) = [5.0_wp, 30.0_wp]   !! [m/s]
+      real(wp) :: angle(2) = [10.0_wp, 90.0_wp]  !! from the surface [degrees]
+      real(wp) :: spin(2) = [-0.5_wp, 1.0_wp]    !! W/V [-]
+   end type range_t
+
+   !> Which impact it is.
+   type :: identity_t
+      integer :: place = 1        !! of its layer among those given
+      integer(i8) :: layer = 1    !! number of the layer, below 2**31
+      integer(i8) :: point = 1    !! number of the point on the layer, below 2**32
+      integer(i8) :: impact = 1   !! number of the impact at the point, below 2**32
+   end type identity_t
+
+contains
+
+   !> Refuse ranges of which some shot cannot be fired.
+   pure subroutine check_range(template, range, error)
+      type(shot_t), intent(in) :: template
+      type(range_t), intent(in) :: range
+      type(error_t), allocatable, intent(out) :: error
+      type(shot_t) :: shot
+      integer :: k
+
+      do k = 1, 2
+         shot = template
+         shot%speed = range%speed(k)
+         shot%angle = range%angle(k)
+         shot%spin = range%spin(k)
+         call check_shot(shot, error)
+         if (allocated(error)) return
+      end do
+   end subroutine check_range
+
+   !> The shot of an impact: all impacts at a point have the same aim.
+   pure type(shot_t) function draw_shot(template, range, key, id) result(shot)
+      type(shot_t), intent(in) :: template
+      type(range_t), intent(in) :: range
+      type(random_key_t), intent(in) :: key
+      type(identity_t), intent(in) :: id
+      integer(i8) :: word(12), place
+
+      place = ior(shiftl(id%layer, 32), id%point)
+      shot = template
+      word = random_words(key, for_point, place, 0_i8, 0_i8)
+      shot%aim = uniform(word(1))
+      word = random_words(key, for_shot, place, id%impact, 0_i8)
+      shot%speed = between(range%speed, uniform(word(1)))
+      shot%angle = between(range%angle, uniform(word(2)))
+      shot%spin = between(range%spin, uniform(word(3)))
+   end function draw_shot
+
+   pure real(wp) function between(limits, u)
+      real(wp), intent(in) :: limits(2), u
+
+      between = limits(1) + u*(limits(2) - limits(1))
+   end function between
+
+   !> Layers `first` to `first + size(layers) - 1`; the error is that of the first layer that
+   !> failed.
+   subroutine pack_layers(packing, material, key, first, threads, layers, error)
+      type(packing_t), intent(in) :: packing
+      type(material_t), intent(in) :: material
+      type(random_key_t), intent(in) :: key
+      integer(i8), intent(in) :: first
+      integer, intent(in) :: threads  !! 0: all
+      type(layer_t), intent(out) :: layers(:)
+      type(error_t), allocatable, intent(out) :: error
+      type :: slot_t
+         type(error_t), allocatable :: error
+      end type slot_t
+      type(slot_t) :: slots(size(layers))
+      integer :: k
+
+      !$omp parallel do default(none) schedule(dynamic, 1) num_threads(team_size(threads)) &
+      !$omp& shared(packing, material, key, first, layers, slots) private(k)
+      do k = 1, size(layers)
+         call pack_layer(packing, material, key, first + k - 1, layers(k), slots(k)%error)
+      end do
+      !$omp end parallel do
+      do k = 1, size(layers)
+         if (.not. allocated(slots(k)%error)) cycle
+         call move_alloc(slots(k)%error, error)
+         return
+      end do
+   end subroutine pack_layers
+
+   !> Draw and fire the shots `ids`.
+   subroutine fire_shots(layers, material, template, range, key, ids, threads, shots, outcomes)
+      type(layer_t), intent(in) :: layers(:)
+      type(material_t), intent(in) :: material
+      type(shot_t), intent(in) :: template
+      type(range_t), intent(in) :: range
+      type(random_key_t), intent(in) :: key
+      type(identity_t), intent(in) :: ids(:)
+      integer, intent(in) :: threads  !! 0: all
+      type(shot_t), intent(out) :: shots(:)
+      type(outcome_t), intent(out) :: outcomes(:)
+      integer :: k
+
+      !$omp parallel do default(none) schedule(dynamic, 1) num_threads(team_size(threads)) &
+      !$omp& shared(layers, material, template, range, key, ids, shots, outcomes) private(k)
+      do k = 1, size(ids)
+         shots(k) = draw_shot(template, range, key, ids(k))
+         call fire(layers(ids(k)%place), material, shots(k), outcomes(k))
+      end do
+      !$omp end parallel do
+   end subroutine fire_shots
+
+   !> Threads that a run uses; 0 asks for all that OpenMP offers.
+   integer function team_size(threads)
+      !$ use omp_lib, only: omp_get_max_threads
+      integer, intent(in) :: threads
+
+      team_size = max(1, threads)
+      !$ if (threads == 0) team_size = omp_get_max_threads()
+   end function team_size
+end module lab_ensemble

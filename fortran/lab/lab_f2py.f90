@@ -1,0 +1,256 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The laboratory's door to Python: plain arrays, whose order `names` tells. No physics here.
+module lab_f2py
+   use iso_c_binding, only: c_double, c_int, c_int32_t, c_int64_t
+   use rockfall_error, only: error_t, fail
+   use rockfall_random, only: random_key
+   use lab_contact, only: material_t, check_material
+   use lab_neighbours, only: box_t
+   use lab_packing, only: packing_t, layer_t, check_packing, most_bodies
+   use lab_impact, only: shot_t, outcome_t, film_t, check_shot, fire
+   use lab_step, only: trouble_words => trouble_text
+   use lab_ensemble, only: range_t, identity_t, check_range, pack_layers, fire_shots
+   use lab_tables, only: material_of, packing_of, shot_of, range_of, outcome_row, &
+      outcome_count_row, layer_row, &
+      material_keys, packing_keys, shot_keys, range_keys, outcome_fields, outcome_counts, &
+      layer_fields
+   implicit none
+   private
+   public :: names, trouble_text, room_for_layer, pack, impact, film
+
+contains
+
+   !> Names in the order of the arrays: 1 material, 2 packing, 3 shot, 4 ranges, 5 outcome, 6 its
+   !> counts, 7 layer. The statuses of an outcome are those of lab_impact: 1 rebounded, 2 lifted, 3
+   !> captured, 4 exploded, 5 misfit.
+   subroutine names(kind, text)
+      integer(c_int), intent(in) :: kind
+      character(len=512), intent(out) :: text
+
+      select case (kind)
+      case (1); text = joined(material_keys)
+      case (2); text = joined(packing_keys)
+      case (3); text = joined(shot_keys)
+      case (4); text = joined(range_keys)
+      case (5); text = joined(outcome_fields)
+      case (6); text = joined(outcome_counts)
+      case (7); text = joined(layer_fields)
+      case default; text = ""
+      end select
+   end subroutine names
+
+   pure function joined(words) result(text)
+      character(len=*), intent(in) :: words(:)
+      character(len=512) :: text
+      integer :: k
+
+      text = words(1)
+      do k = 2, size(words)
+         text = trim(text)//" "//words(k)
+      end do
+   end function joined
+
+   !> What a trouble number of an outcome means.
+   subroutine trouble_text(trouble, text)
+      integer(c_int), intent(in) :: trouble
+      character(len=512), intent(out) :: text
+
+      text = trouble_words(trouble)
+   end subroutine trouble_text
+
+   !> Greatest number of bodies in a layer.
+   subroutine room_for_layer(packing, room, code, message)
+      real(c_double), intent(in) :: packing(9)
+      integer(c_int), intent(out) :: room, code
+      character(len=512), intent(out) :: message
+      type(error_t), allocatable :: error
+
+      room = 0
+      call check_packing(packing_of(packing), error)
+      if (.not. allocated(error)) room = most_bodies(packing_of(packing))
+      call give_error(error, code, message)
+   end subroutine room_for_layer
+
+   !> Layers `first` to `first + n - 1` of a seed.
+   subroutine pack(material, packing, seed, first, threads, x, radius, bodies, facts, code, &
+      message, room, n)
+      !f2py threadsafe
+      integer(c_int), intent(in) :: room, n           !! bodies at most in a layer, layers
+      real(c_double), intent(in) :: material(5), packing(9)
+      integer(c_int64_t), intent(in) :: seed, first
+      integer(c_int), intent(in) :: threads           !! 0: all
+      real(c_double), intent(out) :: x(2, room, n)    !! centres [m]
+      real(c_double), intent(out) :: radius(room, n)  !! [m]
+      integer(c_int32_t), intent(out) :: bodies(n)    !! in each layer
+      real(c_double), intent(out) :: facts(5, n)      !! names(7)
+      integer(c_int), intent(out) :: code
+      character(len=512), intent(out) :: message
+      type(layer_t), allocatable :: layers(:)
+      type(error_t), allocatable :: error
+      integer :: k
+
+      x = 0
+      radius = 0
+      bodies = 0
+      facts = 0
+      allocate (layers(n))
+      call check_material(material_of(material), error)
+      if (.not. allocated(error)) call check_packing(packing_of(packing), error)
+      if (.not. allocated(error)) then
+         if (room < most_bodies(packing_of(packing))) &
+            call fail(error, "pack: room is below room_for_layer")
+      end if
+      if (.not. allocated(error)) then
+         call pack_layers(packing_of(packing), material_of(material), random_key(seed), first, &
+            threads, layers, error)
+      end if
+      call give_error(error, code, message)
+      if (code /= 0) return
+      do k = 1, n
+         bodies(k) = size(layers(k)%radius)
+         x(:, :bodies(k), k) = layers(k)%x
+         radius(:bodies(k), k) = layers(k)%radius
+         facts(:, k) = layer_row(layers(k))
+      end do
+   end subroutine pack
+
+   !> Impacts on layers: shot k is number impact(k) at point(k) of layer number layer(k), which is
+   !> given at place(k) = 1, 2, ... of the arrays.
+   subroutine impact(material, packing, shot, ranges, seed, threads, x, radius, bodies, facts, &
+                     place, layer, point, number, outcome, counts, code, message, room, nl, n)
+      !f2py threadsafe
+      integer(c_int), intent(in) :: room, nl, n
+      real(c_double), intent(in) :: material(5), packing(9), ranges(6)
+      real(c_double), intent(in) :: shot(13)           !! its speed, angle, spin and aim are drawn
+      integer(c_int64_t), intent(in) :: seed
+      integer(c_int), intent(in) :: threads            !! 0: all
+      real(c_double), intent(in) :: x(2, room, nl), radius(room, nl), facts(5, nl)  !! as from pack
+      integer(c_int32_t), intent(in) :: bodies(nl)
+      integer(c_int32_t), intent(in) :: place(n)
+      integer(c_int64_t), intent(in) :: layer(n), point(n), number(n)
+      real(c_double), intent(out) :: outcome(14, n)    !! names(5)
+      integer(c_int32_t), intent(out) :: counts(4, n)  !! names(6)
+      integer(c_int), intent(out) :: code
+      character(len=512), intent(out) :: message
+      type(layer_t), allocatable :: layers(:)
+      type(identity_t), allocatable :: ids(:)
+      type(shot_t), allocatable :: shots(:)
+      type(outcome_t), allocatable :: outcomes(:)
+      type(error_t), allocatable :: error
+      integer :: k
+
+      outcome = 0
+      counts = 0
+      call check_material(material_of(material), error)
+      if (.not. allocated(error)) call check_packing(packing_of(packing), error)
+      if (.not. allocated(error)) call check_range(shot_of(shot), range_of(ranges), error)
+      if (.not. allocated(error)) &
+         call check_places(room, bodies, place, layer, point, number, error)
+      call give_error(error, code, message)
+      if (code /= 0) return
+      allocate (layers(nl), ids(n), shots(n), outcomes(n))
+      do k = 1, nl
+         layers(k) = layer_of(packing, x(:, :bodies(k), k), radius(:bodies(k), k), facts(:, k))
+      end do
+      do k = 1, n
+         ids(k) = identity_t(place(k), layer(k), point(k), number(k))
+      end do
+      call fire_shots(layers, material_of(material), shot_of(shot), range_of(ranges), &
+         random_key(seed), ids, &
+                      threads, shots, outcomes)
+      do k = 1, n
+         outcome(:, k) = outcome_row(shots(k), outcomes(k))
+         counts(:, k) = outcome_count_row(outcomes(k))
+      end do
+   end subroutine impact
+
+   !> One shot on one layer with pictures: centres and velocities of all bodies, the sphere last,
+   !> every `interval` seconds and at the end.
+   subroutine film(material, packing, shot, x, radius, facts, interval, &
+                   frames, time, centres, velocities, outcome, counts, code, message, most, nb)
+      !f2py threadsafe
+      integer(c_int), intent(in) :: most, nb
+      real(c_double), intent(in) :: material(5), packing(9), shot(13), x(2, nb), radius(nb), &
+         facts(5)
+      real(c_double), intent(in) :: interval                         !! [s]
+      integer(c_int), intent(out) :: frames                          !! taken, at most `most`
+      real(c_double), intent(out) :: time(most)                      !! [s]
+      real(c_double), intent(out) :: centres(2, nb + 1, most)        !! [m]
+      real(c_double), intent(out) :: velocities(3, nb + 1, most)     !! [m/s], [rad/s]
+      real(c_double), intent(out) :: outcome(14)
+      integer(c_int32_t), intent(out) :: counts(4)
+      integer(c_int), intent(out) :: code
+      character(len=512), intent(out) :: message
+      type(film_t) :: reel
+      type(outcome_t) :: result
+      type(error_t), allocatable :: error
+
+      frames = 0
+      time = 0
+      centres = 0
+      velocities = 0
+      outcome = 0
+      counts = 0
+      call check_material(material_of(material), error)
+      if (.not. allocated(error)) call check_packing(packing_of(packing), error)
+      if (.not. allocated(error)) call check_shot(shot_of(shot), error)
+      call give_error(error, code, message)
+      if (code /= 0) return
+      reel%interval = interval
+      allocate (reel%time(most), reel%x(2, nb + 1, most), reel%v(3, nb + 1, most), &
+         source=0.0_c_double)
+      call fire(layer_of(packing, x, radius, facts), material_of(material), shot_of(shot), &
+         result, reel)
+      frames = reel%frames
+      time = reel%time
+      centres = reel%x
+      velocities = reel%v
+      outcome = outcome_row(shot_of(shot), result)
+      counts = outcome_count_row(result)
+   end subroutine film
+
+   pure type(layer_t) function layer_of(packing, x, radius, facts) result(layer)
+      real(c_double), intent(in) :: packing(9), x(:, :), radius(:), facts(5)
+      type(packing_t) :: p
+
+      p = packing_of(packing)
+      allocate (layer%x, source=x)
+      allocate (layer%radius, source=radius)
+      layer%mean_radius = p%mean_radius
+      layer%density = p%density
+      layer%box = box_t(p%width*p%mean_radius, p%periodic)
+      layer%surface = facts(1)
+      layer%top = facts(2)
+   end function layer_of
+
+   !> What Fortran would otherwise read beyond its arrays, and numbers that would share random
+   !> words.
+   pure subroutine check_places(room, bodies, place, layer, point, number, error)
+      integer(c_int), intent(in) :: room
+      integer(c_int32_t), intent(in) :: bodies(:), place(:)
+      integer(c_int64_t), intent(in) :: layer(:), point(:), number(:)
+      type(error_t), allocatable, intent(out) :: error
+
+      if (any(bodies < 1 .or. bodies > room)) then
+         call fail(error, "impact: bodies must be 1 to the room of a layer")
+      else if (any(place < 1 .or. place > size(bodies))) then
+         call fail(error, "impact: place must be 1 to the number of layers given")
+      else if (any(layer < 0 .or. layer >= 2_c_int64_t**31)) then
+         call fail(error, "impact: layer must be 0 to 2**31 - 1")
+      else if (any(min(point, number) < 0 .or. max(point, number) >= 2_c_int64_t**32)) then
+         call fail(error, "impact: point and number must be 0 to 2**32 - 1")
+      end if
+   end subroutine check_places
+
+   subroutine give_error(error, code, message)
+      type(error_t), allocatable, intent(in) :: error
+      integer(c_int), intent(out) :: code
+      character(len=512), intent(out) :: message
+
+      code = 0
+      message = ""
+      if (.not. allocated(error)) return
+      code = error%code
+      message = error%message
+   end subroutine give_error
+end module lab_f2py

@@ -1,0 +1,94 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Names and order of the numbers that cross the door to Python.
+module lab_tables
+   use rockfall_kinds, only: wp
+   use lab_contact, only: material_t
+   use lab_packing, only: packing_t, layer_t
+   use lab_impact, only: shot_t, outcome_t
+   use lab_ensemble, only: range_t
+   implicit none
+   private
+   public :: material_of, packing_of, shot_of, range_of, outcome_row, outcome_count_row, layer_row
+   public :: material_keys, packing_keys, shot_keys, range_keys, outcome_fields, outcome_counts, &
+      layer_fields
+
+   integer, parameter :: long = 16
+   character(len=long), parameter :: material_keys(5) = [character(len=long) :: &
+      "young", "poisson", "friction", "damping", "rolling"]
+   character(len=long), parameter :: packing_keys(9) = [character(len=long) :: &
+      "mean_radius", "size_ratio", "by_mass", "width", "depth", "periodic", "density", &
+      "friction", "gravity"]
+   character(len=long), parameter :: shot_keys(13) = [character(len=long) :: &
+      "radius", "density", "speed", "angle", "spin", "aim", "gravity", "patience", "spent", &
+      "past", "wait", &
+      "step_share", "retries"]
+   character(len=long), parameter :: range_keys(6) = [character(len=long) :: &
+      "speed_min", "speed_max", "angle_min", "angle_max", "spin_min", "spin_max"]
+   character(len=long), parameter :: outcome_fields(14) = [character(len=long) :: &
+      "speed", "angle", "spin", "aim", "vt_in", "vn_in", "w_in", "vt_out", "vn_out", "w_out", &
+      "duration", "travel", "depth", "overlap"]
+   character(len=long), parameter :: outcome_counts(4) = [character(len=long) :: &
+      "status", "trouble", "halvings", "steps"]
+   character(len=long), parameter :: layer_fields(5) = [character(len=long) :: &
+      "surface", "top", "solid", "floor_share", "steps"]
+
+contains
+
+   pure type(material_t) function material_of(v)
+      real(wp), intent(in) :: v(size(material_keys))
+
+      material_of = material_t(young=v(1), poisson=v(2), friction=v(3), damping=v(4), rolling=v(5))
+   end function material_of
+
+   pure type(packing_t) function packing_of(v)
+      real(wp), intent(in) :: v(size(packing_keys))
+
+      packing_of = packing_t(mean_radius=v(1), size_ratio=v(2), by_mass=is_true(v(3)), &
+         width=v(4), depth=v(5), &
+                             periodic=is_true(v(6)), density=v(7), friction=v(8), gravity=v(9))
+   end function packing_of
+
+   pure type(shot_t) function shot_of(v)
+      real(wp), intent(in) :: v(size(shot_keys))
+
+      shot_of = shot_t(radius=v(1), density=v(2), speed=v(3), angle=v(4), spin=v(5), aim=v(6), &
+         gravity=v(7), &
+                       patience=v(8), spent=v(9), past=v(10), wait=v(11), step_share=v(12), &
+                       retries=nint(v(13)))
+   end function shot_of
+
+   pure type(range_t) function range_of(v)
+      real(wp), intent(in) :: v(size(range_keys))
+
+      range_of = range_t(speed=v(1:2), angle=v(3:4), spin=v(5:6))
+   end function range_of
+
+   pure logical function is_true(v)
+      real(wp), intent(in) :: v
+
+      is_true = nint(v) /= 0
+   end function is_true
+
+   pure function outcome_row(shot, outcome) result(row)
+      type(shot_t), intent(in) :: shot
+      type(outcome_t), intent(in) :: outcome
+      real(wp) :: row(size(outcome_fields))
+
+      row = [shot%speed, shot%angle, shot%spin, shot%aim, outcome%incoming, outcome%outgoing, &
+             outcome%duration, outcome%travel, outcome%depth, outcome%overlap]
+   end function outcome_row
+
+   pure function outcome_count_row(outcome) result(row)
+      type(outcome_t), intent(in) :: outcome
+      integer :: row(size(outcome_counts))
+
+      row = [outcome%status, outcome%trouble, outcome%halvings, outcome%steps]
+   end function outcome_count_row
+
+   pure function layer_row(layer) result(row)
+      type(layer_t), intent(in) :: layer
+      real(wp) :: row(size(layer_fields))
+
+      row = [layer%surface, layer%top, layer%solid, layer%floor_share, real(layer%steps, wp)]
+   end function layer_row
+end module lab_tables
