@@ -5,6 +5,7 @@
 module lab_ensemble
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t
+   use rockfall_threads, only: team_size
    use rockfall_random, only: random_key_t, random_words, uniform
    use lab_contact, only: material_t
    use lab_packing, only: packing_t, layer_t, pack_layer
@@ -124,13 +125,4 @@ contains
       end do
       !$omp end parallel do
    end subroutine fire_shots
-
-   !> Threads that a run uses; 0 asks for all that OpenMP offers.
-   integer function team_size(threads)
-      !$ use omp_lib, only: omp_get_max_threads
-      integer, intent(in) :: threads
-
-      team_size = max(1, threads)
-      !$ if (threads == 0) team_size = omp_get_max_threads()
-   end function team_size
 end module lab_ensemble

@@ -3,12 +3,13 @@
 !> own, and tallies are exact, so threads and chunks cannot change a bit.
 module rockfall_ensemble
    use rockfall_kinds, only: i8
+   use rockfall_threads, only: team_size
    use rockfall_trajectory, only: scene_t, fate_t, crossing_t, scratch_t, follow, stopped, absorbed
    use rockfall_map, only: maps_t, add_visits, add_deposit
    use rockfall_histogram, only: histograms
    implicit none
    private
-   public :: run_boulders, trace_boulder, team_size
+   public :: run_boulders, trace_boulder
 
 contains
 
@@ -27,15 +28,6 @@ contains
       call run_share(scene, first, fates, crossings, maps, histogram_counts)
       !$omp end parallel
    end subroutine run_boulders
-
-   !> Threads that a run uses; 0 asks for all that OpenMP offers (OMP_NUM_THREADS, the process's cores).
-   integer function team_size(threads)
-      !$ use omp_lib, only: omp_get_max_threads
-      integer, intent(in) :: threads
-
-      team_size = max(1, threads)
-      !$ if (threads == 0) team_size = omp_get_max_threads()
-   end function team_size
 
    !> One thread's share of the boulders. A procedure of its own, so that its work space starts as its
    !> type says: a private copy would not.

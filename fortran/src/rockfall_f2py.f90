@@ -9,7 +9,8 @@ module rockfall_f2py
    use rockfall_trajectory, only: scene_t, fate_t, crossing_t, scratch_t
    use rockfall_scene, only: set_sources, check_sources, add_line, set_impacts
    use rockfall_map, only: maps_t, follows_cells
-   use rockfall_ensemble, only: run_boulders, trace_boulder, team_size
+   use rockfall_threads, only: team_size
+   use rockfall_ensemble, only: run_boulders, trace_boulder
    use rockfall_result, only: boulder_row, boulder_count_row, line_row, vertex_row
    use rockfall_variables, only: variable_text, boulder_fields, boulder_counts, line_fields, vertex_fields
    use rockfall_histogram, only: bin_width, n_bins

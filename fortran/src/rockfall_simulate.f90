@@ -9,7 +9,8 @@ module rockfall_simulate
    use rockfall_histogram, only: bins, quantities, bin_width
    use rockfall_variables, only: boulder_counts
    use rockfall_result, only: boulder_count_row
-   use rockfall_ensemble, only: run_boulders, trace_boulder, team_size
+   use rockfall_threads, only: team_size
+   use rockfall_ensemble, only: run_boulders, trace_boulder
    use rockfall_case, only: case_t, map_names
    use rockfall_load, only: inputs_t
    implicit none

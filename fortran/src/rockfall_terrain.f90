@@ -50,18 +50,6 @@ contains
       dem%y0 = north - (dem%ny - 0.5_wp)*cell
    end function terrain
 
-   !> Elevation of node (i, j), j from the south [m]; NaN where there is no data.
-   pure real(wp) function node(dem, i, j)
-      type(terrain_t), intent(in) :: dem
-      integer, intent(in) :: i, j
-
-      if (associated(dem%z8)) then
-         node = dem%z8(i, dem%ny + 1 - j)
-      else
-         node = dem%z4(i, dem%ny + 1 - j)
-      end if
-   end function node
-
    !> The patch at a point, and the place in it. A point beyond the raster gets the nearest patch; one on
    !> the edge of known terrain (within a billionth of a cell) gets a known patch.
    pure subroutine locate(dem, x, y, patch, u, w)
