@@ -4,6 +4,7 @@ module lab_f2py
    use iso_c_binding, only: c_double, c_int, c_int32_t, c_int64_t
    use rockfall_error, only: error_t, fail
    use rockfall_random, only: random_key
+   use rockfall_threads, only: team_size
    use lab_contact, only: material_t, check_material
    use lab_neighbours, only: box_t
    use lab_packing, only: packing_t, layer_t, check_packing, most_bodies
@@ -12,11 +13,12 @@ module lab_f2py
    use lab_ensemble, only: range_t, identity_t, check_range, pack_layers, fire_shots
    use lab_tables, only: material_of, packing_of, shot_of, range_of, outcome_row, &
       outcome_count_row, layer_row, &
+      material_row, packing_row, shot_row, range_row, &
       material_keys, packing_keys, shot_keys, range_keys, outcome_fields, outcome_counts, &
       layer_fields
    implicit none
    private
-   public :: names, trouble_text, room_for_layer, pack, impact, film
+   public :: names, defaults, check_case, team, trouble_text, room_for_layer, pack, impact, film
 
 contains
 
@@ -39,6 +41,25 @@ contains
       end select
    end subroutine names
 
+   !> What the numbers are when nothing else is said, in the order of `names(kind)`, of its kinds 1
+   !> to 4.
+   subroutine defaults(kind, row)
+      integer(c_int), intent(in) :: kind
+      real(c_double), intent(out) :: row(13)
+      type(material_t) :: material
+      type(packing_t) :: packing
+      type(shot_t) :: shot
+      type(range_t) :: range
+
+      row = 0
+      select case (kind)
+      case (1); row(:size(material_keys)) = material_row(material)
+      case (2); row(:size(packing_keys)) = packing_row(packing)
+      case (3); row(:size(shot_keys)) = shot_row(shot)
+      case (4); row(:size(range_keys)) = range_row(range)
+      end select
+   end subroutine defaults
+
    pure function joined(words) result(text)
       character(len=*), intent(in) :: words(:)
       character(len=512) :: text
@@ -49,6 +70,27 @@ contains
          text = trim(text)//" "//words(k)
       end do
    end function joined
+
+   !> Refuse what cannot be packed or fired.
+   subroutine check_case(material, packing, shot, ranges, code, message)
+      real(c_double), intent(in) :: material(5), packing(9), shot(13), ranges(6)
+      integer(c_int), intent(out) :: code
+      character(len=512), intent(out) :: message
+      type(error_t), allocatable :: error
+
+      call check_material(material_of(material), error)
+      if (.not. allocated(error)) call check_packing(packing_of(packing), error)
+      if (.not. allocated(error)) call check_range(shot_of(shot), range_of(ranges), error)
+      call give_error(error, code, message)
+   end subroutine check_case
+
+   !> Threads that are used when `threads` are asked for.
+   subroutine team(threads, size)
+      integer(c_int), intent(in) :: threads
+      integer(c_int), intent(out) :: size
+
+      size = team_size(threads)
+   end subroutine team
 
    !> What a trouble number of an outcome means.
    subroutine trouble_text(trouble, text)
@@ -141,11 +183,9 @@ contains
 
       outcome = 0
       counts = 0
-      call check_material(material_of(material), error)
-      if (.not. allocated(error)) call check_packing(packing_of(packing), error)
-      if (.not. allocated(error)) call check_range(shot_of(shot), range_of(ranges), error)
-      if (.not. allocated(error)) &
-         call check_places(room, bodies, place, layer, point, number, error)
+      call check_case(material, packing, shot, ranges, code, message)
+      if (code /= 0) return
+      call check_places(room, bodies, place, layer, point, number, error)
       call give_error(error, code, message)
       if (code /= 0) return
       allocate (layers(nl), ids(n), shots(n), outcomes(n))

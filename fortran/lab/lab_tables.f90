@@ -9,6 +9,7 @@ module lab_tables
    implicit none
    private
    public :: material_of, packing_of, shot_of, range_of, outcome_row, outcome_count_row, layer_row
+   public :: material_row, packing_row, shot_row, range_row
    public :: material_keys, packing_keys, shot_keys, range_keys, outcome_fields, outcome_counts, &
       layer_fields
 
@@ -40,6 +41,13 @@ contains
       material_of = material_t(young=v(1), poisson=v(2), friction=v(3), damping=v(4), rolling=v(5))
    end function material_of
 
+   pure function material_row(m) result(row)
+      type(material_t), intent(in) :: m
+      real(wp) :: row(size(material_keys))
+
+      row = [m%young, m%poisson, m%friction, m%damping, m%rolling]
+   end function material_row
+
    pure type(packing_t) function packing_of(v)
       real(wp), intent(in) :: v(size(packing_keys))
 
@@ -47,6 +55,14 @@ contains
          width=v(4), depth=v(5), &
                              periodic=is_true(v(6)), density=v(7), friction=v(8), gravity=v(9))
    end function packing_of
+
+   pure function packing_row(p) result(row)
+      type(packing_t), intent(in) :: p
+      real(wp) :: row(size(packing_keys))
+
+      row = [p%mean_radius, p%size_ratio, merge(1.0_wp, 0.0_wp, p%by_mass), p%width, p%depth, &
+             merge(1.0_wp, 0.0_wp, p%periodic), p%density, p%friction, p%gravity]
+   end function packing_row
 
    pure type(shot_t) function shot_of(v)
       real(wp), intent(in) :: v(size(shot_keys))
@@ -57,11 +73,26 @@ contains
                        retries=nint(v(13)))
    end function shot_of
 
+   pure function shot_row(s) result(row)
+      type(shot_t), intent(in) :: s
+      real(wp) :: row(size(shot_keys))
+
+      row = [s%radius, s%density, s%speed, s%angle, s%spin, s%aim, s%gravity, s%patience, s%spent, &
+             s%past, s%wait, s%step_share, real(s%retries, wp)]
+   end function shot_row
+
    pure type(range_t) function range_of(v)
       real(wp), intent(in) :: v(size(range_keys))
 
       range_of = range_t(speed=v(1:2), angle=v(3:4), spin=v(5:6))
    end function range_of
+
+   pure function range_row(r) result(row)
+      type(range_t), intent(in) :: r
+      real(wp) :: row(size(range_keys))
+
+      row = [r%speed, r%angle, r%spin]
+   end function range_row
 
    pure logical function is_true(v)
       real(wp), intent(in) :: v

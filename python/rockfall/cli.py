@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
 from rockfall.errors import RockfallError
+from rockfall.lab.cli import add_lab
 
 if TYPE_CHECKING:
     from rockfall.case import Case
@@ -89,6 +90,7 @@ def _parser() -> argparse.ArgumentParser:
     prepare.add_argument("folder", metavar="DIR", type=Path, help="made; what is prepared there")
     export = command("export", "write a result as GeoTIFF, GeoPackage and CSV", "OUT.nc")
     export.add_argument("folder", metavar="DIR", type=Path, help="made where it is missing")
+    add_lab(commands)
     return parser
 
 

@@ -7,8 +7,10 @@ from contextlib import contextmanager
 
 
 @contextmanager
-def progress_bar(total: int, shown: bool) -> Iterator[Callable[[int], None]]:
-    """A function that advances the bar by so many boulders; silent unless stderr is a terminal."""
+def progress_bar(
+    total: int, shown: bool, what: str = "boulders"
+) -> Iterator[Callable[[int], None]]:
+    """A function that advances the bar by a number done; silent unless stderr is a terminal."""
     if not (shown and sys.stderr.isatty()):
         yield lambda _: None
         return
@@ -22,7 +24,7 @@ def progress_bar(total: int, shown: bool) -> Iterator[Callable[[int], None]]:
     )
 
     columns = (
-        TextColumn("boulders"),
+        TextColumn(what),
         BarColumn(),
         MofNCompleteColumn(),
         TextColumn("{task.fields[rate]}"),
@@ -32,8 +34,8 @@ def progress_bar(total: int, shown: bool) -> Iterator[Callable[[int], None]]:
     with Progress(*columns, console=Console(stderr=True)) as bar:
         task = bar.add_task("", total=total, rate="")
 
-        def advance(boulders: int) -> None:
+        def advance(done: int) -> None:
             speed = bar.tasks[task].speed
-            bar.update(task, advance=boulders, rate=f"{speed:,.0f}/s" if speed else "")
+            bar.update(task, advance=done, rate=f"{speed:,.0f}/s" if speed else "")
 
         yield advance

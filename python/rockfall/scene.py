@@ -155,15 +155,20 @@ def lines_outside(scene: Scene) -> list[str]:
     return outside
 
 
+def shipped_sets() -> dict[str, Path]:
+    """Files of the impact sets that are shipped with the program, by name."""
+    folder = Path(str(importlib.resources.files("rockfall") / "data" / "impact_sets"))
+    return {path.stem: path for path in sorted(folder.glob("*.nml"))}
+
+
 def set_path(case: Case) -> Path:
     """The file of the case's impact sets: beside the case, or shipped with the program."""
-    name = case.impact["sets"]
-    shipped = Path(str(importlib.resources.files("rockfall") / "data" / "impact_sets"))
-    if "/" not in name and (shipped / f"{name}.nml").is_file():
-        return shipped / f"{name}.nml"
+    name, shipped = case.impact["sets"], shipped_sets()
+    if name in shipped:
+        return shipped[name]
     if case.path(name).is_file():
         return case.path(name)
-    known = ", ".join(sorted(path.stem for path in shipped.glob("*.nml")))
+    known = ", ".join(shipped)
     raise RockfallError(
         f"{case.name}: &impact sets = '{name}': no such file; shipped sets: {known}"
     )

@@ -8,14 +8,22 @@ is the distribution of these maps over the points.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from rockfall.errors import RockfallError
 from rockfall.files import whole_file
+from rockfall.lab.case import COEFFICIENTS, LabCase, lab_case_of
+from rockfall.lab.experiment import STATUS, checksum
 
+if TYPE_CHECKING:
+    import xarray as xr
+
+ENDED = "rebounded", "lifted", "captured"  # results; the others are counted, never averaged in
+CASE_MARK = "! | "  # begins the lines of a set file that hold its laboratory case
 MOST_CONDITION = 1e4  # of the scaled incident velocities of a point; beyond, its map is not known
 LEAST_IMPACTS = 6  # at a point: three unknowns a row, and as many to tell the noise from
 
@@ -101,6 +109,95 @@ def _moments(a: np.ndarray, noise: np.ndarray) -> tuple[np.ndarray, np.ndarray, 
     return a.mean(axis=0), (vectors * kept) @ vectors.T, lost
 
 
+def impacts_of(data: xr.Dataset, ratio: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Point (impacts,), V_in and V_out (impacts, 3) [m/s] of the impacts that ended at a ratio.
+
+    A captured sphere counts with what upward motion it had: none, or next to none.
+    """
+    one = data.sel(ratio=ratio)
+    ended = np.isin(one["status"].values, [STATUS[name] for name in ENDED])
+    point = np.broadcast_to(np.arange(ended.shape[0])[:, None], ended.shape)
+    v_in, v_out = (
+        np.stack([one[f"{v}_{when}"].values[ended] for v in ("vt", "vn", "w")], axis=1)
+        for when in ("in", "out")
+    )
+    return point[ended], v_in, v_out
+
+
+def fit_impacts(data: xr.Dataset, replicates: int = 1000) -> dict[int, ImpactSet]:
+    """The sets of all ratios, their means multiplied by the case's correction."""
+    factors = correction_of(lab_case_of(data.attrs["lab_case"], "impacts"))
+    sets = {}
+    for ratio in data["ratio"].values:
+        if ratio != int(ratio) or not 1 <= ratio <= 5:
+            raise RockfallError(f"R_b/R_m = {ratio:g}: a set has a ratio of 1, 2, 3, 4 or 5")
+        found = fit_set(point_maps(*impacts_of(data, ratio)), replicates)
+        sets[int(ratio)] = replace(
+            found, mean=found.mean * factors, mean_error=found.mean_error * abs(factors)
+        )
+    return sets
+
+
+def uncorrected(data: xr.Dataset) -> xr.Dataset:
+    """The same impacts of a case without a correction."""
+    case = lab_case_of(data.attrs["lab_case"], "impacts")
+    plain = case.replace(correction=dict.fromkeys(COEFFICIENTS, 1.0))
+    return data.assign_attrs(lab_case=plain.text())
+
+
+def correction_of(case: LabCase) -> np.ndarray:
+    """Factors on the means of a1..a9, (9,)."""
+    return np.array([case.correction[name] for name in COEFFICIENTS])
+
+
+def provenance(data: xr.Dataset) -> list[str]:
+    """What a set file says of its origin: enough to make it again."""
+    case = lab_case_of(data.attrs["lab_case"], "impacts")
+    corrected = (correction_of(case) != 1).any()
+    lines = [
+        f"{data.attrs['title']}",
+        "",
+        "Means and covariances of a1..a9 from discrete-element impacts of a sphere on a layer:",
+        "the means times the factors of &correction." if corrected else "uncorrected.",
+        f"Made by rockfall {data.attrs['version']}; `rockfall lab remake FILE` makes it again.",
+        f"SHA-256 of the outcomes: {checksum(data)}",
+    ]
+    for ratio in data["ratio"].values:
+        status = data["status"].sel(ratio=ratio).values
+        ended = ", ".join(
+            f"{int((status == value).sum())} {name}"
+            for name, value in STATUS.items()
+            if name != "not_done"
+        )
+        lines.append(f"R_b/R_m = {ratio:g}: {status.size} impacts, {ended}")
+    lines += ["The laboratory case:"]
+    return lines + [CASE_MARK[2:] + line for line in case.text().splitlines()]
+
+
+def case_in(path: str | Path) -> LabCase:
+    """The laboratory case that a set file was made from."""
+    try:
+        lines = Path(path).read_text(encoding="utf-8").splitlines()
+    except OSError as error:
+        raise RockfallError(f"{path}: cannot be read: {error.strerror}") from error
+    text = [line[len(CASE_MARK) :] for line in lines if line.startswith(CASE_MARK)]
+    if not text:
+        raise RockfallError(f"{path}: does not say what laboratory case it was made from")
+    return lab_case_of("\n".join(text), str(path))
+
+
+def normality(a: np.ndarray) -> np.ndarray:
+    """p of Shapiro and Wilk's test that each of a1..a9 is normal over the points, (9,)."""
+    from scipy.stats import shapiro
+
+    return np.array([shapiro(one).pvalue for one in a.T])
+
+
+def points_needed(found: ImpactSet, error: float = 0.01) -> int:
+    """Points until the standard errors of all means are at most `error`."""
+    return int(np.ceil(found.points * (found.mean_error.max() / error) ** 2))
+
+
 def linearity(
     point: np.ndarray, v_in: np.ndarray, v_out: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -132,15 +229,24 @@ def write_sets(path: str | Path, sets: dict[int, ImpactSet], provenance: list[st
     """
     text = [f"! {line}".rstrip() for line in provenance]
     for ratio, found in sorted(sets.items()):
-        lower = found.covariance[np.tril_indices(9)]
-        rows = np.split(lower, np.cumsum(np.arange(1, 9)))
+        rows = _lower(found.covariance)
         text += ["", f"! {found.points} points; standard errors of the means:"]
-        text += ["! " + ", ".join(f"{error:.2g}" for error in found.mean_error)]
+        text += [f"!   {_short(found.mean_error)}", "! and of the covariance:"]
+        text += [f"!   {_short(row)}" for row in _lower(found.covariance_error)]
         text += [f"&impact_set ratio = {ratio}", f"  mean = {_numbers(found.mean)}"]
         text += ["  covariance =   ! lower triangle by rows"]
         text += [",\n".join(f"    {_numbers(row)}" for row in rows), "/"]
     with whole_file(path) as part:
         part.write_text("\n".join(text) + "\n", encoding="utf-8")
+
+
+def _lower(matrix: np.ndarray) -> list[np.ndarray]:
+    """The lower triangle by rows."""
+    return [matrix[k, : k + 1] for k in range(len(matrix))]
+
+
+def _short(values: np.ndarray) -> str:
+    return ", ".join(f"{value:.2g}" for value in values)
 
 
 def _numbers(values: np.ndarray) -> str:

@@ -6,7 +6,7 @@ import pytest
 from rockfall._core import rockfall_f2py as kernel
 
 from rockfall import RockfallError
-from rockfall.impact_fit import fit_set, linearity, point_maps, write_sets
+from rockfall.lab.fit import fit_set, linearity, point_maps, write_sets
 
 MEAN = np.array([0.62, 0.0, 0.13, 0.19, -0.41, -0.19, 0.24, 0.0, 0.34])
 

@@ -1,0 +1,146 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""`rockfall lab ...`: arguments in, exit status out."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from rockfall.errors import RockfallError
+
+
+def add_lab(commands: argparse._SubParsersAction) -> None:
+    """Add the laboratory to the commands of `rockfall`."""
+    about = "discrete-element impacts, and impact sets from them"
+    lab = commands.add_parser("lab", help=about, description=about.capitalize() + ".")
+    verbs = lab.add_subparsers(required=True, metavar="COMMAND")
+
+    def verb(name: str, does: str) -> argparse.ArgumentParser:
+        one = verbs.add_parser(name, help=does, description=does[0].upper() + does[1:] + ".")
+        one.set_defaults(command=globals()[f"_{name}"])
+        return one
+
+    pack = verb("pack", "let layers settle, say what they are, draw the first")
+    pack.add_argument("case", metavar="LAB.nml", type=Path)
+    pack.add_argument("-o", "--output", metavar="LAYER.png", type=Path, help="a picture")
+    pack.add_argument("--layers", metavar="N", type=int, default=8, help="default: 8")
+    impact = verb("impact", "fire all impacts of a laboratory case")
+    impact.add_argument("case", metavar="LAB.nml", type=Path)
+    impact.add_argument("-o", "--output", metavar="OUT.nc", type=Path, help="default: LAB.nc, here")
+    impact.add_argument("--resume", action="store_true", help="go on with OUT.nc")
+    fit = verb("fit", "make impact sets from impacts")
+    fit.add_argument("impacts", metavar="IMPACTS.nc", type=Path)
+    fit.add_argument("-o", "--output", metavar="SETS.nml", type=Path, help="for rockfall run")
+    fit.add_argument("--uncorrected", action="store_true", help="leave &correction out")
+    card = verb("scorecard", "set impact sets beside what is known of rebounds on rocky slopes")
+    card.add_argument("sets", metavar="SETS", nargs="*", help="shipped or files; default: shipped")
+    card.add_argument(
+        "--site", metavar="DIR", type=Path, default=Path("cases/vaujany"),
+        help="the case of the slope; default: cases/vaujany",
+    )  # fmt: skip
+    card.add_argument(
+        "--replicates", metavar="N", type=int, default=30, help="for standard errors; default: 30"
+    )
+    remake = verb("remake", "make set files again from their provenance, and compare all bits")
+    remake.add_argument("sets", metavar="SETS", nargs="+", help="shipped or files")
+    for one in (pack, impact, remake):
+        one.add_argument("--threads", metavar="N", type=int, default=0, help="default: all cores")
+    for one in (impact, fit, card, remake):
+        one.add_argument("--quiet", action="store_true", help="no progress, no summary")
+
+
+def _pack(arguments: argparse.Namespace) -> int:
+    from rockfall.lab.case import read_lab_case
+    from rockfall.lab.experiment import pack_layers
+
+    if arguments.layers < 1:
+        raise RockfallError(f"--layers {arguments.layers}: must be 1 or more")
+    case = read_lab_case(arguments.case)
+    layers = pack_layers(case, count=arguments.layers, threads=arguments.threads)
+    unit = case.packing["mean_radius"]
+    print(f"{'layer':>6}{'bodies':>8}{'surface [R_m]':>15}{'solid':>8}{'floor/weight':>14}")
+    for k in range(len(layers)):
+        surface, _, solid, floor, _ = layers.facts[:, k]
+        print(f"{k + 1:6d}{layers.bodies[k]:8d}{surface / unit:15.2f}{solid:8.3f}{floor:14.3f}")
+    if arguments.output:
+        from rockfall.lab.plots import layer_figure
+
+        layer_figure(case, layers, arguments.output)
+        print(arguments.output)
+    return 0
+
+
+def _impact(arguments: argparse.Namespace) -> int:
+    from rockfall.lab.case import read_lab_case
+    from rockfall.lab.experiment import run_impacts
+    from rockfall.result import check_writable
+
+    case = read_lab_case(arguments.case)
+    path = arguments.output or Path(f"{arguments.case.stem}.nc")
+    check_writable(path)
+    try:
+        data = run_impacts(
+            case, progress=not arguments.quiet, threads=arguments.threads, path=path,
+            resume=arguments.resume,
+        )  # fmt: skip
+    except KeyboardInterrupt:
+        print(f"rockfall: interrupted: {path} goes on with --resume", file=sys.stderr)
+        return 130
+    if not arguments.quiet:
+        from rockfall.lab.summary import impact_summary
+
+        print(impact_summary(data))
+        print(path)
+    return 0
+
+
+def _fit(arguments: argparse.Namespace) -> int:
+    from rockfall.lab.experiment import open_impacts
+    from rockfall.lab.fit import fit_impacts, provenance, uncorrected, write_sets
+    from rockfall.lab.summary import fit_summary
+
+    data = open_impacts(arguments.impacts)
+    if arguments.uncorrected:
+        data = uncorrected(data)
+    sets = fit_impacts(data)
+    if not arguments.quiet:
+        print(fit_summary(data, sets))
+    if arguments.output:
+        write_sets(arguments.output, sets, provenance(data))
+        print(arguments.output)
+    return 0
+
+
+def _scorecard(arguments: argparse.Namespace) -> int:
+    from rockfall.lab.scorecard import Site, by_ratio, read_sets, standard_errors, table
+    from rockfall.progress import progress_bar
+    from rockfall.scene import shipped_sets
+
+    if arguments.replicates < 2:
+        raise RockfallError(f"--replicates {arguments.replicates}: must be 2 or more")
+    sets = [read_sets(name) for name in arguments.sets or shipped_sets()]
+    site = Site(arguments.site)
+    rows = []
+    total = len(sets) * arguments.replicates
+    with progress_bar(total, not arguments.quiet, "replicates") as advance:
+        for one in sets:
+            numbers = site.numbers(one.mean, one.covariance)
+            errors = standard_errors(one, site, arguments.replicates, advance)
+            rows.append((one.name, numbers, errors))
+    print(table(rows))
+    for one in sets:
+        print("\n" + by_ratio(one))
+    return 0
+
+
+def _remake(arguments: argparse.Namespace) -> int:
+    from rockfall.lab.remake import remake
+    from rockfall.scene import shipped_sets
+
+    paths = [shipped_sets().get(name, Path(name)) for name in arguments.sets]
+    for path, difference in remake(paths, arguments.threads, progress=not arguments.quiet):
+        if difference:
+            raise RockfallError(f"{path}: made again, it differs: {difference}", 1)
+        print(f"{path}: made again, the same in every bit")
+    return 0

@@ -1,0 +1,163 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Figures of the laboratory: layers, impacts, and what was made of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rockfall.files import whole_file
+from rockfall.lab.case import COEFFICIENTS
+from rockfall.lab.scorecard import restitution
+from rockfall.plots import BLUE, GREY, INK, STYLE, VERMILION
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from rockfall.lab.case import LabCase
+    from rockfall.lab.experiment import Layers
+    from rockfall.lab.scorecard import Sets
+
+ROCK, BOULDER = "#D9D4CB", "#E69F00"
+ANGLES = np.arange(5.0, 90.1, 2.5)  # incidence [degrees]
+KNOWN = {"R_t": [((5, 30), (0.7, 0.7))], "R_n": [((90,), (0.4,)), ((10, 20), (1.0, 1.0))]}
+
+
+def layer_figure(case: LabCase, layers: Layers, path: str | Path) -> None:
+    """A picture of the first layer."""
+    import matplotlib.pyplot as plt
+
+    x, radius, facts = layers.one(0)
+    width = case.packing["width"] * case.packing["mean_radius"]
+    with plt.rc_context(STYLE):
+        figure, axes = plt.subplots(figsize=(7.2, 1.6 + 7.2 * facts[1] / width))
+        _discs(axes, x, radius, ROCK)
+        axes.axhline(facts[0], color=BLUE, lw=0.8)
+        axes.set(xlim=(0, width), ylim=(0, 1.05 * facts[1]), xlabel="x [m]", ylabel="z [m]")
+        axes.set_title(f"{len(radius)} bodies; mean height of the surface {facts[0]:.2f} m")
+        _save(figure, path)
+
+
+def impact_figure(films: Sequence[Mapping[str, Any]], width: float, path: str | Path) -> None:
+    """Before and after: each film of `experiment.film` a column, the layer at the first contact
+    above, at the greatest upward speed of the sphere below, with its way and the velocities."""
+    import matplotlib.pyplot as plt
+
+    with plt.rc_context(STYLE):
+        figure, panels = plt.subplots(
+            2, len(films), figsize=(3.6 * len(films), 4.6), squeeze=False, sharex=True,
+            sharey=True, layout="constrained",
+        )  # fmt: skip
+        for column, film in zip(panels.T, films, strict=True):
+            x, v, r = film["centres"], film["velocities"], film["radius"]
+            end = int(np.searchsorted(film["time"], film["outcome"]["duration"]))
+            end = min(end, len(x) - 1)
+            middle = x[0, -1, 0]
+            for axes, k in ((column[0], 0), (column[1], end)):
+                place = x[k].copy()
+                place[:, 0] += width * np.round((middle - place[:, 0]) / width) - middle
+                place[-1, 0] = x[k, -1, 0] - middle
+                _discs(axes, place[:-1], r[:-1], ROCK)
+                _discs(axes, place[-1:], r[-1:], BOULDER)
+                scale = 2.5 * r[-1] / np.hypot(*v[0, -1, :2])
+                axes.annotate(
+                    "", place[-1] + scale * v[k, -1, :2], place[-1],
+                    arrowprops={"arrowstyle": "->", "color": INK, "lw": 1.2},
+                )  # fmt: skip
+                axes.axhline(film["surface"], color=BLUE, lw=0.6)
+            way = x[: end + 1, -1] - [middle, 0]
+            column[1].plot(*way.T, color=VERMILION, lw=1)
+            column[0].set_title(film["title"])
+            column[1].set_title(f"{1e3 * film['time'][end]:.0f} ms later")
+            column[1].set_xlabel("x [m]")
+        panels[0, 0].set(
+            xlim=(-0.5 * width, 0.5 * width),
+            ylim=(0, max(1.02 * (f["centres"][0, -1, 1] + 2 * f["radius"][-1]) for f in films)),
+        )
+        for axes in panels[:, 0]:
+            axes.set_ylabel("z [m]")
+        _save(figure, path)
+
+
+def restitution_figure(sets: Sequence[Sets], path: str | Path) -> None:
+    """R_t and R_n against the incidence angle for each ratio, without spin (the paper's Fig. 5):
+    mean and the middle 80 % of the admissible draws of each set; what the paper says in grey."""
+    import matplotlib.pyplot as plt
+
+    with plt.rc_context(STYLE):
+        figure, panels = plt.subplots(
+            2, 5, figsize=(10.5, 4.6), sharex=True, sharey="row", layout="constrained"
+        )
+        for one, colour in zip(sets, (VERMILION, BLUE), strict=False):
+            for k in range(5):
+                draws = [restitution(one.mean[k], one.covariance[k], angle) for angle in ANGLES]
+                for row, axes in enumerate(panels[:, k]):
+                    values = [draw[row] for draw in draws]
+                    low, high = np.transpose([np.quantile(v, (0.1, 0.9)) for v in values])
+                    axes.fill_between(ANGLES, low, high, color=colour, alpha=0.18, lw=0)
+                    mean = [v.mean() for v in values]
+                    axes.plot(ANGLES, mean, color=colour, lw=1.2, label=one.name)
+        for row, name in enumerate(KNOWN):
+            for axes in panels[row]:
+                for x, y in KNOWN[name]:
+                    axes.plot(x, y, color=GREY, lw=4, alpha=0.5, marker="s", ms=4, zorder=0)
+            panels[row, 0].set_ylabel(name)
+        for k in range(5):
+            panels[0, k].set_title(f"R_b/R_m = {k + 1}")
+            panels[1, k].set(xlabel="incidence angle [degrees]", xlim=(0, 91))
+        panels[0, 0].set_ylim(0, 1.1)
+        panels[1, 0].set_ylim(0, 2.5)
+        panels[1, 4].legend(loc="upper right")
+        _save(figure, path)
+
+
+def coefficient_figure(
+    maps: Mapping[int, np.ndarray], sets: Mapping[int, Any], path: str | Path
+) -> None:
+    """Histograms of a1..a9 over the points, a row for each ratio of `maps` {ratio: (points, 9)},
+    with the normal distribution of the set that was made of them."""
+    import matplotlib.pyplot as plt
+
+    with plt.rc_context(STYLE | {"font.size": 7}):
+        figure, panels = plt.subplots(
+            len(maps), 9, figsize=(11.5, 1.25 * len(maps) + 0.5), squeeze=False, sharex="col",
+            layout="constrained",
+        )  # fmt: skip
+        for row, (ratio, a) in zip(panels, maps.items(), strict=True):
+            deviation = np.sqrt(np.diag(sets[ratio].covariance))
+            for k, axes in enumerate(row):
+                axes.hist(a[:, k], 25, density=True, color=BLUE, alpha=0.35)
+                x = np.linspace(a[:, k].min(), a[:, k].max(), 200)
+                z = (x - sets[ratio].mean[k]) / deviation[k]
+                density = np.exp(-(z**2) / 2) / (deviation[k] * np.sqrt(2 * np.pi))
+                axes.plot(x, density, color=INK, lw=1)
+                axes.set_yticks([])
+                axes.spines["left"].set_visible(False)
+            row[0].set_ylabel(f"R_b/R_m = {ratio}")
+        for axes, name in zip(panels[0], COEFFICIENTS, strict=True):
+            axes.set_title(name)
+        _save(figure, path)
+
+
+def _discs(axes: Axes, x: np.ndarray, radius: np.ndarray, colour: str) -> None:
+    from matplotlib.collections import EllipseCollection
+
+    axes.add_collection(
+        EllipseCollection(
+            2 * radius, 2 * radius, np.zeros_like(radius), units="x", offsets=x,
+            offset_transform=axes.transData, facecolor=colour, edgecolor=INK, linewidth=0.4,
+        )
+    )  # fmt: skip
+    axes.set_aspect("equal")
+
+
+def _save(figure: Figure, path: str | Path) -> None:
+    import matplotlib.pyplot as plt
+
+    with whole_file(path) as part:
+        figure.savefig(part)
+    plt.close(figure)

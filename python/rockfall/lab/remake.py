@@ -1,0 +1,44 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Make impact sets again from what their files say of their origin."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterable, Iterator
+from itertools import zip_longest
+from pathlib import Path
+
+from rockfall.lab.case import LabCase
+from rockfall.lab.experiment import run_impacts
+from rockfall.lab.fit import case_in, fit_impacts, provenance, write_sets
+
+
+def remake(
+    paths: Iterable[str | Path], threads: int = 0, progress: bool = False
+) -> Iterator[tuple[Path, str]]:
+    """Each set file, and the first line in which the one made again differs; "" if none does.
+
+    Files that differ in their correction alone share their impacts.
+    """
+    cases = {Path(path): case_in(path) for path in paths}
+    known: list[tuple[LabCase, object]] = []
+    for path, case in cases.items():
+        plain = case.replace(correction=dict.fromkeys(case.correction, 1.0))
+        plain = plain.replace(lab={"title": ""})
+        data = next((data for done, data in known if done == plain), None)
+        if data is None:
+            data = run_impacts(plain, progress=progress, threads=threads)
+            known.append((plain, data))
+        data = data.assign_attrs(lab_case=case.text(), title=case.lab["title"])
+        with tempfile.TemporaryDirectory() as folder:
+            again = Path(folder) / path.name
+            write_sets(again, fit_impacts(data), provenance(data))
+            yield path, _first_difference(path.read_text("utf-8"), again.read_text("utf-8"))
+
+
+def _first_difference(old: str, new: str) -> str:
+    lines = zip_longest(old.splitlines(), new.splitlines(), fillvalue="(end)")
+    for number, (before, after) in enumerate(lines, 1):
+        if before != after:
+            return f"line {number}: {before!r} is now {after!r}"
+    return ""
