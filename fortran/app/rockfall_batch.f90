@@ -2,15 +2,14 @@
 !> The standalone program: reads a case, runs it, writes its results. Only here anything is printed,
 !> or stopped.
 program rockfall_batch
-   use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
    use, intrinsic :: iso_fortran_env, only: error_unit, output_unit
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail
-   use rockfall_textfile, only: lower, excerpt
    use rockfall_paths, only: version
    use rockfall_case, only: case_t
    use rockfall_override, only: read_case_file
-   use rockfall_filesystem, only: name_of, fail_beyond_size_limit, end_at_once
+   use rockfall_filesystem, only: fail_beyond_size_limit, end_at_once
+   use rockfall_console, only: arguments_t, read_arguments, value_of, stem, one_line, decimal
    use rockfall_wholefolder, only: check_folder
    use rockfall_load, only: inputs_t, load, lines_outside
    use rockfall_simulate, only: results_t, simulate, rebound_counts
@@ -27,10 +26,8 @@ program rockfall_batch
    character(len=*), parameter :: netcdf_word = "without netCDF"
 #endif
 
-   type :: options_t
-      character(len=:), allocatable :: case, output, boulders, seed, threads
-      logical :: quiet = .false., only_help = .false.
-   end type options_t
+   character(len=*), parameter :: keys(*) = &
+                                  [character(len=8) :: "output", "boulders", "seed", "threads"]
 
    integer :: code
    logical :: half_written
@@ -46,32 +43,40 @@ contains
    subroutine main(code, half_written)
       integer, intent(out) :: code
       logical, intent(out) :: half_written  !! a netCDF file could not be finished
-      type(options_t) :: options
+      type(arguments_t) :: arguments
       type(error_t), allocatable :: error
 
       call fail_beyond_size_limit()
-      call read_arguments(options, error)
+      call read_arguments("rockfall-batch", keys, arguments, error)
       half_written = .false.
-      if (.not. allocated(error) .and. .not. options%only_help) &
-         call run(options, half_written, error)
       code = 0
+      if (arguments%help) then
+         call print_help()
+      else if (arguments%version) then
+         write (output_unit, "(4a)") "rockfall-batch ", version, ", ", netcdf_word
+      else if (.not. allocated(error)) then
+         call run(arguments, half_written, error)
+      end if
       if (.not. allocated(error)) return
       code = error%code
       write (error_unit, "(2a)") "rockfall-batch: ", one_line(error%message)
    end subroutine main
 
-   subroutine run(options, half_written, error)
-      type(options_t), intent(in) :: options
+   subroutine run(arguments, half_written, error)
+      type(arguments_t), intent(in) :: arguments
       logical, intent(inout) :: half_written
       type(error_t), allocatable, intent(out) :: error
       type(case_t) :: case
       type(inputs_t), target :: inputs
       type(results_t), target :: results
-      character(len=:), allocatable :: text
+      character(len=:), allocatable :: output, text
 
-      call read_case_file(options%case, options%boulders, options%seed, options%threads, text, &
+      output = without_slash(value_of(arguments, "output"))
+      if (output == "") output = stem(arguments%case)//"_results"
+      call read_case_file(arguments%case, value_of(arguments, "boulders"), &
+                          value_of(arguments, "seed"), value_of(arguments, "threads"), text, &
                           case, error)
-      if (.not. allocated(error)) call check_output(options%output, error)
+      if (.not. allocated(error)) call check_output(output, error)
       if (.not. allocated(error)) call load(case, inputs, error)
       if (allocated(error)) return
       if (lines_outside(case, inputs%grid) /= "") then
@@ -80,90 +85,13 @@ contains
       end if
       call simulate(case, inputs, results, error)
       if (.not. allocated(error)) then
-         call write_output(options%output, text, case, inputs, results, error)
-         half_written = allocated(error) .and. is_netcdf(options%output)
+         call write_output(output, text, case, inputs, results, error)
+         half_written = allocated(error) .and. is_netcdf(output)
       end if
-      if (allocated(error) .or. options%quiet) return
+      if (allocated(error) .or. arguments%quiet) return
       call summary(case, results)
-      write (output_unit, "(2a)") "results in ", options%output
+      write (output_unit, "(2a)") "results in ", output
    end subroutine run
-
-   ! ---- arguments ----------------------------------------------------------------------------
-
-   subroutine read_arguments(options, error)
-      type(options_t), intent(out) :: options
-      type(error_t), allocatable, intent(out) :: error
-      character(len=:), allocatable :: word
-      integer :: k
-
-      options = options_t(case="", output="", boulders="", seed="", threads="")
-      do k = 1, command_argument_count()
-         word = argument(k)
-         select case (word)
-         case ("--help", "-h")
-            call print_help()
-            options%only_help = .true.
-         case ("--version")
-            write (output_unit, "(4a)") "rockfall-batch ", version, ", ", netcdf_word
-            options%only_help = .true.
-         case default
-            call read_argument(word, options, error)
-         end select
-         if (allocated(error) .or. options%only_help) return
-      end do
-      if (options%case == "") &
-         call fail(error, "a case file is needed: rockfall-batch CASE [key=value ...]; see --help")
-      if (options%output == "") options%output = default_output(options%case)
-   end subroutine read_arguments
-
-   !> `key=value`, or the case file.
-   subroutine read_argument(word, options, error)
-      character(len=*), intent(in) :: word
-      type(options_t), intent(inout) :: options
-      type(error_t), allocatable, intent(out) :: error
-      character(len=:), allocatable :: value
-      integer :: equals
-
-      equals = index(word, "=")
-      value = word(equals + 1:)
-      if (equals > 1 .and. value == "") then
-         call fail(error, word//": a value is missing")
-         return
-      end if
-      select case (word(:max(0, equals - 1)))
-      case ("output"); options%output = without_slash(value)
-      case ("boulders"); options%boulders = value
-      case ("seed"); options%seed = value
-      case ("threads"); options%threads = value
-      case ("quiet")
-         options%quiet = any(lower(value) == [character(len=6) :: "true", "t", ".true."])
-         if (.not. options%quiet .and. &
-             .not. any(lower(value) == [character(len=7) :: "false", "f", ".false."])) then
-            call fail(error, "quiet = "//excerpt(value)//": must be true or false")
-         end if
-      case ("")
-         if (word(:min(1, len(word))) == "-") then
-            call fail(error, excerpt(word)//": unknown option; known: --help, --version")
-         else if (options%case /= "") then
-            call fail(error, excerpt(word)//": there is a case file already, "//options%case &
-                      //"; options are key=value")
-         end if
-         options%case = word
-      case default
-         call fail(error, excerpt(word) &
-                   //": unknown key; known: output, boulders, seed, threads, quiet")
-      end select
-   end subroutine read_argument
-
-   function argument(k) result(word)
-      integer, intent(in) :: k
-      character(len=:), allocatable :: word
-      integer :: length
-
-      call get_command_argument(k, length=length)
-      allocate (character(len=length) :: word)
-      call get_command_argument(k, word)
-   end function argument
 
    pure function without_slash(path)
       character(len=*), intent(in) :: path
@@ -172,18 +100,6 @@ contains
       without_slash = path
       if (len(path) > 1 .and. path(len(path):) == "/") without_slash = path(:len(path) - 1)
    end function without_slash
-
-   !> `folder/case.nml` -> `case_results` in the current folder.
-   pure function default_output(case) result(output)
-      character(len=*), intent(in) :: case
-      character(len=:), allocatable :: output
-      integer :: dot
-
-      output = name_of(case)
-      dot = index(output, ".", back=.true.)
-      if (dot > 1) output = output(:dot - 1)
-      output = output//"_results"
-   end function default_output
 
    subroutine print_help()
       character(len=*), parameter :: help(*) = [character(len=96) :: &
@@ -284,18 +200,6 @@ contains
       text = decimal(100.0_wp*part/max(1_i8, whole), 1)//" %"
    end function percent
 
-   !> A number with so many decimals.
-   pure function decimal(value, decimals) result(text)
-      real(wp), intent(in) :: value
-      integer, intent(in) :: decimals
-      character(len=:), allocatable :: text
-      character(len=40) :: buffer, form
-
-      write (form, "(a,i0,a)") "(f40.", decimals, ")"
-      write (buffer, form) value
-      text = trim(adjustl(buffer))
-   end function decimal
-
    subroutine line_summary(name, k, results)
       character(len=*), intent(in) :: name
       integer, intent(in) :: k
@@ -322,16 +226,4 @@ contains
             " m/s, mean passing height ", decimal(height/n, 2), " m"
       end if
    end subroutine line_summary
-
-   !> A message without line ends.
-   pure function one_line(message) result(text)
-      character(len=*), intent(in) :: message
-      character(len=len(message)) :: text
-      integer :: i
-
-      text = message
-      do i = 1, len(text)
-         if (iachar(text(i:i)) < 32) text(i:i) = " "
-      end do
-   end function one_line
 end program rockfall_batch

@@ -40,6 +40,10 @@ module lab_contact
       real(wp) :: moment = 0  !! rolling moment on the first body [N m]
    end type touch_t
 
+   ! Beyond, a contact's viscous or rolling part is stiffer than its normal spring, from which the
+   ! step is taken, and the motion goes wrong without any sign.
+   real(wp), parameter :: most_damping = 1, most_rolling = 2
+
 contains
 
    !> Refuse what is no material.
@@ -51,8 +55,12 @@ contains
          call fail(error, "material: young must be > 0 [Pa]")
       else if (.not. (material%poisson > -1 .and. material%poisson <= 0.5_wp)) then
          call fail(error, "material: poisson must be above -1 and at most 0.5")
-      else if (.not. min(material%friction, material%damping, material%rolling) >= 0) then
-         call fail(error, "material: friction, damping and rolling must be >= 0")
+      else if (.not. (material%friction >= 0 .and. material%friction < huge(1.0_wp))) then
+         call fail(error, "material: friction must be >= 0")
+      else if (.not. (material%damping >= 0 .and. material%damping <= most_damping)) then
+         call fail(error, "material: damping must be 0 to 1")
+      else if (.not. (material%rolling >= 0 .and. material%rolling <= most_rolling)) then
+         call fail(error, "material: rolling must be 0 to 2")
       end if
    end subroutine check_material
 

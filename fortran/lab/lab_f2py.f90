@@ -11,6 +11,7 @@ module lab_f2py
    use lab_impact, only: shot_t, outcome_t, film_t, check_shot, fire
    use lab_step, only: trouble_words => trouble_text
    use lab_ensemble, only: range_t, identity_t, check_range, pack_layers, fire_shots
+   use lab_case, only: lab_case_t, read_lab_case
    use lab_tables, only: material_of, packing_of, shot_of, range_of, outcome_row, &
       outcome_count_row, layer_row, &
       material_row, packing_row, shot_row, range_row, &
@@ -71,16 +72,15 @@ contains
       end do
    end function joined
 
-   !> Refuse what cannot be packed or fired.
-   subroutine check_case(material, packing, shot, ranges, code, message)
-      real(c_double), intent(in) :: material(5), packing(9), shot(13), ranges(6)
+   !> Refuse the text of a laboratory case that is not as it must be.
+   subroutine check_case(text, name, code, message)
+      character(len=*), intent(in) :: text, name
       integer(c_int), intent(out) :: code
       character(len=512), intent(out) :: message
+      type(lab_case_t) :: case
       type(error_t), allocatable :: error
 
-      call check_material(material_of(material), error)
-      if (.not. allocated(error)) call check_packing(packing_of(packing), error)
-      if (.not. allocated(error)) call check_range(shot_of(shot), range_of(ranges), error)
+      call read_lab_case(text, name, case, error)
       call give_error(error, code, message)
    end subroutine check_case
 
@@ -183,9 +183,11 @@ contains
 
       outcome = 0
       counts = 0
-      call check_case(material, packing, shot, ranges, code, message)
-      if (code /= 0) return
-      call check_places(room, bodies, place, layer, point, number, error)
+      call check_material(material_of(material), error)
+      if (.not. allocated(error)) call check_packing(packing_of(packing), error)
+      if (.not. allocated(error)) call check_range(shot_of(shot), range_of(ranges), error)
+      if (.not. allocated(error)) &
+         call check_places(room, bodies, place, layer, point, number, error)
       call give_error(error, code, message)
       if (code /= 0) return
       allocate (layers(nl), ids(n), shots(n), outcomes(n))

@@ -65,6 +65,7 @@ module lab_impact
    end type film_t
 
    real(wp), parameter :: opening_gap = 1.0e-9_wp  !! between sphere and layer at the start / R_b
+   integer, parameter :: most_retries = 30 !! the step is then 1e-9 of what it was
    integer, parameter :: watch_interval = 32 !! steps between looks at energy and at the way out
 
 contains
@@ -115,6 +116,8 @@ contains
          call fail(error, "impact: step_share, patience and spent must be > 0")
       else if (.not. min(shot%gravity, shot%past, shot%wait, real(shot%retries, wp)) >= 0) then
          call fail(error, "impact: gravity, past, wait and retries must be >= 0")
+      else if (shot%retries > most_retries) then
+         call fail(error, "impact: retries must be at most 30")
       end if
    end subroutine check_shot
 
@@ -207,6 +210,7 @@ contains
       type(film_t), intent(inout), optional :: film
       real(wp) :: time, time_limit, wait, past, nothing, best(3), way
       integer :: n
+      logical :: still, was_still
 
       n = s%bodies%n
       associate (x => s%bodies%x(:, n), v => s%bodies%v(:, n))
@@ -218,8 +222,11 @@ contains
          way = 0
          outcome%depth = layer%surface - x(2) + shot%radius
          outcome%overlap = 0
+         outcome%duration = 0
+         outcome%travel = 0
          outcome%status = 0
          outcome%steps = 0
+         still = .false.
          do while (outcome%status == 0)
             if (present(film)) call expose(s, time, film)
             call advance(s)
@@ -237,7 +244,10 @@ contains
             call watch_energy(s)
             outcome%overlap = max(outcome%overlap, deepest_share(s))
             past = merge(shot%past, 0.0_wp, time > outcome%duration + wait)
-            outcome%status = end_of(s, best(2), past, nothing, time > time_limit)
+            was_still = still  ! at two looks: at the turning point it is so at one
+            still = body_energy(s%bodies, n) < nothing
+            outcome%status = end_of(s, best(2), past, nothing, still .and. was_still, &
+                                    time > time_limit)
          end do
       end associate
       if (present(film)) call expose(s, time, film)
@@ -245,11 +255,12 @@ contains
    end subroutine follow
 
    !> How the impact has ended; 0: not yet.
-   pure integer function end_of(s, best, past, nothing, late)
+   pure integer function end_of(s, best, past, nothing, still, late)
       type(assembly_t), intent(in) :: s
       real(wp), intent(in) :: best     !! greatest upward speed so far [m/s]
       real(wp), intent(in) :: past     !! share of its energy left when the peak is past; 0: not yet
       real(wp), intent(in) :: nothing  !! energy that counts as none [J]
+      logical, intent(in) :: still     !! its energy is spent
       logical, intent(in) :: late      !! patience has ended
       real(wp) :: up
       logical :: rises
@@ -262,10 +273,10 @@ contains
             if (.not. will_meet(s)) end_of = rebounded
          end if
          if (end_of /= 0) return
-         if (late .or. up**2 < past*best**2 .or. body_energy(b, n) < nothing) then
+         if (late .or. still .or. up**2 < past*best**2) then
             if (rises) then
                end_of = lifted
-            else if (late .or. body_energy(b, n) < nothing) then
+            else if (late .or. still) then
                end_of = captured
             end if
          end if

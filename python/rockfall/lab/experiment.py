@@ -113,8 +113,8 @@ def run_impacts(
             if path is not None and time.monotonic() - saved > SAVE_SECONDS:
                 save_impacts(data, path)
                 saved = time.monotonic()
-    if path is not None:
-        save_impacts(data, path)
+        if path is not None:
+            save_impacts(data, path)  # a second Ctrl-C cannot lose it
     if not (data["status"].values > 0).all():
         raise KeyboardInterrupt
     return data
@@ -160,10 +160,11 @@ def open_impacts(path: str | Path) -> xr.Dataset:
         data = xr.load_dataset(path)
     except FileNotFoundError as error:
         raise RockfallError(f"{path}: cannot be read: no such file") from error
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RuntimeError) as error:
         raise RockfallError(f"{path}: is not a netCDF file of impacts: {error}") from error
     wanted = {*names(5), *names(6), *names(7)[:-1]}
-    if not (wanted <= set(data) and "lab_case" in data.attrs):
+    told = {"title", "lab_case", "version", "cpu_seconds"}
+    if not (wanted <= set(data) and told <= set(data.attrs)):
         raise RockfallError(f"{path}: is not a file of impacts")
     return data
 

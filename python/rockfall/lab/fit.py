@@ -152,6 +152,8 @@ def correction_of(case: LabCase) -> np.ndarray:
 
 def provenance(data: xr.Dataset) -> list[str]:
     """What a set file says of its origin: enough to make it again."""
+    if missing := int((data["status"].values == STATUS["not_done"]).sum()):
+        raise RockfallError(f"{missing} of {data['status'].size} impacts are not done: no set yet")
     case = lab_case_of(data.attrs["lab_case"], "impacts")
     corrected = (correction_of(case) != 1).any()
     lines = [
@@ -180,6 +182,8 @@ def case_in(path: str | Path) -> LabCase:
         lines = Path(path).read_text(encoding="utf-8").splitlines()
     except OSError as error:
         raise RockfallError(f"{path}: cannot be read: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise RockfallError(f"{path}: is not text (UTF-8)") from error
     text = [line[len(CASE_MARK) :] for line in lines if line.startswith(CASE_MARK)]
     if not text:
         raise RockfallError(f"{path}: does not say what laboratory case it was made from")

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rockfall.errors import RockfallError
 from rockfall.files import whole_file
 from rockfall.lab.case import COEFFICIENTS
 from rockfall.lab.scorecard import restitution
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 
 ROCK, BOULDER = "#D9D4CB", "#E69F00"
 ANGLES = np.arange(5.0, 90.1, 2.5)  # incidence [degrees]
+LAST_RT = 60.0  # [degrees]; beyond, V_t_in is too small to divide by
 KNOWN = {"R_t": [((5, 30), (0.7, 0.7))], "R_n": [((90,), (0.4,)), ((10, 20), (1.0, 1.0))]}
 
 
@@ -49,7 +51,7 @@ def impact_figure(films: Sequence[Mapping[str, Any]], width: float, path: str | 
 
     with plt.rc_context(STYLE):
         figure, panels = plt.subplots(
-            2, len(films), figsize=(3.6 * len(films), 4.6), squeeze=False, sharex=True,
+            2, len(films), figsize=(3.6 * len(films), 3.6), squeeze=False, sharex=True,
             sharey=True, layout="constrained",
         )  # fmt: skip
         for column, film in zip(panels.T, films, strict=True):
@@ -96,11 +98,12 @@ def restitution_figure(sets: Sequence[Sets], path: str | Path) -> None:
             for k in range(5):
                 draws = [restitution(one.mean[k], one.covariance[k], angle) for angle in ANGLES]
                 for row, axes in enumerate(panels[:, k]):
-                    values = [draw[row] for draw in draws]
+                    shown = ANGLES[ANGLES <= (LAST_RT, 90.0)[row]]
+                    values = [draw[row] for draw in draws[: shown.size]]
                     low, high = np.transpose([np.quantile(v, (0.1, 0.9)) for v in values])
-                    axes.fill_between(ANGLES, low, high, color=colour, alpha=0.18, lw=0)
+                    axes.fill_between(shown, low, high, color=colour, alpha=0.18, lw=0)
                     mean = [v.mean() for v in values]
-                    axes.plot(ANGLES, mean, color=colour, lw=1.2, label=one.name)
+                    axes.plot(shown, mean, color=colour, lw=1.2, label=one.name)
         for row, name in enumerate(KNOWN):
             for axes in panels[row]:
                 for x, y in KNOWN[name]:
@@ -159,5 +162,8 @@ def _save(figure: Figure, path: str | Path) -> None:
     import matplotlib.pyplot as plt
 
     with whole_file(path) as part:
-        figure.savefig(part)
+        try:
+            figure.savefig(part)
+        except ValueError as error:  # an ending that is no picture's
+            raise RockfallError(f"{path}: cannot be written: {error}") from error
     plt.close(figure)

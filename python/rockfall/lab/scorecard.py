@@ -177,26 +177,35 @@ class Site:
 
 
 def _over_rebounds(mean: np.ndarray, covariance: np.ndarray, result) -> dict[str, float]:
-    """R_t and R_n of the rebounds of the recorded trajectories, and R_n at vertical impact of the
-    sets, each with the share of the rebounds that used it."""
+    """R_t and R_n by classes of incidence angle, and R_n of the sets at vertical impact.
+
+    For each R_b/R_m apart, over its rebounds of the recorded trajectories; then over the ratios,
+    each with its share of all rebounds. Without this standard mixture a class would tell what
+    ground the few steep rebounds met rather than how R_t and R_n depend on the angle.
+    """
     t, n = result["trajectory_in_t"].values, result["trajectory_in_n"].values
     hit = np.isfinite(t) & (t > 0) & (n < 0)
     angle = np.degrees(np.arctan2(-n[hit], t[hit]))
     r_t = result["trajectory_out_t"].values[hit] / t[hit]
     r_n = -result["trajectory_out_n"].values[hit] / n[hit]
+    ratio = np.clip(np.rint(result["trajectory_ratio"].values[hit]), 1, 5)
+    used = np.array([(ratio == k).mean() for k in range(1, 6)])
 
     def over(values: np.ndarray, least: float, most: float) -> float:
-        some = values[(angle >= least) & (angle < most)]
-        return _mean(some) if some.size >= LEAST_REBOUNDS else np.nan
+        inside = (angle >= least) & (angle < most)
+        classes = [values[inside & (ratio == k)] for k in range(1, 6)]
+        enough = np.array([one.size >= LEAST_REBOUNDS for one in classes])
+        if not enough.any():
+            return np.nan
+        means = [one.mean() for one, known in zip(classes, enough, strict=True) if known]
+        return float(np.average(means, weights=used[enough]))
 
-    used = np.clip(np.rint(result["trajectory_ratio"].values[hit]), 1, 5).astype(int)
-    weight = np.bincount(used, minlength=6)[1:6] / max(1, used.size)
     vertical = [_mean(restitution(mean[k], covariance[k], 90.0)[1]) for k in range(5)]
     return {
         "rt_15_30": over(r_t, 15, 30),
         "rn_15": over(r_n, 5, 15),
-        "rn_vertical": float(weight @ np.array(vertical)),
-        **{f"used_{k + 1}": weight[k] for k in range(5)},
+        "rn_vertical": float(used @ np.nan_to_num(vertical)),
+        **{f"used_{k + 1}": used[k] for k in range(5)},
     }
 
 

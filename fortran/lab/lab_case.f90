@@ -1,0 +1,319 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The laboratory's case file: its groups and keys in one table. Defaults are those of the types;
+!> what can be packed and fired is for their modules to say.
+module lab_case
+   use rockfall_kinds, only: wp, i8
+   use rockfall_error, only: error_t, fail
+   use rockfall_textfile, only: integer_text, excerpt
+   use rockfall_decimal, only: parse_integer, decimal_ok
+   use rockfall_namelist, only: namelist_t, group_t, parse_namelist
+   use rockfall_values, only: has_key, get_text, get_integer, get_real, get_logical, refuse
+   use lab_contact, only: material_t, check_material
+   use lab_packing, only: packing_t, check_packing
+   use lab_impact, only: shot_t
+   use lab_ensemble, only: range_t, check_range
+   use lab_tables, only: material_keys, packing_keys, shot_keys, material_of, packing_of, shot_of, &
+      material_row, packing_row, shot_row
+   implicit none
+   private
+   public :: lab_case_t, read_lab_case, replace_integer, shot_of_ratio
+
+   type :: key_t
+      character(len=10) :: group
+      character(len=11) :: name
+      character(len=7) :: kind  !! text, integer, real, logical; pair: least and greatest; list
+   end type key_t
+
+   character(len=2), parameter :: coefficients(9) = &
+      ["a1", "a2", "a3", "a4", "a5", "a6", "a7", "a8", "a9"]
+   type(key_t), parameter :: key_table(*) = [ &
+      key_t("lab", "title", "text"), key_t("lab", "seed", "integer"), &
+      key_t("lab", "ratios", "list"), key_t("lab", "points", "integer"), &
+      key_t("lab", "impacts", "integer"), &
+      key_t("material", "young", "real"), key_t("material", "poisson", "real"), &
+      key_t("material", "friction", "real"), key_t("material", "damping", "real"), &
+      key_t("material", "rolling", "real"), &
+      key_t("packing", "mean_radius", "real"), key_t("packing", "size_ratio", "real"), &
+      key_t("packing", "by_mass", "logical"), key_t("packing", "width", "real"), &
+      key_t("packing", "depth", "real"), key_t("packing", "periodic", "logical"), &
+      key_t("packing", "density", "real"), key_t("packing", "friction", "real"), &
+      key_t("packing", "gravity", "real"), &
+      key_t("impact", "speed", "pair"), key_t("impact", "angle", "pair"), &
+      key_t("impact", "spin", "pair"), key_t("impact", "density", "real"), &
+      key_t("impact", "patience", "real"), key_t("impact", "spent", "real"), &
+      key_t("impact", "past", "real"), key_t("impact", "wait", "real"), &
+      key_t("impact", "step_share", "real"), key_t("impact", "retries", "integer"), &
+      key_t("correction", "a1", "real"), key_t("correction", "a2", "real"), &
+      key_t("correction", "a3", "real"), key_t("correction", "a4", "real"), &
+      key_t("correction", "a5", "real"), key_t("correction", "a6", "real"), &
+      key_t("correction", "a7", "real"), key_t("correction", "a8", "real"), &
+      key_t("correction", "a9", "real")]
+
+   integer, parameter :: most_ratios = 1000
+   integer(i8), parameter :: most_shots = 10_i8**6  !! points, and impacts at each
+   real(wp), parameter :: greatest_factor = 100     !! of a correction
+
+   !> A case as read.
+   type :: lab_case_t
+      character(len=:), allocatable :: file, title
+      integer(i8) :: seed = 1
+      real(wp), allocatable :: ratios(:)  !! R_b/R_m; 1 to 5 unless given
+      integer(i8) :: points = 200         !! for each ratio, each on a layer of its own
+      integer(i8) :: impacts = 100        !! at each point
+      type(material_t) :: material
+      type(packing_t) :: packing
+      type(shot_t) :: shot                !! see `shot_of_ratio`
+      type(range_t) :: range
+      real(wp) :: correction(9) = 1       !! factors on the means of a1 to a9: for the fit
+   end type lab_case_t
+
+contains
+
+   !> The case in a text; one clear error for anything that is not as it must be.
+   pure subroutine read_lab_case(text, file, case, error)
+      character(len=*), intent(in) :: text
+      character(len=*), intent(in) :: file  !! its name, for messages
+      type(lab_case_t), intent(out) :: case
+      type(error_t), allocatable, intent(out) :: error
+      type(namelist_t) :: list
+      integer :: g
+
+      case%file = file
+      case%title = ""
+      case%ratios = [1.0_wp, 2.0_wp, 3.0_wp, 4.0_wp, 5.0_wp]
+      call parse_namelist(text, file, list, error)
+      if (.not. allocated(error)) call check_names(list, error)
+      if (allocated(error)) return
+      do g = 1, size(list%group)
+         call take_group(list%group(g), case, error)
+         if (allocated(error)) return
+      end do
+      call check_lab_case(case, error)
+   end subroutine read_lab_case
+
+   !> Give an integer key of &lab another value, written as `text`; "" leaves it.
+   pure subroutine replace_integer(case, key, text, error)
+      type(lab_case_t), intent(inout) :: case
+      character(len=*), intent(in) :: key, text
+      type(error_t), allocatable, intent(out) :: error
+      integer(i8) :: value
+      integer :: status
+
+      if (text == "") return
+      call parse_integer(text, value, status)
+      if (status /= decimal_ok) then
+         call fail(error, key//" = "//excerpt(text)//": must be an integer")
+         return
+      end if
+      select case (key)
+      case ("seed"); case%seed = value
+      case ("points"); case%points = value
+      case ("impacts"); case%impacts = value
+      end select
+      call check_lab_case(case, error)
+   end subroutine replace_integer
+
+   !> What is fired at a ratio R_b/R_m, but for speed, angle, spin and aim, which are drawn.
+   pure type(shot_t) function shot_of_ratio(case, ratio) result(shot)
+      type(lab_case_t), intent(in) :: case
+      real(wp), intent(in) :: ratio
+
+      shot = case%shot
+      shot%radius = ratio*case%packing%mean_radius
+      shot%gravity = case%packing%gravity
+   end function shot_of_ratio
+
+   !> Only groups and keys of the table, each group once.
+   pure subroutine check_names(list, error)
+      type(namelist_t), intent(in) :: list
+      type(error_t), allocatable, intent(out) :: error
+      character(len=:), allocatable :: about
+      integer :: g, e
+
+      do g = 1, size(list%group)
+         associate (group => list%group(g))
+            about = group%file//": line "//integer_text(group%line)//": &"//trim(group%name)
+            if (.not. any(key_table%group == group%name)) then
+               call fail(error, about//": unknown group; known: &lab, &material, &packing, " &
+                         //"&impact, &correction")
+            else if (group%repeated) then
+               call fail(error, about//": stands more than once")
+            end if
+            if (allocated(error)) return
+            do e = 1, size(group%entry)
+               associate (key => group%entry(e)%key)
+                  if (any(key_table%group == group%name .and. key_table%name == key)) cycle
+                  call fail(error, group%file//": line "//integer_text(group%entry(e)%line) &
+                            //": &"//trim(group%name)//" "//trim(key)//": unknown key; known: " &
+                            //known_keys(trim(group%name)))
+               end associate
+               return
+            end do
+         end associate
+      end do
+   end subroutine check_names
+
+   pure function known_keys(group) result(names)
+      character(len=*), intent(in) :: group
+      character(len=:), allocatable :: names
+      integer :: k
+
+      names = ""
+      do k = 1, size(key_table)
+         if (key_table(k)%group == group) names = names//", "//trim(key_table(k)%name)
+      end do
+      names = names(3:)
+   end function known_keys
+
+   !> What a group says, in place of the defaults.
+   pure subroutine take_group(group, case, error)
+      type(group_t), intent(in) :: group
+      type(lab_case_t), intent(inout) :: case
+      type(error_t), allocatable, intent(out) :: error
+      real(wp) :: material(size(material_keys)), packing(size(packing_keys)), shot(size(shot_keys))
+
+      select case (group%name)
+      case ("lab")
+         call take_plan(group, case, error)
+      case ("material")
+         material = material_row(case%material)
+         call take_row(group, material_keys, material, error)
+         if (.not. allocated(error)) case%material = material_of(material)
+      case ("packing")
+         packing = packing_row(case%packing)
+         call take_row(group, packing_keys, packing, error)
+         if (.not. allocated(error)) case%packing = packing_of(packing)
+      case ("impact")
+         shot = shot_row(case%shot)
+         call take_row(group, shot_keys, shot, error)
+         if (.not. allocated(error)) case%shot = shot_of(shot)
+         if (.not. allocated(error)) call take_pair(group, "speed", case%range%speed, error)
+         if (.not. allocated(error)) call take_pair(group, "angle", case%range%angle, error)
+         if (.not. allocated(error)) call take_pair(group, "spin", case%range%spin, error)
+      case ("correction")
+         call take_row(group, coefficients, case%correction, error)
+      end select
+   end subroutine take_group
+
+   pure subroutine take_plan(group, case, error)
+      type(group_t), intent(in) :: group
+      type(lab_case_t), intent(inout) :: case
+      type(error_t), allocatable, intent(out) :: error
+      integer :: k
+
+      call get_text(group, "title", case%title, error)
+      if (.not. allocated(error)) call get_integer(group, "seed", case%seed, error)
+      if (.not. allocated(error)) call get_integer(group, "points", case%points, error)
+      if (.not. allocated(error)) call get_integer(group, "impacts", case%impacts, error)
+      if (.not. allocated(error)) call get_real(group, "ratios", case%ratios, error)
+      if (allocated(error)) return
+      if (size(case%ratios) > most_ratios) then
+         call refuse(group, "ratios", "must be at most "//integer_text(most_ratios)//" values", &
+                     error)
+         return
+      end if
+      do k = 1, size(case%ratios)
+         if (case%ratios(k) > 0 .and. all(case%ratios(:k - 1) /= case%ratios(k))) cycle
+         call refuse(group, "ratios", "must be > 0, each once", error, k)
+         return
+      end do
+   end subroutine take_plan
+
+   !> Numbers with the names of a row, each into its place.
+   pure subroutine take_row(group, names, row, error)
+      type(group_t), intent(in) :: group
+      character(len=*), intent(in) :: names(:)
+      real(wp), intent(inout) :: row(:)
+      type(error_t), allocatable, intent(out) :: error
+      integer :: k
+
+      do k = 1, size(names)
+         if (.not. has_key(group, trim(names(k)))) cycle
+         call take_number(group, trim(names(k)), row(k), error)
+         if (allocated(error)) return
+      end do
+   end subroutine take_row
+
+   !> A real, integer or logical as the number that a row holds.
+   pure subroutine take_number(group, key, number, error)
+      type(group_t), intent(in) :: group
+      character(len=*), intent(in) :: key
+      real(wp), intent(inout) :: number
+      type(error_t), allocatable, intent(out) :: error
+      integer(i8) :: whole
+      logical :: switch
+      integer :: k
+
+      do k = 1, size(key_table)
+         if (key_table(k)%group == group%name .and. key_table(k)%name == key) exit
+      end do
+      select case (key_table(k)%kind)
+      case ("logical")
+         call get_logical(group, key, switch, error)
+         if (.not. allocated(error)) number = merge(1.0_wp, 0.0_wp, switch)
+      case ("integer")
+         call get_integer(group, key, whole, error)
+         if (allocated(error)) return
+         number = real(whole, wp)
+         if (abs(number) > huge(1)) &
+            call refuse(group, key, "must be at most "//integer_text(huge(1)), error)
+      case ("real")
+         call get_real(group, key, number, error)
+         if (allocated(error)) return
+         if (group%name == "correction" .and. abs(number) > greatest_factor) &
+            call refuse(group, key, "must be -100 to 100", error)
+      end select
+   end subroutine take_number
+
+   pure subroutine take_pair(group, key, pair, error)
+      type(group_t), intent(in) :: group
+      character(len=*), intent(in) :: key
+      real(wp), intent(inout) :: pair(2)
+      type(error_t), allocatable, intent(out) :: error
+      real(wp), allocatable :: values(:)
+
+      allocate (values, source=pair)
+      call get_real(group, key, values, error)
+      if (allocated(error)) return
+      if (size(values) /= 2) then
+         call refuse(group, key, "must be two values, least and greatest", error)
+      else if (values(1) > values(2)) then
+         call refuse(group, key, "must be least and greatest", error)
+      else
+         pair = values
+      end if
+   end subroutine take_pair
+
+   !> Refuse a plan out of its bounds, and what cannot be packed or fired.
+   pure subroutine check_lab_case(case, error)
+      type(lab_case_t), intent(in) :: case
+      type(error_t), allocatable, intent(out) :: error
+      integer :: k
+
+      call check_whole(case, "seed", case%seed, 0_i8, huge(1_i8), error)
+      if (.not. allocated(error)) &
+         call check_whole(case, "points", case%points, 1_i8, most_shots, error)
+      if (.not. allocated(error)) &
+         call check_whole(case, "impacts", case%impacts, 1_i8, most_shots, error)
+      if (allocated(error)) return
+      call check_material(case%material, error)
+      if (.not. allocated(error)) call check_packing(case%packing, error)
+      do k = 1, size(case%ratios)
+         if (allocated(error)) exit
+         call check_range(shot_of_ratio(case, case%ratios(k)), case%range, error)
+      end do
+      if (allocated(error)) error%message = case%file//": "//error%message
+   end subroutine check_lab_case
+
+   pure subroutine check_whole(case, key, value, least, most, error)
+      type(lab_case_t), intent(in) :: case
+      character(len=*), intent(in) :: key
+      integer(i8), intent(in) :: value, least, most
+      type(error_t), allocatable, intent(out) :: error
+      character(len=80) :: rule
+
+      if (value >= least .and. value <= most) return
+      write (rule, "(3(i0,a))") value, ": must be ", least, " to ", most
+      call fail(error, case%file//": &lab "//key//" = "//trim(rule))
+   end subroutine check_whole
+end module lab_case

@@ -1,0 +1,979 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The laboratory from its case to its sets: same bits, resumption, physics, refusals, figures."""
+
+import re
+import signal
+from contextlib import contextmanager
+from functools import partial
+from itertools import count
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import rockfall
+import scenes
+from made import refused
+from rockfall import RockfallError
+from rockfall.cli import main
+from rockfall.lab import experiment, plots, remake, summary
+from rockfall.lab.case import COEFFICIENTS, LabCase, lab_case_of, names, read_lab_case
+from rockfall.lab.experiment import STATUS, checksum, film, open_impacts, pack_layers, run_impacts
+from rockfall.lab.fit import (
+    ImpactSet,
+    case_in,
+    fit_impacts,
+    impacts_of,
+    normality,
+    point_maps,
+    points_needed,
+    provenance,
+    uncorrected,
+    write_sets,
+)
+from rockfall.lab.scorecard import (
+    K_SPHERE,
+    TARGETS,
+    Sets,
+    Site,
+    by_ratio,
+    met,
+    read_sets,
+    restitution,
+    standard_errors,
+    table,
+)
+
+VAUJANY = Path(__file__).parents[1] / "cases" / "vaujany"
+ROWS = *names(5), *names(6)  # of an impact
+GROUPS = "lab", "material", "packing", "impact", "correction"
+SMALL = LabCase(
+    lab={"points": 4, "impacts": 8, "ratios": [1, 3, 5]},
+    packing={"mean_radius": 0.1, "width": 16, "depth": 4},
+)
+FITTED = SMALL.replace(
+    lab={"title": "Made by a test", "points": 12, "ratios": [1, 2, 3, 4, 5]},
+    correction={"a1": 1.25, "a5": 0.5, "a7": -2.0},
+)
+
+
+@pytest.fixture(scope="module")
+def impacts():
+    return run_impacts(SMALL)
+
+
+@pytest.fixture(scope="module")
+def fitted(tmp_path_factory):
+    """A folder with impacts and the sets made of them, as the commands make them."""
+    folder = tmp_path_factory.mktemp("fitted")
+    (folder / "lab.nml").write_text(FITTED.text())
+    words = [str(folder / name) for name in ("lab.nml", "lab.nc", "sets.nml")]
+    assert main(["lab", "impact", words[0], "-o", words[1], "--quiet"]) == 0
+    assert main(["lab", "fit", words[1], "-o", words[2], "--quiet"]) == 0
+    return folder
+
+
+@pytest.fixture
+def place(tmp_path, monkeypatch):
+    """A folder with a laboratory case, made the current one."""
+    monkeypatch.chdir(tmp_path)
+    Path("lab.nml").write_text(SMALL.text())
+    return tmp_path
+
+
+def files(folder):
+    return sorted((path.name, path.read_bytes()) for path in folder.iterdir())
+
+
+def same(one, other):
+    return all(np.array_equal(one[name], other[name], equal_nan=True) for name in ROWS)
+
+
+def made(a, case=FITTED):
+    """Impacts of a case, all rebounded, with the matrices `a` (points, 9) at each ratio."""
+    data = experiment._blank(case)
+    shape = data["status"].shape
+    random = np.random.default_rng(1)
+    angle = np.radians(random.uniform(10, 90, shape))
+    speed = random.uniform(5, 30, shape)
+    v_in = speed[..., None] * np.stack(
+        [np.cos(angle), -np.sin(angle), random.uniform(-0.5, 1, shape)], axis=-1
+    )
+    v_out = np.einsum("pij,rpnj->rpni", a.reshape(-1, 3, 3), v_in)
+    v_out *= 1 + 0.05 * random.normal(size=v_out.shape)
+    for k, name in enumerate(("vt", "vn", "w")):
+        data[f"{name}_in"].values[:] = v_in[..., k]
+        data[f"{name}_out"].values[:] = v_out[..., k]
+    data["status"].values[:] = STATUS["rebounded"]
+    return data
+
+
+def matrices(points=12):
+    random = np.random.default_rng(2)
+    return scenes.LIVELY_MEAN + 0.05 * random.normal(size=(points, 9))
+
+
+# ---- the same bits, however it is run
+
+
+@pytest.mark.parametrize(("threads", "shots"), [(1, 128), (2, 128), (1, 1), (2, 8), (1, 24)])
+def test_threads_and_chunks_change_no_bit(impacts, monkeypatch, threads, shots):
+    monkeypatch.setattr(experiment, "SHOTS_IN_CHUNK", shots)
+    again = run_impacts(SMALL, threads=threads)
+    assert checksum(again) == checksum(impacts)
+    xr.testing.assert_identical(again.drop_attrs(deep=False), impacts.drop_attrs(deep=False))
+
+
+@pytest.mark.parametrize(
+    "plan", [{"points": 8}, {"ratios": [3]}, {"ratios": [5, 3]}, {"impacts": 9}]
+)
+def test_more_or_fewer_impacts_do_not_change_the_others(impacts, plan):
+    other = run_impacts(SMALL.replace(lab=plan)).sel(ratio=3)
+    assert same(other.isel(point=slice(4), impact=slice(8)), impacts.sel(ratio=3))
+
+
+def test_another_seed_gives_other_impacts(impacts):
+    other = run_impacts(SMALL.replace(lab={"seed": 2}))
+    for name in ("surface", "aim", "speed", "angle", "spin", "vn_out"):
+        assert not np.isin(other[name], impacts[name]).any()
+
+
+def test_neighbouring_big_seeds_are_not_the_same():
+    big = 2**53
+    aims = [
+        run_impacts(SMALL.replace(lab={"seed": seed, "points": 1, "ratios": [1]}))["aim"]
+        for seed in (big, big + 1)
+    ]
+    assert not np.array_equal(*aims)
+
+
+def test_a_layer_is_the_same_alone_and_among_others():
+    several, alone = pack_layers(SMALL, count=3), pack_layers(SMALL, first=2)
+    for one, other in zip(several.one(1), alone.one(0), strict=True):
+        assert np.array_equal(one, other)
+    assert not np.array_equal(several.one(0)[2], several.one(1)[2])
+
+
+def test_the_checksum_is_of_every_outcome(impacts):
+    known = {checksum(impacts)}
+    for name in ROWS:
+        data = impacts.copy(deep=True)
+        data[name].values[1, 2, 3] += 1
+        known.add(checksum(data))
+    assert len(known) == 1 + len(ROWS)
+
+
+# ---- Ctrl-C, and how it goes on
+
+
+def stops_after(questions):
+    """In place of `interrupts`: Ctrl-C is seen when it has been asked for this many times."""
+
+    @contextmanager
+    def interrupts():
+        asked = count()
+        yield lambda: next(asked) >= questions
+
+    return interrupts
+
+
+@pytest.mark.parametrize("questions", [0, 1, 6])
+def test_resumed_impacts_are_those_of_an_uninterrupted_run(impacts, place, monkeypatch, questions):
+    monkeypatch.setattr(experiment, "SHOTS_IN_CHUNK", 8)  # a chunk: one point, all its ratios
+    fired = []
+    fire = experiment._fire
+    monkeypatch.setattr(experiment, "_fire", lambda *a: (fired.append(a[3:6]), fire(*a)))
+    run = partial(run_impacts, SMALL, threads=1, path="out.nc", resume=True)
+    with monkeypatch.context() as patch:
+        patch.setattr(experiment, "interrupts", stops_after(questions))
+        with pytest.raises(KeyboardInterrupt):
+            run()
+    status = open_impacts("out.nc")["status"].values
+    assert (status > 0).sum() == 8 * len(fired) == {0: 0, 1: 0, 6: 32}[questions]
+    data = run()
+    assert checksum(data) == checksum(open_impacts("out.nc")) == checksum(impacts)
+    assert np.array_equal(data["surface"], impacts["surface"])
+    assert len(fired) == 12  # none of them twice
+    with monkeypatch.context() as patch:
+        patch.setattr(experiment, "pack_layers", None)
+        assert checksum(run()) == checksum(impacts)  # nothing is left to do
+
+
+@pytest.mark.parametrize("change", ["seed", "version"])
+def test_what_is_no_part_of_the_same_is_not_resumed(place, monkeypatch, change):
+    with monkeypatch.context() as patch:
+        patch.setattr(experiment, "interrupts", stops_after(2))
+        with pytest.raises(KeyboardInterrupt):
+            run_impacts(SMALL, path="out.nc")
+    before = files(place)
+    case, thing = SMALL.replace(lab={"seed": 2}), "laboratory case"
+    if change == "version":
+        case, thing = SMALL, "version of rockfall"
+        monkeypatch.setattr(experiment, "_version", lambda: "0.0.1")
+    with refused(f"out.nc: is of another {thing}: cannot resume"):
+        run_impacts(case, path="out.nc", resume=True)
+    assert files(place) == before
+
+
+def test_ctrl_c_twice_keeps_what_is_done_and_says_how_to_go_on(impacts, place, monkeypatch, capsys):
+    monkeypatch.setattr(experiment, "SHOTS_IN_CHUNK", 4)
+
+    def pressing(name):
+        does = getattr(experiment, name)
+
+        def pressed(*arguments):
+            signal.raise_signal(signal.SIGINT)
+            return does(*arguments)
+
+        return pressed
+
+    words = ["lab", "impact", "lab.nml", "--threads", "1"]
+    with monkeypatch.context() as patch:
+        for name in ("_fire", "save_impacts"):
+            patch.setattr(experiment, name, pressing(name))
+        assert main(words) == 130
+    assert capsys.readouterr() == ("", "rockfall: interrupted: lab.nc goes on with --resume\n")
+    assert [path.name for path in sorted(place.iterdir())] == ["lab.nc", "lab.nml"]
+    assert (open_impacts("lab.nc")["status"].values > 0).sum() == 8
+    fired = []
+    fire = experiment._fire
+    monkeypatch.setattr(experiment, "_fire", lambda *a: (fired.append(a[3]), fire(*a)))
+    assert main([*words, "--resume"]) == 0
+    assert len(fired) == 12 - 1
+    out, err = capsys.readouterr()
+    assert err == "" and out.splitlines()[-1] == "lab.nc"
+    assert checksum(open_impacts("lab.nc")) == checksum(impacts)
+
+
+def test_impacts_that_are_not_all_done_make_no_sets(place, monkeypatch, capsys):
+    Path("lab.nml").write_text(FITTED.replace(lab={"ratios": [1, 3]}).text())
+    monkeypatch.setattr(experiment, "interrupts", stops_after(2))
+    assert main(["lab", "impact", "lab.nml"]) == 130
+    capsys.readouterr()
+    data = open_impacts("lab.nc")
+    data["status"].values[0] = STATUS["rebounded"]
+    with refused("96 of 192 impacts are not done: no set yet"):
+        provenance(data)
+
+
+# ---- physics that crosses the door
+
+
+def test_incoming_velocities_are_those_drawn(impacts):
+    angle = np.radians(impacts["angle"])
+    for name, known in (
+        ("vt_in", impacts["speed"] * np.cos(angle)),
+        ("vn_in", -impacts["speed"] * np.sin(angle)),
+        ("w_in", impacts["spin"] * impacts["speed"]),
+    ):
+        np.testing.assert_allclose(impacts[name], known, rtol=1e-14, atol=1e-14)
+
+
+def test_draws_fill_their_ranges():
+    given = {"speed": [7, 8], "angle": [30, 40], "spin": [-0.2, -0.1]}
+    data = run_impacts(SMALL.replace(impact=given, lab={"ratios": [1]}))
+    for name, (least, most) in given.items():
+        values = data[name].values
+        assert least <= values.min() and values.max() <= most
+        assert np.ptp(values) > 0.8 * (most - least)
+        assert np.unique(values).size == values.size
+
+
+def test_a_point_has_one_aim_and_all_ratios_the_same_shots(impacts):
+    first = impacts.isel(ratio=0)
+    for name in ("aim", "speed", "angle", "spin"):
+        assert (impacts[name] == first[name]).all()
+    aims = first["aim"].values
+    assert (aims == aims[:, :1]).all() and np.unique(aims).size == 4
+    assert 0 <= aims.min() and aims.max() <= 1
+
+
+def test_no_energy_is_gained(impacts):
+    """The kernel lets energy grow by 2 % of what came in; what the sphere falls adds to that."""
+
+    def energy(when):
+        vt, vn, w = (impacts[f"{name}_{when}"] for name in ("vt", "vn", "w"))
+        return (vt**2 + vn**2 + 0.4 * w**2) / 2
+
+    ended = impacts["status"] <= STATUS["captured"]
+    assert ended.mean() > 0.9
+    fall = impacts["top"] - impacts["surface"] + impacts["depth"]
+    most = 1.02 * energy("in") + SMALL.packing["gravity"] * fall
+    assert (energy("out") <= most).where(ended, True).all()
+    assert (energy("out") > 0.01 * energy("in")).where(ended).mean() > 0.5
+
+
+def test_outcomes_make_sense(impacts):
+    status = impacts["status"]
+    assert set(np.unique(status)) <= {STATUS[name] for name in summary.ENDS}
+    done = impacts.where(status <= STATUS["captured"])
+    assert (done["vn_out"].where(status == STATUS["rebounded"], 1) > 0).all()
+    assert (done["duration"].where(status == STATUS["rebounded"], 1) > 0).all()
+    assert (done["depth"].fillna(0) <= impacts["top"]).all()
+    assert (done["overlap"].fillna(0) >= 0).all() and (impacts["steps"] > 0).all()
+    assert ((impacts["trouble"] > 0) == (status == STATUS["exploded"])).all()
+
+
+ALIKE = {  # (lengths, speeds): what is 16 or 4 times as large; rounding commutes with such factors
+    "lengths x 16": (16, 4, {"mean_radius": 16}, {"young": 16}, {}),
+    "densities x 4": (1, 1, {"density": 4}, {"young": 4}, {"density": 4}),
+    "gravity x 4": (1, 2, {"gravity": 4}, {"young": 4}, {}),
+}
+
+
+@pytest.fixture(scope="module")
+def stiff():
+    """A case so stiff and slow that its step is Rayleigh's, a pure power law of what it holds."""
+    case = SMALL.replace(
+        lab={"points": 2, "ratios": [1, 3]},
+        packing={"friction": 0.3},
+        material={"young": 3e10, "damping": 0.1, "rolling": 0.2},
+        impact={"speed": [2, 8]},
+    )
+    return case, run_impacts(case)
+
+
+@pytest.mark.parametrize("name", ALIKE)
+def test_similar_impacts_are_similar_to_the_last_bit(stiff, name):
+    """Froude's and Cauchy's numbers kept, all dimensionless results are."""
+    length, speed, *factors = ALIKE[name]
+    case, plain = stiff
+    groups = {"packing": case.packing, "material": case.material, "impact": case.impact}
+    changed = {
+        group: {key: factor * groups[group][key] for key, factor in some.items()}
+        for group, some in zip(groups, factors, strict=True)
+    }
+    changed["impact"]["speed"] = [speed * one for one in case.impact["speed"]]
+    data = run_impacts(case.replace(**changed))
+    units = {"m": length, "m s-1": speed, "s": length / speed}
+    for key, values in plain.items():
+        factor = units.get(values.attrs.get("units"), 1)
+        assert np.array_equal(data[key], factor * values), key
+
+
+def test_a_film_shows_one_impact():
+    one = film(SMALL, 3, 2, speed=12.0, angle=30.0, frames=20, interval=2e-3)
+    n = len(one["radius"])
+    assert one["centres"].shape == (20, n, 2) and one["velocities"].shape == (20, n, 3)
+    assert (one["time"] >= 2e-3 * np.arange(20)).all() and (np.diff(one["time"]) > 0).all()
+    np.testing.assert_allclose(one["velocities"][0, -1], [12 * np.cos(np.pi / 6), -6, 0])
+    assert one["radius"][-1] == pytest.approx(0.3) and not one["velocities"][0, :-1].any()
+    x, radius, facts = pack_layers(SMALL, first=2).one(0)
+    assert np.array_equal(one["centres"][0, :-1], x) and np.array_equal(one["radius"][:-1], radius)
+    assert one["surface"] == facts[0]
+    across = one["centres"][0, -1, 0] - x[:, 0]
+    across -= 1.6 * np.round(across / 1.6)
+    gap = np.hypot(across, one["centres"][0, -1, 1] - x[:, 1]) - radius - 0.3
+    assert 0 < gap.min() < 1e-8
+    other = film(SMALL, 3, 2, speed=12.0, angle=30.0, frames=1)
+    assert other["outcome"] == one["outcome"] and other["outcome"]["vt_in"] > 0
+
+
+def test_layers_lie_in_their_box():
+    layers = pack_layers(SMALL, count=2)
+    for k in range(len(layers)):
+        x, radius, facts = layers.one(k)
+        fact = dict(zip(names(7), facts, strict=True))
+        assert len(x) == len(radius) == layers.bodies[k]
+        assert (x >= 0).all() and (x[:, 0] <= 1.6).all()
+        assert fact["top"] == (x[:, 1] + radius).max() > fact["surface"] > 0
+        assert fact["solid"] * 1.6 * fact["surface"] == pytest.approx(np.pi * (radius**2).sum())
+        assert fact["floor_share"] == pytest.approx(1, abs=0.02)
+        assert radius.max() / radius.min() <= 5
+
+
+def test_what_does_not_fit_or_explodes_is_counted():
+    huge = run_impacts(SMALL.replace(lab={"ratios": [20], "points": 1}))
+    assert (huge["status"] == STATUS["misfit"]).all() and not huge["vn_out"].any()
+    coarse = SMALL.replace(lab={"ratios": [1], "points": 1})
+    coarse = run_impacts(coarse.replace(impact={"step_share": 300, "retries": 0}))
+    assert (coarse["status"] == STATUS["exploded"]).all() and (coarse["trouble"] > 0).all()
+    assert summary.impact_summary(huge).split()[-10:-4] == ["8", "0", "0", "0", "0", "8"]
+    assert summary.impact_summary(coarse).split()[-10:-4] == ["8", "0", "0", "0", "8", "0"]
+
+
+# ---- the case
+
+
+def other_value(value):
+    """Another value of a key, which is allowed."""
+    if isinstance(value, bool):
+        return not value
+    if isinstance(value, int):
+        return value + 1
+    if isinstance(value, str):
+        return 'it\'s & "so" / ! a title, long enough for more than one line of a namelist file'
+    if isinstance(value, list):
+        return [0.9 * one for one in value]
+    return 0.9 * value or 0.1
+
+
+def test_every_key_goes_through_the_text_of_a_case(tmp_path):
+    plain = LabCase()
+    values = {
+        group: {key: other_value(value) for key, value in getattr(plain, group).items()}
+        for group in GROUPS
+    }
+    case = LabCase(**values)
+    for group in GROUPS:
+        assert getattr(case, group) == values[group]
+    assert lab_case_of(case.text(), "text") == case != plain
+    (tmp_path / "lab.nml").write_text(case.text(), encoding="utf-8-sig")
+    assert read_lab_case(tmp_path / "lab.nml") == case
+    for group in GROUPS:  # one key alone, the others by default
+        for key, value in values[group].items():
+            if (group, key) == ("packing", "size_ratio"):
+                continue
+            one = plain.replace(**{group: {key: value}})
+            assert one != plain and lab_case_of(one.text(), "text") == one
+
+
+def test_many_ratios_and_odd_numbers_go_through_the_text_of_a_case():
+    random = np.random.default_rng(1)
+    for _ in range(20):
+        case = SMALL.replace(lab={"ratios": 10 ** random.uniform(-9, 9, 40)})
+        assert lab_case_of(case.text(), "text").lab["ratios"] == case.lab["ratios"]
+
+
+def test_the_kernel_gets_what_the_case_says():
+    case = SMALL.replace(packing={"periodic": False, "depth": 5}, impact={"wait": 3})
+    rows = {kind: dict(zip(names(kind), case.row(kind, 4.0), strict=True)) for kind in (1, 2, 3, 4)}
+    assert rows[1] == case.material
+    assert rows[2] == case.packing and rows[2]["periodic"] == 0 and rows[2]["depth"] == 5
+    assert rows[3]["radius"] == 0.4 and rows[3]["wait"] == 3 and rows[3]["gravity"] == 9.81
+    assert rows[4] == {
+        "speed_min": 5, "speed_max": 30, "angle_min": 10, "angle_max": 90,
+        "spin_min": -0.5, "spin_max": 1,
+    }  # fmt: skip
+
+
+def test_replace_leaves_the_case_as_it_was():
+    text = SMALL.text()
+    other = SMALL.replace(packing={"depth": 6})
+    assert other.packing["depth"] == 6 and other.packing["width"] == 16
+    assert SMALL.text() == text
+    with pytest.raises(RockfallError, match="&layer: unknown group; known: &lab, &material"):
+        SMALL.replace(layer={"depth": 6})
+    with pytest.raises(AttributeError, match="no group 'layer'"):
+        _ = SMALL.layer
+
+
+HOSTILE = {  # the reader is that of rockfall-lab: test_lab_batch.py
+    "unknown group": ("&lob seed = 2 /", "line 1: &lob: unknown group; known: &lab, .*"),
+    "unknown key": ("&lab sead = 2 /", "line 1: &lab sead: unknown key; known: title, seed, .*"),
+    "group given twice": ("&lab seed = 2 / &lab points = 4 /", "line 1: &lab: stands more than.*"),
+    "key given twice": ("&lab seed = 2, seed = 3 /", "line 1: &lab seed: given twice .*"),
+    "group left open": ("&lab seed = 2", "line 1: &lab is not closed by /"),
+    "quote left open": ("&lab title = 'A /", "line 1: text without its closing quote: 'A /"),
+    "no group": ("Hello world", "line 1: text outside of a group: Hello world .*"),
+    "key without a value": ("&lab seed = /", "line 1: 'seed' has no value"),
+    "several numbers for one": ("&lab seed = 1, 2 /", "&lab seed = 1, 2: must be one value, not 2"),
+    "text for a number": ("&packing depth = 'deep' /", "&packing depth = 'deep': must be a real.*"),
+    "logical for a number": ("&lab seed = .true. /", "&lab seed = .true.: must be an integer"),
+    "number for a text": ("&lab title = 3 /", "&lab title = 3: must be text in quotes"),
+    "text in two lines": ("&lab title = 'a\nb' /", "line 1: text without its closing quote: 'a"),
+    "number for a logical": ("&packing periodic = 1 /", "&packing periodic = 1: must be .true. .*"),
+    "real for an integer": ("&lab points = 2.5 /", "&lab points = 2.5: must be an integer"),
+    "NaN": ("&packing depth = NaN /", "&packing depth = NaN: must be a finite real number"),
+    "no points": ("&lab points = 0 /", "&lab points = 0: must be 1 to 1000000"),
+    "negative seed": ("&lab seed = -1 /", "&lab seed = -1: must be 0 to 9223372036854775807"),
+    "seed of 65 bits": (f"&lab seed = {2**63} /", f"&lab seed = {2**63}: must be an integer of.*"),
+    "ratio twice": ("&lab ratios = 1, 2, 1 /", "&lab ratios .* = 1: must be > 0, each once"),
+    "negative ratio": ("&lab ratios = -2 /", "&lab ratios = -2: must be > 0, each once"),
+    "angle reversed": ("&impact angle = 90, 10 /", "&impact angle = .*: must be least and .*"),
+    "one angle": ("&impact angle = 45 /", "&impact angle = 45: must be two values, least .*"),
+    "angle from below": ("&impact angle = -5, 90 /", "impact: angle must be 1 to 90 degrees .*"),
+    "negative young": ("&material young = -1.0 /", r"material: young must be > 0 \[Pa\]"),
+    "damping beyond the step": ("&material damping = 1.5 /", "material: damping must be 0 to 1"),
+    "layer too narrow": ("&packing width = 2.0 /", "packing: width must exceed .*"),
+    "layer too large": ("&packing width = 1e12 /", "packing: .*: more than 100000 bodies"),
+    "key that is set elsewhere": (
+        "&impact radius = 1 /",
+        "line 1: &impact radius: unknown key; .*",
+    ),
+    "factor too large": ("&correction a3 = 101 /", "&correction a3 = 101: must be -100 to 100"),
+    "bytes": (b"\x89PNG\r\n\x1a\n\xff\xfe", r"is not text \(UTF-8\)"),
+    "zeros": (b"\0\0\0\0", "character code 0 is not text"),
+    "missing": (None, "cannot be read: No such file or directory"),
+    "more impacts than memory": (
+        "&lab points = 1000000, impacts = 1000000 /",
+        "5000000000000 impacts do not fit in memory",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_a_bad_case_is_one_line_and_nothing_is_written(name, place, monkeypatch, capfd):
+    monkeypatch.setattr(experiment, "_chunks", None)  # it does not come to this
+    content, message = HOSTILE[name]
+    if content is None:
+        Path("lab.nml").unlink()
+    else:
+        Path("lab.nml").write_bytes(content if isinstance(content, bytes) else content.encode())
+    before = files(place)
+    capfd.readouterr()
+    assert main(["lab", "impact", "lab.nml", "-o", "out.nc"]) == 2
+    out, err = capfd.readouterr()
+    assert out == "" and re.fullmatch(f"rockfall: lab.nml: {message}\n", err)
+    assert files(place) == before
+
+
+def test_an_empty_case_is_that_of_the_defaults():
+    assert lab_case_of("! nothing & it's all / right\n", "text") == LabCase()
+    assert lab_case_of("&LAB Seed=1 /\n&packing / ! twice '", "text") == LabCase()
+
+
+# ---- from impacts to sets
+
+
+def test_captured_impacts_enter_a_fit_and_what_went_wrong_does_not():
+    data = made(matrices())
+    for k, name in enumerate(STATUS):
+        data["status"].values[:, :, k] = STATUS[name]
+    point, v_in, v_out = impacts_of(data, 3)
+    kept = [list(STATUS).index(name) for name in ("rebounded", "lifted", "captured")]
+    kept += [6, 7]  # rebounded too
+    assert np.array_equal(point, np.repeat(np.arange(12), 5))
+    for k, name in enumerate(("vt", "vn", "w")):
+        assert np.array_equal(v_in[:, k], data[f"{name}_in"].sel(ratio=3).values[:, kept].ravel())
+        assert np.array_equal(v_out[:, k], data[f"{name}_out"].sel(ratio=3).values[:, kept].ravel())
+
+
+@pytest.mark.parametrize("name", ["exploded", "misfit", "not_done"])
+def test_numbers_that_mean_nothing_change_no_set(name):
+    data = made(matrices())
+    data["status"].values[:, :, 3] = STATUS[name]
+    plain = fit_impacts(data, replicates=2)
+    for v in ("vt_out", "vn_out", "w_out"):
+        data[v].values[:, :, 3] = np.nan
+    for ratio, found in fit_impacts(data, replicates=2).items():
+        assert np.array_equal(found.mean, plain[ratio].mean)
+        assert np.array_equal(found.covariance, plain[ratio].covariance)
+
+
+def test_the_correction_multiplies_means_and_never_covariances():
+    data = made(matrices())
+    raw = fit_impacts(uncorrected(data), replicates=20)
+    factors = np.ones(9)
+    factors[[0, 4, 6]] = 1.25, 0.5, -2.0
+    for ratio, found in fit_impacts(data, replicates=20).items():
+        assert np.array_equal(found.mean, factors * raw[ratio].mean)
+        assert np.array_equal(found.mean_error, abs(factors) * raw[ratio].mean_error)
+        assert np.array_equal(found.covariance, raw[ratio].covariance)
+        assert np.array_equal(found.covariance_error, raw[ratio].covariance_error)
+        assert abs(raw[ratio].mean - scenes.LIVELY_MEAN).max() < 0.1
+    assert set(uncorrected(data).attrs) == set(data.attrs)
+
+
+@pytest.mark.parametrize("ratio", [0.5, 2.5, 6.0])
+def test_only_whole_ratios_up_to_five_make_sets(ratio):
+    data = made(matrices(), FITTED.replace(lab={"ratios": [ratio]}))
+    with refused(f"R_b/R_m = {ratio:g}: a set has a ratio of 1, 2, 3, 4 or 5"):
+        fit_impacts(data, 2)
+
+
+def test_points_needed_go_with_the_square_of_the_error():
+    found = ImpactSet(np.zeros(9), np.eye(9), np.r_[0.02, np.zeros(8)], np.eye(9), 0.0, 100)
+    assert points_needed(found) == 400 and points_needed(found, 0.02) == 100
+
+
+def test_normality_tells_two_heaps_from_one():
+    random = np.random.default_rng(1)
+    a = random.normal(size=(200, 9))
+    a[:, 4] += 5 * np.sign(a[:, 3])
+    p = normality(a)
+    assert p[4] < 1e-6 and (np.delete(p, 4) > 1e-3).all()
+
+
+def test_sets_come_back_from_their_file(fitted):
+    sets = fit_impacts(open_impacts(fitted / "lab.nc"), replicates=2)
+    back = read_sets(fitted / "sets.nml")
+    assert back.name == "sets" and np.array_equal(back.points, [12] * 5)
+    for k in range(5):
+        np.testing.assert_allclose(back.mean[k], sets[k + 1].mean, rtol=1e-11)
+        np.testing.assert_allclose(back.covariance[k], sets[k + 1].covariance, rtol=1e-11)
+    assert not np.allclose(back.mean[0], back.mean[4], rtol=0.1)
+    shipped = read_sets("rocky-slope-provisional")
+    assert shipped.mean[2, 0] == 0.6209 and not shipped.points.any()
+    with pytest.raises(RockfallError, match="^no-set: cannot be read: "):
+        read_sets("no-set")
+
+
+def test_boulders_rebound_by_the_sets_of_a_file(fitted, tmp_path):
+    z = scenes.rough(nx=20, ny=30, relief=0.5)
+    case = scenes.make_case(
+        tmp_path, *scenes.sets(), impact={"sets": str(fitted / "sets.nml")},
+        release={"x": 50.0, "y": 140.0, "drop_height": 5.0},
+    )  # fmt: skip
+    result = rockfall.run(case, dem=z, transform=scenes.grid(z).transform)
+    assert (result["status"] > 0).all() and result["rebounds"].sum() > 100
+    other = rockfall.run(
+        case.replace(impact={"sets": str(tmp_path / "sets.nml")}),
+        dem=z, transform=scenes.grid(z).transform,
+    )  # fmt: skip
+    assert not np.array_equal(result["stop_y"], other["stop_y"])
+
+
+def test_a_set_file_says_where_it_comes_from(fitted):
+    lines = (fitted / "sets.nml").read_text().splitlines()
+    data = open_impacts(fitted / "lab.nc")
+    assert lines[0] == "! Made by a test" and case_in(fitted / "sets.nml") == FITTED
+    assert "! the means times the factors of &correction." in lines
+    assert f"! SHA-256 of the outcomes: {checksum(data)}" in lines
+    status = data["status"].sel(ratio=5)
+    captured, exploded = (int((status == STATUS[name]).sum()) for name in ("captured", "exploded"))
+    (line,) = (line for line in lines if line.startswith("! R_b/R_m = 5: 96 impacts, "))
+    assert f" {captured} captured, {exploded} exploded, " in line
+    assert "uncorrected." in provenance(uncorrected(data))
+
+
+def test_the_summary_of_a_fit_prints_its_numbers(fitted, capsys):
+    def printed(*words):
+        assert main(["lab", "fit", str(fitted / "lab.nc"), *words]) == 0
+        out = capsys.readouterr().out
+        assert out.count("12 points, 0 skipped") == 5
+        rows = [line.split() for line in out.splitlines()]
+        return np.array([row[1:] for row in rows if row[0] == "mean"], float)
+
+    before = files(fitted)
+    known = read_sets(fitted / "sets.nml").mean
+    np.testing.assert_allclose(printed(), known, atol=5e-4)
+    factors = [FITTED.correction[name] for name in COEFFICIENTS]
+    np.testing.assert_allclose(printed("--uncorrected") * factors, known, atol=2e-3)
+    assert files(fitted) == before
+
+
+def test_sets_made_again_are_the_same_or_the_line_is_named(fitted, place, monkeypatch, capsys):
+    text = (fitted / "sets.nml").read_text()
+    Path("same.nml").write_text(text)
+    lines = text.splitlines()
+    k = next(k for k, line in enumerate(lines) if line.startswith("  mean = "))
+    digit = lines[k][-1]
+    lines[k] = lines[k][:-1] + str((int(digit) + 1) % 10)
+    Path("changed.nml").write_text("\n".join(lines) + "\n")
+    plain = uncorrected(open_impacts(fitted / "lab.nc"))
+    write_sets("plain.nml", fit_impacts(plain), provenance(plain))
+    runs = []
+    monkeypatch.setattr(
+        remake, "run_impacts", lambda *a, **k: (runs.append(a), run_impacts(*a, **k))[1]
+    )
+    before = files(place)
+    assert main(["lab", "remake", "same.nml", "plain.nml", "changed.nml", "--quiet"]) == 1
+    out, err = capsys.readouterr()
+    assert out.splitlines() == [
+        "same.nml: made again, the same in every bit",
+        "plain.nml: made again, the same in every bit",
+    ]
+    said = f"rockfall: changed.nml: made again, it differs: line {k + 1}: '  mean = "
+    assert err.startswith(said) and err.count("\n") == 1
+    assert files(place) == before and len(runs) == 1
+
+
+# ---- the scorecard
+
+
+@pytest.mark.parametrize("angle", [5.0, 15.0, 45.0, 72.0, 90.0])
+def test_restitution_of_one_matrix_is_known(angle):
+    a = scenes.LIVELY_MEAN
+    r_t, r_n = restitution(a, np.zeros((9, 9)), angle)
+    tangent = np.tan(np.radians(angle))
+    assert r_t.size == r_n.size > 1000
+    if angle == 90:
+        assert np.isnan(r_t).all()
+        np.testing.assert_allclose(r_n, -a[4], rtol=1e-12)
+    else:
+        np.testing.assert_allclose(r_t, a[0] - a[1] * tangent, rtol=1e-12)
+        np.testing.assert_allclose(r_n, a[3] / tangent - a[4], rtol=1e-12)
+
+
+@pytest.mark.parametrize("index, value", [(4, 0.5), (0, 1.3), (6, 2.0)])
+def test_draws_that_cannot_be_are_left_out(index, value):
+    """Into the ground, or faster than before: in translation, in rotation."""
+    mean = scenes.LIVELY_MEAN.copy()
+    mean[index] = value
+    r_t, r_n = restitution(mean, np.zeros((9, 9)), 30.0)
+    assert r_t.size == r_n.size == 0
+
+
+def test_only_draws_that_can_be_enter_the_restitution():
+    covariance = 6 * scenes.LIVELY_COVARIANCE
+    r_t, r_n = restitution(scenes.LIVELY_MEAN, covariance, 40.0)
+    v_t, v_n = r_t * np.cos(np.radians(40)), r_n * np.sin(np.radians(40))
+    assert 500 < r_t.size < 3500 and (v_n > 0).all() and (v_t**2 + v_n**2 <= 1).all()
+    draws = np.random.default_rng(3).multivariate_normal(scenes.LIVELY_MEAN, covariance, 20_000)
+    v_in = np.array([np.cos(np.radians(40)), -np.sin(np.radians(40)), 0.0])
+    out = draws.reshape(-1, 3, 3) @ v_in
+    good = (out[:, 1] > 0) & (out**2 @ [1, 1, K_SPHERE] <= 1)
+    assert r_t.size / 4000 == pytest.approx(good.mean(), abs=0.03)
+    assert v_n.mean() == pytest.approx(out[good, 1].mean(), abs=0.02)
+
+
+def test_the_table_says_what_is_met():
+    target = TARGETS[0]
+    good = {t.name: max(t.least, min(t.most, 0.5 * (t.least + t.most))) for t in TARGETS}
+    good |= {t.name: t.least + 0.1 for t in TARGETS if t.most == np.inf}
+    good |= {t.name: t.most - 0.1 for t in TARGETS if t.least == -np.inf}
+    good |= {"passing": 0.85, "el2_passing": 0.75}
+    assert all(met(t, good[t.name]) for t in TARGETS)
+    assert met(target, target.least) and met(target, target.most)
+    for value in (target.least - 0.01, target.most + 0.01, np.nan):
+        assert not met(target, value)
+    errors = dict.fromkeys(good, 0.01)
+    bad = good | {target.name: target.most + 1, "el2_speed": 99.0}
+    lines = table([("one", good, errors), ("other", bad, errors)]).splitlines()
+    (row,) = (line for line in lines if line.startswith(target.label))
+    assert row.split()[-8:] == ["0.40", "+-", "0.01", "met", "1.45", "+-", "0.01", "NOT"]
+    asked = sum(not t.check_only for t in TARGETS)
+    assert lines[-2:] == [f"one: {asked} of {asked} met", f"other: {asked - 1} of {asked} met"]
+    assert sum(line.count(" NOT") for line in lines) == 2
+
+
+def test_by_ratio_prints_the_restitution():
+    mean, _ = scenes.sets()
+    lines = by_ratio(Sets("one", mean, np.zeros((5, 9, 9)), np.zeros(5))).splitlines()
+    assert len(lines) == 7 and lines[0].startswith("one: R_t | R_n")
+    vertical = [float(line.split("- | ")[1].split()[0]) for line in lines[2:]]
+    np.testing.assert_allclose(vertical, -mean[:, 4], atol=5e-3)
+
+
+class FakeSite:
+    """Numbers of the sets alone, so that their errors are known."""
+
+    def numbers(self, mean, covariance, seed):
+        return {"mean": mean[1, 0], "variance": covariance[1, 0, 0], "seed": float(seed)}
+
+
+def test_standard_errors_are_those_of_as_many_points():
+    mean, covariance = scenes.sets()
+    for points in (0, 30, 300):
+        sets = Sets("one", mean, covariance, np.full(5, points))
+        errors = standard_errors(sets, FakeSite(), 400)
+        variance = covariance[1, 0, 0]
+        known = (variance / points) ** 0.5 if points else 0
+        assert errors["mean"] == pytest.approx(known, rel=0.15)
+        known = variance * (2 / (points - 1)) ** 0.5 if points else 0
+        assert errors["variance"] == pytest.approx(known, rel=0.15)
+        assert errors["seed"] == pytest.approx(np.std(np.arange(400), ddof=1))
+
+
+@pytest.fixture(scope="module")
+def site():
+    return Site(VAUJANY, boulders=200, trajectories=20)
+
+
+def test_the_numbers_of_the_site_are_those_of_its_runs(site, tmp_path):
+    mean, covariance = (np.round(one, 10) for one in scenes.sets())  # as many digits as are written
+    sets = str(scenes.write_sets(tmp_path / "sets.nml", mean, covariance))
+    numbers = site.numbers(mean, covariance)
+    assert {t.name for t in TARGETS} | {"passing", "el2_passing"} <= set(numbers)
+    assert np.isfinite(list(numbers.values())).all()
+    a, b = (
+        rockfall.run(
+            rockfall.read_case(VAUJANY / name).replace(
+                case={"boulders": 200, "seed": 1}, impact={"sets": sets}
+            )
+        )
+        for name in ("case_A.nml", "case.nml")
+    )
+    for line, start in (("EL1", ""), ("EL2", "el2_")):
+        for name, variable in (("speed", "line_speed"), ("height", "line_passing_height")):
+            values = b[variable].sel(line=line).values
+            assert numbers[start + name] == pytest.approx(np.nanmean(values))
+            assert numbers[f"{start}{name}_std"] == pytest.approx(np.nanstd(values, ddof=1))
+            assert numbers[f"{start}{name}_max"] == pytest.approx(np.nanmax(values))
+        assert numbers[f"{start}passing"] == np.isfinite(values).mean()
+    slower = np.nanmean(b["line_speed"][0]) - np.nanmean(a["line_speed"][0])
+    assert numbers["a_slower"] == pytest.approx(slower) != 0
+    assert numbers["a1_trend"] == pytest.approx(0.08 * 0.62)
+    assert numbers["a4_trend"] == pytest.approx(0.08 * 0.19)
+    assert sum(numbers[f"used_{k}"] for k in range(1, 6)) == pytest.approx(1)
+    assert site.numbers(mean, covariance, seed=2)["speed"] != numbers["speed"]
+
+
+def test_the_scorecard_is_printed(site, place, monkeypatch, capsys):
+    small = partial(Site, boulders=200, trajectories=20)
+    monkeypatch.setattr("rockfall.lab.scorecard.Site", small)
+    words = ["rocky-slope-provisional", "--site", str(VAUJANY), "--replicates", "2", "--quiet"]
+    before = files(place)
+    assert main(["lab", "scorecard", *words]) == 0
+    out, err = capsys.readouterr()
+    assert err == "" and all(t.label in out for t in TARGETS)
+    assert re.search(r"^rocky-slope-provisional: \d+ of 12 met$", out, re.MULTILINE)
+    sets = read_sets("rocky-slope-provisional")
+    speed = site.numbers(sets.mean, sets.covariance)["speed"]
+    row = next(line for line in out.splitlines() if line.startswith("EL1, B: speed, mean"))
+    assert f" {speed:.2f} +- " in row
+    assert files(place) == before
+
+
+# ---- figures
+
+
+@pytest.fixture
+def quiet_figures():
+    pytest.importorskip("matplotlib", reason="the report extra is not installed").use("Agg")
+
+
+def draw_layer(path, _):
+    plots.layer_figure(SMALL, pack_layers(SMALL), path)
+
+
+def draw_impacts(path, _):
+    films = [film(SMALL, ratio, 1, 15.0, 45.0) | {"title": f"{ratio}"} for ratio in (1, 3)]
+    plots.impact_figure(films, 1.6, path)
+
+
+def draw_restitution(path, fitted):
+    sets = [read_sets(fitted / "sets.nml"), read_sets("rocky-slope-provisional")]
+    plots.restitution_figure(sets, path)
+
+
+def draw_coefficients(path, fitted):
+    data = open_impacts(fitted / "lab.nc")
+    maps = {ratio: point_maps(*impacts_of(data, ratio)).a for ratio in (1, 3)}
+    plots.coefficient_figure(maps, fit_impacts(data, 2), path)
+
+
+@pytest.mark.parametrize("draw", [draw_layer, draw_impacts, draw_restitution, draw_coefficients])
+@pytest.mark.filterwarnings("error")
+def test_every_figure_is_a_picture_and_nothing_else(quiet_figures, tmp_path, fitted, draw):
+    draw(tmp_path / "figure.png", fitted)
+    (path,) = tmp_path.iterdir()
+    assert path.name == "figure.png" and path.stat().st_size > 5000
+    assert path.read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+
+
+def test_layers_are_listed_and_drawn(quiet_figures, place, capsys):
+    assert main(["lab", "pack", "lab.nml", "--layers", "2", "-o", "layer.png"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    layers = pack_layers(SMALL, count=2)
+    rows = np.array([line.split() for line in lines[1:3]], float)
+    assert np.array_equal(rows[:, 0], [1, 2]) and np.array_equal(rows[:, 1], layers.bodies)
+    np.testing.assert_allclose(rows[:, 2:], (layers.facts[[0, 2, 3]].T / [0.1, 1, 1]), atol=5e-3)
+    assert lines[3:] == ["layer.png"]
+    assert [path.name for path in sorted(place.iterdir())] == ["lab.nml", "layer.png"]
+
+
+@pytest.mark.parametrize("name", ["layer", "layer.nml", "no/layer.png"])
+def test_a_picture_that_cannot_be_is_one_line(quiet_figures, place, capsys, name):
+    before = files(place)
+    assert main(["lab", "pack", "lab.nml", "--layers", "1", "-o", name]) == 2
+    err = capsys.readouterr().err
+    assert re.fullmatch(f"rockfall: {name}: cannot be written: .*\n", err)
+    assert files(place) == before
+
+
+# ---- files and arguments that are none
+
+
+def other_netcdf(path, _):
+    xr.Dataset({"speed": ("point", [1.0])}).to_netcdf(path)
+
+
+def without_version(path, impacts):
+    data = impacts.copy()
+    del data.attrs["version"]
+    data.to_netcdf(path)
+
+
+def cut(path, impacts):
+    experiment.save_impacts(impacts, path)
+    content = path.read_bytes()
+    path.write_bytes(content[: len(content) // 2])
+
+
+def damaged(path, impacts):
+    """Whole, but for the numbers of a variable."""
+    experiment.save_impacts(impacts, path)
+    content = bytearray(path.read_bytes())
+    at = content.index(b"\x78\x01", 4000)  # a compressed block
+    content[at : at + 40] = bytes(40)
+    path.write_bytes(content)
+
+
+NO_IMPACTS = {
+    "text": (lambda path, _: path.write_text("hello"), "is not a netCDF file of impacts: .*"),
+    "empty": (lambda path, _: path.write_bytes(b""), "is not a netCDF file of impacts: .*"),
+    "folder": (lambda path, _: path.mkdir(), "is not a netCDF file of impacts: .*"),
+    "another netCDF": (other_netcdf, "is not a file of impacts"),
+    "without a version": (without_version, "is not a file of impacts"),
+    "truncated": (cut, "is not a netCDF file of impacts: .*"),
+    "damaged": (damaged, "is not a netCDF file of impacts: .*"),
+    "missing": (lambda *_: None, "cannot be read: no such file"),
+}
+
+
+@pytest.mark.parametrize("name", NO_IMPACTS)
+def test_what_holds_no_impacts_is_refused(impacts, tmp_path, capfd, name):
+    make, message = NO_IMPACTS[name]
+    path = tmp_path / f"{name.replace(' ', '_')}.nc"  # HDF5 remembers names
+    make(path, impacts)
+    assert main(["lab", "fit", str(path)]) == 2
+    out, err = capfd.readouterr()
+    assert out == "" and re.fullmatch(f"rockfall: {path}: {message}\n", err)
+    if path.is_file():
+        before = path.read_bytes()
+        with pytest.raises(RockfallError, match=message):
+            run_impacts(SMALL, path=path, resume=True)
+        assert path.read_bytes() == before
+
+
+ARGUMENTS = {
+    "no command": (["lab"], "the following arguments are required: COMMAND; see rockfall lab .*"),
+    "unknown command": (["lab", "fly"], ".*invalid choice: 'fly'.*; see rockfall lab --help"),
+    "no layers": (["lab", "pack", "lab.nml", "--layers", "0"], "--layers 0: must be 1 or more"),
+    "negative threads": (
+        ["lab", "impact", "lab.nml", "--threads=-1"],
+        r"threads = -1: must be 0 \(all cores\) to 1024",
+    ),
+    "too many threads": (
+        ["lab", "pack", "lab.nml", "--threads=1025"],
+        r"threads = 1025: must be 0 \(all cores\) to 1024",
+    ),
+    "folder of the output missing": (
+        ["lab", "impact", "lab.nml", "-o", "no/out.nc"],
+        "no/out.nc: there is no folder no",
+    ),
+    "output is another file": (
+        ["lab", "impact", "lab.nml", "-o", "lab.nml"],
+        "lab.nml: is there, and not a netCDF file; it is not overwritten",
+    ),
+    "remake of what was not made": (
+        ["lab", "remake", "lab.nml"],
+        "lab.nml: does not say what laboratory case it was made from",
+    ),
+    "remake of nothing": (["lab", "remake", "no.nml"], "no.nml: cannot be read: No such file .*"),
+    "remake of bytes": (["lab", "remake", "bytes"], r"bytes: is not text \(UTF-8\)"),
+    "one replicate": (["lab", "scorecard", "--replicates", "1"], "--replicates 1: must be 2 or .*"),
+    "no site": (
+        ["lab", "scorecard", "--site", "."],
+        r"\.: no case.nml there: the scorecard needs the folder cases/vaujany",
+    ),
+    "scorecard of nothing": (["lab", "scorecard", "no.nml"], "no.nml: cannot be read: .*"),
+    "scorecard of no sets": (["lab", "scorecard", "lab.nml"], "lab.nml: .*"),
+}
+
+
+@pytest.mark.parametrize("name", ARGUMENTS)
+def test_bad_arguments_are_one_line_and_nothing_is_written(name, place, monkeypatch, capfd):
+    Path("bytes").write_bytes(b"\x89PNG\xff")
+    monkeypatch.setattr(remake, "run_impacts", None)  # it does not come to this
+    words, message = ARGUMENTS[name]
+    before = files(place)
+    capfd.readouterr()
+    assert main(words) == 2
+    out, err = capfd.readouterr()
+    assert out == "" and re.fullmatch(f"rockfall: {message}\n", err)
+    assert files(place) == before
+
+
+@pytest.mark.parametrize(
+    "words", [["pack", "lab.nml", "-o", "layer.png"], ["fit", "lab.nc"], ["scorecard"]]
+)
+def test_without_the_report_extra_it_is_named(place, monkeypatch, capsys, words):
+    monkeypatch.setattr("rockfall.lab.cli.find_spec", lambda _: None)
+    assert main(["lab", *words]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert re.fullmatch(r"rockfall: .* needs the report extra: pip install .*\n", err)
