@@ -977,3 +977,11 @@ def test_without_the_report_extra_it_is_named(place, monkeypatch, capsys, words)
     out, err = capsys.readouterr()
     assert out == ""
     assert re.fullmatch(r"rockfall: .* needs the report extra: pip install .*\n", err)
+
+
+def test_fit_does_not_write_over_something_else(place, capfd):
+    Path("notes.nml").write_text("&lab /\n")
+    capfd.readouterr()
+    assert main(["lab", "fit", "impacts.nc", "-o", "notes.nml"]) == 2
+    assert "notes.nml: is there, and no file of impact sets" in capfd.readouterr().err
+    assert Path("notes.nml").read_text() == "&lab /\n"

@@ -24,7 +24,7 @@ module rockfall_case
       character(len=20) :: name
       character(len=7) :: kind      !! text, integer, real, logical
       integer :: most               !! values
-      character(len=12) :: default  !! as written in a case; "required", or "absent"
+      character(len=16) :: default  !! as written in a case; "required", or "absent"
       character(len=100) :: allowed  !! "", a bound ("> 0"), or words ("A, B")
       character(len=5) :: unit
       character(len=100) :: meaning
@@ -55,7 +55,7 @@ module rockfall_case
       key_t("surface", "uniform_rg", "real", 3, "absent", "> 0", "m", "Rg70, Rg20, Rg10 everywhere"), &
       key_t("surface", "method", "text", 1, "'B'", "A, B", "", "A: three obstacle sizes, B: one mean radius"), &
       key_t("surface", "rg_reading", "text", 1, "'diameter'", "diameter, radius", "", "what Rg measures"), &
-      key_t("impact", "sets", "text", 1, "required", "", "", "shipped impact set, or a file"), &
+      key_t("impact", "sets", "text", 1, "'rocky-slope'", "", "", "shipped impact set, or a file"), &
       key_t("impact", "stop_speed", "real", 1, "0.5", "> 0", "m/s", "slower after a rebound: stopped"), &
       key_t("impact", "impact_limit", "integer", 1, "100000", ">= 1", "", "contacts of a boulder at most"), &
       key_t("boulder", "volume", "text", 1, "'fixed'", "fixed, normal, uniform, lognormal, list", "", "law"), &

@@ -33,6 +33,7 @@ def add_lab(commands: argparse._SubParsersAction) -> None:
     fit = verb("fit", "make impact sets from impacts")
     fit.add_argument("impacts", metavar="IMPACTS.nc", type=Path)
     fit.add_argument("-o", "--output", metavar="SETS.nml", type=Path, help="for rockfall run")
+    fit.add_argument("--case", metavar="LAB.nml", type=Path, help="has title and &correction")
     fit.add_argument("--uncorrected", action="store_true", help="leave &correction out")
     card = verb("scorecard", "set impact sets beside what is known of rebounds on rocky slopes")
     card.add_argument("sets", metavar="SETS", nargs="*", help="shipped or files; default: shipped")
@@ -99,13 +100,25 @@ def _impact(arguments: argparse.Namespace) -> int:
 
 
 def _fit(arguments: argparse.Namespace) -> int:
+    from rockfall.lab.case import read_lab_case
     from rockfall.lab.experiment import open_impacts
-    from rockfall.lab.fit import fit_impacts, provenance, uncorrected, write_sets
+    from rockfall.lab.fit import (
+        check_replaceable,
+        fit_impacts,
+        provenance,
+        uncorrected,
+        with_case,
+        write_sets,
+    )
     from rockfall.lab.summary import fit_summary
 
     if not arguments.quiet:
         _need("scipy", "the summary")
+    if arguments.output:
+        check_replaceable(arguments.output)
     data = open_impacts(arguments.impacts)
+    if arguments.case:
+        data = with_case(data, read_lab_case(arguments.case))
     if arguments.uncorrected:
         data = uncorrected(data)
     sets = fit_impacts(data)

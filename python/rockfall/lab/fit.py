@@ -138,11 +138,23 @@ def fit_impacts(data: xr.Dataset, replicates: int = 1000) -> dict[int, ImpactSet
     return sets
 
 
+def plain(case: LabCase) -> LabCase:
+    """What of a case decides about its impacts: no title, no correction."""
+    return case.replace(lab={"title": ""}, correction=dict.fromkeys(COEFFICIENTS, 1.0))
+
+
 def uncorrected(data: xr.Dataset) -> xr.Dataset:
     """The same impacts of a case without a correction."""
     case = lab_case_of(data.attrs["lab_case"], "impacts")
-    plain = case.replace(correction=dict.fromkeys(COEFFICIENTS, 1.0))
-    return data.assign_attrs(lab_case=plain.text())
+    case = case.replace(correction=dict.fromkeys(COEFFICIENTS, 1.0))
+    return data.assign_attrs(lab_case=case.text())
+
+
+def with_case(data: xr.Dataset, case: LabCase) -> xr.Dataset:
+    """The same impacts of a case that differs in title and correction at most."""
+    if plain(case) != plain(lab_case_of(data.attrs["lab_case"], "impacts")):
+        raise RockfallError(f"{case.name}: these are impacts of another laboratory case")
+    return data.assign_attrs(lab_case=case.text(), title=case.lab["title"])
 
 
 def correction_of(case: LabCase) -> np.ndarray:
@@ -242,6 +254,13 @@ def write_sets(path: str | Path, sets: dict[int, ImpactSet], provenance: list[st
         text += [",\n".join(f"    {_numbers(row)}" for row in rows), "/"]
     with whole_file(path) as part:
         part.write_text("\n".join(text) + "\n", encoding="utf-8")
+
+
+def check_replaceable(path: str | Path) -> None:
+    """Refuse to write sets over a file that is something else."""
+    path = Path(path)
+    if path.exists() and not (path.is_file() and b"&impact_set" in path.read_bytes()):
+        raise RockfallError(f"{path}: is there, and no file of impact sets; it is not overwritten")
 
 
 def _lower(matrix: np.ndarray) -> list[np.ndarray]:

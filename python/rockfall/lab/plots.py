@@ -100,6 +100,10 @@ def restitution_figure(sets: Sequence[Sets], path: str | Path) -> None:
                 for row, axes in enumerate(panels[:, k]):
                     shown = ANGLES[ANGLES <= (LAST_RT, 90.0)[row]]
                     values = [draw[row] for draw in draws[: shown.size]]
+                    known = np.array([v.size > 0 for v in values])  # some draw is admissible
+                    shown, values = shown[known], [v for v in values if v.size]
+                    if not values:
+                        continue
                     low, high = np.transpose([np.quantile(v, (0.1, 0.9)) for v in values])
                     axes.fill_between(shown, low, high, color=colour, alpha=0.18, lw=0)
                     mean = [v.mean() for v in values]

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from rockfall.lab.case import LabCase
 from rockfall.lab.experiment import run_impacts
-from rockfall.lab.fit import case_in, fit_impacts, provenance, write_sets
+from rockfall.lab.fit import case_in, fit_impacts, plain, provenance, with_case, write_sets
 
 
 def remake(
@@ -23,13 +23,11 @@ def remake(
     cases = {Path(path): case_in(path) for path in paths}
     known: list[tuple[LabCase, object]] = []
     for path, case in cases.items():
-        plain = case.replace(correction=dict.fromkeys(case.correction, 1.0))
-        plain = plain.replace(lab={"title": ""})
-        data = next((data for done, data in known if done == plain), None)
+        data = next((data for done, data in known if done == plain(case)), None)
         if data is None:
-            data = run_impacts(plain, progress=progress, threads=threads)
-            known.append((plain, data))
-        data = data.assign_attrs(lab_case=case.text(), title=case.lab["title"])
+            data = run_impacts(plain(case), progress=progress, threads=threads)
+            known.append((plain(case), data))
+        data = with_case(data, case)
         with tempfile.TemporaryDirectory() as folder:
             again = Path(folder) / path.name
             write_sets(again, fit_impacts(data), provenance(data))
