@@ -11,9 +11,12 @@ import pytest
 import rasterio
 import xarray as xr
 
+import rockfall
+from made import make_raster
 from rockfall.errors import RockfallError
 from rockfall.export import export
 from rockfall.grid import Grid
+from scenes import make_case, rough, sets
 
 pyogrio = pytest.importorskip("pyogrio", reason="the vector extra is not installed")
 shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
@@ -224,6 +227,15 @@ def test_without_a_crs_maps_and_layers_have_none(result, tmp_path):
         export(result.drop_vars("crs"), tmp_path)
     with rasterio.open(tmp_path / "passages.tif") as file:
         assert file.crs is None
+
+
+def test_a_run_without_maps_keeps_its_crs(tmp_path):
+    z = rough(nx=20, ny=20)
+    make_raster(tmp_path / "dem.tif", z)
+    release = {"x": 600050.0, "y": 4999990.0}
+    case = make_case(tmp_path, *sets(), terrain={"dem": "dem.tif"}, release=release)
+    export(rockfall.run(case), tmp_path / "out")
+    assert layer(tmp_path / "out", "stops")[0] == "EPSG:32632"
 
 
 @pytest.mark.parametrize(

@@ -125,6 +125,7 @@ contains
       boulder = dimension(file, "boulder", results%boulders)
       call define_boulders(file, names, boulder)
       if (size(case%lines) > 0) call define_lines(file, names, case, boulder)
+      call define_crs(file, names, inputs)
       if (any(case%map)) call define_maps(file, names, case, inputs)
       if (case%rebounds) call define_histograms(file, names)
       if (size(results%path) > 0) call define_paths(file, names, results)
@@ -223,31 +224,37 @@ contains
       name_length = maxval([(len(case%lines(k)%name), k=1, size(case%lines))])
    end function name_length
 
+   !> The grid mapping, also of coordinates that are on no map.
+   subroutine define_crs(file, names, inputs)
+      type(file_t), intent(inout) :: file
+      type(names_t), intent(inout) :: names
+      type(inputs_t), intent(in) :: inputs
+      character(len=:), allocatable :: cell
+
+      names%crs = variable(file, "crs", nf90_int, [integer ::], "1", "coordinate reference system")
+      call fill(file, names%crs, nf90_int)
+      associate (grid => inputs%grid)
+         cell = real_text(grid%cell)
+         call note(file, names%crs, "GeoTransform", &
+                   real_text(grid%west)//" "//cell//" 0.0 "//real_text(grid%north) &
+                   //" 0.0 -"//cell)
+      end associate
+      if (inputs%crs == "") return
+      call note(file, names%crs, "crs_wkt", inputs%crs)
+      call note(file, names%crs, "spatial_ref", inputs%crs)
+   end subroutine define_crs
+
    subroutine define_maps(file, names, case, inputs)
       type(file_t), intent(inout) :: file
       type(names_t), intent(inout) :: names
       type(case_t), intent(in) :: case
       type(inputs_t), intent(in) :: inputs
-      character(len=:), allocatable :: cell
       integer :: x, y, k, kind
 
-      associate (grid => inputs%grid)
-         x = dimension(file, "x", int(grid%nx, i8))
-         y = dimension(file, "y", int(grid%ny, i8))
-         cell = real_text(grid%cell)
-         names%x = axis(file, "x", x, "easting of cell centres")
-         names%y = axis(file, "y", y, "northing of cell centres")
-         names%crs = variable(file, "crs", nf90_int, [integer ::], "1", &
-                              "coordinate reference system")
-         call fill(file, names%crs, nf90_int)
-         call note(file, names%crs, "GeoTransform", &
-                   real_text(grid%west)//" "//cell//" 0.0 "//real_text(grid%north) &
-                   //" 0.0 -"//cell)
-      end associate
-      if (inputs%crs /= "") then
-         call note(file, names%crs, "crs_wkt", inputs%crs)
-         call note(file, names%crs, "spatial_ref", inputs%crs)
-      end if
+      x = dimension(file, "x", int(inputs%grid%nx, i8))
+      y = dimension(file, "y", int(inputs%grid%ny, i8))
+      names%x = axis(file, "x", x, "easting of cell centres")
+      names%y = axis(file, "y", y, "northing of cell centres")
       do k = 1, n_maps
          if (.not. case%map(k)) cycle
          kind = merge(nf90_int, nf90_float, is_count(map_names(k)))
@@ -502,6 +509,7 @@ contains
       type(results_t), intent(in) :: results
       integer :: k, i
 
+      call keep(file, nf90_put_var(file%id, names%crs, 0))
       if (.not. any(case%map)) return
       associate (grid => inputs%grid)
          call keep(file, nf90_put_var(file%id, names%x, &
@@ -509,7 +517,6 @@ contains
          call keep(file, nf90_put_var(file%id, names%y, &
                                       [(grid%north - (i - 0.5_wp)*grid%cell, i=1, grid%ny)]))
       end associate
-      call keep(file, nf90_put_var(file%id, names%crs, 0))
       do k = 1, n_maps
          if (.not. case%map(k)) cycle
          select case (map_names(k))

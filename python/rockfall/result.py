@@ -34,6 +34,7 @@ def make_result(tally: Tally) -> xr.Dataset:
     _add_boulders(data, tally)
     if tally.scene.case.line:
         _add_lines(data, tally)
+    data["crs"] = ((), np.int32(0), _grid_mapping(tally.scene.grid))
     if tally.maps:
         _add_maps(data, tally)
     if tally.scene.case.output["rebounds"]:
@@ -94,7 +95,6 @@ def _add_maps(data: dict[str, Any], tally: Tally) -> None:
             "axis": axis.upper(),
         }
         data[axis] = (axis, centres, about)
-    data["crs"] = ((), np.int32(0), _grid_mapping(grid))
     for name, about in variables.MAP.items():
         if name in asked:
             values = _map(name, maps, tally.done)
