@@ -516,6 +516,15 @@ def test_a_line_outside_the_terrain_is_a_warning(place, capsys):
         assert np.isnan(written["line_speed"]).all()
 
 
+def test_a_release_at_rest_on_the_ground_is_a_warning(place, capsys):
+    change(", drop_height = 2.0", "")()
+    assert main(["check", "case.nml"]) == 0
+    assert capsys.readouterr().err == (
+        "rockfall: warning: case.nml: &release has no drop_height and no velocity: "
+        "boulders stop where they start\n"
+    )
+
+
 def test_rebounds_outside_the_calibrated_range_are_said(place, capsys):
     change("0.2", "0.02", "zones.csv")()
     assert main(["run", "case.nml"]) == 0

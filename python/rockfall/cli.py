@@ -175,6 +175,10 @@ def _warn(scene: Scene) -> None:
     for name in lines_outside(scene):
         about = f"{scene.case.name}: &line name = '{name}': no part of it lies over the terrain"
         print(f"rockfall: warning: {about}", file=sys.stderr)
+    release = scene.case.release
+    if not release["drop_height"] and not any(release["velocity"]):
+        about = f"{scene.case.name}: &release has no drop_height and no velocity"
+        print(f"rockfall: warning: {about}: boulders stop where they start", file=sys.stderr)
 
 
 def _say(line: str, status: int) -> int:
