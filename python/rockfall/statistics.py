@@ -1,5 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the boulders did at the evaluation lines, in numbers."""
+"""What the boulders did at the evaluation lines, in numbers with their uncertainty.
+
+Every interval is of 95 % and says how far the number could have moved by chance, with as many other
+boulders. Boulders of a source are taken together as a cluster where there are several sources: what
+one of them does tells of the others.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +16,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-QUANTILES = (0.50, 0.90, 0.95, 0.99)
+QUANTILES = (0.50, 0.90, 0.95, 0.98, 0.99)
 QUANTITIES = (
     "speed",
     "jump_height",
@@ -19,52 +24,121 @@ QUANTITIES = (
     "omega",
     "energy_translational",
     "energy_rotational",
+    "energy_total",
+    "rotational_share",
 )
+Z = 1.959964  # of a normal distribution, 95 % within
 
 
 def line_statistics(result: xr.Dataset) -> pd.DataFrame:
-    """One row for each line and quantity: n and share of boulders that crossed, mean, standard
-    deviation (n - 1), maximum and quantiles, in the units of the result; NaN where none crossed.
+    """One row for each line and quantity: n and share of the boulders that crossed, then mean,
+    standard deviation (n - 1), quantiles and maximum, in the units of the result; NaN where none
+    crossed. `NAME_low` and `NAME_high` are the limits of the 95 % interval of share (Wilson 1927),
+    mean, std and quantiles (order statistics). The maximum has none: it grows with n.
+
+    energy_total is E_trans + E_rot, rotational_share is E_rot / E_total.
     """
     import pandas as pd
 
+    source = _sources(result)
     rows = []
     for k, line in enumerate(result["line"].values if "line" in result else []):
         for quantity in QUANTITIES:
-            values = result[f"line_{quantity}"].values[k]
-            values = values[~np.isnan(values)]
-            share = values.size / max(1, result.sizes["boulder"])
-            rows.append(
-                {
-                    "line": line,
-                    "quantity": quantity,
-                    "n": values.size,
-                    "share": share,
-                    **_moments(values),
-                }
-            )
-    names = [
-        "line",
-        "quantity",
-        "n",
-        "share",
-        "mean",
-        "std",
-        "max",
-        *map(_quantile_name, QUANTILES),
-    ]
-    return pd.DataFrame(rows, columns=names)
+            values = _values(result, quantity, k)
+            rows.append({"line": line, "quantity": quantity, **_row(values, source)})
+    return pd.DataFrame(rows, columns=["line", "quantity", *_COLUMNS])
 
 
-def _moments(values: np.ndarray) -> dict[str, float]:
-    if not values.size:
-        return {}
-    numbers = {"mean": values.mean(), "max": values.max()}
-    numbers["std"] = values.std(ddof=1) if values.size > 1 else np.nan
-    return numbers | dict(
-        zip(map(_quantile_name, QUANTILES), np.quantile(values, QUANTILES), strict=True)
+def _values(result: xr.Dataset, quantity: str, line: int) -> np.ndarray:
+    """A quantity of each boulder at a line; NaN where it did not cross."""
+
+    def at_line(name: str) -> np.ndarray:
+        return result[f"line_{name}"].values[line]
+
+    if quantity in ("energy_total", "rotational_share"):
+        rotation = at_line("energy_rotational")
+        total = at_line("energy_translational") + rotation
+        if quantity == "energy_total":
+            return total
+        with np.errstate(invalid="ignore"):
+            return np.where(total > 0, rotation / total, np.where(np.isnan(total), np.nan, 0.0))
+    return at_line(quantity)
+
+
+def _sources(result: xr.Dataset) -> np.ndarray:
+    """Number of the source of each boulder, from 0; boulders of a source start at one place."""
+    start = np.stack([result["start_x"].values, result["start_y"].values], axis=1)
+    return np.unique(start, axis=0, return_inverse=True)[1].ravel()
+
+
+def _row(values: np.ndarray, source: np.ndarray) -> dict[str, float]:
+    crossed = ~np.isnan(values)
+    n, all_n = int(crossed.sum()), values.size
+    row: dict[str, float] = {"n": n, "share": n / max(1, all_n)}
+    if all_n:
+        effective = _effective(crossed.astype(float), source)
+        row["share_low"], row["share_high"] = _wilson(row["share"], effective)
+    if not n:
+        return row
+    v, cluster = values[crossed], source[crossed]
+    row |= {"mean": v.mean(), "max": v.max()}
+    for share, value in zip(QUANTILES, np.quantile(v, QUANTILES), strict=True):
+        name = _quantile_name(share)
+        row[name] = value
+        row[f"{name}_low"], row[f"{name}_high"] = _between_ranks(v, share, cluster)
+    if n > 1:
+        row["std"] = v.std(ddof=1)
+        error = _error_of_mean(v, cluster)
+        row["mean_low"], row["mean_high"] = v.mean() - Z * error, v.mean() + Z * error
+        if row["std"] > 0:  # of the variance, through its logarithm
+            error = _error_of_mean((v - v.mean()) ** 2, cluster) / (2 * row["std"] ** 2)
+            factor = np.exp(Z * error)
+            row["std_low"], row["std_high"] = row["std"] / factor, row["std"] * factor
+    return row
+
+
+def _error_of_mean(v: np.ndarray, cluster: np.ndarray) -> float:
+    """Standard error of the mean of values that come in clusters (linearised; Cochran 1977)."""
+    sums = np.bincount(cluster, v - v.mean())[np.bincount(cluster) > 0]
+    if sums.size == 1:  # one source: its boulders are independent
+        return v.std(ddof=1) / np.sqrt(v.size)
+    return np.sqrt((sums**2).sum() * sums.size / (sums.size - 1)) / v.size
+
+
+def _effective(indicator: np.ndarray, cluster: np.ndarray) -> float:
+    """As many independent boulders would know the share of an indicator as well."""
+    share = indicator.mean()
+    plain = share * (1 - share)
+    if plain == 0 or indicator.size < 2:
+        return float(indicator.size)
+    return min(float(indicator.size), plain / _error_of_mean(indicator, cluster) ** 2)
+
+
+def _wilson(share: float, n: float) -> tuple[float, float]:
+    middle = (share + Z**2 / (2 * n)) / (1 + Z**2 / n)
+    half = Z / (1 + Z**2 / n) * np.sqrt(share * (1 - share) / n + Z**2 / (4 * n**2))
+    return max(0.0, middle - half), min(1.0, middle + half)
+
+
+def _between_ranks(v: np.ndarray, share: float, cluster: np.ndarray) -> tuple[float, float]:
+    """The order statistics that enclose a quantile, interpolated between ranks, without which a
+    small sample's intervals would hold too much; NaN where the sample ends before them."""
+    effective = _effective((v <= np.quantile(v, share)).astype(float), cluster)
+    half = Z * np.sqrt(share * (1 - share) / effective)
+    ordered, ranks = np.sort(v), np.arange(1, v.size + 1)
+    low, high = np.interp(
+        v.size * np.array([share - half, share + half]) + 0.5, ranks, ordered, np.nan, np.nan
     )
+    return low, high
 
 
 def _quantile_name(share: float) -> str:
     return f"q{share * 100:.0f}"
+
+
+def _with_limits(name: str) -> list[str]:
+    return [name, f"{name}_low", f"{name}_high"]
+
+
+_COLUMNS = ["n", *_with_limits("share"), *_with_limits("mean"), *_with_limits("std"), "max"]
+_COLUMNS += [name for share in QUANTILES for name in _with_limits(_quantile_name(share))]
