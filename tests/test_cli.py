@@ -469,6 +469,10 @@ def test_check_says_what_would_run_and_writes_nothing(place, capsys):
     assert re.search(r"of CPU, .* \(estimated from 20 boulders\)", rows["time"])
 
 
+def width(row, name):
+    return row[f"{name}_high"] - row[f"{name}_low"]
+
+
 def test_run_writes_the_result_of_the_api_and_a_summary(place, capsys):
     assert main(["run", "case.nml"]) == 0
     out, err = capsys.readouterr()
@@ -479,11 +483,12 @@ def test_run_writes_the_result_of_the_api_and_a_summary(place, capsys):
         xr.testing.assert_equal(written, result)
     lines = out.splitlines()
     assert lines[0] == "Slope: 20 boulders" and lines[-1] == "case.nc"
-    crossed = result["line_speed"].values[0]
-    count, speed = np.count_nonzero(~np.isnan(crossed)), np.nanmean(crossed)
-    height = np.nanmean(result["line_passing_height"].values[0])
-    row = ["L", str(count), f"{count / 20:.1%}", f"{speed:.1f}", "m/s", f"{height:.2f}", "m"]
-    assert row in [line.split() for line in lines]
+    table = rockfall.line_statistics(result).set_index("quantity")
+    speed, height = table.loc["speed"], table.loc["passing_height"]
+    row = f"L {speed['n']} {100 * speed['share']:.1f} +- {50 * width(speed, 'share'):.1f} %"
+    row += f" {speed['mean']:.1f} +- {width(speed, 'mean') / 2:.1f} m/s"
+    row += f" {height['mean']:.2f} +- {width(height, 'mean') / 2:.2f} m"
+    assert row.split() in [line.split() for line in lines]
     assert any(line.split() == ["stopped", "20", "100.0%"] for line in lines)
 
 

@@ -40,12 +40,12 @@ def line_statistics(result: xr.Dataset) -> pd.DataFrame:
     """
     import pandas as pd
 
-    source = _sources(result)
+    source = sources(result)
     rows = []
     for k, line in enumerate(result["line"].values if "line" in result else []):
         for quantity in QUANTITIES:
-            values = _values(result, quantity, k)
-            rows.append({"line": line, "quantity": quantity, **_row(values, source)})
+            numbers = line_numbers(result, k, quantity, source)
+            rows.append({"line": line, "quantity": quantity, **numbers})
     return pd.DataFrame(rows, columns=["line", "quantity", *_COLUMNS])
 
 
@@ -65,13 +65,18 @@ def _values(result: xr.Dataset, quantity: str, line: int) -> np.ndarray:
     return at_line(quantity)
 
 
-def _sources(result: xr.Dataset) -> np.ndarray:
+def sources(result: xr.Dataset) -> np.ndarray:
     """Number of the source of each boulder, from 0; boulders of a source start at one place."""
     start = np.stack([result["start_x"].values, result["start_y"].values], axis=1)
     return np.unique(start, axis=0, return_inverse=True)[1].ravel()
 
 
-def _row(values: np.ndarray, source: np.ndarray) -> dict[str, float]:
+def line_numbers(
+    result: xr.Dataset, line: int, quantity: str, source: np.ndarray
+) -> dict[str, float]:
+    """A row of `line_statistics`: what is known of a quantity at the line of this index; `source`
+    is that of each boulder, from `sources`."""
+    values = _values(result, quantity, line)
     crossed = ~np.isnan(values)
     n, all_n = int(crossed.sum()), values.size
     row: dict[str, float] = {"n": n, "share": n / max(1, all_n)}

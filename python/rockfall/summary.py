@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rockfall.statistics import line_numbers, sources
+
 if TYPE_CHECKING:
     import xarray as xr
 
@@ -36,18 +38,31 @@ def _ends(result: xr.Dataset) -> Iterator[str]:
 
 
 def _passages(result: xr.Dataset) -> Iterator[str]:
-    """Boulders at each line, their mean speed and passing height."""
+    """Boulders at each line, their mean speed and passing height, with 95 % intervals."""
     names = [str(name) for name in result["line"].values]
     wide = max(14, *map(len, names))
-    head = f"{'boulders':>12}{'share':>8}{'mean speed':>12}{'mean passing height':>21}"
-    yield f"  {'line':{wide}}{head}"
+    head = f"{'boulders':>12}{'share':>17}{'mean speed':>20}{'mean passing height':>22}"
+    yield f"  {'line (95 %)':{wide}}{head}"
+    source = sources(result)
     for k, name in enumerate(names):
-        speed, height = (result[f"line_{key}"].values[k] for key in ("speed", "passing_height"))
-        count = np.count_nonzero(~np.isnan(speed))
-        row = f"  {name:{wide}}{count:12,}{count / result.sizes['boulder']:8.1%}"
-        if count:
-            row += f"{np.nanmean(speed):8.1f} m/s{np.nanmean(height):19.2f} m"
+        speed, height = (
+            line_numbers(result, k, key, source) for key in ("speed", "passing_height")
+        )
+        share = _within(speed, "share", ".1f", 100)
+        row = f"  {name:{wide}}{speed['n']:12,}{f'{share} %':>17}"
+        if speed["n"]:
+            row += f"{_within(speed, 'mean', '.1f') + ' m/s':>20}"
+            row += f"{_within(height, 'mean', '.2f') + ' m':>22}"
         yield row
+
+
+def _within(numbers: dict[str, float], name: str, digits: str, scale: float = 1.0) -> str:
+    """A number and half the length of its interval, where it has one."""
+    text = f"{scale * numbers[name]:{digits}}"
+    if f"{name}_low" not in numbers:
+        return text
+    half = scale * (numbers[f"{name}_high"] - numbers[f"{name}_low"]) / 2
+    return f"{text} +- {half:{digits}}"
 
 
 def _rebounds(result: xr.Dataset) -> Iterator[str]:
