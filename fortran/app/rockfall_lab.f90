@@ -160,7 +160,7 @@ contains
       if (status == 0) allocate ( &
          done%counts(size(outcome_counts), case%impacts*case%points, ratios), stat=status)
       if (status /= 0) then
-         call fail(error, case%file//": "//number_text(ratios*case%points*case%impacts) &
+         call fail(error, case%file//": "//integer_text(ratios*case%points*case%impacts) &
                    //" impacts do not fit in memory")
          return
       end if
@@ -276,8 +276,8 @@ contains
       do r = 1, size(case%ratios)
          do k = 1, size(done%counts, 2, i8)
             if (allocated(error)) return
-            row = real_text(case%ratios(r))//","//number_text(1 + (k - 1)/case%impacts)//"," &
-                  //number_text(1 + mod(k - 1, case%impacts))
+            row = real_text(case%ratios(r))//","//integer_text(1 + (k - 1)/case%impacts)//"," &
+                  //integer_text(1 + mod(k - 1, case%impacts))
             do f = 1, size(outcome_fields)
                row = row//","//any_real_text(done%outcome(f, k, r))
             end do
@@ -303,15 +303,6 @@ contains
          text = trim(adjustl(buffer))
       end if
    end function any_real_text
-
-   pure function number_text(number) result(text)
-      integer(i8), intent(in) :: number
-      character(len=:), allocatable :: text
-      character(len=20) :: buffer
-
-      write (buffer, "(i0)") number
-      text = trim(buffer)
-   end function number_text
 
    !> How the impacts of each ratio ended.
    subroutine summary(case, done)

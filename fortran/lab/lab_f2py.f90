@@ -2,8 +2,9 @@
 !> The laboratory's door to Python: plain arrays, whose order `names` tells. No physics here.
 module lab_f2py
    use iso_c_binding, only: c_double, c_int, c_int32_t, c_int64_t
-   use rockfall_error, only: error_t, fail
+   use rockfall_error, only: error_t, fail, give_error
    use rockfall_random, only: random_key
+   use rockfall_textfile, only: joined
    use rockfall_threads, only: team_size
    use lab_contact, only: material_t, check_material
    use lab_neighbours, only: box_t
@@ -31,13 +32,13 @@ contains
       character(len=512), intent(out) :: text
 
       select case (kind)
-      case (1); text = joined(material_keys)
-      case (2); text = joined(packing_keys)
-      case (3); text = joined(shot_keys)
-      case (4); text = joined(range_keys)
-      case (5); text = joined(outcome_fields)
-      case (6); text = joined(outcome_counts)
-      case (7); text = joined(layer_fields)
+      case (1); text = joined(material_keys, " ")
+      case (2); text = joined(packing_keys, " ")
+      case (3); text = joined(shot_keys, " ")
+      case (4); text = joined(range_keys, " ")
+      case (5); text = joined(outcome_fields, " ")
+      case (6); text = joined(outcome_counts, " ")
+      case (7); text = joined(layer_fields, " ")
       case default; text = ""
       end select
    end subroutine names
@@ -60,17 +61,6 @@ contains
       case (4); row(:size(range_keys)) = range_row(range)
       end select
    end subroutine defaults
-
-   pure function joined(words) result(text)
-      character(len=*), intent(in) :: words(:)
-      character(len=512) :: text
-      integer :: k
-
-      text = words(1)
-      do k = 2, size(words)
-         text = trim(text)//" "//words(k)
-      end do
-   end function joined
 
    !> Refuse the text of a laboratory case that is not as it must be.
    subroutine check_case(text, name, code, message)
@@ -283,16 +273,4 @@ contains
          call fail(error, "impact: point and number must be 0 to 2**32 - 1")
       end if
    end subroutine check_places
-
-   subroutine give_error(error, code, message)
-      type(error_t), allocatable, intent(in) :: error
-      integer(c_int), intent(out) :: code
-      character(len=512), intent(out) :: message
-
-      code = 0
-      message = ""
-      if (.not. allocated(error)) return
-      code = error%code
-      message = error%message
-   end subroutine give_error
 end module lab_f2py

@@ -142,7 +142,7 @@ contains
 
       if (.not. allocated(error)) then
          if (words%first <= words%last) then
-            call fail(error, words%file//": line "//long_text(words%line)//": more than " &
+            call fail(error, words%file//": line "//integer_text(words%line)//": more than " &
                       //due(grid)//" numbers")
          end if
       end if
@@ -173,7 +173,7 @@ contains
          word = current_word(words)
          if (begins_number(word)) exit
          key = key_of(word)
-         where = words%file//": line "//long_text(words%line)//": "
+         where = words%file//": line "//integer_text(words%line)//": "
          if (key == 0 .and. .not. any(header%given)) then
             exit
          else if (len(word) == 0) then
@@ -324,7 +324,7 @@ contains
       do i = 1, size(row)
          if (words%first > words%last) then
             call fail(error, words%file//": ends in row "//integer_text(j)//" after " &
-                      //long_text((j - 1_i8)*grid%nx + i - 1)//" numbers, "//due(grid) &
+                      //integer_text((j - 1_i8)*grid%nx + i - 1)//" numbers, "//due(grid) &
                       //" are due: truncated or damaged")
             return
          end if
@@ -338,7 +338,7 @@ contains
          if (status == decimal_ok) then
             call next_word(words, error)
          else
-            call fail(error, cell_name(words%file, i, j)//" (line "//long_text(words%line)//"): '" &
+            call fail(error, cell_name(words%file, i, j)//" (line "//integer_text(words%line)//"): '" &
                       //printable(current_word(words))//"' is not a finite number")
          end if
          if (allocated(error)) return
@@ -501,15 +501,6 @@ contains
 
       due = "ncols x nrows = "//integer_text(grid%nx)//" x "//integer_text(grid%ny)
    end function due
-
-   pure function long_text(number)
-      integer(i8), intent(in) :: number
-      character(len=:), allocatable :: long_text
-      character(len=20) :: buffer
-
-      write (buffer, "(i0)") number
-      long_text = trim(buffer)
-   end function long_text
 
    !> What may not be text at all, fit to be shown.
    pure function printable(word)

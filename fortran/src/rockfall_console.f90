@@ -4,7 +4,7 @@
 module rockfall_console
    use rockfall_kinds, only: wp
    use rockfall_error, only: error_t, fail
-   use rockfall_textfile, only: lower, excerpt
+   use rockfall_textfile, only: lower, joined, excerpt
    use rockfall_filesystem, only: name_of
    implicit none
    private
@@ -81,7 +81,7 @@ contains
             if (keys(k) == key) arguments%option(k)%value = value
          end do
       else if (key /= "") then
-         call fail(error, excerpt(word)//": unknown key; known: "//joined(keys)//", quiet")
+         call fail(error, excerpt(word)//": unknown key; known: "//joined(keys, ", ")//", quiet")
       else if (word(:min(1, len(word))) == "-") then
          call fail(error, excerpt(word)//": unknown option; known: --help, --version")
       else if (arguments%case /= "") then
@@ -103,17 +103,6 @@ contains
          call fail(error, "quiet = "//excerpt(value)//": must be true or false")
       end if
    end subroutine take_quiet
-
-   pure function joined(names) result(text)
-      character(len=*), intent(in) :: names(:)
-      character(len=:), allocatable :: text
-      integer :: k
-
-      text = trim(names(1))
-      do k = 2, size(names)
-         text = text//", "//trim(names(k))
-      end do
-   end function joined
 
    !> What the command line says of a key, the last time; "" if nothing.
    pure function value_of(arguments, key) result(value)

@@ -1,9 +1,10 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Errors are values: unallocated means success, and only programs print or stop.
 module rockfall_error
+   use iso_c_binding, only: c_int
    implicit none
    private
-   public :: error_t, fail, bad_input, our_fault
+   public :: error_t, fail, give_error, bad_input, our_fault
 
    integer, parameter :: bad_input = 2  !! the user can mend it; exit status 2
    integer, parameter :: our_fault = 1  !! a defect of the program; exit status 1
@@ -26,4 +27,17 @@ contains
       if (present(code)) error%code = code
       error%message = message
    end subroutine fail
+
+   !> An error as the doors to Python give it: code 0 and no message mean success.
+   pure subroutine give_error(error, code, message)
+      type(error_t), allocatable, intent(in) :: error
+      integer(c_int), intent(out) :: code
+      character(len=*), intent(out) :: message
+
+      code = 0
+      message = ""
+      if (.not. allocated(error)) return
+      code = error%code
+      message = error%message
+   end subroutine give_error
 end module rockfall_error

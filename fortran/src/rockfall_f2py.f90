@@ -3,7 +3,7 @@
 !> single element, because f2py has no empty ones.
 module rockfall_f2py
    use iso_c_binding, only: c_double, c_float, c_int, c_int16_t, c_int32_t, c_int64_t
-   use rockfall_error, only: error_t
+   use rockfall_error, only: error_t, give_error
    use rockfall_random, only: random_key
    use rockfall_terrain, only: terrain
    use rockfall_trajectory, only: scene_t, fate_t, crossing_t, scratch_t
@@ -250,16 +250,4 @@ contains
       bins = n_bins
       width = bin_width
    end subroutine histogram_bins
-
-   subroutine give_error(error, code, message)
-      type(error_t), allocatable, intent(in) :: error
-      integer(c_int), intent(out) :: code
-      character(len=512), intent(out) :: message
-
-      code = 0
-      message = ""
-      if (.not. allocated(error)) return
-      code = error%code
-      message = error%message
-   end subroutine give_error
 end module rockfall_f2py

@@ -6,7 +6,7 @@ module rockfall_results
    use rockfall_kinds, only: wp, sp, i4, i8
    use rockfall_error, only: error_t, fail
    use rockfall_decimal, only: real_text
-   use rockfall_textfile, only: lower, integer_text
+   use rockfall_textfile, only: lower, integer_text, joined
    use rockfall_wholefile, only: whole_file_t, create_file, put, complete_file, discard_file
    use rockfall_wholefolder, only: folder_t, create_folder, new_file, complete_folder, &
                                    discard_folder, list_name
@@ -18,7 +18,7 @@ module rockfall_results
    use rockfall_case, only: case_t, map_names, n_maps
    use rockfall_paths, only: version
    use rockfall_load, only: inputs_t
-   use rockfall_simulate, only: results_t, real_map_row, bin_edge, rebound_counts, number
+   use rockfall_simulate, only: results_t, real_map_row, bin_edge, rebound_counts
    implicit none
    private
    public :: write_folder
@@ -85,11 +85,11 @@ contains
       integer :: counts(size(boulder_counts))
 
       call open_table(folder, "boulders.csv", &
-                      "boulder,"//joined(boulder_fields)//","//joined(boulder_counts(:2)), table)
+                      "boulder,"//joined(boulder_fields, ",")//","//joined(boulder_counts(:2), ","), table)
       do b = 1, results%boulders
          if (allocated(table%error)) exit
          counts = boulder_count_row(results%fate(b))
-         call add(table, number(b)//","//numbers(boulder_row(inputs%scene%dem, results%fate(b))) &
+         call add(table, integer_text(b)//","//numbers(boulder_row(inputs%scene%dem, results%fate(b))) &
                   //","//trim(statuses(counts(1)))//","//integer_text(counts(2)))
       end do
       call close_table(table, error)
@@ -106,11 +106,11 @@ contains
       type(table_t) :: table
       integer(i8) :: b
 
-      call open_table(folder, "line_"//name//".csv", "boulder,"//joined(line_fields), table)
+      call open_table(folder, "line_"//name//".csv", "boulder,"//joined(line_fields, ","), table)
       do b = 1, results%boulders
          if (allocated(table%error)) exit
          if (.not. results%crossing(k, b)%crossed) cycle
-         call add(table, number(b)//"," &
+         call add(table, integer_text(b)//"," &
                   //numbers(line_row(inputs%scene%dem, results%fate(b), results%crossing(k, b))))
       end do
       call close_table(table, error)
@@ -127,7 +127,7 @@ contains
       do q = 1, size(histogram_fields)
          do k = 1, n_bins(q)
             call add(table, trim(histogram_fields(q))//","//real_text(bin_edge(q, k - 1))//"," &
-                     //real_text(bin_edge(q, k))//","//number(results%histogram(k, q)))
+                     //real_text(bin_edge(q, k))//","//integer_text(results%histogram(k, q)))
          end do
       end do
       call close_table(table, error)
@@ -141,7 +141,7 @@ contains
       type(table_t) :: table
       integer :: b, k
 
-      call open_table(folder, "trajectories.csv", "boulder,"//joined(vertex_fields), table)
+      call open_table(folder, "trajectories.csv", "boulder,"//joined(vertex_fields, ","), table)
       do b = 1, size(results%path)
          do k = 1, size(results%path(b)%vertex)
             call add(table, integer_text(b)//"," &
@@ -177,10 +177,10 @@ contains
       call open_table(folder, list_name, "rockfall,"//version, table)
       call add(table, "title,"//quoted(case%title))
       call add(table, "case,"//quoted(case%file))
-      call add(table, "seed,"//number(case%seed))
-      call add(table, "boulders,"//number(results%boulders))
+      call add(table, "seed,"//integer_text(case%seed))
+      call add(table, "boulders,"//integer_text(results%boulders))
       do k = 3, size(counts)
-         call add(table, trim(boulder_counts(k))//","//number(counts(k)))
+         call add(table, trim(boulder_counts(k))//","//integer_text(counts(k)))
       end do
       call add(table, "impact_set,"//quoted(case%sets))
       do k = 1, size(inputs%files)
@@ -315,18 +315,6 @@ contains
       if (.not. allocated(table%error)) call complete_file(table%file, table%error)
       call move_alloc(table%error, error)
    end subroutine close_table
-
-   !> Names with commas between.
-   pure function joined(names) result(text)
-      character(len=*), intent(in) :: names(:)
-      character(len=:), allocatable :: text
-      integer :: k
-
-      text = trim(names(1))
-      do k = 2, size(names)
-         text = text//","//trim(names(k))
-      end do
-   end function joined
 
    !> Numbers with commas between.
    pure function numbers(values) result(text)

@@ -4,6 +4,7 @@ module rockfall_simulate
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use rockfall_kinds, only: wp, sp, i4, i8
    use rockfall_error, only: error_t, fail
+   use rockfall_textfile, only: integer_text
    use rockfall_trajectory, only: fate_t, crossing_t, contact_t, scratch_t
    use rockfall_map, only: maps_t, follows_cells
    use rockfall_histogram, only: bins, quantities, bin_width
@@ -15,8 +16,7 @@ module rockfall_simulate
    use rockfall_load, only: inputs_t
    implicit none
    private
-   public :: results_t, simulate, asks_for, real_map_row, bin_edge, rebound_counts, &
-             number
+   public :: results_t, simulate, asks_for, real_map_row, bin_edge, rebound_counts
 
    integer(i8), parameter :: chunk = 2_i8**20  !! boulders in one call
 
@@ -100,7 +100,7 @@ contains
             allocate (results%jump_height_max(nx, ny), source=0.0_sp, stat=status(7))
       end associate
       if (status(1) /= 0) then
-         call fail(error, case%file//": "//number(n)//" boulders do not fit in memory")
+         call fail(error, case%file//": "//integer_text(n)//" boulders do not fit in memory")
       else if (any(status /= 0)) then
          call fail(error, case%file//": &output maps do not fit in memory")
       end if
@@ -146,7 +146,7 @@ contains
          if (status == 0) results%path(k)%vertex = scratch%record(:scratch%recorded)
       end do
       if (status /= 0) then
-         call fail(error, case%file//": &output trajectories = "//number(int(n, i8)) &
+         call fail(error, case%file//": &output trajectories = "//integer_text(n) &
                    //": do not fit in memory")
       end if
    end subroutine trace
@@ -196,14 +196,4 @@ contains
          total = total + boulder_count_row(results%fate(b))
       end do
    end function rebound_counts
-
-   !> A large integer without blanks.
-   pure function number(n) result(text)
-      integer(i8), intent(in) :: n
-      character(len=:), allocatable :: text
-      character(len=20) :: buffer
-
-      write (buffer, "(i0)") n
-      text = trim(buffer)
-   end function number
 end module rockfall_simulate

@@ -6,9 +6,14 @@ module rockfall_textfile
    use rockfall_error, only: error_t, fail
    implicit none
    private
-   public :: read_text, check_text, after_mark, lower, integer_text, excerpt
+   public :: read_text, check_text, after_mark, lower, integer_text, joined, excerpt
 
    integer(i8), parameter :: largest = 64*1024_i8**2  !! [bytes]
+
+   !> An integer without blanks.
+   interface integer_text
+      module procedure short_text, long_text
+   end interface integer_text
 
 contains
 
@@ -140,15 +145,33 @@ contains
       end do
    end function lower
 
-   !> An integer without blanks, for messages.
-   pure function integer_text(number)
+   pure function short_text(number) result(text)
       integer, intent(in) :: number
-      character(len=:), allocatable :: integer_text
-      character(len=12) :: buffer
+      character(len=:), allocatable :: text
+
+      text = long_text(int(number, i8))
+   end function short_text
+
+   pure function long_text(number) result(text)
+      integer(i8), intent(in) :: number
+      character(len=:), allocatable :: text
+      character(len=20) :: buffer
 
       write (buffer, "(i0)") number
-      integer_text = trim(buffer)
-   end function integer_text
+      text = trim(buffer)
+   end function long_text
+
+   !> Names without trailing blanks, one after another.
+   pure function joined(names, between) result(text)
+      character(len=*), intent(in) :: names(:), between
+      character(len=:), allocatable :: text
+      integer :: k
+
+      text = trim(names(1))
+      do k = 2, size(names)
+         text = text//between//trim(names(k))
+      end do
+   end function joined
 
    !> Text fit for a message of one line: no line ends or tabs, and short. A cut is marked, and
    !> splits no UTF-8 character.

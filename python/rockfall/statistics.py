@@ -67,8 +67,8 @@ def _values(result: xr.Dataset, quantity: str, line: int) -> np.ndarray:
 
 def sources(result: xr.Dataset) -> np.ndarray:
     """Number of the source of each boulder, from 0; boulders of a source start at one place."""
-    start = np.stack([result["start_x"].values, result["start_y"].values], axis=1)
-    return np.unique(start, axis=0, return_inverse=True)[1].ravel()
+    start = result["start_x"].values + 1j * result["start_y"].values
+    return np.unique(start, return_inverse=True)[1]
 
 
 def line_numbers(
@@ -87,10 +87,12 @@ def line_numbers(
         return row
     v, cluster = values[crossed], source[crossed]
     row |= {"mean": v.mean(), "max": v.max()}
-    for share, value in zip(QUANTILES, np.quantile(v, QUANTILES), strict=True):
+    ordered = np.sort(v)
+    for share, value in zip(QUANTILES, np.quantile(ordered, QUANTILES), strict=True):
         name = _quantile_name(share)
+        effective = _effective((v <= value).astype(float), cluster)
         row[name] = value
-        row[f"{name}_low"], row[f"{name}_high"] = _between_ranks(v, share, cluster)
+        row[f"{name}_low"], row[f"{name}_high"] = _between_ranks(ordered, share, effective)
     if n > 1:
         row["std"] = v.std(ddof=1)
         error = _error_of_mean(v, cluster)
@@ -125,14 +127,17 @@ def _wilson(share: float, n: float) -> tuple[float, float]:
     return max(0.0, middle - half), min(1.0, middle + half)
 
 
-def _between_ranks(v: np.ndarray, share: float, cluster: np.ndarray) -> tuple[float, float]:
+def _between_ranks(ordered: np.ndarray, share: float, effective: float) -> tuple[float, float]:
     """The order statistics that enclose a quantile, interpolated between ranks, without which a
     small sample's intervals would hold too much; NaN where the sample ends before them."""
-    effective = _effective((v <= np.quantile(v, share)).astype(float), cluster)
     half = Z * np.sqrt(share * (1 - share) / effective)
-    ordered, ranks = np.sort(v), np.arange(1, v.size + 1)
+    n = ordered.size
     low, high = np.interp(
-        v.size * np.array([share - half, share + half]) + 0.5, ranks, ordered, np.nan, np.nan
+        n * np.array([share - half, share + half]) + 0.5,
+        np.arange(1, n + 1),
+        ordered,
+        np.nan,
+        np.nan,
     )
     return low, high
 

@@ -23,10 +23,11 @@ def remake(
     cases = {Path(path): case_in(path) for path in paths}
     known: list[tuple[LabCase, object]] = []
     for path, case in cases.items():
-        data = next((data for done, data in known if done == plain(case)), None)
+        bare = plain(case)
+        data = next((data for done, data in known if done == bare), None)
         if data is None:
-            data = run_impacts(plain(case), progress=progress, threads=threads)
-            known.append((plain(case), data))
+            data = run_impacts(bare, progress=progress, threads=threads)
+            known.append((bare, data))
         data = with_case(data, case)
         with tempfile.TemporaryDirectory() as folder:
             again = Path(folder) / path.name
