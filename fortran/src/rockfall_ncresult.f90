@@ -154,6 +154,7 @@ contains
                 "rockfall "//version//", stochastic impact model of Bourrier et al. (2009)")
       call note(file, nf90_global, "version", version)
       call note(file, nf90_global, "case", text)
+      call note(file, nf90_global, "case_file", case%file)
       call note(file, nf90_global, "impact_set", case%sets)
       call note(file, nf90_global, "input_checksums", "{"//checksums(3:)//"}")
       call keep(file, nf90_put_att(file%id, nf90_global, "seed", case%seed))

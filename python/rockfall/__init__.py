@@ -5,7 +5,7 @@ from importlib.metadata import PackageNotFoundError, version
 
 from rockfall.case import Case, read_case
 from rockfall.errors import RockfallError
-from rockfall.result import write_result
+from rockfall.result import read_result, write_result
 from rockfall.simulate import Interrupted, run
 from rockfall.statistics import line_statistics
 
@@ -20,6 +20,7 @@ __all__ = [
     "RockfallError",
     "line_statistics",
     "read_case",
+    "read_result",
     "run",
     "write_result",
 ]

@@ -18,6 +18,7 @@ from rockfall.dataarrays import grid_of
 from rockfall.errors import RockfallError
 from rockfall.files import whole_file
 from rockfall.rasters import write_geotiff
+from rockfall.result import open_result
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -37,7 +38,7 @@ def export(result: xr.Dataset | str | Path, folder: str | Path) -> list[Path]:
     trajectories, as far as the result has them; boulders.csv; line_<name>.csv for each line.
     """
     folder = Path(folder)
-    with _opened(result) if isinstance(result, str | Path) else nullcontext(result) as data:
+    with open_result(result) if isinstance(result, str | Path) else nullcontext(result) as data:
         data = data.set_coords({"crs"} & set(data.data_vars))
         layers = _layers(data)
         try:
@@ -56,18 +57,6 @@ def _export(data: xr.Dataset, layers: _Layers, folder: Path) -> Iterator[Path]:
         yield from _write_lines(folder, data)
     if layers:
         yield _write_geopackage(folder / "rockfall.gpkg", layers, _crs_wkt(data))
-
-
-def _opened(path: str | Path) -> xr.Dataset:
-    """Open a result as it is stored: counts stay integers, seconds stay numbers."""
-    import xarray as xr
-
-    try:
-        return xr.open_dataset(path, mask_and_scale=False, decode_times=False, engine="netcdf4")
-    except FileNotFoundError:
-        raise RockfallError(f"{path}: no such file") from None
-    except (OSError, ValueError) as error:
-        raise RockfallError(f"{path}: is not a netCDF result: {error}") from error
 
 
 def _write_map(path: Path, data: xr.DataArray) -> Path:

@@ -170,6 +170,7 @@ def _attributes(tally: Tally) -> dict[str, Any]:
         "source": f"rockfall {__version__}, stochastic impact model of Bourrier et al. (2009)",
         "version": __version__,
         "case": scene.case.text(),
+        "case_file": scene.case.name,
         "seed": scene.case.case["seed"],
         "boulder_first": 1,
         "boulder_last": tally.done,
@@ -182,6 +183,28 @@ def _attributes(tally: Tally) -> dict[str, Any]:
         "wall_seconds": tally.wall,
         "cpu_seconds": tally.cpu,
     }
+
+
+def open_result(path: str | Path) -> xr.Dataset:
+    """Open a netCDF result as it is stored: counts stay integers, seconds stay numbers."""
+    import xarray as xr
+
+    try:
+        return xr.open_dataset(path, mask_and_scale=False, decode_times=False, engine="netcdf4")
+    except FileNotFoundError:
+        raise RockfallError(f"{path}: no such file") from None
+    except (OSError, ValueError) as error:
+        raise RockfallError(f"{path}: is not a netCDF result: {error}") from error
+
+def read_result(path: str | Path) -> xr.Dataset:
+    """The result of a run from its netCDF file, in memory, as `rockfall.run` returned it."""
+    with open_result(path) as data:
+        if "case" not in data.attrs or "boulder" not in data.dims:
+            raise RockfallError(f"{path}: is not a result of rockfall")
+        result = data.load()
+    if "line" in result:  # names that the standalone program wrote are bytes
+        result["line"] = result["line"].astype(str).astype(object)
+    return result
 
 
 def check_writable(path: str | Path) -> None:
