@@ -16,19 +16,22 @@ from pathlib import Path
 from machine import machine
 
 import rockfall
+from rockfall import variables
 from rockfall.scene import read_scene
 from rockfall.simulate import run_scene
 
 HERE = Path(__file__).parent
 MAPS = ["passages", "reach_probability", "deposits", "energy_max", "energy_mean"]
 MAPS += ["speed_max_map", "jump_height_max_map"]
+EVERY_MAP = list(variables.MAP)
 NOTHING = {"maps": None, "rebounds": False, "trajectories": 0}
 OPTIONS = {
     "nothing asked for": {"line": [], "output": NOTHING},
     "two evaluation lines": {"output": NOTHING},
     "lines, histograms": {"output": NOTHING | {"rebounds": True}},
     "lines, passages": {"output": NOTHING | {"maps": ["passages"]}},
-    "lines, all maps": {"output": NOTHING | {"maps": MAPS}},
+    "lines, seven maps": {"output": NOTHING | {"maps": MAPS}},
+    "lines, every map": {"output": NOTHING | {"maps": EVERY_MAP}},
     "method A": {"line": [], "output": NOTHING, "surface": {"method": "A"}},
 }
 

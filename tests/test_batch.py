@@ -16,7 +16,6 @@ import xarray as xr
 
 import rockfall
 from rockfall import variables
-from rockfall.case import key_table
 from rockfall.errors import RockfallError
 from rockfall.grid import NO_ID, Grid
 from rockfall.rasters import write_ascii
@@ -603,8 +602,3 @@ def test_help_and_version(batch, tmp_path):
     assert done.returncode == 0 and "CASE [key=value ...]" in done.stdout
     done = batch("--version", cwd=tmp_path)
     assert done.returncode == 0 and done.stdout.startswith("rockfall-batch ")
-
-
-def test_tables_of_maps_agree():
-    (maps,) = (key for key in key_table() if key.name == "maps")
-    assert maps.allowed.split(", ") == MAPS

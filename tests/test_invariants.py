@@ -8,14 +8,13 @@ import pytest
 
 import rockfall
 import scenes
-from rockfall import simulate
+from rockfall import simulate, variables
 from rockfall.scene import read_scene
 
 CELL, SHAPE = 5.0, (80, 60)
 WIDTH, HEIGHT = SHAPE[1] * CELL, SHAPE[0] * CELL
 START = (152.25, 385.125)  # eighths: sums with large offsets are exact
-MAPS = ["passages", "reach_probability", "deposits", "energy_max", "energy_mean",
-        "speed_max_map", "jump_height_max_map"]  # fmt: skip
+MAPS = list(variables.MAP)
 LINES = [
     {"name": "low", "x": [5.0, 295.0], "y": [200.0, 200.0]},
     {"name": "bent", "x": [5.0, 150.0, 295.0], "y": [300.0, 310.0, 290.0]},
@@ -182,16 +181,68 @@ def test_totals_of_maps(crowd):
     assert deposits.sum() == (crowd.status.values <= 2).sum()
     assert (passages >= deposits).all()
     assert passages.max() == n and passages.sum() > 10 * n
-    assert np.array_equal(crowd.reach_probability, (passages / np.float32(n)).astype("f4"))
+    assert np.array_equal(crowd.reach_probability, (passages / n).astype("f4"))
     seen = passages > 0
-    for name in ("energy_max", "energy_mean", "speed_max_map", "jump_height_max_map"):
+    for name in ("energy_max", "speed_max_map", "jump_height_max_map"):
         assert (crowd[name].values[seen] >= 0).all(), name
         assert np.isnan(crowd[name].values[~seen]).all(), name
-    mean, most = crowd.energy_mean.values[seen], crowd.energy_max.values[seen]
-    assert (mean <= most * (1 + 1e-6) + 1).all()
     assert crowd.speed_max_map.max() == np.float32(crowd.speed_max.max())
     assert crowd.jump_height_max_map.max() == np.float32(crowd.jump_height_max.max())
     assert not seen[np.isnan(slope())].any()
+
+
+def test_limits_of_the_reach_probability_are_wilsons(crowd):
+    n, z = crowd.sizes["boulder"], 1.959964
+    low, p, high = (
+        crowd[f"reach_probability{of}"].values.astype("f8") for of in ("_low", "", "_high")
+    )
+    for limit in low, high:  # the roots of (p - limit)**2 = z**2 limit (1 - limit)/n
+        inside = (limit > 1e-9) & (limit < 1 - 1e-9)
+        assert inside.any()
+        p_in, root = p[inside], limit[inside]
+        assert (p_in - root) ** 2 * n / (root * (1 - root)) == pytest.approx(z**2, rel=2e-3)
+    assert ((low <= p) & (p <= high)).all()
+    never = crowd.passages.values == 0
+    assert (low[never] == 0).all() and (high[never] > 0).all()
+
+
+def test_means_and_quantiles_of_cells_are_those_of_their_boulders(folder):
+    """Each boulder alone gives its greatest values in each cell."""
+    case = make_case(folder, 400, scatter=1.0, output={"maps": MAPS})
+    z = slope()
+    scene = read_scene(case, dem=z, transform=scenes.grid(z, CELL), mean_radius=river())
+    arguments = scene.kernel_arguments()
+    alone = []
+    for number in range(1, 401):
+        tally = simulate.start(scene, 1)
+        simulate._call(tally, arguments, number, 1)
+        passed = tally.maps.counts[0] > 0
+        alone.append(np.where(passed, tally.maps.maxima.astype("f8"), np.nan))
+    alone = np.array(alone)  # (boulders, quantities, y, x)
+    result = simulate.run_scene(scene)
+    count = (~np.isnan(alone[:, 0])).sum(axis=0)
+    assert np.array_equal(count, result.passages)
+    for k, quantity in enumerate(("energy", "speed", "jump_height")):
+        mean = result[f"{quantity}_mean"]
+        shown = count >= 10
+        assert np.array_equal(shown, ~np.isnan(mean)) and mean.attrs["least_passages"] == 10
+        expected = np.nanmean(alone[:, k][:, shown], axis=0)
+        assert mean.values[shown] == pytest.approx(expected, rel=1e-5, abs=1e-3)
+        for percent, least in ((50, 10), (90, 36), (95, 72), (98, 183), (99, 368)):
+            about = result[f"{quantity}_q{percent}"]
+            shown = count >= least
+            assert about.attrs["least_passages"] == least
+            assert np.array_equal(shown, ~np.isnan(about)) and shown.any()
+            values = alone[:, k][:, shown]
+            below, above = (
+                np.nanquantile(values, percent / 100, axis=0, method=method)
+                for method in ("inverted_cdf", "higher")
+            )
+            lowest = {"energy": 64, "speed": 0.25, "jump_height": 0.0625}[quantity]
+            assert (about.values[shown] >= 0.8 * below - lowest).all()
+            assert (about.values[shown] <= 1.25 * above + lowest).all()
+            typical = np.abs(about.values[shown] / np.maximum(below, lowest) - 1)
+            assert np.median(typical) < 0.1
 
 
 def test_deposits_lie_where_boulders_stopped(crowd):

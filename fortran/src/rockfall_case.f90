@@ -4,9 +4,10 @@
 module rockfall_case
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail
-   use rockfall_textfile, only: integer_text
+   use rockfall_textfile, only: integer_text, joined
    use rockfall_namelist, only: namelist_t, group_t, entry_t, parse_namelist
    use rockfall_values, only: has_key, value_count, get_text, get_integer, get_real, get_logical, refuse
+   use rockfall_variables, only: map_fields
    use rockfall_boulder, only: boulder_law_t, fixed_volume, normal_volume, uniform_volume, lognormal_volume, &
                                list_volume
    use rockfall_surface, only: method_a, method_b
@@ -30,13 +31,10 @@ module rockfall_case
       character(len=100) :: meaning
    end type key_t
 
-   integer, parameter :: n_maps = 7
-   character(len=19), parameter :: map_names(n_maps) = [character(len=19) :: "passages", "reach_probability", &
-      "deposits", "energy_max", "energy_mean", "speed_max_map", "jump_height_max_map"]
-   character(len=*), parameter :: map_words = &
-      "passages, reach_probability, deposits, energy_max, energy_mean, speed_max_map, jump_height_max_map"
+   character(len=*), parameter :: map_names(*) = map_fields
+   integer, parameter :: n_maps = size(map_names)
 
-   integer, parameter :: n_keys = 40
+   integer, parameter :: n_keys = 41
    type(key_t), parameter :: key_table(n_keys) = [ &
       key_t("case", "title", "text", 1, "''", "", "", "what the result is called"), &
       key_t("case", "seed", "integer", 1, "1", ">= 0", "", "of the random numbers"), &
@@ -75,7 +73,9 @@ module rockfall_case
       key_t("line", "name", "text", 1, "required", "", "", "of an evaluation line"), &
       key_t("line", "x", "real", many, "required", "", "m", "vertices, two or more"), &
       key_t("line", "y", "real", many, "required", "", "m", "vertices, two or more"), &
-      key_t("output", "maps", "text", n_maps, "absent", map_words, "", "rasters of results"), &
+      key_t("output", "maps", "text", n_maps, "absent", "as in result.md", "", "rasters of results"), &
+      key_t("output", "least_passages", "integer", 1, "10", ">= 1", "", &
+            "cells with fewer show no mean and no quantile"), &
       key_t("output", "rebounds", "logical", 1, ".false.", "", "", "histograms over all rebounds"), &
       key_t("output", "trajectories", "integer", 1, "0", ">= 0", "", "record the first n boulders")]
 
@@ -100,6 +100,7 @@ module rockfall_case
       real(wp), allocatable :: x(:), y(:)        !! release points, map coordinates [m]
       type(case_line_t), allocatable :: lines(:)
       logical :: map(n_maps) = .false.           !! which of map_names
+      integer :: least_passages = 10             !! for a mean or a quantile in a cell
       logical :: rebounds = .false.
       integer :: trajectories = 0
    end type case_t
@@ -311,17 +312,19 @@ contains
       type(key_t), intent(in) :: key
       type(error_t), allocatable, intent(out) :: error
       character(len=text_length), allocatable :: values(:)
+      character(len=:), allocatable :: words
       integer :: k
 
+      words = trim(key%allowed)
+      if (key%name == "maps") words = joined(map_names, ", ")
       allocate (values(0))
       call get_text(group, trim(key%name), values, error)
       if (allocated(error)) return
       do k = 1, size(values)
          if (len_trim(values(k)) == 0 .and. key%name /= "title") then
             call refuse(group, trim(key%name), "must not be empty", error, k)
-         else if (key%allowed /= "" .and. &
-                  index(", "//trim(key%allowed)//",", ", "//trim(values(k))//",") == 0) then
-            call refuse(group, trim(key%name), "must be one of: "//trim(key%allowed), error, k)
+         else if (words /= "" .and. index(", "//words//",", ", "//trim(values(k))//",") == 0) then
+            call refuse(group, trim(key%name), "must be one of: "//words, error, k)
          end if
          if (allocated(error)) return
       end do
@@ -600,12 +603,13 @@ contains
       type(group_t), intent(in) :: group
       type(case_t), intent(inout) :: case
       type(error_t), allocatable, intent(out) :: error
-      character(len=20), allocatable :: maps(:)
+      character(len=len(map_names)), allocatable :: maps(:)
       integer :: k
 
       allocate (maps(0))
       call get_text(group, "maps", maps, error)
       if (.not. allocated(error)) call get_logical(group, "rebounds", case%rebounds, error)
+      case%least_passages = int(integer_of(group, "least_passages"))
       case%trajectories = int(integer_of(group, "trajectories"))
       case%map = [(any(maps == map_names(k)), k=1, n_maps)]
    end subroutine read_output

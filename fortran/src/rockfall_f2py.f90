@@ -9,16 +9,18 @@ module rockfall_f2py
    use rockfall_trajectory, only: scene_t, fate_t, crossing_t, scratch_t
    use rockfall_scene, only: set_sources, check_sources, add_line, set_impacts
    use rockfall_map, only: maps_t, follows_cells
+   use rockfall_mapvalues, only: map_plan_t, plan_maps => map_plan, map_views, map_row, map_fewest
    use rockfall_threads, only: team_size
    use rockfall_ensemble, only: run_boulders, trace_boulder
    use rockfall_result, only: boulder_row, boulder_count_row, line_row, vertex_row
-   use rockfall_variables, only: variable_text, boulder_fields, boulder_counts, line_fields, vertex_fields
+   use rockfall_variables, only: variable_text, boulder_fields, boulder_counts, line_fields, &
+                                 vertex_fields, map_fields
    use rockfall_histogram, only: bin_width, n_bins
    use rockfall_case, only: case_t, read_case, key_text, n_keys
    use rockfall_sets, only: read_impact_sets => read_sets
    implicit none
    private
-   public :: run, check_case, case_key, variable, read_sets, fields, histogram_bins, team
+   public :: run, map_plan, map_values, check_case, case_key, variable, read_sets, fields, histogram_bins, team
 
 contains
 
@@ -28,13 +30,13 @@ contains
                   set_mean, set_covariance, gravity, stop_speed, impact_limit, &
                   law, law_values, volumes, density, source_x, source_y, per_source, drop_height, velocity, &
                   lines, line_end, line_x, line_y, seed, first, threads, &
-                  map_slot, map_counts, map_sums, map_reals, histograms, histogram, &
+                  plan, map_counts, map_sums, map_reals, class_counts, column, columns, histograms, histogram, &
                   boulder, counts, crossing, vertex, recorded, code, message, &
                   nx8, ny8, nx4, ny4, nxz, nyz, nxv, nyv, nkv, ks, ms, nv, ns, nl, nlv, &
-                  nxc, nyc, nkc, nxs, nys, nxr, nyr, nkr, n, room)
+                  nxc, nyc, nkc, nxs, nys, nks, nxr, nyr, nkr, kc, cc, nxq, nyq, n, room)
       !f2py threadsafe
       integer(c_int), intent(in) :: nx8, ny8, nx4, ny4, nxz, nyz, nxv, nyv, nkv, ks, ms, nv, ns, nl, nlv, &
-                                    nxc, nyc, nkc, nxs, nys, nxr, nyr, nkr, n, room
+                                    nxc, nyc, nkc, nxs, nys, nks, nxr, nyr, nkr, kc, cc, nxq, nyq, n, room
       real(c_double), intent(in), target :: z8(nx8, ny8)         !! elevations [m], or
       real(c_float), intent(in), target :: z4(nx4, ny4)          !! in single precision
       real(c_double), intent(in) :: west, north, cell            !! outer edges, cell size [m]
@@ -57,10 +59,11 @@ contains
       real(c_double), intent(in) :: line_x(nlv), line_y(nlv)     !! map coordinates [m]
       integer(c_int64_t), intent(in) :: seed, first
       integer(c_int), intent(in) :: threads
-      integer(c_int), intent(in) :: map_slot(6)                  !! where each map is; 0 = not wanted
-      integer(c_int32_t), intent(inout), target :: map_counts(nxc, nyc, nkc)  !! passages, deposits
-      integer(c_int64_t), intent(inout), target :: map_sums(nxs, nys)         !! energy [J]
-      real(c_float), intent(inout), target :: map_reals(nxr, nyr, nkr)        !! greatest energy, speed, jump
+      integer(c_int), intent(in) :: plan(12)                     !! of `map_plan`
+      integer(c_int32_t), intent(inout), target :: map_counts(nxc, nyc, nkc)  !! stacks, as in map_views
+      integer(c_int64_t), intent(inout), target :: map_sums(nxs, nys, nks)
+      real(c_float), intent(inout), target :: map_reals(nxr, nyr, nkr)
+      integer(c_int32_t), intent(inout), target :: class_counts(kc, cc), column(nxq, nyq), columns(1)
       integer(c_int), intent(in) :: histograms                   !! 0: none
       integer(c_int64_t), intent(inout) :: histogram(50, 6)
       real(c_double), intent(out) :: boulder(12, n)              !! boulder_fields
@@ -69,7 +72,7 @@ contains
       real(c_double), intent(out) :: vertex(14, room)            !! vertex_fields
       integer(c_int), intent(out) :: recorded
       integer(c_int), intent(out) :: code                        !! 0 = success
-      character(len=512), intent(out) :: message
+      character(len=1024), intent(out) :: message
       type(scene_t) :: scene
       type(maps_t) :: maps
       type(error_t), allocatable :: error
@@ -91,7 +94,8 @@ contains
       call set_surface()
       call set_boulders()
       call set_lines()
-      call set_maps()
+      maps = map_views(as_plan(plan), map_counts, map_sums, map_reals, class_counts, column, columns(1))
+      scene%wants_cells = follows_cells(maps)
       scene%wants_histograms = histograms /= 0
       call set_impacts(scene, set_mean, set_covariance, error)
       if (.not. allocated(error)) call check_sources(scene, error)
@@ -137,16 +141,6 @@ contains
          end do
       end subroutine set_lines
 
-      subroutine set_maps()
-         if (map_slot(1) > 0) maps%passages => map_counts(:, :, map_slot(1))
-         if (map_slot(2) > 0) maps%deposits => map_counts(:, :, map_slot(2))
-         if (map_slot(3) > 0) maps%energy_sum => map_sums
-         if (map_slot(4) > 0) maps%energy_max => map_reals(:, :, map_slot(4))
-         if (map_slot(5) > 0) maps%speed_max => map_reals(:, :, map_slot(5))
-         if (map_slot(6) > 0) maps%jump_height_max => map_reals(:, :, map_slot(6))
-         scene%wants_cells = follows_cells(maps)
-      end subroutine set_maps
-
       subroutine follow_all()
          type(fate_t), allocatable :: fates(:)
          type(crossing_t), allocatable :: crossings(:, :)
@@ -178,11 +172,54 @@ contains
       end subroutine trace
    end subroutine run
 
+   !> The tallies that maps need: the places of passages and deposits, of the sums, maxima and first rows of
+   !> classes of energy, speed and jump height, and the rows of classes; 0 = not wanted.
+   subroutine map_plan(names, plan)
+      character(len=*), intent(in) :: names  !! of maps, separated by blanks
+      integer(c_int), intent(out) :: plan(12)
+      type(map_plan_t) :: this
+      integer :: k
+
+      this = plan_maps(pack(map_fields, [(index(" "//names//" ", " "//trim(map_fields(k))//" ") > 0, &
+                                          k=1, size(map_fields))]))
+      plan = [this%count, this%sum, this%greatest, this%classes, this%rows]
+   end subroutine map_plan
+
+   pure type(map_plan_t) function as_plan(plan)
+      integer(c_int), intent(in) :: plan(12)
+
+      as_plan = map_plan_t(plan(1:2), plan(3:5), plan(6:8), plan(9:11), plan(12))
+   end function as_plan
+
+   !> A map of reals, of the tallies of `run`; `fewest`: passages for which a cell has a number.
+   subroutine map_values(name, boulders, least, plan, map_counts, map_sums, map_reals, class_counts, column, columns, &
+                         values, fewest, nxc, nyc, nkc, nxs, nys, nks, nxr, nyr, nkr, kc, cc, nxq, nyq, nx, ny)
+      !f2py threadsafe
+      integer(c_int), intent(in) :: nxc, nyc, nkc, nxs, nys, nks, nxr, nyr, nkr, kc, cc, nxq, nyq, nx, ny
+      character(len=*), intent(in) :: name
+      integer(c_int64_t), intent(in) :: boulders
+      integer(c_int), intent(in) :: least, plan(12)
+      integer(c_int32_t), intent(in), target :: map_counts(nxc, nyc, nkc), class_counts(kc, cc), column(nxq, nyq), &
+                                                columns(1)
+      integer(c_int64_t), intent(in), target :: map_sums(nxs, nys, nks)
+      real(c_float), intent(in), target :: map_reals(nxr, nyr, nkr)
+      real(c_float), intent(inout) :: values(nx, ny)
+      integer(c_int), intent(out) :: fewest
+      type(maps_t) :: maps
+      integer :: j
+
+      maps = map_views(as_plan(plan), map_counts, map_sums, map_reals, class_counts, column, columns(1))
+      fewest = map_fewest(name, least)
+      do j = 1, ny
+         call map_row(maps, name, j, boulders, least, values(:, j))
+      end do
+   end subroutine map_values
+
    !> Check the text of a case: code 0, or one line that says what is wrong.
    subroutine check_case(text, name, code, message)
       character(len=*), intent(in) :: text, name
       integer(c_int), intent(out) :: code
-      character(len=512), intent(out) :: message
+      character(len=1024), intent(out) :: message
       type(case_t) :: case
       type(error_t), allocatable :: error
 
@@ -212,7 +249,7 @@ contains
       character(len=*), intent(in) :: text, name
       real(c_double), intent(out) :: mean(9, 5), covariance(9, 9, 5)
       integer(c_int), intent(out) :: code
-      character(len=512), intent(out) :: message
+      character(len=1024), intent(out) :: message
       type(error_t), allocatable :: error
 
       call read_impact_sets(text, name, mean, covariance, error)

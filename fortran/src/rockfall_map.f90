@@ -1,22 +1,35 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Maps: what boulders did in each raster cell, as counts, sums of whole joules, and maxima, so that no
-!> order of boulders changes a bit. A boulder counts once a cell: it gathers its own visits first.
+!> Maps: what boulders did in each raster cell, as counts, sums of integers, and maxima, so that no order
+!> of boulders changes a bit. A boulder counts once a cell: it gathers its own visits first.
 module rockfall_map
    use rockfall_kinds, only: wp, sp, i4, i8
    use rockfall_terrain, only: terrain_t
    use rockfall_flight, only: span_t, never
+   use rockfall_classes, only: energy, speed, jump_height, class_of
    implicit none
    private
-   public :: maps_t, visits_t, follows_cells, start_visits, visit_spans, visit_cell, add_visits, add_deposit
+   public :: maps_t, layer_t, per_unit, visits_t, follows_cells, start_visits, visit_spans, visit_cell, add_visits, add_deposit
+
+   real(wp), parameter :: per_unit(3) = [1.0_wp, 1000.0_wp, 1000.0_wp]  !! sums are of whole J, mm/s, mm
+
+   !> What is kept of one quantity: energy (translational and rotational) [J], speed [m/s] or jump height
+   !> [m], of each boulder the greatest in the cell.
+   type :: layer_t
+      integer(i8), pointer, contiguous :: sum(:, :) => null()  !! [J], [mm/s], [mm]
+      real(sp), pointer, contiguous :: greatest(:, :) => null()
+      integer :: classes = -1  !! its counts stand after this row of `class_counts`; -1: not counted
+   end type layer_t
 
    !> The maps a run asks for; the others are not associated. All (nx, ny), row 1 the northernmost.
    type :: maps_t
       integer(i4), pointer, contiguous :: passages(:, :) => null()    !! boulders that passed
       integer(i4), pointer, contiguous :: deposits(:, :) => null()    !! boulders that ended there at rest
-      integer(i8), pointer, contiguous :: energy_sum(:, :) => null()  !! of each boulder's greatest energy [J]
-      real(sp), pointer, contiguous :: energy_max(:, :) => null()     !! translational and rotational [J]
-      real(sp), pointer, contiguous :: speed_max(:, :) => null()      !! [m/s]
-      real(sp), pointer, contiguous :: jump_height_max(:, :) => null()  !! [m]
+      type(layer_t) :: layer(3)
+      !> Counts of classes (classes, columns): a cell gets a column, and with it memory, when the first
+      !> boulder passes it. Which one depends on the order of boulders, what stands in it does not.
+      integer(i4), pointer, contiguous :: class_counts(:, :) => null()
+      integer(i4), pointer, contiguous :: column(:, :) => null()      !! of each cell; 0: none yet
+      integer(i4), pointer :: columns => null()                       !! given away
    end type maps_t
 
    !> One boulder's greatest values in one cell.
@@ -42,8 +55,7 @@ contains
    pure logical function follows_cells(maps)
       type(maps_t), intent(in) :: maps
 
-      follows_cells = associated(maps%passages) .or. associated(maps%energy_sum) .or. associated(maps%energy_max) &
-                      .or. associated(maps%speed_max) .or. associated(maps%jump_height_max)
+      follows_cells = associated(maps%passages) .or. wants_layers(maps)
    end function follows_cells
 
    !> Begin the visits of a boulder (numbers count from 1).
@@ -213,30 +225,100 @@ contains
       type(maps_t), intent(in) :: maps
       type(visits_t), intent(in) :: visits
       real(wp), intent(in) :: mass  !! of the boulder [kg]
-      real(wp) :: energy
-      integer :: k, i, r
+      logical :: wants_values
+      integer :: k
 
+      wants_values = wants_layers(maps)
       do k = 1, visits%n
          associate (slot => visits%slot(visits%used(k)))
-            i = slot%at(1)
-            r = slot%at(2)
-            energy = 0.5_wp*mass*slot%greatest(2)
             if (associated(maps%passages)) then
                !$omp atomic update
-               maps%passages(i, r) = maps%passages(i, r) + 1
+               maps%passages(slot%at(1), slot%at(2)) = maps%passages(slot%at(1), slot%at(2)) + 1
             end if
-            if (associated(maps%energy_sum)) then
-               !$omp atomic update
-               maps%energy_sum(i, r) = maps%energy_sum(i, r) + nint(energy, i8)
-            end if
-            if (associated(maps%energy_max)) call raise_cell(maps%energy_max(i, r), real(energy, sp))
-            if (associated(maps%speed_max)) call raise_cell(maps%speed_max(i, r), real(sqrt(slot%greatest(1)), sp))
-            if (associated(maps%jump_height_max)) then
-               call raise_cell(maps%jump_height_max(i, r), real(slot%greatest(3), sp))
-            end if
+            if (wants_values) call add_values(maps, slot%at(1), slot%at(2), values_of(slot, mass))
          end associate
       end do
    end subroutine add_visits
+
+   pure logical function wants_layers(maps)
+      type(maps_t), intent(in) :: maps
+      integer :: k
+
+      wants_layers = associated(maps%class_counts)
+      do k = 1, size(maps%layer)
+         wants_layers = wants_layers .or. associated(maps%layer(k)%sum) .or. associated(maps%layer(k)%greatest)
+      end do
+   end function wants_layers
+
+   pure function values_of(visit, mass) result(values)
+      type(visit_t), intent(in) :: visit
+      real(wp), intent(in) :: mass  !! [kg]
+      real(wp) :: values(3)         !! [J], [m/s], [m]
+
+      values(energy) = 0.5_wp*mass*visit%greatest(2)
+      values(speed) = sqrt(visit%greatest(1))
+      values(jump_height) = visit%greatest(3)
+   end function values_of
+
+   subroutine add_values(maps, i, r, values)
+      type(maps_t), intent(in) :: maps
+      integer, intent(in) :: i, r
+      real(wp), intent(in) :: values(3)  !! [J], [m/s], [m]
+      integer :: k
+
+      do k = 1, 3
+         call add_value(maps%layer(k), i, r, values(k), per_unit(k))
+      end do
+      if (associated(maps%class_counts)) call count_classes(maps, i, r, values)
+   end subroutine add_values
+
+   subroutine add_value(layer, i, r, value, units)
+      type(layer_t), intent(in) :: layer
+      integer, intent(in) :: i, r
+      real(wp), intent(in) :: value, units  !! units of `sum` in one of the value
+
+      if (associated(layer%sum)) then
+         !$omp atomic update
+         layer%sum(i, r) = layer%sum(i, r) + nint(units*value, i8)
+      end if
+      if (associated(layer%greatest)) call raise_cell(layer%greatest(i, r), real(value, sp))
+   end subroutine add_value
+
+   subroutine count_classes(maps, i, r, values)
+      type(maps_t), intent(in) :: maps
+      integer, intent(in) :: i, r
+      real(wp), intent(in) :: values(3)  !! [J], [m/s], [m]
+      integer(i4) :: column
+      integer :: k, row
+
+      !$omp atomic read seq_cst
+      column = maps%column(i, r)
+      if (column == 0) call give_column(maps, i, r, column)
+      do k = 1, 3
+         if (maps%layer(k)%classes < 0) cycle
+         row = maps%layer(k)%classes + class_of(k, values(k))
+         !$omp atomic update
+         maps%class_counts(row, column) = maps%class_counts(row, column) + 1
+      end do
+   end subroutine count_classes
+
+   !> A cell's column of counts, from now on. Memory that was never touched may hold anything.
+   subroutine give_column(maps, i, r, column)
+      type(maps_t), intent(in) :: maps
+      integer, intent(in) :: i, r
+      integer(i4), intent(out) :: column
+
+      !$omp critical (columns_of_cells)
+      column = maps%column(i, r)
+      if (column == 0) then
+         column = maps%columns + 1
+         maps%columns = column
+         maps%class_counts(:, column) = 0
+         !$omp atomic write seq_cst
+         maps%column(i, r) = column
+      end if
+      !$omp end critical (columns_of_cells)
+   end subroutine give_column
 
    !> Raise a shared maximum; most visits do not, and then only read it.
    subroutine raise_cell(greatest, value)

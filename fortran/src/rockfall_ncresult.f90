@@ -12,12 +12,14 @@ module rockfall_ncresult
    use rockfall_filesystem, only: is_folder, folder_of, temporary_name, remove_file, rename_path
    use rockfall_variables, only: variable_t, variable_table, boulder_fields, boulder_counts, &
                                  line_fields, vertex_fields, histogram_fields, statuses
+   use rockfall_map, only: maps_t
+   use rockfall_mapvalues, only: map_row, map_fewest, is_count
    use rockfall_histogram, only: n_bins
    use rockfall_result, only: boulder_row, boulder_count_row, line_row, vertex_row
    use rockfall_case, only: case_t, map_names, n_maps
    use rockfall_paths, only: version
    use rockfall_load, only: inputs_t
-   use rockfall_simulate, only: results_t, real_map_row, bin_edge, rebound_counts
+   use rockfall_simulate, only: results_t, map_tallies, bin_edge, rebound_counts
    implicit none
    private
    public :: check_netcdf, write_netcdf
@@ -250,7 +252,7 @@ contains
       type(names_t), intent(inout) :: names
       type(case_t), intent(in) :: case
       type(inputs_t), intent(in) :: inputs
-      integer :: x, y, k, kind
+      integer :: x, y, k, kind, fewest
 
       x = dimension(file, "x", int(inputs%grid%nx, i8))
       y = dimension(file, "y", int(inputs%grid%ny, i8))
@@ -262,6 +264,8 @@ contains
          names%map(k) = described(file, "map", map_names(k), "", kind, [x, y], &
                                   [inputs%grid%nx, map_rows(inputs)])
          call note(file, names%map(k), "grid_mapping", "crs")
+         fewest = map_fewest(map_names(k), case%least_passages)
+         if (fewest > 0) call keep(file, nf90_put_att(file%id, names%map(k), "least_passages", fewest))
       end do
    end subroutine define_maps
 
@@ -271,12 +275,6 @@ contains
 
       map_rows = max(1, min(inputs%grid%ny, block/inputs%grid%nx))
    end function map_rows
-
-   pure logical function is_count(map)
-      character(len=*), intent(in) :: map
-
-      is_count = map == "passages" .or. map == "deposits"
-   end function is_count
 
    integer function axis(file, name, dim, long_name) result(id)
       type(file_t), intent(inout) :: file
@@ -507,11 +505,13 @@ contains
       type(names_t), intent(in) :: names
       type(case_t), intent(in) :: case
       type(inputs_t), intent(in) :: inputs
-      type(results_t), intent(in) :: results
+      type(results_t), intent(in), target :: results
+      type(maps_t) :: maps
       integer :: k, i
 
       call keep(file, nf90_put_var(file%id, names%crs, 0))
       if (.not. any(case%map)) return
+      maps = map_tallies(results)
       associate (grid => inputs%grid)
          call keep(file, nf90_put_var(file%id, names%x, &
                                       [(grid%west + (i - 0.5_wp)*grid%cell, i=1, grid%nx)]))
@@ -521,20 +521,21 @@ contains
       do k = 1, n_maps
          if (.not. case%map(k)) cycle
          select case (map_names(k))
-         case ("passages"); call keep(file, nf90_put_var(file%id, names%map(k), results%passages))
-         case ("deposits"); call keep(file, nf90_put_var(file%id, names%map(k), results%deposits))
-         case default; call put_real_map(file, names%map(k), map_names(k), inputs, results)
+         case ("passages"); call keep(file, nf90_put_var(file%id, names%map(k), maps%passages))
+         case ("deposits"); call keep(file, nf90_put_var(file%id, names%map(k), maps%deposits))
+         case default; call put_real_map(file, names%map(k), trim(map_names(k)), case, inputs, results)
          end select
       end do
    end subroutine put_maps
 
    !> Some rows at a time.
-   subroutine put_real_map(file, id, name, inputs, results)
+   subroutine put_real_map(file, id, name, case, inputs, results)
       type(file_t), intent(inout) :: file
       integer, intent(in) :: id
       character(len=*), intent(in) :: name
+      type(case_t), intent(in) :: case
       type(inputs_t), intent(in) :: inputs
-      type(results_t), intent(in) :: results
+      type(results_t), intent(in), target :: results
       real(sp), allocatable :: rows(:, :)
       integer :: first, n, j
 
@@ -543,7 +544,8 @@ contains
          do first = 1, ny, size(rows, 2)
             n = min(size(rows, 2), ny - first + 1)
             do j = 1, n
-               call real_map_row(results, trim(name), first + j - 1, rows(:, j))
+               call map_row(map_tallies(results), name, first + j - 1, results%boulders, case%least_passages, &
+                            rows(:, j))
             end do
             call keep(file, nf90_put_var(file%id, id, rows(:, :n), [1, first], [nx, n]))
             if (file%status /= nf90_noerr) return

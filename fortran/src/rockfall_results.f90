@@ -13,12 +13,14 @@ module rockfall_results
    use rockfall_grid, only: grid_t
    use rockfall_variables, only: boulder_fields, boulder_counts, line_fields, vertex_fields, &
                                  histogram_fields, statuses
+   use rockfall_map, only: maps_t
+   use rockfall_mapvalues, only: map_row
    use rockfall_histogram, only: n_bins
    use rockfall_result, only: boulder_row, boulder_count_row, line_row, vertex_row
    use rockfall_case, only: case_t, map_names, n_maps
    use rockfall_paths, only: version
    use rockfall_load, only: inputs_t
-   use rockfall_simulate, only: results_t, real_map_row, bin_edge, rebound_counts
+   use rockfall_simulate, only: results_t, map_tallies, bin_edge, rebound_counts
    implicit none
    private
    public :: write_folder
@@ -56,7 +58,7 @@ contains
       end do
       do k = 1, n_maps
          if (case%map(k) .and. .not. allocated(error)) &
-            call write_map(folder, trim(map_names(k)), inputs, results, error)
+            call write_map(folder, trim(map_names(k)), case%least_passages, inputs, results, error)
       end do
       if (case%rebounds .and. .not. allocated(error)) call write_histograms(folder, results, error)
       if (size(results%path) > 0 .and. .not. allocated(error)) &
@@ -198,15 +200,18 @@ contains
    ! ---- maps ---------------------------------------------------------------------------------
 
    !> Row by row: a map in double precision would not fit where the map itself just does.
-   subroutine write_map(folder, name, inputs, results, error)
+   subroutine write_map(folder, name, least, inputs, results, error)
       type(folder_t), intent(inout) :: folder
       character(len=*), intent(in) :: name
+      integer, intent(in) :: least  !! passages, as for map_row
       type(inputs_t), intent(in) :: inputs
-      type(results_t), intent(in) :: results
+      type(results_t), intent(in), target :: results
       type(error_t), allocatable, intent(out) :: error
       type(table_t) :: table
+      type(maps_t) :: maps
       integer :: j
 
+      maps = map_tallies(results)
       associate (grid => inputs%grid)
          call open_table(folder, name//".asc", "ncols "//integer_text(grid%nx), table)
          call add(table, "nrows "//integer_text(grid%ny))
@@ -216,27 +221,28 @@ contains
          call add(table, "NODATA_value "//nodata)
          do j = 1, grid%ny
             if (allocated(table%error)) exit
-            call add_map_row(table, name, j, grid%nx, results)
+            call add_map_row(table, maps, name, j, grid%nx, results%boulders, least)
          end do
       end associate
       call close_table(table, error)
    end subroutine write_map
 
-   subroutine add_map_row(table, name, j, nx, results)
+   subroutine add_map_row(table, maps, name, j, nx, boulders, least)
       type(table_t), intent(inout) :: table
+      type(maps_t), intent(in) :: maps
       character(len=*), intent(in) :: name
-      integer, intent(in) :: j, nx
-      type(results_t), intent(in) :: results
+      integer, intent(in) :: j, nx, least
+      integer(i8), intent(in) :: boulders
       real(sp) :: row(nx)
       integer :: i
 
       select case (name)
       case ("passages")
-         call add_counts(table, results%passages(:, j))
+         call add_counts(table, maps%passages(:, j))
       case ("deposits")
-         call add_counts(table, results%deposits(:, j))
+         call add_counts(table, maps%deposits(:, j))
       case default
-         call real_map_row(results, name, j, row)
+         call map_row(maps, name, j, boulders, least, row)
          do i = 1, nx
             if (ieee_is_nan(row(i))) then
                call add_cell(table, nodata, i == nx)

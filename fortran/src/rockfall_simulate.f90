@@ -1,12 +1,12 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Door 2: runs all boulders of a scene, and keeps what the case asks for.
 module rockfall_simulate
-   use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use rockfall_kinds, only: wp, sp, i4, i8
    use rockfall_error, only: error_t, fail
    use rockfall_textfile, only: integer_text
    use rockfall_trajectory, only: fate_t, crossing_t, contact_t, scratch_t
    use rockfall_map, only: maps_t, follows_cells
+   use rockfall_mapvalues, only: map_plan_t, map_plan, map_views
    use rockfall_histogram, only: bins, quantities, bin_width
    use rockfall_variables, only: boulder_counts
    use rockfall_result, only: boulder_count_row
@@ -16,7 +16,7 @@ module rockfall_simulate
    use rockfall_load, only: inputs_t
    implicit none
    private
-   public :: results_t, simulate, asks_for, real_map_row, bin_edge, rebound_counts
+   public :: results_t, simulate, map_tallies, bin_edge, rebound_counts
 
    integer(i8), parameter :: chunk = 2_i8**20  !! boulders in one call
 
@@ -30,9 +30,12 @@ module rockfall_simulate
       integer(i8) :: boulders = 0
       type(fate_t), allocatable :: fate(:)
       type(crossing_t), allocatable :: crossing(:, :)    !! (lines, boulders)
-      integer(i4), allocatable :: passages(:, :), deposits(:, :)
-      integer(i8), allocatable :: energy_sum(:, :)       !! [J]
-      real(sp), allocatable :: energy_max(:, :), speed_max(:, :), jump_height_max(:, :)
+      type(map_plan_t) :: plan                           !! where maps stand in these stacks
+      integer(i4), allocatable :: counts(:, :, :)
+      integer(i8), allocatable :: sums(:, :, :)
+      real(sp), allocatable :: greatest(:, :, :)
+      integer(i4), allocatable :: class_counts(:, :), column(:, :)
+      integer(i4) :: columns = 0
       integer(i8) :: histogram(bins, quantities) = 0
       type(path_t), allocatable :: path(:)               !! of the first boulders
       integer :: threads = 1
@@ -53,7 +56,7 @@ contains
 
       call make_room(case, inputs, results, error)
       if (allocated(error)) return
-      maps = views(results)
+      maps = map_tallies(results)
       inputs%scene%wants_cells = follows_cells(maps)
       results%threads = team_size(case%threads)
       call system_clock(start, rate)
@@ -77,27 +80,22 @@ contains
       type(results_t), intent(inout) :: results
       type(error_t), allocatable, intent(out) :: error
       integer(i8) :: n
-      integer :: status(7)
+      integer :: status(6)
 
       n = case%boulders*size(inputs%scene%release%x)
       results%boulders = n
+      results%plan = map_plan(pack(map_names, case%map))
       status = 0
       allocate (results%fate(n), stat=status(1))
       if (status(1) == 0) allocate (results%crossing(size(case%lines), n), stat=status(1))
-      associate (nx => inputs%grid%nx, ny => inputs%grid%ny)
-         if (asks_for(case, "passages") .or. asks_for(case, "reach_probability") &
-             .or. asks_for(case, "energy_mean")) &
-            allocate (results%passages(nx, ny), source=0_i4, stat=status(2))
-         if (asks_for(case, "deposits")) &
-            allocate (results%deposits(nx, ny), source=0_i4, stat=status(3))
-         if (asks_for(case, "energy_mean")) &
-            allocate (results%energy_sum(nx, ny), source=0_i8, stat=status(4))
-         if (asks_for(case, "energy_max")) &
-            allocate (results%energy_max(nx, ny), source=0.0_sp, stat=status(5))
-         if (asks_for(case, "speed_max_map")) &
-            allocate (results%speed_max(nx, ny), source=0.0_sp, stat=status(6))
-         if (asks_for(case, "jump_height_max_map")) &
-            allocate (results%jump_height_max(nx, ny), source=0.0_sp, stat=status(7))
+      associate (nx => inputs%grid%nx, ny => inputs%grid%ny, plan => results%plan)
+         allocate (results%counts(nx, ny, maxval(plan%count)), source=0_i4, stat=status(2))
+         allocate (results%sums(nx, ny, maxval(plan%sum)), source=0_i8, stat=status(3))
+         allocate (results%greatest(nx, ny, maxval(plan%greatest)), source=0.0_sp, stat=status(4))
+         ! memory of the columns is taken when a boulder first passes their cell
+         allocate (results%class_counts(plan%rows, merge(int(nx, i8)*ny, 0_i8, plan%rows > 0)), stat=status(5))
+         if (plan%rows > 0) allocate (results%column(nx, ny), source=0_i4, stat=status(6))
+         if (plan%rows == 0) allocate (results%column(0, 0))
       end associate
       if (status(1) /= 0) then
          call fail(error, case%file//": "//integer_text(n)//" boulders do not fit in memory")
@@ -106,26 +104,14 @@ contains
       end if
    end subroutine make_room
 
-   !> Whether the case asks for a map.
-   pure logical function asks_for(case, name)
-      type(case_t), intent(in) :: case
-      character(len=*), intent(in) :: name
-
-      asks_for = any(case%map .and. map_names == name)
-   end function asks_for
-
    !> The kernel's view of the maps.
-   function views(results) result(maps)
+   function map_tallies(results) result(maps)
       type(results_t), intent(in), target :: results
       type(maps_t) :: maps
 
-      if (allocated(results%passages)) maps%passages => results%passages
-      if (allocated(results%deposits)) maps%deposits => results%deposits
-      if (allocated(results%energy_sum)) maps%energy_sum => results%energy_sum
-      if (allocated(results%energy_max)) maps%energy_max => results%energy_max
-      if (allocated(results%speed_max)) maps%speed_max => results%speed_max
-      if (allocated(results%jump_height_max)) maps%jump_height_max => results%jump_height_max
-   end function views
+      maps = map_views(results%plan, results%counts, results%sums, results%greatest, results%class_counts, &
+                       results%column, results%columns)
+   end function map_tallies
 
    !> Fly the first boulders once more, each alone, and keep their way.
    subroutine trace(case, inputs, results, error)
@@ -150,32 +136,6 @@ contains
                    //": do not fit in memory")
       end if
    end subroutine trace
-
-   !> Row j of a map of reals as asked for; NaN where no boulder passed.
-   pure subroutine real_map_row(results, name, j, row)
-      type(results_t), intent(in) :: results
-      character(len=*), intent(in) :: name
-      integer, intent(in) :: j
-      real(sp), intent(out) :: row(:)
-      real(sp) :: nothing
-
-      nothing = ieee_value(1.0_sp, ieee_quiet_nan)
-      select case (name)
-      case ("reach_probability")
-         row = real(real(results%passages(:, j), wp)/results%boulders, sp)
-      case ("energy_mean")
-         row = nothing
-         where (results%passages(:, j) > 0)
-            row = real(real(results%energy_sum(:, j), wp)/max(1, results%passages(:, j)), sp)
-         end where
-      case ("energy_max")
-         row = merge(nothing, results%energy_max(:, j), results%energy_max(:, j) <= 0)
-      case ("speed_max_map")
-         row = merge(nothing, results%speed_max(:, j), results%speed_max(:, j) <= 0)
-      case ("jump_height_max_map")
-         row = merge(nothing, results%jump_height_max(:, j), results%jump_height_max(:, j) <= 0)
-      end select
-   end subroutine real_map_row
 
    !> Edge k = 0, 1, ... of the bins of a histogram.
    pure real(wp) function bin_edge(quantity, k)

@@ -19,6 +19,8 @@ module rockfall_variables
    end type variable_t
 
    character(len=*), parameter :: ends = "the first and the last bin also hold what lies beyond"
+   character(len=*), parameter :: in_classes = "from counts of classes 14 to 25 % wide"
+   character(len=*), parameter :: given_sources = "Wilson (1927): chance of the boulders, given the sources"
 
    !> In each group the reals and the integers have the order of the rows of rockfall_result;
    !> histograms that of rockfall_histogram; statuses that of their numbers, from 1.
@@ -73,15 +75,53 @@ module rockfall_variables
                  "boulders that passed the cell, each counted once"), &
       variable_t("map", "reach_probability", "real", "1", &
                  "share of all boulders that passed the cell"), &
+      variable_t("map", "reach_probability_low", "real", "1", &
+                 "lower limit of the 95 % interval of reach_probability", given_sources), &
+      variable_t("map", "reach_probability_high", "real", "1", &
+                 "upper limit of the 95 % interval of reach_probability", given_sources), &
       variable_t("map", "deposits", "integer", "1", &
                  "boulders that came to rest in the cell or were absorbed there"), &
       variable_t("map", "energy_max", "real", "J", &
                  "greatest kinetic energy, translational and rotational"), &
       variable_t("map", "energy_mean", "real", "J", &
-                 "mean over the passing boulders of each one's greatest energy"), &
+                 "mean of the passing boulders' greatest energies"), &
+      variable_t("map", "energy_q50", "real", "J", &
+                 "median of the passing boulders' greatest energies", in_classes), &
+      variable_t("map", "energy_q90", "real", "J", &
+                 "90 % quantile of the passing boulders' greatest energies", in_classes), &
+      variable_t("map", "energy_q95", "real", "J", &
+                 "95 % quantile of the passing boulders' greatest energies", in_classes), &
+      variable_t("map", "energy_q98", "real", "J", &
+                 "98 % quantile of the passing boulders' greatest energies", in_classes), &
+      variable_t("map", "energy_q99", "real", "J", &
+                 "99 % quantile of the passing boulders' greatest energies", in_classes), &
       variable_t("map", "speed_max_map", "real", "m s-1", "greatest speed"), &
+      variable_t("map", "speed_mean", "real", "m s-1", &
+                 "mean of the passing boulders' greatest speeds"), &
+      variable_t("map", "speed_q50", "real", "m s-1", &
+                 "median of the passing boulders' greatest speeds", in_classes), &
+      variable_t("map", "speed_q90", "real", "m s-1", &
+                 "90 % quantile of the passing boulders' greatest speeds", in_classes), &
+      variable_t("map", "speed_q95", "real", "m s-1", &
+                 "95 % quantile of the passing boulders' greatest speeds", in_classes), &
+      variable_t("map", "speed_q98", "real", "m s-1", &
+                 "98 % quantile of the passing boulders' greatest speeds", in_classes), &
+      variable_t("map", "speed_q99", "real", "m s-1", &
+                 "99 % quantile of the passing boulders' greatest speeds", in_classes), &
       variable_t("map", "jump_height_max_map", "real", "m", &
                  "greatest height of a boulder's point above the surface"), &
+      variable_t("map", "jump_height_mean", "real", "m", &
+                 "mean of the passing boulders' greatest jump heights"), &
+      variable_t("map", "jump_height_q50", "real", "m", &
+                 "median of the passing boulders' greatest jump heights", in_classes), &
+      variable_t("map", "jump_height_q90", "real", "m", &
+                 "90 % quantile of the passing boulders' greatest jump heights", in_classes), &
+      variable_t("map", "jump_height_q95", "real", "m", &
+                 "95 % quantile of the passing boulders' greatest jump heights", in_classes), &
+      variable_t("map", "jump_height_q98", "real", "m", &
+                 "98 % quantile of the passing boulders' greatest jump heights", in_classes), &
+      variable_t("map", "jump_height_q99", "real", "m", &
+                 "99 % quantile of the passing boulders' greatest jump heights", in_classes), &
       variable_t("histogram", "incidence_angle", "integer", "degree", &
                  "incidence angle from the surface, 90 = vertical", ends), &
       variable_t("histogram", "tangential_share", "integer", "1", &

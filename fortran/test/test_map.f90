@@ -5,6 +5,7 @@ program test_map
    use rockfall_kinds, only: wp, sp, i4, i8
    use rockfall_terrain, only: terrain_t, terrain, locate, height
    use rockfall_flight, only: flight_t, landing_t, span_t, fly, launch_rate
+   use rockfall_classes, only: energy, speed, jump_height, n_classes, class_of
    use rockfall_map, only: maps_t, visits_t, follows_cells, start_visits, visit_spans, &
       visit_cell, add_visits, add_deposit
    use check_m, only: check, check_close, finish
@@ -24,16 +25,17 @@ program test_map
    dem = terrain(0.0_wp, 0.0_wp, cell, z8=z)
    maps%passages => passages
    maps%deposits => deposits
-   maps%energy_sum => energy_sum
-   maps%energy_max => energy_max
-   maps%speed_max => speed_max
-   maps%jump_height_max => jump_height_max
+   maps%layer(energy)%sum => energy_sum
+   maps%layer(energy)%greatest => energy_max
+   maps%layer(speed)%greatest => speed_max
+   maps%layer(jump_height)%greatest => jump_height_max
    call test_flights()
    call test_axes()
    call test_once()
    call test_totals()
    call test_many_cells()
    call test_what_is_asked()
+   call test_classes_of_cells()
    call finish()
 
 contains
@@ -259,7 +261,7 @@ contains
       call check("nothing asked", .not. follows_cells(some))
       some%deposits => deposits
       call check("deposits need no visits", .not. follows_cells(some))
-      some%speed_max => speed_max
+      some%layer(speed)%greatest => speed_max
       call check("a speed does", follows_cells(some))
       call start_visits(visits, 1_i8)
       call visit_cell(visits, [3, 3], 4.0_wp, 0.0_wp, 0.0_wp)
@@ -270,4 +272,37 @@ contains
       call add_deposit(some, [3, 3])
       call check("nor deposits", sum(deposits) == 0)
    end subroutine test_what_is_asked
+
+   !> Boulders are counted by classes in the cells that they pass, whatever stood in memory before.
+   subroutine test_classes_of_cells()
+      integer(i4), target :: counts(n_classes(speed) + n_classes(jump_height), 3), column(nx, ny), columns
+      type(maps_t) :: some
+      type(visits_t) :: visits
+      integer(i8) :: b
+
+      counts = 99
+      column = 0
+      columns = 0
+      some%class_counts => counts
+      some%column => column
+      some%columns => columns
+      some%layer(speed)%classes = 0
+      some%layer(jump_height)%classes = n_classes(speed)
+      call check("classes need visits", follows_cells(some))
+      do b = 1, 6
+         call start_visits(visits, b)
+         call visit_cell(visits, [4, 7], real(b*b, wp), 0.0_wp, 2.0_wp)
+         if (b > 4) call visit_cell(visits, [5, 7], 1.0_wp, 0.0_wp, 0.0_wp)
+         call add_visits(some, visits, 1.0_wp)
+      end do
+      call check("two cells have a column", columns == 2 .and. column(4, 7) == 1 .and. column(5, 7) == 2 &
+                 .and. sum(column) == 3)
+      call check("no memory of others is touched", all(counts(:, 3) == 99))
+      associate (one => counts(:n_classes(speed), 1), other => counts(n_classes(speed) + 1:, 1))
+         call check("each boulder in its class of speed", sum(one) == 6 &
+                    .and. all(one([(class_of(speed, 1.0_wp*b), b=1, 6)]) == 1))
+         call check("all in one of height", sum(other) == 6 .and. other(class_of(jump_height, 2.0_wp)) == 6)
+      end associate
+      call check("a height of zero counts too", counts(n_classes(speed) + 1, 2) == 2 .and. sum(counts(:, 2)) == 4)
+   end subroutine test_classes_of_cells
 end program test_map

@@ -12,6 +12,7 @@ import numpy as np
 
 from rockfall.crs import crs_name
 from rockfall.grid import row_blocks
+from rockfall.result import TALLIES
 from rockfall.scene import SIZE_TO_RADIUS, Scene, used_zones
 from rockfall.simulate import Tally, check_sources, fields, run_chunks, start
 
@@ -42,12 +43,15 @@ def preview(scene: Scene) -> str:
 def memory(scene: Scene) -> dict[str, int]:
     """Bytes that a run takes: rasters of the scene, maps, rows of results, the program itself."""
     tally = start(replace(scene, x=scene.x[:1], y=scene.y[:1]), threads=1)
-    derived = {"reach_probability", "energy_mean"} & set(scene.case.output.get("maps", []))
+    derived = set(scene.case.output.get("maps", [])) - set(TALLIES)
+    maps = [tally.maps.counts, tally.maps.sums, tally.maps.maxima, tally.maps.column]
+    classes = tally.maps.class_counts
     row = 8 * len(fields(1)) + 4 * len(fields(2)) + 8 * len(fields(3)) * len(scene.case.line)
     rasters = [scene.z, scene.zone, scene.values, scene.x, scene.y]
     return {
         "rasters": sum(array.nbytes for array in rasters if array is not None),
-        "maps": sum(m.nbytes for m in tally.maps.values()) + 4 * scene.z.size * len(derived),
+        "maps": sum(m.nbytes for m in maps if m.size > 1) + 4 * scene.z.size * len(derived),
+        "classes at most": classes.nbytes if classes.size > 1 else 0,  # every cell is reached
         "results": row * scene.boulders,
         "program": BASE,
     }

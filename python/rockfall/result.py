@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from rockfall.simulate import Tally
 
 NO_COUNT = -1  # fill value of counts
+#: Maps that are tallies of the kernel themselves, in the order of its plan.
+TALLIES = ("passages", "deposits", *3 * [""], "energy_max", "speed_max_map", "jump_height_max_map")
 TILE = 256  # cells of a map that are compressed together, either way
 
 
@@ -35,7 +37,7 @@ def make_result(tally: Tally) -> xr.Dataset:
     if tally.scene.case.line:
         _add_lines(data, tally)
     data["crs"] = ((), np.int32(0), _grid_mapping(tally.scene.grid))
-    if tally.maps:
+    if tally.scene.case.output.get("maps"):
         _add_maps(data, tally)
     if tally.scene.case.output["rebounds"]:
         _add_histograms(data, tally)
@@ -85,7 +87,7 @@ def _add_lines(data: dict[str, Any], tally: Tally) -> None:
 
 
 def _add_maps(data: dict[str, Any], tally: Tally) -> None:
-    grid, maps = tally.scene.grid, tally.maps
+    grid = tally.scene.grid
     asked = tally.scene.case.output["maps"]
     for axis, centres, word in (("x", grid.x, "easting"), ("y", grid.y, "northing")):
         about = {
@@ -97,25 +99,26 @@ def _add_maps(data: dict[str, Any], tally: Tally) -> None:
         data[axis] = (axis, centres, about)
     for name, about in variables.MAP.items():
         if name in asked:
-            values = _map(name, maps, tally.done)
-            data[name] = (("y", "x"), values, about | {"grid_mapping": "crs"})
+            values, fewest = _map(name, tally)
+            masked = {"least_passages": np.int32(fewest)} if fewest else {}
+            data[name] = (("y", "x"), values, about | masked | {"grid_mapping": "crs"})
 
 
-def _map(name: str, maps: dict[str, np.ndarray], boulders: int) -> np.ndarray:
-    """A map as asked for; NaN where no boulder passed."""
-    if name in ("passages", "deposits"):
-        return maps[name]
-    derived = name in ("reach_probability", "energy_mean")
-    values = np.empty(maps["passages"].shape, "f4") if derived else maps[name.removesuffix("_map")]
-    for rows in row_blocks(values.shape):
-        if name == "reach_probability":
-            values[rows] = maps["passages"][rows] / np.float32(boulders)
-        elif name == "energy_mean":
-            with np.errstate(invalid="ignore"):
-                values[rows] = maps["energy_sum"][rows] / maps["passages"][rows]
-        else:
+def _map(name: str, tally: Tally) -> tuple[np.ndarray, int]:
+    """A map as asked for, NaN where it has no number, and the passages that a number needs."""
+    maps = tally.maps
+    if name in TALLIES:  # as it is: another copy would take memory
+        place = maps.plan[TALLIES.index(name)] - 1
+        if name in ("passages", "deposits"):
+            return maps.counts[place], 0
+        values = maps.maxima[place]
+        for rows in row_blocks(values.shape):
             values[rows][values[rows] == 0] = np.nan
-    return values
+        return values, 0
+    values = np.empty(tally.scene.grid.shape, "f4")
+    least = tally.scene.case.output["least_passages"]
+    fewest = _core.map_values(name, tally.done, least, **maps.arguments(), values=values.T)
+    return values, fewest
 
 
 def _grid_mapping(grid: Grid) -> dict[str, Any]:
@@ -195,6 +198,7 @@ def open_result(path: str | Path) -> xr.Dataset:
         raise RockfallError(f"{path}: no such file") from None
     except (OSError, ValueError) as error:
         raise RockfallError(f"{path}: is not a netCDF result: {error}") from error
+
 
 def read_result(path: str | Path) -> xr.Dataset:
     """The result of a run from its netCDF file, in memory, as `rockfall.run` returned it."""

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -24,15 +24,6 @@ FIRST_CHUNK = 64  # boulders
 BINS = 50  # rows of the kernel's histograms
 MOST_THREADS = 1024  # as in the kernel's table of keys
 
-# The kernel's maps: in which array, and which of the asked maps need it.
-COUNTS = {"passages": ("passages", "reach_probability", "energy_mean"), "deposits": ("deposits",)}
-SUMS = {"energy_sum": ("energy_mean",)}
-MAXIMA = {
-    "energy_max": ("energy_max",),
-    "speed_max": ("speed_max_map",),
-    "jump_height_max": ("jump_height_max_map",),
-}
-
 
 class Interrupted(KeyboardInterrupt):
     """Ctrl-C came: `result` holds the boulders that were done, whole."""
@@ -43,15 +34,50 @@ class Interrupted(KeyboardInterrupt):
 
 
 @dataclass
+class Maps:
+    """The kernel's tallies by cell, in stacks (layers, ny, nx), where `plan` says; what the case
+    does not ask for has a single element."""
+
+    plan: np.ndarray  # of the kernel's map_plan
+    counts: np.ndarray
+    sums: np.ndarray
+    maxima: np.ndarray
+    class_counts: np.ndarray  # (cells, classes): rows are given away as cells are reached
+    column: np.ndarray  # (ny, nx): row of class_counts, from 1
+    columns: np.ndarray  # (1,): rows given away
+
+    def arguments(self) -> dict[str, np.ndarray]:
+        """As the kernel wants them."""
+        return {
+            "plan": self.plan, "map_counts": self.counts.T, "map_sums": self.sums.T,
+            "map_reals": self.maxima.T, "class_counts": self.class_counts.T,
+            "column": self.column.T, "columns": self.columns,
+        }  # fmt: skip
+
+
+def no_maps(names: Sequence[str] = (), shape: tuple[int, int] = (1, 1)) -> Maps:
+    """Empty tallies for the maps of these names, on so many cells."""
+    plan = _core.map_plan(" ".join(names))
+    counts, sums, maxima, classes = plan[:2].max(), plan[2:5].max(), plan[5:8].max(), plan[11]
+
+    def stack(layers: int, dtype: str) -> np.ndarray:
+        return np.zeros((layers, *shape) if layers else (1, 1, 1), dtype)
+
+    return Maps(
+        plan, stack(counts, "i4"), stack(sums, "i8"), stack(maxima, "f4"),
+        # taken from the system only as rows are given away
+        class_counts=np.empty((shape[0] * shape[1] if classes else 1, max(1, classes)), "i4"),
+        column=np.zeros(shape if classes else (1, 1), "i4"),
+        columns=np.zeros(1, "i4"),
+    )  # fmt: skip
+
+
+@dataclass
 class Tally:
     """What the kernel adds to from chunk to chunk, and the rows of the boulders done."""
 
     scene: Scene
-    maps: dict[str, np.ndarray]  # by the kernel's names, (ny, nx)
-    slots: list[int]
-    counts: np.ndarray
-    sums: np.ndarray
-    maxima: np.ndarray
+    maps: Maps
     histogram: np.ndarray  # (6, bins)
     boulder: np.ndarray  # (boulders, fields)
     count: np.ndarray
@@ -123,27 +149,10 @@ def start(scene: Scene, threads: int) -> Tally:
 
 
 def _start(scene: Scene, threads: int) -> Tally:
-    asked = set(scene.case.output.get("maps", []))
-    wanted = [
-        [name for name, by in kind.items() if asked & set(by)] for kind in (COUNTS, SUMS, MAXIMA)
-    ]
-    stacks = [
-        np.zeros((max(1, len(names)), *(scene.grid.shape if names else (1, 1))), dtype)
-        for names, dtype in zip(wanted, ("i4", "i8", "f4"), strict=True)
-    ]
-    maps = {
-        name: stack[k]
-        for names, stack in zip(wanted, stacks, strict=True)
-        for k, name in enumerate(names)
-    }
-    slots = [
-        names.index(name) + 1 if name in names else 0
-        for names, kind in zip(wanted, (COUNTS, SUMS, MAXIMA), strict=True)
-        for name in kind
-    ]
     lines = len(scene.case.line)
     return Tally(
-        scene, maps, slots, stacks[0], stacks[1][0], stacks[2],
+        scene,
+        no_maps(scene.case.output.get("maps", []), scene.grid.shape),
         histogram=np.zeros((len(_core.histogram_bins()[0]), BINS), "i8"),
         boulder=np.empty((scene.boulders, len(fields(1)))),
         count=np.empty((scene.boulders, len(fields(2))), "i4"),
@@ -177,9 +186,7 @@ def _call(tally: Tally, arguments: dict[str, Any], first: int, size: int) -> Non
     """Boulders `first` to `first + size - 1`, into their places."""
     lines = len(tally.scene.case.line)
     boulder, count, crossing, _, _, code, message = _core.run(
-        **arguments, first=first, threads=tally.threads,
-        map_slot=tally.slots, map_counts=tally.counts.T, map_sums=tally.sums.T,
-        map_reals=tally.maxima.T,
+        **arguments, **tally.maps.arguments(), first=first, threads=tally.threads,
         histograms=int(tally.scene.case.output["rebounds"]), histogram=tally.histogram.T,
         n=size, room=1,
     )  # fmt: skip
@@ -222,9 +229,8 @@ def _fly_alone(
 ) -> tuple[np.ndarray, int]:
     """Up to `room` vertices of a boulder, and how many there were; no tally changes."""
     *_, vertex, recorded, code, message = _core.run(
-        **arguments, first=number, threads=1, map_slot=[0] * 6, histograms=0, n=1, room=room,
-        map_counts=np.zeros((1, 1, 1), "i4"), map_sums=np.zeros((1, 1), "i8"),
-        map_reals=np.zeros((1, 1, 1), "f4"), histogram=np.zeros((BINS, 6), "i8", order="F"),
+        **arguments, **no_maps().arguments(), first=number, threads=1,
+        histograms=0, histogram=np.zeros((BINS, 6), "i8", order="F"), n=1, room=room,
     )  # fmt: skip
     _raise(scene, code, message)
     return vertex.T, recorded
