@@ -7,10 +7,13 @@ import io
 from collections.abc import Iterable, Mapping
 from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rockfall._core import rockfall_f2py as _core
 from rockfall.errors import RockfallError
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 FROM_ARRAY = "(array)"  # the DEM of a case that gets its elevations from `run(case, dem=...)`
 
@@ -49,6 +52,13 @@ def read_case(path: str | Path) -> Case:
     groups = _parse(text.decode("utf-8-sig"))
     lines = groups.pop("line", [])
     return Case(line=lines, folder=path.parent, name=str(path), **groups)
+
+
+def case_of(result: xr.Dataset) -> Case:
+    """The case that gave a result, with its defaults."""
+    name = result.attrs["case_file"]
+    groups = _parse(result.attrs["case"])
+    return Case(line=groups.pop("line", []), folder=Path(name).parent, name=name, **groups)
 
 
 class Case:

@@ -90,6 +90,9 @@ def _parser() -> argparse.ArgumentParser:
     prepare.add_argument("folder", metavar="DIR", type=Path, help="made; what is prepared there")
     export = command("export", "write a result as GeoTIFF, GeoPackage and CSV", "OUT.nc")
     export.add_argument("folder", metavar="DIR", type=Path, help="made where it is missing")
+    compare = command("compare", "set a result beside observations", "OUT.nc")
+    compare.add_argument("observed", metavar="OBSERVED.csv", type=Path, nargs="+")
+    compare.add_argument("-o", "--output", metavar="TABLE.csv", type=Path, help="all tables as CSV")
     add_lab(commands)
     return parser
 
@@ -143,6 +146,18 @@ def _export(arguments: argparse.Namespace) -> int:
 
     for path in export(getattr(arguments, "out.nc"), arguments.folder):
         print(path)
+    return DONE
+
+
+def _compare(arguments: argparse.Namespace) -> int:
+    from rockfall.compare import compare, write_comparison
+    from rockfall.result import read_result
+
+    path, sources = getattr(arguments, "out.nc"), arguments.observed
+    found = compare(read_result(path), *sources)
+    if arguments.output:
+        write_comparison(found, arguments.output, keep=(path, *sources))
+    print(found)
     return DONE
 
 

@@ -49,7 +49,7 @@ def line_statistics(result: xr.Dataset) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=["line", "quantity", *_COLUMNS])
 
 
-def _values(result: xr.Dataset, quantity: str, line: int) -> np.ndarray:
+def line_values(result: xr.Dataset, quantity: str, line: int) -> np.ndarray:
     """A quantity of each boulder at a line; NaN where it did not cross."""
 
     def at_line(name: str) -> np.ndarray:
@@ -76,24 +76,26 @@ def line_numbers(
 ) -> dict[str, float]:
     """A row of `line_statistics`: what is known of a quantity at the line of this index; `source`
     is that of each boulder, from `sources`."""
-    values = _values(result, quantity, line)
+    values = line_values(result, quantity, line)
     crossed = ~np.isnan(values)
     n, all_n = int(crossed.sum()), values.size
     row: dict[str, float] = {"n": n, "share": n / max(1, all_n)}
     if all_n:
-        effective = _effective(crossed.astype(float), source)
-        row["share_low"], row["share_high"] = _wilson(row["share"], effective)
-    if not n:
-        return row
-    v, cluster = values[crossed], source[crossed]
-    row |= {"mean": v.mean(), "max": v.max()}
+        _, row["share_low"], row["share_high"] = share_interval(crossed, source)
+    return row | (sample_numbers(values[crossed], source[crossed]) if n else {})
+
+
+def sample_numbers(v: np.ndarray, cluster: np.ndarray) -> dict[str, float]:
+    """Mean, standard deviation, quantiles and maximum of values that come in clusters, with their
+    intervals; those that one value cannot have are absent."""
+    row = {"mean": v.mean(), "max": v.max()}
     ordered = np.sort(v)
     for share, value in zip(QUANTILES, np.quantile(ordered, QUANTILES), strict=True):
         name = _quantile_name(share)
         effective = _effective((v <= value).astype(float), cluster)
         row[name] = value
         row[f"{name}_low"], row[f"{name}_high"] = _between_ranks(ordered, share, effective)
-    if n > 1:
+    if v.size > 1:
         row["std"] = v.std(ddof=1)
         error = _error_of_mean(v, cluster)
         row["mean_low"], row["mean_high"] = v.mean() - Z * error, v.mean() + Z * error
@@ -102,6 +104,12 @@ def line_numbers(
             factor = np.exp(Z * error)
             row["std_low"], row["std_high"] = row["std"] / factor, row["std"] * factor
     return row
+
+
+def share_interval(holds: np.ndarray, source: np.ndarray) -> tuple[float, float, float]:
+    """Share of the boulders of which something holds, and the limits of its 95 % interval."""
+    share = float(holds.mean())
+    return share, *_wilson(share, _effective(holds.astype(float), source))
 
 
 def _error_of_mean(v: np.ndarray, cluster: np.ndarray) -> float:

@@ -3,10 +3,9 @@
 
 from __future__ import annotations
 
-import csv
 import math
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from itertools import islice
 from pathlib import Path
 
@@ -14,13 +13,12 @@ import numpy as np
 
 from rockfall.errors import RockfallError
 from rockfall.grid import NO_ID, row_blocks
+from rockfall.tables import decimal, table_rows
 
 #: Columns of lengths in metres, in the order of the values in a row.
 RADII = ("mean_radius", "rg70", "rg20", "rg10")
 
-# What rockfall_decimal.f90 takes for a number, and no more (Python would read 1_000 too).
-_INTEGER = re.compile(r"[+-]?[0-9]+")
-_DECIMAL = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eEdD][+-]?[0-9]+)?")
+_INTEGER = re.compile(r"[+-]?[0-9]+")  # as rockfall_decimal.f90 has it
 
 
 def read_zone_table(path: str | Path) -> dict[int, tuple[float, float, float, float]]:
@@ -31,7 +29,7 @@ def read_zone_table(path: str | Path) -> dict[int, tuple[float, float, float, fl
     """
     path = str(path)
     zones: dict[int, tuple[float, float, float, float]] = {}
-    rows = _rows(path)
+    rows = table_rows(path)
     _, header = next(rows, (1, []))
     columns = _columns(path, header)
     for line, row in rows:
@@ -102,28 +100,6 @@ def index_blocks(
     return index
 
 
-def _rows(path: str) -> Iterator[tuple[int, list[str]]]:
-    """(line number, cells) of each line that is not blank."""
-    line = 1
-    try:
-        with open(path, encoding="utf-8-sig", newline="") as file:
-            first = file.readline()
-            separator = ";" if first.count(";") > first.count(",") else ","
-            file.seek(0)
-            reader = csv.reader(file, delimiter=separator, skipinitialspace=True, strict=True)
-            for row in reader:
-                cells = [cell.strip() for cell in row]
-                if any(cells):
-                    yield line, cells
-                line = reader.line_num + 1
-    except OSError as error:
-        raise RockfallError(f"{path}: {(error.strerror or str(error)).lower()}") from error
-    except UnicodeDecodeError as error:
-        raise RockfallError(f"{path}: is not text in UTF-8") from error
-    except csv.Error as error:
-        raise RockfallError(f"{path}: line {line}: {error}") from error
-
-
 def _columns(path: str, header: list[str]) -> dict[str, int]:
     """Where the columns that we use are."""
     if not header:
@@ -150,10 +126,8 @@ def _zone(where: str, text: str) -> int:
 
 def _radius(where: str, name: str, text: str) -> float:
     spelled = text.lower().lstrip("+-") in ("inf", "infinity", "nan")
-    value = float(text) if spelled else math.inf
-    if _DECIMAL.fullmatch(text):
-        value = float(text.lower().replace("d", "e"))
-    if value == math.inf and not spelled:
+    value = float(text) if spelled else decimal(text)
+    if math.isnan(value) and not spelled:
         raise RockfallError(f"{where}: {name} = {text}: must be a number")
     if not value > 0:
         raise RockfallError(f"{where}: {name} = {text}: must be > 0 (Inf absorbs)")

@@ -1,0 +1,45 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Tables that people write: CSV with commas or semicolons, every line with its number."""
+
+from __future__ import annotations
+
+import csv
+import math
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+from rockfall.errors import RockfallError
+
+# What rockfall_decimal.f90 takes for a number, and no more (Python would read 1_000 too).
+_DECIMAL = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eEdD][+-]?[0-9]+)?")
+
+
+def table_rows(path: str | Path) -> Iterator[tuple[int, list[str]]]:
+    """(line number, cells) of each line that is not blank."""
+    line = 1
+    try:
+        with open(path, encoding="utf-8-sig", newline="") as file:
+            first = file.readline()
+            separator = ";" if first.count(";") > first.count(",") else ","
+            file.seek(0)
+            reader = csv.reader(file, delimiter=separator, skipinitialspace=True, strict=True)
+            for row in reader:
+                cells = [cell.strip() for cell in row]
+                if any(cells):
+                    yield line, cells
+                line = reader.line_num + 1
+    except OSError as error:
+        raise RockfallError(f"{path}: {(error.strerror or str(error)).lower()}") from error
+    except UnicodeDecodeError as error:
+        raise RockfallError(f"{path}: is not text in UTF-8") from error
+    except csv.Error as error:
+        raise RockfallError(f"{path}: line {line}: {error}") from error
+
+
+def decimal(text: str) -> float:
+    """The number that a text spells; NaN where it spells none, or one past all bounds."""
+    if not _DECIMAL.fullmatch(text):
+        return math.nan
+    value = float(text.lower().replace("d", "e"))
+    return value if math.isfinite(value) else math.nan
