@@ -114,7 +114,8 @@ CELLS = "cells = 'cells.asc', drop_height = 3.0"
 def case_text(surface="zones_b", release=CELLS, dem="dem.asc", more=""):
     x = f"{GRID.west}, {GRID.west + 70}, {GRID.west + 150}"
     y = f"{GRID.north - 60}, {GRID.north - 69}, {GRID.north - 60}"
-    return f"""&case title = 'made, "rough"', seed = 12345678901, boulders = 40 /
+    sampling = ", sampling = 'sobol'" if surface in ("zones_a", "radius") else ""
+    return f"""&case title = 'made, "rough"', seed = 12345678901, boulders = 40{sampling} /
 &terrain dem = '{dem}' /
 &surface {SURFACES[surface]} /
 &impact sets = 'rocky-slope-provisional', stop_speed = 0.4 /

@@ -47,17 +47,19 @@ contains
    end function source_of
 
    !> The boulder of a number: its volume from the law, radius of the sphere and mass.
-   pure type(boulder_t) function draw_boulder(law, table, key, number) result(boulder)
+   pure type(boulder_t) function draw_boulder(law, table, key, number, first) result(boulder)
       type(boulder_law_t), intent(in) :: law
       type(normal_table_t), intent(in) :: table
       type(random_key_t), intent(in) :: key
       integer(i8), intent(in) :: number
+      integer(i8), intent(in), optional :: first  !! word of the first draw, in place of the usual one
       integer(i8) :: word(12)
 
       word = random_words(key, for_release, number, 0_i8, 0_i8)
+      if (present(first)) word(1) = first
       select case (law%law)
       case (normal_volume)
-         boulder%volume = truncated_normal(law, table, key, number)
+         boulder%volume = truncated_normal(law, table, key, number, word)
       case (uniform_volume)
          boulder%volume = law%least + (law%most - law%least)*uniform(word(1))
       case (lognormal_volume)
@@ -72,19 +74,21 @@ contains
    end function draw_boulder
 
    !> A normal volume above zero [m3]: drawn again until it is.
-   pure real(wp) function truncated_normal(law, table, key, number) result(volume)
+   pure real(wp) function truncated_normal(law, table, key, number, first) result(volume)
       type(boulder_law_t), intent(in) :: law  !! mean > 0, so each draw succeeds at least every second time
       type(normal_table_t), intent(in) :: table
       type(random_key_t), intent(in) :: key
       integer(i8), intent(in) :: number
+      integer(i8), intent(in) :: first(12)  !! words of the first draw
       integer(i8) :: draw, word(12)
 
+      word = first
       draw = 0
       do
-         word = random_words(key, for_release, number, 0_i8, draw)
          volume = law%mean + law%deviation*normal(table, word(1))
          if (volume > 0) return
          draw = draw + 1
+         word = random_words(key, for_release, number, 0_i8, draw)
       end do
    end function truncated_normal
 

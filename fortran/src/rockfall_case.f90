@@ -11,6 +11,7 @@ module rockfall_case
    use rockfall_boulder, only: boulder_law_t, fixed_volume, normal_volume, uniform_volume, lognormal_volume, &
                                list_volume
    use rockfall_surface, only: method_a, method_b
+   use rockfall_sobol, only: most_points
    implicit none
    private
    public :: case_t, case_line_t, read_case, key_t, key_table, n_keys, key_text, map_names, n_maps
@@ -34,12 +35,14 @@ module rockfall_case
    character(len=*), parameter :: map_names(*) = map_fields
    integer, parameter :: n_maps = size(map_names)
 
-   integer, parameter :: n_keys = 41
+   integer, parameter :: n_keys = 42
    type(key_t), parameter :: key_table(n_keys) = [ &
       key_t("case", "title", "text", 1, "''", "", "", "what the result is called"), &
       key_t("case", "seed", "integer", 1, "1", ">= 0", "", "of the random numbers"), &
       key_t("case", "boulders", "integer", 1, "required", ">= 1", "", "released from each source"), &
       key_t("case", "threads", "integer", 1, "0", ">= 0", "", "0 = all cores"), &
+      key_t("case", "sampling", "text", 1, "'random'", "random, sobol", "", &
+            "sobol: volumes and first rebounds spread evenly"), &
       key_t("terrain", "dem", "text", 1, "required", "", "", "elevation raster, square cells in metres"), &
       key_t("surface", "zones", "text", 1, "absent", "", "", "raster of zone ids, or polygons"), &
       key_t("surface", "table", "text", 1, "absent", "", "", "CSV with zone, mean_radius, rg70, rg20, rg10"), &
@@ -90,6 +93,7 @@ module rockfall_case
                                        cells, polygons
       integer(i8) :: seed = 1, boulders = 1
       integer :: threads = 0
+      logical :: sobol = .false.                 !! sampling
       integer, allocatable :: default_zone
       real(wp), allocatable :: uniform_sizes(:)  !! R_m, or Rg70, Rg20, Rg10 [m]
       integer :: method = method_b
@@ -433,7 +437,11 @@ contains
       case%seed = integer_of(group, "seed")
       case%boulders = integer_of(group, "boulders")
       case%threads = int(integer_of(group, "threads"))
+      case%sobol = text_of(group, "sampling") == "sobol"
       if (case%boulders > 10_i8**15) call refuse(group, "boulders", "must be at most 10**15", error)
+      if (case%sobol .and. case%boulders > most_points) then
+         call refuse(group, "boulders", "must be at most 2**32 with sampling = 'sobol'", error)
+      end if
       group = group_of(list, "terrain")
       case%dem = text_of(group, "dem")
       group = group_of(list, "flight")

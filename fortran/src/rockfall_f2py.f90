@@ -5,6 +5,7 @@ module rockfall_f2py
    use iso_c_binding, only: c_double, c_float, c_int, c_int16_t, c_int32_t, c_int64_t
    use rockfall_error, only: error_t, give_error
    use rockfall_random, only: random_key
+   use rockfall_sobol, only: sobol_sequence
    use rockfall_terrain, only: terrain
    use rockfall_trajectory, only: scene_t, fate_t, crossing_t, scratch_t
    use rockfall_scene, only: set_sources, check_sources, add_line, set_impacts
@@ -29,7 +30,7 @@ contains
    subroutine run(z8, z4, west, north, cell, zone, values, sizes, method, size_to_radius, &
                   set_mean, set_covariance, gravity, stop_speed, impact_limit, &
                   law, law_values, volumes, density, source_x, source_y, per_source, drop_height, velocity, &
-                  lines, line_end, line_x, line_y, seed, first, threads, &
+                  lines, line_end, line_x, line_y, seed, sobol, first, threads, &
                   plan, map_counts, map_sums, map_reals, class_counts, column, columns, histograms, histogram, &
                   boulder, counts, crossing, vertex, recorded, code, message, &
                   nx8, ny8, nx4, ny4, nxz, nyz, nxv, nyv, nkv, ks, ms, nv, ns, nl, nlv, &
@@ -58,6 +59,7 @@ contains
       integer(c_int), intent(in) :: line_end(nl)
       real(c_double), intent(in) :: line_x(nlv), line_y(nlv)     !! map coordinates [m]
       integer(c_int64_t), intent(in) :: seed, first
+      integer(c_int), intent(in) :: sobol                        !! dimensions: 0, 1 (volume) or 13 (first draw)
       integer(c_int), intent(in) :: threads
       integer(c_int), intent(in) :: plan(12)                     !! of `map_plan`
       integer(c_int32_t), intent(inout), target :: map_counts(nxc, nyc, nkc)  !! stacks, as in map_views
@@ -83,6 +85,7 @@ contains
       crossing = 0
       vertex = 0
       scene%key = random_key(seed)
+      if (sobol > 0) scene%sobol = sobol_sequence(sobol)
       scene%gravity = gravity
       scene%stop_speed = stop_speed
       scene%most_impacts = impact_limit

@@ -6,6 +6,7 @@ module rockfall_load
    use rockfall_error, only: error_t, fail
    use rockfall_textfile, only: read_text, integer_text
    use rockfall_random, only: random_key
+   use rockfall_sobol, only: sobol_sequence, most_dimensions
    use rockfall_terrain, only: terrain
    use rockfall_surface, only: method_a
    use rockfall_impact, only: impact_ratios
@@ -508,6 +509,7 @@ contains
       integer :: k
 
       scene%key = random_key(case%seed)
+      if (case%sobol) scene%sobol = sobol_sequence(most_dimensions)
       scene%gravity = case%gravity
       scene%stop_speed = case%stop_speed
       scene%most_impacts = case%impact_limit

@@ -7,9 +7,11 @@ module rockfall_random
    implicit none
    private
    public :: random_key_t, random_key, philox4x32, random_words, uniform
-   public :: normal_table_t, normal_table, normal, normal_quantile, for_release, for_impact
+   public :: normal_table_t, normal_table, normal, normal_quantile, for_release, for_impact, &
+             for_scramble
 
-   integer(i8), parameter :: for_release = 1, for_impact = 2  !! purposes: separate streams
+   !> Purposes: separate streams.
+   integer(i8), parameter :: for_release = 1, for_impact = 2, for_scramble = 3
    integer(i8), parameter :: low32 = int(z"FFFFFFFF", i8)
 
    integer, parameter :: rounds = 10

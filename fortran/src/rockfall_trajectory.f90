@@ -4,6 +4,7 @@
 module rockfall_trajectory
    use rockfall_kinds, only: wp, i8
    use rockfall_random, only: random_key_t, normal_table_t, random_words, uniform, for_impact
+   use rockfall_sobol, only: sobol_t, sobol_word, scrambled
    use rockfall_terrain, only: terrain_t, patch_t, locate, height, gradient, cell_of, cell_descent
    use rockfall_surface, only: surface_t, rock_radius
    use rockfall_boulder, only: boulder_t, boulder_law_t, release_t, draw_boulder, source_of, spin_inertia
@@ -24,6 +25,7 @@ module rockfall_trajectory
    type :: scene_t
       type(random_key_t) :: key            !! from the seed
       type(normal_table_t) :: table
+      type(sobol_t) :: sobol               !! of the volume and of the words of the first rebound
       type(terrain_t) :: dem
       type(surface_t) :: surface
       type(impact_set_t) :: sets(impact_ratios)
@@ -91,7 +93,11 @@ contains
       real(wp) :: omega_r  !! W = R_b omega [m/s]
       real(wp) :: v_in(3)  !! velocity at a contact [m/s]
 
-      fate%boulder = draw_boulder(scene%law, scene%table, scene%key, number)
+      if (scene%sobol%dimensions > 0) then
+         fate%boulder = draw_boulder(scene%law, scene%table, scene%key, number, even_word(scene, number, 1))
+      else
+         fate%boulder = draw_boulder(scene%law, scene%table, scene%key, number)
+      end if
       call release(scene, number, flight)
       fate%start = [flight%x, flight%y, flight%z]
       fate%speed_max = square(flight%v)
@@ -127,6 +133,18 @@ contains
       fate%stop_cell = cell_of(scene%dem, landing%patch, landing%u, landing%w)
       if (scene%wants_cells) call visit_cell(scratch%visits, fate%stop_cell, 0.0_wp, 0.0_wp, 0.0_wp)
    end subroutine follow
+
+   !> A word of the boulder's scrambled Sobol' point: 1 for its volume, then those of its first draw of A.
+   pure integer(i8) function even_word(scene, number, dimension)
+      type(scene_t), intent(in) :: scene
+      integer(i8), intent(in) :: number
+      integer, intent(in) :: dimension
+      integer(i8) :: index
+
+      index = mod(number - 1, scene%release%boulders_per_source)
+      even_word = scrambled(sobol_word(scene%sobol, index, dimension), scene%key, &
+                            source_of(scene%release, number), dimension)
+   end function even_word
 
    !> The start of the first flight: above the source, at rest or with the velocity of the release.
    pure subroutine release(scene, number, flight)
@@ -228,12 +246,17 @@ contains
       type(flight_t), intent(inout) :: flight
       type(scratch_t), intent(inout) :: scratch
       integer(i8) :: word(12)
-      integer :: at(2), class
+      integer :: at(2), class, k
       logical :: outside
       real(wp) :: radius, ratio, v_in(3), heading(2), g(2), steepness
       type(rebound_t) :: out
 
       word = random_words(scene%key, for_impact, number, int(fate%impacts, i8), 0_i8)
+      if (fate%impacts == 1) then
+         do k = 2, scene%sobol%dimensions
+            word(k - 1) = even_word(scene, number, k)
+         end do
+      end if
       at = cell_of(scene%dem, landing%patch, landing%u, landing%w)
       radius = rock_radius(scene%surface, at, uniform(word(12)))
       if (radius > huge(radius)) then

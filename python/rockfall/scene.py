@@ -19,6 +19,7 @@ from rockfall.grid import NO_ID, Grid, row_blocks
 
 LAWS = {"fixed": 1, "normal": 2, "uniform": 3, "lognormal": 4, "list": 5}
 METHODS = {"A": 1, "B": 2}
+SAMPLINGS = {"random": 0, "sobol": 13}  # words of a boulder that are of its Sobol' point
 SIZE_TO_RADIUS = {"diameter": 0.5, "radius": 1.0}
 POLYGONS = {".gpkg", ".geojson", ".json", ".shp", ".fgb"}  # endings of layers of polygons
 
@@ -81,7 +82,7 @@ class Scene:
             "lines": len(case.line), "line_end": np.cumsum([len(line["x"]) for line in lines]),
             "line_x": np.concatenate([line["x"] for line in lines]),
             "line_y": np.concatenate([line["y"] for line in lines]),
-            "seed": case.case["seed"],
+            "seed": case.case["seed"], "sobol": SAMPLINGS[case.case["sampling"]],
         }  # fmt: skip
 
 

@@ -211,7 +211,8 @@ def trajectory(scene: Scene, number: int) -> np.ndarray:
     arguments = scene.kernel_arguments()
     source = (number - 1) // arguments["per_source"]
     alone = slice(source, source + 1)  # the kernel would check all sources for each boulder
-    arguments |= {"source_x": scene.x[alone], "source_y": scene.y[alone], "per_source": number}
+    if scene.case.case["sampling"] == "random":  # else the number of the source matters
+        arguments |= {"source_x": scene.x[alone], "source_y": scene.y[alone], "per_source": number}
     room, recorded = 0, 256
     while recorded > room:
         room = recorded

@@ -37,6 +37,9 @@ def line_statistics(result: xr.Dataset) -> pd.DataFrame:
     mean, std and quantiles (order statistics). The maximum has none: it grows with n.
 
     energy_total is E_trans + E_rot, rotational_share is E_rot / E_total.
+
+    Boulders of &case sampling = 'sobol' are spread more evenly than by chance, and the intervals do
+    not know it: they are those of as many random boulders, and too wide (docs/benchmarks.md).
     """
     import pandas as pd
 

@@ -1,0 +1,93 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Sobol' points, scrambled at random: words that fill their range more evenly than independent ones, each
+!> a pure function of (seed, source, dimension, index).
+module rockfall_sobol
+   use rockfall_kinds, only: i8
+   use rockfall_random, only: random_key_t, philox4x32, for_scramble
+   implicit none
+   private
+   public :: sobol_t, sobol_sequence, sobol_word, scrambled, most_dimensions, most_points
+
+   integer, parameter :: bits = 32                     !! of a word
+   integer, parameter :: most_dimensions = 13          !! a boulder's volume and the twelve words of a draw
+   integer(i8), parameter :: most_points = 2_i8**bits
+   integer, parameter :: levels = 7, trees = 5         !! a tree of seven levels has 127 nodes: a block of Philox
+
+   !> A sequence; with `dimensions` = 0 nobody asks for it.
+   type :: sobol_t
+      integer :: dimensions = 0
+      integer(i8) :: direction(bits, most_dimensions) = 0  !! direction numbers
+   end type sobol_t
+
+contains
+
+   !> The sequence of Joe and Kuo (2008, doi:10.1137/070709359), direction numbers of new-joe-kuo-6.
+   pure type(sobol_t) function sobol_sequence(dimensions) result(sobol)
+      integer, intent(in) :: dimensions  !! 0 .. most_dimensions
+      integer, parameter :: degree(2:most_dimensions) = [1, 2, 3, 3, 4, 4, 5, 5, 5, 5, 5, 5]
+      integer, parameter :: polynomial(2:most_dimensions) = [0, 1, 1, 2, 1, 4, 2, 4, 7, 11, 13, 14]
+      integer, parameter :: first(5, 2:most_dimensions) = reshape([ &
+         1, 0, 0, 0, 0, 1, 3, 0, 0, 0, 1, 3, 1, 0, 0, 1, 1, 1, 0, 0, 1, 1, 3, 3, 0, 1, 3, 5, 13, 0, &
+         1, 1, 5, 5, 17, 1, 1, 5, 5, 5, 1, 1, 7, 11, 19, 1, 1, 5, 1, 1, 1, 1, 1, 3, 11, 1, 3, 5, 5, 31], &
+         [5, most_dimensions - 1])
+      integer :: d, j, k
+
+      sobol%dimensions = dimensions
+      sobol%direction(:, 1) = [(2_i8**(bits - k), k=1, bits)]
+      do d = 2, most_dimensions
+         associate (v => sobol%direction(:, d), s => degree(d))
+            v(:s) = [(shiftl(int(first(k, d), i8), bits - k), k=1, s)]
+            do k = s + 1, bits
+               v(k) = ieor(v(k - s), shiftr(v(k - s), s))
+               do j = 1, s - 1
+                  if (btest(polynomial(d), s - 1 - j)) v(k) = ieor(v(k), v(k - j))
+               end do
+            end do
+         end associate
+      end do
+   end function sobol_sequence
+
+   !> Point `index` (0, 1, ...) in one dimension as it is, before scrambling; in the order of the Gray code
+   !> (Antonov and Saleev 1979), as other programs print it.
+   pure integer(i8) function sobol_word(sobol, index, dimension) result(word)
+      type(sobol_t), intent(in) :: sobol
+      integer(i8), intent(in) :: index   !! below most_points
+      integer, intent(in) :: dimension
+      integer(i8) :: left
+      integer :: k
+
+      word = 0
+      left = ieor(index, shiftr(index, 1))
+      do while (left /= 0)
+         k = trailz(left)
+         word = ieor(word, sobol%direction(k + 1, dimension))
+         left = ibclr(left, k)
+      end do
+   end function sobol_word
+
+   !> Nested uniform scrambling (Owen 1995, doi:10.1007/978-1-4612-2552-2_19): each bit of a word is turned over
+   !> or not, by a random bit that belongs to all the bits above it. So a word is uniform, and points keep the
+   !> even spread they had. The random bits are those of Philox: one block for the tree of seven levels below
+   !> given bits.
+   pure integer(i8) function scrambled(word, key, source, dimension)
+      integer(i8), intent(in) :: word    !! 0..2**32-1
+      type(random_key_t), intent(in) :: key
+      integer(i8), intent(in) :: source  !! each has a scramble of its own
+      integer, intent(in) :: dimension
+      integer(i8) :: flip(4), path, turned
+      integer :: low, leaf, node, k
+
+      path = shiftl(word, trees*levels - bits)
+      turned = 0
+      do low = (trees - 1)*levels, 0, -levels  ! the lowest bit of each tree
+         flip = philox4x32([shiftr(path, low + levels), ibits(source, 0, bits), shiftr(source, bits), &
+                            ior(shiftl(for_scramble, 24), int(64*dimension + low, i8))], key)
+         leaf = int(ibits(path, low, levels)) + 2**levels
+         do k = 1, levels
+            node = shiftr(leaf, k)
+            turned = ior(turned, shiftl(ibits(flip(1 + node/bits), mod(node, bits), 1), low + k - 1))
+         end do
+      end do
+      scrambled = ieor(word, shiftr(turned, trees*levels - bits))
+   end function scrambled
+end module rockfall_sobol
