@@ -8,6 +8,7 @@ from rockfall.errors import RockfallError
 from rockfall.result import read_result, write_result
 from rockfall.simulate import Interrupted, run
 from rockfall.statistics import line_statistics
+from rockfall.until import run_until
 
 try:
     __version__ = version("rockfall")
@@ -22,5 +23,6 @@ __all__ = [
     "read_case",
     "read_result",
     "run",
+    "run_until",
     "write_result",
 ]

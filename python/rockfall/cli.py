@@ -16,6 +16,8 @@ from rockfall.errors import RockfallError
 from rockfall.lab.cli import add_lab
 
 if TYPE_CHECKING:
+    import xarray as xr
+
     from rockfall.case import Case
     from rockfall.scene import Scene
 
@@ -85,9 +87,18 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("--boulders", metavar="N", type=int, help="released from each source")
     run.add_argument("--seed", metavar="N", type=int, help="of the random numbers")
     run.add_argument("--threads", metavar="N", type=int, help="0 = all cores")
+    rules = "'speed.mean@EL1<2%%, energy_total.q95@EL1<5%%, share@EL1<3%%'"
+    run.add_argument("--until", metavar="RULES", help=f"until 95 %% intervals are narrow: {rules}")
+    run.add_argument("--cap", metavar="N", type=int, help="with --until: most from each source")
     run.add_argument("--quiet", action="store_true", help="no progress, no summary")
     prepare = command("prepare", "make a case that rockfall-batch reads without Python", "CASE")
     prepare.add_argument("folder", metavar="DIR", type=Path, help="made; what is prepared there")
+    converge = command("convergence", "measure how a case's numbers converge, and the cost", "CASE")
+    converge.add_argument(
+        "-o", "--output", metavar="DIR", type=Path, help="default: CASE_convergence"
+    )
+    converge.add_argument("--boulders", metavar="N", type=int, nargs="+", help="of the study")
+    converge.add_argument("--reference", metavar="N", type=int, help="boulders; default: 1000000")
     export = command("export", "write a result as GeoTIFF, GeoPackage and CSV", "OUT.nc")
     export.add_argument("folder", metavar="DIR", type=Path, help="made where it is missing")
     compare = command("compare", "set a result beside observations", "OUT.nc")
@@ -112,7 +123,7 @@ def _run(arguments: argparse.Namespace) -> int:
     from rockfall.interrupts import interrupts
     from rockfall.result import check_writable, write_result
     from rockfall.scene import read_scene
-    from rockfall.simulate import Interrupted, run_scene
+    from rockfall.simulate import Interrupted
     from rockfall.summary import summary
 
     case = _overridden(arguments)
@@ -122,14 +133,26 @@ def _run(arguments: argparse.Namespace) -> int:
     _warn(scene)
     with interrupts():  # what has been done is also written
         try:
-            result = run_scene(scene, progress=not arguments.quiet, keep=False)
+            result = _fly(scene, arguments)
         except Interrupted as stop:
             return _keep(stop, path)
         write_result(result, path)
+    _warn_unmet(result)
     if not arguments.quiet:
         print(summary(result))
         print(path)
     return DONE
+
+
+def _fly(scene: Scene, arguments: argparse.Namespace) -> xr.Dataset:
+    """As many boulders as the case says, or as the rules of `--until` need."""
+    from rockfall.simulate import run_scene
+    from rockfall.until import run_scene_until
+
+    how = {"progress": not arguments.quiet, "keep": False}
+    if arguments.until is None:
+        return run_scene(scene, **how)
+    return run_scene_until(scene, arguments.until, arguments.cap, **how)
 
 
 def _prepare(arguments: argparse.Namespace) -> int:
@@ -138,6 +161,22 @@ def _prepare(arguments: argparse.Namespace) -> int:
 
     for path in prepare(read_case(arguments.case), arguments.folder):
         print(path)
+    return DONE
+
+
+def _convergence(arguments: argparse.Namespace) -> int:
+    from rockfall.case import read_case
+    from rockfall.convergence import check_writable, converge, write
+    from rockfall.convergence_text import text
+
+    folder = arguments.output or Path(f"{arguments.case.stem}_convergence")
+    check_writable(folder)
+    given = {key: getattr(arguments, key) for key in ("boulders", "reference")}
+    given = {key: value for key, value in given.items() if value is not None}
+    found = converge(read_case(arguments.case), **given, progress=True)
+    paths = write(found, folder)
+    print(text(found))
+    print("", *paths, sep="\n")
     return DONE
 
 
@@ -165,6 +204,10 @@ def _overridden(arguments: argparse.Namespace) -> Case:
     """The case with what the command line has in place of its own."""
     from rockfall.case import read_case
 
+    if arguments.until is not None and arguments.boulders is not None:
+        raise RockfallError("--boulders: --until finds their number; limit it with --cap")
+    if arguments.until is None and arguments.cap is not None:
+        raise RockfallError("--cap: is of use with --until only")
     case = read_case(arguments.case)
     given = {key: getattr(arguments, key) for key in ("boulders", "seed", "threads")}
     given = {key: value for key, value in given.items() if value is not None}
@@ -194,6 +237,14 @@ def _warn(scene: Scene) -> None:
     if not release["drop_height"] and not any(release["velocity"]):
         about = f"{scene.case.name}: &release has no drop_height and no velocity"
         print(f"rockfall: warning: {about}: boulders stop where they start", file=sys.stderr)
+
+
+def _warn_unmet(result: xr.Dataset) -> None:
+    from rockfall.until import verdicts_of
+
+    for verdict in verdicts_of(result):
+        if not verdict.met:
+            print(f"rockfall: warning: --until {verdict}", file=sys.stderr)
 
 
 def _say(line: str, status: int) -> int:

@@ -7,12 +7,13 @@ from contextlib import contextmanager
 
 
 @contextmanager
-def progress_bar(
-    total: int, shown: bool, what: str = "boulders"
-) -> Iterator[Callable[[int], None]]:
-    """A function that advances the bar by a number done; silent unless stderr is a terminal."""
+def progress_bar(total: int, shown: bool, what: str = "boulders") -> Iterator[Callable[..., None]]:
+    """A function that advances the bar by a number done, and may change the total.
+
+    Silent unless stderr is a terminal.
+    """
     if not (shown and sys.stderr.isatty()):
-        yield lambda _: None
+        yield lambda *_: None
         return
     from rich.console import Console
     from rich.progress import (
@@ -34,8 +35,8 @@ def progress_bar(
     with Progress(*columns, console=Console(stderr=True)) as bar:
         task = bar.add_task("", total=total, rate="")
 
-        def advance(done: int) -> None:
+        def advance(done: int, total: int | None = None) -> None:
             speed = bar.tasks[task].speed
-            bar.update(task, advance=done, rate=f"{speed:,.0f}/s" if speed else "")
+            bar.update(task, advance=done, total=total, rate=f"{speed:,.0f}/s" if speed else "")
 
         yield advance

@@ -28,8 +28,8 @@ TALLIES = ("passages", "deposits", *3 * [""], "energy_max", "speed_max_map", "ju
 TILE = 256  # cells of a map that are compressed together, either way
 
 
-def make_result(tally: Tally) -> xr.Dataset:
-    """Everything that a run found, as interface names of `variables`."""
+def make_result(tally: Tally, maps: bool = True) -> xr.Dataset:
+    """Everything that a run found, as interface names of `variables`; with or without its maps."""
     import xarray as xr
 
     data: dict[str, Any] = {}
@@ -37,7 +37,7 @@ def make_result(tally: Tally) -> xr.Dataset:
     if tally.scene.case.line:
         _add_lines(data, tally)
     data["crs"] = ((), np.int32(0), _grid_mapping(tally.scene.grid))
-    if tally.scene.case.output.get("maps"):
+    if maps and tally.scene.case.output.get("maps"):
         _add_maps(data, tally)
     if tally.scene.case.output["rebounds"]:
         _add_histograms(data, tally)

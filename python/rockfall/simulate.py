@@ -129,7 +129,7 @@ def run_scene(
         tally = start(scene, threads)
         with progress_bar(scene.boulders, shown=progress) as advance:
             run_chunks(tally, chunk, interrupted, advance)
-            _trace(tally)
+            trace(tally)
         if not keep:
             scene.forget_rasters()
         result = make_result(tally)
@@ -197,7 +197,7 @@ def _call(tally: Tally, arguments: dict[str, Any], first: int, size: int) -> Non
     tally.done = done.stop
 
 
-def _trace(tally: Tally) -> None:
+def trace(tally: Tally) -> None:
     """Fly the first boulders once more, each alone, and keep their way."""
     wall, cpu = time.perf_counter(), time.process_time()
     for number in range(1, min(tally.scene.case.output["trajectories"], tally.done) + 1):

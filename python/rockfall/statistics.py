@@ -94,7 +94,7 @@ def sample_numbers(v: np.ndarray, cluster: np.ndarray) -> dict[str, float]:
     row = {"mean": v.mean(), "max": v.max()}
     ordered = np.sort(v)
     for share, value in zip(QUANTILES, np.quantile(ordered, QUANTILES), strict=True):
-        name = _quantile_name(share)
+        name = quantile_name(share)
         effective = _effective((v <= value).astype(float), cluster)
         row[name] = value
         row[f"{name}_low"], row[f"{name}_high"] = _between_ranks(ordered, share, effective)
@@ -153,7 +153,7 @@ def _between_ranks(ordered: np.ndarray, share: float, effective: float) -> tuple
     return low, high
 
 
-def _quantile_name(share: float) -> str:
+def quantile_name(share: float) -> str:
     return f"q{share * 100:.0f}"
 
 
@@ -162,4 +162,4 @@ def _with_limits(name: str) -> list[str]:
 
 
 _COLUMNS = ["n", *_with_limits("share"), *_with_limits("mean"), *_with_limits("std"), "max"]
-_COLUMNS += [name for share in QUANTILES for name in _with_limits(_quantile_name(share))]
+_COLUMNS += [name for share in QUANTILES for name in _with_limits(quantile_name(share))]

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rockfall.statistics import line_numbers, sources
+from rockfall.until import verdicts_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -21,6 +22,7 @@ def summary(result: xr.Dataset) -> str:
     lines += _ends(result)
     if "line" in result:
         lines += _passages(result)
+    lines += [f"  until {verdict}" for verdict in verdicts_of(result)]
     lines += _rebounds(result)
     wall, cpu = (result.attrs[f"{clock}_seconds"] for clock in ("wall", "cpu"))
     lines.append(f"  {wall:.1f} s, {cpu:.1f} s of CPU")

@@ -1,0 +1,34 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a digit costs: statistical and numerical errors of cases/vaujany against CPU time.
+
+    python benchmarks/convergence.py [DIR] [--reference 1000000]
+
+Prints the tables of `rockfall convergence`; with DIR also writes its files and its figure.
+"""
+
+import argparse
+from pathlib import Path
+
+from machine import machine
+
+import rockfall
+from rockfall.convergence import REFERENCE, converge, write
+from rockfall.convergence_text import text
+
+VAUJANY = Path(__file__).parents[1] / "cases/vaujany/case.nml"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("folder", metavar="DIR", type=Path, nargs="?")
+    parser.add_argument("--reference", type=int, default=REFERENCE)
+    options = parser.parse_args()
+    print(machine(), "\n")
+    found = converge(rockfall.read_case(VAUJANY), reference=options.reference, progress=True)
+    print(text(found))
+    if options.folder:
+        write(found, options.folder)
+
+
+if __name__ == "__main__":
+    main()
