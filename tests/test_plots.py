@@ -5,8 +5,10 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from rockfall import mapfigures
+from rockfall.flights import flights, height
 from rockfall.grid import Grid
-from rockfall.plots import _flights, _reached, line_figure, overview
+from rockfall.plots import line_figure, overview
 
 pytest.importorskip("matplotlib", reason="the report extra is not installed").use("Agg")
 pytestmark = pytest.mark.filterwarnings("error")
@@ -15,7 +17,10 @@ ENDS = {"flag_values": np.arange(4, dtype="i1"), "flag_meanings": "stopped absor
 OPTIONAL = {
     "maps": ["passages"],
     "lines": ["line_x", "line_y", "line_vertex_line", "line_vertex_x", "line_vertex_y"],
-    "trajectories": [f"trajectory_{c}" for c in ("boulder", "x", "y", "z", "time")],
+    "trajectories": [
+        f"trajectory_{c}"
+        for c in ("boulder", "x", "y", "z", "time", "velocity_x", "velocity_y", "velocity_z")
+    ],
 }
 
 
@@ -50,11 +55,16 @@ def result(grid: Grid, boulders: int = 200) -> xr.Dataset:
         "line_vertex_x": ("line_vertex", grid.west + np.array([10.0, 190.0] * 2)),
         "line_vertex_y": ("line_vertex", y0 - np.repeat(lines, 2)),
         "passages": (("y", "x"), np.full(grid.shape, boulders // 50)),
+        "x": grid.x,
+        "y": grid.y,
         "trajectory_boulder": ("trajectory_vertex", np.ones(hops.size, "i8")),
         "trajectory_x": ("trajectory_vertex", np.full(hops.size, x0)),
         "trajectory_y": ("trajectory_vertex", y0 - hops),
         "trajectory_z": ("trajectory_vertex", 0.7 * (y0 - hops - grid.y[-1])),
         "trajectory_time": ("trajectory_vertex", hops / 10),
+        "trajectory_velocity_x": ("trajectory_vertex", np.zeros(hops.size)),
+        "trajectory_velocity_y": ("trajectory_vertex", np.full(hops.size, -10.0)),
+        "trajectory_velocity_z": ("trajectory_vertex", np.full(hops.size, 9.81 / 2 - 7)),
     }
     return xr.Dataset(about, coords={"line": ["EL1", "EL2"]}, attrs={"title": "A slope"})
 
@@ -90,8 +100,10 @@ def test_either_map_of_passages_gives_the_same_picture(tmp_path):
 def test_overview_of_a_big_raster_is_thinned(tmp_path, monkeypatch):
     dem, grid = scene()
     shown = result(grid)
-    monkeypatch.setattr("rockfall.plots.DOTS", 20)
-    assert _reached(shown, grid)[0].step == 3
+    monkeypatch.setattr("rockfall.mapfigures.DOTS", 20)
+    extent = mapfigures.reached(shown, (dem, grid))
+    _, coarse = mapfigures._cropped(dem, grid, False, extent, np.add)
+    assert coarse.cell == 4 * grid.cell
     overview(shown, dem, grid, tmp_path / "big.png")
     assert is_picture(tmp_path / "big.png")
 
@@ -119,7 +131,7 @@ def test_figures_when_no_boulder_passes_a_line(tmp_path, empty):
 
 def test_flights_are_parabolas_above_the_ground():
     dem, grid = scene()
-    (flight,) = _flights(result(grid), dem, grid, 9.81)
-    jump = flight.z - flight.ground
+    (flight,) = flights(result(grid))
+    jump = flight.z - height((dem, grid), flight.x, flight.y)
     assert jump.min() == pytest.approx(0, abs=1e-9)
     assert jump.max() == pytest.approx(9.81 / 8)  # g T^2 / 8 in the middle of a flight of 1 s

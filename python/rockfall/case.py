@@ -49,16 +49,18 @@ def read_case(path: str | Path) -> Case:
     except OSError as error:
         raise RockfallError(f"{path}: cannot be read: {error.strerror}") from error
     _check(text, str(path))
-    groups = _parse(text.decode("utf-8-sig"))
-    lines = groups.pop("line", [])
-    return Case(line=lines, folder=path.parent, name=str(path), **groups)
+    return _case(text.decode("utf-8-sig"), path)
 
 
 def case_of(result: xr.Dataset) -> Case:
-    """The case that gave a result, with its defaults."""
-    name = result.attrs["case_file"]
-    groups = _parse(result.attrs["case"])
-    return Case(line=groups.pop("line", []), folder=Path(name).parent, name=name, **groups)
+    """The case that a result holds; file names are relative to where the run found its case."""
+    return _case(result.attrs["case"], Path(result.attrs["case_file"]))
+
+
+def _case(text: str, path: Path) -> Case:
+    groups = _parse(text)
+    lines = groups.pop("line", [])
+    return Case(line=lines, folder=path.parent, name=str(path), **groups)
 
 
 class Case:

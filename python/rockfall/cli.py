@@ -104,6 +104,13 @@ def _parser() -> argparse.ArgumentParser:
     compare = command("compare", "set a result beside observations", "OUT.nc")
     compare.add_argument("observed", metavar="OBSERVED.csv", type=Path, nargs="+")
     compare.add_argument("-o", "--output", metavar="TABLE.csv", type=Path, help="all tables as CSV")
+    figures = command("figures", "draw every figure of a result, those of the paper too", "OUT.nc")
+    figures.add_argument("folder", metavar="DIR", type=Path, help="made where it is missing")
+    figures.add_argument(
+        "--dem", metavar="FILE", type=Path, help="default: the case's, where found"
+    )
+    figures.add_argument("--observed", metavar="CSV", type=Path, nargs="+", help="drawn beside it")
+    figures.add_argument("--format", default="png", help="png (default), pdf or svg")
     add_lab(commands)
     return parser
 
@@ -197,6 +204,27 @@ def _compare(arguments: argparse.Namespace) -> int:
     if arguments.output:
         write_comparison(found, arguments.output, keep=(path, *sources))
     print(found)
+    return DONE
+
+
+def _figures(arguments: argparse.Namespace) -> int:
+    from rockfall.figures import figures, terrain_of, write_figures
+    from rockfall.result import read_result
+
+    result = read_result(getattr(arguments, "out.nc"))
+    observed = None
+    if arguments.observed:
+        from rockfall.observed import read_observed
+
+        observed = read_observed(*arguments.observed)
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always", UserWarning)
+        terrain = terrain_of(result, arguments.dem)
+    for warning in said:
+        print(f"rockfall: warning: {warning.message}", file=sys.stderr)
+    shown = figures(result, terrain, observed)
+    for path in write_figures(shown, arguments.folder, arguments.format):
+        print(path)
     return DONE
 
 

@@ -129,7 +129,8 @@ def _effective(indicator: np.ndarray, cluster: np.ndarray) -> float:
     plain = share * (1 - share)
     if plain == 0 or indicator.size < 2:
         return float(indicator.size)
-    return min(float(indicator.size), plain / _error_of_mean(indicator, cluster) ** 2)
+    with np.errstate(divide="ignore"):  # sources that are all alike
+        return min(float(indicator.size), plain / _error_of_mean(indicator, cluster) ** 2)
 
 
 def _wilson(share: float, n: float) -> tuple[float, float]:

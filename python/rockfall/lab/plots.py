@@ -9,11 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rockfall.errors import RockfallError
-from rockfall.files import whole_file
 from rockfall.lab.case import COEFFICIENTS
 from rockfall.lab.scorecard import restitution
-from rockfall.plots import BLUE, GREY, INK, STYLE, VERMILION
+from rockfall.style import BLUE, GREY, INK, STYLE, VERMILION, WIDE, new_figure, save, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -86,40 +84,44 @@ def impact_figure(films: Sequence[Mapping[str, Any]], width: float, path: str | 
 
 
 def restitution_figure(sets: Sequence[Sets], path: str | Path) -> None:
+    """Write `draw_restitution`."""
+    save(draw_restitution(sets, (10.5, 4.6)), path, 200)
+
+
+@styled
+def draw_restitution(sets: Sequence[Sets], size: tuple[float, float] = (WIDE, 3.6)) -> Figure:
     """R_t and R_n against the incidence angle for each ratio, without spin (the paper's Fig. 5):
     mean and the middle 80 % of the admissible draws of each set; what the paper says in grey."""
-    import matplotlib.pyplot as plt
-
-    with plt.rc_context(STYLE):
-        figure, panels = plt.subplots(
-            2, 5, figsize=(10.5, 4.6), sharex=True, sharey="row", layout="constrained"
-        )
-        for one, colour in zip(sets, (VERMILION, BLUE), strict=False):
-            for k in range(5):
-                draws = [restitution(one.mean[k], one.covariance[k], angle) for angle in ANGLES]
-                for row, axes in enumerate(panels[:, k]):
-                    shown = ANGLES[ANGLES <= (LAST_RT, 90.0)[row]]
-                    values = [draw[row] for draw in draws[: shown.size]]
-                    known = np.array([v.size > 0 for v in values])  # some draw is admissible
-                    shown, values = shown[known], [v for v in values if v.size]
-                    if not values:
-                        continue
-                    low, high = np.transpose([np.quantile(v, (0.1, 0.9)) for v in values])
-                    axes.fill_between(shown, low, high, color=colour, alpha=0.18, lw=0)
-                    mean = [v.mean() for v in values]
-                    axes.plot(shown, mean, color=colour, lw=1.2, label=one.name)
-        for row, name in enumerate(KNOWN):
-            for axes in panels[row]:
-                for x, y in KNOWN[name]:
-                    axes.plot(x, y, color=GREY, lw=4, alpha=0.5, marker="s", ms=4, zorder=0)
-            panels[row, 0].set_ylabel(name)
+    figure = new_figure(*size)
+    panels = figure.subplots(2, 5, sharex=True, sharey="row")
+    looks = ((VERMILION, "-"), (BLUE, (0, (5, 2))))
+    for one, (colour, dashes) in zip(sets, looks, strict=False):
         for k in range(5):
-            panels[0, k].set_title(f"R_b/R_m = {k + 1}")
-            panels[1, k].set(xlabel="incidence angle [degrees]", xlim=(0, 91))
-        panels[0, 0].set_ylim(0, 1.1)
-        panels[1, 0].set_ylim(0, 2.5)
-        panels[1, 4].legend(loc="upper right")
-        _save(figure, path)
+            draws = [restitution(one.mean[k], one.covariance[k], angle) for angle in ANGLES]
+            for row, axes in enumerate(panels[:, k]):
+                shown = ANGLES[ANGLES <= (LAST_RT, 90.0)[row]]
+                values = [draw[row] for draw in draws[: shown.size]]
+                known = np.array([v.size > 0 for v in values])  # some draw is admissible
+                shown, values = shown[known], [v for v in values if v.size]
+                if not values:
+                    continue
+                low, high = np.transpose([np.quantile(v, (0.1, 0.9)) for v in values])
+                axes.fill_between(shown, low, high, color=colour, alpha=0.18, lw=0)
+                mean = [v.mean() for v in values]
+                axes.plot(shown, mean, color=colour, lw=1.2, ls=dashes, label=one.name)
+    for row, name in enumerate(KNOWN):
+        for axes in panels[row]:
+            for x, y in KNOWN[name]:
+                axes.plot(x, y, color=GREY, lw=4, alpha=0.5, marker="s", ms=4, zorder=0)
+        panels[row, 0].set_ylabel(name)
+    for k in range(5):
+        panels[0, k].set_title(f"R_b/R_m = {k + 1}")
+        panels[1, k].set_xlim(0, 91)
+    panels[0, 0].set_ylim(0, 1.1)
+    panels[1, 0].set_ylim(0, 2.5)
+    panels[1, 4].legend(loc="upper right")
+    figure.supxlabel("incidence angle [degrees]", fontsize=8)
+    return figure
 
 
 def coefficient_figure(
@@ -165,9 +167,5 @@ def _discs(axes: Axes, x: np.ndarray, radius: np.ndarray, colour: str) -> None:
 def _save(figure: Figure, path: str | Path) -> None:
     import matplotlib.pyplot as plt
 
-    with whole_file(path) as part:
-        try:
-            figure.savefig(part)
-        except ValueError as error:  # an ending that is no picture's
-            raise RockfallError(f"{path}: cannot be written: {error}") from error
+    save(figure, path, 200)
     plt.close(figure)
