@@ -8,6 +8,7 @@ from rockfall.errors import RockfallError
 from rockfall.result import read_result, write_result
 from rockfall.simulate import Interrupted, run
 from rockfall.statistics import line_statistics
+from rockfall.tails import return_levels
 from rockfall.until import run_until
 
 try:
@@ -22,6 +23,7 @@ __all__ = [
     "line_statistics",
     "read_case",
     "read_result",
+    "return_levels",
     "run",
     "run_until",
     "write_result",

@@ -111,6 +111,8 @@ def _parser() -> argparse.ArgumentParser:
     )
     figures.add_argument("--observed", metavar="CSV", type=Path, nargs="+", help="drawn beside it")
     figures.add_argument("--format", default="png", help="png (default), pdf or svg")
+    lines = command("lines", "print line statistics with intervals, and return levels", "OUT.nc")
+    lines.add_argument("-o", "--output", metavar="TABLE.csv", type=Path, help="write them, too")
     add_lab(commands)
     return parser
 
@@ -225,6 +227,13 @@ def _figures(arguments: argparse.Namespace) -> int:
     shown = figures(result, terrain, observed)
     for path in write_figures(shown, arguments.folder, arguments.format):
         print(path)
+    return DONE
+
+
+def _lines(arguments: argparse.Namespace) -> int:
+    from rockfall.linetables import print_lines
+
+    print_lines(getattr(arguments, "out.nc"), arguments.output)
     return DONE
 
 

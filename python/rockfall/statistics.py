@@ -95,9 +95,9 @@ def sample_numbers(v: np.ndarray, cluster: np.ndarray) -> dict[str, float]:
     ordered = np.sort(v)
     for share, value in zip(QUANTILES, np.quantile(ordered, QUANTILES), strict=True):
         name = quantile_name(share)
-        effective = _effective((v <= value).astype(float), cluster)
+        effective = effective_number((v <= value).astype(float), cluster)
         row[name] = value
-        row[f"{name}_low"], row[f"{name}_high"] = _between_ranks(ordered, share, effective)
+        row[f"{name}_low"], row[f"{name}_high"] = between_ranks(ordered, share, effective)
     if v.size > 1:
         row["std"] = v.std(ddof=1)
         error = _error_of_mean(v, cluster)
@@ -112,7 +112,7 @@ def sample_numbers(v: np.ndarray, cluster: np.ndarray) -> dict[str, float]:
 def share_interval(holds: np.ndarray, source: np.ndarray) -> tuple[float, float, float]:
     """Share of the boulders of which something holds, and the limits of its 95 % interval."""
     share = float(holds.mean())
-    return share, *_wilson(share, _effective(holds.astype(float), source))
+    return share, *_wilson(share, effective_number(holds.astype(float), source))
 
 
 def _error_of_mean(v: np.ndarray, cluster: np.ndarray) -> float:
@@ -123,7 +123,7 @@ def _error_of_mean(v: np.ndarray, cluster: np.ndarray) -> float:
     return np.sqrt((sums**2).sum() * sums.size / (sums.size - 1)) / v.size
 
 
-def _effective(indicator: np.ndarray, cluster: np.ndarray) -> float:
+def effective_number(indicator: np.ndarray, cluster: np.ndarray) -> float:
     """As many independent boulders would know the share of an indicator as well."""
     share = indicator.mean()
     plain = share * (1 - share)
@@ -139,7 +139,7 @@ def _wilson(share: float, n: float) -> tuple[float, float]:
     return max(0.0, middle - half), min(1.0, middle + half)
 
 
-def _between_ranks(ordered: np.ndarray, share: float, effective: float) -> tuple[float, float]:
+def between_ranks(ordered: np.ndarray, share: float, effective: float) -> tuple[float, float]:
     """The order statistics that enclose a quantile, interpolated between ranks, without which a
     small sample's intervals would hold too much; NaN where the sample ends before them."""
     half = Z * np.sqrt(share * (1 - share) / effective)
@@ -158,9 +158,9 @@ def quantile_name(share: float) -> str:
     return f"q{share * 100:.0f}"
 
 
-def _with_limits(name: str) -> list[str]:
+def with_limits(name: str) -> list[str]:
     return [name, f"{name}_low", f"{name}_high"]
 
 
-_COLUMNS = ["n", *_with_limits("share"), *_with_limits("mean"), *_with_limits("std"), "max"]
-_COLUMNS += [name for share in QUANTILES for name in _with_limits(quantile_name(share))]
+_COLUMNS = ["n", *with_limits("share"), *with_limits("mean"), *with_limits("std"), "max"]
+_COLUMNS += [name for share in QUANTILES for name in with_limits(quantile_name(share))]

@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Line statistics and return levels as text to read and as CSV."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rockfall.errors import RockfallError
+from rockfall.files import whole_file
+from rockfall.result import read_result
+from rockfall.statistics import QUANTILES, line_statistics
+from rockfall.tails import LEVELS, return_levels
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+#: What is printed of a quantity: its name, how many make the printed unit, digits.
+SHOWN = {
+    "speed": ("speed [m/s]", 1, 1),
+    "jump_height": ("jump height [m]", 1, 2),
+    "passing_height": ("passing height [m]", 1, 2),
+    "omega": ("omega [rad/s]", 1, 1),
+    "energy_translational": ("E_trans [kJ]", 1000, 0),
+    "energy_rotational": ("E_rot [kJ]", 1000, 1),
+    "energy_total": ("E_tot [kJ]", 1000, 0),
+    "rotational_share": ("E_rot / E_tot [%]", 0.01, 1),
+}
+NAME, WIDE = 20, 14  # columns
+ABOUT = """\
+Below each number its 95 % interval. The largest grows with the number of boulders. 1 in N: what one
+in N of the boulders that pass exceeds, from the sample where 25 or more boulders exceed it, else
+from a generalised Pareto tail of the boulders above the threshold."""
+
+
+def print_lines(path: str | Path, table: str | Path | None = None) -> None:
+    """Print both tables of a result; with `table`, a CSV file, write line_statistics there and
+    return_levels beside it as NAME_levels.csv, in the units of the result."""
+    table = table and _csv(Path(table))
+    result = read_result(path)
+    if "line" not in result:
+        raise RockfallError(f"{path}: has no evaluation lines")
+    statistics, levels = line_statistics(result), return_levels(result)
+    if table:
+        beside = table.with_name(f"{table.stem}_levels.csv")
+        for name, data in ((table, statistics), (beside, levels)):
+            with whole_file(name) as part, open(part, "w", encoding="utf-8", newline="") as file:
+                data.to_csv(file, index=False)
+    print("\n".join(_text(statistics, levels, result.sizes["boulder"])))
+    if table:
+        print(table, beside, sep="\n")
+
+
+def _csv(path: Path) -> Path:
+    if path.suffix.lower() != ".csv" or path.is_dir():
+        raise RockfallError(f"{path}: must be a file name that ends in .csv")
+    return path
+
+
+def _text(statistics: pd.DataFrame, levels: pd.DataFrame, boulders: int) -> Iterator[str]:
+    """Both tables, line after line."""
+    yield ABOUT
+    for line, rows in statistics.groupby("line", sort=False):
+        one = rows.iloc[0]
+        share, low, high = (f"{100 * one[f'share{end}']:.1f}" for end in ("", "_low", "_high"))
+        yield ""
+        yield f"{line}: {one['n']:,} of {boulders:,} boulders, {share} % ({low} to {high} %)"
+        if one["n"]:
+            names = ["mean", "std", *(f"q{100 * share:.0f}" for share in QUANTILES)]
+            yield _head(*names)
+            for _, row in rows.iterrows():
+                yield from _row(row, names)
+            names = [f"level_{N}" for N in LEVELS]
+            yield _head("largest", *(f"1 in {N:,}" for N in LEVELS), "threshold", "above", "shape")
+            tails = levels[levels["line"] == line]
+            for _, row in tails.iterrows():
+                yield from _row(row, ["max", *names, "threshold", "exceedances", "shape"])
+            yield from _refused(tails)
+
+
+def _head(*names: str) -> str:
+    return f"{'':{NAME}}" + "".join(f"{name:>{WIDE}}" for name in names)
+
+
+def _row(row: pd.Series, names: list[str]) -> Iterator[str]:
+    """The numbers of a quantity; below them their intervals, and where the tail ends."""
+    title, unit, digits = SHOWN[row["quantity"]]
+    numbers, limits = f"  {title:{NAME - 2}}", " " * NAME
+    for name in names:
+        scale, places = {"exceedances": (1, 0), "shape": (1, 2)}.get(name, (unit, digits))
+        value, low, high = (
+            _number(row.get(f"{name}{end}", np.nan), scale, places) for end in ("", "_low", "_high")
+        )
+        numbers += f"{value or '-':>{WIDE}}"
+        limits += f"{f'{low}..{high}' if low or high else '':>{WIDE}}"
+    yield numbers
+    if limits.strip():
+        yield limits.rstrip()
+    if np.isfinite(row.get("end", np.nan)):
+        end, high = (_number(row[name], unit, digits) for name in ("end", "end_high"))
+        yield f"    bounded: ends at {end}, 95 % interval up to {high}"
+
+
+def _refused(tails: pd.DataFrame) -> Iterator[str]:
+    """Each reason once, with the quantities that it is for."""
+    for reason, rows in tails.groupby("refused", sort=False):
+        names = ", ".join(SHOWN[quantity][0].partition(" [")[0] for quantity in rows["quantity"])
+        yield f"  refused: {reason} ({'all' if len(rows) == len(tails) else names})"
+
+
+def _number(value: float, unit: float, digits: int) -> str:
+    """In the printed unit; nothing where it is unknown."""
+    return f"{value / unit:.{digits}f}" if np.isfinite(value) else ""
