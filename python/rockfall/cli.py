@@ -104,15 +104,18 @@ def _parser() -> argparse.ArgumentParser:
     compare = command("compare", "set a result beside observations", "OUT.nc")
     compare.add_argument("observed", metavar="OBSERVED.csv", type=Path, nargs="+")
     compare.add_argument("-o", "--output", metavar="TABLE.csv", type=Path, help="all tables as CSV")
-    figures = command("figures", "draw every figure of a result, those of the paper too", "OUT.nc")
-    figures.add_argument("folder", metavar="DIR", type=Path, help="made where it is missing")
-    figures.add_argument(
-        "--dem", metavar="FILE", type=Path, help="default: the case's, where found"
-    )
-    figures.add_argument("--observed", metavar="CSV", type=Path, nargs="+", help="drawn beside it")
-    figures.add_argument("--format", default="png", help="png (default), pdf or svg")
     lines = command("lines", "print line statistics with intervals, and return levels", "OUT.nc")
     lines.add_argument("-o", "--output", metavar="TABLE.csv", type=Path, help="write them, too")
+    figures = command("figures", "draw every figure of a result, those of the paper too", "OUT.nc")
+    figures.add_argument("folder", metavar="DIR", type=Path, help="made where it is missing")
+    figures.add_argument("--format", default="png", help="png (default), pdf or svg")
+    report = command("report", "write a result as one HTML page, to be read offline", "OUT.nc")
+    report.add_argument("-o", "--output", metavar="FILE", type=Path, help="default: OUT.html")
+    for one in figures, report:
+        one.add_argument(
+            "--dem", metavar="FILE", type=Path, help="default: the case's, where found"
+        )
+        one.add_argument("--observed", metavar="CSV", type=Path, nargs="+", help="drawn beside it")
     add_lab(commands)
     return parser
 
@@ -209,12 +212,39 @@ def _compare(arguments: argparse.Namespace) -> int:
     return DONE
 
 
+def _lines(arguments: argparse.Namespace) -> int:
+    from rockfall.linetables import print_lines
+
+    print_lines(getattr(arguments, "out.nc"), arguments.output)
+    return DONE
+
+
 def _figures(arguments: argparse.Namespace) -> int:
-    from rockfall.figures import figures, terrain_of, write_figures
+    from rockfall.figures import figures, write_figures
+
+    shown = figures(*_shown(arguments))
+    for path in write_figures(shown, arguments.folder, arguments.format):
+        print(path)
+    return DONE
+
+
+def _report(arguments: argparse.Namespace) -> int:
+    from rockfall.report import check_page, write_report
+
+    path = arguments.output or getattr(arguments, "out.nc").with_suffix(".html")
+    check_page(path)
+    result, terrain, observed = _shown(arguments)
+    write_report(result, path, terrain, observed)
+    print(path)
+    return DONE
+
+
+def _shown(arguments: argparse.Namespace) -> tuple:
+    """The result, its terrain and the observations that a command is to draw."""
+    from rockfall.figures import terrain_of
     from rockfall.result import read_result
 
-    result = read_result(getattr(arguments, "out.nc"))
-    observed = None
+    result, observed = read_result(getattr(arguments, "out.nc")), None
     if arguments.observed:
         from rockfall.observed import read_observed
 
@@ -224,17 +254,7 @@ def _figures(arguments: argparse.Namespace) -> int:
         terrain = terrain_of(result, arguments.dem)
     for warning in said:
         print(f"rockfall: warning: {warning.message}", file=sys.stderr)
-    shown = figures(result, terrain, observed)
-    for path in write_figures(shown, arguments.folder, arguments.format):
-        print(path)
-    return DONE
-
-
-def _lines(arguments: argparse.Namespace) -> int:
-    from rockfall.linetables import print_lines
-
-    print_lines(getattr(arguments, "out.nc"), arguments.output)
-    return DONE
+    return result, terrain, observed
 
 
 def _overridden(arguments: argparse.Namespace) -> Case:
