@@ -19,6 +19,7 @@ module rockfall_case
    integer, parameter :: many = 100000       !! values of a list
    integer, parameter :: text_length = 4096  !! characters of a text
    integer, parameter :: most_threads = 1024
+   integer, parameter :: most_runs = 65536   !! draws of an ensemble
 
    !> A key of the case file.
    type :: key_t
@@ -35,7 +36,7 @@ module rockfall_case
    character(len=*), parameter :: map_names(*) = map_fields
    integer, parameter :: n_maps = size(map_names)
 
-   integer, parameter :: n_keys = 42
+   integer, parameter :: n_keys = 51
    type(key_t), parameter :: key_table(n_keys) = [ &
       key_t("case", "title", "text", 1, "''", "", "", "what the result is called"), &
       key_t("case", "seed", "integer", 1, "1", ">= 0", "", "of the random numbers"), &
@@ -80,7 +81,22 @@ module rockfall_case
       key_t("output", "least_passages", "integer", 1, "10", ">= 1", "", &
             "cells with fewer show no mean and no quantile"), &
       key_t("output", "rebounds", "logical", 1, ".false.", "", "", "histograms over all rebounds"), &
-      key_t("output", "trajectories", "integer", 1, "0", ">= 0", "", "record the first n boulders")]
+      key_t("output", "trajectories", "integer", 1, "0", ">= 0", "", "record the first n boulders"), &
+      key_t("ensemble", "runs", "integer", 1, "64", ">= 8", "", "draws of all that is uncertain"), &
+      key_t("ensemble", "radius_factor", "real", 1, "1.0", "1 to 10", "", &
+            "geometric standard deviation of R_m or Rg, zone by zone"), &
+      key_t("ensemble", "volume_factor", "real", 1, "1.0", "1 to 10", "", &
+            "geometric standard deviation of all volumes together"), &
+      key_t("ensemble", "volume_std_factor", "real", 1, "1.0", "1 to 10", "", &
+            "geometric standard deviation of volume_std"), &
+      key_t("ensemble", "drop_height_factor", "real", 1, "1.0", "1 to 10", "", &
+            "geometric standard deviation of drop_height"), &
+      key_t("ensemble", "dem_error", "real", 1, "0.0", ">= 0", "m", "standard deviation of elevations"), &
+      key_t("ensemble", "dem_correlation", "real", 1, "absent", "> 0", "m", &
+            "distance at which the correlation of their errors is 1/e"), &
+      key_t("ensemble", "source_shift", "real", 1, "0.0", ">= 0", "m", &
+            "standard deviation of easting and northing of all sources together"), &
+      key_t("ensemble", "sets", "text", 100, "absent", "", "", "impact sets, each with equal probability")]
 
    type :: case_line_t
       character(len=:), allocatable :: name
@@ -131,6 +147,7 @@ contains
       if (.not. allocated(error)) call read_release(group_of(list, "release"), case, error)
       if (.not. allocated(error)) call read_lines(list, case, error)
       if (.not. allocated(error)) call read_output(group_of(list, "output"), case, error)
+      if (.not. allocated(error)) call check_ensemble(group_of(list, "ensemble"), case, error)
    end subroutine read_case
 
    !> A row of the table as text: group|key|kind|most|default|allowed|unit|meaning.
@@ -344,10 +361,13 @@ contains
       call get_integer(group, trim(key%name), value, error)
       if (allocated(error)) return
       small = key%name /= "seed" .and. key%name /= "boulders"
-      if ((key%allowed == ">= 0" .and. value < 0) .or. (key%allowed == ">= 1" .and. value < 1)) then
+      if ((key%allowed == ">= 0" .and. value < 0) .or. (key%allowed == ">= 1" .and. value < 1) .or. &
+          (key%allowed == ">= 8" .and. value < 8)) then
          call refuse(group, trim(key%name), "must be "//trim(key%allowed), error)
       else if (key%name == "threads" .and. value > most_threads) then
          call refuse(group, trim(key%name), "must be at most "//integer_text(most_threads), error)
+      else if (key%name == "runs" .and. value > most_runs) then
+         call refuse(group, trim(key%name), "must be at most "//integer_text(most_runs), error)
       else if (small .and. abs(value) > huge(1)) then
          call refuse(group, trim(key%name), "must be at most "//integer_text(huge(1)), error)
       end if
@@ -368,6 +388,8 @@ contains
       do k = 1, size(values)
          if ((key%allowed == "> 0" .and. values(k) <= 0) .or. (key%allowed == ">= 0" .and. values(k) < 0)) then
             call refuse(group, trim(key%name), "must be "//trim(key%allowed)//unit, error, k)
+         else if (key%allowed == "1 to 10" .and. (values(k) < 1 .or. values(k) > 10)) then
+            call refuse(group, trim(key%name), "must be "//trim(key%allowed), error, k)
          else if (abs(values(k)) > 1.0e12_wp) then
             call refuse(group, trim(key%name), "must be at most 1e12"//unit, error, k)
          else if (key%allowed == "> 0" .and. values(k) < 1.0e-12_wp) then
@@ -621,4 +643,19 @@ contains
       case%trajectories = int(integer_of(group, "trajectories"))
       case%map = [(any(maps == map_names(k)), k=1, n_maps)]
    end subroutine read_output
+
+   !> What `rockfall ensemble` varies; a run takes no notice of it.
+   pure subroutine check_ensemble(group, case, error)
+      type(group_t), intent(in) :: group
+      type(case_t), intent(in) :: case
+      type(error_t), allocatable, intent(out) :: error
+
+      if (real_of(group, "dem_error") > 0) call need(group, "dem_correlation", "for dem_error", error)
+      if (allocated(error)) return
+      if (real_of(group, "volume_std_factor") > 1 .and. case%law%deviation <= 0) then
+         call refuse(group, "volume_std_factor", "has no meaning without a volume_std", error)
+      else if (real_of(group, "drop_height_factor") > 1 .and. case%drop_height <= 0) then
+         call refuse(group, "drop_height_factor", "has no meaning without a drop_height", error)
+      end if
+   end subroutine check_ensemble
 end module rockfall_case

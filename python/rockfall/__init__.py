@@ -4,6 +4,7 @@
 from importlib.metadata import PackageNotFoundError, version
 
 from rockfall.case import Case, read_case
+from rockfall.ensemble import ensemble_table, run_ensemble
 from rockfall.errors import RockfallError
 from rockfall.result import read_result, write_result
 from rockfall.simulate import Interrupted, run
@@ -20,11 +21,13 @@ __all__ = [
     "Case",
     "Interrupted",
     "RockfallError",
+    "ensemble_table",
     "line_statistics",
     "read_case",
     "read_result",
     "return_levels",
     "run",
+    "run_ensemble",
     "run_until",
     "write_result",
 ]

@@ -84,13 +84,17 @@ def _parser() -> argparse.ArgumentParser:
     command("check", "read and check everything, say what would run, run nothing", "CASE")
     run = command("run", "run a case and write its result as netCDF", "CASE")
     run.add_argument("-o", "--output", metavar="OUT.nc", type=Path, help="default: CASE.nc, here")
-    run.add_argument("--boulders", metavar="N", type=int, help="released from each source")
-    run.add_argument("--seed", metavar="N", type=int, help="of the random numbers")
-    run.add_argument("--threads", metavar="N", type=int, help="0 = all cores")
     rules = "'speed.mean@EL1<2%%, energy_total.q95@EL1<5%%, share@EL1<3%%'"
     run.add_argument("--until", metavar="RULES", help=f"until 95 %% intervals are narrow: {rules}")
     run.add_argument("--cap", metavar="N", type=int, help="with --until: most from each source")
-    run.add_argument("--quiet", action="store_true", help="no progress, no summary")
+    vary = command("ensemble", "run a case over what is uncertain in it, say what matters", "CASE")
+    vary.add_argument("-o", "--output", metavar="OUT", type=Path, help="OUT.nc, or a table OUT.csv")
+    vary.add_argument("--runs", metavar="M", type=int, help="draws of what is uncertain")
+    for one in run, vary:
+        one.add_argument("--boulders", metavar="N", type=int, help="released from each source")
+        one.add_argument("--seed", metavar="N", type=int, help="of the random numbers")
+        one.add_argument("--threads", metavar="N", type=int, help="0 = all cores")
+        one.add_argument("--quiet", action="store_true", help="no progress, no summary")
     prepare = command("prepare", "make a case that rockfall-batch reads without Python", "CASE")
     prepare.add_argument("folder", metavar="DIR", type=Path, help="made; what is prepared there")
     converge = command("convergence", "measure how a case's numbers converge, and the cost", "CASE")
@@ -138,6 +142,10 @@ def _run(arguments: argparse.Namespace) -> int:
     from rockfall.simulate import Interrupted
     from rockfall.summary import summary
 
+    if arguments.until is not None and arguments.boulders is not None:
+        raise RockfallError("--boulders: --until finds their number; limit it with --cap")
+    if arguments.until is None and arguments.cap is not None:
+        raise RockfallError("--cap: is of use with --until only")
     case = _overridden(arguments)
     path = arguments.output or Path(f"{arguments.case.stem}.nc")
     check_writable(path)
@@ -165,6 +173,22 @@ def _fly(scene: Scene, arguments: argparse.Namespace) -> xr.Dataset:
     if arguments.until is None:
         return run_scene(scene, **how)
     return run_scene_until(scene, arguments.until, arguments.cap, **how)
+
+
+def _ensemble(arguments: argparse.Namespace) -> int:
+    from rockfall.ensemble import check_place, ensemble_summary, run_ensemble, write_ensemble
+
+    case = _overridden(arguments)
+    if arguments.runs is not None:
+        case = case.replace(ensemble={"runs": arguments.runs})
+    path = arguments.output or Path(f"{arguments.case.stem}-ensemble.nc")
+    check_place(path)
+    found = run_ensemble(case, progress=not arguments.quiet)
+    write_ensemble(found, path)
+    if not arguments.quiet:
+        print(ensemble_summary(found))
+        print(path)
+    return DONE
 
 
 def _prepare(arguments: argparse.Namespace) -> int:
@@ -261,10 +285,6 @@ def _overridden(arguments: argparse.Namespace) -> Case:
     """The case with what the command line has in place of its own."""
     from rockfall.case import read_case
 
-    if arguments.until is not None and arguments.boulders is not None:
-        raise RockfallError("--boulders: --until finds their number; limit it with --cap")
-    if arguments.until is None and arguments.cap is not None:
-        raise RockfallError("--cap: is of use with --until only")
     case = read_case(arguments.case)
     given = {key: getattr(arguments, key) for key in ("boulders", "seed", "threads")}
     given = {key: value for key, value in given.items() if value is not None}

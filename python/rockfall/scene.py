@@ -110,7 +110,7 @@ def read_scene(case: Case, dem: Any = None, transform: Any = None, **rasters: An
     scene.checksums["dem"] = _checksum(file) if dem is None else _array_checksum(z)
     _read_surface(scene, rasters)
     _read_sources(scene, rasters)
-    _read_sets(scene)
+    scene.mean, scene.covariance, scene.checksums["sets"] = read_sets(set_path(case))
     if rasters:
         raise RockfallError(
             f"{case.name}: rasters that the case does not use: {', '.join(rasters)}"
@@ -162,16 +162,16 @@ def shipped_sets() -> dict[str, Path]:
     return {path.stem: path for path in sorted(folder.glob("*.nml"))}
 
 
-def set_path(case: Case) -> Path:
-    """The file of the case's impact sets: beside the case, or shipped with the program."""
-    name, shipped = case.impact["sets"], shipped_sets()
+def set_path(case: Case, name: str | None = None, group: str = "impact") -> Path:
+    """The file of impact sets, the case's or those that a group names: beside it, or shipped."""
+    name, shipped = name or case.impact["sets"], shipped_sets()
     if name in shipped:
         return shipped[name]
     if case.path(name).is_file():
         return case.path(name)
     known = ", ".join(shipped)
     raise RockfallError(
-        f"{case.name}: &impact sets = '{name}': no such file; shipped sets: {known}"
+        f"{case.name}: &{group} sets = '{name}': no such file; shipped sets: {known}"
     )
 
 
@@ -264,13 +264,13 @@ def _read_sources(scene: Scene, rasters: dict[str, Any]) -> None:
     scene.x, scene.y = scene.grid.x[column], scene.grid.y[row]
 
 
-def _read_sets(scene: Scene) -> None:
-    path = set_path(scene.case)
+def read_sets(path: Path) -> tuple[np.ndarray, np.ndarray, str]:
+    """Mean (9, 5) and covariance (9, 9, 5) of the impact sets in a file, and its checksum."""
     text = path.read_bytes()
-    scene.mean, scene.covariance, code, message = _core.read_sets(text or b"\n", str(path).encode())
+    mean, covariance, code, message = _core.read_sets(text or b"\n", str(path).encode())
     if code:
         raise RockfallError(message.decode(errors="replace").strip(), code)
-    scene.checksums["sets"] = hashlib.sha256(text).hexdigest()
+    return mean, covariance, hashlib.sha256(text).hexdigest()
 
 
 def _blocks(
