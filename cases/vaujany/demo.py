@@ -11,6 +11,7 @@ from rockfall.compare import compare
 from rockfall.observed import read_observed
 from rockfall.plots import line_figure, overview
 from rockfall.rasters import read_dem
+from rockfall.report import write_report
 from rockfall.summary import summary
 
 HERE = Path(__file__).parent
@@ -35,7 +36,8 @@ def main(folder: Path) -> None:
     printed = paper.summaries.set_index(["line", "method", "quantity"])
     reference = {key: (row["mean"], row["std"]) for key, row in printed.iterrows()}
     line_figure(results["A"], results["B"], reference, folder / "lines.png")
-    print(f"\nResults and figures: {folder}")
+    write_report(results["B"], folder / "report.html", (dem, grid), paper)
+    print(f"\nResults, figures and report.html: {folder}")
 
 
 if __name__ == "__main__":
