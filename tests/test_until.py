@@ -125,7 +125,7 @@ def terrain():
 
 @pytest.mark.parametrize("x", [(150.0,), (130.0, 140.0, 150.0)])
 def test_the_result_is_that_of_run_with_as_many_boulders(tmp_path, x):
-    maps = ["passages", "energy_max", "energy_mean", "reach_probability"]
+    maps = ["passages", "energy_max", "energy_mean", "energy_q95", "reach_probability"]
     case = slope_case(tmp_path, x, maps=maps, rebounds=True, trajectories=3)
     found = rockfall.run_until(case, "speed.mean@L<0.9%", **terrain(), cap=5000)
     n = found.attrs["boulders_asked"] // len(x)
