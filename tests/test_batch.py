@@ -603,3 +603,35 @@ def test_help_and_version(batch, tmp_path):
     assert done.returncode == 0 and "CASE [key=value ...]" in done.stdout
     done = batch("--version", cwd=tmp_path)
     assert done.returncode == 0 and done.stdout.startswith("rockfall-batch ")
+
+
+@pytest.mark.parametrize("of", [2, 7])
+def test_parts_of_both_doors_join_to_the_run(of, made, batch, netcdf, tmp_path, monkeypatch):
+    version = batch("--version", cwd=".").stdout.split()[1].rstrip(",")
+    monkeypatch.setattr(rockfall, "__version__", version)  # of a tree that is not installed, too
+    case = write_case(made)
+    parts = []
+    for k in range(1, of + 1):
+        parts.append(tmp_path / f"{k}.nc")
+        if k % 2:
+            assert batch(case, f"shard={k}/{of}", f"output={k}.nc", cwd=tmp_path).returncode == 0
+        else:
+            rockfall.write_result(rockfall.run(rockfall.read_case(case), shard=(k, of)), parts[-1])
+    joined, whole = rockfall.merge(parts), rockfall.run(rockfall.read_case(case))
+    xr.testing.assert_equal(joined, whole)
+    for name in whole.variables:
+        assert name == "line" or same_bits(joined[name].values, whole[name].values), name
+    assert joined.attrs["boulder_last"] == joined.attrs["boulders_asked"]
+
+
+@pytest.mark.parametrize("text", ["0/3", "4/3", "3", "a/b", "1/0", "-1/3", "1/3/5", "1/99999999"])
+def test_wrong_shards_are_refused(text, made, batch, netcdf, tmp_path):
+    done = batch(write_case(made), f"shard={text}", "output=a.nc", cwd=tmp_path)
+    assert done.returncode == 2 and done.stderr.startswith(f"rockfall-batch: shard = {text}: ")
+    assert done.stderr.count("\n") == 1 and not (tmp_path / "a.nc").exists()
+
+
+def test_a_part_needs_a_netcdf_file(made, batch, tmp_path):
+    done = batch(write_case(made), "shard=1/2", cwd=tmp_path)
+    assert done.returncode == 2 and "parts of a run need a netCDF file" in done.stderr
+    assert sorted(os.listdir(tmp_path)) == ["case"]

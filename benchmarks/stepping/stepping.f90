@@ -68,7 +68,7 @@ contains
       call choose(scheme, step)
       cpu = huge(cpu)
       do k = 1, max(1, nint(number("repeat")))
-         call simulate(case, inputs, results, error)
+         call simulate(case, inputs, [1_i8, 1_i8], results, error)
          if (allocated(error)) return
          cpu = min(cpu, results%cpu)
       end do

@@ -9,7 +9,7 @@ program rockfall_batch
    use rockfall_case, only: case_t
    use rockfall_override, only: read_case_file
    use rockfall_filesystem, only: fail_beyond_size_limit, end_at_once
-   use rockfall_console, only: arguments_t, read_arguments, value_of, stem, one_line, decimal
+   use rockfall_console, only: arguments_t, read_arguments, value_of, read_shard, stem, one_line, decimal
    use rockfall_wholefolder, only: check_folder
    use rockfall_load, only: inputs_t, load, lines_outside
    use rockfall_simulate, only: results_t, simulate, rebound_counts
@@ -27,7 +27,7 @@ program rockfall_batch
 #endif
 
    character(len=*), parameter :: keys(*) = &
-                                  [character(len=8) :: "output", "boulders", "seed", "threads"]
+                                  [character(len=8) :: "output", "boulders", "seed", "threads", "shard"]
 
    integer :: code
    logical :: half_written
@@ -70,20 +70,23 @@ contains
       type(inputs_t), target :: inputs
       type(results_t), target :: results
       character(len=:), allocatable :: output, text
+      integer(i8) :: shard(2)
 
+      call read_shard(value_of(arguments, "shard"), shard, error)
+      if (allocated(error)) return
       output = without_slash(value_of(arguments, "output"))
       if (output == "") output = stem(arguments%case)//"_results"
       call read_case_file(arguments%case, value_of(arguments, "boulders"), &
                           value_of(arguments, "seed"), value_of(arguments, "threads"), text, &
                           case, error)
-      if (.not. allocated(error)) call check_output(output, error)
+      if (.not. allocated(error)) call check_output(output, shard(2) > 1, error)
       if (.not. allocated(error)) call load(case, inputs, error)
       if (allocated(error)) return
       if (lines_outside(case, inputs%grid) /= "") then
          write (error_unit, "(3a)") "rockfall-batch: warning: no boulder can cross ", &
             lines_outside(case, inputs%grid), ": outside the terrain"
       end if
-      call simulate(case, inputs, results, error)
+      call simulate(case, inputs, shard, results, error)
       if (.not. allocated(error)) then
          call write_output(output, text, case, inputs, results, error)
          half_written = allocated(error) .and. is_netcdf(output)
@@ -113,6 +116,7 @@ contains
          "  boulders=N      released from each source, instead of the case's number", &
          "  seed=N          of the random numbers, instead of the case's", &
          "  threads=N       0 = all cores", &
+         "  shard=I/N       the I-th of N parts, to one netCDF file; `rockfall merge` joins them", &
          "  quiet=true      no summary", &
          "  --help, --version", &
          "", &
@@ -133,11 +137,14 @@ contains
    end function is_netcdf
 
    !> Refuse a place where nothing can be written, before the run and not after it.
-   subroutine check_output(output, error)
+   subroutine check_output(output, part, error)
       character(len=*), intent(in) :: output
+      logical, intent(in) :: part  !! of a run
       type(error_t), allocatable, intent(out) :: error
 
-      if (.not. is_netcdf(output)) then
+      if (part .and. .not. is_netcdf(output)) then
+         call fail(error, "output = "//output//": parts of a run need a netCDF file: output=FILE.nc")
+      else if (.not. is_netcdf(output)) then
          call check_folder(output, error)
       else
 #ifdef HAVE_NETCDF

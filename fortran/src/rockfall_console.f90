@@ -2,13 +2,14 @@
 !> What the programs have in common: a command line `CASE [key=value ...]`, and text for people. It
 !> prints nothing itself.
 module rockfall_console
-   use rockfall_kinds, only: wp
+   use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail
    use rockfall_textfile, only: lower, joined, excerpt
+   use rockfall_decimal, only: parse_integer, decimal_ok
    use rockfall_filesystem, only: name_of
    implicit none
    private
-   public :: arguments_t, read_arguments, value_of, stem, one_line, decimal
+   public :: arguments_t, read_arguments, value_of, read_shard, stem, one_line, decimal
 
    type :: option_t
       character(len=:), allocatable :: key, value
@@ -116,6 +117,23 @@ contains
          if (arguments%option(k)%key == key) value = arguments%option(k)%value
       end do
    end function value_of
+
+   !> `3/16` -> [3, 16]; nothing -> [1, 1], all of it.
+   pure subroutine read_shard(text, shard, error)
+      character(len=*), intent(in) :: text
+      integer(i8), intent(out) :: shard(2)
+      type(error_t), allocatable, intent(out) :: error
+      integer :: slash, status(2)
+
+      shard = 1
+      if (text == "") return
+      slash = index(text, "/")
+      call parse_integer(text(:max(0, slash - 1)), shard(1), status(1))
+      call parse_integer(text(slash + 1:), shard(2), status(2))
+      if (slash == 0 .or. any(status /= decimal_ok) .or. shard(1) < 1 .or. shard(1) > shard(2)) then
+         call fail(error, "shard = "//excerpt(text)//": must be I/N with I from 1 to N")
+      end if
+   end subroutine read_shard
 
    !> `folder/case.nml` -> `case`
    pure function stem(path)

@@ -19,7 +19,7 @@ module rockfall_ncresult
    use rockfall_case, only: case_t, map_names, n_maps
    use rockfall_paths, only: version
    use rockfall_load, only: inputs_t
-   use rockfall_simulate, only: results_t, map_tallies, bin_edge, rebound_counts
+   use rockfall_simulate, only: results_t, is_part, map_tallies, reached_cells, bin_edge, rebound_counts
    implicit none
    private
    public :: check_netcdf, write_netcdf
@@ -40,6 +40,9 @@ module rockfall_ncresult
       integer :: x = 0, y = 0, crs = 0, map(n_maps) = 0
       integer, dimension(size(histogram_fields)) :: bin = 0, bounds = 0, histogram = 0
       integer :: vertex_boulder = 0, vertex_real(size(vertex_fields)) = 0
+      integer(i8), allocatable :: cell(:)  !! reached, counted from 0; of a part of a run
+      integer :: tally_cell = 0, tally_counts = 0, tally_sums = 0, tally_maxima = 0, &
+                 tally_classes = 0
    end type names_t
 
 contains
@@ -89,6 +92,7 @@ contains
          call put_maps(file, names, case, inputs, results)
          call put_histograms(file, names, case, results)
          call put_paths(file, names, inputs, results)
+         if (is_part(results)) call put_tally(file, names, results)
          status = nf90_close(file%id)
          call keep(file, status)
       end if
@@ -131,6 +135,7 @@ contains
       if (any(case%map)) call define_maps(file, names, case, inputs)
       if (case%rebounds) call define_histograms(file, names)
       if (size(results%path) > 0) call define_paths(file, names, results)
+      if (is_part(results)) call define_tally(file, names, results)
       call keep(file, nf90_enddef(file%id))
    end subroutine define
 
@@ -160,10 +165,12 @@ contains
       call note(file, nf90_global, "impact_set", case%sets)
       call note(file, nf90_global, "input_checksums", "{"//checksums(3:)//"}")
       call keep(file, nf90_put_att(file%id, nf90_global, "seed", case%seed))
-      call keep(file, nf90_put_att(file%id, nf90_global, "boulder_first", 1_i8))
-      call keep(file, nf90_put_att(file%id, nf90_global, "boulder_last", results%boulders))
-      call keep(file, nf90_put_att(file%id, nf90_global, "boulders_asked", results%boulders))
-      call keep(file, nf90_put_att(file%id, nf90_global, "complete", 1_i8))
+      call keep(file, nf90_put_att(file%id, nf90_global, "boulder_first", results%before + 1))
+      call keep(file, nf90_put_att(file%id, nf90_global, "boulder_last", &
+                                   results%before + results%boulders))
+      call keep(file, nf90_put_att(file%id, nf90_global, "boulders_asked", results%asked))
+      call keep(file, nf90_put_att(file%id, nf90_global, "complete", &
+                                   merge(0_i8, 1_i8, is_part(results))))
       call keep(file, nf90_put_att(file%id, nf90_global, "threads", int(results%threads, i8)))
       call keep(file, nf90_put_att(file%id, nf90_global, "wall_seconds", results%wall))
       call keep(file, nf90_put_att(file%id, nf90_global, "cpu_seconds", results%cpu))
@@ -332,6 +339,48 @@ contains
       end do
    end subroutine define_paths
 
+   !> The tallies of a part of a run, which add up to those of all of it.
+   subroutine define_tally(file, names, results)
+      type(file_t), intent(inout) :: file
+      type(names_t), intent(inout) :: names
+      type(results_t), intent(in) :: results
+      integer :: cell
+
+      names%cell = reached_cells(results)
+      cell = dimension(file, "tally", size(names%cell, kind=i8))
+      names%tally_cell = tally_variable(file, "cell", nf90_int64, [cell], &
+                                        "index of the cell, by rows from the north-west")
+      if (size(results%counts) > 0) names%tally_counts = layers("counts", nf90_int, size(results%counts, 3))
+      if (size(results%sums) > 0) names%tally_sums = layers("sums", nf90_int64, size(results%sums, 3))
+      if (size(results%greatest) > 0) &
+         names%tally_maxima = layers("maxima", nf90_float, size(results%greatest, 3))
+      if (size(results%column) > 0) &
+         names%tally_classes = tally_variable( &
+                               file, "classes", nf90_int, &
+                               [dimension(file, "tally_class", int(results%plan%rows, i8)), cell], &
+                               "counts of classes")
+
+   contains
+
+      integer function layers(name, kind, n) result(id)
+         character(len=*), intent(in) :: name
+         integer, intent(in) :: kind, n
+
+         id = tally_variable(file, name, kind, &
+                             [cell, dimension(file, "tally_"//name//"_layer", int(n, i8))], &
+                             name//" of the maps, by layer")
+      end function layers
+   end subroutine define_tally
+
+   integer function tally_variable(file, name, kind, dims, long_name) result(id)
+      type(file_t), intent(inout) :: file
+      character(len=*), intent(in) :: name, long_name
+      integer, intent(in) :: kind, dims(:)
+
+      id = variable(file, "tally_"//name, kind, dims, "1", long_name)
+      call fill(file, id, kind)
+   end function tally_variable
+
    integer function dimension(file, name, length) result(id)
       type(file_t), intent(inout) :: file
       character(len=*), intent(in) :: name
@@ -435,7 +484,8 @@ contains
             rows(k, :) = boulder_row(inputs%scene%dem, results%fate(first + k - 1))
             counts(k, :) = boulder_count_row(results%fate(first + k - 1))
          end do
-         call keep(file, nf90_put_var(file%id, names%boulder, [(int(first + k - 1, i8), k=1, n)], &
+         call keep(file, nf90_put_var(file%id, names%boulder, &
+                                      [(results%before + first + k - 1, k=1, n)], &
                                       [first]))
          do k = 1, size(rows, 2)
             call keep(file, nf90_put_var(file%id, names%boulder_real(k), rows(:n, k), [first]))
@@ -587,7 +637,7 @@ contains
          do k = 1, n
             rows(k, :) = vertex_row(inputs%scene%dem, results%path(b)%vertex(k))
          end do
-         call keep(file, nf90_put_var(file%id, names%vertex_boulder, spread(int(b, i8), 1, n), &
+         call keep(file, nf90_put_var(file%id, names%vertex_boulder, spread(results%before + b, 1, n), &
                                       [first]))
          do k = 1, size(rows, 2)
             call keep(file, nf90_put_var(file%id, names%vertex_real(k), rows(:, k), [first]))
@@ -597,4 +647,37 @@ contains
          first = first + n
       end do
    end subroutine put_paths
+
+   subroutine put_tally(file, names, results)
+      type(file_t), intent(inout) :: file
+      type(names_t), intent(in) :: names
+      type(results_t), intent(in) :: results
+      integer(i4), allocatable :: classes(:, :)
+      integer, allocatable :: i(:), j(:)
+      integer :: k, layer
+
+      associate (nx => size(results%counts, 1), n => size(names%cell))
+         i = int(mod(names%cell, int(nx, i8))) + 1
+         j = int(names%cell/nx) + 1
+         call keep(file, nf90_put_var(file%id, names%tally_cell, names%cell))
+         do layer = 1, size(results%counts, 3)
+            call keep(file, nf90_put_var(file%id, names%tally_counts, &
+                                         [(results%counts(i(k), j(k), layer), k=1, n)], [1, layer], [n, 1]))
+         end do
+         do layer = 1, size(results%sums, 3)
+            call keep(file, nf90_put_var(file%id, names%tally_sums, &
+                                         [(results%sums(i(k), j(k), layer), k=1, n)], [1, layer], [n, 1]))
+         end do
+         do layer = 1, size(results%greatest, 3)
+            call keep(file, nf90_put_var(file%id, names%tally_maxima, &
+                                         [(results%greatest(i(k), j(k), layer), k=1, n)], [1, layer], [n, 1]))
+         end do
+         if (size(results%column) == 0) return
+         allocate (classes(results%plan%rows, n), source=0_i4)
+         do k = 1, n
+            if (results%column(i(k), j(k)) > 0) classes(:, k) = results%class_counts(:, results%column(i(k), j(k)))
+         end do
+         call keep(file, nf90_put_var(file%id, names%tally_classes, classes))
+      end associate
+   end subroutine put_tally
 end module rockfall_ncresult

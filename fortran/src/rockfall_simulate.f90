@@ -16,7 +16,7 @@ module rockfall_simulate
    use rockfall_load, only: inputs_t
    implicit none
    private
-   public :: results_t, simulate, map_tallies, bin_edge, rebound_counts
+   public :: results_t, simulate, is_part, map_tallies, reached_cells, bin_edge, rebound_counts
 
    integer(i8), parameter :: chunk = 2_i8**20  !! boulders in one call
 
@@ -27,7 +27,8 @@ module rockfall_simulate
 
    !> What a run found, in local coordinates. Maps that nobody asked for are not allocated.
    type :: results_t
-      integer(i8) :: boulders = 0
+      integer(i8) :: boulders = 0                        !! done here
+      integer(i8) :: before = 0, asked = 0               !! those before them in the run, all of the run
       type(fate_t), allocatable :: fate(:)
       type(crossing_t), allocatable :: crossing(:, :)    !! (lines, boulders)
       type(map_plan_t) :: plan                           !! where maps stand in these stacks
@@ -37,23 +38,33 @@ module rockfall_simulate
       integer(i4), allocatable :: class_counts(:, :), column(:, :)
       integer(i4) :: columns = 0
       integer(i8) :: histogram(bins, quantities) = 0
-      type(path_t), allocatable :: path(:)               !! of the first boulders
+      type(path_t), allocatable :: path(:)               !! of the first boulders of the run
       integer :: threads = 1
       real(wp) :: wall = 0.0_wp, cpu = 0.0_wp            !! [s]
    end type results_t
 
 contains
 
-   !> Run the case. It is refused when its results do not fit in memory.
-   subroutine simulate(case, inputs, results, error)
+   !> Run the case, or part shard(1) of shard(2) ranges of its boulders, which differ by one boulder at
+   !> most. It is refused when its results do not fit in memory.
+   subroutine simulate(case, inputs, shard, results, error)
       type(case_t), intent(in) :: case
       type(inputs_t), intent(inout), target :: inputs
+      integer(i8), intent(in) :: shard(2)
       type(results_t), intent(out), target :: results
       type(error_t), allocatable, intent(out) :: error
       type(maps_t) :: maps
       real(wp) :: cpu_start, cpu_end
       integer(i8) :: first, last, start, end, rate
 
+      results%asked = case%boulders*size(inputs%scene%release%x)
+      if (shard(2) > max(1_i8, results%asked)) then
+         call fail(error, "shard = "//integer_text(shard(1))//"/"//integer_text(shard(2))//": there are " &
+                   //integer_text(results%asked)//" boulders only")
+         return
+      end if
+      results%before = share_of(results%asked, shard(1) - 1, shard(2))
+      results%boulders = share_of(results%asked, shard(1), shard(2)) - results%before
       call make_room(case, inputs, results, error)
       if (allocated(error)) return
       maps = map_tallies(results)
@@ -63,7 +74,7 @@ contains
       call cpu_time(cpu_start)
       do first = 1, results%boulders, chunk
          last = min(results%boulders, first + chunk - 1)
-         call run_boulders(inputs%scene, first, results%threads, results%fate(first:last), &
+         call run_boulders(inputs%scene, results%before + first, results%threads, results%fate(first:last), &
                            results%crossing(:, first:last), maps, results%histogram)
       end do
       call cpu_time(cpu_end)
@@ -72,6 +83,20 @@ contains
       results%cpu = cpu_end - cpu_start
       call trace(case, inputs, results, error)
    end subroutine simulate
+
+   !> n*part/of without overflow.
+   pure integer(i8) function share_of(n, part, of)
+      integer(i8), intent(in) :: n, part, of
+
+      share_of = n/of*part + mod(n, of)*part/of
+   end function share_of
+
+   !> True if there are more boulders in the run.
+   pure logical function is_part(results)
+      type(results_t), intent(in) :: results
+
+      is_part = results%boulders < results%asked
+   end function is_part
 
    !> Places for the results of all boulders, and empty maps.
    subroutine make_room(case, inputs, results, error)
@@ -82,8 +107,7 @@ contains
       integer(i8) :: n
       integer :: status(6)
 
-      n = case%boulders*size(inputs%scene%release%x)
-      results%boulders = n
+      n = results%boulders
       results%plan = map_plan(pack(map_names, case%map))
       status = 0
       allocate (results%fate(n), stat=status(1))
@@ -113,6 +137,30 @@ contains
                        results%column, results%columns)
    end function map_tallies
 
+   !> Cells in which any tally is not zero, counted from 0 by rows.
+   pure function reached_cells(results) result(cells)
+      type(results_t), intent(in) :: results
+      integer(i8), allocatable :: cells(:)
+      integer(i8) :: n, turn
+      integer :: i, j
+      logical :: reached
+
+      do turn = 1, 2  ! count them, then note them
+         n = 0
+         do j = 1, size(results%counts, 2)
+            do i = 1, size(results%counts, 1)
+               reached = any(results%counts(i, j, :) /= 0) .or. any(results%sums(i, j, :) /= 0) &
+                         .or. any(results%greatest(i, j, :) > 0)
+               if (size(results%column) > 0) reached = reached .or. results%column(i, j) > 0
+               if (.not. reached) cycle
+               n = n + 1
+               if (turn == 2) cells(n) = (j - 1)*int(size(results%counts, 1), i8) + i - 1
+            end do
+         end do
+         if (turn == 1) allocate (cells(n))
+      end do
+   end function reached_cells
+
    !> Fly the first boulders once more, each alone, and keep their way.
    subroutine trace(case, inputs, results, error)
       type(case_t), intent(in) :: case
@@ -123,11 +171,11 @@ contains
       type(scratch_t) :: scratch
       integer :: k, n, status
 
-      n = int(min(int(case%trajectories, i8), results%boulders))
+      n = int(max(0_i8, min(int(case%trajectories, i8) - results%before, results%boulders)))
       allocate (results%path(n), stat=status)
       do k = 1, n
          if (status /= 0) exit
-         call trace_boulder(inputs%scene, int(k, i8), results%fate(k)%impacts + 3, fate, scratch)
+         call trace_boulder(inputs%scene, results%before + k, results%fate(k)%impacts + 3, fate, scratch)
          allocate (results%path(k)%vertex(scratch%recorded), stat=status)
          if (status == 0) results%path(k)%vertex = scratch%record(:scratch%recorded)
       end do

@@ -6,6 +6,7 @@ from importlib.metadata import PackageNotFoundError, version
 from rockfall.case import Case, read_case
 from rockfall.ensemble import ensemble_table, run_ensemble
 from rockfall.errors import RockfallError
+from rockfall.parts import merge
 from rockfall.result import read_result, write_result
 from rockfall.simulate import Interrupted, run
 from rockfall.statistics import line_statistics
@@ -23,6 +24,7 @@ __all__ = [
     "RockfallError",
     "ensemble_table",
     "line_statistics",
+    "merge",
     "read_case",
     "read_result",
     "return_levels",

@@ -53,6 +53,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _fault(error)
 
 
+_MERGE = "Join all parts of a run; the result is that of a run in one piece, bit for bit."
+
+
 class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         raise RockfallError(f"{message}; see {self.prog} --help")
@@ -87,6 +90,11 @@ def _parser() -> argparse.ArgumentParser:
     rules = "'speed.mean@EL1<2%%, energy_total.q95@EL1<5%%, share@EL1<3%%'"
     run.add_argument("--until", metavar="RULES", help=f"until 95 %% intervals are narrow: {rules}")
     run.add_argument("--cap", metavar="N", type=int, help="with --until: most from each source")
+    run.add_argument("--shard", metavar="I/N", help="the I-th of N parts, for `rockfall merge`")
+    merge = commands.add_parser("merge", help="join the parts of a run", description=_MERGE)
+    merge.add_argument("parts", metavar="PART.nc", type=Path, nargs="+")
+    merge.add_argument("-o", "--output", metavar="OUT.nc", type=Path, required=True)
+    merge.set_defaults(command=_merge)
     vary = command("ensemble", "run a case over what is uncertain in it, say what matters", "CASE")
     vary.add_argument("-o", "--output", metavar="OUT", type=Path, help="OUT.nc, or a table OUT.csv")
     vary.add_argument("--runs", metavar="M", type=int, help="draws of what is uncertain")
@@ -146,14 +154,18 @@ def _run(arguments: argparse.Namespace) -> int:
         raise RockfallError("--boulders: --until finds their number; limit it with --cap")
     if arguments.until is None and arguments.cap is not None:
         raise RockfallError("--cap: is of use with --until only")
+    if arguments.until is not None and arguments.shard is not None:
+        raise RockfallError("--shard: --until decides on all boulders together")
     case = _overridden(arguments)
-    path = arguments.output or Path(f"{arguments.case.stem}.nc")
+    which, of = shard = (1, 1) if arguments.shard is None else _shard(arguments.shard)
+    stem = arguments.case.stem
+    path = arguments.output or Path(f"{stem}.nc" if of == 1 else f"{stem}.part{which}of{of}.nc")
     check_writable(path)
     scene = read_scene(case)
     _warn(scene)
     with interrupts():  # what has been done is also written
         try:
-            result = _fly(scene, arguments)
+            result = _fly(scene, arguments, shard)
         except Interrupted as stop:
             return _keep(stop, path)
         write_result(result, path)
@@ -164,14 +176,34 @@ def _run(arguments: argparse.Namespace) -> int:
     return DONE
 
 
-def _fly(scene: Scene, arguments: argparse.Namespace) -> xr.Dataset:
+def _shard(text: str) -> tuple[int, int]:
+    which, slash, of = text.partition("/")
+    if not (slash and which.isdecimal() and of.isdecimal() and 1 <= int(which) <= int(of)):
+        raise RockfallError(f"--shard {text}: must be I/N with I from 1 to N")
+    return int(which), int(of)
+
+
+def _merge(arguments: argparse.Namespace) -> int:
+    from rockfall.parts import merge
+    from rockfall.result import check_writable, write_result
+    from rockfall.summary import summary
+
+    check_writable(arguments.output)
+    result = merge(arguments.parts)
+    write_result(result, arguments.output)
+    print(summary(result))
+    print(arguments.output)
+    return DONE
+
+
+def _fly(scene: Scene, arguments: argparse.Namespace, shard: tuple[int, int]) -> xr.Dataset:
     """As many boulders as the case says, or as the rules of `--until` need."""
     from rockfall.simulate import run_scene
     from rockfall.until import run_scene_until
 
     how = {"progress": not arguments.quiet, "keep": False}
     if arguments.until is None:
-        return run_scene(scene, **how)
+        return run_scene(scene, shard=shard, **how)
     return run_scene_until(scene, arguments.until, arguments.cap, **how)
 
 

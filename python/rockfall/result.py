@@ -15,12 +15,13 @@ from rockfall._core import rockfall_f2py as _core
 from rockfall.errors import RockfallError
 from rockfall.files import whole_file
 from rockfall.grid import row_blocks
+from rockfall.parts import tally_variables
 
 if TYPE_CHECKING:
     import xarray as xr
 
     from rockfall.grid import Grid
-    from rockfall.simulate import Tally
+    from rockfall.simulate import Maps, Tally
 
 NO_COUNT = -1  # fill value of counts
 #: Maps that are tallies of the kernel themselves, in the order of its plan.
@@ -29,7 +30,8 @@ TILE = 256  # cells of a map that are compressed together, either way
 
 
 def make_result(tally: Tally, maps: bool = True) -> xr.Dataset:
-    """Everything that a run found, as interface names of `variables`; with or without its maps."""
+    """Everything that a run found, as interface names of `variables`; with or without its maps. One
+    of a part of the boulders has its tallies too, which `rockfall.parts.merge` adds up."""
     import xarray as xr
 
     data: dict[str, Any] = {}
@@ -37,6 +39,8 @@ def make_result(tally: Tally, maps: bool = True) -> xr.Dataset:
     if tally.scene.case.line:
         _add_lines(data, tally)
     data["crs"] = ((), np.int32(0), _grid_mapping(tally.scene.grid))
+    if tally.boulders < tally.scene.boulders:
+        data |= tally_variables(tally.maps)
     if maps and tally.scene.case.output.get("maps"):
         _add_maps(data, tally)
     if tally.scene.case.output["rebounds"]:
@@ -53,7 +57,7 @@ def _add_boulders(data: dict[str, Any], tally: Tally) -> None:
 
     columns = dict(zip(fields(1), tally.boulder[: tally.done].T, strict=True))
     columns |= dict(zip(fields(2), tally.count[: tally.done].T, strict=True))
-    number = np.arange(1, tally.done + 1)
+    number = np.arange(tally.before + 1, tally.before + tally.done + 1)
     data["boulder"] = ("boulder", number, {"units": "1", "long_name": "number of the boulder"})
     for name, about in variables.BOULDER.items():
         values = columns[name].astype("i1") if name == "status" else columns[name]
@@ -97,16 +101,22 @@ def _add_maps(data: dict[str, Any], tally: Tally) -> None:
             "axis": axis.upper(),
         }
         data[axis] = (axis, centres, about)
-    for name, about in variables.MAP.items():
+    least = tally.scene.case.output["least_passages"]
+    for name in variables.MAP:
         if name in asked:
-            values, fewest = _map(name, tally)
-            masked = {"least_passages": np.int32(fewest)} if fewest else {}
-            data[name] = (("y", "x"), values, about | masked | {"grid_mapping": "crs"})
+            data[name] = map_variable(name, tally.maps, tally.done, least)
 
 
-def _map(name: str, tally: Tally) -> tuple[np.ndarray, int]:
-    """A map as asked for, NaN where it has no number, and the passages that a number needs."""
-    maps = tally.maps
+def map_variable(name: str, maps: Maps, boulders: int, least: int) -> tuple:
+    """A map of the tallies of so many boulders, NaN where it has no number; the tallies themselves
+    are used up."""
+    values, fewest = _map(name, maps, boulders, least)
+    masked = {"least_passages": np.int32(fewest)} if fewest else {}
+    return ("y", "x"), values, variables.MAP[name] | masked | {"grid_mapping": "crs"}
+
+
+def _map(name: str, maps: Maps, boulders: int, least: int) -> tuple[np.ndarray, int]:
+    """A map, and the passages that a number of it needs."""
     if name in TALLIES:  # as it is: another copy would take memory
         place = maps.plan[TALLIES.index(name)] - 1
         if name in ("passages", "deposits"):
@@ -115,9 +125,8 @@ def _map(name: str, tally: Tally) -> tuple[np.ndarray, int]:
         for rows in row_blocks(values.shape):
             values[rows][values[rows] == 0] = np.nan
         return values, 0
-    values = np.empty(tally.scene.grid.shape, "f4")
-    least = tally.scene.case.output["least_passages"]
-    fewest = _core.map_values(name, tally.done, least, **maps.arguments(), values=values.T)
+    values = np.empty(maps.column.shape if maps.column.size > 1 else maps.counts.shape[1:], "f4")
+    fewest = _core.map_values(name, boulders, least, **maps.arguments(), values=values.T)
     return values, fewest
 
 
@@ -158,7 +167,7 @@ def _add_trajectories(data: dict[str, Any], tally: Tally) -> None:
     vertices = np.concatenate(tally.trajectories)
     columns = dict(zip(fields(4), vertices.T, strict=True))
     lengths = [len(one) for one in tally.trajectories]
-    columns["boulder"] = np.repeat(np.arange(1, len(lengths) + 1), lengths)
+    columns["boulder"] = tally.before + np.repeat(np.arange(1, len(lengths) + 1), lengths)
     for name, about in variables.VERTEX.items():
         data[f"trajectory_{name}"] = ("trajectory_vertex", columns[name], about)
 
@@ -175,8 +184,8 @@ def _attributes(tally: Tally) -> dict[str, Any]:
         "case": scene.case.text(),
         "case_file": scene.case.name,
         "seed": scene.case.case["seed"],
-        "boulder_first": 1,
-        "boulder_last": tally.done,
+        "boulder_first": tally.before + 1,
+        "boulder_last": tally.before + tally.done,
         "boulders_asked": scene.boulders,
         "complete": int(tally.done == scene.boulders),
         "impact_set": scene.case.impact["sets"],
@@ -206,6 +215,10 @@ def read_result(path: str | Path) -> xr.Dataset:
         if "case" not in data.attrs or "boulder" not in data.dims:
             raise RockfallError(f"{path}: is not a result of rockfall")
         result = data.load()
+    for name, variable in result.variables.items():
+        variable.attrs.pop("_FillValue", None)
+        if name.endswith("_bounds"):  # xarray leaves to the reader what CF lets follow
+            variable.attrs.setdefault("units", result[name.removesuffix("_bounds")].attrs["units"])
     if "line" in result:  # names that the standalone program wrote are bytes
         result["line"] = result["line"].astype(str).astype(object)
     return result

@@ -82,11 +82,17 @@ class Tally:
     boulder: np.ndarray  # (boulders, fields)
     count: np.ndarray
     crossing: np.ndarray  # (boulders, lines, fields)
+    before: int = 0  # boulders of the run before those of this tally
     done: int = 0
     trajectories: list[np.ndarray] = field(default_factory=list)  # (vertices, fields) each
     wall: float = 0.0
     cpu: float = 0.0
     threads: int = 0
+
+    @property
+    def boulders(self) -> int:
+        """Boulders that are to be done."""
+        return len(self.boulder)
 
 
 def run(
@@ -95,16 +101,19 @@ def run(
     progress: bool = False,
     threads: int | None = None,
     chunk: int | None = None,
+    shard: tuple[int, int] = (1, 1),
     **arrays: Any,
 ) -> xr.Dataset:
     """Run a case: an xarray.Dataset of boulders, lines, maps and histograms.
 
     `arrays` (dem, zones, ...) are as in `rockfall.scene.read_scene`. The result does not depend on
     `threads` (default: the case's) or `chunk`, boulders in one call of the kernel (default: what
-    takes a quarter of a second). Ctrl-C raises `Interrupted`, which holds the boulders done.
+    takes a quarter of a second). `shard` (I, N) runs the I-th of N ranges of boulders. Ctrl-C
+    raises `Interrupted`, which holds the boulders done.
     """
     scene = read_scene(case, **arrays)
-    return run_scene(scene, progress=progress, threads=threads, chunk=chunk, keep=False)
+    how = {"progress": progress, "threads": threads, "chunk": chunk, "shard": shard}
+    return run_scene(scene, keep=False, **how)
 
 
 def run_scene(
@@ -113,6 +122,7 @@ def run_scene(
     progress: bool = False,
     threads: int | None = None,
     chunk: int | None = None,
+    shard: tuple[int, int] = (1, 1),
     keep: bool = True,
 ) -> xr.Dataset:
     """Run a scene that has been read; see `run`.
@@ -126,8 +136,8 @@ def run_scene(
     if not 0 <= threads <= MOST_THREADS:
         raise RockfallError(f"threads = {threads}: must be 0 (all cores) to {MOST_THREADS}")
     with interrupts() as interrupted:  # no chunk is lost half-way
-        tally = start(scene, threads)
-        with progress_bar(scene.boulders, shown=progress) as advance:
+        tally = start(scene, threads, shard)
+        with progress_bar(tally.boulders, shown=progress) as advance:
             run_chunks(tally, chunk, interrupted, advance)
             trace(tally)
         if not keep:
@@ -138,25 +148,37 @@ def run_scene(
     return result
 
 
-def start(scene: Scene, threads: int) -> Tally:
+def shard_range(scene: Scene, shard: tuple[int, int]) -> range:
+    """The boulders of the I-th of N shards, counted from 0; they differ by one at most."""
+    which, of = shard
+    if not 1 <= which <= of:
+        raise RockfallError(f"shard = {which}/{of}: must be I/N with I from 1 to N")
+    if of > max(1, scene.boulders):
+        raise RockfallError(f"shard = {which}/{of}: there are {scene.boulders} boulders only")
+    return range(scene.boulders * (which - 1) // of, scene.boulders * which // of)
+
+
+def start(scene: Scene, threads: int, shard: tuple[int, int] = (1, 1)) -> Tally:
     """Empty tallies of what the case asks for."""
+    numbers = shard_range(scene, shard)
     try:
-        return _start(scene, threads)
+        return _start(scene, threads, numbers)
     except (MemoryError, ValueError) as error:  # NumPy has the latter for sizes past all bounds
         raise RockfallError(
             f"{scene.case.name}: {scene.boulders} boulders and the asked maps do not fit in memory"
         ) from error
 
 
-def _start(scene: Scene, threads: int) -> Tally:
+def _start(scene: Scene, threads: int, numbers: range) -> Tally:
     lines = len(scene.case.line)
     return Tally(
         scene,
         no_maps(scene.case.output.get("maps", []), scene.grid.shape),
         histogram=np.zeros((len(_core.histogram_bins()[0]), BINS), "i8"),
-        boulder=np.empty((scene.boulders, len(fields(1)))),
-        count=np.empty((scene.boulders, len(fields(2))), "i4"),
-        crossing=np.empty((scene.boulders, lines, len(fields(3)))),
+        boulder=np.empty((len(numbers), len(fields(1)))),
+        count=np.empty((len(numbers), len(fields(2))), "i4"),
+        crossing=np.empty((len(numbers), lines, len(fields(3)))),
+        before=numbers.start,
         threads=threads,
     )  # fmt: skip
 
@@ -170,11 +192,11 @@ def run_chunks(
     tally: Tally, chunk: int | None, interrupted: Callable[[], bool], advance: Callable[[int], None]
 ) -> None:
     arguments = tally.scene.kernel_arguments()
-    size, total = chunk or FIRST_CHUNK, tally.scene.boulders
+    size, total = chunk or FIRST_CHUNK, tally.boulders
     while tally.done < total and not interrupted():
         size = min(size, total - tally.done)
         wall, cpu = time.perf_counter(), time.process_time()
-        _call(tally, arguments, tally.done + 1, size)
+        _call(tally, arguments, tally.before + tally.done + 1, size)
         wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
         tally.wall, tally.cpu = tally.wall + wall, tally.cpu + cpu
         advance(size)
@@ -191,7 +213,7 @@ def _call(tally: Tally, arguments: dict[str, Any], first: int, size: int) -> Non
         n=size, room=1,
     )  # fmt: skip
     _raise(tally.scene, code, message)
-    done = slice(first - 1, first - 1 + size)
+    done = slice(first - 1 - tally.before, first - 1 - tally.before + size)
     tally.boulder[done], tally.count[done] = boulder.T, count.T
     tally.crossing[done] = crossing.T[:, :lines]
     tally.done = done.stop
@@ -200,7 +222,8 @@ def _call(tally: Tally, arguments: dict[str, Any], first: int, size: int) -> Non
 def trace(tally: Tally) -> None:
     """Fly the first boulders once more, each alone, and keep their way."""
     wall, cpu = time.perf_counter(), time.process_time()
-    for number in range(1, min(tally.scene.case.output["trajectories"], tally.done) + 1):
+    last = min(tally.scene.case.output["trajectories"], tally.before + tally.done)
+    for number in range(tally.before + 1, last + 1):
         tally.trajectories.append(trajectory(tally.scene, number))
     tally.wall += time.perf_counter() - wall
     tally.cpu += time.process_time() - cpu

@@ -1,0 +1,200 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Parts of a run: results of some of its boulders, with tallies that add up to those of all."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rockfall.case import case_of
+from rockfall.errors import RockfallError
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from rockfall.simulate import Maps
+
+STACKS = ("counts", "sums", "maxima")  # of maps, by layer
+CELL, DIM = "tally_cell", "tally"  # a cell that boulders reached
+CLOCKS = ("wall_seconds", "cpu_seconds")
+
+
+def tally_variables(maps: Maps) -> dict[str, Any]:
+    """The tallies of the cells that boulders reached, as variables of a part."""
+    cells = _reached(maps)
+    data = {CELL: (DIM, cells, _about("index of the cell, by rows from the north-west"))}
+    for name in STACKS:
+        stack = getattr(maps, name)
+        if stack.size > 1:
+            values = stack.reshape(len(stack), -1)[:, cells]
+            about = _about(f"{name} of the maps, by layer")
+            data[f"tally_{name}"] = ((f"tally_{name}_layer", DIM), values, about)
+    if maps.column.size > 1:
+        column = maps.column.ravel()[cells]
+        counts = np.where(column[:, None] > 0, maps.class_counts[column - 1], 0)
+        data["tally_classes"] = ((DIM, "tally_class"), counts, _about("counts of classes"))
+    return data
+
+
+def _about(long_name: str) -> dict[str, str]:
+    return {"units": "1", "long_name": long_name}
+
+
+def _reached(maps: Maps) -> np.ndarray:
+    """Cells in which any tally is not zero."""
+    layers = [layer for name in STACKS for layer in getattr(maps, name)] + [maps.column]
+    reached = np.zeros(1, bool)
+    for layer in layers:
+        if layer.size > 1:
+            reached = reached | (layer.ravel() != 0)
+    return np.flatnonzero(reached)
+
+
+def merge(parts: Sequence[xr.Dataset | str | Path]) -> xr.Dataset:
+    """The result of a whole run from its parts (results, or their files), bit for bit that of a run
+    in one piece; only times and threads are their own.
+
+    A RockfallError names parts of another run, and boulders that are missing or there twice.
+    """
+    heads = [_head(part) for part in parts]
+    order = sorted(range(len(heads)), key=lambda k: heads[k]["boulder_first"])
+    _check([heads[k] for k in order])
+    joined = _Joined()
+    for k in order:
+        joined.add(_read(parts[k]))
+    return joined.result([heads[k] for k in order])
+
+
+def _read(part: xr.Dataset | str | Path) -> xr.Dataset:
+    from rockfall.result import read_result
+
+    return read_result(part) if isinstance(part, str | Path) else part
+
+
+def _head(part: xr.Dataset | str | Path) -> dict[str, Any]:
+    """Attributes of a part, and what it is called."""
+    from rockfall.result import open_result
+
+    if isinstance(part, str | Path):
+        with open_result(part) as data:
+            return _head_of(data, str(part))
+    return _head_of(part, "a part")
+
+
+def _head_of(data: xr.Dataset, name: str) -> dict[str, Any]:
+    if CELL not in data.variables or "case" not in data.attrs:
+        raise RockfallError(f"{name}: is not a part of a run, as --shard makes them")
+    case = case_of(data)
+    return {**data.attrs, "name": name, "case": case.replace(case={"threads": 0}).text()}
+
+
+def _check(heads: Sequence[dict[str, Any]]) -> None:
+    """All of one run, and all of it."""
+    if not heads:
+        raise RockfallError("merge: needs the parts of a run")
+    own = heads[0]
+    for head in heads[1:]:
+        for what in ("case", "boulders_asked", "version"):
+            if head[what] != own[what]:
+                raise RockfallError(f"{head['name']}: is of another {what} than {own['name']}")
+        sums = (json.loads(one["input_checksums"]) for one in (own, head))
+        for key, pair in _pairs(*sums):
+            if pair[0] != pair[1]:
+                raise RockfallError(f"{head['name']}: has another {key} than {own['name']}")
+    done, wrong = 0, []
+    for head in heads:
+        first, last = int(head["boulder_first"]), int(head["boulder_last"])
+        if first > done + 1:
+            wrong.append(f"boulders {done + 1} to {first - 1} are missing")
+        if first <= done:
+            wrong.append(f"boulders {first} to {min(done, last)} are twice: {head['name']}")
+        done = max(done, last)
+    if done < int(own["boulders_asked"]):
+        wrong.append(f"boulders {done + 1} to {own['boulders_asked']} are missing")
+    if wrong:
+        raise RockfallError("merge: " + "; ".join(wrong))
+
+
+def _pairs(one: dict[str, str], other: dict[str, str]):
+    return ((key, (one.get(key), other.get(key))) for key in sorted({*one, *other}))
+
+
+class _Joined:
+    """Parts put together, one after the other: rows, sums and tallies of maps."""
+
+    def __init__(self) -> None:
+        self.first: xr.Dataset | None = None
+        self.rows: dict[str, list[np.ndarray]] = {}
+        self.sums: dict[str, np.ndarray] = {}
+        self.maps: Maps | None = None
+
+    def add(self, part: xr.Dataset) -> None:
+        if self.first is None:
+            self.first, self.maps = part, _empty_maps(part)
+        _add_tally(self.maps, part)
+        for name, variable in part.variables.items():
+            if _row_dimension(variable.dims):
+                self.rows.setdefault(name, []).append(variable.values)
+            elif name.startswith("rebounds") or name.endswith("_histogram"):
+                self.sums[name] = self.sums.get(name, 0) + variable.values
+
+    def result(self, heads: Sequence[dict[str, Any]]) -> xr.Dataset:
+        import xarray as xr
+
+        from rockfall.result import map_variable
+
+        boulders = int(heads[0]["boulders_asked"])
+        least = case_of(self.first).output["least_passages"]
+        data: dict[str, Any] = {}
+        for name, variable in self.first.variables.items():
+            along = _row_dimension(variable.dims)
+            if along:
+                rows = np.concatenate(self.rows.pop(name), axis=variable.dims.index(along))
+                data[name] = (variable.dims, rows, variable.attrs)
+            elif name in self.sums:
+                data[name] = (variable.dims, self.sums[name], variable.attrs)
+            elif variable.dims == ("y", "x"):
+                data[name] = map_variable(name, self.maps, boulders, least)
+            elif not name.startswith("tally_"):
+                data[name] = variable
+        attrs = dict(self.first.attrs) | {
+            "boulder_last": boulders,
+            "complete": 1,
+            "threads": max(int(head["threads"]) for head in heads),
+            **{clock: sum(float(head[clock]) for head in heads) for clock in CLOCKS},
+        }
+        return xr.Dataset(data, attrs=attrs).set_coords(list(self.first.coords))
+
+
+def _row_dimension(dims: tuple) -> str | None:
+    """The dimension along which rows of parts follow each other."""
+    return next((dim for dim in ("boulder", "trajectory_vertex") if dim in dims), None)
+
+
+def _empty_maps(part: xr.Dataset) -> Maps:
+    from rockfall.simulate import no_maps
+
+    names = [name for name, variable in part.variables.items() if variable.dims == ("y", "x")]
+    return no_maps(names, (part.sizes["y"], part.sizes["x"])) if names else no_maps()
+
+
+def _add_tally(maps: Maps, part: xr.Dataset) -> None:
+    cells = part[CELL].values
+    for name in STACKS:
+        if f"tally_{name}" in part:
+            stack = getattr(maps, name)
+            flat, values = stack.reshape(len(stack), -1), part[f"tally_{name}"].values
+            join = np.maximum if name == "maxima" else np.add
+            flat[:, cells] = join(flat[:, cells], values)
+    if "tally_classes" in part:
+        column = maps.column.ravel()
+        new = cells[column[cells] == 0]
+        used = int(maps.columns[0])
+        column[new] = np.arange(used + 1, used + new.size + 1)
+        maps.class_counts[used : used + new.size] = 0
+        maps.columns[0] += new.size
+        maps.class_counts[column[cells] - 1] += part["tally_classes"].values
