@@ -597,7 +597,7 @@ def test_ctrl_c_keeps_the_boulders_done(place):
     assert child.returncode == 130 and out == ""
     said = re.fullmatch(
         r"rockfall: interrupted: part.nc holds the first ([\d,]+) of 3,000,000 boulders "
-        r"and is a valid result\n",
+        r"and is a valid result; --resume goes on\n",
         err,
     )
     assert said

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import os
 import sys
 import traceback
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from rockfall.case import Case
+    from rockfall.checkpoint import Checkpoint
     from rockfall.scene import Scene
 
 DONE, FAULT, REFUSED, INTERRUPTED = 0, 1, 2, 130  # exit status
@@ -91,6 +93,11 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("--until", metavar="RULES", help=f"until 95 %% intervals are narrow: {rules}")
     run.add_argument("--cap", metavar="N", type=int, help="with --until: most from each source")
     run.add_argument("--shard", metavar="I/N", help="the I-th of N parts, for `rockfall merge`")
+    run.add_argument("--resume", action="store_true", help="go on from the last checkpoint, if any")
+    run.add_argument(
+        "--checkpoint", metavar="SECONDS", type=float, default=60.0,
+        help="between checkpoints, in OUT.nc.checkpoint; default: 60, 0 = none",
+    )  # fmt: skip
     merge = commands.add_parser("merge", help="join the parts of a run", description=_MERGE)
     merge.add_argument("parts", metavar="PART.nc", type=Path, nargs="+")
     merge.add_argument("-o", "--output", metavar="OUT.nc", type=Path, required=True)
@@ -154,21 +161,27 @@ def _run(arguments: argparse.Namespace) -> int:
         raise RockfallError("--boulders: --until finds their number; limit it with --cap")
     if arguments.until is None and arguments.cap is not None:
         raise RockfallError("--cap: is of use with --until only")
-    if arguments.until is not None and arguments.shard is not None:
-        raise RockfallError("--shard: --until decides on all boulders together")
+    for word in "shard", "resume":
+        if arguments.until is not None and getattr(arguments, word):
+            raise RockfallError(f"--{word}: --until decides on all boulders together")
+    if not arguments.checkpoint >= 0:
+        raise RockfallError(f"--checkpoint {arguments.checkpoint}: must be >= 0 seconds")
     case = _overridden(arguments)
     which, of = shard = (1, 1) if arguments.shard is None else _shard(arguments.shard)
     stem = arguments.case.stem
     path = arguments.output or Path(f"{stem}.nc" if of == 1 else f"{stem}.part{which}of{of}.nc")
     check_writable(path)
+    checkpoint = _checkpoint(arguments, path)
     scene = read_scene(case)
     _warn(scene)
     with interrupts():  # what has been done is also written
         try:
-            result = _fly(scene, arguments, shard)
+            result = _fly(scene, arguments, shard, checkpoint)
         except Interrupted as stop:
             return _keep(stop, path)
         write_result(result, path)
+    if checkpoint:
+        checkpoint.remove()
     _warn_unmet(result)
     if not arguments.quiet:
         print(summary(result))
@@ -196,14 +209,38 @@ def _merge(arguments: argparse.Namespace) -> int:
     return DONE
 
 
-def _fly(scene: Scene, arguments: argparse.Namespace, shard: tuple[int, int]) -> xr.Dataset:
+def _checkpoint(arguments: argparse.Namespace, path: Path) -> Checkpoint | None:
+    """Where a run saves its work; one that is there is not overwritten unasked."""
+    from rockfall.checkpoint import Checkpoint
+
+    if arguments.until is not None:
+        return None
+    place = path.with_name(f"{path.name}.checkpoint")
+    every = arguments.checkpoint or math.inf
+    found = Checkpoint(
+        place, every, lambda text: print(f"rockfall: warning: {text}", file=sys.stderr)
+    )
+    if not arguments.resume and (done := found.found()):
+        raise RockfallError(
+            f"{place}: holds {done:,} boulders of a run that was stopped; go on with --resume, or "
+            "remove it"
+        )
+    return found
+
+
+def _fly(
+    scene: Scene,
+    arguments: argparse.Namespace,
+    shard: tuple[int, int],
+    checkpoint: Checkpoint | None,
+) -> xr.Dataset:
     """As many boulders as the case says, or as the rules of `--until` need."""
     from rockfall.simulate import run_scene
     from rockfall.until import run_scene_until
 
     how = {"progress": not arguments.quiet, "keep": False}
     if arguments.until is None:
-        return run_scene(scene, shard=shard, **how)
+        return run_scene(scene, shard=shard, checkpoint=checkpoint, **how)
     return run_scene_until(scene, arguments.until, arguments.cap, **how)
 
 
@@ -309,7 +346,7 @@ def _shown(arguments: argparse.Namespace) -> tuple:
         warnings.simplefilter("always", UserWarning)
         terrain = terrain_of(result, arguments.dem)
     for warning in said:
-        print(f"rockfall: warning: {warning.message}", file=sys.stderr)
+        _warning(str(warning.message))
     return result, terrain, observed
 
 
@@ -333,19 +370,23 @@ def _keep(stop: BaseException, path: Path) -> int:
         raise KeyboardInterrupt
     write_result(result, path)
     holds = f"{path} holds the first {done:,} of {asked:,} boulders and is a valid result"
+    holds += "; --resume goes on" if "until" not in result.attrs else ""
     return _say(f"interrupted: {holds}", INTERRUPTED)
+
+
+def _warning(text: str) -> None:
+    print(f"rockfall: warning: {text}", file=sys.stderr)
 
 
 def _warn(scene: Scene) -> None:
     from rockfall.scene import lines_outside
 
     for name in lines_outside(scene):
-        about = f"{scene.case.name}: &line name = '{name}': no part of it lies over the terrain"
-        print(f"rockfall: warning: {about}", file=sys.stderr)
+        _warning(f"{scene.case.name}: &line name = '{name}': no part of it lies over the terrain")
     release = scene.case.release
     if not release["drop_height"] and not any(release["velocity"]):
         about = f"{scene.case.name}: &release has no drop_height and no velocity"
-        print(f"rockfall: warning: {about}: boulders stop where they start", file=sys.stderr)
+        _warning(f"{about}: boulders stop where they start")
 
 
 def _warn_unmet(result: xr.Dataset) -> None:
@@ -353,7 +394,7 @@ def _warn_unmet(result: xr.Dataset) -> None:
 
     for verdict in verdicts_of(result):
         if not verdict.met:
-            print(f"rockfall: warning: --until {verdict}", file=sys.stderr)
+            _warning(f"--until {verdict}")
 
 
 def _say(line: str, status: int) -> int:

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,39 +19,70 @@ if TYPE_CHECKING:
     from rockfall.simulate import Maps
 
 STACKS = ("counts", "sums", "maxima")  # of maps, by layer
-CELL, DIM = "tally_cell", "tally"  # a cell that boulders reached
+BEFORE = "tally_"  # the names of tallies in a part
+_DIMS = {
+    "cell": ("tally",),
+    **{name: (f"tally_{name}_layer", "tally") for name in STACKS},
+    "classes": ("tally", "tally_class"),
+}
+_ABOUT = {
+    "cell": "index of the cell, by rows from the north-west",
+    **{name: f"{name} of the maps, by layer" for name in STACKS},
+    "classes": "counts of classes",
+}
 CLOCKS = ("wall_seconds", "cpu_seconds")
 
 
-def tally_variables(maps: Maps) -> dict[str, Any]:
-    """The tallies of the cells that boulders reached, as variables of a part."""
+def tallies(maps: Maps) -> dict[str, np.ndarray]:
+    """The tallies of the cells that boulders reached, which are `cell`: `counts`, `sums`, `maxima`
+    (layers, cells) and `classes` (cells, classes), as far as there are any."""
     cells = _reached(maps)
-    data = {CELL: (DIM, cells, _about("index of the cell, by rows from the north-west"))}
+    arrays = {"cell": cells}
     for name in STACKS:
         stack = getattr(maps, name)
         if stack.size > 1:
-            values = stack.reshape(len(stack), -1)[:, cells]
-            about = _about(f"{name} of the maps, by layer")
-            data[f"tally_{name}"] = ((f"tally_{name}_layer", DIM), values, about)
+            arrays[name] = stack.reshape(len(stack), -1)[:, cells]
     if maps.column.size > 1:
         column = maps.column.ravel()[cells]
-        counts = np.where(column[:, None] > 0, maps.class_counts[column - 1], 0)
-        data["tally_classes"] = ((DIM, "tally_class"), counts, _about("counts of classes"))
-    return data
-
-
-def _about(long_name: str) -> dict[str, str]:
-    return {"units": "1", "long_name": long_name}
+        arrays["classes"] = np.where(column[:, None] > 0, maps.class_counts[column - 1], 0)
+    return arrays
 
 
 def _reached(maps: Maps) -> np.ndarray:
-    """Cells in which any tally is not zero."""
+    """Cells in which any tally is not zero, counted from 0 by rows from the north-west."""
     layers = [layer for name in STACKS for layer in getattr(maps, name)] + [maps.column]
     reached = np.zeros(1, bool)
     for layer in layers:
         if layer.size > 1:
             reached = reached | (layer.ravel() != 0)
     return np.flatnonzero(reached)
+
+
+def add_tallies(maps: Maps, arrays: Mapping[str, np.ndarray]) -> None:
+    """Add what `tallies` gave."""
+    cells = arrays["cell"]
+    for name in STACKS:
+        if name in arrays:
+            stack = getattr(maps, name)
+            flat = stack.reshape(len(stack), -1)
+            join = np.maximum if name == "maxima" else np.add
+            flat[:, cells] = join(flat[:, cells], arrays[name])
+    if "classes" in arrays:
+        column = maps.column.ravel()
+        new = cells[column[cells] == 0]
+        used = int(maps.columns[0])
+        column[new] = np.arange(used + 1, used + new.size + 1)
+        maps.class_counts[used : used + new.size] = 0
+        maps.columns[0] += new.size
+        maps.class_counts[column[cells] - 1] += arrays["classes"]
+
+
+def tally_variables(maps: Maps) -> dict[str, Any]:
+    """The tallies as variables of a part."""
+    return {
+        f"{BEFORE}{name}": (_DIMS[name], values, {"units": "1", "long_name": _ABOUT[name]})
+        for name, values in tallies(maps).items()
+    }
 
 
 def merge(parts: Sequence[xr.Dataset | str | Path]) -> xr.Dataset:
@@ -86,7 +117,7 @@ def _head(part: xr.Dataset | str | Path) -> dict[str, Any]:
 
 
 def _head_of(data: xr.Dataset, name: str) -> dict[str, Any]:
-    if CELL not in data.variables or "case" not in data.attrs:
+    if f"{BEFORE}cell" not in data.variables or "case" not in data.attrs:
         raise RockfallError(f"{name}: is not a part of a run, as --shard makes them")
     case = case_of(data)
     return {**data.attrs, "name": name, "case": case.replace(case={"threads": 0}).text()}
@@ -135,7 +166,8 @@ class _Joined:
     def add(self, part: xr.Dataset) -> None:
         if self.first is None:
             self.first, self.maps = part, _empty_maps(part)
-        _add_tally(self.maps, part)
+        arrays = {name: part[BEFORE + name].values for name in _DIMS if BEFORE + name in part}
+        add_tallies(self.maps, arrays)
         for name, variable in part.variables.items():
             if _row_dimension(variable.dims):
                 self.rows.setdefault(name, []).append(variable.values)
@@ -159,7 +191,7 @@ class _Joined:
                 data[name] = (variable.dims, self.sums[name], variable.attrs)
             elif variable.dims == ("y", "x"):
                 data[name] = map_variable(name, self.maps, boulders, least)
-            elif not name.startswith("tally_"):
+            elif not name.startswith(BEFORE):
                 data[name] = variable
         attrs = dict(self.first.attrs) | {
             "boulder_last": boulders,
@@ -180,21 +212,3 @@ def _empty_maps(part: xr.Dataset) -> Maps:
 
     names = [name for name, variable in part.variables.items() if variable.dims == ("y", "x")]
     return no_maps(names, (part.sizes["y"], part.sizes["x"])) if names else no_maps()
-
-
-def _add_tally(maps: Maps, part: xr.Dataset) -> None:
-    cells = part[CELL].values
-    for name in STACKS:
-        if f"tally_{name}" in part:
-            stack = getattr(maps, name)
-            flat, values = stack.reshape(len(stack), -1), part[f"tally_{name}"].values
-            join = np.maximum if name == "maxima" else np.add
-            flat[:, cells] = join(flat[:, cells], values)
-    if "tally_classes" in part:
-        column = maps.column.ravel()
-        new = cells[column[cells] == 0]
-        used = int(maps.columns[0])
-        column[new] = np.arange(used + 1, used + new.size + 1)
-        maps.class_counts[used : used + new.size] = 0
-        maps.columns[0] += new.size
-        maps.class_counts[column[cells] - 1] += part["tally_classes"].values

@@ -19,6 +19,8 @@ from rockfall.scene import Scene, read_scene
 if TYPE_CHECKING:
     import xarray as xr
 
+    from rockfall.checkpoint import Checkpoint
+
 CHUNK_SECONDS = 0.25  # between calls of the kernel: progress, Ctrl-C
 FIRST_CHUNK = 64  # boulders
 BINS = 50  # rows of the kernel's histograms
@@ -123,11 +125,13 @@ def run_scene(
     threads: int | None = None,
     chunk: int | None = None,
     shard: tuple[int, int] = (1, 1),
+    checkpoint: Checkpoint | None = None,
     keep: bool = True,
 ) -> xr.Dataset:
     """Run a scene that has been read; see `run`.
 
-    A scene that need not be kept loses its rasters before the result is made, to save memory.
+    It goes on from `checkpoint`, and writes it now and then. A scene that need not be kept loses
+    its rasters before the result is made, to save memory.
     """
     from rockfall.progress import progress_bar
     from rockfall.result import make_result
@@ -137,8 +141,19 @@ def run_scene(
         raise RockfallError(f"threads = {threads}: must be 0 (all cores) to {MOST_THREADS}")
     with interrupts() as interrupted:  # no chunk is lost half-way
         tally = start(scene, threads, shard)
+        if checkpoint:
+            checkpoint.restore(tally)
         with progress_bar(tally.boulders, shown=progress) as advance:
-            run_chunks(tally, chunk, interrupted, advance)
+            advance(tally.done)
+
+            def step(boulders: int) -> None:
+                advance(boulders)
+                if checkpoint:
+                    checkpoint.look(tally)
+
+            run_chunks(tally, chunk, interrupted, step)
+            if checkpoint and interrupted():
+                checkpoint.save(tally)
             trace(tally)
         if not keep:
             scene.forget_rasters()

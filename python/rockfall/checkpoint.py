@@ -1,0 +1,166 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a long run has done so far, on disk, so that a run that was killed goes on from there.
+
+A folder holds the rows of the boulders done, a file for each time it was written, the tallies, and
+`state.json`, which names those files. It is replaced last, in one step, when all that it names is
+on disk: at any instant it describes a whole state.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+
+import numpy as np
+
+from rockfall.errors import RockfallError
+from rockfall.parts import add_tallies, tallies
+from rockfall.simulate import Tally
+
+STATE = "state.json"
+PARTS = {"identity", "done", "rows", "maps", "wall_seconds", "cpu_seconds"}  # of the state
+ROWS = ("boulder", "count", "crossing")  # arrays of a tally with a row for each boulder
+
+
+class Checkpoint:
+    """The checkpoint of a run in `folder`, written every so many seconds.
+
+    A checkpoint that cannot be written (a full disk) does not end the run: `say` is told once, and
+    the last good one stays.
+    """
+
+    def __init__(
+        self, folder: str | Path, every: float, say: Callable[[str], None] = lambda _: None
+    ) -> None:
+        self.folder, self.every, self.say = Path(folder), every, say
+        self.rows: list[str] = []  # files
+        self.saved = 0  # boulders in them
+        self.last = time.monotonic()
+
+    def restore(self, tally: Tally) -> None:
+        """Bring a tally to the state of the folder; nothing is done where there is none.
+
+        A checkpoint of another case, input, version or range of boulders is refused.
+        """
+        state = self._state()
+        if state is None:
+            return
+        for what, value in _identity(tally).items():
+            if state["identity"].get(what) != value:
+                raise RockfallError(
+                    f"{self.folder}: is of another run, its {what} differs; remove it, or run "
+                    "without --resume elsewhere"
+                )
+        try:
+            for name in state["rows"]:
+                self._take_rows(tally, name)
+            with np.load(self.folder / state["maps"]) as file:
+                arrays = dict(file)
+        except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
+            raise RockfallError(f"{self.folder}: cannot be read: {error}") from error
+        tally.histogram += arrays.pop("histogram")
+        add_tallies(tally.maps, arrays)
+        tally.done = self.saved
+        tally.wall, tally.cpu = state["wall_seconds"], state["cpu_seconds"]
+        self.rows = state["rows"]
+
+    def _take_rows(self, tally: Tally, name: str) -> None:
+        with np.load(self.folder / name) as file:
+            n = len(file[ROWS[0]])
+            for rows in ROWS:
+                getattr(tally, rows)[self.saved : self.saved + n] = file[rows]
+        self.saved += n
+
+    def found(self) -> int:
+        """Boulders in the folder, 0 without a checkpoint."""
+        state = self._state()
+        return state["done"] if state else 0
+
+    def _state(self) -> dict[str, Any] | None:
+        try:
+            state = json.loads((self.folder / STATE).read_text())
+            if not (
+                isinstance(state, dict) and state.keys() >= {"identity", "done", "rows", "maps"}
+            ):
+                raise ValueError(f"{STATE} is not of a checkpoint")
+            return state
+        except FileNotFoundError:
+            return None
+        except (OSError, ValueError) as error:
+            raise RockfallError(f"{self.folder}: cannot be read: {error}") from error
+
+    def look(self, tally: Tally) -> None:
+        """Write a checkpoint, if it is time to."""
+        if time.monotonic() - self.last >= self.every:
+            self.save(tally)
+
+    def save(self, tally: Tally) -> None:
+        """Write what was done since the last checkpoint; never, where that is how often."""
+        if np.isinf(self.every):
+            return
+        try:
+            self._save(tally)
+        except OSError as error:
+            self.say(f"{self.folder}: no checkpoint: {error.strerror or error}")
+            self.every = np.inf
+        self.last = time.monotonic()
+
+    def _save(self, tally: Tally) -> None:
+        self.folder.mkdir(exist_ok=True)
+        k = len(self.rows)
+        new = slice(self.saved, tally.done)
+        rows = [*self.rows]
+        if tally.done > self.saved:
+            rows.append(f"rows-{k}.npz")
+            self._write(rows[-1], {name: getattr(tally, name)[new] for name in ROWS})
+        maps = f"maps-{k}.npz"
+        self._write(maps, {"histogram": tally.histogram, **tallies(tally.maps)})
+        state = {
+            "identity": _identity(tally), "done": tally.done, "rows": rows, "maps": maps,
+            "wall_seconds": tally.wall, "cpu_seconds": tally.cpu,
+        }  # fmt: skip
+        self._write(STATE, json.dumps(state).encode())
+        self.rows, self.saved = rows, tally.done
+        for old in self.folder.glob("maps-*.npz"):
+            if old.name != maps:
+                old.unlink()
+
+    def _write(self, name: str, content: bytes | dict[str, np.ndarray]) -> None:
+        """A file that is on disk, whole, before it bears its name."""
+        part = self.folder / f"{name}.part"
+        with open(part, "wb") as file:
+            if isinstance(content, bytes):
+                file.write(content)
+            else:
+                np.savez(file, **content)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(part, self.folder / name)
+        folder = os.open(self.folder, os.O_RDONLY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)
+
+    def remove(self) -> None:
+        """The run is done and written."""
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+
+def _identity(tally: Tally) -> dict[str, Any]:
+    """What a run that goes on must have in common with the one that was killed."""
+    from rockfall import __version__
+
+    scene = tally.scene
+    return {
+        "version": __version__,
+        "case": scene.case.replace(case={"threads": 0}).text(),
+        "boulders": [tally.before, tally.boulders, scene.boulders],
+        **{f"input {name}": checksum for name, checksum in sorted(scene.checksums.items())},
+    }

@@ -1,0 +1,23 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What several tests start from."""
+
+from pathlib import Path
+
+import pytest
+
+import rockfall
+
+
+@pytest.fixture
+def few_boulders(tmp_path):
+    """The file of cases/vaujany with 50 boulders, in a folder of its own."""
+    folder = (Path(__file__).parents[1] / "cases/vaujany").resolve()
+    case = rockfall.read_case(folder / "case.nml")
+    case = case.replace(
+        case={"boulders": 50},
+        terrain={"dem": folder / "dem.tif"},
+        surface={key: folder / case.surface[key] for key in ("zones", "table")},
+    )
+    path = tmp_path / "case.nml"
+    path.write_text(case.text())
+    return path
