@@ -98,6 +98,12 @@ def _parser() -> argparse.ArgumentParser:
         "--checkpoint", metavar="SECONDS", type=float, default=60.0,
         help="between checkpoints, in OUT.nc.checkpoint; default: 60, 0 = none",
     )  # fmt: skip
+    slurm = command("slurm", "write a job array of Slurm for a case, with its merge job", "CASE")
+    slurm.add_argument("folder", metavar="DIR", type=Path, help="made; jobs, parts and result")
+    slurm.add_argument("--shards", metavar="N", type=int, required=True, help="jobs of the array")
+    slurm.add_argument("--program", default="python", help="python (default), or batch")
+    slurm.add_argument("--threads", metavar="N", type=int, default=4, help="of each job; default 4")
+    slurm.add_argument("--time", default="24:00:00", help="of each job; default 24:00:00")
     merge = commands.add_parser("merge", help="join the parts of a run", description=_MERGE)
     merge.add_argument("parts", metavar="PART.nc", type=Path, nargs="+")
     merge.add_argument("-o", "--output", metavar="OUT.nc", type=Path, required=True)
@@ -242,6 +248,15 @@ def _fly(
     if arguments.until is None:
         return run_scene(scene, shard=shard, checkpoint=checkpoint, **how)
     return run_scene_until(scene, arguments.until, arguments.cap, **how)
+
+
+def _slurm(arguments: argparse.Namespace) -> int:
+    from rockfall.slurm import write_jobs
+
+    how = {key: getattr(arguments, key) for key in ("program", "threads", "time")}
+    for path in write_jobs(arguments.case, arguments.folder, arguments.shards, **how):
+        print(path)
+    return DONE
 
 
 def _ensemble(arguments: argparse.Namespace) -> int:
