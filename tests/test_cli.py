@@ -637,5 +637,5 @@ def test_ctrl_c_before_the_first_boulder_writes_nothing(place, capsys, monkeypat
     before = files(place)
     monkeypatch.setattr("rockfall.scene.read_scene", pressed)
     assert main(["run", "case.nml"]) == 130
-    assert capsys.readouterr().err == "rockfall: interrupted, nothing written\n"
+    assert capsys.readouterr().err == "rockfall: interrupted; no file is half-written\n"
     assert files(place) == before

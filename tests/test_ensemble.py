@@ -433,7 +433,7 @@ def test_an_interrupted_ensemble_writes_nothing(place, capfd, monkeypatch):
 
     monkeypatch.setattr(ensemble, "run_scene", pressed)
     assert main(["ensemble", "case.nml"]) == 130
-    assert capfd.readouterr().err == "rockfall: interrupted, nothing written\n"
+    assert capfd.readouterr().err == "rockfall: interrupted; no file is half-written\n"
     assert sorted(path.name for path in Path().iterdir()) == ["case.nml", "dem.tif"]
 
 

@@ -261,8 +261,11 @@ def test_a_file_in_place_of_the_folder_is_one_line(result, tmp_path, monkeypatch
         export(result, "folder")
 
 
-def test_without_the_vector_extra_one_line_and_nothing_written(result, tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "pyogrio", None)
+@pytest.mark.parametrize("package", ["pyogrio", "shapely"])
+def test_without_the_vector_extra_one_line_and_nothing_written(
+    package, result, tmp_path, monkeypatch
+):
+    monkeypatch.setitem(sys.modules, package, None)
     with pytest.raises(RockfallError) as caught:
         export(result, tmp_path / "out")
     assert str(caught.value) == "GeoPackages need the vector extra: pip install 'rockfall[vector]'"

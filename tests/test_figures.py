@@ -11,7 +11,7 @@ import pytest
 
 import rockfall
 from made import make_raster
-from rockfall import flights, linefigures, mapfigures, reboundfigures, terrain
+from rockfall import flights, linefigures, mapfigures, reboundfigures, style, terrain
 from rockfall.cli import main
 from rockfall.errors import RockfallError
 from rockfall.figures import figures, terrain_of, write_figures
@@ -235,6 +235,45 @@ def test_maps_to_come_are_drawn_by_their_names(full):
     assert image.norm.vmax == 100
 
 
+def test_the_upper_limit_is_blank_where_none_passed(tmp_path):
+    """It is above 0 everywhere, but a map shows where boulders came."""
+    groups = {"release": POINT, "case": {"boulders": 9}}
+    result = run(tmp_path, output={"maps": ["passages", "reach_probability_high"]}, **groups)
+    alone = result.drop_vars("passages")
+    assert mapfigures.reached(alone) == mapfigures.reached(result)
+    image = mapfigures.map_figure(alone, "reach_probability_high").axes[0].images[-1]
+    west, east, south, north = image.get_extent()
+    passed = result["passages"].sel(x=slice(west, east), y=slice(north, south)).values > 0
+    assert (np.isfinite(np.ma.filled(image.get_array(), np.nan)) == passed).all()
+    assert 0 < passed.sum() < passed.size
+
+
+def test_captions_and_scales_say_where_a_number_needs_more_boulders(tmp_path):
+    names = ["energy_mean", "speed_q50", "energy_max"]
+    result = run(tmp_path, release=POINT, output={"maps": names, "least_passages": 4})
+    shown = {one.name: one for one in figures(result)}
+    for name, fewest in (("energy_mean", 4), ("speed_q50", 6)):
+        one = shown[f"map_{name}"]
+        assert f"blank where fewer than {fewest} boulders passed" in one.caption
+        scale = one.draw().axes[1].get_xlabel().replace("\n", " ")
+        assert scale.endswith(f"blank: fewer than {fewest} passed")
+    assert "blank" not in shown["map_energy_max"].caption
+
+
+@pytest.mark.parametrize("name", [r"$\frac$", "a$b$", "$"])
+def test_a_name_is_no_formula(full, tmp_path, name):
+    from matplotlib.cbook import is_math_text
+
+    named = full.assign_coords(line=("line", np.array([name], object)))
+    for one in figures(named, TERRAIN):
+        if one.name in ("trajectories", "profile", "line_speed"):
+            drawn = one.draw()
+            texts = [t for axes in drawn.axes for t in (*axes.texts, axes.title, axes._left_title)]
+            shown = [text.get_text() for text in texts if "$" in text.get_text()]
+            assert shown and not any(map(is_math_text, shown))
+            style.save(drawn, tmp_path / f"{one.name}.png", 50)
+
+
 def test_the_1_percent_outline_runs_along_the_edges_of_cells():
     from matplotlib.figure import Figure
 
@@ -257,6 +296,16 @@ def test_a_part_of_a_raster_keeps_its_place(flipped):
     part, cells = mapfigures._cropped(stored, whole, flipped, (112.0, 139.0, 183.0, 201.0), np.fmax)
     assert (part == 1000 * cells.y[:, None] + cells.x).all()
     assert (cells.west, cells.east, cells.south, cells.north) == (110.0, 140.0, 180.0, 205.0)
+
+
+def test_a_thinned_raster_keeps_its_edges(monkeypatch):
+    monkeypatch.setattr(mapfigures, "DOTS", 4)
+    whole = Grid(0.0, 50.0, 5.0, 7, 10)
+    values = np.arange(70.0).reshape(10, 7)
+    most, cells = mapfigures._cropped(values, whole, False, (0.0, 35.0, 0.0, 50.0), np.fmax)
+    assert most.max() == 69 and most.shape == (4, 3) and cells.cell == 15
+    mean, _ = mapfigures._cropped(values, whole, False, (0.0, 35.0, 0.0, 50.0), np.add)
+    assert mean[0, 0] == values[:3, :3].mean() and mean[-1, -1] == 69
 
 
 def test_a_big_map_shows_the_greatest_of_the_cells_of_a_dot(full, monkeypatch):

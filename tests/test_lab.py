@@ -3,6 +3,7 @@
 
 import re
 import signal
+import sys
 from contextlib import contextmanager
 from functools import partial
 from itertools import count
@@ -972,7 +973,8 @@ def test_bad_arguments_are_one_line_and_nothing_is_written(name, place, monkeypa
     "words", [["pack", "lab.nml", "-o", "layer.png"], ["fit", "lab.nc"], ["scorecard"]]
 )
 def test_without_the_report_extra_it_is_named(place, monkeypatch, capsys, words):
-    monkeypatch.setattr("rockfall.lab.cli.find_spec", lambda _: None)
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    monkeypatch.setitem(sys.modules, "scipy", None)
     assert main(["lab", *words]) == 2
     out, err = capsys.readouterr()
     assert out == ""

@@ -3,10 +3,10 @@
 
 import re
 import shutil
+import sys
 import zlib
 from base64 import b64decode
 from html import unescape
-from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +15,8 @@ import pytest
 
 import rockfall
 from rockfall.cli import main
-from rockfall.statistics import QUANTITIES
+from rockfall.statistics import QUANTITIES, share_interval
+from rockfall.until import verdicts_of
 from scenes import grid, make_case, rough, sets
 
 pytest.importorskip("matplotlib", reason="the report extra is not installed")
@@ -23,6 +24,7 @@ from rockfall.report import report, write_report  # noqa: E402
 from rockfall.report.maps import MOST_CELLS, Window, blocks_max, maps, window_of  # noqa: E402
 from rockfall.report.markup import UNITS, number, percent  # noqa: E402
 from rockfall.report.running import by_turns, history, needed, sizes  # noqa: E402
+from rockfall.report.tables import provenance  # noqa: E402
 from rockfall.report.words import cautions, in_words, rows_of  # noqa: E402
 
 EVIL = "<script>document.title = 'run'</script> & \"x\" <img src=x onerror=alert(1)>"
@@ -85,17 +87,18 @@ def test_the_summary_says_the_numbers_of_the_line_table(result):
     assert f"at {number(speed['mean'])} m/s ({number(speed['mean_low'])} to " in text
     assert f"{number(energy['q95'] / 1e3)} kJ ({number(energy['q95_low'] / 1e3)} to " in text
     high = 100 * rows_of(result)["cliff"]["speed"]["share_high"]
-    assert f"cliff: no boulder passes. With 300 boulders a share of up to {high:.1f} %" in text
+    chance = f"by chance the share may still be up to {high:.2f} % (95 %)"
+    assert f"cliff: no boulder of 300 passes; {chance}." in text
     ends = dict(zip(("stopped", "absorbed", "left"), np.bincount(result.status, minlength=4)[1:4],
                     strict=True))  # fmt: skip
     assert f"{ends['stopped']:,} ({100 * ends['stopped'] / 300:.1f} %) came to rest" in text
-    assert "300 boulders of 0.800 m³ were released from 1 place, 5 m above the surface" in text
+    assert "300 boulders of 0.800 m³ were released from 1 source, 5 m above the surface" in text
 
 
 def test_one_boulder_is_spoken_of_as_one(tmp_path):
     one = run(tmp_path, boulders=1)
     text = words(one)
-    assert text.startswith("1 boulder of 0.800 m³ was released from 1 place")
+    assert text.startswith("1 boulder of 0.800 m³ was released from 1 source")
     assert "until it ended" in text and "boulders" not in text and "nan" not in text.lower()
     assert any(caution.startswith("1 boulder is an example") for caution in warned(one))
 
@@ -103,7 +106,7 @@ def test_one_boulder_is_spoken_of_as_one(tmp_path):
 def test_several_places_and_no_lines(tmp_path):
     several = run(tmp_path, line=[], release=SOURCES, boulders=20)
     text = words(several)
-    assert "60 boulders" in text and "from 3 places" in text
+    assert "60 boulders" in text and "from 3 sources" in text
     assert "The case has no evaluation lines." in text
     page = "".join(maps(several, None))
     assert page.count('class="start"') == 1 + len(MAPS) + 1  # each map, and the key
@@ -124,6 +127,14 @@ def test_sentences_count_right():
 
 
 # ---- limits of validity
+
+
+def test_intervals_that_are_not_those_of_random_boulders_say_so(tmp_path, result):
+    sobol = run(tmp_path, case={"boulders": 64, "sampling": "sobol"})
+    assert "too wide" in words(sobol) and "too wide" not in words(result)
+    asked = result.assign_attrs(until="share@road <b><50%")
+    (verdict,) = verdicts_of(asked)
+    assert f"Asked for: {verdict}." in words(asked) and "Asked for" not in words(result)
 
 
 def test_each_caution_has_its_number_and_its_weight(result):
@@ -253,6 +264,24 @@ def test_the_picture_of_a_large_raster_is_bounded(result, monkeypatch):
     window = window_of(result)
     assert window.step > 1 and window.nx * window.ny < 2 * 100 < MOST_CELLS
     assert len(list(maps(result, (rough(), grid(rough()))))) == 1 + len(MAPS)
+    more = {f"energy_q{k}": result["energy_max"] for k in range(40)}
+    assert window_of(result.assign(more)).step > window.step  # all maps together are bounded
+
+
+def test_a_map_says_why_it_is_blank(tmp_path):
+    some = run(tmp_path, output={"maps": ["reach_probability_high", "energy_q95"]})
+    pages = list(maps(some, None))
+    (quantile,) = (page for page in pages if "95 % quantile" in page)
+    (upper,) = (page for page in pages if "Upper limit" in page)
+    assert "blank where fewer than 72 boulders passed" in quantile
+    none = 100 * share_interval(np.zeros(300, bool), np.zeros(300, int))[2]
+    assert f"blank where none passed; it is {none:.2g} % there" in upper
+    window = window_of(some)
+    (packed,) = re.findall('data-values="(.*?)"', upper)
+    shown = np.frombuffer(zlib.decompress(b64decode(packed)), "<f4")
+    passed = run(tmp_path)["passages"].values[window.row :, window.column :]
+    passed = passed[: window.ny, : window.nx]
+    assert (np.isfinite(shown.reshape(passed.shape)) == (passed > 0)).all()
 
 
 # ---- the page
@@ -290,6 +319,17 @@ def test_the_case_and_its_origin_are_all_there(page, result):
     assert result.attrs["case"] in text
     assert result.attrs["impact_set_checksum"] in text and "20090601" in text
     assert "Rasters came as arrays" in text
+
+
+def test_how_to_run_it_again_promises_what_holds(tmp_path):
+    case = make_case(tmp_path, *sets(), terrain={"dem": "dem.tif"}, release={"x": 1.0, "y": 1.0})
+    whole = run(tmp_path, boulders=10).assign_attrs(case=case.text(), case_file="my case.nml")
+    again = "This gives the same numbers again, to the last bit"
+    text = " ".join(provenance(whole))
+    assert f"{again}, in the folder" in text and "rockfall run &#x27;my case.nml&#x27;" in text
+    assert "a case file that says what stands below" in text  # it may have changed since
+    text = " ".join(provenance(interrupted(whole, 4)))
+    assert f"{again}, and the boulders that are missing, in the folder" in text
 
 
 def test_every_kind_of_result_has_a_page(tmp_path, monkeypatch):
@@ -333,7 +373,7 @@ def test_the_command_writes_beside_the_result(stored, capsys):
         (["case.nml"], "case.nml: is not a netCDF result"),
         (["out.nc", "-o", "out.nc"], "out.nc: is no name for a page; it must end in .html"),
         (["out.nc", "-o", "none/out.html"], "none/out.html: there is no folder none"),
-        (["out.nc", "-o", "folder.html"], "folder.html: cannot be written"),
+        (["out.nc", "-o", "folder.html"], "folder.html: is a folder; a file name is needed"),
         (["out.nc", "--dem", "none.tif"], "none.tif"),
         (["out.nc", "--observed", "none.csv"], "none.csv"),
     ],
@@ -350,11 +390,35 @@ def test_what_cannot_be_done_is_refused_in_one_line(stored, capsys, arguments, m
     assert sorted(stored.iterdir()) == before and Path("out.nc").read_bytes() == content
 
 
+def test_a_result_is_not_overwritten_by_its_page(stored, capsys):
+    Path("out.nc").rename("out.html")
+    content = Path("out.html").read_bytes()
+    assert main(["report", "out.html"]) == 2
+    assert capsys.readouterr().err == "rockfall: out.html: is an input; it is not overwritten\n"
+    assert Path("out.html").read_bytes() == content
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda r: r.drop_vars("stop_x"), "is not a whole result of rockfall: has no stop_x"),
+        (lambda r: r.drop_attrs().assign_attrs(case="&case /"), "has no title"),
+        (lambda r: r.assign(start_y=r["start_y"] * np.nan), "start_y: must be a number for every"),
+    ],
+)
+@pytest.mark.parametrize("command", ["report", "figures", "compare"])
+def test_a_result_that_lacks_something_is_refused(stored, capsys, result, command, change, message):
+    rockfall.write_result(change(result), "part.nc")
+    more = {"figures": ["folder"], "compare": ["none.csv"]}.get(command, [])
+    assert main([command, "part.nc", *more]) == 2
+    said = capsys.readouterr()
+    assert not said.out and said.err.startswith("rockfall: part.nc: ") and message in said.err
+    assert said.err.count("\n") == 1
+    assert sorted(p.name for p in stored.iterdir()) == ["out.nc", "part.nc"]
+
+
 def test_without_the_extra_one_line_says_what_to_install(stored, capsys, monkeypatch):
-    found = find_spec
-    monkeypatch.setattr(
-        "importlib.util.find_spec", lambda name: None if name == "scipy" else found(name)
-    )
+    monkeypatch.setitem(sys.modules, "scipy", None)
     assert main(["report", "out.nc"]) == 2
     said = capsys.readouterr().err
     assert said == "rockfall: a report needs the report extra: pip install 'rockfall[report]'\n"

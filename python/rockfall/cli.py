@@ -40,7 +40,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except RockfallError as error:
         return _say(str(error), error.code)
     except KeyboardInterrupt:
-        return _say("interrupted, nothing written", INTERRUPTED)
+        return _say("interrupted; no file is half-written", INTERRUPTED)
     except MemoryError:
         return _say("not enough memory for this case; `rockfall check` says what it needs", REFUSED)
     except BrokenPipeError:
@@ -339,8 +339,9 @@ def _figures(arguments: argparse.Namespace) -> int:
 def _report(arguments: argparse.Namespace) -> int:
     from rockfall.report import check_page, write_report
 
-    path = arguments.output or getattr(arguments, "out.nc").with_suffix(".html")
-    check_page(path)
+    given = getattr(arguments, "out.nc")
+    path = arguments.output or given.with_suffix(".html")
+    check_page(path, filter(None, [given, arguments.dem, *(arguments.observed or ())]))
     result, terrain, observed = _shown(arguments)
     write_report(result, path, terrain, observed)
     print(path)

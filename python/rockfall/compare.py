@@ -13,11 +13,11 @@ import numpy as np
 
 from rockfall.case import case_of
 from rockfall.dataarrays import grid_of
-from rockfall.errors import RockfallError
-from rockfall.files import whole_file
+from rockfall.errors import RockfallError, need
+from rockfall.files import check_free, whole_file
+from rockfall.flights import ends
 from rockfall.observed import UNITS, Observed, read_observed
 from rockfall.statistics import (
-    Z,
     line_numbers,
     line_values,
     sample_numbers,
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 STATISTICS = ("mean", "std", "max")
+LEAST = {"mean": 2, "std": 30}  # observed boulders that tell something of chance
 STOPPING = "stopping_distance"
 _VERDICTS = {"holds": "boolean", "chance": "boolean"}  # columns and their types
 _BESIDE = [f"{whose}{end}" for whose in ("observed", "simulated") for end in ("", "_low", "_high")]
@@ -98,11 +99,7 @@ def write_comparison(
     comparison: Comparison, path: str | Path, keep: Iterable[str | Path] = ()
 ) -> None:
     """Write `Comparison.table` as CSV, whole or not at all, and over none of the files to keep."""
-    path = Path(path)
-    if path.resolve() in (Path(one).resolve() for one in keep):
-        raise RockfallError(f"{path}: is an input; it is not overwritten")
-    if path.is_dir():
-        raise RockfallError(f"{path}: is a folder; a file name is needed")
+    check_free(path, keep)
     with whole_file(path) as part:
         comparison.table().to_csv(part, index=False)
 
@@ -135,8 +132,9 @@ def _errors(
             theirs = np.nan
             if one["method"] == method and (one["line"], one["quantity"]) in field.index:
                 theirs = _error(one[name], field.loc[(one["line"], one["quantity"]), name])
-            error = _error(beside[3], beside[0])
-            rows.append([*about, *beside, error, *_verdicts(*beside), theirs])
+            error, (holds, chance) = _error(beside[3], beside[0]), _verdicts(*beside)
+            chance = None if one["n"] < LEAST.get(name, 0) else chance
+            rows.append([*about, *beside, error, holds, chance, theirs])
     columns = ["line", "quantity", "statistic", "against", "n_observed", *_BESIDE, "error_percent"]
     table = pd.DataFrame(rows, columns=[*columns, *_VERDICTS, "printed_error_percent"])
     return table.astype({"n_observed": "Int64", **_VERDICTS})
@@ -149,7 +147,12 @@ def _error(value: float, reference: float) -> float:
 
 def _with_interval(printed: dict) -> dict:
     """A row of `Observed.summaries` with the interval of its mean, where n is known."""
-    half = Z * printed["std"] / np.sqrt(printed["n"]) if printed["n"] > 1 else np.nan
+    half = np.nan
+    if printed["n"] > 1:  # few boulders: Student's t
+        need("the interval of an observed mean needs", "report", "scipy.special")
+        from scipy.special import stdtrit
+
+        half = stdtrit(printed["n"] - 1, 0.975) * printed["std"] / np.sqrt(printed["n"])
     return {**printed, "mean_low": printed["mean"] - half, "mean_high": printed["mean"] + half}
 
 
@@ -157,7 +160,7 @@ def _summary_of(sample: tuple[tuple[str, str], np.ndarray]) -> dict:
     """The same of a sample."""
     (line, quantity), v = sample
     about = {"line": line, "quantity": quantity, "method": "sample", "n": v.size}
-    return {**about, **sample_numbers(v, np.zeros(v.size, int))}
+    return _with_interval({**about, **sample_numbers(v, np.zeros(v.size, int))})
 
 
 def _verdicts(
@@ -211,12 +214,9 @@ def _ks(
 
 def _test(observed: np.ndarray, simulated: np.ndarray) -> tuple[int, int, float, float]:
     """Sizes, statistic and p; NaN where there is nothing to test."""
-    try:
-        from scipy.stats import ks_2samp
-    except ImportError:
-        raise RockfallError(
-            "a Kolmogorov-Smirnov test needs the report extra: pip install 'rockfall[report]'"
-        ) from None
+    need("a Kolmogorov-Smirnov test needs", "report", "scipy.stats")
+    from scipy.stats import ks_2samp
+
     if not simulated.size:
         return observed.size, 0, np.nan, np.nan
     found = ks_2samp(observed, simulated)
@@ -284,10 +284,8 @@ def _notes(result: xr.Dataset, seen: Observed, source: np.ndarray) -> Iterator[s
     """What the tables leave unsaid."""
     if seen.stops is not None and not {"passages", "reach_probability"} & set(result):
         yield "Reach at stopping places needs a map: &output maps = 'passages'."
-    status = result["status"]
-    ends = zip(status.attrs["flag_meanings"].split(), status.attrs["flag_values"], strict=True)
-    moving = [flag for word, flag in ends if word in ("left_domain", "impact_limit")]
-    count = np.isin(status.values, moving).sum()
+    ended = ends(result)
+    count = (ended["left_domain"] | ended["impact_limit"]).sum()
     if count and any(one is not None for one in (seen.passing, seen.distances, seen.stops)):
         yield f"{count:,} boulders never came to rest; they count with the distance they reached."
     if len(seen.tests) and not seen.samples:

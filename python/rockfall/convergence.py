@@ -8,7 +8,6 @@ import os
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from importlib.util import find_spec
 from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rockfall.case import Case
-from rockfall.errors import RockfallError
+from rockfall.errors import RockfallError, need
 from rockfall.files import whole_file
 from rockfall.scene import Scene, read_scene
 from rockfall.simulate import run_scene
@@ -312,8 +311,7 @@ def write(found: Convergence, folder: str | Path) -> list[Path]:
 
 def check_writable(folder: Path) -> None:
     """Refuse what would keep `write` from its files, before the runs and not after them."""
-    if find_spec("matplotlib") is None:
-        raise RockfallError("convergence needs the report extra: pip install 'rockfall[report]'")
+    need("convergence needs", "report", "matplotlib")
     if folder.exists() and not folder.is_dir():
         raise RockfallError(f"{folder}: is there, and not a folder")
     if not folder.parent.is_dir():

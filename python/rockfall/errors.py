@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The one exception a user of rockfall meets."""
 
+from importlib import import_module
+
 
 class RockfallError(ValueError):
     """One line that says what is wrong, where, and what is allowed.
@@ -11,3 +13,13 @@ class RockfallError(ValueError):
     def __init__(self, message: str, code: int = 2) -> None:
         super().__init__(" ".join(str(message).splitlines()))
         self.code = code
+
+
+def need(what: str, extra: str, *packages: str) -> None:
+    """Refuse what needs packages that are not there; an extra of rockfall brings them."""
+    try:
+        for package in packages:
+            import_module(package)
+    except ImportError:
+        advice = f"the {extra} extra: pip install 'rockfall[{extra}]'"
+        raise RockfallError(f"{what} {advice}") from None

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rockfall.dataarrays import grid_of
-from rockfall.errors import RockfallError
+from rockfall.errors import RockfallError, need
 from rockfall.files import whole_file
 from rockfall.rasters import write_geotiff
 from rockfall.result import open_result
@@ -183,20 +183,14 @@ def _texts(column: xr.DataArray) -> list[str]:
 def _layers(data: xr.Dataset) -> _Layers:
     """The layers that the result has."""
     layers: _Layers = {}
+    if "stop_x" in data or {"line_vertex", "trajectory_vertex"} & set(data.dims):
+        need("GeoPackages need", "vector", "pyogrio", "shapely")
     if "stop_x" in data:
         layers["stops"] = "Point Z", map(_stops, _boulders(data))
     if "line_vertex" in data.dims:
         layers["lines"] = "LineString", [_lines(data)]
     if data.sizes.get("trajectory_vertex"):
         layers["trajectories"] = "LineString Z", [_trajectories(data)]
-    if layers:
-        try:
-            import pyogrio  # noqa: F401
-            import shapely  # noqa: F401
-        except ImportError:
-            raise RockfallError(
-                "GeoPackages need the vector extra: pip install 'rockfall[vector]'"
-            ) from None
     return layers
 
 

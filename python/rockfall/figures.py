@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rockfall.case import case_of
-from rockfall.errors import RockfallError
+from rockfall.errors import RockfallError, need
 from rockfall.flights import ends, flights, lines
 from rockfall.linefigures import QUANTITIES, distribution_figure, passing_figure
 from rockfall.mapfigures import (
@@ -19,6 +19,7 @@ from rockfall.mapfigures import (
     PASSED,
     is_share,
     map_figure,
+    map_note,
     passed_map,
     stops_figure,
     ways_figure,
@@ -69,7 +70,7 @@ def write_figures(shown: Iterable[Figure], folder: str | Path, format: str = "pn
     """Write figures to a folder, which is made where it is missing; returns the files written."""
     if format not in FORMATS:
         raise RockfallError(f"format = '{format}': must be one of {', '.join(FORMATS)}")
-    _need_matplotlib()
+    need("figures need", "report", "matplotlib")
     folder = Path(folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -79,15 +80,6 @@ def write_figures(shown: Iterable[Figure], folder: str | Path, format: str = "pn
     for path, draw in files.items():
         save(draw(), path)
     return list(files)
-
-
-def _need_matplotlib() -> None:
-    try:
-        import matplotlib  # noqa: F401
-    except ImportError:
-        raise RockfallError(
-            "figures need the report extra: pip install 'rockfall[report]'"
-        ) from None
 
 
 def _ways(result: xr.Dataset, terrain: Terrain | None) -> Iterator[Figure]:
@@ -217,10 +209,11 @@ def _maps(result: xr.Dataset, terrain: Terrain | None) -> Iterator[Figure]:
         if variable.dims != ("y", "x") or name in PASSED:
             continue
         what = variable.attrs["long_name"]
-        outline = "; outline: 1 %" if is_share(name) else ""
+        notes = ["outline: 1 %" if is_share(name) else "", map_note(result, name)]
+        said = "".join(f"; {note}" for note in notes if note)
         yield Figure(
             f"map_{name}",
             what[0].upper() + what[1:],
-            f"{what[0].upper()}{what[1:]} in each cell, of {boulders}{outline}.",
+            f"{what[0].upper()}{what[1:]} in each cell, of {boulders}{said}.",
             lambda name=name: map_figure(result, name, terrain),
         )

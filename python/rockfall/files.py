@@ -2,11 +2,22 @@
 """Files appear under their name only when they are whole."""
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from rockfall.errors import RockfallError
+
+
+def check_free(path: str | Path, inputs: Iterable[str | Path] = ()) -> None:
+    """Refuse a place for a file that is a folder, in none, or one of the inputs."""
+    path = Path(path)
+    if path.resolve() in (Path(one).resolve() for one in inputs):
+        raise RockfallError(f"{path}: is an input; it is not overwritten")
+    if path.is_dir():
+        raise RockfallError(f"{path}: is a folder; a file name is needed")
+    if not path.absolute().parent.is_dir():
+        raise RockfallError(f"{path}: there is no folder {path.parent}")
 
 
 @contextmanager

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from textwrap import fill
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -20,6 +21,7 @@ from rockfall.style import (
     WIDE,
     count,
     new_figure,
+    plain,
     round_step,
     styled,
 )
@@ -88,7 +90,7 @@ def distribution_figure(result: xr.Dataset, quantity: str, observed: Any = None)
         lower = figure.add_subplot(block[1], sharex=upper)
         _draw_shares(upper, ours[k], theirs[k], edges)
         _draw_rows(lower, rows[k], most)
-        upper.set_title(f"{name}: {_passing(result, k)}")
+        upper.set_title(fill(f"{plain(name)}: {_passing(result, k)}", 54))
         upper.set_ylabel(f"boulders [% in {width:g} {about.unit}".removesuffix(" -") + "]")
         lower.set_xlabel(f"{about.label} [{about.unit}]")
     first.set(xlim=(min(0.0, edges[0]), edges[-1]), ylim=(0, None))
@@ -164,7 +166,9 @@ def mark_lines(panels: Iterable[Axes], result: xr.Dataset, labels: Axes) -> None
         where = np.median(distance)
         for axes in panels:
             axes.axvline(where, **CUT)
-        labels.text(where, 0.02, f" {name}", transform=labels.get_xaxis_transform(), clip_on=True)
+        high = 0.02 + 0.08 * (k % 4)  # lines may be near each other
+        about = {"transform": labels.get_xaxis_transform(), "clip_on": True}
+        labels.text(where, high, f" {plain(name)}", **about)
 
 
 def _finite(values: np.ndarray) -> np.ndarray:

@@ -11,6 +11,7 @@ import numpy as np
 from rockfall.dataarrays import grid_of
 from rockfall.flights import ends, flights, lines
 from rockfall.grid import Grid
+from rockfall.statistics import share_interval
 from rockfall.style import (
     BLUE,
     CUT,
@@ -20,6 +21,7 @@ from rockfall.style import (
     VERMILION,
     WIDE,
     new_figure,
+    plain,
     round_step,
     styled,
 )
@@ -109,8 +111,10 @@ def reached(result: xr.Dataset, terrain: Terrain | None = None, *places: Any) ->
     y = [result["start_y"].values, result["stop_y"].values]
     if "trajectory_x" in result:
         x, y = [*x, result["trajectory_x"].values], [*y, result["trajectory_y"].values]
-    for name in (name for name in result.data_vars if result[name].dims == ("y", "x")):
-        passed = result[name].values > 0
+    maps = [name for name in result.data_vars if result[name].dims == ("y", "x")]
+    everywhere = passed_map(result)  # has a value wherever another map has one
+    for name in [everywhere] if everywhere else maps:
+        passed = result[name].values > of_none(result, name)
         x = [*x, result["x"].values[passed.any(axis=0)]]
         y = [*y, result["y"].values[passed.any(axis=1)]]
     for place in places:
@@ -132,6 +136,25 @@ def reached(result: xr.Dataset, terrain: Terrain | None = None, *places: Any) ->
 def _around(c: np.ndarray, margin: float, least: float) -> tuple[float, float]:
     middle, half = (c.min() + c.max()) / 2, max(np.ptp(c) / 2 + margin, least)
     return float(middle - half), float(middle + half)
+
+
+def of_none(result: xr.Dataset, name: str) -> float:
+    """What a map holds at most where no boulder passed: 0, but for the upper limit of a share."""
+    if name != "reach_probability_high":
+        return 0.0
+    none = np.zeros(result.sizes["boulder"], int)
+    return 1.001 * share_interval(none > 0, none)[2]  # maps have seven digits
+
+
+def map_note(result: xr.Dataset, name: str) -> str:
+    """Where a map is blank though it could say something, and what its numbers rest on."""
+    about = result[name].attrs
+    notes = [str(about["comment"])] if "comment" in about else []
+    if "least_passages" in about:
+        notes.append(f"blank where fewer than {about['least_passages']:,} boulders passed")
+    elif of_none(result, name):
+        notes.append(f"blank where none passed; it is {100 * of_none(result, name):.2g} % there")
+    return "; ".join(notes)
 
 
 def cell_of(result: xr.Dataset) -> float:
@@ -158,6 +181,7 @@ def draw_relief(axes: Axes, terrain: Terrain, extent: Extent) -> None:
 def draw_map(axes: Axes, result: xr.Dataset, name: str, extent: Extent) -> None:
     """A map variable in colours, with the scale below."""
     values, grid = _cropped(result[name].values, *grid_of(result[name]), extent, np.fmax)
+    values = np.where(values > of_none(result, name), values, np.nan).astype(float)
     about = result[name].attrs
     if name in PASSED:
         share = values / result.sizes["boulder"] if name == "passages" else values
@@ -166,8 +190,10 @@ def draw_map(axes: Axes, result: xr.Dataset, name: str, extent: Extent) -> None:
         _draw_share(axes, values, grid, _label(about["long_name"], "%"))
     else:
         unit, scale = UNITS.get(about["units"], (about["units"], 1.0))
-        shown = scale * np.where(values > 0, values, np.nan).astype(float)
-        _draw_values(axes, shown, grid, _norm(shown), _label(about["long_name"], unit))
+        fewest = about.get("least_passages", 0)
+        blank = f"; blank: fewer than {fewest} passed" if fewest else ""
+        label = _label(about["long_name"], unit, blank)
+        _draw_values(axes, scale * values, grid, _norm(scale * values), label)
 
 
 def draw_ways(axes: Axes, result: xr.Dataset, colour: str) -> None:
@@ -226,13 +252,17 @@ def _cropped(
     rows = _span(grid.north - north, grid.north - south, grid.cell, grid.ny)
     part = values[rows, columns]
     step = int(max(part.shape) / DOTS) + 1
-    if step > 1:
-        ny, nx = (max(size // step, 1) for size in part.shape)
-        blocks = part[: ny * step, : nx * step].reshape(ny, step, nx, step)
-        part = merge.reduce(merge.reduce(blocks, axis=3), axis=1)
-        part = part / step**2 if merge is np.add else part
+    sizes = merged(np.ones_like(part), step, np.add) if merge is np.add else 1
+    part = merged(part, step, merge) / sizes
     west, north = grid.west + columns.start * grid.cell, grid.north - rows.start * grid.cell
     return part, Grid(west, north, grid.cell * step, part.shape[1], part.shape[0])
+
+
+def merged(values: np.ndarray, step: int, merge: np.ufunc) -> np.ndarray:
+    """A raster with `step` x `step` cells merged to one, fewer at its southern and eastern edge."""
+    for axis in (0, 1) if step > 1 else ():
+        values = merge.reduceat(values, np.arange(0, values.shape[axis], step), axis=axis)
+    return values
 
 
 def _span(first: float, last: float, cell: float, size: int) -> slice:
@@ -250,8 +280,8 @@ def _draw_share(axes: Axes, share: np.ndarray, grid: Grid, label: str) -> None:
     """Shares of the boulders, 0.1 to 100 % on one scale for all results, and the 1 % limit."""
     from matplotlib.colors import LogNorm
 
-    shown = np.where(share > 0, share, np.nan) * 100
-    bar = _draw_values(axes, shown, grid, LogNorm(0.1, 100, clip=True), f"{label}; outline: 1 %")
+    norm = LogNorm(0.1, 100, clip=True)
+    bar = _draw_values(axes, 100 * share, grid, norm, f"{label}; outline: 1 %")
     bar.set_ticks([0.1, 1, 10, 100], labels=["0.1", "1", "10", "100"])
     _draw_outline(axes, np.nan_to_num(share) >= LIMIT, grid)
 
@@ -307,8 +337,8 @@ def _norm(values: np.ndarray) -> Normalize:
     return Normalize(0, some.max())
 
 
-def _label(name: str, unit: str) -> str:
-    return fill(f"{name} [{unit}]" if unit else name, 46)
+def _label(name: str, unit: str, note: str = "") -> str:
+    return fill((f"{name} [{unit}]" if unit else name) + note, 46)
 
 
 def _draw_observed(axes: Axes, stops: np.ndarray | None) -> None:
@@ -328,9 +358,10 @@ def draw_marks(axes: Axes, result: xr.Dataset, extent: Extent) -> None:
     halo = [withStroke(linewidth=2, foreground="white")]
     for name, x, y in lines(result):
         axes.plot(x, y, **CUT)
-        at = _first_inside(x, y, extent)
+        at = first_inside(x, y, extent)
         if at is not None:
-            axes.annotate(name, at, (3, 2), textcoords="offset points", path_effects=halo)
+            about = {"path_effects": halo, "clip_on": True}
+            axes.annotate(plain(name), at, (3, 2), textcoords="offset points", **about)
     axes.set(xlim=extent[:2], ylim=extent[2:], xlabel="x [m]", ylabel="y [m]", aspect="equal")
     axes.ticklabel_format(useOffset=False, style="plain")
     ticks = 3 if axes.figure.get_figwidth() == NARROW else 6
@@ -338,7 +369,7 @@ def draw_marks(axes: Axes, result: xr.Dataset, extent: Extent) -> None:
     axes.spines[:].set_visible(True)
 
 
-def _first_inside(x: np.ndarray, y: np.ndarray, extent: Extent) -> tuple[float, float] | None:
+def first_inside(x: np.ndarray, y: np.ndarray, extent: Extent) -> tuple[float, float] | None:
     """Where a polyline that is followed from its start lies within an extent."""
     way = np.linspace(0, x.size - 1, 200 * (x.size - 1) + 1)
     x, y = (np.interp(way, np.arange(c.size), c) for c in (x, y))

@@ -28,6 +28,7 @@ from rockfall.style import (
     VERMILION,
     count,
     new_figure,
+    plain,
     round_step,
     save,
     styled,
@@ -131,7 +132,7 @@ def line_figure(
                 printed = {m: reference.get((name, m, quantity)) for m in (*METHODS, "observed")}
                 _shares(axes[0, k], values, limit, width)
                 _means(axes[1, k], values, printed)
-                axes[0, k].set_title(f"{label.capitalize()} at {name}")
+                axes[0, k].set_title(f"{label.capitalize()} at {plain(name)}")
                 axes[1, k].set_xlabel(f"{label} [{unit}]")
             axes[0, 0].set_ylim(0, 1.3 * axes[0, 0].get_ylim()[1])  # room for the legend
             axes[0, 0].set_ylabel(f"boulders [% in {width:g} {unit}]")
@@ -148,7 +149,7 @@ def _summary(result: xr.Dataset) -> str:
     ]
     for k, (name, _, _) in enumerate(lines(result)):
         text.append(f"{np.isfinite(result['line_x'].values[k]).mean():.1%} pass {name}")
-    return "\n".join(text)
+    return plain("\n".join(text))
 
 
 def _bins(results: Iterable[xr.Dataset], quantity: str) -> tuple[float, float]:

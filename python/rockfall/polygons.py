@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rockfall.crs import crs_name, same_crs
-from rockfall.errors import RockfallError
+from rockfall.errors import RockfallError, need
 from rockfall.grid import NO_ID, Grid
 
 if TYPE_CHECKING:
@@ -56,13 +56,10 @@ def _extent(west: float, south: float, east: float, north: float) -> str:
 
 def _read(path: str, field: str | None) -> tuple[dict[str, Any], np.ndarray, np.ndarray | None]:
     """(what the layer says of itself, its shapes, the values of the field)."""
-    try:
-        import pyogrio
-        import shapely
-    except ImportError:
-        raise RockfallError(
-            "polygons need the vector extra: pip install 'rockfall[vector]'"
-        ) from None
+    need("polygons need", "vector", "pyogrio", "shapely")
+    import pyogrio
+    import shapely
+
     if not Path(path).exists():
         raise RockfallError(f"{path}: no such file")
     try:

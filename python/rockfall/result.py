@@ -26,6 +26,11 @@ if TYPE_CHECKING:
 NO_COUNT = -1  # fill value of counts
 #: Maps that are tallies of the kernel themselves, in the order of its plan.
 TALLIES = ("passages", "deposits", *3 * [""], "energy_max", "speed_max_map", "jump_height_max_map")
+ALWAYS = (  # attributes that every result has
+    "title", "source", "case", "case_file", "seed", "boulder_first", "boulder_last",
+    "boulders_asked", "complete", "impact_set", "impact_set_checksum", "input_checksums",
+    "threads", "wall_seconds", "cpu_seconds",
+)  # fmt: skip
 TILE = 256  # cells of a map that are compressed together, either way
 
 
@@ -212,8 +217,7 @@ def open_result(path: str | Path) -> xr.Dataset:
 def read_result(path: str | Path) -> xr.Dataset:
     """The result of a run from its netCDF file, in memory, as `rockfall.run` returned it."""
     with open_result(path) as data:
-        if "case" not in data.attrs or "boulder" not in data.dims:
-            raise RockfallError(f"{path}: is not a result of rockfall")
+        _check_whole(data, path)
         result = data.load()
     for name, variable in result.variables.items():
         variable.attrs.pop("_FillValue", None)
@@ -222,6 +226,18 @@ def read_result(path: str | Path) -> xr.Dataset:
     if "line" in result:  # names that the standalone program wrote are bytes
         result["line"] = result["line"].astype(str).astype(object)
     return result
+
+
+def _check_whole(data: xr.Dataset, path: str | Path) -> None:
+    """Refuse what lacks something that every result has."""
+    if "case" not in data.attrs or "boulder" not in data.dims:
+        raise RockfallError(f"{path}: is not a result of rockfall")
+    names = {*variables.BOULDER, *variables.COUNT, "crs"} - set(data.variables)
+    if missing := sorted(names) + [name for name in ALWAYS if name not in data.attrs]:
+        raise RockfallError(f"{path}: is not a whole result of rockfall: has no {missing[0]}")
+    for name in (f"{end}_{axis}" for end in ("start", "stop") for axis in "xyz"):
+        if not np.isfinite(data[name].values).all():
+            raise RockfallError(f"{path}: {name}: must be a number for every boulder")
 
 
 def check_writable(path: str | Path) -> None:

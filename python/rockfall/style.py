@@ -70,6 +70,11 @@ def save(figure: Figure, path: str | Path, dpi: int | None = None) -> None:
             raise RockfallError(f"{path}: cannot be written: {error}") from error
 
 
+def plain(text: str) -> str:
+    """A user's text as it is: no dollar in it starts mathematics."""
+    return text.replace("$", r"\$")
+
+
 def round_step(rough: float) -> float:
     """1, 2, 2.5 or 5 times a power of ten, the next above `rough`."""
     power = 10.0 ** np.floor(np.log10(max(rough, 1e-6)))

@@ -6,8 +6,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-import numpy as np
-
+from rockfall.flights import ends
 from rockfall.statistics import line_numbers, sources
 from rockfall.until import verdicts_of
 
@@ -31,12 +30,9 @@ def summary(result: xr.Dataset) -> str:
 
 def _ends(result: xr.Dataset) -> Iterator[str]:
     """The share of boulders that ended in each way."""
-    status, boulders = result["status"], result.sizes["boulder"]
-    words = status.attrs["flag_meanings"].split()
-    for flag, word in zip(status.attrs["flag_values"], words, strict=True):
-        count = np.count_nonzero(status.values == flag)
-        if count:
-            yield f"  {word.replace('_', ' '):14}{count:12,}{count / boulders:8.1%}"
+    for word, ended in ends(result).items():
+        if ended.any():
+            yield f"  {word.replace('_', ' '):14}{ended.sum():12,}{ended.mean():8.1%}"
 
 
 def _passages(result: xr.Dataset) -> Iterator[str]:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from rockfall.errors import RockfallError
+from rockfall.errors import RockfallError, need
 from rockfall.statistics import (
     Z,
     between_ranks,
@@ -138,7 +138,7 @@ def tail(
 ) -> Tail:
     """The upper tail of the values (>= 0) of boulders; `source` is that of each, as from
     `statistics.sources`, none = one source."""
-    _need_scipy()
+    need("return levels need", "report", "scipy")
     _check(levels)
     source = np.zeros(values.size, int) if source is None else source
     n, ordered = values.size, np.sort(values)
@@ -340,12 +340,3 @@ def _check(levels: Sequence[int]) -> None:
     for N in levels:
         if not (isinstance(N, int | np.integer) and N > 1):
             raise RockfallError(f"levels: {N}: must be integers > 1")
-
-
-def _need_scipy() -> None:
-    try:
-        import scipy  # noqa: F401
-    except ImportError:
-        raise RockfallError(
-            "return levels need the report extra: pip install 'rockfall[report]'"
-        ) from None

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from rockfall.errors import RockfallError
+from rockfall.errors import RockfallError, need
 from rockfall.scene import Scene, read_sets, set_path
 
 INPUTS = ("volume", "drop_height", "source", "sets", "dem", "radius")
@@ -76,12 +76,9 @@ class Uncertain:
     def _design(self) -> np.ndarray:
         """Uniform numbers (runs, 2, numbers) of the inputs in A and B: a scrambled Sobol' sequence
         (Owen 1998), the same for whatever is uncertain, and longer for more runs."""
-        try:
-            from scipy.stats import qmc
-        except ImportError:
-            raise RockfallError(
-                "ensembles need the report extra: pip install 'rockfall[report]'"
-            ) from None
+        need("ensembles need", "report", "scipy.stats")
+        from scipy.stats import qmc
+
         numbers, runs = self.ends[-1], self.told["runs"]
         random = np.random.default_rng(self._sequence("design", 0))
         points = qmc.Sobol(2 * numbers, seed=random, bits=BITS).random_base2(

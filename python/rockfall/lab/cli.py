@@ -5,10 +5,9 @@ from __future__ import annotations
 
 import argparse
 import sys
-from importlib.util import find_spec
 from pathlib import Path
 
-from rockfall.errors import RockfallError
+from rockfall.errors import RockfallError, need
 
 
 def add_lab(commands: argparse._SubParsersAction) -> None:
@@ -59,7 +58,7 @@ def _pack(arguments: argparse.Namespace) -> int:
     if arguments.layers < 1:
         raise RockfallError(f"--layers {arguments.layers}: must be 1 or more")
     if arguments.output:
-        _need("matplotlib", "a picture")
+        need("a picture needs", "report", "matplotlib")
     case = read_lab_case(arguments.case)
     layers = pack_layers(case, count=arguments.layers, threads=arguments.threads)
     unit = case.packing["mean_radius"]
@@ -113,7 +112,7 @@ def _fit(arguments: argparse.Namespace) -> int:
     from rockfall.lab.summary import fit_summary
 
     if not arguments.quiet:
-        _need("scipy", "the summary")
+        need("the summary needs", "report", "scipy")
     if arguments.output:
         check_replaceable(arguments.output)
     data = open_impacts(arguments.impacts)
@@ -137,7 +136,7 @@ def _scorecard(arguments: argparse.Namespace) -> int:
 
     if arguments.replicates < 2:
         raise RockfallError(f"--replicates {arguments.replicates}: must be 2 or more")
-    _need("scipy", "the scorecard")
+    need("the scorecard needs", "report", "scipy")
     sets = [read_sets(name) for name in arguments.sets or shipped_sets()]
     site = Site(arguments.site)
     rows = []
@@ -163,8 +162,3 @@ def _remake(arguments: argparse.Namespace) -> int:
             raise RockfallError(f"{path}: made again, it differs: {difference}", 1)
         print(f"{path}: made again, the same in every bit")
     return 0
-
-
-def _need(package: str, what: str) -> None:
-    if find_spec(package) is None:
-        raise RockfallError(f"{what} needs the report extra: pip install 'rockfall[report]'")

@@ -6,15 +6,14 @@ from __future__ import annotations
 import base64
 import hashlib
 import importlib.resources
-import importlib.util
 from collections.abc import Iterable, Iterator
 from html import escape
 from pathlib import Path
 from string import Template
 from typing import TYPE_CHECKING, Any
 
-from rockfall.errors import RockfallError
-from rockfall.files import whole_file
+from rockfall.errors import RockfallError, need
+from rockfall.files import check_free, whole_file
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -39,15 +38,14 @@ def write_report(
         part.write_text(page, encoding="utf-8")
 
 
-def check_page(path: str | Path) -> None:
-    """Refuse a page that cannot be made or written, before the work and not after it."""
+def check_page(path: str | Path, inputs: Iterable[str | Path] = ()) -> None:
+    """Refuse a page that cannot be made or written, before the work and not after it, or that
+    would overwrite an input."""
     path = Path(path)
-    if any(importlib.util.find_spec(name) is None for name in ("matplotlib", "scipy")):
-        raise RockfallError("a report needs the report extra: pip install 'rockfall[report]'")
+    need("a report needs", "report", "matplotlib", "scipy")
     if path.suffix.lower() not in (".html", ".htm"):
         raise RockfallError(f"{path}: is no name for a page; it must end in .html")
-    if not path.absolute().parent.is_dir():
-        raise RockfallError(f"{path}: there is no folder {path.parent}")
+    check_free(path, inputs)
 
 
 def report(result: xr.Dataset, terrain: Terrain | None = None, observed: Any = None) -> str:
@@ -104,10 +102,10 @@ def _convergence(result: xr.Dataset, rows: Rows) -> Iterator[str]:
     ]
     caption = "Numbers after so many boulders, with their 95 % band"
     if sources(result).max():
-        caption += "; one of each place is taken in turn"
+        caption += "; one of each source is taken in turn"
         about.append(
-            "Boulders of one place are a cluster. The numbers of boulders hold when places grow "
-            "in number as boulders do; more from the same places help less."
+            "Boulders of one source are a cluster. The numbers of boulders hold when sources grow "
+            "in number as boulders do; more from the same sources help less."
         )
     yield paragraphs(about)
     parts = []

@@ -16,7 +16,16 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from rockfall.mapfigures import MOST_WAYS, UNITS, reached
+from rockfall.mapfigures import (
+    MOST_WAYS,
+    UNITS,
+    first_inside,
+    map_note,
+    merged,
+    of_none,
+    reached,
+    shade,
+)
 from rockfall.report.markup import data_uri
 
 if TYPE_CHECKING:
@@ -25,7 +34,7 @@ if TYPE_CHECKING:
 
     from rockfall.flights import Terrain
 
-MOST_CELLS = 1_000_000  # of the picture of a map
+MOST_CELLS = 4_000_000  # of the pictures of all maps: a page has a few MB, however many there are
 MOST_POINTS = 3000  # stops that are drawn
 
 
@@ -58,10 +67,15 @@ def window_of(result: xr.Dataset) -> Window:
     last = np.ceil([(top - south) / cell, (east - left) / cell]).astype(int)
     if {"y", "x"} <= set(result.sizes):
         first, last = np.maximum(first, 0), np.minimum(last, (result.sizes["y"], result.sizes["x"]))
-    step = int(np.ceil(np.sqrt(np.prod((last - first).astype(float)) / MOST_CELLS)))
+    cells = np.prod((last - first).astype(float)) * max(1, len(_names(result)))
+    step = int(np.ceil(np.sqrt(cells / MOST_CELLS)))
     ny, nx = (int(size) for size in -(-(last - first) // step))
     row, column = (int(index) for index in first)
     return Window(left + column * cell, top - row * cell, cell * step, nx, ny, step, row, column)
+
+
+def _names(result: xr.Dataset) -> list[str]:
+    return [name for name, variable in result.data_vars.items() if variable.dims == ("y", "x")]
 
 
 def map_notes(result: xr.Dataset, terrain: Terrain | None) -> list[str]:
@@ -83,32 +97,31 @@ def maps(result: xr.Dataset, terrain: Terrain | None) -> Iterator[str]:
     yield _figure(
         window, "Where boulders end", relief + _ways(result, window) + drawn, _key(result)
     )
-    for name, variable in result.data_vars.items():
-        if variable.dims == ("y", "x"):
-            layer, legend, about = _layer(variable, window)
-            title = str(variable.attrs.get("long_name", name))
-            again = '<use href="#relief"/>' if relief else ""
-            yield _figure(
-                window, title[0].upper() + title[1:], again + layer + drawn, legend, about
-            )
+    again = '<use href="#relief"/>' if relief else ""
+    for name in _names(result):
+        layer, legend, about = _layer(result, name, window)
+        title = str(result[name].attrs["long_name"])
+        title = title[0].upper() + title[1:]
+        if note := map_note(result, name):
+            legend += f'\n<p class="legend">{escape(note)}</p>'
+        yield _figure(window, title, again + layer + drawn, legend, about)
 
 
 def blocks_max(values: np.ndarray, window: Window) -> np.ndarray:
     """The raster in cells of the picture: the greatest of each block, NaN where there is none."""
     step = window.step
     part = values[window.row :, window.column :][: window.ny * step, : window.nx * step]
-    for axis in (0, 1):
-        part = np.fmax.reduceat(part, np.arange(0, part.shape[axis], step), axis=axis)
-    return part.astype("f4")
+    return merged(part, step, np.fmax).astype("f4")
 
 
-def _layer(variable: xr.DataArray, window: Window) -> tuple[str, str, str]:
+def _layer(result: xr.Dataset, name: str, window: Window) -> tuple[str, str, str]:
     """The coloured cells of a map, its legend, and attributes with its numbers for the script."""
     from matplotlib import colormaps
 
-    unit, scale = _unit(variable)
-    values = blocks_max(variable.values, window) * np.float32(scale)
-    values[~(values > 0)] = np.nan  # no boulder: nothing is drawn
+    unit, scale = _unit(result[name])
+    values = blocks_max(result[name].values, window)
+    values[~(values > of_none(result, name))] = np.nan  # no boulder: nothing is drawn
+    values *= np.float32(scale)
     some = values[np.isfinite(values)]
     about = f'data-unit="{escape(unit)}" data-values="{_packed(values)}"'
     if not some.size:
@@ -164,9 +177,7 @@ def _packed(values: np.ndarray) -> str:
 
 
 def _relief(terrain: Terrain | None, window: Window) -> str:
-    """Terrain lit from the north-west, light overall so that colours are seen on it."""
-    from matplotlib.colors import LightSource
-
+    """The shaded relief of the terrain as a picture."""
     if terrain is None:
         return ""
     z, grid = terrain
@@ -178,8 +189,7 @@ def _relief(terrain: Terrain | None, window: Window) -> str:
     z = np.asarray(z[rows, columns][::step, ::step], "f8")
     if min(z.shape) < 2:
         return ""
-    light = LightSource(315, 45).hillshade(z, dx=grid.cell * step, dy=grid.cell * step)
-    dots = np.where(np.isfinite(light), 150 + 100 * np.nan_to_num(light), 255).astype("u1")
+    dots = (255 * shade(z, grid.cell * step)).astype("u1")
     x, y = grid.west + columns.start * grid.cell, grid.north - rows.start * grid.cell
     (corner,) = window.place(np.array([x]), np.array([y]))
     size = np.array([z.shape[1], z.shape[0]]) * step * grid.cell / window.cell
@@ -224,14 +234,11 @@ def _shapes(result: xr.Dataset, window: Window) -> str:
 
 def _label(name: str, way: np.ndarray, window: Window) -> str:
     """The name of a line where it first lies within the window."""
-    along = np.linspace(0, len(way) - 1, 100 * (len(way) - 1) + 1)
-    x, y = (np.interp(along, np.arange(len(way)), c) for c in way.T)
-    inside = (x >= 0) & (x <= window.nx) & (y >= 0) & (y <= window.ny)
-    if not inside.any():
+    at = first_inside(*way.T, (0, window.nx, 0, window.ny))
+    if at is None:
         return ""
-    k = int(np.argmax(inside))
-    above = "-.3em" if y[k] > 0.05 * window.ny else "1em"  # or below, near the upper edge
-    return f'<text x="{x[k]:.6g}" y="{y[k]:.6g}" dx=".3em" dy="{above}">{escape(name)}</text>'
+    above = "-.3em" if at[1] > 0.05 * window.ny else "1em"  # or below, near the upper edge
+    return f'<text x="{at[0]:.6g}" y="{at[1]:.6g}" dx=".3em" dy="{above}">{escape(name)}</text>'
 
 
 def _ways(result: xr.Dataset, window: Window) -> str:

@@ -46,14 +46,15 @@ def by_turns(source: np.ndarray) -> np.ndarray:
 def history(result: xr.Dataset, line: int) -> History:
     """Numbers at the line of this index after each of `sizes` boulders."""
     names = ["start_x", "start_y", *(n for n in result if result[n].dims == ("line", "boulder"))]
+    one = result[names].isel(line=[line])  # copies of all lines would take memory
     source = sources(result)
     order = by_turns(source)
-    ordered, source = result[names].isel(boulder=order), source[order]
+    ordered, source = one.isel(boulder=order), source[order]
     found: History = {quantity: [] for quantity in QUANTITIES}
     for n in sizes(order.size):
         part = ordered.isel(boulder=slice(n))
         for quantity in QUANTITIES:
-            found[quantity].append(line_numbers(part, line, quantity, source[:n]))
+            found[quantity].append(line_numbers(part, 0, quantity, source[:n]))
     return found
 
 

@@ -94,7 +94,7 @@ def provenance(result: xr.Dataset) -> Iterator[str]:
         ("case file", about["case_file"]),
         ("seed", about["seed"]),
         ("boulders", f"{about['boulder_first']} to {about['boulder_last']}, {whole}"),
-        ("boulders of each place", f"{per_source:,}"),
+        ("boulders of each source", f"{per_source:,}"),
         ("impact set", f"{about['impact_set']}, SHA-256 {about['impact_set_checksum']}"),
         *((f"SHA-256 of {key}", sha) for key, sha in json.loads(about["input_checksums"]).items()),
         ("threads", about["threads"]),
@@ -108,8 +108,10 @@ def provenance(result: xr.Dataset) -> Iterator[str]:
             f"rockfall run {shlex.quote(about['case_file'])} --boulders {per_source} "
             f"--seed {about['seed']} -o again.nc"
         )
+        missing = "" if result.attrs["complete"] else ", and the boulders that are missing"
         yield (
-            "<p>This gives the same numbers again, to the last bit, in the folder of the run and "
-            f'with files of these checksums:</p>\n<pre class="command">{escape(command)}</pre>'
+            f"<p>This gives the same numbers again, to the last bit{missing}, in the folder of the "
+            "run, with files of these checksums and a case file that says what stands below:</p>\n"
+            f'<pre class="command">{escape(command)}</pre>'
         )
     yield f'<h3>The case</h3>\n<pre tabindex="0">{escape(about["case"])}</pre>'

@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rockfall.case import case_of
+from rockfall.flights import ends
 from rockfall.report.markup import UNITS, limits, number, percent
 from rockfall.statistics import line_statistics, sources
 from rockfall.style import count
+from rockfall.until import verdicts_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -66,7 +68,7 @@ def in_words(result: xr.Dataset, rows: Rows) -> list[str]:
 def _run(result: xr.Dataset) -> str:
     """Who was released, where and how."""
     boulders, volume = result.sizes["boulder"], result["volume"].values
-    places = sources(result).max() + 1
+    of = sources(result).max() + 1
     many = boulders > 1
     low, high = number(volume.min()), number(volume.max())
     size = (
@@ -80,7 +82,7 @@ def _run(result: xr.Dataset) -> str:
         start += " m/s to the east, to the north and upwards"
     return (
         f"{count(boulders, 'boulder')} of {size} {'were' if many else 'was'} released from "
-        f"{count(places, 'place')}, {start}, and followed until {'each' if many else 'it'} ended."
+        f"{count(of, 'source')}, {start}, and followed until {'each' if many else 'it'} ended."
     )
 
 
@@ -89,8 +91,9 @@ def _line(line: str, numbers: Numbers, boulders: int) -> str:
     speed = numbers[SPEED]
     n, upper = int(speed["n"]), speed["share_high"]
     if not n:
-        sure = f"With {count(boulders, 'boulder')} a share of up to {percent(upper)} may show none"
-        return f"{line}: no boulder passes. {sure} (95 %)."
+        most = f"{number(upper, UNITS['share'])} %"
+        chance = f"by chance the share may still be up to {most} (95 %)"
+        return f"{line}: no boulder of {boulders:,} passes; {chance}."
     share = f"{percent(speed['share'])} {limits(speed, 'share', UNITS['share'])}".strip()
     passes = "passes" if n == 1 else "pass"
     text = f"{line}: {n:,} of {count(boulders, 'boulder')} {passes}, {share}. "
@@ -116,14 +119,6 @@ def _line(line: str, numbers: Numbers, boulders: int) -> str:
     )
 
 
-def ends(result: xr.Dataset) -> dict[str, int]:
-    """How many boulders ended in each way."""
-    status = result["status"]
-    words = str(status.attrs["flag_meanings"]).split()
-    flags = np.atleast_1d(status.attrs["flag_values"])
-    return {w: int((status.values == flag).sum()) for flag, w in zip(flags, words, strict=True)}
-
-
 def _ends(result: xr.Dataset) -> Iterator[str]:
     """How boulders ended, how far they came and at which angle below their release."""
     says = {
@@ -133,7 +128,11 @@ def _ends(result: xr.Dataset) -> Iterator[str]:
         "impact_limit": "reached the limit of contacts and were ended there",
     }
     boulders = result.sizes["boulder"]
-    parts = [f"{n:,} ({percent(n / boulders)}) {says[w]}" for w, n in ends(result).items() if n]
+    parts = [
+        f"{of.sum():,} ({percent(of.mean())}) {says[w]}"
+        for w, of in ends(result).items()
+        if of.any()
+    ]
     yield f"Of {count(boulders, 'boulder')} {_joined(parts)}."
     distance = result["plan_distance"].values
     if not distance.any():
@@ -189,7 +188,14 @@ def _sure(result: xr.Dataset, rows: Rows) -> Iterator[str]:
     if unknown:
         yield f"Too few boulders pass for an interval of the {_joined(unknown)}."
     if sources(result).max() > 0:
-        yield "Boulders of one place count as a cluster, since what one does tells of the others."
+        yield "Boulders of one source count as a cluster, since what one does tells of the others."
+    if case_of(result).case["sampling"] == "sobol":
+        yield (
+            "Sobol' points spread the boulders more evenly than chance would: the intervals are "
+            "those of as many random boulders, and too wide."
+        )
+    for verdict in verdicts_of(result):
+        yield f"Asked for: {verdict}."
     yield (
         "Brackets are 95 % intervals: as many other boulders would give numbers about there. "
         "They say nothing of errors in the terrain, the ground or the model."
@@ -214,11 +220,11 @@ def _of_run(result: xr.Dataset) -> Iterator[tuple[float, str]]:
             f"{percent(1 - boulders / asked)} are missing. All numbers are of those done."
         )
         if asked > case.case["boulders"]:
-            text += " Places are run one after the other: the last ones are missing."
+            text += " Sources are run one after the other: the last ones are missing."
         yield 3.0, text
     if boulders == 1:
         yield 2.5, "1 boulder is an example. Shares and quantiles need some hundred at least."
-    left, limit = (ends(result)[way] for way in ("left_domain", "impact_limit"))
+    left, limit = (int(ends(result)[way].sum()) for way in ("left_domain", "impact_limit"))
     if left:
         text = "left the terrain model: the way beyond it is not known and not counted."
         yield left / boulders, f"{_of(left, boulders, 'boulder')} {text}"
