@@ -81,7 +81,7 @@ def ends(rule: str, repetitions: int, random: np.random.Generator) -> None:
         holds.append(row[f"{statistic}_low"] <= truth <= row[f"{statistic}_high"])
     low, high = np.quantile(stops, [0.025, 0.975])
     near = np.mean(np.abs(np.array(stops) - 1) <= 0.2)
-    print(f"{rule:20}{need:10,.0f}{low:9.2f}..{high:.2f}{near:10.0%}{np.mean(holds):10.1%}")
+    print(f"{rule:20}{need:10,.0f}{f'{low:.2f}..{high:.2f}':>18}{near:13.0%}{np.mean(holds):8.1%}")
 
 
 def theory(statistic: str, limit: float) -> tuple[float, float]:
@@ -133,7 +133,7 @@ def main() -> None:
     print("\nReturn levels")
     levels_held(parts, truth)
     print(f"\n--until, {options.repetitions:,} repetitions")
-    print(f"{'rule':20}{'theory':>10}{'95 % of n/theory':>15}{'within 20 %':>11}{'held':>8}")
+    print(f"{'rule':20}{'theory':>10}{'95 % of n/theory':>18}{'within 20 %':>13}{'held':>8}")
     random = np.random.default_rng(5)
     for rule in RULES:
         ends(rule, options.repetitions, random)

@@ -437,6 +437,13 @@ def test_full_disk_keeps_the_earlier_result(place):
     assert Path("out.nc").read_bytes() == earlier
 
 
+def test_letters_that_the_terminal_does_not_have(place):
+    Path("case.nml").write_text(CASE.replace("Slope", "Straße"))
+    ascii_only = os.environ | {"PYTHONIOENCODING": "ascii"}
+    done = command("run", "case.nml", "-o", "out.nc", cwd=place, env=ascii_only)
+    assert (done.returncode, done.stderr) == (0, "") and "Stra?e" in done.stdout
+
+
 def test_output_that_nobody_takes(place):
     with open("/dev/full", "w") as full:
         done = subprocess.run(

@@ -285,7 +285,7 @@ def test_errors_are_those_of_a_hand(result):
         row = errors.loc[(against, name)]
         assert row["observed"] == value and row["simulated"] == pytest.approx(ours[name])
         assert row["error_percent"] == pytest.approx(100 * (ours[name] - value) / value)
-    half = 1.959964 * ours["std"] / np.sqrt(v.size)
+    half = stats.t.ppf(0.975, v.size - 1) * ours["std"] / np.sqrt(v.size)
     mean = errors.loc[("observed", "mean")]
     assert [mean["simulated_low"], mean["simulated_high"]] == pytest.approx(
         [ours["mean"] - half, ours["mean"] + half]

@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Convergence measured: errors and slopes that theory knows, terrains, files, refusals."""
 
+import re
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -168,6 +171,23 @@ def test_a_source_at_the_edge_is_told_where_larger_cells_do_not_reach(tmp_path):
     assert "cells x4: not run: " in text(measured)
 
 
+def test_the_text_claims_nothing_of_what_is_not_known(found):
+    """Nobody crosses one line: no number is NaN or infinite there, and no error is told."""
+    said = text(found[1])
+    assert not re.search(r"\b(nan|inf)\b", said) and "the widest of the intervals" in said
+    assert re.search(r"^  never +speed \[m/s\] +mean( +-){4}$", said, re.M)
+    study = found[1].study.assign(change=np.inf)
+    assert "still changed from 0." in text(replace(found[1], study=study))
+
+
+def test_too_few_turns_of_many_sources_are_refused(tmp_path):
+    """Blocks take all sources in turn; of one or two blocks no error can be told."""
+    case = case_file(tmp_path, np.linspace(130, 170, 100), line=LINES[:1])
+    with pytest.raises(rockfall.RockfallError, match="320 from each of 100 sources, 32000 b"):
+        converge(case, boulders=[2], reference=31_999)
+    assert converge(case, boulders=[2], reference=32_000).numerical["change_error"].notna().all()
+
+
 @pytest.mark.filterwarnings("error")
 def test_the_command_writes_tables_and_figures(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
@@ -181,6 +201,8 @@ def test_the_command_writes_tables_and_figures(tmp_path, monkeypatch, capsys):
     assert sorted(path.name for path in (tmp_path / "a b").iterdir()) == names
     for name in names[2:]:
         assert list(pd.read_csv(tmp_path / "a b" / name).columns[:3]) == KEYS
+    first = (tmp_path / "a b" / "convergence.pdf").read_bytes()
+    assert b"/Type /Page" in first and b"CreationDate" not in first
     assert main(arguments) == 0 and (tmp_path / "case_convergence" / "study.csv").is_file()
 
 
@@ -198,6 +220,7 @@ def test_the_same_call_gives_the_same_numbers(found):
     [
         (["--boulders", "1", "50"], "boulders = 1: must be at least 2"),
         (["--reference", "100"], "reference = 100: must be at least 20000"),
+        (["--reference", "1" + 30 * "0"], "boulders do not fit in memory"),
         (["-o", "case.nml"], "is there, and not a folder"),
         (["-o", "no/where"], "there is no folder no"),
         (["--boulders", "x"], "invalid int value"),

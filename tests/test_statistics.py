@@ -6,7 +6,7 @@ import pytest
 import xarray as xr
 
 import rockfall
-from rockfall.statistics import QUANTITIES, _error_of_mean, _wilson
+from rockfall.statistics import QUANTITIES, _wilson, sample_numbers, share_interval, student
 from scenes import grid, make_case, rough, sets
 
 
@@ -67,13 +67,60 @@ def test_wilson_as_printed():
         (0, 20, 0.0000, 0.1611), (1, 29, 0.0061, 0.1718),
     ):  # fmt: skip
         assert _wilson(passed / n, n) == pytest.approx((low, high), abs=5e-5)
+    assert all(_wilson(0.0, n)[0] == 0 and _wilson(1.0, n)[1] == 1 for n in range(1, 10_000, 7))
 
 
 def test_boulders_of_a_source_count_as_one_where_they_do_the_same():
-    """Each value 50 times over: the error is that of the sources, not of the boulders."""
+    """Each value 50 times over: the interval is that of the sources, not of the boulders."""
+    stats = pytest.importorskip("scipy.stats")
     value = np.random.default_rng(1).normal(size=40)
-    found = _error_of_mean(np.repeat(value, 50), np.repeat(np.arange(40), 50))
-    assert found == pytest.approx(value.std(ddof=1) / np.sqrt(40), rel=1e-12)
+    row = sample_numbers(np.repeat(value, 50), np.repeat(np.arange(40), 50))
+    expected = stats.t.interval(0.95, 39, value.mean(), stats.sem(value))
+    assert (row["mean_low"], row["mean_high"]) == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize("sources", [2, 3, 5, 20])
+def test_intervals_hold_for_few_sources(sources):
+    """Sources that differ as much as their boulders do, and sources that are alike."""
+    random = np.random.default_rng(sources)
+    source = np.repeat(np.arange(sources), 50)
+    for apart in (1.0, 0.0):
+        held = []
+        for _ in range(500):
+            v = random.normal(0, apart, sources)[source] + random.normal(0, 1, source.size)
+            row = sample_numbers(v, source)
+            _, low, high = share_interval(v > 0, source)
+            held.append((row["mean_low"] <= 0 <= row["mean_high"], low <= 0.5 <= high))
+        assert (np.mean(held, axis=0) >= 0.93).all()
+        assert apart == 0 or (np.mean(held, axis=0) <= 0.98).all()
+
+
+def test_sources_that_happen_to_agree_know_no_more_than_their_boulders():
+    random = np.random.default_rng(1)
+    v = random.normal(10, 1, 200)
+    v[100:] += v[:100].mean() - v[100:].mean()
+    alone, apart = (
+        sample_numbers(v, source) for source in (np.zeros(200, int), np.arange(200) // 100)
+    )
+    assert apart["mean_low"] == alone["mean_low"] and apart["std_high"] >= alone["std_high"]
+
+
+def test_intervals_hold_for_few_boulders():
+    random = np.random.default_rng(2)
+    for n in (2, 3, 5, 10):
+        rows = [sample_numbers(random.normal(10, 1, n), np.zeros(n, int)) for _ in range(1000)]
+        held = [row["mean_low"] <= 10 <= row["mean_high"] for row in rows]
+        assert 0.93 <= np.mean(held) <= 0.97
+        if n > 2:
+            assert np.mean([row["std_low"] <= 1 <= row["std_high"] for row in rows]) >= 0.9
+    assert "std" in sample_numbers(np.array([1.0, 2.0]), np.zeros(2, int))
+    assert "std_low" not in sample_numbers(np.array([1.0, 2.0]), np.zeros(2, int))
+
+
+def test_students_t_is_that_of_scipy():
+    stats = pytest.importorskip("scipy.stats")
+    freedom = np.arange(1, 200)
+    assert [student(k) for k in freedom] == pytest.approx(stats.t.ppf(0.975, freedom), rel=2e-3)
 
 
 def test_a_quantile_beyond_the_sample_has_no_upper_limit():

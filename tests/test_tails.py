@@ -12,6 +12,7 @@ from scipy import stats
 
 import rockfall
 from rockfall.cli import main
+from rockfall.summary import summary
 from rockfall.tails import QUANTITIES, _fit, _profiled, tail
 from scenes import grid, make_case, rough, sets
 
@@ -221,11 +222,12 @@ def test_the_command_prints_and_writes_both_tables(result, tmp_path, monkeypatch
         written = pd.read_csv(f"{name}.csv")
         pd.testing.assert_frame_equal(written, table(result), check_dtype=False, rtol=1e-12)
     row = rockfall.return_levels(result).set_index("quantity").loc["jump_height"].iloc[0]
-    shown = rf"^  jump height \[m\] +{row['max']:.2f} +{row['level_1000']:.2f} "
+    shown = rf"^  jump height \[m\] +{row['max']:#.4g} +{row['level_1000']:#.4g} "
     assert row["level_1000"] > 0 and re.search(shown, out, re.M)
-    limits = f"{row['level_1000_low']:.2f}..{row['level_1000_high']:.2f}"
+    limits = f"{row['level_1000_low']:#.4g}..{row['level_1000_high']:#.4g}"
     assert limits in out and "1 in 100,000: more than 10 times the boulders" in out
-    assert "\nM: 0 of 8,000 boulders, 0.0 % (0.0 to 0.0 %)\n" in out
+    assert "\nM: 0 of 8,000 boulders, 0 % (0 to 0.04800 %)\n" in out  # 1.96^2 / (8000 + 1.96^2)
+    assert re.search(r"^  M +0 +0 to 0\.048 %$", summary(result), re.M)
     assert all(len(line) <= 120 for line in out.splitlines())
 
 

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import argparse
+import io
 import math
 import os
 import sys
@@ -30,6 +31,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run a command; returns the exit status. Whatever goes wrong is one line on stderr."""
     if not sys.warnoptions:
         warnings.simplefilter("ignore")  # of the packages below us, to their programmers
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="replace")  # a name may have letters that it cannot take
     try:
         arguments = _parser().parse_args(argv)
         status = arguments.command(arguments)

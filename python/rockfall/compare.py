@@ -23,6 +23,7 @@ from rockfall.statistics import (
     sample_numbers,
     share_interval,
     sources,
+    student,
 )
 
 if TYPE_CHECKING:
@@ -148,11 +149,8 @@ def _error(value: float, reference: float) -> float:
 def _with_interval(printed: dict) -> dict:
     """A row of `Observed.summaries` with the interval of its mean, where n is known."""
     half = np.nan
-    if printed["n"] > 1:  # few boulders: Student's t
-        need("the interval of an observed mean needs", "report", "scipy.special")
-        from scipy.special import stdtrit
-
-        half = stdtrit(printed["n"] - 1, 0.975) * printed["std"] / np.sqrt(printed["n"])
+    if printed["n"] > 1:
+        half = student(int(printed["n"]) - 1) * printed["std"] / np.sqrt(printed["n"])
     return {**printed, "mean_low": printed["mean"] - half, "mean_high": printed["mean"] + half}
 
 

@@ -19,7 +19,7 @@ from rockfall.errors import RockfallError, need
 from rockfall.files import whole_file
 from rockfall.scene import Scene, read_scene
 from rockfall.simulate import run_scene
-from rockfall.statistics import line_numbers, line_values, sources
+from rockfall.statistics import line_numbers, line_values, sources, with_limits
 from rockfall.variants import larger_cells, other_digits
 
 if TYPE_CHECKING:
@@ -39,6 +39,7 @@ ERRORS = (0.1, 0.01, 0.001)  # of which the cost is told
 
 PIECE = 100_000  # boulders in memory at a time, about
 LEAST_BLOCKS, MOST_BLOCKS = 32, 1000  # of a size, whose error is measured
+LEAST_TURNS = 10 * LEAST_BLOCKS  # of the sources, each with a boulder; the terrains get a tenth
 LEAST_CROSSED = 20  # boulders of a block past the line, on average; for q95 above it, too
 PAIRS = 50  # blocks whose changes give the standard error of a change
 AS_GIVEN = "as given"  # the terrain of the case, among its variants
@@ -98,6 +99,9 @@ def converge(
     nothing = {"maps": None, "rebounds": False, "trajectories": 0}
     scene = read_scene(case.replace(output=nothing))
     of = scene.x.size
+    if reference < LEAST_TURNS * of:
+        least = f"{LEAST_TURNS} from each of {of:,} sources, {LEAST_TURNS * of}"
+        raise RockfallError(f"reference = {reference}: must be at least {least} boulders")
     many, paired = (-(-n // of) for n in (reference, reference // 10))  # from each source
     seed = case.case["seed"]
     with progress_bar(of * (sizes[-1] + 2 * many + 4 * paired), shown=progress) as advance:
@@ -144,7 +148,7 @@ def _study(scene: Scene, sizes: Sequence[int], advance: Advance) -> pd.DataFrame
 
 
 def _limits(found: dict[str, float], statistic: str) -> list[float]:
-    return [found.get(f"{statistic}{limit}", np.nan) for limit in ("", "_low", "_high")]
+    return [found.get(name, np.nan) for name in with_limits(statistic)]
 
 
 def _sample(scene: Scene, boulders: int, seed: int, advance: Advance) -> tuple[np.ndarray, float]:
@@ -152,7 +156,10 @@ def _sample(scene: Scene, boulders: int, seed: int, advance: Advance) -> tuple[n
     of a boulder. They come in pieces, each with the next seed; the sources take turns."""
     of = scene.x.size
     piece = max(1, PIECE // of)
-    values = np.empty((len(scene.case.line), len(QUANTITIES), boulders * of))
+    try:
+        values = np.empty((len(scene.case.line), len(QUANTITIES), boulders * of))
+    except (MemoryError, ValueError) as error:  # NumPy has the latter for sizes past all bounds
+        raise RockfallError(f"reference: {boulders * of} boulders do not fit in memory") from error
     seconds, done = 0.0, 0
     while done < boulders:
         result = _run(scene, min(piece, boulders - done), seed, advance)

@@ -8,14 +8,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rockfall.convergence import AS_GIVEN, KEYS, NUMBERS, SIZE, Convergence
-from rockfall.files import whole_file
-from rockfall.plots import BLUE, GREY, INK, STYLE, VERMILION
+from rockfall.style import BLUE, GREY, INK, VERMILION, new_figure, plain, save, styled
 
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
-GREEN, ORANGE = "#009E73", "#E69F00"  # Okabe and Ito (2008), as the colours of plots
+GREEN = "#009E73"  # Okabe and Ito (2008), as the colours of style
 COLOURS = {"share": INK, "mean": BLUE, "std": GREEN, "q95": VERMILION, "max": GREY}
 MARKERS = {"boulders": "D", "speed": "o", "passing_height": "s", "energy_total": "^"}
 LABELS = {  # label, unit, scale
@@ -29,26 +29,27 @@ LABELS = {  # label, unit, scale
 def figure(found: Convergence, paths: Sequence[Path]) -> None:
     """Draw what was measured: for each line its numbers against the number of boulders, and below
     them errors. Written to each of `paths`, in the format of its ending."""
-    import matplotlib.pyplot as plt
+    page = _page(found)
+    for path in paths:
+        save(page, path, dpi=200)
 
+
+@styled
+def _page(found: Convergence) -> Figure:
     lines = list(dict.fromkeys(found.study["line"]))
-    with plt.rc_context(STYLE):
-        page = plt.figure(figsize=(9.6, 4.7 * len(lines) + 0.5), layout="constrained")
-        page.get_layout_engine().set(w_pad=0.06, h_pad=0.06)
-        for block, line in zip(page.add_gridspec(len(lines), 1), lines, strict=True):
-            upper, lower = block.subgridspec(2, 1, height_ratios=[1, 1.25])
-            for axes, quantity in zip(upper.subgridspec(1, 4).subplots(), LABELS, strict=True):
-                _study(axes, _at(found.study, line, quantity), quantity, line)
-            left, right = lower.subgridspec(1, 2).subplots(sharey=True)
-            _errors(left, _at(found.error, line), _at(found.cost, line), line)
-            _terrains(right, _at(found.numerical, line), line)
-            if left.get_yscale() == "log":
-                left.set_ylim(bottom=0.01)  # less matters to nobody
-        page.legend(handles=_key(), loc="outside lower center", ncols=5)
-        for path in paths:
-            with whole_file(path) as part:
-                page.savefig(part)
-        plt.close(page)
+    page = new_figure(9.6, 4.7 * len(lines) + 0.5)
+    page.get_layout_engine().set(w_pad=0.06, h_pad=0.06)
+    for block, line in zip(page.add_gridspec(len(lines), 1), lines, strict=True):
+        upper, lower = block.subgridspec(2, 1, height_ratios=[1, 1.25])
+        for axes, quantity in zip(upper.subgridspec(1, 4).subplots(), LABELS, strict=True):
+            _study(axes, _at(found.study, line, quantity), quantity, plain(line))
+        left, right = lower.subgridspec(1, 2).subplots(sharey=True)
+        _errors(left, _at(found.error, line), _at(found.cost, line), plain(line))
+        _terrains(right, _at(found.numerical, line), plain(line))
+        if left.get_yscale() == "log":
+            left.set_ylim(bottom=0.01)  # less matters to nobody
+    page.legend(handles=_key(), loc="outside lower center", ncols=5)
+    return page
 
 
 def _at(table: pd.DataFrame, line: str, quantity: str | None = None) -> pd.DataFrame:

@@ -49,7 +49,7 @@ def _study(study: pd.DataFrame) -> Iterator[str]:
     yield f"{'':34}" + "".join(f"{size:>10,}" for size in sizes)
     for key, one in study.groupby(KEYS, sort=False):
         values = SCALES.get(key[1], 1.0) * one["value"]
-        yield _label(key, "%") + "".join(f"{value:>10.4g}" for value in values)
+        yield _label(key, "%") + "".join(f"{_known(value, '.4g'):>10}" for value in values)
 
 
 def _study_says(study: pd.DataFrame) -> Iterator[str]:
@@ -61,14 +61,15 @@ def _study_says(study: pd.DataFrame) -> Iterator[str]:
         change = table[table["boulders"] == size].set_index(KEYS)["change"].abs().dropna()
         if not change.empty and change.max() >= SMALL:
             most = _rule(change.idxmax())
-            yield f"At {size:,} boulders {most} still changed by {change.max():.1%}."
+            by = "from 0" if np.isinf(change.max()) else f"by {change.max():.1%}"
+            yield f"At {size:,} boulders {most} still changed {by}."
             break
         settled = before
     if settled < sizes[-1]:
         yield f"From {settled:,} boulders on no number changes by {SMALL:.0%} or more at a step."
     yield "Maxima are apart, they grow with n. The paper has changes below 5 % from 1,000 on."
     last = table[table["boulders"] == sizes[-1]].set_index(KEYS)
-    half = ((last["high"] - last["low"]) / 2 / last["value"].abs()).dropna()
+    half = ((last["high"] - last["low"]) / 2 / last["value"].abs())[last["value"] != 0].dropna()
     if len(half):
         yield (
             f"A small change is not a small error: the widest of the intervals at {sizes[-1]:,} is "
@@ -86,7 +87,7 @@ def _cost(cost: pd.DataFrame) -> Iterator[str]:
     costs = "".join(f"{f'{error:.3g} %':>10}" for error in 100 * np.array(ERRORS))
     yield f"{'':34}{'slope':>15}{f'{SIZE:,}':>10}   CPU s for{costs}"
     for row in cost.itertuples(index=False):
-        slope = f"{row.slope:.2f} +- {row.slope_error:.2f}"
+        slope = _changed(row.slope, row.slope_error, ".2f")
         seconds = "".join(f"{_short(one):>10}" for one in row[-len(ERRORS) :])
         yield f"{_label(row[:3])}{slope:>15}{row.error_10000:>10.2%}{'':12}{seconds}"
 
@@ -105,6 +106,15 @@ def _cost_says(found: Convergence) -> Iterator[str]:
         yield "The sources are as given: what they differ by is not in these errors."
 
 
+def _known(value: float, digits: str) -> str:
+    return "-" if np.isnan(value) else f"{value:{digits}}"
+
+
+def _changed(value: float, error: float, digits: str) -> str:
+    """A number with its standard error."""
+    return "-" if np.isnan(value) else f"{value:{digits}} +- {error:{digits.lstrip('+')}}"
+
+
 def _short(number: float) -> str:
     """Two digits, without an exponent."""
     return f"{float(f'{number:.2g}'):,.15g}"
@@ -118,8 +128,8 @@ def _numerical(found: Convergence) -> Iterator[str]:
     for key, one in table.groupby(KEYS, sort=False):
         changes = one.set_index("variant").loc[variants]
         chance = one["statistical_error"].iloc[0]
-        yield f"{_label(key)}{'-' if np.isnan(chance) else f'{chance:.2%}':>15}" + "".join(
-            f"{f'{row.change:+.2%} +- {row.change_error:.2%}':>20}" for row in changes.itertuples()
+        yield f"{_label(key)}{_known(chance, '.2%'):>15}" + "".join(
+            f"{_changed(row.change, row.change_error, '+.2%'):>20}" for row in changes.itertuples()
         )
 
 
@@ -139,7 +149,7 @@ def _numerical_says(found: Convergence) -> Iterator[str]:
         name = _rule(most[KEYS])
         yield (
             f"{about}: {len(sure)} of {len(known)} numbers change by more than three standard "
-            f"errors,\n  most {name}: {most['change']:+.1%}."
+            f"errors,\n  most {name}: {most['change']:+.2%}."
         )
     for variant, why in found.refused.items():
         yield f"{variant}: not run: {why}"

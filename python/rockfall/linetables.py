@@ -12,22 +12,22 @@ import numpy as np
 from rockfall.errors import RockfallError
 from rockfall.files import whole_file
 from rockfall.result import read_result
-from rockfall.statistics import QUANTILES, line_statistics
+from rockfall.statistics import QUANTILES, line_statistics, quantile_name
 from rockfall.tails import LEVELS, return_levels
 
 if TYPE_CHECKING:
     import pandas as pd
 
-#: What is printed of a quantity: its name, how many make the printed unit, digits.
+#: What is printed of a quantity: its name, and how many make the printed unit.
 SHOWN = {
-    "speed": ("speed [m/s]", 1, 1),
-    "jump_height": ("jump height [m]", 1, 2),
-    "passing_height": ("passing height [m]", 1, 2),
-    "omega": ("omega [rad/s]", 1, 1),
-    "energy_translational": ("E_trans [kJ]", 1000, 0),
-    "energy_rotational": ("E_rot [kJ]", 1000, 1),
-    "energy_total": ("E_tot [kJ]", 1000, 0),
-    "rotational_share": ("E_rot / E_tot [%]", 0.01, 1),
+    "speed": ("speed [m/s]", 1),
+    "jump_height": ("jump height [m]", 1),
+    "passing_height": ("passing height [m]", 1),
+    "omega": ("omega [rad/s]", 1),
+    "energy_translational": ("E_trans [kJ]", 1000),
+    "energy_rotational": ("E_rot [kJ]", 1000),
+    "energy_total": ("E_tot [kJ]", 1000),
+    "rotational_share": ("E_rot / E_tot [%]", 0.01),
 }
 NAME, WIDE = 20, 14  # columns
 ABOUT = """\
@@ -65,11 +65,11 @@ def _text(statistics: pd.DataFrame, levels: pd.DataFrame, boulders: int) -> Iter
     yield ABOUT
     for line, rows in statistics.groupby("line", sort=False):
         one = rows.iloc[0]
-        share, low, high = (f"{100 * one[f'share{end}']:.1f}" for end in ("", "_low", "_high"))
+        share, low, high = (_number(one[f"share{end}"], 0.01) for end in ("", "_low", "_high"))
         yield ""
         yield f"{line}: {one['n']:,} of {boulders:,} boulders, {share} % ({low} to {high} %)"
         if one["n"]:
-            names = ["mean", "std", *(f"q{100 * share:.0f}" for share in QUANTILES)]
+            names = ["mean", "std", *map(quantile_name, QUANTILES)]
             yield _head(*names)
             for _, row in rows.iterrows():
                 yield from _row(row, names)
@@ -87,12 +87,12 @@ def _head(*names: str) -> str:
 
 def _row(row: pd.Series, names: list[str]) -> Iterator[str]:
     """The numbers of a quantity; below them their intervals, and where the tail ends."""
-    title, unit, digits = SHOWN[row["quantity"]]
+    title, unit = SHOWN[row["quantity"]]
     numbers, limits = f"  {title:{NAME - 2}}", " " * NAME
     for name in names:
-        scale, places = {"exceedances": (1, 0), "shape": (1, 2)}.get(name, (unit, digits))
+        scale = 1 if name in ("exceedances", "shape") else unit
         value, low, high = (
-            _number(row.get(f"{name}{end}", np.nan), scale, places) for end in ("", "_low", "_high")
+            _number(row.get(f"{name}{end}", np.nan), scale) for end in ("", "_low", "_high")
         )
         numbers += f"{value or '-':>{WIDE}}"
         limits += f"{f'{low}..{high}' if low or high else '':>{WIDE}}"
@@ -100,7 +100,7 @@ def _row(row: pd.Series, names: list[str]) -> Iterator[str]:
     if limits.strip():
         yield limits.rstrip()
     if np.isfinite(row.get("end", np.nan)):
-        end, high = (_number(row[name], unit, digits) for name in ("end", "end_high"))
+        end, high = (_number(row[name], unit) for name in ("end", "end_high"))
         yield f"    bounded: ends at {end}, 95 % interval up to {high}"
 
 
@@ -111,6 +111,9 @@ def _refused(tails: pd.DataFrame) -> Iterator[str]:
         yield f"  refused: {reason} ({'all' if len(rows) == len(tails) else names})"
 
 
-def _number(value: float, unit: float, digits: int) -> str:
-    """In the printed unit; nothing where it is unknown."""
-    return f"{value / unit:.{digits}f}" if np.isfinite(value) else ""
+def _number(value: float, unit: float) -> str:
+    """Four digits in the printed unit; nothing where it is unknown."""
+    shown = value / unit
+    if not np.isfinite(shown):
+        return ""
+    return f"{shown:,.0f}" if abs(shown) >= 999.95 or shown == 0 else f"{shown:#.4g}"

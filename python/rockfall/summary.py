@@ -46,12 +46,17 @@ def _passages(result: xr.Dataset) -> Iterator[str]:
         speed, height = (
             line_numbers(result, k, key, source) for key in ("speed", "passing_height")
         )
-        share = _within(speed, "share", ".1f", 100)
+        share = _within(speed, "share", ".1f", 100) if speed["n"] else _at_most(speed["share_high"])
         row = f"  {name:{wide}}{speed['n']:12,}{f'{share} %':>17}"
         if speed["n"]:
             row += f"{_within(speed, 'mean', '.1f') + ' m/s':>20}"
             row += f"{_within(height, 'mean', '.2f') + ' m':>22}"
         yield row
+
+
+def _at_most(share: float) -> str:
+    """What none of the boulders did, others may."""
+    return f"0 to {100 * share:.2g}"
 
 
 def _within(numbers: dict[str, float], name: str, digits: str, scale: float = 1.0) -> str:

@@ -66,7 +66,7 @@ class Verdict(NamedTuple):
         if np.isnan(self.need):
             return f"{text}: too few boulders cross the line to tell how many are needed"
         if np.isinf(self.need):
-            return f"{text}: more boulders do not help, the sources differ by more"
+            return f"{text}: more boulders do not help, the sources differ by more or are too few"
         return f"{text}: needs about {float(f'{self.need:.2g}'):,.0f} boulders from each source"
 
 
