@@ -422,7 +422,19 @@ HOSTILE = {
     "inf": (replace("stop_speed = 0.4", "stop_speed = Inf"), ["&impact stop_speed = Inf"], True),
     "twice": (replace("seed =", "seed = 1, seed ="), ["&case seed", "twice"], True),
     "no boulders": (replace("boulders = 40", "boulders = 0"), ["boulders = 0", ">= 1"], True),
-    "memory": (replace("boulders = 40", "boulders = 900000000000"), ["not fit in memory"], False),
+    "no passages": (
+        replace("&output ", "&output least_passages = 0, "),
+        ["&output least_passages = 0", ">= 1"], True,
+    ),
+    "factor on nothing": (
+        replace("drop_height = 3.0", "velocity = 3*1.0 /\n&ensemble drop_height_factor = 1.5"),
+        ["&ensemble drop_height_factor = 1.5", "without a drop_height"], True,
+    ),
+    "memory": (replace("boulders = 40", "boulders = 200000000"), ["not fit in memory"], False),
+    "more than cells count": (
+        replace("boulders = 40", "boulders = 1000000000000000"),
+        ["&case boulders = 1000000000000000 from each of", "at most 2147483647 together"], True,
+    ),
     "no dem": (replace("dem.asc", "none.asc"), ["&terrain dem = 'none.asc': no such file"], True),
     "empty dem": (write("dem.asc", ""), ["dem.asc: is empty"], True),
     "truncated dem": (
@@ -596,6 +608,35 @@ def test_a_full_disk_is_one_line(limit, made, batch, tmp_path):
     assert done.returncode == 2
     check_line(done, ["case_results: cannot be written"])
     assert sorted(os.listdir(tmp_path)) == ["case"]
+
+
+def test_quantile_maps_take_memory_where_boulders_pass(netcdf, tmp_path):
+    """Counts for all of a million cells are 824 MB; the program has 500. And netCDF has many blocks
+    of rows."""
+    grid = Grid(0.0, 1000.0, 1.0, 1000, 1000)
+    write_ascii(tmp_path / "dem.asc", np.zeros(grid.shape) - np.arange(1000)[:, None], grid)
+    (tmp_path / "case.nml").write_text("""&case boulders = 8, threads = 1 /
+&terrain dem = 'dem.asc' /
+&surface uniform_mean_radius = 0.1 /
+&boulder volume_mean = 0.1 /
+&release x = 500.0, y = 990.0, drop_height = 5.0 /
+&output maps = 'passages', 'energy_q50', 'speed_q50', 'jump_height_q50', least_passages = 6 /
+""")
+    limit = 500 * 10**6
+    for output in ("out", "out.nc"):
+        done = subprocess.run(
+            [find_program(), "case.nml", f"output={output}"], cwd=tmp_path, capture_output=True,
+            text=True, preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (limit, limit)),
+        )  # fmt: skip
+        assert done.returncode == 0, done.stderr
+    written = rockfall.result.read_result(tmp_path / "out.nc")
+    result = rockfall.run(rockfall.read_case(tmp_path / "case.nml"))
+    passages = result["passages"].values
+    assert np.array_equal(~np.isnan(result["speed_q50"]), passages >= 6) and passages.max() == 8
+    for name in ("energy_q50", "speed_q50", "jump_height_q50"):
+        values = np.loadtxt(tmp_path / "out" / f"{name}.asc", dtype="f4", skiprows=6)
+        assert same_bits(np.where(values == -9999, np.nan, values), result[name]), name
+        assert same_bits(written[name], result[name]), name
 
 
 def test_help_and_version(batch, tmp_path):

@@ -318,8 +318,13 @@ HOSTILE = {
         r"cells.tif: no source cells: must have cells above zero",
     ),
     "more boulders than memory": (
+        change("boulders = 20", "boulders = 2000000000"),
+        r"case.nml: 2000000000 boulders .* do not fit in memory",
+    ),
+    "more boulders than cells count": (
         change("boulders = 20", "boulders = 1000000000000"),
-        r"case.nml: 1000000000000 boulders .* do not fit in memory",
+        r"case.nml: &case boulders = 1000000000000 from each of 1 sources: must be at most "
+        r"2147483647 together",
     ),
 }
 

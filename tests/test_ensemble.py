@@ -416,6 +416,47 @@ def test_nothing_to_look_at_is_refused(tmp_path):
         vary(case)
 
 
+def test_chance_that_is_not_known_is_refused(tmp_path):
+    case = case_of(tmp_path, ensemble={"source_shift": 2.0}).replace(case={"sampling": "sobol"})
+    with refused(
+        "case: &case sampling = 'sobol': must be 'random' for an ensemble: the chance of other "
+        "boulders is not known"
+    ):
+        vary(case)
+
+
+def test_more_numbers_than_the_design_has_are_refused(tmp_path):
+    scene = scene_of(tmp_path, ensemble={"radius_factor": 2.0})
+    scene.sizes = np.full((10_595, 1), 0.3)
+    with refused(
+        "case: &ensemble: 10601 numbers are uncertain, most of them rows of the table of zones: "
+        "must be at most 10600"
+    ):
+        Uncertain(scene)
+
+
+def test_a_table_replaces_itself_and_nothing_else(place, capsys):
+    quiet = ["ensemble", "case.nml", "--quiet", "--boulders", "2", "-o"]
+    for _ in range(2):
+        assert main([*quiet, "table.csv"]) == 0
+    for text in ("zone,mean_radius\n1,0.1\n", ""):
+        Path("zones.csv").write_text(text)
+        assert main([*quiet, "zones.csv"]) == 2
+        assert Path("zones.csv").read_text() == text
+        said = "rockfall: zones.csv: is there, and not such a table; it is not overwritten\n"
+        assert capsys.readouterr().err == said
+
+
+def test_maps_alone_are_no_table(place, capsys):
+    text = Path("case.nml").read_text()
+    line = next(line for line in text.splitlines() if line.startswith("&line"))
+    Path("case.nml").write_text(text.replace(line, "&output maps = 'reach_probability' /"))
+    assert main(["ensemble", "case.nml", "-o", "table.csv"]) == 2
+    said = "table.csv: without a &line there is no table; maps go to a file .nc"
+    assert capsys.readouterr().err == f"rockfall: {said}\n"
+    assert not Path("table.csv").exists()
+
+
 def test_without_scipy_one_line_says_what_to_install(place, capfd, monkeypatch):
     monkeypatch.setitem(sys.modules, "scipy.stats", None)
     assert main(["ensemble", "case.nml"]) == 2

@@ -59,20 +59,42 @@ def test_volumes_of_many_sources_are_those_of_their_law(tmp_path):
 def first_contacts(folder, **groups):
     """What the trajectories of 1024 boulders record at their first contact with a plane."""
     groups = {"impact": {"impact_limit": 1}, "output": {"trajectories": 1024}} | groups
-    result = run(sobol_case(folder, 1024, **groups), relief=0.0)
-    first = np.flatnonzero(np.diff(result["trajectory_boulder"].values, prepend=0)) + 1
-    return result.isel(trajectory_vertex=first)
+    return contacts(run(sobol_case(folder, 1024, **groups), relief=0.0), 1)
+
+
+def contacts(result, k):
+    """The k-th contact of each trajectory."""
+    release = np.flatnonzero(np.diff(result["trajectory_boulder"].values, prepend=0))
+    return result.isel(trajectory_vertex=release + k)
+
+
+def one_entry(k):
+    """Impact sets with scatter in one entry of A alone: it can be read from the rebound."""
+    mean, spread = np.zeros(9), np.full(9, 1e-12)
+    mean[[0, 4, 6]], spread[k] = (0.5, -0.3, 0.2), 0.01
+    return mean[k], (np.tile(mean, (5, 1)), np.tile(np.diag(spread**2), (5, 1, 1)))
 
 
 @pytest.mark.parametrize(("k", "out", "into"), [(0, "t", "t"), (4, "n", "n"), (6, "w", "t")])
 def test_the_first_matrix_hits_each_stratum_once(tmp_path, k, out, into):
-    """With scatter in one entry of A alone, that entry can be read from the rebound."""
-    mean, spread = np.zeros(9), np.full(9, 1e-12)
-    mean[[0, 4, 6]], spread[k] = (0.5, -0.3, 0.2), 0.01
-    one = np.tile(mean, (5, 1)), np.tile(np.diag(spread**2), (5, 1, 1))
+    mean, one = one_entry(k)
     first = first_contacts(tmp_path, sets=one)
     entry = first[f"trajectory_out_{out}"].values / first[f"trajectory_in_{into}"].values
-    assert one_in_each_stratum(norm(mean[k], 0.01).cdf(entry))
+    assert one_in_each_stratum(norm(mean, 0.01).cdf(entry))
+
+
+def test_the_second_matrix_has_nothing_in_common_with_the_first(tmp_path):
+    case = sobol_case(
+        tmp_path, 1024, sets=one_entry(0)[1], impact={"impact_limit": 2},
+        release={"velocity": [0.0, -20.0, 0.0]}, output={"trajectories": 1024},
+    )  # fmt: skip
+    result = run(case, relief=0.0)
+    first, second = (
+        (at["trajectory_out_t"] / at["trajectory_in_t"]).values
+        for at in (contacts(result, 1), contacts(result, 2))
+    )
+    assert second.std() == pytest.approx(0.01, rel=0.15)
+    assert abs(np.corrcoef(first, second)[0, 1]) < 4 / 32
 
 
 def test_first_obstacles_and_turns_have_their_shares(tmp_path):

@@ -41,7 +41,8 @@ contains
                          first(quantity) + piece/per_octave)
    end function class_edge
 
-   !> The quantile below which the share p of the counted numbers lies, straight within its class.
+   !> The quantile p of the counted numbers, of the same rank as that at the lines (type 7 of Hyndman and Fan
+   !> 1996, doi:10.1080/00031305.1996.10473566), as if they lay evenly within each class.
    pure real(wp) function class_quantile(quantity, counts, p) result(x)
       integer, intent(in) :: quantity
       integer(i4), intent(in) :: counts(:)  !! of each class; at least one number
@@ -50,7 +51,7 @@ contains
       real(wp) :: rank, low
       integer :: k
 
-      rank = p*sum(int(counts, i8))
+      rank = 0.5_wp + p*(sum(int(counts, i8)) - 1)
       before = 0
       do k = 1, size(counts) - 1
          if (real(before + counts(k), wp) >= rank .and. counts(k) > 0) exit

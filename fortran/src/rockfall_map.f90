@@ -8,7 +8,8 @@ module rockfall_map
    use rockfall_classes, only: energy, speed, jump_height, class_of
    implicit none
    private
-   public :: maps_t, layer_t, per_unit, visits_t, follows_cells, start_visits, visit_spans, visit_cell, add_visits, add_deposit
+   public :: maps_t, layer_t, per_unit, visits_t, follows_cells, start_visits, visit_spans, visit_cell, add_visits, add_deposit, &
+             lacks_columns
 
    real(wp), parameter :: per_unit(3) = [1.0_wp, 1000.0_wp, 1000.0_wp]  !! sums are of whole J, mm/s, mm
 
@@ -29,7 +30,7 @@ module rockfall_map
       !> boulder passes it. Which one depends on the order of boulders, what stands in it does not.
       integer(i4), pointer, contiguous :: class_counts(:, :) => null()
       integer(i4), pointer, contiguous :: column(:, :) => null()      !! of each cell; 0: none yet
-      integer(i4), pointer :: columns => null()                       !! given away
+      integer(i4), pointer :: columns => null()  !! given away; one more than there are when they did not do
    end type maps_t
 
    !> One boulder's greatest values in one cell.
@@ -294,6 +295,7 @@ contains
       !$omp atomic read seq_cst
       column = maps%column(i, r)
       if (column == 0) call give_column(maps, i, r, column)
+      if (column == 0) return
       do k = 1, 3
          if (maps%layer(k)%classes < 0) cycle
          row = maps%layer(k)%classes + class_of(k, values(k))
@@ -302,7 +304,8 @@ contains
       end do
    end subroutine count_classes
 
-   !> A cell's column of counts, from now on. Memory that was never touched may hold anything.
+   !> A cell's column of counts, from now on; 0 when there is none left. Memory that was never touched
+   !> may hold anything.
    subroutine give_column(maps, i, r, column)
       type(maps_t), intent(in) :: maps
       integer, intent(in) :: i, r
@@ -310,15 +313,23 @@ contains
 
       !$omp critical (columns_of_cells)
       column = maps%column(i, r)
-      if (column == 0) then
-         column = maps%columns + 1
-         maps%columns = column
+      if (column == 0) maps%columns = min(maps%columns, size(maps%class_counts, 2)) + 1
+      if (column == 0 .and. .not. lacks_columns(maps)) then
+         column = maps%columns
          maps%class_counts(:, column) = 0
          !$omp atomic write seq_cst
          maps%column(i, r) = column
       end if
       !$omp end critical (columns_of_cells)
    end subroutine give_column
+
+   !> True if boulders passed more cells than there are columns: then the counts are of no use.
+   pure logical function lacks_columns(maps)
+      type(maps_t), intent(in) :: maps
+
+      lacks_columns = .false.
+      if (associated(maps%columns)) lacks_columns = maps%columns > size(maps%class_counts, 2)
+   end function lacks_columns
 
    !> Raise a shared maximum; most visits do not, and then only read it.
    subroutine raise_cell(greatest, value)

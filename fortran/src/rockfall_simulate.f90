@@ -5,7 +5,7 @@ module rockfall_simulate
    use rockfall_error, only: error_t, fail
    use rockfall_textfile, only: integer_text
    use rockfall_trajectory, only: fate_t, crossing_t, contact_t, scratch_t
-   use rockfall_map, only: maps_t, follows_cells
+   use rockfall_map, only: maps_t, follows_cells, lacks_columns
    use rockfall_mapvalues, only: map_plan_t, map_plan, map_views
    use rockfall_histogram, only: bins, quantities, bin_width
    use rockfall_variables, only: boulder_counts
@@ -19,6 +19,8 @@ module rockfall_simulate
    public :: results_t, simulate, is_part, map_tallies, reached_cells, bin_edge, rebound_counts
 
    integer(i8), parameter :: chunk = 2_i8**20  !! boulders in one call
+   integer(i8), parameter :: most_columns = 2_i8**31 - 2  !! and one more can be counted
+   integer, parameter :: halvings = 5  !! of the columns, before they are too few to begin with
 
    !> The vertices of a trajectory.
    type :: path_t
@@ -57,6 +59,12 @@ contains
       real(wp) :: cpu_start, cpu_end
       integer(i8) :: first, last, start, end, rate
 
+      if (case%boulders > huge(1_i4)/size(inputs%scene%release%x)) then  ! passages count them in 32 bits
+         call fail(error, case%file//": &case boulders = "//integer_text(case%boulders)//" from each of " &
+                   //integer_text(size(inputs%scene%release%x))//" sources: must be at most " &
+                   //integer_text(huge(1_i4))//" together")
+         return
+      end if
       results%asked = case%boulders*size(inputs%scene%release%x)
       if (shard(2) > max(1_i8, results%asked)) then
          call fail(error, "shard = "//integer_text(shard(1))//"/"//integer_text(shard(2))//": there are " &
@@ -76,6 +84,12 @@ contains
          last = min(results%boulders, first + chunk - 1)
          call run_boulders(inputs%scene, results%before + first, results%threads, results%fate(first:last), &
                            results%crossing(:, first:last), maps, results%histogram)
+         if (lacks_columns(maps)) then
+            call fail(error, case%file//": &output maps: boulders reach more than " &
+                      //integer_text(size(results%class_counts, 2))//" cells; the counts of quantile maps in more " &
+                      //"do not fit in memory")
+            return
+         end if
       end do
       call cpu_time(cpu_end)
       call system_clock(end)
@@ -116,10 +130,12 @@ contains
          allocate (results%counts(nx, ny, maxval(plan%count)), source=0_i4, stat=status(2))
          allocate (results%sums(nx, ny, maxval(plan%sum)), source=0_i8, stat=status(3))
          allocate (results%greatest(nx, ny, maxval(plan%greatest)), source=0.0_sp, stat=status(4))
-         ! memory of the columns is taken when a boulder first passes their cell
-         allocate (results%class_counts(plan%rows, merge(int(nx, i8)*ny, 0_i8, plan%rows > 0)), stat=status(5))
-         if (plan%rows > 0) allocate (results%column(nx, ny), source=0_i4, stat=status(6))
-         if (plan%rows == 0) allocate (results%column(0, 0))
+         if (plan%rows == 0) then
+            allocate (results%class_counts(0, 0), results%column(0, 0))
+         else
+            allocate (results%column(nx, ny), source=0_i4, stat=status(5))
+            call make_columns(plan%rows, int(nx, i8)*ny, results%class_counts, status(6))
+         end if
       end associate
       if (status(1) /= 0) then
          call fail(error, case%file//": "//integer_text(n)//" boulders do not fit in memory")
@@ -127,6 +143,29 @@ contains
          call fail(error, case%file//": &output maps do not fit in memory")
       end if
    end subroutine make_room
+
+   !> Counts of classes of all cells, or of half as many as the system grants (the run needs memory for other
+   !> things too): it takes the memory of a column when a boulder first passes the cell, and few may be passed.
+   subroutine make_columns(rows, cells, class_counts, status)
+      integer, intent(in) :: rows
+      integer(i8), intent(in) :: cells
+      integer(i4), allocatable, intent(out) :: class_counts(:, :)
+      integer, intent(out) :: status  !! 0 = success
+      integer(i8) :: columns
+      integer :: k
+
+      columns = min(cells, most_columns)
+      allocate (class_counts(rows, columns), stat=status)
+      if (status == 0) return
+      do k = 1, halvings
+         columns = columns/2
+         allocate (class_counts(rows, columns), stat=status)
+         if (status /= 0) cycle
+         deallocate (class_counts)
+         allocate (class_counts(rows, columns/2), stat=status)
+         return
+      end do
+   end subroutine make_columns
 
    !> The kernel's view of the maps.
    function map_tallies(results) result(maps)

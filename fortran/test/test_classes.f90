@@ -75,8 +75,10 @@ contains
       call check_close("within a full class straight", class_quantile(speed, counts, 0.5_wp), 21.5_wp, 1.0e-3_wp)
       counts = 0
       counts(class_of(speed, 10.0_wp)) = 7
-      call check_close("all in one class: its edges", class_quantile(speed, counts, 0.0_wp), 10.0_wp, 0.0_wp)
-      call check_close("", class_quantile(speed, counts, 1.0_wp), 12.0_wp, 1.0e-15_wp)
+      call check_close("all in one class: the middle of its first seventh", class_quantile(speed, counts, 0.0_wp), &
+                       10 + 1/7.0_wp, 1.0e-14_wp)
+      call check_close("and of its last", class_quantile(speed, counts, 1.0_wp), 12 - 1/7.0_wp, 1.0e-14_wp)
+      call check_close("the second of seven", class_quantile(speed, counts, 1/6.0_wp), 10 + 3/7.0_wp, 1.0e-14_wp)
       counts(n_classes(speed)) = 7
       call check_close("beyond all classes: where they end", class_quantile(speed, counts, 0.95_wp), 256.0_wp, 0.0_wp)
    end subroutine test_quantiles

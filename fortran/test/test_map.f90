@@ -7,7 +7,7 @@ program test_map
    use rockfall_flight, only: flight_t, landing_t, span_t, fly, launch_rate
    use rockfall_classes, only: energy, speed, jump_height, n_classes, class_of
    use rockfall_map, only: maps_t, visits_t, follows_cells, start_visits, visit_spans, &
-      visit_cell, add_visits, add_deposit
+      visit_cell, add_visits, add_deposit, lacks_columns
    use check_m, only: check, check_close, finish
    implicit none
 
@@ -36,6 +36,7 @@ program test_map
    call test_many_cells()
    call test_what_is_asked()
    call test_classes_of_cells()
+   call test_threads()
    call finish()
 
 contains
@@ -275,15 +276,16 @@ contains
 
    !> Boulders are counted by classes in the cells that they pass, whatever stood in memory before.
    subroutine test_classes_of_cells()
-      integer(i4), target :: counts(n_classes(speed) + n_classes(jump_height), 3), column(nx, ny), columns
+      integer(i4), target :: counts(n_classes(speed) + n_classes(jump_height), 0:3), column(nx, ny), columns
       type(maps_t) :: some
       type(visits_t) :: visits
       integer(i8) :: b
+      integer :: k
 
       counts = 99
       column = 0
       columns = 0
-      some%class_counts => counts
+      some%class_counts => counts(:, 1:)
       some%column => column
       some%columns => columns
       some%layer(speed)%classes = 0
@@ -304,5 +306,66 @@ contains
          call check("all in one of height", sum(other) == 6 .and. other(class_of(jump_height, 2.0_wp)) == 6)
       end associate
       call check("a height of zero counts too", counts(n_classes(speed) + 1, 2) == 2 .and. sum(counts(:, 2)) == 4)
+      do k = 6, 9
+         call check("columns are left", lacks_columns(some) .eqv. k > 7)
+         call visit_cell(visits, [k, 7], 1.0_wp, 0.0_wp, 0.0_wp)
+         call add_visits(some, visits, 1.0_wp)
+      end do
+      call check("none is given that is not there", columns == 4 .and. maxval(column) == 3 &
+                 .and. all(counts(:, 0) == 99))
    end subroutine test_classes_of_cells
+
+   !> Threads that meet in the same cells lose nothing: what they leave there is what one would.
+   subroutine test_threads()
+      integer, parameter :: boulders = 100
+      integer(i4), target :: counts(n_classes(speed), nx*ny), column(nx, ny), columns
+      type(maps_t) :: some
+      integer(i8) :: b
+      integer :: i, r, turn
+      logical :: given(nx*ny), right
+
+      some = maps
+      some%class_counts => counts
+      some%column => column
+      some%columns => columns
+      some%layer(speed)%classes = 0
+      right = .true.
+      do turn = 1, 3
+         call clear()
+         counts = 99
+         column = 0
+         columns = 0
+         !$omp parallel do num_threads(8) schedule(static, 1)
+         do b = 1, boulders
+            call pass_all_cells(some, b)
+         end do
+         !$omp end parallel do
+         given = .false.
+         do r = 1, ny
+            do i = 1, nx
+               given(column(i, r)) = .true.
+            end do
+         end do
+         right = right .and. all(given) .and. columns == nx*ny .and. all(sum(counts, 1) == boulders) &
+                 .and. all(passages == boulders) .and. all(energy_sum == boulders*(boulders + 1)/2) &
+                 .and. all(abs(speed_max - sqrt(real(boulders, sp))) <= 0)
+      end do
+      call check("threads lose nothing", right)
+   end subroutine test_threads
+
+   !> A boulder of 2 kg, each faster than those before.
+   subroutine pass_all_cells(some, b)
+      type(maps_t), intent(in) :: some
+      integer(i8), intent(in) :: b
+      type(visits_t) :: visits
+      integer :: i, r
+
+      call start_visits(visits, b)
+      do r = 1, ny
+         do i = 1, nx
+            call visit_cell(visits, [i, r], real(b, wp), 0.0_wp, 0.0_wp)
+         end do
+      end do
+      call add_visits(some, visits, 2.0_wp)
+   end subroutine pass_all_cells
 end program test_map

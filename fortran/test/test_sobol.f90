@@ -19,6 +19,7 @@ program test_sobol
    call test_uniform()
    call test_streams()
    call test_independent_below_a_fork()
+   call test_bits()
    call test_error_of_a_mean()
    call finish()
 
@@ -169,6 +170,28 @@ contains
       end do
       call check("chance of another dimension is fresh", abs(agree - 16.0_wp*n) < 4.5_wp*sqrt(8.0_wp*n))
    end subroutine test_independent_below_a_fork
+
+   !> What is turned over at one bit has nothing in common with what is at another: it agrees half the time,
+   !> within 4.5 standard errors, for every distance of two bits.
+   subroutine test_bits()
+      integer, parameter :: n = 3000
+      integer :: agree(31), apart, k
+      integer(i8) :: w
+      logical :: independent
+
+      independent = .true.
+      agree = 0
+      do k = 1, n
+         w = scrambled(0_i8, key, int(k, i8), 4)
+         do apart = 1, 31
+            agree(apart) = agree(apart) + (32 - apart) - popcnt(ibits(ieor(w, shiftr(w, apart)), 0, 32 - apart))
+         end do
+      end do
+      do apart = 1, 31
+         independent = independent .and. abs(agree(apart) - n*(32 - apart)/2.0_wp) < 4.5_wp*sqrt(n*(32 - apart)/4.0_wp)
+      end do
+      call check("chance of another bit is fresh", independent)
+   end subroutine test_bits
 
    !> Owen (1997): in one dimension n = 2**m points are one uniform number in each stratum, so the mean of x over
    !> them has the variance 1/(12 n**3); within 4 standard errors over 3000 scrambles.

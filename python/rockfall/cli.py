@@ -269,7 +269,7 @@ def _ensemble(arguments: argparse.Namespace) -> int:
     if arguments.runs is not None:
         case = case.replace(ensemble={"runs": arguments.runs})
     path = arguments.output or Path(f"{arguments.case.stem}-ensemble.nc")
-    check_place(path)
+    check_place(path, len(case.line))
     found = run_ensemble(case, progress=not arguments.quiet)
     write_ensemble(found, path)
     if not arguments.quiet:

@@ -148,11 +148,16 @@ def run_ensemble(case: Case, *, progress: bool = False, **arrays: Any) -> xr.Dat
 def _lean(scene: Scene) -> Scene:
     """The scene without outputs that an ensemble does not look at."""
     case = scene.case
-    if not case.line and not {"passages", "reach_probability"} & set(case.output.get("maps", [])):
+    maps = {"passages", "reach_probability"} & set(case.output.get("maps", []))
+    if not case.line and not maps:
         raise RockfallError(
             f"{case.name}: an ensemble needs a &line, or &output maps = 'reach_probability'"
         )
-    maps = {"passages", "reach_probability"} & set(case.output.get("maps", []))
+    if case.case["sampling"] != "random":
+        raise RockfallError(
+            f"{case.name}: &case sampling = '{case.case['sampling']}': must be 'random' for an "
+            "ensemble: the chance of other boulders is not known"
+        )
     output = {"maps": ["passages"] if maps else None, "rebounds": False, "trajectories": 0}
     return replace(scene, case=case.replace(output=output))
 
@@ -280,7 +285,7 @@ def ensemble_table(found: xr.Dataset) -> pd.DataFrame:
 
 def write_ensemble(found: xr.Dataset, path: Path) -> None:
     """Write all of it as netCDF, or the table as CSV, as the name ends; whole or not at all."""
-    check_place(path)
+    check_place(path, found.sizes["line"])
     if path.suffix == ".nc":
         write_result(found, path)
         return
@@ -288,11 +293,14 @@ def write_ensemble(found: xr.Dataset, path: Path) -> None:
         ensemble_table(found).to_csv(part, index=False)
 
 
-def check_place(path: Path) -> None:
-    """Refuse a place where nothing can be written, before the runs and not after them."""
+def check_place(path: Path, lines: int) -> None:
+    """Refuse a place where nothing can be written, before the runs and not after them; `lines`:
+    how many there are. A file that is there is replaced if it may be an ensemble of before."""
     if path.suffix not in (".nc", ".csv"):
         raise RockfallError(f"{path}: must end in .nc (everything) or .csv (the table)")
-    check_writable(path)
+    if path.suffix == ".csv" and not lines:
+        raise RockfallError(f"{path}: without a &line there is no table; maps go to a file .nc")
+    check_writable(path, "line,result," if path.suffix == ".csv" else None)
 
 
 def ensemble_summary(found: xr.Dataset) -> str:

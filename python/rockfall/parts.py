@@ -71,6 +71,8 @@ def add_tallies(maps: Maps, arrays: Mapping[str, np.ndarray]) -> None:
         column = maps.column.ravel()
         new = cells[column[cells] == 0]
         used = int(maps.columns[0])
+        if used + new.size > len(maps.class_counts):
+            raise RockfallError("the counts of quantile maps do not fit in memory")
         column[new] = np.arange(used + 1, used + new.size + 1)
         maps.class_counts[used : used + new.size] = 0
         maps.columns[0] += new.size

@@ -46,12 +46,13 @@ def memory(scene: Scene) -> dict[str, int]:
     derived = set(scene.case.output.get("maps", [])) - set(TALLIES)
     maps = [tally.maps.counts, tally.maps.sums, tally.maps.maxima, tally.maps.column]
     classes = tally.maps.class_counts
+    cells = scene.z.size if classes.size > 1 else 0  # the system may grant fewer
     row = 8 * len(fields(1)) + 4 * len(fields(2)) + 8 * len(fields(3)) * len(scene.case.line)
     rasters = [scene.z, scene.zone, scene.values, scene.x, scene.y]
     return {
         "rasters": sum(array.nbytes for array in rasters if array is not None),
         "maps": sum(m.nbytes for m in maps if m.size > 1) + 4 * scene.z.size * len(derived),
-        "classes at most": classes.nbytes if classes.size > 1 else 0,  # every cell is reached
+        "classes at most": classes.itemsize * classes.shape[1] * cells,  # every cell is reached
         "results": row * scene.boulders,
         "program": BASE,
     }

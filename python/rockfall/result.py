@@ -31,6 +31,7 @@ ALWAYS = (  # attributes that every result has
     "boulders_asked", "complete", "impact_set", "impact_set_checksum", "input_checksums",
     "threads", "wall_seconds", "cpu_seconds",
 )  # fmt: skip
+NETCDF = (b"\x89HDF", b"CDF\x01", b"CDF\x02", b"CDF\x05")  # first bytes of such files
 TILE = 256  # cells of a map that are compressed together, either way
 
 
@@ -240,13 +241,16 @@ def _check_whole(data: xr.Dataset, path: str | Path) -> None:
             raise RockfallError(f"{path}: {name}: must be a number for every boulder")
 
 
-def check_writable(path: str | Path) -> None:
-    """Refuse a place where no result can be written, before the run and not after it."""
+def check_writable(path: str | Path, table: str | None = None) -> None:
+    """Refuse a place where no result can be written, before the run and not after it. What is there
+    is overwritten if it is netCDF, or starts as the `table` that is to be written."""
     path = Path(path)
     if path.is_dir():
         raise RockfallError(f"{path}: is a folder; a file name is needed")
-    if path.exists() and not _is_netcdf(path):
-        raise RockfallError(f"{path}: is there, and not a netCDF file; it is not overwritten")
+    starts = NETCDF if table is None else (table.encode(),)
+    if path.exists() and not _starts(path, starts):
+        kind = "a netCDF file" if table is None else "such a table"
+        raise RockfallError(f"{path}: is there, and not {kind}; it is not overwritten")
     if not path.parent.is_dir():
         raise RockfallError(f"{path}: there is no folder {path.parent}")
     try:
@@ -257,11 +261,12 @@ def check_writable(path: str | Path) -> None:
         ) from error
 
 
-def _is_netcdf(path: Path) -> bool:
+def _starts(path: Path, starts: tuple[bytes, ...]) -> bool:
+    """Whether a file starts with one of some bytes."""
     if not path.is_file():
         return False
     with open(path, "rb") as file:
-        return file.read(4) in (b"\x89HDF", b"CDF\x01", b"CDF\x02", b"CDF\x05")
+        return file.read(max(map(len, starts))).startswith(starts)
 
 
 def write_result(result: xr.Dataset, path: str | Path) -> None:

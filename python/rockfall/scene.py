@@ -20,6 +20,7 @@ from rockfall.grid import NO_ID, Grid, row_blocks
 LAWS = {"fixed": 1, "normal": 2, "uniform": 3, "lognormal": 4, "list": 5}
 METHODS = {"A": 1, "B": 2}
 SAMPLINGS = {"random": 0, "sobol": 13}  # words of a boulder that are of its Sobol' point
+MOST_BOULDERS = 2**31 - 1  # of a run: passages count them in 32 bits
 SIZE_TO_RADIUS = {"diameter": 0.5, "radius": 1.0}
 POLYGONS = {".gpkg", ".geojson", ".json", ".shp", ".fgb"}  # endings of layers of polygons
 
@@ -110,6 +111,11 @@ def read_scene(case: Case, dem: Any = None, transform: Any = None, **rasters: An
     scene.checksums["dem"] = _checksum(file) if dem is None else _array_checksum(z)
     _read_surface(scene, rasters)
     _read_sources(scene, rasters)
+    if scene.boulders > MOST_BOULDERS:
+        raise RockfallError(
+            f"{case.name}: &case boulders = {case.case['boulders']} from each of {scene.x.size} "
+            f"sources: must be at most {MOST_BOULDERS} together"
+        )
     scene.mean, scene.covariance, scene.checksums["sets"] = read_sets(set_path(case))
     if rasters:
         raise RockfallError(

@@ -25,6 +25,8 @@ CHUNK_SECONDS = 0.25  # between calls of the kernel: progress, Ctrl-C
 FIRST_CHUNK = 64  # boulders
 BINS = 50  # rows of the kernel's histograms
 MOST_THREADS = 1024  # as in the kernel's table of keys
+MOST_ROWS = 2**31 - 2  # of class_counts, and one more can be counted
+HALVINGS = 5  # of these rows, before they are too few to begin with
 
 
 class Interrupted(KeyboardInterrupt):
@@ -46,7 +48,7 @@ class Maps:
     maxima: np.ndarray
     class_counts: np.ndarray  # (cells, classes): rows are given away as cells are reached
     column: np.ndarray  # (ny, nx): row of class_counts, from 1
-    columns: np.ndarray  # (1,): rows given away
+    columns: np.ndarray  # (1,): rows given away; one more than there are when they did not do
 
     def arguments(self) -> dict[str, np.ndarray]:
         """As the kernel wants them."""
@@ -67,11 +69,26 @@ def no_maps(names: Sequence[str] = (), shape: tuple[int, int] = (1, 1)) -> Maps:
 
     return Maps(
         plan, stack(counts, "i4"), stack(sums, "i8"), stack(maxima, "f4"),
-        # taken from the system only as rows are given away
-        class_counts=np.empty((shape[0] * shape[1] if classes else 1, max(1, classes)), "i4"),
+        class_counts=_class_counts(shape[0] * shape[1], classes),
         column=np.zeros(shape if classes else (1, 1), "i4"),
         columns=np.zeros(1, "i4"),
     )  # fmt: skip
+
+
+def _class_counts(cells: int, classes: int) -> np.ndarray:
+    """Rows for all cells, or for half as many as the system grants (the run needs memory for other
+    things too): it takes the memory of a row when a boulder first passes the cell, and few may be
+    passed."""
+    if not classes:
+        return np.empty((1, 1), "i4")
+    rows = min(cells, MOST_ROWS)
+    for k in range(HALVINGS + 1):
+        try:
+            np.empty((rows >> k, classes), "i4")  # is it granted?
+        except MemoryError:
+            continue
+        return np.empty((rows >> k + (k > 0), classes), "i4")
+    raise MemoryError
 
 
 @dataclass
@@ -228,6 +245,12 @@ def _call(tally: Tally, arguments: dict[str, Any], first: int, size: int) -> Non
         n=size, room=1,
     )  # fmt: skip
     _raise(tally.scene, code, message)
+    if tally.maps.columns[0] > len(tally.maps.class_counts):
+        raise RockfallError(
+            f"{tally.scene.case.name}: &output maps: boulders reach more than "
+            f"{len(tally.maps.class_counts)} cells; the counts of quantile maps in more do not fit "
+            "in memory"
+        )
     done = slice(first - 1 - tally.before, first - 1 - tally.before + size)
     tally.boulder[done], tally.count[done] = boulder.T, count.T
     tally.crossing[done] = crossing.T[:, :lines]
