@@ -97,6 +97,13 @@ class Case:
         except KeyError:
             raise AttributeError(f"a case has no group {group!r}") from None
 
+    def __eq__(self, other: object) -> bool:
+        same = isinstance(other, Case) and self.folder == other.folder
+        return same and self.text() == other.text()
+
+    def __hash__(self) -> int:
+        return hash((self.folder, self.text()))
+
     def __repr__(self) -> str:
         return f"<rockfall.Case {self.name}: {self.case['title']!r}>"
 

@@ -96,6 +96,7 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("--until", metavar="RULES", help=f"until 95 %% intervals are narrow: {rules}")
     run.add_argument("--cap", metavar="N", type=int, help="with --until: most from each source")
     run.add_argument("--shard", metavar="I/N", help="the I-th of N parts, for `rockfall merge`")
+    run.add_argument("--dask", metavar="WHERE", help="on a Dask cluster: its address, or local:N")
     run.add_argument("--resume", action="store_true", help="go on from the last checkpoint, if any")
     run.add_argument(
         "--checkpoint", metavar="SECONDS", type=float, default=60.0,
@@ -170,9 +171,11 @@ def _run(arguments: argparse.Namespace) -> int:
         raise RockfallError("--boulders: --until finds their number; limit it with --cap")
     if arguments.until is None and arguments.cap is not None:
         raise RockfallError("--cap: is of use with --until only")
-    for word in "shard", "resume":
-        if arguments.until is not None and getattr(arguments, word):
+    for word in "shard", "resume", "dask":
+        if arguments.until is not None and getattr(arguments, word) not in (None, False):
             raise RockfallError(f"--{word}: --until decides on all boulders together")
+    if arguments.dask is not None and (arguments.resume or arguments.shard is not None):
+        raise RockfallError("--dask: makes parts of its own, and no checkpoints")
     if not arguments.checkpoint >= 0:
         raise RockfallError(f"--checkpoint {arguments.checkpoint}: must be >= 0 seconds")
     case = _overridden(arguments)
@@ -222,7 +225,7 @@ def _checkpoint(arguments: argparse.Namespace, path: Path) -> Checkpoint | None:
     """Where a run saves its work; one that is there is not overwritten unasked."""
     from rockfall.checkpoint import Checkpoint
 
-    if arguments.until is not None:
+    if arguments.until is not None or arguments.dask is not None:
         return None
     place = path.with_name(f"{path.name}.checkpoint")
     every = arguments.checkpoint or math.inf
@@ -247,6 +250,10 @@ def _fly(
     from rockfall.simulate import run_scene
     from rockfall.until import run_scene_until
 
+    if arguments.dask is not None:
+        from rockfall.cluster import run_on_cluster
+
+        return run_on_cluster(scene, arguments.dask, progress=not arguments.quiet)
     how = {"progress": not arguments.quiet, "keep": False}
     if arguments.until is None:
         return run_scene(scene, shard=shard, checkpoint=checkpoint, **how)

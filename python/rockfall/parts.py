@@ -93,13 +93,11 @@ def merge(parts: Sequence[xr.Dataset | str | Path]) -> xr.Dataset:
 
     A RockfallError names parts of another run, and boulders that are missing or there twice.
     """
-    heads = [_head(part) for part in parts]
-    order = sorted(range(len(heads)), key=lambda k: heads[k]["boulder_first"])
-    _check([heads[k] for k in order])
-    joined = _Joined()
-    for k in order:
-        joined.add(_read(parts[k]))
-    return joined.result([heads[k] for k in order])
+    _check(sorted((_head(part) for part in parts), key=lambda head: head["boulder_first"]))
+    joined = Joined()
+    for part in parts:
+        joined.add(_read(part))
+    return joined.result()
 
 
 def _read(part: xr.Dataset | str | Path) -> xr.Dataset:
@@ -156,38 +154,48 @@ def _pairs(one: dict[str, str], other: dict[str, str]):
     return ((key, (one.get(key), other.get(key))) for key in sorted({*one, *other}))
 
 
-class _Joined:
-    """Parts put together, one after the other: rows, sums and tallies of maps."""
+class Joined:
+    """Parts of one run put together as they come, in any order: rows, sums and tallies of maps."""
 
     def __init__(self) -> None:
-        self.first: xr.Dataset | None = None
-        self.rows: dict[str, list[np.ndarray]] = {}
+        self.first: xr.Dataset | None = None  # the part with boulder 1
+        self.rows: dict[int, dict[str, np.ndarray]] = {}  # by the first boulder of a part
         self.sums: dict[str, np.ndarray] = {}
         self.maps: Maps | None = None
+        self.clocks = dict.fromkeys(CLOCKS, 0.0)
+        self.threads = 0
 
     def add(self, part: xr.Dataset) -> None:
-        if self.first is None:
-            self.first, self.maps = part, _empty_maps(part)
+        number = int(part.attrs["boulder_first"])
+        self.maps = self.maps or _empty_maps(part)
         arrays = {name: part[BEFORE + name].values for name in _DIMS if BEFORE + name in part}
         add_tallies(self.maps, arrays)
+        rows = self.rows.setdefault(number, {})
         for name, variable in part.variables.items():
             if _row_dimension(variable.dims):
-                self.rows.setdefault(name, []).append(variable.values)
+                rows[name] = variable.values
             elif name.startswith("rebounds") or name.endswith("_histogram"):
                 self.sums[name] = self.sums.get(name, 0) + variable.values
+        self.clocks = {clock: self.clocks[clock] + float(part.attrs[clock]) for clock in CLOCKS}
+        self.threads = max(self.threads, int(part.attrs["threads"]))
+        if number == 1:
+            self.first = part
 
-    def result(self, heads: Sequence[dict[str, Any]]) -> xr.Dataset:
+    def result(self) -> xr.Dataset:
+        """That of the whole run; the parts are used up."""
         import xarray as xr
 
         from rockfall.result import map_variable
 
-        boulders = int(heads[0]["boulders_asked"])
+        boulders = int(self.first.attrs["boulders_asked"])
         least = case_of(self.first).output["least_passages"]
+        ordered = [self.rows[number] for number in sorted(self.rows)]
         data: dict[str, Any] = {}
         for name, variable in self.first.variables.items():
             along = _row_dimension(variable.dims)
             if along:
-                rows = np.concatenate(self.rows.pop(name), axis=variable.dims.index(along))
+                rows = [part.pop(name) for part in ordered if name in part]
+                rows = np.concatenate(rows, axis=variable.dims.index(along))
                 data[name] = (variable.dims, rows, variable.attrs)
             elif name in self.sums:
                 data[name] = (variable.dims, self.sums[name], variable.attrs)
@@ -195,12 +203,8 @@ class _Joined:
                 data[name] = map_variable(name, self.maps, boulders, least)
             elif not name.startswith(BEFORE):
                 data[name] = variable
-        attrs = dict(self.first.attrs) | {
-            "boulder_last": boulders,
-            "complete": 1,
-            "threads": max(int(head["threads"]) for head in heads),
-            **{clock: sum(float(head[clock]) for head in heads) for clock in CLOCKS},
-        }
+        own = {"boulder_last": boulders, "complete": 1, "threads": self.threads, **self.clocks}
+        attrs = dict(self.first.attrs) | own
         return xr.Dataset(data, attrs=attrs).set_coords(list(self.first.coords))
 
 
