@@ -54,7 +54,12 @@ def read_case(path: str | Path) -> Case:
 
 def case_of(result: xr.Dataset) -> Case:
     """The case that a result holds; file names are relative to where the run found its case."""
-    return _case(result.attrs["case"], Path(result.attrs["case_file"]))
+    return case_in(result.attrs)
+
+
+def case_in(attrs: Mapping[str, Any]) -> Case:
+    """The same from its attributes."""
+    return _case(attrs["case"], Path(attrs["case_file"]))
 
 
 def _case(text: str, path: Path) -> Case:

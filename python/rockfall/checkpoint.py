@@ -71,11 +71,11 @@ class Checkpoint:
         self.rows = state["rows"]
 
     def _take_rows(self, tally: Tally, name: str) -> None:
-        with np.load(self.folder / name) as file:
-            n = len(file[ROWS[0]])
-            for rows in ROWS:
-                getattr(tally, rows)[self.saved : self.saved + n] = file[rows]
-        self.saved += n
+        with open(self.folder / name, "rb") as file:
+            for rows in ROWS:  # one after the other
+                values = np.load(file)
+                getattr(tally, rows)[self.saved : self.saved + len(values)] = values
+        self.saved += len(values)
 
     def found(self) -> int:
         """Boulders in the folder, 0 without a checkpoint."""
@@ -117,8 +117,8 @@ class Checkpoint:
         new = slice(self.saved, tally.done)
         rows = [*self.rows]
         if tally.done > self.saved:
-            rows.append(f"rows-{k}.npz")
-            self._write(rows[-1], {name: getattr(tally, name)[new] for name in ROWS})
+            rows.append(f"rows-{k}.npy")
+            self._write(rows[-1], [getattr(tally, name)[new] for name in ROWS])
         maps = f"maps-{k}.npz"
         self._write(maps, {"histogram": tally.histogram, **tallies(tally.maps)})
         state = {
@@ -131,12 +131,15 @@ class Checkpoint:
             if old.name != maps:
                 old.unlink()
 
-    def _write(self, name: str, content: bytes | dict[str, np.ndarray]) -> None:
+    def _write(self, name: str, content: bytes | list[np.ndarray] | dict[str, np.ndarray]) -> None:
         """A file that is on disk, whole, before it bears its name."""
         part = self.folder / f"{name}.part"
         with open(part, "wb") as file:
             if isinstance(content, bytes):
                 file.write(content)
+            elif isinstance(content, list):
+                for array in content:
+                    np.save(file, array)
             else:
                 np.savez(file, **content)
             file.flush()

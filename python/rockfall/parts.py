@@ -4,19 +4,23 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rockfall.case import case_of
+from rockfall.case import case_in, case_of
 from rockfall.errors import RockfallError
 
 if TYPE_CHECKING:
     import xarray as xr
 
     from rockfall.simulate import Maps
+
+    _Variables = Mapping[str, tuple[tuple[str, ...], np.ndarray]]  # dimensions and values
+    _Template = Callable[[], xr.Dataset]
 
 STACKS = ("counts", "sums", "maxima")  # of maps, by layer
 BEFORE = "tally_"  # the names of tallies in a part
@@ -93,50 +97,74 @@ def merge(parts: Sequence[xr.Dataset | str | Path]) -> xr.Dataset:
 
     A RockfallError names parts of another run, and boulders that are missing or there twice.
     """
-    _check(sorted((_head(part) for part in parts), key=lambda head: head["boulder_first"]))
-    joined = Joined()
+    joined, heads = Joined(), []
     for part in parts:
-        joined.add(_read(part))
+        attrs, variables, template = _read(part)
+        heads.append(_head(attrs, variables, "a part" if hasattr(part, "attrs") else str(part)))
+        _check_same(heads[0], heads[-1])
+        joined.take(attrs, variables, template)
+    _check_whole(sorted(heads, key=lambda head: head["boulder_first"]))
     return joined.result()
 
 
-def _read(part: xr.Dataset | str | Path) -> xr.Dataset:
+def _read(part: xr.Dataset | str | Path) -> tuple[dict[str, Any], _Variables, _Template]:
+    """Attributes and variables of a part, and how to get it as a result, which one part is asked
+    for. Files are read as they are: xarray would take several times as long."""
+    import netCDF4
+
     from rockfall.result import read_result
 
-    return read_result(part) if isinstance(part, str | Path) else part
+    if not isinstance(part, str | Path):
+        variables = {name: (one.dims, one.values) for name, one in part.variables.items()}
+        return part.attrs, variables, lambda: part
+    try:
+        with netCDF4.Dataset(part) as file:
+            file.set_auto_maskandscale(False)
+            wanted = {name: one for name, one in file.variables.items() if _is_joined(name, one)}
+            variables = {name: (one.dimensions, one[...]) for name, one in wanted.items()}
+            attrs = {name: file.getncattr(name) for name in file.ncattrs()}
+    except (OSError, RuntimeError) as error:
+        raise RockfallError(f"{part}: cannot be read: {error}") from error
+    return attrs, variables, lambda: read_result(part)
 
 
-def _head(part: xr.Dataset | str | Path) -> dict[str, Any]:
-    """Attributes of a part, and what it is called."""
-    from rockfall.result import open_result
-
-    if isinstance(part, str | Path):
-        with open_result(part) as data:
-            return _head_of(data, str(part))
-    return _head_of(part, "a part")
+def _is_joined(name: str, variable: Any) -> bool:
+    return name.startswith(BEFORE) or bool(_row_dimension(variable.dimensions)) or _is_sum(name)
 
 
-def _head_of(data: xr.Dataset, name: str) -> dict[str, Any]:
-    if f"{BEFORE}cell" not in data.variables or "case" not in data.attrs:
+def _is_sum(name: str) -> bool:
+    return name.startswith("rebounds") or name.endswith("_histogram")
+
+
+def _head(attrs: Mapping[str, Any], variables: Iterable[str], name: str) -> dict[str, Any]:
+    """What a part says of itself, and what it is called."""
+    if f"{BEFORE}cell" not in variables or "case" not in attrs:
         raise RockfallError(f"{name}: is not a part of a run, as --shard makes them")
-    case = case_of(data)
-    return {**data.attrs, "name": name, "case": case.replace(case={"threads": 0}).text()}
+    return {**attrs, "name": name, "case": _case_text(attrs["case"], attrs["case_file"])}
 
 
-def _check(heads: Sequence[dict[str, Any]]) -> None:
-    """All of one run, and all of it."""
+@lru_cache(maxsize=8)
+def _case_text(text: str, file: str) -> str:
+    """A case as any of its parts has it: threads may differ, and how it is written."""
+    return case_in({"case": text, "case_file": file}).replace(case={"threads": 0}).text()
+
+
+def _check_same(own: dict[str, Any], head: dict[str, Any]) -> None:
+    """Both are of one run."""
+    for what in ("case", "boulders_asked", "version"):
+        if head[what] != own[what]:
+            raise RockfallError(f"{head['name']}: is of another {what} than {own['name']}")
+    one, other = (json.loads(each["input_checksums"]) for each in (own, head))
+    for key in sorted({*one, *other}):
+        if one.get(key) != other.get(key):
+            raise RockfallError(f"{head['name']}: has another {key} than {own['name']}")
+
+
+def _check_whole(heads: Sequence[dict[str, Any]]) -> None:
+    """All boulders are there, once."""
     if not heads:
         raise RockfallError("merge: needs the parts of a run")
-    own = heads[0]
-    for head in heads[1:]:
-        for what in ("case", "boulders_asked", "version"):
-            if head[what] != own[what]:
-                raise RockfallError(f"{head['name']}: is of another {what} than {own['name']}")
-        sums = (json.loads(one["input_checksums"]) for one in (own, head))
-        for key, pair in _pairs(*sums):
-            if pair[0] != pair[1]:
-                raise RockfallError(f"{head['name']}: has another {key} than {own['name']}")
-    done, wrong = 0, []
+    done, asked, wrong = 0, int(heads[0]["boulders_asked"]), []
     for head in heads:
         first, last = int(head["boulder_first"]), int(head["boulder_last"])
         if first > done + 1:
@@ -144,14 +172,10 @@ def _check(heads: Sequence[dict[str, Any]]) -> None:
         if first <= done:
             wrong.append(f"boulders {first} to {min(done, last)} are twice: {head['name']}")
         done = max(done, last)
-    if done < int(own["boulders_asked"]):
-        wrong.append(f"boulders {done + 1} to {own['boulders_asked']} are missing")
+    if done < asked:
+        wrong.append(f"boulders {done + 1} to {asked} are missing")
     if wrong:
         raise RockfallError("merge: " + "; ".join(wrong))
-
-
-def _pairs(one: dict[str, str], other: dict[str, str]):
-    return ((key, (one.get(key), other.get(key))) for key in sorted({*one, *other}))
 
 
 class Joined:
@@ -166,20 +190,25 @@ class Joined:
         self.threads = 0
 
     def add(self, part: xr.Dataset) -> None:
-        number = int(part.attrs["boulder_first"])
-        self.maps = self.maps or _empty_maps(part)
-        arrays = {name: part[BEFORE + name].values for name in _DIMS if BEFORE + name in part}
+        self.take(*_read(part))
+
+    def take(self, attrs: Mapping[str, Any], variables: _Variables, template: _Template) -> None:
+        """Add a part as `_read` gives it."""
+        number = int(attrs["boulder_first"])
+        if self.maps is None:
+            self.maps = _empty_maps(template())
+        arrays = {name: variables[BEFORE + name][1] for name in _DIMS if BEFORE + name in variables}
         add_tallies(self.maps, arrays)
         rows = self.rows.setdefault(number, {})
-        for name, variable in part.variables.items():
-            if _row_dimension(variable.dims):
-                rows[name] = variable.values
-            elif name.startswith("rebounds") or name.endswith("_histogram"):
-                self.sums[name] = self.sums.get(name, 0) + variable.values
-        self.clocks = {clock: self.clocks[clock] + float(part.attrs[clock]) for clock in CLOCKS}
-        self.threads = max(self.threads, int(part.attrs["threads"]))
+        for name, (dims, values) in variables.items():
+            if _row_dimension(dims):
+                rows[name] = values
+            elif _is_sum(name):
+                self.sums[name] = self.sums.get(name, 0) + values
+        self.clocks = {clock: self.clocks[clock] + float(attrs[clock]) for clock in CLOCKS}
+        self.threads = max(self.threads, int(attrs["threads"]))
         if number == 1:
-            self.first = part
+            self.first = template()
 
     def result(self) -> xr.Dataset:
         """That of the whole run; the parts are used up."""
