@@ -11,6 +11,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
+import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -41,6 +42,8 @@ class Checkpoint:
         self.folder, self.every, self.say = Path(folder), every, say
         self.rows: list[str] = []  # files
         self.saved = 0  # boulders in them
+        self.writer: threading.Thread | None = None
+        self.error: BaseException | None = None  # of the writer
         self.last = time.monotonic()
 
     def restore(self, tally: Tally) -> None:
@@ -101,35 +104,53 @@ class Checkpoint:
             self.save(tally)
 
     def save(self, tally: Tally) -> None:
-        """Write what was done since the last checkpoint; never, where that is how often."""
+        """Begin to write what was done since the last checkpoint, while the run goes on: rows of
+        boulders do not change any more, and tallies are copied. Never, where that is how often."""
+        self.finish()
         if np.isinf(self.every):
             return
-        try:
-            self._save(tally)
-        except OSError as error:
-            self.say(f"{self.folder}: no checkpoint: {error.strerror or error}")
-            self.every = np.inf
-        self.last = time.monotonic()
-
-    def _save(self, tally: Tally) -> None:
-        self.folder.mkdir(exist_ok=True)
-        k = len(self.rows)
-        new = slice(self.saved, tally.done)
-        rows = [*self.rows]
+        k, rows, arrays = len(self.rows), [*self.rows], None
         if tally.done > self.saved:
             rows.append(f"rows-{k}.npy")
-            self._write(rows[-1], [getattr(tally, name)[new] for name in ROWS])
-        maps = f"maps-{k}.npz"
-        self._write(maps, {"histogram": tally.histogram, **tallies(tally.maps)})
+            arrays = [getattr(tally, name)[self.saved : tally.done] for name in ROWS]
+        maps = {"histogram": tally.histogram.copy(), **tallies(tally.maps)}
         state = {
-            "identity": _identity(tally), "done": tally.done, "rows": rows, "maps": maps,
+            "identity": _identity(tally), "done": tally.done, "rows": rows, "maps": f"maps-{k}.npz",
             "wall_seconds": tally.wall, "cpu_seconds": tally.cpu,
         }  # fmt: skip
-        self._write(STATE, json.dumps(state).encode())
-        self.rows, self.saved = rows, tally.done
-        for old in self.folder.glob("maps-*.npz"):
-            if old.name != maps:
-                old.unlink()
+        self.writer = threading.Thread(target=self._save, args=(arrays, maps, state))
+        self.writer.start()
+        self.last = time.monotonic()
+
+    def finish(self) -> None:
+        """Wait for what is being written."""
+        if self.writer is None:
+            return
+        self.writer.join()
+        self.writer = None
+        error, self.error = self.error, None
+        if isinstance(error, OSError):
+            self.say(f"{self.folder}: no checkpoint: {error.strerror or error}")
+            self.every = np.inf
+        elif error is not None:
+            raise error
+
+    def _save(
+        self, rows: list[np.ndarray] | None, maps: dict[str, np.ndarray], state: dict[str, Any]
+    ) -> None:
+        """In a thread of its own: the files, and last the state that names them."""
+        try:
+            self.folder.mkdir(exist_ok=True)
+            if rows is not None:
+                self._write(state["rows"][-1], rows)
+            self._write(state["maps"], maps)
+            self._write(STATE, json.dumps(state).encode())
+            self.rows, self.saved = state["rows"], state["done"]
+            for old in self.folder.glob("maps-*.npz"):
+                if old.name != state["maps"]:
+                    old.unlink()
+        except BaseException as error:  # the run's own thread must know
+            self.error = error
 
     def _write(self, name: str, content: bytes | list[np.ndarray] | dict[str, np.ndarray]) -> None:
         """A file that is on disk, whole, before it bears its name."""
@@ -153,6 +174,7 @@ class Checkpoint:
 
     def remove(self) -> None:
         """The run is done and written."""
+        self.finish()
         shutil.rmtree(self.folder, ignore_errors=True)
 
 

@@ -168,9 +168,13 @@ def run_scene(
                 if checkpoint:
                     checkpoint.look(tally)
 
-            run_chunks(tally, chunk, interrupted, step)
-            if checkpoint and interrupted():
-                checkpoint.save(tally)
+            try:
+                run_chunks(tally, chunk, interrupted, step)
+                if checkpoint and interrupted():
+                    checkpoint.save(tally)
+            finally:
+                if checkpoint:
+                    checkpoint.finish()
             trace(tally)
         if not keep:
             scene.forget_rasters()
