@@ -657,6 +657,7 @@ contains
       integer :: k, layer
 
       associate (nx => size(results%counts, 1), n => size(names%cell))
+         allocate (i(n), j(n))
          i = int(mod(names%cell, int(nx, i8))) + 1
          j = int(names%cell/nx) + 1
          call keep(file, nf90_put_var(file%id, names%tally_cell, names%cell))
