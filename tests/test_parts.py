@@ -102,6 +102,9 @@ def test_what_is_missing_twice_or_of_another_run_is_named(tmp_path, case):
     with refused(f"merge: boulders 101 to 201 are twice: {paths[1]}"):
         rockfall.merge([*paths, paths[1]])
     other = tmp_path / "other.nc"
+    rockfall.write_result(run(case, shard=(100, BOULDERS)), other)  # boulder 100 alone
+    with refused(f"merge: boulders 100 to 100 are twice: {other}"):
+        rockfall.merge([*paths, other])
     rockfall.write_result(run(case.replace(case={"seed": 5}), shard=(2, 4)), other)
     with refused(f"{other}: is of another case than {paths[0]}"):
         rockfall.merge([paths[0], other, *paths[2:]])

@@ -586,16 +586,17 @@ contains
       type(case_t), intent(in) :: case
       type(inputs_t), intent(in) :: inputs
       type(results_t), intent(in), target :: results
+      type(maps_t) :: maps
       real(sp), allocatable :: rows(:, :)
       integer :: first, n, j
 
+      maps = map_tallies(results)
       associate (nx => inputs%grid%nx, ny => inputs%grid%ny)
          allocate (rows(nx, map_rows(inputs)))
          do first = 1, ny, size(rows, 2)
             n = min(size(rows, 2), ny - first + 1)
             do j = 1, n
-               call map_row(map_tallies(results), name, first + j - 1, results%boulders, case%least_passages, &
-                            rows(:, j))
+               call map_row(maps, name, first + j - 1, results%boulders, case%least_passages, rows(:, j))
             end do
             call keep(file, nf90_put_var(file%id, id, rows(:, :n), [1, first], [nx, n]))
             if (file%status /= nf90_noerr) return

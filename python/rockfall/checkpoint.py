@@ -88,9 +88,7 @@ class Checkpoint:
     def _state(self) -> dict[str, Any] | None:
         try:
             state = json.loads((self.folder / STATE).read_text())
-            if not (
-                isinstance(state, dict) and state.keys() >= {"identity", "done", "rows", "maps"}
-            ):
+            if not isinstance(state, dict) or not state.keys() >= PARTS:
                 raise ValueError(f"{STATE} is not of a checkpoint")
             return state
         except FileNotFoundError:

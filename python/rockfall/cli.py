@@ -229,9 +229,7 @@ def _checkpoint(arguments: argparse.Namespace, path: Path) -> Checkpoint | None:
         return None
     place = path.with_name(f"{path.name}.checkpoint")
     every = arguments.checkpoint or math.inf
-    found = Checkpoint(
-        place, every, lambda text: print(f"rockfall: warning: {text}", file=sys.stderr)
-    )
+    found = Checkpoint(place, every, _warning)
     if not arguments.resume and (done := found.found()):
         raise RockfallError(
             f"{place}: holds {done:,} boulders of a run that was stopped; go on with --resume, or "

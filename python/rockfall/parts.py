@@ -195,8 +195,11 @@ class Joined:
     def take(self, attrs: Mapping[str, Any], variables: _Variables, template: _Template) -> None:
         """Add a part as `_read` gives it."""
         number = int(attrs["boulder_first"])
-        if self.maps is None:
-            self.maps = _empty_maps(template())
+        if self.maps is None or number == 1:
+            part = template()
+            self.maps = self.maps or _empty_maps(part)
+            if number == 1:
+                self.first = part
         arrays = {name: variables[BEFORE + name][1] for name in _DIMS if BEFORE + name in variables}
         add_tallies(self.maps, arrays)
         rows = self.rows.setdefault(number, {})
@@ -207,8 +210,6 @@ class Joined:
                 self.sums[name] = self.sums.get(name, 0) + values
         self.clocks = {clock: self.clocks[clock] + float(attrs[clock]) for clock in CLOCKS}
         self.threads = max(self.threads, int(attrs["threads"]))
-        if number == 1:
-            self.first = template()
 
     def result(self) -> xr.Dataset:
         """That of the whole run; the parts are used up."""
