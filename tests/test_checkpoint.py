@@ -37,14 +37,14 @@ class Killed(BaseException):
 def killed_after(monkeypatch, chunks):
     """A run ends like one that is killed, after so many chunks."""
     calls = iter(range(chunks))
-    call = simulate._call
+    fly = simulate._fly
 
     def until(*arguments):
         if next(calls, None) is None:
             raise Killed
-        call(*arguments)
+        return fly(*arguments)
 
-    monkeypatch.setattr(simulate, "_call", until)
+    monkeypatch.setattr(simulate, "_fly", until)
 
 
 def test_a_run_goes_on_where_it_was_killed(scene, tmp_path, monkeypatch):
@@ -56,8 +56,8 @@ def test_a_run_goes_on_where_it_was_killed(scene, tmp_path, monkeypatch):
             with pytest.raises(Killed):
                 simulate.run_scene(scene, chunk=20, checkpoint=Checkpoint(folder, 0.0))
     flown = []
-    call = simulate._call
-    monkeypatch.setattr(simulate, "_call", lambda *a: (flown.append(a[3]), call(*a)))
+    fly = simulate._fly
+    monkeypatch.setattr(simulate, "_fly", lambda *a: flown.append(a[2]) or fly(*a))
     result = simulate.run_scene(scene, chunk=20, threads=2, checkpoint=Checkpoint(folder, 0.0))
     same(result, whole)
     assert sum(flown) == 403 - 4 * 3 * 20  # what was done is not done again
@@ -140,7 +140,7 @@ def test_a_checkpoint_of_another_case_is_refused(scene, tmp_path, change, what):
 def test_threads_may_differ_and_a_finished_checkpoint_flies_nothing(scene, tmp_path, monkeypatch):
     folder = tmp_path / "c"
     whole = simulate.run_scene(scene, checkpoint=Checkpoint(folder, 0.0))
-    monkeypatch.setattr(simulate, "_call", None)
+    monkeypatch.setattr(simulate, "_fly", None)
     same(simulate.run_scene(scene, threads=2, checkpoint=Checkpoint(folder, 0.0)), whole)
 
 

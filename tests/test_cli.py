@@ -573,7 +573,7 @@ def test_start_is_light(place):
 
 
 def test_a_fault_of_ours_is_one_line(place, capsys, monkeypatch):
-    def broken(*_):
+    def broken(*_, **__):
         raise ZeroDivisionError("oh\nno")
 
     monkeypatch.setattr("rockfall.scene.read_scene", broken)
@@ -643,7 +643,7 @@ def wait_until_busy(pid):
 
 
 def test_ctrl_c_before_the_first_boulder_writes_nothing(place, capsys, monkeypatch):
-    def pressed(*_):
+    def pressed(*_, **__):
         raise KeyboardInterrupt
 
     before = files(place)

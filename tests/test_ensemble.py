@@ -257,9 +257,8 @@ def test_maps_are_of_the_runs_a_and_b(tmp_path):
                 "x": [150 + float(drawn["drawn_source_east"])],
                 "y": [380 + float(drawn["drawn_source_north"])],
             }
-            one = case.replace(
-                case={"seed": int(drawn["seed"])}, release=release, output={"maps": ["passages"]}
-            )
+            output = {"maps": ["passages"], "map_extent": "terrain"}
+            one = case.replace(case={"seed": int(drawn["seed"])}, release=release, output=output)
             passed = rockfall.run(one, dem=TERRAIN, transform=grid(TERRAIN))["passages"]
             reached.append(passed.values / 100)
     close = {"rtol": 1e-5, "atol": 1e-7}
@@ -339,7 +338,7 @@ def test_sources_stay_on_the_terrain_and_shifts_together(tmp_path):
     assert np.allclose(np.diff(x), 15) and x.max() < 167.5 < 150 + 15 + 5
     assert sum(one.kept["source_redrawn"] for one in draws) > 10
     for one in draws:  # the kernel agrees
-        rockfall.simulate.check_sources(drawn_scene(inputs.scene, [one], 1))
+        rockfall.reach.survey(drawn_scene(inputs.scene, [one], 1))
 
 
 # ---- bad input

@@ -115,7 +115,7 @@ def test_a_boulder_alone_is_that_of_the_crowd(folder, crowd, number):
     case = make_case(folder, 5000, line=LINES)
     scene = read_scene(case, z, scenes.grid(z, CELL), mean_radius=river())
     tally = simulate.start(scene, threads=1)
-    simulate._call(tally, scene.kernel_arguments(), number, 1)
+    simulate._fly(tally, number, 1)
     row = dict(zip(simulate.fields(1), tally.boulder[number - 1], strict=True))
     row |= dict(zip(simulate.fields(2)[:2], tally.count[number - 1], strict=False))
     for name, value in row.items():
@@ -212,11 +212,10 @@ def test_means_and_quantiles_of_cells_are_those_of_their_boulders(folder):
     case = make_case(folder, 400, scatter=1.0, output={"maps": MAPS})
     z = slope()
     scene = read_scene(case, dem=z, transform=scenes.grid(z, CELL), mean_radius=river())
-    arguments = scene.kernel_arguments()
     alone = []
     for number in range(1, 401):
         tally = simulate.start(scene, 1)
-        simulate._call(tally, arguments, number, 1)
+        simulate._fly(tally, number, 1)
         passed = tally.maps.counts[0] > 0
         alone.append(np.where(passed, tally.maps.maxima.astype("f8"), np.nan))
     alone = np.array(alone)  # (boulders, quantities, y, x)

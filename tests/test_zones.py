@@ -113,7 +113,7 @@ IDS = np.array([[7, 7, 3], [NO_ID, 3, -5], [900, 7, NO_ID]], "int32")
 
 def test_every_cell_gets_its_row(blocks):
     index = material_index(IDS[:1], [3, 7])
-    assert index.dtype == "int16"
+    assert index.dtype == "int8"
     assert index.tolist() == [[2, 2, 1]]
     assert material_index(IDS, [900, 3, -5, 7], default_zone=3).tolist() == [
         [4, 4, 2],

@@ -4,6 +4,7 @@
 import re
 import subprocess
 import sys
+from pathlib import Path
 
 DOUBT = re.compile(r"is mapped to C|could not crack|could not parse|ignoring", re.IGNORECASE)
 
@@ -21,7 +22,15 @@ def main(source: str, module: str, folder: str) -> int:
     if done.returncode or doubts:
         print("f2py:", *(doubts or [done.stdout]), sep="\n", file=sys.stderr)
         return 1
+    define_bytes(Path(folder) / f"{module}module.c")
     return 0
+
+
+def define_bytes(wrapper: Path) -> None:
+    """f2py calls the C type of int8 arrays signed_char, and may forget to say what that is."""
+    text, define = wrapper.read_text(), "typedef signed char signed_char;"
+    if "signed_char" in text and define not in text:
+        wrapper.write_text(f"{define}\n{text}")
 
 
 if __name__ == "__main__":

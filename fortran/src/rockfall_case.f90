@@ -36,7 +36,7 @@ module rockfall_case
    character(len=*), parameter :: map_names(*) = map_fields
    integer, parameter :: n_maps = size(map_names)
 
-   integer, parameter :: n_keys = 51
+   integer, parameter :: n_keys = 52
    type(key_t), parameter :: key_table(n_keys) = [ &
       key_t("case", "title", "text", 1, "''", "", "", "what the result is called"), &
       key_t("case", "seed", "integer", 1, "1", ">= 0", "", "of the random numbers"), &
@@ -78,6 +78,8 @@ module rockfall_case
       key_t("line", "x", "real", many, "required", "", "m", "vertices, two or more"), &
       key_t("line", "y", "real", many, "required", "", "m", "vertices, two or more"), &
       key_t("output", "maps", "text", n_maps, "absent", "as in result.md", "", "rasters of results"), &
+      key_t("output", "map_extent", "text", 1, "'reach'", "reach, terrain", "", &
+            "reach: the cells that boulders can reach; terrain: all"), &
       key_t("output", "least_passages", "integer", 1, "10", ">= 1", "", &
             "cells with fewer show no mean and no quantile"), &
       key_t("output", "rebounds", "logical", 1, ".false.", "", "", "histograms over all rebounds"), &
@@ -120,6 +122,7 @@ module rockfall_case
       real(wp), allocatable :: x(:), y(:)        !! release points, map coordinates [m]
       type(case_line_t), allocatable :: lines(:)
       logical :: map(n_maps) = .false.           !! which of map_names
+      logical :: whole_maps = .false.            !! also where no boulder can come
       integer :: least_passages = 10             !! for a mean or a quantile in a cell
       logical :: rebounds = .false.
       integer :: trajectories = 0
@@ -639,6 +642,7 @@ contains
       allocate (maps(0))
       call get_text(group, "maps", maps, error)
       if (.not. allocated(error)) call get_logical(group, "rebounds", case%rebounds, error)
+      case%whole_maps = text_of(group, "map_extent") == "terrain"
       case%least_passages = int(integer_of(group, "least_passages"))
       case%trajectories = int(integer_of(group, "trajectories"))
       case%map = [(any(maps == map_names(k)), k=1, n_maps)]

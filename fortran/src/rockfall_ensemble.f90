@@ -4,16 +4,17 @@
 module rockfall_ensemble
    use rockfall_kinds, only: i8
    use rockfall_threads, only: team_size
-   use rockfall_trajectory, only: scene_t, fate_t, crossing_t, scratch_t, follow, stopped, absorbed
+   use rockfall_trajectory, only: scene_t, fate_t, crossing_t, scratch_t, follow, stopped, absorbed, left_window
    use rockfall_map, only: maps_t, add_visits, add_deposit
-   use rockfall_histogram, only: histograms
+   use rockfall_histogram, only: histograms, bins, quantities
    implicit none
    private
    public :: run_boulders, trace_boulder
 
 contains
 
-   !> Follow boulders `first` to `first + size(fates) - 1`; add to maps and histogram counts.
+   !> Follow boulders `first` to `first + size(fates) - 1`; add to maps and histogram counts. Those that left
+   !> the window of the terrain (status) are in no tally.
    subroutine run_boulders(scene, first, threads, fates, crossings, maps, histogram_counts)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: first
@@ -39,13 +40,19 @@ contains
       type(maps_t), intent(in) :: maps
       integer(i8), intent(inout) :: histogram_counts(:, :)
       type(scratch_t) :: scratch
+      integer(i8) :: before(bins, quantities)
       integer :: k
 
       call prepare(scene, scratch)
       !$omp do schedule(dynamic, 16)
       do k = 1, size(fates)
+         if (scene%wants_histograms) before = scratch%histograms%count
          call follow(scene, first + k - 1, fates(k), scratch)
          if (allocated(scratch%crossings)) crossings(:, k) = scratch%crossings
+         if (fates(k)%status == left_window) then
+            if (scene%wants_histograms) scratch%histograms%count = before
+            cycle
+         end if
          if (scene%wants_cells) call add_visits(maps, scratch%visits, fates(k)%boulder%mass)
          if (fates(k)%status == stopped .or. fates(k)%status == absorbed) then
             call add_deposit(maps, fates(k)%stop_cell)

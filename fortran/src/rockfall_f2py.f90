@@ -2,13 +2,14 @@
 !> Door 1: plain arrays for Python. No physics here. An optional array that is absent comes with a
 !> single element, because f2py has no empty ones.
 module rockfall_f2py
-   use iso_c_binding, only: c_double, c_float, c_int, c_int16_t, c_int32_t, c_int64_t
+   use iso_c_binding, only: c_double, c_float, c_int, c_int8_t, c_int16_t, c_int32_t, c_int64_t
    use rockfall_error, only: error_t, give_error
    use rockfall_random, only: random_key
    use rockfall_sobol, only: sobol_sequence
-   use rockfall_terrain, only: terrain
+   use rockfall_terrain, only: terrain_t, terrain, keep_within
    use rockfall_trajectory, only: scene_t, fate_t, crossing_t, scratch_t
    use rockfall_scene, only: set_sources, check_sources, add_line, set_impacts
+   use rockfall_reach, only: block_side, take_minima, reach_box
    use rockfall_map, only: maps_t, follows_cells
    use rockfall_mapvalues, only: map_plan_t, plan_maps => map_plan, map_views, map_row, map_fewest
    use rockfall_threads, only: team_size
@@ -21,27 +22,29 @@ module rockfall_f2py
    use rockfall_sets, only: read_impact_sets => read_sets
    implicit none
    private
-   public :: run, map_plan, map_values, check_case, case_key, variable, read_sets, fields, histogram_bins, team
+   public :: run, survey, reach, block_of, map_plan, map_values, check_case, case_key, variable, read_sets, fields, histogram_bins, team
 
 contains
 
    !> Follow boulders first .. first + n - 1 of a scene; maps and histograms are added to. With room > 1 (and
    !> n = 1) the vertices of the trajectory are kept too, up to `room` of `recorded`.
-   subroutine run(z8, z4, west, north, cell, zone, values, sizes, method, size_to_radius, &
+   subroutine run(z8, z4, west, north, cell, nodes, at, zone1, zone2, values, sizes, method, size_to_radius, &
                   set_mean, set_covariance, gravity, stop_speed, impact_limit, &
                   law, law_values, volumes, density, source_x, source_y, per_source, drop_height, velocity, &
                   lines, line_end, line_x, line_y, seed, sobol, first, threads, &
-                  plan, map_counts, map_sums, map_reals, class_counts, column, columns, histograms, histogram, &
+                  plan, map_at, map_last, map_counts, map_sums, map_reals, class_counts, column, columns, histograms, histogram, &
                   boulder, counts, crossing, vertex, recorded, code, message, &
-                  nx8, ny8, nx4, ny4, nxz, nyz, nxv, nyv, nkv, ks, ms, nv, ns, nl, nlv, &
+                  nx8, ny8, nx4, ny4, nx1, ny1, nx2, ny2, nxv, nyv, nkv, ks, ms, nv, ns, nl, nlv, &
                   nxc, nyc, nkc, nxs, nys, nks, nxr, nyr, nkr, kc, cc, nxq, nyq, n, room)
       !f2py threadsafe
-      integer(c_int), intent(in) :: nx8, ny8, nx4, ny4, nxz, nyz, nxv, nyv, nkv, ks, ms, nv, ns, nl, nlv, &
+      integer(c_int), intent(in) :: nx8, ny8, nx4, ny4, nx1, ny1, nx2, ny2, nxv, nyv, nkv, ks, ms, nv, ns, nl, nlv, &
                                     nxc, nyc, nkc, nxs, nys, nks, nxr, nyr, nkr, kc, cc, nxq, nyq, n, room
       real(c_double), intent(in), target :: z8(nx8, ny8)         !! elevations [m], or
       real(c_float), intent(in), target :: z4(nx4, ny4)          !! in single precision
       real(c_double), intent(in) :: west, north, cell            !! outer edges, cell size [m]
-      integer(c_int16_t), intent(in), target :: zone(nxz, nyz)   !! column of `sizes`, or
+      integer(c_int), intent(in) :: nodes(2), at(2)              !! columns, rows of the raster; where arrays begin
+      integer(c_int8_t), intent(in), target :: zone1(nx1, ny1)   !! column of `sizes`, or
+      integer(c_int16_t), intent(in), target :: zone2(nx2, ny2)  !! of more than 127, or
       real(c_float), intent(in), target :: values(nxv, nyv, nkv) !! sizes of each cell [m]
       real(c_double), intent(in) :: sizes(ks, ms)                !! as in surface_t [m]
       integer(c_int), intent(in) :: method                       !! 1 = A, 2 = B
@@ -62,6 +65,7 @@ contains
       integer(c_int), intent(in) :: sobol                        !! dimensions: 0, 1 (volume) or 13 (first draw)
       integer(c_int), intent(in) :: threads
       integer(c_int), intent(in) :: plan(12)                     !! of `map_plan`
+      integer(c_int), intent(in) :: map_at(2), map_last(2)       !! first and last column, row of maps
       integer(c_int32_t), intent(inout), target :: map_counts(nxc, nyc, nkc)  !! stacks, as in map_views
       integer(c_int64_t), intent(inout), target :: map_sums(nxs, nys, nks)
       real(c_float), intent(inout), target :: map_reals(nxr, nyr, nkr)
@@ -89,19 +93,15 @@ contains
       scene%gravity = gravity
       scene%stop_speed = stop_speed
       scene%most_impacts = impact_limit
-      if (size(z8) > 1) then
-         scene%dem = terrain(west, north, cell, z8=z8)
-      else
-         scene%dem = terrain(west, north, cell, z4=z4)
-      end if
+      call set_terrain(scene%dem, z8, z4, west, north, cell, nodes, at)
+      call keep_within(scene%dem, map_at, map_last)
       call set_surface()
       call set_boulders()
       call set_lines()
-      maps = map_views(as_plan(plan), map_counts, map_sums, map_reals, class_counts, column, columns(1))
+      maps = map_views(as_plan(plan), map_at, map_counts, map_sums, map_reals, class_counts, column, columns(1))
       scene%wants_cells = follows_cells(maps)
       scene%wants_histograms = histograms /= 0
       call set_impacts(scene, set_mean, set_covariance, error)
-      if (.not. allocated(error)) call check_sources(scene, error)
       call give_error(error, code, message)
       if (code /= 0) return
       if (room > 1) then
@@ -116,8 +116,9 @@ contains
          scene%surface%method = method
          scene%surface%size_to_radius = size_to_radius
          scene%surface%sizes = sizes
-         if (size(zone) > 1) scene%surface%zone => zone
-         if (size(values) > 1) scene%surface%values => values
+         if (size(zone1) > 1) scene%surface%zone1(at(1):, at(2):) => zone1
+         if (size(zone2) > 1) scene%surface%zone2(at(1):, at(2):) => zone2
+         if (size(values) > 1) scene%surface%values(at(1):, at(2):, 1:) => values
       end subroutine set_surface
 
       subroutine set_boulders()
@@ -175,6 +176,72 @@ contains
       end subroutine trace
    end subroutine run
 
+   !> The array that there is as a terrain.
+   subroutine set_terrain(dem, z8, z4, west, north, cell, nodes, at)
+      type(terrain_t), intent(out) :: dem
+      real(c_double), intent(in), target, contiguous :: z8(:, :)
+      real(c_float), intent(in), target, contiguous :: z4(:, :)
+      real(c_double), intent(in) :: west, north, cell
+      integer(c_int), intent(in) :: nodes(2), at(2)
+
+      if (size(z8) > 1) then
+         dem = terrain(west, north, cell, z8=z8, nodes=nodes, first=at)
+      else
+         dem = terrain(west, north, cell, z4=z4, nodes=nodes, first=at)
+      end if
+   end subroutine set_terrain
+
+   !> Look at rows first to last of the terrain: lower the minima of blocks, check the sources there and raise
+   !> their energy head, as in rockfall_reach and check_sources.
+   subroutine survey(z8, z4, west, north, cell, nodes, at, source_x, source_y, drop_height, velocity, gravity, &
+                     first, last, minima, head, code, message, nx8, ny8, nx4, ny4, ns, nbx, nby)
+      !f2py threadsafe
+      integer(c_int), intent(in) :: nx8, ny8, nx4, ny4, ns, nbx, nby
+      real(c_double), intent(in), target :: z8(nx8, ny8)
+      real(c_float), intent(in), target :: z4(nx4, ny4)
+      real(c_double), intent(in) :: west, north, cell
+      integer(c_int), intent(in) :: nodes(2), at(2)
+      real(c_double), intent(in) :: source_x(ns), source_y(ns), drop_height, velocity(3), gravity
+      integer(c_int), intent(in) :: first, last
+      real(c_double), intent(inout) :: minima(nbx, nby), head(1)
+      integer(c_int), intent(out) :: code
+      character(len=1024), intent(out) :: message
+      type(scene_t) :: scene
+      type(error_t), allocatable :: error
+
+      call set_terrain(scene%dem, z8, z4, west, north, cell, nodes, at)
+      scene%gravity = gravity
+      scene%release%drop_height = drop_height
+      scene%release%velocity = velocity
+      call set_sources(scene, source_x, source_y)
+      call check_sources(scene, first, last, head(1), error)
+      call give_error(error, code, message)
+      if (code == 0 .and. size(minima) > 1) call take_minima(scene%dem, first, last, minima)
+   end subroutine survey
+
+   !> The first column and row and the last column and row, from 1, of the cells that boulders can reach.
+   subroutine reach(nodes, west, north, cell, source_x, source_y, minima, head, box, ns, nbx, nby)
+      !f2py threadsafe
+      integer(c_int), intent(in) :: ns, nbx, nby
+      integer(c_int), intent(in) :: nodes(2)
+      real(c_double), intent(in) :: west, north, cell, source_x(ns), source_y(ns), minima(nbx, nby), head
+      integer(c_int), intent(out) :: box(4)
+      real(c_float), target :: none(1, 1)
+      type(terrain_t) :: dem
+
+      none = 0
+      dem = terrain(west, north, cell, z4=none, nodes=nodes)
+      box = reach_box(dem, minima, head, source_x - dem%x0, source_y - dem%y0)
+   end subroutine reach
+
+   !> Cells along a side of a block of cells, of which `survey` takes the least elevation.
+   subroutine block_of(nodes, side)
+      integer(c_int), intent(in) :: nodes(2)
+      integer(c_int), intent(out) :: side
+
+      side = block_side(nodes)
+   end subroutine block_of
+
    !> The tallies that maps need: the places of passages and deposits, of the sums, maxima and first rows of
    !> classes of energy, speed and jump height, and the rows of classes; 0 = not wanted.
    subroutine map_plan(names, plan)
@@ -211,7 +278,7 @@ contains
       type(maps_t) :: maps
       integer :: j
 
-      maps = map_views(as_plan(plan), map_counts, map_sums, map_reals, class_counts, column, columns(1))
+      maps = map_views(as_plan(plan), [1, 1], map_counts, map_sums, map_reals, class_counts, column, columns(1))
       fewest = map_fewest(name, least)
       do j = 1, ny
          call map_row(maps, name, j, boulders, least, values(:, j))

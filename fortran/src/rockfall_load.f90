@@ -2,7 +2,7 @@
 !> Door 2: from a case to a scene with the rasters, sources and impact sets that the case names.
 module rockfall_load
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
-   use rockfall_kinds, only: wp, sp, i2, i4
+   use rockfall_kinds, only: wp, sp, i1, i2, i4
    use rockfall_error, only: error_t, fail
    use rockfall_textfile, only: read_text, integer_text
    use rockfall_random, only: random_key
@@ -36,9 +36,11 @@ module rockfall_load
    type :: inputs_t
       type(scene_t) :: scene
       type(grid_t) :: grid
+      real(wp) :: head = -huge(1.0_wp)            !! greatest energy head of all sources [m]
       real(wp), allocatable :: z8(:, :)           !! elevations [m], or
       real(sp), allocatable :: z4(:, :)           !! in single precision; NaN = none
-      integer(i2), allocatable :: zone(:, :)      !! row of the table
+      integer(i1), allocatable :: zone1(:, :)     !! row of the table, or
+      integer(i2), allocatable :: zone2(:, :)     !! of more than 127
       real(sp), allocatable :: values(:, :, :)    !! sizes of each cell [m]
       character(len=:), allocatable :: crs        !! coordinate reference system as WKT, or ""
       type(input_file_t), allocatable :: files(:)
@@ -65,7 +67,7 @@ contains
       if (.not. allocated(error)) call read_impacts(case, inputs, error)
       if (allocated(error)) return
       call settings(case, inputs%scene)
-      call check_sources(inputs%scene, error)
+      call check_sources(inputs%scene, 1, inputs%grid%ny, inputs%head, error)
       if (allocated(error)) error%message = case%file//": "//error%message
    end subroutine load
 
@@ -220,7 +222,6 @@ contains
             surface%sizes = reshape(case%uniform_sizes, [size(case%uniform_sizes), 1])
          else if (case%zones /= "") then
             call read_zones(case, inputs, grid, table_ids, error)
-            if (.not. allocated(error)) surface%zone => inputs%zone
          else
             call read_values(case, inputs, grid, error)
             if (.not. allocated(error)) surface%values => inputs%values
@@ -253,12 +254,12 @@ contains
       if (.not. allocated(error)) call note_file(inputs, "zones", path, error)
       if (allocated(error)) return
       inputs%scene%surface%sizes = merge_columns(case, radii)
-      allocate (inputs%zone(grid%nx, grid%ny), stat=status)
+      allocate (inputs%zone2(grid%nx, grid%ny), stat=status)
       if (status /= 0) then
          call fail(error, path//": no memory for the zones of its cells")
          return
       end if
-      call index_zones(ids, table_ids, case%default_zone, inputs%zone)
+      call index_zones(ids, table_ids, case%default_zone, inputs%zone2)
    end subroutine read_zones
 
    !> The columns of the table (mean_radius, rg70, rg20, rg10) that the method needs.
@@ -327,7 +328,7 @@ contains
    !> The surface lies on the cells of the DEM, and is known wherever there is terrain.
    subroutine check_surface(case, inputs, grid, table_ids, error)
       type(case_t), intent(in) :: case
-      type(inputs_t), intent(in) :: inputs
+      type(inputs_t), intent(inout), target :: inputs
       type(grid_t), intent(in) :: grid
       integer(i4), allocatable, intent(in) :: table_ids(:)
       type(error_t), allocatable, intent(out) :: error
@@ -335,10 +336,11 @@ contains
       integer :: k
 
       dem = path_of(case, case%dem)
-      if (allocated(inputs%zone)) then
+      if (allocated(inputs%zone2)) then
          call check_same_grid(path_of(case, case%zones), grid, "zones", "nearest", dem, &
                               inputs%grid, error)
          if (.not. allocated(error)) call check_zones(case, inputs, table_ids, error)
+         if (.not. allocated(error)) call keep_zones(inputs)
       else if (allocated(inputs%values)) then
          call check_same_grid(path_of(case, values_file(case, 1)), grid, &
                               "values of "//values_key(case, 1), "bilinear", dem, inputs%grid, &
@@ -349,6 +351,19 @@ contains
          end do
       end if
    end subroutine check_surface
+
+   !> Zones as the kernel sees them, in the smallest integers.
+   subroutine keep_zones(inputs)
+      type(inputs_t), intent(inout), target :: inputs
+
+      if (size(inputs%scene%surface%sizes, 2) > huge(1_i1)) then
+         inputs%scene%surface%zone2 => inputs%zone2
+      else
+         inputs%zone1 = int(inputs%zone2, i1)
+         deallocate (inputs%zone2)
+         inputs%scene%surface%zone1 => inputs%zone1
+      end if
+   end subroutine keep_zones
 
    subroutine check_zones(case, inputs, table_ids, error)
       type(case_t), intent(in) :: case
@@ -362,7 +377,7 @@ contains
       do j = 1, inputs%grid%ny
          here = known(inputs, j)
          do i = 1, inputs%grid%nx
-            if (here(i)) used(inputs%zone(i, j)) = .true.
+            if (here(i)) used(inputs%zone2(i, j)) = .true.
          end do
       end do
       if (used(0)) then
@@ -392,7 +407,7 @@ contains
       do j = 1, grid%ny
          here(:, j) = known(inputs, j)
       end do
-      call without_row(ids, inputs%zone, here, path_of(case, case%zones), &
+      call without_row(ids, inputs%zone2, here, path_of(case, case%zones), &
                        path_of(case, case%table), error)
    end subroutine explain_zones
 

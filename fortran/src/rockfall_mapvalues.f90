@@ -103,9 +103,11 @@ contains
       places = [(merge(count(wanted(:k)), 0, wanted(k)), k=1, size(wanted))]
    end function places
 
-   !> Maps as views of the stacks that a plan describes; what it has not may be of any size.
-   function map_views(plan, counts, sums, greatest, class_counts, column, columns) result(maps)
+   !> Maps as views of the stacks that a plan describes; what it has not may be of any size. The stacks begin
+   !> at column and row `at` of the raster.
+   function map_views(plan, at, counts, sums, greatest, class_counts, column, columns) result(maps)
       type(map_plan_t), intent(in) :: plan
+      integer, intent(in) :: at(2)
       integer(i4), intent(in), target, contiguous :: counts(:, :, :)     !! (nx, ny, layers)
       integer(i8), intent(in), target, contiguous :: sums(:, :, :)
       real(sp), intent(in), target, contiguous :: greatest(:, :, :)
@@ -115,16 +117,16 @@ contains
       type(maps_t) :: maps
       integer :: k
 
-      if (plan%count(1) > 0) maps%passages => counts(:, :, plan%count(1))
-      if (plan%count(2) > 0) maps%deposits => counts(:, :, plan%count(2))
+      if (plan%count(1) > 0) maps%passages(at(1):, at(2):) => counts(:, :, plan%count(1))
+      if (plan%count(2) > 0) maps%deposits(at(1):, at(2):) => counts(:, :, plan%count(2))
       do k = 1, 3
-         if (plan%sum(k) > 0) maps%layer(k)%sum => sums(:, :, plan%sum(k))
-         if (plan%greatest(k) > 0) maps%layer(k)%greatest => greatest(:, :, plan%greatest(k))
+         if (plan%sum(k) > 0) maps%layer(k)%sum(at(1):, at(2):) => sums(:, :, plan%sum(k))
+         if (plan%greatest(k) > 0) maps%layer(k)%greatest(at(1):, at(2):) => greatest(:, :, plan%greatest(k))
          maps%layer(k)%classes = plan%classes(k) - 1
       end do
       if (plan%rows == 0) return
       maps%class_counts => class_counts
-      maps%column => column
+      maps%column(at(1):, at(2):) => column
       maps%columns => columns
    end function map_views
 

@@ -131,8 +131,8 @@ contains
       boulder = dimension(file, "boulder", results%boulders)
       call define_boulders(file, names, boulder)
       if (size(case%lines) > 0) call define_lines(file, names, case, boulder)
-      call define_crs(file, names, inputs)
-      if (any(case%map)) call define_maps(file, names, case, inputs)
+      call define_crs(file, names, inputs, results)
+      if (any(case%map)) call define_maps(file, names, case, results)
       if (case%rebounds) call define_histograms(file, names)
       if (size(results%path) > 0) call define_paths(file, names, results)
       if (is_part(results)) call define_tally(file, names, results)
@@ -235,15 +235,16 @@ contains
    end function name_length
 
    !> The grid mapping, also of coordinates that are on no map.
-   subroutine define_crs(file, names, inputs)
+   subroutine define_crs(file, names, inputs, results)
       type(file_t), intent(inout) :: file
       type(names_t), intent(inout) :: names
       type(inputs_t), intent(in) :: inputs
+      type(results_t), intent(in) :: results
       character(len=:), allocatable :: cell
 
       names%crs = variable(file, "crs", nf90_int, [integer ::], "1", "coordinate reference system")
       call fill(file, names%crs, nf90_int)
-      associate (grid => inputs%grid)
+      associate (grid => results%grid)
          cell = real_text(grid%cell)
          call note(file, names%crs, "GeoTransform", &
                    real_text(grid%west)//" "//cell//" 0.0 "//real_text(grid%north) &
@@ -254,22 +255,22 @@ contains
       call note(file, names%crs, "spatial_ref", inputs%crs)
    end subroutine define_crs
 
-   subroutine define_maps(file, names, case, inputs)
+   subroutine define_maps(file, names, case, results)
       type(file_t), intent(inout) :: file
       type(names_t), intent(inout) :: names
       type(case_t), intent(in) :: case
-      type(inputs_t), intent(in) :: inputs
+      type(results_t), intent(in) :: results
       integer :: x, y, k, kind, fewest
 
-      x = dimension(file, "x", int(inputs%grid%nx, i8))
-      y = dimension(file, "y", int(inputs%grid%ny, i8))
+      x = dimension(file, "x", int(results%grid%nx, i8))
+      y = dimension(file, "y", int(results%grid%ny, i8))
       names%x = axis(file, "x", x, "easting of cell centres")
       names%y = axis(file, "y", y, "northing of cell centres")
       do k = 1, n_maps
          if (.not. case%map(k)) cycle
          kind = merge(nf90_int, nf90_float, is_count(map_names(k)))
          names%map(k) = described(file, "map", map_names(k), "", kind, [x, y], &
-                                  [inputs%grid%nx, map_rows(inputs)])
+                                  [results%grid%nx, map_rows(results)])
          call note(file, names%map(k), "grid_mapping", "crs")
          fewest = map_fewest(map_names(k), case%least_passages)
          if (fewest > 0) call keep(file, nf90_put_att(file%id, names%map(k), "least_passages", fewest))
@@ -277,10 +278,10 @@ contains
    end subroutine define_maps
 
    !> Rows of a map that are packed together.
-   pure integer function map_rows(inputs)
-      type(inputs_t), intent(in) :: inputs
+   pure integer function map_rows(results)
+      type(results_t), intent(in) :: results
 
-      map_rows = max(1, min(inputs%grid%ny, block/inputs%grid%nx))
+      map_rows = max(1, min(results%grid%ny, block/results%grid%nx))
    end function map_rows
 
    integer function axis(file, name, dim, long_name) result(id)
@@ -561,38 +562,37 @@ contains
 
       call keep(file, nf90_put_var(file%id, names%crs, 0))
       if (.not. any(case%map)) return
-      maps = map_tallies(results)
+      maps = map_tallies(results, [1, 1])
       associate (grid => inputs%grid)
          call keep(file, nf90_put_var(file%id, names%x, &
-                                      [(grid%west + (i - 0.5_wp)*grid%cell, i=1, grid%nx)]))
+                                      [(grid%west + (results%at(1) + i - 1.5_wp)*grid%cell, i=1, results%grid%nx)]))
          call keep(file, nf90_put_var(file%id, names%y, &
-                                      [(grid%north - (i - 0.5_wp)*grid%cell, i=1, grid%ny)]))
+                                      [(grid%north - (results%at(2) + i - 1.5_wp)*grid%cell, i=1, results%grid%ny)]))
       end associate
       do k = 1, n_maps
          if (.not. case%map(k)) cycle
          select case (map_names(k))
          case ("passages"); call keep(file, nf90_put_var(file%id, names%map(k), maps%passages))
          case ("deposits"); call keep(file, nf90_put_var(file%id, names%map(k), maps%deposits))
-         case default; call put_real_map(file, names%map(k), trim(map_names(k)), case, inputs, results)
+         case default; call put_real_map(file, names%map(k), trim(map_names(k)), case, results)
          end select
       end do
    end subroutine put_maps
 
    !> Some rows at a time.
-   subroutine put_real_map(file, id, name, case, inputs, results)
+   subroutine put_real_map(file, id, name, case, results)
       type(file_t), intent(inout) :: file
       integer, intent(in) :: id
       character(len=*), intent(in) :: name
       type(case_t), intent(in) :: case
-      type(inputs_t), intent(in) :: inputs
       type(results_t), intent(in), target :: results
       type(maps_t) :: maps
       real(sp), allocatable :: rows(:, :)
       integer :: first, n, j
 
-      maps = map_tallies(results)
-      associate (nx => inputs%grid%nx, ny => inputs%grid%ny)
-         allocate (rows(nx, map_rows(inputs)))
+      maps = map_tallies(results, [1, 1])
+      associate (nx => results%grid%nx, ny => results%grid%ny)
+         allocate (rows(nx, map_rows(results)))
          do first = 1, ny, size(rows, 2)
             n = min(size(rows, 2), ny - first + 1)
             do j = 1, n

@@ -58,7 +58,7 @@ contains
       end do
       do k = 1, n_maps
          if (case%map(k) .and. .not. allocated(error)) &
-            call write_map(folder, trim(map_names(k)), case%least_passages, inputs, results, error)
+            call write_map(folder, trim(map_names(k)), case%least_passages, results, error)
       end do
       if (case%rebounds .and. .not. allocated(error)) call write_histograms(folder, results, error)
       if (size(results%path) > 0 .and. .not. allocated(error)) &
@@ -200,19 +200,18 @@ contains
    ! ---- maps ---------------------------------------------------------------------------------
 
    !> Row by row: a map in double precision would not fit where the map itself just does.
-   subroutine write_map(folder, name, least, inputs, results, error)
+   subroutine write_map(folder, name, least, results, error)
       type(folder_t), intent(inout) :: folder
       character(len=*), intent(in) :: name
       integer, intent(in) :: least  !! passages, as for map_row
-      type(inputs_t), intent(in) :: inputs
       type(results_t), intent(in), target :: results
       type(error_t), allocatable, intent(out) :: error
       type(table_t) :: table
       type(maps_t) :: maps
       integer :: j
 
-      maps = map_tallies(results)
-      associate (grid => inputs%grid)
+      maps = map_tallies(results, [1, 1])
+      associate (grid => results%grid)
          call open_table(folder, name//".asc", "ncols "//integer_text(grid%nx), table)
          call add(table, "nrows "//integer_text(grid%ny))
          call add(table, "xllcorner "//real_text(grid%west))

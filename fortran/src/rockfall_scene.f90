@@ -4,7 +4,7 @@
 module rockfall_scene
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail
-   use rockfall_terrain, only: terrain_t, patch_t, locate, on_terrain
+   use rockfall_terrain, only: terrain_t, patch_t, locate, height, on_terrain
    use rockfall_line, only: line_t, line
    use rockfall_impact, only: impact_set, impact_ratios
    use rockfall_trajectory, only: scene_t
@@ -25,17 +25,23 @@ contains
       scene%release%y = y - scene%dem%y0
    end subroutine set_sources
 
-   !> Every source lies on known terrain.
-   pure subroutine check_sources(scene, error)
+   !> Sources that start from rows first to last of the raster lie on known terrain, a window of which is at
+   !> hand. Raises `head` to the greatest elevation [m] that the energy of a boulder could lift it to.
+   pure subroutine check_sources(scene, first, last, head, error)
       type(scene_t), intent(in) :: scene
+      integer, intent(in) :: first, last  !! rows from the north
+      real(wp), intent(inout) :: head
       type(error_t), allocatable, intent(out) :: error
       type(patch_t) :: patch
       character(len=300) :: text
-      real(wp) :: u, w
-      integer :: k
+      real(wp) :: u, w, lift
+      integer :: k, row
 
+      lift = scene%release%drop_height + dot_product(scene%release%velocity, scene%release%velocity)/(2*scene%gravity)
       associate (dem => scene%dem, x => scene%release%x, y => scene%release%y)
          do k = 1, size(x)
+            row = dem%ny - int(max(0.0_wp, min(dem%ny - 1.0_wp, y(k)*dem%per_cell)))
+            if (row < first .or. row > last) cycle
             if (.not. on_terrain(dem, x(k), y(k))) then
                write (text, "(a,i0,6(a,f0.3),a)") "&release: source ", k, " (", x(k) + dem%x0, ", ", y(k) + dem%y0, &
                   ") lies outside the terrain between its outer cell centres: must be x ", dem%x0, " to ", &
@@ -50,6 +56,7 @@ contains
                call fail(error, trim(text))
                return
             end if
+            head = max(head, height(patch, u, w) + lift)
          end do
       end associate
    end subroutine check_sources

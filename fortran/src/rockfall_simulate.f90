@@ -2,9 +2,9 @@
 !> Door 2: runs all boulders of a scene, and keeps what the case asks for.
 module rockfall_simulate
    use rockfall_kinds, only: wp, sp, i4, i8
-   use rockfall_error, only: error_t, fail
+   use rockfall_error, only: error_t, fail, our_fault
    use rockfall_textfile, only: integer_text
-   use rockfall_trajectory, only: fate_t, crossing_t, contact_t, scratch_t
+   use rockfall_trajectory, only: fate_t, crossing_t, contact_t, scratch_t, left_window
    use rockfall_map, only: maps_t, follows_cells, lacks_columns
    use rockfall_mapvalues, only: map_plan_t, map_plan, map_views
    use rockfall_histogram, only: bins, quantities, bin_width
@@ -14,6 +14,9 @@ module rockfall_simulate
    use rockfall_ensemble, only: run_boulders, trace_boulder
    use rockfall_case, only: case_t, map_names
    use rockfall_load, only: inputs_t
+   use rockfall_grid, only: grid_t
+   use rockfall_terrain, only: keep_within
+   use rockfall_reach, only: block_side, take_minima, reach_box
    implicit none
    private
    public :: results_t, simulate, is_part, map_tallies, reached_cells, bin_edge, rebound_counts
@@ -33,6 +36,8 @@ module rockfall_simulate
       integer(i8) :: before = 0, asked = 0               !! those before them in the run, all of the run
       type(fate_t), allocatable :: fate(:)
       type(crossing_t), allocatable :: crossing(:, :)    !! (lines, boulders)
+      type(grid_t) :: grid                               !! of maps: the cells that boulders can reach
+      integer :: at(2) = 1                               !! its first column and row
       type(map_plan_t) :: plan                           !! where maps stand in these stacks
       integer(i4), allocatable :: counts(:, :, :)
       integer(i8), allocatable :: sums(:, :, :)
@@ -75,7 +80,8 @@ contains
       results%boulders = share_of(results%asked, shard(1), shard(2)) - results%before
       call make_room(case, inputs, results, error)
       if (allocated(error)) return
-      maps = map_tallies(results)
+      call keep_within(inputs%scene%dem, results%at, results%at + [results%grid%nx, results%grid%ny] - 1)
+      maps = map_tallies(results, results%at)
       inputs%scene%wants_cells = follows_cells(maps)
       results%threads = team_size(case%threads)
       call system_clock(start, rate)
@@ -84,6 +90,10 @@ contains
          last = min(results%boulders, first + chunk - 1)
          call run_boulders(inputs%scene, results%before + first, results%threads, results%fate(first:last), &
                            results%crossing(:, first:last), maps, results%histogram)
+         if (any(results%fate(first:last)%status == left_window)) then
+            call fail(error, case%file//": a boulder went where none can go", our_fault)
+            return
+         end if
          if (lacks_columns(maps)) then
             call fail(error, case%file//": &output maps: boulders reach more than " &
                       //integer_text(size(results%class_counts, 2))//" cells; the counts of quantile maps in more " &
@@ -123,10 +133,12 @@ contains
 
       n = results%boulders
       results%plan = map_plan(pack(map_names, case%map))
+      results%grid = inputs%grid
+      if (any(case%map) .and. .not. case%whole_maps) call find_reach(inputs, results)
       status = 0
       allocate (results%fate(n), stat=status(1))
       if (status(1) == 0) allocate (results%crossing(size(case%lines), n), stat=status(1))
-      associate (nx => inputs%grid%nx, ny => inputs%grid%ny, plan => results%plan)
+      associate (nx => results%grid%nx, ny => results%grid%ny, plan => results%plan)
          allocate (results%counts(nx, ny, maxval(plan%count)), source=0_i4, stat=status(2))
          allocate (results%sums(nx, ny, maxval(plan%sum)), source=0_i8, stat=status(3))
          allocate (results%greatest(nx, ny, maxval(plan%greatest)), source=0.0_sp, stat=status(4))
@@ -143,6 +155,26 @@ contains
          call fail(error, case%file//": &output maps do not fit in memory")
       end if
    end subroutine make_room
+
+   !> Where maps lie: the cells that boulders can reach.
+   subroutine find_reach(inputs, results)
+      type(inputs_t), intent(in) :: inputs
+      type(results_t), intent(inout) :: results
+      real(wp), allocatable :: minima(:, :)
+      integer :: side, box(4)
+
+      associate (dem => inputs%scene%dem, release => inputs%scene%release, grid => results%grid)
+         side = block_side([dem%nx, dem%ny])
+         allocate (minima((dem%nx - 1)/side + 1, (dem%ny - 1)/side + 1), source=huge(1.0_wp))
+         call take_minima(dem, 1, dem%ny, minima)
+         box = reach_box(dem, minima, inputs%head, release%x, release%y)
+         results%at = box(:2)
+         grid%west = grid%west + (box(1) - 1)*grid%cell
+         grid%north = grid%north - (box(2) - 1)*grid%cell
+         grid%nx = box(3) - box(1) + 1
+         grid%ny = box(4) - box(2) + 1
+      end associate
+   end subroutine find_reach
 
    !> Counts of classes of all cells, or of half as many as the system grants (the run needs memory for other
    !> things too): it takes the memory of a column when a boulder first passes the cell, and few may be passed.
@@ -167,12 +199,13 @@ contains
       end do
    end subroutine make_columns
 
-   !> The kernel's view of the maps.
-   function map_tallies(results) result(maps)
+   !> The kernel's view of the maps, which begin at a column and row.
+   function map_tallies(results, at) result(maps)
       type(results_t), intent(in), target :: results
+      integer, intent(in) :: at(2)
       type(maps_t) :: maps
 
-      maps = map_views(results%plan, results%counts, results%sums, results%greatest, results%class_counts, &
+      maps = map_views(results%plan, at, results%counts, results%sums, results%greatest, results%class_counts, &
                        results%column, results%columns)
    end function map_tallies
 

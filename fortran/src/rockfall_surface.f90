@@ -3,20 +3,22 @@
 !> radius) or method A (three obstacle sizes drawn with probability 0.7, 0.2, 0.1); Bourrier et al. 2009,
 !> section 3.4 and table 1. An infinite radius absorbs the boulder.
 module rockfall_surface
-   use rockfall_kinds, only: wp, sp, i2
+   use rockfall_kinds, only: wp, sp, i1, i2
    implicit none
    private
    public :: surface_t, rock_radius, method_a, method_b
 
    integer, parameter :: method_a = 1, method_b = 2
 
-   !> One of: the same everywhere (neither array), zones with a table, or rasters of the values.
+   !> One of: the same everywhere (no array), zones with a table, or rasters of the values. Arrays begin
+   !> where those of the terrain do.
    type :: surface_t
       integer :: method = method_b
       real(wp) :: size_to_radius = 0.5_wp  !! method A: 1/2 reads Rg as a diameter, 1 as a radius
       !> Sizes of each material [m]: (1, m) the mean radius, or (1:3, m) Rg70, Rg20, Rg10.
       real(wp), allocatable :: sizes(:, :)
-      integer(i2), pointer, contiguous :: zone(:, :) => null()    !! (nx, ny) column of `sizes`
+      integer(i1), pointer, contiguous :: zone1(:, :) => null()   !! (nx, ny) column of `sizes`, or
+      integer(i2), pointer, contiguous :: zone2(:, :) => null()   !! of more than 127
       real(sp), pointer, contiguous :: values(:, :, :) => null()  !! (nx, ny, 1 or 3) sizes of each cell [m]
    end type surface_t
 
@@ -37,8 +39,10 @@ contains
             k = 2
          end if
       end if
-      if (associated(surface%zone)) then
-         rock_radius = surface%sizes(k, surface%zone(at(1), at(2)))
+      if (associated(surface%zone1)) then
+         rock_radius = surface%sizes(k, surface%zone1(at(1), at(2)))
+      else if (associated(surface%zone2)) then
+         rock_radius = surface%sizes(k, surface%zone2(at(1), at(2)))
       else if (associated(surface%values)) then
          rock_radius = surface%values(at(1), at(2), k)
       else

@@ -6,13 +6,15 @@ module rockfall_terrain
    use rockfall_kinds, only: wp, sp
    implicit none
    private
-   public :: terrain_t, patch_t, terrain, locate, within, on_terrain, read_patch, height, gradient, cell_of, &
+   public :: terrain_t, patch_t, terrain, keep_within, in_window, locate, within, on_terrain, read_patch, height, gradient, cell_of, &
              cell_descent, steepest_cell_slope
 
    !> A view of the caller's array, in the precision it came in. `z(i, r)`: column i from the west, row r
-   !> from the north, as files have it; NaN = no data.
+   !> from the north, as files have it; NaN = no data. The array may be a window of the raster: columns,
+   !> rows and coordinates are those of the whole, so that no bit depends on the window.
    type :: terrain_t
-      integer :: nx = 0, ny = 0                           !! nodes
+      integer :: nx = 0, ny = 0                           !! nodes of the raster
+      integer :: lo(2) = 1, hi(2) = 0                     !! patches that boulders may fly over: first, last
       real(wp) :: cell = 1.0_wp                           !! node spacing [m]
       real(wp) :: per_cell = 1.0_wp                       !! 1/cell [1/m]
       real(wp) :: x0 = 0.0_wp, y0 = 0.0_wp                !! south-western node in map coordinates [m]
@@ -30,25 +32,57 @@ module rockfall_terrain
 
 contains
 
-   !> A terrain over elevations whose outer north-western corner is (west, north) in map coordinates.
-   function terrain(west, north, cell, z8, z4) result(dem)
+   !> A terrain over elevations of a raster whose outer north-western corner is (west, north) in map
+   !> coordinates; of all of it, or of the window that begins at column and row `first`.
+   function terrain(west, north, cell, z8, z4, nodes, first) result(dem)
       real(wp), intent(in) :: west, north, cell                  !! [m]
       real(wp), intent(in), target, contiguous, optional :: z8(:, :)  !! one of the two [m]
       real(sp), intent(in), target, contiguous, optional :: z4(:, :)
+      integer, intent(in), optional :: nodes(2), first(2)        !! of the whole raster; of the window
       type(terrain_t) :: dem
+      integer :: from(2), across(2)
 
+      from = 1
+      if (present(first)) from = first
       if (present(z8)) then
-         dem%z8 => z8
-         dem%nx = size(z8, 1); dem%ny = size(z8, 2)
+         dem%z8(from(1):, from(2):) => z8
+         across = shape(z8)
       else
-         dem%z4 => z4
-         dem%nx = size(z4, 1); dem%ny = size(z4, 2)
+         dem%z4(from(1):, from(2):) => z4
+         across = shape(z4)
+      end if
+      dem%nx = across(1); dem%ny = across(2)
+      if (present(nodes)) then
+         dem%nx = nodes(1); dem%ny = nodes(2)
       end if
       dem%cell = cell
       dem%per_cell = 1/cell
       dem%x0 = west + 0.5_wp*cell
       dem%y0 = north - (dem%ny - 0.5_wp)*cell
+      dem%lo = 1
+      dem%hi = [dem%nx, dem%ny] - 1
+      call keep_within(dem, from, from + across - 1)
    end function terrain
+
+   !> Keep boulders to patches round whose cells all neighbours are within these columns and rows; at an
+   !> edge of the raster there are none.
+   pure subroutine keep_within(dem, first, last)
+      type(terrain_t), intent(inout) :: dem
+      integer, intent(in) :: first(2), last(2)  !! column, row from the north
+
+      if (first(1) > 1) dem%lo(1) = max(dem%lo(1), first(1) + 1)
+      if (last(1) < dem%nx) dem%hi(1) = min(dem%hi(1), last(1) - 2)
+      if (last(2) < dem%ny) dem%lo(2) = max(dem%lo(2), dem%ny + 2 - last(2))
+      if (first(2) > 1) dem%hi(2) = min(dem%hi(2), dem%ny - 1 - first(2))
+   end subroutine keep_within
+
+   !> True for a patch that boulders may fly over, if it is known.
+   pure logical function in_window(dem, i, j)
+      type(terrain_t), intent(in) :: dem
+      integer, intent(in) :: i, j
+
+      in_window = i >= dem%lo(1) .and. j >= dem%lo(2) .and. i <= dem%hi(1) .and. j <= dem%hi(2)
+   end function in_window
 
    !> The patch at a point, and the place in it. A point beyond the raster gets the nearest patch; one on
    !> the edge of known terrain (within a billionth of a cell) gets a known patch.
@@ -97,7 +131,7 @@ contains
       on_terrain = x >= 0 .and. y >= 0 .and. x <= (dem%nx - 1)*dem%cell .and. y <= (dem%ny - 1)*dem%cell
    end function on_terrain
 
-   !> The patch (i, j); unknown outside the raster or beside nodata.
+   !> The patch (i, j); unknown outside the window or beside nodata.
    pure subroutine read_patch(dem, i, j, patch)
       type(terrain_t), intent(in) :: dem
       integer, intent(in) :: i, j
@@ -107,7 +141,7 @@ contains
 
       patch%i = i
       patch%j = j
-      if (i < 1 .or. j < 1 .or. i >= dem%nx .or. j >= dem%ny) return
+      if (.not. in_window(dem, i, j)) return
       r = dem%ny + 1 - j
       if (associated(dem%z8)) then
          patch%z00 = dem%z8(i, r); z10 = dem%z8(i + 1, r)

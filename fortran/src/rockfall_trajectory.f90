@@ -5,7 +5,7 @@ module rockfall_trajectory
    use rockfall_kinds, only: wp, i8
    use rockfall_random, only: random_key_t, normal_table_t, random_words, uniform, for_impact
    use rockfall_sobol, only: sobol_t, sobol_word, scrambled
-   use rockfall_terrain, only: terrain_t, patch_t, locate, height, gradient, cell_of, cell_descent
+   use rockfall_terrain, only: terrain_t, patch_t, in_window, locate, height, gradient, cell_of, cell_descent
    use rockfall_surface, only: surface_t, rock_radius
    use rockfall_boulder, only: boulder_t, boulder_law_t, release_t, draw_boulder, source_of, spin_inertia
    use rockfall_flight, only: flight_t, landing_t, span_t, fly, launch_rate, arc_length
@@ -17,9 +17,10 @@ module rockfall_trajectory
    implicit none
    private
    public :: scene_t, fate_t, crossing_t, contact_t, scratch_t, follow
-   public :: stopped, absorbed, left_domain, impact_limit
+   public :: stopped, absorbed, left_domain, impact_limit, left_window
 
    integer, parameter :: stopped = 1, absorbed = 2, left_domain = 3, impact_limit = 4  !! status
+   integer, parameter :: left_window = 5  !! the terrain goes on, but is not at hand: to be flown again
 
    !> Everything that a boulder needs to know; the same for all boulders of a run.
    type :: scene_t
@@ -117,7 +118,7 @@ contains
          fate%speed_max = max(fate%speed_max, square(v_in))
          fate%jump_height_max = max(fate%jump_height_max, landing%jump_height)
          if (.not. landing%contact) then
-            fate%status = left_domain
+            fate%status = merge(left_domain, left_window, at_end(scene%dem, landing%patch))
          else
             fate%impacts = fate%impacts + 1
             call touch(scene, number, landing, v_in, omega_r, fate, flight, scratch)
@@ -133,6 +134,15 @@ contains
       fate%stop_cell = cell_of(scene%dem, landing%patch, landing%u, landing%w)
       if (scene%wants_cells) call visit_cell(scratch%visits, fate%stop_cell, 0.0_wp, 0.0_wp, 0.0_wp)
    end subroutine follow
+
+   !> Whether the terrain ends at a patch that is not known: beyond the raster, or beside nodata.
+   pure logical function at_end(dem, patch)
+      type(terrain_t), intent(in) :: dem
+      type(patch_t), intent(in) :: patch
+
+      at_end = in_window(dem, patch%i, patch%j) .or. min(patch%i, patch%j) < 1 &
+               .or. patch%i >= dem%nx .or. patch%j >= dem%ny
+   end function at_end
 
    !> A word of the boulder's scrambled Sobol' point: 1 for its volume, then those of its first draw of A.
    pure integer(i8) function even_word(scene, number, dimension)

@@ -92,7 +92,7 @@ contains
       type(scene_t), intent(out) :: scene
       real(wp), intent(in) :: place(2)
       type(error_t), allocatable, intent(out) :: error
-      real(wp) :: mean(9, 5), covariance(9, 9, 5)
+      real(wp) :: mean(9, 5), covariance(9, 9, 5), head
 
       scene%dem = terrain(4.0e5_wp, 5.0e6_wp, cell, z8=z)
       scene%key = random_key(3_i8)
@@ -104,7 +104,8 @@ contains
       associate (dem => scene%dem)
          call set_sources(scene, [dem%x0 + 39*cell + place(1)], [dem%y0 + 35*cell + place(2)])
       end associate
-      call check_sources(scene, error)
+      head = -huge(head)
+      call check_sources(scene, 1, scene%dem%ny, head, error)
       if (allocated(error)) return
       mean = spread(reshape(transpose(matrix), [9]), 2, 5)
       covariance = 0

@@ -47,7 +47,7 @@ contains
       integer :: i, r, k
 
       zone = reshape([1_i2, 2_i2, 3_i2, 3_i2, 1_i2, 2_i2], [3, 2])
-      surface%zone => zone
+      surface%zone2 => zone
       surface%sizes = reshape([0.1_wp, 0.2_wp, 0.3_wp], [1, 3])
       do r = 1, 2
          do i = 1, 3

@@ -14,8 +14,8 @@ import numpy as np
 
 from rockfall.case import Case
 from rockfall.errors import RockfallError
+from rockfall.reach import survey
 from rockfall.scene import Scene, read_scene, set_path
-from rockfall.simulate import check_sources
 
 MARK = "! Prepared by rockfall"  # first words of a prepared case.nml
 RASTERS = ("dem", "zones", "mean_radius", "rg70", "rg20", "rg10", "cells")
@@ -32,7 +32,7 @@ def prepare(case: Case, folder: str | Path, **arrays: Any) -> list[Path]:
     folder = Path(folder)
     _check_folder(folder)
     scene = read_scene(case, **arrays)
-    check_sources(scene)
+    survey(scene)
     sets = set_path(case)
     coefficients = sets.read_bytes()
     with _whole_folder(folder) as part:

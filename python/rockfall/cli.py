@@ -89,8 +89,11 @@ def _parser() -> argparse.ArgumentParser:
         one.set_defaults(command=globals()[f"_{name}"])
         return one
 
-    command("check", "read and check everything, say what would run, run nothing", "CASE")
+    check = command("check", "read and check everything, say what would run, run nothing", "CASE")
     run = command("run", "run a case and write its result as netCDF", "CASE")
+    for one in check, run:
+        about = "of the run; terrain beyond half of it is read in windows; default: the machine's"
+        one.add_argument("--memory", metavar="SIZE", help=about)
     run.add_argument("-o", "--output", metavar="OUT.nc", type=Path, help="default: CASE.nc, here")
     rules = "'speed.mean@EL1<2%%, energy_total.q95@EL1<5%%, share@EL1<3%%'"
     run.add_argument("--until", metavar="RULES", help=f"until 95 %% intervals are narrow: {rules}")
@@ -154,7 +157,7 @@ def _check(arguments: argparse.Namespace) -> int:
     from rockfall.preview import preview
     from rockfall.scene import read_scene
 
-    scene = read_scene(read_case(arguments.case))
+    scene = read_scene(read_case(arguments.case), memory=_memory(arguments))
     _warn(scene)
     print(preview(scene))
     return DONE
@@ -184,7 +187,7 @@ def _run(arguments: argparse.Namespace) -> int:
     path = arguments.output or Path(f"{stem}.nc" if of == 1 else f"{stem}.part{which}of{of}.nc")
     check_writable(path)
     checkpoint = _checkpoint(arguments, path)
-    scene = read_scene(case)
+    scene = read_scene(case, memory=_memory(arguments))
     _warn(scene)
     with interrupts():  # what has been done is also written
         try:
@@ -199,6 +202,12 @@ def _run(arguments: argparse.Namespace) -> int:
         print(summary(result))
         print(path)
     return DONE
+
+
+def _memory(arguments: argparse.Namespace) -> float:
+    from rockfall.memory import machine_memory, read_memory
+
+    return machine_memory() if arguments.memory is None else read_memory(arguments.memory)
 
 
 def _shard(text: str) -> tuple[int, int]:

@@ -20,15 +20,20 @@ def check_elevations(name: str, z: np.ndarray) -> None:
     ny, nx = z.shape
     if min(nx, ny) < 2:
         raise RockfallError(f"{name}: {nx} x {ny} cells, at least 2 x 2 are needed")
+    if not check_known(name, z):
+        raise RockfallError(f"{name}: all cells are nodata")
+
+
+def check_known(name: str, z: np.ndarray, row: int = 0) -> bool:
+    """Whether any cell has an elevation; infinite ones are refused. The array begins at a row."""
     some = False
     for rows in row_blocks(z.shape):
         infinite = np.argwhere(np.isinf(z[rows]))
         if infinite.size:
-            row, column = infinite[0] + (rows.start, 0)
+            at = tuple(infinite[0] + (rows.start, 0))
             raise RockfallError(
-                f"{name}: row {row + 1}, column {column + 1}: elevation {z[row, column]:g}: "
+                f"{name}: row {row + at[0] + 1}, column {at[1] + 1}: elevation {z[at]:g}: "
                 "must be finite or nodata"
             )
         some = some or not np.isnan(z[rows]).all()
-    if not some:
-        raise RockfallError(f"{name}: all cells are nodata")
+    return some

@@ -158,7 +158,8 @@ def _lean(scene: Scene) -> Scene:
             f"{case.name}: &case sampling = '{case.case['sampling']}': must be 'random' for an "
             "ensemble: the chance of other boulders is not known"
         )
-    output = {"maps": ["passages"] if maps else None, "rebounds": False, "trajectories": 0}
+    output = {"maps": ["passages"] if maps else None, "map_extent": "terrain"}
+    output |= {"rebounds": False, "trajectories": 0}
     return replace(scene, case=case.replace(output=output))
 
 

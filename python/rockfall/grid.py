@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -64,6 +64,16 @@ class Grid:
         return self.north - (np.arange(self.ny) + 0.5) * self.cell
 
     @property
+    def box(self) -> Box:
+        """All its cells."""
+        return Box(0, 0, self.ny, self.nx)
+
+    def part(self, box: Box) -> Grid:
+        """The grid of some of its cells."""
+        west, north = self.west + box.column * self.cell, self.north - box.row * self.cell
+        return replace(self, west=west, north=north, nx=box.shape[1], ny=box.shape[0])
+
+    @property
     def transform(self) -> Affine:
         """The affine transform from (column, row) to (x, y), as rasterio has it."""
         from affine import Affine
@@ -83,6 +93,36 @@ class Grid:
         return max(self.west, other.west) < min(self.east, other.east) and max(
             self.south, other.south
         ) < min(self.north, other.north)
+
+
+@dataclass(frozen=True)
+class Box:
+    """A rectangle of the cells of a raster; it ends before `stop_row` and `stop_column`."""
+
+    row: int
+    column: int
+    stop_row: int
+    stop_column: int
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows, columns."""
+        return self.stop_row - self.row, self.stop_column - self.column
+
+    @property
+    def rows(self) -> slice:
+        return slice(self.row, self.stop_row)
+
+    @property
+    def columns(self) -> slice:
+        return slice(self.column, self.stop_column)
+
+    def corners(self) -> dict[str, tuple[int, int]]:
+        """First and last (column, row), counted from 1, as the kernel wants them for maps."""
+        return {
+            "map_at": (self.column + 1, self.row + 1),
+            "map_last": (self.stop_column, self.stop_row),
+        }
 
 
 def row_blocks(shape: tuple[int, int], multiple: int = 1) -> Iterator[slice]:

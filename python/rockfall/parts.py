@@ -13,6 +13,7 @@ import numpy as np
 
 from rockfall.case import case_in, case_of
 from rockfall.errors import RockfallError
+from rockfall.grid import Box
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -247,4 +248,4 @@ def _empty_maps(part: xr.Dataset) -> Maps:
     from rockfall.simulate import no_maps
 
     names = [name for name, variable in part.variables.items() if variable.dims == ("y", "x")]
-    return no_maps(names, (part.sizes["y"], part.sizes["x"])) if names else no_maps()
+    return no_maps(names, Box(0, 0, part.sizes["y"], part.sizes["x"])) if names else no_maps()

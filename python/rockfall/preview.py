@@ -14,7 +14,7 @@ from rockfall.crs import crs_name
 from rockfall.grid import row_blocks
 from rockfall.result import TALLIES
 from rockfall.scene import SIZE_TO_RADIUS, Scene, used_zones
-from rockfall.simulate import Tally, check_sources, fields, run_chunks, start
+from rockfall.simulate import Tally, fields, run_chunks, start
 
 PILOT_SECONDS = 0.3
 PILOT_BOULDERS = 10_000  # at most
@@ -42,7 +42,7 @@ def preview(scene: Scene) -> str:
 
 def memory(scene: Scene) -> dict[str, int]:
     """Bytes that a run takes: rasters of the scene, maps, rows of results, the program itself."""
-    tally = start(replace(scene, x=scene.x[:1], y=scene.y[:1]), threads=1)
+    tally = start(scene, threads=1)
     derived = set(scene.case.output.get("maps", [])) - set(TALLIES)
     maps = [tally.maps.counts, tally.maps.sums, tally.maps.maxima, tally.maps.column]
     classes = tally.maps.class_counts
@@ -60,8 +60,7 @@ def memory(scene: Scene) -> dict[str, int]:
 
 def _pilot(scene: Scene) -> Tally:
     """Some boulders from sources drawn at random, followed for about `PILOT_SECONDS`."""
-    start(scene, threads=1)  # does it fit in memory?
-    check_sources(scene)
+    start(scene, threads=1)  # does it fit in memory? can boulders start?
     number = min(scene.boulders, PILOT_BOULDERS)
     drawn = np.random.default_rng(0).integers(scene.x.size, size=number)
     case = scene.case.replace(case={"boulders": 1})
@@ -73,12 +72,14 @@ def _pilot(scene: Scene) -> Tally:
 
 def _terrain(scene: Scene) -> str:
     grid = scene.grid
-    empty = sum(np.count_nonzero(np.isnan(scene.z[rows])) for rows in row_blocks(grid.shape))
     crs = crs_name(grid.crs) if grid.crs else "no CRS"
-    return (
-        f"{grid.nx} x {grid.ny} cells of {grid.cell:g} m, {empty / scene.z.size:.1%} nodata, "
-        f"{scene.z.dtype}, {crs}"
-    )
+    cells = f"{grid.nx} x {grid.ny} cells of {grid.cell:g} m"
+    if scene.tiles:
+        cells += f", in windows of about {scene.tiles.cells:,} cells"
+    else:
+        empty = sum(np.count_nonzero(np.isnan(scene.z[rows])) for rows in row_blocks(grid.shape))
+        cells += f", {empty / scene.z.size:.1%} nodata"
+    return f"{cells}, {scene.z.dtype}, {crs}"
 
 
 def _surface(scene: Scene) -> str:

@@ -7,7 +7,7 @@ import os
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from shlex import quote
 from typing import TYPE_CHECKING
@@ -17,7 +17,7 @@ import numpy as np
 from rockfall.asciigrid import check_size, read_rows
 from rockfall.elevations import elevation_dtype
 from rockfall.errors import RockfallError
-from rockfall.grid import TOLERANCE, Grid, row_blocks
+from rockfall.grid import TOLERANCE, Box, Grid, row_blocks
 
 if TYPE_CHECKING:
     from rasterio.io import DatasetReader
@@ -42,9 +42,11 @@ class RasterFile:
             return np.dtype(np.float64)
         return elevation_dtype(self.source.dtypes[0], self.path)
 
-    def blocks(self) -> Iterator[tuple[slice, np.ndarray, np.ndarray]]:
-        """(rows in memory, values, where they are data), north-up; good until the next one."""
-        for rows, block, valid in self._stored():
+    def blocks(self, box: Box | None = None) -> Iterator[tuple[slice, np.ndarray, np.ndarray]]:
+        """(rows in memory, values, where they are data), north-up; good until the next one. Of a
+        box, its rows count from 0."""
+        box = box or self.grid.box
+        for rows, block, valid in self._stored(self._in_file(box)):
             if self._scaled:
                 block = block * float(self.source.scales[0]) + float(self.source.offsets[0])
             if block.dtype.kind == "f":
@@ -52,7 +54,7 @@ class RasterFile:
             if self.flipped:
                 rows = slice(self.grid.ny - rows.stop, self.grid.ny - rows.start)
                 block, valid = block[::-1], valid[::-1]
-            yield rows, block, valid
+            yield slice(rows.start - box.row, rows.stop - box.row), block, valid
 
     def warp(self, word: str, options: str) -> str:
         """The command that resamples this file into dem_word.tif; holes become nodata, not 0."""
@@ -92,22 +94,36 @@ class RasterFile:
     def _scaled(self) -> bool:
         return (self.source.scales[0], self.source.offsets[0]) != (1.0, 0.0)
 
-    def _stored(self) -> Iterator[tuple[slice, np.ndarray, np.ndarray]]:
+    def _in_file(self, box: Box) -> Box:
+        """The box as the rows of the file count."""
+        if not self.flipped:
+            return box
+        return replace(box, row=self.grid.ny - box.stop_row, stop_row=self.grid.ny - box.row)
+
+    def _stored(self, box: Box) -> Iterator[tuple[slice, np.ndarray, np.ndarray]]:
         """Blocks as the file has them: (rows in the file, values, where they are data)."""
         from rasterio.windows import Window
 
         if self.source.driver == "AAIGrid":
             nodata = _ASCII_NODATA if self.source.nodata is None else self.source.nodata
             for rows, block in read_rows(self.path, *self.grid.shape):
-                yield rows, block, block != nodata
+                if rows.start >= box.stop_row and box.stop_row < self.grid.ny:
+                    return  # a whole file is read to its end, which may be wrong
+                first, stop = max(rows.start, box.row), min(rows.stop, box.stop_row)
+                if first < stop:
+                    block = block[first - rows.start : stop - rows.start, box.columns]
+                    yield slice(first, stop), block, block != nodata
             return
         store = np.empty(0)  # one for all blocks: the heap keeps what comes and goes
-        for rows in row_blocks(self.grid.shape, self.source.block_shapes[0][0]):
-            window = Window(0, rows.start, self.grid.nx, rows.stop - rows.start)
+        tile = self.source.block_shapes[0][0]
+        start, width = box.row // tile * tile, box.shape[1]
+        for rows in row_blocks((box.stop_row - start, width), tile):
+            first, stop = max(start + rows.start, box.row), start + rows.stop
+            window = Window(box.column, first, width, stop - first)
             if not store.size:
-                store = np.empty((window.height, window.width), self.source.dtypes[0])
+                store = np.empty((rows.stop - rows.start, width), self.source.dtypes[0])
             block = self.source.read(1, window=window, out=store[: window.height])
-            yield rows, block, self.source.read_masks(1, window=window) != 0
+            yield slice(first, stop), block, self.source.read_masks(1, window=window) != 0
 
 
 @contextmanager

@@ -20,7 +20,7 @@ from rockfall.dataarrays import from_array
 from rockfall.elevations import check_elevations
 from rockfall.errors import RockfallError
 from rockfall.files import whole_file
-from rockfall.grid import NO_ID, Grid, row_blocks
+from rockfall.grid import NO_ID, Box, Grid, row_blocks
 from rockfall.polygons import burn_polygons
 from rockfall.rasterfile import RasterFile, open_raster
 from rockfall.zones import index_blocks, material_index, read_zone_table
@@ -30,11 +30,13 @@ __all__ = [
     "Grid",
     "aligned_blocks",
     "burn_polygons",
+    "dem_header",
     "from_array",
     "index_blocks",
     "material_index",
     "read_aligned",
     "read_dem",
+    "read_elevations",
     "read_radii",
     "read_zone_table",
     "write_ascii",
@@ -51,17 +53,30 @@ def read_dem(path: str | Path) -> tuple[np.ndarray, Grid]:
     float32 stays float32; integers of 8 and 16 bits become float32, which holds them exactly; all
     else, and every ESRI ASCII grid, is float64. `path` may be `file.nc:variable`.
     """
+    grid, _ = dem_header(path)
+    z = read_elevations(path, grid.box)
+    check_elevations(str(path), z)
+    return z, grid
+
+
+def dem_header(path: str | Path) -> tuple[Grid, np.dtype]:
+    """Where the cells of a DEM lie, and the type that its elevations have in memory."""
     with open_raster(path) as raster:
         check_metres(raster.grid, raster.path, raster.warp)
         raster.check_cells()
         if (raster.source.units[0] or "").lower() in _FEET:
             raise RockfallError(f"{raster.path}: elevations are in feet, metres are needed")
-        z = np.empty(raster.grid.shape, raster.dtype)
-        for rows, block, valid in raster.blocks():
+        return raster.grid, raster.dtype
+
+
+def read_elevations(path: str | Path, box: Box) -> np.ndarray:
+    """Elevations of some cells [m], NaN where there are none."""
+    with open_raster(path) as raster:
+        z = np.empty(box.shape, raster.dtype)
+        for rows, block, valid in raster.blocks(box):
             z[rows] = block
             z[rows][~valid] = np.nan
-    check_elevations(raster.path, z)
-    return z, raster.grid
+    return z
 
 
 def read_aligned(path: str | Path, grid: Grid, what: str, dtype: Any) -> np.ndarray:
@@ -76,14 +91,15 @@ def read_aligned(path: str | Path, grid: Grid, what: str, dtype: Any) -> np.ndar
 
 
 def aligned_blocks(
-    path: str | Path, grid: Grid, what: str, dtype: Any
+    path: str | Path, grid: Grid, what: str, dtype: Any, box: Box | None = None
 ) -> Iterator[tuple[slice, np.ndarray]]:
-    """The same as `read_aligned`, as blocks of rows: (which rows, values good until the next)."""
+    """The same as `read_aligned`, as blocks of rows: (which rows, values good until the next); of
+    the cells of a box, whose rows count from 0."""
     dtype = np.dtype(dtype)
-    store = np.empty((0, grid.nx), dtype)
+    store = np.empty((0, 0), dtype)
     with open_raster(path) as raster:
         _check_aligned(raster, grid, what, "bilinear" if dtype.kind == "f" else "nearest")
-        for rows, block, valid in raster.blocks():
+        for rows, block, valid in raster.blocks(box):
             if dtype.kind != "f":
                 inside = (block > NO_ID) & (block <= np.iinfo(dtype).max)
                 if block.dtype.kind == "f":

@@ -44,7 +44,7 @@ def make_result(tally: Tally, maps: bool = True) -> xr.Dataset:
     _add_boulders(data, tally)
     if tally.scene.case.line:
         _add_lines(data, tally)
-    data["crs"] = ((), np.int32(0), _grid_mapping(tally.scene.grid))
+    data["crs"] = ((), np.int32(0), _grid_mapping(tally.grid))
     if tally.boulders < tally.scene.boulders:
         data |= tally_variables(tally.maps)
     if maps and tally.scene.case.output.get("maps"):
@@ -97,9 +97,10 @@ def _add_lines(data: dict[str, Any], tally: Tally) -> None:
 
 
 def _add_maps(data: dict[str, Any], tally: Tally) -> None:
-    grid = tally.scene.grid
+    grid, box = tally.scene.grid, tally.maps.box
     asked = tally.scene.case.output["maps"]
-    for axis, centres, word in (("x", grid.x, "easting"), ("y", grid.y, "northing")):
+    x, y = grid.x[box.columns], grid.y[box.rows]  # the same bits as of the whole grid
+    for axis, centres, word in (("x", x, "easting"), ("y", y, "northing")):
         about = {
             "units": "m",
             "long_name": f"{word} of cell centres",

@@ -6,16 +6,19 @@ from __future__ import annotations
 import hashlib
 import importlib.resources
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from rockfall._core import rockfall_f2py as _core
 from rockfall.case import FROM_ARRAY, Case
 from rockfall.errors import RockfallError
-from rockfall.grid import NO_ID, Grid, row_blocks
+from rockfall.grid import NO_ID, Box, Grid, row_blocks
+
+if TYPE_CHECKING:
+    from rockfall.tiles import Tiles
 
 LAWS = {"fixed": 1, "normal": 2, "uniform": 3, "lognormal": 4, "list": 5}
 METHODS = {"A": 1, "B": 2}
@@ -41,13 +44,15 @@ class Scene:
     grid: Grid
     z: np.ndarray  # elevations [m], NaN = none
     sizes: np.ndarray  # (materials, 1 or 3): R_m, or Rg70, Rg20, Rg10 [m]
-    zone: np.ndarray | None = None  # int16: 1-based row of `sizes`
+    zone: np.ndarray | None = None  # int8 or int16: 1-based row of `sizes`
     values: np.ndarray | None = None  # float32 (1 or 3, ny, nx): sizes of each cell [m]
     x: np.ndarray = field(default_factory=lambda: np.empty(0))  # of each source [m]
     y: np.ndarray = field(default_factory=lambda: np.empty(0))
     mean: np.ndarray | None = None  # (9, 5)
     covariance: np.ndarray | None = None  # (9, 9, 5)
     checksums: dict[str, str] = field(default_factory=dict)  # of the input files
+    at: tuple[int, int] = (0, 0)  # row and column of the grid where its rasters begin
+    tiles: Tiles | None = None  # terrain that is read in windows: no rasters here
 
     @property
     def boulders(self) -> int:
@@ -57,6 +62,9 @@ class Scene:
     def forget_rasters(self) -> None:
         """Give their memory back; the scene cannot be run any more."""
         self.z, self.zone, self.values = np.empty((0, 0), self.z.dtype), None, None
+
+    def _has_zones(self, dtype: type) -> bool:
+        return self.zone is not None and self.zone.dtype == dtype
 
     def kernel_arguments(self) -> dict[str, Any]:
         """The arguments of `_core.run` that stay the same from chunk to chunk."""
@@ -68,7 +76,9 @@ class Scene:
             "z8": _absent("f8", 2) if single else self.z.T,
             "z4": self.z.T if single else _absent("f4", 2),
             "west": self.grid.west, "north": self.grid.north, "cell": self.grid.cell,
-            "zone": _absent("i2", 2) if self.zone is None else self.zone.T,
+            "nodes": (self.grid.nx, self.grid.ny), "at": (self.at[1] + 1, self.at[0] + 1),
+            "zone1": self.zone.T if self._has_zones(np.int8) else _absent("i1", 2),
+            "zone2": self.zone.T if self._has_zones(np.int16) else _absent("i2", 2),
             "values": _absent("f4", 3) if self.values is None else self.values.T,
             "sizes": np.asfortranarray(self.sizes.T),
             "method": METHODS[case.surface["method"]],
@@ -87,13 +97,17 @@ class Scene:
         }  # fmt: skip
 
 
-def read_scene(case: Case, dem: Any = None, transform: Any = None, **rasters: Any) -> Scene:
+def read_scene(
+    case: Case, dem: Any = None, transform: Any = None, memory: float | None = None, **rasters: Any
+) -> Scene:
     """Read and check everything that a case names.
 
     `dem` and `rasters` (zones, mean_radius, rg70, rg20, rg10, cells) may be given as arrays: an
     xarray.DataArray, or NumPy on the cells of the DEM (for the DEM itself with its `transform`).
+    If rasters in files need more than half of `memory` [bytes], they are read in windows, as they
+    are needed: see `rockfall.tiles`.
     """
-    from rockfall.rasters import from_array, read_dem
+    from rockfall.rasters import dem_header, from_array, read_dem
 
     arrays = {"dem": dem, **rasters}
     case = _with_arrays(case, {key for key, array in arrays.items() if array is not None})
@@ -105,23 +119,73 @@ def read_scene(case: Case, dem: Any = None, transform: Any = None, **rasters: An
             f"{case.name}: &terrain dem is missing: a raster file, or run(case, dem=...)"
         )
     else:
-        z, grid = read_dem(case.path(case.terrain["dem"]))
+        path = case.path(case.terrain["dem"])
+        if memory is not None and not rasters:
+            grid, dtype = dem_header(path)
+            if (cells := int(memory / 2 / _cell_bytes(case, dtype))) < grid.nx * grid.ny:
+                return _tiled(Scene(case, grid, np.empty((0, 0), dtype), np.zeros((1, 1))), cells)
+        z, grid = read_dem(path)
     scene = Scene(case, grid, z, np.zeros((1, 1)))
     file = case.path(case.terrain["dem"])
     scene.checksums["dem"] = _checksum(file) if dem is None else _array_checksum(z)
-    _read_surface(scene, rasters)
+    _read_surface(scene, grid.box, rasters)
     _read_sources(scene, rasters)
+    _end(scene)
+    if rasters:
+        raise RockfallError(
+            f"{case.name}: rasters that the case does not use: {', '.join(rasters)}"
+        )
+    return scene
+
+
+def _tiled(scene: Scene, cells: int) -> Scene:
+    """The scene without its rasters, which are read in windows of so many cells; all of them were
+    read once, and checked."""
+    from rockfall.tiles import Tiles
+
+    case = scene.case
+    for group, key in (("release", "polygons"), ("surface", "zones")):
+        file = getattr(case, group).get(key, "")
+        if key == "polygons" and file or Path(file).suffix.lower() in POLYGONS:
+            raise RockfallError(
+                f"{case.name}: &{group} {key} = '{file}': polygons need the whole terrain in "
+                "memory, and it does not fit; make a raster of them, or raise --memory"
+            )
+    scene.checksums["dem"] = _checksum(case.path(case.terrain["dem"]))
+    _read_sources(scene, {})
+    _end(scene)
+    scene.tiles = Tiles(scene, cells)
+    return scene
+
+
+def read_window(scene: Scene, box: Box) -> Scene:
+    """The scene with the rasters of a box of its cells."""
+    from rockfall.rasters import read_elevations
+
+    z = read_elevations(scene.case.path(scene.case.terrain["dem"]), box)
+    window = replace(scene, z=z, at=(box.row, box.column), tiles=None)
+    _read_surface(window, box, {})
+    return window
+
+
+def _cell_bytes(case: Case, dtype: np.dtype) -> int:
+    """Memory of a cell of the rasters of a case."""
+    surface = case.surface
+    if "zones" in surface:
+        return dtype.itemsize + 2
+    layers = {"mean_radius", "rg70", "rg20", "rg10"} & set(surface)
+    return dtype.itemsize + 4 * (3 if surface["method"] == "A" else 1) * bool(layers)
+
+
+def _end(scene: Scene) -> None:
+    """What is checked, and read, when the sources are known."""
+    case = scene.case
     if scene.boulders > MOST_BOULDERS:
         raise RockfallError(
             f"{case.name}: &case boulders = {case.case['boulders']} from each of {scene.x.size} "
             f"sources: must be at most {MOST_BOULDERS} together"
         )
     scene.mean, scene.covariance, scene.checksums["sets"] = read_sets(set_path(case))
-    if rasters:
-        raise RockfallError(
-            f"{case.name}: rasters that the case does not use: {', '.join(rasters)}"
-        )
-    return scene
 
 
 def _with_arrays(case: Case, keys: set[str]) -> Case:
@@ -181,36 +245,36 @@ def set_path(case: Case, name: str | None = None, group: str = "impact") -> Path
     )
 
 
-def _read_surface(scene: Scene, rasters: dict[str, Any]) -> None:
+def _read_surface(scene: Scene, box: Box, rasters: dict[str, Any]) -> None:
     surface = scene.case.surface
     columns = ("mean_radius",) if surface["method"] == "B" else ("rg70", "rg20", "rg10")
     uniform = surface.get("uniform_mean_radius" if surface["method"] == "B" else "uniform_rg")
     if uniform is not None:
         scene.sizes = np.atleast_2d(np.asarray(uniform, dtype=float))
     elif "zones" in surface:
-        _read_zones(scene, columns, rasters)
+        _read_zones(scene, box, columns, rasters)
     else:
-        _read_values(scene, columns, rasters)
+        _read_values(scene, box, columns, rasters)
 
 
-def _read_zones(scene: Scene, columns: tuple[str, ...], rasters: dict[str, Any]) -> None:
+def _read_zones(scene: Scene, box: Box, columns: tuple[str, ...], rasters: dict[str, Any]) -> None:
     """Zones as an index into the table's sizes."""
     from rockfall.rasters import burn_polygons, index_blocks, read_zone_table
 
     case, surface = scene.case, scene.case.surface
     path, table_path = case.path(surface["zones"]), case.path(surface["table"])
     table = read_zone_table(table_path)
-    scene.checksums["table"] = _checksum(table_path)
+    scene.checksums.setdefault("table", _checksum(table_path))
     if "zones" not in rasters and path.suffix.lower() in POLYGONS:
         ids = burn_polygons(path, scene.grid, surface["zone_field"])
         blocks = ((rows, ids[rows]) for rows in row_blocks(ids.shape))
         scene.checksums["zones"] = _checksum(path)
     else:
-        blocks = _blocks(scene, "zones", "zones", np.int32, rasters)
+        blocks = _blocks(scene, "zones", "zones", np.int32, rasters, box)
     names = ("mean_radius", "rg70", "rg20", "rg10")
     sizes = np.array(list(table.values()))[:, [names.index(column) for column in columns]]
     scene.zone = index_blocks(
-        blocks, scene.grid.shape, list(table), surface.get("default_zone"), scene.z,
+        blocks, box.shape, list(table), surface.get("default_zone"), scene.z,
         str(path), str(table_path),
     )  # fmt: skip
     scene.sizes = sizes
@@ -226,17 +290,17 @@ def _read_zones(scene: Scene, columns: tuple[str, ...], rasters: dict[str, Any])
 def used_zones(scene: Scene) -> np.ndarray:
     """The rows of `sizes`, counted from 0, that some cell has."""
     found = np.zeros(len(scene.sizes) + 1, bool)
-    for rows in row_blocks(scene.grid.shape):
+    for rows in row_blocks(scene.zone.shape):
         found[scene.zone[rows]] = True
     return np.flatnonzero(found[1:])
 
 
-def _read_values(scene: Scene, columns: tuple[str, ...], rasters: dict[str, Any]) -> None:
+def _read_values(scene: Scene, box: Box, columns: tuple[str, ...], rasters: dict[str, Any]) -> None:
     """Rasters of sizes, known wherever the terrain is."""
-    scene.values = np.empty((len(columns), *scene.grid.shape), np.float32)
+    scene.values = np.empty((len(columns), *box.shape), np.float32)
     for name, layer in zip(columns, scene.values, strict=True):
         missing = bad = 0
-        for rows, block in _blocks(scene, name, f"values of {name}", np.float32, rasters):
+        for rows, block in _blocks(scene, name, f"values of {name}", np.float32, rasters, box):
             layer[rows] = block
             missing += np.count_nonzero(np.isnan(block) & ~np.isnan(scene.z[rows]))
             bad += np.count_nonzero(block <= 0)
@@ -280,7 +344,7 @@ def read_sets(path: Path) -> tuple[np.ndarray, np.ndarray, str]:
 
 
 def _blocks(
-    scene: Scene, key: str, what: str, dtype: Any, rasters: dict[str, Any]
+    scene: Scene, key: str, what: str, dtype: Any, rasters: dict[str, Any], box: Box | None = None
 ) -> Iterator[tuple[slice, np.ndarray]]:
     """A raster on the cells of the DEM, as blocks of rows in any order.
 
@@ -292,8 +356,9 @@ def _blocks(
     if given is None:
         group = scene.case.release if key == "cells" else scene.case.surface
         path = scene.case.path(group[key])
-        scene.checksums[key] = _checksum(path)
-        yield from aligned_blocks(path, scene.grid, what, dtype)
+        if key not in scene.checksums:
+            scene.checksums[key] = _checksum(path)
+        yield from aligned_blocks(path, scene.grid, what, dtype, box)
         return
     given = _on_cells(scene.grid, key, given)
     scene.checksums[key] = _array_checksum(given)

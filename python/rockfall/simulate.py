@@ -13,8 +13,12 @@ import numpy as np
 from rockfall._core import rockfall_f2py as _core
 from rockfall.case import Case
 from rockfall.errors import RockfallError
+from rockfall.grid import Box, Grid
 from rockfall.interrupts import interrupts
+from rockfall.memory import machine_memory
+from rockfall.reach import survey
 from rockfall.scene import Scene, read_scene
+from rockfall.tiles import groups
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -26,6 +30,9 @@ FIRST_CHUNK = 64  # boulders
 BINS = 50  # rows of the kernel's histograms
 MOST_THREADS = 1024  # as in the kernel's table of keys
 MOST_ROWS = 2**31 - 2  # of class_counts, and one more can be counted
+STATUS = 0  # row of the kernel's integers
+LEFT_WINDOW = 5  # status: to be flown again in a larger window
+ALL = Box(0, 0, 2**31 - 1, 2**31 - 1)  # any cells
 HALVINGS = 5  # of these rows, before they are too few to begin with
 
 
@@ -49,6 +56,7 @@ class Maps:
     class_counts: np.ndarray  # (cells, classes): rows are given away as cells are reached
     column: np.ndarray  # (ny, nx): row of class_counts, from 1
     columns: np.ndarray  # (1,): rows given away; one more than there are when they did not do
+    box: Box  # the cells of the terrain that they are of
 
     def arguments(self) -> dict[str, np.ndarray]:
         """As the kernel wants them."""
@@ -59,8 +67,9 @@ class Maps:
         }  # fmt: skip
 
 
-def no_maps(names: Sequence[str] = (), shape: tuple[int, int] = (1, 1)) -> Maps:
-    """Empty tallies for the maps of these names, on so many cells."""
+def no_maps(names: Sequence[str] = (), box: Box = ALL) -> Maps:
+    """Empty tallies for the maps of these names, on these cells."""
+    shape = box.shape if names else (1, 1)
     plan = _core.map_plan(" ".join(names))
     counts, sums, maxima, classes = plan[:2].max(), plan[2:5].max(), plan[5:8].max(), plan[11]
 
@@ -72,6 +81,7 @@ def no_maps(names: Sequence[str] = (), shape: tuple[int, int] = (1, 1)) -> Maps:
         class_counts=_class_counts(shape[0] * shape[1], classes),
         column=np.zeros(shape if classes else (1, 1), "i4"),
         columns=np.zeros(1, "i4"),
+        box=box,
     )  # fmt: skip
 
 
@@ -113,6 +123,11 @@ class Tally:
         """Boulders that are to be done."""
         return len(self.boulder)
 
+    @property
+    def grid(self) -> Grid:
+        """That of the maps; without any, of all the terrain."""
+        return self.scene.grid.part(self.maps.box)
+
 
 def run(
     case: Case,
@@ -121,6 +136,7 @@ def run(
     threads: int | None = None,
     chunk: int | None = None,
     shard: tuple[int, int] = (1, 1),
+    memory: float | None = None,
     **arrays: Any,
 ) -> xr.Dataset:
     """Run a case: an xarray.Dataset of boulders, lines, maps and histograms.
@@ -128,9 +144,10 @@ def run(
     `arrays` (dem, zones, ...) are as in `rockfall.scene.read_scene`. The result does not depend on
     `threads` (default: the case's) or `chunk`, boulders in one call of the kernel (default: what
     takes a quarter of a second). `shard` (I, N) runs the I-th of N ranges of boulders. Ctrl-C
-    raises `Interrupted`, which holds the boulders done.
+    raises `Interrupted`, which holds the boulders done. Rasters that need more than half of
+    `memory` [bytes] (default: that of the machine) are read in windows.
     """
-    scene = read_scene(case, **arrays)
+    scene = read_scene(case, memory=memory or machine_memory(), **arrays)
     how = {"progress": progress, "threads": threads, "chunk": chunk, "shard": shard}
     return run_scene(scene, keep=False, **how)
 
@@ -196,20 +213,20 @@ def shard_range(scene: Scene, shard: tuple[int, int]) -> range:
 
 def start(scene: Scene, threads: int, shard: tuple[int, int] = (1, 1)) -> Tally:
     """Empty tallies of what the case asks for."""
-    numbers = shard_range(scene, shard)
+    numbers, box = shard_range(scene, shard), survey(scene).box()
     try:
-        return _start(scene, threads, numbers)
+        return _start(scene, threads, numbers, box)
     except (MemoryError, ValueError) as error:  # NumPy has the latter for sizes past all bounds
         raise RockfallError(
             f"{scene.case.name}: {scene.boulders} boulders and the asked maps do not fit in memory"
         ) from error
 
 
-def _start(scene: Scene, threads: int, numbers: range) -> Tally:
+def _start(scene: Scene, threads: int, numbers: range, box: Box) -> Tally:
     lines = len(scene.case.line)
     return Tally(
         scene,
-        no_maps(scene.case.output.get("maps", []), scene.grid.shape),
+        no_maps(scene.case.output.get("maps", []), box),
         histogram=np.zeros((len(_core.histogram_bins()[0]), BINS), "i8"),
         boulder=np.empty((len(numbers), len(fields(1)))),
         count=np.empty((len(numbers), len(fields(2))), "i4"),
@@ -227,12 +244,12 @@ def fields(what: int) -> list[str]:
 def run_chunks(
     tally: Tally, chunk: int | None, interrupted: Callable[[], bool], advance: Callable[[int], None]
 ) -> None:
-    arguments = tally.scene.kernel_arguments()
     size, total = chunk or FIRST_CHUNK, tally.boulders
     while tally.done < total and not interrupted():
         size = min(size, total - tally.done)
         wall, cpu = time.perf_counter(), time.process_time()
-        _call(tally, arguments, tally.before + tally.done + 1, size)
+        size = _fly(tally, tally.before + tally.done + 1, size)
+        tally.done += size
         wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
         tally.wall, tally.cpu = tally.wall + wall, tally.cpu + cpu
         advance(size)
@@ -240,13 +257,33 @@ def run_chunks(
             size = max(1, int(size * min(4.0, CHUNK_SECONDS / max(wall, 1e-9))))
 
 
-def _call(tally: Tally, arguments: dict[str, Any], first: int, size: int) -> None:
-    """Boulders `first` to `first + size - 1`, into their places."""
+def _fly(tally: Tally, first: int, size: int) -> int:
+    """Boulders from number `first` on, into their places: `size` of them, or those whose sources
+    lie in one window of the terrain; returns how many."""
+    tiles, scene = tally.scene.tiles, tally.scene
+    if tiles:
+        scene, size = tiles.around(first, size)
+    left = _call(tally, scene, first, size)
+    if left.size:
+        if tiles is None:
+            raise RockfallError(f"boulder {left[0]} went where none can go", code=1)
+        stop = tally.boulder[left - tally.before - 1]
+        tiles.widen(stop[:, fields(1).index("stop_x")], stop[:, fields(1).index("stop_y")])
+        for start_, n in groups(left):
+            done = 0
+            while done < n:
+                done += _fly(tally, start_ + done, n - done)
+    return size
+
+
+def _call(tally: Tally, scene: Scene, first: int, size: int) -> np.ndarray:
+    """Boulders `first` to `first + size - 1`, into their places. Returns the numbers of those that
+    left the window, which are in no tally."""
     lines = len(tally.scene.case.line)
     boulder, count, crossing, _, _, code, message = _core.run(
-        **arguments, **tally.maps.arguments(), first=first, threads=tally.threads,
-        histograms=int(tally.scene.case.output["rebounds"]), histogram=tally.histogram.T,
-        n=size, room=1,
+        **scene.kernel_arguments(), **tally.maps.arguments(), **tally.maps.box.corners(),
+        first=first, threads=tally.threads, histograms=int(tally.scene.case.output["rebounds"]),
+        histogram=tally.histogram.T, n=size, room=1,
     )  # fmt: skip
     _raise(tally.scene, code, message)
     if tally.maps.columns[0] > len(tally.maps.class_counts):
@@ -258,7 +295,7 @@ def _call(tally: Tally, arguments: dict[str, Any], first: int, size: int) -> Non
     done = slice(first - 1 - tally.before, first - 1 - tally.before + size)
     tally.boulder[done], tally.count[done] = boulder.T, count.T
     tally.crossing[done] = crossing.T[:, :lines]
-    tally.done = done.stop
+    return first + np.flatnonzero(count[STATUS] == LEFT_WINDOW)
 
 
 def trace(tally: Tally) -> None:
@@ -273,33 +310,34 @@ def trace(tally: Tally) -> None:
 
 def trajectory(scene: Scene, number: int) -> np.ndarray:
     """The vertices (release, contacts, end) of one boulder, each with the columns `fields(4)`."""
+    while True:
+        window = scene.tiles.around(number, 1)[0] if scene.tiles else scene
+        vertex, left = _fly_alone(window, number)
+        if left is None:
+            return vertex
+        scene.tiles.widen(*left)
+
+
+def _fly_alone(
+    scene: Scene, number: int
+) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray] | None]:
+    """The vertices of a boulder, and where it left the window if it did; no tally changes."""
     arguments = scene.kernel_arguments()
     source = (number - 1) // arguments["per_source"]
-    alone = slice(source, source + 1)  # the kernel would check all sources for each boulder
+    alone = slice(source, source + 1)  # the kernel would move all sources for each boulder
     if scene.case.case["sampling"] == "random":  # else the number of the source matters
         arguments |= {"source_x": scene.x[alone], "source_y": scene.y[alone], "per_source": number}
     room, recorded = 0, 256
     while recorded > room:
         room = recorded
-        vertex, recorded = _fly_alone(scene, arguments, number, room)
-    return vertex[:recorded].copy()
-
-
-def check_sources(scene: Scene) -> None:
-    """Refuse a scene with a source where no boulder can be; runs make the same check."""
-    _fly_alone(scene, scene.kernel_arguments(), 1, 2)
-
-
-def _fly_alone(
-    scene: Scene, arguments: dict[str, Any], number: int, room: int
-) -> tuple[np.ndarray, int]:
-    """Up to `room` vertices of a boulder, and how many there were; no tally changes."""
-    *_, vertex, recorded, code, message = _core.run(
-        **arguments, **no_maps().arguments(), first=number, threads=1,
-        histograms=0, histogram=np.zeros((BINS, 6), "i8", order="F"), n=1, room=room,
-    )  # fmt: skip
-    _raise(scene, code, message)
-    return vertex.T, recorded
+        boulder, count, _, vertex, recorded, code, message = _core.run(
+            **arguments, **no_maps().arguments(), **ALL.corners(), first=number, threads=1,
+            histograms=0, histogram=np.zeros((BINS, 6), "i8", order="F"), n=1, room=room,
+        )  # fmt: skip
+        _raise(scene, code, message)
+    place = boulder[[fields(1).index(name) for name in ("stop_x", "stop_y")]]
+    left = tuple(place) if count[STATUS, 0] == LEFT_WINDOW else None
+    return vertex.T[:recorded].copy(), left
 
 
 def _raise(scene: Scene, code: int, message: bytes) -> None:

@@ -80,8 +80,9 @@ def index_blocks(
     if default_zone is not None and default_zone not in table_ids:
         raise RockfallError(f"&surface default_zone = {default_zone}: has no row in {table}")
     order = np.argsort(table_ids)
-    known, row_of = np.asarray(table_ids, np.int64)[order], (order + 1).astype(np.int16)
-    index = np.empty(shape, dtype=np.int16)
+    dtype = np.int8 if len(table_ids) <= np.iinfo(np.int8).max else np.int16
+    known, row_of = np.asarray(table_ids, np.int64)[order], (order + 1).astype(dtype)
+    index = np.empty(shape, dtype)
     unknown: dict[int, int] = {}
     for rows, block in blocks:
         if default_zone is not None:
