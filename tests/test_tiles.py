@@ -137,6 +137,17 @@ def test_without_maps_and_with_points(tmp_path):
     same(run_scene(read_scene(case, memory=9_000)), rockfall.run(case))
 
 
+@pytest.mark.parametrize("cells", [None, "cells.tif"])
+def test_steep_cells_and_their_surface(tmp_path, cells):
+    release = {"steep_cells": True, "slope_threshold": 44.0, "by_area": True, "drop_height": 5.0}
+    case = case_in(
+        tmp_path, case={"boulders": 2}, release=release | ({"cells": cells} if cells else {})
+    )
+    scene = read_scene(case, memory=30_000)
+    assert scene.tiles and 0 < scene.x.size < 6000
+    same(run_scene(scene), rockfall.run(case))
+
+
 def test_parts_and_checkpoints(tmp_path):
     case, whole = case_in(tmp_path), None
     whole = rockfall.run(case)
@@ -190,6 +201,18 @@ def test_polygons_need_the_terrain_whole(tmp_path):
     (tmp_path / "z.geojson").write_text("{}")
     case = case_in(tmp_path, release={"polygons": "z.geojson", "drop_height": 5.0})
     with refused(r"case: &release polygons = 'z.geojson': polygons need the whole terrain .*"):
+        read_scene(case, memory=20_000)
+
+
+def test_maps_by_source_need_the_terrain_whole(tmp_path):
+    case = case_in(tmp_path, output={"maps": ["sources"]})
+    with refused(r"case: &output maps = 'sources': needs the whole terrain in memory.*"):
+        read_scene(case, memory=20_000)
+
+
+def test_no_cell_is_steep(tmp_path):
+    case = case_in(tmp_path, release={"steep_cells": True, "slope_threshold": 89.0})
+    with refused(r"case: &release steep_cells: no cell is as steep as 89.0 degrees"):
         read_scene(case, memory=20_000)
 
 

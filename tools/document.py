@@ -44,6 +44,13 @@ boulders (r.m.s.); a q99 may exceed the greatest value, by a class (25 %) at mos
 168 and 216 bytes in each cell that a boulder reaches, for energy, speed and jump height; where the
 system has no more, the run ends with a line that says so. The limits of `reach_probability` hold
 for the given sources.
+
+A source feeds a cell when one of its boulders passed it; `sources` counts them.
+`reach_probability_by_source` is the passages over the boulders of these sources only, as
+Rockyfor3D has it (Dorren 2016): it does not fall because of sources far away. With n boulders from
+each source it is never below 1/n, and too high where sources reach a cell more rarely than that. In
+a part of a run it is of the boulders of the part. Both maps take 4 bytes a cell more than they
+show, 8 in a part that begins within a source.
 """
 
 KINDS = {

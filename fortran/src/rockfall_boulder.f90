@@ -7,7 +7,7 @@ module rockfall_boulder
    use rockfall_random, only: random_key_t, random_words, uniform, normal, normal_table_t, for_release
    implicit none
    private
-   public :: boulder_t, boulder_law_t, release_t, draw_boulder, source_of, spin_inertia
+   public :: boulder_t, boulder_law_t, release_t, draw_boulder, source_of, first_of, last_of, released_by, spin_inertia
    public :: fixed_volume, normal_volume, uniform_volume, lognormal_volume, list_volume
 
    real(wp), parameter :: spin_inertia = 0.4_wp  !! I/(m R_b**2) of a sphere [-]
@@ -29,10 +29,12 @@ module rockfall_boulder
       real(wp) :: mass = 0    !! [kg]
    end type boulder_t
 
-   !> Every source releases the same number of boulders, in order: boulder b has source (b-1)/n + 1.
+   !> Boulders are numbered source by source. Every source releases the same number of them, boulder b has
+   !> source (b-1)/n + 1; or each its own, up to boulder `last` of it.
    type :: release_t
       real(wp), allocatable :: x(:), y(:)    !! of each source, local coordinates [m]
       integer(i8) :: boulders_per_source = 1
+      integer(i8), allocatable :: last(:)    !! of each source, never less than that before it
       real(wp) :: drop_height = 0.0_wp       !! above the surface [m]
       real(wp) :: velocity(3) = 0.0_wp       !! east, north, up [m/s]
    end type release_t
@@ -42,9 +44,52 @@ contains
    pure integer(i8) function source_of(release, boulder)
       type(release_t), intent(in) :: release
       integer(i8), intent(in) :: boulder  !! 1..
+      integer(i8) :: low, middle
 
-      source_of = (boulder - 1)/release%boulders_per_source + 1
+      if (.not. allocated(release%last)) then
+         source_of = (boulder - 1)/release%boulders_per_source + 1
+         return
+      end if
+      low = 1
+      source_of = size(release%last)
+      do while (low < source_of)
+         middle = (low + source_of)/2
+         if (release%last(middle) >= boulder) then
+            source_of = middle
+         else
+            low = middle + 1
+         end if
+      end do
    end function source_of
+
+   !> The first boulder of a source.
+   pure integer(i8) function first_of(release, source)
+      type(release_t), intent(in) :: release
+      integer(i8), intent(in) :: source  !! 1..
+
+      first_of = 1
+      if (source > 1) first_of = last_of(release, source - 1) + 1
+   end function first_of
+
+   !> The last boulder of a source.
+   pure integer(i8) function last_of(release, source)
+      type(release_t), intent(in) :: release
+      integer(i8), intent(in) :: source  !! 1..
+
+      if (allocated(release%last)) then
+         last_of = release%last(source)
+      else
+         last_of = source*release%boulders_per_source
+      end if
+   end function last_of
+
+   !> How many boulders a source releases.
+   pure integer(i8) function released_by(release, source)
+      type(release_t), intent(in) :: release
+      integer(i8), intent(in) :: source  !! 1..
+
+      released_by = last_of(release, source) - first_of(release, source) + 1
+   end function released_by
 
    !> The boulder of a number: its volume from the law, radius of the sphere and mass.
    pure type(boulder_t) function draw_boulder(law, table, key, number, first) result(boulder)

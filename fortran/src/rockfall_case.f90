@@ -29,14 +29,14 @@ module rockfall_case
       integer :: most               !! values
       character(len=16) :: default  !! as written in a case; "required", or "absent"
       character(len=100) :: allowed  !! "", a bound ("> 0"), or words ("A, B")
-      character(len=5) :: unit
+      character(len=6) :: unit
       character(len=100) :: meaning
    end type key_t
 
    character(len=*), parameter :: map_names(*) = map_fields
    integer, parameter :: n_maps = size(map_names)
 
-   integer, parameter :: n_keys = 52
+   integer, parameter :: n_keys = 55
    type(key_t), parameter :: key_table(n_keys) = [ &
       key_t("case", "title", "text", 1, "''", "", "", "what the result is called"), &
       key_t("case", "seed", "integer", 1, "1", ">= 0", "", "of the random numbers"), &
@@ -71,6 +71,12 @@ module rockfall_case
       key_t("release", "y", "real", many, "absent", "", "m", "release points"), &
       key_t("release", "cells", "text", 1, "absent", "", "", "raster: cells above zero are sources"), &
       key_t("release", "polygons", "text", 1, "absent", "", "", "polygons: cells inside are sources"), &
+      key_t("release", "steep_cells", "logical", 1, ".false.", "", "", &
+            "cells as steep as slope_threshold are sources; only those within cells or polygons, if given"), &
+      key_t("release", "slope_threshold", "real", 1, "absent", "1 to 89", "degree", &
+            "of steep_cells; absent: 55 RES**-0.075 for cells of RES m (Dorren 2016)"), &
+      key_t("release", "by_area", "logical", 1, ".false.", "", "", &
+            "a cell releases boulders in proportion to its true surface area, &case boulders if flat"), &
       key_t("release", "drop_height", "real", 1, "0.0", ">= 0", "m", "above the surface"), &
       key_t("release", "velocity", "real", 3, "3*0.0", "", "m/s", "east, north, up"), &
       key_t("flight", "gravity", "real", 1, "9.81", "> 0", "m/s2", "acceleration of gravity"), &
@@ -120,6 +126,8 @@ module rockfall_case
       integer :: impact_limit = 100000
       type(boulder_law_t) :: law
       real(wp), allocatable :: x(:), y(:)        !! release points, map coordinates [m]
+      logical :: steep_cells = .false., by_area = .false.
+      real(wp), allocatable :: slope_threshold   !! [degree]
       type(case_line_t), allocatable :: lines(:)
       logical :: map(n_maps) = .false.           !! which of map_names
       logical :: whole_maps = .false.            !! also where no boulder can come
@@ -391,8 +399,9 @@ contains
       do k = 1, size(values)
          if ((key%allowed == "> 0" .and. values(k) <= 0) .or. (key%allowed == ">= 0" .and. values(k) < 0)) then
             call refuse(group, trim(key%name), "must be "//trim(key%allowed)//unit, error, k)
-         else if (key%allowed == "1 to 10" .and. (values(k) < 1 .or. values(k) > 10)) then
-            call refuse(group, trim(key%name), "must be "//trim(key%allowed), error, k)
+         else if ((key%allowed == "1 to 10" .and. (values(k) < 1 .or. values(k) > 10)) .or. &
+                  (key%allowed == "1 to 89" .and. (values(k) < 1 .or. values(k) > 89))) then
+            call refuse(group, trim(key%name), "must be "//trim(key%allowed)//unit, error, k)
          else if (abs(values(k)) > 1.0e12_wp) then
             call refuse(group, trim(key%name), "must be at most 1e12"//unit, error, k)
          else if (key%allowed == "> 0" .and. values(k) < 1.0e-12_wp) then
@@ -573,13 +582,25 @@ contains
       type(case_t), intent(inout) :: case
       type(error_t), allocatable, intent(out) :: error
       logical :: points
+      integer :: ways
 
+      call get_logical(group, "steep_cells", case%steep_cells, error)
+      call get_logical(group, "by_area", case%by_area, error)
       points = has_key(group, "x") .or. has_key(group, "y")
-      if (count([points, has_key(group, "cells"), has_key(group, "polygons")]) /= 1) then
-         call fail(error, group%file//": &release: give one of: points (x, y); cells; polygons")
+      ways = count([points, has_key(group, "cells"), has_key(group, "polygons")])
+      if (ways > 1 .or. (ways == 0 .and. .not. case%steep_cells)) then
+         call fail(error, group%file//": &release: give one of: points (x, y); cells; polygons; or steep_cells, " &
+                   //"alone or with cells or polygons")
+      else if (points .and. case%steep_cells) then
+         call refuse(group, "steep_cells", "has no meaning for points (x, y)", error)
+      else if (points .and. case%by_area) then
+         call refuse(group, "by_area", "has no meaning for points (x, y)", error)
+      else if (has_key(group, "slope_threshold") .and. .not. case%steep_cells) then
+         call refuse(group, "slope_threshold", "has no meaning without steep_cells = .true.", error)
       else if (points) then
          call check_points(group, 1, error)
       end if
+      if (has_key(group, "slope_threshold")) case%slope_threshold = real_of(group, "slope_threshold")
       case%x = reals_of(group, "x")
       case%y = reals_of(group, "y")
       case%cells = text_of(group, "cells")

@@ -10,6 +10,7 @@ module rockfall_f2py
    use rockfall_trajectory, only: scene_t, fate_t, crossing_t, scratch_t
    use rockfall_scene, only: set_sources, check_sources, add_line, set_impacts
    use rockfall_reach, only: block_side, take_minima, reach_box
+   use rockfall_sources, only: usual_threshold, keep_steep, surface_ratios, last_boulders
    use rockfall_map, only: maps_t, follows_cells
    use rockfall_mapvalues, only: map_plan_t, plan_maps => map_plan, map_views, map_row, map_fewest
    use rockfall_threads, only: team_size
@@ -22,7 +23,8 @@ module rockfall_f2py
    use rockfall_sets, only: read_impact_sets => read_sets
    implicit none
    private
-   public :: run, survey, reach, block_of, map_plan, map_values, check_case, case_key, variable, read_sets, fields, histogram_bins, team
+   public :: run, survey, reach, block_of, map_plan, map_values, check_case, case_key, variable, read_sets, fields, &
+             histogram_bins, team, slope_threshold, steep_cells, area_ratios, release_ends
 
 contains
 
@@ -30,15 +32,17 @@ contains
    !> n = 1) the vertices of the trajectory are kept too, up to `room` of `recorded`.
    subroutine run(z8, z4, west, north, cell, nodes, at, zone1, zone2, values, sizes, method, size_to_radius, &
                   set_mean, set_covariance, gravity, stop_speed, impact_limit, &
-                  law, law_values, volumes, density, source_x, source_y, per_source, drop_height, velocity, &
+                  law, law_values, volumes, density, source_x, source_y, per_source, source_end, &
+                  drop_height, velocity, &
                   lines, line_end, line_x, line_y, seed, sobol, first, threads, &
-                  plan, map_at, map_last, map_counts, map_sums, map_reals, class_counts, column, columns, histograms, histogram, &
-                  boulder, counts, crossing, vertex, recorded, code, message, &
+                  plan, map_at, map_last, map_counts, map_sums, map_reals, class_counts, column, columns, stamp, head, &
+                  histograms, histogram, boulder, counts, crossing, vertex, recorded, code, message, &
                   nx8, ny8, nx4, ny4, nx1, ny1, nx2, ny2, nxv, nyv, nkv, ks, ms, nv, ns, nl, nlv, &
-                  nxc, nyc, nkc, nxs, nys, nks, nxr, nyr, nkr, kc, cc, nxq, nyq, n, room)
+                  nxc, nyc, nkc, nxs, nys, nks, nxr, nyr, nkr, kc, cc, nxq, nyq, nxt, nyt, nkt, ne, n, room)
       !f2py threadsafe
       integer(c_int), intent(in) :: nx8, ny8, nx4, ny4, nx1, ny1, nx2, ny2, nxv, nyv, nkv, ks, ms, nv, ns, nl, nlv, &
-                                    nxc, nyc, nkc, nxs, nys, nks, nxr, nyr, nkr, kc, cc, nxq, nyq, n, room
+                                    nxc, nyc, nkc, nxs, nys, nks, nxr, nyr, nkr, kc, cc, nxq, nyq, &
+                                    nxt, nyt, nkt, ne, n, room
       real(c_double), intent(in), target :: z8(nx8, ny8)         !! elevations [m], or
       real(c_float), intent(in), target :: z4(nx4, ny4)          !! in single precision
       real(c_double), intent(in) :: west, north, cell            !! outer edges, cell size [m]
@@ -56,7 +60,8 @@ contains
       real(c_double), intent(in) :: law_values(4), volumes(nv)   !! mean, deviation, least, most; list [m3]
       real(c_double), intent(in) :: density                      !! [kg/m3]
       real(c_double), intent(in) :: source_x(ns), source_y(ns)   !! map coordinates [m]
-      integer(c_int64_t), intent(in) :: per_source
+      integer(c_int64_t), intent(in) :: per_source               !! boulders of each source, or
+      integer(c_int64_t), intent(in) :: source_end(ne)           !! the last boulder of each
       real(c_double), intent(in) :: drop_height, velocity(3)     !! [m], [m/s]
       integer(c_int), intent(in) :: lines                        !! how many; vertices up to line_end(k)
       integer(c_int), intent(in) :: line_end(nl)
@@ -64,12 +69,14 @@ contains
       integer(c_int64_t), intent(in) :: seed, first
       integer(c_int), intent(in) :: sobol                        !! dimensions: 0, 1 (volume) or 13 (first draw)
       integer(c_int), intent(in) :: threads
-      integer(c_int), intent(in) :: plan(12)                     !! of `map_plan`
+      integer(c_int), intent(in) :: plan(14)                     !! of `map_plan`
       integer(c_int), intent(in) :: map_at(2), map_last(2)       !! first and last column, row of maps
       integer(c_int32_t), intent(inout), target :: map_counts(nxc, nyc, nkc)  !! stacks, as in map_views
       integer(c_int64_t), intent(inout), target :: map_sums(nxs, nys, nks)
       real(c_float), intent(inout), target :: map_reals(nxr, nyr, nkr)
       integer(c_int32_t), intent(inout), target :: class_counts(kc, cc), column(nxq, nyq), columns(1)
+      integer(c_int32_t), intent(inout), target :: stamp(nxt, nyt, nkt)  !! as in maps_t, with its `head`
+      integer(c_int64_t), intent(in) :: head
       integer(c_int), intent(in) :: histograms                   !! 0: none
       integer(c_int64_t), intent(inout) :: histogram(50, 6)
       real(c_double), intent(out) :: boulder(12, n)              !! boulder_fields
@@ -99,6 +106,8 @@ contains
       call set_boulders()
       call set_lines()
       maps = map_views(as_plan(plan), map_at, map_counts, map_sums, map_reals, class_counts, column, columns(1))
+      maps%stamp(map_at(1):, map_at(2):, 1:) => stamp
+      maps%head = head
       scene%wants_cells = follows_cells(maps)
       scene%wants_histograms = histograms /= 0
       call set_impacts(scene, set_mean, set_covariance, error)
@@ -130,6 +139,7 @@ contains
          scene%law%list = volumes
          scene%law%density = density
          scene%release%boulders_per_source = per_source
+         if (size(source_end) > 1) scene%release%last = source_end
          scene%release%drop_height = drop_height
          scene%release%velocity = velocity
          call set_sources(scene, source_x, source_y)
@@ -242,11 +252,11 @@ contains
       side = block_side(nodes)
    end subroutine block_of
 
-   !> The tallies that maps need: the places of passages and deposits, of the sums, maxima and first rows of
-   !> classes of energy, speed and jump height, and the rows of classes; 0 = not wanted.
+   !> The tallies that maps need: the places of passages, deposits, sources and their boulders, of the sums,
+   !> maxima and first rows of classes of energy, speed and jump height, and the rows of classes; 0 = not wanted.
    subroutine map_plan(names, plan)
       character(len=*), intent(in) :: names  !! of maps, separated by blanks
-      integer(c_int), intent(out) :: plan(12)
+      integer(c_int), intent(out) :: plan(14)
       type(map_plan_t) :: this
       integer :: k
 
@@ -256,9 +266,9 @@ contains
    end subroutine map_plan
 
    pure type(map_plan_t) function as_plan(plan)
-      integer(c_int), intent(in) :: plan(12)
+      integer(c_int), intent(in) :: plan(14)
 
-      as_plan = map_plan_t(plan(1:2), plan(3:5), plan(6:8), plan(9:11), plan(12))
+      as_plan = map_plan_t(plan(1:4), plan(5:7), plan(8:10), plan(11:13), plan(14))
    end function as_plan
 
    !> A map of reals, of the tallies of `run`; `fewest`: passages for which a cell has a number.
@@ -268,7 +278,7 @@ contains
       integer(c_int), intent(in) :: nxc, nyc, nkc, nxs, nys, nks, nxr, nyr, nkr, kc, cc, nxq, nyq, nx, ny
       character(len=*), intent(in) :: name
       integer(c_int64_t), intent(in) :: boulders
-      integer(c_int), intent(in) :: least, plan(12)
+      integer(c_int), intent(in) :: least, plan(14)
       integer(c_int32_t), intent(in), target :: map_counts(nxc, nyc, nkc), class_counts(kc, cc), column(nxq, nyq), &
                                                 columns(1)
       integer(c_int64_t), intent(in), target :: map_sums(nxs, nys, nks)
@@ -284,6 +294,53 @@ contains
          call map_row(maps, name, j, boulders, least, values(:, j))
       end do
    end subroutine map_values
+
+   !> The slope from which cells of a size are steep, unless the case says another [degree].
+   subroutine slope_threshold(cell, slope)
+      real(c_double), intent(in) :: cell  !! [m]
+      real(c_double), intent(out) :: slope
+
+      slope = usual_threshold(cell)
+   end subroutine slope_threshold
+
+   !> Of the cells above zero in rows `first` (1..) and following, set those to zero that are not steep.
+   subroutine steep_cells(z8, z4, nodes, at, cell, threshold, first, cells, nx8, ny8, nx4, ny4, nx, ny)
+      !f2py threadsafe
+      integer(c_int), intent(in) :: nx8, ny8, nx4, ny4, nx, ny, first, nodes(2), at(2)
+      real(c_double), intent(in), target :: z8(nx8, ny8)  !! as in `run`
+      real(c_float), intent(in), target :: z4(nx4, ny4)
+      real(c_double), intent(in) :: cell, threshold       !! [m], [degree]
+      integer(c_int16_t), intent(inout) :: cells(nx, ny)
+      type(terrain_t) :: dem
+
+      call set_terrain(dem, z8, z4, 0.0_c_double, 0.0_c_double, cell, nodes, at)
+      call keep_steep(dem, threshold, first, cells)
+   end subroutine steep_cells
+
+   !> Surface over plan area of the cells of sources, in map coordinates [m].
+   subroutine area_ratios(z8, z4, nodes, at, west, north, cell, source_x, source_y, ratio, nx8, ny8, nx4, ny4, ns)
+      !f2py threadsafe
+      integer(c_int), intent(in) :: nx8, ny8, nx4, ny4, ns, nodes(2), at(2)
+      real(c_double), intent(in), target :: z8(nx8, ny8)  !! as in `run`
+      real(c_float), intent(in), target :: z4(nx4, ny4)
+      real(c_double), intent(in) :: west, north, cell, source_x(ns), source_y(ns)
+      real(c_double), intent(out) :: ratio(ns)
+      type(scene_t) :: scene
+
+      call set_terrain(scene%dem, z8, z4, west, north, cell, nodes, at)
+      call set_sources(scene, source_x, source_y)
+      ratio = surface_ratios(scene%dem, scene%release%x, scene%release%y)
+   end subroutine area_ratios
+
+   !> The last boulder of each source that releases by area, `boulders` from a flat cell.
+   subroutine release_ends(ratio, boulders, last, ns)
+      integer(c_int), intent(in) :: ns
+      real(c_double), intent(in) :: ratio(ns)
+      integer(c_int64_t), intent(in) :: boulders
+      integer(c_int64_t), intent(out) :: last(ns)
+
+      last = last_boulders(ratio, boulders)
+   end subroutine release_ends
 
    !> Check the text of a case: code 0, or one line that says what is wrong.
    subroutine check_case(text, name, code, message)

@@ -11,12 +11,14 @@ module rockfall_load
    use rockfall_surface, only: method_a
    use rockfall_impact, only: impact_ratios
    use rockfall_trajectory, only: scene_t
+   use rockfall_sources, only: usual_threshold, keep_steep, surface_ratios, last_boulders
    use rockfall_scene, only: set_sources, check_sources, add_line, set_impacts
    use rockfall_case, only: case_t
    use rockfall_sets, only: read_sets
    use rockfall_paths, only: installed_sets, source_sets
    use rockfall_grid, only: grid_t
    use rockfall_csv, only: read_zone_table
+   use rockfall_console, only: decimal
    use rockfall_filesystem, only: folder_of
    use rockfall_checksum, only: file_checksum
    use rockfall_raster, only: read_raster, in_single_precision, check_same_grid, crs_of, &
@@ -440,29 +442,22 @@ contains
       type(case_t), intent(in) :: case
       type(inputs_t), intent(inout) :: inputs
       type(error_t), allocatable, intent(out) :: error
-      integer(i4), allocatable :: cells(:, :)
+      integer(i2), allocatable :: cells(:, :)
       real(wp), allocatable :: x(:), y(:)
       type(grid_t) :: grid
-      character(len=:), allocatable :: path
       integer :: i, j, n, status
 
-      if (case%cells == "") then
+      if (case%cells == "" .and. .not. case%steep_cells) then
          call set_sources(inputs%scene, case%x, case%y)
          return
       end if
-      path = path_of(case, case%cells)
-      call read_raster(path, cells, grid, error)
-      if (.not. allocated(error)) call note_file(inputs, "cells", path, error)
-      if (.not. allocated(error)) then
-         call check_same_grid(path, grid, "source cells", "nearest", path_of(case, case%dem), &
-                              inputs%grid, error)
-      end if
+      call read_cells(case, inputs, cells, error)
+      if (.not. allocated(error) .and. case%steep_cells) call select_steep(case, inputs, cells, error)
       if (allocated(error)) return
       grid = inputs%grid
       n = count(cells > 0)
       allocate (x(n), y(n), stat=status)
-      if (status /= 0) call fail(error, path//": no memory for "//integer_text(n)//" sources")
-      if (n == 0) call fail(error, path//": no source cells: must have cells above zero")
+      if (status /= 0) call fail(error, case%file//": &release: no memory for "//integer_text(n)//" sources")
       if (allocated(error)) return
       n = 0
       do j = 1, grid%ny
@@ -475,6 +470,49 @@ contains
       end do
       call set_sources(inputs%scene, x, y)
    end subroutine read_sources
+
+   !> Cells that may be sources: 1, the others 0; all of them where the case names no raster.
+   subroutine read_cells(case, inputs, cells, error)
+      type(case_t), intent(in) :: case
+      type(inputs_t), intent(inout) :: inputs
+      integer(i2), allocatable, intent(out) :: cells(:, :)
+      type(error_t), allocatable, intent(out) :: error
+      integer(i4), allocatable :: values(:, :)
+      type(grid_t) :: grid
+      character(len=:), allocatable :: path
+      integer :: j, status
+
+      allocate (cells(inputs%grid%nx, inputs%grid%ny), source=1_i2, stat=status)
+      if (status /= 0) call fail(error, case%file//": &release: no memory for the source cells")
+      if (allocated(error) .or. case%cells == "") return
+      path = path_of(case, case%cells)
+      call read_raster(path, values, grid, error)
+      if (.not. allocated(error)) call note_file(inputs, "cells", path, error)
+      if (.not. allocated(error)) then
+         call check_same_grid(path, grid, "source cells", "nearest", path_of(case, case%dem), &
+                              inputs%grid, error)
+      end if
+      if (allocated(error)) return
+      do j = 1, size(cells, 2)
+         cells(:, j) = merge(1_i2, 0_i2, values(:, j) > 0)
+      end do
+      if (.not. any(cells > 0)) call fail(error, path//": no source cells: must have cells above zero")
+   end subroutine read_cells
+
+   !> Leave those cells that are as steep as the case wants.
+   subroutine select_steep(case, inputs, cells, error)
+      type(case_t), intent(in) :: case
+      type(inputs_t), intent(in) :: inputs
+      integer(i2), intent(inout) :: cells(:, :)
+      type(error_t), allocatable, intent(out) :: error
+      real(wp) :: threshold
+
+      threshold = usual_threshold(inputs%grid%cell)
+      if (allocated(case%slope_threshold)) threshold = case%slope_threshold
+      call keep_steep(inputs%scene%dem, threshold, 1, cells)
+      if (any(cells > 0)) return
+      call fail(error, case%file//": &release steep_cells: no cell is as steep as "//decimal(threshold, 1)//" degrees")
+   end subroutine select_steep
 
    subroutine read_impacts(case, inputs, error)
       type(case_t), intent(in) :: case
@@ -530,6 +568,9 @@ contains
       scene%most_impacts = case%impact_limit
       scene%law = case%law
       scene%release%boulders_per_source = case%boulders
+      if (case%by_area) then
+         scene%release%last = last_boulders(surface_ratios(scene%dem, scene%release%x, scene%release%y), case%boulders)
+      end if
       scene%release%drop_height = case%drop_height
       scene%release%velocity = case%velocity
       scene%wants_histograms = case%rebounds

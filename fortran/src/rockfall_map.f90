@@ -25,6 +25,11 @@ module rockfall_map
    type :: maps_t
       integer(i4), pointer, contiguous :: passages(:, :) => null()    !! boulders that passed
       integer(i4), pointer, contiguous :: deposits(:, :) => null()    !! boulders that ended there at rest
+      integer(i4), pointer, contiguous :: sources(:, :) => null()     !! that feed the cell: a boulder passed
+      integer(i4), pointer, contiguous :: released(:, :) => null()    !! boulders of these sources
+      !> The last source that was counted here boulder by boulder (nx, ny, layers); see rockfall_sourcemap.
+      integer(i4), pointer, contiguous :: stamp(:, :, :) => null()
+      integer(i8) :: head = 0  !! a source that has the second layer to itself
       type(layer_t) :: layer(3)
       !> Counts of classes (classes, columns): a cell gets a column, and with it memory, when the first
       !> boulder passes it. Which one depends on the order of boulders, what stands in it does not.
@@ -56,7 +61,8 @@ contains
    pure logical function follows_cells(maps)
       type(maps_t), intent(in) :: maps
 
-      follows_cells = associated(maps%passages) .or. wants_layers(maps)
+      follows_cells = associated(maps%passages) .or. associated(maps%sources) .or. associated(maps%released) &
+                      .or. wants_layers(maps)
    end function follows_cells
 
    !> Begin the visits of a boulder (numbers count from 1).

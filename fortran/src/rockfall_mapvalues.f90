@@ -13,7 +13,7 @@ module rockfall_mapvalues
 
    !> Where each tally stands in its stack of layers; 0 = nobody asked for it.
    type :: map_plan_t
-      integer :: count(2) = 0     !! passages, deposits
+      integer :: count(4) = 0     !! passages, deposits, sources that feed a cell, boulders of these
       integer :: sum(3) = 0       !! of energy, speed, jump height
       integer :: greatest(3) = 0
       integer :: classes(3) = 0   !! the first row of its counts
@@ -21,7 +21,7 @@ module rockfall_mapvalues
    end type map_plan_t
 
    enum, bind(c)
-      enumerator :: a_count, a_share, a_lower_share, an_upper_share, a_maximum, a_mean, a_quantile
+      enumerator :: a_count, a_share, a_source_share, a_lower_share, an_upper_share, a_maximum, a_mean, a_quantile
    end enum
 
    !> What a map is, from its name.
@@ -38,8 +38,9 @@ contains
       integer :: q, percent
 
       select case (name)
-      case ("passages", "deposits"); return
+      case ("passages", "deposits", "sources"); return
       case ("reach_probability"); kind%is = a_share; return
+      case ("reach_probability_by_source"); kind%is = a_source_share; return
       case ("reach_probability_low"); kind%is = a_lower_share; return
       case ("reach_probability_high"); kind%is = an_upper_share; return
       end select
@@ -66,7 +67,7 @@ contains
    pure type(map_plan_t) function map_plan(names) result(plan)
       character(len=*), intent(in) :: names(:)
       type(kind_t) :: kind
-      logical :: count(2), sum(3), greatest(3), classes(3)
+      logical :: count(4), sum(3), greatest(3), classes(3)
       integer :: k
 
       count = .false.
@@ -76,7 +77,8 @@ contains
       do k = 1, size(names)
          kind = kind_of(names(k))
          select case (kind%is)
-         case (a_count); count(merge(1, 2, names(k) == "passages")) = .true.
+         case (a_count); count(:3) = count(:3) .or. names(k) == [character(len=8) :: "passages", "deposits", "sources"]
+         case (a_source_share); count([1, 4]) = .true.
          case (a_maximum); greatest(kind%quantity) = .true.
          case (a_mean); sum(kind%quantity) = .true.
          case (a_quantile); classes(kind%quantity) = .true.
@@ -119,6 +121,8 @@ contains
 
       if (plan%count(1) > 0) maps%passages(at(1):, at(2):) => counts(:, :, plan%count(1))
       if (plan%count(2) > 0) maps%deposits(at(1):, at(2):) => counts(:, :, plan%count(2))
+      if (plan%count(3) > 0) maps%sources(at(1):, at(2):) => counts(:, :, plan%count(3))
+      if (plan%count(4) > 0) maps%released(at(1):, at(2):) => counts(:, :, plan%count(4))
       do k = 1, 3
          if (plan%sum(k) > 0) maps%layer(k)%sum(at(1):, at(2):) => sums(:, :, plan%sum(k))
          if (plan%greatest(k) > 0) maps%layer(k)%greatest(at(1):, at(2):) => greatest(:, :, plan%greatest(k))
@@ -159,6 +163,10 @@ contains
       row = ieee_value(1.0_sp, ieee_quiet_nan)
       select case (kind%is)
       case (a_share); row = real(maps%passages(:, j)/real(boulders, wp), sp)
+      case (a_source_share)
+         associate (n => maps%passages(:, j), of => maps%released(:, j))
+            where (of > 0) row = real(n/real(max(1, of), wp), sp)
+         end associate
       case (a_lower_share); row = real(share_limit(maps%passages(:, j), boulders, -1), sp)
       case (an_upper_share); row = real(share_limit(maps%passages(:, j), boulders, 1), sp)
       case (a_maximum)

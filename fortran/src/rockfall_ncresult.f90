@@ -42,7 +42,7 @@ module rockfall_ncresult
       integer :: vertex_boulder = 0, vertex_real(size(vertex_fields)) = 0
       integer(i8), allocatable :: cell(:)  !! reached, counted from 0; of a part of a run
       integer :: tally_cell = 0, tally_counts = 0, tally_sums = 0, tally_maxima = 0, &
-                 tally_classes = 0
+                 tally_classes = 0, fed(3) = 0
    end type names_t
 
 contains
@@ -360,6 +360,7 @@ contains
                                file, "classes", nf90_int, &
                                [dimension(file, "tally_class", int(results%plan%rows, i8)), cell], &
                                "counts of classes")
+      if (size(results%stamp) > 0) call define_fed(file, names, results)
 
    contains
 
@@ -372,6 +373,19 @@ contains
                              name//" of the maps, by layer")
       end function layers
    end subroutine define_tally
+
+   !> The cells that the sources feed which the part cuts: others may have counted these sources there too.
+   subroutine define_fed(file, names, results)
+      type(file_t), intent(inout) :: file
+      type(names_t), intent(inout) :: names
+      type(results_t), intent(in) :: results
+      integer :: fed
+
+      fed = dimension(file, "tally_fed", size(results%fed%cell, kind=i8))
+      names%fed(1) = tally_variable(file, "fed_cell", nf90_int64, [fed], "cell that a source feeds which the part cuts")
+      names%fed(2) = tally_variable(file, "fed_source", nf90_int, [fed], "number of that source")
+      names%fed(3) = tally_variable(file, "fed_boulders", nf90_int, [fed], "its boulders in the part")
+   end subroutine define_fed
 
    integer function tally_variable(file, name, kind, dims, long_name) result(id)
       type(file_t), intent(inout) :: file
@@ -573,6 +587,7 @@ contains
          if (.not. case%map(k)) cycle
          select case (map_names(k))
          case ("passages"); call keep(file, nf90_put_var(file%id, names%map(k), maps%passages))
+         case ("sources"); call keep(file, nf90_put_var(file%id, names%map(k), maps%sources))
          case ("deposits"); call keep(file, nf90_put_var(file%id, names%map(k), maps%deposits))
          case default; call put_real_map(file, names%map(k), trim(map_names(k)), case, results)
          end select
@@ -662,6 +677,11 @@ contains
          i = int(mod(names%cell, int(nx, i8))) + 1
          j = int(names%cell/nx) + 1
          call keep(file, nf90_put_var(file%id, names%tally_cell, names%cell))
+         if (size(results%stamp) > 0) then
+            call keep(file, nf90_put_var(file%id, names%fed(1), results%fed%cell))
+            call keep(file, nf90_put_var(file%id, names%fed(2), results%fed%source))
+            call keep(file, nf90_put_var(file%id, names%fed(3), results%fed%boulders))
+         end if
          do layer = 1, size(results%counts, 3)
             call keep(file, nf90_put_var(file%id, names%tally_counts, &
                                          [(results%counts(i(k), j(k), layer), k=1, n)], [1, layer], [n, 1]))

@@ -240,6 +240,8 @@ contains
          call add_counts(table, maps%passages(:, j))
       case ("deposits")
          call add_counts(table, maps%deposits(:, j))
+      case ("sources")
+         call add_counts(table, maps%sources(:, j))
       case default
          call map_row(maps, name, j, boulders, least, row)
          do i = 1, nx

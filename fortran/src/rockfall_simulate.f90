@@ -5,7 +5,9 @@ module rockfall_simulate
    use rockfall_error, only: error_t, fail, our_fault
    use rockfall_textfile, only: integer_text
    use rockfall_trajectory, only: fate_t, crossing_t, contact_t, scratch_t, left_window
+   use rockfall_boulder, only: last_of
    use rockfall_map, only: maps_t, follows_cells, lacks_columns
+   use rockfall_sourcemap, only: fed_t, head_source, fed_cells, settle
    use rockfall_mapvalues, only: map_plan_t, map_plan, map_views
    use rockfall_histogram, only: bins, quantities, bin_width
    use rockfall_variables, only: boulder_counts
@@ -44,6 +46,9 @@ module rockfall_simulate
       real(sp), allocatable :: greatest(:, :, :)
       integer(i4), allocatable :: class_counts(:, :), column(:, :)
       integer(i4) :: columns = 0
+      integer(i4), allocatable :: stamp(:, :, :)         !! as in maps_t, with its `head`
+      integer(i8) :: head = 0
+      type(fed_t) :: fed                                 !! by the sources that this part cuts
       integer(i8) :: histogram(bins, quantities) = 0
       type(path_t), allocatable :: path(:)               !! of the first boulders of the run
       integer :: threads = 1
@@ -64,13 +69,13 @@ contains
       real(wp) :: cpu_start, cpu_end
       integer(i8) :: first, last, start, end, rate
 
-      if (case%boulders > huge(1_i4)/size(inputs%scene%release%x)) then  ! passages count them in 32 bits
+      results%asked = boulders_of(case, inputs)
+      if (results%asked > huge(1_i4)) then  ! passages count them in 32 bits
          call fail(error, case%file//": &case boulders = "//integer_text(case%boulders)//" from each of " &
                    //integer_text(size(inputs%scene%release%x))//" sources: must be at most " &
                    //integer_text(huge(1_i4))//" together")
          return
       end if
-      results%asked = case%boulders*size(inputs%scene%release%x)
       if (shard(2) > max(1_i8, results%asked)) then
          call fail(error, "shard = "//integer_text(shard(1))//"/"//integer_text(shard(2))//": there are " &
                    //integer_text(results%asked)//" boulders only")
@@ -101,12 +106,26 @@ contains
             return
          end if
       end do
+      maps = map_tallies(results, [1, 1])
+      results%fed = fed_cells(maps, inputs%scene%release, results%before + 1, results%before + results%boulders)
+      call settle(maps, inputs%scene%release, results%fed)
       call cpu_time(cpu_end)
       call system_clock(end)
       results%wall = real(end - start, wp)/rate
       results%cpu = cpu_end - cpu_start
       call trace(case, inputs, results, error)
    end subroutine simulate
+
+   !> Boulders of the whole run, or more than there may be.
+   pure integer(i8) function boulders_of(case, inputs) result(n)
+      type(case_t), intent(in) :: case
+      type(inputs_t), intent(in) :: inputs
+      integer(i8) :: sources
+
+      sources = size(inputs%scene%release%x)
+      n = huge(1_i8)
+      if (case%boulders <= huge(1_i4)/sources) n = last_of(inputs%scene%release, sources)
+   end function boulders_of
 
    !> n*part/of without overflow.
    pure integer(i8) function share_of(n, part, of)
@@ -129,7 +148,7 @@ contains
       type(results_t), intent(inout) :: results
       type(error_t), allocatable, intent(out) :: error
       integer(i8) :: n
-      integer :: status(6)
+      integer :: status(7), layers
 
       n = results%boulders
       results%plan = map_plan(pack(map_names, case%map))
@@ -148,6 +167,12 @@ contains
             allocate (results%column(nx, ny), source=0_i4, stat=status(5))
             call make_columns(plan%rows, int(nx, i8)*ny, results%class_counts, status(6))
          end if
+         layers = 0
+         if (any(plan%count(3:) > 0)) then
+            results%head = head_source(inputs%scene%release, results%before + 1)
+            layers = merge(2, 1, results%head > 0)
+         end if
+         allocate (results%stamp(nx, ny, layers), source=0_i4, stat=status(7))
       end associate
       if (status(1) /= 0) then
          call fail(error, case%file//": "//integer_text(n)//" boulders do not fit in memory")
@@ -207,6 +232,8 @@ contains
 
       maps = map_views(results%plan, at, results%counts, results%sums, results%greatest, results%class_counts, &
                        results%column, results%columns)
+      maps%stamp(at(1):, at(2):, 1:) => results%stamp
+      maps%head = results%head
    end function map_tallies
 
    !> Cells in which any tally is not zero, counted from 0 by rows.

@@ -7,7 +7,8 @@ module rockfall_trajectory
    use rockfall_sobol, only: sobol_t, sobol_word, scrambled
    use rockfall_terrain, only: terrain_t, patch_t, in_window, locate, height, gradient, cell_of, cell_descent
    use rockfall_surface, only: surface_t, rock_radius
-   use rockfall_boulder, only: boulder_t, boulder_law_t, release_t, draw_boulder, source_of, spin_inertia
+   use rockfall_boulder, only: boulder_t, boulder_law_t, release_t, draw_boulder, source_of, first_of, &
+                               spin_inertia
    use rockfall_flight, only: flight_t, landing_t, span_t, fly, launch_rate, arc_length
    use rockfall_impact, only: impact_set_t, impact_ratios, ratio_class, rebound_t, rebound
    use rockfall_direction, only: new_heading, unit_vector, any_heading
@@ -149,11 +150,11 @@ contains
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: number
       integer, intent(in) :: dimension
-      integer(i8) :: index
+      integer(i8) :: source, index
 
-      index = mod(number - 1, scene%release%boulders_per_source)
-      even_word = scrambled(sobol_word(scene%sobol, index, dimension), scene%key, &
-                            source_of(scene%release, number), dimension)
+      source = source_of(scene%release, number)
+      index = number - first_of(scene%release, source)
+      even_word = scrambled(sobol_word(scene%sobol, index, dimension), scene%key, source, dimension)
    end function even_word
 
    !> The start of the first flight: above the source, at rest or with the velocity of the release.

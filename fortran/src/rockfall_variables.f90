@@ -11,7 +11,7 @@ module rockfall_variables
       !> boulder, count (of all boulders), line (first crossing), line_vertex, map, histogram,
       !> vertex (of a trajectory); or status, for what the status of a boulder may be.
       character(len=11) :: group
-      character(len=22) :: name       !! in files line_, trajectory_ before, _histogram after
+      character(len=27) :: name       !! in files line_, trajectory_ before, _histogram after
       character(len=7) :: kind        !! real, integer, word
       character(len=7) :: units       !! as CF wants them; of a histogram: those of its bins
       character(len=64) :: long_name
@@ -75,10 +75,14 @@ module rockfall_variables
                  "boulders that passed the cell, each counted once"), &
       variable_t("map", "reach_probability", "real", "1", &
                  "share of all boulders that passed the cell"), &
+      variable_t("map", "reach_probability_by_source", "real", "1", &
+                 "passages over the boulders of the sources that feed the cell"), &
       variable_t("map", "reach_probability_low", "real", "1", &
                  "lower limit of the 95 % interval of reach_probability", given_sources), &
       variable_t("map", "reach_probability_high", "real", "1", &
                  "upper limit of the 95 % interval of reach_probability", given_sources), &
+      variable_t("map", "sources", "integer", "1", &
+                 "sources that feed the cell: one of their boulders passed it"), &
       variable_t("map", "deposits", "integer", "1", &
                  "boulders that came to rest in the cell or were absorbed there"), &
       variable_t("map", "energy_max", "real", "J", &
@@ -156,21 +160,21 @@ module rockfall_variables
       variable_t("status", "impact_limit", "word", "", &
                  "still moving after as many contacts as allowed")]
 
-   character(len=22), parameter :: boulder_fields(*) = pack(variable_table%name, &
+   character(len=27), parameter :: boulder_fields(*) = pack(variable_table%name, &
       variable_table%group == "boulder" .and. variable_table%kind == "real")
    !> Integers of each boulder; the last four are summed over all boulders.
-   character(len=22), parameter :: boulder_counts(*) = pack(variable_table%name, &
+   character(len=27), parameter :: boulder_counts(*) = pack(variable_table%name, &
       (variable_table%group == "boulder" .and. variable_table%kind == "integer") &
       .or. variable_table%group == "count")
-   character(len=22), parameter :: line_fields(*) = pack(variable_table%name, &
+   character(len=27), parameter :: line_fields(*) = pack(variable_table%name, &
       variable_table%group == "line")
-   character(len=22), parameter :: vertex_fields(*) = pack(variable_table%name, &
+   character(len=27), parameter :: vertex_fields(*) = pack(variable_table%name, &
       variable_table%group == "vertex" .and. variable_table%kind == "real")
-   character(len=22), parameter :: map_fields(*) = pack(variable_table%name, &
+   character(len=27), parameter :: map_fields(*) = pack(variable_table%name, &
       variable_table%group == "map")
-   character(len=22), parameter :: histogram_fields(*) = pack(variable_table%name, &
+   character(len=27), parameter :: histogram_fields(*) = pack(variable_table%name, &
       variable_table%group == "histogram")
-   character(len=22), parameter :: statuses(*) = pack(variable_table%name, &
+   character(len=27), parameter :: statuses(*) = pack(variable_table%name, &
       variable_table%group == "status")
 
 contains

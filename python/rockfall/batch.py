@@ -89,7 +89,8 @@ def _sources(part: Path, scene: Scene) -> dict[str, Any]:
         ((grid.north - scene.y) / grid.cell).astype(int),
         ((scene.x - grid.west) / grid.cell).astype(int),
     ] = 1
-    return {"cells": _raster(part, "cells", cells, scene), "polygons": None}
+    others = {"polygons": None, "steep_cells": None, "slope_threshold": None}
+    return {"cells": _raster(part, "cells", cells, scene)} | others
 
 
 def _raster(part: Path, name: str, array: np.ndarray, scene: Scene) -> str:

@@ -23,6 +23,7 @@ import numpy as np
 from rockfall.errors import RockfallError
 from rockfall.parts import add_tallies, tallies
 from rockfall.simulate import Tally
+from rockfall.sourcemaps import FED, fed_cells, restore_stamps
 
 STATE = "state.json"
 PARTS = {"identity", "done", "rows", "maps", "wall_seconds", "cpu_seconds"}  # of the state
@@ -69,6 +70,8 @@ class Checkpoint:
             raise RockfallError(f"{self.folder}: cannot be read: {error}") from error
         tally.histogram += arrays.pop("histogram")
         add_tallies(tally.maps, arrays)
+        if arrays.keys() >= set(FED):
+            restore_stamps(tally.maps, arrays)
         tally.done = self.saved
         tally.wall, tally.cpu = state["wall_seconds"], state["cpu_seconds"]
         self.rows = state["rows"]
@@ -111,7 +114,7 @@ class Checkpoint:
         if tally.done > self.saved:
             rows.append(f"rows-{k}.npy")
             arrays = [getattr(tally, name)[self.saved : tally.done] for name in ROWS]
-        maps = {"histogram": tally.histogram.copy(), **tallies(tally.maps)}
+        maps = {"histogram": tally.histogram.copy(), **tallies(tally.maps), **fed_cells(tally)}
         state = {
             "identity": _identity(tally), "done": tally.done, "rows": rows, "maps": f"maps-{k}.npz",
             "wall_seconds": tally.wall, "cpu_seconds": tally.cpu,

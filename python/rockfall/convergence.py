@@ -19,6 +19,7 @@ from rockfall.errors import RockfallError, need
 from rockfall.files import whole_file
 from rockfall.scene import Scene, read_scene
 from rockfall.simulate import run_scene
+from rockfall.sources import refuse_by_area
 from rockfall.statistics import line_numbers, line_values, sources, with_limits
 from rockfall.variants import larger_cells, other_digits
 
@@ -98,6 +99,7 @@ def converge(
         raise RockfallError(f"{case.name}: has no &line; it is their numbers that converge")
     nothing = {"maps": None, "rebounds": False, "trajectories": 0}
     scene = read_scene(case.replace(output=nothing))
+    refuse_by_area(scene, "a study of convergence")
     of = scene.x.size
     if reference < LEAST_TURNS * of:
         least = f"{LEAST_TURNS} from each of {of:,} sources, {LEAST_TURNS * of}"

@@ -17,6 +17,7 @@ from rockfall.files import whole_file
 from rockfall.result import check_writable, write_result
 from rockfall.scene import Scene, read_scene
 from rockfall.simulate import run_scene
+from rockfall.sources import refuse_by_area
 from rockfall.statistics import Z, line_numbers, line_values
 from rockfall.uncertain import Draw, Uncertain, drawn_scene
 from rockfall.variance import Shares, deviations, shares
@@ -148,6 +149,7 @@ def run_ensemble(case: Case, *, progress: bool = False, **arrays: Any) -> xr.Dat
 def _lean(scene: Scene) -> Scene:
     """The scene without outputs that an ensemble does not look at."""
     case = scene.case
+    refuse_by_area(scene, "an ensemble")
     maps = {"passages", "reach_probability"} & set(case.output.get("maps", []))
     if not case.line and not maps:
         raise RockfallError(

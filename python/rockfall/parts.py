@@ -14,6 +14,7 @@ import numpy as np
 from rockfall.case import case_in, case_of
 from rockfall.errors import RockfallError
 from rockfall.grid import Box
+from rockfall.sourcemaps import FED, join_sources
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -29,11 +30,15 @@ _DIMS = {
     "cell": ("tally",),
     **{name: (f"tally_{name}_layer", "tally") for name in STACKS},
     "classes": ("tally", "tally_class"),
+    **{name: ("tally_fed",) for name in FED},
 }
 _ABOUT = {
     "cell": "index of the cell, by rows from the north-west",
     **{name: f"{name} of the maps, by layer" for name in STACKS},
     "classes": "counts of classes",
+    "fed_cell": "cell that a source feeds which the part cuts",
+    "fed_source": "number of that source",
+    "fed_boulders": "its boulders in the part",
 }
 CLOCKS = ("wall_seconds", "cpu_seconds")
 
@@ -84,11 +89,11 @@ def add_tallies(maps: Maps, arrays: Mapping[str, np.ndarray]) -> None:
         maps.class_counts[column[cells] - 1] += arrays["classes"]
 
 
-def tally_variables(maps: Maps) -> dict[str, Any]:
-    """The tallies as variables of a part."""
+def tally_variables(maps: Maps, fed: Mapping[str, np.ndarray]) -> dict[str, Any]:
+    """The tallies as variables of a part, with the cells fed by sources that it cuts."""
     return {
         f"{BEFORE}{name}": (_DIMS[name], values, {"units": "1", "long_name": _ABOUT[name]})
-        for name, values in tallies(maps).items()
+        for name, values in (tallies(maps) | dict(fed)).items()
     }
 
 
@@ -187,6 +192,7 @@ class Joined:
         self.rows: dict[int, dict[str, np.ndarray]] = {}  # by the first boulder of a part
         self.sums: dict[str, np.ndarray] = {}
         self.maps: Maps | None = None
+        self.fed: list[dict[str, np.ndarray]] = []  # by sources that a part cuts
         self.clocks = dict.fromkeys(CLOCKS, 0.0)
         self.threads = 0
 
@@ -203,6 +209,8 @@ class Joined:
                 self.first = part
         arrays = {name: variables[BEFORE + name][1] for name in _DIMS if BEFORE + name in variables}
         add_tallies(self.maps, arrays)
+        if arrays.keys() >= set(FED):
+            self.fed.append({name: arrays[name] for name in FED})
         rows = self.rows.setdefault(number, {})
         for name, (dims, values) in variables.items():
             if _row_dimension(dims):
@@ -218,6 +226,7 @@ class Joined:
 
         from rockfall.result import map_variable
 
+        join_sources(self.maps, self.fed)
         boulders = int(self.first.attrs["boulders_asked"])
         least = case_of(self.first).output["least_passages"]
         ordered = [self.rows[number] for number in sorted(self.rows)]

@@ -15,6 +15,7 @@ from rockfall.grid import row_blocks
 from rockfall.result import TALLIES
 from rockfall.scene import SIZE_TO_RADIUS, Scene, used_zones
 from rockfall.simulate import Tally, fields, run_chunks, start
+from rockfall.sources import threshold
 
 PILOT_SECONDS = 0.3
 PILOT_BOULDERS = 10_000  # at most
@@ -45,6 +46,7 @@ def memory(scene: Scene) -> dict[str, int]:
     tally = start(scene, threads=1)
     derived = set(scene.case.output.get("maps", [])) - set(TALLIES)
     maps = [tally.maps.counts, tally.maps.sums, tally.maps.maxima, tally.maps.column]
+    maps.append(tally.maps.stamp)
     classes = tally.maps.class_counts
     cells = scene.z.size if classes.size > 1 else 0  # the system may grant fewer
     row = 8 * len(fields(1)) + 4 * len(fields(2)) + 8 * len(fields(3)) * len(scene.case.line)
@@ -63,8 +65,10 @@ def _pilot(scene: Scene) -> Tally:
     start(scene, threads=1)  # does it fit in memory? can boulders start?
     number = min(scene.boulders, PILOT_BOULDERS)
     drawn = np.random.default_rng(0).integers(scene.x.size, size=number)
+    if scene.area is not None:  # steeper cells release more
+        drawn = np.searchsorted(scene.ends, scene.ends[-1] * (drawn + 0.5) / scene.x.size)
     case = scene.case.replace(case={"boulders": 1})
-    few = start(replace(scene, case=case, x=scene.x[drawn], y=scene.y[drawn]), threads=1)
+    few = start(replace(scene, case=case, x=scene.x[drawn], y=scene.y[drawn], area=None), threads=1)
     end = time.perf_counter() + PILOT_SECONDS
     run_chunks(few, None, lambda: time.perf_counter() > end and few.done > 0, lambda _: None)
     return few
@@ -95,8 +99,11 @@ def _surface(scene: Scene) -> str:
 def _boulders(scene: Scene) -> str:
     each, kind = scene.case.case["boulders"], "points"
     if "x" not in scene.case.release:
-        kind = "cells" if "cells" in scene.case.release else "cells within polygons"
-    return f"{scene.boulders:,}, {each:,} from each source; sources: {scene.x.size:,} ({kind})"
+        kind = "cells within polygons" if "polygons" in scene.case.release else "cells"
+    if scene.case.release["steep_cells"]:
+        kind += f" of {threshold(scene):.1f} degrees or more"
+    of = "each source" if scene.area is None else "a flat cell, more by area"
+    return f"{scene.boulders:,}, {each:,} from {of}; sources: {scene.x.size:,} ({kind})"
 
 
 def _mean_radii(scene: Scene) -> Iterator[float]:

@@ -16,6 +16,7 @@ from rockfall.errors import RockfallError
 from rockfall.files import whole_file
 from rockfall.grid import row_blocks
 from rockfall.parts import tally_variables
+from rockfall.sourcemaps import settle
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -25,7 +26,10 @@ if TYPE_CHECKING:
 
 NO_COUNT = -1  # fill value of counts
 #: Maps that are tallies of the kernel themselves, in the order of its plan.
-TALLIES = ("passages", "deposits", *3 * [""], "energy_max", "speed_max_map", "jump_height_max_map")
+TALLIES = (
+    "passages", "deposits", "sources", *4 * [""], "energy_max", "speed_max_map",
+    "jump_height_max_map",
+)  # fmt: skip
 ALWAYS = (  # attributes that every result has
     "title", "source", "case", "case_file", "seed", "boulder_first", "boulder_last",
     "boulders_asked", "complete", "impact_set", "impact_set_checksum", "input_checksums",
@@ -45,8 +49,9 @@ def make_result(tally: Tally, maps: bool = True) -> xr.Dataset:
     if tally.scene.case.line:
         _add_lines(data, tally)
     data["crs"] = ((), np.int32(0), _grid_mapping(tally.grid))
+    fed = settle(tally) if maps else {}
     if tally.boulders < tally.scene.boulders:
-        data |= tally_variables(tally.maps)
+        data |= tally_variables(tally.maps, fed)
     if maps and tally.scene.case.output.get("maps"):
         _add_maps(data, tally)
     if tally.scene.case.output["rebounds"]:
@@ -126,7 +131,7 @@ def _map(name: str, maps: Maps, boulders: int, least: int) -> tuple[np.ndarray, 
     """A map, and the passages that a number of it needs."""
     if name in TALLIES:  # as it is: another copy would take memory
         place = maps.plan[TALLIES.index(name)] - 1
-        if name in ("passages", "deposits"):
+        if name in ("passages", "deposits", "sources"):
             return maps.counts[place], 0
         values = maps.maxima[place]
         for rows in row_blocks(values.shape):

@@ -5,8 +5,9 @@ from __future__ import annotations
 
 import hashlib
 import importlib.resources
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -48,6 +49,7 @@ class Scene:
     values: np.ndarray | None = None  # float32 (1 or 3, ny, nx): sizes of each cell [m]
     x: np.ndarray = field(default_factory=lambda: np.empty(0))  # of each source [m]
     y: np.ndarray = field(default_factory=lambda: np.empty(0))
+    area: np.ndarray | None = None  # surface over plan area of each, where they release by it
     mean: np.ndarray | None = None  # (9, 5)
     covariance: np.ndarray | None = None  # (9, 9, 5)
     checksums: dict[str, str] = field(default_factory=dict)  # of the input files
@@ -57,7 +59,28 @@ class Scene:
     @property
     def boulders(self) -> int:
         """Boulders of the whole run."""
-        return self.case.case["boulders"] * self.x.size
+        if self.area is None:
+            return self.case.case["boulders"] * self.x.size
+        return int(self.ends[-1])
+
+    @cached_property
+    def ends(self) -> np.ndarray:
+        """The last boulder of each source, where they release by area."""
+        return _core.release_ends(self.area, self.case.case["boulders"])
+
+    def source_of(self, number: int) -> int:
+        """The source of a boulder (1..), counted from 0."""
+        if self.area is None:
+            return (number - 1) // self.case.case["boulders"]
+        return int(np.searchsorted(self.ends, number))
+
+    def numbers_of(self, source: int) -> range:
+        """The boulders of a source, which is counted from 0."""
+        if self.area is None:
+            n = self.case.case["boulders"]
+            return range(source * n + 1, (source + 1) * n + 1)
+        before = self.ends[source - 1] if source else 0
+        return range(int(before) + 1, int(self.ends[source]) + 1)
 
     def forget_rasters(self) -> None:
         """Give their memory back; the scene cannot be run any more."""
@@ -88,7 +111,9 @@ class Scene:
             "impact_limit": case.impact["impact_limit"],
             "law": LAWS[boulder["volume"]], "law_values": law,
             "volumes": boulder.get("volumes", ABSENT), "density": boulder["density"],
-            "source_x": self.x, "source_y": self.y, "per_source": case.case["boulders"],
+            "source_x": self.x, "source_y": self.y,
+            "per_source": case.case["boulders"] if self.area is None else self.ends[0],
+            "source_end": _absent("i8") if self.area is None else self.ends,
             "drop_height": release["drop_height"], "velocity": release["velocity"],
             "lines": len(case.line), "line_end": np.cumsum([len(line["x"]) for line in lines]),
             "line_x": np.concatenate([line["x"] for line in lines]),
@@ -129,7 +154,7 @@ def read_scene(
     file = case.path(case.terrain["dem"])
     scene.checksums["dem"] = _checksum(file) if dem is None else _array_checksum(z)
     _read_surface(scene, grid.box, rasters)
-    _read_sources(scene, rasters)
+    _read_sources(scene, [(scene, grid.box)], rasters)
     _end(scene)
     if rasters:
         raise RockfallError(
@@ -141,9 +166,15 @@ def read_scene(
 def _tiled(scene: Scene, cells: int) -> Scene:
     """The scene without its rasters, which are read in windows of so many cells; all of them were
     read once, and checked."""
-    from rockfall.tiles import Tiles
+    from rockfall.tiles import Tiles, bands
 
     case = scene.case
+    by_source = {"sources", "reach_probability_by_source"} & set(case.output.get("maps", []))
+    if by_source:
+        raise RockfallError(
+            f"{case.name}: &output maps = '{min(by_source)}': needs the whole terrain in memory, "
+            "and it does not fit; leave it out, or raise --memory"
+        )
     for group, key in (("release", "polygons"), ("surface", "zones")):
         file = getattr(case, group).get(key, "")
         if key == "polygons" and file or Path(file).suffix.lower() in POLYGONS:
@@ -152,7 +183,10 @@ def _tiled(scene: Scene, cells: int) -> Scene:
                 "memory, and it does not fit; make a raster of them, or raise --memory"
             )
     scene.checksums["dem"] = _checksum(case.path(case.terrain["dem"]))
-    _read_sources(scene, {})
+    release, rows = case.release, [(scene, scene.grid.box)]
+    if release["steep_cells"] or release["by_area"]:  # the terrain tells
+        rows = bands(scene, cells)
+    _read_sources(scene, rows, {})
     _end(scene)
     scene.tiles = Tiles(scene, cells)
     return scene
@@ -311,27 +345,58 @@ def _read_values(scene: Scene, box: Box, columns: tuple[str, ...], rasters: dict
             )
 
 
-def _read_sources(scene: Scene, rasters: dict[str, Any]) -> None:
-    """Release points, or the centres of source cells in the order of the raster."""
-    from rockfall.rasters import burn_polygons
+def _read_sources(
+    scene: Scene, bands: Iterable[tuple[Scene, Box]], rasters: dict[str, Any]
+) -> None:
+    """Release points, or the centres of source cells in the order of the raster.
+
+    `bands` are rows of the terrain in order, each in a scene that holds it and what lies about it.
+    """
+    from rockfall.sources import area_ratios, threshold
 
     case, release = scene.case, scene.case.release
     if "x" in release:
         scene.x, scene.y = np.asarray(release["x"]), np.asarray(release["y"])
         return
+    found, area = [], []
+    for band, box in bands:
+        blocks = {rows.start: np.argwhere(block > 0) for rows, block in _cells(band, box, rasters)}
+        cells = [blocks[start] + (start, 0) for start in sorted(blocks)]
+        row, column = np.concatenate(cells).T
+        found.append((scene.grid.x[column], scene.grid.y[row]))
+        if release["by_area"] and row.size:
+            area.append(area_ratios(replace(band, x=found[-1][0], y=found[-1][1])))
+    scene.x, scene.y = (np.concatenate(axis) for axis in zip(*found, strict=True))
+    if not scene.x.size and release["steep_cells"]:
+        raise RockfallError(
+            f"{case.name}: &release steep_cells: no cell is as steep as {threshold(scene):.1f} "
+            "degrees"
+        )
+    if not scene.x.size:
+        path = case.path(release.get("polygons") or release["cells"])
+        raise RockfallError(f"{path}: no source cells: must have cells above zero")
+    if area:
+        scene.area = np.concatenate(area)
+
+
+def _cells(scene: Scene, box: Box, rasters: dict[str, Any]) -> Iterator[tuple[slice, np.ndarray]]:
+    """Blocks of rows of a box, with what is above zero in source cells."""
+    from rockfall.rasters import burn_polygons
+    from rockfall.sources import steep_blocks
+
+    case, release = scene.case, scene.case.release
+    parts = list(row_blocks(box.shape))
     if "polygons" in release:
         path = case.path(release["polygons"])
-        inside, parts = burn_polygons(path, scene.grid), row_blocks(scene.grid.shape)
+        inside = burn_polygons(path, scene.grid)
         blocks = ((rows, inside[rows] & ~np.isnan(scene.z[rows])) for rows in parts)
         scene.checksums["polygons"] = _checksum(path)
+    elif "cells" in release:
+        blocks = _blocks(scene, "cells", "source cells", np.int32, rasters, box)
     else:
-        path = case.path(release["cells"])
-        blocks = _blocks(scene, "cells", "source cells", np.int32, rasters)
-    found = {rows.start: np.argwhere(block > 0) + (rows.start, 0) for rows, block in blocks}
-    row, column = np.concatenate([found[start] for start in sorted(found)]).T
-    if not row.size:
-        raise RockfallError(f"{path}: no source cells: must have cells above zero")
-    scene.x, scene.y = scene.grid.x[column], scene.grid.y[row]
+        blocks = ((rows, np.ones((rows.stop - rows.start, box.shape[1]), bool)) for rows in parts)
+    blocks = ((slice(box.row + rows.start, box.row + rows.stop), block) for rows, block in blocks)
+    yield from steep_blocks(scene, blocks) if release["steep_cells"] else blocks
 
 
 def read_sets(path: Path) -> tuple[np.ndarray, np.ndarray, str]:

@@ -18,6 +18,7 @@ from rockfall.interrupts import interrupts
 from rockfall.memory import machine_memory
 from rockfall.reach import survey
 from rockfall.scene import Scene, read_scene
+from rockfall.sourcemaps import follow_sources
 from rockfall.tiles import groups
 
 if TYPE_CHECKING:
@@ -57,6 +58,10 @@ class Maps:
     column: np.ndarray  # (ny, nx): row of class_counts, from 1
     columns: np.ndarray  # (1,): rows given away; one more than there are when they did not do
     box: Box  # the cells of the terrain that they are of
+    #: (1 or 2, ny, nx): the source that was last counted there boulder by boulder; `head` has the
+    #: second layer to itself
+    stamp: np.ndarray = field(default_factory=lambda: np.zeros((1, 1, 1), "i4"))
+    head: int = 0
 
     def arguments(self) -> dict[str, np.ndarray]:
         """As the kernel wants them."""
@@ -66,12 +71,16 @@ class Maps:
             "column": self.column.T, "columns": self.columns,
         }  # fmt: skip
 
+    def marks(self) -> dict[str, Any]:
+        """What a run of the kernel wants besides: where they lie, and to tell sources apart."""
+        return {"stamp": self.stamp.T, "head": self.head, **self.box.corners()}
+
 
 def no_maps(names: Sequence[str] = (), box: Box = ALL) -> Maps:
     """Empty tallies for the maps of these names, on these cells."""
     shape = box.shape if names else (1, 1)
     plan = _core.map_plan(" ".join(names))
-    counts, sums, maxima, classes = plan[:2].max(), plan[2:5].max(), plan[5:8].max(), plan[11]
+    counts, sums, maxima, classes = plan[:4].max(), plan[4:7].max(), plan[7:10].max(), plan[13]
 
     def stack(layers: int, dtype: str) -> np.ndarray:
         return np.zeros((layers, *shape) if layers else (1, 1, 1), dtype)
@@ -224,9 +233,11 @@ def start(scene: Scene, threads: int, shard: tuple[int, int] = (1, 1)) -> Tally:
 
 def _start(scene: Scene, threads: int, numbers: range, box: Box) -> Tally:
     lines = len(scene.case.line)
+    maps = no_maps(scene.case.output.get("maps", []), box)
+    follow_sources(maps, scene, numbers.start)
     return Tally(
         scene,
-        no_maps(scene.case.output.get("maps", []), box),
+        maps,
         histogram=np.zeros((len(_core.histogram_bins()[0]), BINS), "i8"),
         boulder=np.empty((len(numbers), len(fields(1)))),
         count=np.empty((len(numbers), len(fields(2))), "i4"),
@@ -281,8 +292,8 @@ def _call(tally: Tally, scene: Scene, first: int, size: int) -> np.ndarray:
     left the window, which are in no tally."""
     lines = len(tally.scene.case.line)
     boulder, count, crossing, _, _, code, message = _core.run(
-        **scene.kernel_arguments(), **tally.maps.arguments(), **tally.maps.box.corners(),
-        first=first, threads=tally.threads, histograms=int(tally.scene.case.output["rebounds"]),
+        **scene.kernel_arguments(), **tally.maps.arguments(), **tally.maps.marks(), first=first,
+        threads=tally.threads, histograms=int(tally.scene.case.output["rebounds"]),
         histogram=tally.histogram.T, n=size, room=1,
     )  # fmt: skip
     _raise(tally.scene, code, message)
@@ -323,15 +334,16 @@ def _fly_alone(
 ) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray] | None]:
     """The vertices of a boulder, and where it left the window if it did; no tally changes."""
     arguments = scene.kernel_arguments()
-    source = (number - 1) // arguments["per_source"]
+    source = scene.source_of(number)
     alone = slice(source, source + 1)  # the kernel would move all sources for each boulder
     if scene.case.case["sampling"] == "random":  # else the number of the source matters
         arguments |= {"source_x": scene.x[alone], "source_y": scene.y[alone], "per_source": number}
+        arguments["source_end"] = np.zeros(1, "i8")
     room, recorded = 0, 256
     while recorded > room:
         room = recorded
         boulder, count, _, vertex, recorded, code, message = _core.run(
-            **arguments, **no_maps().arguments(), **ALL.corners(), first=number, threads=1,
+            **arguments, **no_maps().arguments(), **no_maps().marks(), first=number, threads=1,
             histograms=0, histogram=np.zeros((BINS, 6), "i8", order="F"), n=1, room=room,
         )  # fmt: skip
         _raise(scene, code, message)

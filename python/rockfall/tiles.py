@@ -37,13 +37,13 @@ class Tiles:
     def around(self, first: int, boulders: int) -> tuple[Scene, int]:
         """The scene with a window of its rasters for boulders from number `first` on, and for how
         many of them it is."""
-        each = self.scene.case.case["boulders"]
-        source = (first - 1) // each
+        source = self.scene.source_of(first)
         if source not in self.sources:
             self.sources, box = self._fitting(source)
             self.window = self.scene  # its memory is free before the next takes it
             self.window = read_window(self.scene, box)
-        return self.window, min(boulders, each * self.sources.stop - first + 1)
+        stop = self.scene.numbers_of(self.sources.stop - 1).stop
+        return self.window, min(boulders, stop - first)
 
     def widen(self, x: np.ndarray, y: np.ndarray) -> None:
         """Let windows go further on the sides where boulders left this one [m]."""
@@ -80,21 +80,26 @@ class Tiles:
         return range(source, source + n), Box(*boxes[n - 1].tolist())
 
     def _survey(self) -> Survey:
-        """All rows once, in bands: checks, sources, and where boulders can come."""
-        scene, grid = self.scene, self.scene.grid
-        found = Survey(scene)
-        rows = max(1, self.cells // grid.nx - 2 * RIM)
-        known = False
-        for first in range(0, grid.ny, rows):
-            stop = min(first + rows, grid.ny)
-            box = Box(max(0, first - RIM), 0, min(grid.ny, stop + RIM), grid.nx)
-            band = read_window(scene, box)
-            known = check_known(grid.path, band.z, box.row) or known
-            found.take(band, first, stop)
-            del band
+        """All rows once: checks, sources, and where boulders can come."""
+        found, known = Survey(self.scene), False
+        path = self.scene.grid.path
+        for band, box in bands(self.scene, self.cells):
+            known = check_known(path, band.z, band.at[0]) or known
+            found.take(band, box.row, box.stop_row)
         if not known:
-            raise RockfallError(f"{grid.path}: all cells are nodata")
+            raise RockfallError(f"{path}: all cells are nodata")
         return found
+
+
+def bands(scene: Scene, cells: int) -> Iterator[tuple[Scene, Box]]:
+    """All rows in order, some at a time: the scene with rasters of about so many cells, which hold
+    those rows and what lies about them."""
+    ny, nx = scene.grid.shape
+    rows = max(1, cells // nx - 2 * RIM)
+    for first in range(0, ny, rows):
+        stop = min(first + rows, ny)
+        window = Box(max(0, first - RIM), 0, min(ny, stop + RIM), nx)
+        yield read_window(scene, window), Box(first, 0, stop, nx)
 
 
 def groups(numbers: np.ndarray) -> Iterator[tuple[int, int]]:

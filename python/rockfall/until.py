@@ -16,6 +16,8 @@ from rockfall.interrupts import interrupts
 from rockfall.result import make_result
 from rockfall.scene import Scene, read_scene
 from rockfall.simulate import Interrupted, Tally, run_chunks, start, trace
+from rockfall.sourcemaps import tells_sources
+from rockfall.sources import refuse_by_area
 from rockfall.statistics import QUANTILES, QUANTITIES, line_numbers, quantile_name, sources
 
 if TYPE_CHECKING:
@@ -93,6 +95,7 @@ def run_scene_until(
     """
     from rockfall.progress import progress_bar
 
+    refuse_by_area(scene, "--until")
     asked = read_rules(rules, [line["name"] for line in scene.case.line])
     if cap is not None and cap < 1:
         raise RockfallError(f"cap = {cap}: must be at least 1 boulder from each source")
@@ -126,7 +129,7 @@ def _with_boulders(scene: Scene, n: int) -> Scene:
 
 def _next_tally(scene: Scene, last: Tally | None) -> Tally:
     """Where the boulders of the next stage go: one source adds to the tally of the last stage."""
-    if last is None or scene.x.size > 1:
+    if last is None or scene.x.size > 1 or tells_sources(last.maps):
         tally = start(scene, scene.case.case["threads"])
         if last is not None:
             tally.wall, tally.cpu = last.wall, last.cpu

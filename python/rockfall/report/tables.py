@@ -86,7 +86,9 @@ def precision_table(line: str, numbers: Numbers, boulders: int) -> str:
 def provenance(result: xr.Dataset) -> Iterator[str]:
     """What a result was made of, and how to make it again."""
     about = {key: str(value) for key, value in result.attrs.items()}
-    per_source, asked = case_of(result).case["boulders"], int(about["boulders_asked"])
+    case = case_of(result)
+    per_source, asked = case.case["boulders"], int(about["boulders_asked"])
+    of = "a flat source cell, more by area" if case.release["by_area"] else "each source"
     whole = "complete" if result.attrs["complete"] else f"interrupted, {asked:,} were asked for"
     wall, cpu = (float(about[f"{clock}_seconds"]) for clock in ("wall", "cpu"))
     rows = [
@@ -94,7 +96,7 @@ def provenance(result: xr.Dataset) -> Iterator[str]:
         ("case file", about["case_file"]),
         ("seed", about["seed"]),
         ("boulders", f"{about['boulder_first']} to {about['boulder_last']}, {whole}"),
-        ("boulders of each source", f"{per_source:,}"),
+        (f"boulders of {of}", f"{per_source:,}"),
         ("impact set", f"{about['impact_set']}, SHA-256 {about['impact_set_checksum']}"),
         *((f"SHA-256 of {key}", sha) for key, sha in json.loads(about["input_checksums"]).items()),
         ("threads", about["threads"]),

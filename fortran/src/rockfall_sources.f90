@@ -1,0 +1,102 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Sources from the terrain: cells as steep as rock faces are, and how many boulders each source releases by
+!> the surface of its cell. The same for both doors.
+module rockfall_sources
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_value, ieee_quiet_nan
+   use rockfall_kinds, only: wp, i2, i8
+   use rockfall_math, only: degree, logarithm, exponential, sine_cosine
+   use rockfall_terrain, only: terrain_t, patch_t, locate, read_patch, gradient, cell_of, cell_descent
+   implicit none
+   private
+   public :: usual_threshold, tangent, keep_steep, surface_ratios, last_boulders
+
+contains
+
+   !> The slope from which cells of this size [m] are taken as sources, 55 RES**-0.075 degrees: the larger the
+   !> cells, the flatter a face is in them (practice of Rockyfor3D; Dorren 2016, v5.2 revealed, ecorisQ).
+   pure real(wp) function usual_threshold(cell) result(slope)
+      real(wp), intent(in) :: cell  !! [m]
+
+      slope = 55*exponential(-0.075_wp*logarithm(cell))
+   end function usual_threshold
+
+   !> Tangent of a slope of 0 to 89 degrees, without libm; 1 for 45 degrees to the last bit.
+   pure real(wp) function tangent(slope)
+      real(wp), intent(in) :: slope  !! [degree]
+      real(wp) :: s, c
+
+      if (slope < 22.5_wp) then
+         call sine_cosine(slope*degree, s, c)
+         tangent = s/c
+      else  ! tan(45 + b) = (cos b + sin b)/(cos b - sin b)
+         call sine_cosine((slope - 45)*degree, s, c)
+         tangent = (c + s)/(c - s)
+      end if
+   end function tangent
+
+   !> Of the cells above zero, set those to zero that are flatter than a threshold (Horn 1981), or whose 3x3
+   !> window is incomplete. Rows `first` and following.
+   pure subroutine keep_steep(dem, threshold, first, cells)
+      type(terrain_t), intent(in) :: dem
+      real(wp), intent(in) :: threshold      !! [degree]
+      integer, intent(in) :: first           !! row of cells(:, 1), 1 the northernmost
+      integer(i2), intent(inout) :: cells(:, :)
+      type(patch_t) :: patch
+      real(wp) :: least, missing(2), descent(2)
+      logical :: pit
+      integer :: i, r
+
+      least = tangent(threshold)
+      missing = ieee_value(least, ieee_quiet_nan)
+      do r = first, first + size(cells, 2) - 1
+         do i = 1, size(cells, 1)
+            associate (cell => cells(i, r - first + 1))
+               if (cell <= 0) cycle
+               cell = 0
+               call read_patch(dem, i, dem%ny + 1 - r, patch)  ! Horn does not look at the cell itself
+               if (.not. patch%known) cycle
+               call cell_descent(dem, [i, r], missing, descent, pit)
+               if (ieee_is_nan(descent(1))) cycle
+               if (sqrt(descent(1)**2 + descent(2)**2) >= least) cell = 1
+            end associate
+         end do
+      end do
+   end subroutine keep_steep
+
+   !> Surface over plan area of the cells of sources, sqrt(1 + tan**2) by Horn (1981); where the 3x3 window is
+   !> incomplete, by the patch beside the source, as for the descent of a cell. 1 off known terrain, where
+   !> no source may be.
+   pure function surface_ratios(dem, x, y) result(ratio)
+      type(terrain_t), intent(in) :: dem
+      real(wp), intent(in) :: x(:), y(:)  !! local coordinates [m]
+      real(wp) :: ratio(size(x))
+      type(patch_t) :: patch
+      real(wp) :: u, w, descent(2)
+      logical :: pit
+      integer :: k
+
+      ratio = 1
+      do k = 1, size(x)
+         call locate(dem, x(k), y(k), patch, u, w)
+         if (.not. patch%known) cycle
+         call cell_descent(dem, cell_of(dem, patch, u, w), gradient(dem, patch, u, w), descent, pit)
+         ratio(k) = sqrt(1 + descent(1)**2 + descent(2)**2)
+      end do
+   end function surface_ratios
+
+   !> The last boulder of each source where n of them come from each unit of `ratio`: the sums of n*ratio,
+   !> rounded down, so that totals are right even with n = 1.
+   pure function last_boulders(ratio, n) result(last)
+      real(wp), intent(in) :: ratio(:)
+      integer(i8), intent(in) :: n
+      integer(i8) :: last(size(ratio))
+      real(wp) :: total
+      integer :: k
+
+      total = 0
+      do k = 1, size(ratio)
+         total = total + ratio(k)
+         last(k) = int(min(n*total, 0.5_wp*huge(1_i8)), i8)  ! too many are refused, not wrapped
+      end do
+   end function last_boulders
+end module rockfall_sources
