@@ -43,6 +43,7 @@ def test_the_array_run_by_hand_gives_the_run(program, few_boulders, commands, tm
     script = (jobs / "run.sh").read_text()
     for line in ("--array=1-5", "--cpus-per-task=2", "--time=10:00"):
         assert f"#SBATCH {line}\n" in script
+    assert {"python": " --resume ", "batch": " resume=true "}[program] in script
     for path in jobs.iterdir():
         assert path.stat().st_mode & stat.S_IXUSR
         assert subprocess.run(["sh", "-n", path]).returncode == 0

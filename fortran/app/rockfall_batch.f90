@@ -1,4 +1,19 @@
 ! SPDX-License-Identifier: BSD-3-Clause
+!> What a procedure without an error may say.
+module warnings
+   use, intrinsic :: iso_fortran_env, only: error_unit
+   implicit none
+
+contains
+
+   subroutine warn(message)
+      character(len=*), intent(in) :: message
+
+      write (error_unit, "(2a)") "rockfall-batch: warning: ", message
+      flush (error_unit)
+   end subroutine warn
+end module warnings
+
 !> The standalone program: reads a case, runs it, writes its results. Only here anything is printed,
 !> or stopped.
 program rockfall_batch
@@ -7,14 +22,17 @@ program rockfall_batch
    use rockfall_error, only: error_t, fail
    use rockfall_paths, only: version
    use rockfall_case, only: case_t
-   use rockfall_override, only: read_case_file
+   use rockfall_override, only: read_case_file, bare_case_text
    use rockfall_filesystem, only: fail_beyond_size_limit, end_at_once
-   use rockfall_console, only: arguments_t, read_arguments, value_of, read_shard, stem, one_line, decimal
+   use rockfall_console, only: arguments_t, read_arguments, value_of, read_shard, read_seconds, read_logical, &
+                               stem, one_line, decimal
    use rockfall_wholefolder, only: check_folder
    use rockfall_load, only: inputs_t, load, lines_outside
    use rockfall_simulate, only: results_t, simulate, rebound_counts
+   use rockfall_checkpoint, only: checkpoint_t, check_checkpoint, checkpoint, remove_checkpoint
    use rockfall_variables, only: statuses, boulder_counts
    use rockfall_results, only: write_folder
+   use warnings, only: warn
 #ifdef HAVE_NETCDF
    use rockfall_ncresult, only: check_netcdf, write_netcdf
 #endif
@@ -27,7 +45,8 @@ program rockfall_batch
 #endif
 
    character(len=*), parameter :: keys(*) = &
-                                  [character(len=8) :: "output", "boulders", "seed", "threads", "shard"]
+                                  [character(len=10) :: "output", "boulders", "seed", "threads", "shard", &
+                                   "checkpoint", "resume"]
 
    integer :: code
    logical :: half_written
@@ -69,28 +88,37 @@ contains
       type(case_t) :: case
       type(inputs_t), target :: inputs
       type(results_t), target :: results
-      character(len=:), allocatable :: output, text
+      type(checkpoint_t) :: saved
+      character(len=:), allocatable :: output, folder, text
       integer(i8) :: shard(2)
+      real(wp) :: every  !! seconds from a checkpoint to the next
+      logical :: resume
 
+      every = 60
+      resume = .false.
       call read_shard(value_of(arguments, "shard"), shard, error)
+      if (.not. allocated(error)) call read_seconds("checkpoint", value_of(arguments, "checkpoint"), every, error)
+      if (.not. allocated(error)) call read_logical("resume", value_of(arguments, "resume"), resume, error)
       if (allocated(error)) return
       output = without_slash(value_of(arguments, "output"))
       if (output == "") output = stem(arguments%case)//"_results"
+      folder = output//".checkpoint"
       call read_case_file(arguments%case, value_of(arguments, "boulders"), &
                           value_of(arguments, "seed"), value_of(arguments, "threads"), text, &
                           case, error)
       if (.not. allocated(error)) call check_output(output, shard(2) > 1, error)
+      if (.not. allocated(error)) call check_checkpoint(folder, resume, error)
       if (.not. allocated(error)) call load(case, inputs, error)
       if (allocated(error)) return
-      if (lines_outside(case, inputs%grid) /= "") then
-         write (error_unit, "(3a)") "rockfall-batch: warning: no boulder can cross ", &
-            lines_outside(case, inputs%grid), ": outside the terrain"
-      end if
-      call simulate(case, inputs, shard, results, error)
+      if (lines_outside(case, inputs%grid) /= "") &
+         call warn("no boulder can cross "//lines_outside(case, inputs%grid)//": outside the terrain")
+      saved = checkpoint(folder, every, bare_case_text(text), inputs%files, warn)
+      call simulate(case, inputs, shard, saved, results, error)
       if (.not. allocated(error)) then
          call write_output(output, text, case, inputs, results, error)
          half_written = allocated(error) .and. is_netcdf(output)
       end if
+      if (.not. allocated(error)) call remove_checkpoint(saved)
       if (allocated(error) .or. arguments%quiet) return
       call summary(case, results)
       write (output_unit, "(2a)") "results in ", output
@@ -117,6 +145,8 @@ contains
          "  seed=N          of the random numbers, instead of the case's", &
          "  threads=N       0 = all cores", &
          "  shard=I/N       the I-th of N parts, to one netCDF file; `rockfall merge` joins them", &
+         "  checkpoint=S    seconds between checkpoints, in OUTPUT.checkpoint; default: 60, 0 = none", &
+         "  resume=true     go on from the last checkpoint, if any", &
          "  quiet=true      no summary", &
          "  --help, --version", &
          "", &

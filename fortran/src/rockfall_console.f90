@@ -5,11 +5,11 @@ module rockfall_console
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail
    use rockfall_textfile, only: lower, joined, excerpt
-   use rockfall_decimal, only: parse_integer, decimal_ok
+   use rockfall_decimal, only: parse_integer, parse_real, decimal_ok
    use rockfall_filesystem, only: name_of
    implicit none
    private
-   public :: arguments_t, read_arguments, value_of, read_shard, stem, one_line, decimal
+   public :: arguments_t, read_arguments, value_of, read_shard, read_seconds, read_logical, stem, one_line, decimal
 
    type :: option_t
       character(len=:), allocatable :: key, value
@@ -76,7 +76,7 @@ contains
       if (equals > 1 .and. value == "") then
          call fail(error, word//": a value is missing")
       else if (key == "quiet") then
-         call take_quiet(value, arguments%quiet, error)
+         call read_logical(key, value, arguments%quiet, error)
       else if (any(keys == key)) then
          do k = 1, size(keys)
             if (keys(k) == key) arguments%option(k)%value = value
@@ -92,18 +92,6 @@ contains
          arguments%case = word
       end if
    end subroutine take_word
-
-   pure subroutine take_quiet(value, quiet, error)
-      character(len=*), intent(in) :: value
-      logical, intent(out) :: quiet
-      type(error_t), allocatable, intent(out) :: error
-
-      quiet = any(lower(value) == [character(len=6) :: "true", "t", ".true."])
-      if (.not. quiet .and. &
-          .not. any(lower(value) == [character(len=7) :: "false", "f", ".false."])) then
-         call fail(error, "quiet = "//excerpt(value)//": must be true or false")
-      end if
-   end subroutine take_quiet
 
    !> What the command line says of a key, the last time; "" if nothing.
    pure function value_of(arguments, key) result(value)
@@ -134,6 +122,33 @@ contains
          call fail(error, "shard = "//excerpt(text)//": must be I/N with I from 1 to N")
       end if
    end subroutine read_shard
+
+   !> A time of zero seconds or more; nothing -> `value` as it was.
+   pure subroutine read_seconds(key, text, value, error)
+      character(len=*), intent(in) :: key, text
+      real(wp), intent(inout) :: value  !! [s]
+      type(error_t), allocatable, intent(out) :: error
+      integer :: status
+
+      if (text == "") return
+      call parse_real(text, value, status)
+      if (status /= decimal_ok .or. value < 0) &
+         call fail(error, key//" = "//excerpt(text)//": must be >= 0 seconds")
+   end subroutine read_seconds
+
+   !> True or false; nothing -> `value` as it was.
+   pure subroutine read_logical(key, text, value, error)
+      character(len=*), intent(in) :: key, text
+      logical, intent(inout) :: value
+      type(error_t), allocatable, intent(out) :: error
+
+      if (text == "") return
+      value = any(lower(text) == [character(len=6) :: "true", "t", ".true."])
+      if (.not. value .and. &
+          .not. any(lower(text) == [character(len=7) :: "false", "f", ".false."])) then
+         call fail(error, key//" = "//excerpt(text)//": must be true or false")
+      end if
+   end subroutine read_logical
 
    !> `folder/case.nml` -> `case`
    pure function stem(path)

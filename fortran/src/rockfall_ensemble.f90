@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Many boulders. The only file with threads: boulders are independent, results have a place of their
+!> Many boulders. The only file in which they share threads: boulders are independent, results have a place of their
 !> own, and tallies are exact, so threads and chunks cannot change a bit.
 module rockfall_ensemble
    use rockfall_kinds, only: i8

@@ -9,7 +9,7 @@ module rockfall_override
    use rockfall_case, only: case_t, read_case
    implicit none
    private
-   public :: read_case_file
+   public :: read_case_file, bare_case_text
 
 contains
 
@@ -32,6 +32,18 @@ contains
       text = namelist_text(list)
       call read_case(text, file, case, error)
    end subroutine read_case_file
+
+   !> The text of a case, as it was read, without what changes no number: comments and threads.
+   pure function bare_case_text(text) result(bare)
+      character(len=*), intent(in) :: text
+      character(len=:), allocatable :: bare
+      type(namelist_t) :: list
+      type(error_t), allocatable :: error
+
+      call parse_namelist(text, "", list, error)
+      call override(list, "threads", "0", error)
+      bare = namelist_text(list)
+   end function bare_case_text
 
    !> Give an integer key of &case another value.
    pure subroutine override(list, key, value, error)

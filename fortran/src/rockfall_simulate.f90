@@ -21,9 +21,10 @@ module rockfall_simulate
    use rockfall_reach, only: block_side, take_minima, reach_box
    implicit none
    private
-   public :: results_t, simulate, is_part, map_tallies, reached_cells, bin_edge, rebound_counts
+   public :: results_t, keeper_t, simulate, is_part, map_tallies, reached_cells, bin_edge, rebound_counts
 
-   integer(i8), parameter :: chunk = 2_i8**20  !! boulders in one call
+   integer(i8), parameter :: first_chunk = 1024   !! boulders in one call
+   real(wp), parameter :: chunk_seconds = 1.0_wp  !! that a call is to take: at its end threads wait for each other
    integer(i8), parameter :: most_columns = 2_i8**31 - 2  !! and one more can be counted
    integer, parameter :: halvings = 5  !! of the columns, before they are too few to begin with
 
@@ -34,7 +35,8 @@ module rockfall_simulate
 
    !> What a run found, in local coordinates. Maps that nobody asked for are not allocated.
    type :: results_t
-      integer(i8) :: boulders = 0                        !! done here
+      integer(i8) :: boulders = 0                        !! of which there is room here
+      integer(i8) :: done = 0                            !! of them
       integer(i8) :: before = 0, asked = 0               !! those before them in the run, all of the run
       type(fate_t), allocatable :: fate(:)
       type(crossing_t), allocatable :: crossing(:, :)    !! (lines, boulders)
@@ -55,19 +57,44 @@ module rockfall_simulate
       real(wp) :: wall = 0.0_wp, cpu = 0.0_wp            !! [s]
    end type results_t
 
+   !> Who keeps the results of a run while it goes on, and may have some of it to begin with.
+   type, abstract :: keeper_t
+   contains
+      procedure(bring_results), deferred :: restore  !! before the first chunk
+      procedure(see_results), deferred :: look       !! after each
+      procedure(let_go), deferred :: finish          !! before they may change in other ways, or go
+   end type keeper_t
+
+   abstract interface
+      subroutine bring_results(this, results, error)
+         import :: keeper_t, results_t, error_t
+         class(keeper_t), intent(inout) :: this
+         type(results_t), intent(inout) :: results
+         type(error_t), allocatable, intent(out) :: error
+      end subroutine bring_results
+      subroutine see_results(this, results)
+         import :: keeper_t, results_t
+         class(keeper_t), intent(inout) :: this
+         type(results_t), intent(inout), target :: results
+      end subroutine see_results
+      subroutine let_go(this)
+         import :: keeper_t
+         class(keeper_t), intent(inout) :: this
+      end subroutine let_go
+   end interface
+
 contains
 
    !> Run the case, or part shard(1) of shard(2) ranges of its boulders, which differ by one boulder at
    !> most. It is refused when its results do not fit in memory.
-   subroutine simulate(case, inputs, shard, results, error)
+   subroutine simulate(case, inputs, shard, keeper, results, error)
       type(case_t), intent(in) :: case
       type(inputs_t), intent(inout), target :: inputs
       integer(i8), intent(in) :: shard(2)
+      class(keeper_t), intent(inout) :: keeper
       type(results_t), intent(out), target :: results
       type(error_t), allocatable, intent(out) :: error
       type(maps_t) :: maps
-      real(wp) :: cpu_start, cpu_end
-      integer(i8) :: first, last, start, end, rate
 
       results%asked = boulders_of(case, inputs)
       if (results%asked > huge(1_i4)) then  ! passages count them in 32 bits
@@ -86,35 +113,60 @@ contains
       call make_room(case, inputs, results, error)
       if (allocated(error)) return
       call keep_within(inputs%scene%dem, results%at, results%at + [results%grid%nx, results%grid%ny] - 1)
+      call keeper%restore(results, error)
+      if (.not. allocated(error)) call fly(case, inputs, keeper, results, error)
+      if (allocated(error)) return
+      maps = map_tallies(results, [1, 1])
+      results%fed = fed_cells(maps, inputs%scene%release, results%before + 1, results%before + results%boulders)
+      call settle(maps, inputs%scene%release, results%fed)
+      call trace(case, inputs, results, error)
+   end subroutine simulate
+
+   !> Fly the boulders that are not done, in chunks that follow the clock.
+   subroutine fly(case, inputs, keeper, results, error)
+      type(case_t), intent(in) :: case
+      type(inputs_t), intent(inout), target :: inputs
+      class(keeper_t), intent(inout) :: keeper
+      type(results_t), intent(inout), target :: results
+      type(error_t), allocatable, intent(out) :: error
+      type(maps_t) :: maps
+      real(wp) :: wall_before, cpu_before, cpu_begun, cpu
+      integer(i8) :: first, last, chunk, begun, start, end, rate
+
       maps = map_tallies(results, results%at)
       inputs%scene%wants_cells = follows_cells(maps)
       results%threads = team_size(case%threads)
-      call system_clock(start, rate)
-      call cpu_time(cpu_start)
-      do first = 1, results%boulders, chunk
-         last = min(results%boulders, first + chunk - 1)
+      wall_before = results%wall
+      cpu_before = results%cpu
+      call system_clock(begun, rate)
+      call cpu_time(cpu_begun)
+      chunk = first_chunk
+      do while (results%done < results%boulders)
+         call system_clock(start)
+         first = results%done + 1
+         last = min(results%boulders, results%done + chunk)
          call run_boulders(inputs%scene, results%before + first, results%threads, results%fate(first:last), &
                            results%crossing(:, first:last), maps, results%histogram)
          if (any(results%fate(first:last)%status == left_window)) then
             call fail(error, case%file//": a boulder went where none can go", our_fault)
-            return
+            exit
          end if
          if (lacks_columns(maps)) then
             call fail(error, case%file//": &output maps: boulders reach more than " &
                       //integer_text(size(results%class_counts, 2))//" cells; the counts of quantile maps in more " &
                       //"do not fit in memory")
-            return
+            exit
          end if
+         call system_clock(end)
+         call cpu_time(cpu)
+         results%done = last
+         results%wall = wall_before + real(end - begun, wp)/rate
+         results%cpu = cpu_before + cpu - cpu_begun
+         chunk = max(1_i8, int(chunk*min(4.0_wp, chunk_seconds*rate/max(1_i8, end - start)), i8))
+         call keeper%look(results)
       end do
-      maps = map_tallies(results, [1, 1])
-      results%fed = fed_cells(maps, inputs%scene%release, results%before + 1, results%before + results%boulders)
-      call settle(maps, inputs%scene%release, results%fed)
-      call cpu_time(cpu_end)
-      call system_clock(end)
-      results%wall = real(end - start, wp)/rate
-      results%cpu = cpu_end - cpu_start
-      call trace(case, inputs, results, error)
-   end subroutine simulate
+      call keeper%finish()
+   end subroutine fly
 
    !> Boulders of the whole run, or more than there may be.
    pure integer(i8) function boulders_of(case, inputs) result(n)

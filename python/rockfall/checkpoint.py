@@ -26,6 +26,7 @@ from rockfall.simulate import Tally
 from rockfall.sourcemaps import FED, fed_cells, restore_stamps
 
 STATE = "state.json"
+STATE_OF_BATCH = "state.txt"  # of the checkpoints of rockfall-batch
 PARTS = {"identity", "done", "rows", "maps", "wall_seconds", "cpu_seconds"}  # of the state
 ROWS = ("boulder", "count", "crossing")  # arrays of a tally with a row for each boulder
 
@@ -89,6 +90,10 @@ class Checkpoint:
         return state["done"] if state else 0
 
     def _state(self) -> dict[str, Any] | None:
+        if (self.folder / STATE_OF_BATCH).exists():
+            raise RockfallError(
+                f"{self.folder}: is of rockfall-batch; go on with that, or remove it"
+            )
         try:
             state = json.loads((self.folder / STATE).read_text())
             if not isinstance(state, dict) or not state.keys() >= PARTS:

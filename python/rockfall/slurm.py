@@ -31,7 +31,7 @@ COMMANDS = {
         '--shard "$$part/$shards" --output $folder/"part$$part.nc"'
     ),
     "batch": Template(
-        'rockfall-batch $case quiet=true threads="$$OMP_NUM_THREADS" '
+        'rockfall-batch $case quiet=true resume=true threads="$$OMP_NUM_THREADS" '
         'shard="$$part/$shards" output=$folder/"part$$part.nc"'
     ),
 }
