@@ -6,72 +6,118 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from rockfall.crs import crs_name
 from rockfall.grid import row_blocks
+from rockfall.memory import machine_memory
 from rockfall.result import TALLIES
 from rockfall.scene import SIZE_TO_RADIUS, Scene, used_zones
 from rockfall.simulate import Tally, fields, run_chunks, start
 from rockfall.sources import threshold
+from rockfall.tiles import Tiles
 
-PILOT_SECONDS = 0.3
-PILOT_BOULDERS = 10_000  # at most
-BASE = 120_000_000  # bytes of the program and its packages
+PILOT_SECONDS = 2.0  # at most; the cells that many reach are told from those that some do
+PILOT_BOULDERS = 20_000  # at most
+PROGRAM = 170e6  # bytes of the program and its packages
+START = 1.5  # CPU seconds to start and end
+ROW = 1.0e-6  # CPU seconds to write the row of a boulder
+VALUE = 20e-9  # CPU seconds to write the value of a cell
+
+
+@dataclass
+class Pilot:
+    """Some boulders of a run, followed to see what all of them would take."""
+
+    tally: Tally
+    seconds: float  # CPU time of a boulder
+    cells: float  # that all boulders of the run would reach
 
 
 def preview(scene: Scene) -> str:
     """A page about a scene. Some of its boulders are followed, for the time; nothing is kept."""
     case = scene.case
     pilot = _pilot(scene)
+    one = pilot.tally.scene
+    near = one.tiles.window if one.tiles else one  # what there is of the rasters
     rows = [
         ("terrain", _terrain(scene)),
-        ("surface", _surface(scene)),
-        ("sizes", _ratios(scene, pilot)),
+        ("surface", _surface(near)),
+        ("sizes", _ratios(near, pilot.tally)),
         ("impact sets", case.impact["sets"]),
         ("boulders", _boulders(scene)),
         ("lines", ", ".join(line["name"] for line in case.line) or "none"),
         ("maps", ", ".join(case.output.get("maps", [])) or "none"),
-        ("memory", _memory(scene)),
+        ("memory", _memory(scene, pilot)),
         ("time", _time(scene, pilot)),
     ]
     title = f"{case.name}: {case.case['title']}".removesuffix(": ")
     return "\n".join([title, *(f"  {name:13}{about}" for name, about in rows)])
 
 
-def memory(scene: Scene) -> dict[str, int]:
-    """Bytes that a run takes: rasters of the scene, maps, rows of results, the program itself."""
+def memory(scene: Scene, pilot: Pilot) -> dict[str, float]:
+    """Bytes that a run takes while boulders fly, and in all: its rasters make room for its maps."""
+    names = set(scene.case.output.get("maps", []))
     tally = start(scene, threads=1)
-    derived = set(scene.case.output.get("maps", [])) - set(TALLIES)
-    maps = [tally.maps.counts, tally.maps.sums, tally.maps.maxima, tally.maps.column]
-    maps.append(tally.maps.stamp)
-    classes = tally.maps.class_counts
-    cells = scene.z.size if classes.size > 1 else 0  # the system may grant fewer
+    maps = tally.maps
+    layers = [maps.counts, maps.sums, maps.maxima, maps.column, maps.stamp]
+    made = sum(1 for name in names - set(TALLIES)) * 4 * np.prod(maps.box.shape)
     row = 8 * len(fields(1)) + 4 * len(fields(2)) + 8 * len(fields(3)) * len(scene.case.line)
-    rasters = [scene.z, scene.zone, scene.values, scene.x, scene.y]
+    if scene.tiles:
+        rasters = scene.tiles.bytes
+    else:
+        rasters = sum(a.nbytes for a in (scene.z, scene.zone, scene.values) if a is not None)
+    counted = maps.class_counts.size > 1
     return {
-        "rasters": sum(array.nbytes for array in rasters if array is not None),
-        "maps": sum(m.nbytes for m in maps if m.size > 1) + 4 * scene.z.size * len(derived),
-        "classes at most": classes.itemsize * classes.shape[1] * cells,  # every cell is reached
-        "results": row * scene.boulders,
-        "program": BASE,
+        "rasters": rasters,
+        "maps": sum(layer.nbytes for layer in layers if layer.size > 1),
+        "classes": 4 * maps.class_counts.shape[1] * pilot.cells if counted else 0,
+        "results": row * scene.boulders + scene.x.nbytes + scene.y.nbytes,
+        "program": PROGRAM,
+        "made": made,
     }
 
 
-def _pilot(scene: Scene) -> Tally:
-    """Some boulders from sources drawn at random, followed for about `PILOT_SECONDS`."""
-    start(scene, threads=1)  # does it fit in memory? can boulders start?
-    number = min(scene.boulders, PILOT_BOULDERS)
-    drawn = np.random.default_rng(0).integers(scene.x.size, size=number)
+def _pilot(scene: Scene) -> Pilot:
+    """Boulders from sources drawn at random, followed twice."""
+    number, maps = min(scene.boulders, PILOT_BOULDERS), scene.case.output.get("maps", [])
+    output = {"maps": list(dict.fromkeys([*maps, "passages"])) if maps else None}
+    drawn = np.sort(np.random.default_rng(0).integers(scene.x.size, size=number))
     if scene.area is not None:  # steeper cells release more
         drawn = np.searchsorted(scene.ends, scene.ends[-1] * (drawn + 0.5) / scene.x.size)
-    case = scene.case.replace(case={"boulders": 1})
-    few = start(replace(scene, case=case, x=scene.x[drawn], y=scene.y[drawn], area=None), threads=1)
+    case = scene.case.replace(case={"boulders": 1}, output=output)
+    one = replace(scene, case=case, x=scene.x[drawn], y=scene.y[drawn], area=None)
+    if scene.tiles:
+        one.tiles = Tiles(one, scene.tiles.cells, scene.tiles.survey)
+    few = start(one, threads=1)
     end = time.perf_counter() + PILOT_SECONDS
-    run_chunks(few, None, lambda: time.perf_counter() > end and few.done > 0, lambda _: None)
-    return few
+    run_chunks(few, None, lambda: few.done >= number or time.perf_counter() > end, lambda _: None)
+    cells, done, few.done, few.cpu = _all_cells(few, scene.boulders), few.done, 0, 0.0
+    run_chunks(few, None, lambda: few.done >= done, lambda _: None)  # no memory is new any more
+    return Pilot(few, few.cpu / few.done, cells)
+
+
+def _all_cells(few: Tally, boulders: int) -> float:
+    """Cells that so many boulders would reach, when cells differ in how often they are passed as
+    a gamma law: the passages of a cell are then negative binomial (Fisher, Corbet & Williams 1943).
+    Its mean and shape are those which give as many cells passed at all, and passed once, as the
+    few boulders did."""
+    place = few.maps.plan[0] - 1
+    if place < 0:
+        return 0.0
+    passages = few.maps.counts[place]
+    total, cells, once = passages.sum(dtype="i8"), (passages > 0).sum(), (passages == 1).sum()
+    more = boulders / max(1, few.done)
+    if more <= 1 or not 0 < once < total:
+        return float(cells * max(1.0, more))
+    shape = np.geomspace(1e-4, 50.0, 2000)  # of the gamma law
+    spread = (once / total) ** (-1 / (shape + 1))  # 1 + passages of a cell / shape
+    most = total / (shape * (spread - 1))  # cells that can be passed
+    best = np.argmin(abs(most * (1 - spread**-shape) - cells))
+    found = most[best] * (1 - (1 + (spread[best] - 1) * more) ** -shape[best])
+    return float(min(max(found, cells), passages.size))
 
 
 def _terrain(scene: Scene) -> str:
@@ -142,12 +188,12 @@ def _range(least: float, most: float) -> str:
     return " to ".join(dict.fromkeys(texts))
 
 
-def _memory(scene: Scene) -> str:
-    need = memory(scene)
-    have = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+def _memory(scene: Scene, pilot: Pilot) -> str:
+    need = memory(scene, pilot)
+    made = need.pop("made")
+    total = sum(need.values()) + max(0, made - need["rasters"])  # rasters go before maps are made
     parts = ", ".join(f"{name} {_bytes(size)}" for name, size in need.items() if size)
-    total = sum(need.values())
-    much = "; more than this machine has" if total > have else ""
+    much = "; more than this machine has" if total > machine_memory() else ""
     return f"about {_bytes(total)} ({parts}){much}"
 
 
@@ -155,12 +201,14 @@ def _bytes(number: float) -> str:
     return f"{number / 1e9:.1f} GB" if number >= 1e9 else f"{max(1, number / 1e6):.0f} MB"
 
 
-def _time(scene: Scene, pilot: Tally) -> str:
-    seconds = pilot.cpu / pilot.done * scene.boulders
+def _time(scene: Scene, pilot: Pilot) -> str:
+    flight, maps = pilot.seconds * scene.boulders, len(scene.case.output.get("maps", []))
+    cells = maps * np.prod(pilot.tally.maps.box.shape) if maps else 0
+    rest = START + ROW * scene.boulders + VALUE * cells
     threads = scene.case.case["threads"] or len(os.sched_getaffinity(0))
     return (
-        f"about {_duration(seconds)} of CPU, {_duration(seconds / threads)} on {threads} cores "
-        f"(estimated from {pilot.done:,} boulders)"
+        f"about {_duration(flight + rest)} of CPU, {_duration(flight / threads + rest)} on "
+        f"{threads} cores (estimated from {pilot.tally.done:,} boulders)"
     )
 
 

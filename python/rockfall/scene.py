@@ -147,7 +147,7 @@ def read_scene(
         path = case.path(case.terrain["dem"])
         if memory is not None and not rasters:
             grid, dtype = dem_header(path)
-            if (cells := int(memory / 2 / _cell_bytes(case, dtype))) < grid.nx * grid.ny:
+            if (cells := int(memory / 2 / cell_bytes(case, dtype))) < grid.nx * grid.ny:
                 return _tiled(Scene(case, grid, np.empty((0, 0), dtype), np.zeros((1, 1))), cells)
         z, grid = read_dem(path)
     scene = Scene(case, grid, z, np.zeros((1, 1)))
@@ -202,7 +202,7 @@ def read_window(scene: Scene, box: Box) -> Scene:
     return window
 
 
-def _cell_bytes(case: Case, dtype: np.dtype) -> int:
+def cell_bytes(case: Case, dtype: np.dtype) -> int:
     """Memory of a cell of the rasters of a case."""
     surface = case.surface
     if "zones" in surface:

@@ -16,7 +16,7 @@ from rockfall.elevations import check_known
 from rockfall.errors import RockfallError
 from rockfall.grid import Box
 from rockfall.reach import Survey
-from rockfall.scene import Scene, read_window
+from rockfall.scene import Scene, cell_bytes, read_window
 
 RIM = 4  # cells of a window that boulders keep off, where the raster goes on
 
@@ -24,7 +24,7 @@ RIM = 4  # cells of a window that boulders keep off, where the raster goes on
 class Tiles:
     """The terrain of a scene in windows of so many cells, unless a source needs a larger one."""
 
-    def __init__(self, scene: Scene, cells: int) -> None:
+    def __init__(self, scene: Scene, cells: int, survey: Survey | None = None) -> None:
         self.scene, self.cells = scene, cells
         # How far a window goes beyond its sources, and learns to go: north, west, south, east.
         self.margins = np.full(4, max(RIM, math.isqrt(cells) // 8))
@@ -32,7 +32,12 @@ class Tiles:
         self.row = ((scene.grid.north - scene.y) / scene.grid.cell).astype(int)
         self.sources = range(0)  # whose window it is
         self.window = scene
-        self.survey = self._survey()
+        self.survey = survey or self._survey()
+
+    @property
+    def bytes(self) -> int:
+        """Memory of a window."""
+        return self.cells * cell_bytes(self.scene.case, self.scene.z.dtype)
 
     def around(self, first: int, boulders: int) -> tuple[Scene, int]:
         """The scene with a window of its rasters for boulders from number `first` on, and for how
