@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Terrain that does not fit in memory is read in windows; the result is the same, bit for bit."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -16,6 +18,7 @@ from rockfall.grid import Grid
 from rockfall.rasters import write_ascii
 from rockfall.scene import read_scene
 from rockfall.simulate import run_scene
+from rockfall.until import run_scene_until, run_until
 from scenes import make_case, rough, sets
 
 NY, NX, CELL = 220, 90, 5.0
@@ -117,7 +120,7 @@ def test_windows_follow_the_sources_and_learn_how_far_boulders_go(tmp_path):
     rim = tiles.margins[0]
     assert set(tiles.margins) == {rim} and rim > 4
     for number in range(1, 9 * len(tiles.row) + 1, 9):
-        window, n = tiles.around(number, 9)
+        window, n = tiles.around(scene, number, 9)
         row, column = tiles.row[number // 9], tiles.column[number // 9]
         (top, left), (ny, nx) = window.at, window.z.shape
         assert n == 9 and ny * nx <= tiles.cells
@@ -146,6 +149,17 @@ def test_steep_cells_and_their_surface(tmp_path, cells):
     scene = read_scene(case, memory=30_000)
     assert scene.tiles and 0 < scene.x.size < 6000
     same(run_scene(scene), rockfall.run(case))
+
+
+def test_other_numbers_of_boulders_from_the_same_tiles(tmp_path):
+    case = case_in(tmp_path)
+    scene = read_scene(case, memory=20_000)
+    run_scene(scene)
+    more = replace(scene, case=case.replace(case={"boulders": 23}))
+    same(run_scene(more), rockfall.run(more.case))
+    rules = "share@L<30%"
+    until = run_scene_until(read_scene(case, memory=20_000), rules, 40)
+    same(until, run_until(case, rules, 40))
 
 
 def test_parts_and_checkpoints(tmp_path):

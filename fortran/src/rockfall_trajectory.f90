@@ -102,6 +102,11 @@ contains
       end if
       call release(scene, number, flight)
       fate%start = [flight%x, flight%y, flight%z]
+      if (.not. flight%patch%known) then
+         fate%status = left_window
+         fate%stop = fate%start
+         return
+      end if
       fate%speed_max = square(flight%v)
       omega_r = 0
       call start_records(scene, number, flight, scratch)

@@ -17,7 +17,6 @@ from rockfall.result import TALLIES
 from rockfall.scene import SIZE_TO_RADIUS, Scene, used_zones
 from rockfall.simulate import Tally, fields, run_chunks, start
 from rockfall.sources import threshold
-from rockfall.tiles import Tiles
 
 PILOT_SECONDS = 2.0  # at most; the cells that many reach are told from those that some do
 PILOT_BOULDERS = 20_000  # at most
@@ -89,8 +88,6 @@ def _pilot(scene: Scene) -> Pilot:
         drawn = np.searchsorted(scene.ends, scene.ends[-1] * (drawn + 0.5) / scene.x.size)
     case = scene.case.replace(case={"boulders": 1}, output=output)
     one = replace(scene, case=case, x=scene.x[drawn], y=scene.y[drawn], area=None)
-    if scene.tiles:
-        one.tiles = Tiles(one, scene.tiles.cells, scene.tiles.survey)
     few = start(one, threads=1)
     end = time.perf_counter() + PILOT_SECONDS
     run_chunks(few, None, lambda: few.done >= number or time.perf_counter() > end, lambda _: None)

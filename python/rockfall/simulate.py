@@ -273,7 +273,7 @@ def _fly(tally: Tally, first: int, size: int) -> int:
     lie in one window of the terrain; returns how many."""
     tiles, scene = tally.scene.tiles, tally.scene
     if tiles:
-        scene, size = tiles.around(first, size)
+        scene, size = tiles.around(scene, first, size)
     left = _call(tally, scene, first, size)
     if left.size:
         if tiles is None:
@@ -322,7 +322,7 @@ def trace(tally: Tally) -> None:
 def trajectory(scene: Scene, number: int) -> np.ndarray:
     """The vertices (release, contacts, end) of one boulder, each with the columns `fields(4)`."""
     while True:
-        window = scene.tiles.around(number, 1)[0] if scene.tiles else scene
+        window = scene.tiles.around(scene, number, 1)[0] if scene.tiles else scene
         vertex, left = _fly_alone(window, number)
         if left is None:
             return vertex

@@ -24,25 +24,24 @@ RIM = 4  # cells of a window that boulders keep off, where the raster goes on
 class Tiles:
     """The terrain of a scene in windows of so many cells, unless a source needs a larger one."""
 
-    def __init__(self, scene: Scene, cells: int, survey: Survey | None = None) -> None:
-        self.scene, self.cells = scene, cells
+    def __init__(self, scene: Scene, cells: int) -> None:
+        self.cells = cells
         # How far a window goes beyond its sources, and learns to go: north, west, south, east.
         self.margins = np.full(4, max(RIM, math.isqrt(cells) // 8))
-        self.column = ((scene.x - scene.grid.west) / scene.grid.cell).astype(int)
-        self.row = ((scene.grid.north - scene.y) / scene.grid.cell).astype(int)
-        self.sources = range(0)  # whose window it is
-        self.window = scene
-        self.survey = survey or self._survey()
+        self._turn_to(scene)
+        self.survey = self._survey()
 
     @property
     def bytes(self) -> int:
         """Memory of a window."""
         return self.cells * cell_bytes(self.scene.case, self.scene.z.dtype)
 
-    def around(self, first: int, boulders: int) -> tuple[Scene, int]:
+    def around(self, scene: Scene, first: int, boulders: int) -> tuple[Scene, int]:
         """The scene with a window of its rasters for boulders from number `first` on, and for how
-        many of them it is."""
-        source = self.scene.source_of(first)
+        many of them it is. It may differ from the scene before in all but its rasters."""
+        if scene is not self.scene:
+            self._turn_to(scene)
+        source = scene.source_of(first)
         if source not in self.sources:
             self.sources, box = self._fitting(source)
             self.window = self.scene  # its memory is free before the next takes it
@@ -64,6 +63,12 @@ class Tiles:
             raise RockfallError("a boulder went where none can go", code=1)
         self.margins = np.where(left, 2 * self.margins, self.margins)
         self.sources = range(0)
+
+    def _turn_to(self, scene: Scene) -> None:
+        self.scene = self.window = scene
+        self.column = ((scene.x - scene.grid.west) / scene.grid.cell).astype(int)
+        self.row = ((scene.grid.north - scene.y) / scene.grid.cell).astype(int)
+        self.sources = range(0)  # whose window it is
 
     def _box(self) -> Box:
         row, column = self.window.at
