@@ -32,7 +32,7 @@ contains
    !> n = 1) the vertices of the trajectory are kept too, up to `room` of `recorded`.
    subroutine run(z8, z4, west, north, cell, nodes, at, zone1, zone2, values, sizes, method, size_to_radius, &
                   set_mean, set_covariance, gravity, stop_speed, impact_limit, &
-                  law, law_values, volumes, density, source_x, source_y, per_source, source_end, &
+                  law, law_values, volumes, density, source_x, source_y, sources_before, per_source, source_end, &
                   drop_height, velocity, &
                   lines, line_end, line_x, line_y, seed, sobol, first, threads, &
                   plan, map_at, map_last, map_counts, map_sums, map_reals, class_counts, column, columns, stamp, head, &
@@ -59,9 +59,10 @@ contains
       integer(c_int), intent(in) :: law                          !! as in boulder_law_t
       real(c_double), intent(in) :: law_values(4), volumes(nv)   !! mean, deviation, least, most; list [m3]
       real(c_double), intent(in) :: density                      !! [kg/m3]
-      real(c_double), intent(in) :: source_x(ns), source_y(ns)   !! map coordinates [m]
+      real(c_double), intent(in) :: source_x(ns), source_y(ns)   !! map coordinates [m], of all sources or those
+      integer(c_int64_t), intent(in) :: sources_before           !! of boulders first .. first + n - 1
       integer(c_int64_t), intent(in) :: per_source               !! boulders of each source, or
-      integer(c_int64_t), intent(in) :: source_end(ne)           !! the last boulder of each
+      integer(c_int64_t), intent(in) :: source_end(ne)           !! the last boulder of each of all
       real(c_double), intent(in) :: drop_height, velocity(3)     !! [m], [m/s]
       integer(c_int), intent(in) :: lines                        !! how many; vertices up to line_end(k)
       integer(c_int), intent(in) :: line_end(nl)
@@ -138,6 +139,7 @@ contains
          scene%law%most = law_values(4)
          scene%law%list = volumes
          scene%law%density = density
+         scene%release%before = sources_before
          scene%release%boulders_per_source = per_source
          if (size(source_end) > 1) scene%release%last = source_end
          scene%release%drop_height = drop_height

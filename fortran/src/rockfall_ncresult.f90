@@ -310,7 +310,7 @@ contains
          names%bin(k) = variable(file, bin, nf90_double, [dim], trim(about%units), &
                                  trim(about%long_name))
          call note(file, names%bin(k), "bounds", bin//"_bounds")
-         names%bounds(k) = variable(file, bin//"_bounds", nf90_double, [bound, dim], "", &
+         names%bounds(k) = variable(file, bin//"_bounds", nf90_double, [bound, dim], trim(about%units), &
                                     "edges of the bins of "//trim(about%name))
          call fill(file, names%bounds(k), nf90_double)
          names%histogram(k) = variable(file, trim(about%name)//"_histogram", nf90_int64, [dim], &

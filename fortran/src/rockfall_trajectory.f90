@@ -170,7 +170,7 @@ contains
       integer(i8) :: source
       real(wp) :: u, w
 
-      source = source_of(scene%release, number)
+      source = source_of(scene%release, number) - scene%release%before
       flight%x = scene%release%x(source)
       flight%y = scene%release%y(source)
       associate (dem => scene%dem)

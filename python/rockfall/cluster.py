@@ -14,13 +14,14 @@ from rockfall.errors import RockfallError, need
 from rockfall.interrupts import interrupts
 from rockfall.parts import Joined
 from rockfall.progress import progress_bar
+from rockfall.reach import survey
 from rockfall.scene import Scene, read_scene
-from rockfall.simulate import run_scene
+from rockfall.simulate import no_maps, run_scene
 
 if TYPE_CHECKING:
     import xarray as xr
 
-PARTS = 8  # for each thread of the cluster: workers end together, and little is lost with one
+PARTS = 16  # for each thread of the cluster: workers end together, and little is lost with one
 SECONDS = 20  # to reach a scheduler
 
 
@@ -39,14 +40,14 @@ def run_on_cluster(
     case = scene.case.replace(case={"threads": 1})  # workers have threads of their own
     case.folder = Path(case.folder).absolute()
     with interrupts() as interrupted, _client(where) as client:
+        memory = 2 * scene.tiles.bytes if scene.tiles else None  # windows of the same size
         of = parts or PARTS * max(1, sum(client.nthreads().values()))
         of = max(2, min(of, scene.boulders))
         if scene.boulders < 2:
             return run_scene(scene)
-        futures = [
-            client.submit(_part, case, k, of, pure=False, retries=2) for k in range(1, of + 1)
-        ]
-        joined = Joined()
+        parts = range(1, of + 1)
+        futures = [client.submit(_part, case, memory, k, of, pure=False, retries=2) for k in parts]
+        joined = Joined(no_maps(case.output.get("maps", []), survey(scene).box()))
         with progress_bar(scene.boulders, shown=progress) as advance:
             for future in as_completed(futures, loop=client.loop):
                 part = _result(future)
@@ -93,12 +94,13 @@ def _result(future: Any) -> xr.Dataset:
         raise RockfallError(f"workers died again and again: {error}", code=1) from error
 
 
-def _part(case: Case, which: int, of: int) -> xr.Dataset:
-    """On a worker: a part of the run."""
-    return run_scene(_scene(case), shard=(which, of))
+def _part(case: Case, memory: float | None, which: int, of: int) -> xr.Dataset:
+    """On a worker: a part of the run. One of them says which maps there are, the others send no
+    more than what is to be added up."""
+    return run_scene(_scene(case, memory), shard=(which, of), maps=which == 1)
 
 
 @lru_cache(maxsize=1)
-def _scene(case: Case) -> Scene:
+def _scene(case: Case, memory: float | None) -> Scene:
     """The scene of a case, read once by each worker."""
-    return read_scene(case)
+    return read_scene(case, memory=memory)

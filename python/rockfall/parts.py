@@ -187,11 +187,12 @@ def _check_whole(heads: Sequence[dict[str, Any]]) -> None:
 class Joined:
     """Parts of one run put together as they come, in any order: rows, sums and tallies of maps."""
 
-    def __init__(self) -> None:
+    def __init__(self, maps: Maps | None = None) -> None:
+        """`maps`: where tallies are added up; without it, made like those of the first part."""
         self.first: xr.Dataset | None = None  # the part with boulder 1
         self.rows: dict[int, dict[str, np.ndarray]] = {}  # by the first boulder of a part
         self.sums: dict[str, np.ndarray] = {}
-        self.maps: Maps | None = None
+        self.maps = maps
         self.fed: list[dict[str, np.ndarray]] = []  # by sources that a part cuts
         self.clocks = dict.fromkeys(CLOCKS, 0.0)
         self.threads = 0
@@ -224,7 +225,7 @@ class Joined:
         """That of the whole run; the parts are used up."""
         import xarray as xr
 
-        from rockfall.result import map_variable
+        from rockfall.result import as_variables, map_variable
 
         join_sources(self.maps, self.fed)
         boulders = int(self.first.attrs["boulders_asked"])
@@ -242,10 +243,10 @@ class Joined:
             elif variable.dims == ("y", "x"):
                 data[name] = map_variable(name, self.maps, boulders, least)
             elif not name.startswith(BEFORE):
-                data[name] = variable
+                data[name] = (variable.dims, variable.values, variable.attrs)
         own = {"boulder_last": boulders, "complete": 1, "threads": self.threads, **self.clocks}
         attrs = dict(self.first.attrs) | own
-        return xr.Dataset(data, attrs=attrs).set_coords(list(self.first.coords))
+        return xr.Dataset(as_variables(data), attrs=attrs).set_coords(list(self.first.coords))
 
 
 def _row_dimension(dims: tuple) -> str | None:

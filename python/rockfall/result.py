@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -49,8 +50,9 @@ def make_result(tally: Tally, maps: bool = True) -> xr.Dataset:
     if tally.scene.case.line:
         _add_lines(data, tally)
     data["crs"] = ((), np.int32(0), _grid_mapping(tally.grid))
-    fed = settle(tally) if maps else {}
-    if tally.boulders < tally.scene.boulders:
+    is_part = tally.boulders < tally.scene.boulders
+    fed = settle(tally) if maps or is_part else {}
+    if is_part:
         data |= tally_variables(tally.maps, fed)
     if maps and tally.scene.case.output.get("maps"):
         _add_maps(data, tally)
@@ -58,9 +60,20 @@ def make_result(tally: Tally, maps: bool = True) -> xr.Dataset:
         _add_histograms(data, tally)
     if tally.trajectories:
         _add_trajectories(data, tally)
-    result = xr.Dataset(data, attrs=_attributes(tally))
+    result = xr.Dataset(as_variables(data), attrs=_attributes(tally))
     names = {"boulder", "line", "x", "y", *(name for name in data if name.endswith("_bin"))}
     return result.set_coords(sorted(names & set(data)))
+
+
+def as_variables(data: Mapping[str, tuple]) -> dict[str, xr.Variable]:
+    """Variables of (dimensions, values, attributes). Were they left to xarray, it would load Dask,
+    wherever that is installed, to see whether the values are of Dask: half a second."""
+    import xarray as xr
+
+    return {
+        name: xr.Variable(dims, np.asarray(values), *about, fastpath=True)
+        for name, (dims, values, *about) in data.items()
+    }
 
 
 def _add_boulders(data: dict[str, Any], tally: Tally) -> None:
@@ -226,10 +239,8 @@ def read_result(path: str | Path) -> xr.Dataset:
     with open_result(path) as data:
         _check_whole(data, path)
         result = data.load()
-    for name, variable in result.variables.items():
+    for variable in result.variables.values():
         variable.attrs.pop("_FillValue", None)
-        if name.endswith("_bounds"):  # xarray leaves to the reader what CF lets follow
-            variable.attrs.setdefault("units", result[name.removesuffix("_bounds")].attrs["units"])
     if "line" in result:  # names that the standalone program wrote are bytes
         result["line"] = result["line"].astype(str).astype(object)
     return result
@@ -276,38 +287,51 @@ def _starts(path: Path, starts: tuple[bytes, ...]) -> bool:
 
 
 def write_result(result: xr.Dataset, path: str | Path) -> None:
-    """Write a result as netCDF, whole or not at all."""
+    """Write a result as netCDF, whole or not at all. By netCDF4 itself: xarray would copy maps
+    whole, and load Dask wherever it is installed, which takes longer than the writing."""
+    import netCDF4
+
     check_writable(path)
-    maps = [name for name, variable in result.data_vars.items() if variable.dims == ("y", "x")]
-    rest = result.drop_vars(maps)
-    encoding = {name: {"_FillValue": _fill(result[name])} for name in rest.variables}
     with whole_file(path) as part:
         try:
-            rest.to_netcdf(part, engine="netcdf4", encoding=encoding)
-            if maps:
-                _write_maps(part, result[maps])
+            with netCDF4.Dataset(part, "w") as file:
+                file.setncatts(result.attrs)
+                for dim, size in result.sizes.items():
+                    file.createDimension(dim, size)
+                for name, variable in result.variables.items():
+                    _write_variable(file, name, variable, _attached(result, name))
         except (RuntimeError, PermissionError) as error:  # netCDF4 reports a full disk so
             raise RockfallError(f"{path}: cannot be written: {error}; disk full?") from error
 
 
-def _write_maps(path: Path, maps: xr.Dataset) -> None:
-    """Add maps to a file, in blocks of rows; xarray would copy each of them whole."""
-    import netCDF4
+def _attached(result: xr.Dataset, name: str) -> dict[str, Any]:
+    """What is said of a variable in the file alone: its missing value, and the coordinates that it
+    has beside those of its dimensions (CF). Coordinates and texts have none missing."""
+    variable = result.variables[name]
+    if name in result.coords:
+        return {}
+    beside = [
+        other for other, coordinate in result.coords.items()
+        if other not in result.dims and {*coordinate.dims} <= {*variable.dims}
+    ]  # fmt: skip
+    found: dict[str, Any] = {"coordinates": " ".join(beside)} if beside else {}
+    if variable.dtype.kind == "f":
+        found["_FillValue"] = np.nan
+    elif variable.dtype.kind == "i":
+        found["_FillValue"] = variable.dtype.type(NO_COUNT)
+    return found
 
-    with netCDF4.Dataset(path, "a") as file:
-        for name, variable in maps.data_vars.items():
-            tile = tuple(min(TILE, size) for size in variable.shape)
-            stored = file.createVariable(
-                name, variable.dtype, ("y", "x"), chunksizes=tile, zlib=True, complevel=1,
-                shuffle=True, fill_value=_fill(variable),
-            )  # fmt: skip
-            stored.setncatts(variable.attrs)
-            for rows in row_blocks(variable.shape, TILE):
-                stored[rows] = variable.values[rows]
 
-
-def _fill(variable: xr.DataArray) -> Any:
-    """What marks a missing value; coordinates and texts have none missing."""
-    if variable.name in variable.coords or variable.dtype.kind not in "fi":
-        return None
-    return np.nan if variable.dtype.kind == "f" else variable.dtype.type(NO_COUNT)
+def _write_variable(file: Any, name: str, variable: xr.Variable, attached: dict[str, Any]) -> None:
+    """Maps are compressed, in blocks of rows."""
+    text, is_map = variable.dtype.kind in "OU", variable.dims == ("y", "x")
+    how: dict[str, Any] = {"fill_value": attached.pop("_FillValue", None)}
+    if is_map:
+        tile = tuple(min(TILE, size) for size in variable.shape)
+        how |= {"chunksizes": tile, "zlib": True, "complevel": 1, "shuffle": True}
+    stored = file.createVariable(name, str if text else variable.dtype, variable.dims, **how)
+    stored.setncatts(variable.attrs | attached)
+    stored.set_auto_maskandscale(False)
+    values = variable.values.astype(object) if text else variable.values
+    for rows in row_blocks(values.shape, TILE) if is_map else [...]:
+        stored[rows] = values[rows]

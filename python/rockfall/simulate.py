@@ -170,11 +170,13 @@ def run_scene(
     shard: tuple[int, int] = (1, 1),
     checkpoint: Checkpoint | None = None,
     keep: bool = True,
+    maps: bool = True,
 ) -> xr.Dataset:
     """Run a scene that has been read; see `run`.
 
     It goes on from `checkpoint`, and writes it now and then. A scene that need not be kept loses
-    its rasters before the result is made, to save memory.
+    its rasters before the result is made, to save memory. Without `maps`, a part has its tallies
+    alone.
     """
     from rockfall.progress import progress_bar
     from rockfall.result import make_result
@@ -204,7 +206,7 @@ def run_scene(
             trace(tally)
         if not keep:
             scene.forget_rasters()
-        result = make_result(tally)
+        result = make_result(tally, maps)
     if interrupted():
         raise Interrupted(result)
     return result
@@ -255,6 +257,7 @@ def fields(what: int) -> list[str]:
 def run_chunks(
     tally: Tally, chunk: int | None, interrupted: Callable[[], bool], advance: Callable[[int], None]
 ) -> None:
+    """Follow the boulders of a tally that are left, up to the last or until interrupted."""
     size, total = chunk or FIRST_CHUNK, tally.boulders
     while tally.done < total and not interrupted():
         size = min(size, total - tally.done)
@@ -291,8 +294,9 @@ def _call(tally: Tally, scene: Scene, first: int, size: int) -> np.ndarray:
     """Boulders `first` to `first + size - 1`, into their places. Returns the numbers of those that
     left the window, which are in no tally."""
     lines = len(tally.scene.case.line)
+    arguments = _arguments(scene, first, size)
     boulder, count, crossing, _, _, code, message = _core.run(
-        **scene.kernel_arguments(), **tally.maps.arguments(), **tally.maps.marks(), first=first,
+        **arguments, **tally.maps.arguments(), **tally.maps.marks(), first=first,
         threads=tally.threads, histograms=int(tally.scene.case.output["rebounds"]),
         histogram=tally.histogram.T, n=size, room=1,
     )  # fmt: skip
@@ -333,12 +337,7 @@ def _fly_alone(
     scene: Scene, number: int
 ) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray] | None]:
     """The vertices of a boulder, and where it left the window if it did; no tally changes."""
-    arguments = scene.kernel_arguments()
-    source = scene.source_of(number)
-    alone = slice(source, source + 1)  # the kernel would move all sources for each boulder
-    if scene.case.case["sampling"] == "random":  # else the number of the source matters
-        arguments |= {"source_x": scene.x[alone], "source_y": scene.y[alone], "per_source": number}
-        arguments["source_end"] = np.zeros(1, "i8")
+    arguments = _arguments(scene, number, 1)
     room, recorded = 0, 256
     while recorded > room:
         room = recorded
@@ -350,6 +349,15 @@ def _fly_alone(
     place = boulder[[fields(1).index(name) for name in ("stop_x", "stop_y")]]
     left = tuple(place) if count[STATUS, 0] == LEFT_WINDOW else None
     return vertex.T[:recorded].copy(), left
+
+
+def _arguments(scene: Scene, first: int, boulders: int) -> dict[str, Any]:
+    """What the kernel takes for so many boulders: of the sources only theirs, for it looks at all
+    that it is given, in every call."""
+    arguments = scene.kernel_arguments()
+    these = slice(scene.source_of(first), scene.source_of(first + boulders - 1) + 1)
+    own = {key: arguments[key][these] for key in ("source_x", "source_y")}
+    return arguments | own | {"sources_before": these.start}
 
 
 def _raise(scene: Scene, code: int, message: bytes) -> None:
