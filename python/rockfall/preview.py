@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import os
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
@@ -18,8 +17,9 @@ from rockfall.scene import SIZE_TO_RADIUS, Scene, used_zones
 from rockfall.simulate import Tally, fields, run_chunks, start
 from rockfall.sources import threshold
 
-PILOT_SECONDS = 2.0  # at most; the cells that many reach are told from those that some do
-PILOT_BOULDERS = 20_000  # at most
+PROBE_BOULDERS = 200  # to see how long they take
+PILOT_SECONDS = 1.0  # about, twice at most
+PILOT_BOULDERS = 20_000  # at most; the cells that many reach are told from those that these do
 PROGRAM = 170e6  # bytes of the program and its packages
 START = 1.5  # CPU seconds to start and end
 ROW = 1.0e-6  # CPU seconds to write the row of a boulder
@@ -57,7 +57,8 @@ def preview(scene: Scene) -> str:
 
 
 def memory(scene: Scene, pilot: Pilot) -> dict[str, float]:
-    """Bytes that a run takes while boulders fly, and in all: its rasters make room for its maps."""
+    """Bytes that a run takes: its rasters, tallies of maps, counts of classes, rows of results, the
+    program; and in the end, when the rasters are gone, the maps `made` of tallies."""
     names = set(scene.case.output.get("maps", []))
     tally = start(scene, threads=1)
     maps = tally.maps
@@ -80,8 +81,16 @@ def memory(scene: Scene, pilot: Pilot) -> dict[str, float]:
 
 
 def _pilot(scene: Scene) -> Pilot:
-    """Boulders from sources drawn at random, followed twice."""
-    number, maps = min(scene.boulders, PILOT_BOULDERS), scene.case.output.get("maps", [])
+    """As many boulders as there is time for."""
+    probe = _follow(scene, min(scene.boulders, PROBE_BOULDERS))
+    number = min(scene.boulders, PILOT_BOULDERS, int(PILOT_SECONDS / max(probe.seconds, 1e-9)))
+    return _follow(scene, number) if number > PROBE_BOULDERS else probe
+
+
+def _follow(scene: Scene, number: int) -> Pilot:
+    """Boulders from sources drawn at random, followed twice: the second time no memory is new, as
+    for most boulders of a long run."""
+    maps = scene.case.output.get("maps", [])
     output = {"maps": list(dict.fromkeys([*maps, "passages"])) if maps else None}
     drawn = np.sort(np.random.default_rng(0).integers(scene.x.size, size=number))
     if scene.area is not None:  # steeper cells release more
@@ -89,10 +98,9 @@ def _pilot(scene: Scene) -> Pilot:
     case = scene.case.replace(case={"boulders": 1}, output=output)
     one = replace(scene, case=case, x=scene.x[drawn], y=scene.y[drawn], area=None)
     few = start(one, threads=1)
-    end = time.perf_counter() + PILOT_SECONDS
-    run_chunks(few, None, lambda: few.done >= number or time.perf_counter() > end, lambda _: None)
-    cells, done, few.done, few.cpu = _all_cells(few, scene.boulders), few.done, 0, 0.0
-    run_chunks(few, None, lambda: few.done >= done, lambda _: None)  # no memory is new any more
+    run_chunks(few, None, lambda: False, lambda _: None)
+    cells, few.done, few.cpu = _all_cells(few, scene.boulders), 0, 0.0
+    run_chunks(few, None, lambda: False, lambda _: None)
     return Pilot(few, few.cpu / few.done, cells)
 
 
