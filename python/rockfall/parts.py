@@ -190,7 +190,8 @@ class Joined:
     def __init__(self, maps: Maps | None = None) -> None:
         """`maps`: where tallies are added up; without it, made like those of the first part."""
         self.first: xr.Dataset | None = None  # the part with boulder 1
-        self.rows: dict[int, dict[str, np.ndarray]] = {}  # by the first boulder of a part
+        self.rows: dict[str, np.ndarray] = {}  # of all boulders
+        self.vertices: dict[int, dict[str, np.ndarray]] = {}  # by the first boulder of a part
         self.sums: dict[str, np.ndarray] = {}
         self.maps = maps
         self.fed: list[dict[str, np.ndarray]] = []  # by sources that a part cuts
@@ -212,14 +213,28 @@ class Joined:
         add_tallies(self.maps, arrays)
         if arrays.keys() >= set(FED):
             self.fed.append({name: arrays[name] for name in FED})
-        rows = self.rows.setdefault(number, {})
         for name, (dims, values) in variables.items():
-            if _row_dimension(dims):
-                rows[name] = values
+            if "boulder" in dims:
+                self._put(name, dims.index("boulder"), values, attrs)
+            elif _row_dimension(dims):
+                self.vertices.setdefault(number, {})[name] = values
             elif _is_sum(name):
                 self.sums[name] = self.sums.get(name, 0) + values
         self.clocks = {clock: self.clocks[clock] + float(attrs[clock]) for clock in CLOCKS}
         self.threads = max(self.threads, int(attrs["threads"]))
+
+    def _put(self, name: str, axis: int, values: np.ndarray, attrs: Mapping[str, Any]) -> None:
+        """Rows of a part to their place among those of all boulders."""
+        first, asked = int(attrs["boulder_first"]), int(attrs["boulders_asked"])
+        if name not in self.rows:
+            shape = (*values.shape[:axis], asked, *values.shape[axis + 1 :])
+            try:
+                self.rows[name] = np.empty(shape, values.dtype)
+            except (MemoryError, ValueError) as error:
+                raise RockfallError(f"merge: {asked} boulders do not fit in memory") from error
+        place = [slice(None)] * values.ndim
+        place[axis] = slice(first - 1, first - 1 + values.shape[axis])
+        self.rows[name][tuple(place)] = values
 
     def result(self) -> xr.Dataset:
         """That of the whole run; the parts are used up."""
@@ -230,13 +245,13 @@ class Joined:
         join_sources(self.maps, self.fed)
         boulders = int(self.first.attrs["boulders_asked"])
         least = case_of(self.first).output["least_passages"]
-        ordered = [self.rows[number] for number in sorted(self.rows)]
+        ordered = [self.vertices[number] for number in sorted(self.vertices)]
         data: dict[str, Any] = {}
         for name, variable in self.first.variables.items():
-            along = _row_dimension(variable.dims)
-            if along:
-                rows = [part.pop(name) for part in ordered if name in part]
-                rows = np.concatenate(rows, axis=variable.dims.index(along))
+            if name in self.rows:
+                data[name] = (variable.dims, self.rows[name], variable.attrs)
+            elif _row_dimension(variable.dims):
+                rows = np.concatenate([part[name] for part in ordered])
                 data[name] = (variable.dims, rows, variable.attrs)
             elif name in self.sums:
                 data[name] = (variable.dims, self.sums[name], variable.attrs)

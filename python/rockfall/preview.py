@@ -20,8 +20,10 @@ from rockfall.sources import threshold
 PROBE_BOULDERS = 200  # to see how long they take
 PILOT_SECONDS = 1.0  # about, twice at most
 PILOT_BOULDERS = 20_000  # at most; the cells that many reach are told from those that these do
-PROGRAM = 170e6  # bytes of the program and its packages
-START = 1.5  # CPU seconds to start and end
+PROGRAM = 80e6  # bytes of the program and its packages, while boulders fly
+PACKAGES = 65e6  # and of those that results take
+READING = 80e6  # bytes that the reader of a window takes besides
+START = 1.0  # CPU seconds to start and end
 ROW = 1.0e-6  # CPU seconds to write the row of a boulder
 VALUE = 20e-9  # CPU seconds to write the value of a cell
 
@@ -32,6 +34,7 @@ class Pilot:
 
     tally: Tally
     seconds: float  # CPU time of a boulder
+    reading: float  # and of the windows of the terrain
     cells: float  # that all boulders of the run would reach
 
 
@@ -58,7 +61,7 @@ def preview(scene: Scene) -> str:
 
 def memory(scene: Scene, pilot: Pilot) -> dict[str, float]:
     """Bytes that a run takes: its rasters, tallies of maps, counts of classes, rows of results, the
-    program; and in the end, when the rasters are gone, the maps `made` of tallies."""
+    program; and when the rasters are gone, what is `made` of it in the end."""
     names = set(scene.case.output.get("maps", []))
     tally = start(scene, threads=1)
     maps = tally.maps
@@ -66,7 +69,7 @@ def memory(scene: Scene, pilot: Pilot) -> dict[str, float]:
     made = sum(1 for name in names - set(TALLIES)) * 4 * np.prod(maps.box.shape)
     row = 8 * len(fields(1)) + 4 * len(fields(2)) + 8 * len(fields(3)) * len(scene.case.line)
     if scene.tiles:
-        rasters = scene.tiles.bytes
+        rasters = scene.tiles.bytes + READING
     else:
         rasters = sum(a.nbytes for a in (scene.z, scene.zone, scene.values) if a is not None)
     counted = maps.class_counts.size > 1
@@ -76,7 +79,7 @@ def memory(scene: Scene, pilot: Pilot) -> dict[str, float]:
         "classes": 4 * maps.class_counts.shape[1] * pilot.cells if counted else 0,
         "results": row * scene.boulders + scene.x.nbytes + scene.y.nbytes,
         "program": PROGRAM,
-        "made": made,
+        "made": PACKAGES + made,
     }
 
 
@@ -100,8 +103,10 @@ def _follow(scene: Scene, number: int) -> Pilot:
     few = start(one, threads=1)
     run_chunks(few, None, lambda: False, lambda _: None)
     cells, few.done, few.cpu = _all_cells(few, scene.boulders), 0, 0.0
+    before = one.tiles.reading if one.tiles else 0.0
     run_chunks(few, None, lambda: False, lambda _: None)
-    return Pilot(few, few.cpu / few.done, cells)
+    reading = one.tiles.reading - before if one.tiles else 0.0
+    return Pilot(few, (few.cpu - reading) / few.done, reading, cells)
 
 
 def _all_cells(few: Tally, boulders: int) -> float:
@@ -209,7 +214,7 @@ def _bytes(number: float) -> str:
 def _time(scene: Scene, pilot: Pilot) -> str:
     flight, maps = pilot.seconds * scene.boulders, len(scene.case.output.get("maps", []))
     cells = maps * np.prod(pilot.tally.maps.box.shape) if maps else 0
-    rest = START + ROW * scene.boulders + VALUE * cells
+    rest = START + ROW * scene.boulders + VALUE * cells + pilot.reading
     threads = scene.case.case["threads"] or len(os.sched_getaffinity(0))
     return (
         f"about {_duration(flight + rest)} of CPU, {_duration(flight / threads + rest)} on "

@@ -278,6 +278,7 @@ def _fly(tally: Tally, first: int, size: int) -> int:
     if tiles:
         scene, size = tiles.around(scene, first, size)
     left = _call(tally, scene, first, size)
+    del scene  # no window stays while another is read
     if left.size:
         if tiles is None:
             raise RockfallError(f"boulder {left[0]} went where none can go", code=1)

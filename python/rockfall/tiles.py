@@ -8,6 +8,7 @@ boulder that leaves its window is in no tally: it is flown again in a larger one
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Iterator
 
 import numpy as np
@@ -28,6 +29,7 @@ class Tiles:
         self.cells = cells
         # How far a window goes beyond its sources, and learns to go: north, west, south, east.
         self.margins = np.full(4, max(RIM, math.isqrt(cells) // 8))
+        self.reading = 0.0  # CPU seconds that windows took to be read
         self._turn_to(scene)
         self.survey = self._survey()
 
@@ -45,7 +47,9 @@ class Tiles:
         if source not in self.sources:
             self.sources, box = self._fitting(source)
             self.window = self.scene  # its memory is free before the next takes it
+            begin = time.process_time()
             self.window = read_window(self.scene, box)
+            self.reading += time.process_time() - begin
         stop = self.scene.numbers_of(self.sources.stop - 1).stop
         return self.window, min(boulders, stop - first)
 
