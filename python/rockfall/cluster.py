@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import lru_cache
@@ -68,7 +69,7 @@ def _client(where: str) -> Iterator[Any]:
 
     if not where.startswith("local:"):
         try:
-            client = Client(where, timeout=SECONDS, set_as_default=False)
+            client = Client(where, timeout=SECONDS, **_straight(where))
         except (OSError, ValueError) as error:
             raise RockfallError(f"--dask {where}: no scheduler answers: {error}") from error
         with client:
@@ -80,9 +81,16 @@ def _client(where: str) -> Iterator[Any]:
     about = {"n_workers": int(number), "threads_per_worker": 1, "dashboard_address": None}
     with (
         LocalCluster(**about, processes=True) as cluster,
-        Client(cluster, set_as_default=False) as client,
+        Client(cluster, **_straight(cluster.scheduler_address)) as client,
     ):
         yield client
+
+
+def _straight(address: str) -> dict[str, Any]:
+    """Parts come straight from workers of this machine; elsewhere only the scheduler may be in
+    reach."""
+    here = re.match(r"(\w+://)?(127\.|localhost)", address) is not None
+    return {"set_as_default": False, "direct_to_workers": here}
 
 
 def _result(future: Any) -> xr.Dataset:
