@@ -34,6 +34,10 @@ STATUSES = ", ".join(f"{k} {name}" for name, k in variables.STATUS.items())
 STATUS = f"\n`status` is one of: {STATUSES}.\n"
 
 MAPS = """
+Maps cover the rectangle of cells that boulders can reach from the sources: no rebound adds energy,
+so terrain higher than the energy at the release could lift a boulder to bounds their way. With
+`&output map_extent = 'terrain'` they cover all of the terrain.
+
 A mean is shown where at least `&output least_passages` boulders passed, a quantile where also as
 many did as both limits of its own 95 % interval need: 6, 36, 72, 183, 368 for 50, 90, 95, 98, 99 %.
 The number stands in the attribute `least_passages` of the map. Quantiles come from counts of
