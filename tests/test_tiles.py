@@ -251,3 +251,16 @@ def test_the_least_limit_counts(tmp_path, monkeypatch):
     assert memory.machine_memory() > 1e9
     monkeypatch.setattr(memory, "_control_group", lambda: [tmp_path / "none", tmp_path / "job"])
     assert memory.machine_memory() == 123456789
+
+
+def test_control_groups_old_and_new():
+    found = memory.limit_files("12:cpu,cpuacct:/a\n7:memory:/slurm/job_8\n0::/user.slice/b\n")
+    assert [str(file) for file in found] == [
+        "/sys/fs/cgroup/user.slice/b/memory.max",
+        "/sys/fs/cgroup/user.slice/memory.max",
+        "/sys/fs/cgroup/memory.max",
+        "/sys/fs/cgroup/memory/slurm/job_8/memory.limit_in_bytes",
+        "/sys/fs/cgroup/memory/slurm/memory.limit_in_bytes",
+        "/sys/fs/cgroup/memory/memory.limit_in_bytes",
+    ]
+    assert memory.limit_files("") == []

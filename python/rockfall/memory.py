@@ -26,15 +26,29 @@ def machine_memory() -> float:
 
 
 def _control_group() -> list[Path]:
-    """The files that may hold a limit: of the process's group and of all above it."""
-    root = Path("/sys/fs/cgroup")
+    """The files that may hold a limit of the process's control group, or of one above it."""
     try:
-        own = re.search(r"^0::/(.*)$", Path("/proc/self/cgroup").read_text(), re.MULTILINE)
+        return limit_files(Path("/proc/self/cgroup").read_text())
     except OSError:
         return []
-    group = root / own[1] if own else root
-    above = [place for place in (group, *group.parents) if place.is_relative_to(root)]
-    return [place / "memory.max" for place in above]
+
+
+def limit_files(groups: str) -> list[Path]:
+    """The same, from the text of /proc/self/cgroup: of the unified hierarchy, or of the older one
+    for memory alone."""
+    files = []
+    for pattern, root, name in (
+        (r"^0::/(.*)$", Path("/sys/fs/cgroup"), "memory.max"),
+        (
+            r"^\d+:(?:.*,)?memory(?:,.*)?:/(.*)$",
+            Path("/sys/fs/cgroup/memory"),
+            "memory.limit_in_bytes",
+        ),
+    ):
+        if found := re.search(pattern, groups, re.MULTILINE):
+            own = root / found[1]
+            files += [at / name for at in (own, *own.parents) if at.is_relative_to(root)]
+    return files
 
 
 def read_memory(text: str) -> float:
