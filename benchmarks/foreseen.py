@@ -8,17 +8,14 @@ classes, whole and in windows. CPU time counts the whole program, from start to 
 """
 
 import argparse
-import os
 import re
-import subprocess
-import sys
 import tempfile
 from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
 from machine import machine
-from valley import MAPS, NOTHING, SAME, relief, steep_cells, write_tiff
+from valley import MAPS, NOTHING, SAME, program, relief, steep_cells, write_tiff
 
 import rockfall
 from rockfall import variables
@@ -27,17 +24,6 @@ VAUJANY = Path(__file__).parents[1] / "cases/vaujany/case.nml"
 BYTES = {"MB": 1e6, "GB": 1e9}
 SECONDS = {"s": 1.0, "min": 60.0, "h": 3600.0}
 AIM = 0.25
-
-
-def program(*words: str | Path) -> tuple[str, float, float]:
-    """What a command prints, its CPU seconds and the bytes it takes at most."""
-    command = [sys.executable, "-m", "rockfall.cli", *map(str, words)]
-    child = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-    said = child.stdout.read()
-    _, status, usage = os.wait4(child.pid, 0)
-    if status:
-        sys.exit(f"{' '.join(command)}: failed")
-    return said, usage.ru_utime + usage.ru_stime, usage.ru_maxrss * 1024.0
 
 
 def foreseen(said: str, word: str, units: dict[str, float]) -> float:
