@@ -34,18 +34,20 @@ contains
       type(terrain_t), intent(in) :: dem        !! all columns of these rows are at hand
       integer, intent(in) :: first, last        !! rows from the north
       real(wp), intent(inout) :: minima(:, :)   !! (columns, rows) of blocks
+      real(wp) :: z
       integer :: i, r, k, side
 
       side = block_side([dem%nx, dem%ny])
       do r = first, last
          do k = 1, size(minima, 1)
             associate (least => minima(k, (r - 1)/side + 1))
-               do i = (k - 1)*side + 1, min(k*side, dem%nx)  ! not lower than NaN
+               do i = (k - 1)*side + 1, min(k*side, dem%nx)
                   if (associated(dem%z8)) then
-                     if (dem%z8(i, r) < least) least = dem%z8(i, r)
+                     z = dem%z8(i, r)
                   else
-                     if (dem%z4(i, r) < least) least = dem%z4(i, r)
+                     z = dem%z4(i, r)
                   end if
+                  if (z == z) least = min(least, z)  ! to order a NaN would be a floating-point exception
                end do
             end associate
          end do
