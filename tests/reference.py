@@ -1,28 +1,40 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""One boulder in plain, slow Python, from the model alone: a judge for the kernel.
+"""One boulder in slow arithmetic of 50 digits, from the model alone: a judge for the kernel.
 
-It shares no code with the program. Where the program is quick it is naive: patches are polynomials
-that numpy multiplies and solves, directions are angles, normals come from SciPy. Only the layout
-of the random words is the kernel's (rockfall_random, rockfall_impact, rockfall_trajectory).
+It shares no code with the program, and takes the doubles of a scene as the exact numbers that they
+are; so an error of the kernel is the whole difference. Where the kernel is quick it is naive: each
+patch has its quadratic in the time since the flight's start, solved by the school's formula. Only
+what a random number is, is the kernel's: the layout of the random words and the quintic pieces of
+the normal quantile (rockfall_random, rockfall_impact, rockfall_trajectory, rockfall_sobol).
 """
 
 from __future__ import annotations
 
+import decimal
+import functools
+import heapq
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from decimal import Decimal
+from itertools import count
+from statistics import NormalDist
 from typing import NamedTuple
 
 import numpy as np
-from numpy.polynomial import polynomial
-from scipy.stats import norm
 
-RELEASE, IMPACT = 1, 2  # purposes of random words
-INERTIA = 0.4  # of a sphere, over m R**2
+decimal.getcontext().prec = 50  # of all that this module reckons
+RELEASE, IMPACT, SCRAMBLE = 1, 2, 3  # purposes of random words
+INERTIA = Decimal("0.4")  # of a sphere, over m R**2
+PI = Decimal("3.14159265358979323846264338327950288419716939937510582097494")
 LOW = 2**32 - 1
+DRAWS = 32  # of A, before one is forced
+ZERO, ONE, HALF = Decimal(0), Decimal(1), Decimal("0.5")
+Pair = tuple[Decimal, Decimal]
+Triple = tuple[Decimal, Decimal, Decimal]
 
 
-@dataclass
+@dataclass(eq=False)  # and so can be a key of what is reckoned once
 class World:
     """What a boulder meets. Lengths in m; x east, y north from the south-western cell centre."""
 
@@ -30,31 +42,206 @@ class World:
     cell: float
     mean: np.ndarray  # (5, 9): of a1..a9 for R_b/R_m = 1..5
     covariance: np.ndarray  # (5, 9, 9), positive definite or zero
-    sizes: np.ndarray  # (ny, nx) R_m, or (3, ny, nx) obstacle diameters for method A; Inf absorbs
-    start: tuple[float, float]
+    sizes: np.ndarray  # (1, ny, nx) R_m, or (3, ny, nx) Rg70, Rg20, Rg10; Inf absorbs
+    sources: list[tuple[float, float]]
+    boulders: int = 1  # from each source; by area from each flat one
+    by_area: bool = False
+    reading: float = 0.5  # method A: R_m over Rg
     seed: int = 1
+    sobol: bool = False
     drop: float = 0.0
     velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    volume: tuple[float, float] = (1.0, 0.0)  # mean and deviation of a normal law
+    law: str = "normal"
+    volume: tuple[float, ...] = (1.0, 0.0)  # mean and deviation; or least and most; or the list
     gravity: float = 9.81
     stop_speed: float = 0.5
+    impact_limit: int = 100_000
+    lines: list[list[tuple[float, float]]] = field(default_factory=list)  # vertices of each
+    roots: list[list[list[Decimal]]] = field(init=False)  # of the covariances
+    last: list[int] = field(init=False)  # boulder of each source
+
+    def __post_init__(self) -> None:
+        self.roots = [cholesky(c) for c in self.covariance]
+        self.last = last_boulders(self)
+
+
+class Doubt:
+    """How near the closest decision came to being the other one, as a share of what it compares."""
+
+    def __init__(self) -> None:
+        self.least = math.inf
+
+    def above(self, value: Decimal, scale: Decimal) -> bool:
+        """Whether a value is above zero."""
+        if scale:
+            self.least = min(self.least, float(abs(value) / scale))
+        return value > 0
+
+
+class Patch(NamedTuple):
+    """z = z00 + a u + b w + c u w, u and w in 0..1; node (i, j) from 0 is the south-western one."""
+
+    i: int
+    j: int
+    z00: Decimal
+    a: Decimal
+    b: Decimal
+    c: Decimal
+
+    def height(self, u: Decimal, w: Decimal) -> Decimal:
+        return self.z00 + self.a * u + self.b * w + self.c * u * w
+
+    def slope(self, cell: Decimal, u: Decimal, w: Decimal) -> Pair:
+        return (self.a + self.c * w) / cell, (self.b + self.c * u) / cell
+
+    def steepest(self, cell: float) -> float:
+        """Bound of |dz/dx| + |dz/dy|."""
+        return float(abs(self.a) + abs(self.b) + 2 * abs(self.c)) / cell
+
+
+class State(NamedTuple):
+    """A boulder as it leaves its release or a contact."""
+
+    x: Decimal
+    y: Decimal
+    above: Decimal  # the surface; 0 after a contact
+    v: Triple
+    spin: Decimal = ZERO  # W with respect to the heading
+    heading: Pair = (ZERO, ZERO)  # of the tangential velocity after the last rebound
+    patch: Patch | None = None  # that it falls upon, of those that meet below; None: by `place`
+
+
+class Landing(NamedTuple):
+    """The end of a flight: the first contact, or where it left the known terrain."""
+
+    contact: bool
+    time: Decimal  # of flight
+    x: Decimal
+    y: Decimal
+    z: Decimal
+    v: Triple
+    patch: Patch  # the last one under it
+    highest: Decimal  # above the surface, on the way
+    steepest: float  # of the patches on the way, as in Patch
+
+
+class Rebound(NamedTuple):
+    """What came of a contact: incoming and outgoing are (V_t, V_n, W)."""
+
+    incoming: Triple
+    outgoing: Triple
+    velocity: Triple
+    spin: Decimal  # W with respect to the heading
+    heading: Pair
+    ratio: Decimal
+    weight: float  # greatest sum over a row of A of |m| + |L| |z|: scale of its rounding errors
 
 
 class Contact(NamedTuple):
-    """A contact and what came of it: incoming and outgoing are (V_t, V_n, W)."""
+    """A flight and its end; `status` is empty while the boulder goes on."""
 
-    x: float
-    y: float
-    z: float
-    time: float
-    incoming: np.ndarray
-    outgoing: np.ndarray
-    velocity: np.ndarray  # after it
-    ratio: float
+    landing: Landing
+    rebound: Rebound | None
+    status: str
+    doubt: float
 
 
-def philox(counter: list[int], key: list[int]) -> list[int]:
+class Crossing(NamedTuple):
+    """A boulder at an evaluation line."""
+
+    time: Decimal  # since the flight's start
+    x: Decimal
+    y: Decimal
+    v: Triple
+    jump: Decimal
+    passing: Decimal
+    omega: Decimal
+
+
+# ---- numbers
+
+
+def exact(number) -> Decimal:
+    """A float as it is, digit by digit."""
+    return Decimal(float(number))
+
+
+def dot(a, b) -> Decimal:
+    return sum((p * q for p, q in zip(a, b, strict=True)), ZERO)
+
+
+def length(v) -> Decimal:
+    return dot(v, v).sqrt()
+
+
+def cosine_sine(angle: Decimal) -> Pair:
+    """By their series."""
+    total, term, n = [ONE, ZERO], ONE, 0
+    while abs(term) > Decimal("1e-52") or n < 2:
+        n += 1
+        term *= angle / n
+        total[n % 2] += -term if n % 4 in (2, 3) else term
+    return total[0], total[1]
+
+
+def quantile(tail: Decimal) -> Decimal:
+    """The standard normal number that is exceeded with probability `tail` <= 1/2, by Newton."""
+    x = exact(-NormalDist().inv_cdf(float(tail)))
+    for _ in range(3):
+        density = (-x * x / 2).exp() / (2 * PI).sqrt()
+        term, middle, n = x, x, 1
+        while term > Decimal("1e-55"):  # of Phi(x) - 1/2 over the density
+            n += 2
+            term *= x * x / n
+            middle += term
+        x += (HALF - density * middle - tail) / density
+    return x
+
+
+@functools.cache
+def piece(octave: int, eighth: int) -> tuple[list[Decimal], list[Decimal]]:
+    """Chebyshev points of an eighth of an octave, and divided differences of the quantile there."""
+    middle = 1 + (eighth + HALF) / 8
+    nodes = [middle + cosine_sine((2 * k + 1) * PI / 12)[0] / 16 for k in range(6)]
+    found = [quantile(node * Decimal(2) ** (octave - 33)) for node in nodes]
+    for j in range(1, 6):
+        for k in range(5, j - 1, -1):
+            found[k] = (found[k] - found[k - 1]) / (nodes[k] - nodes[k - j])
+    return nodes, found
+
+
+def normal(word: int) -> Decimal:
+    """The standard normal number of a word: the quintic through the quantile at six points."""
+    side = 2 * word + 1 - 2**32
+    tail = 2**32 - abs(side)  # of 2**33
+    octave = tail.bit_length() - 1
+    nodes, differences = piece(octave, (8 * tail >> octave) % 8)
+    share = tail / Decimal(2**octave)
+    value = ZERO
+    for node, difference in zip(reversed(nodes), reversed(differences), strict=True):
+        value = value * (share - node) + difference
+    return value if side > 0 else -value
+
+
+def cholesky(c: np.ndarray) -> list[list[Decimal]]:
+    """Lower triangular L with L L^T = c."""
+    size = len(c)
+    root = [[ZERO] * size for _ in range(size)]
+    if not c.any():
+        return root
+    for i in range(size):
+        for j in range(i + 1):
+            left = exact(c[i, j]) - dot(root[i][:j], root[j][:j])
+            root[i][j] = left.sqrt() if i == j else left / root[j][j]
+    return root
+
+
+# ---- random words
+
+
+def philox(counter: list[int], seed: int) -> list[int]:
     """Philox4x32-10 (Salmon et al. 2011), with whole numbers of any size."""
+    key = [seed & LOW, seed >> 32]
     for _ in range(10):
         a, b = 0xD2511F53 * counter[0], 0xCD9E8D57 * counter[2]
         counter = [b >> 32 ^ counter[1] ^ key[0], b & LOW, a >> 32 ^ counter[3] ^ key[1], a & LOW]
@@ -62,24 +249,57 @@ def philox(counter: list[int], key: list[int]) -> list[int]:
     return counter
 
 
-def words(seed: int, purpose: int, boulder: int, impact: int, draw: int) -> list[int]:
-    """The twelve random words of a draw."""
+def words(world: World, purpose: int, boulder: int, impact: int, draw: int) -> list[int]:
+    """The twelve random words of a draw; the first ones are the boulder's Sobol' point."""
     found = []
     for block in range(3):
         counter = [boulder & LOW, boulder >> 32, impact, purpose << 24 | 3 * draw + block]
-        found += philox(counter, [seed & LOW, seed >> 32])
+        found += philox(counter, world.seed)
+    if world.sobol and draw == 0:
+        if purpose == RELEASE:
+            found[0] = sobol_point(world, boulder)[0]
+        elif impact == 1:
+            found = sobol_point(world, boulder)[1:]
     return found
 
 
-def uniform(word: int) -> float:
+@functools.cache
+def sobol_points(power: int) -> np.ndarray:
+    """The first 2**power points in 13 dimensions (Joe and Kuo 2008), as words."""
+    from scipy.stats import qmc
+
+    points = qmc.Sobol(13, scramble=False, bits=32).random_base2(power)
+    return (points * 2**32).astype(np.int64)
+
+
+def sobol_point(world: World, boulder: int) -> list[int]:
+    """The thirteen words of a boulder's point: its volume, then those of its first rebound."""
+    source, index = source_of(world, boulder)
+    point = sobol_points(max(6, index.bit_length()))[index]
+    return [scrambled(world.seed, int(word), source + 1, d) for d, word in enumerate(point, 1)]
+
+
+def scrambled(seed: int, word: int, source: int, dimension: int) -> int:
+    """Owen's scramble: a bit is turned by a random bit that belongs to all the bits above it. The
+    random bits of seven levels, a tree, are one block, and five trees lie below each other."""
+    bits, turned = f"{word:032b}000", ""
+    for place, bit in enumerate(bits):
+        tree, level = divmod(place, 7)
+        prefix = int(bits[: 7 * tree] or "0", 2)
+        node = int("1" + bits[7 * tree : 7 * tree + level], 2)
+        low = 28 - 7 * tree
+        counter = [prefix, source & LOW, source >> 32, SCRAMBLE << 24 | 64 * dimension + low]
+        block = philox(counter, seed)
+        turned += str(int(bit) ^ (block[node // 32] >> node % 32 & 1))
+    return int(turned[:32], 2)
+
+
+def uniform(word: int) -> Decimal:
     """In (0, 1)."""
-    return (word + 0.5) / 2**32
+    return (word + HALF) / 2**32
 
 
-def normal(word: int) -> float:
-    """Standard normal by inversion, from the nearer tail so that no digit is lost."""
-    tail = min(word, LOW - word)
-    return math.copysign(norm.ppf(uniform(tail)), word - 2**31 + 0.5)
+# ---- terrain
 
 
 def node(world: World, i: int, j: int) -> float:
@@ -88,203 +308,424 @@ def node(world: World, i: int, j: int) -> float:
     return float(world.z[ny - 1 - j, i]) if 0 <= i < nx and 0 <= j < ny else math.nan
 
 
-def corners(world: World, i: int, j: int) -> np.ndarray:
-    """Elevations of a patch's corners: [[sw, se], [nw, ne]]."""
-    return np.array([[node(world, i + a, j + b) for a in (0, 1)] for b in (0, 1)])
+@functools.cache
+def patch(world: World, i: int, j: int) -> Patch | None:
+    """None beside nodata and beyond the edge."""
+    corners = [node(world, i + k % 2, j + k // 2) for k in range(4)]
+    if any(map(math.isnan, corners)):
+        return None
+    sw, se, nw, ne = map(Decimal, corners)
+    return Patch(i, j, sw, se - sw, nw - sw, ne - nw - se + sw)
 
 
-def patch_of(world: World, x: float, y: float) -> tuple[int, int]:
-    """The patch at a point: its south-western node."""
-    ny, nx = world.z.shape
-    column, row = math.floor(x / world.cell), math.floor(y / world.cell)
-    return min(max(column, 0), nx - 2), min(max(row, 0), ny - 2)
+def place(world: World, x: Decimal, y: Decimal) -> tuple[Patch, Decimal, Decimal]:
+    """The known patch at a point, of several the north-eastern one, and the place in it."""
+    u, w = x / exact(world.cell), y / exact(world.cell)
+    i, j = math.floor(u), math.floor(w)
+    for near in ((i, j), (i - (u == i), j), (i, j - (w == j)), (i - (u == i), j - (w == j))):
+        if found := patch(world, *near):
+            return found, u - near[0], w - near[1]
+    raise ValueError(f"no terrain at {x}, {y}")
 
 
-def surface(z: np.ndarray, u, w) -> np.ndarray:
-    """Bilinear height over a patch as a polynomial, for places u, w in it that are polynomials."""
-    u, w = [polynomial.polysub([1], u), u], [polynomial.polysub([1], w), w]
-    total = np.zeros(1)
-    for a in (0, 1):
-        for b in (0, 1):
-            total = polynomial.polyadd(total, z[b, a] * polynomial.polymul(u[a], w[b]))
-    return total
+def meeting(world: World, x: Decimal, y: Decimal, near: Decimal) -> list[Patch]:
+    """The known patches at a point: several where it is as near to their sides [cells]."""
+    u, w = x / exact(world.cell), y / exact(world.cell)
+    columns, rows = ({math.floor(p - near), math.floor(p + near)} for p in (u, w))
+    found = [patch(world, i, j) for i in sorted(columns) for j in sorted(rows)]
+    return [one for one in found if one]
 
 
-def slope(world: World, z: np.ndarray, u: float, w: float) -> np.ndarray:
-    """dz/dx, dz/dy of a patch."""
-    dx = (1 - w) * (z[0, 1] - z[0, 0]) + w * (z[1, 1] - z[1, 0])
-    dy = (1 - u) * (z[1, 0] - z[0, 0]) + u * (z[1, 1] - z[0, 1])
-    return np.array([dx, dy]) / world.cell
+def surface(world: World, x: Decimal, y: Decimal) -> Decimal:
+    """Elevation of a point."""
+    found, u, w = place(world, x, y)
+    return found.height(u, w)
 
 
-def crossings(start: float, speed: float, cell: float, intervals: int) -> list[float]:
-    """Times after the start at which a coordinate comes to the side of a patch."""
-    if speed == 0:
-        return []
-    times = [(k * cell - start) / speed for k in range(intervals + 1)]
-    return [t for t in times if t > 0]
-
-
-def fly(world: World, p: np.ndarray, v: np.ndarray, patch: tuple[int, int], on_ground: bool):
-    """(time, patch) of the first contact of a flight from p with velocity v; None: it left."""
-    ny, nx = world.z.shape
-    times = [0.0]
-    times += crossings(p[0], v[0], world.cell, nx - 1)
-    times += crossings(p[1], v[1], world.cell, ny - 1)
-    times = sorted(times) if v[0] or v[1] else [0.0, 1e9]
-    for k, (t0, t1) in enumerate(zip(times[:-1], times[1:], strict=True)):
-        middle = p + v * (0.5 * (t0 + t1))
-        east, north = middle[:2] / world.cell
-        if not (0 <= east <= nx - 1 and 0 <= north <= ny - 1):
-            return None
-        if k > 0:
-            patch = patch_of(world, middle[0], middle[1])
-        z = corners(world, *patch)
-        if np.isnan(z).any():
-            return None
-        u = [(p[0] + v[0] * t0) / world.cell - patch[0], v[0] / world.cell]
-        w = [(p[1] + v[1] * t0) / world.cell - patch[1], v[1] / world.cell]
-        flight = [p[2] + (v[2] - world.gravity * t0 / 2) * t0, v[2] - world.gravity * t0]
-        flight.append(-world.gravity / 2)
-        above = polynomial.polysub(flight, surface(z, u, w))
-        above = np.pad(above, (0, 3 - above.size))
-        if k == 0 and on_ground:
-            roots = [max(0.0, -above[1] / above[2])]  # the other is the start
-            if above[1] > 0 and above[2] >= 0:
-                roots = []
-        elif above[0] <= 0 and above[1] < 0:
-            roots = [0.0]  # met between two patches, within a rounding error
-        else:
-            roots = [s.real for s in polynomial.polyroots(above) if s.imag == 0 and s.real > 0]
-        roots = [s for s in roots if s <= t1 - t0]
-        if roots:
-            return t0 + min(roots), patch
-    return None
-
-
-def cell_descent(world: World, column: int, row: int, g: np.ndarray) -> tuple[np.ndarray, bool]:
-    """Downhill vector of a raster cell (Horn 1981), and whether it is a pit; row from the north."""
+@functools.cache
+def horn(world: World, column: int, row: int) -> tuple[Pair, bool] | None:
+    """Downhill vector of a raster cell (Horn 1981), and whether it is a pit; row from the north.
+    None where the window is incomplete."""
     ny, nx = world.z.shape
     if not (0 < column < nx - 1 and 0 < row < ny - 1):
-        return -g, False
+        return None
     near = world.z[row - 1 : row + 2, column - 1 : column + 2].astype(float)
-    if np.isnan(near).any():
-        return -g, False
-    weight = np.array([1, 2, 1]) / (8 * world.cell)
-    east, north = weight @ (near[:, 2] - near[:, 0]), (near[0] - near[2]) @ weight
-    return -np.array([east, north]), bool((near >= near[1, 1]).all())
+    if np.isnan(np.delete(near, 4)).any():
+        return None
+    z, across = [[exact(value) for value in row] for row in near], 8 * exact(world.cell)
+    east = sum(weight * (z[k][2] - z[k][0]) for k, weight in enumerate((1, 2, 1)))
+    north = sum(weight * (z[0][k] - z[2][k]) for k, weight in enumerate((1, 2, 1)))
+    return (-east / across, -north / across), bool((near >= near[1, 1]).all())
 
 
-def turned(heading: float, descent: np.ndarray, pit: bool, g, word_class, word_within) -> float:
-    """The heading [rad] after a rebound; angles count towards the descent."""
-    within = uniform(word_within)
-    if pit:
-        return heading
-    aspect = math.atan2(descent[1], descent[0]) if descent.any() else heading
-    apart = math.remainder(aspect - heading, math.tau)
-    if g @ [math.cos(heading), math.sin(heading)] > 0:
-        return heading + math.copysign(math.radians(22.5), apart) * (2 * within - 1)
-    if not descent.any():
-        return heading
-    low, high = 0.0, 22.5
-    if uniform(word_class) >= 0.96:
-        low, high = 45.0, 50.0
-    elif uniform(word_class) >= 0.72:
-        low, high = 22.5, 45.0
-    turn = math.radians(low + (high - low) * within)
-    return aspect if abs(apart) <= turn else heading + math.copysign(turn, apart)
+def nearest_cell(world: World, at: Patch, u: Decimal, w: Decimal, doubt: Doubt) -> tuple[int, int]:
+    """Column and row from the north of the cell round a place in a patch."""
+    column = at.i + (doubt.above(u - HALF, ONE) or u == HALF)
+    return column, world.z.shape[0] - 1 - at.j - (doubt.above(w - HALF, ONE) or w == HALF)
 
 
-def energy(v: np.ndarray) -> float:
+# ---- release
+
+
+def last_boulders(world: World) -> list[int]:
+    """The last boulder of each source."""
+    if not world.by_area:
+        return [world.boulders * (k + 1) for k in range(len(world.sources))]
+    total, last = ZERO, []
+    for x, y in world.sources:
+        at, u, w = place(world, exact(x), exact(y))
+        found = horn(world, *nearest_cell(world, at, u, w, Doubt()))
+        downhill = found[0] if found else at.slope(exact(world.cell), u, w)
+        total += (1 + dot(downhill, downhill)).sqrt()
+        last.append(math.floor(world.boulders * total))
+    return last
+
+
+def source_of(world: World, number: int) -> tuple[int, int]:
+    """The source of a boulder, and which of its boulders it is, both from 0."""
+    source = next(k for k, last in enumerate(world.last) if number <= last)
+    return source, number - 1 - (world.last[source - 1] if source else 0)
+
+
+def volume(world: World, number: int) -> Decimal:
+    """By the law; a normal one above zero."""
+    first = words(world, RELEASE, number, 0, 0)[0]
+    values = [exact(value) for value in world.volume]
+    if world.law == "list":
+        return values[math.floor(uniform(first) * len(values))]
+    if world.law == "uniform":
+        return values[0] + (values[1] - values[0]) * uniform(first)
+    mean, deviation = values
+    if world.law == "lognormal":
+        variance = (1 + (deviation / mean) ** 2).ln()
+        return mean * (variance.sqrt() * normal(first) - variance / 2).exp()
+    for draw in count():
+        drawn = mean + deviation * normal(words(world, RELEASE, number, 0, draw)[0])
+        if drawn > 0:
+            return drawn
+
+
+@functools.cache
+def radius(world: World, number: int) -> Decimal:
+    """R_b of a sphere."""
+    return (3 * volume(world, number) / (4 * PI)) ** (ONE / 3)
+
+
+def release(world: World, number: int) -> State:
+    """Above its source, at rest or with the velocity of the release."""
+    x, y = world.sources[source_of(world, number)[0]]
+    return State(exact(x), exact(y), exact(world.drop), tuple(map(exact, world.velocity)))
+
+
+# ---- flight
+
+
+def sides(start: Decimal, speed: Decimal) -> Iterator[Decimal]:
+    """Times at which a coordinate, in cells, comes to the side of a patch, one by one."""
+    if not speed:
+        return
+    step = 1 if speed > 0 else -1
+    first = math.floor(start) + 1 if speed > 0 else math.ceil(start) - 1
+    for k in count(first, step):
+        yield (k - start) / speed
+
+
+def fly(world: World, state: State, doubt: Doubt) -> Landing:
+    """The first contact of a flight, or where it leaves the known terrain."""
+    cell, gravity = exact(world.cell), exact(world.gravity)
+    u, w = state.x / cell, state.y / cell
+    p, q, rise = state.v[0] / cell, state.v[1] / cell, state.v[2]
+    z = surface(world, state.x, state.y) + state.above
+    begin, highest, found = ZERO, state.above, None
+    at = state.patch or place(world, state.x, state.y)[0]
+    steepest = at.steepest(world.cell)
+    if not p and not q:  # it falls upon the patch below, whose sides may be near
+        doubt.least = float(min(abs(c - round(c)) for c in (u, w)))
+    for end in heapq.merge(sides(u, p), sides(w, q), [Decimal("Infinity")]):
+        if end == begin:
+            continue
+        middle = (begin + end) / 2
+        if p or q:
+            below = patch(world, math.floor(u + p * middle), math.floor(w + q * middle))
+            if below is None:
+                break
+            at, steepest = below, max(steepest, below.steepest(world.cell))
+        du, dw = u - at.i, w - at.j
+        above = (
+            z - at.height(du, dw) if begin or state.above else ZERO,
+            rise - at.a * p - at.b * q - at.c * (du * q + dw * p),
+            -gravity / 2 - at.c * p * q,
+        )
+        found = first_root(above, begin, end, begin == 0 and not state.above, abs(z) + 1, doubt)
+        highest = max(highest, top(above, begin, end if found is None else found))
+        if found is not None:
+            break
+        begin = end
+    time = begin if found is None else found
+    x, y = state.x + state.v[0] * time, state.y + state.v[1] * time
+    v = (*state.v[:2], rise - gravity * time)
+    height = z + time * (rise - gravity * time / 2)
+    return Landing(found is not None, time, x, y, height, v, at, highest, steepest)
+
+
+def value(above: Triple, t: Decimal) -> Decimal:
+    return above[0] + t * (above[1] + t * above[2])
+
+
+def first_root(
+    above: Triple, begin: Decimal, end: Decimal, grounded: bool, scale: Decimal, doubt: Doubt
+) -> Decimal | None:
+    """When the height over a patch, a quadratic in time, first goes below zero."""
+    _, rate, bend = above
+    finite = end.is_finite()
+    vertex = -rate / (2 * bend) if bend else None
+    dips = bend > 0 and begin < vertex and (not finite or vertex < end)
+    if grounded:
+        if rate < 0 or (rate == 0 and bend < 0):
+            return ZERO
+        found = -rate / bend if bend < 0 else None
+    else:
+        found = _falling_root(above, begin)
+    if found is None or found > end:
+        if finite:
+            doubt.above(value(above, end), scale)
+        if dips and not grounded:
+            doubt.above(value(above, vertex), scale)
+        return None
+    depths = [value(above, end)] if finite else []
+    depths += [value(above, vertex)] if dips and not grounded else []
+    if depths:
+        doubt.above(min(depths), scale)
+    return found
+
+
+def _falling_root(above: Triple, begin: Decimal) -> Decimal | None:
+    """The first root after `begin` where the quadratic falls."""
+    base, rate, bend = above
+    if value(above, begin) <= 0 and rate + 2 * bend * begin < 0:
+        return begin
+    if not bend:
+        return max(begin, -base / rate) if rate < 0 else None
+    under = rate * rate - 4 * bend * base
+    if under < 0:
+        return None
+    found = (-rate - under.sqrt()) / (2 * bend)  # the slope there is minus the root
+    return found if found >= begin else None
+
+
+def top(above: Triple, begin: Decimal, end: Decimal) -> Decimal:
+    """Greatest value in a span."""
+    found = max(value(above, begin), value(above, end))
+    if above[2] < 0 and begin < (vertex := -above[1] / (2 * above[2])) < end:
+        found = max(found, value(above, vertex))
+    return found
+
+
+def arc_length(v: Triple, gravity: Decimal, time: Decimal) -> Decimal:
+    """Length of a parabola."""
+    plan = length(v[:2])
+    ends = [v[2], v[2] - gravity * time]
+    if not plan:
+        return abs(ends[0] * abs(ends[0]) - ends[1] * abs(ends[1])) / (2 * gravity)
+    parts = [s * length((plan, s)) + plan**2 * _area_sinh(s / plan) for s in ends]
+    return (parts[0] - parts[1]) / (2 * gravity)
+
+
+def _area_sinh(s: Decimal) -> Decimal:
+    found = (abs(s) + (1 + s * s).sqrt()).ln()
+    return found if s >= 0 else -found
+
+
+# ---- rebound
+
+
+def rock_radius(world: World, column: int, row: int, word: int) -> Decimal:
+    """R_m under a contact; Infinity absorbs."""
+    if len(world.sizes) == 1:
+        return exact(world.sizes[0, row, column])
+    share = uniform(word)
+    drawn = 0 if share < Decimal("0.7") else 1 if share < Decimal("0.9") else 2
+    return exact(world.sizes[drawn, row, column]) * exact(world.reading)
+
+
+def energy(v: Triple) -> Decimal:
     """Twice the kinetic energy per mass of (V_t, V_n, W)."""
     return v[0] ** 2 + v[1] ** 2 + INERTIA * v[2] ** 2
 
 
-def rebound(world: World, number: int, impact: int, ratio: float, v_in: np.ndarray) -> np.ndarray:
-    """(V_t, V_n, W) after the stochastic impact."""
-    k = min(5, max(1, math.floor(ratio + 0.5))) - 1
-    root = np.zeros((9, 9))
-    if world.covariance[k].any():
-        root = np.linalg.cholesky(world.covariance[k])
-    for draw in range(32):
-        z = [normal(word) for word in words(world.seed, IMPACT, number, impact, draw)[:9]]
-        v = (world.mean[k] + root @ z).reshape(3, 3) @ v_in
-        if v[1] > 0 and energy(v) <= energy(v_in):
-            return v
+@functools.lru_cache(4096)
+def matrix(world: World, k: int, number: int, hit: int, draw: int) -> tuple[list[Decimal], float]:
+    """A by rows, and the greatest sum over a row of |m| + |L| |z|."""
+    z = [normal(word) for word in words(world, IMPACT, number, hit, draw)[:9]]
+    terms = [
+        [exact(m)] + [factor * one for factor, one in zip(row, z, strict=True)]
+        for m, row in zip(world.mean[k], world.roots[k], strict=True)
+    ]
+    weights = [float(sum(map(abs, row))) for row in terms]
+    return [sum(row) for row in terms], max(sum(weights[i : i + 3]) for i in (0, 3, 6))
+
+
+def impact(
+    world: World, number: int, hit: int, ratio: Decimal, v_in: Triple, doubt: Doubt
+) -> tuple[Triple, float]:
+    """(V_t, V_n, W) after the stochastic impact, and the weight of its matrix."""
+    doubt.above(ratio % 1 - HALF, ONE)
+    k = min(5, max(1, math.floor(ratio + HALF))) - 1
+    before = energy(v_in)
+    for draw in range(DRAWS):
+        a, weight = matrix(world, k, number, hit, draw)
+        v = tuple(dot(a[i : i + 3], v_in) for i in (0, 3, 6))
+        leaves = doubt.above(v[1], before.sqrt())
+        gains = doubt.above(energy(v) - before, before)
+        if leaves and not gains:
+            return v, weight
     if v[1] <= 0:
-        v[1] = 0.01 * math.hypot(v_in[0], v_in[1])
-    return v * min(1.0, math.sqrt(energy(v_in) / energy(v)))
+        v = v[0], length(v_in[:2]) / 100, v[2]
+    if energy(v) > before:
+        v = tuple(one * (before / energy(v)).sqrt() for one in v)
+    return v, weight
 
 
-def volume(world: World, number: int) -> float:
-    """Normal, and above zero."""
-    mean, deviation = world.volume
-    draw = 0
-    while True:
-        drawn = mean + deviation * normal(words(world.seed, RELEASE, number, 0, draw)[0])
-        if drawn > 0:
-            return drawn
-        draw += 1
+def turned(heading: Pair, downhill: Pair, pit: bool, rising: bool, class_, within, doubt) -> Pair:
+    """The heading after a rebound; angles count towards the descent."""
+    if pit or not (rising or any(downhill)):
+        return heading
+    aspect = tuple(d / length(downhill) for d in downhill) if any(downhill) else (ZERO, ZERO)
+    if rising:
+        degrees = Decimal("22.5") * (2 * within - 1)
+    else:
+        low, high = Decimal(0), Decimal("22.5")
+        if class_ >= Decimal("0.96"):
+            low, high = Decimal(45), Decimal(50)
+        elif class_ >= Decimal("0.72"):
+            low, high = Decimal("22.5"), Decimal(45)
+        degrees = low + (high - low) * within
+    cosine, sine = cosine_sine(degrees * PI / 180)
+    if not rising and not doubt.above(cosine - dot(heading, aspect), ONE):
+        return aspect
+    across = heading[0] * aspect[1] - heading[1] * aspect[0]
+    if not doubt.above(across, ONE) and across < 0:
+        sine = -sine
+    return cosine * heading[0] - sine * heading[1], sine * heading[0] + cosine * heading[1]
 
 
-def rock_radius(world: World, column: int, row: int, word: int) -> float:
-    """R_m under a contact."""
-    if world.sizes.ndim == 2:
-        return float(world.sizes[row, column])
-    drawn = 0 if uniform(word) < 0.7 else 1 if uniform(word) < 0.9 else 2
-    return float(world.sizes[drawn, row, column]) / 2
+def any_heading(within: Decimal) -> Pair:
+    """On the circle, for a vertical impact where nothing descends: from the south-east on."""
+    quarter = math.floor(4 * within)
+    c, s = cosine_sine((4 * within - quarter - HALF) * PI / 2)
+    for _ in range(quarter):
+        c, s = -s, c
+    return c, s
+
+
+def bounce(
+    world: World, number: int, hit: int, state: State, landing: Landing, doubt: Doubt
+) -> Rebound | None:
+    """What comes of a contact; None: absorbed."""
+    cell, at = exact(world.cell), landing.patch
+    u, w = landing.x / cell - at.i, landing.y / cell - at.j
+    column, row = nearest_cell(world, at, u, w, doubt)
+    word = words(world, IMPACT, number, hit, 0)
+    rock = rock_radius(world, column, row, word[11])
+    if rock.is_infinite():
+        return None
+    g = at.slope(cell, u, w)
+    steep = (1 + dot(g, g)).sqrt()
+    up = (-g[0] / steep, -g[1] / steep, 1 / steep)
+    normal_speed = dot(landing.v, up)
+    along = [v - normal_speed * n for v, n in zip(landing.v, up, strict=True)]
+    heading = (ZERO, ZERO)
+    if any(along[:2]):
+        heading = tuple(a / length(along[:2]) for a in along[:2])
+    spin = state.spin
+    if any(state.heading) and any(heading) and doubt.above(-dot(heading, state.heading), ONE):
+        spin = -spin  # it rolls backwards as seen from where it goes now
+    v_in = (length(along), min(ZERO, normal_speed), spin)
+    ratio = radius(world, number) / rock
+    v_out, weight = impact(world, number, hit, ratio, v_in, doubt)
+
+    downhill, pit = horn(world, column, row) or ((-g[0], -g[1]), False)
+    if not any(heading):
+        heading = any_heading(uniform(word[10]))
+        if any(downhill):
+            heading = tuple(d / length(downhill) for d in downhill)
+    spin = v_out[2]
+    if v_out[0] < 0:
+        heading, spin = (-heading[0], -heading[1]), -spin
+    rising = doubt.above(dot(g, heading), steep) if any(g) else False
+    class_, within = uniform(word[9]), uniform(word[10])
+    heading = turned(heading, downhill, pit, rising, class_, within, doubt)
+    climb = dot(g, heading)
+    ahead = abs(v_out[0]) / (1 + climb**2).sqrt()
+    forward = (*heading, climb)
+    velocity = tuple(ahead * f + v_out[1] * n for f, n in zip(forward, up, strict=True))
+    return Rebound(v_in, v_out, velocity, spin, heading, ratio, weight)
+
+
+def step(world: World, number: int, hit: int, state: State) -> Contact:
+    """The flight from a state to contact number `hit`, and what came of it."""
+    doubt = Doubt()
+    landing = fly(world, state, doubt)
+    if not landing.contact:
+        return Contact(landing, None, "left_domain", doubt.least)
+    found = bounce(world, number, hit, state, landing, doubt)
+    if found is None:
+        return Contact(landing, None, "absorbed", doubt.least)
+    speed, stop = length(found.velocity), exact(world.stop_speed)
+    status = "" if hit < world.impact_limit else "impact_limit"
+    if doubt.above(stop - speed, stop):
+        status = "stopped"
+    return Contact(landing, found, status, doubt.least)
+
+
+def leave(contact: Contact) -> State:
+    """The state after a contact."""
+    hit = contact.rebound
+    return State(contact.landing.x, contact.landing.y, ZERO, hit.velocity, hit.spin, hit.heading)
 
 
 def follow(world: World, number: int) -> Iterator[Contact]:
-    """The rebounds of a boulder, one by one, until it ends."""
-    radius = (3 * volume(world, number) / (4 * math.pi)) ** (1 / 3)
-    patch = patch_of(world, *world.start)
-    u, w = (c / world.cell - k for c, k in zip(world.start, patch, strict=True))
-    height = surface(corners(world, *patch), [u], [w])[0]
-    p, v = np.array([*world.start, height + world.drop]), np.array(world.velocity)
-    time, impact, spin = 0.0, 0, 0.0
-    ahead = np.zeros(2)  # the heading in which the spin counts as forward
-    while True:
-        met = fly(world, p, v, patch, on_ground=impact > 0 or world.drop == 0)
-        if met is None:
+    """The contacts of a boulder, one by one, to its end."""
+    state = release(world, number)
+    for hit in count(1):
+        contact = step(world, number, hit, state)
+        yield contact
+        if contact.status:
             return
-        flown, patch = met
-        impact, time = impact + 1, time + flown
-        p = p + v * flown - np.array([0, 0, world.gravity * flown**2 / 2])
-        v = v - np.array([0, 0, world.gravity * flown])
-        u, w = (p[k] / world.cell - patch[k] for k in (0, 1))
-        z = corners(world, *patch)
-        p[2] = surface(z, [u], [w])[0]
-        g = slope(world, z, u, w)
+        state = leave(contact)
 
-        column = patch[0] + (u >= 0.5)
-        row = world.z.shape[0] - 1 - patch[1] - (w >= 0.5)
-        word = words(world.seed, IMPACT, number, impact, 0)
-        rock = rock_radius(world, column, row, word[11])
-        if math.isinf(rock):
-            return
 
-        up = np.array([-g[0], -g[1], 1.0])
-        up /= np.linalg.norm(up)
-        along = v - (v @ up) * up
-        if along[:2].any():
-            heading = math.atan2(along[1], along[0])
-        else:
-            descent = cell_descent(world, column, row, g)[0]
-            heading = math.atan2(descent[1], descent[0])
-            if not descent.any():
-                return  # level ground, a vertical fall: any heading; not for this judge
-        if along[:2] @ ahead < 0:  # it rolls backwards as seen from where it goes now
-            spin = -spin
-        v_in = np.array([np.linalg.norm(along), min(0.0, v @ up), spin])
-        v_out = rebound(world, number, impact, radius / rock, v_in)
-        spin = v_out[2]
-        if v_out[0] < 0:
-            heading, spin = heading + math.pi, -spin
-        heading = turned(heading, *cell_descent(world, column, row, g), g, word[9], word[10])
-        ahead = np.array([math.cos(heading), math.sin(heading)])
-        forward = np.array([*ahead, g @ ahead])
-        v = abs(v_out[0]) * forward / np.linalg.norm(forward) + v_out[1] * up
-        yield Contact(*p, time, v_in, v_out, v, radius / rock)
-        if np.linalg.norm(v) < world.stop_speed:
-            return
+# ---- evaluation lines
+
+
+def _cross(o, a, b) -> Decimal:
+    return (a[0] - o[0]) * (b[1] - o[1]) - (a[1] - o[1]) * (b[0] - o[0])
+
+
+def crossing(
+    world: World, number: int, state: State, landing: Landing, line: int, doubt: Doubt
+) -> Crossing | None:
+    """A flight at an evaluation line, where it crosses it first; zero counts as the left side."""
+    a, b = (state.x, state.y), (landing.x, landing.y)
+    vertices = [tuple(map(exact, vertex)) for vertex in world.lines[line]]
+    shares = []
+    for p, q in zip(vertices[:-1], vertices[1:], strict=True):
+        scale = length((q[0] - p[0], q[1] - p[1])) * exact(world.cell)
+        from_, to = _cross(p, q, a), _cross(p, q, b)
+        doubt.above(to, scale)
+        if (from_ >= 0) != (to >= 0) and (_cross(a, b, p) >= 0) != (_cross(a, b, q) >= 0):
+            shares.append(from_ / (from_ - to))
+    if not shares:
+        return None
+    t = min(shares) * landing.time
+    gravity = exact(world.gravity)
+    x, y = state.x + state.v[0] * t, state.y + state.v[1] * t
+    at, u, w = place(world, x, y)
+    g = at.slope(exact(world.cell), u, w)
+    rise = t * (state.v[2] - gravity * t / 2)
+    jump = max(ZERO, surface(world, state.x, state.y) + state.above + rise - at.height(u, w))
+    own = radius(world, number)
+    passing = jump + own * (1 + dot(g, g)).sqrt()
+    return Crossing(
+        t, x, y, (*state.v[:2], state.v[2] - gravity * t), jump, passing, state.spin / own
+    )
