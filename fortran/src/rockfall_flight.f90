@@ -173,7 +173,7 @@ contains
       s1 = sqrt(plan2 + v1*v1)
       arc_length = v0*s0 - v1*s1
       if (plan2 > 1.0e-200_wp) arc_length = arc_length + plan2*logarithm(rise(v0, s0)/rise(v1, s1))
-      arc_length = 0.5_wp*arc_length/gravity
+      arc_length = max(0.0_wp, 0.5_wp*arc_length/gravity)  ! of a hop the terms cancel
    contains
       !> v + s without cancellation, s = sqrt(plan2 + v**2).
       pure real(wp) function rise(v, s)

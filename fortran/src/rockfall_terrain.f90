@@ -9,6 +9,10 @@ module rockfall_terrain
    public :: terrain_t, patch_t, terrain, keep_within, in_window, locate, within, on_terrain, read_patch, height, gradient, cell_of, &
              cell_descent, steepest_cell_slope
 
+   !> A place this near to a side of a patch [cells] is on it: map coordinates of 1e7 m are known to 2e-9 m
+   !> only, so a source in a cell centre may lie that far from it.
+   real(wp), parameter :: on_side = 1.0e-6_wp
+
    !> A view of the caller's array, in the precision it came in. `z(i, r)`: column i from the west, row r
    !> from the north, as files have it; NaN = no data. The array may be a window of the raster: columns,
    !> rows and coordinates are those of the whole, so that no bit depends on the window.
@@ -85,7 +89,7 @@ contains
    end function in_window
 
    !> The patch at a point, and the place in it. A point beyond the raster gets the nearest patch; one on
-   !> the edge of known terrain (within a billionth of a cell) gets a known patch.
+   !> the edge of known terrain (up to `on_side`) gets a known patch.
    pure subroutine locate(dem, x, y, patch, u, w)
       type(terrain_t), intent(in) :: dem
       real(wp), intent(in) :: x, y  !! [m]
@@ -107,7 +111,6 @@ contains
    !> The neighbour (-1 or 1) across the side that a place 0..1 lies on; 0 away from sides.
    pure integer function beyond(u)
       real(wp), intent(in) :: u
-      real(wp), parameter :: on_side = 1.0e-9_wp
 
       beyond = 0
       if (u < on_side) beyond = -1
@@ -123,12 +126,14 @@ contains
       within = max(0.0_wp, min(1.0_wp, x*dem%per_cell - (k - 1)))
    end function within
 
-   !> True inside the hull of the cell centres (nodata apart).
+   !> True inside the hull of the cell centres (nodata apart), or on its edge.
    pure logical function on_terrain(dem, x, y)
       type(terrain_t), intent(in) :: dem
       real(wp), intent(in) :: x, y  !! [m]
+      real(wp) :: at(2)
 
-      on_terrain = x >= 0 .and. y >= 0 .and. x <= (dem%nx - 1)*dem%cell .and. y <= (dem%ny - 1)*dem%cell
+      at = [x, y]*dem%per_cell
+      on_terrain = all(at >= -on_side .and. at <= [dem%nx, dem%ny] - 1 + on_side)
    end function on_terrain
 
    !> The patch (i, j); unknown outside the window or beside nodata.

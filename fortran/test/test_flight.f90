@@ -416,6 +416,7 @@ contains
          call check_close("length of an arc", arc_length(v, gravity, time), sum*time/(3*n), &
                           1.0e-8_wp)
       end do
+      call check("of no hop below zero", all([(arc_length(v, gravity, scale(0.1_wp, -n)), n=1, 60)] >= 0))
       call check_close("of a fall", arc_length([0.0_wp, 0.0_wp, 0.0_wp], gravity, 2.0_wp), &
                        2*gravity, 1.0e-14_wp)
       call check_close("up and down", arc_length([0.0_wp, 0.0_wp, gravity], gravity, 2.0_wp), &

@@ -231,6 +231,7 @@ contains
       end do
       call check("the corners are terrain", on_terrain(dem, 0.0_wp, 0.0_wp) &
                  .and. on_terrain(dem, 15.0_wp, 10.0_wp))
+      call check("so is what lies there up to rounding", on_terrain(dem, -1.0e-9_wp, 10.0_wp + 1.0e-9_wp))
       call check("beyond them is none", .not. (on_terrain(dem, 15.001_wp, 1.0_wp) &
                                                .or. on_terrain(dem, 1.0_wp, -0.001_wp)))
       call locate(dem, 100.0_wp, -100.0_wp, patch, u, w)
