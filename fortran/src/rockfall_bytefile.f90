@@ -5,6 +5,7 @@ module rockfall_bytefile
    use, intrinsic :: iso_c_binding, only: c_char, c_int, c_long, c_size_t, c_ptr, c_null_ptr, c_null_char, &
                                           c_associated, c_f_pointer, c_loc
    use rockfall_kinds, only: i4, i8
+   use rockfall_pipe, only: is_pipe
    implicit none
    private
    public :: byte_file_t, read_from, write_new, write_on, open_bytes, pass_bytes, put_text, close_bytes, &
@@ -72,7 +73,7 @@ contains
 
       if (present(sum)) file%sum = sum
       file%reads = mode == read_from
-      file%stream = c_fopen(path//c_null_char, mode//c_null_char)
+      if (.not. is_pipe(path)) file%stream = c_fopen(path//c_null_char, mode//c_null_char)
       file%ok = c_associated(file%stream)
       if (file%ok .and. present(after)) file%ok = c_fseek(file%stream, int(after, c_long), 0_c_int) == 0
    end subroutine open_bytes

@@ -3,6 +3,7 @@
 module rockfall_checksum
    use rockfall_kinds, only: i8
    use rockfall_error, only: error_t, fail
+   use rockfall_pipe, only: is_pipe
    implicit none
    private
    public :: file_checksum, text_checksum
@@ -47,6 +48,10 @@ contains
       integer :: unit, status, n
 
       checksum = ""
+      if (is_pipe(path)) then
+         call fail(error, path//": not a regular file")
+         return
+      end if
       open (newunit=unit, file=path, access="stream", form="unformatted", status="old", &
             action="read", iostat=status, iomsg=message)
       if (status /= 0) then

@@ -5,6 +5,7 @@ module rockfall_load
    use rockfall_kinds, only: wp, sp, i1, i2, i4
    use rockfall_error, only: error_t, fail
    use rockfall_textfile, only: read_text, integer_text
+   use rockfall_decimal, only: real_text
    use rockfall_random, only: random_key
    use rockfall_sobol, only: sobol_sequence, most_dimensions
    use rockfall_terrain, only: terrain
@@ -27,6 +28,8 @@ module rockfall_load
    implicit none
    private
    public :: inputs_t, input_file_t, load, lines_outside
+
+   real(wp), parameter :: highest = 1.0e7_wp  !! [m] higher is a mark that the file does not tell of
 
    !> A file that a case named.
    type :: input_file_t
@@ -174,12 +177,14 @@ contains
       end associate
    end subroutine read_dem
 
-   !> Refuse rasters too small for a patch, and rasters without any elevation.
+   !> Refuse rasters too small for a patch, elevations that are none, and rasters without any.
    subroutine check_elevations(path, inputs, error)
       character(len=*), intent(in) :: path
       type(inputs_t), intent(in) :: inputs
       type(error_t), allocatable, intent(out) :: error
-      integer :: j
+      real(wp) :: z(inputs%grid%nx)
+      logical :: here(inputs%grid%nx), some
+      integer :: i, j
 
       associate (grid => inputs%grid)
          if (min(grid%nx, grid%ny) < 2) then
@@ -187,11 +192,24 @@ contains
                       //" cells, at least 2 x 2 are needed")
             return
          end if
+         some = .false.
          do j = 1, grid%ny
-            if (any(known(inputs, j))) return
+            here = known(inputs, j)
+            some = some .or. any(here)
+            z = 0
+            if (allocated(inputs%z4)) then
+               where (here) z = inputs%z4(:, j)
+            else
+               where (here) z = inputs%z8(:, j)
+            end if
+            i = findloc(abs(z) > highest, .true., dim=1)
+            if (i == 0) cycle
+            call fail(error, path//": row "//integer_text(j)//", column "//integer_text(i)//": elevation " &
+                      //real_text(z(i))//": must be within 1e7 m of zero or nodata")
+            return
          end do
       end associate
-      call fail(error, path//": all cells are nodata")
+      if (.not. some) call fail(error, path//": all cells are nodata")
    end subroutine check_elevations
 
    !> Where a row of the raster has elevations.

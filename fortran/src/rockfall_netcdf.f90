@@ -13,6 +13,7 @@ module rockfall_netcdf
    use rockfall_kinds, only: wp, sp, i4, i8
    use rockfall_error, only: error_t, fail
    use rockfall_decimal, only: real_text
+   use rockfall_pipe, only: is_pipe
    use rockfall_textfile, only: lower
    use rockfall_grid, only: grid_t
    use rockfall_cells, only: no_id, whole_numbers, cell_name
@@ -160,6 +161,10 @@ contains
       inquire (file=file, exist=exists)
       if (.not. exists .or. len_trim(file) == 0) then
          call fail(error, name//": no such file")
+         return
+      end if
+      if (is_pipe(file)) then
+         call fail(error, name//": not a regular file")
          return
       end if
       status = nf90_open(file, nf90_nowrite, source%file)

@@ -7,6 +7,7 @@ module rockfall_raster
    use rockfall_kinds, only: wp, sp, i4
    use rockfall_error, only: error_t, fail
    use rockfall_decimal, only: real_text
+   use rockfall_pipe, only: is_pipe
    use rockfall_textfile, only: read_text, integer_text, lower
    use rockfall_filesystem, only: name_of
    use rockfall_grid, only: grid_t, same_grid
@@ -126,13 +127,15 @@ contains
 #endif
    end subroutine in_single_precision
 
-   !> What the first bytes say. A file that is not there counts as ASCII, whose reader says so.
+   !> What the first bytes say. A file that is not there, or a pipe, counts as ASCII, whose
+   !> reader says so.
    integer function format_of(path) result(format)
       character(len=*), intent(in) :: path
       character(len=1) :: byte(4)
       integer :: unit, status, k
 
       format = ascii_format
+      if (is_pipe(raster_file(path))) return
       open (newunit=unit, file=raster_file(path), access="stream", form="unformatted", &
             status="old", action="read", iostat=status)
       if (status /= 0) return

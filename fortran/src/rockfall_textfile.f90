@@ -4,6 +4,7 @@ module rockfall_textfile
    use, intrinsic :: iso_fortran_env, only: iostat_end
    use rockfall_kinds, only: i8
    use rockfall_error, only: error_t, fail
+   use rockfall_pipe, only: is_pipe
    implicit none
    private
    public :: read_text, check_text, after_mark, lower, integer_text, joined, excerpt
@@ -31,6 +32,10 @@ contains
       inquire (file=file, exist=exists)
       if (.not. exists .or. len_trim(file) == 0) then
          call fail(error, file//": no such file")
+         return
+      end if
+      if (is_pipe(file)) then
+         call fail(error, file//": not a regular file")
          return
       end if
       open (newunit=unit, file=file, access="stream", form="unformatted", status="old", &

@@ -3,6 +3,7 @@
 module rockfall_words
    use rockfall_kinds, only: i8
    use rockfall_error, only: error_t, fail
+   use rockfall_pipe, only: is_pipe
    implicit none
    private
    public :: words_t, open_words, next_word, close_words, bytes_left
@@ -34,6 +35,10 @@ contains
       inquire (file=file, exist=exists)
       if (.not. exists .or. len_trim(file) == 0) then
          call fail(error, file//": no such file")
+         return
+      end if
+      if (is_pipe(file)) then
+         call fail(error, file//": not a regular file")
          return
       end if
       open (newunit=words%unit, file=file, access="stream", form="unformatted", status="old", &

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rockfall._core import rockfall_f2py as _core
 from rockfall.errors import RockfallError
+from rockfall.files import check_text_file
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -44,6 +45,7 @@ def key_table() -> tuple[Key, ...]:
 def read_case(path: str | Path) -> Case:
     """The case in a namelist file. A RockfallError names file, group, key, value and the rule."""
     path = Path(path)
+    check_text_file(path)
     try:
         text = path.read_bytes()
     except OSError as error:

@@ -11,8 +11,10 @@ from __future__ import annotations
 import json
 import os
 import shutil
+import struct
 import threading
 import time
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -27,7 +29,15 @@ from rockfall.sourcemaps import FED, fed_cells, restore_stamps
 
 STATE = "state.json"
 STATE_OF_BATCH = "state.txt"  # of the checkpoints of rockfall-batch
-PARTS = {"identity", "done", "rows", "maps", "wall_seconds", "cpu_seconds"}  # of the state
+PARTS = {  # of the state, and their types
+    "identity": dict, "done": int, "rows": list, "maps": str, "wall_seconds": float,
+    "cpu_seconds": float,
+}  # fmt: skip
+#: What reading raises of a file that is damaged; each array has a checksum in its archive.
+DAMAGED = (
+    OSError, ValueError, TypeError, KeyError, EOFError, RuntimeError, OverflowError, BadZipFile,
+    struct.error, zlib.error,
+)  # fmt: skip
 ROWS = ("boulder", "count", "crossing")  # arrays of a tally with a row for each boulder
 
 
@@ -67,8 +77,10 @@ class Checkpoint:
                 self._take_rows(tally, name)
             with np.load(self.folder / state["maps"]) as file:
                 arrays = dict(file)
-        except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
+        except DAMAGED as error:
             raise RockfallError(f"{self.folder}: cannot be read: {error}") from error
+        if self.saved != state["done"]:
+            raise RockfallError(f"{self.folder}: cannot be read: rows of {self.saved} boulders")
         tally.histogram += arrays.pop("histogram")
         add_tallies(tally.maps, arrays)
         if arrays.keys() >= set(FED):
@@ -78,9 +90,9 @@ class Checkpoint:
         self.rows = state["rows"]
 
     def _take_rows(self, tally: Tally, name: str) -> None:
-        with open(self.folder / name, "rb") as file:
+        with np.load(self.folder / name) as file:
             for rows in ROWS:  # one after the other
-                values = np.load(file)
+                values = file[rows]
                 getattr(tally, rows)[self.saved : self.saved + len(values)] = values
         self.saved += len(values)
 
@@ -96,12 +108,12 @@ class Checkpoint:
             )
         try:
             state = json.loads((self.folder / STATE).read_text())
-            if not isinstance(state, dict) or not state.keys() >= PARTS:
+            if not _is_state(state):
                 raise ValueError(f"{STATE} is not of a checkpoint")
             return state
         except FileNotFoundError:
             return None
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, RecursionError) as error:
             raise RockfallError(f"{self.folder}: cannot be read: {error}") from error
 
     def look(self, tally: Tally) -> None:
@@ -117,8 +129,8 @@ class Checkpoint:
             return
         k, rows, arrays = len(self.rows), [*self.rows], None
         if tally.done > self.saved:
-            rows.append(f"rows-{k}.npy")
-            arrays = [getattr(tally, name)[self.saved : tally.done] for name in ROWS]
+            rows.append(f"rows-{k}.npz")
+            arrays = {name: getattr(tally, name)[self.saved : tally.done] for name in ROWS}
         maps = {"histogram": tally.histogram.copy(), **tallies(tally.maps), **fed_cells(tally)}
         state = {
             "identity": _identity(tally), "done": tally.done, "rows": rows, "maps": f"maps-{k}.npz",
@@ -142,7 +154,7 @@ class Checkpoint:
             raise error
 
     def _save(
-        self, rows: list[np.ndarray] | None, maps: dict[str, np.ndarray], state: dict[str, Any]
+        self, rows: dict[str, np.ndarray] | None, maps: dict[str, np.ndarray], state: dict[str, Any]
     ) -> None:
         """In a thread of its own: the files, and last the state that names them."""
         try:
@@ -158,15 +170,12 @@ class Checkpoint:
         except BaseException as error:  # the run's own thread must know
             self.error = error
 
-    def _write(self, name: str, content: bytes | list[np.ndarray] | dict[str, np.ndarray]) -> None:
+    def _write(self, name: str, content: bytes | dict[str, np.ndarray]) -> None:
         """A file that is on disk, whole, before it bears its name."""
         part = self.folder / f"{name}.part"
         with open(part, "wb") as file:
             if isinstance(content, bytes):
                 file.write(content)
-            elif isinstance(content, list):
-                for array in content:
-                    np.save(file, array)
             else:
                 np.savez(file, **content)
             file.flush()
@@ -182,6 +191,15 @@ class Checkpoint:
         """The run is done and written."""
         self.finish()
         shutil.rmtree(self.folder, ignore_errors=True)
+
+
+def _is_state(state: Any) -> bool:
+    """Whether JSON has all parts of a state, each of its type; names are of files in the folder."""
+    if not isinstance(state, dict) or not state.keys() >= PARTS.keys():
+        return False
+    if not all(isinstance(state[name], kind) for name, kind in PARTS.items()):
+        return False
+    return all(isinstance(one, str) and Path(one).name == one for one in state["rows"])
 
 
 def _identity(tally: Tally) -> dict[str, Any]:

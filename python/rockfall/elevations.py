@@ -6,6 +6,8 @@ import numpy as np
 from rockfall.errors import RockfallError
 from rockfall.grid import row_blocks
 
+HIGHEST = 1e7  # [m] what is higher is no elevation, but a mark that the file does not tell of
+
 
 def elevation_dtype(stored: np.dtype | str, name: str) -> np.dtype:
     """float32 for what it holds exactly (integers of 8 and 16 bits too), float64 for the rest."""
@@ -25,15 +27,16 @@ def check_elevations(name: str, z: np.ndarray) -> None:
 
 
 def check_known(name: str, z: np.ndarray, row: int = 0) -> bool:
-    """Whether any cell has an elevation; infinite ones are refused. The array begins at a row."""
+    """Whether any cell has an elevation; absurd ones are refused. The array begins at a row."""
     some = False
     for rows in row_blocks(z.shape):
-        infinite = np.argwhere(np.isinf(z[rows]))
-        if infinite.size:
-            at = tuple(infinite[0] + (rows.start, 0))
+        absurd = np.argwhere(np.abs(z[rows]) > HIGHEST)
+        if absurd.size:
+            at = tuple(absurd[0] + (rows.start, 0))
+            rule = "finite" if np.isinf(z[at]) else "within 1e7 m of zero"
             raise RockfallError(
                 f"{name}: row {row + at[0] + 1}, column {at[1] + 1}: elevation {z[at]:g}: "
-                "must be finite or nodata"
+                f"must be {rule} or nodata"
             )
         some = some or not np.isnan(z[rows]).all()
     return some

@@ -45,7 +45,10 @@ def export(result: xr.Dataset | str | Path, folder: str | Path) -> list[Path]:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise RockfallError(f"{folder}: cannot be made: {error.strerror}") from error
-        return list(_export(data, layers, folder))
+        try:
+            return list(_export(data, layers, folder))
+        except RuntimeError as error:  # of netCDF4: values are read as they are written
+            raise RockfallError(f"{result}: cannot be read: {error}") from error
 
 
 def _export(data: xr.Dataset, layers: _Layers, folder: Path) -> Iterator[Path]:

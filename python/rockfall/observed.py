@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from math import inf
@@ -52,7 +53,7 @@ def read_observed(*paths: str | Path) -> Observed:
     """
     import pandas as pd
 
-    real = [Path(path).resolve() for path in paths]
+    real = [os.path.realpath(path) for path in paths]
     for path, one in zip(paths, real, strict=True):
         if real.count(one) > 1:
             raise RockfallError(f"{path}: is given twice")

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,6 +13,7 @@ import numpy as np
 
 from rockfall.case import case_in, case_of
 from rockfall.errors import RockfallError
+from rockfall.files import check_regular
 from rockfall.grid import Box
 from rockfall.sourcemaps import FED, join_sources
 
@@ -41,6 +42,12 @@ _ABOUT = {
     "fed_boulders": "its boulders in the part",
 }
 CLOCKS = ("wall_seconds", "cpu_seconds")
+#: What netCDF4 and xarray raise of a file that is damaged.
+DAMAGED = (
+    OSError, ValueError, TypeError, LookupError, RuntimeError, AttributeError, OverflowError,
+)  # fmt: skip
+NUMBERS = ("boulders_asked", "boulder_first", "boulder_last", "threads")
+OWN = ("boulder", "trajectory_vertex", "tally", "tally_fed")  # dimensions as long as a part needs
 
 
 def tallies(maps: Maps) -> dict[str, np.ndarray]:
@@ -106,9 +113,11 @@ def merge(parts: Sequence[xr.Dataset | str | Path]) -> xr.Dataset:
     joined, heads = Joined(), []
     for part in parts:
         attrs, variables, template = _read(part)
-        heads.append(_head(attrs, variables, "a part" if hasattr(part, "attrs") else str(part)))
+        name = "a part" if hasattr(part, "attrs") else str(part)
+        heads.append(_head(attrs, variables, name))
         _check_same(heads[0], heads[-1])
-        joined.take(attrs, variables, template)
+        _check_rows(heads[-1], variables)
+        joined.take(attrs, variables, template, name)
     _check_whole(sorted(heads, key=lambda head: head["boulder_first"]))
     return joined.result()
 
@@ -123,13 +132,14 @@ def _read(part: xr.Dataset | str | Path) -> tuple[dict[str, Any], _Variables, _T
     if not isinstance(part, str | Path):
         variables = {name: (one.dims, one.values) for name, one in part.variables.items()}
         return part.attrs, variables, lambda: part
+    check_regular(part)
     try:
         with netCDF4.Dataset(part) as file:
             file.set_auto_maskandscale(False)
             wanted = {name: one for name, one in file.variables.items() if _is_joined(name, one)}
             variables = {name: (one.dimensions, one[...]) for name, one in wanted.items()}
             attrs = {name: file.getncattr(name) for name in file.ncattrs()}
-    except (OSError, RuntimeError) as error:
+    except DAMAGED as error:
         raise RockfallError(f"{part}: cannot be read: {error}") from error
     return attrs, variables, lambda: read_result(part)
 
@@ -142,11 +152,49 @@ def _is_sum(name: str) -> bool:
     return name.startswith("rebounds") or name.endswith("_histogram")
 
 
-def _head(attrs: Mapping[str, Any], variables: Iterable[str], name: str) -> dict[str, Any]:
-    """What a part says of itself, and what it is called."""
-    if f"{BEFORE}cell" not in variables or "case" not in attrs:
+def _head(attrs: Mapping[str, Any], variables: _Variables, name: str) -> dict[str, Any]:
+    """What a part says of itself, what it is called, and the shapes of what it holds."""
+    texts = ("case", "case_file", "version", "input_checksums")
+    if f"{BEFORE}cell" not in variables or not {*texts, *NUMBERS, *CLOCKS} <= attrs.keys():
         raise RockfallError(f"{name}: is not a part of a run, as --shard makes them")
-    return {**attrs, "name": name, "case": _case_text(attrs["case"], attrs["case_file"])}
+    try:
+        head = {key: int(attrs[key]) for key in NUMBERS} | {key: str(attrs[key]) for key in texts}
+        head["case"] = _case_text(head["case"], head["case_file"])
+        head["input_checksums"] = dict(json.loads(head["input_checksums"]))
+        if not np.isfinite([float(attrs[clock]) for clock in CLOCKS]).all():
+            raise ValueError(CLOCKS)
+    except (TypeError, ValueError, OverflowError, RecursionError) as error:
+        raise RockfallError(f"{name}: is damaged: {error}") from error
+    return head | {"name": name, "shapes": _shapes(variables)}
+
+
+def _shapes(variables: _Variables) -> dict[str, tuple]:
+    """Of each variable what all parts of a run share: dimensions, type, and the lengths that are
+    not a part's own."""
+
+    def shared(dims: tuple[str, ...], values: np.ndarray) -> list[int]:
+        return [n for dim, n in zip(dims, values.shape, strict=True) if dim not in OWN]
+
+    return {
+        name: (dims, values.dtype, shared(dims, values))
+        for name, (dims, values) in variables.items()
+        if _row_dimension(dims) or _is_sum(name) or name.startswith(BEFORE)
+    }
+
+
+def _check_rows(head: dict[str, Any], variables: _Variables) -> None:
+    """A part has a row for each of its boulders, which lies somewhere, and cells in their order."""
+    due = head["boulder_last"] - head["boulder_first"] + 1
+    cells = variables[f"{BEFORE}cell"][1]
+    wrong = [] if (np.diff(cells, prepend=-1) > 0).all() else [f"{BEFORE}cell"]
+    for name, (dims, values) in variables.items():
+        if "boulder" in dims and values.shape[dims.index("boulder")] != due:
+            wrong.append(name)
+        elif dims in (("boulder",), ("trajectory_vertex",)) and not np.isfinite(values).all():
+            wrong.append(name)
+    first, last = head["boulder_first"], head["boulder_last"]
+    if wrong or not 1 <= first <= last + 1 <= head["boulders_asked"] + 1:
+        raise RockfallError(f"{head['name']}: is damaged: {', '.join(wrong) or 'boulders'}")
 
 
 @lru_cache(maxsize=8)
@@ -160,10 +208,14 @@ def _check_same(own: dict[str, Any], head: dict[str, Any]) -> None:
     for what in ("case", "boulders_asked", "version"):
         if head[what] != own[what]:
             raise RockfallError(f"{head['name']}: is of another {what} than {own['name']}")
-    one, other = (json.loads(each["input_checksums"]) for each in (own, head))
+    one, other = own["input_checksums"], head["input_checksums"]
     for key in sorted({*one, *other}):
         if one.get(key) != other.get(key):
             raise RockfallError(f"{head['name']}: has another {key} than {own['name']}")
+    one, other = own["shapes"], head["shapes"]
+    for name in sorted({*one, *other}):
+        if one.get(name) != other.get(name) and not name.startswith("trajectory"):
+            raise RockfallError(f"{head['name']}: has another {name} than {own['name']}")
 
 
 def _check_whole(heads: Sequence[dict[str, Any]]) -> None:
@@ -201,8 +253,14 @@ class Joined:
     def add(self, part: xr.Dataset) -> None:
         self.take(*_read(part))
 
-    def take(self, attrs: Mapping[str, Any], variables: _Variables, template: _Template) -> None:
-        """Add a part as `_read` gives it."""
+    def take(
+        self,
+        attrs: Mapping[str, Any],
+        variables: _Variables,
+        template: _Template,
+        name: str = "a part",
+    ) -> None:
+        """Add a part as `_read` gives it; `name` is for messages."""
         number = int(attrs["boulder_first"])
         if self.maps is None or number == 1:
             part = template()
@@ -210,6 +268,7 @@ class Joined:
             if number == 1:
                 self.first = part
         arrays = {name: variables[BEFORE + name][1] for name in _DIMS if BEFORE + name in variables}
+        self._check_cells(arrays, name)
         add_tallies(self.maps, arrays)
         if arrays.keys() >= set(FED):
             self.fed.append({name: arrays[name] for name in FED})
@@ -235,6 +294,20 @@ class Joined:
         place = [slice(None)] * values.ndim
         place[axis] = slice(first - 1, first - 1 + values.shape[axis])
         self.rows[name][tuple(place)] = values
+
+    def _check_cells(self, arrays: Mapping[str, np.ndarray], name: str) -> None:
+        """The cells of a part are cells of the maps, and it has tallies for their layers alone."""
+        ny, nx = self.maps.box.shape
+        for one in STACKS:
+            layers = getattr(self.maps, one)
+            if one in arrays and (layers.size == 1 or len(layers) != len(arrays[one])):
+                raise RockfallError(f"{name}: is damaged: {BEFORE}{one}")
+        if "classes" in arrays and self.maps.column.size == 1:
+            raise RockfallError(f"{name}: is damaged: {BEFORE}classes")
+        for one in ("cell", "fed_cell"):
+            cells = arrays.get(one, np.empty(0))
+            if cells.size and not (0 <= cells.min() and cells.max() < ny * nx):
+                raise RockfallError(f"{name}: is damaged: {BEFORE}{one}")
 
     def result(self) -> xr.Dataset:
         """That of the whole run; the parts are used up."""

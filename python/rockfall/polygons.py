@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from shlex import quote
 from typing import TYPE_CHECKING, Any
@@ -11,6 +12,7 @@ import numpy as np
 
 from rockfall.crs import crs_name, same_crs
 from rockfall.errors import RockfallError, need
+from rockfall.files import check_regular
 from rockfall.grid import NO_ID, Grid
 
 if TYPE_CHECKING:
@@ -60,8 +62,9 @@ def _read(path: str, field: str | None) -> tuple[dict[str, Any], np.ndarray, np.
     import pyogrio
     import shapely
 
-    if not Path(path).exists():
+    if not os.path.exists(path):
         raise RockfallError(f"{path}: no such file")
+    check_regular(path)
     try:
         layer = _only_layer(path, pyogrio.list_layers(path))
         about = pyogrio.read_info(path, layer=layer, force_feature_count=True)

@@ -17,6 +17,7 @@ import numpy as np
 from rockfall.asciigrid import check_size, read_rows
 from rockfall.elevations import elevation_dtype
 from rockfall.errors import RockfallError
+from rockfall.files import check_regular
 from rockfall.grid import TOLERANCE, Box, Grid, row_blocks
 
 if TYPE_CHECKING:
@@ -156,15 +157,16 @@ def open_raster(path: str | Path) -> Iterator[RasterFile]:
 
 def raster_file(path: str) -> str:
     """The file of a raster, which may be one variable of a netCDF file: `file.nc:variable`."""
-    return path.rpartition(":")[0] if ".nc:" in path and not Path(path).exists() else path
+    return path.rpartition(":")[0] if ".nc:" in path and not os.path.exists(path) else path
 
 
 def _gdal_name(path: str) -> str:
     """The name by which GDAL opens a file, or one variable of a netCDF file."""
     file = raster_file(path)
     variable = path[len(file) + 1 :]
-    if not Path(file).exists():
+    if not os.path.exists(file):
         raise RockfallError(f"{path}: no such file")
+    check_regular(file)
     if Path(file).is_file() and Path(file).stat().st_size == 0:
         raise RockfallError(f"{path}: is empty")
     return f'NETCDF:"{file}":{variable}' if variable else file

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import hashlib
 import importlib.resources
+import os
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -16,6 +17,7 @@ import numpy as np
 from rockfall._core import rockfall_f2py as _core
 from rockfall.case import FROM_ARRAY, Case
 from rockfall.errors import RockfallError
+from rockfall.files import check_regular, check_text_file
 from rockfall.grid import NO_ID, Box, Grid, row_blocks
 
 if TYPE_CHECKING:
@@ -245,7 +247,7 @@ def _check_files(case: Case, arrays: dict[str, Any]) -> None:
             file = getattr(case, group).get(key)
             if file in (None, FROM_ARRAY) or arrays.get(key) is not None:
                 continue
-            if not Path(raster_file(str(case.path(file)))).exists():
+            if not os.path.exists(raster_file(str(case.path(file)))):
                 raise RockfallError(f"{case.name}: &{group} {key} = '{file}': no such file")
 
 
@@ -271,7 +273,7 @@ def set_path(case: Case, name: str | None = None, group: str = "impact") -> Path
     name, shipped = name or case.impact["sets"], shipped_sets()
     if name in shipped:
         return shipped[name]
-    if case.path(name).is_file():
+    if os.path.isfile(case.path(name)):
         return case.path(name)
     known = ", ".join(shipped)
     raise RockfallError(
@@ -401,6 +403,7 @@ def _cells(scene: Scene, box: Box, rasters: dict[str, Any]) -> Iterator[tuple[sl
 
 def read_sets(path: Path) -> tuple[np.ndarray, np.ndarray, str]:
     """Mean (9, 5) and covariance (9, 9, 5) of the impact sets in a file, and its checksum."""
+    check_text_file(path)
     text = path.read_bytes()
     mean, covariance, code, message = _core.read_sets(text or b"\n", str(path).encode())
     if code:
@@ -481,8 +484,10 @@ def _checksum(path: Path) -> str:
     """SHA-256 of a file."""
     from rockfall.rasterfile import raster_file
 
+    file = raster_file(str(path))
+    check_regular(file)
     try:
-        with open(raster_file(str(path)), "rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
+        with open(file, "rb") as opened:
+            return hashlib.file_digest(opened, "sha256").hexdigest()
     except OSError as error:
         raise RockfallError(f"{path}: cannot be read: {error.strerror}") from error

@@ -10,7 +10,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from rockfall.errors import RockfallError
+from rockfall.files import check_text_file
 
+MOST_COLUMNS = 1000  # as in rockfall_csv.f90
 # What rockfall_decimal.f90 takes for a number, and no more (Python would read 1_000 too).
 _DECIMAL = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eEdD][+-]?[0-9]+)?")
 
@@ -18,6 +20,7 @@ _DECIMAL = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eEdD][+-]?[0-9]+)?")
 def table_rows(path: str | Path) -> Iterator[tuple[int, list[str]]]:
     """(line number, cells) of each line that is not blank."""
     line = 1
+    check_text_file(path)
     try:
         with open(path, encoding="utf-8-sig", newline="") as file:
             first = file.readline()
@@ -25,6 +28,8 @@ def table_rows(path: str | Path) -> Iterator[tuple[int, list[str]]]:
             file.seek(0)
             reader = csv.reader(file, delimiter=separator, skipinitialspace=True, strict=True)
             for row in reader:
+                if len(row) > MOST_COLUMNS:
+                    raise RockfallError(f"{path}: line {line}: more than {MOST_COLUMNS} columns")
                 cells = [cell.strip() for cell in row]
                 if any(cells):
                     yield line, cells

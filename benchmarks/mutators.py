@@ -1,0 +1,407 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Ways to spoil a file: its bytes, words, numbers, structure, or what its name leads to.
+
+A mutator of content takes (random, content, other content of the same kind) and returns content;
+one of places puts something else than a file under a name.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import struct
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+import netCDF4
+import numpy as np
+
+Content = Callable[[np.random.Generator, bytes, bytes], bytes]
+Place = Callable[[np.random.Generator, Path], None]
+
+MOST = 4_000_000  # bytes of a spoiled file: larger ones cost time and show nothing more
+_NUMBER = re.compile(rb"[-+]?\d+\.?\d*(?:[eE][-+]?\d+)?")
+_WORD = re.compile(rb"[A-Za-z_][A-Za-z_0-9]*")
+_QUOTED = re.compile(rb"'[^'\n]*'|\"[^\"\n]*\"")
+NUMBERS = (
+    b"inf", b"-Infinity", b"nan", b"1e999", b"-1e999", b"1e-999", b"-0", b"-0.0", b"0", b"", b"-1",
+    b"1e308", b"5e-324", b"2147483647", b"2147483648", b"-2147483649", b"1000000000", b"1e9",
+    b"99999999999999999999999999", b"0x10", b"1_000", b"1,5", b"1d400", b"1e", b"+-1", b"--1", b".",
+    "٣".encode(), "１２".encode(), "½".encode(), b"1 2", b"3*", b"2*1.0", b"1000000000*1.0",
+    b"(1,2)", b"1.0.0", b"1e+", b"\xff", b"\x00", b"#", b"9" * 400, b"0." + b"0" * 5000 + b"1",
+)  # fmt: skip
+TEXTS = (
+    b"", b" ", b".", b"..", b"/", b"../../escape", b"/dev/zero", b"/dev/full", b"/dev/null",
+    b"/dev/stdin", b"/proc/self/mem", b"/proc/self/environ", b"~", b"dem.tif", b"case.nml",
+    b"a/" * 3000 + b"b", b"a" * 5000, b"../" * 500, b"x.nc:", b"x.nc:y:z", b":", b"%s%n%d",
+    b"/vsimem/x", b"/vsicurl/http://127.0.0.1:9/x", b"/vsizip/dem.asc", b"/vsistdin/",
+    b"NETCDF:dem.nc:z", b"GTIFF_DIR:1:dem.tif", b"<VRTDataset></VRTDataset>", b"$(id)", b"a\nb",
+    b"''", b"\"", "é".encode() * 200, "\u202etxt".encode(), b"\x1b[31m", b"\x00", b"-o", b"--help",
+)  # fmt: skip
+
+
+def _place(random: np.random.Generator, content: bytes) -> int:
+    return int(random.integers(len(content) + 1))
+
+
+def _one(random: np.random.Generator, several: tuple | list):
+    return several[int(random.integers(len(several)))]
+
+
+def _replace(random: np.random.Generator, content: bytes, pattern: re.Pattern, by: bytes) -> bytes:
+    """One of the places where a pattern stands, replaced."""
+    found = list(pattern.finditer(content))
+    if not found:
+        return bits(random, content, b"")
+    here = _one(random, found)
+    return content[: here.start()] + by + content[here.end() :]
+
+
+# ---- bytes ---------------------------------------------------------------------------------------
+
+
+def bits(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
+    """One to eight bits turned, most of them near each other."""
+    spoiled = bytearray(content or b"\0")
+    near = _place(random, content)
+    for _k in range(int(random.integers(1, 9))):
+        place = (
+            near + int(random.integers(64)) if random.random() < 0.7 else _place(random, content)
+        )
+        spoiled[place % len(spoiled)] ^= 1 << int(random.integers(8))
+    return bytes(spoiled)
+
+
+def head_bits(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
+    """Bits of the first 512 bytes turned, where formats keep sizes and places."""
+    return bits(random, content[:512], b"") + content[512:]
+
+
+def random_bytes(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
+    """A stretch of noise in place of what was there."""
+    start, noise = _place(random, content), random.bytes(int(random.integers(1, 200)))
+    return content[:start] + noise + content[start + len(noise) :]
+
+
+def extremes(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
+    """A binary number of 1 to 8 bytes set to one of its extremes."""
+    start = _place(random, content)
+    ones, numbers = b"\xff" * 7, [struct.pack("<d", float(name)) for name in ("nan", "inf")]
+    value = _one(random, (ones + b"\xff", b"\0" * 8, b"\x7f" + ones, ones + b"\x7f", *numbers))
+    value = value[: _one(random, (1, 2, 4, 8))]
+    return content[:start] + value + content[start + len(value) :]
+
+
+def truncation(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
+    """The end is not there; now and then nothing is."""
+    return content[
+        : _one(random, (0, 1, len(content) // 2, len(content) - 1, _place(random, content)))
+    ]
+
+
+def duplication(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
+    """A stretch, or all, twice or many times."""
+    first, last = sorted((_place(random, content), _place(random, content)))
+    times = min(_one(random, (2, 2, 50, 5000)), MOST // max(1, last - first) + 1)
+    return content[:first] + content[first:last] * times + content[last:]
+
+
+def removal(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
+    """A stretch is not there."""
+    first, last = sorted((_place(random, content), _place(random, content)))
+    return content[:first] + content[min(last, first + 2000) :]
+
+
+def splice(random: np.random.Generator, content: bytes, other: bytes) -> bytes:
+    """The beginning of one file and the end of another."""
+    return content[: _place(random, content)] + other[_place(random, other) :]
+
+
+def noise(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
+    """Nothing but random bytes after the first few."""
+    return content[: _one(random, (0, 4, 8, 100))] + random.bytes(int(random.integers(5000)))
+
+
+BYTES = (bits, head_bits, random_bytes, extremes, truncation, duplication, removal, splice, noise)
+
+# ---- text ----------------------------------------------------------------------------------------
+
+
+def number(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
+    """A number becomes one that is none, or past all bounds."""
+    return _replace(random, content, _NUMBER, _one(random, NUMBERS))
+
+
+def numbers(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
+    """Two to four of them do."""
+    for _k in range(int(random.integers(2, 5))):
+        content = number(random, content, b"")
+    return content
+
+
+def quoted(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
+    """A quoted text becomes a path, or what no path should be."""
+    return _replace(random, content, _QUOTED, b"'" + _one(random, TEXTS) + b"'")
+
+
+def word(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
+    """A word is doubled, renamed, spelt in capitals, taken out, or another word."""
+    words = [found.group() for found in _WORD.finditer(content)] or [b"x"]
+    mine = _one(random, words)
+    others = (mine * 2, mine + b"_", mine.upper(), mine[:-1], b"", _one(random, words), b"q" * 5000)
+    return _replace(random, content, re.compile(re.escape(mine)), _one(random, others))
+
+
+def line_twice(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
+    """A line stands twice, or at another place, or is not there."""
+    lines = content.splitlines(keepends=True) or [b""]
+    mine = lines.pop(int(random.integers(len(lines))))
+    for _k in range(_one(random, (0, 1, 2, 300))):
+        lines.insert(int(random.integers(len(lines) + 1)), mine)
+    return b"".join(lines)
+
+
+def line_ends(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
+    """Other line ends, a byte-order mark, tabs for blanks, UTF-16."""
+    how = (
+        lambda: content.replace(b"\n", b"\r\n"), lambda: content.replace(b"\n", b"\r"),
+        lambda: b"\xef\xbb\xbf" + content, lambda: content.decode("latin1").encode("utf-16"),
+        lambda: content.replace(b" ", b"\t"), lambda: content.replace(b"\n", b""),
+        lambda: content.replace(b"\n", b"\x0b"), lambda: content.replace(b" ", "\u00a0".encode()),
+    )  # fmt: skip
+    return _one(random, how)()
+
+
+def insertion(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
+    """Signs that have a meaning somewhere, or none anywhere, put in."""
+    signs = (
+        b"\0", b"'", b"\"", b"''", b"/", b"&", b"&end", b"!", b",", b",,", b";", b"\n", b"\r",
+        b"\t", b"=", b"(", b")", b"%", b"\\", b"{", b"[", b"\xc3", b"\xff", b"\x1a", b"\x7f", b"#",
+        b"* ",
+    )  # fmt: skip
+    start = _place(random, content)
+    return (
+        content[:start] + _one(random, signs) * _one(random, (1, 1, 1, 3, 2000)) + content[start:]
+    )
+
+
+def long_line(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
+    """A line of a million signs."""
+    start = _place(random, content)
+    piece = _one(random, (b" ", b"1", b"1 ", b"x,", b"a", b"'", b"!", b"1.5,"))
+    return content[:start] + piece * (1_000_000 // len(piece)) + content[start:]
+
+
+def sizes(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
+    """The first numbers of a grid, which are its sizes, lie."""
+    lie = _one(
+        random,
+        (
+            b"1000000000",
+            b"2147483647",
+            b"4294967297",
+            b"65536",
+            b"46341",
+            b"0",
+            b"-3",
+            b"1",
+            b"1e9",
+        ),
+    )
+    for place in (0, 1) if random.random() < 0.5 else (int(random.integers(0, 2)),):
+        found = list(_NUMBER.finditer(content))
+        if len(found) > place:
+            content = content[: found[place].start()] + lie + content[found[place].end() :]
+    return content
+
+
+TEXT = (number, number, numbers, quoted, word, word, line_twice, line_ends, insertion, long_line)
+
+
+def columns(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
+    """A table of very many columns, or rows, or an open quote."""
+    head, _, rest = content.partition(b"\n")
+    many = int(_one(random, (100, 100_000, 1_000_000)))
+    how = (
+        lambda: head + b",a" * many + b"\n" + rest,
+        lambda: head + b"".join(b",c%d" % k for k in range(many // 5)) + b"\n" + rest,
+        lambda: head + b"," * many + b"\n" + rest.split(b"\n")[0] + b"," * many,
+        lambda: content + rest * min(many, MOST // max(1, len(rest))),
+        lambda: head + b"\n\"" + rest * min(many, 1000),
+    )  # fmt: skip
+    return _one(random, how)()
+
+
+def nesting(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
+    """Brackets in brackets, up to a hundred thousand deep."""
+    depth = int(_one(random, (10, 500, 5000, 100_000)))
+    open_, close = _one(
+        random,
+        ((b"[", b"]"), (b'{"a":', b"}"), (b'{"type":"GeometryCollection","geometries":[', b"]}")),
+    )
+    inner = _one(random, (b"", b"0", b"[0,0]"))
+    found = list(re.finditer(rb"\[", content)) or [re.match(b"", content)]
+    start = _one(random, found).start()
+    return content[:start] + open_ * depth + inner + close * depth + content[start:]
+
+
+# ---- formats -------------------------------------------------------------------------------------
+
+
+def tiff_tag(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
+    """An entry of the first directory lies: sizes, strips and their places, compression, types."""
+    if len(content) < 8 or content[:2] not in (b"II", b"MM"):
+        return bits(random, content, b"")
+    end = "<" if content[:2] == b"II" else ">"
+    (start,) = struct.unpack_from(end + "I", content, 4)
+    if start + 2 > len(content):
+        return bits(random, content, b"")
+    (entries,) = struct.unpack_from(end + "H", content, start)
+    spoiled, place = bytearray(content), start + 2 + 12 * int(random.integers(max(1, entries)))
+    if place + 12 > len(content):
+        return bits(random, content, b"")
+    how = int(random.integers(4))
+    value = int(
+        _one(random, (0, 1, 2, 7, 65535, 100_000, 2**31 - 1, 2**32 - 1, len(content), start))
+    )
+    if how == 0:
+        struct.pack_into(
+            end + "H",
+            spoiled,
+            place,
+            int(_one(random, (256, 257, 258, 259, 273, 277, 278, 322, 324, 339, 42113))),
+        )
+    elif how == 1:
+        struct.pack_into(end + "H", spoiled, place + 2, value % 20)
+    else:
+        struct.pack_into(end + "I", spoiled, place + (4 if how == 2 else 8), value)
+    return bytes(spoiled)
+
+
+def tiff_bomb(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
+    """A few hundred bytes that unfold to gigabytes: width and height of a deflated file lie."""
+    if content[:2] != b"II" or len(content) < 8:
+        return bits(random, content, b"")
+    spoiled, (start,) = bytearray(content), struct.unpack_from("<I", content, 4)
+    for k in range(struct.unpack_from("<H", content, start)[0] if start + 2 <= len(content) else 0):
+        place = start + 2 + 12 * k
+        if place + 12 <= len(content) and struct.unpack_from("<H", content, place)[0] in (256, 257):
+            size = int(_one(random, (20_000, 40_000, 100_000, 2**31 - 1)))
+            struct.pack_into("<HI", spoiled, place + 2, 4, 1)
+            struct.pack_into("<I", spoiled, place + 8, size)
+    return bytes(spoiled)
+
+
+def names(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
+    """A name in a binary file (dimension, variable, attribute) becomes another as long."""
+    found = sorted({w.group() for w in re.finditer(rb"[A-Za-z_][A-Za-z_0-9]{2,30}", content)})
+    if not found:
+        return bits(random, content, b"")
+    mine = _one(random, found)
+    other = _one(
+        random, (b"q" * len(mine), mine[::-1], mine.upper(), mine[:-1] + b"\0", mine[:-1] + b"/")
+    )
+    return content.replace(mine, other, -1 if random.random() < 0.5 else 1)
+
+
+def structure(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
+    """A sound netCDF file that says something else: a variable or dimension renamed, an attribute
+    gone or of another value, a number that is none. Only of files that are sound before."""
+    with tempfile.NamedTemporaryFile(suffix=".nc") as place:
+        Path(place.name).write_bytes(content)
+        with (
+            netCDF4.Dataset(place.name, "a") as file,
+            contextlib.suppress(RuntimeError, AttributeError),
+        ):
+            _change(random, file)  # what netCDF refuses is left as it is
+        return Path(place.name).read_bytes()
+
+
+def _change(random: np.random.Generator, file: netCDF4.Dataset) -> None:
+    variable = _one(random, list(file.variables.values()))
+    owner = _one(random, (file, variable))
+    attribute = _one(random, owner.ncattrs() or [""])
+    values = ("", "x", "{}", "[1]", "2", -1, 2**40, float("nan"), "9" * 400, [1.0, 2.0], "\u0663")
+    what = int(random.integers(5))
+    if what == 0:
+        file.renameVariable(variable.name, "other")
+    elif what == 1:
+        file.renameDimension(_one(random, list(file.dimensions)), "other")
+    elif what == 2 and attribute:
+        owner.delncattr(attribute)
+    elif what == 3 and attribute not in ("", "_FillValue"):
+        owner.setncattr(attribute, _one(random, values))
+    elif variable.size and variable.dtype is not str and variable.dtype.kind in "if":
+        most = (
+            2**31 - 1
+            if variable.dtype.kind == "i"
+            else float(_one(random, ("nan", "inf", "1e300")))
+        )
+        index = tuple(int(random.integers(n)) for n in variable.shape)
+        with np.errstate(over="ignore"):
+            variable[index or ...] = np.array(_one(random, (most, -most, -1, 0))).astype(
+                variable.dtype
+            )
+
+
+# ---- places --------------------------------------------------------------------------------------
+
+
+def _link(to: str) -> Place:
+    def link(_: np.random.Generator, path: Path) -> None:
+        path.unlink()
+        path.symlink_to(to)
+
+    link.__name__ = f"link to {to}"
+    return link
+
+
+def fifo(_: np.random.Generator, path: Path) -> None:
+    """A pipe in which nobody writes."""
+    path.unlink()
+    os.mkfifo(path)
+
+
+def folder(_: np.random.Generator, path: Path) -> None:
+    """A folder of the name."""
+    path.unlink()
+    path.mkdir()
+
+
+def missing(_: np.random.Generator, path: Path) -> None:
+    """Nothing of the name."""
+    path.unlink()
+
+
+def sparse(_: np.random.Generator, path: Path) -> None:
+    """A gigabyte of zeros after the file, which take no place."""
+    os.truncate(path, 1_000_000_000)
+
+
+def itself(_: np.random.Generator, path: Path) -> None:
+    """A link to itself."""
+    path.unlink()
+    path.symlink_to(path.name)
+
+
+def deep(_: np.random.Generator, path: Path) -> None:
+    """The file at the end of a path of a hundred folders, by a link."""
+    bottom = path.parent.joinpath(*["d" * 30] * 100)
+    os.makedirs(bottom)
+    path.rename(bottom / path.name)
+    path.symlink_to(bottom / path.name)
+
+
+PLACES = (
+    *map(_link, ("/dev/zero", "/dev/full", "/dev/null", "/dev/urandom", "/proc/self/mem")),
+    fifo, folder, missing, sparse, itself, deep,
+)  # fmt: skip
+
+GRID = (*TEXT, *BYTES, sizes, sizes)
+TABLE = (*TEXT, *BYTES, columns, columns)
+JSON = (*TEXT, *BYTES, nesting, nesting)
+TIFF = (*BYTES, tiff_tag, tiff_tag, tiff_tag, tiff_bomb)
+HDF5 = (*BYTES, names, names)
+RESULT = (*HDF5, *[structure] * len(HDF5))

@@ -1,0 +1,201 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Spoiled inputs: done or refused in one line, by both doors, and nothing written when refused.
+
+benchmarks/hostile.py throws thousands; here are one of each class that was once not refused, and a
+few hundred more.
+"""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import netCDF4
+import numpy as np
+import pytest
+
+import rockfall
+from made import refused
+from rockfall.checkpoint import Checkpoint
+from rockfall.observed import read_observed
+from rockfall.parts import merge
+from rockfall.scene import read_scene
+from rockfall.simulate import run_chunks, start
+from rockfall.tables import table_rows
+from test_batch import batch  # noqa: F401 - a fixture
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
+import hostile  # noqa: E402
+import mutators  # noqa: E402
+
+
+@pytest.fixture
+def files(tmp_path, monkeypatch):
+    """Valid inputs of every kind, in the folder `in`; their parent is the current folder."""
+    hostile.make_rasters(tmp_path / "in")
+    hostile.make_cases(tmp_path / "in")
+    monkeypatch.chdir(tmp_path)
+    return Path("in")
+
+
+def test_two_hundred_spoiled_inputs():
+    """In a process of its own: forks of one that has run OpenMP would wait for its threads."""
+    command = [sys.executable, hostile.__file__, "--inputs", "200", "--seed", "11"]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout
+    assert "| all            |    200 |" in done.stdout
+
+
+def test_the_check_finds_what_it_is_to_find(tmp_path):
+    """A command that dies, says too much, writes elsewhere or leaves a file is not `done`."""
+    (tmp_path / "out").mkdir()
+    before = hostile.snapshot(tmp_path)
+
+    def verdict(status, said):
+        return hostile.verdict(hostile.Ran(status, said, 0.0), tmp_path, before, batch=False)
+
+    assert verdict(0, "") == "done" and verdict(0, "rockfall: warning: a\n") == "done"
+    assert verdict(2, "rockfall: no\n") == "refused"
+    assert verdict(None, "").startswith("HANG") and verdict(-11, "").startswith("STATUS -11")
+    assert verdict(1, "rockfall: internal error\n").startswith("STATUS 1")
+    for said in ("", "rockfall: a\nrockfall: b\n", "Traceback\n", "ERROR 1: GDAL\nrockfall: a\n"):
+        assert verdict(2, said).startswith("LINES"), said
+    (tmp_path / "out/.half.nc").touch()
+    assert verdict(2, "rockfall: no\n").startswith("LEFT")
+    assert verdict(0, "").startswith("HALF")
+    (tmp_path / "escaped").touch()
+    assert verdict(0, "").startswith("OUTSIDE")
+
+
+def test_a_pipe_is_refused_and_not_waited_for(files, batch):  # noqa: F811
+    """Nobody writes into it: to open it would never end."""
+    for name in ("asc.nml", "dem.asc", "zones.csv", "cells.asc"):
+        text = (files / name).read_bytes()
+        mutators.fifo(None, files / name)
+        with refused(f"in/{name}: not a regular file"):
+            read_scene(rockfall.read_case("in/asc.nml"))
+        done = batch("in/asc.nml", "output=no", cwd=".")
+        assert (done.returncode, done.stderr) == (
+            2, f"rockfall-batch: in/{name}: not a regular file\n",
+        )  # fmt: skip
+        (files / name).unlink()
+        (files / name).write_bytes(text)
+    assert not Path("no").exists()
+
+
+def test_devices_and_links_to_themselves_are_refused(tmp_path):
+    for read in (rockfall.read_case, rockfall.read_result, lambda path: merge([path])):
+        with refused("/dev/zero: not a regular file"):
+            read("/dev/zero")
+    loop = tmp_path / "loop.csv"
+    loop.symlink_to(loop)
+    with pytest.raises(rockfall.RockfallError, match="too many levels of symbolic links"):
+        read_observed(loop)
+
+
+def test_texts_past_all_bounds_are_refused_before_they_are_read(tmp_path):
+    path = tmp_path / "large.csv"
+    path.touch()
+    os.truncate(path, 10_000_000_000)
+    for read in (rockfall.read_case, lambda path: list(table_rows(path))):
+        with refused(f"{path}: larger than 64 MB; not a text file of ours"):
+            read(path)
+    path.write_text("zone," + ",".join(map(str, range(1000))) + "\n")
+    with refused(f"{path}: line 1: more than 1000 columns"):
+        list(table_rows(path))
+
+
+@pytest.fixture
+def parts(files):
+    case, paths = rockfall.read_case("in/asc.nml"), [Path(f"{k}.nc") for k in (1, 2, 3)]
+    for k, path in enumerate(paths, start=1):
+        rockfall.write_result(rockfall.run(case, shard=(k, 3)), path)
+    return paths
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "said"),
+    [
+        ("tally_cell", 10**9, "2.nc: is damaged: tally_cell"),
+        ("tally_cell", -1, "2.nc: is damaged: tally_cell"),
+        ("tally_fed_cell", 10**9, "2.nc: is damaged: tally_fed_cell"),
+        ("stop_x", np.nan, "2.nc: is damaged: stop_x"),
+    ],
+)
+def test_a_damaged_part_is_named(parts, name, value, said):
+    with netCDF4.Dataset(parts[1], "a") as file:
+        assert file[name].size > 0
+        file[name][-1] = value
+    with refused(said):
+        merge(parts)
+
+
+@pytest.mark.parametrize("name", ["cpu_seconds", "boulder_first", "version", "input_checksums"])
+def test_a_part_without_what_it_says_of_itself_is_none(parts, name):
+    with netCDF4.Dataset(parts[1], "a") as file:
+        file.delncattr(name)
+    with refused("2.nc: is not a part of a run, as --shard makes them"):
+        merge(parts)
+
+
+def test_a_part_of_other_shapes_is_named(parts):
+    with netCDF4.Dataset(parts[1], "a") as file:
+        file.renameVariable("stop_y", "stop_q")
+    with refused("2.nc: has another stop_q than 1.nc"):
+        merge(parts)
+    with netCDF4.Dataset(parts[1], "a") as file:
+        file.setncattr("boulder_last", 39)
+    with pytest.raises(rockfall.RockfallError, match=r"^2\.nc: is damaged: boulder"):
+        merge([parts[1]])
+
+
+@pytest.fixture
+def half(files):
+    """A run of 40 boulders that was stopped after 20: how to begin it, and its checkpoint."""
+    scene = read_scene(rockfall.read_case("in/asc.nml"))
+    tally = start(scene, 1)
+    run_chunks(tally, 20, lambda: tally.done >= 20, lambda _: None)
+    checkpoint = Checkpoint("half", 0.0)
+    checkpoint.save(tally)
+    checkpoint.finish()
+    assert checkpoint.found() == 20
+    return scene, Path("half")
+
+
+@pytest.mark.parametrize("name", ["rows-0.npz", "maps-0.npz"])
+def test_one_turned_bit_in_a_checkpoint_is_found(half, name):
+    """In the last third of the first array, wherever that is: numbers, not names."""
+    scene, folder = half
+    spoiled = bytearray((folder / name).read_bytes())
+    spoiled[len(spoiled) // 4] ^= 1
+    (folder / name).write_bytes(spoiled)
+    with pytest.raises(rockfall.RockfallError, match="^half: cannot be read: Bad CRC-32"):
+        Checkpoint(folder, 0.0).restore(start(scene, 1))
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [("rows", ["../half/rows-0.npz"]), ("rows", [1]), ("rows", []), ("rows", "rows-0.npz"),
+     ("maps", None), ("done", 19), ("done", "20"), ("identity", []), ("wall_seconds", "1")],
+)  # fmt: skip
+def test_a_state_that_cannot_be_is_refused(half, key, value):
+    scene, folder = half
+    state = json.loads((folder / "state.json").read_text())
+    (folder / "state.json").write_text(json.dumps(state | {key: value}))
+    with pytest.raises(rockfall.RockfallError, match="^half: cannot be read: "):
+        Checkpoint(folder, 0.0).restore(start(scene, 1))
+
+
+def test_a_state_of_a_hundred_thousand_brackets_is_refused(half):
+    scene, folder = half
+    (folder / "state.json").write_text("[" * 100_000)
+    with pytest.raises(rockfall.RockfallError, match="^half: cannot be read: maximum recursion"):
+        Checkpoint(folder, 0.0).restore(start(scene, 1))
+
+
+def test_a_result_without_the_bounds_that_it_names_is_refused(parts):
+    with netCDF4.Dataset(parts[0], "a") as file:
+        file.renameVariable("restitution_normal_bin_bounds", "other")
+    with pytest.raises(rockfall.RockfallError, match="has no restitution_normal_bin_bounds$"):
+        rockfall.read_result(parts[0])
