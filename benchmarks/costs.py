@@ -174,19 +174,21 @@ Edit = tuple[str, str, str, int]  # file, text, what stands for it, how often it
 _TRAJECTORY, _ENSEMBLE = "rockfall_trajectory.f90", "rockfall_ensemble.f90"
 _CELLS = "if (scene%wants_cells)"
 _HISTOGRAMS = "if (scene%wants_histograms)"
-_RECORD = "allocated(scratch%record)"
 NEVER = "if (.false.)"
 #: Where a kernel that never had the option has nothing; the compiler drops what cannot be reached.
 CUTS: dict[str, list[Edit]] = {
     "evaluation lines": [
-        (_TRAJECTORY, "if (allocated(scene%lines))", NEVER, 1),
+        (_TRAJECTORY, "if (noted >= notes .and. allocated(scene%lines))", NEVER, 1),
         (_TRAJECTORY, "if (allocated(scratch%crossings))", NEVER, 1),
         (_ENSEMBLE, "if (allocated(scratch%crossings))", NEVER, 1),
         (_ENSEMBLE, "if (allocated(scene%lines))", NEVER, 1),
     ],
-    "histograms": [(_TRAJECTORY, _HISTOGRAMS, NEVER, 1), (_ENSEMBLE, _HISTOGRAMS, NEVER, 4)],
+    "histograms": [
+        (_TRAJECTORY, "if (noted >= notes .and. scene%wants_histograms)", NEVER, 1),
+        (_ENSEMBLE, _HISTOGRAMS, NEVER, 4),
+    ],
     "maps": [
-        (_TRAJECTORY, _CELLS, NEVER, 3),
+        (_TRAJECTORY, "if (noted >= cells .and. scene%wants_cells)", NEVER, 3),
         (_ENSEMBLE, _CELLS, NEVER, 2),
         (_ENSEMBLE, "if (tells_sources(maps))", NEVER, 1),
         (_ENSEMBLE, "if (fate%status == stopped .or. fate%status == absorbed)", NEVER, 1),
@@ -194,7 +196,7 @@ CUTS: dict[str, list[Edit]] = {
         ("rockfall_flight.f90", "if (present(n_spans))", NEVER, 1),
     ],
     "maps by source": [(_ENSEMBLE, "if (tells_sources(maps))", NEVER, 1)],
-    "trajectories": [(_TRAJECTORY, _RECORD, ".false.", 3)],
+    "trajectories": [(_TRAJECTORY, "if (.not. allocated(scratch%record))", "if (.true.)", 1)],
     "zones, rasters of radii": [
         ("rockfall_surface.f90", f"associated(surface%{name})", ".false.", 1)
         for name in ("zone1", "zone2", "values")

@@ -4,7 +4,8 @@
 module rockfall_ensemble
    use rockfall_kinds, only: i8
    use rockfall_threads, only: team_size
-   use rockfall_trajectory, only: scene_t, fate_t, crossing_t, scratch_t, follow, stopped, absorbed, left_window
+   use rockfall_trajectory, only: scene_t, fate_t, crossing_t, scratch_t, follow, choose_follow, stopped, absorbed, &
+                                  left_window
    use rockfall_boulder, only: release_t, source_of, first_of, last_of, released_by
    use rockfall_map, only: maps_t, visits_t, start_visits, add_visits, add_deposit
    use rockfall_sourcemap, only: tells_sources, gather, add_source, stamp_source
@@ -76,7 +77,7 @@ contains
       integer(i8) :: before(bins, quantities)
 
       if (scene%wants_histograms) before = scratch%histograms%count
-      call follow(scene, number, fate, scratch)
+      call scratch%follow(scene, number, fate, scratch)
       if (allocated(scratch%crossings)) crossings = scratch%crossings
       if (fate%status == left_window) then
          if (scene%wants_histograms) scratch%histograms%count = before
@@ -168,6 +169,7 @@ contains
       type(scene_t), intent(in) :: scene
       type(scratch_t), intent(inout) :: scratch
 
+      call choose_follow(scene, scratch)
       if (allocated(scene%lines)) allocate (scratch%crossings(size(scene%lines)))
       if (scene%wants_cells) allocate (scratch%spans(scene%dem%nx + scene%dem%ny))
       if (scene%wants_histograms) scratch%histograms = histograms()

@@ -17,11 +17,15 @@ module rockfall_trajectory
    use rockfall_histogram, only: histograms_t, count_rebound
    implicit none
    private
-   public :: scene_t, fate_t, crossing_t, contact_t, scratch_t, follow
+   public :: scene_t, fate_t, crossing_t, contact_t, scratch_t, follow, choose_follow
    public :: stopped, absorbed, left_domain, impact_limit, left_window
 
    integer, parameter :: stopped = 1, absorbed = 2, left_domain = 3, impact_limit = 4  !! status
    integer, parameter :: left_window = 5  !! the terrain goes on, but is not at hand: to be flown again
+
+   !> What is noted on the way besides the boulder's fate, if the scene wants it: nothing; lines, histograms and a
+   !> record; visits of raster cells too.
+   integer, parameter :: fate_only = 0, notes = 1, cells = 2
 
    !> Everything that a boulder needs to know; the same for all boulders of a run.
    type :: scene_t
@@ -80,16 +84,59 @@ module rockfall_trajectory
       type(crossing_t), allocatable :: crossings(:)
       type(contact_t), allocatable :: record(:)  !! allocated by who wants the trajectory
       integer :: recorded = 0                    !! vertices there were, also beyond size(record)
+      procedure(follow), pointer, nopass :: follow => null()  !! what the scene needs of `follow`
    end type scratch_t
 
 contains
 
-   !> Follow boulder `number` (1..) from release to its end.
+   !> Follow boulder `number` (1..) from release to its end, and note what is asked for on the way.
    pure subroutine follow(scene, number, fate, scratch)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: number
       type(fate_t), intent(out) :: fate
       type(scratch_t), intent(inout) :: scratch
+
+      call travel(scene, number, fate, scratch, cells)
+   end subroutine follow
+
+   !> The same without maps.
+   pure subroutine follow_off_the_map(scene, number, fate, scratch)
+      type(scene_t), intent(in) :: scene
+      integer(i8), intent(in) :: number
+      type(fate_t), intent(out) :: fate
+      type(scratch_t), intent(inout) :: scratch
+
+      call travel(scene, number, fate, scratch, notes)
+   end subroutine follow_off_the_map
+
+   !> The same when only the boulder's fate is asked for.
+   pure subroutine follow_to_its_fate(scene, number, fate, scratch)
+      type(scene_t), intent(in) :: scene
+      integer(i8), intent(in) :: number
+      type(fate_t), intent(out) :: fate
+      type(scratch_t), intent(inout) :: scratch
+
+      call travel(scene, number, fate, scratch, fate_only)
+   end subroutine follow_to_its_fate
+
+   !> Choose, once a run, the `follow` in which the compiler has left out what the scene does not need. What is
+   !> never asked for costs nothing so; tests of it alone would keep the hot path from staying in registers.
+   subroutine choose_follow(scene, scratch)
+      type(scene_t), intent(in) :: scene
+      type(scratch_t), intent(inout) :: scratch
+
+      scratch%follow => follow_to_its_fate
+      if (allocated(scene%lines) .or. scene%wants_histograms) scratch%follow => follow_off_the_map
+      if (scene%wants_cells) scratch%follow => follow
+   end subroutine choose_follow
+
+   !> All that `follow` is. Wherever it is called `noted` is a constant, so that each gets a copy of its own.
+   pure subroutine travel(scene, number, fate, scratch, noted)
+      type(scene_t), intent(in) :: scene
+      integer(i8), intent(in) :: number
+      type(fate_t), intent(out) :: fate
+      type(scratch_t), intent(inout) :: scratch
+      integer, value :: noted  !! fate_only, notes or cells
       type(flight_t) :: flight
       type(landing_t) :: landing
       real(wp) :: omega_r  !! W = R_b omega [m/s]
@@ -109,14 +156,17 @@ contains
       end if
       fate%speed_max = square(flight%v)
       omega_r = 0
-      call start_records(scene, number, flight, scratch)
+      if (noted >= cells .and. scene%wants_cells) call start_visits(scratch%visits, number)
+      if (noted >= notes) call start_notes(flight, scratch)
       do
-         if (scene%wants_cells) then
+         if (noted >= cells .and. scene%wants_cells) then
             call fly_over_cells(scene, flight, omega_r, landing, scratch)
          else
             call fly(scene%dem, scene%gravity, flight, landing)
          end if
-         if (allocated(scene%lines)) call meet_lines(scene, fate, flight, landing, omega_r, scratch%crossings)
+         if (noted >= notes .and. allocated(scene%lines)) then
+            call meet_lines(scene, fate, flight, landing, omega_r, scratch%crossings)
+         end if
          v_in = flight%v
          v_in(3) = v_in(3) - scene%gravity*landing%time
          fate%path_length = fate%path_length + arc_length(flight%v, scene%gravity, landing%time)
@@ -127,19 +177,19 @@ contains
             fate%status = merge(left_domain, left_window, at_end(scene%dem, landing%patch))
          else
             fate%impacts = fate%impacts + 1
-            call touch(scene, number, landing, v_in, omega_r, fate, flight, scratch)
+            call touch(scene, number, landing, v_in, omega_r, noted, fate, flight, scratch)
          end if
          if (fate%status /= 0) exit
       end do
-      if (allocated(scratch%record) .and. (fate%status == absorbed .or. fate%status == left_domain)) then
+      if (noted >= notes .and. (fate%status == absorbed .or. fate%status == left_domain)) then
          call record(scratch, contact_t(landing%x, landing%y, landing%z, fate%time, v_in))
       end if
       fate%speed_max = sqrt(fate%speed_max)
       fate%stop = [landing%x, landing%y, landing%z]
       if (.not. landing%contact) return
       fate%stop_cell = cell_of(scene%dem, landing%patch, landing%u, landing%w)
-      if (scene%wants_cells) call visit_cell(scratch%visits, fate%stop_cell, 0.0_wp, 0.0_wp, 0.0_wp)
-   end subroutine follow
+      if (noted >= cells .and. scene%wants_cells) call visit_cell(scratch%visits, fate%stop_cell, 0.0_wp, 0.0_wp, 0.0_wp)
+   end subroutine travel
 
    !> Whether the terrain ends at a patch that is not known: beyond the raster, or beside nodata.
    pure logical function at_end(dem, patch)
@@ -182,19 +232,14 @@ contains
       end associate
    end subroutine release
 
-   pure subroutine start_records(scene, number, flight, scratch)
-      type(scene_t), intent(in) :: scene
-      integer(i8), intent(in) :: number
+   pure subroutine start_notes(flight, scratch)
       type(flight_t), intent(in) :: flight
       type(scratch_t), intent(inout) :: scratch
 
-      if (scene%wants_cells) call start_visits(scratch%visits, number)
       if (allocated(scratch%crossings)) scratch%crossings%crossed = .false.
       scratch%recorded = 0
-      if (allocated(scratch%record)) then
-         call record(scratch, contact_t(flight%x, flight%y, flight%z, 0.0_wp, flight%v))
-      end if
-   end subroutine start_records
+      call record(scratch, contact_t(flight%x, flight%y, flight%z, 0.0_wp, flight%v))
+   end subroutine start_notes
 
    !> Fly, and note the raster cells on the way.
    pure subroutine fly_over_cells(scene, flight, omega_r, landing, scratch)
@@ -252,12 +297,13 @@ contains
    end function crossing
 
    !> A contact: absorbed, stopped, or off again on the next flight.
-   pure subroutine touch(scene, number, landing, v, omega_r, fate, flight, scratch)
+   pure subroutine touch(scene, number, landing, v, omega_r, noted, fate, flight, scratch)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: number
       type(landing_t), intent(in) :: landing
       real(wp), intent(in) :: v(3)          !! incoming velocity [m/s]
       real(wp), intent(inout) :: omega_r    !! W [m/s]
+      integer, value :: noted               !! as in travel
       type(fate_t), intent(inout) :: fate
       type(flight_t), intent(inout) :: flight
       type(scratch_t), intent(inout) :: scratch
@@ -289,10 +335,10 @@ contains
       if (out%draws > 1) fate%redrawn = fate%redrawn + 1
       if (out%forced) fate%forced = fate%forced + 1
       if (outside) fate%out_of_range = fate%out_of_range + 1
-      if (scene%wants_histograms) call count_rebound(scratch%histograms, v_in, out%v)
+      if (noted >= notes .and. scene%wants_histograms) call count_rebound(scratch%histograms, v_in, out%v)
       call leave(scene, landing, at, g, steepness, heading, uniform(word(10)), uniform(word(11)), out%v, &
                  flight, omega_r)
-      if (allocated(scratch%record)) then
+      if (noted >= notes) then
          call record(scratch, contact_t(landing%x, landing%y, landing%z, fate%time, flight%v, v_in, out%v, ratio))
       end if
       fate%speed_max = max(fate%speed_max, square(flight%v))
@@ -368,11 +414,12 @@ contains
       square = v(1)*v(1) + v(2)*v(2) + v(3)*v(3)
    end function square
 
-   !> Add a vertex to the record; counts on when it is full, so that the caller knows what it needs.
+   !> Add a vertex to the record, if there is one; counts on when it is full, so that the caller knows what it needs.
    pure subroutine record(scratch, vertex)
       type(scratch_t), intent(inout) :: scratch
       type(contact_t), intent(in) :: vertex
 
+      if (.not. allocated(scratch%record)) return
       scratch%recorded = scratch%recorded + 1
       if (scratch%recorded <= size(scratch%record)) scratch%record(scratch%recorded) = vertex
    end subroutine record
