@@ -257,7 +257,7 @@ def test_what_is_no_result_is_one_line(content, message, tmp_path, monkeypatch):
 def test_a_file_in_place_of_the_folder_is_one_line(result, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "folder").touch()
-    with pytest.raises(RockfallError, match="^folder: cannot be made: File exists$"):
+    with pytest.raises(RockfallError, match="^folder: is a file, a folder is needed$"):
         export(result, "folder")
 
 
@@ -311,4 +311,4 @@ def test_a_full_disk_leaves_nothing_under_the_final_name(result, tmp_path, names
     )
     assert done.stdout.startswith(message), done.stderr
     assert done.stdout.count("\n") == 1
-    assert list((tmp_path / "out").iterdir()) == []
+    assert [path.name for path in tmp_path.iterdir()] == ["out.nc"]

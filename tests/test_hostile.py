@@ -14,10 +14,12 @@ from pathlib import Path
 import netCDF4
 import numpy as np
 import pytest
+import xarray as xr
 
 import rockfall
 from made import refused
 from rockfall.checkpoint import Checkpoint
+from rockfall.export import export
 from rockfall.observed import read_observed
 from rockfall.parts import merge
 from rockfall.scene import read_scene
@@ -121,6 +123,7 @@ def parts(files):
         ("tally_cell", -1, "2.nc: is damaged: tally_cell"),
         ("tally_fed_cell", 10**9, "2.nc: is damaged: tally_fed_cell"),
         ("stop_x", np.nan, "2.nc: is damaged: stop_x"),
+        ("line_x", np.inf, "2.nc: is damaged: line_x"),
     ],
 )
 def test_a_damaged_part_is_named(parts, name, value, said):
@@ -139,6 +142,14 @@ def test_a_part_without_what_it_says_of_itself_is_none(parts, name):
         merge(parts)
 
 
+@pytest.mark.parametrize(("name", "value"), [("case", "\x01"), ("case", 2)])
+def test_a_part_of_a_case_that_is_none_is_refused(parts, name, value):
+    with netCDF4.Dataset(parts[1], "a") as file:
+        file.setncattr(name, value)
+    with pytest.raises(rockfall.RockfallError):
+        merge(parts)
+
+
 def test_a_part_of_other_shapes_is_named(parts):
     with netCDF4.Dataset(parts[1], "a") as file:
         file.renameVariable("stop_y", "stop_q")
@@ -148,6 +159,12 @@ def test_a_part_of_other_shapes_is_named(parts):
         file.setncattr("boulder_last", 39)
     with pytest.raises(rockfall.RockfallError, match=r"^2\.nc: is damaged: boulder"):
         merge([parts[1]])
+
+
+@pytest.fixture
+def whole(files):
+    rockfall.write_result(rockfall.run(rockfall.read_case("in/asc.nml")), "whole.nc")
+    return Path("whole.nc")
 
 
 @pytest.fixture
@@ -177,7 +194,8 @@ def test_one_turned_bit_in_a_checkpoint_is_found(half, name):
 @pytest.mark.parametrize(
     ("key", "value"),
     [("rows", ["../half/rows-0.npz"]), ("rows", [1]), ("rows", []), ("rows", "rows-0.npz"),
-     ("maps", None), ("done", 19), ("done", "20"), ("identity", []), ("wall_seconds", "1")],
+     ("maps", None), ("done", 19), ("done", "20"), ("identity", []), ("wall_seconds", "1"),
+     ("wall_seconds", float("nan")), ("cpu_seconds", -1.0)],
 )  # fmt: skip
 def test_a_state_that_cannot_be_is_refused(half, key, value):
     scene, folder = half
@@ -194,8 +212,88 @@ def test_a_state_of_a_hundred_thousand_brackets_is_refused(half):
         Checkpoint(folder, 0.0).restore(start(scene, 1))
 
 
-def test_a_result_without_the_bounds_that_it_names_is_refused(parts):
-    with netCDF4.Dataset(parts[0], "a") as file:
-        file.renameVariable("restitution_normal_bin_bounds", "other")
-    with pytest.raises(rockfall.RockfallError, match="has no restitution_normal_bin_bounds$"):
-        rockfall.read_result(parts[0])
+@pytest.mark.parametrize("name", ["rows-0.npz", "maps-0.npz", "state.json"])
+def test_a_pipe_in_a_checkpoint_is_refused_and_not_waited_for(half, name):
+    scene, folder = half
+    mutators.fifo(None, folder / name)
+    with pytest.raises(rockfall.RockfallError, match=f"half/{name}: not a regular file$"):
+        Checkpoint(folder, 0.0).restore(start(scene, 1))
+
+
+def change_result(path, change):
+    with netCDF4.Dataset(path, "a") as file:
+        change(file)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda f: f.renameVariable("restitution_normal_bin_bounds", "q"),
+         "is not a whole result of rockfall: has no restitution_normal_bin_bounds"),
+        (lambda f: f.renameVariable("line_omega", "q"),
+         "is not a whole result of rockfall: has no line_omega"),
+        (lambda f: f.renameVariable("trajectory_ratio", "q"),
+         "is not a whole result of rockfall: has no trajectory_ratio"),
+        (lambda f: f.renameDimension("line", "q"), "line: is not along line"),
+        (lambda f: f.renameDimension("x", "q"), "passages: is not along y, x"),
+        (lambda f: f["status"].setncattr("flag_meanings", "stopped"),
+         "status: does not say what its numbers mean"),
+        (lambda f: f["passages"].delncattr("long_name"), "passages: does not say what it is"),
+        (lambda f: f["incidence_angle_bin_bounds"].__setitem__((3, 1), np.nan),
+         "incidence_angle_bin_bounds: must be the edges of bins, each above the last"),
+        (lambda f: f["x"].__setitem__(3, np.inf), "x: must be a number for every x"),
+        (lambda f: f["line_speed"].__setitem__((0, 0), np.inf), "line_speed: must not be infinite"),
+    ],
+)  # fmt: skip
+def test_a_result_that_is_not_whole_is_refused(whole, change, said):
+    change_result(whole, change)
+    with pytest.raises(rockfall.RockfallError, match=f"^{whole}: {said}$"):
+        rockfall.read_result(whole)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda f: f.renameVariable("stop_y", "q"), "the result lacks what goes with it: "),
+        (lambda f: f.renameDimension("boulder", "q"), "whole.nc: .*: is not along boulder$"),
+        (lambda f: f["y"].__setitem__(3, 0.0), "dem: coordinate y is not evenly spaced$"),
+    ],
+)
+def test_an_export_writes_all_or_nothing(whole, change, said):
+    change_result(whole, change)
+    there = sorted(Path().iterdir())
+    with pytest.raises(rockfall.RockfallError, match=said):
+        export(whole, "new/folder")
+    assert sorted(Path().iterdir()) == there
+
+
+def test_a_map_that_cannot_be_read_is_refused_and_nothing_exported(whole):
+    """The stream of a compressed map begins with other bytes than zlib's."""
+    content = whole.read_bytes()
+    assert content.count(b"\x78\x01") >= 6
+    whole.write_bytes(content.replace(b"\x78\x01", b"\x79\x01"))
+    with pytest.raises(rockfall.RockfallError, match=r"^whole\.nc: cannot be read: "):
+        export(whole, "new")
+    assert not Path("new").exists()
+
+
+@pytest.mark.parametrize("version", ["CLASSIC", "64BIT_OFFSET", "64BIT_DATA"])
+def test_a_netcdf_header_that_claims_more_than_it_has_is_refused(files, batch, version):  # noqa: F811
+    """The libraries would take memory for 67 million variables before they look."""
+    path = files / "dem3.nc"
+    with xr.open_dataset(path) as dem:
+        dem = dem.load()
+    path.unlink()
+    dem.to_netcdf(path, format=f"NETCDF3_{version}", engine="netcdf4")
+    assert batch("in/nc3.nml", "output=yes", "boulders=3", cwd=".").returncode == 0
+    if version != "64BIT_DATA":  # which GDAL's packages do not read
+        read_scene(rockfall.read_case("in/nc3.nml"))
+    sound = path.read_bytes()
+    at = sound.index(b"\0\0\0\x0b") + 4  # the list of variables: its tag, their number
+    for spoiled in (sound[:at] + b"\x04" + sound[at + 1 :], sound[:at] + b"\x84" + sound[at + 1 :]):
+        path.write_bytes(spoiled)
+        said = "in/dem3.nc: cannot be read as netCDF: its header claims more than the file holds"
+        with refused(said):
+            read_scene(rockfall.read_case("in/nc3.nml"))
+        done = batch("in/nc3.nml", "output=no", cwd=".")
+        assert (done.returncode, done.stderr) == (2, f"rockfall-batch: {said}\n")

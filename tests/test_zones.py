@@ -224,6 +224,13 @@ def plain_geojson(x0=600000, y0=4999960, size=20):
     return "a.geojson"
 
 
+def test_geojson_that_is_no_text_is_one_line():
+    path = Path(plain_geojson())
+    path.write_bytes(path.read_bytes().replace(b"zone", b"z\xffne"))
+    with pytest.raises(RockfallError, match=r"^a\.geojson: not a polygon layer that can be read"):
+        burn_polygons(path, utm_grid(), "zone")
+
+
 def test_geojson_in_metres_is_taken_as_it_is():
     assert (burn_polygons(plain_geojson(), utm_grid(), "zone") == 5).sum() == 4
     assert burn_polygons(plain_geojson(), GRID).sum() == 4

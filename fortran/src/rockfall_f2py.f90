@@ -21,10 +21,11 @@ module rockfall_f2py
    use rockfall_histogram, only: bin_width, n_bins
    use rockfall_case, only: case_t, read_case, key_text, n_keys
    use rockfall_sets, only: read_impact_sets => read_sets
+   use rockfall_classicheader, only: claims_too_much => overstates
    implicit none
    private
    public :: run, survey, reach, block_of, map_plan, map_values, check_case, case_key, variable, read_sets, fields, &
-             histogram_bins, team, slope_threshold, steep_cells, area_ratios, release_ends
+             histogram_bins, team, slope_threshold, steep_cells, area_ratios, release_ends, overstates
 
 contains
 
@@ -355,6 +356,14 @@ contains
       call read_case(text, name, case, error)
       call give_error(error, code, message)
    end subroutine check_case
+
+   !> Whether a netCDF file claims more than it holds.
+   subroutine overstates(file, so)
+      character(len=*), intent(in) :: file
+      integer(c_int), intent(out) :: so  !! 1 or 0
+
+      so = merge(1, 0, claims_too_much(file))
+   end subroutine overstates
 
    !> Row k of the table of keys: group|key|kind|most|default|allowed|unit|meaning; blank past the end.
    subroutine case_key(k, text)

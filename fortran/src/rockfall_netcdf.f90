@@ -14,6 +14,7 @@ module rockfall_netcdf
    use rockfall_error, only: error_t, fail
    use rockfall_decimal, only: real_text
    use rockfall_pipe, only: is_pipe
+   use rockfall_classicheader, only: overstates
    use rockfall_textfile, only: lower
    use rockfall_grid, only: grid_t
    use rockfall_cells, only: no_id, whole_numbers, cell_name
@@ -165,6 +166,10 @@ contains
       end if
       if (is_pipe(file)) then
          call fail(error, name//": not a regular file")
+         return
+      end if
+      if (overstates(file)) then
+         call fail(error, name//": cannot be read as netCDF: its header claims more than the file holds")
          return
       end if
       status = nf90_open(file, nf90_nowrite, source%file)

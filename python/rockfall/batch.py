@@ -3,10 +3,6 @@
 
 from __future__ import annotations
 
-import os
-import shutil
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +10,7 @@ import numpy as np
 
 from rockfall.case import Case
 from rockfall.errors import RockfallError
+from rockfall.files import whole_folder
 from rockfall.reach import survey
 from rockfall.scene import Scene, read_scene, set_path
 
@@ -35,7 +32,7 @@ def prepare(case: Case, folder: str | Path, **arrays: Any) -> list[Path]:
     survey(scene)
     sets = set_path(case)
     coefficients = sets.read_bytes()
-    with _whole_folder(folder) as part:
+    with whole_folder(folder, last="case.nml") as part:
         changes = {"terrain": {"dem": _raster(part, "dem", scene.z, scene)}}
         changes["surface"] = _surface(part, scene)
         changes["release"] = _sources(part, scene)
@@ -46,6 +43,7 @@ def prepare(case: Case, folder: str | Path, **arrays: Any) -> list[Path]:
         text = f"{' '.join(head.splitlines())}\n{case.replace(**changes).text()}"
         (part / "case.nml").write_text(text, encoding="utf-8")
         names = sorted(path.name for path in part.iterdir() if path.name != "case.nml")
+        _remove_prepared(folder)
     return [folder / name for name in (*names, "case.nml")]
 
 
@@ -116,26 +114,8 @@ def _is_prepared(folder: Path) -> bool:
     return case.is_file() and case.read_bytes().startswith(MARK.encode())
 
 
-@contextmanager
-def _whole_folder(folder: Path) -> Iterator[Path]:
-    """A temporary folder beside `folder`, whose files go there when the block ends well.
-
-    `case.nml` leaves first and comes last: a folder that has one is whole.
-    """
-    place = folder.resolve()
-    part = place.with_name(f".{place.name}.{os.getpid()}")
-    try:
-        part.mkdir(parents=True)
-        yield part
-        folder.mkdir(exist_ok=True)
-        rasters = (f"{name}{ending}" for name in RASTERS for ending in (".asc", ".prj"))
-        for name in ("case.nml", "zones.csv", *rasters):
-            (folder / name).unlink(missing_ok=True)
-        for path in sorted(part.iterdir(), key=lambda path: path.name == "case.nml"):
-            os.replace(path, folder / path.name)
-    except OSError as error:
-        raise RockfallError(f"{folder}: cannot be written: {error.strerror or error}") from error
-    except RockfallError as error:
-        raise RockfallError(str(error).replace(str(part), str(folder)), error.code) from error
-    finally:
-        shutil.rmtree(part, ignore_errors=True)
+def _remove_prepared(folder: Path) -> None:
+    """A folder without its `case.nml` holds no whole case; that leaves first and comes last."""
+    rasters = (f"{name}{ending}" for name in RASTERS for ending in (".asc", ".prj"))
+    for name in ("case.nml", "zones.csv", *rasters):
+        (folder / name).unlink(missing_ok=True)

@@ -61,7 +61,9 @@ def case_of(result: xr.Dataset) -> Case:
 
 def case_in(attrs: Mapping[str, Any]) -> Case:
     """The same from its attributes."""
-    return _case(attrs["case"], Path(attrs["case_file"]))
+    text, name = str(attrs["case"]), str(attrs["case_file"])
+    _check(text.encode(errors="replace"), name)
+    return _case(text, Path(name))
 
 
 def _case(text: str, path: Path) -> Case:

@@ -23,7 +23,8 @@ from zipfile import BadZipFile
 import numpy as np
 
 from rockfall.errors import RockfallError
-from rockfall.parts import add_tallies, tallies
+from rockfall.files import check_regular
+from rockfall.parts import CLOCKS, add_tallies, tallies
 from rockfall.simulate import Tally
 from rockfall.sourcemaps import FED, fed_cells, restore_stamps
 
@@ -36,7 +37,7 @@ PARTS = {  # of the state, and their types
 #: What reading raises of a file that is damaged; each array has a checksum in its archive.
 DAMAGED = (
     OSError, ValueError, TypeError, KeyError, EOFError, RuntimeError, OverflowError, BadZipFile,
-    struct.error, zlib.error,
+    struct.error, zlib.error, MemoryError,
 )  # fmt: skip
 ROWS = ("boulder", "count", "crossing")  # arrays of a tally with a row for each boulder
 
@@ -75,7 +76,7 @@ class Checkpoint:
         try:
             for name in state["rows"]:
                 self._take_rows(tally, name)
-            with np.load(self.folder / state["maps"]) as file:
+            with self._arrays(state["maps"]) as file:
                 arrays = dict(file)
         except DAMAGED as error:
             raise RockfallError(f"{self.folder}: cannot be read: {error}") from error
@@ -90,11 +91,15 @@ class Checkpoint:
         self.rows = state["rows"]
 
     def _take_rows(self, tally: Tally, name: str) -> None:
-        with np.load(self.folder / name) as file:
+        with self._arrays(name) as file:
             for rows in ROWS:  # one after the other
                 values = file[rows]
                 getattr(tally, rows)[self.saved : self.saved + len(values)] = values
         self.saved += len(values)
+
+    def _arrays(self, name: str) -> Any:
+        check_regular(self.folder / name)
+        return np.load(self.folder / name)
 
     def found(self) -> int:
         """Boulders in the folder, 0 without a checkpoint."""
@@ -107,6 +112,7 @@ class Checkpoint:
                 f"{self.folder}: is of rockfall-batch; go on with that, or remove it"
             )
         try:
+            check_regular(self.folder / STATE)
             state = json.loads((self.folder / STATE).read_text())
             if not _is_state(state):
                 raise ValueError(f"{STATE} is not of a checkpoint")
@@ -198,6 +204,8 @@ def _is_state(state: Any) -> bool:
     if not isinstance(state, dict) or not state.keys() >= PARTS.keys():
         return False
     if not all(isinstance(state[name], kind) for name, kind in PARTS.items()):
+        return False
+    if not all(0 <= state[clock] < np.inf for clock in CLOCKS):
         return False
     return all(isinstance(one, str) and Path(one).name == one for one in state["rows"])
 

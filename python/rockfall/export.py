@@ -16,9 +16,10 @@ import numpy as np
 
 from rockfall.dataarrays import grid_of
 from rockfall.errors import RockfallError, need
-from rockfall.files import whole_file
+from rockfall.files import whole_file, whole_folder
 from rockfall.rasters import write_geotiff
 from rockfall.result import open_result
+from rockfall.soundness import check_dimensions
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -36,19 +37,21 @@ def export(result: xr.Dataset | str | Path, folder: str | Path) -> list[Path]:
 
     <map>.tif for each variable on (y, x); rockfall.gpkg with the layers stops, lines and
     trajectories, as far as the result has them; boulders.csv; line_<name>.csv for each line.
+    All of them or, with a RockfallError, none.
     """
     folder = Path(folder)
-    with open_result(result) if isinstance(result, str | Path) else nullcontext(result) as data:
+    is_file = isinstance(result, str | Path)
+    with open_result(result) if is_file else nullcontext(result) as data:
+        if is_file:
+            check_dimensions(data, result)
         data = data.set_coords({"crs"} & set(data.data_vars))
-        layers = _layers(data)
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise RockfallError(f"{folder}: cannot be made: {error.strerror}") from error
-        try:
-            return list(_export(data, layers, folder))
-        except RuntimeError as error:  # of netCDF4: values are read as they are written
-            raise RockfallError(f"{result}: cannot be read: {error}") from error
+        with whole_folder(folder) as part:
+            try:
+                return [folder / path.name for path in _export(data, _layers(data), part)]
+            except RuntimeError as error:  # of netCDF4: values are read as they are written
+                raise RockfallError(f"{result}: cannot be read: {error}") from error
+            except KeyError as error:
+                raise RockfallError(f"the result lacks what goes with it: {error}") from error
 
 
 def _export(data: xr.Dataset, layers: _Layers, folder: Path) -> Iterator[Path]:

@@ -2,10 +2,12 @@
 """Files appear under their name only when they are whole."""
 
 import os
+import shutil
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from rockfall._core import rockfall_f2py as _core
 from rockfall.errors import RockfallError
 
 LARGEST_TEXT = 64 * 1024**2  # bytes, as in rockfall_textfile.f90
@@ -26,6 +28,16 @@ def check_regular(path: str | Path) -> None:
     """Refuse a pipe or a device as a file to read: it may have no end, or not even a beginning."""
     if os.path.exists(path) and not (os.path.isfile(path) or os.path.isdir(path)):
         raise RockfallError(f"{path}: not a regular file")
+
+
+def check_netcdf(path: str | Path) -> None:
+    """Refuse what is no regular file, and a header of classic netCDF that claims more than its file
+    holds: the libraries take memory for it, and end the process where there is none."""
+    check_regular(path)
+    if os.path.isfile(path) and _core.overstates(os.fsencode(path)):
+        raise RockfallError(
+            f"{path}: cannot be read as netCDF: its header claims more than the file holds"
+        )
 
 
 def check_text_file(path: str | Path) -> None:
@@ -50,3 +62,27 @@ def whole_file(path: str | Path) -> Iterator[Path]:
         raise RockfallError(f"{path}: cannot be written: {error.strerror or error}") from error
     finally:
         part.unlink(missing_ok=True)
+
+
+@contextmanager
+def whole_folder(folder: str | Path, last: str = "") -> Iterator[Path]:
+    """A temporary folder, whose files go to `folder` when the block ends well, `last` at the end.
+    When not, nothing has changed."""
+    folder = Path(folder)
+    if folder.exists() and not folder.is_dir():
+        raise RockfallError(f"{folder}: is a file, a folder is needed")
+    place = folder.resolve()
+    base = next(path for path in (place, *place.parents) if path.exists())
+    part = base / f".{place.name}.{os.getpid()}"
+    try:
+        part.mkdir()
+        yield part
+        folder.mkdir(parents=True, exist_ok=True)
+        for path in sorted(part.iterdir(), key=lambda path: path.name == last):
+            os.replace(path, folder / path.name)
+    except OSError as error:
+        raise RockfallError(f"{folder}: cannot be written: {error.strerror or error}") from error
+    except RockfallError as error:
+        raise RockfallError(str(error).replace(str(part), str(folder)), error.code) from error
+    finally:
+        shutil.rmtree(part, ignore_errors=True)

@@ -13,7 +13,7 @@ import numpy as np
 
 from rockfall.case import case_in, case_of
 from rockfall.errors import RockfallError
-from rockfall.files import check_regular
+from rockfall.files import check_netcdf
 from rockfall.grid import Box
 from rockfall.sourcemaps import FED, join_sources
 
@@ -132,7 +132,7 @@ def _read(part: xr.Dataset | str | Path) -> tuple[dict[str, Any], _Variables, _T
     if not isinstance(part, str | Path):
         variables = {name: (one.dims, one.values) for name, one in part.variables.items()}
         return part.attrs, variables, lambda: part
-    check_regular(part)
+    check_netcdf(part)
     try:
         with netCDF4.Dataset(part) as file:
             file.set_auto_maskandscale(False)
@@ -191,6 +191,8 @@ def _check_rows(head: dict[str, Any], variables: _Variables) -> None:
         if "boulder" in dims and values.shape[dims.index("boulder")] != due:
             wrong.append(name)
         elif dims in (("boulder",), ("trajectory_vertex",)) and not np.isfinite(values).all():
+            wrong.append(name)
+        elif dims == ("line", "boulder") and np.isinf(values).any():
             wrong.append(name)
     first, last = head["boulder_first"], head["boulder_last"]
     if wrong or not 1 <= first <= last + 1 <= head["boulders_asked"] + 1:

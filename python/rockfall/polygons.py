@@ -12,7 +12,7 @@ import numpy as np
 
 from rockfall.crs import crs_name, same_crs
 from rockfall.errors import RockfallError, need
-from rockfall.files import check_regular
+from rockfall.files import check_netcdf
 from rockfall.grid import NO_ID, Grid
 
 if TYPE_CHECKING:
@@ -64,7 +64,7 @@ def _read(path: str, field: str | None) -> tuple[dict[str, Any], np.ndarray, np.
 
     if not os.path.exists(path):
         raise RockfallError(f"{path}: no such file")
-    check_regular(path)
+    check_netcdf(path)
     try:
         layer = _only_layer(path, pyogrio.list_layers(path))
         about = pyogrio.read_info(path, layer=layer, force_feature_count=True)
@@ -77,7 +77,9 @@ def _read(path: str, field: str | None) -> tuple[dict[str, Any], np.ndarray, np.
         columns = [] if field is None else [field]
         _, _, wkb, values = pyogrio.raw.read(path, layer=layer, columns=columns)
         shapes = shapely.from_wkb(wkb)
-    except (pyogrio.errors.DataSourceError, shapely.errors.ShapelyError) as error:
+    except (
+        pyogrio.errors.DataSourceError, shapely.errors.ShapelyError, UnicodeDecodeError
+    ) as error:  # fmt: skip
         raise RockfallError(f"{path}: not a polygon layer that can be read ({error})") from error
     return about, shapes, values[0] if field else None
 

@@ -17,7 +17,7 @@ import numpy as np
 from rockfall.asciigrid import check_size, read_rows
 from rockfall.elevations import elevation_dtype
 from rockfall.errors import RockfallError
-from rockfall.files import check_regular
+from rockfall.files import check_netcdf
 from rockfall.grid import TOLERANCE, Box, Grid, row_blocks
 
 if TYPE_CHECKING:
@@ -166,7 +166,7 @@ def _gdal_name(path: str) -> str:
     variable = path[len(file) + 1 :]
     if not os.path.exists(file):
         raise RockfallError(f"{path}: no such file")
-    check_regular(file)
+    check_netcdf(file)
     if Path(file).is_file() and Path(file).stat().st_size == 0:
         raise RockfallError(f"{path}: is empty")
     return f'NETCDF:"{file}":{variable}' if variable else file

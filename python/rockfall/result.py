@@ -14,9 +14,10 @@ import numpy as np
 from rockfall import variables
 from rockfall._core import rockfall_f2py as _core
 from rockfall.errors import RockfallError
-from rockfall.files import check_regular, whole_file
+from rockfall.files import check_netcdf, whole_file
 from rockfall.grid import row_blocks
 from rockfall.parts import DAMAGED, tally_variables
+from rockfall.soundness import check_result, check_values
 from rockfall.sourcemaps import settle
 
 if TYPE_CHECKING:
@@ -31,15 +32,6 @@ TALLIES = (
     "passages", "deposits", "sources", *4 * [""], "energy_max", "speed_max_map",
     "jump_height_max_map",
 )  # fmt: skip
-ALWAYS = (  # attributes that every result has
-    "title", "source", "case", "case_file", "seed", "boulder_first", "boulder_last",
-    "boulders_asked", "complete", "impact_set", "impact_set_checksum", "input_checksums",
-    "threads", "wall_seconds", "cpu_seconds",
-)  # fmt: skip
-NUMBERS = {  # and those of them that are numbers
-    int: ("seed", "boulder_first", "boulder_last", "boulders_asked", "complete", "threads"),
-    float: ("wall_seconds", "cpu_seconds"),
-}
 NETCDF = (b"\x89HDF", b"CDF\x01", b"CDF\x02", b"CDF\x05")  # first bytes of such files
 TILE = 256  # cells of a map that are compressed together, either way
 
@@ -230,7 +222,7 @@ def open_result(path: str | Path) -> xr.Dataset:
     """Open a netCDF result as it is stored: counts stay integers, seconds stay numbers."""
     import xarray as xr
 
-    check_regular(path)
+    check_netcdf(path)
     try:
         return xr.open_dataset(path, mask_and_scale=False, decode_times=False, engine="netcdf4")
     except FileNotFoundError:
@@ -242,35 +234,17 @@ def open_result(path: str | Path) -> xr.Dataset:
 def read_result(path: str | Path) -> xr.Dataset:
     """The result of a run from its netCDF file, in memory, as `rockfall.run` returned it."""
     with open_result(path) as data:
-        _check_whole(data, path)
+        check_result(data, path)
         try:
             result = data.load()
         except DAMAGED as error:
             raise RockfallError(f"{path}: cannot be read: {error}") from error
+    check_values(result, path)
     for variable in result.variables.values():
         variable.attrs.pop("_FillValue", None)
     if "line" in result:  # names that the standalone program wrote are bytes
         result["line"] = result["line"].astype(str).astype(object)
     return result
-
-
-def _check_whole(data: xr.Dataset, path: str | Path) -> None:
-    """Refuse what lacks something that every result has."""
-    if "case" not in data.attrs or "boulder" not in data.dims:
-        raise RockfallError(f"{path}: is not a result of rockfall")
-    bounds = {one.attrs["bounds"] for one in data.variables.values() if "bounds" in one.attrs}
-    names = {*variables.BOULDER, *variables.COUNT, "crs", *map(str, bounds)} - set(data.variables)
-    if missing := sorted(names) + [name for name in ALWAYS if name not in data.attrs]:
-        raise RockfallError(f"{path}: is not a whole result of rockfall: has no {missing[0]}")
-    for kind, names in NUMBERS.items():
-        for name in names:
-            try:
-                kind(data.attrs[name])
-            except (TypeError, ValueError, OverflowError):
-                raise RockfallError(f"{path}: {name} = {data.attrs[name]}: is no number") from None
-    for name in (f"{end}_{axis}" for end in ("start", "stop") for axis in "xyz"):
-        if not np.isfinite(data[name].values).all():
-            raise RockfallError(f"{path}: {name}: must be a number for every boulder")
 
 
 def check_writable(path: str | Path, table: str | None = None) -> None:
