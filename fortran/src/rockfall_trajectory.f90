@@ -23,9 +23,9 @@ module rockfall_trajectory
    integer, parameter :: stopped = 1, absorbed = 2, left_domain = 3, impact_limit = 4  !! status
    integer, parameter :: left_window = 5  !! the terrain goes on, but is not at hand: to be flown again
 
-   !> What is noted on the way besides the boulder's fate, if the scene wants it: nothing; lines, histograms and a
-   !> record; visits of raster cells too.
-   integer, parameter :: fate_only = 0, notes = 1, cells = 2
+   !> What is noted on the way besides the boulder's fate, if it is wanted: nothing; lines and histograms; visits of
+   !> raster cells too; vertices of the trajectory too.
+   integer, parameter :: fate_only = 0, notes = 1, cells = 2, vertices = 3
 
    !> Everything that a boulder needs to know; the same for all boulders of a run.
    type :: scene_t
@@ -96,10 +96,20 @@ contains
       type(fate_t), intent(out) :: fate
       type(scratch_t), intent(inout) :: scratch
 
-      call travel(scene, number, fate, scratch, cells)
+      call travel(scene, number, fate, scratch, vertices)
    end subroutine follow
 
-   !> The same without maps.
+   !> The same without a record.
+   pure subroutine follow_over_cells(scene, number, fate, scratch)
+      type(scene_t), intent(in) :: scene
+      integer(i8), intent(in) :: number
+      type(fate_t), intent(out) :: fate
+      type(scratch_t), intent(inout) :: scratch
+
+      call travel(scene, number, fate, scratch, cells)
+   end subroutine follow_over_cells
+
+   !> The same without maps either.
    pure subroutine follow_off_the_map(scene, number, fate, scratch)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: number
@@ -127,7 +137,7 @@ contains
 
       scratch%follow => follow_to_its_fate
       if (allocated(scene%lines) .or. scene%wants_histograms) scratch%follow => follow_off_the_map
-      if (scene%wants_cells) scratch%follow => follow
+      if (scene%wants_cells) scratch%follow => follow_over_cells
    end subroutine choose_follow
 
    !> All that `follow` is. Wherever it is called `noted` is a constant, so that each gets a copy of its own.
@@ -136,7 +146,7 @@ contains
       integer(i8), intent(in) :: number
       type(fate_t), intent(out) :: fate
       type(scratch_t), intent(inout) :: scratch
-      integer, value :: noted  !! fate_only, notes or cells
+      integer, value :: noted  !! fate_only, ..., vertices
       type(flight_t) :: flight
       type(landing_t) :: landing
       real(wp) :: omega_r  !! W = R_b omega [m/s]
@@ -157,7 +167,9 @@ contains
       fate%speed_max = square(flight%v)
       omega_r = 0
       if (noted >= cells .and. scene%wants_cells) call start_visits(scratch%visits, number)
-      if (noted >= notes) call start_notes(flight, scratch)
+      if (noted >= notes .and. allocated(scratch%crossings)) scratch%crossings%crossed = .false.
+      scratch%recorded = 0
+      if (noted >= vertices) call record(scratch, contact_t(flight%x, flight%y, flight%z, 0.0_wp, flight%v))
       do
          if (noted >= cells .and. scene%wants_cells) then
             call fly_over_cells(scene, flight, omega_r, landing, scratch)
@@ -181,7 +193,7 @@ contains
          end if
          if (fate%status /= 0) exit
       end do
-      if (noted >= notes .and. (fate%status == absorbed .or. fate%status == left_domain)) then
+      if (noted >= vertices .and. (fate%status == absorbed .or. fate%status == left_domain)) then
          call record(scratch, contact_t(landing%x, landing%y, landing%z, fate%time, v_in))
       end if
       fate%speed_max = sqrt(fate%speed_max)
@@ -231,15 +243,6 @@ contains
          flight%rate = launch_rate(dem, flight%patch, u, w, flight%v)
       end associate
    end subroutine release
-
-   pure subroutine start_notes(flight, scratch)
-      type(flight_t), intent(in) :: flight
-      type(scratch_t), intent(inout) :: scratch
-
-      if (allocated(scratch%crossings)) scratch%crossings%crossed = .false.
-      scratch%recorded = 0
-      call record(scratch, contact_t(flight%x, flight%y, flight%z, 0.0_wp, flight%v))
-   end subroutine start_notes
 
    !> Fly, and note the raster cells on the way.
    pure subroutine fly_over_cells(scene, flight, omega_r, landing, scratch)
@@ -338,7 +341,7 @@ contains
       if (noted >= notes .and. scene%wants_histograms) call count_rebound(scratch%histograms, v_in, out%v)
       call leave(scene, landing, at, g, steepness, heading, uniform(word(10)), uniform(word(11)), out%v, &
                  flight, omega_r)
-      if (noted >= notes) then
+      if (noted >= vertices) then
          call record(scratch, contact_t(landing%x, landing%y, landing%z, fate%time, flight%v, v_in, out%v, ratio))
       end if
       fate%speed_max = max(fate%speed_max, square(flight%v))

@@ -46,19 +46,18 @@ def check_result(data: xr.Dataset, path: str | Path) -> None:
                 raise RockfallError(f"{path}: {name} = {data.attrs[name]}: is no number") from None
     check_dimensions(data, path)
     _check_groups(data, path)
-    for name, variable in data.variables.items():
-        words = [variable.attrs.get(word) for word in ("units", "long_name")]
-        if name not in ("crs", "line", "status") and not all(isinstance(w, str) for w in words):
+    ours = (*variables.BOULDER, *variables.COUNT, *variables.MAP)
+    for name in (name for name in ours if name in data.variables):
+        words = [data.variables[name].attrs.get(word) for word in ("units", "long_name")]
+        if not all(isinstance(word, str) for word in words):
             raise RockfallError(f"{path}: {name}: does not say what it is")
 
 
 def check_dimensions(data: xr.Dataset, path: str | Path) -> None:
     """Each variable of those that a result may have is of numbers along its dimensions."""
-    maps = {name: ("y", "x") for name in variables.MAP}
-    for group in ({name: ("boulder",) for name in variables.BOULDER}, maps, *_groups()):
-        for name, dims in group.items():
-            if name in data.variables:
-                _check_variable(data.variables[name], name, dims, path)
+    for name, dims in _known().items():
+        if name in data.variables:
+            _check_variable(data.variables[name], name, dims, path)
 
 
 def _check_groups(data: xr.Dataset, path: str | Path) -> None:
@@ -68,6 +67,15 @@ def _check_groups(data: xr.Dataset, path: str | Path) -> None:
             for name in group:
                 if name not in data.variables:
                     raise RockfallError(f"{path}: is not a whole result of rockfall: has no {name}")
+
+
+def _known() -> _Group:
+    """Every variable of ours; a result may have others, of which nothing is asked."""
+    found = {name: ("boulder",) for name in variables.BOULDER}
+    found |= {name: () for name in variables.COUNT} | {name: ("y", "x") for name in variables.MAP}
+    for group in _groups():
+        found |= group
+    return found
 
 
 def _groups() -> Iterator[_Group]:
@@ -98,16 +106,16 @@ def _check_variable(
 
 def check_values(data: xr.Dataset, path: str | Path) -> None:
     """Refuse values that are no numbers where a result always has some, and bins without width."""
-    for name, variable in data.variables.items():
-        if variable.dtype.kind != "f":
+    for name, dims in _known().items():
+        if name not in data.variables or data.variables[name].dtype.kind != "f":
             continue
-        values, dims = variable.values, variable.dims
-        along = str(dims[0]) if len(dims) == 1 else ""
+        values = data.variables[name].values
+        along = dims[0] if len(dims) == 1 else ""
         if (along in FINITE or along.endswith("_bin")) and not np.isfinite(values).all():
             raise RockfallError(f"{path}: {name}: must be a number for every {along}")
         if dims == ("line", "boulder") and np.isinf(values).any():
             raise RockfallError(f"{path}: {name}: must not be infinite")
-        if str(name).endswith("_bin_bounds") and not _are_edges(values):
+        if name.endswith("_bin_bounds") and not _are_edges(values):
             raise RockfallError(f"{path}: {name}: must be the edges of bins, each above the last")
 
 
