@@ -172,7 +172,8 @@ def audit(
         off, done = audit_scene(program, scene, max(500, int(boulders)), folder / f"audit{k}")
         contacts = max(0.0, contacts - done)
         bound = UNITS * EPSILON * scene.size(case)
-        yield Row(scene.name, scene.risk, "flight off, at most [m]", off, bound), done
+        measured = f"off in {done:,} contacts, at most [m]"
+        yield Row(scene.name, scene.risk, measured, off, bound), done
 
 
 def audit_scene(program: Path, scene: Scene, boulders: int, folder: Path) -> tuple[float, int]:
