@@ -7,6 +7,7 @@ few hundred more.
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -32,11 +33,25 @@ import hostile  # noqa: E402
 import mutators  # noqa: E402
 
 
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """Valid inputs of every kind, in the folder `in`; beside it a result, also in three parts."""
+    folder = tmp_path_factory.mktemp("made")
+    hostile.make_rasters(folder / "in")
+    hostile.make_cases(folder / "in")
+    with pytest.MonkeyPatch.context() as context:
+        context.chdir(folder)  # a case has the name by which it is read
+        case = rockfall.read_case("in/asc.nml")
+        rockfall.write_result(rockfall.run(case), "whole.nc")
+        for k in (1, 2, 3):
+            rockfall.write_result(rockfall.run(case, shard=(k, 3)), f"{k}.nc")
+    return folder
+
+
 @pytest.fixture
-def files(tmp_path, monkeypatch):
-    """Valid inputs of every kind, in the folder `in`; their parent is the current folder."""
-    hostile.make_rasters(tmp_path / "in")
-    hostile.make_cases(tmp_path / "in")
+def files(made, tmp_path, monkeypatch):
+    """The folder `in`, to be spoiled; its parent is the current folder."""
+    shutil.copytree(made / "in", tmp_path / "in")
     monkeypatch.chdir(tmp_path)
     return Path("in")
 
@@ -109,11 +124,8 @@ def test_texts_past_all_bounds_are_refused_before_they_are_read(tmp_path):
 
 
 @pytest.fixture
-def parts(files):
-    case, paths = rockfall.read_case("in/asc.nml"), [Path(f"{k}.nc") for k in (1, 2, 3)]
-    for k, path in enumerate(paths, start=1):
-        rockfall.write_result(rockfall.run(case, shard=(k, 3)), path)
-    return paths
+def parts(made, files):
+    return [Path(shutil.copy(made / f"{k}.nc", f"{k}.nc")) for k in (1, 2, 3)]
 
 
 @pytest.mark.parametrize(
@@ -162,9 +174,8 @@ def test_a_part_of_other_shapes_is_named(parts):
 
 
 @pytest.fixture
-def whole(files):
-    rockfall.write_result(rockfall.run(rockfall.read_case("in/asc.nml")), "whole.nc")
-    return Path("whole.nc")
+def whole(made, files):
+    return Path(shutil.copy(made / "whole.nc", "whole.nc"))
 
 
 @pytest.fixture

@@ -224,6 +224,14 @@ def plain_geojson(x0=600000, y0=4999960, size=20):
     return "a.geojson"
 
 
+def test_a_geopackage_whose_table_lacks_its_column_is_one_line():
+    make_layer("a.gpkg", [box(0, 0, 20, 20)], zone=[5])
+    with closing(sqlite3.connect("a.gpkg")) as database, database:
+        database.execute("UPDATE gpkg_geometry_columns SET column_name = 'shape'")
+    with pytest.raises(RockfallError, match=r"^a\.gpkg: not a polygon layer that can be read"):
+        burn_polygons("a.gpkg", utm_grid(), "zone")
+
+
 def test_geojson_that_is_no_text_is_one_line():
     path = Path(plain_geojson())
     path.write_bytes(path.read_bytes().replace(b"zone", b"z\xffne"))

@@ -77,9 +77,7 @@ def _read(path: str, field: str | None) -> tuple[dict[str, Any], np.ndarray, np.
         columns = [] if field is None else [field]
         _, _, wkb, values = pyogrio.raw.read(path, layer=layer, columns=columns)
         shapes = shapely.from_wkb(wkb)
-    except (
-        pyogrio.errors.DataSourceError, shapely.errors.ShapelyError, UnicodeDecodeError
-    ) as error:  # fmt: skip
+    except (RuntimeError, UnicodeDecodeError, shapely.errors.ShapelyError) as error:  # GDAL's
         raise RockfallError(f"{path}: not a polygon layer that can be read ({error})") from error
     return about, shapes, values[0] if field else None
 
