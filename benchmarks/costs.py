@@ -207,7 +207,7 @@ CUTS: dict[str, list[Edit]] = {
     ],
     "sobol": [
         (_TRAJECTORY, "scene%sobol%dimensions > 0", ".false.", 1),
-        (_TRAJECTORY, "do k = 2, scene%sobol%dimensions", "do k = 2, 1", 1),
+        (_TRAJECTORY, "scene%sobol%dimensions > 1", ".false.", 1),
     ],
     "by_area": [("rockfall_boulder.f90", "allocated(release%last)", ".false.", 2)],
     "windows of terrain": [

@@ -224,6 +224,18 @@ contains
       even_word = scrambled(sobol_word(scene%sobol, index, dimension), scene%key, source, dimension)
    end function even_word
 
+   !> Those of the first draw of A. All at once: an index that varies would keep the usual words in memory.
+   pure function even_words(scene, number) result(word)
+      type(scene_t), intent(in) :: scene
+      integer(i8), intent(in) :: number
+      integer(i8) :: word(12)
+      integer :: k
+
+      do k = 1, size(word)
+         word(k) = even_word(scene, number, k + 1)
+      end do
+   end function even_words
+
    !> The start of the first flight: above the source, at rest or with the velocity of the release.
    pure subroutine release(scene, number, flight)
       type(scene_t), intent(in) :: scene
@@ -311,17 +323,13 @@ contains
       type(flight_t), intent(inout) :: flight
       type(scratch_t), intent(inout) :: scratch
       integer(i8) :: word(12)
-      integer :: at(2), class, k
+      integer :: at(2), class
       logical :: outside
       real(wp) :: radius, ratio, v_in(3), heading(2), g(2), steepness
       type(rebound_t) :: out
 
       word = random_words(scene%key, for_impact, number, int(fate%impacts, i8), 0_i8)
-      if (fate%impacts == 1) then
-         do k = 2, scene%sobol%dimensions
-            word(k - 1) = even_word(scene, number, k)
-         end do
-      end if
+      if (fate%impacts == 1 .and. scene%sobol%dimensions > 1) word = even_words(scene, number)
       at = cell_of(scene%dem, landing%patch, landing%u, landing%w)
       radius = rock_radius(scene%surface, at, uniform(word(12)))
       if (radius > huge(radius)) then
