@@ -165,7 +165,7 @@ def test_other_numbers_of_boulders_from_the_same_tiles(tmp_path):
 def test_parts_and_checkpoints(tmp_path):
     case, whole = case_in(tmp_path), None
     whole = rockfall.run(case)
-    parts = [rockfall.run(case, memory=20_000, shard=(k, 5)) for k in range(1, 6)]
+    parts = [rockfall.run(case, memory=20_000, shard=(k, 3)) for k in range(1, 4)]
     same(rockfall.merge(parts), whole)
     first = Checkpoint(tmp_path / "c", 0.0)
     run_scene(read_scene(case, memory=20_000), checkpoint=first, chunk=100)
