@@ -136,6 +136,7 @@ def parts(made, files):
         ("tally_fed_cell", 10**9, "2.nc: is damaged: tally_fed_cell"),
         ("stop_x", np.nan, "2.nc: is damaged: stop_x"),
         ("line_x", np.inf, "2.nc: is damaged: line_x"),
+        ("line_speed", np.nan, "2.nc: is damaged: line_speed"),
     ],
 )
 def test_a_damaged_part_is_named(parts, name, value, said):
@@ -166,6 +167,10 @@ def test_a_part_of_other_shapes_is_named(parts):
     with netCDF4.Dataset(parts[1], "a") as file:
         file.renameVariable("stop_y", "stop_q")
     with refused("2.nc: has another stop_q than 1.nc"):
+        merge(parts)
+    with netCDF4.Dataset(parts[0], "a") as file:
+        file.renameVariable("line_time", "line_q")
+    with pytest.raises(rockfall.RockfallError, match=r"^1\.nc: is damaged: line_x, "):
         merge(parts)
     with netCDF4.Dataset(parts[1], "a") as file:
         file.setncattr("boulder_last", 39)
@@ -253,7 +258,10 @@ def change_result(path, change):
         (lambda f: f["incidence_angle_bin_bounds"].__setitem__((3, 1), np.nan),
          "incidence_angle_bin_bounds: must be the edges of bins, each above the last"),
         (lambda f: f["x"].__setitem__(3, np.inf), "x: must be a number for every x"),
-        (lambda f: f["line_speed"].__setitem__((0, 0), np.inf), "line_speed: must not be infinite"),
+        (lambda f: f["line_speed"].__setitem__((0, 0), np.inf),
+         "line_speed: must be a number where a boulder crossed a line"),
+        (lambda f: f["line_x"].__setitem__((0, 0), np.nan),
+         "line_x: must be a number where a boulder crossed a line"),
     ],
 )  # fmt: skip
 def test_a_result_that_is_not_whole_is_refused(whole, change, said):

@@ -15,6 +15,7 @@ from rockfall.case import case_in, case_of
 from rockfall.errors import RockfallError
 from rockfall.files import check_netcdf
 from rockfall.grid import Box
+from rockfall.soundness import are_crossings
 from rockfall.sourcemaps import FED, join_sources
 
 if TYPE_CHECKING:
@@ -186,13 +187,14 @@ def _check_rows(head: dict[str, Any], variables: _Variables) -> None:
     """A part has a row for each of its boulders, which lies somewhere, and cells in their order."""
     due = head["boulder_last"] - head["boulder_first"] + 1
     cells = variables[f"{BEFORE}cell"][1]
+    _, times = variables.get("line_time", ((), np.empty(0)))
     wrong = [] if (np.diff(cells, prepend=-1) > 0).all() else [f"{BEFORE}cell"]
     for name, (dims, values) in variables.items():
         if "boulder" in dims and values.shape[dims.index("boulder")] != due:
             wrong.append(name)
         elif dims in (("boulder",), ("trajectory_vertex",)) and not np.isfinite(values).all():
             wrong.append(name)
-        elif dims == ("line", "boulder") and np.isinf(values).any():
+        elif dims == ("line", "boulder") and not are_crossings(values, times):
             wrong.append(name)
     first, last = head["boulder_first"], head["boulder_last"]
     if wrong or not 1 <= first <= last + 1 <= head["boulders_asked"] + 1:

@@ -107,16 +107,23 @@ def _check_variable(
 def check_values(data: xr.Dataset, path: str | Path) -> None:
     """Refuse values that are no numbers where a result always has some, and bins without width."""
     for name, dims in _known().items():
-        if name not in data.variables or data.variables[name].dtype.kind != "f":
+        if name not in data.variables:
             continue
         values = data.variables[name].values
         along = dims[0] if len(dims) == 1 else ""
         if (along in FINITE or along.endswith("_bin")) and not np.isfinite(values).all():
             raise RockfallError(f"{path}: {name}: must be a number for every {along}")
-        if dims == ("line", "boulder") and np.isinf(values).any():
-            raise RockfallError(f"{path}: {name}: must not be infinite")
+        if dims == ("line", "boulder") and not are_crossings(values, data["line_time"].values):
+            raise RockfallError(f"{path}: {name}: must be a number where a boulder crossed a line")
         if name.endswith("_bin_bounds") and not _are_edges(values):
             raise RockfallError(f"{path}: {name}: must be the edges of bins, each above the last")
+
+
+def are_crossings(values: np.ndarray, times: np.ndarray) -> bool:
+    """Values (line, boulder) are numbers where times are, and NaN elsewhere."""
+    if values.dtype.kind != "f" or times.dtype.kind != "f" or np.isinf(values).any():
+        return False
+    return np.array_equal(np.isnan(values), np.isnan(times))
 
 
 def _are_edges(bounds: np.ndarray) -> bool:
