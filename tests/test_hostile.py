@@ -163,6 +163,15 @@ def test_a_part_of_a_case_that_is_none_is_refused(parts, name, value):
         merge(parts)
 
 
+@pytest.mark.parametrize("value", ["9" * 400, 2**40, -1])
+@pytest.mark.parametrize("name", ["threads", "boulders_asked"])
+def test_a_part_of_numbers_past_all_bounds_is_refused(parts, name, value):
+    with netCDF4.Dataset(parts[1], "a") as file:
+        file.setncattr(name, value)
+    with pytest.raises(rockfall.RockfallError, match=r"^2\.nc: is damaged: "):
+        merge(parts)
+
+
 def test_a_part_of_other_shapes_is_named(parts):
     with netCDF4.Dataset(parts[1], "a") as file:
         file.renameVariable("stop_y", "stop_q")

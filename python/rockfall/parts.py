@@ -164,6 +164,8 @@ def _head(attrs: Mapping[str, Any], variables: _Variables, name: str) -> dict[st
         head["input_checksums"] = dict(json.loads(head["input_checksums"]))
         if not np.isfinite([float(attrs[clock]) for clock in CLOCKS]).all():
             raise ValueError(CLOCKS)
+        if not all(0 <= head[key] < 2**31 for key in NUMBERS):
+            raise ValueError(NUMBERS)
     except (TypeError, ValueError, OverflowError, RecursionError) as error:
         raise RockfallError(f"{name}: is damaged: {error}") from error
     return head | {"name": name, "shapes": _shapes(variables)}
