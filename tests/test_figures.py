@@ -192,6 +192,17 @@ def test_distributions_hold_the_boulders_that_pass(full, observed):
     assert [text.get_text() for text in lower.get_yticklabels()] == ["this run", "observed"]
 
 
+@pytest.mark.parametrize("value", [-1e100, 1e100])
+def test_a_number_past_all_bounds_gives_a_distribution_too(full, value):
+    from matplotlib.patches import StepPatch
+
+    result = full.copy(deep=True)
+    place = np.flatnonzero(np.isfinite(result["line_energy_rotational"].values[0]))[0]
+    result["line_energy_rotational"].values[0, place] = value
+    upper = draw(result, "line_energy_total", None, None).axes[0]
+    assert upper.findobj(StepPatch)[0].get_data().edges.size < 1000
+
+
 def test_samples_and_printed_means_stand_beside_ours(full, observed):
     from matplotlib.patches import StepPatch
 

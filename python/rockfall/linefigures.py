@@ -50,6 +50,7 @@ QUANTITIES = {  # those of rockfall.statistics that are drawn
 }
 DISTANCE = "plan distance from the start [m]"
 ABREAST = 2  # lines side by side
+MOST_CLASSES = 500  # of a distribution that reaches far below zero
 CLASSES = 60  # at most
 BEYOND = 0.998  # the axis ends where one value in 500 lies beyond
 STATIONS = 300  # distances at which a share is drawn
@@ -210,10 +211,11 @@ def _classes(samples: list[np.ndarray]) -> np.ndarray:
     """Edges of classes of a round width, up to a value that one in 500 of any sample exceeds; as
     many as the largest sample bears."""
     most = max((float(np.quantile(v, BEYOND)) for v in samples if v.size), default=1.0)
-    least = min((float(v.min()) for v in samples if v.size), default=0.0)
+    least = min([0.0, *(float(v.min()) for v in samples if v.size)])
     largest = max(v.size for v in samples)
-    width = round_step(max(most, 1e-3) / np.clip(np.sqrt(largest), 8, CLASSES))
-    first = np.floor(min(least, 0.0) / width)
+    width = max(most, 1e-3) / np.clip(np.sqrt(largest), 8, CLASSES)
+    width = round_step(max(width, most / MOST_CLASSES - least / MOST_CLASSES))
+    first = np.floor(least / width)
     return width * np.arange(first, max(np.ceil(most / width), first + 1) + 1)
 
 
