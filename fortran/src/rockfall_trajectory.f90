@@ -129,8 +129,8 @@ contains
       call travel(scene, number, fate, scratch, fate_only)
    end subroutine follow_to_its_fate
 
-   !> Choose, once a run, the `follow` in which the compiler has left out what the scene does not need. What is
-   !> never asked for costs nothing so; tests of it alone would keep the hot path from staying in registers.
+   !> Choose, once a run, the `follow` in which the compiler has left out what the scene does not need. Tests alone
+   !> would not do: beside code that may run, the compiler does not keep a flight in registers.
    subroutine choose_follow(scene, scratch)
       type(scene_t), intent(in) :: scene
       type(scratch_t), intent(inout) :: scratch
