@@ -263,6 +263,8 @@ def change_result(path, change):
         (lambda f: f.renameDimension("x", "q"), "passages: is not along y, x"),
         (lambda f: f["status"].setncattr("flag_meanings", "stopped"),
          "status: does not say what its numbers mean"),
+        (lambda f: f["energy_q95"].setncattr("least_passages", "2"),
+         "energy_q95: does not say what it is"),
         (lambda f: f.setncattr("seed", "2"), "seed = 2: is no number"),
         (lambda f: f["passages"].delncattr("long_name"), "passages: does not say what it is"),
         (lambda f: f["incidence_angle_bin_bounds"].__setitem__((3, 1), np.nan),
