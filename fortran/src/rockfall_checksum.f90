@@ -3,7 +3,7 @@
 module rockfall_checksum
    use rockfall_kinds, only: i8
    use rockfall_error, only: error_t, fail
-   use rockfall_pipe, only: is_pipe
+   use rockfall_pipe, only: refuse_pipe
    implicit none
    private
    public :: file_checksum, text_checksum
@@ -48,10 +48,8 @@ contains
       integer :: unit, status, n
 
       checksum = ""
-      if (is_pipe(path)) then
-         call fail(error, path//": not a regular file")
-         return
-      end if
+      call refuse_pipe(path, path, error)
+      if (allocated(error)) return
       open (newunit=unit, file=path, access="stream", form="unformatted", status="old", &
             action="read", iostat=status, iomsg=message)
       if (status /= 0) then

@@ -13,7 +13,7 @@ module rockfall_netcdf
    use rockfall_kinds, only: wp, sp, i4, i8
    use rockfall_error, only: error_t, fail
    use rockfall_decimal, only: real_text
-   use rockfall_pipe, only: is_pipe
+   use rockfall_pipe, only: refuse_pipe
    use rockfall_classicheader, only: overstates
    use rockfall_textfile, only: lower
    use rockfall_grid, only: grid_t
@@ -164,10 +164,8 @@ contains
          call fail(error, name//": no such file")
          return
       end if
-      if (is_pipe(file)) then
-         call fail(error, name//": not a regular file")
-         return
-      end if
+      call refuse_pipe(file, name, error)
+      if (allocated(error)) return
       if (overstates(file)) then
          call fail(error, name//": cannot be read as netCDF: its header claims more than the file holds")
          return

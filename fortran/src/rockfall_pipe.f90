@@ -2,9 +2,10 @@
 !> A name may lead to a pipe: to open it for reading waits until someone writes.
 module rockfall_pipe
    use, intrinsic :: iso_c_binding, only: c_char, c_int, c_long, c_null_char
+   use rockfall_error, only: error_t, fail
    implicit none
    private
-   public :: is_pipe
+   public :: is_pipe, refuse_pipe
 
    interface
       integer(c_int) function c_open(path, flags) bind(c, name="open")
@@ -40,4 +41,12 @@ contains
       is_pipe = c_lseek(descriptor, 0_c_long, 0_c_int) < 0
       status = c_close(descriptor)
    end function is_pipe
+
+   !> An error with the file's `name` where `path` leads to what is_pipe tells.
+   subroutine refuse_pipe(path, name, error)
+      character(len=*), intent(in) :: path, name
+      type(error_t), allocatable, intent(inout) :: error
+
+      if (is_pipe(path)) call fail(error, name//": not a regular file")
+   end subroutine refuse_pipe
 end module rockfall_pipe

@@ -4,7 +4,7 @@ module rockfall_textfile
    use, intrinsic :: iso_fortran_env, only: iostat_end
    use rockfall_kinds, only: i8
    use rockfall_error, only: error_t, fail
-   use rockfall_pipe, only: is_pipe
+   use rockfall_pipe, only: refuse_pipe
    implicit none
    private
    public :: read_text, check_text, after_mark, lower, integer_text, joined, excerpt
@@ -34,10 +34,8 @@ contains
          call fail(error, file//": no such file")
          return
       end if
-      if (is_pipe(file)) then
-         call fail(error, file//": not a regular file")
-         return
-      end if
+      call refuse_pipe(file, file, error)
+      if (allocated(error)) return
       open (newunit=unit, file=file, access="stream", form="unformatted", status="old", &
             action="read", iostat=status, iomsg=message)
       if (status /= 0) then
