@@ -435,6 +435,10 @@ HOSTILE = {
         replace("boulders = 40", "boulders = 1000000000000000"),
         ["&case boulders = 1000000000000000 from each of", "at most 2147483647 together"], True,
     ),
+    "sum of energies": (
+        replace("volume_mean = 0.8, volume_std = 0.15", "volume_mean = 1e12, volume_std = 0.0"),
+        ["case.nml: &output maps: energy_mean: the sum of 320 boulders can come to", "9e18"], True,
+    ),
     "no dem": (replace("dem.asc", "none.asc"), ["&terrain dem = 'none.asc': no such file"], True),
     "empty dem": (write("dem.asc", ""), ["dem.asc: is empty"], True),
     "truncated dem": (

@@ -7,7 +7,8 @@ module rockfall_boulder
    use rockfall_random, only: random_key_t, random_words, uniform, normal, normal_table_t, for_release
    implicit none
    private
-   public :: boulder_t, boulder_law_t, release_t, draw_boulder, source_of, first_of, last_of, released_by, spin_inertia
+   public :: boulder_t, boulder_law_t, release_t, draw_boulder, max_volume, mean_volume, source_of, first_of, last_of, &
+             released_by, spin_inertia
    public :: fixed_volume, normal_volume, uniform_volume, lognormal_volume, list_volume
 
    real(wp), parameter :: spin_inertia = 0.4_wp  !! I/(m R_b**2) of a sphere [-]
@@ -118,6 +119,33 @@ contains
       boulder%radius = cube_root(3*boulder%volume/(4*pi))
       boulder%mass = law%density*boulder%volume
    end function draw_boulder
+
+   !> The largest volume that can be drawn [m3].
+   pure real(wp) function max_volume(law, table) result(volume)
+      type(boulder_law_t), intent(in) :: law
+      type(normal_table_t), intent(in) :: table
+      integer(i8), parameter :: last_word = 2_i8**32 - 1
+
+      select case (law%law)
+      case (normal_volume); volume = law%mean + law%deviation*normal(table, last_word)
+      case (uniform_volume); volume = law%most
+      case (lognormal_volume); volume = lognormal(law, normal(table, last_word))
+      case (list_volume); volume = maxval(law%list)
+      case default; volume = law%mean
+      end select
+   end function max_volume
+
+   !> The mean of the volumes [m3]; of a normal law, which loses what is below zero, an upper bound.
+   pure real(wp) function mean_volume(law) result(volume)
+      type(boulder_law_t), intent(in) :: law
+
+      select case (law%law)
+      case (normal_volume); volume = law%mean + 0.8_wp*law%deviation  ! sqrt(2/pi) where all of the lower half is cut
+      case (uniform_volume); volume = (law%least + law%most)/2
+      case (list_volume); volume = sum(law%list)/size(law%list)
+      case default; volume = law%mean
+      end select
+   end function mean_volume
 
    !> A normal volume above zero [m3]: drawn again until it is.
    pure real(wp) function truncated_normal(law, table, key, number, first) result(volume)

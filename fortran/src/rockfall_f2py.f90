@@ -13,6 +13,8 @@ module rockfall_f2py
    use rockfall_sources, only: usual_threshold, keep_steep, surface_ratios, last_boulders
    use rockfall_map, only: maps_t, follows_cells
    use rockfall_mapvalues, only: map_plan_t, plan_maps => map_plan, map_views, map_row, map_fewest
+   use rockfall_bounds, only: check_map_tallies => check_tallies
+   use rockfall_boulder, only: boulder_law_t
    use rockfall_threads, only: team_size
    use rockfall_ensemble, only: run_boulders, trace_boulder
    use rockfall_result, only: boulder_row, boulder_count_row, line_row, vertex_row
@@ -24,7 +26,7 @@ module rockfall_f2py
    use rockfall_classicheader, only: claims_too_much => overstates
    implicit none
    private
-   public :: run, survey, reach, block_of, map_plan, map_values, check_case, case_key, variable, read_sets, fields, &
+   public :: run, survey, reach, block_of, map_plan, check_tallies, map_values, check_case, case_key, variable, read_sets, fields, &
              histogram_bins, team, slope_threshold, steep_cells, area_ratios, release_ends, overstates
 
 contains
@@ -133,13 +135,7 @@ contains
       end subroutine set_surface
 
       subroutine set_boulders()
-         scene%law%law = law
-         scene%law%mean = law_values(1)
-         scene%law%deviation = law_values(2)
-         scene%law%least = law_values(3)
-         scene%law%most = law_values(4)
-         scene%law%list = volumes
-         scene%law%density = density
+         scene%law = as_law(law, law_values, volumes, density)
          scene%release%before = sources_before
          scene%release%boulders_per_source = per_source
          if (size(source_end) > 1) scene%release%last = source_end
@@ -273,6 +269,33 @@ contains
 
       as_plan = map_plan_t(plan(1:4), plan(5:7), plan(8:10), plan(11:13), plan(14))
    end function as_plan
+
+   pure type(boulder_law_t) function as_law(law, values, volumes, density)
+      integer(c_int), intent(in) :: law
+      real(c_double), intent(in) :: values(4), volumes(:), density  !! as in `run`
+
+      as_law%law = law
+      as_law%mean = values(1)
+      as_law%deviation = values(2)
+      as_law%least = values(3)
+      as_law%most = values(4)
+      as_law%list = volumes
+      as_law%density = density
+   end function as_law
+
+   !> Refuse a run whose maps its tallies cannot hold; `fall` is from the greatest energy head to the lowest
+   !> elevation [m], `boulders` those of the whole run.
+   subroutine check_tallies(plan, law, law_values, volumes, density, gravity, fall, boulders, code, message, nv)
+      integer(c_int), intent(in) :: nv, plan(14), law
+      real(c_double), intent(in) :: law_values(4), volumes(nv), density, gravity, fall
+      integer(c_int64_t), intent(in) :: boulders
+      integer(c_int), intent(out) :: code
+      character(len=1024), intent(out) :: message
+      type(error_t), allocatable :: error
+
+      call check_map_tallies(as_plan(plan), as_law(law, law_values, volumes, density), gravity, fall, boulders, error)
+      call give_error(error, code, message)
+   end subroutine check_tallies
 
    !> A map of reals, of the tallies of `run`; `fewest`: passages for which a cell has a number.
    subroutine map_values(name, boulders, least, plan, map_counts, map_sums, map_reals, class_counts, column, columns, &

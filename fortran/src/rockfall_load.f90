@@ -42,6 +42,7 @@ module rockfall_load
       type(scene_t) :: scene
       type(grid_t) :: grid
       real(wp) :: head = -huge(1.0_wp)            !! greatest energy head of all sources [m]
+      real(wp) :: lowest = huge(1.0_wp)           !! elevation [m]
       real(wp), allocatable :: z8(:, :)           !! elevations [m], or
       real(sp), allocatable :: z4(:, :)           !! in single precision; NaN = none
       integer(i1), allocatable :: zone1(:, :)     !! row of the table, or
@@ -180,7 +181,7 @@ contains
    !> Refuse rasters too small for a patch, elevations that are none, and rasters without any.
    subroutine check_elevations(path, inputs, error)
       character(len=*), intent(in) :: path
-      type(inputs_t), intent(in) :: inputs
+      type(inputs_t), intent(inout) :: inputs
       type(error_t), allocatable, intent(out) :: error
       real(wp) :: z(inputs%grid%nx)
       logical :: here(inputs%grid%nx), some
@@ -202,6 +203,7 @@ contains
             else
                where (here) z = inputs%z8(:, j)
             end if
+            inputs%lowest = min(inputs%lowest, minval(z, mask=here))
             i = findloc(abs(z) > highest, .true., dim=1)
             if (i == 0) cycle
             call fail(error, path//": row "//integer_text(j)//", column "//integer_text(i)//": elevation " &

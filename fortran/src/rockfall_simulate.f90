@@ -9,6 +9,7 @@ module rockfall_simulate
    use rockfall_map, only: maps_t, follows_cells, lacks_columns
    use rockfall_sourcemap, only: fed_t, head_source, fed_cells, settle
    use rockfall_mapvalues, only: map_plan_t, map_plan, map_views
+   use rockfall_bounds, only: check_tallies
    use rockfall_histogram, only: bins, quantities, bin_width
    use rockfall_variables, only: boulder_counts
    use rockfall_result, only: boulder_count_row
@@ -108,6 +109,10 @@ contains
                    //integer_text(results%asked)//" boulders only")
          return
       end if
+      results%plan = map_plan(pack(map_names, case%map))
+      call check_tallies(results%plan, case%law, case%gravity, inputs%head - inputs%lowest, results%asked, error)
+      if (allocated(error)) error%message = case%file//": "//error%message
+      if (allocated(error)) return
       results%before = share_of(results%asked, shard(1) - 1, shard(2))
       results%boulders = share_of(results%asked, shard(1), shard(2)) - results%before
       call make_room(case, inputs, results, error)
@@ -203,7 +208,6 @@ contains
       integer :: status(7), layers
 
       n = results%boulders
-      results%plan = map_plan(pack(map_names, case%map))
       results%grid = inputs%grid
       if (any(case%map) .and. .not. case%whole_maps) call find_reach(inputs, results)
       status = 0

@@ -3,7 +3,7 @@
 program test_boulder
    use rockfall_kinds, only: wp, i8
    use rockfall_random, only: random_key_t, random_key, normal_table_t, normal_table
-   use rockfall_boulder, only: boulder_t, boulder_law_t, release_t, draw_boulder, source_of, &
+   use rockfall_boulder, only: boulder_t, boulder_law_t, release_t, draw_boulder, max_volume, mean_volume, source_of, &
       spin_inertia, normal_volume, uniform_volume, lognormal_volume, list_volume
    use check_m, only: check, check_close, finish
    implicit none
@@ -27,7 +27,7 @@ program test_boulder
 
 contains
 
-   !> `volume` of boulders 1 to n.
+   !> `volume` of boulders 1 to n, within the bounds of the law.
    subroutine draw(law)
       type(boulder_law_t), intent(in) :: law
       type(boulder_t) :: boulder
@@ -37,6 +37,8 @@ contains
          boulder = draw_boulder(law, table, key, int(k, i8))
          volume(k) = boulder%volume
       end do
+      call check("the largest volume", maxval(volume) <= max_volume(law, table))
+      call check("the bound of the mean", sum(volume)/n < 1.01_wp*mean_volume(law))
    end subroutine draw
 
    !> Mean and deviation of `volume` within 4 standard errors; that of the deviation from the fourth moment.

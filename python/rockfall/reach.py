@@ -16,11 +16,10 @@ class Survey:
 
     def __init__(self, scene: Scene) -> None:
         output = scene.case.output
-        with_reach = "maps" in output and output["map_extent"] == "reach"
         self.scene, self.head = scene, np.full(1, -np.inf)  # energy head [m]
         nodes = scene.grid.nx, scene.grid.ny
         side = _core.block_of(nodes)
-        blocks = [-(-n // side) for n in nodes] if with_reach else [1, 1]
+        blocks = [-(-n // side) for n in nodes] if "maps" in output else [1, 1]
         self.minima = np.full(blocks, np.inf, order="F")  # of blocks of cells [m]
 
     def take(self, scene: Scene, first: int, stop: int) -> None:
@@ -39,7 +38,8 @@ class Survey:
         """Every cell that a boulder can reach: no rebound adds energy, so no boulder passes terrain
         higher than what its energy at the release could lift it to (model, section 4)."""
         scene, grid = self.scene, self.scene.grid
-        if self.minima.size == 1:
+        output = scene.case.output
+        if "maps" not in output or output["map_extent"] == "terrain":
             return grid.box
         column, row, last_column, last_row = _core.reach(
             (grid.nx, grid.ny), grid.west, grid.north, grid.cell, scene.x, scene.y,

@@ -16,7 +16,7 @@ from rockfall.errors import RockfallError
 from rockfall.grid import Box, Grid
 from rockfall.interrupts import interrupts
 from rockfall.memory import machine_memory
-from rockfall.reach import survey
+from rockfall.reach import Survey, survey
 from rockfall.scene import Scene, read_scene
 from rockfall.sourcemaps import follow_sources
 from rockfall.tiles import groups
@@ -224,13 +224,29 @@ def shard_range(scene: Scene, shard: tuple[int, int]) -> range:
 
 def start(scene: Scene, threads: int, shard: tuple[int, int] = (1, 1)) -> Tally:
     """Empty tallies of what the case asks for."""
-    numbers, box = shard_range(scene, shard), survey(scene).box()
+    numbers, found = shard_range(scene, shard), survey(scene)
+    check_tallies(scene, found)
+    box = found.box()
     try:
         return _start(scene, threads, numbers, box)
     except (MemoryError, ValueError) as error:  # NumPy has the latter for sizes past all bounds
         raise RockfallError(
             f"{scene.case.name}: {scene.boulders} boulders and the asked maps do not fit in memory"
         ) from error
+
+
+def check_tallies(scene: Scene, found: Survey) -> None:
+    """Refuse a run whose boulders could add up to more in a cell of a map than its numbers hold."""
+    names = scene.case.output.get("maps", [])
+    if not names:
+        return
+    about = scene.kernel_arguments()
+    law = {key: about[key] for key in ("law", "law_values", "volumes", "density", "gravity")}
+    fall = found.head[0] - found.minima.min()
+    code, message = _core.check_tallies(
+        _core.map_plan(" ".join(names)), **law, fall=fall, boulders=scene.boulders
+    )
+    _raise(scene, code, message)
 
 
 def _start(scene: Scene, threads: int, numbers: range, box: Box) -> Tally:

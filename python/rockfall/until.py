@@ -13,9 +13,10 @@ import numpy as np
 from rockfall.case import Case
 from rockfall.errors import RockfallError
 from rockfall.interrupts import interrupts
+from rockfall.reach import survey
 from rockfall.result import make_result
 from rockfall.scene import Scene, read_scene
-from rockfall.simulate import Interrupted, Tally, run_chunks, start, trace
+from rockfall.simulate import Interrupted, Tally, check_tallies, run_chunks, start, trace
 from rockfall.sourcemaps import tells_sources
 from rockfall.sources import refuse_by_area
 from rockfall.statistics import QUANTILES, QUANTITIES, line_numbers, quantile_name, sources
@@ -134,6 +135,7 @@ def _next_tally(scene: Scene, last: Tally | None) -> Tally:
         if last is not None:
             tally.wall, tally.cpu = last.wall, last.cpu
         return tally
+    check_tallies(scene, survey(scene))
     last.scene = scene
     for name in ("boulder", "count", "crossing"):
         rows = getattr(last, name)
