@@ -3,6 +3,7 @@
 
 import csv
 import hashlib
+import json
 import os
 import resource
 import shutil
@@ -352,15 +353,20 @@ def test_a_line_outside_the_terrain_is_a_warning(made, batch, tmp_path):
     assert (tmp_path / "case_results" / "line_far.csv").read_text().count("\n") == 1
 
 
-def test_sets_of_another_folder(made, batch, tmp_path):
+def test_sets_are_those_of_the_case_alone(made, batch, tmp_path, monkeypatch):
+    """No folder of the user's stands before those that are shipped, in either program."""
+    folder = tmp_path / "sets"
+    folder.mkdir()
     shipped = ROOT / "python/rockfall/data/impact_sets/rocky-slope-provisional.nml"
-    (tmp_path / "sets").mkdir()
-    (tmp_path / "sets" / "mine.nml").write_text(shipped.read_text())
-    case = made / "case.nml"
-    case.write_text(case_text().replace("rocky-slope-provisional", "mine"))
-    done = batch(case, cwd=tmp_path, env={"ROCKFALL_SETS": str(tmp_path / "sets")})
-    assert done.returncode == 0, done.stderr
-    assert batch(case, cwd=tmp_path).returncode == 2
+    (folder / shipped.name).write_text(shipped.read_text().replace("mean = ", "mean = 0.9*", 1))
+    monkeypatch.setenv("ROCKFALL_SETS", str(folder))
+    case = write_case(made)
+    assert batch(case, cwd=tmp_path).returncode == 0
+    with open(tmp_path / "case_results" / "run.csv", encoding="utf-8") as file:
+        run = {row[0]: row[1] for row in csv.reader(file)}
+    result = rockfall.run(rockfall.read_case(case))
+    assert run["sha256_sets"] == json.loads(result.attrs["input_checksums"])["sets"]
+    assert run["sha256_sets"] == hashlib.sha256(shipped.read_bytes()).hexdigest()
 
 
 def replace(old, new):

@@ -150,8 +150,8 @@ contains
          "  quiet=true      no summary", &
          "  --help, --version", &
          "", &
-         "Impact sets are looked for in the folder ROCKFALL_SETS, then among those shipped, then", &
-         "beside the case. Exit status: 0 done, 2 the input is wrong, 1 a fault of ours."]
+         "Impact sets are looked for among those shipped, then beside the case.", &
+         "Exit status: 0 done, 2 the input is wrong, 1 a fault of ours."]
       integer :: k
 
       write (output_unit, "(a)") (trim(help(k)), k=1, size(help))

@@ -553,16 +553,12 @@ contains
       type(case_t), intent(in) :: case
       character(len=:), allocatable, intent(out) :: path
       type(error_t), allocatable, intent(out) :: error
-      character(len=:), allocatable :: folders(:)
-      character(len=4096) :: chosen
+      character(len=4096), parameter :: folders(2) = [character(len=4096) :: installed_sets, source_sets]
       logical :: exists
       integer :: k
 
-      call get_environment_variable("ROCKFALL_SETS", chosen)
-      folders = [character(len=4096) :: chosen, installed_sets, source_sets]
       if (index(case%sets, "/") == 0) then
          do k = 1, size(folders)
-            if (folders(k) == "") cycle
             path = trim(folders(k))//"/"//case%sets//".nml"
             inquire (file=path, exist=exists)
             if (exists) return
@@ -571,8 +567,7 @@ contains
       path = path_of(case, case%sets)
       inquire (file=path, exist=exists)
       if (exists) return
-      call fail(error, case%file//": &impact sets = '"//case%sets//"': no such file, and no " &
-                //"shipped set (ROCKFALL_SETS may name their folder)")
+      call fail(error, case%file//": &impact sets = '"//case%sets//"': no such file, and no shipped set")
    end subroutine find_sets
 
    !> What the scene takes from the case as it stands.
