@@ -74,7 +74,7 @@ def test_maxima_are_of_single_precision(tmp_path):
 
 def test_no_boulder_passes_the_bound(tmp_path):
     """Neither its speed nor its energy; the largest come near it."""
-    scene = scene_of(tmp_path, boulders=3000)
+    scene = scene_of(tmp_path, boulders=300)
     result = run_scene(scene)
     assert result["energy_max"].max() <= 2800 * 0.8 * G * fall(scene) * (1 + 1e-6)
     assert np.nanmax(result["speed_max"]) <= np.sqrt(2 * G * fall(scene))

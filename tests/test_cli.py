@@ -474,7 +474,8 @@ def test_check_says_what_would_run_and_writes_nothing(place, capsys):
     assert out.startswith("case.nml: Slope\n")
     assert rows["terrain"] == "24 x 30 cells of 5 m, 0.0% nodata, float32, EPSG:32632"
     assert rows["surface"] == "method B, zones.tif: 2 of 2 zones used"
-    assert rows["sizes"].startswith("R_b 0.576 m, R_m 0.2 to 0.3 m, R_b/R_m 1.92 to 2.88; ")
+    assert rows["sizes"].startswith("R_b 0.576 m, volume 0.8 m3, mass 2,240 kg; ")
+    assert "zone 1: R_m 0.3 m, R_b/R_m 1.92\n" in out and "zone 2: R_m 0.2 m, R_b/R_m 2.88\n" in out
     assert rows["boulders"] == "20, 20 from each source; sources: 1 (points)"
     assert rows["lines"] == "L" and rows["maps"] == "passages, energy_mean"
     assert re.match(r"about \d+ MB \(rasters", rows["memory"])

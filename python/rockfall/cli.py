@@ -412,14 +412,10 @@ def _warning(text: str) -> None:
 
 
 def _warn(scene: Scene) -> None:
-    from rockfall.scene import lines_outside
+    from rockfall.plausible import doubts
 
-    for name in lines_outside(scene):
-        _warning(f"{scene.case.name}: &line name = '{name}': no part of it lies over the terrain")
-    release = scene.case.release
-    if not release["drop_height"] and not any(release["velocity"]):
-        about = f"{scene.case.name}: &release has no drop_height and no velocity"
-        _warning(f"{about}: boulders stop where they start")
+    for line in doubts(scene):
+        _warning(line)
 
 
 def _warn_unmet(result: xr.Dataset) -> None:

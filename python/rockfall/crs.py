@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
@@ -30,20 +31,57 @@ def same_crs(a: CRS | None, b: CRS | None) -> bool:
 
 
 def check_metres(grid: Grid, path: str, warp: Callable[[str, str], str] | None = None) -> None:
-    """Refuse degrees and feet; `warp(word, options)` gives the command that makes file_word."""
+    """Refuse degrees, feet, and coordinates from the centre of the Earth; `warp(word, options)`
+    gives the command that makes file_word."""
     crs = grid.crs
     if crs is None:
         return
     if crs.is_geographic:
         unit = "degrees"
-    elif crs.is_projected and abs(crs.linear_units_factor[1] - 1.0) > 1e-9:
-        unit = crs.linear_units_factor[0]
+    elif crs.to_dict(projjson=True).get("type") == "GeodeticCRS":
+        raise RockfallError(
+            f"{path}: coordinates are geocentric ({crs_name(crs)}), from the centre of the Earth: "
+            "a projected CRS in metres is needed"
+        )
+    elif abs(crs.units_factor[1] - 1.0) > 1e-9:
+        unit = crs.units_factor[0]
     else:
         return
+    flaw = f"{path}: cells are in {unit} ({crs_name(crs)}), metres are needed"
+    if not (crs.is_geographic or crs.is_projected):  # a local system: nobody knows where it is
+        raise RockfallError(flaw)
     cure = f"reproject to {_utm(grid)}"
     if warp is not None:
         cure = f"reproject with: {warp('utm', f'--dst-crs {_utm(grid)} --resampling bilinear')}"
-    raise RockfallError(f"{path}: cells are in {unit} ({crs_name(crs)}), metres are needed; {cure}")
+    raise RockfallError(f"{flaw}; {cure}")
+
+
+def length_scale(grid: Grid) -> float:
+    """How many metres of its coordinates a metre on the ground is, in the middle of a raster: the
+    geometric mean of east and north; 1 where the CRS does not tell."""
+    from rasterio.errors import RasterioError
+    from rasterio.warp import transform
+
+    if grid.crs is None or not grid.crs.is_projected:
+        return 1.0
+    x, y = (grid.west + grid.east) / 2, (grid.south + grid.north) / 2
+    step = 100.0  # [m]: long beside the rounding of degrees, short beside the Earth
+    try:
+        longitude, latitude = transform(grid.crs, "EPSG:4326", [x, x + step, x], [y, y, y + step])
+    except RasterioError:
+        return 1.0
+    flat = 1 - 0.0066944 * math.sin(math.radians(latitude[0])) ** 2  # of the WGS 84 ellipsoid
+    prime, meridian = 6378137.0 / flat**0.5, 6335439.3 / flat**1.5  # radii of curvature [m]
+    ground = [
+        math.hypot(
+            math.radians(longitude[k] - longitude[0]) * prime * math.cos(math.radians(latitude[0])),
+            math.radians(latitude[k] - latitude[0]) * meridian,
+        )
+        for k in (1, 2)
+    ]
+    if not (all(map(math.isfinite, ground)) and min(ground) > 0):
+        return 1.0
+    return step / math.sqrt(ground[0] * ground[1])
 
 
 def _in_plan(crs: CRS) -> CRS:

@@ -19,37 +19,55 @@ if TYPE_CHECKING:
     from rasterio.crs import CRS
 
 
-def burn_polygons(path: str | Path, grid: Grid, field: str | None = None) -> np.ndarray:
+def burn_polygons(
+    path: str | Path, grid: Grid, field: str | None = None, doubts: list[str] | None = None
+) -> np.ndarray:
     """Which polygon holds the centre of each cell; the later one where they overlap.
 
     With `field`, its integers (int32, `NO_ID` outside); without, a mask. Coordinates must be those
     of the terrain. A GeoJSON file that names no CRS is in degrees by its standard; where that
     cannot be (the terrain has no CRS, or the numbers are no degrees) they are taken as they are.
+    What is odd but can be read is added to `doubts`.
     """
     from rasterio.features import rasterize
 
     path = str(path)
     about, shapes, values = _read(path, field)
     bounds = _check_shapes(path, shapes)
-    _check_crs(path, about, bounds, grid)
+    crs = _layer_crs(about, bounds, grid)
+    _check_crs(path, crs, grid)
+    doubts = [] if doubts is None else doubts
+    if crs is None and grid.crs is not None:
+        doubts.append(f"{path}: names no CRS: taken to be in that of the DEM, {crs_name(grid.crs)}")
     if field is None:
         numbers = np.ones(len(shapes), np.uint8)
     else:
         numbers = _integers(path, field, values)
     outside = 0 if field is None else NO_ID
-    cells = rasterize(
-        zip(shapes, numbers.tolist(), strict=True),
-        out_shape=grid.shape,
-        transform=grid.transform,
-        fill=outside,
-        dtype=numbers.dtype.name,
-    )
+
+    def burnt(order: int) -> np.ndarray:
+        return rasterize(
+            zip(shapes[::order], numbers[::order].tolist(), strict=True),
+            out_shape=grid.shape,
+            transform=grid.transform,
+            fill=outside,
+            dtype=numbers.dtype.name,
+        )
+
+    cells = burnt(1)
     if (cells == outside).all():
         raise RockfallError(
             f"{path}: no polygon holds the centre of a cell: {_extent(*bounds)}; "
             f"the terrain: {_extent(grid.west, grid.south, grid.east, grid.north)}"
         )
-    return cells.view(bool) if field is None else cells
+    if field is None:
+        return cells.view(bool)
+    if twice := np.count_nonzero(cells != burnt(-1)):
+        doubts.append(
+            f"{path}: polygons of different {field} overlap in {twice:,} cells: the later polygon "
+            "counts there"
+        )
+    return cells
 
 
 def _extent(west: float, south: float, east: float, north: float) -> str:
@@ -111,8 +129,7 @@ def _check_shapes(path: str, shapes: np.ndarray) -> np.ndarray:
     return shapely.total_bounds(shapes)
 
 
-def _check_crs(path: str, about: dict[str, Any], bounds: np.ndarray, grid: Grid) -> None:
-    crs = _layer_crs(about, bounds, grid)
+def _check_crs(path: str, crs: CRS | None, grid: Grid) -> None:
     if same_crs(crs, grid.crs):
         return
     terrain = crs_name(grid.crs)

@@ -4,18 +4,20 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from rockfall.crs import crs_name
 from rockfall.grid import row_blocks
+from rockfall.ground import Ground
 from rockfall.memory import machine_memory
+from rockfall.reach import survey
 from rockfall.result import TALLIES
-from rockfall.scene import SIZE_TO_RADIUS, Scene, used_zones
+from rockfall.scene import SIZE_TO_RADIUS, Scene
 from rockfall.simulate import Tally, fields, run_chunks, start
 from rockfall.sources import threshold
+from rockfall.zones import read_zone_table
 
 PROBE_BOULDERS = 200  # to see how long they take
 PILOT_SECONDS = 1.0  # about, twice at most
@@ -24,6 +26,7 @@ PROGRAM = 80e6  # bytes of the program and its packages, while boulders fly
 PACKAGES = 65e6  # and of those that results take
 READING = 80e6  # bytes that the reader of a window takes besides
 START = 1.0  # CPU seconds to start and end
+MOST_ZONES = 12  # that are told one by one
 ROW = 1.0e-6  # CPU seconds to write the row of a boulder
 VALUE = 20e-9  # CPU seconds to write the value of a cell
 
@@ -42,14 +45,16 @@ def preview(scene: Scene) -> str:
     """A page about a scene. Some of its boulders are followed, for the time; nothing is kept."""
     case = scene.case
     pilot = _pilot(scene)
-    one = pilot.tally.scene
-    near = one.tiles.window if one.tiles else one  # what there is of the rasters
     rows = [
         ("terrain", _terrain(scene)),
-        ("surface", _surface(near)),
-        ("sizes", _ratios(near, pilot.tally)),
+        ("elevations", _elevations(scene.ground)),
+        ("slopes", _slopes(scene.ground)),
+        ("surface", _surface(scene)),
+        ("sizes", _sizes(pilot.tally)),
+        *(("", line) for line in _ratios(scene, pilot.tally)),
         ("impact sets", case.impact["sets"]),
         ("boulders", _boulders(scene)),
+        ("speed", _speed(scene)),
         ("lines", ", ".join(line["name"] for line in case.line) or "none"),
         ("maps", ", ".join(case.output.get("maps", [])) or "none"),
         ("memory", _memory(scene, pilot)),
@@ -142,13 +147,37 @@ def _terrain(scene: Scene) -> str:
     return f"{cells}, {scene.z.dtype}, {crs}"
 
 
+def _elevations(ground: Ground) -> str:
+    at = np.concatenate(ground.source_z)
+    terrain = f"{ground.low.value:,.1f} to {-ground.high.value:,.1f} m"
+    sources = dict.fromkeys(f"{z:,.1f}" for z in (at.min(), at.max()))
+    return f"{terrain}; sources: {' to '.join(sources)} m"
+
+
+def _slopes(ground: Ground) -> str:
+    """Quantiles of the terrain and of the sources [degree]."""
+
+    def text(quantiles: np.ndarray) -> str:
+        if np.isnan(quantiles).any():
+            return "not known"
+        low, half, high = (f"{slope:.0f}" for slope in quantiles)
+        return f"{half} degrees" + (f" ({low} to {high} for 80 %)" if low != high else "")
+
+    return f"median {text(ground.quantiles())}; sources: median {text(ground.source_quantiles())}"
+
+
+def _speed(scene: Scene) -> str:
+    """The greatest that energy allows: from the highest release to the lowest cell."""
+    low, head = scene.ground.low.value, survey(scene).head[0]
+    speed = np.sqrt(2 * scene.case.flight["gravity"] * max(0.0, head - low))
+    return f"at most {speed:.0f} m/s: from the highest release to the lowest cell without a loss"
+
+
 def _surface(scene: Scene) -> str:
-    surface = scene.case.surface
-    how = "one value everywhere"
-    if scene.zone is not None:
-        how = f"{surface['zones']}: {used_zones(scene).size} of {len(scene.sizes)} zones used"
-    elif scene.values is not None:
-        how = "a raster of values"
+    surface, ground = scene.case.surface, scene.ground
+    how = "one value everywhere" if ground.used else "a raster of values"
+    if "zones" in surface:
+        how = f"{surface['zones']}: {len(ground.used)} of {len(ground.sizes)} zones used"
     return f"method {surface['method']}, {how}"
 
 
@@ -162,39 +191,51 @@ def _boulders(scene: Scene) -> str:
     return f"{scene.boulders:,}, {each:,} from {of}; sources: {scene.x.size:,} ({kind})"
 
 
-def _mean_radii(scene: Scene) -> Iterator[float]:
-    """The least and the greatest R_m of the scene, or of parts of it [m]."""
-    surface = scene.case.surface
-    scale = SIZE_TO_RADIUS[surface["rg_reading"]] if surface["method"] == "A" else 1.0
-    if scene.values is None:
-        sizes = scene.sizes if scene.zone is None else scene.sizes[used_zones(scene)]
-        parts = [sizes[np.isfinite(sizes)]]
-    else:
-        blocks = (layer[rows] for layer in scene.values for rows in row_blocks(scene.grid.shape))
-        parts = (block[np.isfinite(block)] for block in blocks)
-    for part in parts:
-        if part.size:
-            yield from (scale * float(part.min()), scale * float(part.max()))
-
-
-def _ratios(scene: Scene, pilot: Tally) -> str:
-    """R_b/R_m of the pilot's boulders, and the share of rebounds for which no set was made."""
-    volumes = pilot.boulder[: pilot.done, fields(1).index("volume")]
+def _sizes(pilot: Tally) -> str:
+    """Of the pilot's boulders, and the share of their rebounds for which no set was made."""
     counts = dict(zip(fields(2), pilot.count[: pilot.done].sum(axis=0, dtype="i8"), strict=True))
     outside = counts["rebounds_out_of_range"] / max(1, counts["rebounds"])
-    radii = np.cbrt(0.75 / np.pi * volumes)
-    stones = list(_mean_radii(scene))
-    if not stones:
-        return "every zone absorbs"
+    volumes, radii = _volumes(pilot), _radii(pilot)
+    masses = pilot.scene.case.boulder["density"] * volumes
     return (
-        f"R_b {_range(radii.min(), radii.max())} m, R_m {_range(min(stones), max(stones))} m, "
-        f"R_b/R_m {_range(radii.min() / max(stones), radii.max() / min(stones))}; "
-        f"{outside:.1%} of rebounds outside 0.5 to 5.5"
+        f"R_b {_range(radii.min(), radii.max())} m, volume "
+        f"{_range(volumes.min(), volumes.max())} m3, mass {_range(masses.min(), masses.max())} kg; "
+        f"{outside:.1%} of rebounds with R_b/R_m outside 0.5 to 5.5"
     )
 
 
+def _volumes(pilot: Tally) -> np.ndarray:
+    return pilot.boulder[: pilot.done, fields(1).index("volume")]
+
+
+def _radii(pilot: Tally) -> np.ndarray:
+    return np.cbrt(0.75 / np.pi * _volumes(pilot))
+
+
+def _ratios(scene: Scene, pilot: Tally) -> list[str]:
+    """R_m, and R_b/R_m with the pilot's boulders: of each zone, or of all."""
+    radii, ground, surface = _radii(pilot), scene.ground, scene.case.surface
+    scale = SIZE_TO_RADIUS[surface["rg_reading"]] if surface["method"] == "A" else 1.0
+
+    def line(sizes: np.ndarray) -> str:
+        stones = scale * sizes[np.isfinite(sizes)]
+        if not stones.size:
+            return "absorbs"
+        ratios = _range(radii.min() / stones.max(), radii.max() / stones.min())
+        return f"R_m {_range(stones.min(), stones.max())} m, R_b/R_m {ratios}"
+
+    if not ground.used:
+        return [line(np.array([ground.smallest, ground.largest]))]
+    if "zones" not in surface:
+        return [line(ground.sizes)]
+    ids, used = list(read_zone_table(scene.case.path(surface["table"]))), sorted(ground.used)
+    lines = [f"zone {ids[k]}: {line(ground.sizes[k])}" for k in used[:MOST_ZONES]]
+    more = len(used) - len(lines)
+    return [*lines, f"and {more} more zones"] if more else lines
+
+
 def _range(least: float, most: float) -> str:
-    texts = f"{least:.3g}", f"{most:.3g}"
+    texts = (f"{float(f'{value:.3g}'):,.10g}" for value in (least, most))
     return " to ".join(dict.fromkeys(texts))
 
 

@@ -257,6 +257,8 @@ def check_writable(path: str | Path, table: str | None = None) -> None:
     if path.exists() and not _starts(path, starts):
         kind = "a netCDF file" if table is None else "such a table"
         raise RockfallError(f"{path}: is there, and not {kind}; it is not overwritten")
+    if table is None and path.suffix != ".nc":
+        raise RockfallError(f"{path}: results are netCDF files, their names must end in .nc")
     if not path.parent.is_dir():
         raise RockfallError(f"{path}: there is no folder {path.parent}")
     try:

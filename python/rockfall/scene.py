@@ -19,6 +19,7 @@ from rockfall.case import FROM_ARRAY, Case
 from rockfall.errors import RockfallError
 from rockfall.files import check_regular, check_text_file
 from rockfall.grid import NO_ID, Box, Grid, row_blocks
+from rockfall.ground import Ground, Lowest, ground_of
 
 if TYPE_CHECKING:
     from rockfall.tiles import Tiles
@@ -57,6 +58,8 @@ class Scene:
     checksums: dict[str, str] = field(default_factory=dict)  # of the input files
     at: tuple[int, int] = (0, 0)  # row and column of the grid where its rasters begin
     tiles: Tiles | None = None  # terrain that is read in windows: no rasters here
+    marks: Lowest = field(default_factory=Lowest)  # the negatives of what source cells hold
+    doubts: list[str] = field(default_factory=list)  # what readers found odd, a line each
 
     @property
     def boulders(self) -> int:
@@ -69,6 +72,11 @@ class Scene:
     def ends(self) -> np.ndarray:
         """The last boulder of each source, where they release by area."""
         return _core.release_ends(self.area, self.case.case["boulders"])
+
+    @cached_property
+    def ground(self) -> Ground:
+        """What its terrain is like."""
+        return self.tiles.ground if self.tiles else ground_of(self)
 
     def source_of(self, number: int) -> int:
         """The source of a boulder (1..), counted from 0."""
@@ -302,7 +310,7 @@ def _read_zones(scene: Scene, box: Box, columns: tuple[str, ...], rasters: dict[
     table = read_zone_table(table_path)
     scene.checksums.setdefault("table", _checksum(table_path))
     if "zones" not in rasters and path.suffix.lower() in POLYGONS:
-        ids = burn_polygons(path, scene.grid, surface["zone_field"])
+        ids = burn_polygons(path, scene.grid, surface["zone_field"], scene.doubts)
         blocks = ((rows, ids[rows]) for rows in row_blocks(ids.shape))
         scene.checksums["zones"] = _checksum(path)
     else:
@@ -390,15 +398,24 @@ def _cells(scene: Scene, box: Box, rasters: dict[str, Any]) -> Iterator[tuple[sl
     parts = list(row_blocks(box.shape))
     if "polygons" in release:
         path = case.path(release["polygons"])
-        inside = burn_polygons(path, scene.grid)
+        inside = burn_polygons(path, scene.grid, doubts=scene.doubts)
         blocks = ((rows, inside[rows] & ~np.isnan(scene.z[rows])) for rows in parts)
         scene.checksums["polygons"] = _checksum(path)
     elif "cells" in release:
-        blocks = _blocks(scene, "cells", "source cells", np.int32, rasters, box)
+        blocks = _noted(scene, _blocks(scene, "cells", "source cells", np.int32, rasters, box))
     else:
         blocks = ((rows, np.ones((rows.stop - rows.start, box.shape[1]), bool)) for rows in parts)
     blocks = ((slice(box.row + rows.start, box.row + rows.stop), block) for rows, block in blocks)
     yield from steep_blocks(scene, blocks) if release["steep_cells"] else blocks
+
+
+def _noted(
+    scene: Scene, blocks: Iterable[tuple[slice, np.ndarray]]
+) -> Iterator[tuple[slice, np.ndarray]]:
+    """The blocks of source cells; which values they have is noted."""
+    for rows, block in blocks:
+        scene.marks.take(-block[block > 0].astype(float))
+        yield rows, block
 
 
 def read_sets(path: Path) -> tuple[np.ndarray, np.ndarray, str]:

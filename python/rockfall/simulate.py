@@ -16,6 +16,7 @@ from rockfall.errors import RockfallError
 from rockfall.grid import Box, Grid
 from rockfall.interrupts import interrupts
 from rockfall.memory import machine_memory
+from rockfall.plausible import warn_of
 from rockfall.reach import Survey, survey
 from rockfall.scene import Scene, read_scene
 from rockfall.sourcemaps import follow_sources
@@ -154,9 +155,11 @@ def run(
     `threads` (default: the case's) or `chunk`, boulders in one call of the kernel (default: what
     takes a quarter of a second). `shard` (I, N) runs the I-th of N ranges of boulders. Ctrl-C
     raises `Interrupted`, which holds the boulders done. Rasters that need more than half of
-    `memory` [bytes] (default: that of the machine) are read in windows.
+    `memory` [bytes] (default: that of the machine) are read in windows. What is likely a mistake
+    in the case is a UserWarning.
     """
     scene = read_scene(case, memory=memory or machine_memory(), **arrays)
+    warn_of(scene)
     how = {"progress": progress, "threads": threads, "chunk": chunk, "shard": shard}
     return run_scene(scene, keep=False, **how)
 

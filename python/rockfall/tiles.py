@@ -16,6 +16,7 @@ import numpy as np
 from rockfall.elevations import check_known
 from rockfall.errors import RockfallError
 from rockfall.grid import Box
+from rockfall.ground import Ground
 from rockfall.reach import Survey
 from rockfall.scene import Scene, cell_bytes, read_window
 
@@ -31,6 +32,7 @@ class Tiles:
         self.margins = np.full(4, max(RIM, math.isqrt(cells) // 8))
         self.reading = 0.0  # CPU seconds that windows took to be read
         self._turn_to(scene)
+        self.ground = Ground()
         self.survey = self._survey()
 
     @property
@@ -100,6 +102,7 @@ class Tiles:
         for band, box in bands(self.scene, self.cells):
             known = check_known(path, band.z, band.at[0]) or known
             found.take(band, box.row, box.stop_row)
+            self.ground.take(band, box)
         if not known:
             raise RockfallError(f"{path}: all cells are nodata")
         return found

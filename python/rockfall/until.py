@@ -13,6 +13,7 @@ import numpy as np
 from rockfall.case import Case
 from rockfall.errors import RockfallError
 from rockfall.interrupts import interrupts
+from rockfall.plausible import warn_of
 from rockfall.reach import survey
 from rockfall.result import make_result
 from rockfall.scene import Scene, read_scene
@@ -83,7 +84,9 @@ def run_until(
     attributes `until` and `until_met` hold the rules, and whether all are met (1) or not (0).
     Without a `cap` all sources together give a million boulders at most.
     """
-    return run_scene_until(read_scene(case, **arrays), rules, cap, progress=progress, keep=False)
+    scene = read_scene(case, **arrays)
+    warn_of(scene)
+    return run_scene_until(scene, rules, cap, progress=progress, keep=False)
 
 
 def run_scene_until(
