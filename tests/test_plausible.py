@@ -216,17 +216,13 @@ def test_terrain_in_windows_is_told_alike(site, what):
     assert scene.ground.quantiles() == pytest.approx(whole.quantiles(), abs=1e-9)
 
 
-def test_what_is_impossible_is_refused(site):
+def test_geocentric_coordinates_are_refused(site):
     path = site.folder / "dem.tif"
     site.dem(site.z, crs="EPSG:4978")
     with refused(
         f"{path}: coordinates are geocentric (EPSG:4978), from the centre of the Earth: "
         "a projected CRS in metres is needed"
     ):
-        read_dem(path)
-    feet = CRS.from_wkt('LOCAL_CS["quarry",UNIT["foot",0.3048]]')
-    site.dem(site.z, crs=feet)
-    with refused(f"{path}: cells are in foot (quarry), metres are needed"):
         read_dem(path)
 
 
@@ -283,6 +279,12 @@ def test_rocks_of_all_sizes_that_slopes_have(site):
         radii(radius)(site)
         assert lines(site) == []
     site.groups["surface"] = {"uniform_rg": [100.0, 100.0, 100.0], "method": "A"}
+    assert lines(site) == []
+
+
+def test_a_local_system_in_metres(site):
+    site.dem(site.z, crs=CRS.from_wkt('LOCAL_CS["quarry",UNIT["metre",1]]'))
+    site.uniform()
     assert lines(site) == []
 
 

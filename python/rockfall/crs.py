@@ -31,57 +31,25 @@ def same_crs(a: CRS | None, b: CRS | None) -> bool:
 
 
 def check_metres(grid: Grid, path: str, warp: Callable[[str, str], str] | None = None) -> None:
-    """Refuse degrees, feet, and coordinates from the centre of the Earth; `warp(word, options)`
-    gives the command that makes file_word."""
+    """Refuse degrees and feet; `warp(word, options)` gives the command that makes file_word."""
     crs = grid.crs
     if crs is None:
         return
-    if crs.is_geographic:
-        unit = "degrees"
-    elif crs.to_dict(projjson=True).get("type") == "GeodeticCRS":
+    if _is_geocentric(crs):
         raise RockfallError(
             f"{path}: coordinates are geocentric ({crs_name(crs)}), from the centre of the Earth: "
             "a projected CRS in metres is needed"
         )
-    elif abs(crs.units_factor[1] - 1.0) > 1e-9:
-        unit = crs.units_factor[0]
+    if crs.is_geographic:
+        unit = "degrees"
+    elif crs.is_projected and abs(crs.linear_units_factor[1] - 1.0) > 1e-9:
+        unit = crs.linear_units_factor[0]
     else:
         return
-    flaw = f"{path}: cells are in {unit} ({crs_name(crs)}), metres are needed"
-    if not (crs.is_geographic or crs.is_projected):  # a local system: nobody knows where it is
-        raise RockfallError(flaw)
     cure = f"reproject to {_utm(grid)}"
     if warp is not None:
         cure = f"reproject with: {warp('utm', f'--dst-crs {_utm(grid)} --resampling bilinear')}"
-    raise RockfallError(f"{flaw}; {cure}")
-
-
-def length_scale(grid: Grid) -> float:
-    """How many metres of its coordinates a metre on the ground is, in the middle of a raster: the
-    geometric mean of east and north; 1 where the CRS does not tell."""
-    from rasterio.errors import RasterioError
-    from rasterio.warp import transform
-
-    if grid.crs is None or not grid.crs.is_projected:
-        return 1.0
-    x, y = (grid.west + grid.east) / 2, (grid.south + grid.north) / 2
-    step = 100.0  # [m]: long beside the rounding of degrees, short beside the Earth
-    try:
-        longitude, latitude = transform(grid.crs, "EPSG:4326", [x, x + step, x], [y, y, y + step])
-    except RasterioError:
-        return 1.0
-    flat = 1 - 0.0066944 * math.sin(math.radians(latitude[0])) ** 2  # of the WGS 84 ellipsoid
-    prime, meridian = 6378137.0 / flat**0.5, 6335439.3 / flat**1.5  # radii of curvature [m]
-    ground = [
-        math.hypot(
-            math.radians(longitude[k] - longitude[0]) * prime * math.cos(math.radians(latitude[0])),
-            math.radians(latitude[k] - latitude[0]) * meridian,
-        )
-        for k in (1, 2)
-    ]
-    if not (all(map(math.isfinite, ground)) and min(ground) > 0):
-        return 1.0
-    return step / math.sqrt(ground[0] * ground[1])
+    raise RockfallError(f"{path}: cells are in {unit} ({crs_name(crs)}), metres are needed; {cure}")
 
 
 def _in_plan(crs: CRS) -> CRS:
@@ -102,3 +70,38 @@ def _utm(grid: Grid) -> str:
     (longitude,), (latitude,) = transform(grid.crs, "EPSG:4326", *([c] for c in middle))
     zone = int((longitude + 180.0) // 6.0) % 60 + 1
     return f"EPSG:{(32600 if latitude >= 0 else 32700) + zone}"
+
+
+def _is_geocentric(crs: CRS) -> bool:
+    """Whether its axes run from the centre of the Earth."""
+    return crs.to_dict(projjson=True).get("type") == "GeodeticCRS" and not crs.is_geographic
+
+
+def length_scale(grid: Grid) -> float:
+    """How many metres of its coordinates a metre on the ground is, in the middle of a raster: the
+    geometric mean of east and north; 1 where the CRS does not tell."""
+    from rasterio._err import CPLE_BaseError  # what `transform` raises where there is no way
+    from rasterio.warp import transform
+
+    if grid.crs is None or not grid.crs.is_projected:
+        return 1.0
+    x, y = (grid.west + grid.east) / 2, (grid.south + grid.north) / 2
+    if max(abs(x), abs(y)) > 1e8:  # no place on Earth; PROJ would turn round it for ever
+        return 1.0
+    step = 100.0  # [m]: long beside the rounding of degrees, short beside the Earth
+    try:
+        longitude, latitude = transform(grid.crs, "EPSG:4326", [x, x + step, x], [y, y, y + step])
+    except CPLE_BaseError:
+        return 1.0
+    flat = 1 - 0.0066944 * math.sin(math.radians(latitude[0])) ** 2  # of the WGS 84 ellipsoid
+    prime, meridian = 6378137.0 / flat**0.5, 6335439.3 / flat**1.5  # radii of curvature [m]
+    ground = [
+        math.hypot(
+            math.radians(longitude[k] - longitude[0]) * prime * math.cos(math.radians(latitude[0])),
+            math.radians(latitude[k] - latitude[0]) * meridian,
+        )
+        for k in (1, 2)
+    ]
+    if not (all(map(math.isfinite, ground)) and min(ground) > 0):
+        return 1.0
+    return step / math.sqrt(ground[0] * ground[1])
