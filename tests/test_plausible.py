@@ -160,6 +160,9 @@ MISTAKES = {
     "-32768": (undeclared(-32768), "elevation -32768 m in 42 cells, .* below all others: is it"),
     "32767": (undeclared(32767), "elevation 32767 m in 42 cells, .* above all others: is it a nod"),
     "0": (undeclared(0), "elevation 0 m in 42 cells, 9.. m below all others: is it a nodata value"),
+    "above Everest": (
+        lambda site: site.dem(site.z + 8500), "elevation 98.* m in 1 cells, 0 m above all others"
+    ),
     "degrees": (in_degrees, "cells of 6e-05 between x 7.1 and 7.1036, .* look like degrees"),
     "3857": (web_mercator, r"EPSG:3857 draws lengths 2\.00 times as long as they are here"),
     "feet": (in_feet, "half of the terrain is steeper than 69 degrees: are its elevations in metr"),

@@ -18,7 +18,7 @@ from rockfall.crs import crs_name, length_scale
 from rockfall.scene import SIZE_TO_RADIUS, Scene, lines_outside
 
 LOW, HIGH = -9000.0, 9000.0  # elevations [m]: far below any land, above Everest
-GAP = 300.0  # [m] between the lowest cells and all others: terrain of cells this apart is no cliff
+GAP = 300.0  # [m] from the lowest elevation to the next: no terrain leaves out so much
 FULL_CIRCLE = (-180.0, 360.0, -90.0, 90.0)  # west, east, south, north of degrees
 SMALL_CELL = 0.1  # of degrees: 11 km
 WALL = 50.0  # tangent of a slope (89 degrees) that terrain in degrees has, and no other on average
@@ -54,10 +54,11 @@ def _dem(scene: Scene) -> str:
 
 def _marks(scene: Scene) -> Iterator[str]:
     """Nodata that the file does not declare."""
-    for found, side, word in ((scene.ground.low, 1, "below"), (scene.ground.high, -1, "above")):
-        value, apart = side * found.value, found.next - found.value
-        beyond = value <= LOW or value >= HIGH
-        if beyond or (found.count > 1 and GAP < apart < math.inf):
+    ground = scene.ground
+    ends = (ground.low, 1, LOW, "below"), (ground.high, -1, -HIGH, "above")
+    for found, sign, limit, word in ends:
+        value, apart = sign * found.value, found.next - found.value
+        if found.value <= limit or (found.count > 1 and GAP < apart < math.inf):
             where = "" if math.isinf(apart) else f", {apart:,.0f} m {word} all others"
             yield (
                 f"{_dem(scene)}: elevation {value:.6g} m in {found.count:,} cells{where}: is it "
