@@ -682,7 +682,54 @@ def test_wrong_shards_are_refused(text, made, batch, netcdf, tmp_path):
     assert done.stderr.count("\n") == 1 and not (tmp_path / "a.nc").exists()
 
 
-def test_a_part_needs_a_netcdf_file(made, batch, tmp_path):
-    done = batch(write_case(made), "shard=1/2", cwd=tmp_path)
-    assert done.returncode == 2 and "parts of a run need a netCDF file" in done.stderr
-    assert sorted(os.listdir(tmp_path)) == ["case"]
+def test_a_part_is_a_file_whose_name_no_glob_takes_for_a_result(made, batch, netcdf, tmp_path):
+    case = write_case(made)
+    for k in (1, 2):
+        assert batch(case, f"shard={k}/2", cwd=tmp_path).returncode == 0
+    assert batch(case, "shard=1/2", "output=other", cwd=tmp_path).returncode == 0
+    assert sorted(os.listdir(tmp_path)) == ["case", "case.part1of2", "case.part2of2", "other"]
+    joined = rockfall.merge([tmp_path / f"case.part{k}of2" for k in (2, 1)])
+    assert joined.sizes["boulder"] == joined.attrs["boulders_asked"]
+
+
+def spoil(path):
+    """A file that is nobody's result, and what is in it."""
+    xr.Dataset({"z": ("x", [1.0])}, attrs={"source": "a survey"}).to_netcdf(path)
+    return path
+
+
+OVERWRITING = {  # what lies in the way of which output, and the word that tells it
+    "the DEM, by another name": (lambda f: os.link("case/dem.asc", f), "out.nc", "is an input"),
+    "the table, by a link": (lambda f: os.symlink("case/zones.csv", f), "out.nc", "is an input"),
+    "the case": (lambda f: os.link("case/case.nml", f), "out.nc", "is an input"),
+    "another netCDF file": (spoil, "out.nc", "is there, and not a result of a run"),
+    "no netCDF file": (lambda f: Path(f).write_text("mine"), "out.nc", "is there, and not a"),
+    "the case, in a folder": (
+        lambda f: os.replace(f, "case/case.nml") or os.link("case/case.nml", f),
+        "case_results/case.nml", "is an input",
+    ),
+    "another map, in a folder": (
+        lambda f: os.replace("case/rm.asc", f), "case_results/sources.asc", "is there, and not of",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", OVERWRITING)
+def test_a_run_never_writes_over_what_it_reads_or_what_is_not_ours(
+    name, made, batch, netcdf, tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    lay, output, said = OVERWRITING[name]
+    case = write_case(made)
+    folder = output.partition("/")[0]
+    if folder != output:
+        case.write_text(case_text().replace("'sources', ", ""))
+        assert batch(case, f"output={folder}", cwd=tmp_path).returncode == 0
+    lay(output)
+    case.write_text(case_text())  # has one more map
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    done = batch(case, f"output={folder}", cwd=tmp_path)
+    assert done.returncode == 2
+    check_line(done, [f"{output}: {said}"])
+    after = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    assert after == before

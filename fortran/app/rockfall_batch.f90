@@ -26,12 +26,13 @@ program rockfall_batch
    use rockfall_filesystem, only: fail_beyond_size_limit, end_at_once
    use rockfall_console, only: arguments_t, read_arguments, value_of, read_shard, read_seconds, read_logical, &
                                stem, one_line, decimal
-   use rockfall_wholefolder, only: check_folder
-   use rockfall_load, only: inputs_t, load, lines_outside
+   use rockfall_textfile, only: integer_text
+   use rockfall_wholefolder, only: check_folder, listed_files
+   use rockfall_load, only: inputs_t, load, refuse_input, lines_outside
    use rockfall_simulate, only: results_t, simulate, rebound_counts
    use rockfall_checkpoint, only: checkpoint_t, check_checkpoint, checkpoint, remove_checkpoint
    use rockfall_variables, only: statuses, boulder_counts
-   use rockfall_results, only: write_folder
+   use rockfall_results, only: write_folder, result_files
    use warnings, only: warn
 #ifdef HAVE_NETCDF
    use rockfall_ncresult, only: check_netcdf, write_netcdf
@@ -92,7 +93,7 @@ contains
       character(len=:), allocatable :: output, folder, text
       integer(i8) :: shard(2)
       real(wp) :: every  !! seconds from a checkpoint to the next
-      logical :: resume
+      logical :: resume, one_file  !! a netCDF file, not a folder
 
       every = 60
       resume = .false.
@@ -101,12 +102,17 @@ contains
       if (.not. allocated(error)) call read_logical("resume", value_of(arguments, "resume"), resume, error)
       if (allocated(error)) return
       output = without_slash(value_of(arguments, "output"))
-      if (output == "") output = stem(arguments%case)//"_results"
+      one_file = shard(2) > 1 .or. is_netcdf(output)
+      if (output == "" .and. shard(2) > 1) then
+         output = stem(arguments%case)//".part"//integer_text(shard(1))//"of"//integer_text(shard(2))
+      else if (output == "") then
+         output = stem(arguments%case)//"_results"
+      end if
       folder = output//".checkpoint"
       call read_case_file(arguments%case, value_of(arguments, "boulders"), &
                           value_of(arguments, "seed"), value_of(arguments, "threads"), text, &
                           case, error)
-      if (.not. allocated(error)) call check_output(output, shard(2) > 1, error)
+      if (.not. allocated(error)) call check_output(output, one_file, case, error)
       if (.not. allocated(error)) call check_checkpoint(folder, resume, error)
       if (.not. allocated(error)) call load(case, inputs, error)
       if (allocated(error)) return
@@ -115,8 +121,8 @@ contains
       saved = checkpoint(folder, every, bare_case_text(text), inputs%files, warn)
       call simulate(case, inputs, shard, saved, results, error)
       if (.not. allocated(error)) then
-         call write_output(output, text, case, inputs, results, error)
-         half_written = allocated(error) .and. is_netcdf(output)
+         call write_output(output, one_file, text, case, inputs, results, error)
+         half_written = allocated(error) .and. one_file
       end if
       if (.not. allocated(error)) call remove_checkpoint(saved)
       if (allocated(error) .or. arguments%quiet) return
@@ -144,7 +150,8 @@ contains
          "  boulders=N      released from each source, instead of the case's number", &
          "  seed=N          of the random numbers, instead of the case's", &
          "  threads=N       0 = all cores", &
-         "  shard=I/N       the I-th of N parts, to one netCDF file; `rockfall merge` joins them", &
+         "  shard=I/N       the I-th of N parts, to one netCDF file, default: name of the case, .partIofN;", &
+         "                  `rockfall merge` joins them", &
          "  checkpoint=S    seconds between checkpoints, in OUTPUT.checkpoint; default: 60, 0 = none", &
          "  resume=true     go on from the last checkpoint, if any", &
          "  quiet=true      no summary", &
@@ -166,17 +173,27 @@ contains
       if (len(output) > 3) is_netcdf = output(len(output) - 2:) == ".nc"
    end function is_netcdf
 
-   !> Refuse a place where nothing can be written, before the run and not after it.
-   subroutine check_output(output, part, error)
+   !> Refuse a place where nothing can be written, or where the case reads, before the run and not after it.
+   subroutine check_output(output, one_file, case, error)
       character(len=*), intent(in) :: output
-      logical, intent(in) :: part  !! of a run
+      logical, intent(in) :: one_file
+      type(case_t), intent(in) :: case
       type(error_t), allocatable, intent(out) :: error
+      character(len=200), allocatable :: files(:), former(:)
+      integer :: k
 
-      if (part .and. .not. is_netcdf(output)) then
-         call fail(error, "output = "//output//": parts of a run need a netCDF file: output=FILE.nc")
-      else if (.not. is_netcdf(output)) then
-         call check_folder(output, error)
+      if (.not. one_file) then
+         files = result_files(case)
+         call listed_files(output, former)
+         files = [files, former]
+         call check_folder(output, files, error)
+         do k = 1, size(files)
+            if (allocated(error)) return
+            call refuse_input(case, output//"/"//trim(files(k)), error)
+         end do
       else
+         call refuse_input(case, output, error)
+         if (allocated(error)) return
 #ifdef HAVE_NETCDF
          call check_netcdf(output, error)
 #else
@@ -186,15 +203,16 @@ contains
       end if
    end subroutine check_output
 
-   subroutine write_output(output, text, case, inputs, results, error)
+   subroutine write_output(output, one_file, text, case, inputs, results, error)
       character(len=*), intent(in) :: output, text
+      logical, intent(in) :: one_file
       type(case_t), intent(in) :: case
       type(inputs_t), intent(in) :: inputs
       type(results_t), intent(in) :: results
       type(error_t), allocatable, intent(out) :: error
 
 #ifdef HAVE_NETCDF
-      if (is_netcdf(output)) then
+      if (one_file) then
          call write_netcdf(output, text, case, inputs, results, error)
          return
       end if

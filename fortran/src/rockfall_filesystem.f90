@@ -1,11 +1,11 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> What Fortran does not have of POSIX: folders, names, and the number of the process.
 module rockfall_filesystem
-   use, intrinsic :: iso_c_binding, only: c_char, c_int, c_intptr_t, c_null_char
+   use, intrinsic :: iso_c_binding, only: c_char, c_int, c_int64_t, c_intptr_t, c_null_char
    use rockfall_textfile, only: integer_text
    implicit none
    private
-   public :: make_folder, remove_folder, remove_file, rename_path, path_exists, is_folder, &
+   public :: make_folder, remove_folder, remove_file, rename_path, path_exists, is_folder, same_file, &
              folder_of, name_of, temporary_name, fail_beyond_size_limit, end_at_once
 
    interface
@@ -26,6 +26,11 @@ module rockfall_filesystem
          import :: c_char, c_int
          character(kind=c_char), intent(in) :: from(*), to(*)
       end function c_rename
+      integer(c_int) function c_stat(path, found) bind(c, name="stat")
+         import :: c_char, c_int, c_int64_t
+         character(kind=c_char), intent(in) :: path(*)
+         integer(c_int64_t), intent(inout) :: found(*)
+      end function c_stat
       integer(c_int) function c_getpid() bind(c, name="getpid")
          import :: c_int
       end function c_getpid
@@ -99,6 +104,19 @@ contains
 
       inquire (file=path//"/.", exist=is_folder)
    end function is_folder
+
+   !> Whether two paths lead to one file, by whatever names.
+   logical function same_file(a, b)
+      character(len=*), intent(in) :: a, b
+      integer(c_int64_t) :: of_a(64), of_b(64)  !! room for any `struct stat`
+
+      of_a = 0
+      of_b = 0
+      same_file = c_stat(a//c_null_char, of_a) == 0
+      if (same_file) same_file = c_stat(b//c_null_char, of_b) == 0
+      ! Linux has device and inode there; BSD has mode and links beside the device, alike for one file
+      if (same_file) same_file = all(of_a(:2) == of_b(:2))
+   end function same_file
 
    !> The folder part of a path with its final slash; "" when there is none.
    pure function folder_of(path) result(folder)

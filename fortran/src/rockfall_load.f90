@@ -20,14 +20,14 @@ module rockfall_load
    use rockfall_grid, only: grid_t
    use rockfall_csv, only: read_zone_table
    use rockfall_console, only: decimal
-   use rockfall_filesystem, only: folder_of
+   use rockfall_filesystem, only: folder_of, same_file
    use rockfall_checksum, only: file_checksum
    use rockfall_raster, only: read_raster, in_single_precision, check_same_grid, crs_of, &
-                              check_metres, raster_file, prepare_hint
+                              check_metres, raster_file, crs_file, prepare_hint
    use rockfall_material, only: index_zones, without_row, check_sizes
    implicit none
    private
-   public :: inputs_t, input_file_t, load, lines_outside
+   public :: inputs_t, input_file_t, load, refuse_input, lines_outside
 
    real(wp), parameter :: highest = 1.0e7_wp  !! [m] higher is a mark that the file does not tell of
 
@@ -86,6 +86,36 @@ contains
       path = trim(file)
       if (file(1:1) /= "/") path = folder_of(case%file)//path
    end function path_of
+
+   !> Refuse to write to a path where the case reads, by whatever name.
+   subroutine refuse_input(case, path, error)
+      type(case_t), intent(in) :: case
+      character(len=*), intent(in) :: path
+      type(error_t), allocatable, intent(out) :: error
+      character(len=:), allocatable :: sets, dem
+      type(error_t), allocatable :: no_sets
+      logical :: is_input
+      integer :: k
+
+      dem = path_of(case, case%dem)
+      is_input = same_file(path, case%file) .or. same_file(path, crs_file(dem)) .or. is_of(case%dem) &
+                 .or. is_of(case%zones) .or. is_of(case%table) .or. is_of(case%mean_radius) .or. is_of(case%cells)
+      do k = 1, size(case%rg)
+         is_input = is_input .or. is_of(trim(case%rg(k)))
+      end do
+      call find_sets(case, sets, no_sets)
+      if (.not. allocated(no_sets)) is_input = is_input .or. same_file(path, sets)
+      if (is_input) call fail(error, path//": is an input; it is not overwritten")
+
+   contains
+
+      logical function is_of(file)
+         character(len=*), intent(in) :: file  !! "" when the case does not name it
+
+         is_of = .false.
+         if (file /= "") is_of = same_file(path, raster_file(path_of(case, file)))
+      end function is_of
+   end subroutine refuse_input
 
    !> Note which file a key named; by the keys in order.
    subroutine note_file(inputs, key, path, error)

@@ -2,14 +2,16 @@
 !> A finished run as one CF netCDF file: variables, dimensions and attributes as Python writes them.
 module rockfall_ncresult
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
-   use netcdf, only: nf90_create, nf90_close, nf90_def_dim, nf90_def_var, nf90_put_var, &
-                     nf90_put_att, nf90_enddef, nf90_set_fill, nf90_strerror, nf90_noerr, &
+   use netcdf, only: nf90_create, nf90_open, nf90_nowrite, nf90_close, nf90_def_dim, nf90_def_var, nf90_put_var, &
+                     nf90_put_att, nf90_inquire_attribute, nf90_enddef, nf90_set_fill, nf90_strerror, nf90_noerr, &
                      nf90_netcdf4, nf90_clobber, nf90_nofill, nf90_global, nf90_edimsize, &
                      nf90_byte, nf90_char, nf90_int, nf90_int64, nf90_float, nf90_double
    use rockfall_kinds, only: wp, sp, i4, i8
    use rockfall_error, only: error_t, fail
    use rockfall_decimal, only: real_text
-   use rockfall_filesystem, only: is_folder, folder_of, temporary_name, remove_file, rename_path
+   use rockfall_filesystem, only: is_folder, path_exists, folder_of, temporary_name, remove_file, rename_path
+   use rockfall_classicheader, only: overstates
+   use rockfall_netcdf, only: text_attribute
    use rockfall_variables, only: variable_t, variable_table, boulder_fields, boulder_counts, &
                                  line_fields, vertex_fields, histogram_fields, statuses
    use rockfall_map, only: maps_t
@@ -51,15 +53,19 @@ contains
    subroutine check_netcdf(name, error)
       character(len=*), intent(in) :: name
       type(error_t), allocatable, intent(out) :: error
-      logical :: has_parent, taken
+      logical :: has_parent, taken, foreign
       integer :: unit, status
 
       has_parent = is_folder(folder_of(name)//".")
       taken = is_folder(name)
+      foreign = path_exists(name)
+      if (foreign .and. .not. taken) foreign = .not. is_result(name)
       if (.not. has_parent) then
          call fail(error, name//": there is no folder "//folder_of(name))
       else if (taken) then
          call fail(error, name//": is a folder; a file name is needed")
+      else if (foreign) then
+         call fail(error, name//": is there, and not a result of a run that rockfall wrote; it is not overwritten")
       else
          open (newunit=unit, file=temporary_name(name), status="replace", action="write", &
                iostat=status)
@@ -67,6 +73,20 @@ contains
          if (status /= 0) call fail(error, name//": cannot be written (is its folder writable?)")
       end if
    end subroutine check_netcdf
+
+   !> Whether a file says that it is a result of rockfall.
+   logical function is_result(name)
+      character(len=*), intent(in) :: name
+      integer :: file, status
+
+      is_result = .not. overstates(name)  ! the library would die of such a file
+      if (.not. is_result) return
+      is_result = nf90_open(name, nf90_nowrite, file) == nf90_noerr
+      if (.not. is_result) return
+      is_result = index(text_attribute(file, nf90_global, "source"), "rockfall ") == 1 &
+                  .and. nf90_inquire_attribute(file, nf90_global, "boulders_asked") == nf90_noerr
+      status = nf90_close(file)
+   end function is_result
 
    !> Write the file, whole or not at all.
    subroutine write_netcdf(name, text, case, inputs, results, error)

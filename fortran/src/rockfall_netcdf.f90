@@ -20,7 +20,7 @@ module rockfall_netcdf
    use rockfall_cells, only: no_id, whole_numbers, cell_name
    implicit none
    private
-   public :: read_netcdf_grid, is_single, split_name, no_id
+   public :: read_netcdf_grid, is_single, split_name, text_attribute, no_id
 
    integer, parameter :: block = 1024**2  !! values in memory beside the raster
    integer, parameter :: numbers(*) = [nf90_byte, nf90_ubyte, nf90_short, nf90_ushort, nf90_int, &

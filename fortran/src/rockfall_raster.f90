@@ -18,7 +18,7 @@ module rockfall_raster
    implicit none
    private
    public :: read_raster, in_single_precision, check_same_grid, crs_of, check_metres, &
-             raster_file, prepare_hint
+             raster_file, crs_file, prepare_hint
 
    integer, parameter :: other_format = 0, ascii_format = 1, netcdf_format = 2
    character(len=*), parameter :: prepare_hint = &
@@ -188,10 +188,18 @@ contains
 
       crs = ""
       if (format_of(path) /= ascii_format) return
-      inquire (file=stem(path)//".prj", exist=exists)
-      if (exists) call read_text(stem(path)//".prj", crs, error)
+      inquire (file=crs_file(path), exist=exists)
+      if (exists) call read_text(crs_file(path), crs, error)
       if (allocated(error)) crs = ""  ! nobody named this file, so it may say nothing
    end function crs_of
+
+   !> The file beside an ESRI ASCII grid that tells its coordinate reference system.
+   pure function crs_file(path)
+      character(len=*), intent(in) :: path
+      character(len=:), allocatable :: crs_file
+
+      crs_file = stem(path)//".prj"
+   end function crs_file
 
    !> Refuse cells in feet (degrees are refused where the grid is read).
    pure subroutine check_metres(path, crs, error)
@@ -199,7 +207,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
 
       if (index(lower(crs), "unit[""foot") + index(lower(crs), "unit[""us survey foot") > 0) then
-         call fail(error, path//": cells are in feet ("//stem(path)//".prj), metres are needed")
+         call fail(error, path//": cells are in feet ("//crs_file(path)//"), metres are needed")
       end if
    end subroutine check_metres
 

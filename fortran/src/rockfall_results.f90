@@ -23,7 +23,7 @@ module rockfall_results
    use rockfall_simulate, only: results_t, map_tallies, bin_edge, rebound_counts
    implicit none
    private
-   public :: write_folder
+   public :: write_folder, result_files
 
    character(len=1), parameter :: line_end = achar(10)
    character(len=*), parameter :: nodata = "-9999"
@@ -73,6 +73,25 @@ contains
          call complete_folder(folder, error)
       end if
    end subroutine write_folder
+
+   !> The names of the files that write_folder writes for a case.
+   function result_files(case) result(files)
+      type(case_t), intent(in) :: case
+      character(len=200), allocatable :: files(:)
+      character(len=60), allocatable :: line_names(:)
+      integer :: k
+
+      files = [character(len=200) :: "boulders.csv", "case.nml", list_name]
+      line_names = file_names(case)
+      do k = 1, size(case%lines)
+         files = [character(len=200) :: files, "line_"//trim(line_names(k))//".csv"]
+      end do
+      do k = 1, n_maps
+         if (case%map(k)) files = [character(len=200) :: files, trim(map_names(k))//".asc"]
+      end do
+      if (case%rebounds) files = [character(len=200) :: files, "histograms.csv"]
+      if (case%trajectories > 0) files = [character(len=200) :: files, "trajectories.csv"]
+   end function result_files
 
    ! ---- tables -------------------------------------------------------------------------------
 

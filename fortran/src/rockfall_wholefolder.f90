@@ -9,7 +9,7 @@ module rockfall_wholefolder
    implicit none
    private
    public :: folder_t, check_folder, create_folder, new_file, complete_folder, discard_folder, &
-             list_name
+             listed_files, list_name
 
    character(len=*), parameter :: list_name = "run.csv"
 
@@ -21,9 +21,9 @@ module rockfall_wholefolder
 
 contains
 
-   !> Refuse a place where the folder cannot be put, before there is anything to put there.
-   subroutine check_folder(name, error)
-      character(len=*), intent(in) :: name
+   !> Refuse a place where a folder of these files cannot be put, before there is anything to put there.
+   subroutine check_folder(name, files, error)
+      character(len=*), intent(in) :: name, files(:)
       type(error_t), allocatable, intent(out) :: error
       character(len=:), allocatable :: parent
       type(folder_t) :: folder
@@ -40,6 +40,7 @@ contains
          if (.not. is_ours(name)) &
             call fail(error, name//": is a folder that is no result of this program; " &
                       //"choose another name: output=NAME")
+         if (.not. allocated(error)) call refuse_foreign(name, files, error)
       else if (is_file) then
          call fail(error, name//": is a file, not a folder")
       end if
@@ -80,8 +81,13 @@ contains
       logical :: ok
       integer :: k
 
+      call refuse_foreign(folder%name, folder%files, error)
+      if (allocated(error)) then
+         call discard_folder(folder)
+         return
+      end if
       if (is_folder(folder%name)) then
-         call read_list(folder%name, old)
+         call listed_files(folder%name, old)
          ok = .true.
          do k = 1, size(old)
             if (.not. any(folder%files == old(k))) &
@@ -113,6 +119,22 @@ contains
       ok = remove_folder(folder%part)
    end subroutine discard_folder
 
+   !> Refuse to put files in the place of others that no earlier run has listed.
+   subroutine refuse_foreign(name, files, error)
+      character(len=*), intent(in) :: name, files(:)
+      type(error_t), allocatable, intent(out) :: error
+      character(len=200), allocatable :: old(:)
+      integer :: k
+
+      call listed_files(name, old)
+      do k = 1, size(files)
+         if (files(k) == list_name .or. any(old == files(k))) cycle
+         if (.not. path_exists(name//"/"//trim(files(k)))) cycle
+         call fail(error, name//"/"//trim(files(k))//": is there, and not of an earlier result; it is not overwritten")
+         return
+      end do
+   end subroutine refuse_foreign
+
    !> Whether a folder is a result of this program.
    logical function is_ours(name)
       character(len=*), intent(in) :: name
@@ -125,7 +147,7 @@ contains
    end function is_ours
 
    !> The files that an earlier run listed as its own and that are still there.
-   subroutine read_list(name, files)
+   subroutine listed_files(name, files)
       character(len=*), intent(in) :: name
       character(len=200), allocatable, intent(out) :: files(:)
       character(len=:), allocatable :: text, file
@@ -148,5 +170,5 @@ contains
          end if
          first = first + length + 1
       end do
-   end subroutine read_list
+   end subroutine listed_files
 end module rockfall_wholefolder
