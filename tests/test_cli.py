@@ -372,11 +372,11 @@ ARGUMENTS = {
     ),
     "output is another file": (
         ["run", "case.nml", "-o", "dem.tif"],
-        r"dem.tif: is there, and not a netCDF file; it is not overwritten",
+        r"dem.tif: is an input; it is not overwritten",
     ),
     "output is a device": (
         ["run", "case.nml", "-o", "/dev/null"],
-        r"/dev/null: is there, and not a netCDF file; it is not overwritten",
+        r"/dev/null: is there, and not a result of a run that rockfall wrote; .*",
     ),
     "folder that takes no files": (
         ["run", "case.nml", "-o", "/proc/out.nc"],

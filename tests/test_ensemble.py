@@ -439,11 +439,11 @@ def test_a_table_replaces_itself_and_nothing_else(place, capsys):
     for _ in range(2):
         assert main([*quiet, "table.csv"]) == 0
     for text in ("zone,mean_radius\n1,0.1\n", ""):
-        Path("zones.csv").write_text(text)
-        assert main([*quiet, "zones.csv"]) == 2
-        assert Path("zones.csv").read_text() == text
-        said = "rockfall: zones.csv: is there, and not such a table; it is not overwritten\n"
-        assert capsys.readouterr().err == said
+        Path("other.csv").write_text(text)
+        assert main([*quiet, "other.csv"]) == 2
+        assert Path("other.csv").read_text() == text
+        said = "other.csv: is there, and not the table of an ensemble that rockfall wrote"
+        assert capsys.readouterr().err == f"rockfall: {said}; it is not overwritten\n"
 
 
 def test_maps_alone_are_no_table(place, capsys):

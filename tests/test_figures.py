@@ -466,7 +466,7 @@ def test_the_command_draws_what_was_observed(place, observed, monkeypatch):
         (["missing.nc", "p"], "missing.nc: no such file"),
         (["dem.tif", "p"], "dem.tif: is not a netCDF result"),
         (["out.nc", "p", "--format", "bmp"], "format = 'bmp': must be one of png, pdf, svg"),
-        (["out.nc", "dem.tif"], "dem.tif: cannot be made: File exists"),
+        (["out.nc", "dem.tif"], "dem.tif: is a file, a folder is needed"),
         (["out.nc", "p", "--dem", "case.nml"], "case.nml: is not the DEM of the run"),
         (["out.nc", "p", "--dem", "none.tif"], "none.tif: cannot be read: No such file"),
         (["out.nc"], "the following arguments are required: DIR"),

@@ -856,12 +856,20 @@ def test_layers_are_listed_and_drawn(quiet_figures, place, capsys):
     assert [path.name for path in sorted(place.iterdir())] == ["lab.nml", "layer.png"]
 
 
-@pytest.mark.parametrize("name", ["layer", "layer.nml", "no/layer.png"])
-def test_a_picture_that_cannot_be_is_one_line(quiet_figures, place, capsys, name):
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("layer", "cannot be written: .*"),
+        ("layer.nml", "cannot be written: .*"),
+        ("no/layer.png", "there is no folder no"),
+        ("lab.nml", "is an input; it is not overwritten"),
+    ],
+)
+def test_a_picture_that_cannot_be_is_one_line(quiet_figures, place, capsys, name, message):
     before = files(place)
     assert main(["lab", "pack", "lab.nml", "--layers", "1", "-o", name]) == 2
     err = capsys.readouterr().err
-    assert re.fullmatch(f"rockfall: {name}: cannot be written: .*\n", err)
+    assert re.fullmatch(f"rockfall: {name}: {message}\n", err)
     assert files(place) == before
 
 
@@ -938,7 +946,7 @@ ARGUMENTS = {
     ),
     "output is another file": (
         ["lab", "impact", "lab.nml", "-o", "lab.nml"],
-        "lab.nml: is there, and not a netCDF file; it is not overwritten",
+        "lab.nml: is an input; it is not overwritten",
     ),
     "remake of what was not made": (
         ["lab", "remake", "lab.nml"],
@@ -985,5 +993,5 @@ def test_fit_does_not_write_over_something_else(place, capfd):
     Path("notes.nml").write_text("&lab /\n")
     capfd.readouterr()
     assert main(["lab", "fit", "impacts.nc", "-o", "notes.nml"]) == 2
-    assert "notes.nml: is there, and no file of impact sets" in capfd.readouterr().err
+    assert "notes.nml: is there, and not impact sets of the laboratory" in capfd.readouterr().err
     assert Path("notes.nml").read_text() == "&lab /\n"

@@ -192,7 +192,13 @@ def test_a_prepared_case_moves_and_is_prepared_again(tmp_path):
     prepare(case, tmp_path / "a")
     (tmp_path / "a").rename(tmp_path / "b")
     (tmp_path / "b" / "notes.txt").write_text("mine")
-    prepare(rockfall.read_case(tmp_path / "b" / "case.nml"), tmp_path / "b")
+    moved = rockfall.read_case(tmp_path / "b" / "case.nml")
+    before = {path: path.read_bytes() for path in (tmp_path / "b").iterdir()}
+    with refused(f"{tmp_path / 'b' / 'case.nml'}: is an input; it is not overwritten"):
+        prepare(moved, tmp_path / "b")
+    assert before == {path: path.read_bytes() for path in (tmp_path / "b").iterdir()}
+    assert_same(result, rockfall.run(moved))
+    prepare(case, tmp_path / "b")
     assert_same(result, rockfall.run(rockfall.read_case(tmp_path / "b" / "case.nml")))
     prepare(make_case(tmp_path, *CASES["points, one radius"]), tmp_path / "b")
     assert sorted(name for name in os.listdir(tmp_path / "b") if not name.endswith(".prj")) == [

@@ -4,7 +4,7 @@
 import os
 import stat
 import subprocess
-import sys
+from pathlib import Path
 
 import pytest
 
@@ -15,28 +15,26 @@ from test_batch import find_program
 
 @pytest.fixture
 def commands(tmp_path):
-    """A folder with `rockfall` and `rockfall-batch`, wherever they are in this tree."""
+    """What a job finds: `sbatch`, and none of our programs on its PATH."""
     folder = tmp_path / "bin"
     folder.mkdir()
-    for name, what in (
-        ("rockfall", f'{sys.executable} -m rockfall.cli "$@"'),
-        ("rockfall-batch", f'{find_program()} "$@"'),
-        ("sbatch", 'echo "$@" >>jobs.txt; echo 4711'),
-    ):
-        (folder / name).write_text(f"#!/bin/sh\nexec {what}\n".replace("exec echo", "echo"))
-        (folder / name).chmod(0o755)
-    return {**os.environ, "PATH": f"{folder}:{os.environ['PATH']}"}
+    (folder / "sbatch").write_text('#!/bin/sh\necho "$@" >>jobs.txt\necho 4711\n')
+    (folder / "sbatch").chmod(0o755)
+    return {**os.environ, "PATH": f"{folder}:/usr/bin:/bin"}
 
 
 @pytest.mark.parametrize("program", ["python", "batch"])
-def test_the_array_run_by_hand_gives_the_run(program, few_boulders, commands, tmp_path, capsys):
-    case = few_boulders
+def test_the_array_run_by_hand_gives_the_run(
+    program, few_boulders, commands, tmp_path, monkeypatch, capsys
+):
+    case = few_boulders.rename(few_boulders.with_name("part1of3.nml"))  # as a part is called
     if program == "batch":
-        about = subprocess.run(["rockfall-batch", "--version"], env=commands, capture_output=True)
+        about = subprocess.run([find_program(), "--version"], capture_output=True)
         if b"without netCDF" in about.stdout:
             pytest.skip("rockfall-batch was built without netCDF")
         assert main(["prepare", str(case), str(tmp_path / "prepared")]) == 0
         case = tmp_path / "prepared" / "case.nml"
+        monkeypatch.setenv("PATH", str(Path(find_program()).parent), prepend=":")
     jobs = tmp_path / "jobs"
     words = ["slurm", str(case), str(jobs), "--shards", "3", "--program", program]
     assert main([*words, "--threads", "2", "--time", "10:00"]) == 0
@@ -45,13 +43,16 @@ def test_the_array_run_by_hand_gives_the_run(program, few_boulders, commands, tm
         assert f"#SBATCH {line}\n" in script
     assert {"python": " --resume ", "batch": " resume=true "}[program] in script
     for path in jobs.iterdir():
-        assert path.stat().st_mode & stat.S_IXUSR
+        assert path.suffix == ".sh" and path.stat().st_mode & stat.S_IXUSR
         assert subprocess.run(["sh", "-n", path]).returncode == 0
     for k in range(1, 4):
         job = {**commands, "SLURM_ARRAY_TASK_ID": str(k), "SLURM_CPUS_PER_TASK": "1"}
         assert subprocess.run([jobs / "run.sh"], env=job, cwd="/").returncode == 0
     assert subprocess.run([jobs / "merge.sh"], env=commands, cwd="/").returncode == 0
-    joined = rockfall.read_result(jobs / "case.nc")
+    assert sorted(path.name for path in (jobs / "parts").iterdir()) == [
+        f"part{k}of3" for k in (1, 2, 3)
+    ]
+    joined = rockfall.read_result(jobs / f"{case.stem}.nc")
     whole = rockfall.run(rockfall.read_case(case))
     assert joined.equals(whole)
     assert joined.attrs["threads"] == 1
@@ -69,16 +70,59 @@ def test_submit_makes_the_merge_wait_for_the_array(few_boulders, commands, tmp_p
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["--shards", "0"], "--shards 0: must be at least 2"),
-        (["--shards", "1"], "--shards 1: must be at least 2"),
+        (["--shards", "0"], "--shards 0: must be 2 to 10000"),
+        (["--shards", "1"], "--shards 1: must be 2 to 10000"),
+        (["--shards", "10001"], "--shards 10001: must be 2 to 10000"),
         (["--shards", "51"], "--shards 51: must be at most 50, one boulder each"),
         (["--shards", "2", "--threads", "0"], "--threads 0: must be at least 1"),
         (["--shards", "2", "--program", "c"], "--program c: must be python or batch"),
-        (["--shards", "2", "--time", "1;rm"], "--time 1;rm: must be as Slurm has it"),
+        (
+            ["--shards", "2", "--threads", "1025"],
+            "{case}: &case threads = 1025: must be at most 1024",
+        ),
+        *(
+            (["--shards", "2", f"--time={time}"], f"--time {time}: must be as Slurm has it")
+            for time in ("", "1;rm", ":::---", "1:2:3:4", "1-", "-1", "1-2:3:4:5", "1:", "1.5", "١")
+        ),
     ],
 )
 def test_what_cannot_be_a_job_is_refused(words, message, few_boulders, tmp_path, capsys):
     assert main(["slurm", str(few_boulders), str(tmp_path / "jobs"), *words]) == 2
     err = capsys.readouterr().err
-    assert err.startswith(f"rockfall: {message}") and err.count("\n") == 1
+    assert err.startswith(f"rockfall: {message.format(case=few_boulders)}") and err.count("\n") == 1
     assert not (tmp_path / "jobs").exists()
+
+
+@pytest.mark.parametrize("time", ["90", "90:30", "12:00:00", "2-12", "2-12:30", "2-12:30:15"])
+def test_times_are_those_of_sbatch(time, few_boulders, tmp_path, capsys):
+    assert (
+        main(["slurm", str(few_boulders), str(tmp_path / "jobs"), "--shards=2", "--time", time])
+        == 0
+    )
+    for name in ("run.sh", "merge.sh"):
+        assert f"#SBATCH --time={time}\n" in (tmp_path / "jobs" / name).read_text()
+
+
+def test_batch_that_is_not_there_is_said(few_boulders, tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    words = ["slurm", str(few_boulders), str(tmp_path / "jobs"), "--shards=2", "--program=batch"]
+    assert main(words) == 2
+    assert capsys.readouterr().err == (
+        "rockfall: --program batch: no rockfall-batch is found on the PATH\n"
+    )
+    assert not (tmp_path / "jobs").exists()
+
+
+def test_a_script_of_others_stays_and_ours_do_not_come_alone(few_boulders, tmp_path, capsys):
+    jobs = tmp_path / "jobs"
+    words = ["slurm", str(few_boulders), str(jobs), "--shards", "3"]
+    assert main(words) == 0
+    run = (jobs / "run.sh").read_text()
+    (jobs / "submit.sh").write_text("#!/bin/sh\n# mine\n")
+    assert main([*words, "--threads", "2"]) == 2
+    assert capsys.readouterr().err == (
+        f"rockfall: {jobs}/submit.sh: is there, and not a Slurm job that rockfall wrote; it is not "
+        "overwritten\n"
+    )
+    assert (jobs / "run.sh").read_text() == run
+    assert (jobs / "submit.sh").read_text() == "#!/bin/sh\n# mine\n"

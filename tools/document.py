@@ -30,6 +30,10 @@ RESULT = """# The result
 One CF netCDF file, or the same as an `xarray.Dataset`. Attributes hold the whole case, the version
 of the program, checksums of all inputs, the range of boulders, threads, wall and CPU seconds. Only
 what the case asks for is there. This page is made from the program's own table.
+
+A command replaces its own earlier files, which it knows by their contents, and nothing else: no
+file that the case, a part or the command reads, whatever its name there (a link, another spelling),
+and none that rockfall did not write. Several files come all together or not at all.
 """
 
 STATUSES = ", ".join(f"{k} {name}" for name, k in variables.STATUS.items())

@@ -3,19 +3,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from rockfall.case import Case
+from rockfall.case import Case, read_case
 from rockfall.errors import RockfallError
-from rockfall.files import whole_folder
+from rockfall.inputs import input_files
+from rockfall.outputs import check_outputs, whole_folder
 from rockfall.reach import survey
 from rockfall.scene import Scene, read_scene, set_path
 
 MARK = "! Prepared by rockfall"  # first words of a prepared case.nml
 RASTERS = ("dem", "zones", "mean_radius", "rg70", "rg20", "rg10", "cells")
+#: Files of a prepared case, beside its impact sets.
+OWN = ("case.nml", "zones.csv", *(f"{name}{end}" for name in RASTERS for end in (".asc", ".prj")))
 NODATA = (-9999, -99999, -999999)  # the first that is no value of the raster
 
 
@@ -26,24 +30,24 @@ def prepare(case: Case, folder: str | Path, **arrays: Any) -> list[Path]:
     original. `arrays` are as in `rockfall.scene.read_scene`. A folder that holds something else
     than a prepared case is refused.
     """
-    folder = Path(folder)
-    _check_folder(folder)
+    folder, inputs = Path(folder), list(input_files(case))
+    sets = set_path(case)
+    name = sets.name if sets.suffix == ".nml" and sets.stem != "case" else "impact_set.nml"
+    former = _prepared_files(folder, {*OWN, name})
+    check_outputs(dict.fromkeys(former), inputs, former)
     scene = read_scene(case, **arrays)
     survey(scene)
-    sets = set_path(case)
     coefficients = sets.read_bytes()
-    with whole_folder(folder, last="case.nml") as part:
+    with whole_folder(folder, inputs, former, last="case.nml") as part:
         changes = {"terrain": {"dem": _raster(part, "dem", scene.z, scene)}}
         changes["surface"] = _surface(part, scene)
         changes["release"] = _sources(part, scene)
-        name = sets.name if sets.suffix == ".nml" and sets.stem != "case" else "impact_set.nml"
         (part / name).write_bytes(coefficients)
         changes["impact"] = {"sets": name}
         head = f"{MARK} from {case.name}; impact sets '{case.impact['sets']}'."
         text = f"{' '.join(head.splitlines())}\n{case.replace(**changes).text()}"
         (part / "case.nml").write_text(text, encoding="utf-8")
         names = sorted(path.name for path in part.iterdir() if path.name != "case.nml")
-        _remove_prepared(folder)
     return [folder / name for name in (*names, "case.nml")]
 
 
@@ -99,23 +103,15 @@ def _raster(part: Path, name: str, array: np.ndarray, scene: Scene) -> str:
     return f"{name}.asc"
 
 
-def _check_folder(folder: Path) -> None:
-    """Refuse to overwrite what is no prepared case."""
-    if not folder.exists():
-        return
-    if not folder.is_dir():
+def _prepared_files(folder: Path, own: Collection[str]) -> list[Path]:
+    """The files of these names that the prepared case in a folder reads; a folder that holds
+    something else is refused."""
+    if folder.exists() and not folder.is_dir():
         raise RockfallError(f"{folder}: is a file, a folder is needed")
-    if any(folder.iterdir()) and not _is_prepared(folder):
-        raise RockfallError(f"{folder}: is not empty and holds no prepared case; take another")
-
-
-def _is_prepared(folder: Path) -> bool:
+    if not folder.exists() or not any(folder.iterdir()):
+        return []
     case = folder / "case.nml"
-    return case.is_file() and case.read_bytes().startswith(MARK.encode())
-
-
-def _remove_prepared(folder: Path) -> None:
-    """A folder without its `case.nml` holds no whole case; that leaves first and comes last."""
-    rasters = (f"{name}{ending}" for name in RASTERS for ending in (".asc", ".prj"))
-    for name in ("case.nml", "zones.csv", *rasters):
-        (folder / name).unlink(missing_ok=True)
+    if not (case.is_file() and case.read_bytes().startswith(MARK.encode())):
+        raise RockfallError(f"{folder}: is not empty and holds no prepared case; take another")
+    ours = {folder / name for name in own}
+    return [path for path in input_files(read_case(case)) if path in ours]

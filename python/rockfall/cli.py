@@ -10,7 +10,7 @@ import os
 import sys
 import traceback
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
@@ -164,8 +164,10 @@ def _check(arguments: argparse.Namespace) -> int:
 
 
 def _run(arguments: argparse.Namespace) -> int:
+    from rockfall.inputs import input_files
     from rockfall.interrupts import interrupts
-    from rockfall.result import check_writable, write_result
+    from rockfall.outputs import RESULT, check_output
+    from rockfall.result import write_result
     from rockfall.scene import read_scene
     from rockfall.simulate import Interrupted
     from rockfall.summary import summary
@@ -184,8 +186,8 @@ def _run(arguments: argparse.Namespace) -> int:
     case = _overridden(arguments)
     which, of = shard = (1, 1) if arguments.shard is None else _shard(arguments.shard)
     stem = arguments.case.stem
-    path = arguments.output or Path(f"{stem}.nc" if of == 1 else f"{stem}.part{which}of{of}.nc")
-    check_writable(path)
+    path = arguments.output or Path(f"{stem}.nc" if of == 1 else f"{stem}.part{which}of{of}")
+    check_output(path, RESULT, input_files(case))
     checkpoint = _checkpoint(arguments, path)
     scene = read_scene(case, memory=_memory(arguments))
     _warn(scene)
@@ -218,11 +220,12 @@ def _shard(text: str) -> tuple[int, int]:
 
 
 def _merge(arguments: argparse.Namespace) -> int:
+    from rockfall.outputs import RESULT, check_output
     from rockfall.parts import merge
-    from rockfall.result import check_writable, write_result
+    from rockfall.result import write_result
     from rockfall.summary import summary
 
-    check_writable(arguments.output)
+    check_output(arguments.output, RESULT, arguments.parts)
     result = merge(arguments.parts)
     write_result(result, arguments.output)
     print(summary(result))
@@ -278,12 +281,13 @@ def _slurm(arguments: argparse.Namespace) -> int:
 
 def _ensemble(arguments: argparse.Namespace) -> int:
     from rockfall.ensemble import check_place, ensemble_summary, run_ensemble, write_ensemble
+    from rockfall.inputs import input_files
 
     case = _overridden(arguments)
     if arguments.runs is not None:
         case = case.replace(ensemble={"runs": arguments.runs})
     path = arguments.output or Path(f"{arguments.case.stem}-ensemble.nc")
-    check_place(path, len(case.line))
+    check_place(path, len(case.line), input_files(case))
     found = run_ensemble(case, progress=not arguments.quiet)
     write_ensemble(found, path)
     if not arguments.quiet:
@@ -305,13 +309,16 @@ def _convergence(arguments: argparse.Namespace) -> int:
     from rockfall.case import read_case
     from rockfall.convergence import check_writable, converge, write
     from rockfall.convergence_text import text
+    from rockfall.inputs import input_files
 
     folder = arguments.output or Path(f"{arguments.case.stem}_convergence")
-    check_writable(folder)
+    case = read_case(arguments.case)
+    inputs = list(input_files(case))
+    check_writable(folder, inputs)
     given = {key: getattr(arguments, key) for key in ("boulders", "reference")}
     given = {key: value for key, value in given.items() if value is not None}
-    found = converge(read_case(arguments.case), **given, progress=True)
-    paths = write(found, folder)
+    found = converge(case, **given, progress=True)
+    paths = write(found, folder, inputs)
     print(text(found))
     print("", *paths, sep="\n")
     return DONE
@@ -327,12 +334,14 @@ def _export(arguments: argparse.Namespace) -> int:
 
 def _compare(arguments: argparse.Namespace) -> int:
     from rockfall.compare import compare, write_comparison
+    from rockfall.inputs import files_behind
     from rockfall.result import read_result
 
     path, sources = getattr(arguments, "out.nc"), arguments.observed
-    found = compare(read_result(path), *sources)
+    result = read_result(path)
+    found = compare(result, *sources)
     if arguments.output:
-        write_comparison(found, arguments.output, keep=(path, *sources))
+        write_comparison(found, arguments.output, keep=(path, *sources, *files_behind(result)))
     print(found)
     return DONE
 
@@ -346,9 +355,11 @@ def _lines(arguments: argparse.Namespace) -> int:
 
 def _figures(arguments: argparse.Namespace) -> int:
     from rockfall.figures import figures, write_figures
+    from rockfall.inputs import files_behind
 
-    shown = figures(*_shown(arguments))
-    for path in write_figures(shown, arguments.folder, arguments.format):
+    result, terrain, observed = _shown(arguments)
+    shown, inputs = figures(result, terrain, observed), [*_given(arguments), *files_behind(result)]
+    for path in write_figures(shown, arguments.folder, arguments.format, inputs):
         print(path)
     return DONE
 
@@ -357,12 +368,22 @@ def _report(arguments: argparse.Namespace) -> int:
     from rockfall.report import check_page, write_report
 
     given = getattr(arguments, "out.nc")
-    path = arguments.output or given.with_suffix(".html")
-    check_page(path, filter(None, [given, arguments.dem, *(arguments.observed or ())]))
+    path = arguments.output or given.with_name(f"{given.name.removesuffix('.nc')}.html")
+    check_page(path, _given(arguments))
     result, terrain, observed = _shown(arguments)
     write_report(result, path, terrain, observed)
     print(path)
     return DONE
+
+
+def _given(arguments: argparse.Namespace) -> Iterator[str | Path]:
+    """The files that a command which draws a result is given."""
+    from rockfall.rasterfile import raster_files
+
+    yield getattr(arguments, "out.nc")
+    yield from arguments.observed or ()
+    if arguments.dem:
+        yield from raster_files(arguments.dem)
 
 
 def _shown(arguments: argparse.Namespace) -> tuple:

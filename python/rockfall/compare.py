@@ -14,9 +14,10 @@ import numpy as np
 from rockfall.case import case_of
 from rockfall.dataarrays import grid_of
 from rockfall.errors import RockfallError, need
-from rockfall.files import check_free, whole_file
+from rockfall.files import whole_file
 from rockfall.flights import ends
 from rockfall.observed import UNITS, Observed, read_observed
+from rockfall.outputs import COMPARISON, check_output
 from rockfall.statistics import (
     line_numbers,
     line_values,
@@ -100,7 +101,7 @@ def write_comparison(
     comparison: Comparison, path: str | Path, keep: Iterable[str | Path] = ()
 ) -> None:
     """Write `Comparison.table` as CSV, whole or not at all, and over none of the files to keep."""
-    check_free(path, keep)
+    check_output(path, COMPARISON, keep)
     with whole_file(path) as part:
         comparison.table().to_csv(part, index=False)
 

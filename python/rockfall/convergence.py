@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import count
 from pathlib import Path
@@ -16,7 +16,7 @@ import numpy as np
 
 from rockfall.case import Case
 from rockfall.errors import RockfallError, need
-from rockfall.files import whole_file
+from rockfall.outputs import FIGURE, STUDY, check_outputs, whole_folder
 from rockfall.scene import Scene, read_scene
 from rockfall.simulate import run_scene
 from rockfall.sources import refuse_by_area
@@ -37,6 +37,10 @@ STATISTICS = ("mean", "std", "q95")
 NUMBERS = (("boulders", "share"), *((q, s) for q in QUANTITIES for s in STATISTICS))
 KEYS = ["line", "quantity", "statistic"]
 ERRORS = (0.1, 0.01, 0.001)  # of which the cost is told
+FILES = {  # that are written, and their kinds
+    **{f"{table}.csv": STUDY for table in ("study", "error", "cost", "numerical")},
+    **{f"convergence.{ending}": FIGURE for ending in ("png", "pdf")},
+}
 
 PIECE = 100_000  # boulders in memory at a time, about
 LEAST_BLOCKS, MOST_BLOCKS = 32, 1000  # of a size, whose error is measured
@@ -300,25 +304,21 @@ def _changes(
         return change, np.nanstd(apart, axis=2, ddof=1) / np.sqrt(np.isfinite(apart).sum(axis=2))
 
 
-def write(found: Convergence, folder: str | Path) -> list[Path]:
-    """Write study.csv, error.csv, cost.csv, numerical.csv, convergence.png and convergence.pdf."""
+def write(found: Convergence, folder: str | Path, inputs: Iterable[str | Path] = ()) -> list[Path]:
+    """Write all of FILES to a folder, or none; over no file of the `inputs` and nothing but an
+    earlier study."""
     from rockfall.convergence_figure import figure
 
-    folder = Path(folder)
-    check_writable(folder)
-    folder.mkdir(exist_ok=True)
-    tables = {"study": found.study, "error": found.error, "cost": found.cost}
-    tables["numerical"] = found.numerical
-    paths = [folder / f"{name}.csv" for name in tables]
-    for path, table in zip(paths, tables.values(), strict=True):
-        with whole_file(path) as part:
-            table.to_csv(part, index=False)
-    pictures = [folder / f"convergence.{ending}" for ending in ("png", "pdf")]
-    figure(found, pictures)
-    return paths + pictures
+    folder, inputs = Path(folder), list(inputs)
+    check_writable(folder, inputs)
+    with whole_folder(folder, inputs) as part:
+        for name in ("study", "error", "cost", "numerical"):
+            getattr(found, name).to_csv(part / f"{name}.csv", index=False)
+        figure(found, [part / name for name in FILES if FILES[name] == FIGURE])
+    return [folder / name for name in FILES]
 
 
-def check_writable(folder: Path) -> None:
+def check_writable(folder: Path, inputs: Iterable[str | Path] = ()) -> None:
     """Refuse what would keep `write` from its files, before the runs and not after them."""
     need("convergence needs", "report", "matplotlib")
     if folder.exists() and not folder.is_dir():
@@ -327,3 +327,4 @@ def check_writable(folder: Path) -> None:
         raise RockfallError(f"{folder}: there is no folder {folder.parent}")
     if not os.access(folder if folder.exists() else folder.parent, os.W_OK):
         raise RockfallError(f"{folder}: is not writable")
+    check_outputs({folder / name: kind for name, kind in FILES.items()}, inputs)

@@ -14,7 +14,9 @@ import numpy as np
 from rockfall.case import Case
 from rockfall.errors import RockfallError
 from rockfall.files import whole_file
-from rockfall.result import check_writable, write_result
+from rockfall.inputs import files_behind
+from rockfall.outputs import ENSEMBLE, ENSEMBLE_TABLE, check_output
+from rockfall.result import write_result
 from rockfall.scene import Scene, read_scene
 from rockfall.simulate import run_scene
 from rockfall.sources import refuse_by_area
@@ -288,22 +290,22 @@ def ensemble_table(found: xr.Dataset) -> pd.DataFrame:
 
 def write_ensemble(found: xr.Dataset, path: Path) -> None:
     """Write all of it as netCDF, or the table as CSV, as the name ends; whole or not at all."""
-    check_place(path, found.sizes["line"])
+    check_place(path, found.sizes["line"], files_behind(found))
     if path.suffix == ".nc":
-        write_result(found, path)
+        write_result(found, path, ENSEMBLE)
         return
     with whole_file(path) as part:
         ensemble_table(found).to_csv(part, index=False)
 
 
-def check_place(path: Path, lines: int) -> None:
+def check_place(path: Path, lines: int, inputs: Iterable[Path] = ()) -> None:
     """Refuse a place where nothing can be written, before the runs and not after them; `lines`:
-    how many there are. A file that is there is replaced if it may be an ensemble of before."""
+    how many there are. A file that is there is replaced if it is an ensemble of before."""
     if path.suffix not in (".nc", ".csv"):
         raise RockfallError(f"{path}: must end in .nc (everything) or .csv (the table)")
     if path.suffix == ".csv" and not lines:
         raise RockfallError(f"{path}: without a &line there is no table; maps go to a file .nc")
-    check_writable(path, "line,result," if path.suffix == ".csv" else None)
+    check_output(path, ENSEMBLE_TABLE if path.suffix == ".csv" else ENSEMBLE, inputs)
 
 
 def ensemble_summary(found: xr.Dataset) -> str:

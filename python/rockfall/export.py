@@ -9,6 +9,7 @@ import sqlite3
 import warnings
 from collections.abc import Iterable, Iterator
 from contextlib import closing, nullcontext
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,7 +17,9 @@ import numpy as np
 
 from rockfall.dataarrays import grid_of
 from rockfall.errors import RockfallError, need
-from rockfall.files import whole_file, whole_folder
+from rockfall.files import whole_file
+from rockfall.inputs import files_behind
+from rockfall.outputs import SIGNATURE, whole_folder
 from rockfall.rasters import write_geotiff
 from rockfall.result import open_result
 from rockfall.soundness import check_dimensions
@@ -37,7 +40,7 @@ def export(result: xr.Dataset | str | Path, folder: str | Path) -> list[Path]:
 
     <map>.tif for each variable on (y, x); rockfall.gpkg with the layers stops, lines and
     trajectories, as far as the result has them; boulders.csv; line_<name>.csv for each line.
-    All of them or, with a RockfallError, none.
+    All of them or, with a RockfallError, none; over nothing but files of an earlier export.
     """
     folder = Path(folder)
     is_file = isinstance(result, str | Path)
@@ -45,7 +48,8 @@ def export(result: xr.Dataset | str | Path, folder: str | Path) -> list[Path]:
         if is_file:
             check_dimensions(data, result)
         data = data.set_coords({"crs"} & set(data.data_vars))
-        with whole_folder(folder) as part:
+        inputs = chain([result] if is_file else [], files_behind(data))
+        with whole_folder(folder, inputs) as part:
             try:
                 return [folder / path.name for path in _export(data, _layers(data), part)]
             except RuntimeError as error:  # of netCDF4: values are read as they are written
@@ -73,6 +77,7 @@ def _write_map(path: Path, data: xr.DataArray) -> Path:
         for key, value in data.attrs.items()
         if key not in ("_FillValue", "grid_mapping")
     }
+    tags["TIFFTAG_SOFTWARE"] = SIGNATURE
     write_geotiff(path, values[::-1] if flipped else values, grid, fill, **tags)
     return path
 
@@ -272,7 +277,7 @@ def _write_geopackage(path: Path, layers: _Layers, crs: str | None) -> Path:
                     pyogrio.raw.write(
                         part, shapely.to_wkb(shapes), list(fields.values()), list(fields),
                         layer=layer, geometry_type=kind, crs=crs, driver="GPKG",
-                        append=part.exists(),
+                        append=part.exists(), **({} if features else {"DESCRIPTION": SIGNATURE}),
                     )  # fmt: skip
                     features += len(shapes)
                 _check_arrived(part, layer, features)

@@ -24,6 +24,7 @@ from rockfall.mapfigures import (
     stops_figure,
     ways_figure,
 )
+from rockfall.outputs import FIGURE, check_outputs, whole_folder
 from rockfall.reboundfigures import ENERGY, RESTITUTION, histogram, histogram_figure
 from rockfall.statistics import share_interval, sources
 from rockfall.style import FORMATS, count, save
@@ -66,20 +67,24 @@ def figures(
             *_at_lines(result, observed), *_rebounds(result), *_maps(result, terrain)]  # fmt: skip
 
 
-def write_figures(shown: Iterable[Figure], folder: str | Path, format: str = "png") -> list[Path]:
-    """Write figures to a folder, which is made where it is missing; returns the files written."""
+def write_figures(
+    shown: Iterable[Figure],
+    folder: str | Path,
+    format: str = "png",
+    inputs: Iterable[str | Path] = (),
+) -> list[Path]:
+    """Write figures to a folder, which is made where it is missing, all of them or none, over no
+    file of the `inputs` and nothing but figures of ours; returns the files written."""
     if format not in FORMATS:
         raise RockfallError(f"format = '{format}': must be one of {', '.join(FORMATS)}")
     need("figures need", "report", "matplotlib")
-    folder = Path(folder)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise RockfallError(f"{folder}: cannot be made: {error.strerror}") from error
-    files = {folder / f"{one.name}.{format}": one.draw for one in shown}
-    for path, draw in files.items():
-        save(draw(), path)
-    return list(files)
+    files = {f"{one.name}.{format}": one.draw for one in shown}
+    inputs = list(inputs)
+    check_outputs({Path(folder) / name: FIGURE for name in files}, inputs)  # drawing takes long
+    with whole_folder(folder, inputs) as part:
+        for name, draw in files.items():
+            save(draw(), part / name)
+    return [Path(folder) / name for name in files]
 
 
 def _ways(result: xr.Dataset, terrain: Terrain | None) -> Iterator[Figure]:

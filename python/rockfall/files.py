@@ -2,8 +2,7 @@
 """Files appear under their name only when they are whole."""
 
 import os
-import shutil
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -11,17 +10,6 @@ from rockfall._core import rockfall_f2py as _core
 from rockfall.errors import RockfallError
 
 LARGEST_TEXT = 64 * 1024**2  # bytes, as in rockfall_textfile.f90
-
-
-def check_free(path: str | Path, inputs: Iterable[str | Path] = ()) -> None:
-    """Refuse a place for a file that is a folder, in none, or one of the inputs."""
-    path = Path(path)
-    if os.path.realpath(path) in map(os.path.realpath, inputs):
-        raise RockfallError(f"{path}: is an input; it is not overwritten")
-    if path.is_dir():
-        raise RockfallError(f"{path}: is a folder; a file name is needed")
-    if not path.absolute().parent.is_dir():
-        raise RockfallError(f"{path}: there is no folder {path.parent}")
 
 
 def check_regular(path: str | Path) -> None:
@@ -62,27 +50,3 @@ def whole_file(path: str | Path) -> Iterator[Path]:
         raise RockfallError(f"{path}: cannot be written: {error.strerror or error}") from error
     finally:
         part.unlink(missing_ok=True)
-
-
-@contextmanager
-def whole_folder(folder: str | Path, last: str = "") -> Iterator[Path]:
-    """A temporary folder, whose files go to `folder` when the block ends well, `last` at the end.
-    When not, nothing has changed."""
-    folder = Path(folder)
-    if folder.exists() and not folder.is_dir():
-        raise RockfallError(f"{folder}: is a file, a folder is needed")
-    place = folder.resolve()
-    base = next(path for path in (place, *place.parents) if path.exists())
-    part = base / f".{place.name}.{os.getpid()}"
-    try:
-        part.mkdir()
-        yield part
-        folder.mkdir(parents=True, exist_ok=True)
-        for path in sorted(part.iterdir(), key=lambda path: path.name == last):
-            os.replace(path, folder / path.name)
-    except OSError as error:
-        raise RockfallError(f"{folder}: cannot be written: {error.strerror or error}") from error
-    except RockfallError as error:
-        raise RockfallError(str(error).replace(str(part), str(folder)), error.code) from error
-    finally:
-        shutil.rmtree(part, ignore_errors=True)

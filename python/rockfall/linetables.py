@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rockfall.errors import RockfallError
-from rockfall.files import whole_file
+from rockfall.inputs import files_behind
+from rockfall.outputs import LEVEL_TABLE, LINE_TABLE, check_output, whole_folder
 from rockfall.result import read_result
 from rockfall.statistics import QUANTILES, line_statistics, quantile_name
 from rockfall.tails import LEVELS, return_levels
@@ -43,12 +44,16 @@ def print_lines(path: str | Path, table: str | Path | None = None) -> None:
     result = read_result(path)
     if "line" not in result:
         raise RockfallError(f"{path}: has no evaluation lines")
-    statistics, levels = line_statistics(result), return_levels(result)
     if table:
         beside = table.with_name(f"{table.stem}_levels.csv")
-        for name, data in ((table, statistics), (beside, levels)):
-            with whole_file(name) as part, open(part, "w", encoding="utf-8", newline="") as file:
-                data.to_csv(file, index=False)
+        inputs = [Path(path), *files_behind(result)]
+        for name, kind in ((table, LINE_TABLE), (beside, LEVEL_TABLE)):
+            check_output(name, kind, inputs)
+    statistics, levels = line_statistics(result), return_levels(result)
+    if table:
+        with whole_folder(table.parent, inputs) as part:
+            statistics.to_csv(part / table.name, index=False)
+            levels.to_csv(part / beside.name, index=False)
     print("\n".join(_text(statistics, levels, result.sizes["boulder"])))
     if table:
         print(table, beside, sep="\n")

@@ -155,6 +155,24 @@ def open_raster(path: str | Path) -> Iterator[RasterFile]:
             ) from error
 
 
+def raster_files(path: str | Path) -> set[str]:
+    """Every file that a raster is read from: its own, those beside it, the tiles of a mosaic. What
+    cannot be opened has its own alone; who reads it says what is wrong."""
+    import rasterio
+
+    found, waiting = set(), {raster_file(str(path))}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", rasterio.errors.NotGeoreferencedWarning)
+        while waiting:
+            found.add(file := waiting.pop())
+            try:
+                with rasterio.open(_gdal_name(file)) as source:
+                    waiting |= set(source.files) - found  # a tile has files beside it, too
+            except (RockfallError, rasterio.errors.RasterioError):
+                pass
+    return found
+
+
 def raster_file(path: str) -> str:
     """The file of a raster, which may be one variable of a netCDF file: `file.nc:variable`."""
     return path.rpartition(":")[0] if ".nc:" in path and not os.path.exists(path) else path

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import json
-import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,6 +15,8 @@ from rockfall._core import rockfall_f2py as _core
 from rockfall.errors import RockfallError
 from rockfall.files import check_netcdf, whole_file
 from rockfall.grid import row_blocks
+from rockfall.inputs import files_behind
+from rockfall.outputs import RESULT, check_output
 from rockfall.parts import DAMAGED, tally_variables
 from rockfall.soundness import check_result, check_values
 from rockfall.sourcemaps import settle
@@ -32,7 +33,6 @@ TALLIES = (
     "passages", "deposits", "sources", *4 * [""], "energy_max", "speed_max_map",
     "jump_height_max_map",
 )  # fmt: skip
-NETCDF = (b"\x89HDF", b"CDF\x01", b"CDF\x02", b"CDF\x05")  # first bytes of such files
 TILE = 256  # cells of a map that are compressed together, either way
 
 
@@ -247,42 +247,13 @@ def read_result(path: str | Path) -> xr.Dataset:
     return result
 
 
-def check_writable(path: str | Path, table: str | None = None) -> None:
-    """Refuse a place where no result can be written, before the run and not after it. What is there
-    is overwritten if it is netCDF, or starts as the `table` that is to be written."""
-    path = Path(path)
-    if path.is_dir():
-        raise RockfallError(f"{path}: is a folder; a file name is needed")
-    starts = NETCDF if table is None else (table.encode(),)
-    if path.exists() and not _starts(path, starts):
-        kind = "a netCDF file" if table is None else "such a table"
-        raise RockfallError(f"{path}: is there, and not {kind}; it is not overwritten")
-    if table is None and path.suffix != ".nc":
-        raise RockfallError(f"{path}: results are netCDF files, their names must end in .nc")
-    if not path.parent.is_dir():
-        raise RockfallError(f"{path}: there is no folder {path.parent}")
-    try:
-        tempfile.TemporaryFile(dir=path.parent).close()
-    except OSError as error:
-        raise RockfallError(
-            f"{path}: folder {path.parent} is not writable: {error.strerror}"
-        ) from error
-
-
-def _starts(path: Path, starts: tuple[bytes, ...]) -> bool:
-    """Whether a file starts with one of some bytes."""
-    if not path.is_file():
-        return False
-    with open(path, "rb") as file:
-        return file.read(max(map(len, starts))).startswith(starts)
-
-
-def write_result(result: xr.Dataset, path: str | Path) -> None:
-    """Write a result as netCDF, whole or not at all. By netCDF4 itself: xarray would copy maps
-    whole, and load Dask wherever it is installed, which takes longer than the writing."""
+def write_result(result: xr.Dataset, path: str | Path, kind: str = RESULT) -> None:
+    """Write a result as netCDF, whole or not at all, and over no file that its case reads. By
+    netCDF4 itself: xarray would copy maps whole, and load Dask wherever it is installed, which
+    takes longer than the writing."""
     import netCDF4
 
-    check_writable(path)
+    check_output(path, kind, files_behind(result))
     with whole_file(path) as part:
         try:
             with netCDF4.Dataset(part, "w") as file:

@@ -12,6 +12,7 @@ import numpy as np
 
 from rockfall.errors import RockfallError
 from rockfall.files import whole_file
+from rockfall.outputs import SIGNATURE
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -62,10 +63,14 @@ def save(figure: Figure, path: str | Path, dpi: int | None = None) -> None:
     import matplotlib
 
     dpi = dpi or (300 if Path(path).suffix == ".png" else 200)  # vectors with dense parts as dots
-    undated = {".pdf": {"CreationDate": None}, ".svg": {"Date": None}}
+    about = {
+        ".png": {"Software": SIGNATURE},
+        ".pdf": {"Creator": SIGNATURE, "CreationDate": None},
+        ".svg": {"Creator": SIGNATURE, "Date": None},
+    }
     with matplotlib.rc_context(STYLE), whole_file(path) as part:
         try:
-            figure.savefig(part, dpi=dpi, metadata=undated.get(part.suffix))
+            figure.savefig(part, dpi=dpi, metadata=about.get(part.suffix))
         except ValueError as error:  # an ending that is no picture's
             raise RockfallError(f"{path}: cannot be written: {error}") from error
 

@@ -54,11 +54,13 @@ def add_lab(commands: argparse._SubParsersAction) -> None:
 def _pack(arguments: argparse.Namespace) -> int:
     from rockfall.lab.case import read_lab_case
     from rockfall.lab.experiment import pack_layers
+    from rockfall.outputs import FIGURE, check_output
 
     if arguments.layers < 1:
         raise RockfallError(f"--layers {arguments.layers}: must be 1 or more")
     if arguments.output:
         need("a picture needs", "report", "matplotlib")
+        check_output(arguments.output, FIGURE, [arguments.case])
     case = read_lab_case(arguments.case)
     layers = pack_layers(case, count=arguments.layers, threads=arguments.threads)
     unit = case.packing["mean_radius"]
@@ -77,11 +79,11 @@ def _pack(arguments: argparse.Namespace) -> int:
 def _impact(arguments: argparse.Namespace) -> int:
     from rockfall.lab.case import read_lab_case
     from rockfall.lab.experiment import run_impacts
-    from rockfall.result import check_writable
+    from rockfall.outputs import IMPACTS, check_output
 
     case = read_lab_case(arguments.case)
     path = arguments.output or Path(f"{arguments.case.stem}.nc")
-    check_writable(path)
+    check_output(path, IMPACTS, [arguments.case])
     try:
         data = run_impacts(
             case, progress=not arguments.quiet, threads=arguments.threads, path=path,
@@ -102,7 +104,6 @@ def _fit(arguments: argparse.Namespace) -> int:
     from rockfall.lab.case import read_lab_case
     from rockfall.lab.experiment import open_impacts
     from rockfall.lab.fit import (
-        check_replaceable,
         fit_impacts,
         provenance,
         uncorrected,
@@ -110,11 +111,12 @@ def _fit(arguments: argparse.Namespace) -> int:
         write_sets,
     )
     from rockfall.lab.summary import fit_summary
+    from rockfall.outputs import SETS, check_output
 
     if not arguments.quiet:
         need("the summary needs", "report", "scipy")
     if arguments.output:
-        check_replaceable(arguments.output)
+        check_output(arguments.output, SETS, filter(None, [arguments.impacts, arguments.case]))
     data = open_impacts(arguments.impacts)
     if arguments.case:
         data = with_case(data, read_lab_case(arguments.case))

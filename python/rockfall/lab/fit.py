@@ -256,13 +256,6 @@ def write_sets(path: str | Path, sets: dict[int, ImpactSet], provenance: list[st
         part.write_text("\n".join(text) + "\n", encoding="utf-8")
 
 
-def check_replaceable(path: str | Path) -> None:
-    """Refuse to write sets over a file that is something else."""
-    path = Path(path)
-    if path.exists() and not (path.is_file() and b"&impact_set" in path.read_bytes()):
-        raise RockfallError(f"{path}: is there, and no file of impact sets; it is not overwritten")
-
-
 def _lower(matrix: np.ndarray) -> list[np.ndarray]:
     """The lower triangle by rows."""
     return [matrix[k, : k + 1] for k in range(len(matrix))]

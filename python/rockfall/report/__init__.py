@@ -13,7 +13,9 @@ from string import Template
 from typing import TYPE_CHECKING, Any
 
 from rockfall.errors import RockfallError, need
-from rockfall.files import check_free, whole_file
+from rockfall.files import whole_file
+from rockfall.inputs import files_behind
+from rockfall.outputs import PAGE, check_output
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -32,20 +34,19 @@ def write_report(
     result: xr.Dataset, path: str | Path, terrain: Terrain | None = None, observed: Any = None
 ) -> None:
     """Write the page of a result to `path`, whole or not at all; the rest is as in `report`."""
-    check_page(path)
+    check_page(path, files_behind(result))
     page = report(result, terrain, observed)
     with whole_file(path) as part:
         part.write_text(page, encoding="utf-8")
 
 
 def check_page(path: str | Path, inputs: Iterable[str | Path] = ()) -> None:
-    """Refuse a page that cannot be made or written, before the work and not after it, or that
-    would overwrite an input."""
+    """Refuse a page that cannot be made or written, before the work and not after it."""
     path = Path(path)
     need("a report needs", "report", "matplotlib", "scipy")
     if path.suffix.lower() not in (".html", ".htm"):
         raise RockfallError(f"{path}: is no name for a page; it must end in .html")
-    check_free(path, inputs)
+    check_output(path, PAGE, inputs)
 
 
 def report(result: xr.Dataset, terrain: Terrain | None = None, observed: Any = None) -> str:
