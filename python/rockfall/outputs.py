@@ -43,7 +43,7 @@ SIGNS = (  # how a file of ours begins, what else its head holds, and what it is
     (b"<?xml", f"<dc:title>{SIGNATURE}</dc:title>".encode(), FIGURE),  # SVG
     (b"\x89PNG", f"tEXtSoftware\0{SIGNATURE}".encode(), FIGURE),
 )
-RESULT_NAME = re.compile(r"\.(nc|part\d+of\d+)$")
+RESULT_NAME = re.compile(r"(\.nc|(^|\.)part\d+of\d+)$")
 HEAD = 4096  # bytes
 NETCDF = (b"\x89HDF", b"CDF\x01", b"CDF\x02", b"CDF\x05")  # first bytes of such files
 TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
