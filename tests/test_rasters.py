@@ -329,7 +329,7 @@ def test_elevations_in_feet():
     make_raster("dem.tif", hill())
     with rasterio.open("dem.tif", "r+") as file:
         file.units = ["ft"]
-    with refused("dem.tif: elevations are in feet, metres are needed"):
+    with refused("dem.tif: elevations are in ft, metres are needed"):
         read_dem("dem.tif")
 
 

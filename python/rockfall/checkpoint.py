@@ -220,4 +220,5 @@ def _identity(tally: Tally) -> dict[str, Any]:
         "case": scene.case.replace(case={"threads": 0}).text(),
         "boulders": [tally.before, tally.boulders, scene.boulders],
         **{f"input {name}": checksum for name, checksum in sorted(scene.checksums.items())},
+        **{f"decoded {name}": checksum for name, checksum in sorted(scene.decoded.items())},
     }

@@ -6,7 +6,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rockfall.errors import RockfallError
 
@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from rasterio.crs import CRS
 
     from rockfall.grid import Grid
+
+_METRES = {"", "m", "metre", "metres", "meter", "meters"}
 
 
 def crs_name(crs: CRS) -> str:
@@ -30,8 +32,16 @@ def same_crs(a: CRS | None, b: CRS | None) -> bool:
     return a == b or (a.to_epsg() is not None and a.to_epsg() == b.to_epsg())
 
 
+def is_metre(unit: str | None) -> bool:
+    """Whether a unit, as files spell it, is the metre; one that is missing is."""
+    return (unit or "").strip().lower() in _METRES
+
+
 def check_metres(grid: Grid, path: str, warp: Callable[[str, str], str] | None = None) -> None:
-    """Refuse degrees and feet; `warp(word, options)` gives the command that makes file_word."""
+    """Refuse any unit but the metre; `warp(word, options)` gives the command that makes file_word.
+
+    Heights have a unit where the system says what they refer to.
+    """
     crs = grid.crs
     if crs is None:
         return
@@ -40,16 +50,38 @@ def check_metres(grid: Grid, path: str, warp: Callable[[str, str], str] | None =
             f"{path}: coordinates are geocentric ({crs_name(crs)}), from the centre of the Earth: "
             "a projected CRS in metres is needed"
         )
-    if crs.is_geographic:
-        unit = "degrees"
-    elif crs.is_projected and abs(crs.linear_units_factor[1] - 1.0) > 1e-9:
-        unit = crs.linear_units_factor[0]
-    else:
+    plan, heights = _units(crs.to_dict(projjson=True))
+    if plan == heights == "metre":
         return
-    cure = f"reproject to {_utm(grid)}"
+    if plan == "metre":
+        raise RockfallError(
+            f"{path}: elevations are in {heights} ({crs_name(crs)}), metres are needed"
+        )
+    said = f"{path}: cells are in {plan} ({crs_name(crs)}), metres are needed"
+    if (utm := _utm(grid)) is None:
+        raise RockfallError(said)
+    cure = f"reproject to {utm}"
     if warp is not None:
-        cure = f"reproject with: {warp('utm', f'--dst-crs {_utm(grid)} --resampling bilinear')}"
-    raise RockfallError(f"{path}: cells are in {unit} ({crs_name(crs)}), metres are needed; {cure}")
+        cure = f"reproject with: {warp('utm', f'--dst-crs {utm} --resampling bilinear')}"
+    raise RockfallError(f"{said}; {cure}")
+
+
+def _units(about: dict[str, Any]) -> tuple[str, str]:
+    """The units of a system in plan and of its heights, from its PROJJSON; metre where none is."""
+    if "components" in about:  # one in plan, one of heights
+        return _units(about["components"][0])[0], _units(about["components"][-1])[1]
+    if "source_crs" in about:  # with a shift to another datum
+        return _units(about["source_crs"])
+    found = {"up": "metre", "": "metre"}
+    for axis in about.get("coordinate_system", {}).get("axis", []):
+        unit = axis.get("unit", "metre")
+        if isinstance(unit, dict):
+            is_one = unit["type"] == "LinearUnit" and abs(unit["conversion_factor"] - 1.0) <= 1e-9
+            unit = "metre" if is_one else unit["name"]
+        if unit != "metre":
+            up = axis.get("direction") in ("up", "down")
+            found["up" if up else ""] = "degrees" if unit == "degree" else unit
+    return found[""], found["up"]
 
 
 def _in_plan(crs: CRS) -> CRS:
@@ -62,12 +94,18 @@ def _in_plan(crs: CRS) -> CRS:
     return CRS.from_user_input(json.dumps(about["components"][0]))
 
 
-def _utm(grid: Grid) -> str:
-    """The UTM zone in which the middle of a raster lies."""
+def _utm(grid: Grid) -> str | None:
+    """The UTM zone in which the middle of a raster lies; None where the earth has no such place."""
+    from rasterio._err import CPLE_BaseError  # what `transform` raises where there is no way
     from rasterio.warp import transform
 
     middle = (grid.west + grid.east) / 2, (grid.south + grid.north) / 2
-    (longitude,), (latitude,) = transform(grid.crs, "EPSG:4326", *([c] for c in middle))
+    try:
+        (longitude,), (latitude,) = transform(grid.crs, "EPSG:4326", *([c] for c in middle))
+    except CPLE_BaseError:
+        return None
+    if not (abs(longitude) <= 360.0 and abs(latitude) <= 90.0):
+        return None
     zone = int((longitude + 180.0) // 6.0) % 60 + 1
     return f"EPSG:{(32600 if latitude >= 0 else 32700) + zone}"
 

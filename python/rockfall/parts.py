@@ -43,6 +43,7 @@ _ABOUT = {
     "fed_boulders": "its boulders in the part",
 }
 CLOCKS = ("wall_seconds", "cpu_seconds")
+DECODED = "decoded_checksums"  # which rockfall-batch does not write: it sums files
 #: What netCDF4 and xarray raise of a file that is damaged.
 DAMAGED = (
     OSError, ValueError, TypeError, LookupError, RuntimeError, AttributeError, OverflowError,
@@ -117,6 +118,7 @@ def merge(parts: Sequence[xr.Dataset | str | Path]) -> xr.Dataset:
         name = "a part" if hasattr(part, "attrs") else str(part)
         heads.append(_head(attrs, variables, name))
         _check_same(heads[0], heads[-1])
+        heads[0][DECODED] = heads[0][DECODED] or heads[-1][DECODED]
         _check_rows(heads[-1], variables)
         joined.take(attrs, variables, template, name)
     _check_whole(sorted(heads, key=lambda head: head["boulder_first"]))
@@ -162,6 +164,7 @@ def _head(attrs: Mapping[str, Any], variables: _Variables, name: str) -> dict[st
         head = {key: int(attrs[key]) for key in NUMBERS} | {key: str(attrs[key]) for key in texts}
         head["case"] = _case_text(head["case"], head["case_file"])
         head["input_checksums"] = dict(json.loads(head["input_checksums"]))
+        head[DECODED] = dict(json.loads(str(attrs.get(DECODED, "{}"))))
         if not np.isfinite([float(attrs[clock]) for clock in CLOCKS]).all():
             raise ValueError(CLOCKS)
         if not all(0 <= head[key] < 2**31 for key in NUMBERS):
@@ -214,10 +217,11 @@ def _check_same(own: dict[str, Any], head: dict[str, Any]) -> None:
     for what in ("case", "boulders_asked", "version"):
         if head[what] != own[what]:
             raise RockfallError(f"{head['name']}: is of another {what} than {own['name']}")
-    one, other = own["input_checksums"], head["input_checksums"]
-    for key in sorted({*one, *other}):
-        if one.get(key) != other.get(key):
-            raise RockfallError(f"{head['name']}: has another {key} than {own['name']}")
+    for sums in ("input_checksums", DECODED):
+        one, other = own[sums], head[sums]
+        for key in sorted({*one, *other} if one and other else ()):
+            if one.get(key) != other.get(key):
+                raise RockfallError(f"{head['name']}: has another {key} than {own['name']}")
     one, other = own["shapes"], head["shapes"]
     for name in sorted({*one, *other}):
         if one.get(name) != other.get(name) and not name.startswith("trajectory"):

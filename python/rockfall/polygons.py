@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from shlex import quote
 from typing import TYPE_CHECKING, Any
@@ -12,8 +11,8 @@ import numpy as np
 
 from rockfall.crs import crs_name, same_crs
 from rockfall.errors import RockfallError, need
-from rockfall.files import check_netcdf
 from rockfall.grid import NO_ID, Grid
+from rockfall.layerfiles import DRIVERS, plain_layer
 
 if TYPE_CHECKING:
     from rasterio.crs import CRS
@@ -80,12 +79,12 @@ def _read(path: str, field: str | None) -> tuple[dict[str, Any], np.ndarray, np.
     import pyogrio
     import shapely
 
-    if not os.path.exists(path):
-        raise RockfallError(f"{path}: no such file")
-    check_netcdf(path)
+    file = plain_layer(path)
     try:
-        layer = _only_layer(path, pyogrio.list_layers(path))
-        about = pyogrio.read_info(path, layer=layer, force_feature_count=True)
+        layer = _only_layer(path, pyogrio.list_layers(file))
+        about = pyogrio.read_info(file, layer=layer, force_feature_count=True)
+        if about["driver"] not in DRIVERS:
+            raise RockfallError(f"{path}: is read by {about['driver']}: must be {DRIVERS}")
         if about["features"] == 0:
             raise RockfallError(f"{path}: the layer is empty, polygons are needed")
         if field is not None and field not in about["fields"]:
@@ -93,7 +92,7 @@ def _read(path: str, field: str | None) -> tuple[dict[str, Any], np.ndarray, np.
                 f"{path}: no attribute {field}; has: {', '.join(about['fields']) or 'none'}"
             )
         columns = [] if field is None else [field]
-        _, _, wkb, values = pyogrio.raw.read(path, layer=layer, columns=columns)
+        _, _, wkb, values = pyogrio.raw.read(file, layer=layer, columns=columns)
         shapes = shapely.from_wkb(wkb)
     except (RuntimeError, UnicodeDecodeError, shapely.errors.ShapelyError) as error:  # GDAL's
         raise RockfallError(f"{path}: not a polygon layer that can be read ({error})") from error

@@ -6,25 +6,74 @@ from __future__ import annotations
 import os
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from shlex import quote
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from rockfall.asciigrid import check_size, read_rows
+from rockfall.asciigrid import AsciiCells, is_ascii, open_ascii
 from rockfall.elevations import elevation_dtype
 from rockfall.errors import RockfallError
-from rockfall.files import check_netcdf
+from rockfall.gdalfiles import BINARY, plain_file, start_of
 from rockfall.grid import TOLERANCE, Box, Grid, row_blocks
+from rockfall.netcdfgrid import cells_of, open_netcdf
+from rockfall.vrt import is_vrt, plain_vrt
 
 if TYPE_CHECKING:
+    from affine import Affine
     from rasterio.io import DatasetReader
 
 _CACHE = 32  # MB, a row of tiles of a wide raster; GDAL would take 5 % of the machine
-_ASCII_NODATA = -9999.0  # what ESRI ASCII means when it does not say
+_BLOCK = 2**24  # cells of a tile, or else as many as the raster has
+_NETCDF = (b"CDF\1", b"CDF\2", b"CDF\5", b"\x89HDF\r\n\x1a\n")
+
+
+class Cells(Protocol):
+    """What is stored in a file, and how it is read."""
+
+    @property
+    def dtype(self) -> np.dtype: ...
+
+    @property
+    def packing(self) -> tuple[float, float]:
+        """Scale and offset, by which stored numbers become values."""
+        ...
+
+    def rows(self, box: Box) -> Iterator[tuple[slice, np.ndarray, np.ndarray]]:
+        """Blocks of the rows of a box: (rows in the file, stored numbers, where they are data)."""
+        ...
+
+
+@dataclass(frozen=True)
+class GdalCells:
+    """The cells of a file as GDAL reads them."""
+
+    source: DatasetReader
+
+    @property
+    def dtype(self) -> np.dtype:
+        return np.dtype(self.source.dtypes[0])
+
+    @property
+    def packing(self) -> tuple[float, float]:
+        return float(self.source.scales[0]), float(self.source.offsets[0])
+
+    def rows(self, box: Box) -> Iterator[tuple[slice, np.ndarray, np.ndarray]]:
+        from rasterio.windows import Window
+
+        store = np.empty(0)  # one for all blocks: the heap keeps what comes and goes
+        tile = self.source.block_shapes[0][0]
+        start, width = box.row // tile * tile, box.shape[1]
+        for rows in row_blocks((box.stop_row - start, width), tile):
+            first, stop = max(start + rows.start, box.row), start + rows.stop
+            window = Window(box.column, first, width, stop - first)
+            if not store.size:
+                store = np.empty((rows.stop - rows.start, width), self.source.dtypes[0])
+            block = self.source.read(1, window=window, out=store[: window.height])
+            yield slice(first, stop), block, self.source.read_masks(1, window=window) != 0
 
 
 @dataclass(frozen=True)
@@ -33,23 +82,30 @@ class RasterFile:
 
     path: str
     source: DatasetReader
+    cells: Cells
+    transform: Affine
     grid: Grid
-    flipped: bool  #: the first row of the file is the southernmost
 
     @property
     def dtype(self) -> np.dtype:
         """The type that holds the elevations of the file as they are."""
-        if self.source.driver == "AAIGrid" or self._scaled:
+        if self._packed:
             return np.dtype(np.float64)
-        return elevation_dtype(self.source.dtypes[0], self.path)
+        return elevation_dtype(self.cells.dtype, self.path)
+
+    @property
+    def flipped(self) -> bool:
+        """Whether the first row of the file is the southernmost."""
+        return self.transform.e > 0
 
     def blocks(self, box: Box | None = None) -> Iterator[tuple[slice, np.ndarray, np.ndarray]]:
         """(rows in memory, values, where they are data), north-up; good until the next one. Of a
         box, its rows count from 0."""
         box = box or self.grid.box
-        for rows, block, valid in self._stored(self._in_file(box)):
-            if self._scaled:
-                block = block * float(self.source.scales[0]) + float(self.source.offsets[0])
+        scale, offset = self.cells.packing
+        for rows, block, valid in self.cells.rows(self._in_file(box)):
+            if self._packed:  # in double precision, as rockfall-batch does it
+                block = block.astype(np.float64) * scale + offset
             if block.dtype.kind == "f":
                 valid = valid & ~np.isnan(block)
             if self.flipped:
@@ -65,11 +121,11 @@ class RasterFile:
             options += f" --src-nodata {mark} --dst-nodata {mark}"
         path = Path(self.path.replace(".nc:", "_"))
         out = path.with_name(f"{path.stem}_{word}.tif")
-        return f"rio warp {quote(_gdal_name(self.path))} {quote(str(out))} {options}"
+        return f"rio warp {quote(_rio_name(self.path))} {quote(str(out))} {options}"
 
     def flaw(self) -> str:
         """Why its cells cannot be those of a grid; empty when they can."""
-        t, far = self.source.transform, max(self.grid.shape)
+        t, far = self.transform, max(self.grid.shape)
         if not 0 < abs(t.a) < np.inf:
             return f"cells have the size {t.a:g}: must be > 0"
         if max(abs(t.b), abs(t.d)) * far > TOLERANCE * abs(t.a):
@@ -84,7 +140,7 @@ class RasterFile:
         """Refuse cells with a flaw; offer the command that makes square ones."""
         if not (flaw := self.flaw()):
             return
-        t = self.source.transform
+        t = self.transform
         if t.a < 0 and not t.b:
             raise RockfallError(f"{self.path}: {flaw}")
         side = min(float(np.hypot(t.a, t.d)), float(np.hypot(t.b, t.e)))
@@ -92,8 +148,8 @@ class RasterFile:
         raise RockfallError(f"{self.path}: {flaw}; resample with: {command}")
 
     @property
-    def _scaled(self) -> bool:
-        return (self.source.scales[0], self.source.offsets[0]) != (1.0, 0.0)
+    def _packed(self) -> bool:
+        return self.cells.packing != (1.0, 0.0)
 
     def _in_file(self, box: Box) -> Box:
         """The box as the rows of the file count."""
@@ -101,54 +157,24 @@ class RasterFile:
             return box
         return replace(box, row=self.grid.ny - box.stop_row, stop_row=self.grid.ny - box.row)
 
-    def _stored(self, box: Box) -> Iterator[tuple[slice, np.ndarray, np.ndarray]]:
-        """Blocks as the file has them: (rows in the file, values, where they are data)."""
-        from rasterio.windows import Window
-
-        if self.source.driver == "AAIGrid":
-            nodata = _ASCII_NODATA if self.source.nodata is None else self.source.nodata
-            for rows, block in read_rows(self.path, *self.grid.shape):
-                if rows.start >= box.stop_row and box.stop_row < self.grid.ny:
-                    return  # a whole file is read to its end, which may be wrong
-                first, stop = max(rows.start, box.row), min(rows.stop, box.stop_row)
-                if first < stop:
-                    block = block[first - rows.start : stop - rows.start, box.columns]
-                    yield slice(first, stop), block, block != nodata
-            return
-        store = np.empty(0)  # one for all blocks: the heap keeps what comes and goes
-        tile = self.source.block_shapes[0][0]
-        start, width = box.row // tile * tile, box.shape[1]
-        for rows in row_blocks((box.stop_row - start, width), tile):
-            first, stop = max(start + rows.start, box.row), start + rows.stop
-            window = Window(box.column, first, width, stop - first)
-            if not store.size:
-                store = np.empty((rows.stop - rows.start, width), self.source.dtypes[0])
-            block = self.source.read(1, window=window, out=store[: window.height])
-            yield slice(first, stop), block, self.source.read_masks(1, window=window) != 0
-
 
 @contextmanager
 def open_raster(path: str | Path) -> Iterator[RasterFile]:
     """Open a raster of one band that says where it lies; `path` may be `file.nc:variable`.
 
-    Whatever GDAL has to say against it, now or while it is read, comes as one line.
+    Whatever GDAL or netCDF have to say against it, now or while it is read, comes as one line.
     """
     import rasterio
 
     path = str(path)
-    with rasterio.Env(GDAL_CACHEMAX=_CACHE), warnings.catch_warnings():
+    with rasterio.Env(GDAL_CACHEMAX=_CACHE), warnings.catch_warnings(), ExitStack() as stack:
         warnings.simplefilter("ignore", rasterio.errors.NotGeoreferencedWarning)
         try:
-            with _dataset(_gdal_name(path)) as source:
-                _check_band(path, source)
-                _check_place(path, source)
-                t = source.transform
-                north = t.f if t.e < 0 else t.f + source.height * t.e
-                grid = Grid(t.c, north, t.a, source.width, source.height, source.crs, path)
-                raster = RasterFile(path, source, grid, flipped=t.e > 0)
-                _check_size(raster)
-                yield raster
-        except rasterio.errors.RasterioError as error:
+            raster = _opened(path, stack)
+            _check_packing(raster)
+            _check_size(raster)
+            yield raster
+        except (rasterio.errors.RasterioError, OSError, RuntimeError, UnicodeDecodeError) as error:
             raise RockfallError(
                 f"{path}: cannot be read as a raster (unknown format, truncated or damaged): "
                 f"{error.__cause__ or error}"
@@ -178,24 +204,53 @@ def raster_file(path: str) -> str:
     return path.rpartition(":")[0] if ".nc:" in path and not os.path.exists(path) else path
 
 
-def _gdal_name(path: str) -> str:
-    """The name by which GDAL opens a file, or one variable of a netCDF file."""
+def _opened(path: str, stack: ExitStack) -> RasterFile:
+    """The file by its format; what was opened for it is closed with the stack."""
     file = raster_file(path)
     variable = path[len(file) + 1 :]
-    if not os.path.exists(file):
-        raise RockfallError(f"{path}: no such file")
-    check_netcdf(file)
-    if Path(file).is_file() and Path(file).stat().st_size == 0:
-        raise RockfallError(f"{path}: is empty")
-    return f'NETCDF:"{file}":{variable}' if variable else file
+    name = plain_file(file)
+    start = start_of(file)
+    if start.startswith(_NETCDF):
+        data = stack.enter_context(open_netcdf(name))
+        name = f'NETCDF:"{name}":{variable}' if variable else name
+        source = _dataset(path, name, ("netCDF",), stack)
+        variable = variable or source.tags(1).get("NETCDF_VARNAME", "")
+        return _raster(path, source, cells_of(path, data, variable, source.transform))
+    if variable:
+        raise RockfallError(f"{path}: {file} is not a netCDF file")
+    if is_ascii(start):
+        cells = open_ascii(file)
+        return _raster(path, _dataset(path, name, ("AAIGrid",), stack), cells)
+    if is_vrt(start):
+        source = _dataset(path, plain_vrt(file), ("VRT",), stack)
+    else:
+        source = _dataset(path, name, BINARY, stack)
+    return _raster(path, source, GdalCells(source))
 
 
-def _dataset(name: str) -> DatasetReader:
-    """The file, open; the nodata value of ESRI ASCII is not to be rounded to float32."""
-    import rasterio
+def _dataset(path: str, name: str, drivers: tuple[str, ...], stack: ExitStack) -> DatasetReader:
+    """What GDAL opens by one of some drivers; one band that lies somewhere."""
+    from rasterio.io import DatasetReader
 
-    source = rasterio.open(name)
-    return rasterio.open(name, DATATYPE="Float64") if source.driver == "AAIGrid" else source
+    source = stack.enter_context(DatasetReader(name, driver=list(drivers)))
+    _check_band(path, source)
+    _check_place(path, source)
+    return source
+
+
+def _raster(path: str, source: DatasetReader, cells: Cells) -> RasterFile:
+    t = cells.transform if isinstance(cells, AsciiCells) else source.transform
+    if (source.height, source.width) != getattr(cells, "shape", source.shape):
+        raise RockfallError(f"{path}: GDAL reads another header: malformed")
+    north = t.f if t.e < 0 else t.f + source.height * t.e
+    grid = Grid(t.c, north, t.a, source.width, source.height, source.crs, path)
+    return RasterFile(path, source, cells, t, grid)
+
+
+def _rio_name(path: str) -> str:
+    """The name by which rio opens a file, or one variable of a netCDF file."""
+    file = raster_file(path)
+    return f'NETCDF:"{file}":{path[len(file) + 1 :]}' if file != path else file
 
 
 def _check_band(path: str, source: DatasetReader) -> None:
@@ -220,15 +275,27 @@ def _check_place(path: str, source: DatasetReader) -> None:
     )
 
 
+def _check_packing(raster: RasterFile) -> None:
+    scale, offset = raster.cells.packing
+    if not (np.isfinite([scale, offset]).all() and scale):
+        raise RockfallError(
+            f"{raster.path}: scale {scale:g}, offset {offset:g}: must be finite, the scale not 0"
+        )
+
+
 def _check_size(raster: RasterFile) -> None:
-    """Refuse a header that promises more than the file, or the machine, can hold."""
+    """Refuse a header that promises more than the machine can hold."""
     ny, nx = raster.grid.shape
-    if raster.source.driver == "AAIGrid":
-        check_size(raster.path, ny, nx)
     need = 4e-9 * nx * ny
     have = 1e-9 * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     if need > have:
         raise RockfallError(
             f"{raster.path}: {nx} x {ny} cells need {need:.0f} GB of memory, "
             f"this machine has {have:.0f} GB"
+        )
+    rows, columns = raster.source.block_shapes[0]
+    if rows * columns > max(nx * ny, _BLOCK):
+        raise RockfallError(
+            f"{raster.path}: tiles of {columns} x {rows} cells, of a raster of {nx} x {ny}: "
+            "damaged"
         )

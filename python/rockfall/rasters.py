@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from rockfall.asciigrid import write_ascii
-from rockfall.crs import check_metres, crs_name, same_crs
+from rockfall.crs import check_metres, crs_name, is_metre, same_crs
 from rockfall.dataarrays import from_array
 from rockfall.elevations import check_elevations
 from rockfall.errors import RockfallError
@@ -43,7 +43,6 @@ __all__ = [
     "write_geotiff",
 ]
 
-_FEET = {"ft", "foot", "feet", "us-ft", "us survey foot", "us_survey_foot"}
 _TILE = 256  # cells
 
 
@@ -64,8 +63,7 @@ def dem_header(path: str | Path) -> tuple[Grid, np.dtype]:
     with open_raster(path) as raster:
         check_metres(raster.grid, raster.path, raster.warp)
         raster.check_cells()
-        if (raster.source.units[0] or "").lower() in _FEET:
-            raise RockfallError(f"{raster.path}: elevations are in feet, metres are needed")
+        _check_unit(raster, "elevations")
         return raster.grid, raster.dtype
 
 
@@ -99,6 +97,8 @@ def aligned_blocks(
     store = np.empty((0, 0), dtype)
     with open_raster(path) as raster:
         _check_aligned(raster, grid, what, "bilinear" if dtype.kind == "f" else "nearest")
+        if dtype.kind == "f":
+            _check_unit(raster, what)
         for rows, block, valid in raster.blocks(box):
             if dtype.kind != "f":
                 inside = (block > NO_ID) & (block <= np.iinfo(dtype).max)
@@ -151,6 +151,13 @@ def write_geotiff(
             file.units = [str(tags.get("units", ""))]
             file.set_band_description(1, str(tags.get("long_name", "")))
         part.write_bytes(memory.getbuffer())
+
+
+def _check_unit(raster: RasterFile, what: str) -> None:
+    """Refuse lengths in any unit but the metre."""
+    unit = raster.source.units[0]
+    if not is_metre(unit):
+        raise RockfallError(f"{raster.path}: {what} are in {unit}, metres are needed")
 
 
 def _check_aligned(raster: RasterFile, grid: Grid, what: str, resampling: str) -> None:

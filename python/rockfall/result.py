@@ -212,6 +212,7 @@ def _attributes(tally: Tally) -> dict[str, Any]:
         "impact_set": scene.case.impact["sets"],
         "impact_set_checksum": scene.checksums["sets"],
         "input_checksums": json.dumps(scene.checksums, sort_keys=True),
+        "decoded_checksums": json.dumps(scene.decoded, sort_keys=True),
         "threads": _core.team(tally.threads),
         "wall_seconds": tally.wall,
         "cpu_seconds": tally.cpu,

@@ -16,6 +16,7 @@ import numpy as np
 
 from rockfall._core import rockfall_f2py as _core
 from rockfall.case import FROM_ARRAY, Case
+from rockfall.digest import digest
 from rockfall.errors import RockfallError
 from rockfall.files import check_regular, check_text_file
 from rockfall.grid import NO_ID, Box, Grid, row_blocks
@@ -56,6 +57,7 @@ class Scene:
     mean: np.ndarray | None = None  # (9, 5)
     covariance: np.ndarray | None = None  # (9, 9, 5)
     checksums: dict[str, str] = field(default_factory=dict)  # of the input files
+    decoded: dict[str, str] = field(default_factory=dict)  # of what was read of them: see `digest`
     at: tuple[int, int] = (0, 0)  # row and column of the grid where its rasters begin
     tiles: Tiles | None = None  # terrain that is read in windows: no rasters here
     marks: Lowest = field(default_factory=Lowest)  # the negatives of what source cells hold
@@ -170,6 +172,7 @@ def read_scene(
         raise RockfallError(
             f"{case.name}: rasters that the case does not use: {', '.join(rasters)}"
         )
+    scene.decoded = digest(scene)
     return scene
 
 
@@ -199,6 +202,7 @@ def _tiled(scene: Scene, cells: int) -> Scene:
     _read_sources(scene, rows, {})
     _end(scene)
     scene.tiles = Tiles(scene, cells)
+    scene.decoded = scene.tiles.decoded
     return scene
 
 

@@ -48,3 +48,8 @@ def decimal(text: str) -> float:
         return math.nan
     value = float(text.lower().replace("d", "e"))
     return value if math.isfinite(value) else math.nan
+
+
+def plain_decimal(text: str) -> float:
+    """The same, without the exponents that Fortran alone knows (1d3)."""
+    return math.nan if "d" in text.lower() else decimal(text)

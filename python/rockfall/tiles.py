@@ -13,6 +13,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from rockfall.digest import Digest
 from rockfall.elevations import check_known
 from rockfall.errors import RockfallError
 from rockfall.grid import Box
@@ -96,15 +97,17 @@ class Tiles:
         return range(source, source + n), Box(*boxes[n - 1].tolist())
 
     def _survey(self) -> Survey:
-        """All rows once: checks, sources, and where boulders can come."""
-        found, known = Survey(self.scene), False
+        """All rows once: checks, sums, sources, and where boulders can come."""
+        found, known, digest = Survey(self.scene), False, Digest(self.scene)
         path = self.scene.grid.path
         for band, box in bands(self.scene, self.cells):
             known = check_known(path, band.z, band.at[0]) or known
             found.take(band, box.row, box.stop_row)
             self.ground.take(band, box)
+            digest.take(band, box.row, box.stop_row)
         if not known:
             raise RockfallError(f"{path}: all cells are nodata")
+        self.decoded = digest.sums()
         return found
 
 
