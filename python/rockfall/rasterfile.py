@@ -17,9 +17,10 @@ import numpy as np
 from rockfall.asciigrid import AsciiCells, is_ascii, open_ascii
 from rockfall.elevations import elevation_dtype
 from rockfall.errors import RockfallError
-from rockfall.gdalfiles import BINARY, plain_file, start_of
+from rockfall.gdalfiles import BINARY, TIFF, plain_file, start_of
 from rockfall.grid import TOLERANCE, Box, Grid, row_blocks
 from rockfall.netcdfgrid import cells_of, open_netcdf
+from rockfall.tifftags import check_mark
 from rockfall.vrt import is_vrt, plain_vrt
 
 if TYPE_CHECKING:
@@ -221,6 +222,8 @@ def _opened(path: str, stack: ExitStack) -> RasterFile:
     if is_ascii(start):
         cells = open_ascii(file)
         return _raster(path, _dataset(path, name, ("AAIGrid",), stack), cells)
+    if start.startswith(TIFF):
+        check_mark(file)
     if is_vrt(start):
         source = _dataset(path, plain_vrt(file), ("VRT",), stack)
     else:

@@ -17,6 +17,7 @@ from rockfall.errors import RockfallError
 from rockfall.files import check_text_file
 from rockfall.gdalfiles import TIFF, plain_file, start_of
 from rockfall.tables import plain_decimal
+from rockfall.tifftags import check_mark
 
 _TYPES = {
     "Byte", "Int8", "UInt16", "Int16", "UInt32", "Int32", "UInt64", "Int64", "Float32", "Float64",
@@ -141,4 +142,5 @@ def _place(path: str, element: ElementTree.Element) -> None:
         raise RockfallError(f"{path}: tile {error}") from error
     if not start_of(tile).startswith(TIFF):
         raise RockfallError(f"{where}: must be a GeoTIFF")
+    check_mark(tile)
     element.attrib = {"relativeToVRT": "0"}
