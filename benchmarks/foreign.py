@@ -157,8 +157,8 @@ def _spoil_header(
     elif fault == "value":
         rows[k][1] += pick(random, (" 1", " m", ";", "'", "\u00a0m", ","))
     else:
-        n = shape[0] if key == "ncols" else shape[1]
         key = pick(random, ("ncols", "nrows"))
+        n = shape[0] if key == "ncols" else shape[1]
         for row in rows:
             if row[0] == key:
                 row[1] = pick(random, ("0", "-3", f"{n}.0", f"{n}e0", "2147483648", f"{n + 1}"))

@@ -1,14 +1,22 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Parts of a run: joined, they are the run itself; anything else is refused by name."""
 
+import shutil
+import warnings
+
 import numpy as np
 import pytest
+import rasterio
 import xarray as xr
+from affine import Affine
 
 import rockfall
-from made import refused
+from made import make_raster, refused
 from rockfall import variables
+from rockfall.checkpoint import Checkpoint
 from rockfall.cli import main
+from rockfall.scene import read_scene
+from rockfall.simulate import run_scene
 from scenes import grid, make_case, rough, sets
 
 BOULDERS = 403
@@ -148,3 +156,106 @@ def test_a_wrong_shard_is_refused_in_one_line(few_boulders, tmp_path, monkeypatc
         f"rockfall: --shard {text}: must be I/N with I from 1 to N\n"
     )
     assert not list(tmp_path.glob("*.nc"))
+
+
+# ---- what was read counts, not only the named files
+
+
+def change_table(folder):
+    """The .dbf beside a shapefile: its ids, from 1 to 2."""
+    path = folder / "zones.dbf"
+    content = path.read_bytes()
+    assert content.endswith(b"1\x1a")
+    path.write_bytes(content[:-2] + b"2\x1a")
+
+
+def change_tile(folder):
+    make_raster(folder / "tile.tif", rough().astype("f4") + 1, PLACE, None)
+
+
+def change_statistics(folder):
+    """An offset for the elevations, as GDAL keeps it beside a raster."""
+    (folder / "tile.tif.aux.xml").write_text(
+        '<PAMDataset><PAMRasterBand band="1"><Offset>1</Offset></PAMRasterBand></PAMDataset>'
+    )
+
+
+def change_mask(folder):
+    """A mask in a file of its own."""
+    (folder / "other").mkdir()
+    shutil.copy(folder / "tile.tif", folder / "other")
+    mask = np.full((80, 60), 255, "u1")
+    mask[70:75, 20:25] = 0
+    with rasterio.Env(GDAL_TIFF_INTERNAL_MASK=False):
+        with rasterio.open(folder / "other/tile.tif", "r+") as file:
+            file.write_mask(mask)
+    shutil.move(folder / "other/tile.tif.msk", folder)
+
+
+def make_shapefile(folder):
+    """Zone 1 everywhere, and a table of zones 1 and 2."""
+    pyogrio = pytest.importorskip("pyogrio", reason="the vector extra is not installed")
+    shapely = pytest.importorskip("shapely")
+    wkb = np.array([shapely.to_wkb(shapely.box(0, 0, 300, 400))], object)
+    how = {"geometry_type": "Polygon", "driver": "ESRI Shapefile", "crs": None}
+    with warnings.catch_warnings(action="ignore"):  # it has no CRS, as the terrain has none
+        pyogrio.raw.write(folder / "zones.shp", wkb, [np.array([1], "i4")], ["zone"], **how)
+    (folder / "zones.csv").write_text("zone,mean_radius\n1,0.25\n2,0.5\n")
+    return {"zones": "zones.shp", "table": "zones.csv"}
+
+
+PLACE = Affine(5.0, 0.0, 0.0, 0.0, -5.0, 400.0)
+MOSAIC = """<VRTDataset rasterXSize="60" rasterYSize="80">
+<GeoTransform>0, 5, 0, 400, 0, -5</GeoTransform>
+<VRTRasterBand dataType="Float32" band="1"><SimpleSource>
+<SourceFilename relativeToVRT="1">tile.tif</SourceFilename><SourceBand>1</SourceBand>
+<SrcRect xOff="0" yOff="0" xSize="60" ySize="80"/><DstRect xOff="0" yOff="0" xSize="60" ySize="80"/>
+</SimpleSource></VRTRasterBand></VRTDataset>"""
+
+
+@pytest.mark.parametrize("memory", [None, 20_000])
+@pytest.mark.parametrize(
+    ("dem", "change", "what"),
+    [
+        ("tile.tif", change_statistics, "dem"), ("tile.tif", change_mask, "dem"),
+        ("dem.vrt", change_tile, "dem"), ("tile.tif", change_table, "surface"),
+    ],
+)  # fmt: skip
+def test_what_lies_beside_a_file_is_known_by_what_was_read(tmp_path, dem, change, what, memory):
+    if change is change_table and memory:
+        pytest.skip("polygons need the whole terrain")
+    make_raster(tmp_path / "tile.tif", rough().astype("f4"), PLACE, None)
+    (tmp_path / "dem.vrt").write_text(MOSAIC)
+    output = {"maps": ["passages"]}
+    case = case_in(tmp_path, output=output, **place()).replace(terrain={"dem": dem})
+    if change is change_table:
+        case = case.replace(surface={"uniform_mean_radius": None, **make_shapefile(tmp_path)})
+    paths = [tmp_path / f"{k}.nc" for k in (1, 2)]
+    for k, path in enumerate(paths, start=1):
+        rockfall.write_result(rockfall.run(case, shard=(k, 2), memory=memory), path)
+        if k == 1:
+            change(tmp_path)
+    with refused(f"{paths[1]}: has another {what} than {paths[0]}"):
+        rockfall.merge(paths)
+
+
+def test_a_run_does_not_go_on_with_other_elevations_of_the_same_file(tmp_path):
+    make_raster(tmp_path / "tile.tif", rough().astype("f4"), PLACE, None)
+    case = case_in(tmp_path, **place()).replace(terrain={"dem": "tile.tif"})
+    run_scene(read_scene(case), checkpoint=Checkpoint(tmp_path / "c", 0.0), chunk=100)
+    change_statistics(tmp_path)
+    with pytest.raises(rockfall.RockfallError, match="is of another run, its decoded dem differs"):
+        run_scene(read_scene(case), checkpoint=Checkpoint(tmp_path / "c", 0.0))
+
+
+def test_sums_of_what_was_read_do_not_depend_on_windows_or_formats(tmp_path):
+    z = rough().astype("f4")
+    make_raster(tmp_path / "tile.tif", z, PLACE, None)
+    (tmp_path / "dem.vrt").write_text(MOSAIC)
+    case = case_in(tmp_path, output={"maps": ["passages"]}, **place())
+    known = [read_scene(case.replace(terrain={"dem": name}), memory=memory).decoded
+             for name in ("tile.tif", "dem.vrt") for memory in (None, 20_000, 9_000)]  # fmt: skip
+    known.append(read_scene(case, dem=z, transform=grid(z)).decoded)
+    assert all(one == known[0] for one in known)
+    shifted = read_scene(case, dem=z, transform=grid(z, west=1.0)).decoded
+    assert {key for key in shifted if shifted[key] != known[0][key]} == {"dem"}

@@ -1,12 +1,16 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Rasters come in as they are or are refused in one line, and go out whole."""
 
+import contextlib
+import os
 import re
 import shlex
+import socket
 import subprocess
 import sys
 from pathlib import Path
 
+import netCDF4
 import numpy as np
 import pytest
 import rasterio
@@ -168,6 +172,110 @@ def test_a_variable_of_a_netcdf_file_can_be_named():
         read_dem("dem.nc")
 
 
+def make_netcdf(stored, about, units=("m", "m", "m")):
+    """A grid of 2 x 3 in dem.nc whose variable has these attributes; y rises."""
+    with netCDF4.Dataset("dem.nc", "w") as file:
+        for name, centres, unit in (
+            ("x", 600002.5 + 5.0 * np.arange(3), units[0]),
+            ("y", [4999992.5, 4999997.5], units[1]),
+        ):
+            file.createDimension(name, len(centres))
+            axis = file.createVariable(name, "f8", (name,))
+            axis.setncatts({"axis": name.upper()} | ({"units": unit} if unit else {}))
+            axis[:] = centres
+        z = file.createVariable("z", stored.dtype, ("y", "x"))
+        z.set_auto_maskandscale(False)
+        z[:] = stored
+        z.setncatts(about | ({"units": units[2]} if units[2] else {}))
+
+
+BYTES = np.array([[1, 2, 3], [4, 5, -6]], "i1")
+
+
+@pytest.mark.parametrize(
+    ("about", "values"),
+    [
+        ({}, [[4, 5, -6], [1, 2, 3]]),
+        ({"missing_value": np.int8(5)}, [[4, np.nan, -6], [1, 2, 3]]),
+        ({"missing_value": np.array([5, 1], "i1")}, [[4, np.nan, -6], [np.nan, 2, 3]]),
+        ({"valid_min": np.int8(2)}, [[4, 5, np.nan], [np.nan, 2, 3]]),
+        ({"valid_max": np.int8(3)}, [[np.nan, np.nan, -6], [1, 2, 3]]),
+        ({"valid_range": np.array([2, 4], "i1")}, [[4, np.nan, np.nan], [np.nan, 2, 3]]),
+        ({"_Unsigned": "true"}, [[4, 5, 250], [1, 2, 3]]),
+        ({"_Unsigned": "true", "valid_max": np.int8(-10)}, [[4, 5, np.nan], [1, 2, 3]]),
+        ({"scale_factor": 0.1, "add_offset": 100.0, "missing_value": np.int8(1)},
+         [[4 * 0.1 + 100.0, 5 * 0.1 + 100.0, -6 * 0.1 + 100.0],
+          [np.nan, 2 * 0.1 + 100.0, 3 * 0.1 + 100.0]]),
+    ],
+)  # fmt: skip
+def test_what_netcdf_says_of_its_numbers_is_honoured(about, values, blocks):
+    """y rises in the file, so its last row is the first."""
+    make_netcdf(BYTES, about)
+    np.testing.assert_array_equal(read_dem("dem.nc")[0], values)
+
+
+def test_packed_floats_are_unpacked_in_double_precision():
+    """As rockfall-batch does; single precision would give other bits."""
+    stored = np.array([[0.1, 0.2, 0.3], [1.7, 2.3, 9.9]], "f4")
+    make_netcdf(stored, {"scale_factor": np.float32(0.1), "add_offset": 1000.0})
+    z, _ = read_dem("dem.nc")
+    np.testing.assert_array_equal(z, stored[::-1].astype("f8") * float(np.float32(0.1)) + 1000.0)
+    make_raster("dem.tif", stored)
+    with rasterio.open("dem.tif", "r+") as file:
+        file.scales, file.offsets = [0.1], [1000.0]
+    np.testing.assert_array_equal(read_dem("dem.tif")[0], stored.astype("f8") * 0.1 + 1000.0)
+
+
+@pytest.mark.parametrize("unit", ["km", "ft", "US_survey_foot", "degrees", "degrees_east"])
+@pytest.mark.parametrize("which", [0, 1, 2])
+def test_netcdf_in_any_unit_but_the_metre_is_refused(which, unit):
+    units = ["m", None, "metres"]
+    make_netcdf(BYTES, {}, units=units)
+    assert read_dem("dem.nc")[0].shape == (2, 3)
+    units[which] = unit
+    make_netcdf(BYTES, {}, units=units)
+    what = ("coordinate x is", "coordinate y is", "elevations are")[which]
+    with refused(f"dem.nc: {what} in {unit}, metres are needed"):
+        read_dem("dem.nc")
+
+
+@pytest.mark.parametrize(
+    ("about", "message"),
+    [
+        ({"scale_factor": "0.1"}, "scale_factor = 0.1: must be a number"),
+        ({"scale_factor": [1.0, 2.0]}, "scale_factor = [1. 2.]: must be a number"),
+        ({"scale_factor": 0.0}, "scale_factor = 0: must be another number"),
+        ({"add_offset": np.nan}, "add_offset = nan: must be a number"),
+        ({"missing_value": 0.5}, "missing_value = 0.5: must be of the type of the variable, int8"),
+        ({"missing_value": "none"}, "missing_value = none: must be numbers"),
+        ({"valid_range": np.array([1, 2, 3], "i1")}, "valid_range = [1 2 3]: must be 2 numbers"),
+        ({"valid_range": np.array([3, 1], "i1")}, "valid from 3 to 1: must be a range"),
+        ({"valid_range": np.array([1, 3], "i1"), "valid_min": np.int8(1)},
+         "has valid_range, and valid_min or valid_max"),
+        ({"valid_min": 1.0, "scale_factor": 0.1},
+         "valid_min = 1.0: must be of the type of the variable, int8"),
+        ({"_Unsigned": "maybe"}, "_Unsigned = maybe: must be 'true' or 'false', of integers"),
+    ],
+)  # fmt: skip
+def test_what_netcdf_says_against_itself_is_refused(about, message):
+    make_netcdf(BYTES, about)
+    with refused(f"dem.nc: z: {message}"):
+        read_dem("dem.nc")
+
+
+def test_a_part_of_a_file_lies_where_its_coordinates_are():
+    """It keeps the GeoTransform of the whole."""
+    crs = rasterio.CRS.from_epsg(32632).wkt
+    about = {"GeoTransform": "600000 5 0 5000000 0 -5", "crs_wkt": crs}
+    data = georeferenced(hill()).to_dataset()
+    data["crs"] = xr.Variable((), 0, about)
+    data["z"].attrs["grid_mapping"] = "crs"
+    data.isel(x=slice(1, 4), y=slice(2, 6)).to_netcdf("part.nc")
+    z, grid = read_dem("part.nc")
+    assert (grid.west, grid.north) == (600005.0, 4999990.0)
+    np.testing.assert_array_equal(z, hill()[2:, 1:])
+
+
 def test_a_file_without_crs_is_fine():
     assert read_dem(make_raster("dem.tif", hill(), crs=None))[1].crs is None
 
@@ -224,6 +332,45 @@ def test_an_absurd_ascii_header_is_refused_before_memory_is_asked_for():
     with refused(
         "dem.asc: too short for ncols x nrows = 3000000 x 2000000 numbers: truncated or damaged"
     ):
+        read_dem("dem.asc")
+
+
+HEAD = "xllcorner 600000\nyllcorner 4999970\ncellsize 5\n"
+BOTH = "the header must have xllcorner and yllcorner, or else xllcenter and yllcenter"
+
+
+@pytest.mark.parametrize(
+    ("head", "message"),
+    [
+        (HEAD.replace("600000", "abc"), "line 3: xllcorner = abc: must be a number, at most 1e12"),
+        (HEAD.replace("600000", "600'000"),
+         "line 3: xllcorner = 600'000: must be a number, at most 1e12"),
+        (HEAD.replace("600000", "6d5"), "line 3: xllcorner = 6d5: must be a number, at most 1e12"),
+        (HEAD.replace("600000", "6e5 m"), "line 3: xllcorner: must be followed by one value"),
+        (HEAD.replace("5\n", "1.000,0\n"),
+         "line 5: cellsize = 1.000,0: must be a number, at most 1e12"),
+        (HEAD.replace("5\n", "-5\n"), "line 5: cellsize = -5: must be > 0 [m]"),
+        (HEAD + "NODATA_value none\n", "line 6: NODATA_value = none: must be a number or nan"),
+        (HEAD + "NODATA_value\n", "line 6: NODATA_value: must be followed by one value"),
+        (HEAD + "ncols 3\n", "line 6: ncols: is in the header twice"),
+        (HEAD + "nbands 1\n", "line 6: 'nbands' is not a number"),
+        (HEAD.replace("yllcorner", "yllcenter"), BOTH),
+        (HEAD + "xllcenter 600002.5\n", BOTH),
+        ("cellsize 5\n", BOTH),
+        (HEAD.replace("cellsize", "dx"), "the header must have cellsize, or else dx and dy"),
+        (HEAD + "dx 5\ndy 5\n", "the header must have cellsize, or else dx and dy"),
+    ],
+)  # fmt: skip
+def test_an_ascii_header_is_read_as_strictly_as_the_numbers(head, message):
+    make_ascii("dem.asc", "1 2 3\n4 5 6", head)
+    with refused(f"dem.asc: {message}"):
+        read_dem("dem.asc")
+
+
+@pytest.mark.parametrize("size", ["3.0", "0", "-3", "3e0", "2147483648"])
+def test_an_ascii_grid_has_a_whole_number_of_columns(size):
+    make_ascii("dem.asc", "1 2 3\n4 5 6", size=(size, 2))
+    with refused(f"dem.asc: line 1: ncols = {size}: must be an integer > 0"):
         read_dem("dem.asc")
 
 
@@ -330,6 +477,40 @@ def test_elevations_in_feet():
     with rasterio.open("dem.tif", "r+") as file:
         file.units = ["ft"]
     with refused("dem.tif: elevations are in ft, metres are needed"):
+        read_dem("dem.tif")
+
+
+@pytest.mark.parametrize("unit", ["ftUS", "cm", "km", "fathom", "US survey foot"])
+def test_any_unit_but_the_metre_is_refused_of_elevations_and_radii(unit):
+    make_raster("dem.tif", hill())
+    _, grid = read_dem("dem.tif")
+    with rasterio.open("dem.tif", "r+") as file:
+        file.units = [unit]
+    with refused(f"dem.tif: elevations are in {unit}, metres are needed"):
+        read_dem("dem.tif")
+    with refused(f"dem.tif: mean radii are in {unit}, metres are needed"):
+        read_radii("dem.tif", grid, "mean radii")
+
+
+@pytest.mark.parametrize("unit", ["m", "Metre", "meters"])
+def test_the_metre_in_any_spelling(unit):
+    make_raster("dem.tif", hill())
+    with rasterio.open("dem.tif", "r+") as file:
+        file.units = [unit]
+    assert read_dem("dem.tif")[0][0, 0] == 1000.0
+
+
+@pytest.mark.parametrize(
+    ("crs", "what"),
+    [
+        ("EPSG:32632+6360", "elevations are in US survey foot"),
+        ('LOCAL_CS["x",UNIT["foot",0.3048]]', "cells are in foot"),
+        ("+proj=tmerc +to_meter=0.3048 +towgs84=1,2,3", "cells are in foot"),
+    ],
+)
+def test_a_system_of_any_kind_is_in_metres(crs, what):
+    make_raster("dem.tif", hill(), crs=crs)
+    with pytest.raises(RockfallError, match=f"^dem.tif: {what} .*, metres are needed"):
         read_dem("dem.tif")
 
 
@@ -536,6 +717,158 @@ def test_an_esri_prj_is_the_same_crs_as_its_number():
     assert (read_aligned("zones.asc", dem, "zones", np.int32) == 1).all()
 
 
+# ---- what GDAL may open --------------------------------------------------------------------------
+
+MOSAIC = """<VRTDataset rasterXSize="4" rasterYSize="6"><SRS>EPSG:32632</SRS>
+<GeoTransform>600000, 5, 0, 5000000, 0, -5</GeoTransform>
+<VRTRasterBand dataType="Float64" band="1"><SimpleSource>
+<SourceFilename relativeToVRT="1">tiles/a.tif</SourceFilename><SourceBand>1</SourceBand>
+<SrcRect xOff="0" yOff="0" xSize="4" ySize="6"/><DstRect xOff="0" yOff="0" xSize="4" ySize="6"/>
+</SimpleSource></VRTRasterBand></VRTDataset>"""
+
+
+@pytest.fixture
+def tile():
+    Path("tiles").mkdir()
+    return make_raster("tiles/a.tif", hill())
+
+
+def test_a_mosaic_of_geotiffs_beside_it_is_read(tile, blocks):
+    Path("dem.vrt").write_text(MOSAIC)
+    z, grid = read_dem("dem.vrt")
+    np.testing.assert_array_equal(z, hill())
+    assert (grid.west, grid.north, grid.crs.to_epsg()) == (600000.0, 5000000.0, 32632)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (' band="1"', ' band="1" subClass="VRTRawRasterBand"',
+         "<VRTRasterBand>: subClass = 'VRTRawRasterBand': is not read"),
+        ("<SimpleSource>", "<PixelFunctionType>sqrt</PixelFunctionType><SimpleSource>",
+         "<VRTRasterBand>: <PixelFunctionType>: a VRT may only put GeoTIFFs beside each other; "
+         "make a GeoTIFF of it"),
+        ("<SourceBand>", "<OpenOptions/><SourceBand>",
+         "<SimpleSource>: <OpenOptions>: a VRT may only put GeoTIFFs beside each other; make a "
+         "GeoTIFF of it"),
+        ("tiles/a.tif", "../a.tif", "tile ../a.tif: must be in the folder of the VRT, or below"),
+        ("tiles/a.tif", "/etc/passwd",
+         "tile /etc/passwd: must be in the folder of the VRT, or below"),
+        ("tiles/a.tif", "b.tif", "tile b.tif: no such file"),
+        ("tiles/a.tif", "dem.vrt", "tile dem.vrt: must be a GeoTIFF"),
+        ("tiles/a.tif", "tiles/pipe", "tile tiles/pipe: not a regular file"),
+        ('relativeToVRT="1">tiles/a.tif', 'relativeToVRT="0">/vsicurl/http://127.0.0.1:9/a.tif',
+         "tile /vsicurl/http://127.0.0.1:9/a.tif: must be in the folder of the VRT, or below"),
+        ("<VRTDataset", "<!DOCTYPE a><VRTDataset", "a VRT must not have a document type"),
+        ("600000, 5", "600'000, 5", "<GeoTransform>: '600'000, 5, 0, 5000000, 0, -5': must be 6 "
+         "numbers"),
+        ('xOff="0"', 'xOff="0,5"', "<SrcRect>: xOff = '0,5': must be a number"),
+        (' dataType="Float64"', "", "<VRTRasterBand>: has no dataType"),
+    ],
+)  # fmt: skip
+def test_a_mosaic_that_leads_elsewhere_is_refused(tile, old, new, message):
+    os.mkfifo("tiles/pipe")
+    Path("dem.vrt").write_text(MOSAIC.replace(old, new, 1))
+    with refused(f"dem.vrt: {message}"):
+        read_dem("dem.vrt")
+
+
+@pytest.fixture
+def server():
+    """An address, and how many came to it."""
+    with socket.create_server(("127.0.0.1", 0)) as waiting:
+        waiting.setblocking(False)
+
+        def visits():
+            with contextlib.suppress(BlockingIOError):
+                waiting.accept()
+                return 1
+            return 0
+
+        yield f"http://127.0.0.1:{waiting.getsockname()[1]}", visits
+
+
+ADDRESSES = {
+    "service": "<WCS_GDAL><ServiceURL>{0}/?</ServiceURL><CoverageName>a</CoverageName></WCS_GDAL>",
+    "mosaic": MOSAIC.replace('relativeToVRT="1">tiles', 'relativeToVRT="0">/vsicurl/{0}'),
+}
+
+
+@pytest.mark.parametrize("name", ADDRESSES)
+def test_no_file_reaches_the_network(server, name):
+    address, visits = server
+    Path("dem.tif").write_text(ADDRESSES[name].format(address))
+    with pytest.raises(RockfallError):
+        read_dem("dem.tif")
+    assert not visits()
+
+
+@pytest.mark.parametrize("name", ["dem.tif.msk", "dem.tif.aux.xml", "dem.tfw", "DEM.ovr"])
+def test_a_pipe_beside_a_raster_is_not_waited_for(name):
+    make_raster("dem.tif", hill())
+    os.mkfifo(name)
+    with refused(f"{name}: not a regular file"):
+        read_dem("dem.tif")
+
+
+def test_a_mask_that_is_another_format_is_not_opened():
+    make_raster("dem.tif", hill())
+    Path("dem.tif.msk").write_text(MOSAIC)
+    with refused("dem.tif.msk: must be a GeoTIFF"):
+        read_dem("dem.tif")
+
+
+def test_formats_that_any_bytes_would_be_are_not_read():
+    Path("dem.bil").write_bytes(b"0123456789abcdef")
+    Path("dem.hdr").write_text("nrows 2\nncols 2\nnbits 32\npixeltype float\n")
+    with pytest.raises(RockfallError, match=r"^dem\.bil: cannot be read as a raster"):
+        read_dem("dem.bil")
+
+
+def test_erdas_imagine_with_its_numbers_in_another_file():
+    about = {"width": 4, "height": 6, "count": 1, "dtype": "f8", "transform": PLACE, "crs": UTM}
+    for spill in ("NO", "YES"):
+        with rasterio.open("dem.img", "w", driver="HFA", USE_SPILL=spill, **about) as file:
+            file.write(hill()[None])
+        if spill == "NO":
+            np.testing.assert_array_equal(read_dem("dem.img")[0], hill())
+    with refused("dem.img: its numbers are in another file; make a GeoTIFF of it"):
+        read_dem("dem.img")
+
+
+def test_a_folder_is_no_raster():
+    Path("dem.tif").mkdir()
+    with refused("dem.tif: is a folder; a file name is needed"):
+        read_dem("dem.tif")
+
+
+def test_a_mark_that_is_no_number():
+    """GDAL would take it for zero, and all cells at zero for nodata."""
+    make_raster("dem.tif", hill(), nodata=-9999)
+    content = Path("dem.tif").read_bytes()
+    assert content.count(b"-9999\0") == 1
+    Path("dem.tif").write_bytes(content.replace(b"-9999\0", b"none\0\0"))
+    with refused("dem.tif: nodata = none: must be a number or nan"):
+        read_dem("dem.tif")
+
+
+@pytest.mark.parametrize("scale", [0.0, np.nan, np.inf])
+def test_a_scale_that_makes_no_elevations(scale):
+    make_raster("dem.tif", hill())
+    with rasterio.open("dem.tif", "r+") as file:
+        file.scales = [scale]
+    with refused(f"dem.tif: scale {scale:g}, offset 0: must be finite, the scale not 0"):
+        read_dem("dem.tif")
+
+
+def test_a_tile_far_larger_than_its_raster_is_refused():
+    """It would be unpacked whole."""
+    tiles = {"tiled": True, "blockxsize": 1 << 14, "blockysize": 1 << 14}
+    make_raster("dem.tif", hill(), compress="deflate", **tiles)
+    with refused("dem.tif: tiles of 16384 x 16384 cells, of a raster of 4 x 6: damaged"):
+        read_dem("dem.tif")
+
+
 # ---- arrays in memory ----------------------------------------------------------------------------
 
 
@@ -632,6 +965,9 @@ def uneven(data):
         (lambda d: d.assign_coords(y=2 * d.y), "cells are not square (5 x 10 m)"),
         (lambda d: d[:, ::-1], "x must increase"),
         (lambda d: d[:1], "4 x 1 cells, at least 2 x 2 are needed"),
+        (lambda d: d.assign_attrs(units="ft"), "elevations are in ft, metres are needed"),
+        (lambda d: d.assign_coords(x=d.x.assign_attrs(units="km")),
+         "coordinate x is in km, metres are needed"),
         (lambda d: d.assign_attrs(crs="nonsense"), "CRS cannot be understood: nonsense"),
         (
             lambda d: d.assign_attrs(crs="EPSG:2225"),

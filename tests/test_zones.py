@@ -1,9 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Zones: every cell of the terrain has a row of the table, or one line says why not."""
 
+import json
 import math
+import os
 import re
 import shlex
+import socket
 import sqlite3
 import subprocess
 import sys
@@ -230,6 +233,112 @@ def test_a_geopackage_whose_table_lacks_its_column_is_one_line():
         database.execute("UPDATE gpkg_geometry_columns SET column_name = 'shape'")
     with pytest.raises(RockfallError, match=r"^a\.gpkg: not a polygon layer that can be read"):
         burn_polygons("a.gpkg", utm_grid(), "zone")
+
+
+@pytest.mark.parametrize(
+    ("statement", "message"),
+    [
+        ("CREATE VIEW more AS SELECT * FROM a", "has a view, more: only tables are read"),
+        ("CREATE VIRTUAL TABLE more USING fts4(a)",
+         "table more: is virtual: only stored tables are read"),
+        ("CREATE TABLE more (a INTEGER, b AS (a + 1))",
+         "table more: column b is computed: only stored ones are read"),
+    ],
+)  # fmt: skip
+def test_a_geopackage_holds_only_what_is_stored(statement, message):
+    make_layer("a.gpkg", [box(0, 0, 20, 20)], zone=[5])
+    assert (burn_polygons("a.gpkg", utm_grid(), "zone") == 5).sum() == 4
+    with closing(sqlite3.connect("a.gpkg")) as database:
+        database.execute(statement)
+        database.commit()
+    with refused(f"a.gpkg: {message}"):
+        burn_polygons("a.gpkg", utm_grid(), "zone")
+
+
+def test_a_geopackage_whose_layer_is_an_endless_view_is_not_waited_for():
+    make_layer("a.gpkg", [box(0, 0, 20, 20)], zone=[5])
+    with closing(sqlite3.connect("a.gpkg")) as database:
+        database.executescript(
+            "CREATE TABLE stored AS SELECT * FROM a; PRAGMA writable_schema = ON;"
+            "DELETE FROM sqlite_master WHERE name = 'a' OR tbl_name = 'a';"
+        )
+    with closing(sqlite3.connect("a.gpkg")) as database:
+        database.executescript(
+            "CREATE VIEW a AS WITH RECURSIVE n(fid, geom, zone) AS (SELECT fid, geom, zone FROM "
+            "stored UNION ALL SELECT fid + 1, geom, zone FROM n) SELECT * FROM n;"
+        )
+    with refused("a.gpkg: has a view, a: only tables are read"):
+        burn_polygons("a.gpkg", utm_grid(), "zone")
+
+
+def test_a_geopackage_that_another_program_writes_to():
+    make_layer("a.gpkg", [box(0, 0, 20, 20)], zone=[5])
+    Path("a.gpkg-wal").touch()  # as QGIS leaves it while it only reads
+    burn_polygons("a.gpkg", utm_grid(), "zone")
+    Path("a.gpkg-wal").write_bytes(b"x")
+    with refused("a.gpkg: another program writes to it (a.gpkg-wal); close it there"):
+        burn_polygons("a.gpkg", utm_grid(), "zone")
+
+
+@pytest.mark.parametrize("ending", ["dbf", "shx", "prj", "qix"])
+def test_a_pipe_beside_a_shapefile_is_not_waited_for(ending):
+    make_layer("a.shp", [box(0, 0, 20, 20)], zone=[5])
+    Path(f"a.{ending}").unlink(missing_ok=True)
+    os.mkfifo(f"a.{ending}")
+    with refused(f"a.{ending}: not a regular file"):
+        burn_polygons("a.shp", utm_grid(), "zone")
+
+
+@pytest.mark.parametrize("name", ["a.gpkg", "a.geojson", "a.shp", "a.fgb"])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "<OGRWFSDataSource><URL>http://127.0.0.1:{0}</URL></OGRWFSDataSource>",
+        "<OGRVRTDataSource><OGRVRTLayer name='a'><SrcDataSource>/vsicurl/http://127.0.0.1:{0}/a.shp"
+        "</SrcDataSource></OGRVRTLayer></OGRVRTDataSource>",
+    ],
+)
+def test_no_layer_reaches_the_network(name, text):
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        server.setblocking(False)
+        Path(name).write_text(text.format(server.getsockname()[1]))
+        with refused(
+            f"{name}: not a polygon layer that can be read (no GeoPackage, GeoJSON, shapefile or "
+            "FlatGeobuf)"
+        ):
+            burn_polygons(name, utm_grid())
+        with pytest.raises(BlockingIOError):
+            server.accept()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ('"features"', '"crs": {"type": "link", "properties": {"href": "http://127.0.0.1:9/a"}}, '
+         '"features"', "crs = .*: must have a name such as EPSG:32632"),
+        ('"features"', '"crs": {"type": "name", "properties": {"name": "http://127.0.0.1:9/a"}}, '
+         '"features"', "crs = .*: must have a name such as EPSG:32632"),
+        ('"FeatureCollection"', '"gdal_streamed_alg"', "type = gdal_streamed_alg: must be "),
+        ("600020,", "NaN,", "NaN is no number of JSON"),
+        ("600020,", "1e999,", "Out of range float values are not JSON compliant"),
+    ],
+)  # fmt: skip
+def test_geojson_says_only_where_polygons_lie(old, new, said):
+    path = Path(plain_geojson())
+    path.write_text(path.read_text().replace(old, new))
+    with pytest.raises(
+        RockfallError, match=rf"^a\.geojson: not a polygon layer that can be read \({said}"
+    ):
+        burn_polygons(path, utm_grid(), "zone")
+
+
+def test_geojson_of_one_feature_or_shape():
+    path = Path(plain_geojson())
+    feature = json.loads(path.read_text())["features"][0]
+    path.write_text(json.dumps(feature))
+    assert (burn_polygons(path, utm_grid(), "zone") == 5).sum() == 4
+    path.write_text(json.dumps(feature["geometry"]))
+    assert burn_polygons(path, utm_grid()).sum() == 4
 
 
 def test_geojson_that_is_no_text_is_one_line():

@@ -25,6 +25,37 @@ t/m3, nodata that a raster does not declare, zones that overlap) is a warning of
 program's own table.
 """
 
+FORMATS = """
+## Rasters and layers
+
+| what | formats |
+| --- | --- |
+| rasters | GeoTIFF, ESRI ASCII, netCDF, VRT, Erdas Imagine, Surfer binary grids |
+| polygons | GeoPackage, GeoJSON, shapefile, FlatGeobuf |
+
+The content of a file tells its format, not its name. Others are refused, those among them whose
+headers are text that GDAL reads loosely (EHdr, SAGA, ENVI): make a GeoTIFF of them with
+`rio convert` or `gdal_translate`. One band, square cells, north up or south up.
+
+- **Units** are metres. A unit that is missing is taken as metre; any other is refused: of the axes
+  of a coordinate reference system and of its heights, of the band, of netCDF variables and their
+  coordinates.
+- **ESRI ASCII**: lines of one key and one value, then the numbers. `xllcorner` with `yllcorner`, or
+  `xllcenter` with `yllcenter`; `cellsize`, or `dx` with `dy`; -9999 is nodata unless
+  `NODATA_value` says otherwise (`nan` too). No digit may be grouped, no comma be a decimal point.
+- **netCDF**: `file.nc`, or `file.nc:variable` where it has several; on `y`, `x` with evenly spaced
+  coordinates. `_FillValue`, `missing_value` (one or several), `valid_min`, `valid_max`,
+  `valid_range` tell which stored numbers are data; `_Unsigned`, `scale_factor` and `add_offset`
+  what they mean, in double precision. They must be of the type of the variable, and not contradict
+  each other.
+- **VRT**: GeoTIFFs beside each other, in the folder of the VRT or below, as `gdalbuildvrt` writes
+  them. No raw bands, functions, mosaics of mosaics, addresses.
+- **Layers**: one in the file. A GeoPackage must hold stored tables only, no views. A GeoJSON has
+  its CRS by name (`EPSG:32632`), or none.
+- No file leads to another place: nothing is asked of the network, and what lies beside a raster or
+  a shapefile (`.prj`, `.msk`, `.aux.xml`, `.dbf`) must be a regular file.
+"""
+
 RESULT = """# The result
 
 One CF netCDF file, or the same as an `xarray.Dataset`. Attributes hold the whole case, the version
@@ -34,6 +65,11 @@ what the case asks for is there. This page is made from the program's own table.
 A command replaces its own earlier files, which it knows by their contents, and nothing else: no
 file that the case, a part or the command reads, whatever its name there (a link, another spelling),
 and none that rockfall did not write. Several files come all together or not at all.
+
+`input_checksums` are SHA-256 of the named files; `decoded_checksums`, which `rockfall-batch` does
+not write, of what was read of them and of all that lies beside them: elevations and their place
+(`dem`), the radius of each cell (`surface`), the `sources`. Parts and checkpoints must agree in
+both.
 """
 
 STATUSES = ", ".join(f"{k} {name}" for name, k in variables.STATUS.items())
@@ -96,7 +132,7 @@ def case_page() -> str:
             )
         head = ["key", "type", "default", "allowed", "meaning"]
         page += f"\n## &{group}\n\n{table(head, rows)}"
-    return page
+    return page + FORMATS
 
 
 def result_page() -> str:

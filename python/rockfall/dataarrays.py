@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rockfall.crs import check_metres
+from rockfall.crs import check_metres, is_metre
 from rockfall.elevations import check_elevations, elevation_dtype
 from rockfall.errors import RockfallError
 from rockfall.grid import TOLERANCE, Grid
@@ -34,6 +34,7 @@ def from_array(
         data = as_plan(data)
         grid, flipped = grid_of(data)
         values, fill = data.values, data.attrs.get("_FillValue")
+        _check_unit("elevations are", data)
     elif transform is None:
         raise RockfallError(f"{_NAME}: a NumPy array needs a transform (affine.Affine)")
     else:
@@ -85,7 +86,15 @@ def as_plan(data: xr.DataArray) -> xr.DataArray:
 def _centres(data: xr.DataArray, axis: str) -> np.ndarray:
     if axis not in data.coords:
         raise RockfallError(f"{_NAME}: has no coordinate {axis} (cell centres [m])")
+    _check_unit(f"coordinate {axis} is", data.coords[axis])
     return data.coords[axis].values.astype(np.float64)
+
+
+def _check_unit(what: str, data: xr.DataArray) -> None:
+    """Refuse any unit but the metre."""
+    unit = data.attrs.get("units")
+    if unit is not None and not (isinstance(unit, str) and is_metre(unit)):
+        raise RockfallError(f"{_NAME}: {what} in {unit}, metres are needed")
 
 
 def _check_steps(axis: str, centres: np.ndarray, step: float) -> None:

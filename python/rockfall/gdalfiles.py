@@ -7,6 +7,7 @@ files, a pipe has no end. What it would reach is looked at here, before it does.
 
 from __future__ import annotations
 
+import mmap
 import os
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from rockfall.files import check_regular
 
 #: Rasters without text in their headers: GDAL takes a word there for zero.
 BINARY = ("GTiff", "HFA", "GSBG", "GS7BG")
+IMAGINE = b"EHFA_HEADER_TAG"
 TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 START = 1024  # bytes, of which GDAL too tells the format
 _MASKS = (".msk", ".ovr")
@@ -41,6 +43,13 @@ def plain_file(path: str | Path) -> str:
         if is_mask and not start_of(companion).startswith(TIFF):
             raise RockfallError(f"{companion}: must be a GeoTIFF")
     return name
+
+
+def check_imagine(path: str) -> None:
+    """Refuse a file of Erdas Imagine whose numbers are in another, of any name."""
+    with open(path, "rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
+        if content.find(b"ExternalRasterDMS") >= 0:
+            raise RockfallError(f"{path}: its numbers are in another file; make a GeoTIFF of it")
 
 
 def start_of(path: str | Path) -> bytes:

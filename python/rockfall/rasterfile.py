@@ -17,7 +17,7 @@ import numpy as np
 from rockfall.asciigrid import AsciiCells, is_ascii, open_ascii
 from rockfall.elevations import elevation_dtype
 from rockfall.errors import RockfallError
-from rockfall.gdalfiles import BINARY, TIFF, plain_file, start_of
+from rockfall.gdalfiles import BINARY, IMAGINE, TIFF, check_imagine, plain_file, start_of
 from rockfall.grid import TOLERANCE, Box, Grid, row_blocks
 from rockfall.netcdfgrid import cells_of, open_netcdf
 from rockfall.tifftags import check_mark
@@ -224,6 +224,8 @@ def _opened(path: str, stack: ExitStack) -> RasterFile:
         return _raster(path, _dataset(path, name, ("AAIGrid",), stack), cells)
     if start.startswith(TIFF):
         check_mark(file)
+    if start.startswith(IMAGINE):
+        check_imagine(file)
     if is_vrt(start):
         source = _dataset(path, plain_vrt(file), ("VRT",), stack)
     else:
