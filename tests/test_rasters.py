@@ -826,7 +826,7 @@ def test_formats_that_any_bytes_would_be_are_not_read():
 
 
 def test_erdas_imagine_with_its_numbers_in_another_file():
-    about = {"width": 4, "height": 6, "count": 1, "dtype": "f8", "transform": PLACE, "crs": UTM}
+    about = {"width": 4, "height": 6, "count": 1, "dtype": "float64", "transform": PLACE}
     for spill in ("NO", "YES"):
         with rasterio.open("dem.img", "w", driver="HFA", USE_SPILL=spill, **about) as file:
             file.write(hill()[None])

@@ -7,6 +7,7 @@ read here. What contradicts itself is refused.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -72,7 +73,7 @@ def open_netcdf(file: str) -> Iterator[netCDF4.Dataset]:
     import netCDF4
 
     check_netcdf(file)
-    with netCDF4.Dataset(file) as data:
+    with netCDF4.Dataset(os.path.abspath(file)) as data:
         data.set_auto_maskandscale(False)
         for group in (data, *data.groups.values()):
             for name, dimension in group.dimensions.items():

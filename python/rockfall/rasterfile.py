@@ -212,7 +212,7 @@ def _opened(path: str, stack: ExitStack) -> RasterFile:
     name = plain_file(file)
     start = start_of(file)
     if start.startswith(_NETCDF):
-        data = stack.enter_context(open_netcdf(name))
+        data = stack.enter_context(open_netcdf(file))
         name = f'NETCDF:"{name}":{variable}' if variable else name
         source = _dataset(path, name, ("netCDF",), stack)
         variable = variable or source.tags(1).get("NETCDF_VARNAME", "")
