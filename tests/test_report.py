@@ -403,7 +403,7 @@ def test_a_result_is_not_overwritten_by_its_page(stored, capsys):
     [
         (lambda r: r.drop_vars("stop_x"), "is not a whole result of rockfall: has no stop_x"),
         (lambda r: r.drop_attrs().assign_attrs(case="&case /"), "has no title"),
-        (lambda r: r.assign(start_y=r["start_y"] * np.nan), "start_y: must be a number for every"),
+        (lambda r: r.assign(start_y=r.start_y.where(False)), "start_y: must be a number for every"),
     ],
 )
 @pytest.mark.parametrize("command", ["report", "figures", "compare"])

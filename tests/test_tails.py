@@ -11,7 +11,10 @@ import xarray as xr
 from scipy import stats
 
 import rockfall
+from rockfall import linetables
 from rockfall.cli import main
+from rockfall.linetables import SHOWN
+from rockfall.report.tables import level_table
 from rockfall.summary import summary
 from rockfall.tails import QUANTITIES, _fit, _profiled, tail
 from scenes import grid, make_case, rough, sets
@@ -209,6 +212,42 @@ def test_sources_of_a_result_are_clusters():
     assert set(table["refused"]) == {"3 independent boulders in the upper 5 %, 50 needed"}
 
 
+def test_a_table_says_what_was_refused_where_some_is_and_some_is_not():
+    """pandas 3 makes NaN of a None among texts, pandas 2 does not: every row has a text."""
+    values = np.stack([TAILS["exponential"].rvs(3000, random_state=1), np.full(3000, 2.0)])
+    names = {f"line_{name}": (("line", "boulder"), values) for name in QUANTITIES[:-1]}
+    start = {f"start_{axis}": ("boulder", np.zeros(3000)) for axis in "xy"}
+    result = xr.Dataset({**names, **start}, {"line": ["L", "M"]})
+    table = rockfall.return_levels(result, levels=(1000,))
+    assert set(table["refused"]) == {"", (reason := "ties leave no 50 boulders above a threshold")}
+    page = level_table(table)
+    assert page.count(reason) == len(QUANTITIES) and "nan" not in page
+    printed = "\n".join(linetables._refused(table))
+    assert printed.count("refused") == 1 and reason in printed
+
+
+def test_numbers_of_any_size_stand_in_columns_of_their_own(capsys, tmp_path, result):
+    """Each table is one of cells apart by two blanks or more, the numbers as many as the heads."""
+    many = result.assign(
+        {name: 1e4 * result[name] for name in result.data_vars if name.startswith("line_energy")}
+    )
+    rockfall.write_result(many, tmp_path / "out.nc")
+    linetables.print_lines(tmp_path / "out.nc")
+    rows = [re.split(r" {2,}", line.strip()) for line in capsys.readouterr().out.splitlines()]
+    for head, (first, last) in (("mean", ("speed [m/s]", "E_rot / E_tot [%]")),
+                                ("largest", ("speed [m/s]", "E_tot [kJ]"))):  # fmt: skip
+        at = next(k for k, row in enumerate(rows) if row[0] == head)
+        body = rows[at + 1 : at + 17]
+        named = [row for row in body if row[0] in {label for label, _ in SHOWN.values()}]
+        assert named[0][0] == first and last in [row[0] for row in named]
+        assert all(len(row) == 1 + len(rows[at]) for row in named)
+        alike = re.compile(r"-|(-?[0-9][0-9,.]*(\.\.-?[0-9][0-9,.]*)?)")
+        numbers = [cell for row in named for cell in row[1:]]
+        assert any("," in cell for cell in numbers) and all(map(alike.fullmatch, numbers))
+        intervals = [row for row in body if ".." in row[0]]
+        assert intervals and all(cell.count("..") == 1 for row in intervals for cell in row)
+
+
 def test_the_command_prints_and_writes_both_tables(result, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     rockfall.write_result(result, "out.nc")
@@ -219,7 +258,7 @@ def test_the_command_prints_and_writes_both_tables(result, tmp_path, monkeypatch
         ("table", rockfall.line_statistics),
         ("table_levels", rockfall.return_levels),
     ):
-        written = pd.read_csv(f"{name}.csv")
+        written = pd.read_csv(f"{name}.csv").fillna({"refused": ""})
         pd.testing.assert_frame_equal(written, table(result), check_dtype=False, rtol=1e-12)
     row = rockfall.return_levels(result).set_index("quantity").loc["jump_height"].iloc[0]
     shown = rf"^  jump height \[m\] +{row['max']:#.4g} +{row['level_1000']:#.4g} "

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import os
+import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -238,8 +239,10 @@ def _parse(text: bytes, path: str, line: int) -> np.ndarray:
     if not text.strip():
         return np.empty(0)
     try:
-        return np.fromstring(text, sep=" ")
-    except ValueError:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", DeprecationWarning)  # older NumPy only warns of a word
+            return np.fromstring(text, sep=" ")
+    except (ValueError, DeprecationWarning):
         number, word = _first_bad_word(text)
         raise RockfallError(f"{path}: line {line + number}: {word!r} is not a number") from None
 

@@ -4,12 +4,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from itertools import zip_longest
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from rockfall.compare import STATISTICS, Comparison
+from rockfall.tables import aligned
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -42,7 +42,7 @@ def text(comparison: Comparison) -> str:
         (comparison.stops, _stops),
     ):
         if len(table):
-            parts.append(_aligned(rows(table)))
+            parts.append(aligned(rows(table)))
     if any(table["chance"].eq(False).any() for table in (comparison.errors, comparison.passing)):
         parts.append(EXACT)
     return "\n\n".join([*parts, *comparison.notes])
@@ -154,14 +154,3 @@ def _number(value: float, digits: str) -> str:
     import pandas as pd
 
     return "-" if pd.isna(value) else format(value, digits)
-
-
-def _aligned(rows: Iterable[list[str]]) -> str:
-    """Columns as wide as their longest cell, the first to the left, the others to the right."""
-    rows = list(rows)
-    widths = [max(map(len, column)) for column in zip_longest(*rows, fillvalue="")]
-    lines = []
-    for first, *cells in rows:
-        padded = (f"{cell:>{wide}}" for cell, wide in zip(cells, widths[1:], strict=False))
-        lines.append("  ".join([f"{first:{widths[0]}}", *padded]).rstrip())
-    return "\n".join(lines)

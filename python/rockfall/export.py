@@ -150,8 +150,9 @@ def _write_lines(folder: Path, data: xr.Dataset) -> Iterator[Path]:
 def _crossings(data: xr.Dataset, line: int) -> dict[str, xr.DataArray]:
     """Every variable of a line, for those boulders that crossed it."""
     names = [name for name in data.data_vars if data[name].dims == ("line", "boulder")]
-    crossed = np.flatnonzero(~np.isnan(_stored(data["line_time"][line])[0]))
-    data = data.isel(line=line, boulder=crossed)
+    data = data[names].isel(line=line).load()  # older xarray picks none of a file wrongly
+    crossed = np.flatnonzero(~np.isnan(_stored(data["line_time"])[0]))
+    data = data.isel(boulder=crossed)
     return {"boulder": data["boulder"]} | {n.removeprefix("line_"): data[n] for n in names}
 
 

@@ -14,6 +14,7 @@ from rockfall.inputs import files_behind
 from rockfall.outputs import LEVEL_TABLE, LINE_TABLE, check_output, whole_folder
 from rockfall.result import read_result
 from rockfall.statistics import QUANTILES, line_statistics, quantile_name
+from rockfall.tables import aligned
 from rockfall.tails import LEVELS, return_levels
 
 if TYPE_CHECKING:
@@ -30,7 +31,6 @@ SHOWN = {
     "energy_total": ("E_tot [kJ]", 1000),
     "rotational_share": ("E_rot / E_tot [%]", 0.01),
 }
-NAME, WIDE = 20, 14  # columns
 ABOUT = """\
 Below each number its 95 % interval. The largest grows with the number of boulders. 1 in N: what one
 in N of the boulders that pass exceeds, from the sample where 25 or more boulders exceed it, else
@@ -74,44 +74,57 @@ def _text(statistics: pd.DataFrame, levels: pd.DataFrame, boulders: int) -> Iter
         yield ""
         yield f"{line}: {one['n']:,} of {boulders:,} boulders, {share} % ({low} to {high} %)"
         if one["n"]:
-            names = ["mean", "std", *map(quantile_name, QUANTILES)]
-            yield _head(*names)
-            for _, row in rows.iterrows():
-                yield from _row(row, names)
-            names = [f"level_{N}" for N in LEVELS]
-            yield _head("largest", *(f"1 in {N:,}" for N in LEVELS), "threshold", "above", "shape")
+            yield aligned(_statistics(rows))
             tails = levels[levels["line"] == line]
-            for _, row in tails.iterrows():
-                yield from _row(row, ["max", *names, "threshold", "exceedances", "shape"])
+            yield aligned(_levels(tails))
+            yield from _bounded(tails)
             yield from _refused(tails)
 
 
-def _head(*names: str) -> str:
-    return f"{'':{NAME}}" + "".join(f"{name:>{WIDE}}" for name in names)
+def _statistics(rows: pd.DataFrame) -> Iterator[list[str]]:
+    names = ["mean", "std", *map(quantile_name, QUANTILES)]
+    yield ["", *names]
+    for _, row in rows.iterrows():
+        yield from _row(row, names)
 
 
-def _row(row: pd.Series, names: list[str]) -> Iterator[str]:
-    """The numbers of a quantity; below them their intervals, and where the tail ends."""
+def _levels(tails: pd.DataFrame) -> Iterator[list[str]]:
+    yield ["", "largest", *(f"1 in {N:,}" for N in LEVELS), "threshold", "above", "shape"]
+    names = [f"level_{N}" for N in LEVELS]
+    for _, row in tails.iterrows():
+        yield from _row(row, ["max", *names, "threshold", "exceedances", "shape"])
+
+
+def _row(row: pd.Series, names: list[str]) -> Iterator[list[str]]:
+    """The numbers of a quantity; below them their intervals."""
     title, unit = SHOWN[row["quantity"]]
-    numbers, limits = f"  {title:{NAME - 2}}", " " * NAME
+    numbers, limits = [f"  {title}"], [""]
     for name in names:
         scale = 1 if name in ("exceedances", "shape") else unit
         value, low, high = (
             _number(row.get(f"{name}{end}", np.nan), scale) for end in ("", "_low", "_high")
         )
-        numbers += f"{value or '-':>{WIDE}}"
-        limits += f"{f'{low}..{high}' if low or high else '':>{WIDE}}"
+        if name == "exceedances" and value:
+            value = f"{row[name]:,.0f}"
+        numbers.append(value or "-")
+        limits.append(f"{low}..{high}" if low or high else "")
     yield numbers
-    if limits.strip():
-        yield limits.rstrip()
-    if np.isfinite(row.get("end", np.nan)):
-        end, high = (_number(row[name], unit) for name in ("end", "end_high"))
-        yield f"    bounded: ends at {end}, 95 % interval up to {high}"
+    if any(limits):
+        yield limits
+
+
+def _bounded(tails: pd.DataFrame) -> Iterator[str]:
+    """Where tails end."""
+    for _, row in tails[np.isfinite(tails["end"])].iterrows():
+        title, scale = SHOWN[row["quantity"]]
+        name, _, unit = title.rstrip("]").partition(" [")
+        end, high = (_number(row[limit], scale) for limit in ("end", "end_high"))
+        yield f"  bounded: {name} ends at {end} {unit}, 95 % interval up to {high} {unit}"
 
 
 def _refused(tails: pd.DataFrame) -> Iterator[str]:
     """Each reason once, with the quantities that it is for."""
-    for reason, rows in tails.groupby("refused", sort=False):
+    for reason, rows in tails[tails["refused"] != ""].groupby("refused", sort=False):
         names = ", ".join(SHOWN[quantity][0].partition(" [")[0] for quantity in rows["quantity"])
         yield f"  refused: {reason} ({'all' if len(rows) == len(tails) else names})"
 

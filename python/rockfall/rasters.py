@@ -139,7 +139,7 @@ def write_geotiff(
         "driver": "GTiff", "width": grid.nx, "height": grid.ny, "count": 1, "crs": grid.crs,
         "dtype": array.dtype.name, "transform": grid.transform, "nodata": nodata, "tiled": True,
         "blockxsize": _TILE, "blockysize": _TILE, "compress": "deflate", "bigtiff": "IF_SAFER",
-        "predictor": 3 if array.dtype.kind == "f" else 2,
+        "predictor": 3 if array.dtype.kind == "f" else 2 if array.dtype.itemsize < 8 else 1,
     }  # fmt: skip
     # GDAL does not tell when the disk is full while it closes a file, so Python writes the bytes.
     with MemoryFile() as memory, whole_file(path) as part:

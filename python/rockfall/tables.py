@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Tables that people write: CSV with commas or semicolons, every line with its number."""
+"""Tables for people: CSV that they write, CSV that their spreadsheets open, columns of text."""
 
 from __future__ import annotations
 
 import csv
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from itertools import zip_longest
 from pathlib import Path
 
 from rockfall.errors import RockfallError
@@ -18,7 +19,7 @@ _DECIMAL = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eEdD][+-]?[0-9]+)?")
 
 
 def table_rows(path: str | Path) -> Iterator[tuple[int, list[str]]]:
-    """(line number, cells) of each line that is not blank."""
+    """(line number, cells) of each line that is not blank; commas or semicolons part the cells."""
     line = 1
     check_text_file(path)
     try:
@@ -53,3 +54,14 @@ def decimal(text: str) -> float:
 def plain_decimal(text: str) -> float:
     """The same, without the exponents that Fortran alone knows (1d3)."""
     return math.nan if "d" in text.lower() else decimal(text)
+
+
+def aligned(rows: Iterable[list[str]]) -> str:
+    """Columns as wide as their longest cell, the first to the left, the others to the right."""
+    rows = list(rows)
+    widths = [max(map(len, column)) for column in zip_longest(*rows, fillvalue="")]
+    lines = []
+    for first, *cells in rows:
+        padded = (f"{cell:>{wide}}" for cell, wide in zip(cells, widths[1:], strict=False))
+        lines.append("  ".join([f"{first:{widths[0]}}", *padded]).rstrip())
+    return "\n".join(lines)

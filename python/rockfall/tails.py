@@ -96,7 +96,7 @@ def return_levels(result: xr.Dataset, levels: Sequence[int] = LEVELS) -> pd.Data
     """One row for each line and quantity, in the units of the result: n, max and `level_N`, what
     one in N of the boulders that pass exceeds, with the limits of its 95 % interval; the GPD that
     it comes from (threshold, boulders above it, shape with its limits, scale, p of the fit, the end
-    of the tail and its upper limit); and what was refused, with the reason. NaN where refused.
+    of the tail and its upper limit); NaN where refused, for the reason in `refused`, else empty.
 
     Levels that at least 25 boulders exceed are quantiles of the sample.
     """
@@ -118,9 +118,9 @@ def return_levels(result: xr.Dataset, levels: Sequence[int] = LEVELS) -> pd.Data
 _FIT = ["threshold", "exceedances", *with_limits("shape"), "scale", "p_value", "end", "end_high"]
 
 
-def _row(values: np.ndarray, found: Tail) -> dict[str, float | str | None]:
+def _row(values: np.ndarray, found: Tail) -> dict[str, float | str]:
     """A row of `return_levels`."""
-    row: dict[str, float | str | None] = {"n": found.n}
+    row: dict[str, float | str] = {"n": found.n}
     row["max"] = values.max() if found.n else np.nan
     for N, level in found.levels.items():
         row |= zip(with_limits(f"level_{N}"), level, strict=False)
@@ -129,7 +129,8 @@ def _row(values: np.ndarray, found: Tail) -> dict[str, float | str | None]:
         row["shape_low"], row["shape_high"] = found.shape_limits
         row["end"], row["end_high"] = found.end
     alone = [f"1 in {N:,}: {level.refused}" for N, level in found.levels.items() if level.refused]
-    row["refused"] = found.refused or "; ".join(alone) or None
+    # a text in every row: what pandas makes of a missing one among texts depends on its version
+    row["refused"] = found.refused or "; ".join(alone)
     return row
 
 

@@ -57,7 +57,7 @@ def level_table(levels: pd.DataFrame) -> str:
         label = f"{row['line']}: {unit.name} [{unit.unit}]"
         over = f"{number(row['threshold'], unit)}\n({row['exceedances']:,.0f} above)"
         tail = (over, number(row["shape"])) if np.isfinite(row["shape"]) else ("–", "–")
-        refused = (row["refused"] or "").replace("; ", "\n")
+        refused = row["refused"].replace("; ", "\n")
         shown.append((label, number(row["max"], unit), *cells, *tail, refused))
     head = ["", "greatest seen", *(f"1 in {int(n[6:]):,} exceeds" for n in names)]
     about = "Return levels from a generalised Pareto tail, with 95 % intervals"
