@@ -23,7 +23,8 @@ program rockfall_batch
    use rockfall_paths, only: version
    use rockfall_case, only: case_t
    use rockfall_override, only: read_case_file, bare_case_text
-   use rockfall_filesystem, only: fail_beyond_size_limit, end_at_once
+   use rockfall_filesystem, only: fail_beyond_size_limit, open_closed_streams, end_at_once
+   use rockfall_threads, only: check_team
    use rockfall_console, only: arguments_t, read_arguments, value_of, read_shard, read_seconds, read_logical, &
                                stem, one_line, decimal
    use rockfall_textfile, only: integer_text
@@ -66,6 +67,7 @@ contains
       type(arguments_t) :: arguments
       type(error_t), allocatable :: error
 
+      call open_closed_streams()
       call fail_beyond_size_limit()
       call read_arguments("rockfall-batch", keys, arguments, error)
       half_written = .false.
@@ -75,7 +77,8 @@ contains
       else if (arguments%version) then
          write (output_unit, "(4a)") "rockfall-batch ", version, ", ", netcdf_word
       else if (.not. allocated(error)) then
-         call run(arguments, half_written, error)
+         call check_team(1, error)  ! before the stack is needed
+         if (.not. allocated(error)) call run(arguments, half_written, error)
       end if
       if (.not. allocated(error)) return
       code = error%code
@@ -112,6 +115,7 @@ contains
       call read_case_file(arguments%case, value_of(arguments, "boulders"), &
                           value_of(arguments, "seed"), value_of(arguments, "threads"), text, &
                           case, error)
+      if (.not. allocated(error)) call check_team(case%threads, error)
       if (.not. allocated(error)) call check_output(output, one_file, case, error)
       if (.not. allocated(error)) call check_checkpoint(folder, resume, error)
       if (.not. allocated(error)) call load(case, inputs, error)

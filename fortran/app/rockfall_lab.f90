@@ -9,9 +9,9 @@ program rockfall_lab
    use rockfall_textfile, only: read_text, integer_text, excerpt
    use rockfall_decimal, only: parse_integer, real_text, decimal_ok
    use rockfall_random, only: random_key
-   use rockfall_threads, only: team_size
+   use rockfall_threads, only: team_size, check_team, most_threads
    use rockfall_paths, only: version
-   use rockfall_filesystem, only: path_exists, is_folder, fail_beyond_size_limit
+   use rockfall_filesystem, only: path_exists, is_folder, fail_beyond_size_limit, open_closed_streams
    use rockfall_console, only: arguments_t, read_arguments, value_of, stem, one_line, decimal
    use rockfall_wholefile, only: whole_file_t, create_file, put, complete_file, discard_file
    use lab_packing, only: layer_t
@@ -23,7 +23,6 @@ program rockfall_lab
 
    character(len=*), parameter :: keys(*) = &
       [character(len=7) :: "output", "points", "impacts", "seed", "threads"]
-   integer, parameter :: most_threads = 1024
    integer(i8), parameter :: layers_at_once = 1024, shots_at_once = 32768  !! a bound to memory
    character(len=*), parameter :: first_columns = "ratio,point,impact"
    character(len=1), parameter :: line_end = achar(10)
@@ -50,6 +49,7 @@ contains
       type(arguments_t) :: arguments
       type(error_t), allocatable :: error
 
+      call open_closed_streams()
       call fail_beyond_size_limit()
       call read_arguments("rockfall-lab", keys, arguments, error)
       code = 0
@@ -58,7 +58,8 @@ contains
       else if (arguments%version) then
          write (output_unit, "(2a)") "rockfall-lab ", version
       else if (.not. allocated(error)) then
-         call run(arguments, error)
+         call check_team(1, error)  ! before the stack is needed
+         if (.not. allocated(error)) call run(arguments, error)
       end if
       if (.not. allocated(error)) return
       code = error%code
@@ -116,7 +117,9 @@ contains
       if (status /= decimal_ok .or. number < 0 .or. number > most_threads) then
          call fail(error, "threads = "//excerpt(text)//": must be 0 (all cores) to " &
                    //integer_text(most_threads))
+         return
       end if
+      call check_team(int(number), error)
       threads = team_size(int(max(0_i8, min(number, int(most_threads, i8)))))
    end subroutine read_threads
 

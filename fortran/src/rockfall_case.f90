@@ -11,6 +11,7 @@ module rockfall_case
    use rockfall_boulder, only: boulder_law_t, fixed_volume, normal_volume, uniform_volume, lognormal_volume, &
                                list_volume
    use rockfall_surface, only: method_a, method_b
+   use rockfall_threads, only: most_threads
    use rockfall_sobol, only: most_points
    implicit none
    private
@@ -18,7 +19,6 @@ module rockfall_case
 
    integer, parameter :: many = 100000       !! values of a list
    integer, parameter :: text_length = 4096  !! characters of a text
-   integer, parameter :: most_threads = 1024
    integer, parameter :: most_runs = 65536   !! draws of an ensemble
 
    !> A key of the case file.

@@ -15,7 +15,7 @@ module rockfall_f2py
    use rockfall_mapvalues, only: map_plan_t, plan_maps => map_plan, map_views, map_row, map_fewest
    use rockfall_bounds, only: check_map_tallies => check_tallies
    use rockfall_boulder, only: boulder_law_t
-   use rockfall_threads, only: team_size
+   use rockfall_threads, only: team_size, check_team, release_team
    use rockfall_ensemble, only: run_boulders, trace_boulder
    use rockfall_result, only: boulder_row, boulder_count_row, line_row, vertex_row
    use rockfall_variables, only: variable_text, boulder_fields, boulder_counts, line_fields, &
@@ -27,7 +27,7 @@ module rockfall_f2py
    implicit none
    private
    public :: run, survey, reach, block_of, map_plan, check_tallies, map_values, check_case, case_key, variable, read_sets, fields, &
-             histogram_bins, team, slope_threshold, steep_cells, area_ratios, release_ends, overstates
+             histogram_bins, team, team_fits, end_team, slope_threshold, steep_cells, area_ratios, release_ends, overstates
 
 contains
 
@@ -439,6 +439,22 @@ contains
 
       size = team_size(threads)
    end subroutine team
+
+   !> Whether the process has room for them: code 0, or one line that says what is wrong.
+   subroutine team_fits(threads, code, message)
+      integer(c_int), intent(in) :: threads
+      integer(c_int), intent(out) :: code
+      character(len=1024), intent(out) :: message
+      type(error_t), allocatable :: error
+
+      call check_team(threads, error)
+      call give_error(error, code, message)
+   end subroutine team_fits
+
+   !> Before a fork: a child has none of the threads that wait here, and would wait for them.
+   subroutine end_team()
+      call release_team()
+   end subroutine end_team
 
    !> Number and width of the bins of each histogram, in the order of rockfall_histogram.
    subroutine histogram_bins(bins, width)

@@ -6,7 +6,7 @@ module rockfall_filesystem
    implicit none
    private
    public :: make_folder, remove_folder, remove_file, rename_path, path_exists, is_folder, same_file, &
-             folder_of, name_of, temporary_name, fail_beyond_size_limit, end_at_once
+             folder_of, name_of, temporary_name, fail_beyond_size_limit, open_closed_streams, end_at_once
 
    interface
       integer(c_int) function c_mkdir(path, mode) bind(c, name="mkdir")
@@ -34,6 +34,15 @@ module rockfall_filesystem
       integer(c_int) function c_getpid() bind(c, name="getpid")
          import :: c_int
       end function c_getpid
+      integer(c_int) function c_open(path, access) bind(c, name="open")
+         import :: c_char, c_int
+         character(kind=c_char), intent(in) :: path(*)
+         integer(c_int), value :: access
+      end function c_open
+      integer(c_int) function c_close(file) bind(c, name="close")
+         import :: c_int
+         integer(c_int), value :: file
+      end function c_close
       subroutine c_exit(status) bind(c, name="_exit")
          import :: c_int
          integer(c_int), value :: status
@@ -57,6 +66,19 @@ contains
 
       before = c_signal(size_signal, ignore_signal)
    end subroutine fail_beyond_size_limit
+
+   !> Where a standard stream is closed (>&-), what is written there is lost, and does not go to a file that
+   !> is opened later under the same number.
+   subroutine open_closed_streams()
+      integer(c_int), parameter :: read_and_write = 2
+      integer(c_int) :: file
+
+      do
+         file = c_open("/dev/null"//c_null_char, read_and_write)
+         if (file < 0 .or. file > 2) exit
+      end do
+      if (file > 2) file = c_close(file)
+   end subroutine open_closed_streams
 
    !> End the process without the exit handlers of its libraries.
    subroutine end_at_once(code)

@@ -2,8 +2,8 @@
 !> A finished run as one CF netCDF file: variables, dimensions and attributes as Python writes them.
 module rockfall_ncresult
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
-   use netcdf, only: nf90_create, nf90_open, nf90_nowrite, nf90_close, nf90_def_dim, nf90_def_var, nf90_put_var, &
-                     nf90_put_att, nf90_inquire_attribute, nf90_enddef, nf90_set_fill, nf90_strerror, nf90_noerr, &
+   use netcdf, only: nf90_enomem, nf90_create, nf90_open, nf90_nowrite, nf90_close, nf90_def_dim, nf90_def_var, &
+                     nf90_put_var, nf90_put_att, nf90_inquire_attribute, nf90_enddef, nf90_set_fill, nf90_strerror, nf90_noerr, &
                      nf90_netcdf4, nf90_clobber, nf90_nofill, nf90_global, nf90_edimsize, &
                      nf90_byte, nf90_char, nf90_int, nf90_int64, nf90_float, nf90_double
    use rockfall_kinds, only: wp, sp, i4, i8
@@ -510,9 +510,13 @@ contains
       real(wp), allocatable :: rows(:, :)
       integer, allocatable :: counts(:, :)
       integer(i8) :: total(size(boulder_counts))
-      integer :: first, n, k
+      integer :: first, n, k, status
 
-      allocate (rows(block, size(boulder_fields)), counts(block, size(boulder_counts)))
+      allocate (rows(block, size(boulder_fields)), counts(block, size(boulder_counts)), stat=status)
+      if (status /= 0) then
+         call keep(file, nf90_enomem)
+         return
+      end if
       do first = 1, int(results%boulders), block
          n = int(min(int(block, i8), results%boulders - first + 1))
          do k = 1, n
@@ -542,9 +546,13 @@ contains
       type(inputs_t), intent(in) :: inputs
       type(results_t), intent(in) :: results
       real(wp), allocatable :: rows(:, :)
-      integer :: first, line, n, k, vertex
+      integer :: first, line, n, k, vertex, status
 
-      allocate (rows(block, size(line_fields)))
+      allocate (rows(block, size(line_fields)), stat=status)
+      if (status /= 0) then
+         call keep(file, nf90_enomem)
+         return
+      end if
       vertex = 1
       do line = 1, size(case%lines)
          call put_line_itself(file, names, case, line, vertex)

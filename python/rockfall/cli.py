@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import argparse
+import errno
 import io
 import math
 import os
@@ -31,10 +32,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run a command; returns the exit status. Whatever goes wrong is one line on stderr."""
     if not sys.warnoptions:
         warnings.simplefilter("ignore")  # of the packages below us, to their programmers
+    _open_closed_streams()
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="replace")  # a name may have letters that it cannot take
     try:
         arguments = _parser().parse_args(argv)
+        _check_names(arguments)
         status = arguments.command(arguments)
         sys.stdout.flush()
         return status
@@ -44,12 +47,16 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _say(str(error), error.code)
     except KeyboardInterrupt:
         return _say("interrupted; no file is half-written", INTERRUPTED)
+    except ImportError as error:
+        return _say(_NO_MEMORY, REFUSED) if "failed to map" in str(error) else _fault(error)
     except MemoryError:
-        return _say("not enough memory for this case; `rockfall check` says what it needs", REFUSED)
+        return _say(_NO_MEMORY, REFUSED)
     except BrokenPipeError:
         _close_stdout()  # who reads has seen enough
         return DONE
     except OSError as error:
+        if error.errno == errno.ENOMEM:
+            return _say(_NO_MEMORY, REFUSED)
         if error.filename is not None:
             return _fault(error)
         _close_stdout()  # takes no more
@@ -58,6 +65,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _fault(error)
 
 
+_NO_MEMORY = "not enough memory for this case; `rockfall check` says what it needs"
 _MERGE = "Join all parts of a run; the result is that of a run in one piece, bit for bit."
 
 
@@ -150,6 +158,18 @@ def _parser() -> argparse.ArgumentParser:
         one.add_argument("--observed", metavar="CSV", type=Path, nargs="+", help="drawn beside it")
     add_lab(commands)
     return parser
+
+
+def _check_names(arguments: argparse.Namespace) -> None:
+    """Refuse names that are not text in UTF-8: netCDF and case files can hold no others."""
+    encoding = sys.getfilesystemencoding()
+    if encoding != "utf-8":
+        raise RockfallError(f"file names are in {encoding} here: set LC_ALL=C.UTF-8")
+    values = vars(arguments).values()
+    names = [one for value in values for one in (value if isinstance(value, list) else [value])]
+    for name in (*(one for one in names if isinstance(one, Path)), Path.cwd()):
+        if os.fsencode(name).decode("utf-8", "replace") != str(name):
+            raise RockfallError(f"{name}: is not a name in UTF-8")
 
 
 def _check(arguments: argparse.Namespace) -> int:
@@ -457,6 +477,14 @@ def _fault(error: Exception) -> int:
         traceback.print_exc()
     about = f"internal error: {type(error).__name__}: {error}"
     return _say(f"{about} (please report; set ROCKFALL_TRACEBACK=1 for the trace)", FAULT)
+
+
+def _open_closed_streams() -> None:
+    """Where a standard stream is closed (>&-), what is written there is lost, and does not go to a
+    file that is opened later under the same number."""
+    for name, mode in ("stdin", "r"), ("stdout", "w"), ("stderr", "w"):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, mode, encoding="utf-8"))
 
 
 def _close_stdout() -> None:

@@ -14,7 +14,6 @@ import numpy as np
 from rockfall.case import case_of
 from rockfall.dataarrays import grid_of
 from rockfall.errors import RockfallError, need
-from rockfall.files import whole_file
 from rockfall.flights import ends
 from rockfall.observed import UNITS, Observed, read_observed
 from rockfall.outputs import COMPARISON, check_output
@@ -26,6 +25,7 @@ from rockfall.statistics import (
     sources,
     student,
 )
+from rockfall.tables import write_csv
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -102,8 +102,7 @@ def write_comparison(
 ) -> None:
     """Write `Comparison.table` as CSV, whole or not at all, and over none of the files to keep."""
     check_output(path, COMPARISON, keep)
-    with whole_file(path) as part:
-        comparison.table().to_csv(part, index=False)
+    write_csv(comparison.table(), path)
 
 
 def _errors(

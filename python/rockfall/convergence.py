@@ -21,6 +21,7 @@ from rockfall.scene import Scene, read_scene
 from rockfall.simulate import run_scene
 from rockfall.sources import refuse_by_area
 from rockfall.statistics import line_numbers, line_values, sources, with_limits
+from rockfall.tables import write_csv
 from rockfall.variants import larger_cells, other_digits
 
 if TYPE_CHECKING:
@@ -313,7 +314,7 @@ def write(found: Convergence, folder: str | Path, inputs: Iterable[str | Path] =
     check_writable(folder, inputs)
     with whole_folder(folder, inputs) as part:
         for name in ("study", "error", "cost", "numerical"):
-            getattr(found, name).to_csv(part / f"{name}.csv", index=False)
+            write_csv(getattr(found, name), part / f"{name}.csv")
         figure(found, [part / name for name in FILES if FILES[name] == FIGURE])
     return [folder / name for name in FILES]
 

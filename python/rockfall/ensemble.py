@@ -13,7 +13,6 @@ import numpy as np
 
 from rockfall.case import Case
 from rockfall.errors import RockfallError
-from rockfall.files import whole_file
 from rockfall.inputs import files_behind
 from rockfall.outputs import ENSEMBLE, ENSEMBLE_TABLE, check_output
 from rockfall.result import write_result
@@ -21,6 +20,7 @@ from rockfall.scene import Scene, read_scene
 from rockfall.simulate import run_scene
 from rockfall.sources import refuse_by_area
 from rockfall.statistics import Z, line_numbers, line_values
+from rockfall.tables import write_csv
 from rockfall.uncertain import Draw, Uncertain, drawn_scene
 from rockfall.variance import Shares, deviations, shares
 
@@ -294,8 +294,7 @@ def write_ensemble(found: xr.Dataset, path: Path) -> None:
     if path.suffix == ".nc":
         write_result(found, path, ENSEMBLE)
         return
-    with whole_file(path) as part:
-        ensemble_table(found).to_csv(part, index=False)
+    write_csv(ensemble_table(found), path)
 
 
 def check_place(path: Path, lines: int, inputs: Iterable[Path] = ()) -> None:

@@ -20,6 +20,6 @@ def need(what: str, extra: str, *packages: str) -> None:
     try:
         for package in packages:
             import_module(package)
-    except ImportError:
+    except ModuleNotFoundError:
         advice = f"the {extra} extra: pip install 'rockfall[{extra}]'"
         raise RockfallError(f"{what} {advice}") from None

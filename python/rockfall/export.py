@@ -23,6 +23,7 @@ from rockfall.outputs import SIGNATURE, whole_folder
 from rockfall.rasters import write_geotiff
 from rockfall.result import open_result
 from rockfall.soundness import check_dimensions
+from rockfall.tables import spreadsheet_text
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -180,7 +181,7 @@ def _write_table(path: Path, tables: Iterable[dict[str, xr.DataArray]]) -> Path:
         writer = csv.writer(file, lineterminator="\n")
         for k, columns in enumerate(tables):
             if k == 0:
-                writer.writerow(columns)
+                writer.writerow(map(spreadsheet_text, columns))
             writer.writerows(zip(*map(_texts, columns.values()), strict=True))
     return path
 
@@ -189,7 +190,8 @@ def _texts(column: xr.DataArray) -> list[str]:
     """Values in the fewest digits that give them back."""
     values, fill = _stored(_words(column))
     missing = np.isnan(values) if values.dtype.kind == "f" else values == fill
-    return np.where(missing, "", values.astype(str)).tolist()
+    texts = np.where(missing, "", values.astype(str)).tolist()
+    return texts if values.dtype.kind in "iufb" else [spreadsheet_text(text) for text in texts]
 
 
 def _layers(data: xr.Dataset) -> _Layers:

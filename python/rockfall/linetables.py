@@ -14,7 +14,7 @@ from rockfall.inputs import files_behind
 from rockfall.outputs import LEVEL_TABLE, LINE_TABLE, check_output, whole_folder
 from rockfall.result import read_result
 from rockfall.statistics import QUANTILES, line_statistics, quantile_name
-from rockfall.tables import aligned
+from rockfall.tables import aligned, write_csv
 from rockfall.tails import LEVELS, return_levels
 
 if TYPE_CHECKING:
@@ -52,8 +52,8 @@ def print_lines(path: str | Path, table: str | Path | None = None) -> None:
     statistics, levels = line_statistics(result), return_levels(result)
     if table:
         with whole_folder(table.parent, inputs) as part:
-            statistics.to_csv(part / table.name, index=False)
-            levels.to_csv(part / beside.name, index=False)
+            write_csv(statistics, part / table.name)
+            write_csv(levels, part / beside.name)
     print("\n".join(_text(statistics, levels, result.sizes["boulder"])))
     if table:
         print(table, beside, sep="\n")

@@ -15,7 +15,7 @@ from rockfall.memory import machine_memory
 from rockfall.reach import survey
 from rockfall.result import TALLIES
 from rockfall.scene import SIZE_TO_RADIUS, Scene
-from rockfall.simulate import Tally, fields, run_chunks, start
+from rockfall.simulate import Tally, check_team, fields, run_chunks, start
 from rockfall.sources import threshold
 from rockfall.zones import read_zone_table
 
@@ -44,6 +44,7 @@ class Pilot:
 def preview(scene: Scene) -> str:
     """A page about a scene. Some of its boulders are followed, for the time; nothing is kept."""
     case = scene.case
+    check_team(case.case["threads"])
     pilot = _pilot(scene)
     rows = [
         ("terrain", _terrain(scene)),

@@ -193,9 +193,10 @@ def raster_files(path: str | Path) -> set[str]:
         while waiting:
             found.add(file := waiting.pop())
             try:
-                with rasterio.open(_gdal_name(file)) as source:
-                    waiting |= set(source.files) - found  # a tile has files beside it, too
-            except (RockfallError, rasterio.errors.RasterioError):
+                with ExitStack() as stack:
+                    files = _opened(file, stack).source.files  # a tile has files beside it, too
+                    waiting |= set(filter(os.path.exists, files)) - found
+            except (RockfallError, rasterio.errors.RasterioError, OSError, RuntimeError):
                 pass
     return found
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -26,6 +27,9 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from rockfall.checkpoint import Checkpoint
+
+# A child of a fork would wait for ever for the threads that a run leaves waiting in its parent.
+os.register_at_fork(before=_core.end_team)
 
 CHUNK_SECONDS = 0.25  # between calls of the kernel: progress, Ctrl-C
 FIRST_CHUNK = 64  # boulders
@@ -181,12 +185,16 @@ def run_scene(
     its rasters before the result is made, to save memory. Without `maps`, a part has its tallies
     alone.
     """
+    import netCDF4  # noqa: F401  what makes the result, before the run: there may be no memory for it
+    import xarray  # noqa: F401
+
     from rockfall.progress import progress_bar
     from rockfall.result import make_result
 
     threads = scene.case.case["threads"] if threads is None else threads
     if not 0 <= threads <= MOST_THREADS:
         raise RockfallError(f"threads = {threads}: must be 0 (all cores) to {MOST_THREADS}")
+    check_team(threads)
     with interrupts() as interrupted:  # no chunk is lost half-way
         tally = start(scene, threads, shard)
         if checkpoint:
@@ -213,6 +221,13 @@ def run_scene(
     if interrupted():
         raise Interrupted(result)
     return result
+
+
+def check_team(threads: int) -> None:
+    """Refuse as many threads where the process has no room for them."""
+    code, message = _core.team_fits(threads)
+    if code:
+        raise RockfallError(message.decode().strip(), code)
 
 
 def shard_range(scene: Scene, shard: tuple[int, int]) -> range:

@@ -9,17 +9,24 @@ import re
 from collections.abc import Iterable, Iterator
 from itertools import zip_longest
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rockfall.errors import RockfallError
-from rockfall.files import check_text_file
+from rockfall.files import check_text_file, whole_file
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 MOST_COLUMNS = 1000  # as in rockfall_csv.f90
 # What rockfall_decimal.f90 takes for a number, and no more (Python would read 1_000 too).
+# Texts that a spreadsheet would run as formulas, or that would be taken for such texts made safe.
+_FORMULA = re.compile(r"'*[=+\-@\t\r]")
 _DECIMAL = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eEdD][+-]?[0-9]+)?")
 
 
 def table_rows(path: str | Path) -> Iterator[tuple[int, list[str]]]:
-    """(line number, cells) of each line that is not blank; commas or semicolons part the cells."""
+    """(line number, cells) of each line that is not blank; commas or semicolons part the cells.
+    Those that `spreadsheet_text` made safe are as they were."""
     line = 1
     check_text_file(path)
     try:
@@ -31,7 +38,7 @@ def table_rows(path: str | Path) -> Iterator[tuple[int, list[str]]]:
             for row in reader:
                 if len(row) > MOST_COLUMNS:
                     raise RockfallError(f"{path}: line {line}: more than {MOST_COLUMNS} columns")
-                cells = [cell.strip() for cell in row]
+                cells = [_as_it_was(cell.strip()) for cell in row]
                 if any(cells):
                     yield line, cells
                 line = reader.line_num + 1
@@ -54,6 +61,28 @@ def decimal(text: str) -> float:
 def plain_decimal(text: str) -> float:
     """The same, without the exponents that Fortran alone knows (1d3)."""
     return math.nan if "d" in text.lower() else decimal(text)
+
+
+def write_csv(table: pd.DataFrame, path: str | Path) -> None:
+    """Write a table without its index, whole or not at all; its texts are safe in a spreadsheet."""
+
+    def safe(value: object) -> object:
+        return spreadsheet_text(value) if isinstance(value, str) else value
+
+    table = table.rename(columns=safe)
+    texts = {name: one.map(safe) for name, one in table.items() if one.dtype.kind == "O"}
+    with whole_file(path) as part, open(part, "w", encoding="utf-8", newline="") as file:
+        table.assign(**texts).to_csv(file, index=False)
+
+
+def spreadsheet_text(text: str) -> str:
+    """A text, with an apostrophe before one that a spreadsheet would run as a formula. No number
+    may come here: -1.5 is one."""
+    return f"'{text}" if _FORMULA.match(text) else text
+
+
+def _as_it_was(cell: str) -> str:
+    return cell[1:] if cell.startswith("'") and _FORMULA.match(cell) else cell
 
 
 def aligned(rows: Iterable[list[str]]) -> str:

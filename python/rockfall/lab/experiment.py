@@ -17,7 +17,7 @@ from rockfall.files import whole_file
 from rockfall.interrupts import interrupts
 from rockfall.lab.case import LabCase, lab_case_of, names
 from rockfall.progress import progress_bar
-from rockfall.simulate import MOST_THREADS
+from rockfall.simulate import MOST_THREADS, check_team
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -260,6 +260,7 @@ def _version() -> str:
 def _checked(threads: int) -> int:
     if not 0 <= threads <= MOST_THREADS:
         raise RockfallError(f"threads = {threads}: must be 0 (all cores) to {MOST_THREADS}")
+    check_team(threads)
     return threads
 
 

@@ -1,0 +1,145 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What surrounds a run: streams, names, locale, threads, stacks, memory, forks. What does not do is
+one line before anything flies."""
+
+import os
+import re
+import subprocess
+import sys
+
+import pytest
+
+import rockfall
+from rockfall import cli
+from test_batch import find_program
+
+ASCII = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+MANY = "OMP_NUM_THREADS = 100000: must be at most 1024"
+STACK = "a thread has a stack of [0-9]+ kB: must be at least 500 kB (ulimit -s, OMP_STACKSIZE)"
+MEMORY = "threads = 1000: their stacks of 81[0-9]{2} kB do not fit into the memory (ulimit -v); "
+MEMORY += "fewer do, or a smaller OMP_STACKSIZE"
+
+
+@pytest.fixture
+def programs(few_boulders, tmp_path, monkeypatch):
+    """The command line of each program, for a case that it can run, in the current folder."""
+    monkeypatch.chdir(tmp_path)
+    rockfall.cli.main(["prepare", "case.nml", "ready"])
+    return {
+        "rockfall": [sys.executable, "-m", "rockfall.cli", "run", "case.nml", "-o", "out.nc"],
+        "rockfall-batch": [find_program(), "ready/case.nml", "output=out"],
+    }
+
+
+def ran(command, prefix="", env=None, **options):
+    """A command under a shell that first does what `prefix` says."""
+    line = ["sh", "-c", f'{prefix} exec "$@"', "sh", *command]
+    env = {**os.environ, **(env or {})}
+    return subprocess.run(line, capture_output=True, timeout=120, env=env, **options)
+
+
+@pytest.mark.parametrize("program", ["rockfall", "rockfall-batch"])
+@pytest.mark.parametrize(
+    ("prefix", "env", "message"),
+    [
+        ("", {"OMP_NUM_THREADS": "100000"}, MANY),
+        ("ulimit -s 128;", {}, STACK),
+        ("", {"OMP_STACKSIZE": "64k", "OMP_NUM_THREADS": "2"}, STACK),
+        ("ulimit -v 4000000;", {"OMP_STACKSIZE": "8M", "OMP_NUM_THREADS": "1000"}, MEMORY),
+    ],
+)
+def test_no_room_for_threads_is_one_line_and_nothing_is_written(
+    programs, program, prefix, env, message
+):
+    before = sorted(os.listdir())
+    done = ran(programs[program], prefix, env)
+    said = done.stderr.decode()
+    message = message.replace("(", r"\(").replace(")", r"\)")
+    assert done.returncode == 2 and done.stdout == b""
+    assert re.fullmatch(f"{program}: {message}\n", said), said
+    assert sorted(os.listdir()) == before
+
+
+@pytest.mark.parametrize("program", ["rockfall", "rockfall-batch"])
+@pytest.mark.parametrize("closed", [">&-", "2>&-", "<&- >&- 2>&-"])
+def test_a_run_without_streams_is_a_run(programs, program, closed):
+    done = ran(programs[program], f"exec {closed};")
+    assert done.returncode == 0 and done.stderr == b""
+    if program == "rockfall":
+        assert rockfall.read_result("out.nc").equals(rockfall.run(rockfall.read_case("case.nml")))
+    else:
+        assert os.path.getsize("out/boulders.csv") > 1000
+    if closed == "2>&-":
+        assert b"50 boulders" in done.stdout
+        assert ran([programs[program][0], "no.nml"], "exec 2>&-;").returncode != 0
+
+
+def test_names_that_are_no_text_are_one_line(programs):
+    bad = os.fsdecode(b"d\xff")
+    os.rename("ready", bad)
+    for command in (
+        ["check", f"{bad}/case.nml"],
+        ["run", "case.nml", "-o", f"{bad}.nc"],
+        ["report", f"{bad}.nc"],
+        ["compare", "out.nc", "seen.csv", f"{bad}.csv"],
+    ):
+        done = ran([sys.executable, "-m", "rockfall.cli", *command])
+        name = next(word for word in command if bad in word).encode(errors="backslashreplace")
+        assert (done.returncode, done.stdout) == (2, b"")
+        assert done.stderr == b"rockfall: " + name + b": is not a name in UTF-8\n"
+    done = ran([sys.executable, "-m", "rockfall.cli", "run", "case.nml"], cwd=bad)
+    assert done.returncode == 2 and done.stderr.endswith(b"d\\udcff: is not a name in UTF-8\n")
+    done = ran([find_program(), f"{bad}/case.nml", "output=out"])  # to which a name is bytes
+    assert (done.returncode, done.stderr) == (0, b"")
+
+
+def test_a_locale_without_names_in_utf_8_is_one_line(programs):
+    done = ran(programs["rockfall"], env=ASCII)
+    told = b"rockfall: file names are in ascii here: set LC_ALL=C.UTF-8\n"
+    assert (done.returncode, done.stdout, done.stderr) == (2, b"", told)
+    assert not os.path.exists("out.nc")
+    assert ran([sys.executable, "-m", "rockfall.cli", "--version"], env=ASCII).returncode == 0
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        MemoryError(),
+        OSError(12, "Cannot allocate memory", "/lib/xarray"),
+        ImportError("libcrypto.so.3: failed to map segment from shared object"),
+    ],
+)
+def test_memory_that_ends_anywhere_is_one_line(error, monkeypatch, capsys, few_boulders):
+    def fail(arguments):
+        raise error
+
+    monkeypatch.setattr(cli, "_check", fail)
+    assert cli.main(["check", str(few_boulders)]) == 2
+    assert capsys.readouterr().err.startswith("rockfall: not enough memory for this case; ")
+
+
+FORK = """
+import multiprocessing, sys, rockfall
+case = rockfall.read_case(sys.argv[1])
+
+def fly(queue=None):
+    return queue.put(rockfall.run(case, threads=2)) if queue else rockfall.run(case, threads=2)
+
+before = fly()
+context = multiprocessing.get_context("fork")
+queue = context.Queue()
+child = context.Process(target=fly, args=(queue,))
+child.start()
+try:
+    assert queue.get(timeout=60).equals(before)
+finally:
+    child.kill()
+assert fly().equals(before)
+print("the same")
+"""
+
+
+def test_a_child_of_a_fork_runs_as_its_parent(few_boulders):
+    """libgomp's threads wait for the next run, and a child has none of them."""
+    done = ran([sys.executable, "-c", FORK, few_boulders])
+    assert (done.returncode, done.stdout) == (0, b"the same\n"), done.stderr.decode()
