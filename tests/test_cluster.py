@@ -89,3 +89,18 @@ def test_where_nobody_answers(few_boulders, tmp_path, monkeypatch, capsys):
     assert main(["run", "case.nml", "--dask", "local:2", "--resume"]) == 2
     assert main(["run", "case.nml", "--dask", "local:2", "--until", "share@EL1<5%"]) == 2
     assert not list(tmp_path.glob("*.nc"))
+
+
+def test_processes_of_this_machine_take_nothing_from_strangers(few_boulders):
+    """Others on the machine see the port, and have no credentials."""
+    pytest.importorskip("cryptography")
+    with cluster._client("local:1") as client:
+        address = client.scheduler.address
+        assert address.startswith("tls://127.0.0.1:")
+        assert client.submit(sum, (1, 2)).result(timeout=60) == 3
+        (worker,) = client.scheduler_info()["workers"]
+        strange = distributed.Security.temporary()
+        for place in (address, worker):
+            for way, key in ((place, strange), (place.replace("tls:", "tcp:"), None)):
+                with pytest.raises(OSError):
+                    distributed.Client(way, timeout=2, security=key, set_as_default=False)

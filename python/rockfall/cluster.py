@@ -66,6 +66,7 @@ def run_on_cluster(
 def _client(where: str) -> Iterator[Any]:
     """A client of the cluster at an address, or of one that lives as long as the block."""
     from distributed import Client, LocalCluster
+    from distributed.security import Security
 
     if not where.startswith("local:"):
         try:
@@ -78,9 +79,11 @@ def _client(where: str) -> Iterator[Any]:
     number = where.removeprefix("local:")
     if not number.isdecimal() or int(number) < 1:
         raise RockfallError(f"--dask {where}: must be local:N with N >= 1, or an address")
+    need("local processes of Dask need", "cluster", "cryptography")
     about = {"n_workers": int(number), "threads_per_worker": 1, "dashboard_address": None}
+    # without credentials whoever else is on this machine may send code to the workers
     with (
-        LocalCluster(**about, processes=True) as cluster,
+        LocalCluster(**about, processes=True, security=Security.temporary()) as cluster,
         Client(cluster, **_straight(cluster.scheduler_address)) as client,
     ):
         yield client
