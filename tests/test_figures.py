@@ -2,6 +2,7 @@
 """Figures of any result: which there are, that they show its numbers, and what is refused."""
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -380,6 +381,23 @@ def test_terrain_is_found_by_the_case_or_given(place):
     assert found.west < stops.min() and stops.max() < found.east
 
 
+def test_terrain_is_found_where_maps_are_smaller(place, capsys):
+    """Maps cover what boulders can reach, unless they are to cover the terrain."""
+    case = rockfall.read_case("case.nml")
+    low = case.replace(release={"x": [150.0], "y": [150.0]})
+    Path("low.nml").write_text(low.text())
+    assert main(["run", "low.nml", "-o", "low.nc", "--quiet"]) == 0
+    result = rockfall.read_result("low.nc")
+    corner = float(result["crs"].attrs["GeoTransform"].split()[3])
+    assert result.sizes["y"] < Z.shape[0] and corner < TERRAIN[1].north
+    z, found = terrain_of(result)
+    rows = np.searchsorted(-TERRAIN[1].y, -found.y)
+    columns = np.searchsorted(TERRAIN[1].x, found.x)
+    assert z == pytest.approx(Z[np.ix_(rows, columns)].astype("f4"))
+    assert main(["report", "low.nc"]) == 0 and 'id="relief"' in Path("low.html").read_text()
+    assert capsys.readouterr().err == ""
+
+
 def test_a_big_terrain_is_thinned_with_its_cells_where_they_are(place, monkeypatch):
     monkeypatch.setattr(terrain, "MOST_CELLS", 400)
     z, found = terrain_of(rockfall.read_result("out.nc"))
@@ -406,11 +424,11 @@ def test_the_dem_of_a_run_from_an_array_must_lie_where_it_lay(full, tmp_path):
         assert terrain_of(full) is None
     same = make_raster(tmp_path / "same.tif", Z, TERRAIN[1].transform, crs=None)
     assert terrain_of(full, same) is not None
-    apart = make_raster(tmp_path / "apart.tif", Z, crs=None)
-    with pytest.raises(
-        RockfallError, match="apart.tif: corner 600000, 5000000, cells of 5 m: must"
-    ):
-        terrain_of(full, apart)
+    for moved in (2.5, 0.0), (0.0, -2.5), (1e6, 0.0), (0.0, -1e6):  # half a cell, and far away
+        there = replace(TERRAIN[1], west=moved[0], north=TERRAIN[1].north + moved[1])
+        apart = make_raster(tmp_path / "apart.tif", Z, there.transform, crs=None)
+        with pytest.raises(RockfallError, match=r"apart.tif: corner .*, cells of 5 m: must have"):
+            terrain_of(full, apart)
 
 
 def test_the_impact_set_is_drawn_where_it_is_still_the_same(place):

@@ -12,7 +12,7 @@ import numpy as np
 
 from rockfall.case import FROM_ARRAY, case_of
 from rockfall.errors import RockfallError
-from rockfall.grid import Grid
+from rockfall.grid import Box, Grid
 from rockfall.mapfigures import reached
 from rockfall.scene import _checksum
 
@@ -87,10 +87,14 @@ def _inside(centres: np.ndarray, low: float, high: float) -> np.ndarray:
 
 
 def _check_place(result: xr.Dataset, path: Path, grid: Grid) -> None:
-    """The cells of the DEM are those of the result's grid mapping."""
+    """The cells of the result's grid mapping, which begins where maps do, are among those of the
+    DEM."""
     west, cell, _, north, _, _ = map(float, result["crs"].attrs["GeoTransform"].split())
-    if not Grid(west, north, cell, grid.nx, grid.ny).matches(grid):
+    column, row = round((west - grid.west) / grid.cell), round((grid.north - north) / grid.cell)
+    part = grid.part(Box(row, column, grid.ny, grid.nx))
+    among = 0 <= column < grid.nx and 0 <= row < grid.ny
+    if not (among and Grid(west, north, cell, part.nx, part.ny).matches(part)):
         raise RockfallError(
             f"{path}: corner {grid.west:.12g}, {grid.north:.12g}, cells of {grid.cell:.10g} m: "
-            f"must be those of the run, {west:.12g}, {north:.12g}, {cell:.10g} m"
+            f"must have those of the run, from {west:.12g}, {north:.12g} on, of {cell:.10g} m"
         )
