@@ -393,7 +393,7 @@ def test_what_cannot_be_done_is_refused_in_one_line(stored, capsys, arguments, m
 def test_a_result_is_not_overwritten_by_its_page(stored, capsys):
     Path("out.nc").rename("out.html")
     content = Path("out.html").read_bytes()
-    assert main(["report", "out.html"]) == 2
+    assert main(["report", "out.html", "-o", "out.html"]) == 2
     assert capsys.readouterr().err == "rockfall: out.html: is an input; it is not overwritten\n"
     assert Path("out.html").read_bytes() == content
 
