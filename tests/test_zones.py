@@ -332,6 +332,15 @@ def test_geojson_says_only_where_polygons_lie(old, new, said):
         burn_polygons(path, utm_grid(), "zone")
 
 
+def test_a_logical_value_among_numbers_is_no_zone():
+    path = Path(plain_geojson())
+    data = json.loads(path.read_text())
+    data["features"] += [data["features"][0] | {"properties": {"zone": True}}]
+    path.write_text(json.dumps(data))
+    with refused("a.geojson: attribute zone is not a number, zone ids are integers"):
+        burn_polygons(path, utm_grid(), "zone")
+
+
 def test_geojson_of_one_feature_or_shape():
     path = Path(plain_geojson())
     feature = json.loads(path.read_text())["features"][0]

@@ -123,12 +123,14 @@ def _feature(feature: Any) -> dict[str, Any]:
     geometry = feature.get("geometry")
     if not isinstance(properties, dict) or not isinstance(geometry, dict | None):
         raise ValueError("properties and geometry of a Feature: must be objects")
-    return {
-        "type": "Feature",
-        "properties": {key: value for key, value in properties.items()
-                       if not isinstance(value, dict | list)},
-        "geometry": geometry and {key: geometry.get(key) for key in ("type", "coordinates")},
-    }  # fmt: skip
+    plain = {
+        key: str(value) if isinstance(value, bool) else value  # GDAL would make numbers of them
+        for key, value in properties.items()
+        if not isinstance(value, dict | list)
+    }
+    if geometry:
+        geometry = {key: geometry.get(key) for key in ("type", "coordinates")}
+    return {"type": "Feature", "properties": plain, "geometry": geometry}
 
 
 def _crs(crs: Any) -> Any:
