@@ -161,7 +161,8 @@ MISTAKES = {
     "32767": (undeclared(32767), "elevation 32767 m in 42 cells, .* above all others: is it a nod"),
     "0": (undeclared(0), "elevation 0 m in 42 cells, 9.. m below all others: is it a nodata value"),
     "above Everest": (
-        lambda site: site.dem(site.z + 8500), "elevation 98.* m in 1 cells, 0 m above all others"
+        lambda site: site.dem(site.z + 8500),
+        "elevation 98.* m in 1 cells, 0 m above all others",
     ),
     "degrees": (in_degrees, "cells of 6e-05 between x 7.1 and 7.1036, .* look like degrees"),
     "3857": (web_mercator, r"EPSG:3857 draws lengths 2\.00 times as long as they are here"),
@@ -326,6 +327,12 @@ def elevations(name):
 def test_unusual_terrain(site, name):
     site.dem(elevations(name))
     assert lines(site) == []
+
+
+def test_a_saddle_of_integers_has_no_steps(site):
+    y, x = np.mgrid[0:NY, 0:NX]
+    site.dem(900 - (x - 30.0) ** 2 + (y - 40.0) ** 2)
+    assert not any("steps" in line for line in lines(site))  # steep it is
 
 
 def test_coarse_integers(site):

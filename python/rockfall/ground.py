@@ -51,8 +51,8 @@ class Ground:
     high: Lowest = field(default_factory=Lowest)  # and their negatives [m]
     known: int = 0  # cells with an elevation
     whole: bool = True  # all elevations are whole numbers
-    bends: int = 0  # if so: cells in which the terrain bends along a row or a column
-    triples: int = 0  # and cells that have both neighbours there
+    steps: int = 0  # if so: along rows and columns, bends one way and back in the next cell
+    spans: int = 0  # of so many places
     slopes: list[np.ndarray] = field(default_factory=list)  # tangents, of SAMPLES cells
     source_z: list[np.ndarray] = field(default_factory=list)  # of the sources: elevations [m]
     source_slopes: list[np.ndarray] = field(default_factory=list)  # and tangents
@@ -87,8 +87,9 @@ class Ground:
             return
         for along in z, z.T:
             bend = along[:, 2:] - 2 * along[:, 1:-1] + along[:, :-2]
-            self.bends += np.count_nonzero(np.abs(bend) > 0)
-            self.triples += np.count_nonzero(~np.isnan(bend))
+            back = bend[:, 1:] * bend[:, :-1]
+            self.steps += np.count_nonzero(back < 0)
+            self.spans += np.count_nonzero(~np.isnan(back))
 
     def _take_sizes(self, band: Scene, rows: slice) -> None:
         self.sizes = band.sizes

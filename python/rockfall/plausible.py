@@ -24,7 +24,7 @@ SMALL_CELL = 0.1  # of degrees: 11 km
 WALL = 50.0  # tangent of a slope (89 degrees) that terrain in degrees has, and no other on average
 STEEP = 60.0  # [degree] half of no terrain is steeper; elevations in feet turn 28 degrees into it
 SCALE = 0.03  # by which lengths of a projection may be off: within its own country none is
-STEPS = 0.1  # of cells in which terrain of whole metres bends: planes do not, rounded slopes do
+STEPS = 0.05  # of places where whole metres bend to and fro: rounded slopes, not round numbers
 STEP_SLOPE = 2.0  # [degree] that a step of 1 m may turn a cell by: more than slopes are known to
 NO_DATA = (127, 255, 32767, 65535, 2147483647)  # the largest integers that rasters hold
 DENSITY = (1000.0, 4000.0)  # [kg/m3] tuff with pores, ores
@@ -99,7 +99,7 @@ def _projection(scene: Scene) -> Iterator[str]:
 
 def _steps(scene: Scene) -> Iterator[str]:
     ground, slope = scene.ground, _degrees(1 / scene.grid.cell)
-    if ground.whole and slope > STEP_SLOPE and ground.bends > STEPS * ground.triples:
+    if ground.whole and slope > STEP_SLOPE and ground.steps > STEPS * ground.spans:
         yield (
             f"{_dem(scene)}: elevations are whole metres: the ground is made of steps, which "
             f"turn slopes by up to {slope:.0f} degrees"
