@@ -8,7 +8,7 @@ program parts
    use rockfall_terrain, only: terrain_t, terrain, patch_t, locate, cell_descent, gradient
    use rockfall_flight, only: flight_t, landing_t, span_t, fly, launch_rate, arc_length
    use rockfall_impact, only: impact_set_t, impact_set, rebound_t, rebound
-   use rockfall_direction, only: new_heading
+   use rockfall_direction, only: turning_t, past_aspect, new_heading
    use rockfall_map, only: visits_t, start_visits, visit_spans
    implicit none
    integer, parameter :: times = 1000000, nx = 400
@@ -118,7 +118,7 @@ contains
       call cpu_time(start)
       do k = 1, times
          call cell_descent(dem, [2 + mod(k*7, nx - 3), 2 + mod(k*13, nx - 3)], [0.0_wp, -0.78_wp], descent, pit)
-         heading = new_heading(heading, descent, pit, .false., mod(k*0.37_wp, 1.0_wp), 0.4_wp)
+         heading = new_heading(turning_t(past_aspect, mod(k*0.37_wp, 1.0_wp), 0.4_wp), heading, [0.0_wp, 0.0_wp], descent, pit)
          total = total + heading(1)
       end do
       call tell("aspect of the cell, new heading")

@@ -29,6 +29,8 @@ INERTIA = Decimal("0.4")  # of a sphere, over m R**2
 PI = Decimal("3.14159265358979323846264338327950288419716939937510582097494")
 LOW = 2**32 - 1
 DRAWS = 32  # of A, before one is forced
+ALONG = Decimal("1e-9")  # a heading this near to the aspect lies along it
+PERCENT = (0, 10, 20, 30, 40, 50, 60, 70, 80, 90, 95, 99, 100)  # of the quantiles of `lateral`
 ZERO, ONE, HALF = Decimal(0), Decimal(1), Decimal("0.5")
 Pair = tuple[Decimal, Decimal]
 Triple = tuple[Decimal, Decimal, Decimal]
@@ -44,6 +46,9 @@ class World:
     covariance: np.ndarray  # (5, 9, 9), positive definite or zero
     sizes: np.ndarray  # (1, ny, nx) R_m, or (3, ny, nx) Rg70, Rg20, Rg10; Inf absorbs
     sources: list[tuple[float, float]]
+    turning: str = "past_aspect"  # or to_aspect, or lab, which needs
+    incidence: np.ndarray | None = None  # (5, 8): between the classes of `lateral` [degree]
+    lateral: np.ndarray | None = None  # (5, 9, 13): quantiles of the lateral deviation [degree]
     boulders: int = 1  # from each source; by area from each flat one
     by_area: bool = False
     reading: float = 0.5  # method A: R_m over Rg
@@ -565,12 +570,16 @@ def matrix(world: World, k: int, number: int, hit: int, draw: int) -> tuple[list
     return [sum(row) for row in terms], max(sum(weights[i : i + 3]) for i in (0, 3, 6))
 
 
-def impact(
-    world: World, number: int, hit: int, ratio: Decimal, v_in: Triple, doubt: Doubt
-) -> tuple[Triple, float]:
-    """(V_t, V_n, W) after the stochastic impact, and the weight of its matrix."""
+def set_of(ratio: Decimal, doubt: Doubt) -> int:
+    """The set that serves a ratio R_b/R_m, from 0."""
     doubt.above(ratio % 1 - HALF, ONE)
-    k = min(5, max(1, math.floor(ratio + HALF))) - 1
+    return min(5, max(1, math.floor(ratio + HALF))) - 1
+
+
+def impact(
+    world: World, number: int, hit: int, k: int, v_in: Triple, doubt: Doubt
+) -> tuple[Triple, float]:
+    """(V_t, V_n, W) after the stochastic impact by set k, and the weight of its matrix."""
     before = energy(v_in)
     for draw in range(DRAWS):
         a, weight = matrix(world, k, number, hit, draw)
@@ -586,27 +595,75 @@ def impact(
     return v, weight
 
 
-def turned(heading: Pair, downhill: Pair, pit: bool, rising: bool, class_, within, doubt) -> Pair:
-    """The heading after a rebound; angles count towards the descent."""
-    if pit or not (rising or any(downhill)):
-        return heading
-    aspect = tuple(d / length(downhill) for d in downhill) if any(downhill) else (ZERO, ZERO)
-    if rising:
-        degrees = Decimal("22.5") * (2 * within - 1)
-    else:
-        low, high = Decimal(0), Decimal("22.5")
-        if class_ >= Decimal("0.96"):
-            low, high = Decimal(45), Decimal(50)
-        elif class_ >= Decimal("0.72"):
-            low, high = Decimal("22.5"), Decimal(45)
-        degrees = low + (high - low) * within
-    cosine, sine = cosine_sine(degrees * PI / 180)
-    if not rising and not doubt.above(cosine - dot(heading, aspect), ONE):
-        return aspect
-    across = heading[0] * aspect[1] - heading[1] * aspect[0]
-    if not doubt.above(across, ONE) and across < 0:
-        sine = -sine
-    return cosine * heading[0] - sine * heading[1], sine * heading[0] + cosine * heading[1]
+def turn(class_: Decimal, within: Decimal) -> Decimal:
+    """By how many degrees a boulder turns: the printed classes."""
+    low, high = Decimal(0), Decimal("22.5")
+    if class_ >= Decimal("0.96"):
+        low, high = Decimal(45), Decimal(50)
+    elif class_ >= Decimal("0.72"):
+        low, high = Decimal("22.5"), Decimal(45)
+    return low + (high - low) * within
+
+
+def lateral_deviation(world: World, k: int, v_in: Triple, u: Decimal, doubt: Doubt) -> Decimal:
+    """By how many degrees it turns in the laboratory, for its incidence angle."""
+    class_ = 0
+    for degrees in world.incidence[k]:
+        c, s = cosine_sine(exact(degrees) * PI / 180)
+        steeper = -v_in[1] * c - v_in[0] * s
+        class_ += doubt.above(steeper, length(v_in[:2])) or steeper == 0
+    quantiles = [exact(degrees) for degrees in world.lateral[k, class_]]
+    i = max(j for j, percent in enumerate(PERCENT[:-1]) if 100 * u >= percent)
+    share = (100 * u - PERCENT[i]) / (PERCENT[i + 1] - PERCENT[i])
+    return (1 - share) * quantiles[i] + share * quantiles[i + 1]
+
+
+def left_of(heading: Pair, downhill: Pair, doubt: Doubt) -> int:
+    """Whether the aspect lies to the left (1) or right (-1) of the heading, or along it (0)."""
+    across = heading[0] * downhill[1] - heading[1] * downhill[0]
+    sine = across / length(downhill) if any(downhill) else ZERO
+    if not doubt.above(abs(sine) - ALONG, ONE):
+        return 0
+    return 1 if sine > 0 else -1
+
+
+def rotated(heading: Pair, degrees: Decimal) -> Pair:
+    """Anticlockwise."""
+    c, s = cosine_sine(degrees * PI / 180)
+    return c * heading[0] - s * heading[1], s * heading[0] + c * heading[1]
+
+
+def wandered(heading: Pair, downhill: Pair, within: Decimal, doubt: Doubt) -> Pair:
+    """Upslope: within 22.5 degrees of the heading before; angles count towards the descent."""
+    across = heading[0] * downhill[1] - heading[1] * downhill[0]
+    right = not doubt.above(across, length(downhill)) and across < 0
+    degrees = Decimal("22.5") * (2 * within - 1)
+    return rotated(heading, -degrees if right else degrees)
+
+
+def turned(
+    heading: Pair, downhill: Pair, degrees: Decimal, past: bool, odd: int, doubt: Doubt
+) -> Pair:
+    """Towards the aspect, past it or at most to it; where it lies along it, to either side."""
+    if not past:
+        aspect = tuple(d / length(downhill) for d in downhill)
+        cosine = cosine_sine(degrees * PI / 180)[0]
+        if not doubt.above(cosine - dot(heading, aspect), ONE):
+            return aspect
+    side = left_of(heading, downhill, doubt) or (1 if odd else -1)
+    return rotated(heading, side * degrees)
+
+
+def deviated(
+    heading: Pair, downhill: Pair, up: Triple, degrees: Decimal, odd: int, doubt: Doubt
+) -> Pair:
+    """To either side, about the normal of the patch: by the formula of Rodrigues."""
+    side = (1 if odd else -1) * (left_of(heading, downhill, doubt) or 1)
+    c, s = cosine_sine(side * degrees * PI / 180)
+    ahead = (*heading, -(up[0] * heading[0] + up[1] * heading[1]) / up[2])
+    left = (up[1] * ahead[2] - up[2] * ahead[1], up[2] * ahead[0] - up[0] * ahead[2])
+    after = [c * a + s * b for a, b in zip(ahead[:2], left, strict=True)]
+    return after[0] / length(after), after[1] / length(after)
 
 
 def any_heading(within: Decimal) -> Pair:
@@ -642,7 +699,8 @@ def bounce(
         spin = -spin  # it rolls backwards as seen from where it goes now
     v_in = (length(along), min(ZERO, normal_speed), spin)
     ratio = radius(world, number) / rock
-    v_out, weight = impact(world, number, hit, ratio, v_in, doubt)
+    k = set_of(ratio, doubt)
+    v_out, weight = impact(world, number, hit, k, v_in, doubt)
 
     downhill, pit = horn(world, column, row) or ((-g[0], -g[1]), False)
     if not any(heading):
@@ -653,8 +711,15 @@ def bounce(
     if v_out[0] < 0:
         heading, spin = (-heading[0], -heading[1]), -spin
     rising = doubt.above(dot(g, heading), steep) if any(g) else False
-    class_, within = uniform(word[9]), uniform(word[10])
-    heading = turned(heading, downhill, pit, rising, class_, within, doubt)
+    if rising and not pit:
+        heading = wandered(heading, downhill, uniform(word[10]), doubt)
+    elif world.turning == "lab" and not pit:
+        degrees = lateral_deviation(world, k, v_in, uniform(word[9]), doubt)
+        heading = deviated(heading, downhill, up, degrees, word[10] & 1, doubt)
+    elif any(downhill) and not pit:
+        degrees = turn(uniform(word[9]), uniform(word[10]))
+        past = world.turning == "past_aspect"
+        heading = turned(heading, downhill, degrees, past, word[10] & 1, doubt)
     climb = dot(g, heading)
     ahead = abs(v_out[0]) / (1 + climb**2).sqrt()
     forward = (*heading, climb)

@@ -163,8 +163,11 @@ def world_of(scene: Scene) -> World:
     return World(
         z=scene.z,
         cell=cell,
-        mean=scene.mean.T,
-        covariance=scene.covariance.T,
+        mean=scene.sets.mean.T,
+        covariance=scene.sets.covariance.T,
+        incidence=scene.sets.incidence.T,
+        lateral=scene.sets.lateral.T,
+        turning=case.impact["turning"],
         sizes=_sizes(scene),
         sources=list(zip(scene.x.tolist(), scene.y.tolist(), strict=True)),
         boulders=case.case["boulders"],

@@ -32,20 +32,33 @@ def sets(scatter=1.0):
     return np.outer(harder, LIVELY_MEAN), np.repeat(scatter * LIVELY_COVARIANCE[None], 5, axis=0)
 
 
-def write_sets(path, mean, covariance):
-    """A file of impact sets, with every digit."""
+#: Quantiles of a lateral deviation, over its deviation.
+SPREAD = np.array([0, 0.13, 0.25, 0.39, 0.52, 0.67, 0.84, 1.04, 1.28, 1.64, 1.96, 2.58, 3.5])
+
+
+def lateral(ratio):
+    """Lateral deviations of a set: wider where the impact is steeper and the boulder small."""
+    bounds = 15.0 + ratio, 40.0 + ratio
+    classes = [spread / (1 + 0.2 * ratio) * SPREAD for spread in (7.0, 14.0, 25.0)]
+    values = ", ".join(repr(float(one)) for one in np.concatenate(classes))
+    return f" incidence = {bounds[0]}, {bounds[1]}\n lateral = {values}\n"
+
+
+def write_sets(path, mean, covariance, more=lambda ratio: ""):
+    """A file of impact sets, with every digit, and `more` in each."""
     groups = []
     for k in range(5):
         lower = ", ".join(repr(float(c)) for i in range(9) for c in covariance[k, i, : i + 1])
         means = ", ".join(repr(float(m)) for m in mean[k])
-        groups.append(f"&impact_set\n ratio = {k + 1}\n mean = {means}\n covariance = {lower}\n/\n")
+        head = f"&impact_set\n ratio = {k + 1}\n mean = {means}\n covariance = {lower}\n"
+        groups.append(f"{head}{more(k + 1)}/\n")
     path.write_text("".join(groups))
     return path
 
 
-def make_case(folder, mean, covariance, line=(), **groups):
+def make_case(folder, mean, covariance, line=(), more=lateral, **groups):
     """A case for an array of elevations; `folder` gets its impact sets."""
-    write_sets(folder / "sets.nml", mean, covariance)
+    write_sets(folder / "sets.nml", mean, covariance, more)
     case = {
         "case": {"boulders": 50, "seed": 20090601, "threads": 1},
         "boulder": {"volume": "fixed", "volume_mean": 0.8},

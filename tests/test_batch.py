@@ -11,6 +11,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import f90nml
 import numpy as np
 import pytest
 import xarray as xr
@@ -406,6 +407,23 @@ def sets(old, new, count=1):
     return write("sets.nml", changed, "'rocky-slope-provisional'", "'sets.nml'")
 
 
+def in_first_set(more, **keys):
+    """Further keys in the first of the shipped sets, and more in &impact."""
+
+    def change(folder):
+        sets("covariance", "covariance")(folder)
+        groups = f90nml.read(folder / "sets.nml")
+        groups["impact_set"][0] |= keys
+        groups.write(folder / "sets.nml", force=True)
+        path = folder / "case.nml"
+        path.write_text(path.read_text().replace("'sets.nml'", f"'sets.nml' {more}"))
+
+    return change
+
+
+LAB = ", turning = 'lab'"
+
+
 def _shifted(**about):
     return Grid(**{**{k: getattr(GRID, k) for k in ("west", "north", "cell", "nx", "ny")}, **about})
 
@@ -522,6 +540,32 @@ HOSTILE = {
         lambda folder: sets("covariance", "covariance")(folder) or _indefinite(folder),
         ["sets.nml", "covariance", "eigenvalue"], True,
     ),
+    "no deviations": (
+        in_first_set(LAB), ["lateral: is missing: needed for &impact turning = 'lab'"], True
+    ),
+    "deviations": (
+        in_first_set(LAB, incidence=30.0, lateral=[1.0] * 25),
+        ["lateral", "must be 13 values for each of 2 classes of incidence, not 25"], True,
+    ),
+    "far deviation": (
+        in_first_set(LAB, incidence=30.0, lateral=[1.0] * 25 + [91.0]),
+        ["lateral (value 26) = 91.0", "must be 0 to 90 [degree]"], True,
+    ),
+    "falling deviations": (
+        in_first_set(LAB, incidence=30.0, lateral=[1.0] * 20 + [2.0] + [1.0] * 5),
+        ["lateral", "must not fall within class 2"], True,
+    ),
+    "no class": (
+        in_first_set(LAB, incidence=[30.0, 20.0], lateral=[1.0] * 39),
+        ["incidence = 30.0, 20.0", "must rise within 0 to 90 [degree]"], True,
+    ),
+    "classes alone": (
+        in_first_set("", incidence=30.0), ["incidence", "has no meaning without lateral"], True
+    ),
+    "turning": (
+        replace("sets = 'rocky", "turning = 'back', sets = 'rocky"),
+        ["&impact turning = 'back': must be one of: past_aspect, to_aspect, lab"], True,
+    ),
     "zero size": (
         lambda folder: _zero_sizes(folder),
         ["rm.asc: 1 cells of the terrain without a value, 2 not > 0 (Inf absorbs)"], True,
@@ -531,8 +575,6 @@ HOSTILE = {
 
 def _indefinite(folder):
     """Sets whose first covariance has a negative variance."""
-    import f90nml
-
     path = folder / "sets.nml"
     groups = f90nml.read(path)
     groups["impact_set"][0]["covariance"][0] = -1.0

@@ -222,6 +222,7 @@ def test_means_and_quantiles_of_cells_are_those_of_their_boulders(folder):
     result = simulate.run_scene(scene)
     count = (~np.isnan(alone[:, 0])).sum(axis=0)
     assert np.array_equal(count, result.passages)
+    seen = set()
     for k, quantity in enumerate(("energy", "speed", "jump_height")):
         mean = result[f"{quantity}_mean"]
         shown = count >= 10
@@ -236,19 +237,22 @@ def test_means_and_quantiles_of_cells_are_those_of_their_boulders(folder):
             values = alone[:, k][:, shown]
             below, above = (
                 np.nanquantile(values, percent / 100, axis=0, method=method)
-                for method in ("inverted_cdf", "higher")
+                for method in ("lower", "higher")
             )
             lowest = {"energy": 64, "speed": 0.25, "jump_height": 0.0625}[quantity]
             assert (about.values[shown] >= 0.8 * below - lowest).all()
             assert (about.values[shown] <= 1.25 * above + lowest).all()
             linear = np.nanquantile(values, percent / 100, axis=0)  # as at the lines
             off = (about.values[shown] / linear)[linear > 4 * lowest] - 1
-            assert abs(off.mean()) < 0.07 and np.sqrt((off**2).mean()) < 0.09
+            if off.size > 20:  # of fewer cells a mean says little
+                assert abs(off.mean()) < 0.07 and np.sqrt((off**2).mean()) < 0.09
+                seen.add(quantity)
+    assert len(seen) == 3
 
 
 def test_quantiles_need_room_for_the_cells_that_boulders_reach(folder, monkeypatch):
     """They have it where the system grants less than all cells would take; else a line says so."""
-    z, case = slope(), make_case(folder, output={"maps": MAPS})
+    z, case = slope(), make_case(folder, 200, output={"maps": MAPS})
     scene = read_scene(case, dem=z, transform=scenes.grid(z, CELL), mean_radius=river())
     whole = simulate.run_scene(scene)
     reached, cells = int((whole.passages > 0).sum()), z.size

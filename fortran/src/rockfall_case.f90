@@ -12,6 +12,7 @@ module rockfall_case
                                list_volume
    use rockfall_surface, only: method_a, method_b
    use rockfall_threads, only: most_threads
+   use rockfall_direction, only: past_aspect, to_aspect, by_lab
    use rockfall_sobol, only: most_points
    implicit none
    private
@@ -36,7 +37,7 @@ module rockfall_case
    character(len=*), parameter :: map_names(*) = map_fields
    integer, parameter :: n_maps = size(map_names)
 
-   integer, parameter :: n_keys = 55
+   integer, parameter :: n_keys = 56
    type(key_t), parameter :: key_table(n_keys) = [ &
       key_t("case", "title", "text", 1, "''", "", "", "what the result is called"), &
       key_t("case", "seed", "integer", 1, "1", ">= 0", "", "of the random numbers"), &
@@ -58,6 +59,8 @@ module rockfall_case
       key_t("surface", "method", "text", 1, "'B'", "A, B", "", "A: three obstacle sizes, B: one mean radius"), &
       key_t("surface", "rg_reading", "text", 1, "'diameter'", "diameter, radius", "", "what Rg measures"), &
       key_t("impact", "sets", "text", 1, "'rocky-slope'", "", "", "shipped impact set, or a file"), &
+      key_t("impact", "turning", "text", 1, "'past_aspect'", "past_aspect, to_aspect, lab", "", &
+            "by a random angle, past the cell's aspect or at most to it; or as in the laboratory: impact_sets.md"), &
       key_t("impact", "stop_speed", "real", 1, "0.5", "> 0", "m/s", "slower after a rebound: stopped"), &
       key_t("impact", "impact_limit", "integer", 1, "100000", ">= 1", "", "contacts of a boulder at most"), &
       key_t("boulder", "volume", "text", 1, "'fixed'", "fixed, normal, uniform, lognormal, list", "", "law"), &
@@ -124,6 +127,7 @@ module rockfall_case
       real(wp) :: size_to_radius = 0.5_wp
       real(wp) :: stop_speed = 0.5_wp, gravity = 9.81_wp, drop_height = 0.0_wp, velocity(3) = 0.0_wp
       integer :: impact_limit = 100000
+      integer :: turning = past_aspect           !! rule of turning_t
       type(boulder_law_t) :: law
       real(wp), allocatable :: x(:), y(:)        !! release points, map coordinates [m]
       logical :: steep_cells = .false., by_area = .false.
@@ -482,6 +486,11 @@ contains
       case%gravity = real_of(group, "gravity")
       group = group_of(list, "impact")
       case%sets = text_of(group, "sets")
+      select case (text_of(group, "turning"))
+      case ("to_aspect"); case%turning = to_aspect
+      case ("lab"); case%turning = by_lab
+      case default; case%turning = past_aspect
+      end select
       case%stop_speed = real_of(group, "stop_speed")
       case%impact_limit = int(integer_of(group, "impact_limit"))
    end subroutine read_run

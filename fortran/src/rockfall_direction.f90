@@ -1,14 +1,71 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Where a boulder heads after a rebound (Bourrier et al. 2009, section 3.3): it turns towards the
-!> steepest descent of the raster cell by a random angle. Headings are unit vectors in plan.
+!> Where a boulder heads after a rebound (Bourrier et al. 2009, section 3.3): it turns by a random angle to the
+!> side on which the steepest descent of the raster cell lies; or to either side, by angles measured in the
+!> laboratory. Headings are unit vectors in plan.
 module rockfall_direction
    use rockfall_kinds, only: wp
    use rockfall_math, only: pi, degree, sine_cosine
    implicit none
    private
-   public :: turn_angle, new_heading, unit_vector, any_heading
+   public :: turning_t, lateral_t, lateral, lateral_classes, lateral_quantiles
+   public :: past_aspect, to_aspect, by_lab, turn_angle, lateral_angle, new_heading, unit_vector, any_heading
+
+   !> How boulders turn: by the printed classes, past the aspect where the angle is the larger (as the paper is
+   !> written) or ending at it; or as in the laboratory.
+   integer, parameter :: past_aspect = 1, to_aspect = 2, by_lab = 3
+
+   !> A heading this near to the aspect [rad] lies along it: on a plane only rounding parts them, and its sign must
+   !> not choose a side for all boulders. Elevations in double precision make some 1e-12 of it.
+   real(wp), parameter :: along_aspect = 1.0e-9_wp
+
+   integer, parameter :: lateral_classes = 9  !! of incidence, at most
+   !> Probabilities of the quantiles of a class.
+   real(wp), parameter :: probability(13) = [0.0_wp, 0.1_wp, 0.2_wp, 0.3_wp, 0.4_wp, 0.5_wp, 0.6_wp, 0.7_wp, &
+                                             0.8_wp, 0.9_wp, 0.95_wp, 0.99_wp, 1.0_wp]
+   integer, parameter :: lateral_quantiles = size(probability)
+
+   !> Lateral deviations in the laboratory, by classes of the incidence angle.
+   type :: lateral_t
+      real(wp) :: sine2(lateral_classes - 1) = 1.0_wp  !! squared sines of the angles between classes
+      real(wp) :: angle(lateral_quantiles, lateral_classes) = 0.0_wp  !! quantiles of its amount [rad]
+   end type lateral_t
+
+   !> What chance has in store for a turn.
+   type :: turning_t
+      integer :: rule = past_aspect
+      real(wp) :: class = 0.0_wp, within = 0.0_wp  !! uniform in (0, 1)
+      real(wp) :: side = 1.0_wp                    !! 1 or -1: where there is no side to turn to
+      real(wp) :: lateral = 0.0_wp                 !! by_lab: how far [rad]
+   end type turning_t
 
 contains
+
+   !> Lateral deviations from degrees, as files have them.
+   pure type(lateral_t) function lateral(incidence, angle) result(this)
+      real(wp), intent(in) :: incidence(lateral_classes - 1)                   !! between classes, 0 to 90
+      real(wp), intent(in) :: angle(lateral_quantiles, lateral_classes)
+      real(wp) :: s, c
+      integer :: k
+
+      do k = 1, size(incidence)
+         call sine_cosine(min(incidence(k), 90 - incidence(k))*degree, s, c)
+         this%sine2(k) = merge(s, c, incidence(k) <= 45)**2
+      end do
+      this%angle = angle*degree
+   end function lateral
+
+   !> A lateral deviation [rad] for the incoming V_t, V_n [m/s]; straight between quantiles.
+   pure real(wp) function lateral_angle(this, v_in, u)
+      type(lateral_t), intent(in) :: this
+      real(wp), intent(in) :: v_in(2), u  !! u: uniform in (0, 1)
+      integer :: class, k
+
+      class = 1 + count(v_in(2)**2 >= this%sine2*(v_in(1)**2 + v_in(2)**2))
+      k = count(u >= probability(:lateral_quantiles - 1))
+      associate (p => probability(k:k + 1), q => this%angle(k:k + 1, class))
+         lateral_angle = q(1) + (q(2) - q(1))*((u - p(1))/(p(2) - p(1)))
+      end associate
+   end function lateral_angle
 
    !> The angle of a turn [rad]: 0-22.5 degrees with probability 0.72, 22.5-45 with 0.24, 45-50 with 0.04;
    !> uniform inside a class.
@@ -26,34 +83,56 @@ contains
    end function turn_angle
 
    !> The heading after a rebound.
-   !> In a pit, or where the cell has no descent: unchanged. Upslope: uniform within 22.5 degrees of the
-   !> heading before. Else: turned towards the descent of the cell, and not past it.
-   pure function new_heading(heading, descent, pit, rising, class, within) result(after)
+   !> In a pit: unchanged. Upslope: uniform within 22.5 degrees of the heading before. Else as the rule says; by the
+   !> printed classes only where the cell has a descent.
+   pure function new_heading(turning, heading, g, descent, pit) result(after)
+      type(turning_t), intent(in) :: turning
       real(wp), intent(in) :: heading(2)     !! before, unit
+      real(wp), intent(in) :: g(2)           !! gradient of the patch [-]
       real(wp), intent(in) :: descent(2)     !! of the cell, any length
       logical, intent(in) :: pit
-      logical, intent(in) :: rising          !! the patch rises along the heading
-      real(wp), intent(in) :: class, within  !! uniform in (0, 1)
       real(wp) :: after(2)
-      real(wp) :: s, c, side, aspect(2)
+      real(wp) :: s, c, across, side, aspect(2)
+      logical :: along
 
       after = heading
       if (pit) return
       aspect = unit_vector(descent)
+      across = heading(1)*aspect(2) - heading(2)*aspect(1)
       ! Angles count towards the descent: then a mirrored scene has mirrored trajectories.
-      side = sign(1.0_wp, heading(1)*aspect(2) - heading(2)*aspect(1))
-      if (rising) then
-         call sine_cosine((2*within - 1)*22.5_wp*degree, s, c)
+      side = sign(1.0_wp, across)
+      along = abs(across) <= along_aspect
+      if (dot_product(g, heading) > 0) then
+         call sine_cosine((2*turning%within - 1)*22.5_wp*degree, s, c)
          after = rotated(heading, side*s, c)
+      else if (turning%rule == by_lab) then
+         side = turning%side*merge(1.0_wp, side, along)
+         after = rotated_on_patch(heading, g, side*turning%lateral)
       else if (any(abs(aspect) > 0)) then
-         call sine_cosine(turn_angle(class, within), s, c)
-         if (dot_product(heading, aspect) >= c) then
+         call sine_cosine(turn_angle(turning%class, turning%within), s, c)
+         if (turning%rule == past_aspect) then
+            after = rotated(heading, merge(turning%side, side, along)*s, c)
+         else if (dot_product(heading, aspect) >= c) then
             after = aspect
          else
             after = rotated(heading, side*s, c)
          end if
       end if
    end function new_heading
+
+   !> The plan heading of the tangent over a heading, turned in the plane of the patch, as in the laboratory.
+   pure function rotated_on_patch(heading, g, angle) result(after)
+      real(wp), intent(in) :: heading(2), g(2)
+      real(wp), intent(in) :: angle  !! -pi/2 to pi/2, anticlockwise [rad]
+      real(wp) :: after(2)
+      real(wp) :: s, c, along
+
+      call sine_cosine(angle/2, s, c)
+      along = dot_product(g, heading)
+      ! cos times the tangent (heading, along) and sin times normal x tangent, in plan, but for a common factor
+      after = unit_vector((1 - 2*s*s)*heading + (2*s*c/sqrt(1 + g(1)**2 + g(2)**2)) &
+                          *[-(heading(2) + g(2)*along), heading(1) + g(1)*along])
+   end function rotated_on_patch
 
    pure function rotated(v, s, c)
       real(wp), intent(in) :: v(2), s, c  !! sine and cosine of the angle, anticlockwise

@@ -10,10 +10,9 @@ module rockfall_load
    use rockfall_sobol, only: sobol_sequence, most_dimensions
    use rockfall_terrain, only: terrain
    use rockfall_surface, only: method_a
-   use rockfall_impact, only: impact_ratios
    use rockfall_trajectory, only: scene_t
    use rockfall_sources, only: usual_threshold, keep_steep, surface_ratios, last_boulders
-   use rockfall_scene, only: set_sources, check_sources, add_line, set_impacts
+   use rockfall_scene, only: coefficients_t, set_sources, check_sources, add_line, set_impacts
    use rockfall_case, only: case_t
    use rockfall_sets, only: read_sets
    use rockfall_paths, only: installed_sets, source_sets
@@ -568,14 +567,14 @@ contains
       type(case_t), intent(in) :: case
       type(inputs_t), intent(inout) :: inputs
       type(error_t), allocatable, intent(out) :: error
-      real(wp) :: mean(9, impact_ratios), covariance(9, 9, impact_ratios)
+      type(coefficients_t) :: coefficients
       character(len=:), allocatable :: path, text
 
       call find_sets(case, path, error)
       if (.not. allocated(error)) call read_text(path, text, error)
       if (.not. allocated(error)) call note_file(inputs, "sets", path, error)
-      if (.not. allocated(error)) call read_sets(text, path, mean, covariance, error)
-      if (.not. allocated(error)) call set_impacts(inputs%scene, mean, covariance, error)
+      if (.not. allocated(error)) call read_sets(text, path, case%turning, coefficients, error)
+      if (.not. allocated(error)) call set_impacts(inputs%scene, coefficients, case%turning, error)
    end subroutine read_impacts
 
    !> The file of the case's impact sets: shipped with the program, or beside the case.

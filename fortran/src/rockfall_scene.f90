@@ -7,11 +7,22 @@ module rockfall_scene
    use rockfall_terrain, only: terrain_t, patch_t, locate, height, on_terrain
    use rockfall_line, only: line_t, line
    use rockfall_impact, only: impact_set, impact_ratios
+   use rockfall_direction, only: lateral, lateral_classes, lateral_quantiles, by_lab
    use rockfall_trajectory, only: scene_t
    use rockfall_random, only: normal_table
    implicit none
    private
-   public :: set_sources, check_sources, add_line, set_impacts
+   public :: coefficients_t, set_sources, check_sources, add_line, set_impacts
+
+   !> The numbers of five impact sets, as files have them.
+   type :: coefficients_t
+      real(wp) :: mean(9, impact_ratios) = 0.0_wp           !! of a1..a9
+      real(wp) :: covariance(9, 9, impact_ratios) = 0.0_wp
+      !> Lateral deviations [degree]: the incidence angles between classes, 90 where there are fewer, and the
+      !> quantiles of each class, those of the last repeated.
+      real(wp) :: incidence(lateral_classes - 1, impact_ratios) = 90.0_wp
+      real(wp) :: lateral(lateral_quantiles, lateral_classes, impact_ratios) = 0.0_wp
+   end type coefficients_t
 
 contains
 
@@ -76,17 +87,22 @@ contains
       call move_alloc(lines, scene%lines)
    end subroutine add_line
 
-   !> The impact sets, factored, and the table of normal numbers.
-   subroutine set_impacts(scene, mean, covariance, error)
+   !> The impact sets, factored, the table of normal numbers, and how boulders turn.
+   subroutine set_impacts(scene, coefficients, turning, error)
       type(scene_t), intent(inout) :: scene
-      real(wp), intent(in) :: mean(9, impact_ratios), covariance(9, 9, impact_ratios)
+      type(coefficients_t), intent(in) :: coefficients
+      integer, intent(in) :: turning  !! rule of turning_t
       type(error_t), allocatable, intent(out) :: error
       integer :: k
 
       scene%table = normal_table()
       do k = 1, impact_ratios
-         call impact_set(mean(:, k), covariance(:, :, k), scene%sets(k), error)
+         call impact_set(coefficients%mean(:, k), coefficients%covariance(:, :, k), scene%sets(k), error)
          if (allocated(error)) return
       end do
+      scene%turning = turning
+      if (turning == by_lab) then
+         scene%lateral = [(lateral(coefficients%incidence(:, k), coefficients%lateral(:, :, k)), k=1, impact_ratios)]
+      end if
    end subroutine set_impacts
 end module rockfall_scene

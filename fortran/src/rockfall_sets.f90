@@ -1,26 +1,30 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Files of impact sets: one `&impact_set ratio, mean, covariance /` for each R_b/R_m = 1..5.
+!> Files of impact sets: one `&impact_set ratio, mean, covariance /` for each R_b/R_m = 1..5, and what it may hold
+!> besides: docs/impact_sets.md.
 module rockfall_sets
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail
-   use rockfall_textfile, only: integer_text
+   use rockfall_textfile, only: integer_text, joined
    use rockfall_namelist, only: namelist_t, group_t, parse_namelist
    use rockfall_values, only: has_key, value_count, get_integer, get_real, refuse
    use rockfall_impact, only: impact_set_t, impact_set, impact_ratios
+   use rockfall_direction, only: lateral_classes, lateral_quantiles, by_lab
+   use rockfall_scene, only: coefficients_t
    implicit none
    private
    public :: read_sets
 
-   character(len=*), parameter :: keys(3) = [character(len=10) :: "ratio", "mean", "covariance"]
-   integer, parameter :: lengths(3) = [1, 9, 45]  !! the covariance by its lower triangle, by rows
+   character(len=*), parameter :: keys(*) = [character(len=10) :: "ratio", "mean", "covariance", "incidence", "lateral"]
+   integer, parameter :: lengths(*) = [1, 9, 45]  !! of those that must be there; matrices by their lower triangle, by rows
 
 contains
 
-   !> Means (9, ratio) and covariances (9, 9, ratio) of a1..a9 from a text, each checked by factoring it.
-   subroutine read_sets(text, file, mean, covariance, error)
+   !> The numbers of the sets in a text, each checked by factoring it, with what the case's rule of turning needs.
+   subroutine read_sets(text, file, turning, sets, error)
       character(len=*), intent(in) :: text
       character(len=*), intent(in) :: file  !! its name, for messages
-      real(wp), intent(out) :: mean(9, impact_ratios), covariance(9, 9, impact_ratios)
+      integer, intent(in) :: turning           !! rule of turning_t
+      type(coefficients_t), intent(out) :: sets
       type(error_t), allocatable, intent(out) :: error
       type(namelist_t) :: list
       type(impact_set_t) :: set
@@ -28,8 +32,6 @@ contains
       integer(i8) :: ratio
       integer :: g
 
-      mean = 0
-      covariance = 0
       found = .false.
       call parse_namelist(text, file, list, error)
       if (allocated(error)) return
@@ -43,9 +45,13 @@ contains
             call refuse(list%group(g), "ratio", "this ratio has a set already", error)
          else
             found(ratio) = .true.
-            call read_set(list%group(g), mean(:, ratio), covariance(:, :, ratio), error)
-            if (.not. allocated(error)) call impact_set(mean(:, ratio), covariance(:, :, ratio), set, error)
-            if (allocated(error)) error%message = with_place(list%group(g), error%message)
+            call read_set(list%group(g), int(ratio), sets, error)
+            if (.not. allocated(error)) call impact_set(sets%mean(:, ratio), sets%covariance(:, :, ratio), set, error)
+            if (allocated(error)) then
+               error%message = with_place(list%group(g), error%message)
+            else if (turning == by_lab .and. .not. has_key(list%group(g), "lateral")) then
+               call refuse(list%group(g), "lateral", "is missing: needed for &impact turning = 'lab'", error)
+            end if
          end if
          if (allocated(error)) return
       end do
@@ -53,7 +59,7 @@ contains
                                       //missing(found)//"; a file needs ratios 1 to "//integer_text(impact_ratios))
    end subroutine read_sets
 
-   !> Only the three keys, each with its number of values.
+   !> Only known keys, and those that must be there with their number of values.
    pure subroutine check_group(group, error)
       type(group_t), intent(in) :: group
       type(error_t), allocatable, intent(out) :: error
@@ -66,11 +72,11 @@ contains
       end if
       do k = 1, size(group%entry)
          if (.not. any(keys == group%entry(k)%key)) then
-            call refuse(group, trim(group%entry(k)%key), "unknown key; known: ratio, mean, covariance", error)
+            call refuse(group, trim(group%entry(k)%key), "unknown key; known: "//joined(keys, ", "), error)
             return
          end if
       end do
-      do k = 1, 3
+      do k = 1, size(lengths)
          if (.not. has_key(group, trim(keys(k)))) then
             call refuse(group, trim(keys(k)), "is missing", error)
          else if (value_count(group, trim(keys(k))) /= lengths(k)) then
@@ -81,26 +87,73 @@ contains
       end do
    end subroutine check_group
 
-   pure subroutine read_set(group, mean, covariance, error)
+   pure subroutine read_set(group, ratio, sets, error)
       type(group_t), intent(in) :: group
-      real(wp), intent(out) :: mean(9), covariance(9, 9)
+      integer, intent(in) :: ratio
+      type(coefficients_t), intent(inout) :: sets
       type(error_t), allocatable, intent(out) :: error
       real(wp), allocatable :: values(:)
-      integer :: i, k
 
       call get_real(group, "mean", values, error)
       if (allocated(error)) return
-      mean = values
+      sets%mean(:, ratio) = values
       deallocate (values)
       call get_real(group, "covariance", values, error)
       if (allocated(error)) return
+      sets%covariance(:, :, ratio) = symmetric(values, 9)
+      call read_lateral(group, sets%incidence(:, ratio), sets%lateral(:, :, ratio), error)
+   end subroutine read_set
+
+   !> The symmetric matrix of a lower triangle by rows.
+   pure function symmetric(values, n) result(matrix)
+      real(wp), intent(in) :: values(:)
+      integer, intent(in) :: n
+      real(wp) :: matrix(n, n)
+      integer :: i, k
+
       k = 0
-      do i = 1, 9
-         covariance(i, :i) = values(k + 1:k + i)
-         covariance(:i, i) = values(k + 1:k + i)
+      do i = 1, n
+         matrix(i, :i) = values(k + 1:k + i)
+         matrix(:i, i) = values(k + 1:k + i)
          k = k + i
       end do
-   end subroutine read_set
+   end function symmetric
+
+   !> Lateral deviations, if a set has them: as many quantiles for each class of incidence, of which one is there
+   !> without `incidence`.
+   pure subroutine read_lateral(group, incidence, lateral, error)
+      type(group_t), intent(in) :: group
+      real(wp), intent(inout) :: incidence(:), lateral(:, :)
+      type(error_t), allocatable, intent(out) :: error
+      real(wp), allocatable :: bounds(:), values(:)
+      integer :: classes, k
+
+      allocate (bounds(0), values(0))
+      call get_real(group, "incidence", bounds, error)
+      if (.not. allocated(error)) call get_real(group, "lateral", values, error)
+      if (allocated(error)) return
+      classes = size(bounds) + 1
+      if (has_key(group, "incidence") .and. .not. has_key(group, "lateral")) then
+         call refuse(group, "incidence", "has no meaning without lateral", error)
+      else if (classes > lateral_classes) then
+         call refuse(group, "incidence", "must be at most "//integer_text(lateral_classes - 1)//" values", error)
+      else if (any(bounds <= 0 .or. bounds >= 90) .or. any(bounds(2:) <= bounds(:classes - 2))) then
+         call refuse(group, "incidence", "must rise within 0 to 90 [degree]", error)
+      else if (has_key(group, "lateral") .and. size(values) /= classes*lateral_quantiles) then
+         call refuse(group, "lateral", "must be "//integer_text(lateral_quantiles)//" values for each of "// &
+                     integer_text(classes)//" classes of incidence, not "//integer_text(size(values)), error)
+      else if (any(values < 0 .or. values > 90)) then
+         call refuse(group, "lateral", "must be 0 to 90 [degree]", error, findloc(values < 0 .or. values > 90, .true., dim=1))
+      end if
+      if (allocated(error) .or. size(values) == 0) return
+      incidence(:classes - 1) = bounds
+      do k = 1, size(lateral, 2)
+         lateral(:, k) = values((min(k, classes) - 1)*lateral_quantiles + 1:min(k, classes)*lateral_quantiles)
+         if (all(lateral(2:, k) >= lateral(:lateral_quantiles - 1, k))) cycle
+         call refuse(group, "lateral", "must not fall within class "//integer_text(k), error)
+         return
+      end do
+   end subroutine read_lateral
 
    !> A message of the factoring, with the set it is about.
    pure function with_place(group, message) result(text)

@@ -11,7 +11,8 @@ module rockfall_trajectory
                                spin_inertia
    use rockfall_flight, only: flight_t, landing_t, span_t, fly, launch_rate, arc_length
    use rockfall_impact, only: impact_set_t, impact_ratios, ratio_class, rebound_t, rebound
-   use rockfall_direction, only: new_heading, unit_vector, any_heading
+   use rockfall_direction, only: turning_t, lateral_t, past_aspect, by_lab, lateral_angle, new_heading, unit_vector, &
+                                 any_heading
    use rockfall_line, only: line_t, first_crossing
    use rockfall_map, only: visits_t, start_visits, visit_spans, visit_cell
    use rockfall_histogram, only: histograms_t, count_rebound
@@ -35,6 +36,8 @@ module rockfall_trajectory
       type(terrain_t) :: dem
       type(surface_t) :: surface
       type(impact_set_t) :: sets(impact_ratios)
+      integer :: turning = past_aspect     !! rule of turning_t
+      type(lateral_t), allocatable :: lateral(:)  !! of each ratio; only by_lab
       type(boulder_law_t) :: law
       type(release_t) :: release
       type(line_t), allocatable :: lines(:)
@@ -327,6 +330,7 @@ contains
       logical :: outside
       real(wp) :: radius, ratio, v_in(3), heading(2), g(2), steepness
       type(rebound_t) :: out
+      type(turning_t) :: turning
 
       word = random_words(scene%key, for_impact, number, int(fate%impacts, i8), 0_i8)
       if (fate%impacts == 1 .and. scene%sobol%dimensions > 1) word = even_words(scene, number)
@@ -347,8 +351,9 @@ contains
       if (out%forced) fate%forced = fate%forced + 1
       if (outside) fate%out_of_range = fate%out_of_range + 1
       if (noted >= notes .and. scene%wants_histograms) call count_rebound(scratch%histograms, v_in, out%v)
-      call leave(scene, landing, at, g, steepness, heading, uniform(word(10)), uniform(word(11)), out%v, &
-                 flight, omega_r)
+      turning = turning_t(scene%turning, uniform(word(10)), uniform(word(11)), merge(1.0_wp, -1.0_wp, btest(word(11), 0)))
+      if (turning%rule == by_lab) turning%lateral = lateral_angle(scene%lateral(class), v_in(1:2), turning%class)
+      call leave(scene, landing, at, g, steepness, heading, turning, out%v, flight, omega_r)
       if (noted >= vertices) then
          call record(scratch, contact_t(landing%x, landing%y, landing%z, fate%time, flight%v, v_in, out%v, ratio))
       end if
@@ -383,14 +388,14 @@ contains
 
    !> The next flight: V_t_out in the tangent plane over the new heading, V_n_out along the normal.
    !> A negative V_t_out turns the heading round first.
-   pure subroutine leave(scene, landing, at, g, steepness, before, class, within, v_out, flight, omega_r)
+   pure subroutine leave(scene, landing, at, g, steepness, before, turning, v_out, flight, omega_r)
       type(scene_t), intent(in) :: scene
       type(landing_t), intent(in) :: landing
       integer, intent(in) :: at(2)            !! raster cell of the contact
       real(wp), intent(in) :: g(2)            !! gradient of the patch [-]
       real(wp), intent(in) :: steepness       !! sqrt(1 + g**2)
       real(wp), intent(in) :: before(2)       !! heading; zero after a vertical impact on the flat
-      real(wp), intent(in) :: class, within   !! uniform in (0, 1), for the turn
+      type(turning_t), intent(in) :: turning
       real(wp), intent(in) :: v_out(3)        !! V_t, V_n, W [m/s]
       type(flight_t), intent(inout) :: flight
       real(wp), intent(out) :: omega_r        !! W [m/s]
@@ -400,13 +405,13 @@ contains
       call cell_descent(scene%dem, at, g, descent, pit)
       heading = before
       if (all(heading == 0)) heading = unit_vector(descent)
-      if (all(heading == 0)) heading = any_heading(within)
+      if (all(heading == 0)) heading = any_heading(turning%within)
       omega_r = v_out(3)
       if (v_out(1) < 0) then
          heading = -heading
          omega_r = -omega_r
       end if
-      heading = new_heading(heading, descent, pit, dot_product(g, heading) > 0, class, within)
+      heading = new_heading(turning, heading, g, descent, pit)
       along = dot_product(g, heading)
       flight%v = (abs(v_out(1))/sqrt(1 + along**2))*[heading(1), heading(2), along] &
                  + (v_out(2)/steepness)*[-g(1), -g(2), 1.0_wp]

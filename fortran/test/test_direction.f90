@@ -1,18 +1,25 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Turning after a rebound: the printed classes, towards the descent and not past it, upslope, in pits.
+!> Turning after a rebound: the printed classes, past the descent or at most to it, as in the laboratory, upslope,
+!> in pits.
 program test_direction
    use rockfall_kinds, only: wp
    use rockfall_math, only: pi, degree
-   use rockfall_direction, only: turn_angle, new_heading, unit_vector, any_heading
+   use rockfall_direction, only: turning_t, past_aspect, to_aspect, by_lab, lateral_t, lateral, lateral_angle, turn_angle, &
+      new_heading, unit_vector, any_heading
    use check_m, only: check, check_close, finish
    implicit none
 
    integer, parameter :: n = 1000000
+   real(wp), parameter :: level(2) = 0.0_wp
 
    call random_init(.true., .false.)
    call test_classes()
    call test_downslope()
+   call test_past()
+   call test_either_side()
    call test_not_past()
+   call test_lateral_angle()
+   call test_by_lab()
    call test_upslope()
    call test_unchanged()
    call test_mirror()
@@ -85,15 +92,101 @@ contains
          call random_number(draw)
          before = at_angle(2*pi*draw(1))
          apart = (50.01_wp + 129.98_wp*draw(2))*degree
-         if (mod(k, 2) == 0) apart = -apart
-         after = new_heading(before, 0.37_wp*at_angle(2*pi*draw(1) + apart), .false., .false., &
-                             draw(3), draw(4))
+         if (mod(k, 4) > 1) apart = -apart
+         after = new_heading(turning_t(1 + mod(k, 2), draw(3), draw(4)), before, level, &
+                             0.37_wp*at_angle(2*pi*draw(1) + apart), .false.)
          turned = angle_between(before, after)
          call check("turned by the drawn angle, towards the descent", &
                     abs(turned - sign(turn_angle(draw(3), draw(4)), apart)) < 1.0e-14_wp)
          call check("a unit vector", abs(sum(after**2) - 1) < 2.0e-15_wp)
       end do
    end subroutine test_downslope
+
+   !> Near the descent too the heading turns by the whole angle, to the side of the descent, so that the printed
+   !> classes occur, whatever the side that chance has in store.
+   subroutine test_past()
+      real(wp) :: before(2), after(2), draw(4), apart, turned
+      integer :: k, beyond
+
+      beyond = 0
+      do k = 1, 10000
+         call random_number(draw)
+         before = at_angle(2*pi*draw(1))
+         apart = (draw(2) - 0.5_wp)*100*degree
+         after = new_heading(turning_t(past_aspect, draw(3), draw(4), sign(1.0_wp, mod(k, 2) - 0.5_wp)), before, level, &
+                             at_angle(2*pi*draw(1) + apart), .false.)
+         turned = angle_between(before, after)
+         call check("by the whole angle, to the side of the aspect", &
+                    abs(turned - sign(turn_angle(draw(3), draw(4)), apart)) < 1.0e-14_wp)
+         if (abs(turned) > abs(apart)) beyond = beyond + 1
+      end do
+      call check("both past and short of it", beyond > 1000 .and. beyond < 9000)
+   end subroutine test_past
+
+   !> A heading along the descent, up to rounding, turns to the side that chance has in store.
+   subroutine test_either_side()
+      real(wp) :: draw(3), after(2), apart
+      integer :: k
+
+      do k = 1, 1000
+         call random_number(draw)
+         apart = 1.0e-10_wp*sign(draw(2), mod(k, 4) - 1.5_wp)
+         after = new_heading(turning_t(past_aspect, 0.5_wp, draw(3), sign(1.0_wp, mod(k, 2) - 0.5_wp)), &
+                             at_angle(2*pi*draw(1)), level, at_angle(2*pi*draw(1) + apart), .false.)
+         call check("to the side of chance", abs(angle_between(at_angle(2*pi*draw(1)), after) &
+                                                 - sign(turn_angle(0.5_wp, draw(3)), mod(k, 2) - 0.5_wp)) < 1.0e-14_wp)
+      end do
+   end subroutine test_either_side
+
+   !> Classes of incidence by their bounds, quantiles at 0, 10, ... 90, 95, 99, 100 %, straight between them.
+   subroutine test_lateral_angle()
+      real(wp), parameter :: bound(3) = [10.0_wp, 45.0_wp, 71.0_wp], p(13) = [0.0_wp, 0.1_wp, 0.2_wp, 0.3_wp, 0.4_wp, &
+         0.5_wp, 0.6_wp, 0.7_wp, 0.8_wp, 0.9_wp, 0.95_wp, 0.99_wp, 1.0_wp]
+      type(lateral_t) :: this
+      real(wp) :: q(13, 9), v(2), u, expected
+      integer :: class, k, j
+
+      do k = 1, 9
+         q(:, k) = min(k, 4)*[(0.1_wp*j**2, j=1, 13)]
+      end do
+      this = lateral([bound, (90.0_wp, k=1, 5)], q)
+      do k = 1, 8999
+         v = 7*[cos(0.01_wp*k*degree), -sin(0.01_wp*k*degree)]
+         if (any(abs(bound - 0.01_wp*k) < 1.0e-6_wp)) cycle
+         class = 1 + count(0.01_wp*k > bound)
+         u = (k - 0.5_wp)/8999
+         j = max(1, min(12, count(p <= u)))
+         expected = q(j, class) + (q(j + 1, class) - q(j, class))*(u - p(j))/(p(j + 1) - p(j))
+         call check_close("a lateral deviation", lateral_angle(this, v, u), expected*degree, 1.0e-13_wp)
+      end do
+      call check_close("a vertical impact", lateral_angle(this, [0.0_wp, -3.0_wp], 0.5_wp), q(6, 4)*degree, 1.0e-14_wp)
+      call check_close("a grazing one", lateral_angle(this, [3.0_wp, 0.0_wp], 0.5_wp), q(6, 1)*degree, 1.0e-14_wp)
+   end subroutine test_lateral_angle
+
+   !> The tangent over the heading turns in the plane of the patch by the angle, to the side of the descent or away
+   !> from it; also where nothing descends.
+   subroutine test_by_lab()
+      real(wp) :: before(2), after(2), draw(5), g(2), t(3), u(3), normal(3), side
+      integer :: k
+
+      do k = 1, 10000
+         call random_number(draw)
+         g = 2*draw(1:2) - 1
+         before = at_angle(2*pi*draw(3))
+         if (dot_product(g, before) > 0) before = -before
+         after = new_heading(turning_t(by_lab, draw(4), draw(5), sign(1.0_wp, mod(k, 2) - 0.5_wp), pi/2*draw(4)), &
+                             before, g, -g, .false.)
+         t = [before, dot_product(g, before)]
+         u = [after, dot_product(g, after)]
+         call check("by the angle on the patch", abs(dot_product(t, u)/(norm2(t)*norm2(u)) - cos(pi/2*draw(4))) < 1.0e-14_wp)
+         normal = [t(2)*u(3) - t(3)*u(2), t(3)*u(1) - t(1)*u(3), t(1)*u(2) - t(2)*u(1)]
+         side = sign(1.0_wp, angle_between(before, -g))*sign(1.0_wp, mod(k, 2) - 0.5_wp)
+         call check("to a side", normal(3)*side > -1.0e-12_wp)
+         call check("a unit vector", abs(sum(after**2) - 1) < 1.0e-15_wp)
+      end do
+      after = new_heading(turning_t(by_lab, 0.1_wp, 0.1_wp, -1.0_wp, 0.3_wp), at_angle(1.0_wp), level, level, .false.)
+      call check_close("on the flat", angle_between(at_angle(1.0_wp), after), -0.3_wp, 1.0e-14_wp)
+   end subroutine test_by_lab
 
    !> Within the drawn angle of the descent the heading becomes the descent itself.
    subroutine test_not_past()
@@ -106,7 +199,7 @@ contains
          apart = (draw(2) - 0.5_wp)*100*degree
          before = at_angle(2*pi*draw(1))
          aspect = at_angle(2*pi*draw(1) + apart)
-         after = new_heading(before, 2*aspect, .false., .false., draw(3), draw(4))
+         after = new_heading(turning_t(to_aspect, draw(3), draw(4)), before, level, 2*aspect, .false.)
          if (abs(apart) < turn_angle(draw(3), draw(4)) - 1.0e-12_wp) then
             met = met + 1
             call check("down the aspect, not past it", maxval(abs(after - aspect)) < 1.0e-15_wp)
@@ -127,8 +220,8 @@ contains
       before = at_angle(1.0_wp)
       do k = 1, n
          call random_number(draw)
-         turned = angle_between(before, new_heading(before, at_angle(3.0_wp), .false., .true., &
-                                                    draw(1), draw(2)))
+         turned = angle_between(before, new_heading(turning_t(1 + mod(k, 3), draw(1), draw(2)), before, before, &
+                                                    at_angle(3.0_wp), .false.))
          call check("within 22.5 degrees", abs(turned) <= 22.5_wp*degree)
          bin = 1 + int(5 + 4.999999_wp*turned/(22.5_wp*degree))
          hits(bin) = hits(bin) + 1
@@ -141,30 +234,34 @@ contains
    !> In a pit, and where nothing descends, the heading stays.
    subroutine test_unchanged()
       real(wp) :: before(2)
+      type(turning_t) :: turning
+      integer :: rule
 
       before = at_angle(1.0_wp)
-      call check("in a pit", all(abs(new_heading(before, at_angle(3.0_wp), .true., .false., &
-                                                 0.5_wp, 0.9_wp) - before) <= 0))
-      call check("in a pit, upslope", &
-                 all(abs(new_heading(before, at_angle(3.0_wp), .true., .true., 0.5_wp, &
-                                     0.9_wp) - before) <= 0))
-      call check("nothing descends", &
-                 all(abs(new_heading(before, [0.0_wp, 0.0_wp], .false., .false., 0.5_wp, &
-                                     0.9_wp) - before) <= 0))
+      do rule = past_aspect, by_lab
+         turning = turning_t(rule, 0.5_wp, 0.9_wp, 1.0_wp, 0.3_wp)
+         call check("in a pit", all(abs(new_heading(turning, before, level, at_angle(3.0_wp), .true.) - before) <= 0))
+         call check("in a pit, upslope", &
+                    all(abs(new_heading(turning, before, before, at_angle(3.0_wp), .true.) - before) <= 0))
+         if (rule == by_lab) cycle
+         call check("nothing descends", all(abs(new_heading(turning, before, level, level, .false.) - before) <= 0))
+      end do
    end subroutine test_unchanged
 
    !> A mirrored scene has mirrored headings, to the bit.
    subroutine test_mirror()
-      real(wp) :: before(2), down(2), draw(4), one(2), other(2)
+      real(wp) :: before(2), down(2), draw(4), g(2), one(2), other(2)
+      type(turning_t) :: turning
       integer :: k
 
       do k = 1, 10000
          call random_number(draw)
          before = at_angle(2*pi*draw(1))
          down = at_angle(2*pi*draw(2))
-         one = new_heading(before, down, .false., mod(k, 2) == 0, draw(3), draw(4))
-         other = new_heading([-before(1), before(2)], [-down(1), down(2)], .false., &
-                             mod(k, 2) == 0, draw(3), draw(4))
+         g = merge(1, -1, mod(k, 2) == 0)*before
+         turning = turning_t(1 + mod(k, 3), draw(3), draw(4), sign(1.0_wp, draw(4) - 0.5_wp), draw(3))
+         one = new_heading(turning, before, g, down, .false.)
+         other = new_heading(turning, [-before(1), before(2)], [-g(1), g(2)], [-down(1), down(2)], .false.)
          call check("east is as west", all(abs(other - [-one(1), one(2)]) <= 0))
       end do
    end subroutine test_mirror

@@ -5,7 +5,8 @@ program test_plane
    use rockfall_error, only: error_t
    use rockfall_terrain, only: terrain
    use rockfall_random, only: random_key
-   use rockfall_scene, only: set_sources, check_sources, set_impacts
+   use rockfall_scene, only: coefficients_t, set_sources, check_sources, set_impacts
+   use rockfall_direction, only: to_aspect
    use rockfall_trajectory, only: scene_t, fate_t, scratch_t, contact_t, impact_limit
    use rockfall_ensemble, only: trace_boulder
    use check_m, only: check, check_close, finish
@@ -60,16 +61,15 @@ contains
       type(scratch_t) :: scratch
       type(error_t), allocatable :: error
       real(wp), parameter :: flat = 1.0e-18_wp, kept = 0.99_wp
-      real(wp) :: covariance(9, 9, 5), time
+      real(wp) :: time
       integer :: k
 
       z = spread([(-0.7_wp*cell*k, k=1, nx)], 2, ny)
       call make_scene(scene, [0.0_wp, 0.0_wp], error)
       scene%release%drop_height = 0
       scene%release%velocity = [7.0_wp, 1.0_wp, -9.0_wp]
-      covariance = 0
-      call set_impacts(scene, spread([kept, 0.0_wp, 0.0_wp, flat, (0.0_wp, k=5, 9)], 2, 5), &
-                       covariance, error)
+      call set_impacts(scene, coefficients_t(spread([kept, 0.0_wp, 0.0_wp, flat, (0.0_wp, k=5, 9)], 2, 5)), &
+                       to_aspect, error)
       call trace_boulder(scene, 1_i8, 2*rebounds, fate, scratch)
       call check("slides on", fate%impacts == rebounds .and. fate%rebounds == rebounds)
       time = 0
@@ -92,7 +92,7 @@ contains
       type(scene_t), intent(out) :: scene
       real(wp), intent(in) :: place(2)
       type(error_t), allocatable, intent(out) :: error
-      real(wp) :: mean(9, 5), covariance(9, 9, 5), head
+      real(wp) :: head
 
       scene%dem = terrain(4.0e5_wp, 5.0e6_wp, cell, z8=z)
       scene%key = random_key(3_i8)
@@ -107,9 +107,7 @@ contains
       head = -huge(head)
       call check_sources(scene, 1, scene%dem%ny, head, error)
       if (allocated(error)) return
-      mean = spread(reshape(transpose(matrix), [9]), 2, 5)
-      covariance = 0
-      call set_impacts(scene, mean, covariance, error)
+      call set_impacts(scene, coefficients_t(spread(reshape(transpose(matrix), [9]), 2, 5)), to_aspect, error)
    end subroutine make_scene
 
    !> The normal velocity is reversed after T = 2 V_n/(g cos), meanwhile g sin T is gained along the slope

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 LAWS = {"fixed": 1, "normal": 2, "uniform": 3, "lognormal": 4, "list": 5}
 METHODS = {"A": 1, "B": 2}
+TURNINGS = {"past_aspect": 1, "to_aspect": 2, "lab": 3}
 SAMPLINGS = {"random": 0, "sobol": 13}  # words of a boulder that are of its Sobol' point
 MOST_BOULDERS = 2**31 - 1  # of a run: passages count them in 32 bits
 SIZE_TO_RADIUS = {"diameter": 0.5, "radius": 1.0}
@@ -39,6 +40,15 @@ def _absent(dtype: str, dims: int = 1) -> np.ndarray:
 
 
 ABSENT = _absent("f8")
+
+
+class Coefficients(NamedTuple):
+    """The numbers of five impact sets, as in the kernel's coefficients_t."""
+
+    mean: np.ndarray  # (9, 5)
+    covariance: np.ndarray  # (9, 9, 5)
+    incidence: np.ndarray  # (8, 5): angles between the classes of `lateral` [degree]
+    lateral: np.ndarray  # (13, 9, 5): quantiles of the lateral deviation [degree]
 
 
 @dataclass
@@ -54,8 +64,7 @@ class Scene:
     x: np.ndarray = field(default_factory=lambda: np.empty(0))  # of each source [m]
     y: np.ndarray = field(default_factory=lambda: np.empty(0))
     area: np.ndarray | None = None  # surface over plan area of each, where they release by it
-    mean: np.ndarray | None = None  # (9, 5)
-    covariance: np.ndarray | None = None  # (9, 9, 5)
+    sets: Coefficients | None = None
     checksums: dict[str, str] = field(default_factory=dict)  # of the input files
     decoded: dict[str, str] = field(default_factory=dict)  # of what was read of them: see `digest`
     at: tuple[int, int] = (0, 0)  # row and column of the grid where its rasters begin
@@ -106,6 +115,7 @@ class Scene:
         case, boulder, release = self.case, self.case.boulder, self.case.release
         single = self.z.dtype == np.float32
         law = [boulder.get(f"volume_{key}", 0.0) for key in ("mean", "std", "min", "max")]
+        sets = self.sets._asdict() if self.sets else {}  # read last of all
         lines = case.line or [{"x": ABSENT, "y": ABSENT}]
         return {
             "z8": _absent("f8", 2) if single else self.z.T,
@@ -118,7 +128,8 @@ class Scene:
             "sizes": np.asfortranarray(self.sizes.T),
             "method": METHODS[case.surface["method"]],
             "size_to_radius": SIZE_TO_RADIUS[case.surface["rg_reading"]],
-            "set_mean": self.mean, "set_covariance": self.covariance,
+            **{f"set_{name}": values for name, values in sets.items()},
+            "turning": TURNINGS[case.impact["turning"]],
             "gravity": case.flight["gravity"], "stop_speed": case.impact["stop_speed"],
             "impact_limit": case.impact["impact_limit"],
             "law": LAWS[boulder["volume"]], "law_values": law,
@@ -233,7 +244,7 @@ def _end(scene: Scene) -> None:
             f"{case.name}: &case boulders = {case.case['boulders']} from each of {scene.x.size} "
             f"sources: must be at most {MOST_BOULDERS} together"
         )
-    scene.mean, scene.covariance, scene.checksums["sets"] = read_sets(set_path(case))
+    scene.sets, scene.checksums["sets"] = read_sets(case, set_path(case))
 
 
 def _with_arrays(case: Case, keys: set[str]) -> Case:
@@ -422,14 +433,14 @@ def _noted(
         yield rows, block
 
 
-def read_sets(path: Path) -> tuple[np.ndarray, np.ndarray, str]:
-    """Mean (9, 5) and covariance (9, 9, 5) of the impact sets in a file, and its checksum."""
+def read_sets(case: Case, path: Path) -> tuple[Coefficients, str]:
+    """The impact sets in a file, with all that the case needs of them, and its checksum."""
     check_text_file(path)
-    text = path.read_bytes()
-    mean, covariance, code, message = _core.read_sets(text or b"\n", str(path).encode())
+    text, turning = path.read_bytes(), TURNINGS[case.impact["turning"]]
+    *values, code, message = _core.read_sets(text or b"\n", str(path).encode(), turning)
     if code:
         raise RockfallError(message.decode(errors="replace").strip(), code)
-    return mean, covariance, hashlib.sha256(text).hexdigest()
+    return Coefficients(*values), hashlib.sha256(text).hexdigest()
 
 
 def _blocks(

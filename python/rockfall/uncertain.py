@@ -55,7 +55,8 @@ class Uncertain:
         self.ends = np.cumsum([0, *(radii if n is None else n for n in NUMBERS)])
         self.design = self._design()
         self.sets = [
-            read_sets(set_path(scene.case, name, "ensemble")) for name in self.told.get("sets", [])
+            read_sets(scene.case, set_path(scene.case, name, "ensemble"))
+            for name in self.told.get("sets", [])
         ]
         longest = max(scene.grid.shape) * scene.grid.cell
         if self.told["dem_error"] > 0 and self.told["dem_correlation"] > longest:
@@ -158,8 +159,7 @@ class Uncertain:
 
     def _sets(self, numbers: np.ndarray) -> Draw:
         which = int(numbers[0] * len(self.sets))
-        mean, covariance, _ = self.sets[which]
-        return Draw({"mean": mean, "covariance": covariance}, kept={"set": which})
+        return Draw({"sets": self.sets[which][0]}, kept={"set": which})
 
 
 def _normal(uniform: np.ndarray) -> np.ndarray:

@@ -79,14 +79,17 @@ class Sets:
 def read_sets(source: str | Path) -> Sets:
     """A set file, or a set that is shipped with the program, by its name."""
     from rockfall._core import rockfall_f2py as core
-    from rockfall.scene import shipped_sets
+    from rockfall.scene import TURNINGS, shipped_sets
 
     path = shipped_sets().get(str(source), Path(source))
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise RockfallError(f"{source}: cannot be read: {error}") from error
-    mean, covariance, code, message = core.read_sets(text.encode() or b"\n", str(source).encode())
+    turning = TURNINGS["past_aspect"]  # needs nothing but the matrices
+    mean, covariance, *_, code, message = core.read_sets(
+        text.encode() or b"\n", str(source).encode(), turning
+    )
     if code:
         raise RockfallError(message.decode().strip(), code)
     found = re.findall(r"^! (\d+) points;", text, re.MULTILINE)
