@@ -44,6 +44,16 @@ def lateral(ratio):
     return f" incidence = {bounds[0]}, {bounds[1]}\n lateral = {values}\n"
 
 
+#: Of the noise within an impact: of V_t, V_n, W over |V_in|.
+NOISE = np.array([[0.004, 0.001, -0.0015], [0.001, 0.0025, 0.0005], [-0.0015, 0.0005, 0.006]])
+
+
+def noise(ratio):
+    """The noise of a set, weaker for each ratio, besides its lateral deviations."""
+    lower = ", ".join(repr(float(one)) for one in NOISE[np.tril_indices(3)] / ratio)
+    return f"{lateral(ratio)} noise = {lower}\n"
+
+
 def write_sets(path, mean, covariance, more=lambda ratio: ""):
     """A file of impact sets, with every digit, and `more` in each."""
     groups = []

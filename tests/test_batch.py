@@ -540,6 +540,12 @@ HOSTILE = {
         lambda folder: sets("covariance", "covariance")(folder) or _indefinite(folder),
         ["sets.nml", "covariance", "eigenvalue"], True,
     ),
+    "noise": (in_first_set("", noise=[1.0] * 5), ["noise", "must be 6 values, not 5"], True),
+    "loud noise": (
+        in_first_set("", noise=[1.0, 2.0, 1.0, 0.0, 0.0, 1.0]),
+        ["sets.nml: line", "&impact_set noise is indefinite: smallest eigenvalue  -1.0000E+00"],
+        True,
+    ),
     "no deviations": (
         in_first_set(LAB), ["lateral: is missing: needed for &impact turning = 'lab'"], True
     ),

@@ -51,14 +51,14 @@ def judged(scene):
     return result, found
 
 
-def both(folder, z, start, *, cell=5.0, scatter=1.0, sets=None, arrays=None, line=(), **groups):
+def both(folder, z, start, *, cell=5.0, scatter=1.0, sets=None, arrays=None, **groups):
     """Judge boulders on an array of elevations; `start` from the south-western cell centre."""
     groups["case"] = {"boulders": BOULDERS, "seed": 2**40 + 77} | groups.get("case", {})
     groups["boulder"] = groups.get("boulder", NORMAL)
     if start is not None:
         place = {"x": [start[0]], "y": [start[1]]}
         groups["release"] = place | groups.get("release", {})
-    case = scenes.make_case(folder, *(sets or scenes.sets(scatter)), line=line, **groups)
+    case = scenes.make_case(folder, *(sets or scenes.sets(scatter)), **groups)
     grid = scenes.grid(z, cell, -cell / 2, -cell / 2)
     return judged(read_scene(case, dem=z, transform=grid, **(arrays or {})))
 
@@ -151,6 +151,15 @@ def test_obstacles_of_method_a_single_precision_nodata_and_a_river(tmp_path, rea
     result, _ = both(tmp_path, z, (130.2, 382.6), surface=surface, arrays=arrays)
     assert {"absorbed", "left_domain"} <= set(scenes.status(result))
     assert result.rebounds_out_of_range > 0
+
+
+@pytest.mark.parametrize("scatter", [0.0, 1.0, 8.0])
+def test_noise_within_an_impact(tmp_path, scatter):
+    """Alone, beside the scatter of A, and where most draws are refused and drawn again."""
+    rocks = np.random.default_rng(4).uniform(0.1, 0.6, (80, 60)).astype("f4")
+    result, _ = both(tmp_path, scenes.rough(), (149.8, 382.6), scatter=scatter, more=scenes.noise,
+                     surface={"mean_radius": "given"}, arrays={"mean_radius": rocks})  # fmt: skip
+    assert (result.rebounds_redrawn > 20) == (scatter > 0)
 
 
 def test_mean_radius_that_changes_from_cell_to_cell(tmp_path):

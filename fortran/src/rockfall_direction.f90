@@ -23,6 +23,7 @@ module rockfall_direction
    real(wp), parameter :: probability(13) = [0.0_wp, 0.1_wp, 0.2_wp, 0.3_wp, 0.4_wp, 0.5_wp, 0.6_wp, 0.7_wp, &
                                              0.8_wp, 0.9_wp, 0.95_wp, 0.99_wp, 1.0_wp]
    integer, parameter :: lateral_quantiles = size(probability)
+   real(wp), parameter :: per_probability(*) = 1/(probability(2:) - probability(:lateral_quantiles - 1))
 
    !> Lateral deviations in the laboratory, by classes of the incidence angle.
    type :: lateral_t
@@ -60,10 +61,14 @@ contains
       real(wp), intent(in) :: v_in(2), u  !! u: uniform in (0, 1)
       integer :: class, k
 
-      class = 1 + count(v_in(2)**2 >= this%sine2*(v_in(1)**2 + v_in(2)**2))
-      k = count(u >= probability(:lateral_quantiles - 1))
-      associate (p => probability(k:k + 1), q => this%angle(k:k + 1, class))
-         lateral_angle = q(1) + (q(2) - q(1))*((u - p(1))/(p(2) - p(1)))
+      do class = 1, lateral_classes - 1
+         if (v_in(2)**2 < this%sine2(class)*(v_in(1)**2 + v_in(2)**2)) exit
+      end do
+      k = min(10, 1 + int(10*u))  ! tenths, then the tail
+      if (u >= probability(11)) k = 11
+      if (u >= probability(12)) k = 12
+      associate (q => this%angle(k:k + 1, class))
+         lateral_angle = q(1) + (q(2) - q(1))*((u - probability(k))*per_probability(k))
       end associate
    end function lateral_angle
 

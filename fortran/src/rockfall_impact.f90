@@ -1,11 +1,12 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> The stochastic impact model (Bourrier et al. 2009, eqs 4-7): V_out = A V_in with V = (V_t, V_n, W),
 !> W = R_b omega, and a random 3x3 matrix A, multivariate normal, whose distribution depends only on
-!> the size of the boulder over the size of the rocks on the slope.
+!> the size of the boulder over the size of the rocks on the slope; and, if a set has it, noise within the impact.
 module rockfall_impact
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail, our_fault
-   use rockfall_random, only: random_key_t, normal_table_t, normal, random_words, for_impact
+   use rockfall_random, only: random_key_t, normal_table_t, normal, random_words, four_words, for_impact, &
+                              for_noise
    use rockfall_boulder, only: spin_inertia
    implicit none
    private
@@ -18,6 +19,8 @@ module rockfall_impact
    type :: impact_set_t
       real(wp) :: mean(10) = 0.0_wp     !! and a tenth row of zeros, because
       real(wp) :: root(10, 9) = 0.0_wp  !! processors work in pairs
+      real(wp) :: noise(3, 3) = 0.0_wp  !! lower root of the covariance of e: V_out = A V_in + |V_in| e
+      logical :: noisy = .false.
    end type impact_set_t
 
    !> What one rebound did.
@@ -64,37 +67,54 @@ module rockfall_impact
 
 contains
 
-   !> A set from its mean and covariance. Factors by dpotrf; a covariance that is only semidefinite by the
-   !> pivoted dpstrf. Errors: not symmetric (names the entry), indefinite (names the eigenvalue).
-   subroutine impact_set(mean, covariance, set, error)
+   !> A set from its mean, its covariance and that of the noise within an impact, if there is any.
+   subroutine impact_set(mean, covariance, set, error, noise)
       real(wp), intent(in) :: mean(9), covariance(9, 9)
       type(impact_set_t), intent(out) :: set
       type(error_t), allocatable, intent(out) :: error
-      real(wp) :: root(9, 9)
-      integer :: info, k
+      real(wp), intent(in), optional :: noise(3, 3)
 
-      call check_symmetric(covariance, error)
-      if (.not. allocated(error)) call check_definite(covariance, error)
-      if (allocated(error)) return
       set%mean(:9) = mean
-      root = covariance
-      call dpotrf("L", 9, root, 9, info)
-      if (info /= 0) call semidefinite_root(covariance, root)
-      do k = 1, 9
-         set%root(k:9, k) = root(k:9, k)
-      end do
+      call lower_root("covariance", covariance, set%root(:9, :), error)
+      if (allocated(error) .or. .not. present(noise)) return
+      call lower_root("noise", noise, set%noise, error)
+      set%noisy = any(abs(noise) > 0)
    end subroutine impact_set
 
-   subroutine check_symmetric(c, error)
-      real(wp), intent(in) :: c(9, 9)
+   !> Lower triangular L with L L^T = C. Factors by dpotrf; a matrix that is only semidefinite by the pivoted dpstrf.
+   !> Errors: not symmetric (names the entry), indefinite (names the eigenvalue).
+   subroutine lower_root(name, c, root, error)
+      character(len=*), intent(in) :: name  !! of C, for messages
+      real(wp), intent(in) :: c(:, :)
+      real(wp), intent(out) :: root(size(c, 1), size(c, 1))
+      type(error_t), allocatable, intent(out) :: error
+      real(wp) :: factor(size(c, 1), size(c, 1))
+      integer :: info, k, n
+
+      n = size(c, 1)
+      root = 0
+      call check_symmetric(name, c, error)
+      if (.not. allocated(error)) call check_definite(name, c, error)
+      if (allocated(error)) return
+      factor = c
+      call dpotrf("L", n, factor, n, info)
+      if (info /= 0) call semidefinite_root(c, factor)
+      do k = 1, n
+         root(k:, k) = factor(k:, k)
+      end do
+   end subroutine lower_root
+
+   subroutine check_symmetric(name, c, error)
+      character(len=*), intent(in) :: name
+      real(wp), intent(in) :: c(:, :)
       type(error_t), allocatable, intent(out) :: error
       character(len=160) :: text
       integer :: i, j
 
-      do j = 1, 9
-         do i = j + 1, 9
+      do j = 1, size(c, 2)
+         do i = j + 1, size(c, 1)
             if (abs(c(i, j) - c(j, i)) <= 1.0e-12_wp*maxval(abs(c))) cycle
-            write (text, "(a,i0,a,i0,a,g0,a,i0,a,i0,a,g0)") "covariance is not symmetric: entry (", i, ", ", j, &
+            write (text, "(2a,i0,a,i0,a,g0,a,i0,a,i0,a,g0)") name, " is not symmetric: entry (", i, ", ", j, &
                ") = ", c(i, j), ", entry (", j, ", ", i, ") = ", c(j, i)
             call fail(error, trim(text))
             return
@@ -103,26 +123,27 @@ contains
    end subroutine check_symmetric
 
    !> An eigenvalue below zero by more than rounding means that no random matrix has this covariance.
-   subroutine check_definite(c, error)
-      real(wp), intent(in) :: c(9, 9)
+   subroutine check_definite(name, c, error)
+      character(len=*), intent(in) :: name
+      real(wp), intent(in) :: c(:, :)
       type(error_t), allocatable, intent(out) :: error
-      real(wp) :: a(9, 9), eigenvalue(9), work(90)
+      real(wp) :: a(size(c, 1), size(c, 1)), eigenvalue(size(c, 1)), work(90)
       character(len=120) :: text
       integer :: info
 
       a = c
-      call dsyev("N", "L", 9, a, 9, eigenvalue, work, size(work), info)
+      call dsyev("N", "L", size(c, 1), a, size(c, 1), eigenvalue, work, size(work), info)
       if (info /= 0) then
-         call fail(error, "the eigenvalues of the covariance did not converge", our_fault)
+         call fail(error, "the eigenvalues of the "//name//" did not converge", our_fault)
       else if (eigenvalue(1) < -rounding(c)) then
-         write (text, "(a,es12.4)") "covariance is indefinite: smallest eigenvalue ", eigenvalue(1)
+         write (text, "(2a,es12.4)") name, " is indefinite: smallest eigenvalue ", eigenvalue(1)
          call fail(error, trim(text)//", must be >= 0")
       end if
    end subroutine check_definite
 
    !> What an eigenvalue of a semidefinite matrix printed with seven digits may fall below zero.
    pure real(wp) function rounding(c)
-      real(wp), intent(in) :: c(9, 9)
+      real(wp), intent(in) :: c(:, :)
 
       rounding = 1.0e-6_wp*maxval(abs(c))
    end function rounding
@@ -130,19 +151,20 @@ contains
    !> Lower triangular L with L L^T = C for a semidefinite C: dpstrf gives C = P M M^T P^T with a
    !> trapezoid M, and dgelqf turns P M into L Q with an orthogonal Q, which does not matter.
    subroutine semidefinite_root(c, root)
-      real(wp), intent(in) :: c(9, 9)
-      real(wp), intent(out) :: root(9, 9)
-      real(wp) :: factor(9, 9), reflectors(9), work(90)
-      integer :: pivot(9), rank, info, k
+      real(wp), intent(in) :: c(:, :)
+      real(wp), intent(out) :: root(size(c, 1), size(c, 1))
+      real(wp) :: factor(size(c, 1), size(c, 1)), reflectors(size(c, 1)), work(90)
+      integer :: pivot(size(c, 1)), rank, info, k, n
 
+      n = size(c, 1)
       root = 0
       if (.not. any(abs(c) > 0)) return
       factor = c
-      call dpstrf("L", 9, factor, 9, pivot, rank, -1.0_wp, work, info)
+      call dpstrf("L", n, factor, n, pivot, rank, -1.0_wp, work, info)
       do k = 1, rank
-         root(pivot(k:9), k) = factor(k:9, k)
+         root(pivot(k:), k) = factor(k:, k)
       end do
-      call dgelqf(9, 9, root, 9, reflectors, work, size(work), info)
+      call dgelqf(n, n, root, n, reflectors, work, size(work), info)
    end subroutine semidefinite_root
 
    !> The set that serves a ratio R_b/R_m: rounded, within 1..5; `outside`: beyond 0.5..5.5, where no set
@@ -157,7 +179,7 @@ contains
    end subroutine ratio_class
 
    !> One rebound (eqs 4, 5). A draw is admissible if the boulder leaves the surface and gains no
-   !> kinetic energy; otherwise A is drawn again, and after 32 draws the last is forced.
+   !> kinetic energy; otherwise A and the noise are drawn again, and after 32 draws the last is forced.
    pure subroutine rebound(set, table, key, boulder, impact, words, v_in, out)
       type(impact_set_t), intent(in) :: set
       type(normal_table_t), intent(in) :: table
@@ -173,11 +195,13 @@ contains
       energy_in = twice_energy(v_in)
       z = normal(table, words)
       out%v = product_with(set, z, v_in)
+      if (set%noisy) out%v = out%v + noise(set, table, key, boulder, impact, 0, v_in)
       do draw = 1, most_draws - 1
          if (admissible(out%v, energy_in)) return
          again = random_words(key, for_impact, boulder, impact, int(draw, i8))
          z = normal(table, again(1:9))
          out%v = product_with(set, z, v_in)
+         if (set%noisy) out%v = out%v + noise(set, table, key, boulder, impact, draw, v_in)
          out%draws = out%draws + 1
       end do
       out%forced = .not. admissible(out%v, energy_in)
@@ -198,6 +222,24 @@ contains
       v(2) = a(4)*v_in(1) + a(5)*v_in(2) + a(6)*v_in(3)
       v(3) = a(7)*v_in(1) + a(8)*v_in(2) + a(9)*v_in(3)
    end function product_with
+
+   !> |V_in| e for e = L z, |V|**2 = V_t**2 + V_n**2 + W**2; its words are no others'.
+   pure function noise(set, table, key, boulder, impact, draw, v_in) result(v)
+      type(impact_set_t), intent(in) :: set
+      type(normal_table_t), intent(in) :: table
+      type(random_key_t), intent(in) :: key
+      integer(i8), intent(in) :: boulder, impact
+      integer, intent(in) :: draw
+      real(wp), intent(in) :: v_in(3)
+      real(wp) :: v(3), z(3)
+      integer(i8) :: word(4)
+
+      word = four_words(key, for_noise, boulder, impact, int(draw, i8))
+      z = normal(table, word(:3))*sqrt(v_in(1)*v_in(1) + v_in(2)*v_in(2) + v_in(3)*v_in(3))
+      associate (l => set%noise)
+         v = l(:, 1)*z(1) + l(:, 2)*z(2) + l(:, 3)*z(3)
+      end associate
+   end function noise
 
    !> Twice the kinetic energy per mass of (V_t, V_n, W) [m2/s2].
    pure real(wp) function twice_energy(v)

@@ -6,12 +6,11 @@ module rockfall_random
    use rockfall_math, only: logarithm
    implicit none
    private
-   public :: random_key_t, random_key, philox4x32, random_words, uniform
-   public :: normal_table_t, normal_table, normal, normal_quantile, for_release, for_impact, &
-             for_scramble
+   public :: random_key_t, random_key, philox4x32, random_words, four_words, uniform
+   public :: normal_table_t, normal_table, normal, normal_quantile, for_release, for_impact, for_scramble, for_noise
 
    !> Purposes: separate streams.
-   integer(i8), parameter :: for_release = 1, for_impact = 2, for_scramble = 3
+   integer(i8), parameter :: for_release = 1, for_impact = 2, for_scramble = 3, for_noise = 4
    integer(i8), parameter :: low32 = int(z"FFFFFFFF", i8)
 
    integer, parameter :: rounds = 10
@@ -83,6 +82,16 @@ contains
          counter(4) = counter(4) + 1
       end do
    end function random_words
+
+   !> Four words: for what needs no more.
+   pure function four_words(key, purpose, boulder, impact, draw) result(x)
+      type(random_key_t), intent(in) :: key
+      integer(i8), intent(in) :: purpose, boulder, impact, draw
+      integer(i8) :: x(4)
+
+      x = philox4x32([iand(boulder, low32), shiftr(boulder, 32), iand(impact, low32), &
+                      ior(shiftl(purpose, 24), draw)], key)
+   end function four_words
 
    !> A number in (0, 1) from a word.
    elemental real(wp) function uniform(word)

@@ -14,8 +14,10 @@ module rockfall_sets
    private
    public :: read_sets
 
-   character(len=*), parameter :: keys(*) = [character(len=10) :: "ratio", "mean", "covariance", "incidence", "lateral"]
-   integer, parameter :: lengths(*) = [1, 9, 45]  !! of those that must be there; matrices by their lower triangle, by rows
+   character(len=*), parameter :: keys(*) = [character(len=10) :: "ratio", "mean", "covariance", "noise", &
+                                            "incidence", "lateral"]
+   integer, parameter :: lengths(4) = [1, 9, 45, 6]  !! of the first; matrices by their lower triangle, by rows
+   integer, parameter :: required = 3                !! keys
 
 contains
 
@@ -46,7 +48,9 @@ contains
          else
             found(ratio) = .true.
             call read_set(list%group(g), int(ratio), sets, error)
-            if (.not. allocated(error)) call impact_set(sets%mean(:, ratio), sets%covariance(:, :, ratio), set, error)
+            if (.not. allocated(error)) then
+               call impact_set(sets%mean(:, ratio), sets%covariance(:, :, ratio), set, error, sets%noise(:, :, ratio))
+            end if
             if (allocated(error)) then
                error%message = with_place(list%group(g), error%message)
             else if (turning == by_lab .and. .not. has_key(list%group(g), "lateral")) then
@@ -59,7 +63,7 @@ contains
                                       //missing(found)//"; a file needs ratios 1 to "//integer_text(impact_ratios))
    end subroutine read_sets
 
-   !> Only known keys, and those that must be there with their number of values.
+   !> Only known keys, all that must be there, each with its number of values.
    pure subroutine check_group(group, error)
       type(group_t), intent(in) :: group
       type(error_t), allocatable, intent(out) :: error
@@ -78,7 +82,7 @@ contains
       end do
       do k = 1, size(lengths)
          if (.not. has_key(group, trim(keys(k)))) then
-            call refuse(group, trim(keys(k)), "is missing", error)
+            if (k <= required) call refuse(group, trim(keys(k)), "is missing", error)
          else if (value_count(group, trim(keys(k))) /= lengths(k)) then
             call refuse(group, trim(keys(k)), "must be "//integer_text(lengths(k))//" values, not " &
                         //integer_text(value_count(group, trim(keys(k)))), error)
@@ -101,6 +105,12 @@ contains
       call get_real(group, "covariance", values, error)
       if (allocated(error)) return
       sets%covariance(:, :, ratio) = symmetric(values, 9)
+      if (has_key(group, "noise")) then
+         deallocate (values)
+         call get_real(group, "noise", values, error)
+         if (allocated(error)) return
+         sets%noise(:, :, ratio) = symmetric(values, 3)
+      end if
       call read_lateral(group, sets%incidence(:, ratio), sets%lateral(:, :, ratio), error)
    end subroutine read_set
 
