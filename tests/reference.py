@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 
 decimal.getcontext().prec = 50  # of all that this module reckons
-RELEASE, IMPACT, SCRAMBLE, NOISE = 1, 2, 3, 4  # purposes of random words
+RELEASE, IMPACT, SCRAMBLE, NOISE, BETWEEN = 1, 2, 3, 4, 5  # purposes of random words
 INERTIA = Decimal("0.4")  # of a sphere, over m R**2
 PI = Decimal("3.14159265358979323846264338327950288419716939937510582097494")
 LOW = 2**32 - 1
@@ -46,6 +46,7 @@ class World:
     covariance: np.ndarray  # (5, 9, 9), positive definite or zero
     sizes: np.ndarray  # (1, ny, nx) R_m, or (3, ny, nx) Rg70, Rg20, Rg10; Inf absorbs
     sources: list[tuple[float, float]]
+    between: bool = False  # ratios, or else the nearest
     turning: str = "past_aspect"  # or to_aspect, or lab, which needs
     incidence: np.ndarray | None = None  # (5, 8): between the classes of `lateral` [degree]
     lateral: np.ndarray | None = None  # (5, 9, 13): quantiles of the lateral deviation [degree]
@@ -587,8 +588,13 @@ def noise(world: World, k: int, number: int, hit: int, draw: int) -> tuple[list[
     return [sum(row) for row in terms], max(float(sum(map(abs, row))) for row in terms)
 
 
-def set_of(ratio: Decimal, doubt: Doubt) -> int:
+def set_of(world: World, number: int, hit: int, ratio: Decimal, doubt: Doubt) -> int:
     """The set that serves a ratio R_b/R_m, from 0."""
+    if world.between:
+        word = philox([number & LOW, number >> 32, hit, BETWEEN << 24], world.seed)[0]
+        lower = min(Decimal(5), max(ONE, ratio)) // 1
+        upper = doubt.above(min(Decimal(5), ratio) - lower - uniform(word), ONE)
+        return int(lower) - 1 + upper
     doubt.above(ratio % 1 - HALF, ONE)
     return min(5, max(1, math.floor(ratio + HALF))) - 1
 
@@ -718,7 +724,7 @@ def bounce(
         spin = -spin  # it rolls backwards as seen from where it goes now
     v_in = (length(along), min(ZERO, normal_speed), spin)
     ratio = radius(world, number) / rock
-    k = set_of(ratio, doubt)
+    k = set_of(world, number, hit, ratio, doubt)
     v_out, weight = impact(world, number, hit, k, v_in, doubt)
 
     downhill, pit = horn(world, column, row) or ((-g[0], -g[1]), False)

@@ -169,6 +169,7 @@ def world_of(scene: Scene) -> World:
         lateral=scene.sets.lateral.T,
         noise=scene.sets.noise.T,
         turning=case.impact["turning"],
+        between=case.impact["ratio"] == "between",
         sizes=_sizes(scene),
         sources=list(zip(scene.x.tolist(), scene.y.tolist(), strict=True)),
         boulders=case.case["boulders"],

@@ -540,6 +540,10 @@ HOSTILE = {
         lambda folder: sets("covariance", "covariance")(folder) or _indefinite(folder),
         ["sets.nml", "covariance", "eigenvalue"], True,
     ),
+    "choice": (
+        replace("sets = 'rocky", "ratio = 'mean', sets = 'rocky"),
+        ["&impact ratio = 'mean': must be one of: nearest, between"], True,
+    ),
     "noise": (in_first_set("", noise=[1.0] * 5), ["noise", "must be 6 values, not 5"], True),
     "loud noise": (
         in_first_set("", noise=[1.0, 2.0, 1.0, 0.0, 0.0, 1.0]),

@@ -208,6 +208,7 @@ def scenes_of(draw, generic=False):
         "impact": {
             "impact_limit": draw(st.sampled_from([40, 1, 3, 400])),
             "stop_speed": draw(st.sampled_from([0.5, 1e-6, 5.0])),
+            "ratio": draw(st.sampled_from(["nearest", "between"])),
             "turning": draw(st.sampled_from(["past_aspect", "to_aspect", "lab"])),
         },
         "boulder": draw(st.sampled_from(LAWS)),

@@ -153,6 +153,16 @@ def test_obstacles_of_method_a_single_precision_nodata_and_a_river(tmp_path, rea
     assert result.rebounds_out_of_range > 0
 
 
+@pytest.mark.parametrize("noisy", [scenes.lateral, scenes.noise])
+def test_ratios_between_two_sets(tmp_path, noisy):
+    rocks = np.random.default_rng(6).uniform(0.08, 0.9, (80, 60)).astype("f4")
+    mean, covariance = scenes.sets()
+    sets = mean * np.linspace(0.9, 1.05, 5)[:, None], covariance
+    both(tmp_path, scenes.rough(), (149.8, 382.6), sets=sets, more=noisy,
+         surface={"mean_radius": "given"}, impact={"ratio": "between", "turning": "lab"},
+         arrays={"mean_radius": rocks})  # fmt: skip
+
+
 @pytest.mark.parametrize("scatter", [0.0, 1.0, 8.0])
 def test_noise_within_an_impact(tmp_path, scatter):
     """Alone, beside the scatter of A, and where most draws are refused and drawn again."""

@@ -37,7 +37,7 @@ module rockfall_case
    character(len=*), parameter :: map_names(*) = map_fields
    integer, parameter :: n_maps = size(map_names)
 
-   integer, parameter :: n_keys = 56
+   integer, parameter :: n_keys = 57
    type(key_t), parameter :: key_table(n_keys) = [ &
       key_t("case", "title", "text", 1, "''", "", "", "what the result is called"), &
       key_t("case", "seed", "integer", 1, "1", ">= 0", "", "of the random numbers"), &
@@ -61,6 +61,8 @@ module rockfall_case
       key_t("impact", "sets", "text", 1, "'rocky-slope'", "", "", "shipped impact set, or a file"), &
       key_t("impact", "turning", "text", 1, "'past_aspect'", "past_aspect, to_aspect, lab", "", &
             "by a random angle, past the cell's aspect or at most to it; or as in the laboratory: impact_sets.md"), &
+      key_t("impact", "ratio", "text", 1, "'nearest'", "nearest, between", "", &
+            "which set serves R_b/R_m: the nearest, or either of the two beside it, the nearer more often"), &
       key_t("impact", "stop_speed", "real", 1, "0.5", "> 0", "m/s", "slower after a rebound: stopped"), &
       key_t("impact", "impact_limit", "integer", 1, "100000", ">= 1", "", "contacts of a boulder at most"), &
       key_t("boulder", "volume", "text", 1, "'fixed'", "fixed, normal, uniform, lognormal, list", "", "law"), &
@@ -128,6 +130,7 @@ module rockfall_case
       real(wp) :: stop_speed = 0.5_wp, gravity = 9.81_wp, drop_height = 0.0_wp, velocity(3) = 0.0_wp
       integer :: impact_limit = 100000
       integer :: turning = past_aspect           !! rule of turning_t
+      logical :: between_ratios = .false.
       type(boulder_law_t) :: law
       real(wp), allocatable :: x(:), y(:)        !! release points, map coordinates [m]
       logical :: steep_cells = .false., by_area = .false.
@@ -486,6 +489,7 @@ contains
       case%gravity = real_of(group, "gravity")
       group = group_of(list, "impact")
       case%sets = text_of(group, "sets")
+      case%between_ratios = text_of(group, "ratio") == "between"
       select case (text_of(group, "turning"))
       case ("to_aspect"); case%turning = to_aspect
       case ("lab"); case%turning = by_lab

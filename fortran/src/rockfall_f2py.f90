@@ -34,7 +34,8 @@ contains
    !> Follow boulders first .. first + n - 1 of a scene; maps and histograms are added to. With room > 1 (and
    !> n = 1) the vertices of the trajectory are kept too, up to `room` of `recorded`.
    subroutine run(z8, z4, west, north, cell, nodes, at, zone1, zone2, values, sizes, method, size_to_radius, &
-                  set_mean, set_covariance, set_noise, set_incidence, set_lateral, turning, gravity, stop_speed, impact_limit, &
+                  set_mean, set_covariance, set_noise, set_incidence, set_lateral, turning, between, &
+                  gravity, stop_speed, impact_limit, &
                   law, law_values, volumes, density, source_x, source_y, sources_before, per_source, source_end, &
                   drop_height, velocity, &
                   lines, line_end, line_x, line_y, seed, sobol, first, threads, &
@@ -59,6 +60,7 @@ contains
       real(c_double), intent(in) :: set_mean(9, 5), set_covariance(9, 9, 5)  !! as in coefficients_t
       real(c_double), intent(in) :: set_noise(3, 3, 5), set_incidence(8, 5), set_lateral(13, 9, 5)
       integer(c_int), intent(in) :: turning                      !! rule of turning_t
+      integer(c_int), intent(in) :: between                      !! ratios: 0 or 1
       real(c_double), intent(in) :: gravity, stop_speed          !! [m/s2], [m/s]
       integer(c_int), intent(in) :: impact_limit
       integer(c_int), intent(in) :: law                          !! as in boulder_law_t
@@ -105,6 +107,7 @@ contains
       if (sobol > 0) scene%sobol = sobol_sequence(sobol)
       scene%gravity = gravity
       scene%stop_speed = stop_speed
+      scene%between_ratios = between /= 0
       scene%most_impacts = impact_limit
       call set_terrain(scene%dem, z8, z4, west, north, cell, nodes, at)
       call keep_within(scene%dem, map_at, map_last)

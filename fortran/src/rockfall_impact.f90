@@ -10,7 +10,7 @@ module rockfall_impact
    use rockfall_boulder, only: spin_inertia
    implicit none
    private
-   public :: impact_set_t, impact_set, impact_ratios, ratio_class, rebound_t, rebound
+   public :: impact_set_t, impact_set, impact_ratios, ratio_class, ratio_between, rebound_t, rebound
 
    integer, parameter :: impact_ratios = 5  !! sets for R_b/R_m = 1, 2, 3, 4, 5
    integer, parameter :: most_draws = 32    !! draws of A before one is forced to be admissible
@@ -177,6 +177,18 @@ contains
       outside = ratio < 0.5_wp .or. ratio > impact_ratios + 0.5_wp
       class = int(0.5_wp + max(1.0_wp, min(real(impact_ratios, wp), ratio)))
    end subroutine ratio_class
+
+   !> The set that serves a ratio by chance: of the two beside it the upper one with the probability of how near the
+   !> ratio comes to it, within 1..5.
+   pure integer function ratio_between(ratio, u) result(class)
+      real(wp), intent(in) :: ratio
+      real(wp), intent(in) :: u  !! uniform in (0, 1)
+      real(wp) :: within
+
+      within = max(1.0_wp, min(real(impact_ratios, wp), ratio))
+      class = int(within)
+      if (u < within - class) class = class + 1
+   end function ratio_between
 
    !> One rebound (eqs 4, 5). A draw is admissible if the boulder leaves the surface and gains no
    !> kinetic energy; otherwise A and the noise are drawn again, and after 32 draws the last is forced.

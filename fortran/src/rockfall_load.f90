@@ -609,6 +609,7 @@ contains
       if (case%sobol) scene%sobol = sobol_sequence(most_dimensions)
       scene%gravity = case%gravity
       scene%stop_speed = case%stop_speed
+      scene%between_ratios = case%between_ratios
       scene%most_impacts = case%impact_limit
       scene%law = case%law
       scene%release%boulders_per_source = case%boulders

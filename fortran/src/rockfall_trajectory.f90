@@ -3,14 +3,15 @@
 !> A pure function of the scene and the boulder's number.
 module rockfall_trajectory
    use rockfall_kinds, only: wp, i8
-   use rockfall_random, only: random_key_t, normal_table_t, random_words, uniform, for_impact
+   use rockfall_random, only: random_key_t, normal_table_t, random_words, four_words, uniform, for_impact, &
+                              for_ratio
    use rockfall_sobol, only: sobol_t, sobol_word, scrambled
    use rockfall_terrain, only: terrain_t, patch_t, in_window, locate, height, gradient, cell_of, cell_descent
    use rockfall_surface, only: surface_t, rock_radius
    use rockfall_boulder, only: boulder_t, boulder_law_t, release_t, draw_boulder, source_of, first_of, &
                                spin_inertia
    use rockfall_flight, only: flight_t, landing_t, span_t, fly, launch_rate, arc_length
-   use rockfall_impact, only: impact_set_t, impact_ratios, ratio_class, rebound_t, rebound
+   use rockfall_impact, only: impact_set_t, impact_ratios, ratio_class, ratio_between, rebound_t, rebound
    use rockfall_direction, only: turning_t, lateral_t, past_aspect, by_lab, lateral_angle, new_heading, unit_vector, &
                                  any_heading
    use rockfall_line, only: line_t, first_crossing
@@ -36,6 +37,7 @@ module rockfall_trajectory
       type(terrain_t) :: dem
       type(surface_t) :: surface
       type(impact_set_t) :: sets(impact_ratios)
+      logical :: between_ratios = .false.  !! a ratio between two sets is served by either, by chance
       integer :: turning = past_aspect     !! rule of turning_t
       type(lateral_t), allocatable :: lateral(:)  !! of each ratio; only by_lab
       type(boulder_law_t) :: law
@@ -342,6 +344,7 @@ contains
       end if
       ratio = fate%boulder%radius/radius
       call ratio_class(ratio, class, outside)
+      if (scene%between_ratios) class = ratio_between(ratio, ratio_chance(scene%key, number, fate%impacts))
       g = gradient(scene%dem, landing%patch, landing%u, landing%w)
       steepness = sqrt(1 + g(1)**2 + g(2)**2)
       call decompose(v, g, steepness, flight%heading, omega_r, v_in, heading)
@@ -364,6 +367,17 @@ contains
          fate%status = impact_limit
       end if
    end subroutine touch
+
+   !> A number in (0, 1) that chooses between two sets, at a contact of a boulder.
+   pure real(wp) function ratio_chance(key, number, impact)
+      type(random_key_t), intent(in) :: key
+      integer(i8), intent(in) :: number
+      integer, intent(in) :: impact
+      integer(i8) :: word(4)
+
+      word = four_words(key, for_ratio, number, int(impact, i8), 0_i8)
+      ratio_chance = uniform(word(1))
+   end function ratio_chance
 
    !> The incoming velocity in the plane of the surface normal and the tangent of travel
    !> (V_t >= 0, V_n <= 0, W), and the plan heading of that tangent; zero when there is none.

@@ -6,7 +6,7 @@ program test_impact
    use rockfall_error, only: error_t, bad_input
    use rockfall_random, only: random_key_t, random_key, random_words, four_words, normal_table_t, &
       normal_table, normal, for_impact, for_noise
-   use rockfall_impact, only: impact_set_t, impact_set, ratio_class, rebound_t, rebound
+   use rockfall_impact, only: impact_set_t, impact_set, ratio_class, ratio_between, rebound_t, rebound
    use check_m, only: check, check_close, finish
    implicit none
 
@@ -32,6 +32,7 @@ program test_impact
    call test_refused()
    call test_almost_semidefinite()
    call test_ratio_class()
+   call test_ratio_between()
    call finish()
 
 contains
@@ -387,4 +388,21 @@ contains
          call check("outside of the calibrated range", outside .eqv. (k <= 2 .or. k >= 12))
       end do
    end subroutine test_ratio_class
+   !> The upper of two sets as often as the ratio is beyond the lower; whole ratios and those beyond the sets are
+   !> served by one.
+   subroutine test_ratio_between()
+      real(wp), parameter :: ratio(8) = [0.2_wp, 1.0_wp, 1.25_wp, 2.5_wp, 3.0_wp, 4.9_wp, 5.0_wp, 70.0_wp]
+      integer, parameter :: lower(8) = [1, 1, 1, 2, 3, 4, 5, 5], upper(8) = [0, 0, 250, 500, 0, 900, 0, 0]
+      integer :: k, u, hits(0:6)
+
+      do k = 1, size(ratio)
+         hits = 0
+         do u = 0, 999
+            associate (hit => hits(ratio_between(ratio(k), (u + 0.5_wp)/1000)))
+               hit = hit + 1
+            end associate
+         end do
+         call check("between two sets", hits(lower(k)) == 1000 - upper(k) .and. hits(lower(k) + 1) == upper(k))
+      end do
+   end subroutine test_ratio_between
 end program test_impact

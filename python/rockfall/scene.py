@@ -131,6 +131,7 @@ class Scene:
             "size_to_radius": SIZE_TO_RADIUS[case.surface["rg_reading"]],
             **{f"set_{name}": values for name, values in sets.items()},
             "turning": TURNINGS[case.impact["turning"]],
+            "between": case.impact["ratio"] == "between",
             "gravity": case.flight["gravity"], "stop_speed": case.impact["stop_speed"],
             "impact_limit": case.impact["impact_limit"],
             "law": LAWS[boulder["volume"]], "law_values": law,
