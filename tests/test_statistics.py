@@ -6,7 +6,14 @@ import pytest
 import xarray as xr
 
 import rockfall
-from rockfall.statistics import QUANTITIES, _wilson, sample_numbers, share_interval, student
+from rockfall.statistics import (
+    QUANTITIES,
+    _wilson,
+    line_values,
+    sample_numbers,
+    share_interval,
+    student,
+)
 from scenes import grid, make_case, rough, sets
 
 
@@ -58,6 +65,31 @@ def test_the_numbers_are_those_of_the_crossing_boulders(long_run):
     assert table.loc["energy_total", "mean"] == pytest.approx(np.nanmean(energy), rel=1e-12)
     share = long_run["line_energy_rotational"].values[0] / energy
     assert table.loc["rotational_share", "mean"] == pytest.approx(np.nanmean(share), rel=1e-12)
+
+
+def test_the_lateral_spread_is_the_deviation_along_a_bent_line():
+    """Far from the origin, as coordinates of a map are, over a side of no length."""
+    corner, random = np.array([6e5, 5e6]), np.random.default_rng(2)
+    vertices = corner + [[0, 0], [30, 40], [30, 40], [30, 140], [0, 140]]
+    place = np.append(random.uniform(0, 180, 500), [0.0, 50.0, 150.0, 180.0])
+    x = corner[0] + np.interp(place, [0, 50, 150, 180], [0, 30, 30, 0])
+    y = corner[1] + np.interp(place, [0, 50, 150, 180], [0, 40, 140, 140])
+    crossed = np.append(np.full(place.size, True), False)
+    values = {
+        f"line_{name}": (("line", "boulder"), np.append(of, np.nan)[None])
+        for name, of in {"x": x, "y": y, **dict.fromkeys(QUANTITIES[:6], place)}.items()
+    }
+    ends = {
+        f"line_vertex_{name}": ("line_vertex", of)
+        for name, of in zip("xy", vertices.T, strict=True)
+    }
+    ends["line_vertex_line"] = ("line_vertex", np.zeros(5, int))
+    start = {f"start_{name}": ("boulder", np.zeros(crossed.size)) for name in "xy"}
+    result = xr.Dataset({**values, **ends, **start}, {"line": ["L"]})
+    assert line_values(result, "position", 0)[:-1] == pytest.approx(place, abs=1e-7)
+    row = rockfall.line_statistics(result).set_index("quantity").loc["position"]
+    assert row["n"] == place.size and row["std"] == pytest.approx(place.std(ddof=1), rel=1e-9)
+    assert row["std_low"] < row["std"] < row["std_high"]
 
 
 def test_wilson_as_printed():
@@ -127,6 +159,8 @@ def test_a_quantile_beyond_the_sample_has_no_upper_limit():
     speed = np.arange(1.0, 21.0)
     names = {f"line_{name}": (("line", "boulder"), speed[None]) for name in QUANTITIES[:6]}
     start = {"start_x": ("boulder", np.zeros(20)), "start_y": ("boulder", np.zeros(20))}
-    row = of_speed(xr.Dataset({**names, **start}, {"line": ["L"]}))
+    line = {f"line_vertex_{name}": ("line_vertex", [0, 0]) for name in ("line", "x", "y")}
+    names |= {"line_x": names["line_speed"], "line_y": names["line_speed"]}
+    row = of_speed(xr.Dataset({**names, **start, **line}, {"line": ["L"]}))
     assert row["q99"] > 19 and np.isnan(row["q99_high"]) and row["q99_low"] > 10
     assert row["share_high"] == 1 and 0.8 < row["share_low"] < 0.9

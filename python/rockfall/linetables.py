@@ -30,11 +30,13 @@ SHOWN = {
     "energy_rotational": ("E_rot [kJ]", 1000),
     "energy_total": ("E_tot [kJ]", 1000),
     "rotational_share": ("E_rot / E_tot [%]", 0.01),
+    "position": ("along the line [m]", 1),
 }
 ABOUT = """\
-Below each number its 95 % interval. The largest grows with the number of boulders. 1 in N: what one
-in N of the boulders that pass exceeds, from the sample where 25 or more boulders exceed it, else
-from a generalised Pareto tail of the boulders above the threshold."""
+Below each number its 95 % interval. The std along the line is the lateral spread. The largest grows
+with the number of boulders. 1 in N: what one in N of the boulders that pass exceeds, from the
+sample where 25 or more boulders exceed it, else from a generalised Pareto tail of the boulders
+above the threshold."""
 
 
 def print_lines(path: str | Path, table: str | Path | None = None) -> None:

@@ -27,6 +27,7 @@ QUANTITIES = (
     "energy_rotational",
     "energy_total",
     "rotational_share",
+    "position",
 )
 Z = 1.959964  # of a normal distribution, 95 % within
 
@@ -37,7 +38,8 @@ def line_statistics(result: xr.Dataset) -> pd.DataFrame:
     crossed. `NAME_low` and `NAME_high` are the limits of the 95 % interval of share (Wilson 1927),
     mean, std and quantiles (order statistics). The maximum has none: it grows with n.
 
-    energy_total is E_trans + E_rot, rotational_share is E_rot / E_total.
+    energy_total is E_trans + E_rot, rotational_share is E_rot / E_total; position is how far along
+    the line from its first vertex a boulder crossed [m]: its std is the lateral spread.
 
     Boulders of &case sampling = 'sobol' are spread more evenly than by chance, and the intervals do
     not know it: they are those of as many random boulders, and too wide (docs/benchmarks.md).
@@ -55,6 +57,8 @@ def line_statistics(result: xr.Dataset) -> pd.DataFrame:
 
 def line_values(result: xr.Dataset, quantity: str, line: int) -> np.ndarray:
     """A quantity of each boulder at a line; NaN where it did not cross."""
+    if quantity == "position":
+        return _along(result, line)
 
     def at_line(name: str) -> np.ndarray:
         return result[f"line_{name}"].values[line]
@@ -67,6 +71,24 @@ def line_values(result: xr.Dataset, quantity: str, line: int) -> np.ndarray:
         with np.errstate(invalid="ignore"):
             return np.where(total > 0, rotation / total, np.where(np.isnan(total), np.nan, 0.0))
     return at_line(quantity)
+
+
+def _along(result: xr.Dataset, line: int) -> np.ndarray:
+    """How far from the first vertex of a line, along it, each boulder crossed."""
+    mine = result["line_vertex_line"].values == line
+    vertices = (result["line_vertex_x"].values + 1j * result["line_vertex_y"].values)[mine]
+    at = result["line_x"].values[line] + 1j * result["line_y"].values[line]
+    found, apart, before = np.full(at.size, np.nan), np.full(at.size, np.inf), 0.0
+    for start, side in zip(vertices[:-1], np.diff(vertices), strict=True):
+        if side == 0:
+            continue
+        length = abs(side)
+        along = np.clip(((at - start) * np.conj(side)).real / length, 0.0, length)
+        off = abs(at - start - along * side / length)
+        nearer = off < apart  # of the sides the one that it crossed
+        found[nearer], apart[nearer] = before + along[nearer], off[nearer]
+        before += length
+    return found
 
 
 def sources(result: xr.Dataset) -> np.ndarray:

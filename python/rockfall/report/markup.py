@@ -38,6 +38,7 @@ UNITS = {
     "energy_rotational": Unit("rotational energy", "kJ", 1e-3),
     "energy_total": Unit("total energy", "kJ", 1e-3),
     "rotational_share": Unit("rotational share", "%", 100.0),
+    "position": Unit("place along the line", "m"),
 }
 
 
