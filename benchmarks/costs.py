@@ -220,7 +220,7 @@ CUTS: dict[str, list[Edit]] = {
         (_ENSEMBLE, "if (fate%status == left_window)", NEVER, 1),
     ],
     "checkpoints": [
-        ("rockfall_simulate.f90", "call keeper%look(results)", "", 1),
+        ("rockfall_simulate.f90", "call keeper%look(results, error)", "", 1),
         ("rockfall_simulate.f90", "call keeper%finish()", "", 1),
     ],
 }  # fmt: skip

@@ -37,6 +37,7 @@ from machine import machine
 import rockfall
 from rockfall import cli
 from rockfall.grid import Grid
+from rockfall.lock import LOCK
 from rockfall.rasters import write_ascii, write_geotiff
 
 ROOT = Path(__file__).parents[1]
@@ -110,8 +111,8 @@ def _inputs() -> tuple[Input, ...]:
         *[Input("observations", csv, (compare.format(csv),), mutators.TABLE) for csv in OBSERVED],
         *[Input("result", "out.nc", result, mutators.RESULT)] * 4,
         *[Input("part", f"part{k}.nc", merge, mutators.RESULT) for k in (1, 2)] * 2,
-        Input("checkpoint", f"{half}/rows-0.npz", (resume,), mutators.BYTES),
-        Input("checkpoint", f"{half}/maps-0.npz", (resume,), mutators.BYTES),
+        Input("checkpoint", f"{half}/rows-1-20.npz", (resume,), mutators.BYTES),
+        Input("checkpoint", f"{half}/maps-1-20.npz", (resume,), mutators.BYTES),
         Input("checkpoint", f"{half}/state.json", (resume,), mutators.JSON),
         *[Input("checkpoint", f"{half_batch}/{name}", (resume_batch,), text)
           for name in ("state.txt", "fates", "crossings", "tallies-?")],
@@ -232,6 +233,7 @@ def _make_checkpoints(base: Path, case: rockfall.Case) -> None:
             time.sleep(0.001)
         run.kill()
         run.communicate()
+        (state.parent / LOCK).unlink(missing_ok=True)  # the next run would remove it
     finally:
         os.chdir(here)
 

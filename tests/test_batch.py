@@ -668,7 +668,7 @@ def test_a_full_disk_is_one_line(limit, made, batch, tmp_path):
     case = write_case(made)
     done = batch(case, cwd=tmp_path, limit=limit)
     assert done.returncode == 2
-    check_line(done, ["case_results: cannot be written"])
+    check_line(done, ["case_results", ": cannot be written"])
     assert sorted(os.listdir(tmp_path)) == ["case"]
 
 

@@ -8,6 +8,7 @@ import random
 import shutil
 import signal
 import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -16,7 +17,12 @@ import xarray as xr
 
 import rockfall
 from rockfall.cli import main
+from rockfall.lock import LOCK
 from test_batch import batch, case_text, find_program, made, netcdf, same_bits
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
+
+from kills import CRASHED, INTERRUPTED, build_shim, same  # noqa: E402
 
 BOULDERS = 1000  # from each of 8 sources
 OWN = {"run.csv", "case.nml"}  # these have times and threads
@@ -106,7 +112,9 @@ def stopped(case, tmp_path):
 
 
 def files(folder):
-    return {path: path.is_file() and path.read_bytes() for path in sorted(folder.rglob("*"))}
+    """All but the lock that a killed run left: nobody holds it, and who comes next removes it."""
+    paths = [path for path in sorted(folder.rglob("*")) if path.name != LOCK]
+    return {path: path.is_file() and path.read_bytes() for path in paths}
 
 
 def refused(batch, folder, words, *more, output="run"):
@@ -148,9 +156,33 @@ def test_a_checkpoint_that_lies_there_is_not_overwritten_unasked(stopped, batch)
 def test_none_is_written_where_none_is_asked(case, tmp_path):
     process = start(tmp_path, "output=run", "checkpoint=0")
     while process.poll() is None:
-        assert not (tmp_path / "run.checkpoint").exists()
+        if (tmp_path / "run.checkpoint").exists():
+            assert set(os.listdir(tmp_path / "run.checkpoint")) <= {LOCK}
         time.sleep(0.01)
     assert process.communicate()[1] == "" and process.returncode == 0
+
+
+def test_a_crash_at_every_step(case, netcdf, tmp_path):
+    """Each is followed by an interrupt right after the next has begun."""
+    shim = build_shim(tmp_path)
+    words = ["case/case.nml", "boulders=400", "quiet=true", "checkpoint=1e-9", "resume=true"]
+
+    def run(output, **how):
+        command = [find_program(), *words, f"output={output}.nc"]
+        return subprocess.run(command, cwd=tmp_path, env=shim | how, capture_output=True).returncode
+
+    assert run("whole") == 0
+    ended, step = CRASHED, 0
+    while ended == CRASHED:  # until a run has come to its end
+        step += 1
+        ended = run("killed", CRASH_AT=str(step))
+        if ended == CRASHED:
+            assert run("killed", INTERRUPT_READY="1") == INTERRUPTED
+            assert run("killed") == 0
+        assert same(tmp_path / "killed.nc", tmp_path / "whole.nc")
+        assert not (tmp_path / "killed.nc.checkpoint").exists()
+        (tmp_path / "killed.nc").unlink()
+    assert step > 12  # the fewest calls of a run with one save
 
 
 def change(name, old, new):
@@ -242,12 +274,21 @@ def test_a_full_disk_is_said_once_and_the_last_good_state_stays(case, batch, tmp
     assert sorted(os.listdir(tmp_path)) == ["case", "run", "whole"]
 
 
-def test_no_room_for_a_checkpoint_does_not_end_the_run(case, batch, tmp_path):
-    (tmp_path / "run.checkpoint").write_text("a file")
-    ended = batch(case, "output=run", "checkpoint=0.001", "quiet=true", cwd=tmp_path)
-    assert ended.returncode == 0 and ended.stderr.count("\n") == 1
-    assert "run.checkpoint: no checkpoint: " in ended.stderr
-    assert (tmp_path / "run.checkpoint").read_text() == "a file" and (tmp_path / "run").is_dir()
+def test_what_is_no_checkpoint_is_refused_and_left_alone(case, batch, tmp_path):
+    place = tmp_path / "run.checkpoint"
+    place.write_text("a file")
+    refused(batch, tmp_path, "run.checkpoint: cannot be written (is it a folder, and writable?)")
+    place.unlink()
+    place.mkdir()
+    (place / "notes.txt").write_text("mine")
+    refused(batch, tmp_path, "run.checkpoint: is there, and no checkpoint; choose another output")
+
+
+def test_only_own_files_are_removed_at_the_end(stopped, batch):
+    (stopped / "run.checkpoint/notes.txt").write_text("mine")
+    ended = batch("case/case.nml", "output=run", "resume=true", cwd=stopped)
+    assert (ended.returncode, ended.stderr) == (0, "")
+    assert os.listdir(stopped / "run.checkpoint") == ["notes.txt"]
 
 
 def test_parts_killed_and_resumed_join_to_the_run(case, batch, netcdf, tmp_path):

@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Checkpoints: a run that was killed, at any instant, goes on to the same bits."""
 
+# ruff: noqa: F401, F811 - fixtures of other tests are taken by name
+
+import fcntl
 import json
 import os
 import random
@@ -9,6 +12,8 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import contextmanager, suppress
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,8 +23,11 @@ from made import refused
 from rockfall import checkpoint, simulate
 from rockfall.checkpoint import Checkpoint
 from rockfall.cli import main
+from rockfall.lock import LOCK, locked
 from rockfall.scene import read_scene
 from scenes import grid, rough
+from test_batch import find_program, made
+from test_batch_checkpoint import case
 from test_parts import case_in, place, same
 
 Z = rough()
@@ -79,24 +87,101 @@ def test_a_shard_too(scene, tmp_path, monkeypatch):
     same(result, simulate.run_scene(scene, shard=(2, 3)))
 
 
-@pytest.mark.parametrize("fails", range(1, 7))
-def test_killed_while_writing_the_last_good_one_stays(scene, tmp_path, monkeypatch, fails):
-    """Files are written, synced and renamed: stop before the k-th rename of a second save."""
-    folder, whole = tmp_path / "c", simulate.run_scene(scene)
-    count, replace = iter(range(1, 100)), os.replace
+def crash_at(monkeypatch, step):
+    """The process ends before it brings a file to disk, names or removes it, for the n-th time;
+    returns how often it has done so."""
+    count = []
 
-    def cut(*names):
-        if next(count) == fails:
-            raise Killed
-        replace(*names)
+    def crashing(do):
+        def call(*arguments, **how):
+            count.append(do)
+            if len(count) >= step:
+                raise Killed
+            return do(*arguments, **how)
 
-    with monkeypatch.context() as patch:
-        patch.setattr(checkpoint.os, "replace", cut)
-        with pytest.raises(Killed):
-            simulate.run_scene(scene, chunk=50, checkpoint=Checkpoint(folder, 0.0))
-    done = Checkpoint(folder, 0.0).found()
-    assert done == 50 * ((fails - 1) // 3)  # rows, maps, state of each save
-    same(simulate.run_scene(scene, checkpoint=Checkpoint(folder, 0.0)), whole)
+        return call
+
+    for name in "mkdir", "replace", "fsync", "unlink":
+        monkeypatch.setattr(checkpoint.os, name, crashing(getattr(os, name)))
+    return count
+
+
+def interrupted(run, *arguments, **how):
+    """A run that Ctrl-C ends before its first chunk."""
+
+    @contextmanager
+    def at_once():
+        yield lambda: True
+
+    with pytest.MonkeyPatch.context() as patch, pytest.raises(simulate.Interrupted):
+        patch.setattr(simulate, "interrupts", at_once)
+        run(*arguments, **how)
+
+
+def test_a_crash_at_every_step_of_a_save(scene, tmp_path, monkeypatch):
+    """Each after an interrupt right after `--resume`, and with another before it goes on."""
+    whole, step, steps = simulate.run_scene(scene), 0, []
+    before = tmp_path / "before"
+    with monkeypatch.context() as patch, pytest.raises(Killed):
+        killed_after(patch, 2)
+        simulate.run_scene(scene, chunk=20, checkpoint=Checkpoint(before, 0.0))
+
+    def run(folder):
+        return simulate.run_scene(scene, chunk=150, checkpoint=Checkpoint(folder, 0.0))
+
+    while len(steps) == step:  # until a run has come to its end
+        step += 1
+        folder = shutil.copytree(before, tmp_path / f"{step}")
+        interrupted(run, folder)
+        with monkeypatch.context() as patch:
+            steps = crash_at(patch, step)
+            with suppress(Killed):
+                run(folder)
+        interrupted(run, folder)
+        same(run(folder), whole)
+    assert step > 3 * 3 * 3  # saves, files, steps of each
+
+
+def test_a_save_takes_no_name_that_the_state_has(scene, tmp_path, monkeypatch):
+    folder, replace, taken = tmp_path / "c", os.replace, []
+
+    def named(part, path):
+        state = folder / "state.json"
+        if state.exists() and path != state:
+            archives = json.loads(state.read_text())["archives"]
+            live = {f"{one['kind']}-{one['first']}-{one['last']}.npz" for one in archives}
+            taken.append(path.name in live)
+        replace(part, path)
+
+    for _ in range(3):
+        interrupted(simulate.run_scene, scene, checkpoint=Checkpoint(folder, 0.0))
+        with monkeypatch.context() as patch, pytest.raises(Killed):
+            patch.setattr(checkpoint.os, "replace", named)
+            killed_after(patch, 2)
+            simulate.run_scene(scene, chunk=20, checkpoint=Checkpoint(folder, 0.0))
+    assert len(taken) > 6 and not any(taken)
+
+
+@pytest.mark.parametrize("damage", ["other boulders", "longer", "other bytes", "missing"])
+@pytest.mark.parametrize("kind", ["rows", "maps"])
+def test_an_archive_that_is_not_that_of_the_state_is_refused(scene, tmp_path, kind, damage):
+    """Also one that is sound, and of the same run, but of another instant."""
+    folder = tmp_path / "c"
+    simulate.run_scene(scene, chunk=100, checkpoint=Checkpoint(folder, 0.0))
+    path = max(folder.glob(f"{kind}-*.npz"), key=lambda path: path.stat().st_size)
+    good = path.read_bytes()
+    if damage == "other boulders":
+        simulate.run_scene(scene, chunk=37, checkpoint=Checkpoint(tmp_path / "other", 0.0))
+        other = max((tmp_path / "other").glob("rows-*.npz"), key=lambda p: p.stat().st_size)
+        path.write_bytes(other.read_bytes())
+    elif damage == "longer":
+        path.write_bytes(good + b"x")
+    elif damage == "other bytes":
+        path.write_bytes(good[:-1] + bytes([good[-1] ^ 1]))
+    else:
+        path.unlink()
+    with pytest.raises(rockfall.RockfallError, match=f"^{folder}: cannot be read: .*{path.name}"):
+        simulate.run_scene(scene, checkpoint=Checkpoint(folder, 0.0))
 
 
 def test_a_full_disk_is_said_once_and_the_run_goes_on(scene, tmp_path, monkeypatch):
@@ -154,12 +239,134 @@ def test_damaged_checkpoints_are_refused(scene, tmp_path):
         with pytest.raises(rockfall.RockfallError, match="cannot be read"):
             simulate.run_scene(scene, checkpoint=Checkpoint(folder, 0.0))
     good.write_text(text)
-    for name in json.loads(text)["rows"][1], json.loads(text)["maps"]:
-        shutil.copy(folder / name, tmp_path / "keep")
-        (folder / name).write_bytes(b"PK\x03\x04 not a file")
-        with pytest.raises(rockfall.RockfallError, match="cannot be read"):
-            simulate.run_scene(scene, checkpoint=Checkpoint(folder, 0.0))
-        shutil.copy(tmp_path / "keep", folder / name)
+
+
+# ---- the folder: for one run alone, and for nobody else's files
+
+
+@pytest.fixture
+def case_here(few_boulders, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+RUN = ["run", "case.nml", "--quiet"]
+
+
+def everything(folder):
+    return {path: path.is_file() and path.read_bytes() for path in folder.rglob("*")}
+
+
+@pytest.mark.parametrize("more", [[], ["--resume"], ["--checkpoint", "0"]])
+def test_a_second_run_on_an_output_is_refused(case_here, capsys, more):
+    with locked(case_here / "case.nc.checkpoint", print):
+        before = everything(case_here)
+        assert main([*RUN, *more]) == 2
+        words = "another run is at work on it; wait for its end, or choose another output"
+        assert capsys.readouterr().err == f"rockfall: case.nc.checkpoint: {words}\n"
+        if program := find_program():
+            Path("case.nc.checkpoint").rename("b.nc.checkpoint")
+            command = [program, "case.nml", "output=b.nc", f"checkpoint={len(more)}"]
+            ended = subprocess.run(command, capture_output=True, text=True)
+            assert ended.returncode == 2
+            assert ended.stderr == f"rockfall-batch: b.nc.checkpoint: {words}\n"
+            Path("b.nc.checkpoint").rename("case.nc.checkpoint")
+        assert everything(case_here) == before
+    assert not Path("case.nc.checkpoint").exists()
+    assert main([*RUN, *more]) == 0
+
+
+def test_the_lock_of_rockfall_batch_is_seen(case, tmp_path, monkeypatch, capsys):
+    """A run of it that lasts; killed, it holds the lock no more."""
+    monkeypatch.chdir(case.parent)
+    command = [find_program(), "case.nml", "output=b.nc", "boulders=1000000", "checkpoint=0"]
+    process = subprocess.Popen(command)
+    lock = Path("b.nc.checkpoint") / LOCK
+    while not (lock.exists() and lock.read_text()):
+        time.sleep(0.01)
+    run = [*RUN, "--boulders", "1", "-o", "b.nc"]
+    assert main(run) == 2 and "another run is at work on it" in capsys.readouterr().err
+    assert subprocess.run(command, capture_output=True).returncode == 2
+    process.kill()
+    process.wait()
+    assert main(run) == 0
+    assert not lock.parent.exists()
+
+
+def test_a_lock_that_was_removed_in_between_is_taken_anew(tmp_path, monkeypatch):
+    """Who held it ends between our open and our lock: the file that we have open has no name."""
+    folder, flock, tries = tmp_path / "c", fcntl.flock, []
+
+    def late(*arguments):
+        if not tries:
+            (folder / LOCK).unlink()
+        tries.append(flock(*arguments))
+
+    monkeypatch.setattr(fcntl, "flock", late)
+    with locked(folder, print), pytest.raises(rockfall.RockfallError, match="another run"):
+        assert len(tries) == 2
+        with locked(folder, print):
+            pass
+    assert not folder.exists()
+
+
+def test_where_there_are_no_locks_the_run_says_so(tmp_path, monkeypatch):
+    def without(*_):
+        raise OSError(38, "Function not implemented")
+
+    said = []
+    monkeypatch.setattr(fcntl, "flock", without)
+    with locked(tmp_path / "c", said.append):
+        pass
+    assert len(said) == 1 and "cannot be locked (Function not implemented)" in said[0]
+
+
+def test_a_folder_of_somebody_else_is_refused_and_left_alone(case_here, capsys):
+    mine = case_here / "case.nc.checkpoint"
+    mine.mkdir()
+    (mine / "notes.txt").write_text("mine")
+    before = everything(case_here)
+    for more in [], ["--resume"]:
+        assert main([*RUN, *more]) == 2
+        assert capsys.readouterr().err == (
+            "rockfall: case.nc.checkpoint: is there, and no checkpoint; choose another output\n"
+        )
+    assert everything(case_here) == before
+    shutil.rmtree(mine)
+    mine.write_text("a file")
+    assert main(RUN) == 2 and mine.read_text() == "a file"
+
+
+def test_an_end_that_is_interrupted_does_no_harm(case_here, monkeypatch):
+    """The state is gone, the result is there: what else is left is ours, and goes with the next."""
+    unlink, gone = Path.unlink, []
+
+    def pressed(path, **how):
+        if path.name.startswith("maps-") and "state.json" in gone:
+            raise KeyboardInterrupt
+        gone.append(path.name)
+        unlink(path, **how)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "unlink", pressed)
+        assert main([*RUN, "--checkpoint", "1e-9"]) == 130
+    assert Path("case.nc").exists() and Path("case.nc.checkpoint").exists()
+    assert main(RUN) == 0
+    assert not Path("case.nc.checkpoint").exists()
+
+
+def test_only_own_files_are_removed_at_the_end(case_here, monkeypatch):
+    with monkeypatch.context() as patch, pytest.raises(Killed):
+        patch.setattr(simulate, "FIRST_CHUNK", 10)
+        killed_after(patch, 1)
+        main([*RUN, "--checkpoint", "1e-9"])
+    folder = case_here / "case.nc.checkpoint"
+    notes = {"notes.txt", "rows-1.npz", "state.json.bak"}
+    for name in notes:
+        (folder / name).write_text("mine")
+    (folder / "rows-11-30.npz.part").write_text("of a run that was killed")
+    assert main([*RUN, "--resume"]) == 0
+    assert {*os.listdir(folder)} == notes
 
 
 def test_the_commands_keep_a_checkpoint_until_the_result_is_written(

@@ -205,21 +205,20 @@ def half(files):
     return scene, Path("half")
 
 
-@pytest.mark.parametrize("name", ["rows-0.npz", "maps-0.npz"])
+@pytest.mark.parametrize("name", ["rows-1-20.npz", "maps-1-20.npz"])
 def test_one_turned_bit_in_a_checkpoint_is_found(half, name):
-    """In the last third of the first array, wherever that is: numbers, not names."""
     scene, folder = half
     spoiled = bytearray((folder / name).read_bytes())
     spoiled[len(spoiled) // 4] ^= 1
     (folder / name).write_bytes(spoiled)
-    with pytest.raises(rockfall.RockfallError, match="^half: cannot be read: Bad CRC-32"):
+    with pytest.raises(rockfall.RockfallError, match=f"^half: .*: {name} has another checksum"):
         Checkpoint(folder, 0.0).restore(start(scene, 1))
 
 
 @pytest.mark.parametrize(
     ("key", "value"),
-    [("rows", ["../half/rows-0.npz"]), ("rows", [1]), ("rows", []), ("rows", "rows-0.npz"),
-     ("maps", None), ("done", 19), ("done", "20"), ("identity", []), ("wall_seconds", "1"),
+    [("archives", [1]), ("archives", []), ("archives", {}), ("archives", [{"kind": "maps"}]),
+     ("done", 19), ("done", "20"), ("identity", []), ("wall_seconds", "1"),
      ("wall_seconds", float("nan")), ("cpu_seconds", -1.0)],
 )  # fmt: skip
 def test_a_state_that_cannot_be_is_refused(half, key, value):
@@ -230,6 +229,31 @@ def test_a_state_that_cannot_be_is_refused(half, key, value):
         Checkpoint(folder, 0.0).restore(start(scene, 1))
 
 
+@pytest.mark.parametrize(
+    ("which", "key", "value"),
+    [(0, "kind", "../half/rows"), (0, "kind", "maps"), (1, "kind", "rows"), (0, "first", 2),
+     (0, "first", "1"), (0, "first", None), (0, "last", 19), (1, "first", 0), (1, "last", 21),
+     (0, "bytes", 1), (1, "sha256", ""), (1, "sha256", None), (0, "name", "rows-1-20.npz")],
+)  # fmt: skip
+def test_archives_that_cannot_be_are_refused(half, which, key, value):
+    scene, folder = half
+    state = json.loads((folder / "state.json").read_text())
+    state["archives"][which][key] = value
+    (folder / "state.json").write_text(json.dumps(state))
+    with pytest.raises(rockfall.RockfallError, match="^half: cannot be read: "):
+        Checkpoint(folder, 0.0).restore(start(scene, 1))
+
+
+def test_boulders_that_begin_elsewhere_are_refused(half):
+    scene, folder = half
+    state = json.loads((folder / "state.json").read_text())
+    for archive in state["archives"]:
+        archive |= {"first": archive["first"] + 5, "last": archive["last"] + 5}
+    (folder / "state.json").write_text(json.dumps(state))
+    with pytest.raises(rockfall.RockfallError, match="^half: cannot be read: its boulders begin"):
+        Checkpoint(folder, 0.0).restore(start(scene, 1))
+
+
 def test_a_state_of_a_hundred_thousand_brackets_is_refused(half):
     scene, folder = half
     (folder / "state.json").write_text("[" * 100_000)
@@ -237,7 +261,7 @@ def test_a_state_of_a_hundred_thousand_brackets_is_refused(half):
         Checkpoint(folder, 0.0).restore(start(scene, 1))
 
 
-@pytest.mark.parametrize("name", ["rows-0.npz", "maps-0.npz", "state.json"])
+@pytest.mark.parametrize("name", ["rows-1-20.npz", "maps-1-20.npz", "state.json"])
 def test_a_pipe_in_a_checkpoint_is_refused_and_not_waited_for(half, name):
     scene, folder = half
     mutators.fifo(None, folder / name)

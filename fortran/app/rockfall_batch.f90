@@ -24,6 +24,8 @@ program rockfall_batch
    use rockfall_case, only: case_t
    use rockfall_override, only: read_case_file, bare_case_text
    use rockfall_filesystem, only: fail_beyond_size_limit, open_closed_streams, end_at_once
+   use rockfall_interrupts, only: note_interrupts
+   use rockfall_lock, only: lock_t, unlock_folder
    use rockfall_threads, only: check_team
    use rockfall_console, only: arguments_t, read_arguments, value_of, read_shard, read_seconds, read_logical, &
                                stem, one_line, decimal
@@ -31,7 +33,7 @@ program rockfall_batch
    use rockfall_wholefolder, only: check_folder, listed_files
    use rockfall_load, only: inputs_t, load, refuse_input, lines_outside
    use rockfall_simulate, only: results_t, simulate, rebound_counts
-   use rockfall_checkpoint, only: checkpoint_t, check_checkpoint, checkpoint, remove_checkpoint
+   use rockfall_checkpoint, only: checkpoint_t, lock_checkpoint, check_checkpoint, checkpoint, remove_checkpoint
    use rockfall_variables, only: statuses, boulder_counts
    use rockfall_results, only: write_folder, result_files
    use warnings, only: warn
@@ -69,6 +71,7 @@ contains
 
       call open_closed_streams()
       call fail_beyond_size_limit()
+      call note_interrupts()
       call read_arguments("rockfall-batch", keys, arguments, error)
       half_written = .false.
       code = 0
@@ -90,9 +93,7 @@ contains
       logical, intent(inout) :: half_written
       type(error_t), allocatable, intent(out) :: error
       type(case_t) :: case
-      type(inputs_t), target :: inputs
-      type(results_t), target :: results
-      type(checkpoint_t) :: saved
+      type(lock_t) :: lock
       character(len=:), allocatable :: output, folder, text
       integer(i8) :: shard(2)
       real(wp) :: every  !! seconds from a checkpoint to the next
@@ -117,8 +118,31 @@ contains
                           case, error)
       if (.not. allocated(error)) call check_team(case%threads, error)
       if (.not. allocated(error)) call check_output(output, one_file, case, error)
-      if (.not. allocated(error)) call check_checkpoint(folder, resume, error)
-      if (.not. allocated(error)) call load(case, inputs, error)
+      if (.not. allocated(error)) call lock_checkpoint(folder, warn, lock, error)
+      if (allocated(error)) return
+      call check_checkpoint(folder, resume, error)
+      if (.not. allocated(error)) then
+         call run_to(output, one_file, text, case, shard, folder, every, arguments%quiet, half_written, error)
+      end if
+      call unlock_folder(lock)
+   end subroutine run
+
+   !> The run, with a folder for its checkpoints to itself.
+   subroutine run_to(output, one_file, text, case, shard, folder, every, quiet, half_written, error)
+      character(len=*), intent(in) :: output, folder
+      logical, intent(in) :: one_file       !! a netCDF file, not a folder
+      character(len=*), intent(in) :: text  !! of the case, as it is run
+      type(case_t), intent(in) :: case
+      integer(i8), intent(in) :: shard(2)
+      real(wp), intent(in) :: every         !! from a checkpoint to the next [s]
+      logical, intent(in) :: quiet
+      logical, intent(inout) :: half_written
+      type(error_t), allocatable, intent(out) :: error
+      type(inputs_t), target :: inputs
+      type(results_t), target :: results
+      type(checkpoint_t) :: saved
+
+      call load(case, inputs, error)
       if (allocated(error)) return
       if (lines_outside(case, inputs%grid) /= "") &
          call warn("no boulder can cross "//lines_outside(case, inputs%grid)//": outside the terrain")
@@ -129,10 +153,10 @@ contains
          half_written = allocated(error) .and. one_file
       end if
       if (.not. allocated(error)) call remove_checkpoint(saved)
-      if (allocated(error) .or. arguments%quiet) return
+      if (allocated(error) .or. quiet) return
       call summary(case, results)
       write (output_unit, "(2a)") "results in ", output
-   end subroutine run
+   end subroutine run_to
 
    pure function without_slash(path)
       character(len=*), intent(in) :: path
@@ -162,7 +186,8 @@ contains
          "  --help, --version", &
          "", &
          "Impact sets are looked for among those shipped, then beside the case.", &
-         "Exit status: 0 done, 2 the input is wrong, 1 a fault of ours."]
+         "Exit status: 0 done, 2 the input is wrong, 1 a fault of ours, 130 and 143", &
+         "stopped by Ctrl-C or SIGTERM: boulders done are in OUTPUT.checkpoint, resume=true goes on."]
       integer :: k
 
       write (output_unit, "(a)") (trim(help(k)), k=1, size(help))

@@ -12,7 +12,9 @@ module rockfall_checkpoint
    use rockfall_textfile, only: read_text, integer_text
    use rockfall_decimal, only: real_text
    use rockfall_filesystem, only: make_folder, remove_folder, remove_file, rename_path, path_exists, is_folder, &
-                                  folder_of
+                                  is_empty, folder_of
+   use rockfall_interrupts, only: interrupt_status
+   use rockfall_lock, only: lock_t, lock_name, lock_folder
    use rockfall_checksum, only: text_checksum
    use rockfall_paths, only: version
    use rockfall_bytefile, only: byte_file_t, read_from, write_new, write_on, open_bytes, pass_bytes, put_text, &
@@ -22,7 +24,7 @@ module rockfall_checkpoint
    use rockfall_simulate, only: keeper_t, results_t, reached_cells
    implicit none
    private
-   public :: checkpoint_t, check_checkpoint, checkpoint, remove_checkpoint
+   public :: checkpoint_t, lock_checkpoint, check_checkpoint, checkpoint, remove_checkpoint
 
    character(len=*), parameter :: state_name = "state.txt", part_name = "state.txt.part"
    character(len=*), parameter :: name_of_python = "state.json"  !! of the checkpoints of `rockfall run`
@@ -37,7 +39,8 @@ module rockfall_checkpoint
       integer(i8) :: cells = 0          !! in the tallies
       integer(i8) :: columns = 0        !! of counts of classes
       integer :: turn = 0               !! which tallies, 0 or 1
-      integer(i8) :: sum(2, parts) = 0  !! checksums
+      integer(i8) :: bytes(parts) = 0   !! of the files that count
+      integer(i8) :: sum(2, parts) = 0  !! their checksums
    end type kept_t
 
    !> What is to be written, for the thread that does it.
@@ -90,6 +93,30 @@ module rockfall_checkpoint
 
 contains
 
+   !> Take `folder` for this run alone; one of somebody else's is refused.
+   subroutine lock_checkpoint(folder, say, lock, error)
+      character(len=*), intent(in) :: folder
+      procedure(say_to) :: say
+      type(lock_t), intent(out) :: lock
+      type(error_t), allocatable, intent(out) :: error
+      character(len=14), parameter :: own(8) = [character(len=14) :: lock_name, state_name, part_name, &
+                                                name_of_python, names]
+      logical :: foreign, ours
+      integer :: k
+
+      foreign = is_folder(folder)
+      if (foreign) foreign = .not. is_empty(folder)
+      do k = 1, size(own)
+         ours = path_exists(folder//"/"//trim(own(k)))
+         foreign = foreign .and. .not. ours
+      end do
+      if (foreign) then
+         call fail(error, folder//": is there, and no checkpoint; choose another output")
+      else
+         call lock_folder(folder, say, lock, error)
+      end if
+   end subroutine lock_checkpoint
+
    !> Refuse to overwrite, unasked, a checkpoint that lies in `folder`, and one of `rockfall run`.
    subroutine check_checkpoint(folder, resume, error)
       character(len=*), intent(in) :: folder
@@ -136,6 +163,7 @@ contains
       type(byte_file_t) :: file
       character(len=:), allocatable :: name
       logical :: exists
+      integer(i8) :: length
       integer :: k
 
       this%identity = this%identity//"boulders: "//integer_text(results%before + 1)//" to " &
@@ -148,6 +176,7 @@ contains
       results%done = this%kept%boulders
       do k = 1, parts
          name = name_of(k, this%kept%turn)
+         inquire (file=this%folder//"/"//name, size=length)
          call open_bytes(this%folder//"/"//name, read_from, file)
          if (k < parts) then
             call pass_rows(file, k, results%fate, results%crossing, 1_i8, results%done)
@@ -155,7 +184,9 @@ contains
             call pass_tallies(file, results, this%kept)
          end if
          call close_bytes(file)
-         if (file%ok .and. all(file%sum == this%kept%sum(:, k))) cycle
+         if (k < parts) length = min(length, this%kept%bytes(k))  ! a kill left more rows than count
+         if (file%ok .and. length == this%kept%bytes(k) .and. file%bytes == length &
+             .and. all(file%sum == this%kept%sum(:, k))) cycle
          call fail_damaged(this, name, error)
          return
       end do
@@ -230,22 +261,41 @@ contains
 
    ! ---- to disk ------------------------------------------------------------------------------
 
-   !> Begin to write a checkpoint, if it is time to.
-   subroutine look(this, results)
+   !> Begin to write a checkpoint, if it is time to. After a signal it is time, and the run is to stop.
+   subroutine look(this, results, error)
       class(checkpoint_t), intent(inout) :: this
       type(results_t), intent(inout), target :: results
+      type(error_t), allocatable, intent(out) :: error
       integer(i8) :: now, rate
+      integer :: status
 
+      status = interrupt_status()
       call system_clock(now, rate)
-      if (this%every <= 0 .or. real(now - this%last, wp) < this%every*rate) return
+      if (status /= 0 .or. real(now - this%last, wp) >= this%every*rate) call save(this, results, now)
+      if (status == 0) return
       call this%finish()
-      if (this%every <= 0) return
+      if (this%kept%boulders > 0) then
+         call fail(error, "interrupted: "//this%folder//" holds "//integer_text(this%kept%boulders)//" of " &
+                   //integer_text(results%boulders)//" boulders; resume=true goes on", status)
+      else
+         call fail(error, "interrupted; nothing was kept", status)
+      end if
+   end subroutine look
+
+   !> Begin to write what was done since the last checkpoint, if there is anything, and if there are to be any.
+   subroutine save(this, results, now)
+      class(checkpoint_t), intent(inout) :: this
+      type(results_t), intent(inout), target :: results
+      integer(i8), intent(in) :: now  !! [ticks]
+
+      call this%finish()
+      if (this%every <= 0 .or. results%done == this%kept%boulders) return
       this%last = now
       allocate (this%job)
       call prepare(this, results, this%job)
       this%threaded = c_pthread_create(this%thread, c_null_ptr, c_funloc(write_beside), c_loc(this%job)) == 0
       if (.not. this%threaded) call write_job(this%job)
-   end subroutine look
+   end subroutine save
 
    !> Wait for what is being written.
    subroutine finish(this)
@@ -273,7 +323,7 @@ contains
       job%identity = this%identity
       job%seconds = real_text(results%wall)//" "//real_text(results%cpu)
       job%before = this%kept
-      job%next = kept_t(results%done, 0, results%columns, 1 - this%kept%turn, 0)
+      job%next = kept_t(results%done, 0, results%columns, 1 - this%kept%turn, 0, 0)
       job%fate => results%fate
       job%crossing => results%crossing
       job%ok = is_folder(job%folder)
@@ -304,6 +354,7 @@ contains
       integer :: k
 
       call close_bytes(job%tallies)
+      job%next%bytes(parts) = job%tallies%bytes
       job%next%sum(:, parts) = job%tallies%sum
       job%ok = job%ok .and. job%tallies%ok
       do k = 1, parts - 1
@@ -317,6 +368,7 @@ contains
             call pass_rows(file, k, job%fate, job%crossing, before + 1, job%next%boulders)
          end associate
          call close_bytes(file)
+         job%next%bytes(k) = file%bytes
          job%next%sum(:, k) = file%sum
          job%ok = file%ok
       end do

@@ -1,12 +1,13 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> What Fortran does not have of POSIX: folders, names, and the number of the process.
 module rockfall_filesystem
-   use, intrinsic :: iso_c_binding, only: c_char, c_int, c_int64_t, c_intptr_t, c_null_char
+   use, intrinsic :: iso_c_binding, only: c_char, c_int, c_int64_t, c_intptr_t, c_ptr, c_null_char, c_associated
    use rockfall_textfile, only: integer_text
    implicit none
    private
-   public :: make_folder, remove_folder, remove_file, rename_path, path_exists, is_folder, same_file, &
-             folder_of, name_of, temporary_name, fail_beyond_size_limit, open_closed_streams, end_at_once
+   public :: make_folder, remove_folder, remove_file, rename_path, path_exists, is_folder, is_empty, same_file, &
+             folder_of, name_of, temporary_name, process_number, fail_beyond_size_limit, open_closed_streams, &
+             end_at_once
 
    interface
       integer(c_int) function c_mkdir(path, mode) bind(c, name="mkdir")
@@ -31,6 +32,18 @@ module rockfall_filesystem
          character(kind=c_char), intent(in) :: path(*)
          integer(c_int64_t), intent(inout) :: found(*)
       end function c_stat
+      type(c_ptr) function c_opendir(path) bind(c, name="opendir")
+         import :: c_ptr, c_char
+         character(kind=c_char), intent(in) :: path(*)
+      end function c_opendir
+      type(c_ptr) function c_readdir(folder) bind(c, name="readdir")
+         import :: c_ptr
+         type(c_ptr), value :: folder
+      end function c_readdir
+      integer(c_int) function c_closedir(folder) bind(c, name="closedir")
+         import :: c_int, c_ptr
+         type(c_ptr), value :: folder
+      end function c_closedir
       integer(c_int) function c_getpid() bind(c, name="getpid")
          import :: c_int
       end function c_getpid
@@ -140,6 +153,24 @@ contains
       if (same_file) same_file = all(of_a(:2) == of_b(:2))
    end function same_file
 
+   !> Whether a folder holds nothing but itself and the one it is in.
+   logical function is_empty(path)
+      character(len=*), intent(in) :: path
+      type(c_ptr) :: folder
+      integer(c_int) :: status
+      integer :: names
+
+      folder = c_opendir(path//c_null_char)
+      is_empty = c_associated(folder)
+      if (.not. is_empty) return
+      names = 0
+      do while (c_associated(c_readdir(folder)))
+         names = names + 1
+      end do
+      status = c_closedir(folder)
+      is_empty = names <= 2
+   end function is_empty
+
    !> The folder part of a path with its final slash; "" when there is none.
    pure function folder_of(path) result(folder)
       character(len=*), intent(in) :: path
@@ -161,6 +192,11 @@ contains
       character(len=*), intent(in) :: path
       character(len=:), allocatable :: name
 
-      name = folder_of(path)//"."//name_of(path)//"."//integer_text(int(c_getpid()))
+      name = folder_of(path)//"."//name_of(path)//"."//integer_text(process_number())
    end function temporary_name
+
+   !> The number of this process.
+   integer function process_number()
+      process_number = int(c_getpid())
+   end function process_number
 end module rockfall_filesystem

@@ -62,7 +62,7 @@ module rockfall_simulate
    type, abstract :: keeper_t
    contains
       procedure(bring_results), deferred :: restore  !! before the first chunk
-      procedure(see_results), deferred :: look       !! after each
+      procedure(see_results), deferred :: look       !! before each; an error when the run is to stop
       procedure(let_go), deferred :: finish          !! before they may change in other ways, or go
    end type keeper_t
 
@@ -73,10 +73,11 @@ module rockfall_simulate
          type(results_t), intent(inout) :: results
          type(error_t), allocatable, intent(out) :: error
       end subroutine bring_results
-      subroutine see_results(this, results)
-         import :: keeper_t, results_t
+      subroutine see_results(this, results, error)
+         import :: keeper_t, results_t, error_t
          class(keeper_t), intent(inout) :: this
          type(results_t), intent(inout), target :: results
+         type(error_t), allocatable, intent(out) :: error
       end subroutine see_results
       subroutine let_go(this)
          import :: keeper_t
@@ -147,6 +148,8 @@ contains
       call cpu_time(cpu_begun)
       chunk = first_chunk
       do while (results%done < results%boulders)
+         call keeper%look(results, error)
+         if (allocated(error)) exit
          call system_clock(start)
          first = results%done + 1
          last = min(results%boulders, results%done + chunk)
@@ -168,7 +171,6 @@ contains
          results%wall = wall_before + real(end - begun, wp)/rate
          results%cpu = cpu_before + cpu - cpu_begun
          chunk = max(1_i8, int(chunk*min(4.0_wp, chunk_seconds*rate/max(1_i8, end - start)), i8))
-         call keeper%look(results)
       end do
       call keeper%finish()
    end subroutine fly

@@ -162,8 +162,10 @@ contains
    subroutine keep(this, results)
       type(checkpoint_t), intent(inout) :: this
       type(results_t), intent(inout), target :: results
+      type(error_t), allocatable :: error
 
-      call this%look(results)
+      call this%look(results, error)
+      call check("the run goes on", .not. allocated(error))
       call this%finish()
    end subroutine keep
 

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
 from rockfall.errors import RockfallError
+from rockfall.interrupts import exit_status, stoppable
 from rockfall.lab.cli import add_lab
 
 if TYPE_CHECKING:
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
     from rockfall.checkpoint import Checkpoint
     from rockfall.scene import Scene
 
-DONE, FAULT, REFUSED, INTERRUPTED = 0, 1, 2, 130  # exit status
+DONE, FAULT, REFUSED = 0, 1, 2  # exit status; `exit_status` has that of interrupts
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -36,17 +37,18 @@ def main(argv: Sequence[str] | None = None) -> int:
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="replace")  # a name may have letters that it cannot take
     try:
-        arguments = _parser().parse_args(argv)
-        _check_names(arguments)
-        status = arguments.command(arguments)
-        sys.stdout.flush()
+        with stoppable():
+            arguments = _parser().parse_args(argv)
+            _check_names(arguments)
+            status = arguments.command(arguments)
+            sys.stdout.flush()
         return status
     except SystemExit as done:  # --help, --version
         return int(done.code or DONE)
     except RockfallError as error:
         return _say(str(error), error.code)
     except KeyboardInterrupt:
-        return _say("interrupted; no file is half-written", INTERRUPTED)
+        return _say("interrupted; no file is half-written", exit_status())
     except ImportError as error:
         return _say(_NO_MEMORY, REFUSED) if "failed to map" in str(error) else _fault(error)
     except MemoryError:
@@ -184,13 +186,9 @@ def _check(arguments: argparse.Namespace) -> int:
 
 
 def _run(arguments: argparse.Namespace) -> int:
+    from rockfall.checkpoint import checkpoint_folder
     from rockfall.inputs import input_files
-    from rockfall.interrupts import interrupts
     from rockfall.outputs import RESULT, check_output
-    from rockfall.result import write_result
-    from rockfall.scene import read_scene
-    from rockfall.simulate import Interrupted
-    from rockfall.summary import summary
 
     if arguments.until is not None and arguments.boulders is not None:
         raise RockfallError("--boulders: --until finds their number; limit it with --cap")
@@ -208,14 +206,30 @@ def _run(arguments: argparse.Namespace) -> int:
     stem = arguments.case.stem
     path = arguments.output or Path(f"{stem}.nc" if of == 1 else f"{stem}.part{which}of{of}")
     check_output(path, RESULT, input_files(case))
-    checkpoint = _checkpoint(arguments, path)
+    with checkpoint_folder(path, _warning) as folder:
+        return _run_to(path, case, arguments, shard, _checkpoint(arguments, folder))
+
+
+def _run_to(
+    path: Path,
+    case: Case,
+    arguments: argparse.Namespace,
+    shard: tuple[int, int],
+    checkpoint: Checkpoint | None,
+) -> int:
+    from rockfall.interrupts import interrupts
+    from rockfall.result import write_result
+    from rockfall.scene import read_scene
+    from rockfall.simulate import Interrupted
+    from rockfall.summary import summary
+
     scene = read_scene(case, memory=_memory(arguments))
     _warn(scene)
     with interrupts():  # what has been done is also written
         try:
             result = _fly(scene, arguments, shard, checkpoint)
         except Interrupted as stop:
-            return _keep(stop, path)
+            return _keep(stop, path, checkpoint)
         write_result(result, path)
     if checkpoint:
         checkpoint.remove()
@@ -253,18 +267,17 @@ def _merge(arguments: argparse.Namespace) -> int:
     return DONE
 
 
-def _checkpoint(arguments: argparse.Namespace, path: Path) -> Checkpoint | None:
+def _checkpoint(arguments: argparse.Namespace, folder: Path) -> Checkpoint | None:
     """Where a run saves its work; one that is there is not overwritten unasked."""
     from rockfall.checkpoint import Checkpoint
 
     if arguments.until is not None or arguments.dask is not None:
         return None
-    place = path.with_name(f"{path.name}.checkpoint")
     every = arguments.checkpoint or math.inf
-    found = Checkpoint(place, every, _warning)
+    found = Checkpoint(folder, every, _warning)
     if not arguments.resume and (done := found.found()):
         raise RockfallError(
-            f"{place}: holds {done:,} boulders of a run that was stopped; go on with --resume, or "
+            f"{folder}: holds {done:,} boulders of a run that was stopped; go on with --resume, or "
             "remove it"
         )
     return found
@@ -434,7 +447,7 @@ def _overridden(arguments: argparse.Namespace) -> Case:
     return case.replace(case=given) if given else case
 
 
-def _keep(stop: BaseException, path: Path) -> int:
+def _keep(stop: BaseException, path: Path, checkpoint: Checkpoint | None) -> int:
     """Write what was done before Ctrl-C."""
     from rockfall.result import write_result
 
@@ -444,8 +457,8 @@ def _keep(stop: BaseException, path: Path) -> int:
         raise KeyboardInterrupt
     write_result(result, path)
     holds = f"{path} holds the first {done:,} of {asked:,} boulders and is a valid result"
-    holds += "; --resume goes on" if "until" not in result.attrs else ""
-    return _say(f"interrupted: {holds}", INTERRUPTED)
+    holds += "; --resume goes on" if checkpoint and checkpoint.saved else ""
+    return _say(f"interrupted: {holds}", exit_status())
 
 
 def _warning(text: str) -> None:

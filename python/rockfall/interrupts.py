@@ -1,21 +1,93 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Ctrl-C sets a flag where it must not lose work."""
+"""Ctrl-C, and SIGTERM, which batch systems send at a time limit: they must not lose work."""
 
+import os
 import signal
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from types import FrameType
+
+STOPS = signal.SIGINT, signal.SIGTERM
+#: Seconds in which signals are one: `timeout` sends its own to a process and to its group.
+TOGETHER = 0.1
+
+_number = signal.SIGINT  # of the last that came
+_hit: threading.Event | None = None  # within `interrupts`
+
+
+def exit_status() -> int:
+    """Of a process that a signal has ended, as shells have it: Ctrl-C 130, SIGTERM 143."""
+    return 128 + _number
 
 
 @contextmanager
 def interrupts() -> Iterator[Callable[[], bool]]:
-    """Within the block Ctrl-C raises nothing; the function tells whether it was pressed."""
-    hit = threading.Event()
-    if threading.current_thread() is not threading.main_thread():
-        yield hit.is_set
+    """Within the block a first Ctrl-C or SIGTERM raises nothing; the function tells whether one
+    came. A second ends the process at once, also while the kernel runs. A block within a block is
+    the same block."""
+    global _hit
+    if threading.current_thread() is not threading.main_thread() or _hit is not None:
+        yield (_hit or threading.Event()).is_set
         return
-    before = signal.signal(signal.SIGINT, lambda *_: hit.set())
+    hit = _hit = threading.Event()
+
+    def note(number: int, _: FrameType | None) -> None:
+        global _number
+        _number = number
+        hit.set()
+
+    # Python's own handlers wait for the kernel to return; this pipe does not.
+    reader, writer = os.pipe()
+    os.set_blocking(writer, False)
+    threading.Thread(target=_end_at_second, args=(reader,), daemon=True).start()
+    woken = signal.set_wakeup_fd(writer, warn_on_full_buffer=False)
+    before = {number: signal.signal(number, note) for number in STOPS}
     try:
         yield hit.is_set
     finally:
-        signal.signal(signal.SIGINT, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        signal.set_wakeup_fd(woken)
+        os.close(writer)
+        _hit = None
+
+
+def _end_at_second(reader: int) -> None:
+    """Read the numbers of signals from a pipe until it is closed."""
+    first = None
+    while numbers := os.read(reader, 64):
+        stops = [number for number in numbers if number in STOPS]
+        if stops and first is None:
+            first = time.monotonic()
+        elif stops and time.monotonic() - first > TOGETHER:
+            os._exit(128 + stops[-1])
+    os.close(reader)
+
+
+@contextmanager
+def stoppable() -> Iterator[None]:
+    """Within the block SIGTERM raises KeyboardInterrupt, as Ctrl-C does: what is half-written is
+    removed. Either raises it once, though it be sent twice."""
+    global _number
+    _number, last = signal.SIGINT, -TOGETHER
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def stop(number: int, _: FrameType | None) -> None:
+        nonlocal last
+        global _number
+        now = time.monotonic()
+        if now - last > TOGETHER:
+            _number, last = number, now
+            raise KeyboardInterrupt
+
+    heard = [number for number in STOPS if signal.getsignal(number) is not signal.SIG_IGN]
+    before = {number: signal.signal(number, stop) for number in heard}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 from rockfall.errors import RockfallError, need
+from rockfall.interrupts import exit_status
 
 
 def add_lab(commands: argparse._SubParsersAction) -> None:
@@ -91,7 +92,7 @@ def _impact(arguments: argparse.Namespace) -> int:
         )  # fmt: skip
     except KeyboardInterrupt:
         print(f"rockfall: interrupted: {path} goes on with --resume", file=sys.stderr)
-        return 130
+        return exit_status()
     if not arguments.quiet:
         from rockfall.lab.summary import impact_summary
 

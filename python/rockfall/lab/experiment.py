@@ -114,7 +114,7 @@ def run_impacts(
                 save_impacts(data, path)
                 saved = time.monotonic()
         if path is not None:
-            save_impacts(data, path)  # a second Ctrl-C cannot lose it
+            save_impacts(data, path)
     if not (data["status"].values > 0).all():
         raise KeyboardInterrupt
     return data

@@ -1,0 +1,69 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* For LD_PRELOAD: counts the steps by which a process brings files to disk and gives them names, and before the
+   n-th of them ends the process (CRASH_AT=n), interrupts it (INTERRUPT_AT=n), or lets it hang as on a dead disk
+   (STALL_AT=n). INTERRUPT_READY=n interrupts it when it has said for the n-th time what to do at Ctrl-C. */
+#define _GNU_SOURCE
+#include <dlfcn.h>
+#include <signal.h>
+#include <stdatomic.h>
+#include <stdlib.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+static atomic_long steps, handlers;
+
+static int is(const char *name, long count) {
+    const char *at = getenv(name);
+    return at && atol(at) == count;
+}
+
+/* In a process that is to be left alone nothing counts: others may fork from it. */
+static int counts(void) {
+    return getenv("CRASH_AT") || getenv("INTERRUPT_AT") || getenv("STALL_AT") || getenv("INTERRUPT_READY");
+}
+
+static void step(void) {
+    if (!counts()) return;
+    long count = ++steps;
+    if (is("CRASH_AT", count)) _exit(137);
+    if (is("INTERRUPT_AT", count)) kill(getpid(), SIGINT);
+    if (is("STALL_AT", count)) for (;;) sleep(1);
+}
+
+#define STEP(name, parameters, arguments)                             \
+    int name parameters {                                             \
+        int (*next) parameters = dlsym(RTLD_NEXT, #name);             \
+        step();                                                       \
+        return next arguments;                                        \
+    }
+
+STEP(rename, (const char *from, const char *to), (from, to))
+STEP(unlink, (const char *path), (path))
+STEP(rmdir, (const char *path), (path))
+STEP(mkdir, (const char *path, mode_t mode), (path, mode))
+STEP(flock, (int descriptor, int operation), (descriptor, operation))
+
+/* What has been written outlives a process: for that no disk need be waited for. */
+int fsync(int descriptor) {
+    (void)descriptor;
+    step();
+    return 0;
+}
+
+static void ready(int number) {
+    if (number == SIGINT && counts() && is("INTERRUPT_READY", ++handlers)) kill(getpid(), SIGINT);
+}
+
+int sigaction(int number, const struct sigaction *action, struct sigaction *before) {
+    int (*next)(int, const struct sigaction *, struct sigaction *) = dlsym(RTLD_NEXT, "sigaction");
+    int status = next(number, action, before);
+    if (action) ready(number);
+    return status;
+}
+
+sighandler_t signal(int number, sighandler_t handler) {
+    sighandler_t (*next)(int, sighandler_t) = dlsym(RTLD_NEXT, "signal");
+    sighandler_t before = next(number, handler);
+    ready(number);
+    return before;
+}
