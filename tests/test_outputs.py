@@ -167,7 +167,7 @@ def test_a_case_that_is_called_like_its_dem_keeps_it(place, capsys):
 
 
 def test_every_file_behind_a_case_is_known(place, capsys):
-    """A virtual raster with a mask and notes beside its tile, an ESRI ASCII grid, a shapefile."""
+    """A mosaic with a mask and notes beside its tile, an ESRI ASCII grid, a shapefile."""
     pyogrio = pytest.importorskip("pyogrio")
     shapely = pytest.importorskip("shapely")
     with rasterio.Env(GDAL_TIFF_INTERNAL_MASK=False):
@@ -175,8 +175,7 @@ def test_every_file_behind_a_case_is_known(place, capsys):
             file.nodata = None
             file.write_mask(np.full(file.shape, 255, "u1"))
     Path("dem.tif.aux.xml").write_text("<PAMDataset><Metadata/></PAMDataset>")
-    rasterio.shutil.copy("dem.tif", "tile.vrt", driver="VRT")
-    Path("dem.vrt").write_text(Path("tile.vrt").read_text().replace("dem.tif", "tile.vrt"))
+    rasterio.shutil.copy("dem.tif", "dem.vrt", driver="VRT")
     about = grid(slope(), west=PLACE.c, south=PLACE.f - 5.0 * len(slope()))
     write_ascii(
         "zones.asc", zones(), type(about)(**{**vars(about), "crs": rasterio.CRS.from_string(UTM)})
@@ -191,7 +190,7 @@ def test_every_file_behind_a_case_is_known(place, capsys):
     text = text.replace("x = 600060.0, y = 4999980.0", "polygons = 'sources.shp'")
     Path("all.nml").write_text(text + "&ensemble sets = 'sets.nml', 'harder.nml' /\n")
     names = [
-        "all.nml", "dem.vrt", "tile.vrt", "dem.tif", "dem.tif.msk", "dem.tif.aux.xml", "zones.asc",
+        "all.nml", "dem.vrt", "dem.tif", "dem.tif.msk", "dem.tif.aux.xml", "zones.asc",
         "zones.prj", "zones.csv", "sets.nml", "harder.nml", "sources.shp", "sources.shx",
         "sources.dbf", "sources.prj", "sources.cpg",
     ]  # fmt: skip

@@ -17,6 +17,7 @@ from pathlib import Path
 
 from rockfall.errors import RockfallError
 from rockfall.files import check_netcdf
+from rockfall.interrupts import interrupts
 
 RESULT, ENSEMBLE, IMPACTS = "a result of a run", "an ensemble", "impacts of the laboratory"
 FIGURE, MAP, LAYERS, PAGE = "a figure", "a map", "layers of a result", "a report"
@@ -53,9 +54,9 @@ def check_output(path: str | Path, kind: str, inputs: Iterable[str | Path] = ())
     """Refuse a place for a file of this kind, before the work and not after it: one that is a
     folder, in none, not writable, an input, or taken by what is not of the same kind."""
     path = Path(path)
+    check_outputs({path: kind}, inputs)
     if kind == RESULT and not RESULT_NAME.search(path.name):
         raise RockfallError(f"{path}: results are netCDF files, their names must end in .nc")
-    check_outputs({path: kind}, inputs)
     if not path.parent.is_dir():
         raise RockfallError(f"{path}: there is no folder {path.parent}")
     try:
@@ -174,7 +175,7 @@ def whole_folder(
         there = sorted(filter(os.path.lexists, kinds), key=lambda path: path.name != last)
         moves = [(path, old / path.name) for path in there]
         moves += [(path, folder / path.name) for path in paths]
-        with _made(folder):
+        with _made(folder), interrupts():  # all of them, or none
             _move_all(moves)
     except OSError as error:
         raise RockfallError(f"{folder}: cannot be written: {error.strerror or error}") from error

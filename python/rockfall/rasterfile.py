@@ -188,7 +188,7 @@ def raster_files(path: str | Path) -> set[str]:
     import rasterio
 
     found, waiting = set(), {raster_file(str(path))}
-    with warnings.catch_warnings():
+    with rasterio.Env(), warnings.catch_warnings():  # what GDAL says goes nowhere
         warnings.simplefilter("ignore", rasterio.errors.NotGeoreferencedWarning)
         while waiting:
             found.add(file := waiting.pop())
