@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 
 decimal.getcontext().prec = 50  # of all that this module reckons
-RELEASE, IMPACT, SCRAMBLE, NOISE, BETWEEN = 1, 2, 3, 4, 5  # purposes of random words
+RELEASE, IMPACT, SCRAMBLE, BETWEEN = 1, 2, 3, 5  # purposes of random words
 INERTIA = Decimal("0.4")  # of a sphere, over m R**2
 PI = Decimal("3.14159265358979323846264338327950288419716939937510582097494")
 LOW = 2**32 - 1
@@ -43,14 +43,14 @@ class World:
     z: np.ndarray  # (ny, nx), row 0 the northernmost, NaN = no data
     cell: float
     mean: np.ndarray  # (5, 9): of a1..a9 for R_b/R_m = 1..5
-    covariance: np.ndarray  # (5, 9, 9), positive definite or zero
+    covariance: np.ndarray  # (5, 9, 9); with the noise positive definite or zero
     sizes: np.ndarray  # (1, ny, nx) R_m, or (3, ny, nx) Rg70, Rg20, Rg10; Inf absorbs
     sources: list[tuple[float, float]]
     between: bool = False  # ratios, or else the nearest
     turning: str = "past_aspect"  # or to_aspect, or lab, which needs
     incidence: np.ndarray | None = None  # (5, 8): between the classes of `lateral` [degree]
     lateral: np.ndarray | None = None  # (5, 9, 13): quantiles of the lateral deviation [degree]
-    noise: np.ndarray | None = None  # (5, 3, 3): covariance of that of an impact, definite or zero
+    noise: np.ndarray | None = None  # (5, 3, 3): covariance of that of an impact
     boulders: int = 1  # from each source; by area from each flat one
     by_area: bool = False
     reading: float = 0.5  # method A: R_m over Rg
@@ -64,14 +64,14 @@ class World:
     stop_speed: float = 0.5
     impact_limit: int = 100_000
     lines: list[list[tuple[float, float]]] = field(default_factory=list)  # vertices of each
-    roots: list[list[list[Decimal]]] = field(init=False)  # of the covariances
-    noise_roots: list[list[list[Decimal]]] = field(init=False)
+    folded: np.ndarray = field(init=False)  # (5, 9, 9): the covariances with the noise
+    roots: list[list[list[Decimal]]] = field(init=False)  # of these
     last: list[int] = field(init=False)  # boulder of each source
 
     def __post_init__(self) -> None:
-        self.roots = [cholesky(c) for c in self.covariance]
         noise = np.zeros((5, 3, 3)) if self.noise is None else self.noise
-        self.noise_roots = [cholesky(c) for c in noise]
+        self.folded = self.covariance + [np.kron(s, np.eye(3)) for s in noise]
+        self.roots = [cholesky(c) for c in self.folded]
         self.last = last_boulders(self)
 
 
@@ -575,19 +575,6 @@ def matrix(world: World, k: int, number: int, hit: int, draw: int) -> tuple[list
     return [sum(row) for row in terms], max(sum(weights[i : i + 3]) for i in (0, 3, 6))
 
 
-@functools.lru_cache(4096)
-def noise(world: World, k: int, number: int, hit: int, draw: int) -> tuple[list[Decimal], float]:
-    """e of V_out = A V_in + |V_in| e, and the greatest sum over a row of |L| |z|."""
-    if not any(map(any, world.noise_roots[k])):
-        return [ZERO] * 3, 0.0
-    counter = [number & LOW, number >> 32, hit, NOISE << 24 | draw]
-    z = [normal(word) for word in philox(counter, world.seed)[:3]]
-    terms = [
-        [factor * one for factor, one in zip(row, z, strict=True)] for row in world.noise_roots[k]
-    ]
-    return [sum(row) for row in terms], max(float(sum(map(abs, row))) for row in terms)
-
-
 def set_of(world: World, number: int, hit: int, ratio: Decimal, doubt: Doubt) -> int:
     """The set that serves a ratio R_b/R_m, from 0."""
     if world.between:
@@ -606,9 +593,7 @@ def impact(
     before = energy(v_in)
     for draw in range(DRAWS):
         a, weight = matrix(world, k, number, hit, draw)
-        e, loud = noise(world, k, number, hit, draw)
-        fast, weight = length(v_in), weight + loud
-        v = tuple(dot(a[3 * i : 3 * i + 3], v_in) + fast * e[i] for i in range(3))
+        v = tuple(dot(a[i : i + 3], v_in) for i in (0, 3, 6))
         leaves = doubt.above(v[1], before.sqrt())
         gains = doubt.above(energy(v) - before, before)
         if leaves and not gains:

@@ -167,7 +167,6 @@ def world_of(scene: Scene) -> World:
         covariance=scene.sets.covariance.T,
         incidence=scene.sets.incidence.T,
         lateral=scene.sets.lateral.T,
-        noise=scene.sets.noise.T,
         turning=case.impact["turning"],
         between=case.impact["ratio"] == "between",
         sizes=_sizes(scene),
@@ -216,7 +215,7 @@ def condition(world: World) -> float:
     """Greatest condition of the correlations of the impact sets: how much worse than its entries a
     Cholesky root may be (Higham 2002, theorem 10.8, scaled as in Demmel 1989)."""
     found = [1.0]
-    for covariance in [*world.covariance, *world.noise]:
+    for covariance in world.folded:
         deviation = np.sqrt(np.diag(covariance))
         if deviation.all():
             found.append(np.linalg.cond(covariance / np.outer(deviation, deviation)))

@@ -44,13 +44,14 @@ def lateral(ratio):
     return f" incidence = {bounds[0]}, {bounds[1]}\n lateral = {values}\n"
 
 
-#: Of the noise within an impact: of V_t, V_n, W over |V_in|.
+#: Of the noise within an impact, of V_t, V_n, W over |V_in|: (5, 3, 3), weaker for each ratio.
 NOISE = np.array([[0.004, 0.001, -0.0015], [0.001, 0.0025, 0.0005], [-0.0015, 0.0005, 0.006]])
+NOISE = NOISE / np.arange(1, 6)[:, None, None]
 
 
 def noise(ratio):
-    """The noise of a set, weaker for each ratio, besides its lateral deviations."""
-    lower = ", ".join(repr(float(one)) for one in NOISE[np.tril_indices(3)] / ratio)
+    """The noise of a set besides its lateral deviations."""
+    lower = ", ".join(repr(float(one)) for one in NOISE[ratio - 1][np.tril_indices(3)])
     return f"{lateral(ratio)} noise = {lower}\n"
 
 

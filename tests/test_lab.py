@@ -758,7 +758,7 @@ def test_by_ratio_prints_the_restitution():
 class FakeSite:
     """Numbers of the sets alone, so that their errors are known."""
 
-    def numbers(self, mean, covariance, seed, noise):
+    def numbers(self, mean, covariance, seed):
         return {"mean": mean[1, 0], "variance": covariance[1, 0, 0], "seed": float(seed)}
 
 

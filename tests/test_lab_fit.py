@@ -1,16 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """From made impacts, whose distribution is known, back to their impact set."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from rockfall._core import rockfall_f2py as kernel
 
-import scenes
 from rockfall import RockfallError
 from rockfall.lab.fit import fit_set, linearity, point_maps, write_sets
-from rockfall.lab.scorecard import read_sets, restitution
 
 MEAN = np.array([0.62, 0.0, 0.13, 0.19, -0.41, -0.19, 0.24, 0.0, 0.34])
 
@@ -91,15 +87,3 @@ def test_the_file_reads_back_through_the_kernel(tmp_path):
     assert code == 0, message
     np.testing.assert_allclose(mean[:, 2], found.mean, rtol=1e-11)
     np.testing.assert_allclose(matrix[:, :, 4], found.covariance, rtol=1e-11, atol=1e-16)
-
-
-def test_the_noise_of_a_set_goes_through_its_file_and_into_its_restitution(tmp_path):
-    found = fit_set(point_maps(*impacts(50, 12, 0.05)), replicates=20)
-    loud = replace(found, noise=scenes.NOISE)
-    write_sets(tmp_path / "made.nml", dict.fromkeys(range(1, 6), loud), [])
-    back = read_sets(tmp_path / "made.nml")
-    np.testing.assert_allclose(back.noise, [scenes.NOISE] * 5, rtol=1e-11)
-    mean = np.array([0.3, 0, 0, 0, -0.3, 0, 0, 0, 0.3])  # every draw is admissible
-    r_t, r_n = restitution(mean, np.zeros((9, 9)), 45.0, noise=1e-2 * scenes.NOISE)
-    assert r_t.std() == pytest.approx(0.1 * np.sqrt(2 * scenes.NOISE[0, 0]), rel=0.02)
-    assert r_n.std() == pytest.approx(0.1 * np.sqrt(2 * scenes.NOISE[1, 1]), rel=0.02)

@@ -50,7 +50,6 @@ class Scene:
     groups: dict[str, dict[str, Any]]
     line: list[dict[str, Any]] = field(default_factory=list)
     rasters: dict[str, np.ndarray] = field(default_factory=dict)
-    more: Any = scenes.lateral  # in each impact set
 
     def _repr_pretty_(self, printer, _):
         """As hypothesis shows it: without the long tables of the sets."""
@@ -61,7 +60,7 @@ class Scene:
         (folder / "zones.csv").write_text(TABLE)
         groups = {key: self.groups.get(key, {}) | changes.get(key, {}) for key in
                   {**self.groups, **changes}}  # fmt: skip
-        return scenes.make_case(folder, *self.sets, line=self.line, more=self.more, **groups)
+        return scenes.make_case(folder, *self.sets, line=self.line, **groups)
 
     def arrays(self, west=0.0, south=0.0):
         place = scenes.grid(self.z, self.cell, west, south)
@@ -216,8 +215,7 @@ def scenes_of(draw, generic=False):
         "flight": {"gravity": draw(st.sampled_from([9.81, 0.1, 100.0]))},
         "output": {"maps": MAPS, "rebounds": True, "trajectories": 100, "least_passages": 1},
     }
-    more = draw(st.sampled_from([scenes.lateral, scenes.noise]))
-    return Scene(z, cell, draw(impact_sets()), groups, line, cells | rasters, more)
+    return Scene(z, cell, draw(impact_sets()), groups, line, cells | rasters)
 
 
 @pytest.fixture(scope="module")

@@ -34,7 +34,7 @@ contains
    !> Follow boulders first .. first + n - 1 of a scene; maps and histograms are added to. With room > 1 (and
    !> n = 1) the vertices of the trajectory are kept too, up to `room` of `recorded`.
    subroutine run(z8, z4, west, north, cell, nodes, at, zone1, zone2, values, sizes, method, size_to_radius, &
-                  set_mean, set_covariance, set_noise, set_incidence, set_lateral, turning, between, &
+                  set_mean, set_covariance, set_incidence, set_lateral, turning, between, &
                   gravity, stop_speed, impact_limit, &
                   law, law_values, volumes, density, source_x, source_y, sources_before, per_source, source_end, &
                   drop_height, velocity, &
@@ -58,7 +58,7 @@ contains
       integer(c_int), intent(in) :: method                       !! 1 = A, 2 = B
       real(c_double), intent(in) :: size_to_radius
       real(c_double), intent(in) :: set_mean(9, 5), set_covariance(9, 9, 5)  !! as in coefficients_t
-      real(c_double), intent(in) :: set_noise(3, 3, 5), set_incidence(8, 5), set_lateral(13, 9, 5)
+      real(c_double), intent(in) :: set_incidence(8, 5), set_lateral(13, 9, 5)
       integer(c_int), intent(in) :: turning                      !! rule of turning_t
       integer(c_int), intent(in) :: between                      !! ratios: 0 or 1
       real(c_double), intent(in) :: gravity, stop_speed          !! [m/s2], [m/s]
@@ -119,7 +119,7 @@ contains
       maps%head = head
       scene%wants_cells = follows_cells(maps)
       scene%wants_histograms = histograms /= 0
-      call set_impacts(scene, coefficients_t(set_mean, set_covariance, set_noise, set_incidence, set_lateral), &
+      call set_impacts(scene, coefficients_t(set_mean, set_covariance, set_incidence, set_lateral), &
                        turning, error)
       call give_error(error, code, message)
       if (code /= 0) return
@@ -412,10 +412,10 @@ contains
    end subroutine variable
 
    !> The numbers of the five impact sets in a text, as in coefficients_t, for a rule of turning.
-   subroutine read_sets(text, name, turning, mean, covariance, noise, incidence, lateral, code, message)
+   subroutine read_sets(text, name, turning, mean, covariance, incidence, lateral, code, message)
       character(len=*), intent(in) :: text, name
       integer(c_int), intent(in) :: turning
-      real(c_double), intent(out) :: mean(9, 5), covariance(9, 9, 5), noise(3, 3, 5), incidence(8, 5), lateral(13, 9, 5)
+      real(c_double), intent(out) :: mean(9, 5), covariance(9, 9, 5), incidence(8, 5), lateral(13, 9, 5)
       integer(c_int), intent(out) :: code
       character(len=1024), intent(out) :: message
       type(coefficients_t) :: sets
@@ -424,7 +424,6 @@ contains
       call read_impact_sets(text, name, turning, sets, error)
       mean = sets%mean
       covariance = sets%covariance
-      noise = sets%noise
       incidence = sets%incidence
       lateral = sets%lateral
       call give_error(error, code, message)

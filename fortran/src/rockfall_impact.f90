@@ -1,16 +1,16 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> The stochastic impact model (Bourrier et al. 2009, eqs 4-7): V_out = A V_in with V = (V_t, V_n, W),
 !> W = R_b omega, and a random 3x3 matrix A, multivariate normal, whose distribution depends only on
-!> the size of the boulder over the size of the rocks on the slope; and, if a set has it, noise within the impact.
+!> the size of the boulder over the size of the rocks on the slope.
 module rockfall_impact
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail, our_fault
-   use rockfall_random, only: random_key_t, normal_table_t, normal, random_words, four_words, for_impact, &
-                              for_noise
+   use rockfall_random, only: random_key_t, normal_table_t, normal, random_words, for_impact
    use rockfall_boulder, only: spin_inertia
    implicit none
    private
-   public :: impact_set_t, impact_set, impact_ratios, ratio_class, ratio_between, rebound_t, rebound
+   public :: impact_set_t, impact_set, check_covariance, with_noise
+   public :: impact_ratios, ratio_class, ratio_between, rebound_t, rebound
 
    integer, parameter :: impact_ratios = 5  !! sets for R_b/R_m = 1, 2, 3, 4, 5
    integer, parameter :: most_draws = 32    !! draws of A before one is forced to be admissible
@@ -19,8 +19,6 @@ module rockfall_impact
    type :: impact_set_t
       real(wp) :: mean(10) = 0.0_wp     !! and a tenth row of zeros, because
       real(wp) :: root(10, 9) = 0.0_wp  !! processors work in pairs
-      real(wp) :: noise(3, 3) = 0.0_wp  !! lower root of the covariance of e: V_out = A V_in + |V_in| e
-      logical :: noisy = .false.
    end type impact_set_t
 
    !> What one rebound did.
@@ -67,42 +65,49 @@ module rockfall_impact
 
 contains
 
-   !> A set from its mean, its covariance and that of the noise within an impact, if there is any.
-   subroutine impact_set(mean, covariance, set, error, noise)
+   !> A set from its mean and covariance. Factors by dpotrf; a covariance that is only semidefinite by the
+   !> pivoted dpstrf. Errors as of check_covariance.
+   subroutine impact_set(mean, covariance, set, error)
       real(wp), intent(in) :: mean(9), covariance(9, 9)
       type(impact_set_t), intent(out) :: set
       type(error_t), allocatable, intent(out) :: error
-      real(wp), intent(in), optional :: noise(3, 3)
+      real(wp) :: root(9, 9)
+      integer :: info, k
 
+      call check_covariance("covariance", covariance, error)
+      if (allocated(error)) return
       set%mean(:9) = mean
-      call lower_root("covariance", covariance, set%root(:9, :), error)
-      if (allocated(error) .or. .not. present(noise)) return
-      call lower_root("noise", noise, set%noise, error)
-      set%noisy = any(abs(noise) > 0)
+      root = covariance
+      call dpotrf("L", 9, root, 9, info)
+      if (info /= 0) call semidefinite_root(covariance, root)
+      do k = 1, 9
+         set%root(k:9, k) = root(k:9, k)
+      end do
    end subroutine impact_set
 
-   !> Lower triangular L with L L^T = C. Factors by dpotrf; a matrix that is only semidefinite by the pivoted dpstrf.
+   !> The covariance of A that gives V_out = A V_in the law of A V_in + |V_in| e, |V|**2 = V_t**2 + V_n**2 + W**2, e
+   !> normal with covariance S. A and e are drawn anew together, and |V_in| e has the law of E V_in, where E has
+   !> independent columns of covariance S: so C + S (x) I.
+   pure function with_noise(c, s) result(folded)
+      real(wp), intent(in) :: c(9, 9), s(3, 3)
+      real(wp) :: folded(9, 9)
+      integer :: k
+
+      folded = c
+      do k = 1, 3
+         folded(k::3, k::3) = folded(k::3, k::3) + s
+      end do
+   end function with_noise
+
    !> Errors: not symmetric (names the entry), indefinite (names the eigenvalue).
-   subroutine lower_root(name, c, root, error)
+   subroutine check_covariance(name, c, error)
       character(len=*), intent(in) :: name  !! of C, for messages
       real(wp), intent(in) :: c(:, :)
-      real(wp), intent(out) :: root(size(c, 1), size(c, 1))
       type(error_t), allocatable, intent(out) :: error
-      real(wp) :: factor(size(c, 1), size(c, 1))
-      integer :: info, k, n
 
-      n = size(c, 1)
-      root = 0
       call check_symmetric(name, c, error)
       if (.not. allocated(error)) call check_definite(name, c, error)
-      if (allocated(error)) return
-      factor = c
-      call dpotrf("L", n, factor, n, info)
-      if (info /= 0) call semidefinite_root(c, factor)
-      do k = 1, n
-         root(k:, k) = factor(k:, k)
-      end do
-   end subroutine lower_root
+   end subroutine check_covariance
 
    subroutine check_symmetric(name, c, error)
       character(len=*), intent(in) :: name
@@ -151,20 +156,19 @@ contains
    !> Lower triangular L with L L^T = C for a semidefinite C: dpstrf gives C = P M M^T P^T with a
    !> trapezoid M, and dgelqf turns P M into L Q with an orthogonal Q, which does not matter.
    subroutine semidefinite_root(c, root)
-      real(wp), intent(in) :: c(:, :)
-      real(wp), intent(out) :: root(size(c, 1), size(c, 1))
-      real(wp) :: factor(size(c, 1), size(c, 1)), reflectors(size(c, 1)), work(90)
-      integer :: pivot(size(c, 1)), rank, info, k, n
+      real(wp), intent(in) :: c(9, 9)
+      real(wp), intent(out) :: root(9, 9)
+      real(wp) :: factor(9, 9), reflectors(9), work(90)
+      integer :: pivot(9), rank, info, k
 
-      n = size(c, 1)
       root = 0
       if (.not. any(abs(c) > 0)) return
       factor = c
-      call dpstrf("L", n, factor, n, pivot, rank, -1.0_wp, work, info)
+      call dpstrf("L", 9, factor, 9, pivot, rank, -1.0_wp, work, info)
       do k = 1, rank
-         root(pivot(k:), k) = factor(k:, k)
+         root(pivot(k:9), k) = factor(k:9, k)
       end do
-      call dgelqf(n, n, root, n, reflectors, work, size(work), info)
+      call dgelqf(9, 9, root, 9, reflectors, work, size(work), info)
    end subroutine semidefinite_root
 
    !> The set that serves a ratio R_b/R_m: rounded, within 1..5; `outside`: beyond 0.5..5.5, where no set
@@ -191,7 +195,7 @@ contains
    end function ratio_between
 
    !> One rebound (eqs 4, 5). A draw is admissible if the boulder leaves the surface and gains no
-   !> kinetic energy; otherwise A and the noise are drawn again, and after 32 draws the last is forced.
+   !> kinetic energy; otherwise A is drawn again, and after 32 draws the last is forced.
    pure subroutine rebound(set, table, key, boulder, impact, words, v_in, out)
       type(impact_set_t), intent(in) :: set
       type(normal_table_t), intent(in) :: table
@@ -207,13 +211,11 @@ contains
       energy_in = twice_energy(v_in)
       z = normal(table, words)
       out%v = product_with(set, z, v_in)
-      if (set%noisy) out%v = out%v + noise(set, table, key, boulder, impact, 0, v_in)
       do draw = 1, most_draws - 1
          if (admissible(out%v, energy_in)) return
          again = random_words(key, for_impact, boulder, impact, int(draw, i8))
          z = normal(table, again(1:9))
          out%v = product_with(set, z, v_in)
-         if (set%noisy) out%v = out%v + noise(set, table, key, boulder, impact, draw, v_in)
          out%draws = out%draws + 1
       end do
       out%forced = .not. admissible(out%v, energy_in)
@@ -234,24 +236,6 @@ contains
       v(2) = a(4)*v_in(1) + a(5)*v_in(2) + a(6)*v_in(3)
       v(3) = a(7)*v_in(1) + a(8)*v_in(2) + a(9)*v_in(3)
    end function product_with
-
-   !> |V_in| e for e = L z, |V|**2 = V_t**2 + V_n**2 + W**2; its words are no others'.
-   pure function noise(set, table, key, boulder, impact, draw, v_in) result(v)
-      type(impact_set_t), intent(in) :: set
-      type(normal_table_t), intent(in) :: table
-      type(random_key_t), intent(in) :: key
-      integer(i8), intent(in) :: boulder, impact
-      integer, intent(in) :: draw
-      real(wp), intent(in) :: v_in(3)
-      real(wp) :: v(3), z(3)
-      integer(i8) :: word(4)
-
-      word = four_words(key, for_noise, boulder, impact, int(draw, i8))
-      z = normal(table, word(:3))*sqrt(v_in(1)*v_in(1) + v_in(2)*v_in(2) + v_in(3)*v_in(3))
-      associate (l => set%noise)
-         v = l(:, 1)*z(1) + l(:, 2)*z(2) + l(:, 3)*z(3)
-      end associate
-   end function noise
 
    !> Twice the kinetic energy per mass of (V_t, V_n, W) [m2/s2].
    pure real(wp) function twice_energy(v)

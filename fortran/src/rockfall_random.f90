@@ -7,11 +7,10 @@ module rockfall_random
    implicit none
    private
    public :: random_key_t, random_key, philox4x32, random_words, four_words, uniform
-   public :: normal_table_t, normal_table, normal, normal_quantile, for_release, for_impact, for_scramble, for_noise, &
-             for_ratio
+   public :: normal_table_t, normal_table, normal, normal_quantile, for_release, for_impact, for_scramble, for_ratio
 
    !> Purposes: separate streams.
-   integer(i8), parameter :: for_release = 1, for_impact = 2, for_scramble = 3, for_noise = 4, for_ratio = 5
+   integer(i8), parameter :: for_release = 1, for_impact = 2, for_scramble = 3, for_ratio = 5
    integer(i8), parameter :: low32 = int(z"FFFFFFFF", i8)
 
    integer, parameter :: rounds = 10

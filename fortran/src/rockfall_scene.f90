@@ -18,7 +18,6 @@ module rockfall_scene
    type :: coefficients_t
       real(wp) :: mean(9, impact_ratios) = 0.0_wp           !! of a1..a9
       real(wp) :: covariance(9, 9, impact_ratios) = 0.0_wp
-      real(wp) :: noise(3, 3, impact_ratios) = 0.0_wp       !! covariance of the noise within an impact; 0: none
       !> Lateral deviations [degree]: the incidence angles between classes, 90 where there are fewer, and the
       !> quantiles of each class, those of the last repeated.
       real(wp) :: incidence(lateral_classes - 1, impact_ratios) = 90.0_wp
@@ -98,8 +97,7 @@ contains
 
       scene%table = normal_table()
       do k = 1, impact_ratios
-         call impact_set(coefficients%mean(:, k), coefficients%covariance(:, :, k), scene%sets(k), error, &
-                         coefficients%noise(:, :, k))
+         call impact_set(coefficients%mean(:, k), coefficients%covariance(:, :, k), scene%sets(k), error)
          if (allocated(error)) return
       end do
       scene%turning = turning

@@ -7,7 +7,7 @@ module rockfall_sets
    use rockfall_textfile, only: integer_text, joined
    use rockfall_namelist, only: namelist_t, group_t, parse_namelist
    use rockfall_values, only: has_key, value_count, get_integer, get_real, refuse
-   use rockfall_impact, only: impact_set_t, impact_set, impact_ratios
+   use rockfall_impact, only: impact_set_t, impact_set, check_covariance, with_noise, impact_ratios
    use rockfall_direction, only: lateral_classes, lateral_quantiles, by_lab
    use rockfall_scene, only: coefficients_t
    implicit none
@@ -48,9 +48,8 @@ contains
          else
             found(ratio) = .true.
             call read_set(list%group(g), int(ratio), sets, error)
-            if (.not. allocated(error)) then
-               call impact_set(sets%mean(:, ratio), sets%covariance(:, :, ratio), set, error, sets%noise(:, :, ratio))
-            end if
+            if (.not. allocated(error)) call add_noise(list%group(g), sets%covariance(:, :, ratio), error)
+            if (.not. allocated(error)) call impact_set(sets%mean(:, ratio), sets%covariance(:, :, ratio), set, error)
             if (allocated(error)) then
                error%message = with_place(list%group(g), error%message)
             else if (turning == by_lab .and. .not. has_key(list%group(g), "lateral")) then
@@ -105,14 +104,25 @@ contains
       call get_real(group, "covariance", values, error)
       if (allocated(error)) return
       sets%covariance(:, :, ratio) = symmetric(values, 9)
-      if (has_key(group, "noise")) then
-         deallocate (values)
-         call get_real(group, "noise", values, error)
-         if (allocated(error)) return
-         sets%noise(:, :, ratio) = symmetric(values, 3)
-      end if
       call read_lateral(group, sets%incidence(:, ratio), sets%lateral(:, :, ratio), error)
    end subroutine read_set
+
+   !> Noise within an impact, if a set has it, becomes part of the covariance; each of the two must be one by itself.
+   subroutine add_noise(group, covariance, error)
+      type(group_t), intent(in) :: group
+      real(wp), intent(inout) :: covariance(9, 9)
+      type(error_t), allocatable, intent(out) :: error
+      real(wp), allocatable :: values(:)
+      real(wp) :: noise(3, 3)
+
+      if (.not. has_key(group, "noise")) return
+      call get_real(group, "noise", values, error)
+      if (allocated(error)) return
+      noise = symmetric(values, 3)
+      call check_covariance("covariance", covariance, error)
+      if (.not. allocated(error)) call check_covariance("noise", noise, error)
+      if (.not. allocated(error)) covariance = with_noise(covariance, noise)
+   end subroutine add_noise
 
    !> The symmetric matrix of a lower triangle by rows.
    pure function symmetric(values, n) result(matrix)

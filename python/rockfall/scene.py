@@ -47,7 +47,6 @@ class Coefficients(NamedTuple):
 
     mean: np.ndarray  # (9, 5)
     covariance: np.ndarray  # (9, 9, 5)
-    noise: np.ndarray  # (3, 3, 5): covariance of the noise within an impact, 0 = none
     incidence: np.ndarray  # (8, 5): angles between the classes of `lateral` [degree]
     lateral: np.ndarray  # (13, 9, 5): quantiles of the lateral deviation [degree]
 

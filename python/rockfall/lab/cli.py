@@ -146,7 +146,7 @@ def _scorecard(arguments: argparse.Namespace) -> int:
     total = len(sets) * arguments.replicates
     with progress_bar(total, not arguments.quiet, "replicates") as advance:
         for one in sets:
-            numbers = site.numbers(one.mean, one.covariance, noise=one.noise)
+            numbers = site.numbers(one.mean, one.covariance)
             errors = standard_errors(one, site, arguments.replicates, advance)
             rows.append((one.name, numbers, errors))
     print(table(rows))

@@ -8,7 +8,7 @@ is the distribution of these maps over the points.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -48,7 +48,6 @@ class ImpactSet:
     covariance_error: np.ndarray
     lost_variance: float  # share of the variance that no semidefinite covariance can hold
     points: int
-    noise: np.ndarray = field(default_factory=lambda: np.zeros((3, 3)))  # within an impact
 
 
 def point_maps(point: np.ndarray, v_in: np.ndarray, v_out: np.ndarray) -> PointMaps:
@@ -252,11 +251,7 @@ def write_sets(path: str | Path, sets: dict[int, ImpactSet], provenance: list[st
         text += [f"!   {_short(row)}" for row in _lower(found.covariance_error)]
         text += [f"&impact_set ratio = {ratio}", f"  mean = {_numbers(found.mean)}"]
         text += ["  covariance =   ! lower triangle by rows"]
-        text += [",\n".join(f"    {_numbers(row)}" for row in rows)]
-        if found.noise.any():
-            noise = ",\n".join(f"    {_numbers(row)}" for row in _lower(found.noise))
-            text += ["  noise =   ! the same of the noise within an impact", noise]
-        text += ["/"]
+        text += [",\n".join(f"    {_numbers(row)}" for row in rows), "/"]
     with whole_file(path) as part:
         part.write_text("\n".join(text) + "\n", encoding="utf-8")
 

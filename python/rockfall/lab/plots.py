@@ -97,8 +97,7 @@ def draw_restitution(sets: Sequence[Sets], size: tuple[float, float] = (WIDE, 3.
     looks = ((VERMILION, "-"), (BLUE, (0, (5, 2))))
     for one, (colour, dashes) in zip(sets, looks, strict=False):
         for k in range(5):
-            of_set = one.mean[k], one.covariance[k]
-            draws = [restitution(*of_set, angle, noise=one.noise[k]) for angle in ANGLES]
+            draws = [restitution(one.mean[k], one.covariance[k], angle) for angle in ANGLES]
             for row, axes in enumerate(panels[:, k]):
                 shown = ANGLES[ANGLES <= (LAST_RT, 90.0)[row]]
                 values = [draw[row] for draw in draws[: shown.size]]

@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 import tempfile
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -68,14 +68,12 @@ TARGETS = (
 
 @dataclass(frozen=True)
 class Sets:
-    """The five sets of a file: means (5, 9), covariances (5, 9, 9), points behind them (5,),
-    covariances of the noise within an impact (5, 3, 3)."""
+    """The five sets of a file: means (5, 9), covariances (5, 9, 9), points behind them (5,)."""
 
     name: str
     mean: np.ndarray
     covariance: np.ndarray
     points: np.ndarray  # 0: not said, the set is taken as exact
-    noise: np.ndarray = field(default_factory=lambda: np.zeros((5, 3, 3)))
 
 
 def read_sets(source: str | Path) -> Sets:
@@ -89,22 +87,18 @@ def read_sets(source: str | Path) -> Sets:
     except (OSError, UnicodeDecodeError) as error:
         raise RockfallError(f"{source}: cannot be read: {error}") from error
     turning = TURNINGS["past_aspect"]  # needs nothing but the matrices
-    mean, covariance, noise, *_, code, message = core.read_sets(
+    mean, covariance, *_, code, message = core.read_sets(
         text.encode() or b"\n", str(source).encode(), turning
     )
     if code:
         raise RockfallError(message.decode().strip(), code)
     found = re.findall(r"^! (\d+) points;", text, re.MULTILINE)
     points = np.array(found, int) if len(found) == 5 else np.zeros(5, int)
-    return Sets(Path(source).stem, mean.T, covariance.T, points, noise.T)
+    return Sets(Path(source).stem, mean.T, covariance.T, points)
 
 
 def restitution(
-    mean: np.ndarray,
-    covariance: np.ndarray,
-    angle: float,
-    seed: int = 1,
-    noise: np.ndarray | None = None,
+    mean: np.ndarray, covariance: np.ndarray, angle: float, seed: int = 1
 ) -> tuple[np.ndarray, np.ndarray]:
     """R_t and R_n (draws,) of one set at an incidence angle [degrees] without spin.
 
@@ -119,10 +113,6 @@ def restitution(
     if angle == 90:
         t = 0.0
     out = draws.reshape(-1, 3, 3) @ np.array([t, n, 0.0])
-    if noise is not None and noise.any():
-        out += generator.multivariate_normal(
-            np.zeros(3), noise, DRAWS, method="eigh", check_valid="ignore"
-        )
     energy = out[:, 0] ** 2 + out[:, 1] ** 2 + K_SPHERE * out[:, 2] ** 2
     out = out[(out[:, 1] > 0) & (energy <= 1)]
     return out[:, 0] / (t or np.nan), -out[:, 1] / n
@@ -145,13 +135,7 @@ class Site:
             for method, name in (("A", "case_A.nml"), ("B", "case.nml"))
         }
 
-    def numbers(
-        self,
-        mean: np.ndarray,
-        covariance: np.ndarray,
-        seed: int = 1,
-        noise: np.ndarray | None = None,
-    ) -> dict[str, float]:
+    def numbers(self, mean: np.ndarray, covariance: np.ndarray, seed: int = 1) -> dict[str, float]:
         """What the five sets give, under the names of TARGETS and some more."""
         import rockfall
 
@@ -159,11 +143,8 @@ class Site:
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "sets.nml"
             nothing = np.zeros(9)
-            noise = np.zeros((5, 3, 3)) if noise is None else noise
             exact = {
-                k + 1: ImpactSet(
-                    mean[k], covariance[k], nothing, np.zeros((9, 9)), 0.0, 0, noise[k]
-                )
+                k + 1: ImpactSet(mean[k], covariance[k], nothing, np.zeros((9, 9)), 0.0, 0)
                 for k in range(5)
             }
             write_sets(path, exact, [])
@@ -173,10 +154,10 @@ class Site:
                     case={"seed": seed}, impact={"sets": str(path)}, output=output
                 )
                 result[method] = rockfall.run(changed)
-        return self._summary(mean, covariance, noise, **result)
+        return self._summary(mean, covariance, **result)
 
     @staticmethod
-    def _summary(mean, covariance, noise, A, B) -> dict[str, float]:
+    def _summary(mean, covariance, A, B) -> dict[str, float]:
         numbers = {"a1_trend": mean[4, 0] - mean[0, 0], "a4_trend": mean[4, 3] - mean[0, 3]}
         for line, start in (("EL1", ""), ("EL2", "el2_")):
             at = B.sel(line=line)
@@ -194,7 +175,7 @@ class Site:
         of_a = A.sel(line="EL1")["line_speed"].values
         numbers["a_slower"] = numbers["speed"] - _mean(of_a[np.isfinite(of_a)])
         numbers["tangential"] = tangential_above(B, 0.75)
-        return numbers | _over_rebounds(mean, covariance, noise, B)
+        return numbers | _over_rebounds(mean, covariance, B)
 
 
 def tangential_above(result, limit: float) -> float:
@@ -206,9 +187,7 @@ def tangential_above(result, limit: float) -> float:
     return float((above * rebounds).sum() / max(1, rebounds.sum()))
 
 
-def _over_rebounds(
-    mean: np.ndarray, covariance: np.ndarray, noise: np.ndarray, result
-) -> dict[str, float]:
+def _over_rebounds(mean: np.ndarray, covariance: np.ndarray, result) -> dict[str, float]:
     """R_t and R_n by classes of incidence angle, and R_n of the sets at vertical impact.
 
     For each R_b/R_m apart, over its rebounds of the recorded trajectories; then over the ratios,
@@ -232,9 +211,7 @@ def _over_rebounds(
         means = [one.mean() for one, known in zip(classes, enough, strict=True) if known]
         return float(np.average(means, weights=used[enough]))
 
-    vertical = [
-        _mean(restitution(mean[k], covariance[k], 90.0, noise=noise[k])[1]) for k in range(5)
-    ]
+    vertical = [_mean(restitution(mean[k], covariance[k], 90.0)[1]) for k in range(5)]
     return {
         "rt_15_30": over(r_t, 15, 30),
         "rn_15": over(r_n, 5, 15),
@@ -266,7 +243,7 @@ def standard_errors(
                 mean[r] += root @ generator.normal(size=9) / np.sqrt(n)
                 scatter = wishart(n - 1, np.eye(9)).rvs(random_state=generator) / (n - 1)
                 covariance[r] = root @ scatter @ root.T
-        found.append(site.numbers(mean, covariance, seed=k + 2, noise=sets.noise))
+        found.append(site.numbers(mean, covariance, seed=k + 2))
         advance(1)
     return {name: float(np.nanstd([one[name] for one in found], ddof=1)) for name in found[0]}
 
@@ -316,7 +293,7 @@ def by_ratio(sets: Sets) -> str:
     for k in range(5):
         cells = []
         for angle in angles:
-            r_t, r_n = restitution(sets.mean[k], sets.covariance[k], angle, noise=sets.noise[k])
+            r_t, r_n = restitution(sets.mean[k], sets.covariance[k], angle)
             left = "-" if angle == 90 else f"{r_t.mean():.2f} +- {r_t.std():.2f}"
             cells.append(f"{f'{left} | {r_n.mean():.2f} +- {r_n.std():.2f}':>32}")
         lines.append(f"  {k + 1:7d}" + "".join(cells))
