@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Collection
 from pathlib import Path
 from typing import Any
@@ -113,5 +114,5 @@ def _prepared_files(folder: Path, own: Collection[str]) -> list[Path]:
     case = folder / "case.nml"
     if not (case.is_file() and case.read_bytes().startswith(MARK.encode())):
         raise RockfallError(f"{folder}: is not empty and holds no prepared case; take another")
-    ours = {folder / name for name in own}
-    return [path for path in input_files(read_case(case)) if path in ours]
+    read = {os.path.abspath(path) for path in input_files(read_case(case))}
+    return [folder / name for name in sorted(own) if os.path.abspath(folder / name) in read]
