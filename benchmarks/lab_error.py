@@ -1,14 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What the choices of the laboratory cost and change: error against run time.
 
-    python benchmarks/lab_error.py [LAB.nml] [--points 40] [--impacts 20] [--ratios 1 3 5]
+    python benchmarks/lab_error.py [LAB.nml] [--layers 12] [--ratio 2] [--only WORD]
 
-Runs a laboratory case, and again with one thing changed and the same seed. For each ratio: by how
-much the means of a1..a9 then differ, the largest difference in combined standard errors (of nine
-without any effect it is about 2) and the root mean square of all nine. Where layers and shots stay
-the same, the impacts are also compared one by one, with a quarter of the step or with the base:
-|V_out - V_out,ref| / |V_in|, V = (V_t, V_n, W), its median and 90 % quantile, and the share of
-impacts with more than 0.01. CPU seconds include the packing of the layers.
+Runs a laboratory case at one ratio, and again with one thing changed and the same seed. Printed:
+a1 and a4 with standard errors, the neutral slope of the set and that by resampling the impacts,
+the solid fraction, and CPU milliseconds of an impact with its part of the layer. Where layers and
+shots stay the same, also the median and 90 % quantile of |V_out - V_out,base| / |V_in| at the peak.
 """
 
 import argparse
@@ -19,135 +17,95 @@ import numpy as np
 from machine import machine
 
 from rockfall.errors import RockfallError
-from rockfall.lab.case import COEFFICIENTS, LabCase, read_lab_case
-from rockfall.lab.experiment import STATUS, run_impacts
-from rockfall.lab.fit import ENDED, ImpactSet, fit_set, impacts_of, point_maps
+from rockfall.lab.bounce import neutral_slope, resampled_rebound, set_rebound
+from rockfall.lab.case import LabCase, read_lab_case
+from rockfall.lab.experiment import ENDED, STATES, STATUS, run_impacts
+from rockfall.lab.fit import as_rebounds, fit_set, impacts_of
 
 ROCKY_SLOPE = Path(__file__).parents[1] / "cases/rocky-slope/lab.nml"
-FINEST, BASE = "step x 0.25", "base"
-FAR = 3.0  # combined standard errors
-CHANGED = 0.01  # of the speed before
+BASE = "base"
 
 
 def variants(case: LabCase) -> dict[str, dict[str, dict[str, Any]]]:
     """Name and change of each; times x where the name says so, else the value."""
 
     def times(group: str, key: str, factor: float) -> dict[str, dict[str, Any]]:
-        value = getattr(case, group)[key] * factor
-        return {group: {key: max(1, round(value)) if group == "lab" else value}}
+        return {group: {key: getattr(case, group)[key] * factor}}
 
-    step = case.impact["step_share"]
     return {
-        FINEST: times("impact", "step_share", 0.25),
-        "step x 0.5": times("impact", "step_share", 0.5),
         BASE: {},
-        "step x 2": times("impact", "step_share", 2),
-        "step x 2, retries 0": {"impact": {"step_share": 2 * step, "retries": 0}},
-        "retries 0": {"impact": {"retries": 0}},
+        "step x 0.5": times("impact", "step_factor", 0.5),
+        "step x 2": times("impact", "step_factor", 2),
+        "another seed": {"lab": {"seed": case.lab["seed"] + 1}},
+        "width x 1.5": times("packing", "width", 1.5),
+        "depth x 1.67": times("packing", "depth", 5 / 3),
+        "rigid base": {"packing": {"rigid_base": not case.packing["rigid_base"]}},
+        "base_speed x 2": times("packing", "base_speed", 2),
+        "R_m 1 cm": {"packing": {"mean_radius": 0.01}},
         "past 0.25": {"impact": {"past": 0.25}},
-        "past 0.75": {"impact": {"past": 0.75}},
-        "wait 1": {"impact": {"wait": 1.0}},
-        "wait 4": {"impact": {"wait": 4.0}},
-        "wait 16": {"impact": {"wait": 16.0}},
-        "spent x 0.01": times("impact", "spent", 0.01),
-        "spent x 10": times("impact", "spent", 10),
-        "patience x 4": times("impact", "patience", 4),
-        "points x 2": times("lab", "points", 2),
-        "points x 4": times("lab", "points", 4),
-        "impacts x 0.5": times("lab", "impacts", 0.5),
-        "impacts x 2": times("lab", "impacts", 2),
-        "width x 2": times("packing", "width", 2),
-        "depth x 0.67": times("packing", "depth", 0.67),
-        "depth x 1.5": times("packing", "depth", 1.5),
-        "young x 0.1": times("material", "young", 0.1),
+        "wait x 4": times("impact", "wait", 4),
+        "patience x 2": times("impact", "patience", 2),
         "young x 10": times("material", "young", 10),
         "damping 0": {"material": {"damping": 0.0}},
-    }  # fmt: skip
+    }
 
 
-def fitted(data, ratio: float) -> ImpactSet | None:
-    try:
-        return fit_set(point_maps(*impacts_of(data, ratio)), replicates=300)
-    except RockfallError:  # too many exploded
-        return None
-
-
-def differences(found: ImpactSet | None, base: ImpactSet | None) -> np.ndarray | None:
-    """Of the means of a1..a9, and in combined standard errors: (2, 9)."""
-    if found is None or base is None:
-        return None
-    difference = found.mean - base.mean
-    return np.array([difference, difference / np.hypot(found.mean_error, base.mean_error)])
-
-
-def velocities(data, when: str) -> np.ndarray:
-    return np.stack([data[f"{v}_{when}"].values for v in ("vt", "vn", "w")], axis=-1)
-
-
-def one_by_one(data, reference) -> tuple[float, float, float] | None:
-    """Over the impacts that ended in both; None if they are not paired."""
-    if data["status"].shape != reference["status"].shape or not all(
-        np.array_equal(data[name].values, reference[name].values) for name in ("surface", "vt_in")
-    ):
-        return None
+def peak_change(data, base) -> str:
+    """Of impacts that ended in both; empty if they are not the same shots on the same layers."""
+    same = data["status"].shape == base["status"].shape and all(
+        np.array_equal(data[name], base[name]) for name in ("surface", "vt_in")
+    )
+    if data is base or not same:
+        return ""
     results = [STATUS[name] for name in ENDED]
-    ended = data["status"].isin(results).values & reference["status"].isin(results).values
-    change = np.linalg.norm(velocities(data, "out") - velocities(reference, "out"), axis=-1)
-    share = (change / np.linalg.norm(velocities(data, "in"), axis=-1))[ended]
-    if not share.size:
-        return None
-    return (*np.quantile(share, [0.5, 0.9]), (share > CHANGED).mean())
+    both = data["status"].isin(results).values & base["status"].isin(results).values
+    square = sum((data[f"{v}_peak"] - base[f"{v}_peak"]).values ** 2 for v in ("vt", "vn", "w"))
+    share = (np.sqrt(square) / base["speed"].values)[both]
+    return "{:9.4f}{:9.4f}".format(*np.quantile(share, [0.5, 0.9]))
+
+
+def numbers(data, ratio: float, state: str) -> str:
+    impacts = as_rebounds(impacts_of(data, ratio, state))
+    found = fit_set(impacts)
+    slopes = (
+        neutral_slope(set_rebound(found.mean, found.covariance)),
+        neutral_slope(resampled_rebound(impacts.v_in, impacts.v_out)),
+    )
+    a1, a4 = (f"{found.mean[k]:.3f} +- {found.mean_error[k]:.3f}" for k in (0, 3))
+    return f"{a1:>18}{a4:>18}{slopes[0]:8.1f}{slopes[1]:9.1f}"
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("case", metavar="LAB.nml", nargs="?", type=Path, default=ROCKY_SLOPE)
-    parser.add_argument("--points", type=int, default=40)
-    parser.add_argument("--impacts", type=int, default=20)
-    parser.add_argument("--ratios", type=float, nargs="+", default=[1, 3, 5])
+    parser.add_argument("--layers", type=int, default=12)
+    parser.add_argument("--ratio", type=float, default=2.0)
+    parser.add_argument("--only", metavar="WORD", default="", help="variants with this in the name")
     options = parser.parse_args()
-    ratios = options.ratios
-    plan = {"points": options.points, "impacts": options.impacts, "ratios": ratios}
-    case = read_lab_case(options.case).replace(lab=plan)
+    case = read_lab_case(options.case).replace(
+        lab={"layers": options.layers, "ratios": [options.ratio]}
+    )
     print(machine())
-    print(f"{options.case}: {options.points} points, {options.impacts} impacts at each", flush=True)
-
-    base = run_impacts(case)
-    sets = {ratio: fitted(base, ratio) for ratio in ratios}
-    finest = run_impacts(case.replace(**variants(case)[FINEST]))
-    known = {BASE: base, FINEST: finest}
-    print(f"\n{'':44}" + "".join(f"{f'R_b/R_m = {ratio:g}':>19}" for ratio in ratios), end="")
-    print(f"{'impact by impact':>22}\n{'standard errors of the base, r.m.s.':44}", end="")
-    for found in sets.values():
-        error = f"{np.sqrt((found.mean_error**2).mean()):.4f}" if found else "-"
-        print(f"{error:>19}", end="")
-    print(f"\n{'changed':22}{'CPU s/1000':>11}{'exploded':>11}", end="")
-    print(f"{'largest':>9}{'r.m.s.':>10}" * len(ratios) + f"{'median':>10}{'90 %':>9}{'> 0.01':>8}")
-
-    far = []
+    print(f"{options.case}: R_b/R_m = {options.ratio:g}, {options.layers} layers\n")
+    print(f"{'changed':18}{'CPU ms':>8}{'solid':>7}{'exploded':>9}{'a1':>18}{'a4':>18}", end="")
+    print(f"{'neutral':>8}{'by data':>9}{'median':>9}{'90 %':>9}")
+    base = None
     for name, change in variants(case).items():
-        try:
-            data = known[name] if name in known else run_impacts(case.replace(**change))
-        except RockfallError as error:
-            print(f"{name:22}  {error}")
+        if name != BASE and options.only not in name:
             continue
-        exploded = float((data["status"] == STATUS["exploded"]).mean())
+        try:
+            data = run_impacts(case.replace(**change))
+        except RockfallError as error:
+            print(f"{name:18}  {error}")
+            continue
+        base = data if base is None else base
         cost = 1000 * data.attrs["cpu_seconds"] / data["status"].size
-        row = f"{name:22}{cost:11.2f}{exploded:11.2%}"
-        for ratio in ratios:
-            both = None if name == BASE else differences(fitted(data, ratio), sets[ratio])
-            if both is None:
-                row += f"{'-':>19}"
-                continue
-            row += f"{abs(both[1]).max():9.1f}{np.sqrt((both[0] ** 2).mean()):10.4f}"
-            for k in np.flatnonzero(abs(both[1]) > FAR):
-                change_of = f"{COEFFICIENTS[k]} {both[0, k]:+.3f}, {both[1, k]:+.1f}"
-                far.append(f"{name}, R_b/R_m = {ratio:g}: {change_of}")
-        by_step = name == BASE or name.startswith("step")
-        if name != FINEST and (shares := one_by_one(data, finest if by_step else base)):
-            row += "{:10.5f}{:9.5f}{:8.1%}".format(*shares) + f"  of {FINEST if by_step else BASE}"
+        exploded = float((data["status"] == STATUS["exploded"]).mean())
+        row = f"{name:18}{cost:8.0f}{float(data['solid'].mean()):7.3f}{exploded:9.2%}"
+        row += numbers(data, options.ratio, "peak") + peak_change(data, base)
         print(row, flush=True)
-    print(f"\nBeyond {FAR:g} combined standard errors:", *(far or ["nothing"]), sep="\n  ")
+    for state in [state for state in STATES if state != "peak"]:
+        print(f"{'state ' + state:42}{numbers(base, options.ratio, state)}")
 
 
 if __name__ == "__main__":

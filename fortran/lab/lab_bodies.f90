@@ -1,6 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Spheres whose centres move in a vertical plane: x to the right, z up, spin positive when it rolls
-!> to the right.
+!> Spheres in space: z up. Velocities and forces have six components: translation, then rotation.
 module lab_bodies
    use rockfall_kinds, only: wp
    use rockfall_math, only: pi
@@ -10,13 +9,13 @@ module lab_bodies
 
    type :: bodies_t
       integer :: n = 0
-      real(wp), allocatable :: x(:, :)        !! (2, n) centres [m]
-      real(wp), allocatable :: v(:, :)        !! (3, n) velocity [m/s], spin [rad/s]
-      real(wp), allocatable :: a(:, :)        !! (3, n) their rates [m/s2], [rad/s2]
-      real(wp), allocatable :: f(:, :)        !! (3, n) contact force [N], moment [N m]
+      real(wp), allocatable :: x(:, :)        !! (3, n) centres [m]
+      real(wp), allocatable :: v(:, :)        !! (6, n) velocity [m/s], spin [rad/s]
+      real(wp), allocatable :: a(:, :)        !! (6, n) their rates [m/s2], [rad/s2]
+      real(wp), allocatable :: f(:, :)        !! (6, n) contact force [N], moment [N m]
       real(wp), allocatable :: radius(:)      !! [m]
       real(wp), allocatable :: mass(:)        !! [kg]
-      real(wp), allocatable :: inverse(:, :)  !! (3, n) 1/mass, 1/mass, 1/inertia
+      real(wp), allocatable :: inverse(:, :)  !! (6, n) 1/mass thrice, 1/inertia thrice
    end type bodies_t
 
    real(wp), parameter :: inertia_factor = 0.4_wp  !! I/(m r**2)
@@ -25,7 +24,7 @@ contains
 
    !> Spheres at rest.
    pure type(bodies_t) function bodies(x, radius, density) result(b)
-      real(wp), intent(in) :: x(:, :)                !! (2, n) [m]
+      real(wp), intent(in) :: x(:, :)                !! (3, n) [m]
       real(wp), intent(in) :: radius(:), density(:)  !! [m], [kg/m3]
       integer :: k
 
@@ -33,11 +32,12 @@ contains
       allocate (b%x, source=x)
       allocate (b%radius, source=radius)
       allocate (b%mass, source=sphere_mass(radius, density))
-      allocate (b%inverse(3, b%n))
+      allocate (b%inverse(6, b%n))
       do k = 1, b%n
-         b%inverse(:, k) = 1/(b%mass(k)*[1.0_wp, 1.0_wp, inertia_factor*radius(k)**2])
+         b%inverse(1:3, k) = 1/b%mass(k)
+         b%inverse(4:6, k) = 1/(b%mass(k)*inertia_factor*radius(k)**2)
       end do
-      allocate (b%v(3, b%n), b%a(3, b%n), b%f(3, b%n), source=0.0_wp)
+      allocate (b%v(6, b%n), b%a(6, b%n), b%f(6, b%n), source=0.0_wp)
    end function bodies
 
    elemental real(wp) function sphere_mass(radius, density)

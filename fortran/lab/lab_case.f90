@@ -20,51 +20,43 @@ module lab_case
 
    type :: key_t
       character(len=10) :: group
-      character(len=11) :: name
-      character(len=7) :: kind  !! text, integer, real, logical; pair: least and greatest; list
+      character(len=15) :: name
+      character(len=7) :: kind  !! text, integer, real, logical; range: min, median, max; list
    end type key_t
 
-   character(len=2), parameter :: coefficients(9) = &
-      ["a1", "a2", "a3", "a4", "a5", "a6", "a7", "a8", "a9"]
    type(key_t), parameter :: key_table(*) = [ &
       key_t("lab", "title", "text"), key_t("lab", "seed", "integer"), &
-      key_t("lab", "ratios", "list"), key_t("lab", "points", "integer"), &
-      key_t("lab", "impacts", "integer"), &
+      key_t("lab", "ratios", "list"), key_t("lab", "layers", "integer"), &
+      key_t("lab", "points", "integer"), key_t("lab", "impacts", "integer"), &
       key_t("material", "young", "real"), key_t("material", "poisson", "real"), &
       key_t("material", "friction", "real"), key_t("material", "damping", "real"), &
-      key_t("material", "rolling", "real"), &
-      key_t("packing", "mean_radius", "real"), key_t("packing", "size_ratio", "real"), &
+      key_t("material", "rolling", "real"), key_t("material", "boulder_rolling", "real"), &
+      key_t("packing", "mean_radius", "real"), key_t("packing", "grading", "real"), &
       key_t("packing", "by_mass", "logical"), key_t("packing", "width", "real"), &
-      key_t("packing", "depth", "real"), key_t("packing", "periodic", "logical"), &
-      key_t("packing", "density", "real"), key_t("packing", "friction", "real"), &
-      key_t("packing", "gravity", "real"), &
-      key_t("impact", "speed", "pair"), key_t("impact", "angle", "pair"), &
-      key_t("impact", "spin", "pair"), key_t("impact", "density", "real"), &
+      key_t("packing", "depth", "real"), key_t("packing", "density", "real"), &
+      key_t("packing", "friction", "real"), key_t("packing", "gravity", "real"), &
+      key_t("packing", "rigid_base", "logical"), key_t("packing", "base_speed", "real"), &
+      key_t("impact", "speed", "range"), key_t("impact", "angle", "range"), &
+      key_t("impact", "spin", "range"), key_t("impact", "density", "real"), &
       key_t("impact", "patience", "real"), key_t("impact", "spent", "real"), &
       key_t("impact", "past", "real"), key_t("impact", "wait", "real"), &
-      key_t("impact", "step_share", "real"), key_t("impact", "retries", "integer"), &
-      key_t("correction", "a1", "real"), key_t("correction", "a2", "real"), &
-      key_t("correction", "a3", "real"), key_t("correction", "a4", "real"), &
-      key_t("correction", "a5", "real"), key_t("correction", "a6", "real"), &
-      key_t("correction", "a7", "real"), key_t("correction", "a8", "real"), &
-      key_t("correction", "a9", "real")]
+      key_t("impact", "step_factor", "real"), key_t("impact", "retries", "integer")]
 
-   integer, parameter :: most_ratios = 1000
-   integer(i8), parameter :: most_shots = 10_i8**6  !! points, and impacts at each
-   real(wp), parameter :: greatest_factor = 100     !! of a correction
+   integer, parameter :: max_ratios = 1000
+   integer(i8), parameter :: max_shots = 10_i8**6  !! layers, points on each, and impacts at each
 
    !> A case as read.
    type :: lab_case_t
       character(len=:), allocatable :: file, title
       integer(i8) :: seed = 1
       real(wp), allocatable :: ratios(:)  !! R_b/R_m; 1 to 5 unless given
-      integer(i8) :: points = 200         !! for each ratio, each on a layer of its own
-      integer(i8) :: impacts = 100        !! at each point
+      integer(i8) :: layers = 50          !! for each ratio
+      integer(i8) :: points = 8           !! on each layer
+      integer(i8) :: impacts = 15         !! at each point
       type(material_t) :: material
       type(packing_t) :: packing
       type(shot_t) :: shot                !! see `shot_of_ratio`
       type(range_t) :: range
-      real(wp) :: correction(9) = 1       !! factors on the means of a1 to a9: for the fit
    end type lab_case_t
 
 contains
@@ -107,6 +99,7 @@ contains
       end if
       select case (key)
       case ("seed"); case%seed = value
+      case ("layers"); case%layers = value
       case ("points"); case%points = value
       case ("impacts"); case%impacts = value
       end select
@@ -135,7 +128,7 @@ contains
             about = group%file//": line "//integer_text(group%line)//": &"//trim(group%name)
             if (.not. any(key_table%group == group%name)) then
                call fail(error, about//": unknown group; known: &lab, &material, &packing, " &
-                         //"&impact, &correction")
+                         //"&impact")
             else if (group%repeated) then
                call fail(error, about//": stands more than once")
             end if
@@ -187,11 +180,9 @@ contains
          shot = shot_row(case%shot)
          call take_row(group, shot_keys, shot, error)
          if (.not. allocated(error)) case%shot = shot_of(shot)
-         if (.not. allocated(error)) call take_pair(group, "speed", case%range%speed, error)
-         if (.not. allocated(error)) call take_pair(group, "angle", case%range%angle, error)
-         if (.not. allocated(error)) call take_pair(group, "spin", case%range%spin, error)
-      case ("correction")
-         call take_row(group, coefficients, case%correction, error)
+         if (.not. allocated(error)) call take_range(group, "speed", case%range%speed, error)
+         if (.not. allocated(error)) call take_range(group, "angle", case%range%angle, error)
+         if (.not. allocated(error)) call take_range(group, "spin", case%range%spin, error)
       end select
    end subroutine take_group
 
@@ -203,12 +194,13 @@ contains
 
       call get_text(group, "title", case%title, error)
       if (.not. allocated(error)) call get_integer(group, "seed", case%seed, error)
+      if (.not. allocated(error)) call get_integer(group, "layers", case%layers, error)
       if (.not. allocated(error)) call get_integer(group, "points", case%points, error)
       if (.not. allocated(error)) call get_integer(group, "impacts", case%impacts, error)
       if (.not. allocated(error)) call get_real(group, "ratios", case%ratios, error)
       if (allocated(error)) return
-      if (size(case%ratios) > most_ratios) then
-         call refuse(group, "ratios", "must be at most "//integer_text(most_ratios)//" values", &
+      if (size(case%ratios) > max_ratios) then
+         call refuse(group, "ratios", "must be at most "//integer_text(max_ratios)//" values", &
                      error)
          return
       end if
@@ -259,46 +251,46 @@ contains
             call refuse(group, key, "must be at most "//integer_text(huge(1)), error)
       case ("real")
          call get_real(group, key, number, error)
-         if (allocated(error)) return
-         if (group%name == "correction" .and. abs(number) > greatest_factor) &
-            call refuse(group, key, "must be -100 to 100", error)
       end select
    end subroutine take_number
 
-   pure subroutine take_pair(group, key, pair, error)
+   pure subroutine take_range(group, key, range, error)
       type(group_t), intent(in) :: group
       character(len=*), intent(in) :: key
-      real(wp), intent(inout) :: pair(2)
+      real(wp), intent(inout) :: range(3)
       type(error_t), allocatable, intent(out) :: error
       real(wp), allocatable :: values(:)
 
-      allocate (values, source=pair)
+      allocate (values, source=range)
       call get_real(group, key, values, error)
       if (allocated(error)) return
-      if (size(values) /= 2) then
-         call refuse(group, key, "must be two values, least and greatest", error)
-      else if (values(1) > values(2)) then
-         call refuse(group, key, "must be least and greatest", error)
+      if (size(values) /= 3) then
+         call refuse(group, key, "must be three values: min, median, max", error)
+      else if (values(1) > values(2) .or. values(2) > values(3)) then
+         call refuse(group, key, "must be min, median and max, in this order", error)
       else
-         pair = values
+         range = values
       end if
-   end subroutine take_pair
+   end subroutine take_range
 
    !> Refuse a plan out of its bounds, and what cannot be packed or fired.
    pure subroutine check_lab_case(case, error)
       type(lab_case_t), intent(in) :: case
       type(error_t), allocatable, intent(out) :: error
+      type(packing_t) :: packing
       integer :: k
 
       call check_whole(case, "seed", case%seed, 0_i8, huge(1_i8), error)
-      if (.not. allocated(error)) &
-         call check_whole(case, "points", case%points, 1_i8, most_shots, error)
-      if (.not. allocated(error)) &
-         call check_whole(case, "impacts", case%impacts, 1_i8, most_shots, error)
+      if (.not. allocated(error)) call check_whole(case, "layers", case%layers, 1_i8, max_shots, error)
+      if (.not. allocated(error)) call check_whole(case, "points", case%points, 1_i8, max_shots, error)
+      if (.not. allocated(error)) call check_whole(case, "impacts", case%impacts, 1_i8, max_shots, error)
       if (allocated(error)) return
       call check_material(case%material, error)
-      if (.not. allocated(error)) call check_packing(case%packing, error)
       do k = 1, size(case%ratios)
+         if (allocated(error)) exit
+         packing = case%packing
+         packing%ratio = case%ratios(k)
+         call check_packing(packing, error)
          if (allocated(error)) exit
          call check_range(shot_of_ratio(case, case%ratios(k)), case%range, error)
       end do

@@ -1,8 +1,8 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The law of a contact between two spheres, or a sphere and a plane: Hertz along the normal,
-!> Mindlin's spring with Coulomb's limit along the tangent, and, if asked for, a viscous normal part
-!> and a resistance to rolling. Pure: the caller knows the geometry, and keeps what a contact
-!> remembers.
+!> The law of a contact between two spheres, or a sphere and a plane, in space: Hertz along the
+!> normal, Mindlin's spring with Coulomb's limit in the tangent plane, and, on request, a viscous
+!> normal part and a resistance to rolling. Pure: the caller knows the geometry, and keeps what a
+!> contact remembers.
 module lab_contact
    use rockfall_kinds, only: wp
    use rockfall_error, only: error_t, fail
@@ -10,7 +10,7 @@ module lab_contact
    implicit none
    private
    public :: material_t, law_t, touch_t, pair_law, plane_law, press, stored_energy
-   public :: check_material, reduced_modulus, collision_time, rayleigh_time
+   public :: check_material, reduced_modulus, cross, in_plane, collision_time, rayleigh_time
 
    !> One material for all bodies and planes.
    type :: material_t
@@ -18,7 +18,8 @@ module lab_contact
       real(wp) :: poisson = 0.25_wp  !! [-]
       real(wp) :: friction = 0.5_wp  !! Coulomb coefficient [-]
       real(wp) :: damping = 0.0_wp   !! viscous share of the critical one [-]: see `press`
-      real(wp) :: rolling = 0.0_wp   !! greatest rolling moment / (R* normal force) [-]
+      real(wp) :: rolling = 0.0_wp   !! max rolling moment / (R* normal force), rock on rock [-]
+      real(wp) :: boulder_rolling = 0.0_wp !! the same, boulder on rock [-]
    end type material_t
 
    !> What two given bodies share in every contact.
@@ -27,22 +28,22 @@ module lab_contact
       real(wp) :: mindlin = 0  !! tangential stiffness / overlap**0.5 [N/m1.5]
       real(wp) :: viscous = 0  !! viscous force / (rate of overlap * overlap**0.25) [N s/m1.25]
       real(wp) :: bending = 0  !! rolling stiffness / overlap**0.5 [N m0.5]
-      real(wp) :: friction = 0 !! greatest tangential / normal force [-]
-      real(wp) :: rolling = 0  !! greatest rolling moment / normal force [m]
+      real(wp) :: friction = 0 !! max tangential / normal force [-]
+      real(wp) :: rolling = 0  !! max rolling moment / normal force [m]
       real(wp) :: share = 0    !! of the overlap that lies in the first body [-]
       real(wp) :: mass = 0     !! reduced mass m* [kg]
    end type law_t
 
    !> What a contact remembers.
    type :: touch_t
-      real(wp) :: root = 0    !! square root of the overlap; 0: apart [m0.5]
-      real(wp) :: shear = 0   !! tangential force on the first body [N]
-      real(wp) :: moment = 0  !! rolling moment on the first body [N m]
+      real(wp) :: root = 0       !! square root of the overlap; 0: apart [m0.5]
+      real(wp) :: shear(3) = 0   !! tangential force on the first body [N]
+      real(wp) :: moment(3) = 0  !! rolling moment on the first body [N m]
    end type touch_t
 
    ! Beyond, a contact's viscous or rolling part is stiffer than its normal spring, from which the
    ! step is taken, and the motion goes wrong without any sign.
-   real(wp), parameter :: most_damping = 1, most_rolling = 2
+   real(wp), parameter :: max_damping = 1, max_rolling = 2
 
 contains
 
@@ -57,29 +58,33 @@ contains
          call fail(error, "material: poisson must be above -1 and at most 0.5")
       else if (.not. (material%friction >= 0 .and. material%friction < huge(1.0_wp))) then
          call fail(error, "material: friction must be >= 0")
-      else if (.not. (material%damping >= 0 .and. material%damping <= most_damping)) then
+      else if (.not. (material%damping >= 0 .and. material%damping <= max_damping)) then
          call fail(error, "material: damping must be 0 to 1")
-      else if (.not. (material%rolling >= 0 .and. material%rolling <= most_rolling)) then
+      else if (.not. (material%rolling >= 0 .and. material%rolling <= max_rolling)) then
          call fail(error, "material: rolling must be 0 to 2")
+      else if (.not. (material%boulder_rolling >= 0 .and. material%boulder_rolling <= max_rolling)) then
+         call fail(error, "material: boulder_rolling must be 0 to 2")
       end if
    end subroutine check_material
 
    !> The law between two spheres.
-   elemental type(law_t) function pair_law(material, r1, m1, r2, m2) result(law)
+   elemental type(law_t) function pair_law(material, r1, m1, r2, m2, rolling) result(law)
       type(material_t), intent(in) :: material
-      real(wp), intent(in) :: r1, r2  !! radii [m]
-      real(wp), intent(in) :: m1, m2  !! masses [kg]
+      real(wp), intent(in) :: r1, r2   !! radii [m]
+      real(wp), intent(in) :: m1, m2   !! masses [kg]
+      real(wp), intent(in) :: rolling  !! max rolling moment / (R* normal force) [-]
 
-      law = contact_law(material, r1*r2/(r1 + r2), m1*m2/(m1 + m2))
+      law = contact_law(material, r1*r2/(r1 + r2), m1*m2/(m1 + m2), rolling)
       law%share = r2/(r1 + r2)
    end function pair_law
 
    !> The law between a sphere and a fixed plane.
-   elemental type(law_t) function plane_law(material, r, m) result(law)
+   elemental type(law_t) function plane_law(material, r, m, rolling) result(law)
       type(material_t), intent(in) :: material
-      real(wp), intent(in) :: r, m  !! [m], [kg]
+      real(wp), intent(in) :: r, m     !! [m], [kg]
+      real(wp), intent(in) :: rolling  !! max rolling moment / (R* normal force) [-]
 
-      law = contact_law(material, r, m)
+      law = contact_law(material, r, m, rolling)
       law%share = 1
    end function plane_law
 
@@ -88,9 +93,10 @@ contains
    !> terms of d**1.25 the collision is that of a linear oscillator with this share of critical
    !> damping, at any speed (Antypov & Elliott 2011). Rolling as type C of Ai et al. (2011), a
    !> spring with a limit, without their viscous part: k_r = 2.25 k_n (rolling R*)**2.
-   elemental type(law_t) function contact_law(material, radius, mass) result(law)
+   elemental type(law_t) function contact_law(material, radius, mass, rolling) result(law)
       type(material_t), intent(in) :: material
       real(wp), intent(in) :: radius, mass  !! R* [m], m* [kg]
+      real(wp), intent(in) :: rolling       !! [-]
       real(wp) :: shear_modulus
 
       ! G* of two alike
@@ -99,7 +105,7 @@ contains
       law%mindlin = 8*shear_modulus*sqrt(radius)
       law%viscous = sqrt(5*mass*law%hertz)*material%damping
       law%friction = material%friction
-      law%rolling = material%rolling*radius
+      law%rolling = rolling*radius
       law%bending = 2.25_wp*1.5_wp*law%hertz*law%rolling**2
       law%mass = mass
    end function contact_law
@@ -113,46 +119,77 @@ contains
 
    !> One time step of a contact. The normal force comes from the state at the end of the step, the
    !> changes of the springs from the rates in its middle: of second order, both. A spring keeps its
-   !> force while the overlap grows and its length while it shrinks, so that no cycle of load and
-   !> slip yields energy.
-   elemental subroutine press(law, overlap, closing, slip, turn, dt, touch, normal)
+   !> force while the overlap grows and its length while it shrinks, so that no cycle of load and slip
+   !> yields energy. It turns with the contact.
+   pure subroutine press(law, n, overlap, closing, slip, turn, rotation, dt, touch, normal)
       type(law_t), intent(in) :: law
-      real(wp), intent(in) :: overlap        !! at the end of the step, > 0 [m]
-      real(wp), intent(in) :: closing        !! rate of overlap at the end of the step [m/s]
-      real(wp), intent(in) :: slip !! tangential speed of the first surface over the second [m/s]
-      real(wp), intent(in) :: turn !! spin of the first body relative to the second [rad/s]
-      real(wp), intent(in) :: dt             !! [s]
+      real(wp), intent(in) :: n(3)     !! unit normal at the end of the step, first to second [-]
+      real(wp), intent(in) :: overlap  !! at the end of the step, > 0 [m]
+      real(wp), intent(in) :: closing  !! rate of overlap at the end of the step [m/s]
+      real(wp), intent(in) :: slip(3)  !! velocity of the first surface over the second, tangential [m/s]
+      real(wp), intent(in) :: turn(3)  !! spin of the first body relative to the second [rad/s]
+      real(wp), intent(in) :: rotation(3) !! of the contact in the step: its normal's, and about it [rad]
+      real(wp), intent(in) :: dt       !! [s]
       type(touch_t), intent(inout) :: touch
-      real(wp), intent(out) :: normal        !! force between the bodies, never attraction [N]
-      real(wp), parameter :: barely = 1.0e-100_wp  ! a root that divides
-      real(wp) :: root, before, mean, kept, time, limit
+      real(wp), intent(out) :: normal  !! force between the bodies, never attraction [N]
+      real(wp) :: root, before, mean, kept, time
 
       root = sqrt(overlap)
       normal = law%hertz*overlap*root
       if (law%viscous > 0) normal = max(0.0_wp, normal + law%viscous*sqrt(root)*closing)
       if (law%friction > 0) then
          before = touch%root
-         kept = min(1.0_wp, root/max(before, barely))
-         ! of sqrt(d) as d grows evenly
-         mean = min(root, 2*(overlap + before*(root + before))/(3*(root + before)))
+         kept = 1
+         mean = root
+         if (root < before) then
+            kept = root/before
+         else  ! the mean of sqrt(d) as d grows evenly
+            mean = 2*(overlap + before*(root + before))/(3*(root + before))
+         end if
          time = dt
          ! it began within the step
          if (before <= 0 .and. closing*dt > overlap) time = overlap/closing
-         limit = law%friction*normal
-         touch%shear = clip(kept*touch%shear - law%mindlin*mean*slip*time, limit)
+         touch%shear = in_plane(moved(kept*touch%shear, (-law%mindlin*mean*time)*slip, rotation), n)
+         call limit(touch%shear, law%friction*normal)
          if (law%rolling > 0) then
-            limit = law%rolling*normal
-            touch%moment = clip(kept*touch%moment - law%bending*mean*turn*time, limit)
+            touch%moment = in_plane(moved(kept*touch%moment, (-law%bending*mean*time)*turn, rotation), n)
+            call limit(touch%moment, law%rolling*normal)
          end if
       end if
       touch%root = root
    end subroutine press
 
-   elemental real(wp) function clip(force, limit)
-      real(wp), intent(in) :: force, limit  !! limit >= 0
+   !> A vector that changes evenly while it turns, to second order in the rotation.
+   pure function moved(before, change, rotation) result(now)
+      real(wp), intent(in) :: before(3), change(3), rotation(3)
+      real(wp) :: now(3)
 
-      clip = max(-limit, min(limit, force))
-   end function clip
+      now = before + change + cross(rotation, before + 0.5_wp*(change + cross(rotation, before)))
+   end function moved
+
+   pure function in_plane(v, n)
+      real(wp), intent(in) :: v(3), n(3)
+      real(wp) :: in_plane(3)
+
+      in_plane = v - (v(1)*n(1) + v(2)*n(2) + v(3)*n(3))*n
+   end function in_plane
+
+   pure function cross(a, b)
+      real(wp), intent(in) :: a(3), b(3)
+      real(wp) :: cross(3)
+
+      cross = [a(2)*b(3) - a(3)*b(2), a(3)*b(1) - a(1)*b(3), a(1)*b(2) - a(2)*b(1)]
+   end function cross
+
+   !> Shorten a vector to a length.
+   pure subroutine limit(v, length)
+      real(wp), intent(inout) :: v(3)
+      real(wp), intent(in) :: length  !! >= 0
+      real(wp) :: square
+
+      square = dot_product(v, v)
+      if (square > length**2) v = v*(length/sqrt(square))
+   end subroutine limit
 
    !> Energy in the springs of a contact [J].
    elemental real(wp) function stored_energy(law, touch) result(energy)
@@ -162,8 +199,9 @@ contains
       energy = 0
       if (touch%root <= 0) return
       energy = 0.4_wp*law%hertz*touch%root**5
-      if (law%friction > 0) energy = energy + 0.5_wp*touch%shear**2/(law%mindlin*touch%root)
-      if (law%rolling > 0) energy = energy + 0.5_wp*touch%moment**2/(law%bending*touch%root)
+      if (law%friction > 0) energy = energy + 0.5_wp*sum(touch%shear**2)/(law%mindlin*touch%root)
+      if (law%rolling > 0) energy = energy &
+                                    + 0.5_wp*sum(touch%moment**2)/(law%bending*touch%root)
    end function stored_energy
 
    !> Duration of Hertz's elastic collision [s]: 2.868 (m***2/(R* E***2 v))**(1/5).

@@ -1,10 +1,11 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Many layers, many impacts. The only file of the laboratory with threads. A layer is a pure
-!> function of (seed, layer), an impact of (seed, layer, point, impact), so threads and chunks
+!> function of (seed, ratio, layer), an impact of (seed, layer, point, impact), so threads and chunks
 !> cannot change a bit.
 module lab_ensemble
    use rockfall_kinds, only: wp, i8
-   use rockfall_error, only: error_t
+   use rockfall_error, only: error_t, fail
+   use rockfall_math, only: pi, sine_cosine
    use rockfall_threads, only: team_size
    use rockfall_random, only: random_key_t, random_words, uniform
    use lab_contact, only: material_t
@@ -16,11 +17,11 @@ module lab_ensemble
 
    integer(i8), parameter :: for_point = 66, for_shot = 67  !! purposes of random numbers
 
-   !> Incident states are even in these ranges.
+   !> Incident states: half of them below the middle value, uniform on either side of it.
    type :: range_t
-      real(wp) :: speed(2) = [5.0_wp, 30.0_wp]   !! [m/s]
-      real(wp) :: angle(2) = [10.0_wp, 90.0_wp]  !! from the surface [degrees]
-      real(wp) :: spin(2) = [-0.5_wp, 1.0_wp]    !! W/V [-]
+      real(wp) :: speed(3) = [2.0_wp, 10.0_wp, 25.0_wp]  !! min, median, max [m/s]
+      real(wp) :: angle(3) = [3.0_wp, 20.0_wp, 60.0_wp]  !! from the surface [degrees]
+      real(wp) :: spin(3) = [-0.5_wp, 0.25_wp, 1.0_wp]   !! W/V [-]
    end type range_t
 
    !> Which impact it is.
@@ -41,7 +42,11 @@ contains
       type(shot_t) :: shot
       integer :: k
 
-      do k = 1, 2
+      if (.not. (rises(range%speed) .and. rises(range%angle) .and. rises(range%spin))) then
+         call fail(error, "impact: speed, angle and spin must be min, median and max")
+         return
+      end if
+      do k = 1, 3
          shot = template
          shot%speed = range%speed(k)
          shot%angle = range%angle(k)
@@ -51,18 +56,32 @@ contains
       end do
    end subroutine check_range
 
-   !> The shot of an impact: all impacts at a point have the same aim.
+   pure logical function rises(limits)
+      real(wp), intent(in) :: limits(3)
+
+      rises = limits(1) <= limits(2) .and. limits(2) <= limits(3)
+   end function rises
+
+   !> The shot of an impact: all impacts at a point have the same aim and heading.
    pure type(shot_t) function draw_shot(template, range, key, id) result(shot)
       type(shot_t), intent(in) :: template
       type(range_t), intent(in) :: range
       type(random_key_t), intent(in) :: key
       type(identity_t), intent(in) :: id
       integer(i8) :: word(12), place
+      real(wp) :: s, c
+      integer :: quarter
 
       place = ior(shiftl(id%layer, 32), id%point)
       shot = template
       word = random_words(key, for_point, place, 0_i8, 0_i8)
-      shot%aim = uniform(word(1))
+      shot%aim = uniform(word(1:2))
+      quarter = int(4*uniform(word(3)))
+      call sine_cosine((4*uniform(word(3)) - quarter - 0.5_wp)*pi/2, s, c)
+      shot%heading = [c, s]
+      do quarter = quarter, 1, -1
+         shot%heading = [-shot%heading(2), shot%heading(1)]
+      end do
       word = random_words(key, for_shot, place, id%impact, 0_i8)
       shot%speed = between(range%speed, uniform(word(1)))
       shot%angle = between(range%angle, uniform(word(2)))
@@ -70,9 +89,13 @@ contains
    end function draw_shot
 
    pure real(wp) function between(limits, u)
-      real(wp), intent(in) :: limits(2), u
+      real(wp), intent(in) :: limits(3), u
 
-      between = limits(1) + u*(limits(2) - limits(1))
+      if (u < 0.5_wp) then
+         between = limits(1) + 2*u*(limits(2) - limits(1))
+      else
+         between = limits(2) + (2*u - 1)*(limits(3) - limits(2))
+      end if
    end function between
 
    !> Layers `first` to `first + size(layers) - 1`; the error is that of the first layer that
@@ -105,8 +128,9 @@ contains
    end subroutine pack_layers
 
    !> Draw and fire the shots `ids`.
-   subroutine fire_shots(layers, material, template, range, key, ids, threads, shots, outcomes)
+   subroutine fire_shots(layers, packing, material, template, range, key, ids, threads, shots, outcomes)
       type(layer_t), intent(in) :: layers(:)
+      type(packing_t), intent(in) :: packing
       type(material_t), intent(in) :: material
       type(shot_t), intent(in) :: template
       type(range_t), intent(in) :: range
@@ -118,10 +142,10 @@ contains
       integer :: k
 
       !$omp parallel do default(none) schedule(dynamic, 1) num_threads(team_size(threads)) &
-      !$omp& shared(layers, material, template, range, key, ids, shots, outcomes) private(k)
+      !$omp& shared(layers, packing, material, template, range, key, ids, shots, outcomes) private(k)
       do k = 1, size(ids)
          shots(k) = draw_shot(template, range, key, ids(k))
-         call fire(layers(ids(k)%place), material, shots(k), outcomes(k))
+         call fire(layers(ids(k)%place), packing, material, shots(k), outcomes(k))
       end do
       !$omp end parallel do
    end subroutine fire_shots

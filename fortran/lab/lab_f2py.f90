@@ -8,7 +8,7 @@ module lab_f2py
    use rockfall_threads, only: team_size
    use lab_contact, only: material_t, check_material
    use lab_neighbours, only: box_t
-   use lab_packing, only: packing_t, layer_t, check_packing, most_bodies
+   use lab_packing, only: packing_t, layer_t, check_packing, max_bodies
    use lab_impact, only: shot_t, outcome_t, film_t, check_shot, fire
    use lab_step, only: trouble_words => trouble_text
    use lab_ensemble, only: range_t, identity_t, check_range, pack_layers, fire_shots
@@ -26,7 +26,7 @@ contains
 
    !> Names in the order of the arrays: 1 material, 2 packing, 3 shot, 4 ranges, 5 outcome, 6 its
    !> counts, 7 layer. The statuses of an outcome are those of lab_impact: 1 rebounded, 2 lifted, 3
-   !> captured, 4 exploded, 5 misfit.
+   !> rolled_on, 4 exploded, 5 misfit.
    subroutine names(kind, text)
       integer(c_int), intent(in) :: kind
       character(len=512), intent(out) :: text
@@ -47,7 +47,7 @@ contains
    !> to 4.
    subroutine defaults(kind, row)
       integer(c_int), intent(in) :: kind
-      real(c_double), intent(out) :: row(13)
+      real(c_double), intent(out) :: row(16)
       type(material_t) :: material
       type(packing_t) :: packing
       type(shot_t) :: shot
@@ -92,14 +92,14 @@ contains
 
    !> Greatest number of bodies in a layer.
    subroutine room_for_layer(packing, room, code, message)
-      real(c_double), intent(in) :: packing(9)
+      real(c_double), intent(in) :: packing(11)
       integer(c_int), intent(out) :: room, code
       character(len=512), intent(out) :: message
       type(error_t), allocatable :: error
 
       room = 0
       call check_packing(packing_of(packing), error)
-      if (.not. allocated(error)) room = most_bodies(packing_of(packing))
+      if (.not. allocated(error)) room = max_bodies(packing_of(packing))
       call give_error(error, code, message)
    end subroutine room_for_layer
 
@@ -108,13 +108,13 @@ contains
       message, room, n)
       !f2py threadsafe
       integer(c_int), intent(in) :: room, n           !! bodies at most in a layer, layers
-      real(c_double), intent(in) :: material(5), packing(9)
+      real(c_double), intent(in) :: material(6), packing(11)
       integer(c_int64_t), intent(in) :: seed, first
       integer(c_int), intent(in) :: threads           !! 0: all
-      real(c_double), intent(out) :: x(2, room, n)    !! centres [m]
+      real(c_double), intent(out) :: x(3, room, n)    !! centres [m]
       real(c_double), intent(out) :: radius(room, n)  !! [m]
       integer(c_int32_t), intent(out) :: bodies(n)    !! in each layer
-      real(c_double), intent(out) :: facts(5, n)      !! names(7)
+      real(c_double), intent(out) :: facts(6, n)      !! names(7)
       integer(c_int), intent(out) :: code
       character(len=512), intent(out) :: message
       type(layer_t), allocatable :: layers(:)
@@ -129,7 +129,7 @@ contains
       call check_material(material_of(material), error)
       if (.not. allocated(error)) call check_packing(packing_of(packing), error)
       if (.not. allocated(error)) then
-         if (room < most_bodies(packing_of(packing))) &
+         if (room < max_bodies(packing_of(packing))) &
             call fail(error, "pack: room is below room_for_layer")
       end if
       if (.not. allocated(error)) then
@@ -152,15 +152,15 @@ contains
                      place, layer, point, number, outcome, counts, code, message, room, nl, n)
       !f2py threadsafe
       integer(c_int), intent(in) :: room, nl, n
-      real(c_double), intent(in) :: material(5), packing(9), ranges(6)
-      real(c_double), intent(in) :: shot(13)           !! its speed, angle, spin and aim are drawn
+      real(c_double), intent(in) :: material(6), packing(11), ranges(9)
+      real(c_double), intent(in) :: shot(16)           !! its speed, angle, spin and aim are drawn
       integer(c_int64_t), intent(in) :: seed
       integer(c_int), intent(in) :: threads            !! 0: all
-      real(c_double), intent(in) :: x(2, room, nl), radius(room, nl), facts(5, nl)  !! as from pack
+      real(c_double), intent(in) :: x(3, room, nl), radius(room, nl), facts(6, nl)  !! as from pack
       integer(c_int32_t), intent(in) :: bodies(nl)
       integer(c_int32_t), intent(in) :: place(n)
       integer(c_int64_t), intent(in) :: layer(n), point(n), number(n)
-      real(c_double), intent(out) :: outcome(14, n)    !! names(5)
+      real(c_double), intent(out) :: outcome(26, n)    !! names(5)
       integer(c_int32_t), intent(out) :: counts(4, n)  !! names(6)
       integer(c_int), intent(out) :: code
       character(len=512), intent(out) :: message
@@ -182,14 +182,13 @@ contains
       if (code /= 0) return
       allocate (layers(nl), ids(n), shots(n), outcomes(n))
       do k = 1, nl
-         layers(k) = layer_of(packing, x(:, :bodies(k), k), radius(:bodies(k), k), facts(:, k))
+         layers(k) = layer_of(x(:, :bodies(k), k), radius(:bodies(k), k), facts(:, k))
       end do
       do k = 1, n
          ids(k) = identity_t(place(k), layer(k), point(k), number(k))
       end do
-      call fire_shots(layers, material_of(material), shot_of(shot), range_of(ranges), &
-         random_key(seed), ids, &
-                      threads, shots, outcomes)
+      call fire_shots(layers, packing_of(packing), material_of(material), shot_of(shot), &
+                      range_of(ranges), random_key(seed), ids, threads, shots, outcomes)
       do k = 1, n
          outcome(:, k) = outcome_row(shots(k), outcomes(k))
          counts(:, k) = outcome_count_row(outcomes(k))
@@ -202,14 +201,14 @@ contains
                    frames, time, centres, velocities, outcome, counts, code, message, most, nb)
       !f2py threadsafe
       integer(c_int), intent(in) :: most, nb
-      real(c_double), intent(in) :: material(5), packing(9), shot(13), x(2, nb), radius(nb), &
-         facts(5)
+      real(c_double), intent(in) :: material(6), packing(11), shot(16), x(3, nb), radius(nb), &
+         facts(6)
       real(c_double), intent(in) :: interval                         !! [s]
       integer(c_int), intent(out) :: frames                          !! taken, at most `most`
       real(c_double), intent(out) :: time(most)                      !! [s]
-      real(c_double), intent(out) :: centres(2, nb + 1, most)        !! [m]
-      real(c_double), intent(out) :: velocities(3, nb + 1, most)     !! [m/s], [rad/s]
-      real(c_double), intent(out) :: outcome(14)
+      real(c_double), intent(out) :: centres(3, nb + 1, most)        !! [m]
+      real(c_double), intent(out) :: velocities(6, nb + 1, most)     !! [m/s], [rad/s]
+      real(c_double), intent(out) :: outcome(26)
       integer(c_int32_t), intent(out) :: counts(4)
       integer(c_int), intent(out) :: code
       character(len=512), intent(out) :: message
@@ -229,10 +228,10 @@ contains
       call give_error(error, code, message)
       if (code /= 0) return
       reel%interval = interval
-      allocate (reel%time(most), reel%x(2, nb + 1, most), reel%v(3, nb + 1, most), &
+      allocate (reel%time(most), reel%x(3, nb + 1, most), reel%v(6, nb + 1, most), &
          source=0.0_c_double)
-      call fire(layer_of(packing, x, radius, facts), material_of(material), shot_of(shot), &
-         result, reel)
+      call fire(layer_of(x, radius, facts), packing_of(packing), material_of(material), &
+                shot_of(shot), result, reel)
       frames = reel%frames
       time = reel%time
       centres = reel%x
@@ -241,18 +240,14 @@ contains
       counts = outcome_count_row(result)
    end subroutine film
 
-   pure type(layer_t) function layer_of(packing, x, radius, facts) result(layer)
-      real(c_double), intent(in) :: packing(9), x(:, :), radius(:), facts(5)
-      type(packing_t) :: p
-
-      p = packing_of(packing)
+   pure type(layer_t) function layer_of(x, radius, facts) result(layer)
+      real(c_double), intent(in) :: x(:, :), radius(:), facts(6)
       allocate (layer%x, source=x)
       allocate (layer%radius, source=radius)
-      layer%mean_radius = p%mean_radius
-      layer%density = p%density
-      layer%box = box_t(p%width*p%mean_radius, p%periodic)
+      layer%box = box_t(facts(5))
       layer%surface = facts(1)
       layer%top = facts(2)
+      layer%solid = facts(3)
    end function layer_of
 
    !> What Fortran would otherwise read beyond its arrays, and numbers that would share random

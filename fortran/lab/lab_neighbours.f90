@@ -1,59 +1,50 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Which bodies can touch: Verlet's list of the pairs, and of the bodies near floor and sides, whose
-!> gap was below a skin when the list was made. A gap closes by no more than its two bodies have
-!> moved, so the list holds as long as the two longest displacements together do not exceed the
-!> skin.
+!> Which bodies can touch: Verlet's list of the pairs, and of the bodies near the floor, whose gap was
+!> below a skin when the list was made. A gap closes by no more than its two bodies have moved, so the
+!> list holds as long as the two longest displacements together do not exceed the skin.
 module lab_neighbours
    use rockfall_kinds, only: wp
    implicit none
    private
-   public :: box_t, pair_t, beside_t, neighbours_t, find_neighbours, outdated, find_pair
-   public :: at_floor, at_left, at_right
+   public :: box_t, pair_t, neighbours_t, find_neighbours, outdated, find_pair, fold
 
-   integer, parameter :: at_floor = 1, at_left = 2, at_right = 3
-
-   !> A rigid floor at z = 0, and sides at x = 0 and x = width: periodic or rigid.
+   !> A floor at z = 0, periodic in x and y.
    type :: box_t
-      real(wp) :: width = 1         !! [m]
-      logical :: periodic = .true.
+      real(wp) :: width = 1     !! of both sides [m]; 0: no sides, nothing is periodic
       logical :: floor = .true.
    end type box_t
 
    type :: pair_t
-      integer :: i = 0, j = 0   !! i < j
-      real(wp) :: shift = 0     !! added to x of j, so that it is the image next to i [m]
-      real(wp) :: reach = 0     !! sum of the radii [m]
+      integer :: i = 0, j = 0      !! i < j
+      real(wp) :: shift(2) = 0     !! added to x, y of j, so that it is the image next to i [m]
+      real(wp) :: reach = 0        !! sum of the radii [m]
    end type pair_t
-
-   type :: beside_t
-      integer :: body = 0
-      integer :: side = 0       !! at_floor, at_left, at_right
-   end type beside_t
 
    type :: neighbours_t
       real(wp) :: skin = 0      !! [m]
-      integer :: n_large = 0 !! the last bodies, much larger than the others, are compared with all
+      integer :: n_large = 0    !! the last bodies, much larger than the others, are compared with all
       integer :: n_pairs = 0
-      type(pair_t), allocatable :: pair(:)     !! (n_pairs or more), by i
-      integer, allocatable :: row(:)           !! pairs row(i) to row(i + 1) - 1 belong to i
-      type(beside_t), allocatable :: beside(:)
-      integer, allocatable :: order(:)         !! small bodies by x
-      real(wp), allocatable :: x0(:, :)        !! centres when the list was made [m]
+      type(pair_t), allocatable :: pair(:)  !! (n_pairs or more), by i
+      integer, allocatable :: row(:)        !! pairs row(i) to row(i + 1) - 1 belong to i
+      integer, allocatable :: low(:)        !! bodies near the floor
+      real(wp), allocatable :: x0(:, :)     !! centres when the list was made [m]
    end type neighbours_t
+
+   integer, parameter :: far = 2  !! cells of the grid as far as the largest of the small bodies reach
 
 contains
 
    !> True when a pair that is not in the list might touch, now or before.
    pure logical function outdated(list, x)
       type(neighbours_t), intent(in) :: list
-      real(wp), intent(in) :: x(:, :)
+      real(wp), intent(in) :: x(:, :)  !! centres [m]
       real(wp) :: d, most, second
       integer :: k
 
       most = 0
       second = 0
       do k = 1, size(x, 2)
-         d = (x(1, k) - list%x0(1, k))**2 + (x(2, k) - list%x0(2, k))**2
+         d = (x(1, k) - list%x0(1, k))**2 + (x(2, k) - list%x0(2, k))**2 + (x(3, k) - list%x0(3, k))**2
          if (d > second) then
             second = min(d, most)
             most = max(d, most)
@@ -62,115 +53,125 @@ contains
       outdated = sqrt(most) + sqrt(second) > list%skin
    end function outdated
 
-   !> Make the list anew; bodies that left a periodic box come back on its other side.
+   !> Make the list anew; bodies that left the box come back on its other side.
    pure subroutine find_neighbours(list, box, x, radius)
       type(neighbours_t), intent(inout) :: list
       type(box_t), intent(in) :: box
-      real(wp), intent(inout) :: x(:, :)
-      real(wp), intent(in) :: radius(:)
+      real(wp), intent(inout) :: x(:, :)   !! centres [m]
+      real(wp), intent(in) :: radius(:)    !! [m]
       type(pair_t), allocatable :: found(:)
-      integer :: n, n_small, k, count
+      integer :: n, n_small, i, j, count
 
       n = size(radius)
       n_small = n - list%n_large
-      if (box%periodic) x(1, :) = x(1, :) - box%width*floor(x(1, :)/box%width)
-      if (.not. allocated(list%order)) list%order = [(k, k=1, n_small)]
-      call sort_by_x(list%order, x)
-      allocate (found(8*n + 16))
+      call fold(box, x)
+      allocate (found(10*n + 16))
       count = 0
-      call sweep(list, box, x, radius, found, count)
-      do k = n_small + 1, n
-         call scan(list, box, x, radius, k, found, count)
+      call sweep(list, box, x, radius, n_small, found, count)
+      do j = n_small + 1, n
+         do i = 1, j - 1
+            call keep_if_near(list, box, x, radius, i, j, found, count)
+         end do
       end do
       call by_first_body(list, n, found(:count))
-      call find_beside(list, box, x, radius)
+      list%low = pack([(i, i=1, n)], box%floor .and. x(3, :) - radius < list%skin)
       list%x0 = x
    end subroutine find_neighbours
 
-   !> Insertion: the order has changed little since the last time.
-   pure subroutine sort_by_x(order, x)
-      integer, intent(inout) :: order(:)
-      real(wp), intent(in) :: x(:, :)
-      integer :: k, l, body
+   !> Bodies outside the periodic box, back into it.
+   pure subroutine fold(box, x)
+      type(box_t), intent(in) :: box
+      real(wp), intent(inout) :: x(:, :)
 
-      do k = 2, size(order)
-         body = order(k)
-         l = k - 1
-         do while (l >= 1)
-            if (x(1, order(l)) <= x(1, body)) exit
-            order(l + 1) = order(l)
-            l = l - 1
-         end do
-         order(l + 1) = body
-      end do
-   end subroutine sort_by_x
+      if (box%width > 0) x(1:2, :) = x(1:2, :) - box%width*floor(x(1:2, :)/box%width)
+   end subroutine fold
 
-   !> Pairs among small bodies: from each to the right, round the period, as far as the largest
-   !> could reach. The box is more than twice as wide, so each pair is met once.
-   pure subroutine sweep(list, box, x, radius, found, count)
+   !> What to add to the plan position of a body so that it is its image next to another, both in the
+   !> box.
+   pure function nearest_image(box, d) result(shift)
+      type(box_t), intent(in) :: box
+      real(wp), intent(in) :: d(2)  !! position relative to the other [m]
+      real(wp) :: shift(2)
+
+      shift = 0
+      if (box%width > 0) shift = merge(-sign(box%width, d), 0.0_wp, abs(d) > 0.5_wp*box%width)
+   end function nearest_image
+
+   !> Pairs among small bodies, from a grid of cells half as wide as the largest could reach.
+   pure subroutine sweep(list, box, x, radius, n_small, found, count)
       type(neighbours_t), intent(in) :: list
       type(box_t), intent(in) :: box
       real(wp), intent(in) :: x(:, :), radius(:)
+      integer, intent(in) :: n_small
       type(pair_t), allocatable, intent(inout) :: found(:)
       integer, intent(inout) :: count
-      real(wp) :: largest, shift
-      integer :: k, l, m, i, j, n
+      integer, allocatable :: head(:, :, :), next(:)
+      real(wp) :: side, origin(3), extent(3), size_of(3)
+      integer :: cells(3), c(3), columns(-far:far), rows(-far:far), k, dx, dy, z, j
 
-      n = size(list%order)
-      largest = 0
-      if (n > 0) largest = maxval(radius(:n))
-      do k = 1, n
-         i = list%order(k)
-         do l = k + 1, k + n - 1
-            m = l
-            shift = 0
-            if (l > n) then
-               if (.not. box%periodic) exit
-               m = l - n
-               shift = box%width
-            end if
-            j = list%order(m)
-            if (x(1, j) + shift - x(1, i) > radius(i) + largest + list%skin) exit
-            call keep_if_near(list, x, radius, i, j, shift, found, count)
+      if (n_small < 2) return
+      side = (2*maxval(radius(:n_small)) + list%skin)/far
+      origin = minval(x(:, :n_small), 2)
+      extent = maxval(x(:, :n_small), 2) - origin
+      if (box%width > 0) then
+         origin(1:2) = 0
+         extent(1:2) = box%width
+      end if
+      cells = min(max(1, int(extent/side)), 200)
+      if (box%width > 0 .and. minval(cells(1:2)) < 2*far + 1) cells = 1  ! a cell would be met twice
+      size_of = max(extent/cells, tiny(side))
+      allocate (head(cells(1), cells(2), cells(3)), next(n_small), source=0)
+      do k = 1, n_small  ! each is compared with those that are in their cells already
+         c = min(1 + int((x(:, k) - origin)/size_of), cells)
+         columns = around(c(1), cells(1), box)
+         rows = around(c(2), cells(2), box)
+         do z = max(1, c(3) - far), min(cells(3), c(3) + far)
+            do dy = -far, far
+               if (rows(dy) == 0) cycle
+               do dx = -far, far
+                  if (columns(dx) == 0) cycle
+                  j = head(columns(dx), rows(dy), z)
+                  do while (j > 0)
+                     call keep_if_near(list, box, x, radius, j, k, found, count)
+                     j = next(j)
+                  end do
+               end do
+            end do
          end do
+         next(k) = head(c(1), c(2), c(3))
+         head(c(1), c(2), c(3)) = k
       end do
    end subroutine sweep
 
-   !> Pairs of a large body with all before it.
-   pure subroutine scan(list, box, x, radius, large, found, count)
+   !> Cells of one direction around a cell; 0: none.
+   pure function around(cell, cells, box) result(near)
+      integer, intent(in) :: cell, cells
+      type(box_t), intent(in) :: box
+      integer :: near(-far:far), k
+
+      near = [(cell + k, k=-far, far)]
+      if (box%width > 0 .and. cells > 1) near = 1 + modulo(near - 1, cells)
+      where (near < 1 .or. near > cells) near = 0
+   end function around
+
+   pure subroutine keep_if_near(list, box, x, radius, i, j, found, count)
       type(neighbours_t), intent(in) :: list
       type(box_t), intent(in) :: box
       real(wp), intent(in) :: x(:, :), radius(:)
-      integer, intent(in) :: large
+      integer, intent(in) :: i, j  !! i < j
       type(pair_t), allocatable, intent(inout) :: found(:)
       integer, intent(inout) :: count
-      real(wp) :: shift
-      integer :: i
-
-      do i = 1, large - 1
-         shift = 0
-         if (box%periodic) shift = -box%width*nint((x(1, large) - x(1, i))/box%width)
-         call keep_if_near(list, x, radius, i, large, shift, found, count)
-      end do
-   end subroutine scan
-
-   pure subroutine keep_if_near(list, x, radius, i, j, shift, found, count)
-      type(neighbours_t), intent(in) :: list
-      real(wp), intent(in) :: x(:, :), radius(:), shift
-      integer, intent(in) :: i, j
-      type(pair_t), allocatable, intent(inout) :: found(:)
-      integer, intent(inout) :: count
-      real(wp) :: reach
+      real(wp) :: reach, d(3), shift(2)
 
       reach = radius(i) + radius(j)
-      if ((x(1, j) + shift - x(1, i))**2 + (x(2, j) - x(2, i))**2 > (reach + list%skin)**2) return
+      d = x(:, j) - x(:, i)
+      if (abs(d(3)) > reach + list%skin) return
+      shift = nearest_image(box, d(1:2))
+      d(1:2) = d(1:2) + shift
+      if (d(1)**2 + d(2)**2 + d(3)**2 > (reach + list%skin)**2) return
       if (count == size(found)) found = [found, found]
       count = count + 1
-      if (i < j) then
-         found(count) = pair_t(i, j, shift, reach)
-      else
-         found(count) = pair_t(j, i, -shift, reach)
-      end if
+      found(count) = pair_t(i, j, shift, reach)
    end subroutine keep_if_near
 
    !> Order pairs by their first body: neighbours in memory, and quick to find.
@@ -201,28 +202,6 @@ contains
          next(i) = next(i) + 1
       end do
    end subroutine by_first_body
-
-   pure subroutine find_beside(list, box, x, radius)
-      type(neighbours_t), intent(inout) :: list
-      type(box_t), intent(in) :: box
-      real(wp), intent(in) :: x(:, :), radius(:)
-      logical :: near(3, size(radius))
-      integer :: k, side, n
-
-      near(at_floor, :) = box%floor .and. x(2, :) - radius < list%skin
-      near(at_left, :) = .not. box%periodic .and. x(1, :) - radius < list%skin
-      near(at_right, :) = .not. box%periodic .and. box%width - x(1, :) - radius < list%skin
-      if (allocated(list%beside)) deallocate (list%beside)
-      allocate (list%beside(count(near)))
-      n = 0
-      do k = 1, size(radius)
-         do side = at_floor, at_right
-            if (.not. near(side, k)) cycle
-            n = n + 1
-            list%beside(n) = beside_t(k, side)
-         end do
-      end do
-   end subroutine find_beside
 
    !> Place of the pair (i, j), i < j, in the list; 0: not there.
    pure integer function find_pair(list, i, j) result(place)

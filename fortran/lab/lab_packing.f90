@@ -1,59 +1,65 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> A soil of spheres: radii drawn from a distribution, let fall on a rigid floor until their energy
-!> is spent. The friction while they settle sets the compaction: 0 gives a dense layer, the friction
-!> of the contact a loose one.
+!> A soil of spheres: radii drawn from a grading, let fall on a floor in a periodic box until their
+!> energy is spent. The friction while they settle sets the compaction: 0 gives a dense layer, a large
+!> one a loose layer; the solid fraction is a result.
 module lab_packing
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail, our_fault
-   use rockfall_math, only: pi
+   use rockfall_math, only: pi, logarithm, exponential
    use rockfall_random, only: random_key_t, random_words, uniform
    use lab_contact, only: material_t
    use lab_bodies, only: bodies_t, bodies
-   use lab_neighbours, only: box_t
-   use lab_step, only: assembly_t, assemble, advance, watch_energy, safe_step, trouble_text, sound
+   use lab_neighbours, only: box_t, fold
+   use lab_step, only: assembly_t, assemble, stiffen, advance, watch_energy, total_energy, safe_step, &
+      energy_tolerance, trouble_text, sound
    implicit none
    private
-   public :: packing_t, layer_t, pack_layer, check_packing, most_bodies, size_limits, &
-      draw_radius, surface_height, for_layer
-   public :: skin_share
+   public :: packing_t, layer_t, pack_layer, check_packing, max_bodies, size_limits, draw_radius, &
+      box_width, skin_factor
 
    integer(i8), parameter :: for_layer = 65         !! purpose of the random numbers of a layer
-   real(wp), parameter :: skin_share = 0.25_wp      !! skin of the list of neighbours / mean radius
-   real(wp), parameter :: expected_solid = 0.85_wp  !! area of the discs / area that they fill
+   real(wp), parameter :: skin_factor = 0.35_wp     !! skin of the list of neighbours / R_m
+   real(wp), parameter :: expected_solid = 0.64_wp  !! volume of the spheres / volume of the layer
+   real(wp), parameter :: bodies_limit = 3.0e5_wp   !! in a layer
+   ! A small boulder needs rocks around it all the same.
+   real(wp), parameter :: min_width = 10            !! of the box / R_m
 
-   real(wp), parameter :: bodies_limit = 1.0e5_wp   !! in a layer
-
-   ! Aids to settle quickly; impacts have neither.
-   real(wp), parameter :: drag = 0.5_wp !! rate / sqrt(g/R_m): a terminal speed of 2 sqrt(g R_m)
-   real(wp), parameter :: settling_damping = 0.3_wp !! least viscous share of contacts
-   real(wp), parameter :: spent = 1.0e-8_wp !! kinetic energy of a settled layer / (mass g R_m)
-   real(wp), parameter :: creep = 1.0e-6_wp !! as much is taken for rest when patience ends
+   ! Aids to settle quickly; impacts have none of them.
+   real(wp), parameter :: drag = 0.5_wp             !! rate / sqrt(g/R_m): a terminal speed of 2 sqrt(g R_m)
+   real(wp), parameter :: resting_drag = 2          !! of a layer that has fallen and springs back
+   real(wp), parameter :: settling_damping = 0.3_wp !! min viscous part of the critical one of contacts
+   real(wp), parameter :: softness = 0.1_wp         !! Young's modulus while it falls / that of the material,
+   integer, parameter :: stages = 12, stage_steps = 60 !! raised in stages when it rests
+   ! Kinetic energy / (mass g R_m) of a layer that has fallen, and of one at rest: the floor then carries
+   ! the weight to 1e-2, of large layers to 1e-3.
+   real(wp), parameter :: fallen = 1.0e-4_wp, at_rest = 1.0e-5_wp
+   real(wp), parameter :: creep = 1.0e-3_wp         !! as much is taken for rest when patience ends
    real(wp), parameter :: patience = 300            !! sqrt(R_m/g), beyond the fall
    integer, parameter :: watch_interval = 64        !! steps
 
-   !> What a layer is made from. Lengths in mean radii R_m.
+   !> What a layer is made from.
    type :: packing_t
       real(wp) :: mean_radius = 0.25_wp !! R_m, by number [m]
-      real(wp) :: size_ratio = 5        !! greatest / smallest radius
-      logical :: by_mass = .false.      !! radii even in mass (number as r**-3), not in number
-      real(wp) :: width = 60            !! [R_m]
-      real(wp) :: depth = 8             !! expected height of the surface [R_m]
-      logical :: periodic = .true.      !! sides
+      real(wp) :: ratio = 5             !! R_b/R_m of the boulder that it is made for
+      real(wp) :: grading = 5           !! max / min radius
+      logical :: by_mass = .false.      !! radii uniform in mass (number as r**-3), not in number
+      real(wp) :: width = 5             !! of the periodic box [R_b]
+      real(wp) :: depth = 3             !! expected height of the surface [R_b]
       real(wp) :: density = 2650        !! [kg/m3]
-      real(wp) :: friction = 0          !! while settling; rolling resistance in proportion
+      real(wp) :: friction = 0.3_wp     !! while settling; rolling resistance in proportion
       real(wp) :: gravity = 9.81_wp     !! [m/s2]
+      logical :: rigid_base = .false.   !! or one that absorbs what comes down
+      real(wp) :: base_speed = 300      !! of waves in the ground below an absorbing base [m/s]
    end type packing_t
 
    !> A settled layer.
    type :: layer_t
-      real(wp), allocatable :: x(:, :)    !! (2, n) centres [m]
+      real(wp), allocatable :: x(:, :)    !! (3, n) centres [m]
       real(wp), allocatable :: radius(:)  !! [m]
-      real(wp) :: mean_radius = 0         !! R_m as asked for [m]
-      real(wp) :: density = 0             !! [kg/m3]
       type(box_t) :: box
       real(wp) :: surface = 0             !! mean height of the surface [m]
       real(wp) :: top = 0                 !! of the highest body [m]
-      real(wp) :: solid = 0               !! area of the discs / (width * surface)
+      real(wp) :: solid = 0               !! volume of the spheres / (area * mean height of the surface)
       real(wp) :: floor_share = 0         !! force of the floor / weight
       integer :: steps = 0
    end type layer_t
@@ -69,29 +75,52 @@ contains
       associate (p => packing)
          if (.not. (p%mean_radius > 0 .and. p%density > 0 .and. p%gravity > 0)) then
             call fail(error, "packing: mean_radius, density and gravity must be > 0")
-         else if (.not. p%size_ratio >= 1) then
-            call fail(error, "packing: size_ratio must be >= 1")
-         else if (.not. (p%depth > 0 .and. p%friction >= 0)) then
-            call fail(error, "packing: depth must be > 0 and friction >= 0")
+         else if (.not. p%grading >= 1) then
+            call fail(error, "packing: grading must be >= 1")
+         else if (.not. (p%depth > 0 .and. p%friction >= 0 .and. p%width > 0)) then
+            call fail(error, "packing: depth and width must be > 0 and friction >= 0")
+         else if (.not. (p%base_speed >= 0 .and. p%base_speed < huge(1.0_wp))) then
+            call fail(error, "packing: base_speed must be >= 0 [m/s]")
          else
             limits = size_limits(p)
-            if (.not. solid_area(p) <= bodies_limit*pi*limits(1)**2) then
+            if (.not. solid_volume(p) <= bodies_limit*4.0_wp/3*pi*limits(1)**3) then
                call fail(error, &
-                  "packing: width, depth or size_ratio is too great: more than 100000 bodies")
-            else if (.not. p%width*p%mean_radius > 4*limits(2) + 2*skin_share*p%mean_radius) then
+                  "packing: width, depth or grading is too great: more than 300000 bodies")
+            else if (.not. box_width(p) > 4*limits(2) + 2*skin_factor*p%mean_radius) then
                call fail(error, &
                   "packing: width must exceed the diameters of the two largest bodies side by side")
+            else if (.not. box_width(p) > 3*p%ratio*p%mean_radius) then
+               call fail(error, "packing: width must be above 3 R_b")
+            else if (.not. box_width(p) > 2*(limits(2) + (p%ratio + skin_factor)*p%mean_radius)) then
+               call fail(error, &
+                  "packing: width must exceed the diameters of boulder and largest rock side by side")
             end if
          end if
       end associate
    end subroutine check_packing
+
+   !> Width of the box [m].
+   elemental real(wp) function box_width(packing)
+      type(packing_t), intent(in) :: packing
+
+      box_width = packing%mean_radius*max(packing%width*packing%ratio, min_width)
+   end function box_width
+
+   !> Depth of the layer [m], at least that of two of its largest rocks.
+   pure real(wp) function layer_depth(packing)
+      type(packing_t), intent(in) :: packing
+      real(wp) :: limits(2)
+
+      limits = size_limits(packing)
+      layer_depth = max(packing%depth*packing%ratio*packing%mean_radius, 4*limits(2))
+   end function layer_depth
 
    !> Smallest and greatest radius [m].
    pure function size_limits(packing) result(limits)
       type(packing_t), intent(in) :: packing
       real(wp) :: limits(2)
 
-      associate (q => packing%size_ratio)
+      associate (q => packing%grading)
          limits = packing%mean_radius*merge((q + 1)/2*[1/q, 1.0_wp], 2/(q + 1)*[1.0_wp, q], &
             packing%by_mass)
       end associate
@@ -124,12 +153,13 @@ contains
 
       call check_packing(packing, error)
       if (allocated(error)) return
-      layer%box = box_t(packing%width*packing%mean_radius, packing%periodic)
-      layer%mean_radius = packing%mean_radius
-      layer%density = packing%density
+      layer%box = box_t(box_width(packing))
       call hang(packing, key, number, b)
       call start(packing, material, layer%box, b, s)
-      call settle(packing, s, layer%steps, error)
+      call settle(packing, drag, fallen, s, layer%steps, error)
+      if (allocated(error)) return
+      call harden(packing, material, s, layer%steps)
+      call settle(packing, resting_drag, at_rest, s, layer%steps, error)
       if (allocated(error)) return
       call describe(layer, s)
    end subroutine pack_layer
@@ -140,53 +170,59 @@ contains
       type(random_key_t), intent(in) :: key
       integer(i8), intent(in) :: number
       type(bodies_t), intent(out) :: b
-      real(wp), allocatable :: x(:, :), r(:), v(:)
+      real(wp), allocatable :: x(:, :), r(:), v(:, :)
+      real(wp), parameter :: apart = 1.001_wp  ! of bodies in neighbouring rows
       integer(i8) :: word(12)
-      real(wp) :: width, area, goal, across, base, tallest, kick
+      real(wp) :: width, volume, goal, corner(3), row, tallest, kick
       integer :: n
 
-      width = packing%width*packing%mean_radius
-      goal = solid_area(packing)
+      width = box_width(packing)
+      goal = solid_volume(packing)
       kick = 0.2_wp*sqrt(packing%gravity*packing%mean_radius)
-      n = most_bodies(packing)
-      allocate (x(2, n), r(n), v(n))
-      area = 0
-      across = 0
-      base = 0
-      tallest = 0
+      n = max_bodies(packing)
+      allocate (x(3, n), r(n), v(3, n))
+      volume = 0
+      corner = 0   ! of the next body's place: along the row, across the rows, above the shelves
+      row = 0      ! widest body of this row
+      tallest = 0  ! of this shelf
       n = 0
-      do while (area < goal)
+      do while (volume < goal)
          n = n + 1
          word = random_words(key, for_layer, number, int(n, i8), 0_i8)
          r(n) = draw_radius(packing, uniform(word(1)))
-         v(n) = kick*(2*uniform(word(2)) - 1)
-         if (across + 2*r(n) > width) then  ! next row
-            base = base + tallest
-            across = 0
+         v(:, n) = kick*(2*uniform(word(2:4)) - 1)
+         if (corner(1) + 2*r(n) > width) then
+            corner = [0.0_wp, corner(2) + row, corner(3)]
+            row = 0
+         end if
+         if (corner(2) + 2*r(n) > width) then
+            corner = [0.0_wp, 0.0_wp, corner(3) + tallest]
+            row = 0
             tallest = 0
          end if
-         x(:, n) = [across, base] + r(n)
-         across = across + 2*r(n)*(1 + 0.2_wp*uniform(word(3)))
-         tallest = max(tallest, 2.001_wp*r(n))
-         area = area + pi*r(n)**2
+         x(:, n) = corner + r(n)
+         corner(1) = corner(1) + 2*r(n)*(1 + 0.1_wp*uniform(word(5)))
+         row = max(row, 2*apart*r(n))
+         tallest = max(tallest, 2*apart*r(n))
+         volume = volume + 4.0_wp/3*pi*r(n)**3
       end do
       b = bodies(x(:, :n), r(:n), spread(packing%density, 1, n))
-      b%v(1, :) = v(:n)
+      b%v(1:3, :) = v(:, :n)
    end subroutine hang
 
-   !> Area of the discs of a layer, to be reached or just exceeded [m2].
-   pure real(wp) function solid_area(packing)
+   !> Volume of the spheres of a layer, to be reached or just exceeded [m3].
+   pure real(wp) function solid_volume(packing)
       type(packing_t), intent(in) :: packing
 
-      solid_area = expected_solid*packing%width*packing%depth*packing%mean_radius**2
-   end function solid_area
+      solid_volume = expected_solid*box_width(packing)**2*layer_depth(packing)
+   end function solid_volume
 
    !> No layer has more bodies.
-   pure integer function most_bodies(packing)
+   pure integer function max_bodies(packing)
       type(packing_t), intent(in) :: packing
 
-      most_bodies = int(solid_area(packing)/(pi*minval(size_limits(packing))**2)) + 2
-   end function most_bodies
+      max_bodies = int(solid_volume(packing)/(4.0_wp/3*pi*minval(size_limits(packing))**3)) + 2
+   end function max_bodies
 
    pure subroutine start(packing, material, box, b, s)
       type(packing_t), intent(in) :: packing
@@ -198,33 +234,37 @@ contains
       real(wp) :: dt
 
       settling = material
+      settling%young = softness*material%young
       settling%damping = max(material%damping, settling_damping)
       settling%friction = packing%friction
       settling%rolling = 0
       if (material%friction > 0) &
          settling%rolling = material%rolling*packing%friction/material%friction
-      dt = safe_step(material, minval(b%radius), packing%density, &
+      dt = safe_step(settling, minval(b%radius), packing%density, &
                      2*sqrt(packing%gravity*packing%mean_radius)/drag)
-      call assemble(s, b, box, settling, packing%gravity, dt, skin_share*packing%mean_radius, 0, &
-                    packing%gravity*sum(b%mass*b%x(2, :)))
+      call assemble(s, b, box, settling, packing%gravity, dt, skin_factor*packing%mean_radius, 0, &
+                    packing%gravity*sum(b%mass*b%x(3, :)))
    end subroutine start
 
    !> Step until the kinetic energy is spent, or creeps.
-   pure subroutine settle(packing, s, steps, error)
+   pure subroutine settle(packing, drag, spent, s, steps, error)
       type(packing_t), intent(in) :: packing
+      real(wp), intent(in) :: drag   !! rate / sqrt(g/R_m)
+      real(wp), intent(in) :: spent  !! kinetic energy that counts as none / (mass g R_m)
       type(assembly_t), intent(inout) :: s
-      integer, intent(out) :: steps
+      integer, intent(inout) :: steps
       type(error_t), allocatable, intent(out) :: error
       real(wp) :: rate, unit, energy, time_limit
+      integer :: first
 
       associate (g => packing%gravity, r_m => packing%mean_radius)
          rate = drag*sqrt(g/r_m)
-         time_limit = patience*sqrt(r_m/g) + 2*maxval(s%bodies%x(2, :))*rate/g
+         time_limit = patience*sqrt(r_m/g) + 2*maxval(s%bodies%x(3, :))*rate/g
          unit = sum(s%bodies%mass)*g*r_m
       end associate
-      steps = 0
+      first = steps
       energy = huge(energy)
-      do while (steps*s%dt < time_limit)
+      do while ((steps - first)*s%dt < time_limit)
          call advance(s)
          s%bodies%v = s%bodies%v*(1 - rate*s%dt)
          steps = steps + 1
@@ -233,7 +273,7 @@ contains
             call fail(error, "packing exploded: "//trouble_text(s%trouble), our_fault)
             return
          end if
-         if (mod(steps, watch_interval) == 0 .and. steps*s%dt*rate > 1) then
+         if (mod(steps, watch_interval) == 0 .and. (steps - first)*s%dt*rate > 1) then
             energy = 0.5_wp*sum(s%bodies%v**2/s%bodies%inverse)
             if (energy < spent*unit) return
          end if
@@ -242,42 +282,72 @@ contains
       call fail(error, "packing: the layer did not come to rest in time")
    end subroutine settle
 
+   !> Raise Young's modulus to that of the material, in stages, so that the layer springs back without
+   !> being thrown up.
+   pure subroutine harden(packing, material, s, steps)
+      type(packing_t), intent(in) :: packing
+      type(material_t), intent(in) :: material
+      type(assembly_t), intent(inout) :: s
+      integer, intent(inout) :: steps
+      real(wp) :: rate, factor
+      integer :: k, l
+
+      rate = resting_drag*sqrt(packing%gravity/packing%mean_radius)
+      s%dt = safe_step(material, minval(s%bodies%radius), packing%density, &
+                       2*sqrt(packing%gravity*packing%mean_radius)/drag)
+      factor = exponential(-logarithm(softness)/stages)
+      s%energy_limit = huge(1.0_wp)
+      do k = 1, stages
+         call stiffen(s, merge(s%material%young*factor, material%young, k < stages))
+         do l = 1, stage_steps
+            call advance(s)
+            s%bodies%v = s%bodies%v*(1 - rate*s%dt)
+         end do
+         steps = steps + stage_steps
+      end do
+      s%energy_limit = total_energy(s) + energy_tolerance*packing%gravity*sum(s%bodies%mass)*packing%mean_radius
+   end subroutine harden
+
    !> What there is now.
    pure subroutine describe(layer, s)
       type(layer_t), intent(inout) :: layer
       type(assembly_t), intent(in) :: s
-      integer, parameter :: samples = 2000
-      real(wp) :: mean
-      integer :: k
 
       associate (b => s%bodies)
          allocate (layer%x, source=b%x)
          allocate (layer%radius, source=b%radius)
-         if (layer%box%periodic) layer%x(1, :) = modulo(b%x(1, :), layer%box%width)
-         layer%top = maxval(b%x(2, :) + b%radius)
-         mean = 0
-         do k = 1, samples
-            mean = mean + surface_height(layer, layer%box%width*(k - 0.5_wp)/samples)/samples
-         end do
-         layer%surface = mean
-         layer%solid = pi*sum(b%radius**2)/(layer%box%width*layer%surface)
+         call fold(layer%box, layer%x)
+         layer%top = maxval(b%x(3, :) + b%radius)
+         layer%surface = mean_surface(layer)
+         layer%solid = 4.0_wp/3*pi*sum(b%radius**3)/(layer%box%width**2*layer%surface)
          layer%floor_share = s%floor_force/(s%gravity*sum(b%mass))
       end associate
    end subroutine describe
 
-   !> Height of the surface at x [m]: the highest point of a body there; 0 on the bare floor.
-   pure real(wp) function surface_height(layer, x) result(height)
+   !> Mean height of the surface, from a raster of points [m].
+   pure real(wp) function mean_surface(layer) result(mean)
       type(layer_t), intent(in) :: layer
-      real(wp), intent(in) :: x  !! [m]
-      real(wp) :: dx
-      integer :: k
+      integer, parameter :: n = 100
+      real(wp) :: top(0:n - 1, 0:n - 1), cell, dx, dy, rest
+      integer :: k, i, j, reach, at(2)
 
-      height = 0
+      cell = layer%box%width/n
+      top = 0
       do k = 1, size(layer%radius)
-         dx = x - layer%x(1, k)
-         if (layer%box%periodic) dx = dx - layer%box%width*nint(dx/layer%box%width)
-         if (abs(dx) >= layer%radius(k)) cycle
-         height = max(height, layer%x(2, k) + sqrt(layer%radius(k)**2 - dx*dx))
+         at = floor(layer%x(1:2, k)/cell)
+         reach = int(layer%radius(k)/cell) + 1
+         do j = at(2) - reach, at(2) + reach
+            do i = at(1) - reach, at(1) + reach
+               dx = (i + 0.5_wp)*cell - layer%x(1, k)
+               dy = (j + 0.5_wp)*cell - layer%x(2, k)
+               rest = layer%radius(k)**2 - dx**2 - dy**2
+               if (rest <= 0) cycle
+               associate (here => top(modulo(i, n), modulo(j, n)))
+                  here = max(here, layer%x(3, k) + sqrt(rest))
+               end associate
+            end do
+         end do
       end do
-   end function surface_height
+      mean = sum(top)/n**2
+   end function mean_surface
 end module lab_packing

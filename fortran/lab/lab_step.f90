@@ -5,14 +5,13 @@
 module lab_step
    use rockfall_kinds, only: wp
    use lab_contact, only: material_t, law_t, touch_t, pair_law, plane_law, press, stored_energy, &
-      collision_time, rayleigh_time
+      collision_time, rayleigh_time, cross, in_plane
    use lab_bodies, only: bodies_t, sphere_mass
-   use lab_neighbours, only: box_t, pair_t, neighbours_t, find_neighbours, outdated, find_pair, &
-      at_floor, at_left
+   use lab_neighbours, only: box_t, pair_t, neighbours_t, find_neighbours, outdated, find_pair
    implicit none
    private
-   public :: assembly_t, assemble, advance, watch_energy, total_energy, deepest_share, safe_step, &
-      trouble_text
+   public :: assembly_t, assemble, set_absorbing_base, stiffen, advance, watch_energy, total_energy, &
+      deepest_share, safe_step, energy_tolerance, trouble_text
    public :: sound, leapt, too_soft, step_too_long, energy_grew
 
    !> What may go wrong; the first is kept.
@@ -27,6 +26,13 @@ module lab_step
    real(wp), parameter :: greatest_phase = 0.4_wp     !! sqrt(k/m*) dt of a contact
    real(wp), parameter :: energy_tolerance = 0.02_wp  !! growth, of what was put in
 
+   !> A body that stands on an absorbing base.
+   type :: base_t
+      integer :: body = 0
+      real(wp) :: force = 0  !! what carried it at rest, upward [N]
+      real(wp) :: drag = 0   !! [N s/m]
+   end type base_t
+
    type :: assembly_t
       type(bodies_t) :: bodies
       type(box_t) :: box
@@ -36,10 +42,12 @@ module lab_step
       type(neighbours_t) :: near
       type(law_t), allocatable :: law(:)           !! of each pair
       type(touch_t), allocatable :: touch(:)
-      real(wp), allocatable :: most(:) !! overlap that the step and Hertz's law allow [m]
-      type(law_t), allocatable :: beside_law(:)    !! of each body near floor or sides
-      type(touch_t), allocatable :: beside_touch(:)
-      real(wp), allocatable :: beside_most(:)
+      real(wp), allocatable :: max_overlap(:)      !! that the step and Hertz's law allow [m]
+      type(law_t), allocatable :: floor_law(:)     !! of each body near the floor
+      type(touch_t), allocatable :: floor_touch(:)
+      real(wp), allocatable :: floor_max_overlap(:)
+      type(base_t), allocatable :: base(:)         !! of an absorbing base
+      logical, allocatable :: on_base(:)           !! of each body: it stands there
       real(wp) :: floor_force = 0                  !! upward force of the floor [N]
       real(wp) :: energy_limit = huge(1.0_wp)      !! [J]
       integer :: trouble = sound
@@ -74,9 +82,9 @@ contains
       s%dt = dt
       s%near%skin = skin
       s%near%n_large = n_large
+      allocate (s%on_base(bodies%n), source=.false.)
       call find_neighbours(s%near, s%box, s%bodies%x, s%bodies%radius)
       call make_laws(s)
-      call find_forces(s)
       call set_rates(s)
       s%energy_limit = total_energy(s) + energy_tolerance*input
    end subroutine assemble
@@ -84,51 +92,60 @@ contains
    !> One step.
    pure subroutine advance(s)
       type(assembly_t), intent(inout) :: s
-      real(wp) :: half, leap(2)
-      integer :: k
       logical :: sound_step
 
-      half = 0.5_wp*s%dt
       associate (b => s%bodies)
-         call kick(3*b%n, half, b%a, b%v)
-         sound_step = .true.
-         do k = 1, b%n
-            leap(1) = s%dt*b%v(1, k)
-            leap(2) = s%dt*b%v(2, k)
-            b%x(1, k) = b%x(1, k) + leap(1)
-            b%x(2, k) = b%x(2, k) + leap(2)
-            sound_step = sound_step .and. leap(1)**2 + leap(2)**2 <= (longest_leap*b%radius(k))**2
-         end do
+         call drift(b%n, s%dt, b%radius, b%a, b%v, b%x, sound_step)
          if (.not. sound_step) then  ! a NaN comes here as well
             call note(s, leapt)
             return
          end if
          if (outdated(s%near, b%x)) call renew(s)
          call find_forces(s)
-         call set_rates(s)
-         call kick(3*b%n, half, b%a, b%v)
+         call accelerate(b%n, s%gravity, 0.5_wp*s%dt, b%f, b%inverse, b%a, b%v)
       end associate
    end subroutine advance
 
-   !> Change velocities by accelerations.
-   pure subroutine kick(n, time, a, v)
+   !> To the end of the step with the velocity in its middle.
+   pure subroutine drift(n, dt, radius, a, v, x, sound_step)
       integer, intent(in) :: n
-      real(wp), intent(in) :: time, a(n)
-      real(wp), intent(inout) :: v(n)
-
-      v = v + time*a
-   end subroutine kick
-
-   pure subroutine set_rates(s)
-      type(assembly_t), intent(inout) :: s
+      real(wp), intent(in) :: dt, radius(n), a(6, n)
+      real(wp), intent(inout) :: v(6, n), x(3, n)
+      logical, intent(out) :: sound_step  !! none has leapt
+      real(wp) :: leap(3)
       integer :: k
 
+      sound_step = .true.
+      do k = 1, n
+         v(:, k) = v(:, k) + 0.5_wp*dt*a(:, k)
+         leap = dt*v(1:3, k)
+         x(:, k) = x(:, k) + leap
+         sound_step = sound_step .and. leap(1)**2 + leap(2)**2 + leap(3)**2 <= (longest_leap*radius(k))**2
+      end do
+   end subroutine drift
+
+   !> Rates from forces, and what they change in a time.
+   pure subroutine accelerate(n, gravity, time, f, inverse, a, v)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: gravity, time, f(6, n), inverse(6, n)
+      real(wp), intent(out) :: a(6, n)
+      real(wp), intent(inout) :: v(6, n)
+      integer :: k
+
+      do k = 1, n
+         a(:, k) = f(:, k)*inverse(:, k)
+         a(3, k) = a(3, k) - gravity
+         v(:, k) = v(:, k) + time*a(:, k)
+      end do
+   end subroutine accelerate
+
+   !> Forces and rates of a state that was not stepped to.
+   pure subroutine set_rates(s)
+      type(assembly_t), intent(inout) :: s
+
+      call find_forces(s)
       associate (b => s%bodies)
-         do k = 1, b%n
-            b%a(1, k) = b%f(1, k)*b%inverse(1, k)
-            b%a(2, k) = b%f(2, k)*b%inverse(2, k) - s%gravity
-            b%a(3, k) = b%f(3, k)*b%inverse(3, k)
-         end do
+         call accelerate(b%n, s%gravity, 0.0_wp, b%f, b%inverse, b%a, b%v)
       end associate
    end subroutine set_rates
 
@@ -145,11 +162,10 @@ contains
       logical :: beyond
 
       associate (b => s%bodies)
-         b%f = 0
-         call pair_forces(b%n, s%near%n_pairs, s%near%pair, s%law, s%most, s%dt, b%x, b%v, b%a, &
-            b%radius, &
-                          s%touch, b%f, beyond)
-         call beside_forces(s, beyond)
+         call pair_forces(b%n, s%near%n_pairs, s%near%pair, s%law, s%max_overlap, s%dt, b%x, b%v, b%a, &
+                          b%radius, s%touch, b%f, beyond)
+         call floor_forces(s, beyond)
+         call base_forces(s)
       end associate
       if (beyond) call find_beyond(s)
    end subroutine find_forces
@@ -158,18 +174,19 @@ contains
    pure subroutine find_touching(n, n_pairs, pair, x, touch, count, place, distance)
       integer, intent(in) :: n, n_pairs
       type(pair_t), intent(in) :: pair(n_pairs)
-      real(wp), intent(in) :: x(2, n)
+      real(wp), intent(in) :: x(3, n)
       type(touch_t), intent(inout) :: touch(n_pairs)
       integer, intent(out) :: count, place(n_pairs)
       real(wp), intent(out) :: distance(n_pairs)
-      real(wp) :: dx, dz, square
+      real(wp) :: dx, dy, dz, square
       integer :: k
 
       count = 0
       do k = 1, n_pairs
-         dx = x(1, pair(k)%j) + pair(k)%shift - x(1, pair(k)%i)
-         dz = x(2, pair(k)%j) - x(2, pair(k)%i)
-         square = dx*dx + dz*dz
+         dx = x(1, pair(k)%j) + pair(k)%shift(1) - x(1, pair(k)%i)
+         dy = x(2, pair(k)%j) + pair(k)%shift(2) - x(2, pair(k)%i)
+         dz = x(3, pair(k)%j) - x(3, pair(k)%i)
+         square = dx*dx + dy*dy + dz*dz
          if (square < pair(k)%reach**2) then
             count = count + 1
             place(count) = k
@@ -182,105 +199,147 @@ contains
 
    !> Forces of all pairs. `v` is the velocity in the middle of the step, `a` the acceleration at
    !> its start.
-   pure subroutine pair_forces(n, n_pairs, pair, law, most, dt, x, v, a, radius, touch, f, beyond)
+   pure subroutine pair_forces(n, n_pairs, pair, law, max_overlap, dt, x, v, a, radius, touch, f, beyond)
       integer, intent(in) :: n, n_pairs
       type(pair_t), intent(in) :: pair(n_pairs)
       type(law_t), intent(in) :: law(n_pairs)
-      real(wp), intent(in) :: most(n_pairs), dt, x(2, n), v(3, n), a(3, n), radius(n)
+      real(wp), intent(in) :: max_overlap(n_pairs), dt  !! [m], [s]
+      real(wp), intent(in) :: x(3, n), v(6, n), a(6, n), radius(n)
       type(touch_t), intent(inout) :: touch(n_pairs)
-      real(wp), intent(inout) :: f(3, n)
+      real(wp), intent(out) :: f(6, n)
       logical, intent(out) :: beyond
-      real(wp) :: d, nx, nz, ux, uz, overlap, opening, closing, drift, arm, slip, normal, fx, fz
+      real(wp) :: d, normal_at(3), u(3), overlap, closing, arm, force(3), moment(3), normal
       real(wp) :: distance(n_pairs)
       integer :: place(n_pairs), count, c, k, i, j
 
       call find_touching(n, n_pairs, pair, x, touch, count, place, distance)
       beyond = .false.
+      f = 0
       do c = 1, count
          k = place(c)
          i = pair(k)%i
          j = pair(k)%j
          d = distance(c)
          overlap = pair(k)%reach - d
-         beyond = beyond .or. .not. overlap <= most(k)
-         nx = (x(1, j) + pair(k)%shift - x(1, i))*(1/d)
-         nz = (x(2, j) - x(2, i))*(1/d)
-         ux = v(1, j) - v(1, i)
-         uz = v(2, j) - v(2, i)
-         opening = ux*nx + uz*nz
-         closing = -opening - 0.5_wp*dt*((a(1, j) - a(1, i))*nx + (a(2, j) - a(2, i))*nz)
-         ! to the middle of the step, where the tangent was d/(d - drift) as long
-         drift = 0.5_wp*dt*opening
-         arm = radius(i) - law(k)%share*(overlap + drift)
-         slip = (uz*nx - ux*nz)*(1 + drift*(1/d)) + v(3, i)*arm + v(3, j)*(d - drift - arm)
-         call press(law(k), overlap, closing, slip, v(3, i) - v(3, j), dt, touch(k), normal)
+         beyond = beyond .or. .not. overlap <= max_overlap(k)
+         normal_at = x(:, j) - x(:, i)
+         normal_at(1:2) = normal_at(1:2) + pair(k)%shift
+         normal_at = normal_at*(1/d)
+         u = v(1:3, j) - v(1:3, i)
+         closing = -dot_product(u + 0.5_wp*dt*(a(1:3, j) - a(1:3, i)), normal_at)
+         call press_pair(law(k), normal_at, d, overlap, closing, u, v(4:6, i), v(4:6, j), radius(i), dt, &
+                         touch(k), normal)
          arm = radius(i) - law(k)%share*overlap
-         fx = normal*nx - touch(k)%shear*nz
-         fz = normal*nz + touch(k)%shear*nx
-         f(1, i) = f(1, i) - fx
-         f(2, i) = f(2, i) - fz
-         f(3, i) = f(3, i) + touch(k)%shear*arm + touch(k)%moment
-         f(1, j) = f(1, j) + fx
-         f(2, j) = f(2, j) + fz
-         f(3, j) = f(3, j) + touch(k)%shear*(d - arm) - touch(k)%moment
+         force = touch(k)%shear - normal*normal_at
+         moment = cross(normal_at, touch(k)%shear)
+         f(1:3, i) = f(1:3, i) + force
+         f(4:6, i) = f(4:6, i) + arm*moment + touch(k)%moment
+         f(1:3, j) = f(1:3, j) - force
+         f(4:6, j) = f(4:6, j) + (d - arm)*moment - touch(k)%moment
       end do
    end subroutine pair_forces
 
-   !> Forces of floor and sides.
-   pure subroutine beside_forces(s, beyond)
+   !> Press a pair, given its geometry at the end of the step and its motion in the middle: the slip is
+   !> that of the surfaces in the middle, where the normal was another.
+   pure subroutine press_pair(law, n, d, overlap, closing, u, spin, other_spin, radius, dt, touch, normal)
+      type(law_t), intent(in) :: law
+      real(wp), intent(in) :: n(3), d, overlap, closing  !! [-], [m], [m], [m/s]
+      real(wp), intent(in) :: u(3)                       !! velocity of the second body less the first's [m/s]
+      real(wp), intent(in) :: spin(3), other_spin(3)     !! [rad/s]
+      real(wp), intent(in) :: radius, dt                 !! of the first body [m], [s]
+      type(touch_t), intent(inout) :: touch
+      real(wp), intent(out) :: normal
+      real(wp) :: middle(3), across(3), distance, inverse, arm, rotation(3)
+
+      middle = d*n - 0.5_wp*dt*u
+      distance = max(sqrt(dot_product(middle, middle)), tiny(d))
+      inverse = 1/distance
+      middle = inverse*middle
+      across = cross(middle, u)
+      arm = radius - law%share*(overlap + d - distance)
+      rotation = (dt*inverse)*across + (0.5_wp*dt*dot_product(spin + other_spin, middle))*middle
+      call press(law, n, overlap, closing, cross(arm*spin + (distance - arm)*other_spin - across, middle), &
+                 spin - other_spin, rotation, dt, touch, normal)
+   end subroutine press_pair
+
+   !> Forces of the rigid floor.
+   pure subroutine floor_forces(s, beyond)
       type(assembly_t), intent(inout) :: s
       logical, intent(inout) :: beyond
-      real(wp) :: n(2), overlap, opening, closing, slip, normal
+      real(wp), parameter :: down(3) = [0.0_wp, 0.0_wp, -1.0_wp]
+      real(wp) :: overlap, closing, d, slip(3), normal
       integer :: k, i
 
       s%floor_force = 0
       associate (b => s%bodies)
-         do k = 1, size(s%near%beside)
-            i = s%near%beside(k)%body
-            call plane_of(s, k, n, overlap)
-            if (overlap <= 0) then
-               s%beside_touch(k) = touch_t()
+         do k = 1, size(s%near%low)
+            i = s%near%low(k)
+            d = b%x(3, i)
+            overlap = b%radius(i) - d
+            if (overlap <= 0 .or. s%on_base(i)) then  ! a base carries by itself
+               s%floor_touch(k) = touch_t()
                cycle
             end if
-            beyond = beyond .or. .not. overlap <= s%beside_most(k)
-            opening = -sum(b%v(1:2, i)*n)
-            closing = -opening + 0.5_wp*s%dt*sum(b%a(1:2, i)*n)
-            slip = b%v(1, i)*n(2) - b%v(2, i)*n(1) &
-                   + b%v(3, i)*(b%radius(i) - overlap - 0.5_wp*s%dt*opening)
-            call press(s%beside_law(k), overlap, closing, slip, b%v(3, i), s%dt, &
-               s%beside_touch(k), normal)
-            associate (shear => s%beside_touch(k)%shear, moment => s%beside_touch(k)%moment)
-               b%f(1, i) = b%f(1, i) - normal*n(1) + shear*n(2)
-               b%f(2, i) = b%f(2, i) - normal*n(2) - shear*n(1)
-               b%f(3, i) = b%f(3, i) + shear*(b%radius(i) - overlap) + moment
+            beyond = beyond .or. .not. overlap <= s%floor_max_overlap(k)
+            closing = -b%v(3, i) - 0.5_wp*s%dt*b%a(3, i)
+            slip = in_plane(b%v(1:3, i) + cross((d - 0.5_wp*s%dt*b%v(3, i))*b%v(4:6, i), down), down)
+            call press(s%floor_law(k), down, overlap, closing, slip, b%v(4:6, i), &
+                       [0.0_wp, 0.0_wp, 0.5_wp*s%dt*b%v(6, i)], s%dt, s%floor_touch(k), normal)
+            associate (touch => s%floor_touch(k))
+               b%f(1:3, i) = b%f(1:3, i) + touch%shear - normal*down
+               b%f(4:6, i) = b%f(4:6, i) + d*cross(down, touch%shear) + touch%moment
             end associate
-            if (s%near%beside(k)%side == at_floor) s%floor_force = s%floor_force + normal
+            s%floor_force = s%floor_force + normal
          end do
       end associate
-   end subroutine beside_forces
+   end subroutine floor_forces
 
-   !> Normal from the body to the plane that it is near, and overlap with it [m].
-   pure subroutine plane_of(s, k, n, overlap)
-      type(assembly_t), intent(in) :: s
-      integer, intent(in) :: k
-      real(wp), intent(out) :: n(2), overlap
-      real(wp) :: gap
+   !> An absorbing base carries those that stood on the floor with the force that it then had, and takes
+   !> the waves that come down: a dashpot of impedance rho c for its area (Lysmer & Kuhlemeyer 1969).
+   !> Its force is that of the velocity at the end of the step, which it helps to make: stable for any
+   !> impedance. All other forces come before.
+   pure subroutine base_forces(s)
+      type(assembly_t), intent(inout) :: s
+      real(wp) :: half, v(3)
+      integer :: k, i
 
-      associate (x => s%bodies%x(:, s%near%beside(k)%body))
-         select case (s%near%beside(k)%side)
-         case (at_floor)
-            n = [0.0_wp, -1.0_wp]
-            gap = x(2)
-         case (at_left)
-            n = [-1.0_wp, 0.0_wp]
-            gap = x(1)
-         case default
-            n = [1.0_wp, 0.0_wp]
-            gap = s%box%width - x(1)
-         end select
+      if (.not. allocated(s%base)) return
+      half = 0.5_wp*s%dt
+      associate (b => s%bodies)
+         do k = 1, size(s%base)
+            i = s%base(k)%body
+            b%f(3, i) = b%f(3, i) + s%base(k)%force
+            v = b%v(1:3, i) + half*b%f(1:3, i)*b%inverse(1:3, i)
+            v(3) = v(3) - half*s%gravity
+            b%f(1:3, i) = b%f(1:3, i) - s%base(k)%drag/(1 + half*s%base(k)%drag*b%inverse(1, i))*v
+         end do
       end associate
-      overlap = s%bodies%radius(s%near%beside(k)%body) - gap
-   end subroutine plane_of
+   end subroutine base_forces
+
+   !> From now on the base absorbs: what stands on the floor stands on dashpots, which share its area
+   !> as their bodies' sections. The watch on energy goes on.
+   pure subroutine set_absorbing_base(s, impedance)
+      type(assembly_t), intent(inout) :: s
+      real(wp), intent(in) :: impedance  !! rho c of the ground below [Pa s/m]
+      real(wp) :: section, slack
+      integer :: k, l
+
+      slack = s%energy_limit - total_energy(s)
+      associate (low => s%near%low, r => s%bodies%radius)
+         allocate (s%base(count(s%floor_touch%root > 0)))
+         section = sum(r(low)**2, s%floor_touch%root > 0)
+         k = 0
+         do l = 1, size(low)
+            if (s%floor_touch(l)%root <= 0) cycle
+            k = k + 1
+            s%base(k) = base_t(low(l), s%floor_law(l)%hertz*s%floor_touch(l)%root**3, &
+                               impedance*s%box%width**2*r(low(l))**2/section)
+            s%on_base(low(l)) = .true.
+         end do
+      end associate
+      call set_rates(s)
+      s%energy_limit = total_energy(s) + slack
+   end subroutine set_absorbing_base
 
    !> Some overlap exceeds what is allowed: by the law, or by the step?
    pure subroutine find_beyond(s)
@@ -295,9 +354,8 @@ contains
                soft = soft .or. s%touch(k)%root**2 > deepest_overlap*r
             end associate
          end do
-         do k = 1, size(s%near%beside)
-            soft = soft &
-               .or. s%beside_touch(k)%root**2 > deepest_overlap*b%radius(s%near%beside(k)%body)
+         do k = 1, size(s%near%low)
+            soft = soft .or. s%floor_touch(k)%root**2 > deepest_overlap*b%radius(s%near%low(k))
          end do
       end associate
       call note(s, merge(too_soft, step_too_long, soft))
@@ -307,13 +365,13 @@ contains
    pure subroutine renew(s)
       type(assembly_t), intent(inout) :: s
       type(neighbours_t) :: old
-      type(touch_t), allocatable :: touch(:), beside_touch(:)
-      integer :: k, l
+      type(touch_t), allocatable :: touch(:), floor_touch(:)
+      integer :: place(s%bodies%n), k, l
 
       allocate (old%pair, source=s%near%pair(:s%near%n_pairs))
-      allocate (old%beside, source=s%near%beside)
+      allocate (old%low, source=s%near%low)
       call move_alloc(s%touch, touch)
-      call move_alloc(s%beside_touch, beside_touch)
+      call move_alloc(s%floor_touch, floor_touch)
       call find_neighbours(s%near, s%box, s%bodies%x, s%bodies%radius)
       call make_laws(s)
       do k = 1, size(old%pair)
@@ -321,13 +379,11 @@ contains
          l = find_pair(s%near, old%pair(k)%i, old%pair(k)%j)
          if (l > 0) s%touch(l) = touch(k)
       end do
-      do k = 1, size(old%beside)
-         if (beside_touch(k)%root <= 0) cycle
-         do l = 1, size(s%near%beside)
-            if (s%near%beside(l)%body == old%beside(k)%body &
-               .and. s%near%beside(l)%side == old%beside(k)%side) &
-               s%beside_touch(l) = beside_touch(k)
-         end do
+      place = 0
+      place(s%near%low) = [(k, k=1, size(s%near%low))]
+      do k = 1, size(old%low)
+         l = place(old%low(k))
+         if (l > 0) s%floor_touch(l) = floor_touch(k)
       end do
    end subroutine renew
 
@@ -336,41 +392,71 @@ contains
       type(assembly_t), intent(inout) :: s
       integer :: k, n
 
-      if (allocated(s%law)) deallocate (s%law, s%most, s%beside_law, s%beside_most)
+      if (allocated(s%law)) deallocate (s%law, s%max_overlap, s%floor_law, s%floor_max_overlap)
       n = s%near%n_pairs
-      allocate (s%law(n), s%touch(n), s%most(n))
+      allocate (s%law(n), s%touch(n), s%max_overlap(n))
       do k = 1, n
          associate (b => s%bodies, i => s%near%pair(k)%i, j => s%near%pair(k)%j)
-            s%law(k) = pair_law(s%material, b%radius(i), b%mass(i), b%radius(j), b%mass(j))
-            s%most(k) = overlap_limit(s%law(k), min(b%radius(i), b%radius(j)), s%dt)
+            s%law(k) = pair_law(s%material, b%radius(i), b%mass(i), b%radius(j), b%mass(j), &
+                                merge(s%material%boulder_rolling, s%material%rolling, j > b%n - s%near%n_large))
+            s%max_overlap(k) = overlap_limit(s%law(k), min(b%radius(i), b%radius(j)), s%dt)
          end associate
       end do
-      n = size(s%near%beside)
-      allocate (s%beside_law(n), s%beside_touch(n), s%beside_most(n))
+      n = size(s%near%low)
+      allocate (s%floor_law(n), s%floor_touch(n), s%floor_max_overlap(n))
       do k = 1, n
-         associate (b => s%bodies, i => s%near%beside(k)%body)
-            s%beside_law(k) = plane_law(s%material, b%radius(i), b%mass(i))
-            s%beside_most(k) = overlap_limit(s%beside_law(k), b%radius(i), s%dt)
+         associate (b => s%bodies, i => s%near%low(k))
+            s%floor_law(k) = plane_law(s%material, b%radius(i), b%mass(i), &
+                                       merge(s%material%boulder_rolling, s%material%rolling, &
+                                             i > b%n - s%near%n_large))
+            s%floor_max_overlap(k) = overlap_limit(s%floor_law(k), b%radius(i), s%dt)
          end associate
       end do
    end subroutine make_laws
 
+   !> The same contacts of a stiffer material: their springs keep their lengths.
+   pure subroutine stiffen(s, young)
+      type(assembly_t), intent(inout) :: s
+      real(wp), intent(in) :: young  !! [Pa]
+      type(touch_t), allocatable :: touch(:), floor_touch(:)
+      real(wp) :: factor
+
+      factor = young/s%material%young
+      s%material%young = young
+      call move_alloc(s%touch, touch)
+      call move_alloc(s%floor_touch, floor_touch)
+      call scale_springs(touch, factor)
+      call scale_springs(floor_touch, factor)
+      call make_laws(s)
+      s%touch = touch
+      s%floor_touch = floor_touch
+   end subroutine stiffen
+
+   elemental subroutine scale_springs(touch, factor)
+      type(touch_t), intent(inout) :: touch
+      real(wp), intent(in) :: factor
+
+      touch%shear = factor*touch%shear
+      touch%moment = factor*touch%moment
+   end subroutine scale_springs
+
    !> Overlap up to which Hertz's law and the step hold [m]: k = 1.5 hertz sqrt(overlap).
-   elemental real(wp) function overlap_limit(law, radius, dt) result(most)
+   elemental real(wp) function overlap_limit(law, radius, dt) result(limit)
       type(law_t), intent(in) :: law
       real(wp), intent(in) :: radius, dt
 
-      most = min(deepest_overlap*radius, ((greatest_phase/dt)**2*law%mass/(1.5_wp*law%hertz))**2)
+      limit = min(deepest_overlap*radius, ((greatest_phase/dt)**2*law%mass/(1.5_wp*law%hertz))**2)
    end function overlap_limit
 
-   !> Kinetic, gravitational and elastic energy [J].
+   !> Kinetic, gravitational and elastic energy [J], less what the base has given at constant force.
    pure real(wp) function total_energy(s) result(energy)
       type(assembly_t), intent(in) :: s
 
       associate (b => s%bodies)
-         energy = 0.5_wp*sum(b%v**2/b%inverse) + s%gravity*sum(b%mass*b%x(2, :)) &
+         energy = 0.5_wp*sum(b%v**2/b%inverse) + s%gravity*sum(b%mass*b%x(3, :)) &
                   + sum(stored_energy(s%law, s%touch)) &
-                  + sum(stored_energy(s%beside_law, s%beside_touch))
+                  + sum(stored_energy(s%floor_law, s%floor_touch))
+         if (allocated(s%base)) energy = energy - sum(s%base%force*b%x(3, s%base%body))
       end associate
    end function total_energy
 

@@ -14,77 +14,78 @@ module lab_tables
       layer_fields
 
    integer, parameter :: long = 16
-   character(len=long), parameter :: material_keys(5) = [character(len=long) :: &
-      "young", "poisson", "friction", "damping", "rolling"]
-   character(len=long), parameter :: packing_keys(9) = [character(len=long) :: &
-      "mean_radius", "size_ratio", "by_mass", "width", "depth", "periodic", "density", &
-      "friction", "gravity"]
-   character(len=long), parameter :: shot_keys(13) = [character(len=long) :: &
-      "radius", "density", "speed", "angle", "spin", "aim", "gravity", "patience", "spent", &
-      "past", "wait", &
-      "step_share", "retries"]
-   character(len=long), parameter :: range_keys(6) = [character(len=long) :: &
-      "speed_min", "speed_max", "angle_min", "angle_max", "spin_min", "spin_max"]
-   character(len=long), parameter :: outcome_fields(14) = [character(len=long) :: &
-      "speed", "angle", "spin", "aim", "vt_in", "vn_in", "w_in", "vt_out", "vn_out", "w_out", &
-      "duration", "travel", "depth", "overlap"]
+   character(len=long), parameter :: material_keys(6) = [character(len=long) :: &
+      "young", "poisson", "friction", "damping", "rolling", "boulder_rolling"]
+   character(len=long), parameter :: packing_keys(11) = [character(len=long) :: &
+      "mean_radius", "ratio", "grading", "by_mass", "width", "depth", "density", "friction", &
+      "gravity", "rigid_base", "base_speed"]
+   character(len=long), parameter :: shot_keys(16) = [character(len=long) :: &
+      "radius", "density", "speed", "angle", "spin", "aim_x", "aim_y", "heading_x", "heading_y", &
+      "gravity", "patience", "spent", "past", "wait", "step_factor", "retries"]
+   character(len=long), parameter :: range_keys(9) = [character(len=long) :: &
+      "speed_min", "speed_median", "speed_max", "angle_min", "angle_median", "angle_max", &
+      "spin_min", "spin_median", "spin_max"]
+   character(len=long), parameter :: outcome_fields(26) = [character(len=long) :: &
+      "speed", "angle", "spin", "aim_x", "aim_y", "heading_x", "heading_y", "vt_in", "vn_in", "w_in", &
+      "vt_peak", "vn_peak", "w_peak", "lateral_peak", "vt_loss", "vn_loss", "w_loss", "lateral_loss", &
+      "vt_clear", "vn_clear", "w_clear", "lateral_clear", "duration", "travel", "depth", "overlap"]
    character(len=long), parameter :: outcome_counts(4) = [character(len=long) :: &
       "status", "trouble", "halvings", "steps"]
-   character(len=long), parameter :: layer_fields(5) = [character(len=long) :: &
-      "surface", "top", "solid", "floor_share", "steps"]
+   character(len=long), parameter :: layer_fields(6) = [character(len=long) :: &
+      "surface", "top", "solid", "floor_share", "width", "steps"]
 
 contains
 
    pure type(material_t) function material_of(v)
       real(wp), intent(in) :: v(size(material_keys))
 
-      material_of = material_t(young=v(1), poisson=v(2), friction=v(3), damping=v(4), rolling=v(5))
+      material_of = material_t(young=v(1), poisson=v(2), friction=v(3), damping=v(4), rolling=v(5), &
+                               boulder_rolling=v(6))
    end function material_of
 
    pure function material_row(m) result(row)
       type(material_t), intent(in) :: m
       real(wp) :: row(size(material_keys))
 
-      row = [m%young, m%poisson, m%friction, m%damping, m%rolling]
+      row = [m%young, m%poisson, m%friction, m%damping, m%rolling, m%boulder_rolling]
    end function material_row
 
    pure type(packing_t) function packing_of(v)
       real(wp), intent(in) :: v(size(packing_keys))
 
-      packing_of = packing_t(mean_radius=v(1), size_ratio=v(2), by_mass=is_true(v(3)), &
-         width=v(4), depth=v(5), &
-                             periodic=is_true(v(6)), density=v(7), friction=v(8), gravity=v(9))
+      packing_of = packing_t(mean_radius=v(1), ratio=v(2), grading=v(3), by_mass=is_true(v(4)), &
+                             width=v(5), depth=v(6), density=v(7), friction=v(8), gravity=v(9), &
+                             rigid_base=is_true(v(10)), base_speed=v(11))
    end function packing_of
 
    pure function packing_row(p) result(row)
       type(packing_t), intent(in) :: p
       real(wp) :: row(size(packing_keys))
 
-      row = [p%mean_radius, p%size_ratio, merge(1.0_wp, 0.0_wp, p%by_mass), p%width, p%depth, &
-             merge(1.0_wp, 0.0_wp, p%periodic), p%density, p%friction, p%gravity]
+      row = [p%mean_radius, p%ratio, p%grading, one_if(p%by_mass), p%width, p%depth, p%density, &
+             p%friction, p%gravity, one_if(p%rigid_base), p%base_speed]
    end function packing_row
 
    pure type(shot_t) function shot_of(v)
       real(wp), intent(in) :: v(size(shot_keys))
 
-      shot_of = shot_t(radius=v(1), density=v(2), speed=v(3), angle=v(4), spin=v(5), aim=v(6), &
-         gravity=v(7), &
-                       patience=v(8), spent=v(9), past=v(10), wait=v(11), step_share=v(12), &
-                       retries=nint(v(13)))
+      shot_of = shot_t(radius=v(1), density=v(2), speed=v(3), angle=v(4), spin=v(5), aim=v(6:7), &
+                       heading=v(8:9), gravity=v(10), patience=v(11), spent=v(12), past=v(13), &
+                       wait=v(14), step_factor=v(15), retries=nint(v(16)))
    end function shot_of
 
    pure function shot_row(s) result(row)
       type(shot_t), intent(in) :: s
       real(wp) :: row(size(shot_keys))
 
-      row = [s%radius, s%density, s%speed, s%angle, s%spin, s%aim, s%gravity, s%patience, s%spent, &
-             s%past, s%wait, s%step_share, real(s%retries, wp)]
+      row = [s%radius, s%density, s%speed, s%angle, s%spin, s%aim, s%heading, s%gravity, s%patience, &
+             s%spent, s%past, s%wait, s%step_factor, real(s%retries, wp)]
    end function shot_row
 
    pure type(range_t) function range_of(v)
       real(wp), intent(in) :: v(size(range_keys))
 
-      range_of = range_t(speed=v(1:2), angle=v(3:4), spin=v(5:6))
+      range_of = range_t(speed=v(1:3), angle=v(4:6), spin=v(7:9))
    end function range_of
 
    pure function range_row(r) result(row)
@@ -100,13 +101,22 @@ contains
       is_true = nint(v) /= 0
    end function is_true
 
+   pure real(wp) function one_if(condition)
+      logical, intent(in) :: condition
+
+      one_if = merge(1.0_wp, 0.0_wp, condition)
+   end function one_if
+
    pure function outcome_row(shot, outcome) result(row)
       type(shot_t), intent(in) :: shot
       type(outcome_t), intent(in) :: outcome
       real(wp) :: row(size(outcome_fields))
 
-      row = [shot%speed, shot%angle, shot%spin, shot%aim, outcome%incoming, outcome%outgoing, &
-             outcome%duration, outcome%travel, outcome%depth, outcome%overlap]
+      associate (o => outcome)
+         row = [shot%speed, shot%angle, shot%spin, shot%aim, shot%heading, o%incoming, &
+                o%peak%v, o%peak%lateral, o%loss%v, o%loss%lateral, o%clear%v, o%clear%lateral, &
+                o%duration, o%travel, o%depth, o%overlap]
+      end associate
    end function outcome_row
 
    pure function outcome_count_row(outcome) result(row)
@@ -120,6 +130,7 @@ contains
       type(layer_t), intent(in) :: layer
       real(wp) :: row(size(layer_fields))
 
-      row = [layer%surface, layer%top, layer%solid, layer%floor_share, real(layer%steps, wp)]
+      row = [layer%surface, layer%top, layer%solid, layer%floor_share, layer%box%width, &
+             real(layer%steps, wp)]
    end function layer_row
 end module lab_tables

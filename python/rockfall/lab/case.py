@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The case of the laboratory: what is packed, what is fired at it, and what is made of it.
 
-A namelist file with the groups &lab, &material, &packing, &impact and &correction. Whatever is not
-given has its default; names and defaults of the physics stand in the kernel alone.
+A namelist file with the groups &lab, &material, &packing and &impact. Whatever is not given has its
+default; names and defaults of the physics stand in the kernel alone.
 """
 
 from __future__ import annotations
@@ -19,11 +19,15 @@ from rockfall._lab import lab_f2py as _lab
 from rockfall.errors import RockfallError
 
 COEFFICIENTS = tuple(f"a{k}" for k in range(1, 10))
-PLAN = {"title": "", "seed": 1, "ratios": [1, 2, 3, 4, 5], "points": 200, "impacts": 100}
-SWITCHES = "periodic", "by_mass"
-WHOLE = "retries", "seed", "points", "impacts"
-RANGED = "speed", "angle", "spin"  # of an impact, drawn between two values
-SET_ELSEWHERE = "radius", "aim", "gravity"  # of an impact: by its ratio, its point, the packing
+PLAN = {
+    "title": "", "seed": 1, "ratios": [1, 2, 3, 4, 5], "layers": 50, "points": 8, "impacts": 15,
+}  # fmt: skip
+SWITCHES = "rigid_base", "by_mass"
+WHOLE = "retries", "seed", "layers", "points", "impacts"
+RANGED = "speed", "angle", "spin"  # of an impact, drawn: min, median, max
+ENDS = "min", "median", "max"
+#: Of an impact and a packing: by the ratio, the point, the packing.
+SET_ELSEWHERE = "radius", "aim_x", "aim_y", "heading_x", "heading_y", "gravity"
 
 
 @cache
@@ -39,12 +43,13 @@ def _defaults() -> dict[str, dict[str, Any]]:
         dict(zip(names(kind), _lab.defaults(kind).tolist(), strict=False)) for kind in range(1, 5)
     )
     impact = {key: value for key, value in shot.items() if key not in (*SET_ELSEWHERE, *RANGED)}
-    impact |= {key: [limits[f"{key}_min"], limits[f"{key}_max"]] for key in RANGED}
+    impact |= {key: [limits[f"{key}_{end}"] for end in ENDS] for key in RANGED}
+    del packing["ratio"]
     groups = {"lab": dict(PLAN), "material": material, "packing": packing, "impact": impact}
     for values in groups.values():
         values |= {key: bool(values[key]) for key in SWITCHES if key in values}
         values |= {key: int(values[key]) for key in WHOLE if key in values}
-    return groups | {"correction": dict.fromkeys(COEFFICIENTS, 1.0)}
+    return groups
 
 
 def read_lab_case(path: str | Path) -> LabCase:
@@ -68,7 +73,7 @@ def lab_case_of(text: str, name: str) -> LabCase:
 
 
 def _check(text: str, name: str) -> None:
-    """The kernel's own reader, that of `rockfall-lab`, refuses what is not as it must be."""
+    """The kernel's reader refuses what is not as it must be."""
     if "\0" in text:  # the kernel would see the text before it only
         raise RockfallError(f"{name}: character code 0 is not text")
     code, message = _lab.check_case(text.encode() or b"\n", name.encode())
@@ -107,8 +112,7 @@ def _like(value: Any, default: Any) -> Any:
 class LabCase:
     """A laboratory case, group by group: `case.packing["depth"]`.
 
-    `lab`: title, seed, ratios R_b/R_m, points for each ratio (each on a layer of its own), impacts
-    at each point. `correction`: factors on the means of a1..a9, the second stage of a calibration.
+    `lab`: title, seed, ratios R_b/R_m, layers for each ratio, points on each, impacts at each.
     """
 
     def __init__(self, *, name: str = "laboratory case", **groups: Mapping[str, Any]) -> None:
@@ -146,22 +150,18 @@ class LabCase:
         return _text(self._groups)
 
     def row(self, kind: int, ratio: float = 1.0) -> np.ndarray:
-        """A row of the kernel, in the order of `names(kind)`; `ratio` sets the sphere's radius."""
-        middle = {key: sum(self.impact[key]) / 2 for key in RANGED}  # in place of what is drawn
+        """A row of the kernel, in the order of `names(kind)`; `ratio` is R_b/R_m."""
+        median = {key: self.impact[key][1] for key in RANGED}  # in place of what is drawn
+        place = {"aim_x": 0.5, "aim_y": 0.5, "heading_x": 1.0, "heading_y": 0.0}
+        radius, gravity = ratio * self.packing["mean_radius"], self.packing["gravity"]
         values = {
             1: self.material,
-            2: self.packing,
-            3: self.impact
-            | middle
-            | {
-                "radius": ratio * self.packing["mean_radius"],
-                "aim": 0.5,
-                "gravity": self.packing["gravity"],
-            },
+            2: self.packing | {"ratio": ratio},
+            3: self.impact | median | place | {"radius": radius, "gravity": gravity},
             4: {
                 f"{key}_{end}": value
                 for key in RANGED
-                for end, value in zip(("min", "max"), self.impact[key], strict=True)
+                for end, value in zip(ENDS, self.impact[key], strict=True)
             },
         }[kind]
         return np.array([float(values[key]) for key in names(kind)])

@@ -26,6 +26,7 @@ def add_lab(commands: argparse._SubParsersAction) -> None:
     pack.add_argument("case", metavar="LAB.nml", type=Path)
     pack.add_argument("-o", "--output", metavar="LAYER.png", type=Path, help="a picture")
     pack.add_argument("--layers", metavar="N", type=int, default=8, help="default: 8")
+    pack.add_argument("--ratio", metavar="R", type=float, default=5.0, help="R_b/R_m; default: 5")
     impact = verb("impact", "fire all impacts of a laboratory case")
     impact.add_argument("case", metavar="LAB.nml", type=Path)
     impact.add_argument("-o", "--output", metavar="OUT.nc", type=Path, help="default: LAB.nc, here")
@@ -33,8 +34,9 @@ def add_lab(commands: argparse._SubParsersAction) -> None:
     fit = verb("fit", "make impact sets from impacts")
     fit.add_argument("impacts", metavar="IMPACTS.nc", type=Path)
     fit.add_argument("-o", "--output", metavar="SETS.nml", type=Path, help="for rockfall run")
-    fit.add_argument("--case", metavar="LAB.nml", type=Path, help="has title and &correction")
-    fit.add_argument("--uncorrected", action="store_true", help="leave &correction out")
+    fit.add_argument(
+        "--state", default="peak", help="of the boulder: peak (default), loss or clear"
+    )
     card = verb("scorecard", "set impact sets beside what is known of rebounds on rocky slopes")
     card.add_argument("sets", metavar="SETS", nargs="*", help="shipped or files; default: shipped")
     card.add_argument(
@@ -63,16 +65,18 @@ def _pack(arguments: argparse.Namespace) -> int:
         need("a picture needs", "report", "matplotlib")
         check_output(arguments.output, FIGURE, [arguments.case])
     case = read_lab_case(arguments.case)
-    layers = pack_layers(case, count=arguments.layers, threads=arguments.threads)
+    layers = pack_layers(
+        case, arguments.ratio, count=arguments.layers, threads=arguments.threads
+    )
     unit = case.packing["mean_radius"]
     print(f"{'layer':>6}{'bodies':>8}{'surface [R_m]':>15}{'solid':>8}{'floor/weight':>14}")
     for k in range(len(layers)):
-        surface, _, solid, floor, _ = layers.facts[:, k]
+        surface, _, solid, floor, *_ = layers.facts[:, k]
         print(f"{k + 1:6d}{layers.bodies[k]:8d}{surface / unit:15.2f}{solid:8.3f}{floor:14.3f}")
     if arguments.output:
         from rockfall.lab.plots import layer_figure
 
-        layer_figure(case, layers, arguments.output)
+        layer_figure(layers, arguments.output)
         print(arguments.output)
     return 0
 
@@ -102,32 +106,22 @@ def _impact(arguments: argparse.Namespace) -> int:
 
 
 def _fit(arguments: argparse.Namespace) -> int:
-    from rockfall.lab.case import read_lab_case
     from rockfall.lab.experiment import open_impacts
-    from rockfall.lab.fit import (
-        fit_impacts,
-        provenance,
-        uncorrected,
-        with_case,
-        write_sets,
-    )
+    from rockfall.lab.fit import fit_impacts
+    from rockfall.lab.setfile import provenance, write_sets
     from rockfall.lab.summary import fit_summary
     from rockfall.outputs import SETS, check_output
 
-    if not arguments.quiet:
-        need("the summary needs", "report", "scipy")
+    need("a fit needs", "report", "scipy")
     if arguments.output:
-        check_output(arguments.output, SETS, filter(None, [arguments.impacts, arguments.case]))
+        check_output(arguments.output, SETS, [arguments.impacts])
     data = open_impacts(arguments.impacts)
-    if arguments.case:
-        data = with_case(data, read_lab_case(arguments.case))
-    if arguments.uncorrected:
-        data = uncorrected(data)
-    sets = fit_impacts(data)
+    about = provenance(data, arguments.state)
+    sets = fit_impacts(data, arguments.state)
     if not arguments.quiet:
-        print(fit_summary(data, sets))
+        print(fit_summary(data, sets, arguments.state))
     if arguments.output:
-        write_sets(arguments.output, sets, provenance(data))
+        write_sets(arguments.output, sets, about)
         print(arguments.output)
     return 0
 

@@ -22,26 +22,28 @@ from rockfall.simulate import MOST_THREADS, check_team
 if TYPE_CHECKING:
     import xarray as xr
 
-STATUS = {"not_done": 0, "rebounded": 1, "lifted": 2, "captured": 3, "exploded": 4, "misfit": 5}
-SHOTS_IN_CHUNK = 128  # a call of the kernel with one thread, about a second
-SAVE_SECONDS = 60.0  # between savings of a long experiment
+STATUS = {"not_done": 0, "rebounded": 1, "lifted": 2, "rolled_on": 3, "exploded": 4, "misfit": 5}
+ENDED = "rebounded", "lifted", "rolled_on"  # results; the others are counted, never averaged in
+STATES = {
+    "peak": "when the upward kinetic energy was greatest, at the end if there was none",
+    "loss": "at the first loss of contact upwards, as at the peak if there was none",
+    "clear": "when nothing lay in the way, as at the peak if that never was",
+}
+SHOTS_IN_CHUNK = 16  # a call of the kernel with one thread, some seconds
+SAVE_SECONDS = 30.0  # between savings of a long experiment
 
-UNITS = dict.fromkeys(("vt_in", "vn_in", "w_in", "vt_out", "vn_out", "w_out", "speed"), "m s-1")
-UNITS |= {"angle": "degree", "duration": "s", "travel": "m", "depth": "m"}
-UNITS |= {"surface": "m", "top": "m"}
+UNITS = {"speed": "m s-1", "angle": "degree", "duration": "s", "travel": "m", "depth": "m"}
+UNITS |= {"surface": "m", "top": "m", "width": "m"}
 MEANING = {
     "speed": "speed of the sphere before the impact",
     "angle": "angle of its path from the surface, 90 = vertical",
     "spin": "W/V before the impact, W = R_b omega",
-    "aim": "where the path meets the mean surface, of the width of the layer",
-    "vt_in": "V_t before the impact, along the surface",
-    "vn_in": "V_n before the impact, positive away from the surface",
-    "w_in": "W before the impact",
-    "vt_out": "V_t when the upward kinetic energy was greatest",
-    "vn_out": "V_n when the upward kinetic energy was greatest",
-    "w_out": "W when the upward kinetic energy was greatest",
-    "duration": "from the first contact until then",
-    "travel": "way along the surface until then",
+    "aim_x": "where the path meets the mean surface, of the width of the layer",
+    "aim_y": "where the path meets the mean surface, of the width of the layer",
+    "heading_x": "unit vector of the path in plan",
+    "heading_y": "unit vector of the path in plan",
+    "duration": "from the first contact until the peak",
+    "travel": "distance along the heading until then",
     "depth": "deepest point of the sphere below the mean surface",
     "overlap": "deepest overlap of two bodies over the smaller radius",
     "status": "how the impact ended",
@@ -50,9 +52,19 @@ MEANING = {
     "steps": "time steps",
     "surface": "mean height of the layer's surface",
     "top": "highest point of the layer",
-    "solid": "area of the spheres over that below the mean surface",
+    "solid": "volume of the spheres over that below the mean surface",
+    "width": "width of the periodic box",
     "floor_share": "force of the floor over the weight of the layer",
 }
+for _symbol, _meaning in {
+    "vt": "V_t, horizontal speed, < 0 thrown back",
+    "vn": "V_n, positive away from the surface",
+    "w": "W = R_b omega about the horizontal normal of V_t",
+    "lateral": "sine of the angle of V_t from the heading before, left > 0",
+}.items():
+    for _state, _when in {"in": "before the impact", **STATES}.items():
+        MEANING[f"{_symbol}_{_state}"] = f"{_meaning}, {_when}"
+        UNITS[f"{_symbol}_{_state}"] = "1" if _symbol == "lateral" else "m s-1"
 
 
 class Layers:
@@ -70,12 +82,15 @@ class Layers:
         return self.x[:, :n, k].T, self.radius[:n, k], self.facts[:, k]
 
 
-def pack_layers(case: LabCase, first: int = 1, count: int = 1, threads: int = 0) -> Layers:
-    """Layers `first` to `first + count - 1` of the case's seed, let fall and settled."""
-    room, code, message = _lab.room_for_layer(case.row(2))
+def pack_layers(
+    case: LabCase, ratio: float, first: int = 1, count: int = 1, threads: int = 0
+) -> Layers:
+    """Layers `first` to `first + count - 1` of the case's seed, as deep and wide as a boulder of
+    this R_b/R_m needs, let fall and settled."""
+    room, code, message = _lab.room_for_layer(case.row(2, ratio))
     _raise(case, code, message)
     *arrays, code, message = _lab.pack(
-        case.row(1), case.row(2), seed=case.lab["seed"], first=first,
+        case.row(1), case.row(2, ratio), seed=case.lab["seed"], first=first,
         threads=_checked(threads), room=room, n=count,
     )  # fmt: skip
     _raise(case, code, message)
@@ -90,9 +105,9 @@ def run_impacts(
     path: str | Path | None = None,
     resume: bool = False,
 ) -> xr.Dataset:
-    """All impacts of a case: an xarray.Dataset over (ratio, point, impact).
+    """All impacts of a case: an xarray.Dataset over (ratio, layer, point, impact).
 
-    With `path` it is also a file, saved every minute, at the end, and on Ctrl-C, which raises
+    With `path` it is also a file, saved every half minute, at the end, and on Ctrl-C, which raises
     KeyboardInterrupt; `resume` goes on from such a file. The result does not depend on threads,
     interruptions or resumptions.
     """
@@ -121,19 +136,19 @@ def run_impacts(
 
 
 def film(
-    case: LabCase, ratio: float, point: int, speed: float, angle: float, frames: int = 200,
+    case: LabCase, ratio: float, layer: int, speed: float, angle: float, frames: int = 200,
     interval: float = 1e-3,
 ) -> dict[str, Any]:  # fmt: skip
     """One impact without spin, with pictures every `interval` seconds: time (frames,), centres
-    (frames, n, 2) [m] and velocities (frames, n, 3) of all bodies, the sphere last, their radius,
+    (frames, n, 3) [m] and velocities (frames, n, 6) of all bodies, the sphere last, their radius,
     the layer's `surface` [m] and the `outcome`."""
-    layers = pack_layers(case, first=point)
+    layers = pack_layers(case, ratio, first=layer)
     shot = dict(zip(names(3), case.row(3, ratio), strict=True))
     shot |= {"speed": speed, "angle": angle, "spin": 0.0}
     n = layers.bodies[0]
     taken, time_, x, v, outcome, counts, code, message = _lab.film(
-        case.row(1), case.row(2), list(shot.values()), layers.x[:, :n, 0], layers.radius[:n, 0],
-        layers.facts[:, 0], interval, most=frames,
+        case.row(1), case.row(2, ratio), list(shot.values()), layers.x[:, :n, 0],
+        layers.radius[:n, 0], layers.facts[:, 0], interval, most=frames,
     )  # fmt: skip
     _raise(case, code, message)
     return {
@@ -182,8 +197,8 @@ def _blank(case: LabCase) -> xr.Dataset:
     import xarray as xr
 
     plan = case.lab
-    sizes = len(plan["ratios"]), plan["points"], plan["impacts"]
-    dims = "ratio", "point", "impact"
+    sizes = len(plan["ratios"]), plan["layers"], plan["points"], plan["impacts"]
+    dims = "ratio", "layer", "point", "impact"
     try:
         data = {name: (dims, np.full(sizes, np.nan), _about(name)) for name in names(5)}
         data |= {name: (dims, np.zeros(sizes, "i4"), _about(name)) for name in names(6)}
@@ -191,7 +206,7 @@ def _blank(case: LabCase) -> xr.Dataset:
         about = f"{case.name}: {np.prod(sizes)} impacts"
         raise RockfallError(f"{about} do not fit in memory") from error
     for name in names(7)[:-1]:
-        data[name] = ("point", np.full(plan["points"], np.nan), _about(name))
+        data[name] = (dims[:2], np.full(sizes[:2], np.nan), _about(name))
     flags = {"flag_values": np.array(list(STATUS.values()), "i4")}
     data["status"][2].update(flags | {"flag_meanings": " ".join(STATUS)})
     attributes = {"title": plan["title"], "lab_case": case.text(), "version": _version()}
@@ -207,48 +222,48 @@ def _about(name: str) -> dict[str, Any]:
 def _chunks(
     case: LabCase, data: xr.Dataset, threads: int, interrupted: Callable[[], bool]
 ) -> Iterator[int]:
-    """Do what is not done, some points at a time, a layer for each; yields how many impacts."""
-    size = max(1, SHOTS_IN_CHUNK * max(1, _lab.team(threads)) // case.lab["impacts"])
+    """Do what is not done, a layer for each thread at a time; yields how many impacts."""
+    team = max(1, _lab.team(threads))
     status = data["status"].values
-    for first in range(0, case.lab["points"], size):
-        points = slice(first, min(first + size, case.lab["points"]))
-        if (status[:, points] > 0).all():
-            continue
-        if interrupted():
-            return
-        clock = time.process_time()
-        layers = pack_layers(case, first + 1, points.stop - first, threads)
-        for name, values in zip(names(7)[:-1], layers.facts, strict=False):
-            data[name].values[points] = values
-        data.attrs["cpu_seconds"] += time.process_time() - clock
-        for k, ratio in enumerate(case.lab["ratios"]):
-            if (status[k, points] > 0).all():
+    for k, ratio in enumerate(case.lab["ratios"]):
+        for first in range(0, case.lab["layers"], team):
+            these = slice(first, min(first + team, case.lab["layers"]))
+            todo = np.argwhere(status[k, these] == 0)  # layer, point, impact
+            if not todo.size:
                 continue
             if interrupted():
                 return
             clock = time.process_time()
-            _fire(case, data, layers, k, ratio, points, threads)
+            layers = pack_layers(case, ratio, first + 1, these.stop - first, threads)
+            for name, values in zip(names(7)[:-1], layers.facts, strict=False):
+                data[name].values[k, these] = values
             data.attrs["cpu_seconds"] += time.process_time() - clock
-            yield status[k, points].size
+            for shots in np.array_split(todo, -(-len(todo) // (SHOTS_IN_CHUNK * team))):
+                if interrupted():
+                    return
+                clock = time.process_time()
+                _fire(case, data, layers, k, first, shots, threads)
+                data.attrs["cpu_seconds"] += time.process_time() - clock
+                yield len(shots)
 
 
 def _fire(
-    case: LabCase, data: xr.Dataset, layers: Layers, k: int, ratio: float, points: slice,
+    case: LabCase, data: xr.Dataset, layers: Layers, k: int, first: int, shots: np.ndarray,
     threads: int,
 ) -> None:  # fmt: skip
-    """All impacts of a ratio at some points, into their places."""
-    each = case.lab["impacts"]
-    place = np.repeat(np.arange(1, len(layers) + 1, dtype="i4"), each)
-    layer = place.astype("i8") + points.start
+    """Some impacts (layer, point, impact: (shots, 3)) of a ratio, into their places."""
+    ratio = case.lab["ratios"][k]
+    place, point, number = (shots + 1).T.astype("i8")
     outcome, counts, code, message = _lab.impact(
-        case.row(1), case.row(2), case.row(3, ratio), case.row(4), seed=case.lab["seed"],
+        case.row(1), case.row(2, ratio), case.row(3, ratio), case.row(4), seed=case.lab["seed"],
         threads=threads, x=layers.x, radius=layers.radius, bodies=layers.bodies,
-        facts=layers.facts, place=place, layer=layer, point=np.ones_like(layer),
-        number=np.tile(np.arange(1, each + 1, dtype="i8"), len(layers)),
+        facts=layers.facts, place=place.astype("i4"), layer=place + first, point=point,
+        number=number,
     )  # fmt: skip
     _raise(case, code, message)
+    at = (k, shots[:, 0] + first, shots[:, 1], shots[:, 2])
     for name, values in zip(names(5) + names(6), [*outcome, *counts], strict=True):
-        data[name].values[k, points] = values.reshape(-1, each)
+        data[name].values[at] = values
 
 
 def _version() -> str:

@@ -9,15 +9,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rockfall.lab.case import COEFFICIENTS
+from rockfall.lab.case import names
+from rockfall.lab.experiment import ENDED, STATUS
 from rockfall.lab.scorecard import restitution
 from rockfall.style import BLUE, GREY, INK, STYLE, VERMILION, WIDE, new_figure, save, styled
 
 if TYPE_CHECKING:
+    import xarray as xr
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from rockfall.lab.case import LabCase
     from rockfall.lab.experiment import Layers
     from rockfall.lab.scorecard import Sets
 
@@ -27,24 +28,28 @@ LAST_RT = 60.0  # [degrees]; beyond, V_t_in is too small to divide by
 KNOWN = {"R_t": [((5, 30), (0.7, 0.7))], "R_n": [((90,), (0.4,)), ((10, 20), (1.0, 1.0))]}
 
 
-def layer_figure(case: LabCase, layers: Layers, path: str | Path) -> None:
-    """A picture of the first layer."""
+def layer_figure(layers: Layers, path: str | Path) -> None:
+    """A picture of the first layer: from above, and a section through its middle."""
     import matplotlib.pyplot as plt
 
     x, radius, facts = layers.one(0)
-    width = case.packing["width"] * case.packing["mean_radius"]
+    width = facts[names(7).index("width")]
     with plt.rc_context(STYLE):
-        figure, axes = plt.subplots(figsize=(7.2, 1.6 + 7.2 * facts[1] / width))
-        _discs(axes, x, radius, ROCK)
-        axes.axhline(facts[0], color=BLUE, lw=0.8)
-        axes.set(xlim=(0, width), ylim=(0, 1.05 * facts[1]), xlabel="x [m]", ylabel="z [m]")
-        axes.set_title(f"{len(radius)} bodies; mean height of the surface {facts[0]:.2f} m")
+        figure, (above, section) = plt.subplots(1, 2, figsize=(7.2, 3.6), layout="constrained")
+        order = np.argsort(x[:, 2])
+        _discs(above, x[order, :2], radius[order], ROCK)
+        above.set(xlim=(0, width), ylim=(0, width), xlabel="x [m]", ylabel="y [m]")
+        above.set_title(f"{len(radius)} rocks from above")
+        _section(section, x, radius, width / 2)
+        section.axhline(facts[0], color=BLUE, lw=0.8)
+        section.set(xlim=(0, width), ylim=(0, 1.05 * facts[1]), xlabel="x [m]", ylabel="z [m]")
+        section.set_title(f"section; mean height of the surface {facts[0]:.2f} m")
         _save(figure, path)
 
 
 def impact_figure(films: Sequence[Mapping[str, Any]], width: float, path: str | Path) -> None:
-    """Before and after: each film of `experiment.film` a column, the layer at the first contact
-    above, at the greatest upward speed of the sphere below, with its way and the velocities."""
+    """Before and after: each film of `experiment.film` a column, a section through the boulder at
+    the first contact above, at its max upward speed below, with its trajectory and velocities."""
     import matplotlib.pyplot as plt
 
     with plt.rc_context(STYLE):
@@ -56,31 +61,39 @@ def impact_figure(films: Sequence[Mapping[str, Any]], width: float, path: str | 
             x, v, r = film["centres"], film["velocities"], film["radius"]
             end = int(np.searchsorted(film["time"], film["outcome"]["duration"]))
             end = min(end, len(x) - 1)
-            middle = x[0, -1, 0]
+            middle = x[0, -1].copy()
             for axes, k in ((column[0], 0), (column[1], end)):
                 place = x[k].copy()
-                place[:, 0] += width * np.round((middle - place[:, 0]) / width) - middle
-                place[-1, 0] = x[k, -1, 0] - middle
-                _discs(axes, place[:-1], r[:-1], ROCK)
-                _discs(axes, place[-1:], r[-1:], BOULDER)
-                scale = 2.5 * r[-1] / np.hypot(*v[0, -1, :2])
+                place[:, :2] += width * np.round((x[k, -1, :2] - place[:, :2]) / width)
+                place[:, 0] -= middle[0]
+                _section(axes, place[:-1], r[:-1], place[-1, 1])
+                boulder = place[-1, [0, 2]]
+                _discs(axes, boulder[None], r[-1:], BOULDER)
+                scale = 2.5 * r[-1] / np.linalg.norm(v[0, -1, :3])
                 axes.annotate(
-                    "", place[-1] + scale * v[k, -1, :2], place[-1],
+                    "", boulder + scale * v[k, -1, [0, 2]], boulder,
                     arrowprops={"arrowstyle": "->", "color": INK, "lw": 1.2},
                 )  # fmt: skip
                 axes.axhline(film["surface"], color=BLUE, lw=0.6)
-            way = x[: end + 1, -1] - [middle, 0]
-            column[1].plot(*way.T, color=VERMILION, lw=1)
+            trajectory = x[: end + 1, -1, [0, 2]] - [middle[0], 0]
+            column[1].plot(*trajectory.T, color=VERMILION, lw=1)
             column[0].set_title(film["title"])
             column[1].set_title(f"{1e3 * film['time'][end]:.0f} ms later")
             column[1].set_xlabel("x [m]")
         panels[0, 0].set(
             xlim=(-0.5 * width, 0.5 * width),
-            ylim=(0, max(1.02 * (f["centres"][0, -1, 1] + 2 * f["radius"][-1]) for f in films)),
+            ylim=(0, max(1.02 * (f["centres"][0, -1, 2] + 2 * f["radius"][-1]) for f in films)),
         )
         for axes in panels[:, 0]:
             axes.set_ylabel("z [m]")
         _save(figure, path)
+
+
+def _section(axes: Axes, x: np.ndarray, radius: np.ndarray, y: float) -> None:
+    """The discs in which a vertical plane cuts the spheres."""
+    square = radius**2 - (x[:, 1] - y) ** 2
+    cut = square > 0
+    _discs(axes, x[cut][:, [0, 2]], np.sqrt(square[cut]), ROCK)
 
 
 def restitution_figure(sets: Sequence[Sets], path: str | Path) -> None:
@@ -124,31 +137,22 @@ def draw_restitution(sets: Sequence[Sets], size: tuple[float, float] = (WIDE, 3.
     return figure
 
 
-def coefficient_figure(
-    maps: Mapping[int, np.ndarray], sets: Mapping[int, Any], path: str | Path
-) -> None:
-    """Histograms of a1..a9 over the points, a row for each ratio of `maps` {ratio: (points, 9)},
-    with the normal distribution of the set that was made of them."""
+def lateral_figure(data: xr.Dataset, path: str | Path, state: str = "peak") -> None:
+    """Distribution of the lateral deviation of V_t for each ratio, with the paper's classes."""
     import matplotlib.pyplot as plt
 
-    with plt.rc_context(STYLE | {"font.size": 7}):
-        figure, panels = plt.subplots(
-            len(maps), 9, figsize=(11.5, 1.25 * len(maps) + 0.5), squeeze=False, sharex="col",
-            layout="constrained",
-        )  # fmt: skip
-        for row, (ratio, a) in zip(panels, maps.items(), strict=True):
-            deviation = np.sqrt(np.diag(sets[ratio].covariance))
-            for k, axes in enumerate(row):
-                axes.hist(a[:, k], 25, density=True, color=BLUE, alpha=0.35)
-                x = np.linspace(a[:, k].min(), a[:, k].max(), 200)
-                z = (x - sets[ratio].mean[k]) / deviation[k]
-                density = np.exp(-(z**2) / 2) / (deviation[k] * np.sqrt(2 * np.pi))
-                axes.plot(x, density, color=INK, lw=1)
-                axes.set_yticks([])
-                axes.spines["left"].set_visible(False)
-            row[0].set_ylabel(f"R_b/R_m = {ratio}")
-        for axes, name in zip(panels[0], COEFFICIENTS, strict=True):
-            axes.set_title(name)
+    with plt.rc_context(STYLE):
+        figure, axes = plt.subplots(figsize=(5.2, 3.2), layout="constrained")
+        for ratio in data["ratio"].values:
+            one = data.sel(ratio=ratio)
+            ended = np.isin(one["status"], [STATUS[name] for name in ENDED])
+            turn = np.sort(np.degrees(np.abs(np.arcsin(one[f"lateral_{state}"].values[ended]))))
+            axes.plot(turn, np.arange(1, turn.size + 1) / turn.size, label=f"{ratio:g}", lw=1)
+        axes.plot([22.5, 45, 50], [0.72, 0.96, 1.0], "s", color=GREY, label="paper")
+        axes.set(
+            xlim=(0, 90), ylim=(0, 1), xlabel="lateral deviation [degrees]", ylabel="fraction below"
+        )
+        axes.legend(title="R_b/R_m")
         _save(figure, path)
 
 

@@ -8,30 +8,20 @@ from collections.abc import Iterable, Iterator
 from itertools import zip_longest
 from pathlib import Path
 
-from rockfall.lab.case import LabCase
 from rockfall.lab.experiment import run_impacts
-from rockfall.lab.fit import case_in, fit_impacts, plain, provenance, with_case, write_sets
+from rockfall.lab.fit import fit_impacts
+from rockfall.lab.setfile import origin, provenance, write_sets
 
 
 def remake(
     paths: Iterable[str | Path], threads: int = 0, progress: bool = False
 ) -> Iterator[tuple[Path, str]]:
-    """Each set file, and the first line in which the one made again differs; "" if none does.
-
-    Files that differ in their correction alone share their impacts.
-    """
-    cases = {Path(path): case_in(path) for path in paths}
-    known: list[tuple[LabCase, object]] = []
-    for path, case in cases.items():
-        bare = plain(case)
-        data = next((data for done, data in known if done == bare), None)
-        if data is None:
-            data = run_impacts(bare, progress=progress, threads=threads)
-            known.append((bare, data))
-        data = with_case(data, case)
+    """Each set file, and the first line in which the one made again differs; "" if none does."""
+    for path, (case, state) in {Path(path): origin(path) for path in paths}.items():
+        data = run_impacts(case, progress=progress, threads=threads)
         with tempfile.TemporaryDirectory() as folder:
             again = Path(folder) / path.name
-            write_sets(again, fit_impacts(data), provenance(data))
+            write_sets(again, fit_impacts(data, state), provenance(data, state))
             yield path, _first_difference(path.read_text("utf-8"), again.read_text("utf-8"))
 
 

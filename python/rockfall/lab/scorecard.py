@@ -16,7 +16,8 @@ from pathlib import Path
 import numpy as np
 
 from rockfall.errors import RockfallError
-from rockfall.lab.fit import ImpactSet, write_sets
+from rockfall.lab.fit import ImpactSet
+from rockfall.lab.setfile import write_sets
 
 LEAST_REBOUNDS = 20  # of a class of incidence angles, for a mean
 DRAWS = 4000  # of A, for the means of R_t and R_n of a set alone
@@ -92,7 +93,7 @@ def read_sets(source: str | Path) -> Sets:
     )
     if code:
         raise RockfallError(message.decode().strip(), code)
-    found = re.findall(r"^! (\d+) points;", text, re.MULTILINE)
+    found = re.findall(r"^! (\d+) (?:points|impacts);", text, re.MULTILINE)
     points = np.array(found, int) if len(found) == 5 else np.zeros(5, int)
     return Sets(Path(source).stem, mean.T, covariance.T, points)
 
@@ -144,7 +145,7 @@ class Site:
             path = Path(folder) / "sets.nml"
             nothing = np.zeros(9)
             exact = {
-                k + 1: ImpactSet(mean[k], covariance[k], nothing, np.zeros((9, 9)), 0.0, 0)
+                k + 1: ImpactSet(mean[k], covariance[k], nothing, np.zeros((9, 9)), 0, 0.0)
                 for k in range(5)
             }
             write_sets(path, exact, [])

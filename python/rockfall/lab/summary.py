@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rockfall.errors import RockfallError
+from rockfall.lab.bounce import Rebound, growth, neutral_slope, resampled_rebound, set_rebound
 from rockfall.lab.case import COEFFICIENTS
 from rockfall.lab.experiment import STATUS
-from rockfall.lab.fit import impacts_of, linearity, normality, point_maps, points_needed
+from rockfall.lab.fit import Impacts, as_rebounds, impacts_of, within_points
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -18,42 +18,64 @@ if TYPE_CHECKING:
     from rockfall.lab.fit import ImpactSet
 
 ENDS = [name for name in STATUS if name != "not_done"]
+SLOPES = 34.0, 38.0, 42.0  # of the planes on which a set is checked [degrees]
 
 
 def impact_summary(data: xr.Dataset) -> str:
     """How the impacts of each ratio ended."""
-    lines = [f"{'R_b/R_m':>8}{'impacts':>9}" + "".join(f"{name:>11}" for name in ENDS)]
+    head = f"{'R_b/R_m':>8}{'solid':>7}{'impacts':>9}"
+    lines = [head + "".join(f"{name:>11}" for name in ENDS)]
     for ratio in data["ratio"].values:
         status = data["status"].sel(ratio=ratio).values
         counts = "".join(f"{int((status == STATUS[name]).sum()):11,}" for name in ENDS)
-        lines.append(f"{ratio:8g}{status.size:9,}{counts}")
+        solid = float(data["solid"].sel(ratio=ratio).mean())
+        lines.append(f"{ratio:8g}{solid:7.3f}{status.size:9,}{counts}")
     lines.append(f"{data.attrs['cpu_seconds']:.0f} s of CPU")
     return "\n".join(lines)
 
 
-def fit_summary(data: xr.Dataset, sets: dict[int, ImpactSet]) -> str:
-    """Each ratio: a1..a9, mean +- deviation, and how far to believe them."""
+def fit_summary(data: xr.Dataset, sets: dict[int, ImpactSet], state: str) -> str:
+    """Each ratio: a1..a9, and the check that needs no fit: bounces on planes by the set and by the
+    impacts themselves."""
     lines = []
     for ratio, found in sets.items():
-        impacts = impacts_of(data, ratio)
-        maps = point_maps(*impacts)
-        lines.append(f"R_b/R_m = {ratio}: {found.points} points, {maps.skipped} skipped")
-        rows = [
-            ("mean", found.mean, "7.3f"),
-            ("standard error", found.mean_error, "7.3f"),
-            ("deviation", np.sqrt(np.diag(found.covariance)), "7.3f"),
-            ("normal: p", normality(maps.a), "7.3f"),
-        ]
-        try:
-            difference, error = linearity(*impacts)
-            rows.append(("fast less slow [s.e.]", difference / error, "7.1f"))
-        except RockfallError:
-            pass  # too few impacts a point to part them
-        lines.append(f"  {'':22}" + "".join(f"{name:>7}" for name in COEFFICIENTS))
-        lines += [f"  {name:22}" + "".join(f"{v:{how}}" for v in row) for name, row, how in rows]
+        impacts = impacts_of(data, ratio, state)
+        noise = np.sqrt(np.diag(within_points(data, ratio, state)))
+        lines += set_lines(f"R_b/R_m = {ratio}: {found.impacts:,} impacts", found)
         lines.append(
-            f"  residual within points {maps.residual.mean():.3f} of the incident speed; "
-            f"{found.lost_variance:.1%} of the variance cut off; "
-            f"means to 0.01 with {points_needed(found):,} points"
+            f"  {found.redrawn:.2f} draws thrown away for each rebound; scatter within a point "
+            f"{' '.join(f'{value:.2f}' for value in noise)} of |V_in| (V_t, V_n, W)"
         )
+        lines += bounce_lines(found, impacts)
     return "\n".join(lines)
+
+
+def set_lines(title: str, found: ImpactSet) -> list[str]:
+    """Means, their standard errors and deviations of a1..a9."""
+    rows = [
+        ("mean", found.mean),
+        ("standard error", found.mean_error),
+        ("deviation", np.sqrt(np.diag(found.covariance))),
+    ]
+    head = [title, f"  {'':16}" + "".join(f"{name:>8}" for name in COEFFICIENTS)]
+    return head + [f"  {name:16}" + "".join(f"{v:8.4f}" for v in row) for name, row in rows]
+
+
+def bounce_lines(found: ImpactSet, impacts: Impacts) -> list[str]:
+    """Neutral slope, and growth and scatter of a bounce on planes, by the set and by resampling."""
+    rebounds = as_rebounds(impacts)
+    ways: dict[str, Rebound] = {
+        "the set": set_rebound(found.mean, found.covariance),
+        "the impacts": resampled_rebound(rebounds.v_in, rebounds.v_out),
+    }
+    lines = []
+    for name, rebound in ways.items():
+        planes = []
+        for slope in SLOPES:
+            one = growth(rebound, slope)
+            planes.append(f"{slope:g}: {one.mean:+.4f} {one.std:.4f}")
+        lines.append(
+            f"  by {name:12} neutral slope {neutral_slope(rebound):5.1f} degrees; "
+            f"log growth and scatter of a bounce at {'; '.join(planes)}"
+        )
+    return lines

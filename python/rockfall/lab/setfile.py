@@ -1,0 +1,102 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Files of impact sets: written with what they were made from, so that they can be made again."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rockfall.errors import RockfallError
+from rockfall.files import whole_file
+from rockfall.lab.case import LabCase, lab_case_of
+from rockfall.lab.experiment import STATUS, checksum
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from rockfall.lab.fit import ImpactSet
+
+CASE_MARK = "! | "  # begins the lines of a set file that hold its laboratory case
+STATE_MARK = "! Outgoing state: "
+
+
+def provenance(data: xr.Dataset, state: str) -> list[str]:
+    """What a set file says of its origin: enough to make it again."""
+    if missing := int((data["status"].values == STATUS["not_done"]).sum()):
+        raise RockfallError(f"{missing} of {data['status'].size} impacts are not done: no set yet")
+    case = lab_case_of(data.attrs["lab_case"], "impacts")
+    lines = [
+        f"{data.attrs['title']}",
+        "",
+        "Means and covariances of a1..a9 from discrete-element impacts of a boulder on rocks.",
+        STATE_MARK[2:] + state,
+        f"Made by rockfall {data.attrs['version']}; `rockfall lab remake FILE` makes it again.",
+        f"SHA-256 of the outcomes: {checksum(data)}",
+    ]
+    for ratio in data["ratio"].values:
+        status = data["status"].sel(ratio=ratio).values
+        ended = ", ".join(
+            f"{int((status == value).sum())} {name}"
+            for name, value in STATUS.items()
+            if name != "not_done"
+        )
+        solid = data["solid"].sel(ratio=ratio).values
+        lines.append(
+            f"R_b/R_m = {ratio:g}: {status.size} impacts, {ended}; "
+            f"solid fraction {solid.mean():.3f} +- {solid.std():.3f}"
+        )
+    lines += ["The laboratory case:"]
+    return lines + [CASE_MARK[2:] + line for line in case.text().splitlines()]
+
+
+def origin(path: str | Path) -> tuple[LabCase, str]:
+    """The laboratory case that a set file was made from, and the state that its sets are of."""
+    try:
+        lines = Path(path).read_text(encoding="utf-8").splitlines()
+    except OSError as error:
+        raise RockfallError(f"{path}: cannot be read: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise RockfallError(f"{path}: is not text (UTF-8)") from error
+    text = [line[len(CASE_MARK) :] for line in lines if line.startswith(CASE_MARK)]
+    if not text:
+        raise RockfallError(f"{path}: does not say what laboratory case it was made from")
+    state = [line[len(STATE_MARK) :] for line in lines if line.startswith(STATE_MARK)]
+    if not state:
+        raise RockfallError(
+            f"{path}: was made by the laboratory in the plane of rockfall 0.1.0, which can make it "
+            "again; that of this version is in space"
+        )
+    return lab_case_of("\n".join(text), str(path)), state[0]
+
+
+def write_sets(path: str | Path, sets: dict[int, ImpactSet], provenance: list[str]) -> None:
+    """Write an impact-set file: `provenance` as comments, then a group for each ratio.
+
+    The numbers have twelve digits: enough for a covariance to stay semidefinite.
+    """
+    text = [f"! {line}".rstrip() for line in provenance]
+    for ratio, found in sorted(sets.items()):
+        rows = _lower(found.covariance)
+        text += ["", f"! {found.impacts} impacts; standard errors of the means:"]
+        text += [f"!   {_short(found.mean_error)}", "! and of the covariance:"]
+        text += [f"!   {_short(row)}" for row in _lower(found.covariance_error)]
+        text += [f"&impact_set ratio = {ratio}", f"  mean = {_numbers(found.mean)}"]
+        text += ["  covariance =   ! lower triangle by rows"]
+        text += [",\n".join(f"    {_numbers(row)}" for row in rows), "/"]
+    with whole_file(path) as part:
+        part.write_text("\n".join(text) + "\n", encoding="utf-8")
+
+
+def _lower(matrix: np.ndarray) -> list[np.ndarray]:
+    """The lower triangle by rows."""
+    return [matrix[k, : k + 1] for k in range(len(matrix))]
+
+
+def _short(values: np.ndarray) -> str:
+    return ", ".join(f"{value:.2g}" for value in values)
+
+
+def _numbers(values: np.ndarray) -> str:
+    return ", ".join(f"{value:.12g}" for value in values)
