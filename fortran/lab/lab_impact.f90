@@ -38,7 +38,7 @@ module lab_impact
       real(wp) :: spent = 1.0e-4_wp     !! part of the incident energy that counts as none
       real(wp) :: past = 0.5_wp !! part of its max upward energy left when that peak is past,
       real(wp) :: wait = 0.5_wp              !! and time since the peak / ((R_b + R_m)/speed)
-      real(wp) :: step_factor = 1       !! step / what `safe_step` gives
+      real(wp) :: step_factor = 1.4_wp  !! step / what `safe_step` gives: a layer has no retries, this has
       integer :: retries = 3            !! times that a step found too long is halved
    end type shot_t
 

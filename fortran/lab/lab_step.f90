@@ -72,8 +72,8 @@ contains
       type(bodies_t), intent(in) :: bodies
       type(box_t), intent(in) :: box
       type(material_t), intent(in) :: material
-      real(wp), intent(in) :: gravity, dt, skin, input
-      integer, intent(in) :: n_large
+      real(wp), intent(in) :: gravity, dt, skin, input  !! [m/s2], [s], [m], [J]
+      integer, intent(in) :: n_large  !! see `neighbours_t`
 
       s%bodies = bodies
       s%box = box
@@ -109,7 +109,7 @@ contains
    !> To the end of the step with the velocity in its middle.
    pure subroutine drift(n, dt, radius, a, v, x, sound_step)
       integer, intent(in) :: n
-      real(wp), intent(in) :: dt, radius(n), a(6, n)
+      real(wp), intent(in) :: dt, radius(n), a(6, n)  !! see `bodies_t`
       real(wp), intent(inout) :: v(6, n), x(3, n)
       logical, intent(out) :: sound_step  !! none has leapt
       real(wp) :: leap(3)
@@ -443,7 +443,7 @@ contains
    !> Overlap up to which Hertz's law and the step hold [m]: k = 1.5 hertz sqrt(overlap).
    elemental real(wp) function overlap_limit(law, radius, dt) result(limit)
       type(law_t), intent(in) :: law
-      real(wp), intent(in) :: radius, dt
+      real(wp), intent(in) :: radius, dt  !! of the smaller body [m], [s]
 
       limit = min(deepest_overlap*radius, ((greatest_phase/dt)**2*law%mass/(1.5_wp*law%hertz))**2)
    end function overlap_limit
