@@ -490,7 +490,7 @@ MALFORMED = {
     "angle from below": ("&impact angle = -5, 10, 90 /", "impact: angle must be 1 to 90 .*"),
     "negative young": ("&material young = -1.0 /", r"material: young must be > 0 \[Pa\]"),
     "damping beyond the step": ("&material damping = 1.5 /", "material: damping must be 0 to 1"),
-    "layer too narrow": ("&packing width = 2.0 /", "packing: width must be above 3 R_b"),
+    "layer too narrow": ("&packing width = 2.0 /", "packing: width must .*"),
     "layer too large": ("&packing width = 1e12 /", "packing: .*: more than 300000 bodies"),
     "key that is set elsewhere": (
         "&impact radius = 1 /",
