@@ -101,6 +101,7 @@ def crash_at(monkeypatch, step):
 
         return call
 
+    monkeypatch.setattr(os, "fsync", lambda _: None)  # what is written outlives a process
     for name in "mkdir", "replace", "fsync", "unlink":
         monkeypatch.setattr(checkpoint.os, name, crashing(getattr(os, name)))
     return count
@@ -127,7 +128,7 @@ def test_a_crash_at_every_step_of_a_save(scene, tmp_path, monkeypatch):
         simulate.run_scene(scene, chunk=20, checkpoint=Checkpoint(before, 0.0))
 
     def run(folder):
-        return simulate.run_scene(scene, chunk=150, checkpoint=Checkpoint(folder, 0.0))
+        return simulate.run_scene(scene, chunk=200, checkpoint=Checkpoint(folder, 0.0))
 
     while len(steps) == step:  # until a run has come to its end
         step += 1
@@ -139,7 +140,7 @@ def test_a_crash_at_every_step_of_a_save(scene, tmp_path, monkeypatch):
                 run(folder)
         interrupted(run, folder)
         same(run(folder), whole)
-    assert step > 3 * 3 * 3  # saves, files, steps of each
+    assert step > 2 * 3 * 3  # saves, files, steps of each
 
 
 def test_a_save_takes_no_name_that_the_state_has(scene, tmp_path, monkeypatch):
@@ -394,15 +395,15 @@ def test_the_commands_keep_a_checkpoint_until_the_result_is_written(
     assert main(["run", "case.nml", "--resume", "--until", "share@EL1<5%"]) == 2
 
 
-def test_twenty_kills_at_random_instants(few_boulders, tmp_path):
-    """SIGKILL, and `--resume`, until twenty have hit a run; then it is left to end."""
+def test_kills_at_random_instants(few_boulders, tmp_path):
+    """SIGKILL, and `--resume`, until eight have hit a run; then it is left to end."""
     command = [sys.executable, "-m", "rockfall.cli", "run", few_boulders, "--quiet", "--boulders"]
     command += ["60000", "--checkpoint", "0.01", "--resume", "-o", tmp_path / "killed.nc"]
     instants = random.Random(4)
     environment = {**os.environ, "OMP_NUM_THREADS": "2"}
     begun = tmp_path / "killed.nc.checkpoint" / "state.json"
     kills = 0
-    while kills < 20:
+    while kills < 8:
         before = begun.stat().st_mtime_ns if begun.exists() else 0
         process = subprocess.Popen(command, env=environment)
         while process.poll() is None:  # until it has done something this time
