@@ -210,7 +210,7 @@ def contacts_on_plane(
         "plane", "", z, cell, points=[start], **diagonal(r_t, r_n),
         groups={
             "release": {"velocity": [0.0, -speed, 0.0], "drop_height": drop},
-            "impact": {"stop_speed": 1e-12, "impact_limit": contacts},
+            "impact": {"stop_speed": 1e-12, "impact_limit": contacts, "turning": "to_aspect"},
             "output": {"trajectories": 1},
         },
     )  # fmt: skip
