@@ -19,6 +19,7 @@ from made import refused
 from rockfall import RockfallError
 from rockfall.cli import main
 from rockfall.lab import experiment, plots, remake, summary
+from rockfall.lab.bounce import K_SPHERE
 from rockfall.lab.case import LabCase, lab_case_of, names, read_lab_case
 from rockfall.lab.experiment import (
     ENDED,
@@ -32,7 +33,6 @@ from rockfall.lab.experiment import (
 )
 from rockfall.lab.fit import fit_impacts, impacts_of
 from rockfall.lab.scorecard import (
-    K_SPHERE,
     TARGETS,
     Sets,
     Site,

@@ -54,12 +54,6 @@ class Impacts:
     v_out: np.ndarray
     group: np.ndarray
 
-    def __len__(self) -> int:
-        return len(self.group)
-
-    def take(self, rows: np.ndarray) -> Impacts:
-        return Impacts(self.v_in[rows], self.v_out[rows], self.group[rows])
-
 
 def as_rebounds(impacts: Impacts) -> Impacts:
     """Impacts as the model knows them: one that did not leave the surface leaves it with 1 % of

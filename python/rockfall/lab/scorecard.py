@@ -16,12 +16,12 @@ from pathlib import Path
 import numpy as np
 
 from rockfall.errors import RockfallError
+from rockfall.lab.bounce import admissible
 from rockfall.lab.fit import ImpactSet
 from rockfall.lab.setfile import write_sets
 
 LEAST_REBOUNDS = 20  # of a class of incidence angles, for a mean
 DRAWS = 4000  # of A, for the means of R_t and R_n of a set alone
-K_SPHERE = 0.4  # I/(m R_b^2)
 
 
 @dataclass(frozen=True)
@@ -113,9 +113,9 @@ def restitution(
     t, n = np.cos(np.radians(angle)), -np.sin(np.radians(angle))
     if angle == 90:
         t = 0.0
-    out = draws.reshape(-1, 3, 3) @ np.array([t, n, 0.0])
-    energy = out[:, 0] ** 2 + out[:, 1] ** 2 + K_SPHERE * out[:, 2] ** 2
-    out = out[(out[:, 1] > 0) & (energy <= 1)]
+    v_in = np.array([t, n, 0.0])
+    out = draws.reshape(-1, 3, 3) @ v_in
+    out = out[admissible(v_in[None], out)]
     return out[:, 0] / (t or np.nan), -out[:, 1] / n
 
 
