@@ -12,6 +12,8 @@ import pytest
 import rasterio
 
 import rockfall
+from rockfall.lab import talus
+from rockfall.lab.talus import Talus
 
 CASES = Path(__file__).parents[1] / "cases"
 VAUJANY, PLANE = CASES / "vaujany", CASES / "plane"
@@ -35,7 +37,7 @@ def slope():
 
 
 def test_vaujany_rasters_are_those_of_the_script():
-    elevation, zones = script(VAUJANY / "make_terrain.py").slope()
+    elevation, zones = Talus().elevation(), talus.zones()
     with rasterio.open(VAUJANY / "dem.tif") as dem, rasterio.open(VAUJANY / "zones.tif") as ids:
         assert np.abs(dem.read(1) - elevation).max() < 1e-4
         assert (ids.read(1) == zones).all()
@@ -66,22 +68,31 @@ def test_vaujany_lines_lie_185_and_235_m_down_the_slope(slope):
 
 
 def test_vaujany_channel_roads_and_river():
-    made = script(VAUJANY / "make_terrain.py")
     s = np.array([150.0, 151.0])
-    assert -np.diff(made.profile(s))[0] == pytest.approx(np.tan(np.radians(38)), rel=1e-3)
-    for centre, width in made.ROADS.values():
-        across = made.profile(np.array([centre - 0.4 * width, centre + 0.4 * width]))
+    assert -np.diff(Talus().profile(s))[0] == pytest.approx(np.tan(np.radians(38)), rel=1e-3)
+    for centre, width in talus.ROADS.values():
+        across = Talus().profile(np.array([centre - 0.4 * width, centre + 0.4 * width]))
         assert 0 < across[0] - across[1] < 0.1 * width
-    _, zones = made.slope()
+    zones = talus.zones()
     assert (zones == 2).any(axis=0).all()  # the river crosses from edge to edge
     assert {1, 3, 4, 5, 10, 11, 12, 14} <= set(np.unique(zones))
 
 
 def test_vaujany_relief_is_no_part_of_the_mean():
-    made = script(VAUJANY / "make_terrain.py")
-    relief = made.relief()
+    relief = Talus().rough()
     assert relief.std() == pytest.approx(0.3) and abs(relief.mean()) < 1e-12
     assert np.abs(np.diff(relief, axis=0)).max() < 1  # filtered, not white
+
+
+def test_what_is_not_known_of_the_slope_of_vaujany_changes_it_alone():
+    z, smooth = Talus().elevation(), Talus(relief=0)
+    assert (Talus(seed=2).elevation() - z).std() > 0.3
+    assert np.abs(Talus(relief=0.6).rough() - 2 * Talus().rough()).max() < 1e-12
+    deep = smooth.elevation() - Talus(relief=0, channel=1.0).elevation()
+    assert deep.min() == pytest.approx(-1, abs=0.05) and abs(deep.max()) < 1e-4
+    level = Talus(roads=1.0).profile(np.array([88.5, 91.5]))
+    assert level[0] == level[1]
+    assert (Talus(roads=0.0).profile(s := np.arange(600.0)) == Talus().natural(s)).all()
 
 
 def test_vaujany_zones_all_have_rows():

@@ -15,11 +15,12 @@ from made import make_raster, refused
 from rockfall import ensemble
 from rockfall.cli import main
 from rockfall.ensemble import RESULTS
+from rockfall.errors import RockfallError
 from rockfall.scene import read_scene
 from rockfall.statistics import Z, line_numbers, line_values
 from rockfall.uncertain import Uncertain, drawn_scene, gaussian_field
 from rockfall.variance import LEAST, deviations, parts, shares
-from scenes import grid, make_case, rough, sets
+from scenes import grid, make_case, rough, sets, write_sets
 from test_batch import find_program
 
 TERRAIN = rough()
@@ -229,6 +230,48 @@ def test_every_run_can_be_made_again_from_what_is_kept(tmp_path):
         value = found["value"].isel(run=k, line=0).sel(variant=side)
         assert value.sel(result="share") == table.loc["speed", "share"]
         assert value.sel(result="speed.mean") == table.loc["speed", "mean"]
+
+
+def test_the_draws_of_a_file_are_as_many_files(tmp_path):
+    mean, covariance = sets()
+    other = 0.97 * mean, 1.2 * covariance
+    for name, draws in ("b.nml", [other]), ("both.nml", [other, (mean, covariance)]):
+        texts = []
+        for draw, one in reversed([*enumerate(draws, 1)]):  # in any order
+            write_sets(tmp_path / name, *one, lambda _: f" draw = {draw}\n")  # noqa: B023
+            texts.append((tmp_path / name).read_text())
+        (tmp_path / name).write_text("".join(texts))
+    told = [
+        vary(case_of(tmp_path, 60, ensemble={"runs": 8, "sets": names}))
+        for names in (["b.nml", "sets.nml"], ["both.nml"])
+    ]
+    assert told[0]["value"].equals(told[1]["value"])
+    assert told[0]["drawn_set"].equals(told[1]["drawn_set"])
+
+
+DRAWS = {  # of each of five groups
+    (1, 1, 2, 1, 1): "no &impact_set for ratio 3 of draw 1; a file needs ratios 1 to 5",
+    (2, 2, 2, 2, 2): "no &impact_set for ratio 1 2 3 4 5 of draw 1; a file needs ratios 1 to 5",
+    (1, 0, 1, 1, 1): "line 7: &impact_set draw = 0: must be 1 to 1000",
+    (1, 1001, 1, 1, 1): "line 7: &impact_set draw = 1001: must be 1 to 1000",
+    (1, "x", 1, 1, 1): "line 7: &impact_set draw = x: must be .*",
+}
+
+
+@pytest.mark.parametrize("numbers", DRAWS)
+def test_bad_draws_are_refused(tmp_path, numbers):
+    write_sets(tmp_path / "bad.nml", *sets(), lambda ratio: f" draw = {numbers[ratio - 1]}\n")
+    case = case_of(tmp_path, 60, ensemble={"runs": 8, "sets": ["sets.nml", "bad.nml"]})
+    with pytest.raises(RockfallError, match=f"bad.nml: {DRAWS[numbers]}"):
+        vary(case)
+
+
+def test_a_run_takes_one_draw(tmp_path):
+    text = (write_sets(tmp_path / "sets.nml", *sets())).read_text()
+    case = case_of(tmp_path, 60)
+    (tmp_path / "sets.nml").write_text(text + text.replace("ratio", "draw = 2, ratio"))
+    with pytest.raises(RockfallError, match="holds 2 draws of the sets: they are for &ensemble"):
+        rockfall.run(case, dem=TERRAIN, transform=grid(TERRAIN))
 
 
 def test_a_draw_depends_on_seed_input_and_number_alone(tmp_path):

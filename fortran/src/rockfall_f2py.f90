@@ -412,16 +412,22 @@ contains
    end subroutine variable
 
    !> The numbers of the five impact sets in a text, as in coefficients_t, for a rule of turning.
-   subroutine read_sets(text, name, turning, mean, covariance, incidence, lateral, code, message)
+   subroutine read_sets(text, name, turning, draw, mean, covariance, incidence, lateral, draws, code, message)
       character(len=*), intent(in) :: text, name
       integer(c_int), intent(in) :: turning
+      integer(c_int), intent(in) :: draw  !! 0: there must be one only
       real(c_double), intent(out) :: mean(9, 5), covariance(9, 9, 5), incidence(8, 5), lateral(13, 9, 5)
-      integer(c_int), intent(out) :: code
+      integer(c_int), intent(out) :: draws, code
       character(len=1024), intent(out) :: message
       type(coefficients_t) :: sets
       type(error_t), allocatable :: error
 
-      call read_impact_sets(text, name, turning, sets, error)
+      if (draw > 0) then
+         call read_impact_sets(text, name, turning, sets, error, draw, draws)
+      else
+         draws = 1
+         call read_impact_sets(text, name, turning, sets, error)
+      end if
       mean = sets%mean
       covariance = sets%covariance
       incidence = sets%incidence

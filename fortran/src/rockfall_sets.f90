@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Files of impact sets: one `&impact_set ratio, mean, covariance /` for each R_b/R_m = 1..5, and what it may hold
-!> besides: docs/impact_sets.md.
+!> besides: docs/impact_sets.md. A file may hold several draws of all five, for an ensemble.
 module rockfall_sets
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail
@@ -14,32 +14,47 @@ module rockfall_sets
    private
    public :: read_sets
 
-   character(len=*), parameter :: keys(*) = [character(len=10) :: "ratio", "mean", "covariance", "noise", &
+   character(len=*), parameter :: keys(*) = [character(len=10) :: "ratio", "mean", "covariance", "noise", "draw", &
                                             "incidence", "lateral"]
-   integer, parameter :: lengths(4) = [1, 9, 45, 6]  !! of the first; matrices by their lower triangle, by rows
+   integer, parameter :: lengths(5) = [1, 9, 45, 6, 1]  !! of the first; matrices by their lower triangle, by rows
    integer, parameter :: required = 3                !! keys
+   integer, parameter :: max_draws = 1000
 
 contains
 
    !> The numbers of the sets in a text, each checked by factoring it, with what the case's rule of turning needs.
-   subroutine read_sets(text, file, turning, sets, error)
+   !> Without `draw` there must be one draw only.
+   subroutine read_sets(text, file, turning, sets, error, draw, draws)
       character(len=*), intent(in) :: text
       character(len=*), intent(in) :: file  !! its name, for messages
       integer, intent(in) :: turning           !! rule of turning_t
       type(coefficients_t), intent(out) :: sets
       type(error_t), allocatable, intent(out) :: error
+      integer, intent(in), optional :: draw    !! the one to read
+      integer, intent(out), optional :: draws  !! that there are
       type(namelist_t) :: list
       type(impact_set_t) :: set
       logical :: found(impact_ratios)
       integer(i8) :: ratio
-      integer :: g
+      integer :: g, wanted
+      integer, allocatable :: belongs(:)
+      character(len=:), allocatable :: of_draw
 
       found = .false.
+      wanted = 1
+      if (present(draws)) draws = 1
+      if (present(draw)) wanted = draw
       call parse_namelist(text, file, list, error)
+      if (.not. allocated(error)) call read_draws(list, belongs, error)
       if (allocated(error)) return
+      if (present(draws)) draws = max(1, maxval(belongs))
+      if (.not. present(draw) .and. any(belongs > 1)) then
+         call fail(error, file//": holds "//integer_text(maxval(belongs))//" draws of the sets: they are for &ensemble sets")
+         return
+      end if
       do g = 1, size(list%group)
-         call check_group(list%group(g), error)
-         if (.not. allocated(error)) call get_integer(list%group(g), "ratio", ratio, error)
+         if (belongs(g) /= wanted) cycle
+         call get_integer(list%group(g), "ratio", ratio, error)
          if (allocated(error)) return
          if (ratio < 1 .or. ratio > impact_ratios) then
             call refuse(list%group(g), "ratio", "must be 1 to "//integer_text(impact_ratios), error)
@@ -58,9 +73,34 @@ contains
          end if
          if (allocated(error)) return
       end do
-      if (.not. all(found)) call fail(error, file//": no &impact_set for ratio" &
-                                      //missing(found)//"; a file needs ratios 1 to "//integer_text(impact_ratios))
+      if (all(found)) return
+      of_draw = ""
+      if (any(belongs > 1)) of_draw = " of draw "//integer_text(wanted)
+      call fail(error, file//": no &impact_set for ratio"//missing(found)//of_draw// &
+                "; a file needs ratios 1 to "//integer_text(impact_ratios))
    end subroutine read_sets
+
+   !> Check all groups, and find the draw that each belongs to.
+   subroutine read_draws(list, belongs, error)
+      type(namelist_t), intent(in) :: list
+      integer, allocatable, intent(out) :: belongs(:)
+      type(error_t), allocatable, intent(out) :: error
+      integer(i8) :: draw
+      integer :: g
+
+      allocate (belongs(size(list%group)), source=1)
+      do g = 1, size(list%group)
+         call check_group(list%group(g), error)
+         draw = 1
+         if (.not. allocated(error)) call get_integer(list%group(g), "draw", draw, error)
+         if (allocated(error)) return
+         if (draw < 1 .or. draw > max_draws) then
+            call refuse(list%group(g), "draw", "must be 1 to "//integer_text(max_draws), error)
+            return
+         end if
+         belongs(g) = int(draw)
+      end do
+   end subroutine read_draws
 
    !> Only known keys, all that must be there, each with its number of values.
    pure subroutine check_group(group, error)

@@ -256,8 +256,7 @@ def _with_attributes(data: dict[str, Any], case: Case, base: _Run, inputs: Uncer
     names = ("Conventions", "title", "source", "case_file", "seed")
     attrs = {name: run.attrs[name] for name in names}
     checksums = json.loads(run.attrs["input_checksums"])
-    listed = zip(case.ensemble.get("sets", []), inputs.sets, strict=True)
-    checksums |= {f"ensemble sets {name}": checksum for name, (*_, checksum) in listed}
+    checksums |= {f"ensemble sets {name}": one for name, one in inputs.set_checksums.items()}
     attrs |= {
         "case": case.text(),
         "boulders": inputs.scene.boulders,

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from matplotlib import figure
 
     from rockfall.flights import Terrain
-    from rockfall.lab.scorecard import Sets
+    from rockfall.lab.sets import Sets
 
 __all__ = ["Figure", "figures", "map_figure", "terrain_of", "write_figures"]
 
@@ -190,13 +190,13 @@ def _rebounds(result: xr.Dataset) -> Iterator[Figure]:
 
 def set_of(result: xr.Dataset) -> Sets | None:
     """The impact set of a run, where its file is still there as it was."""
-    from rockfall.lab.scorecard import read_sets
+    from rockfall.lab.sets import read_sets
     from rockfall.scene import _checksum, set_path
 
     try:
         path = set_path(case_of(result))
         same = _checksum(path) == result.attrs["impact_set_checksum"]
-        return read_sets(path) if same else None
+        return read_sets(path)[0] if same else None
     except RockfallError:
         return None
 

@@ -436,12 +436,33 @@ def _noted(
 
 def read_sets(case: Case, path: Path) -> tuple[Coefficients, str]:
     """The impact sets in a file, with all that the case needs of them, and its checksum."""
+    text = _sets_text(path)
+    sets, _ = _sets_of(case, path, text, 0)
+    return sets, hashlib.sha256(text).hexdigest()
+
+
+def read_set_draws(case: Case, path: Path) -> tuple[list[Coefficients], str]:
+    """The same of a file that may hold several draws of them."""
+    text = _sets_text(path)
+    first, draws = _sets_of(case, path, text, 1)
+    rest = [_sets_of(case, path, text, draw)[0] for draw in range(2, draws + 1)]
+    return [first, *rest], hashlib.sha256(text).hexdigest()
+
+
+def _sets_text(path: Path) -> bytes:
     check_text_file(path)
-    text, turning = path.read_bytes(), TURNINGS[case.impact["turning"]]
-    *values, code, message = _core.read_sets(text or b"\n", str(path).encode(), turning)
+    return path.read_bytes()
+
+
+def _sets_of(case: Case, path: Path, text: bytes, draw: int) -> tuple[Coefficients, int]:
+    """A draw of the sets in a text, and how many there are; 0: the only one."""
+    turning = TURNINGS[case.impact["turning"]]
+    *values, draws, code, message = _core.read_sets(
+        text or b"\n", str(path).encode(), turning, draw
+    )
     if code:
         raise RockfallError(message.decode(errors="replace").strip(), code)
-    return Coefficients(*values), hashlib.sha256(text).hexdigest()
+    return Coefficients(*values), draws
 
 
 def _blocks(

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from rockfall.errors import RockfallError, need
-from rockfall.scene import Scene, read_sets, set_path
+from rockfall.scene import Coefficients, Scene, read_set_draws, set_path
 
 INPUTS = ("volume", "drop_height", "source", "sets", "dem", "radius")
 NUMBERS = (2, 1, 2, 1, 0, None)  # that an input needs in a draw; radius: one for each zone
@@ -44,6 +44,12 @@ class Uncertain:
 
     def __init__(self, scene: Scene) -> None:
         self.scene, self.told = scene, scene.case.ensemble
+        self.sets: list[Coefficients] = []
+        self.set_checksums: dict[str, str] = {}
+        for name in self.told.get("sets", []):
+            path = set_path(scene.case, name, "ensemble")
+            draws, self.set_checksums[name] = read_set_draws(scene.case, path)
+            self.sets += draws
         self.names = [name for name in INPUTS if self._varies(name)]
         if not self.names:
             raise RockfallError(
@@ -54,10 +60,6 @@ class Uncertain:
         radii = 1 if scene.values is not None else len(scene.sizes)
         self.ends = np.cumsum([0, *(radii if n is None else n for n in NUMBERS)])
         self.design = self._design()
-        self.sets = [
-            read_sets(scene.case, set_path(scene.case, name, "ensemble"))
-            for name in self.told.get("sets", [])
-        ]
         longest = max(scene.grid.shape) * scene.grid.cell
         if self.told["dem_error"] > 0 and self.told["dem_correlation"] > longest:
             raise RockfallError(
@@ -68,7 +70,7 @@ class Uncertain:
 
     def _varies(self, name: str) -> bool:
         if name == "sets":
-            return len(self.told.get("sets", [])) > 1
+            return len(self.sets) > 1
         if name in ("dem", "source"):
             return self.told["dem_error" if name == "dem" else "source_shift"] > 0
         keys = [f"{name}_factor"] + ["volume_std_factor"] * (name == "volume")
@@ -159,7 +161,7 @@ class Uncertain:
 
     def _sets(self, numbers: np.ndarray) -> Draw:
         which = int(numbers[0] * len(self.sets))
-        return Draw({"sets": self.sets[which][0]}, kept={"set": which})
+        return Draw({"sets": self.sets[which]}, kept={"set": which})
 
 
 def _normal(uniform: np.ndarray) -> np.ndarray:

@@ -44,8 +44,11 @@ def add_lab(commands: argparse._SubParsersAction) -> None:
         help="the case of the slope; default: cases/vaujany",
     )  # fmt: skip
     card.add_argument(
-        "--replicates", metavar="N", type=int, default=30, help="for standard errors; default: 30"
-    )
+        "--slopes", metavar="N", type=int, default=32,
+        help="of the site's recipe, for means and standard errors; default: 32",
+    )  # fmt: skip
+    card.add_argument("--turning", default="past_aspect", help="as &impact turning")
+    card.add_argument("--rg-reading", default="diameter", help="as &surface rg_reading")
     remake = verb("remake", "make set files again from their provenance, and compare all bits")
     remake.add_argument("sets", metavar="SETS", nargs="+", help="shipped or files")
     for one in (pack, impact, remake):
@@ -65,9 +68,7 @@ def _pack(arguments: argparse.Namespace) -> int:
         need("a picture needs", "report", "matplotlib")
         check_output(arguments.output, FIGURE, [arguments.case])
     case = read_lab_case(arguments.case)
-    layers = pack_layers(
-        case, arguments.ratio, count=arguments.layers, threads=arguments.threads
-    )
+    layers = pack_layers(case, arguments.ratio, count=arguments.layers, threads=arguments.threads)
     unit = case.packing["mean_radius"]
     print(f"{'layer':>6}{'bodies':>8}{'surface [R_m]':>15}{'solid':>8}{'floor/weight':>14}")
     for k in range(len(layers)):
@@ -127,25 +128,22 @@ def _fit(arguments: argparse.Namespace) -> int:
 
 
 def _scorecard(arguments: argparse.Namespace) -> int:
-    from rockfall.lab.scorecard import Site, by_ratio, read_sets, standard_errors, table
+    from rockfall.lab.scorecard import by_ratio, score, table, targets
+    from rockfall.lab.sets import read_sets
+    from rockfall.lab.site import Site
     from rockfall.progress import progress_bar
     from rockfall.scene import shipped_sets
 
-    if arguments.replicates < 2:
-        raise RockfallError(f"--replicates {arguments.replicates}: must be 2 or more")
-    need("the scorecard needs", "report", "scipy")
+    if arguments.slopes < 2:
+        raise RockfallError(f"--slopes {arguments.slopes}: must be 2 or more")
     sets = [read_sets(name) for name in arguments.sets or shipped_sets()]
     site = Site(arguments.site)
-    rows = []
-    total = len(sets) * arguments.replicates
-    with progress_bar(total, not arguments.quiet, "replicates") as advance:
-        for one in sets:
-            numbers = site.numbers(one.mean, one.covariance)
-            errors = standard_errors(one, site, arguments.replicates, advance)
-            rows.append((one.name, numbers, errors))
-    print(table(rows))
-    for one in sets:
-        print("\n" + by_ratio(one))
+    how = {"turning": arguments.turning, "reading": arguments.rg_reading}
+    with progress_bar(len(sets) * arguments.slopes, not arguments.quiet, "slopes") as advance:
+        scores = [score(draws, site, arguments.slopes, advance, **how) for draws in sets]
+    print(table(scores, targets(arguments.site)))
+    for draws in sets:
+        print("\n" + by_ratio(draws[0]))
     return 0
 
 

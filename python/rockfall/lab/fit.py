@@ -115,8 +115,8 @@ def within_points(data: xr.Dataset, ratio: float, state: str = "peak") -> np.nda
     return total / freedom
 
 
-def fit_set(impacts: Impacts, seed: int = 1) -> ImpactSet:
-    """The likeliest M and C, with standard errors.
+def fit_set(impacts: Impacts, seed: int = 1, groups: int = GROUPS) -> ImpactSet:
+    """The likeliest M and C, with standard errors from as many `groups` of layers; without: NaN.
 
     A RockfallError tells of too few impacts, and of incident velocities too much alike.
     """
@@ -129,7 +129,10 @@ def fit_set(impacts: Impacts, seed: int = 1) -> ImpactSet:
     z = np.random.default_rng(seed).standard_normal((len(x), DRAWS, 3))
     mean, covariance, redrawn = _likeliest(x, y, z, np.ones(len(x)))
     kinds, group = np.unique(impacts.group, return_inverse=True)
-    parts = min(GROUPS, len(kinds))
+    parts = min(groups, len(kinds))
+    if not parts:
+        unknown = np.full(9, np.nan), np.full((9, 9), np.nan)
+        return ImpactSet(mean, covariance, *unknown, len(x), redrawn)
     means, covariances = [], []
     for part in range(parts):
         weight = (group % parts != part).astype(float)

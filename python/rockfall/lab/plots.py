@@ -11,7 +11,7 @@ import numpy as np
 
 from rockfall.lab.case import names
 from rockfall.lab.experiment import ENDED, STATUS
-from rockfall.lab.scorecard import restitution
+from rockfall.lab.sets import restitution
 from rockfall.style import BLUE, GREY, INK, STYLE, VERMILION, WIDE, new_figure, save, styled
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from rockfall.lab.experiment import Layers
-    from rockfall.lab.scorecard import Sets
+    from rockfall.lab.sets import Sets
 
 ROCK, BOULDER = "#D9D4CB", "#E69F00"
 ANGLES = np.arange(5.0, 90.1, 2.5)  # incidence [degrees]

@@ -1,0 +1,68 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Impact sets as numbers, and the restitution that follows from them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from rockfall.errors import RockfallError
+from rockfall.lab.bounce import admissible
+
+DRAWS = 4000  # of A, for the means of R_t and R_n
+
+
+@dataclass(frozen=True)
+class Sets:
+    """The five sets of a file: means (5, 9) and covariances (5, 9, 9) of a1..a9."""
+
+    name: str
+    mean: np.ndarray
+    covariance: np.ndarray
+
+
+def read_sets(source: str | Path) -> list[Sets]:
+    """The draws in a set file, or in a set that is shipped with the program, by its name: one, or
+    those of an ensemble."""
+    from rockfall._core import rockfall_f2py as core
+    from rockfall.scene import TURNINGS, shipped_sets
+
+    path = shipped_sets().get(str(source), Path(source))
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise RockfallError(f"{source}: cannot be read: {error}") from error
+    turning = TURNINGS["past_aspect"]  # needs nothing but the matrices
+    found: list[Sets] = []
+    draws = 1
+    while len(found) < draws:
+        mean, covariance, *_, draws, code, message = core.read_sets(
+            text.encode() or b"\n", str(source).encode(), turning, len(found) + 1
+        )
+        if code:
+            raise RockfallError(message.decode().strip(), code)
+        found.append(Sets(Path(source).stem, mean.T, covariance.T))
+    return found
+
+
+def restitution(
+    mean: np.ndarray, covariance: np.ndarray, angle: float, seed: int = 1
+) -> tuple[np.ndarray, np.ndarray]:
+    """R_t and R_n (draws,) of one set at an incidence angle [degrees] without spin.
+
+    Only admissible draws: V_n_out > 0, no energy gained (model, section 4). At 90 degrees R_t is
+    NaN.
+    """
+    generator = np.random.Generator(np.random.PCG64(seed))
+    draws = generator.multivariate_normal(
+        mean, covariance, DRAWS, method="eigh", check_valid="ignore"
+    )
+    t, n = np.cos(np.radians(angle)), -np.sin(np.radians(angle))
+    if angle == 90:
+        t = 0.0
+    v_in = np.array([t, n, 0.0])
+    out = draws.reshape(-1, 3, 3) @ v_in
+    out = out[admissible(v_in[None], out)]
+    return out[:, 0] / (t or np.nan), -out[:, 1] / n

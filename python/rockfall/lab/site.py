@@ -1,0 +1,180 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Impact sets on the slope of cases/vaujany, by methods A and B of the paper: the numbers that
+Bourrier et al. (2009) print, and some that they do not."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rockfall.errors import RockfallError
+from rockfall.lab.fit import ImpactSet
+from rockfall.lab.setfile import write_sets
+from rockfall.lab.sets import restitution
+from rockfall.lab.talus import CELL, NORTH, WEST, Talus
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+#: Quantities of table 2, with their variables and the units of the paper.
+QUANTITIES = {
+    "speed": ("line_speed", 1.0),
+    "passing_height": ("line_passing_height", 1.0),
+    "energy_translational": ("line_energy_translational", 1e-3),
+}
+CASES = {"A": "case_A.nml", "B": "case.nml"}
+TURNS = 22.5, 45.0  # limits of the classes of turns [degree]
+SHORT = 20.0, 40.0  # from the release along the slope [m]: where boulders slid to a stop
+SHARE = 0.75  # of the incident energy, tangential
+MIN_PASSED = 20  # boulders, for a mean
+MIN_REBOUNDS = 20  # of a class of incidence angles and a ratio, for a mean
+
+
+class Site:
+    """The experimental slope, or rather its stand-in."""
+
+    def __init__(self, folder: str | Path, boulders: int = 2000, trajectories: int = 200) -> None:
+        from rockfall.case import read_case
+
+        folder = Path(folder)
+        if not (folder / CASES["B"]).exists():
+            raise RockfallError(
+                f"{folder}: no case.nml there: the scorecard needs the folder cases/vaujany"
+            )
+        output = {"trajectories": min(boulders, trajectories), "maps": None}
+        self._cases = {
+            method: read_case(folder / name).replace(case={"boulders": boulders}, output=output)
+            for method, name in CASES.items()
+        }
+
+    def run(
+        self, mean: np.ndarray, covariance: np.ndarray, *, seed: int = 1,
+        talus: Talus | None = None, reading: str = "diameter", turning: str = "past_aspect",
+        threads: int = 0,
+    ) -> dict[str, xr.Dataset]:  # fmt: skip
+        """Results by method of five sets, means (5, 9) and covariances (5, 9, 9): on the terrain of
+        the case, or on a slope of the same recipe."""
+        import rasterio
+
+        import rockfall
+
+        terrain = {}
+        if talus is not None:
+            transform = rasterio.Affine(CELL, 0, WEST, 0, -CELL, NORTH)
+            terrain = {"dem": talus.elevation(), "transform": transform}
+        results = {}
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "sets.nml"
+            nothing = np.zeros(9), np.zeros((9, 9))
+            exact = {
+                k + 1: ImpactSet(mean[k], covariance[k], *nothing, 0, 0.0) for k in range(len(mean))
+            }
+            write_sets(path, exact, [])
+            for method, case in self._cases.items():
+                results[method] = rockfall.run(
+                    case.replace(
+                        case={"seed": seed, "threads": threads},
+                        impact={"sets": str(path), "turning": turning},
+                        surface={"rg_reading": reading},
+                    ),
+                    **terrain,
+                )
+        return results
+
+    def numbers(self, mean: np.ndarray, covariance: np.ndarray, **how) -> dict[str, float]:
+        """What the sets give; `how` as in `run`."""
+        results = self.run(mean, covariance, **how)
+        found = {}
+        for method, result in results.items():
+            for line in result["line"].values:
+                found |= _at_line(result.sel(line=line), f"{method}_{line}")
+        found["a_slower"] = found["B_EL1_speed"] - found["A_EL1_speed"]
+        return found | _over_rebounds(mean, covariance, results["B"])
+
+
+def _at_line(at: xr.Dataset, name: str) -> dict[str, float]:
+    """Mean, deviation and maximum of each quantity, and more; NaN where too few boulders pass."""
+    passed = at["line_speed"].notnull().values
+    found = {f"{name}_passing": _mean(passed)}
+    if passed.sum() < MIN_PASSED:
+        passed = np.zeros_like(passed)
+    for quantity, (variable, scale) in QUANTITIES.items():
+        values = at[variable].values[passed] * scale
+        found[f"{name}_{quantity}"] = _mean(values)
+        found[f"{name}_{quantity}_std"] = values.std(ddof=1) if values.size else np.nan
+        found[f"{name}_{quantity}_max"] = values.max() if values.size else np.nan
+    rotation, motion = at["line_energy_rotational"], at["line_energy_translational"]
+    share = (rotation / (rotation + motion)).values[passed]
+    found[f"{name}_rotational_share"] = _mean(share)
+    found[f"{name}_rotational_share_std"] = share.std(ddof=1) if share.size else np.nan
+    across = at["line_x"].values[passed]
+    found[f"{name}_spread"] = across.std(ddof=1) if across.size else np.nan
+    return found
+
+
+def _over_rebounds(
+    mean: np.ndarray, covariance: np.ndarray, result: xr.Dataset
+) -> dict[str, float]:
+    """R_t, R_n and turns of the rebounds of the recorded trajectories; shares of all.
+
+    R_n by class of incidence is the mean for each R_b/R_m apart, then over the ratios, each with
+    its share of all rebounds. Without this standard mixture a class would tell what ground the few
+    steep rebounds met rather than how R_n depends on the angle.
+    """
+    t, n = result["trajectory_in_t"].values, result["trajectory_in_n"].values
+    hit = np.isfinite(t) & (t > 0) & (n < 0)
+    angle = np.degrees(np.arctan2(-n[hit], t[hit]))
+    r_t = result["trajectory_out_t"].values[hit] / t[hit]
+    r_n = -result["trajectory_out_n"].values[hit] / n[hit]
+    ratio = np.clip(np.rint(result["trajectory_ratio"].values[hit]), 1, 5)
+    used = np.array([(ratio == k).mean() if ratio.size else np.nan for k in range(1, 6)])
+
+    def over(values: np.ndarray, low: float, high: float) -> float:
+        inside = (angle >= low) & (angle < high)
+        classes = [values[inside & (ratio == k)] for k in range(1, 6)]
+        enough = np.array([one.size >= MIN_REBOUNDS for one in classes])
+        if not enough.any():
+            return np.nan
+        means = [one.mean() for one, known in zip(classes, enough, strict=True) if known]
+        return float(np.average(means, weights=used[enough]))
+
+    vertical = [_mean(restitution(mean[k], covariance[k], 90.0)[1]) for k in range(5)]
+    along = result["plan_distance"].values / np.cos(np.radians(Talus().angle))
+    turns = _turns(result)
+    return {
+        "rt": float(np.median(r_t)) if r_t.size else np.nan,
+        "rn_5_15": over(r_n, 5, 15),
+        "rn_vertical": float(used @ np.nan_to_num(vertical)),
+        "tangential": tangential_above(result, SHARE),
+        "stop_short": _mean((along >= SHORT[0]) & (along < SHORT[1])),
+        "turns_small": _mean(turns < TURNS[0]),
+        "turns_large": _mean(turns >= TURNS[1]),
+        **{f"used_{k + 1}": used[k] for k in range(5)},
+    }
+
+
+def _turns(result: xr.Dataset) -> np.ndarray:
+    """Turns of the path in plan at the contacts of the recorded trajectories [degree]."""
+    x, y = result["trajectory_velocity_x"].values, result["trajectory_velocity_y"].values
+    boulder = result["trajectory_boulder"].values
+    same = boulder[1:] == boulder[:-1]
+    cross = x[:-1] * y[1:] - y[:-1] * x[1:]
+    turn = np.degrees(np.abs(np.arctan2(cross, x[:-1] * x[1:] + y[:-1] * y[1:])))
+    moving = (np.hypot(x, y)[1:] > 0) & (np.hypot(x, y)[:-1] > 0)
+    return turn[same & moving & np.isfinite(turn)]
+
+
+def tangential_above(result: xr.Dataset, limit: float) -> float:
+    """Share of the rebounds with a larger tangential share of their incident energy; those of a bin
+    across the limit lie evenly in it."""
+    rebounds = result["tangential_share_histogram"].values
+    low, high = result["tangential_share_bin_bounds"].values.T
+    above = np.clip((high - limit) / (high - low), 0, 1)
+    return float((above * rebounds).sum() / max(1, rebounds.sum()))
+
+
+def _mean(values: np.ndarray) -> float:
+    return float(values.mean()) if values.size else np.nan

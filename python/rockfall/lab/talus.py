@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The stand-in for the experimental slope of Bourrier et al. (2009), whose terrain model was never
+published: a talus slope with a channel, roads and a valley floor, as the paper describes it.
+
+What the paper leaves open is a field of `Talus`, so that a calibration can ask what it matters.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+CELL, NX, NY = 2.5, 80, 240  # [m]: 200 m across the slope, 600 m down it
+WEST, NORTH = 0.0, 600.0  # [m]: outer edges of the upper left cell
+BENDS = [0, 20, 330, 400, 460, 520, 600]  # plan distance from the top edge [m]
+ROADS = {14: (90, 4.0), 4: (295, 4.5), 10: (450, 5.0)}  # zone: plan distance, width [m]
+SMOOTHING = 1.5  # Gaussian filter of the relief [cells]
+
+
+@dataclass(frozen=True)
+class Talus:
+    """What is not known of the slope."""
+
+    seed: int = 20090601  # of the relief
+    relief: float = 0.3  # standard deviation [m]
+    channel: float = 2.0  # depth [m]
+    roads: float = 0.9  # part of the fall across a road that it takes out
+    angle: float = 38.0  # of the talus [degree]
+
+    def natural(self, s: np.ndarray) -> np.ndarray:
+        """Elevation [m] along the slope at plan distance `s` [m] from its top, without roads."""
+        step = 0.01
+        middle = np.arange(0, 600, step) + step / 2
+        angle = np.interp(middle, BENDS, [self.angle] * 3 + [30, 18, 2, 0])
+        fall = np.cumsum(step * np.tan(np.radians(angle)))
+        return 1400 - np.interp(s, np.append(0, middle + step / 2), np.append(0, fall))
+
+    def profile(self, s: np.ndarray) -> np.ndarray:
+        """The same with roads: benches, cut into the slope above their axis and filled up below."""
+        z = self.natural(s)
+        for axis, width in ROADS.values():
+            level = self.natural(np.array(axis))
+            z = np.where(np.abs(s - axis) < width / 2, level + (1 - self.roads) * (z - level), z)
+        return z
+
+    def rough(self) -> np.ndarray:
+        """The relief: white noise through a Gaussian filter, (NY, NX) [m]."""
+        margin = 8  # more than five standard deviations of the filter: no edge effects
+        shape = NY + 2 * margin, NX + 2 * margin
+        raw = np.random.Philox(key=self.seed).random_raw(shape[0] * shape[1])  # in every NumPy
+        noise = raw.reshape(shape) / 2.0**64 - 0.5
+        weight = np.exp(-0.5 * (np.arange(-margin, margin + 1) / SMOOTHING) ** 2)
+        for axis in 0, 1:
+            noise = np.apply_along_axis(np.convolve, axis, noise, weight, mode="valid")
+        return self.relief * (noise - noise.mean()) / noise.std()
+
+    def elevation(self) -> np.ndarray:
+        """(NY, NX), north first [m]."""
+        s, off_axis = _place()
+        depth = np.interp(s, [0, 30, 250, 330], [self.channel / 4, self.channel, self.channel, 0])
+        z = self.profile(s) - depth * np.exp(-((off_axis / 4) ** 2)) + self.rough()
+        return z.astype("f4")
+
+
+def zones() -> np.ndarray:
+    """Ids of the zones of table 1, (NY, NX), north first."""
+    s, off_axis = _place()
+    x = CELL * (np.arange(NX) + 0.5)[None, :]
+    ids = np.full((NY, NX), 3)  # talus
+    ids[np.abs(off_axis) <= 5] = 1  # the channel
+    for begin, zone in (300, 5), (470, 11), (540, 12):  # rougher talus, soils, fine soils
+        ids[s[:, 0] > begin] = zone
+    for zone, (axis, width) in ROADS.items():
+        ids[np.abs(s[:, 0] - axis) < width / 2] = zone
+    ids[np.abs(s - (568 + 5 * np.sin(x / 25))) < 4] = 2  # the river, 8 m wide
+    return ids.astype("u1")
+
+
+def _place() -> tuple[np.ndarray, np.ndarray]:
+    """Plan distance from the top edge (NY, 1) and from the channel's axis (NY, NX) [m]."""
+    s = (CELL * (np.arange(NY) + 0.5))[:, None]
+    x = CELL * (np.arange(NX) + 0.5)[None, :]
+    return s, x - (100 + 8 * np.sin(s / 90))
