@@ -23,6 +23,7 @@ import numpy as np
 from rockfall.errors import RockfallError
 from rockfall.lab.bounce import MIN_NORMAL, admissible
 from rockfall.lab.experiment import ENDED, STATES, STATUS
+from rockfall.lab.lateral import Lateral, fit_lateral
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -44,15 +45,18 @@ class ImpactSet:
     covariance_error: np.ndarray
     impacts: int
     redrawn: float  # draws thrown away for each rebound, over the impacts
+    lateral: Lateral | None = None  # where lateral deviations are known
 
 
 @dataclass(frozen=True)
 class Impacts:
-    """What a set is fitted to: V_in and V_out (n, 3) [m/s], the layer or run of each, (n,)."""
+    """What a set is fitted to: V_in and V_out (n, 3) [m/s], the layer or run of each, (n,), and the
+    amount of its lateral deviation, (n,) [degrees], NaN where it is not known."""
 
     v_in: np.ndarray
     v_out: np.ndarray
     group: np.ndarray
+    lateral: np.ndarray | None = None
 
 
 def as_rebounds(impacts: Impacts) -> Impacts:
@@ -63,7 +67,8 @@ def as_rebounds(impacts: Impacts) -> Impacts:
     v_out = impacts.v_out.copy()
     v_out[:, 1] = np.maximum(v_out[:, 1], MIN_NORMAL * speed)
     kept = admissible(impacts.v_in, v_out) & (impacts.v_in[:, 1] < 0)
-    return Impacts(impacts.v_in[kept], v_out[kept], impacts.group[kept])
+    lateral = None if impacts.lateral is None else impacts.lateral[kept]
+    return Impacts(impacts.v_in[kept], v_out[kept], impacts.group[kept], lateral)
 
 
 def impacts_of(data: xr.Dataset, ratio: float, state: str = "peak") -> Impacts:
@@ -77,7 +82,9 @@ def impacts_of(data: xr.Dataset, ratio: float, state: str = "peak") -> Impacts:
     def velocity(when: str) -> np.ndarray:
         return np.stack([one[f"{v}_{when}"].values[ended] for v in ("vt", "vn", "w")], axis=1)
 
-    return Impacts(velocity("in"), velocity(state), layer[ended])
+    sine = np.minimum(np.abs(one[f"lateral_{state}"].values[ended]), 1)
+    lateral = np.degrees(np.arcsin(sine))
+    return Impacts(velocity("in"), velocity(state), layer[ended], lateral)
 
 
 def fit_impacts(data: xr.Dataset, state: str = "peak") -> dict[int, ImpactSet]:
@@ -137,7 +144,8 @@ def fit_set(impacts: Impacts, seed: int = 1) -> ImpactSet:
         means.append(found[0])
         covariances.append(found[1])
     errors = [np.sqrt((parts - 1) * np.var(one, axis=0)) for one in (means, covariances)]
-    return ImpactSet(mean, covariance, *errors, len(x), redrawn)
+    lateral = None if impacts.lateral is None else fit_lateral(impacts.v_in, impacts.lateral)
+    return ImpactSet(mean, covariance, *errors, len(x), redrawn, lateral)
 
 
 def _directions(impacts: Impacts) -> tuple[np.ndarray, np.ndarray]:

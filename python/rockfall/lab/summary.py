@@ -11,6 +11,7 @@ from rockfall.lab.bounce import Rebound, growth, neutral_slope, resampled_reboun
 from rockfall.lab.case import COEFFICIENTS
 from rockfall.lab.experiment import STATUS
 from rockfall.lab.fit import Impacts, as_rebounds, impacts_of, within_points
+from rockfall.lab.lateral import lateral_line
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -46,6 +47,7 @@ def fit_summary(data: xr.Dataset, sets: dict[int, ImpactSet], state: str) -> str
             f"  {found.redrawn:.2f} draws thrown away for each rebound; scatter within a point "
             f"{' '.join(f'{value:.2f}' for value in noise)} of |V_in| (V_t, V_n, W)"
         )
+        lines.append(lateral_line(as_rebounds(impacts).lateral))
         lines += bounce_lines(found, impacts)
     return "\n".join(lines)
 
