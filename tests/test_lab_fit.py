@@ -81,6 +81,14 @@ def test_bounces_by_the_set_are_those_by_the_impacts(found):
             assert abs(ours.mean - theirs.mean) < 0.03 and abs(ours.std - theirs.std) < 0.04
 
 
+def test_drawing_from_impacts_without_scatter_is_their_map():
+    """Whatever neighbour is drawn: it is taken to the incidence of the boulder."""
+    known, random = set_rebound(MEAN, np.zeros((9, 9))), np.random.default_rng(1)
+    one, now = incident(200, 4), incident(500, 5)
+    way = resampled_rebound(one, known(one, random))
+    np.testing.assert_allclose(way(now, random), known(now, random), atol=1e-10)
+
+
 def test_noise_within_an_impact_is_a_covariance_of_its_own():
     """V_out = A V_in + |V_in| e with covariance S of e has for each V_in the law of C + S (x) I."""
     noise = np.array([[0.02, 0.005, 0.0], [0.005, 0.01, 0.002], [0.0, 0.002, 0.015]])
