@@ -15,7 +15,7 @@ Impacts on one layer are not independent: standard errors leave out groups of la
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -32,6 +32,7 @@ GROUPS = 10  # of layers, left out one after the other
 DRAWS = 64  # for each impact, of the rebounds thrown away
 LEAPS = 60  # of three steps of expectation and maximisation, at most
 SETTLED = 5e-5  # change of every mean in a step, at the end
+LEAST_SCATTER = 1e-10  # of V_out / |V_in|, squared: rounding makes as much
 MIN_IMPACTS = 60  # fewer do not tell a mean from its scatter
 
 
@@ -58,6 +59,11 @@ class Impacts:
     group: np.ndarray
     lateral: np.ndarray | None = None
 
+    def some(self, these: np.ndarray) -> Impacts:
+        """Those of them for which `these` (n,) is true."""
+        lateral = None if self.lateral is None else self.lateral[these]
+        return Impacts(self.v_in[these], self.v_out[these], self.group[these], lateral)
+
 
 def as_rebounds(impacts: Impacts) -> Impacts:
     """Impacts as the model knows them: one that did not leave the surface leaves it with 1 % of
@@ -67,8 +73,7 @@ def as_rebounds(impacts: Impacts) -> Impacts:
     v_out = impacts.v_out.copy()
     v_out[:, 1] = np.maximum(v_out[:, 1], MIN_NORMAL * speed)
     kept = admissible(impacts.v_in, v_out) & (impacts.v_in[:, 1] < 0)
-    lateral = None if impacts.lateral is None else impacts.lateral[kept]
-    return Impacts(impacts.v_in[kept], v_out[kept], impacts.group[kept], lateral)
+    return replace(impacts, v_out=v_out).some(kept)
 
 
 def impacts_of(data: xr.Dataset, ratio: float, state: str = "peak") -> Impacts:
@@ -132,6 +137,8 @@ def fit_set(impacts: Impacts, seed: int = 1) -> ImpactSet:
         raise RockfallError(f"{len(x)} impacts: at least {MIN_IMPACTS} are needed for a set")
     if np.linalg.cond(x.T @ x / len(x)) > 1e4:
         raise RockfallError("the incident velocities are too much alike to tell a map from them")
+    if np.linalg.eigvalsh(_about_one_map(x, y)[1]).min() < LEAST_SCATTER:
+        raise RockfallError("the outgoing velocities do not scatter about one map of the incident")
     # the same numbers in every step, so that the steps converge
     z = np.random.default_rng(seed).standard_normal((len(x), DRAWS, 3))
     mean, covariance, redrawn = _likeliest(x, y, z, np.ones(len(x)))
@@ -157,14 +164,19 @@ def _directions(impacts: Impacts) -> tuple[np.ndarray, np.ndarray]:
     return impacts.v_in / length, impacts.v_out / length
 
 
+def _about_one_map(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The least-squares map (3, 3) of V_in to V_out, and the covariance (3, 3) about it."""
+    a = np.linalg.lstsq(x, y, rcond=None)[0].T
+    return a, np.cov((y - x @ a.T).T)
+
+
 def _likeliest(
     x: np.ndarray, y: np.ndarray, z: np.ndarray, weight: np.ndarray,
     start: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> tuple[np.ndarray, np.ndarray, float]:  # fmt: skip
     """M and C of weighted impacts, and the draws thrown away for each of them."""
     if start is None:
-        a = np.linalg.lstsq(x, y, rcond=None)[0].T
-        scatter = np.cov((y - x @ a.T).T)
+        a, scatter = _about_one_map(x, y)
         mean, covariance = a.ravel(), np.kron(scatter, np.eye(3))
     else:
         mean, covariance = start

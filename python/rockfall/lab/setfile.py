@@ -53,14 +53,19 @@ def provenance(data: xr.Dataset, state: str) -> list[str]:
     return lines + [CASE_MARK[2:] + line for line in case.text().splitlines()]
 
 
-def origin(path: str | Path) -> tuple[LabCase, str]:
-    """The laboratory case that a set file was made from, and the state that its sets are of."""
+def set_text(path: str | Path) -> str:
+    """The text of a set file."""
     try:
-        lines = Path(path).read_text(encoding="utf-8").splitlines()
+        return Path(path).read_text(encoding="utf-8")
     except OSError as error:
         raise RockfallError(f"{path}: cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
         raise RockfallError(f"{path}: is not text (UTF-8)") from error
+
+
+def origin(path: str | Path) -> tuple[LabCase, str]:
+    """The laboratory case that a set file was made from, and the state that its sets are of."""
+    lines = set_text(path).splitlines()
     text = [line[len(CASE_MARK) :] for line in lines if line.startswith(CASE_MARK)]
     if not text:
         raise RockfallError(f"{path}: does not say what laboratory case it was made from")
