@@ -6,6 +6,7 @@ import pytest
 from rockfall._core import rockfall_f2py as kernel
 
 from rockfall import RockfallError
+from rockfall.lab import fit
 from rockfall.lab.bounce import (
     admissible,
     growth,
@@ -126,6 +127,17 @@ def test_too_few_and_too_much_alike_are_refused():
     one = impacts(100)
     with pytest.raises(RockfallError, match="too much alike"):
         fit_set(Impacts(np.tile(one.v_in[0], (100, 1)), one.v_out, one.group))
+
+
+def test_a_law_that_has_lost_its_scatter_is_refused():
+    """Few impacts may be likeliest under such a law; rounding then makes its covariance none."""
+    one, z = impacts(60), np.zeros((60, 2, 3))
+    lost = np.append(MEAN, -1e-9 * np.eye(9))
+    with pytest.raises(RockfallError, match="60 impacts are too few: .* degenerate"):
+        fit._step(one.v_in, one.v_out, np.ones(60), z, lost)
+    exact = set_rebound(MEAN, np.zeros((9, 9)))(one.v_in, np.random.default_rng(1))
+    with pytest.raises(RockfallError, match="do not scatter about one map"):
+        fit_set(Impacts(one.v_in, exact, one.group))
 
 
 def test_the_file_reads_back_through_the_kernel(found, tmp_path):

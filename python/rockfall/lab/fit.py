@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 GROUPS = 10  # of layers, left out one after the other
 DRAWS = 64  # for each impact, of the rebounds thrown away
 LEAPS = 60  # of three steps of expectation and maximisation, at most
+LEAST_VALUE = 1e-9  # of a covariance after a leap, over its largest
 SETTLED = 5e-5  # change of every mean in a step, at the end
 LEAST_SCATTER = 1e-10  # of V_out / |V_in|, squared: rounding makes as much
 MIN_IMPACTS = 60  # fewer do not tell a mean from its scatter
@@ -204,7 +205,8 @@ def _leap(start: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarra
     length = np.linalg.norm(change) / max(np.linalg.norm(bend), 1e-300)
     while length > 1:
         found = start + 2 * length * change + length**2 * bend
-        if np.linalg.eigvalsh(_parts(found)[1]).min() > 0:
+        values = np.linalg.eigvalsh(_parts(found)[1])
+        if values[0] > LEAST_VALUE * values[-1]:
             return found
         length = (length + 1) / 2 if length > 1.1 else 1
     return second
@@ -232,13 +234,19 @@ def _step(
     sigma = np.einsum("nikj,nk->nij", gain, x)  # Cov(y)
     sigma = (sigma + sigma.transpose(0, 2, 1)) / 2 + 1e-12 * np.eye(3)
     gain = gain.reshape(-1, 9, 3)
+    try:
+        root = np.linalg.cholesky(sigma)
+    except np.linalg.LinAlgError:
+        raise RockfallError(
+            f"{len(x)} impacts are too few: their likeliest law is degenerate"
+        ) from None
     solved = np.linalg.solve(sigma, gain.transpose(0, 2, 1)).transpose(0, 2, 1)  # C X^T Sigma^-1
     rest = covariance - np.einsum("nai,nbi->nab", solved, gain)  # covariance of A, y known
     expected = x @ mean.reshape(3, 3).T
     # the matrix of each impact
     a = mean + np.einsum("nai,ni->na", solved, y - expected)
     # and of the draws thrown away before it
-    thrown = np.einsum("nij,ndj->ndi", np.linalg.cholesky(sigma), z)
+    thrown = np.einsum("nij,ndj->ndi", root, z)
     drawn = (expected[:, None] + thrown).reshape(-1, 3)
     bad = ~admissible(np.repeat(x, z.shape[1], axis=0), drawn).reshape(z.shape[:2])
     times = weight[:, None] * _thrown_away(bad)

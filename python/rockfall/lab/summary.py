@@ -73,7 +73,7 @@ def contacts_needed(found: ImpactSet) -> str:
     told = []
     for name in AIMED:
         error = found.mean_error[COEFFICIENTS.index(name)]
-        number = float(f"{found.impacts * (error / AIM) ** 2:.2g}")  # errors have one, of a quarter
+        number = float(f"{found.impacts * (error / AIM) ** 2:.2g}")  # to a factor of two
         told.append(f"{number:,.0f} for {name}")
     return f"  contacts for a standard error of {AIM:g}: about {', '.join(told)}"
 
