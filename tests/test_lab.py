@@ -96,6 +96,8 @@ def made(mean, case=FITTED):
         data[f"{name}_in"].values[:] = v_in[..., k]
         for state in STATES:
             data[f"{name}_{state}"].values[:] = v_out[..., k]
+    for state in STATES:
+        data[f"lateral_{state}"].values[:] = random.uniform(-1, 1, shape)
     data["status"].values[:] = STATUS["rebounded"]
     return data
 

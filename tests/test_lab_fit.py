@@ -6,6 +6,7 @@ import pytest
 from rockfall._core import rockfall_f2py as kernel
 
 from rockfall import RockfallError
+from rockfall.lab import fit
 from rockfall.lab.bounce import (
     admissible,
     growth,
@@ -81,6 +82,14 @@ def test_bounces_by_the_set_are_those_by_the_impacts(found):
             assert abs(ours.mean - theirs.mean) < 0.03 and abs(ours.std - theirs.std) < 0.04
 
 
+def test_drawing_from_impacts_without_scatter_is_their_map():
+    """Whatever neighbour is drawn: it is taken to the incidence of the boulder."""
+    known, random = set_rebound(MEAN, np.zeros((9, 9))), np.random.default_rng(1)
+    one, now = incident(200, 4), incident(500, 5)
+    way = resampled_rebound(one, known(one, random))
+    np.testing.assert_allclose(way(now, random), known(now, random), atol=1e-10)
+
+
 def test_noise_within_an_impact_is_a_covariance_of_its_own():
     """V_out = A V_in + |V_in| e with covariance S of e has for each V_in the law of C + S (x) I."""
     noise = np.array([[0.02, 0.005, 0.0], [0.005, 0.01, 0.002], [0.0, 0.002, 0.015]])
@@ -118,6 +127,17 @@ def test_too_few_and_too_much_alike_are_refused():
     one = impacts(100)
     with pytest.raises(RockfallError, match="too much alike"):
         fit_set(Impacts(np.tile(one.v_in[0], (100, 1)), one.v_out, one.group))
+
+
+def test_a_law_that_has_lost_its_scatter_is_refused():
+    """Few impacts may be likeliest under such a law; rounding then makes its covariance none."""
+    one, z = impacts(60), np.zeros((60, 2, 3))
+    lost = np.append(MEAN, -1e-9 * np.eye(9))
+    with pytest.raises(RockfallError, match="60 impacts are too few: .* degenerate"):
+        fit._step(one.v_in, one.v_out, np.ones(60), z, lost)
+    exact = set_rebound(MEAN, np.zeros((9, 9)))(one.v_in, np.random.default_rng(1))
+    with pytest.raises(RockfallError, match="do not scatter about one map"):
+        fit_set(Impacts(one.v_in, exact, one.group))
 
 
 def test_the_file_reads_back_through_the_kernel(found, tmp_path):

@@ -4,16 +4,16 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple, NoReturn
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from rockfall.errors import RockfallError
-from rockfall.tables import decimal, table_rows
+from rockfall.tables import Row, check_columns, read_table
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -89,44 +89,15 @@ def read_observed(*paths: str | Path) -> Observed:
     )
 
 
-class _Row(NamedTuple):
-    """A row of a file: where it stands, and its cells by column."""
-
-    where: str
-    cells: dict[str, str]
-
-    def refuse(self, column: str, rule: str) -> NoReturn:
-        raise RockfallError(f"{self.where}: {column} = {self.cells[column]}: {rule}")
-
-    def text(self, column: str) -> str:
-        return self.cells[column] or self.refuse(column, "must not be empty")
-
-    def word(self, column: str, allowed: Iterable[str]) -> str:
-        if self.cells[column] not in allowed:
-            self.refuse(column, f"must be {', '.join(allowed)}")
-        return self.cells[column]
-
-    def number(self, column: str, least: float = -inf, most: float = inf) -> float:
-        value = decimal(self.cells[column])
-        if not least <= value <= most:
-            limits = (f" {sign} {limit:g}" for sign, limit in ((">=", least), ("<=", most)))
-            shown = [text for text in limits if "inf" not in text]
-            self.refuse(column, "must be a number" + " and".join(shown))
-        return value
-
-    def maybe(self, column: str, least: float = -inf, most: float = inf) -> float:
-        """A number, or NaN where the column or the cell is not there."""
-        return self.number(column, least, most) if self.cells.get(column) else np.nan
-
-    def quantity(self) -> tuple[str, float, tuple[float, float]]:
-        """Quantity, the unit in SI units, and the limits of its values."""
-        quantity = self.word("quantity", UNITS)
-        limits = {"omega": (-inf, inf), "rotational_share": (0.0, 1.0)}.get(quantity, (0.0, inf))
-        return quantity, UNITS[quantity][self.word("unit", UNITS[quantity])], limits
+def _quantity(row: Row) -> tuple[str, float, tuple[float, float]]:
+    """Quantity, the unit in SI units, and the limits of its values."""
+    quantity = row.word("quantity", UNITS)
+    limits = {"omega": (-inf, inf), "rotational_share": (0.0, 1.0)}.get(quantity, (0.0, inf))
+    return quantity, UNITS[quantity][row.word("unit", UNITS[quantity])], limits
 
 
-def _summary(row: _Row) -> dict:
-    quantity, unit, limits = row.quantity()
+def _summary(row: Row) -> dict:
+    quantity, unit, limits = _quantity(row)
     mean, most = row.maybe("mean", *limits), row.maybe("max", *limits)
     std, n = row.maybe("std", 0.0), row.maybe("n", 1.0)
     if np.isnan([mean, std, most]).all():
@@ -140,19 +111,19 @@ def _summary(row: _Row) -> dict:
     return {**about, "mean": unit * mean, "std": unit * std, "max": unit * most, "n": n}
 
 
-def _sample(row: _Row) -> dict:
-    quantity, unit, limits = row.quantity()
+def _sample(row: Row) -> dict:
+    quantity, unit, limits = _quantity(row)
     value = unit * row.number("value", *limits)
     return {"line": row.text("line"), "quantity": quantity, "value": value}
 
 
-def _test(row: _Row) -> dict:
+def _test(row: Row) -> dict:
     method, quantity = row.word("method", METHODS[1:]), row.word("quantity", UNITS)
     p = row.number("p", 0.0, 1.0)
     return {"line": row.text("line"), "method": method, "quantity": quantity, "p": p}
 
 
-def _passing(row: _Row) -> dict:
+def _passing(row: Row) -> dict:
     share = (
         row.number("share", 0.0, 1.0)
         if "share" in row.cells
@@ -167,7 +138,7 @@ class _Kind(NamedTuple):
     name: str
     needed: tuple[str, ...]
     optional: tuple[str, ...]
-    record: Callable[[_Row], dict]
+    record: Callable[[Row], dict]
 
 
 KINDS = (  # those with more columns come first: a header may hold the columns of another
@@ -183,37 +154,15 @@ KINDS = (  # those with more columns come first: a header may hold the columns o
 )
 
 
-def _read(path: str) -> tuple[_Kind, Iterator[_Row]]:
+def _read(path: str) -> tuple[_Kind, Iterator[Row]]:
     """The kind of a file, and its rows."""
-    lines = table_rows(path)
-    number, header = next(lines, (1, []))
-    columns = [name.lower() for name in header]
-    where = f"{path}: line {number}"
-    if not columns:
-        raise RockfallError(f"{path}: is empty")
-    for name in columns:
-        if columns.count(name) > 1:
-            raise RockfallError(f"{where}: column {name}: is there twice")
+    where, columns, rows = read_table(path)
     kind = next((kind for kind in KINDS if set(kind.needed) <= set(columns)), None)
     if kind is None:
         kinds = " | ".join(", ".join(kind.needed) for kind in KINDS)
-        raise RockfallError(f"{where}: columns {', '.join(header)}: must have those of: {kinds}")
-    allowed = (*kind.needed, *kind.optional, *FREE)
-    for name in columns:
-        if name not in allowed:
-            raise RockfallError(f"{where}: column {name}: must be {', '.join(allowed)}")
-    return kind, _rows(path, columns, lines)
-
-
-def _rows(path: str, columns: list[str], lines: Iterator[tuple[int, list[str]]]) -> Iterator[_Row]:
-    any_row = False
-    for number, cells in lines:
-        where, any_row = f"{path}: line {number}", True
-        if len(cells) != len(columns):
-            raise RockfallError(f"{where}: {len(cells)} columns, the header has {len(columns)}")
-        yield _Row(where, dict(zip(columns, cells, strict=True)))
-    if not any_row:
-        raise RockfallError(f"{path}: no rows below the header")
+        raise RockfallError(f"{where}: columns {', '.join(columns)}: must have those of: {kinds}")
+    check_columns(where, columns, (*kind.needed, *kind.optional, *FREE))
+    return kind, rows
 
 
 def _refuse_twice(records: list[dict], keys: tuple[str, ...]) -> None:

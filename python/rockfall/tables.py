@@ -9,7 +9,7 @@ import re
 from collections.abc import Iterable, Iterator
 from itertools import zip_longest
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple, NoReturn
 
 from rockfall.errors import RockfallError
 from rockfall.files import check_text_file, whole_file
@@ -61,6 +61,71 @@ def decimal(text: str) -> float:
 def plain_decimal(text: str) -> float:
     """The same, without the exponents that Fortran alone knows (1d3)."""
     return math.nan if "d" in text.lower() else decimal(text)
+
+
+class Row(NamedTuple):
+    """A row of a file: where it stands, and its cells by column."""
+
+    where: str
+    cells: dict[str, str]
+
+    def refuse(self, column: str, rule: str) -> NoReturn:
+        raise RockfallError(f"{self.where}: {column} = {self.cells[column]}: {rule}")
+
+    def text(self, column: str) -> str:
+        return self.cells[column] or self.refuse(column, "must not be empty")
+
+    def word(self, column: str, allowed: Iterable[str]) -> str:
+        if self.cells[column] not in allowed:
+            self.refuse(column, f"must be {', '.join(allowed)}")
+        return self.cells[column]
+
+    def number(self, column: str, least: float = -math.inf, most: float = math.inf) -> float:
+        value = decimal(self.cells[column])
+        if not least <= value <= most:
+            limits = (f" {sign} {limit:g}" for sign, limit in ((">=", least), ("<=", most)))
+            shown = [text for text in limits if "inf" not in text]
+            self.refuse(column, "must be a number" + " and".join(shown))
+        return value
+
+    def maybe(self, column: str, least: float = -math.inf, most: float = math.inf) -> float:
+        """A number, or NaN where the column or the cell is not there."""
+        return self.number(column, least, most) if self.cells.get(column) else math.nan
+
+
+def read_table(path: str | Path) -> tuple[str, list[str], Iterator[Row]]:
+    """Where the header of a table stands, its columns in small letters, each there once, and the
+    rows below it: one at least, as long as the header."""
+    lines = table_rows(path)
+    number, header = next(lines, (1, []))
+    columns = [name.lower() for name in header]
+    where = f"{path}: line {number}"
+    if not columns:
+        raise RockfallError(f"{path}: is empty")
+    for name in columns:
+        if columns.count(name) > 1:
+            raise RockfallError(f"{where}: column {name}: is there twice")
+    return where, columns, _rows(path, columns, lines)
+
+
+def check_columns(where: str, columns: list[str], allowed: Iterable[str]) -> None:
+    """Refuse a column that is none of those allowed."""
+    for name in columns:
+        if name not in allowed:
+            raise RockfallError(f"{where}: column {name}: must be {', '.join(allowed)}")
+
+
+def _rows(
+    path: str | Path, columns: list[str], lines: Iterator[tuple[int, list[str]]]
+) -> Iterator[Row]:
+    any_row = False
+    for number, cells in lines:
+        where, any_row = f"{path}: line {number}", True
+        if len(cells) != len(columns):
+            raise RockfallError(f"{where}: {len(cells)} columns, the header has {len(columns)}")
+        yield Row(where, dict(zip(columns, cells, strict=True)))
+    if not any_row:
+        raise RockfallError(f"{path}: no rows below the header")
 
 
 def write_csv(table: pd.DataFrame, path: str | Path) -> None:

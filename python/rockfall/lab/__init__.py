@@ -2,5 +2,5 @@
 """The impact laboratory: impact sets from discrete-element impacts of a sphere on a layer of rocks.
 
 A `LabCase` says what is packed and fired, `run_impacts` fires it, `fit_impacts` makes sets of it,
-`scorecard` sets them beside what is known.
+`fit_contacts` makes them of measured contacts, `scorecard` sets them beside what is known.
 """

@@ -75,17 +75,22 @@ def forced(v_in: np.ndarray, v_out: np.ndarray) -> np.ndarray:
 
 
 def resampled_rebound(v_in: np.ndarray, v_out: np.ndarray) -> Rebound:
-    """Rebounds drawn from impacts: one of those nearest in angle and spin, scaled to the speed."""
+    """Rebounds drawn from impacts: one of those nearest in angle and spin, scaled to the speed.
+
+    The least-squares map of all impacts takes it from its own incidence to that of the boulder: a
+    neighbour as it is would smear angles and spins, and slow boulders by about 0.02 a bounce.
+    """
     from scipy.spatial import cKDTree
 
     tree = cKDTree(_place(v_in))
-    ratio = v_out / _speed(v_in)[:, None]
+    x, ratio = v_in / _speed(v_in)[:, None], v_out / _speed(v_in)[:, None]
+    slope = np.linalg.lstsq(x, ratio, rcond=None)[0]
 
     def rebound(now: np.ndarray, generator: np.random.Generator) -> np.ndarray:
         _, near = tree.query(_place(now), k=min(NEAREST, len(ratio)))
-        pick = generator.integers(0, near.shape[1], len(now))
-        found = ratio[near[np.arange(len(now)), pick]] * _speed(now)[:, None]
-        return forced(now, found)
+        pick = near[np.arange(len(now)), generator.integers(0, near.shape[1], len(now))]
+        speed = _speed(now)[:, None]
+        return forced(now, ratio[pick] * speed + (now - x[pick] * speed) @ slope)
 
     return rebound
 

@@ -5,10 +5,18 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rockfall.errors import RockfallError, need
 from rockfall.interrupts import exit_status
+
+if TYPE_CHECKING:
+    from rockfall.lab.fit import ImpactSet
+
+    #: Sets by ratio, their provenance, and what is printed of them.
+    Fitted = tuple[dict[int, ImpactSet], list[str], Callable[[], str]]
 
 
 def add_lab(commands: argparse._SubParsersAction) -> None:
@@ -31,12 +39,18 @@ def add_lab(commands: argparse._SubParsersAction) -> None:
     impact.add_argument("case", metavar="LAB.nml", type=Path)
     impact.add_argument("-o", "--output", metavar="OUT.nc", type=Path, help="default: LAB.nc, here")
     impact.add_argument("--resume", action="store_true", help="go on with OUT.nc")
-    fit = verb("fit", "make impact sets from impacts")
-    fit.add_argument("impacts", metavar="IMPACTS.nc", type=Path)
+    fit = verb("fit", "make impact sets from impacts, or from measured contacts")
+    fit.add_argument(
+        "impacts", metavar="IMPACTS", type=Path, help=".nc of the laboratory, or .csv of contacts"
+    )
     fit.add_argument("-o", "--output", metavar="SETS.nml", type=Path, help="for rockfall run")
     fit.add_argument(
-        "--state", default="peak", help="of the boulder: peak (default), loss or clear"
+        "--state", help="of the boulder in the laboratory: peak (default), loss or clear"
     )
+    fit.add_argument(
+        "--nearest-ratio", action="store_true",
+        help="a ratio without measured contacts has the set of the nearest that has some",
+    )  # fmt: skip
     card = verb("scorecard", "set impact sets beside what is known of rebounds on rocky slopes")
     card.add_argument("sets", metavar="SETS", nargs="*", help="shipped or files; default: shipped")
     card.add_argument(
@@ -107,24 +121,46 @@ def _impact(arguments: argparse.Namespace) -> int:
 
 
 def _fit(arguments: argparse.Namespace) -> int:
-    from rockfall.lab.experiment import open_impacts
-    from rockfall.lab.fit import fit_impacts
-    from rockfall.lab.setfile import provenance, write_sets
-    from rockfall.lab.summary import fit_summary
+    from rockfall.lab.setfile import write_sets
     from rockfall.outputs import SETS, check_output
 
     need("a fit needs", "report", "scipy")
     if arguments.output:
         check_output(arguments.output, SETS, [arguments.impacts])
-    data = open_impacts(arguments.impacts)
-    about = provenance(data, arguments.state)
-    sets = fit_impacts(data, arguments.state)
+    measured = arguments.impacts.suffix.lower() == ".csv"
+    sets, about, summary = (_from_contacts if measured else _from_impacts)(arguments)
     if not arguments.quiet:
-        print(fit_summary(data, sets, arguments.state))
+        print(summary())
     if arguments.output:
         write_sets(arguments.output, sets, about)
         print(arguments.output)
     return 0
+
+
+def _from_impacts(arguments: argparse.Namespace) -> Fitted:
+    from rockfall.lab.experiment import open_impacts
+    from rockfall.lab.fit import fit_impacts
+    from rockfall.lab.setfile import provenance
+    from rockfall.lab.summary import fit_summary
+
+    if arguments.nearest_ratio:
+        raise RockfallError("--nearest-ratio: is for measured contacts (.csv)")
+    state = arguments.state or "peak"
+    data = open_impacts(arguments.impacts)
+    about = provenance(data, state)
+    sets = fit_impacts(data, state)
+    return sets, about, lambda: fit_summary(data, sets, state)
+
+
+def _from_contacts(arguments: argparse.Namespace) -> Fitted:
+    from rockfall.lab.contacts import contacts_provenance, fit_contacts, read_contacts
+    from rockfall.lab.summary import contacts_summary
+
+    if arguments.state is not None:
+        raise RockfallError(f"--state {arguments.state}: is for impacts of the laboratory (.nc)")
+    contacts = read_contacts(arguments.impacts)
+    sets = fit_contacts(contacts, arguments.nearest_ratio)
+    return sets, contacts_provenance(contacts), lambda: contacts_summary(contacts, sets)
 
 
 def _scorecard(arguments: argparse.Namespace) -> int:
@@ -152,8 +188,9 @@ def _remake(arguments: argparse.Namespace) -> int:
     from rockfall.scene import shipped_sets
 
     paths = [shipped_sets().get(name, Path(name)) for name in arguments.sets]
-    for path, difference in remake(paths, arguments.threads, progress=not arguments.quiet):
+    for path, source, difference in remake(paths, arguments.threads, not arguments.quiet):
+        again = f"made again from {source}" if source else "made again"
         if difference:
-            raise RockfallError(f"{path}: made again, it differs: {difference}", 1)
-        print(f"{path}: made again, the same in every bit")
+            raise RockfallError(f"{path}: {again}, it differs: {difference}", 1)
+        print(f"{path}: {again}, the same in every bit")
     return 0

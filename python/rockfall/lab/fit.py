@@ -15,7 +15,7 @@ Impacts on one layer are not independent: standard errors leave out groups of la
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,6 +23,7 @@ import numpy as np
 from rockfall.errors import RockfallError
 from rockfall.lab.bounce import MIN_NORMAL, admissible
 from rockfall.lab.experiment import ENDED, STATES, STATUS
+from rockfall.lab.lateral import Lateral, fit_lateral
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -30,7 +31,9 @@ if TYPE_CHECKING:
 GROUPS = 10  # of layers, left out one after the other
 DRAWS = 64  # for each impact, of the rebounds thrown away
 LEAPS = 60  # of three steps of expectation and maximisation, at most
+LEAST_VALUE = 1e-9  # of a covariance after a leap, over its largest
 SETTLED = 5e-5  # change of every mean in a step, at the end
+LEAST_SCATTER = 1e-10  # of V_out / |V_in|, squared: rounding makes as much
 MIN_IMPACTS = 60  # fewer do not tell a mean from its scatter
 
 
@@ -44,15 +47,23 @@ class ImpactSet:
     covariance_error: np.ndarray
     impacts: int
     redrawn: float  # draws thrown away for each rebound, over the impacts
+    lateral: Lateral | None = None  # where lateral deviations are known
 
 
 @dataclass(frozen=True)
 class Impacts:
-    """What a set is fitted to: V_in and V_out (n, 3) [m/s], the layer or run of each, (n,)."""
+    """What a set is fitted to: V_in and V_out (n, 3) [m/s], the layer or run of each, (n,), and the
+    amount of its lateral deviation, (n,) [degrees], NaN where it is not known."""
 
     v_in: np.ndarray
     v_out: np.ndarray
     group: np.ndarray
+    lateral: np.ndarray | None = None
+
+    def some(self, these: np.ndarray) -> Impacts:
+        """Those of them for which `these` (n,) is true."""
+        lateral = None if self.lateral is None else self.lateral[these]
+        return Impacts(self.v_in[these], self.v_out[these], self.group[these], lateral)
 
 
 def as_rebounds(impacts: Impacts) -> Impacts:
@@ -63,7 +74,7 @@ def as_rebounds(impacts: Impacts) -> Impacts:
     v_out = impacts.v_out.copy()
     v_out[:, 1] = np.maximum(v_out[:, 1], MIN_NORMAL * speed)
     kept = admissible(impacts.v_in, v_out) & (impacts.v_in[:, 1] < 0)
-    return Impacts(impacts.v_in[kept], v_out[kept], impacts.group[kept])
+    return replace(impacts, v_out=v_out).some(kept)
 
 
 def impacts_of(data: xr.Dataset, ratio: float, state: str = "peak") -> Impacts:
@@ -77,7 +88,9 @@ def impacts_of(data: xr.Dataset, ratio: float, state: str = "peak") -> Impacts:
     def velocity(when: str) -> np.ndarray:
         return np.stack([one[f"{v}_{when}"].values[ended] for v in ("vt", "vn", "w")], axis=1)
 
-    return Impacts(velocity("in"), velocity(state), layer[ended])
+    sine = np.minimum(np.abs(one[f"lateral_{state}"].values[ended]), 1)
+    lateral = np.degrees(np.arcsin(sine))
+    return Impacts(velocity("in"), velocity(state), layer[ended], lateral)
 
 
 def fit_impacts(data: xr.Dataset, state: str = "peak") -> dict[int, ImpactSet]:
@@ -125,6 +138,8 @@ def fit_set(impacts: Impacts, seed: int = 1, groups: int = GROUPS) -> ImpactSet:
         raise RockfallError(f"{len(x)} impacts: at least {MIN_IMPACTS} are needed for a set")
     if np.linalg.cond(x.T @ x / len(x)) > 1e4:
         raise RockfallError("the incident velocities are too much alike to tell a map from them")
+    if np.linalg.eigvalsh(_about_one_map(x, y)[1]).min() < LEAST_SCATTER:
+        raise RockfallError("the outgoing velocities do not scatter about one map of the incident")
     # the same numbers in every step, so that the steps converge
     z = np.random.default_rng(seed).standard_normal((len(x), DRAWS, 3))
     mean, covariance, redrawn = _likeliest(x, y, z, np.ones(len(x)))
@@ -140,7 +155,8 @@ def fit_set(impacts: Impacts, seed: int = 1, groups: int = GROUPS) -> ImpactSet:
         means.append(found[0])
         covariances.append(found[1])
     errors = [np.sqrt((parts - 1) * np.var(one, axis=0)) for one in (means, covariances)]
-    return ImpactSet(mean, covariance, *errors, len(x), redrawn)
+    lateral = None if impacts.lateral is None else fit_lateral(impacts.v_in, impacts.lateral)
+    return ImpactSet(mean, covariance, *errors, len(x), redrawn, lateral)
 
 
 def _directions(impacts: Impacts) -> tuple[np.ndarray, np.ndarray]:
@@ -152,14 +168,19 @@ def _directions(impacts: Impacts) -> tuple[np.ndarray, np.ndarray]:
     return impacts.v_in / length, impacts.v_out / length
 
 
+def _about_one_map(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The least-squares map (3, 3) of V_in to V_out, and the covariance (3, 3) about it."""
+    a = np.linalg.lstsq(x, y, rcond=None)[0].T
+    return a, np.cov((y - x @ a.T).T)
+
+
 def _likeliest(
     x: np.ndarray, y: np.ndarray, z: np.ndarray, weight: np.ndarray,
     start: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> tuple[np.ndarray, np.ndarray, float]:  # fmt: skip
     """M and C of weighted impacts, and the draws thrown away for each of them."""
     if start is None:
-        a = np.linalg.lstsq(x, y, rcond=None)[0].T
-        scatter = np.cov((y - x @ a.T).T)
+        a, scatter = _about_one_map(x, y)
         mean, covariance = a.ravel(), np.kron(scatter, np.eye(3))
     else:
         mean, covariance = start
@@ -187,7 +208,8 @@ def _leap(start: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarra
     length = np.linalg.norm(change) / max(np.linalg.norm(bend), 1e-300)
     while length > 1:
         found = start + 2 * length * change + length**2 * bend
-        if np.linalg.eigvalsh(_parts(found)[1]).min() > 0:
+        values = np.linalg.eigvalsh(_parts(found)[1])
+        if values[0] > LEAST_VALUE * values[-1]:
             return found
         length = (length + 1) / 2 if length > 1.1 else 1
     return second
@@ -215,13 +237,19 @@ def _step(
     sigma = np.einsum("nikj,nk->nij", gain, x)  # Cov(y)
     sigma = (sigma + sigma.transpose(0, 2, 1)) / 2 + 1e-12 * np.eye(3)
     gain = gain.reshape(-1, 9, 3)
+    try:
+        root = np.linalg.cholesky(sigma)
+    except np.linalg.LinAlgError:
+        raise RockfallError(
+            f"{len(x)} impacts are too few: their likeliest law is degenerate"
+        ) from None
     solved = np.linalg.solve(sigma, gain.transpose(0, 2, 1)).transpose(0, 2, 1)  # C X^T Sigma^-1
     rest = covariance - np.einsum("nai,nbi->nab", solved, gain)  # covariance of A, y known
     expected = x @ mean.reshape(3, 3).T
     # the matrix of each impact
     a = mean + np.einsum("nai,ni->na", solved, y - expected)
     # and of the draws thrown away before it
-    thrown = np.einsum("nij,ndj->ndi", np.linalg.cholesky(sigma), z)
+    thrown = np.einsum("nij,ndj->ndi", root, z)
     drawn = (expected[:, None] + thrown).reshape(-1, 3)
     bad = ~admissible(np.repeat(x, z.shape[1], axis=0), drawn).reshape(z.shape[:2])
     times = weight[:, None] * _thrown_away(bad)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rockfall.lab.case import names
-from rockfall.lab.experiment import ENDED, STATUS
+from rockfall.lab.fit import impacts_of
 from rockfall.lab.sets import restitution
 from rockfall.style import BLUE, GREY, INK, STYLE, VERMILION, WIDE, new_figure, save, styled
 
@@ -144,9 +144,7 @@ def lateral_figure(data: xr.Dataset, path: str | Path, state: str = "peak") -> N
     with plt.rc_context(STYLE):
         figure, axes = plt.subplots(figsize=(5.2, 3.2), layout="constrained")
         for ratio in data["ratio"].values:
-            one = data.sel(ratio=ratio)
-            ended = np.isin(one["status"], [STATUS[name] for name in ENDED])
-            turn = np.sort(np.degrees(np.abs(np.arcsin(one[f"lateral_{state}"].values[ended]))))
+            turn = np.sort(impacts_of(data, ratio, state).lateral)
             axes.plot(turn, np.arange(1, turn.size + 1) / turn.size, label=f"{ratio:g}", lw=1)
         axes.plot([22.5, 45, 50], [0.72, 0.96, 1.0], "s", color=GREY, label="paper")
         axes.set(

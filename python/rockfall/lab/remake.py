@@ -8,21 +8,35 @@ from collections.abc import Iterable, Iterator
 from itertools import zip_longest
 from pathlib import Path
 
+from rockfall.lab.case import LabCase
+from rockfall.lab.contacts import Contacts, contacts_behind, contacts_provenance, fit_contacts
 from rockfall.lab.experiment import run_impacts
 from rockfall.lab.fit import fit_impacts
-from rockfall.lab.setfile import origin, provenance, write_sets
+from rockfall.lab.setfile import origin, provenance, set_text, write_sets
 
 
 def remake(
     paths: Iterable[str | Path], threads: int = 0, progress: bool = False
-) -> Iterator[tuple[Path, str]]:
-    """Each set file, and the first line in which the one made again differs; "" if none does."""
-    for path, (case, state) in {Path(path): origin(path) for path in paths}.items():
-        data = run_impacts(case, progress=progress, threads=threads)
+) -> Iterator[tuple[Path, str, str]]:
+    """Each set file, what it was made from where that is no case of the laboratory, and the first
+    line in which the one made again differs; "" if none does."""
+    for path, source in {Path(path): _source(Path(path)) for path in paths}.items():
+        if isinstance(source, Contacts):
+            # which ratios have none is as it was
+            sets, about = fit_contacts(source, nearest=True), contacts_provenance(source)
+            name = f"the measured contacts in {source.name}"
+        else:
+            case, state = source
+            data = run_impacts(case, progress=progress, threads=threads)
+            sets, about, name = fit_impacts(data, state), provenance(data, state), ""
         with tempfile.TemporaryDirectory() as folder:
             again = Path(folder) / path.name
-            write_sets(again, fit_impacts(data, state), provenance(data, state))
-            yield path, _first_difference(path.read_text("utf-8"), again.read_text("utf-8"))
+            write_sets(again, sets, about)
+            yield path, name, _first_difference(path.read_text("utf-8"), again.read_text("utf-8"))
+
+
+def _source(path: Path) -> Contacts | tuple[LabCase, str]:
+    return contacts_behind(path, set_text(path)) or origin(path)
 
 
 def _first_difference(old: str, new: str) -> str:

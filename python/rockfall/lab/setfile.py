@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from rockfall.lab.fit import ImpactSet
+    from rockfall.lab.lateral import Lateral
 
 CASE_MARK = "! | "  # begins the lines of a set file that hold its laboratory case
 STATE_MARK = "! Outgoing state: "
@@ -51,14 +53,19 @@ def provenance(data: xr.Dataset, state: str) -> list[str]:
     return lines + [CASE_MARK[2:] + line for line in case.text().splitlines()]
 
 
-def origin(path: str | Path) -> tuple[LabCase, str]:
-    """The laboratory case that a set file was made from, and the state that its sets are of."""
+def set_text(path: str | Path) -> str:
+    """The text of a set file."""
     try:
-        lines = Path(path).read_text(encoding="utf-8").splitlines()
+        return Path(path).read_text(encoding="utf-8")
     except OSError as error:
         raise RockfallError(f"{path}: cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
         raise RockfallError(f"{path}: is not text (UTF-8)") from error
+
+
+def origin(path: str | Path) -> tuple[LabCase, str]:
+    """The laboratory case that a set file was made from, and the state that its sets are of."""
+    lines = set_text(path).splitlines()
     text = [line[len(CASE_MARK) :] for line in lines if line.startswith(CASE_MARK)]
     if not text:
         raise RockfallError(f"{path}: does not say what laboratory case it was made from")
@@ -84,9 +91,24 @@ def write_sets(path: str | Path, sets: dict[int, ImpactSet], provenance: list[st
         text += [f"!   {_short(row)}" for row in _lower(found.covariance_error)]
         text += [f"&impact_set ratio = {ratio}", f"  mean = {_numbers(found.mean)}"]
         text += ["  covariance =   ! lower triangle by rows"]
-        text += [",\n".join(f"    {_numbers(row)}" for row in rows), "/"]
+        text += [_rows(rows)]
+        if found.lateral is not None:
+            text += _lateral_lines(found.lateral)
+        text += ["/"]
     with whole_file(path) as part:
         part.write_text("\n".join(text) + "\n", encoding="utf-8")
+
+
+def _lateral_lines(lateral: Lateral) -> list[str]:
+    """Its keys; one class has no angles between classes."""
+    behind = ", ".join(f"{number}" for number in lateral.impacts)
+    between = [f"  incidence = {_numbers(lateral.incidence)}"] if lateral.incidence.size else []
+    head = f"  lateral =   ! quantiles [degrees] for each class, of {behind} impacts"
+    return [*between, head, _rows(lateral.quantiles)]
+
+
+def _rows(rows: Iterable[np.ndarray]) -> str:
+    return ",\n".join(f"    {_numbers(row)}" for row in rows)
 
 
 def _lower(matrix: np.ndarray) -> list[np.ndarray]:

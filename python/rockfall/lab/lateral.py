@@ -1,0 +1,64 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""How far a rebound turns a boulder aside: quantiles by the incidence angle, for
+`&impact turning = 'lab'`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rockfall.errors import RockfallError
+
+LIMITS = 10.0, 20.0, 40.0  # between classes of incidence [degrees]
+LEAST_IN_CLASS = 30  # impacts: fewer say nothing of the largest tenth
+PROBABILITY = np.array([0, 10, 20, 30, 40, 50, 60, 70, 80, 90, 95, 99, 100]) / 100
+PAPER = 22.5, 45.0  # between the classes of Bourrier et al. (2009), section 3.3 [degrees]
+
+
+@dataclass(frozen=True)
+class Lateral:
+    """Quantiles (k, 13) of the amount of the lateral deviation [degrees] in k classes of incidence,
+    the angles between them (k - 1,) [degrees], and the impacts in each (k,)."""
+
+    incidence: np.ndarray
+    quantiles: np.ndarray
+    impacts: np.ndarray
+
+
+def incidence(v_in: np.ndarray) -> np.ndarray:
+    """Angle of the incoming velocity (n, 3) from the ground, (n,) [degrees]."""
+    return np.degrees(np.arctan2(-v_in[:, 1], v_in[:, 0]))
+
+
+def fit_lateral(v_in: np.ndarray, lateral: np.ndarray) -> Lateral:
+    """Quantiles of amounts (n,) [degrees], NaN where unknown, of impacts at V_in (n, 3).
+
+    From grazing to steep a class with too few impacts is joined with the next steeper one, the last
+    with the one before. A RockfallError tells of too few in all.
+    """
+    known = np.isfinite(lateral)
+    if known.sum() < LEAST_IN_CLASS:
+        raise RockfallError(
+            f"{known.sum()} lateral deviations: at least {LEAST_IN_CLASS} are needed for quantiles"
+        )
+    angle, lateral = incidence(v_in[known]), lateral[known]
+    kept: list[float] = []
+    for limit in LIMITS:
+        below = (angle >= max(kept, default=-np.inf)) & (angle < limit)
+        if min(below.sum(), (angle >= limit).sum()) >= LEAST_IN_CLASS:
+            kept.append(limit)
+    place = np.searchsorted(kept, angle, side="right")
+    quantiles = [np.quantile(lateral[place == k], PROBABILITY) for k in range(len(kept) + 1)]
+    return Lateral(np.array(kept), np.array(quantiles), np.bincount(place))
+
+
+def lateral_line(lateral: np.ndarray) -> str:
+    """Shares of amounts (n,) [degrees] in the classes of the paper, NaN left out."""
+    known = lateral[np.isfinite(lateral)]
+    shares = np.bincount(np.searchsorted(PAPER, known, side="right"), minlength=3) / known.size
+    low, high = PAPER
+    return (
+        f"  lateral deviation below {low:g} degrees {shares[0]:.1%}, to {high:g} {shares[1]:.1%}, "
+        f"above {shares[2]:.1%} ({known.size:,} impacts)"
+    )
