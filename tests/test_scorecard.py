@@ -2,6 +2,7 @@
 """The scorecard: what impact sets give on the slope of the paper, and what is made of it."""
 
 import re
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -13,6 +14,7 @@ import rockfall
 import scenes
 from rockfall.cli import main
 from rockfall.lab.bounce import K_SPHERE
+from rockfall.lab.fit import ImpactSet
 from rockfall.lab.scorecard import (
     OTHERS,
     Score,
@@ -24,12 +26,14 @@ from rockfall.lab.scorecard import (
     targets,
     verdict,
 )
+from rockfall.lab.setfile import write_sets
 from rockfall.lab.sets import Sets, read_sets, restitution
 from rockfall.lab.site import Site, _turns, tangential_above
 from rockfall.lab.talus import Talus
 
 VAUJANY = Path(__file__).parents[1] / "cases" / "vaujany"
 INF = np.inf
+EXACT = np.zeros((5, 9, 9))
 
 
 @pytest.mark.parametrize("angle", [5.0, 15.0, 45.0, 72.0, 90.0])
@@ -127,13 +131,15 @@ def test_a_standard_error_across_a_bound_decides_nothing(low, high, value, error
 def test_a_score_is_a_mean_over_slopes():
     one = Score("one", {"a": np.array([1.0, 2.0, 3.0, np.nan]), "b": np.full(4, np.nan)})
     assert one.mean("a") == 2 and one.error("a") == pytest.approx(1 / 3**0.5)
+    moved = replace(one, changes={"a": np.array([2.0, -2.0, np.nan, 2.0])})
+    assert moved.mean("a") == 2 and moved.error("a") == pytest.approx((1 / 3 + 4) ** 0.5)
     assert one.range("a") == pytest.approx((1.1, 2.9))
     assert np.isnan([one.mean("b"), one.error("b"), *one.range("b")]).all()
 
 
 def test_by_ratio_prints_the_restitution():
     mean, _ = scenes.sets()
-    lines = by_ratio(Sets("one", mean, np.zeros((5, 9, 9)))).splitlines()
+    lines = by_ratio(Sets("one", mean, np.zeros((5, 9, 9)), EXACT)).splitlines()
     assert len(lines) == 7 and lines[0].startswith("one: R_t | R_n")
     vertical = [float(line.split("- | ")[1].split()[0]) for line in lines[2:]]
     np.testing.assert_allclose(vertical, -mean[:, 4], atol=5e-3)
@@ -142,7 +148,7 @@ def test_by_ratio_prints_the_restitution():
 def test_the_greatest_rise_of_the_neutral_slope():
     mean, covariance = scenes.sets()
     mean = mean[[0, 1, 4, 3, 2]]
-    found = neutral_slopes(Sets("one", mean, covariance))
+    found = neutral_slopes(Sets("one", mean, covariance, EXACT))
     slopes = [found[f"neutral_{k}"] for k in range(1, 6)]
     assert found["neutral_rise"] == max(np.diff(slopes)) > 0
 
@@ -188,11 +194,28 @@ def test_the_numbers_of_the_site_are_those_of_its_runs(site, tmp_path):
 
 def test_several_draws_take_turns(site):
     mean, covariance = scenes.sets()
-    one, other = Sets("one", mean, covariance), Sets("other", 0.98 * mean, covariance)
+    one, other = Sets("one", mean, covariance, EXACT), Sets("other", 0.98 * mean, covariance, EXACT)
     alone, both = score([one], site, 3), score([one, other], site, 3)
     speeds = [each.numbers["B_EL1_speed"] for each in (alone, both)]
     assert (speeds[0] == speeds[1]).tolist() == [True, False, True]
     assert len(set(speeds[0])) == 3  # slopes and boulders of their own
+
+
+def test_the_error_of_the_sets_is_part_of_that_of_the_numbers(site, tmp_path):
+    mean, covariance = scenes.sets()
+    rng = np.random.default_rng(4)
+    root = 1e-3 * rng.normal(size=(9, 9))
+    one = ImpactSet(
+        mean[0], covariance[0], np.zeros(9), np.zeros((9, 9)), 99, 0.0, None, root @ root.T
+    )
+    write_sets(tmp_path / "told.nml", dict.fromkeys(range(1, 6), one), ["made by a test"])
+    (told,) = read_sets(tmp_path / "told.nml")
+    np.testing.assert_allclose(told.error, np.broadcast_to(root @ root.T, (5, 9, 9)), rtol=0.06)
+    drawn = [told.redrawn(rng).mean - told.mean for _ in range(400)]
+    np.testing.assert_allclose(np.std(drawn, axis=0)[2], np.sqrt(np.diag(told.error[2])), rtol=0.2)
+    known, exact = score([told], site, 2), score([replace(told, error=EXACT)], site, 2)
+    assert (known.numbers["B_EL1_speed"] == exact.numbers["B_EL1_speed"]).all()
+    assert known.error("B_EL1_speed") > exact.error("B_EL1_speed")
 
 
 def test_the_scorecard_is_printed(site, tmp_path, monkeypatch, capsys):

@@ -48,6 +48,7 @@ class ImpactSet:
     impacts: int
     redrawn: float  # draws thrown away for each rebound, over the impacts
     lateral: Lateral | None = None  # where lateral deviations are known
+    error_covariance: np.ndarray | None = None  # (9, 9) of the errors of the means
 
 
 @dataclass(frozen=True)
@@ -145,9 +146,10 @@ def fit_set(impacts: Impacts, seed: int = 1, groups: int = GROUPS) -> ImpactSet:
     mean, covariance, redrawn = _likeliest(x, y, z, np.ones(len(x)))
     kinds, group = np.unique(impacts.group, return_inverse=True)
     parts = min(groups, len(kinds))
+    lateral = None if impacts.lateral is None else fit_lateral(impacts.v_in, impacts.lateral)
     if not parts:
         unknown = np.full(9, np.nan), np.full((9, 9), np.nan)
-        return ImpactSet(mean, covariance, *unknown, len(x), redrawn)
+        return ImpactSet(mean, covariance, *unknown, len(x), redrawn, lateral)
     means, covariances = [], []
     for part in range(parts):
         weight = (group % parts != part).astype(float)
@@ -155,8 +157,8 @@ def fit_set(impacts: Impacts, seed: int = 1, groups: int = GROUPS) -> ImpactSet:
         means.append(found[0])
         covariances.append(found[1])
     errors = [np.sqrt((parts - 1) * np.var(one, axis=0)) for one in (means, covariances)]
-    lateral = None if impacts.lateral is None else fit_lateral(impacts.v_in, impacts.lateral)
-    return ImpactSet(mean, covariance, *errors, len(x), redrawn, lateral)
+    together = (parts - 1) * np.cov(np.transpose(means), bias=True)
+    return ImpactSet(mean, covariance, *errors, len(x), redrawn, lateral, together)
 
 
 def _directions(impacts: Impacts) -> tuple[np.ndarray, np.ndarray]:

@@ -88,19 +88,24 @@ def targets(folder: str | Path) -> list[Target]:
 
 @dataclass(frozen=True)
 class Score:
-    """Numbers of sets over slopes: (slopes,) each, NaN where too few boulders pass."""
+    """Numbers of sets over slopes: (slopes,) each, NaN where too few boulders pass; and what they
+    change by with sets that as many impacts might as well have given, where the file tells."""
 
     name: str
     numbers: dict[str, np.ndarray]
+    changes: dict[str, np.ndarray] | None = None
 
     def mean(self, name: str) -> float:
         return _quiet(np.nanmean, self.numbers[name])
 
     def error(self, name: str) -> float:
-        """Standard error of the mean."""
+        """Standard error of the mean: of slopes and boulders, and of the sets."""
         values = self.numbers[name]
         count = np.isfinite(values).sum()
-        return _quiet(np.nanstd, values, ddof=1) / np.sqrt(count) if count > 1 else np.nan
+        if count < 2:
+            return np.nan
+        of_sets = _quiet(np.nanmean, self.changes[name] ** 2) if self.changes else 0.0
+        return float(np.sqrt(np.nanvar(values, ddof=1) / count + of_sets))
 
     def range(self, name: str) -> tuple[float, float]:
         """5 and 95 % quantiles."""
@@ -123,14 +128,25 @@ def score(
     take turns, and their spread then is part of the errors."""
     if not draws:
         raise RockfallError("no impact sets to score")
-    found: dict[str, list[float]] = {}
+    generator = np.random.default_rng(FIRST_SEED)
+    told = len(draws) == 1 and draws[0].error.any()
+    found, others = [], []
     for k in range(slopes):
         one, seed = draws[k % len(draws)], FIRST_SEED + k
-        numbers = site.numbers(one.mean, one.covariance, seed=seed, talus=Talus(seed), **how)
-        for name, value in (numbers | neutral_slopes(one, seed)).items():
-            found.setdefault(name, []).append(value)
+        found.append(_numbers(one, site, seed, how))
+        if told:
+            others.append(_numbers(one.redrawn(generator), site, seed, how))
         advance(1)
-    return Score(draws[0].name, {name: np.array(values) for name, values in found.items()})
+    numbers, changed = ({name: np.array([one[name] for one in rows]) for name in found[0]}
+                        for rows in (found, others or found))  # fmt: skip
+    changes = {name: changed[name] - numbers[name] for name in numbers} if told else None
+    return Score(draws[0].name, numbers, changes)
+
+
+def _numbers(sets: Sets, site: Site, seed: int, how: dict) -> dict[str, float]:
+    """On the slope and with the boulders of a seed."""
+    numbers = site.numbers(sets.mean, sets.covariance, seed=seed, talus=Talus(seed), **how)
+    return numbers | neutral_slopes(sets, seed)
 
 
 def neutral_slopes(sets: Sets, seed: int = 1) -> dict[str, float]:

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from rockfall.lab.lateral import Lateral
 
 CASE_MARK = "! | "  # begins the lines of a set file that hold its laboratory case
+ERROR_MARK = "Covariance of the errors of the means, lower triangle by rows:"
 STATE_MARK = "! Outgoing state: "
 
 
@@ -89,6 +90,9 @@ def write_sets(path: str | Path, sets: dict[int, ImpactSet], provenance: list[st
         text += ["", f"! {found.impacts} impacts; standard errors of the means:"]
         text += [f"!   {_short(found.mean_error)}", "! and of the covariance:"]
         text += [f"!   {_short(row)}" for row in _lower(found.covariance_error)]
+        if found.error_covariance is not None:
+            text += [f"! {ERROR_MARK}"]
+            text += [f"!   {_numbers(row)}" for row in _lower(found.error_covariance)]
         text += [f"&impact_set ratio = {ratio}", f"  mean = {_numbers(found.mean)}"]
         text += ["  covariance =   ! lower triangle by rows"]
         text += [_rows(rows)]

@@ -3,24 +3,35 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from rockfall.errors import RockfallError
 from rockfall.lab.bounce import admissible
+from rockfall.lab.setfile import ERROR_MARK
 
 DRAWS = 4000  # of A, for the means of R_t and R_n
 
 
 @dataclass(frozen=True)
 class Sets:
-    """The five sets of a file: means (5, 9) and covariances (5, 9, 9) of a1..a9."""
+    """The five sets of a file: means (5, 9) and covariances (5, 9, 9) of a1..a9, and those of the
+    errors of the means (5, 9, 9), zeros where the file does not say."""
 
     name: str
     mean: np.ndarray
     covariance: np.ndarray
+    error: np.ndarray
+
+    def redrawn(self, generator: np.random.Generator) -> Sets:
+        """Sets that as many impacts might as well have given."""
+        off = [
+            generator.multivariate_normal(np.zeros(9), one, method="eigh", check_valid="ignore")
+            for one in self.error  # of a jackknife: singular, but for rounding
+        ]
+        return replace(self, mean=self.mean + off)
 
 
 def read_sets(source: str | Path) -> list[Sets]:
@@ -35,6 +46,7 @@ def read_sets(source: str | Path) -> list[Sets]:
     except (OSError, UnicodeDecodeError) as error:
         raise RockfallError(f"{source}: cannot be read: {error}") from error
     turning = TURNINGS["past_aspect"]  # needs nothing but the matrices
+    error = _errors(text)
     found: list[Sets] = []
     draws = 1
     while len(found) < draws:
@@ -43,7 +55,19 @@ def read_sets(source: str | Path) -> list[Sets]:
         )
         if code:
             raise RockfallError(message.decode().strip(), code)
-        found.append(Sets(Path(source).stem, mean.T, covariance.T))
+        found.append(Sets(Path(source).stem, mean.T, covariance.T, error))
+    return found
+
+
+def _errors(text: str) -> np.ndarray:
+    """Covariances of the errors of the means, (5, 9, 9), where all sets of a file have them."""
+    blocks = text.split(f"! {ERROR_MARK}\n")[1:]
+    if len(blocks) != 5:
+        return np.zeros((5, 9, 9))
+    found = np.zeros((5, 9, 9))
+    for matrix, block in zip(found, blocks, strict=True):
+        for k, line in enumerate(block.splitlines()[:9]):
+            matrix[k, : k + 1] = matrix[: k + 1, k] = np.fromstring(line.lstrip("! "), sep=",")
     return found
 
 
