@@ -80,27 +80,44 @@ def origin(path: str | Path) -> tuple[LabCase, str]:
 
 
 def write_sets(path: str | Path, sets: dict[int, ImpactSet], provenance: list[str]) -> None:
-    """Write an impact-set file: `provenance` as comments, then a group for each ratio.
+    """Write an impact-set file: `provenance` as comments, then a group for each ratio."""
+    _write(path, [_group(ratio, found) for ratio, found in sorted(sets.items())], provenance)
 
-    The numbers have twelve digits: enough for a covariance to stay semidefinite.
-    """
+
+def write_draws(path: str | Path, draws: list[dict[int, ImpactSet]], provenance: list[str]) -> None:
+    """Write the draws of an ensemble in one file."""
+    groups = [
+        _group(ratio, found, draw)
+        for draw, sets in enumerate(draws, 1)
+        for ratio, found in sorted(sets.items())
+    ]
+    _write(path, groups, provenance)
+
+
+def _write(path: str | Path, groups: list[list[str]], provenance: list[str]) -> None:
     text = [f"! {line}".rstrip() for line in provenance]
-    for ratio, found in sorted(sets.items()):
-        rows = _lower(found.covariance)
-        text += ["", f"! {found.impacts} impacts; standard errors of the means:"]
-        text += [f"!   {_short(found.mean_error)}", "! and of the covariance:"]
-        text += [f"!   {_short(row)}" for row in _lower(found.covariance_error)]
-        if found.error_covariance is not None:
-            text += [f"! {ERROR_MARK}"]
-            text += [f"!   {_numbers(row)}" for row in _lower(found.error_covariance)]
-        text += [f"&impact_set ratio = {ratio}", f"  mean = {_numbers(found.mean)}"]
-        text += ["  covariance =   ! lower triangle by rows"]
-        text += [_rows(rows)]
-        if found.lateral is not None:
-            text += _lateral_lines(found.lateral)
-        text += ["/"]
+    for lines in groups:
+        text += ["", *lines]
     with whole_file(path) as part:
         part.write_text("\n".join(text) + "\n", encoding="utf-8")
+
+
+def _group(ratio: int, found: ImpactSet, draw: int | None = None) -> list[str]:
+    """A set; its numbers have twelve digits: enough for a covariance to stay semidefinite."""
+    text = []
+    if found.impacts:
+        text += [f"! {found.impacts} impacts; standard errors of the means:"]
+        text += [f"!   {_short(found.mean_error)}", "! and of the covariance:"]
+        text += [f"!   {_short(row)}" for row in _lower(found.covariance_error)]
+    if found.error_covariance is not None:
+        text += [f"! {ERROR_MARK}"]
+        text += [f"!   {_numbers(row)}" for row in _lower(found.error_covariance)]
+    text += [f"&impact_set ratio = {ratio}" + (f", draw = {draw}" if draw else "")]
+    text += [f"  mean = {_numbers(found.mean)}", "  covariance =   ! lower triangle by rows"]
+    text += [_rows(_lower(found.covariance))]
+    if found.lateral is not None:
+        text += _lateral_lines(found.lateral)
+    return [*text, "/"]
 
 
 def _lateral_lines(lateral: Lateral) -> list[str]:

@@ -53,10 +53,10 @@ class Site:
     def run(
         self, mean: np.ndarray, covariance: np.ndarray, *, seed: int = 1,
         talus: Talus | None = None, reading: str = "diameter", turning: str = "past_aspect",
-        threads: int = 0,
+        threads: int = 0, methods: str = "AB",
     ) -> dict[str, xr.Dataset]:  # fmt: skip
-        """Results by method of five sets, means (5, 9) and covariances (5, 9, 9): on the terrain of
-        the case, or on a slope of the same recipe."""
+        """Results by method of five sets, means (5, 9) and covariances (5, 9, 9), on the terrain
+        of the case or on a slope of the same recipe."""
         import rasterio
 
         import rockfall
@@ -73,9 +73,9 @@ class Site:
                 k + 1: ImpactSet(mean[k], covariance[k], *nothing, 0, 0.0) for k in range(len(mean))
             }
             write_sets(path, exact, [])
-            for method, case in self._cases.items():
+            for method in methods:
                 results[method] = rockfall.run(
-                    case.replace(
+                    self._cases[method].replace(
                         case={"seed": seed, "threads": threads},
                         impact={"sets": str(path), "turning": turning},
                         surface={"rg_reading": reading},
@@ -89,10 +89,17 @@ class Site:
         results = self.run(mean, covariance, **how)
         found = {}
         for method, result in results.items():
-            for line in result["line"].values:
-                found |= _at_line(result.sel(line=line), f"{method}_{line}")
+            found |= at_lines(method, result)
         found["a_slower"] = found["B_EL1_speed"] - found["A_EL1_speed"]
         return found | _over_rebounds(mean, covariance, results["B"])
+
+
+def at_lines(method: str, result: xr.Dataset) -> dict[str, float]:
+    """The numbers at the lines, by a method."""
+    found = {}
+    for line in result["line"].values:
+        found |= _at_line(result.sel(line=line), f"{method}_{line}")
+    return found
 
 
 def _at_line(at: xr.Dataset, name: str) -> dict[str, float]:

@@ -1,0 +1,238 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What the slope of the paper says of the laboratory's parameters: Bayes' rule by emcee.
+
+    python posterior.py WORK --prior 512      # numbers of the site over the prior: prior.csv
+    python posterior.py WORK --wave 8         # settings to learn from next, into settings.csv
+    python posterior.py WORK --steps 100      # the chain; an interrupted one goes on
+    python posterior.py WORK --draws 24       # states of the posterior: posterior.csv
+
+A state is a setting of the laboratory, the state of the boulder that counts as its rebound, and
+what is not known of the slope. Its likelihood is that of what the paper prints of EL1, by methods A
+and B, and of its rebounds, and of the rule that larger boulders are not less mobile on the same
+ground; the boulders of all states have the same seeds. How far a stand-in for the site may be off
+is half of the bounds of the scorecard; what the emulator does not know comes on top.
+"""
+
+from __future__ import annotations
+
+import argparse
+from functools import cache
+from multiprocessing import Pool
+from pathlib import Path
+
+import emcee
+import numpy as np
+import pandas as pd
+import xarray as xr
+from design import HERE, PARAMETERS, add_settings, physical
+from emulator import Emulator
+from scipy.special import log_ndtr
+from scipy.stats import qmc
+
+from rockfall.lab.bounce import growth, set_rebound
+from rockfall.lab.experiment import STATES
+from rockfall.lab.site import Site, at_lines
+from rockfall.lab.talus import Talus
+
+VAUJANY = HERE.parents[1] / "vaujany"
+#: What is not known besides, with the ends of its range.
+NUISANCES = {
+    "state": (0, len(STATES)), "relief": (0.2, 0.5), "channel": (1.0, 2.0), "roads": (0.3, 1.0),
+}  # fmt: skip
+TERRAINS = 1, 2  # seeds of the relief
+BOULDERS = 400
+WALKERS = 32
+FADED = -1e3  # log likelihood where too few boulders pass
+#: What the paper prints of EL1 by A and B, and the relative deviation of a stand-in.
+PRINTED = {
+    "speed": ((11.5, 12.7), 0.05), "speed_std": ((4.2, 4.3), 0.125),
+    "passing_height": ((1.2, 1.4), 0.05), "passing_height_std": ((0.9, 1.0), 0.125),
+    "energy_translational": ((175, 213), 0.05), "energy_translational_std": ((126, 152), 0.125),
+}  # fmt: skip
+REBOUNDS = {"rt": (0.7, 0.025), "tangential": (0.93, 0.015)}  # and their deviation
+#: One-sided: bound, sign of what is allowed, softness.
+BOUNDS = {"rn_5_15": (1.0, 1, 0.05), "stop_short": (0.04, -1, 0.01)}
+BOUNDS |= {f"gain_{k}": (0.0, 1, 0.01) for k in (2, 3, 4, 5)}
+SLOPE = 36.0  # of the plane on which ratios are compared [degrees]
+NAMES = (*PARAMETERS, *NUISANCES)
+
+
+@cache
+def emulators() -> dict[str, Emulator]:
+    table = xr.load_dataset(HERE / "design.nc")
+    return {state: Emulator(table, state) for state in STATES}
+
+
+@cache
+def site() -> Site:
+    return Site(VAUJANY, BOULDERS, trajectories=100)
+
+
+def nuisances(u: np.ndarray) -> dict[str, float]:
+    """Of a state of the chain, in their units."""
+    ends = zip(NUISANCES.items(), u[len(PARAMETERS) :], strict=True)
+    return {name: low + one * (high - low) for (name, (low, high)), one in ends}
+
+
+def state_of(u: np.ndarray) -> str:
+    """Which state of the boulder counts."""
+    return list(STATES)[min(int(nuisances(u)["state"]), len(STATES) - 1)]
+
+
+def sets_of(u: np.ndarray, z: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """The sets of a state of the chain; `z` as for the emulator."""
+    return emulators()[state_of(u)].predict(u[: len(PARAMETERS)], z)
+
+
+def slopes(u: np.ndarray) -> list[Talus]:
+    about = nuisances(u)
+    return [Talus(seed, about["relief"], about["channel"], about["roads"]) for seed in TERRAINS]
+
+
+def numbers(sets: tuple, u: np.ndarray) -> dict[str, float]:
+    """Numbers of the site in the mean over its slopes, and the log growth of a bounce that each
+    ratio has before the one below it."""
+    each = [site().numbers(*sets, seed=one.seed, talus=one, threads=1) for one in slopes(u)]
+    found = {name: float(np.mean([one[name] for one in each])) for name in each[0]}
+    grown = [growth(set_rebound(*one), SLOPE, 200).mean for one in zip(*sets, strict=True)]
+    return found | {f"gain_{k + 2}": one for k, one in enumerate(np.diff(grown))}
+
+
+def log_likelihood(found: dict[str, float], unknown: dict[str, float]) -> float:
+    """Of the numbers of a site; `unknown` are the emulator's standard deviations."""
+    total = 0.0
+    for name, (values, share) in PRINTED.items():
+        for method, value in zip("AB", values, strict=True):
+            key = f"{method}_EL1_{name}"
+            deviation = np.hypot(share * value, unknown.get(key, 0.0))
+            total -= 0.5 * ((found[key] - value) / deviation) ** 2
+    for key, (value, error) in REBOUNDS.items():
+        total -= 0.5 * ((found[key] - value) / np.hypot(error, unknown.get(key, 0.0))) ** 2
+    for key, (bound, sign, error) in BOUNDS.items():
+        total += log_ndtr(sign * (found[key] - bound) / np.hypot(error, unknown.get(key, 0.0)))
+    return float(total) if np.isfinite(total) else FADED
+
+
+class Likelihood:
+    """Of a state of the chain, with the emulator's errors, for a pool of processes."""
+
+    def __init__(self, unknown: dict[str, float]) -> None:
+        self.unknown = unknown
+
+    def __call__(self, u: np.ndarray) -> float:
+        if not ((u > 0) & (u < 1)).all():
+            return -np.inf
+        return log_likelihood(numbers(sets_of(u), u), self.unknown)
+
+
+def over_prior(u: np.ndarray) -> dict[str, float]:
+    """Numbers of a state, and what other readings of the paper make of them."""
+    sets = sets_of(u)
+    found = numbers(sets, u)
+    radius, aspect = dict(found), dict(found)
+    for one in slopes(u)[:1]:
+        told = {"seed": one.seed, "talus": one, "threads": 1}
+        radius |= at_lines("A", site().run(*sets, reading="radius", methods="A", **told)["A"])
+        for method, result in site().run(*sets, turning="to_aspect", **told).items():
+            aspect |= at_lines(method, result)
+    return {
+        **dict(zip(NAMES, u, strict=True)), **found,
+        "radius_A_EL1_speed": radius["A_EL1_speed"],
+        "aspect_B_EL1_speed": aspect["B_EL1_speed"],
+        "log_likelihood": log_likelihood(found, {}),
+        "log_likelihood_radius": log_likelihood(radius, {}),
+        "log_likelihood_to_aspect": log_likelihood(aspect, {}),
+    }  # fmt: skip
+
+
+def prior(count: int, pool) -> None:
+    """Over the first states of a Sobol sequence."""
+    u = qmc.Sobol(len(NAMES), rng=np.random.default_rng(5)).random(count)
+    rows = pool.map(over_prior, u, chunksize=4)
+    pd.DataFrame(rows).to_csv(HERE / "prior.csv", index=False, float_format="%.5g")
+
+
+def best_of_prior(count: int) -> np.ndarray:
+    table = pd.read_csv(HERE / "prior.csv").sort_values("log_likelihood", ascending=False)
+    return table[list(NAMES)].values[:count]
+
+
+def wave(count: int) -> None:
+    """Of the most likely states of the prior those that are far from each other."""
+    unit = best_of_prior(6 * count)[:, : len(PARAMETERS)]
+    chosen = [0]
+    while len(chosen) < count:
+        apart = ((unit[:, None] - unit[chosen]) ** 2).sum(2).min(1)
+        chosen.append(int(np.argmax(apart)))
+    add_settings(physical(unit[chosen]))
+
+
+def emulator_error(numbered: tuple[np.ndarray, np.ndarray]) -> dict[str, float]:
+    u, z = numbered
+    return numbers(sets_of(u, z), u)
+
+
+def run(work: Path, steps: int, pool) -> None:
+    """Go on with the chain until it has as many steps."""
+    start, errors = best_of_prior(WALKERS), work / "unknown.csv"
+    if not errors.exists():
+        z = np.random.default_rng(7).standard_normal((24, 16))
+        found = pd.DataFrame(pool.map(emulator_error, [(start[0], one) for one in z]))
+        found.std().to_csv(errors, header=False)
+    unknown = pd.read_csv(errors, index_col=0, header=None)[1].fillna(0).to_dict()
+    backend = emcee.backends.HDFBackend(work / "chain.h5")
+    sampler = emcee.EnsembleSampler(
+        WALKERS, len(NAMES), Likelihood(unknown), pool=pool, backend=backend,
+        moves=[(emcee.moves.DEMove(), 0.8), (emcee.moves.StretchMove(), 0.2)],
+    )  # fmt: skip
+    done = backend.iteration if backend.initialized else 0
+    for state in sampler.sample(None if done else start, iterations=max(0, steps - done)):
+        likely = np.sort(state.log_prob)
+        print(
+            backend.iteration, "log likelihood", likely[[0, WALKERS // 2, -1]].round(1), flush=True
+        )
+
+
+def sample(work: Path) -> np.ndarray:
+    """States of the second half of the chain."""
+    backend = emcee.backends.HDFBackend(work / "chain.h5", read_only=True)
+    return backend.get_chain(discard=backend.iteration // 2, flat=True)
+
+
+def draws(work: Path, count: int, pool) -> None:
+    """States of the posterior, equally likely: the first is nearest to its centre."""
+    u = sample(work)
+    centre = np.argmin((((u - u.mean(0)) / u.std(0)) ** 2).sum(1))
+    picked = np.random.default_rng(11).choice(len(u), count - 1, replace=False)
+    rows = pool.map(over_prior, u[[centre, *picked]])
+    table = pd.DataFrame(rows)
+    table[list(PARAMETERS)] = physical(table[list(PARAMETERS)].values)
+    table.insert(0, "counts", [state_of(one) for one in u[[centre, *picked]]])
+    for name, (low, high) in NUISANCES.items():
+        table[name] = low + table[name] * (high - low)
+    table.drop(columns="state").to_csv(HERE / "posterior.csv", index=False, float_format="%.6g")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("work", type=Path)
+    for name in "prior", "wave", "steps", "draws":
+        parser.add_argument(f"--{name}", type=int, default=0)
+    parser.add_argument("--processes", type=int, default=2)
+    told = parser.parse_args()
+    told.work.mkdir(parents=True, exist_ok=True)
+    if told.wave:
+        wave(told.wave)
+    if told.prior or told.steps or told.draws:
+        emulators()
+        with Pool(told.processes) as pool:
+            if told.prior:
+                prior(told.prior, pool)
+            if told.steps:
+                run(told.work, told.steps, pool)
+            if told.draws:
+                draws(told.work, told.draws, pool)
+
+
+if __name__ == "__main__":
+    main()
