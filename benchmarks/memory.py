@@ -29,7 +29,7 @@ HERE = Path(__file__).parent
 CASE = """&case boulders = 1, seed = 1, title = 'memory' /
 &terrain dem = '{dem}' /
 &surface {surface} /
-&impact sets = 'rocky-slope-provisional' /
+&impact sets = 'rocky-slope' /
 &boulder volume = 'fixed', volume_mean = 1.0 /
 &release cells = '{cells}', drop_height = 5.0 /
 &output maps = {maps} /

@@ -120,7 +120,7 @@ def case_text(surface="zones_b", release=CELLS, dem="dem.asc", more=""):
     return f"""&case title = 'made, "rough"', seed = 12345678901, boulders = 40{sampling} /
 &terrain dem = '{dem}' /
 &surface {SURFACES[surface]} /
-&impact sets = 'rocky-slope-provisional', stop_speed = 0.4 /
+&impact sets = 'rocky-slope', stop_speed = 0.4 /
 &boulder {LAWS[surface]} /
 &release {release} /
 &line name = 'EL 1/ö' x = {x} y = {y} /
@@ -358,7 +358,7 @@ def test_sets_are_those_of_the_case_alone(made, batch, tmp_path, monkeypatch):
     """No folder of the user's stands before those that are shipped, in either program."""
     folder = tmp_path / "sets"
     folder.mkdir()
-    shipped = ROOT / "python/rockfall/data/impact_sets/rocky-slope-provisional.nml"
+    shipped = ROOT / "python/rockfall/data/impact_sets/rocky-slope.nml"
     (folder / shipped.name).write_text(shipped.read_text().replace("mean = ", "mean = 0.9*", 1))
     monkeypatch.setenv("ROCKFALL_SETS", str(folder))
     case = write_case(made)
@@ -401,10 +401,10 @@ def raster(name, array, grid=GRID):
 
 def sets(old, new, count=1):
     """The shipped impact sets with a change, as a file beside the case."""
-    text = (ROOT / "python/rockfall/data/impact_sets/rocky-slope-provisional.nml").read_text()
+    text = (ROOT / "python/rockfall/data/impact_sets/rocky-slope.nml").read_text()
     assert old in text
     changed = text.replace(old, new, count)
-    return write("sets.nml", changed, "'rocky-slope-provisional'", "'sets.nml'")
+    return write("sets.nml", changed, "'rocky-slope'", "'sets.nml'")
 
 
 def in_first_set(more, **keys):
@@ -533,7 +533,7 @@ HOSTILE = {
     "on nodata": (
         replace(POINT[0], POINT[1].format(*HOLE)), ["&release: source 1", "nodata"], True
     ),
-    "no sets": (replace("rocky-slope", "soft"), ["&impact sets = 'soft-provisional'"], False),
+    "no sets": (replace("rocky-slope", "soft"), ["&impact sets = 'soft'"], False),
     "ratio": (sets("ratio = 5", "ratio = 6"), ["sets.nml", "ratio = 6", "1 to 5"], True),
     "length": (sets("mean = ", "mean = 1.0, "), ["mean", "must be 9 values, not 10"], True),
     "indefinite": (

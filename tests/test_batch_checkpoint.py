@@ -30,10 +30,10 @@ OWN = {"run.csv", "case.nml"}  # these have times and threads
 
 @pytest.fixture
 def case(made):
-    shipped = Path(rockfall.__file__).parent / "data/impact_sets/rocky-slope-provisional.nml"
+    shipped = Path(rockfall.__file__).parent / "data/impact_sets/rocky-slope.nml"
     (made / "sets.nml").write_bytes(shipped.read_bytes())
     text = case_text().replace("boulders = 40", f"boulders = {BOULDERS}")
-    (made / "case.nml").write_text(text.replace("rocky-slope-provisional", "sets.nml"))
+    (made / "case.nml").write_text(text.replace("rocky-slope", "sets.nml"))
     return made / "case.nml"
 
 

@@ -20,7 +20,7 @@ from made import PLACE, make_ascii, make_raster
 from rockfall.cli import main
 
 NY, NX = 30, 24
-SETS = Path(rockfall.__file__).parent / "data" / "impact_sets" / "rocky-slope-provisional.nml"
+SETS = Path(rockfall.__file__).parent / "data" / "impact_sets" / "rocky-slope.nml"
 TABLE = "zone,mean_radius\n1,0.3\n2,0.2\n"
 CASE = """&case title = 'Slope', boulders = 20, seed = 7 /
 &terrain dem = 'dem.tif' /
@@ -303,7 +303,7 @@ HOSTILE = {
     "sets empty": (write("sets.nml", b""), r"sets.nml: no &impact_set for ratio 1 2 3 4 5; .*"),
     "sets missing": (
         remove("sets.nml"),
-        r"case.nml: &impact sets = 'sets.nml': no such file; shipped sets: .*provisional.*",
+        r"case.nml: &impact sets = 'sets.nml': no such file; shipped sets: .*rocky-slope.*",
     ),
     "no boulders": (
         change("boulders = 20", "boulders = 0"),

@@ -46,7 +46,7 @@ class Site:
             "case": {"boulders": 2},
             "terrain": {"dem": "dem.tif"},
             "surface": {"zones": "zones.tif", "table": "zones.csv"},
-            "impact": {"sets": "rocky-slope-provisional"},
+            "impact": {"sets": "rocky-slope"},
             "boulder": {"volume_mean": 0.8},
             "release": {**POINT, "drop_height": 2.0},
             "flight": {},

@@ -54,7 +54,7 @@ def case_of(folder, **changes):
         "case": {"title": "It's a slope, 'rough'", "boulders": 30, "seed": 2**62 + 1},
         "terrain": {"dem": "dem.tif"},
         "surface": {"uniform_mean_radius": 0.1 + 0.2},
-        "impact": {"sets": "rocky-slope-provisional"},
+        "impact": {"sets": "rocky-slope"},
         "boulder": {"volume": "lognormal", "volume_mean": 0.1, "volume_std": 1 / 3},
         "release": {
             "x": [WEST + 5.3, WEST + 20.7],
@@ -109,7 +109,7 @@ def make_case(folder, dtype, changes):
         shapely, geopandas = pytest.importorskip("shapely"), pytest.importorskip("geopandas")
         box = shapely.box(WEST + 6.1, NORTH - 7, WEST + 8.3, NORTH - 5.5)
         geopandas.GeoDataFrame(geometry=[box], crs="EPSG:32632").to_file(folder / "sources.gpkg")
-    sets = Path(rockfall.__file__).parent / "data" / "impact_sets" / "rocky-slope-provisional.nml"
+    sets = Path(rockfall.__file__).parent / "data" / "impact_sets" / "rocky-slope.nml"
     (folder / "case.nml").write_bytes(sets.read_bytes())  # a name that the prepared case needs
     return case_of(folder, **changes)
 
@@ -171,7 +171,7 @@ def test_only_what_the_case_needs_is_there(tmp_path):
     written = prepare(case, tmp_path / "new" / "prepared")
     names = [path.name for path in written]
     assert [name for name in names if not name.endswith(".prj")] == [
-        "cells.asc", "dem.asc", "rocky-slope-provisional.nml", "zones.asc", "zones.csv", "case.nml",
+        "cells.asc", "dem.asc", "rocky-slope.nml", "zones.asc", "zones.csv", "case.nml",
     ]  # fmt: skip
     assert sorted(names) == sorted(os.listdir(tmp_path / "new" / "prepared"))
     assert os.listdir(tmp_path / "new") == ["prepared"]
@@ -202,7 +202,7 @@ def test_a_prepared_case_moves_and_is_prepared_again(tmp_path):
     assert_same(result, rockfall.run(rockfall.read_case(tmp_path / "b" / "case.nml")))
     prepare(make_case(tmp_path, *CASES["points, one radius"]), tmp_path / "b")
     assert sorted(name for name in os.listdir(tmp_path / "b") if not name.endswith(".prj")) == [
-        "case.nml", "dem.asc", "notes.txt", "rocky-slope-provisional.nml",
+        "case.nml", "dem.asc", "notes.txt", "rocky-slope.nml",
     ]  # fmt: skip
 
 

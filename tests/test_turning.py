@@ -30,7 +30,7 @@ BOULDERS = 5000
 @functools.cache
 def coefficients():
     """Mean and covariance of the provisional set, that is one for all ratios."""
-    one = f90nml.read(shipped_sets()["rocky-slope-provisional"])["impact_set"][0]
+    one = f90nml.read(shipped_sets()["rocky-slope"])["impact_set"][0]
     covariance = np.zeros((9, 9))
     covariance[np.tril_indices(9)] = one["covariance"]
     return np.array(one["mean"]), covariance + np.tril(covariance, -1).T
