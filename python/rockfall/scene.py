@@ -49,6 +49,8 @@ class Coefficients(NamedTuple):
     covariance: np.ndarray  # (9, 9, 5)
     incidence: np.ndarray  # (8, 5): angles between the classes of `lateral` [degree]
     lateral: np.ndarray  # (13, 9, 5): quantiles of the lateral deviation [degree]
+    speed_range: np.ndarray  # (2, 5): incident speeds that they were fitted on [m/s]
+    angle_range: np.ndarray  # (2, 5): and angles from the surface [degree]
 
 
 @dataclass
