@@ -17,7 +17,8 @@ from rockfall.outputs import SIGNATURE
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-BLUE, VERMILION, INK, GREY = "#0072B2", "#D55E00", "#222222", "#8A8A8A"  # Okabe and Ito (2008)
+BLUE, VERMILION, GREEN = "#0072B2", "#D55E00", "#009E73"  # Okabe and Ito (2008)
+INK, GREY = "#222222", "#8A8A8A"
 FLIGHT = {"color": BLUE, "linewidth": 0.5, "alpha": 0.6}  # one of many trajectories
 CUT = {"color": INK, "linewidth": 0.9, "linestyle": (0, (5, 2))}  # an evaluation line
 OBSERVED = {"color": INK, "marker": "D", "markersize": 3.5, "markerfacecolor": "white"}
