@@ -49,10 +49,20 @@ NOISE = np.array([[0.004, 0.001, -0.0015], [0.001, 0.0025, 0.0005], [-0.0015, 0.
 NOISE = NOISE / np.arange(1, 6)[:, None, None]
 
 
+def fitted(ratio):
+    """What a set was fitted on: some rebounds of most scenes lie outside."""
+    return f" speed_range = {0.5 * ratio}, {10 + ratio}\n angle_range = {3 + ratio}, {50 + ratio}\n"
+
+
+def usual(ratio):
+    """What each set holds besides its mean and covariance."""
+    return lateral(ratio) + fitted(ratio)
+
+
 def noise(ratio):
-    """The noise of a set besides its lateral deviations."""
+    """The noise of a set besides."""
     lower = ", ".join(repr(float(one)) for one in NOISE[ratio - 1][np.tril_indices(3)])
-    return f"{lateral(ratio)} noise = {lower}\n"
+    return f"{usual(ratio)} noise = {lower}\n"
 
 
 def write_sets(path, mean, covariance, more=lambda ratio: ""):
@@ -67,7 +77,7 @@ def write_sets(path, mean, covariance, more=lambda ratio: ""):
     return path
 
 
-def make_case(folder, mean, covariance, line=(), more=lateral, **groups):
+def make_case(folder, mean, covariance, line=(), more=usual, **groups):
     """A case for an array of elevations; `folder` gets its impact sets."""
     write_sets(folder / "sets.nml", mean, covariance, more)
     case = {

@@ -239,6 +239,18 @@ def test_both_doors_give_the_same_bits(surface, made, batch, tmp_path):
     check_folder(tmp_path / "case_results", result)
 
 
+def test_both_doors_count_what_a_set_was_not_fitted_on(made, batch, tmp_path):
+    case = write_case(made)
+    in_first_set("", speed_range=[3.0, 9.0], angle_range=[10.0, 40.0])(made)
+    done = batch(case, cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    result = rockfall.run(rockfall.read_case(case))
+    check_folder(tmp_path / "case_results", result)
+    speeds, angles = (int(result[f"rebounds_out_of_{name}"]) for name in ("speed", "angle"))
+    assert min(speeds, angles) > 0
+    assert f"; {speeds} at speeds, {angles} at angles outside" in done.stdout
+
+
 @pytest.mark.parametrize("surface", ["zones_a", "radius"])
 def test_both_doors_write_the_same_netcdf(surface, made, batch, netcdf, tmp_path):
     case = write_case(made, surface=surface)
@@ -549,6 +561,26 @@ HOSTILE = {
         in_first_set("", noise=[1.0, 2.0, 1.0, 0.0, 0.0, 1.0]),
         ["sets.nml: line", "&impact_set noise is indefinite: smallest eigenvalue  -1.0000E+00"],
         True,
+    ),
+    "one speed": (
+        in_first_set("", speed_range=20.0), ["speed_range", "must be 2 values, not 1"], True
+    ),
+    "speeds": (
+        in_first_set("", speed_range=[20.0, 20.0]),
+        ["&impact_set speed_range = 20.0, 20.0: must rise within 0 to 1000 [m/s]"], True,
+    ),
+    "speeds below zero": (
+        in_first_set("", speed_range=[-1.0, 20.0]), ["speed_range", "must rise within 0"], True
+    ),
+    "infinite speeds": (
+        sets("ratio = 1", "ratio = 1, speed_range = 1, Inf"), ["speed_range (value 2) = Inf"], True
+    ),
+    "angles": (
+        in_first_set("", angle_range=[5.0, 90.1]),
+        ["&impact_set angle_range = 5.0, 90.1: must rise within 0 to 90 [degree]"], True,
+    ),
+    "angles of text": (
+        in_first_set("", angle_range=["a", "b"]), ["angle_range", "must be a real number"], True
     ),
     "no deviations": (
         in_first_set(LAB), ["lateral: is missing: needed for &impact turning = 'lab'"], True

@@ -474,8 +474,11 @@ def test_check_says_what_would_run_and_writes_nothing(place, capsys):
     assert out.startswith("case.nml: Slope\n")
     assert rows["terrain"] == "24 x 30 cells of 5 m, 0.0% nodata, float32, EPSG:32632"
     assert rows["surface"] == "method B, zones.tif: 2 of 2 zones used"
-    assert rows["sizes"].startswith("R_b 0.576 m, volume 0.8 m3, mass 2,240 kg; ")
-    assert "zone 1: R_m 0.3 m, R_b/R_m 1.92\n" in out and "zone 2: R_m 0.2 m, R_b/R_m 2.88\n" in out
+    assert rows["sizes"].startswith("R_b 0.576 m, volume 0.8 m3, mass 2,240 kg")
+    assert "zone 1: R_m 0.3 m, R_b/R_m 1.92; neutral slope " in out
+    assert "zone 2: R_m 0.2 m, R_b/R_m 2.88; neutral slope " in out
+    assert "by R_b/R_m, 0.0% by speed, 0.0% by angle, in a pilot run" in rows["rebounds"]
+    assert rows["impact sets"].endswith(", fitted on speeds and angles that it does not tell")
     assert rows["boulders"] == "20, 20 from each source; sources: 1 (points)"
     assert rows["lines"] == "L" and rows["maps"] == "passages, energy_mean"
     assert re.match(r"about \d+ MB \(rasters", rows["memory"])
@@ -546,7 +549,7 @@ def test_a_release_at_rest_on_the_ground_is_a_warning(place, capsys):
 def test_rebounds_outside_the_calibrated_range_are_said(place, capsys):
     change("0.2", "0.02", "zones.csv")()
     assert main(["run", "case.nml"]) == 0
-    assert "the impact set is not calibrated there" in capsys.readouterr().out
+    assert "where the set is not calibrated" in capsys.readouterr().out
 
 
 def test_export_lists_its_files(place, capsys):

@@ -173,7 +173,8 @@ def test_every_boulder_has_a_status_and_totals_add_up(crowd):
         if name.endswith("_histogram"):
             assert int(crowd[name].sum()) == int(crowd.rebounds), name
     assert 0 < crowd.rebounds_forced < crowd.rebounds_redrawn < crowd.rebounds
-    assert 0 < crowd.rebounds_out_of_range < crowd.rebounds
+    for name in ("range", "speed", "angle"):
+        assert 0 < crowd[f"rebounds_out_of_{name}"] < crowd.rebounds
 
 
 def test_totals_of_maps(crowd):
@@ -340,6 +341,39 @@ def test_greatest_speed_is_that_of_the_trajectory(folder, limit):
     assert int(result.impacts[0]) == limit
     assert float(result.speed_max[0]) == pytest.approx(max(after.max(), before.max()), rel=1e-12)
     assert (after.max() > before.max()) == (limit >= 5)
+
+
+@pytest.mark.parametrize("ratio", ["nearest", "between"])
+def test_rebounds_outside_what_the_set_was_fitted_on(folder, ratio):
+    """They are those of the trajectories; with both rules each rebound has the range of its set."""
+    case = make_case(folder, 300, impact={"ratio": ratio}, output={"trajectories": 300})
+    result = run(case)
+    size, in_t, in_n = (result[f"trajectory_{name}"].values for name in ("ratio", "in_t", "in_n"))
+    hit = size > 0
+    assert hit.sum() == result.rebounds > 3000
+    speed, angle = np.hypot(in_t, in_n)[hit], np.degrees(np.arctan2(-in_n, in_t))[hit]
+    near = np.clip(size[hit], 1, 5)
+    found = {"speed": [], "angle": []}
+    for sets in (np.floor(near), np.ceil(near)) if ratio == "between" else [np.floor(near + 0.5)]:
+        found["speed"].append((speed < 0.5 * sets) | (speed > 10 + sets))
+        found["angle"].append((angle < 3 + sets) | (angle > 50 + sets))
+    for name, outside in found.items():
+        counted = int(result[f"rebounds_out_of_{name}"])
+        assert np.all(outside, axis=0).sum() <= counted <= np.any(outside, axis=0).sum()
+        assert 100 < counted < result.rebounds - 100
+    scene = read_scene(case, slope(), scenes.grid(slope(), CELL), mean_radius=river())
+    assert scene.sets.speed_range[:, 2].tolist() == [1.5, 13.0]
+    assert scene.sets.angle_range[:, 2].tolist() == [6.0, 53.0]
+
+
+def test_what_a_set_was_fitted_on_changes_no_boulder(folder):
+    """And a set that does not say it was fitted on everything."""
+    told = run(make_case(folder, 200, **ALL))
+    untold = run(make_case(folder, 200, more=scenes.lateral, **ALL))
+    counts = {"rebounds_out_of_speed", "rebounds_out_of_angle"}
+    same_bits(told, untold, sorted(set(told.variables) - counts))
+    for name in counts:
+        assert told[name] > 0 == untold[name]
 
 
 def test_lines_are_met_where_the_trajectories_cross_them(folder):

@@ -90,7 +90,7 @@ def test_the_kernel_reads_what_is_written(tmp_path, numbers):
     found = fit_lateral(incoming(angles), turn)
     path = tmp_path / "made.nml"
     write_sets(path, dict.fromkeys(range(1, 6), a_set(found)), ["made by a test"])
-    _, _, between, lateral, _, code, message = kernel.read_sets(
+    _, _, between, lateral, *_, code, message = kernel.read_sets(
         path.read_bytes(), b"made.nml", TURNINGS["lab"], 0
     )
     assert code == 0, message

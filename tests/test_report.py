@@ -22,10 +22,11 @@ from scenes import grid, make_case, rough, sets
 pytest.importorskip("matplotlib", reason="the report extra is not installed")
 from rockfall.report import report, write_report  # noqa: E402
 from rockfall.report.maps import MOST_CELLS, Window, blocks_max, maps, window_of  # noqa: E402
-from rockfall.report.markup import UNITS, number, percent  # noqa: E402
+from rockfall.report.markup import UNITS, number  # noqa: E402
 from rockfall.report.running import by_turns, history, needed, sizes  # noqa: E402
 from rockfall.report.tables import provenance  # noqa: E402
-from rockfall.report.words import cautions, in_words, rows_of  # noqa: E402
+from rockfall.report.words import cautions, in_words, rows_of, warnings  # noqa: E402
+from rockfall.style import percent  # noqa: E402
 
 EVIL = "<script>document.title = 'run'</script> & \"x\" <img src=x onerror=alert(1)>"
 LINES = [
@@ -139,7 +140,9 @@ def test_intervals_that_are_not_those_of_random_boulders_say_so(tmp_path, result
 
 def test_each_caution_has_its_number_and_its_weight(result):
     changed = result.copy(deep=True)
-    changed["rebounds"][...], changed["rebounds_out_of_range"][...] = 1000, 731
+    changed["rebounds"][...], changed["rebounds_out_of_range"][...] = 1000, 131
+    changed["speed_max"][:] = 1.0
+    changed["rebounds_out_of_speed"][...], changed["rebounds_out_of_angle"][...] = 450, 0
     changed["rebounds_forced"][...], changed["rebounds_redrawn"][...] = 1, 20
     changed["status"][:] = 1
     changed["status"][:30], changed["status"][30:36] = 3, 4
@@ -151,10 +154,10 @@ def test_each_caution_has_its_number_and_its_weight(result):
         "The impact set 'sets.nml' is the user's own",
         "no trees, nets or dams",
         "cliff: 0 boulders passed, fewer than 100",
-        "731 of 1,000 rebounds (73.1 %) had R_b/R_m outside 0.5 to 5.5",
         "7 of 10 reached cells (70.0 %) saw fewer than 30 boulders",
         "Maxima grow",
         "Return levels: 2 of 4 are refused",
+        "131 of 1,000 rebounds (13.1 %) had R_b/R_m outside 0.5 to 5.5",
         "30 of 300 boulders (10.0 %) left the terrain",
         "Return levels: 2 of 4 are given",
         "6 of 300 boulders (2.0 %) reached the limit of 100,000 contacts",
@@ -163,16 +166,36 @@ def test_each_caution_has_its_number_and_its_weight(result):
     ]
     found = [next(k for k, one in enumerate(text) if part in one) for part in order]
     assert found == sorted(found) and len(text) == len(order)
+    assert [one[:40] for one in warnings(changed)] == ["450 of 1,000 rebounds (45.0 %) were slow"]
+
+
+def test_what_lies_beyond_the_model_is_a_box_at_the_top(result):
+    """Above all else on the page, and only where there is something to say."""
+    clean, changed = result.copy(deep=True), result.copy(deep=True)
+    for name in ("range", "speed", "angle"):
+        clean[f"rebounds_out_of_{name}"][...] = 0
+        changed[f"rebounds_out_of_{name}"][...] = int(result.rebounds)
+    for one in clean, changed:
+        one["speed_max"][:] = 1.0
+    changed["speed_max"][:16] = 999.0  # of 300
+    page = report(changed)
+    box = re.search('<main>\n<aside class="warning">.*?</aside>\n<section', page, re.DOTALL)[0]
+    said = [unescape(one) for one in re.findall("<li>(.*?)</li>", box)]
+    assert said == warnings(changed) and len(said) == 4
+    assert "16 of 300 boulders (5.3 %) exceeded 0.8 m/s per degree" in said[3]
+    assert warnings(clean) == [] and "<aside" not in report(clean)
 
 
 def test_what_did_not_happen_is_not_warned_of(result):
     clean = result.copy(deep=True)
-    for name in ("rebounds_out_of_range", "rebounds_forced", "rebounds_redrawn"):
+    outside = [f"rebounds_out_of_{name}" for name in ("range", "speed", "angle")]
+    for name in (*outside, "rebounds_forced", "rebounds_redrawn"):
         clean[name][...] = 0
     clean["status"][:] = 1
     text = " ".join(warned(clean))
     for part in (
         "outside 0.5",
+        "_range",
         "in 32",
         "one draw",
         "left the terrain",

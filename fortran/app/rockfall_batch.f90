@@ -270,9 +270,10 @@ contains
          call line_summary(case%lines(k)%name, k, results)
       end do
       counts = rebound_counts(results)
-      write (output_unit, "(i0,a,3(i0,a))") counts(3), " rebounds; ", counts(4), " redrawn, ", &
+      write (output_unit, "(i0,a,5(i0,a))") counts(3), " rebounds; ", counts(4), " redrawn, ", &
          counts(5), " forced, ", counts(6), &
-         " with R_b/R_m outside 0.5 to 5.5, where no set is calibrated"
+         " with R_b/R_m outside 0.5 to 5.5, where no set is calibrated; ", counts(7), &
+         " at speeds, ", counts(8), " at angles outside those that the set was fitted on"
       write (output_unit, "(4a,i0,a)") decimal(results%wall, 2), " s (", decimal(results%cpu, 2), &
          " s of CPU, ", results%threads, " threads)"
    end subroutine summary

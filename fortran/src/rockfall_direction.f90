@@ -4,7 +4,7 @@
 !> laboratory. Headings are unit vectors in plan.
 module rockfall_direction
    use rockfall_kinds, only: wp
-   use rockfall_math, only: pi, degree, sine_cosine
+   use rockfall_math, only: pi, degree, sine_cosine, squared_sine
    implicit none
    private
    public :: turning_t, lateral_t, lateral, lateral_classes, lateral_quantiles
@@ -45,13 +45,8 @@ contains
    pure type(lateral_t) function lateral(incidence, angle) result(this)
       real(wp), intent(in) :: incidence(lateral_classes - 1)                   !! between classes, 0 to 90
       real(wp), intent(in) :: angle(lateral_quantiles, lateral_classes)
-      real(wp) :: s, c
-      integer :: k
 
-      do k = 1, size(incidence)
-         call sine_cosine(min(incidence(k), 90 - incidence(k))*degree, s, c)
-         this%sine2(k) = merge(s, c, incidence(k) <= 45)**2
-      end do
+      this%sine2 = squared_sine(incidence)
       this%angle = angle*degree
    end function lateral
 

@@ -7,6 +7,8 @@ module rockfall_f2py
    use rockfall_random, only: random_key
    use rockfall_sobol, only: sobol_sequence
    use rockfall_terrain, only: terrain_t, terrain, keep_within
+   use rockfall_surface, only: size_weights
+   use rockfall_impact, only: ratio_weights
    use rockfall_trajectory, only: scene_t, fate_t, crossing_t, scratch_t
    use rockfall_scene, only: coefficients_t, set_sources, check_sources, add_line, set_impacts
    use rockfall_reach, only: block_side, take_minima, reach_box
@@ -27,15 +29,16 @@ module rockfall_f2py
    implicit none
    private
    public :: run, survey, reach, block_of, map_plan, check_tallies, map_values, check_case, case_key, variable, read_sets, fields, &
-             histogram_bins, team, team_fits, end_team, slope_threshold, steep_cells, area_ratios, release_ends, overstates
+             histogram_bins, team, team_fits, end_team, slope_threshold, steep_cells, area_ratios, release_ends, overstates, &
+             weights_of_sets, weights_of_sizes
 
 contains
 
    !> Follow boulders first .. first + n - 1 of a scene; maps and histograms are added to. With room > 1 (and
    !> n = 1) the vertices of the trajectory are kept too, up to `room` of `recorded`.
    subroutine run(z8, z4, west, north, cell, nodes, at, zone1, zone2, values, sizes, method, size_to_radius, &
-                  set_mean, set_covariance, set_incidence, set_lateral, turning, between, &
-                  gravity, stop_speed, impact_limit, &
+                  set_mean, set_covariance, set_incidence, set_lateral, set_speed_range, set_angle_range, &
+                  turning, between, gravity, stop_speed, impact_limit, &
                   law, law_values, volumes, density, source_x, source_y, sources_before, per_source, source_end, &
                   drop_height, velocity, &
                   lines, line_end, line_x, line_y, seed, sobol, first, threads, &
@@ -59,6 +62,7 @@ contains
       real(c_double), intent(in) :: size_to_radius
       real(c_double), intent(in) :: set_mean(9, 5), set_covariance(9, 9, 5)  !! as in coefficients_t
       real(c_double), intent(in) :: set_incidence(8, 5), set_lateral(13, 9, 5)
+      real(c_double), intent(in) :: set_speed_range(2, 5), set_angle_range(2, 5)
       integer(c_int), intent(in) :: turning                      !! rule of turning_t
       integer(c_int), intent(in) :: between                      !! ratios: 0 or 1
       real(c_double), intent(in) :: gravity, stop_speed          !! [m/s2], [m/s]
@@ -88,7 +92,7 @@ contains
       integer(c_int), intent(in) :: histograms                   !! 0: none
       integer(c_int64_t), intent(inout) :: histogram(50, 6)
       real(c_double), intent(out) :: boulder(12, n)              !! boulder_fields
-      integer(c_int32_t), intent(out) :: counts(6, n)            !! boulder_counts
+      integer(c_int32_t), intent(out) :: counts(8, n)            !! boulder_counts
       real(c_double), intent(out) :: crossing(12, nl, n)         !! line_fields
       real(c_double), intent(out) :: vertex(14, room)            !! vertex_fields
       integer(c_int), intent(out) :: recorded
@@ -119,8 +123,8 @@ contains
       maps%head = head
       scene%wants_cells = follows_cells(maps)
       scene%wants_histograms = histograms /= 0
-      call set_impacts(scene, coefficients_t(set_mean, set_covariance, set_incidence, set_lateral), &
-                       turning, error)
+      call set_impacts(scene, coefficients_t(set_mean, set_covariance, set_incidence, set_lateral, &
+                                                 set_speed_range, set_angle_range), turning, error)
       call give_error(error, code, message)
       if (code /= 0) return
       if (room > 1) then
@@ -412,11 +416,13 @@ contains
    end subroutine variable
 
    !> The numbers of the five impact sets in a text, as in coefficients_t, for a rule of turning.
-   subroutine read_sets(text, name, turning, draw, mean, covariance, incidence, lateral, draws, code, message)
+   subroutine read_sets(text, name, turning, draw, mean, covariance, incidence, lateral, speed_range, angle_range, &
+                        draws, code, message)
       character(len=*), intent(in) :: text, name
       integer(c_int), intent(in) :: turning
       integer(c_int), intent(in) :: draw  !! 0: there must be one only
       real(c_double), intent(out) :: mean(9, 5), covariance(9, 9, 5), incidence(8, 5), lateral(13, 9, 5)
+      real(c_double), intent(out) :: speed_range(2, 5), angle_range(2, 5)
       integer(c_int), intent(out) :: draws, code
       character(len=1024), intent(out) :: message
       type(coefficients_t) :: sets
@@ -432,8 +438,26 @@ contains
       covariance = sets%covariance
       incidence = sets%incidence
       lateral = sets%lateral
+      speed_range = sets%speed_range
+      angle_range = sets%angle_range
       call give_error(error, code, message)
    end subroutine read_sets
+
+   !> How often each impact set serves a ratio R_b/R_m.
+   subroutine weights_of_sets(ratio, between, weights)
+      real(c_double), intent(in) :: ratio
+      integer(c_int), intent(in) :: between  !! as in `run`
+      real(c_double), intent(out) :: weights(5)
+
+      weights = ratio_weights(ratio, between /= 0)
+   end subroutine weights_of_sets
+
+   !> How often method A draws each obstacle size.
+   subroutine weights_of_sizes(weights)
+      real(c_double), intent(out) :: weights(3)
+
+      weights = size_weights
+   end subroutine weights_of_sizes
 
    !> Names of the rows of `run`: 1 boulder, 2 counts, 3 crossing, 4 vertex; blank past the end.
    subroutine fields(what, text)

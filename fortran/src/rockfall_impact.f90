@@ -7,18 +7,27 @@ module rockfall_impact
    use rockfall_error, only: error_t, fail, our_fault
    use rockfall_random, only: random_key_t, normal_table_t, normal, random_words, for_impact
    use rockfall_boulder, only: spin_inertia
+   use rockfall_math, only: squared_sine
    implicit none
    private
-   public :: impact_set_t, impact_set, check_covariance, with_noise
-   public :: impact_ratios, ratio_class, ratio_between, rebound_t, rebound
+   public :: impact_set_t, impact_set, check_covariance, with_noise, fitted_t, fitted, beyond_fit
+   public :: impact_ratios, ratio_class, ratio_between, ratio_weights, rebound_t, rebound
 
    integer, parameter :: impact_ratios = 5  !! sets for R_b/R_m = 1, 2, 3, 4, 5
    integer, parameter :: most_draws = 32    !! draws of A before one is forced to be admissible
+
+   !> The incident speeds, and angles from the surface, that a set was fitted on: squares of both ends, since these
+   !> need neither a root nor an arc to be compared.
+   type :: fitted_t
+      real(wp) :: speed2(2) = [0.0_wp, huge(1.0_wp)]  !! [m2/s2]
+      real(wp) :: sine2(2) = [0.0_wp, 1.0_wp]
+   end type fitted_t
 
    !> Mean m and root L of the covariance C = L L^T of (a1..a9), A by rows; L is lower triangular.
    type :: impact_set_t
       real(wp) :: mean(10) = 0.0_wp     !! and a tenth row of zeros, because
       real(wp) :: root(10, 9) = 0.0_wp  !! processors work in pairs
+      type(fitted_t) :: fitted
    end type impact_set_t
 
    !> What one rebound did.
@@ -171,6 +180,28 @@ contains
       call dgelqf(9, 9, root, 9, reflectors, work, size(work), info)
    end subroutine semidefinite_root
 
+   !> What a set was fitted on, from the ends of both ranges.
+   pure type(fitted_t) function fitted(speed, angle)
+      real(wp), intent(in) :: speed(2)  !! [m/s]
+      real(wp), intent(in) :: angle(2)  !! from the surface [degree]
+
+      fitted%speed2 = speed**2
+      fitted%sine2 = squared_sine(angle)
+   end function fitted
+
+   !> Whether an incoming velocity lies outside what a set was fitted on, in speed and in angle.
+   pure subroutine beyond_fit(this, v_in, speed, angle)
+      type(fitted_t), intent(in) :: this
+      real(wp), intent(in) :: v_in(2)  !! V_t, V_n [m/s]
+      logical, intent(out) :: speed, angle
+      real(wp) :: speed2, normal2
+
+      normal2 = v_in(2)*v_in(2)
+      speed2 = v_in(1)*v_in(1) + normal2
+      speed = speed2 < this%speed2(1) .or. speed2 > this%speed2(2)
+      angle = normal2 < this%sine2(1)*speed2 .or. normal2 > this%sine2(2)*speed2
+   end subroutine beyond_fit
+
    !> The set that serves a ratio R_b/R_m: rounded, within 1..5; `outside`: beyond 0.5..5.5, where no set
    !> is calibrated.
    pure subroutine ratio_class(ratio, class, outside)
@@ -193,6 +224,23 @@ contains
       class = int(within)
       if (u < within - class) class = class + 1
    end function ratio_between
+
+   !> How often each set serves a ratio: the nearest always, or the two beside it by chance.
+   pure function ratio_weights(ratio, between) result(weight)
+      real(wp), intent(in) :: ratio
+      logical, intent(in) :: between
+      real(wp) :: weight(impact_ratios)
+      integer :: class
+      logical :: outside
+
+      weight = 0
+      call ratio_class(ratio, class, outside)
+      if (between) class = ratio_between(ratio, 1.0_wp)
+      weight(class) = 1
+      if (.not. between .or. class == impact_ratios) return
+      weight(class + 1) = max(0.0_wp, ratio - class)
+      weight(class) = 1 - weight(class + 1)
+   end function ratio_weights
 
    !> One rebound (eqs 4, 5). A draw is admissible if the boulder leaves the surface and gains no
    !> kinetic energy; otherwise A is drawn again, and after 32 draws the last is forced.

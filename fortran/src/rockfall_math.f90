@@ -5,7 +5,7 @@ module rockfall_math
    use rockfall_kinds, only: wp, i8
    implicit none
    private
-   public :: pi, degree, logarithm, exponential, cube_root, sine_cosine
+   public :: pi, degree, logarithm, exponential, cube_root, sine_cosine, squared_sine
 
    real(wp), parameter :: pi = 3.14159265358979323846_wp
    real(wp), parameter :: degree = pi/180.0_wp  !! [rad]
@@ -80,4 +80,13 @@ contains
       s = angle*(1 + q*(s3 + q*(s5 + q*(s7 + q*(s9 + q*(s11 + q*(s13 + q*s15)))))))
       c = 1 + q*(c2 + q*(c4 + q*(c6 + q*(c8 + q*(c10 + q*(c12 + q*(c14 + q*c16)))))))
    end subroutine sine_cosine
+
+   !> Square of the sine of 0 to 90 degrees; exact at both ends.
+   elemental real(wp) function squared_sine(degrees)
+      real(wp), intent(in) :: degrees
+      real(wp) :: s, c
+
+      call sine_cosine(min(degrees, 90 - degrees)*degree, s, c)
+      squared_sine = merge(s, c, degrees <= 45)**2
+   end function squared_sine
 end module rockfall_math

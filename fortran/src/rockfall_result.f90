@@ -31,7 +31,8 @@ contains
       type(fate_t), intent(in) :: fate
       integer :: row(size(boulder_counts))
 
-      row = [fate%status, fate%impacts, fate%rebounds, fate%redrawn, fate%forced, fate%out_of_range]
+      row = [fate%status, fate%impacts, fate%rebounds, fate%redrawn, fate%forced, fate%out_of_range, &
+             fate%out_of_speed, fate%out_of_angle]
    end function boulder_count_row
 
    !> The numbers of `line_fields`; NaN where the boulder did not cross. Energies: Bourrier et al. 2009, eqs 1-3.

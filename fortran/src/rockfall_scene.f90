@@ -6,13 +6,15 @@ module rockfall_scene
    use rockfall_error, only: error_t, fail
    use rockfall_terrain, only: terrain_t, patch_t, locate, height, on_terrain
    use rockfall_line, only: line_t, line
-   use rockfall_impact, only: impact_set, impact_ratios
+   use rockfall_impact, only: impact_set, impact_ratios, fitted
    use rockfall_direction, only: lateral, lateral_classes, lateral_quantiles, by_lab
    use rockfall_trajectory, only: scene_t
    use rockfall_random, only: normal_table
    implicit none
    private
    public :: coefficients_t, set_sources, check_sources, add_line, set_impacts
+
+   real(wp), parameter :: any_speed = 1.0e100_wp  !! [m/s] above all, and its square is a number
 
    !> The numbers of five impact sets, as files have them.
    type :: coefficients_t
@@ -22,6 +24,9 @@ module rockfall_scene
       !> quantiles of each class, those of the last repeated.
       real(wp) :: incidence(lateral_classes - 1, impact_ratios) = 90.0_wp
       real(wp) :: lateral(lateral_quantiles, lateral_classes, impact_ratios) = 0.0_wp
+      !> Least and most of the incident speed [m/s] and angle [degree] that each was fitted on.
+      real(wp) :: speed_range(2, impact_ratios) = spread([0.0_wp, any_speed], 2, impact_ratios)
+      real(wp) :: angle_range(2, impact_ratios) = spread([0.0_wp, 90.0_wp], 2, impact_ratios)
    end type coefficients_t
 
 contains
@@ -99,6 +104,7 @@ contains
       do k = 1, impact_ratios
          call impact_set(coefficients%mean(:, k), coefficients%covariance(:, :, k), scene%sets(k), error)
          if (allocated(error)) return
+         scene%sets(k)%fitted = fitted(coefficients%speed_range(:, k), coefficients%angle_range(:, k))
       end do
       scene%turning = turning
       if (turning == by_lab) then

@@ -14,11 +14,12 @@ module rockfall_sets
    private
    public :: read_sets
 
-   character(len=*), parameter :: keys(*) = [character(len=10) :: "ratio", "mean", "covariance", "noise", "draw", &
-                                            "incidence", "lateral"]
-   integer, parameter :: lengths(5) = [1, 9, 45, 6, 1]  !! of the first; matrices by their lower triangle, by rows
-   integer, parameter :: required = 3                !! keys
+   character(len=*), parameter :: keys(*) = [character(len=11) :: "ratio", "mean", "covariance", "noise", "draw", &
+                                            "speed_range", "angle_range", "incidence", "lateral"]
+   integer, parameter :: lengths(7) = [1, 9, 45, 6, 1, 2, 2]  !! of the first; matrices by their lower triangle, by rows
+   integer, parameter :: required = 3               !! keys
    integer, parameter :: max_draws = 1000
+   real(wp), parameter :: most_speed = 1000.0_wp    !! [m/s] no boulder has more
 
 contains
 
@@ -144,6 +145,10 @@ contains
       call get_real(group, "covariance", values, error)
       if (allocated(error)) return
       sets%covariance(:, :, ratio) = symmetric(values, 9)
+      call read_range(group, "speed_range", most_speed, "m/s", sets%speed_range(:, ratio), error)
+      if (allocated(error)) return
+      call read_range(group, "angle_range", 90.0_wp, "degree", sets%angle_range(:, ratio), error)
+      if (allocated(error)) return
       call read_lateral(group, sets%incidence(:, ratio), sets%lateral(:, :, ratio), error)
    end subroutine read_set
 
@@ -178,6 +183,24 @@ contains
          k = k + i
       end do
    end function symmetric
+
+   !> Both ends of what a set was fitted on, if it says so.
+   pure subroutine read_range(group, key, most, unit, range, error)
+      type(group_t), intent(in) :: group
+      character(len=*), intent(in) :: key, unit
+      real(wp), intent(in) :: most
+      real(wp), intent(inout) :: range(2)
+      type(error_t), allocatable, intent(out) :: error
+      real(wp), allocatable :: values(:)
+
+      if (.not. has_key(group, key)) return
+      call get_real(group, key, values, error)
+      if (allocated(error)) return
+      range = values
+      if (range(1) < 0 .or. range(2) > most .or. range(1) >= range(2)) then
+         call refuse(group, key, "must rise within 0 to "//integer_text(nint(most))//" ["//unit//"]", error)
+      end if
+   end subroutine read_range
 
    !> Lateral deviations, if a set has them: as many quantiles for each class of incidence, of which one is there
    !> without `incidence`.

@@ -6,9 +6,13 @@ module rockfall_surface
    use rockfall_kinds, only: wp, sp, i1, i2
    implicit none
    private
-   public :: surface_t, rock_radius, method_a, method_b
+   public :: surface_t, rock_radius, size_weights, method_a, method_b
 
    integer, parameter :: method_a = 1, method_b = 2
+
+   !> Method A: from which number in (0, 1) on the second and the third obstacle size are drawn, and so how often each.
+   real(wp), parameter :: second_from = 0.7_wp, third_from = 0.9_wp
+   real(wp), parameter :: size_weights(3) = [second_from, third_from - second_from, 1 - third_from]
 
    !> One of: the same everywhere (no array), zones with a table, or rasters of the values. Arrays begin
    !> where those of the terrain do.
@@ -33,9 +37,9 @@ contains
 
       k = 1
       if (surface%method == method_a) then
-         if (u >= 0.9_wp) then
+         if (u >= third_from) then
             k = 3
-         else if (u >= 0.7_wp) then
+         else if (u >= second_from) then
             k = 2
          end if
       end if

@@ -11,7 +11,7 @@ module rockfall_trajectory
    use rockfall_boulder, only: boulder_t, boulder_law_t, release_t, draw_boulder, source_of, first_of, &
                                spin_inertia
    use rockfall_flight, only: flight_t, landing_t, span_t, fly, launch_rate, arc_length
-   use rockfall_impact, only: impact_set_t, impact_ratios, ratio_class, ratio_between, rebound_t, rebound
+   use rockfall_impact, only: impact_set_t, impact_ratios, ratio_class, ratio_between, beyond_fit, rebound_t, rebound
    use rockfall_direction, only: turning_t, lateral_t, past_aspect, by_lab, lateral_angle, new_heading, unit_vector, &
                                  any_heading
    use rockfall_line, only: line_t, first_crossing
@@ -61,7 +61,8 @@ module rockfall_trajectory
       real(wp) :: time = 0.0_wp            !! [s]
       real(wp) :: speed_max = 0.0_wp       !! [m/s]
       real(wp) :: jump_height_max = 0.0_wp !! [m]
-      integer :: rebounds = 0, redrawn = 0, forced = 0, out_of_range = 0
+      integer :: rebounds = 0, redrawn = 0, forced = 0
+      integer :: out_of_range = 0, out_of_speed = 0, out_of_angle = 0  !! rebounds beyond what a set was fitted on
    end type fate_t
 
    !> First crossing of an evaluation line.
@@ -329,7 +330,7 @@ contains
       type(scratch_t), intent(inout) :: scratch
       integer(i8) :: word(12)
       integer :: at(2), class
-      logical :: outside
+      logical :: outside, fast, steep
       real(wp) :: radius, ratio, v_in(3), heading(2), g(2), steepness
       type(rebound_t) :: out
       type(turning_t) :: turning
@@ -353,6 +354,9 @@ contains
       if (out%draws > 1) fate%redrawn = fate%redrawn + 1
       if (out%forced) fate%forced = fate%forced + 1
       if (outside) fate%out_of_range = fate%out_of_range + 1
+      call beyond_fit(scene%sets(class)%fitted, v_in(1:2), fast, steep)
+      if (fast) fate%out_of_speed = fate%out_of_speed + 1
+      if (steep) fate%out_of_angle = fate%out_of_angle + 1
       if (noted >= notes .and. scene%wants_histograms) call count_rebound(scratch%histograms, v_in, out%v)
       turning = turning_t(scene%turning, uniform(word(10)), uniform(word(11)), merge(1.0_wp, -1.0_wp, btest(word(11), 0)))
       if (turning%rule == by_lab) turning%lateral = lateral_angle(scene%lateral(class), v_in(1:2), turning%class)

@@ -48,6 +48,10 @@ module rockfall_variables
                  "rebounds without an admissible draw in 32"), &
       variable_t("count", "rebounds_out_of_range", "integer", "1", &
                  "rebounds with R_b/R_m outside 0.5 to 5.5"), &
+      variable_t("count", "rebounds_out_of_speed", "integer", "1", &
+                 "rebounds at incident speeds outside the set's speed_range"), &
+      variable_t("count", "rebounds_out_of_angle", "integer", "1", &
+                 "rebounds at incidence angles outside the set's angle_range"), &
       variable_t("line", "x", "real", "m", "easting of the first crossing"), &
       variable_t("line", "y", "real", "m", "northing of the first crossing"), &
       variable_t("line", "time", "real", "s", "time from release to the first crossing"), &
@@ -162,7 +166,7 @@ module rockfall_variables
 
    character(len=27), parameter :: boulder_fields(*) = pack(variable_table%name, &
       variable_table%group == "boulder" .and. variable_table%kind == "real")
-   !> Integers of each boulder; the last four are summed over all boulders.
+   !> Integers of each boulder; the last six are summed over all boulders.
    character(len=27), parameter :: boulder_counts(*) = pack(variable_table%name, &
       (variable_table%group == "boulder" .and. variable_table%kind == "integer") &
       .or. variable_table%group == "count")

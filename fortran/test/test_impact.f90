@@ -6,7 +6,8 @@ program test_impact
    use rockfall_error, only: error_t, bad_input
    use rockfall_random, only: random_key_t, random_key, random_words, four_words, normal_table_t, &
       normal_table, normal, for_impact, for_ratio
-   use rockfall_impact, only: impact_set_t, impact_set, with_noise, ratio_class, ratio_between, rebound_t, rebound
+   use rockfall_impact, only: impact_set_t, impact_set, with_noise, ratio_class, ratio_between, ratio_weights, &
+      rebound_t, rebound, fitted_t, fitted, beyond_fit
    use check_m, only: check, check_close, finish
    implicit none
 
@@ -33,6 +34,8 @@ program test_impact
    call test_almost_semidefinite()
    call test_ratio_class()
    call test_ratio_between()
+   call test_ratio_weights()
+   call test_beyond_fit()
    call finish()
 
 contains
@@ -411,4 +414,60 @@ contains
          call check("between two sets", hits(lower(k)) == 1000 - upper(k) .and. hits(lower(k) + 1) == upper(k))
       end do
    end subroutine test_ratio_between
+
+   !> They are how often a uniform number chooses each set.
+   subroutine test_ratio_weights()
+      real(wp), parameter :: ratio(9) = [0.2_wp, 1.0_wp, 1.25_wp, 1.5_wp, 2.5_wp, 3.0_wp, 4.9_wp, 5.0_wp, 70.0_wp]
+      real(wp) :: weight(5), often(5)
+      integer :: k, u, class
+      logical :: outside
+
+      do k = 1, size(ratio)
+         often = 0
+         do u = 0, 999
+            class = ratio_between(ratio(k), (u + 0.5_wp)/1000)
+            often(class) = often(class) + 0.001_wp
+         end do
+         weight = ratio_weights(ratio(k), .true.)
+         call check("weights between", maxval(abs(weight - often)) < 1.0e-12_wp)
+         call ratio_class(ratio(k), class, outside)
+         weight = ratio_weights(ratio(k), .false.)
+         call check("weight of the nearest", abs(weight(class) - 1) <= 0 .and. abs(sum(weight) - 1) <= 0)
+      end do
+   end subroutine test_ratio_weights
+
+   !> Both ends of a range lie within it; a set that says nothing was fitted on everything.
+   subroutine test_beyond_fit()
+      real(wp), parameter :: degree = acos(-1.0_wp)/180, near = 1.0e-9_wp
+      real(wp), parameter :: speeds(6) = [2.0_wp, 2 - near, 2 + near, 20.0_wp, 20 + near, 20 - near]
+      real(wp), parameter :: angles(4) = [5 + near, 5 - near, 60 - near, 60 + near]
+      type(fitted_t) :: this, any_
+      real(wp) :: v(2)
+      logical :: speed, angle
+      integer :: k
+
+      this = fitted([2.0_wp, 20.0_wp], [5.0_wp, 60.0_wp])
+      do k = 1, size(speeds)
+         call beyond_fit(this, [speeds(k)*0.8_wp, -speeds(k)*0.6_wp], speed, angle)
+         if (mod(k, 3) /= 1) call check("beyond in speed", speed .eqv. mod(k, 3) == 2)
+         call check("but not in angle", .not. angle)
+      end do
+      call beyond_fit(this, [0.0_wp, -2.0_wp], speed, angle)
+      call check("the slowest; vertical", .not. speed .and. angle)
+      call beyond_fit(this, [20.0_wp, 0.0_wp], speed, angle)
+      call check("the fastest; along the ground", .not. speed .and. angle)
+      do k = 1, size(angles)
+         v = 7*[cos(angles(k)*degree), -sin(angles(k)*degree)]
+         call beyond_fit(this, v, speed, angle)
+         call check("beyond in angle", .not. speed .and. (angle .eqv. mod(k, 2) == 0))
+      end do
+      do k = -300, 100, 50
+         call beyond_fit(any_, 10.0_wp**k*[1.0_wp, -2.0_wp], speed, angle)
+         call check("everything", .not. speed .and. .not. angle)
+         call beyond_fit(any_, 10.0_wp**k*[0.0_wp, -1.0_wp], speed, angle)
+         call check("vertical, too", .not. speed .and. .not. angle)
+      end do
+      call beyond_fit(fitted([0.0_wp, 1.0e100_wp], [0.0_wp, 90.0_wp]), [0.0_wp, 0.0_wp], speed, angle)
+      call check("and at rest", .not. speed .and. .not. angle)
+   end subroutine test_beyond_fit
 end program test_impact

@@ -3,7 +3,7 @@
 program test_math
    use, intrinsic :: iso_fortran_env, only: real128
    use rockfall_kinds, only: wp
-   use rockfall_math, only: pi, degree, logarithm, exponential, cube_root, sine_cosine
+   use rockfall_math, only: pi, degree, logarithm, exponential, cube_root, sine_cosine, squared_sine
    use check_m, only: check, check_close, finish
    implicit none
 
@@ -13,6 +13,7 @@ program test_math
    call test_exponential()
    call test_cube_root()
    call test_sine_cosine()
+   call test_squared_sine()
    call finish()
 
 contains
@@ -96,4 +97,17 @@ contains
       call sine_cosine(0.0_wp, s, c)
       call check("no turn is no turn", abs(s) <= 0 .and. abs(c - 1) <= 0)
    end subroutine test_sine_cosine
+
+   subroutine test_squared_sine()
+      real(wp) :: degrees, off
+      integer :: k
+
+      off = 0
+      do k = 0, 9000
+         degrees = 0.01_wp*k
+         off = max(off, abs(squared_sine(degrees) - sin(degrees*degree)**2))
+      end do
+      call check("squared sine within 4 roundings", off < 4*epsilon(off))
+      call check("exact at both ends", abs(squared_sine(0.0_wp)) <= 0 .and. abs(squared_sine(90.0_wp) - 1) <= 0)
+   end subroutine test_squared_sine
 end program test_math

@@ -8,14 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rockfall.convergence import AS_GIVEN, KEYS, NUMBERS, SIZE, Convergence
-from rockfall.style import BLUE, GREY, INK, VERMILION, new_figure, plain, save, styled
+from rockfall.style import BLUE, GREEN, GREY, INK, VERMILION, new_figure, plain, save, styled
 
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-GREEN = "#009E73"  # Okabe and Ito (2008), as the colours of style
 COLOURS = {"share": INK, "mean": BLUE, "std": GREEN, "q95": VERMILION, "max": GREY}
 MARKERS = {"boulders": "D", "speed": "o", "passing_height": "s", "energy_total": "^"}
 LABELS = {  # label, unit, scale

@@ -54,6 +54,8 @@ class Ground:
     steps: int = 0  # if so: along rows and columns, bends one way and back in the next cell
     spans: int = 0  # of so many places
     slopes: list[np.ndarray] = field(default_factory=list)  # tangents, of SAMPLES cells
+    materials: list[np.ndarray] = field(default_factory=list)  # of these: rows of `sizes`, -1: none
+    rocks: list[np.ndarray] = field(default_factory=list)  # or their sizes (n, 1 or 3) [m]
     source_z: list[np.ndarray] = field(default_factory=list)  # of the sources: elevations [m]
     source_slopes: list[np.ndarray] = field(default_factory=list)  # and tangents
     sizes: np.ndarray | None = None  # of materials, as in the scene [m]
@@ -67,7 +69,7 @@ class Ground:
         z = band.z[inner]
         for rows in row_blocks(z.shape):
             self._take_elevations(z[rows])
-        self.slopes.append(_slopes(band, *_samples(band, box)))
+        self._take_samples(band, *_samples(band, box))
         row = ((band.grid.north - band.y) / band.grid.cell).astype(int).clip(0, band.grid.ny - 1)
         mine = (row >= box.row) & (row < box.stop_row)
         if mine.any():
@@ -76,6 +78,16 @@ class Ground:
             self.source_z.append(band.z[row[mine] - band.at[0], column - band.at[1]])
             self.source_slopes.append(_slopes(band, x, y))
         self._take_sizes(band, inner)
+
+    def _take_samples(self, band: Scene, row: np.ndarray, column: np.ndarray) -> None:
+        """Slopes of cells, and what they are made of."""
+        self.slopes.append(_slopes(band, band.grid.x[column], band.grid.y[row]))
+        at = row - band.at[0], column - band.at[1]
+        if band.values is not None:
+            self.rocks.append(band.values[:, *at].T)
+        else:
+            zero = np.zeros(row.size, int)
+            self.materials.append(zero if band.zone is None else band.zone[at].astype(int) - 1)
 
     def _take_elevations(self, z: np.ndarray) -> None:
         self.low.take(z)
@@ -135,8 +147,8 @@ def _slopes(band: Scene, x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def _samples(band: Scene, box: Box) -> tuple[np.ndarray, np.ndarray]:
-    """Centres of evenly spaced cells of the whole terrain that lie in a box, and are known like all
-    eight cells about them."""
+    """Rows and columns of evenly spaced cells of the whole terrain that lie in a box, and are known
+    like all eight cells about them."""
     grid = band.grid
     step = max(1, int(np.sqrt(grid.nx * grid.ny / SAMPLES)))
     rows = np.arange(max(1, -(-box.row // step) * step), min(box.stop_row, grid.ny - 1), step)
@@ -146,4 +158,4 @@ def _samples(band: Scene, box: Box) -> tuple[np.ndarray, np.ndarray]:
         band.z[np.ix_(rows - band.at[0] + i, columns - band.at[1] + j)] for i in near for j in near
     )
     row, column = np.nonzero(~np.isnan(sum(around)))
-    return grid.x[columns[column]], grid.y[rows[row]]
+    return rows[row], columns[column]

@@ -9,15 +9,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rockfall.crs import crs_name
+from rockfall.extrapolation import extrapolations, shares_outside
 from rockfall.grid import row_blocks
 from rockfall.ground import Ground
 from rockfall.memory import machine_memory
+from rockfall.neutral import NeutralSlopes, Rocks, rocks_of
 from rockfall.reach import survey
 from rockfall.result import TALLIES
-from rockfall.scene import SIZE_TO_RADIUS, Scene
+from rockfall.scene import ANY_SPEED, Scene
 from rockfall.simulate import Tally, check_team, fields, run_chunks, start
 from rockfall.sources import threshold
-from rockfall.zones import read_zone_table
 
 PROBE_BOULDERS = 200  # to see how long they take
 PILOT_SECONDS = 1.0  # about, twice at most
@@ -42,18 +43,21 @@ class Pilot:
 
 
 def preview(scene: Scene) -> str:
-    """A page about a scene. Some of its boulders are followed, for the time; nothing is kept."""
+    """A page about a scene. Some of its boulders are followed, for the time and for what they meet;
+    nothing is kept."""
     case = scene.case
     check_team(case.case["threads"])
     pilot = _pilot(scene)
+    values = pilot.tally.columns()
     rows = [
         ("terrain", _terrain(scene)),
         ("elevations", _elevations(scene.ground)),
         ("slopes", _slopes(scene.ground)),
         ("surface", _surface(scene)),
         ("sizes", _sizes(pilot.tally)),
-        *(("", line) for line in _ratios(scene, pilot.tally)),
-        ("impact sets", case.impact["sets"]),
+        *(("", line) for line in _rocks(scene, _volumes(pilot.tally))),
+        ("impact sets", _sets(scene)),
+        ("rebounds", _rebounds(values)),
         ("boulders", _boulders(scene)),
         ("speed", _speed(scene)),
         ("lines", ", ".join(line["name"] for line in case.line) or "none"),
@@ -62,6 +66,8 @@ def preview(scene: Scene) -> str:
         ("time", _time(scene, pilot)),
     ]
     title = f"{case.name}: {case.case['title']}".removesuffix(": ")
+    beyond = [one.text for one in extrapolations(values) if one.is_warning]
+    rows += [("warning", f"in a pilot run {text}") for text in beyond]
     return "\n".join([title, *(f"  {name:13}{about}" for name, about in rows)])
 
 
@@ -193,46 +199,74 @@ def _boulders(scene: Scene) -> str:
 
 
 def _sizes(pilot: Tally) -> str:
-    """Of the pilot's boulders, and the share of their rebounds for which no set was made."""
-    counts = dict(zip(fields(2), pilot.count[: pilot.done].sum(axis=0, dtype="i8"), strict=True))
-    outside = counts["rebounds_out_of_range"] / max(1, counts["rebounds"])
-    volumes, radii = _volumes(pilot), _radii(pilot)
+    """Of the pilot's boulders."""
+    volumes = _volumes(pilot)
+    radii = _radius(volumes)
     masses = pilot.scene.case.boulder["density"] * volumes
     return (
         f"R_b {_range(radii.min(), radii.max())} m, volume "
-        f"{_range(volumes.min(), volumes.max())} m3, mass {_range(masses.min(), masses.max())} kg; "
-        f"{outside:.1%} of rebounds with R_b/R_m outside 0.5 to 5.5"
+        f"{_range(volumes.min(), volumes.max())} m3, mass {_range(masses.min(), masses.max())} kg"
     )
 
 
 def _volumes(pilot: Tally) -> np.ndarray:
-    return pilot.boulder[: pilot.done, fields(1).index("volume")]
+    return pilot.columns()["volume"]
 
 
-def _radii(pilot: Tally) -> np.ndarray:
-    return np.cbrt(0.75 / np.pi * _volumes(pilot))
+def _radius(volume: np.ndarray) -> np.ndarray:
+    return np.cbrt(0.75 / np.pi * volume)
 
 
-def _ratios(scene: Scene, pilot: Tally) -> list[str]:
-    """R_m, and R_b/R_m with the pilot's boulders: of each zone, or of all."""
-    radii, ground, surface = _radii(pilot), scene.ground, scene.case.surface
-    scale = SIZE_TO_RADIUS[surface["rg_reading"]] if surface["method"] == "A" else 1.0
+def _sets(scene: Scene) -> str:
+    """Their name, and what they say they were fitted on."""
+    speeds, angles = scene.sets.speed_range, scene.sets.angle_range
+    told = []
+    if speeds.max() < ANY_SPEED:
+        told.append(f"{_range(speeds.min(), speeds.max())} m/s")
+    if angles.min() > 0 or angles.max() < 90:
+        told.append(f"{_range(angles.min(), angles.max())} degrees")
+    about = " and ".join(told) or "speeds and angles that it does not tell"
+    return f"{scene.case.impact['sets']}, fitted on {about}"
 
-    def line(sizes: np.ndarray) -> str:
-        stones = scale * sizes[np.isfinite(sizes)]
-        if not stones.size:
-            return "absorbs"
-        ratios = _range(radii.min() / stones.max(), radii.max() / stones.min())
-        return f"R_m {_range(stones.min(), stones.max())} m, R_b/R_m {ratios}"
 
-    if not ground.used:
-        return [line(np.array([ground.smallest, ground.largest]))]
-    if "zones" not in surface:
-        return [line(ground.sizes)]
-    ids, used = list(read_zone_table(scene.case.path(surface["table"]))), sorted(ground.used)
-    lines = [f"zone {ids[k]}: {line(ground.sizes[k])}" for k in used[:MOST_ZONES]]
-    more = len(used) - len(lines)
+def _rebounds(values: dict[str, np.ndarray]) -> str:
+    shares = shares_outside(values)
+    return (
+        f"outside what the set was fitted on: {shares['range']:.1%} by R_b/R_m, "
+        f"{shares['speed']:.1%} by speed, {shares['angle']:.1%} by angle, in a pilot run"
+    )
+
+
+def _rocks(scene: Scene, volumes: np.ndarray) -> list[str]:
+    """R_m, R_b/R_m and the neutral slope of each zone, or of the smallest, usual and largest rocks:
+    of the mean volume, and in brackets of the 5 and 95 % quantiles where other sets serve them."""
+    grounds, neutral = list(rocks_of(scene)), NeutralSlopes(scene)
+    mean, *ends = _radius(np.array([volumes.mean(), *np.quantile(volumes, [0.05, 0.95])]))
+    lines = [_ground(one, neutral, mean, ends) for one in grounds[:MOST_ZONES]]
+    more = len(grounds) - len(lines)
     return [*lines, f"and {more} more zones"] if more else lines
+
+
+def _ground(rocks: Rocks, neutral: NeutralSlopes, mean: float, ends: list[float]) -> str:
+    name, radii = f"{rocks.name}: " if rocks.name else "", rocks.radii[np.isfinite(rocks.radii)]
+    if not radii.size:
+        return f"{name}absorbs"
+    served = [neutral.classes(radius, radii) for radius in ends]
+    cases = [mean] if served[0] == served[1] else [mean, *ends]
+    slopes = [neutral.of(radius, rocks.radii) for radius in cases]
+    columns = (
+        [_range(radius / radii.max(), radius / radii.min()) for radius in cases],
+        [f"{slope:.0f}" for slope in slopes],
+        [f"{rocks.steeper(slope):.0%}" for slope in slopes],
+    )
+    ratio, slope, steeper = (
+        one[0] + (f" ({one[1]} to {one[2]})" if len(set(one)) > 1 else "") for one in columns
+    )
+    shares = f", {steeper} of cells steeper" if rocks.tangents.size else ""
+    return (
+        f"{name}R_m {_range(radii.min(), radii.max())} m, R_b/R_m {ratio}; neutral slope {slope} "
+        f"degrees{shares}"
+    )
 
 
 def _range(least: float, most: float) -> str:

@@ -73,10 +73,7 @@ def as_variables(data: Mapping[str, tuple]) -> dict[str, xr.Variable]:
 
 
 def _add_boulders(data: dict[str, Any], tally: Tally) -> None:
-    from rockfall.simulate import fields
-
-    columns = dict(zip(fields(1), tally.boulder[: tally.done].T, strict=True))
-    columns |= dict(zip(fields(2), tally.count[: tally.done].T, strict=True))
+    columns = tally.columns()
     number = np.arange(tally.before + 1, tally.before + tally.done + 1)
     data["boulder"] = ("boulder", number, {"units": "1", "long_name": "number of the boulder"})
     for name, about in variables.BOULDER.items():

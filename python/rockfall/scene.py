@@ -31,6 +31,7 @@ TURNINGS = {"past_aspect": 1, "to_aspect": 2, "lab": 3}
 SAMPLINGS = {"random": 0, "sobol": 13}  # words of a boulder that are of its Sobol' point
 MOST_BOULDERS = 2**31 - 1  # of a run: passages count them in 32 bits
 SIZE_TO_RADIUS = {"diameter": 0.5, "radius": 1.0}
+ANY_SPEED = 1e100  # [m/s] end of the range of a set that tells none, as in the kernel
 POLYGONS = {".gpkg", ".geojson", ".json", ".shp", ".fgb"}  # endings of layers of polygons
 
 
@@ -49,6 +50,8 @@ class Coefficients(NamedTuple):
     covariance: np.ndarray  # (9, 9, 5)
     incidence: np.ndarray  # (8, 5): angles between the classes of `lateral` [degree]
     lateral: np.ndarray  # (13, 9, 5): quantiles of the lateral deviation [degree]
+    speed_range: np.ndarray  # (2, 5): incident speeds that they were fitted on [m/s]
+    angle_range: np.ndarray  # (2, 5): and angles from the surface [degree]
 
 
 @dataclass

@@ -137,6 +137,11 @@ class Tally:
         """Boulders that are to be done."""
         return len(self.boulder)
 
+    def columns(self) -> dict[str, np.ndarray]:
+        """The kernel's numbers of each of the boulders done, by name."""
+        names, rows = fields(1) + fields(2), (*self.boulder.T, *self.count.T)
+        return {name: row[: self.done] for name, row in zip(names, rows, strict=True)}
+
     @property
     def grid(self) -> Grid:
         """That of the maps; without any, of all the terrain."""

@@ -17,7 +17,8 @@ from rockfall.outputs import SIGNATURE
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-BLUE, VERMILION, INK, GREY = "#0072B2", "#D55E00", "#222222", "#8A8A8A"  # Okabe and Ito (2008)
+BLUE, VERMILION, GREEN = "#0072B2", "#D55E00", "#009E73"  # Okabe and Ito (2008)
+INK, GREY = "#222222", "#8A8A8A"
 FLIGHT = {"color": BLUE, "linewidth": 0.5, "alpha": 0.6}  # one of many trajectories
 CUT = {"color": INK, "linewidth": 0.9, "linestyle": (0, (5, 2))}  # an evaluation line
 OBSERVED = {"color": INK, "marker": "D", "markersize": 3.5, "markerfacecolor": "white"}
@@ -89,3 +90,16 @@ def round_step(rough: float) -> float:
 def count(number: int, one: str, many: str | None = None) -> str:
     """A number of things: 1 boulder, 2,000 boulders."""
     return f"{number:,} {one if number == 1 else many or one + 's'}"
+
+
+def percent(share: float) -> str:
+    """A share as a percentage, never rounded to all or nothing."""
+    shown = f"{100 * share:.1f}"
+    if 0 < share < 1 and shown in ("0.0", "100.0"):
+        return "less than 0.1 %" if share < 0.5 else "more than 99.9 %"
+    return f"{shown.removesuffix('.0')} %" if share in (0, 1) else f"{shown} %"
+
+
+def share_of(part: int, whole: int, one: str) -> str:
+    """A part of so many things: 20 of 1,000 boulders (2.0 %)."""
+    return f"{part:,} of {count(whole, one)} ({percent(part / whole)})"

@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
+from rockfall.extrapolation import extrapolations
 from rockfall.flights import ends
 from rockfall.statistics import line_numbers, sources
 from rockfall.until import verdicts_of
@@ -69,15 +70,10 @@ def _within(numbers: dict[str, float], name: str, digits: str, scale: float = 1.
 
 
 def _rebounds(result: xr.Dataset) -> Iterator[str]:
-    """How the draws of the impact model fared."""
-    rebounds, redrawn, forced, outside = (
-        int(result[f"rebounds{of}"]) for of in ("", "_redrawn", "_forced", "_out_of_range")
-    )
+    """How the draws of the impact model fared, and where it does not hold."""
+    rebounds, redrawn, forced = (int(result[f"rebounds{of}"]) for of in ("", "_redrawn", "_forced"))
     yield f"  {rebounds:,} rebounds" + (f", {redrawn / rebounds:.1%} redrawn" if redrawn else "")
     if forced:
         yield f"  forced rebounds: {forced:,} (none of 32 draws was admissible)"
-    if outside:
-        yield (
-            f"  {outside / rebounds:.1%} of rebounds had R_b/R_m outside 0.5 to 5.5: "
-            "the impact set is not calibrated there"
-        )
+    for found in extrapolations(result):
+        yield f"  {'warning: ' if found.is_warning else ''}{found.text}"

@@ -10,7 +10,7 @@ slope: on it half of the boulders go on for ever.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +20,7 @@ MIN_NORMAL = 0.01  # V_n of a rebound that has none / incident speed, as in rock
 NEAREST = 20  # impacts of which one is drawn
 REDRAWS = 32  # as in rockfall_impact.f90
 FIRST, LAST = 20, 60  # bounces that count: the start is forgotten
+FLATTEST, STEEPEST, NEAR = 5.0, 75.0, 0.05  # where a neutral slope is looked for [degree]
 
 #: (n, 3) V_in -> (n, 3) V_out
 Rebound = Callable[[np.ndarray, np.random.Generator], np.ndarray]
@@ -59,6 +60,19 @@ def set_rebound(mean: np.ndarray, covariance: np.ndarray) -> Rebound:
             if not todo.size:
                 return v_out
         v_out[todo] = forced(v_in[todo], v_out[todo])
+        return v_out
+
+    return rebound
+
+
+def mixed_rebound(rebounds: Sequence[Rebound], weights: np.ndarray) -> Rebound:
+    """Rebounds by one of several rules, drawn anew each time with these probabilities."""
+
+    def rebound(v_in: np.ndarray, generator: np.random.Generator) -> np.ndarray:
+        v_out = np.empty_like(v_in)
+        rule = generator.choice(len(weights), len(v_in), p=weights)
+        for k in np.unique(rule):
+            v_out[rule == k] = rebounds[k](v_in[rule == k], generator)
         return v_out
 
     return rebound
@@ -132,8 +146,8 @@ def growth(rebound: Rebound, slope: float, boulders: int = 1000, seed: int = 1) 
 
 def neutral_slope(rebound: Rebound, boulders: int = 1000, seed: int = 1) -> float:
     """The slope on which speeds neither grow nor fade [degrees], by bisection from 5 to 75."""
-    low, high = 5.0, 75.0
-    while high - low > 0.05:
+    low, high = FLATTEST, STEEPEST
+    while high - low > NEAR:
         middle = (low + high) / 2
         if growth(rebound, middle, boulders, seed).mean < 0:
             low = middle

@@ -6,7 +6,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import importlib.resources
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from html import escape
 from pathlib import Path
 from string import Template
@@ -59,7 +59,7 @@ def report(result: xr.Dataset, terrain: Terrain | None = None, observed: Any = N
     from rockfall.report.maps import map_notes, maps
     from rockfall.report.markup import bullets, paragraphs, picture
     from rockfall.report.tables import level_table, line_tables, provenance
-    from rockfall.report.words import cautions, in_words, rows_of
+    from rockfall.report.words import cautions, in_words, rows_of, warnings
     from rockfall.style import count
     from rockfall.tails import return_levels
 
@@ -86,7 +86,7 @@ def report(result: xr.Dataset, terrain: Terrain | None = None, observed: Any = N
     sections["Provenance"] = "\n".join(provenance(result))
     boulders = count(result.sizes["boulder"], "boulder")
     title = str(result.attrs["title"]) or "rockfall"
-    return _page(title, f"Rockfall simulation of {boulders}", sections)
+    return _page(title, f"Rockfall simulation of {boulders}", sections, warnings(result))
 
 
 def _convergence(result: xr.Dataset, rows: Rows) -> Iterator[str]:
@@ -125,8 +125,10 @@ def _grid(parts: Iterable[str], kind: str = "grid") -> str:
     return f'<div class="{kind}">\n' + "\n".join(parts) + "\n</div>"
 
 
-def _page(title: str, subtitle: str, sections: dict[str, str]) -> str:
+def _page(title: str, subtitle: str, sections: dict[str, str], warned: Sequence[str] = ()) -> str:
     """The template with its style and script; no other script may run in the page."""
+    from rockfall.report.markup import warning_box
+
     folder = importlib.resources.files(__package__)
     page, style, script = (
         (folder / f"page.{end}").read_text(encoding="utf-8") for end in ("html", "css", "js")
@@ -138,6 +140,7 @@ def _page(title: str, subtitle: str, sections: dict[str, str]) -> str:
         style=style,
         script=script,
         script_hash=base64.b64encode(hashlib.sha256(script.encode()).digest()).decode(),
+        warned=warning_box("Beyond what the model knows", warned),
         contents=" ".join(f'<a href="#{ids[name]}">{name}</a>' for name in sections),
         sections="\n".join(
             f'<section id="{ids[name]}">\n<h2>{name}</h2>\n{content}\n</section>'

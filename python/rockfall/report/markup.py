@@ -53,14 +53,6 @@ def number(value: float, unit: Unit | None = None) -> str:
     return f"{round(value, 2 - first):,.{min(max(0, 2 - first), 6)}f}".replace("-", "−")
 
 
-def percent(share: float) -> str:
-    """A share as a percentage, never rounded to all or nothing."""
-    shown = f"{100 * share:.1f}"
-    if 0 < share < 1 and shown in ("0.0", "100.0"):
-        return "less than 0.1 %" if share < 0.5 else "more than 99.9 %"
-    return f"{shown.removesuffix('.0')} %" if share in (0, 1) else f"{shown} %"
-
-
 def limits(row: Mapping[str, float], name: str, unit: Unit) -> str:
     """The 95 % interval of a number in brackets; empty where it has none."""
     low, high = (row.get(f"{name}_{end}", math.nan) for end in ("low", "high"))
@@ -79,6 +71,13 @@ def paragraphs(texts: Iterable[str]) -> str:
 
 def bullets(texts: Iterable[str]) -> str:
     return "<ul>\n" + "\n".join(f"<li>{escape(text)}</li>" for text in texts) + "\n</ul>"
+
+
+def warning_box(title: str, texts: Sequence[str]) -> str:
+    """What must not be overlooked; nothing without texts."""
+    if not texts:
+        return ""
+    return f'<aside class="warning">\n<h2>{escape(title)}</h2>\n{bullets(texts)}\n</aside>'
 
 
 def table(

@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rockfall.case import FROM_ARRAY, case_of
-from rockfall.report.markup import UNITS, limits, number, percent, table
+from rockfall.report.markup import UNITS, limits, number, table
 from rockfall.report.running import QUANTITIES, STATISTICS, TARGETS, needed
 from rockfall.report.words import SPEED, half_width
+from rockfall.style import percent
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rockfall.case import case_of
+from rockfall.extrapolation import extrapolations
 from rockfall.flights import ends
-from rockfall.report.markup import UNITS, limits, number, percent
+from rockfall.report.markup import UNITS, limits, number
 from rockfall.statistics import line_statistics, sources
-from rockfall.style import count
+from rockfall.style import count, percent, share_of
 from rockfall.until import verdicts_of
 
 if TYPE_CHECKING:
@@ -203,6 +204,11 @@ def _sure(result: xr.Dataset, rows: Rows) -> Iterator[str]:
     )
 
 
+def warnings(result: xr.Dataset) -> list[str]:
+    """Where so much of a run lies beyond what its model was made from that it comes first."""
+    return [f"{found.text}." for found in extrapolations(result) if found.is_warning]
+
+
 def cautions(result: xr.Dataset, rows: Rows, levels: pd.DataFrame) -> list[str]:
     """What limits the validity of a result, the weightiest first. The weight of a caution is the
     share of boulders, rebounds, cells or numbers that it touches; above 1 it touches the whole.
@@ -228,11 +234,11 @@ def _of_run(result: xr.Dataset) -> Iterator[tuple[float, str]]:
     left, limit = (int(ends(result)[way].sum()) for way in ("left_domain", "impact_limit"))
     if left:
         text = "left the terrain model: the way beyond it is not known and not counted."
-        yield left / boulders, f"{_of(left, boulders, 'boulder')} {text}"
+        yield left / boulders, f"{share_of(left, boulders, 'boulder')} {text}"
     if limit:
         most = f"{case.impact['impact_limit']:,} contacts (impact_limit)"
         text = f"reached the limit of {most} on the way: the place of rest is not known."
-        yield limit / boulders, f"{_of(limit, boulders, 'boulder')} {text}"
+        yield limit / boulders, f"{share_of(limit, boulders, 'boulder')} {text}"
 
 
 def _of_model(result: xr.Dataset) -> Iterator[tuple[float, str]]:
@@ -242,17 +248,16 @@ def _of_model(result: xr.Dataset) -> Iterator[tuple[float, str]]:
     origin = ORIGIN.get(name, "is the user's own: what it was calibrated on is not known here")
     yield 1.5, f"The impact set '{name}' {origin}. It stands for R_b/R_m of 1 to 5."
     yield 1.2, UNKNOWN
-    rebounds, redrawn, forced, outside = (
-        int(result[f"rebounds{of}"]) for of in ("", "_redrawn", "_forced", "_out_of_range")
-    )
+    for found in extrapolations(result):
+        if not found.is_warning:
+            yield found.share, f"{found.text}."
+    rebounds, redrawn, forced = (int(result[f"rebounds{of}"]) for of in ("", "_redrawn", "_forced"))
     for part, text in (
-        (outside, "had R_b/R_m outside 0.5 to 5.5, where the set is not calibrated: the nearest "
-         "ratio stood in."),
         (forced, "had no admissible draw in 32: the last one was cut down to be so."),
         (redrawn, "needed more than one draw, since the first gained energy or did not rise."),
     ):  # fmt: skip
         if part:
-            yield part / rebounds, f"{_of(part, rebounds, 'rebound')} {text}"
+            yield part / rebounds, f"{share_of(part, rebounds, 'rebound')} {text}"
 
 
 def _of_lines(rows: Rows, levels: pd.DataFrame) -> Iterator[tuple[float, str]]:
@@ -287,8 +292,4 @@ def _of_cells(result: xr.Dataset) -> Iterator[tuple[float, str]]:
     reached, few = int((passed > 0).sum()), int(((passed > 0) & (passed < FEW_IN_CELL)).sum())
     if few:
         text = f"saw fewer than {FEW_IN_CELL} boulders: the numbers there are mostly chance."
-        yield few / reached, f"{_of(few, reached, 'reached cell')} {text}"
-
-
-def _of(part: int, whole: int, one: str) -> str:
-    return f"{part:,} of {count(whole, one)} ({percent(part / whole)})"
+        yield few / reached, f"{share_of(few, reached, 'reached cell')} {text}"
