@@ -23,7 +23,7 @@ import numpy as np
 from rockfall.errors import RockfallError
 from rockfall.lab.bounce import MIN_NORMAL, admissible
 from rockfall.lab.experiment import ENDED, STATES, STATUS
-from rockfall.lab.lateral import Lateral, fit_lateral
+from rockfall.lab.lateral import Lateral, fit_lateral, incidence
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -49,6 +49,8 @@ class ImpactSet:
     redrawn: float  # draws thrown away for each rebound, over the impacts
     lateral: Lateral | None = None  # where lateral deviations are known
     error_covariance: np.ndarray | None = None  # (9, 9) of the errors of the means
+    speed_range: tuple[float, float] | None = None  # of the impacts, before them [m/s]
+    angle_range: tuple[float, float] | None = None  # [degree]
 
 
 @dataclass(frozen=True)
@@ -147,9 +149,10 @@ def fit_set(impacts: Impacts, seed: int = 1, groups: int = GROUPS) -> ImpactSet:
     kinds, group = np.unique(impacts.group, return_inverse=True)
     parts = min(groups, len(kinds))
     lateral = None if impacts.lateral is None else fit_lateral(impacts.v_in, impacts.lateral)
+    ranges = _ranges(impacts.v_in)
     if not parts:
         unknown = np.full(9, np.nan), np.full((9, 9), np.nan)
-        return ImpactSet(mean, covariance, *unknown, len(x), redrawn, lateral)
+        return ImpactSet(mean, covariance, *unknown, len(x), redrawn, lateral, None, *ranges)
     means, covariances = [], []
     for part in range(parts):
         weight = (group % parts != part).astype(float)
@@ -158,7 +161,13 @@ def fit_set(impacts: Impacts, seed: int = 1, groups: int = GROUPS) -> ImpactSet:
         covariances.append(found[1])
     errors = [np.sqrt((parts - 1) * np.var(one, axis=0)) for one in (means, covariances)]
     together = (parts - 1) * np.cov(np.transpose(means), bias=True)
-    return ImpactSet(mean, covariance, *errors, len(x), redrawn, lateral, together)
+    return ImpactSet(mean, covariance, *errors, len(x), redrawn, lateral, together, *ranges)
+
+
+def _ranges(v_in: np.ndarray) -> list[tuple[float, float]]:
+    """Least and greatest speed [m/s] and incidence angle [degree]."""
+    both = np.hypot(v_in[:, 0], v_in[:, 1]), incidence(v_in)
+    return [(float(one.min()), float(one.max())) for one in both]
 
 
 def _directions(impacts: Impacts) -> tuple[np.ndarray, np.ndarray]:

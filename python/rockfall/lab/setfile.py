@@ -115,6 +115,9 @@ def _group(ratio: int, found: ImpactSet, draw: int | None = None) -> list[str]:
     text += [f"&impact_set ratio = {ratio}" + (f", draw = {draw}" if draw else "")]
     text += [f"  mean = {_numbers(found.mean)}", "  covariance =   ! lower triangle by rows"]
     text += [_rows(_lower(found.covariance))]
+    for name in "speed_range", "angle_range":
+        if (ends := getattr(found, name)) is not None:
+            text += [f"  {name} = {ends[0]:.3g}, {ends[1]:.3g}"]
     if found.lateral is not None:
         text += _lateral_lines(found.lateral)
     return [*text, "/"]
