@@ -31,6 +31,7 @@ from scipy.stats import qmc
 
 from rockfall.lab.bounce import growth, set_rebound
 from rockfall.lab.experiment import STATES
+from rockfall.lab.sets import Sets
 from rockfall.lab.site import Site, at_lines
 from rockfall.lab.talus import Talus
 
@@ -79,9 +80,9 @@ def state_of(u: np.ndarray) -> str:
     return list(STATES)[min(int(nuisances(u)["state"]), len(STATES) - 1)]
 
 
-def sets_of(u: np.ndarray, z: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+def sets_of(u: np.ndarray, z: np.ndarray | None = None) -> Sets:
     """The sets of a state of the chain; `z` as for the emulator."""
-    return emulators()[state_of(u)].predict(u[: len(PARAMETERS)], z)
+    return Sets("", *emulators()[state_of(u)].predict(u[: len(PARAMETERS)], z))
 
 
 def slopes(u: np.ndarray) -> list[Talus]:
@@ -89,12 +90,15 @@ def slopes(u: np.ndarray) -> list[Talus]:
     return [Talus(seed, about["relief"], about["channel"], about["roads"]) for seed in TERRAINS]
 
 
-def numbers(sets: tuple, u: np.ndarray) -> dict[str, float]:
+def numbers(sets: Sets, u: np.ndarray) -> dict[str, float]:
     """Numbers of the site in the mean over its slopes, and the log growth of a bounce that each
     ratio has before the one below it."""
-    each = [site().numbers(*sets, seed=one.seed, talus=one, threads=1) for one in slopes(u)]
+    each = [site().numbers(sets, seed=one.seed, talus=one, threads=1) for one in slopes(u)]
     found = {name: float(np.mean([one[name] for one in each])) for name in each[0]}
-    grown = [growth(set_rebound(*one), SLOPE, 200).mean for one in zip(*sets, strict=True)]
+    grown = [
+        growth(set_rebound(*one), SLOPE, 200).mean
+        for one in zip(sets.mean, sets.covariance, strict=True)
+    ]
     return found | {f"gain_{k + 2}": one for k, one in enumerate(np.diff(grown))}
 
 
@@ -132,8 +136,8 @@ def over_prior(u: np.ndarray) -> dict[str, float]:
     radius, aspect = dict(found), dict(found)
     for one in slopes(u)[:1]:
         told = {"seed": one.seed, "talus": one, "threads": 1}
-        radius |= at_lines("A", site().run(*sets, reading="radius", methods="A", **told)["A"])
-        for method, result in site().run(*sets, turning="to_aspect", **told).items():
+        radius |= at_lines("A", site().run(sets, reading="radius", methods="A", **told)["A"])
+        for method, result in site().run(sets, turning="to_aspect", **told).items():
             aspect |= at_lines(method, result)
     return {
         **dict(zip(NAMES, u, strict=True)), **found,

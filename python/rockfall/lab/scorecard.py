@@ -129,7 +129,7 @@ def score(
     if not draws:
         raise RockfallError("no impact sets to score")
     generator = np.random.default_rng(FIRST_SEED)
-    told = len(draws) == 1 and draws[0].error.any()
+    told = len(draws) == 1 and draws[0].error is not None
     found, others = [], []
     for k in range(slopes):
         one, seed = draws[k % len(draws)], FIRST_SEED + k
@@ -145,7 +145,7 @@ def score(
 
 def _numbers(sets: Sets, site: Site, seed: int, how: dict) -> dict[str, float]:
     """On the slope and with the boulders of a seed."""
-    numbers = site.numbers(sets.mean, sets.covariance, seed=seed, talus=Talus(seed), **how)
+    numbers = site.numbers(sets, seed=seed, talus=Talus(seed), **how)
     return numbers | neutral_slopes(sets, seed)
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from rockfall.errors import RockfallError
 from rockfall.lab.bounce import admissible
+from rockfall.lab.lateral import Lateral
 from rockfall.lab.setfile import ERROR_MARK
 
 DRAWS = 4000  # of A, for the means of R_t and R_n
@@ -18,15 +19,18 @@ DRAWS = 4000  # of A, for the means of R_t and R_n
 @dataclass(frozen=True)
 class Sets:
     """The five sets of a file: means (5, 9) and covariances (5, 9, 9) of a1..a9, and those of the
-    errors of the means (5, 9, 9), zeros where the file does not say."""
+    errors of the means (5, 9, 9) and lateral deviations, where the file tells them."""
 
     name: str
     mean: np.ndarray
     covariance: np.ndarray
-    error: np.ndarray
+    error: np.ndarray | None = None
+    lateral: tuple[Lateral, ...] | None = None
 
     def redrawn(self, generator: np.random.Generator) -> Sets:
         """Sets that as many impacts might as well have given."""
+        if self.error is None:
+            return self
         off = [
             generator.multivariate_normal(np.zeros(9), one, method="eigh", check_valid="ignore")
             for one in self.error  # of a jackknife: singular, but for rounding
@@ -50,20 +54,32 @@ def read_sets(source: str | Path) -> list[Sets]:
     found: list[Sets] = []
     draws = 1
     while len(found) < draws:
-        mean, covariance, *_, draws, code, message = core.read_sets(
+        mean, covariance, between, lateral, *_, draws, code, message = core.read_sets(
             text.encode() or b"\n", str(source).encode(), turning, len(found) + 1
         )
         if code:
             raise RockfallError(message.decode().strip(), code)
-        found.append(Sets(Path(source).stem, mean.T, covariance.T, error))
+        turns = _lateral(between.T, lateral.T)
+        found.append(Sets(Path(source).stem, mean.T, covariance.T, error, turns))
     return found
 
 
-def _errors(text: str) -> np.ndarray:
+def _lateral(between: np.ndarray, quantiles: np.ndarray) -> tuple[Lateral, ...] | None:
+    """Lateral deviations of the five sets, from the kernel's arrays (5, 8) and (5, 9, 13)."""
+    if not quantiles.any(axis=(1, 2)).all():
+        return None
+    classes = (between < 90).sum(axis=1) + 1
+    return tuple(
+        Lateral(angles[: n - 1], rows[:n], np.zeros(n, int))
+        for angles, rows, n in zip(between, quantiles, classes, strict=True)
+    )
+
+
+def _errors(text: str) -> np.ndarray | None:
     """Covariances of the errors of the means, (5, 9, 9), where all sets of a file have them."""
     blocks = text.split(f"! {ERROR_MARK}\n")[1:]
     if len(blocks) != 5:
-        return np.zeros((5, 9, 9))
+        return None
     found = np.zeros((5, 9, 9))
     for matrix, block in zip(found, blocks, strict=True):
         for k, line in enumerate(block.splitlines()[:9]):

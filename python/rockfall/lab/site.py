@@ -13,7 +13,7 @@ import numpy as np
 from rockfall.errors import RockfallError
 from rockfall.lab.fit import ImpactSet
 from rockfall.lab.setfile import write_sets
-from rockfall.lab.sets import restitution
+from rockfall.lab.sets import Sets, restitution
 from rockfall.lab.talus import CELL, NORTH, WEST, Talus
 
 if TYPE_CHECKING:
@@ -51,12 +51,11 @@ class Site:
         }
 
     def run(
-        self, mean: np.ndarray, covariance: np.ndarray, *, seed: int = 1,
+        self, sets: Sets, *, seed: int = 1,
         talus: Talus | None = None, reading: str = "diameter", turning: str = "past_aspect",
         threads: int = 0, methods: str = "AB",
     ) -> dict[str, xr.Dataset]:  # fmt: skip
-        """Results by method of five sets, means (5, 9) and covariances (5, 9, 9), on the terrain
-        of the case or on a slope of the same recipe."""
+        """Results by method, on the terrain of the case or on a slope of the same recipe."""
         import rasterio
 
         import rockfall
@@ -68,11 +67,7 @@ class Site:
         results = {}
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "sets.nml"
-            nothing = np.zeros(9), np.zeros((9, 9))
-            exact = {
-                k + 1: ImpactSet(mean[k], covariance[k], *nothing, 0, 0.0) for k in range(len(mean))
-            }
-            write_sets(path, exact, [])
+            write_sets(path, _as_fitted(sets), [])
             for method in methods:
                 results[method] = rockfall.run(
                     self._cases[method].replace(
@@ -84,14 +79,25 @@ class Site:
                 )
         return results
 
-    def numbers(self, mean: np.ndarray, covariance: np.ndarray, **how) -> dict[str, float]:
+    def numbers(self, sets: Sets, **how) -> dict[str, float]:
         """What the sets give; `how` as in `run`."""
-        results = self.run(mean, covariance, **how)
+        results = self.run(sets, **how)
         found = {}
         for method, result in results.items():
             found |= at_lines(method, result)
         found["a_slower"] = found["B_EL1_speed"] - found["A_EL1_speed"]
-        return found | _over_rebounds(mean, covariance, results["B"])
+        return found | _over_rebounds(sets, results["B"])
+
+
+def _as_fitted(sets: Sets) -> dict[int, ImpactSet]:
+    """As a file of sets takes them."""
+    lateral = sets.lateral or (None,) * len(sets.mean)
+    rows = zip(sets.mean, sets.covariance, lateral, strict=True)
+    nothing = np.zeros(9), np.zeros((9, 9)), 0, 0.0
+    return {
+        ratio: ImpactSet(mean, covariance, *nothing, turns)
+        for ratio, (mean, covariance, turns) in enumerate(rows, 1)
+    }
 
 
 def at_lines(method: str, result: xr.Dataset) -> dict[str, float]:
@@ -122,9 +128,7 @@ def _at_line(at: xr.Dataset, name: str) -> dict[str, float]:
     return found
 
 
-def _over_rebounds(
-    mean: np.ndarray, covariance: np.ndarray, result: xr.Dataset
-) -> dict[str, float]:
+def _over_rebounds(sets: Sets, result: xr.Dataset) -> dict[str, float]:
     """R_t, R_n and turns of the rebounds of the recorded trajectories; shares of all.
 
     R_n by class of incidence is the mean for each R_b/R_m apart, then over the ratios, each with
@@ -148,7 +152,7 @@ def _over_rebounds(
         means = [one.mean() for one, known in zip(classes, enough, strict=True) if known]
         return float(np.average(means, weights=used[enough]))
 
-    vertical = [_mean(restitution(mean[k], covariance[k], 90.0)[1]) for k in range(5)]
+    vertical = [_mean(restitution(sets.mean[k], sets.covariance[k], 90.0)[1]) for k in range(5)]
     along = result["plan_distance"].values / np.cos(np.radians(Talus().angle))
     turns = _turns(result)
     return {
