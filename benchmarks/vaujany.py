@@ -82,13 +82,13 @@ def beside(scores: dict[str, Score]) -> list[str]:
 
 HEAD = """# The paper's slope by our sets
 
-Each number is a mean over {slopes} slopes of the recipe of [cases/vaujany](../cases/vaujany/README.md),
-with 2,000 boulders on each; no calibration has seen these slopes. ± is its standard error: of
-slopes, boulders and coefficients. A number within a standard error of a bound is undecided. This
-page is written by `benchmarks/vaujany.py`.
+Each number is a mean over {slopes} slopes of the recipe of
+[cases/vaujany](../cases/vaujany/README.md), with 2,000 boulders on each; no calibration has seen
+these slopes. ± is its standard error: of slopes, boulders and coefficients. A number within a
+standard error of a bound is undecided. This page is written by `benchmarks/vaujany.py`.
 
-Columns: the set `rocky-slope` as it is used; with the two other rules of turning; with Rg of method A
-read as a radius; the draws of the ensemble, in turns.
+Columns: the set `rocky-slope` as it is used; with the two other rules of turning; with Rg of method
+A read as a radius; the draws of the ensemble, in turns.
 """
 KS = """
 Table 4, Kolmogorov-Smirnov tests against the boulders observed, cannot be made again: the observed
