@@ -190,7 +190,8 @@ def run(work: Path, steps: int, pool) -> None:
         moves=[(emcee.moves.DEMove(), 0.8), (emcee.moves.StretchMove(), 0.2)],
     )  # fmt: skip
     done = backend.iteration if backend.initialized else 0
-    for state in sampler.sample(None if done else start, iterations=max(0, steps - done)):
+    first = backend.get_last_sample() if done else start
+    for state in sampler.sample(first, iterations=max(0, steps - done)):
         likely = np.sort(state.log_prob)
         print(
             backend.iteration, "log likelihood", likely[[0, WALKERS // 2, -1]].round(1), flush=True
@@ -203,18 +204,46 @@ def sample(work: Path) -> np.ndarray:
     return backend.get_chain(discard=backend.iteration // 2, flat=True)
 
 
+def in_units(u: np.ndarray) -> pd.DataFrame:
+    """States of the chain in the units of the laboratory case, and which state counts."""
+    table = pd.DataFrame(physical(u[:, : len(PARAMETERS)]), columns=list(PARAMETERS))
+    for one, (name, (low, high)) in zip(u[:, len(PARAMETERS) :].T, NUISANCES.items(), strict=True):
+        table[name] = low + one * (high - low)
+    table["counts"] = [state_of(one) for one in u]
+    return table.drop(columns="state")
+
+
 def draws(work: Path, count: int, pool) -> None:
-    """States of the posterior, equally likely: the first is nearest to its centre."""
+    """States of the posterior, equally likely, into posterior.csv: the first is nearest to the
+    centre, the others are where walkers ended; and what is known of the whole into posterior.md."""
     u = sample(work)
-    centre = np.argmin((((u - u.mean(0)) / u.std(0)) ** 2).sum(1))
-    picked = np.random.default_rng(11).choice(len(u), count - 1, replace=False)
-    rows = pool.map(over_prior, u[[centre, *picked]])
-    table = pd.DataFrame(rows)
-    table[list(PARAMETERS)] = physical(table[list(PARAMETERS)].values)
-    table.insert(0, "counts", [state_of(one) for one in u[[centre, *picked]]])
-    for name, (low, high) in NUISANCES.items():
-        table[name] = low + table[name] * (high - low)
-    table.drop(columns="state").to_csv(HERE / "posterior.csv", index=False, float_format="%.6g")
+    centre = (((u - u.mean(0)) / u.std(0)) ** 2).sum(1).argmin()
+    ends = u[-WALKERS:][np.random.default_rng(11).permutation(WALKERS)[: count - 1]]
+    picked = np.vstack([u[[centre]], ends])
+    found = pd.DataFrame(pool.map(over_prior, picked)).drop(columns=list(NAMES))
+    table = pd.concat([in_units(picked), found], axis=1)
+    table.to_csv(HERE / "posterior.csv", index=False, float_format="%.6g")
+    whole = in_units(u)
+    (HERE / "posterior.md").write_text("\n".join(summary(whole, found)) + "\n", encoding="utf-8")
+
+
+def summary(whole: pd.DataFrame, found: pd.DataFrame) -> list[str]:
+    """The ridge: quantiles, what hangs together, and the numbers of the draws."""
+    reals = whole.drop(columns="counts")
+    text = ["# The posterior", "", "Written by posterior.py.", "", "| | 5 % | median | 95 % |"]
+    text += ["| --- | --: | --: | --: |"]
+    for name, one in [*reals.items(), *found.items()]:
+        text.append(
+            f"| {name} | " + " | ".join(f"{q:.3g}" for q in one.quantile([0.05, 0.5, 0.95])) + " |"
+        )
+    shares = whole["counts"].value_counts(normalize=True)
+    text += ["", "State that counts: " + ", ".join(f"{k} {v:.0%}" for k, v in shares.items()), ""]
+    together = reals.corr(method="spearman").stack()
+    strong = together[[a < b for a, b in together.index]].sort_values(key=abs, ascending=False)
+    text += [
+        "Rank correlations: " + ", ".join(f"{a}, {b} {r:+.2f}" for (a, b), r in strong[:8].items())
+    ]
+    return text
 
 
 def main() -> None:
