@@ -26,12 +26,9 @@ if TYPE_CHECKING:
 FEW = 100  # boulders at a line, below which its upper quantiles are hardly known
 FEW_IN_CELL = 30  # boulders through a cell, below which its numbers are mostly chance
 ORIGIN = {  # of the shipped impact sets: docs/lab.md
-    "rocky-slope": "comes from simulated impacts in a plane, with factors fitted to numbers "
-    "printed for one site under another rule of turning; it awaits sets from impacts in space",
-    "rocky-slope-lab": "comes from simulated impacts in a plane and meets 4 of 12 numbers printed "
-    "for a site",
-    "rocky-slope-provisional": "is fitted to numbers printed for one site, on a terrain rebuilt "
-    "from its description, and knows no influence of R_b/R_m",
+    "rocky-slope": "comes from simulated impacts of spheres on layers of spheres, whose contact "
+    "parameters were calibrated to numbers printed for one site, on a terrain rebuilt from its "
+    "description",
 }
 SENSITIVE = (
     "The intervals hold the chance of one model with one set of inputs. Slopes near neutral, where "
