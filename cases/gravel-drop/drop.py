@@ -26,9 +26,8 @@ def main() -> None:
         for low, high in zip(CLASSES, CLASSES[1:], strict=False):
             one = r_n[(speed >= low) & (speed < high)]
             error = one.std(ddof=1) / np.sqrt(one.size)
-            print(
-                f"{low:5g}-{high:<4g}{one.size:7d}{one.mean():8.3f}{error:8.3f}{one.std():11.3f}  {state}"
-            )
+            numbers = f"{one.size:7d}{one.mean():8.3f}{error:8.3f}{one.std():11.3f}"
+            print(f"{low:5g}-{high:<4g}{numbers}  {state}")
 
 
 if __name__ == "__main__":
