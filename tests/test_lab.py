@@ -606,8 +606,9 @@ def test_sets_made_again_are_the_same_or_the_line_is_named(fitted, place, monkey
     assert files(place) == before
 
 
-def test_sets_of_the_laboratory_in_the_plane_are_not_made_again(capsys):
-    assert main(["lab", "remake", "rocky-slope"]) == 2
+def test_sets_of_the_laboratory_in_the_plane_are_not_made_again(place, capsys):
+    Path("plane.nml").write_text("! The laboratory case:\n! | &lab seed = 1 /\n")
+    assert main(["lab", "remake", "plane.nml"]) == 2
     assert "was made by the laboratory in the plane of rockfall 0.1.0" in capsys.readouterr().err
 
 

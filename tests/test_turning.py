@@ -29,8 +29,8 @@ BOULDERS = 5000
 
 @functools.cache
 def coefficients():
-    """Mean and covariance of the provisional set, that is one for all ratios."""
-    one = f90nml.read(shipped_sets()["rocky-slope"])["impact_set"][0]
+    """Mean and covariance of a shipped set: that of R_b/R_m = 3, which the plane does not stop."""
+    one = f90nml.read(shipped_sets()["rocky-slope"])["impact_set"][2]
     covariance = np.zeros((9, 9))
     covariance[np.tril_indices(9)] = one["covariance"]
     return np.array(one["mean"]), covariance + np.tril(covariance, -1).T
