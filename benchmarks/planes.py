@@ -34,6 +34,8 @@ CELL, WIDE, ABOVE, BELOW = 8.0, 1200.0, 120.0, 40.0  # [m] the plane, about rele
 VOLUME = 1.0  # [m3]
 DROP = 5.0  # [m]
 SEEDS = range(1, 6)  # of neutral slopes, for their errors
+FLOWN = 1000  # boulders, straight down for their neutral slope
+FIRST, LAST = 20, 60  # contacts between which they count: the start is forgotten
 FEW = 20  # boulders at the line, below which no mean is told
 COLOURS = [INK, BLUE, GREEN, VERMILION, GREY]  # of each ratio
 HOW = {"share": ("share passing", "%", 1), "speed": ("mean speed", "m/s", 1),
@@ -90,11 +92,43 @@ def neutral(sets: Sets, ratio: int) -> Number:
     return Number(float(np.mean(found)), float(np.std(found, ddof=1) / np.sqrt(len(found))))
 
 
+def growth_flown(path: Path, ratio: int, slope: float) -> float:
+    """Mean logarithm of the growth of the speed in a bounce, of boulders that the program flies
+    straight down a plane ('to_aspect'); slow ones, as speed does not matter and planes end."""
+    z, grid = plane(slope)
+    radius = np.cbrt(0.75 / np.pi * VOLUME)
+    case = rockfall.Case(
+        case={"boulders": FLOWN, "seed": 7},
+        surface={"uniform_mean_radius": float(radius / ratio)},
+        impact={
+            "sets": str(path), "turning": "to_aspect", "stop_speed": 1e-12, "impact_limit": LAST,
+        },
+        boulder={"volume_mean": VOLUME},
+        release={"x": WIDE / 2, "y": grid.north - ABOVE, "drop_height": 0.001},
+        output={"trajectories": FLOWN},
+    )  # fmt: skip
+    result = rockfall.run(case, dem=z, transform=grid)
+    hit = np.isfinite(result["trajectory_in_n"].values) & (result["trajectory_ratio"].values > 0)
+    speed = np.sqrt(sum(result[f"trajectory_out_{v}"].values[hit] ** 2 for v in "tn"))
+    logs = np.log(speed).reshape(FLOWN, -1)
+    return float((logs[:, -1] - logs[:, FIRST]).mean() / (logs.shape[1] - 1 - FIRST))
+
+
+def neutral_flown(path: Path, ratio: int, law: float) -> float:
+    """The neutral slope by the program itself [degree], near that by the law of the set: growth is
+    nearly straight within a degree."""
+    low, high = law - 1, law + 1
+    ends = [growth_flown(path, ratio, slope) for slope in (low, high)]
+    return low - ends[0] * (high - low) / (ends[1] - ends[0])
+
+
 class Measured(NamedTuple):
-    """A set: neutral slopes by ratio, and by (slope, ratio) what boulders do at the line."""
+    """A set: neutral slopes by ratio, by its law and as flown, and by (slope, ratio) what boulders
+    do at the line."""
 
     name: str
     neutral: dict[int, Number]
+    flown: dict[int, float]
     at_line: dict[tuple[int, int], dict[str, Number]]
 
 
@@ -108,7 +142,9 @@ def look(path: Path, boulders: int) -> Iterator[Measured]:
         for slope in SLOPES
         for ratio in RATIOS
     }
-    yield Measured(sets.name, {ratio: neutral(sets, ratio) for ratio in RATIOS}, at_line)
+    slopes = {ratio: neutral(sets, ratio) for ratio in RATIOS}
+    flown = {ratio: neutral_flown(path, ratio, slopes[ratio].value) for ratio in RATIOS}
+    yield Measured(sets.name, slopes, flown, at_line)
 
 
 def text(number: Number, digits: int, scale: float = 1.0) -> str:
@@ -124,6 +160,14 @@ def table(first: str, rows: dict[str, list[str]]) -> Iterator[str]:
     yield "| --- |" + " --: |" * len(RATIOS)
     yield from (f"| {name} | " + " | ".join(cells) + " |" for name, cells in rows.items())
     yield ""
+
+
+def neutral_rows(one: Measured) -> dict[str, list[str]]:
+    """By the law of the set, and as the program flies boulders straight down."""
+    return {
+        f"`{one.name}`": [text(one.neutral[ratio], 1) for ratio in RATIOS],
+        f"`{one.name}`, flown": [f"{one.flown[ratio]:.1f}" for ratio in RATIOS],
+    }
 
 
 def page(found: list[Measured], boulders: int) -> str:
@@ -143,8 +187,7 @@ def page(found: list[Measured], boulders: int) -> str:
         "",
         "## Neutral slopes [degree]",
         "",
-        *table("set", {f"`{one.name}`": [text(one.neutral[ratio], 1) for ratio in RATIOS]
-                       for one in found}),
+        *table("set", dict(row for one in found for row in neutral_rows(one).items())),
     ]  # fmt: skip
     for one in found:
         lines += [f"## `{one.name}`", ""]
