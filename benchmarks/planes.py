@@ -6,7 +6,7 @@
 For each set, each R_b/R_m of 1 to 5 and slopes of 24 to 46 degrees: the share of the boulders that
 pass a line 200 m below the release, in plan; their mean speed there, and the 95 % quantile of their
 jump height; and the neutral slope, on which a bounce straight down loses what the next flight
-gains. Writes planes.md, with standard errors, and planes.png. The same bits on every machine.
+gains. Writes planes.md, with standard errors, and planes.png.
 """
 
 from __future__ import annotations

@@ -11,6 +11,8 @@ Tables 2 and 3 of Bourrier et al. (2009) by methods A and B, and what it says of
 from __future__ import annotations
 
 import argparse
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -30,6 +32,11 @@ COLUMNS = {
     "`rocky-slope-ensemble`": ("rocky-slope-ensemble", "past_aspect", "diameter"),
 }
 ENSEMBLE = "`rocky-slope-ensemble`"
+
+
+def measure(column: str, slopes: int) -> Score:
+    name, turning, reading = COLUMNS[column]
+    return score(read_sets(name), Site(VAUJANY), slopes, turning=turning, reading=reading)
 
 
 def cell(one: Score, target: Target) -> str:
@@ -116,13 +123,11 @@ def main() -> None:
     parser.add_argument("--slopes", type=int, default=48)
     parser.add_argument("-o", "--output", type=Path, default=Path(__file__).parents[1] / "docs")
     options = parser.parse_args()
-    site, wanted = Site(VAUJANY), targets(VAUJANY)
-    scores = {
-        column: score(read_sets(name), site, options.slopes, turning=turning, reading=reading)
-        for column, (name, turning, reading) in COLUMNS.items()
-    }
+    with ProcessPoolExecutor() as pool:
+        found = pool.map(partial(measure, slopes=options.slopes), COLUMNS)
+        scores = dict(zip(COLUMNS, found, strict=True))
     with whole_file(options.output / "vaujany.md") as part:
-        part.write_text(page(scores, wanted, options.slopes), encoding="utf-8")
+        part.write_text(page(scores, targets(VAUJANY), options.slopes), encoding="utf-8")
 
 
 if __name__ == "__main__":

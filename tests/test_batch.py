@@ -566,8 +566,8 @@ HOSTILE = {
         in_first_set("", speed_range=20.0), ["speed_range", "must be 2 values, not 1"], True
     ),
     "speeds": (
-        in_first_set("", speed_range=[20.0, 20.0]),
-        ["&impact_set speed_range = 20.0, 20.0: must rise within 0 to 1000 [m/s]"], True,
+        in_first_set("", speed_range=[20.0, 19.0]),
+        ["&impact_set speed_range = 20.0, 19.0: must not fall within 0 to 1000 [m/s]"], True,
     ),
     "speeds below zero": (
         in_first_set("", speed_range=[-1.0, 20.0]), ["speed_range", "must rise within 0"], True
@@ -577,7 +577,7 @@ HOSTILE = {
     ),
     "angles": (
         in_first_set("", angle_range=[5.0, 90.1]),
-        ["&impact_set angle_range = 5.0, 90.1: must rise within 0 to 90 [degree]"], True,
+        ["&impact_set angle_range = 5.0, 90.1: must not fall within 0 to 90 [degree]"], True,
     ),
     "angles of text": (
         in_first_set("", angle_range=["a", "b"]), ["angle_range", "must be a real number"], True

@@ -13,12 +13,14 @@ import xarray as xr
 import rockfall
 import scenes
 from rockfall.cli import main
+from rockfall.errors import RockfallError
 from rockfall.lab.bounce import K_SPHERE
 from rockfall.lab.fit import ImpactSet
 from rockfall.lab.scorecard import (
     OTHERS,
     Score,
     Target,
+    _between,
     by_ratio,
     neutral_slopes,
     score,
@@ -130,10 +132,20 @@ def test_a_standard_error_across_a_bound_decides_nothing(low, high, value, error
 def test_a_score_is_a_mean_over_slopes():
     one = Score("one", {"a": np.array([1.0, 2.0, 3.0, np.nan]), "b": np.full(4, np.nan)})
     assert one.mean("a") == 2 and one.error("a") == pytest.approx(1 / 3**0.5)
-    moved = replace(one, changes={"a": np.array([2.0, -2.0, np.nan, 2.0])})
-    assert moved.mean("a") == 2 and moved.error("a") == pytest.approx((1 / 3 + 4) ** 0.5)
+    assert replace(one, of_sets={"a": 2.0}).error("a") == pytest.approx((1 / 3 + 4) ** 0.5)
     assert one.range("a") == pytest.approx((1.1, 2.9))
     assert np.isnan([one.mean("b"), one.error("b"), *one.range("b")]).all()
+
+
+def test_what_groups_are_off_is_told_from_chance():
+    rng = np.random.default_rng(6)
+    group = np.arange(4000) % 8
+    chance = rng.normal(size=group.size)
+    assert _between(chance, group) < 0.06
+    off = np.array([1.0, -1, 1, -1, 1, -1, 1, -1])[group]
+    assert _between(chance + off, group) == pytest.approx(1, abs=0.1)
+    assert _between(np.array([3.0, -4.0]), np.arange(2)) == pytest.approx(12.5**0.5)
+    assert np.isnan(_between(np.full(4, np.nan), np.arange(4)))
 
 
 def test_by_ratio_prints_the_restitution():
@@ -213,9 +225,15 @@ def test_the_error_of_the_sets_is_part_of_that_of_the_numbers(site, tmp_path):
     np.testing.assert_allclose(told.error, np.broadcast_to(root @ root.T, (5, 9, 9)), rtol=0.06)
     drawn = [told.redrawn(rng).mean - told.mean for _ in range(400)]
     np.testing.assert_allclose(np.std(drawn, axis=0)[2], np.sqrt(np.diag(told.error[2])), rtol=0.2)
-    known, exact = score([told], site, 2), score([replace(told, error=None)], site, 2)
+    known, exact = score([told], site, 4), score([replace(told, error=None)], site, 4)
     assert (known.numbers["B_EL1_speed"] == exact.numbers["B_EL1_speed"]).all()
     assert known.error("B_EL1_speed") > exact.error("B_EL1_speed")
+    text = (tmp_path / "told.nml").read_text()
+    head = "means, lower triangle by rows:\n!   "
+    for bad in text.replace(head, head + "x"), text.replace(head, head + "nan #"):
+        (tmp_path / "bad.nml").write_text(bad)
+        with pytest.raises(RockfallError, match="bad.nml: the errors of the means cannot be read"):
+            read_sets(tmp_path / "bad.nml")
 
 
 def test_the_scorecard_is_printed(site, tmp_path, monkeypatch, capsys):

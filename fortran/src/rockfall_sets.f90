@@ -197,8 +197,8 @@ contains
       call get_real(group, key, values, error)
       if (allocated(error)) return
       range = values
-      if (range(1) < 0 .or. range(2) > most .or. range(1) >= range(2)) then
-         call refuse(group, key, "must rise within 0 to "//integer_text(nint(most))//" ["//unit//"]", error)
+      if (range(1) < 0 .or. range(2) > most .or. range(1) > range(2)) then
+         call refuse(group, key, "must not fall within 0 to "//integer_text(nint(most))//" ["//unit//"]", error)
       end if
    end subroutine read_range
 

@@ -47,7 +47,7 @@ KEPT = {  # of the draws: units, meaning
     "source_east": ("m", "shift of the sources eastwards"),
     "source_north": ("m", "shift of the sources northwards"),
     "source_redrawn": ("1", "shifts drawn before, which left a source off the terrain"),
-    "set": ("1", "impact set, by its place in the list of the case, from 0"),
+    "set": ("1", "draw of the impact sets, by its place in all files of the case, from 0"),
 }
 
 NUMBERS = {  # as printed

@@ -173,11 +173,11 @@ def _scorecard(arguments: argparse.Namespace) -> int:
     if arguments.slopes < 2:
         raise RockfallError(f"--slopes {arguments.slopes}: must be 2 or more")
     sets = [read_sets(name) for name in arguments.sets or shipped_sets()]
-    site = Site(arguments.site)
+    site, wanted = Site(arguments.site), targets(arguments.site)
     how = {"turning": arguments.turning, "reading": arguments.rg_reading}
     with progress_bar(len(sets) * arguments.slopes, not arguments.quiet, "slopes") as advance:
         scores = [score(draws, site, arguments.slopes, advance, **how) for draws in sets]
-    print(table(scores, targets(arguments.site)))
+    print(table(scores, wanted))
     for draws in sets:
         print("\n" + by_ratio(draws[0]))
     return 0

@@ -23,6 +23,7 @@ from rockfall.lab.talus import Talus
 
 INF = float("inf")
 FIRST_SEED = 1000  # of slopes and boulders: no calibration has seen those from here on
+REDRAWN = 8  # sets with other errors, each on some of the slopes
 SLOPE_BOULDERS = 400  # of a neutral slope
 BOUNDS = {"": 0.10, "_std": 0.25, "_max": 0.20}  # of the numbers of table 2, each way
 UNITS = {"speed": "m/s", "passing_height": "m", "energy_translational": "kJ"}
@@ -67,9 +68,14 @@ BESIDE = {
 
 def targets(folder: str | Path) -> list[Target]:
     """All targets: those of table 2 from paper.csv of the site's folder, and OTHERS."""
+    path = Path(folder) / "paper.csv"
+    try:
+        rows = list(csv.DictReader(path.read_text(encoding="utf-8").splitlines()))
+    except (OSError, UnicodeDecodeError) as error:
+        raise RockfallError(f"{path}: cannot be read: {error}") from error
     found = []
-    with (Path(folder) / "paper.csv").open(encoding="utf-8") as file:
-        for row in csv.DictReader(file):
+    try:
+        for row in rows:
             line, method, quantity = row["line"], row["method"], row["quantity"]
             if method == "observed" or quantity not in QUANTITIES:
                 continue
@@ -83,29 +89,32 @@ def targets(folder: str | Path) -> list[Target]:
                         held_out=line != "EL1" or kind == "_max",
                     )
                 )  # fmt: skip
+    except (KeyError, TypeError, ValueError) as error:
+        raise RockfallError(f"{path}: is not a table of the paper: {error}") from error
     return sorted([*found, *OTHERS], key=lambda one: one.held_out)
 
 
 @dataclass(frozen=True)
 class Score:
-    """Numbers of sets over slopes: (slopes,) each, NaN where too few boulders pass; and what they
-    change by with sets that as many impacts might as well have given, where the file tells."""
+    """Numbers of sets over slopes: (slopes,) each, NaN where too few boulders pass; and their
+    standard errors from what is not known of the sets, where that is known."""
 
     name: str
     numbers: dict[str, np.ndarray]
-    changes: dict[str, np.ndarray] | None = None
+    of_sets: dict[str, float] | None = None
 
     def mean(self, name: str) -> float:
         return _quiet(np.nanmean, self.numbers[name])
 
     def error(self, name: str) -> float:
-        """Standard error of the mean: of slopes and boulders, and of the sets."""
+        """Standard error of the mean: of slopes and boulders, which more slopes make smaller, and
+        of the sets."""
         values = self.numbers[name]
         count = np.isfinite(values).sum()
         if count < 2:
             return np.nan
-        of_sets = _quiet(np.nanmean, self.changes[name] ** 2) if self.changes else 0.0
-        return float(np.sqrt(np.nanvar(values, ddof=1) / count + of_sets))
+        of_sets = self.of_sets[name] if self.of_sets else 0.0
+        return float(np.sqrt(np.nanvar(values, ddof=1) / count + of_sets**2))
 
     def range(self, name: str) -> tuple[float, float]:
         """5 and 95 % quantiles."""
@@ -125,22 +134,44 @@ def score(
     **how,
 ) -> Score:  # fmt: skip
     """Numbers of sets on as many slopes, each with boulders of its own; several draws of the sets
-    take turns, and their spread then is part of the errors."""
+    take turns. Where a single set tells its errors, sets that differ by such are run beside it."""
     if not draws:
         raise RockfallError("no impact sets to score")
     generator = np.random.default_rng(FIRST_SEED)
-    told = len(draws) == 1 and draws[0].error is not None
-    found, others = [], []
+    others = []
+    if len(draws) == 1 and draws[0].error is not None:
+        others = [draws[0].redrawn(generator) for _ in range(min(REDRAWN, slopes // 2))]
+    found, changed = [], []
     for k in range(slopes):
-        one, seed = draws[k % len(draws)], FIRST_SEED + k
-        found.append(_numbers(one, site, seed, how))
-        if told:
-            others.append(_numbers(one.redrawn(generator), site, seed, how))
+        seed = FIRST_SEED + k
+        found.append(_numbers(draws[k % len(draws)], site, seed, how))
+        if others:
+            changed.append(_numbers(others[k % len(others)], site, seed, how))
         advance(1)
-    numbers, changed = ({name: np.array([one[name] for one in rows]) for name in found[0]}
-                        for rows in (found, others or found))  # fmt: skip
-    changes = {name: changed[name] - numbers[name] for name in numbers} if told else None
-    return Score(draws[0].name, numbers, changes)
+    numbers = {name: np.array([one[name] for one in found]) for name in found[0]}
+    of_sets = None
+    if others:
+        group = np.arange(slopes) % len(others)
+        off = {name: [one[name] for one in changed] - numbers[name] for name in numbers}
+        of_sets = {name: _between(one, group) for name, one in off.items()}
+    elif len(draws) > 1:
+        group = np.arange(slopes) % len(draws)
+        of_sets = {
+            name: _between(one - _quiet(np.nanmean, one), group) for name, one in numbers.items()
+        }
+    return Score(draws[0].name, numbers, of_sets)
+
+
+def _between(off: np.ndarray, group: np.ndarray) -> float:
+    """Root mean square over groups of what they are off in the mean, less what chance makes of it
+    within them."""
+    groups = [off[(group == k) & np.isfinite(off)] for k in np.unique(group)]
+    groups = [one for one in groups if one.size]
+    if not groups:
+        return np.nan
+    chance = [one.var(ddof=1) / one.size for one in groups if one.size > 1]
+    square = np.mean([one.mean() ** 2 for one in groups]) - (np.mean(chance) if chance else 0)
+    return float(np.sqrt(max(square, 0.0)))
 
 
 def _numbers(sets: Sets, site: Site, seed: int, how: dict) -> dict[str, float]:

@@ -117,7 +117,7 @@ def _group(ratio: int, found: ImpactSet, draw: int | None = None) -> list[str]:
     text += [_rows(_lower(found.covariance))]
     for name in "speed_range", "angle_range":
         if (ends := getattr(found, name)) is not None:
-            text += [f"  {name} = {ends[0]:.3g}, {ends[1]:.3g}"]
+            text += [f"  {name} = {_numbers(ends)}"]
     if found.lateral is not None:
         text += _lateral_lines(found.lateral)
     return [*text, "/"]

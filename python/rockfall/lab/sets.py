@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -11,7 +12,7 @@ import numpy as np
 from rockfall.errors import RockfallError
 from rockfall.lab.bounce import admissible
 from rockfall.lab.lateral import Lateral
-from rockfall.lab.setfile import ERROR_MARK
+from rockfall.lab.setfile import ERROR_MARK, set_text
 
 DRAWS = 4000  # of A, for the means of R_t and R_n
 
@@ -28,7 +29,7 @@ class Sets:
     lateral: tuple[Lateral, ...] | None = None
 
     def redrawn(self, generator: np.random.Generator) -> Sets:
-        """Sets that as many impacts might as well have given."""
+        """The same with other means, off by as much as those of as many impacts are."""
         if self.error is None:
             return self
         off = [
@@ -45,12 +46,9 @@ def read_sets(source: str | Path) -> list[Sets]:
     from rockfall.scene import TURNINGS, shipped_sets
 
     path = shipped_sets().get(str(source), Path(source))
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise RockfallError(f"{source}: cannot be read: {error}") from error
+    text = set_text(path)
     turning = TURNINGS["past_aspect"]  # needs nothing but the matrices
-    error = _errors(text)
+    error = _errors(text, path)
     found: list[Sets] = []
     draws = 1
     while len(found) < draws:
@@ -75,15 +73,24 @@ def _lateral(between: np.ndarray, quantiles: np.ndarray) -> tuple[Lateral, ...] 
     )
 
 
-def _errors(text: str) -> np.ndarray | None:
+def _errors(text: str, path: Path) -> np.ndarray | None:
     """Covariances of the errors of the means, (5, 9, 9), where all sets of a file have them."""
     blocks = text.split(f"! {ERROR_MARK}\n")[1:]
     if len(blocks) != 5:
         return None
-    found = np.zeros((5, 9, 9))
-    for matrix, block in zip(found, blocks, strict=True):
-        for k, line in enumerate(block.splitlines()[:9]):
-            matrix[k, : k + 1] = matrix[: k + 1, k] = np.fromstring(line.lstrip("! "), sep=",")
+    found = np.full((5, 9, 9), np.nan)
+    for block in blocks:
+        lines = block.splitlines()
+        ratio = re.search(r"^&impact_set ratio = ([1-5])\b", block, re.MULTILINE)
+        try:
+            rows = [[float(one) for one in line.lstrip("! ").split(",")] for line in lines[:9]]
+            matrix = found[int(ratio[1]) - 1]
+            for k, row in enumerate(rows):
+                matrix[k, : k + 1] = matrix[: k + 1, k] = row
+        except (ValueError, TypeError) as error:
+            raise RockfallError(f"{path}: the errors of the means cannot be read") from error
+    if not np.isfinite(found).all():
+        raise RockfallError(f"{path}: the errors of the means cannot be read")
     return found
 
 

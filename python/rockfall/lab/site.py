@@ -158,7 +158,7 @@ def _over_rebounds(sets: Sets, result: xr.Dataset) -> dict[str, float]:
     return {
         "rt": float(np.median(r_t)) if r_t.size else np.nan,
         "rn_5_15": over(r_n, 5, 15),
-        "rn_vertical": float(used @ np.nan_to_num(vertical)),
+        "rn_vertical": float(np.sum(used[used > 0] * np.array(vertical)[used > 0])),
         "tangential": tangential_above(result, SHARE),
         "stop_short": _mean((along >= SHORT[0]) & (along < SHORT[1])),
         "turns_small": _mean(turns < TURNS[0]),
