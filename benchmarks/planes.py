@@ -19,6 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 import rockfall
+from rockfall.errors import RockfallError
 from rockfall.files import whole_file
 from rockfall.grid import Grid
 from rockfall.lab.bounce import neutral_slope, set_rebound
@@ -104,11 +105,13 @@ def growth_flown(path: Path, ratio: int, slope: float) -> float:
             "sets": str(path), "turning": "to_aspect", "stop_speed": 1e-12, "impact_limit": LAST,
         },
         boulder={"volume_mean": VOLUME},
-        release={"x": WIDE / 2, "y": grid.north - ABOVE, "drop_height": 0.001},
+        release={"x": WIDE / 2, "y": grid.north - ABOVE, "drop_height": 1e-6},
         output={"trajectories": FLOWN},
     )  # fmt: skip
     result = rockfall.run(case, dem=z, transform=grid)
     hit = np.isfinite(result["trajectory_in_n"].values) & (result["trajectory_ratio"].values > 0)
+    if (np.bincount(result["trajectory_boulder"].values[hit])[1:] != LAST).any():
+        raise RockfallError(f"{path}: a boulder ended before contact {LAST} of the plane")
     speed = np.sqrt(sum(result[f"trajectory_out_{v}"].values[hit] ** 2 for v in "tn"))
     logs = np.log(speed).reshape(FLOWN, -1)
     return float((logs[:, -1] - logs[:, FIRST]).mean() / (logs.shape[1] - 1 - FIRST))

@@ -65,7 +65,7 @@ def noise(ratio):
     return f"{usual(ratio)} noise = {lower}\n"
 
 
-def write_sets(path, mean, covariance, more=lambda ratio: ""):
+def sets_text(mean, covariance, more=lambda ratio: ""):
     """A file of impact sets, with every digit, and `more` in each."""
     groups = []
     for k in range(5):
@@ -73,7 +73,12 @@ def write_sets(path, mean, covariance, more=lambda ratio: ""):
         means = ", ".join(repr(float(m)) for m in mean[k])
         head = f"&impact_set\n ratio = {k + 1}\n mean = {means}\n covariance = {lower}\n"
         groups.append(f"{head}{more(k + 1)}/\n")
-    path.write_text("".join(groups))
+    return "".join(groups)
+
+
+def write_sets(path, *sets):
+    """The same, written."""
+    path.write_text(sets_text(*sets))
     return path
 
 

@@ -17,6 +17,7 @@ import pytest
 import xarray as xr
 
 import rockfall
+import scenes
 from rockfall import variables
 from rockfall.errors import RockfallError
 from rockfall.grid import NO_ID, Grid
@@ -412,15 +413,15 @@ def raster(name, array, grid=GRID):
 
 
 def sets(old, new, count=1):
-    """The shipped impact sets with a change, as a file beside the case."""
-    text = (ROOT / "python/rockfall/data/impact_sets/rocky-slope.nml").read_text()
+    """Impact sets with a change, as a file beside the case."""
+    text = scenes.sets_text(*scenes.sets())
     assert old in text
     changed = text.replace(old, new, count)
     return write("sets.nml", changed, "'rocky-slope'", "'sets.nml'")
 
 
 def in_first_set(more, **keys):
-    """Further keys in the first of the shipped sets, and more in &impact."""
+    """Further keys in the first of the sets, and more in &impact."""
 
     def change(folder):
         sets("covariance", "covariance")(folder)
@@ -570,7 +571,7 @@ HOSTILE = {
         ["&impact_set speed_range = 20.0, 19.0: must not fall within 0 to 1000 [m/s]"], True,
     ),
     "speeds below zero": (
-        in_first_set("", speed_range=[-1.0, 20.0]), ["speed_range", "must rise within 0"], True
+        in_first_set("", speed_range=[-1.0, 20.0]), ["speed_range", "must not fall within 0"], True
     ),
     "infinite speeds": (
         sets("ratio = 1", "ratio = 1, speed_range = 1, Inf"), ["speed_range (value 2) = Inf"], True

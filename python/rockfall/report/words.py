@@ -33,7 +33,7 @@ ORIGIN = {  # of the shipped impact sets: docs/lab.md
 SENSITIVE = (
     "The intervals hold the chance of one model with one set of inputs. Slopes near neutral, where "
     "a bounce loses about what the next flight gains, are sensitive: in cases/vaujany 2 degrees "
-    "less or more than 38 move the share that passes EL1 from 59 % to 22 % or 90 %. Vary terrain, "
+    "less or more than 38 move the share that passes EL1 from 81 % to 44 % or 94 %. Vary terrain, "
     "ground and volume before you trust a difference of a few per cent."
 )
 UNKNOWN = (
