@@ -26,6 +26,25 @@ _SPREAD = np.array([0.12, 0.15, 0.1, 0.08, 0.1, 0.05, 0.15, 0.2, 0.15])
 LIVELY_COVARIANCE = np.outer(_SPREAD, _SPREAD) * (0.8 * np.eye(9) + 0.2)
 
 
+#: A set that throws no boulder back, so that headings are known: mean, and lower triangle by rows.
+CALM_MEAN = "0.6209, 0.0000, 0.1313, 0.1899, -0.4122, -0.1923, 0.2351, 0.0000, 0.3376"
+CALM_ROWS = """    0.002672,
+    0.000000, 0.002672,
+    0.000000, 0.000000, 0.002672,
+    -0.000681, 0.000000, 0.000000, 0.000894,
+    0.000000, 0.000000, 0.000000, 0.000000, 0.000894,
+    0.000000, 0.000000, 0.000000, 0.000000, 0.000000, 0.000894,
+    0.002697, 0.000000, 0.000000, 0.000000, 0.000000, 0.000000, 0.022968,
+    0.000000, 0.000000, 0.000000, 0.000000, 0.000000, 0.000000, 0.000000, 0.022968,
+    0.000000, 0.000000, 0.000000, 0.000000, 0.000000, 0.000000, 0.000000, 0.000000, 0.022968
+"""
+#: The same for all ratios, as a file.
+CALM_SETS = "".join(
+    f"&impact_set ratio = {k}\n  mean = {CALM_MEAN}\n  covariance =\n{CALM_ROWS}/\n"
+    for k in range(1, 6)
+)
+
+
 def sets(scatter=1.0):
     """Mean (5, 9) and covariance (5, 9, 9): a lively set, a little harder for each ratio."""
     harder = 1 + 0.02 * np.arange(5)

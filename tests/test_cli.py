@@ -16,11 +16,11 @@ import xarray as xr
 from affine import Affine
 
 import rockfall
+import scenes
 from made import PLACE, make_ascii, make_raster
 from rockfall.cli import main
 
 NY, NX = 30, 24
-SETS = Path(rockfall.__file__).parent / "data" / "impact_sets" / "rocky-slope.nml"
 TABLE = "zone,mean_radius\n1,0.3\n2,0.2\n"
 CASE = """&case title = 'Slope', boulders = 20, seed = 7 /
 &terrain dem = 'dem.tif' /
@@ -49,7 +49,7 @@ def place(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     make_raster("dem.tif", slope(), nodata=-9999)
     make_raster("zones.tif", zones(), nodata=-9999)
-    for name, text in (("zones.csv", TABLE), ("sets.nml", SETS.read_text()), ("case.nml", CASE)):
+    for name, text in (("zones.csv", TABLE), ("sets.nml", scenes.CALM_SETS), ("case.nml", CASE)):
         Path(name).write_text(text)
     return tmp_path
 
@@ -114,7 +114,7 @@ def with_hole():
 
 def without_set(ratio):
     def harm():
-        groups = SETS.read_text().split("&impact_set ")
+        groups = scenes.CALM_SETS.split("&impact_set ")
         kept = [group for group in groups if not group.startswith(f"ratio = {ratio}")]
         assert len(kept) == 5
         Path("sets.nml").write_text("&impact_set ".join(kept))

@@ -14,7 +14,6 @@ import pytest
 
 import rockfall
 import scenes
-from rockfall.scene import shipped_sets
 
 VAUJANY = Path(__file__).parents[1] / "cases/vaujany"
 RULES = "past_aspect", "to_aspect", "lab"
@@ -29,11 +28,10 @@ BOULDERS = 5000
 
 @functools.cache
 def coefficients():
-    """Mean and covariance of a shipped set: that of R_b/R_m = 3, which the plane does not stop."""
-    one = f90nml.read(shipped_sets()["rocky-slope"])["impact_set"][2]
+    """Mean and covariance of a set that throws no boulder back."""
     covariance = np.zeros((9, 9))
-    covariance[np.tril_indices(9)] = one["covariance"]
-    return np.array(one["mean"]), covariance + np.tril(covariance, -1).T
+    covariance[np.tril_indices(9)] = np.fromstring(scenes.CALM_ROWS, sep=",")
+    return np.fromstring(scenes.CALM_MEAN, sep=","), covariance + np.tril(covariance, -1).T
 
 
 @pytest.fixture(scope="module")
