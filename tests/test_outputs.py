@@ -16,6 +16,7 @@ import rasterio.shutil
 from matplotlib.figure import Figure
 
 import rockfall
+import scenes
 from made import PLACE, UTM, make_raster, refused
 from rockfall.cli import main
 from rockfall.convergence import KEYS, Convergence
@@ -26,7 +27,7 @@ from rockfall.rasters import write_ascii
 from rockfall.report import _page
 from rockfall.style import save
 from scenes import grid, rough
-from test_cli import CASE, SETS, TABLE, slope, zones
+from test_cli import CASE, TABLE, slope, zones
 
 LAB = """&lab ratios = 1.0, points = 2, impacts = 1 /
 &packing width = 8.0, depth = 2.0 /
@@ -43,7 +44,7 @@ def ready(tmp_path_factory):
         here.chdir(folder)
         make_raster("dem.tif", slope(), nodata=-9999)
         make_raster("zones.tif", zones(), nodata=-9999)
-        texts = {"zones.csv": TABLE, "sets.nml": SETS.read_text(), "stops.csv": STOPS}
+        texts = {"zones.csv": TABLE, "sets.nml": scenes.CALM_SETS, "stops.csv": STOPS}
         texts |= {"case.nml": CASE + UNCERTAIN, "lab.nml": LAB}
         for name, text in texts.items():
             Path(name).write_text(text)
