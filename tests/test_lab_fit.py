@@ -3,6 +3,7 @@
 
 import numpy as np
 import pytest
+import threadpoolctl
 from rockfall._core import rockfall_f2py as kernel
 
 from rockfall import RockfallError
@@ -138,6 +139,22 @@ def test_a_law_that_has_lost_its_scatter_is_refused():
     exact = set_rebound(MEAN, np.zeros((9, 9)))(one.v_in, np.random.default_rng(1))
     with pytest.raises(RockfallError, match="do not scatter about one map"):
         fit_set(Impacts(one.v_in, exact, one.group))
+
+
+def test_a_fit_adds_up_in_one_order(monkeypatch):
+    """On more threads BLAS rounds another way, and a set could not be made again bit for bit."""
+    threads = []
+
+    def likeliest(*arguments):
+        found = threadpoolctl.threadpool_info()
+        threads.extend(one["num_threads"] for one in found if one["user_api"] == "blas")
+        return known(*arguments)
+
+    known = fit._likeliest
+    monkeypatch.setattr(fit, "_likeliest", likeliest)
+    with threadpoolctl.threadpool_limits(2, "blas"):
+        fit_set(impacts(100), groups=0)
+    assert set(threads) == {1}
 
 
 def test_the_file_reads_back_through_the_kernel(found, tmp_path):

@@ -134,8 +134,16 @@ def within_points(data: xr.Dataset, ratio: float, state: str = "peak") -> np.nda
 def fit_set(impacts: Impacts, seed: int = 1, groups: int = GROUPS) -> ImpactSet:
     """The likeliest M and C, with standard errors from as many `groups` of layers; without: NaN.
 
-    A RockfallError tells of too few impacts, and of incident velocities too much alike.
+    The same bits on any number of threads. A RockfallError tells of too few impacts, and of
+    incident velocities too much alike.
     """
+    from threadpoolctl import threadpool_limits
+
+    with threadpool_limits(1, "blas"):  # it adds up in another order on more
+        return _fit_set(impacts, seed, groups)
+
+
+def _fit_set(impacts: Impacts, seed: int, groups: int) -> ImpactSet:
     x, y = _directions(impacts)
     if len(x) < MIN_IMPACTS:
         raise RockfallError(f"{len(x)} impacts: at least {MIN_IMPACTS} are needed for a set")
