@@ -440,15 +440,16 @@ def _noted(
 def read_sets(case: Case, path: Path) -> tuple[Coefficients, str]:
     """The impact sets in a file, with all that the case needs of them, and its checksum."""
     text = _sets_text(path)
-    sets, _ = _sets_of(case, path, text, 0)
+    sets, _ = _sets_of(path, text, case.impact["turning"], 0)
     return sets, hashlib.sha256(text).hexdigest()
 
 
-def read_set_draws(case: Case, path: Path) -> tuple[list[Coefficients], str]:
-    """The same of a file that may hold several draws of them."""
+def read_set_draws(path: Path, turning: str) -> tuple[list[Coefficients], str]:
+    """The same of a file that may hold several draws of them, with all that a rule of turning
+    needs."""
     text = _sets_text(path)
-    first, draws = _sets_of(case, path, text, 1)
-    rest = [_sets_of(case, path, text, draw)[0] for draw in range(2, draws + 1)]
+    first, draws = _sets_of(path, text, turning, 1)
+    rest = [_sets_of(path, text, turning, draw)[0] for draw in range(2, draws + 1)]
     return [first, *rest], hashlib.sha256(text).hexdigest()
 
 
@@ -457,11 +458,10 @@ def _sets_text(path: Path) -> bytes:
     return path.read_bytes()
 
 
-def _sets_of(case: Case, path: Path, text: bytes, draw: int) -> tuple[Coefficients, int]:
+def _sets_of(path: Path, text: bytes, turning: str, draw: int) -> tuple[Coefficients, int]:
     """A draw of the sets in a text, and how many there are; 0: the only one."""
-    turning = TURNINGS[case.impact["turning"]]
     *values, draws, code, message = _core.read_sets(
-        text or b"\n", str(path).encode(), turning, draw
+        text or b"\n", str(path).encode(), TURNINGS[turning], draw
     )
     if code:
         raise RockfallError(message.decode(errors="replace").strip(), code)

@@ -48,7 +48,7 @@ class Uncertain:
         self.set_checksums: dict[str, str] = {}
         for name in self.told.get("sets", []):
             path = set_path(scene.case, name, "ensemble")
-            draws, self.set_checksums[name] = read_set_draws(scene.case, path)
+            draws, self.set_checksums[name] = read_set_draws(path, scene.case.impact["turning"])
             self.sets += draws
         self.names = [name for name in INPUTS if self._varies(name)]
         if not self.names:

@@ -40,6 +40,11 @@ def energy(v: np.ndarray) -> np.ndarray:
     return v[:, 0] ** 2 + v[:, 1] ** 2 + K_SPHERE * v[:, 2] ** 2
 
 
+def ratio_class(ratio: np.ndarray) -> np.ndarray:
+    """The set, 1 to 5, that serves R_b/R_m: the nearest, as ratio_class in rockfall_impact.f90."""
+    return np.floor(0.5 + np.clip(ratio, 1, 5)).astype(int)
+
+
 def admissible(v_in: np.ndarray, v_out: np.ndarray) -> np.ndarray:
     """Which rebounds leave the surface and do not gain energy, (n,) (model.md section 4)."""
     return (v_out[:, 1] > 0) & (energy(v_out) <= energy(v_in))

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from rockfall.errors import RockfallError
-from rockfall.lab.bounce import energy
+from rockfall.lab.bounce import energy, ratio_class
 from rockfall.lab.case import COEFFICIENTS
 from rockfall.lab.fit import GROUPS, Impacts, ImpactSet, as_rebounds, fit_set
 from rockfall.lab.lateral import incidence
@@ -82,7 +82,7 @@ def read_contacts(path: str | Path) -> Contacts:
     ratio, beyond = None, 0
     if "ratio" in columns:
         given = np.array([row.number("ratio", 1e-3, 1e3) for row in rows])
-        ratio = np.floor(0.5 + np.clip(given, 1, 5)).astype(int)  # ratio_class in rockfall_impact
+        ratio = ratio_class(given)
         beyond = int(((given < 0.5) | (given > 5.5)).sum())
     return Contacts(
         path.name,

@@ -42,24 +42,18 @@ class Sets:
 def read_sets(source: str | Path) -> list[Sets]:
     """The draws in a set file, or in a set that is shipped with the program, by its name: one, or
     those of an ensemble."""
-    from rockfall._core import rockfall_f2py as core
-    from rockfall.scene import TURNINGS, shipped_sets
+    from rockfall.scene import read_set_draws, shipped_sets
 
     path = shipped_sets().get(str(source), Path(source))
-    text = set_text(path)
-    turning = TURNINGS["past_aspect"]  # needs nothing but the matrices
-    error = _errors(text, path)
-    found: list[Sets] = []
-    draws = 1
-    while len(found) < draws:
-        mean, covariance, between, lateral, *_, draws, code, message = core.read_sets(
-            text.encode() or b"\n", str(source).encode(), turning, len(found) + 1
+    error = _errors(set_text(path), path)
+    draws, _ = read_set_draws(path, "past_aspect")  # needs nothing but the matrices
+    return [
+        Sets(
+            Path(source).stem, one.mean.T, one.covariance.T, error,
+            _lateral(one.incidence.T, one.lateral.T),
         )
-        if code:
-            raise RockfallError(message.decode().strip(), code)
-        turns = _lateral(between.T, lateral.T)
-        found.append(Sets(Path(source).stem, mean.T, covariance.T, error, turns))
-    return found
+        for one in draws
+    ]  # fmt: skip
 
 
 def _lateral(between: np.ndarray, quantiles: np.ndarray) -> tuple[Lateral, ...] | None:

@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rockfall.errors import RockfallError
+from rockfall.lab.bounce import ratio_class
 from rockfall.lab.fit import ImpactSet
+from rockfall.lab.lateral import incidence
 from rockfall.lab.setfile import write_sets
 from rockfall.lab.sets import Sets, restitution
 from rockfall.lab.talus import CELL, NORTH, WEST, Talus
@@ -137,10 +139,10 @@ def _over_rebounds(sets: Sets, result: xr.Dataset) -> dict[str, float]:
     """
     t, n = result["trajectory_in_t"].values, result["trajectory_in_n"].values
     hit = np.isfinite(t) & (t > 0) & (n < 0)
-    angle = np.degrees(np.arctan2(-n[hit], t[hit]))
+    angle = incidence(np.stack([t[hit], n[hit]], axis=1))
     r_t = result["trajectory_out_t"].values[hit] / t[hit]
     r_n = -result["trajectory_out_n"].values[hit] / n[hit]
-    ratio = np.clip(np.rint(result["trajectory_ratio"].values[hit]), 1, 5)
+    ratio = ratio_class(result["trajectory_ratio"].values[hit])
     used = np.array([(ratio == k).mean() if ratio.size else np.nan for k in range(1, 6)])
 
     def over(values: np.ndarray, low: float, high: float) -> float:
