@@ -17,14 +17,13 @@ import tempfile
 import time
 from pathlib import Path
 
-from machine import machine
-
 import rockfall
-from rockfall.batch import prepare
-from rockfall.checkpoint import Checkpoint
-from rockfall.cluster import run_on_cluster
-from rockfall.scene import read_scene
-from rockfall.simulate import run_scene
+from machine import machine
+from rockfall.scene.prepare import prepare
+from rockfall.scene.scene import read_scene
+from rockfall.simulation.checkpoint import Checkpoint
+from rockfall.simulation.dask import run_on_cluster
+from rockfall.simulation.simulate import run_scene
 
 VAUJANY = Path(__file__).parents[1] / "cases/vaujany/case.nml"
 OUTPUT = {"maps": ["passages", "energy_max", "energy_q95"], "rebounds": False, "trajectories": 0}

@@ -9,11 +9,10 @@ Prints the tables of `rockfall convergence`; with DIR also writes its files and 
 import argparse
 from pathlib import Path
 
-from machine import machine
-
 import rockfall
-from rockfall.convergence import REFERENCE, converge, write
-from rockfall.convergence_text import text
+from machine import machine
+from rockfall.analysis.convergence import REFERENCE, converge, write
+from rockfall.text.convergence import text
 
 VAUJANY = Path(__file__).parents[1] / "cases/vaujany/case.nml"
 

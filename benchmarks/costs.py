@@ -29,15 +29,15 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from machine import machine
 
 import rockfall
-from rockfall.batch import prepare
-from rockfall.checkpoint import Checkpoint
-from rockfall.grid import Grid
-from rockfall.rasters import read_dem
-from rockfall.scene import Scene, read_scene
-from rockfall.simulate import Tally, fields, run_scene, start
+from machine import machine
+from rockfall.io.grid import Grid
+from rockfall.io.raster import read_dem
+from rockfall.scene.prepare import prepare
+from rockfall.scene.scene import Scene, read_scene
+from rockfall.simulation.checkpoint import Checkpoint
+from rockfall.simulation.simulate import Tally, fields, run_scene, start
 
 ROOT = Path(__file__).parents[1]
 VAUJANY = ROOT / "cases/vaujany/case.nml"
@@ -171,7 +171,7 @@ def per_rebound(program: Path, case: Path) -> float:
 # The same kernel without an option
 
 Edit = tuple[str, str, str, int]  # file, text, what stands for it, how often it is there
-_TRAJECTORY, _ENSEMBLE = "rockfall_trajectory.f90", "rockfall_ensemble.f90"
+_TRAJECTORY, _ENSEMBLE = "run/trajectory.f90", "run/ensemble.f90"
 _CELLS = "if (scene%wants_cells)"
 _HISTOGRAMS = "if (scene%wants_histograms)"
 NEVER = "if (.false.)"
@@ -192,26 +192,26 @@ CUTS: dict[str, list[Edit]] = {
         (_ENSEMBLE, _CELLS, NEVER, 2),
         (_ENSEMBLE, "if (tells_sources(maps))", NEVER, 1),
         (_ENSEMBLE, "if (fate%status == stopped .or. fate%status == absorbed)", NEVER, 1),
-        ("rockfall_flight.f90", "if (present(spans))", NEVER, 1),
-        ("rockfall_flight.f90", "if (present(n_spans))", NEVER, 1),
+        ("boulder/flight.f90", "if (present(spans))", NEVER, 1),
+        ("boulder/flight.f90", "if (present(n_spans))", NEVER, 1),
     ],
     "maps by source": [(_ENSEMBLE, "if (tells_sources(maps))", NEVER, 1)],
     "trajectories": [(_TRAJECTORY, "if (.not. allocated(scratch%record))", "if (.true.)", 1)],
     "zones, rasters of radii": [
-        ("rockfall_surface.f90", f"associated(surface%{name})", ".false.", 1)
+        ("terrain/surface.f90", f"associated(surface%{name})", ".false.", 1)
         for name in ("zone1", "zone2", "values")
     ],
-    "method A": [("rockfall_surface.f90", "surface%method == method_a", ".false.", 2)],
+    "method A": [("terrain/surface.f90", "surface%method == method_a", ".false.", 2)],
     "elevations in float32": [
-        ("rockfall_terrain.f90", "associated(dem%z8)", ".true.", 2)
+        ("terrain/terrain.f90", "associated(dem%z8)", ".true.", 2)
     ],
     "sobol": [
         (_TRAJECTORY, "scene%sobol%dimensions > 0", ".false.", 1),
         (_TRAJECTORY, "scene%sobol%dimensions > 1", ".false.", 1),
     ],
-    "by_area": [("rockfall_boulder.f90", "allocated(release%last)", ".false.", 2)],
+    "by_area": [("boulder/boulder.f90", "allocated(release%last)", ".false.", 2)],
     "windows of terrain": [
-        ("rockfall_terrain.f90", "in_window = i >= dem%lo(1) .and. j >= dem%lo(2) .and. "
+        ("terrain/terrain.f90", "in_window = i >= dem%lo(1) .and. j >= dem%lo(2) .and. "
          "i <= dem%hi(1) .and. j <= dem%hi(2)",
          "in_window = i >= 1 .and. j >= 1 .and. i < dem%nx .and. j < dem%ny", 1),
         (_TRAJECTORY, "merge(left_domain, left_window, at_end(scene%dem, landing%patch))",
@@ -220,8 +220,8 @@ CUTS: dict[str, list[Edit]] = {
         (_ENSEMBLE, "if (fate%status == left_window)", NEVER, 1),
     ],
     "checkpoints": [
-        ("rockfall_simulate.f90", "call keeper%look(results, error)", "", 1),
-        ("rockfall_simulate.f90", "call keeper%finish()", "", 1),
+        ("io/simulate.f90", "call keeper%look(results, error)", "", 1),
+        ("io/simulate.f90", "call keeper%finish()", "", 1),
     ],
 }  # fmt: skip
 

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 import rockfall
-from rockfall.grid import Grid
+from rockfall.io.grid import Grid
 
 EPSILON = 2.0**-52
 SHAPE = (60, 40)

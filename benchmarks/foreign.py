@@ -31,13 +31,13 @@ import pyogrio
 import rasterio
 import shapely
 from affine import Affine
-from machine import machine
 from rasterio.io import DatasetWriter
 
+from machine import machine
 from rockfall.errors import RockfallError
-from rockfall.grid import NO_ID, Grid
-from rockfall.polygons import burn_polygons
-from rockfall.rasters import read_dem
+from rockfall.io.grid import NO_ID, Grid
+from rockfall.io.polygons import burn_polygons
+from rockfall.io.raster import read_dem
 
 LONGEST = 60.0  # seconds for one file
 UTM = "EPSG:32632"

@@ -14,11 +14,11 @@ from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
-from machine import machine
-from valley import MAPS, NOTHING, SAME, program, relief, steep_cells, write_tiff
 
 import rockfall
-from rockfall import variables
+from machine import machine
+from rockfall.result import variables
+from valley import MAPS, NOTHING, SAME, program, relief, steep_cells, write_tiff
 
 VAUJANY = Path(__file__).parents[1] / "cases/vaujany/case.nml"
 BYTES = {"MB": 1e6, "GB": 1e9}

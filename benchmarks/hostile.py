@@ -27,18 +27,18 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-import mutators
 import netCDF4
 import numpy as np
 import rasterio
 import xarray as xr
-from machine import machine
 
+import mutators
 import rockfall
+from machine import machine
 from rockfall import cli
-from rockfall.grid import Grid
-from rockfall.lock import LOCK
-from rockfall.rasters import write_ascii, write_geotiff
+from rockfall.io.grid import Grid
+from rockfall.io.raster import write_ascii, write_geotiff
+from rockfall.simulation.lock import LOCK
 
 ROOT = Path(__file__).parents[1]
 PROGRAM = ROOT / "build/fortran/rockfall-batch"
@@ -209,9 +209,9 @@ def make_cases(files: Path) -> None:
 
 def _make_checkpoints(base: Path, case: rockfall.Case) -> None:
     """What both programs leave when they are killed half-way."""
-    from rockfall.checkpoint import Checkpoint
-    from rockfall.scene import read_scene
-    from rockfall.simulate import run_chunks, start
+    from rockfall.scene.scene import read_scene
+    from rockfall.simulation.checkpoint import Checkpoint
+    from rockfall.simulation.simulate import run_chunks, start
 
     here = os.getcwd()
     os.chdir(base)  # a case has the name by which it is read
@@ -497,7 +497,6 @@ def _import_all() -> None:
     import pandas  # noqa: F401
     import scipy.stats  # noqa: F401
 
-    from rockfall import asciigrid, batch, compare, export, linetables, parts, report  # noqa: F401
 
     rasterio.Env().__enter__()
 

@@ -14,12 +14,12 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
-from machine import machine
 
 import rockfall
-from rockfall import tails
-from rockfall.statistics import QUANTITIES, Z, line_numbers, line_values, sources
-from rockfall.until import FIRST, judge, next_stage, read_rules
+from machine import machine
+from rockfall.analysis import return_levels as tails
+from rockfall.analysis.line_statistics import QUANTITIES, Z, line_numbers, line_values, sources
+from rockfall.analysis.run_until import FIRST, judge, next_stage, read_rules
 
 VAUJANY = Path(__file__).parents[1] / "cases/vaujany/case.nml"
 SIZE = 10_000  # boulders of a sample

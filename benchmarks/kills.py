@@ -24,9 +24,9 @@ import tempfile
 from collections import Counter
 from pathlib import Path
 
-import hostile
 import netCDF4
 
+import hostile
 from rockfall import cli
 
 SHIM = Path(__file__).with_name("crash.c")
@@ -36,7 +36,7 @@ STEPS = {"rockfall": range(1, 61), "rockfall-batch": range(1, 21)}
 HANDLERS = {"rockfall": range(1, 5), "rockfall-batch": range(1, 2)}
 PROGRESS = 50  # crashes from a line to the next
 FORKS = multiprocessing.get_context("forkserver")
-FORKS.set_forkserver_preload(["hostile", "rockfall.checkpoint", "rockfall.summary"])
+FORKS.set_forkserver_preload(["hostile", "rockfall.simulation.checkpoint", "rockfall.text.summary"])
 #: Attributes that differ between runs in one piece and in several.
 OWN = {"case", "threads", "wall_seconds", "cpu_seconds"}
 

@@ -14,10 +14,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from machine import machine
 
+from machine import machine
+from rockfall.analysis.plane_bounce import neutral_slope, resampled_rebound, set_rebound
 from rockfall.errors import RockfallError
-from rockfall.lab.bounce import neutral_slope, resampled_rebound, set_rebound
 from rockfall.lab.case import LabCase, read_lab_case
 from rockfall.lab.experiment import ENDED, STATES, STATUS, run_impacts
 from rockfall.lab.fit import as_rebounds, fit_set, impacts_of

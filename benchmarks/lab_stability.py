@@ -18,11 +18,11 @@ import argparse
 import sys
 
 import numpy as np
-from machine import machine
 from rockfall._lab import lab_f2py as _lab
 
+from machine import machine
+from rockfall.analysis.plane_bounce import K_SPHERE
 from rockfall.errors import RockfallError
-from rockfall.lab.bounce import K_SPHERE
 from rockfall.lab.case import LabCase, names
 from rockfall.lab.experiment import ENDED, STATUS, run_impacts
 

@@ -20,6 +20,7 @@ from pathlib import Path
 
 import numpy as np
 from affine import Affine
+
 from machine import machine
 
 CELL = 2.5

@@ -19,14 +19,14 @@ from typing import NamedTuple
 import numpy as np
 
 import rockfall
+from rockfall.analysis.line_statistics import Z, line_numbers, sources
+from rockfall.analysis.plane_bounce import neutral_slope, set_rebound
 from rockfall.errors import RockfallError
-from rockfall.files import whole_file
-from rockfall.grid import Grid
-from rockfall.lab.bounce import neutral_slope, set_rebound
+from rockfall.io.files import whole_file
+from rockfall.io.grid import Grid
 from rockfall.lab.sets import Sets, read_sets
-from rockfall.scene import shipped_sets
-from rockfall.statistics import Z, line_numbers, sources
-from rockfall.style import BLUE, GREEN, GREY, INK, VERMILION, new_figure, plain, save, styled
+from rockfall.plots.style import BLUE, GREEN, GREY, INK, VERMILION, new_figure, plain, save, styled
+from rockfall.scene.scene import shipped_sets
 
 SLOPES = range(24, 47, 2)  # [degree]
 RATIOS = range(1, 6)

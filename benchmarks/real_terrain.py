@@ -16,9 +16,9 @@ from pathlib import Path
 import numpy as np
 
 import rockfall
-from rockfall.rasters import read_dem
-from rockfall.scene import read_scene
-from rockfall.simulate import fields, run_scene, trajectory
+from rockfall.io.raster import read_dem
+from rockfall.scene.scene import read_scene
+from rockfall.simulation.simulate import fields, run_scene, trajectory
 
 GRAVITY = 9.81
 

@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 import rasterio
-from machine import machine
 
 import rockfall
+from machine import machine
 from rockfall.lab.talus import CELL, NORTH, ROADS, WEST, Talus, zones
 
 VAUJANY = Path(__file__).parents[1] / "cases/vaujany"

@@ -31,12 +31,12 @@ from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
-from extremes import EPSILON, SPREAD, Scene, conditioned, diagonal, scenes
-from machine import machine
 
 import rockfall
-from rockfall import variables
-from rockfall.batch import prepare
+from extremes import EPSILON, SPREAD, Scene, conditioned, diagonal, scenes
+from machine import machine
+from rockfall.result import variables
+from rockfall.scene.prepare import prepare
 
 ROOT = Path(__file__).parents[1]
 UNITS = 4  # in the last place: the bound of a flight, and of the energy of a contact
@@ -133,9 +133,9 @@ def build(folder: Path) -> tuple[Path, Path]:
         shutil.copytree(ROOT / name, folder / name)
     for name in ("meson.build", "meson.options", "LICENSE"):
         shutil.copy(ROOT / name, folder)
-    _replace(folder / "fortran/src/rockfall_trajectory.f90", "span_t, fly, launch_rate, arc_length",
+    _replace(folder / "fortran/src/run/trajectory.f90", "span_t, fly, launch_rate, arc_length",
              "span_t, launch_rate, arc_length\n   use audited_flight, only: fly")  # fmt: skip
-    flight = "'src/rockfall_flight.f90',"
+    flight = "'src/boulder/flight.f90',"
     audited = f"{flight} '../benchmarks/stability/audited_flight.f90',"
     _replace(folder / "fortran/meson.build", flight, audited)
     environment = os.environ | {

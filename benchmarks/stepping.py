@@ -40,14 +40,14 @@ from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
-from machine import machine
-from real_terrain import steep_cells
 
 import rockfall
-from rockfall.batch import prepare
-from rockfall.files import whole_file
-from rockfall.plots import BLUE, GREY, INK, STYLE, VERMILION
-from rockfall.rasters import read_dem
+from machine import machine
+from real_terrain import steep_cells
+from rockfall.io.files import whole_file
+from rockfall.io.raster import read_dem
+from rockfall.plots.panels import BLUE, GREY, INK, STYLE, VERMILION
+from rockfall.scene.prepare import prepare
 
 HERE = Path(__file__).parent
 ROOT = HERE.parent
@@ -90,11 +90,11 @@ def build(folder: Path) -> Path:
     for name in ("meson.build", "meson.options", "LICENSE"):
         shutil.copy(ROOT / name, folder)
     source = folder / "fortran/src"
-    exact = (source / "rockfall_flight.f90").rename(source / "exact_flight.f90")
+    exact = (source / "boulder/flight.f90").rename(source / "exact_flight.f90")
     _replace(exact, "module rockfall_flight", "module exact_flight", 2)
     meson = folder / "fortran/meson.build"
     modules = "'src/exact_flight.f90', '../benchmarks/stepping/stepped_flight.f90'"
-    _replace(meson, "'src/rockfall_flight.f90'", modules, 1)
+    _replace(meson, "'src/boulder/flight.f90'", modules, 1)
     program = "'../benchmarks/stepping/stepping.f90', link_with: [batch, programs, kernel]"
     with open(meson, "a") as file:
         file.write(f"executable('stepping', {program})\n")

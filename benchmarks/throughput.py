@@ -13,12 +13,11 @@ import shutil
 import subprocess
 from pathlib import Path
 
-from machine import machine
-
 import rockfall
-from rockfall import variables
-from rockfall.scene import read_scene
-from rockfall.simulate import run_scene
+from machine import machine
+from rockfall.result import variables
+from rockfall.scene.scene import read_scene
+from rockfall.simulation.simulate import run_scene
 
 HERE = Path(__file__).parent
 MAPS = ["passages", "reach_probability", "deposits", "energy_max", "energy_mean"]

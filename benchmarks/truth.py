@@ -18,15 +18,15 @@ from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
-from machine import machine
-from real_terrain import steep_cells
 
 import rockfall
-from rockfall.rasters import read_dem
-from rockfall.scene import Scene, read_scene
-from rockfall.simulate import run_scene
+from machine import machine
+from real_terrain import steep_cells
+from rockfall.io.raster import read_dem
+from rockfall.scene.scene import Scene, read_scene
+from rockfall.simulation.simulate import run_scene
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests/reference"))
 import reference  # noqa: E402
 import replay  # noqa: E402
 

@@ -19,12 +19,12 @@ from pathlib import Path
 
 import numpy as np
 from affine import Affine
-from machine import machine
 
 import rockfall
-from rockfall.result import open_result
-from rockfall.scene import Scene, read_scene
-from rockfall.simulate import fields, run_chunks, start
+from machine import machine
+from rockfall.result.dataset import open_result
+from rockfall.scene.scene import Scene, read_scene
+from rockfall.simulation.simulate import fields, run_chunks, start
 
 CELL = 2.5  # [m]
 VALLEYS = 1500.0  # [m] of the widest hills

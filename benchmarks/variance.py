@@ -15,11 +15,11 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
-from machine import machine
 
 import rockfall
-from rockfall import scene
-from rockfall.statistics import line_numbers
+from machine import machine
+from rockfall.analysis.line_statistics import line_numbers
+from rockfall.scene import scene
 
 VAUJANY = Path(__file__).parents[1] / "cases/vaujany/case.nml"
 LINES = {"3.5 m": 584.0, "7.5 m": 580.0, "17.5 m": 570.0, "EL1": 441.72, "EL2": 402.32}

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rockfall.files import whole_file
+from rockfall.io.files import whole_file
 from rockfall.lab.scorecard import BESIDE, Score, Target, score, targets, verdict
 from rockfall.lab.sets import read_sets
 from rockfall.lab.site import Site

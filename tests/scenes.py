@@ -4,7 +4,7 @@
 import numpy as np
 
 import rockfall
-from rockfall.grid import Grid
+from rockfall.io.grid import Grid
 
 
 def rough(nx=60, ny=80, cell=5.0, gradient=0.8, relief=3.0, seed=1, dtype="f8"):

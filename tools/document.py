@@ -9,8 +9,8 @@ import sys
 from itertools import groupby
 from pathlib import Path
 
-from rockfall import variables
 from rockfall.case import key_table
+from rockfall.result import variables
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 

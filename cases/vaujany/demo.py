@@ -7,12 +7,12 @@ import sys
 from pathlib import Path
 
 import rockfall
-from rockfall.compare import compare
-from rockfall.observed import read_observed
-from rockfall.plots import line_figure, overview
-from rockfall.rasters import read_dem
-from rockfall.report import write_report
-from rockfall.summary import summary
+from rockfall.analysis.compare import compare
+from rockfall.analysis.observations import read_observed
+from rockfall.html_report import write_report
+from rockfall.io.raster import read_dem
+from rockfall.plots.panels import line_figure, overview
+from rockfall.text.summary import summary
 
 HERE = Path(__file__).parent
 CASES = {"A": HERE / "case_A.nml", "B": HERE / "case.nml"}

@@ -1,24 +1,19 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Where falling rocks go, how fast, how high and how often."""
 
-from importlib.metadata import PackageNotFoundError, version
-
+from rockfall.analysis.ensemble import ensemble_table, run_ensemble
+from rockfall.analysis.line_statistics import line_statistics
+from rockfall.analysis.return_levels import return_levels
+from rockfall.analysis.run_until import run_until
 from rockfall.case import Case, read_case
-from rockfall.ensemble import ensemble_table, run_ensemble
 from rockfall.errors import RockfallError
-from rockfall.parts import merge
-from rockfall.result import read_result, write_result
-from rockfall.simulate import Interrupted, run
-from rockfall.statistics import line_statistics
-from rockfall.tails import return_levels
-from rockfall.until import run_until
-
-try:
-    __version__ = version("rockfall")
-except PackageNotFoundError:  # a source tree that is not installed
-    __version__ = "unknown"
+from rockfall.result.dataset import read_result, write_result
+from rockfall.simulation.merge import merge
+from rockfall.simulation.simulate import Interrupted, run
+from rockfall.version import __version__
 
 __all__ = [
+    "__version__",
     "Case",
     "Interrupted",
     "RockfallError",

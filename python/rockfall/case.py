@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rockfall._core import rockfall_f2py as _core
 from rockfall.errors import RockfallError
-from rockfall.files import check_text_file
+from rockfall.io.files import check_text_file
 
 if TYPE_CHECKING:
     import xarray as xr

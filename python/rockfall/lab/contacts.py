@@ -10,12 +10,13 @@ from pathlib import Path
 
 import numpy as np
 
+from rockfall.analysis.plane_bounce import energy, ratio_class
 from rockfall.errors import RockfallError
-from rockfall.lab.bounce import energy, ratio_class
+from rockfall.io.tables import Row, check_columns, read_table
 from rockfall.lab.case import COEFFICIENTS
 from rockfall.lab.fit import GROUPS, Impacts, ImpactSet, as_rebounds, fit_set
 from rockfall.lab.lateral import incidence
-from rockfall.tables import Row, check_columns, read_table
+from rockfall.version import __version__
 
 LIMITS = {  # of each number that every contact needs [m/s]
     "vt_in": (0.0, 1000.0), "vn_in": (-1000.0, -0.001), "w_in": (-1000.0, 1000.0),
@@ -177,8 +178,6 @@ def title(ratio: int) -> str:
 
 def contacts_provenance(contacts: Contacts) -> list[str]:
     """What a set file says of its origin: enough to make it again from the contacts."""
-    from rockfall import __version__
-
     lines = [
         "Means and covariances of a1..a9 from measured contacts of boulders with the ground.",
         f"Made by rockfall {__version__}; `rockfall lab remake FILE` makes it again.",

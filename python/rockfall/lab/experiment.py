@@ -13,11 +13,12 @@ import numpy as np
 
 from rockfall._lab import lab_f2py as _lab
 from rockfall.errors import RockfallError
-from rockfall.files import whole_file
-from rockfall.interrupts import interrupts
+from rockfall.io.files import whole_file
 from rockfall.lab.case import LabCase, lab_case_of, names
-from rockfall.progress import progress_bar
-from rockfall.simulate import MOST_THREADS, check_team
+from rockfall.simulation.interrupts import interrupts
+from rockfall.simulation.progress import progress_bar
+from rockfall.simulation.simulate import MOST_THREADS, check_team
+from rockfall.version import __version__
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -267,8 +268,6 @@ def _fire(
 
 
 def _version() -> str:
-    from rockfall import __version__
-
     return __version__
 
 

@@ -20,8 +20,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rockfall.analysis.plane_bounce import MIN_NORMAL, admissible
 from rockfall.errors import RockfallError
-from rockfall.lab.bounce import MIN_NORMAL, admissible
 from rockfall.lab.experiment import ENDED, STATES, STATUS
 from rockfall.lab.lateral import Lateral, fit_lateral, incidence
 

@@ -15,8 +15,8 @@ from pathlib import Path
 
 import numpy as np
 
+from rockfall.analysis.plane_bounce import neutral_slope, set_rebound
 from rockfall.errors import RockfallError
-from rockfall.lab.bounce import neutral_slope, set_rebound
 from rockfall.lab.sets import Sets, restitution
 from rockfall.lab.site import QUANTITIES, Site
 from rockfall.lab.talus import Talus

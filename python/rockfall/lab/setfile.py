@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rockfall.errors import RockfallError
-from rockfall.files import whole_file
+from rockfall.io.files import whole_file
 from rockfall.lab.case import LabCase, lab_case_of
 from rockfall.lab.experiment import STATUS, checksum
 

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
+from rockfall.analysis.plane_bounce import admissible
 from rockfall.errors import RockfallError
-from rockfall.lab.bounce import admissible
 from rockfall.lab.lateral import Lateral
 from rockfall.lab.setfile import ERROR_MARK, set_text
 
@@ -42,7 +42,7 @@ class Sets:
 def read_sets(source: str | Path) -> list[Sets]:
     """The draws in a set file, or in a set that is shipped with the program, by its name: one, or
     those of an ensemble."""
-    from rockfall.scene import read_set_draws, shipped_sets
+    from rockfall.scene.scene import read_set_draws, shipped_sets
 
     path = shipped_sets().get(str(source), Path(source))
     error = _errors(set_text(path), path)

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rockfall.analysis.plane_bounce import ratio_class
 from rockfall.errors import RockfallError
-from rockfall.lab.bounce import ratio_class
 from rockfall.lab.fit import ImpactSet
 from rockfall.lab.lateral import incidence
 from rockfall.lab.setfile import write_sets

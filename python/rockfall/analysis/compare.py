@@ -1,0 +1,295 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A result beside what was observed: errors, tests of distributions, run-out and reach."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rockfall.analysis.line_statistics import (
+    line_numbers,
+    line_values,
+    sample_numbers,
+    share_interval,
+    sources,
+    student,
+)
+from rockfall.analysis.observations import UNITS, Observed, read_observed
+from rockfall.case import case_of
+from rockfall.errors import RockfallError, need
+from rockfall.io.arrays import grid_of
+from rockfall.io.output_files import COMPARISON, check_output
+from rockfall.io.tables import write_csv
+from rockfall.result.trajectories import ends
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+STATISTICS = ("mean", "std", "max")
+LEAST = {"mean": 2, "std": 30}  # observed boulders that tell something of chance
+STOPPING = "stopping_distance"
+_VERDICTS = {"holds": "boolean", "chance": "boolean"}  # columns and their types
+_BESIDE = [f"{whose}{end}" for whose in ("observed", "simulated") for end in ("", "_low", "_high")]
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Tables in SI units, empty where nothing of the kind was observed.
+
+    `_low` and `_high` are the limits of 95 % intervals, NaN where there is none. `holds`: that of
+    the simulated number holds the observed one; `chance`: chance may explain their difference, with
+    the interval of the observed number too where it has one.
+    """
+
+    title: str
+    errors: pd.DataFrame  # mean, std, max at the lines; printed_error: of a paper's own method
+    ks: pd.DataFrame  # Kolmogorov-Smirnov of two samples; printed_p: that of a paper
+    passing: pd.DataFrame  # share of boulders that come at least so far [m] from their release
+    stops: pd.DataFrame  # share of boulders that pass the cell in which one was found
+    notes: tuple[str, ...]  # what a reader of the tables must know
+
+    def table(self) -> pd.DataFrame:
+        """All tables below each other; the column `table` tells them apart."""
+        import pandas as pd
+
+        parts = {name: getattr(self, name) for name in ("errors", "ks", "passing", "stops")}
+        parts = {name: part for name, part in parts.items() if len(part)}
+        return pd.concat(parts, names=["table"]).reset_index(level="table").reset_index(drop=True)
+
+    def __str__(self) -> str:
+        from rockfall.text.comparison import text
+
+        return text(self)
+
+
+def compare(result: xr.Dataset, *observed: str | Path | Observed) -> Comparison:
+    """Set a result beside observations: CSV files (docs/observed.md), or one `Observed`.
+
+    Of printed numbers those observed are used, and those of the method, A or B, of the result.
+    """
+    ready = len(observed) == 1 and isinstance(observed[0], Observed)
+    seen = observed[0] if ready else read_observed(*observed)
+    names = [str(name) for name in result["line"].values] if "line" in result else []
+    for line, where in seen.lines.items():
+        if line not in names:
+            has = ", ".join(names) or "no lines"
+            raise RockfallError(f"{where}: line {line}: is not in the result, which has {has}")
+    method = case_of(result).surface["method"]
+    source = sources(result)
+    distances, notes = _observed_distances(result, seen, source)
+    done = Comparison(
+        title=f"{result.attrs['title'] or 'rockfall'}, beside what was observed",
+        errors=_errors(result, seen, method, source, names),
+        ks=_ks(result, seen, method, distances, names),
+        passing=_passing(result, seen, distances, source),
+        stops=_stops(result, seen),
+        notes=(*notes, *_notes(result, seen, source)),
+    )
+    if not any(map(len, (done.errors, done.ks, done.passing, done.stops))):
+        about = f"nothing to compare: no row is observed, or of the result's method {method}."
+        raise RockfallError(" ".join([about, *done.notes]))
+    return done
+
+
+def write_comparison(
+    comparison: Comparison, path: str | Path, keep: Iterable[str | Path] = ()
+) -> None:
+    """Write `Comparison.table` as CSV, whole or not at all, and over none of the files to keep."""
+    check_output(path, COMPARISON, keep)
+    write_csv(comparison.table(), path)
+
+
+def _errors(
+    result: xr.Dataset, seen: Observed, method: str, source: np.ndarray, names: list[str]
+) -> pd.DataFrame:
+    """Relative errors of mean, standard deviation and maximum (paper, table 3)."""
+    import pandas as pd
+
+    printed = seen.summaries[seen.summaries["method"].isin(("observed", method))]
+    field = printed[printed["method"] == "observed"].set_index(["line", "quantity"])
+    references = [*map(_with_interval, printed.to_dict("records"))]
+    references += map(_summary_of, seen.samples.items())
+    order = _order(names)
+
+    @cache
+    def simulated(line: str, quantity: str) -> dict[str, float]:
+        return line_numbers(result, names.index(line), quantity, source)
+
+    rows = []
+    for one in sorted(references, key=lambda one: order((one["line"], one["quantity"]))):
+        for name in STATISTICS:
+            about = [one["line"], one["quantity"], name, one["method"], one["n"]]
+            beside = [
+                numbers.get(f"{name}{end}", np.nan)
+                for numbers in (one, simulated(one["line"], one["quantity"]))
+                for end in ("", "_low", "_high")
+            ]
+            theirs = np.nan
+            if one["method"] == method and (one["line"], one["quantity"]) in field.index:
+                theirs = _error(one[name], field.loc[(one["line"], one["quantity"]), name])
+            error, (holds, chance) = _error(beside[3], beside[0]), _verdicts(*beside)
+            chance = None if one["n"] < LEAST.get(name, 0) else chance
+            rows.append([*about, *beside, error, holds, chance, theirs])
+    columns = ["line", "quantity", "statistic", "against", "n_observed", *_BESIDE, "error_percent"]
+    table = pd.DataFrame(rows, columns=[*columns, *_VERDICTS, "printed_error_percent"])
+    return table.astype({"n_observed": "Int64", **_VERDICTS})
+
+
+def _error(value: float, reference: float) -> float:
+    """Relative error in percent."""
+    return 100 * (value / reference - 1) if reference else np.nan
+
+
+def _with_interval(printed: dict) -> dict:
+    """A row of `Observed.summaries` with the interval of its mean, where n is known."""
+    half = np.nan
+    if printed["n"] > 1:
+        half = student(int(printed["n"]) - 1) * printed["std"] / np.sqrt(printed["n"])
+    return {**printed, "mean_low": printed["mean"] - half, "mean_high": printed["mean"] + half}
+
+
+def _summary_of(sample: tuple[tuple[str, str], np.ndarray]) -> dict:
+    """The same of a sample."""
+    (line, quantity), v = sample
+    about = {"line": line, "quantity": quantity, "method": "sample", "n": v.size}
+    return _with_interval({**about, **sample_numbers(v, np.zeros(v.size, int))})
+
+
+def _verdicts(
+    observed: float, low: float, high: float, simulated: float, least: float, most: float
+) -> tuple[bool | None, bool | None]:
+    """Whether the interval of the simulated number holds the observed one, and whether chance may
+    explain their difference: its interval, from theirs (Zou and Donner 2008), holds 0. An observed
+    number without an interval is taken as exact; None where the simulated one has none."""
+    if np.isnan(observed) or np.isnan(least):
+        return None, None
+    low, high = (observed, observed) if np.isnan(low) else (low, high)
+    if simulated > observed:
+        half = np.hypot(simulated - least, high - observed)
+    else:
+        half = np.hypot(most - simulated, observed - low)
+    return bool(least <= observed <= most), bool(abs(simulated - observed) <= half)
+
+
+def _order(names: list[str]) -> Callable[[tuple[str, str]], tuple[int, int]]:
+    """Where a line and a quantity stand in a table."""
+    quantities = list(UNITS)
+    return lambda key: (names.index(key[0]), quantities.index(key[1]))
+
+
+def _ks(
+    result: xr.Dataset,
+    seen: Observed,
+    method: str,
+    distances: np.ndarray | None,
+    names: list[str],
+) -> pd.DataFrame:
+    """Two-sample Kolmogorov-Smirnov tests, and those printed for the method (paper, table 4)."""
+    import pandas as pd
+
+    own = seen.tests[seen.tests["method"] == method]
+    printed = {(one.line, one.quantity): one.p for one in own.itertuples()}
+    rows = []
+    for line, quantity in sorted({*seen.samples, *printed}, key=_order(names)):
+        found = np.nan, np.nan, np.nan, np.nan
+        if (line, quantity) in seen.samples:
+            values = line_values(result, quantity, names.index(line))
+            found = _test(seen.samples[line, quantity], values[~np.isnan(values)])
+        rows.append([line, quantity, *found, printed.get((line, quantity), np.nan)])
+    if distances is not None:
+        found = _test(distances, result["plan_distance"].values)
+        rows.append(["", STOPPING, *found, np.nan])
+    sizes = ["n_observed", "n_simulated"]
+    columns = ["line", "quantity", *sizes, "ks_statistic", "p", "printed_p"]
+    return pd.DataFrame(rows, columns=columns).astype(dict.fromkeys(sizes, "Int64"))
+
+
+def _test(observed: np.ndarray, simulated: np.ndarray) -> tuple[int, int, float, float]:
+    """Sizes, statistic and p; NaN where there is nothing to test."""
+    need("a Kolmogorov-Smirnov test needs", "report", "scipy.stats")
+    from scipy.stats import ks_2samp
+
+    if not simulated.size:
+        return observed.size, 0, np.nan, np.nan
+    found = ks_2samp(observed, simulated)
+    return observed.size, simulated.size, float(found.statistic), float(found.pvalue)
+
+
+def _observed_distances(
+    result: xr.Dataset, seen: Observed, source: np.ndarray
+) -> tuple[np.ndarray | None, list[str]]:
+    """Plan distances of observed boulders, from stopping places too where all have one release."""
+    if seen.stops is None:
+        return seen.distances, []
+    if seen.distances is not None:
+        return seen.distances, ["Distances are those given, not those of the stopping places."]
+    if source.max() > 0:
+        about = f"which of the {source.max() + 1} sources a boulder found came from is not known"
+        return None, [f"Stopping places give no distances: {about}."]
+    x, y = (seen.stops[:, k] - result[f"start_{axis}"].values[0] for k, axis in enumerate("xy"))
+    return np.sort(np.hypot(x, y)), []
+
+
+def _passing(
+    result: xr.Dataset, seen: Observed, distances: np.ndarray | None, source: np.ndarray
+) -> pd.DataFrame:
+    """Share of boulders that come at least as far as those observed (paper, Fig. 9)."""
+    import pandas as pd
+
+    rows = []
+    ours = result["plan_distance"].values
+    if distances is not None:
+        one_source = np.zeros(distances.size, int)
+        for d in np.unique(distances):
+            rows.append([d, *share_interval(distances >= d, one_source)])
+    if seen.passing is not None:
+        rows += [[*pair, np.nan, np.nan] for pair in seen.passing.to_numpy()]
+    for row in rows:
+        row += share_interval(ours >= row[0], source)
+        row += [100 * (row[4] - row[1]), *_verdicts(*row[1:])]
+    columns = ["distance", *_BESIDE, "difference_percent", *_VERDICTS]
+    table = pd.DataFrame(sorted(rows, key=lambda row: row[0]), columns=columns)
+    return table.astype(_VERDICTS)
+
+
+def _stops(result: xr.Dataset, seen: Observed) -> pd.DataFrame:
+    """Reach probability of the cells in which boulders were found; NaN outside of the map."""
+    import pandas as pd
+
+    columns = ["x", "y", "reach_probability"]
+    name = next((name for name in ("passages", "reach_probability") if name in result), None)
+    if seen.stops is None or name is None:
+        return pd.DataFrame(columns=columns)
+    grid, flipped = grid_of(result[name])
+    x, y = seen.stops.T
+    column, row = (x - grid.west) / grid.cell, (grid.north - y) / grid.cell
+    inside = (column >= 0) & (column < grid.nx) & (row >= 0) & (row < grid.ny)
+    values = result[name].values[::-1] if flipped else result[name].values
+    reach = np.full(x.size, np.nan)
+    reach[inside] = values[row[inside].astype(int), column[inside].astype(int)]
+    if name == "passages":
+        reach /= result.sizes["boulder"]
+    return pd.DataFrame(np.column_stack([x, y, reach]), columns=columns)
+
+
+def _notes(result: xr.Dataset, seen: Observed, source: np.ndarray) -> Iterator[str]:
+    """What the tables leave unsaid."""
+    if seen.stops is not None and not {"passages", "reach_probability"} & set(result):
+        yield "Reach at stopping places needs a map: &output maps = 'passages'."
+    ended = ends(result)
+    count = (ended["left_domain"] | ended["impact_limit"]).sum()
+    if count and any(one is not None for one in (seen.passing, seen.distances, seen.stops)):
+        yield f"{count:,} boulders never came to rest; they count with the distance they reached."
+    if len(seen.tests) and not seen.samples:
+        yield "The printed p are those of other runs; one of this run needs samples."
+    if source.max() > 0 and (seen.samples or seen.distances is not None):
+        yield (
+            "Kolmogorov-Smirnov takes boulders as independent; those of one of the "
+            f"{source.max() + 1} sources are not, so p tends to be too small."
+        )

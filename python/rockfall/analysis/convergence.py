@@ -1,0 +1,331 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What the numbers at the lines owe to the number of boulders and to the terrain, and what their
+accuracy costs."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from itertools import count
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rockfall.analysis.line_statistics import line_numbers, line_values, sources, with_limits
+from rockfall.analysis.terrain_variants import larger_cells, other_digits
+from rockfall.case import Case
+from rockfall.errors import RockfallError, need
+from rockfall.io.output_files import FIGURE, STUDY, check_outputs, whole_folder
+from rockfall.io.tables import write_csv
+from rockfall.scene.scene import Scene, read_scene
+from rockfall.scene.sources import refuse_by_area
+from rockfall.simulation.simulate import run_scene
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+    Advance = Callable[..., None]
+
+BOULDERS = (100, 1000, 2000, 5000, 10_000)  # from each source, as in the paper
+REFERENCE, LEAST_REFERENCE = 1_000_000, 20_000  # boulders over all sources
+QUANTITIES = ("speed", "passing_height", "energy_total")
+STATISTICS = ("mean", "std", "q95")
+#: The numbers of a line, the share of the boulders that cross it first.
+NUMBERS = (("boulders", "share"), *((q, s) for q in QUANTITIES for s in STATISTICS))
+KEYS = ["line", "quantity", "statistic"]
+ERRORS = (0.1, 0.01, 0.001)  # of which the cost is told
+FILES = {  # that are written, and their kinds
+    **{f"{table}.csv": STUDY for table in ("study", "error", "cost", "numerical")},
+    **{f"convergence.{ending}": FIGURE for ending in ("png", "pdf")},
+}
+
+PIECE = 100_000  # boulders in memory at a time, about
+LEAST_BLOCKS, MOST_BLOCKS = 32, 1000  # of a size, whose error is measured
+LEAST_TURNS = 10 * LEAST_BLOCKS  # of the sources, each with a boulder; the terrains get a tenth
+LEAST_CROSSED = 20  # boulders of a block past the line, on average; for q95 above it, too
+PAIRS = 50  # blocks whose changes give the standard error of a change
+AS_GIVEN = "as given"  # the terrain of the case, among its variants
+SIZE = 10_000  # boulders to which errors and seconds are referred
+
+
+@dataclass
+class Convergence:
+    """What was measured; each table has columns line, quantity, statistic (share of boulders).
+
+    - study: boulders from each source; value; low, high of its 95 % interval (the maximum has
+      none); change from the row before, with fewer boulders.
+    - error: boulders over all sources, their cpu_seconds, relative error (root mean square over so
+      many blocks).
+    - cost: slope of log error over log boulders and its standard error; relative error of 10,000
+      boulders (one standard deviation); CPU seconds for 10, 1 and 0.1 %.
+    - numerical: variant of the terrain; relative change and its standard error; statistical_error
+      of 10,000 boulders, from cost; CPU seconds of 10,000 boulders.
+    """
+
+    name: str
+    study: pd.DataFrame
+    error: pd.DataFrame
+    cost: pd.DataFrame
+    numerical: pd.DataFrame
+    sources: int
+    reference: int  # boulders; as many in blocks
+    paired: int  # boulders on each terrain
+    seconds: float  # of CPU, a boulder
+    refused: dict[str, str]  # variant of the terrain -> why it cannot be run
+
+
+def converge(
+    case: Case,
+    boulders: Sequence[int] = BOULDERS,
+    reference: int = REFERENCE,
+    *,
+    progress: bool = False,
+) -> Convergence:
+    """Measure how the numbers at the lines of a case converge, as in `Convergence`.
+
+    The study follows the first boulders of the case itself (as Bourrier et al. 2009 do for
+    their site). Statistical errors are those of blocks out of `reference` boulders, against
+    as many others; each has seeds of its own. Numerical errors are changes of the numbers of a
+    tenth as many boulders, the same ones on each terrain. What boulders did at the lines is kept in
+    memory, 24 bytes a line and boulder, and nothing else.
+    """
+    from rockfall.simulation.progress import progress_bar
+
+    sizes = sorted(set(boulders))
+    if not sizes or sizes[0] < 2:
+        raise RockfallError(f"boulders = {min(sizes, default='')}: must be at least 2")
+    if reference < LEAST_REFERENCE:
+        raise RockfallError(f"reference = {reference}: must be at least {LEAST_REFERENCE} boulders")
+    if not case.line:
+        raise RockfallError(f"{case.name}: has no &line; it is their numbers that converge")
+    nothing = {"maps": None, "rebounds": False, "trajectories": 0}
+    scene = read_scene(case.replace(output=nothing))
+    refuse_by_area(scene, "a study of convergence")
+    of = scene.x.size
+    if reference < LEAST_TURNS * of:
+        least = f"{LEAST_TURNS} from each of {of:,} sources, {LEAST_TURNS * of}"
+        raise RockfallError(f"reference = {reference}: must be at least {least} boulders")
+    many, paired = (-(-n // of) for n in (reference, reference // 10))  # from each source
+    seed = case.case["seed"]
+    with progress_bar(of * (sizes[-1] + 2 * many + 4 * paired), shown=progress) as advance:
+        study = _study(scene, sizes, advance)
+        blocks, seconds = _sample(scene, many, seed + 1, advance)
+        others, again = _sample(scene, many, seed + 1 + many, advance)
+        truth, seconds = _numbers(others[:, :, None])[..., 0], (seconds + again) / 2
+        del others
+        error = _errors(blocks, truth, of, seconds, case)
+        del blocks
+        cost = _costs(error, seconds)
+        numerical, refused = _terrains(scene, paired, cost, advance)
+    return Convergence(
+        case.name, study, error, cost, numerical, of, of * many, of * paired, seconds, refused
+    )
+
+
+def _run(scene: Scene, boulders: int, seed: int, advance: Advance) -> xr.Dataset:
+    case = scene.case.replace(case={"boulders": boulders, "seed": seed})
+    result = run_scene(replace(scene, case=case))
+    advance(result.sizes["boulder"])
+    return result
+
+
+def _study(scene: Scene, sizes: Sequence[int], advance: Advance) -> pd.DataFrame:
+    """The numbers of the first boulders from each source, with their intervals."""
+    import pandas as pd
+
+    result = _run(scene, sizes[-1], scene.case.case["seed"], advance)
+    number = (result["boulder"].values - 1) % sizes[-1]  # of a boulder at its source
+    rows = []
+    for size in sizes:
+        part = result.isel(boulder=number < size)
+        source = sources(part)
+        for k, line in enumerate(part["line"].values):
+            for quantity in QUANTITIES:
+                found = line_numbers(part, k, quantity, source)
+                for statistic in (*STATISTICS, "max"):
+                    rows.append((line, quantity, statistic, size, *_limits(found, statistic)))
+            rows.append((line, *NUMBERS[0], size, *_limits(found, "share")))
+    table = pd.DataFrame(rows, columns=[*KEYS, "boulders", "value", "low", "high"])
+    table["change"] = table.groupby(KEYS)["value"].pct_change(fill_method=None)
+    return table
+
+
+def _limits(found: dict[str, float], statistic: str) -> list[float]:
+    return [found.get(name, np.nan) for name in with_limits(statistic)]
+
+
+def _sample(scene: Scene, boulders: int, seed: int, advance: Advance) -> tuple[np.ndarray, float]:
+    """What boulders did: (lines, quantities, boulders), NaN where they did not cross; CPU seconds
+    of a boulder. They come in pieces, each with the next seed; the sources take turns."""
+    of = scene.x.size
+    piece = max(1, PIECE // of)
+    try:
+        values = np.empty((len(scene.case.line), len(QUANTITIES), boulders * of))
+    except (MemoryError, ValueError) as error:  # NumPy has the latter for sizes past all bounds
+        raise RockfallError(f"reference: {boulders * of} boulders do not fit in memory") from error
+    seconds, done = 0.0, 0
+    while done < boulders:
+        result = _run(scene, min(piece, boulders - done), seed, advance)
+        n, first = result.sizes["boulder"], done * of
+        for k, of_line in enumerate(values):
+            for quantity, row in zip(QUANTITIES, of_line, strict=True):
+                found = line_values(result, quantity, k)
+                row[first : first + n] = found.reshape(of, -1).T.ravel()
+        seconds += result.attrs["cpu_seconds"]
+        done, seed = done + n // of, seed + 1
+    return values, seconds / values.shape[2]
+
+
+def _numbers(values: np.ndarray) -> np.ndarray:
+    """(lines, numbers, blocks) of (lines, quantities, blocks, boulders); NaN where none crossed."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Mean of empty|Degrees of freedom|All-NaN")
+        share = np.isfinite(values[:, :1]).mean(axis=3)
+        three = np.stack(
+            [
+                np.nanmean(values, axis=3),
+                np.nanstd(values, axis=3, ddof=1),
+                np.nanquantile(values, 0.95, axis=3),
+            ],
+            axis=2,
+        )
+    return np.concatenate([share, three.reshape(len(values), -1, values.shape[2])], axis=1)
+
+
+def _in_blocks(values: np.ndarray, size: int, most: int) -> np.ndarray:
+    """The boulders (last dimension) as blocks of `size`, at most so many."""
+    blocks = min(most, values.shape[2] // size)
+    return values[:, :, : blocks * size].reshape(*values.shape[:2], blocks, size)
+
+
+def _errors(
+    values: np.ndarray, truth: np.ndarray, of: int, seconds: float, case: Case
+) -> pd.DataFrame:
+    """The error of blocks of 100, 200, 500, ... boulders; `truth` is (lines, numbers)."""
+    import pandas as pd
+
+    rows = []
+    steps = (digit * 10**power for power in count(2) for digit in (1, 2, 5))
+    for step in steps:
+        size = -(-step // of) * of  # all sources give the same number
+        if size * LEAST_BLOCKS > values.shape[2]:
+            break
+        found = _numbers(_in_blocks(values, size, MOST_BLOCKS))
+        for line, numbers, right in zip(case.line, found, truth, strict=True):
+            for number, each, exact in zip(NUMBERS, numbers, right, strict=True):
+                part = 0.05 if number[1] == "q95" else 1.0
+                if size * right[0] * part < LEAST_CROSSED:
+                    continue
+                each = each[np.isfinite(each)]
+                error = np.sqrt(np.mean((each / exact - 1) ** 2))
+                rows.append((line["name"], *number, size, size * seconds, error, each.size))
+    columns = [*KEYS, "boulders", "cpu_seconds", "error", "blocks"]
+    return pd.DataFrame(rows, columns=columns).drop_duplicates([*KEYS, "boulders"])
+
+
+def _costs(error: pd.DataFrame, seconds: float) -> pd.DataFrame:
+    """Slopes, and the boulders' number and CPU time for an error, by error = c / sqrt(n)."""
+    import pandas as pd
+
+    rows = []
+    of = dict(list(error[error["error"] > 0].groupby(KEYS)))
+    keys = ((line, *number) for line in error["line"].unique() for number in NUMBERS)
+    for key, one in ((key, of[key]) for key in keys if key in of):
+        log_n, log_error = np.log(one["boulders"].values), np.log(one["error"].values)
+        precision = np.linalg.inv(_covariance(one["boulders"].values, one["blocks"].values))
+        c = np.exp((precision @ (log_error + log_n / 2)).sum() / precision.sum())
+        slope = slope_error = np.nan
+        if len(one) > 1:  # generalised least squares
+            line = np.stack([log_n, np.ones_like(log_n)], axis=1)
+            spread = np.linalg.inv(line.T @ precision @ line)
+            slope, slope_error = (spread @ line.T @ precision @ log_error)[0], spread[0, 0] ** 0.5
+        costs = (seconds * (c / error) ** 2 for error in ERRORS)
+        rows.append((*key, slope, slope_error, c / np.sqrt(SIZE), *costs))
+    named = [f"cpu_seconds_{100 * error:g}_percent" for error in ERRORS]
+    return pd.DataFrame(rows, columns=[*KEYS, "slope", "slope_error", "error_10000", *named])
+
+
+def _covariance(size: np.ndarray, blocks: np.ndarray) -> np.ndarray:
+    """Of the logarithms of errors that are root mean squares over so many blocks of normal errors:
+    1 / (2 blocks), and as much between two sizes as their blocks have boulders in common."""
+    boulders = size * blocks
+    shared = np.minimum.outer(boulders, boulders) / np.maximum.outer(size, size)
+    return shared / (2 * np.multiply.outer(blocks, blocks))
+
+
+def _terrains(
+    scene: Scene, boulders: int, cost: pd.DataFrame, advance: Advance
+) -> tuple[pd.DataFrame, dict[str, str]]:
+    """The change of each number by each variant of the terrain; variants that are refused."""
+    import pandas as pd
+
+    name, other = other_digits(scene)
+    others = {name: other} | {f"cells x{k}": larger_cells(scene, k) for k in (2, 4)}
+    seed = scene.case.case["seed"]
+    values, seconds = _sample(scene, boulders, seed, advance)
+    size = values.shape[2] // (PAIRS * scene.x.size) * scene.x.size or scene.x.size
+    each = _numbers(_in_blocks(values, size, PAIRS))
+    whole = _numbers(values[:, :, None])[..., 0]
+    sampled = cost.set_index(KEYS)["error_10000"]
+    rows, refused = [], {}
+
+    def add(variant: str, change: np.ndarray, error: np.ndarray, seconds: float) -> None:
+        for k, line in enumerate(scene.case.line):
+            for number, one, its_error in zip(NUMBERS, change[k], error[k], strict=True):
+                key = (line["name"], *number)
+                chance = sampled.get(key, np.nan)
+                rows.append((*key, variant, one, its_error, chance, SIZE * seconds))
+
+    add(AS_GIVEN, 0 * whole, 0 * whole, seconds)
+    for variant, terrain in others.items():
+        try:
+            values, seconds = _sample(terrain, boulders, seed, advance)
+        except RockfallError as error:  # a source at the edge, beyond the outermost larger cells
+            refused[variant] = str(error)
+            continue
+        change, error = _changes(values, whole, each, size)
+        add(variant, change, error, seconds)
+    columns = [*KEYS, "variant", "change", "change_error", "statistical_error", "cpu_seconds"]
+    return pd.DataFrame(rows, columns=columns), refused
+
+
+def _changes(
+    values: np.ndarray, whole: np.ndarray, each: np.ndarray, size: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Relative changes of the numbers, and their standard errors, to (lines, numbers) `whole` and
+    their blocks `each`, from what the same boulders did on another terrain."""
+    with np.errstate(invalid="ignore"), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Degrees of freedom")  # nobody crossed
+        change = _numbers(values[:, :, None])[..., 0] / whole - 1
+        apart = (_numbers(_in_blocks(values, size, PAIRS)) - each) / whole[..., None]
+        return change, np.nanstd(apart, axis=2, ddof=1) / np.sqrt(np.isfinite(apart).sum(axis=2))
+
+
+def write(found: Convergence, folder: str | Path, inputs: Iterable[str | Path] = ()) -> list[Path]:
+    """Write all of FILES to a folder, or none; over no file of the `inputs` and nothing but an
+    earlier study."""
+    from rockfall.plots.convergence import figure
+
+    folder, inputs = Path(folder), list(inputs)
+    check_writable(folder, inputs)
+    with whole_folder(folder, inputs) as part:
+        for name in ("study", "error", "cost", "numerical"):
+            write_csv(getattr(found, name), part / f"{name}.csv")
+        figure(found, [part / name for name in FILES if FILES[name] == FIGURE])
+    return [folder / name for name in FILES]
+
+
+def check_writable(folder: Path, inputs: Iterable[str | Path] = ()) -> None:
+    """Refuse what would keep `write` from its files, before the runs and not after them."""
+    need("convergence needs", "report", "matplotlib")
+    if folder.exists() and not folder.is_dir():
+        raise RockfallError(f"{folder}: is there, and not a folder")
+    if not folder.parent.is_dir():
+        raise RockfallError(f"{folder}: there is no folder {folder.parent}")
+    if not os.access(folder if folder.exists() else folder.parent, os.W_OK):
+        raise RockfallError(f"{folder}: is not writable")
+    check_outputs({folder / name: kind for name, kind in FILES.items()}, inputs)

@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The neutral slopes of a scene, on which a bounce loses what the next flight gains, beside the
+slopes that its ground has. What is steeper lets boulders run away: the bounce has no terminal
+velocity."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rockfall._core import rockfall_f2py as _core
+from rockfall.analysis.plane_bounce import mixed_rebound, neutral_slope, set_rebound
+from rockfall.io.zone_table import read_zone_table
+from rockfall.scene.scene import SIZE_TO_RADIUS
+
+if TYPE_CHECKING:
+    from rockfall.scene.scene import Scene
+
+BOULDERS = 400  # on a plane: the slope is known to about 0.3 degrees
+FIFTHS = {"smallest fifth": (0.0, 0.2), "middle": (0.2, 0.8), "largest fifth": (0.8, 1.0)}
+
+
+@dataclass(frozen=True)
+class Rocks:
+    """Ground of one kind: its name, "" for all there is; R_m (1,), of method A (3,) [m]; and the
+    tangents of the slopes of some of its cells, evenly spaced."""
+
+    name: str
+    radii: np.ndarray
+    tangents: np.ndarray
+
+    def steeper(self, slope: float) -> float:
+        """The share of its cells that are steeper than a slope [degree]; NaN where none is
+        known."""
+        if not self.tangents.size:
+            return np.nan
+        return float((self.tangents > np.tan(np.radians(slope))).mean())
+
+
+def rocks_of(scene: Scene) -> Iterator[Rocks]:
+    """The zones that some cell has, in the order of their table. Where sizes come as rasters: the
+    fifth of the cells with the smallest rocks, that with the largest and those between, by R_m or
+    Rg70, each with the medians of its sizes; cells that absorb left out."""
+    surface, ground = scene.case.surface, scene.ground
+    scale = SIZE_TO_RADIUS[surface["rg_reading"]] if surface["method"] == "A" else 1.0
+    tangents = np.concatenate(ground.slopes)
+    if ground.rocks:
+        yield from _by_size(scale * np.concatenate(ground.rocks), tangents)
+        return
+    names = [""]
+    if "zones" in surface:
+        names = [f"zone {zone}" for zone in read_zone_table(scene.case.path(surface["table"]))]
+    material = np.concatenate(ground.materials)
+    for k in sorted(ground.used):
+        yield Rocks(names[k], scale * ground.sizes[k], tangents[material == k])
+
+
+def _by_size(radii: np.ndarray, tangents: np.ndarray) -> Iterator[Rocks]:
+    rocks = np.isfinite(radii).all(axis=1)
+    radii, tangents = radii[rocks].astype(float), tangents[rocks]
+    order = np.argsort(radii[:, 0], kind="stable")
+    for name, shares in FIFTHS.items():
+        first, last = (round(share * order.size) for share in shares)
+        if last > first:
+            some = order[first:last]
+            yield Rocks(name, np.median(radii[some], axis=0), tangents[some])
+
+
+class NeutralSlopes:
+    """Those of the impact sets of a scene, each found when it is first asked for."""
+
+    def __init__(self, scene: Scene) -> None:
+        sets = scene.sets.mean.T, scene.sets.covariance.T
+        self._rebounds = [set_rebound(mean, c) for mean, c in zip(*sets, strict=True)]
+        self._between = scene.case.impact["ratio"] == "between"
+        self._slope = cache(self._find)
+
+    def weights(self, radius: float, radii: np.ndarray) -> np.ndarray:
+        """How often each set serves a boulder of this radius [m], (5,); sizes of rocks that absorb
+        it left out."""
+        chances = _core.weights_of_sizes() if radii.size > 1 else np.ones(1)
+        sets = [chance * _core.weights_of_sets(radius / r, self._between)
+                for chance, r in zip(chances, radii, strict=True) if np.isfinite(r)]  # fmt: skip
+        return np.sum(sets, axis=0) / np.sum(sets)
+
+    def classes(self, radius: float, radii: np.ndarray) -> list[int]:
+        """The ratio of the set nearest to each of these rocks."""
+        return [int(np.argmax(_core.weights_of_sets(radius / r, False))) + 1 for r in radii]
+
+    def of(self, radius: float, radii: np.ndarray) -> float:
+        """The neutral slope [degree] of boulders of this radius on rocks of these radii [m]; 5 at
+        least and 75 at most."""
+        return self._slope(tuple(self.weights(radius, radii).tolist()))
+
+    def _find(self, weights: tuple[float, ...]) -> float:
+        return neutral_slope(mixed_rebound(self._rebounds, np.array(weights)), BOULDERS)

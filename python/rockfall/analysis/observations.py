@@ -1,0 +1,186 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What was observed in the field or printed in a paper, from CSV files: docs/observed.md."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from math import inf
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from rockfall.errors import RockfallError
+from rockfall.io.tables import Row, check_columns, read_table
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+METHODS = ("observed", "A", "B")
+_ENERGY = {"J": 1.0, "kJ": 1000.0}
+UNITS = {  # quantity -> unit -> its value in SI units
+    "speed": {"m/s": 1.0},
+    "jump_height": {"m": 1.0},
+    "passing_height": {"m": 1.0},
+    "omega": {"rad/s": 1.0},
+    "energy_translational": _ENERGY,
+    "energy_rotational": _ENERGY,
+    "energy_total": _ENERGY,
+    "rotational_share": {"-": 1.0},
+}
+FREE = ("boulder", "note")  # columns that any file may have, and nobody reads
+
+
+@dataclass(frozen=True)
+class Observed:
+    """Observations in SI units, as far as there are any."""
+
+    summaries: pd.DataFrame  # line, method, quantity, mean, std, max, n; NaN where not given
+    samples: dict[tuple[str, str], np.ndarray]  # (line, quantity) -> one value a boulder
+    tests: pd.DataFrame  # line, method, quantity, p: Kolmogorov-Smirnov tests, as printed
+    stops: np.ndarray | None  # (n, 2): x, y [m] where boulders came to rest
+    distances: np.ndarray | None  # plan distances [m] from release to rest, sorted
+    passing: pd.DataFrame | None  # distance [m], share of boulders that come at least so far
+    lines: dict[str, str]  # name of each line -> file and row that name it first
+
+
+def read_observed(*paths: str | Path) -> Observed:
+    """Observations from CSV files, each of a kind that its header tells.
+
+    A RockfallError names file, line, column, value and what is allowed.
+    """
+    import pandas as pd
+
+    real = [os.path.realpath(path) for path in paths]
+    for path, one in zip(paths, real, strict=True):
+        if real.count(one) > 1:
+            raise RockfallError(f"{path}: is given twice")
+    found: dict[str, list[dict]] = {kind.name: [] for kind in KINDS}
+    for path in paths:
+        kind, rows = _read(str(path))
+        found[kind.name] += [{"where": row.where, **kind.record(row)} for row in rows]
+    lines: dict[str, str] = {}
+    samples: dict[tuple[str, str], list[float]] = {}
+    for name in "summaries", "samples", "tests":
+        for one in found[name]:
+            lines.setdefault(one["line"], one["where"])
+    for one in found["samples"]:
+        samples.setdefault((one["line"], one["quantity"]), []).append(one["value"])
+    for name in "summaries", "tests":
+        _refuse_twice(found[name], ("line", "method", "quantity"))
+    _refuse_twice(found["passing"], ("distance",))
+    _refuse_rise(found["passing"])
+
+    def frame(kind: str, *columns: str) -> pd.DataFrame:
+        return pd.DataFrame(found[kind], columns=columns)
+
+    distances = frame("distances", "distance")["distance"].to_numpy(float)
+    passing = frame("passing", "distance", "share").sort_values("distance", ignore_index=True)
+    return Observed(
+        summaries=frame("summaries", "line", "method", "quantity", "mean", "std", "max", "n"),
+        samples={key: np.array(values) for key, values in samples.items()},
+        tests=frame("tests", "line", "method", "quantity", "p"),
+        stops=frame("stops", "x", "y").to_numpy(float) if found["stops"] else None,
+        distances=np.sort(distances) if found["distances"] else None,
+        passing=passing if found["passing"] else None,
+        lines=lines,
+    )
+
+
+def _quantity(row: Row) -> tuple[str, float, tuple[float, float]]:
+    """Quantity, the unit in SI units, and the limits of its values."""
+    quantity = row.word("quantity", UNITS)
+    limits = {"omega": (-inf, inf), "rotational_share": (0.0, 1.0)}.get(quantity, (0.0, inf))
+    return quantity, UNITS[quantity][row.word("unit", UNITS[quantity])], limits
+
+
+def _summary(row: Row) -> dict:
+    quantity, unit, limits = _quantity(row)
+    mean, most = row.maybe("mean", *limits), row.maybe("max", *limits)
+    std, n = row.maybe("std", 0.0), row.maybe("n", 1.0)
+    if np.isnan([mean, std, most]).all():
+        row.refuse("mean", "a row needs mean, std or max")
+    if most < mean:
+        row.refuse("max", f"must be >= mean = {mean:g}")
+    if n % 1 > 0:
+        row.refuse("n", "must be an integer")
+    method = row.word("method", METHODS) if "method" in row.cells else "observed"
+    about = {"line": row.text("line"), "method": method, "quantity": quantity}
+    return {**about, "mean": unit * mean, "std": unit * std, "max": unit * most, "n": n}
+
+
+def _sample(row: Row) -> dict:
+    quantity, unit, limits = _quantity(row)
+    value = unit * row.number("value", *limits)
+    return {"line": row.text("line"), "quantity": quantity, "value": value}
+
+
+def _test(row: Row) -> dict:
+    method, quantity = row.word("method", METHODS[1:]), row.word("quantity", UNITS)
+    p = row.number("p", 0.0, 1.0)
+    return {"line": row.text("line"), "method": method, "quantity": quantity, "p": p}
+
+
+def _passing(row: Row) -> dict:
+    share = (
+        row.number("share", 0.0, 1.0)
+        if "share" in row.cells
+        else row.number("percent", 0.0, 100.0) / 100
+    )
+    return {"distance": row.number("distance", 0.0), "share": share}
+
+
+class _Kind(NamedTuple):
+    """A kind of file: columns it must and may have, and what is read of a row."""
+
+    name: str
+    needed: tuple[str, ...]
+    optional: tuple[str, ...]
+    record: Callable[[Row], dict]
+
+
+KINDS = (  # those with more columns come first: a header may hold the columns of another
+    _Kind(
+        "summaries", ("line", "quantity", "unit", "mean"), ("method", "std", "max", "n"), _summary
+    ),
+    _Kind("samples", ("line", "quantity", "unit", "value"), (), _sample),
+    _Kind("tests", ("line", "method", "quantity", "p"), (), _test),
+    _Kind("passing", ("distance", "share"), (), _passing),
+    _Kind("passing", ("distance", "percent"), (), _passing),
+    _Kind("stops", ("x", "y"), (), lambda row: {"x": row.number("x"), "y": row.number("y")}),
+    _Kind("distances", ("distance",), (), lambda row: {"distance": row.number("distance", 0.0)}),
+)
+
+
+def _read(path: str) -> tuple[_Kind, Iterator[Row]]:
+    """The kind of a file, and its rows."""
+    where, columns, rows = read_table(path)
+    kind = next((kind for kind in KINDS if set(kind.needed) <= set(columns)), None)
+    if kind is None:
+        kinds = " | ".join(", ".join(kind.needed) for kind in KINDS)
+        raise RockfallError(f"{where}: columns {', '.join(columns)}: must have those of: {kinds}")
+    check_columns(where, columns, (*kind.needed, *kind.optional, *FREE))
+    return kind, rows
+
+
+def _refuse_twice(records: list[dict], keys: tuple[str, ...]) -> None:
+    first: dict[tuple, str] = {}
+    for one in records:
+        key = tuple(one[name] for name in keys)
+        if key in first:
+            about = ", ".join(f"{name} {value}" for name, value in zip(keys, key, strict=True))
+            raise RockfallError(f"{one['where']}: {about}: stands already in {first[key]}")
+        first[key] = one["where"]
+
+
+def _refuse_rise(records: list[dict]) -> None:
+    """Fewer boulders come farther."""
+    ordered = sorted(records, key=lambda one: one["distance"])
+    for near, far in zip(ordered, ordered[1:], strict=False):
+        if far["share"] > near["share"]:
+            raise RockfallError(
+                f"{far['where']}: share {far['share']:g} at distance {far['distance']:g}: "
+                f"must be <= {near['share']:g}, that of distance {near['distance']:g}"
+            )

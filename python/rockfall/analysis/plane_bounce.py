@@ -1,0 +1,161 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Boulders that bounce down an endless plane: what a set, or the impacts themselves, make of them.
+
+On a plane a flight between two bounces keeps V_n and W and adds 2 tan(slope) V_n to V_t, whatever
+gravity is; and a rebound is linear in speed. So a bounce is a random map of directions with a
+factor on the speed, and there is no terminal speed: where the logarithm of the factor is below
+zero in the mean, boulders fade, where it is above, they run away. The slope between is the neutral
+slope: on it half of the boulders go on for ever.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+K_SPHERE = 0.4  # I/(m R_b^2)
+MIN_NORMAL = 0.01  # V_n of a rebound that has none / incident speed, as in boulder/impact.f90
+NEAREST = 20  # impacts of which one is drawn
+REDRAWS = 32  # as in boulder/impact.f90
+FIRST, LAST = 20, 60  # bounces that count: the start is forgotten
+FLATTEST, STEEPEST, NEAR = 5.0, 75.0, 0.05  # where a neutral slope is looked for [degree]
+
+#: (n, 3) V_in -> (n, 3) V_out
+Rebound = Callable[[np.ndarray, np.random.Generator], np.ndarray]
+
+
+@dataclass(frozen=True)
+class Growth:
+    """Logarithm of the speed after a bounce over that after the bounce before."""
+
+    mean: float
+    std: float
+    error: float  # standard error of the mean
+
+
+def energy(v: np.ndarray) -> np.ndarray:
+    """Twice the kinetic energy over the mass, (n,) [m2/s2], of (V_t, V_n, W)."""
+    return v[:, 0] ** 2 + v[:, 1] ** 2 + K_SPHERE * v[:, 2] ** 2
+
+
+def ratio_class(ratio: np.ndarray) -> np.ndarray:
+    """The set, 1 to 5, that serves R_b/R_m: the nearest, as ratio_class in boulder/impact.f90."""
+    return np.floor(0.5 + np.clip(ratio, 1, 5)).astype(int)
+
+
+def admissible(v_in: np.ndarray, v_out: np.ndarray) -> np.ndarray:
+    """Which rebounds leave the surface and do not gain energy, (n,) (model.md section 4)."""
+    return (v_out[:, 1] > 0) & (energy(v_out) <= energy(v_in))
+
+
+def set_rebound(mean: np.ndarray, covariance: np.ndarray) -> Rebound:
+    """Rebounds by a set: V_out = A V_in, drawn again until admissible, as the kernel does."""
+    values, vectors = np.linalg.eigh(covariance)
+    factor = vectors * np.sqrt(np.maximum(values, 0))
+
+    def rebound(v_in: np.ndarray, generator: np.random.Generator) -> np.ndarray:
+        v_out = np.empty_like(v_in)
+        todo = np.arange(len(v_in))
+        for _ in range(REDRAWS):
+            a = (mean + generator.standard_normal((len(todo), 9)) @ factor.T).reshape(-1, 3, 3)
+            v_out[todo] = np.einsum("nij,nj->ni", a, v_in[todo])
+            todo = todo[~admissible(v_in[todo], v_out[todo])]
+            if not todo.size:
+                return v_out
+        v_out[todo] = forced(v_in[todo], v_out[todo])
+        return v_out
+
+    return rebound
+
+
+def mixed_rebound(rebounds: Sequence[Rebound], weights: np.ndarray) -> Rebound:
+    """Rebounds by one of several rules, drawn anew each time with these probabilities."""
+
+    def rebound(v_in: np.ndarray, generator: np.random.Generator) -> np.ndarray:
+        v_out = np.empty_like(v_in)
+        rule = generator.choice(len(weights), len(v_in), p=weights)
+        for k in np.unique(rule):
+            v_out[rule == k] = rebounds[k](v_in[rule == k], generator)
+        return v_out
+
+    return rebound
+
+
+def forced(v_in: np.ndarray, v_out: np.ndarray) -> np.ndarray:
+    """Rebounds made admissible as the kernel does: V_n at least 1 % of the incident speed, energy
+    at most the incident."""
+    speed = np.sqrt((v_in[:, :2] ** 2).sum(axis=1))
+    v_out = v_out.copy()
+    v_out[:, 1] = np.where(v_out[:, 1] > 0, v_out[:, 1], MIN_NORMAL * speed)
+    scale = np.sqrt(energy(v_in) / np.maximum(energy(v_out), 1e-300))
+    return v_out * np.minimum(1.0, scale)[:, None]
+
+
+def resampled_rebound(v_in: np.ndarray, v_out: np.ndarray) -> Rebound:
+    """Rebounds drawn from impacts: one of those nearest in angle and spin, scaled to the speed.
+
+    The least-squares map of all impacts takes it from its own incidence to that of the boulder: a
+    neighbour as it is would smear angles and spins, and slow boulders by about 0.02 a bounce.
+    """
+    from scipy.spatial import cKDTree
+
+    tree = cKDTree(_place(v_in))
+    x, ratio = v_in / _speed(v_in)[:, None], v_out / _speed(v_in)[:, None]
+    slope = np.linalg.lstsq(x, ratio, rcond=None)[0]
+
+    def rebound(now: np.ndarray, generator: np.random.Generator) -> np.ndarray:
+        _, near = tree.query(_place(now), k=min(NEAREST, len(ratio)))
+        pick = near[np.arange(len(now)), generator.integers(0, near.shape[1], len(now))]
+        speed = _speed(now)[:, None]
+        return forced(now, ratio[pick] * speed + (now - x[pick] * speed) @ slope)
+
+    return rebound
+
+
+def _speed(v: np.ndarray) -> np.ndarray:
+    return np.sqrt(v[:, 0] ** 2 + v[:, 1] ** 2)
+
+
+def _place(v: np.ndarray) -> np.ndarray:
+    """Angle and spin of an impact, so that equal distances mean about as much."""
+    angle = np.arctan2(-v[:, 1], v[:, 0])
+    return np.stack([np.log(np.maximum(angle, 1e-3)), 1.5 * v[:, 2] / _speed(v)], axis=1)
+
+
+def _fly(v: np.ndarray, slope: float) -> np.ndarray:
+    """From one bounce to the next; a boulder thrown back comes down the slope again as it may."""
+    v_in = np.stack([v[:, 0] + 2 * np.tan(np.radians(slope)) * v[:, 1], -v[:, 1], v[:, 2]], axis=1)
+    back = v_in[:, 0] < 0
+    v_in[back] *= [-1, 1, -1]  # the frame turns round with it
+    return v_in
+
+
+def growth(rebound: Rebound, slope: float, boulders: int = 1000, seed: int = 1) -> Growth:
+    """Of bounces on a plane of this slope [degrees], when the first have been forgotten."""
+    generator = np.random.default_rng(seed)
+    v = np.tile([10.0, 2.0, 8.0], (boulders, 1))
+    logs = []
+    for bounce in range(LAST):
+        before = _speed(v)
+        v = rebound(_fly(v, slope), generator)
+        factor = _speed(v) / before
+        v /= factor[:, None]  # only directions matter
+        if bounce >= FIRST:
+            logs.append(np.log(factor))
+    each = np.mean(logs, axis=0)
+    error = each.std(ddof=1) / np.sqrt(boulders)
+    return Growth(float(each.mean()), float(np.std(logs)), float(error))
+
+
+def neutral_slope(rebound: Rebound, boulders: int = 1000, seed: int = 1) -> float:
+    """The slope on which speeds neither grow nor fade [degrees], by bisection from 5 to 75."""
+    low, high = FLATTEST, STEEPEST
+    while high - low > NEAR:
+        middle = (low + high) / 2
+        if growth(rebound, middle, boulders, seed).mean < 0:
+            low = middle
+        else:
+            high = middle
+    return (low + high) / 2

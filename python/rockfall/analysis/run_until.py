@@ -1,0 +1,249 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Runs that end when the numbers at the evaluation lines are as sure as was asked."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from rockfall.analysis.line_statistics import (
+    QUANTILES,
+    QUANTITIES,
+    line_numbers,
+    quantile_name,
+    sources,
+)
+from rockfall.case import Case
+from rockfall.errors import RockfallError
+from rockfall.result.dataset import make_result
+from rockfall.scene.plausible import warn_of
+from rockfall.scene.reach import survey
+from rockfall.scene.scene import Scene, read_scene
+from rockfall.scene.sources import refuse_by_area
+from rockfall.simulation.interrupts import interrupts
+from rockfall.simulation.simulate import Interrupted, Tally, check_tallies, run_chunks, start, trace
+from rockfall.simulation.source_maps import tells_sources
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+FIRST = 1000  # boulders of the first stage, over all sources
+CROSSED = 500  # boulders past the line before the interval of anything but a share is believed
+CAP = 1_000_000  # boulders over all sources, where no cap is given
+
+# From the boulders of a stage to those of the next: at least, at most; what is within one stage.
+LEAST, GROWTH, NEAR = 1.05, 4.0, 1.25
+SHORT, MARGIN = 0.8, 1.02  # of the need: of one further off, of one that is near
+HOPELESS = 0.3  # where chance among boulders is below this part of the limit, more are no help
+
+STATISTICS = ("mean", "std", *map(quantile_name, QUANTILES))
+FORM = "QUANTITY.STATISTIC@LINE<PERCENT% or share@LINE<PERCENT%"
+
+
+class Rule(NamedTuple):
+    """The half-width of a 95 % interval shall be below a share of the number itself."""
+
+    text: str
+    line: int  # index, from 0
+    quantity: str
+    statistic: str
+    limit: float
+
+
+class Verdict(NamedTuple):
+    """How a result meets a rule.
+
+    `width` is the half-width over the number, NaN where there is none. `need` is the number of
+    boulders from each source that the rule needs: NaN where too few cross the line to tell, inf
+    where no number is enough.
+    """
+
+    rule: Rule
+    met: bool
+    width: float
+    need: float
+
+    def __str__(self) -> str:
+        text = f"{self.rule.text}: {'met' if self.met else 'not met'}"
+        if np.isfinite(self.width):
+            text += f", +- {self.width:.2%}"
+        if self.met:
+            return text
+        if np.isnan(self.need):
+            return f"{text}: too few boulders cross the line to tell how many are needed"
+        if np.isinf(self.need):
+            return f"{text}: more boulders do not help, the sources differ by more or are too few"
+        return f"{text}: needs about {float(f'{self.need:.2g}'):,.0f} boulders from each source"
+
+
+def run_until(
+    case: Case, rules: str, cap: int | None = None, *, progress: bool = False, **arrays: Any
+) -> xr.Dataset:
+    """Run a case with as many boulders from each source as `rules` need, `cap` at most.
+
+    `rules` is text as in `read_rules`; `arrays` are as in `rockfall.scene.scene.read_scene`. The
+    result is that of `run` with the number of boulders found, which stands in place of the case's
+    own; its attributes `until` and `until_met` hold the rules, and whether all are met (1) or not
+    (0). Without a `cap` all sources together give a million boulders at most.
+    """
+    scene = read_scene(case, **arrays)
+    warn_of(scene)
+    return run_scene_until(scene, rules, cap, progress=progress, keep=False)
+
+
+def run_scene_until(
+    scene: Scene, rules: str, cap: int | None = None, *, progress: bool = False, keep: bool = True
+) -> xr.Dataset:
+    """Run a scene that has been read; see `run_until`. One that need not be kept loses its rasters.
+
+    The boulders of one source continue those of the stage before. With several sources each stage
+    starts again, for which source a boulder has follows from its number.
+    """
+    from rockfall.simulation.progress import progress_bar
+
+    refuse_by_area(scene, "--until")
+    asked = read_rules(rules, [line["name"] for line in scene.case.line])
+    if cap is not None and cap < 1:
+        raise RockfallError(f"cap = {cap}: must be at least 1 boulder from each source")
+    cap = cap or max(1, CAP // scene.x.size)
+    n, flown, tally = min(cap, -(-FIRST // scene.x.size)), 0, None
+    with interrupts() as interrupted, progress_bar(0, shown=progress) as advance:
+        while True:
+            tally = _next_tally(_with_boulders(scene, n), tally)
+            flown += tally.scene.boulders - tally.done
+            advance(0, flown)
+            run_chunks(tally, None, interrupted, advance)
+            verdicts = judge(asked, make_result(tally, maps=False))
+            larger = next_stage(verdicts, n, cap)
+            if interrupted() or larger == n:
+                break
+            n = larger
+        trace(tally)
+        if not keep:
+            scene.forget_rasters()
+            tally.scene.forget_rasters()
+        result = make_result(tally)
+    result.attrs |= {"until": rules, "until_met": int(all(one.met for one in verdicts))}
+    if interrupted():
+        raise Interrupted(result)
+    return result
+
+
+def _with_boulders(scene: Scene, n: int) -> Scene:
+    return replace(scene, case=scene.case.replace(case={"boulders": n}))
+
+
+def _next_tally(scene: Scene, last: Tally | None) -> Tally:
+    """Where the boulders of the next stage go: one source adds to the tally of the last stage."""
+    if last is None or scene.x.size > 1 or tells_sources(last.maps):
+        tally = start(scene, scene.case.case["threads"])
+        if last is not None:
+            tally.wall, tally.cpu = last.wall, last.cpu
+        return tally
+    check_tallies(scene, survey(scene))
+    last.scene = scene
+    for name in ("boulder", "count", "crossing"):
+        rows = getattr(last, name)
+        more = np.empty((scene.boulders, *rows.shape[1:]), rows.dtype)
+        more[: last.done] = rows
+        setattr(last, name, more)
+    return last
+
+
+def next_stage(verdicts: list[Verdict], n: int, cap: int) -> int:
+    """Boulders from each source of the stage after one of `n`; `n` itself where that is the last.
+
+    A need that is far off is approached from below, in steps: the width that tells of it is itself
+    a guess, and boulders cannot be taken back.
+    """
+    needs = [one.need for one in verdicts if not one.met and not np.isinf(one.need)]
+    if not needs:
+        return n
+    need = max(GROWTH * n if np.isnan(one) else one for one in needs)
+    target = MARGIN * need if need <= NEAR * n else max(NEAR * n, SHORT * need)
+    return min(cap, math.ceil(np.clip(target, LEAST * n, GROWTH * n)))
+
+
+def verdicts_of(result: xr.Dataset) -> list[Verdict]:
+    """What a result says to each rule of its `run_until`, none where it has no rules."""
+    if "until" not in result.attrs:
+        return []
+    return judge(read_rules(result.attrs["until"], list(result["line"].values)), result)
+
+
+def judge(rules: list[Rule], result: xr.Dataset) -> list[Verdict]:
+    """What a result says to each rule."""
+    source = sources(result)
+    return [_verdict(rule, result, source) for rule in rules]
+
+
+def _verdict(rule: Rule, result: xr.Dataset, source: np.ndarray) -> Verdict:
+    """The need follows from the width: squared it is a part that falls as 1/n, chance among
+    boulders, and one that does not, what the sources differ by."""
+    of = source.max(initial=0) + 1
+    n = source.size / of
+    row = line_numbers(result, rule.line, rule.quantity, source)
+    width = _width(row, rule.statistic)
+    short = 0.0 if rule.statistic == "share" else CROSSED / max(row["n"], 1)
+    if width <= rule.limit and short <= 1:
+        return Verdict(rule, True, width, n)
+    if not row["n"] or not np.isfinite(width):
+        return Verdict(rule, False, width, np.nan)
+    chance = width**2
+    if of > 1:
+        alone = line_numbers(result, rule.line, rule.quantity, np.zeros_like(source))
+        chance = _width(alone, rule.statistic) ** 2
+    left = rule.limit**2 - max(0.0, width**2 - chance)
+    if left > 0:
+        return Verdict(rule, False, width, n * max(short, chance / left))
+    hopeless = chance < (HOPELESS * rule.limit) ** 2
+    return Verdict(rule, False, width, np.inf if hopeless else np.nan)
+
+
+def _width(row: dict[str, float], statistic: str) -> float:
+    """Half-width of an interval over its number, NaN where there is none; 0 of equal values."""
+    value = row.get(statistic, np.nan)
+    if statistic == "std" and value == 0:
+        return 0.0
+    half = (row.get(f"{statistic}_high", np.nan) - row.get(f"{statistic}_low", np.nan)) / 2
+    if half == 0 or np.isnan(half):
+        return half
+    return half / abs(value) if value else np.inf
+
+
+def read_rules(text: str, lines: list[str]) -> list[Rule]:
+    """The rules of a text such as 'speed.mean@EL1<2%, share@EL1<3%'; `lines` are the known names.
+
+    Quantities and statistics are those of `rockfall.line_statistics`, apart from its maximum.
+    """
+    parts = re.split(r",(?=\s*[\w.]+\s*@)", text)  # the name of a line may hold commas
+    return [_rule(part.strip(), lines) for part in parts]
+
+
+def _rule(text: str, lines: list[str]) -> Rule:
+    about = f"until '{text}'"
+    found = re.fullmatch(r"([\w.]+)\s*@\s*(.+?)\s*<\s*([^<]*?)\s*%", text)
+    if not found:
+        raise RockfallError(f"{about}: must be {FORM}, several with commas between")
+    what, line, percent = found.groups()
+    quantity, _, statistic = what.partition(".")
+    if what == "share":
+        quantity, statistic = QUANTITIES[0], "share"  # a line has one share
+    elif quantity not in QUANTITIES:
+        known = ", ".join(QUANTITIES)
+        raise RockfallError(f"{about}: no quantity '{quantity}'; there are {known}, or share alone")
+    elif statistic not in STATISTICS:
+        known = ", ".join(STATISTICS)
+        raise RockfallError(
+            f"{about}: no interval for the statistic '{statistic}'; there are {known}"
+        )
+    if line not in lines:
+        known = ", ".join(lines) or "none"
+        raise RockfallError(f"{about}: no line '{line}'; the lines of the case: {known}")
+    if not re.fullmatch(r"\d+\.?\d*|\.\d+", percent) or not 0 < float(percent) < 100:
+        raise RockfallError(f"{about}: {percent} %: must be a number above 0 and below 100")
+    return Rule(text, lines.index(line), quantity, statistic, float(percent) / 100)

@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The terrain of a scene with other digits or larger cells."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+
+import numpy as np
+
+from rockfall.scene.scene import Scene
+
+
+def other_digits(scene: Scene) -> tuple[str, Scene]:
+    """The scene with elevations of the other precision, and which that is.
+
+    Those of float64 are rounded. Those of float32 get back, at random, what their rounding took:
+    anything up to half of their last binary digit.
+    """
+    if scene.z.dtype == np.float64:
+        return "float32", replace(scene, z=scene.z.astype("f4"))
+    lost = np.random.default_rng(0).uniform(-0.5, 0.5, scene.z.shape) * np.spacing(scene.z)
+    return "float64", replace(scene, z=scene.z.astype("f8") + lost)
+
+
+def larger_cells(scene: Scene, factor: int) -> Scene:
+    """The scene on cells of `factor` times the side, from the north-western corner on.
+
+    Elevations are means of those that are known, zones the most frequent (of several the first in
+    the table), sizes of a raster of values their median.
+    """
+    z = _blocks(scene.z, factor, np.nan)
+    ny, nx, _ = z.shape
+    grid = replace(scene.grid, cell=factor * scene.grid.cell, nx=nx, ny=ny)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Mean of empty slice|All-NaN slice")  # of nodata only
+        z = np.nanmean(z, axis=2, dtype="f8").astype(scene.z.dtype)
+        values = scene.values
+        if values is not None:
+            values = np.stack(
+                [np.nanmedian(_blocks(layer, factor, np.nan), axis=2) for layer in values]
+            )
+    zone = None if scene.zone is None else _most_frequent(_blocks(scene.zone, factor, 0))
+    return replace(scene, z=z, grid=grid, zone=zone, values=values)
+
+
+def _blocks(raster: np.ndarray, factor: int, fill: float) -> np.ndarray:
+    """(ny, nx, cells): the cells that each larger cell takes the place of."""
+    beyond = [(0, -size % factor) for size in raster.shape]
+    padded = np.pad(raster, beyond, constant_values=fill)
+    ny, nx = (size // factor for size in padded.shape)
+    cells = padded.reshape(ny, factor, nx, factor).swapaxes(1, 2)
+    return cells.reshape(ny, nx, factor**2)
+
+
+def _most_frequent(zone: np.ndarray) -> np.ndarray:
+    """The zone above 0 that most cells have, 0 where none has one: (ny, nx) of (ny, nx, cells)."""
+    best, most = np.zeros(zone.shape[:2], zone.dtype), np.zeros(zone.shape[:2], int)
+    for one in np.unique(zone[zone > 0]):
+        count = np.count_nonzero(zone == one, axis=2)
+        best[count > most] = one
+        most = np.maximum(most, count)
+    return best

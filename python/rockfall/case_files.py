@@ -1,0 +1,67 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The files that a case reads: no command writes over one of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rockfall.case import FROM_ARRAY, Case, case_of
+from rockfall.errors import RockfallError
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+#: Keys that name a file; those of impact sets may also name a shipped one.
+RASTERS = {
+    "terrain": ("dem",),
+    "surface": ("zones", "mean_radius", "rg70", "rg20", "rg10"),
+    "release": ("cells",),
+}
+LAYERS = {"surface": ("zones",), "release": ("polygons",)}
+#: Endings of what may lie beside a layer (GDAL's drivers of shapefiles and GeoPackages).
+BESIDE = (
+    ".shp", ".shx", ".dbf", ".prj", ".cpg", ".qpj", ".cst", ".qix", ".sbn", ".sbx", ".idm", ".ind",
+)  # fmt: skip
+APPENDED = (".xml", ".aux.xml", "-wal", "-shm", "-journal")
+
+
+def input_files(case: Case) -> Iterator[Path]:
+    """Every file that a case reads, the case file first; some may not be there."""
+    from rockfall.io.raster_file import raster_files
+    from rockfall.scene.scene import set_path
+
+    yield Path(case.name)
+    for keys, files_of in ((LAYERS, _layer_files), (RASTERS, raster_files)):
+        for group, names in keys.items():
+            for name in names:
+                file = getattr(case, group).get(name, FROM_ARRAY)
+                if file != FROM_ARRAY:
+                    yield from map(Path, files_of(case.path(file)))
+    if "table" in case.surface:
+        yield case.path(case.surface["table"])
+    for name in (case.impact["sets"], *case.ensemble.get("sets", [])):
+        with suppress(RockfallError):  # who reads it says that it is not there
+            yield set_path(case, name)
+
+
+def files_behind(result: xr.Dataset) -> Iterator[Path]:
+    """The files that the case of a result reads, seen from where it was run; none where it has no
+    case that this version reads."""
+    if {"case", "case_file"} <= result.attrs.keys():
+        try:
+            case = case_of(result)
+        except RockfallError:
+            return
+        yield from input_files(case)
+
+
+def _layer_files(path: Path) -> Iterator[Path]:
+    """A layer of polygons and what lies beside it."""
+    yield path
+    yield from (path.with_name(f"{path.name}{end}") for end in APPENDED)
+    if path.suffix.lower() == ".shp":
+        for end in BESIDE:
+            yield from (path.with_suffix(one) for one in (end, end.upper()))

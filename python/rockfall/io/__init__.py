@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Foreign formats in and out: rasters, layers, tables."""

@@ -1,0 +1,155 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Elevations that are in memory already: NumPy arrays and xarray.DataArrays."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rockfall.errors import RockfallError
+from rockfall.io.crs import check_metres, is_metre
+from rockfall.io.elevations import check_elevations, elevation_dtype
+from rockfall.io.grid import TOLERANCE, Grid
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from affine import Affine
+    from rasterio.crs import CRS
+
+_NAME = "dem"
+
+
+def from_array(
+    data: np.ndarray | xr.DataArray, transform: Affine | Grid | None = None
+) -> tuple[np.ndarray, Grid]:
+    """Elevations as `read_dem` gives them; copied only where they must change.
+
+    A NumPy array needs its `transform` (or a Grid). An xarray.DataArray has the coordinates x and
+    y of its cell centres, y in either direction, and its CRS where rioxarray or CF keep it.
+    """
+    if hasattr(data, "coords"):
+        data = as_plan(data)
+        grid, flipped = grid_of(data)
+        values, fill = data.values, data.attrs.get("_FillValue")
+        _check_unit("elevations are", data)
+    elif transform is None:
+        raise RockfallError(f"{_NAME}: a NumPy array needs a transform (affine.Affine)")
+    else:
+        values, fill = np.ma.getdata(data), None
+        grid, flipped = _numpy_grid(values, transform)
+    check_metres(grid, _NAME)
+    dtype = elevation_dtype(values.dtype, _NAME)
+    missing = np.ma.getmaskarray(data) if np.ma.isMaskedArray(data) else None
+    if fill is not None and not np.isnan(fill):
+        missing = values == np.asarray(fill).astype(values.dtype)
+    z = np.ascontiguousarray(values[::-1] if flipped else values, dtype=dtype)
+    if missing is not None and missing.any():
+        z = z.copy() if np.shares_memory(z, values) else z
+        z[missing[::-1] if flipped else missing] = np.nan
+    check_elevations(_NAME, z)
+    return z, grid
+
+
+def grid_of(data: xr.DataArray) -> tuple[Grid, bool]:
+    """The grid of a DataArray with dims (y, x), and whether its first row is the southernmost.
+
+    A GeoTransform kept with the CRS gives the edges to the last bit, as long as it agrees with the
+    coordinates.
+    """
+    x, y = _centres(data, "x"), _centres(data, "y")
+    if min(x.size, y.size) < 2:
+        raise RockfallError(f"{_NAME}: {x.size} x {y.size} cells, at least 2 x 2 are needed")
+    cell, step = (x[-1] - x[0]) / (x.size - 1), (y[0] - y[-1]) / (y.size - 1)
+    _check_steps("x", x, cell)
+    _check_steps("y", y, -step)
+    if cell < 0:
+        raise RockfallError(f"{_NAME}: x must increase")
+    if abs(cell - abs(step)) * max(x.size, y.size) > TOLERANCE * cell:
+        raise RockfallError(f"{_NAME}: cells are not square ({cell:.10g} x {abs(step):.10g} m)")
+    about = _grid_mapping(data)
+    north = max(y[0], y[-1]) + abs(step) / 2
+    grid = Grid(float(x[0] - cell / 2), float(north), float(cell), x.size, y.size, _crs(about))
+    return _exact(grid, about), bool(step < 0)
+
+
+def as_plan(data: xr.DataArray) -> xr.DataArray:
+    """The same on dims (y, x), rid of other dims of length one, such as a single band."""
+    others = [name for name in data.dims if name not in ("y", "x")]
+    if not {"y", "x"} <= set(data.dims) or any(data.sizes[name] > 1 for name in others):
+        raise RockfallError(f"{_NAME}: dims are {', '.join(map(str, data.dims))}: must be y, x")
+    return data.squeeze(others, drop=True).transpose("y", "x")
+
+
+def _centres(data: xr.DataArray, axis: str) -> np.ndarray:
+    if axis not in data.coords:
+        raise RockfallError(f"{_NAME}: has no coordinate {axis} (cell centres [m])")
+    _check_unit(f"coordinate {axis} is", data.coords[axis])
+    return data.coords[axis].values.astype(np.float64)
+
+
+def _check_unit(what: str, data: xr.DataArray) -> None:
+    """Refuse any unit but the metre."""
+    unit = data.attrs.get("units")
+    if unit is not None and not (isinstance(unit, str) and is_metre(unit)):
+        raise RockfallError(f"{_NAME}: {what} in {unit}, metres are needed")
+
+
+def _check_steps(axis: str, centres: np.ndarray, step: float) -> None:
+    """Refuse coordinates that are not finite and evenly spaced, up to a thousandth of a cell."""
+    even = np.abs(np.diff(centres) - step) <= 1e-3 * abs(step)
+    if step == 0 or not even.all():
+        raise RockfallError(f"{_NAME}: coordinate {axis} is not evenly spaced")
+
+
+def _grid_mapping(data: xr.DataArray) -> Mapping[str, Any]:
+    """The attributes of the variable that holds the CRS; empty when there is none."""
+    named = data.attrs.get("grid_mapping") or data.encoding.get("grid_mapping")
+    for name in (named, "spatial_ref", "crs"):
+        if name in data.coords:
+            return data.coords[name].attrs
+    return {"crs_wkt": data.attrs["crs"]} if "crs" in data.attrs else {}
+
+
+def _crs(about: Mapping[str, Any]) -> CRS | None:
+    from rasterio.crs import CRS
+    from rasterio.errors import CRSError
+
+    text = about.get("crs_wkt") or about.get("spatial_ref")
+    if not text:
+        return None
+    try:
+        return CRS.from_user_input(text)
+    except CRSError as error:
+        raise RockfallError(f"{_NAME}: CRS cannot be understood: {str(text)[:60]}") from error
+
+
+def _exact(grid: Grid, about: Mapping[str, Any]) -> Grid:
+    """The same grid from its GeoTransform, if there is one that fits."""
+    try:
+        west, cell, _, north, _, step = map(float, str(about["GeoTransform"]).split())
+    except (KeyError, ValueError):
+        return grid
+    north = north if step < 0 else north + grid.ny * step
+    exact = replace(grid, west=west, north=north, cell=cell)
+    return exact if cell > 0 and exact.matches(grid) else grid
+
+
+def _numpy_grid(values: np.ndarray, transform: Affine | Grid) -> tuple[Grid, bool]:
+    if values.ndim != 2:
+        raise RockfallError(f"{_NAME}: array has {values.ndim} dimensions, two are needed")
+    if isinstance(transform, Grid):
+        if values.shape != transform.shape:
+            raise RockfallError(
+                f"{_NAME}: array has shape {values.shape}, its grid {transform.shape}"
+            )
+        return transform, False
+    t, (ny, nx) = transform, values.shape
+    if max(abs(t.b), abs(t.d)) * max(nx, ny) > TOLERANCE * abs(t.a) or t.a <= 0:
+        raise RockfallError(f"{_NAME}: is rotated or mirrored; columns must run from west to east")
+    if abs(t.a - abs(t.e)) * max(nx, ny) > TOLERANCE * t.a:
+        raise RockfallError(f"{_NAME}: cells are not square ({t.a:.10g} x {abs(t.e):.10g} m)")
+    north = t.f if t.e < 0 else t.f + ny * t.e
+    return Grid(float(t.c), float(north), float(t.a), nx, ny), t.e > 0

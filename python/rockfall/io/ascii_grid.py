@@ -1,0 +1,258 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""ESRI ASCII grids, read strictly and written so that they come back the same.
+
+GDAL takes a file that ends early, or a word, for zeros, in the header as among the numbers; so all
+but the CRS is read here, as io/asciigrid.f90 does.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, BinaryIO
+
+import numpy as np
+
+from rockfall.errors import RockfallError
+from rockfall.io.files import whole_file
+from rockfall.io.grid import NO_ID, Box, Grid
+from rockfall.io.tables import plain_decimal
+
+if TYPE_CHECKING:
+    from affine import Affine
+
+_KEYS = (
+    "ncols", "nrows", "xllcorner", "yllcorner", "xllcenter", "yllcenter", "cellsize", "dx", "dy",
+    "nodata_value",
+)  # fmt: skip
+_FARTHEST = 1e12  # [m] coordinate that is still a place
+_CHUNK = 4_000_000  # bytes of text in memory at a time
+_LONGEST = 4096  # bytes; no number is as long
+
+
+@dataclass(frozen=True)
+class AsciiCells:
+    """The cells of a file, after its header."""
+
+    path: str
+    shape: tuple[int, int]
+    transform: Affine
+    nodata: float
+    start: tuple[int, int]  #: where the numbers begin: byte, and line
+    dtype = np.dtype(np.float64)
+    packing = 1.0, 0.0
+
+    def rows(self, box: Box) -> Iterator[tuple[slice, np.ndarray, np.ndarray]]:
+        """Blocks of the rows of a box: (rows in the file, values, where they are data)."""
+        for rows, block in self._whole_rows():
+            if rows.start >= box.stop_row and box.stop_row < self.shape[0]:
+                return  # a whole file is read to its end, which may be wrong
+            first, stop = max(rows.start, box.row), min(rows.stop, box.stop_row)
+            if first < stop:
+                block = block[first - rows.start : stop - rows.start, box.columns]
+                yield slice(first, stop), block, block != self.nodata
+
+    def _whole_rows(self) -> Iterator[tuple[slice, np.ndarray]]:
+        """Blocks of whole rows from the north: (which rows, float64 of shape (n, nx)).
+
+        Lines may be wrapped. A word, or too few or too many numbers, is an error.
+        """
+        (ny, nx), path = self.shape, self.path
+        due = f"ncols x nrows = {nx} x {ny} are due"
+        held, done = np.empty(0), 0
+        with open(path, "rb") as file:
+            file.seek(self.start[0])
+            for numbers in _numbers(file, path, self.start[1]):
+                held = np.concatenate((held, numbers))
+                if done * nx + held.size > nx * ny:
+                    raise RockfallError(f"{path}: more than {nx * ny} numbers, {due}")
+                n = held.size // nx
+                if n:
+                    yield slice(done, done + n), held[: n * nx].reshape(n, nx)
+                held = held[n * nx :]
+                done += n
+        if done < ny:
+            raise RockfallError(
+                f"{path}: ends after {done * nx + held.size} numbers, {due}: truncated or damaged"
+            )
+
+
+def is_ascii(start: bytes) -> bool:
+    """Whether a file that begins so is an ESRI ASCII grid."""
+    words = start.split(maxsplit=1)
+    return bool(words) and words[0].lower().decode("latin-1") in _KEYS
+
+
+def open_ascii(path: str) -> AsciiCells:
+    """Read the header: lines of a key and its value."""
+    values: dict[str, float] = {}
+    start, line = 0, 1
+    with open(path, "rb") as file:
+        while words := _header_line(file.readline(_LONGEST)):
+            where, key = f"{path}: line {line}", words[0].lower()
+            if len(words) != 2:
+                raise RockfallError(f"{where}: {words[0]}: must be followed by one value")
+            if key in values:
+                raise RockfallError(f"{where}: {words[0]}: is in the header twice")
+            values[key] = _value(f"{where}: {words[0]} = {words[1][:40]}", key, words[1])
+            start, line = file.tell(), line + 1
+    _check_keys(path, values)
+    nx, ny = int(values["ncols"]), int(values["nrows"])
+    if os.path.getsize(path) < 2 * nx * ny:
+        raise RockfallError(
+            f"{path}: too short for ncols x nrows = {nx} x {ny} numbers: truncated or damaged"
+        )
+    # -9999 is what the format means when it does not say.
+    nodata = values.get("nodata_value", -9999.0)
+    return AsciiCells(path, (ny, nx), _place(values), nodata, (start, line))
+
+
+def _header_line(line: bytes) -> list[str]:
+    """The words of a line that begins with a key; none of another."""
+    words = line.decode("latin-1").split()
+    return words if words and words[0].lower() in _KEYS else []
+
+
+def _value(where: str, key: str, text: str) -> float:
+    """The value of a key; `where` begins messages."""
+    value = plain_decimal(text)
+    if key in ("ncols", "nrows"):
+        if not (text.isascii() and text.isdigit() and 0 < value < 2**31):
+            raise RockfallError(f"{where}: must be an integer > 0")
+    elif key == "nodata_value":
+        if math.isnan(value) and text.lower() != "nan":
+            raise RockfallError(f"{where}: must be a number or nan")
+    elif not abs(value) <= _FARTHEST:
+        raise RockfallError(f"{where}: must be a number, at most 1e12")
+    elif key in ("cellsize", "dx", "dy") and not value > 0:
+        raise RockfallError(f"{where}: must be > 0 [m]")
+    return value
+
+
+def _check_keys(path: str, values: dict[str, float]) -> None:
+    """All that places a grid is there, once."""
+    given = values.keys()
+    if not {"ncols", "nrows"} <= given:
+        raise RockfallError(f"{path}: the header lacks ncols or nrows")
+    corner, centre = {"xllcorner", "yllcorner"} & given, {"xllcenter", "yllcenter"} & given
+    if sorted((len(corner), len(centre))) != [0, 2]:
+        raise RockfallError(
+            f"{path}: the header must have xllcorner and yllcorner, or else xllcenter and yllcenter"
+        )
+    if ("cellsize" in given, *(key in given for key in ("dx", "dy"))) not in (
+        (True, False, False),
+        (False, True, True),
+    ):
+        raise RockfallError(f"{path}: the header must have cellsize, or else dx and dy")
+
+
+def _place(values: dict[str, float]) -> Affine:
+    """From columns and rows to coordinates, by the expressions of GDAL, to the same bits."""
+    from affine import Affine
+
+    width, height = (values.get("cellsize", values.get(key, 0.0)) for key in ("dx", "dy"))
+    if "xllcorner" in values:
+        west, south = values["xllcorner"], values["yllcorner"]
+    else:
+        west, south = values["xllcenter"] - 0.5 * width, values["yllcenter"] - 0.5 * height
+    return Affine(width, 0.0, west, 0.0, -height, south + values["nrows"] * height)
+
+
+def write_ascii(path: str | Path, array: np.ndarray, grid: Grid, nodata: float = -9999) -> None:
+    """Write an ESRI ASCII grid whose numbers and edges read back to the same doubles.
+
+    NaN, and `NO_ID` among integers, become `nodata`. The CRS goes to a .prj file beside it.
+    """
+    if array.shape != grid.shape:
+        raise RockfallError(f"{path}: array {array.shape} is not of the grid {grid.shape}", code=1)
+    corner = _corner(path, grid)
+    header = f"ncols {grid.nx}\nnrows {grid.ny}\n{corner}\nNODATA_value {nodata}\n"
+    with whole_file(path) as part, open(part, "w", encoding="ascii", newline="\n") as file:
+        file.write(header)
+        for row in array:
+            file.write(_row_text(path, row, nodata) + "\n")
+    if grid.crs is not None:
+        from rasterio.enums import WktVersion
+
+        with whole_file(Path(path).with_suffix(".prj")) as part:
+            part.write_text(grid.crs.to_wkt(version=WktVersion.WKT1_ESRI), encoding="utf-8")
+
+
+def _row_text(path: str | Path, row: np.ndarray, nodata: float) -> str:
+    if (row == nodata).any():
+        raise RockfallError(f"{path}: {nodata} is a value of the raster, it cannot mark nodata")
+    if row.dtype.kind == "f":
+        missing = np.isnan(row)
+        words = list(map(repr, row.tolist()))  # a float32 is written as the double it equals
+    else:
+        missing = row == NO_ID
+        words = list(map(str, row.astype(np.int64).tolist()))
+    for k in np.flatnonzero(missing):
+        words[k] = str(nodata)
+    return " ".join(words)
+
+
+def _corner(path: str | Path, grid: Grid) -> str:
+    """The part of the header from which readers, who add, get the very doubles of the edges.
+
+    north = yllcorner + nrows*cellsize. Now and then no yllcorner does it; then a dy does that
+    differs from dx in its last bits.
+    """
+    north, cell = float(grid.north), float(grid.cell)
+    for dy in _neighbours(cell):
+        height = grid.ny * dy
+        for south in _neighbours(north - height):
+            if south + height == north:
+                size = f"cellsize {cell!r}" if dy == cell else f"dx {cell!r}\ndy {dy!r}"
+                return f"xllcorner {float(grid.west)!r}\nyllcorner {south!r}\n{size}"
+    raise RockfallError(f"{path}: no ESRI ASCII header gives the northern edge {north!r}; round it")
+
+
+def _neighbours(value: float) -> Iterator[float]:
+    """A double and those next to it, outwards."""
+    yield value
+    below = above = value
+    for _ in range(8):
+        below, above = math.nextafter(below, -math.inf), math.nextafter(above, math.inf)
+        yield from (below, above)
+
+
+def _numbers(file: BinaryIO, path: str, line: int) -> Iterator[np.ndarray]:
+    """The numbers of the rest of the file, some at a time; `line` is where it starts."""
+    tail = b""
+    while block := file.read(_CHUNK):
+        text = tail + block
+        cut = max(text.rfind(space) for space in (b" ", b"\n", b"\t", b"\r")) + 1
+        text, tail = text[:cut], text[cut:]
+        if len(tail) > _LONGEST:
+            raise RockfallError(f"{path}: not text with numbers; damaged")
+        yield _parse(text, path, line)
+        line += text.count(b"\n")
+    yield _parse(tail, path, line)
+
+
+def _parse(text: bytes, path: str, line: int) -> np.ndarray:
+    if not text.strip():
+        return np.empty(0)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", DeprecationWarning)  # older NumPy only warns of a word
+            return np.fromstring(text, sep=" ")
+    except (ValueError, DeprecationWarning):
+        number, word = _first_bad_word(text)
+        raise RockfallError(f"{path}: line {line + number}: {word!r} is not a number") from None
+
+
+def _first_bad_word(text: bytes) -> tuple[int, str]:
+    """The first word that is no number, and how many lines precede it."""
+    for number, row in enumerate(text.split(b"\n")):
+        for word in row.split():
+            try:
+                float(word.replace(b"_", b"?"))  # Python's 1_000 is not a number here
+            except ValueError:
+                return number, word[:40].decode("ascii", "replace")
+    return 0, "?"

@@ -1,0 +1,52 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Files appear under their name only when they are whole."""
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from rockfall._core import rockfall_f2py as _core
+from rockfall.errors import RockfallError
+
+LARGEST_TEXT = 64 * 1024**2  # bytes, as in base/text_file.f90
+
+
+def check_regular(path: str | Path) -> None:
+    """Refuse a pipe or a device as a file to read: it may have no end, or not even a beginning."""
+    if os.path.exists(path) and not (os.path.isfile(path) or os.path.isdir(path)):
+        raise RockfallError(f"{path}: not a regular file")
+
+
+def check_netcdf(path: str | Path) -> None:
+    """Refuse what is no regular file, and a header of classic netCDF that claims more than its file
+    holds: the libraries take memory for it, and end the process where there is none."""
+    check_regular(path)
+    if os.path.isfile(path) and _core.overstates(os.fsencode(path)):
+        raise RockfallError(
+            f"{path}: cannot be read as netCDF: its header claims more than the file holds"
+        )
+
+
+def check_text_file(path: str | Path) -> None:
+    """Refuse what is no regular file, or larger than any text of ours."""
+    check_regular(path)
+    if os.path.isfile(path) and os.path.getsize(path) > LARGEST_TEXT:
+        raise RockfallError(f"{path}: larger than 64 MB; not a text file of ours")
+
+
+@contextmanager
+def whole_file(path: str | Path) -> Iterator[Path]:
+    """A temporary path beside `path`, renamed to it when the block ends well, removed when not.
+
+    It keeps the ending of the name, from which drivers tell the format.
+    """
+    path = Path(path)
+    part = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
+    try:
+        yield part
+        os.replace(part, path)
+    except OSError as error:
+        raise RockfallError(f"{path}: cannot be written: {error.strerror or error}") from error
+    finally:
+        part.unlink(missing_ok=True)

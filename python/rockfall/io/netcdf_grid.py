@@ -1,0 +1,232 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The numbers of netCDF grids: what marks missing ones, how they are packed, and their unit.
+
+GDAL says where they lie, but honours only some of the attributes of the CF conventions; so they are
+read here. What contradicts itself is refused.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rockfall.errors import RockfallError
+from rockfall.io.crs import is_metre
+from rockfall.io.files import check_netcdf
+from rockfall.io.grid import TOLERANCE, Box, row_blocks
+
+if TYPE_CHECKING:
+    import netCDF4
+    from affine import Affine
+
+_LONGEST = 10_000_000  # cells, of a side
+_EVEN = 1e-3  # of a cell, by which coordinates may stray
+
+
+@dataclass(frozen=True)
+class NetcdfCells:
+    """A variable on (y, x), north-up whichever way it is stored."""
+
+    variable: netCDF4.Variable
+    dtype: np.dtype  #: of the stored numbers
+    shape: tuple[int, int]
+    packing: tuple[float, float]  #: scale and offset
+    marks: tuple[float, ...]  #: stored numbers that are none
+    valid: tuple[float, float]  #: least and greatest stored number that is one
+    rising: bool  #: the first row stored is the southernmost
+
+    def rows(self, box: Box) -> Iterator[tuple[slice, np.ndarray, np.ndarray]]:
+        """Blocks of the rows of a box: (which rows, stored numbers, where they are data)."""
+        ny = self.shape[0]
+        chunks = self.variable.chunking()
+        tile = chunks[-2] if isinstance(chunks, list) else 1
+        row, stop_row = box.row, box.stop_row
+        if self.rising:
+            row, stop_row = ny - stop_row, ny - row
+        start = row // tile * tile
+        for rows in row_blocks((stop_row - start, box.shape[1]), tile):
+            first, stop = max(start + rows.start, row), start + rows.stop
+            block = self._stored(slice(first, stop), box.columns)
+            data = np.ones(block.shape, bool)
+            if self.valid != (-np.inf, np.inf):
+                data = (block >= self.valid[0]) & (block <= self.valid[1])
+            for mark in self.marks:
+                data &= block != mark
+            if self.rising:
+                first, stop, block, data = ny - stop, ny - first, block[::-1], data[::-1]
+            yield slice(first, stop), block, data
+
+    def _stored(self, rows: slice, columns: slice) -> np.ndarray:
+        outer = (0,) * (self.variable.ndim - 2)
+        block = np.asarray(self.variable[(*outer, rows, columns)])
+        return block.view(self.dtype) if block.dtype != self.dtype else block
+
+
+@contextmanager
+def open_netcdf(file: str) -> Iterator[netCDF4.Dataset]:
+    """Open a file whose sides are not past all bounds: GDAL reads coordinates before it asks."""
+    import netCDF4
+
+    check_netcdf(file)
+    with netCDF4.Dataset(os.path.abspath(file)) as data:
+        data.set_auto_maskandscale(False)
+        for group in (data, *data.groups.values()):
+            for name, dimension in group.dimensions.items():
+                if dimension.size > _LONGEST:
+                    raise RockfallError(
+                        f"{file}: dimension {name} has {dimension.size} values: must be at most "
+                        f"{_LONGEST}"
+                    )
+        yield data
+
+
+def cells_of(path: str, data: netCDF4.Dataset, name: str, transform: Affine) -> NetcdfCells:
+    """The cells of a variable, which must lie where GDAL has them."""
+    try:
+        variable = data[name]
+    except (IndexError, KeyError):
+        raise RockfallError(f"{path}: has no variable {name}") from None
+    attributes = {key: variable.getncattr(key) for key in variable.ncattrs()}
+    if variable.ndim < 2 or any(n != 1 for n in variable.shape[:-2]):
+        raise RockfallError(f"{path}: {name} has the shape {variable.shape}: must be on y, x")
+    x, y = (_coordinates(path, variable, axis) for axis in (-1, -2))
+    _check_place(path, x, y, transform)
+    dtype = _stored_type(path, name, variable.dtype, attributes)
+    packing = tuple(
+        _single(path, name, key, attributes.get(key, without))
+        for key, without in (("scale_factor", 1.0), ("add_offset", 0.0))
+    )
+    if packing[0] == 0:
+        raise RockfallError(f"{path}: {name}: scale_factor = 0: must be another number")
+    about = _Marks(f"{path}: {name}", dtype, attributes, packing != (1.0, 0.0))
+    return NetcdfCells(
+        variable, dtype, variable.shape[-2:], packing, about.missing(_default_fill(variable)),
+        about.range(), bool(y[0] < y[-1]),
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Marks:
+    """The attributes that tell which stored numbers are data."""
+
+    where: str
+    dtype: np.dtype
+    attributes: dict[str, Any]
+    packed: bool
+
+    def missing(self, default: float | None) -> tuple[float, ...]:
+        """What marks cells without data: a fill value, the library's or the file's, and others."""
+        fill = self.values("_FillValue", 1)
+        if fill.size == 0 and default is not None:
+            fill = np.array([default]).astype(self.dtype)
+        marks = [*fill, *self.values("missing_value", None)]
+        return tuple(mark for mark in marks if mark == mark)  # NaN marks itself
+
+    def range(self) -> tuple[float, float]:
+        """The least and the greatest number that is valid."""
+        both = self.values("valid_range", 2)
+        least, greatest = self.values("valid_min", 1), self.values("valid_max", 1)
+        if both.size and (least.size or greatest.size):
+            raise RockfallError(f"{self.where}: has valid_range, and valid_min or valid_max")
+        low = [*both[:1], *least, -np.inf][0]
+        high = [*both[1:], *greatest, np.inf][0]
+        if not low <= high:
+            raise RockfallError(f"{self.where}: valid from {low} to {high}: must be a range")
+        return low, high
+
+    def values(self, key: str, many: int | None) -> np.ndarray:
+        """The numbers of an attribute, `many` unless that is None, in the type of the variable."""
+        if key not in self.attributes:
+            return np.empty(0, self.dtype)
+        given = np.atleast_1d(np.asarray(self.attributes[key]))
+        said = f"{self.where}: {key} = {self.attributes[key]}"
+        if given.dtype.kind not in "iuf" or many not in (None, given.size):
+            raise RockfallError(f"{said}: must be {f'{many} numbers' if many else 'numbers'}")
+        alike = given.dtype.kind == self.dtype.kind
+        if (given.dtype.kind, self.dtype.kind) == ("i", "u"):  # of _Unsigned numbers, or small ones
+            alike = True
+            given = np.where(given < 0, given.astype(object) + 256**self.dtype.itemsize, given)
+        with np.errstate(all="ignore"):
+            stored = given.astype(self.dtype)
+        same = (stored == given) | (self.dtype.kind == given.dtype.kind == "f")
+        if not same.all() or (self.packed and not alike):
+            raise RockfallError(f"{said}: must be of the type of the variable, {self.dtype}")
+        return stored
+
+
+def _unit(path: str, name: str, attributes: dict[str, Any]) -> str | None:
+    unit = attributes.get("units")
+    if unit is not None and not isinstance(unit, str):
+        raise RockfallError(f"{path}: {name}: units = {unit}: must be a text")
+    return unit
+
+
+def _coordinates(path: str, variable: netCDF4.Variable, axis: int) -> np.ndarray:
+    """The cell centres along a dimension [m]."""
+    name, group = variable.dimensions[axis], variable.group()
+    while group is not None and name not in group.variables:
+        group = group.parent
+    if group is None or group[name].dimensions != (name,) or group[name].dtype.kind not in "iuf":
+        raise RockfallError(f"{path}: has no coordinate {name} (cell centres [m])")
+    found = group[name]
+    attributes = {key: found.getncattr(key) for key in found.ncattrs()}
+    unit = _unit(path, name, attributes)
+    if not is_metre(unit):
+        raise RockfallError(f"{path}: coordinate {name} is in {unit}, metres are needed")
+    if packed := {"scale_factor", "add_offset", "_Unsigned"} & attributes.keys():
+        raise RockfallError(f"{path}: coordinate {name}: {min(packed)}: must be plain numbers")
+    centres = np.asarray(found[...], np.float64)
+    if centres.size < 2:
+        raise RockfallError(f"{path}: {name} has {centres.size} cells, at least 2 are needed")
+    step = (centres[-1] - centres[0]) / (centres.size - 1)
+    even = centres[0] + step * np.arange(centres.size)
+    with np.errstate(invalid="ignore"):
+        if not (step != 0 and (np.abs(centres - even) <= _EVEN * abs(step)).all()):
+            raise RockfallError(f"{path}: coordinate {name} is not evenly spaced")
+    return centres
+
+
+def _check_place(path: str, x: np.ndarray, y: np.ndarray, transform: Affine) -> None:
+    """Refuse a place told twice, by coordinates and otherwise, in two ways."""
+    t, far = transform, max(x.size, y.size)
+    west, east = t.c + 0.5 * t.a, t.c + (x.size - 0.5) * t.a
+    north, south = t.f + 0.5 * t.e, t.f + (y.size - 0.5) * t.e
+    near = max(_EVEN, TOLERANCE * far) * abs(t.a)
+    places = (x[0], west), (x[-1], east), (y.max(), north), (y.min(), south)
+    if any(abs(own - other) > near for own, other in places) or t.b or t.d:
+        raise RockfallError(f"{path}: its GeoTransform is not that of its coordinates x and y")
+
+
+def _stored_type(
+    path: str, name: str, stored: np.dtype, attributes: dict[str, Any]
+) -> np.dtype:
+    """The type of the numbers; _Unsigned tells of it where the format has no unsigned ones."""
+    said = str(attributes.get("_Unsigned", "")).lower()
+    if said not in ("", "true", "false") or (said and stored.kind not in "iu"):
+        raise RockfallError(
+            f"{path}: {name}: _Unsigned = {attributes['_Unsigned']}: must be 'true' or 'false', of "
+            "integers"
+        )
+    if said:
+        return np.dtype(f"{'u' if said == 'true' else 'i'}{stored.itemsize}")
+    return np.dtype(stored).newbyteorder("=")
+
+
+def _single(path: str, name: str, key: str, value: Any) -> float:
+    given = np.asarray(value)
+    if given.dtype.kind not in "iuf" or given.size != 1 or not np.isfinite(given).all():
+        raise RockfallError(f"{path}: {name}: {key} = {value}: must be a number")
+    return float(given.reshape(()))
+
+
+def _default_fill(variable: netCDF4.Variable) -> float | None:
+    """What a file that says nothing means by "not written"; bytes have no such value."""
+    import netCDF4
+
+    stored = variable.dtype
+    return None if stored.itemsize == 1 else netCDF4.default_fillvals[stored.str[1:]]

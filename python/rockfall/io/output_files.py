@@ -1,0 +1,213 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Where a command may write: over nothing that it reads, and over nothing but what rockfall wrote.
+
+Names are anyone's, so files of ours are recognised by their contents.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import sqlite3
+import tempfile
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from contextlib import closing, contextmanager
+from pathlib import Path
+
+from rockfall.errors import RockfallError
+from rockfall.io.files import check_netcdf
+from rockfall.simulation.interrupts import interrupts
+
+RESULT, ENSEMBLE, IMPACTS = "a result of a run", "an ensemble", "impacts of the laboratory"
+FIGURE, MAP, LAYERS, PAGE = "a figure", "a map", "layers of a result", "a report"
+ENSEMBLE_TABLE, STUDY = "the table of an ensemble", "a study of convergence"
+LINE_TABLE, LEVEL_TABLE = "a table of line statistics", "a table of return levels"
+COMPARISON, SETS, JOB = "a comparison", "impact sets of the laboratory", "a Slurm job"
+BOULDER_TABLE, CROSSINGS = "a table of boulders", "a table of crossings"
+
+SIGNATURE = "rockfall"  # the software that a figure, a map and a layer of ours name
+BY_SLURM = "# Written by `rockfall slurm`."
+SIGNS = (  # how a file of ours begins, what else its head holds, and what it is
+    (b"line,result,units,", b"", ENSEMBLE_TABLE),
+    (b"line,quantity,statistic,", b"", STUDY),
+    (b"line,quantity,n,share,", b"", LINE_TABLE),
+    (b"line,quantity,n,max,", b"", LEVEL_TABLE),
+    (b"table,line,quantity,", b"", COMPARISON),
+    (b"table,distance,observed,", b"", COMPARISON),
+    (b"table,x,y,reach_probability", b"", COMPARISON),
+    (b"boulder,volume,", b"", BOULDER_TABLE),
+    (b"boulder,x,y,time,", b"", CROSSINGS),
+    (b"#!/bin/sh\n", BY_SLURM.encode(), JOB),
+    (b"! ", b"; `rockfall lab remake FILE` makes it again.", SETS),
+    (b"<!DOCTYPE html>", f'<meta name="generator" content="{SIGNATURE}">'.encode(), PAGE),
+    (b"<?xml", f"<dc:title>{SIGNATURE}</dc:title>".encode(), FIGURE),  # SVG
+    (b"\x89PNG", f"tEXtSoftware\0{SIGNATURE}".encode(), FIGURE),
+)
+RESULT_NAME = re.compile(r"(\.nc|(^|\.)part\d+of\d+)$")
+HEAD = 4096  # bytes
+NETCDF = (b"\x89HDF", b"CDF\x01", b"CDF\x02", b"CDF\x05")  # first bytes of such files
+TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
+
+
+def check_output(path: str | Path, kind: str, inputs: Iterable[str | Path] = ()) -> None:
+    """Refuse a place for a file of this kind, before the work and not after it: one that is a
+    folder, in none, not writable, an input, or taken by what is not of the same kind."""
+    path = Path(path)
+    check_outputs({path: kind}, inputs)
+    if kind == RESULT and not RESULT_NAME.search(path.name):
+        raise RockfallError(f"{path}: results are netCDF files, their names must end in .nc")
+    if not path.parent.is_dir():
+        raise RockfallError(f"{path}: there is no folder {path.parent}")
+    try:
+        tempfile.TemporaryFile(dir=path.parent).close()
+    except OSError as error:
+        raise RockfallError(
+            f"{path}: folder {path.parent} is not writable: {error.strerror}"
+        ) from error
+
+
+def check_outputs(
+    kinds: Mapping[Path, str | None],
+    inputs: Iterable[str | Path] = (),
+    former: Collection[Path] = (),
+) -> None:
+    """Refuse to write over an input, by whatever name it goes there, and over what is not of the
+    kind that is to be written, except for `former` files, which are known to be of ours."""
+    taken = [path for path in kinds if os.path.lexists(path)]
+    read = {_identity(path) for path in inputs if os.path.exists(path)} if taken else set()
+    for path in taken:
+        if path.is_dir():
+            raise RockfallError(f"{path}: is a folder; a file name is needed")
+        if path.exists() and _identity(path) in read:
+            raise RockfallError(f"{path}: is an input; it is not overwritten")
+        if path not in former and kind_of(path) != (kinds[path] or ""):
+            kind = kinds[path] or "a file"
+            raise RockfallError(
+                f"{path}: is there, and not {kind} that rockfall wrote; it is not overwritten"
+            )
+
+
+def _identity(path: str | Path) -> tuple[int, int]:
+    """The same for all names of a file."""
+    found = os.stat(path)
+    return found.st_dev, found.st_ino
+
+
+def kind_of(path: str | Path) -> str | None:
+    """What a file is that rockfall wrote; None for any other."""
+    if not os.path.isfile(path):
+        return None
+    with open(path, "rb") as file:
+        head = file.read(HEAD)
+    if head.startswith(NETCDF):
+        return _netcdf_kind(path)
+    if head.startswith(TIFF):
+        return _tiff_kind(path)
+    if head.startswith(b"SQLite format 3\0"):
+        return _geopackage_kind(path)
+    if head.startswith(b"%PDF"):  # which names its creator near its end
+        return FIGURE if f"/Creator ({SIGNATURE})".encode() in Path(path).read_bytes() else None
+    kinds = (kind for start, inside, kind in SIGNS if head.startswith(start) and inside in head)
+    return next(kinds, None)
+
+
+def _netcdf_kind(path: str | Path) -> str | None:
+    import netCDF4
+
+    try:
+        check_netcdf(path)
+        with netCDF4.Dataset(path) as file:
+            attrs = {name: file.getncattr(name) for name in file.ncattrs()}
+    except (OSError, RuntimeError, ValueError, AttributeError):  # damaged: whose it was is unknown
+        return None
+    if "lab_case" in attrs:
+        return IMPACTS
+    if "case" not in attrs or not str(attrs.get("source", "")).startswith(f"{SIGNATURE} "):
+        return None
+    return RESULT if "boulders_asked" in attrs else ENSEMBLE
+
+
+def _tiff_kind(path: str | Path) -> str | None:
+    import rasterio
+
+    try:
+        with rasterio.open(path) as file:
+            return MAP if file.tags().get("TIFFTAG_SOFTWARE") == SIGNATURE else None
+    except rasterio.errors.RasterioError:
+        return None
+
+
+def _geopackage_kind(path: str | Path) -> str | None:
+    """All layers must be of ours: who added one would lose it."""
+    try:
+        read_only = f"{Path(path).absolute().as_uri()}?mode=ro"
+        with closing(sqlite3.connect(read_only, uri=True)) as file:
+            about = file.execute("SELECT description FROM gpkg_contents").fetchall()
+    except sqlite3.Error:
+        return None
+    return LAYERS if about and all(one == (SIGNATURE,) for one in about) else None
+
+
+@contextmanager
+def whole_folder(
+    folder: str | Path,
+    inputs: Iterable[str | Path] = (),
+    former: Collection[Path] = (),
+    last: str = "",
+) -> Iterator[Path]:
+    """A temporary folder, whose files go to `folder` when the block ends well, `last` at the end,
+    in place of `former` files. When not, nothing has changed."""
+    folder = Path(folder)
+    if folder.exists() and not folder.is_dir():
+        raise RockfallError(f"{folder}: is a file, a folder is needed")
+    place = folder.resolve()
+    base = next(path for path in (place, *place.parents) if path.exists())
+    part = base / f".{place.name}.{os.getpid()}"
+    new, old = part / "new", part / "old"
+    try:
+        for path in part, new, old:
+            path.mkdir()
+        yield new
+        paths = sorted(new.iterdir(), key=lambda path: path.name == last)
+        kinds = dict.fromkeys(former) | {folder / path.name: kind_of(path) for path in paths}
+        check_outputs(kinds, inputs, former)
+        there = sorted(filter(os.path.lexists, kinds), key=lambda path: path.name != last)
+        moves = [(path, old / path.name) for path in there]
+        moves += [(path, folder / path.name) for path in paths]
+        with _made(folder), interrupts():  # all of them, or none
+            _move_all(moves)
+    except OSError as error:
+        raise RockfallError(f"{folder}: cannot be written: {error.strerror or error}") from error
+    except RockfallError as error:
+        raise RockfallError(str(error).replace(str(new), str(folder)), error.code) from error
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
+
+
+@contextmanager
+def _made(folder: Path) -> Iterator[None]:
+    """A folder, with those above it; those that were not there are gone again after an error."""
+    missing = [path for path in (folder, *folder.parents) if not path.exists()]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        yield
+    except BaseException:
+        for path in missing:
+            if path.exists():
+                path.rmdir()
+        raise
+
+
+def _move_all(moves: Iterable[tuple[Path, Path]]) -> None:
+    """Move files one by one; when one cannot be moved, or on Ctrl-C, all are where they were."""
+    begun = []
+    try:
+        for source, target in moves:
+            begun.append((source, target))
+            os.replace(source, target)
+    except BaseException:
+        for source, target in reversed(begun):
+            if os.path.lexists(target) and not os.path.lexists(source):
+                os.replace(target, source)
+        raise

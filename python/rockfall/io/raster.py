@@ -1,0 +1,197 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Between raster files and arrays: elevations in, rasters on the same grid in, maps out.
+
+In memory rasters are north-up and C-ordered, `array[row, column]`, row 0 the northernmost. Files
+are read in blocks of rows, so an array of the right type is all that a large raster costs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from shlex import quote
+from typing import Any
+
+import numpy as np
+
+from rockfall.errors import RockfallError
+from rockfall.io.arrays import from_array
+from rockfall.io.ascii_grid import write_ascii
+from rockfall.io.crs import check_metres, crs_name, is_metre, same_crs
+from rockfall.io.elevations import check_elevations
+from rockfall.io.files import whole_file
+from rockfall.io.grid import NO_ID, Box, Grid, row_blocks
+from rockfall.io.polygons import burn_polygons
+from rockfall.io.raster_file import RasterFile, open_raster
+from rockfall.io.zone_table import index_blocks, material_index, read_zone_table
+
+__all__ = [
+    "NO_ID",
+    "Grid",
+    "aligned_blocks",
+    "burn_polygons",
+    "dem_header",
+    "from_array",
+    "index_blocks",
+    "material_index",
+    "read_aligned",
+    "read_dem",
+    "read_elevations",
+    "read_radii",
+    "read_zone_table",
+    "write_ascii",
+    "write_geotiff",
+]
+
+_TILE = 256  # cells
+
+
+def read_dem(path: str | Path) -> tuple[np.ndarray, Grid]:
+    """Elevations [m], NaN where there are none, and where their cells lie.
+
+    float32 stays float32; integers of 8 and 16 bits become float32, which holds them exactly; all
+    else, and every ESRI ASCII grid, is float64. `path` may be `file.nc:variable`.
+    """
+    grid, _ = dem_header(path)
+    z = read_elevations(path, grid.box)
+    check_elevations(str(path), z)
+    return z, grid
+
+
+def dem_header(path: str | Path) -> tuple[Grid, np.dtype]:
+    """Where the cells of a DEM lie, and the type that its elevations have in memory."""
+    with open_raster(path) as raster:
+        check_metres(raster.grid, raster.path, raster.warp)
+        raster.check_cells()
+        _check_unit(raster, "elevations")
+        return raster.grid, raster.dtype
+
+
+def read_elevations(path: str | Path, box: Box) -> np.ndarray:
+    """Elevations of some cells [m], NaN where there are none."""
+    with open_raster(path) as raster:
+        z = np.empty(box.shape, raster.dtype)
+        for rows, block, valid in raster.blocks(box):
+            z[rows] = block
+            z[rows][~valid] = np.nan
+    return z
+
+
+def read_aligned(path: str | Path, grid: Grid, what: str, dtype: Any) -> np.ndarray:
+    """A raster of `what` (a plural, for messages) that must lie on the cells of `grid`.
+
+    Where the file has no data: NaN, or `NO_ID` when `dtype` is an integer (of 32 bits or more).
+    """
+    array = np.empty(grid.shape, dtype)
+    for rows, block in aligned_blocks(path, grid, what, dtype):
+        array[rows] = block
+    return array
+
+
+def aligned_blocks(
+    path: str | Path, grid: Grid, what: str, dtype: Any, box: Box | None = None
+) -> Iterator[tuple[slice, np.ndarray]]:
+    """The same as `read_aligned`, as blocks of rows: (which rows, values good until the next); of
+    the cells of a box, whose rows count from 0."""
+    dtype = np.dtype(dtype)
+    store = np.empty((0, 0), dtype)
+    with open_raster(path) as raster:
+        _check_aligned(raster, grid, what, "bilinear" if dtype.kind == "f" else "nearest")
+        if dtype.kind == "f":
+            _check_unit(raster, what)
+        for rows, block, valid in raster.blocks(box):
+            if dtype.kind != "f":
+                inside = (block > NO_ID) & (block <= np.iinfo(dtype).max)
+                if block.dtype.kind == "f":
+                    inside &= np.rint(block) == block
+                _refuse(raster.path, what, rows, block, valid & ~inside, "must be integers")
+            if store.shape < block.shape:  # one for all blocks: the heap keeps what comes and goes
+                store = np.empty(block.shape, dtype)
+            values = store[: len(block)]
+            values.fill(np.nan if dtype.kind == "f" else NO_ID)
+            np.copyto(values, block, where=valid, casting="unsafe")
+            yield rows, values
+
+
+def read_radii(path: str | Path, grid: Grid, what: str) -> np.ndarray:
+    """A raster of lengths [m] on the cells of `grid`: float32, > 0 (Inf absorbs), NaN = none."""
+    radii = read_aligned(path, grid, what, np.float32)
+    for rows in row_blocks(grid.shape):
+        _refuse(str(path), what, rows, radii[rows], radii[rows] <= 0, "must be > 0 (Inf absorbs)")
+    return radii
+
+
+def write_geotiff(
+    path: str | Path, array: np.ndarray, grid: Grid, nodata: float | None = None, **tags: Any
+) -> None:
+    """Write a map: tiled, compressed, with its CRS and `tags`; whole or not at all.
+
+    The tags `units` and `long_name` also become the unit and the description of the band.
+    """
+    from rasterio.io import MemoryFile
+    from rasterio.windows import Window
+
+    if array.shape != grid.shape:
+        raise RockfallError(f"{path}: array {array.shape} is not of the grid {grid.shape}", code=1)
+    if array.dtype == bool:
+        array = array.view(np.uint8)
+    profile = {
+        "driver": "GTiff", "width": grid.nx, "height": grid.ny, "count": 1, "crs": grid.crs,
+        "dtype": array.dtype.name, "transform": grid.transform, "nodata": nodata, "tiled": True,
+        "blockxsize": _TILE, "blockysize": _TILE, "compress": "deflate", "bigtiff": "IF_SAFER",
+        "predictor": 3 if array.dtype.kind == "f" else 2 if array.dtype.itemsize < 8 else 1,
+    }  # fmt: skip
+    # GDAL does not tell when the disk is full while it closes a file, so Python writes the bytes.
+    with MemoryFile() as memory, whole_file(path) as part:
+        with memory.open(**profile) as file:
+            for rows in row_blocks(grid.shape, _TILE):
+                window = Window(0, rows.start, grid.nx, rows.stop - rows.start)
+                file.write(array[rows], 1, window=window)
+            file.update_tags(**tags)
+            file.units = [str(tags.get("units", ""))]
+            file.set_band_description(1, str(tags.get("long_name", "")))
+        part.write_bytes(memory.getbuffer())
+
+
+def _check_unit(raster: RasterFile, what: str) -> None:
+    """Refuse lengths in any unit but the metre."""
+    unit = raster.source.units[0]
+    if not is_metre(unit):
+        raise RockfallError(f"{raster.path}: {what} are in {unit}, metres are needed")
+
+
+def _check_aligned(raster: RasterFile, grid: Grid, what: str, resampling: str) -> None:
+    """Refuse a raster that does not lie on `grid`; offer the command that puts it there."""
+    own, dem, apart = raster.grid, grid.path or "the terrain", False
+    if not same_crs(own.crs, grid.crs):
+        problem = f"{what} are in {crs_name(own.crs)}, {dem} is in {crs_name(grid.crs)}"
+    elif not (flaw := raster.flaw()) and own.matches(grid):
+        return
+    else:
+        apart = not flaw and not own.overlaps(grid)
+        verb = "lie apart from" if apart else "are not on"
+        problem = f"{what} ({flaw or _extent(own)}) {verb} the cells of {dem} ({_extent(grid)})"
+    if grid.path and not apart:
+        options = f"--like {quote(grid.path)} --resampling {resampling}"
+        problem += f"; resample with: {raster.warp(f'on_{Path(grid.path).stem}', options)}"
+    raise RockfallError(f"{raster.path}: {problem}")
+
+
+def _extent(grid: Grid) -> str:
+    """How a grid lies, in a few words."""
+    return (
+        f"{grid.nx} x {grid.ny} cells of {grid.cell:.10g}, "
+        f"corner {grid.west:.12g}, {grid.north:.12g}"
+    )
+
+
+def _refuse(
+    path: str, what: str, rows: slice, block: np.ndarray, bad: np.ndarray, rule: str
+) -> None:
+    """Name the first bad value of a block."""
+    if bad.any():
+        row, column = np.argwhere(bad)[0]
+        raise RockfallError(
+            f"{path}: row {rows.start + row + 1}, column {column + 1}: {block[row, column]:g}: "
+            f"{what} {rule}"
+        )

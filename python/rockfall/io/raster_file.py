@@ -1,0 +1,307 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""One raster file: opened with every doubt about it cleared, read in blocks of rows."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from shlex import quote
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from rockfall.errors import RockfallError
+from rockfall.io.ascii_grid import AsciiCells, is_ascii, open_ascii
+from rockfall.io.elevations import elevation_dtype
+from rockfall.io.gdal_files import BINARY, IMAGINE, TIFF, check_imagine, plain_file, start_of
+from rockfall.io.grid import TOLERANCE, Box, Grid, row_blocks
+from rockfall.io.netcdf_grid import cells_of, open_netcdf
+from rockfall.io.tiff_tags import check_mark
+from rockfall.io.vrt import is_vrt, plain_vrt
+
+if TYPE_CHECKING:
+    from affine import Affine
+    from rasterio.io import DatasetReader
+
+_CACHE = 32  # MB, a row of tiles of a wide raster; GDAL would take 5 % of the machine
+_BLOCK = 2**24  # cells of a tile, or else as many as the raster has
+_NETCDF = (b"CDF\1", b"CDF\2", b"CDF\5", b"\x89HDF\r\n\x1a\n")
+
+
+class Cells(Protocol):
+    """What is stored in a file, and how it is read."""
+
+    @property
+    def dtype(self) -> np.dtype: ...
+
+    @property
+    def packing(self) -> tuple[float, float]:
+        """Scale and offset, by which stored numbers become values."""
+        ...
+
+    def rows(self, box: Box) -> Iterator[tuple[slice, np.ndarray, np.ndarray]]:
+        """Blocks of the rows of a box: (rows in the file, stored numbers, where they are data)."""
+        ...
+
+
+@dataclass(frozen=True)
+class GdalCells:
+    """The cells of a file as GDAL reads them."""
+
+    source: DatasetReader
+
+    @property
+    def dtype(self) -> np.dtype:
+        return np.dtype(self.source.dtypes[0])
+
+    @property
+    def packing(self) -> tuple[float, float]:
+        return float(self.source.scales[0]), float(self.source.offsets[0])
+
+    def rows(self, box: Box) -> Iterator[tuple[slice, np.ndarray, np.ndarray]]:
+        from rasterio.windows import Window
+
+        store = np.empty(0)  # one for all blocks: the heap keeps what comes and goes
+        tile = self.source.block_shapes[0][0]
+        start, width = box.row // tile * tile, box.shape[1]
+        for rows in row_blocks((box.stop_row - start, width), tile):
+            first, stop = max(start + rows.start, box.row), start + rows.stop
+            window = Window(box.column, first, width, stop - first)
+            if not store.size:
+                store = np.empty((rows.stop - rows.start, width), self.source.dtypes[0])
+            block = self.source.read(1, window=window, out=store[: window.height])
+            yield slice(first, stop), block, self.source.read_masks(1, window=window) != 0
+
+
+@dataclass(frozen=True)
+class RasterFile:
+    """An open raster file, and where its cells lie."""
+
+    path: str
+    source: DatasetReader
+    cells: Cells
+    transform: Affine
+    grid: Grid
+
+    @property
+    def dtype(self) -> np.dtype:
+        """The type that holds the elevations of the file as they are."""
+        if self._packed:
+            return np.dtype(np.float64)
+        return elevation_dtype(self.cells.dtype, self.path)
+
+    @property
+    def flipped(self) -> bool:
+        """Whether the first row of the file is the southernmost."""
+        return self.transform.e > 0
+
+    def blocks(self, box: Box | None = None) -> Iterator[tuple[slice, np.ndarray, np.ndarray]]:
+        """(rows in memory, values, where they are data), north-up; good until the next one. Of a
+        box, its rows count from 0."""
+        box = box or self.grid.box
+        scale, offset = self.cells.packing
+        for rows, block, valid in self.cells.rows(self._in_file(box)):
+            if self._packed:  # in double precision, as rockfall-batch does it
+                block = block.astype(np.float64) * scale + offset
+            if block.dtype.kind == "f":
+                valid = valid & ~np.isnan(block)
+            if self.flipped:
+                rows = slice(self.grid.ny - rows.stop, self.grid.ny - rows.start)
+                block, valid = block[::-1], valid[::-1]
+            yield slice(rows.start - box.row, rows.stop - box.row), block, valid
+
+    def warp(self, word: str, options: str) -> str:
+        """The command that resamples this file into dem_word.tif; holes become nodata, not 0."""
+        if self.source.nodata is None:
+            dtype = np.dtype(self.source.dtypes[0])
+            mark = np.iinfo(dtype).max if dtype.kind == "u" else -9999
+            options += f" --src-nodata {mark} --dst-nodata {mark}"
+        path = Path(self.path.replace(".nc:", "_"))
+        out = path.with_name(f"{path.stem}_{word}.tif")
+        return f"rio warp {quote(_rio_name(self.path))} {quote(str(out))} {options}"
+
+    def flaw(self) -> str:
+        """Why its cells cannot be those of a grid; empty when they can."""
+        t, far = self.transform, max(self.grid.shape)
+        if not 0 < abs(t.a) < np.inf:
+            return f"cells have the size {t.a:g}: must be > 0"
+        if max(abs(t.b), abs(t.d)) * far > TOLERANCE * abs(t.a):
+            return "is rotated"
+        if t.a < 0:
+            return "is mirrored: columns run from east to west"
+        if abs(t.a - abs(t.e)) * far > TOLERANCE * t.a:
+            return f"cells are not square ({t.a:.10g} x {abs(t.e):.10g} m)"
+        return ""
+
+    def check_cells(self) -> None:
+        """Refuse cells with a flaw; offer the command that makes square ones."""
+        if not (flaw := self.flaw()):
+            return
+        t = self.transform
+        if t.a < 0 and not t.b:
+            raise RockfallError(f"{self.path}: {flaw}")
+        side = min(float(np.hypot(t.a, t.d)), float(np.hypot(t.b, t.e)))
+        command = self.warp("square", f"--res {side:.10g} --resampling bilinear")
+        raise RockfallError(f"{self.path}: {flaw}; resample with: {command}")
+
+    @property
+    def _packed(self) -> bool:
+        return self.cells.packing != (1.0, 0.0)
+
+    def _in_file(self, box: Box) -> Box:
+        """The box as the rows of the file count."""
+        if not self.flipped:
+            return box
+        return replace(box, row=self.grid.ny - box.stop_row, stop_row=self.grid.ny - box.row)
+
+
+@contextmanager
+def open_raster(path: str | Path) -> Iterator[RasterFile]:
+    """Open a raster of one band that says where it lies; `path` may be `file.nc:variable`.
+
+    Whatever GDAL or netCDF have to say against it, now or while it is read, comes as one line.
+    """
+    import rasterio
+
+    path = str(path)
+    with rasterio.Env(GDAL_CACHEMAX=_CACHE), warnings.catch_warnings(), ExitStack() as stack:
+        warnings.simplefilter("ignore", rasterio.errors.NotGeoreferencedWarning)
+        try:
+            raster = _opened(path, stack)
+            _check_packing(raster)
+            _check_size(raster)
+            yield raster
+        except (rasterio.errors.RasterioError, OSError, RuntimeError, UnicodeDecodeError) as error:
+            raise RockfallError(
+                f"{path}: cannot be read as a raster (unknown format, truncated or damaged): "
+                f"{error.__cause__ or error}"
+            ) from error
+
+
+def raster_files(path: str | Path) -> set[str]:
+    """Every file that a raster is read from: its own, those beside it, the tiles of a mosaic. What
+    cannot be opened has its own alone; who reads it says what is wrong."""
+    import rasterio
+
+    found, waiting = set(), {raster_file(str(path))}
+    with rasterio.Env(), warnings.catch_warnings():  # what GDAL says goes nowhere
+        warnings.simplefilter("ignore", rasterio.errors.NotGeoreferencedWarning)
+        while waiting:
+            found.add(file := waiting.pop())
+            try:
+                with ExitStack() as stack:
+                    files = _opened(file, stack).source.files  # a tile has files beside it, too
+                    waiting |= set(filter(os.path.exists, files)) - found
+            except (RockfallError, rasterio.errors.RasterioError, OSError, RuntimeError):
+                pass
+    return found
+
+
+def raster_file(path: str) -> str:
+    """The file of a raster, which may be one variable of a netCDF file: `file.nc:variable`."""
+    return path.rpartition(":")[0] if ".nc:" in path and not os.path.exists(path) else path
+
+
+def _opened(path: str, stack: ExitStack) -> RasterFile:
+    """The file by its format; what was opened for it is closed with the stack."""
+    file = raster_file(path)
+    variable = path[len(file) + 1 :]
+    name = plain_file(file)
+    start = start_of(file)
+    if start.startswith(_NETCDF):
+        data = stack.enter_context(open_netcdf(file))
+        name = f'NETCDF:"{name}":{variable}' if variable else name
+        source = _dataset(path, name, ("netCDF",), stack)
+        variable = variable or source.tags(1).get("NETCDF_VARNAME", "")
+        return _raster(path, source, cells_of(path, data, variable, source.transform))
+    if variable:
+        raise RockfallError(f"{path}: {file} is not a netCDF file")
+    if is_ascii(start):
+        cells = open_ascii(file)
+        return _raster(path, _dataset(path, name, ("AAIGrid",), stack), cells)
+    if start.startswith(TIFF):
+        check_mark(file)
+    if start.startswith(IMAGINE):
+        check_imagine(file)
+    if is_vrt(start):
+        source = _dataset(path, plain_vrt(file), ("VRT",), stack)
+    else:
+        source = _dataset(path, name, BINARY, stack)
+    return _raster(path, source, GdalCells(source))
+
+
+def _dataset(path: str, name: str, drivers: tuple[str, ...], stack: ExitStack) -> DatasetReader:
+    """What GDAL opens by one of some drivers; one band that lies somewhere."""
+    from rasterio.io import DatasetReader
+
+    source = stack.enter_context(DatasetReader(name, driver=list(drivers)))
+    _check_band(path, source)
+    _check_place(path, source)
+    return source
+
+
+def _raster(path: str, source: DatasetReader, cells: Cells) -> RasterFile:
+    t = cells.transform if isinstance(cells, AsciiCells) else source.transform
+    if (source.height, source.width) != getattr(cells, "shape", source.shape):
+        raise RockfallError(f"{path}: GDAL reads another header: malformed")
+    north = t.f if t.e < 0 else t.f + source.height * t.e
+    grid = Grid(t.c, north, t.a, source.width, source.height, source.crs, path)
+    return RasterFile(path, source, cells, t, grid)
+
+
+def _rio_name(path: str) -> str:
+    """The name by which rio opens a file, or one variable of a netCDF file."""
+    file = raster_file(path)
+    return f'NETCDF:"{file}":{path[len(file) + 1 :]}' if file != path else file
+
+
+def _check_band(path: str, source: DatasetReader) -> None:
+    if source.count == 0 and source.subdatasets:
+        names = (f"{path}:{name.rpartition(':')[2]}" for name in source.subdatasets)
+        raise RockfallError(f"{path}: has several rasters, take one of: {', '.join(names)}")
+    if source.count != 1:
+        raise RockfallError(f"{path}: has {source.count} bands, exactly one is needed")
+    if np.dtype(source.dtypes[0]).kind not in "iuf":
+        raise RockfallError(f"{path}: holds {source.dtypes[0]}, real numbers are needed")
+
+
+def _check_place(path: str, source: DatasetReader) -> None:
+    """Refuse a raster that lies nowhere."""
+    if not source.transform.is_identity:
+        return
+    if source.driver != "netCDF":
+        raise RockfallError(f"{path}: does not say where it lies (no georeference)")
+    raise RockfallError(
+        f"{path}: its coordinates are not marked as such: give x the attribute axis = 'X' and "
+        "y the attribute axis = 'Y'"
+    )
+
+
+def _check_packing(raster: RasterFile) -> None:
+    scale, offset = raster.cells.packing
+    if not (np.isfinite([scale, offset]).all() and scale):
+        raise RockfallError(
+            f"{raster.path}: scale {scale:g}, offset {offset:g}: must be finite, the scale not 0"
+        )
+
+
+def _check_size(raster: RasterFile) -> None:
+    """Refuse a header that promises more than the machine can hold."""
+    ny, nx = raster.grid.shape
+    need = 4e-9 * nx * ny
+    have = 1e-9 * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    if need > have:
+        raise RockfallError(
+            f"{raster.path}: {nx} x {ny} cells need {need:.0f} GB of memory, "
+            f"this machine has {have:.0f} GB"
+        )
+    rows, columns = raster.source.block_shapes[0]
+    if rows * columns > max(nx * ny, _BLOCK):
+        raise RockfallError(
+            f"{raster.path}: tiles of {columns} x {rows} cells, of a raster of {nx} x {ny}: "
+            "damaged"
+        )

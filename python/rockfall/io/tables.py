@@ -1,0 +1,161 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Tables for people: CSV that they write, CSV that their spreadsheets open, columns of text."""
+
+from __future__ import annotations
+
+import csv
+import math
+import re
+from collections.abc import Iterable, Iterator
+from itertools import zip_longest
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple, NoReturn
+
+from rockfall.errors import RockfallError
+from rockfall.io.files import check_text_file, whole_file
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+MOST_COLUMNS = 1000  # as in io/csv.f90
+# What base/decimal.f90 takes for a number, and no more (Python would read 1_000 too).
+# Texts that a spreadsheet would run as formulas, or that would be taken for such texts made safe.
+_FORMULA = re.compile(r"'*[=+\-@\t\r]")
+_DECIMAL = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eEdD][+-]?[0-9]+)?")
+
+
+def table_rows(path: str | Path) -> Iterator[tuple[int, list[str]]]:
+    """(line number, cells) of each line that is not blank; commas or semicolons part the cells.
+    Those that `spreadsheet_text` made safe are as they were."""
+    line = 1
+    check_text_file(path)
+    try:
+        with open(path, encoding="utf-8-sig", newline="") as file:
+            first = file.readline()
+            separator = ";" if first.count(";") > first.count(",") else ","
+            file.seek(0)
+            reader = csv.reader(file, delimiter=separator, skipinitialspace=True, strict=True)
+            for row in reader:
+                if len(row) > MOST_COLUMNS:
+                    raise RockfallError(f"{path}: line {line}: more than {MOST_COLUMNS} columns")
+                cells = [_as_it_was(cell.strip()) for cell in row]
+                if any(cells):
+                    yield line, cells
+                line = reader.line_num + 1
+    except OSError as error:
+        raise RockfallError(f"{path}: {(error.strerror or str(error)).lower()}") from error
+    except UnicodeDecodeError as error:
+        raise RockfallError(f"{path}: is not text in UTF-8") from error
+    except csv.Error as error:
+        raise RockfallError(f"{path}: line {line}: {error}") from error
+
+
+def decimal(text: str) -> float:
+    """The number that a text spells; NaN where it spells none, or one past all bounds."""
+    if not _DECIMAL.fullmatch(text):
+        return math.nan
+    value = float(text.lower().replace("d", "e"))
+    return value if math.isfinite(value) else math.nan
+
+
+def plain_decimal(text: str) -> float:
+    """The same, without the exponents that Fortran alone knows (1d3)."""
+    return math.nan if "d" in text.lower() else decimal(text)
+
+
+class Row(NamedTuple):
+    """A row of a file: where it stands, and its cells by column."""
+
+    where: str
+    cells: dict[str, str]
+
+    def refuse(self, column: str, rule: str) -> NoReturn:
+        raise RockfallError(f"{self.where}: {column} = {self.cells[column]}: {rule}")
+
+    def text(self, column: str) -> str:
+        return self.cells[column] or self.refuse(column, "must not be empty")
+
+    def word(self, column: str, allowed: Iterable[str]) -> str:
+        if self.cells[column] not in allowed:
+            self.refuse(column, f"must be {', '.join(allowed)}")
+        return self.cells[column]
+
+    def number(self, column: str, least: float = -math.inf, most: float = math.inf) -> float:
+        value = decimal(self.cells[column])
+        if not least <= value <= most:
+            limits = (f" {sign} {limit:g}" for sign, limit in ((">=", least), ("<=", most)))
+            shown = [text for text in limits if "inf" not in text]
+            self.refuse(column, "must be a number" + " and".join(shown))
+        return value
+
+    def maybe(self, column: str, least: float = -math.inf, most: float = math.inf) -> float:
+        """A number, or NaN where the column or the cell is not there."""
+        return self.number(column, least, most) if self.cells.get(column) else math.nan
+
+
+def read_table(path: str | Path) -> tuple[str, list[str], Iterator[Row]]:
+    """Where the header of a table stands, its columns in small letters, each there once, and the
+    rows below it: one at least, as long as the header."""
+    lines = table_rows(path)
+    number, header = next(lines, (1, []))
+    columns = [name.lower() for name in header]
+    where = f"{path}: line {number}"
+    if not columns:
+        raise RockfallError(f"{path}: is empty")
+    for name in columns:
+        if columns.count(name) > 1:
+            raise RockfallError(f"{where}: column {name}: is there twice")
+    return where, columns, _rows(path, columns, lines)
+
+
+def check_columns(where: str, columns: list[str], allowed: Iterable[str]) -> None:
+    """Refuse a column that is none of those allowed."""
+    for name in columns:
+        if name not in allowed:
+            raise RockfallError(f"{where}: column {name}: must be {', '.join(allowed)}")
+
+
+def _rows(
+    path: str | Path, columns: list[str], lines: Iterator[tuple[int, list[str]]]
+) -> Iterator[Row]:
+    any_row = False
+    for number, cells in lines:
+        where, any_row = f"{path}: line {number}", True
+        if len(cells) != len(columns):
+            raise RockfallError(f"{where}: {len(cells)} columns, the header has {len(columns)}")
+        yield Row(where, dict(zip(columns, cells, strict=True)))
+    if not any_row:
+        raise RockfallError(f"{path}: no rows below the header")
+
+
+def write_csv(table: pd.DataFrame, path: str | Path) -> None:
+    """Write a table without its index, whole or not at all; its texts are safe in a spreadsheet."""
+
+    def safe(value: object) -> object:
+        return spreadsheet_text(value) if isinstance(value, str) else value
+
+    table = table.rename(columns=safe)
+    texts = {name: one.map(safe) for name, one in table.items() if one.dtype.kind == "O"}
+    with whole_file(path) as part, open(part, "w", encoding="utf-8", newline="") as file:
+        table.assign(**texts).to_csv(file, index=False)
+
+
+def spreadsheet_text(text: str) -> str:
+    """A text, with an apostrophe before one that a spreadsheet would run as a formula. No number
+    may come here: -1.5 is one."""
+    return f"'{text}" if _FORMULA.match(text) else text
+
+
+def _as_it_was(cell: str) -> str:
+    return cell[1:] if cell.startswith("'") and _FORMULA.match(cell) else cell
+
+
+def aligned(rows: Iterable[list[str]]) -> str:
+    """Columns as wide as their longest cell, the first to the left, the others to the right."""
+    rows = list(rows)
+    widths = [max(map(len, column)) for column in zip_longest(*rows, fillvalue="")]
+    lines = []
+    for first, *cells in rows:
+        padded = (f"{cell:>{wide}}" for cell, wide in zip(cells, widths[1:], strict=False))
+        lines.append("  ".join([f"{first:{widths[0]}}", *padded]).rstrip())
+    return "\n".join(lines)

@@ -1,0 +1,129 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The figure of a measured convergence."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rockfall.analysis.convergence import AS_GIVEN, KEYS, NUMBERS, SIZE, Convergence
+from rockfall.plots.style import BLUE, GREEN, GREY, INK, VERMILION, new_figure, plain, save, styled
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+COLOURS = {"share": INK, "mean": BLUE, "std": GREEN, "q95": VERMILION, "max": GREY}
+MARKERS = {"boulders": "D", "speed": "o", "passing_height": "s", "energy_total": "^"}
+LABELS = {  # label, unit, scale
+    "boulders": ("share that passes", "%", 100.0),
+    "speed": ("speed", "m/s", 1.0),
+    "passing_height": ("passing height", "m", 1.0),
+    "energy_total": ("total energy", "kJ", 1e-3),
+}
+
+
+def figure(found: Convergence, paths: Sequence[Path]) -> None:
+    """Draw what was measured: for each line its numbers against the number of boulders, and below
+    them errors. Written to each of `paths`, in the format of its ending."""
+    page = _page(found)
+    for path in paths:
+        save(page, path, dpi=200)
+
+
+@styled
+def _page(found: Convergence) -> Figure:
+    lines = list(dict.fromkeys(found.study["line"]))
+    page = new_figure(9.6, 4.7 * len(lines) + 0.5)
+    page.get_layout_engine().set(w_pad=0.06, h_pad=0.06)
+    for block, line in zip(page.add_gridspec(len(lines), 1), lines, strict=True):
+        upper, lower = block.subgridspec(2, 1, height_ratios=[1, 1.25])
+        for axes, quantity in zip(upper.subgridspec(1, 4).subplots(), LABELS, strict=True):
+            _study(axes, _at(found.study, line, quantity), quantity, plain(line))
+        left, right = lower.subgridspec(1, 2).subplots(sharey=True)
+        _errors(left, _at(found.error, line), _at(found.cost, line), plain(line))
+        _terrains(right, _at(found.numerical, line), plain(line))
+        if left.get_yscale() == "log":
+            left.set_ylim(bottom=0.01)  # less matters to nobody
+    page.legend(handles=_key(), loc="outside lower center", ncols=5)
+    return page
+
+
+def _at(table: pd.DataFrame, line: str, quantity: str | None = None) -> pd.DataFrame:
+    rows = table["line"] == line
+    return table[rows if quantity is None else rows & (table["quantity"] == quantity)]
+
+
+def _study(axes: Axes, table: pd.DataFrame, quantity: str, line: str) -> None:
+    """Numbers of a quantity against the number of boulders, with their 95 % bands."""
+    label, unit, scale = LABELS[quantity]
+    for statistic, one in table.groupby("statistic", sort=False):
+        n, colour = one["boulders"], COLOURS[statistic]
+        axes.fill_between(n, scale * one["low"], scale * one["high"], color=colour, alpha=0.2, lw=0)
+        axes.plot(n, scale * one["value"], color=colour, marker=MARKERS[quantity], ms=3, lw=1)
+    n = table["boulders"]  # also where nobody crosses
+    axes.set(xlabel="boulders from each source", xlim=(0.8 * n.min(), 1.25 * n.max()))
+    _logarithmic(axes, "x", (1,))
+    if quantity != "boulders" and (table["value"] > 0).any():
+        _logarithmic(axes, "y")  # equal heights are equal per cents
+    axes.set_title(f"{label.capitalize()} at {line} [{unit}]")
+
+
+def _errors(axes: Axes, table: pd.DataFrame, cost: pd.DataFrame, line: str) -> None:
+    """Statistical error against CPU time, both on logarithmic scales."""
+    for (quantity, statistic), one in table.groupby(KEYS[1:], sort=False):
+        look = {"color": COLOURS[statistic], "marker": MARKERS[quantity], "ms": 3.5, "lw": 0.8}
+        axes.plot(one["cpu_seconds"], 100 * one["error"], **look)
+    axes.set(xlabel="CPU time [s]", ylabel="error [%]")
+    if not len(table):
+        axes.set_title(f"Statistical error at {line}: too few boulders cross it")
+        return
+    _logarithmic(axes, "x")
+    _logarithmic(axes, "y", (1,))
+    slope = cost["slope"]
+    axes.set_title(f"Statistical error at {line}: slopes {slope.min():.2f} to {slope.max():.2f}")
+
+
+def _terrains(axes: Axes, table: pd.DataFrame, line: str) -> None:
+    """What each variant of the terrain changes, beside the statistical error of the one given."""
+    variants = list(dict.fromkeys(table["variant"]))
+    labels = []
+    for k, variant in enumerate(variants):
+        one = table[table["variant"] == variant]
+        given = variant == AS_GIVEN
+        height = 100 * (one["statistical_error"] if given else one["change"].abs())
+        for place, (key, y, error) in enumerate(
+            zip(one[KEYS[1:]].values, height, 100 * one["change_error"], strict=True)
+        ):
+            colour = COLOURS[key[1]]
+            look = {"marker": MARKERS[key[0]], "ms": 4, "mfc": "white" if given else colour}
+            at = k + 0.07 * (place - (len(NUMBERS) - 1) / 2)
+            axes.errorbar(at, y, None if given else error, color=colour, lw=0.8, **look)
+        what = f"chance with\n{SIZE:,} boulders" if given else variant
+        labels.append(f"{what}\n{one['cpu_seconds'].iloc[0]:.2g} s")
+    axes.set_xticks(range(len(variants)), labels)
+    axes.set_title(f"Numerical error at {line}, CPU time of {SIZE:,} boulders")
+
+
+def _logarithmic(axes: Axes, way: str, digits: tuple[int, ...] = (1, 2, 5)) -> None:
+    """A logarithmic axis, x or y, with few plain numbers."""
+    from matplotlib.ticker import LogLocator, NullLocator
+
+    axes.set(**{f"{way}scale": "log"})
+    axis = getattr(axes, f"{way}axis")
+    axis.set_major_locator(LogLocator(subs=digits))
+    axis.set_minor_locator(NullLocator())
+    axis.set_major_formatter("{x:,g}")
+
+
+def _key() -> list:
+    from matplotlib.lines import Line2D
+
+    colours = [Line2D([], [], color=colour, label=name) for name, colour in COLOURS.items()]
+    marks = [
+        Line2D([], [], color=INK, lw=0, marker=marker, ms=4, label=LABELS[quantity][0])
+        for quantity, marker in MARKERS.items()
+    ]
+    return [*colours, *marks]

@@ -1,0 +1,224 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Every figure that a result can feed, each with its caption: those of the paper, for any case."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rockfall.analysis.line_statistics import share_interval, sources
+from rockfall.analysis.terrain import terrain_of
+from rockfall.case import case_of
+from rockfall.errors import RockfallError, need
+from rockfall.io.output_files import FIGURE, check_outputs, whole_folder
+from rockfall.plots.line_figures import QUANTITIES, distribution_figure, passing_figure
+from rockfall.plots.map_figures import (
+    MOST_WAYS,
+    PASSED,
+    is_share,
+    map_figure,
+    map_note,
+    passed_map,
+    stops_figure,
+    ways_figure,
+)
+from rockfall.plots.rebound_figures import ENERGY, RESTITUTION, histogram, histogram_figure
+from rockfall.plots.style import FORMATS, count, save
+from rockfall.plots.trajectory_figures import way_figure
+from rockfall.result.trajectories import ends, flights, lines
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib import figure
+
+    from rockfall.lab.sets import Sets
+    from rockfall.result.trajectories import Terrain
+
+__all__ = ["Figure", "figures", "map_figure", "terrain_of", "write_figures"]
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One figure: a name for files, a title, a sentence on what is seen; `draw` makes it."""
+
+    name: str
+    title: str
+    caption: str
+    draw: Callable[[], figure.Figure]
+
+
+def figures(
+    result: xr.Dataset, terrain: Terrain | None = None, observed: Any = None
+) -> list[Figure]:
+    """The figures of a result, in the order in which they are read.
+
+    `terrain`, from `terrain_of`, puts relief under maps and ground under profiles. `observed` is
+    what `rockfall.analysis.observations.read_observed` gives: its summaries and samples come beside
+    the distributions at the lines, its distances and shares beside the curve of passing, its stops
+    on the maps.
+    """
+    if not result.sizes.get("boulder"):
+        raise RockfallError("a result without boulders has no figures")
+    return [*_ways(result, terrain), *_reach(result, terrain, observed),
+            *_at_lines(result, observed), *_rebounds(result), *_maps(result, terrain)]  # fmt: skip
+
+
+def write_figures(
+    shown: Iterable[Figure],
+    folder: str | Path,
+    format: str = "png",
+    inputs: Iterable[str | Path] = (),
+) -> list[Path]:
+    """Write figures to a folder, which is made where it is missing, all of them or none, over no
+    file of the `inputs` and nothing but figures of ours; returns the files written."""
+    if format not in FORMATS:
+        raise RockfallError(f"format = '{format}': must be one of {', '.join(FORMATS)}")
+    need("figures need", "report", "matplotlib")
+    files = {f"{one.name}.{format}": one.draw for one in shown}
+    inputs = list(inputs)
+    check_outputs({Path(folder) / name: FIGURE for name in files}, inputs)  # drawing takes long
+    with whole_folder(folder, inputs) as part:
+        for name, draw in files.items():
+            save(draw(), part / name)
+    return [Path(folder) / name for name in files]
+
+
+def _ways(result: xr.Dataset, terrain: Terrain | None) -> Iterator[Figure]:
+    """Recorded trajectories (paper, Fig. 4)."""
+    if not any(np.ptp(way.z) > 0 for way in flights(result, MOST_WAYS)):
+        return  # none recorded, or none that moved
+    recorded = np.unique(result["trajectory_boulder"].values).size
+    drawn = count(min(recorded, MOST_WAYS), "boulder")
+    of = f"the first {drawn} of {result.sizes['boulder']:,}"
+    yield Figure(
+        "trajectories",
+        "Trajectories in plan",
+        f"Trajectories of {of}.",
+        lambda: ways_figure(result, terrain),
+    )
+    yield Figure(
+        "profile",
+        "Profile, height and speed along the way",
+        f"Elevation at true scale, height above the ground and speed of {of} against the plan "
+        "distance from the start; dashed: where half of those that cross a line have done so.",
+        lambda: way_figure(result, terrain),
+    )
+
+
+def _reach(result: xr.Dataset, terrain: Terrain | None, observed: Any) -> Iterator[Figure]:
+    """How far boulders come, and where (paper, Figs 9 and 10)."""
+    boulders = count(result.sizes["boulder"], "boulder")
+    gone = int(ends(result)["left_domain"].sum())
+    beyond = f"; how far the {gone:,} came that left the terrain is not known: dotted"
+    yield Figure(
+        "passing",
+        "Boulders that pass a distance",
+        f"Share of {boulders} that come at least as far from the start, with its 95 % band at "
+        f"each distance{beyond if gone else ''}.",
+        lambda: passing_figure(result, observed),
+    )
+    stops = None if observed is None else observed.stops
+    also = f", and {count(len(stops), 'observed stop')}" if stops is not None else ""
+    yield Figure(
+        "stops",
+        "Where boulders stop",
+        f"Where {boulders} ended{also}.",
+        lambda: stops_figure(result, terrain, stops),
+    )
+    if name := passed_map(result):
+        yield Figure(
+            "pass_frequency",
+            "Pass frequency",
+            f"Share of {boulders} that pass each cell; outline: 1 %{also}.",
+            lambda: map_figure(result, name, terrain, stops),
+        )
+
+
+def _at_lines(result: xr.Dataset, observed: Any) -> Iterator[Figure]:
+    """Distributions at the evaluation lines (paper, Figs 8 and 11)."""
+    if not lines(result):
+        return
+    source, passed = sources(result), []
+    for name, x in zip(result["line"].values, result["line_x"].values, strict=True):
+        share, low, high = (100 * s for s in share_interval(np.isfinite(x), source))
+        n = np.isfinite(x).sum()
+        passed.append(f"{n:,} at {name} ({share:.1f} %, 95 % interval {low:.1f} to {high:.1f} %)")
+    for name, (label, _, _) in QUANTITIES.items():
+        yield Figure(
+            f"line_{name}",
+            f"{label[0].upper()}{label[1:]} at the lines",
+            f"Distribution of {label} among the boulders that pass, {'; '.join(passed)}; below: "
+            "mean and one standard deviation to each side; the axis ends where one in 500 lies "
+            "beyond.",
+            lambda name=name: distribution_figure(result, name, observed),
+        )
+
+
+def _rebounds(result: xr.Dataset) -> Iterator[Figure]:
+    """Over all rebounds (paper, Figs 11 to 14), and the impact set behind them (Fig. 5)."""
+    if "incidence_angle_histogram" in result and result["incidence_angle_histogram"].any():
+        n = count(int(result["incidence_angle_histogram"].sum()), "rebound")
+        share, edges = histogram(result, "tangential_share")
+        most = share[edges[:-1] > 0.75].sum()  # classes of 0.02
+        for name, title, what, shown in (
+            ("incident_energy", "Shares of the incident energy",
+             f"Tangential, normal and rotational share of the incident energy of {n}; the "
+             f"tangential one is above 0.76 in {most:.0%} (the paper: above 0.75 in 93 %).",
+             ENERGY),
+            ("incidence_angle", "Incidence angles",
+             f"Angle between the surface and the incoming velocity of {n}; 90 degrees is "
+             "vertical to the surface.", ("incidence_angle",)),
+            ("restitution", "Tangential and normal restitution",
+             f"R_t and R_n of {n}, the last class with all beyond; dotted: what the paper prints.",
+             RESTITUTION),
+        ):  # fmt: skip
+            yield Figure(name, title, what, lambda shown=shown: histogram_figure(result, *shown))
+    impact_set = set_of(result)
+    if impact_set is not None:
+        yield Figure(
+            "impact_set",
+            "The impact set",
+            f"R_t and R_n of the set {impact_set.name} against the incidence angle, without spin: "
+            "mean and the middle 80 % of admissible draws; grey: what the paper prints.",
+            lambda: _set_figure(impact_set),
+        )
+
+
+def set_of(result: xr.Dataset) -> Sets | None:
+    """The impact set of a run, where its file is still there as it was."""
+    from rockfall.lab.sets import read_sets
+    from rockfall.scene.scene import _checksum, set_path
+
+    try:
+        path = set_path(case_of(result))
+        same = _checksum(path) == result.attrs["impact_set_checksum"]
+        return read_sets(path)[0] if same else None
+    except RockfallError:
+        return None
+
+
+def _set_figure(impact_set: Sets) -> figure.Figure:
+    from rockfall.plots.lab import draw_restitution
+
+    return draw_restitution([impact_set])
+
+
+def _maps(result: xr.Dataset, terrain: Terrain | None) -> Iterator[Figure]:
+    """Every map that is not drawn already, in the order of the result."""
+    boulders = count(result.sizes["boulder"], "boulder")
+    for name, variable in result.data_vars.items():
+        if variable.dims != ("y", "x") or name in PASSED:
+            continue
+        what = variable.attrs["long_name"]
+        notes = ["outline: 1 %" if is_share(name) else "", map_note(result, name)]
+        said = "".join(f"; {note}" for note in notes if note)
+        yield Figure(
+            f"map_{name}",
+            what[0].upper() + what[1:],
+            f"{what[0].upper()}{what[1:]} in each cell, of {boulders}{said}.",
+            lambda name=name: map_figure(result, name, terrain),
+        )

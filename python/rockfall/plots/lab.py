@@ -1,0 +1,173 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Figures of the laboratory: layers, impacts, and what was made of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rockfall.lab.case import names
+from rockfall.lab.fit import impacts_of
+from rockfall.lab.sets import restitution
+from rockfall.plots.style import BLUE, GREY, INK, STYLE, VERMILION, WIDE, new_figure, save, styled
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from rockfall.lab.experiment import Layers
+    from rockfall.lab.sets import Sets
+
+ROCK, BOULDER = "#D9D4CB", "#E69F00"
+ANGLES = np.arange(5.0, 90.1, 2.5)  # incidence [degrees]
+LAST_RT = 60.0  # [degrees]; beyond, V_t_in is too small to divide by
+KNOWN = {"R_t": [((5, 30), (0.7, 0.7))], "R_n": [((90,), (0.4,)), ((10, 20), (1.0, 1.0))]}
+
+
+def layer_figure(layers: Layers, path: str | Path) -> None:
+    """A picture of the first layer: from above, and a section through its middle."""
+    import matplotlib.pyplot as plt
+
+    x, radius, facts = layers.one(0)
+    width = facts[names(7).index("width")]
+    with plt.rc_context(STYLE):
+        figure, (above, section) = plt.subplots(1, 2, figsize=(7.2, 3.6), layout="constrained")
+        order = np.argsort(x[:, 2])
+        _discs(above, x[order, :2], radius[order], ROCK)
+        above.set(xlim=(0, width), ylim=(0, width), xlabel="x [m]", ylabel="y [m]")
+        above.set_title(f"{len(radius)} rocks from above")
+        _section(section, x, radius, width / 2)
+        section.axhline(facts[0], color=BLUE, lw=0.8)
+        section.set(xlim=(0, width), ylim=(0, 1.05 * facts[1]), xlabel="x [m]", ylabel="z [m]")
+        section.set_title(f"section; mean height of the surface {facts[0]:.2f} m")
+        _save(figure, path)
+
+
+def impact_figure(films: Sequence[Mapping[str, Any]], width: float, path: str | Path) -> None:
+    """Before and after: each film of `experiment.film` a column, a section through the boulder at
+    the first contact above, at its max upward speed below, with its trajectory and velocities."""
+    import matplotlib.pyplot as plt
+
+    with plt.rc_context(STYLE):
+        figure, panels = plt.subplots(
+            2, len(films), figsize=(3.6 * len(films), 3.6), squeeze=False, sharex=True,
+            sharey=True, layout="constrained",
+        )  # fmt: skip
+        for column, film in zip(panels.T, films, strict=True):
+            x, v, r = film["centres"], film["velocities"], film["radius"]
+            end = int(np.searchsorted(film["time"], film["outcome"]["duration"]))
+            end = min(end, len(x) - 1)
+            middle = x[0, -1].copy()
+            for axes, k in ((column[0], 0), (column[1], end)):
+                place = x[k].copy()
+                place[:, :2] += width * np.round((x[k, -1, :2] - place[:, :2]) / width)
+                place[:, 0] -= middle[0]
+                _section(axes, place[:-1], r[:-1], place[-1, 1])
+                boulder = place[-1, [0, 2]]
+                _discs(axes, boulder[None], r[-1:], BOULDER)
+                scale = 2.5 * r[-1] / np.linalg.norm(v[0, -1, :3])
+                axes.annotate(
+                    "", boulder + scale * v[k, -1, [0, 2]], boulder,
+                    arrowprops={"arrowstyle": "->", "color": INK, "lw": 1.2},
+                )  # fmt: skip
+                axes.axhline(film["surface"], color=BLUE, lw=0.6)
+            trajectory = x[: end + 1, -1, [0, 2]] - [middle[0], 0]
+            column[1].plot(*trajectory.T, color=VERMILION, lw=1)
+            column[0].set_title(film["title"])
+            column[1].set_title(f"{1e3 * film['time'][end]:.0f} ms later")
+            column[1].set_xlabel("x [m]")
+        panels[0, 0].set(
+            xlim=(-0.5 * width, 0.5 * width),
+            ylim=(0, max(1.02 * (f["centres"][0, -1, 2] + 2 * f["radius"][-1]) for f in films)),
+        )
+        for axes in panels[:, 0]:
+            axes.set_ylabel("z [m]")
+        _save(figure, path)
+
+
+def _section(axes: Axes, x: np.ndarray, radius: np.ndarray, y: float) -> None:
+    """The discs in which a vertical plane cuts the spheres."""
+    square = radius**2 - (x[:, 1] - y) ** 2
+    cut = square > 0
+    _discs(axes, x[cut][:, [0, 2]], np.sqrt(square[cut]), ROCK)
+
+
+def restitution_figure(sets: Sequence[Sets], path: str | Path) -> None:
+    """Write `draw_restitution`."""
+    save(draw_restitution(sets, (10.5, 4.6)), path, 200)
+
+
+@styled
+def draw_restitution(sets: Sequence[Sets], size: tuple[float, float] = (WIDE, 3.6)) -> Figure:
+    """R_t and R_n against the incidence angle for each ratio, without spin (the paper's Fig. 5):
+    mean and the middle 80 % of the admissible draws of each set; what the paper says in grey."""
+    figure = new_figure(*size)
+    panels = figure.subplots(2, 5, sharex=True, sharey="row")
+    looks = ((VERMILION, "-"), (BLUE, (0, (5, 2))))
+    for one, (colour, dashes) in zip(sets, looks, strict=False):
+        for k in range(5):
+            draws = [restitution(one.mean[k], one.covariance[k], angle) for angle in ANGLES]
+            for row, axes in enumerate(panels[:, k]):
+                shown = ANGLES[ANGLES <= (LAST_RT, 90.0)[row]]
+                values = [draw[row] for draw in draws[: shown.size]]
+                known = np.array([v.size > 0 for v in values])  # some draw is admissible
+                shown, values = shown[known], [v for v in values if v.size]
+                if not values:
+                    continue
+                low, high = np.transpose([np.quantile(v, (0.1, 0.9)) for v in values])
+                axes.fill_between(shown, low, high, color=colour, alpha=0.18, lw=0)
+                mean = [v.mean() for v in values]
+                axes.plot(shown, mean, color=colour, lw=1.2, ls=dashes, label=one.name)
+    for row, name in enumerate(KNOWN):
+        for axes in panels[row]:
+            for x, y in KNOWN[name]:
+                axes.plot(x, y, color=GREY, lw=4, alpha=0.5, marker="s", ms=4, zorder=0)
+        panels[row, 0].set_ylabel(name)
+    for k in range(5):
+        panels[0, k].set_title(f"R_b/R_m = {k + 1}")
+        panels[1, k].set_xlim(0, 91)
+    panels[0, 0].set_ylim(0, 1.1)
+    panels[1, 0].set_ylim(0, 2.5)
+    panels[1, 4].legend(loc="upper right")
+    figure.supxlabel("incidence angle [degrees]", fontsize=8)
+    return figure
+
+
+def lateral_figure(data: xr.Dataset, path: str | Path, state: str = "peak") -> None:
+    """Distribution of the lateral deviation of V_t for each ratio, with the paper's classes."""
+    import matplotlib.pyplot as plt
+
+    with plt.rc_context(STYLE):
+        figure, axes = plt.subplots(figsize=(5.2, 3.2), layout="constrained")
+        for ratio in data["ratio"].values:
+            turn = np.sort(impacts_of(data, ratio, state).lateral)
+            axes.plot(turn, np.arange(1, turn.size + 1) / turn.size, label=f"{ratio:g}", lw=1)
+        axes.plot([22.5, 45, 50], [0.72, 0.96, 1.0], "s", color=GREY, label="paper")
+        axes.set(
+            xlim=(0, 90), ylim=(0, 1), xlabel="lateral deviation [degrees]", ylabel="fraction below"
+        )
+        axes.legend(title="R_b/R_m")
+        _save(figure, path)
+
+
+def _discs(axes: Axes, x: np.ndarray, radius: np.ndarray, colour: str) -> None:
+    from matplotlib.collections import EllipseCollection
+
+    axes.add_collection(
+        EllipseCollection(
+            2 * radius, 2 * radius, np.zeros_like(radius), units="x", offsets=x,
+            offset_transform=axes.transData, facecolor=colour, edgecolor=INK, linewidth=0.4,
+        )
+    )  # fmt: skip
+    axes.set_aspect("equal")
+
+
+def _save(figure: Figure, path: str | Path) -> None:
+    import matplotlib.pyplot as plt
+
+    save(figure, path, 200)
+    plt.close(figure)

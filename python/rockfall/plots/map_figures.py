@@ -1,0 +1,378 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Maps of a result over the shaded relief of its terrain."""
+
+from __future__ import annotations
+
+from textwrap import fill
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rockfall.analysis.line_statistics import share_interval
+from rockfall.io.arrays import grid_of
+from rockfall.io.grid import Grid
+from rockfall.plots.style import (
+    BLUE,
+    CUT,
+    INK,
+    NARROW,
+    OBSERVED,
+    VERMILION,
+    WIDE,
+    new_figure,
+    plain,
+    round_step,
+    styled,
+)
+from rockfall.result.trajectories import ends, flights, lines
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.axes import Axes
+    from matplotlib.colors import Normalize
+    from matplotlib.figure import Figure
+
+    from rockfall.result.trajectories import Terrain
+
+    Extent = tuple[float, float, float, float]  # west, east, south, north [m]
+
+DOTS = 1500  # along the longer side of a map; its picture has fewer
+MOST_WAYS = 200  # trajectories drawn
+LIMIT = 0.01  # pass frequency of the outline (paper, Fig. 10)
+TALLEST = 7.2  # of a map [inch]
+SLENDEREST = 1 / 3  # a map's shorter side by its longer
+CELL = 5.0  # of a result that does not say, for margins [m]
+PASSED = ("reach_probability", "passages")  # either tells the pass frequency
+ENDS = (VERMILION, BLUE, INK, INK)  # of each status, with markers . x ^ s
+UNITS = {"J": ("kJ", 1e-3), "m s-1": ("m/s", 1.0), "1": ("", 1.0)}
+
+
+@styled
+def map_figure(
+    result: xr.Dataset,
+    name: str,
+    terrain: Terrain | None = None,
+    observed: np.ndarray | None = None,
+) -> Figure:
+    """A map variable of the result in colours, nothing where no boulder passed; observed stops
+    (n, 2).
+
+    Passages and shares are percentages of all boulders, on one scale for every result, with an
+    outline at 1 %. Of a map with more cells than the picture has dots, each dot shows the greatest
+    of its cells.
+    """
+    figure, axes, extent = _new_map(result, terrain, observed, bar=True)
+    draw_map(axes, result, name, extent)
+    _draw_observed(axes, observed)
+    draw_marks(axes, result, extent)
+    if observed is not None:
+        figure.legend(loc="outside lower center", handletextpad=0.4)
+    return figure
+
+
+@styled
+def ways_figure(result: xr.Dataset, terrain: Terrain | None = None) -> Figure:
+    """Recorded trajectories in plan."""
+    figure, axes, extent = _new_map(result, terrain)
+    draw_ways(axes, result, VERMILION)
+    draw_marks(axes, result, extent)
+    return figure
+
+
+@styled
+def stops_figure(
+    result: xr.Dataset, terrain: Terrain | None = None, observed: np.ndarray | None = None
+) -> Figure:
+    """Where boulders ended, each way of ending with a marker of its own; observed stops (n, 2)."""
+    figure, axes, extent = _new_map(result, terrain, observed)
+    draw_stops(axes, result)
+    _draw_observed(axes, observed)
+    draw_marks(axes, result, extent)
+    key = figure.legend(loc="outside lower center", ncols=2, handletextpad=0.4)
+    for handle in key.legend_handles:
+        handle.set(markersize=5, alpha=1)
+    return figure
+
+
+def is_share(name: str) -> bool:
+    """Whether a map is drawn as a share of all boulders."""
+    return name == "passages" or name.startswith("reach_probability")
+
+
+def passed_map(result: xr.Dataset) -> str | None:
+    """The map that tells the pass frequency, if the result has one."""
+    return next((name for name in PASSED if name in result), None)
+
+
+def reached(result: xr.Dataset, terrain: Terrain | None = None, *places: Any) -> Extent:
+    """What a map shows: all that boulders reached and further places (n, 2), with a margin, not
+    too slender; within the terrain where there is one."""
+    x = [result["start_x"].values, result["stop_x"].values]
+    y = [result["start_y"].values, result["stop_y"].values]
+    if "trajectory_x" in result:
+        x, y = [*x, result["trajectory_x"].values], [*y, result["trajectory_y"].values]
+    maps = [name for name in result.data_vars if result[name].dims == ("y", "x")]
+    everywhere = passed_map(result)  # has a value wherever another map has one
+    for name in [everywhere] if everywhere else maps:
+        passed = result[name].values > of_none(result, name)
+        x = [*x, result["x"].values[passed.any(axis=0)]]
+        y = [*y, result["y"].values[passed.any(axis=1)]]
+    for place in places:
+        if place is not None and len(place):
+            x, y = [*x, place[:, 0]], [*y, place[:, 1]]
+    x, y = np.concatenate(x), np.concatenate(y)
+    longest = max(np.ptp(x), np.ptp(y))
+    margin = 0.06 * longest + 3 * cell_of(result)
+    least = SLENDEREST * (longest + 2 * margin) / 2
+    west, east = _around(x, margin, least)
+    south, north = _around(y, margin, least)
+    if terrain is None:
+        return west, east, south, north
+    grid = terrain[1]
+    west, east = max(west, grid.west), min(east, grid.east)
+    return west, east, max(south, grid.south), min(north, grid.north)
+
+
+def _around(c: np.ndarray, margin: float, least: float) -> tuple[float, float]:
+    middle, half = (c.min() + c.max()) / 2, max(np.ptp(c) / 2 + margin, least)
+    return float(middle - half), float(middle + half)
+
+
+def of_none(result: xr.Dataset, name: str) -> float:
+    """What a map holds at most where no boulder passed: 0, but for the upper limit of a share."""
+    if name != "reach_probability_high":
+        return 0.0
+    none = np.zeros(result.sizes["boulder"], int)
+    return 1.001 * share_interval(none > 0, none)[2]  # maps have seven digits
+
+
+def map_note(result: xr.Dataset, name: str) -> str:
+    """Where a map is blank though it could say something, and what its numbers rest on."""
+    about = result[name].attrs
+    notes = [str(about["comment"])] if "comment" in about else []
+    if "least_passages" in about:
+        notes.append(f"blank where fewer than {about['least_passages']:,} boulders passed")
+    elif of_none(result, name):
+        notes.append(f"blank where none passed; it is {100 * of_none(result, name):.2g} % there")
+    return "; ".join(notes)
+
+
+def cell_of(result: xr.Dataset) -> float:
+    """Side of a cell of the terrain that boulders ran over [m]."""
+    transform = str(result["crs"].attrs.get("GeoTransform", "")) if "crs" in result else ""
+    return float(transform.split()[1]) if transform else CELL
+
+
+def draw_relief(axes: Axes, terrain: Terrain, extent: Extent) -> None:
+    """Shaded relief with contours."""
+    z, grid = _cropped(*terrain, False, extent, np.add)
+    _image(axes, shade(z, grid.cell), grid, cmap="gray", vmin=0, vmax=1)
+    low, high = np.nanmin(z), np.nanmax(z)
+    interval = round_step((high - low) / 12)
+    levels = np.arange(low // interval + 1, high // interval + 1) * interval
+    if high - low > 1e-3 and levels.size:
+        shown = np.ma.masked_invalid(z)
+        contours = axes.contour(
+            grid.x, grid.y, shown, levels, colors=INK, linewidths=0.3, alpha=0.6
+        )
+        axes.clabel(contours, levels[::2], fmt="%g", fontsize=7)
+
+
+def draw_map(axes: Axes, result: xr.Dataset, name: str, extent: Extent) -> None:
+    """A map variable in colours, with the scale below."""
+    values, grid = _cropped(result[name].values, *grid_of(result[name]), extent, np.fmax)
+    values = np.where(values > of_none(result, name), values, np.nan).astype(float)
+    about = result[name].attrs
+    if name in PASSED:
+        share = values / result.sizes["boulder"] if name == "passages" else values
+        _draw_share(axes, share, grid, "boulders that pass [%]")
+    elif is_share(name):
+        _draw_share(axes, values, grid, _label(about["long_name"], "%"))
+    else:
+        unit, scale = UNITS.get(about["units"], (about["units"], 1.0))
+        fewest = about.get("least_passages", 0)
+        blank = f"; blank: fewer than {fewest} passed" if fewest else ""
+        label = _label(about["long_name"], unit, blank)
+        _draw_values(axes, scale * values, grid, _norm(scale * values), label)
+
+
+def draw_ways(axes: Axes, result: xr.Dataset, colour: str) -> None:
+    """Recorded trajectories in plan, the first of very many."""
+    from matplotlib.collections import LineCollection
+
+    ways = [np.column_stack([way.x, way.y]) for way in flights(result, MOST_WAYS)]
+    about = {"colors": colour, "linewidths": 0.5, "alpha": 0.7, "rasterized": True}
+    axes.add_collection(LineCollection(ways, **about), autolim=False)
+
+
+def draw_stops(axes: Axes, result: xr.Dataset) -> None:
+    """Where boulders ended, each way of ending with a marker of its own."""
+    size = float(np.clip(90 / np.sqrt(result.sizes["boulder"]), 2, 6))
+    for (word, here), marker, colour in zip(ends(result).items(), ".x^s", ENDS, strict=True):
+        if here.any():
+            x, y = result["stop_x"].values[here], result["stop_y"].values[here]
+            about = {"markersize": size * (1 if marker == "." else 1.2), "alpha": 0.7}
+            edge = {"markeredgewidth": 0.6 if marker == "x" else 0, "rasterized": True}
+            label = f"{word.replace('_', ' ')} ({here.sum():,})"
+            axes.plot(x, y, marker, color=colour, label=label, **about, **edge)
+
+
+def shade(z: np.ndarray, cell: float) -> np.ndarray:
+    """Brightness of a terrain lit from the north-west, light overall; nodata is white."""
+    down, right = np.gradient(z, cell)
+    light = (1 - right + down) / np.sqrt(1 + right**2 + down**2)
+    dark, bright = np.nanpercentile(light, [1, 99])
+    shade = 0.8 + 0.2 * np.clip((light - dark) / max(bright - dark, 1e-9), 0, 1)
+    return np.where(np.isnan(shade), 1, shade)
+
+
+def _new_map(
+    result: xr.Dataset, terrain: Terrain | None, *places: Any, bar: bool = False
+) -> tuple[Figure, Axes, Extent]:
+    """A figure as wide as a column, or as a page for a broad map, with the relief in it."""
+    extent = reached(result, terrain, *places)
+    aspect = (extent[3] - extent[2]) / (extent[1] - extent[0])
+    width = NARROW if aspect > 0.8 else WIDE
+    tall = min(aspect * (width - 0.85), TALLEST)
+    figure = new_figure(width, tall + (1.5 if bar else 1.2))
+    axes = figure.add_subplot()
+    if terrain is not None:
+        draw_relief(axes, terrain, extent)
+    return figure, axes, extent
+
+
+def _cropped(
+    values: np.ndarray, grid: Grid, flipped: bool, extent: Extent, merge: np.ufunc
+) -> tuple[np.ndarray, Grid]:
+    """The part of a raster within an extent, no finer than the picture: where several cells make
+    one, `merge` says how (np.add: their mean)."""
+    values = values[::-1] if flipped else values
+    west, east, south, north = extent
+    columns = _span(west - grid.west, east - grid.west, grid.cell, grid.nx)
+    rows = _span(grid.north - north, grid.north - south, grid.cell, grid.ny)
+    part = values[rows, columns]
+    step = int(max(part.shape) / DOTS) + 1
+    sizes = merged(np.ones_like(part), step, np.add) if merge is np.add else 1
+    part = merged(part, step, merge) / sizes
+    west, north = grid.west + columns.start * grid.cell, grid.north - rows.start * grid.cell
+    return part, Grid(west, north, grid.cell * step, part.shape[1], part.shape[0])
+
+
+def merged(values: np.ndarray, step: int, merge: np.ufunc) -> np.ndarray:
+    """A raster with `step` x `step` cells merged to one, fewer at its southern and eastern edge."""
+    for axis in (0, 1) if step > 1 else ():
+        values = merge.reduceat(values, np.arange(0, values.shape[axis], step), axis=axis)
+    return values
+
+
+def _span(first: float, last: float, cell: float, size: int) -> slice:
+    """Cells between two distances [m] from the edge of a raster, at least two of them."""
+    start = int(np.clip(first // cell, 0, size - 2))
+    return slice(start, int(np.clip(np.ceil(last / cell), start + 2, size)))
+
+
+def _image(axes: Axes, values: np.ndarray, grid: Grid, **about: Any) -> None:
+    extent = (grid.west, grid.east, grid.south, grid.north)
+    axes.imshow(values, extent=extent, interpolation="nearest", **about)
+
+
+def _draw_share(axes: Axes, share: np.ndarray, grid: Grid, label: str) -> None:
+    """Shares of the boulders, 0.1 to 100 % on one scale for all results, and the 1 % limit."""
+    from matplotlib.colors import LogNorm
+
+    norm = LogNorm(0.1, 100, clip=True)
+    bar = _draw_values(axes, 100 * share, grid, norm, f"{label}; outline: 1 %")
+    bar.set_ticks([0.1, 1, 10, 100], labels=["0.1", "1", "10", "100"])
+    _draw_outline(axes, np.nan_to_num(share) >= LIMIT, grid)
+
+
+def _draw_outline(axes: Axes, inside: np.ndarray, grid: Grid) -> None:
+    """The edges between cells that are inside and cells that are not."""
+    from matplotlib.collections import LineCollection
+
+    inside = np.pad(inside, 1)
+    row, column = np.nonzero(inside[:, 1:] != inside[:, :-1])
+    upright = np.stack([[column, row - 1], [column, row]])
+    row, column = np.nonzero(inside[1:] != inside[:-1])
+    level = np.stack([[column - 1, row], [column, row]])
+    edges = np.concatenate([upright, level], axis=2).transpose(2, 0, 1)  # (edges, ends, x and y)
+    places = (grid.west, grid.north) + edges * (grid.cell, -grid.cell)
+    axes.add_collection(
+        LineCollection(places, colors=INK, linewidths=0.9, capstyle="round", rasterized=True),
+        autolim=False,
+    )
+
+
+def _draw_values(axes: Axes, values: np.ndarray, grid: Grid, norm: Normalize, label: str) -> Any:
+    """Values in colours that let the relief through, dark where they are great; their scale."""
+    from matplotlib import colormaps
+    from matplotlib.colors import ListedColormap, LogNorm
+    from matplotlib.ticker import MaxNLocator
+
+    palest = 0.15  # darker than the relief, in grey print too
+    colours = ListedColormap(colormaps["viridis_r"](np.linspace(palest, 1, 256)))
+    _image(axes, values, grid, norm=norm, cmap=colours, alpha=0.85)
+    bar = axes.figure.colorbar(
+        axes.images[-1], ax=axes, location="bottom", pad=0.01, shrink=0.95,
+        aspect=45 if axes.figure.get_figwidth() == WIDE else 22,
+    )  # fmt: skip
+    if isinstance(norm, LogNorm):
+        bar.ax.xaxis.set_major_formatter("{x:g}")
+    else:
+        bar.ax.xaxis.set_major_locator(MaxNLocator(6))
+    bar.set_label(label)
+    bar.outline.set_linewidth(0.4)
+    return bar
+
+
+def _norm(values: np.ndarray) -> Normalize:
+    """From the least to the greatest; logarithmic where most values are far from the greatest."""
+    from matplotlib.colors import LogNorm, Normalize
+
+    some = values[np.isfinite(values)]
+    if not some.size:
+        return Normalize(0, 1)
+    if some.max() > 20 * np.quantile(some, 0.25):
+        return LogNorm(some.min(), some.max())
+    return Normalize(0, some.max())
+
+
+def _label(name: str, unit: str, note: str = "") -> str:
+    return fill((f"{name} [{unit}]" if unit else name) + note, 46)
+
+
+def _draw_observed(axes: Axes, stops: np.ndarray | None) -> None:
+    if stops is not None:
+        label = f"observed stop ({len(stops):,})"
+        axes.plot(*np.transpose(stops), **OBSERVED | {"linestyle": "", "label": label})
+
+
+def draw_marks(axes: Axes, result: xr.Dataset, extent: Extent) -> None:
+    """Where boulders start, the evaluation lines, and the frame of a map."""
+    from matplotlib.patheffects import withStroke
+    from matplotlib.ticker import MaxNLocator
+
+    start = np.unique(np.stack([result["start_x"].values, result["start_y"].values]), axis=1)
+    size = 6 if start.shape[1] < 20 else 2.5
+    axes.plot(*start, "^", ms=size, mfc="white", mec=INK, mew=0.13 * size, rasterized=size < 6)
+    halo = [withStroke(linewidth=2, foreground="white")]
+    for name, x, y in lines(result):
+        axes.plot(x, y, **CUT)
+        at = first_inside(x, y, extent)
+        if at is not None:
+            about = {"path_effects": halo, "clip_on": True}
+            axes.annotate(plain(name), at, (3, 2), textcoords="offset points", **about)
+    axes.set(xlim=extent[:2], ylim=extent[2:], xlabel="x [m]", ylabel="y [m]", aspect="equal")
+    axes.ticklabel_format(useOffset=False, style="plain")
+    ticks = 3 if axes.figure.get_figwidth() == NARROW else 6
+    axes.xaxis.set_major_locator(MaxNLocator(ticks, integer=True))
+    axes.spines[:].set_visible(True)
+
+
+def first_inside(x: np.ndarray, y: np.ndarray, extent: Extent) -> tuple[float, float] | None:
+    """Where a polyline that is followed from its start lies within an extent."""
+    way = np.linspace(0, x.size - 1, 200 * (x.size - 1) + 1)
+    x, y = (np.interp(way, np.arange(c.size), c) for c in (x, y))
+    inside = (x >= extent[0]) & (x <= extent[1]) & (y >= extent[2]) & (y <= extent[3])
+    k = int(np.argmax(inside))
+    return (float(x[k]), float(y[k])) if inside[k] else None

@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The look of all figures: read in print, in greys, and by people who see colours differently."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import wraps
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rockfall.errors import RockfallError
+from rockfall.io.files import whole_file
+from rockfall.io.output_files import SIGNATURE
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+BLUE, VERMILION, GREEN = "#0072B2", "#D55E00", "#009E73"  # Okabe and Ito (2008)
+INK, GREY = "#222222", "#8A8A8A"
+FLIGHT = {"color": BLUE, "linewidth": 0.5, "alpha": 0.6}  # one of many trajectories
+CUT = {"color": INK, "linewidth": 0.9, "linestyle": (0, (5, 2))}  # an evaluation line
+OBSERVED = {"color": INK, "marker": "D", "markersize": 3.5, "markerfacecolor": "white"}
+NARROW, WIDE = 90 / 25.4, 180 / 25.4  # a column and a page [inch]
+FORMATS = ("png", "pdf", "svg")
+STYLE = {
+    "font.size": 8,
+    "axes.titlesize": 8.5,
+    "axes.titlelocation": "left",
+    "axes.edgecolor": GREY,
+    "axes.linewidth": 0.6,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "legend.frameon": False,
+    "svg.hashsalt": "rockfall",  # the same figure, the same bytes
+}
+
+
+def styled(draw: Callable[..., Figure]) -> Callable[..., Figure]:
+    """A function that makes a figure, in the house style."""
+
+    @wraps(draw)
+    def wrapped(*arguments: object, **options: object) -> Figure:
+        import matplotlib
+
+        with matplotlib.rc_context(STYLE):
+            return draw(*arguments, **options)
+
+    return wrapped
+
+
+def new_figure(width: float, height: float) -> Figure:
+    """An empty figure [inch] that keeps its panels apart, and of which nobody else knows."""
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(width, height), layout="constrained")
+
+
+def save(figure: Figure, path: str | Path, dpi: int | None = None) -> None:
+    """Write a figure, whole or not at all; its bytes do not tell when."""
+    import matplotlib
+
+    dpi = dpi or (300 if Path(path).suffix == ".png" else 200)  # vectors with dense parts as dots
+    about = {
+        ".png": {"Software": SIGNATURE},
+        ".pdf": {"Creator": SIGNATURE, "CreationDate": None},
+        ".svg": {"Creator": SIGNATURE, "Date": None},
+    }
+    with matplotlib.rc_context(STYLE), whole_file(path) as part:
+        try:
+            figure.savefig(part, dpi=dpi, metadata=about.get(part.suffix))
+        except ValueError as error:  # an ending that is no picture's
+            raise RockfallError(f"{path}: cannot be written: {error}") from error
+
+
+def plain(text: str) -> str:
+    """A user's text as it is: no dollar in it starts mathematics."""
+    return text.replace("$", r"\$")
+
+
+def round_step(rough: float) -> float:
+    """1, 2, 2.5 or 5 times a power of ten, the next above `rough`."""
+    power = 10.0 ** np.floor(np.log10(max(rough, 1e-6)))
+    return power * next(step for step in (1, 2, 2.5, 5, 10) if step * power >= 0.999 * rough)
+
+
+def count(number: int, one: str, many: str | None = None) -> str:
+    """A number of things: 1 boulder, 2,000 boulders."""
+    return f"{number:,} {one if number == 1 else many or one + 's'}"
+
+
+def percent(share: float) -> str:
+    """A share as a percentage, never rounded to all or nothing."""
+    shown = f"{100 * share:.1f}"
+    if 0 < share < 1 and shown in ("0.0", "100.0"):
+        return "less than 0.1 %" if share < 0.5 else "more than 99.9 %"
+    return f"{shown.removesuffix('.0')} %" if share in (0, 1) else f"{shown} %"
+
+
+def share_of(part: int, whole: int, one: str) -> str:
+    """A part of so many things: 20 of 1,000 boulders (2.0 %)."""
+    return f"{part:,} of {count(whole, one)} ({percent(part / whole)})"

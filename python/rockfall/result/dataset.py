@@ -1,0 +1,296 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The result of a run: one xarray.Dataset, one CF netCDF file."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rockfall._core import rockfall_f2py as _core
+from rockfall.case_files import files_behind
+from rockfall.errors import RockfallError
+from rockfall.io.files import check_netcdf, whole_file
+from rockfall.io.grid import row_blocks
+from rockfall.io.output_files import RESULT, check_output
+from rockfall.result import variables
+from rockfall.result.validate import check_result, check_values
+from rockfall.simulation.merge import DAMAGED, tally_variables
+from rockfall.simulation.source_maps import settle
+from rockfall.version import __version__
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from rockfall.io.grid import Grid
+    from rockfall.simulation.simulate import Maps, Tally
+
+NO_COUNT = -1  # fill value of counts
+#: Maps that are tallies of the kernel themselves, in the order of its plan.
+TALLIES = (
+    "passages", "deposits", "sources", *4 * [""], "energy_max", "speed_max_map",
+    "jump_height_max_map",
+)  # fmt: skip
+TILE = 256  # cells of a map that are compressed together, either way
+
+
+def make_result(tally: Tally, maps: bool = True) -> xr.Dataset:
+    """Everything that a run found, as interface names of `variables`; with or without its maps. One
+    of a part of the boulders has its tallies too, which `rockfall.merge` adds up."""
+    import xarray as xr
+
+    data: dict[str, Any] = {}
+    _add_boulders(data, tally)
+    if tally.scene.case.line:
+        _add_lines(data, tally)
+    data["crs"] = ((), np.int32(0), _grid_mapping(tally.grid))
+    is_part = tally.boulders < tally.scene.boulders
+    fed = settle(tally) if maps or is_part else {}
+    if is_part:
+        data |= tally_variables(tally.maps, fed)
+    if maps and tally.scene.case.output.get("maps"):
+        _add_maps(data, tally)
+    if tally.scene.case.output["rebounds"]:
+        _add_histograms(data, tally)
+    if tally.trajectories:
+        _add_trajectories(data, tally)
+    result = xr.Dataset(as_variables(data), attrs=_attributes(tally))
+    names = {"boulder", "line", "x", "y", *(name for name in data if name.endswith("_bin"))}
+    return result.set_coords(sorted(names & set(data)))
+
+
+def as_variables(data: Mapping[str, tuple]) -> dict[str, xr.Variable]:
+    """Variables of (dimensions, values, attributes). Were they left to xarray, it would load Dask,
+    wherever that is installed, to see whether the values are of Dask: half a second."""
+    import xarray as xr
+
+    return {
+        name: xr.Variable(dims, np.asarray(values), *about, fastpath=True)
+        for name, (dims, values, *about) in data.items()
+    }
+
+
+def _add_boulders(data: dict[str, Any], tally: Tally) -> None:
+    columns = tally.columns()
+    number = np.arange(tally.before + 1, tally.before + tally.done + 1)
+    data["boulder"] = ("boulder", number, {"units": "1", "long_name": "number of the boulder"})
+    for name, about in variables.BOULDER.items():
+        values = columns[name].astype("i1") if name == "status" else columns[name]
+        data[name] = ("boulder", values, about | (_flags() if name == "status" else {}))
+    for name, about in variables.COUNT.items():
+        data[name] = ((), columns[name].sum(dtype="i8"), about)
+
+
+def _flags() -> dict[str, Any]:
+    """What the numbers of `status` mean, as CF says it."""
+    values = np.array(list(variables.STATUS.values()), "i1")
+    return {"flag_values": values, "flag_meanings": " ".join(variables.STATUS)}
+
+
+def _add_lines(data: dict[str, Any], tally: Tally) -> None:
+    from rockfall.simulation.simulate import fields
+
+    lines = tally.scene.case.line
+    names = np.array([line["name"] for line in lines], dtype=object)
+    data["line"] = ("line", names, {"long_name": "name of the evaluation line"})
+    for k, name in enumerate(fields(3)):
+        about = variables.LINE[name]
+        data[f"line_{name}"] = (("line", "boulder"), tally.crossing[: tally.done, :, k].T, about)
+    vertices = {
+        "line": np.repeat(np.arange(len(lines)), [len(line["x"]) for line in lines]).astype("i4"),
+        "x": np.concatenate([line["x"] for line in lines]),
+        "y": np.concatenate([line["y"] for line in lines]),
+    }
+    for name, about in variables.LINE_VERTEX.items():
+        data[f"line_vertex_{name}"] = ("line_vertex", vertices[name], about)
+
+
+def _add_maps(data: dict[str, Any], tally: Tally) -> None:
+    grid, box = tally.scene.grid, tally.maps.box
+    asked = tally.scene.case.output["maps"]
+    x, y = grid.x[box.columns], grid.y[box.rows]  # the same bits as of the whole grid
+    for axis, centres, word in (("x", x, "easting"), ("y", y, "northing")):
+        about = {
+            "units": "m",
+            "long_name": f"{word} of cell centres",
+            "standard_name": f"projection_{axis}_coordinate",
+            "axis": axis.upper(),
+        }
+        data[axis] = (axis, centres, about)
+    least = tally.scene.case.output["least_passages"]
+    for name in variables.MAP:
+        if name in asked:
+            data[name] = map_variable(name, tally.maps, tally.done, least)
+
+
+def map_variable(name: str, maps: Maps, boulders: int, least: int) -> tuple:
+    """A map of the tallies of so many boulders, NaN where it has no number; the tallies themselves
+    are used up."""
+    values, fewest = _map(name, maps, boulders, least)
+    masked = {"least_passages": np.int32(fewest)} if fewest else {}
+    return ("y", "x"), values, variables.MAP[name] | masked | {"grid_mapping": "crs"}
+
+
+def _map(name: str, maps: Maps, boulders: int, least: int) -> tuple[np.ndarray, int]:
+    """A map, and the passages that a number of it needs."""
+    if name in TALLIES:  # as it is: another copy would take memory
+        place = maps.plan[TALLIES.index(name)] - 1
+        if name in ("passages", "deposits", "sources"):
+            return maps.counts[place], 0
+        values = maps.maxima[place]
+        for rows in row_blocks(values.shape):
+            values[rows][values[rows] == 0] = np.nan
+        return values, 0
+    values = np.empty(maps.column.shape if maps.column.size > 1 else maps.counts.shape[1:], "f4")
+    fewest = _core.map_values(name, boulders, least, **maps.arguments(), values=values.T)
+    return values, fewest
+
+
+def _grid_mapping(grid: Grid) -> dict[str, Any]:
+    from rockfall.io.cf import grid_mapping
+
+    transform = f"{grid.west!r} {grid.cell!r} 0.0 {grid.north!r} 0.0 {-grid.cell!r}"
+    about = {"units": "1", "long_name": "coordinate reference system", "GeoTransform": transform}
+    return about | (grid_mapping(grid.crs) if grid.crs else {})
+
+
+def _add_histograms(data: dict[str, Any], tally: Tally) -> None:
+    bins, widths = _core.histogram_bins()
+    for k, (name, quantity) in enumerate(variables.HISTOGRAM.items()):
+        dim, n = f"{name}_bin", int(bins[k])
+        edges = np.round(np.arange(n + 1) * widths[k], 10)
+        data[dim] = (
+            dim,
+            (edges[:-1] + edges[1:]) / 2,
+            {
+                "units": quantity["units"],
+                "long_name": quantity["long_name"],
+                "bounds": f"{dim}_bounds",
+            },
+        )
+        data[f"{dim}_bounds"] = (
+            (dim, "bound"),
+            np.stack([edges[:-1], edges[1:]], axis=1),
+            {"units": quantity["units"], "long_name": f"edges of the bins of {name}"},
+        )
+        about = quantity | {"units": "1", "long_name": f"rebounds by {quantity['long_name']}"}
+        data[f"{name}_histogram"] = (dim, tally.histogram[k, :n], about)
+
+
+def _add_trajectories(data: dict[str, Any], tally: Tally) -> None:
+    from rockfall.simulation.simulate import fields
+
+    vertices = np.concatenate(tally.trajectories)
+    columns = dict(zip(fields(4), vertices.T, strict=True))
+    lengths = [len(one) for one in tally.trajectories]
+    columns["boulder"] = tally.before + np.repeat(np.arange(1, len(lengths) + 1), lengths)
+    for name, about in variables.VERTEX.items():
+        data[f"trajectory_{name}"] = ("trajectory_vertex", columns[name], about)
+
+
+def _attributes(tally: Tally) -> dict[str, Any]:
+    scene = tally.scene
+    return {
+        "Conventions": "CF-1.8",
+        "title": scene.case.case["title"],
+        "source": f"rockfall {__version__}, stochastic impact model of Bourrier et al. (2009)",
+        "version": __version__,
+        "case": scene.case.text(),
+        "case_file": scene.case.name,
+        "seed": scene.case.case["seed"],
+        "boulder_first": tally.before + 1,
+        "boulder_last": tally.before + tally.done,
+        "boulders_asked": scene.boulders,
+        "complete": int(tally.done == scene.boulders),
+        "impact_set": scene.case.impact["sets"],
+        "impact_set_checksum": scene.checksums["sets"],
+        "input_checksums": json.dumps(scene.checksums, sort_keys=True),
+        "decoded_checksums": json.dumps(scene.decoded, sort_keys=True),
+        "threads": _core.team(tally.threads),
+        "wall_seconds": tally.wall,
+        "cpu_seconds": tally.cpu,
+    }
+
+
+def open_result(path: str | Path) -> xr.Dataset:
+    """Open a netCDF result as it is stored: counts stay integers, seconds stay numbers."""
+    import xarray as xr
+
+    check_netcdf(path)
+    try:
+        return xr.open_dataset(path, mask_and_scale=False, decode_times=False, engine="netcdf4")
+    except FileNotFoundError:
+        raise RockfallError(f"{path}: no such file") from None
+    except DAMAGED as error:
+        raise RockfallError(f"{path}: is not a netCDF result: {error}") from error
+
+
+def read_result(path: str | Path) -> xr.Dataset:
+    """The result of a run from its netCDF file, in memory, as `rockfall.run` returned it."""
+    with open_result(path) as data:
+        check_result(data, path)
+        try:
+            result = data.load()
+        except DAMAGED as error:
+            raise RockfallError(f"{path}: cannot be read: {error}") from error
+    check_values(result, path)
+    for variable in result.variables.values():
+        variable.attrs.pop("_FillValue", None)
+    if "line" in result:  # names that the standalone program wrote are bytes
+        result["line"] = result["line"].astype(str).astype(object)
+    return result
+
+
+def write_result(result: xr.Dataset, path: str | Path, kind: str = RESULT) -> None:
+    """Write a result as netCDF, whole or not at all, and over no file that its case reads. By
+    netCDF4 itself: xarray would copy maps whole, and load Dask wherever it is installed, which
+    takes longer than the writing."""
+    import netCDF4
+
+    check_output(path, kind, files_behind(result))
+    with whole_file(path) as part:
+        try:
+            with netCDF4.Dataset(part, "w") as file:
+                file.setncatts(result.attrs)
+                for dim, size in result.sizes.items():
+                    file.createDimension(dim, size)
+                for name, variable in result.variables.items():
+                    _write_variable(file, name, variable, _attached(result, name))
+        except (RuntimeError, PermissionError) as error:  # netCDF4 reports a full disk so
+            raise RockfallError(f"{path}: cannot be written: {error}; disk full?") from error
+
+
+def _attached(result: xr.Dataset, name: str) -> dict[str, Any]:
+    """What is said of a variable in the file alone: its missing value, and the coordinates that it
+    has beside those of its dimensions (CF). Coordinates and texts have none missing."""
+    variable = result.variables[name]
+    if name in result.coords:
+        return {}
+    beside = [
+        other for other, coordinate in result.coords.items()
+        if other not in result.dims and {*coordinate.dims} <= {*variable.dims}
+    ]  # fmt: skip
+    found: dict[str, Any] = {"coordinates": " ".join(beside)} if beside else {}
+    if variable.dtype.kind == "f":
+        found["_FillValue"] = np.nan
+    elif variable.dtype.kind == "i":
+        found["_FillValue"] = variable.dtype.type(NO_COUNT)
+    return found
+
+
+def _write_variable(file: Any, name: str, variable: xr.Variable, attached: dict[str, Any]) -> None:
+    """Maps are compressed, in blocks of rows."""
+    text, is_map = variable.dtype.kind in "OU", variable.dims == ("y", "x")
+    how: dict[str, Any] = {"fill_value": attached.pop("_FillValue", None)}
+    if is_map:
+        tile = tuple(min(TILE, size) for size in variable.shape)
+        how |= {"chunksizes": tile, "zlib": True, "complevel": 1, "shuffle": True}
+    stored = file.createVariable(name, str if text else variable.dtype, variable.dims, **how)
+    stored.setncatts(variable.attrs | attached)
+    stored.set_auto_maskandscale(False)
+    values = variable.values.astype(object) if text else variable.values
+    for rows in row_blocks(values.shape, TILE) if is_map else [...]:
+        stored[rows] = values[rows]

@@ -1,0 +1,302 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A result as files for a GIS and a spreadsheet: GeoTIFF, GeoPackage, CSV."""
+
+from __future__ import annotations
+
+import csv
+import re
+import sqlite3
+import warnings
+from collections.abc import Iterable, Iterator
+from contextlib import closing, nullcontext
+from itertools import chain
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rockfall.case_files import files_behind
+from rockfall.errors import RockfallError, need
+from rockfall.io.arrays import grid_of
+from rockfall.io.files import whole_file
+from rockfall.io.output_files import SIGNATURE, whole_folder
+from rockfall.io.raster import write_geotiff
+from rockfall.io.tables import spreadsheet_text
+from rockfall.result.dataset import open_result
+from rockfall.result.validate import check_dimensions
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    #: Shapes, and the columns of their attributes.
+    _Features = tuple[np.ndarray, dict[str, np.ndarray]]
+    #: Name of a layer -> its type of geometry, and its features in parts.
+    _Layers = dict[str, tuple[str, Iterable[_Features]]]
+
+_ROWS = 100_000  # boulders in memory at a time
+
+
+def export(result: xr.Dataset | str | Path, folder: str | Path) -> list[Path]:
+    """Write a result (a Dataset, or its netCDF file) to `folder`; returns the files written.
+
+    <map>.tif for each variable on (y, x); rockfall.gpkg with the layers stops, lines and
+    trajectories, as far as the result has them; boulders.csv; line_<name>.csv for each line.
+    All of them or, with a RockfallError, none; over nothing but files of an earlier export.
+    """
+    folder = Path(folder)
+    is_file = isinstance(result, str | Path)
+    with open_result(result) if is_file else nullcontext(result) as data:
+        if is_file:
+            check_dimensions(data, result)
+        data = data.set_coords({"crs"} & set(data.data_vars))
+        inputs = chain([result] if is_file else [], files_behind(data))
+        with whole_folder(folder, inputs) as part:
+            try:
+                return [folder / path.name for path in _export(data, _layers(data), part)]
+            except RuntimeError as error:  # of netCDF4: values are read as they are written
+                raise RockfallError(f"{result}: cannot be read: {error}") from error
+            except KeyError as error:
+                raise RockfallError(f"the result lacks what goes with it: {error}") from error
+
+
+def _export(data: xr.Dataset, layers: _Layers, folder: Path) -> Iterator[Path]:
+    for name, variable in data.data_vars.items():
+        if variable.dims == ("y", "x"):
+            yield _write_map(folder / f"{name}.tif", data[name])
+    if "boulder" in data.dims:
+        yield _write_table(folder / "boulders.csv", map(_columns, _boulders(data)))
+        yield from _write_lines(folder, data)
+    if layers:
+        yield _write_geopackage(folder / "rockfall.gpkg", layers, _crs_wkt(data))
+
+
+def _write_map(path: Path, data: xr.DataArray) -> Path:
+    grid, flipped = grid_of(data)
+    values, fill = _stored(data)
+    tags = {
+        key: str(value)
+        for key, value in data.attrs.items()
+        if key not in ("_FillValue", "grid_mapping")
+    }
+    tags["TIFFTAG_SOFTWARE"] = SIGNATURE
+    write_geotiff(path, values[::-1] if flipped else values, grid, fill, **tags)
+    return path
+
+
+def _stored(data: xr.DataArray) -> tuple[np.ndarray, float | int | None]:
+    """Values and what marks a missing one: NaN among reals, the fill value among integers.
+
+    What xarray may have decoded, integers to reals and seconds to durations, is undone.
+    """
+    values = _seconds(data.values)
+    fill = data.attrs.get("_FillValue", data.encoding.get("_FillValue"))
+    if values.dtype.kind == "f" and np.dtype(data.encoding.get("dtype", "f8")).kind in "iu":
+        values = np.where(np.isnan(values), fill or 0, values).astype(data.encoding["dtype"])
+    if values.dtype.kind != "f":
+        return values, None if fill is None else int(fill)
+    if fill is not None and not np.isnan(fill):
+        values = np.where(values == values.dtype.type(fill), values.dtype.type(np.nan), values)
+    return values, float("nan")
+
+
+def _seconds(values: np.ndarray) -> np.ndarray:
+    """Durations as numbers."""
+    return values / np.timedelta64(1, "s") if values.dtype.kind == "m" else values
+
+
+def _numbers(data: xr.Dataset, dim: str) -> np.ndarray:
+    """The names of the lines, or the numbers of the boulders: from 1 if the result gives none."""
+    return data[dim].values if dim in data.coords else np.arange(1, data.sizes[dim] + 1)
+
+
+def _words(data: xr.DataArray) -> xr.DataArray:
+    """A CF flag variable in words; any other variable as it is."""
+    if "flag_meanings" not in data.attrs:
+        return data
+    import xarray as xr
+
+    stored, _ = _stored(data)
+    values, words = np.atleast_1d(data.attrs["flag_values"]), data.attrs["flag_meanings"].split()
+    order = np.argsort(values)
+    place = np.searchsorted(values[order], stored).clip(max=len(values) - 1)
+    known = values[order][place] == stored
+    text = np.where(known, np.array(words)[order][place], "unknown")
+    return xr.DataArray(text, dims=data.dims)
+
+
+def _boulders(data: xr.Dataset) -> Iterator[xr.Dataset]:
+    """What a result has for each boulder, on (boulder) and (line, boulder), some at a time."""
+    number = _numbers(data, "boulder")
+    known = {("boulder",), ("line", "boulder")}
+    data = data[[name for name in data.data_vars if data[name].dims in known]]
+    for first in range(0, number.size, _ROWS):
+        some = slice(first, first + _ROWS)
+        yield data.isel(boulder=some).assign_coords(boulder=number[some])
+
+
+def _columns(data: xr.Dataset) -> dict[str, xr.DataArray]:
+    """Every variable that has one value for each boulder."""
+    names = (name for name in data.data_vars if data[name].dims == ("boulder",))
+    return {"boulder": data["boulder"], **{name: data[name] for name in names}}
+
+
+def _write_lines(folder: Path, data: xr.Dataset) -> Iterator[Path]:
+    """One table for each evaluation line: the boulders that crossed it."""
+    if "line" in data.dims:
+        for k, name in enumerate(_file_names(data)):
+            tables = (_crossings(some, k) for some in _boulders(data))
+            yield _write_table(folder / f"line_{name}.csv", tables)
+
+
+def _crossings(data: xr.Dataset, line: int) -> dict[str, xr.DataArray]:
+    """Every variable of a line, for those boulders that crossed it."""
+    names = [name for name in data.data_vars if data[name].dims == ("line", "boulder")]
+    data = data[names].isel(line=line).load()  # older xarray picks none of a file wrongly
+    crossed = np.flatnonzero(~np.isnan(_stored(data["line_time"])[0]))
+    data = data.isel(boulder=crossed)
+    return {"boulder": data["boulder"]} | {n.removeprefix("line_"): data[n] for n in names}
+
+
+def _line_names(data: xr.Dataset) -> list[str]:
+    names = _numbers(data, "line").tolist()
+    return [name.decode() if isinstance(name, bytes) else str(name) for name in names]
+
+
+def _file_names(data: xr.Dataset) -> list[str]:
+    """The names of the lines in letters that files may have, made different where need be."""
+    names: list[str] = []
+    for name in _line_names(data):
+        plain = stem = re.sub(r"[^\w.+-]+", "_", name).strip("._") or "line"
+        count = 1
+        while stem.lower() in (other.lower() for other in names):
+            count += 1
+            stem = f"{plain}_{count}"
+        names.append(stem)
+    return names
+
+
+def _write_table(path: Path, tables: Iterable[dict[str, xr.DataArray]]) -> Path:
+    """Write tables of the same columns below each other; missing values stay empty."""
+    with whole_file(path) as part, open(part, "w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        for k, columns in enumerate(tables):
+            if k == 0:
+                writer.writerow(map(spreadsheet_text, columns))
+            writer.writerows(zip(*map(_texts, columns.values()), strict=True))
+    return path
+
+
+def _texts(column: xr.DataArray) -> list[str]:
+    """Values in the fewest digits that give them back."""
+    values, fill = _stored(_words(column))
+    missing = np.isnan(values) if values.dtype.kind == "f" else values == fill
+    texts = np.where(missing, "", values.astype(str)).tolist()
+    return texts if values.dtype.kind in "iufb" else [spreadsheet_text(text) for text in texts]
+
+
+def _layers(data: xr.Dataset) -> _Layers:
+    """The layers that the result has."""
+    layers: _Layers = {}
+    if "stop_x" in data or {"line_vertex", "trajectory_vertex"} & set(data.dims):
+        need("GeoPackages need", "vector", "pyogrio", "shapely")
+    if "stop_x" in data:
+        layers["stops"] = "Point Z", map(_stops, _boulders(data))
+    if "line_vertex" in data.dims:
+        layers["lines"] = "LineString", [_lines(data)]
+    if data.sizes.get("trajectory_vertex"):
+        layers["trajectories"] = "LineString Z", [_trajectories(data)]
+    return layers
+
+
+def _stops(data: xr.Dataset) -> _Features:
+    """Where boulders stopped, with everything known of them."""
+    import shapely
+
+    places = [_stored(data[f"stop_{axis}"])[0].astype(np.float64) for axis in "xyz"]
+    points = shapely.points(*places)
+    points[np.isnan(places).any(axis=0)] = None
+    return points, {name: _field(column) for name, column in _columns(data).items()}
+
+
+def _field(column: xr.DataArray) -> np.ndarray:
+    """A column in a type that a GeoPackage has."""
+    values, _ = _stored(_words(column))
+    kind = {"i": np.int64, "u": np.int64, "b": np.int64, "f": np.float64}
+    return values.astype(kind.get(values.dtype.kind, object))
+
+
+def _lines(data: xr.Dataset) -> _Features:
+    """Evaluation lines in plan; `line_vertex_line` counts lines from 0."""
+    names, line = _line_names(data), data["line_vertex_line"].values
+    if not np.array_equal(np.unique(line), np.arange(len(names))):
+        raise RockfallError("line_vertex_line: must have every line, counted from 0", code=1)
+    shapes = _strings(line, [data[f"line_vertex_{axis}"].values for axis in "xy"])
+    return shapes, {"name": np.array(names, dtype=object)}
+
+
+def _trajectories(data: xr.Dataset) -> _Features:
+    """Trajectories in space, from release to rest, in the order of the boulders."""
+    boulder = data["trajectory_boulder"].values
+    shapes = _strings(boulder, [data[f"trajectory_{axis}"].values for axis in "xyz"])
+    numbers, vertices = np.unique(boulder, return_counts=True)
+    times = _seconds(data["trajectory_time"].values)[np.argsort(boulder, kind="stable")]
+    fields = {
+        "boulder": numbers.astype(np.int64),
+        "vertices": vertices.astype(np.int64),
+        "travel_time": times[np.cumsum(vertices) - 1].astype(np.float64),
+    }
+    return shapes, fields
+
+
+def _strings(owner: np.ndarray, coordinates: list[np.ndarray]) -> np.ndarray:
+    """One line string for each owner, by rising number, of its vertices in their order.
+
+    An owner with one vertex, a boulder that never moved, gets a string of no length.
+    """
+    import shapely
+
+    order = np.argsort(owner, kind="stable")
+    _, index, counts = np.unique(owner[order], return_inverse=True, return_counts=True)
+    repeat = np.where(counts == 1, 2, 1)[index]
+    vertices = np.column_stack(coordinates).astype(np.float64)[order]
+    return shapely.linestrings(np.repeat(vertices, repeat, axis=0), indices=index.repeat(repeat))
+
+
+def _crs_wkt(data: xr.Dataset) -> str | None:
+    """The CRS of the grid mapping `crs`; None when the terrain had none."""
+    return data["crs"].attrs.get("crs_wkt") or None if "crs" in data.variables else None
+
+
+def _write_geopackage(path: Path, layers: _Layers, crs: str | None) -> Path:
+    import pyogrio
+    import shapely
+
+    with whole_file(path) as part, warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "'crs' was not provided")
+        try:
+            for layer, (kind, parts) in layers.items():
+                features = 0
+                for shapes, fields in parts:
+                    pyogrio.raw.write(
+                        part, shapely.to_wkb(shapes), list(fields.values()), list(fields),
+                        layer=layer, geometry_type=kind, crs=crs, driver="GPKG",
+                        append=part.exists(), **({} if features else {"DESCRIPTION": SIGNATURE}),
+                    )  # fmt: skip
+                    features += len(shapes)
+                _check_arrived(part, layer, features)
+        except (pyogrio.errors.DataSourceError, pyogrio.errors.DataLayerError) as error:
+            raise RockfallError(f"{path}: cannot be written: {error}") from error
+        except sqlite3.Error as error:
+            raise RockfallError(f"{path}: cannot be written: {error}; disk full?") from error
+    return path
+
+
+def _check_arrived(path: Path, layer: str, features: int) -> None:
+    """GDAL does not tell when the disk is full while it closes a GeoPackage: look what is there."""
+    index = "SELECT count(*) FROM sqlite_master WHERE name = ?"
+    with closing(sqlite3.connect(path)) as database:
+        (count,) = database.execute(f'SELECT count(*) FROM "{layer}"').fetchone()
+        (indexed,) = database.execute(index, [f"rtree_{layer}_geom"]).fetchone()
+        (state,) = database.execute("PRAGMA quick_check(1)").fetchone()
+    if count != features or not indexed or state != "ok":
+        raise sqlite3.DatabaseError(f"layer {layer} is not whole")

@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Where boulders went, as curves: recorded trajectories, evaluation lines, distances."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from rockfall.io.grid import Grid
+
+    Terrain = tuple[np.ndarray, Grid]  # elevations (ny, nx) [m], and where their cells lie
+
+POINTS = 25  # of a drawn parabola
+
+
+class Flight(NamedTuple):
+    """One trajectory as a smooth curve: place, plan distance from the start [m], speed [m/s]."""
+
+    x: np.ndarray
+    y: np.ndarray
+    z: np.ndarray
+    distance: np.ndarray
+    speed: np.ndarray
+
+
+def flights(result: xr.Dataset, most: int | None = None) -> list[Flight]:
+    """The first `most` recorded trajectories with the parabolas between their contacts.
+
+    The velocity after a contact, the time and the next contact fix a parabola; gravity follows.
+    """
+    if "trajectory_boulder" not in result:
+        return []
+    names = ("x", "y", "z", "time", "velocity_x", "velocity_y", "velocity_z")
+    cuts = np.flatnonzero(np.diff(result["trajectory_boulder"].values)) + 1
+    columns = np.stack([result[f"trajectory_{name}"].values for name in names])
+    return [_flight(*vertices) for vertices in np.split(columns, cuts, axis=1)[:most]]
+
+
+def _flight(x, y, z, time, velocity_x, velocity_y, velocity_z) -> Flight:
+    """The curve through the vertices of one trajectory; a boulder that never moved is a point."""
+    if x.size == 1:
+        zero = np.zeros(1)
+        return Flight(x, y, z, zero, np.hypot(np.hypot(velocity_x, velocity_y), velocity_z))
+    part = np.linspace(0, 1, POINTS)
+    duration = np.diff(time)[:, None]
+    rise = velocity_z[:-1, None] * duration  # without gravity
+    fall = np.diff(z)[:, None] - rise  # -g t^2/2 at the end of a flight
+    with np.errstate(divide="ignore", invalid="ignore"):
+        slowed = np.where(duration > 0, 2 * fall / duration, 0.0)  # -g t there
+    x, y = (c[:-1, None] + part * np.diff(c)[:, None] for c in (x, y))
+    z = z[:-1, None] + rise * part + fall * part**2
+    vertical = velocity_z[:-1, None] + slowed * part
+    speed = np.hypot(np.hypot(velocity_x, velocity_y)[:-1, None], vertical)
+    distance = np.hypot(x - x[0, 0], y - y[0, 0])
+    return Flight(*(curve.ravel() for curve in (x, y, z, distance, speed)))
+
+
+def height(terrain: Terrain, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Bilinear elevation [m] at points within the cell centres."""
+    z, grid = terrain
+    u = (x - grid.west) / grid.cell - 0.5
+    v = (grid.north - y) / grid.cell - 0.5
+    i = np.clip(u.astype(int), 0, grid.nx - 2)
+    j = np.clip(v.astype(int), 0, grid.ny - 2)
+    u, v = u - i, v - j
+    north = (1 - u) * z[j, i] + u * z[j, i + 1]
+    south = (1 - u) * z[j + 1, i] + u * z[j + 1, i + 1]
+    return (1 - v) * north + v * south
+
+
+def lines(result: xr.Dataset) -> list[tuple[str, np.ndarray, np.ndarray]]:
+    """Name, x and y of each evaluation line."""
+    if "line_vertex_line" not in result:
+        return []
+    owner = result["line_vertex_line"].values
+    x, y = result["line_vertex_x"].values, result["line_vertex_y"].values
+    names = result["line"].values
+    return [(str(name), x[owner == k], y[owner == k]) for k, name in enumerate(names)]
+
+
+def from_start(result: xr.Dataset, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Plan distance [m] of a place of each boulder from its start, in a straight line."""
+    return np.hypot(x - result["start_x"].values, y - result["start_y"].values)
+
+
+def stop_distances(result: xr.Dataset) -> np.ndarray:
+    """Plan distance [m] from the start to the end of each boulder."""
+    return from_start(result, result["stop_x"].values, result["stop_y"].values)
+
+
+def ends(result: xr.Dataset) -> dict[str, np.ndarray]:
+    """The ways in which boulders may end, in words, and which boulders ended so."""
+    status = result["status"]
+    words = status.attrs["flag_meanings"].split()
+    flags = zip(words, status.attrs["flag_values"], strict=True)
+    return {word: status.values == flag for word, flag in flags}

@@ -1,0 +1,133 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a result must have, so that a damaged file is refused in one line before it is used."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rockfall.errors import RockfallError
+from rockfall.result import variables
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    #: Name of a variable -> its dimensions.
+    _Group = dict[str, tuple[str, ...]]
+
+ALWAYS = (  # attributes that every result has
+    "title", "source", "case", "case_file", "seed", "boulder_first", "boulder_last",
+    "boulders_asked", "complete", "impact_set", "impact_set_checksum", "input_checksums",
+    "threads", "wall_seconds", "cpu_seconds",
+)  # fmt: skip
+NUMBERS = (  # and those of them that are numbers
+    "seed", "boulder_first", "boulder_last", "boulders_asked", "complete", "threads",
+    "wall_seconds", "cpu_seconds",
+)  # fmt: skip
+#: Along these every value is a number; at lines NaN says that a boulder did not cross.
+FINITE = ("x", "y", "boulder", "line_vertex", "trajectory_vertex")
+
+
+def check_result(data: xr.Dataset, path: str | Path) -> None:
+    """Refuse what lacks something that every result has, or a part of a group of variables."""
+    if "case" not in data.attrs or "boulder" not in data.dims:
+        raise RockfallError(f"{path}: is not a result of rockfall")
+    missing = sorted({*variables.BOULDER, *variables.COUNT, "crs"} - set(data.variables))
+    if missing := missing + [name for name in ALWAYS if name not in data.attrs]:
+        raise RockfallError(f"{path}: is not a whole result of rockfall: has no {missing[0]}")
+    for name in NUMBERS:
+        value = np.asarray(data.attrs[name])
+        if value.dtype.kind not in "iuf" or value.size != 1 or not np.isfinite(value).all():
+            raise RockfallError(f"{path}: {name} = {value}: is no number")
+    check_dimensions(data, path)
+    _check_groups(data, path)
+    ours = (*variables.BOULDER, *variables.COUNT, *variables.MAP)
+    for name in (name for name in ours if name in data.variables):
+        about = data.variables[name].attrs
+        words = [about.get(word) for word in ("units", "long_name")]
+        least = np.asarray(about.get("least_passages", 0))  # of a map that is blank below it
+        if not all(isinstance(word, str) for word in words) or least.dtype.kind not in "iu":
+            raise RockfallError(f"{path}: {name}: does not say what it is")
+
+
+def check_dimensions(data: xr.Dataset, path: str | Path) -> None:
+    """Each variable of those that a result may have is of numbers along its dimensions."""
+    for name, dims in _known().items():
+        if name in data.variables:
+            _check_variable(data.variables[name], name, dims, path)
+
+
+def _check_groups(data: xr.Dataset, path: str | Path) -> None:
+    """What a result has of lines, histograms, trajectories or maps it has whole."""
+    for group in _groups():
+        if any(name in data.variables or name in data.dims for name in group):
+            for name in group:
+                if name not in data.variables:
+                    raise RockfallError(f"{path}: is not a whole result of rockfall: has no {name}")
+
+
+def _known() -> _Group:
+    """Every variable of ours; a result may have others, of which nothing is asked."""
+    found = {name: ("boulder",) for name in variables.BOULDER}
+    found |= {name: () for name in variables.COUNT} | {name: ("y", "x") for name in variables.MAP}
+    for group in _groups():
+        found |= group
+    return found
+
+
+def _groups() -> Iterator[_Group]:
+    """Variables of which a result has all or none."""
+    at_lines = {f"line_{name}": ("line", "boulder") for name in variables.LINE}
+    vertices = {f"line_vertex_{name}": ("line_vertex",) for name in variables.LINE_VERTEX}
+    yield {"line": ("line",), **at_lines, **vertices}
+    yield {f"trajectory_{name}": ("trajectory_vertex",) for name in variables.VERTEX}
+    yield {axis: (axis,) for axis in ("x", "y")}
+    for name in variables.HISTOGRAM:
+        along = f"{name}_bin"
+        yield {along: (along,), f"{along}_bounds": (along, "bound"), f"{name}_histogram": (along,)}
+
+
+def _check_variable(
+    variable: xr.Variable, name: str, dims: tuple[str, ...], path: str | Path
+) -> None:
+    if variable.dims != dims:
+        raise RockfallError(f"{path}: {name}: is not along {', '.join(dims)}")
+    if variable.dtype.kind not in "iuf" and name != "line":
+        raise RockfallError(f"{path}: {name}: holds no numbers")
+    if name == "status":
+        values = np.atleast_1d(variable.attrs.get("flag_values", []))
+        words = str(variable.attrs.get("flag_meanings", "")).split()
+        if not words or len(values) != len(words) or values.dtype.kind not in "iu":
+            raise RockfallError(f"{path}: status: does not say what its numbers mean")
+
+
+def check_values(data: xr.Dataset, path: str | Path) -> None:
+    """Refuse values that are no numbers where a result always has some, and bins without width."""
+    for name, dims in _known().items():
+        if name not in data.variables:
+            continue
+        values = data.variables[name].values
+        along = dims[0] if len(dims) == 1 else ""
+        if (along in FINITE or along.endswith("_bin")) and not np.isfinite(values).all():
+            raise RockfallError(f"{path}: {name}: must be a number for every {along}")
+        if dims == ("line", "boulder") and not are_crossings(values, data["line_time"].values):
+            raise RockfallError(f"{path}: {name}: must be a number where a boulder crossed a line")
+        if name.endswith("_bin_bounds") and not _are_edges(values):
+            raise RockfallError(f"{path}: {name}: must be the edges of bins, each above the last")
+
+
+def are_crossings(values: np.ndarray, times: np.ndarray) -> bool:
+    """Values (line, boulder) are numbers where times are, and NaN elsewhere."""
+    if values.dtype.kind != "f" or times.dtype.kind != "f" or np.isinf(values).any():
+        return False
+    return np.array_equal(np.isnan(values), np.isnan(times))
+
+
+def _are_edges(bounds: np.ndarray) -> bool:
+    """Bins (n, 2) that follow each other."""
+    if bounds.shape[1:] != (2,) or not np.isfinite(bounds).all():
+        return False
+    return bool((bounds[:, 0] < bounds[:, 1]).all() and (bounds[1:, 0] == bounds[:-1, 1]).all())

@@ -1,0 +1,62 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""SHA-256 of what the kernel gets, as it was decoded from whatever files there were.
+
+The sum of a named file says nothing of what lies beside it (tables of a shapefile, tiles of a
+mosaic, masks). Rows are summed in their order, so terrain in windows has the sums of the whole.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from rockfall.io.grid import Grid
+    from rockfall.scene.scene import Scene
+
+
+class Digest:
+    """The sums of a scene, from all its rows."""
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
+        self.layers: list = []  # of the elevations, and of the rasters of the surface
+        self.sizes = hashlib.sha256()
+
+    def take(self, window: Scene, first: int, stop: int) -> None:
+        """Rows `first` to `stop` - 1 of the raster, all columns; the window holds them."""
+        layers = [window.z] if window.zone is None else [window.z, window.zone]
+        layers += [] if window.values is None else list(window.values)
+        if first == 0:
+            self.layers = [hashlib.sha256(layer.dtype.str.encode()) for layer in layers]
+            self.sizes = hashlib.sha256(np.ascontiguousarray(window.sizes))
+        rows = slice(first - window.at[0], stop - window.at[0])
+        for known, layer in zip(self.layers, layers, strict=True):
+            known.update(np.ascontiguousarray(layer[rows]))
+
+    def sums(self) -> dict[str, str]:
+        """The sum of each input, by name."""
+        scene = self.scene
+        dem, *surface = self.layers
+        dem.update(_place(scene.grid).encode())
+        for layer in surface:
+            self.sizes.update(layer.digest())
+        sources = hashlib.sha256(b"" if scene.area is None else scene.area)
+        sources.update(np.concatenate((scene.x, scene.y)))
+        found = {"dem": dem, "surface": self.sizes, "sources": sources}
+        return {name: known.hexdigest() for name, known in found.items()}
+
+
+def digest(scene: Scene) -> dict[str, str]:
+    """The sums of a scene whose rasters are in memory."""
+    found = Digest(scene)
+    found.take(scene, 0, scene.grid.ny)
+    return found.sums()
+
+
+def _place(grid: Grid) -> str:
+    """How a grid lies, to the last bit."""
+    crs = "" if grid.crs is None else grid.crs.to_epsg() or grid.crs.to_wkt()
+    return f"{grid.west!r} {grid.north!r} {grid.cell!r} {grid.nx} {grid.ny} {crs}"

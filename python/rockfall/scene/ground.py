@@ -1,0 +1,161 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What the ground of a scene is like: its elevations, how steep it is, the sizes of its rocks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rockfall.io.grid import Box, row_blocks
+from rockfall.scene.sources import area_ratios
+
+if TYPE_CHECKING:
+    from rockfall.scene.scene import Scene
+
+SAMPLES = 100_000  # cells, about, evenly over the terrain, of which the slope is looked at
+QUANTILES = (0.1, 0.5, 0.9)
+
+
+@dataclass
+class Lowest:
+    """The least of many numbers, how many are equal to it, and the next above."""
+
+    value: float = np.inf
+    count: int = 0
+    next: float = np.inf
+
+    def take(self, numbers: np.ndarray) -> None:
+        """More of them, in which NaN counts for nothing."""
+        value = np.fmin.reduce(numbers, axis=None, initial=np.inf)
+        if not value <= self.next:
+            return
+        above = np.fmin.reduce(numbers, axis=None, initial=np.inf, where=numbers > value)
+        count = np.count_nonzero(numbers == value)
+        mine = self.value, self.count, self.next
+        low, high = sorted([mine, (float(value), count, float(above))])
+        self.value, self.count, self.next = low
+        if low[0] == high[0]:
+            self.count += high[1]
+            self.next = min(low[2], high[2])
+        elif high[1]:
+            self.next = min(low[2], high[0])
+
+
+@dataclass
+class Ground:
+    """Gathered from all rows of the terrain, a band of them at a time."""
+
+    low: Lowest = field(default_factory=Lowest)  # elevations [m]
+    high: Lowest = field(default_factory=Lowest)  # and their negatives [m]
+    known: int = 0  # cells with an elevation
+    whole: bool = True  # all elevations are whole numbers
+    steps: int = 0  # if so: along rows and columns, bends one way and back in the next cell
+    spans: int = 0  # of so many places
+    slopes: list[np.ndarray] = field(default_factory=list)  # tangents, of SAMPLES cells
+    materials: list[np.ndarray] = field(default_factory=list)  # of these: rows of `sizes`, -1: none
+    rocks: list[np.ndarray] = field(default_factory=list)  # or their sizes (n, 1 or 3) [m]
+    source_z: list[np.ndarray] = field(default_factory=list)  # of the sources: elevations [m]
+    source_slopes: list[np.ndarray] = field(default_factory=list)  # and tangents
+    sizes: np.ndarray | None = None  # of materials, as in the scene [m]
+    used: set[int] = field(default_factory=set)  # rows of `sizes` that some cell has
+    smallest: float = np.inf  # where sizes come as rasters [m]
+    largest: float = 0.0
+
+    def take(self, band: Scene, box: Box) -> None:
+        """Rows of a box, in a scene that holds them and what lies about them."""
+        inner = slice(box.row - band.at[0], box.stop_row - band.at[0])
+        z = band.z[inner]
+        for rows in row_blocks(z.shape):
+            self._take_elevations(z[rows])
+        self._take_samples(band, *_samples(band, box))
+        row = ((band.grid.north - band.y) / band.grid.cell).astype(int).clip(0, band.grid.ny - 1)
+        mine = (row >= box.row) & (row < box.stop_row)
+        if mine.any():
+            x, y = band.x[mine], band.y[mine]
+            column = ((x - band.grid.west) / band.grid.cell).astype(int).clip(0, band.grid.nx - 1)
+            self.source_z.append(band.z[row[mine] - band.at[0], column - band.at[1]])
+            self.source_slopes.append(_slopes(band, x, y))
+        self._take_sizes(band, inner)
+
+    def _take_samples(self, band: Scene, row: np.ndarray, column: np.ndarray) -> None:
+        """Slopes of cells, and what they are made of."""
+        self.slopes.append(_slopes(band, band.grid.x[column], band.grid.y[row]))
+        at = row - band.at[0], column - band.at[1]
+        if band.values is not None:
+            self.rocks.append(band.values[:, *at].T)
+        else:
+            zero = np.zeros(row.size, int)
+            self.materials.append(zero if band.zone is None else band.zone[at].astype(int) - 1)
+
+    def _take_elevations(self, z: np.ndarray) -> None:
+        self.low.take(z)
+        self.high.take(-z)
+        known = ~np.isnan(z)
+        self.known += np.count_nonzero(known)
+        self.whole = self.whole and bool((np.rint(z) == z)[known].all())
+        if not self.whole:
+            return
+        for along in z, z.T:
+            bend = along[:, 2:] - 2 * along[:, 1:-1] + along[:, :-2]
+            back = bend[:, 1:] * bend[:, :-1]
+            self.steps += np.count_nonzero(back < 0)
+            self.spans += np.count_nonzero(~np.isnan(back))
+
+    def _take_sizes(self, band: Scene, rows: slice) -> None:
+        self.sizes = band.sizes
+        if band.values is not None:
+            for layer in band.values:
+                least = np.fmin.reduce(layer[rows], axis=None, initial=self.smallest)
+                self.smallest = float(least)
+                finite = np.isfinite(layer[rows])
+                self.largest = float(np.max(layer[rows], initial=self.largest, where=finite))
+        elif band.zone is None:
+            self.used = {0}
+        else:
+            self.used |= set((np.unique(band.zone[rows]) - 1).tolist()) - {-1}
+
+    def quantiles(self) -> np.ndarray:
+        """Of the slopes of the terrain [degree]; NaN where no cell has all its neighbours."""
+        return _degrees(self.slopes, QUANTILES)
+
+    def source_quantiles(self) -> np.ndarray:
+        """Of the slopes at the sources [degree]."""
+        return _degrees(self.source_slopes, QUANTILES)
+
+
+def ground_of(scene: Scene) -> Ground:
+    """That of a scene with its rasters."""
+    found = Ground()
+    found.take(scene, scene.grid.box)
+    return found
+
+
+def _degrees(tangents: list[np.ndarray], shares: tuple[float, ...]) -> np.ndarray:
+    all_ = np.concatenate(tangents) if tangents else np.empty(0)
+    if not all_.size:
+        return np.full(len(shares), np.nan)
+    return np.degrees(np.arctan(np.quantile(all_, shares)))
+
+
+def _slopes(band: Scene, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Tangents of the slopes of the cells at places."""
+    if not x.size:
+        return np.empty(0)
+    return np.sqrt(np.maximum(area_ratios(replace(band, x=x, y=y)) ** 2 - 1, 0.0))
+
+
+def _samples(band: Scene, box: Box) -> tuple[np.ndarray, np.ndarray]:
+    """Rows and columns of evenly spaced cells of the whole terrain that lie in a box, and are known
+    like all eight cells about them."""
+    grid = band.grid
+    step = max(1, int(np.sqrt(grid.nx * grid.ny / SAMPLES)))
+    rows = np.arange(max(1, -(-box.row // step) * step), min(box.stop_row, grid.ny - 1), step)
+    columns = np.arange(1, grid.nx - 1, step)
+    near = [-1, 0, 1]
+    around = (
+        band.z[np.ix_(rows - band.at[0] + i, columns - band.at[1] + j)] for i in near for j in near
+    )
+    row, column = np.nonzero(~np.isnan(sum(around)))
+    return rows[row], columns[column]

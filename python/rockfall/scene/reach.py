@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Whether boulders can start from the sources of a scene, and which cells they can reach."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rockfall._core import rockfall_f2py as _core
+from rockfall.errors import RockfallError
+from rockfall.io.grid import Box
+from rockfall.scene.scene import Scene
+
+
+class Survey:
+    """What is to be known of the terrain before a run, gathered from all its rows."""
+
+    def __init__(self, scene: Scene) -> None:
+        output = scene.case.output
+        self.scene, self.head = scene, np.full(1, -np.inf)  # energy head [m]
+        nodes = scene.grid.nx, scene.grid.ny
+        side = _core.block_of(nodes)
+        blocks = [-(-n // side) for n in nodes] if "maps" in output else [1, 1]
+        self.minima = np.full(blocks, np.inf, order="F")  # of blocks of cells [m]
+
+    def take(self, scene: Scene, first: int, stop: int) -> None:
+        """Rows `first` to `stop` - 1 of the raster; the scene holds them and four more about them.
+
+        A source from where no boulder can start is refused.
+        """
+        place = {key: value for key, value in scene.kernel_arguments().items() if key in _PLACE}
+        code, message = _core.survey(
+            **place, first=first + 1, last=stop, minima=self.minima, head=self.head
+        )
+        if code:
+            raise RockfallError(f"{scene.case.name}: {message.decode().strip()}", code)
+
+    def box(self) -> Box:
+        """Every cell that a boulder can reach: no rebound adds energy, so no boulder passes terrain
+        higher than what its energy at the release could lift it to (model, section 4)."""
+        scene, grid = self.scene, self.scene.grid
+        output = scene.case.output
+        if "maps" not in output or output["map_extent"] == "terrain":
+            return grid.box
+        column, row, last_column, last_row = _core.reach(
+            (grid.nx, grid.ny), grid.west, grid.north, grid.cell, scene.x, scene.y,
+            self.minima, self.head[0],
+        ).tolist()  # fmt: skip
+        return Box(row - 1, column - 1, last_row, last_column)
+
+
+_PLACE = {
+    "z8", "z4", "west", "north", "cell", "nodes", "at", "source_x", "source_y", "drop_height",
+    "velocity", "gravity",
+}  # fmt: skip
+
+
+def survey(scene: Scene) -> Survey:
+    """That of a scene."""
+    if scene.tiles:
+        return scene.tiles.survey
+    found = Survey(scene)
+    found.take(scene, 0, scene.grid.ny)
+    return found

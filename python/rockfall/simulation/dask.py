@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A run on a Dask cluster: workers fly parts of it, which are joined as they come."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rockfall.case import Case
+from rockfall.errors import RockfallError, need
+from rockfall.scene.reach import survey
+from rockfall.scene.scene import Scene, read_scene
+from rockfall.simulation.interrupts import interrupts
+from rockfall.simulation.merge import Joined
+from rockfall.simulation.progress import progress_bar
+from rockfall.simulation.simulate import no_maps, run_scene
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+PARTS = 16  # for each thread of the cluster: workers end together, and little is lost with one
+SECONDS = 20  # to reach a scheduler
+
+
+def run_on_cluster(
+    scene: Scene, where: str, *, parts: int | None = None, progress: bool = False
+) -> xr.Dataset:
+    """Run a scene on the Dask cluster at an address, or on `local:N` processes of this machine.
+
+    Each worker reads the rasters once, from the files that the case names: it must find them under
+    the same paths. A part whose worker dies is flown again by another. The result is that of
+    `run_scene`, bit for bit.
+    """
+    need("a Dask cluster needs", "cluster", "distributed")
+    from distributed import as_completed
+
+    case = scene.case.replace(case={"threads": 1})  # workers have threads of their own
+    case.folder = Path(case.folder).absolute()
+    with interrupts() as interrupted, _client(where) as client:
+        memory = 2 * scene.tiles.bytes if scene.tiles else None  # windows of the same size
+        of = parts or PARTS * max(1, sum(client.nthreads().values()))
+        of = max(2, min(of, scene.boulders))
+        if scene.boulders < 2:
+            return run_scene(scene)
+        parts = range(1, of + 1)
+        futures = [client.submit(_part, case, memory, k, of, pure=False, retries=2) for k in parts]
+        joined = Joined(no_maps(case.output.get("maps", []), survey(scene).box()))
+        with progress_bar(scene.boulders, shown=progress) as advance:
+            for future in as_completed(futures, loop=client.loop):
+                part = _result(future)
+                if interrupted():
+                    raise KeyboardInterrupt
+                joined.add(part)
+                advance(part.sizes["boulder"])
+                future.release()
+    result = joined.result()
+    result.attrs["case"] = scene.case.text()
+    return result
+
+
+@contextmanager
+def _client(where: str) -> Iterator[Any]:
+    """A client of the cluster at an address, or of one that lives as long as the block."""
+    from distributed import Client, LocalCluster
+    from distributed.security import Security
+
+    if not where.startswith("local:"):
+        try:
+            client = Client(where, timeout=SECONDS, **_straight(where))
+        except (OSError, ValueError) as error:
+            raise RockfallError(f"--dask {where}: no scheduler answers: {error}") from error
+        with client:
+            yield client
+        return
+    number = where.removeprefix("local:")
+    if not number.isdecimal() or int(number) < 1:
+        raise RockfallError(f"--dask {where}: must be local:N with N >= 1, or an address")
+    need("local processes of Dask need", "cluster", "cryptography")
+    about = {"n_workers": int(number), "threads_per_worker": 1, "dashboard_address": None}
+    # without credentials whoever else is on this machine may send code to the workers
+    with (
+        LocalCluster(**about, processes=True, security=Security.temporary()) as cluster,
+        Client(cluster, **_straight(cluster.scheduler_address)) as client,
+    ):
+        yield client
+
+
+def _straight(address: str) -> dict[str, Any]:
+    """Parts come straight from workers of this machine; elsewhere only the scheduler may be in
+    reach."""
+    here = re.match(r"(\w+://)?(127\.|localhost)", address) is not None
+    return {"set_as_default": False, "direct_to_workers": here}
+
+
+def _result(future: Any) -> xr.Dataset:
+    from distributed import KilledWorker
+
+    try:
+        return future.result()
+    except KilledWorker as error:
+        raise RockfallError(f"workers died again and again: {error}", code=1) from error
+
+
+def _part(case: Case, memory: float | None, which: int, of: int) -> xr.Dataset:
+    """On a worker: a part of the run. One of them says which maps there are, the others send no
+    more than what is to be added up."""
+    return run_scene(_scene(case, memory), shard=(which, of), maps=which == 1)
+
+
+@lru_cache(maxsize=1)
+def _scene(case: Case, memory: float | None) -> Scene:
+    """The scene of a case, read once by each worker."""
+    return read_scene(case, memory=memory)

@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A case as a job array of Slurm: one job a shard, and a last one that joins them."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import shutil
+import sys
+from pathlib import Path
+from string import Template
+
+from rockfall.case import read_case
+from rockfall.case_files import input_files
+from rockfall.errors import RockfallError
+from rockfall.io.output_files import BY_SLURM, RESULT, check_outputs, whole_folder
+
+MOST_SHARDS = 10_000
+#: What `sbatch --time` takes: minutes, M:S, H:M:S, D-H, D-H:M, D-H:M:S.
+TIME = r"[0-9]{1,9}(:[0-9]{1,9}){0,2}|[0-9]{1,9}-[0-9]{1,9}(:[0-9]{1,9}){0,2}"
+RUN = Template(
+    f"""#!/bin/sh
+{BY_SLURM}
+#SBATCH --job-name=$name
+#SBATCH --array=1-$shards
+#SBATCH --cpus-per-task=$threads
+#SBATCH --time=$time
+#SBATCH --output=$folder/%a.log
+# One part of the run for each job of the array; a job that is started again goes on.
+set -eu
+mkdir -p $folder/parts
+part=$$SLURM_ARRAY_TASK_ID
+export OMP_NUM_THREADS="$${{SLURM_CPUS_PER_TASK:-$threads}}"
+exec $command
+"""
+)
+COMMANDS = {
+    "python": Template(
+        '$rockfall run $case --quiet --resume --threads "$$OMP_NUM_THREADS" '
+        '--shard "$$part/$shards" --output $folder/parts/"part$${part}of$shards"'
+    ),
+    "batch": Template(
+        '$batch $case quiet=true resume=true threads="$$OMP_NUM_THREADS" '
+        'shard="$$part/$shards" output=$folder/parts/"part$${part}of$shards"'
+    ),
+}
+MERGE = Template(
+    f"""#!/bin/sh
+{BY_SLURM}
+#SBATCH --job-name=$name-merge
+#SBATCH --time=$time
+#SBATCH --output=$folder/merge.log
+set -eu
+cd $folder/parts
+part=0
+while [ "$$part" -lt $shards ]; do
+  part=$$((part + 1))
+  set -- "$$@" "part$${{part}}of$shards"
+done
+exec $rockfall merge "$$@" --output $folder/$stem.nc
+"""
+)
+SUBMIT = Template(
+    f"""#!/bin/sh
+{BY_SLURM}
+# The array, and the merge once all of its jobs are done.
+set -eu
+job=$$(sbatch --parsable $folder/run.sh)
+sbatch --dependency="afterok:$$job" $folder/merge.sh
+"""
+)
+
+
+def write_jobs(
+    path: str | Path, folder: str | Path, shards: int, *, program: str, threads: int, time: str
+) -> list[Path]:
+    """Write run.sh, merge.sh and submit.sh for a case to `folder`, made where it is missing: all of
+    them or none.
+
+    `program` is python or batch; a case for the latter is as `rockfall prepare` makes it. `threads`
+    and `time` (as Slurm has it) are what each job asks for.
+    """
+    case = read_case(path)
+    if program not in COMMANDS:
+        raise RockfallError(f"--program {program}: must be {' or '.join(COMMANDS)}")
+    if threads < 1:
+        raise RockfallError(f"--threads {threads}: must be at least 1")
+    case.replace(case={"threads": threads})  # the kernel knows how many may be
+    if not 2 <= shards <= MOST_SHARDS:
+        raise RockfallError(f"--shards {shards}: must be 2 to {MOST_SHARDS}")
+    if "x" in case.release and shards > (
+        boulders := case.case["boulders"] * len(case.release["x"])
+    ):
+        raise RockfallError(f"--shards {shards}: must be at most {boulders}, one boulder each")
+    if not re.fullmatch(TIME, time):
+        raise RockfallError(
+            f"--time {time}: must be as Slurm has it: MINUTES, M:S, H:M:S, D-H, D-H:M or D-H:M:S"
+        )
+    folder = Path(folder).absolute()
+    if any(character.isspace() for character in str(folder)):
+        raise RockfallError(f"{folder}: #SBATCH lines take no folder with blanks in its name")
+    inputs = list(input_files(case))
+    check_outputs({folder / f"{Path(path).stem}.nc": RESULT}, inputs)  # which merge.sh writes
+    about = {
+        "case": shlex.quote(str(Path(path).absolute())), "folder": shlex.quote(str(folder)),
+        "name": "rockfall", "stem": shlex.quote(Path(path).stem), "shards": shards,
+        "threads": threads, "time": time,
+        "rockfall": shlex.join([sys.executable, "-m", "rockfall.cli"]),
+        "batch": shlex.quote(_program(program)),
+    }  # fmt: skip
+    about["command"] = COMMANDS[program].substitute(about)
+    scripts = {"run.sh": RUN, "merge.sh": MERGE, "submit.sh": SUBMIT}
+    with whole_folder(folder, inputs) as part:
+        for name, text in scripts.items():
+            (part / name).write_text(text.substitute(about))
+            (part / name).chmod(0o755)
+    return [folder / name for name in scripts]
+
+
+def _program(program: str) -> str:
+    """The path of rockfall-batch, where that is wanted: jobs do not look for it."""
+    if program != "batch":
+        return ""
+    found = shutil.which("rockfall-batch")
+    if not found:
+        raise RockfallError("--program batch: no rockfall-batch is found on the PATH")
+    return str(Path(found).absolute())

@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Maps by source of runs in parts: a source that a part cuts may be counted by others too.
+
+The kernel's stamps know the cells of such a source (rockfall_sourcemap). They are kept with a part,
+so that all parts together count it once a cell, and with a checkpoint, so that it goes on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from rockfall.scene.scene import Scene
+    from rockfall.simulation.simulate import Maps, Tally
+
+SOURCES, RELEASED = 2, 3  # places in the kernel's plan
+FED = ("fed_cell", "fed_source", "fed_boulders")  # of the sources that a range cuts
+
+
+def tells_sources(maps: Maps) -> bool:
+    """Whether a map asks which source a boulder has."""
+    return bool(maps.plan[[SOURCES, RELEASED]].any())
+
+
+def follow_sources(maps: Maps, scene: Scene, before: int) -> None:
+    """Room for stamps; a source that the run begins in the middle of has a layer to itself."""
+    if not tells_sources(maps):
+        return
+    source = scene.source_of(before + 1)
+    maps.head = source + 1 if scene.numbers_of(source).start <= before else 0
+    maps.stamp = np.zeros((2 if maps.head else 1, *maps.box.shape), "i4")
+
+
+def fed_cells(tally: Tally) -> dict[str, np.ndarray]:
+    """The cells that the sources feed which the boulders done cut, by source: index of the cell,
+    number of the source, and its boulders among those done; {} where no map asks."""
+    if not tells_sources(tally.maps):
+        return {}
+    done, columns = range(tally.before + 1, tally.before + tally.done + 1), []
+    for source in _cut_sources(tally.scene, done):
+        own = tally.scene.numbers_of(source)
+        stamp = tally.maps.stamp[int(source + 1 == tally.maps.head)]
+        cell = np.flatnonzero(stamp == source + 1)
+        boulders = min(own.stop, done.stop) - max(own.start, done.start)
+        numbers = (np.full(cell.size, n, "i4") for n in (source + 1, boulders))
+        columns.append((cell, *numbers))
+    empty = (np.empty(0, "i8"), np.empty(0, "i4"), np.empty(0, "i4"))
+    return dict(zip(FED, map(np.concatenate, zip(empty, *columns, strict=True)), strict=True))
+
+
+def _cut_sources(scene: Scene, numbers: range) -> list[int]:
+    """The sources, from 0, of which some but not all boulders have these numbers."""
+    if not numbers:
+        return []
+    ends = dict.fromkeys(scene.source_of(number) for number in (numbers[0], numbers[-1]))
+    own = {source: scene.numbers_of(source) for source in ends}
+    return [s for s in ends if own[s][0] not in numbers or own[s][-1] not in numbers]
+
+
+def restore_stamps(maps: Maps, fed: Mapping[str, np.ndarray]) -> None:
+    """Go on from what `fed_cells` gave."""
+    for layer, mine in enumerate((fed["fed_source"] != maps.head, fed["fed_source"] == maps.head)):
+        if mine.any():
+            stamp = maps.stamp[layer].reshape(-1)
+            stamp[fed["fed_cell"][mine]] = fed["fed_source"][mine]
+
+
+def settle(tally: Tally) -> dict[str, np.ndarray]:
+    """What `fed_cells` gives, after leaving only the boulders done of cut sources in the cells that
+    they feed: the end of a tally."""
+    fed = fed_cells(tally)
+    if fed and tally.maps.plan[RELEASED]:
+        released = _layer(tally.maps, RELEASED)
+        all_of = {s: len(tally.scene.numbers_of(s - 1)) for s in np.unique(fed["fed_source"])}
+        missing = np.array([all_of[s] for s in fed["fed_source"]], "i4") - fed["fed_boulders"]
+        np.subtract.at(released, fed["fed_cell"], missing)
+    return fed
+
+
+def join_sources(maps: Maps, parts: Sequence[Mapping[str, np.ndarray]]) -> None:
+    """Count the sources that several parts cut once a cell, with all their boulders: what the parts
+    counted of them is taken out, and put back once."""
+    if not parts or not tells_sources(maps):
+        return
+    cell, source, boulders = (np.concatenate([part[name] for part in parts]) for name in FED)
+    cells = maps.counts[0].size
+    once_source, once_cell = np.divmod(np.unique(source * np.int64(cells) + cell), cells)
+    if maps.plan[SOURCES]:
+        layer = _layer(maps, SOURCES)
+        np.subtract.at(layer, cell, np.int32(1))
+        np.add.at(layer, once_cell, np.int32(1))
+    if maps.plan[RELEASED]:
+        numbers, total = _boulders_of(parts)
+        layer = _layer(maps, RELEASED)
+        np.subtract.at(layer, cell, boulders)
+        np.add.at(layer, once_cell, total[np.searchsorted(numbers, once_source)])
+
+
+def _boulders_of(parts: Sequence[Mapping[str, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
+    """Numbers of the cut sources, and the boulders of each over all parts."""
+    rows = []
+    for part in parts:
+        source, first = np.unique(part["fed_source"], return_index=True)
+        rows.append((source, part["fed_boulders"][first]))
+    source, boulders = (np.concatenate(column) for column in zip(*rows, strict=True))
+    numbers, which = np.unique(source, return_inverse=True)
+    total = np.zeros(numbers.size, "i4")
+    np.add.at(total, which, boulders)
+    return numbers, total
+
+
+def _layer(maps: Maps, place: int) -> np.ndarray:
+    """A layer of counts by cell, flat; a view."""
+    return maps.counts[maps.plan[place] - 1].reshape(-1)

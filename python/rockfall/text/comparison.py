@@ -1,0 +1,156 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A comparison as text, for a terminal; +- is half of a 95 % interval."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rockfall.analysis.compare import STATISTICS, Comparison
+from rockfall.io.tables import aligned
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+LEVEL = 0.05  # a smaller p rejects that two samples have one distribution
+MOST = 12  # rows of a long table that are shown
+EXACT = "* more than chance explains, at 95 %; a printed number without n is taken as exact"
+_SHOWN = {  # quantity -> label, in how many SI units, digits
+    "speed": ("speed [m/s]", 1.0, 1),
+    "jump_height": ("jump height [m]", 1.0, 2),
+    "passing_height": ("passing height [m]", 1.0, 2),
+    "omega": ("omega [rad/s]", 1.0, 1),
+    "energy_translational": ("E_trans [kJ]", 1e3, 0),
+    "energy_rotational": ("E_rot [kJ]", 1e3, 0),
+    "energy_total": ("E_tot [kJ]", 1e3, 0),
+    "rotational_share": ("E_rot / E_tot", 1.0, 3),
+    "stopping_distance": ("stopping distance", 1.0, 1),
+}
+
+
+def text(comparison: Comparison) -> str:
+    """Title, the tables that are not empty, notes."""
+    parts = [comparison.title]
+    errors = comparison.errors
+    for table, rows in (
+        (errors, _errors),
+        (errors[errors["printed_error_percent"].notna()], _printed_errors),
+        (comparison.ks, _ks),
+        (comparison.passing, _passing),
+        (comparison.stops, _stops),
+    ):
+        if len(table):
+            parts.append(aligned(rows(table)))
+    if any(table["chance"].eq(False).any() for table in (comparison.errors, comparison.passing)):
+        parts.append(EXACT)
+    return "\n\n".join([*parts, *comparison.notes])
+
+
+def _errors(table: pd.DataFrame) -> Iterable[list[str]]:
+    _, *rest = STATISTICS
+    yield ["", "this run: mean", *rest, "", *STATISTICS, "error [%]: mean", *rest]
+    shown = ""
+    for (line, quantity, against), rows in table.groupby(
+        ["line", "quantity", "against"], sort=False
+    ):
+        name = _name(line, quantity)
+        row = rows.set_index("statistic").loc[list(STATISTICS)]
+        ours, theirs = (_three(row, whose, quantity) for whose in ("simulated", "observed"))
+        who = against if against in ("observed", "sample") else f"method {against}"
+        errors = (_error(row.loc[one]) for one in STATISTICS)
+        first = ["", "", "", ""] if name == shown else [name, *ours]
+        yield [*first, who, *theirs, *errors]
+        shown = name
+
+
+def _printed_errors(table: pd.DataFrame) -> Iterable[list[str]]:
+    """The errors of a paper's own method against what was observed (its table 3)."""
+    yield [f"error of method {table['against'].iloc[0]} as printed [%]", *STATISTICS]
+    for (line, quantity), rows in table.groupby(["line", "quantity"], sort=False):
+        errors = rows.set_index("statistic")["printed_error_percent"].reindex(STATISTICS)
+        yield [_name(line, quantity), *(_number(error, "+z.0f") for error in errors)]
+
+
+def _three(row: pd.DataFrame, whose: str, quantity: str) -> list[str]:
+    """Mean with half of its interval, standard deviation, maximum."""
+    _, unit, digits = _SHOWN[quantity]
+    mean, std, most = (_rounded(value / unit, digits, whose) for value in row[whose])
+    half = (row.loc["mean", f"{whose}_high"] - row.loc["mean", f"{whose}_low"]) / 2 / unit
+    return [mean if np.isnan(half) else f"{mean} +- {half:.{digits}f}", std, most]
+
+
+def _error(row: pd.Series) -> str:
+    return _number(row["error_percent"], "+z.0f") + _mark(row)
+
+
+def _mark(row: Mapping[str, Any]) -> str:
+    import pandas as pd
+
+    return " " if pd.isna(row["chance"]) or row["chance"] else "*"
+
+
+def _ks(table: pd.DataFrame) -> Iterable[list[str]]:
+    level = f"at {100 * LEVEL:.0f} %"
+    ours, printed = (table[name].notna().any() for name in ("n_observed", "printed_p"))
+    yield [
+        "Kolmogorov-Smirnov",
+        *(["n observed", "n this run", "D", "p", level] if ours else []),
+        *(["printed p", level] if printed else []),
+    ]
+    for row in table.to_dict("records"):
+        sizes = [_number(row[f"n_{whose}"], ",d") for whose in ("observed", "simulated")]
+        tested = [*sizes, _number(row["ks_statistic"], ".3f"), *_verdict(row["p"])]
+        theirs = _verdict(row["printed_p"]) if printed else ()
+        yield [_name(row["line"], row["quantity"]), *(tested if ours else []), *theirs]
+
+
+def _verdict(p: float) -> tuple[str, str]:
+    verdict = "rejected" if p < LEVEL else "not rejected"
+    return _number(p, ".4f"), "-" if np.isnan(p) else verdict
+
+
+def _passing(table: pd.DataFrame) -> Iterable[list[str]]:
+    yield ["distance [m]", "observed [%]", "this run [%]", "difference"]
+    chosen = np.unique(np.linspace(0, len(table) - 1, min(MOST, len(table))).round().astype(int))
+    for row in table.iloc[chosen].to_dict("records"):
+        shares = []
+        for whose in "observed", "simulated":
+            half = 50 * (row[f"{whose}_high"] - row[f"{whose}_low"])
+            share = f"{100 * row[whose]:.1f}"
+            shares.append(share if np.isnan(half) else f"{share} +- {half:.1f}")
+        difference = f"{row['difference_percent']:+z.1f}{_mark(row)}"
+        yield [f"{row['distance']:.1f} or more", *shares, difference]
+    if chosen.size < len(table):
+        yield [f"({chosen.size} of {len(table)} distances)"]
+
+
+def _stops(table: pd.DataFrame) -> Iterable[list[str]]:
+    """Observed stopping places by the share of the boulders that reach their cell."""
+    reach = table["reach_probability"].to_numpy(float)
+    yield ["observed stopping places in cells that", "places"]
+    for label, inside in (
+        ("10 % of the boulders or more pass", reach >= 0.1),
+        ("1 to 10 % pass", (reach >= 0.01) & (reach < 0.1)),
+        ("less than 1 % pass", (reach > 0) & (reach < 0.01)),
+        ("none passes", reach == 0),
+        ("lie outside of the map", np.isnan(reach)),
+    ):
+        yield [label, f"{inside.sum():,}"]
+
+
+def _rounded(value: float, digits: int, whose: str) -> str:
+    """What was observed is not shown with more digits than it was given."""
+    text = _number(value, f".{digits}f")
+    return text.rstrip("0").rstrip(".") if whose == "observed" and "." in text else text
+
+
+def _name(line: str, quantity: str) -> str:
+    return f"{line} {_SHOWN[quantity][0]}".strip()
+
+
+def _number(value: float, digits: str) -> str:
+    import pandas as pd
+
+    return "-" if pd.isna(value) else format(value, digits)

@@ -1,0 +1,114 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Impacts and their fit in a few lines of text."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rockfall.analysis.plane_bounce import (
+    Rebound,
+    growth,
+    neutral_slope,
+    resampled_rebound,
+    set_rebound,
+)
+from rockfall.lab.case import COEFFICIENTS
+from rockfall.lab.contacts import title
+from rockfall.lab.experiment import STATUS
+from rockfall.lab.fit import Impacts, as_rebounds, impacts_of, within_points
+from rockfall.lab.lateral import lateral_line
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from rockfall.lab.contacts import Contacts
+    from rockfall.lab.fit import ImpactSet
+
+ENDS = [name for name in STATUS if name != "not_done"]
+AIMED, AIM = ("a1", "a4", "a5"), 0.05  # means and their standard error, for which contacts are told
+SLOPES = 34.0, 38.0, 42.0  # of the planes on which a set is checked [degrees]
+
+
+def impact_summary(data: xr.Dataset) -> str:
+    """How the impacts of each ratio ended."""
+    head = f"{'R_b/R_m':>8}{'solid':>7}{'impacts':>9}"
+    lines = [head + "".join(f"{name:>11}" for name in ENDS)]
+    for ratio in data["ratio"].values:
+        status = data["status"].sel(ratio=ratio).values
+        counts = "".join(f"{int((status == STATUS[name]).sum()):11,}" for name in ENDS)
+        solid = float(data["solid"].sel(ratio=ratio).mean())
+        lines.append(f"{ratio:8g}{solid:7.3f}{status.size:9,}{counts}")
+    lines.append(f"{data.attrs['cpu_seconds']:.0f} s of CPU")
+    return "\n".join(lines)
+
+
+def fit_summary(data: xr.Dataset, sets: dict[int, ImpactSet], state: str) -> str:
+    """Each ratio: a1..a9, and the check that needs no fit: bounces on planes by the set and by the
+    impacts themselves."""
+    lines = []
+    for ratio, found in sets.items():
+        impacts = as_rebounds(impacts_of(data, ratio, state))
+        noise = np.sqrt(np.diag(within_points(data, ratio, state)))
+        lines += set_lines(f"R_b/R_m = {ratio}: {found.impacts:,} impacts", found)
+        lines.append(
+            f"  {found.redrawn:.2f} draws thrown away for each rebound; scatter within a point "
+            f"{' '.join(f'{value:.2f}' for value in noise)} of |V_in| (V_t, V_n, W)"
+        )
+        lines += [lateral_line(impacts.lateral), *bounce_lines(found, impacts)]
+    return "\n".join(lines)
+
+
+def contacts_summary(contacts: Contacts, sets: dict[int, ImpactSet]) -> str:
+    """The same of each set that was fitted to measured contacts, and how many would do."""
+    lines = []
+    for ratio, impacts in contacts.by_ratio().items():
+        found = sets[ratio or 1]  # all ratios have the same, where none was measured
+        lines += set_lines(f"{title(ratio)}: {found.impacts:,} contacts", found)
+        lines.append(contacts_needed(found))
+        if impacts.lateral is not None:
+            lines.append(lateral_line(impacts.lateral))
+        lines += bounce_lines(found, impacts)
+    return "\n".join(lines)
+
+
+def contacts_needed(found: ImpactSet) -> str:
+    """How many contacts would give the means asked for the standard error asked for, as errors fall
+    with the root of their number."""
+    told = []
+    for name in AIMED:
+        error = found.mean_error[COEFFICIENTS.index(name)]
+        number = float(f"{found.impacts * (error / AIM) ** 2:.2g}")  # to a factor of two
+        told.append(f"{number:,.0f} for {name}")
+    return f"  contacts for a standard error of {AIM:g}: about {', '.join(told)}"
+
+
+def set_lines(title: str, found: ImpactSet) -> list[str]:
+    """Means, their standard errors and deviations of a1..a9."""
+    rows = [
+        ("mean", found.mean),
+        ("standard error", found.mean_error),
+        ("deviation", np.sqrt(np.diag(found.covariance))),
+    ]
+    head = [title, f"  {'':16}" + "".join(f"{name:>8}" for name in COEFFICIENTS)]
+    return head + [f"  {name:16}" + "".join(f"{v:8.4f}" for v in row) for name, row in rows]
+
+
+def bounce_lines(found: ImpactSet, impacts: Impacts) -> list[str]:
+    """Neutral slope, and growth and scatter of a bounce on planes, by the set and by resampling."""
+    ways: dict[str, Rebound] = {
+        "the set": set_rebound(found.mean, found.covariance),
+        "the impacts": resampled_rebound(impacts.v_in, impacts.v_out),
+    }
+    lines = []
+    for name, rebound in ways.items():
+        planes = []
+        for slope in SLOPES:
+            one = growth(rebound, slope)
+            planes.append(f"{slope:g}: {one.mean:+.4f} {one.std:.4f}")
+        lines.append(
+            f"  by {name:12} neutral slope {neutral_slope(rebound):5.1f} degrees; "
+            f"log growth and scatter of a bounce at {'; '.join(planes)}"
+        )
+    return lines

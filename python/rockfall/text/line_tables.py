@@ -1,0 +1,139 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Line statistics and return levels as text to read and as CSV."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rockfall.analysis.line_statistics import QUANTILES, line_statistics, quantile_name
+from rockfall.analysis.return_levels import LEVELS, return_levels
+from rockfall.case_files import files_behind
+from rockfall.errors import RockfallError
+from rockfall.io.output_files import LEVEL_TABLE, LINE_TABLE, check_output, whole_folder
+from rockfall.io.tables import aligned, write_csv
+from rockfall.result.dataset import read_result
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+#: What is printed of a quantity: its name, and how many make the printed unit.
+SHOWN = {
+    "speed": ("speed [m/s]", 1),
+    "jump_height": ("jump height [m]", 1),
+    "passing_height": ("passing height [m]", 1),
+    "omega": ("omega [rad/s]", 1),
+    "energy_translational": ("E_trans [kJ]", 1000),
+    "energy_rotational": ("E_rot [kJ]", 1000),
+    "energy_total": ("E_tot [kJ]", 1000),
+    "rotational_share": ("E_rot / E_tot [%]", 0.01),
+    "position": ("along the line [m]", 1),
+}
+ABOUT = """\
+Below each number its 95 % interval. The std along the line is the lateral spread. The largest grows
+with the number of boulders. 1 in N: what one in N of the boulders that pass exceeds, from the
+sample where 25 or more boulders exceed it, else from a generalised Pareto tail of the boulders
+above the threshold."""
+
+
+def print_lines(path: str | Path, table: str | Path | None = None) -> None:
+    """Print both tables of a result; with `table`, a CSV file, write line_statistics there and
+    return_levels beside it as NAME_levels.csv, in the units of the result."""
+    table = table and _csv(Path(table))
+    result = read_result(path)
+    if "line" not in result:
+        raise RockfallError(f"{path}: has no evaluation lines")
+    if table:
+        beside = table.with_name(f"{table.stem}_levels.csv")
+        inputs = [Path(path), *files_behind(result)]
+        for name, kind in ((table, LINE_TABLE), (beside, LEVEL_TABLE)):
+            check_output(name, kind, inputs)
+    statistics, levels = line_statistics(result), return_levels(result)
+    if table:
+        with whole_folder(table.parent, inputs) as part:
+            write_csv(statistics, part / table.name)
+            write_csv(levels, part / beside.name)
+    print("\n".join(_text(statistics, levels, result.sizes["boulder"])))
+    if table:
+        print(table, beside, sep="\n")
+
+
+def _csv(path: Path) -> Path:
+    if path.suffix.lower() != ".csv" or path.is_dir():
+        raise RockfallError(f"{path}: must be a file name that ends in .csv")
+    return path
+
+
+def _text(statistics: pd.DataFrame, levels: pd.DataFrame, boulders: int) -> Iterator[str]:
+    """Both tables, line after line."""
+    yield ABOUT
+    for line, rows in statistics.groupby("line", sort=False):
+        one = rows.iloc[0]
+        share, low, high = (_number(one[f"share{end}"], 0.01) for end in ("", "_low", "_high"))
+        yield ""
+        yield f"{line}: {one['n']:,} of {boulders:,} boulders, {share} % ({low} to {high} %)"
+        if one["n"]:
+            yield aligned(_statistics(rows))
+            tails = levels[levels["line"] == line]
+            yield aligned(_levels(tails))
+            yield from _bounded(tails)
+            yield from _refused(tails)
+
+
+def _statistics(rows: pd.DataFrame) -> Iterator[list[str]]:
+    names = ["mean", "std", *map(quantile_name, QUANTILES)]
+    yield ["", *names]
+    for _, row in rows.iterrows():
+        yield from _row(row, names)
+
+
+def _levels(tails: pd.DataFrame) -> Iterator[list[str]]:
+    yield ["", "largest", *(f"1 in {N:,}" for N in LEVELS), "threshold", "above", "shape"]
+    names = [f"level_{N}" for N in LEVELS]
+    for _, row in tails.iterrows():
+        yield from _row(row, ["max", *names, "threshold", "exceedances", "shape"])
+
+
+def _row(row: pd.Series, names: list[str]) -> Iterator[list[str]]:
+    """The numbers of a quantity; below them their intervals."""
+    title, unit = SHOWN[row["quantity"]]
+    numbers, limits = [f"  {title}"], [""]
+    for name in names:
+        scale = 1 if name in ("exceedances", "shape") else unit
+        value, low, high = (
+            _number(row.get(f"{name}{end}", np.nan), scale) for end in ("", "_low", "_high")
+        )
+        if name == "exceedances" and value:
+            value = f"{row[name]:,.0f}"
+        numbers.append(value or "-")
+        limits.append(f"{low}..{high}" if low or high else "")
+    yield numbers
+    if any(limits):
+        yield limits
+
+
+def _bounded(tails: pd.DataFrame) -> Iterator[str]:
+    """Where tails end."""
+    for _, row in tails[np.isfinite(tails["end"])].iterrows():
+        title, scale = SHOWN[row["quantity"]]
+        name, _, unit = title.rstrip("]").partition(" [")
+        end, high = (_number(row[limit], scale) for limit in ("end", "end_high"))
+        yield f"  bounded: {name} ends at {end} {unit}, 95 % interval up to {high} {unit}"
+
+
+def _refused(tails: pd.DataFrame) -> Iterator[str]:
+    """Each reason once, with the quantities that it is for."""
+    for reason, rows in tails[tails["refused"] != ""].groupby("refused", sort=False):
+        names = ", ".join(SHOWN[quantity][0].partition(" [")[0] for quantity in rows["quantity"])
+        yield f"  refused: {reason} ({'all' if len(rows) == len(tails) else names})"
+
+
+def _number(value: float, unit: float) -> str:
+    """Four digits in the printed unit; nothing where it is unknown."""
+    shown = value / unit
+    if not np.isfinite(shown):
+        return ""
+    return f"{shown:,.0f}" if abs(shown) >= 999.95 or shown == 0 else f"{shown:#.4g}"

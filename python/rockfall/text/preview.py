@@ -1,0 +1,305 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a case would run, what it needs, and about how long it takes."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from rockfall.analysis.extrapolation import extrapolations, shares_outside
+from rockfall.analysis.neutral_slopes import NeutralSlopes, Rocks, rocks_of
+from rockfall.io.crs import crs_name
+from rockfall.io.grid import row_blocks
+from rockfall.result.dataset import TALLIES
+from rockfall.scene.ground import Ground
+from rockfall.scene.reach import survey
+from rockfall.scene.scene import ANY_SPEED, Scene
+from rockfall.scene.sources import threshold
+from rockfall.simulation.memory import machine_memory
+from rockfall.simulation.simulate import Tally, check_team, fields, run_chunks, start
+
+PROBE_BOULDERS = 200  # to see how long they take
+PILOT_SECONDS = 1.0  # about, twice at most
+PILOT_BOULDERS = 20_000  # at most; the cells that many reach are told from those that these do
+PROGRAM = 80e6  # bytes of the program and its packages, while boulders fly
+PACKAGES = 65e6  # and of those that results take
+READING = 80e6  # bytes that the reader of a window takes besides
+START = 1.0  # CPU seconds to start and end
+MOST_ZONES = 12  # that are told one by one
+ROW = 1.0e-6  # CPU seconds to write the row of a boulder
+VALUE = 20e-9  # CPU seconds to write the value of a cell
+
+
+@dataclass
+class Pilot:
+    """Some boulders of a run, followed to see what all of them would take."""
+
+    tally: Tally
+    seconds: float  # CPU time of a boulder
+    reading: float  # and of the windows of the terrain
+    cells: float  # that all boulders of the run would reach
+
+
+def preview(scene: Scene) -> str:
+    """A page about a scene. Some of its boulders are followed, for the time and for what they meet;
+    nothing is kept."""
+    case = scene.case
+    check_team(case.case["threads"])
+    pilot = _pilot(scene)
+    values = pilot.tally.columns()
+    rows = [
+        ("terrain", _terrain(scene)),
+        ("elevations", _elevations(scene.ground)),
+        ("slopes", _slopes(scene.ground)),
+        ("surface", _surface(scene)),
+        ("sizes", _sizes(pilot.tally)),
+        *(("", line) for line in _rocks(scene, _volumes(pilot.tally))),
+        ("impact sets", _sets(scene)),
+        ("rebounds", _rebounds(values)),
+        ("boulders", _boulders(scene)),
+        ("speed", _speed(scene)),
+        ("lines", ", ".join(line["name"] for line in case.line) or "none"),
+        ("maps", ", ".join(case.output.get("maps", [])) or "none"),
+        ("memory", _memory(scene, pilot)),
+        ("time", _time(scene, pilot)),
+    ]
+    title = f"{case.name}: {case.case['title']}".removesuffix(": ")
+    beyond = [one.text for one in extrapolations(values) if one.is_warning]
+    rows += [("warning", f"in a pilot run {text}") for text in beyond]
+    return "\n".join([title, *(f"  {name:13}{about}" for name, about in rows)])
+
+
+def memory(scene: Scene, pilot: Pilot) -> dict[str, float]:
+    """Bytes that a run takes: its rasters, tallies of maps, counts of classes, rows of results, the
+    program; and when the rasters are gone, what is `made` of it in the end."""
+    names = set(scene.case.output.get("maps", []))
+    tally = start(scene, threads=1)
+    maps = tally.maps
+    layers = [maps.counts, maps.sums, maps.maxima, maps.column, maps.stamp]
+    made = sum(1 for name in names - set(TALLIES)) * 4 * np.prod(maps.box.shape)
+    row = 8 * len(fields(1)) + 4 * len(fields(2)) + 8 * len(fields(3)) * len(scene.case.line)
+    if scene.tiles:
+        rasters = scene.tiles.bytes + READING
+    else:
+        rasters = sum(a.nbytes for a in (scene.z, scene.zone, scene.values) if a is not None)
+    counted = maps.class_counts.size > 1
+    return {
+        "rasters": rasters,
+        "maps": sum(layer.nbytes for layer in layers if layer.size > 1),
+        "classes": 4 * maps.class_counts.shape[1] * pilot.cells if counted else 0,
+        "results": row * scene.boulders + scene.x.nbytes + scene.y.nbytes,
+        "program": PROGRAM,
+        "made": PACKAGES + made,
+    }
+
+
+def _pilot(scene: Scene) -> Pilot:
+    """As many boulders as there is time for."""
+    probe = _follow(scene, min(scene.boulders, PROBE_BOULDERS))
+    number = min(scene.boulders, PILOT_BOULDERS, int(PILOT_SECONDS / max(probe.seconds, 1e-9)))
+    return _follow(scene, number) if number > PROBE_BOULDERS else probe
+
+
+def _follow(scene: Scene, number: int) -> Pilot:
+    """Boulders from sources drawn at random, followed twice: the second time no memory is new, as
+    for most boulders of a long run."""
+    maps = scene.case.output.get("maps", [])
+    output = {"maps": list(dict.fromkeys([*maps, "passages"])) if maps else None}
+    drawn = np.sort(np.random.default_rng(0).integers(scene.x.size, size=number))
+    if scene.area is not None:  # steeper cells release more
+        drawn = np.searchsorted(scene.ends, scene.ends[-1] * (drawn + 0.5) / scene.x.size)
+    case = scene.case.replace(case={"boulders": 1}, output=output)
+    one = replace(scene, case=case, x=scene.x[drawn], y=scene.y[drawn], area=None)
+    few = start(one, threads=1)
+    run_chunks(few, None, lambda: False, lambda _: None)
+    cells, few.done, few.cpu = _all_cells(few, scene.boulders), 0, 0.0
+    before = one.tiles.reading if one.tiles else 0.0
+    run_chunks(few, None, lambda: False, lambda _: None)
+    reading = one.tiles.reading - before if one.tiles else 0.0
+    return Pilot(few, (few.cpu - reading) / few.done, reading, cells)
+
+
+def _all_cells(few: Tally, boulders: int) -> float:
+    """Cells that so many boulders would reach, when cells differ in how often they are passed as
+    a gamma law: the passages of a cell are then negative binomial (Fisher, Corbet & Williams 1943).
+    Its mean and shape are those which give as many cells passed at all, and passed once, as the
+    few boulders did."""
+    place = few.maps.plan[0] - 1
+    if place < 0:
+        return 0.0
+    passages = few.maps.counts[place]
+    total, cells, once = passages.sum(dtype="i8"), (passages > 0).sum(), (passages == 1).sum()
+    more = boulders / max(1, few.done)
+    if more <= 1 or not 0 < once < total:
+        return float(cells * max(1.0, more))
+    shape = np.geomspace(1e-4, 50.0, 2000)  # of the gamma law
+    spread = (once / total) ** (-1 / (shape + 1))  # 1 + passages of a cell / shape
+    most = total / (shape * (spread - 1))  # cells that can be passed
+    best = np.argmin(abs(most * (1 - spread**-shape) - cells))
+    found = most[best] * (1 - (1 + (spread[best] - 1) * more) ** -shape[best])
+    return float(min(max(found, cells), passages.size))
+
+
+def _terrain(scene: Scene) -> str:
+    grid = scene.grid
+    crs = crs_name(grid.crs) if grid.crs else "no CRS"
+    cells = f"{grid.nx} x {grid.ny} cells of {grid.cell:g} m"
+    if scene.tiles:
+        cells += f", in windows of about {scene.tiles.cells:,} cells"
+    else:
+        empty = sum(np.count_nonzero(np.isnan(scene.z[rows])) for rows in row_blocks(grid.shape))
+        cells += f", {empty / scene.z.size:.1%} nodata"
+    return f"{cells}, {scene.z.dtype}, {crs}"
+
+
+def _elevations(ground: Ground) -> str:
+    at = np.concatenate(ground.source_z)
+    terrain = f"{ground.low.value:,.1f} to {-ground.high.value:,.1f} m"
+    sources = dict.fromkeys(f"{z:,.1f}" for z in (at.min(), at.max()))
+    return f"{terrain}; sources: {' to '.join(sources)} m"
+
+
+def _slopes(ground: Ground) -> str:
+    """Quantiles of the terrain and of the sources [degree]."""
+
+    def text(quantiles: np.ndarray) -> str:
+        if np.isnan(quantiles).any():
+            return "not known"
+        low, half, high = (f"{slope:.0f}" for slope in quantiles)
+        return f"{half} degrees" + (f" ({low} to {high} for 80 %)" if low != high else "")
+
+    return f"median {text(ground.quantiles())}; sources: median {text(ground.source_quantiles())}"
+
+
+def _speed(scene: Scene) -> str:
+    """The greatest that energy allows: from the highest release to the lowest cell."""
+    low, head = scene.ground.low.value, survey(scene).head[0]
+    speed = np.sqrt(2 * scene.case.flight["gravity"] * max(0.0, head - low))
+    return f"at most {speed:.0f} m/s: from the highest release to the lowest cell without a loss"
+
+
+def _surface(scene: Scene) -> str:
+    surface, ground = scene.case.surface, scene.ground
+    how = "one value everywhere" if ground.used else "a raster of values"
+    if "zones" in surface:
+        how = f"{surface['zones']}: {len(ground.used)} of {len(ground.sizes)} zones used"
+    return f"method {surface['method']}, {how}"
+
+
+def _boulders(scene: Scene) -> str:
+    each, kind = scene.case.case["boulders"], "points"
+    if "x" not in scene.case.release:
+        kind = "cells within polygons" if "polygons" in scene.case.release else "cells"
+    if scene.case.release["steep_cells"]:
+        kind += f" of {threshold(scene):.1f} degrees or more"
+    of = "each source" if scene.area is None else "a flat cell, more by area"
+    return f"{scene.boulders:,}, {each:,} from {of}; sources: {scene.x.size:,} ({kind})"
+
+
+def _sizes(pilot: Tally) -> str:
+    """Of the pilot's boulders."""
+    volumes = _volumes(pilot)
+    radii = _radius(volumes)
+    masses = pilot.scene.case.boulder["density"] * volumes
+    return (
+        f"R_b {_range(radii.min(), radii.max())} m, volume "
+        f"{_range(volumes.min(), volumes.max())} m3, mass {_range(masses.min(), masses.max())} kg"
+    )
+
+
+def _volumes(pilot: Tally) -> np.ndarray:
+    return pilot.columns()["volume"]
+
+
+def _radius(volume: np.ndarray) -> np.ndarray:
+    return np.cbrt(0.75 / np.pi * volume)
+
+
+def _sets(scene: Scene) -> str:
+    """Their name, and what they say they were fitted on."""
+    speeds, angles = scene.sets.speed_range, scene.sets.angle_range
+    told = []
+    if speeds.max() < ANY_SPEED:
+        told.append(f"{_range(speeds.min(), speeds.max())} m/s")
+    if angles.min() > 0 or angles.max() < 90:
+        told.append(f"{_range(angles.min(), angles.max())} degrees")
+    about = " and ".join(told) or "speeds and angles that it does not tell"
+    return f"{scene.case.impact['sets']}, fitted on {about}"
+
+
+def _rebounds(values: dict[str, np.ndarray]) -> str:
+    shares = shares_outside(values)
+    return (
+        f"outside what the set was fitted on: {shares['range']:.1%} by R_b/R_m, "
+        f"{shares['speed']:.1%} by speed, {shares['angle']:.1%} by angle, in a pilot run"
+    )
+
+
+def _rocks(scene: Scene, volumes: np.ndarray) -> list[str]:
+    """R_m, R_b/R_m and the neutral slope of each zone, or of the smallest, usual and largest rocks:
+    of the mean volume, and in brackets of the 5 and 95 % quantiles where other sets serve them."""
+    grounds, neutral = list(rocks_of(scene)), NeutralSlopes(scene)
+    mean, *ends = _radius(np.array([volumes.mean(), *np.quantile(volumes, [0.05, 0.95])]))
+    lines = [_ground(one, neutral, mean, ends) for one in grounds[:MOST_ZONES]]
+    more = len(grounds) - len(lines)
+    return [*lines, f"and {more} more zones"] if more else lines
+
+
+def _ground(rocks: Rocks, neutral: NeutralSlopes, mean: float, ends: list[float]) -> str:
+    name, radii = f"{rocks.name}: " if rocks.name else "", rocks.radii[np.isfinite(rocks.radii)]
+    if not radii.size:
+        return f"{name}absorbs"
+    served = [neutral.classes(radius, radii) for radius in ends]
+    cases = [mean] if served[0] == served[1] else [mean, *ends]
+    slopes = [neutral.of(radius, rocks.radii) for radius in cases]
+    columns = (
+        [_range(radius / radii.max(), radius / radii.min()) for radius in cases],
+        [f"{slope:.0f}" for slope in slopes],
+        [f"{rocks.steeper(slope):.0%}" for slope in slopes],
+    )
+    ratio, slope, steeper = (
+        one[0] + (f" ({one[1]} to {one[2]})" if len(set(one)) > 1 else "") for one in columns
+    )
+    shares = f", {steeper} of cells steeper" if rocks.tangents.size else ""
+    return (
+        f"{name}R_m {_range(radii.min(), radii.max())} m, R_b/R_m {ratio}; neutral slope {slope} "
+        f"degrees{shares}"
+    )
+
+
+def _range(least: float, most: float) -> str:
+    texts = (f"{float(f'{value:.3g}'):,.10g}" for value in (least, most))
+    return " to ".join(dict.fromkeys(texts))
+
+
+def _memory(scene: Scene, pilot: Pilot) -> str:
+    need = memory(scene, pilot)
+    made = need.pop("made")
+    total = sum(need.values()) + max(0, made - need["rasters"])  # rasters go before maps are made
+    parts = ", ".join(f"{name} {_bytes(size)}" for name, size in need.items() if size)
+    much = "; more than this machine has" if total > machine_memory() else ""
+    return f"about {_bytes(total)} ({parts}){much}"
+
+
+def _bytes(number: float) -> str:
+    return f"{number / 1e9:.1f} GB" if number >= 1e9 else f"{max(1, number / 1e6):.0f} MB"
+
+
+def _time(scene: Scene, pilot: Pilot) -> str:
+    flight, maps = pilot.seconds * scene.boulders, len(scene.case.output.get("maps", []))
+    cells = maps * np.prod(pilot.tally.maps.box.shape) if maps else 0
+    rest = START + ROW * scene.boulders + VALUE * cells + pilot.reading
+    threads = scene.case.case["threads"] or len(os.sched_getaffinity(0))
+    return (
+        f"about {_duration(flight + rest)} of CPU, {_duration(flight / threads + rest)} on "
+        f"{threads} cores (estimated from {pilot.tally.done:,} boulders)"
+    )
+
+
+def _duration(seconds: float) -> str:
+    for size, unit in ((86400, "days"), (3600, "h"), (60, "min")):
+        if seconds >= 1.5 * size:
+            return f"{seconds / size:.1f} {unit}"
+    return f"{seconds:.1f} s"

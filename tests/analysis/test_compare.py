@@ -1,0 +1,500 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Results beside observations: the numbers are those of hand and SciPy, bad files are one line."""
+
+import csv
+import re
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import rockfall
+from made import refused
+from rockfall.analysis.compare import compare
+from rockfall.analysis.observations import read_observed
+from rockfall.cli import main
+from scenes import grid, make_case, rough, sets, status
+
+stats = pytest.importorskip("scipy.stats", reason="the report extra is not installed")
+VAUJANY = Path(__file__).parents[2] / "cases" / "vaujany"
+NUMBERS = "line,quantity,unit,mean,std,max,n,method\n"
+SAMPLES = "line,quantity,unit,value\n"
+
+
+def make_run(folder, boulders=2000, **groups):
+    """Boulders past two lines, with a map of passages."""
+    line = [{"name": name, "x": [0.0, 300.0], "y": [y, y]} for name, y in (("N", 330), ("S", 280))]
+    groups = {"release": {"x": 150.0, "y": 380.0}, "output": {"maps": "passages"}} | groups
+    case = make_case(
+        folder, *sets(), line=line, case={"boulders": boulders, "threads": 0}, terrain={}, **groups
+    )
+    return rockfall.run(case, dem=rough(), transform=grid(rough()))
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory):
+    return make_run(tmp_path_factory.mktemp("one"))
+
+
+@pytest.fixture(scope="module")
+def of_two(tmp_path_factory):
+    """The same from two sources."""
+    release = {"x": [150.0, 170.0], "y": [380.0, 380.0]}
+    return make_run(tmp_path_factory.mktemp("two"), boulders=500, release=release)
+
+
+@pytest.fixture(autouse=True)
+def place(tmp_path, monkeypatch):
+    """Files have short names, as they have in messages."""
+    monkeypatch.chdir(tmp_path)
+
+
+def file(text, name="o.csv"):
+    Path(name).write_text(text)
+    return name
+
+
+def at(result, quantity, line=0):
+    values = result[f"line_{quantity}"].values[line]
+    return values[np.isfinite(values)]
+
+
+def samples(**values):
+    """Observations of boulders at line N."""
+    return replace(read_observed(), samples={("N", name): v for name, v in values.items()})
+
+
+# ---- what is read
+
+
+def test_paper_is_read_as_it_is():
+    seen = read_observed(VAUJANY / "paper.csv", VAUJANY / "paper_ks.csv")
+    table = seen.summaries.set_index(["line", "method", "quantity"])
+    with open(VAUJANY / "paper.csv", encoding="utf-8") as text:
+        rows = list(csv.DictReader(text))
+    assert len(table) == len(rows) == 20
+    for row in rows:
+        unit = 1000 if row["unit"] == "kJ" else 1
+        for name in "mean", "std", "max":
+            value = table.loc[(row["line"], row["method"], row["quantity"]), name]
+            assert value == pytest.approx(unit * float(row[name] or "nan"), rel=1e-15, nan_ok=True)
+    assert len(seen.tests) == 12 and not seen.samples
+    assert seen.stops is seen.distances is seen.passing is None
+    rejected = seen.tests[seen.tests["p"] < 0.05]
+    found = {(row.line, row.method, row.quantity) for row in rejected.itertuples()}
+    assert found == {
+        ("EL1", "A", "passing_height"), ("EL2", "A", "speed"), ("EL2", "A", "passing_height"),
+        ("EL2", "A", "energy_translational"), ("EL2", "B", "passing_height"),
+    }  # fmt: skip
+
+
+def test_every_kind_is_known_by_its_header():
+    seen = read_observed(
+        file("unit;quantity;Line;mean;note\n\nkJ; energy_total ;N; 2.5;a\n", "1.csv"),
+        file("\ufeff" + SAMPLES + "S,speed,m/s,3\nS,speed,m/s,1\nN,omega,rad/s,-2", "2.csv"),
+        file("x,y,boulder\n1,2,a\n3,4,b\n", "3.csv"),
+        file("distance\n30\n10\n", "4.csv"),
+        file("distance,percent\n50,40\n20,90\n", "5.csv"),
+        file("share,distance\n0.3,60\n", "6.csv"),
+        file("line,method,quantity,p\nN,A,speed,0.01\n", "7.csv"),
+    )  # fmt: skip
+    (row,) = seen.summaries.to_dict("records")
+    assert row.pop("mean") == 2500 and all(np.isnan(row.pop(name)) for name in ("std", "max", "n"))
+    assert row == {"line": "N", "method": "observed", "quantity": "energy_total"}
+    assert list(seen.samples) == [("S", "speed"), ("N", "omega")]
+    assert seen.samples["S", "speed"].tolist() == [3, 1]
+    assert seen.stops.tolist() == [[1, 2], [3, 4]] and seen.distances.tolist() == [10, 30]
+    assert seen.passing.to_numpy() == pytest.approx(np.array([[20, 0.9], [50, 0.4], [60, 0.3]]))
+    assert seen.tests.values.tolist() == [["N", "A", "speed", 0.01]]
+    assert seen.lines == {"N": "1.csv: line 3", "S": "2.csv: line 2"}
+
+
+HOSTILE = {
+    "empty": ("", "o.csv: is empty"),
+    "header alone": (NUMBERS, "o.csv: no rows below the header"),
+    "no kind": (
+        "line,speed\nN,3\n",
+        "o.csv: line 1: columns line, speed: must have those of: line, quantity, unit, mean | "
+        "line, quantity, unit, value | line, method, quantity, p | distance, share | "
+        "distance, percent | x, y | distance",
+    ),
+    "unknown column": (
+        "x,y,z\n1,2,3\n",
+        "o.csv: line 1: column z: must be x, y, boulder, note",
+    ),
+    "column twice": ("x,y,X\n1,2,3\n", "o.csv: line 1: column x: is there twice"),
+    "too few cells": ("x,y\n1,2\n1\n", "o.csv: line 3: 1 columns, the header has 2"),
+    "unknown quantity": (
+        SAMPLES + "N,velocity,m/s,3\n",
+        "o.csv: line 2: quantity = velocity: must be speed, jump_height, passing_height, omega, "
+        "energy_translational, energy_rotational, energy_total, rotational_share",
+    ),
+    "unknown unit": (SAMPLES + "N,speed,km/h,3\n", "o.csv: line 2: unit = km/h: must be m/s"),
+    "unit of another quantity": (
+        SAMPLES + "N,energy_total,m,3\n",
+        "o.csv: line 2: unit = m: must be J, kJ",
+    ),
+    "unit missing": (SAMPLES + "N,speed,,3\n", "o.csv: line 2: unit = : must be m/s"),
+    "no number": (
+        SAMPLES + "N,speed,m/s,3\n\nN,speed,m/s,fast\n",
+        "o.csv: line 4: value = fast: must be a number >= 0",
+    ),
+    "decimal comma": (
+        SAMPLES.replace(",", ";") + "N;speed;m/s;3,5\n",
+        "o.csv: line 2: value = 3,5: must be a number >= 0",
+    ),
+    "NaN": (SAMPLES + "N,omega,rad/s,nan\n", "o.csv: line 2: value = nan: must be a number"),
+    "infinite": (SAMPLES + "N,omega,rad/s,9e999", "o.csv: line 2: value = 9e999: must be a number"),
+    "value missing": (SAMPLES + "N,speed,m/s,\n", "o.csv: line 2: value = : must be a number >= 0"),
+    "negative speed": (
+        SAMPLES + "N,speed,m/s,-3\n",
+        "o.csv: line 2: value = -3: must be a number >= 0",
+    ),
+    "share in percent": (
+        SAMPLES + "N,rotational_share,-,6\n",
+        "o.csv: line 2: value = 6: must be a number >= 0 and <= 1",
+    ),
+    "line missing": (SAMPLES + ",speed,m/s,3\n", "o.csv: line 2: line = : must not be empty"),
+    "negative deviation": (
+        NUMBERS + "N,omega,rad/s,-3,-1,,,observed\n",
+        "o.csv: line 2: std = -1: must be a number >= 0",
+    ),
+    "no numbers": (
+        NUMBERS + "N,speed,m/s,,,,9,observed\n",
+        "o.csv: line 2: mean = : a row needs mean, std or max",
+    ),
+    "maximum below the mean": (
+        NUMBERS + "N,speed,m/s,5,1,4,9,observed\n",
+        "o.csv: line 2: max = 4: must be >= mean = 5",
+    ),
+    "half a boulder": (
+        NUMBERS + "N,speed,m/s,5,1,9,8.5,observed\n",
+        "o.csv: line 2: n = 8.5: must be an integer",
+    ),
+    "no boulders": (
+        NUMBERS + "N,speed,m/s,5,1,9,0,observed\n",
+        "o.csv: line 2: n = 0: must be a number >= 1",
+    ),
+    "unknown method": (
+        NUMBERS + "N,speed,m/s,5,1,9,8,C\n",
+        "o.csv: line 2: method = C: must be observed, A, B",
+    ),
+    "numbers twice": (
+        NUMBERS + "N,speed,m/s,5,1,9,8,A\nN,speed,m/s,5,1,9,8,A\n",
+        "o.csv: line 3: line N, method A, quantity speed: stands already in o.csv: line 2",
+    ),
+    "p above 1": (
+        "line,method,quantity,p\nN,A,speed,5\n",
+        "o.csv: line 2: p = 5: must be a number >= 0 and <= 1",
+    ),
+    "negative distance": (
+        "distance\n-5\n",
+        "o.csv: line 2: distance = -5: must be a number >= 0",
+    ),
+    "share above 1": (
+        "distance,share\n5,60\n",
+        "o.csv: line 2: share = 60: must be a number >= 0 and <= 1",
+    ),
+    "more boulders farther": (
+        "distance,percent\n50,60\n20,30\n",
+        "o.csv: line 2: share 0.6 at distance 50: must be <= 0.3, that of distance 20",
+    ),
+    "distance twice": (
+        "distance,percent\n50,60\n50.0,30\n",
+        "o.csv: line 3: distance 50.0: stands already in o.csv: line 2",
+    ),
+    "unknown line": (
+        SAMPLES + "N,speed,m/s,3\nT,speed,m/s,3\n",
+        "o.csv: line 3: line T: is not in the result, which has N, S",
+    ),
+    "of the other method": (
+        NUMBERS + "N,speed,m/s,5,1,9,8,A\n",
+        "nothing to compare: no row is observed, or of the result's method B.",
+    ),
+    "quote that does not end": ('x,y\n1,"2\n', "o.csv: line 2: unexpected end of data"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_bad_observations_are_one_line_and_nothing_is_written(name, result, capfd):
+    text, message = HOSTILE[name]
+    rockfall.write_result(result, "r.nc")
+    before = Path("r.nc").read_bytes()
+    with refused(message):
+        compare(result, file(text))
+    capfd.readouterr()
+    assert main(["compare", "r.nc", "o.csv", "-o", "t.csv"]) == 2
+    assert capfd.readouterr() == ("", f"rockfall: {message}\n")
+    assert sorted(path.name for path in Path().iterdir()) == ["o.csv", "r.nc"]
+    assert Path("r.nc").read_bytes() == before
+
+
+ARGUMENTS = {
+    "no observations": (["r.nc"], r".*required: OBSERVED.csv; see rockfall compare --help"),
+    "observations missing": (["r.nc", "no.csv"], r"no.csv: no such file or directory"),
+    "observations are a folder": (["r.nc", "."], r"\.: is a directory"),
+    "observations are not text": (["r.nc", "r.nc"], r"r.nc: is not text in UTF-8"),
+    "observations twice": (["r.nc", "o.csv", "./o.csv"], r"o.csv: is given twice"),
+    "result missing": (["no.nc", "o.csv"], r"no.nc: no such file"),
+    "result is a table": (["o.csv", "o.csv"], r"o.csv: is not a netCDF result: .*"),
+    "table over the observations": (
+        ["r.nc", "o.csv", "-o", "./o.csv"],
+        r"o.csv: is an input; it is not overwritten",
+    ),
+    "table over the result": (
+        ["r.nc", "o.csv", "-o", "r.nc"],
+        r"r.nc: is an input; it is not overwritten",
+    ),
+    "table in no folder": (["r.nc", "o.csv", "-o", "no/t.csv"], r"no/t.csv: there is no folder no"),
+    "table is a folder": (["r.nc", "o.csv", "-o", "."], r"\.: is a folder; a file name is needed"),
+}
+
+
+@pytest.mark.parametrize("name", ARGUMENTS)
+def test_bad_arguments_are_one_line_and_nothing_is_written(name, result, capfd):
+    words, message = ARGUMENTS[name]
+    rockfall.write_result(result, "r.nc")
+    file(SAMPLES + "N,speed,m/s,3\n")
+    before = {path: path.read_bytes() for path in Path().iterdir()}
+    capfd.readouterr()
+    assert main(["compare", *words]) == 2
+    out, err = capfd.readouterr()
+    assert out == "" and re.fullmatch(f"rockfall: {message}\n", err)
+    assert {path: path.read_bytes() for path in Path().iterdir()} == before
+
+
+# ---- what is compared
+
+
+def test_errors_are_those_of_a_hand(result):
+    rows = (
+        "S,speed,m/s,8,2,20,,observed\nS,speed,m/s,10,3,,,B\nN,energy_translational,kJ,100,,,,A\n"
+    )
+    errors = compare(result, file(NUMBERS + rows)).errors
+    assert set(errors["line"]) == {"S"} and set(errors["against"]) == {"observed", "B"}
+    v = at(result, "speed", line=1)
+    ours = {"mean": v.mean(), "std": v.std(ddof=1), "max": v.max()}
+    errors = errors.set_index(["against", "statistic"])
+    for (against, name), value in {
+        ("observed", "mean"): 8, ("observed", "std"): 2, ("observed", "max"): 20,
+        ("B", "mean"): 10, ("B", "std"): 3,
+    }.items():  # fmt: skip
+        row = errors.loc[(against, name)]
+        assert row["observed"] == value and row["simulated"] == pytest.approx(ours[name])
+        assert row["error_percent"] == pytest.approx(100 * (ours[name] - value) / value)
+    half = stats.t.ppf(0.975, v.size - 1) * ours["std"] / np.sqrt(v.size)
+    mean = errors.loc[("observed", "mean")]
+    assert [mean["simulated_low"], mean["simulated_high"]] == pytest.approx(
+        [ours["mean"] - half, ours["mean"] + half]
+    )
+    assert errors.loc[("B", "mean"), "printed_error_percent"] == pytest.approx(25)
+    assert errors.loc[("B", "std"), "printed_error_percent"] == pytest.approx(50)
+    assert np.isnan(errors.loc[("B", "max"), "error_percent"])
+    assert pd.isna(errors.loc[("observed", "max"), "holds"])  # a maximum has no interval
+
+
+def test_the_method_of_the_result_chooses_among_the_printed(result):
+    """As the case says, or by default where a case file, kept as it was written, is silent."""
+    seen = read_observed(file(NUMBERS + "N,speed,m/s,8,2,20,,A\nN,speed,m/s,9,2,20,,B\n"))
+    text = result.attrs["case"]
+    assert "method = 'B'" in text
+    for of, method in (("method = 'A', uniform_rg = 3*0.5", "A"), ("! of the site", "B")):
+        other = result.assign_attrs(case=text.replace("method = 'B'", of))
+        assert set(compare(other, seen).errors["against"]) == {method}
+
+
+def test_table_3_follows_from_table_2(result):
+    """Method B against what was observed: speed at EL1 +2, -17, +8 %; energy at EL2, mean -16 %."""
+    text = (VAUJANY / "paper.csv").read_text().replace("EL1", "N").replace("EL2", "S")
+    errors = compare(result, file(text)).errors
+    errors = errors[errors["against"] == "B"].set_index(["line", "quantity", "statistic"])
+    theirs = errors["printed_error_percent"]
+    expected = [100 * (a / b - 1) for a, b in ((12.7, 12.5), (4.3, 5.2), (30.3, 28.1))]
+    assert [theirs[("N", "speed", name)] for name in ("mean", "std", "max")] == pytest.approx(
+        expected
+    )
+    assert theirs[("S", "energy_translational", "mean")] == pytest.approx(100 * (207 / 245 - 1))
+    assert np.isnan(theirs[("N", "rotational_share", "mean")])  # nobody observed it
+
+
+def test_an_observed_mean_has_the_interval_of_its_n(result):
+    """With two intervals of the same half-width h, that of the difference has sqrt(2) h."""
+    v = at(result, "speed")
+    std, n = v.std(ddof=1), v.size
+    assert n > 500  # Student's t is all but normal
+    half = 1.959964 * std / np.sqrt(n)
+    for away, holds, alone, together in (
+        (0.9, True, True, True), (-1.3, False, False, True), (1.3, False, False, True),
+        (-1.5, False, False, False), (1.5, False, False, False),
+    ):  # fmt: skip
+        value = v.mean() + away * half
+        rows = f"N,speed,m/s,{value},{std},,,observed\nN,speed,m/s,{value},{std},,{n},B\n"
+        exact, mean = (
+            compare(result, file(NUMBERS + rows)).errors.iloc[k].to_dict() for k in (0, 3)
+        )
+        assert exact["holds"] == mean["holds"] == holds
+        assert (exact["chance"], mean["chance"]) == (alone, together)
+        assert np.isnan(exact["observed_low"])
+        assert mean["observed_low"] == pytest.approx(value - half, rel=1e-3)
+        assert mean["observed_high"] == pytest.approx(value + half, rel=1e-3)
+
+
+def test_kolmogorov_smirnov_is_scipys(result):
+    rng = np.random.default_rng(1)
+    speed, height = at(result, "speed"), at(result, "passing_height")
+    seen = {"speed": rng.normal(speed.mean(), 2, 60), "passing_height": rng.gamma(2, 1, 300)}
+    distances = np.sort(rng.uniform(0, 300, 90))
+    ks = compare(result, replace(samples(**seen), distances=distances)).ks.set_index("quantity")
+    run_out = result["plan_distance"].values
+    for name, observed, ours in (
+        ("speed", seen["speed"], speed),
+        ("passing_height", seen["passing_height"], height),
+        ("stopping_distance", distances, run_out),
+    ):
+        scipys = stats.ks_2samp(observed, ours)
+        row = ks.loc[name]
+        assert (row["ks_statistic"], row["p"]) == (scipys.statistic, scipys.pvalue)
+        assert (row["n_observed"], row["n_simulated"]) == (observed.size, ours.size)
+
+
+def test_boulders_of_ours_are_not_rejected_and_faster_ones_are(result):
+    speed = np.random.default_rng(2).choice(at(result, "speed"), 150, replace=False)
+    same, faster = (compare(result, samples(speed=v)) for v in (speed, 1.3 * speed))
+    assert same.ks["p"][0] > 0.05 > faster.ks["p"][0]
+    chance = [c.errors.set_index("statistic")["chance"]["mean"] for c in (same, faster)]
+    assert chance == [True, False]
+    assert "not rejected" in str(same) and "not rejected" not in str(faster)
+
+
+def test_chance_is_right_95_times_in_100(result):
+    """200 samples of 60 boulders, each beside 500 others of the same law."""
+    rng = np.random.default_rng(3)
+    found = []
+    for _ in range(200):
+        ours, theirs = np.split(rng.permutation(2000), [500])
+        speed = at(result.isel(boulder=theirs), "speed")[:60]
+        errors = compare(result.isel(boulder=ours), samples(speed=speed)).errors
+        found.append(errors["chance"][:2].to_list())
+    right = np.mean(found, axis=0)
+    assert 0.90 <= right[0] <= 0.985 and 0.88 <= right[1] <= 0.985  # mean, deviation
+
+
+def test_run_out_is_the_share_that_comes_as_far(result):
+    ours = result["plan_distance"].values
+    table = compare(result, file("distance,percent\n0,100\n60,70\n5000,0\n")).passing
+    assert table["distance"].to_list() == [0, 60, 5000]
+    assert table["simulated"].to_list() == [1, np.mean(ours >= 60), 0]
+    assert table["difference_percent"][1] == pytest.approx(100 * np.mean(ours >= 60) - 70)
+    assert table["observed_low"].isna().all() and table["holds"].to_list()[::2] == [True, True]
+    gone = status(result).count("left_domain")
+    assert gone and f"{gone:,} boulders never came to rest" in str(compare(result, "o.csv"))
+    one = replace(read_observed(), distances=ours[:1])
+    assert compare(result, one).passing["simulated"][0] == np.mean(ours >= ours[0])
+    table = compare(result, file("distance\n80\n40\n80\n60\n")).passing
+    assert table["distance"].to_list() == [40, 60, 80]
+    assert table["observed"].to_list() == [1, 0.75, 0.5]
+    assert (table["observed_low"] < table["observed"]).all()
+
+
+def test_stopping_places_give_reach_and_distances(result):
+    """Four places: in a cell of the map by number, where nobody comes, and beyond two edges."""
+    passages = result["passages"].values
+    row, column = np.unravel_index(passages.argmax(), passages.shape)
+    x, y = 5.0 * column + 4.9, 400 - 5.0 * row - 4.9  # a corner of the cell
+    found = compare(result, file(f"x,y\n{x},{y}\n1,1\n-0.1,300\n150,1e300\n"))
+    reach = found.stops["reach_probability"].to_list()
+    assert reach[:2] == [passages.max() / 2000, passages[-1, 0] / 2000] and reach[1] == 0
+    assert np.isnan(reach[2:]).all()
+    assert np.hypot(x - 150, y - 380) in found.passing["distance"].to_list()
+    text = [" ".join(line.split()) for line in str(found).splitlines()]
+    assert {"10 % of the boulders or more pass 1", "none passes 1"} <= set(text)
+    assert "lie outside of the map 2" in text
+    upside_down = result.isel(y=slice(None, None, -1))
+    assert compare(upside_down, "o.csv").stops.equals(found.stops)
+
+
+def test_several_sources_are_said(of_two):
+    found = compare(of_two, samples(speed=at(of_two, "speed")[:50]))
+    assert "those of one of the 2 sources are not" in str(found)
+    found = compare(of_two, file("x,y\n150,300\n"))
+    assert len(found.stops) == 1 and not len(found.passing) and not len(found.ks)
+    assert "Stopping places give no distances: which of the 2 sources" in str(found)
+
+
+def test_without_a_map_places_give_distances_alone(result, of_two):
+    file("x,y\n150,300\n")
+    found = compare(result.drop_vars("passages"), "o.csv")
+    assert not len(found.stops) and found.passing["distance"].to_list() == [80]
+    assert "&output maps = 'passages'" in str(found)
+    with pytest.raises(rockfall.RockfallError, match="nothing to compare: .* &output maps"):
+        compare(of_two.drop_vars("passages"), "o.csv")
+
+
+def test_a_line_that_nobody_crossed_has_no_numbers(result):
+    nobody = result.copy()
+    for name in [name for name, v in result.data_vars.items() if v.dims == ("line", "boulder")]:
+        nobody[name] = result[name] * np.nan
+    found = compare(nobody, samples(speed=np.array([3.0, 4.0])))
+    assert found.errors["simulated"].isna().all() and found.errors["holds"].isna().all()
+    assert found.ks["n_simulated"][0] == 0 and np.isnan(found.ks["p"][0])
+    assert "N speed [m/s]" in str(found)
+
+
+def test_few_observed_boulders_leave_much_to_chance(result):
+    """The interval of a mean of three is Student's; one boulder has none, and no verdict."""
+    three = np.array([3.0, 4.0, 8.0])
+    mean, deviation, _ = compare(result, samples(speed=three)).errors.itertuples()
+    assert not pd.isna(mean.chance) and pd.isna(deviation.chance)
+    low, high = stats.t.interval(0.95, 2, three.mean(), stats.sem(three))
+    assert [mean.observed_low, mean.observed_high] == pytest.approx([low, high])
+    printed = f"N,speed,m/s,{three.mean()},{three.std(ddof=1)},,3,observed\n"
+    mean = compare(result, file(NUMBERS + printed)).errors.iloc[0]
+    assert [mean["observed_low"], mean["observed_high"]] == pytest.approx([low, high])
+    for one in (samples(speed=np.array([0.1])), file(NUMBERS + "N,speed,m/s,0.1,,,1,observed\n")):
+        found = compare(result, one)
+        assert pd.isna(found.errors["chance"][0]) and "more than chance" not in str(found)
+
+
+def test_one_observed_boulder_is_a_sample(result):
+    found = compare(result, file(SAMPLES + "N,speed,m/s,3\n"))
+    assert found.errors["observed"].to_list()[::2] == [3, 3] and np.isnan(
+        found.errors["observed"][1]
+    )
+    assert found.ks["n_observed"][0] == 1 and 0 < found.ks["p"][0] <= 1
+
+
+# ---- the command
+
+
+def test_command_prints_and_writes_every_table(result, capsys):
+    rockfall.write_result(result, "r.nc")
+    file(NUMBERS + "N,speed,m/s,12.5,5,30,,observed\n", "a.csv")
+    file("line,method,quantity,p\nN,B,speed,0.0366\nN,A,speed,0.9\n", "b.csv")
+    assert main(["compare", "r.nc", "a.csv", "b.csv", "-o", "t.csv"]) == 0
+    out, err = capsys.readouterr()
+    found = compare(rockfall.read_result("r.nc"), "a.csv", "b.csv")
+    assert out == f"{found}\n" and err == ""
+    v = at(result, "speed")
+    row = next(line.split() for line in out.splitlines() if line.startswith("N speed"))
+    half = 1.959964 * v.std(ddof=1) / np.sqrt(v.size)
+    assert row[3:8] == [f"{v.mean():.1f}", "+-", f"{half:.1f}", f"{v.std():.1f}", f"{v.max():.1f}"]
+    assert row[8:12] == ["observed", "12.5", "5", "30"]
+    assert row[12].rstrip("*") == f"{100 * (v.mean() / 12.5 - 1):+.0f}"
+    assert "0.0366" in out and "0.9" not in out.split("Kolmogorov")[1]
+    table = pd.read_csv("t.csv")
+    assert table["table"].to_list() == ["errors"] * 3 + ["ks"]
+    assert table["error_percent"][0] == pytest.approx(100 * (v.mean() / 12.5 - 1))
+    assert table["printed_p"][3] == 0.0366
+    assert not list(Path().glob(".*"))
+
+
+def test_without_scipy_one_line_says_what_to_install(result, monkeypatch):
+    monkeypatch.setitem(sys.modules, "scipy.stats", None)
+    with refused(
+        "a Kolmogorov-Smirnov test needs the report extra: pip install 'rockfall[report]'"
+    ):
+        compare(result, file(SAMPLES + "N,speed,m/s,3\n"))
+    assert len(compare(result, file(NUMBERS + "N,speed,m/s,3,,,,observed\n")).errors) == 3

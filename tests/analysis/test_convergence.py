@@ -1,0 +1,241 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Convergence measured: errors and slopes that theory knows, terrains, files, refusals."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import rockfall
+from rockfall.analysis import convergence
+from rockfall.analysis.convergence import KEYS, NUMBERS, _costs, _errors, _numbers, converge
+from rockfall.analysis.terrain_variants import larger_cells, other_digits
+from rockfall.cli import main
+from rockfall.io.raster import write_geotiff
+from rockfall.scene.scene import read_scene
+from rockfall.text.convergence import text
+from scenes import grid, make_case, rough, sets
+
+pytest.importorskip("matplotlib", reason="the report extra is not installed").use("Agg")
+
+LINES = [
+    {"name": "L", "x": [0.0, 300.0], "y": [290.0, 290.0]},
+    {"name": "never", "x": [0.0, 10.0], "y": [395.0, 395.0]},
+]
+
+
+def case_file(folder, x=(150.0,), **groups):
+    """A case on a slope with zones, as files."""
+    write_geotiff(folder / "dem.tif", rough(dtype="f4"), grid(rough()))
+    release = {"x": list(x), "y": [320.0] * len(x)}
+    case = make_case(
+        folder, *sets(), line=groups.pop("line", LINES), terrain={"dem": "dem.tif"},
+        release=release, **groups,
+    )  # fmt: skip
+    (folder / "case.nml").write_text(case.text())
+    return rockfall.read_case(folder / "case.nml")
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory):
+    case = case_file(tmp_path_factory.mktemp("case"))
+    return case, converge(case, boulders=[50, 1000, 200], reference=50_000)
+
+
+def test_errors_of_independent_normal_values_are_those_of_theory():
+    """Relative standard errors sigma/mu/sqrt(n) and 1/sqrt(2 n), of the share sqrt(q/p/n)."""
+    random = np.random.default_rng(1)
+    values = np.repeat(random.normal(10, 2, (1, 1, 1_000_000)), 3, axis=1)
+    values[:, :, random.random(1_000_000) < 0.3] = np.nan
+    exact = np.array([[0.7, *3 * [10, 2, 10 + 1.644854 * 2]]])
+    error = _errors(values, exact, 1, 1e-5, rockfall.Case(line=LINES[:1], **MINIMAL))
+    cost = _costs(error, 1e-5).set_index(KEYS)
+    assert np.abs(cost["slope"] + 0.5).max() < 0.05
+    assert (np.abs(cost["slope"] + 0.5) < 3 * cost["slope_error"]).all()
+    for key, theory in (
+        (("L", "boulders", "share"), np.sqrt(0.3 / 0.7 / 10_000)),
+        (("L", "speed", "mean"), 0.2 / np.sqrt(7_000)),
+        (("L", "speed", "std"), 1 / np.sqrt(2 * 7_000)),
+    ):
+        row = cost.loc[key]
+        assert row["error_10000"] == pytest.approx(theory, rel=0.06)
+        # n = 10,000 (error / 1 %)^2, at 10 microseconds each
+        seconds = 0.1 * (row["error_10000"] / 0.01) ** 2
+        assert row["cpu_seconds_1_percent"] == pytest.approx(seconds, rel=1e-9)
+        assert row["cpu_seconds_0.1_percent"] == pytest.approx(100 * seconds, rel=1e-9)
+
+
+MINIMAL = {
+    "case": {"boulders": 1}, "surface": {"uniform_mean_radius": 0.25}, "release": {"x": 1, "y": 1},
+    "boulder": {"volume_mean": 1.0},
+}  # fmt: skip
+
+
+def test_numbers_are_those_of_numpy_and_nobody_is_no_number():
+    values = np.random.default_rng(2).normal(10, 2, (1, 3, 4, 50))
+    values[0, :, :, :20] = np.nan
+    values[0, :, 3] = np.nan
+    share, *rest = _numbers(values)[0]
+    assert share.tolist() == [0.6, 0.6, 0.6, 0.0]
+    v = values[0, 2, 1, 20:]
+    expected = [v.mean(), v.std(ddof=1), np.quantile(v, 0.95)]
+    assert [row[1] for row in rest[6:]] == pytest.approx(expected, rel=1e-12)
+    assert np.isnan([row[3] for row in rest]).all()
+
+
+def test_the_study_has_the_numbers_of_runs_with_as_many_boulders(found):
+    case, measured = found
+    for size in (50, 200, 1000):
+        table = rockfall.line_statistics(rockfall.run(case.replace(case={"boulders": size})))
+        expected = table.set_index(["line", "quantity"]).loc["L"]
+        part = measured.study.query("line == 'L' and boulders == @size").set_index(KEYS[1:])
+        assert part.loc[("boulders", "share"), "value"] == expected["share"].iloc[0]
+        for quantity in convergence.QUANTITIES:
+            for name in ("mean", "std", "q95", "max"):
+                row = part.loc[(quantity, name)]
+                assert row["value"] == expected.loc[quantity, name]
+                if name != "max" and np.isfinite(row["high"]):
+                    assert row["high"] == expected.loc[quantity, f"{name}_high"]
+    one = measured.study.query("line == 'L' and quantity == 'speed' and statistic == 'mean'")
+    assert one["boulders"].tolist() == [50, 200, 1000]
+    values = one["value"].values
+    assert one["change"].values[1:] == pytest.approx(values[1:] / values[:-1] - 1, rel=1e-12)
+
+
+def test_statistical_errors_agree_with_the_intervals_of_a_run(found):
+    """Half an interval of 95 % is 1.96 errors."""
+    _, measured = found
+    study = measured.study.query("boulders == 1000").set_index(KEYS)
+    for row in measured.cost.itertuples():
+        about = study.loc[(row.line, row.quantity, row.statistic)]
+        half = (about["high"] - about["low"]) / 2 / about["value"]
+        assert row.error_10000 * np.sqrt(10) == pytest.approx(half / 1.96, rel=0.35)
+        assert abs(row.slope + 0.5) < 4 * row.slope_error or np.isnan(row.slope)
+
+
+def test_terrains_are_compared_with_the_same_boulders(found):
+    _, measured = found
+    table = measured.numerical
+    assert list(table["variant"].unique()) == ["as given", "float64", "cells x2", "cells x4"]
+    known = table[(table["line"] == "L") & (table["variant"] != "as given")]
+    assert len(known) == 3 * len(NUMBERS) and known.notna().all(axis=None)
+    fine = known[known["variant"] == "float64"]
+    assert (fine["change"].abs() <= 5 * fine["change_error"] + 1e-3).all()
+    coarse = known[known["variant"] == "cells x4"]
+    assert (coarse["change"].abs() > 3 * coarse["change_error"]).any()
+    assert table[table["line"] == "never"]["change"].isna().any()
+    assert not measured.refused
+
+
+def test_the_same_terrain_changes_nothing(tmp_path, monkeypatch):
+    monkeypatch.setattr(convergence, "other_digits", lambda scene: ("float32", scene))
+    case = case_file(tmp_path, (140.0, 150.0, 160.0), line=LINES[:1])
+    measured = converge(case, boulders=[20, 40], reference=20_000)
+    same = measured.numerical.query("variant == 'float32'")
+    assert (same["change"] == 0).all() and (same["change_error"] == 0).all()
+    assert measured.sources == 3 and measured.reference == 20_001
+    assert (measured.error["boulders"] % 3 == 0).all()
+    assert "The sources are as given" in text(measured)
+
+
+def test_other_digits_round_or_give_back_what_rounding_took(tmp_path):
+    scene = read_scene(case_file(tmp_path))
+    name, double = other_digits(scene)
+    assert name == "float64" and double.z.dtype == np.float64
+    assert np.array_equal(double.z.astype("f4"), scene.z) and not np.array_equal(double.z, scene.z)
+    name, single = other_digits(double)
+    assert name == "float32" and np.array_equal(single.z, scene.z)
+
+
+def test_larger_cells_are_means_and_majorities(tmp_path):
+    scene = read_scene(case_file(tmp_path))
+    scene.z = np.arange(15.0).reshape(3, 5)
+    scene.z[0, 0] = scene.z[2, 4] = np.nan
+    scene.zone = np.array([[0, 3, 1, 2, 2], [3, 1, 2, 1, 1], [4, 5, 5, 5, 0]], "i2")
+    scene.values = np.array([[[1, 2, 3, 4, 5], [6, 7, 8, np.inf, 5], [1, 1, 1, 1, 1]]], "f4")
+    scene.grid = rockfall.scene.Grid(100.0, 50.0, 5.0, 5, 3)
+    large = larger_cells(scene, 2)
+    assert (large.grid.cell, large.grid.nx, large.grid.ny) == (10.0, 3, 2)
+    assert (large.grid.west, large.grid.north) == (100.0, 50.0)
+    np.testing.assert_array_equal(large.z, [[4, 5, 6.5], [10.5, 12.5, np.nan]])
+    assert large.zone.tolist() == [[3, 1, 1], [4, 5, 0]] and large.zone.dtype == np.int16
+    np.testing.assert_array_equal(large.values, [[[4, 6, 5], [1, 1, 1]]])
+
+
+def test_a_source_at_the_edge_is_told_where_larger_cells_do_not_reach(tmp_path):
+    case = case_file(tmp_path, line=LINES[:1]).replace(release={"x": [150.0], "y": [396.0]})
+    measured = converge(case, boulders=[10], reference=20_000)
+    assert set(measured.refused) == {"cells x2", "cells x4"}
+    assert "cells x4: not run: " in text(measured)
+
+
+def test_the_text_claims_nothing_of_what_is_not_known(found):
+    """Nobody crosses one line: no number is NaN or infinite there, and no error is told."""
+    said = text(found[1])
+    assert not re.search(r"\b(nan|inf)\b", said) and "the widest of the intervals" in said
+    assert re.search(r"^  never +speed \[m/s\] +mean( +-){4}$", said, re.M)
+    study = found[1].study.assign(change=np.inf)
+    assert "still changed from 0." in text(replace(found[1], study=study))
+
+
+def test_too_few_turns_of_many_sources_are_refused(tmp_path):
+    """Blocks take all sources in turn; of one or two blocks no error can be told."""
+    case = case_file(tmp_path, np.linspace(130, 170, 100), line=LINES[:1])
+    with pytest.raises(rockfall.RockfallError, match="320 from each of 100 sources, 32000 b"):
+        converge(case, boulders=[2], reference=31_999)
+    assert converge(case, boulders=[2], reference=32_000).numerical["change_error"].notna().all()
+
+
+@pytest.mark.filterwarnings("error")
+def test_the_command_writes_tables_and_figures(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    case_file(tmp_path)
+    arguments = ["convergence", "case.nml", "--boulders", "20", "100", "--reference", "20000"]
+    assert main([*arguments, "-o", "a b"]) == 0
+    said = capsys.readouterr().out
+    assert "one more digit costs 100 times" in said and "The paper has" in said
+    names = ["convergence.pdf", "convergence.png"]
+    names += ["cost.csv", "error.csv", "numerical.csv", "study.csv"]
+    assert sorted(path.name for path in (tmp_path / "a b").iterdir()) == names
+    for name in names[2:]:
+        assert list(pd.read_csv(tmp_path / "a b" / name).columns[:3]) == KEYS
+    first = (tmp_path / "a b" / "convergence.pdf").read_bytes()
+    assert b"/Type /Page" in first and b"CreationDate" not in first
+    assert main(arguments) == 0 and (tmp_path / "case_convergence" / "study.csv").is_file()
+
+
+def test_the_same_call_gives_the_same_numbers(found):
+    case, measured = found
+    again = converge(case, boulders=[50, 1000, 200], reference=50_000)
+    for name in ("study", "error", "numerical"):
+        one, two = (getattr(each, name).drop(columns="cpu_seconds", errors="ignore")
+                    for each in (measured, again))  # fmt: skip
+        pd.testing.assert_frame_equal(one, two, check_exact=True)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["--boulders", "1", "50"], "boulders = 1: must be at least 2"),
+        (["--reference", "100"], "reference = 100: must be at least 20000"),
+        (["--reference", "1" + 30 * "0"], "boulders do not fit in memory"),
+        (["-o", "case.nml"], "is there, and not a folder"),
+        (["-o", "no/where"], "there is no folder no"),
+        (["--boulders", "x"], "invalid int value"),
+    ],
+)
+def test_wrong_arguments_are_refused(tmp_path, monkeypatch, capsys, arguments, says):
+    monkeypatch.chdir(tmp_path)
+    case_file(tmp_path)
+    before = sorted(tmp_path.rglob("*"))
+    assert main(["convergence", "case.nml", *arguments]) == 2
+    error = capsys.readouterr().err
+    assert says in error and error.count("\n") == 1
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_a_case_without_lines_is_refused(tmp_path):
+    with pytest.raises(rockfall.RockfallError, match="has no &line"):
+        converge(case_file(tmp_path, line=[]))

@@ -1,0 +1,562 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Chance and ignorance: parts of the variance, what is drawn, and the command."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import rockfall
+from made import make_raster, refused
+from rockfall.analysis import ensemble
+from rockfall.analysis.ensemble import RESULTS
+from rockfall.analysis.line_statistics import Z, line_numbers, line_values
+from rockfall.analysis.sobol_indices import LEAST, deviations, parts, shares
+from rockfall.analysis.uncertain_inputs import Uncertain, drawn_scene, gaussian_field
+from rockfall.cli import main
+from rockfall.errors import RockfallError
+from rockfall.scene.scene import read_scene
+from scenes import grid, make_case, rough, sets, write_sets
+from test_batch import find_program
+
+TERRAIN = rough()
+LINE = {"name": "L", "x": [0.0, 300.0], "y": [300.0, 300.0]}
+
+
+def case_of(folder, boulders=100, **groups):
+    """A lively slope with a line, where some inputs are uncertain."""
+    groups = {"terrain": {}, "release": {"x": 150.0, "y": 380.0, "drop_height": 5.0}} | groups
+    run = {"boulders": boulders, "threads": 1}
+    return make_case(folder, *sets(), line=[LINE], case=run, **groups)
+
+
+def vary(case, **more):
+    return rockfall.run_ensemble(case, dem=TERRAIN, transform=grid(TERRAIN), **more)
+
+
+# ---- parts of the variance
+
+
+def model(blocks, boulders, random):
+    """f = 100 + 3 x1 + 2 x2 + x3 x4 + 0 x5, whose parts are known, and boulders of deviation 12,
+    correlated by 0.7 from run to run of a block."""
+    a, b = random.standard_normal((2, blocks, 5))
+    x = np.stack([a, b, *(np.where(np.arange(5) == i, b, a) for i in range(5))], axis=1)
+    f = 100 + 3 * x[..., 0] + 2 * x[..., 1] + x[..., 2] * x[..., 3]
+    same = random.standard_normal((blocks, 1, boulders))
+    own = random.standard_normal((blocks, 7, boulders))
+    values = f[..., None] + 12 * (np.sqrt(0.7) * same + np.sqrt(0.3) * own)
+    return from_boulders(values)
+
+
+def from_boulders(values):
+    """Means and covariances of values (blocks, runs, boulders)."""
+    y, n = values.mean(axis=2), values.shape[2]
+    apart = np.array([
+        [deviations(v, "mean", {"n": LEAST, "share": 1.0, "mean": v.mean()}, n) for v in block]
+        for block in values
+    ])  # fmt: skip
+    return y[..., None], (apart @ apart.transpose(0, 2, 1))[..., None]
+
+
+FIRST, TOTAL = [9, 4, 0, 0, 0], [9, 4, 1, 1, 0]  # of a variance of 14
+
+
+def test_parts_are_those_of_a_model_without_chance_whatever_the_chance():
+    """The mean over 200 ensembles, in which chance (144 / 10) is as great as ignorance (14), lies
+    within four of its standard errors of the truth: the estimates are unbiased."""
+    random = np.random.default_rng(1)
+    found = [parts(*model(16, 10, random)) for _ in range(200)]
+    for name, truth in (("chance", 14.4), ("ignorance", 14), ("first", FIRST), ("total", TOTAL)):
+        values = np.array([getattr(one, name) for one in found])[..., 0]
+        error = values.std(axis=0) / np.sqrt(200)
+        assert np.all(np.abs(values.mean(axis=0) - truth) < 4 * error), name
+        assert np.all(error < 0.6), name
+
+
+def test_shares_and_their_errors():
+    random = np.random.default_rng(2)
+    found = [shares(*model(64, 100, random)) for _ in range(40)]
+    for name, truth in (("first", FIRST), ("total", TOTAL)):
+        values = np.array([getattr(one, name) for one in found])[..., 0]
+        errors = np.array([getattr(one, f"{name}_error") for one in found])[..., 0]
+        assert values.mean(axis=0) == pytest.approx(np.array(truth) / 14, abs=0.03)
+        ratio = np.sqrt((errors**2).mean(axis=0)) / values.std(axis=0)
+        assert np.all((ratio > 0.65) & (ratio < 1.5)), name
+
+
+def test_no_shares_of_an_ignorance_that_is_not_there():
+    random = np.random.default_rng(3)
+    values = np.repeat(random.standard_normal((16, 1, 50)), 4, axis=1)
+    found = shares(*from_boulders(values))
+    assert abs(found.parts.ignorance[0]) < 3 * found.ignorance_error[0]
+    assert np.isnan(found.first).all() and np.isnan(found.total).all()
+    assert np.all(found.parts.first == 0) and np.all(np.abs(found.parts.total) < 1e-15)
+
+
+def test_chance_is_that_of_the_intervals_at_a_line(tmp_path):
+    result = rockfall.run(case_of(tmp_path, 2000), dem=TERRAIN, transform=grid(TERRAIN))
+    table = rockfall.line_statistics(result).set_index("quantity")
+    for quantity, number, _ in RESULTS.values():
+        row = table.loc[quantity]
+        of = deviations(line_values(result, quantity, 0), number, row, 2000)
+        width = row[f"{number}_high"] - row[f"{number}_low"]
+        close = 0.5 if number == "q95" else 0.01  # the density of fewer boulders
+        assert 2 * Z * np.sqrt(of @ of) == pytest.approx(width, rel=close)
+
+
+def test_chance_of_two_runs_and_what_they_share_are_those_of_other_boulders(tmp_path):
+    """Covariances from the boulders of one pair of runs against 250 pairs with other seeds: the
+    same boulders over two terrains, from two sources, whose difference no chance is."""
+    case = case_of(tmp_path, 150, release={"x": [150.0, 200.0], "y": [380.0, 350.0]})
+    scenes = [read_scene(case, dem=z, transform=grid(z)) for z in (TERRAIN, rough(seed=2))]
+    scenes[1].z = 0.05 * scenes[1].z + 0.95 * scenes[0].z
+    chosen = [RESULTS[name] for name in ("share", "speed.mean", "speed.q95")]
+    values, covariances = np.empty((250, 3, 2)), np.empty((250, 3, 2, 2))
+    for k in range(250):
+        runs = [simulate_seed(scene, k) for scene in scenes]
+        for i, (quantity, number, _) in enumerate(chosen):
+            rows = [line_numbers(run, 0, quantity, np.zeros(300, int)) for run in runs]
+            values[k, i] = [row[number] for row in rows]
+            of = np.array([
+                deviations(line_values(run, quantity, 0), number, row, 150)
+                for run, row in zip(runs, rows, strict=True)
+            ])  # fmt: skip
+            covariances[k, i] = of @ of.T
+    for i, (_, number, _) in enumerate(chosen):
+        true, estimate = np.cov(values[:, i].T), covariances[:, i].mean(axis=0)
+        assert np.diag(estimate) == pytest.approx(
+            np.diag(true), rel=0.4 if number == "q95" else 0.25
+        )
+        correlation = [c[0, 1] / np.sqrt(c[0, 0] * c[1, 1]) for c in (true, estimate)]
+        assert correlation[1] == pytest.approx(correlation[0], abs=0.15), number
+    assert correlation[0] > 0.2  # there is something to be shared
+
+
+def simulate_seed(scene, seed):
+    return ensemble.run_scene(drawn_scene(scene, [], seed))
+
+
+def test_what_sets_sources_apart_is_no_chance():
+    row = {"n": 200, "share": 1.0, "mean": 1.5}
+    for per_source, chance in ((100, 0.0), (1, 0.25 / 199)):
+        of = deviations(np.repeat([1.0, 2.0], 100), "mean", row, per_source)
+        assert of @ of == pytest.approx(chance, abs=1e-15)
+
+
+def test_few_boulders_at_a_line_make_no_number():
+    speed = np.r_[np.arange(LEAST - 1.0), np.full(81, np.nan)]
+    row = {"n": LEAST - 1, "share": 0.19, "mean": 9.0}
+    assert np.isnan(deviations(speed, "mean", row, 100)).all()
+    assert np.isfinite(deviations(speed, "share", row, 100)).all()
+    row = {"n": 99, "share": 1.0, "q95": 93.1}
+    assert np.isnan(deviations(np.arange(99.0), "q95", row, 99)).all()
+    assert np.isfinite(deviations(np.arange(100.0), "q95", row | {"n": 100}, 100)).all()
+
+
+# ---- ensembles
+
+
+def test_an_input_that_does_nothing_has_no_share_and_the_other_all(tmp_path):
+    """Two names of one impact set: the runs are the same, bit for bit."""
+    case = case_of(
+        tmp_path, 400, ensemble={"runs": 24, "source_shift": 15.0, "sets": ["sets.nml"] * 2}
+    )
+    found = vary(case)
+    assert found["input"].values.tolist() == ["source", "sets"]
+    assert float(abs(found["total"].sel(input="sets")).max()) < 1e-12
+    assert float(abs(found["first_order"].sel(input="sets")).max()) < 1e-12
+    at = found.sel(input="source", result="share", line="L")
+    for name in ("first_order", "total"):
+        assert abs(at[name] - 1) < 3 * at[f"{name}_error"] + 1e-9
+    assert at["ignorance"] > 1.5 * at["chance"]
+    same = found["value"].sel(variant=["A", "A with sets of B"])
+    assert np.array_equal(same[:, 0], same[:, 1])
+
+
+def test_where_nothing_matters_there_is_chance_only(tmp_path):
+    case = case_of(tmp_path, 400, ensemble={"runs": 24, "sets": ["sets.nml"] * 2})
+    found = vary(case)
+    at = found.sel(line="L")
+    assert np.all(abs(at["ignorance_variance"]) < 4 * at["ignorance_variance_error"])
+    result = rockfall.run(case, dem=TERRAIN, transform=grid(TERRAIN))
+    table = rockfall.line_statistics(result).set_index("quantity")
+    for name, (quantity, number, _) in RESULTS.items():
+        row = table.loc[quantity]
+        width = row[f"{number}_high"] - row[f"{number}_low"]
+        assert at["case_value"].sel(result=name) == row[number]
+        assert 2 * Z * at["chance"].sel(result=name) == pytest.approx(width, rel=0.35)
+
+
+ALL = {
+    "radius_factor": 1.3,
+    "volume_factor": 1.1,
+    "volume_std_factor": 1.5,
+    "drop_height_factor": 1.2,
+    "dem_error": 0.2,
+    "dem_correlation": 10.0,
+    "source_shift": 5.0,
+    "sets": ["sets.nml", "rocky-slope"],
+}
+
+
+def test_every_run_can_be_made_again_from_what_is_kept(tmp_path):
+    told = {key: value for key, value in ALL.items() if key[:3] != "dem"}
+    volume = {"volume": "normal", "volume_mean": 0.8, "volume_std": 0.1}
+    found = vary(case_of(tmp_path, 60, boulder=volume, ensemble={"runs": 8, **told}))
+    for k, side in ((0, "A"), (3, "B")):
+        drawn = found.isel(run=k).sel(side=side)
+        factor = float(drawn["drawn_volume"])
+        std = 0.1 * factor * float(drawn["drawn_volume_std"])
+        release = {
+            "x": [150 + float(drawn["drawn_source_east"])],
+            "y": [380 + float(drawn["drawn_source_north"])],
+            "drop_height": 5.0 * float(drawn["drawn_drop_height"]),
+        }
+        case = case_of(
+            tmp_path, 60, release=release,
+            boulder=volume | {"volume_mean": 0.8 * factor, "volume_std": std},
+            surface={"uniform_mean_radius": 0.25 * float(drawn["drawn_radius"][0])},
+            impact={"sets": told["sets"][int(drawn["drawn_set"])]},
+        )  # fmt: skip
+        again = case.replace(case={"seed": int(drawn["seed"])})
+        table = rockfall.line_statistics(
+            rockfall.run(again, dem=TERRAIN, transform=grid(TERRAIN))
+        ).set_index("quantity")
+        value = found["value"].isel(run=k, line=0).sel(variant=side)
+        assert value.sel(result="share") == table.loc["speed", "share"]
+        assert value.sel(result="speed.mean") == table.loc["speed", "mean"]
+
+
+def test_the_draws_of_a_file_are_as_many_files(tmp_path):
+    mean, covariance = sets()
+    other = 0.97 * mean, 1.2 * covariance
+    for name, draws in ("b.nml", [other]), ("both.nml", [other, (mean, covariance)]):
+        texts = []
+        for draw, one in reversed([*enumerate(draws, 1)]):  # in any order
+            write_sets(tmp_path / name, *one, lambda _: f" draw = {draw}\n")  # noqa: B023
+            texts.append((tmp_path / name).read_text())
+        (tmp_path / name).write_text("".join(texts))
+    told = [
+        vary(case_of(tmp_path, 60, ensemble={"runs": 8, "sets": names}))
+        for names in (["b.nml", "sets.nml"], ["both.nml"])
+    ]
+    assert told[0]["value"].equals(told[1]["value"])
+    assert told[0]["drawn_set"].equals(told[1]["drawn_set"])
+
+
+DRAWS = {  # of each of five groups
+    (1, 1, 2, 1, 1): "no &impact_set for ratio 3 of draw 1; a file needs ratios 1 to 5",
+    (2, 2, 2, 2, 2): "no &impact_set for ratio 1 2 3 4 5 of draw 1; a file needs ratios 1 to 5",
+    (1, 0, 1, 1, 1): "line 7: &impact_set draw = 0: must be 1 to 1000",
+    (1, 1001, 1, 1, 1): "line 7: &impact_set draw = 1001: must be 1 to 1000",
+    (1, "x", 1, 1, 1): "line 7: &impact_set draw = x: must be .*",
+}
+
+
+@pytest.mark.parametrize("numbers", DRAWS)
+def test_bad_draws_are_refused(tmp_path, numbers):
+    write_sets(tmp_path / "bad.nml", *sets(), lambda ratio: f" draw = {numbers[ratio - 1]}\n")
+    case = case_of(tmp_path, 60, ensemble={"runs": 8, "sets": ["sets.nml", "bad.nml"]})
+    with pytest.raises(RockfallError, match=f"bad.nml: {DRAWS[numbers]}"):
+        vary(case)
+
+
+def test_a_run_takes_one_draw(tmp_path):
+    text = (write_sets(tmp_path / "sets.nml", *sets())).read_text()
+    case = case_of(tmp_path, 60)
+    (tmp_path / "sets.nml").write_text(text + text.replace("ratio", "draw = 2, ratio"))
+    with pytest.raises(RockfallError, match="holds 2 draws of the sets: they are for &ensemble"):
+        rockfall.run(case, dem=TERRAIN, transform=grid(TERRAIN))
+
+
+def test_a_draw_depends_on_seed_input_and_number_alone(tmp_path):
+    volume = {"volume": "normal", "volume_mean": 0.8, "volume_std": 0.1}
+    few = vary(case_of(tmp_path, 30, boulder=volume, ensemble={"runs": 8, **ALL}))
+    more = vary(case_of(tmp_path, 30, boulder=volume, ensemble={"runs": 9, **ALL}))
+    names = ["value", "seed", *(name for name in few if name.startswith("drawn_"))]
+    xr.testing.assert_equal(few[names], more[names].isel(run=slice(8)))
+    alone = vary(case_of(tmp_path, 30, ensemble={"runs": 8, "source_shift": 5.0}))
+    xr.testing.assert_identical(alone["drawn_source_east"], few["drawn_source_east"])
+    other = case_of(tmp_path, 30, ensemble={"runs": 8, "source_shift": 5.0})
+    other = vary(other.replace(case={"seed": 5}))
+    assert not np.isin(other["drawn_source_east"], few["drawn_source_east"]).any()
+    every = np.concatenate([few[name].values.ravel() for name in names[2:-2]])
+    assert np.unique(every).size > 0.8 * every.size  # A, B and inputs have numbers of their own
+
+
+def test_maps_are_of_the_runs_a_and_b(tmp_path):
+    case = case_of(tmp_path, ensemble={"runs": 8, "source_shift": 10.0})
+    found = vary(case.replace(output={"maps": ["reach_probability"]}))
+    reached = []
+    for k in range(8):
+        for side in (0, 1):
+            drawn = found.isel(run=k, side=side)
+            release = {
+                "x": [150 + float(drawn["drawn_source_east"])],
+                "y": [380 + float(drawn["drawn_source_north"])],
+            }
+            output = {"maps": ["passages"], "map_extent": "terrain"}
+            one = case.replace(case={"seed": int(drawn["seed"])}, release=release, output=output)
+            passed = rockfall.run(one, dem=TERRAIN, transform=grid(TERRAIN))["passages"]
+            reached.append(passed.values / 100)
+    close = {"rtol": 1e-5, "atol": 1e-7}
+    assert np.allclose(found["reach_probability_mean"], np.mean(reached, axis=0), **close)
+    assert np.allclose(found["reach_probability_std"], np.std(reached, axis=0, ddof=1), **close)
+    shares = np.mean(np.array(reached) > 0.0101, axis=0)
+    assert np.allclose(found["reached_runs"], shares, **close)
+    assert "reach_probability_mean" not in vary(case)
+    only = vary(case.replace(line=[], output={"maps": ["passages"]}))
+    xr.testing.assert_equal(only["reached_runs"], found["reached_runs"])
+    assert ensemble.ensemble_summary(only).count("\n") == 0
+
+
+def test_a_line_that_some_runs_do_not_reach_has_a_share_and_nothing_else(tmp_path):
+    case = case_of(tmp_path, 30, ensemble={"runs": 8, "source_shift": 1.0})
+    at = vary(case).sel(line="L", result="speed.q95")  # 30 boulders: no interval above it
+    assert at["too_few"] == 24
+    assert all(np.isnan(at[name]).all() for name in ("mean", "chance", "ignorance", "total"))
+
+
+# ---- what is drawn
+
+
+def test_fields_have_the_variance_and_correlation_they_are_asked_for():
+    random = np.random.default_rng(1)
+    fields = np.array([gaussian_field((24, 30), 4.0, random) for _ in range(1500)])
+    assert abs(fields.mean()) < 0.03
+    assert fields.var() == pytest.approx(1, abs=0.03)
+    for down, right in ((0, 1), (3, 0), (4, 3), (0, 8), (20, 25), (23, 0), (0, 29)):
+        product = fields[:, down:, right:] * fields[:, : 24 - down, : 30 - right]
+        assert product.mean() == pytest.approx(np.exp(-np.hypot(down, right) / 4), abs=0.03)
+    for length in (0.01, 24.0):  # noise, and one as long as the raster
+        fields = np.array([gaussian_field((24, 30), length, random) for _ in range(1500)])
+        assert (fields**2).mean() == pytest.approx(1, abs=0.1)
+        correlation = (fields[:, 0, 0] * fields[:, 0, 6]).mean()
+        assert correlation == pytest.approx(np.exp(-6 / length), abs=0.1)
+
+
+def scene_of(folder, z=TERRAIN, **groups):
+    return read_scene(case_of(folder, **groups), dem=z, transform=grid(z))
+
+
+def test_elevations_keep_their_type_and_what_is_not_known(tmp_path):
+    z = TERRAIN.astype("f4")
+    z[:3, :3] = np.nan
+    told = {"dem_error": 0.5, "dem_correlation": 10.0, "runs": 40}
+    inputs = Uncertain(scene_of(tmp_path, z, ensemble=told))
+    drawn = [inputs.draw("dem", k, 1).arrays["z"] for k in range(40)]
+    assert all(one.dtype == "f4" and np.array_equal(np.isnan(one), np.isnan(z)) for one in drawn)
+    assert not np.array_equal(drawn[0], inputs.draw("dem", 0, 0).arrays["z"], equal_nan=True)
+    assert np.nanstd(np.array(drawn) - z) == pytest.approx(0.5, rel=0.1)
+
+
+def test_radii_vary_by_zone_and_rasters_as_a_whole(tmp_path):
+    scene = scene_of(tmp_path, ensemble={"radius_factor": 2.0, "runs": 400})
+    scene.sizes = np.array([[0.3], [np.inf], [0.1]])
+    inputs = Uncertain(scene)
+    drawn = np.array([inputs.draw("radius", k, 1).arrays["sizes"] for k in range(400)])
+    assert np.isinf(drawn[:, 1]).all()
+    logs = np.log(drawn[:, [0, 2], 0] / [0.3, 0.1])
+    assert np.abs(logs.mean(axis=0)).max() < 0.15
+    assert logs.std(axis=0) == pytest.approx(np.log(2), rel=0.15)
+    assert abs(np.corrcoef(logs.T)[0, 1]) < 0.2
+    scene.values = np.full((1, *TERRAIN.shape), 0.2, "f4")
+    values = Uncertain(scene).draw("radius", 0, 0).arrays["values"]
+    assert values.dtype == "f4" and np.ptp(values) == 0 and values[0, 0, 0] != np.float32(0.2)
+
+
+def test_sources_stay_on_the_terrain_and_shifts_together(tmp_path):
+    z = TERRAIN.copy()
+    z[:, 34:] = np.nan  # known as far as x = 167.5
+    where = {"x": [150.0, 165.0], "y": [380.0, 380.0]}
+    told = {"source_shift": 5.0, "runs": 100}
+    inputs = Uncertain(scene_of(tmp_path, z, release=where, ensemble=told))
+    draws = [inputs.draw("source", k, 0) for k in range(100)]
+    x = np.array([one.arrays["x"] for one in draws])
+    assert np.allclose(np.diff(x), 15) and x.max() < 167.5 < 150 + 15 + 5
+    assert sum(one.kept["source_redrawn"] for one in draws) > 10
+    for one in draws:  # the kernel agrees
+        rockfall.reach.survey(drawn_scene(inputs.scene, [one], 1))
+
+
+# ---- bad input
+
+
+HOSTILE = {
+    "radius_factor = 0.9": r"&ensemble radius_factor = 0.9: must be 1 to 10",
+    "volume_factor = 11.0": r"&ensemble volume_factor = 11.0: must be 1 to 10",
+    "volume_std_factor = 2.0": r"&ensemble volume_std_factor = 2.0: .*without a volume_std",
+    "dem_error = -1.0": r"&ensemble dem_error = -1.0: must be >= 0 \[m\]",
+    "dem_error = 1.0": r"&ensemble dem_correlation is missing: needed for dem_error",
+    "dem_error = 1.0, dem_correlation = 0.0": r"&ensemble dem_correlation = 0.0: must be > 0.*",
+    "dem_error = 1.0, dem_correlation = 1e4": r"&ensemble dem_correlation = 10000: .* 150 m.*",
+    "source_shift = NaN": r"&ensemble source_shift = NaN: must be a finite real number.*",
+    "source_shift = 1e9": r"&ensemble source_shift = 1e\+09: none of 1000 shifts .*",
+    "sets = 'no', 'rocky-slope'": r"&ensemble sets = 'no': no such file; shipped sets: .*",
+    "source_shift = 1.0, runs = 7": r"&ensemble runs = 7: must be >= 8",
+    "source_shift = 1.0, runs = 65537": r"&ensemble runs = 65537: must be at most 65536",
+    "sauce_shift = 1.0": r"line 8: &ensemble sauce_shift: unknown key; known: runs, .*",
+    "runs = 8": r"&ensemble: nothing is uncertain: give .*",
+    "sets = 'rocky-slope'": r"&ensemble: nothing is uncertain: give .*",
+}
+CASE = """&case title = 'Slope', boulders = 60, seed = 7 /
+&terrain dem = 'dem.tif' /
+&surface uniform_mean_radius = 0.25 /
+&impact sets = 'rocky-slope' /
+&boulder volume = 'fixed', volume_mean = 0.8, density = 2800.0 /
+&release x = 600060.0, y = 4999980.0, drop_height = 2.0 /
+&line name = 'L', x = 600000.0, 600120.0, y = 4999960.0, 4999960.0 /
+"""
+
+
+@pytest.fixture
+def place(tmp_path, monkeypatch):
+    """A folder with a case, made the current one; a function writes its group &ensemble."""
+    monkeypatch.chdir(tmp_path)
+    z = (1100 - 0.9 * np.arange(30)[:, None] * 5.0 + np.zeros(24)).astype("f4")
+    make_raster("dem.tif", z, nodata=-9999)
+
+    def told(text):
+        Path("case.nml").write_text(f"{CASE}&ensemble {text} /\n")
+
+    told("runs = 8, source_shift = 2.0, radius_factor = 1.2")
+    return told
+
+
+@pytest.mark.parametrize("text", HOSTILE)
+def test_bad_input_is_one_line_and_nothing_is_written(place, capfd, text):
+    place(text)
+    assert main(["ensemble", "case.nml"]) == 2
+    out, err = capfd.readouterr()
+    assert out == "" and re.fullmatch(f"rockfall: case.nml: {HOSTILE[text]}\n", err)
+    assert sorted(path.name for path in Path().iterdir()) == ["case.nml", "dem.tif"]
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["-o", "out.txt"], r"out.txt: must end in .nc \(everything\) or .csv \(the table\)"),
+        (["-o", "dem.tif"], r"dem.tif: must end in .*"),
+        (["-o", "no/out.csv"], r"no/out.csv: there is no folder no"),
+        (["--runs", "1"], r"case.nml: &ensemble runs = 1: must be >= 8"),
+    ],
+)
+def test_bad_arguments_are_one_line(place, capfd, words, message):
+    assert main(["ensemble", "case.nml", *words]) == 2
+    assert re.fullmatch(f"rockfall: {message}\n", capfd.readouterr().err)
+    assert sorted(path.name for path in Path().iterdir()) == ["case.nml", "dem.tif"]
+
+
+def test_nothing_to_look_at_is_refused(tmp_path):
+    case = case_of(tmp_path, ensemble={"source_shift": 2.0}).replace(line=[])
+    with refused("case: an ensemble needs a &line, or &output maps = 'reach_probability'"):
+        vary(case)
+
+
+def test_chance_that_is_not_known_is_refused(tmp_path):
+    case = case_of(tmp_path, ensemble={"source_shift": 2.0}).replace(case={"sampling": "sobol"})
+    with refused(
+        "case: &case sampling = 'sobol': must be 'random' for an ensemble: the chance of other "
+        "boulders is not known"
+    ):
+        vary(case)
+
+
+def test_more_numbers_than_the_design_has_are_refused(tmp_path):
+    scene = scene_of(tmp_path, ensemble={"radius_factor": 2.0})
+    scene.sizes = np.full((10_595, 1), 0.3)
+    with refused(
+        "case: &ensemble: 10601 numbers are uncertain, most of them rows of the table of zones: "
+        "must be at most 10600"
+    ):
+        Uncertain(scene)
+
+
+def test_a_table_replaces_itself_and_nothing_else(place, capsys):
+    quiet = ["ensemble", "case.nml", "--quiet", "--boulders", "2", "-o"]
+    for _ in range(2):
+        assert main([*quiet, "table.csv"]) == 0
+    for text in ("zone,mean_radius\n1,0.1\n", ""):
+        Path("other.csv").write_text(text)
+        assert main([*quiet, "other.csv"]) == 2
+        assert Path("other.csv").read_text() == text
+        said = "other.csv: is there, and not the table of an ensemble that rockfall wrote"
+        assert capsys.readouterr().err == f"rockfall: {said}; it is not overwritten\n"
+
+
+def test_maps_alone_are_no_table(place, capsys):
+    text = Path("case.nml").read_text()
+    line = next(line for line in text.splitlines() if line.startswith("&line"))
+    Path("case.nml").write_text(text.replace(line, "&output maps = 'reach_probability' /"))
+    assert main(["ensemble", "case.nml", "-o", "table.csv"]) == 2
+    said = "table.csv: without a &line there is no table; maps go to a file .nc"
+    assert capsys.readouterr().err == f"rockfall: {said}\n"
+    assert not Path("table.csv").exists()
+
+
+def test_without_scipy_one_line_says_what_to_install(place, capfd, monkeypatch):
+    monkeypatch.setitem(sys.modules, "scipy.stats", None)
+    assert main(["ensemble", "case.nml"]) == 2
+    message = "ensembles need the report extra: pip install 'rockfall[report]'"
+    assert capfd.readouterr().err == f"rockfall: {message}\n"
+
+
+def test_an_interrupted_ensemble_writes_nothing(place, capfd, monkeypatch):
+    runs = iter(range(20))
+
+    def pressed(*arguments, **more):
+        if next(runs) == 7:
+            raise KeyboardInterrupt
+        return rockfall.simulate.run_scene(*arguments, **more)
+
+    monkeypatch.setattr(ensemble, "run_scene", pressed)
+    assert main(["ensemble", "case.nml"]) == 130
+    assert capfd.readouterr().err == "rockfall: interrupted; no file is half-written\n"
+    assert sorted(path.name for path in Path().iterdir()) == ["case.nml", "dem.tif"]
+
+
+# ---- the command
+
+
+def test_the_command_writes_what_it_prints(place, capsys):
+    assert main(["ensemble", "case.nml", "-o", "all.nc"]) == 0
+    printed = capsys.readouterr().out
+    assert main(["ensemble", "case.nml", "-o", "table.csv", "--quiet", "--threads", "1"]) == 0
+    assert capsys.readouterr() == ("", "")
+    found = rockfall.run_ensemble(rockfall.read_case("case.nml"))
+    with xr.open_dataset("all.nc") as written:
+        assert np.allclose(written["value"], found["value"], rtol=0, equal_nan=True)
+        assert written["input"].values.tolist() == ["source", "radius"]
+        assert written.attrs["seed"] == 7 and "source_shift" in written.attrs["case"]
+    table = rockfall.ensemble_table(found)
+    assert Path("table.csv").read_text() == table.to_csv(index=False)
+    lines = [line.split() for line in printed.splitlines()]
+    share = table.loc[0]
+    for label, name in (("case as it is", "case_value"), ("chance, std", "chance")):
+        (row,) = (words for words in lines if label in " ".join(words))
+        assert float(row[len(label.split()) + label.startswith("case")]) == pytest.approx(
+            100 * share[name], rel=0.01
+        )
+    assert printed.splitlines()[0] == "Slope: 8 draws of 4 runs, 60 boulders each"
+
+
+def test_inputs_stand_in_the_order_of_their_shares(tmp_path):
+    case = case_of(tmp_path, ensemble={"runs": 16, "radius_factor": 1.01, "source_shift": 20.0})
+    text = ensemble.ensemble_summary(vary(case)).splitlines()
+    first = [line.split()[0] for line in text if re.match(r"    (radius|source) ", line)]
+    assert first == ["source", "radius"] * 2
+
+
+def test_a_run_takes_no_notice(place):
+    text = Path("case.nml").read_text()
+    Path("plain.nml").write_text(text[: text.index("&ensemble")])
+    a, b = (rockfall.run(rockfall.read_case(name)) for name in ("case.nml", "plain.nml"))
+    xr.testing.assert_equal(a, b)
+    assert main(["prepare", "case.nml", "prepared"]) == 0
+    done = subprocess.run([find_program(), "prepared/case.nml"], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr

@@ -1,0 +1,102 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What lies beyond what the model was made from is said before a run and after it."""
+
+import numpy as np
+import pytest
+
+import rockfall
+from rockfall.analysis.extrapolation import extrapolations, faster_than_observed
+from rockfall.html_report.words import warnings
+from rockfall.scene.scene import read_scene
+from rockfall.text.preview import preview
+from rockfall.text.summary import summary
+from scenes import grid, make_case, rough, sets
+
+
+def values(rebounds=1000, outside=(0, 0, 0), speed=(1.0,) * 100):
+    """Boulders that went 100 m down and 100 m far, 45 degrees, at these greatest speeds."""
+    names = ("range", "speed", "angle")
+    counts = {f"rebounds_out_of_{name}": n for name, n in zip(names, outside, strict=True)}
+    flat = np.full(len(speed), 100.0)
+    return {
+        "rebounds": rebounds, **counts, "start_z": 2 * flat, "stop_z": flat, "plan_distance": flat,
+        "speed_max": np.array(speed),
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("what", [0, 1, 2])
+def test_a_fifth_of_the_rebounds_is_no_warning_yet(what):
+    for outside, said in ((0, []), (200, [False]), (201, [True])):
+        counts = np.roll([outside, 0, 0], what)
+        found = list(extrapolations(values(outside=counts)))
+        assert [one.is_warning for one in found] == said
+        assert all(one.text.startswith(f"{outside} of 1,000 rebounds") for one in found)
+    words = ("R_b/R_m outside 0.5 to 5.5", "speed_range", "angle_range")
+    assert words[what] in found[0].text
+
+
+def test_counts_of_each_boulder_are_summed():
+    each = values(rebounds=np.full(100, 10), outside=np.full((3, 100), 3))
+    assert list(extrapolations(each)) == list(extrapolations(values(outside=(300,) * 3)))
+
+
+def test_a_twentieth_of_the_boulders_may_be_faster_than_observed():
+    slow, fast = 0.8 * 45 - 1e-9, 0.8 * 45 + 1e-9
+    assert list(extrapolations(values(speed=[slow] * 95 + [fast] * 5))) == []
+    (found,) = extrapolations(values(speed=[slow] * 94 + [fast] * 6))
+    assert found.is_warning and found.share == 0.06
+    assert "6 of 100 boulders (6.0 %) exceeded 0.8 m/s per degree" in found.text
+    assert "no terminal velocity" in found.text
+
+
+def test_speeds_are_judged_by_the_slope_from_release_to_end():
+    way = {
+        "start_z": [100.0, 100.0, 100.0, 100.0, 100.0],
+        "stop_z": [0.0, 0.0, 100.0, 110.0, 90.0],  # falls, slides, stays level, climbs, drops
+        "plan_distance": [100 / np.tan(np.radians(30)), 1e4, 50.0, 50.0, 0.0],
+        "speed_max": [24.1, 0.4, 30.0, 30.0, 71.0],
+    }
+    assert faster_than_observed(way).tolist() == [True, False, False, False, False]
+
+
+def test_nothing_has_nothing_beyond():
+    assert list(extrapolations(values(rebounds=0, speed=[]))) == []
+
+
+# ---- check, run, report
+
+
+def narrow(ratio):
+    """Sets that were fitted on hardly anything in speed."""
+    return " speed_range = 100, 101\n angle_range = 2, 90\n"
+
+
+@pytest.fixture
+def case(tmp_path):
+    release = {"x": 150.0, "y": 380.0}
+    return make_case(
+        tmp_path, *sets(), more=narrow, terrain={}, case={"boulders": 300}, release=release
+    )
+
+
+def scene_of(case):
+    z = rough()
+    return read_scene(case, dem=z, transform=grid(z))
+
+
+def test_check_summary_and_report_say_the_same(case):
+    """All boulders of one source are in the pilot run, too."""
+    page = preview(scene_of(case))
+    result = rockfall.simulate.run_scene(scene_of(case))
+    texts = [text.removesuffix(".") for text in warnings(result)]
+    n = int(result.rebounds)
+    assert texts[0].startswith(f"{n:,} of {n:,} rebounds (100 %) were slower or faster")
+    assert len(texts) == 2 and "exceeded 0.8 m/s per degree" in texts[1]
+    told = [line.strip() for line in page.splitlines()]
+    assert told[-2:] == [f"warning      in a pilot run {text}" for text in texts]
+    said = [line.strip() for line in summary(result).splitlines() if "warning" in line]
+    assert said == [f"warning: {text}" for text in texts]
+    angle = int(result.rebounds_out_of_angle) / n
+    assert 0 < angle < 0.2  # no warning
+    assert f"0.0% by R_b/R_m, 100.0% by speed, {angle:.1%} by angle" in page
+    assert "sets.nml, fitted on 100 to 101 m/s and 2 to 90 degrees\n" in page

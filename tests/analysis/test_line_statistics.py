@@ -1,0 +1,166 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Numbers at the lines: their values, and whether their intervals hold what they say."""
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import rockfall
+from rockfall.analysis.line_statistics import (
+    QUANTITIES,
+    _wilson,
+    line_values,
+    sample_numbers,
+    share_interval,
+    student,
+)
+from scenes import grid, make_case, rough, sets
+
+
+@pytest.fixture(scope="module")
+def long_run(tmp_path_factory):
+    """100,000 boulders of one source past a line."""
+    folder = tmp_path_factory.mktemp("case")
+    line = [{"name": "L", "x": [0.0, 300.0], "y": [280.0, 280.0]}]
+    case = make_case(
+        folder, *sets(), line=line, case={"boulders": 100_000, "threads": 0},
+        terrain={}, release={"x": 150.0, "y": 380.0},
+    )  # fmt: skip
+    return rockfall.run(case, dem=rough(), transform=grid(rough()))
+
+
+def of_speed(result):
+    table = rockfall.line_statistics(result).set_index("quantity")
+    return table.loc["speed"]
+
+
+def test_95_percent_intervals_hold_the_long_runs_value_95_times_in_100(long_run):
+    truth = of_speed(long_run)
+    parts = [
+        of_speed(long_run.isel(boulder=slice(k, k + 200))) for k in range(0, 100_000, 200)
+    ]  # 500 repetitions with boulders of their own
+    for name in ("mean", "q50", "q95", "share", "std"):
+        held = [part[f"{name}_low"] <= truth[name] <= part[f"{name}_high"] for part in parts]
+        assert 0.93 <= np.mean(held) <= 0.97, name
+
+
+def test_intervals_enclose_their_number_and_shrink_with_n(long_run):
+    few, many = of_speed(long_run.isel(boulder=slice(0, 1000))), of_speed(long_run)
+    for name in ("share", "mean", "std", "q50", "q90"):
+        width = [row[f"{name}_high"] - row[f"{name}_low"] for row in (few, many)]
+        assert few[f"{name}_low"] <= few[name] <= few[f"{name}_high"]
+        assert width[1] == pytest.approx(width[0] / 10, rel=0.5)
+
+
+def test_the_numbers_are_those_of_the_crossing_boulders(long_run):
+    table = rockfall.line_statistics(long_run).set_index("quantity")
+    assert set(table.index) == set(QUANTITIES)
+    speed = long_run["line_speed"].values[0]
+    speed = speed[np.isfinite(speed)]
+    row = table.loc["speed"]
+    assert row["n"] == speed.size and row["share"] == speed.size / 100_000
+    assert row["mean"] == speed.mean() and row["std"] == speed.std(ddof=1)
+    assert row["max"] == speed.max() and row["q98"] == np.quantile(speed, 0.98)
+    energy = (long_run["line_energy_translational"] + long_run["line_energy_rotational"]).values[0]
+    assert table.loc["energy_total", "mean"] == pytest.approx(np.nanmean(energy), rel=1e-12)
+    share = long_run["line_energy_rotational"].values[0] / energy
+    assert table.loc["rotational_share", "mean"] == pytest.approx(np.nanmean(share), rel=1e-12)
+
+
+def test_the_lateral_spread_is_the_deviation_along_a_bent_line():
+    """Far from the origin, as coordinates of a map are, over a side of no length."""
+    corner, random = np.array([6e5, 5e6]), np.random.default_rng(2)
+    vertices = corner + [[0, 0], [30, 40], [30, 40], [30, 140], [0, 140]]
+    place = np.append(random.uniform(0, 180, 500), [0.0, 50.0, 150.0, 180.0])
+    x = corner[0] + np.interp(place, [0, 50, 150, 180], [0, 30, 30, 0])
+    y = corner[1] + np.interp(place, [0, 50, 150, 180], [0, 40, 140, 140])
+    crossed = np.append(np.full(place.size, True), False)
+    values = {
+        f"line_{name}": (("line", "boulder"), np.append(of, np.nan)[None])
+        for name, of in {"x": x, "y": y, **dict.fromkeys(QUANTITIES[:6], place)}.items()
+    }
+    ends = {
+        f"line_vertex_{name}": ("line_vertex", of)
+        for name, of in zip("xy", vertices.T, strict=True)
+    }
+    ends["line_vertex_line"] = ("line_vertex", np.zeros(5, int))
+    start = {f"start_{name}": ("boulder", np.zeros(crossed.size)) for name in "xy"}
+    result = xr.Dataset({**values, **ends, **start}, {"line": ["L"]})
+    assert line_values(result, "position", 0)[:-1] == pytest.approx(place, abs=1e-7)
+    row = rockfall.line_statistics(result).set_index("quantity").loc["position"]
+    assert row["n"] == place.size and row["std"] == pytest.approx(place.std(ddof=1), rel=1e-9)
+    assert row["std_low"] < row["std"] < row["std_high"]
+
+
+def test_wilson_as_printed():
+    """Newcombe (1998), table 1: 81 of 263, 15 of 148, 0 of 20, 1 of 29."""
+    for passed, n, low, high in (
+        (81, 263, 0.2553, 0.3662), (15, 148, 0.0624, 0.1605),
+        (0, 20, 0.0000, 0.1611), (1, 29, 0.0061, 0.1718),
+    ):  # fmt: skip
+        assert _wilson(passed / n, n) == pytest.approx((low, high), abs=5e-5)
+    assert all(_wilson(0.0, n)[0] == 0 and _wilson(1.0, n)[1] == 1 for n in range(1, 10_000, 7))
+
+
+def test_boulders_of_a_source_count_as_one_where_they_do_the_same():
+    """Each value 50 times over: the interval is that of the sources, not of the boulders."""
+    stats = pytest.importorskip("scipy.stats")
+    value = np.random.default_rng(1).normal(size=40)
+    row = sample_numbers(np.repeat(value, 50), np.repeat(np.arange(40), 50))
+    expected = stats.t.interval(0.95, 39, value.mean(), stats.sem(value))
+    assert (row["mean_low"], row["mean_high"]) == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize("sources", [2, 3, 5, 20])
+def test_intervals_hold_for_few_sources(sources):
+    """Sources that differ as much as their boulders do, and sources that are alike."""
+    random = np.random.default_rng(sources)
+    source = np.repeat(np.arange(sources), 50)
+    for apart in (1.0, 0.0):
+        held = []
+        for _ in range(500):
+            v = random.normal(0, apart, sources)[source] + random.normal(0, 1, source.size)
+            row = sample_numbers(v, source)
+            _, low, high = share_interval(v > 0, source)
+            held.append((row["mean_low"] <= 0 <= row["mean_high"], low <= 0.5 <= high))
+        assert (np.mean(held, axis=0) >= 0.93).all()
+        assert apart == 0 or (np.mean(held, axis=0) <= 0.98).all()
+
+
+def test_sources_that_happen_to_agree_know_no_more_than_their_boulders():
+    random = np.random.default_rng(1)
+    v = random.normal(10, 1, 200)
+    v[100:] += v[:100].mean() - v[100:].mean()
+    alone, apart = (
+        sample_numbers(v, source) for source in (np.zeros(200, int), np.arange(200) // 100)
+    )
+    assert apart["mean_low"] == alone["mean_low"] and apart["std_high"] >= alone["std_high"]
+
+
+def test_intervals_hold_for_few_boulders():
+    random = np.random.default_rng(2)
+    for n in (2, 3, 5, 10):
+        rows = [sample_numbers(random.normal(10, 1, n), np.zeros(n, int)) for _ in range(1000)]
+        held = [row["mean_low"] <= 10 <= row["mean_high"] for row in rows]
+        assert 0.93 <= np.mean(held) <= 0.97
+        if n > 2:
+            assert np.mean([row["std_low"] <= 1 <= row["std_high"] for row in rows]) >= 0.9
+    assert "std" in sample_numbers(np.array([1.0, 2.0]), np.zeros(2, int))
+    assert "std_low" not in sample_numbers(np.array([1.0, 2.0]), np.zeros(2, int))
+
+
+def test_students_t_is_that_of_scipy():
+    stats = pytest.importorskip("scipy.stats")
+    freedom = np.arange(1, 200)
+    assert [student(k) for k in freedom] == pytest.approx(stats.t.ppf(0.975, freedom), rel=2e-3)
+
+
+def test_a_quantile_beyond_the_sample_has_no_upper_limit():
+    speed = np.arange(1.0, 21.0)
+    names = {f"line_{name}": (("line", "boulder"), speed[None]) for name in QUANTITIES[:6]}
+    start = {"start_x": ("boulder", np.zeros(20)), "start_y": ("boulder", np.zeros(20))}
+    line = {f"line_vertex_{name}": ("line_vertex", [0, 0]) for name in ("line", "x", "y")}
+    names |= {"line_x": names["line_speed"], "line_y": names["line_speed"]}
+    row = of_speed(xr.Dataset({**names, **start, **line}, {"line": ["L"]}))
+    assert row["q99"] > 19 and np.isnan(row["q99_high"]) and row["q99_low"] > 10
+    assert row["share_high"] == 1 and 0.8 < row["share_low"] < 0.9

@@ -1,0 +1,302 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Return levels: the fit, whether intervals hold what they say, and what is refused."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+from scipy import stats
+
+import rockfall
+from rockfall.analysis.return_levels import QUANTITIES, _fit, _profiled, tail
+from rockfall.cli import main
+from rockfall.html_report.tables import level_table
+from rockfall.text import line_tables as linetables
+from rockfall.text.line_tables import SHOWN
+from rockfall.text.summary import summary
+from scenes import grid, make_case, rough, sets
+
+
+@pytest.mark.parametrize("shape", [-0.4, -0.1, 0.0, 0.3])
+@pytest.mark.parametrize("size", [60, 800])
+def test_the_fit_is_the_optimum_that_scipy_finds(shape, size):
+    excess = np.sort(stats.genpareto.rvs(shape, scale=7e4, size=size, random_state=size))
+    fit = _fit(excess, 0.0, 1.0)
+    other, _, scale = stats.genpareto.fit(excess / 7e4, shape, floc=0, scale=1)
+    assert (fit.shape, fit.scale) == pytest.approx((other, scale * 7e4), rel=0.01, abs=1e-3)
+    cost, least = (
+        stats.genpareto.nnlf((c, 0, s), excess) for c, s in (fit[2:4], (other, scale * 7e4))
+    )
+    assert cost <= least + 1e-6
+
+
+def test_p_values_are_even_where_the_gpd_holds_and_small_where_not():
+    def p_values(draw):
+        return np.array([_fit(np.sort(draw(seed)), 0.0, 1.0).p_value for seed in range(250)])
+
+    for shape in (-0.2, 0.2):
+        p = p_values(lambda seed, c=shape: stats.genpareto.rvs(c, size=150, random_state=seed))
+        assert stats.kstest(p, "uniform").pvalue > 0.001
+        assert 0.02 <= np.mean(p < 0.05) <= 0.09
+    p = p_values(lambda seed: stats.gamma.rvs(4, size=150, random_state=seed))
+    assert np.mean(p < 0.05) > 0.9
+
+
+TAILS = {
+    "exponential": stats.expon(10, 3),
+    "heavy": stats.genpareto(0.2, 5, 2),
+    "bounded": stats.beta(2, 5, 0, 40),
+}
+
+
+def test_intervals_hold_the_levels_of_known_distributions():
+    """Nine in ten at least, of some 70; those of 95 % would fail that once in 20 tries, but the
+    hull over two thresholds holds more. And they tell something."""
+    held, width = [], []
+    for law in TAILS.values():
+        for seed in range(30):
+            found = tail(law.rvs(3000, random_state=seed), levels=(10_000,))
+            level = found.levels[10_000]
+            if not level.refused:
+                held.append(level.low <= law.isf(1e-4) <= level.high)
+                width.append((level.high - level.low) / level.value)
+                assert level.low <= level.value <= level.high
+    assert len(held) >= 60 and np.mean(held) >= 0.9 and np.median(width) < 0.7
+
+
+def test_the_interval_encloses_that_of_the_highest_threshold():
+    values = np.sort(TAILS["exponential"].rvs(10_000, random_state=5))
+    found = tail(values, levels=(20_000,))
+    highest = _profiled(20_000, values, found.independent, found.tried[-1])
+    alone = _profiled(20_000, values, found.independent, found.fit)
+    level = found.levels[20_000]
+    assert found.fit != found.tried[-1] and level.value == alone.value
+    assert (level.low, level.high) == (
+        min(highest.low, alone.low), max(highest.high, alone.high)
+    )  # fmt: skip
+
+
+def test_a_bounded_tail_says_where_it_ends():
+    law = stats.genpareto(-0.25, 5, 2)  # from 5 to 13
+    known = [tail(law.rvs(20_000, random_state=k), levels=()).end for k in range(40)]
+    assert np.mean([high >= 13 for _, high in known]) >= 0.9
+    assert np.mean([high < 20 for _, high in known]) >= 0.9
+    assert all(end <= high for end, high in known)
+    assert tail(TAILS["heavy"].rvs(20_000, random_state=1), levels=()).end == (np.inf, np.inf)
+
+
+def test_the_threshold_lies_above_what_is_not_the_tail():
+    """Most boulders low, one in 50 from a population that jumps high."""
+    low, high = stats.expon.rvs(size=19_600, random_state=1), stats.expon(10, 3)
+    values = np.append(low, high.rvs(400, random_state=2))
+    found = tail(values)
+    assert found.fit.threshold > 9 and found.fit.p_value > 0.05
+    assert found.tried[0].threshold < 5 and found.tried[0].p_value < 1e-3
+    assert found.fit in found.tried and found.fit.exceedances == np.sum(
+        values > found.fit.threshold
+    )
+    level = found.levels[100_000]
+    assert level.low <= high.isf(1e-5 / 0.02) <= level.high
+
+
+def test_levels_have_the_units_of_the_values():
+    values, levels = TAILS["exponential"].rvs(5000, random_state=3), (100, 1000, 10_000)
+    one, other = tail(values, levels=levels), tail(1000 * values, levels=levels)
+    assert tail(values, levels=levels) == one
+    for N, level in one.levels.items():
+        assert other.levels[N][:3] == pytest.approx([1000 * v for v in level[:3]], rel=1e-3)
+
+
+def test_a_level_that_many_boulders_exceed_is_that_of_the_sample():
+    """Whatever its tail: this one has no mean."""
+    values = np.abs(stats.cauchy.rvs(size=30_000, random_state=1))
+    found = tail(values)
+    value, low, high, refused = found.levels[1000]
+    assert value == np.quantile(values, 0.999) and refused is None
+    assert low < value < high and stats.binomtest(np.sum(values > low), 30_000, 1e-3).pvalue > 0.02
+    assert found.refused.startswith("tail too heavy (shape ")
+    assert found.levels[10_000].refused == found.refused and np.isnan(found.levels[10_000].value)
+
+
+random = np.random.default_rng(4)
+REFUSED = {
+    "none": (np.array([]), "0 independent boulders in the upper 5 %, 50 needed"),
+    "one": (np.ones(1), "0 independent .*"),
+    "few": (random.normal(size=900), "45 independent boulders in the upper 5 %, 50 needed"),
+    "equal": (np.full(5000, 3.0), "ties leave no 50 boulders above a threshold"),
+    "steps": (np.round(random.exponential(size=5000), 0), "no threshold fits|ties leave .*"),
+    "end": (random.uniform(size=5000), r"tail ends too sharply \(shape -.*\)|no threshold fits"),
+    "heavy": (random.pareto(1, size=5000), r"tail too heavy \(shape .*\)"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_the_data_do_not_bear_is_refused(name):
+    values, reason = REFUSED[name]
+    found = tail(values, levels=(10_000,))
+    assert re.fullmatch(reason, found.refused)
+    assert found.levels[10_000].refused == found.refused
+    assert np.isnan(found.levels[10_000][:3]).all()
+
+
+def test_a_far_level_is_refused_alone():
+    found = tail(TAILS["exponential"].rvs(5000, random_state=1), levels=(10_000, 60_000))
+    assert found.refused is None and found.levels[10_000].refused is None
+    assert found.levels[60_000].refused == "more than 10 times the boulders"
+
+
+def test_a_level_that_may_be_anything_is_refused():
+    values = stats.genpareto.rvs(0.45, size=1500, random_state=2)
+    found = tail(values, levels=(1000, 14_000))
+    assert found.refused is None and found.levels[14_000].refused == "may be 3 times as high"
+
+
+def test_boulders_of_a_source_count_as_one_where_they_do_the_same():
+    """Each value five times over: five times the boulders, and no more known."""
+    values = TAILS["exponential"].rvs(3000, random_state=1)
+    alone = tail(values, levels=(10_000,))
+    many = tail(np.repeat(values, 5), np.repeat(np.arange(3000), 5), levels=(10_000,))
+    assert many.independent == pytest.approx(3000, rel=0.01)
+    assert many.levels[10_000].refused is None
+    width = [found.levels[10_000].high - found.levels[10_000].low for found in (alone, many)]
+    assert width[1] == pytest.approx(width[0], rel=0.35)
+    few = tail(np.repeat(values[:600], 5), np.repeat(np.arange(600), 5))
+    assert few.refused == "30 independent boulders in the upper 5 %, 50 needed"
+
+
+# ---- of a result
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory):
+    """8,000 boulders, many past one line, none past another."""
+    lines = [
+        {"name": name, "x": [0.0, 300.0], "y": [y, y]} for name, y in (("L", 280.0), ("M", 399.0))
+    ]
+    case = make_case(
+        tmp_path_factory.mktemp("case"), *sets(), line=lines, case={"boulders": 8000},
+        terrain={}, release={"x": 150.0, "y": 380.0},
+    )  # fmt: skip
+    return rockfall.run(case, dem=rough(), transform=grid(rough()))
+
+
+def test_the_table_has_the_tail_of_each_quantity(result):
+    table = rockfall.return_levels(result).set_index(["line", "quantity"])
+    assert len(table) == 12
+    energy = (result["line_energy_translational"] + result["line_energy_rotational"]).values[0]
+    energy = energy[np.isfinite(energy)]
+    found, row = tail(energy), table.loc["L", "energy_total"]
+    assert (row["n"], row["max"]) == (energy.size, energy.max())
+    assert (row["threshold"], row["exceedances"]) == found.fit[:2]
+    assert row["shape_low"] < row["shape"] < row["shape_high"]
+    for N in (1000, 10_000):
+        names = [f"level_{N}{end}" for end in ("", "_low", "_high")]
+        assert tuple(row[names]) == pytest.approx(found.levels[N][:3], nan_ok=True)
+    assert "1 in 100,000: more than 10 times the boulders" in row["refused"]
+    none = table.loc["M", "speed"]
+    assert none["n"] == 0 and np.isnan(none["max"]) and none["refused"].startswith("0 independent")
+    assert rockfall.return_levels(result.drop_dims(["line", "line_vertex"])).empty
+    with pytest.raises(rockfall.RockfallError, match=r"levels: 0\.5: must be integers > 1"):
+        rockfall.return_levels(result, levels=(0.5,))
+
+
+def test_sources_of_a_result_are_clusters():
+    """100 boulders of each of 60 sources, which all do the same."""
+    speed = np.repeat(TAILS["exponential"].rvs(60, random_state=1), 100)
+    names = {f"line_{name}": (("line", "boulder"), speed[None]) for name in QUANTITIES[:-1]}
+    start = {f"start_{axis}": ("boulder", np.repeat(np.arange(60.0), 100)) for axis in "xy"}
+    table = rockfall.return_levels(xr.Dataset({**names, **start}, {"line": ["L"]}))
+    assert set(table["refused"]) == {"3 independent boulders in the upper 5 %, 50 needed"}
+
+
+def test_a_table_says_what_was_refused_where_some_is_and_some_is_not():
+    """pandas 3 makes NaN of a None among texts, pandas 2 does not: every row has a text."""
+    values = np.stack([TAILS["exponential"].rvs(3000, random_state=1), np.full(3000, 2.0)])
+    names = {f"line_{name}": (("line", "boulder"), values) for name in QUANTITIES[:-1]}
+    start = {f"start_{axis}": ("boulder", np.zeros(3000)) for axis in "xy"}
+    result = xr.Dataset({**names, **start}, {"line": ["L", "M"]})
+    table = rockfall.return_levels(result, levels=(1000,))
+    assert set(table["refused"]) == {"", (reason := "ties leave no 50 boulders above a threshold")}
+    page = level_table(table)
+    assert page.count(reason) == len(QUANTITIES) and "nan" not in page
+    printed = "\n".join(linetables._refused(table))
+    assert printed.count("refused") == 1 and reason in printed
+
+
+def test_numbers_of_any_size_stand_in_columns_of_their_own(capsys, tmp_path, result):
+    """Each table is one of cells apart by two blanks or more, the numbers as many as the heads."""
+    many = result.assign(
+        {name: 1e4 * result[name] for name in result.data_vars if name.startswith("line_energy")}
+    )
+    rockfall.write_result(many, tmp_path / "out.nc")
+    linetables.print_lines(tmp_path / "out.nc")
+    rows = [re.split(r" {2,}", line.strip()) for line in capsys.readouterr().out.splitlines()]
+    for head, (first, last) in (("mean", ("speed [m/s]", "E_rot / E_tot [%]")),
+                                ("largest", ("speed [m/s]", "E_tot [kJ]"))):  # fmt: skip
+        at = next(k for k, row in enumerate(rows) if row[0] == head)
+        body = rows[at + 1 : at + 17]
+        named = [row for row in body if row[0] in {label for label, _ in SHOWN.values()}]
+        assert named[0][0] == first and last in [row[0] for row in named]
+        assert all(len(row) == 1 + len(rows[at]) for row in named)
+        alike = re.compile(r"-|(-?[0-9][0-9,.]*(\.\.-?[0-9][0-9,.]*)?)")
+        numbers = [cell for row in named for cell in row[1:]]
+        assert any("," in cell for cell in numbers) and all(map(alike.fullmatch, numbers))
+        intervals = [row for row in body if ".." in row[0]]
+        assert intervals and all(cell.count("..") == 1 for row in intervals for cell in row)
+
+
+def test_the_command_prints_and_writes_both_tables(result, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    rockfall.write_result(result, "out.nc")
+    assert main(["lines", "out.nc", "-o", "table.csv"]) == 0
+    out, err = capsys.readouterr()
+    assert err == "" and out.endswith("\ntable.csv\ntable_levels.csv\n")
+    for name, table in (
+        ("table", rockfall.line_statistics),
+        ("table_levels", rockfall.return_levels),
+    ):
+        written = pd.read_csv(f"{name}.csv").fillna({"refused": ""})
+        pd.testing.assert_frame_equal(written, table(result), check_dtype=False, rtol=1e-12)
+    row = rockfall.return_levels(result).set_index("quantity").loc["jump_height"].iloc[0]
+    shown = rf"^  jump height \[m\] +{row['max']:#.4g} +{row['level_1000']:#.4g} "
+    assert row["level_1000"] > 0 and re.search(shown, out, re.M)
+    limits = f"{row['level_1000_low']:#.4g}..{row['level_1000_high']:#.4g}"
+    assert limits in out and "1 in 100,000: more than 10 times the boulders" in out
+    assert "\nM: 0 of 8,000 boulders, 0 % (0 to 0.04800 %)\n" in out  # 1.96^2 / (8000 + 1.96^2)
+    assert re.search(r"^  M +0 +0 to 0\.048 %$", summary(result), re.M)
+    assert all(len(line) <= 120 for line in out.splitlines())
+
+
+HOSTILE = {
+    "no result": (["no.nc"], "no.nc: no such file"),
+    "not a result": (["table.txt"], "table.txt: is not a netCDF result: .*"),
+    "no lines": (["bare.nc"], "bare.nc: has no evaluation lines"),
+    "no folder": (["out.nc", "-o", "no/t.csv"], "no/t.csv: there is no folder no"),
+    "onto the result": (
+        ["out.nc", "-o", "out.nc"],
+        "out.nc: must be a file name that ends in .csv",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_bad_input_is_one_line_and_nothing_is_written(name, result, tmp_path, monkeypatch, capsys):
+    words, message = HOSTILE[name]
+    monkeypatch.chdir(tmp_path)
+    rockfall.write_result(result, "out.nc")
+    rockfall.write_result(result.drop_dims(["line", "line_vertex"]), "bare.nc")
+    Path("table.txt").write_text("no")
+    before = {path: path.read_bytes() for path in Path().iterdir()}
+    assert main(["lines", *words]) == 2
+    out, err = capsys.readouterr()
+    assert out == "" and re.fullmatch(f"rockfall: {message}\n", err)
+    assert {path: path.read_bytes() for path in Path().iterdir()} == before
+
+
+def test_without_scipy_one_line_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "scipy", None)
+    with pytest.raises(rockfall.RockfallError, match=r"pip install 'rockfall\[report\]'"):
+        tail(np.ones(3))

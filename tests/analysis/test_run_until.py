@@ -1,0 +1,253 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Runs until sure: where they stop, whether their intervals hold, and that they equal a run."""
+
+import signal
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import rockfall
+from rockfall.analysis import run_until as until
+from rockfall.analysis.line_statistics import QUANTITIES, Z, line_numbers, sources
+from rockfall.analysis.run_until import CROSSED, FIRST, judge, next_stage, read_rules, verdicts_of
+from rockfall.cli import main
+from rockfall.text.summary import summary
+from scenes import grid, make_case, rough, sets
+
+SHARE, SIGMA = 0.6, 0.4  # of a made law: boulders that cross, and their lognormal speeds
+LINE = [{"name": "L", "x": [0.0, 300.0], "y": [280.0, 280.0]}]
+NEVER = {"name": "never", "x": [0.0, 10.0], "y": [395.0, 395.0]}
+
+
+def made(values, source=None):
+    """A result of one line where boulders had these speeds, NaN where they did not cross."""
+    start = np.zeros(values.size) if source is None else source.astype(float)
+    data = {f"line_{name}": (("line", "boulder"), values[None]) for name in QUANTITIES[:6]}
+    data |= {"start_x": ("boulder", start), "start_y": ("boulder", 0 * start)}
+    return xr.Dataset(data, {"line": ["L"]})
+
+
+def lognormal(random, n):
+    values = np.exp(random.normal(0, SIGMA, n))
+    return np.where(random.random(n) < SHARE, values, np.nan)
+
+
+def theory(statistic, limit):
+    """The long-run value, and the boulders that make the half-width `limit` of it."""
+    w = np.exp(SIGMA**2)
+    if statistic == "share":
+        return SHARE, (Z / limit) ** 2 * (1 - SHARE) / SHARE
+    if statistic == "mean":
+        return np.sqrt(w), (Z / limit) ** 2 * (w - 1) / SHARE
+    return 1.0, (Z / limit) ** 2 * 2 * np.pi * SIGMA**2 / 4 / SHARE  # 1 / (4 n f^2)
+
+
+def stages(rules, random, draw=lognormal, cap=10**7):
+    """The stages of a run with boulders of the made law: the last result."""
+    n, values = min(FIRST, cap), np.empty(0)
+    while True:
+        values = np.concatenate([values, draw(random, n - values.size)])
+        larger = next_stage(judge(rules, made(values)), n, cap)
+        if larger == n:
+            return made(values)
+        n = larger
+
+
+@pytest.mark.parametrize(
+    ("rule", "within"),
+    [("share@L<3%", 1.0), ("speed.mean@L<1.5%", 1.0), ("speed.q50@L<2.5%", 0.5)],
+)
+def test_it_stops_within_20_percent_of_theory_and_its_intervals_hold(rule, within):
+    """The interval of a quantile lies between two order statistics, its width is itself a matter of
+    chance: the mean stop is that near, and most of the stops."""
+    random = np.random.default_rng(1)
+    rules = read_rules(rule, ["L"])
+    statistic = rules[0].statistic
+    truth, need = theory(statistic, rules[0].limit)
+    stops, held = [], []
+    for _ in range(500):
+        result = stages(rules, random)
+        row = line_numbers(result, 0, "speed", sources(result))
+        assert (row[f"{statistic}_high"] - row[f"{statistic}_low"]) / 2 <= (
+            rules[0].limit * row[statistic] * (1 + 1e-12)
+        )
+        stops.append(result.sizes["boulder"] / need)
+        held.append(row[f"{statistic}_low"] <= truth <= row[f"{statistic}_high"])
+    assert abs(np.mean(stops) - 1) < 0.2
+    assert np.mean(np.abs(np.array(stops) - 1) <= 0.2) >= within
+    assert 0.93 <= np.mean(held) <= 0.97
+
+
+@pytest.mark.parametrize("of", [2, 5])
+def test_runs_of_few_sources_do_not_end_by_luck(of):
+    """Sources that are alike may also seem so by chance, and then a run must not believe it."""
+    random, held = np.random.default_rng(of), []
+    rules = read_rules("speed.mean@L<3%", ["L"])
+    for _ in range(100):
+        n, larger = 0, FIRST // of
+        while larger > n:
+            n = larger
+            result = made(lognormal(random, n * of), np.repeat(np.arange(of), n))
+            larger = next_stage(judge(rules, result), n, 20_000 // of)
+        row = line_numbers(result, 0, "speed", sources(result))
+        held.append(row["mean_low"] <= theory("mean", 1)[0] <= row["mean_high"])
+        assert result.sizes["boulder"] >= 0.8 * theory("mean", 0.03)[1]
+    assert np.mean(held) >= 0.93
+
+
+def test_no_interval_is_believed_before_enough_boulders_crossed():
+    def rare(random, n):
+        return np.where(random.random(n) < 0.1, 5.0 + random.random(n), np.nan)
+
+    result = stages(read_rules("speed.mean@L<50%", ["L"]), np.random.default_rng(2), rare)
+    crossed = np.isfinite(result["line_speed"].values).sum()
+    assert CROSSED <= crossed <= 1.2 * CROSSED
+
+
+def test_equal_values_are_met_at_once_and_nobody_never():
+    rules = read_rules("speed.mean@L<1%, speed.std@L<1%, speed.q99@L<1%", ["L"])
+    assert stages(rules, None, lambda _, n: np.full(n, 7.0)).sizes["boulder"] == FIRST
+    nobody = stages(rules, None, lambda _, n: np.full(n, np.nan), cap=50_000)
+    assert nobody.sizes["boulder"] == 50_000
+    assert all("too few boulders cross" in str(one) for one in judge(rules, nobody))
+
+
+def test_sources_that_differ_stop_a_run_that_more_boulders_do_not_help():
+    """20 sources, speeds 10 +- 3 among them and +- 1 within: 13 % is as sure as it gets."""
+    random = np.random.default_rng(3)
+    place = random.normal(10, 3, 20)
+
+    def result(n):
+        source = np.repeat(np.arange(20), n)
+        return made(place[source] + random.normal(0, 1, source.size), source)
+
+    rules = read_rules("speed.mean@L<2%", ["L"])
+    assert next_stage(judge(rules, result(50)), 50, 10**6) > 50  # not yet plain
+    (verdict,) = judge(rules, result(2000))
+    assert verdict.need == np.inf and "do not help" in str(verdict)
+    assert next_stage([verdict], 2000, 10**6) == 2000
+    (verdict,) = judge(read_rules("speed.mean@L<20%", ["L"]), result(50))
+    assert verdict.met
+
+
+def slope_case(folder, x=(150.0,), line=LINE, **output):
+    release = {"x": list(x), "y": [320.0] * len(x)}
+    return make_case(folder, *sets(), line=line, terrain={}, release=release, output=output)
+
+
+def terrain():
+    return {"dem": rough(), "transform": grid(rough())}
+
+
+@pytest.mark.parametrize("x", [(150.0,), (130.0, 140.0, 150.0)])
+def test_the_result_is_that_of_run_with_as_many_boulders(tmp_path, x):
+    maps = ["passages", "energy_max", "energy_mean", "energy_q95", "reach_probability"]
+    case = slope_case(tmp_path, x, maps=maps, rebounds=True, trajectories=3)
+    rule = "speed.mean@L<0.9%" if len(x) == 1 else "speed.q50@L<2%"
+    found = rockfall.run_until(case, rule, **terrain(), cap=5000)
+    n = found.attrs["boulders_asked"] // len(x)
+    assert n not in (case.case["boulders"], 5000, -(-FIRST // len(x)))  # several stages
+    plain = rockfall.run(case.replace(case={"boulders": n}), **terrain())
+    assert found.equals(plain)
+    own = {"until", "until_met", "wall_seconds", "cpu_seconds"}
+    for name in found.attrs.keys() - own:
+        assert found.attrs[name] == plain.attrs[name], name
+    assert found.attrs["until"] == rule and found.attrs["until_met"] == 1
+    assert found.attrs["complete"] == 1
+    assert found.attrs.keys() - plain.attrs.keys() == {"until", "until_met"}
+
+
+def test_a_cap_ends_a_run_and_says_what_is_not_met(tmp_path):
+    case = slope_case(tmp_path, line=[*LINE, NEVER])
+    rules = "speed.mean@L<0.5%, share@never<10%, share@L<20%"
+    found = rockfall.run_until(case, rules, **terrain(), cap=1500)
+    assert found.sizes["boulder"] == 1500 and found.attrs["until_met"] == 0
+    mean, never, share = verdicts_of(found)
+    exact = 1500 * (mean.width / 0.005) ** 2
+    assert not mean.met and mean.need == pytest.approx(exact, rel=1e-12)
+    assert not never.met and np.isnan(never.need)
+    assert share.met
+    text = summary(found)
+    assert "until speed.mean@L<0.5%: not met" in text and "until share@L<20%: met" in text
+
+
+def test_rules_are_read_with_any_spaces_and_names():
+    one, two, three = read_rules(
+        " speed.q95 @ a, b <c < 2.5 % ,share@ L<.3%,energy_total.std@L<10%", ["L", "a, b <c"]
+    )
+    assert (one.line, one.quantity, one.statistic, one.limit) == (1, "speed", "q95", 0.025)
+    assert (two.line, two.statistic, two.limit) == (0, "share", 0.003)
+    assert (three.quantity, three.statistic, three.limit) == ("energy_total", "std", 0.1)
+
+
+@pytest.mark.parametrize(
+    ("rules", "says"),
+    [
+        ("", "QUANTITY.STATISTIC@LINE<PERCENT%"), ("speed.mean@L<2", "PERCENT%"),
+        ("speed.mean@L<2%,", "PERCENT%"), ("speed.mean@L<2%; share@L<2%", "no line"),
+        ("speed.max@L<2%", "no interval for the statistic 'max'; there are mean, std, q50"),
+        ("speed@L<2%", "no interval"), ("spede.mean@L<2%", "no quantity 'spede'; there are speed"),
+        ("share.mean@L<2%", "share alone"), ("speed.mean@M<2%", "no line 'M'; the lines of"),
+        ("speed.mean@L<0%", "above 0 and below 100"), ("speed.mean@L<-2%", "above 0"),
+        ("speed.mean@L<100%", "below 100"), ("speed.mean@L<nan%", "a number"),
+        ("speed.mean@L<1_0%", "a number"), ("speed.mean@L<%", "a number"),
+        ("share@L<3%, speed.mean@L<x%", "speed.mean@L<x%"),
+    ],
+)  # fmt: skip
+def test_a_wrong_rule_is_refused_with_what_is_allowed(rules, says):
+    with pytest.raises(rockfall.RockfallError) as refused:
+        read_rules(rules, ["L"])
+    assert says in str(refused.value) and str(refused.value).startswith("until '")
+
+
+def test_a_case_without_lines_and_a_bad_cap_are_refused(tmp_path):
+    with pytest.raises(rockfall.RockfallError, match="the lines of the case: none"):
+        rockfall.run_until(slope_case(tmp_path, line=[]), "share@L<2%", **terrain())
+    with pytest.raises(rockfall.RockfallError, match="cap = 0: must be at least 1"):
+        rockfall.run_until(slope_case(tmp_path), "share@L<2%", cap=0, **terrain())
+
+
+@pytest.fixture
+def place(tmp_path, monkeypatch):
+    """A folder with a case file on a plane, made the current one."""
+    from rockfall.io.raster import write_geotiff
+
+    monkeypatch.chdir(tmp_path)
+    write_geotiff("dem.tif", rough(dtype="f4"), grid(rough()))
+    case = slope_case(tmp_path).replace(terrain={"dem": "dem.tif"})
+    (tmp_path / "case.nml").write_text(case.text())
+    return tmp_path
+
+
+def test_the_command_writes_warns_and_refuses(place, capsys):
+    assert main(["run", "case.nml", "-o", "a.nc", "--until", "share@L<5%"]) == 0
+    said = capsys.readouterr()
+    assert "until share@L<5%: met" in said.out and not said.err
+    assert rockfall.read_result("a.nc").attrs["until_met"] == 1
+    arguments = ["run", "case.nml", "-o", "b.nc", "--quiet", "--cap", "50"]
+    assert main([*arguments, "--until", "share@L<0.5%"]) == 0
+    said = capsys.readouterr()
+    assert not said.out and said.err.count("\n") == 1
+    assert "warning: --until share@L<0.5%: not met" in said.err and "needs about" in said.err
+    assert rockfall.read_result("b.nc").sizes["boulder"] == 50
+    for wrong in (
+        ["--until", "share@M<5%"], ["--cap", "5"], ["--until", "share@L<5%", "--cap", "0"],
+        ["--until", "share@L<5%", "--boulders", "9"],
+    ):  # fmt: skip
+        assert main(["run", "case.nml", "-o", "c.nc", *wrong]) == 2
+        assert capsys.readouterr().err.count("\n") == 1
+    assert not (place / "c.nc").exists()
+
+
+def test_ctrl_c_keeps_what_is_done(tmp_path, monkeypatch):
+    def interrupted_stage(tally, chunk, interrupted, advance):
+        signal.raise_signal(signal.SIGINT)
+        run_chunks(tally, 300, lambda: tally.done >= 300, advance)
+
+    run_chunks = until.run_chunks
+    monkeypatch.setattr(until, "run_chunks", interrupted_stage)
+    with pytest.raises(rockfall.Interrupted) as stop:
+        rockfall.run_until(slope_case(tmp_path), "share@L<1%", **terrain())
+    assert stop.value.result.sizes["boulder"] == 300
+    assert stop.value.result.attrs["until_met"] == stop.value.result.attrs["complete"] == 0

@@ -1,0 +1,657 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The command line: exit status, one line for whatever is wrong, and nothing written then."""
+
+import os
+import re
+import resource
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+from affine import Affine
+
+import rockfall
+import scenes
+from made import PLACE, make_ascii, make_raster
+from rockfall.cli import main
+
+NY, NX = 30, 24
+TABLE = "zone,mean_radius\n1,0.3\n2,0.2\n"
+CASE = """&case title = 'Slope', boulders = 20, seed = 7 /
+&terrain dem = 'dem.tif' /
+&surface zones = 'zones.tif', table = 'zones.csv' /
+&impact sets = 'sets.nml' /
+&boulder volume = 'fixed', volume_mean = 0.8, density = 2800.0 /
+&release x = 600060.0, y = 4999980.0, drop_height = 2.0 /
+&line name = 'L', x = 600000.0, 600120.0, y = 4999930.0, 4999930.0 /
+&output maps = 'passages', 'energy_mean', trajectories = 3 /
+"""
+
+
+def slope():
+    """Steep, then flat."""
+    south = np.arange(NY)[:, None] * 5.0
+    return (1100 - 0.7 * np.minimum(south, 100) + 0 * np.arange(NX)).astype("f4")
+
+
+def zones():
+    return (np.where(np.arange(NX) < 12, 1, 2) + np.zeros((NY, 1))).astype("i4")
+
+
+@pytest.fixture
+def place(tmp_path, monkeypatch):
+    """A folder with a case that runs, made the current one."""
+    monkeypatch.chdir(tmp_path)
+    make_raster("dem.tif", slope(), nodata=-9999)
+    make_raster("zones.tif", zones(), nodata=-9999)
+    for name, text in (("zones.csv", TABLE), ("sets.nml", scenes.CALM_SETS), ("case.nml", CASE)):
+        Path(name).write_text(text)
+    return tmp_path
+
+
+def command(*arguments, prefix=(), **options):
+    """Run the program as a user does; the rest is as in subprocess.run."""
+    program = [*prefix, sys.executable, "-m", "rockfall.cli", *map(str, arguments)]
+    return subprocess.run(program, capture_output=True, text=True, timeout=60, **options)
+
+
+def files(folder):
+    return sorted((path.name, path.stat().st_size) for path in folder.rglob("*"))
+
+
+# ---- what may be wrong with the files of a case
+
+
+def change(old, new, file="case.nml"):
+    """The first `old` in a file of the case becomes `new`."""
+
+    def harm():
+        text = Path(file).read_text()
+        assert old in text
+        Path(file).write_text(text.replace(old, new, 1))
+
+    return harm
+
+
+def write(file, content):
+    return lambda: Path(file).write_bytes(content)
+
+
+def remove(file):
+    return lambda: Path(file).unlink()
+
+
+def halve(file):
+    def harm():
+        content = Path(file).read_bytes()
+        Path(file).write_bytes(content[: len(content) // 2])
+
+    return harm
+
+
+def raster(file, array, **about):
+    return lambda: make_raster(file, array, **about)
+
+
+def several(*harms):
+    return lambda: [harm() for harm in harms]
+
+
+def ascii_dem(body):
+    return several(lambda: make_ascii("dem.asc", body), change("dem.tif", "dem.asc"))
+
+
+def with_hole():
+    z = slope()
+    z[2:6, 10:14] = -9999
+    return raster("dem.tif", z, nodata=-9999)
+
+
+def without_set(ratio):
+    def harm():
+        groups = scenes.CALM_SETS.split("&impact_set ")
+        kept = [group for group in groups if not group.startswith(f"ratio = {ratio}")]
+        assert len(kept) == 5
+        Path("sets.nml").write_text("&impact_set ".join(kept))
+
+    return harm
+
+
+ZONES = "zones = 'zones.tif', table = 'zones.csv'"
+RADII = change(ZONES, "mean_radius = 'rm.tif'")
+CELLS = change("x = 600060.0, y = 4999980.0", "cells = 'cells.tif'")
+COARSE = Affine(10.0, 0.0, 600000.0, 0.0, -10.0, 5000000.0)
+OBLONG = Affine(5.0, 0.0, 600000.0, 0.0, -6.0, 5000000.0)
+DEGREES = Affine(0.001, 0.0, 10.0, 0.0, -0.001, 46.0)
+TURNED = PLACE @ Affine.rotation(10)
+
+HOSTILE = {
+    "unknown group": (
+        change("&surface", "&surfce"),
+        r"case.nml: line 3: &surfce: unknown group; known: &case, &terrain, .*",
+    ),
+    "unknown key": (
+        change("density", "densty"),
+        r"case.nml: line 5: &boulder densty: unknown key; known: volume, .*",
+    ),
+    "text for an integer": (
+        change("boulders = 20", "boulders = 'many'"),
+        r"case.nml: &case boulders = 'many': must be an integer",
+    ),
+    "real for an integer": (
+        change("boulders = 20", "boulders = 2.5"),
+        r"case.nml: &case boulders = 2.5: must be an integer",
+    ),
+    "text for a real": (
+        change("2800.0", "'heavy'"),
+        r"case.nml: &boulder density = 'heavy': must be a real number",
+    ),
+    "number for a text": (
+        change("'dem.tif'", "3"),
+        r"case.nml: &terrain dem = 3: must be text in quotes",
+    ),
+    "number for a logical": (
+        change("&output", "&output rebounds = 3,"),
+        r"case.nml: &output rebounds = 3: must be .true. or .false.",
+    ),
+    "unknown word": (
+        change("'energy_mean'", "'energy_mean', 'passage'"),
+        r"case.nml: &output maps \(value 3\) = 'passage': must be one of: passages, .*",
+    ),
+    "NaN": (change("2800.0", "NaN"), r"case.nml: &boulder density = NaN: must be a finite .*"),
+    "Inf": (change("= 2.0 /", "= Inf /"), r"case.nml: &release drop_height = Inf: must be a fin.*"),
+    "out of range": (
+        change("2800.0", "-3.0"),
+        r"case.nml: &boulder density = -3.0: must be > 0 \[kg/m3\]",
+    ),
+    "key given twice": (
+        change("density = 2800.0", "density = 2800.0, density = 2700.0"),
+        r"case.nml: line 5: &boulder density: given twice in this group \(first in line 5\)",
+    ),
+    "group given twice": (
+        change("&terrain", "&case seed = 2 /\n&terrain"),
+        r"case.nml: line 1: &case: a case has one such group; only &line may repeat",
+    ),
+    "group left open": (
+        change("'dem.tif' /", "'dem.tif'"),
+        r"case.nml: line 2: &terrain is not closed by /",
+    ),
+    "case missing": (remove("case.nml"), r"case.nml: cannot be read: No such file or directory"),
+    "case empty": (write("case.nml", b""), r"case.nml: &case boulders is missing: .*"),
+    "case of bytes": (
+        write("case.nml", CASE.replace("Slope", "Hänge").encode("latin-1")),
+        r"case.nml: line 1: character code 228 is not text \(UTF-8 is due\)",
+    ),
+    "DEM missing": (remove("dem.tif"), r"case.nml: &terrain dem = 'dem.tif': no such file"),
+    "DEM empty": (write("dem.tif", b""), r"dem.tif: is empty"),
+    "DEM not a raster": (
+        write("dem.tif", b"hello"),
+        r"dem.tif: cannot be read as a raster \(unknown format, truncated or damaged\): .*",
+    ),
+    "DEM truncated": (
+        halve("dem.tif"),
+        r"dem.tif: cannot be read as a raster \(unknown format, truncated or damaged\): .*",
+    ),
+    "ASCII DEM truncated": (
+        ascii_dem("1 2 3\n4 5\n"),
+        r"dem.asc: ends after 5 numbers, ncols x nrows = 3 x 2 are due: truncated or damaged",
+    ),
+    "ASCII DEM with a word": (ascii_dem("1 2 3\n4 x 5"), r"dem.asc: line 7: 'x' is not a number"),
+    "DEM in degrees": (
+        raster("dem.tif", slope(), transform=DEGREES, crs="EPSG:4326", nodata=-9999),
+        r"dem.tif: cells are in degrees \(EPSG:4326\), metres are needed; reproject with: "
+        r"rio warp dem.tif dem_utm.tif --dst-crs EPSG:32632 --resampling bilinear",
+    ),
+    "DEM with an infinity": (
+        raster("dem.tif", np.where(slope() > 1099, np.inf, slope()).astype("f4")),
+        r"dem.tif: row 1, column 1: elevation inf: must be finite or nodata",
+    ),
+    "DEM cells not square": (
+        raster("dem.tif", slope(), transform=OBLONG, nodata=-9999),
+        r"dem.tif: cells are not square \(5 x 6 m\); resample with: rio warp dem.tif .* --res 5 .*",
+    ),
+    "DEM rotated": (
+        raster("dem.tif", slope(), transform=TURNED, nodata=-9999),
+        r"dem.tif: is rotated; resample with: rio warp dem.tif dem_square.tif .*",
+    ),
+    "zones of another grid": (
+        raster("zones.tif", zones()[:15, :12], transform=COARSE, nodata=-9999),
+        r"zones.tif: zones \(12 x 15 cells of 10, .*\) are not on the cells of dem.tif \(.*\); "
+        r"resample with: rio warp zones.tif zones_on_dem.tif --like dem.tif --resampling nearest",
+    ),
+    "zones of another CRS": (
+        raster("zones.tif", zones(), crs="EPSG:32633", nodata=-9999),
+        r"zones.tif: zones are in EPSG:32633, dem.tif is in EPSG:32632; resample with: rio warp .*",
+    ),
+    "zones missing": (remove("zones.tif"), r"case.nml: &surface zones = 'zones.tif': no such file"),
+    "zones not integers": (
+        raster("zones.tif", zones() + 0.5),
+        r"zones.tif: row 1, column 1: 1.5: zones must be integers",
+    ),
+    "zone without a row": (
+        raster("zones.tif", zones() + 1),
+        r"zones.tif: zone 3 \(360 cells\) has no row in zones.csv",
+    ),
+    "cells without a zone": (
+        raster("zones.tif", np.where(zones() == 2, -9999, 1).astype("i4"), nodata=-9999),
+        r"zones.tif: 360 cells of the terrain have no zone; .* &surface default_zone",
+    ),
+    "table missing": (remove("zones.csv"), r"case.nml: &surface table = 'zones.csv': no such file"),
+    "table empty": (write("zones.csv", b""), r"zones.csv: is empty"),
+    "table truncated": (
+        write("zones.csv", b"zone,mean_radius\n1\n"),
+        r"zones.csv: line 2: 1 columns, the header has 2",
+    ),
+    "negative radius in the table": (
+        change("0.2", "-0.2", "zones.csv"),
+        r"zones.csv: line 3: mean_radius = -0.2: must be > 0 \(Inf absorbs\)",
+    ),
+    "radius of zero in the table": (
+        change("0.2", "0", "zones.csv"),
+        r"zones.csv: line 3: mean_radius = 0: must be > 0 \(Inf absorbs\)",
+    ),
+    "radius of zero in the case": (
+        change(ZONES, "uniform_mean_radius = 0.0"),
+        r"case.nml: &surface uniform_mean_radius = 0.0: must be > 0 \[m\]",
+    ),
+    "radius of zero in a raster": (
+        several(RADII, raster("rm.tif", 0 * slope())),
+        r"rm.tif: .*720.* > 0 .*",
+    ),
+    "raster of radii with holes": (
+        several(RADII, raster("rm.tif", np.full_like(slope(), np.nan))),
+        r"rm.tif: 720 cells of the terrain without a value, .*",
+    ),
+    "release outside the DEM": (
+        change("y = 4999980.0", "y = 5000001.0"),
+        r"case.nml: &release: source 1 \(600060.000, 5000001.000\) lies outside the terrain .*",
+    ),
+    "release on nodata": (
+        with_hole(),
+        r"case.nml: &release: source 1 \(600060.000, 4999980.000\) lies on nodata of the DEM.*",
+    ),
+    "source cell on nodata": (
+        several(CELLS, with_hole(), raster("cells.tif", np.ones_like(zones()))),
+        r"case.nml: &release: source \d+ \(.*\) lies .*",
+    ),
+    "covariance indefinite": (
+        change("-0.000681", "-0.681", "sets.nml"),
+        r"sets.nml: line \d+: &impact_set .*(definite|eigenvalue).*",
+    ),
+    "covariance with a negative variance": (
+        change("0.000894", "-0.000894", "sets.nml"),
+        r"sets.nml: line \d+: &impact_set .*",
+    ),
+    "covariance too short": (
+        change("0.000000, 0.002672,", "0.002672,", "sets.nml"),
+        r"sets.nml: .*covariance.*must be 45 values, not 44",
+    ),
+    "covariance too long": (
+        change("0.000000, 0.002672,", "0.0, 0.0, 0.002672,", "sets.nml"),
+        r"sets.nml: .*covariance.*must be 45 values, not 46",
+    ),
+    "covariance with NaN": (
+        change("0.002672", "NaN", "sets.nml"),
+        r"sets.nml: .*covariance \(value 1\) = NaN: must be a finite real number.*",
+    ),
+    "ratio missing": (without_set(3), r"sets.nml: no &impact_set for ratio 3; .* ratios 1 to 5"),
+    "sets empty": (write("sets.nml", b""), r"sets.nml: no &impact_set for ratio 1 2 3 4 5; .*"),
+    "sets missing": (
+        remove("sets.nml"),
+        r"case.nml: &impact sets = 'sets.nml': no such file; shipped sets: .*rocky-slope.*",
+    ),
+    "no boulders": (
+        change("boulders = 20", "boulders = 0"),
+        r"case.nml: &case boulders = 0: must be >= 1",
+    ),
+    "number of boulders missing": (
+        change("boulders = 20, ", ""),
+        r"case.nml: &case boulders is missing: integer, released from each source",
+    ),
+    "no source cells": (
+        several(CELLS, raster("cells.tif", 0 * zones())),
+        r"cells.tif: no source cells: must have cells above zero",
+    ),
+    "more boulders than memory": (
+        change("boulders = 20", "boulders = 2000000000"),
+        r"case.nml: 2000000000 boulders .* do not fit in memory",
+    ),
+    "more boulders than cells count": (
+        change("boulders = 20", "boulders = 1000000000000"),
+        r"case.nml: &case boulders = 1000000000000 from each of 1 sources: must be at most "
+        r"2147483647 together",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_bad_input_is_one_line_and_nothing_is_written(name, place, capfd):
+    harm, message = HOSTILE[name]
+    harm()
+    before = files(place)
+    capfd.readouterr()
+    for words in (["check", "case.nml"], ["run", "case.nml", "-o", "out.nc"]):
+        assert main(words) == 2
+        out, err = capfd.readouterr()
+        assert out == ""
+        assert re.fullmatch(f"rockfall: {message}\n", err)
+        assert files(place) == before
+    if "memory" not in name:  # another machine may have more
+        assert main(["prepare", "case.nml", "prepared"]) == 2
+        assert re.fullmatch(f"rockfall: {message}\n", capfd.readouterr().err)
+        assert files(place) == before
+
+
+ARGUMENTS = {
+    "no command": ([], r"the following arguments are required: COMMAND; see rockfall --help"),
+    "unknown command": (["fly"], r".*invalid choice: 'fly'.*; see rockfall --help"),
+    "no case": (["run"], r".*required: CASE; see rockfall run --help"),
+    "unknown option": (["run", "case.nml", "--fast"], r"unrecognized arguments: --fast; see .*"),
+    "not a number": (["run", "case.nml", "--seed", "x"], r"argument --seed: .*'x'; see .*"),
+    "no boulders": (
+        ["run", "case.nml", "--boulders", "0"],
+        r"case.nml: &case boulders = 0: must be >= 1",
+    ),
+    "negative seed": (["run", "case.nml", "--seed=-1"], r"case.nml: &case seed = -1: must be >= 0"),
+    "negative threads": (
+        ["run", "case.nml", "--threads=-1"],
+        r"case.nml: &case threads = -1: must be >= 0",
+    ),
+    "folder of the output missing": (
+        ["run", "case.nml", "-o", "no/out.nc"],
+        r"no/out.nc: there is no folder no",
+    ),
+    "output is a folder": (
+        ["run", "case.nml", "-o", "."],
+        r"\.: is a folder; a file name is needed",
+    ),
+    "output is another file": (
+        ["run", "case.nml", "-o", "dem.tif"],
+        r"dem.tif: is an input; it is not overwritten",
+    ),
+    "output is a device": (
+        ["run", "case.nml", "-o", "/dev/null"],
+        r"/dev/null: is there, and not a result of a run that rockfall wrote; .*",
+    ),
+    "folder that takes no files": (
+        ["run", "case.nml", "-o", "/proc/out.nc"],
+        r"/proc/out.nc: folder /proc is not writable: .*",
+    ),
+    "result missing": (["export", "no.nc", "out"], r"no.nc: no such file"),
+    "result not netCDF": (["export", "dem.tif", "out"], r"dem.tif: is not a netCDF result: .*"),
+    "prepare into a folder in use": (
+        ["prepare", "case.nml", "."],
+        r"\.: is not empty and holds no prepared case; take another",
+    ),
+    "prepare into a file": (
+        ["prepare", "case.nml", "dem.tif"],
+        r"dem.tif: is a file, a folder is needed",
+    ),
+    "prepare where no folder can be": (
+        ["prepare", "case.nml", "/proc/prepared"],
+        r"/proc/prepared: cannot be written: .*",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", ARGUMENTS)
+def test_bad_arguments_are_one_line_and_nothing_is_written(name, place, capfd):
+    words, message = ARGUMENTS[name]
+    before = files(place)
+    capfd.readouterr()
+    assert main(words) == 2
+    out, err = capfd.readouterr()
+    assert out == ""
+    assert re.fullmatch(f"rockfall: {message}\n", err)
+    assert files(place) == before
+
+
+def small_files(size):
+    """What the child does so that its files cannot grow beyond `size` bytes, as on a full disk."""
+
+    def limit():
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
+
+    return limit
+
+
+@pytest.mark.parametrize("size", [0, 3000, 20_000])
+def test_full_disk_leaves_nothing(place, size):
+    before = files(place)
+    done = command("run", "case.nml", "-o", "out.nc", cwd=place, preexec_fn=small_files(size))
+    assert done.returncode == 2 and done.stdout == ""
+    assert re.fullmatch(r"rockfall: out.nc: cannot be written: .*\n", done.stderr)
+    assert files(place) == before
+    done = command("prepare", "case.nml", "new", cwd=place, preexec_fn=small_files(size // 10))
+    assert done.returncode == 2 and done.stdout == ""
+    assert re.fullmatch(r"rockfall: new.*: cannot be written: .*\n", done.stderr)
+    assert files(place) == before
+
+
+def test_full_disk_keeps_the_earlier_result(place):
+    assert main(["run", "case.nml", "-o", "out.nc", "--quiet"]) == 0
+    earlier = Path("out.nc").read_bytes()
+    done = command("run", "case.nml", "-o", "out.nc", cwd=place, preexec_fn=small_files(3000))
+    assert done.returncode == 2
+    assert Path("out.nc").read_bytes() == earlier
+
+
+def test_letters_that_the_terminal_does_not_have(place):
+    Path("case.nml").write_text(CASE.replace("Slope", "Straße"))
+    ascii_only = os.environ | {"PYTHONIOENCODING": "ascii"}
+    done = command("run", "case.nml", "-o", "out.nc", cwd=place, env=ascii_only)
+    assert (done.returncode, done.stderr) == (0, "") and "Stra?e" in done.stdout
+
+
+def test_output_that_nobody_takes(place):
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "rockfall.cli", "check", "case.nml"],
+            stdout=full, stderr=subprocess.PIPE, text=True, cwd=place, timeout=60,
+        )  # fmt: skip
+    assert done.returncode == 2
+    assert done.stderr == "rockfall: output: No space left on device\n"
+    shell = f"{sys.executable} -m rockfall.cli check case.nml | true; echo ${{PIPESTATUS[0]}}"
+    done = subprocess.run(["bash", "-c", shell], capture_output=True, text=True, cwd=place)
+    assert (done.stdout, done.stderr) == ("0\n", "")
+
+
+# ---- what works
+
+
+def test_check_says_what_would_run_and_writes_nothing(place, capsys):
+    before = files(place)
+    assert main(["check", "case.nml"]) == 0
+    out, err = capsys.readouterr()
+    assert files(place) == before and err == ""
+    rows = {line[2:15].strip(): line[15:] for line in out.splitlines()[1:]}
+    assert out.startswith("case.nml: Slope\n")
+    assert rows["terrain"] == "24 x 30 cells of 5 m, 0.0% nodata, float32, EPSG:32632"
+    assert rows["surface"] == "method B, zones.tif: 2 of 2 zones used"
+    assert rows["sizes"].startswith("R_b 0.576 m, volume 0.8 m3, mass 2,240 kg")
+    assert "zone 1: R_m 0.3 m, R_b/R_m 1.92; neutral slope " in out
+    assert "zone 2: R_m 0.2 m, R_b/R_m 2.88; neutral slope " in out
+    assert "by R_b/R_m, 0.0% by speed, 0.0% by angle, in a pilot run" in rows["rebounds"]
+    assert rows["impact sets"].endswith(", fitted on speeds and angles that it does not tell")
+    assert rows["boulders"] == "20, 20 from each source; sources: 1 (points)"
+    assert rows["lines"] == "L" and rows["maps"] == "passages, energy_mean"
+    assert re.match(r"about \d+ MB \(rasters", rows["memory"])
+    assert re.search(r"of CPU, .* \(estimated from 20 boulders\)", rows["time"])
+
+
+def width(row, name):
+    return row[f"{name}_high"] - row[f"{name}_low"]
+
+
+def test_run_writes_the_result_of_the_api_and_a_summary(place, capsys):
+    assert main(["run", "case.nml"]) == 0
+    out, err = capsys.readouterr()
+    assert err == ""
+    case = rockfall.read_case("case.nml")
+    result = rockfall.run(case)
+    with xr.open_dataset("case.nc", mask_and_scale=False, decode_times=False) as written:
+        xr.testing.assert_equal(written, result)
+    lines = out.splitlines()
+    assert lines[0] == "Slope: 20 boulders" and lines[-1] == "case.nc"
+    table = rockfall.line_statistics(result).set_index("quantity")
+    speed, height = table.loc["speed"], table.loc["passing_height"]
+    row = f"L {speed['n']} {100 * speed['share']:.1f} +- {50 * width(speed, 'share'):.1f} %"
+    row += f" {speed['mean']:.1f} +- {width(speed, 'mean') / 2:.1f} m/s"
+    row += f" {height['mean']:.2f} +- {width(height, 'mean') / 2:.2f} m"
+    assert row.split() in [line.split() for line in lines]
+    assert any(line.split() == ["stopped", "20", "100.0%"] for line in lines)
+
+
+def test_overrides_are_those_of_the_case(place, capsys):
+    words = ["--boulders", "5", "--seed", "3", "--threads", "1", "--quiet"]
+    assert main(["run", "case.nml", "-o", "o.nc", *words]) == 0
+    assert capsys.readouterr() == ("", "")
+    case = rockfall.read_case("case.nml").replace(case={"boulders": 5, "seed": 3})
+    with xr.open_dataset("o.nc", mask_and_scale=False, decode_times=False) as written:
+        xr.testing.assert_equal(written, rockfall.run(case))
+        assert written.attrs["seed"] == 3 and written.sizes["boulder"] == 5
+        assert written.attrs["threads"] == 1
+
+
+def test_a_case_elsewhere_leaves_its_result_here(place, monkeypatch, capsys):
+    (place / "here").mkdir()
+    monkeypatch.chdir(place / "here")
+    assert main(["run", "../case.nml", "--quiet"]) == 0
+    assert [path.name for path in Path().iterdir()] == ["case.nc"]
+
+
+def test_a_line_outside_the_terrain_is_a_warning(place, capsys):
+    change("4999930.0, 4999930.0", "4000000.0, 4000000.0")()
+    for words in (["check", "case.nml"], ["run", "case.nml", "--quiet"]):
+        assert main(words) == 0
+        assert capsys.readouterr().err == (
+            "rockfall: warning: case.nml: &line name = 'L': no part of it lies over the terrain\n"
+        )
+    with xr.open_dataset("case.nc") as written:
+        assert np.isnan(written["line_speed"]).all()
+
+
+def test_a_release_at_rest_on_the_ground_is_a_warning(place, capsys):
+    change(", drop_height = 2.0", "")()
+    assert main(["check", "case.nml"]) == 0
+    assert capsys.readouterr().err == (
+        "rockfall: warning: case.nml: &release has no drop_height and no velocity: "
+        "boulders stop where they start\n"
+    )
+
+
+def test_rebounds_outside_the_calibrated_range_are_said(place, capsys):
+    change("0.2", "0.02", "zones.csv")()
+    assert main(["run", "case.nml"]) == 0
+    assert "where the set is not calibrated" in capsys.readouterr().out
+
+
+def test_export_lists_its_files(place, capsys):
+    pytest.importorskip("pyogrio")
+    assert main(["run", "case.nml", "--quiet"]) == 0
+    assert main(["export", "case.nc", "out"]) == 0
+    listed = {Path(line) for line in capsys.readouterr().out.splitlines()}
+    assert listed == set(Path("out").iterdir())
+    assert {"passages.tif", "boulders.csv", "line_L.csv"} <= {path.name for path in listed}
+
+
+def test_version_and_help(capsys):
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out == f"rockfall {rockfall.__version__}\n"
+    assert main(["--help"]) == 0
+    shown = capsys.readouterr().out
+    assert all(name in shown for name in ("check", "run", "prepare", "export"))
+
+
+def test_start_is_light(place):
+    code = "import sys; from rockfall.cli import main; main(['--help']); print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    loaded = set(done.stdout.splitlines()[-1].split())
+    assert not loaded & {"xarray", "pandas", "netCDF4", "rasterio", "matplotlib", "rich", "shapely"}
+
+
+def test_a_fault_of_ours_is_one_line(place, capsys, monkeypatch):
+    def broken(*_, **__):
+        raise ZeroDivisionError("oh\nno")
+
+    monkeypatch.setattr("rockfall.scene.scene.read_scene", broken)
+    assert main(["run", "case.nml"]) == 1
+    assert capsys.readouterr().err == (
+        "rockfall: internal error: ZeroDivisionError: oh no "
+        "(please report; set ROCKFALL_TRACEBACK=1 for the trace)\n"
+    )
+    monkeypatch.setenv("ROCKFALL_TRACEBACK", "1")
+    assert main(["run", "case.nml"]) == 1
+    assert "Traceback" in capsys.readouterr().err
+
+
+def test_too_little_memory_is_one_line(place, capsys, monkeypatch):
+    def greedy(*_, **__):
+        raise MemoryError
+
+    monkeypatch.setattr("rockfall.simulation.simulate.run_scene", greedy)
+    assert main(["run", "case.nml"]) == 2
+    assert capsys.readouterr().err.startswith("rockfall: not enough memory")
+
+
+def test_ctrl_c_keeps_the_boulders_done(place):
+    whole = 3_000_000
+    words = ["run", "case.nml", "-o", "part.nc", "--boulders", str(whole)]
+    child = subprocess.Popen(
+        [sys.executable, "-m", "rockfall.cli", *words],
+        cwd=place, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    wait_until_busy(child.pid)
+    child.send_signal(signal.SIGINT)
+    out, err = child.communicate(timeout=60)
+    assert child.returncode == 130 and out == ""
+    said = re.fullmatch(
+        r"rockfall: interrupted: part.nc holds the first ([\d,]+) of 3,000,000 boulders "
+        r"and is a valid result; --resume goes on\n",
+        err,
+    )
+    assert said
+    done = int(said[1].replace(",", ""))
+    with xr.open_dataset("part.nc", mask_and_scale=False, decode_times=False) as part:
+        assert 0 < done < whole and part.sizes["boulder"] == part.attrs["boulder_last"] == done
+        assert not part.attrs["complete"]
+        few = min(done, 2000)
+        case = rockfall.read_case("case.nml").replace(case={"boulders": few})
+        first = rockfall.run(case)
+        for name, variable in first.data_vars.items():
+            if "boulder" in variable.dims:
+                xr.testing.assert_equal(part[name].isel(boulder=slice(few)), variable)
+        if done < 300_000:  # maps and counts are of just these boulders
+            case = case.replace(case={"boulders": done}, output={"trajectories": 0})
+            same = rockfall.run(case)
+            for name in ("passages", "energy_mean", "rebounds", "rebounds_redrawn"):
+                xr.testing.assert_equal(part[name], same[name])
+    assert not list(place.glob(".*"))
+
+
+def wait_until_busy(pid):
+    """Return when a process has spent a second of CPU: it has read its case and runs."""
+    ticks = os.sysconf("SC_CLK_TCK")
+    for _ in range(600):
+        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+        if (int(fields[11]) + int(fields[12])) / ticks > 1.5:
+            return
+        time.sleep(0.05)
+    raise TimeoutError("the program does not run")
+
+
+def test_ctrl_c_before_the_first_boulder_writes_nothing(place, capsys, monkeypatch):
+    def pressed(*_, **__):
+        raise KeyboardInterrupt
+
+    before = files(place)
+    monkeypatch.setattr("rockfall.scene.scene.read_scene", pressed)
+    assert main(["run", "case.nml"]) == 130
+    assert capsys.readouterr().err == "rockfall: interrupted; no file is half-written\n"
+    assert files(place) == before

@@ -1,0 +1,370 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Spoiled inputs: done or refused in one line, by both doors, and nothing written when refused.
+
+benchmarks/hostile.py throws thousands; here are one of each class that was once not refused, and
+sixty more.
+"""
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import zlib
+from pathlib import Path
+
+import netCDF4
+import numpy as np
+import pytest
+import xarray as xr
+
+import rockfall
+from made import refused
+from rockfall.analysis.observations import read_observed
+from rockfall.io.tables import table_rows
+from rockfall.result.export import export
+from rockfall.scene.scene import read_scene
+from rockfall.simulation.checkpoint import Checkpoint
+from rockfall.simulation.merge import merge
+from rockfall.simulation.simulate import run_chunks, start
+from test_batch import batch  # noqa: F401 - a fixture
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
+import hostile  # noqa: E402
+import mutators  # noqa: E402
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """Valid inputs of every kind, in the folder `in`; beside it a result, also in three parts."""
+    folder = tmp_path_factory.mktemp("made")
+    hostile.make_rasters(folder / "in")
+    hostile.make_cases(folder / "in")
+    with pytest.MonkeyPatch.context() as context:
+        context.chdir(folder)  # a case has the name by which it is read
+        case = rockfall.read_case("in/asc.nml")
+        rockfall.write_result(rockfall.run(case), "whole.nc")
+        for k in (1, 2, 3):
+            rockfall.write_result(rockfall.run(case, shard=(k, 3)), f"{k}.nc")
+    return folder
+
+
+@pytest.fixture
+def files(made, tmp_path, monkeypatch):
+    """The folder `in`, to be spoiled; its parent is the current folder."""
+    shutil.copytree(made / "in", tmp_path / "in")
+    monkeypatch.chdir(tmp_path)
+    return Path("in")
+
+
+def test_sixty_spoiled_inputs():
+    """In a process of its own: forks of one that has run OpenMP would wait for its threads."""
+    command = [sys.executable, hostile.__file__, "--inputs", "60", "--seed", "11"]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout
+    assert "| all            |     60 |" in done.stdout
+
+
+def test_the_check_finds_what_it_is_to_find(tmp_path):
+    """A command that dies, says too much, writes elsewhere or leaves a file is not `done`."""
+    (tmp_path / "out").mkdir()
+    before = hostile.snapshot(tmp_path)
+
+    def verdict(status, said):
+        return hostile.verdict(hostile.Ran(status, said, 0.0), tmp_path, before, batch=False)
+
+    assert verdict(0, "") == "done" and verdict(0, "rockfall: warning: a\n") == "done"
+    assert verdict(2, "rockfall: no\n") == "refused"
+    assert verdict(None, "").startswith("HANG") and verdict(-11, "").startswith("STATUS -11")
+    assert verdict(1, "rockfall: internal error\n").startswith("STATUS 1")
+    for said in ("", "rockfall: a\nrockfall: b\n", "Traceback\n", "ERROR 1: GDAL\nrockfall: a\n"):
+        assert verdict(2, said).startswith("LINES"), said
+    (tmp_path / "out/.half.nc").touch()
+    assert verdict(2, "rockfall: no\n").startswith("LEFT")
+    assert verdict(0, "").startswith("HALF")
+    (tmp_path / "escaped").touch()
+    assert verdict(0, "").startswith("OUTSIDE")
+
+
+def test_a_pipe_is_refused_and_not_waited_for(files, batch):  # noqa: F811
+    """Nobody writes into it: to open it would never end."""
+    for name in ("asc.nml", "dem.asc", "zones.csv", "cells.asc"):
+        text = (files / name).read_bytes()
+        mutators.fifo(None, files / name)
+        with refused(f"in/{name}: not a regular file"):
+            read_scene(rockfall.read_case("in/asc.nml"))
+        done = batch("in/asc.nml", "output=no", cwd=".")
+        assert (done.returncode, done.stderr) == (
+            2, f"rockfall-batch: in/{name}: not a regular file\n",
+        )  # fmt: skip
+        (files / name).unlink()
+        (files / name).write_bytes(text)
+    assert not Path("no").exists()
+
+
+def test_devices_and_links_to_themselves_are_refused(tmp_path):
+    for read in (rockfall.read_case, rockfall.read_result, lambda path: merge([path])):
+        with refused("/dev/zero: not a regular file"):
+            read("/dev/zero")
+    loop = tmp_path / "loop.csv"
+    loop.symlink_to(loop)
+    with pytest.raises(rockfall.RockfallError, match="too many levels of symbolic links"):
+        read_observed(loop)
+
+
+def test_texts_past_all_bounds_are_refused_before_they_are_read(tmp_path):
+    path = tmp_path / "large.csv"
+    path.touch()
+    os.truncate(path, 10_000_000_000)
+    for read in (rockfall.read_case, lambda path: list(table_rows(path))):
+        with refused(f"{path}: larger than 64 MB; not a text file of ours"):
+            read(path)
+    path.write_text("zone," + ",".join(map(str, range(1000))) + "\n")
+    with refused(f"{path}: line 1: more than 1000 columns"):
+        list(table_rows(path))
+
+
+@pytest.fixture
+def parts(made, files):
+    return [Path(shutil.copy(made / f"{k}.nc", f"{k}.nc")) for k in (1, 2, 3)]
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "said"),
+    [
+        ("tally_cell", 10**9, "2.nc: is damaged: tally_cell"),
+        ("tally_cell", -1, "2.nc: is damaged: tally_cell"),
+        ("tally_fed_cell", 10**9, "2.nc: is damaged: tally_fed_cell"),
+        ("stop_x", np.nan, "2.nc: is damaged: stop_x"),
+        ("line_x", np.inf, "2.nc: is damaged: line_x"),
+        ("line_speed", np.nan, "2.nc: is damaged: line_speed"),
+    ],
+)
+def test_a_damaged_part_is_named(parts, name, value, said):
+    with netCDF4.Dataset(parts[1], "a") as file:
+        assert file[name].size > 0
+        file[name][-1] = value
+    with refused(said):
+        merge(parts)
+
+
+@pytest.mark.parametrize("name", ["cpu_seconds", "boulder_first", "version", "input_checksums"])
+def test_a_part_without_what_it_says_of_itself_is_none(parts, name):
+    with netCDF4.Dataset(parts[1], "a") as file:
+        file.delncattr(name)
+    with refused("2.nc: is not a part of a run, as --shard makes them"):
+        merge(parts)
+
+
+@pytest.mark.parametrize(("name", "value"), [("case", "\x01"), ("case", 2)])
+def test_a_part_of_a_case_that_is_none_is_refused(parts, name, value):
+    with netCDF4.Dataset(parts[1], "a") as file:
+        file.setncattr(name, value)
+    with pytest.raises(rockfall.RockfallError):
+        merge(parts)
+
+
+@pytest.mark.parametrize("value", ["9" * 400, 2**40, -1])
+@pytest.mark.parametrize("name", ["threads", "boulders_asked"])
+def test_a_part_of_numbers_past_all_bounds_is_refused(parts, name, value):
+    with netCDF4.Dataset(parts[1], "a") as file:
+        file.setncattr(name, value)
+    with pytest.raises(rockfall.RockfallError, match=r"^2\.nc: is damaged: "):
+        merge(parts)
+
+
+def test_a_part_of_other_shapes_is_named(parts):
+    with netCDF4.Dataset(parts[1], "a") as file:
+        file.renameVariable("stop_y", "stop_q")
+    with refused("2.nc: has another stop_q than 1.nc"):
+        merge(parts)
+    with netCDF4.Dataset(parts[0], "a") as file:
+        file.renameVariable("line_time", "line_q")
+    with pytest.raises(rockfall.RockfallError, match=r"^1\.nc: is damaged: line_x, "):
+        merge(parts)
+    with netCDF4.Dataset(parts[1], "a") as file:
+        file.setncattr("boulder_last", 39)
+    with pytest.raises(rockfall.RockfallError, match=r"^2\.nc: is damaged: boulder"):
+        merge([parts[1]])
+
+
+@pytest.fixture
+def whole(made, files):
+    return Path(shutil.copy(made / "whole.nc", "whole.nc"))
+
+
+@pytest.fixture
+def half(files):
+    """A run of 40 boulders that was stopped after 20: how to begin it, and its checkpoint."""
+    scene = read_scene(rockfall.read_case("in/asc.nml"))
+    tally = start(scene, 1)
+    run_chunks(tally, 20, lambda: tally.done >= 20, lambda _: None)
+    checkpoint = Checkpoint("half", 0.0)
+    checkpoint.save(tally)
+    checkpoint.finish()
+    assert checkpoint.found() == 20
+    return scene, Path("half")
+
+
+@pytest.mark.parametrize("name", ["rows-1-20.npz", "maps-1-20.npz"])
+def test_one_turned_bit_in_a_checkpoint_is_found(half, name):
+    scene, folder = half
+    spoiled = bytearray((folder / name).read_bytes())
+    spoiled[len(spoiled) // 4] ^= 1
+    (folder / name).write_bytes(spoiled)
+    with pytest.raises(rockfall.RockfallError, match=f"^half: .*: {name} has another checksum"):
+        Checkpoint(folder, 0.0).restore(start(scene, 1))
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [("archives", [1]), ("archives", []), ("archives", {}), ("archives", [{"kind": "maps"}]),
+     ("done", 19), ("done", "20"), ("identity", []), ("wall_seconds", "1"),
+     ("wall_seconds", float("nan")), ("cpu_seconds", -1.0)],
+)  # fmt: skip
+def test_a_state_that_cannot_be_is_refused(half, key, value):
+    scene, folder = half
+    state = json.loads((folder / "state.json").read_text())
+    (folder / "state.json").write_text(json.dumps(state | {key: value}))
+    with pytest.raises(rockfall.RockfallError, match="^half: cannot be read: "):
+        Checkpoint(folder, 0.0).restore(start(scene, 1))
+
+
+@pytest.mark.parametrize(
+    ("which", "key", "value"),
+    [(0, "kind", "../half/rows"), (0, "kind", "maps"), (1, "kind", "rows"), (0, "first", 2),
+     (0, "first", "1"), (0, "first", None), (0, "last", 19), (1, "first", 0), (1, "last", 21),
+     (0, "bytes", 1), (1, "sha256", ""), (1, "sha256", None), (0, "name", "rows-1-20.npz")],
+)  # fmt: skip
+def test_archives_that_cannot_be_are_refused(half, which, key, value):
+    scene, folder = half
+    state = json.loads((folder / "state.json").read_text())
+    state["archives"][which][key] = value
+    (folder / "state.json").write_text(json.dumps(state))
+    with pytest.raises(rockfall.RockfallError, match="^half: cannot be read: "):
+        Checkpoint(folder, 0.0).restore(start(scene, 1))
+
+
+def test_boulders_that_begin_elsewhere_are_refused(half):
+    scene, folder = half
+    state = json.loads((folder / "state.json").read_text())
+    for archive in state["archives"]:
+        archive |= {"first": archive["first"] + 5, "last": archive["last"] + 5}
+    (folder / "state.json").write_text(json.dumps(state))
+    with pytest.raises(rockfall.RockfallError, match="^half: cannot be read: its boulders begin"):
+        Checkpoint(folder, 0.0).restore(start(scene, 1))
+
+
+def test_a_state_of_a_hundred_thousand_brackets_is_refused(half):
+    scene, folder = half
+    (folder / "state.json").write_text("[" * 100_000)
+    with pytest.raises(rockfall.RockfallError, match="^half: cannot be read: maximum recursion"):
+        Checkpoint(folder, 0.0).restore(start(scene, 1))
+
+
+@pytest.mark.parametrize("name", ["rows-1-20.npz", "maps-1-20.npz", "state.json"])
+def test_a_pipe_in_a_checkpoint_is_refused_and_not_waited_for(half, name):
+    scene, folder = half
+    mutators.fifo(None, folder / name)
+    with pytest.raises(rockfall.RockfallError, match=f"half/{name}: not a regular file$"):
+        Checkpoint(folder, 0.0).restore(start(scene, 1))
+
+
+def change_result(path, change):
+    with netCDF4.Dataset(path, "a") as file:
+        change(file)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda f: f.renameVariable("restitution_normal_bin_bounds", "q"),
+         "is not a whole result of rockfall: has no restitution_normal_bin_bounds"),
+        (lambda f: f.renameVariable("line_omega", "q"),
+         "is not a whole result of rockfall: has no line_omega"),
+        (lambda f: f.renameVariable("trajectory_ratio", "q"),
+         "is not a whole result of rockfall: has no trajectory_ratio"),
+        (lambda f: f.renameDimension("line", "q"), "line: is not along line"),
+        (lambda f: f.renameDimension("x", "q"), "passages: is not along y, x"),
+        (lambda f: f["status"].setncattr("flag_meanings", "stopped"),
+         "status: does not say what its numbers mean"),
+        (lambda f: f["energy_q95"].setncattr("least_passages", "2"),
+         "energy_q95: does not say what it is"),
+        (lambda f: f.setncattr("seed", "2"), "seed = 2: is no number"),
+        (lambda f: f["passages"].delncattr("long_name"), "passages: does not say what it is"),
+        (lambda f: f["incidence_angle_bin_bounds"].__setitem__((3, 1), np.nan),
+         "incidence_angle_bin_bounds: must be the edges of bins, each above the last"),
+        (lambda f: f["x"].__setitem__(3, np.inf), "x: must be a number for every x"),
+        (lambda f: f["line_speed"].__setitem__((0, 0), np.inf),
+         "line_speed: must be a number where a boulder crossed a line"),
+        (lambda f: f["line_x"].__setitem__((0, 0), np.nan),
+         "line_x: must be a number where a boulder crossed a line"),
+    ],
+)  # fmt: skip
+def test_a_result_that_is_not_whole_is_refused(whole, change, said):
+    change_result(whole, change)
+    with pytest.raises(rockfall.RockfallError, match=f"^{whole}: {said}$"):
+        rockfall.read_result(whole)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda f: f.renameVariable("stop_y", "q"), "the result lacks what goes with it: "),
+        (lambda f: f.renameDimension("boulder", "q"), "whole.nc: .*: is not along boulder$"),
+        (lambda f: f["y"].__setitem__(3, 0.0), "dem: coordinate y is not evenly spaced$"),
+    ],
+)
+def test_an_export_writes_all_or_nothing(whole, change, said):
+    change_result(whole, change)
+    there = sorted(Path().iterdir())
+    with pytest.raises(rockfall.RockfallError, match=said):
+        export(whole, "new/folder")
+    assert sorted(Path().iterdir()) == there
+
+
+def is_stream(content):
+    """Whether bytes begin with something that zlib has compressed."""
+    try:
+        reader = zlib.decompressobj()
+        reader.decompress(content)
+        return reader.eof
+    except zlib.error:
+        return False
+
+
+def test_a_map_that_cannot_be_read_is_refused_and_nothing_exported(whole):
+    """The stream of a compressed map begins with other bytes than zlib's."""
+    content = bytearray(whole.read_bytes())
+    found = (match.start() for match in re.finditer(b"\x78\x01", content))
+    streams = [at for at in found if is_stream(content[at:])]
+    assert len(streams) >= 6
+    for at in streams:
+        content[at] = 0x79
+    whole.write_bytes(content)
+    with pytest.raises(rockfall.RockfallError, match=r"^whole\.nc: cannot be read: "):
+        export(whole, "new")
+    assert not Path("new").exists()
+
+
+@pytest.mark.parametrize("version", ["CLASSIC", "64BIT_OFFSET", "64BIT_DATA"])
+def test_a_netcdf_header_that_claims_more_than_it_has_is_refused(files, batch, version):  # noqa: F811
+    """The libraries would take memory for 67 million variables before they look."""
+    path = files / "dem3.nc"
+    with xr.open_dataset(path) as dem:
+        dem = dem.load()
+    path.unlink()
+    dem.to_netcdf(path, format=f"NETCDF3_{version}", engine="netcdf4")
+    assert batch("in/nc3.nml", "output=yes", "boulders=3", cwd=".").returncode == 0
+    if version != "64BIT_DATA":  # which GDAL's packages do not read
+        read_scene(rockfall.read_case("in/nc3.nml"))
+    sound = path.read_bytes()
+    at = sound.index(b"\0\0\0\x0b") + 4  # the list of variables: its tag, their number
+    for spoiled in (sound[:at] + b"\x04" + sound[at + 1 :], sound[:at] + b"\x84" + sound[at + 1 :]):
+        path.write_bytes(spoiled)
+        said = "in/dem3.nc: cannot be read as netCDF: its header claims more than the file holds"
+        with refused(said):
+            read_scene(rockfall.read_case("in/nc3.nml"))
+        done = batch("in/nc3.nml", "output=no", cwd=".")
+        assert (done.returncode, done.stderr) == (2, f"rockfall-batch: {said}\n")

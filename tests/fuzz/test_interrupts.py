@@ -1,0 +1,199 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Ctrl-C and SIGTERM: what is done is kept, nothing is half-written, a second ends at once."""
+# ruff: noqa: F401, F811 - fixtures of other tests are taken by name
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+import rockfall
+from rockfall.cli import main
+from rockfall.result import export
+from rockfall.simulation import interrupts
+from test_batch import batch, find_program, made, netcdf
+from test_batch_checkpoint import case, done
+from test_cli import place, wait_until_busy
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
+
+from kills import build_shim, same  # noqa: E402
+
+ONE_CHUNK = """import sys
+from rockfall.simulation import simulate
+simulate.FIRST_CHUNK, call = 10**8, simulate._call
+simulate._call = lambda *of: print("begun", flush=True) or call(*of)
+"""
+RUN = "import sys; from rockfall.cli import main; sys.exit(main(sys.argv[1:]))"
+
+
+def start(words, cwd, program=RUN):
+    command = [sys.executable, "-c", program, *words]
+    return subprocess.Popen(
+        command, cwd=cwd, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+
+
+@pytest.fixture(scope="session")
+def shim(tmp_path_factory):
+    return build_shim(tmp_path_factory.mktemp("shim"))
+
+
+def test_a_run_that_slurm_ends_goes_on(place):
+    """`timeout` and others send a signal twice in a row: to the process, and to its group."""
+    words = ["run", "case.nml", "-o", "part.nc", "--boulders", "3000000"]
+    child = start(words, place)
+    wait_until_busy(child.pid)
+    child.send_signal(signal.SIGTERM)
+    child.send_signal(signal.SIGTERM)
+    out, err = child.communicate(timeout=60)
+    assert (child.returncode, out) == (143, "")
+    said = re.fullmatch(r"rockfall: interrupted: part.nc holds the first ([\d,]+) of .*\n", err)
+    assert err.endswith(" and is a valid result; --resume goes on\n")
+    number = int(said[1].replace(",", ""))
+    assert rockfall.read_result(place / "part.nc").sizes["boulder"] == number
+    words = [*words, "--quiet", "--checkpoint", "0"]
+    assert main(words) == 2  # there is a checkpoint
+    assert not list(place.glob(".*"))
+
+
+def test_a_second_ctrl_c_ends_a_chunk_that_lasts(place):
+    """Pressed until it ends: on a busy machine a chunk begins slowly, and not to be stopped."""
+    words = ["run", "case.nml", "-o", "part.nc", "--boulders", "1000000", "--threads", "1"]
+    child = start(words, place, ONE_CHUNK + RUN)
+    assert child.stdout.readline() == "begun\n"
+    child.send_signal(signal.SIGINT)
+    time.sleep(3 * interrupts.TOGETHER)
+    assert child.poll() is None
+    while child.poll() is None:
+        child.send_signal(signal.SIGINT)
+        time.sleep(0.5)
+    assert child.communicate() == ("", "") and child.returncode == 130
+    assert not (place / "part.nc").exists()
+
+
+def test_without_a_checkpoint_no_resume_is_promised(place):
+    words = ["run", "case.nml", "-o", "part.nc", "--boulders", "3000000", "--checkpoint", "0"]
+    child = start(words, place)
+    wait_until_busy(child.pid)
+    child.send_signal(signal.SIGINT)
+    _, err = child.communicate(timeout=60)
+    assert child.returncode == 130 and err.endswith("boulders and is a valid result\n")
+    assert not (place / "part.nc.checkpoint").exists()
+
+
+def terminated(monkeypatch, module, name, when=lambda *_: True):
+    """SIGTERM comes once, when a function has done its work; the list tells that it came."""
+    do, sent = getattr(module, name), []
+
+    def done(*arguments):
+        found = do(*arguments)
+        if not sent and when(*arguments):
+            sent.append(True)
+            os.kill(os.getpid(), signal.SIGTERM)
+        return found
+
+    monkeypatch.setattr(module, name, done)
+    return sent
+
+
+@pytest.fixture
+def result(place):
+    rockfall.write_result(rockfall.run(rockfall.read_case("case.nml")), "out.nc")
+    return place
+
+
+def test_an_export_that_is_terminated_leaves_nothing(result, monkeypatch, capsys):
+    before = sorted(result.rglob("*"))
+    sent = terminated(monkeypatch, export, "_write_map")
+    assert main(["export", "out.nc", "tables"]) == 143 and sent
+    assert capsys.readouterr().err == "rockfall: interrupted; no file is half-written\n"
+    assert sorted(result.rglob("*")) == before
+
+
+def test_once_it_gives_files_their_names_it_gives_all(result, monkeypatch):
+    named = terminated(monkeypatch, os, "replace", lambda _, to: to.parent.name == "tables")
+    assert main(["export", "out.nc", "tables"]) == 0 and named
+    assert main(["export", "out.nc", "again"]) == 0
+    assert {*os.listdir("tables")} == {*os.listdir("again")} and not list(result.glob(".*"))
+
+
+@pytest.mark.parametrize("command", ["merge p1.nc p2.nc -o new.nc", "report out.nc -o new.html"])
+def test_no_command_leaves_a_half_file(command, result, monkeypatch):
+    """The signal comes when the file is written, but has not got its name."""
+    case = rockfall.read_case("case.nml")
+    for k in (1, 2):
+        rockfall.write_result(rockfall.run(case, shard=(k, 2)), f"p{k}.nc")
+    before = sorted(result.rglob("*"))
+    monkeypatch.setattr(os, "replace", lambda *_: os.kill(os.getpid(), signal.SIGTERM))
+    assert main(command.split()) == 143
+    assert sorted(result.rglob("*")) == before
+
+
+def test_sigterm_is_what_it_was_after_a_command(place):
+    before = signal.getsignal(signal.SIGTERM)
+    assert main(["check", "case.nml"]) == 0
+    assert signal.getsignal(signal.SIGTERM) == before
+    with interrupts.interrupts() as outer, interrupts.interrupts() as inner:
+        os.kill(os.getpid(), signal.SIGTERM)
+        assert outer() and inner()
+    assert signal.getsignal(signal.SIGTERM) == before
+    with interrupts.interrupts() as again:
+        assert not again()
+
+
+# ---- rockfall-batch
+
+
+def start_batch(folder, environment, *words):
+    command = [find_program(), "case/case.nml", "quiet=true", "checkpoint=1e-9", "threads=1"]
+    return subprocess.Popen(
+        [*command, *words], cwd=folder, env=environment, stderr=subprocess.PIPE, text=True
+    )
+
+
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_signal_saves_what_rockfall_batch_has_done(number, status, case, netcdf, tmp_path):
+    process = start_batch(tmp_path, os.environ, "output=a.nc", "boulders=200000")
+    while not (tmp_path / "a.nc.checkpoint/state.txt").exists():
+        time.sleep(0.002)
+    process.send_signal(number)
+    process.send_signal(number)
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == status
+    kept = done(tmp_path, "a.nc")
+    assert err == (
+        f"rockfall-batch: interrupted: a.nc.checkpoint holds {kept} of 1600000 boulders; "
+        "resume=true goes on\n"
+    )
+    assert sorted(os.listdir(tmp_path)) == ["a.nc.checkpoint", "case"]
+
+
+def test_rockfall_batch_keeps_nothing_where_none_is_asked(case, shim, tmp_path):
+    process = start_batch(tmp_path, shim | {"INTERRUPT_READY": "1"}, "output=a", "checkpoint=0")
+    _, err = process.communicate(timeout=60)
+    assert (process.returncode, err) == (130, "rockfall-batch: interrupted; nothing was kept\n")
+    assert os.listdir(tmp_path) == ["case"]
+
+
+def test_a_second_signal_ends_rockfall_batch_though_the_disk_hangs(case, netcdf, shim, tmp_path):
+    """It is within a save when the first comes; the one before stays."""
+    words = ["output=a.nc", "boulders=6000"]
+    process = start_batch(tmp_path, shim | {"STALL_AT": "18"}, *words)
+    state = tmp_path / "a.nc.checkpoint/state.txt"
+    while process.poll() is None and not state.exists():
+        time.sleep(0.01)
+    process.send_signal(signal.SIGINT)
+    time.sleep(1)
+    assert process.poll() is None
+    process.send_signal(signal.SIGINT)
+    assert process.communicate(timeout=20)[1] == "" and process.returncode == 130
+    assert done(tmp_path, "a.nc") > 0
+    assert start_batch(tmp_path, os.environ, *words, "resume=true").wait() == 0
+    assert start_batch(tmp_path, os.environ, "output=b.nc", "boulders=6000").wait() == 0
+    assert same(tmp_path / "a.nc", tmp_path / "b.nc")

@@ -1,0 +1,339 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""No command writes over what it reads, nor over what rockfall did not write; files that belong
+together come together or not at all."""
+
+import os
+import shutil
+import sqlite3
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import rasterio
+import rasterio.shutil
+from matplotlib.figure import Figure
+
+import rockfall
+import scenes
+from made import PLACE, UTM, make_raster, refused
+from rockfall.analysis.convergence import KEYS, Convergence
+from rockfall.case_files import input_files
+from rockfall.cli import main
+from rockfall.html_report import _page
+from rockfall.io.output_files import FIGURE, LINE_TABLE, RESULT, kind_of, whole_folder
+from rockfall.io.raster import write_ascii
+from rockfall.plots.figures import Figure as Drawing
+from rockfall.plots.style import save
+from scenes import grid, rough
+from test_cli import CASE, TABLE, slope, zones
+
+LAB = """&lab ratios = 1.0, points = 2, impacts = 1 /
+&packing width = 8.0, depth = 2.0 /
+"""
+UNCERTAIN = "&ensemble volume_factor = 1.2 /\n"
+STOPS = "x,y\n600060,4999900\n600061,4999905\n"
+
+
+@pytest.fixture(scope="module")
+def ready(tmp_path_factory):
+    """A folder with a case, its parts and its result."""
+    folder = tmp_path_factory.mktemp("ready")
+    with pytest.MonkeyPatch.context() as here:
+        here.chdir(folder)
+        make_raster("dem.tif", slope(), nodata=-9999)
+        make_raster("zones.tif", zones(), nodata=-9999)
+        texts = {"zones.csv": TABLE, "sets.nml": scenes.CALM_SETS, "stops.csv": STOPS}
+        texts |= {"case.nml": CASE + UNCERTAIN, "lab.nml": LAB}
+        for name, text in texts.items():
+            Path(name).write_text(text)
+        assert main(["run", "case.nml", "-o", "r.nc", "--quiet"]) == 0
+        for k in (1, 2):
+            assert main(["run", "case.nml", "--quiet", "--shard", f"{k}/2"]) == 0
+    return folder
+
+
+@pytest.fixture
+def place(ready, tmp_path, monkeypatch):
+    """The same, made the current folder; what is drawn is another matter, and takes long."""
+    shutil.copytree(ready, tmp_path, dirs_exist_ok=True)
+    monkeypatch.chdir(tmp_path)
+    drawn = [Drawing(name, name, name, Figure) for name in ("passing", "profile", "stops")]
+    monkeypatch.setattr("rockfall.plots.figures.figures", lambda *_: drawn)
+    monkeypatch.setattr("rockfall.html_report.report", lambda *_: _page("a title", "of a page", {}))
+    return tmp_path
+
+
+def contents(folder):
+    return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+FEW = ("--runs", "8", "--boulders", "2")
+PARTS, JOBS = ("case.part1of2", "case.part2of2"), ("slurm", "case.nml", "jobs")
+COMMANDS = {  # words, a file that is written, and what the command reads
+    "run": (["run", "case.nml", "--quiet"], "case.nc", "dem.tif"),
+    "a part": (["run", "case.nml", "--quiet", "--shard", "1/2"], "case.part1of2", "zones.tif"),
+    "merge": (["merge", *PARTS, "-o", "m.nc"], "m.nc", "case.part2of2"),
+    "merge, the DEM": (["merge", *PARTS, "-o", "m.nc"], "m.nc", "dem.tif"),
+    "ensemble": (["ensemble", "case.nml", *FEW, "--quiet"], "case-ensemble.nc", "dem.tif"),
+    "its table": (
+        ["ensemble", "case.nml", *FEW, "--quiet", "-o", "e.csv"], "e.csv", "zones.csv",
+    ),
+    "export, a map": (["export", "r.nc", "out"], "out/passages.tif", "dem.tif"),
+    "export, a table": (["export", "r.nc", "out"], "out/boulders.csv", "zones.csv"),
+    "export, a line": (["export", "r.nc", "out"], "out/line_L.csv", "r.nc"),
+    "export, the layers": (["export", "r.nc", "out"], "out/rockfall.gpkg", "case.nml"),
+    "compare": (["compare", "r.nc", "stops.csv", "-o", "c.csv"], "c.csv", "stops.csv"),
+    "lines": (["lines", "r.nc", "-o", "t.csv"], "t.csv", "zones.csv"),
+    "lines, levels": (["lines", "r.nc", "-o", "t.csv"], "t_levels.csv", "sets.nml"),
+    "figures": (["figures", "r.nc", "out"], "out/stops.png", "dem.tif"),
+    "figures, given": (
+        ["figures", "r.nc", "out", "--format", "svg", "--observed", "stops.csv"],
+        "out/passing.svg", "stops.csv",
+    ),
+    "report": (["report", "r.nc", "--observed", "stops.csv"], "r.html", "stops.csv"),
+    "report, of a part": (["report", PARTS[0]], "case.part1of2.html", PARTS[0]),
+    "report, the DEM": (["report", "r.nc"], "r.html", "dem.tif"),
+    "slurm": ([*JOBS, "--shards", "2"], "jobs/merge.sh", "case.nml"),
+    "what slurm merges": ([*JOBS, "--shards", "2"], "jobs/case.nc", "dem.tif"),
+    "lab pack": (["lab", "pack", "lab.nml", "--layers", "1", "-o", "l.pdf"], "l.pdf", "lab.nml"),
+    "lab impact": (["lab", "impact", "lab.nml", "--quiet"], "lab.nc", "lab.nml"),
+}  # fmt: skip
+
+
+#: Refused before the result tells what it was made of, for what they are not.
+FOUND_LATER = ("merge, the DEM", "report, the DEM")
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_command_replaces_its_own_file_and_no_other(name, place, capsys):
+    words, target, read = COMMANDS[name]
+    for _ in range(2):  # what is there is recognised
+        assert main(words) == 0, capsys.readouterr().err
+    if target != "jobs/case.nc":
+        assert kind_of(target)
+        Path(target).unlink()
+    Path(target).write_text("mine\n")
+    for link in (None, os.link, lambda file, target: os.symlink(Path(file).absolute(), target)):
+        if link:
+            Path(target).unlink()
+            link(read, target)
+        before = contents(place)
+        capsys.readouterr()
+        assert main(words) == 2
+        out, err = capsys.readouterr()
+        said = "is an input" if link and name not in FOUND_LATER else "is there, and not"
+        assert out == "" and f"{target}: {said}" in err and err.count("\n") == 1
+        assert contents(place) == before
+
+
+def test_a_study_of_convergence_replaces_its_own_files_and_no_other(place, monkeypatch, capsys):
+    numbers = pd.DataFrame(columns=[*KEYS, "value"])
+    study = Convergence("case", *4 * [numbers], 1, 1, 1, 0.0, {})
+    monkeypatch.setattr("rockfall.analysis.convergence.converge", lambda *_, **__: study)
+    monkeypatch.setattr("rockfall.text.convergence.text", lambda _: "")
+    monkeypatch.setattr("rockfall.plots.convergence._page", lambda _: Figure())
+    words = ["convergence", "case.nml", "-o", "study"]
+    for _ in range(2):
+        assert main(words) == 0
+    assert len(list(Path("study").iterdir())) == 6 and all(map(kind_of, Path("study").iterdir()))
+    monkeypatch.setattr("rockfall.analysis.convergence.converge", None)  # it does not come to this
+    for name in ("cost.csv", "convergence.pdf"):
+        kept = Path("study", name).read_bytes()
+        for lay in (lambda path: path.write_text("mine"), lambda path: os.link("zones.csv", path)):
+            Path("study", name).unlink()
+            lay(Path("study", name))
+            before = contents(place)
+            capsys.readouterr()
+            assert main(words) == 2
+            assert capsys.readouterr().err.startswith(f"rockfall: study/{name}: is ")
+            assert contents(place) == before
+        Path("study", name).unlink()
+        Path("study", name).write_bytes(kept)
+
+
+def test_a_case_that_is_called_like_its_dem_keeps_it(place, capsys):
+    shutil.copy("dem.tif", "dem.nc")  # GDAL looks at the contents
+    Path("dem.nml").write_text(CASE.replace("dem.tif", "dem.nc"))
+    before = contents(place)
+    for words in ([], ["-o", "dem.nc"], ["-o", "../x/../dem.nc"], ["-o", f"{place}/dem.nc"]):
+        (place.parent / "x").mkdir(exist_ok=True)
+        words = [word.replace("../x/../", f"../x/../{place.name}/") for word in words]
+        assert main(["run", "dem.nml", *words]) == 2
+        assert capsys.readouterr().err.endswith("dem.nc: is an input; it is not overwritten\n")
+    assert contents(place) == before
+    with refused("dem.tif: is an input; it is not overwritten"):
+        rockfall.write_result(rockfall.read_result("r.nc"), "dem.tif")
+
+
+def test_every_file_behind_a_case_is_known(place, capsys):
+    """A mosaic with a mask and notes beside its tile, an ESRI ASCII grid, a shapefile."""
+    pyogrio = pytest.importorskip("pyogrio")
+    shapely = pytest.importorskip("shapely")
+    with rasterio.Env(GDAL_TIFF_INTERNAL_MASK=False):
+        with rasterio.open("dem.tif", "r+") as file:
+            file.nodata = None
+            file.write_mask(np.full(file.shape, 255, "u1"))
+    Path("dem.tif.aux.xml").write_text("<PAMDataset><Metadata/></PAMDataset>")
+    rasterio.shutil.copy("dem.tif", "dem.vrt", driver="VRT")
+    about = grid(slope(), west=PLACE.c, south=PLACE.f - 5.0 * len(slope()))
+    write_ascii(
+        "zones.asc", zones(), type(about)(**{**vars(about), "crs": rasterio.CRS.from_string(UTM)})
+    )
+    box = shapely.box(600040.0, 4999960.0, 600080.0, 4999990.0)
+    pyogrio.raw.write(
+        "sources.shp", shapely.to_wkb(np.array([box])), [np.array([1])], ["id"],
+        geometry_type="Polygon", crs=UTM, driver="ESRI Shapefile",
+    )  # fmt: skip
+    shutil.copy("sets.nml", "harder.nml")
+    text = CASE.replace("dem.tif", "dem.vrt").replace("zones.tif", "zones.asc")
+    text = text.replace("x = 600060.0, y = 4999980.0", "polygons = 'sources.shp'")
+    Path("all.nml").write_text(text + "&ensemble sets = 'sets.nml', 'harder.nml' /\n")
+    names = [
+        "all.nml", "dem.vrt", "dem.tif", "dem.tif.msk", "dem.tif.aux.xml", "zones.asc",
+        "zones.prj", "zones.csv", "sets.nml", "harder.nml", "sources.shp", "sources.shx",
+        "sources.dbf", "sources.prj", "sources.cpg",
+    ]  # fmt: skip
+    known = {path.name for path in input_files(rockfall.read_case("all.nml")) if path.exists()}
+    assert known == set(names)
+    for name in names:
+        os.link(name, "out.nc")
+        before = Path(name).read_bytes()
+        assert main(["run", "all.nml", "-o", "out.nc"]) == 2
+        assert capsys.readouterr().err == "rockfall: out.nc: is an input; it is not overwritten\n"
+        assert Path(name).read_bytes() == before
+        Path("out.nc").unlink()
+    assert main(["run", "all.nml", "-o", "out.nc", "--quiet"]) == 0
+
+
+def test_layers_that_someone_added_to_are_kept(place, capsys):
+    assert main(["export", "r.nc", "out"]) == 0
+    with sqlite3.connect("out/rockfall.gpkg") as file:
+        row = "('notes', 'attributes', 'notes', 'mine')"
+        names = "(table_name, data_type, identifier, description)"
+        file.execute(f"INSERT INTO gpkg_contents {names} VALUES {row}")
+    file.close()
+    before = contents(place)
+    capsys.readouterr()
+    assert main(["export", "r.nc", "out"]) == 2
+    assert "out/rockfall.gpkg: is there, and not layers of a result" in capsys.readouterr().err
+    assert contents(place) == before
+
+
+@pytest.mark.parametrize("ending", ["png", "pdf", "svg"])
+def test_figures_are_recognised(tmp_path, ending):
+    figure = Figure()
+    save(figure, tmp_path / f"ours.{ending}")
+    figure.savefig(tmp_path / f"theirs.{ending}")
+    assert kind_of(tmp_path / f"ours.{ending}") == FIGURE
+    assert kind_of(tmp_path / f"theirs.{ending}") is None
+
+
+@pytest.mark.parametrize(
+    "content",
+    [b"", b"CDF\x01" + 40 * b"\xff", b"\x89HDF\r\n\x1a\n", b"SQLite format 3\0", b"II*\0"],
+)
+def test_what_is_damaged_is_nobodys(tmp_path, content):
+    (tmp_path / "file").write_bytes(content)
+    assert kind_of(tmp_path / "file") is None
+    with pytest.raises(rockfall.RockfallError, match="is there, and not a result"):
+        rockfall.write_result(rockfall_result(), tmp_path / "file")
+    assert (tmp_path / "file").read_bytes() == content
+
+
+def rockfall_result():
+    case = rockfall.Case(
+        case={"boulders": 2}, surface={"uniform_mean_radius": 0.2}, boulder={"volume_mean": 0.5},
+        release={"x": [100.0], "y": [350.0]},
+    )  # fmt: skip
+    z = rough()
+    return rockfall.run(case, dem=z, transform=grid(z))
+
+
+def test_a_result_is_recognised(tmp_path):
+    rockfall.write_result(rockfall_result(), tmp_path / "r.nc")
+    assert kind_of(tmp_path / "r.nc") == RESULT
+
+
+# ---- all or none
+
+NEW, OLD = "line,quantity,n,share,new\n", "line,quantity,n,share,old\n"
+
+
+def failing(call, error):
+    """os.replace, which fails once, at this call."""
+    done = []
+
+    def replace(source, target):
+        done.append(source)
+        if len(done) == call:
+            raise error
+        os.rename(source, target)
+
+    return replace
+
+
+@pytest.mark.parametrize("error", [OSError(28, "No space left on device"), KeyboardInterrupt()])
+@pytest.mark.parametrize("call", range(1, 7))
+def test_files_of_a_folder_come_together_or_not_at_all(tmp_path, monkeypatch, call, error):
+    """Two that are replaced, one that leaves, and two that are new, of which one comes last."""
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    for name in ("a.csv", "b.csv", "gone.csv", "other.txt"):
+        (folder / name).write_text(OLD)
+    before = contents(tmp_path)
+    monkeypatch.setattr("rockfall.io.output_files.os.replace", failing(call, error))
+    with pytest.raises((rockfall.RockfallError, KeyboardInterrupt)) as caught:
+        with whole_folder(folder, former=[folder / "gone.csv"], last="z.csv") as part:
+            for name in ("a.csv", "b.csv", "z.csv"):
+                (part / name).write_text(NEW)
+    if isinstance(error, OSError):
+        assert str(caught.value) == f"{folder}: cannot be written: No space left on device"
+    assert contents(tmp_path) == before and kind_of(folder / "a.csv") == LINE_TABLE
+    monkeypatch.undo()
+    with whole_folder(folder, former=[folder / "gone.csv"], last="z.csv") as part:
+        for name in ("a.csv", "b.csv", "z.csv"):
+            (part / name).write_text(NEW)
+    texts = {path.name: path.read_text() for path in folder.iterdir()}
+    assert texts == {"a.csv": NEW, "b.csv": NEW, "z.csv": NEW, "other.txt": OLD}
+
+
+def test_folders_that_were_not_there_are_not_left(tmp_path, monkeypatch):
+    monkeypatch.setattr("rockfall.io.output_files.os.replace", failing(2, OSError(5, "broken")))
+    with pytest.raises(rockfall.RockfallError, match="broken"):
+        with whole_folder(tmp_path / "some" / "where") as part:
+            (part / "a").touch()
+            (part / "b").touch()
+    assert not list(tmp_path.iterdir())
+
+
+WORDS = {
+    "export": ["export", "r.nc", "out"],
+    "figures": ["figures", "r.nc", "out"],
+    "lines": ["lines", "r.nc", "-o", "t.csv"],
+    "slurm": ["slurm", "case.nml", "out", "--shards", "2"],
+    "prepare": ["prepare", "case.nml", "out"],
+}
+
+
+@pytest.mark.parametrize("name", WORDS)
+def test_a_command_that_fails_half_way_changes_nothing(name, place, monkeypatch, capsys):
+    class Os:
+        """Nothing but `replace` is another."""
+
+        def __getattr__(self, name):
+            return getattr(os, name)
+
+    words = WORDS[name]
+    for earlier in (False, True):  # nothing is there, then the files of another run
+        before = contents(place)
+        broken = Os()
+        broken.replace = failing(4 if earlier else 2, OSError(28, "No space left on device"))
+        monkeypatch.setattr(sys.modules["rockfall.io.output_files"], "os", broken)
+        capsys.readouterr()
+        assert main(words) == 2
+        assert "cannot be written: No space left on device" in capsys.readouterr().err
+        assert contents(place) == before and not list(place.glob(".*"))
+        monkeypatch.setattr(sys.modules["rockfall.io.output_files"], "os", os)
+        assert main(words) == 0

@@ -1,0 +1,1125 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Rasters come in as they are or are refused in one line, and go out whole."""
+
+import contextlib
+import os
+import re
+import shlex
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import netCDF4
+import numpy as np
+import pytest
+import rasterio
+import xarray as xr
+from affine import Affine
+from click.testing import CliRunner
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from rasterio.rio.main import main_group
+
+from made import PLACE, UTM, hill, make_ascii, make_raster, refused
+from rockfall.errors import RockfallError
+from rockfall.io import grid as grid_module
+from rockfall.io.raster import (
+    NO_ID,
+    Grid,
+    from_array,
+    read_aligned,
+    read_dem,
+    read_radii,
+    write_ascii,
+    write_geotiff,
+)
+
+pytestmark = pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")
+
+
+@pytest.fixture(autouse=True)
+def in_tmp_path(tmp_path, monkeypatch):
+    """Files have short names, as they have in messages."""
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.fixture(params=["whole", "in blocks of a row"])
+def blocks(request, monkeypatch):
+    """What is read in blocks must not depend on their size."""
+    if request.param != "whole":
+        monkeypatch.setattr(grid_module, "_BLOCK", 1)
+
+
+def run_offered(error, *, after="with: "):
+    """Run the command that a message offers."""
+    words = shlex.split(str(error.value).split(after)[1])
+    assert words[0] == "rio"
+    done = CliRunner().invoke(main_group, words[1:])
+    assert done.exit_code == 0, done.output
+    return words
+
+
+def georeferenced(z, nodata=None, dtype="float32"):
+    """A CF variable on the cells of PLACE."""
+    x = xr.Variable("x", 600002.5 + 5.0 * np.arange(z.shape[1]), {"axis": "X"})
+    y = xr.Variable("y", 4999997.5 - 5.0 * np.arange(z.shape[0]), {"axis": "Y"})
+    data = xr.DataArray(z.astype(dtype), dims=("y", "x"), coords={"x": x, "y": y}, name="z")
+    data.encoding["_FillValue"] = nodata
+    return data
+
+
+# ---- elevations ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("stored", "in_memory"),
+    [
+        ("float32", "float32"),
+        ("float64", "float64"),
+        ("uint8", "float32"),
+        ("int16", "float32"),
+        ("uint16", "float32"),
+        ("int32", "float64"),
+        ("uint32", "float64"),
+    ],
+)
+def test_dem_keeps_its_precision(stored, in_memory, blocks):
+    values = (hill() % 200).astype(stored)
+    z, grid = read_dem(make_raster("dem.tif", values, nodata=0))
+    assert z.dtype == in_memory
+    assert z.flags.c_contiguous
+    np.testing.assert_array_equal(z, np.where(values == 0, np.nan, values.astype(in_memory)))
+    assert (grid.west, grid.north, grid.cell) == (600000.0, 5000000.0, 5.0)
+    assert (grid.nx, grid.ny, grid.shape) == (4, 6, (6, 4))
+    assert grid.crs.to_epsg() == 32632
+
+
+def test_grid_has_the_centres_of_its_cells():
+    grid = Grid(600000.0, 5000000.0, 2.5, nx=3, ny=2)
+    assert grid.x.tolist() == [600001.25, 600003.75, 600006.25]
+    assert grid.y.tolist() == [4999998.75, 4999996.25]
+    assert grid.transform == Affine(2.5, 0.0, 600000.0, 0.0, -2.5, 5000000.0)
+    assert (grid.east, grid.south) == (600007.5, 4999995.0)
+
+
+@pytest.mark.parametrize("shift", [{"west": 1e-5}, {"north": 1e-5}, {"cell": 5e-6}, {"nx": 1}])
+def test_grids_match_up_to_a_millionth_of_a_cell(shift):
+    grid = Grid(600000.0, 5000000.0, 5.0, nx=300, ny=200)
+
+    def moved(part):
+        return Grid(**{k: getattr(grid, k) + part * shift.get(k, 0) for k in vars(grid) if k in
+                       ("west", "north", "cell", "nx", "ny")})  # fmt: skip
+
+    assert not moved(1).matches(grid)
+    assert not grid.matches(moved(1))
+    if "nx" not in shift:
+        assert moved(1e-3).matches(grid)
+
+
+@pytest.mark.parametrize("nodata", [-9999.0, np.nan, -3.4028234663852886e38])
+def test_nodata_becomes_nan(nodata, blocks):
+    z = hill(dtype="float32")
+    z[2, 3] = z[0, 0] = nodata
+    got, _ = read_dem(make_raster("dem.tif", z, nodata=nodata))
+    assert np.argwhere(np.isnan(got)).tolist() == [[0, 0], [2, 3]]
+
+
+def test_a_mask_becomes_nan(blocks):
+    make_raster("dem.tif", hill())
+    with rasterio.Env(GDAL_TIFF_INTERNAL_MASK=True), rasterio.open("dem.tif", "r+") as file:
+        mask = np.full((6, 4), 255, "uint8")
+        mask[1, 2] = 0
+        file.write_mask(mask)
+    z, _ = read_dem("dem.tif")
+    assert np.argwhere(np.isnan(z)).tolist() == [[1, 2]]
+
+
+def test_scale_and_offset_are_applied(blocks):
+    values = np.arange(24, dtype="int16").reshape(6, 4)
+    make_raster("dem.tif", values, nodata=7)
+    with rasterio.open("dem.tif", "r+") as file:
+        file.scales, file.offsets = [0.1], [1000.0]
+    z, _ = read_dem("dem.tif")
+    assert z.dtype == "float64"
+    np.testing.assert_array_equal(z, np.where(values == 7, np.nan, values * 0.1 + 1000.0))
+
+
+def test_a_south_up_file_is_turned(blocks):
+    south_up = Affine(5.0, 0.0, 600000.0, 0.0, 5.0, 4999970.0)
+    values = hill(7)
+    values[0, 0] = -1
+    z, grid = read_dem(make_raster("dem.tif", values, south_up, nodata=-1))
+    values[0, 0] = np.nan
+    np.testing.assert_array_equal(z, values[::-1])
+    assert (grid.north, grid.cell) == (5000005.0, 5.0)
+
+
+@pytest.mark.parametrize("rising", [False, True])
+def test_netcdf_is_north_up_whichever_way_y_runs(rising, blocks):
+    data = georeferenced(np.where(hill() == 1001.0, np.nan, hill()), nodata=-1.0)
+    (data[::-1] if rising else data).to_netcdf("dem.nc")
+    z, grid = read_dem("dem.nc")
+    assert z.dtype == "float32"
+    np.testing.assert_array_equal(z, data.values)
+    assert grid.matches(Grid(600000.0, 5000000.0, 5.0, 4, 6))
+
+
+def test_a_variable_of_a_netcdf_file_can_be_named():
+    xr.Dataset({"z": georeferenced(hill()), "w": georeferenced(2 * hill())}).to_netcdf("dem.nc")
+    np.testing.assert_array_equal(read_dem("dem.nc:w")[0], 2 * hill())
+    with refused("dem.nc: has several rasters, take one of: dem.nc:z, dem.nc:w"):
+        read_dem("dem.nc")
+
+
+def make_netcdf(stored, about, units=("m", "m", "m")):
+    """A grid of 2 x 3 in dem.nc whose variable has these attributes; y rises."""
+    with netCDF4.Dataset("dem.nc", "w") as file:
+        for name, centres, unit in (
+            ("x", 600002.5 + 5.0 * np.arange(3), units[0]),
+            ("y", [4999992.5, 4999997.5], units[1]),
+        ):
+            file.createDimension(name, len(centres))
+            axis = file.createVariable(name, "f8", (name,))
+            axis.setncatts({"axis": name.upper()} | ({"units": unit} if unit else {}))
+            axis[:] = centres
+        z = file.createVariable("z", stored.dtype, ("y", "x"))
+        z.set_auto_maskandscale(False)
+        z[:] = stored
+        z.setncatts(about | ({"units": units[2]} if units[2] else {}))
+
+
+BYTES = np.array([[1, 2, 3], [4, 5, -6]], "i1")
+
+
+@pytest.mark.parametrize(
+    ("about", "values"),
+    [
+        ({}, [[4, 5, -6], [1, 2, 3]]),
+        ({"missing_value": np.int8(5)}, [[4, np.nan, -6], [1, 2, 3]]),
+        ({"missing_value": np.array([5, 1], "i1")}, [[4, np.nan, -6], [np.nan, 2, 3]]),
+        ({"valid_min": np.int8(2)}, [[4, 5, np.nan], [np.nan, 2, 3]]),
+        ({"valid_max": np.int8(3)}, [[np.nan, np.nan, -6], [1, 2, 3]]),
+        ({"valid_range": np.array([2, 4], "i1")}, [[4, np.nan, np.nan], [np.nan, 2, 3]]),
+        ({"_Unsigned": "true"}, [[4, 5, 250], [1, 2, 3]]),
+        ({"_Unsigned": "true", "valid_max": np.int8(-10)}, [[4, 5, np.nan], [1, 2, 3]]),
+        ({"scale_factor": 0.1, "add_offset": 100.0, "missing_value": np.int8(1)},
+         [[4 * 0.1 + 100.0, 5 * 0.1 + 100.0, -6 * 0.1 + 100.0],
+          [np.nan, 2 * 0.1 + 100.0, 3 * 0.1 + 100.0]]),
+    ],
+)  # fmt: skip
+def test_what_netcdf_says_of_its_numbers_is_honoured(about, values, blocks):
+    """y rises in the file, so its last row is the first."""
+    make_netcdf(BYTES, about)
+    np.testing.assert_array_equal(read_dem("dem.nc")[0], values)
+
+
+def test_packed_floats_are_unpacked_in_double_precision():
+    """As rockfall-batch does; single precision would give other bits."""
+    stored = np.array([[0.1, 0.2, 0.3], [1.7, 2.3, 9.9]], "f4")
+    make_netcdf(stored, {"scale_factor": np.float32(0.1), "add_offset": 1000.0})
+    z, _ = read_dem("dem.nc")
+    np.testing.assert_array_equal(z, stored[::-1].astype("f8") * float(np.float32(0.1)) + 1000.0)
+    make_raster("dem.tif", stored)
+    with rasterio.open("dem.tif", "r+") as file:
+        file.scales, file.offsets = [0.1], [1000.0]
+    np.testing.assert_array_equal(read_dem("dem.tif")[0], stored.astype("f8") * 0.1 + 1000.0)
+
+
+@pytest.mark.parametrize("unit", ["km", "ft", "US_survey_foot", "degrees", "degrees_east"])
+@pytest.mark.parametrize("which", [0, 1, 2])
+def test_netcdf_in_any_unit_but_the_metre_is_refused(which, unit):
+    units = ["m", None, "metres"]
+    make_netcdf(BYTES, {}, units=units)
+    assert read_dem("dem.nc")[0].shape == (2, 3)
+    units[which] = unit
+    make_netcdf(BYTES, {}, units=units)
+    what = ("coordinate x is", "coordinate y is", "elevations are")[which]
+    with refused(f"dem.nc: {what} in {unit}, metres are needed"):
+        read_dem("dem.nc")
+
+
+@pytest.mark.parametrize(
+    ("about", "message"),
+    [
+        ({"scale_factor": "0.1"}, "scale_factor = 0.1: must be a number"),
+        ({"scale_factor": [1.0, 2.0]}, "scale_factor = [1. 2.]: must be a number"),
+        ({"scale_factor": 0.0}, "scale_factor = 0: must be another number"),
+        ({"add_offset": np.nan}, "add_offset = nan: must be a number"),
+        ({"missing_value": 0.5}, "missing_value = 0.5: must be of the type of the variable, int8"),
+        ({"missing_value": "none"}, "missing_value = none: must be numbers"),
+        ({"valid_range": np.array([1, 2, 3], "i1")}, "valid_range = [1 2 3]: must be 2 numbers"),
+        ({"valid_range": np.array([3, 1], "i1")}, "valid from 3 to 1: must be a range"),
+        ({"valid_range": np.array([1, 3], "i1"), "valid_min": np.int8(1)},
+         "has valid_range, and valid_min or valid_max"),
+        ({"valid_min": 1.0, "scale_factor": 0.1},
+         "valid_min = 1.0: must be of the type of the variable, int8"),
+        ({"_Unsigned": "maybe"}, "_Unsigned = maybe: must be 'true' or 'false', of integers"),
+    ],
+)  # fmt: skip
+def test_what_netcdf_says_against_itself_is_refused(about, message):
+    make_netcdf(BYTES, about)
+    with refused(f"dem.nc: z: {message}"):
+        read_dem("dem.nc")
+
+
+def test_a_part_of_a_file_lies_where_its_coordinates_are():
+    """It keeps the GeoTransform of the whole."""
+    crs = rasterio.CRS.from_epsg(32632).wkt
+    about = {"GeoTransform": "600000 5 0 5000000 0 -5", "crs_wkt": crs}
+    data = georeferenced(hill()).to_dataset()
+    data["crs"] = xr.Variable((), 0, about)
+    data["z"].attrs["grid_mapping"] = "crs"
+    data.isel(x=slice(1, 4), y=slice(2, 6)).to_netcdf("part.nc")
+    z, grid = read_dem("part.nc")
+    assert (grid.west, grid.north) == (600005.0, 4999990.0)
+    np.testing.assert_array_equal(z, hill()[2:, 1:])
+
+
+def test_a_file_without_crs_is_fine():
+    assert read_dem(make_raster("dem.tif", hill(), crs=None))[1].crs is None
+
+
+# ---- ESRI ASCII ----------------------------------------------------------------------------------
+
+
+def test_ascii_numbers_are_doubles_and_lines_may_wrap():
+    path = make_ascii("dem.asc", "1 0.1\n2.5\r\n-3e-2\t1411.3780517578125 -9999")
+    z, grid = read_dem(path)
+    assert z.dtype == "float64"
+    np.testing.assert_array_equal(z, [[1, 0.1, 2.5], [-0.03, 1411.3780517578125, np.nan]])
+    assert (grid.west, grid.north, grid.cell) == (600000.0, 4999980.0, 5.0)
+
+
+def test_ascii_nodata_is_compared_in_double_precision():
+    head = "xllcenter 0\nyllcenter 0\ncellsize 5\nNODATA_value -9999.9\n"
+    z, grid = read_dem(make_ascii("dem.asc", "1 2 3 4 -9999.9 -9999", head))
+    np.testing.assert_array_equal(z, [[1, 2, 3], [4, np.nan, -9999]])
+    assert (grid.west, grid.north) == (-2.5, 7.5)
+
+
+def test_ascii_does_not_depend_on_where_its_text_is_cut(monkeypatch):
+    z = np.random.default_rng(1).normal(scale=1e3, size=(13, 7))
+    write_ascii("dem.asc", z, Grid(0.0, 13.0, 1.0, 7, 13))
+    for chunk in (1, 2, 7, 64, 1000):
+        monkeypatch.setattr("rockfall.io.ascii_grid._CHUNK", chunk)
+        np.testing.assert_array_equal(read_dem("dem.asc")[0], z)
+
+
+@pytest.mark.parametrize(
+    ("body", "message"),
+    [
+        ("1 2 3\n4 abc 6", "line 7: 'abc' is not a number"),
+        ("1 2 3\n4 1.2.3 6", "line 7: '1.2.3' is not a number"),
+        ("1 2 3\n4 1,5 6", "line 7: '1,5' is not a number"),
+        ("1 2 3\n4 1_000 6", "line 7: '1_000' is not a number"),
+        ("1 2 3\n4 \0 6", r"line 7: '\x00' is not a number"),
+        ("1 2 3\n4 5", "ends after 5 numbers, ncols x nrows = 3 x 2 are due: truncated or damaged"),
+        ("1 2 3\n4 5 6 7", "more than 6 numbers, ncols x nrows = 3 x 2 are due"),
+        ("1 2 inf\n4 5 6", "row 1, column 3: elevation inf: must be finite or nodata"),
+        ("1 2 3\n4 5 -1e999", "row 2, column 3: elevation -inf: must be finite or nodata"),
+        ("-9999 " * 6, "all cells are nodata"),
+    ],
+)
+def test_ascii_that_lies_is_refused(body, message):
+    make_ascii("dem.asc", body)
+    with refused(f"dem.asc: {message}"):
+        read_dem("dem.asc")
+
+
+def test_an_absurd_ascii_header_is_refused_before_memory_is_asked_for():
+    make_ascii("dem.asc", "1 2 3", size=(3_000_000, 2_000_000))
+    with refused(
+        "dem.asc: too short for ncols x nrows = 3000000 x 2000000 numbers: truncated or damaged"
+    ):
+        read_dem("dem.asc")
+
+
+HEAD = "xllcorner 600000\nyllcorner 4999970\ncellsize 5\n"
+BOTH = "the header must have xllcorner and yllcorner, or else xllcenter and yllcenter"
+
+
+@pytest.mark.parametrize(
+    ("head", "message"),
+    [
+        (HEAD.replace("600000", "abc"), "line 3: xllcorner = abc: must be a number, at most 1e12"),
+        (HEAD.replace("600000", "600'000"),
+         "line 3: xllcorner = 600'000: must be a number, at most 1e12"),
+        (HEAD.replace("600000", "6d5"), "line 3: xllcorner = 6d5: must be a number, at most 1e12"),
+        (HEAD.replace("600000", "6e5 m"), "line 3: xllcorner: must be followed by one value"),
+        (HEAD.replace("5\n", "1.000,0\n"),
+         "line 5: cellsize = 1.000,0: must be a number, at most 1e12"),
+        (HEAD.replace("5\n", "-5\n"), "line 5: cellsize = -5: must be > 0 [m]"),
+        (HEAD + "NODATA_value none\n", "line 6: NODATA_value = none: must be a number or nan"),
+        (HEAD + "NODATA_value\n", "line 6: NODATA_value: must be followed by one value"),
+        (HEAD + "ncols 3\n", "line 6: ncols: is in the header twice"),
+        (HEAD + "nbands 1\n", "line 6: 'nbands' is not a number"),
+        (HEAD.replace("yllcorner", "yllcenter"), BOTH),
+        (HEAD + "xllcenter 600002.5\n", BOTH),
+        ("cellsize 5\n", BOTH),
+        (HEAD.replace("cellsize", "dx"), "the header must have cellsize, or else dx and dy"),
+        (HEAD + "dx 5\ndy 5\n", "the header must have cellsize, or else dx and dy"),
+    ],
+)  # fmt: skip
+def test_an_ascii_header_is_read_as_strictly_as_the_numbers(head, message):
+    make_ascii("dem.asc", "1 2 3\n4 5 6", head)
+    with refused(f"dem.asc: {message}"):
+        read_dem("dem.asc")
+
+
+@pytest.mark.parametrize("size", ["3.0", "0", "-3", "3e0", "2147483648"])
+def test_an_ascii_grid_has_a_whole_number_of_columns(size):
+    make_ascii("dem.asc", "1 2 3\n4 5 6", size=(size, 2))
+    with refused(f"dem.asc: line 1: ncols = {size}: must be an integer > 0"):
+        read_dem("dem.asc")
+
+
+def test_text_without_end_is_refused(monkeypatch):
+    monkeypatch.setattr("rockfall.io.ascii_grid._CHUNK", 1000)
+    make_ascii("dem.asc", "1 2 3 " + "9" * 10_000)
+    with refused("dem.asc: not text with numbers; damaged"):
+        read_dem("dem.asc")
+
+
+# ---- what is refused -----------------------------------------------------------------------------
+
+
+def test_a_missing_file():
+    with refused("dem.tif: no such file"):
+        read_dem("dem.tif")
+
+
+def test_an_empty_file():
+    Path("dem.tif").touch()
+    with refused("dem.tif: is empty"):
+        read_dem("dem.tif")
+
+
+@pytest.mark.parametrize("content", [b"hello", b"II*\0\x08\0\0\0", b"\x89HDF\r\n"])
+def test_a_file_that_is_no_raster(content):
+    Path("dem.tif").write_bytes(content)
+    with pytest.raises(RockfallError) as caught:
+        read_dem("dem.tif")
+    start = "dem.tif: cannot be read as a raster (unknown format, truncated or damaged): "
+    assert str(caught.value).startswith(start)
+    assert "\n" not in str(caught.value)
+    assert caught.value.code == 2
+
+
+@pytest.mark.parametrize("part", [0.02, 0.5, 0.99])
+def test_a_truncated_file(part):
+    whole = Path(make_raster("dem.tif", hill(300, 300))).read_bytes()
+    Path("dem.tif").write_bytes(whole[: int(part * len(whole))])
+    with pytest.raises(RockfallError, match=r"^dem\.tif: cannot be read as a raster \([^\n]*$"):
+        read_dem("dem.tif")
+
+
+def test_several_bands():
+    make_raster("dem.tif", np.stack([hill()] * 3))
+    with refused("dem.tif: has 3 bands, exactly one is needed"):
+        read_dem("dem.tif")
+
+
+def test_complex_numbers():
+    make_raster("dem.tif", hill(dtype="complex64"))
+    with refused("dem.tif: holds complex64, real numbers are needed"):
+        read_dem("dem.tif")
+
+
+def test_infinite_elevations(blocks):
+    z = hill()
+    z[4, 1] = -np.inf
+    with refused("dem.tif: row 5, column 2: elevation -inf: must be finite or nodata"):
+        read_dem(make_raster("dem.tif", z))
+
+
+def test_a_raster_of_nodata(blocks):
+    with refused("dem.tif: all cells are nodata"):
+        read_dem(make_raster("dem.tif", np.zeros((3, 3)), nodata=0))
+
+
+def test_too_few_cells():
+    with refused("dem.tif: 1 x 6 cells, at least 2 x 2 are needed"):
+        read_dem(make_raster("dem.tif", hill(6, 1)))
+
+
+def test_more_cells_than_memory():
+    profile = {"driver": "GTiff", "width": 10**6, "height": 10**6, "count": 1, "dtype": "uint8"}
+    options = {"tiled": True, "sparse_ok": True, "transform": PLACE, "bigtiff": True}
+    with rasterio.open("dem.tif", "w", **profile, **options, blockxsize=4096, blockysize=4096):
+        pass
+    with pytest.raises(RockfallError) as caught:
+        read_dem("dem.tif")
+    assert re.fullmatch(
+        r"dem\.tif: 1000000 x 1000000 cells need 4000 GB of memory, this machine has \d+ GB",
+        str(caught.value),
+    )
+
+
+def test_a_raster_that_lies_nowhere():
+    with refused("dem.tif: does not say where it lies (no georeference)"):
+        read_dem(make_raster("dem.tif", hill(), transform=None))
+
+
+def test_netcdf_with_unmarked_coordinates_and_the_cure():
+    data = georeferenced(hill())
+    data.x.attrs, data.y.attrs = {}, {}
+    data.to_netcdf("dem.nc")
+    with refused(
+        "dem.nc: its coordinates are not marked as such: give x the attribute axis = 'X' and y the "
+        "attribute axis = 'Y'"
+    ):
+        read_dem("dem.nc")
+
+
+def test_elevations_in_feet():
+    make_raster("dem.tif", hill())
+    with rasterio.open("dem.tif", "r+") as file:
+        file.units = ["ft"]
+    with refused("dem.tif: elevations are in ft, metres are needed"):
+        read_dem("dem.tif")
+
+
+@pytest.mark.parametrize("unit", ["ftUS", "cm", "km", "fathom", "US survey foot"])
+def test_any_unit_but_the_metre_is_refused_of_elevations_and_radii(unit):
+    make_raster("dem.tif", hill())
+    _, grid = read_dem("dem.tif")
+    with rasterio.open("dem.tif", "r+") as file:
+        file.units = [unit]
+    with refused(f"dem.tif: elevations are in {unit}, metres are needed"):
+        read_dem("dem.tif")
+    with refused(f"dem.tif: mean radii are in {unit}, metres are needed"):
+        read_radii("dem.tif", grid, "mean radii")
+
+
+@pytest.mark.parametrize("unit", ["m", "Metre", "meters"])
+def test_the_metre_in_any_spelling(unit):
+    make_raster("dem.tif", hill())
+    with rasterio.open("dem.tif", "r+") as file:
+        file.units = [unit]
+    assert read_dem("dem.tif")[0][0, 0] == 1000.0
+
+
+@pytest.mark.parametrize(
+    ("crs", "what"),
+    [
+        ("EPSG:32632+6360", "elevations are in US survey foot"),
+        ('LOCAL_CS["x",UNIT["foot",0.3048]]', "cells are in foot"),
+        ("+proj=tmerc +to_meter=0.3048 +towgs84=1,2,3", "cells are in foot"),
+    ],
+)
+def test_a_system_of_any_kind_is_in_metres(crs, what):
+    make_raster("dem.tif", hill(), crs=crs)
+    with pytest.raises(RockfallError, match=f"^dem.tif: {what} .*, metres are needed"):
+        read_dem("dem.tif")
+
+
+def test_degrees_and_the_command_that_mends_them():
+    place = Affine(1e-4, 0.0, 11.3, 0.0, -1e-4, 47.2)
+    make_raster("dem.tif", hill(60, 40), place, "EPSG:4326")
+    with pytest.raises(RockfallError) as caught:
+        read_dem("dem.tif")
+    assert str(caught.value) == (
+        "dem.tif: cells are in degrees (EPSG:4326), metres are needed; reproject with: rio warp "
+        "dem.tif dem_utm.tif --dst-crs EPSG:32632 --resampling bilinear "
+        "--src-nodata -9999 --dst-nodata -9999"
+    )
+    run_offered(caught)
+    z, grid = read_dem("dem_utm.tif")
+    assert grid.crs.to_epsg() == 32632
+    assert np.isnan(z).any()  # what lies outside is not ground at zero metres
+    assert np.nanmin(z) > 999.0
+
+
+@pytest.mark.parametrize(
+    ("longitude", "latitude", "epsg"),
+    [(-70.0, -33.0, 32719), (179.9, 10.0, 32660), (-180.0, 10.0, 32601), (0.1, 51.0, 32631)],
+)
+def test_the_utm_zone_is_that_of_the_place(longitude, latitude, epsg):
+    place = Affine(1e-4, 0.0, longitude, 0.0, -1e-4, latitude)
+    make_raster("dem.tif", hill(), place, "EPSG:4326", nodata=-1)
+    with pytest.raises(RockfallError, match=f"--dst-crs EPSG:{epsg} --resampling bilinear$"):
+        read_dem("dem.tif")
+
+
+def test_feet_and_the_command_that_mends_them():
+    place = Affine(10.0, 0.0, 6500000.0, 0.0, -10.0, 2000000.0)
+    make_raster("dem.tif", hill(60, 40), place, "EPSG:2225", nodata=-1)
+    with pytest.raises(RockfallError) as caught:
+        read_dem("dem.tif")
+    assert str(caught.value) == (
+        "dem.tif: cells are in US survey foot (EPSG:2225), metres are needed; reproject with: "
+        "rio warp dem.tif dem_utm.tif --dst-crs EPSG:32610 --resampling bilinear"
+    )
+    run_offered(caught)
+    assert read_dem("dem_utm.tif")[1].crs.to_epsg() == 32610
+
+
+@pytest.mark.parametrize("crs", [UTM, None])
+def test_oblong_cells_and_the_command_that_mends_them(crs):
+    make_raster("a dem.tif", hill(50, 40), Affine(2.5, 0, 6e5, 0, -3.0, 5e6), crs, nodata=-1)
+    with pytest.raises(RockfallError) as caught:
+        read_dem("a dem.tif")
+    assert str(caught.value) == (
+        "a dem.tif: cells are not square (2.5 x 3 m); resample with: rio warp 'a dem.tif' "
+        "'a dem_square.tif' --res 2.5 --resampling bilinear"
+    )
+    run_offered(caught)
+    assert read_dem("a dem_square.tif")[1].shape == (60, 40)
+
+
+def test_oblong_cells_in_degrees_are_first_of_all_in_degrees():
+    make_raster("dem.tif", hill(), Affine(2e-4, 0, 11.0, 0, -1e-4, 47.0), "EPSG:4326")
+    with pytest.raises(RockfallError, match=r"^dem\.tif: cells are in degrees \(EPSG:4326\)"):
+        read_dem("dem.tif")
+
+
+@pytest.mark.parametrize("crs", [UTM, None])
+def test_a_rotated_raster_and_the_command_that_mends_it(crs):
+    place = Affine(4.0, 3.0, 600000.0, 3.0, -4.0, 5000000.0)
+    make_raster("dem.tif", hill(50, 40), place, crs, nodata=-1)
+    with pytest.raises(RockfallError) as caught:
+        read_dem("dem.tif")
+    assert str(caught.value) == (
+        "dem.tif: is rotated; resample with: rio warp dem.tif dem_square.tif --res 5 "
+        "--resampling bilinear"
+    )
+    run_offered(caught)
+    z, grid = read_dem("dem_square.tif")
+    assert grid.cell == 5.0
+    assert np.isnan(z).any()
+
+
+def test_a_mirrored_raster():
+    with refused("dem.tif: is mirrored: columns run from east to west"):
+        read_dem(make_raster("dem.tif", hill(), Affine(-5.0, 0, 6e5, 0, -5.0, 5e6)))
+
+
+# ---- rasters on the grid of the terrain ----------------------------------------------------------
+
+
+@pytest.fixture
+def dem():
+    return read_dem(make_raster("dem.tif", hill(60, 40)))[1]
+
+
+def test_zones_come_as_integers(dem, blocks):
+    ids = np.arange(2400, dtype="int32").reshape(60, 40)
+    got = read_aligned(make_raster("zones.tif", ids, nodata=7), dem, "zones", np.int32)
+    assert got.dtype == "int32"
+    np.testing.assert_array_equal(got, np.where(ids == 7, NO_ID, ids))
+
+
+def test_zones_may_be_stored_as_whole_reals(dem, blocks):
+    ids = np.arange(2400, dtype="float32").reshape(60, 40)
+    ids[0, 3] = np.nan
+    got = read_aligned(make_raster("zones.tif", ids), dem, "zones", np.int32)
+    np.testing.assert_array_equal(got, np.where(np.isnan(ids), NO_ID, ids))
+
+
+@pytest.mark.parametrize("value", [2.5, np.inf, 3e9, -2147483648.0])
+def test_zones_that_are_no_integers(dem, value, blocks):
+    ids = np.ones((60, 40))
+    ids[50, 2] = value
+    with refused(f"zones.tif: row 51, column 3: {value:g}: zones must be integers"):
+        read_aligned(make_raster("zones.tif", ids), dem, "zones", np.int32)
+
+
+def test_radii_may_be_infinite_or_absent_but_not_zero(dem, blocks):
+    radii = np.full((60, 40), 0.25)
+    radii[0, 0], radii[1, 1] = np.inf, -9999
+    make_raster("rm.tif", radii, nodata=-9999)
+    got = read_radii("rm.tif", dem, "mean radii")
+    assert got.dtype == "float32"
+    assert (got[0, 0], got[0, 1]) == (np.inf, 0.25)
+    assert np.argwhere(np.isnan(got)).tolist() == [[1, 1]]
+    radii[59, 39] = -0.5
+    with refused("rm.tif: row 60, column 40: -0.5: mean radii must be > 0 (Inf absorbs)"):
+        read_radii(make_raster("rm.tif", radii, nodata=-9999), dem, "mean radii")
+
+
+def test_a_file_of_the_same_cells_may_be_south_up(dem):
+    ids = np.arange(2400, dtype="int32").reshape(60, 40)
+    make_raster("zones.tif", ids[::-1], Affine(5.0, 0, 600000.0, 0, 5.0, 4999700.0))
+    np.testing.assert_array_equal(read_aligned("zones.tif", dem, "zones", np.int32), ids)
+
+
+@pytest.mark.parametrize("crs", [UTM, None])
+@pytest.mark.parametrize(
+    ("what", "dtype", "resampling"),
+    [("zones", np.int32, "nearest"), ("radii", np.float32, "bilinear")],
+)
+def test_other_cells_and_the_command_that_mends_them(crs, what, dtype, resampling):
+    _, dem = read_dem(make_raster("dem.tif", hill(60, 40), crs=crs))
+    finer = Affine(3.0, 0.0, 599990.0, 0.0, -3.0, 5000010.0)
+    stored = np.full((80, 120), 2, np.int32 if what == "zones" else dtype)
+    stored[60:, :] = 3
+    make_raster("zones.tif", stored, finer, crs)
+    with pytest.raises(RockfallError) as caught:
+        read_aligned("zones.tif", dem, what, dtype)
+    assert str(caught.value) == (
+        f"zones.tif: {what} (120 x 80 cells of 3, corner 599990, 5000010) are not on the cells of "
+        "dem.tif (40 x 60 cells of 5, corner 600000, 5000000); resample with: rio warp zones.tif "
+        f"zones_on_dem.tif --like dem.tif --resampling {resampling} "
+        "--src-nodata -9999 --dst-nodata -9999"
+    )
+    run_offered(caught)
+    got = read_aligned("zones_on_dem.tif", dem, what, dtype)
+    y = dem.y
+    assert (got[(y > 4999835.0)] == 2).all()
+    assert (got[(y < 4999825.0) & (y > 4999775.0)] == 3).all()
+    outside = got[y < 4999765.0]  # the zones end before the terrain does
+    assert (outside == NO_ID if what == "zones" else np.isnan(outside)).all()
+
+
+def test_cells_off_by_a_hundredth_are_other_cells(dem):
+    make_raster("zones.tif", np.ones((60, 40), "uint8"), Affine.translation(0.05, 0.0) @ PLACE)
+    with pytest.raises(RockfallError, match="are not on the cells of dem.tif .* --src-nodata 255"):
+        read_aligned("zones.tif", dem, "zones", np.int32)
+
+
+def test_another_crs_and_the_command_that_mends_it(dem):
+    west, north = 10.2687, 45.1466  # the corner of PLACE is at 10.2710, 45.1458
+    place = Affine(2e-5, 0.0, west, 0.0, -2e-5, north)
+    make_raster("zones.tif", np.full((400, 400), 4, "uint8"), place, "EPSG:4326", nodata=0)
+    with pytest.raises(RockfallError) as caught:
+        read_aligned("zones.tif", dem, "zones", np.int32)
+    assert str(caught.value) == (
+        "zones.tif: zones are in EPSG:4326, dem.tif is in EPSG:32632; resample with: rio warp "
+        "zones.tif zones_on_dem.tif --like dem.tif --resampling nearest"
+    )
+    run_offered(caught)
+    assert (read_aligned("zones_on_dem.tif", dem, "zones", np.int32) == 4).all()
+
+
+def test_a_raster_elsewhere_is_not_resampled(dem):
+    make_raster("zones.tif", hill(), Affine.translation(1e4, 0.0) @ PLACE)
+    with refused(
+        "zones.tif: zones (4 x 6 cells of 5, corner 610000, 5000000) lie apart from the cells of "
+        "dem.tif (40 x 60 cells of 5, corner 600000, 5000000)"
+    ):
+        read_aligned("zones.tif", dem, "zones", np.int32)
+
+
+@pytest.mark.parametrize(
+    ("one", "other"), [("EPSG:2056", "EPSG:2056+5728"), (UTM, None), (None, UTM)]
+)
+def test_the_same_plan_in_other_words_is_the_same(one, other):
+    _, dem = read_dem(make_raster("dem.tif", hill(), crs=one))
+    make_raster("zones.tif", np.ones((6, 4), "uint8"), crs=other)
+    assert (read_aligned("zones.tif", dem, "zones", np.int32) == 1).all()
+
+
+def test_an_esri_prj_is_the_same_crs_as_its_number():
+    write_ascii("zones.asc", np.ones((6, 4), "int32"), read_dem(make_raster("d.tif", hill()))[1])
+    assert Path("zones.prj").read_text().startswith('PROJCS["WGS_1984_UTM_Zone_32N"')
+    _, dem = read_dem(make_raster("dem.tif", hill()))
+    assert (read_aligned("zones.asc", dem, "zones", np.int32) == 1).all()
+
+
+# ---- what GDAL may open --------------------------------------------------------------------------
+
+MOSAIC = """<VRTDataset rasterXSize="4" rasterYSize="6"><SRS>EPSG:32632</SRS>
+<GeoTransform>600000, 5, 0, 5000000, 0, -5</GeoTransform>
+<VRTRasterBand dataType="Float64" band="1"><SimpleSource>
+<SourceFilename relativeToVRT="1">tiles/a.tif</SourceFilename><SourceBand>1</SourceBand>
+<SrcRect xOff="0" yOff="0" xSize="4" ySize="6"/><DstRect xOff="0" yOff="0" xSize="4" ySize="6"/>
+</SimpleSource></VRTRasterBand></VRTDataset>"""
+
+
+@pytest.fixture
+def tile():
+    Path("tiles").mkdir()
+    return make_raster("tiles/a.tif", hill())
+
+
+def test_a_mosaic_of_geotiffs_beside_it_is_read(tile, blocks):
+    Path("dem.vrt").write_text(MOSAIC)
+    z, grid = read_dem("dem.vrt")
+    np.testing.assert_array_equal(z, hill())
+    assert (grid.west, grid.north, grid.crs.to_epsg()) == (600000.0, 5000000.0, 32632)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (' band="1"', ' band="1" subClass="VRTRawRasterBand"',
+         "<VRTRasterBand>: subClass = 'VRTRawRasterBand': is not read"),
+        ("<SimpleSource>", "<PixelFunctionType>sqrt</PixelFunctionType><SimpleSource>",
+         "<VRTRasterBand>: <PixelFunctionType>: a VRT may only put GeoTIFFs beside each other; "
+         "make a GeoTIFF of it"),
+        ("<SourceBand>", "<OpenOptions/><SourceBand>",
+         "<SimpleSource>: <OpenOptions>: a VRT may only put GeoTIFFs beside each other; make a "
+         "GeoTIFF of it"),
+        ("tiles/a.tif", "../a.tif", "tile ../a.tif: must be in the folder of the VRT, or below"),
+        ("tiles/a.tif", "/etc/passwd",
+         "tile /etc/passwd: must be in the folder of the VRT, or below"),
+        ("tiles/a.tif", "b.tif", "tile b.tif: no such file"),
+        ("tiles/a.tif", "dem.vrt", "tile dem.vrt: must be a GeoTIFF"),
+        ("tiles/a.tif", "tiles/pipe", "tile tiles/pipe: not a regular file"),
+        ('relativeToVRT="1">tiles/a.tif', 'relativeToVRT="0">/vsicurl/http://127.0.0.1:9/a.tif',
+         "tile /vsicurl/http://127.0.0.1:9/a.tif: must be in the folder of the VRT, or below"),
+        ("<VRTDataset", "<!DOCTYPE a><VRTDataset", "a VRT must not have a document type"),
+        ("600000, 5", "600'000, 5", "<GeoTransform>: '600'000, 5, 0, 5000000, 0, -5': must be 6 "
+         "numbers"),
+        ('xOff="0"', 'xOff="0,5"', "<SrcRect>: xOff = '0,5': must be a number"),
+        (' dataType="Float64"', "", "<VRTRasterBand>: has no dataType"),
+    ],
+)  # fmt: skip
+def test_a_mosaic_that_leads_elsewhere_is_refused(tile, old, new, message):
+    os.mkfifo("tiles/pipe")
+    Path("dem.vrt").write_text(MOSAIC.replace(old, new, 1))
+    with refused(f"dem.vrt: {message}"):
+        read_dem("dem.vrt")
+
+
+@pytest.fixture
+def server():
+    """An address, and how many came to it."""
+    with socket.create_server(("127.0.0.1", 0)) as waiting:
+        waiting.setblocking(False)
+
+        def visits():
+            with contextlib.suppress(BlockingIOError):
+                waiting.accept()
+                return 1
+            return 0
+
+        yield f"http://127.0.0.1:{waiting.getsockname()[1]}", visits
+
+
+ADDRESSES = {
+    "service": "<WCS_GDAL><ServiceURL>{0}/?</ServiceURL><CoverageName>a</CoverageName></WCS_GDAL>",
+    "mosaic": MOSAIC.replace('relativeToVRT="1">tiles', 'relativeToVRT="0">/vsicurl/{0}'),
+}
+
+
+@pytest.mark.parametrize("name", ADDRESSES)
+def test_no_file_reaches_the_network(server, name):
+    address, visits = server
+    Path("dem.tif").write_text(ADDRESSES[name].format(address))
+    with pytest.raises(RockfallError):
+        read_dem("dem.tif")
+    assert not visits()
+
+
+@pytest.mark.parametrize("name", ["dem.tif.msk", "dem.tif.aux.xml", "dem.tfw", "DEM.ovr"])
+def test_a_pipe_beside_a_raster_is_not_waited_for(name):
+    make_raster("dem.tif", hill())
+    os.mkfifo(name)
+    with refused(f"{name}: not a regular file"):
+        read_dem("dem.tif")
+
+
+def test_a_mask_that_is_another_format_is_not_opened():
+    make_raster("dem.tif", hill())
+    Path("dem.tif.msk").write_text(MOSAIC)
+    with refused("dem.tif.msk: must be a GeoTIFF"):
+        read_dem("dem.tif")
+
+
+def test_formats_that_any_bytes_would_be_are_not_read():
+    Path("dem.bil").write_bytes(b"0123456789abcdef")
+    Path("dem.hdr").write_text("nrows 2\nncols 2\nnbits 32\npixeltype float\n")
+    with pytest.raises(RockfallError, match=r"^dem\.bil: cannot be read as a raster"):
+        read_dem("dem.bil")
+
+
+def test_erdas_imagine_with_its_numbers_in_another_file():
+    about = {"width": 4, "height": 6, "count": 1, "dtype": "float64", "transform": PLACE}
+    for spill in ("NO", "YES"):
+        with rasterio.open("dem.img", "w", driver="HFA", USE_SPILL=spill, **about) as file:
+            file.write(hill()[None])
+        if spill == "NO":
+            np.testing.assert_array_equal(read_dem("dem.img")[0], hill())
+    with refused("dem.img: its numbers are in another file; make a GeoTIFF of it"):
+        read_dem("dem.img")
+
+
+def test_a_folder_is_no_raster():
+    Path("dem.tif").mkdir()
+    with refused("dem.tif: is a folder; a file name is needed"):
+        read_dem("dem.tif")
+
+
+def test_a_mark_that_is_no_number():
+    """GDAL would take it for zero, and all cells at zero for nodata."""
+    make_raster("dem.tif", hill(), nodata=-9999)
+    content = Path("dem.tif").read_bytes()
+    assert content.count(b"-9999\0") == 1
+    Path("dem.tif").write_bytes(content.replace(b"-9999\0", b"none\0\0"))
+    with refused("dem.tif: nodata = none: must be a number or nan"):
+        read_dem("dem.tif")
+
+
+@pytest.mark.parametrize("scale", [0.0, np.nan, np.inf])
+def test_a_scale_that_makes_no_elevations(scale):
+    make_raster("dem.tif", hill())
+    with rasterio.open("dem.tif", "r+") as file:
+        file.scales = [scale]
+    with refused(f"dem.tif: scale {scale:g}, offset 0: must be finite, the scale not 0"):
+        read_dem("dem.tif")
+
+
+def test_a_tile_far_larger_than_its_raster_is_refused():
+    """It would be unpacked whole."""
+    tiles = {"tiled": True, "blockxsize": 1 << 14, "blockysize": 1 << 14}
+    make_raster("dem.tif", hill(), compress="deflate", **tiles)
+    with refused("dem.tif: tiles of 16384 x 16384 cells, of a raster of 4 x 6: damaged"):
+        read_dem("dem.tif")
+
+
+# ---- arrays in memory ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_numpy_arrays_are_not_copied(dtype):
+    data = hill(dtype=dtype)
+    z, grid = from_array(data, PLACE)
+    assert z is data or z.base is data
+    assert (grid.west, grid.north, grid.cell) == (600000.0, 5000000.0, 5.0)
+    assert from_array(data, grid)[1] is grid
+
+
+def test_numpy_arrays_of_other_kinds_are_converted():
+    up = from_array(hill(), Affine(5.0, 0, 0, 0, 5.0, 0))
+    np.testing.assert_array_equal(up[0], hill()[::-1])
+    assert up[1].north == 30.0
+    assert from_array(hill(dtype="int16"), PLACE)[0].dtype == "float32"
+    assert from_array(np.asfortranarray(hill()), PLACE)[0].flags.c_contiguous
+    data = hill()
+    masked = np.ma.masked_equal(data, 1001.0)
+    assert np.argwhere(np.isnan(from_array(masked, PLACE)[0])).tolist() == [[1, 0]]
+    assert not np.isnan(data).any()  # the caller's array is the caller's
+
+
+@pytest.mark.parametrize(
+    ("data", "transform", "message"),
+    [
+        (hill(), None, "a NumPy array needs a transform (affine.Affine)"),
+        (hill()[0], PLACE, "array has 1 dimensions, two are needed"),
+        (hill(), Affine(5, 0, 0, 0, -4, 0), "cells are not square (5 x 4 m)"),
+        (hill(), Affine(4, 3, 0, 3, -4, 0), "is rotated or mirrored; columns must run from west to "
+         "east"),
+        (hill(), Grid(0, 0, 1, 5, 5), "array has shape (6, 4), its grid (5, 5)"),
+        (hill() * np.nan, PLACE, "all cells are nodata"),
+        (hill() * np.inf, PLACE, "row 1, column 1: elevation inf: must be finite or nodata"),
+        (hill() * 1e5, PLACE, "row 1, column 1: elevation 1e+08: must be within 1e7 m of zero or "
+         "nodata"),
+        (hill(1, 4), PLACE, "4 x 1 cells, at least 2 x 2 are needed"),
+        (hill().astype(str), PLACE, "elevations are of type <U32, real numbers are needed"),
+    ],
+)  # fmt: skip
+def test_numpy_arrays_are_checked_like_files(data, transform, message):
+    with refused(f"dem: {message}"):
+        from_array(data, transform)
+
+
+@pytest.mark.parametrize("rising", [False, True])
+def test_dataarrays_may_run_either_way(rising):
+    data = georeferenced(hill(), dtype="float64")
+    z, grid = from_array(data[::-1] if rising else data)
+    np.testing.assert_array_equal(z, hill())
+    assert np.shares_memory(z, data.values)
+    assert grid == Grid(600000.0, 5000000.0, 5.0, 4, 6)
+
+
+def test_dataarrays_may_have_a_band_and_their_dims_in_any_order():
+    data = georeferenced(hill()).expand_dims("band").transpose("x", "band", "y")
+    np.testing.assert_array_equal(from_array(data)[0], hill())
+
+
+def test_a_dataarray_as_rioxarray_makes_it_is_like_its_file():
+    place = Affine(0.1, 0.0, 600000.03, 0.0, -0.1, 5000000.07)
+    z, grid = read_dem(make_raster("dem.tif", np.where(hill() == 1001, -1, hill()), place, UTM, -1))
+    about = {
+        "crs_wkt": grid.crs.to_wkt(),
+        "GeoTransform": "600000.03 0.1 0.0 5000000.07 0.0 -0.1",
+    }
+    data = xr.DataArray(
+        np.where(np.isnan(z), -1, z),
+        dims=("y", "x"),
+        coords={"x": grid.x, "y": grid.y, "spatial_ref": ((), 0, about)},
+        attrs={"_FillValue": -1.0, "grid_mapping": "spatial_ref"},
+    )
+    got, same = from_array(data)
+    np.testing.assert_array_equal(got, z)
+    assert same == grid  # to the last bit
+    assert data.values[1, 0] == -1.0
+    part = from_array(data[2:, 1:])[1]  # the GeoTransform is now that of another corner
+    assert part.matches(Grid(600000.13, 4999999.87, 0.1, 3, 4))
+
+
+def uneven(data):
+    return data.assign_coords(x=[0.0, 1.0, 2.0, 4.0])
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (lambda d: d.rename(x="east"), "dims are y, east: must be y, x"),
+        (lambda d: d.expand_dims(time=2), "dims are time, y, x: must be y, x"),
+        (lambda d: d.drop_vars("y"), "has no coordinate y (cell centres [m])"),
+        (uneven, "coordinate x is not evenly spaced"),
+        (lambda d: d.assign_coords(y=d.y * np.nan), "coordinate y is not evenly spaced"),
+        (lambda d: d.assign_coords(y=2 * d.y), "cells are not square (5 x 10 m)"),
+        (lambda d: d[:, ::-1], "x must increase"),
+        (lambda d: d[:1], "4 x 1 cells, at least 2 x 2 are needed"),
+        (lambda d: d.assign_attrs(units="ft"), "elevations are in ft, metres are needed"),
+        (lambda d: d.assign_coords(x=d.x.assign_attrs(units="km")),
+         "coordinate x is in km, metres are needed"),
+        (lambda d: d.assign_attrs(crs="nonsense"), "CRS cannot be understood: nonsense"),
+        (
+            lambda d: d.assign_attrs(crs="EPSG:2225"),
+            "cells are in US survey foot (EPSG:2225), metres are needed; reproject to EPSG:32606",
+        ),
+    ],
+)
+def test_dataarrays_are_checked_like_files(spoil, message):
+    with refused(f"dem: {message}"):
+        from_array(spoil(georeferenced(hill())))
+
+
+# ---- writing -------------------------------------------------------------------------------------
+
+
+doubles = st.floats(allow_nan=False, allow_infinity=False).filter(lambda v: v != -9999)
+
+
+@settings(deadline=None, max_examples=50)
+@given(values=st.lists(doubles, min_size=4, max_size=4))
+def test_ascii_numbers_read_back_to_the_same_doubles(tmp_path_factory, values):
+    path = tmp_path_factory.mktemp("ascii") / "dem.asc"
+    z = np.array(values).reshape(2, 2)
+    grid = Grid(0.0, 10.0, 5.0, 2, 2)
+    write_ascii(path, z, grid)
+    assert read_aligned(path, grid, "values", np.float64).tobytes() == z.tobytes()
+
+
+def test_ascii_edges_read_back_to_the_same_doubles():
+    rng = np.random.default_rng(11)
+    z = np.zeros((1, 2))
+    for _ in range(200):
+        ny = int(rng.integers(2, 2000))
+        cell = float(rng.uniform(0.25, 20.0))
+        grid = Grid(float(rng.uniform(0, 1e6)), float(rng.uniform(1e6, 6e6)), cell, 2, ny)
+        write_ascii("dem.asc", np.broadcast_to(z, (ny, 2)), grid)
+        got = read_dem("dem.asc")[1]
+        assert (got.west, got.north, got.cell) == (grid.west, grid.north, grid.cell)
+
+
+def test_ascii_says_when_the_edge_cannot_be_kept():
+    grid = Grid(0.0, 0.1, 1000.0, 2, 2)
+    with refused("dem.asc: no ESRI ASCII header gives the northern edge 0.1; round it"):
+        write_ascii("dem.asc", np.zeros((2, 2)), grid)
+    assert not Path("dem.asc").exists()
+
+
+def test_ascii_keeps_integers_nodata_and_the_values_of_float32():
+    grid = Grid(0.0, 10.0, 5.0, 2, 2)
+    write_ascii("ids.asc", np.array([[1, 2], [NO_ID, 32767]], "int32"), grid)
+    assert Path("ids.asc").read_text().endswith("NODATA_value -9999\n1 2\n-9999 32767\n")
+    assert read_aligned("ids.asc", grid, "ids", np.int32).tolist() == [[1, 2], [NO_ID, 32767]]
+    z = np.array([[0.1, np.nan], [9e6, -5.0]], "float32")
+    write_ascii("z.asc", z, grid, nodata=-1)
+    np.testing.assert_array_equal(read_dem("z.asc")[0], z.astype("float64"))
+
+
+def test_ascii_does_not_turn_values_into_nodata():
+    with refused("a.asc: -9999 is a value of the raster, it cannot mark nodata"):
+        write_ascii("a.asc", np.full((2, 2), -9999.0), Grid(0.0, 10.0, 5.0, 2, 2))
+    assert list(Path().iterdir()) == []
+
+
+@pytest.mark.parametrize("dtype", ["bool", "int16", "int32", "int64", "float32", "float64"])
+def test_geotiff_keeps_values_crs_and_tags(dtype, blocks):
+    _, grid = read_dem(make_raster("dem.tif", hill(300, 260)))
+    values = (np.arange(300 * 260).reshape(300, 260) % 30011).astype(dtype)
+    write_geotiff("map.tif", values, grid, nodata=1, units="J", long_name="energy", seed=7)
+    with rasterio.open("map.tif") as file:
+        np.testing.assert_array_equal(file.read(1), values)
+        assert file.crs == grid.crs
+        assert file.transform == grid.transform
+        assert file.nodata == 1
+        assert file.profile["tiled"]
+        assert file.compression.name == "deflate"
+        assert file.tags()["seed"] == "7"
+        assert (file.units, file.descriptions) == (("J",), ("energy",))
+    assert sorted(path.name for path in Path().iterdir()) == ["dem.tif", "map.tif"]
+
+
+@pytest.mark.parametrize("write", [write_geotiff, write_ascii])
+def test_a_missing_folder_is_one_line(write):
+    with refused("none/map.tif: cannot be written: No such file or directory"):
+        write("none/map.tif", hill(), Grid(0.0, 30.0, 5.0, 4, 6))
+
+
+@pytest.mark.parametrize("write", [write_geotiff, write_ascii])
+def test_a_wrong_shape_is_our_fault(write):
+    with pytest.raises(RockfallError, match="is not of the grid") as caught:
+        write("map.tif", hill(), Grid(0.0, 30.0, 5.0, 4, 7))
+    assert caught.value.code == 1
+
+
+DISK_FULL = """
+import resource, signal, sys
+import numpy as np
+from rockfall.io import raster as rasters
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+z = np.random.default_rng(1).uniform(size=(300, 300))
+resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[2]), int(sys.argv[2])))
+try:
+    getattr(rasters, sys.argv[1])("map.out", z, rasters.Grid(0.0, 300.0, 1.0, 300, 300))
+except rasters.RockfallError as error:
+    print(error)
+"""
+
+
+@pytest.mark.parametrize("write", ["write_geotiff", "write_ascii"])
+@pytest.mark.parametrize("part", [0.0, 0.5, 1.0])
+def test_a_full_disk_leaves_nothing_behind(write, part):
+    grid = Grid(0.0, 300.0, 1.0, 300, 300)
+    whole = getattr(sys.modules["rockfall.io.raster"], write)
+    whole("map.out", np.random.default_rng(1).uniform(size=(300, 300)), grid)
+    limit = max(100, int(Path("map.out").stat().st_size * part) - 1)
+    Path("map.out").unlink()
+    command = [sys.executable, "-c", DISK_FULL, write, str(limit)]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert (done.stdout, done.stderr) == ("map.out: cannot be written: File too large\n", "")
+    assert list(Path().iterdir()) == []
+
+
+# ---- real terrain --------------------------------------------------------------------------------
+
+
+def shared_terrain(name):
+    """A file of ../shared/data/terrain, beside the repository, where there is one."""
+    path = Path(__file__).resolve().parents[3] / "shared" / "data" / "terrain" / name
+    if not path.exists():
+        pytest.skip(f"{path} is not on this machine")
+    return path
+
+
+def test_real_terrain_with_nodata_goes_through_ascii_unchanged():
+    z, grid = read_dem(shared_terrain("kot_5m/avaKot.asc"))
+    assert z.dtype == "float64"
+    assert (grid.nx, grid.ny) == (439, 517)
+    assert grid.west == 176973.437998359208
+    assert grid.north == 376237.836376162944 + 517 * 4.997688906601
+    assert "Austria Lambert" in grid.crs.to_wkt()  # older PROJ finds no EPSG code for the .prj
+    assert not np.isnan(z[154:389, 32:266]).any()
+    assert 0.3 < np.isnan(z).mean() < 0.4
+    assert (round(np.nanmin(z)), round(np.nanmax(z))) == (1052, 2207)
+    write_ascii("again.asc", z, grid)
+    again, same = read_dem("again.asc")
+    assert again.tobytes() == z.tobytes()
+    assert (same.west, same.north, same.cell) == (grid.west, grid.north, grid.cell)
+
+
+def test_real_terrain_without_crs():
+    z, grid = read_dem(shared_terrain("stubai_10m/stubai_demo.asc"))
+    assert z[0, :2].tolist() == [1411.3780517578125, 1415.93798828125]
+    assert (grid.nx, grid.ny, grid.cell) == (324, 360, 10.0)
+    assert (grid.west, grid.north) == (77665.0, 218635.0 + 3600.0)
+    assert grid.crs is None
+    assert not np.isnan(z).any()

@@ -1,0 +1,478 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Zones: every cell of the terrain has a row of the table, or one line says why not."""
+
+import json
+import math
+import os
+import re
+import shlex
+import socket
+import sqlite3
+import subprocess
+import sys
+from contextlib import closing
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from made import UTM, refused
+from rockfall.errors import RockfallError
+from rockfall.io import grid as grid_module
+from rockfall.io.raster import NO_ID, Grid, burn_polygons, material_index, read_zone_table
+
+
+@pytest.fixture(autouse=True)
+def in_tmp_path(tmp_path, monkeypatch):
+    """Files have short names, as they have in messages."""
+    monkeypatch.chdir(tmp_path)
+
+
+# ---- the table -----------------------------------------------------------------------------------
+
+
+def table(text, encoding="utf-8"):
+    Path("zones.csv").write_bytes(text.encode(encoding))
+    return read_zone_table("zones.csv")
+
+
+def same(a, b):
+    return all(x == y or (math.isnan(x) and math.isnan(y)) for x, y in zip(a, b, strict=True))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "zone,rg70,rg20,rg10,mean_radius\n1,0.2,0.15,0.07,0.1\n2,Inf,Inf,Inf,inf\n",
+        "mean_radius;zone;rg10;rg20;rg70\r\n0.1;1;0.07;0.15;0.2\r\nInf;2;Inf;Inf;Inf\r\n",
+        '\ufeffzone,rg70,rg20,rg10,Mean_Radius,note\n\n1,.2,15e-2,7d-2,+0.1,"a, ""b"""\n , ,,,,\n'
+        "2, Infinity ,inf,INF,inf,\u00e9",
+    ],
+)
+def test_a_table_in_any_dress(text):
+    assert table(text) == {1: (0.1, 0.2, 0.15, 0.07), 2: (math.inf,) * 4}
+
+
+def test_columns_that_are_absent_are_nan():
+    zones = table("zone,mean_radius\n-3,0.1\n7,0.25\n")
+    assert list(zones) == [-3, 7]
+    assert same(zones[-3], (0.1, math.nan, math.nan, math.nan))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "is empty"),
+        ("\n\n", "is empty"),
+        ("zone,mean_radius\n", "no zones below the header"),
+        ("id,mean_radius\n1,0.1", "line 1: no column zone; has: id, mean_radius"),
+        ("zone,radius\n1,0.1", "line 1: none of the columns mean_radius, rg70, rg20, rg10"),
+        ("zone,zone,rg70\n1,1,2", "line 1: column zone: is there twice"),
+        ("zone,mean_radius\n\n1,0.1\n2,-0.1", "line 4: mean_radius = -0.1: must be > 0 (Inf "
+         "absorbs)"),
+        ("zone,rg70\n1,0", "line 2: rg70 = 0: must be > 0 (Inf absorbs)"),
+        ("zone,rg70\n1,nan", "line 2: rg70 = nan: must be > 0 (Inf absorbs)"),
+        ("zone,rg70\n1,-inf", "line 2: rg70 = -inf: must be > 0 (Inf absorbs)"),
+        ("zone,rg70\n1,1e999", "line 2: rg70 = 1e999: must be a number"),
+        ("zone,rg70\n1,1_0", "line 2: rg70 = 1_0: must be a number"),
+        ("zone,rg70\n1,wide", "line 2: rg70 = wide: must be a number"),
+        ("zone,rg70\n1,", "line 2: rg70 = : must be a number"),
+        ("zone,rg70\n1.5,1", "line 2: zone = 1.5: must be an integer"),
+        ("zone,rg70\n,1", "line 2: zone = : must be an integer"),
+        ("zone,rg70\n3000000000,1", "line 2: zone = 3000000000: must fit in 32 bits"),
+        ("zone,rg70\n1,1\n2,1\n1,2", "line 4: zone 1: is in the table twice"),
+        ("zone,rg70\n1,1,2", "line 2: 3 columns, the header has 2"),
+        ("zone,rg70,note\n1,1,2\n2,1,\"open", "line 3: unexpected end of data"),
+    ],
+)  # fmt: skip
+def test_a_table_with_a_fault(text, message):
+    with refused(f"zones.csv: {message}"):
+        table(text)
+
+
+def test_no_table():
+    with refused("zones.csv: no such file or directory"):
+        read_zone_table("zones.csv")
+    Path("zones.csv").mkdir()
+    with refused("zones.csv: is a directory"):
+        read_zone_table("zones.csv")
+    with refused("t.csv: is not text in UTF-8"):
+        Path("t.csv").write_bytes(b"zone,rg70,note\n1,2,\xff\n")
+        read_zone_table("t.csv")
+
+
+# ---- the row of each cell ------------------------------------------------------------------------
+
+
+@pytest.fixture(params=["whole", "in blocks of a row"])
+def blocks(request, monkeypatch):
+    """What is done in blocks must not depend on their size."""
+    if request.param != "whole":
+        monkeypatch.setattr(grid_module, "_BLOCK", 1)
+
+
+IDS = np.array([[7, 7, 3], [NO_ID, 3, -5], [900, 7, NO_ID]], "int32")
+
+
+def test_every_cell_gets_its_row(blocks):
+    index = material_index(IDS[:1], [3, 7])
+    assert index.dtype == "int8"
+    assert index.tolist() == [[2, 2, 1]]
+    assert material_index(IDS, [900, 3, -5, 7], default_zone=3).tolist() == [
+        [4, 4, 2],
+        [2, 2, 3],
+        [1, 4, 2],
+    ]
+
+
+@pytest.mark.parametrize("as_elevations", [False, True])
+def test_cells_without_terrain_need_no_zone(as_elevations, blocks):
+    valid = np.array([[1, 1, 0], [0, 1, 1], [0, 1, 0]], bool)
+    mask = np.where(valid, 12.5, np.nan) if as_elevations else valid
+    before = IDS.copy(), mask.copy()
+    assert material_index(IDS, [3, -5, 7], valid=mask).tolist() == [[3, 3, 0], [0, 1, 2], [0, 3, 0]]
+    assert (IDS == before[0]).all()
+    assert np.array_equal(mask, before[1], equal_nan=as_elevations)
+
+
+def test_zones_without_a_row_are_named(blocks):
+    with refused("zones.tif: zone 7 (3 cells) has no row in zones.csv"):
+        material_index(IDS, [3, -5, 900], 3, path="zones.tif", table="zones.csv")
+    with refused("zones.tif: zone -5 (1 cells), zone 900 (1 cells) have no row in zones.csv"):
+        material_index(IDS, [3, 7], 3, path="zones.tif", table="zones.csv")
+    many = np.arange(2000, dtype="int32").reshape(20, 100)
+    with pytest.raises(RockfallError, match=r"zone 10 \(1 cells\), 1989 more have no row in t$"):
+        material_index(many, [0], path="z", table="t")
+
+
+def test_cells_without_a_zone_are_counted(blocks):
+    with refused(
+        "zones.tif: 2 cells of the terrain have no zone; give them one, or set &surface "
+        "default_zone"
+    ):
+        material_index(IDS, [3, 7, -5, 900], path="zones.tif")
+
+
+def test_a_default_zone_without_a_row():
+    with refused("&surface default_zone = 4: has no row in zones.csv"):
+        material_index(IDS, [3, 7], 4, table="zones.csv")
+
+
+def test_more_zones_than_a_cell_can_number():
+    with refused("zones.csv: 32768 zones: at most 32767"):
+        material_index(IDS, list(range(32768)), table="zones.csv")
+
+
+# ---- polygons ------------------------------------------------------------------------------------
+
+GRID = Grid(600000.0, 5000000.0, 10.0, nx=6, ny=4)
+
+
+def box(west, south, east, north):
+    """A rectangle in the local coordinates of GRID's south-western corner."""
+    shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
+    return shapely.box(600000 + west, 4999960 + south, 600000 + east, 4999960 + north)
+
+
+def make_layer(path, shapes, crs=UTM, **columns):
+    geopandas = pytest.importorskip("geopandas", reason="the vector extra is not installed")
+    data = geopandas.GeoDataFrame(columns, geometry=list(shapes), crs=crs)
+    data.to_file(path)
+    return path
+
+
+def utm_grid():
+    from dataclasses import replace
+
+    from rasterio.crs import CRS
+
+    return replace(GRID, crs=CRS.from_epsg(32632))
+
+
+@pytest.mark.parametrize("path", ["zones.gpkg", "zones.shp", "zones.geojson"])
+def test_a_cell_belongs_to_the_polygon_over_its_centre(path):
+    shapes = [box(0, 0, 24.9, 40), box(25.1, 0, 44, 40), box(40, 0, 50, 14)]
+    make_layer(path, shapes, zone=[4, 9, -2])
+    row = [4, 4, NO_ID, 9, NO_ID, NO_ID]  # the centre of the third column is at 25
+    low = [4, 4, NO_ID, 9, -2, NO_ID]
+    cells = burn_polygons(path, utm_grid(), "zone")
+    assert cells.dtype == "int32"
+    assert cells.tolist() == [row, row, row, low]
+    mask = burn_polygons(path, utm_grid())
+    assert mask.dtype == bool
+    assert (mask == (cells != NO_ID)).all()
+
+
+def test_the_later_polygon_wins_and_holes_are_holes():
+    import shapely
+
+    ring = shapely.difference(box(0, 0, 60, 40), box(20, 10, 40, 30))
+    make_layer("z.gpkg", [ring, box(0, 0, 10, 10)], zone=[1.0, 2.0])
+    assert burn_polygons("z.gpkg", utm_grid(), "zone").tolist() == [
+        [1, 1, 1, 1, 1, 1],
+        [1, 1, NO_ID, NO_ID, 1, 1],
+        [1, 1, NO_ID, NO_ID, 1, 1],
+        [2, 1, 1, 1, 1, 1],
+    ]
+
+
+def plain_geojson(x0=600000, y0=4999960, size=20):
+    """GeoJSON that names no CRS, written by hand."""
+    x, y = x0 + size, y0 + size
+    ring = f"[[{x0},{y0}],[{x},{y0}],[{x},{y}],[{x0},{y}],[{x0},{y0}]]"
+    Path("a.geojson").write_text(
+        '{"type": "FeatureCollection", "features": [{"type": "Feature", "properties": {"zone": 5},'
+        f' "geometry": {{"type": "Polygon", "coordinates": [{ring}]}}}}]}}'
+    )
+    return "a.geojson"
+
+
+def test_a_geopackage_whose_table_lacks_its_column_is_one_line():
+    make_layer("a.gpkg", [box(0, 0, 20, 20)], zone=[5])
+    with closing(sqlite3.connect("a.gpkg")) as database, database:
+        database.execute("UPDATE gpkg_geometry_columns SET column_name = 'shape'")
+    with pytest.raises(RockfallError, match=r"^a\.gpkg: not a polygon layer that can be read"):
+        burn_polygons("a.gpkg", utm_grid(), "zone")
+
+
+@pytest.mark.parametrize(
+    ("statement", "message"),
+    [
+        ("CREATE VIEW more AS SELECT * FROM a", "has a view, more: only tables are read"),
+        ("CREATE VIRTUAL TABLE more USING fts4(a)",
+         "table more: is virtual: only stored tables are read"),
+        ("CREATE TABLE more (a INTEGER, b AS (a + 1))",
+         "table more: column b is computed: only stored ones are read"),
+    ],
+)  # fmt: skip
+def test_a_geopackage_holds_only_what_is_stored(statement, message):
+    make_layer("a.gpkg", [box(0, 0, 20, 20)], zone=[5])
+    assert (burn_polygons("a.gpkg", utm_grid(), "zone") == 5).sum() == 4
+    with closing(sqlite3.connect("a.gpkg")) as database:
+        database.execute(statement)
+        database.commit()
+    with refused(f"a.gpkg: {message}"):
+        burn_polygons("a.gpkg", utm_grid(), "zone")
+
+
+def test_a_geopackage_whose_layer_is_an_endless_view_is_not_waited_for():
+    make_layer("a.gpkg", [box(0, 0, 20, 20)], zone=[5])
+    with closing(sqlite3.connect("a.gpkg")) as database:
+        database.executescript(
+            "CREATE TABLE stored AS SELECT * FROM a; PRAGMA writable_schema = ON;"
+            "DELETE FROM sqlite_master WHERE name = 'a' OR tbl_name = 'a';"
+        )
+    with closing(sqlite3.connect("a.gpkg")) as database:
+        database.executescript(
+            "CREATE VIEW a AS WITH RECURSIVE n(fid, geom, zone) AS (SELECT fid, geom, zone FROM "
+            "stored UNION ALL SELECT fid + 1, geom, zone FROM n) SELECT * FROM n;"
+        )
+    with refused("a.gpkg: has a view, a: only tables are read"):
+        burn_polygons("a.gpkg", utm_grid(), "zone")
+
+
+def test_a_geopackage_that_another_program_writes_to():
+    make_layer("a.gpkg", [box(0, 0, 20, 20)], zone=[5])
+    Path("a.gpkg-wal").touch()  # as QGIS leaves it while it only reads
+    burn_polygons("a.gpkg", utm_grid(), "zone")
+    Path("a.gpkg-wal").write_bytes(b"x")
+    with refused("a.gpkg: another program writes to it (a.gpkg-wal); close it there"):
+        burn_polygons("a.gpkg", utm_grid(), "zone")
+
+
+@pytest.mark.parametrize("ending", ["dbf", "shx", "prj", "qix"])
+def test_a_pipe_beside_a_shapefile_is_not_waited_for(ending):
+    make_layer("a.shp", [box(0, 0, 20, 20)], zone=[5])
+    Path(f"a.{ending}").unlink(missing_ok=True)
+    os.mkfifo(f"a.{ending}")
+    with refused(f"a.{ending}: not a regular file"):
+        burn_polygons("a.shp", utm_grid(), "zone")
+
+
+@pytest.mark.parametrize("name", ["a.gpkg", "a.geojson", "a.shp", "a.fgb"])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "<OGRWFSDataSource><URL>http://127.0.0.1:{0}</URL></OGRWFSDataSource>",
+        "<OGRVRTDataSource><OGRVRTLayer name='a'><SrcDataSource>/vsicurl/http://127.0.0.1:{0}/a.shp"
+        "</SrcDataSource></OGRVRTLayer></OGRVRTDataSource>",
+    ],
+)
+def test_no_layer_reaches_the_network(name, text):
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        server.setblocking(False)
+        Path(name).write_text(text.format(server.getsockname()[1]))
+        with refused(
+            f"{name}: not a polygon layer that can be read (no GeoPackage, GeoJSON, shapefile or "
+            "FlatGeobuf)"
+        ):
+            burn_polygons(name, utm_grid())
+        with pytest.raises(BlockingIOError):
+            server.accept()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ('"features"', '"crs": {"type": "link", "properties": {"href": "http://127.0.0.1:9/a"}}, '
+         '"features"', "crs = .*: must have a name such as EPSG:32632"),
+        ('"features"', '"crs": {"type": "name", "properties": {"name": "http://127.0.0.1:9/a"}}, '
+         '"features"', "crs = .*: must have a name such as EPSG:32632"),
+        ('"FeatureCollection"', '"gdal_streamed_alg"', "type = gdal_streamed_alg: must be "),
+        ("600020,", "NaN,", "NaN is no number of JSON"),
+        ("600020,", "1e999,", "Out of range float values are not JSON compliant"),
+    ],
+)  # fmt: skip
+def test_geojson_says_only_where_polygons_lie(old, new, said):
+    path = Path(plain_geojson())
+    path.write_text(path.read_text().replace(old, new))
+    with pytest.raises(
+        RockfallError, match=rf"^a\.geojson: not a polygon layer that can be read \({said}"
+    ):
+        burn_polygons(path, utm_grid(), "zone")
+
+
+def test_a_logical_value_among_numbers_is_no_zone():
+    path = Path(plain_geojson())
+    data = json.loads(path.read_text())
+    data["features"] += [data["features"][0] | {"properties": {"zone": True}}]
+    path.write_text(json.dumps(data))
+    with refused("a.geojson: attribute zone is not a number, zone ids are integers"):
+        burn_polygons(path, utm_grid(), "zone")
+
+
+def test_geojson_of_one_feature_or_shape():
+    path = Path(plain_geojson())
+    feature = json.loads(path.read_text())["features"][0]
+    path.write_text(json.dumps(feature))
+    assert (burn_polygons(path, utm_grid(), "zone") == 5).sum() == 4
+    path.write_text(json.dumps(feature["geometry"]))
+    assert burn_polygons(path, utm_grid()).sum() == 4
+
+
+def test_geojson_that_is_no_text_is_one_line():
+    path = Path(plain_geojson())
+    path.write_bytes(path.read_bytes().replace(b"zone", b"z\xffne"))
+    with pytest.raises(RockfallError, match=r"^a\.geojson: not a polygon layer that can be read"):
+        burn_polygons(path, utm_grid(), "zone")
+
+
+def test_geojson_in_metres_is_taken_as_it_is():
+    assert (burn_polygons(plain_geojson(), utm_grid(), "zone") == 5).sum() == 4
+    assert burn_polygons(plain_geojson(), GRID).sum() == 4
+    local = Grid(0.0, 40.0, 10.0, nx=6, ny=4)  # small numbers, but the terrain has no CRS
+    assert burn_polygons(plain_geojson(0, 0), local).sum() == 4
+
+
+def test_geojson_in_degrees_is_refused_where_the_terrain_is_in_metres():
+    path = plain_geojson(10.27, 45.14, 0.01)
+    with pytest.raises(RockfallError, match=r"^a.geojson: coordinates are in EPSG:4326, those of "):
+        burn_polygons(path, utm_grid())
+
+
+def test_another_crs_and_the_command_that_mends_it():
+    geopandas = pytest.importorskip("geopandas", reason="the vector extra is not installed")
+    shapes = geopandas.GeoSeries([box(0, 0, 20, 20)], crs=UTM).to_crs("EPSG:4326")
+    make_layer("my zones.gpkg", shapes, "EPSG:4326", zone=[3])
+    with pytest.raises(RockfallError) as caught:
+        burn_polygons("my zones.gpkg", utm_grid(), "zone")
+    message = str(caught.value)
+    assert "\n" not in message
+    assert message.startswith(
+        "my zones.gpkg: coordinates are in EPSG:4326, those of the terrain in EPSG:32632; "
+        "reproject with: python -c "
+    )
+    python, *words = shlex.split(message.split("reproject with: ")[1])
+    assert python == "python"
+    subprocess.run([sys.executable, *words], check=True, capture_output=True)
+    assert (burn_polygons("my zones_on_dem.gpkg", utm_grid(), "zone") == 3).sum() == 4
+
+
+def lines_and_points():
+    import shapely
+
+    return [
+        ([shapely.Point(600010, 4999970)], "feature 1: is a Point, polygons are needed"),
+        (
+            [box(0, 0, 9, 9), shapely.LineString([(600000, 4999960), (600010, 4999970)])],
+            "feature 2: is a LineString, polygons are needed",
+        ),
+        ([box(0, 0, 9, 9), None], "feature 2: has no geometry"),
+        ([shapely.Polygon()], "feature 1: has no geometry"),
+        (
+            [shapely.Polygon([(600000, 4999960), (600010, 4999970), (600010, 4999960),
+                              (600000, 4999970)])],
+            "feature 1: invalid polygon: Self-intersection[600005 4999965]",
+        ),
+        ([], "the layer is empty, polygons are needed"),
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("case", range(6))
+def test_what_is_no_polygon(case):
+    pytest.importorskip("shapely", reason="the vector extra is not installed")
+    shapes, message = lines_and_points()[case]
+    make_layer("a.geojson", shapes, zone=list(range(len(shapes))))
+    with refused(f"a.geojson: {message}"):
+        burn_polygons("a.geojson", utm_grid(), "zone")
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ([1.0, 2.5], "feature 2: zone = 2.5: must be an integer of 32 bits"),
+        ([1, 3_000_000_000], "feature 2: zone = 3000000000: must be an integer of 32 bits"),
+        ([-(2**31), 1], "feature 1: zone = -2147483648: must be an integer of 32 bits"),
+        ([None, 1.0], "feature 1: zone is empty"),
+        (["rock", "soil"], "attribute zone is not a number, zone ids are integers"),
+    ],
+)
+def test_attributes_that_are_no_zone_ids(values, message):
+    make_layer("a.gpkg", [box(0, 0, 9, 9), box(20, 0, 29, 9)], zone=values)
+    with refused(f"a.gpkg: {message}"):
+        burn_polygons("a.gpkg", utm_grid(), "zone")
+
+
+def test_a_missing_attribute():
+    make_layer("a.gpkg", [box(0, 0, 9, 9)], klass=[1], height=[2.0])
+    with refused("a.gpkg: no attribute zone; has: klass, height"):
+        burn_polygons("a.gpkg", utm_grid(), "zone")
+
+
+def test_several_layers():
+    geopandas = pytest.importorskip("geopandas", reason="the vector extra is not installed")
+    data = geopandas.GeoDataFrame({"zone": [1]}, geometry=[box(0, 0, 9, 9)], crs=UTM)
+    data.to_file("a.gpkg", layer="zones")
+    with closing(sqlite3.connect("a.gpkg")) as file, file:  # as QGIS keeps its styles
+        file.execute("CREATE TABLE layer_styles (id INTEGER PRIMARY KEY, qml TEXT)")
+        columns = "gpkg_contents (table_name, data_type)"
+        file.execute(f"INSERT INTO {columns} VALUES ('layer_styles', 'attributes')")
+    assert burn_polygons("a.gpkg", utm_grid()).sum() == 1
+    data.to_file("a.gpkg", layer="roads")
+    with refused("a.gpkg: has 2 layers (zones, roads); keep one layer in the file"):
+        burn_polygons("a.gpkg", utm_grid())
+
+
+def test_polygons_elsewhere():
+    make_layer("a.gpkg", [box(1000, 0, 1010, 10)])
+    with refused(
+        "a.gpkg: no polygon holds the centre of a cell: x 601000 to 601010, y 4999960 to 4999970; "
+        "the terrain: x 600000 to 600060, y 4999960 to 5000000"
+    ):
+        burn_polygons("a.gpkg", utm_grid())
+
+
+def test_a_file_that_is_no_layer():
+    with refused("a.gpkg: no such file"):
+        burn_polygons("a.gpkg", GRID)
+    Path("a.gpkg").write_bytes(b"hello")
+    with pytest.raises(RockfallError) as caught:
+        burn_polygons("a.gpkg", GRID)
+    assert re.fullmatch(r"a\.gpkg: not a polygon layer that can be read \(.*\)", str(caught.value))
+    assert caught.value.code == 2
+
+
+def test_without_the_vector_extra_one_line(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pyogrio", None)
+    with refused("polygons need the vector extra: pip install 'rockfall[vector]'"):
+        burn_polygons("a.gpkg", GRID)

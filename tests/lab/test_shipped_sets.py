@@ -1,0 +1,27 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The impact sets that are shipped, and the laboratory case in the repository."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rockfall.analysis.plane_bounce import neutral_slope, set_rebound
+from rockfall.lab.case import read_lab_case
+from rockfall.lab.sets import read_sets
+from rockfall.scene.scene import shipped_sets
+
+CASES = Path(__file__).parents[2] / "cases"
+
+
+def test_the_laboratory_case_is_one():
+    case = read_lab_case(CASES / "rocky-slope" / "lab.nml")
+    assert case.lab["layers"] >= 50 and case.lab["ratios"] == [1, 2, 3, 4, 5]
+
+
+@pytest.mark.parametrize("name", shipped_sets())
+def test_shipped_sets_are_read_and_have_a_neutral_slope(name):
+    for sets in read_sets(name):
+        for mean, covariance in zip(sets.mean, sets.covariance, strict=True):
+            assert np.linalg.eigvalsh(covariance).min() > -1e-6 * abs(covariance).max()
+            assert 15 < neutral_slope(set_rebound(mean, covariance), 100) < 60

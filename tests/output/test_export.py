@@ -1,0 +1,314 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What `rockfall export` promises: every number of a result, where a GIS looks for it."""
+
+import csv
+import subprocess
+import sys
+import warnings
+
+import numpy as np
+import pytest
+import rasterio
+import xarray as xr
+
+import rockfall
+from made import make_raster
+from rockfall.errors import RockfallError
+from rockfall.io.grid import Grid
+from rockfall.result.export import export
+from scenes import make_case, rough, sets
+
+pyogrio = pytest.importorskip("pyogrio", reason="the vector extra is not installed")
+shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
+
+GRID = Grid(600000.0, 5000000.0, 2.5, nx=7, ny=5)
+FILL = -2147483647
+
+
+def lines_of(names):
+    """Two evaluation lines; of five boulders, 2 and 4 cross the first, none the second."""
+    time = np.full((2, 5), np.nan)
+    time[0, [1, 3]] = 10.25, 12.5
+    return {
+        "line_time": (("line", "boulder"), time, {"units": "s"}),
+        "line_speed": (("line", "boulder"), (2 * time).astype("f4"), {"units": "m s-1"}),
+        "line_vertex_line": ("line_vertex", np.array([0, 0, 1, 1, 1], "i4")),
+        "line_vertex_x": ("line_vertex", [600000.0, 600010.0, 600000.0, 600005.0, 600010.0]),
+        "line_vertex_y": ("line_vertex", [4999990.0, 4999990.0, 4999995.0, 4999996.0, 4999995.0]),
+    }, {"line": names}
+
+
+@pytest.fixture
+def result():
+    """A small result with everything that can be exported."""
+    vertices = {
+        "trajectory_boulder": ("trajectory_vertex", np.array([1, 1, 1, 2, 3, 3], "i4")),
+        "trajectory_x": ("trajectory_vertex", 600000.0 + np.arange(6.0)),
+        "trajectory_y": ("trajectory_vertex", 4999990.0 + np.arange(6.0)),
+        "trajectory_z": ("trajectory_vertex", 100.0 - np.arange(6.0)),
+        "trajectory_time": ("trajectory_vertex", [0.0, 1.0, 2.5, 0.0, 0.0, 3.25], {"units": "s"}),
+    }
+    stop_x = 600000.0 + np.arange(5.0) / 3.0
+    stop_x[4] = np.nan
+    boulders = {
+        "volume": ("boulder", np.linspace(0.1, 0.9, 5).astype("f4"), {"units": "m3"}),
+        "stop_x": ("boulder", stop_x),
+        "stop_y": ("boulder", np.full(5, 4999995.0)),
+        "stop_z": ("boulder", np.arange(5.0)),
+        "impacts": ("boulder", np.array([3, 4, 5, 6, FILL], "i4"), {"_FillValue": FILL}),
+        "travel_time": ("boulder", np.arange(5.0), {"units": "s"}),
+        "status": (
+            "boulder",
+            np.array([1, 2, 1, 3, 4], "i1"),
+            {
+                "flag_values": np.array([1, 2, 3, 4], "i1"),
+                "flag_meanings": "stopped absorbed left_domain impact_limit",
+            },
+        ),
+    }
+    attrs = {"units": "1", "long_name": "boulders that passed", "grid_mapping": "crs"}
+    energy = np.linspace(0, 1e5, 35, dtype="f4").reshape(5, 7)
+    energy[0, 0] = np.nan
+    maps = {
+        "passages": (("y", "x"), np.arange(35).reshape(5, 7), attrs),
+        "energy_max": (("y", "x"), energy, {"units": "J", "grid_mapping": "crs"}),
+        "crs": ((), 0, {"crs_wkt": rasterio.crs.CRS.from_epsg(32632).to_wkt()}),
+    }
+    lines, line_names = lines_of(["EL1", "EL 1/x"])
+    return xr.Dataset(
+        {**maps, **boulders, **lines, **vertices},
+        coords={"x": GRID.x, "y": GRID.y, **line_names},
+    )
+
+
+def table(path):
+    with open(path, encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def layer(folder, name):
+    about, _, wkb, values = pyogrio.raw.read(folder / "rockfall.gpkg", layer=name)
+    columns = dict(zip(about["fields"], values, strict=True))
+    return about["crs"], shapely.from_wkb(wkb), columns
+
+
+@pytest.fixture(params=["dataset", "file", "decoded file"])
+def exported(request, result, tmp_path):
+    """The folder, whichever way the result comes."""
+    if request.param != "dataset":
+        result.to_netcdf(tmp_path / "out.nc")
+        result = tmp_path / "out.nc"
+    if request.param == "decoded file":
+        result = xr.open_dataset(result, decode_timedelta=True)
+    paths = export(result, tmp_path / "new" / "folder")
+    assert sorted(paths) == sorted((tmp_path / "new" / "folder").iterdir())
+    return tmp_path / "new" / "folder"
+
+
+def test_all_files_are_there_and_no_others(exported):
+    assert sorted(path.name for path in exported.iterdir()) == [
+        "boulders.csv",
+        "energy_max.tif",
+        "line_EL1.csv",
+        "line_EL_1_x.csv",
+        "passages.tif",
+        "rockfall.gpkg",
+    ]
+
+
+def test_maps_keep_values_place_and_crs(exported, result):
+    with rasterio.open(exported / "passages.tif") as file:
+        assert (file.read(1) == result.passages.values).all()
+        assert file.dtypes == ("int64",)
+        assert file.transform == GRID.transform
+        assert file.crs.to_epsg() == 32632
+        assert file.descriptions == ("boulders that passed",)
+        assert file.tags()["long_name"] == "boulders that passed"
+    with rasterio.open(exported / "energy_max.tif") as file:
+        np.testing.assert_array_equal(file.read(1), result.energy_max.values)
+        assert np.isnan(file.nodata)
+        assert file.dtypes == ("float32",)
+        assert file.units == ("J",)
+
+
+def test_maps_with_y_upwards_are_turned(result, tmp_path):
+    export(result.isel(y=slice(None, None, -1)), tmp_path)
+    with rasterio.open(tmp_path / "passages.tif") as file:
+        assert file.transform == GRID.transform
+        assert (file.read(1) == result.passages.values).all()
+
+
+def test_boulders_come_back_to_the_last_digit(exported, result):
+    rows = table(exported / "boulders.csv")
+    assert [row["boulder"] for row in rows] == ["1", "2", "3", "4", "5"]
+    assert [float(row["stop_x"]) for row in rows[:4]] == result.stop_x.values[:4].tolist()
+    assert rows[4]["stop_x"] == ""
+    assert [row["impacts"] for row in rows] == ["3", "4", "5", "6", ""]
+    assert [row["volume"] for row in rows] == ["0.1", "0.3", "0.5", "0.7", "0.9"]
+    assert [row["status"] for row in rows] == [
+        "stopped",
+        "absorbed",
+        "stopped",
+        "left_domain",
+        "impact_limit",
+    ]
+
+
+def test_line_tables_have_those_who_crossed(exported):
+    assert table(exported / "line_EL1.csv") == [
+        {"boulder": "2", "time": "10.25", "speed": "20.5"},
+        {"boulder": "4", "time": "12.5", "speed": "25.0"},
+    ]
+    assert (exported / "line_EL_1_x.csv").read_text() == "boulder,time,speed\n"
+
+
+def test_stops_are_points_with_all_that_is_known(exported, result):
+    crs, points, columns = layer(exported, "stops")
+    assert crs == "EPSG:32632"
+    assert [p.coords[0] for p in points[:4]] == [
+        (x, 4999995.0, z)
+        for x, z in zip(result.stop_x.values[:4], result.stop_z.values[:4], strict=True)
+    ]
+    assert points[4] is None
+    assert columns["boulder"].tolist() == [1, 2, 3, 4, 5]
+    assert columns["status"].tolist()[3] == "left_domain"
+    assert columns["travel_time"].tolist() == [0.0, 1.0, 2.0, 3.0, 4.0]
+    assert set(columns) == {"boulder"} | {
+        name for name in result.data_vars if result[name].dims == ("boulder",)
+    }
+
+
+def test_lines_and_trajectories_are_line_strings(exported):
+    _, shapes, columns = layer(exported, "lines")
+    assert columns["name"].tolist() == ["EL1", "EL 1/x"]
+    assert [len(shape.coords) for shape in shapes] == [2, 3]
+    assert shapes[1].coords[1] == (600005.0, 4999996.0)
+
+    _, shapes, columns = layer(exported, "trajectories")
+    assert columns["boulder"].tolist() == [1, 2, 3]
+    assert columns["vertices"].tolist() == [3, 1, 2]
+    assert columns["travel_time"].tolist() == [2.5, 0.0, 3.25]
+    assert shapes[0].coords[2] == (600002.0, 4999992.0, 98.0)
+    assert list(shapes[1].coords) == [(600003.0, 4999993.0, 97.0)] * 2  # it never moved
+
+
+def test_many_boulders_are_written_in_parts(result, tmp_path, monkeypatch):
+    export(result, tmp_path / "whole")
+    monkeypatch.setattr("rockfall.result.export._ROWS", 2)
+    export(result, tmp_path / "parts")
+    for name in ("boulders.csv", "line_EL1.csv"):
+        assert (tmp_path / "parts" / name).read_text() == (tmp_path / "whole" / name).read_text()
+    _, whole, _ = layer(tmp_path / "whole", "stops")
+    _, parts, columns = layer(tmp_path / "parts", "stops")
+    assert parts.tolist() == whole.tolist()
+    assert columns["boulder"].tolist() == [1, 2, 3, 4, 5]
+
+
+def test_boulder_numbers_of_the_result_are_kept(result, tmp_path):
+    export(result.assign_coords(boulder=np.arange(101, 106)), tmp_path)
+    assert [row["boulder"] for row in table(tmp_path / "boulders.csv")][0] == "101"
+    assert table(tmp_path / "line_EL1.csv")[1]["boulder"] == "104"
+
+
+def test_lines_with_the_same_letters_get_files_of_their_own(result, tmp_path):
+    export(result.assign_coords(line=["../el1", "EL1"]), tmp_path / "out")
+    names = sorted(path.name for path in (tmp_path / "out").glob("line_*"))
+    assert names == ["line_EL1_2.csv", "line_el1.csv"]
+
+
+def test_a_bare_result_gives_what_it_has(result, tmp_path):
+    bare = result[["volume", "status"]]
+    assert [path.name for path in export(bare, tmp_path)] == ["boulders.csv"]
+
+
+def test_without_a_crs_maps_and_layers_have_none(result, tmp_path):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        export(result.drop_vars("crs"), tmp_path)
+    with rasterio.open(tmp_path / "passages.tif") as file:
+        assert file.crs is None
+
+
+def test_a_run_without_maps_keeps_its_crs(tmp_path):
+    z = rough(nx=20, ny=20)
+    make_raster(tmp_path / "dem.tif", z)
+    release = {"x": 600050.0, "y": 4999990.0}
+    case = make_case(tmp_path, *sets(), terrain={"dem": "dem.tif"}, release=release)
+    export(rockfall.run(case), tmp_path / "out")
+    assert layer(tmp_path / "out", "stops")[0] == "EPSG:32632"
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [(None, "out.nc: no such file"), (b"no netCDF", "out.nc: is not a netCDF result: ")],
+)
+def test_what_is_no_result_is_one_line(content, message, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    if content:
+        (tmp_path / "out.nc").write_bytes(content)
+    with pytest.raises(RockfallError) as caught:
+        export("out.nc", "folder")
+    assert str(caught.value).startswith(message)
+    assert caught.value.code == 2
+    assert "\n" not in str(caught.value)
+    assert not (tmp_path / "folder").exists()
+
+
+def test_a_file_in_place_of_the_folder_is_one_line(result, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "folder").touch()
+    with pytest.raises(RockfallError, match="^folder: is a file, a folder is needed$"):
+        export(result, "folder")
+
+
+@pytest.mark.parametrize("package", ["pyogrio", "shapely"])
+def test_without_the_vector_extra_one_line_and_nothing_written(
+    package, result, tmp_path, monkeypatch
+):
+    monkeypatch.setitem(sys.modules, package, None)
+    with pytest.raises(RockfallError) as caught:
+        export(result, tmp_path / "out")
+    assert str(caught.value) == "GeoPackages need the vector extra: pip install 'rockfall[vector]'"
+    assert not (tmp_path / "out").exists()
+
+
+DISK_FULL = """
+import resource, signal, sys, xarray as xr
+from rockfall.errors import RockfallError
+from rockfall.result.export import export
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+data = xr.load_dataset("out.nc", mask_and_scale=False, decode_times=False)
+resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
+try:
+    export(data[sys.argv[1].split()], "out")
+except RockfallError as error:
+    print(error)
+"""
+
+
+@pytest.mark.parametrize(
+    ("names", "message"),
+    [
+        ("passages", "out/passages.tif: cannot be written: File too large\n"),
+        ("volume stop_z", "out/boulders.csv: cannot be written: File too large\n"),
+        (
+            "line line_vertex_line line_vertex_x line_vertex_y",
+            "out/rockfall.gpkg: cannot be written: ",
+        ),
+    ],
+)
+def test_a_full_disk_leaves_nothing_under_the_final_name(result, tmp_path, names, message):
+    rng = np.random.default_rng(1)
+    grid = Grid(0.0, 300.0, 1.0, nx=300, ny=300)
+    many = result.drop_dims(["x", "y", "boulder"]).assign(
+        passages=(("y", "x"), rng.integers(0, 2**40, grid.shape)),
+        volume=("boulder", rng.uniform(size=3000)),
+        stop_z=("boulder", rng.uniform(size=3000)),
+    )
+    many.assign_coords(x=grid.x, y=grid.y).to_netcdf(tmp_path / "out.nc")
+    done = subprocess.run(
+        [sys.executable, "-c", DISK_FULL, names], cwd=tmp_path, capture_output=True, text=True
+    )
+    assert done.stdout.startswith(message), done.stderr
+    assert done.stdout.count("\n") == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["out.nc"]

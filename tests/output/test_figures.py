@@ -1,0 +1,517 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Figures of any result: which there are, that they show its numbers, and what is refused."""
+
+import sys
+import warnings
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import rockfall
+from made import make_raster
+from rockfall.analysis import terrain
+from rockfall.cli import main
+from rockfall.errors import RockfallError
+from rockfall.io.grid import Grid
+from rockfall.plots import line_figures as linefigures
+from rockfall.plots import map_figures as mapfigures
+from rockfall.plots import rebound_figures as reboundfigures
+from rockfall.plots import style
+from rockfall.plots.figures import figures, terrain_of, write_figures
+from rockfall.result import trajectories as flights
+from rockfall.result.variables import MAP
+from scenes import grid, make_case, rough, sets
+
+pytest.importorskip("matplotlib", reason="the report extra is not installed").use("Agg")
+pytestmark = pytest.mark.filterwarnings("error")
+
+Z = rough()
+TERRAIN = (Z, grid(Z))
+LINE = [{"name": "L", "x": [0.0, 300.0], "y": [280.0, 280.0]}]
+FAR = [{"name": "far", "x": [0.0, 300.0], "y": [20.0, 20.0]}]
+POINT = {"x": 150.0, "y": 380.0}
+ALL = {"maps": list(MAP), "rebounds": True, "trajectories": 5}
+WAYS = ["trajectories", "profile"]
+AT_LINES = ["line_speed", "line_passing_height", "line_energy_translational"]
+AT_LINES += ["line_energy_rotational", "line_energy_total", "line_rotational_share"]
+REBOUNDS = ["incident_energy", "incidence_angle", "restitution"]
+MAPS = [f"map_{name}" for name in MAP if name not in ("passages", "reach_probability")]
+
+
+def run(folder, line=(), **groups):
+    case = make_case(folder, *sets(), line=line, terrain={}, **groups)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # that boulders stop where they start
+        return rockfall.run(case, dem=Z, transform=TERRAIN[1])
+
+
+@pytest.fixture(scope="module")
+def full(tmp_path_factory):
+    """A result with everything: 50 boulders."""
+    return run(tmp_path_factory.mktemp("full"), LINE, release=POINT, output=ALL)
+
+
+@pytest.fixture
+def observed():
+    """As `rockfall.analysis.observations.read_observed` gives it."""
+    names = ["line", "method", "quantity", "mean", "std", "max"]
+    rows = [("L", "observed", "energy_total", 2e5, 1e5, 9e5), ("L", "A", "speed", 9.0, 2.0, 20.0)]
+    rows += [("L", "B", "speed", np.nan, np.nan, 21.0)]
+    return SimpleNamespace(
+        summaries=pd.DataFrame(rows, columns=names),
+        samples={("L", "speed"): np.array([4.0, 9.0, 11.0, 40.0])},
+        stops=np.array([[140.0, 200.0], [400.0, 50.0]]),
+        distances=np.array([100.0, 300.0, 200.0, 400.0]),
+        passing=pd.DataFrame({"distance": [50.0, 150.0], "share": [0.9, 0.4]}),
+    )
+
+
+def draw(result, name, *arguments):
+    return {one.name: one for one in figures(result, *arguments)}[name].draw()
+
+
+def curve(axes, label):
+    """x and y of the curve with this label."""
+    (line,) = [line for line in axes.lines if str(line.get_label()).startswith(label)]
+    return np.array(line.get_xdata()), np.array(line.get_ydata())
+
+
+# ---- which figures there are, and that each can be drawn
+
+
+@pytest.mark.parametrize(
+    ("line", "groups", "names"),
+    [
+        (LINE, {"output": ALL},
+         [*WAYS, "passing", "stops", "pass_frequency", *AT_LINES, *REBOUNDS, *MAPS]),
+        ((), {}, ["passing", "stops"]),
+        (LINE, {"case": {"boulders": 1}}, ["passing", "stops", *AT_LINES]),
+        (FAR, {"case": {"boulders": 3}, "release": POINT | {"drop_height": 0.0},
+               "output": {"rebounds": True, "trajectories": 2, "maps": ["speed_max_map"]}},
+         ["passing", "stops", *AT_LINES, "map_speed_max_map"]),
+        (LINE + FAR + [LINE[0] | {"name": "again"}],
+         {"release": {"x": [100.0, 200.0], "y": [380.0, 390.0]}, "output": {"maps": ["passages"]}},
+         ["passing", "stops", "pass_frequency", *AT_LINES]),
+    ],
+    ids=["all", "no lines", "one boulder", "none moves", "two sources"],
+)  # fmt: skip
+def test_a_result_has_the_figures_that_it_can_feed(tmp_path, line, groups, names):
+    from matplotlib.text import Text
+
+    result = run(tmp_path, line, **{"release": POINT, **groups})
+    shown = figures(result, TERRAIN)
+    assert [one.name for one in shown] == names
+    for one in shown:
+        assert one.title and one.caption.endswith(".") and "\n" not in one.caption
+        drawn = one.draw()
+        drawn.draw_without_rendering()  # as who saves it outside the style
+        assert 25.4 * drawn.get_figwidth() in (pytest.approx(90), pytest.approx(180))
+        texts = [text for text in drawn.findobj(Text) if text.get_text().strip()]
+        sizes = {text.get_fontsize() for text in texts}
+        assert min(sizes) >= 7 and max(sizes) <= 9, one.name
+
+
+def test_no_terrain_no_ground(full):
+    assert len(draw(full, "profile", TERRAIN).axes) == 3
+    assert len(draw(full, "profile").axes) == 2
+    assert not draw(full, "trajectories").axes[0].images
+    coarse = (Z[::2, ::2], Grid(0.0, 400.0, 10.0, 30, 40))
+    assert len(draw(full, "profile", coarse).axes) == 2  # heights above it would be wrong
+
+
+# ---- what is drawn are the numbers of the result
+
+
+def test_flights_are_those_of_a_falling_stone():
+    """From 100 m at rest for 1 s, a bounce of 0.5 s: elevations and speeds at every moment."""
+    g, t = 9.81, np.linspace(0, 1, flights.POINTS)
+    vertex = {"x": [0.0, 0.0, 1.5], "y": [0.0, 0.0, 0.0], "z": [100.0, 100 - g / 2, 90.0]}
+    vertical = (90.0 - (100 - g / 2) + g / 8) / 0.5
+    about = {"time": [0.0, 1.0, 1.5], "velocity_x": [0.0, 3.0, 0.0], "velocity_y": [0.0] * 3}
+    about["velocity_z"] = [0.0, vertical, 0.0]
+    flight = flights._flight(*(np.array(c) for c in (*vertex.values(), *about.values())))
+    assert flight.z[: t.size] == pytest.approx(100 - g / 2 * t**2)
+    assert flight.speed[: t.size] == pytest.approx(g * t)
+    speed = np.hypot(3.0, vertical - g * t / 2)
+    assert flight.speed[t.size :] == pytest.approx(speed)
+    assert flight.distance[t.size :] == pytest.approx(1.5 * t)
+
+
+def test_speeds_along_the_way_end_at_those_before_the_contacts(full):
+    way = flights.flights(full)[0]
+    mine = full["trajectory_boulder"].values == 1
+    before = np.hypot(full["trajectory_in_t"].values, full["trajectory_in_n"].values)[mine][1:-1]
+    found = way.speed.reshape(-1, flights.POINTS)[:-1, -1]
+    assert found == pytest.approx(before, rel=1e-6)
+
+
+def test_passing_is_the_survival_of_the_stopping_distances(full, observed):
+    full = full.copy()
+    full["status"] = full["status"].copy(data=np.ones(50, "i1"))  # none left the terrain
+    axes = draw(full, "passing", None, observed).axes[0]
+    x, y = curve(axes, "this run")
+    distance = full["plan_distance"].values
+    assert y == pytest.approx([100 * np.mean(distance >= one) for one in x])
+    assert x[-1] == pytest.approx(distance.max())
+    x, y = curve(axes, "observed (4 boulders)")
+    assert x.tolist() == [0, 100, 200, 300, 400] and y.tolist() == [100, 100, 75, 50, 25]
+    x, y = curve(axes, "observed shares")
+    assert x.tolist() == [50, 150] and y.tolist() == pytest.approx([90, 40])
+    assert axes.get_xlim()[1] >= 400
+
+
+def test_beyond_the_terrain_passing_is_known_between_two_bounds(full):
+    gone = full["status"].values == 3
+    assert 0 < gone.sum() < 50
+    axes = draw(full, "passing").axes[0]
+    known, _ = curve(axes, "this run")
+    distance = full["plan_distance"].values
+    assert known.max() <= distance[gone].min()
+    bounds = [line.get_ydata() for line in axes.lines if line.get_linestyle() == ":"]
+    assert bounds[0][-1] == pytest.approx(100 * np.mean(distance >= distance.max()))
+    assert bounds[1].min() >= 100 * gone.mean()
+
+
+def test_band_of_passing_is_that_of_the_share_of_a_line(full):
+    """A line across the way, at a distance where none has left: the share that passes it."""
+    table = rockfall.line_statistics(full).set_index("quantity").loc["speed"]
+    at = np.nanmin(flights.from_start(full, full["line_x"].values[0], full["line_y"].values[0]))
+    shown, share, low, high = linefigures.passing(full, full["plan_distance"].values)
+    near = np.interp(at, shown, share), np.interp(at, shown, low), np.interp(at, shown, high)
+    assert near == pytest.approx(
+        (table["share"], table["share_low"], table["share_high"]), abs=0.03
+    )
+
+
+def test_distributions_hold_the_boulders_that_pass(full, observed):
+    from matplotlib.patches import StepPatch
+
+    upper, lower = draw(full, "line_energy_total", None, observed).axes
+    energy = (full["line_energy_translational"] + full["line_energy_rotational"]).values[0] / 1000
+    energy = energy[np.isfinite(energy)]
+    share, edges, _ = upper.findobj(StepPatch)[0].get_data()
+    assert share == pytest.approx(100 * np.histogram(energy, edges)[0] / energy.size)
+    assert share.sum() == pytest.approx(100, abs=100 / energy.size + 0.3)
+    rows = [bar.get_children()[0].get_xdata()[0] for bar in lower.containers]
+    assert rows == pytest.approx([energy.mean(), 200.0])
+    assert [text.get_text() for text in lower.get_yticklabels()] == ["this run", "observed"]
+
+
+@pytest.mark.parametrize("value", [-1e100, 1e100])
+def test_a_number_past_all_bounds_gives_a_distribution_too(full, value):
+    from matplotlib.patches import StepPatch
+
+    result = full.copy(deep=True)
+    place = np.flatnonzero(np.isfinite(result["line_energy_rotational"].values[0]))[0]
+    result["line_energy_rotational"].values[0, place] = value
+    upper = draw(result, "line_energy_total", None, None).axes[0]
+    assert upper.findobj(StepPatch)[0].get_data().edges.size < 1000
+
+
+def test_samples_and_printed_means_stand_beside_ours(full, observed):
+    from matplotlib.patches import StepPatch
+
+    upper, lower = draw(full, "line_speed", None, observed).axes
+    share, edges, _ = upper.findobj(StepPatch)[-1].get_data()
+    assert share.sum() == pytest.approx(100) and edges[-1] > 39
+    labels = [text.get_text() for text in lower.get_yticklabels()]
+    assert labels == ["this run", "printed, A", "observed (4)"]
+    spread = [bar.lines[2][0].get_segments()[0][:, 0] for bar in lower.containers]
+    assert spread[1].tolist() == [7.0, 11.0]
+    assert np.diff(spread[2]) / 2 == pytest.approx(np.std([4, 9, 11, 40], ddof=1))
+
+
+def test_the_caption_tells_how_many_pass_and_the_interval(full):
+    caption = {one.name: one for one in figures(full)}["line_speed"].caption
+    row = rockfall.line_statistics(full).set_index("quantity").loc["speed"]
+    share, low, high = (100 * row[name] for name in ("share", "share_low", "share_high"))
+    assert f"{row['n']} at L ({share:.1f} %, 95 % interval {low:.1f} to {high:.1f} %)" in caption
+
+
+@pytest.mark.parametrize("name", ["passages", "reach_probability", "energy_max", "deposits"])
+def test_a_map_shows_the_cells_where_they_are(full, name):
+    image = mapfigures.map_figure(full, name).axes[0].images[-1]
+    shown, (west, east, south, north) = np.ma.filled(image.get_array(), 0), image.get_extent()
+    scale = {"passages": 100 / 50, "reach_probability": 100, "energy_max": 1e-3, "deposits": 1}
+    inside = full.sel(x=slice(west, east), y=slice(north, south))[name].fillna(0)
+    assert shown == pytest.approx(scale[name] * inside.values, rel=1e-6)
+    assert np.nansum(full[name]) == pytest.approx(float(inside.sum()))  # nothing is cut off
+
+
+def test_maps_to_come_are_drawn_by_their_names(full):
+    """A quantile map, all cells masked, and a limit of the reach probability."""
+    about = {"units": "J", "long_name": "95 % quantile of the energy"}
+    more = full.assign(energy_q95=(full["energy_max"] * np.nan).assign_attrs(about))
+    low = full["reach_probability"] / 2
+    more["reach_probability_low"] = low.assign_attrs(full["reach_probability"].attrs)
+    names = {one.name: one for one in figures(more, TERRAIN)}
+    names["map_energy_q95"].draw()
+    image = names["map_reach_probability_low"].draw().axes[0].images[-1]
+    assert image.get_array().max() == pytest.approx(100 * float(low.max()))
+    assert image.norm.vmax == 100
+
+
+def test_the_upper_limit_is_blank_where_none_passed(tmp_path):
+    """It is above 0 everywhere, but a map shows where boulders came."""
+    groups = {"release": POINT, "case": {"boulders": 9}}
+    result = run(tmp_path, output={"maps": ["passages", "reach_probability_high"]}, **groups)
+    alone = result.drop_vars("passages")
+    assert mapfigures.reached(alone) == mapfigures.reached(result)
+    image = mapfigures.map_figure(alone, "reach_probability_high").axes[0].images[-1]
+    west, east, south, north = image.get_extent()
+    passed = result["passages"].sel(x=slice(west, east), y=slice(north, south)).values > 0
+    assert (np.isfinite(np.ma.filled(image.get_array(), np.nan)) == passed).all()
+    assert 0 < passed.sum() < passed.size
+
+
+def test_captions_and_scales_say_where_a_number_needs_more_boulders(tmp_path):
+    names = ["energy_mean", "speed_q50", "energy_max"]
+    result = run(tmp_path, release=POINT, output={"maps": names, "least_passages": 4})
+    shown = {one.name: one for one in figures(result)}
+    for name, fewest in (("energy_mean", 4), ("speed_q50", 6)):
+        one = shown[f"map_{name}"]
+        assert f"blank where fewer than {fewest} boulders passed" in one.caption
+        scale = one.draw().axes[1].get_xlabel().replace("\n", " ")
+        assert scale.endswith(f"blank: fewer than {fewest} passed")
+    assert "blank" not in shown["map_energy_max"].caption
+
+
+@pytest.mark.parametrize("name", [r"$\frac$", "a$b$", "$"])
+def test_a_name_is_no_formula(full, tmp_path, name):
+    from matplotlib.cbook import is_math_text
+
+    named = full.assign_coords(line=("line", np.array([name], object)))
+    for one in figures(named, TERRAIN):
+        if one.name in ("trajectories", "profile", "line_speed"):
+            drawn = one.draw()
+            texts = [t for axes in drawn.axes for t in (*axes.texts, axes.title, axes._left_title)]
+            shown = [text.get_text() for text in texts if "$" in text.get_text()]
+            assert shown and not any(map(is_math_text, shown))
+            style.save(drawn, tmp_path / f"{one.name}.png", 50)
+
+
+def test_the_1_percent_outline_runs_along_the_edges_of_cells():
+    from matplotlib.figure import Figure
+
+    axes = Figure().add_subplot()
+    inside = np.zeros((4, 5), bool)
+    inside[1, 2] = True
+    mapfigures._draw_outline(axes, inside, Grid(100.0, 220.0, 5.0, 5, 4))
+    edges = {
+        tuple(map(tuple, np.sort(edge, axis=0))) for edge in axes.collections[0].get_segments()
+    }
+    a, b, c, d = (110.0, 210.0), (115.0, 210.0), (110.0, 215.0), (115.0, 215.0)
+    assert edges == {(a, b), (a, c), (b, d), (c, d)}
+
+
+@pytest.mark.parametrize("flipped", [False, True])
+def test_a_part_of_a_raster_keeps_its_place(flipped):
+    whole = Grid(100.0, 220.0, 5.0, 12, 9)
+    values = 1000 * whole.y[:, None] + whole.x
+    stored = values[::-1] if flipped else values
+    part, cells = mapfigures._cropped(stored, whole, flipped, (112.0, 139.0, 183.0, 201.0), np.fmax)
+    assert (part == 1000 * cells.y[:, None] + cells.x).all()
+    assert (cells.west, cells.east, cells.south, cells.north) == (110.0, 140.0, 180.0, 205.0)
+
+
+def test_a_thinned_raster_keeps_its_edges(monkeypatch):
+    monkeypatch.setattr(mapfigures, "DOTS", 4)
+    whole = Grid(0.0, 50.0, 5.0, 7, 10)
+    values = np.arange(70.0).reshape(10, 7)
+    most, cells = mapfigures._cropped(values, whole, False, (0.0, 35.0, 0.0, 50.0), np.fmax)
+    assert most.max() == 69 and most.shape == (4, 3) and cells.cell == 15
+    mean, _ = mapfigures._cropped(values, whole, False, (0.0, 35.0, 0.0, 50.0), np.add)
+    assert mean[0, 0] == values[:3, :3].mean() and mean[-1, -1] == 69
+
+
+def test_a_big_map_shows_the_greatest_of_the_cells_of_a_dot(full, monkeypatch):
+    monkeypatch.setattr(mapfigures, "DOTS", 20)
+    image = mapfigures.map_figure(full, "energy_max").axes[0].images[-1]
+    assert max(image.get_array().shape) <= 20
+    assert image.get_array().max() == pytest.approx(float(full["energy_max"].max()) / 1000)
+
+
+def test_histograms_are_those_of_the_result(full):
+    from matplotlib.patches import StepPatch
+
+    panels = reboundfigures.histogram_figure(full, "restitution_normal").axes
+    share, edges, _ = panels[0].findobj(StepPatch)[0].get_data()
+    counts = full["restitution_normal_histogram"].values
+    assert share == pytest.approx(100 * counts / counts.sum()) and share.sum() == pytest.approx(100)
+    assert edges == pytest.approx(0.1 * np.arange(51))
+
+
+def test_observed_stops_are_on_the_maps_and_in_them(full, observed):
+    for name in "stops", "pass_frequency":
+        axes = draw(full, name, TERRAIN, observed).axes[0]
+        x, y = curve(axes, "observed stop (2)")
+        assert (x.tolist(), y.tolist()) == ([140, 400], [200, 50])
+    assert draw(full, "stops", None, observed).axes[0].get_xlim()[1] > 400
+
+
+def test_stops_are_told_apart_by_marker(full):
+    axes = draw(full, "stops").axes[0]
+    x, _ = curve(axes, "left domain")
+    assert sorted(x) == sorted(full["stop_x"].values[full["status"].values == 3])
+    markers = [line.get_marker() for line in axes.lines if "(" in str(line.get_label())]
+    assert len(markers) == len(set(markers)) == 2
+
+
+# ---- the terrain of a result
+
+
+@pytest.fixture
+def place(tmp_path, monkeypatch):
+    """A folder, made the current one, with a case that has been run: out.nc."""
+    monkeypatch.chdir(tmp_path)
+    make_raster("dem.tif", Z.astype("f4"), TERRAIN[1].transform, crs=None)
+    case = make_case(
+        Path(), *sets(), LINE, release=POINT, terrain={"dem": "dem.tif"}, case={"boulders": 8},
+        output={"maps": ["passages"], "trajectories": 2},
+    )  # fmt: skip
+    Path("case.nml").write_text(case.text())
+    assert main(["run", "case.nml", "-o", "out.nc", "--quiet"]) == 0
+    return tmp_path
+
+
+def test_terrain_is_found_by_the_case_or_given(place):
+    result = rockfall.read_result("out.nc")
+    for z, found in terrain_of(result), terrain_of(result, "dem.tif"):
+        rows = np.searchsorted(-TERRAIN[1].y, -found.y)
+        columns = np.searchsorted(TERRAIN[1].x, found.x)
+        assert z == pytest.approx(Z[np.ix_(rows, columns)].astype("f4"))
+        assert found.x == pytest.approx(TERRAIN[1].x[columns]) and z.size < Z.size
+    stops = result["stop_x"].values
+    assert found.west < stops.min() and stops.max() < found.east
+
+
+def test_terrain_is_found_where_maps_are_smaller(place, capsys):
+    """Maps cover what boulders can reach, unless they are to cover the terrain."""
+    case = rockfall.read_case("case.nml")
+    low = case.replace(release={"x": [150.0], "y": [150.0]})
+    Path("low.nml").write_text(low.text())
+    assert main(["run", "low.nml", "-o", "low.nc", "--quiet"]) == 0
+    result = rockfall.read_result("low.nc")
+    corner = float(result["crs"].attrs["GeoTransform"].split()[3])
+    assert result.sizes["y"] < Z.shape[0] and corner < TERRAIN[1].north
+    z, found = terrain_of(result)
+    rows = np.searchsorted(-TERRAIN[1].y, -found.y)
+    columns = np.searchsorted(TERRAIN[1].x, found.x)
+    assert z == pytest.approx(Z[np.ix_(rows, columns)].astype("f4"))
+    assert main(["report", "low.nc"]) == 0 and 'id="relief"' in Path("low.html").read_text()
+    assert capsys.readouterr().err == ""
+
+
+def test_a_big_terrain_is_thinned_with_its_cells_where_they_are(place, monkeypatch):
+    monkeypatch.setattr(terrain, "MOST_CELLS", 400)
+    z, found = terrain_of(rockfall.read_result("out.nc"))
+    assert z.size <= 400 and found.cell > 5 and z.shape == found.shape
+    rows, columns = np.rint((400 - found.y) / 5 - 0.5), np.rint(found.x / 5 - 0.5)
+    assert (400 - found.y) / 5 - 0.5 == pytest.approx(rows)
+    assert z == pytest.approx(Z[np.ix_(rows.astype(int), columns.astype(int))].astype("f4"))
+
+
+def test_another_dem_is_refused_when_given_and_left_out_when_found(place):
+    result = rockfall.read_result("out.nc")
+    make_raster("dem.tif", Z.astype("f4") + 1, TERRAIN[1].transform, crs=None)
+    with pytest.warns(UserWarning, match="dem.tif: is not the DEM of the run"):
+        assert terrain_of(result) is None
+    with pytest.raises(RockfallError, match="^dem.tif: is not the DEM of the run"):
+        terrain_of(result, "dem.tif")
+    Path("dem.tif").unlink()
+    with pytest.warns(UserWarning, match="dem.tif: cannot be read"):
+        assert terrain_of(result) is None
+
+
+def test_the_dem_of_a_run_from_an_array_must_lie_where_it_lay(full, tmp_path):
+    with pytest.warns(UserWarning, match="came from an array"):
+        assert terrain_of(full) is None
+    same = make_raster(tmp_path / "same.tif", Z, TERRAIN[1].transform, crs=None)
+    assert terrain_of(full, same) is not None
+    for moved in (2.5, 0.0), (0.0, -2.5), (1e6, 0.0), (0.0, -1e6):  # half a cell, and far away
+        there = replace(TERRAIN[1], west=moved[0], north=TERRAIN[1].north + moved[1])
+        apart = make_raster(tmp_path / "apart.tif", Z, there.transform, crs=None)
+        with pytest.raises(RockfallError, match=r"apart.tif: corner .*, cells of 5 m: must have"):
+            terrain_of(full, apart)
+
+
+def test_the_impact_set_is_drawn_where_it_is_still_the_same(place):
+    result = rockfall.read_result("out.nc")
+    assert "impact_set" in [one.name for one in figures(result)]
+    with open("sets.nml", "a") as file:
+        file.write("! changed\n")
+    assert "impact_set" not in [one.name for one in figures(result)]
+
+
+# ---- the command, and what is refused
+
+
+def test_the_command_writes_every_figure_and_says_so(place, capsys):
+    assert main(["figures", "out.nc", "pictures", "--format", "svg"]) == 0
+    out, err = capsys.readouterr()
+    names = [one.name for one in figures(rockfall.read_result("out.nc"))]
+    assert out.split() == [f"pictures/{name}.svg" for name in names] and not err
+    assert sorted(path.name for path in Path("pictures").iterdir()) == sorted(
+        f"{name}.svg" for name in names
+    )
+    assert max(path.stat().st_size for path in Path("pictures").iterdir()) < 1e6
+
+
+@pytest.mark.parametrize("ending", ["png", "svg", "pdf"])
+def test_the_same_result_gives_the_same_bytes(place, ending):
+    result = rockfall.read_result("out.nc")
+    some = [one for one in figures(result, terrain_of(result)) if one.name in ("stops", "passing")]
+    first, second = (write_figures(some, folder, ending) for folder in ("a", "b"))
+    assert [p.read_bytes() for p in first] == [p.read_bytes() for p in second]
+
+
+def test_the_command_warns_of_a_terrain_that_is_gone(place, capsys, monkeypatch):
+    Path("dem.tif").unlink()
+    monkeypatch.setattr("rockfall.plots.figures.figures", lambda *_: [])
+    assert main(["figures", "out.nc", "pictures"]) == 0
+    err = capsys.readouterr().err
+    assert err.startswith("rockfall: warning: dem.tif: cannot be read") and err.count("\n") == 1
+
+
+def test_the_command_draws_what_was_observed(place, observed, monkeypatch):
+    read = SimpleNamespace(read_observed=lambda *paths: observed if len(paths) == 2 else None)
+    monkeypatch.setitem(sys.modules, "rockfall.analysis.observations", read)
+    seen = []
+    monkeypatch.setattr("rockfall.plots.figures.figures", lambda *given: seen.append(given) or [])
+    assert main(["figures", "out.nc", "p", "--dem", "dem.tif", "--observed", "a.csv", "b.csv"]) == 0
+    assert seen[0][2] is observed and seen[0][1] is not None
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["missing.nc", "p"], "missing.nc: no such file"),
+        (["dem.tif", "p"], "dem.tif: is not a netCDF result"),
+        (["out.nc", "p", "--format", "bmp"], "format = 'bmp': must be one of png, pdf, svg"),
+        (["out.nc", "dem.tif"], "dem.tif: is a file, a folder is needed"),
+        (["out.nc", "p", "--dem", "case.nml"], "case.nml: is not the DEM of the run"),
+        (["out.nc", "p", "--dem", "none.tif"], "none.tif: cannot be read: No such file"),
+        (["out.nc"], "the following arguments are required: DIR"),
+    ],
+)
+def test_the_command_refuses_in_one_line(place, capsys, arguments, message):
+    assert main(["figures", *arguments]) == 2
+    out, err = capsys.readouterr()
+    assert not out and err.startswith(f"rockfall: {message}") and err.count("\n") == 1
+    assert not Path("p").exists()
+
+
+def test_a_result_without_boulders_is_refused(full):
+    with pytest.raises(RockfallError, match="without boulders has no figures"):
+        figures(full.isel(boulder=slice(0)))
+
+
+def test_without_matplotlib_a_line_says_what_to_install(place, capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    assert main(["figures", "out.nc", "p"]) == 2
+    assert "pip install 'rockfall[report]'" in capsys.readouterr().err
+    assert not Path("p").exists()

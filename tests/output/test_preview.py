@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What `rockfall check` foresees, beside what comes."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import rockfall
+from rockfall.scene.scene import read_scene
+from rockfall.text import preview
+from scenes import grid, make_case, rough, sets
+
+Z = rough(nx=150, ny=200)
+MAPS = ["passages", "energy_q95"]
+
+
+def scene_of(folder, sources, each, maps=MAPS, **about):
+    cells = np.zeros(Z.shape, int)
+    random = np.random.default_rng(3)
+    cells.flat[random.choice(60 * Z.shape[1], sources, replace=False) + 10 * Z.shape[1]] = 1
+    about = {"case": {"boulders": each}, "output": {"maps": maps}} | about
+    release = {"cells": "cells", "drop_height": 5.0}
+    case = make_case(folder, *sets(2.0), terrain={}, release=release, **about)
+    return read_scene(case, dem=Z, transform=grid(Z), cells=cells)
+
+
+@pytest.mark.parametrize(
+    ("sources", "each", "few"), [(300, 40, 600), (2000, 5, 500), (3, 3000, 400)]
+)
+def test_the_cells_that_all_boulders_reach(tmp_path, monkeypatch, sources, each, few):
+    scene = scene_of(tmp_path, sources, each)
+    monkeypatch.setattr(preview, "PILOT_BOULDERS", few)
+    monkeypatch.setattr(preview, "PILOT_SECONDS", 60.0)
+    pilot = preview._pilot(scene)
+    assert pilot.tally.done == few
+    reached = int((rockfall.simulate.run_scene(scene)["passages"] > 0).sum())
+    early = np.count_nonzero(pilot.tally.maps.counts[0])
+    assert early < 0.8 * reached  # there is something to foresee
+    assert pilot.cells == pytest.approx(reached, rel=0.25)
+
+
+def test_memory_is_that_of_the_arrays(tmp_path):
+    scene = scene_of(tmp_path, 50, 10)
+    pilot = replace(preview._pilot(scene), cells=1000.0)
+    need = preview.memory(scene, pilot)
+    assert need["rasters"] == 8 * Z.size
+    box = np.prod(pilot.tally.maps.box.shape)
+    assert 4 * box * 2 <= need["maps"] <= 4 * Z.size * 2  # passages, columns of counts
+    assert need["made"] - preview.PACKAGES <= 4 * Z.size  # the quantile
+    assert need["classes"] == 1000 * 440  # bytes of the counts of energy in a cell
+    assert need["results"] == 500 * (12 * 8 + 8 * 4) + 50 * 16
+
+
+def test_what_is_not_asked_for_takes_nothing(tmp_path):
+    scene = scene_of(tmp_path, 50, 10, maps=None)
+    need = preview.memory(scene, preview._pilot(scene))
+    assert need["maps"] == need["classes"] == 0
+    assert need["made"] == preview.PACKAGES

@@ -1,0 +1,615 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The report: its sentences and tables say what the result holds, and a browser can show it."""
+
+import re
+import shutil
+import sys
+import zlib
+from base64 import b64decode
+from html import unescape
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import rockfall
+from rockfall.analysis.line_statistics import QUANTITIES, share_interval
+from rockfall.analysis.run_until import verdicts_of
+from rockfall.cli import main
+from scenes import grid, make_case, rough, sets
+
+pytest.importorskip("matplotlib", reason="the report extra is not installed")
+from rockfall.html_report import report, write_report  # noqa: E402
+from rockfall.html_report.maps import MOST_CELLS, Window, blocks_max, maps, window_of  # noqa: E402
+from rockfall.html_report.markup import UNITS, number  # noqa: E402
+from rockfall.html_report.running import by_turns, history, needed, sizes  # noqa: E402
+from rockfall.html_report.tables import provenance  # noqa: E402
+from rockfall.html_report.words import cautions, in_words, rows_of, warnings  # noqa: E402
+from rockfall.plots.style import percent  # noqa: E402
+
+EVIL = "<script>document.title = 'run'</script> & \"x\" <img src=x onerror=alert(1)>"
+LINES = [
+    {"name": "road <b>", "x": [0.0, 300.0], "y": [330.0, 330.0]},
+    {"name": "cliff", "x": [0.0, 300.0], "y": [398.0, 398.0]},  # above the release
+]
+MAPS = ["passages", "deposits", "energy_max", "reach_probability"]
+SOURCES = {"x": [100.0, 150.0, 200.0], "y": [380.0, 380.0, 380.0]}
+
+
+def run(folder, boulders=300, line=LINES, title=EVIL, **groups):
+    """A short run over rough terrain, with all that a result can have."""
+    groups = {
+        "case": {"boulders": boulders, "threads": 0, "title": title},
+        "release": {"x": 150.0, "y": 380.0},
+        "output": {"maps": MAPS, "rebounds": True, "trajectories": 5},
+    } | groups
+    case = make_case(folder, *sets(), line=line, terrain={}, **groups)
+    return rockfall.run(case, dem=rough(), transform=grid(rough()))
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory):
+    return run(tmp_path_factory.mktemp("case"))
+
+
+def no_levels(result):
+    """Return levels as `rockfall.analysis.return_levels` gives them, of which one was refused."""
+    lines = [str(name) for name in result["line"].values] if "line" in result else []
+    rows = {"line": lines, "quantity": "speed", "n": 100, "max": 31.0, "level_1000": 30.0,
+            "level_1000_low": 28.0, "level_1000_high": 33.0, "level_10000": np.nan,
+            "threshold": 20.0, "exceedances": 60.0, "shape": -0.1,
+            "refused": "1 in 10,000: too far"}  # fmt: skip
+    return pd.DataFrame(rows)
+
+
+def words(result):
+    return "\n".join(in_words(result, rows_of(result)))
+
+
+def warned(result):
+    return cautions(result, rows_of(result), no_levels(result))
+
+
+def interrupted(result, done):
+    """The same run, ended after so many boulders."""
+    part = result.isel(boulder=slice(done))
+    return part.assign_attrs(complete=0, boulder_last=done)
+
+
+# ---- words
+
+
+def test_the_summary_says_the_numbers_of_the_line_table(result):
+    text = words(result)
+    row = rockfall.line_statistics(result).set_index(["line", "quantity"]).loc["road <b>"]
+    speed, energy = row.loc["speed"], row.loc["energy_total"]
+    assert f"road <b>: {int(speed['n'])} of 300 boulders pass, {100 * speed['share']:.1f} %" in text
+    assert f"at {number(speed['mean'])} m/s ({number(speed['mean_low'])} to " in text
+    assert f"{number(energy['q95'] / 1e3)} kJ ({number(energy['q95_low'] / 1e3)} to " in text
+    high = 100 * rows_of(result)["cliff"]["speed"]["share_high"]
+    chance = f"by chance the share may still be up to {high:.2f} % (95 %)"
+    assert f"cliff: no boulder of 300 passes; {chance}." in text
+    ends = dict(zip(("stopped", "absorbed", "left"), np.bincount(result.status, minlength=4)[1:4],
+                    strict=True))  # fmt: skip
+    assert f"{ends['stopped']:,} ({100 * ends['stopped'] / 300:.1f} %) came to rest" in text
+    assert "300 boulders of 0.800 m³ were released from 1 source, 5 m above the surface" in text
+
+
+def test_one_boulder_is_spoken_of_as_one(tmp_path):
+    one = run(tmp_path, boulders=1)
+    text = words(one)
+    assert text.startswith("1 boulder of 0.800 m³ was released from 1 source")
+    assert "until it ended" in text and "boulders" not in text and "nan" not in text.lower()
+    assert any(caution.startswith("1 boulder is an example") for caution in warned(one))
+
+
+def test_several_places_and_no_lines(tmp_path):
+    several = run(tmp_path, line=[], release=SOURCES, boulders=20)
+    text = words(several)
+    assert "60 boulders" in text and "from 3 sources" in text
+    assert "The case has no evaluation lines." in text
+    page = "".join(maps(several, None))
+    assert page.count('class="start"') == 1 + len(MAPS) + 1  # each map, and the key
+    assert page.count("h0M") > 2
+
+
+def test_every_quantity_has_a_unit():
+    assert set(QUANTITIES) <= set(UNITS)
+
+
+def test_sentences_count_right():
+    assert [percent(s) for s in (0, 1e-6, 0.5, 0.99999, 1)] == [
+        "0 %", "less than 0.1 %", "50.0 %", "more than 99.9 %", "100 %",
+    ]  # fmt: skip
+    assert [number(x) for x in (0, 9.996, 0.0123, 1234.5, -2.5, np.nan)] == [
+        "0", "10.0", "0.0123", "1,230", "−2.50", "–",
+    ]  # fmt: skip
+
+
+# ---- limits of validity
+
+
+def test_intervals_that_are_not_those_of_random_boulders_say_so(tmp_path, result):
+    sobol = run(tmp_path, case={"boulders": 64, "sampling": "sobol"})
+    assert "too wide" in words(sobol) and "too wide" not in words(result)
+    asked = result.assign_attrs(until="share@road <b><50%")
+    (verdict,) = verdicts_of(asked)
+    assert f"Asked for: {verdict}." in words(asked) and "Asked for" not in words(result)
+
+
+def test_each_caution_has_its_number_and_its_weight(result):
+    changed = result.copy(deep=True)
+    changed["rebounds"][...], changed["rebounds_out_of_range"][...] = 1000, 131
+    changed["speed_max"][:] = 1.0
+    changed["rebounds_out_of_speed"][...], changed["rebounds_out_of_angle"][...] = 450, 0
+    changed["rebounds_forced"][...], changed["rebounds_redrawn"][...] = 1, 20
+    changed["status"][:] = 1
+    changed["status"][:30], changed["status"][30:36] = 3, 4
+    changed["passages"][:] = 0
+    changed["passages"][0, :10] = [100, 1, 2, 29, 30, 31, 5, 5, 5, 5]
+    text = warned(changed)
+    order = [
+        "intervals hold the chance",
+        "The impact set 'sets.nml' is the user's own",
+        "no trees, nets or dams",
+        "cliff: 0 boulders passed, fewer than 100",
+        "7 of 10 reached cells (70.0 %) saw fewer than 30 boulders",
+        "Maxima grow",
+        "Return levels: 2 of 4 are refused",
+        "131 of 1,000 rebounds (13.1 %) had R_b/R_m outside 0.5 to 5.5",
+        "30 of 300 boulders (10.0 %) left the terrain",
+        "Return levels: 2 of 4 are given",
+        "6 of 300 boulders (2.0 %) reached the limit of 100,000 contacts",
+        "20 of 1,000 rebounds (2.0 %) needed more than one draw",
+        "1 of 1,000 rebounds (0.1 %) had no admissible draw",
+    ]
+    found = [next(k for k, one in enumerate(text) if part in one) for part in order]
+    assert found == sorted(found) and len(text) == len(order)
+    assert [one[:40] for one in warnings(changed)] == ["450 of 1,000 rebounds (45.0 %) were slow"]
+
+
+def test_what_lies_beyond_the_model_is_a_box_at_the_top(result):
+    """Above all else on the page, and only where there is something to say."""
+    clean, changed = result.copy(deep=True), result.copy(deep=True)
+    for name in ("range", "speed", "angle"):
+        clean[f"rebounds_out_of_{name}"][...] = 0
+        changed[f"rebounds_out_of_{name}"][...] = int(result.rebounds)
+    for one in clean, changed:
+        one["speed_max"][:] = 1.0
+    changed["speed_max"][:16] = 999.0  # of 300
+    page = report(changed)
+    box = re.search('<main>\n<aside class="warning">.*?</aside>\n<section', page, re.DOTALL)[0]
+    said = [unescape(one) for one in re.findall("<li>(.*?)</li>", box)]
+    assert said == warnings(changed) and len(said) == 4
+    assert "16 of 300 boulders (5.3 %) exceeded 0.8 m/s per degree" in said[3]
+    assert warnings(clean) == [] and "<aside" not in report(clean)
+
+
+def test_what_did_not_happen_is_not_warned_of(result):
+    clean = result.copy(deep=True)
+    outside = [f"rebounds_out_of_{name}" for name in ("range", "speed", "angle")]
+    for name in (*outside, "rebounds_forced", "rebounds_redrawn"):
+        clean[name][...] = 0
+    clean["status"][:] = 1
+    text = " ".join(warned(clean))
+    for part in (
+        "outside 0.5",
+        "_range",
+        "in 32",
+        "one draw",
+        "left the terrain",
+        "impact_limit",
+        "interrup",
+    ):
+        assert part not in text
+
+
+def test_the_origin_of_every_shipped_set_is_known():
+    from rockfall.html_report.words import ORIGIN
+    from rockfall.lab.sets import read_sets
+
+    folder = Path(rockfall.__file__).parent / "data" / "impact_sets"
+    single = {path.stem for path in folder.glob("*.nml") if len(read_sets(path)) == 1}
+    assert set(ORIGIN) == single
+
+
+def test_an_interrupted_run_says_so_first(tmp_path):
+    part = interrupted(run(tmp_path, release=SOURCES, boulders=100), 120)
+    first = warned(part)[0]
+    assert "interrupted after 120 of 300 boulders; 60.0 % are missing" in first
+    assert "the last ones are missing" in first
+
+
+# ---- convergence
+
+
+def test_boulders_of_several_sources_come_in_by_turns():
+    source = np.repeat([0, 1, 2], [3, 3, 1])  # the last one was interrupted
+    assert by_turns(source).tolist() == [0, 3, 6, 1, 4, 2, 5]
+    assert by_turns(np.zeros(5, int)).tolist() == [0, 1, 2, 3, 4]
+
+
+def test_the_history_ends_with_the_numbers_of_all(tmp_path, result):
+    for run_ in (result, run(tmp_path, release=SOURCES, boulders=50)):
+        found, last = history(run_, 0), rows_of(run_)["road <b>"]
+        assert sizes(run_.sizes["boulder"])[-1] == run_.sizes["boulder"]
+        for quantity, steps in found.items():
+            for name in ("share", "mean", "std", "q95_low"):
+                assert steps[-1][name] == pytest.approx(last[quantity][name], rel=1e-12), name
+    first = sizes(300)[0]
+    speed = result["line_speed"].values[0, :first]
+    assert history(result, 0)["speed"][0]["mean"] == np.nanmean(speed)
+
+
+def test_boulders_needed_follow_the_square_root_law():
+    assert needed(10_000, 0.02, 0.02) == 10_000
+    assert needed(10_000, 0.02, 0.01) == 40_000
+    assert needed(10_000, 0.0731, 0.01) == 540_000  # 534,361, rounded up to two digits
+    assert needed(100, 0.001, 0.05) == 1
+
+
+# ---- maps
+
+
+def values_of(page, wide):
+    """The numbers that the script of a map reads."""
+    packed = re.search('data-values="([^"]*)"', page)[1]
+    return np.frombuffer(zlib.decompress(b64decode(packed)), "<f4").reshape(-1, wide)
+
+
+def test_a_map_carries_the_numbers_of_the_result(result):
+    window = window_of(result)
+    page = dict(zip(["ends", *(n for n in result.data_vars if n in MAPS)], maps(result, None),
+                    strict=True))  # fmt: skip
+    for name, scale in (("passages", 1), ("energy_max", 1e-3), ("reach_probability", 100)):
+        shown = values_of(page[name], window.nx)
+        there = result[name].values[window.row :][: window.ny, window.column :][:, : window.nx]
+        there = np.where(there > 0, there * scale, np.nan)
+        np.testing.assert_allclose(shown, there, rtol=1e-5)
+        corner = [float(re.search(f'data-{c}="([^"]*)"', page[name])[1]) for c in ("west", "north")]
+        assert corner == [result.x[window.column] - 2.5, result.y[window.row] + 2.5]
+    assert "[kJ]" in page["energy_max"] and "[boulders]" in page["passages"]
+    assert (result["passages"].values > 0).sum() == (
+        values_of(page["passages"], window.nx) > 0
+    ).sum()
+
+
+def test_a_large_raster_is_shown_by_the_greatest_of_each_block():
+    values = np.arange(35, dtype="i4").reshape(5, 7)
+    shown = blocks_max(values, Window(0.0, 0.0, 2.0, 3, 2, step=2, row=1, column=1))
+    assert shown.tolist() == [[16, 18, 20], [30, 32, 34]]
+    values = np.array([[np.nan, 1.0, np.nan]])
+    shown = blocks_max(values, Window(0.0, 0.0, 2.0, 2, 1, step=2, row=0, column=0))
+    assert shown[0, 0] == 1 and np.isnan(shown[0, 1])
+
+
+def test_the_picture_of_a_large_raster_is_bounded(result, monkeypatch):
+    monkeypatch.setattr("rockfall.html_report.maps.MOST_CELLS", 100)
+    window = window_of(result)
+    assert window.step > 1 and window.nx * window.ny < 2 * 100 < MOST_CELLS
+    assert len(list(maps(result, (rough(), grid(rough()))))) == 1 + len(MAPS)
+    more = {f"energy_q{k}": result["energy_max"] for k in range(40)}
+    assert window_of(result.assign(more)).step > window.step  # all maps together are bounded
+
+
+def test_a_map_says_why_it_is_blank(tmp_path):
+    some = run(tmp_path, output={"maps": ["reach_probability_high", "energy_q95"]})
+    pages = list(maps(some, None))
+    (quantile,) = (page for page in pages if "95 % quantile" in page)
+    (upper,) = (page for page in pages if "Upper limit" in page)
+    assert "blank where fewer than 72 boulders passed" in quantile
+    none = 100 * share_interval(np.zeros(300, bool), np.zeros(300, int))[2]
+    assert f"blank where none passed; it is {none:.2g} % there" in upper
+    window = window_of(some)
+    (packed,) = re.findall('data-values="(.*?)"', upper)
+    shown = np.frombuffer(zlib.decompress(b64decode(packed)), "<f4")
+    passed = run(tmp_path)["passages"].values[window.row :, window.column :]
+    passed = passed[: window.ny, : window.nx]
+    assert (np.isfinite(shown.reshape(passed.shape)) == (passed > 0)).all()
+
+
+# ---- the page
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory, result):
+    """The whole page with terrain, in a file."""
+    path = tmp_path_factory.mktemp("page") / "report.html"
+    write_report(result, path, (rough(), grid(rough())))
+    return path
+
+
+def test_text_of_the_case_is_text_on_the_page(page):
+    text = page.read_text()
+    assert text.count("<script>") == 1 and "<img src=x" not in text
+    assert "road <b>" not in text and "road &lt;b&gt;" in text
+    assert EVIL in unescape(re.search("<h1>(.*)</h1>", text)[1])
+
+
+def test_nothing_is_taken_from_elsewhere(page):
+    text = page.read_text()
+    addresses = re.findall(r'(?:src|href|srcset|action)="([^"]*)"', text)
+    assert addresses and all(one.startswith(("data:", "#")) for one in addresses)
+    assert "default-src 'none'" in text and "url(" not in text and "@import" not in text
+
+
+def test_the_same_result_gives_the_same_bytes(page, result):
+    again = report(result.copy(deep=True), (rough(), grid(rough())))
+    assert page.read_bytes() == again.encode()
+
+
+def test_the_case_and_its_origin_are_all_there(page, result):
+    text = unescape(page.read_text())
+    assert result.attrs["case"] in text
+    assert result.attrs["impact_set_checksum"] in text and "20090601" in text
+    assert "Rasters came as arrays" in text
+
+
+def test_how_to_run_it_again_promises_what_holds(tmp_path):
+    case = make_case(tmp_path, *sets(), terrain={"dem": "dem.tif"}, release={"x": 1.0, "y": 1.0})
+    whole = run(tmp_path, boulders=10).assign_attrs(case=case.text(), case_file="my case.nml")
+    again = "This gives the same numbers again, to the last bit"
+    text = " ".join(provenance(whole))
+    assert f"{again}, in the folder" in text and "rockfall run &#x27;my case.nml&#x27;" in text
+    assert "a case file that says what stands below" in text  # it may have changed since
+    text = " ".join(provenance(interrupted(whole, 4)))
+    assert f"{again}, and the boulders that are missing, in the folder" in text
+
+
+def test_every_kind_of_result_has_a_page(tmp_path, monkeypatch):
+    monkeypatch.setattr("rockfall.analysis.return_levels.return_levels", no_levels)
+    monkeypatch.setattr("rockfall.plots.figures.figures", lambda *_: [])  # tested apart, and slow
+    bare = {"output": {}, "boulders": 1, "line": []}
+    still = run(tmp_path, boulders=3, release={"x": 150.0, "y": 380.0, "drop_height": 0.0})
+    for one in (
+        run(tmp_path, **bare), still, interrupted(run(tmp_path, boulders=10), 2),
+        run(tmp_path, release=SOURCES, boulders=2, output={}),
+    ):  # fmt: skip
+        text = report(one)
+        shown = re.sub("<svg.*?</svg>|<img [^>]*>|<style>.*</script>", "", text, flags=re.S)
+        assert "nan" not in shown.lower() and "inf" not in shown.lower().replace("info", "")
+        assert "there is no relief" in text
+
+
+# ---- the command
+
+
+@pytest.fixture
+def stored(tmp_path, monkeypatch, result):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("rockfall.analysis.return_levels.return_levels", no_levels)
+    monkeypatch.setattr("rockfall.plots.figures.figures", lambda *_: [])
+    rockfall.write_result(result, "out.nc")
+    return tmp_path
+
+
+def test_the_command_writes_beside_the_result(stored, capsys):
+    assert main(["report", "out.nc"]) == 0
+    said = capsys.readouterr()
+    assert said.out == "out.html\n" and "relief" in said.err
+    assert Path("out.html").read_text().startswith("<!DOCTYPE html>")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["none.nc"], "none.nc: no such file"),
+        (["case.nml"], "case.nml: is not a netCDF result"),
+        (["out.nc", "-o", "out.nc"], "out.nc: is no name for a page; it must end in .html"),
+        (["out.nc", "-o", "none/out.html"], "none/out.html: there is no folder none"),
+        (["out.nc", "-o", "folder.html"], "folder.html: is a folder; a file name is needed"),
+        (["out.nc", "--dem", "none.tif"], "none.tif"),
+        (["out.nc", "--observed", "none.csv"], "none.csv"),
+    ],
+)
+def test_what_cannot_be_done_is_refused_in_one_line(stored, capsys, arguments, message):
+    Path("case.nml").write_text("&case /")
+    Path("folder.html").mkdir()
+    before = sorted(stored.iterdir())
+    content = Path("out.nc").read_bytes()
+    assert main(["report", *arguments]) == 2
+    said = capsys.readouterr().err.splitlines()
+    errors = [line for line in said if "warning" not in line]
+    assert len(errors) == 1 and message in errors[0]
+    assert sorted(stored.iterdir()) == before and Path("out.nc").read_bytes() == content
+
+
+def test_a_result_is_not_overwritten_by_its_page(stored, capsys):
+    Path("out.nc").rename("out.html")
+    content = Path("out.html").read_bytes()
+    assert main(["report", "out.html", "-o", "out.html"]) == 2
+    assert capsys.readouterr().err == "rockfall: out.html: is an input; it is not overwritten\n"
+    assert Path("out.html").read_bytes() == content
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda r: r.drop_vars("stop_x"), "is not a whole result of rockfall: has no stop_x"),
+        (lambda r: r.drop_attrs().assign_attrs(case="&case /"), "has no title"),
+        (lambda r: r.assign(start_y=r.start_y.where(False)), "start_y: must be a number for every"),
+    ],
+)
+@pytest.mark.parametrize("command", ["report", "figures", "compare"])
+def test_a_result_that_lacks_something_is_refused(stored, capsys, result, command, change, message):
+    rockfall.write_result(change(result), "part.nc")
+    more = {"figures": ["folder"], "compare": ["none.csv"]}.get(command, [])
+    assert main([command, "part.nc", *more]) == 2
+    said = capsys.readouterr()
+    assert not said.out and said.err.startswith("rockfall: part.nc: ") and message in said.err
+    assert said.err.count("\n") == 1
+    assert sorted(p.name for p in stored.iterdir()) == ["out.nc", "part.nc"]
+
+
+def test_without_the_extra_one_line_says_what_to_install(stored, capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, "scipy", None)
+    assert main(["report", "out.nc"]) == 2
+    said = capsys.readouterr().err
+    assert said == "rockfall: a report needs the report extra: pip install 'rockfall[report]'\n"
+    assert not Path("out.html").exists()
+
+
+# ---- in a browser
+
+
+@pytest.fixture(scope="module")
+def browser():
+    """Headless Chromium without a network."""
+    webdriver = pytest.importorskip("selenium.webdriver", reason="selenium is not installed")
+    names = ("chromium", "chromium-browser", "google-chrome")
+    found = next(filter(None, map(shutil.which, names)), None)
+    driver = shutil.which("chromedriver")
+    if not found or not driver:
+        pytest.skip("no chromium and chromedriver here")
+    options = webdriver.ChromeOptions()
+    options.binary_location = found
+    for argument in ("--headless=new", "--no-sandbox", "--disable-gpu"):
+        options.add_argument(argument)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    one = webdriver.Chrome(options=options, service=webdriver.ChromeService(driver))
+    one.execute_cdp_cmd("Network.enable", {})
+    one.execute_cdp_cmd("Network.emulateNetworkConditions", {
+        "offline": True, "latency": 0, "downloadThroughput": 0, "uploadThroughput": 0,
+    })  # fmt: skip
+    yield one
+    one.quit()
+
+
+def opened(browser, page, width):
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", {
+        "width": width, "height": 900, "deviceScaleFactor": 1, "mobile": width < 600,
+    })  # fmt: skip
+    browser.get(page.as_uri())
+    return browser
+
+
+SHOWN = """
+const done = arguments[0];
+Promise.all([...document.images].map((one) => one.decode().catch(() => 0))).then(() => done(
+  [...document.images, ...document.querySelectorAll(".map image, .map use")].map((one) => {
+    const box = one.getBoundingClientRect();
+    return [one.naturalWidth ?? 1, box.width, box.height];
+  })));
+"""
+
+
+@pytest.mark.parametrize("width", [400, 1600])
+def test_a_browser_shows_all_of_it(browser, page, width):
+    opened(browser, page, width)
+    shown = browser.execute_async_script(SHOWN)
+    assert len(shown) > 10 and np.all(np.array(shown) > 20, where=[False, True, True])
+    assert all(natural > 0 for natural, _, _ in shown)
+    assert browser.execute_script("return document.documentElement.scrollWidth") <= width
+    requests = "return performance.getEntriesByType('resource').map((one) => one.name)"
+    assert not [one for one in browser.execute_script(requests) if not one.startswith("data:")]
+    assert browser.title == EVIL
+    assert browser.get_log("browser") == []
+
+
+BOX = "return document.querySelectorAll('.map svg[tabindex]')[{}].getAttribute('viewBox')"
+
+
+def box(browser, k):
+    return [float(one) for one in browser.execute_script(BOX.format(k)).split()]
+
+
+def test_maps_zoom_by_keys_wheel_and_buttons_all_together(browser, page):
+    from selenium.webdriver.common.action_chains import ActionChains
+    from selenium.webdriver.common.by import By
+    from selenium.webdriver.common.keys import Keys
+
+    opened(browser, page, 1600)
+    chart = browser.find_elements(By.CSS_SELECTOR, ".map svg[tabindex]")[1]
+    browser.execute_script("arguments[0].scrollIntoView({block: 'center'})", chart)
+    whole = box(browser, 1)
+    chart.send_keys("+")
+    by_key = box(browser, 1)
+    assert by_key[2] == pytest.approx(whole[2] / 1.5) and box(browser, 0) == by_key
+    chart.send_keys(Keys.ARROW_DOWN)
+    assert box(browser, 1)[1] > by_key[1]
+    ActionChains(browser).scroll_from_origin(_origin(chart), 0, -200).perform()
+    by_wheel = box(browser, 1)
+    assert by_wheel[2] < 0.8 * by_key[2]
+    ActionChains(browser).drag_and_drop_by_offset(chart, 40, 0).perform()
+    assert box(browser, 1)[0] < by_wheel[0]
+    chart.send_keys("0")
+    assert box(browser, 1) == whole
+    browser.find_element(By.CSS_SELECTOR, ".map [data-zoom='2']").click()
+    assert box(browser, 2)[2] == pytest.approx(whole[2] / 2)
+    assert browser.get_log("browser") == []
+
+
+def test_two_fingers_zoom(browser, page):
+    from selenium.webdriver.common.by import By
+
+    opened(browser, page, 400)
+    browser.execute_cdp_cmd("Emulation.setTouchEmulationEnabled", {"enabled": True})
+    chart = browser.find_element(By.CSS_SELECTOR, ".map svg[tabindex]")
+    browser.execute_script("arguments[0].scrollIntoView({block: 'center'})", chart)
+    at = browser.execute_script(
+        "const box = arguments[0].getBoundingClientRect();"
+        "return [box.x + box.width / 2, box.y + box.height / 2]",
+        chart,
+    )
+    whole = box(browser, 0)
+    for kind, apart in (("touchStart", 20), ("touchMove", 30), ("touchMove", 40), ("touchEnd", 0)):
+        points = [{"x": at[0] + side * apart, "y": at[1], "id": side} for side in (0, 1)]
+        touches = {"type": kind, "touchPoints": points if apart else []}
+        browser.execute_cdp_cmd("Input.dispatchTouchEvent", touches)
+    browser.execute_cdp_cmd("Emulation.setTouchEmulationEnabled", {"enabled": False})
+    assert box(browser, 0)[2] == pytest.approx(whole[2] / 2, rel=0.05)
+
+
+def _origin(element):
+    from selenium.webdriver.common.actions.wheel_input import ScrollOrigin
+
+    return ScrollOrigin.from_element(element)
+
+
+def test_the_pointer_tells_place_and_value(browser, page, result):
+    from selenium.webdriver.common.by import By
+    from selenium.webdriver.support.ui import WebDriverWait
+
+    opened(browser, page, 1600)
+    row, column = np.unravel_index(result["passages"].values.argmax(), result["passages"].shape)
+    window = window_of(result)
+    at = {"k": 1, "x": float(column - window.column + 0.5), "y": float(row - window.row + 0.5)}
+    browser.execute_script(
+        "const map = document.querySelectorAll('.map svg[tabindex]')[arguments[0].k];"
+        "map.scrollIntoView();"
+        "const matrix = map.getScreenCTM();"
+        "const p = new DOMPoint(arguments[0].x, arguments[0].y).matrixTransform(matrix);"
+        "map.dispatchEvent(new PointerEvent('pointermove', {clientX: p.x, clientY: p.y}));",
+        at,
+    )
+    output = browser.find_elements(By.CSS_SELECTOR, ".map output")[1]
+    WebDriverWait(browser, 5).until(lambda _: output.text)
+    x, y = float(result.x[column]), float(result.y[row])
+    assert output.text == f"x {x:.1f} m, y {y:.1f} m: {int(result['passages'].max())} boulders"
+
+
+def test_a_figure_opens_large_and_closes_by_key(browser, page):
+    from selenium.webdriver.common.by import By
+    from selenium.webdriver.common.keys import Keys
+
+    opened(browser, page, 400)
+    button = browser.find_element(By.CSS_SELECTOR, ".picture button")
+    small = button.find_element(By.TAG_NAME, "img").size["width"]
+    button.send_keys(Keys.ENTER)
+    large = browser.find_element(By.CSS_SELECTOR, "dialog[open] img")
+    assert large.size["width"] > small
+    browser.find_element(By.CSS_SELECTOR, "dialog button").send_keys(Keys.ESCAPE)
+    assert not browser.find_elements(By.CSS_SELECTOR, "dialog[open]")
+
+
+def test_everything_has_a_name_for_those_who_cannot_see(browser, page):
+    opened(browser, page, 1600)
+    nameless = """return [...document.querySelectorAll('img, svg[tabindex], button, table, [role]')]
+      .filter((one) => !(one.alt || one.ariaLabel || one.textContent.trim())).length"""
+    assert browser.execute_script(nameless) == 0
+    headings = "return [...document.querySelectorAll('h1, h2, h3')].map((one) => +one.tagName[1])"
+    levels = browser.execute_script(headings)
+    assert levels[0] == 1 and levels.count(1) == 1 and max(np.diff(levels)) == 1
+    unscoped = "return document.querySelectorAll('th:not([scope])').length"
+    assert browser.execute_script(unscoped) == 0

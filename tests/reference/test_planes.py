@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The page of `benchmarks/planes.py`: on exact planes, of every shipped set that is one."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import scenes
+
+pytest.importorskip("matplotlib", reason="the report extra is not installed")
+sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
+import planes  # noqa: E402
+
+
+@pytest.mark.parametrize("slope", planes.SLOPES)
+def test_a_plane_is_one_to_the_last_bit(slope):
+    z, grid = planes.plane(slope)
+    steps = np.diff(z, axis=0)
+    assert (steps == steps[0, 0]).all() and (z == z[:, :1]).all()
+    assert np.degrees(np.arctan(-steps[0, 0] / grid.cell)) == pytest.approx(slope, abs=1e-9)
+
+
+def test_without_scatter_boulders_stop_or_run_away(tmp_path):
+    """V_t_out = 0.6 V_t_in, V_n_out = 0.3 V_t_in: neutral on 33.7 degrees, straight down."""
+    mean = np.zeros((5, 9))
+    mean[:, 0], mean[:, 3] = 0.6, 0.3
+    path = scenes.write_sets(tmp_path / "sets.nml", mean, np.zeros((5, 9, 9)))
+    flat, steep = (planes.measure(path, slope, 3, 50) for slope in (30, 46))
+    assert flat["share"] == (0.0, 0.0) and np.isnan([*flat["speed"], *flat["height"]]).all()
+    assert steep["share"] == (1.0, 0.0) and steep["speed"].value > 15
+    assert 0 < steep["speed"].error < 0.2 * steep["speed"].value
+    found = planes.neutral(planes.read_sets(path)[0], 3)
+    want = np.degrees(np.arctan(0.4 / 0.6))
+    assert found.value == pytest.approx(want, abs=0.06) and found.error < 0.01  # bisection
+
+
+def test_the_page_tells_every_number_of_every_set_but_ensembles(tmp_path, monkeypatch):
+    name = "one"
+    path = scenes.write_sets(tmp_path / f"{name}.nml", *scenes.sets())
+    groups = path.read_text().replace("&impact_set", "&impact_set draw = 2,")
+    (tmp_path / "many.nml").write_text(path.read_text() + groups)
+    shipped = {name: path, "many": tmp_path / "many.nml"}
+    monkeypatch.setattr(planes, "shipped_sets", lambda: shipped)
+    monkeypatch.setattr(planes, "SLOPES", (34, 44))
+    monkeypatch.setattr(planes, "SEEDS", (1, 2))
+    monkeypatch.setattr(sys, "argv", ["planes.py", "--boulders", "30", "-o", str(tmp_path)])
+    planes.main()
+    text = (tmp_path / "planes.md").read_text(encoding="utf-8")
+    assert f"## `{name}`\n" in text and "many" not in text
+    rows = [
+        line for line in text.splitlines() if line.startswith("| 34") or line.startswith("| 44")
+    ]
+    assert len(rows) == 2 * len(planes.HOW)
+    one = planes.measure(path, 44, 4, 30)
+    cells = [row.split("|")[5].strip() for row in rows if row.startswith("| 44")]
+    scales = (100.0, 1.0, 1.0)
+    assert cells == [
+        planes.text(one[key], planes.HOW[key][2], scale)
+        for key, scale in zip(planes.HOW, scales, strict=True)
+    ]
+    assert (tmp_path / "planes.png").read_bytes().startswith(b"\x89PNG")

@@ -1,0 +1,394 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Likely mistakes give their one line, and sound scenes none."""
+
+import math
+import re
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+from affine import Affine
+from rasterio.crs import CRS
+from rasterio.warp import transform
+
+import rockfall
+import scenes
+from made import PLACE, UTM, make_raster, refused
+from rockfall.cli import main
+from rockfall.io.raster import read_dem
+from rockfall.scene.plausible import doubts
+from rockfall.scene.scene import read_scene
+from rockfall.text.preview import preview
+
+ROOT = Path(__file__).parents[2]
+NY, NX, CELL = 80, 60, 5.0
+EAST, NORTH = PLACE.c, PLACE.f
+TABLE = "zone,mean_radius\n1,0.3\n2,0.2\n3,Inf\n"
+POINT = {"x": [EAST + 150.0], "y": [NORTH - 50.0]}
+PLAN = "EPSG:3857"
+
+
+class Site:
+    """A folder with the inputs of a sound case, and the case; a mistake changes something."""
+
+    def __init__(self, folder):
+        self.folder, self.z = folder, scenes.rough(NX, NY, CELL, dtype="f4")
+        self.dem(self.z)
+        zones = np.where(np.arange(NX) < 30, 1, 2) + np.zeros((NY, 1))
+        zones[-5:] = 3
+        make_raster(folder / "zones.tif", zones.astype("i2"), nodata=-1)
+        cells = np.zeros((NY, NX), "u1")
+        cells[8, 10:50] = 1
+        self.cells(cells)
+        (folder / "zones.csv").write_text(TABLE)
+        self.groups = {
+            "case": {"boulders": 2},
+            "terrain": {"dem": "dem.tif"},
+            "surface": {"zones": "zones.tif", "table": "zones.csv"},
+            "impact": {"sets": "rocky-slope"},
+            "boulder": {"volume_mean": 0.8},
+            "release": {**POINT, "drop_height": 2.0},
+            "flight": {},
+        }
+
+    def dem(self, z, **about):
+        make_raster(self.folder / "dem.tif", z, **about)
+
+    def cells(self, array, **about):
+        make_raster(self.folder / "cells.tif", array, **about)
+
+    def set(self, group, **keys):
+        self.groups[group] = self.groups[group] | keys
+
+    def by_cells(self):
+        self.groups["release"] = {"cells": "cells.tif", "drop_height": 2.0}
+
+    def uniform(self, radius=0.3):
+        self.groups["surface"] = {"uniform_mean_radius": radius}
+
+    def case(self):
+        return rockfall.Case(folder=self.folder, **self.groups)
+
+    def polygons(self, *boxes, crs=UTM, name="zones.gpkg"):
+        """Zones 1, 2, ... between pairs of x, as a layer."""
+        import pyogrio
+        import shapely
+
+        south, north = NORTH - NY * CELL, NORTH
+        shapes = [shapely.box(EAST + low, south, EAST + high, north) for low, high in boxes]
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # that there is no CRS
+            pyogrio.raw.write(
+                self.folder / name, geometry=np.array([shapely.to_wkb(one) for one in shapes]),
+                field_data=[np.arange(1, len(boxes) + 1, dtype="i4")], fields=["zone"],
+                geometry_type="Polygon", crs=crs,
+            )  # fmt: skip
+        self.set("surface", zones=name)
+
+
+@pytest.fixture
+def site(tmp_path):
+    return Site(tmp_path)
+
+
+def lines(site, **options):
+    return doubts(read_scene(site.case(), **options))
+
+
+# ---- mistakes
+
+
+def undeclared(value, nodata=None):
+    def change(site):
+        z = site.z.copy()
+        z[-6:, :7] = value
+        site.dem(z, nodata=nodata)
+
+    return change
+
+
+def in_degrees(site):
+    """The same ground, its cells in degrees, and no word of it."""
+    site.dem(site.z, crs=None, transform=Affine(6e-5, 0, 7.1, 0, -4.5e-5 * 6 / 4.5, 45.1))
+    site.uniform()
+    site.set("release", x=[7.1 + 30 * 6e-5], y=[45.1 - 10 * 6e-5])
+
+
+def web_mercator(site):
+    (x,), (y,) = transform("EPSG:4326", PLAN, [7.0], [60.0])
+    site.dem(site.z, crs=PLAN, transform=Affine(5.0, 0, x, 0, -5.0, y))
+    site.uniform()
+    site.set("release", x=[x + 150.0], y=[y - 50.0])
+
+
+def in_feet(site):
+    """A slope of 38 degrees."""
+    site.dem(site.z / 0.3048)
+
+
+def mask(inside, outside, declared=None):
+    def change(site):
+        cells = np.full((NY, NX), outside, "u1")
+        cells[8, 10:50] = inside
+        site.cells(cells, nodata=declared)
+        site.by_cells()
+
+    return change
+
+
+def put(group, **keys):
+    return lambda site: site.set(group, **keys)
+
+
+def radii(radius):
+    return lambda site: (site.folder / "zones.csv").write_text(TABLE.replace("0.2", radius))
+
+
+def raster_of_radii(radius):
+    def change(site):
+        values = np.full((NY, NX), 0.3, "f4")
+        values[3, 3], values[-1] = radius, np.inf
+        make_raster(site.folder / "rm.tif", values)
+        site.groups["surface"] = {"mean_radius": "rm.tif"}
+
+    return change
+
+
+MISTAKES = {
+    "-9999": (undeclared(-9999), "elevation -9999 m in 42 cells, 10,9.. m below all others: is"),
+    "-32768": (undeclared(-32768), "elevation -32768 m in 42 cells, .* below all others: is it"),
+    "32767": (undeclared(32767), "elevation 32767 m in 42 cells, .* above all others: is it a nod"),
+    "0": (undeclared(0), "elevation 0 m in 42 cells, 9.. m below all others: is it a nodata value"),
+    "above Everest": (
+        lambda site: site.dem(site.z + 8500),
+        "elevation 98.* m in 1 cells, 0 m above all others",
+    ),
+    "degrees": (in_degrees, "cells of 6e-05 between x 7.1 and 7.1036, .* look like degrees"),
+    "3857": (web_mercator, r"EPSG:3857 draws lengths 2\.00 times as long as they are here"),
+    "feet": (in_feet, "half of the terrain is steeper than 69 degrees: are its elevations in metr"),
+    "integers": (lambda site: site.dem(np.rint(site.z).astype("i2")), "steps, .* by up to 11 deg"),
+    "mask of 1 and 255": (mask(1, 255), "cells = 'cells.tif': 255 in 4,760 cells, which makes"),
+    "all cells": (mask(255, 255), "every cell of the terrain is a source: is 255 a nodata value"),
+    "R_m in cm": (radii("20"), "a mean radius of 20 m: .* was it meant in cm"),
+    "raster in cm": (raster_of_radii(35), "a mean radius of 35 m: .* was it meant in cm"),
+    "density in t": (
+        put("boulder", density=2.8),
+        "density = 2.8 kg/m3: rocks have 2000 to 3200; was it meant in t/m3?",
+    ),
+    "density": (put("boulder", density=28000.0), "density = 28000 kg/m3: rocks have 2000 to 3200$"),
+    "gravity": (put("flight", gravity=981.0), r"981 m/s2: the Earth has 9.81; was it meant in cm"),
+    "drop": (put("release", drop_height=300.0), "start 300 m above the ground: was it meant in c"),
+    "speed": (put("release", velocity=[0.0, -80.0, 0.0]), "80 m/s, 288 km/h: was it meant in km/"),
+    "volume": (put("boulder", volume_mean=8000.0), "8000 m3: a boulder 25 m across: was it meant"),
+    "source given thrice": (
+        put("release", x=POINT["x"] * 3, y=POINT["y"] * 3),
+        r"the source \(600150, 4999950\) is given 3 times: it releases as many times",
+    ),
+    "overlapping zones": (
+        lambda site: site.polygons((0, 200), (100, 300)),
+        "zones.gpkg: polygons of different zone overlap in 1,600 cells: the later polygon counts",
+    ),
+    "zones without CRS": (
+        lambda site: site.polygons((0, 150), (150, 300), crs=None),
+        "zones.gpkg: names no CRS: taken to be in that of the DEM, EPSG:32632",
+    ),
+}
+
+
+@pytest.mark.parametrize("what", MISTAKES)
+def test_a_mistake_gives_its_line_and_no_other(site, what):
+    change, words = MISTAKES[what]
+    change(site)
+    (line,) = lines(site)
+    assert line.startswith("case: &") or "zones.gpkg" in line
+    assert re.search(words, line), line
+    assert "\n" not in line
+
+
+WINDOWED = ["-9999", "0", "feet", "integers", "mask of 1 and 255", "all cells", "R_m in cm",
+            "raster in cm", "density in t"]  # fmt: skip
+
+
+@pytest.mark.parametrize("what", WINDOWED)
+def test_terrain_in_windows_is_told_alike(site, what):
+    MISTAKES[what][0](site)
+    scene = read_scene(site.case(), memory=20 * 1000.0)
+    assert scene.tiles and doubts(scene) == lines(site)
+    whole = read_scene(site.case()).ground
+    assert np.array_equal(np.concatenate(scene.ground.source_z), np.concatenate(whole.source_z))
+    assert scene.ground.quantiles() == pytest.approx(whole.quantiles(), abs=1e-9)
+
+
+def test_geocentric_coordinates_are_refused(site):
+    path = site.folder / "dem.tif"
+    site.dem(site.z, crs="EPSG:4978")
+    with refused(
+        f"{path}: coordinates are geocentric (EPSG:4978), from the centre of the Earth: "
+        "a projected CRS in metres is needed"
+    ):
+        read_dem(path)
+
+
+@pytest.mark.parametrize("name", ["x.tif", "x.csv", "x", "x.nc.gz"])
+@pytest.mark.parametrize("verb", ["run", "merge"])
+def test_results_end_in_nc(site, capsys, monkeypatch, name, verb):
+    monkeypatch.chdir(site.folder)
+    Path("case.nml").write_text(site.case().text())
+    before = sorted(site.folder.iterdir())
+    assert main([verb, "case.nml", "-o", name]) == 2
+    said = capsys.readouterr().err
+    assert said == f"rockfall: {name}: results are netCDF files, their names must end in .nc\n"
+    assert sorted(site.folder.iterdir()) == before
+
+
+def test_both_commands_and_the_function_say_the_same(site, capsys, monkeypatch):
+    monkeypatch.chdir(site.folder)
+    site.set("boulder", density=2.8)
+    site.set("flight", gravity=981.0)
+    Path("case.nml").write_text(site.case().text())
+    assert main(["check", "case.nml"]) == 0
+    checked = capsys.readouterr().err
+    assert main(["run", "case.nml", "--quiet"]) == 0
+    assert capsys.readouterr().err == checked
+    with pytest.warns(UserWarning) as caught:
+        rockfall.run(rockfall.read_case("case.nml"), chunk=1)
+    said = [str(one.message) for one in caught]
+    assert len(said) == 2 and checked == "".join(f"rockfall: warning: {one}\n" for one in said)
+    assert {one.filename for one in caught} == {__file__}
+
+
+# ---- sound scenes
+
+
+def test_a_sound_site(site):
+    assert lines(site) == []
+    site.by_cells()
+    assert lines(site) == []
+    mask(255, 0)(site)  # a mask as images have it
+    assert lines(site) == []
+    mask(1, 255, declared=255)(site)
+    assert lines(site) == []
+    undeclared(-9999, nodata=-9999)(site)
+    assert lines(site) == []
+    site.polygons((0, 150), (150, 300))
+    assert lines(site) == []
+    site.dem(site.z, crs=None)  # what names no CRS is taken as it is
+    site.polygons((0, 150), (150, 300), crs=None)
+    assert lines(site) == []
+
+
+def test_rocks_of_all_sizes_that_slopes_have(site):
+    for radius in "0.001", "2.5", "Inf":
+        radii(radius)(site)
+        assert lines(site) == []
+    site.groups["surface"] = {"uniform_rg": [100.0, 100.0, 100.0], "method": "A"}
+    assert lines(site) == []
+
+
+def test_a_local_system_in_metres(site):
+    site.dem(site.z, crs=CRS.from_wkt('LOCAL_CS["quarry",UNIT["metre",1]]'))
+    site.uniform()
+    assert lines(site) == []
+
+
+@pytest.mark.parametrize("crs", ["EPSG:2154", "EPSG:31254", "EPSG:3035", "EPSG:32632", "EPSG:2056"])
+def test_projections_of_the_alps(site, crs):
+    (x,), (y,) = transform("EPSG:4326", crs, [7.0], [45.5])
+    site.dem(site.z, crs=crs, transform=Affine(5.0, 0, x, 0, -5.0, y))
+    site.uniform()
+    site.set("release", x=[x + 150.0], y=[y - 50.0])
+    assert lines(site) == []
+
+
+def elevations(name):
+    """Terrain that is unusual, or has round numbers."""
+    y, x = np.mgrid[NY - 1 : -1 : -1, 0:NX] * CELL
+    sea = np.maximum(scenes.rough(NX, NY, CELL) - 1150.0, 0.0)
+    cliff = np.where(y > 200, 250.0, 0.0)
+    return {
+        "dead sea": scenes.rough(NX, NY, CELL) - 1430.0,
+        "plane of integers": y - 0.2 * x,
+        "ridge of integers": np.abs(x - 150),
+        "terraces": 20 * np.floor(y / 100) + 0 * x,
+        "sea": sea,
+        "plateau, cliff and plain": cliff + 0 * x,
+        "cliff of 55 degrees": 1.45 * y + 0 * x,
+        "Everest": scenes.rough(NX, NY, CELL) + 7500.0,
+        "flat": 0 * y,
+    }[name]
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["dead sea", "plane of integers", "ridge of integers", "terraces", "sea", "Everest", "flat",
+     "plateau, cliff and plain", "cliff of 55 degrees"],
+)  # fmt: skip
+def test_unusual_terrain(site, name):
+    site.dem(elevations(name))
+    assert lines(site) == []
+
+
+def test_a_saddle_of_integers_has_no_steps(site):
+    y, x = np.mgrid[0:NY, 0:NX]
+    site.dem(900 - (x - 30.0) ** 2 + (y - 40.0) ** 2)
+    assert not any("steps" in line for line in lines(site))  # steep it is
+
+
+def test_coarse_integers(site):
+    """Metres are fine enough for cells of 30 m."""
+    far = Affine(30.0, 0, EAST, 0, -30.0, NORTH)
+    z = np.rint(6 * site.z).astype("i2")
+    site.dem(z, transform=far)
+    site.uniform()
+    site.set("release", x=[EAST + 900.0], y=[NORTH - 300.0])
+    assert lines(site) == []
+
+
+def test_a_model_in_a_laboratory(site):
+    """Centimetres of cells at coordinates that might be degrees."""
+    site.dem(site.z / 100, crs=None, transform=Affine(0.05, 0, 0.0, 0, -0.05, 4.0))
+    site.uniform(0.005)
+    site.set("boulder", volume_mean=1e-6)
+    site.set("release", x=[1.5], y=[3.5], drop_height=0.1)
+    assert lines(site) == []
+
+
+@pytest.mark.parametrize("case", sorted((ROOT / "cases").glob("*/case*.nml")), ids=str)
+def test_cases(case):
+    assert doubts(read_scene(rockfall.read_case(case))) == []
+
+
+@pytest.mark.parametrize("options", [{}, {"gradient": 0.1}, {"relief": 20.0}, {"dtype": "f4"}])
+def test_scenes_of_the_tests(tmp_path, options):
+    z = scenes.rough(**options)
+    case = scenes.make_case(tmp_path, *scenes.sets(), release={"x": [150.0], "y": [350.0]})
+    assert doubts(read_scene(case, dem=z, transform=scenes.grid(z))) == []
+
+
+# ---- what `rockfall check` prints
+
+
+def test_check_tells_elevations_slopes_and_speed(site):
+    steep = math.tan(math.radians(35))
+    y = np.mgrid[NY - 1 : -1 : -1, 0:NX][0] * CELL  # 0 at the centres of the lowest cells
+    site.dem(1000.0 + steep * y)
+    site.set("release", drop_height=10.0, velocity=[3.0, 0.0, 4.0])
+    page = preview(read_scene(site.case()))
+    rows = {line[2:15].strip(): line[15:] for line in page.splitlines()[1:]}
+    source = (NY - 0.5) * CELL - 50.0  # as y counts; it lies on the edge of two cells
+    low, high, *sources = (float(word.replace(",", "")) for word in numbers(rows["elevations"]))
+    assert (low, high) == pytest.approx((1000.0, 1000.0 + steep * (NY - 1) * CELL), abs=0.05)
+    assert sources == pytest.approx([1000.0 + steep * source], abs=steep * CELL / 2 + 0.05)
+    assert rows["slopes"] == "median 35 degrees; sources: median 35 degrees"
+    speed = math.sqrt(25 + 2 * 9.81 * (10.0 + steep * source))
+    assert rows["speed"].startswith(f"at most {speed:.0f} m/s")
+    assert "mass 2,240 kg" in rows["sizes"] and "R_b 0.576 m" in rows["sizes"]
+    zones = [line.strip() for line in page.splitlines() if line.strip().startswith("zone ")]
+    assert [line.split(";")[0] for line in zones] == [
+        "zone 1: R_m 0.3 m, R_b/R_m 1.92", "zone 2: R_m 0.2 m, R_b/R_m 2.88", "zone 3: absorbs"
+    ]  # fmt: skip
+
+
+def numbers(text):
+    return re.findall(r"-?[\d,]+\.\d", text)

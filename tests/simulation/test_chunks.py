@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Chunks are given the sources of their own boulders alone, which no result shows; a run is written
+without loading what it does not need."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import xarray as xr
+from affine import Affine
+
+import rockfall
+from made import make_raster
+from rockfall.errors import RockfallError
+from scenes import grid, make_case, rough, sets
+
+EACH = 5
+X = np.array([110.0, 130.0, 150.0, 170.0, 190.0, 210.0, 230.0])
+CLOCKS = ("wall_seconds", "cpu_seconds")
+
+
+def case_in(folder, x=X, **case):
+    release = {"x": x.tolist(), "y": [380.0] * x.size, "drop_height": 5.0}
+    output = {"maps": ["passages", "energy_max"], "trajectories": 12}
+    return make_case(
+        folder,
+        *sets(2.0),
+        case={"boulders": EACH} | case,
+        terrain={},
+        release=release,
+        output=output,
+    )
+
+
+def run(case, **how):
+    return rockfall.run(case, dem=rough(), transform=grid(rough()), **how)
+
+
+@pytest.mark.parametrize("sampling", ["random", "sobol"])
+@pytest.mark.parametrize("chunk", [1, EACH, 7, 12, 1000])
+def test_any_chunk_and_part_starts_at_its_own_sources(tmp_path, sampling, chunk):
+    case = case_in(tmp_path, sampling=sampling)
+    whole = run(case)
+    assert np.array_equal(whole["start_x"], np.repeat(X, EACH))
+    found = run(case, chunk=chunk)
+    xr.testing.assert_identical(found.drop_attrs(), whole.drop_attrs())
+    parts = [run(case, chunk=chunk, shard=(k, 4)) for k in range(1, 5)]
+    xr.testing.assert_identical(rockfall.merge(parts).drop_attrs(), whole.drop_attrs())
+
+
+def test_the_last_source_is_refused_before_the_first_boulder_flies(tmp_path, monkeypatch):
+    call = "rockfall.simulation.simulate._call"
+    monkeypatch.setattr(call, lambda *_: pytest.fail("a boulder flew"))
+    with pytest.raises(RockfallError, match=r"source 8 \(9999.000, 380.000\) lies outside"):
+        run(case_in(tmp_path, np.append(X, 9999.0)), chunk=1)
+
+
+def test_a_run_does_not_load_dask(tmp_path):
+    """It would take longer to load than to write the result."""
+    pytest.importorskip("dask.array")
+    make_raster(tmp_path / "dem.tif", rough(), crs=None, transform=Affine(5, 0, 0, 0, -5, 400))
+    case = case_in(tmp_path).replace(terrain={"dem": "dem.tif"})
+    (tmp_path / "case.nml").write_text(case.text())
+    said = subprocess.run(
+        [sys.executable, "-X", "importtime", "-m", "rockfall.cli", "run", "case.nml", "--quiet"],
+        cwd=tmp_path, capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    loaded = {line.rpartition("|")[2].strip() for line in said.stderr.splitlines()}
+    assert "netCDF4" in loaded
+    assert not [name for name in loaded if name.startswith(("dask.array.", "distributed."))]
+
+
+def test_texts_and_coordinates_beside_dimensions_are_kept(tmp_path):
+    result = run(case_in(tmp_path))
+    kind = ("boulder", np.array(["round", "flat"])[result["boulder"].values % 2])
+    result = result.assign_coords(kind=kind)
+    rockfall.write_result(result, tmp_path / "out.nc")
+    back = rockfall.read_result(tmp_path / "out.nc")
+    assert "kind" in back.coords
+    assert back["kind"].values.tolist() == result["kind"].values.tolist()
+    xr.testing.assert_identical(back.drop_vars("kind"), result.drop_vars("kind"))

@@ -1,0 +1,106 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Runs on a Dask cluster: the same bits, also when a worker dies in the middle."""
+
+import os
+import signal
+
+import pytest
+
+import rockfall
+from made import refused
+from rockfall.cli import main
+from rockfall.scene.scene import read_scene
+from rockfall.simulation import dask as cluster
+from rockfall.simulation.dask import run_on_cluster
+
+distributed = pytest.importorskip("distributed")
+
+
+@pytest.fixture(scope="module")
+def workers():
+    """A cluster of two processes, and a client of it."""
+    about = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": None}
+    with (
+        distributed.LocalCluster(**about, processes=True) as local,
+        distributed.Client(local, set_as_default=False) as client,
+    ):
+        yield local.scheduler_address, client
+
+
+@pytest.fixture
+def scene(few_boulders):
+    case = rockfall.read_case(few_boulders).replace(case={"boulders": 5000})
+    return read_scene(case)
+
+
+def test_the_result_is_that_of_a_run_here(workers, scene):
+    found = run_on_cluster(scene, workers[0])
+    here = rockfall.run(scene.case)
+    assert found.equals(here)
+    for name in ("case", "boulder_last", "boulders_asked", "complete", "input_checksums"):
+        assert found.attrs[name] == here.attrs[name]
+
+
+def test_a_worker_that_dies_in_the_middle_is_done_without(workers, scene, monkeypatch):
+    address, client = workers
+    killed, add = [], cluster.Joined.add
+
+    def add_and_kill(joined, part):
+        add(joined, part)
+        if not killed:  # one of the two, which flies another part now
+            pid = min(client.run(os.getpid).values())
+            os.kill(pid, signal.SIGKILL)
+            killed.append(pid)
+
+    monkeypatch.setattr(cluster.Joined, "add", add_and_kill)
+    found = run_on_cluster(scene, address, parts=40)
+    assert len(killed) == 1
+    assert found.equals(rockfall.run(scene.case))
+
+
+def test_the_command(few_boulders, tmp_path, monkeypatch, workers):
+    monkeypatch.chdir(tmp_path)
+    assert main(["run", "case.nml", "--quiet", "--dask", workers[0], "-o", "dask.nc"]) == 0
+    assert main(["run", "case.nml", "--quiet", "-o", "here.nc"]) == 0
+    found, here = (rockfall.read_result(f"{name}.nc") for name in ("dask", "here"))
+    assert found.equals(here)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["case.nml", "dask.nc", "here.nc"]
+
+
+def test_one_boulder_needs_no_cluster(few_boulders, workers):
+    case = rockfall.read_case(few_boulders).replace(case={"boulders": 1})
+    assert run_on_cluster(read_scene(case), workers[0]).equals(rockfall.run(case))
+
+
+@pytest.mark.parametrize("where", ["local:", "local:0", "local:x", "local:-1"])
+def test_wrong_places_are_refused(scene, where):
+    with refused(f"--dask {where}: must be local:N with N >= 1, or an address"):
+        run_on_cluster(scene, where)
+
+
+def test_where_nobody_answers(few_boulders, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(cluster, "SECONDS", 1)
+    for where in ("tcp://127.0.0.1:9", "nonsense://x"):
+        assert main(["run", "case.nml", "--dask", where]) == 2
+        err = capsys.readouterr().err
+        assert err.startswith(f"rockfall: --dask {where}: no scheduler answers")
+        assert err.count("\n") == 1
+    assert main(["run", "case.nml", "--dask", "local:2", "--resume"]) == 2
+    assert main(["run", "case.nml", "--dask", "local:2", "--until", "share@EL1<5%"]) == 2
+    assert not list(tmp_path.glob("*.nc"))
+
+
+def test_processes_of_this_machine_take_nothing_from_strangers(few_boulders):
+    """Others on the machine see the port, and have no credentials."""
+    pytest.importorskip("cryptography")
+    with cluster._client("local:1") as client:
+        address = client.scheduler.address
+        assert address.startswith("tls://127.0.0.1:")
+        assert client.submit(sum, (1, 2)).result(timeout=60) == 3
+        (worker,) = client.scheduler_info()["workers"]
+        strange = distributed.Security.temporary()
+        for place in (address, worker):
+            for way, key in ((place, strange), (place.replace("tls:", "tcp:"), None)):
+                with pytest.raises(OSError):
+                    distributed.Client(way, timeout=2, security=key, set_as_default=False)

@@ -1,0 +1,545 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What must hold whatever the slope: threads, chunks and options change nothing; totals add up;
+a scene that is moved, turned, mirrored or under other gravity has the same boulders.
+"""
+
+import numpy as np
+import pytest
+
+import rockfall
+import scenes
+from made import refused
+from rockfall.result import variables
+from rockfall.scene.scene import read_scene
+from rockfall.simulation import simulate
+
+CELL, SHAPE = 5.0, (80, 60)
+WIDTH, HEIGHT = SHAPE[1] * CELL, SHAPE[0] * CELL
+START = (152.25, 385.125)  # eighths: sums with large offsets are exact
+MAPS = list(variables.MAP)
+LINES = [
+    {"name": "low", "x": [5.0, 295.0], "y": [200.0, 200.0]},
+    {"name": "bent", "x": [5.0, 150.0, 295.0], "y": [300.0, 310.0, 290.0]},
+]
+#: What may be asked for, one by one.
+OPTIONS = {
+    "maps": {"output": {"maps": MAPS}},
+    "lines": {"line": LINES},
+    "histograms": {"output": {"rebounds": True}},
+    "trajectories": {"output": {"trajectories": 20}},
+}
+ALL = {"line": LINES, "output": {"maps": MAPS, "rebounds": True, "trajectories": 20}}
+STATUSES = ["stopped", "absorbed", "left_domain", "impact_limit"]
+
+
+def slope():
+    """Rough ground with a hole of nodata."""
+    z = scenes.rough()
+    z[60:64, 25:28] = np.nan
+    return z
+
+
+def river():
+    """Rocks of random size, with a river across the foot that absorbs."""
+    rocks = np.random.default_rng(8).uniform(0.1, 0.6, SHAPE).astype("f4")
+    rocks[74:76, :35] = np.inf
+    return rocks
+
+
+def make_case(folder, boulders=500, scatter=2.0, **groups):
+    """A case on `slope` with `river`, by default one that has every status."""
+    usual = {
+        "case": {"boulders": boulders},
+        "surface": {"mean_radius": "given"},
+        "impact": {"impact_limit": 60},
+        "boulder": {"volume": "normal", "volume_mean": 0.8, "volume_std": 0.3},
+        "release": {"x": [START[0]], "y": [START[1]]},
+    }
+    for name, values in usual.items():
+        groups[name] = {**values, **groups.get(name, {})}
+    return scenes.make_case(folder, *scenes.sets(scatter), **groups)
+
+
+def run(case, z=None, rocks=None, west=0.0, south=0.0, **how):
+    z = slope() if z is None else z
+    arrays = {"mean_radius": river() if rocks is None else rocks}
+    grid = scenes.grid(z, CELL, west, south)
+    return rockfall.run(case, dem=z, transform=grid, **arrays, **how)
+
+
+def same_bits(a, b, names=None):
+    """Check that two results agree in every bit of what both hold."""
+    names = names or sorted(set(a.variables) & set(b.variables))
+    assert {"status", "stop_z", "path_length", "rebounds"} <= set(names)
+    for name in names:
+        one, other = a[name].values, b[name].values
+        assert one.dtype == other.dtype, name
+        if one.dtype.kind == "f":
+            assert np.array_equal(one, other, equal_nan=True), name
+        else:
+            assert np.array_equal(one, other), name
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("invariants")
+
+
+@pytest.fixture(scope="module")
+def crowd(folder):
+    """5000 boulders with everything asked for, on one thread, in one chunk."""
+    return run(make_case(folder, 5000, **ALL), threads=1, chunk=5000)
+
+
+@pytest.fixture(scope="module")
+def plain(folder):
+    """Boulders with nothing asked for."""
+    return run(make_case(folder))
+
+
+@pytest.mark.parametrize("threads", [2, 4])
+def test_threads_do_not_matter(folder, crowd, threads):
+    result = run(make_case(folder, 5000, **ALL), threads=threads, chunk=5000)
+    assert result.attrs["threads"] == threads
+    assert set(result.variables) == set(crowd.variables)
+    same_bits(result, crowd)
+
+
+@pytest.mark.parametrize("chunk", [1, 7, 1000, None])
+def test_chunks_do_not_matter(folder, crowd, chunk):
+    same_bits(run(make_case(folder, 5000, **ALL), threads=1, chunk=chunk), crowd)
+
+
+@pytest.mark.parametrize("number", [1, 4711, 5000])
+def test_a_boulder_alone_is_that_of_the_crowd(folder, crowd, number):
+    z = slope()
+    case = make_case(folder, 5000, line=LINES)
+    scene = read_scene(case, z, scenes.grid(z, CELL), mean_radius=river())
+    tally = simulate.start(scene, threads=1)
+    simulate._fly(tally, number, 1)
+    row = dict(zip(simulate.fields(1), tally.boulder[number - 1], strict=True))
+    row |= dict(zip(simulate.fields(2)[:2], tally.count[number - 1], strict=False))
+    for name, value in row.items():
+        assert value == crowd[name].values[number - 1], name
+    for k, name in enumerate(simulate.fields(3)):
+        met = crowd[f"line_{name}"].values[:, number - 1]
+        assert np.array_equal(tally.crossing[number - 1, :, k], met, equal_nan=True), name
+    way = simulate.trajectory(scene, number)
+    last = dict(zip(simulate.fields(4), way[-1], strict=True))
+    assert [last[axis] for axis in "xyz"] == [row[f"stop_{axis}"] for axis in "xyz"]
+    assert last["time"] == row["travel_time"]
+
+
+@pytest.mark.parametrize("option", OPTIONS)
+def test_what_is_asked_for_changes_nothing_else(folder, plain, option):
+    result = run(make_case(folder, **OPTIONS[option]))
+    added = set(result.variables) - set(plain.variables)
+    assert added and set(plain.variables) < set(result.variables)
+    same_bits(result, plain)
+    every = run(make_case(folder, **ALL))
+    same_bits(result, every)
+    assert added < set(every.variables)
+
+
+def test_one_map_alone_is_that_of_all(folder):
+    every = run(make_case(folder, **ALL))
+    for name in MAPS:
+        alone = run(make_case(folder, output={"maps": [name]}))
+        assert set(MAPS) & set(alone.variables) == {name}
+        same_bits(alone, every)
+
+
+def test_another_seed_gives_other_boulders(folder, plain):
+    other = run(make_case(folder, case={"seed": 20090602}))
+    assert (other.volume.values != plain.volume.values).all()
+    assert (other.path_length.values != plain.path_length.values).all()
+
+
+def test_a_run_leaves_its_input_as_it_was(folder):
+    z, rocks = slope(), river()
+    run(make_case(folder, **ALL), z, rocks)
+    assert np.array_equal(z, slope(), equal_nan=True)
+    assert np.array_equal(rocks, river())
+
+
+def test_every_boulder_has_a_status_and_totals_add_up(crowd):
+    n = crowd.sizes["boulder"]
+    number = {name: int((crowd.status == k).sum()) for k, name in enumerate(STATUSES, start=1)}
+    assert crowd.status.attrs["flag_meanings"].split() == STATUSES
+    assert sum(number.values()) == n and min(number.values()) > 20
+    assert int(crowd.rebounds) == int(crowd.impacts.sum()) - number["absorbed"]
+    assert (crowd.impacts.values[crowd.status == 4] == 60).all()
+    assert int(crowd.impacts.max()) == 60
+    for name in crowd.data_vars:
+        if name.endswith("_histogram"):
+            assert int(crowd[name].sum()) == int(crowd.rebounds), name
+    assert 0 < crowd.rebounds_forced < crowd.rebounds_redrawn < crowd.rebounds
+    for name in ("range", "speed", "angle"):
+        assert 0 < crowd[f"rebounds_out_of_{name}"] < crowd.rebounds
+
+
+def test_totals_of_maps(crowd):
+    n = crowd.sizes["boulder"]
+    passages, deposits = crowd.passages.values, crowd.deposits.values
+    assert deposits.sum() == (crowd.status.values <= 2).sum()
+    assert (passages >= deposits).all()
+    assert passages.max() == n and passages.sum() > 10 * n
+    assert np.array_equal(crowd.reach_probability, (passages / n).astype("f4"))
+    seen = passages > 0
+    for name in ("energy_max", "speed_max_map", "jump_height_max_map"):
+        assert (crowd[name].values[seen] >= 0).all(), name
+        assert np.isnan(crowd[name].values[~seen]).all(), name
+    assert crowd.speed_max_map.max() == np.float32(crowd.speed_max.max())
+    assert crowd.jump_height_max_map.max() == np.float32(crowd.jump_height_max.max())
+    assert not seen[np.isnan(slope())].any()
+
+
+def test_limits_of_the_reach_probability_are_wilsons(crowd):
+    n, z = crowd.sizes["boulder"], 1.959964
+    low, p, high = (
+        crowd[f"reach_probability{of}"].values.astype("f8") for of in ("_low", "", "_high")
+    )
+    for limit in low, high:  # the roots of (p - limit)**2 = z**2 limit (1 - limit)/n
+        inside = (limit > 1e-9) & (limit < 1 - 1e-9)
+        assert inside.any()
+        p_in, root = p[inside], limit[inside]
+        assert (p_in - root) ** 2 * n / (root * (1 - root)) == pytest.approx(z**2, rel=2e-3)
+    assert ((low <= p) & (p <= high)).all()
+    never = crowd.passages.values == 0
+    assert (low[never] == 0).all() and (high[never] > 0).all()
+
+
+def test_means_and_quantiles_of_cells_are_those_of_their_boulders(folder):
+    """Each boulder alone gives its greatest values in each cell."""
+    case = make_case(folder, 400, scatter=1.0, output={"maps": MAPS})
+    z = slope()
+    scene = read_scene(case, dem=z, transform=scenes.grid(z, CELL), mean_radius=river())
+    alone = []
+    for number in range(1, 401):
+        tally = simulate.start(scene, 1)
+        simulate._fly(tally, number, 1)
+        passed = tally.maps.counts[0] > 0
+        alone.append(np.where(passed, tally.maps.maxima.astype("f8"), np.nan))
+    alone = np.array(alone)  # (boulders, quantities, y, x)
+    result = simulate.run_scene(scene)
+    count = (~np.isnan(alone[:, 0])).sum(axis=0)
+    assert np.array_equal(count, result.passages)
+    seen = set()
+    for k, quantity in enumerate(("energy", "speed", "jump_height")):
+        mean = result[f"{quantity}_mean"]
+        shown = count >= 10
+        assert np.array_equal(shown, ~np.isnan(mean)) and mean.attrs["least_passages"] == 10
+        expected = np.nanmean(alone[:, k][:, shown], axis=0)
+        assert mean.values[shown] == pytest.approx(expected, rel=1e-5, abs=1e-3)
+        for percent, least in ((50, 10), (90, 36), (95, 72), (98, 183), (99, 368)):
+            about = result[f"{quantity}_q{percent}"]
+            shown = count >= least
+            assert about.attrs["least_passages"] == least
+            assert np.array_equal(shown, ~np.isnan(about)) and shown.any()
+            values = alone[:, k][:, shown]
+            below, above = (
+                np.nanquantile(values, percent / 100, axis=0, method=method)
+                for method in ("lower", "higher")
+            )
+            lowest = {"energy": 64, "speed": 0.25, "jump_height": 0.0625}[quantity]
+            assert (about.values[shown] >= 0.8 * below - lowest).all()
+            assert (about.values[shown] <= 1.25 * above + lowest).all()
+            linear = np.nanquantile(values, percent / 100, axis=0)  # as at the lines
+            off = (about.values[shown] / linear)[linear > 4 * lowest] - 1
+            if off.size > 20:  # of fewer cells a mean says little
+                assert abs(off.mean()) < 0.07 and np.sqrt((off**2).mean()) < 0.09
+                seen.add(quantity)
+    assert len(seen) == 3
+
+
+def test_quantiles_need_room_for_the_cells_that_boulders_reach(folder, monkeypatch):
+    """They have it where the system grants less than all cells would take; else a line says so."""
+    z, case = slope(), make_case(folder, 200, output={"maps": MAPS})
+    scene = read_scene(case, dem=z, transform=scenes.grid(z, CELL), mean_radius=river())
+    whole = simulate.run_scene(scene)
+    reached, cells = int((whole.passages > 0).sum()), z.size
+    assert reached < cells // 4
+    empty, refusals = np.empty, []
+
+    def grant(shape, *about):
+        if np.prod(shape) > 206 * cells // 2:
+            refusals.append(shape)
+            raise MemoryError
+        return empty(shape, *about)
+
+    with monkeypatch.context() as less:
+        less.setattr(np, "empty", grant)
+        same_bits(simulate.run_scene(scene), whole)
+    assert refusals == [(cells, 206)]
+    monkeypatch.setattr(simulate, "MOST_ROWS", reached)
+    same_bits(simulate.run_scene(scene, threads=4), whole)
+    monkeypatch.setattr(simulate, "MOST_ROWS", reached - 1)
+    for threads, chunk in ((1, 7), (4, 500)):
+        with refused(
+            f"case: &output maps: boulders reach more than {reached - 1} cells; the counts of "
+            "quantile maps in more do not fit in memory"
+        ):
+            simulate.run_scene(scene, threads=threads, chunk=chunk)
+
+
+def test_deposits_lie_where_boulders_stopped(crowd):
+    rest = crowd.status.values <= 2
+    found = np.zeros(SHAPE, int)
+    column = np.floor(crowd.stop_x.values[rest] / CELL).astype(int)
+    row = np.floor((HEIGHT - crowd.stop_y.values[rest]) / CELL).astype(int)
+    np.add.at(found, (row, column), 1)
+    assert np.array_equal(found, crowd.deposits)
+
+
+def ways(result):
+    """x, y, time of the vertices of each recorded boulder."""
+    for number in np.unique(result.trajectory_boulder.values):
+        mine = result.trajectory_boulder.values == number
+        yield np.stack([result[f"trajectory_{name}"].values[mine] for name in ("x", "y", "time")])
+
+
+def cells_under(x, y):
+    """Cells (row, column) under a polyline in plan."""
+    found = set()
+    for k in range(len(x) - 1):
+        cuts = [0.0, 1.0]
+        for a, b in ((x[k], x[k + 1]), (y[k], y[k + 1])):
+            low, high = sorted((a / CELL, b / CELL))
+            cuts += [(side * CELL - a) / (b - a) for side in range(int(low) + 1, int(high) + 1)]
+        cuts = np.sort([cut for cut in cuts if 0 <= cut <= 1])
+        middle = (cuts[:-1] + cuts[1:]) / 2
+        row = np.floor((HEIGHT - y[k] - middle * (y[k + 1] - y[k])) / CELL).astype(int)
+        column = np.floor((x[k] + middle * (x[k + 1] - x[k])) / CELL).astype(int)
+        found |= set(zip(row.tolist(), column.tolist(), strict=True))
+    return found
+
+
+def test_passages_are_the_cells_under_the_trajectories(folder):
+    output = {"maps": ["passages"], "trajectories": 200}
+    result = run(make_case(folder, 200, output=output))
+    passed = np.zeros(SHAPE, int)
+    for x, y, _ in ways(result):
+        for cell in cells_under(x, y):
+            passed[cell] += 1
+    assert passed.sum() > 2000
+    assert np.array_equal(passed, result.passages)
+
+
+@pytest.mark.parametrize("limit", [4, 5, 8])
+def test_greatest_speed_is_that_of_the_trajectory(folder, limit):
+    """Speed is greatest at an end of a flight; where spin turns into speed, even at its start."""
+    quarter, k = np.sqrt(0.5), np.sqrt(0.4)
+    fixed = np.array([quarter, 0, -quarter * k, 0.2, -0.3, 0, quarter / k, 0, quarter])
+    z = scenes.rough(relief=0.0)
+    case = scenes.make_case(
+        folder, np.tile(0.98 * fixed, (5, 1)), np.zeros((5, 9, 9)),
+        case={"boulders": 1}, output={"trajectories": 1}, impact={"impact_limit": limit},
+        release={"x": [START[0]], "y": [START[1]], "drop_height": 0.1, "velocity": [0, -10, -8]},
+    )  # fmt: skip
+    result = rockfall.run(case, dem=z, transform=scenes.grid(z, CELL))
+    after = np.sqrt(sum(result[f"trajectory_velocity_{axis}"].values ** 2 for axis in "xyz"))
+    before = np.hypot(result.trajectory_in_t.values, result.trajectory_in_n.values)
+    assert int(result.impacts[0]) == limit
+    assert float(result.speed_max[0]) == pytest.approx(max(after.max(), before.max()), rel=1e-12)
+    assert (after.max() > before.max()) == (limit >= 5)
+
+
+@pytest.mark.parametrize("ratio", ["nearest", "between"])
+def test_rebounds_outside_what_the_set_was_fitted_on(folder, ratio):
+    """They are those of the trajectories; with both rules each rebound has the range of its set."""
+    case = make_case(folder, 300, impact={"ratio": ratio}, output={"trajectories": 300})
+    result = run(case)
+    size, in_t, in_n = (result[f"trajectory_{name}"].values for name in ("ratio", "in_t", "in_n"))
+    hit = size > 0
+    assert hit.sum() == result.rebounds > 3000
+    speed, angle = np.hypot(in_t, in_n)[hit], np.degrees(np.arctan2(-in_n, in_t))[hit]
+    near = np.clip(size[hit], 1, 5)
+    found = {"speed": [], "angle": []}
+    for sets in (np.floor(near), np.ceil(near)) if ratio == "between" else [np.floor(near + 0.5)]:
+        found["speed"].append((speed < 0.5 * sets) | (speed > 10 + sets))
+        found["angle"].append((angle < 3 + sets) | (angle > 50 + sets))
+    for name, outside in found.items():
+        counted = int(result[f"rebounds_out_of_{name}"])
+        assert np.all(outside, axis=0).sum() <= counted <= np.any(outside, axis=0).sum()
+        assert 100 < counted < result.rebounds - 100
+    scene = read_scene(case, slope(), scenes.grid(slope(), CELL), mean_radius=river())
+    assert scene.sets.speed_range[:, 2].tolist() == [1.5, 13.0]
+    assert scene.sets.angle_range[:, 2].tolist() == [6.0, 53.0]
+
+
+def test_what_a_set_was_fitted_on_changes_no_boulder(folder):
+    """And a set that does not say it was fitted on everything."""
+    told = run(make_case(folder, 200, **ALL))
+    untold = run(make_case(folder, 200, more=scenes.lateral, **ALL))
+    counts = {"rebounds_out_of_speed", "rebounds_out_of_angle"}
+    same_bits(told, untold, sorted(set(told.variables) - counts))
+    for name in counts:
+        assert told[name] > 0 == untold[name]
+
+
+def test_lines_are_met_where_the_trajectories_cross_them(folder):
+    level = LINES[0]["y"][0]
+    result = run(make_case(folder, 200, line=LINES, output={"trajectories": 200}))
+    met = result.isel(line=0)
+    for k, (x, y, time) in enumerate(ways(result)):
+        over = np.flatnonzero((y[:-1] > level) & (y[1:] < level))
+        if not over.size:
+            assert np.isnan(met.line_time[k])
+            continue
+        a = over[0]
+        share = (y[a] - level) / (y[a] - y[a + 1])
+        assert met.line_y[k] == pytest.approx(level, abs=1e-9)
+        assert met.line_x[k] == pytest.approx(x[a] + share * (x[a + 1] - x[a]), abs=1e-9)
+        at = time[a] + share * (time[a + 1] - time[a])
+        assert met.line_time[k] == pytest.approx(at, abs=1e-9)
+    assert 20 < met.line_time.count() < 200
+
+
+def test_numbers_at_a_line_agree_with_each_other(crowd):
+    mass = 2800.0 * crowd.volume
+    radius = (3 * crowd.volume / (4 * np.pi)) ** (1 / 3)
+    speed2 = sum(crowd[f"line_velocity_{axis}"] ** 2 for axis in "xyz")
+    expected = {
+        "line_speed": np.sqrt(speed2),
+        "line_energy_translational": mass * speed2 / 2,
+        "line_energy_rotational": 0.2 * mass * (radius * crowd.line_omega) ** 2,
+    }
+    for name, values in expected.items():
+        values = values.transpose(*crowd[name].dims)
+        assert np.allclose(crowd[name], values, rtol=1e-12, atol=0, equal_nan=True), name
+    met = crowd.line_time.notnull()
+    assert (met.sum("boulder") > 100).all()
+    assert (crowd.line_jump_height.values[met] >= 0).all()
+    clear = crowd.line_passing_height - crowd.line_jump_height - radius
+    for holds in (clear > -1e-12, crowd.line_speed <= crowd.speed_max * (1 + 1e-12),
+                  crowd.line_time <= crowd.travel_time):  # fmt: skip
+        assert holds.transpose(*met.dims).values[met].all()
+
+
+def test_single_precision_elevations_are_those_of_their_doubles(folder):
+    z = slope().astype("f4")
+    case = make_case(folder, **ALL)
+    same_bits(run(case, z), run(case, z.astype("f8")))
+
+
+@pytest.mark.parametrize("gravity", [0.1, 1.62, 100.0])
+def test_any_gravity_runs_to_the_end(folder, gravity):
+    result = run(make_case(folder, flight={"gravity": gravity}))
+    assert set(result.status.values) <= {1, 2, 3, 4}
+    assert np.isfinite(result.path_length).all() and (result.travel_time > 0).all()
+
+
+@pytest.mark.parametrize("factor", [1 / 8, 1 / 2, 2, 4])
+def test_gravity_changes_speeds_but_no_place(folder, factor):
+    """The model has no speed of its own: under gravity times f**2 all speeds are times f."""
+    usual = make_case(folder, line=LINES, output={"trajectories": 20})
+    changed = usual.replace(flight={"gravity": 9.81 * factor**2},
+                            impact={"stop_speed": 0.5 * factor})  # fmt: skip
+    one, other = run(usual), run(changed)
+    places = ["status", "stop_x", "stop_y", "stop_z", "path_length", "jump_height_max", "rebounds",
+              "impacts", "line_x", "line_jump_height", "trajectory_z"]  # fmt: skip
+    same_bits(one, other, places)
+    assert np.array_equal(one.speed_max * factor, other.speed_max)
+    assert np.array_equal(one.travel_time / factor, other.travel_time)
+    assert np.array_equal(one.trajectory_out_w * factor, other.trajectory_out_w)
+
+
+def test_far_from_the_origin_nothing_changes_but_the_place(folder):
+    west, south = 600_000.0, 10_000_000.0
+    moved = make_case(
+        folder,
+        release={"x": [START[0] + west], "y": [START[1] + south]},
+        line=[
+            {"name": line["name"], "x": [x + west for x in line["x"]],
+             "y": [y + south for y in line["y"]]}
+            for line in LINES
+        ],
+        output=ALL["output"],
+    )  # fmt: skip
+    here, there = run(make_case(folder, **ALL)), run(moved, west=west, south=south)
+    places = {f"{what}_{axis}" for what in ("start", "stop", "line", "trajectory", "line_vertex")
+              for axis in "xy"} | {"x", "y"}  # fmt: skip
+    assert places < set(here.variables)
+    same_bits(here, there, sorted(set(here.variables) - places))
+    for name in places:
+        offset = west if name.endswith("x") else south
+        assert np.allclose(here[name], there[name] - offset, rtol=0, atol=4e-9, equal_nan=True)
+
+
+def mirrored(x, y):
+    return WIDTH - x, y
+
+
+def turned(x, y):
+    """A quarter anticlockwise."""
+    return HEIGHT - y, x
+
+
+CHANGES = {"mirrored": (mirrored, np.fliplr, [[-1, 0], [0, 1]]),
+           "turned": (turned, np.rot90, [[0, -1], [1, 0]])}  # fmt: skip
+
+
+def changed_case(folder, place, **groups):
+    """The scene of `make_case` with its release and lines elsewhere."""
+    x, y = place(*START)
+    lines = []
+    for line in LINES:
+        ends = [place(*end) for end in zip(line["x"], line["y"], strict=True)]
+        lines.append({"name": line["name"], "x": [p[0] for p in ends], "y": [p[1] for p in ends]})
+    return make_case(folder, release={"x": [x], "y": [y]}, line=lines, **groups)
+
+
+@pytest.mark.parametrize("change", CHANGES)
+@pytest.mark.parametrize("scatter", [0.0, 2.0])
+def test_a_changed_scene_has_changed_trajectories(folder, change, scatter):
+    """Contact by contact, until rounding errors have grown: three times a contact."""
+    place, turn, matrix = CHANGES[change]
+    groups = {"scatter": scatter, "output": {"trajectories": 100}}
+    here = run(make_case(folder, 100, **groups))
+    there = run(changed_case(folder, place, boulders=100, **groups), turn(slope()), turn(river()))
+    compared = 0
+    for number in range(1, 101):
+        one, other = (
+            {name: r[f"trajectory_{name}"].values[r.trajectory_boulder.values == number][:12]
+             for name in ("x", "y", "z", "time", "velocity_x", "velocity_y", "in_w", "out_t")}
+            for r in (here, there)
+        )  # fmt: skip
+        wanted = dict(one)
+        wanted["x"], wanted["y"] = place(one["x"], one["y"])
+        velocity = np.array(matrix) @ [one["velocity_x"], one["velocity_y"]]
+        wanted["velocity_x"], wanted["velocity_y"] = velocity
+        for name, values in wanted.items():
+            assert len(values) == len(other[name])
+            allowed = 1e-9 * 3.0 ** np.arange(len(values))
+            assert (np.abs(values - other[name]) < allowed).all(), (number, name)
+        compared += len(one["x"])
+    assert compared > 600
+
+
+@pytest.mark.parametrize("change", CHANGES)
+def test_a_changed_scene_has_the_same_distributions(folder, change):
+    """Other boulders (another seed): means at a line and shares within 4 standard errors."""
+    place, turn, _ = CHANGES[change]
+    n = 4000
+    here = run(make_case(folder, n, line=LINES))
+    there = run(changed_case(folder, place, boulders=n, case={"seed": 5, "boulders": n}),
+                turn(slope()), turn(river()))  # fmt: skip
+    for name in ("line_speed", "line_jump_height", "line_omega", "line_time"):
+        for k in range(len(LINES)):
+            a, b = (r[name][k].values[r[name][k].notnull()] for r in (here, there))
+            error = np.sqrt(a.var() / a.size + b.var() / b.size)
+            assert a.size > 500 and abs(a.mean() - b.mean()) < 4 * error, (name, k)
+    for status in (1, 2, 3, 4):
+        p, q = ((r.status.values == status).mean() for r in (here, there))
+        assert abs(p - q) < 4 * np.sqrt((p * (1 - p) + q * (1 - q)) / n), status
+
+
+def test_sources_release_their_boulders_in_order(folder):
+    x, y = [100.0, 152.25, 201.5], [380.0, 385.125, 370.0]
+    result = run(make_case(folder, 40, release={"x": x, "y": y}))
+    assert result.sizes["boulder"] == 120
+    assert np.array_equal(result.start_x, np.repeat(x, 40))
+    assert np.array_equal(result.start_y, np.repeat(y, 40))
+    alone = run(make_case(folder, 120, release={"x": [x[1]], "y": [y[1]]}))
+    for name in ("stop_x", "path_length", "volume"):  # the number decides, not who else there is
+        assert np.array_equal(result[name][40:80], alone[name][40:80])

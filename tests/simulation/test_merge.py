@@ -1,0 +1,261 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Parts of a run: joined, they are the run itself; anything else is refused by name."""
+
+import shutil
+import warnings
+
+import numpy as np
+import pytest
+import rasterio
+import xarray as xr
+from affine import Affine
+
+import rockfall
+from made import make_raster, refused
+from rockfall.cli import main
+from rockfall.result import variables
+from rockfall.scene.scene import read_scene
+from rockfall.simulation.checkpoint import Checkpoint
+from rockfall.simulation.simulate import run_scene
+from scenes import grid, make_case, rough, sets
+
+BOULDERS = 403
+MAPS = list(variables.MAP)
+LINE = [{"name": "L", "x": [0.0, 300.0], "y": [280.0, 280.0]}]
+OWN = ("wall_seconds", "cpu_seconds", "threads")  # of a run, and not of its numbers
+
+
+def case_in(folder, **groups):
+    output = {"maps": MAPS, "rebounds": True, "trajectories": 90}
+    groups = {"case": {"boulders": BOULDERS}, "output": output, **groups}
+    return make_case(folder, *sets(2.0), line=LINE, terrain={}, **groups)
+
+
+def run(case, **how):
+    z = rough()
+    z[60:64, 25:28] = np.nan
+    return rockfall.run(case, dem=z, transform=grid(z), **how)
+
+
+def place(x=150.0, y=380.0):
+    return {"release": {"x": [x], "y": [y], "drop_height": 5.0}}
+
+
+@pytest.fixture
+def case(tmp_path):
+    return case_in(tmp_path, **place())
+
+
+def files(folder, case, of):
+    paths = [folder / f"{k}.nc" for k in range(1, of + 1)]
+    for k, path in enumerate(paths, start=1):
+        rockfall.write_result(run(case, shard=(k, of), threads=2), path)
+    return paths
+
+
+def same(one, other):
+    """The same variables, bits and attributes, but for times and threads."""
+    xr.testing.assert_identical(
+        one.assign_attrs(dict.fromkeys(OWN, 0)), other.assign_attrs(dict.fromkeys(OWN, 0))
+    )
+    for name in other.variables:
+        assert one[name].dtype == other[name].dtype, name
+
+
+@pytest.mark.parametrize("of", [2, 7])
+def test_parts_joined_in_any_order_are_the_run(tmp_path, case, of):
+    paths, whole = files(tmp_path, case, of), run(case)
+    assert not any(name.startswith("tally_") for name in whole.variables)
+    same(rockfall.merge(paths[::-1]), whole)
+
+
+def test_parts_in_memory_too(case):
+    parts = [run(case, shard=(k, 64)) for k in range(1, 65)]
+    same(rockfall.merge(parts), run(case))
+
+
+def test_several_sources_and_a_part_in_the_middle_of_one(tmp_path):
+    release = {"x": [130.0, 150.0, 170.0], "y": [380.0, 381.0, 379.0], "drop_height": 5.0}
+    case = case_in(tmp_path, release=release)
+    whole, parts = run(case), [run(case, shard=(k, 5)) for k in range(1, 6)]
+    bounds = [(part.attrs["boulder_first"], part.attrs["boulder_last"]) for part in parts]
+    assert bounds[0][0] == 1 and bounds[-1][1] == 3 * BOULDERS
+    assert all(b[0] == a[1] + 1 for a, b in zip(bounds, bounds[1:], strict=False))
+    same(rockfall.merge(parts), whole)
+
+
+def test_a_part_is_a_result_of_its_boulders(case):
+    part, whole = run(case, shard=(2, 3)), run(case)
+    numbers = part["boulder"].values
+    assert numbers[0] == BOULDERS // 3 + 1 and numbers[-1] == 2 * BOULDERS // 3
+    assert part.attrs["complete"] == 0 and part.attrs["boulders_asked"] == BOULDERS
+    for name in ("stop_x", "line_speed"):
+        assert np.array_equal(part[name], whole[name].isel(boulder=numbers - 1), equal_nan=True)
+    passed = part["passages"].values
+    assert part["reach_probability"].values == pytest.approx(passed / numbers.size)
+
+
+def test_without_maps_lines_or_trajectories(tmp_path):
+    case = case_in(tmp_path, output={}, **place()).replace(line=[])
+    parts = [run(case, shard=(k, 4)) for k in range(1, 5)]
+    same(rockfall.merge(parts), run(case))
+
+
+def test_what_is_missing_twice_or_of_another_run_is_named(tmp_path, case):
+    paths = files(tmp_path, case, 4)
+    with refused("merge: boulders 101 to 201 are missing"):
+        rockfall.merge([paths[0], *paths[2:]])
+    with refused("merge: boulders 1 to 100 are missing; boulders 303 to 403 are missing"):
+        rockfall.merge(paths[1:3])
+    with refused(f"merge: boulders 101 to 201 are twice: {paths[1]}"):
+        rockfall.merge([*paths, paths[1]])
+    other = tmp_path / "other.nc"
+    rockfall.write_result(run(case, shard=(100, BOULDERS)), other)  # boulder 100 alone
+    with refused(f"merge: boulders 100 to 100 are twice: {other}"):
+        rockfall.merge([*paths, other])
+    rockfall.write_result(run(case.replace(case={"seed": 5}), shard=(2, 4)), other)
+    with refused(f"{other}: is of another case than {paths[0]}"):
+        rockfall.merge([paths[0], other, *paths[2:]])
+    z = rough(seed=2)
+    rockfall.write_result(rockfall.run(case, dem=z, transform=grid(z), shard=(2, 4)), other)
+    with refused(f"{other}: has another dem than {paths[0]}"):
+        rockfall.merge([paths[0], other, *paths[2:]])
+    rockfall.write_result(run(case), other)
+    with refused(f"{other}: is not a part of a run, as --shard makes them"):
+        rockfall.merge([other])
+    with refused("merge: needs the parts of a run"):
+        rockfall.merge([])
+
+
+@pytest.mark.parametrize("shard", [(0, 4), (5, 4), (1, BOULDERS + 1)])
+def test_shards_that_cannot_be(case, shard):
+    with pytest.raises(rockfall.RockfallError, match="^shard = "):
+        run(case, shard=shard)
+
+
+def test_the_commands(few_boulders, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    for k in (1, 2, 3):
+        assert main(["run", "case.nml", "--quiet", "--shard", f"{k}/3"]) == 0
+    parts = [f"case.part{k}of3" for k in (1, 2, 3)]
+    assert not list(tmp_path.glob("*.nc"))
+    assert main(["merge", *parts, "-o", "all.nc"]) == 0
+    assert main(["run", "case.nml", "--quiet"]) == 0
+    same(rockfall.read_result("all.nc"), rockfall.read_result("case.nc"))
+    capsys.readouterr()
+    assert main(["merge", *parts[:2], "-o", "no.nc"]) == 2
+    assert capsys.readouterr().err == "rockfall: merge: boulders 34 to 50 are missing\n"
+    assert not (tmp_path / "no.nc").exists()
+
+
+@pytest.mark.parametrize("text", ["0/3", "4/3", "3", "a/b", "1/0", "-1/3", "1/3/5", ""])
+def test_a_wrong_shard_is_refused_in_one_line(few_boulders, tmp_path, monkeypatch, capsys, text):
+    monkeypatch.chdir(tmp_path)
+    assert main(["run", "case.nml", f"--shard={text}"]) == 2
+    assert capsys.readouterr().err == (
+        f"rockfall: --shard {text}: must be I/N with I from 1 to N\n"
+    )
+    assert not list(tmp_path.glob("*.nc"))
+
+
+# ---- what was read counts, not only the named files
+
+
+def change_table(folder):
+    """The .dbf beside a shapefile: its ids, from 1 to 2."""
+    path = folder / "zones.dbf"
+    content = path.read_bytes()
+    assert content.endswith(b"1\x1a")
+    path.write_bytes(content[:-2] + b"2\x1a")
+
+
+def change_tile(folder):
+    make_raster(folder / "tile.tif", rough().astype("f4") + 1, PLACE, None)
+
+
+def change_statistics(folder):
+    """An offset for the elevations, as GDAL keeps it beside a raster."""
+    (folder / "tile.tif.aux.xml").write_text(
+        '<PAMDataset><PAMRasterBand band="1"><Offset>1</Offset></PAMRasterBand></PAMDataset>'
+    )
+
+
+def change_mask(folder):
+    """A mask in a file of its own."""
+    (folder / "other").mkdir()
+    shutil.copy(folder / "tile.tif", folder / "other")
+    mask = np.full((80, 60), 255, "u1")
+    mask[70:75, 20:25] = 0
+    with rasterio.Env(GDAL_TIFF_INTERNAL_MASK=False):
+        with rasterio.open(folder / "other/tile.tif", "r+") as file:
+            file.write_mask(mask)
+    shutil.move(folder / "other/tile.tif.msk", folder)
+
+
+def make_shapefile(folder):
+    """Zone 1 everywhere, and a table of zones 1 and 2."""
+    pyogrio = pytest.importorskip("pyogrio", reason="the vector extra is not installed")
+    shapely = pytest.importorskip("shapely")
+    wkb = np.array([shapely.to_wkb(shapely.box(0, 0, 300, 400))], object)
+    how = {"geometry_type": "Polygon", "driver": "ESRI Shapefile", "crs": None}
+    with warnings.catch_warnings(action="ignore"):  # it has no CRS, as the terrain has none
+        pyogrio.raw.write(folder / "zones.shp", wkb, [np.array([1], "i4")], ["zone"], **how)
+    (folder / "zones.csv").write_text("zone,mean_radius\n1,0.25\n2,0.5\n")
+    return {"zones": "zones.shp", "table": "zones.csv"}
+
+
+PLACE = Affine(5.0, 0.0, 0.0, 0.0, -5.0, 400.0)
+MOSAIC = """<VRTDataset rasterXSize="60" rasterYSize="80">
+<GeoTransform>0, 5, 0, 400, 0, -5</GeoTransform>
+<VRTRasterBand dataType="Float32" band="1"><SimpleSource>
+<SourceFilename relativeToVRT="1">tile.tif</SourceFilename><SourceBand>1</SourceBand>
+<SrcRect xOff="0" yOff="0" xSize="60" ySize="80"/><DstRect xOff="0" yOff="0" xSize="60" ySize="80"/>
+</SimpleSource></VRTRasterBand></VRTDataset>"""
+
+
+@pytest.mark.parametrize("memory", [None, 20_000])
+@pytest.mark.parametrize(
+    ("dem", "change", "what"),
+    [
+        ("tile.tif", change_statistics, "dem"), ("tile.tif", change_mask, "dem"),
+        ("dem.vrt", change_tile, "dem"), ("tile.tif", change_table, "surface"),
+    ],
+)  # fmt: skip
+def test_what_lies_beside_a_file_is_known_by_what_was_read(tmp_path, dem, change, what, memory):
+    if change is change_table and memory:
+        pytest.skip("polygons need the whole terrain")
+    make_raster(tmp_path / "tile.tif", rough().astype("f4"), PLACE, None)
+    (tmp_path / "dem.vrt").write_text(MOSAIC)
+    output = {"maps": ["passages"]}
+    case = case_in(tmp_path, output=output, **place()).replace(terrain={"dem": dem})
+    if change is change_table:
+        case = case.replace(surface={"uniform_mean_radius": None, **make_shapefile(tmp_path)})
+    paths = [tmp_path / f"{k}.nc" for k in (1, 2)]
+    for k, path in enumerate(paths, start=1):
+        rockfall.write_result(rockfall.run(case, shard=(k, 2), memory=memory), path)
+        if k == 1:
+            change(tmp_path)
+    with refused(f"{paths[1]}: has another {what} than {paths[0]}"):
+        rockfall.merge(paths)
+
+
+def test_a_run_does_not_go_on_with_other_elevations_of_the_same_file(tmp_path):
+    make_raster(tmp_path / "tile.tif", rough().astype("f4"), PLACE, None)
+    case = case_in(tmp_path, **place()).replace(terrain={"dem": "tile.tif"})
+    run_scene(read_scene(case), checkpoint=Checkpoint(tmp_path / "c", 0.0), chunk=100)
+    change_statistics(tmp_path)
+    with pytest.raises(rockfall.RockfallError, match="is of another run, its decoded dem differs"):
+        run_scene(read_scene(case), checkpoint=Checkpoint(tmp_path / "c", 0.0))
+
+
+def test_sums_of_what_was_read_do_not_depend_on_windows_or_formats(tmp_path):
+    z = rough().astype("f4")
+    make_raster(tmp_path / "tile.tif", z, PLACE, None)
+    (tmp_path / "dem.vrt").write_text(MOSAIC)
+    case = case_in(tmp_path, output={"maps": ["passages"]}, **place())
+    known = [read_scene(case.replace(terrain={"dem": name}), memory=memory).decoded
+             for name in ("tile.tif", "dem.vrt") for memory in (None, 20_000, 9_000)]  # fmt: skip
+    known.append(read_scene(case, dem=z, transform=grid(z)).decoded)
+    assert all(one == known[0] for one in known)
+    shifted = read_scene(case, dem=z, transform=grid(z, west=1.0)).decoded
+    assert {key for key in shifted if shifted[key] != known[0][key]} == {"dem"}

@@ -1,0 +1,220 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""How many sources feed a cell, and reach probability by source: exact, however they are flown."""
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import rockfall
+from rockfall.analysis.run_until import run_until
+from rockfall.io.raster import write_ascii
+from rockfall.scene.scene import read_scene
+from rockfall.simulation import simulate
+from rockfall.simulation.checkpoint import Checkpoint
+from scenes import grid, make_case, rough, sets
+from test_batch import batch, netcdf  # noqa: F401
+from test_checkpoint import Killed, killed_after
+from test_merge import same
+
+Z = rough()
+MAPS = ["passages", "sources", "reach_probability_by_source"]
+LINE = [{"name": "L", "x": [0.0, 300.0], "y": [280.0, 280.0]}]
+
+
+def scattered(sources):
+    """Source cells near each other, so that they feed common cells."""
+    cells = np.zeros(Z.shape, int)
+    rows, columns = 4 + np.arange(sources) // 30, 15 + np.arange(sources) % 30
+    cells[rows, columns] = 1
+    return {"dem": Z, "transform": grid(Z), "cells": cells}
+
+
+def case_of(folder, n, maps=MAPS, **release):
+    release = {"cells": "cells", "drop_height": 5.0, **release}
+    about = {"case": {"boulders": n}, "release": release, "output": {"maps": maps}}
+    return make_case(folder, *sets(2.0), line=LINE, terrain={}, **about)
+
+
+def by_brute_force(case, arrays):
+    """Sources and their boulders, from runs of the boulders of each source alone."""
+    scene = read_scene(case.replace(output={"maps": ["passages"]}), **arrays)
+    sources, released = np.zeros((2, *Z.shape), int)
+    for source in range(scene.x.size):
+        numbers = scene.numbers_of(source)
+        tally = simulate.start(scene, 1)
+        simulate._fly(tally, numbers.start, len(numbers))
+        box = tally.maps.box
+        fed = tally.maps.counts[0] > 0
+        sources[box.rows, box.columns] += fed
+        released[box.rows, box.columns] += len(numbers) * fed
+    return sources, released
+
+
+def check(result, sources, released):
+    place = grid(Z)
+    rows, columns = np.isin(place.y, result.y), np.isin(place.x, result.x)
+    sources, released = (whole[np.ix_(rows, columns)] for whole in (sources, released))
+    assert np.array_equal(result["sources"], sources) and result["sources"].dtype == np.int32
+    share = np.where(sources > 0, result["passages"] / np.maximum(1, released), np.nan)
+    found = result["reach_probability_by_source"].values
+    assert np.array_equal(found, share.astype("f4"), equal_nan=True)
+
+
+@pytest.mark.parametrize(("n", "of"), [(1, 400), (7, 50), (300, 5), (2000, 2), (3, 500)])
+def test_sources_of_each_cell_are_those_of_brute_force(tmp_path, n, of):
+    case, arrays = case_of(tmp_path, n), scattered(of)
+    sources, released = by_brute_force(case, arrays)
+    assert sources.max() > min(of, 40) / 3
+    whole = rockfall.run(case, **arrays)
+    check(whole, sources, released)
+    for how in ({"threads": 2}, {"threads": 7, "chunk": 37}, {"threads": 3, "chunk": 1000}):
+        same(rockfall.run(case, **arrays, **how), whole)
+
+
+@pytest.mark.parametrize(("n", "of"), [(1, 100), (40, 12), (700, 3), (3000, 1)])
+@pytest.mark.parametrize("parts", [2, 7, 64])
+def test_parts_joined_in_any_order_are_the_run(tmp_path, n, of, parts):
+    case, arrays = case_of(tmp_path, n), scattered(of)
+    flown = [
+        rockfall.run(case, **arrays, shard=(k, parts), threads=k % 3, chunk=[None, 29][k % 2])
+        for k in range(1, parts + 1)
+    ]
+    same(rockfall.merge(flown[::-1]), rockfall.run(case, **arrays))
+
+
+@pytest.mark.parametrize("only", [["sources"], ["reach_probability_by_source"]])
+def test_one_of_the_maps_alone(tmp_path, only):
+    case, arrays = case_of(tmp_path, 50, only), scattered(6)
+    whole = rockfall.run(case, **arrays)
+    all_maps = rockfall.run(case_of(tmp_path, 50), **arrays)
+    assert np.array_equal(whole[only[0]], all_maps[only[0]], equal_nan=True)
+    parts = [rockfall.run(case, **arrays, shard=(k, 11)) for k in range(1, 12)]
+    same(rockfall.merge(parts), whole)
+
+
+def test_sources_of_unequal_release(tmp_path):
+    case, arrays = case_of(tmp_path, 20, by_area=True), scattered(30)
+    sources, released = by_brute_force(case, arrays)
+    assert len(np.unique(released[sources == 1])) > 1
+    whole = rockfall.run(case, **arrays)
+    check(whole, sources, released)
+    parts = [rockfall.run(case, **arrays, shard=(k, 13), threads=2) for k in range(1, 14)]
+    same(rockfall.merge(parts), whole)
+
+
+def test_a_part_tells_of_its_own_boulders(tmp_path):
+    """90 boulders of the first source, 200 of the second, 10 of the third."""
+    case, arrays = case_of(tmp_path, 200), scattered(3)
+    part = rockfall.run(case, **arrays, shard=(2, 2))
+    assert part.attrs["boulder_first"] == 301
+    sources, released = np.zeros((2, *Z.shape), int)
+    scene = read_scene(case.replace(output={"maps": ["passages"]}), **arrays)
+    for first, last in ((301, 400), (401, 600)):
+        tally = simulate.start(scene, 1)
+        tally.done += simulate._fly(tally, first, last - first + 1)
+        sources += tally.maps.counts[0] > 0
+        released += (last - first + 1) * (tally.maps.counts[0] > 0)
+    check(part, sources, released)
+
+
+def test_an_interrupted_run_tells_of_the_boulders_done(tmp_path, monkeypatch):
+    case, arrays = case_of(tmp_path, 200), scattered(3)
+    monkeypatch.setattr(simulate, "interrupts", lambda: _after(2))
+    with pytest.raises(simulate.Interrupted) as stop:
+        rockfall.run(case, **arrays, chunk=130)
+    result = stop.value.result
+    assert result.sizes["boulder"] == 260
+    monkeypatch.undo()
+    ends = [
+        rockfall.run(case, **arrays, shard=(1, 3)),
+        rockfall.run(case, **arrays, shard=(11, 30)),
+    ]
+    assert ends[1].attrs["boulder_first"] == 201
+    tally = simulate.start(read_scene(case, **arrays), 1)
+    tally.done += simulate._fly(tally, 201, 60)
+    fed = [ends[0]["passages"].values > 0, tally.maps.counts[0] > 0]
+    check(result, fed[0] + fed[1].astype(int), 200 * fed[0] + 60 * fed[1])
+
+
+class _after:
+    """Interrupts that come after so many chunks."""
+
+    def __init__(self, chunks):
+        self.left = chunks
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        pass
+
+    def __call__(self):
+        self.left -= 1
+        return self.left < 0
+
+
+@pytest.mark.parametrize("shard", [(1, 1), (2, 3), (5, 9)])
+@pytest.mark.parametrize("n", [30, 700])
+def test_a_run_killed_in_the_middle_of_a_source_goes_on(tmp_path, monkeypatch, shard, n):
+    scene = read_scene(case_of(tmp_path, n), **scattered(2100 // n))
+    whole = simulate.run_scene(scene, shard=shard)
+    folder = tmp_path / "c"
+    for _ in range(3):
+        with monkeypatch.context() as patch:
+            killed_after(patch, 2)
+            with pytest.raises(Killed):
+                simulate.run_scene(scene, chunk=37, shard=shard, checkpoint=Checkpoint(folder, 0.0))
+    assert Checkpoint(folder, 0.0).found() == 3 * 2 * 37
+    same(
+        simulate.run_scene(scene, threads=2, shard=shard, checkpoint=Checkpoint(folder, 0.0)), whole
+    )
+
+
+@pytest.mark.parametrize("of", [1, 2])
+def test_runs_with_rules_too(tmp_path, of):
+    case, arrays = case_of(tmp_path, 1), scattered(of)
+    found = run_until(case, "share@L<1%", cap=4000, **arrays)
+    assert found.sizes["boulder"] > 1000  # there was more than one stage
+    again = case.replace(case={"boulders": found.sizes["boulder"] // of})
+    xr.testing.assert_identical(
+        found.drop_attrs(deep=False), rockfall.run(again, **arrays).drop_attrs(deep=False)
+    )
+
+
+@pytest.mark.parametrize("n", [3, 500])
+def test_parts_of_both_programs_join(tmp_path, batch, netcdf, n, monkeypatch):  # noqa: F811
+    version = batch("--version", cwd=tmp_path).stdout.split()[1].rstrip(",")
+    monkeypatch.setattr(rockfall, "__version__", version)  # of a tree that is not installed, too
+    arrays = scattered(5)
+    write_ascii(tmp_path / "dem.asc", Z, grid(Z), -9999)
+    write_ascii(tmp_path / "cells.asc", arrays["cells"], grid(Z), -9999)
+    case = case_of(tmp_path, n).replace(
+        terrain={"dem": "dem.asc"}, release={"cells": "cells.asc"}, case={"threads": 2}
+    )
+    (tmp_path / "case.nml").write_text(case.text())
+    case = rockfall.read_case(tmp_path / "case.nml")
+    paths = []
+    for k in range(1, 8):
+        paths.append(tmp_path / f"{k}.nc")
+        if k % 2:
+            rockfall.write_result(rockfall.run(case, shard=(k, 7)), paths[-1])
+        else:
+            about = (f"shard={k}/7", f"output={paths[-1]}", "quiet=true")
+            assert batch("case.nml", *about, cwd=tmp_path).returncode == 0
+    same(
+        rockfall.merge(paths), rockfall.run(case).assign_attrs(case_file=str(tmp_path / "case.nml"))
+    )
+    ours = rockfall.run(case, shard=(4, 7))
+    theirs = rockfall.read_result(paths[3])
+    for name in ours.variables:
+        if name.startswith("tally_") or name in MAPS:
+            assert ours[name].dtype == theirs[name].dtype, name
+            assert np.array_equal(ours[name], theirs[name], equal_nan=ours[name].dtype.kind == "f")
+
+
+def test_who_does_not_ask_does_not_pay(tmp_path):
+    case = case_of(tmp_path, 5, ["passages"])
+    tally = simulate.start(read_scene(case, **scattered(3)), 1)
+    assert tally.maps.stamp.size == 1 and len(tally.maps.counts) == 1
+    part = rockfall.run(case, **scattered(3), shard=(1, 2))
+    assert not any(name.startswith("tally_fed") for name in part.variables)
