@@ -35,7 +35,8 @@ from machine import machine
 from rockfall.io.grid import Grid
 from rockfall.io.raster import read_dem
 from rockfall.scene.prepare import prepare
-from rockfall.scene.scene import Scene, read_scene
+from rockfall.scene.read import read_scene
+from rockfall.scene.scene import Scene
 from rockfall.simulation.checkpoint import Checkpoint
 from rockfall.simulation.simulate import Tally, fields, run_scene, start
 

@@ -209,7 +209,7 @@ def make_cases(files: Path) -> None:
 
 def _make_checkpoints(base: Path, case: rockfall.Case) -> None:
     """What both programs leave when they are killed half-way."""
-    from rockfall.scene.scene import read_scene
+    from rockfall.scene.read import read_scene
     from rockfall.simulation.checkpoint import Checkpoint
     from rockfall.simulation.simulate import run_chunks, start
 

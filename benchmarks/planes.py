@@ -22,11 +22,11 @@ import rockfall
 from rockfall.analysis.line_statistics import Z, line_numbers, sources
 from rockfall.analysis.plane_bounce import neutral_slope, set_rebound
 from rockfall.errors import RockfallError
+from rockfall.impact_sets import shipped_sets
 from rockfall.io.files import whole_file
 from rockfall.io.grid import Grid
 from rockfall.lab.sets import Sets, read_sets
 from rockfall.plots.style import BLUE, GREEN, GREY, INK, VERMILION, new_figure, plain, save, styled
-from rockfall.scene.scene import shipped_sets
 
 SLOPES = range(24, 47, 2)  # [degree]
 RATIOS = range(1, 6)

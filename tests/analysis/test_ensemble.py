@@ -19,7 +19,7 @@ from rockfall.analysis.sobol_indices import LEAST, deviations, parts, shares
 from rockfall.analysis.uncertain_inputs import Uncertain, drawn_scene, gaussian_field
 from rockfall.cli import main
 from rockfall.errors import RockfallError
-from rockfall.scene.scene import read_scene
+from rockfall.scene.read import read_scene
 from scenes import grid, make_case, rough, sets, write_sets
 from test_batch import find_program
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import rockfall
-from rockfall.scene.scene import read_scene
+from rockfall.scene.read import read_scene
 from rockfall.text import preview
 from scenes import grid, make_case, rough, sets
 

@@ -18,7 +18,7 @@ import replay
 import rockfall
 import scenes
 from rockfall.io.raster import read_dem
-from rockfall.scene.scene import read_scene
+from rockfall.scene.read import read_scene
 from rockfall.simulation.simulate import run_scene
 
 BOULDERS = 25

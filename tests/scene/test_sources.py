@@ -13,7 +13,7 @@ from rockfall.analysis.run_until import run_until
 from rockfall.cli import main
 from rockfall.io.raster import write_ascii
 from rockfall.scene.prepare import prepare
-from rockfall.scene.scene import read_scene
+from rockfall.scene.read import read_scene
 from scenes import grid, make_case, rough, sets
 from test_batch import batch, netcdf  # noqa: F401
 from test_merge import same

@@ -15,7 +15,7 @@ from rockfall.cli import main
 from rockfall.errors import RockfallError
 from rockfall.io.grid import Grid
 from rockfall.io.raster import write_ascii
-from rockfall.scene.scene import read_scene
+from rockfall.scene.read import read_scene
 from rockfall.simulation import memory
 from rockfall.simulation.checkpoint import Checkpoint
 from rockfall.simulation.simulate import run_scene

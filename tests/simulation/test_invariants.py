@@ -10,7 +10,7 @@ import rockfall
 import scenes
 from made import refused
 from rockfall.result import variables
-from rockfall.scene.scene import read_scene
+from rockfall.scene.read import read_scene
 from rockfall.simulation import simulate
 
 CELL, SHAPE = 5.0, (80, 60)
@@ -363,8 +363,8 @@ def test_rebounds_outside_what_the_set_was_fitted_on(folder, ratio):
         assert np.all(outside, axis=0).sum() <= counted <= np.any(outside, axis=0).sum()
         assert 100 < counted < result.rebounds - 100
     scene = read_scene(case, slope(), scenes.grid(slope(), CELL), mean_radius=river())
-    assert scene.sets.speed_range[:, 2].tolist() == [1.5, 13.0]
-    assert scene.sets.angle_range[:, 2].tolist() == [6.0, 53.0]
+    assert scene.coefficients.speed_range[:, 2].tolist() == [1.5, 13.0]
+    assert scene.coefficients.angle_range[:, 2].tolist() == [6.0, 53.0]
 
 
 def test_what_a_set_was_fitted_on_changes_no_boulder(folder):

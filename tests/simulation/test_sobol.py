@@ -8,7 +8,7 @@ from scipy.stats import kstest, norm
 import rockfall
 from made import refused
 from rockfall.analysis.line_statistics import line_numbers
-from rockfall.scene.scene import read_scene
+from rockfall.scene.read import read_scene
 from rockfall.simulation.simulate import fields, trajectory
 from scenes import grid, make_case, rough, sets
 from test_invariants import same_bits

@@ -16,7 +16,8 @@ module rockfall_case
    use rockfall_sobol, only: most_points
    implicit none
    private
-   public :: case_t, case_line_t, read_case, key_t, key_table, n_keys, key_text, map_names, n_maps
+   public :: case_t, case_line_t, read_case, key_t, key_table, n_keys, key_text, map_names, n_maps, &
+             turning_rule, radius_of_reading
 
    integer, parameter :: many = 100000       !! values of a list
    integer, parameter :: text_length = 4096  !! characters of a text
@@ -490,14 +491,28 @@ contains
       group = group_of(list, "impact")
       case%sets = text_of(group, "sets")
       case%between_ratios = text_of(group, "ratio") == "between"
-      select case (text_of(group, "turning"))
-      case ("to_aspect"); case%turning = to_aspect
-      case ("lab"); case%turning = by_lab
-      case default; case%turning = past_aspect
-      end select
+      case%turning = turning_rule(text_of(group, "turning"))
       case%stop_speed = real_of(group, "stop_speed")
       case%impact_limit = int(integer_of(group, "impact_limit"))
    end subroutine read_run
+
+   !> The rule of turning_t of `&impact turning`.
+   pure integer function turning_rule(word)
+      character(len=*), intent(in) :: word
+
+      select case (word)
+      case ("to_aspect"); turning_rule = to_aspect
+      case ("lab"); turning_rule = by_lab
+      case default; turning_rule = past_aspect
+      end select
+   end function turning_rule
+
+   !> Radius over Rg, by `&surface rg_reading`.
+   pure real(wp) function radius_of_reading(word)
+      character(len=*), intent(in) :: word
+
+      radius_of_reading = merge(0.5_wp, 1.0_wp, word == "diameter")
+   end function radius_of_reading
 
    !> The material is given in one of three ways: zones with a table, rasters of values, or one value.
    pure subroutine read_surface(group, case, error)
@@ -509,7 +524,7 @@ contains
       integer :: k
 
       case%method = merge(method_a, method_b, text_of(group, "method") == "A")
-      case%size_to_radius = merge(0.5_wp, 1.0_wp, text_of(group, "rg_reading") == "diameter")
+      case%size_to_radius = radius_of_reading(text_of(group, "rg_reading"))
       case%zones = text_of(group, "zones")
       case%table = text_of(group, "table")
       case%zone_field = text_of(group, "zone_field")

@@ -20,7 +20,8 @@ from rockfall.case import Case
 from rockfall.errors import RockfallError, need
 from rockfall.io.output_files import FIGURE, STUDY, check_outputs, whole_folder
 from rockfall.io.tables import write_csv
-from rockfall.scene.scene import Scene, read_scene
+from rockfall.scene.read import read_scene
+from rockfall.scene.scene import Scene
 from rockfall.scene.sources import refuse_by_area
 from rockfall.simulation.simulate import run_scene
 

@@ -22,7 +22,8 @@ from rockfall.errors import RockfallError
 from rockfall.result.dataset import make_result
 from rockfall.scene.plausible import warn_of
 from rockfall.scene.reach import survey
-from rockfall.scene.scene import Scene, read_scene
+from rockfall.scene.read import read_scene
+from rockfall.scene.scene import Scene
 from rockfall.scene.sources import refuse_by_area
 from rockfall.simulation.interrupts import interrupts
 from rockfall.simulation.simulate import Interrupted, Tally, check_tallies, run_chunks, start, trace
@@ -85,7 +86,7 @@ def run_until(
 ) -> xr.Dataset:
     """Run a case with as many boulders from each source as `rules` need, `cap` at most.
 
-    `rules` is text as in `read_rules`; `arrays` are as in `rockfall.scene.scene.read_scene`. The
+    `rules` is text as in `read_rules`; `arrays` are as in `rockfall.scene.read.read_scene`. The
     result is that of `run` with the number of boulders found, which stands in place of the case's
     own; its attributes `until` and `until_met` hold the rules, and whether all are met (1) or not
     (0). Without a `cap` all sources together give a million boulders at most.

@@ -14,7 +14,7 @@ from rockfall.case import FROM_ARRAY, case_of
 from rockfall.errors import RockfallError
 from rockfall.io.grid import Box, Grid
 from rockfall.plots.map_figures import reached
-from rockfall.scene.scene import _checksum
+from rockfall.scene.layers import _checksum
 
 if TYPE_CHECKING:
     import xarray as xr

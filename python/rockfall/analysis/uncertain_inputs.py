@@ -10,7 +10,9 @@ from typing import Any
 import numpy as np
 
 from rockfall.errors import RockfallError, need
-from rockfall.scene.scene import Coefficients, Scene, read_set_draws, set_path
+from rockfall.impact_sets import set_path
+from rockfall.scene.coefficients import SetFile, draws_in
+from rockfall.scene.scene import Scene
 
 INPUTS = ("volume", "drop_height", "source", "sets", "dem", "radius")
 NUMBERS = (2, 1, 2, 1, 0, None)  # that an input needs in a draw; radius: one for each zone
@@ -44,11 +46,12 @@ class Uncertain:
 
     def __init__(self, scene: Scene) -> None:
         self.scene, self.told = scene, scene.case.ensemble
-        self.sets: list[Coefficients] = []
+        self.sets: list[SetFile] = []
         self.set_checksums: dict[str, str] = {}
         for name in self.told.get("sets", []):
             path = set_path(scene.case, name, "ensemble")
-            draws, self.set_checksums[name] = read_set_draws(path, scene.case.impact["turning"])
+            draws = draws_in(path, scene.case.impact["turning"])
+            self.set_checksums[name] = draws[0].checksum
             self.sets += draws
         self.names = [name for name in INPUTS if self._varies(name)]
         if not self.names:

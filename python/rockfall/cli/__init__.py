@@ -176,7 +176,7 @@ def _check_names(arguments: argparse.Namespace) -> None:
 
 def _check(arguments: argparse.Namespace) -> int:
     from rockfall.case import read_case
-    from rockfall.scene.scene import read_scene
+    from rockfall.scene.read import read_scene
     from rockfall.text.preview import preview
 
     scene = read_scene(read_case(arguments.case), memory=_memory(arguments))
@@ -218,7 +218,7 @@ def _run_to(
     checkpoint: Checkpoint | None,
 ) -> int:
     from rockfall.result.dataset import write_result
-    from rockfall.scene.scene import read_scene
+    from rockfall.scene.read import read_scene
     from rockfall.simulation.interrupts import interrupts
     from rockfall.simulation.simulate import Interrupted
     from rockfall.text.summary import summary
@@ -508,7 +508,3 @@ def _open_closed_streams() -> None:
 def _close_stdout() -> None:
     """Nobody takes what is still to be printed; Python must not try again when it exits."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -190,8 +190,9 @@ def _rebounds(result: xr.Dataset) -> Iterator[Figure]:
 
 def set_of(result: xr.Dataset) -> Sets | None:
     """The impact set of a run, where its file is still there as it was."""
+    from rockfall.impact_sets import set_path
     from rockfall.lab.sets import read_sets
-    from rockfall.scene.scene import _checksum, set_path
+    from rockfall.scene.layers import _checksum
 
     try:
         path = set_path(case_of(result))
