@@ -302,6 +302,5 @@ def _check_size(raster: RasterFile) -> None:
     rows, columns = raster.source.block_shapes[0]
     if rows * columns > max(nx * ny, _BLOCK):
         raise RockfallError(
-            f"{raster.path}: tiles of {columns} x {rows} cells, of a raster of {nx} x {ny}: "
-            "damaged"
+            f"{raster.path}: tiles of {columns} x {rows} cells, of a raster of {nx} x {ny}: damaged"
         )
