@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 
 from rockfall.case import Case
 from rockfall.errors import RockfallError, need
+from rockfall.interrupts import interrupts
 from rockfall.scene.reach import survey
 from rockfall.scene.scene import Scene, read_scene
-from rockfall.simulation.interrupts import interrupts
 from rockfall.simulation.merge import Joined
 from rockfall.simulation.progress import progress_bar
 from rockfall.simulation.simulate import no_maps, run_scene
