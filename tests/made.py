@@ -46,6 +46,29 @@ def make_ascii(path, body, head="xllcorner 600000\nyllcorner 4999970\ncellsize 5
     return path
 
 
+def make_layer(path, shapes, crs=UTM, layer=None, **columns):
+    """Write a vector layer of shapes with an attribute for each of `columns`."""
+    pyogrio = pytest.importorskip("pyogrio", reason="the vector extra is not installed")
+    shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
+    kinds = {shape.geom_type for shape in shapes if shape is not None}
+    pyogrio.raw.write(
+        path,
+        shapely.to_wkb(np.array(shapes, object)),
+        [_field(values) for values in columns.values()],
+        list(columns),
+        geometry_type=kinds.pop() if len(kinds) == 1 else "Unknown",
+        crs=crs,
+        layer=layer,
+        append=layer is not None and Path(path).exists(),
+    )
+    return path
+
+
+def _field(values):
+    kinds = set(map(type, values))
+    return np.array(values, object if str in kinds else float if type(None) in kinds else None)
+
+
 @contextlib.contextmanager
 def refused(message):
     """The block must end in a RockfallError of exactly this one line, with exit status 2."""

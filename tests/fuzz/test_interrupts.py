@@ -13,9 +13,9 @@ from pathlib import Path
 import pytest
 
 import rockfall
+from rockfall import interrupts
 from rockfall.cli import main
 from rockfall.result import export
-from rockfall.simulation import interrupts
 from test_batch import batch, find_program, made, netcdf
 from test_batch_checkpoint import case, done
 from test_cli import place, wait_until_busy

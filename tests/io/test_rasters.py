@@ -966,8 +966,10 @@ def uneven(data):
         (lambda d: d[:, ::-1], "x must increase"),
         (lambda d: d[:1], "4 x 1 cells, at least 2 x 2 are needed"),
         (lambda d: d.assign_attrs(units="ft"), "elevations are in ft, metres are needed"),
-        (lambda d: d.assign_coords(x=d.x.assign_attrs(units="km")),
-         "coordinate x is in km, metres are needed"),
+        (
+            lambda d: d.assign_coords(x=d.x.assign_attrs(units="km")),
+            "coordinate x is in km, metres are needed",
+        ),
         (lambda d: d.assign_attrs(crs="nonsense"), "CRS cannot be understood: nonsense"),
         (
             lambda d: d.assign_attrs(crs="EPSG:2225"),

@@ -6,7 +6,7 @@ import pytest
 import xarray as xr
 
 import rockfall
-from made import make_raster, refused
+from made import make_layer, make_raster, refused
 from rockfall.analysis.convergence import converge
 from rockfall.analysis.ensemble import run_ensemble
 from rockfall.analysis.run_until import run_until
@@ -106,9 +106,9 @@ def test_only_steep_cells_within_cells_or_polygons(tmp_path):
     make_raster(tmp_path / "some.tif", some, transform=grid(z).transform, crs="EPSG:32632")
     within = read_scene(steep(tmp_path, release=least | {"cells": "some.tif"}, **about))
     assert np.array_equal(cells_of(within), everywhere & (some > 0)) and within.x.size > 10
-    shapely, geopandas = pytest.importorskip("shapely"), pytest.importorskip("geopandas")
+    shapely = pytest.importorskip("shapely")
     box = shapely.box(5 * 5.0, 400 - 20 * 5.0, 40 * 5.0, 400 - 3 * 5.0)
-    geopandas.GeoDataFrame(geometry=[box], crs="EPSG:32632").to_file(tmp_path / "some.gpkg")
+    make_layer(tmp_path / "some.gpkg", [box])
     inside = read_scene(steep(tmp_path, release=least | {"polygons": "some.gpkg"}, **about))
     assert np.array_equal(inside.x, within.x) and np.array_equal(inside.y, within.y)
 

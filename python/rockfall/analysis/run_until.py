@@ -19,13 +19,13 @@ from rockfall.analysis.line_statistics import (
 )
 from rockfall.case import Case
 from rockfall.errors import RockfallError
+from rockfall.interrupts import interrupts
 from rockfall.result.dataset import make_result
 from rockfall.scene.plausible import warn_of
 from rockfall.scene.reach import survey
 from rockfall.scene.read import read_scene
 from rockfall.scene.scene import Scene
 from rockfall.scene.sources import refuse_by_area
-from rockfall.simulation.interrupts import interrupts
 from rockfall.simulation.simulate import Interrupted, Tally, check_tallies, run_chunks, start, trace
 from rockfall.simulation.source_maps import tells_sources
 

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, NoReturn
 
 from rockfall.cli.lab import add_lab
 from rockfall.errors import RockfallError
-from rockfall.simulation.interrupts import exit_status, stoppable
+from rockfall.interrupts import exit_status, stoppable
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -217,9 +217,9 @@ def _run_to(
     shard: tuple[int, int],
     checkpoint: Checkpoint | None,
 ) -> int:
+    from rockfall.interrupts import interrupts
     from rockfall.result.dataset import write_result
     from rockfall.scene.read import read_scene
-    from rockfall.simulation.interrupts import interrupts
     from rockfall.simulation.simulate import Interrupted
     from rockfall.text.summary import summary
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rockfall.errors import RockfallError, need
-from rockfall.simulation.interrupts import exit_status
+from rockfall.interrupts import exit_status
 
 if TYPE_CHECKING:
     from rockfall.lab.fit import ImpactSet

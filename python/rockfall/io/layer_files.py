@@ -62,9 +62,7 @@ def _check_geopackage(path: str, start: bytes) -> None:
                 if kind == "table":
                     _check_table(path, database, name, text)
     except (sqlite3.Error, UnicodeDecodeError) as error:
-        raise RockfallError(
-            f"{path}: not a polygon layer that can be read ({error})"
-        ) from error
+        raise RockfallError(f"{path}: not a polygon layer that can be read ({error})") from error
 
 
 def _check_table(path: str, database: sqlite3.Connection, name: str, text: str) -> None:

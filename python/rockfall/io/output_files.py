@@ -16,8 +16,8 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 
 from rockfall.errors import RockfallError
+from rockfall.interrupts import interrupts
 from rockfall.io.files import check_netcdf
-from rockfall.simulation.interrupts import interrupts
 
 RESULT, ENSEMBLE, IMPACTS = "a result of a run", "an ensemble", "impacts of the laboratory"
 FIGURE, MAP, LAYERS, PAGE = "a figure", "a map", "layers of a result", "a report"

@@ -134,10 +134,9 @@ def _check_crs(path: str, crs: CRS | None, grid: Grid) -> None:
     terrain = crs_name(grid.crs)
     target = terrain if terrain.startswith("EPSG:") else grid.crs.to_wkt()
     out = str(Path(path).with_name(f"{Path(path).stem}_on_dem.gpkg"))
-    code = f"import geopandas as g; g.read_file({path!r}).to_crs({target!r}).to_file({out!r})"
     raise RockfallError(
         f"{path}: coordinates are in {crs_name(crs)}, those of the terrain in {terrain}; "
-        f"reproject with: python -c {quote(code)}"
+        f"reproject with: ogr2ogr -t_srs {quote(target)} {quote(out)} {quote(path)}"
     )
 
 

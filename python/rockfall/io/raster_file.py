@@ -291,9 +291,11 @@ def _check_packing(raster: RasterFile) -> None:
 
 def _check_size(raster: RasterFile) -> None:
     """Refuse a header that promises more than the machine can hold."""
+    import psutil
+
     ny, nx = raster.grid.shape
     need = 4e-9 * nx * ny
-    have = 1e-9 * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    have = 1e-9 * psutil.virtual_memory().total
     if need > have:
         raise RockfallError(
             f"{raster.path}: {nx} x {ny} cells need {need:.0f} GB of memory, "
@@ -302,6 +304,5 @@ def _check_size(raster: RasterFile) -> None:
     rows, columns = raster.source.block_shapes[0]
     if rows * columns > max(nx * ny, _BLOCK):
         raise RockfallError(
-            f"{raster.path}: tiles of {columns} x {rows} cells, of a raster of {nx} x {ny}: "
-            "damaged"
+            f"{raster.path}: tiles of {columns} x {rows} cells, of a raster of {nx} x {ny}: damaged"
         )

@@ -13,6 +13,7 @@ import numpy as np
 from rockfall._core import rockfall_f2py as _core
 from rockfall.case_files import files_behind
 from rockfall.errors import RockfallError
+from rockfall.io.crs import grid_mapping
 from rockfall.io.files import check_netcdf, whole_file
 from rockfall.io.grid import row_blocks
 from rockfall.io.output_files import RESULT, check_output
@@ -152,8 +153,6 @@ def _map(name: str, maps: Maps, boulders: int, least: int) -> tuple[np.ndarray, 
 
 
 def _grid_mapping(grid: Grid) -> dict[str, Any]:
-    from rockfall.io.cf import grid_mapping
-
     transform = f"{grid.west!r} {grid.cell!r} 0.0 {grid.north!r} 0.0 {-grid.cell!r}"
     about = {"units": "1", "long_name": "coordinate reference system", "GeoTransform": transform}
     return about | (grid_mapping(grid.crs) if grid.crs else {})

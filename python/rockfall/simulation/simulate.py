@@ -14,13 +14,13 @@ import numpy as np
 from rockfall._core import rockfall_f2py as _core
 from rockfall.case import Case
 from rockfall.errors import RockfallError
+from rockfall.interrupts import interrupts
 from rockfall.io.grid import Box, Grid
 from rockfall.scene.plausible import warn_of
 from rockfall.scene.reach import Survey, survey
 from rockfall.scene.read import read_scene
 from rockfall.scene.scene import Scene
 from rockfall.scene.windows import groups
-from rockfall.simulation.interrupts import interrupts
 from rockfall.simulation.memory import machine_memory
 from rockfall.simulation.source_maps import follow_sources
 
