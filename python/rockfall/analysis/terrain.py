@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rockfall.analysis.extent import reached
 from rockfall.case import FROM_ARRAY, case_of
 from rockfall.errors import RockfallError
 from rockfall.io.grid import Box, Grid
-from rockfall.plots.map_figures import reached
 from rockfall.scene.scene import _checksum
 
 if TYPE_CHECKING:
