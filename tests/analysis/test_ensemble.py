@@ -59,7 +59,7 @@ def from_boulders(values):
     """Means and covariances of values (blocks, runs, boulders)."""
     y, n = values.mean(axis=2), values.shape[2]
     apart = np.array([
-        [deviations(v, "mean", {"n": LEAST, "share": 1.0, "mean": v.mean()}, n) for v in block]
+        [deviations(v, "mean", {"n": LEAST, "fraction": 1.0, "mean": v.mean()}, n) for v in block]
         for block in values
     ])  # fmt: skip
     return y[..., None], (apart @ apart.transpose(0, 2, 1))[..., None]
@@ -117,7 +117,7 @@ def test_chance_of_two_runs_and_what_they_share_are_those_of_other_boulders(tmp_
     case = case_of(tmp_path, 150, release={"x": [150.0, 200.0], "y": [380.0, 350.0]})
     scenes = [read_scene(case, dem=z, transform=grid(z)) for z in (TERRAIN, rough(seed=2))]
     scenes[1].z = 0.05 * scenes[1].z + 0.95 * scenes[0].z
-    chosen = [RESULTS[name] for name in ("share", "speed.mean", "speed.q95")]
+    chosen = [RESULTS[name] for name in ("fraction", "speed.mean", "speed.q95")]
     values, covariances = np.empty((250, 3, 2)), np.empty((250, 3, 2, 2))
     for k in range(250):
         runs = [simulate_seed(scene, k) for scene in scenes]
@@ -144,7 +144,7 @@ def simulate_seed(scene, seed):
 
 
 def test_what_sets_sources_apart_is_no_chance():
-    row = {"n": 200, "share": 1.0, "mean": 1.5}
+    row = {"n": 200, "fraction": 1.0, "mean": 1.5}
     for per_source, chance in ((100, 0.0), (1, 0.25 / 199)):
         of = deviations(np.repeat([1.0, 2.0], 100), "mean", row, per_source)
         assert of @ of == pytest.approx(chance, abs=1e-15)
@@ -152,10 +152,10 @@ def test_what_sets_sources_apart_is_no_chance():
 
 def test_few_boulders_at_a_line_make_no_number():
     speed = np.r_[np.arange(LEAST - 1.0), np.full(81, np.nan)]
-    row = {"n": LEAST - 1, "share": 0.19, "mean": 9.0}
+    row = {"n": LEAST - 1, "fraction": 0.19, "mean": 9.0}
     assert np.isnan(deviations(speed, "mean", row, 100)).all()
-    assert np.isfinite(deviations(speed, "share", row, 100)).all()
-    row = {"n": 99, "share": 1.0, "q95": 93.1}
+    assert np.isfinite(deviations(speed, "fraction", row, 100)).all()
+    row = {"n": 99, "fraction": 1.0, "q95": 93.1}
     assert np.isnan(deviations(np.arange(99.0), "q95", row, 99)).all()
     assert np.isfinite(deviations(np.arange(100.0), "q95", row | {"n": 100}, 100)).all()
 
@@ -172,7 +172,7 @@ def test_an_input_that_does_nothing_has_no_share_and_the_other_all(tmp_path):
     assert found["input"].values.tolist() == ["source", "sets"]
     assert float(abs(found["total"].sel(input="sets")).max()) < 1e-12
     assert float(abs(found["first_order"].sel(input="sets")).max()) < 1e-12
-    at = found.sel(input="source", result="share", line="L")
+    at = found.sel(input="source", result="fraction", line="L")
     for name in ("first_order", "total"):
         assert abs(at[name] - 1) < 3 * at[f"{name}_error"] + 1e-9
     assert at["ignorance"] > 1.5 * at["chance"]
@@ -230,7 +230,7 @@ def test_every_run_can_be_made_again_from_what_is_kept(tmp_path):
             rockfall.run(again, dem=TERRAIN, transform=grid(TERRAIN))
         ).set_index("quantity")
         value = found["value"].isel(run=k, line=0).sel(variant=side)
-        assert value.sel(result="share") == table.loc["speed", "share"]
+        assert value.sel(result="fraction") == table.loc["speed", "fraction"]
         assert value.sel(result="speed.mean") == table.loc["speed", "mean"]
 
 

@@ -501,7 +501,7 @@ def test_run_writes_the_result_of_the_api_and_a_summary(place, capsys):
     assert lines[0] == "Slope: 20 boulders" and lines[-1] == "case.nc"
     table = rockfall.line_statistics(result).set_index("quantity")
     speed, height = table.loc["speed"], table.loc["passing_height"]
-    row = f"L {speed['n']} {100 * speed['share']:.1f} +- {50 * width(speed, 'share'):.1f} %"
+    row = f"L {speed['n']} {100 * speed['fraction']:.1f} +- {50 * width(speed, 'fraction'):.1f} %"
     row += f" {speed['mean']:.1f} +- {width(speed, 'mean') / 2:.1f} m/s"
     row += f" {height['mean']:.2f} +- {width(height, 'mean') / 2:.2f} m"
     assert row.split() in [line.split() for line in lines]

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rockfall.analysis.line_statistics import (
+    fraction_interval,
     line_numbers,
     line_values,
     sample_numbers,
-    share_interval,
     sources,
     student,
 )
@@ -247,11 +247,11 @@ def _passing(
     if distances is not None:
         one_source = np.zeros(distances.size, int)
         for d in np.unique(distances):
-            rows.append([d, *share_interval(distances >= d, one_source)])
+            rows.append([d, *fraction_interval(distances >= d, one_source)])
     if seen.passing is not None:
         rows += [[*pair, np.nan, np.nan] for pair in seen.passing.to_numpy()]
     for row in rows:
-        row += share_interval(ours >= row[0], source)
+        row += fraction_interval(ours >= row[0], source)
         row += [100 * (row[4] - row[1]), *_verdicts(*row[1:])]
     columns = ["distance", *_BESIDE, "difference_percent", *_VERDICTS]
     table = pd.DataFrame(sorted(rows, key=lambda row: row[0]), columns=columns)

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 #: At each line: name, quantity and number of `statistics.line_numbers`, units.
 RESULTS = {
-    "share": ("speed", "share", "1"),
+    "fraction": ("speed", "fraction", "1"),
     "speed.mean": ("speed", "mean", "m s-1"),
     "speed.q95": ("speed", "q95", "m s-1"),
     "passing_height.mean": ("passing_height", "mean", "m"),

@@ -105,7 +105,7 @@ def _parser() -> argparse.ArgumentParser:
         about = "of the run; terrain beyond half of it is read in windows; default: the machine's"
         one.add_argument("--memory", metavar="SIZE", help=about)
     run.add_argument("-o", "--output", metavar="OUT.nc", type=Path, help="default: CASE.nc, here")
-    rules = "'speed.mean@EL1<2%%, energy_total.q95@EL1<5%%, share@EL1<3%%'"
+    rules = "'speed.mean@EL1<2%%, energy_total.q95@EL1<5%%, fraction@EL1<3%%'"
     run.add_argument("--until", metavar="RULES", help=f"until 95 %% intervals are narrow: {rules}")
     run.add_argument("--cap", metavar="N", type=int, help="with --until: most from each source")
     run.add_argument("--shard", metavar="I/N", help="the I-th of N parts, for `rockfall merge`")

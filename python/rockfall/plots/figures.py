@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rockfall.analysis.line_statistics import share_interval, sources
+from rockfall.analysis.extent import PASSED, passed_map
+from rockfall.analysis.line_statistics import fraction_interval, sources
 from rockfall.analysis.terrain import terrain_of
 from rockfall.case import case_of
 from rockfall.errors import RockfallError, need
@@ -18,17 +19,16 @@ from rockfall.io.output_files import FIGURE, check_outputs, whole_folder
 from rockfall.plots.line_figures import QUANTITIES, distribution_figure, passing_figure
 from rockfall.plots.map_figures import (
     MOST_WAYS,
-    PASSED,
     is_share,
     map_figure,
     map_note,
-    passed_map,
     stops_figure,
     ways_figure,
 )
 from rockfall.plots.rebound_figures import ENERGY, RESTITUTION, histogram, histogram_figure
-from rockfall.plots.style import FORMATS, count, save
+from rockfall.plots.style import FORMATS, save
 from rockfall.plots.trajectory_figures import way_figure
+from rockfall.quantities import count
 from rockfall.result.trajectories import ends, flights, lines
 
 if TYPE_CHECKING:
@@ -144,7 +144,7 @@ def _at_lines(result: xr.Dataset, observed: Any) -> Iterator[Figure]:
         return
     source, passed = sources(result), []
     for name, x in zip(result["line"].values, result["line_x"].values, strict=True):
-        share, low, high = (100 * s for s in share_interval(np.isfinite(x), source))
+        share, low, high = (100 * s for s in fraction_interval(np.isfinite(x), source))
         n = np.isfinite(x).sum()
         passed.append(f"{n:,} at {name} ({share:.1f} %, 95 % interval {low:.1f} to {high:.1f} %)")
     for name, (label, _, _) in QUANTITIES.items():
