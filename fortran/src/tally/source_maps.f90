@@ -152,20 +152,21 @@ contains
       end do
    end function fed_cells
 
-   !> Of the boulders of cut sources, leave only those of the range in the cells that they feed: what a share
-   !> of a part of a run is of. To be done once, at the end.
-   pure subroutine settle(maps, release, fed)
+   !> Of the boulders of cut sources, leave only those of the range in the cells that they feed (sign 1), as a part
+   !> of a run has it; or all of them again (sign -1), as a run has that goes on.
+   pure subroutine settle(maps, release, fed, sign)
       type(maps_t), intent(inout) :: maps
       type(release_t), intent(in) :: release
       type(fed_t), intent(in) :: fed
+      integer, intent(in) :: sign
       integer :: i, j, k
 
       if (.not. associated(maps%released)) return
       do k = 1, size(fed%cell)
          i = int(mod(fed%cell(k), size(maps%released, 1, i8))) + 1
          j = int(fed%cell(k)/size(maps%released, 1)) + 1
-         maps%released(i, j) = maps%released(i, j) + fed%boulders(k) &
-                               - int(released_by(release, int(fed%source(k), i8)), i4)
+         maps%released(i, j) = maps%released(i, j) &
+                               + sign*(fed%boulders(k) - int(released_by(release, int(fed%source(k), i8)), i4))
       end do
    end subroutine settle
 end module rockfall_sourcemap

@@ -188,7 +188,7 @@ def _check(arguments: argparse.Namespace) -> int:
 def _run(arguments: argparse.Namespace) -> int:
     from rockfall.case_files import input_files
     from rockfall.io.output_files import RESULT, check_output
-    from rockfall.simulation.checkpoint import checkpoint_folder
+    from rockfall.simulation.lock import locked
 
     if arguments.until is not None and arguments.boulders is not None:
         raise RockfallError("--boulders: --until finds their number; limit it with --cap")
@@ -206,8 +206,8 @@ def _run(arguments: argparse.Namespace) -> int:
     stem = arguments.case.stem
     path = arguments.output or Path(f"{stem}.nc" if of == 1 else f"{stem}.part{which}of{of}")
     check_output(path, RESULT, input_files(case))
-    with checkpoint_folder(path, _warning) as folder:
-        return _run_to(path, case, arguments, shard, _checkpoint(arguments, folder))
+    with locked(path, _warning):
+        return _run_to(path, case, arguments, shard, _checkpoint(arguments, path))
 
 
 def _run_to(
@@ -267,18 +267,18 @@ def _merge(arguments: argparse.Namespace) -> int:
     return DONE
 
 
-def _checkpoint(arguments: argparse.Namespace, folder: Path) -> Checkpoint | None:
+def _checkpoint(arguments: argparse.Namespace, path: Path) -> Checkpoint | None:
     """Where a run saves its work; one that is there is not overwritten unasked."""
     from rockfall.simulation.checkpoint import Checkpoint
 
     if arguments.until is not None or arguments.dask is not None:
         return None
     every = arguments.checkpoint or math.inf
-    found = Checkpoint(folder, every, _warning)
-    if not arguments.resume and (done := found.found()):
+    found = Checkpoint(path, every, _warning)
+    if (done := found.found()) and not arguments.resume:
         raise RockfallError(
-            f"{folder}: holds {done:,} boulders of a run that was stopped; go on with --resume, or "
-            "remove it"
+            f"{found.path}: holds {done:,} boulders of a run that was stopped; go on with "
+            "--resume, or remove it"
         )
     return found
 
