@@ -127,7 +127,7 @@ contains
          call check("of the last", all(pack(at, fed%source == 4) <= 8) .and. count(fed%source == 4) == 8*ny)
       end associate
       call check("their boulders", all(fed%boulders == merge(2, 3, fed%source == 1)))
-      call settle(maps, release, fed)
+      call settle(maps, release, fed, 1)
       call check("boulders of the range only", all(released(1:8, :) == 20 + 3) .and. all(released(9:15, :) == 20 + 2))
       call check("sources stay", all(sources(1:15, :) == 3) .and. all(sources(16:, :) == 0))
    end subroutine test_head
