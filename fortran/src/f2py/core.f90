@@ -9,13 +9,15 @@ module rockfall_f2py
    use iso_c_binding, only: c_double, c_float, c_int, c_int8_t, c_int16_t, c_int32_t, c_int64_t, c_intptr_t, c_ptr, &
                             c_loc, c_f_pointer
    use rockfall_error, only: error_t, give_error
-   use rockfall_terrain, only: terrain_t, terrain, keep_within
+   use rockfall_grid, only: grid_t, is_outside
+   use rockfall_terrain, only: terrain_t, terrain, keep_within, is_known_at
+   use rockfall_boulder, only: first_of, last_of, source_of
    use rockfall_surface, only: size_weights
    use rockfall_impact, only: ratio_weights
    use rockfall_trajectory, only: scene_t, fate_t, crossing_t, scratch_t, left_window
    use rockfall_scene, only: scene_arrays_t, scene_from, check_sources, boulders_of
    use rockfall_reach, only: block_side, take_minima, reach_box
-   use rockfall_sources, only: usual_threshold, keep_steep, surface_ratios, last_boulders
+   use rockfall_sources, only: usual_threshold, keep_steep, surface_ratios
    use rockfall_map, only: maps_t, follows_cells
    use rockfall_mapvalues, only: map_plan_t, plan_maps => map_plan, map_views, map_row, map_fewest
    use rockfall_bounds, only: check_tallies
@@ -32,7 +34,7 @@ module rockfall_f2py
    private
    public :: open_scene, close_scene, run, trajectory, survey, reach, block_of, map_plan, check_maps, map_values, &
              check_case, case_key, variable, read_sets, fields, histogram_bins, team, team_fits, end_team, &
-             slope_threshold, steep_cells, area_ratios, release_ends, overstates, weights_of_sets, weights_of_sizes, &
+             slope_threshold, steep_cells, area_ratios, known_at, outside, boulders, boulders_of_source, sources_of_boulders, overstates, weights_of_sets, weights_of_sizes, &
              size_to_radius, constant
 
    !> What a handle stands for.
@@ -365,15 +367,64 @@ contains
       ratio = surface_ratios(dem, source_x - dem%x0, source_y - dem%y0)
    end subroutine area_ratios
 
-   !> The last boulder of each source that releases by area, `boulders` from a flat cell.
-   subroutine release_ends(ratio, boulders, last, ns)
-      integer(c_int), intent(in) :: ns
-      real(c_double), intent(in) :: ratio(ns)
-      integer(c_int64_t), intent(in) :: boulders
-      integer(c_int64_t), intent(out) :: last(ns)
+   !> Whether boulders can start from points, in map coordinates [m].
+   subroutine known_at(z8, z4, nodes, at, west, north, cell, x, y, known, nx8, ny8, nx4, ny4, n)
+      !f2py threadsafe
+      integer(c_int), intent(in) :: nx8, ny8, nx4, ny4, n, nodes(2), at(2)
+      real(c_double), intent(in), target :: z8(nx8, ny8)  !! as in `open_scene`
+      real(c_float), intent(in), target :: z4(nx4, ny4)
+      real(c_double), intent(in) :: west, north, cell, x(n), y(n)
+      integer(c_int), intent(out) :: known(n)             !! 1 or 0
+      type(terrain_t) :: dem
+      integer :: k
 
-      last = last_boulders(ratio, boulders)
-   end subroutine release_ends
+      call set_terrain(dem, z8, z4, west, north, cell, nodes, at)
+      known = [(merge(1, 0, is_known_at(dem, x(k) - dem%x0, y(k) - dem%y0)), k=1, n)]
+   end subroutine known_at
+
+   !> Whether a line of points [m] lies beyond one side of a raster.
+   subroutine outside(west, north, cell, nodes, x, y, is, n)
+      integer(c_int), intent(in) :: n, nodes(2)
+      real(c_double), intent(in) :: west, north, cell, x(n), y(n)
+      integer(c_int), intent(out) :: is                   !! 1 or 0
+
+      is = merge(1, 0, is_outside(grid_t(west, north, cell, nodes(1), nodes(2)), x, y))
+   end subroutine outside
+
+   !> Boulders of a scene.
+   subroutine boulders(handle, number)
+      integer(c_intptr_t), intent(in) :: handle
+      integer(c_int64_t), intent(out) :: number
+      type(open_scene_t), pointer :: opened
+
+      opened => scene_of(handle)
+      number = boulders_of(opened%scene)
+   end subroutine boulders
+
+   !> The first and last boulder of a source, all from 1.
+   subroutine boulders_of_source(handle, source, first, last)
+      integer(c_intptr_t), intent(in) :: handle
+      integer(c_int64_t), intent(in) :: source
+      integer(c_int64_t), intent(out) :: first, last
+      type(open_scene_t), pointer :: opened
+
+      opened => scene_of(handle)
+      first = first_of(opened%scene%release, source)
+      last = last_of(opened%scene%release, source)
+   end subroutine boulders_of_source
+
+   !> The sources of boulders, all from 1.
+   subroutine sources_of_boulders(handle, boulder, source, n)
+      integer(c_int), intent(in) :: n
+      integer(c_intptr_t), intent(in) :: handle
+      integer(c_int64_t), intent(in) :: boulder(n)
+      integer(c_int64_t), intent(out) :: source(n)
+      type(open_scene_t), pointer :: opened
+      integer :: k
+
+      opened => scene_of(handle)
+      source = [(source_of(opened%scene%release, boulder(k)), k=1, n)]
+   end subroutine sources_of_boulders
 
    !> Check the text of a case: code 0, or one line that says what is wrong.
    subroutine check_case(text, name, code, message)

@@ -13,7 +13,7 @@ module rockfall_load
    use rockfall_scene, only: scene_arrays_t, scene_from, check_sources
    use rockfall_case, only: case_t
    use rockfall_paths, only: installed_sets, source_sets
-   use rockfall_grid, only: grid_t
+   use rockfall_grid, only: grid_t, is_outside
    use rockfall_csv, only: read_zone_table
    use rockfall_console, only: decimal
    use rockfall_filesystem, only: folder_of, same_file
@@ -630,10 +630,7 @@ contains
       names = ""
       do k = 1, size(case%lines)
          associate (x => case%lines(k)%x, y => case%lines(k)%y)
-            if (maxval(x) < grid%west .or. minval(x) > grid%west + grid%nx*grid%cell .or. &
-                maxval(y) < grid%north - grid%ny*grid%cell .or. minval(y) > grid%north) then
-               names = names//", "//case%lines(k)%name
-            end if
+            if (is_outside(grid, x, y)) names = names//", "//case%lines(k)%name
          end associate
       end do
       if (names /= "") names = names(3:)

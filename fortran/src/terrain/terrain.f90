@@ -6,7 +6,7 @@ module rockfall_terrain
    use rockfall_kinds, only: wp, sp
    implicit none
    private
-   public :: terrain_t, patch_t, terrain, keep_within, in_window, locate, within, on_terrain, read_patch, height, gradient, cell_of, &
+   public :: terrain_t, patch_t, terrain, keep_within, in_window, locate, within, on_terrain, is_known_at, read_patch, height, gradient, cell_of, &
              cell_descent, steepest_cell_slope
 
    !> A place this near to a side of a patch [cells] is on it: map coordinates of 1e7 m are known to 2e-9 m
@@ -135,6 +135,19 @@ contains
       at = [x, y]*dem%per_cell
       on_terrain = all(at >= -on_side .and. at <= [dem%nx, dem%ny] - 1 + on_side)
    end function on_terrain
+
+   !> Whether a boulder can start from a point: between four nodes with an elevation.
+   pure logical function is_known_at(dem, x, y)
+      type(terrain_t), intent(in) :: dem
+      real(wp), intent(in) :: x, y  !! [m]
+      type(patch_t) :: patch
+      real(wp) :: u, w
+
+      is_known_at = on_terrain(dem, x, y)
+      if (.not. is_known_at) return
+      call locate(dem, x, y, patch, u, w)
+      is_known_at = patch%known
+   end function is_known_at
 
    !> The patch (i, j); unknown outside the window or beside nodata.
    pure subroutine read_patch(dem, i, j, patch)
