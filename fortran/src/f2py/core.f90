@@ -9,14 +9,14 @@ module rockfall_f2py
    use rockfall_terrain, only: terrain_t, terrain, keep_within
    use rockfall_surface, only: size_weights
    use rockfall_impact, only: ratio_weights
-   use rockfall_trajectory, only: scene_t, fate_t, crossing_t, scratch_t
+   use rockfall_trajectory, only: scene_t, boulder_result_t, crossing_t, scratch_t
    use rockfall_scene, only: coefficients_t, set_sources, check_sources, add_line, set_impacts
    use rockfall_reach, only: block_side, take_minima, reach_box
    use rockfall_sources, only: usual_threshold, keep_steep, surface_ratios, last_boulders
-   use rockfall_map, only: maps_t, follows_cells
-   use rockfall_mapvalues, only: map_plan_t, plan_maps => map_plan, map_views, map_row, map_fewest
-   use rockfall_bounds, only: check_map_tallies => check_tallies
-   use rockfall_boulder, only: boulder_law_t
+   use rockfall_maps, only: maps_t, needs_visits
+   use rockfall_map_values, only: map_plan_t, plan_maps => map_plan, map_views, map_row, map_min_count
+   use rockfall_limits, only: check_map_tallies => check_tallies
+   use rockfall_boulder, only: volume_distribution_t
    use rockfall_threads, only: team_size, check_team, release_team
    use rockfall_ensemble, only: run_boulders, trace_boulder
    use rockfall_result, only: boulder_row, boulder_count_row, line_row, vertex_row
@@ -24,7 +24,7 @@ module rockfall_f2py
                                  vertex_fields, map_fields
    use rockfall_histogram, only: bin_width, n_bins
    use rockfall_case, only: case_t, read_case, key_text, n_keys
-   use rockfall_sets, only: read_impact_sets => read_sets
+   use rockfall_impact_sets, only: read_impact_sets => read_sets
    use rockfall_classicheader, only: claims_too_much => overstates
    implicit none
    private
@@ -67,7 +67,7 @@ contains
       integer(c_int), intent(in) :: between                      !! ratios: 0 or 1
       real(c_double), intent(in) :: gravity, stop_speed          !! [m/s2], [m/s]
       integer(c_int), intent(in) :: impact_limit
-      integer(c_int), intent(in) :: law                          !! as in boulder_law_t
+      integer(c_int), intent(in) :: law                          !! as in volume_distribution_t
       real(c_double), intent(in) :: law_values(4), volumes(nv)   !! mean, deviation, least, most; list [m3]
       real(c_double), intent(in) :: density                      !! [kg/m3]
       real(c_double), intent(in) :: source_x(ns), source_y(ns)   !! map coordinates [m], of all sources or those
@@ -112,17 +112,17 @@ contains
       scene%gravity = gravity
       scene%stop_speed = stop_speed
       scene%between_ratios = between /= 0
-      scene%most_impacts = impact_limit
+      scene%max_impacts = impact_limit
       call set_terrain(scene%dem, z8, z4, west, north, cell, nodes, at)
       call keep_within(scene%dem, map_at, map_last)
       call set_surface()
       call set_boulders()
       call set_lines()
       maps = map_views(as_plan(plan), map_at, map_counts, map_sums, map_reals, class_counts, column, columns(1))
-      maps%stamp(map_at(1):, map_at(2):, 1:) => stamp
-      maps%head = head
-      scene%wants_cells = follows_cells(maps)
-      scene%wants_histograms = histograms /= 0
+      maps%last_source(map_at(1):, map_at(2):, 1:) => stamp
+      maps%first_partial = head
+      scene%cells_requested = needs_visits(maps)
+      scene%histograms_requested = histograms /= 0
       call set_impacts(scene, coefficients_t(set_mean, set_covariance, set_incidence, set_lateral, &
                                                  set_speed_range, set_angle_range), turning, error)
       call give_error(error, code, message)
@@ -145,7 +145,7 @@ contains
       end subroutine set_surface
 
       subroutine set_boulders()
-         scene%law = as_law(law, law_values, volumes, density)
+         scene%volumes = as_law(law, law_values, volumes, density)
          scene%release%before = sources_before
          scene%release%boulders_per_source = per_source
          if (size(source_end) > 1) scene%release%last = source_end
@@ -165,7 +165,7 @@ contains
       end subroutine set_lines
 
       subroutine follow_all()
-         type(fate_t), allocatable :: fates(:)
+         type(boulder_result_t), allocatable :: fates(:)
          type(crossing_t), allocatable :: crossings(:, :)
          integer :: k, l
 
@@ -181,7 +181,7 @@ contains
       end subroutine follow_all
 
       subroutine trace()
-         type(fate_t) :: fate
+         type(boulder_result_t) :: fate
          type(scratch_t) :: scratch
          integer :: k
 
@@ -271,7 +271,7 @@ contains
 
       this = plan_maps(pack(map_fields, [(index(" "//names//" ", " "//trim(map_fields(k))//" ") > 0, &
                                           k=1, size(map_fields))]))
-      plan = [this%count, this%sum, this%greatest, this%classes, this%rows]
+      plan = [this%count, this%sum, this%max, this%bins, this%rows]
    end subroutine map_plan
 
    pure type(map_plan_t) function as_plan(plan)
@@ -280,15 +280,15 @@ contains
       as_plan = map_plan_t(plan(1:4), plan(5:7), plan(8:10), plan(11:13), plan(14))
    end function as_plan
 
-   pure type(boulder_law_t) function as_law(law, values, volumes, density)
+   pure type(volume_distribution_t) function as_law(law, values, volumes, density)
       integer(c_int), intent(in) :: law
       real(c_double), intent(in) :: values(4), volumes(:), density  !! as in `run`
 
-      as_law%law = law
+      as_law%kind = law
       as_law%mean = values(1)
-      as_law%deviation = values(2)
-      as_law%least = values(3)
-      as_law%most = values(4)
+      as_law%std = values(2)
+      as_law%min = values(3)
+      as_law%max = values(4)
       as_law%list = volumes
       as_law%density = density
    end function as_law
@@ -325,7 +325,7 @@ contains
       integer :: j
 
       maps = map_views(as_plan(plan), [1, 1], map_counts, map_sums, map_reals, class_counts, column, columns(1))
-      fewest = map_fewest(name, least)
+      fewest = map_min_count(name, least)
       do j = 1, ny
          call map_row(maps, name, j, boulders, least, values(:, j))
       end do

@@ -4,17 +4,18 @@ module rockfall_load
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
    use rockfall_kinds, only: wp, sp, i1, i2, i4
    use rockfall_error, only: error_t, fail
-   use rockfall_textfile, only: read_text, integer_text
+   use rockfall_text_file, only: read_text
+   use rockfall_text, only: integer_text
    use rockfall_decimal, only: real_text
    use rockfall_random, only: random_key
-   use rockfall_sobol, only: sobol_sequence, most_dimensions
+   use rockfall_sobol, only: sobol_sequence, max_dimensions
    use rockfall_terrain, only: terrain
    use rockfall_surface, only: method_a
    use rockfall_trajectory, only: scene_t
    use rockfall_sources, only: usual_threshold, keep_steep, surface_ratios, last_boulders
    use rockfall_scene, only: coefficients_t, set_sources, check_sources, add_line, set_impacts
    use rockfall_case, only: case_t
-   use rockfall_sets, only: read_sets
+   use rockfall_impact_sets, only: read_sets
    use rockfall_paths, only: installed_sets, source_sets
    use rockfall_grid, only: grid_t
    use rockfall_csv, only: read_zone_table
@@ -606,19 +607,19 @@ contains
       integer :: k
 
       scene%key = random_key(case%seed)
-      if (case%sobol) scene%sobol = sobol_sequence(most_dimensions)
+      if (case%sobol) scene%sobol = sobol_sequence(max_dimensions)
       scene%gravity = case%gravity
       scene%stop_speed = case%stop_speed
       scene%between_ratios = case%between_ratios
-      scene%most_impacts = case%impact_limit
-      scene%law = case%law
+      scene%max_impacts = case%impact_limit
+      scene%volumes = case%volumes
       scene%release%boulders_per_source = case%boulders
       if (case%by_area) then
          scene%release%last = last_boulders(surface_ratios(scene%dem, scene%release%x, scene%release%y), case%boulders)
       end if
       scene%release%drop_height = case%drop_height
       scene%release%velocity = case%velocity
-      scene%wants_histograms = case%rebounds
+      scene%histograms_requested = case%rebounds
       do k = 1, size(case%lines)
          call add_line(scene, case%lines(k)%x, case%lines(k)%y)
       end do

@@ -9,7 +9,7 @@ from pathlib import Path
 from rockfall._core import rockfall_f2py as _core
 from rockfall.errors import RockfallError
 
-LARGEST_TEXT = 64 * 1024**2  # bytes, as in base/text_file.f90
+LARGEST_TEXT = 64 * 1024**2  # bytes, as in io/text_file.f90
 
 
 def check_regular(path: str | Path) -> None:
