@@ -21,10 +21,11 @@ module rockfall_trajectory
    implicit none
    private
    public :: scene_t, boulder_result_t, crossing_t, contact_t, scratch_t, trace_full, choose_trace
-   public :: stopped, absorbed, left_domain, impact_limit, left_window
+   public :: stopped, absorbed, left_domain, impact_limit, hit_nodata, left_window
 
-   integer, parameter :: stopped = 1, absorbed = 2, left_domain = 3, impact_limit = 4  !! status
-   integer, parameter :: left_window = 5  !! the terrain goes on, but is not at hand: to be traced again
+   !> Status, in the order of the table of rockfall_variables; 0 while a boulder is on its way.
+   integer, parameter :: stopped = 1, absorbed = 2, left_domain = 3, impact_limit = 4, hit_nodata = 5
+   integer, parameter :: left_window = -1  !! the terrain goes on, but is not at hand: to be traced again; in no result
 
    !> What may be recorded besides the boulder's result, if it is requested: nothing; lines and histograms; visits of
    !> raster cells too; vertices of the trajectory too.
@@ -194,14 +195,14 @@ contains
          result%speed_max = max(result%speed_max, square(v_in))
          result%jump_height_max = max(result%jump_height_max, landing%jump_height)
          if (.not. landing%contact) then
-            result%status = merge(left_domain, left_window, at_end(scene%dem, landing%patch))
+            result%status = departure(scene%dem, landing%patch)
          else
             result%impacts = result%impacts + 1
             call handle_impact(scene, number, landing, v_in, omega_r, level, result, flight, scratch)
          end if
          if (result%status /= 0) exit
       end do
-      if (level >= with_record .and. (result%status == absorbed .or. result%status == left_domain)) then
+      if (level >= with_record .and. any(result%status == [absorbed, left_domain, hit_nodata])) then
          call record(scratch, contact_t(landing%x, landing%y, landing%z, result%time, v_in))
       end if
       result%speed_max = sqrt(result%speed_max)
@@ -213,14 +214,19 @@ contains
       end if
    end subroutine trace
 
-   !> Whether the terrain ends at a patch that is not known: beyond the raster, or beside nodata.
-   pure logical function at_end(dem, patch)
+   !> Why a boulder goes no further at a patch that is not known.
+   pure integer function departure(dem, patch) result(status)
       type(terrain_t), intent(in) :: dem
       type(patch_t), intent(in) :: patch
 
-      at_end = in_window(dem, patch%i, patch%j) .or. min(patch%i, patch%j) < 1 &
-               .or. patch%i >= dem%nx .or. patch%j >= dem%ny
-   end function at_end
+      if (in_window(dem, patch%i, patch%j)) then
+         status = hit_nodata
+      else if (min(patch%i, patch%j) < 1 .or. patch%i >= dem%nx .or. patch%j >= dem%ny) then
+         status = left_domain
+      else
+         status = left_window
+      end if
+   end function departure
 
    !> A word of the boulder's scrambled Sobol' point: its volume, then the words of its first draw of A.
    pure integer(i8) function scrambled_word(scene, number, dimension)

@@ -3,11 +3,13 @@
 program test_plane
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t
-   use rockfall_terrain, only: terrain
+   use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
+   use rockfall_terrain, only: terrain, keep_within
    use rockfall_random, only: random_key
    use rockfall_scene, only: coefficients_t, set_sources, check_sources, set_impacts
    use rockfall_direction, only: to_aspect
-   use rockfall_trajectory, only: scene_t, boulder_result_t, scratch_t, contact_t, impact_limit
+   use rockfall_trajectory, only: scene_t, boulder_result_t, scratch_t, contact_t, impact_limit, &
+      left_domain, hit_nodata, left_window
    use rockfall_ensemble, only: trace_boulder
    use check_m, only: check, check_close, finish
    implicit none
@@ -25,6 +27,7 @@ program test_plane
    call test_contacts(111.0_wp)
    call test_contacts(270.0_wp)
    call test_sliding()
+   call test_departures()
    call finish()
 
 contains
@@ -78,6 +81,31 @@ contains
          time = time + 2*flat*(scratch%record(2)%v_in(1)*kept**(k - 1))*sqrt(1.49_wp)/gravity
       end do
    end subroutine test_sliding
+
+   !> Eastward down a plane: over the edge of the raster, into a column without elevation, out of a window.
+   subroutine test_departures()
+      type(scene_t) :: scene
+      type(boulder_result_t) :: result
+      type(scratch_t) :: scratch
+      type(error_t), allocatable :: error
+      integer :: k
+
+      z = spread([(-0.7_wp*cell*k, k=1, nx)], 2, ny)
+      call make_scene(scene, [0.0_wp, 0.0_wp], error)
+      scene%max_impacts = 10000
+      call set_impacts(scene, coefficients_t(spread([0.9_wp, 0.0_wp, 0.0_wp, 0.3_wp, (0.0_wp, k=5, 9)], 2, 5)), &
+                       to_aspect, error)
+      call trace_boulder(scene, 1_i8, 2, result, scratch)
+      call check("over the edge", result%status == left_domain)
+      call check_close("at the outer cell centres", result%stop(1), (nx - 1)*cell, 1.0e-12_wp)
+      call keep_within(scene%dem, [1, 1], [62, ny])
+      call trace_boulder(scene, 1_i8, 2, result, scratch)
+      call check("out of the window", result%status == left_window)
+      z(61, :) = ieee_value(0.0_wp, ieee_quiet_nan)
+      call trace_boulder(scene, 1_i8, 2, result, scratch)
+      call check("into nodata", result%status == hit_nodata)
+      call check_close("at the last column with elevation", result%stop(1), 59*cell, 1.0e-12_wp)
+   end subroutine test_departures
 
    !> Cosine of degrees, exact at right angles.
    pure real(wp) function cosd_(angle)

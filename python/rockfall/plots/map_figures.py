@@ -43,7 +43,7 @@ TALLEST = 7.2  # of a map [inch]
 SLENDEREST = 1 / 3  # a map's shorter side by its longer
 CELL = 5.0  # of a result that does not say, for margins [m]
 PASSED = ("reach_probability", "passages")  # either tells the pass frequency
-ENDS = (VERMILION, BLUE, INK, INK)  # of each status, with markers . x ^ s
+ENDS = (VERMILION, BLUE, INK, INK, INK)  # of each status, with markers . x ^ s v
 UNITS = {"J": ("kJ", 1e-3), "m s-1": ("m/s", 1.0), "1": ("", 1.0)}
 
 
@@ -208,7 +208,7 @@ def draw_ways(axes: Axes, result: xr.Dataset, colour: str) -> None:
 def draw_stops(axes: Axes, result: xr.Dataset) -> None:
     """Where boulders ended, each way of ending with a marker of its own."""
     size = float(np.clip(90 / np.sqrt(result.sizes["boulder"]), 2, 6))
-    for (word, here), marker, colour in zip(ends(result).items(), ".x^s", ENDS, strict=True):
+    for (word, here), marker, colour in zip(ends(result).items(), ".x^sv", ENDS, strict=True):
         if here.any():
             x, y = result["stop_x"].values[here], result["stop_y"].values[here]
             about = {"markersize": size * (1 if marker == "." else 1.2), "alpha": 0.7}

@@ -37,7 +37,7 @@ BINS = 50  # rows of the kernel's histograms
 MOST_THREADS = 1024  # as in the kernel's table of keys
 MOST_ROWS = 2**31 - 2  # of class_counts, and one more can be counted
 STATUS = 0  # row of the kernel's integers
-LEFT_WINDOW = 5  # status: to be flown again in a larger window
+LEFT_WINDOW = -1  # status, as in run/trajectory.f90: to be traced again in a larger window
 ALL = Box(0, 0, 2**31 - 1, 2**31 - 1)  # any cells
 HALVINGS = 5  # of these rows, before they are too few to begin with
 
