@@ -14,21 +14,21 @@ module rockfall_f2py
    use rockfall_boulder, only: first_of, last_of, source_of
    use rockfall_surface, only: size_weights
    use rockfall_impact, only: ratio_weights
-   use rockfall_trajectory, only: scene_t, fate_t, crossing_t, scratch_t, left_window
+   use rockfall_trajectory, only: scene_t, boulder_result_t, crossing_t, scratch_t, left_window
    use rockfall_scene, only: scene_arrays_t, scene_from, check_sources, boulders_of
    use rockfall_reach, only: block_side, take_minima, reach_box
    use rockfall_sources, only: usual_threshold, keep_steep, surface_ratios
-   use rockfall_map, only: maps_t, follows_cells
-   use rockfall_mapvalues, only: map_plan_t, plan_maps => map_plan, map_views, map_row, map_fewest
-   use rockfall_bounds, only: check_tallies
-   use rockfall_threads, only: team_size, check_team, release_team, most_threads
+   use rockfall_maps, only: maps_t, needs_visits
+   use rockfall_map_values, only: map_plan_t, plan_maps => map_plan, map_views, map_row, map_min_count
+   use rockfall_limits, only: check_tallies
+   use rockfall_threads, only: team_size, check_team, release_team, max_threads
    use rockfall_ensemble, only: run_boulders, trace_boulder
    use rockfall_result, only: boulder_row, boulder_count_row, line_row, vertex_row
    use rockfall_variables, only: variable_text, boulder_fields, boulder_counts, line_fields, &
                                  vertex_fields, map_fields
    use rockfall_histogram, only: bin_width, n_bins
    use rockfall_case, only: case_t, read_case, key_text, n_keys, map_names, turning_rule, radius_of_reading
-   use rockfall_sets, only: coefficients_t, read_impact_sets => read_sets, any_speed
+   use rockfall_impact_sets, only: coefficients_t, read_impact_sets => read_sets, any_speed
    use rockfall_classicheader, only: claims_too_much => overstates
    implicit none
    private
@@ -145,7 +145,7 @@ contains
       character(len=1024), intent(out) :: message
       type(open_scene_t), pointer :: opened
       type(maps_t) :: maps
-      type(fate_t), allocatable :: fates(:)
+      type(boulder_result_t), allocatable :: fates(:)
       type(crossing_t), allocatable :: crossings(:, :)
       integer :: k, l, status
 
@@ -157,9 +157,9 @@ contains
          scene%dem = opened%dem
          call keep_within(scene%dem, map_at, map_last)
          maps = map_views(opened%plan, map_at, map_counts, map_sums, map_reals, class_counts, column, columns(1))
-         maps%stamp(map_at(1):, map_at(2):, 1:) => stamp
-         maps%head = head
-         scene%wants_cells = follows_cells(maps)
+         maps%last_source(map_at(1):, map_at(2):, 1:) => stamp
+         maps%first_partial = head
+         scene%cells_requested = needs_visits(maps)
          allocate (fates(n), crossings(n_lines(scene), n), stat=status)
          if (status /= 0) then
             code = 2
@@ -195,14 +195,14 @@ contains
       real(c_double), intent(out) :: boulder(12)                 !! boulder_fields
       integer(c_int32_t), intent(out) :: counts(8)               !! boulder_counts
       type(open_scene_t), pointer :: opened
-      type(fate_t) :: fate
+      type(boulder_result_t) :: fate
       type(scratch_t) :: scratch
       integer :: k
 
       opened => scene_of(handle)
       associate (scene => opened%scene)
          scene%dem = opened%dem
-         scene%wants_cells = .false.
+         scene%cells_requested = .false.
          call trace_boulder(scene, number, room, fate, scratch)
          boulder = boulder_row(scene%dem, fate)
          counts = boulder_count_row(fate)
@@ -278,7 +278,7 @@ contains
       type(map_plan_t) :: this
 
       this = plan_of(names)
-      plan = [this%count, this%sum, this%greatest, this%classes, this%rows]
+      plan = [this%count, this%sum, this%max, this%bins, this%rows]
    end subroutine map_plan
 
    pure type(map_plan_t) function plan_of(names) result(plan)
@@ -301,7 +301,7 @@ contains
 
       opened => scene_of(handle)
       associate (scene => opened%scene)
-         call check_tallies(opened%plan, scene%law, scene%gravity, fall, boulders_of(scene), error)
+         call check_tallies(opened%plan, scene%volumes, scene%gravity, fall, boulders_of(scene), error)
       end associate
       call give_error(error, code, message)
    end subroutine check_maps
@@ -325,7 +325,7 @@ contains
       integer :: j
 
       maps = map_views(plan_of(names), [1, 1], map_counts, map_sums, map_reals, class_counts, column, columns(1))
-      fewest = map_fewest(name, least)
+      fewest = map_min_count(name, least)
       do j = 1, ny
          call map_row(maps, name, j, boulders, least, values(:, j))
       end do
@@ -521,7 +521,7 @@ contains
       real(c_double), intent(out) :: value
 
       select case (name)
-      case ("max_threads"); value = most_threads
+      case ("max_threads"); value = max_threads
       case ("any_speed"); value = any_speed          ! [m/s] the end of the range of a set that tells none
       case ("left_window"); value = left_window      ! status of a boulder to be run again in a larger window
       case default; value = ieee_value(value, ieee_quiet_nan)

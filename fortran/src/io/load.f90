@@ -4,7 +4,8 @@ module rockfall_load
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
    use rockfall_kinds, only: wp, sp, i1, i2, i4
    use rockfall_error, only: error_t, fail
-   use rockfall_textfile, only: read_text, integer_text
+   use rockfall_text, only: integer_text
+   use rockfall_text_file, only: read_text
    use rockfall_decimal, only: real_text
    use rockfall_terrain, only: terrain
    use rockfall_surface, only: method_a

@@ -4,16 +4,16 @@
 module rockfall_case
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail
-   use rockfall_textfile, only: integer_text, joined
+   use rockfall_text, only: integer_text, joined
    use rockfall_namelist, only: namelist_t, group_t, entry_t, parse_namelist
    use rockfall_values, only: has_key, value_count, get_text, get_integer, get_real, get_logical, refuse
    use rockfall_variables, only: map_fields
-   use rockfall_boulder, only: boulder_law_t, fixed_volume, normal_volume, uniform_volume, lognormal_volume, &
+   use rockfall_boulder, only: volume_distribution_t, fixed_volume, normal_volume, uniform_volume, lognormal_volume, &
                                list_volume
    use rockfall_surface, only: method_a, method_b
    use rockfall_decimal, only: parse_real
    use rockfall_direction, only: past_aspect, to_aspect, by_lab
-   use rockfall_sobol, only: most_points
+   use rockfall_sobol, only: max_points
    implicit none
    private
    public :: case_t, case_line_t, read_case, key_t, key_table, n_keys, key_text, map_names, n_maps, &
@@ -133,7 +133,7 @@ module rockfall_case
       integer :: impact_limit = 100000
       integer :: turning = past_aspect           !! rule of turning_t
       logical :: between_ratios = .false.
-      type(boulder_law_t) :: law
+      type(volume_distribution_t) :: volumes
       real(wp), allocatable :: x(:), y(:)        !! release points, map coordinates [m]
       logical :: steep_cells = .false., by_area = .false.
       real(wp), allocatable :: slope_threshold   !! [degree]
@@ -491,7 +491,7 @@ contains
       case%boulders = integer_of(group, "boulders")
       case%threads = int(integer_of(group, "threads"))
       case%sobol = text_of(group, "sampling") == "sobol"
-      if (case%sobol .and. case%boulders > most_points) then
+      if (case%sobol .and. case%boulders > max_points) then
          call refuse(group, "boulders", "must be at most 2**32 with sampling = 'sobol'", error)
       end if
       group = group_of(list, "terrain")
@@ -591,11 +591,11 @@ contains
       law = text_of(group, "volume")
       needs = .false.
       select case (law)
-      case ("normal"); case%law%law = normal_volume; needs(1:2) = .true.
-      case ("lognormal"); case%law%law = lognormal_volume; needs(1:2) = .true.
-      case ("uniform"); case%law%law = uniform_volume; needs(3:4) = .true.
-      case ("list"); case%law%law = list_volume; needs(5) = .true.
-      case default; case%law%law = fixed_volume; needs(1) = .true.
+      case ("normal"); case%volumes%kind = normal_volume; needs(1:2) = .true.
+      case ("lognormal"); case%volumes%kind = lognormal_volume; needs(1:2) = .true.
+      case ("uniform"); case%volumes%kind = uniform_volume; needs(3:4) = .true.
+      case ("list"); case%volumes%kind = list_volume; needs(5) = .true.
+      case default; case%volumes%kind = fixed_volume; needs(1) = .true.
       end select
       do k = 1, 5
          if (needs(k)) call need(group, trim(keys(k)), "for volume = '"//law//"'", error)
@@ -604,13 +604,13 @@ contains
          end if
          if (allocated(error)) return
       end do
-      case%law%mean = real_of(group, "volume_mean")
-      case%law%deviation = real_of(group, "volume_std")
-      case%law%least = real_of(group, "volume_min")
-      case%law%most = real_of(group, "volume_max")
-      case%law%list = reals_of(group, "volumes")
-      case%law%density = real_of(group, "density")
-      if (case%law%most < case%law%least) then
+      case%volumes%mean = real_of(group, "volume_mean")
+      case%volumes%std = real_of(group, "volume_std")
+      case%volumes%min = real_of(group, "volume_min")
+      case%volumes%max = real_of(group, "volume_max")
+      case%volumes%list = reals_of(group, "volumes")
+      case%volumes%density = real_of(group, "density")
+      if (case%volumes%max < case%volumes%min) then
          call refuse(group, "volume_max", "must not be below volume_min", error)
       end if
    end subroutine read_boulder
@@ -715,7 +715,7 @@ contains
 
       if (real_of(group, "dem_error") > 0) call need(group, "dem_correlation", "for dem_error", error)
       if (allocated(error)) return
-      if (real_of(group, "volume_std_factor") > 1 .and. case%law%deviation <= 0) then
+      if (real_of(group, "volume_std_factor") > 1 .and. case%volumes%std <= 0) then
          call refuse(group, "volume_std_factor", "has no meaning without a volume_std", error)
       else if (real_of(group, "drop_height_factor") > 1 .and. case%drop_height <= 0) then
          call refuse(group, "drop_height_factor", "has no meaning without a drop_height", error)
