@@ -20,11 +20,11 @@ program rockfall_batch
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail
-   use rockfall_textfile, only: integer_text
+   use rockfall_text, only: integer_text
    use rockfall_version, only: version
    use rockfall_case, only: case_t
-   use rockfall_grid, only: grid_t
-   use rockfall_override, only: read_case_file
+   use rockfall_grid, only: grid_t, is_outside
+   use rockfall_case_file, only: read_case_file
    use rockfall_filesystem, only: fail_beyond_size_limit, open_closed_streams, end_at_once, is_folder, path_exists, &
                                   same_file, folder_of, temporary_name
    use rockfall_interrupts, only: note_interrupts
@@ -180,12 +180,7 @@ contains
 
       names = ""
       do k = 1, size(case%lines)
-         associate (x => case%lines(k)%x, y => case%lines(k)%y)
-            if (maxval(x) < grid%west .or. minval(x) > grid%west + grid%nx*grid%cell .or. &
-                maxval(y) < grid%north - grid%ny*grid%cell .or. minval(y) > grid%north) then
-               names = names//", "//case%lines(k)%name
-            end if
-         end associate
+         if (is_outside(grid, case%lines(k)%x, case%lines(k)%y)) names = names//", "//case%lines(k)%name
       end do
       if (names /= "") names = names(3:)
    end function lines_outside

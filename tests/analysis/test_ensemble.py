@@ -400,8 +400,8 @@ HOSTILE = {
     "source_shift = NaN": r"&ensemble source_shift = NaN: must be a finite real number.*",
     "source_shift = 1e9": r"&ensemble source_shift = 1e\+09: none of 1000 shifts .*",
     "sets = 'no', 'rocky-slope'": r"&ensemble sets = 'no': no such file; shipped sets: .*",
-    "source_shift = 1.0, runs = 7": r"&ensemble runs = 7: must be >= 8",
-    "source_shift = 1.0, runs = 65537": r"&ensemble runs = 65537: must be at most 65536",
+    "source_shift = 1.0, runs = 7": r"&ensemble runs = 7: must be 8 to 65536",
+    "source_shift = 1.0, runs = 65537": r"&ensemble runs = 65537: must be 8 to 65536",
     "sauce_shift = 1.0": r"line 8: &ensemble sauce_shift: unknown key; known: runs, .*",
     "runs = 8": r"&ensemble: nothing is uncertain: give .*",
     "sets = 'rocky-slope'": r"&ensemble: nothing is uncertain: give .*",
@@ -445,7 +445,7 @@ def test_bad_input_is_one_line_and_nothing_is_written(place, capfd, text):
         (["-o", "out.txt"], r"out.txt: must end in .nc \(everything\) or .csv \(the table\)"),
         (["-o", "dem.tif"], r"dem.tif: must end in .*"),
         (["-o", "no/out.csv"], r"no/out.csv: there is no folder no"),
-        (["--runs", "1"], r"case.nml: &ensemble runs = 1: must be >= 8"),
+        (["--runs", "1"], r"case.nml: &ensemble runs = 1: must be 8 to 65536"),
     ],
 )
 def test_bad_arguments_are_one_line(place, capfd, words, message):

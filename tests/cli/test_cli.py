@@ -307,7 +307,7 @@ HOSTILE = {
     ),
     "no boulders": (
         change("boulders = 20", "boulders = 0"),
-        r"case.nml: &case boulders = 0: must be >= 1",
+        r"case.nml: &case boulders = 0: must be 1 to 1e15",
     ),
     "number of boulders missing": (
         change("boulders = 20, ", ""),
@@ -355,12 +355,12 @@ ARGUMENTS = {
     "not a number": (["run", "case.nml", "--seed", "x"], r"argument --seed: .*'x'; see .*"),
     "no boulders": (
         ["run", "case.nml", "--boulders", "0"],
-        r"case.nml: &case boulders = 0: must be >= 1",
+        r"case.nml: &case boulders = 0: must be 1 to 1e15",
     ),
     "negative seed": (["run", "case.nml", "--seed=-1"], r"case.nml: &case seed = -1: must be >= 0"),
     "negative threads": (
         ["run", "case.nml", "--threads=-1"],
-        r"case.nml: &case threads = -1: must be >= 0",
+        r"case.nml: &case threads = -1: must be 0 to 1024",
     ),
     "folder of the output missing": (
         ["run", "case.nml", "-o", "no/out.nc"],

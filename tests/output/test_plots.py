@@ -14,7 +14,7 @@ from rockfall.result.trajectories import flights, height
 pytest.importorskip("matplotlib", reason="the report extra is not installed").use("Agg")
 pytestmark = pytest.mark.filterwarnings("error")
 
-ENDS = {"flag_values": np.arange(4, dtype="i1"), "flag_meanings": "stopped absorbed left_domain impact_limit"}  # fmt: skip  # noqa: E501
+ENDS = {"flag_values": np.arange(5, dtype="i1"), "flag_meanings": "stopped absorbed left_domain impact_limit hit_nodata"}  # fmt: skip  # noqa: E501
 OPTIONAL = {
     "maps": ["passages"],
     "lines": ["line_x", "line_y", "line_vertex_line", "line_vertex_x", "line_vertex_y"],

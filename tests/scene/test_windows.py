@@ -247,9 +247,9 @@ def test_what_is_no_size(text):
 def test_the_least_limit_counts(tmp_path, monkeypatch):
     (tmp_path / "memory.max").write_text("max\n")
     (tmp_path / "job").write_text("123456789\n")
-    monkeypatch.setattr(memory, "_control_group", lambda: [tmp_path / "memory.max"])
+    monkeypatch.setattr(memory, "limit_files", lambda _: [tmp_path / "memory.max"])
     assert memory.machine_memory() > 1e9
-    monkeypatch.setattr(memory, "_control_group", lambda: [tmp_path / "none", tmp_path / "job"])
+    monkeypatch.setattr(memory, "limit_files", lambda _: [tmp_path / "none", tmp_path / "job"])
     assert memory.machine_memory() == 123456789
 
 

@@ -9,29 +9,31 @@ module rockfall_f2py
    use iso_c_binding, only: c_double, c_float, c_int, c_int8_t, c_int16_t, c_int32_t, c_int64_t, c_intptr_t, c_ptr, &
                             c_loc, c_f_pointer
    use rockfall_error, only: error_t, give_error
-   use rockfall_terrain, only: terrain_t, terrain, keep_within
+   use rockfall_grid, only: grid_t, is_outside
+   use rockfall_terrain, only: terrain_t, terrain, keep_within, is_known_at
+   use rockfall_boulder, only: first_of, last_of, source_of
    use rockfall_surface, only: size_weights
    use rockfall_impact, only: ratio_weights
-   use rockfall_trajectory, only: scene_t, fate_t, crossing_t, scratch_t, left_window
+   use rockfall_trajectory, only: scene_t, boulder_result_t, crossing_t, scratch_t, left_window
    use rockfall_scene, only: scene_arrays_t, scene_from, check_sources, boulders_of
    use rockfall_reach, only: block_side, take_minima, reach_box
-   use rockfall_sources, only: usual_threshold, keep_steep, surface_ratios, last_boulders
-   use rockfall_map, only: maps_t, follows_cells
-   use rockfall_mapvalues, only: map_plan_t, plan_maps => map_plan, map_views, map_row, map_fewest
-   use rockfall_bounds, only: check_tallies
-   use rockfall_threads, only: team_size, check_team, release_team, most_threads
+   use rockfall_sources, only: usual_threshold, keep_steep, surface_ratios
+   use rockfall_maps, only: maps_t, needs_visits
+   use rockfall_map_values, only: map_plan_t, plan_maps => map_plan, map_views, map_row, map_min_count
+   use rockfall_limits, only: check_tallies
+   use rockfall_threads, only: team_size, check_team, release_team, max_threads
    use rockfall_ensemble, only: run_boulders, trace_boulder
    use rockfall_result, only: boulder_row, boulder_count_row, line_row, vertex_row
    use rockfall_variables, only: variable_text, boulder_fields, boulder_counts, line_fields, &
                                  vertex_fields, map_fields
    use rockfall_histogram, only: bin_width, n_bins
    use rockfall_case, only: case_t, read_case, key_text, n_keys, map_names, turning_rule, radius_of_reading
-   use rockfall_sets, only: coefficients_t, read_impact_sets => read_sets, any_speed
+   use rockfall_impact_sets, only: coefficients_t, read_impact_sets => read_sets, any_speed
    implicit none
    private
    public :: open_scene, close_scene, run, trajectory, survey, reach, block_of, map_plan, check_maps, map_values, &
              check_case, case_key, variable, read_sets, fields, histogram_bins, team, team_fits, end_team, &
-             slope_threshold, steep_cells, area_ratios, release_ends, weights_of_sets, weights_of_sizes, &
+             slope_threshold, steep_cells, area_ratios, known_at, outside, boulders, boulders_of_source, sources_of_boulders, weights_of_sets, weights_of_sizes, &
              size_to_radius, constant
 
    !> What a handle stands for.
@@ -142,7 +144,7 @@ contains
       character(len=1024), intent(out) :: message
       type(open_scene_t), pointer :: opened
       type(maps_t) :: maps
-      type(fate_t), allocatable :: fates(:)
+      type(boulder_result_t), allocatable :: fates(:)
       type(crossing_t), allocatable :: crossings(:, :)
       integer :: k, l, status
 
@@ -154,9 +156,9 @@ contains
          scene%dem = opened%dem
          call keep_within(scene%dem, map_at, map_last)
          maps = map_views(opened%plan, map_at, map_counts, map_sums, map_reals, class_counts, column, columns(1))
-         maps%stamp(map_at(1):, map_at(2):, 1:) => stamp
-         maps%head = head
-         scene%wants_cells = follows_cells(maps)
+         maps%last_source(map_at(1):, map_at(2):, 1:) => stamp
+         maps%first_partial = head
+         scene%cells_requested = needs_visits(maps)
          allocate (fates(n), crossings(n_lines(scene), n), stat=status)
          if (status /= 0) then
             code = 2
@@ -192,14 +194,14 @@ contains
       real(c_double), intent(out) :: boulder(12)                 !! boulder_fields
       integer(c_int32_t), intent(out) :: counts(8)               !! boulder_counts
       type(open_scene_t), pointer :: opened
-      type(fate_t) :: fate
+      type(boulder_result_t) :: fate
       type(scratch_t) :: scratch
       integer :: k
 
       opened => scene_of(handle)
       associate (scene => opened%scene)
          scene%dem = opened%dem
-         scene%wants_cells = .false.
+         scene%cells_requested = .false.
          call trace_boulder(scene, number, room, fate, scratch)
          boulder = boulder_row(scene%dem, fate)
          counts = boulder_count_row(fate)
@@ -275,7 +277,7 @@ contains
       type(map_plan_t) :: this
 
       this = plan_of(names)
-      plan = [this%count, this%sum, this%greatest, this%classes, this%rows]
+      plan = [this%count, this%sum, this%max, this%bins, this%rows]
    end subroutine map_plan
 
    pure type(map_plan_t) function plan_of(names) result(plan)
@@ -298,7 +300,7 @@ contains
 
       opened => scene_of(handle)
       associate (scene => opened%scene)
-         call check_tallies(opened%plan, scene%law, scene%gravity, fall, boulders_of(scene), error)
+         call check_tallies(opened%plan, scene%volumes, scene%gravity, fall, boulders_of(scene), error)
       end associate
       call give_error(error, code, message)
    end subroutine check_maps
@@ -322,7 +324,7 @@ contains
       integer :: j
 
       maps = map_views(plan_of(names), [1, 1], map_counts, map_sums, map_reals, class_counts, column, columns(1))
-      fewest = map_fewest(name, least)
+      fewest = map_min_count(name, least)
       do j = 1, ny
          call map_row(maps, name, j, boulders, least, values(:, j))
       end do
@@ -364,15 +366,64 @@ contains
       ratio = surface_ratios(dem, source_x - dem%x0, source_y - dem%y0)
    end subroutine area_ratios
 
-   !> The last boulder of each source that releases by area, `boulders` from a flat cell.
-   subroutine release_ends(ratio, boulders, last, ns)
-      integer(c_int), intent(in) :: ns
-      real(c_double), intent(in) :: ratio(ns)
-      integer(c_int64_t), intent(in) :: boulders
-      integer(c_int64_t), intent(out) :: last(ns)
+   !> Whether boulders can start from points, in map coordinates [m].
+   subroutine known_at(z8, z4, nodes, at, west, north, cell, x, y, known, nx8, ny8, nx4, ny4, n)
+      !f2py threadsafe
+      integer(c_int), intent(in) :: nx8, ny8, nx4, ny4, n, nodes(2), at(2)
+      real(c_double), intent(in), target :: z8(nx8, ny8)  !! as in `open_scene`
+      real(c_float), intent(in), target :: z4(nx4, ny4)
+      real(c_double), intent(in) :: west, north, cell, x(n), y(n)
+      integer(c_int), intent(out) :: known(n)             !! 1 or 0
+      type(terrain_t) :: dem
+      integer :: k
 
-      last = last_boulders(ratio, boulders)
-   end subroutine release_ends
+      call set_terrain(dem, z8, z4, west, north, cell, nodes, at)
+      known = [(merge(1, 0, is_known_at(dem, x(k) - dem%x0, y(k) - dem%y0)), k=1, n)]
+   end subroutine known_at
+
+   !> Whether a line of points [m] lies beyond one side of a raster.
+   subroutine outside(west, north, cell, nodes, x, y, is, n)
+      integer(c_int), intent(in) :: n, nodes(2)
+      real(c_double), intent(in) :: west, north, cell, x(n), y(n)
+      integer(c_int), intent(out) :: is                   !! 1 or 0
+
+      is = merge(1, 0, is_outside(grid_t(west, north, cell, nodes(1), nodes(2)), x, y))
+   end subroutine outside
+
+   !> Boulders of a scene.
+   subroutine boulders(handle, number)
+      integer(c_intptr_t), intent(in) :: handle
+      integer(c_int64_t), intent(out) :: number
+      type(open_scene_t), pointer :: opened
+
+      opened => scene_of(handle)
+      number = boulders_of(opened%scene)
+   end subroutine boulders
+
+   !> The first and last boulder of a source, all from 1.
+   subroutine boulders_of_source(handle, source, first, last)
+      integer(c_intptr_t), intent(in) :: handle
+      integer(c_int64_t), intent(in) :: source
+      integer(c_int64_t), intent(out) :: first, last
+      type(open_scene_t), pointer :: opened
+
+      opened => scene_of(handle)
+      first = first_of(opened%scene%release, source)
+      last = last_of(opened%scene%release, source)
+   end subroutine boulders_of_source
+
+   !> The sources of boulders, all from 1.
+   subroutine sources_of_boulders(handle, boulder, source, n)
+      integer(c_int), intent(in) :: n
+      integer(c_intptr_t), intent(in) :: handle
+      integer(c_int64_t), intent(in) :: boulder(n)
+      integer(c_int64_t), intent(out) :: source(n)
+      type(open_scene_t), pointer :: opened
+      integer :: k
+
+      opened => scene_of(handle)
+      source = [(source_of(opened%scene%release, boulder(k)), k=1, n)]
+   end subroutine sources_of_boulders
 
    !> Check the text of a case: code 0, or one line that says what is wrong.
    subroutine check_case(text, name, code, message)
@@ -461,7 +512,7 @@ contains
       real(c_double), intent(out) :: value
 
       select case (name)
-      case ("max_threads"); value = most_threads
+      case ("max_threads"); value = max_threads
       case ("any_speed"); value = any_speed          ! [m/s] the end of the range of a set that tells none
       case ("left_window"); value = left_window      ! status of a boulder to be run again in a larger window
       case default; value = ieee_value(value, ieee_quiet_nan)

@@ -4,7 +4,7 @@
 module rockfall_checkpoint
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail
-   use rockfall_textfile, only: integer_text
+   use rockfall_text, only: integer_text
    use rockfall_filesystem, only: path_exists, remove_file, hidden_name
    use rockfall_interrupts, only: interrupt_status
    use rockfall_case, only: case_t

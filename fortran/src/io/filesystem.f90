@@ -2,7 +2,7 @@
 !> What Fortran does not have of POSIX: names, files that are on disk, and the number of the process.
 module rockfall_filesystem
    use, intrinsic :: iso_c_binding, only: c_char, c_int, c_int64_t, c_intptr_t, c_null_char
-   use rockfall_textfile, only: integer_text
+   use rockfall_text, only: integer_text
    implicit none
    private
    public :: remove_file, replace_file, path_exists, is_folder, same_file, is_open_as, folder_of, name_of, hidden_name, &

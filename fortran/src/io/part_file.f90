@@ -8,7 +8,7 @@ module rockfall_part_file
                      nf90_float, nf90_double
    use rockfall_kinds, only: wp, sp, i1, i4, i8
    use rockfall_error, only: error_t, fail
-   use rockfall_textfile, only: joined
+   use rockfall_text, only: joined
    use rockfall_version, only: version
    use rockfall_filesystem, only: replace_file, remove_file
    use rockfall_netcdf_file, only: netcdf_file_t, open_netcdf, create_netcdf, close_netcdf, keep, sound, mark_damaged, &
@@ -16,11 +16,11 @@ module rockfall_part_file
    use rockfall_variables, only: variable_t, variable_table, boulder_fields, boulder_counts, line_fields, vertex_fields, &
                                  histogram_fields, statuses
    use rockfall_histogram, only: n_bins
-   use rockfall_map, only: maps_t
-   use rockfall_sourcemap, only: fed_t, fed_cells, cut_sources, settle
+   use rockfall_maps, only: maps_t
+   use rockfall_source_maps, only: contributing_t, contributing_cells, partial_sources, settle
    use rockfall_boulder, only: first_of, last_of
    use rockfall_case, only: case_t
-   use rockfall_override, only: differing_key
+   use rockfall_case_file, only: differing_key
    use rockfall_scene_file, only: inputs_t
    use rockfall_run_loop, only: results_t, map_tallies
    implicit none
@@ -34,7 +34,7 @@ module rockfall_part_file
    !> The tallies of cells, gathered: where they were reached, and what partial sources contribute.
    type :: tally_t
       integer(i8), allocatable :: cell(:)  !! counted from 0
-      type(fed_t) :: fed
+      type(contributing_t) :: fed
    end type tally_t
 
 contains
@@ -56,7 +56,7 @@ contains
       integer :: boulder
 
       maps = map_tallies(results, [1, 1])
-      tally%fed = fed_cells(maps, inputs%scene%release, results%before + 1, results%before + results%done)
+      tally%fed = contributing_cells(maps, inputs%scene%release, results%before + 1, results%before + results%done)
       tally%cell = reached_cells(results)
       call create_netcdf(part, file)
       if (sound(file)) then
@@ -325,7 +325,7 @@ contains
          allocate (some(results%plan%rows, first:last), source=0_i4)
          do k = first, last
             associate (own => column(tally%cell(k) + 1))
-               if (own > 0) some(:, k) = results%class_counts(:, own)
+               if (own > 0) some(:, k) = results%bin_counts(:, own)
             end associate
          end do
          call keep(file, nf90_put_var(file%id, id, some, start=[1, first], count=shape(some)))
@@ -558,11 +558,11 @@ contains
       integer :: id, k, n
 
       n = size(cell)
-      if (n > size(results%class_counts, 2)) call mark_damaged(file, "(no memory) tally_classes")
+      if (n > size(results%bin_counts, 2)) call mark_damaged(file, "(no memory) tally_classes")
       id = expected(file, "tally_classes", nf90_int, [results%plan%rows, n])
       if (.not. sound(file)) return
-      call keep(file, nf90_get_var(file%id, id, results%class_counts(:, :n)))
-      if (any(results%class_counts(:, :n) < 0)) call mark_damaged(file, "tally_classes")
+      call keep(file, nf90_get_var(file%id, id, results%bin_counts(:, :n)))
+      if (any(results%bin_counts(:, :n) < 0)) call mark_damaged(file, "tally_classes")
       column(1:size(results%column)) => results%column
       column(cell + 1) = [(int(k, i4), k=1, n)]
       results%columns = n
@@ -574,7 +574,7 @@ contains
       type(inputs_t), intent(in) :: inputs
       type(results_t), intent(inout), target :: results
       type(maps_t) :: maps
-      type(fed_t) :: fed
+      type(contributing_t) :: fed
       integer(i8) :: cells
       integer :: id, k, n, status
 
@@ -607,7 +607,7 @@ contains
       type(netcdf_file_t), intent(inout) :: file
       type(inputs_t), intent(in) :: inputs
       type(results_t), intent(in) :: results
-      type(fed_t), intent(in) :: fed
+      type(contributing_t), intent(in) :: fed
       integer(i8), intent(in) :: cells
       integer(i8), allocatable :: sources(:)
       integer(i8) :: first, last, own
@@ -616,7 +616,7 @@ contains
 
       first = results%before + 1
       last = results%before + results%done
-      sources = cut_sources(inputs%scene%release, first, last)
+      sources = partial_sources(inputs%scene%release, first, last)
       good = all(fed%cell >= 0 .and. fed%cell < cells)
       n = size(fed%cell)
       good = good .and. all(fed%source(2:) > fed%source(:n - 1) &

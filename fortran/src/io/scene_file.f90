@@ -7,12 +7,12 @@ module rockfall_scene_file
                      nf90_double
    use rockfall_kinds, only: wp, sp, i1, i2, i8
    use rockfall_error, only: error_t, fail
-   use rockfall_textfile, only: integer_text
+   use rockfall_text, only: integer_text
    use rockfall_netcdf_file, only: netcdf_file_t, open_netcdf, keep, sound, mark_damaged, fail_damaged, length_of, &
                                    has_variable, expected, kind_of, text_of, integer_of
    use rockfall_surface, only: method_a
    use rockfall_case, only: case_t
-   use rockfall_override, only: differing_key
+   use rockfall_case_file, only: differing_key
    use rockfall_trajectory, only: scene_t
    use rockfall_scene, only: scene_arrays_t, scene_from
    implicit none

@@ -1,10 +1,10 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Files of impact sets: one `&impact_set ratio, mean, covariance /` for each R_b/R_m = 1..5, and what it may hold
 !> besides: docs/impact_sets.md. A file may hold several draws of all five, for an ensemble.
-module rockfall_sets
+module rockfall_impact_sets
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail
-   use rockfall_textfile, only: integer_text, joined
+   use rockfall_text, only: integer_text, joined
    use rockfall_namelist, only: namelist_t, group_t, parse_namelist
    use rockfall_values, only: has_key, value_count, get_integer, get_real, refuse
    use rockfall_impact, only: impact_set_t, impact_set, check_covariance, with_noise, impact_ratios
@@ -274,4 +274,4 @@ contains
          if (.not. found(k)) text = text//" "//integer_text(k)
       end do
    end function missing
-end module rockfall_sets
+end module rockfall_impact_sets

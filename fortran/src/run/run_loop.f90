@@ -3,12 +3,12 @@
 module rockfall_run_loop
    use rockfall_kinds, only: wp, sp, i1, i4, i8
    use rockfall_error, only: error_t, fail, our_fault
-   use rockfall_textfile, only: integer_text
-   use rockfall_trajectory, only: scene_t, fate_t, crossing_t, scratch_t, left_window
-   use rockfall_map, only: maps_t, follows_cells, lacks_columns
-   use rockfall_sourcemap, only: head_source
-   use rockfall_mapvalues, only: map_plan_t, map_plan, map_views
-   use rockfall_bounds, only: check_tallies
+   use rockfall_text, only: integer_text
+   use rockfall_trajectory, only: scene_t, boulder_result_t, crossing_t, scratch_t, left_window
+   use rockfall_maps, only: maps_t, needs_visits, lacks_slots
+   use rockfall_source_maps, only: first_partial
+   use rockfall_map_values, only: map_plan_t, map_plan, map_views
+   use rockfall_limits, only: check_tallies
    use rockfall_histogram, only: bins, quantities
    use rockfall_variables, only: boulder_fields, boulder_counts, line_fields, vertex_fields
    use rockfall_result, only: boulder_row, boulder_count_row, line_row, vertex_row
@@ -46,7 +46,7 @@ module rockfall_run_loop
       integer(i4), allocatable :: counts(:, :, :)
       integer(i8), allocatable :: sums(:, :, :)
       real(sp), allocatable :: maxima(:, :, :)
-      integer(i4), allocatable :: class_counts(:, :), column(:, :)
+      integer(i4), allocatable :: bin_counts(:, :), column(:, :)
       integer(i4) :: columns = 0
       integer(i4), allocatable :: stamp(:, :, :)         !! as in maps_t, with its `head`
       integer(i8) :: head = 0
@@ -134,7 +134,7 @@ contains
          side = block_side([dem%nx, dem%ny])
          allocate (minima((dem%nx - 1)/side + 1, (dem%ny - 1)/side + 1), source=huge(1.0_wp))
          call take_minima(dem, 1, dem%ny, minima)
-         call check_tallies(results%plan, case%law, case%gravity, head - minval(minima), results%asked, error)
+         call check_tallies(results%plan, case%volumes, case%gravity, head - minval(minima), results%asked, error)
          if (allocated(error)) error%message = case%file//": "//error%message
          if (allocated(error) .or. case%whole_maps) return
          box = reach_box(dem, minima, head, release%x, release%y)
@@ -163,16 +163,16 @@ contains
          if (all(rows == 0)) allocate (results%line(n, lines, size(line_fields)), stat=rows(3))
          allocate (results%counts(nx, ny, maxval(plan%count)), source=0_i4, stat=cells(1))
          allocate (results%sums(nx, ny, maxval(plan%sum)), source=0_i8, stat=cells(2))
-         allocate (results%maxima(nx, ny, maxval(plan%greatest)), source=0.0_sp, stat=cells(3))
+         allocate (results%maxima(nx, ny, maxval(plan%max)), source=0.0_sp, stat=cells(3))
          if (plan%rows == 0) then
-            allocate (results%class_counts(0, 0), results%column(0, 0))
+            allocate (results%bin_counts(0, 0), results%column(0, 0))
          else
             allocate (results%column(nx, ny), source=0_i4, stat=cells(4))
-            call make_columns(plan%rows, int(nx, i8)*ny, results%class_counts, cells(5))
+            call make_columns(plan%rows, int(nx, i8)*ny, results%bin_counts, cells(5))
          end if
          layers = 0
          if (any(plan%count(3:) > 0)) then
-            results%head = head_source(scene%release, results%before + 1)
+            results%head = first_partial(scene%release, results%before + 1)
             layers = merge(2, 1, results%head > 0)
          end if
          allocate (results%stamp(nx, ny, layers), source=0_i4, stat=cells(6))
@@ -186,23 +186,23 @@ contains
 
    !> Counts of classes of all cells, or of half as many as the system grants (the run needs memory for other
    !> things too): it takes the memory of a column when a boulder first passes the cell, and few may be passed.
-   subroutine make_columns(rows, cells, class_counts, status)
+   subroutine make_columns(rows, cells, bin_counts, status)
       integer, intent(in) :: rows
       integer(i8), intent(in) :: cells
-      integer(i4), allocatable, intent(out) :: class_counts(:, :)
+      integer(i4), allocatable, intent(out) :: bin_counts(:, :)
       integer, intent(out) :: status  !! 0 = success
       integer(i8) :: columns
       integer :: k
 
       columns = min(cells, max_columns)
-      allocate (class_counts(rows, columns), stat=status)
+      allocate (bin_counts(rows, columns), stat=status)
       if (status == 0) return
       do k = 1, halvings
          columns = columns/2
-         allocate (class_counts(rows, columns), stat=status)
+         allocate (bin_counts(rows, columns), stat=status)
          if (status /= 0) cycle
-         deallocate (class_counts)
-         allocate (class_counts(rows, columns/2), stat=status)
+         deallocate (bin_counts)
+         allocate (bin_counts(rows, columns/2), stat=status)
          return
       end do
    end subroutine make_columns
@@ -213,10 +213,10 @@ contains
       integer, intent(in) :: at(2)
       type(maps_t) :: maps
 
-      maps = map_views(results%plan, at, results%counts, results%sums, results%maxima, results%class_counts, &
+      maps = map_views(results%plan, at, results%counts, results%sums, results%maxima, results%bin_counts, &
                        results%column, results%columns)
-      maps%stamp(at(1):, at(2):, 1:) => results%stamp
-      maps%head = results%head
+      maps%last_source(at(1):, at(2):, 1:) => results%stamp
+      maps%first_partial = results%head
    end function map_tallies
 
    !> Follow the boulders that are not done, in chunks whose size follows the clock.
@@ -231,7 +231,7 @@ contains
       integer(i8) :: chunk, begun, end, rate
 
       maps = map_tallies(results, results%at)
-      scene%wants_cells = follows_cells(maps)
+      scene%cells_requested = needs_visits(maps)
       results%threads = team_size(case%threads)
       chunk = first_chunk
       do while (results%done < results%boulders)
@@ -258,7 +258,7 @@ contains
       type(maps_t), intent(in) :: maps
       type(results_t), intent(inout) :: results
       type(error_t), allocatable, intent(out) :: error
-      type(fate_t), allocatable :: fate(:)
+      type(boulder_result_t), allocatable :: fate(:)
       type(crossing_t), allocatable :: crossing(:, :)
       integer :: count(size(boulder_counts)), line, status
       integer(i8) :: k, row
@@ -271,9 +271,9 @@ contains
       call run_boulders(scene, results%before + results%done + 1, results%threads, fate, crossing, maps, results%histogram)
       if (any(fate%status == left_window)) then
          call fail(error, case%file//": a boulder went where none can go", our_fault)
-      else if (lacks_columns(maps)) then
+      else if (lacks_slots(maps)) then
          call fail(error, case%file//": &output maps: boulders reach more than " &
-                   //integer_text(size(results%class_counts, 2))//" cells; the counts of quantile maps in more " &
+                   //integer_text(size(results%bin_counts, 2))//" cells; the counts of quantile maps in more " &
                    //"do not fit in memory")
       end if
       if (allocated(error)) return
@@ -299,7 +299,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       integer, parameter :: ends = 3  !! vertices that are no contacts, at most
       real(wp), allocatable :: row(:, :)
-      type(fate_t) :: fate
+      type(boulder_result_t) :: fate
       type(scratch_t) :: scratch
       integer(i8) :: boulders, k, n, room
       integer :: j, status

@@ -3,9 +3,9 @@
 module rockfall_scene
    use rockfall_kinds, only: wp, sp, i1, i2, i4, i8
    use rockfall_error, only: error_t, fail
-   use rockfall_textfile, only: integer_text
+   use rockfall_text, only: integer_text
    use rockfall_random, only: random_key, normal_table
-   use rockfall_sobol, only: sobol_sequence, most_dimensions
+   use rockfall_sobol, only: sobol_sequence, max_dimensions
    use rockfall_grid, only: grid_t
    use rockfall_terrain, only: terrain, patch_t, locate, height, on_terrain
    use rockfall_sources, only: last_boulders
@@ -15,7 +15,7 @@ module rockfall_scene
    use rockfall_boulder, only: last_of
    use rockfall_trajectory, only: scene_t
    use rockfall_case, only: case_t
-   use rockfall_sets, only: coefficients_t, read_sets
+   use rockfall_impact_sets, only: coefficients_t, read_sets
    implicit none
    private
    public :: scene_arrays_t, scene_from, check_sources, boulders_of
@@ -47,13 +47,13 @@ contains
 
       scene%key = random_key(case%seed)
       scene%table = normal_table()
-      if (case%sobol) scene%sobol = sobol_sequence(most_dimensions)
+      if (case%sobol) scene%sobol = sobol_sequence(max_dimensions)
       scene%gravity = case%gravity
       scene%stop_speed = case%stop_speed
       scene%between_ratios = case%between_ratios
-      scene%most_impacts = case%impact_limit
-      scene%wants_histograms = case%rebounds
-      scene%law = case%law
+      scene%max_impacts = case%impact_limit
+      scene%histograms_requested = case%rebounds
+      scene%volumes = case%volumes
       call set_ground(case, arrays, scene)
       call set_release(case, arrays, scene)
       call set_lines(case, scene)

@@ -14,7 +14,7 @@ from rockfall.analysis.run_until import verdicts_of
 from rockfall.case import case_of
 from rockfall.html_report.markup import UNITS, limits, number
 from rockfall.quantities import count, part_of, percent
-from rockfall.result.trajectories import ends
+from rockfall.result.trajectories import ends, left_terrain
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -124,6 +124,7 @@ def _ends(result: xr.Dataset) -> Iterator[str]:
         "stopped": "came to rest on the slope",
         "absorbed": "ended where the ground absorbs boulders",
         "left_domain": "left the terrain model",
+        "hit_nodata": "met terrain without elevation",
         "impact_limit": "reached the limit of contacts and were ended there",
     }
     boulders = result.sizes["boulder"]
@@ -228,9 +229,9 @@ def _of_run(result: xr.Dataset) -> Iterator[tuple[float, str]]:
         yield 3.0, text
     if boulders == 1:
         yield 2.5, "1 boulder is an example. Shares and quantiles need some hundred at least."
-    left, limit = (int(ends(result)[way].sum()) for way in ("left_domain", "impact_limit"))
+    left, limit = (int(of.sum()) for of in (left_terrain(result), ends(result)["impact_limit"]))
     if left:
-        text = "left the terrain model: the way beyond it is not known and not counted."
+        text = "left the known terrain: the way beyond it is not known and not counted."
         yield left / boulders, f"{part_of(left, boulders, 'boulder')} {text}"
     if limit:
         most = f"{case.impact['impact_limit']:,} contacts (impact_limit)"

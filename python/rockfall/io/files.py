@@ -9,7 +9,7 @@ from pathlib import Path
 from rockfall.errors import RockfallError
 from rockfall.io.classic_header import overstates
 
-LARGEST_TEXT = 64 * 1024**2  # bytes, as in base/text_file.f90
+LARGEST_TEXT = 64 * 1024**2  # bytes, as in io/text_file.f90
 
 
 def check_regular(path: str | Path) -> None:

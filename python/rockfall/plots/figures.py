@@ -29,7 +29,7 @@ from rockfall.plots.rebound_figures import ENERGY, RESTITUTION, histogram, histo
 from rockfall.plots.style import FORMATS, save
 from rockfall.plots.trajectory_figures import way_figure
 from rockfall.quantities import count
-from rockfall.result.trajectories import ends, flights, lines
+from rockfall.result.trajectories import flights, left_terrain, lines
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -112,7 +112,7 @@ def _ways(result: xr.Dataset, terrain: Terrain | None) -> Iterator[Figure]:
 def _reach(result: xr.Dataset, terrain: Terrain | None, observed: Any) -> Iterator[Figure]:
     """How far boulders come, and where (paper, Figs 9 and 10)."""
     boulders = count(result.sizes["boulder"], "boulder")
-    gone = int(ends(result)["left_domain"].sum())
+    gone = int(left_terrain(result).sum())
     beyond = f"; how far the {gone:,} came that left the terrain is not known: dotted"
     yield Figure(
         "passing",

@@ -39,7 +39,7 @@ DOTS = 1500  # along the longer side of a map; its picture has fewer
 MOST_WAYS = 200  # trajectories drawn
 LIMIT = 0.01  # pass frequency of the outline (paper, Fig. 10)
 TALLEST = 7.2  # of a map [inch]
-ENDS = (VERMILION, BLUE, INK, INK)  # of each status, with markers . x ^ s
+ENDS = (VERMILION, BLUE, INK, INK, INK)  # of each status, with markers . x ^ s v
 UNITS = {"J": ("kJ", 1e-3), "m s-1": ("m/s", 1.0), "1": ("", 1.0)}
 
 
@@ -151,7 +151,7 @@ def draw_ways(axes: Axes, result: xr.Dataset, colour: str) -> None:
 def draw_stops(axes: Axes, result: xr.Dataset) -> None:
     """Where boulders ended, each way of ending with a marker of its own."""
     size = float(np.clip(90 / np.sqrt(result.sizes["boulder"]), 2, 6))
-    for (word, here), marker, colour in zip(ends(result).items(), ".x^s", ENDS, strict=True):
+    for (word, here), marker, colour in zip(ends(result).items(), ".x^sv", ENDS, strict=True):
         if here.any():
             x, y = result["stop_x"].values[here], result["stop_y"].values[here]
             about = {"markersize": size * (1 if marker == "." else 1.2), "alpha": 0.7}

@@ -68,6 +68,13 @@ def area_ratios(scene: Scene, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     return _core.area_ratios(**on_raster(scene), **place, source_x=x, source_y=y)
 
 
+def known_at(scene: Scene, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Whether boulders can start from places [m]: between four cells with an elevation."""
+    grid = scene.grid
+    place = {"west": grid.west, "north": grid.north, "cell": grid.cell}
+    return _core.known_at(**on_raster(scene), **place, x=x, y=y).astype(bool)
+
+
 def views(scene: Scene) -> dict[str, Any]:
     """The rasters of a scene as the kernel looks at them: no copies that f2py would throw away."""
     found = {**elevations(scene), **{name: ABSENT[name] for name in ("zone1", "zone2", "values")}}

@@ -41,17 +41,10 @@ class Scene:
     marks: Lowest = field(default_factory=Lowest)  # the negatives of what source cells hold
     doubts: list[str] = field(default_factory=list)  # what readers found odd, a line each
 
-    @property
+    @cached_property
     def boulders(self) -> int:
         """Boulders of the whole run."""
-        if self.area is None:
-            return self.case.case["boulders"] * self.x.size
-        return int(self.ends[-1])
-
-    @cached_property
-    def ends(self) -> np.ndarray:
-        """The last boulder of each source, where they release by area."""
-        return _core.release_ends(self.area, self.case.case["boulders"])
+        return int(_core.boulders(self.kernel.handle))
 
     @cached_property
     def kernel(self) -> KernelScene:
@@ -70,17 +63,16 @@ class Scene:
 
     def source_of(self, number: int) -> int:
         """The source of a boulder (1..), counted from 0."""
-        if self.area is None:
-            return (number - 1) // self.case.case["boulders"]
-        return int(np.searchsorted(self.ends, number))
+        return int(self.sources_of(np.array([number]))[0])
+
+    def sources_of(self, numbers: np.ndarray) -> np.ndarray:
+        """The sources of boulders (1..), counted from 0."""
+        return _core.sources_of_boulders(self.kernel.handle, numbers) - 1
 
     def numbers_of(self, source: int) -> range:
         """The boulders of a source, which is counted from 0."""
-        if self.area is None:
-            n = self.case.case["boulders"]
-            return range(source * n + 1, (source + 1) * n + 1)
-        before = self.ends[source - 1] if source else 0
-        return range(int(before) + 1, int(self.ends[source]) + 1)
+        first, last = _core.boulders_of_source(self.kernel.handle, source + 1)
+        return range(int(first), int(last) + 1)
 
     def forget_rasters(self) -> None:
         """Give their memory back; the scene cannot be run any more."""
@@ -90,13 +82,9 @@ class Scene:
 
 def lines_outside(scene: Scene) -> list[str]:
     """Names of the evaluation lines of which no part lies over the terrain."""
-    grid, outside = scene.grid, []
-    for line in scene.case.line:
-        apart_x = max(line["x"]) < grid.west or min(line["x"]) > grid.east
-        apart_y = max(line["y"]) < grid.south or min(line["y"]) > grid.north
-        if apart_x or apart_y:
-            outside.append(line["name"])
-    return outside
+    grid = scene.grid
+    place = grid.west, grid.north, grid.cell, (grid.nx, grid.ny)
+    return [line["name"] for line in scene.case.line if _core.outside(*place, line["x"], line["y"])]
 
 
 def used_zones(scene: Scene) -> np.ndarray:

@@ -110,7 +110,8 @@ def _follow(scene: Scene, number: int) -> Pilot:
     output = {"maps": list(dict.fromkeys([*maps, "passages"])) if maps else None}
     drawn = np.sort(np.random.default_rng(0).integers(scene.x.size, size=number))
     if scene.area is not None:  # steeper cells release more
-        drawn = np.searchsorted(scene.ends, scene.ends[-1] * (drawn + 0.5) / scene.x.size)
+        boulders = 1 + (scene.boulders * (drawn + 0.5) / scene.x.size).astype("i8")
+        drawn = scene.sources_of(boulders)
     case = scene.case.replace(case={"boulders": 1}, release={"by_area": False}, output=output)
     one = replace(scene, case=case, x=scene.x[drawn], y=scene.y[drawn], area=None)
     few = start(one, threads=1)

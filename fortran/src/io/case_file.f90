@@ -1,9 +1,9 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> The texts of two cases beside each other, and a case with values of the command line in place of its own.
-module rockfall_override
+module rockfall_case_file
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t
-   use rockfall_textfile, only: read_text
+   use rockfall_text_file, only: read_text
    use rockfall_namelist, only: namelist_t, group_t, entry_t, value_t, parse_namelist
    use rockfall_values, only: has_key, get_text, get_integer, get_real, get_logical
    use rockfall_case, only: case_t, read_case, read_keys, key_t, key_table
@@ -178,4 +178,4 @@ contains
          same = logical .eqv. other_logical
       end select
    end function same_value
-end module rockfall_override
+end module rockfall_case_file

@@ -1,7 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Which key of two cases differs: their values, not how they are written.
-program test_override
-   use rockfall_override, only: differing_key
+program test_case_file
+   use rockfall_case_file, only: differing_key
    use check_m, only: check, finish
    implicit none
 
@@ -41,4 +41,4 @@ contains
       at = index(case, old)
       text = case(:at - 1)//new//case(at + len(old):)
    end function changed
-end program test_override
+end program test_case_file
