@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 import rockfall
+from program import find_program, make_prepared, run_program
 
 
 @pytest.fixture
@@ -21,3 +22,18 @@ def few_boulders(tmp_path):
     path = tmp_path / "case.nml"
     path.write_text(case.text())
     return path
+
+
+@pytest.fixture
+def batch():
+    """Runs the standalone program, which a build without netCDF-Fortran does not have."""
+    if not find_program():
+        pytest.skip("rockfall-batch is not built")
+    return run_program
+
+
+@pytest.fixture
+def ready(batch, tmp_path):
+    """A folder with a case of everything, prepared in `ready`."""
+    make_prepared(tmp_path)
+    return tmp_path
