@@ -39,7 +39,7 @@ from rockfall import cli
 from rockfall.impact_sets import shipped_sets
 from rockfall.io.grid import Grid
 from rockfall.io.raster import write_ascii, write_geotiff
-from rockfall.simulation.lock import LOCK
+from rockfall.scene.prepare import prepare
 
 ROOT = Path(__file__).parents[1]
 PROGRAM = ROOT / "build/fortran/rockfall-batch"
@@ -79,16 +79,16 @@ class Input:
 def _inputs() -> tuple[Input, ...]:
     run, check = "run {0} --boulders 3 --quiet -o out/r.nc", "check {0}"
     prepare = "prepare {0} out/p"
-    folder = "rockfall-batch {0} boulders=3 threads=1 quiet=true output=out/r"
-    single = "rockfall-batch {0} boulders=3 threads=1 quiet=true output=out/r.nc"
+    batch = "rockfall-batch in/ready/case.nml --boulders 3 --threads 1 --quiet -o out/r"
 
-    def read(kind: str, case: str, file: str, how: tuple, both: bool = True) -> Input:
-        doors = (check, run, prepare, *((folder, single) if both else ()))
-        return Input(kind, file, tuple(door.format(f"in/{case}") for door in doors), how)
+    def read(kind: str, case: str, file: str, how: tuple) -> Input:
+        commands = (check, run, prepare)
+        return Input(kind, file, tuple(one.format(f"in/{case}") for one in commands), how)
 
-    resume = "run in/asc.nml --quiet --resume -o out/half.nc"
-    resume_batch = "rockfall-batch in/many.nml threads=1 quiet=true resume=true output=out/half"
-    half, half_batch = "out/half.nc.checkpoint", "out/half.checkpoint"
+    resume = (
+        "run in/asc.nml --quiet --resume -o out/half.nc",
+        "rockfall-batch in/ready/case.nml --threads 1 --quiet --resume -o out/half.nc",
+    )
     compare = "compare in/out.nc in/{0} -o out/c.csv"
     result = (
         "lines in/out.nc -o out/t.csv", "export in/out.nc out/e", "report in/out.nc -o out/r.html",
@@ -96,27 +96,26 @@ def _inputs() -> tuple[Input, ...]:
     )  # fmt: skip
     merge = ("merge in/part1.nc in/part2.nc in/part3.nc -o out/m.nc",)
     text, zones = mutators.TEXT + mutators.BYTES, "asc.nml"
+    bits = mutators.RESULT + mutators.BYTES
     return (
         *[read("namelist", case, case, text) for case in ("asc.nml", "size.nml")] * 4,
-        *[read("namelist", case, case, text, False) for case in ("tif.nml", "json.nml")],
+        *[read("namelist", case, case, text) for case in ("tif.nml", "json.nml")],
+        *[Input("namelist", "ready/case.nml", (batch,), text)] * 4,
+        *[Input("scene file", "ready/scene.nc", (batch,), bits)] * 6,
         *[read("ASCII grid", zones, f"{name}.asc", mutators.GRID) for name in RASTERS],
         read("ASCII grid", "size.nml", "rm.asc", mutators.GRID),
-        *[read("GeoTIFF", "tif.nml", f"{name}.tif", mutators.TIFF, False) for name in RASTERS],
+        *[read("GeoTIFF", "tif.nml", f"{name}.tif", mutators.TIFF) for name in RASTERS],
         *[read("netCDF grid", "nc.nml", "dem.nc", mutators.RESULT)] * 3,
         *[read("netCDF grid", "nc3.nml", "dem3.nc", mutators.HDF5)] * 2,
         *[read("zone table", zones, "zones.csv", mutators.TABLE)] * 3,
-        read("polygons", "json.nml", "zones.geojson", mutators.JSON, False),
-        read("polygons", "json.nml", "source.geojson", mutators.JSON, False),
-        read("polygons", "gpkg.nml", "zones.gpkg", mutators.HDF5, False),
+        read("polygons", "json.nml", "zones.geojson", mutators.JSON),
+        read("polygons", "json.nml", "source.geojson", mutators.JSON),
+        read("polygons", "gpkg.nml", "zones.gpkg", mutators.HDF5),
         *[read("impact sets", zones, "sets.nml", text)] * 4,
         *[Input("observations", csv, (compare.format(csv),), mutators.TABLE) for csv in OBSERVED],
         *[Input("result", "out.nc", result, mutators.RESULT)] * 4,
         *[Input("part", f"part{k}.nc", merge, mutators.RESULT) for k in (1, 2)] * 2,
-        Input("checkpoint", f"{half}/rows-1-20.npz", (resume,), mutators.BYTES),
-        Input("checkpoint", f"{half}/maps-1-20.npz", (resume,), mutators.BYTES),
-        Input("checkpoint", f"{half}/state.json", (resume,), mutators.JSON),
-        *[Input("checkpoint", f"{half_batch}/{name}", (resume_batch,), text)
-          for name in ("state.txt", "fates", "crossings", "tallies-?")],
+        *[Input("checkpoint", "out/half.nc.checkpoint", resume, bits)] * 6,
     )  # fmt: skip
 
 
@@ -138,7 +137,7 @@ def make_base(base: Path) -> None:
     rockfall.write_result(rockfall.run(case), files / "out.nc")
     for k in (1, 2, 3):  # the second cuts both sources
         rockfall.write_result(rockfall.run(case, shard=(k, 3)), files / f"part{k}.nc")
-    _make_checkpoints(base, case)
+    _make_checkpoint(base)
 
 
 def make_rasters(files: Path) -> None:
@@ -208,8 +207,8 @@ def make_cases(files: Path) -> None:
 """)
 
 
-def _make_checkpoints(base: Path, case: rockfall.Case) -> None:
-    """What both programs leave when they are killed half-way."""
+def _make_checkpoint(base: Path) -> None:
+    """What either program leaves when it is killed half-way."""
     from rockfall.scene.read import read_scene
     from rockfall.simulation.checkpoint import Checkpoint
     from rockfall.simulation.simulate import run_chunks, start
@@ -217,24 +216,11 @@ def _make_checkpoints(base: Path, case: rockfall.Case) -> None:
     here = os.getcwd()
     os.chdir(base)  # a case has the name by which it is read
     try:
-        scene = read_scene(rockfall.read_case(Path("in/asc.nml")))
-        tally = start(scene, 1)
+        case = rockfall.read_case(Path("in/asc.nml"))
+        prepare(case, "in/ready")
+        tally = start(read_scene(case), 1)
         run_chunks(tally, 20, lambda: tally.done >= 20, lambda _: None)
-        checkpoint = Checkpoint(base / "out/half.nc.checkpoint", 0.0)
-        checkpoint.save(tally)
-        checkpoint.finish()
-        if checkpoint.found() != 20 or not PROGRAM.exists():
-            return
-        many = (base / "in/asc.nml").read_text().replace("boulders = 20", "boulders = 20000")
-        words = ("threads=1", "quiet=true", "checkpoint=0.01", "output=out/half")
-        (base / "in/many.nml").write_text(many)
-        run = subprocess.Popen([PROGRAM, "in/many.nml", *words], stderr=subprocess.PIPE)
-        state = base / "out/half.checkpoint/state.txt"
-        while run.poll() is None and not state.exists():
-            time.sleep(0.001)
-        run.kill()
-        run.communicate()
-        (state.parent / LOCK).unlink(missing_ok=True)  # the next run would remove it
+        Checkpoint("out/half.nc", 0.0).save(tally)
     finally:
         os.chdir(here)
 

@@ -164,6 +164,7 @@ def put(value, at=0):
     return change
 
 
+NO_SIZE = "zone, or the material_size of one,"
 HOSTILE = {
     "no elevations": ("elevation", {"gone": True}, "elevation"),
     "whole elevations": ("elevation", {"kind": "i4"}, "elevation"),
@@ -172,9 +173,9 @@ HOSTILE = {
     "all missing": ("elevation", {"change": lambda z: z * np.nan}, "elevation"),
     "a zone too many": ("zone", {"change": put(4)}, "zone"),
     "a zone below zero": ("zone", {"change": put(-1)}, "zone"),
-    "a zone without a size": ("material_size", {"change": put(np.nan)}, "zone, or the material_size of one,"),
-    "a cell without a zone": ("zone", {"change": put(0)}, "zone, or the material_size of one,"),
-    "no sizes": ("material_size", {"change": put(0.0)}, "zone, or the material_size of one,"),
+    "a zone without a size": ("material_size", {"change": put(np.nan)}, NO_SIZE),
+    "a cell without a zone": ("zone", {"change": put(0)}, NO_SIZE),
+    "no sizes": ("material_size", {"change": put(0.0)}, NO_SIZE),
     "sources nowhere": ("source_x", {"change": put(np.nan)}, "source_x, or source_y,"),
     "more cells than bytes": ("", {"length_of_x": 2**30, "length_of_y": 2**30}, "elevation"),
     "no sources": ("", {"length_of_source": 0}, "its number of sources"),

@@ -13,7 +13,7 @@ import netCDF4
 import pytest
 
 import rockfall
-from program import everything, find_program, make_full_case, refused_in_one_line, same_results
+from program import everything, find_program, make_full_case, same_results
 from rockfall.scene.prepare import prepare
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))

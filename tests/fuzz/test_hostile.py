@@ -5,7 +5,6 @@ benchmarks/hostile.py throws thousands; here are one of each class that was once
 sixty more.
 """
 
-import json
 import os
 import re
 import shutil
@@ -24,11 +23,11 @@ from made import refused
 from rockfall.analysis.observations import read_observed
 from rockfall.io.tables import table_rows
 from rockfall.result.export import export
+from rockfall.scene.prepare import prepare
 from rockfall.scene.read import read_scene
 from rockfall.simulation.checkpoint import Checkpoint
 from rockfall.simulation.merge import merge
 from rockfall.simulation.simulate import run_chunks, start
-from test_batch import batch  # noqa: F401 - a fixture
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 import hostile  # noqa: E402
@@ -87,17 +86,22 @@ def test_the_check_finds_what_it_is_to_find(tmp_path):
     assert verdict(0, "").startswith("OUTSIDE")
 
 
-def test_a_pipe_is_refused_and_not_waited_for(files, batch):  # noqa: F811
+def test_a_pipe_is_refused_and_not_waited_for(files, batch):
     """Nobody writes into it: to open it would never end."""
+    said = {"case.nml": "not a regular file", "scene.nc": "cannot be read as netCDF-4"}
+    prepare(rockfall.read_case("in/asc.nml"), "in/ready")
+    for name, words in said.items():
+        good = (files / "ready" / name).read_bytes()
+        mutators.fifo(None, files / "ready" / name)
+        done = batch("in/ready/case.nml", "-o", "no", cwd=".")
+        assert (done.returncode, done.stderr) == (2, f"rockfall-batch: in/ready/{name}: {words}\n")
+        (files / "ready" / name).unlink()
+        (files / "ready" / name).write_bytes(good)
     for name in ("asc.nml", "dem.asc", "zones.csv", "cells.asc"):
         text = (files / name).read_bytes()
         mutators.fifo(None, files / name)
         with refused(f"in/{name}: not a regular file"):
             read_scene(rockfall.read_case("in/asc.nml"))
-        done = batch("in/asc.nml", "output=no", cwd=".")
-        assert (done.returncode, done.stderr) == (
-            2, f"rockfall-batch: in/{name}: not a regular file\n",
-        )  # fmt: skip
         (files / name).unlink()
         (files / name).write_bytes(text)
     assert not Path("no").exists()
@@ -200,75 +204,46 @@ def half(files):
     scene = read_scene(rockfall.read_case("in/asc.nml"))
     tally = start(scene, 1)
     run_chunks(tally, 20, lambda: tally.done >= 20, lambda _: None)
-    checkpoint = Checkpoint("half", 0.0)
+    checkpoint = Checkpoint("half.nc", 0.0)
     checkpoint.save(tally)
-    checkpoint.finish()
     assert checkpoint.found() == 20
-    return scene, Path("half")
+    return scene, checkpoint.path
 
 
-@pytest.mark.parametrize("name", ["rows-1-20.npz", "maps-1-20.npz"])
-def test_one_turned_bit_in_a_checkpoint_is_found(half, name):
-    scene, folder = half
-    spoiled = bytearray((folder / name).read_bytes())
-    spoiled[len(spoiled) // 4] ^= 1
-    (folder / name).write_bytes(spoiled)
-    with pytest.raises(rockfall.RockfallError, match=f"^half: .*: {name} has another checksum"):
-        Checkpoint(folder, 0.0).restore(start(scene, 1))
-
-
-@pytest.mark.parametrize(
-    ("key", "value"),
-    [("archives", [1]), ("archives", []), ("archives", {}), ("archives", [{"kind": "maps"}]),
-     ("done", 19), ("done", "20"), ("identity", []), ("wall_seconds", "1"),
-     ("wall_seconds", float("nan")), ("cpu_seconds", -1.0)],
-)  # fmt: skip
-def test_a_state_that_cannot_be_is_refused(half, key, value):
-    scene, folder = half
-    state = json.loads((folder / "state.json").read_text())
-    (folder / "state.json").write_text(json.dumps(state | {key: value}))
-    with pytest.raises(rockfall.RockfallError, match="^half: cannot be read: "):
-        Checkpoint(folder, 0.0).restore(start(scene, 1))
+def test_one_turned_bit_of_a_value_in_a_checkpoint_is_found(half):
+    scene, path = half
+    good = path.read_bytes()
+    with netCDF4.Dataset(path) as file:
+        values = file["travel_time"][...].data.tobytes()
+    spoiled = bytearray(good)
+    spoiled[good.index(values) + 5] ^= 1
+    path.write_bytes(spoiled)
+    with pytest.raises(rockfall.RockfallError, match=f"^{path}: is damaged: travel_time"):
+        Checkpoint("half.nc", 0.0).restore(start(scene, 1))
 
 
 @pytest.mark.parametrize(
-    ("which", "key", "value"),
-    [(0, "kind", "../half/rows"), (0, "kind", "maps"), (1, "kind", "rows"), (0, "first", 2),
-     (0, "first", "1"), (0, "first", None), (0, "last", 19), (1, "first", 0), (1, "last", 21),
-     (0, "bytes", 1), (1, "sha256", ""), (1, "sha256", None), (0, "name", "rows-1-20.npz")],
+    ("key", "value", "said"),
+    [("boulder_last", 41, "boulders"), ("boulder_last", 19, "boulder"),
+     ("threads", "many", "threads"), ("boulder_first", -1, "boulder_first"),
+     ("wall_seconds", float("nan"), "wall_seconds"),
+     ("cpu_seconds", -1.0, "cpu_seconds"), ("map_window", [0, 0, 9**9, 1], "map_window"),
+     ("map_window", [0], "map_window"), ("input_checksums", "[" * 100_000, "input_checksums"),
+     ("decoded_checksums", "[1]", "decoded_checksums"), ("boulders_asked", 39, "boulder")],
 )  # fmt: skip
-def test_archives_that_cannot_be_are_refused(half, which, key, value):
-    scene, folder = half
-    state = json.loads((folder / "state.json").read_text())
-    state["archives"][which][key] = value
-    (folder / "state.json").write_text(json.dumps(state))
-    with pytest.raises(rockfall.RockfallError, match="^half: cannot be read: "):
-        Checkpoint(folder, 0.0).restore(start(scene, 1))
+def test_what_a_checkpoint_cannot_say_is_refused(half, key, value, said):
+    scene, path = half
+    with netCDF4.Dataset(path, "r+") as file:
+        file.setncattr(key, value)
+    with pytest.raises(rockfall.RockfallError, match=f"^{path}: is .*{said}"):
+        Checkpoint("half.nc", 0.0).restore(start(scene, 1))
 
 
-def test_boulders_that_begin_elsewhere_are_refused(half):
-    scene, folder = half
-    state = json.loads((folder / "state.json").read_text())
-    for archive in state["archives"]:
-        archive |= {"first": archive["first"] + 5, "last": archive["last"] + 5}
-    (folder / "state.json").write_text(json.dumps(state))
-    with pytest.raises(rockfall.RockfallError, match="^half: cannot be read: its boulders begin"):
-        Checkpoint(folder, 0.0).restore(start(scene, 1))
-
-
-def test_a_state_of_a_hundred_thousand_brackets_is_refused(half):
-    scene, folder = half
-    (folder / "state.json").write_text("[" * 100_000)
-    with pytest.raises(rockfall.RockfallError, match="^half: cannot be read: maximum recursion"):
-        Checkpoint(folder, 0.0).restore(start(scene, 1))
-
-
-@pytest.mark.parametrize("name", ["rows-1-20.npz", "maps-1-20.npz", "state.json"])
-def test_a_pipe_in_a_checkpoint_is_refused_and_not_waited_for(half, name):
-    scene, folder = half
-    mutators.fifo(None, folder / name)
-    with pytest.raises(rockfall.RockfallError, match=f"half/{name}: not a regular file$"):
-        Checkpoint(folder, 0.0).restore(start(scene, 1))
+def test_a_pipe_as_a_checkpoint_is_refused_and_not_waited_for(half):
+    scene, path = half
+    mutators.fifo(None, path)
+    with pytest.raises(rockfall.RockfallError, match="^half.nc.checkpoint: is there, and no"):
+        Checkpoint("half.nc", 0.0).restore(start(scene, 1))
 
 
 def change_result(path, change):
@@ -349,14 +324,13 @@ def test_a_map_that_cannot_be_read_is_refused_and_nothing_exported(whole):
 
 
 @pytest.mark.parametrize("version", ["CLASSIC", "64BIT_OFFSET", "64BIT_DATA"])
-def test_a_netcdf_header_that_claims_more_than_it_has_is_refused(files, batch, version):  # noqa: F811
+def test_a_netcdf_header_that_claims_more_than_it_has_is_refused(files, version):
     """The libraries would take memory for 67 million variables before they look."""
     path = files / "dem3.nc"
     with xr.open_dataset(path) as dem:
         dem = dem.load()
     path.unlink()
     dem.to_netcdf(path, format=f"NETCDF3_{version}", engine="netcdf4")
-    assert batch("in/nc3.nml", "output=yes", "boulders=3", cwd=".").returncode == 0
     if version != "64BIT_DATA":  # which GDAL's packages do not read
         read_scene(rockfall.read_case("in/nc3.nml"))
     sound = path.read_bytes()
@@ -366,5 +340,3 @@ def test_a_netcdf_header_that_claims_more_than_it_has_is_refused(files, batch, v
         said = "in/dem3.nc: cannot be read as netCDF: its header claims more than the file holds"
         with refused(said):
             read_scene(rockfall.read_case("in/nc3.nml"))
-        done = batch("in/nc3.nml", "output=no", cwd=".")
-        assert (done.returncode, done.stderr) == (2, f"rockfall-batch: {said}\n")

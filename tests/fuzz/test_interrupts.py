@@ -13,16 +13,16 @@ from pathlib import Path
 import pytest
 
 import rockfall
+from program import find_program, same_results
 from rockfall import interrupts
 from rockfall.cli import main
 from rockfall.result import export
-from test_batch import batch, find_program, made, netcdf
-from test_batch_checkpoint import case, done
+from test_batch_checkpoint import held, many
 from test_cli import place, wait_until_busy
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 
-from kills import build_shim, same  # noqa: E402
+from kills import build_shim  # noqa: E402
 
 ONE_CHUNK = """import sys
 from rockfall.simulation import simulate
@@ -151,49 +151,49 @@ def test_sigterm_is_what_it_was_after_a_command(place):
 
 
 def start_batch(folder, environment, *words):
-    command = [find_program(), "case/case.nml", "quiet=true", "checkpoint=1e-9", "threads=1"]
+    command = [find_program(), "ready/case.nml", "--quiet", "--checkpoint", "1e-9", *words]
     return subprocess.Popen(
-        [*command, *words], cwd=folder, env=environment, stderr=subprocess.PIPE, text=True
+        command, cwd=folder, env=environment, stderr=subprocess.PIPE, text=True
     )
 
 
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_a_signal_saves_what_rockfall_batch_has_done(number, status, case, netcdf, tmp_path):
-    process = start_batch(tmp_path, os.environ, "output=a.nc", "boulders=200000")
-    while not (tmp_path / "a.nc.checkpoint/state.txt").exists():
+def test_a_signal_saves_what_rockfall_batch_has_done(number, status, many):
+    process = start_batch(many, os.environ, "-o", "a.nc", "--boulders", "200000")
+    while not (many / "a.nc.checkpoint").exists():
         time.sleep(0.002)
     process.send_signal(number)
     process.send_signal(number)
     _, err = process.communicate(timeout=60)
     assert process.returncode == status
-    kept = done(tmp_path, "a.nc")
-    assert err == (
-        f"rockfall-batch: interrupted: a.nc.checkpoint holds {kept} of 1600000 boulders; "
-        "resume=true goes on\n"
+    kept = held(many / "a.nc.checkpoint")
+    assert err.splitlines()[-1] == (
+        f"rockfall-batch: interrupted: a.nc.checkpoint holds {kept} of 800000 boulders; "
+        "--resume goes on"
     )
-    assert sorted(os.listdir(tmp_path)) == ["a.nc.checkpoint", "case"]
+    assert [path.name for path in many.glob("*a.nc*")] == ["a.nc.checkpoint"]
 
 
-def test_rockfall_batch_keeps_nothing_where_none_is_asked(case, shim, tmp_path):
-    process = start_batch(tmp_path, shim | {"INTERRUPT_READY": "1"}, "output=a", "checkpoint=0")
+def test_rockfall_batch_keeps_nothing_where_none_is_asked(many, shim):
+    process = start_batch(many, shim | {"INTERRUPT_READY": "1"}, "-o", "a", "--checkpoint", "0")
     _, err = process.communicate(timeout=60)
-    assert (process.returncode, err) == (130, "rockfall-batch: interrupted; nothing was kept\n")
-    assert os.listdir(tmp_path) == ["case"]
+    assert process.returncode == 130
+    assert err.splitlines()[-1] == "rockfall-batch: interrupted; nothing was kept"
+    assert not list(many.glob("a*"))
 
 
-def test_a_second_signal_ends_rockfall_batch_though_the_disk_hangs(case, netcdf, shim, tmp_path):
+def test_a_second_signal_ends_rockfall_batch_though_the_disk_hangs(many, shim):
     """It is within a save when the first comes; the one before stays."""
-    words = ["output=a.nc", "boulders=6000"]
-    process = start_batch(tmp_path, shim | {"STALL_AT": "18"}, *words)
-    state = tmp_path / "a.nc.checkpoint/state.txt"
-    while process.poll() is None and not state.exists():
+    words = ["-o", "a.nc", "--boulders", "60000"]
+    process = start_batch(many, shim | {"STALL_AT": "5"}, *words)
+    while process.poll() is None and not (many / "a.nc.checkpoint").exists():
         time.sleep(0.01)
     process.send_signal(signal.SIGINT)
     time.sleep(1)
     assert process.poll() is None
     process.send_signal(signal.SIGINT)
-    assert process.communicate(timeout=20)[1] == "" and process.returncode == 130
-    assert done(tmp_path, "a.nc") > 0
-    assert start_batch(tmp_path, os.environ, *words, "resume=true").wait() == 0
-    assert start_batch(tmp_path, os.environ, "output=b.nc", "boulders=6000").wait() == 0
-    assert same(tmp_path / "a.nc", tmp_path / "b.nc")
+    process.communicate(timeout=20)
+    assert process.returncode == 130 and held(many / "a.nc.checkpoint") > 0
+    assert start_batch(many, os.environ, *words, "--resume").wait() == 0
+    assert start_batch(many, os.environ, "-o", "b.nc", "--boulders", "60000").wait() == 0
+    same_results(*(rockfall.merge([many / f"{name}.nc"]) for name in "ab"))

@@ -7,12 +7,12 @@ import xarray as xr
 
 import rockfall
 from rockfall.analysis.run_until import run_until
-from rockfall.io.raster import write_ascii
+from rockfall.scene.prepare import prepare
 from rockfall.scene.read import read_scene
 from rockfall.simulation import simulate
 from rockfall.simulation.checkpoint import Checkpoint
+from rockfall.simulation.part_file import read_part
 from scenes import grid, make_case, rough, sets
-from test_batch import batch, netcdf  # noqa: F401
 from test_checkpoint import Killed, killed_after
 from test_merge import same
 
@@ -182,34 +182,23 @@ def test_runs_with_rules_too(tmp_path, of):
 
 
 @pytest.mark.parametrize("n", [3, 500])
-def test_parts_of_both_programs_join(tmp_path, batch, netcdf, n, monkeypatch):  # noqa: F811
-    version = batch("--version", cwd=tmp_path).stdout.split()[1].rstrip(",")
-    monkeypatch.setattr(rockfall, "__version__", version)  # of a tree that is not installed, too
+def test_parts_of_both_programs_join(tmp_path, batch, n):
     arrays = scattered(5)
-    write_ascii(tmp_path / "dem.asc", Z, grid(Z), -9999)
-    write_ascii(tmp_path / "cells.asc", arrays["cells"], grid(Z), -9999)
-    case = case_of(tmp_path, n).replace(
-        terrain={"dem": "dem.asc"}, release={"cells": "cells.asc"}, case={"threads": 2}
-    )
-    (tmp_path / "case.nml").write_text(case.text())
-    case = rockfall.read_case(tmp_path / "case.nml")
-    paths = []
+    case = case_of(tmp_path, n).replace(case={"threads": 2})
+    prepare(case, tmp_path / "ready", **arrays)
+    parts = []
     for k in range(1, 8):
-        paths.append(tmp_path / f"{k}.nc")
+        parts.append(rockfall.run(case, **arrays, shard=(k, 7)))
         if k % 2:
-            rockfall.write_result(rockfall.run(case, shard=(k, 7)), paths[-1])
-        else:
-            about = (f"shard={k}/7", f"output={paths[-1]}", "quiet=true")
-            assert batch("case.nml", *about, cwd=tmp_path).returncode == 0
-    same(
-        rockfall.merge(paths), rockfall.run(case).assign_attrs(case_file=str(tmp_path / "case.nml"))
-    )
-    ours = rockfall.run(case, shard=(4, 7))
-    theirs = rockfall.read_result(paths[3])
-    for name in ours.variables:
-        if name.startswith("tally_") or name in MAPS:
-            assert ours[name].dtype == theirs[name].dtype, name
-            assert np.array_equal(ours[name], theirs[name], equal_nan=ours[name].dtype.kind == "f")
+            words = ("--shard", f"{k}/7", "-o", "part", "--quiet")
+            assert batch("ready/case.nml", *words, cwd=tmp_path).returncode == 0
+            theirs = read_part(tmp_path / "part")
+            for name, values in theirs.arrays.items():
+                ours = parts[-1][name].values
+                assert ours.dtype == values.dtype and ours.tobytes() == values.tobytes(), name
+            (tmp_path / "part").rename(tmp_path / f"{k}")
+            parts[-1] = tmp_path / f"{k}"
+    same(rockfall.merge(parts), rockfall.run(case, **arrays))
 
 
 def test_who_does_not_ask_does_not_pay(tmp_path):

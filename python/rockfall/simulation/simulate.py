@@ -16,13 +16,13 @@ from rockfall.case import Case
 from rockfall.errors import RockfallError
 from rockfall.interrupts import interrupts
 from rockfall.io.grid import Box, Grid
+from rockfall.result.dataset import georeference, make_result
+from rockfall.result.variables import fields
 from rockfall.scene.plausible import warn_of
 from rockfall.scene.reach import Survey, survey
 from rockfall.scene.read import read_scene
 from rockfall.scene.scene import Scene
 from rockfall.scene.windows import groups
-from rockfall.result.dataset import georeference, make_result
-from rockfall.result.variables import fields
 from rockfall.simulation.memory import machine_memory
 from rockfall.simulation.part_file import make_part
 from rockfall.simulation.source_maps import follow_sources, settle
@@ -181,9 +181,9 @@ def run(
     `arrays` (dem, zones, ...) are as in `rockfall.scene.read.read_scene`. The result does not
     depend on `threads` (default: the case's) or `chunk`, boulders in one call of the kernel
     (default: what takes a quarter of a second). `shard` (I, N) runs the I-th of N ranges of
-    boulders, and gives a part for `rockfall.merge`, without maps. Ctrl-C raises `Interrupted`, which holds the boulders done. Rasters that need more
-    than half of `memory` [bytes] (default: that of the machine) are read in windows. What is likely
-    a mistake in the case is a UserWarning.
+    boulders: a part for `rockfall.merge`, without maps. Ctrl-C raises `Interrupted`, which holds
+    the boulders done. Rasters that need more than half of `memory` [bytes] (default: that of the
+    machine) are read in windows. What is likely a mistake in the case is a UserWarning.
     """
     scene = read_scene(case, memory=memory or machine_memory(), **arrays)
     warn_of(scene)
