@@ -185,7 +185,7 @@ def test_rockfall_batch_keeps_nothing_where_none_is_asked(many, shim):
 def test_a_second_signal_ends_rockfall_batch_though_the_disk_hangs(many, shim):
     """It is within a save when the first comes; the one before stays."""
     words = ["-o", "a.nc", "--boulders", "60000"]
-    process = start_batch(many, shim | {"STALL_AT": "5"}, *words)
+    process = start_batch(many, shim | {"STALL_AT": "7"}, *words)
     while process.poll() is None and not (many / "a.nc.checkpoint").exists():
         time.sleep(0.01)
     process.send_signal(signal.SIGINT)
