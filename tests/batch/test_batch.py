@@ -18,9 +18,9 @@ import xarray as xr
 
 import rockfall
 import scenes
+from made import write_ascii
 from rockfall.errors import RockfallError
 from rockfall.io.grid import NO_ID, Grid
-from rockfall.io.raster import write_ascii
 from rockfall.result import variables
 
 ROOT = Path(__file__).parents[2]

@@ -6,12 +6,11 @@ import pytest
 import xarray as xr
 
 import rockfall
-from made import make_layer, make_raster, refused
+from made import make_layer, make_raster, refused, write_ascii
 from rockfall.analysis.convergence import converge
 from rockfall.analysis.ensemble import run_ensemble
 from rockfall.analysis.run_until import run_until
 from rockfall.cli import main
-from rockfall.io.raster import write_ascii
 from rockfall.scene.prepare import prepare
 from rockfall.scene.read import read_scene
 from scenes import grid, make_case, rough, sets

@@ -9,12 +9,11 @@ import xarray as xr
 from affine import Affine
 
 import rockfall
-from made import make_raster
+from made import make_raster, write_ascii
 from rockfall.analysis.run_until import run_scene_until, run_until
 from rockfall.cli import main
 from rockfall.errors import RockfallError
 from rockfall.io.grid import Grid
-from rockfall.io.raster import write_ascii
 from rockfall.scene.read import read_scene
 from rockfall.simulation import memory
 from rockfall.simulation.checkpoint import Checkpoint

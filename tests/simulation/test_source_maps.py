@@ -6,8 +6,8 @@ import pytest
 import xarray as xr
 
 import rockfall
+from made import write_ascii
 from rockfall.analysis.run_until import run_until
-from rockfall.io.raster import write_ascii
 from rockfall.scene.read import read_scene
 from rockfall.simulation import simulate
 from rockfall.simulation.checkpoint import Checkpoint

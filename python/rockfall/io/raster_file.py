@@ -15,13 +15,21 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from rockfall.errors import RockfallError
+from rockfall.io.arrays import elevation_dtype
 from rockfall.io.ascii_grid import AsciiCells, is_ascii, open_ascii
-from rockfall.io.elevations import elevation_dtype
-from rockfall.io.gdal_files import BINARY, IMAGINE, TIFF, check_imagine, plain_file, start_of
+from rockfall.io.gdal_files import (
+    BINARY,
+    IMAGINE,
+    TIFF,
+    check_imagine,
+    check_mark,
+    is_vrt,
+    plain_file,
+    plain_vrt,
+    start_of,
+)
 from rockfall.io.grid import TOLERANCE, Box, Grid, row_blocks
 from rockfall.io.netcdf_grid import cells_of, open_netcdf
-from rockfall.io.tiff_tags import check_mark
-from rockfall.io.vrt import is_vrt, plain_vrt
 
 if TYPE_CHECKING:
     from affine import Affine
