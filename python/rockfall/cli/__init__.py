@@ -426,7 +426,7 @@ def _given(arguments: argparse.Namespace) -> Iterator[str | Path]:
 
 def _shown(arguments: argparse.Namespace) -> tuple:
     """The result, its terrain and the observations that a command is to draw."""
-    from rockfall.plots.figures import terrain_of
+    from rockfall.analysis.terrain import terrain_of
     from rockfall.result.dataset import read_result
 
     result, observed = read_result(getattr(arguments, "out.nc")), None

@@ -8,8 +8,8 @@ import xarray as xr
 from rockfall.analysis.extent import reached
 from rockfall.io.grid import Grid
 from rockfall.plots import map_figures as mapfigures
-from rockfall.plots.panels import line_figure, overview
-from rockfall.result.trajectories import flights, height
+from rockfall.plots.overview import overview
+from rockfall.result.trajectories import height, trajectories
 
 pytest.importorskip("matplotlib", reason="the report extra is not installed").use("Agg")
 pytestmark = pytest.mark.filterwarnings("error")
@@ -109,30 +109,19 @@ def test_overview_of_a_big_raster_is_thinned(tmp_path, monkeypatch):
     assert is_picture(tmp_path / "big.png")
 
 
-def test_line_figure_with_and_without_reference(tmp_path):
-    _, grid = scene()
-    shown = result(grid)
-    printed = {("EL1", "B", "speed"): (12.7, 4.3), ("EL1", "observed", "speed"): (12.5, 5.2)}
-    for name, reference in ("with", printed), ("without", {}):
-        line_figure(shown, shown, reference, tmp_path / f"{name}.png")
-        assert is_picture(tmp_path / f"{name}.png")
-    assert (tmp_path / "with.png").read_bytes() != (tmp_path / "without.png").read_bytes()
-
-
 @pytest.mark.parametrize("empty", [[1], [0, 1]])
-def test_figures_when_no_boulder_passes_a_line(tmp_path, empty):
+def test_overview_when_no_boulder_passes_a_line(tmp_path, empty):
     dem, grid = scene()
     shown = result(grid)
     for name in "line_x", "line_y", "line_speed", "line_passing_height":
         shown[name][empty] = np.nan
-    line_figure(shown, shown, {}, tmp_path / "lines.png")
     overview(shown, dem, grid, tmp_path / "overview.png")
-    assert is_picture(tmp_path / "lines.png") and is_picture(tmp_path / "overview.png")
+    assert is_picture(tmp_path / "overview.png")
 
 
-def test_flights_are_parabolas_above_the_ground():
+def test_trajectories_are_parabolas_above_the_ground():
     dem, grid = scene()
-    (flight,) = flights(result(grid))
-    jump = flight.z - height((dem, grid), flight.x, flight.y)
+    (curve,) = trajectories(result(grid))
+    jump = curve.z - height((dem, grid), curve.x, curve.y)
     assert jump.min() == pytest.approx(0, abs=1e-9)
     assert jump.max() == pytest.approx(9.81 / 8)  # g T^2 / 8 in the middle of a flight of 1 s
