@@ -38,6 +38,7 @@ from machine import machine
 from rockfall import cli
 from rockfall.io.grid import Grid
 from rockfall.io.raster import write_ascii, write_geotiff
+from rockfall.scene.scene import shipped_sets
 from rockfall.simulation.lock import LOCK
 
 ROOT = Path(__file__).parents[1]
@@ -182,7 +183,7 @@ def _make_polygons(files: Path) -> None:
 def make_cases(files: Path) -> None:
     """The cases, their zone table and their impact sets."""
     (files / "zones.csv").write_text(TABLE)
-    shutil.copy(rockfall.scene.shipped_sets()["rocky-slope"], files / "sets.nml")
+    shutil.copy(shipped_sets()["rocky-slope"], files / "sets.nml")
     zones = "zones = 'zones.{0}', table = 'zones.csv', default_zone = 7"
     places, cells = f"{WHERE}, drop_height = 3.0", "cells = 'cells.{0}', drop_height = 3.0"
     kinds = {  # ending of the DEM, surface, release

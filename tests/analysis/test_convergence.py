@@ -13,6 +13,7 @@ from rockfall.analysis import convergence
 from rockfall.analysis.convergence import KEYS, NUMBERS, _costs, _errors, _numbers, converge
 from rockfall.analysis.terrain_variants import larger_cells, other_digits
 from rockfall.cli import main
+from rockfall.io.grid import Grid
 from rockfall.io.raster import write_geotiff
 from rockfall.scene.scene import read_scene
 from rockfall.text.convergence import text
@@ -155,7 +156,7 @@ def test_larger_cells_are_means_and_majorities(tmp_path):
     scene.z[0, 0] = scene.z[2, 4] = np.nan
     scene.zone = np.array([[0, 3, 1, 2, 2], [3, 1, 2, 1, 1], [4, 5, 5, 5, 0]], "i2")
     scene.values = np.array([[[1, 2, 3, 4, 5], [6, 7, 8, np.inf, 5], [1, 1, 1, 1, 1]]], "f4")
-    scene.grid = rockfall.scene.Grid(100.0, 50.0, 5.0, 5, 3)
+    scene.grid = Grid(100.0, 50.0, 5.0, 5, 3)
     large = larger_cells(scene, 2)
     assert (large.grid.cell, large.grid.nx, large.grid.ny) == (10.0, 3, 2)
     assert (large.grid.west, large.grid.north) == (100.0, 50.0)

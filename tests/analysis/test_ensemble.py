@@ -19,7 +19,9 @@ from rockfall.analysis.sobol_indices import LEAST, deviations, parts, shares
 from rockfall.analysis.uncertain_inputs import Uncertain, drawn_scene, gaussian_field
 from rockfall.cli import main
 from rockfall.errors import RockfallError
+from rockfall.scene.reach import survey
 from rockfall.scene.scene import read_scene
+from rockfall.simulation.simulate import run_scene
 from scenes import grid, make_case, rough, sets, write_sets
 from test_batch import find_program
 
@@ -381,7 +383,7 @@ def test_sources_stay_on_the_terrain_and_shifts_together(tmp_path):
     assert np.allclose(np.diff(x), 15) and x.max() < 167.5 < 150 + 15 + 5
     assert sum(one.kept["source_redrawn"] for one in draws) > 10
     for one in draws:  # the kernel agrees
-        rockfall.reach.survey(drawn_scene(inputs.scene, [one], 1))
+        survey(drawn_scene(inputs.scene, [one], 1))
 
 
 # ---- bad input
@@ -512,7 +514,7 @@ def test_an_interrupted_ensemble_writes_nothing(place, capfd, monkeypatch):
     def pressed(*arguments, **more):
         if next(runs) == 7:
             raise KeyboardInterrupt
-        return rockfall.simulate.run_scene(*arguments, **more)
+        return run_scene(*arguments, **more)
 
     monkeypatch.setattr(ensemble, "run_scene", pressed)
     assert main(["ensemble", "case.nml"]) == 130

@@ -58,7 +58,7 @@ def test_zones_and_sources_of_several_blocks(rasters, south_up, tmp_path):
 def test_values_of_several_blocks(rasters, south_up, tmp_path):
     case = case_in(tmp_path, rasters, south_up, mean_radius="mean_radius.tif")
     assert np.array_equal(read_scene(case).values[0], rasters["mean_radius"])
-    given = rockfall.scene.read_scene(case, cells=rasters["cells"], mean_radius=rasters["dem"] + 1)
+    given = read_scene(case, cells=rasters["cells"], mean_radius=rasters["dem"] + 1)
     assert np.array_equal(given.values[0], rasters["dem"] + 1)
 
 

@@ -508,7 +508,3 @@ def _open_closed_streams() -> None:
 def _close_stdout() -> None:
     """Nobody takes what is still to be printed; Python must not try again when it exits."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-
-
-if __name__ == "__main__":
-    sys.exit(main())
