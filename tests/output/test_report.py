@@ -86,16 +86,6 @@ def interrupted(result, done):
     return part.assign_attrs(complete=0, boulder_last=done)
 
 
-@pytest.fixture
-def few_figures(monkeypatch):
-    """Figures are tested apart, and take long: a page has three."""
-    shown = ("passing", "stops", "line_speed")
-    monkeypatch.setattr(
-        "rockfall.html_report.figures",
-        lambda *given: [one for one in figures(*given) if one.name in shown],
-    )
-
-
 # ---- words
 
 
@@ -331,9 +321,13 @@ def test_a_map_says_why_it_is_blank(tmp_path):
 
 @pytest.fixture(scope="module")
 def page(tmp_path_factory, result):
-    """The whole page with terrain, in a file."""
+    """The page with terrain and a figure of each kind, in a file; figures take long."""
     path = tmp_path_factory.mktemp("page") / "report.html"
-    write_report(result, path, (rough(), grid(rough())))
+    kinds = ("trajectories", "profile", "passing", "stops", "line_speed", "restitution")
+    with pytest.MonkeyPatch.context() as here:
+        shown = [one for one in figures(result) if one.name in kinds]
+        here.setattr("rockfall.html_report.figures", lambda *_: shown)
+        write_report(result, path, (rough(), grid(rough())))
     return path
 
 
@@ -351,7 +345,8 @@ def test_nothing_is_taken_from_elsewhere(page):
     assert "default-src 'none'" in text and "url(" not in text and "@import" not in text
 
 
-def test_the_same_result_gives_the_same_bytes(result, few_figures):
+def test_the_same_result_gives_the_same_bytes(result, monkeypatch):
+    monkeypatch.setattr("rockfall.html_report.figures", lambda *_: [])  # tested apart
     terrain = (rough(), grid(rough()))
     assert report(result, terrain) == report(result.copy(deep=True), terrain)
 
