@@ -46,7 +46,7 @@ from machine import machine
 from real_terrain import steep_cells
 from rockfall.io.files import whole_file
 from rockfall.io.raster import read_dem
-from rockfall.plots.panels import BLUE, GREY, INK, STYLE, VERMILION
+from rockfall.plots.style import BLUE, GREY, INK, STYLE, VERMILION
 from rockfall.scene.prepare import prepare
 
 HERE = Path(__file__).parent

@@ -21,7 +21,6 @@ from made import PLACE, UTM, make_raster, refused, write_ascii
 from rockfall.analysis.convergence import KEYS, Convergence
 from rockfall.case_files import input_files
 from rockfall.cli import main
-from rockfall.html_report import _page
 from rockfall.io.output_files import FIGURE, LINE_TABLE, RESULT, kind_of, whole_folder
 from rockfall.plots.figures import Figure as Drawing
 from rockfall.plots.style import save
@@ -60,7 +59,7 @@ def place(ready, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     drawn = [Drawing(name, name, name, Figure) for name in ("passing", "profile", "stops")]
     monkeypatch.setattr("rockfall.plots.figures.figures", lambda *_: drawn)
-    monkeypatch.setattr("rockfall.html_report.report", lambda *_: _page("a title", "of a page", {}))
+    monkeypatch.setattr("rockfall.html_report.figures", lambda *_: drawn)
     return tmp_path
 
 

@@ -5,7 +5,7 @@
   const maps = [...document.querySelectorAll(".map svg[tabindex]")];
   const [wide, high] = maps.length ? maps[0].getAttribute("viewBox").split(" ").slice(2).map(Number) : [1, 1];
   const view = { x: 0, y: 0, part: 1 }; // shown: `part` of either side, from cell x, y
-  const least = Math.min(1, 8 / Math.max(wide, high));
+  const smallest = Math.min(1, 8 / Math.max(wide, high));
   const clamp = (value, low, high) => Math.min(Math.max(value, low), high);
 
   function show() {
@@ -27,7 +27,7 @@
   }
 
   function zoom(factor, at) {
-    const part = factor ? clamp(view.part / factor, least, 1) : 1;
+    const part = factor ? clamp(view.part / factor, smallest, 1) : 1;
     const ratio = part / view.part;
     view.x = at.x - (at.x - view.x) * ratio;
     view.y = at.y - (at.y - view.y) * ratio;
@@ -64,8 +64,8 @@
   for (const map of maps) {
     const held = new Map(); // pointers that are down, where they are on the screen
     map.addEventListener("wheel", (event) => {
-      const asked = event.ctrlKey || document.activeElement === map; // a pinch has ctrlKey
-      if (!asked || (event.deltaY > 0 && view.part === 1)) return; // the page scrolls on
+      const zooms = event.ctrlKey || document.activeElement === map; // a pinch has ctrlKey
+      if (!zooms || (event.deltaY > 0 && view.part === 1)) return; // the page scrolls on
       event.preventDefault();
       zoom(Math.exp(clamp(-event.deltaY, -240, 240) / 400), cell(map, event.clientX, event.clientY));
     }, { passive: false });

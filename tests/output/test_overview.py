@@ -1,15 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The figures: a picture for every result, with and without its optional parts, and no warnings."""
+"""The overview: a picture for every result, with and without its optional parts, no warnings."""
 
 import numpy as np
 import pytest
 import xarray as xr
 
-from rockfall.analysis.extent import reached
 from rockfall.io.grid import Grid
-from rockfall.plots import map_figures as mapfigures
-from rockfall.plots.panels import line_figure, overview
-from rockfall.result.trajectories import flights, height
+from rockfall.plots.overview import overview
+from rockfall.result.trajectories import height, trajectories
 
 pytest.importorskip("matplotlib", reason="the report extra is not installed").use("Agg")
 pytestmark = pytest.mark.filterwarnings("error")
@@ -50,8 +48,6 @@ def result(grid: Grid, boulders: int = 200) -> xr.Dataset:
         "status": ("boulder", np.zeros(boulders, "i1"), ENDS),
         "line_x": (("line", "boulder"), crossed * x),
         "line_y": (("line", "boulder"), crossed * (y0 - lines[:, None])),
-        "line_speed": (("line", "boulder"), crossed * rng.gamma(9, 1.4, boulders)),
-        "line_passing_height": (("line", "boulder"), crossed * rng.gamma(3, 0.5, boulders)),
         "line_vertex_line": ("line_vertex", [0, 0, 1, 1]),
         "line_vertex_x": ("line_vertex", grid.west + np.array([10.0, 190.0] * 2)),
         "line_vertex_y": ("line_vertex", y0 - np.repeat(lines, 2)),
@@ -74,7 +70,7 @@ def is_picture(path) -> bool:
     return path.read_bytes()[:8] == b"\x89PNG\r\n\x1a\n" and path.stat().st_size > 10_000
 
 
-@pytest.mark.parametrize("absent", [[], ["maps"], ["lines"], ["trajectories"], list(OPTIONAL)])
+@pytest.mark.parametrize("absent", [[], list(OPTIONAL)])
 def test_overview_draws_what_there_is(tmp_path, absent):
     dem, grid = scene()
     shown = result(grid).drop_vars([name for part in absent for name in OPTIONAL[part]])
@@ -88,51 +84,18 @@ def test_overview_of_one_boulder_far_from_the_origin(tmp_path):
     assert is_picture(tmp_path / "one.png")
 
 
-def test_either_map_of_passages_gives_the_same_picture(tmp_path):
+def test_overview_when_no_boulder_passes_a_line(tmp_path):
     dem, grid = scene()
     shown = result(grid)
-    share = shown["passages"] / shown.sizes["boulder"]
-    other = shown.drop_vars("passages").assign(reach_probability=share)
-    overview(shown, dem, grid, tmp_path / "a.png")
-    overview(other, dem, grid, tmp_path / "b.png")
-    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
-
-
-def test_overview_of_a_big_raster_is_thinned(tmp_path, monkeypatch):
-    dem, grid = scene()
-    shown = result(grid)
-    monkeypatch.setattr("rockfall.plots.map_figures.DOTS", 20)
-    extent = reached(shown, (dem, grid))
-    _, coarse = mapfigures._cropped(dem, grid, False, extent, np.add)
-    assert coarse.cell == 4 * grid.cell
-    overview(shown, dem, grid, tmp_path / "big.png")
-    assert is_picture(tmp_path / "big.png")
-
-
-def test_line_figure_with_and_without_reference(tmp_path):
-    _, grid = scene()
-    shown = result(grid)
-    printed = {("EL1", "B", "speed"): (12.7, 4.3), ("EL1", "observed", "speed"): (12.5, 5.2)}
-    for name, reference in ("with", printed), ("without", {}):
-        line_figure(shown, shown, reference, tmp_path / f"{name}.png")
-        assert is_picture(tmp_path / f"{name}.png")
-    assert (tmp_path / "with.png").read_bytes() != (tmp_path / "without.png").read_bytes()
-
-
-@pytest.mark.parametrize("empty", [[1], [0, 1]])
-def test_figures_when_no_boulder_passes_a_line(tmp_path, empty):
-    dem, grid = scene()
-    shown = result(grid)
-    for name in "line_x", "line_y", "line_speed", "line_passing_height":
-        shown[name][empty] = np.nan
-    line_figure(shown, shown, {}, tmp_path / "lines.png")
+    for name in "line_x", "line_y":
+        shown[name][1] = np.nan
     overview(shown, dem, grid, tmp_path / "overview.png")
-    assert is_picture(tmp_path / "lines.png") and is_picture(tmp_path / "overview.png")
+    assert is_picture(tmp_path / "overview.png")
 
 
-def test_flights_are_parabolas_above_the_ground():
+def test_trajectories_are_parabolas_above_the_ground():
     dem, grid = scene()
-    (flight,) = flights(result(grid))
-    jump = flight.z - height((dem, grid), flight.x, flight.y)
+    (curve,) = trajectories(result(grid))
+    jump = curve.z - height((dem, grid), curve.x, curve.y)
     assert jump.min() == pytest.approx(0, abs=1e-9)
     assert jump.max() == pytest.approx(9.81 / 8)  # g T^2 / 8 in the middle of a flight of 1 s
