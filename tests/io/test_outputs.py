@@ -27,7 +27,7 @@ from rockfall.io.raster import write_ascii
 from rockfall.plots.figures import Figure as Drawing
 from rockfall.plots.style import save
 from scenes import grid, rough
-from test_cli import CASE, TABLE, slope, zones
+from slope_case import CASE, TABLE, slope, zones
 
 LAB = """&lab ratios = 1.0, points = 2, impacts = 1 /
 &packing width = 8.0, depth = 2.0 /

@@ -14,9 +14,8 @@ from rockfall.cli import main
 from rockfall.io.raster import write_ascii
 from rockfall.scene.prepare import prepare
 from rockfall.scene.scene import read_scene
+from same import same
 from scenes import grid, make_case, rough, sets
-from test_batch import batch, netcdf  # noqa: F401
-from test_merge import same
 
 LINE = [{"name": "L", "x": [0.0, 300.0], "y": [280.0, 280.0]}]
 
