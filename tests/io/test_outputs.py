@@ -25,7 +25,7 @@ from rockfall.io.output_files import FIGURE, LINE_TABLE, RESULT, kind_of, whole_
 from rockfall.plots.figures import Figure as Drawing
 from rockfall.plots.style import save
 from scenes import grid, rough
-from test_cli import CASE, TABLE, slope, zones
+from slope_case import CASE, TABLE, slope, zones
 
 LAB = """&lab ratios = 1.0, layers = 1, points = 2, impacts = 1 /
 &packing width = 4.0, depth = 1.0 /

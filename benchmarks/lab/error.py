@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What the choices of the laboratory cost and change: error against run time.
 
-    python benchmarks/lab_error.py [LAB.nml] [--layers 12] [--ratio 2] [--only WORD]
+    python -m benchmarks.lab.error [LAB.nml] [--layers 12] [--ratio 2] [--only WORD]
 
 Runs a laboratory case at one ratio, and again with one thing changed and the same seed. Printed:
 a1 and a4 with standard errors, the neutral slope of the set and that by resampling the impacts,
@@ -15,14 +15,14 @@ from typing import Any
 
 import numpy as np
 
-from machine import machine
+from benchmarks.machine import ROOT, machine
 from rockfall.analysis.plane_bounce import neutral_slope, resampled_rebound, set_rebound
 from rockfall.errors import RockfallError
 from rockfall.lab.case import LabCase, read_lab_case
 from rockfall.lab.experiment import ENDED, STATES, STATUS, run_impacts
 from rockfall.lab.fit import as_rebounds, fit_set, impacts_of
 
-ROCKY_SLOPE = Path(__file__).parents[1] / "cases/rocky-slope/lab.nml"
+ROCKY_SLOPE = ROOT / "cases/rocky-slope/lab.nml"
 BASE = "base"
 
 

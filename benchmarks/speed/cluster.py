@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What long runs pay for not losing work: checkpoints, parts, merging, Dask, the Python door.
 
-    python benchmarks/cluster.py [--boulders 1000000] [--parts 100]
+    python -m benchmarks.speed.cluster [--boulders 1000000] [--parts 100]
 
 `cases/vaujany` with passages, the greatest energy and its quantiles. Everything is a ratio to what
 was measured beside it, in one run of this script; run it on an idle machine.
@@ -18,14 +18,14 @@ import time
 from pathlib import Path
 
 import rockfall
-from machine import machine
+from benchmarks.machine import ROOT, machine
 from rockfall.scene.prepare import prepare
 from rockfall.scene.read import read_scene
 from rockfall.simulation.checkpoint import Checkpoint
 from rockfall.simulation.dask import run_on_cluster
 from rockfall.simulation.simulate import run_scene
 
-VAUJANY = Path(__file__).parents[1] / "cases/vaujany/case.nml"
+VAUJANY = ROOT / "cases/vaujany/case.nml"
 OUTPUT = {"maps": ["passages", "energy_max", "energy_q95"], "rebounds": False, "trajectories": 0}
 
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Do Sobol' samples know more than as many random ones? Error against boulders and CPU time.
 
-    python benchmarks/variance.py [--boulders 262144] [--samples 64]
+    python -m benchmarks.accuracy.variance [--boulders 262144] [--samples 64]
 
 `cases/vaujany`, by its own volumes and by wide ones (lognormal, deviation = mean), at lines ever
 farther below the release. A sample is the boulders of one of many sources at one place; of each
@@ -11,17 +11,16 @@ about the number of a random run of its own, at least 2**20 boulders, as shares 
 """
 
 import argparse
-from pathlib import Path
 
 import numpy as np
 import xarray as xr
 
 import rockfall
-from machine import machine
+from benchmarks.machine import ROOT, machine
 from rockfall.analysis.line_statistics import line_numbers
 from rockfall.scene import scene
 
-VAUJANY = Path(__file__).parents[1] / "cases/vaujany/case.nml"
+VAUJANY = ROOT / "cases/vaujany/case.nml"
 LINES = {"3.5 m": 584.0, "7.5 m": 580.0, "17.5 m": 570.0, "EL1": 441.72, "EL2": 402.32}
 WIDE = {"volume": "lognormal", "volume_mean": 0.8, "volume_std": 0.8}
 METHODS = {"random": 0, "volume": 1, "sobol": 13}  # dimensions of the Sobol' points

@@ -33,7 +33,7 @@ import shapely
 from affine import Affine
 from rasterio.io import DatasetWriter
 
-from machine import machine
+from benchmarks.machine import machine
 from rockfall.errors import RockfallError
 from rockfall.io.grid import NO_ID, Grid
 from rockfall.io.layers import burn_polygons

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The shipped impact sets beside what the paper prints of its slope: writes docs/vaujany.md.
 
-    python benchmarks/vaujany.py [--slopes 48] [-o docs]
+    python -m benchmarks.accuracy.vaujany [--slopes 48] [-o docs]
 
 Tables 2 and 3 of Bourrier et al. (2009) by methods A and B, and what it says of its rebounds: by
 `rocky-slope` with each rule of turning and each reading of Rg, and by the draws of
@@ -17,12 +17,13 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.machine import ROOT
 from rockfall.io.files import whole_file
 from rockfall.lab.scorecard import BESIDE, Score, Target, score, targets, verdict
 from rockfall.lab.sets import read_sets
 from rockfall.lab.site import Site
 
-VAUJANY = Path(__file__).parents[1] / "cases" / "vaujany"
+VAUJANY = ROOT / "cases" / "vaujany"
 #: Column: shipped set, rule of turning, reading of Rg.
 COLUMNS = {
     "`rocky-slope`": ("rocky-slope", "past_aspect", "diameter"),
@@ -92,7 +93,7 @@ HEAD = """# The paper's slope by our sets
 Each number is a mean over {slopes} slopes of the recipe of
 [cases/vaujany](../cases/vaujany/README.md), with 2,000 boulders on each; no calibration has seen
 these slopes. ± is its standard error: of slopes, boulders and coefficients. A number within a
-standard error of a bound is undecided. This page is written by `benchmarks/vaujany.py`.
+standard error of a bound is undecided. This page is written by `benchmarks/accuracy/vaujany.py`.
 
 Columns: the set `rocky-slope` as it is used; with the two other rules of turning; with Rg of method
 A read as a radius; the draws of the ensemble, in turns.
@@ -121,7 +122,7 @@ def page(scores: dict[str, Score], wanted: list[Target], slopes: int) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--slopes", type=int, default=48)
-    parser.add_argument("-o", "--output", type=Path, default=Path(__file__).parents[1] / "docs")
+    parser.add_argument("-o", "--output", type=Path, default=ROOT / "docs")
     options = parser.parse_args()
     with ProcessPoolExecutor() as pool:
         found = pool.map(partial(measure, slopes=options.slopes), COLUMNS)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What the shipped impact sets do on planes: boulders that pass 200 m, their speed and jump height.
 
-    python benchmarks/planes.py [--boulders 10000] [-o docs]
+    python -m benchmarks.accuracy.planes [--boulders 10000] [-o docs]
 
 For each set, each R_b/R_m of 1 to 5 and slopes of 24 to 46 degrees: the share of the boulders that
 pass a line 200 m below the release, in plan; their mean speed there, and the 95 % quantile of their
@@ -19,6 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 import rockfall
+from benchmarks.machine import ROOT
 from rockfall.analysis.line_statistics import Z, line_numbers, sources
 from rockfall.analysis.plane_bounce import neutral_slope, set_rebound
 from rockfall.errors import RockfallError
@@ -179,7 +180,7 @@ def page(found: list[Measured], boulders: int) -> str:
         "",
         f"{boulders:,} boulders for each number, released {DROP:g} m above a plane; a line "
         f"{DISTANCE:g} m further down, in plan. R_b/R_m is the same everywhere, boulders turn past "
-        "the aspect. This page and its figure are written by `benchmarks/planes.py`.",
+        "the aspect. This page and its figure are written by `benchmarks/accuracy/planes.py`.",
         "",
         "± is the standard error; - where too few pass to know the number. On the **neutral "
         "slope** boulders that go straight down neither gain nor lose speed in the long run; those "
@@ -236,7 +237,7 @@ def draw(found: list[Measured]):
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--boulders", type=int, default=10_000)
-    docs = Path(__file__).parents[1] / "docs"
+    docs = ROOT / "docs"
     parser.add_argument("-o", metavar="FOLDER", type=Path, dest="folder", default=docs)
     options = parser.parse_args()
     found = [one for path in shipped_sets().values() for one in look(path, options.boulders)]

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What each option costs a rebound, and that an option which is off costs nothing.
 
-    python benchmarks/costs.py [--boulders 20000] [--repeat 3] [--cuts]
+    python -m benchmarks.speed.costs [--boulders 20000] [--repeat 3] [--cuts]
 
 The slope of `cases/vaujany` with one radius of rocks everywhere and nothing asked for; then each
 option alone, given so that every boulder goes the same way to the bit. CPU time is of the whole run
@@ -31,7 +31,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import rockfall
-from machine import machine
+from benchmarks.machine import ROOT, machine
+from benchmarks.variant import build, copy_sources, replace
 from rockfall.io.grid import Grid
 from rockfall.io.raster import read_dem
 from rockfall.scene.prepare import prepare
@@ -40,7 +41,6 @@ from rockfall.scene.scene import Scene
 from rockfall.simulation.checkpoint import Checkpoint
 from rockfall.simulation.simulate import Tally, fields, run_scene, start
 
-ROOT = Path(__file__).parents[1]
 VAUJANY = ROOT / "cases/vaujany/case.nml"
 RADIUS = 0.1  # of the rocks, everywhere [m]
 FEW, MANY = 100, 300  # boulders under callgrind
@@ -236,37 +236,15 @@ NEEDED = {
 
 def builds(folder: Path) -> Iterator[tuple[str, Path]]:
     """rockfall-batch as it is; without each option; without any of them."""
-    for name in ("fortran", "python", "tools", "benchmarks"):
-        shutil.copytree(ROOT / name, folder / name)
-    for name in ("meson.build", "meson.options", "LICENSE"):
-        shutil.copy(ROOT / name, folder)
-    command = ["meson", "setup", "-Dpython=false", "-Dbuildtype=release", "build"]
-    _call(command, folder)
+    copy_sources(folder)
     every = [edit for name, edits in CUTS.items() if name != "maps by source" for edit in edits]
     for name, edits in {"": [], **CUTS, EVERY: every}.items():
         texts = {file: (folder / "fortran/src" / file).read_text() for file, *_ in edits}
         for file, old, new, often in edits:
-            _replace(folder / "fortran/src" / file, old, new, often)
-        _call(["ninja", "-C", "build", "--quiet", "fortran/rockfall-batch"], folder)
-        yield name, folder / "build/fortran/rockfall-batch"
+            replace(folder / "fortran/src" / file, old, new, often)
+        yield name, *build(folder, "fortran/rockfall-batch")
         for file, text in texts.items():
             (folder / "fortran/src" / file).write_text(text)
-
-
-def _replace(file: Path, old: str, new: str, often: int) -> None:
-    text = file.read_text()
-    if text.count(old) != often:
-        sys.exit(f"{file.name}: '{old}' should be there {often} times; mend CUTS")
-    file.write_text(text.replace(old, new))
-
-
-def _call(command: list[str], folder: Path) -> None:
-    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
-    done = subprocess.run(
-        command, cwd=folder, env=os.environ | {"PATH": path}, capture_output=True, text=True
-    )
-    if done.returncode:
-        sys.exit(f"{' '.join(command)} failed:\n{done.stdout}{done.stderr}")
 
 
 # The tables

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The exact flight against flights in time steps, as other programs fly: error against CPU time.
 
-    python benchmarks/stepping.py [--boulders 20000] [--repeat 3] [--dem DEM] [-o FOLDER]
+    python -m benchmarks.accuracy.stepping [--boulders 20000] [--repeat 3] [--dem DEM] [-o FOLDER]
 
 Builds the kernel once more, in a temporary folder and with the product's flags, with
-`benchmarks/stepping/stepped_flight.f90` in the place of the flight. Rebound, turn, random numbers
+`benchmarks/accuracy/stepped_flight.f90` in the place of the flight. Rebound, turn, random numbers
 and terrain are the product's. After each step a boulder looks whether it is below the bilinear
 surface; three schemes:
 
@@ -29,8 +29,6 @@ from __future__ import annotations
 import argparse
 import importlib.util
 import math
-import os
-import shutil
 import subprocess
 import sys
 import tempfile
@@ -42,15 +40,14 @@ import numpy as np
 import pandas as pd
 
 import rockfall
-from machine import machine
-from real_terrain import steep_cells
+from benchmarks import variant
+from benchmarks.machine import ROOT, machine
+from benchmarks.stability.real_terrain import steep_cells
 from rockfall.io.files import whole_file
 from rockfall.io.raster import read_dem
 from rockfall.plots.style import BLUE, GREY, INK, STYLE, VERMILION
 from rockfall.scene.prepare import prepare
 
-HERE = Path(__file__).parent
-ROOT = HERE.parent
 SCHEMES = {"euler": (BLUE, "o"), "parabola": (VERMILION, "s"), "interpolated": (GREY, "^")}
 STEPS = [0.1, 0.03, 0.01, 0.003, 0.001]  # [s]
 NOTHING = {"maps": None, "rebounds": False, "trajectories": 0}
@@ -85,35 +82,17 @@ class Run(NamedTuple):
 
 def build(folder: Path) -> Path:
     """Build the kernel with flights in steps; returns the program."""
-    for name in ("fortran", "python", "tools", "benchmarks"):
-        shutil.copytree(ROOT / name, folder / name)
-    for name in ("meson.build", "meson.options", "LICENSE"):
-        shutil.copy(ROOT / name, folder)
+    variant.copy_sources(folder)
     source = folder / "fortran/src"
     exact = (source / "boulder/flight.f90").rename(source / "exact_flight.f90")
-    _replace(exact, "module rockfall_flight", "module exact_flight", 2)
+    variant.replace(exact, "module rockfall_flight", "module exact_flight", 2)
     meson = folder / "fortran/meson.build"
-    modules = "'src/exact_flight.f90', '../benchmarks/stepping/stepped_flight.f90'"
-    _replace(meson, "'src/boulder/flight.f90'", modules, 1)
-    program = "'../benchmarks/stepping/stepping.f90', link_with: [batch, programs, kernel]"
+    modules = "'src/exact_flight.f90', '../benchmarks/accuracy/stepped_flight.f90'"
+    variant.replace(meson, "'src/boulder/flight.f90'", modules, 1)
+    program = "'../benchmarks/accuracy/stepping.f90', link_with: [batch, programs, kernel]"
     with open(meson, "a") as file:
         file.write(f"executable('stepping', {program})\n")
-    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
-    for command in (["meson", "setup", "-Dpython=false", "build"], ["ninja", "-C", "build"]):
-        command += ["--quiet", "fortran/stepping"] if command[0] == "ninja" else []
-        done = subprocess.run(
-            command, cwd=folder, env=os.environ | {"PATH": path}, capture_output=True, text=True
-        )
-        if done.returncode:
-            sys.exit(f"{' '.join(command)} failed:\n{done.stdout}{done.stderr}")
-    return folder / "build/fortran/stepping"
-
-
-def _replace(file: Path, old: str, new: str, times: int) -> None:
-    text = file.read_text()
-    if text.count(old) != times:
-        sys.exit(f"{file.name}: '{old}' should be there {times} times; mend build()")
-    file.write_text(text.replace(old, new))
+    return variant.build(folder, "fortran/stepping")[0]
 
 
 def run(program: Path, case: Path, repeat: int, flights: int) -> list[Run]:

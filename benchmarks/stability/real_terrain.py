@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Many boulders on real terrain: does every one end for a reason, and does none pass the ground?
 
-    python benchmarks/real_terrain.py DEM... [--boulders 100000] [--slope 50] [--audit 100000]
+    python -m benchmarks.stability.real_terrain DEM... [--boulders 100000] [--audit 100000]
 
 Releases boulders from all cells steeper than `--slope` degrees and follows them to their end. Then
 flies `--audit` of them again with their trajectories kept, and measures, independently of the

@@ -1,23 +1,22 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """How much the stand-in slope of cases/vaujany leaves open: the case with one thing changed.
 
-    python benchmarks/sensitivity.py [--boulders 10000]
+    python -m benchmarks.accuracy.sensitivity [--boulders 10000]
 
 Prints for each change the share of boulders that pass EL1, their mean speed and passing height.
 """
 
 import argparse
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import rasterio
 
 import rockfall
-from machine import machine
+from benchmarks.machine import ROOT, machine
 from rockfall.lab.talus import CELL, NORTH, ROADS, WEST, Talus, zones
 
-VAUJANY = Path(__file__).parents[1] / "cases/vaujany"
+VAUJANY = ROOT / "cases/vaujany"
 
 
 @dataclass(frozen=True)

@@ -32,16 +32,16 @@ import numpy as np
 import rasterio
 import xarray as xr
 
-import mutators
 import rockfall
-from machine import machine
+from benchmarks.machine import ROOT, machine
+from benchmarks.stability import mutators
+from made import write_ascii
 from rockfall import cli
 from rockfall.impact_sets import shipped_sets
 from rockfall.io.grid import Grid
-from rockfall.io.raster import write_ascii, write_geotiff
+from rockfall.io.raster import write_geotiff
 from rockfall.simulation.lock import LOCK
 
-ROOT = Path(__file__).parents[1]
 PROGRAM = ROOT / "build/fortran/rockfall-batch"
 SANITIZED = ROOT / "build-sanitize/fortran/rockfall-batch"
 MEMORY = 2_500_000_000  # bytes that a process may take

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The kernel beside arithmetic of 50 digits, contact by contact and from release to rest.
 
-    python benchmarks/truth.py [DEM...] [--boulders 1000] [--slope 50] [--processes 2]
+    python -m benchmarks.accuracy.truth [DEM...] [--boulders 1000] [--slope 50] [--processes 2]
 
 On `cases/vaujany` by methods B and A, and on each DEM with boulders from cells steeper than
-`--slope` degrees. tests/reference.py is the model in plain Python with 50 digits, tests/replay.py
-compares, and says where the bounds come from. Ends with 1 if an error exceeds its bound, a boulder
-goes otherwise than the model says, more than 1 in 10,000 contacts is decided by roundings, or the
-ends and speeds of all boulders are others than those of the reference.
+`--slope` degrees. tests/reference/reference.py is the model in plain Python with 50 digits,
+replay.py beside it compares, and says where the bounds come from. Ends with 1 if an error exceeds
+its bound, a boulder goes otherwise than the model says, more than 1 in 10,000 contacts is decided
+by roundings, or the ends and speeds of all boulders are others than those of the reference.
 """
 
 import argparse
@@ -20,18 +20,18 @@ from pathlib import Path
 import numpy as np
 
 import rockfall
-from machine import machine
-from real_terrain import steep_cells
+from benchmarks.machine import ROOT, machine
+from benchmarks.stability.real_terrain import steep_cells
 from rockfall.io.raster import read_dem
 from rockfall.scene.read import read_scene
 from rockfall.scene.scene import Scene
 from rockfall.simulation.simulate import run_scene
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests/reference"))
+sys.path.insert(0, str(ROOT / "tests/reference"))
 import reference  # noqa: E402
 import replay  # noqa: E402
 
-VAUJANY = Path(__file__).parents[1] / "cases/vaujany"
+VAUJANY = ROOT / "cases/vaujany"
 CASES = "case.nml", "case_A.nml"
 PARTED = 0.001  # [m]
 ALIKE = 0.001  # least p of a Kolmogorov-Smirnov test

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What a rebound costs: CPU nanoseconds by option, wall time by threads, and where the time goes.
 
-    python benchmarks/throughput.py [--boulders 20000] [--repeat 5]
+    python -m benchmarks.speed.throughput [--boulders 20000] [--repeat 5]
 
 Each number is the least of `--repeat` runs. CPU time counts all threads; it is that of the kernel's
 calls, not of reading and writing files. On a busy machine only the ratios mean something.
@@ -11,15 +11,13 @@ import argparse
 import os
 import shutil
 import subprocess
-from pathlib import Path
 
 import rockfall
-from machine import machine
+from benchmarks.machine import ROOT, machine
 from rockfall.result import variables
 from rockfall.scene.read import read_scene
 from rockfall.simulation.simulate import run_scene
 
-HERE = Path(__file__).parent
 MAPS = ["passages", "reach_probability", "deposits", "energy_max", "energy_mean"]
 MAPS += ["speed_max_map", "jump_height_max_map"]
 EVERY_MAP = list(variables.MAP)
@@ -45,7 +43,7 @@ def measure(case: rockfall.Case, threads: int, repeat: int) -> tuple[float, floa
 
 def parts() -> None:
     """The time of each part of a rebound, from a program of the build folder."""
-    build = HERE.parent / "build"
+    build = ROOT / "build"
     if not (shutil.which("ninja") and (build / "build.ninja").exists()):
         print("\n(no build folder: the parts of a rebound are left out)")
         return
@@ -62,7 +60,7 @@ def main() -> None:
     parser.add_argument("--repeat", type=int, default=5)
     options = parser.parse_args()
     print(machine(), "\n")
-    vaujany = rockfall.read_case(HERE.parent / "cases/vaujany/case.nml")
+    vaujany = rockfall.read_case(ROOT / "cases/vaujany/case.nml")
     vaujany = vaujany.replace(case={"boulders": options.boulders})
 
     print(f"{'cases/vaujany, one thread':28}{'ns/rebound':>12}{'boulders/CPU s':>16}")

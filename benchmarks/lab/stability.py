@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Stiff and extreme impacts in the laboratory: does each end as a result or as a named explosion?
 
-    python benchmarks/lab_stability.py [--only WORD]
+    python -m benchmarks.lab.stability [--only WORD]
 
 A row is the base with one thing changed, or a corner where several are. An impact that ended
 (rebounded, lifted, rolled on) may have no more energy after, V_t^2 + V_n^2 + 0.4 W^2, than before
@@ -20,7 +20,7 @@ import sys
 import numpy as np
 from rockfall._lab import lab_f2py as _lab
 
-from machine import machine
+from benchmarks.machine import machine
 from rockfall.analysis.plane_bounce import K_SPHERE
 from rockfall.errors import RockfallError
 from rockfall.lab.case import LabCase, names

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Extreme scenes and stiff impact sets: do the numbers hold, and to which bound?
 
-    python benchmarks/stability.py [--contacts 1e6] [--only WORD] [--builds PROGRAM...]
+    python -m benchmarks.stability.stability [--contacts 1e6] [--only WORD] [--builds PROGRAM...]
 
 Runs every scene of `extremes.py` and prints one table. Builds the kernel once more, in a temporary
 folder, with each flight audited in 64 bits of mantissa (`stability/audited_flight.f90`), and
@@ -19,7 +19,6 @@ energy for each contact.
 from __future__ import annotations
 
 import argparse
-import os
 import shutil
 import subprocess
 import sys
@@ -33,12 +32,12 @@ import numpy as np
 import xarray as xr
 
 import rockfall
-from extremes import EPSILON, SPREAD, Scene, conditioned, diagonal, scenes
-from machine import machine
+from benchmarks import variant
+from benchmarks.machine import machine
+from benchmarks.stability.extremes import EPSILON, SPREAD, Scene, conditioned, diagonal, scenes
 from rockfall.result import variables
 from rockfall.scene.prepare import prepare
 
-ROOT = Path(__file__).parents[1]
 UNITS = 4  # in the last place: the bound of a flight, and of the energy of a contact
 ALL = {"maps": list(variables.MAP), "rebounds": True}
 MOST_BOULDERS = 2_000_000  # of a scene in the audit
@@ -129,32 +128,14 @@ def energy_gain(scene: Scene, case: rockfall.Case, result: xr.Dataset) -> tuple[
 
 def build(folder: Path) -> tuple[Path, Path]:
     """Build `factors` and a rockfall-batch whose flights are audited; returns both programs."""
-    for name in ("fortran", "python", "tools", "benchmarks"):
-        shutil.copytree(ROOT / name, folder / name)
-    for name in ("meson.build", "meson.options", "LICENSE"):
-        shutil.copy(ROOT / name, folder)
-    _replace(folder / "fortran/src/run/trajectory.f90", "span_t, fly, launch_rate, arc_length",
-             "span_t, launch_rate, arc_length\n   use audited_flight, only: fly")  # fmt: skip
+    variant.copy_sources(folder)
+    used = "span_t, fly, launch_rate, arc_length"
+    ours = used.replace(" fly,", "") + "\n   use audited_flight, only: fly"
+    variant.replace(folder / "fortran/src/run/trajectory.f90", used, ours)
     flight = "'src/boulder/flight.f90',"
     audited = f"{flight} '../benchmarks/stability/audited_flight.f90',"
-    _replace(folder / "fortran/meson.build", flight, audited)
-    environment = os.environ | {
-        "PATH": os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
-    }
-    targets = ["fortran/rockfall-batch", "benchmarks/factors"]
-    for command in (["meson", "setup", "-Dpython=false", "build"], ["ninja", "-C", "build"]):
-        command += targets if command[0] == "ninja" else []
-        done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
-        if done.returncode:
-            sys.exit(f"{' '.join(command)} failed:\n{done.stdout}{done.stderr}")
-    return folder / "build" / targets[0], folder / "build" / targets[1]
-
-
-def _replace(file: Path, old: str, new: str) -> None:
-    text = file.read_text()
-    if text.count(old) != 1:
-        sys.exit(f"{file.name}: '{old}' should be there once; mend build()")
-    file.write_text(text.replace(old, new))
+    variant.replace(folder / "fortran/meson.build", flight, audited)
+    return tuple(variant.build(folder, "fortran/rockfall-batch", "benchmarks/factors"))
 
 
 def audit(

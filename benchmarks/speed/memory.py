@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Peak memory of a run on a large DEM, beside what it may be.
 
-    python benchmarks/memory.py [--side 10000]
+    python -m benchmarks.speed.memory [--side 10000]
 
 Makes DEMs of `--side` squared cells in a temporary folder, runs `rockfall run` and, where it is
 found, `rockfall-batch`, and asks the system for the peak of each. A run may take 8 bytes for each
@@ -21,11 +21,10 @@ from pathlib import Path
 import numpy as np
 from affine import Affine
 
-from machine import machine
+from benchmarks.machine import ROOT, machine
 
 CELL = 2.5
 ROWS = 256  # of tiles
-HERE = Path(__file__).parent
 
 CASE = """&case boulders = 1, seed = 1, title = 'memory' /
 &terrain dem = '{dem}' /
@@ -100,7 +99,7 @@ def peak(command: list[str | Path], folder: Path) -> int:
 
 def batch() -> str | None:
     """The program, installed or in the build folder."""
-    built = HERE.parent / "build" / "fortran" / "rockfall-batch"
+    built = ROOT / "build" / "fortran" / "rockfall-batch"
     beside = Path(sys.executable).with_name("rockfall-batch")
     found = [path for path in (beside, built) if path.is_file()]
     return shutil.which("rockfall-batch") or (str(found[0]) if found else None)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What a digit costs: statistical and numerical errors of cases/vaujany against CPU time.
 
-    python benchmarks/convergence.py [DIR] [--reference 1000000]
+    python -m benchmarks.accuracy.convergence [DIR] [--reference 1000000]
 
 Prints the tables of `rockfall convergence`; with DIR also writes its files and its figure.
 """
@@ -10,12 +10,12 @@ import argparse
 from pathlib import Path
 
 import rockfall
-from machine import machine
+from benchmarks.machine import ROOT, machine
 from rockfall.analysis.convergence import REFERENCE, converge
 from rockfall.cli.studies import write_convergence
 from rockfall.text.convergence import text
 
-VAUJANY = Path(__file__).parents[1] / "cases/vaujany/case.nml"
+VAUJANY = ROOT / "cases/vaujany/case.nml"
 
 
 def main() -> None:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Do intervals hold what they say, and does a run end when it should?
 
-    python benchmarks/intervals.py [--parts 100] [--repetitions 2000]
+    python -m benchmarks.accuracy.intervals [--parts 100] [--repetitions 2000]
 
 First `cases/vaujany`: samples of 10,000 boulders, and how often the 95 % intervals of their numbers
 at the lines, return levels too, hold the number of all samples together. Then runs with `--until`
@@ -10,18 +10,17 @@ the end over those that theory needs, and how often the last interval holds the 
 """
 
 import argparse
-from pathlib import Path
 
 import numpy as np
 import xarray as xr
 
 import rockfall
-from machine import machine
+from benchmarks.machine import ROOT, machine
 from rockfall.analysis import return_levels as tails
 from rockfall.analysis.line_statistics import QUANTITIES, Z, line_numbers, line_values, sources
 from rockfall.analysis.run_until import FIRST, judge, next_stage, read_rules
 
-VAUJANY = Path(__file__).parents[1] / "cases/vaujany/case.nml"
+VAUJANY = ROOT / "cases/vaujany/case.nml"
 SIZE = 10_000  # boulders of a sample
 SHOWN = ("fraction", "mean", "std", "q50", "q90", "q95", "q98", "q99")
 SHARE, SIGMA = 0.6, 0.4  # of the known law

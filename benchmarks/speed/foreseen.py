@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What `rockfall check` foresees of memory and time, beside what `rockfall run` takes.
 
-    python benchmarks/foreseen.py [--scale 1]
+    python -m benchmarks.speed.foreseen [--scale 1]
 
 Cases with few boulders and many, small terrain and large, with and without maps and counts of
 classes, whole and in windows. CPU time counts the whole program, from start to written file.
@@ -16,11 +16,11 @@ from pathlib import Path
 import numpy as np
 
 import rockfall
-from machine import machine
+from benchmarks.machine import ROOT, machine
+from benchmarks.speed.valley import MAPS, NOTHING, SAME, program, relief, steep_cells, write_tiff
 from rockfall.result import variables
-from valley import MAPS, NOTHING, SAME, program, relief, steep_cells, write_tiff
 
-VAUJANY = Path(__file__).parents[1] / "cases/vaujany/case.nml"
+VAUJANY = ROOT / "cases/vaujany/case.nml"
 BYTES = {"MB": 1e6, "GB": 1e9}
 SECONDS = {"s": 1.0, "min": 60.0, "h": 3600.0}
 AIM = 0.25

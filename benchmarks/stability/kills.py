@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Crashes at random steps of a save, interrupts and resumes between: the same bits in the end.
 
-    python benchmarks/kills.py --crashes 1000 --seed 1
+    python -m benchmarks.stability.kills --crashes 1000 --seed 1
 
 Runs of both programs save after every chunk, and go on from what they find. crash.c ends them
 before one of the calls by which files come to disk and get their names (rename, fsync, unlink,
@@ -26,7 +26,7 @@ from pathlib import Path
 
 import netCDF4
 
-import hostile
+from benchmarks.stability import hostile
 from rockfall import cli
 
 SHIM = Path(__file__).with_name("crash.c")
@@ -36,7 +36,8 @@ STEPS = {"rockfall": range(1, 61), "rockfall-batch": range(1, 21)}
 HANDLERS = {"rockfall": range(1, 5), "rockfall-batch": range(1, 2)}
 PROGRESS = 50  # crashes from a line to the next
 FORKS = multiprocessing.get_context("forkserver")
-FORKS.set_forkserver_preload(["hostile", "rockfall.simulation.checkpoint", "rockfall.text.summary"])
+PRELOAD = hostile.__name__, "rockfall.simulation.checkpoint", "rockfall.text.summary"
+FORKS.set_forkserver_preload(list(PRELOAD))
 #: Attributes that differ between runs in one piece and in several.
 OWN = {"case", "threads", "wall_seconds", "cpu_seconds"}
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A whole valley: what maps of a large terrain cost in time and memory, and what its size costs.
 
-    python benchmarks/valley.py [--side 4000] [--sources 10000] [--each 100] [--large 10000]
+    python -m benchmarks.speed.valley [--side 4000] [--sources 10000] [--each 100] [--large 10000]
 
 First 100 boulders from each of 10,000 cells of a made relief of 4000 x 4000 cells, with and without
 maps: CPU time of the whole programs, and the peak of memory beside what `rockfall check` says. Then
@@ -21,7 +21,7 @@ import numpy as np
 from affine import Affine
 
 import rockfall
-from machine import machine
+from benchmarks.machine import machine
 from rockfall.result.dataset import open_result
 from rockfall.scene.read import read_scene
 from rockfall.scene.scene import Scene
