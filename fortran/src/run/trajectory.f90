@@ -219,13 +219,8 @@ contains
       type(terrain_t), intent(in) :: dem
       type(patch_t), intent(in) :: patch
 
-      if (in_window(dem, patch%i, patch%j)) then
-         status = hit_nodata
-      else if (min(patch%i, patch%j) < 1 .or. patch%i >= dem%nx .or. patch%j >= dem%ny) then
-         status = left_domain
-      else
-         status = left_window
-      end if
+      status = merge(left_domain, left_window, min(patch%i, patch%j) < 1 .or. patch%i >= dem%nx .or. patch%j >= dem%ny)
+      if (in_window(dem, patch%i, patch%j)) status = hit_nodata
    end function departure
 
    !> A word of the boulder's scrambled Sobol' point: its volume, then the words of its first draw of A.
