@@ -18,7 +18,7 @@ from rockfall.analysis.line_statistics import line_numbers, line_values, sources
 from rockfall.analysis.terrain_variants import larger_cells, other_digits
 from rockfall.case import Case
 from rockfall.errors import RockfallError, need
-from rockfall.io.output_files import FIGURE, STUDY, check_outputs, whole_folder
+from rockfall.io.output_files import FIGURE, STUDY, atomic_folder, check_outputs
 from rockfall.io.tables import write_csv
 from rockfall.scene.scene import Scene, read_scene
 from rockfall.scene.sources import refuse_by_area
@@ -312,7 +312,7 @@ def write(found: Convergence, folder: str | Path, inputs: Iterable[str | Path] =
 
     folder, inputs = Path(folder), list(inputs)
     check_writable(folder, inputs)
-    with whole_folder(folder, inputs) as part:
+    with atomic_folder(folder, inputs) as part:
         for name in ("study", "error", "cost", "numerical"):
             write_csv(getattr(found, name), part / f"{name}.csv")
         figure(found, [part / name for name in FILES if FILES[name] == FIGURE])

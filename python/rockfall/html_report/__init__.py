@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from rockfall.case_files import files_behind
 from rockfall.errors import RockfallError, need
-from rockfall.io.files import whole_file
+from rockfall.io.files import atomic_write
 from rockfall.io.output_files import PAGE, check_output
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ def write_report(
     """Write the page of a result to `path`, whole or not at all; the rest is as in `report`."""
     check_page(path, files_behind(result))
     page = report(result, terrain, observed)
-    with whole_file(path) as part:
+    with atomic_write(path) as part:
         part.write_text(page, encoding="utf-8")
 
 

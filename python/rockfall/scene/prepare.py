@@ -13,7 +13,7 @@ import numpy as np
 from rockfall.case import Case, read_case
 from rockfall.case_files import input_files
 from rockfall.errors import RockfallError
-from rockfall.io.output_files import check_outputs, whole_folder
+from rockfall.io.output_files import atomic_folder, check_outputs
 from rockfall.scene.reach import survey
 from rockfall.scene.scene import Scene, read_scene, set_path
 
@@ -39,7 +39,7 @@ def prepare(case: Case, folder: str | Path, **arrays: Any) -> list[Path]:
     scene = read_scene(case, **arrays)
     survey(scene)
     coefficients = sets.read_bytes()
-    with whole_folder(folder, inputs, former, last="case.nml") as part:
+    with atomic_folder(folder, inputs, former, last="case.nml") as part:
         changes = {"terrain": {"dem": _raster(part, "dem", scene.z, scene)}}
         changes["surface"] = _surface(part, scene)
         changes["release"] = _sources(part, scene)
