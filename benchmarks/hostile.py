@@ -36,6 +36,7 @@ import mutators
 import rockfall
 from machine import machine
 from rockfall import cli
+from rockfall.impact_sets import shipped_sets
 from rockfall.io.grid import Grid
 from rockfall.io.raster import write_ascii, write_geotiff
 from rockfall.simulation.lock import LOCK
@@ -182,7 +183,7 @@ def _make_polygons(files: Path) -> None:
 def make_cases(files: Path) -> None:
     """The cases, their zone table and their impact sets."""
     (files / "zones.csv").write_text(TABLE)
-    shutil.copy(rockfall.scene.shipped_sets()["rocky-slope"], files / "sets.nml")
+    shutil.copy(shipped_sets()["rocky-slope"], files / "sets.nml")
     zones = "zones = 'zones.{0}', table = 'zones.csv', default_zone = 7"
     places, cells = f"{WHERE}, drop_height = 3.0", "cells = 'cells.{0}', drop_height = 3.0"
     kinds = {  # ending of the DEM, surface, release
@@ -209,7 +210,7 @@ def make_cases(files: Path) -> None:
 
 def _make_checkpoints(base: Path, case: rockfall.Case) -> None:
     """What both programs leave when they are killed half-way."""
-    from rockfall.scene.scene import read_scene
+    from rockfall.scene.read import read_scene
     from rockfall.simulation.checkpoint import Checkpoint
     from rockfall.simulation.simulate import run_chunks, start
 

@@ -23,7 +23,7 @@ from rockfall.analysis.run_until import FIRST, judge, next_stage, read_rules
 
 VAUJANY = Path(__file__).parents[1] / "cases/vaujany/case.nml"
 SIZE = 10_000  # boulders of a sample
-SHOWN = ("share", "mean", "std", "q50", "q90", "q95", "q98", "q99")
+SHOWN = ("fraction", "mean", "std", "q50", "q90", "q95", "q98", "q99")
 SHARE, SIGMA = 0.6, 0.4  # of the known law
 RULES = ("share@L<3%", "speed.mean@L<1%", "speed.std@L<3%", "speed.q50@L<1.5%", "speed.q95@L<2%")
 
@@ -89,7 +89,7 @@ def theory(statistic: str, limit: float) -> tuple[float, float]:
     from scipy.stats import norm
 
     w, scale = np.exp(SIGMA**2), (Z / limit) ** 2 / SHARE
-    if statistic == "share":
+    if statistic == "fraction":
         return SHARE, scale * (1 - SHARE)
     if statistic == "mean":
         return np.sqrt(w), scale * (w - 1)

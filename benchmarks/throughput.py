@@ -16,7 +16,7 @@ from pathlib import Path
 import rockfall
 from machine import machine
 from rockfall.result import variables
-from rockfall.scene.scene import read_scene
+from rockfall.scene.read import read_scene
 from rockfall.simulation.simulate import run_scene
 
 HERE = Path(__file__).parent

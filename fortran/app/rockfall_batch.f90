@@ -29,7 +29,7 @@ program rockfall_batch
    use rockfall_threads, only: check_team
    use rockfall_console, only: arguments_t, read_arguments, value_of, read_shard, read_seconds, read_logical, &
                                stem, one_line, decimal
-   use rockfall_textfile, only: integer_text
+   use rockfall_text, only: integer_text
    use rockfall_wholefolder, only: check_folder, listed_files
    use rockfall_load, only: inputs_t, load, refuse_input, lines_outside
    use rockfall_simulate, only: results_t, simulate, rebound_counts

@@ -118,8 +118,8 @@ HOSTILE = {
     "no kind": (
         "line,speed\nN,3\n",
         "o.csv: line 1: columns line, speed: must have those of: line, quantity, unit, mean | "
-        "line, quantity, unit, value | line, method, quantity, p | distance, share | "
-        "distance, percent | x, y | distance",
+        "line, quantity, unit, value | line, method, quantity, p | distance, fraction | "
+        "distance, percent | distance, share | x, y | distance",
     ),
     "unknown column": (
         "x,y,z\n1,2,3\n",
@@ -153,7 +153,7 @@ HOSTILE = {
         SAMPLES + "N,speed,m/s,-3\n",
         "o.csv: line 2: value = -3: must be a number >= 0",
     ),
-    "share in percent": (
+    "fraction in percent": (
         SAMPLES + "N,rotational_share,-,6\n",
         "o.csv: line 2: value = 6: must be a number >= 0 and <= 1",
     ),
@@ -194,13 +194,13 @@ HOSTILE = {
         "distance\n-5\n",
         "o.csv: line 2: distance = -5: must be a number >= 0",
     ),
-    "share above 1": (
-        "distance,share\n5,60\n",
-        "o.csv: line 2: share = 60: must be a number >= 0 and <= 1",
+    "fraction above 1": (
+        "distance,fraction\n5,60\n",
+        "o.csv: line 2: fraction = 60: must be a number >= 0 and <= 1",
     ),
     "more boulders farther": (
         "distance,percent\n50,60\n20,30\n",
-        "o.csv: line 2: share 0.6 at distance 50: must be <= 0.3, that of distance 20",
+        "o.csv: line 2: fraction 0.6 at distance 50: must be <= 0.3, that of distance 20",
     ),
     "distance twice": (
         "distance,percent\n50,60\n50.0,30\n",

@@ -13,8 +13,9 @@ from rockfall.analysis import convergence
 from rockfall.analysis.convergence import KEYS, NUMBERS, _costs, _errors, _numbers, converge
 from rockfall.analysis.terrain_variants import larger_cells, other_digits
 from rockfall.cli import main
+from rockfall.io.grid import Grid
 from rockfall.io.raster import write_geotiff
-from rockfall.scene.scene import read_scene
+from rockfall.scene.read import read_scene
 from rockfall.text.convergence import text
 from scenes import grid, make_case, rough, sets
 
@@ -55,7 +56,7 @@ def test_errors_of_independent_normal_values_are_those_of_theory():
     assert np.abs(cost["slope"] + 0.5).max() < 0.05
     assert (np.abs(cost["slope"] + 0.5) < 3 * cost["slope_error"]).all()
     for key, theory in (
-        (("L", "boulders", "share"), np.sqrt(0.3 / 0.7 / 10_000)),
+        (("L", "boulders", "fraction"), np.sqrt(0.3 / 0.7 / 10_000)),
         (("L", "speed", "mean"), 0.2 / np.sqrt(7_000)),
         (("L", "speed", "std"), 1 / np.sqrt(2 * 7_000)),
     ):
@@ -91,7 +92,7 @@ def test_the_study_has_the_numbers_of_runs_with_as_many_boulders(found):
         table = rockfall.line_statistics(rockfall.run(case.replace(case={"boulders": size})))
         expected = table.set_index(["line", "quantity"]).loc["L"]
         part = measured.study.query("line == 'L' and boulders == @size").set_index(KEYS[1:])
-        assert part.loc[("boulders", "share"), "value"] == expected["share"].iloc[0]
+        assert part.loc[("boulders", "fraction"), "value"] == expected["fraction"].iloc[0]
         for quantity in convergence.QUANTITIES:
             for name in ("mean", "std", "q95", "max"):
                 row = part.loc[(quantity, name)]
@@ -155,7 +156,7 @@ def test_larger_cells_are_means_and_majorities(tmp_path):
     scene.z[0, 0] = scene.z[2, 4] = np.nan
     scene.zone = np.array([[0, 3, 1, 2, 2], [3, 1, 2, 1, 1], [4, 5, 5, 5, 0]], "i2")
     scene.values = np.array([[[1, 2, 3, 4, 5], [6, 7, 8, np.inf, 5], [1, 1, 1, 1, 1]]], "f4")
-    scene.grid = rockfall.scene.Grid(100.0, 50.0, 5.0, 5, 3)
+    scene.grid = Grid(100.0, 50.0, 5.0, 5, 3)
     large = larger_cells(scene, 2)
     assert (large.grid.cell, large.grid.nx, large.grid.ny) == (10.0, 3, 2)
     assert (large.grid.west, large.grid.north) == (100.0, 50.0)

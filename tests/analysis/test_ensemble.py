@@ -19,7 +19,9 @@ from rockfall.analysis.sobol_indices import LEAST, deviations, parts, shares
 from rockfall.analysis.uncertain_inputs import Uncertain, drawn_scene, gaussian_field
 from rockfall.cli import main
 from rockfall.errors import RockfallError
-from rockfall.scene.scene import read_scene
+from rockfall.scene.reach import survey
+from rockfall.scene.read import read_scene
+from rockfall.simulation.simulate import run_scene
 from scenes import grid, make_case, rough, sets, write_sets
 from test_batch import find_program
 
@@ -57,7 +59,7 @@ def from_boulders(values):
     """Means and covariances of values (blocks, runs, boulders)."""
     y, n = values.mean(axis=2), values.shape[2]
     apart = np.array([
-        [deviations(v, "mean", {"n": LEAST, "share": 1.0, "mean": v.mean()}, n) for v in block]
+        [deviations(v, "mean", {"n": LEAST, "fraction": 1.0, "mean": v.mean()}, n) for v in block]
         for block in values
     ])  # fmt: skip
     return y[..., None], (apart @ apart.transpose(0, 2, 1))[..., None]
@@ -115,7 +117,7 @@ def test_chance_of_two_runs_and_what_they_share_are_those_of_other_boulders(tmp_
     case = case_of(tmp_path, 150, release={"x": [150.0, 200.0], "y": [380.0, 350.0]})
     scenes = [read_scene(case, dem=z, transform=grid(z)) for z in (TERRAIN, rough(seed=2))]
     scenes[1].z = 0.05 * scenes[1].z + 0.95 * scenes[0].z
-    chosen = [RESULTS[name] for name in ("share", "speed.mean", "speed.q95")]
+    chosen = [RESULTS[name] for name in ("fraction", "speed.mean", "speed.q95")]
     values, covariances = np.empty((250, 3, 2)), np.empty((250, 3, 2, 2))
     for k in range(250):
         runs = [simulate_seed(scene, k) for scene in scenes]
@@ -142,7 +144,7 @@ def simulate_seed(scene, seed):
 
 
 def test_what_sets_sources_apart_is_no_chance():
-    row = {"n": 200, "share": 1.0, "mean": 1.5}
+    row = {"n": 200, "fraction": 1.0, "mean": 1.5}
     for per_source, chance in ((100, 0.0), (1, 0.25 / 199)):
         of = deviations(np.repeat([1.0, 2.0], 100), "mean", row, per_source)
         assert of @ of == pytest.approx(chance, abs=1e-15)
@@ -150,10 +152,10 @@ def test_what_sets_sources_apart_is_no_chance():
 
 def test_few_boulders_at_a_line_make_no_number():
     speed = np.r_[np.arange(LEAST - 1.0), np.full(81, np.nan)]
-    row = {"n": LEAST - 1, "share": 0.19, "mean": 9.0}
+    row = {"n": LEAST - 1, "fraction": 0.19, "mean": 9.0}
     assert np.isnan(deviations(speed, "mean", row, 100)).all()
-    assert np.isfinite(deviations(speed, "share", row, 100)).all()
-    row = {"n": 99, "share": 1.0, "q95": 93.1}
+    assert np.isfinite(deviations(speed, "fraction", row, 100)).all()
+    row = {"n": 99, "fraction": 1.0, "q95": 93.1}
     assert np.isnan(deviations(np.arange(99.0), "q95", row, 99)).all()
     assert np.isfinite(deviations(np.arange(100.0), "q95", row | {"n": 100}, 100)).all()
 
@@ -170,7 +172,7 @@ def test_an_input_that_does_nothing_has_no_share_and_the_other_all(tmp_path):
     assert found["input"].values.tolist() == ["source", "sets"]
     assert float(abs(found["total"].sel(input="sets")).max()) < 1e-12
     assert float(abs(found["first_order"].sel(input="sets")).max()) < 1e-12
-    at = found.sel(input="source", result="share", line="L")
+    at = found.sel(input="source", result="fraction", line="L")
     for name in ("first_order", "total"):
         assert abs(at[name] - 1) < 3 * at[f"{name}_error"] + 1e-9
     assert at["ignorance"] > 1.5 * at["chance"]
@@ -228,7 +230,7 @@ def test_every_run_can_be_made_again_from_what_is_kept(tmp_path):
             rockfall.run(again, dem=TERRAIN, transform=grid(TERRAIN))
         ).set_index("quantity")
         value = found["value"].isel(run=k, line=0).sel(variant=side)
-        assert value.sel(result="share") == table.loc["speed", "share"]
+        assert value.sel(result="fraction") == table.loc["speed", "fraction"]
         assert value.sel(result="speed.mean") == table.loc["speed", "mean"]
 
 
@@ -381,7 +383,7 @@ def test_sources_stay_on_the_terrain_and_shifts_together(tmp_path):
     assert np.allclose(np.diff(x), 15) and x.max() < 167.5 < 150 + 15 + 5
     assert sum(one.kept["source_redrawn"] for one in draws) > 10
     for one in draws:  # the kernel agrees
-        rockfall.reach.survey(drawn_scene(inputs.scene, [one], 1))
+        survey(drawn_scene(inputs.scene, [one], 1))
 
 
 # ---- bad input
@@ -398,8 +400,8 @@ HOSTILE = {
     "source_shift = NaN": r"&ensemble source_shift = NaN: must be a finite real number.*",
     "source_shift = 1e9": r"&ensemble source_shift = 1e\+09: none of 1000 shifts .*",
     "sets = 'no', 'rocky-slope'": r"&ensemble sets = 'no': no such file; shipped sets: .*",
-    "source_shift = 1.0, runs = 7": r"&ensemble runs = 7: must be >= 8",
-    "source_shift = 1.0, runs = 65537": r"&ensemble runs = 65537: must be at most 65536",
+    "source_shift = 1.0, runs = 7": r"&ensemble runs = 7: must be 8 to 65536",
+    "source_shift = 1.0, runs = 65537": r"&ensemble runs = 65537: must be 8 to 65536",
     "sauce_shift = 1.0": r"line 8: &ensemble sauce_shift: unknown key; known: runs, .*",
     "runs = 8": r"&ensemble: nothing is uncertain: give .*",
     "sets = 'rocky-slope'": r"&ensemble: nothing is uncertain: give .*",
@@ -443,7 +445,7 @@ def test_bad_input_is_one_line_and_nothing_is_written(place, capfd, text):
         (["-o", "out.txt"], r"out.txt: must end in .nc \(everything\) or .csv \(the table\)"),
         (["-o", "dem.tif"], r"dem.tif: must end in .*"),
         (["-o", "no/out.csv"], r"no/out.csv: there is no folder no"),
-        (["--runs", "1"], r"case.nml: &ensemble runs = 1: must be >= 8"),
+        (["--runs", "1"], r"case.nml: &ensemble runs = 1: must be 8 to 65536"),
     ],
 )
 def test_bad_arguments_are_one_line(place, capfd, words, message):
@@ -512,7 +514,7 @@ def test_an_interrupted_ensemble_writes_nothing(place, capfd, monkeypatch):
     def pressed(*arguments, **more):
         if next(runs) == 7:
             raise KeyboardInterrupt
-        return rockfall.simulate.run_scene(*arguments, **more)
+        return run_scene(*arguments, **more)
 
     monkeypatch.setattr(ensemble, "run_scene", pressed)
     assert main(["ensemble", "case.nml"]) == 130

@@ -4,10 +4,10 @@
 import numpy as np
 import pytest
 
-import rockfall
 from rockfall.analysis.extrapolation import extrapolations, faster_than_observed
 from rockfall.html_report.words import warnings
-from rockfall.scene.scene import read_scene
+from rockfall.scene.read import read_scene
+from rockfall.simulation.simulate import run_scene
 from rockfall.text.preview import preview
 from rockfall.text.summary import summary
 from scenes import grid, make_case, rough, sets
@@ -87,7 +87,7 @@ def scene_of(case):
 def test_check_summary_and_report_say_the_same(case):
     """All boulders of one source are in the pilot run, too."""
     page = preview(scene_of(case))
-    result = rockfall.simulate.run_scene(scene_of(case))
+    result = run_scene(scene_of(case))
     texts = [text.removesuffix(".") for text in warnings(result)]
     n = int(result.rebounds)
     assert texts[0].startswith(f"{n:,} of {n:,} rebounds (100 %) were slower or faster")

@@ -36,7 +36,7 @@ def lognormal(random, n):
 def theory(statistic, limit):
     """The long-run value, and the boulders that make the half-width `limit` of it."""
     w = np.exp(SIGMA**2)
-    if statistic == "share":
+    if statistic == "fraction":
         return SHARE, (Z / limit) ** 2 * (1 - SHARE) / SHARE
     if statistic == "mean":
         return np.sqrt(w), (Z / limit) ** 2 * (w - 1) / SHARE
@@ -56,7 +56,7 @@ def stages(rules, random, draw=lognormal, cap=10**7):
 
 @pytest.mark.parametrize(
     ("rule", "within"),
-    [("share@L<3%", 1.0), ("speed.mean@L<1.5%", 1.0), ("speed.q50@L<2.5%", 0.5)],
+    [("fraction@L<3%", 1.0), ("speed.mean@L<1.5%", 1.0), ("speed.q50@L<2.5%", 0.5)],
 )
 def test_it_stops_within_20_percent_of_theory_and_its_intervals_hold(rule, within):
     """The interval of a quantile lies between two order statistics, its width is itself a matter of
@@ -160,7 +160,7 @@ def test_the_result_is_that_of_run_with_as_many_boulders(tmp_path, x):
 
 def test_a_cap_ends_a_run_and_says_what_is_not_met(tmp_path):
     case = slope_case(tmp_path, line=[*LINE, NEVER])
-    rules = "speed.mean@L<0.5%, share@never<10%, share@L<20%"
+    rules = "speed.mean@L<0.5%, fraction@never<10%, fraction@L<20%"
     found = rockfall.run_until(case, rules, **terrain(), cap=1500)
     assert found.sizes["boulder"] == 1500 and found.attrs["until_met"] == 0
     mean, never, share = verdicts_of(found)
@@ -169,7 +169,7 @@ def test_a_cap_ends_a_run_and_says_what_is_not_met(tmp_path):
     assert not never.met and np.isnan(never.need)
     assert share.met
     text = summary(found)
-    assert "until speed.mean@L<0.5%: not met" in text and "until share@L<20%: met" in text
+    assert "until speed.mean@L<0.5%: not met" in text and "until fraction@L<20%: met" in text
 
 
 def test_rules_are_read_with_any_spaces_and_names():
@@ -177,7 +177,7 @@ def test_rules_are_read_with_any_spaces_and_names():
         " speed.q95 @ a, b <c < 2.5 % ,share@ L<.3%,energy_total.std@L<10%", ["L", "a, b <c"]
     )
     assert (one.line, one.quantity, one.statistic, one.limit) == (1, "speed", "q95", 0.025)
-    assert (two.line, two.statistic, two.limit) == (0, "share", 0.003)
+    assert (two.line, two.statistic, two.limit) == (0, "fraction", 0.003)
     assert (three.quantity, three.statistic, three.limit) == ("energy_total", "std", 0.1)
 
 
@@ -185,14 +185,14 @@ def test_rules_are_read_with_any_spaces_and_names():
     ("rules", "says"),
     [
         ("", "QUANTITY.STATISTIC@LINE<PERCENT%"), ("speed.mean@L<2", "PERCENT%"),
-        ("speed.mean@L<2%,", "PERCENT%"), ("speed.mean@L<2%; share@L<2%", "no line"),
+        ("speed.mean@L<2%,", "PERCENT%"), ("speed.mean@L<2%; fraction@L<2%", "no line"),
         ("speed.max@L<2%", "no interval for the statistic 'max'; there are mean, std, q50"),
         ("speed@L<2%", "no interval"), ("spede.mean@L<2%", "no quantity 'spede'; there are speed"),
-        ("share.mean@L<2%", "share alone"), ("speed.mean@M<2%", "no line 'M'; the lines of"),
+        ("fraction.mean@L<2%", "fraction alone"), ("speed.mean@M<2%", "no line 'M'; the lines of"),
         ("speed.mean@L<0%", "above 0 and below 100"), ("speed.mean@L<-2%", "above 0"),
         ("speed.mean@L<100%", "below 100"), ("speed.mean@L<nan%", "a number"),
         ("speed.mean@L<1_0%", "a number"), ("speed.mean@L<%", "a number"),
-        ("share@L<3%, speed.mean@L<x%", "speed.mean@L<x%"),
+        ("fraction@L<3%, speed.mean@L<x%", "speed.mean@L<x%"),
     ],
 )  # fmt: skip
 def test_a_wrong_rule_is_refused_with_what_is_allowed(rules, says):
@@ -203,9 +203,9 @@ def test_a_wrong_rule_is_refused_with_what_is_allowed(rules, says):
 
 def test_a_case_without_lines_and_a_bad_cap_are_refused(tmp_path):
     with pytest.raises(rockfall.RockfallError, match="the lines of the case: none"):
-        rockfall.run_until(slope_case(tmp_path, line=[]), "share@L<2%", **terrain())
+        rockfall.run_until(slope_case(tmp_path, line=[]), "fraction@L<2%", **terrain())
     with pytest.raises(rockfall.RockfallError, match="cap = 0: must be at least 1"):
-        rockfall.run_until(slope_case(tmp_path), "share@L<2%", cap=0, **terrain())
+        rockfall.run_until(slope_case(tmp_path), "fraction@L<2%", cap=0, **terrain())
 
 
 @pytest.fixture
@@ -221,19 +221,19 @@ def place(tmp_path, monkeypatch):
 
 
 def test_the_command_writes_warns_and_refuses(place, capsys):
-    assert main(["run", "case.nml", "-o", "a.nc", "--until", "share@L<5%"]) == 0
+    assert main(["run", "case.nml", "-o", "a.nc", "--until", "fraction@L<5%"]) == 0
     said = capsys.readouterr()
-    assert "until share@L<5%: met" in said.out and not said.err
+    assert "until fraction@L<5%: met" in said.out and not said.err
     assert rockfall.read_result("a.nc").attrs["until_met"] == 1
     arguments = ["run", "case.nml", "-o", "b.nc", "--quiet", "--cap", "50"]
-    assert main([*arguments, "--until", "share@L<0.5%"]) == 0
+    assert main([*arguments, "--until", "fraction@L<0.5%"]) == 0
     said = capsys.readouterr()
     assert not said.out and said.err.count("\n") == 1
-    assert "warning: --until share@L<0.5%: not met" in said.err and "needs about" in said.err
+    assert "warning: --until fraction@L<0.5%: not met" in said.err and "needs about" in said.err
     assert rockfall.read_result("b.nc").sizes["boulder"] == 50
     for wrong in (
-        ["--until", "share@M<5%"], ["--cap", "5"], ["--until", "share@L<5%", "--cap", "0"],
-        ["--until", "share@L<5%", "--boulders", "9"],
+        ["--until", "fraction@M<5%"], ["--cap", "5"], ["--until", "fraction@L<5%", "--cap", "0"],
+        ["--until", "fraction@L<5%", "--boulders", "9"],
     ):  # fmt: skip
         assert main(["run", "case.nml", "-o", "c.nc", *wrong]) == 2
         assert capsys.readouterr().err.count("\n") == 1
@@ -248,6 +248,6 @@ def test_ctrl_c_keeps_what_is_done(tmp_path, monkeypatch):
     run_chunks = until.run_chunks
     monkeypatch.setattr(until, "run_chunks", interrupted_stage)
     with pytest.raises(rockfall.Interrupted) as stop:
-        rockfall.run_until(slope_case(tmp_path), "share@L<1%", **terrain())
+        rockfall.run_until(slope_case(tmp_path), "fraction@L<1%", **terrain())
     assert stop.value.result.sizes["boulder"] == 300
     assert stop.value.result.attrs["until_met"] == stop.value.result.attrs["complete"] == 0

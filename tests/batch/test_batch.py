@@ -664,7 +664,7 @@ def check_line(done, words):
         (["case/case.nml", "bolders=3"], ["bolders=3: unknown key; known: output, boulders"]),
         (["case/case.nml", "--fast"], ["--fast: unknown option"]),
         (["case/case.nml", "boulders=many"], ["boulders = many: must be an integer"]),
-        (["case/case.nml", "boulders=0"], ["&case boulders = 0: must be >= 1"]),
+        (["case/case.nml", "boulders=0"], ["&case boulders = 0: must be 1 to 1e15"]),
         (["case/case.nml", "seed=-1"], ["&case seed = -1: must be >= 0"]),
         (["case/case.nml", "seed=1 / &case"], ["must be an integer"]),
         (["case/case.nml", "threads="], ["a value is missing"]),

@@ -19,7 +19,7 @@ import scenes
 from rockfall.errors import RockfallError
 from rockfall.result import variables
 from rockfall.scene.prepare import prepare
-from rockfall.scene.scene import read_scene
+from rockfall.scene.read import read_scene
 from rockfall.simulation import simulate
 from test_batch import find_program
 from test_invariants import same_bits

@@ -13,7 +13,7 @@ import pytest
 
 import rockfall
 from made import make_raster
-from rockfall.analysis import terrain
+from rockfall.analysis import extent, terrain
 from rockfall.cli import main
 from rockfall.errors import RockfallError
 from rockfall.io.grid import Grid
@@ -66,7 +66,7 @@ def observed():
         samples={("L", "speed"): np.array([4.0, 9.0, 11.0, 40.0])},
         stops=np.array([[140.0, 200.0], [400.0, 50.0]]),
         distances=np.array([100.0, 300.0, 200.0, 400.0]),
-        passing=pd.DataFrame({"distance": [50.0, 150.0], "share": [0.9, 0.4]}),
+        passing=pd.DataFrame({"distance": [50.0, 150.0], "fraction": [0.9, 0.4]}),
     )
 
 
@@ -183,7 +183,7 @@ def test_band_of_passing_is_that_of_the_share_of_a_line(full):
     shown, share, low, high = linefigures.passing(full, full["plan_distance"].values)
     near = np.interp(at, shown, share), np.interp(at, shown, low), np.interp(at, shown, high)
     assert near == pytest.approx(
-        (table["share"], table["share_low"], table["share_high"]), abs=0.03
+        (table["fraction"], table["fraction_low"], table["fraction_high"]), abs=0.03
     )
 
 
@@ -228,7 +228,7 @@ def test_samples_and_printed_means_stand_beside_ours(full, observed):
 def test_the_caption_tells_how_many_pass_and_the_interval(full):
     caption = {one.name: one for one in figures(full)}["line_speed"].caption
     row = rockfall.line_statistics(full).set_index("quantity").loc["speed"]
-    share, low, high = (100 * row[name] for name in ("share", "share_low", "share_high"))
+    share, low, high = (100 * row[name] for name in ("fraction", "fraction_low", "fraction_high"))
     assert f"{row['n']} at L ({share:.1f} %, 95 % interval {low:.1f} to {high:.1f} %)" in caption
 
 
@@ -260,7 +260,7 @@ def test_the_upper_limit_is_blank_where_none_passed(tmp_path):
     groups = {"release": POINT, "case": {"boulders": 9}}
     result = run(tmp_path, output={"maps": ["passages", "reach_probability_high"]}, **groups)
     alone = result.drop_vars("passages")
-    assert mapfigures.reached(alone) == mapfigures.reached(result)
+    assert extent.reached(alone) == extent.reached(result)
     image = mapfigures.map_figure(alone, "reach_probability_high").axes[0].images[-1]
     west, east, south, north = image.get_extent()
     passed = result["passages"].sel(x=slice(west, east), y=slice(north, south)).values > 0

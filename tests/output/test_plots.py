@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from rockfall.analysis.extent import reached
 from rockfall.io.grid import Grid
 from rockfall.plots import map_figures as mapfigures
 from rockfall.plots.panels import line_figure, overview
@@ -13,7 +14,7 @@ from rockfall.result.trajectories import flights, height
 pytest.importorskip("matplotlib", reason="the report extra is not installed").use("Agg")
 pytestmark = pytest.mark.filterwarnings("error")
 
-ENDS = {"flag_values": np.arange(4, dtype="i1"), "flag_meanings": "stopped absorbed left_domain impact_limit"}  # fmt: skip  # noqa: E501
+ENDS = {"flag_values": np.arange(5, dtype="i1"), "flag_meanings": "stopped absorbed left_domain impact_limit hit_nodata"}  # fmt: skip  # noqa: E501
 OPTIONAL = {
     "maps": ["passages"],
     "lines": ["line_x", "line_y", "line_vertex_line", "line_vertex_x", "line_vertex_y"],
@@ -101,7 +102,7 @@ def test_overview_of_a_big_raster_is_thinned(tmp_path, monkeypatch):
     dem, grid = scene()
     shown = result(grid)
     monkeypatch.setattr("rockfall.plots.map_figures.DOTS", 20)
-    extent = mapfigures.reached(shown, (dem, grid))
+    extent = reached(shown, (dem, grid))
     _, coarse = mapfigures._cropped(dem, grid, False, extent, np.add)
     assert coarse.cell == 4 * grid.cell
     overview(shown, dem, grid, tmp_path / "big.png")

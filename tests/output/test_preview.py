@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import rockfall
-from rockfall.scene.scene import read_scene
+from rockfall.scene.read import read_scene
+from rockfall.simulation.simulate import run_scene
 from rockfall.text import preview
 from scenes import grid, make_case, rough, sets
 
@@ -34,7 +34,7 @@ def test_the_cells_that_all_boulders_reach(tmp_path, monkeypatch, sources, each,
     monkeypatch.setattr(preview, "PILOT_SECONDS", 60.0)
     pilot = preview._pilot(scene)
     assert pilot.tally.done == few
-    reached = int((rockfall.simulate.run_scene(scene)["passages"] > 0).sum())
+    reached = int((run_scene(scene)["passages"] > 0).sum())
     early = np.count_nonzero(pilot.tally.maps.counts[0])
     assert early < 0.8 * reached  # there is something to foresee
     assert pilot.cells == pytest.approx(reached, rel=0.25)

@@ -14,7 +14,7 @@ import pandas as pd
 import pytest
 
 import rockfall
-from rockfall.analysis.line_statistics import QUANTITIES, share_interval
+from rockfall.analysis.line_statistics import QUANTITIES, fraction_interval
 from rockfall.analysis.run_until import verdicts_of
 from rockfall.cli import main
 from scenes import grid, make_case, rough, sets
@@ -26,7 +26,7 @@ from rockfall.html_report.markup import UNITS, number  # noqa: E402
 from rockfall.html_report.running import by_turns, history, needed, sizes  # noqa: E402
 from rockfall.html_report.tables import provenance  # noqa: E402
 from rockfall.html_report.words import cautions, in_words, rows_of, warnings  # noqa: E402
-from rockfall.plots.style import percent  # noqa: E402
+from rockfall.quantities import percent  # noqa: E402
 
 EVIL = "<script>document.title = 'run'</script> & \"x\" <img src=x onerror=alert(1)>"
 LINES = [
@@ -84,10 +84,11 @@ def test_the_summary_says_the_numbers_of_the_line_table(result):
     text = words(result)
     row = rockfall.line_statistics(result).set_index(["line", "quantity"]).loc["road <b>"]
     speed, energy = row.loc["speed"], row.loc["energy_total"]
-    assert f"road <b>: {int(speed['n'])} of 300 boulders pass, {100 * speed['share']:.1f} %" in text
+    passed = f"{int(speed['n'])} of 300 boulders pass, {100 * speed['fraction']:.1f} %"
+    assert f"road <b>: {passed}" in text
     assert f"at {number(speed['mean'])} m/s ({number(speed['mean_low'])} to " in text
     assert f"{number(energy['q95'] / 1e3)} kJ ({number(energy['q95_low'] / 1e3)} to " in text
-    high = 100 * rows_of(result)["cliff"]["speed"]["share_high"]
+    high = 100 * rows_of(result)["cliff"]["speed"]["fraction_high"]
     chance = f"by chance the share may still be up to {high:.2f} % (95 %)"
     assert f"cliff: no boulder of 300 passes; {chance}." in text
     ends = dict(zip(("stopped", "absorbed", "left"), np.bincount(result.status, minlength=4)[1:4],
@@ -235,7 +236,7 @@ def test_the_history_ends_with_the_numbers_of_all(tmp_path, result):
         found, last = history(run_, 0), rows_of(run_)["road <b>"]
         assert sizes(run_.sizes["boulder"])[-1] == run_.sizes["boulder"]
         for quantity, steps in found.items():
-            for name in ("share", "mean", "std", "q95_low"):
+            for name in ("fraction", "mean", "std", "q95_low"):
                 assert steps[-1][name] == pytest.approx(last[quantity][name], rel=1e-12), name
     first = sizes(300)[0]
     speed = result["line_speed"].values[0, :first]
@@ -299,7 +300,7 @@ def test_a_map_says_why_it_is_blank(tmp_path):
     (quantile,) = (page for page in pages if "95 % quantile" in page)
     (upper,) = (page for page in pages if "Upper limit" in page)
     assert "blank where fewer than 72 boulders passed" in quantile
-    none = 100 * share_interval(np.zeros(300, bool), np.zeros(300, int))[2]
+    none = 100 * fraction_interval(np.zeros(300, bool), np.zeros(300, int))[2]
     assert f"blank where none passed; it is {none:.2g} % there" in upper
     window = window_of(some)
     (packed,) = re.findall('data-values="(.*?)"', upper)

@@ -8,7 +8,8 @@ from affine import Affine
 import rockfall
 from made import make_raster
 from rockfall.io.grid import row_blocks
-from rockfall.scene.scene import read_scene, used_zones
+from rockfall.scene.read import read_scene
+from rockfall.scene.scene import used_zones
 
 NY, NX = 1300, 1000  # more than a block
 NORTH_UP = Affine(2.0, 0.0, 5000.0, 0.0, -2.0, 9000.0)
@@ -58,7 +59,7 @@ def test_zones_and_sources_of_several_blocks(rasters, south_up, tmp_path):
 def test_values_of_several_blocks(rasters, south_up, tmp_path):
     case = case_in(tmp_path, rasters, south_up, mean_radius="mean_radius.tif")
     assert np.array_equal(read_scene(case).values[0], rasters["mean_radius"])
-    given = rockfall.scene.read_scene(case, cells=rasters["cells"], mean_radius=rasters["dem"] + 1)
+    given = read_scene(case, cells=rasters["cells"], mean_radius=rasters["dem"] + 1)
     assert np.array_equal(given.values[0], rasters["dem"] + 1)
 
 

@@ -14,7 +14,7 @@ import rockfall
 from made import make_raster, refused
 from rockfall.cli import main
 from rockfall.result import variables
-from rockfall.scene.scene import read_scene
+from rockfall.scene.read import read_scene
 from rockfall.simulation.checkpoint import Checkpoint
 from rockfall.simulation.simulate import run_scene
 from scenes import grid, make_case, rough, sets

@@ -8,7 +8,7 @@ import xarray as xr
 import rockfall
 from made import write_ascii
 from rockfall.analysis.run_until import run_until
-from rockfall.scene.scene import read_scene
+from rockfall.scene.read import read_scene
 from rockfall.simulation import simulate
 from rockfall.simulation.checkpoint import Checkpoint
 from scenes import grid, make_case, rough, sets

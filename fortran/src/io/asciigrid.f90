@@ -6,7 +6,8 @@ module rockfall_asciigrid
    use rockfall_kinds, only: wp, i4, i8
    use rockfall_error, only: error_t, fail, our_fault
    use rockfall_decimal, only: parse_real, parse_integer, real_text, decimal_ok
-   use rockfall_textfile, only: read_text, lower, integer_text, excerpt
+   use rockfall_text_file, only: read_text
+   use rockfall_text, only: lower, integer_text, excerpt
    use rockfall_grid, only: grid_t
    use rockfall_cells, only: no_id, whole_numbers, cell_name
    use rockfall_words, only: words_t, open_words, next_word, close_words, bytes_left

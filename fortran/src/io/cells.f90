@@ -5,7 +5,7 @@ module rockfall_cells
    use rockfall_kinds, only: wp, i4
    use rockfall_error, only: error_t, fail
    use rockfall_decimal, only: real_text
-   use rockfall_textfile, only: integer_text
+   use rockfall_text, only: integer_text
    implicit none
    private
    public :: no_id, whole_numbers, cell_name

@@ -9,7 +9,8 @@ module rockfall_checkpoint
    use, intrinsic :: iso_c_binding, only: c_int, c_intptr_t, c_ptr, c_null_ptr, c_funptr, c_funloc, c_loc, c_f_pointer
    use rockfall_kinds, only: wp, i4, i8
    use rockfall_error, only: error_t, fail
-   use rockfall_textfile, only: read_text, integer_text
+   use rockfall_text_file, only: read_text
+   use rockfall_text, only: integer_text
    use rockfall_decimal, only: real_text
    use rockfall_filesystem, only: make_folder, remove_folder, remove_file, rename_path, path_exists, is_folder, &
                                   is_empty, folder_of
@@ -19,7 +20,7 @@ module rockfall_checkpoint
    use rockfall_paths, only: version
    use rockfall_bytefile, only: byte_file_t, read_from, write_new, write_on, open_bytes, pass_bytes, put_text, &
                                 close_bytes, sync_folder
-   use rockfall_trajectory, only: fate_t, crossing_t
+   use rockfall_trajectory, only: boulder_result_t, crossing_t
    use rockfall_load, only: input_file_t
    use rockfall_simulate, only: keeper_t, results_t, reached_cells
    implicit none
@@ -47,7 +48,7 @@ module rockfall_checkpoint
    type :: job_t
       character(len=:), allocatable :: folder, identity, seconds
       type(kept_t) :: before, next  !! what the folder holds, and will
-      type(fate_t), pointer, contiguous :: fate(:)
+      type(boulder_result_t), pointer, contiguous :: fate(:)
       type(crossing_t), pointer, contiguous :: crossing(:, :)
       type(byte_file_t) :: tallies  !! all but closed
       logical :: ok = .true.
@@ -214,7 +215,7 @@ contains
       read (numbers, *, iostat=status) this%kept, results%wall, results%cpu
       if (status /= 0 .or. .not. possible(this%kept, results)) then
          call fail_damaged(this, state_name, error)
-      else if (this%kept%columns > size(results%class_counts, 2)) then
+      else if (this%kept%columns > size(results%bin_counts, 2)) then
          call fail(error, this%folder//": the counts of quantile maps in "//integer_text(this%kept%columns) &
                    //" cells do not fit in memory")
       end if
@@ -419,7 +420,7 @@ contains
    pure integer(i8) function row_bytes(part, crossing) result(bytes)
       integer, intent(in) :: part
       type(crossing_t), intent(in) :: crossing(:, :)
-      type(fate_t) :: fate
+      type(boulder_result_t) :: fate
 
       bytes = storage_size(fate, i8)/8
       if (part == 2) bytes = storage_size(crossing, i8)/8*size(crossing, 1)
@@ -429,7 +430,7 @@ contains
    subroutine pass_rows(file, part, fate, crossing, first, last)
       type(byte_file_t), intent(inout) :: file
       integer, intent(in) :: part
-      type(fate_t), intent(inout), contiguous :: fate(:)
+      type(boulder_result_t), intent(inout), contiguous :: fate(:)
       type(crossing_t), intent(inout), contiguous :: crossing(:, :)
       integer(i8), intent(in) :: first, last
       integer(i8) :: bytes
@@ -463,8 +464,8 @@ contains
       call pass_cells(results%greatest, storage_size(results%greatest), size(results%greatest, 3))
       call pass_cells(results%column, storage_size(results%column), min(1, size(results%column)))
       call pass_cells(results%stamp, storage_size(results%stamp), size(results%stamp, 3))
-      call pass_bytes(file, results%class_counts, &
-                      storage_size(results%class_counts, i8)/8*size(results%class_counts, 1)*kept%columns)
+      call pass_bytes(file, results%bin_counts, &
+                      storage_size(results%bin_counts, i8)/8*size(results%bin_counts, 1)*kept%columns)
       results%columns = int(kept%columns, i4)
 
    contains

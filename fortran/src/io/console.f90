@@ -4,7 +4,7 @@
 module rockfall_console
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail
-   use rockfall_textfile, only: lower, joined, excerpt
+   use rockfall_text, only: lower, joined, excerpt
    use rockfall_decimal, only: parse_integer, parse_real, decimal_ok
    use rockfall_filesystem, only: name_of
    implicit none

@@ -5,7 +5,8 @@ module rockfall_csv
    use rockfall_kinds, only: wp, i2, i4, i8
    use rockfall_error, only: error_t, fail
    use rockfall_decimal, only: parse_real, parse_integer, decimal_ok
-   use rockfall_textfile, only: read_text, check_text, after_mark, lower, integer_text, excerpt
+   use rockfall_text_file, only: read_text
+   use rockfall_text, only: check_text, after_mark, lower, integer_text, excerpt
    implicit none
    private
    public :: read_zone_table, parse_zone_table, radius_names

@@ -2,7 +2,7 @@
 !> What Fortran does not have of POSIX: folders, names, and the number of the process.
 module rockfall_filesystem
    use, intrinsic :: iso_c_binding, only: c_char, c_int, c_int64_t, c_intptr_t, c_ptr, c_null_char, c_associated
-   use rockfall_textfile, only: integer_text
+   use rockfall_text, only: integer_text
    implicit none
    private
    public :: make_folder, remove_folder, remove_file, rename_path, path_exists, is_folder, is_empty, same_file, &

@@ -4,19 +4,17 @@ module rockfall_load
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
    use rockfall_kinds, only: wp, sp, i1, i2, i4
    use rockfall_error, only: error_t, fail
-   use rockfall_textfile, only: read_text, integer_text
+   use rockfall_text, only: integer_text
+   use rockfall_text_file, only: read_text
    use rockfall_decimal, only: real_text
-   use rockfall_random, only: random_key
-   use rockfall_sobol, only: sobol_sequence, most_dimensions
    use rockfall_terrain, only: terrain
    use rockfall_surface, only: method_a
    use rockfall_trajectory, only: scene_t
-   use rockfall_sources, only: usual_threshold, keep_steep, surface_ratios, last_boulders
-   use rockfall_scene, only: coefficients_t, set_sources, check_sources, add_line, set_impacts
+   use rockfall_sources, only: usual_threshold, keep_steep, surface_ratios
+   use rockfall_scene, only: scene_arrays_t, scene_from, check_sources
    use rockfall_case, only: case_t
-   use rockfall_sets, only: read_sets
    use rockfall_paths, only: installed_sets, source_sets
-   use rockfall_grid, only: grid_t
+   use rockfall_grid, only: grid_t, is_outside
    use rockfall_csv, only: read_zone_table
    use rockfall_console, only: decimal
    use rockfall_filesystem, only: folder_of, same_file
@@ -42,6 +40,7 @@ module rockfall_load
       type(grid_t) :: grid
       real(wp) :: head = -huge(1.0_wp)            !! greatest energy head of all sources [m]
       real(wp) :: lowest = huge(1.0_wp)           !! elevation [m]
+      type(scene_arrays_t) :: arrays
       real(wp), allocatable :: z8(:, :)           !! elevations [m], or
       real(sp), allocatable :: z4(:, :)           !! in single precision; NaN = none
       integer(i1), allocatable :: zone1(:, :)     !! row of the table, or
@@ -71,7 +70,9 @@ contains
       if (.not. allocated(error)) call read_sources(case, inputs, error)
       if (.not. allocated(error)) call read_impacts(case, inputs, error)
       if (allocated(error)) return
-      call settings(case, inputs%scene)
+      call gather_arrays(case, inputs)
+      call scene_from(case, inputs%arrays, inputs%scene, error)
+      if (allocated(error)) return
       call check_sources(inputs%scene, 1, inputs%grid%ny, inputs%head, error)
       if (allocated(error)) error%message = case%file//": "//error%message
    end subroutine load
@@ -497,7 +498,8 @@ contains
       integer :: i, j, n, status
 
       if (case%cells == "" .and. .not. case%steep_cells) then
-         call set_sources(inputs%scene, case%x, case%y)
+         inputs%arrays%source_x = case%x
+         inputs%arrays%source_y = case%y
          return
       end if
       call read_cells(case, inputs, cells, error)
@@ -517,7 +519,8 @@ contains
             y(n) = grid%north - (j - 0.5_wp)*grid%cell
          end do
       end do
-      call set_sources(inputs%scene, x, y)
+      inputs%arrays%source_x = x
+      inputs%arrays%source_y = y
    end subroutine read_sources
 
    !> Cells that may be sources: 1, the others 0; all of them where the case names no raster.
@@ -567,14 +570,14 @@ contains
       type(case_t), intent(in) :: case
       type(inputs_t), intent(inout) :: inputs
       type(error_t), allocatable, intent(out) :: error
-      type(coefficients_t) :: coefficients
       character(len=:), allocatable :: path, text
 
       call find_sets(case, path, error)
       if (.not. allocated(error)) call read_text(path, text, error)
       if (.not. allocated(error)) call note_file(inputs, "sets", path, error)
-      if (.not. allocated(error)) call read_sets(text, path, case%turning, coefficients, error)
-      if (.not. allocated(error)) call set_impacts(inputs%scene, coefficients, case%turning, error)
+      if (allocated(error)) return
+      inputs%arrays%sets_text = text
+      inputs%arrays%sets_name = path
    end subroutine read_impacts
 
    !> The file of the case's impact sets: shipped with the program, or beside the case.
@@ -599,30 +602,24 @@ contains
       call fail(error, case%file//": &impact sets = '"//case%sets//"': no such file, and no shipped set")
    end subroutine find_sets
 
-   !> What the scene takes from the case as it stands.
-   subroutine settings(case, scene)
+   !> What was read, as the scene is made of it.
+   subroutine gather_arrays(case, inputs)
       type(case_t), intent(in) :: case
-      type(scene_t), intent(inout) :: scene
-      integer :: k
+      type(inputs_t), intent(inout), target :: inputs
 
-      scene%key = random_key(case%seed)
-      if (case%sobol) scene%sobol = sobol_sequence(most_dimensions)
-      scene%gravity = case%gravity
-      scene%stop_speed = case%stop_speed
-      scene%between_ratios = case%between_ratios
-      scene%most_impacts = case%impact_limit
-      scene%law = case%law
-      scene%release%boulders_per_source = case%boulders
-      if (case%by_area) then
-         scene%release%last = last_boulders(surface_ratios(scene%dem, scene%release%x, scene%release%y), case%boulders)
-      end if
-      scene%release%drop_height = case%drop_height
-      scene%release%velocity = case%velocity
-      scene%wants_histograms = case%rebounds
-      do k = 1, size(case%lines)
-         call add_line(scene, case%lines(k)%x, case%lines(k)%y)
-      end do
-   end subroutine settings
+      associate (arrays => inputs%arrays, scene => inputs%scene)
+         arrays%grid = inputs%grid
+         if (allocated(inputs%z8)) arrays%z8 => inputs%z8
+         if (allocated(inputs%z4)) arrays%z4 => inputs%z4
+         if (allocated(inputs%zone1)) arrays%zone1 => inputs%zone1
+         if (allocated(inputs%zone2)) arrays%zone2 => inputs%zone2
+         if (allocated(inputs%values)) arrays%values => inputs%values
+         allocate (arrays%sizes(merge(3, 1, case%method == method_a), 1), source=0.0_wp)
+         if (allocated(scene%surface%sizes)) arrays%sizes = scene%surface%sizes
+         if (case%by_area) arrays%area_ratio = surface_ratios(scene%dem, arrays%source_x - scene%dem%x0, &
+                                                              arrays%source_y - scene%dem%y0)
+      end associate
+   end subroutine gather_arrays
 
    !> Names of the evaluation lines of which no part lies over the terrain, with commas between.
    pure function lines_outside(case, grid) result(names)
@@ -634,10 +631,7 @@ contains
       names = ""
       do k = 1, size(case%lines)
          associate (x => case%lines(k)%x, y => case%lines(k)%y)
-            if (maxval(x) < grid%west .or. minval(x) > grid%west + grid%nx*grid%cell .or. &
-                maxval(y) < grid%north - grid%ny*grid%cell .or. minval(y) > grid%north) then
-               names = names//", "//case%lines(k)%name
-            end if
+            if (is_outside(grid, x, y)) names = names//", "//case%lines(k)%name
          end associate
       end do
       if (names /= "") names = names(3:)

@@ -4,7 +4,8 @@ module rockfall_lock
    use, intrinsic :: iso_c_binding, only: c_char, c_int, c_size_t, c_ptr, c_null_ptr, c_null_char, c_associated
    use rockfall_kinds, only: i8
    use rockfall_error, only: error_t, fail
-   use rockfall_textfile, only: read_text, integer_text
+   use rockfall_text_file, only: read_text
+   use rockfall_text, only: integer_text
    use rockfall_filesystem, only: make_folder, remove_folder, remove_file, is_folder, process_number
    implicit none
    private

@@ -4,7 +4,7 @@ module rockfall_material
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
    use rockfall_kinds, only: wp, i2, i4, i8
    use rockfall_error, only: error_t, fail
-   use rockfall_textfile, only: integer_text
+   use rockfall_text, only: integer_text
    use rockfall_cells, only: no_id
    implicit none
    private

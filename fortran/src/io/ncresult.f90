@@ -14,8 +14,8 @@ module rockfall_ncresult
    use rockfall_netcdf, only: text_attribute
    use rockfall_variables, only: variable_t, variable_table, boulder_fields, boulder_counts, &
                                  line_fields, vertex_fields, histogram_fields, statuses
-   use rockfall_map, only: maps_t
-   use rockfall_mapvalues, only: map_row, map_fewest, is_count
+   use rockfall_maps, only: maps_t
+   use rockfall_map_values, only: map_row, map_min_count, is_count
    use rockfall_histogram, only: n_bins
    use rockfall_result, only: boulder_row, boulder_count_row, line_row, vertex_row
    use rockfall_case, only: case_t, map_names, n_maps
@@ -292,7 +292,7 @@ contains
          names%map(k) = described(file, "map", map_names(k), "", kind, [x, y], &
                                   [results%grid%nx, map_rows(results)])
          call note(file, names%map(k), "grid_mapping", "crs")
-         fewest = map_fewest(map_names(k), case%least_passages)
+         fewest = map_min_count(map_names(k), case%least_passages)
          if (fewest > 0) call keep(file, nf90_put_att(file%id, names%map(k), "least_passages", fewest))
       end do
    end subroutine define_maps
@@ -725,7 +725,7 @@ contains
          if (size(results%column) == 0) return
          allocate (classes(results%plan%rows, n), source=0_i4)
          do k = 1, n
-            if (results%column(i(k), j(k)) > 0) classes(:, k) = results%class_counts(:, results%column(i(k), j(k)))
+            if (results%column(i(k), j(k)) > 0) classes(:, k) = results%bin_counts(:, results%column(i(k), j(k)))
          end do
          call keep(file, nf90_put_var(file%id, names%tally_classes, classes))
       end associate

@@ -15,7 +15,7 @@ module rockfall_netcdf
    use rockfall_decimal, only: real_text
    use rockfall_pipe, only: refuse_pipe
    use rockfall_classicheader, only: overstates
-   use rockfall_textfile, only: lower
+   use rockfall_text, only: lower
    use rockfall_grid, only: grid_t
    use rockfall_cells, only: no_id, whole_numbers, cell_name
    implicit none

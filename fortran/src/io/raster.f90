@@ -8,7 +8,8 @@ module rockfall_raster
    use rockfall_error, only: error_t, fail
    use rockfall_decimal, only: real_text
    use rockfall_pipe, only: is_pipe
-   use rockfall_textfile, only: read_text, integer_text, lower
+   use rockfall_text_file, only: read_text
+   use rockfall_text, only: integer_text, lower
    use rockfall_filesystem, only: name_of
    use rockfall_grid, only: grid_t, same_grid
    use rockfall_asciigrid, only: read_ascii_grid

@@ -6,15 +6,15 @@ module rockfall_results
    use rockfall_kinds, only: wp, sp, i4, i8
    use rockfall_error, only: error_t, fail
    use rockfall_decimal, only: real_text
-   use rockfall_textfile, only: lower, integer_text, joined
+   use rockfall_text, only: lower, integer_text, joined
    use rockfall_wholefile, only: whole_file_t, create_file, put, complete_file, discard_file
    use rockfall_wholefolder, only: folder_t, create_folder, new_file, complete_folder, &
                                    discard_folder, list_name
    use rockfall_grid, only: grid_t
    use rockfall_variables, only: boulder_fields, boulder_counts, line_fields, vertex_fields, &
                                  histogram_fields, statuses
-   use rockfall_map, only: maps_t
-   use rockfall_mapvalues, only: map_row
+   use rockfall_maps, only: maps_t
+   use rockfall_map_values, only: map_row
    use rockfall_histogram, only: n_bins
    use rockfall_result, only: boulder_row, boulder_count_row, line_row, vertex_row
    use rockfall_case, only: case_t, map_names, n_maps

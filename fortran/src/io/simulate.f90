@@ -3,13 +3,13 @@
 module rockfall_simulate
    use rockfall_kinds, only: wp, sp, i4, i8
    use rockfall_error, only: error_t, fail, our_fault
-   use rockfall_textfile, only: integer_text
-   use rockfall_trajectory, only: fate_t, crossing_t, contact_t, scratch_t, left_window
+   use rockfall_text, only: integer_text
+   use rockfall_trajectory, only: boulder_result_t, crossing_t, contact_t, scratch_t, left_window
    use rockfall_boulder, only: last_of
-   use rockfall_map, only: maps_t, follows_cells, lacks_columns
-   use rockfall_sourcemap, only: fed_t, head_source, fed_cells, settle
-   use rockfall_mapvalues, only: map_plan_t, map_plan, map_views
-   use rockfall_bounds, only: check_tallies
+   use rockfall_maps, only: maps_t, needs_visits, lacks_slots
+   use rockfall_source_maps, only: contributing_t, first_partial, contributing_cells, settle
+   use rockfall_map_values, only: map_plan_t, map_plan, map_views
+   use rockfall_limits, only: check_tallies
    use rockfall_histogram, only: bins, quantities, bin_width
    use rockfall_variables, only: boulder_counts
    use rockfall_result, only: boulder_count_row
@@ -39,7 +39,7 @@ module rockfall_simulate
       integer(i8) :: boulders = 0                        !! of which there is room here
       integer(i8) :: done = 0                            !! of them
       integer(i8) :: before = 0, asked = 0               !! those before them in the run, all of the run
-      type(fate_t), allocatable :: fate(:)
+      type(boulder_result_t), allocatable :: fate(:)
       type(crossing_t), allocatable :: crossing(:, :)    !! (lines, boulders)
       type(grid_t) :: grid                               !! of maps: the cells that boulders can reach
       integer :: at(2) = 1                               !! its first column and row
@@ -47,11 +47,11 @@ module rockfall_simulate
       integer(i4), allocatable :: counts(:, :, :)
       integer(i8), allocatable :: sums(:, :, :)
       real(sp), allocatable :: greatest(:, :, :)
-      integer(i4), allocatable :: class_counts(:, :), column(:, :)
+      integer(i4), allocatable :: bin_counts(:, :), column(:, :)
       integer(i4) :: columns = 0
       integer(i4), allocatable :: stamp(:, :, :)         !! as in maps_t, with its `head`
       integer(i8) :: head = 0
-      type(fed_t) :: fed                                 !! by the sources that this part cuts
+      type(contributing_t) :: fed                                 !! by the sources that this part cuts
       integer(i8) :: histogram(bins, quantities) = 0
       type(path_t), allocatable :: path(:)               !! of the first boulders of the run
       integer :: threads = 1
@@ -111,7 +111,7 @@ contains
          return
       end if
       results%plan = map_plan(pack(map_names, case%map))
-      call check_tallies(results%plan, case%law, case%gravity, inputs%head - inputs%lowest, results%asked, error)
+      call check_tallies(results%plan, case%volumes, case%gravity, inputs%head - inputs%lowest, results%asked, error)
       if (allocated(error)) error%message = case%file//": "//error%message
       if (allocated(error)) return
       results%before = share_of(results%asked, shard(1) - 1, shard(2))
@@ -123,7 +123,8 @@ contains
       if (.not. allocated(error)) call fly(case, inputs, keeper, results, error)
       if (allocated(error)) return
       maps = map_tallies(results, [1, 1])
-      results%fed = fed_cells(maps, inputs%scene%release, results%before + 1, results%before + results%boulders)
+      results%fed = contributing_cells(maps, inputs%scene%release, results%before + 1, &
+                                       results%before + results%boulders)
       call settle(maps, inputs%scene%release, results%fed)
       call trace(case, inputs, results, error)
    end subroutine simulate
@@ -140,7 +141,7 @@ contains
       integer(i8) :: first, last, chunk, begun, start, end, rate
 
       maps = map_tallies(results, results%at)
-      inputs%scene%wants_cells = follows_cells(maps)
+      inputs%scene%cells_requested = needs_visits(maps)
       results%threads = team_size(case%threads)
       wall_before = results%wall
       cpu_before = results%cpu
@@ -159,9 +160,9 @@ contains
             call fail(error, case%file//": a boulder went where none can go", our_fault)
             exit
          end if
-         if (lacks_columns(maps)) then
+         if (lacks_slots(maps)) then
             call fail(error, case%file//": &output maps: boulders reach more than " &
-                      //integer_text(size(results%class_counts, 2))//" cells; the counts of quantile maps in more " &
+                      //integer_text(size(results%bin_counts, 2))//" cells; the counts of quantile maps in more " &
                       //"do not fit in memory")
             exit
          end if
@@ -218,16 +219,16 @@ contains
       associate (nx => results%grid%nx, ny => results%grid%ny, plan => results%plan)
          allocate (results%counts(nx, ny, maxval(plan%count)), source=0_i4, stat=status(2))
          allocate (results%sums(nx, ny, maxval(plan%sum)), source=0_i8, stat=status(3))
-         allocate (results%greatest(nx, ny, maxval(plan%greatest)), source=0.0_sp, stat=status(4))
+         allocate (results%greatest(nx, ny, maxval(plan%max)), source=0.0_sp, stat=status(4))
          if (plan%rows == 0) then
-            allocate (results%class_counts(0, 0), results%column(0, 0))
+            allocate (results%bin_counts(0, 0), results%column(0, 0))
          else
             allocate (results%column(nx, ny), source=0_i4, stat=status(5))
-            call make_columns(plan%rows, int(nx, i8)*ny, results%class_counts, status(6))
+            call make_columns(plan%rows, int(nx, i8)*ny, results%bin_counts, status(6))
          end if
          layers = 0
          if (any(plan%count(3:) > 0)) then
-            results%head = head_source(inputs%scene%release, results%before + 1)
+            results%head = first_partial(inputs%scene%release, results%before + 1)
             layers = merge(2, 1, results%head > 0)
          end if
          allocate (results%stamp(nx, ny, layers), source=0_i4, stat=status(7))
@@ -261,23 +262,23 @@ contains
 
    !> Counts of classes of all cells, or of half as many as the system grants (the run needs memory for other
    !> things too): it takes the memory of a column when a boulder first passes the cell, and few may be passed.
-   subroutine make_columns(rows, cells, class_counts, status)
+   subroutine make_columns(rows, cells, bin_counts, status)
       integer, intent(in) :: rows
       integer(i8), intent(in) :: cells
-      integer(i4), allocatable, intent(out) :: class_counts(:, :)
+      integer(i4), allocatable, intent(out) :: bin_counts(:, :)
       integer, intent(out) :: status  !! 0 = success
       integer(i8) :: columns
       integer :: k
 
       columns = min(cells, most_columns)
-      allocate (class_counts(rows, columns), stat=status)
+      allocate (bin_counts(rows, columns), stat=status)
       if (status == 0) return
       do k = 1, halvings
          columns = columns/2
-         allocate (class_counts(rows, columns), stat=status)
+         allocate (bin_counts(rows, columns), stat=status)
          if (status /= 0) cycle
-         deallocate (class_counts)
-         allocate (class_counts(rows, columns/2), stat=status)
+         deallocate (bin_counts)
+         allocate (bin_counts(rows, columns/2), stat=status)
          return
       end do
    end subroutine make_columns
@@ -288,10 +289,10 @@ contains
       integer, intent(in) :: at(2)
       type(maps_t) :: maps
 
-      maps = map_views(results%plan, at, results%counts, results%sums, results%greatest, results%class_counts, &
+      maps = map_views(results%plan, at, results%counts, results%sums, results%greatest, results%bin_counts, &
                        results%column, results%columns)
-      maps%stamp(at(1):, at(2):, 1:) => results%stamp
-      maps%head = results%head
+      maps%last_source(at(1):, at(2):, 1:) => results%stamp
+      maps%first_partial = results%head
    end function map_tallies
 
    !> Cells in which any tally is not zero, counted from 0 by rows.
@@ -324,7 +325,7 @@ contains
       type(inputs_t), intent(in), target :: inputs
       type(results_t), intent(inout) :: results
       type(error_t), allocatable, intent(out) :: error
-      type(fate_t) :: fate
+      type(boulder_result_t) :: fate
       type(scratch_t) :: scratch
       integer :: k, n, status
 

@@ -3,7 +3,7 @@
 !> with `rockfall,` and lists the files, so that a later run may replace them, and nothing else.
 module rockfall_wholefolder
    use rockfall_error, only: error_t, fail
-   use rockfall_textfile, only: read_text
+   use rockfall_text_file, only: read_text
    use rockfall_filesystem, only: make_folder, remove_folder, remove_file, rename_path, &
                                   path_exists, is_folder, folder_of, name_of, temporary_name
    implicit none

@@ -3,7 +3,8 @@
 module rockfall_override
    use rockfall_kinds, only: i8
    use rockfall_error, only: error_t, fail
-   use rockfall_textfile, only: read_text, excerpt
+   use rockfall_text_file, only: read_text
+   use rockfall_text, only: excerpt
    use rockfall_decimal, only: parse_integer, decimal_ok
    use rockfall_namelist, only: namelist_t, group_t, entry_t, value_t, parse_namelist
    use rockfall_case, only: case_t, read_case

@@ -20,10 +20,10 @@ end module said_m
 program test_checkpoint
    use rockfall_kinds, only: wp, sp, i4, i8
    use rockfall_error, only: error_t, bad_input
-   use rockfall_textfile, only: read_text
+   use rockfall_text_file, only: read_text
    use rockfall_filesystem, only: path_exists, remove_file, is_folder
    use rockfall_checksum, only: text_checksum
-   use rockfall_mapvalues, only: map_plan
+   use rockfall_map_values, only: map_plan
    use rockfall_load, only: input_file_t
    use rockfall_simulate, only: results_t
    use rockfall_checkpoint, only: checkpoint_t, check_checkpoint, checkpoint, remove_checkpoint
@@ -81,8 +81,8 @@ contains
          allocate (results%fate(boulders), results%crossing(lines, boulders))
          allocate (results%counts(nx, ny, maxval(plan%count)), source=0_i4)
          allocate (results%sums(nx, ny, maxval(plan%sum)), source=0_i8)
-         allocate (results%greatest(nx, ny, maxval(plan%greatest)), source=0.0_sp)
-         allocate (results%class_counts(plan%rows, merge(nx*ny, 0, with_maps)), source=0_i4)
+         allocate (results%greatest(nx, ny, maxval(plan%max)), source=0.0_sp)
+         allocate (results%bin_counts(plan%rows, merge(nx*ny, 0, with_maps)), source=0_i4)
          allocate (results%column(merge(nx, 0, with_maps), merge(ny, 0, with_maps)), source=0_i4)
          allocate (results%stamp(nx, ny, merge(2, 0, with_maps)), source=0_i4)
       end associate
@@ -111,7 +111,7 @@ contains
             results%columns = results%columns + 1
             results%column(i, j) = results%columns
          end if
-         results%class_counts(b, results%column(i, j)) = b
+         results%bin_counts(b, results%column(i, j)) = b
       end do
       results%histogram = results%histogram + last
       results%done = last
@@ -125,7 +125,7 @@ contains
 
       same = a%done == b%done .and. a%columns == b%columns .and. all(a%histogram == b%histogram) &
              .and. all(a%counts == b%counts) .and. all(a%sums == b%sums) .and. all(abs(a%greatest - b%greatest) <= 0) &
-             .and. all(a%class_counts == b%class_counts) .and. all(a%column == b%column) &
+             .and. all(a%bin_counts == b%bin_counts) .and. all(a%column == b%column) &
              .and. all(a%stamp == b%stamp) &
              .and. abs(a%wall - b%wall) <= 0 .and. abs(a%cpu - b%cpu) <= 0
       if (.not. same) return

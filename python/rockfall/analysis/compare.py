@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rockfall.analysis.line_statistics import (
+    fraction_interval,
     line_numbers,
     line_values,
     sample_numbers,
-    share_interval,
     sources,
     student,
 )
@@ -25,7 +25,7 @@ from rockfall.errors import RockfallError, need
 from rockfall.io.arrays import grid_of
 from rockfall.io.output_files import COMPARISON, check_output
 from rockfall.io.tables import write_csv
-from rockfall.result.trajectories import ends
+from rockfall.result.trajectories import ends, left_terrain
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -247,11 +247,11 @@ def _passing(
     if distances is not None:
         one_source = np.zeros(distances.size, int)
         for d in np.unique(distances):
-            rows.append([d, *share_interval(distances >= d, one_source)])
+            rows.append([d, *fraction_interval(distances >= d, one_source)])
     if seen.passing is not None:
         rows += [[*pair, np.nan, np.nan] for pair in seen.passing.to_numpy()]
     for row in rows:
-        row += share_interval(ours >= row[0], source)
+        row += fraction_interval(ours >= row[0], source)
         row += [100 * (row[4] - row[1]), *_verdicts(*row[1:])]
     columns = ["distance", *_BESIDE, "difference_percent", *_VERDICTS]
     table = pd.DataFrame(sorted(rows, key=lambda row: row[0]), columns=columns)
@@ -282,8 +282,7 @@ def _notes(result: xr.Dataset, seen: Observed, source: np.ndarray) -> Iterator[s
     """What the tables leave unsaid."""
     if seen.stops is not None and not {"passages", "reach_probability"} & set(result):
         yield "Reach at stopping places needs a map: &output maps = 'passages'."
-    ended = ends(result)
-    count = (ended["left_domain"] | ended["impact_limit"]).sum()
+    count = (left_terrain(result) | ends(result)["impact_limit"]).sum()
     if count and any(one is not None for one in (seen.passing, seen.distances, seen.stops)):
         yield f"{count:,} boulders never came to rest; they count with the distance they reached."
     if len(seen.tests) and not seen.samples:

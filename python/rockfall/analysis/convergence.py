@@ -20,7 +20,8 @@ from rockfall.case import Case
 from rockfall.errors import RockfallError, need
 from rockfall.io.output_files import FIGURE, STUDY, atomic_folder, check_outputs
 from rockfall.io.tables import write_csv
-from rockfall.scene.scene import Scene, read_scene
+from rockfall.scene.read import read_scene
+from rockfall.scene.scene import Scene
 from rockfall.scene.sources import refuse_by_area
 from rockfall.simulation.simulate import run_scene
 
@@ -35,7 +36,7 @@ REFERENCE, LEAST_REFERENCE = 1_000_000, 20_000  # boulders over all sources
 QUANTITIES = ("speed", "passing_height", "energy_total")
 STATISTICS = ("mean", "std", "q95")
 #: The numbers of a line, the share of the boulders that cross it first.
-NUMBERS = (("boulders", "share"), *((q, s) for q in QUANTITIES for s in STATISTICS))
+NUMBERS = (("boulders", "fraction"), *((q, s) for q in QUANTITIES for s in STATISTICS))
 KEYS = ["line", "quantity", "statistic"]
 ERRORS = (0.1, 0.01, 0.001)  # of which the cost is told
 FILES = {  # that are written, and their kinds
@@ -148,7 +149,7 @@ def _study(scene: Scene, sizes: Sequence[int], advance: Advance) -> pd.DataFrame
                 found = line_numbers(part, k, quantity, source)
                 for statistic in (*STATISTICS, "max"):
                     rows.append((line, quantity, statistic, size, *_limits(found, statistic)))
-            rows.append((line, *NUMBERS[0], size, *_limits(found, "share")))
+            rows.append((line, *NUMBERS[0], size, *_limits(found, "fraction")))
     table = pd.DataFrame(rows, columns=[*KEYS, "boulders", "value", "low", "high"])
     table["change"] = table.groupby(KEYS)["value"].pct_change(fill_method=None)
     return table

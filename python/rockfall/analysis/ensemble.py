@@ -20,7 +20,8 @@ from rockfall.errors import RockfallError
 from rockfall.io.output_files import ENSEMBLE, ENSEMBLE_TABLE, check_output
 from rockfall.io.tables import write_csv
 from rockfall.result.dataset import write_result
-from rockfall.scene.scene import Scene, read_scene
+from rockfall.scene.read import read_scene
+from rockfall.scene.scene import Scene
 from rockfall.scene.sources import refuse_by_area
 from rockfall.simulation.simulate import run_scene
 
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
 
 #: At each line: name, quantity and number of `statistics.line_numbers`, units.
 RESULTS = {
-    "share": ("speed", "share", "1"),
+    "fraction": ("speed", "fraction", "1"),
     "speed.mean": ("speed", "mean", "m s-1"),
     "speed.q95": ("speed", "q95", "m s-1"),
     "passing_height.mean": ("passing_height", "mean", "m"),

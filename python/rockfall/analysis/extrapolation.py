@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from rockfall.plots.style import share_of
+from rockfall.quantities import part_of
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -53,12 +53,12 @@ def extrapolations(values: Mapping[str, ArrayLike]) -> Iterator[Extrapolation]:
     rebounds = _total(values, "rebounds")
     for what, share in shares_outside(values).items():
         if share:
-            said = share_of(round(share * rebounds), rebounds, "rebound")
+            said = part_of(round(share * rebounds), rebounds, "rebound")
             yield Extrapolation(share, f"{said} {OUTSIDE[what]}", share > MOST_OUTSIDE)
     is_fast = faster_than_observed(values)
     if (fast := int(is_fast.sum())) > MOST_FAST * is_fast.size:
         said = (
-            f"{share_of(fast, is_fast.size, 'boulder')} exceeded {SPEED_PER_DEGREE} m/s "
+            f"{part_of(fast, is_fast.size, 'boulder')} exceeded {SPEED_PER_DEGREE} m/s "
             "per degree of the mean slope of their path, the most that has been observed (Dorren "
             "2015): the bounce knows no terminal velocity"
         )

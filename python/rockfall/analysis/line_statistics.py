@@ -105,9 +105,9 @@ def line_numbers(
     values = line_values(result, quantity, line)
     crossed = ~np.isnan(values)
     n, all_n = int(crossed.sum()), values.size
-    row: dict[str, float] = {"n": n, "share": n / max(1, all_n)}
+    row: dict[str, float] = {"n": n, "fraction": n / max(1, all_n)}
     if all_n:
-        _, row["share_low"], row["share_high"] = share_interval(crossed, source)
+        _, row["fraction_low"], row["fraction_high"] = fraction_interval(crossed, source)
     return row | (sample_numbers(values[crossed], source[crossed]) if n else {})
 
 
@@ -132,7 +132,7 @@ def sample_numbers(v: np.ndarray, cluster: np.ndarray) -> dict[str, float]:
     return row
 
 
-def share_interval(holds: np.ndarray, source: np.ndarray) -> tuple[float, float, float]:
+def fraction_interval(holds: np.ndarray, source: np.ndarray) -> tuple[float, float, float]:
     """Share of the boulders of which something holds, and the limits of its 95 % interval."""
     share = float(holds.mean())
     return share, *_wilson(share, effective_number(holds.astype(float), source))
@@ -209,5 +209,5 @@ def with_limits(name: str) -> list[str]:
     return [name, f"{name}_low", f"{name}_high"]
 
 
-_COLUMNS = ["n", *with_limits("share"), *with_limits("mean"), *with_limits("std"), "max"]
+_COLUMNS = ["n", *with_limits("fraction"), *with_limits("mean"), *with_limits("std"), "max"]
 _COLUMNS += [name for share in QUANTILES for name in with_limits(quantile_name(share))]

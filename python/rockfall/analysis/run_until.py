@@ -23,7 +23,8 @@ from rockfall.interrupts import interrupts
 from rockfall.result.dataset import make_result
 from rockfall.scene.plausible import warn_of
 from rockfall.scene.reach import survey
-from rockfall.scene.scene import Scene, read_scene
+from rockfall.scene.read import read_scene
+from rockfall.scene.scene import Scene
 from rockfall.scene.sources import refuse_by_area
 from rockfall.simulation.simulate import Interrupted, Tally, check_tallies, run_chunks, start, trace
 from rockfall.simulation.source_maps import tells_sources
@@ -41,7 +42,7 @@ SHORT, MARGIN = 0.8, 1.02  # of the need: of one further off, of one that is nea
 HOPELESS = 0.3  # where chance among boulders is below this part of the limit, more are no help
 
 STATISTICS = ("mean", "std", *map(quantile_name, QUANTILES))
-FORM = "QUANTITY.STATISTIC@LINE<PERCENT% or share@LINE<PERCENT%"
+FORM = "QUANTITY.STATISTIC@LINE<PERCENT% or fraction@LINE<PERCENT%"
 
 
 class Rule(NamedTuple):
@@ -85,7 +86,7 @@ def run_until(
 ) -> xr.Dataset:
     """Run a case with as many boulders from each source as `rules` need, `cap` at most.
 
-    `rules` is text as in `read_rules`; `arrays` are as in `rockfall.scene.scene.read_scene`. The
+    `rules` is text as in `read_rules`; `arrays` are as in `rockfall.scene.read.read_scene`. The
     result is that of `run` with the number of boulders found, which stands in place of the case's
     own; its attributes `until` and `until_met` hold the rules, and whether all are met (1) or not
     (0). Without a `cap` all sources together give a million boulders at most.
@@ -188,7 +189,7 @@ def _verdict(rule: Rule, result: xr.Dataset, source: np.ndarray) -> Verdict:
     n = source.size / of
     row = line_numbers(result, rule.line, rule.quantity, source)
     width = _width(row, rule.statistic)
-    short = 0.0 if rule.statistic == "share" else CROSSED / max(row["n"], 1)
+    short = 0.0 if rule.statistic == "fraction" else CROSSED / max(row["n"], 1)
     if width <= rule.limit and short <= 1:
         return Verdict(rule, True, width, n)
     if not row["n"] or not np.isfinite(width):
@@ -216,7 +217,7 @@ def _width(row: dict[str, float], statistic: str) -> float:
 
 
 def read_rules(text: str, lines: list[str]) -> list[Rule]:
-    """The rules of a text such as 'speed.mean@EL1<2%, share@EL1<3%'; `lines` are the known names.
+    """The rules of a text such as 'speed.mean@EL1<2%, fraction@EL1<3%'; `lines` are known names.
 
     Quantities and statistics are those of `rockfall.line_statistics`, apart from its maximum.
     """
@@ -231,11 +232,13 @@ def _rule(text: str, lines: list[str]) -> Rule:
         raise RockfallError(f"{about}: must be {FORM}, several with commas between")
     what, line, percent = found.groups()
     quantity, _, statistic = what.partition(".")
-    if what == "share":
-        quantity, statistic = QUANTITIES[0], "share"  # a line has one share
+    if what in ("fraction", "share"):  # share: its old name
+        quantity, statistic = QUANTITIES[0], "fraction"  # a line has one
     elif quantity not in QUANTITIES:
         known = ", ".join(QUANTITIES)
-        raise RockfallError(f"{about}: no quantity '{quantity}'; there are {known}, or share alone")
+        raise RockfallError(
+            f"{about}: no quantity '{quantity}'; there are {known}, or fraction alone"
+        )
     elif statistic not in STATISTICS:
         known = ", ".join(STATISTICS)
         raise RockfallError(

@@ -42,10 +42,10 @@ def deviations(values: np.ndarray, name: str, row: dict[str, float], per_source:
     one boulder a source all are one stratum, and what sets sources apart counts as chance.)
     """
     crossed = ~np.isnan(values)
-    if name == "share":
-        influence = crossed - row["share"]
+    if name == "fraction":
+        influence = crossed - row["fraction"]
     else:
-        share = row["share"] or np.nan
+        share = row["fraction"] or np.nan
         influence = np.where(crossed, _conditional(values, name, row), 0.0) / share
     return _apart(influence.reshape(-1, per_source if per_source > 1 else values.size))
 

@@ -105,7 +105,7 @@ def _parser() -> argparse.ArgumentParser:
         about = "of the run; terrain beyond half of it is read in windows; default: the machine's"
         one.add_argument("--memory", metavar="SIZE", help=about)
     run.add_argument("-o", "--output", metavar="OUT.nc", type=Path, help="default: CASE.nc, here")
-    rules = "'speed.mean@EL1<2%%, energy_total.q95@EL1<5%%, share@EL1<3%%'"
+    rules = "'speed.mean@EL1<2%%, energy_total.q95@EL1<5%%, fraction@EL1<3%%'"
     run.add_argument("--until", metavar="RULES", help=f"until 95 %% intervals are narrow: {rules}")
     run.add_argument("--cap", metavar="N", type=int, help="with --until: most from each source")
     run.add_argument("--shard", metavar="I/N", help="the I-th of N parts, for `rockfall merge`")
@@ -176,7 +176,7 @@ def _check_names(arguments: argparse.Namespace) -> None:
 
 def _check(arguments: argparse.Namespace) -> int:
     from rockfall.case import read_case
-    from rockfall.scene.scene import read_scene
+    from rockfall.scene.read import read_scene
     from rockfall.text.preview import preview
 
     scene = read_scene(read_case(arguments.case), memory=_memory(arguments))
@@ -219,7 +219,7 @@ def _run_to(
 ) -> int:
     from rockfall.interrupts import interrupts
     from rockfall.result.dataset import write_result
-    from rockfall.scene.scene import read_scene
+    from rockfall.scene.read import read_scene
     from rockfall.simulation.simulate import Interrupted
     from rockfall.text.summary import summary
 
@@ -508,7 +508,3 @@ def _open_closed_streams() -> None:
 def _close_stdout() -> None:
     """Nobody takes what is still to be printed; Python must not try again when it exits."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-
-
-if __name__ == "__main__":
-    sys.exit(main())

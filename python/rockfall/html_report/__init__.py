@@ -62,7 +62,7 @@ def report(result: xr.Dataset, terrain: Terrain | None = None, observed: Any = N
     from rockfall.html_report.tables import level_table, line_tables, provenance
     from rockfall.html_report.words import cautions, in_words, rows_of, warnings
     from rockfall.plots.figures import figures
-    from rockfall.plots.style import count
+    from rockfall.quantities import count
 
     shown = figures(result, terrain, observed)
     zoomed = {f"map_{name}" for name in result.data_vars}

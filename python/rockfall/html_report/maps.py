@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from rockfall.analysis.extent import of_none, reached
 from rockfall.html_report.markup import data_uri
 from rockfall.plots.map_figures import (
     MOST_WAYS,
@@ -23,8 +24,6 @@ from rockfall.plots.map_figures import (
     first_inside,
     map_note,
     merged,
-    of_none,
-    reached,
     shade,
 )
 

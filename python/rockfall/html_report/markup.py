@@ -29,7 +29,7 @@ class Unit(NamedTuple):
 
 
 UNITS = {
-    "share": Unit("share passing", "%", 100.0),
+    "fraction": Unit("share passing", "%", 100.0),
     "speed": Unit("speed", "m/s"),
     "passing_height": Unit("passing height", "m"),
     "jump_height": Unit("jump height", "m"),

@@ -24,8 +24,8 @@ STATISTICS = ("mean", "std", "q95")
 TARGETS = (0.05, 0.02, 0.01)  # half widths of an interval, as a share of the number
 FIRST = 30  # boulders from which numbers are shown
 STEPS = 24  # sizes at which they are taken
-COLOURS = {"share": INK, "mean": BLUE, "std": INK, "q95": VERMILION}
-DASHES = {"share": "-", "mean": "-", "std": (0, (1, 1.5)), "q95": (0, (5, 2))}
+COLOURS = {"fraction": INK, "mean": BLUE, "std": INK, "q95": VERMILION}
+DASHES = {"fraction": "-", "mean": "-", "std": (0, (1, 1.5)), "q95": (0, (5, 2))}
 
 
 def sizes(boulders: int) -> list[int]:
@@ -72,7 +72,7 @@ def running_figure(result: xr.Dataset, line: int) -> Figure:
     found, n = history(result, line), sizes(result.sizes["boulder"])
     figure = new_figure(WIDE, 4.6)
     axes = figure.subplots(2, 2, sharex=True)
-    panels = [("share", "speed", ("share",)), *((q, q, STATISTICS) for q in QUANTITIES)]
+    panels = [("fraction", "speed", ("fraction",)), *((q, q, STATISTICS) for q in QUANTITIES)]
     for panel, (shown, quantity, statistics) in zip(axes.flat, panels, strict=True):
         for name in statistics:
             _curve(panel, n, found[quantity], name, UNITS[shown].scale)

@@ -15,7 +15,7 @@ from rockfall.case import FROM_ARRAY, case_of
 from rockfall.html_report.markup import UNITS, limits, number, table
 from rockfall.html_report.running import QUANTITIES, STATISTICS, TARGETS, needed
 from rockfall.html_report.words import SPEED, half_width
-from rockfall.plots.style import percent
+from rockfall.quantities import percent
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -29,12 +29,13 @@ NAMES |= {f"q{share}": f"{share} % quantile" for share in (50, 90, 95, 98, 99)}
 
 def line_tables(rows: Rows) -> Iterator[str]:
     """The shares that pass, then each line's mean, deviation, quantiles and maximum."""
-    unit, passing = UNITS["share"], []
+    unit, passing = UNITS["fraction"], []
     for line, numbers in rows.items():
         row = numbers[SPEED]
-        share = f"{percent(row['share'])} {limits(row, 'share', unit)}"
+        share = f"{percent(row['fraction'])} {limits(row, 'fraction', unit)}"
         passing.append((line, f"{row['n']:,}", share))
-    yield table("Boulders that pass, with 95 % intervals", ("line", "boulders", "share"), passing)
+    head = ("line", "boulders", "fraction")
+    yield table("Boulders that pass, with 95 % intervals", head, passing)
     for line, numbers in rows.items():
         if n := numbers[SPEED]["n"]:
             about = f"{line}: those that pass, with 95 % intervals"
@@ -67,13 +68,13 @@ def level_table(levels: pd.DataFrame) -> str:
 
 def precision_table(line: str, numbers: Numbers, boulders: int) -> str:
     """How sure the numbers at a line are, and with how many boulders they would be surer."""
-    asked = [("share", "share"), *((q, name) for q in QUANTITIES for name in STATISTICS)]
+    asked = [("fraction", "fraction"), *((q, name) for q in QUANTITIES for name in STATISTICS)]
     shown = []
     for quantity, name in asked:
         unit = UNITS[quantity]
-        row = numbers[SPEED if quantity == "share" else quantity]
+        row = numbers[SPEED if quantity == "fraction" else quantity]
         half = half_width(row, name)
-        label = unit.name if quantity == "share" else f"{unit.name}, {NAMES[name]}"
+        label = unit.name if quantity == "fraction" else f"{unit.name}, {NAMES[name]}"
         if np.isfinite(half):
             more = (f"{needed(boulders, half, target):,}" for target in TARGETS)
             cells = (f"± {percent(half)}", *more)

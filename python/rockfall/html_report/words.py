@@ -13,8 +13,8 @@ from rockfall.analysis.line_statistics import line_statistics, sources
 from rockfall.analysis.run_until import verdicts_of
 from rockfall.case import case_of
 from rockfall.html_report.markup import UNITS, limits, number
-from rockfall.plots.style import count, percent, share_of
-from rockfall.result.trajectories import ends
+from rockfall.quantities import count, part_of, percent
+from rockfall.result.trajectories import ends, left_terrain
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -88,12 +88,12 @@ def _run(result: xr.Dataset) -> str:
 def _line(line: str, numbers: Numbers, boulders: int) -> str:
     """The share that passes a line, and speed, height and energy there."""
     speed = numbers[SPEED]
-    n, upper = int(speed["n"]), speed["share_high"]
+    n, upper = int(speed["n"]), speed["fraction_high"]
     if not n:
-        most = f"{number(upper, UNITS['share'])} %"
+        most = f"{number(upper, UNITS['fraction'])} %"
         chance = f"by chance the share may still be up to {most} (95 %)"
         return f"{line}: no boulder of {boulders:,} passes; {chance}."
-    share = f"{percent(speed['share'])} {limits(speed, 'share', UNITS['share'])}".strip()
+    share = f"{percent(speed['fraction'])} {limits(speed, 'fraction', UNITS['fraction'])}".strip()
     passes = "passes" if n == 1 else "pass"
     text = f"{line}: {n:,} of {count(boulders, 'boulder')} {passes}, {share}. "
     shown = {name: UNITS[name] for name in (SPEED, HEIGHT, ENERGY)}
@@ -124,6 +124,7 @@ def _ends(result: xr.Dataset) -> Iterator[str]:
         "stopped": "came to rest on the slope",
         "absorbed": "ended where the ground absorbs boulders",
         "left_domain": "left the terrain model",
+        "hit_nodata": "met terrain without elevation",
         "impact_limit": "reached the limit of contacts and were ended there",
     }
     boulders = result.sizes["boulder"]
@@ -168,7 +169,7 @@ def _sure(result: xr.Dataset, rows: Rows) -> Iterator[str]:
     """How far chance alone moves the numbers above."""
     crossed = [numbers for numbers in rows.values() if numbers[SPEED]["n"]]
     widths = {
-        "shares passing": [half_width(numbers[SPEED], "share") for numbers in crossed],
+        "shares passing": [half_width(numbers[SPEED], "fraction") for numbers in crossed],
         "mean speeds": [half_width(numbers[SPEED], "mean") for numbers in crossed],
         "energies that 5 in 100 exceed": [half_width(n[ENERGY], "q95") for n in crossed],
     }
@@ -228,14 +229,14 @@ def _of_run(result: xr.Dataset) -> Iterator[tuple[float, str]]:
         yield 3.0, text
     if boulders == 1:
         yield 2.5, "1 boulder is an example. Shares and quantiles need some hundred at least."
-    left, limit = (int(ends(result)[way].sum()) for way in ("left_domain", "impact_limit"))
+    left, limit = (int(of.sum()) for of in (left_terrain(result), ends(result)["impact_limit"]))
     if left:
-        text = "left the terrain model: the way beyond it is not known and not counted."
-        yield left / boulders, f"{share_of(left, boulders, 'boulder')} {text}"
+        text = "left the known terrain: the way beyond it is not known and not counted."
+        yield left / boulders, f"{part_of(left, boulders, 'boulder')} {text}"
     if limit:
         most = f"{case.impact['impact_limit']:,} contacts (impact_limit)"
         text = f"reached the limit of {most} on the way: the place of rest is not known."
-        yield limit / boulders, f"{share_of(limit, boulders, 'boulder')} {text}"
+        yield limit / boulders, f"{part_of(limit, boulders, 'boulder')} {text}"
 
 
 def _of_model(result: xr.Dataset) -> Iterator[tuple[float, str]]:
@@ -254,7 +255,7 @@ def _of_model(result: xr.Dataset) -> Iterator[tuple[float, str]]:
         (redrawn, "needed more than one draw, since the first gained energy or did not rise."),
     ):  # fmt: skip
         if part:
-            yield part / rebounds, f"{share_of(part, rebounds, 'rebound')} {text}"
+            yield part / rebounds, f"{part_of(part, rebounds, 'rebound')} {text}"
 
 
 def _of_lines(rows: Rows, levels: pd.DataFrame) -> Iterator[tuple[float, str]]:
@@ -289,4 +290,4 @@ def _of_cells(result: xr.Dataset) -> Iterator[tuple[float, str]]:
     reached, few = int((passed > 0).sum()), int(((passed > 0) & (passed < FEW_IN_CELL)).sum())
     if few:
         text = f"saw fewer than {FEW_IN_CELL} boulders: the numbers there are mostly chance."
-        yield few / reached, f"{share_of(few, reached, 'reached cell')} {text}"
+        yield few / reached, f"{part_of(few, reached, 'reached cell')} {text}"

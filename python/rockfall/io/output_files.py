@@ -31,7 +31,7 @@ BY_SLURM = "# Written by `rockfall slurm`."
 SIGNS = (  # how a file of ours begins, what else its head holds, and what it is
     (b"line,result,units,", b"", ENSEMBLE_TABLE),
     (b"line,quantity,statistic,", b"", STUDY),
-    (b"line,quantity,n,share,", b"", LINE_TABLE),
+    (b"line,quantity,n,fraction,", b"", LINE_TABLE),
     (b"line,quantity,n,max,", b"", LEVEL_TABLE),
     (b"table,line,quantity,", b"", COMPARISON),
     (b"table,distance,observed,", b"", COMPARISON),

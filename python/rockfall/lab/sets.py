@@ -11,10 +11,11 @@ import numpy as np
 
 from rockfall.analysis.plane_bounce import admissible
 from rockfall.errors import RockfallError
+from rockfall.impact_sets import shipped_sets
 from rockfall.io.files import read_text
 from rockfall.lab.lateral import Lateral
 from rockfall.lab.setfile import ERROR_MARK
-from rockfall.scene.scene import read_set_draws, shipped_sets
+from rockfall.scene.coefficients import draws_in
 
 DRAWS = 4000  # of A, for the means of R_t and R_n
 
@@ -46,7 +47,7 @@ def read_sets(source: str | Path) -> list[Sets]:
     those of an ensemble."""
     path = shipped_sets().get(str(source), Path(source))
     error = _errors(read_text(path), path)
-    draws, _ = read_set_draws(path, "past_aspect")  # needs nothing but the matrices
+    draws = [one.read("past_aspect")[0] for one in draws_in(path, "past_aspect")]  # the matrices do
     return [
         Sets(
             Path(source).stem, one.mean.T, one.covariance.T, error,

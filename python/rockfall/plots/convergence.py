@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-COLOURS = {"share": INK, "mean": BLUE, "std": GREEN, "q95": VERMILION, "max": GREY}
+COLOURS = {"fraction": INK, "mean": BLUE, "std": GREEN, "q95": VERMILION, "max": GREY}
 MARKERS = {"boulders": "D", "speed": "o", "passing_height": "s", "energy_total": "^"}
 LABELS = {  # label, unit, scale
     "boulders": ("share that passes", "%", 100.0),

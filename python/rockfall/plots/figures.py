@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rockfall.analysis.line_statistics import share_interval, sources
+from rockfall.analysis.extent import PASSED, passed_map
+from rockfall.analysis.line_statistics import fraction_interval, sources
 from rockfall.analysis.terrain import terrain_of
 from rockfall.case import case_of
 from rockfall.errors import RockfallError, need
@@ -18,18 +19,17 @@ from rockfall.io.output_files import FIGURE, atomic_folder, check_outputs
 from rockfall.plots.line_figures import QUANTITIES, distribution_figure, passing_figure
 from rockfall.plots.map_figures import (
     MOST_WAYS,
-    PASSED,
     is_share,
     map_figure,
     map_note,
-    passed_map,
     stops_figure,
     ways_figure,
 )
 from rockfall.plots.rebound_figures import ENERGY, RESTITUTION, histogram, histogram_figure
-from rockfall.plots.style import FORMATS, count, save
+from rockfall.plots.style import FORMATS, save
 from rockfall.plots.trajectory_figures import way_figure
-from rockfall.result.trajectories import ends, flights, lines
+from rockfall.quantities import count
+from rockfall.result.trajectories import flights, left_terrain, lines
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -112,7 +112,7 @@ def _ways(result: xr.Dataset, terrain: Terrain | None) -> Iterator[Figure]:
 def _reach(result: xr.Dataset, terrain: Terrain | None, observed: Any) -> Iterator[Figure]:
     """How far boulders come, and where (paper, Figs 9 and 10)."""
     boulders = count(result.sizes["boulder"], "boulder")
-    gone = int(ends(result)["left_domain"].sum())
+    gone = int(left_terrain(result).sum())
     beyond = f"; how far the {gone:,} came that left the terrain is not known: dotted"
     yield Figure(
         "passing",
@@ -144,7 +144,7 @@ def _at_lines(result: xr.Dataset, observed: Any) -> Iterator[Figure]:
         return
     source, passed = sources(result), []
     for name, x in zip(result["line"].values, result["line_x"].values, strict=True):
-        share, low, high = (100 * s for s in share_interval(np.isfinite(x), source))
+        share, low, high = (100 * s for s in fraction_interval(np.isfinite(x), source))
         n = np.isfinite(x).sum()
         passed.append(f"{n:,} at {name} ({share:.1f} %, 95 % interval {low:.1f} to {high:.1f} %)")
     for name, (label, _, _) in QUANTITIES.items():
@@ -190,8 +190,9 @@ def _rebounds(result: xr.Dataset) -> Iterator[Figure]:
 
 def set_of(result: xr.Dataset) -> Sets | None:
     """The impact set of a run, where its file is still there as it was."""
+    from rockfall.impact_sets import set_path
     from rockfall.lab.sets import read_sets
-    from rockfall.scene.scene import _checksum, set_path
+    from rockfall.scene.layers import _checksum
 
     try:
         path = set_path(case_of(result))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from rockfall.analysis.line_statistics import line_values, share_interval, sources
+from rockfall.analysis.line_statistics import fraction_interval, line_values, sources
 from rockfall.plots.style import (
     BLUE,
     CUT,
@@ -18,13 +18,13 @@ from rockfall.plots.style import (
     NARROW,
     OBSERVED,
     WIDE,
-    count,
     new_figure,
     plain,
     round_step,
     styled,
 )
-from rockfall.result.trajectories import ends, from_start, lines, stop_distances
+from rockfall.quantities import count
+from rockfall.result.trajectories import from_start, left_terrain, lines, stop_distances
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -116,7 +116,7 @@ def passing_figure(result: xr.Dataset, observed: Any = None) -> Figure:
     if observed is not None and observed.passing is not None:
         table = observed.passing
         axes.plot(
-            table["distance"], 100 * table["share"],
+            table["distance"], 100 * table["fraction"],
             **OBSERVED | {"marker": "s", "linestyle": "", "label": "observed shares"},
         )  # fmt: skip
         furthest = max(furthest, table["distance"].max())
@@ -130,7 +130,7 @@ def passing_figure(result: xr.Dataset, observed: Any = None) -> Figure:
 def draw_passing(axes: Axes, result: xr.Dataset) -> None:
     """The curve of `passing_figure`. How far boulders would have come that left the terrain is not
     known: from the nearest place where one left, the curve lies between two dotted ones."""
-    gone, distance = ends(result)["left_domain"], stop_distances(result)
+    gone, distance = left_terrain(result), stop_distances(result)
     shown, share, low, high = passing(result, distance)
     _, most, _, high = passing(result, np.where(gone, np.inf, distance))
     known = shown <= distance.min(where=gone, initial=np.inf)
@@ -152,7 +152,7 @@ def passing(
     each boulder comes as far as `distance`."""
     source = sources(result)
     shown = np.linspace(0, stop_distances(result).max() or 1.0, STATIONS)
-    share = [share_interval(distance >= one, source) for one in shown]
+    share = [fraction_interval(distance >= one, source) for one in shown]
     return shown, *np.transpose(share)
 
 
@@ -245,5 +245,5 @@ def _draw_rows(axes: Axes, rows: list[Row], most: int) -> None:
 def _passing(result: xr.Dataset, line: int) -> str:
     """How many boulders pass a line, and which share that is, with its 95 % interval."""
     crossed = np.isfinite(result["line_speed"].values[line])
-    share, low, high = (100 * s for s in share_interval(crossed, sources(result)))
+    share, low, high = (100 * s for s in fraction_interval(crossed, sources(result)))
     return f"{crossed.sum():,} pass, {share:.1f} % [{low:.1f}, {high:.1f}]"

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rockfall.analysis.line_statistics import share_interval
+from rockfall.analysis.extent import PASSED, of_none, reached
 from rockfall.io.arrays import grid_of
 from rockfall.io.grid import Grid
 from rockfall.plots.style import (
@@ -32,18 +32,14 @@ if TYPE_CHECKING:
     from matplotlib.colors import Normalize
     from matplotlib.figure import Figure
 
+    from rockfall.analysis.extent import Extent
     from rockfall.result.trajectories import Terrain
-
-    Extent = tuple[float, float, float, float]  # west, east, south, north [m]
 
 DOTS = 1500  # along the longer side of a map; its picture has fewer
 MOST_WAYS = 200  # trajectories drawn
 LIMIT = 0.01  # pass frequency of the outline (paper, Fig. 10)
 TALLEST = 7.2  # of a map [inch]
-SLENDEREST = 1 / 3  # a map's shorter side by its longer
-CELL = 5.0  # of a result that does not say, for margins [m]
-PASSED = ("reach_probability", "passages")  # either tells the pass frequency
-ENDS = (VERMILION, BLUE, INK, INK)  # of each status, with markers . x ^ s
+ENDS = (VERMILION, BLUE, INK, INK, INK)  # of each status, with markers . x ^ s v
 UNITS = {"J": ("kJ", 1e-3), "m s-1": ("m/s", 1.0), "1": ("", 1.0)}
 
 
@@ -99,53 +95,6 @@ def is_share(name: str) -> bool:
     return name == "passages" or name.startswith("reach_probability")
 
 
-def passed_map(result: xr.Dataset) -> str | None:
-    """The map that tells the pass frequency, if the result has one."""
-    return next((name for name in PASSED if name in result), None)
-
-
-def reached(result: xr.Dataset, terrain: Terrain | None = None, *places: Any) -> Extent:
-    """What a map shows: all that boulders reached and further places (n, 2), with a margin, not
-    too slender; within the terrain where there is one."""
-    x = [result["start_x"].values, result["stop_x"].values]
-    y = [result["start_y"].values, result["stop_y"].values]
-    if "trajectory_x" in result:
-        x, y = [*x, result["trajectory_x"].values], [*y, result["trajectory_y"].values]
-    maps = [name for name in result.data_vars if result[name].dims == ("y", "x")]
-    everywhere = passed_map(result)  # has a value wherever another map has one
-    for name in [everywhere] if everywhere else maps:
-        passed = result[name].values > of_none(result, name)
-        x = [*x, result["x"].values[passed.any(axis=0)]]
-        y = [*y, result["y"].values[passed.any(axis=1)]]
-    for place in places:
-        if place is not None and len(place):
-            x, y = [*x, place[:, 0]], [*y, place[:, 1]]
-    x, y = np.concatenate(x), np.concatenate(y)
-    longest = max(np.ptp(x), np.ptp(y))
-    margin = 0.06 * longest + 3 * cell_of(result)
-    least = SLENDEREST * (longest + 2 * margin) / 2
-    west, east = _around(x, margin, least)
-    south, north = _around(y, margin, least)
-    if terrain is None:
-        return west, east, south, north
-    grid = terrain[1]
-    west, east = max(west, grid.west), min(east, grid.east)
-    return west, east, max(south, grid.south), min(north, grid.north)
-
-
-def _around(c: np.ndarray, margin: float, least: float) -> tuple[float, float]:
-    middle, half = (c.min() + c.max()) / 2, max(np.ptp(c) / 2 + margin, least)
-    return float(middle - half), float(middle + half)
-
-
-def of_none(result: xr.Dataset, name: str) -> float:
-    """What a map holds at most where no boulder passed: 0, but for the upper limit of a share."""
-    if name != "reach_probability_high":
-        return 0.0
-    none = np.zeros(result.sizes["boulder"], int)
-    return 1.001 * share_interval(none > 0, none)[2]  # maps have seven digits
-
-
 def map_note(result: xr.Dataset, name: str) -> str:
     """Where a map is blank though it could say something, and what its numbers rest on."""
     about = result[name].attrs
@@ -155,12 +104,6 @@ def map_note(result: xr.Dataset, name: str) -> str:
     elif of_none(result, name):
         notes.append(f"blank where none passed; it is {100 * of_none(result, name):.2g} % there")
     return "; ".join(notes)
-
-
-def cell_of(result: xr.Dataset) -> float:
-    """Side of a cell of the terrain that boulders ran over [m]."""
-    transform = str(result["crs"].attrs.get("GeoTransform", "")) if "crs" in result else ""
-    return float(transform.split()[1]) if transform else CELL
 
 
 def draw_relief(axes: Axes, terrain: Terrain, extent: Extent) -> None:
@@ -208,7 +151,7 @@ def draw_ways(axes: Axes, result: xr.Dataset, colour: str) -> None:
 def draw_stops(axes: Axes, result: xr.Dataset) -> None:
     """Where boulders ended, each way of ending with a marker of its own."""
     size = float(np.clip(90 / np.sqrt(result.sizes["boulder"]), 2, 6))
-    for (word, here), marker, colour in zip(ends(result).items(), ".x^s", ENDS, strict=True):
+    for (word, here), marker, colour in zip(ends(result).items(), ".x^sv", ENDS, strict=True):
         if here.any():
             x, y = result["stop_x"].values[here], result["stop_y"].values[here]
             about = {"markersize": size * (1 if marker == "." else 1.2), "alpha": 0.7}

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rockfall.analysis.extent import passed_map, reached
 from rockfall.plots.line_figures import DISTANCE, draw_passing, mark_lines
 from rockfall.plots.map_figures import (
     draw_map,
@@ -16,8 +17,6 @@ from rockfall.plots.map_figures import (
     draw_relief,
     draw_stops,
     draw_ways,
-    passed_map,
-    reached,
 )
 from rockfall.plots.style import (
     BLUE,
@@ -25,7 +24,6 @@ from rockfall.plots.style import (
     INK,
     STYLE,
     VERMILION,
-    count,
     new_figure,
     plain,
     round_step,
@@ -33,6 +31,7 @@ from rockfall.plots.style import (
     styled,
 )
 from rockfall.plots.trajectory_figures import draw_heights, draw_profile, ground_below, true_scale
+from rockfall.quantities import count
 from rockfall.result.trajectories import ends, flights, lines, stop_distances
 
 if TYPE_CHECKING:

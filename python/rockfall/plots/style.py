@@ -85,21 +85,3 @@ def round_step(rough: float) -> float:
     """1, 2, 2.5 or 5 times a power of ten, the next above `rough`."""
     power = 10.0 ** np.floor(np.log10(max(rough, 1e-6)))
     return power * next(step for step in (1, 2, 2.5, 5, 10) if step * power >= 0.999 * rough)
-
-
-def count(number: int, one: str, many: str | None = None) -> str:
-    """A number of things: 1 boulder, 2,000 boulders."""
-    return f"{number:,} {one if number == 1 else many or one + 's'}"
-
-
-def percent(share: float) -> str:
-    """A share as a percentage, never rounded to all or nothing."""
-    shown = f"{100 * share:.1f}"
-    if 0 < share < 1 and shown in ("0.0", "100.0"):
-        return "less than 0.1 %" if share < 0.5 else "more than 99.9 %"
-    return f"{shown.removesuffix('.0')} %" if share in (0, 1) else f"{shown} %"
-
-
-def share_of(part: int, whole: int, one: str) -> str:
-    """A part of so many things: 20 of 1,000 boulders (2.0 %)."""
-    return f"{part:,} of {count(whole, one)} ({percent(part / whole)})"

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rockfall.analysis.extent import cell_of
 from rockfall.plots.line_figures import DISTANCE, mark_lines
-from rockfall.plots.map_figures import MOST_WAYS, cell_of
+from rockfall.plots.map_figures import MOST_WAYS
 from rockfall.plots.style import FLIGHT, INK, WIDE, new_figure, styled
 from rockfall.result.trajectories import Flight, flights, height
 

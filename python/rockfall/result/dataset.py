@@ -146,7 +146,9 @@ def _map(name: str, maps: Maps, boulders: int, least: int) -> tuple[np.ndarray, 
             values[rows][values[rows] == 0] = np.nan
         return values, 0
     values = np.empty(maps.column.shape if maps.column.size > 1 else maps.counts.shape[1:], "f4")
-    fewest = _core.map_values(name, boulders, least, **maps.arguments(), values=values.T)
+    fewest = _core.map_values(
+        name, boulders, least, maps.names, **maps.arguments(), values=values.T
+    )
     return values, fewest
 
 

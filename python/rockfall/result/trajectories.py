@@ -98,3 +98,10 @@ def ends(result: xr.Dataset) -> dict[str, np.ndarray]:
     words = status.attrs["flag_meanings"].split()
     flags = zip(words, status.attrs["flag_values"], strict=True)
     return {word: status.values == flag for word, flag in flags}
+
+
+def left_terrain(result: xr.Dataset) -> np.ndarray:
+    """Boulders that left the known terrain, over its edge or into cells without elevation: how far
+    they would have come is not known."""
+    ended = ends(result)
+    return ended["left_domain"] | ended["hit_nodata"]

@@ -13,9 +13,11 @@ import numpy as np
 from rockfall.case import Case, read_case
 from rockfall.case_files import input_files
 from rockfall.errors import RockfallError
+from rockfall.impact_sets import set_path
 from rockfall.io.output_files import atomic_folder, check_outputs
 from rockfall.scene.reach import survey
-from rockfall.scene.scene import Scene, read_scene, set_path
+from rockfall.scene.read import read_scene
+from rockfall.scene.scene import Scene
 
 MARK = "! Prepared by rockfall"  # first words of a prepared case.nml
 RASTERS = ("dem", "zones", "mean_radius", "rg70", "rg20", "rg10", "cells")
@@ -28,7 +30,7 @@ def prepare(case: Case, folder: str | Path, **arrays: Any) -> list[Path]:
     """Write the case and what it reads to `folder`; returns the files, `case.nml` last.
 
     Every number reads back to the same bits, so both programs give the same results as the
-    original. `arrays` are as in `rockfall.scene.scene.read_scene`. A folder that holds something
+    original. `arrays` are as in `rockfall.scene.read.read_scene`. A folder that holds something
     else than a prepared case is refused.
     """
     folder, inputs = Path(folder), list(input_files(case))

@@ -14,7 +14,8 @@ from rockfall.case import Case
 from rockfall.errors import RockfallError, need
 from rockfall.interrupts import interrupts
 from rockfall.scene.reach import survey
-from rockfall.scene.scene import Scene, read_scene
+from rockfall.scene.read import read_scene
+from rockfall.scene.scene import Scene
 from rockfall.simulation.merge import Joined
 from rockfall.simulation.progress import progress_bar
 from rockfall.simulation.simulate import no_maps, run_scene

@@ -18,7 +18,8 @@ from rockfall.interrupts import interrupts
 from rockfall.io.grid import Box, Grid
 from rockfall.scene.plausible import warn_of
 from rockfall.scene.reach import Survey, survey
-from rockfall.scene.scene import Scene, read_scene
+from rockfall.scene.read import read_scene
+from rockfall.scene.scene import Scene
 from rockfall.scene.windows import groups
 from rockfall.simulation.memory import machine_memory
 from rockfall.simulation.source_maps import follow_sources
@@ -34,10 +35,10 @@ os.register_at_fork(before=_core.end_team)
 CHUNK_SECONDS = 0.25  # between calls of the kernel: progress, Ctrl-C
 FIRST_CHUNK = 64  # boulders
 BINS = 50  # rows of the kernel's histograms
-MOST_THREADS = 1024  # as in the kernel's table of keys
+MOST_THREADS = int(_core.constant("max_threads"))
 MOST_ROWS = 2**31 - 2  # of class_counts, and one more can be counted
 STATUS = 0  # row of the kernel's integers
-LEFT_WINDOW = 5  # status: to be flown again in a larger window
+LEFT_WINDOW = int(_core.constant("left_window"))  # status: to be flown again in a larger window
 ALL = Box(0, 0, 2**31 - 1, 2**31 - 1)  # any cells
 HALVINGS = 5  # of these rows, before they are too few to begin with
 
@@ -55,6 +56,7 @@ class Maps:
     """The kernel's tallies by cell, in stacks (layers, ny, nx), where `plan` says; what the case
     does not ask for has a single element."""
 
+    names: str  # of the maps, as the kernel wants them
     plan: np.ndarray  # of the kernel's map_plan
     counts: np.ndarray
     sums: np.ndarray
@@ -71,7 +73,7 @@ class Maps:
     def arguments(self) -> dict[str, np.ndarray]:
         """As the kernel wants them."""
         return {
-            "plan": self.plan, "map_counts": self.counts.T, "map_sums": self.sums.T,
+            "map_counts": self.counts.T, "map_sums": self.sums.T,
             "map_reals": self.maxima.T, "class_counts": self.class_counts.T,
             "column": self.column.T, "columns": self.columns,
         }  # fmt: skip
@@ -84,14 +86,15 @@ class Maps:
 def no_maps(names: Sequence[str] = (), box: Box = ALL) -> Maps:
     """Empty tallies for the maps of these names, on these cells."""
     shape = box.shape if names else (1, 1)
-    plan = _core.map_plan(" ".join(names))
+    text = " ".join(names)
+    plan = _core.map_plan(text)
     counts, sums, maxima, classes = plan[:4].max(), plan[4:7].max(), plan[7:10].max(), plan[13]
 
     def stack(layers: int, dtype: str) -> np.ndarray:
         return np.zeros((layers, *shape) if layers else (1, 1, 1), dtype)
 
     return Maps(
-        plan, stack(counts, "i4"), stack(sums, "i8"), stack(maxima, "f4"),
+        text, plan, stack(counts, "i4"), stack(sums, "i8"), stack(maxima, "f4"),
         class_counts=_class_counts(shape[0] * shape[1], classes),
         column=np.zeros(shape if classes else (1, 1), "i4"),
         columns=np.zeros(1, "i4"),
@@ -160,7 +163,7 @@ def run(
 ) -> xr.Dataset:
     """Run a case: an xarray.Dataset of boulders, lines, maps and histograms.
 
-    `arrays` (dem, zones, ...) are as in `rockfall.scene.scene.read_scene`. The result does not
+    `arrays` (dem, zones, ...) are as in `rockfall.scene.read.read_scene`. The result does not
     depend on `threads` (default: the case's) or `chunk`, boulders in one call of the kernel
     (default: what takes a quarter of a second). `shard` (I, N) runs the I-th of N ranges of
     boulders. Ctrl-C raises `Interrupted`, which holds the boulders done. Rasters that need more
@@ -260,16 +263,9 @@ def start(scene: Scene, threads: int, shard: tuple[int, int] = (1, 1)) -> Tally:
 
 def check_tallies(scene: Scene, found: Survey) -> None:
     """Refuse a run whose boulders could add up to more in a cell of a map than its numbers hold."""
-    names = scene.case.output.get("maps", [])
-    if not names:
-        return
-    about = scene.kernel_arguments()
-    law = {key: about[key] for key in ("law", "law_values", "volumes", "density", "gravity")}
-    fall = found.head[0] - found.minima.min()
-    code, message = _core.check_tallies(
-        _core.map_plan(" ".join(names)), **law, fall=fall, boulders=scene.boulders
-    )
-    _raise(scene, code, message)
+    if "maps" in scene.case.output:
+        kernel = scene.kernel
+        kernel.check(*_core.check_maps(kernel.handle, found.head[0] - found.minima.min()))
 
 
 def _start(scene: Scene, threads: int, numbers: range, box: Box) -> Tally:
@@ -334,13 +330,11 @@ def _call(tally: Tally, scene: Scene, first: int, size: int) -> np.ndarray:
     """Boulders `first` to `first + size - 1`, into their places. Returns the numbers of those that
     left the window, which are in no tally."""
     lines = len(tally.scene.case.line)
-    arguments = _arguments(scene, first, size)
-    boulder, count, crossing, _, _, code, message = _core.run(
-        **arguments, **tally.maps.arguments(), **tally.maps.marks(), first=first,
-        threads=tally.threads, histograms=int(tally.scene.case.output["rebounds"]),
-        histogram=tally.histogram.T, n=size, room=1,
+    boulder, count, crossing, code, message = _core.run(
+        scene.kernel.handle, first, tally.threads, **tally.maps.arguments(), **tally.maps.marks(),
+        histogram=tally.histogram.T, nl=max(1, lines), n=size,
     )  # fmt: skip
-    _raise(tally.scene, code, message)
+    scene.kernel.check(code, message)
     if tally.maps.columns[0] > len(tally.maps.class_counts):
         raise RockfallError(
             f"{tally.scene.case.name}: &output maps: boulders reach more than "
@@ -377,29 +371,10 @@ def _fly_alone(
     scene: Scene, number: int
 ) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray] | None]:
     """The vertices of a boulder, and where it left the window if it did; no tally changes."""
-    arguments = _arguments(scene, number, 1)
-    room, recorded = 0, 256
-    while recorded > room:
-        room = recorded
-        boulder, count, _, vertex, recorded, code, message = _core.run(
-            **arguments, **no_maps().arguments(), **no_maps().marks(), first=number, threads=1,
-            histograms=0, histogram=np.zeros((BINS, 6), "i8", order="F"), n=1, room=room,
-        )  # fmt: skip
-        _raise(scene, code, message)
+    vertex, recorded = np.empty((0, len(fields(4)))), 256
+    while recorded > len(vertex):
+        vertex = np.empty((recorded, len(fields(4))))
+        recorded, boulder, count = _core.trajectory(scene.kernel.handle, number, vertex.T)
     place = boulder[[fields(1).index(name) for name in ("stop_x", "stop_y")]]
-    left = tuple(place) if count[STATUS, 0] == LEFT_WINDOW else None
-    return vertex.T[:recorded].copy(), left
-
-
-def _arguments(scene: Scene, first: int, boulders: int) -> dict[str, Any]:
-    """What the kernel takes for so many boulders: of the sources only theirs, for it looks at all
-    that it is given, in every call."""
-    arguments = scene.kernel_arguments()
-    these = slice(scene.source_of(first), scene.source_of(first + boulders - 1) + 1)
-    own = {key: arguments[key][these] for key in ("source_x", "source_y")}
-    return arguments | own | {"sources_before": these.start}
-
-
-def _raise(scene: Scene, code: int, message: bytes) -> None:
-    if code:
-        raise RockfallError(f"{scene.case.name}: {message.decode().strip()}", code)
+    left = tuple(place) if count[STATUS] == LEFT_WINDOW else None
+    return vertex[:recorded], left

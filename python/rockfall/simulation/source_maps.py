@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Maps by source of runs in parts: a source that a part cuts may be counted by others too.
 
-The kernel's stamps know the cells of such a source (rockfall_sourcemap). They are kept with a part,
+The kernel knows the cells of such a source (rockfall_source_maps). They are kept with a part,
 so that all parts together count it once a cell, and with a checkpoint, so that it goes on.
 """
 

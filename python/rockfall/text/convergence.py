@@ -80,7 +80,7 @@ def _study_says(study: pd.DataFrame) -> Iterator[str]:
 def _rule(key: tuple[str, str, str]) -> str:
     """A number as a rule of `rockfall run --until` has it."""
     line, quantity, statistic = key
-    return f"share@{line}" if quantity == "boulders" else f"{quantity}.{statistic}@{line}"
+    return f"fraction@{line}" if quantity == "boulders" else f"{quantity}.{statistic}@{line}"
 
 
 def _cost(cost: pd.DataFrame) -> Iterator[str]:

@@ -72,7 +72,7 @@ def _text(statistics: pd.DataFrame, levels: pd.DataFrame, boulders: int) -> Iter
     yield ABOUT
     for line, rows in statistics.groupby("line", sort=False):
         one = rows.iloc[0]
-        share, low, high = (_number(one[f"share{end}"], 0.01) for end in ("", "_low", "_high"))
+        share, low, high = (_number(one[f"fraction{end}"], 0.01) for end in ("", "_low", "_high"))
         yield ""
         yield f"{line}: {one['n']:,} of {boulders:,} boulders, {share} % ({low} to {high} %)"
         if one["n"]:

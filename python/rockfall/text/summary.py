@@ -40,15 +40,17 @@ def _passages(result: xr.Dataset) -> Iterator[str]:
     """Boulders at each line, their mean speed and passing height, with 95 % intervals."""
     names = [str(name) for name in result["line"].values]
     wide = max(14, *map(len, names))
-    head = f"{'boulders':>12}{'share':>17}{'mean speed':>20}{'mean passing height':>22}"
+    head = f"{'boulders':>12}{'fraction':>17}{'mean speed':>20}{'mean passing height':>22}"
     yield f"  {'line (95 %)':{wide}}{head}"
     source = sources(result)
     for k, name in enumerate(names):
         speed, height = (
             line_numbers(result, k, key, source) for key in ("speed", "passing_height")
         )
-        share = _within(speed, "share", ".1f", 100) if speed["n"] else _at_most(speed["share_high"])
-        row = f"  {name:{wide}}{speed['n']:12,}{f'{share} %':>17}"
+        fraction = _at_most(speed["fraction_high"])
+        if speed["n"]:
+            fraction = _within(speed, "fraction", ".1f", 100)
+        row = f"  {name:{wide}}{speed['n']:12,}{f'{fraction} %':>17}"
         if speed["n"]:
             row += f"{_within(speed, 'mean', '.1f') + ' m/s':>20}"
             row += f"{_within(height, 'mean', '.2f') + ' m':>22}"

@@ -4,8 +4,8 @@ module rockfall_result
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use rockfall_kinds, only: wp
    use rockfall_terrain, only: terrain_t
-   use rockfall_boulder, only: spin_inertia
-   use rockfall_trajectory, only: fate_t, crossing_t, contact_t
+   use rockfall_boulder, only: inertia_factor
+   use rockfall_trajectory, only: boulder_result_t, crossing_t, contact_t
    use rockfall_variables, only: boulder_fields, boulder_counts, line_fields, vertex_fields
    implicit none
    private
@@ -16,7 +16,7 @@ contains
    !> The numbers of `boulder_fields`.
    pure function boulder_row(dem, fate) result(row)
       type(terrain_t), intent(in) :: dem
-      type(fate_t), intent(in) :: fate
+      type(boulder_result_t), intent(in) :: fate
       real(wp) :: row(size(boulder_fields))
       real(wp) :: origin(3)
 
@@ -28,7 +28,7 @@ contains
 
    !> The numbers of `boulder_counts`.
    pure function boulder_count_row(fate) result(row)
-      type(fate_t), intent(in) :: fate
+      type(boulder_result_t), intent(in) :: fate
       integer :: row(size(boulder_counts))
 
       row = [fate%status, fate%impacts, fate%rebounds, fate%redrawn, fate%forced, fate%out_of_range, &
@@ -38,7 +38,7 @@ contains
    !> The numbers of `line_fields`; NaN where the boulder did not cross. Energies: Bourrier et al. 2009, eqs 1-3.
    pure function line_row(dem, fate, crossing) result(row)
       type(terrain_t), intent(in) :: dem
-      type(fate_t), intent(in) :: fate
+      type(boulder_result_t), intent(in) :: fate
       type(crossing_t), intent(in) :: crossing
       real(wp) :: row(size(line_fields))
       real(wp) :: speed2, spin
@@ -49,7 +49,7 @@ contains
       spin = crossing%omega*fate%boulder%radius
       row = [crossing%x + dem%x0, crossing%y + dem%y0, crossing%time, sqrt(speed2), crossing%v, crossing%omega, &
              crossing%jump_height, crossing%passing_height, 0.5_wp*fate%boulder%mass*speed2, &
-             0.5_wp*spin_inertia*fate%boulder%mass*spin**2]
+             0.5_wp*inertia_factor*fate%boulder%mass*spin**2]
    end function line_row
 
    !> The numbers of `vertex_fields`.

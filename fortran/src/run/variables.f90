@@ -160,9 +160,10 @@ module rockfall_variables
       variable_t("vertex", "ratio", "real", "1", "R_b/R_m of the rebound", "0 without a rebound"), &
       variable_t("status", "stopped", "word", "", "slower than the stop speed after a rebound"), &
       variable_t("status", "absorbed", "word", "", "met material that absorbs"), &
-      variable_t("status", "left_domain", "word", "", "left the known terrain"), &
+      variable_t("status", "left_domain", "word", "", "left the terrain between its outer cell centres"), &
       variable_t("status", "impact_limit", "word", "", &
-                 "still moving after as many contacts as allowed")]
+                 "still moving after as many contacts as allowed"), &
+      variable_t("status", "hit_nodata", "word", "", "met terrain without elevation")]
 
    character(len=27), parameter :: boulder_fields(*) = pack(variable_table%name, &
       variable_table%group == "boulder" .and. variable_table%kind == "real")
