@@ -77,9 +77,10 @@ def report(result: xr.Dataset, terrain: Terrain | None = None, observed: Any = N
         sections["Convergence"] = "\n".join(_convergence(result, rows))
     if observed is not None:
         from rockfall.analysis.compare import compare
+        from rockfall.text.comparison import text
 
-        text = str(compare(result, observed))
-        sections["Comparison"] = f'<pre tabindex="0">{escape(text)}</pre>'
+        beside = text(compare(result, observed))
+        sections["Comparison"] = f'<pre tabindex="0">{escape(beside)}</pre>'
     sections["Figures"] = _grid(
         (picture(one.draw(), one.title, one.caption) for one in shown if one.name not in zoomed),
         "gallery",

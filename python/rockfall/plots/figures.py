@@ -192,11 +192,11 @@ def set_of(result: xr.Dataset) -> Sets | None:
     """The impact set of a run, where its file is still there as it was."""
     from rockfall.impact_sets import set_path
     from rockfall.lab.sets import read_sets
-    from rockfall.scene.layers import _checksum
+    from rockfall.scene.layers import file_checksum
 
     try:
         path = set_path(case_of(result))
-        same = _checksum(path) == result.attrs["impact_set_checksum"]
+        same = file_checksum(path) == result.attrs["impact_set_checksum"]
         return read_sets(path)[0] if same else None
     except RockfallError:
         return None
