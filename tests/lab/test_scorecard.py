@@ -241,7 +241,7 @@ def test_the_error_of_the_sets_is_part_of_that_of_the_numbers(site, tmp_path):
 
 
 def test_the_scorecard_is_printed(site, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr("rockfall.lab.site.Site", partial(Site, boulders=200, trajectories=20))
+    monkeypatch.setattr("rockfall.cli.lab.Site", partial(Site, boulders=200, trajectories=20))
     path = scenes.write_sets(tmp_path / "mine.nml", *scenes.sets())
     assert (
         main(["lab", "scorecard", str(path), "--site", str(VAUJANY), "--slopes", "2", "--quiet"])

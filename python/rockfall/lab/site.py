@@ -11,12 +11,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rockfall.analysis.plane_bounce import ratio_class
+from rockfall.case import read_case
 from rockfall.errors import RockfallError
 from rockfall.lab.fit import ImpactSet
 from rockfall.lab.lateral import incidence
 from rockfall.lab.setfile import write_sets
 from rockfall.lab.sets import Sets, restitution
 from rockfall.lab.talus import CELL, NORTH, WEST, Talus
+from rockfall.simulation.simulate import run
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -39,8 +41,6 @@ class Site:
     """The experimental slope, or rather its stand-in."""
 
     def __init__(self, folder: str | Path, boulders: int = 2000, trajectories: int = 200) -> None:
-        from rockfall.case import read_case
-
         folder = Path(folder)
         if not (folder / CASES["B"]).exists():
             raise RockfallError(
@@ -60,8 +60,6 @@ class Site:
         """Results by method, on the terrain of the case or on a slope of the same recipe."""
         import rasterio
 
-        import rockfall
-
         terrain = {}
         if talus is not None:
             transform = rasterio.Affine(CELL, 0, WEST, 0, -CELL, NORTH)
@@ -71,7 +69,7 @@ class Site:
             path = Path(folder) / "sets.nml"
             write_sets(path, _as_fitted(sets), [])
             for method in methods:
-                results[method] = rockfall.run(
+                results[method] = run(
                     self._cases[method].replace(
                         case={"seed": seed, "threads": threads},
                         impact={"sets": str(path), "turning": turning},
