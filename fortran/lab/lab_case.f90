@@ -15,7 +15,7 @@ module lab_case
       material_row, packing_row, shot_row
    implicit none
    private
-   public :: lab_case_t, read_lab_case
+   public :: lab_case_t, read_lab_case, default_ratios
 
    type :: key_t
       character(len=10) :: group
@@ -41,6 +41,7 @@ module lab_case
       key_t("impact", "past", "real"), key_t("impact", "wait", "real"), &
       key_t("impact", "step_factor", "real"), key_t("impact", "retries", "integer")]
 
+   real(wp), parameter :: default_ratios(5) = [1.0_wp, 2.0_wp, 3.0_wp, 4.0_wp, 5.0_wp]  !! R_b/R_m
    integer, parameter :: max_ratios = 1000
    integer(i8), parameter :: max_shots = 10_i8**6  !! layers, points on each, and impacts at each
 
@@ -48,7 +49,7 @@ module lab_case
    type :: lab_case_t
       character(len=:), allocatable :: file, title
       integer(i8) :: seed = 1
-      real(wp), allocatable :: ratios(:)  !! R_b/R_m; 1 to 5 unless given
+      real(wp), allocatable :: ratios(:)  !! R_b/R_m; `default_ratios` unless given
       integer(i8) :: layers = 50          !! for each ratio
       integer(i8) :: points = 8           !! on each layer
       integer(i8) :: impacts = 15         !! at each point
@@ -71,7 +72,7 @@ contains
 
       case%file = file
       case%title = ""
-      case%ratios = [1.0_wp, 2.0_wp, 3.0_wp, 4.0_wp, 5.0_wp]
+      case%ratios = default_ratios
       call parse_namelist(text, file, list, error)
       if (.not. allocated(error)) call check_names(list, error)
       if (allocated(error)) return
@@ -274,15 +275,15 @@ contains
       if (allocated(error)) error%message = case%file//": "//error%message
    end subroutine check_lab_case
 
-   pure subroutine check_whole(case, key, value, least, most, error)
+   pure subroutine check_whole(case, key, value, min, max, error)
       type(lab_case_t), intent(in) :: case
       character(len=*), intent(in) :: key
-      integer(i8), intent(in) :: value, least, most
+      integer(i8), intent(in) :: value, min, max
       type(error_t), allocatable, intent(out) :: error
       character(len=80) :: rule
 
-      if (value >= least .and. value <= most) return
-      write (rule, "(3(i0,a))") value, ": must be ", least, " to ", most
+      if (value >= min .and. value <= max) return
+      write (rule, "(3(i0,a))") value, ": must be ", min, " to ", max
       call fail(error, case%file//": &lab "//key//" = "//trim(rule))
    end subroutine check_whole
 end module lab_case
