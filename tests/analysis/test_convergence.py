@@ -15,7 +15,7 @@ from rockfall.analysis.terrain_variants import larger_cells, other_digits
 from rockfall.cli import main
 from rockfall.io.grid import Grid
 from rockfall.io.raster import write_geotiff
-from rockfall.scene.scene import read_scene
+from rockfall.scene.read import read_scene
 from rockfall.text.convergence import text
 from scenes import grid, make_case, rough, sets
 

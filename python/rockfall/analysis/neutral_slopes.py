@@ -15,7 +15,7 @@ import numpy as np
 from rockfall._core import rockfall_f2py as _core
 from rockfall.analysis.plane_bounce import mixed_rebound, neutral_slope, set_rebound
 from rockfall.io.zone_table import read_zone_table
-from rockfall.scene.scene import SIZE_TO_RADIUS
+from rockfall.scene.surface import radius_over_rg
 
 if TYPE_CHECKING:
     from rockfall.scene.scene import Scene
@@ -45,7 +45,7 @@ def rocks_of(scene: Scene) -> Iterator[Rocks]:
     fifth of the cells with the smallest rocks, that with the largest and those between, by R_m or
     Rg70, each with the medians of its sizes; cells that absorb left out."""
     surface, ground = scene.case.surface, scene.ground
-    scale = SIZE_TO_RADIUS[surface["rg_reading"]] if surface["method"] == "A" else 1.0
+    scale = radius_over_rg(scene.case) if surface["method"] == "A" else 1.0
     tangents = np.concatenate(ground.slopes)
     if ground.rocks:
         yield from _by_size(scale * np.concatenate(ground.rocks), tangents)
@@ -73,7 +73,7 @@ class NeutralSlopes:
     """Those of the impact sets of a scene, each found when it is first asked for."""
 
     def __init__(self, scene: Scene) -> None:
-        sets = scene.sets.mean.T, scene.sets.covariance.T
+        sets = scene.coefficients.mean.T, scene.coefficients.covariance.T
         self._rebounds = [set_rebound(mean, c) for mean, c in zip(*sets, strict=True)]
         self._between = scene.case.impact["ratio"] == "between"
         self._slope = cache(self._find)
