@@ -15,7 +15,7 @@ from made import make_raster, refused
 from rockfall.analysis import ensemble
 from rockfall.analysis.ensemble import RESULTS
 from rockfall.analysis.line_statistics import Z, line_numbers, line_values
-from rockfall.analysis.sobol_indices import LEAST, deviations, parts, shares
+from rockfall.analysis.sobol_indices import MIN_CROSSED, deviations, indices, parts
 from rockfall.analysis.uncertain_inputs import Uncertain, drawn_scene, gaussian_field
 from rockfall.cli import main
 from rockfall.errors import RockfallError
@@ -58,9 +58,9 @@ def model(blocks, boulders, random):
 def from_boulders(values):
     """Means and covariances of values (blocks, runs, boulders)."""
     y, n = values.mean(axis=2), values.shape[2]
+    known = {"n": MIN_CROSSED, "fraction": 1.0}
     apart = np.array([
-        [deviations(v, "mean", {"n": LEAST, "fraction": 1.0, "mean": v.mean()}, n) for v in block]
-        for block in values
+        [deviations(v, "mean", {**known, "mean": v.mean()}, n) for v in block] for block in values
     ])  # fmt: skip
     return y[..., None], (apart @ apart.transpose(0, 2, 1))[..., None]
 
@@ -73,7 +73,8 @@ def test_parts_are_those_of_a_model_without_chance_whatever_the_chance():
     within four of its standard errors of the truth: the estimates are unbiased."""
     random = np.random.default_rng(1)
     found = [parts(*model(16, 10, random)) for _ in range(200)]
-    for name, truth in (("chance", 14.4), ("ignorance", 14), ("first", FIRST), ("total", TOTAL)):
+    truths = {"monte_carlo": 14.4, "epistemic": 14, "first": FIRST, "total": TOTAL}
+    for name, truth in truths.items():
         values = np.array([getattr(one, name) for one in found])[..., 0]
         error = values.std(axis=0) / np.sqrt(200)
         assert np.all(np.abs(values.mean(axis=0) - truth) < 4 * error), name
@@ -82,7 +83,7 @@ def test_parts_are_those_of_a_model_without_chance_whatever_the_chance():
 
 def test_shares_and_their_errors():
     random = np.random.default_rng(2)
-    found = [shares(*model(64, 100, random)) for _ in range(40)]
+    found = [indices(*model(64, 100, random)) for _ in range(40)]
     for name, truth in (("first", FIRST), ("total", TOTAL)):
         values = np.array([getattr(one, name) for one in found])[..., 0]
         errors = np.array([getattr(one, f"{name}_error") for one in found])[..., 0]
@@ -94,8 +95,8 @@ def test_shares_and_their_errors():
 def test_no_shares_of_an_ignorance_that_is_not_there():
     random = np.random.default_rng(3)
     values = np.repeat(random.standard_normal((16, 1, 50)), 4, axis=1)
-    found = shares(*from_boulders(values))
-    assert abs(found.parts.ignorance[0]) < 3 * found.ignorance_error[0]
+    found = indices(*from_boulders(values))
+    assert abs(found.parts.epistemic[0]) < 3 * found.epistemic_error[0]
     assert np.isnan(found.first).all() and np.isnan(found.total).all()
     assert np.all(found.parts.first == 0) and np.all(np.abs(found.parts.total) < 1e-15)
 
@@ -151,8 +152,8 @@ def test_what_sets_sources_apart_is_no_chance():
 
 
 def test_few_boulders_at_a_line_make_no_number():
-    speed = np.r_[np.arange(LEAST - 1.0), np.full(81, np.nan)]
-    row = {"n": LEAST - 1, "fraction": 0.19, "mean": 9.0}
+    speed = np.r_[np.arange(MIN_CROSSED - 1.0), np.full(81, np.nan)]
+    row = {"n": MIN_CROSSED - 1, "fraction": 0.19, "mean": 9.0}
     assert np.isnan(deviations(speed, "mean", row, 100)).all()
     assert np.isfinite(deviations(speed, "fraction", row, 100)).all()
     row = {"n": 99, "fraction": 1.0, "q95": 93.1}
@@ -175,7 +176,7 @@ def test_an_input_that_does_nothing_has_no_share_and_the_other_all(tmp_path):
     at = found.sel(input="source", result="fraction", line="L")
     for name in ("first_order", "total"):
         assert abs(at[name] - 1) < 3 * at[f"{name}_error"] + 1e-9
-    assert at["ignorance"] > 1.5 * at["chance"]
+    assert at["epistemic_std"] > 1.5 * at["monte_carlo_std"]
     same = found["value"].sel(variant=["A", "A with sets of B"])
     assert np.array_equal(same[:, 0], same[:, 1])
 
@@ -184,14 +185,14 @@ def test_where_nothing_matters_there_is_chance_only(tmp_path):
     case = case_of(tmp_path, 400, ensemble={"runs": 24, "sets": ["sets.nml"] * 2})
     found = vary(case)
     at = found.sel(line="L")
-    assert np.all(abs(at["ignorance_variance"]) < 4 * at["ignorance_variance_error"])
+    assert np.all(abs(at["epistemic_variance"]) < 4 * at["epistemic_variance_error"])
     result = rockfall.run(case, dem=TERRAIN, transform=grid(TERRAIN))
     table = rockfall.line_statistics(result).set_index("quantity")
     for name, (quantity, number, _) in RESULTS.items():
         row = table.loc[quantity]
         width = row[f"{number}_high"] - row[f"{number}_low"]
         assert at["case_value"].sel(result=name) == row[number]
-        assert 2 * Z * at["chance"].sel(result=name) == pytest.approx(width, rel=0.35)
+        assert 2 * Z * at["monte_carlo_std"].sel(result=name) == pytest.approx(width, rel=0.35)
 
 
 ALL = {
@@ -321,7 +322,8 @@ def test_a_line_that_some_runs_do_not_reach_has_a_share_and_nothing_else(tmp_pat
     case = case_of(tmp_path, 30, ensemble={"runs": 8, "source_shift": 1.0})
     at = vary(case).sel(line="L", result="speed.q95")  # 30 boulders: no interval above it
     assert at["too_few"] == 24
-    assert all(np.isnan(at[name]).all() for name in ("mean", "chance", "ignorance", "total"))
+    unknown = ("mean", "monte_carlo_std", "epistemic_std", "total")
+    assert all(np.isnan(at[name]).all() for name in unknown)
 
 
 # ---- what is drawn
@@ -463,7 +465,7 @@ def test_nothing_to_look_at_is_refused(tmp_path):
 def test_chance_that_is_not_known_is_refused(tmp_path):
     case = case_of(tmp_path, ensemble={"source_shift": 2.0}).replace(case={"sampling": "sobol"})
     with refused(
-        "case: &case sampling = 'sobol': must be 'random' for an ensemble: the chance of other "
+        "case: &case sampling = 'sobol': must be 'random' for an ensemble: the Monte Carlo error "
         "boulders is not known"
     ):
         vary(case)
@@ -539,7 +541,8 @@ def test_the_command_writes_what_it_prints(place, capsys):
     assert Path("table.csv").read_text() == table.to_csv(index=False)
     lines = [line.split() for line in printed.splitlines()]
     share = table.loc[0]
-    for label, name in (("case as it is", "case_value"), ("chance, std", "chance")):
+    labels = {"case as it is": "case_value", "Monte Carlo error, std": "monte_carlo_std"}
+    for label, name in labels.items():
         (row,) = (words for words in lines if label in " ".join(words))
         assert float(row[len(label.split()) + label.startswith("case")]) == pytest.approx(
             100 * share[name], rel=0.01

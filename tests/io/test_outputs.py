@@ -59,7 +59,7 @@ def place(ready, tmp_path, monkeypatch):
     shutil.copytree(ready, tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
     drawn = [Drawing(name, name, name, Figure) for name in ("passing", "profile", "stops")]
-    monkeypatch.setattr("rockfall.plots.figures.figures", lambda *_: drawn)
+    monkeypatch.setattr("rockfall.cli.results.figures", lambda *_: drawn)
     monkeypatch.setattr("rockfall.html_report.figures", lambda *_: drawn)
     return tmp_path
 
@@ -130,14 +130,14 @@ def test_a_command_replaces_its_own_file_and_no_other(name, place, capsys):
 def test_a_study_of_convergence_replaces_its_own_files_and_no_other(place, monkeypatch, capsys):
     numbers = pd.DataFrame(columns=[*KEYS, "value"])
     study = Convergence("case", *4 * [numbers], 1, 1, 1, 0.0, {})
-    monkeypatch.setattr("rockfall.analysis.convergence.converge", lambda *_, **__: study)
-    monkeypatch.setattr("rockfall.text.convergence.text", lambda _: "")
+    monkeypatch.setattr("rockfall.cli.studies.converge", lambda *_, **__: study)
+    monkeypatch.setattr("rockfall.cli.studies.text", lambda _: "")
     monkeypatch.setattr("rockfall.plots.convergence._page", lambda _: Figure())
     words = ["convergence", "case.nml", "-o", "study"]
     for _ in range(2):
         assert main(words) == 0
     assert len(list(Path("study").iterdir())) == 6 and all(map(kind_of, Path("study").iterdir()))
-    monkeypatch.setattr("rockfall.analysis.convergence.converge", None)  # it does not come to this
+    monkeypatch.setattr("rockfall.cli.studies.converge", None)  # it does not come to this
     for name in ("cost.csv", "convergence.pdf"):
         kept = Path("study", name).read_bytes()
         for lay in (lambda path: path.write_text("mine"), lambda path: os.link("zones.csv", path)):
