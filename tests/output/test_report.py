@@ -204,15 +204,7 @@ def test_what_did_not_happen_is_not_warned_of(result):
         clean[name][...] = 0
     clean["status"][:] = 1
     text = " ".join(warned(clean))
-    for part in (
-        "outside 0.5",
-        "_range",
-        "in 32",
-        "one draw",
-        "left the terrain",
-        "impact_limit",
-        "interrup",
-    ):
+    for part in "outside", "_range", "in 32", "one draw", "left", "impact_limit", "interrup":
         assert part not in text
 
 
@@ -446,11 +438,9 @@ def test_a_result_is_not_overwritten_by_its_page(stored, capsys):
         (lambda r: r.assign(start_y=r.start_y.where(False)), "start_y: must be a number for every"),
     ],
 )
-@pytest.mark.parametrize("command", ["report", "figures", "compare"])
-def test_a_result_that_lacks_something_is_refused(stored, capsys, result, command, change, message):
+def test_a_result_that_lacks_something_is_refused(stored, capsys, result, change, message):
     rockfall.write_result(change(result), "part.nc")
-    more = {"figures": ["folder"], "compare": ["none.csv"]}.get(command, [])
-    assert main([command, "part.nc", *more]) == 2
+    assert main(["report", "part.nc"]) == 2
     said = capsys.readouterr()
     assert not said.out and said.err.startswith("rockfall: part.nc: ") and message in said.err
     assert said.err.count("\n") == 1

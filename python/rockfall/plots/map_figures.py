@@ -137,7 +137,7 @@ def norm_of(values: np.ndarray) -> Normalize:
 
 def draw_relief(axes: Axes, terrain: Terrain, extent: Extent) -> None:
     """Shaded relief with contours."""
-    z, grid = _cropped(*terrain, False, extent, np.add)
+    z, grid = cropped(*terrain, False, extent, np.add)
     _image(axes, shade(z, grid.cell), grid, cmap="gray", vmin=0, vmax=1)
     low, high = np.nanmin(z), np.nanmax(z)
     interval = round_step((high - low) / 12)
@@ -152,7 +152,7 @@ def draw_relief(axes: Axes, terrain: Terrain, extent: Extent) -> None:
 
 def draw_map(axes: Axes, result: xr.Dataset, name: str, extent: Extent) -> None:
     """A map variable in colours, with the scale below."""
-    values, grid = _cropped(result[name].values, *grid_of(result[name]), extent, np.fmax)
+    values, grid = cropped(result[name].values, *grid_of(result[name]), extent, np.fmax)
     values = np.where(values > of_none(result, name), values, np.nan).astype(float)
     about = result[name].attrs
     if name in PASSED:
@@ -213,7 +213,7 @@ def _new_map(
     return figure, axes, extent
 
 
-def _cropped(
+def cropped(
     values: np.ndarray, grid: Grid, flipped: bool, extent: Extent, merge: np.ufunc
 ) -> tuple[np.ndarray, Grid]:
     """The part of a raster within an extent, no finer than the picture: where several cells make
