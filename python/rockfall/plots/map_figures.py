@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from itertools import cycle
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
@@ -180,7 +181,7 @@ def draw_trajectories(axes: Axes, result: xr.Dataset, colour: str) -> None:
 def draw_stops(axes: Axes, result: xr.Dataset) -> None:
     """Where boulders ended, each status with a marker of its own."""
     size = float(np.clip(90 / np.sqrt(result.sizes["boulder"]), 2, 6))
-    for (name, here), (marker, colour) in zip(ends(result).items(), MARKERS, strict=False):
+    for (name, here), (marker, colour) in zip(ends(result).items(), cycle(MARKERS)):
         if here.any():
             x, y = result["stop_x"].values[here], result["stop_y"].values[here]
             about = {"markersize": size * (1 if marker == "." else 1.2), "alpha": 0.7}
