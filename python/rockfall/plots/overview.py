@@ -19,7 +19,7 @@ from rockfall.plots.map_figures import (
 )
 from rockfall.plots.profile_figures import draw_heights, draw_profile, ground_below, true_scale
 from rockfall.plots.style import new_figure, plain, save, styled
-from rockfall.quantities import count
+from rockfall.quantities import count, percent
 from rockfall.result.trajectories import ends, lines, stop_distances, trajectories
 
 if TYPE_CHECKING:
@@ -90,5 +90,5 @@ def _summary(result: xr.Dataset) -> str:
         f"{of.sum():,} {end.replace('_', ' ')}" for end, of in ends(result).items() if of.any()
     ]
     for k, (name, _, _) in enumerate(lines(result)):
-        text.append(f"{np.isfinite(result['line_x'].values[k]).mean():.1%} pass {name}")
+        text.append(f"{percent(np.isfinite(result['line_x'].values[k]).mean())} pass {name}")
     return plain("\n".join(text))
