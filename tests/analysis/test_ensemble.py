@@ -3,7 +3,6 @@
 
 import re
 import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +21,7 @@ from rockfall.errors import RockfallError
 from rockfall.scene.reach import survey
 from rockfall.scene.scene import read_scene
 from rockfall.simulation.simulate import run_scene
+from rockfall.text.ensemble import ensemble_summary
 from scenes import grid, make_case, rough, sets, write_sets
 from test_batch import find_program
 
@@ -104,7 +104,7 @@ def test_no_shares_of_an_ignorance_that_is_not_there():
 def test_chance_is_that_of_the_intervals_at_a_line(tmp_path):
     result = rockfall.run(case_of(tmp_path, 2000), dem=TERRAIN, transform=grid(TERRAIN))
     table = rockfall.line_statistics(result).set_index("quantity")
-    for quantity, number, _ in RESULTS.values():
+    for quantity, number in RESULTS.values():
         row = table.loc[quantity]
         of = deviations(line_values(result, quantity, 0), number, row, 2000)
         width = row[f"{number}_high"] - row[f"{number}_low"]
@@ -122,7 +122,7 @@ def test_chance_of_two_runs_and_what_they_share_are_those_of_other_boulders(tmp_
     values, covariances = np.empty((250, 3, 2)), np.empty((250, 3, 2, 2))
     for k in range(250):
         runs = [simulate_seed(scene, k) for scene in scenes]
-        for i, (quantity, number, _) in enumerate(chosen):
+        for i, (quantity, number) in enumerate(chosen):
             rows = [line_numbers(run, 0, quantity, np.zeros(300, int)) for run in runs]
             values[k, i] = [row[number] for row in rows]
             of = np.array([
@@ -130,7 +130,7 @@ def test_chance_of_two_runs_and_what_they_share_are_those_of_other_boulders(tmp_
                 for run, row in zip(runs, rows, strict=True)
             ])  # fmt: skip
             covariances[k, i] = of @ of.T
-    for i, (_, number, _) in enumerate(chosen):
+    for i, (_, number) in enumerate(chosen):
         true, estimate = np.cov(values[:, i].T), covariances[:, i].mean(axis=0)
         assert np.diag(estimate) == pytest.approx(
             np.diag(true), rel=0.4 if number == "q95" else 0.25
@@ -188,7 +188,7 @@ def test_where_nothing_matters_there_is_chance_only(tmp_path):
     assert np.all(abs(at["epistemic_variance"]) < 4 * at["epistemic_variance_error"])
     result = rockfall.run(case, dem=TERRAIN, transform=grid(TERRAIN))
     table = rockfall.line_statistics(result).set_index("quantity")
-    for name, (quantity, number, _) in RESULTS.items():
+    for name, (quantity, number) in RESULTS.items():
         row = table.loc[quantity]
         width = row[f"{number}_high"] - row[f"{number}_low"]
         assert at["case_value"].sel(result=name) == row[number]
@@ -315,7 +315,7 @@ def test_maps_are_of_the_runs_a_and_b(tmp_path):
     assert "reach_probability_mean" not in vary(case)
     only = vary(case.replace(line=[], output={"maps": ["passages"]}))
     xr.testing.assert_equal(only["reached_runs"], found["reached_runs"])
-    assert ensemble.ensemble_summary(only).count("\n") == 0
+    assert ensemble_summary(only).count("\n") == 0
 
 
 def test_a_line_that_some_runs_do_not_reach_has_a_share_and_nothing_else(tmp_path):
@@ -466,7 +466,7 @@ def test_chance_that_is_not_known_is_refused(tmp_path):
     case = case_of(tmp_path, ensemble={"source_shift": 2.0}).replace(case={"sampling": "sobol"})
     with refused(
         "case: &case sampling = 'sobol': must be 'random' for an ensemble: the Monte Carlo error "
-        "boulders is not known"
+        "is not known"
     ):
         vary(case)
 
@@ -502,12 +502,6 @@ def test_maps_alone_are_no_table(place, capsys):
     assert capsys.readouterr().err == f"rockfall: {said}\n"
     assert not Path("table.csv").exists()
 
-
-def test_without_scipy_one_line_says_what_to_install(place, capfd, monkeypatch):
-    monkeypatch.setitem(sys.modules, "scipy.stats", None)
-    assert main(["ensemble", "case.nml"]) == 2
-    message = "ensembles need the report extra: pip install 'rockfall[report]'"
-    assert capfd.readouterr().err == f"rockfall: {message}\n"
 
 
 def test_an_interrupted_ensemble_writes_nothing(place, capfd, monkeypatch):
@@ -552,7 +546,7 @@ def test_the_command_writes_what_it_prints(place, capsys):
 
 def test_inputs_stand_in_the_order_of_their_shares(tmp_path):
     case = case_of(tmp_path, ensemble={"runs": 16, "radius_factor": 1.01, "source_shift": 20.0})
-    text = ensemble.ensemble_summary(vary(case)).splitlines()
+    text = ensemble_summary(vary(case)).splitlines()
     first = [line.split()[0] for line in text if re.match(r"    (radius|source) ", line)]
     assert first == ["source", "radius"] * 2
 

@@ -257,7 +257,7 @@ def test_a_result_is_recognised(tmp_path):
 
 # ---- all or none
 
-NEW, OLD = "line,quantity,n,share,new\n", "line,quantity,n,share,old\n"
+NEW, OLD = "line,quantity,n,fraction,new\n", "line,quantity,n,fraction,old\n"
 
 
 def failing(call, error):

@@ -84,7 +84,7 @@ def _of_model(result: xr.Dataset) -> Iterator[tuple[float, str]]:
     yield 1.2, UNKNOWN
     for found in extrapolations(result):
         if not found.is_warning:
-            yield found.share, f"{found.text}."
+            yield found.fraction, f"{found.text}."
     rebounds, redrawn, forced = (int(result[f"rebounds{of}"]) for of in ("", "_redrawn", "_forced"))
     for part, text in (
         (forced, "had no admissible draw in 32: the last one was limited so as to be admissible."),

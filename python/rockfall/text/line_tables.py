@@ -117,5 +117,5 @@ def _bounded(tails: pd.DataFrame) -> Iterator[str]:
 def _refused(tails: pd.DataFrame) -> Iterator[str]:
     """Each reason once, with the quantities that it is for."""
     for reason, rows in tails[tails["refused"] != ""].groupby("refused", sort=False):
-        names = ", ".join(QUANTITIES[quantity].label for quantity in rows["quantity"])
+        names = ", ".join(QUANTITIES[quantity].name for quantity in rows["quantity"])
         yield f"  refused: {reason} ({'all' if len(rows) == len(tails) else names})"
