@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # a worker on each core; read when rockfall is loaded
+
 import batch_case
 import rockfall
 import slope_case

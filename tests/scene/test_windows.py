@@ -18,13 +18,13 @@ from rockfall.scene.read import read_scene
 from rockfall.simulation import memory
 from rockfall.simulation.checkpoint import Checkpoint
 from rockfall.simulation.simulate import run_scene
+from same import same
 from scenes import make_case, rough, sets
 
 NY, NX, CELL = 220, 90, 5.0
 PLACE = Affine(CELL, 0, 1000, 0, -CELL, 9000)
 LINE = [{"name": "L", "x": [1000, 1450], "y": [8400.0, 8400.0]}]
 MAPS = ["passages", "energy_mean", "jump_height_max_map", "speed_q90"]
-OWN = ("wall_seconds", "cpu_seconds", "threads")
 SIZES = {"rg70": 0.5, "rg20": 0.2, "rg10": 0.9}
 
 
@@ -74,7 +74,7 @@ def make_dem(folder, kind):
 
 def case_in(folder, kind="tiff", surface=None, **groups):
     cells = np.zeros((NY, NX), "u1")
-    cells[5:100:9, 8:80:11] = 1
+    cells[5:100:12, 8:80:11] = 1
     make_raster(folder / "cells.tif", cells, transform=PLACE, crs=None)
     output = {"maps": MAPS, "rebounds": True, "trajectories": 25}
     groups = {"case": {"boulders": 9}, "output": output} | groups
@@ -89,13 +89,7 @@ def refused(pattern):
     return pytest.raises(RockfallError, match=pattern)
 
 
-def same(one, other):
-    xr.testing.assert_identical(
-        one.assign_attrs(dict.fromkeys(OWN, 0)), other.assign_attrs(dict.fromkeys(OWN, 0))
-    )
-
-
-@pytest.mark.parametrize("size", [60_000, 25_000, 3_000])  # bytes; the DEM has 79,200
+@pytest.mark.parametrize("size", [60_000, 3_000])  # bytes; the DEM has 79,200
 @pytest.mark.parametrize("surface", [None, make_zones, make_sizes])
 def test_windows_give_the_bits_of_the_whole(tmp_path, surface, size):
     case = case_in(tmp_path, surface=surface and surface(tmp_path))
@@ -162,9 +156,9 @@ def test_other_numbers_of_boulders_from_the_same_tiles(tmp_path):
 
 
 def test_parts_and_checkpoints(tmp_path):
-    case, whole = case_in(tmp_path), None
+    case = case_in(tmp_path)
     whole = rockfall.run(case)
-    parts = [rockfall.run(case, memory=20_000, shard=(k, 3)) for k in range(1, 4)]
+    parts = [rockfall.run(case, memory=20_000, shard=(k, 2)) for k in (1, 2)]
     same(rockfall.merge(parts), whole)
     first = Checkpoint(tmp_path / "c", 0.0)
     run_scene(read_scene(case, memory=20_000), checkpoint=first, chunk=100)
