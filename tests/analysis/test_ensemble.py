@@ -12,6 +12,7 @@ import xarray as xr
 
 import rockfall
 from made import make_raster, refused
+from programs import find_program
 from rockfall.analysis import ensemble
 from rockfall.analysis.ensemble import RESULTS
 from rockfall.analysis.line_statistics import Z, line_numbers, line_values
@@ -24,7 +25,6 @@ from rockfall.scene.read import read_scene
 from rockfall.simulation.simulate import run_scene
 from rockfall.text.ensemble import ensemble_summary
 from scenes import grid, make_case, rough, sets, write_sets
-from test_batch import find_program
 
 TERRAIN = rough()
 LINE = {"name": "L", "x": [0.0, 300.0], "y": [300.0, 300.0]}

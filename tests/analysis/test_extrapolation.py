@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from rockfall.analysis.extrapolation import extrapolations, faster_than_observed
-from rockfall.html_report.words import warnings
+from rockfall.html_report.validity import warnings
 from rockfall.scene.read import read_scene
 from rockfall.simulation.simulate import run_scene
 from rockfall.text.preview import preview

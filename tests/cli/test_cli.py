@@ -7,7 +7,6 @@ import resource
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -18,40 +17,9 @@ from affine import Affine
 import rockfall
 import scenes
 from made import PLACE, make_ascii, make_raster
+from programs import wait_until_busy
 from rockfall.cli import main
-
-NY, NX = 30, 24
-TABLE = "zone,mean_radius\n1,0.3\n2,0.2\n"
-CASE = """&case title = 'Slope', boulders = 20, seed = 7 /
-&terrain dem = 'dem.tif' /
-&surface zones = 'zones.tif', table = 'zones.csv' /
-&impact sets = 'sets.nml' /
-&boulder volume = 'fixed', volume_mean = 0.8, density = 2800.0 /
-&release x = 600060.0, y = 4999980.0, drop_height = 2.0 /
-&line name = 'L', x = 600000.0, 600120.0, y = 4999930.0, 4999930.0 /
-&output maps = 'passages', 'energy_mean', trajectories = 3 /
-"""
-
-
-def slope():
-    """Steep, then flat."""
-    south = np.arange(NY)[:, None] * 5.0
-    return (1100 - 0.7 * np.minimum(south, 100) + 0 * np.arange(NX)).astype("f4")
-
-
-def zones():
-    return (np.where(np.arange(NX) < 12, 1, 2) + np.zeros((NY, 1))).astype("i4")
-
-
-@pytest.fixture
-def place(tmp_path, monkeypatch):
-    """A folder with a case that runs, made the current one."""
-    monkeypatch.chdir(tmp_path)
-    make_raster("dem.tif", slope(), nodata=-9999)
-    make_raster("zones.tif", zones(), nodata=-9999)
-    for name, text in (("zones.csv", TABLE), ("sets.nml", scenes.CALM_SETS), ("case.nml", CASE)):
-        Path(name).write_text(text)
-    return tmp_path
+from slope_case import CASE, slope, zones
 
 
 def command(*arguments, prefix=(), **options):
@@ -633,17 +601,6 @@ def test_ctrl_c_keeps_the_boulders_done(place):
             for name in ("passages", "energy_mean", "rebounds", "rebounds_redrawn"):
                 xr.testing.assert_equal(part[name], same[name])
     assert not list(place.glob(".*"))
-
-
-def wait_until_busy(pid):
-    """Return when a process has spent a second of CPU: it has read its case and runs."""
-    ticks = os.sysconf("SC_CLK_TCK")
-    for _ in range(600):
-        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-        if (int(fields[11]) + int(fields[12])) / ticks > 1.5:
-            return
-        time.sleep(0.05)
-    raise TimeoutError("the program does not run")
 
 
 def test_ctrl_c_before_the_first_boulder_writes_nothing(place, capsys, monkeypatch):

@@ -10,8 +10,8 @@ import sys
 import pytest
 
 import rockfall
+from programs import find_program
 from rockfall import cli
-from test_batch import find_program
 
 ASCII = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
 MANY = "OMP_NUM_THREADS = 100000: must be at most 1024"

@@ -21,12 +21,11 @@ from made import PLACE, UTM, make_raster, refused, write_ascii
 from rockfall.analysis.convergence import KEYS, Convergence
 from rockfall.case_files import input_files
 from rockfall.cli import main
-from rockfall.html_report import _page
 from rockfall.io.output_files import FIGURE, LINE_TABLE, RESULT, atomic_folder, kind_of
 from rockfall.plots.figures import Figure as Drawing
 from rockfall.plots.style import save
 from scenes import grid, rough
-from test_cli import CASE, TABLE, slope, zones
+from slope_case import CASE, TABLE, slope, zones
 
 LAB = """&lab ratios = 1.0, layers = 1, points = 2, impacts = 1 /
 &packing width = 4.0, depth = 1.0 /
@@ -60,7 +59,7 @@ def place(ready, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     drawn = [Drawing(name, name, name, Figure) for name in ("passing", "profile", "stops")]
     monkeypatch.setattr("rockfall.plots.figures.figures", lambda *_: drawn)
-    monkeypatch.setattr("rockfall.html_report.report", lambda *_: _page("a title", "of a page", {}))
+    monkeypatch.setattr("rockfall.html_report.figures", lambda *_: drawn)
     return tmp_path
 
 
@@ -92,7 +91,6 @@ COMMANDS = {  # words, a file that is written, and what the command reads
         "out/passing.svg", "stops.csv",
     ),
     "report": (["report", "r.nc", "--observed", "stops.csv"], "r.html", "stops.csv"),
-    "report, of a part": (["report", PARTS[0]], "case.part1of2.html", PARTS[0]),
     "report, the DEM": (["report", "r.nc"], "r.html", "dem.tif"),
     "slurm": ([*JOBS, "--shards", "2"], "jobs/merge.sh", "case.nml"),
     "what slurm merges": ([*JOBS, "--shards", "2"], "jobs/case.nc", "dem.tif"),

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 import rockfall
+from programs import find_program
 from rockfall.cli import main
-from test_batch import find_program
 
 
 @pytest.fixture

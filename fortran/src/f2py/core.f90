@@ -29,12 +29,11 @@ module rockfall_f2py
    use rockfall_histogram, only: bin_width, n_bins
    use rockfall_case, only: case_t, read_case, key_text, n_keys, map_names, turning_rule, radius_of_reading
    use rockfall_impact_sets, only: coefficients_t, read_impact_sets => read_sets, any_speed
-   use rockfall_classicheader, only: claims_too_much => overstates
    implicit none
    private
    public :: open_scene, close_scene, run, trajectory, survey, reach, block_of, map_plan, check_maps, map_values, &
              check_case, case_key, variable, read_sets, fields, histogram_bins, team, team_fits, end_team, &
-             slope_threshold, steep_cells, area_ratios, known_at, outside, boulders, boulders_of_source, sources_of_boulders, overstates, weights_of_sets, weights_of_sizes, &
+             slope_threshold, steep_cells, area_ratios, known_at, outside, boulders, boulders_of_source, sources_of_boulders, weights_of_sets, weights_of_sizes, &
              size_to_radius, constant
 
    !> What a handle stands for.
@@ -437,14 +436,6 @@ contains
       call read_case(text, name, case, error)
       call give_error(error, code, message)
    end subroutine check_case
-
-   !> Whether a netCDF file claims more than it holds.
-   subroutine overstates(file, so)
-      character(len=*), intent(in) :: file
-      integer(c_int), intent(out) :: so  !! 1 or 0
-
-      so = merge(1, 0, claims_too_much(file))
-   end subroutine overstates
 
    !> Row k of the table of keys: group|key|kind|most|default|allowed|unit|meaning; blank past the end.
    subroutine case_key(k, text)

@@ -16,7 +16,7 @@ module rockfall_case
    use rockfall_sobol, only: max_points
    implicit none
    private
-   public :: case_t, case_line_t, read_case, key_t, key_table, n_keys, key_text, map_names, n_maps, &
+   public :: case_t, case_line_t, read_case, read_keys, key_t, key_table, n_keys, key_text, map_names, n_maps, &
              turning_rule, radius_of_reading
 
    integer, parameter :: many = 100000                !! values of a list
@@ -155,10 +155,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(namelist_t) :: list
 
-      call parse_namelist(text, file, list, error)
-      if (.not. allocated(error)) call check_groups(list, error)
-      if (.not. allocated(error)) call complete(list, file)
-      if (.not. allocated(error)) call check_keys(list, error)
+      call read_keys(text, file, list, error)
       if (allocated(error)) return
       case%file = file
       call read_run(list, case, error)
@@ -169,6 +166,20 @@ contains
       if (.not. allocated(error)) call read_output(group_of(list, "output"), case, error)
       if (.not. allocated(error)) call check_ensemble(group_of(list, "ensemble"), case, error)
    end subroutine read_case
+
+   !> All groups and keys of a case with their values as written, those that are absent with their defaults; each is as
+   !> the table wants it.
+   pure subroutine read_keys(text, file, list, error)
+      character(len=*), intent(in) :: text
+      character(len=*), intent(in) :: file  !! its name, for messages
+      type(namelist_t), intent(out) :: list
+      type(error_t), allocatable, intent(out) :: error
+
+      call parse_namelist(text, file, list, error)
+      if (.not. allocated(error)) call check_groups(list, error)
+      if (.not. allocated(error)) call complete(list, file)
+      if (.not. allocated(error)) call check_keys(list, error)
+   end subroutine read_keys
 
    !> A row of the table as text: group|key|kind|most|default|allowed|unit|meaning.
    pure function key_text(k) result(text)

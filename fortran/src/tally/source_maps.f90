@@ -162,20 +162,21 @@ contains
       end do
    end function contributing_cells
 
-   !> Of the boulders of partial sources, leave only those of the range in the cells to which they contribute: the
-   !> denominator of a reach probability in a part of a run. To be done once, at the end.
-   pure subroutine settle(maps, release, contributing)
+   !> Of the boulders of partial sources, leave only those of the range in the cells to which they contribute (sign 1):
+   !> the denominator of a reach probability in a part of a run. Or all of them again (sign -1), for a run that goes on.
+   pure subroutine settle(maps, release, contributing, sign)
       type(maps_t), intent(inout) :: maps
       type(release_t), intent(in) :: release
       type(contributing_t), intent(in) :: contributing
+      integer, intent(in) :: sign
       integer :: i, j, k
 
       if (.not. associated(maps%released)) return
       do k = 1, size(contributing%cell)
          i = int(mod(contributing%cell(k), size(maps%released, 1, i8))) + 1
          j = int(contributing%cell(k)/size(maps%released, 1)) + 1
-         maps%released(i, j) = maps%released(i, j) + contributing%boulders(k) &
-                               - int(released_by(release, int(contributing%source(k), i8)), i4)
+         maps%released(i, j) = maps%released(i, j) + sign*(contributing%boulders(k) &
+                                                           - int(released_by(release, int(contributing%source(k), i8)), i4))
       end do
    end subroutine settle
 end module rockfall_source_maps

@@ -27,7 +27,7 @@ from rockfall.scene.read import read_scene
 from rockfall.scene.scene import Scene
 from rockfall.scene.sources import refuse_by_area
 from rockfall.simulation.simulate import Interrupted, Tally, check_tallies, run_chunks, start, trace
-from rockfall.simulation.source_maps import tells_sources
+from rockfall.simulation.source_maps import settle, tells_sources
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -127,6 +127,7 @@ def run_scene_until(
         if not keep:
             scene.forget_rasters()
             tally.scene.forget_rasters()
+        settle(tally)
         result = make_result(tally)
     result.attrs |= {"until": rules, "until_met": int(all(one.met for one in verdicts))}
     if interrupted():

@@ -23,6 +23,7 @@ from rockfall.io.output_files import SIGNATURE, atomic_folder
 from rockfall.io.raster import write_geotiff
 from rockfall.io.tables import spreadsheet_text
 from rockfall.result.dataset import open_result
+from rockfall.result.trajectories import flags_of
 from rockfall.result.validate import check_dimensions
 
 if TYPE_CHECKING:
@@ -115,13 +116,9 @@ def _words(data: xr.DataArray) -> xr.DataArray:
         return data
     import xarray as xr
 
-    stored, _ = _stored(data)
-    values, words = np.atleast_1d(data.attrs["flag_values"]), data.attrs["flag_meanings"].split()
-    order = np.argsort(values)
-    place = np.searchsorted(values[order], stored).clip(max=len(values) - 1)
-    known = values[order][place] == stored
-    text = np.where(known, np.array(words)[order][place], "unknown")
-    return xr.DataArray(text, dims=data.dims)
+    stored, flags = _stored(data)[0], flags_of(data)
+    known = [stored == flag for flag in flags.values()]
+    return xr.DataArray(np.select(known, list(flags), "unknown"), dims=data.dims)
 
 
 def _boulders(data: xr.Dataset) -> Iterator[xr.Dataset]:

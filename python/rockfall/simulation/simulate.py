@@ -16,18 +16,22 @@ from rockfall.case import Case
 from rockfall.errors import RockfallError
 from rockfall.interrupts import interrupts
 from rockfall.io.grid import Box, Grid
+from rockfall.result.dataset import georeference, make_result
+from rockfall.result.variables import fields
 from rockfall.scene.plausible import warn_of
 from rockfall.scene.reach import Survey, survey
 from rockfall.scene.read import read_scene
 from rockfall.scene.scene import Scene
 from rockfall.scene.windows import groups
 from rockfall.simulation.memory import machine_memory
-from rockfall.simulation.source_maps import follow_sources
+from rockfall.simulation.part_file import make_part
+from rockfall.simulation.source_maps import follow_sources, settle
 
 if TYPE_CHECKING:
     import xarray as xr
 
     from rockfall.simulation.checkpoint import Checkpoint
+    from rockfall.simulation.part_file import Origin
 
 # A child of a fork would wait for ever for the threads that a run leaves waiting in its parent.
 os.register_at_fork(before=_core.end_team)
@@ -122,7 +126,7 @@ def _class_counts(cells: int, classes: int) -> np.ndarray:
 class Tally:
     """What the kernel adds to from chunk to chunk, and the rows of the boulders done."""
 
-    scene: Scene
+    scene: Scene | Origin
     maps: Maps
     histogram: np.ndarray  # (6, bins)
     boulder: np.ndarray  # (boulders, fields)
@@ -130,10 +134,12 @@ class Tally:
     crossing: np.ndarray  # (boulders, lines, fields)
     before: int = 0  # boulders of the run before those of this tally
     done: int = 0
+    counted: dict[str, int] = field(default_factory=dict)  # in boulders whose `count` was not kept
     trajectories: list[np.ndarray] = field(default_factory=list)  # (vertices, fields) each
     wall: float = 0.0
     cpu: float = 0.0
     threads: int = 0
+    crs: dict[str, Any] = field(default_factory=dict)  # said of the grid, where it has no CRS
 
     @property
     def boulders(self) -> int:
@@ -146,9 +152,18 @@ class Tally:
         return {name: row[: self.done] for name, row in zip(names, rows, strict=True)}
 
     @property
+    def window(self) -> Box:
+        """The cells of the terrain that maps cover; without any, all of them."""
+        return self.maps.box if self.maps.names else self.scene.grid.box
+
+    @property
     def grid(self) -> Grid:
         """That of the maps; without any, of all the terrain."""
-        return self.scene.grid.part(self.maps.box)
+        return self.scene.grid.part(self.window)
+
+    def georeference(self) -> dict[str, Any]:
+        """What says where the maps lie."""
+        return georeference(self.grid) | self.crs
 
 
 def run(
@@ -166,7 +181,7 @@ def run(
     `arrays` (dem, zones, ...) are as in `rockfall.scene.read.read_scene`. The result does not
     depend on `threads` (default: the case's) or `chunk`, boulders in one call of the kernel
     (default: what takes a quarter of a second). `shard` (I, N) runs the I-th of N ranges of
-    boulders. Ctrl-C raises `Interrupted`, which holds the boulders done. Rasters that need more
+    boulders, and gives a part for `rockfall.merge`, without maps. Ctrl-C raises `Interrupted`, which holds the boulders done. Rasters that need more
     than half of `memory` [bytes] (default: that of the machine) are read in windows. What is likely
     a mistake in the case is a UserWarning.
     """
@@ -185,18 +200,15 @@ def run_scene(
     shard: tuple[int, int] = (1, 1),
     checkpoint: Checkpoint | None = None,
     keep: bool = True,
-    maps: bool = True,
 ) -> xr.Dataset:
     """Run a scene that has been read; see `run`.
 
     It goes on from `checkpoint`, and writes it now and then. A scene that need not be kept loses
-    its rasters before the result is made, to save memory. Without `maps`, a part has its tallies
-    alone.
+    its rasters before the result is made, to save memory.
     """
     import netCDF4  # noqa: F401  what makes the result, before the run: there may be no memory for it
     import xarray  # noqa: F401
 
-    from rockfall.result.dataset import make_result
     from rockfall.simulation.progress import progress_bar
 
     threads = scene.case.case["threads"] if threads is None else threads
@@ -215,17 +227,17 @@ def run_scene(
                 if checkpoint:
                     checkpoint.look(tally)
 
-            try:
-                run_chunks(tally, chunk, interrupted, step)
-                if checkpoint and interrupted():
-                    checkpoint.save(tally)
-            finally:
-                if checkpoint:
-                    checkpoint.finish()
+            run_chunks(tally, chunk, interrupted, step)
+            if checkpoint and interrupted():
+                checkpoint.save(tally)
             trace(tally)
         if not keep:
             scene.forget_rasters()
-        result = make_result(tally, maps)
+        if tally.boulders < scene.boulders:
+            result = make_part(tally)
+        else:
+            settle(tally)
+            result = make_result(tally)
     if interrupted():
         raise Interrupted(result)
     return result
@@ -269,24 +281,23 @@ def check_tallies(scene: Scene, found: Survey) -> None:
 
 
 def _start(scene: Scene, threads: int, numbers: range, box: Box) -> Tally:
-    lines = len(scene.case.line)
-    maps = no_maps(scene.case.output.get("maps", []), box)
-    follow_sources(maps, scene, numbers.start)
+    tally = empty_tally(scene, no_maps(scene.case.output.get("maps", []), box), numbers, threads)
+    follow_sources(tally.maps, scene, numbers.start)
+    return tally
+
+
+def empty_tally(scene: Scene | Origin, maps: Maps, numbers: range, threads: int) -> Tally:
+    """Room for boulders of these numbers, counted from 0."""
     return Tally(
         scene,
         maps,
         histogram=np.zeros((len(_core.histogram_bins()[0]), BINS), "i8"),
         boulder=np.empty((len(numbers), len(fields(1)))),
-        count=np.empty((len(numbers), len(fields(2))), "i4"),
-        crossing=np.empty((len(numbers), lines, len(fields(3)))),
+        count=np.zeros((len(numbers), len(fields(2))), "i4"),
+        crossing=np.empty((len(numbers), len(scene.case.line), len(fields(3)))),
         before=numbers.start,
         threads=threads,
-    )  # fmt: skip
-
-
-def fields(what: int) -> list[str]:
-    """Names of the kernel's columns: 1 boulder, 2 counts, 3 crossing, 4 vertex."""
-    return _core.fields(what).decode().split()
+    )
 
 
 def run_chunks(

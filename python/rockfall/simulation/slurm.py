@@ -40,8 +40,8 @@ COMMANDS = {
         '--shard "$$part/$shards" --output $folder/parts/"part$${part}of$shards"'
     ),
     "batch": Template(
-        '$batch $case quiet=true resume=true threads="$$OMP_NUM_THREADS" '
-        'shard="$$part/$shards" output=$folder/parts/"part$${part}of$shards"'
+        '$batch $case --quiet --resume --threads "$$OMP_NUM_THREADS" '
+        '--shard "$$part/$shards" --output $folder/parts/"part$${part}of$shards"'
     ),
 }
 MERGE = Template(
