@@ -21,7 +21,7 @@ import numpy as np
 from rockfall._lab import lab_f2py as _lab
 
 from benchmarks.machine import machine
-from rockfall.analysis.plane_bounce import K_SPHERE
+from rockfall.scene.coefficients import INERTIA_FACTOR
 from rockfall.errors import RockfallError
 from rockfall.lab.case import LabCase, names
 from rockfall.lab.experiment import ENDED, STATUS, run_impacts
@@ -109,7 +109,7 @@ CHANGES = {
 
 def energy(data, when: str):
     t, n, w = (data[f"{v}_{when}"] for v in ("vt", "vn", "w"))
-    return t**2 + n**2 + K_SPHERE * w**2
+    return t**2 + n**2 + INERTIA_FACTOR * w**2
 
 
 def velocities(data, when: str) -> np.ndarray:
