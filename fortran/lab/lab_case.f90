@@ -4,7 +4,7 @@
 module lab_case
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail
-   use rockfall_textfile, only: integer_text, excerpt
+   use rockfall_text, only: integer_text, excerpt
    use rockfall_decimal, only: parse_integer, decimal_ok
    use rockfall_namelist, only: namelist_t, group_t, parse_namelist
    use rockfall_values, only: has_key, get_text, get_integer, get_real, get_logical, refuse

@@ -11,6 +11,7 @@ import xarray as xr
 
 import rockfall
 from made import make_raster, refused
+from programs import find_program
 from rockfall.analysis import ensemble
 from rockfall.analysis.ensemble import RESULTS
 from rockfall.analysis.line_statistics import Z, line_numbers, line_values
@@ -19,11 +20,10 @@ from rockfall.analysis.uncertain_inputs import Uncertain, drawn_scene, gaussian_
 from rockfall.cli import main
 from rockfall.errors import RockfallError
 from rockfall.scene.reach import survey
-from rockfall.scene.scene import read_scene
+from rockfall.scene.read import read_scene
 from rockfall.simulation.simulate import run_scene
 from rockfall.text.ensemble import ensemble_summary
 from scenes import grid, make_case, rough, sets, write_sets
-from test_batch import find_program
 
 TERRAIN = rough()
 LINE = {"name": "L", "x": [0.0, 300.0], "y": [300.0, 300.0]}
@@ -402,8 +402,8 @@ HOSTILE = {
     "source_shift = NaN": r"&ensemble source_shift = NaN: must be a finite real number.*",
     "source_shift = 1e9": r"&ensemble source_shift = 1e\+09: none of 1000 shifts .*",
     "sets = 'no', 'rocky-slope'": r"&ensemble sets = 'no': no such file; shipped sets: .*",
-    "source_shift = 1.0, runs = 7": r"&ensemble runs = 7: must be >= 8",
-    "source_shift = 1.0, runs = 65537": r"&ensemble runs = 65537: must be at most 65536",
+    "source_shift = 1.0, runs = 7": r"&ensemble runs = 7: must be 8 to 65536",
+    "source_shift = 1.0, runs = 65537": r"&ensemble runs = 65537: must be 8 to 65536",
     "sauce_shift = 1.0": r"line 8: &ensemble sauce_shift: unknown key; known: runs, .*",
     "runs = 8": r"&ensemble: nothing is uncertain: give .*",
     "sets = 'rocky-slope'": r"&ensemble: nothing is uncertain: give .*",
@@ -447,7 +447,7 @@ def test_bad_input_is_one_line_and_nothing_is_written(place, capfd, text):
         (["-o", "out.txt"], r"out.txt: must end in .nc \(everything\) or .csv \(the table\)"),
         (["-o", "dem.tif"], r"dem.tif: must end in .*"),
         (["-o", "no/out.csv"], r"no/out.csv: there is no folder no"),
-        (["--runs", "1"], r"case.nml: &ensemble runs = 1: must be >= 8"),
+        (["--runs", "1"], r"case.nml: &ensemble runs = 1: must be 8 to 65536"),
     ],
 )
 def test_bad_arguments_are_one_line(place, capfd, words, message):

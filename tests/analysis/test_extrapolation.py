@@ -6,7 +6,7 @@ import pytest
 
 from rockfall.analysis.extrapolation import extrapolations, faster_than_observed
 from rockfall.html_report.validity import warnings
-from rockfall.scene.scene import read_scene
+from rockfall.scene.read import read_scene
 from rockfall.simulation.simulate import run_scene
 from rockfall.text.preview import preview
 from rockfall.text.summary import summary

@@ -6,9 +6,7 @@ import hashlib
 import json
 import os
 import resource
-import shutil
 import subprocess
-import sys
 from pathlib import Path
 
 import f90nml
@@ -18,149 +16,27 @@ import xarray as xr
 
 import rockfall
 import scenes
+from batch_case import (
+    CELLS,
+    GRID,
+    MAPS,
+    SURFACES,
+    TABLE,
+    WHERE,
+    case_text,
+    elevations,
+    sources,
+    write_case,
+    zones,
+)
+from made import write_ascii
+from programs import find_program
 from rockfall.errors import RockfallError
-from rockfall.io.grid import NO_ID, Grid
-from rockfall.io.raster import write_ascii
+from rockfall.io.grid import Grid
 from rockfall.result import variables
+from same import same_bits
 
 ROOT = Path(__file__).parents[2]
-GRID = Grid(west=600000.5, north=5200000.25, cell=2.5, nx=60, ny=50)
-MAPS = list(variables.MAP)
-TABLE = """zone,mean_radius,rg70,rg20,rg10
-1,0.35,0.6,0.2,0.9
-7,0.1,0.2,0.1,0.3
--3,Inf,Inf,Inf,Inf
-"""
-WHERE = f"x = {GRID.west + 40.3}, {GRID.west + 95}, y = {GRID.north - 12.7}, {GRID.north - 8}"
-
-
-def find_program():
-    """The program of this build, or of this installation."""
-    places = [ROOT / "build" / "fortran", Path(sys.executable).parent]
-    beside = [place / "rockfall-batch" for place in places if (place / "rockfall-batch").is_file()]
-    return shutil.which("rockfall-batch") or (str(beside[0]) if beside else None)
-
-
-@pytest.fixture(scope="session")
-def batch():
-    """Run the program in a folder; `limit` is the longest file it may write [bytes]."""
-    program = find_program()
-    assert program, "rockfall-batch is not built"
-
-    def run(*arguments, cwd, limit=None, env=None):
-        def lower_limit():
-            resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
-
-        return subprocess.run(
-            [program, *map(str, arguments)], cwd=cwd, capture_output=True, text=True, timeout=120,
-            preexec_fn=lower_limit if limit else None, env={**os.environ, **(env or {})},
-        )  # fmt: skip
-
-    return run
-
-
-@pytest.fixture(scope="session")
-def netcdf(batch):
-    """Skips a test where the program was built without netCDF."""
-    if "without netCDF" in batch("--version", cwd=".").stdout:
-        pytest.skip("rockfall-batch was built without netCDF")
-
-
-def elevations():
-    """A rough slope, steep and then nearly flat, with holes; the sources are not near them."""
-    rng = np.random.default_rng(5)
-    y, x = np.mgrid[: GRID.ny, : GRID.nx] * GRID.cell
-    z = 1000 - 0.8 * np.minimum(y, 70) - 0.1 * y + 3 * np.sin(x / 9) + rng.normal(0, 0.2, x.shape)
-    z[-5:, :7] = np.nan
-    z[30:33, 40:42] = np.nan
-    return z
-
-
-def zones():
-    ids = np.full(GRID.shape, 1, "i4")
-    ids[20:35] = 7
-    ids[-8:] = -3
-    ids[10:14, 5:30] = NO_ID  # default_zone
-    return ids
-
-
-def sources():
-    cells = np.zeros(GRID.shape, "i4")
-    cells[3, 10:50:6] = 1
-    cells[5, 12] = 4
-    cells[0, 0] = NO_ID
-    return cells
-
-
-SURFACES = {
-    "zones_b": "zones = 'zones.asc', table = 'zones.csv', default_zone = 7",
-    "zones_a": "zones = 'zones.asc', table = 'zones.csv', default_zone = 1, method = 'A'",
-    "radius": "mean_radius = 'rm.asc'",
-    "sizes": "rg70 = 'rg70.asc', rg20 = 'rg20.asc', rg10 = 'rg10.asc', "
-    "method = 'A', rg_reading = 'radius'",
-    "uniform_b": "uniform_mean_radius = 0.3",
-    "uniform_a": "uniform_rg = 0.5, 0.2, 0.9, method = 'A'",
-}
-LAWS = {
-    "zones_b": "volume = 'normal', volume_mean = 0.8, volume_std = 0.15",
-    "zones_a": "volume = 'lognormal', volume_mean = 0.8, volume_std = 0.5",
-    "radius": "volume = 'uniform', volume_min = 0.1, volume_max = 2.0",
-    "sizes": "volume = 'list', volumes = 0.1, 0.5, 2.5",
-    "uniform_b": "volume_mean = 0.3, density = 2650.0",
-    "uniform_a": "volume_mean = 1.5",
-}
-
-
-CELLS = "cells = 'cells.asc', drop_height = 3.0"
-
-
-def case_text(surface="zones_b", release=CELLS, dem="dem.asc", more=""):
-    x = f"{GRID.west}, {GRID.west + 70}, {GRID.west + 150}"
-    y = f"{GRID.north - 60}, {GRID.north - 69}, {GRID.north - 60}"
-    sampling = ", sampling = 'sobol'" if surface in ("zones_a", "radius") else ""
-    return f"""&case title = 'made, "rough"', seed = 12345678901, boulders = 40{sampling} /
-&terrain dem = '{dem}' /
-&surface {SURFACES[surface]} /
-&impact sets = 'rocky-slope', stop_speed = 0.4 /
-&boulder {LAWS[surface]} /
-&release {release} /
-&line name = 'EL 1/ö' x = {x} y = {y} /
-&line name = 'el_1_ö' x = {x} y = 3*{GRID.north - 80} /
-&output maps = {", ".join(map(repr, MAPS))}, rebounds = .true., trajectories = 4 /
-{more}"""
-
-
-@pytest.fixture
-def made(tmp_path):
-    """A folder with every raster that the cases name."""
-    folder = tmp_path / "case"
-    folder.mkdir()
-    z = elevations()
-    write_ascii(folder / "dem.asc", z, GRID)
-    write_ascii(folder / "zones.asc", zones(), GRID)
-    write_ascii(folder / "cells.asc", sources(), GRID)
-    (folder / "zones.csv").write_text(TABLE)
-    rng = np.random.default_rng(6)
-    for name in ("rm", "rg70", "rg20", "rg10"):
-        sizes = rng.uniform(0.05, 0.6, GRID.shape)
-        sizes[-4:] = np.inf
-        sizes[np.isnan(z)] = np.nan
-        write_ascii(folder / f"{name}.asc", sizes, GRID)
-    return folder
-
-
-def write_case(folder, **about):
-    path = folder / "case.nml"
-    path.write_text(case_text(**about))
-    return path
-
-
-def same_bits(a, b):
-    """The same type, shape and bits, -0 apart from 0; of NaN there is but one."""
-    a, b = np.asarray(a), np.asarray(b)
-    if a.dtype.kind == "f":
-        a, b = (np.where(np.isnan(x), x.dtype.type(np.nan), x) for x in (a, b))
-    return a.dtype == b.dtype and a.shape == b.shape and a.tobytes() == b.tobytes()
 
 
 def read_table(path):
@@ -664,7 +540,7 @@ def check_line(done, words):
         (["case/case.nml", "bolders=3"], ["bolders=3: unknown key; known: output, boulders"]),
         (["case/case.nml", "--fast"], ["--fast: unknown option"]),
         (["case/case.nml", "boulders=many"], ["boulders = many: must be an integer"]),
-        (["case/case.nml", "boulders=0"], ["&case boulders = 0: must be >= 1"]),
+        (["case/case.nml", "boulders=0"], ["&case boulders = 0: must be 1 to 1e15"]),
         (["case/case.nml", "seed=-1"], ["&case seed = -1: must be >= 0"]),
         (["case/case.nml", "seed=1 / &case"], ["must be an integer"]),
         (["case/case.nml", "threads="], ["a value is missing"]),

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Checkpoints of rockfall-batch: a run that was killed, whenever, goes on to the same bits."""
-# ruff: noqa: F401, F811 - fixtures of test_batch are taken by name
 
 import hashlib
 import os
@@ -8,33 +7,25 @@ import random
 import shutil
 import signal
 import subprocess
-import sys
 import time
-from pathlib import Path
 
 import pytest
 import xarray as xr
 
 import rockfall
+from batch_case import done, write_long_case
+from benchmarks.stability.kills import CRASHED, INTERRUPTED, build_shim, same
+from programs import find_program
 from rockfall.cli import main
 from rockfall.simulation.lock import LOCK
-from test_batch import batch, case_text, find_program, made, netcdf, same_bits
+from same import same_bits
 
-sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
-
-from kills import CRASHED, INTERRUPTED, build_shim, same  # noqa: E402
-
-BOULDERS = 1000  # from each of 8 sources
 OWN = {"run.csv", "case.nml"}  # these have times and threads
 
 
 @pytest.fixture
 def case(made):
-    shipped = Path(rockfall.__file__).parent / "data/impact_sets/rocky-slope.nml"
-    (made / "sets.nml").write_bytes(shipped.read_bytes())
-    text = case_text().replace("boulders = 40", f"boulders = {BOULDERS}")
-    (made / "case.nml").write_text(text.replace("rocky-slope", "sets.nml"))
-    return made / "case.nml"
+    return write_long_case(made)
 
 
 def start(folder, *words):
@@ -56,11 +47,6 @@ def kill(folder, output, wait, *words):
     process.send_signal(signal.SIGKILL)
     assert process.communicate()[1] == ""
     return process.returncode != 0
-
-
-def done(folder, output):
-    """Boulders in a checkpoint."""
-    return int((folder / f"{output}.checkpoint/state.txt").read_text().splitlines()[-2].split()[0])
 
 
 def same_files(one, other):

@@ -13,7 +13,7 @@ import xarray as xr
 from affine import Affine
 
 import rockfall
-from made import make_raster, refused
+from made import make_layer, make_raster, refused
 from rockfall.io.grid import Grid
 from rockfall.io.raster import read_dem
 from rockfall.result.variables import BOULDER
@@ -41,11 +41,10 @@ def zone_ids():
 
 def polygons(path, field):
     """Two rectangles beside each other that leave the east of the terrain free."""
-    shapely, geopandas = pytest.importorskip("shapely"), pytest.importorskip("geopandas")
+    shapely = pytest.importorskip("shapely")
     middle, east, south = WEST + 15 * CELL, WEST + 38.2 * CELL, NORTH - NY * CELL
     boxes = [shapely.box(WEST, south, middle, NORTH), shapely.box(middle, south, east, NORTH)]
-    frame = geopandas.GeoDataFrame({field: [4, -2]}, geometry=boxes, crs="EPSG:32632")
-    frame.to_file(path)
+    make_layer(path, boxes, **{field: [4, -2]})
 
 
 def case_of(folder, **changes):
@@ -106,9 +105,9 @@ def make_case(folder, dtype, changes):
         make_raster(folder / f"{name}.tif", np.roll(radii, k, axis=1), transform=PLACE)
     if "polygons" in changes.get("release", {}):
         polygons(folder / "zones.gpkg", "kind")
-        shapely, geopandas = pytest.importorskip("shapely"), pytest.importorskip("geopandas")
+        shapely = pytest.importorskip("shapely")
         box = shapely.box(WEST + 6.1, NORTH - 7, WEST + 8.3, NORTH - 5.5)
-        geopandas.GeoDataFrame(geometry=[box], crs="EPSG:32632").to_file(folder / "sources.gpkg")
+        make_layer(folder / "sources.gpkg", [box])
     sets = Path(rockfall.__file__).parent / "data" / "impact_sets" / "rocky-slope.nml"
     (folder / "case.nml").write_bytes(sets.read_bytes())  # a name that the prepared case needs
     return case_of(folder, **changes)

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Ctrl-C and SIGTERM: what is done is kept, nothing is half-written, a second ends at once."""
-# ruff: noqa: F401, F811 - fixtures of other tests are taken by name
 
 import os
 import re
@@ -8,21 +7,16 @@ import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import pytest
 
 import rockfall
+from batch_case import done, write_long_case
+from benchmarks.stability.kills import build_shim, same
+from programs import find_program, wait_until_busy
 from rockfall.cli import main
 from rockfall.result import export
 from rockfall.simulation import interrupts
-from test_batch import batch, find_program, made, netcdf
-from test_batch_checkpoint import case, done
-from test_cli import place, wait_until_busy
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
-
-from kills import build_shim, same  # noqa: E402
 
 ONE_CHUNK = """import sys
 from rockfall.simulation import simulate
@@ -37,6 +31,11 @@ def start(words, cwd, program=RUN):
     return subprocess.Popen(
         command, cwd=cwd, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
+
+
+@pytest.fixture
+def case(made):
+    return write_long_case(made)
 
 
 @pytest.fixture(scope="session")

@@ -17,19 +17,18 @@ from matplotlib.figure import Figure
 
 import rockfall
 import scenes
-from made import PLACE, UTM, make_raster, refused
+from made import PLACE, UTM, make_raster, refused, write_ascii
 from rockfall.analysis.convergence import KEYS, Convergence
 from rockfall.case_files import input_files
 from rockfall.cli import main
 from rockfall.io.output_files import FIGURE, LINE_TABLE, RESULT, kind_of, whole_folder
-from rockfall.io.raster import write_ascii
 from rockfall.plots.figures import Figure as Drawing
 from rockfall.plots.style import save
 from scenes import grid, rough
-from test_cli import CASE, TABLE, slope, zones
+from slope_case import CASE, TABLE, slope, zones
 
-LAB = """&lab ratios = 1.0, points = 2, impacts = 1 /
-&packing width = 8.0, depth = 2.0 /
+LAB = """&lab ratios = 1.0, layers = 1, points = 2, impacts = 1 /
+&packing width = 4.0, depth = 1.0 /
 """
 UNCERTAIN = "&ensemble volume_factor = 1.2 /\n"
 STOPS = "x,y\n600060,4999900\n600061,4999905\n"
@@ -176,10 +175,10 @@ def test_every_file_behind_a_case_is_known(place, capsys):
             file.write_mask(np.full(file.shape, 255, "u1"))
     Path("dem.tif.aux.xml").write_text("<PAMDataset><Metadata/></PAMDataset>")
     rasterio.shutil.copy("dem.tif", "dem.vrt", driver="VRT")
-    about = grid(slope(), west=PLACE.c, south=PLACE.f - 5.0 * len(slope()))
     write_ascii(
-        "zones.asc", zones(), type(about)(**{**vars(about), "crs": rasterio.CRS.from_string(UTM)})
+        "zones.asc", zones(), grid(slope(), west=PLACE.c, south=PLACE.f - 5.0 * len(slope()))
     )
+    Path("zones.prj").write_text(rasterio.CRS.from_string(UTM).to_wkt(version="WKT1_ESRI"))
     box = shapely.box(600040.0, 4999960.0, 600080.0, 4999990.0)
     pyogrio.raw.write(
         "sources.shp", shapely.to_wkb(np.array([box])), [np.array([1])], ["id"],

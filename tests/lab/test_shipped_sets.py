@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from rockfall.analysis.plane_bounce import neutral_slope, set_rebound
+from rockfall.impact_sets import shipped_sets
 from rockfall.lab.case import read_lab_case
 from rockfall.lab.sets import read_sets
-from rockfall.scene.scene import shipped_sets
 
 CASES = Path(__file__).parents[2] / "cases"
 

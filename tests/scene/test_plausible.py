@@ -18,7 +18,7 @@ from made import PLACE, UTM, make_raster, refused
 from rockfall.cli import main
 from rockfall.io.raster import read_dem
 from rockfall.scene.plausible import doubts
-from rockfall.scene.scene import read_scene
+from rockfall.scene.read import read_scene
 from rockfall.text.preview import preview
 
 ROOT = Path(__file__).parents[2]

@@ -9,13 +9,12 @@ import xarray as xr
 from affine import Affine
 
 import rockfall
-from made import make_raster
+from made import make_raster, write_ascii
 from rockfall.analysis.run_until import run_scene_until, run_until
 from rockfall.cli import main
 from rockfall.errors import RockfallError
 from rockfall.io.grid import Grid
-from rockfall.io.raster import write_ascii
-from rockfall.scene.scene import read_scene
+from rockfall.scene.read import read_scene
 from rockfall.simulation import memory
 from rockfall.simulation.checkpoint import Checkpoint
 from rockfall.simulation.simulate import run_scene
@@ -247,9 +246,9 @@ def test_what_is_no_size(text):
 def test_the_least_limit_counts(tmp_path, monkeypatch):
     (tmp_path / "memory.max").write_text("max\n")
     (tmp_path / "job").write_text("123456789\n")
-    monkeypatch.setattr(memory, "_control_group", lambda: [tmp_path / "memory.max"])
+    monkeypatch.setattr(memory, "limit_files", lambda _: [tmp_path / "memory.max"])
     assert memory.machine_memory() > 1e9
-    monkeypatch.setattr(memory, "_control_group", lambda: [tmp_path / "none", tmp_path / "job"])
+    monkeypatch.setattr(memory, "limit_files", lambda _: [tmp_path / "none", tmp_path / "job"])
     assert memory.machine_memory() == 123456789
 
 

@@ -19,40 +19,28 @@ import numpy as np
 import pytest
 
 import rockfall
+from batch_case import write_long_case
 from made import refused
+from programs import Killed, find_program, killed_after
 from rockfall.cli import main
-from rockfall.scene.scene import read_scene
+from rockfall.scene.read import read_scene
 from rockfall.simulation import checkpoint, simulate
 from rockfall.simulation.checkpoint import Checkpoint
 from rockfall.simulation.lock import LOCK, locked
-from scenes import grid, rough
-from test_batch import find_program, made
-from test_batch_checkpoint import case
-from test_merge import case_in, place, same
+from same import same
+from scenes import case_in, grid, place, rough
 
 Z = rough()
 
 
 @pytest.fixture
+def case(made):
+    return write_long_case(made)
+
+
+@pytest.fixture
 def scene(tmp_path):
     return read_scene(case_in(tmp_path, **place()), dem=Z, transform=grid(Z))
-
-
-class Killed(BaseException):
-    pass
-
-
-def killed_after(monkeypatch, chunks):
-    """A run ends like one that is killed, after so many chunks."""
-    calls = iter(range(chunks))
-    fly = simulate._fly
-
-    def until(*arguments):
-        if next(calls, None) is None:
-            raise Killed
-        return fly(*arguments)
-
-    monkeypatch.setattr(simulate, "_fly", until)
 
 
 def test_a_run_goes_on_where_it_was_killed(scene, tmp_path, monkeypatch):
@@ -397,7 +385,7 @@ def test_the_commands_keep_a_checkpoint_until_the_result_is_written(
 
 def test_kills_at_random_instants(few_boulders, tmp_path):
     """SIGKILL, and `--resume`, until eight have hit a run; then it is left to end."""
-    command = [sys.executable, "-m", "rockfall.cli", "run", few_boulders, "--quiet", "--boulders"]
+    command = [sys.executable, "-m", "rockfall", "run", few_boulders, "--quiet", "--boulders"]
     command += ["60000", "--checkpoint", "0.01", "--resume", "-o", tmp_path / "killed.nc"]
     instants = random.Random(4)
     environment = {**os.environ, "OMP_NUM_THREADS": "2"}

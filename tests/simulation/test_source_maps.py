@@ -6,15 +6,14 @@ import pytest
 import xarray as xr
 
 import rockfall
+from made import write_ascii
+from programs import Killed, killed_after
 from rockfall.analysis.run_until import run_until
-from rockfall.io.raster import write_ascii
-from rockfall.scene.scene import read_scene
+from rockfall.scene.read import read_scene
 from rockfall.simulation import simulate
 from rockfall.simulation.checkpoint import Checkpoint
+from same import same
 from scenes import grid, make_case, rough, sets
-from test_batch import batch, netcdf  # noqa: F401
-from test_checkpoint import Killed, killed_after
-from test_merge import same
 
 Z = rough()
 MAPS = ["passages", "sources", "reach_probability_by_source"]

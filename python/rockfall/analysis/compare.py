@@ -25,7 +25,7 @@ from rockfall.errors import RockfallError
 from rockfall.io.arrays import grid_of
 from rockfall.io.output_files import COMPARISON, check_output
 from rockfall.io.tables import write_csv
-from rockfall.result.trajectories import ends
+from rockfall.result.trajectories import ends, left_terrain
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -276,8 +276,7 @@ def _notes(result: xr.Dataset, seen: Observed, source: np.ndarray) -> Iterator[s
     """What the tables leave unsaid."""
     if seen.stops is not None and not {"passages", "reach_probability"} & set(result):
         yield "Reach at stopping places needs a map: &output maps = 'passages'."
-    ended = ends(result)
-    count = (ended["left_domain"] | ended["impact_limit"]).sum()
+    count = (left_terrain(result) | ends(result)["impact_limit"]).sum()
     if count and any(one is not None for one in (seen.passing, seen.distances, seen.stops)):
         yield f"{count:,} boulders never came to rest; they count with the distance they reached."
     if len(seen.tests) and not seen.samples:

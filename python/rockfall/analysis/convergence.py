@@ -16,7 +16,8 @@ from rockfall.analysis.line_statistics import line_numbers, line_values, sources
 from rockfall.analysis.terrain_variants import larger_cells, other_digits
 from rockfall.case import Case
 from rockfall.errors import RockfallError
-from rockfall.scene.scene import Scene, read_scene
+from rockfall.scene.read import read_scene
+from rockfall.scene.scene import Scene
 from rockfall.scene.sources import refuse_by_area
 from rockfall.simulation.progress import progress_bar
 from rockfall.simulation.simulate import run_scene

@@ -21,7 +21,8 @@ from rockfall.io.output_files import ENSEMBLE, ENSEMBLE_TABLE, check_output
 from rockfall.io.tables import write_csv
 from rockfall.quantities import QUANTITIES
 from rockfall.result.dataset import write_result
-from rockfall.scene.scene import Scene, read_scene
+from rockfall.scene.read import read_scene
+from rockfall.scene.scene import Scene
 from rockfall.scene.sources import refuse_by_area
 from rockfall.simulation.progress import progress_bar
 from rockfall.simulation.simulate import run_scene

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rockfall._core import rockfall_f2py as _core
 from rockfall.analysis.plane_bounce import mixed_rebound, neutral_slope, set_rebound
 from rockfall.io.zone_table import read_zone_table
-from rockfall.scene.scene import SIZE_TO_RADIUS
+from rockfall.scene.coefficients import set_weights, size_weights
+from rockfall.scene.surface import radius_over_rg
 
 if TYPE_CHECKING:
     from rockfall.scene.scene import Scene
@@ -45,7 +45,7 @@ def rocks_of(scene: Scene) -> Iterator[Rocks]:
     fifth of the cells with the smallest rocks, that with the largest and those between, by R_m or
     Rg70, each with the medians of its sizes; cells that absorb left out."""
     surface, ground = scene.case.surface, scene.ground
-    scale = SIZE_TO_RADIUS[surface["rg_reading"]] if surface["method"] == "A" else 1.0
+    scale = radius_over_rg(scene.case) if surface["method"] == "A" else 1.0
     tangents = np.concatenate(ground.slopes)
     if ground.rocks:
         yield from _by_size(scale * np.concatenate(ground.rocks), tangents)
@@ -73,7 +73,7 @@ class NeutralSlopes:
     """Those of the impact sets of a scene, each found when it is first asked for."""
 
     def __init__(self, scene: Scene) -> None:
-        sets = scene.sets.mean.T, scene.sets.covariance.T
+        sets = scene.coefficients.mean.T, scene.coefficients.covariance.T
         self._rebounds = [set_rebound(mean, c) for mean, c in zip(*sets, strict=True)]
         self._between = scene.case.impact["ratio"] == "between"
         self._slope = cache(self._find)
@@ -81,14 +81,14 @@ class NeutralSlopes:
     def weights(self, radius: float, radii: np.ndarray) -> np.ndarray:
         """How often each set serves a boulder of this radius [m], (5,); sizes of rocks that absorb
         it left out."""
-        sizes = _core.weights_of_sizes() if radii.size > 1 else np.ones(1)
-        sets = [weight * _core.weights_of_sets(radius / r, self._between)
+        sizes = size_weights() if radii.size > 1 else np.ones(1)
+        sets = [weight * set_weights(radius / r, self._between)
                 for weight, r in zip(sizes, radii, strict=True) if np.isfinite(r)]  # fmt: skip
         return np.sum(sets, axis=0) / np.sum(sets)
 
     def classes(self, radius: float, radii: np.ndarray) -> list[int]:
         """The ratio of the set nearest to each of these rocks."""
-        return [int(np.argmax(_core.weights_of_sets(radius / r, False))) + 1 for r in radii]
+        return [int(np.argmax(set_weights(radius / r, False))) + 1 for r in radii]
 
     def of(self, radius: float, radii: np.ndarray) -> float:
         """The neutral slope [degree] of boulders of this radius on rocks of these radii [m],

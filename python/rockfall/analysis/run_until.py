@@ -19,15 +19,16 @@ from rockfall.analysis.line_statistics import (
 )
 from rockfall.case import Case
 from rockfall.errors import RockfallError
+from rockfall.interrupts import interrupts
 from rockfall.result.dataset import make_result
 from rockfall.scene.plausible import warn_of
 from rockfall.scene.reach import survey
-from rockfall.scene.scene import Scene, read_scene
+from rockfall.scene.read import read_scene
+from rockfall.scene.scene import Scene
 from rockfall.scene.sources import refuse_by_area
-from rockfall.simulation.interrupts import interrupts
 from rockfall.simulation.progress import progress_bar
 from rockfall.simulation.simulate import Interrupted, Tally, check_tallies, run_chunks, start, trace
-from rockfall.simulation.source_maps import tells_sources
+from rockfall.simulation.source_maps import settle, tells_sources
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -86,7 +87,7 @@ def run_until(
 ) -> xr.Dataset:
     """Run a case with as many boulders from each source as `rules` need, `cap` at most.
 
-    `rules` is text as in `read_rules`; `arrays` are as in `rockfall.scene.scene.read_scene`. The
+    `rules` is text as in `read_rules`; `arrays` are as in `rockfall.scene.read.read_scene`. The
     result is that of `run` with the number of boulders found, which stands in place of the case's
     own; its attributes `until` and `until_met` hold the rules, and whether all are met (1) or not
     (0). Without a `cap` all sources together give a million boulders at most.
@@ -125,6 +126,7 @@ def run_scene_until(
         if not keep:
             scene.forget_rasters()
             tally.scene.forget_rasters()
+        settle(tally)
         result = make_result(tally)
     result.attrs |= {"until": rules, "until_met": int(all(one.met for one in verdicts))}
     if interrupted():

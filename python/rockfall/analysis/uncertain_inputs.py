@@ -10,7 +10,10 @@ from typing import Any
 import numpy as np
 
 from rockfall.errors import RockfallError
-from rockfall.scene.scene import Coefficients, Scene, read_set_draws, set_path
+from rockfall.impact_sets import set_path
+from rockfall.scene.coefficients import SetFile, draws_in
+from rockfall.scene.kernel_scene import known_at
+from rockfall.scene.scene import Scene
 
 INPUTS = ("volume", "drop_height", "source", "sets", "dem", "radius")
 NUMBERS = (2, 1, 2, 1, 0, None)  # that an input needs in a draw; radius: one for each zone
@@ -44,11 +47,12 @@ class Uncertain:
 
     def __init__(self, scene: Scene) -> None:
         self.scene, self.given = scene, scene.case.ensemble
-        self.sets: list[Coefficients] = []
+        self.sets: list[SetFile] = []
         self.set_checksums: dict[str, str] = {}
         for name in self.given.get("sets", []):
             path = set_path(scene.case, name, "ensemble")
-            draws, self.set_checksums[name] = read_set_draws(path, scene.case.impact["turning"])
+            draws = draws_in(path, scene.case.impact["turning"])
+            self.set_checksums[name] = draws[0].checksum
             self.sets += draws
         self.names = [name for name in INPUTS if self._varies(name)]
         if not self.names:
@@ -150,7 +154,7 @@ class Uncertain:
         for tried in range(TRIES):
             east, north = deviation * (random.standard_normal(2) if tried else _normal(numbers))
             x, y = self.scene.x + east, self.scene.y + north
-            if on_terrain(self.scene, x, y):
+            if known_at(self.scene, x, y).all():
                 kept = {"source_east": east, "source_north": north, "source_redrawn": tried}
                 return Draw({"x": x, "y": y}, kept=kept)
         raise RockfallError(
@@ -184,14 +188,3 @@ def gaussian_field(
     power = np.fft.rfft2(np.exp(-np.hypot(y[:, None], x) / length)).real.clip(0.0)
     white = np.fft.rfft2(random.standard_normal(torus))
     return np.fft.irfft2(np.sqrt(power) * white, torus)[: shape[0], : shape[1]]
-
-
-def on_terrain(scene: Scene, x: np.ndarray, y: np.ndarray) -> bool:
-    """Whether all points lie between four cell centres with an elevation; the kernel refuses
-    sources that do not."""
-    grid = scene.grid
-    u, v = (x - grid.west) / grid.cell - 0.5, (grid.north - y) / grid.cell - 0.5
-    if not ((u >= 0) & (u <= grid.nx - 1) & (v >= 0) & (v <= grid.ny - 1)).all():
-        return False
-    i, j = (np.minimum(w.astype(int), n - 2) for w, n in ((u, grid.nx), (v, grid.ny)))
-    return not any(np.isnan(scene.z[j + dj, i + di]).any() for dj in (0, 1) for di in (0, 1))

@@ -16,7 +16,7 @@ from pathlib import Path
 from rockfall.cli.arguments import make_parser
 from rockfall.cli.messages import DONE, FAULT, REFUSED, say
 from rockfall.errors import RockfallError
-from rockfall.simulation.interrupts import exit_status, stoppable
+from rockfall.interrupts import exit_status, stoppable
 
 _NO_MEMORY = "not enough memory for this case; `rockfall check` says what it needs"
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rockfall.errors import RockfallError, need
-from rockfall.simulation.interrupts import exit_status
+from rockfall.interrupts import exit_status
 
 if TYPE_CHECKING:
     from rockfall.lab.fit import ImpactSet
@@ -164,10 +164,10 @@ def _from_contacts(arguments: argparse.Namespace) -> Fitted:
 
 
 def _scorecard(arguments: argparse.Namespace) -> int:
+    from rockfall.impact_sets import shipped_sets
     from rockfall.lab.scorecard import by_ratio, score, table, targets
     from rockfall.lab.sets import read_sets
     from rockfall.lab.site import Site
-    from rockfall.scene.scene import shipped_sets
     from rockfall.simulation.progress import progress_bar
 
     if arguments.slopes < 2:
@@ -184,8 +184,8 @@ def _scorecard(arguments: argparse.Namespace) -> int:
 
 
 def _remake(arguments: argparse.Namespace) -> int:
+    from rockfall.impact_sets import shipped_sets
     from rockfall.lab.remake import remake
-    from rockfall.scene.scene import shipped_sets
 
     paths = [shipped_sets().get(name, Path(name)) for name in arguments.sets]
     for path, source, difference in remake(paths, arguments.threads, not arguments.quiet):

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import sys
 
-DONE, FAULT, REFUSED = 0, 1, 2  # `rockfall.simulation.interrupts.exit_status` has the interrupted
+DONE, FAULT, REFUSED = 0, 1, 2  # `rockfall.interrupts.exit_status` has the interrupted
 
 
 def say(line: str, status: int) -> int:

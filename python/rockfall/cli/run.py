@@ -13,14 +13,16 @@ from rockfall.case import Case, read_case
 from rockfall.case_files import input_files
 from rockfall.cli.messages import DONE, say, warn
 from rockfall.errors import RockfallError
+from rockfall.interrupts import exit_status, interrupts
 from rockfall.io.output_files import RESULT, check_output
 from rockfall.result.dataset import write_result
 from rockfall.scene.plausible import doubts
 from rockfall.scene.prepare import prepare
-from rockfall.scene.scene import Scene, read_scene
-from rockfall.simulation.checkpoint import Checkpoint, checkpoint_folder
+from rockfall.scene.read import read_scene
+from rockfall.scene.scene import Scene
+from rockfall.simulation.checkpoint import Checkpoint
 from rockfall.simulation.dask import run_on_cluster
-from rockfall.simulation.interrupts import exit_status, interrupts
+from rockfall.simulation.lock import locked
 from rockfall.simulation.memory import machine_memory, read_memory
 from rockfall.simulation.merge import merge
 from rockfall.simulation.simulate import Interrupted, run_scene
@@ -44,8 +46,8 @@ def run_command(arguments: argparse.Namespace) -> int:
     stem = arguments.case.stem
     path = arguments.output or Path(f"{stem}.nc" if of == 1 else f"{stem}.part{which}of{of}")
     check_output(path, RESULT, input_files(case))
-    with checkpoint_folder(path, warn) as folder:
-        return _run_to(path, case, arguments, shard, _checkpoint(arguments, folder))
+    with locked(path, warn):
+        return _run_to(path, case, arguments, shard, _checkpoint(arguments, path))
 
 
 def merge_command(arguments: argparse.Namespace) -> int:
@@ -106,15 +108,15 @@ def _scene(case: Case, arguments: argparse.Namespace) -> Scene:
     return scene
 
 
-def _checkpoint(arguments: argparse.Namespace, folder: Path) -> Checkpoint | None:
+def _checkpoint(arguments: argparse.Namespace, path: Path) -> Checkpoint | None:
     """Where a run saves its work; one that is there is not overwritten unasked."""
     if arguments.until is not None or arguments.dask is not None:
         return None
-    found = Checkpoint(folder, arguments.checkpoint or math.inf, warn)
-    if not arguments.resume and (done := found.found()):
+    found = Checkpoint(path, arguments.checkpoint or math.inf, warn)
+    if (done := found.found()) and not arguments.resume:
         raise RockfallError(
-            f"{folder}: holds {done:,} boulders of a run that was stopped; go on with --resume, or "
-            "remove it"
+            f"{found.path}: holds {done:,} boulders of a run that was stopped; go on with "
+            "--resume, or remove it"
         )
     return found
 

@@ -25,6 +25,7 @@ ENDED = {  # of the statuses whose name does not say it
     "stopped": "came to rest on the slope",
     "absorbed": "ended where the ground absorbs boulders",
     "left_domain": "left the terrain model",
+    "hit_nodata": "met terrain without elevation",
     "impact_limit": "reached the limit of contacts and were ended there",
 }
 

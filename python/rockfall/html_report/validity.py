@@ -11,7 +11,7 @@ import numpy as np
 from rockfall.analysis.extrapolation import extrapolations
 from rockfall.case import case_of
 from rockfall.quantities import count, part_of, percent
-from rockfall.result.trajectories import ends
+from rockfall.result.trajectories import ends, left_terrain
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -66,7 +66,7 @@ def _of_run(result: xr.Dataset) -> Iterator[tuple[float, str]]:
     if boulders == 1:
         yield 2.5, "1 boulder is an example. Fractions and quantiles need at least some hundred."
     ended = ends(result)
-    if left := int(ended["left_domain"].sum()):
+    if left := int(left_terrain(result).sum()):
         text = "left the terrain model: their trajectory beyond it is not known and not counted."
         yield left / boulders, f"{part_of(left, boulders, 'boulder')} {text}"
     if limit := int(ended["impact_limit"].sum()):

@@ -6,10 +6,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from rockfall._core import rockfall_f2py as _core
 from rockfall.errors import RockfallError
+from rockfall.io.classic_header import overstates
 
-LARGEST_TEXT = 64 * 1024**2  # bytes, as in base/text_file.f90
+LARGEST_TEXT = 64 * 1024**2  # bytes, as in io/text_file.f90
 
 
 def check_regular(path: str | Path) -> None:
@@ -22,7 +22,7 @@ def check_netcdf(path: str | Path) -> None:
     """Refuse what is no regular file, and a header of classic netCDF that claims more than its file
     holds: the libraries take memory for it, and end the process where there is none."""
     check_regular(path)
-    if os.path.isfile(path) and _core.overstates(os.fsencode(path)):
+    if os.path.isfile(path) and overstates(path):
         raise RockfallError(
             f"{path}: cannot be read as netCDF: its header claims more than the file holds"
         )

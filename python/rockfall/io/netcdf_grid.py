@@ -202,9 +202,7 @@ def _check_place(path: str, x: np.ndarray, y: np.ndarray, transform: Affine) -> 
         raise RockfallError(f"{path}: its GeoTransform is not that of its coordinates x and y")
 
 
-def _stored_type(
-    path: str, name: str, stored: np.dtype, attributes: dict[str, Any]
-) -> np.dtype:
+def _stored_type(path: str, name: str, stored: np.dtype, attributes: dict[str, Any]) -> np.dtype:
     """The type of the numbers; _Unsigned tells of it where the format has no unsigned ones."""
     said = str(attributes.get("_Unsigned", "")).lower()
     if said not in ("", "true", "false") or (said and stored.kind not in "iu"):

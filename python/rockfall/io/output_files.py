@@ -16,10 +16,11 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 
 from rockfall.errors import RockfallError
+from rockfall.interrupts import interrupts
 from rockfall.io.files import check_netcdf
-from rockfall.simulation.interrupts import interrupts
 
 RESULT, ENSEMBLE, IMPACTS = "a result of a run", "an ensemble", "impacts of the laboratory"
+SCENE = "a scene file"
 FIGURE, MAP, LAYERS, PAGE = "a figure", "a map", "layers of a result", "a report"
 ENSEMBLE_TABLE, STUDY = "the table of an ensemble", "a study of convergence"
 LINE_TABLE, LEVEL_TABLE = "a table of line statistics", "a table of return levels"
@@ -123,6 +124,8 @@ def _netcdf_kind(path: str | Path) -> str | None:
         return None
     if "lab_case" in attrs:
         return IMPACTS
+    if "scene_layout" in attrs:
+        return SCENE
     if "case" not in attrs or not str(attrs.get("source", "")).startswith(f"{SIGNATURE} "):
         return None
     return RESULT if "boulders_asked" in attrs else ENSEMBLE

@@ -15,13 +15,21 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from rockfall.errors import RockfallError
+from rockfall.io.arrays import elevation_dtype
 from rockfall.io.ascii_grid import AsciiCells, is_ascii, open_ascii
-from rockfall.io.elevations import elevation_dtype
-from rockfall.io.gdal_files import BINARY, IMAGINE, TIFF, check_imagine, plain_file, start_of
+from rockfall.io.gdal_files import (
+    BINARY,
+    IMAGINE,
+    TIFF,
+    check_imagine,
+    check_mark,
+    is_vrt,
+    plain_file,
+    plain_vrt,
+    start_of,
+)
 from rockfall.io.grid import TOLERANCE, Box, Grid, row_blocks
 from rockfall.io.netcdf_grid import cells_of, open_netcdf
-from rockfall.io.tiff_tags import check_mark
-from rockfall.io.vrt import is_vrt, plain_vrt
 
 if TYPE_CHECKING:
     from affine import Affine
@@ -291,9 +299,11 @@ def _check_packing(raster: RasterFile) -> None:
 
 def _check_size(raster: RasterFile) -> None:
     """Refuse a header that promises more than the machine can hold."""
+    import psutil
+
     ny, nx = raster.grid.shape
     need = 4e-9 * nx * ny
-    have = 1e-9 * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    have = 1e-9 * psutil.virtual_memory().total
     if need > have:
         raise RockfallError(
             f"{raster.path}: {nx} x {ny} cells need {need:.0f} GB of memory, "
@@ -302,6 +312,5 @@ def _check_size(raster: RasterFile) -> None:
     rows, columns = raster.source.block_shapes[0]
     if rows * columns > max(nx * ny, _BLOCK):
         raise RockfallError(
-            f"{raster.path}: tiles of {columns} x {rows} cells, of a raster of {nx} x {ny}: "
-            "damaged"
+            f"{raster.path}: tiles of {columns} x {rows} cells, of a raster of {nx} x {ny}: damaged"
         )

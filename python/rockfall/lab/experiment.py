@@ -13,9 +13,9 @@ import numpy as np
 
 from rockfall._lab import lab_f2py as _lab
 from rockfall.errors import RockfallError
+from rockfall.interrupts import interrupts
 from rockfall.io.files import whole_file
 from rockfall.lab.case import LabCase, lab_case_of, names
-from rockfall.simulation.interrupts import interrupts
 from rockfall.simulation.progress import progress_bar
 from rockfall.simulation.simulate import MOST_THREADS, check_team
 from rockfall.version import __version__

@@ -42,11 +42,12 @@ class Sets:
 def read_sets(source: str | Path) -> list[Sets]:
     """The draws in a set file, or in a set that is shipped with the program, by its name: one, or
     those of an ensemble."""
-    from rockfall.scene.scene import read_set_draws, shipped_sets
+    from rockfall.impact_sets import shipped_sets
+    from rockfall.scene.coefficients import draws_in
 
     path = shipped_sets().get(str(source), Path(source))
     error = _errors(set_text(path), path)
-    draws, _ = read_set_draws(path, "past_aspect")  # needs nothing but the matrices
+    draws = [one.read("past_aspect")[0] for one in draws_in(path, "past_aspect")]  # the matrices do
     return [
         Sets(
             Path(source).stem, one.mean.T, one.covariance.T, error,

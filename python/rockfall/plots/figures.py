@@ -14,6 +14,7 @@ from rockfall.analysis.extent import PASSED, passed_map
 from rockfall.analysis.line_statistics import fraction_interval, sources
 from rockfall.case import case_of
 from rockfall.errors import RockfallError, need
+from rockfall.impact_sets import set_path
 from rockfall.io.output_files import FIGURE, check_outputs, whole_folder
 from rockfall.lab.sets import read_sets
 from rockfall.plots.lab import draw_restitution
@@ -30,8 +31,8 @@ from rockfall.plots.profile_figures import profile_figure
 from rockfall.plots.rebound_figures import ENERGY, RESTITUTION, histogram, histogram_figure
 from rockfall.plots.style import FORMATS, capital, save
 from rockfall.quantities import QUANTITIES, count
-from rockfall.result.trajectories import ends, lines, trajectories
-from rockfall.scene.scene import read_set_draws, set_path
+from rockfall.result.trajectories import left_terrain, lines, trajectories
+from rockfall.scene.coefficients import open_sets
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -112,7 +113,7 @@ def _trajectories(result: xr.Dataset, terrain: Terrain | None) -> Iterator[Figur
 def _reach(result: xr.Dataset, terrain: Terrain | None, observed: Any) -> Iterator[Figure]:
     """How far boulders come, and where (paper, Figs 9 and 10)."""
     boulders = count(result.sizes["boulder"], "boulder")
-    gone = int(ends(result)["left_domain"].sum())
+    gone = int(left_terrain(result).sum())
     beyond = f"; the run-out of the {gone:,} that left the terrain is not known: dotted"
     yield Figure(
         "passing",
@@ -192,8 +193,8 @@ def set_of(result: xr.Dataset) -> Sets | None:
     """The impact set of a run, where its file is still there as it was."""
     try:
         path = set_path(case_of(result))
-        _, checksum = read_set_draws(path, "past_aspect")  # needs nothing but the matrices
-        return read_sets(path)[0] if checksum == result.attrs["impact_set_checksum"] else None
+        same = open_sets(path).checksum == result.attrs["impact_set_checksum"]
+        return read_sets(path)[0] if same else None
     except RockfallError:
         return None
 

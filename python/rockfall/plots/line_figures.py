@@ -25,7 +25,7 @@ from rockfall.plots.style import (
     styled,
 )
 from rockfall.quantities import QUANTITIES, count
-from rockfall.result.trajectories import ends, from_start, lines, stop_distances
+from rockfall.result.trajectories import from_start, left_terrain, lines, stop_distances
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -119,7 +119,7 @@ def passing_figure(result: xr.Dataset, observed: Any = None) -> Figure:
 def draw_passing(axes: Axes, result: xr.Dataset) -> None:
     """The curve of `passing_figure`. How far boulders would have come that left the terrain is not
     known: from the nearest place where one left, the curve lies between two dotted ones."""
-    gone, distance = ends(result)["left_domain"], stop_distances(result)
+    gone, distance = left_terrain(result), stop_distances(result)
     shown, fraction, low, high = passing(result, distance)
     _, upper, _, high = passing(result, np.where(gone, np.inf, distance))
     known = shown <= distance.min(where=gone, initial=np.inf)

@@ -103,6 +103,13 @@ def ends(result: xr.Dataset) -> dict[str, np.ndarray]:
     return {name: status.values == flag for name, flag in flags_of(status).items()}
 
 
+def left_terrain(result: xr.Dataset) -> np.ndarray:
+    """Boulders that left the known terrain, over its edge or into cells without elevation: how far
+    they would have come is not known."""
+    ended = ends(result)
+    return ended["left_domain"] | ended["hit_nodata"]
+
+
 def flags_of(variable: xr.DataArray) -> dict[str, int]:
     """The numbers of a CF flag variable by name."""
     values = np.atleast_1d(variable.attrs["flag_values"]).tolist()

@@ -40,8 +40,8 @@ COMMANDS = {
         '--shard "$$part/$shards" --output $folder/parts/"part$${part}of$shards"'
     ),
     "batch": Template(
-        '$batch $case quiet=true resume=true threads="$$OMP_NUM_THREADS" '
-        'shard="$$part/$shards" output=$folder/parts/"part$${part}of$shards"'
+        '$batch $case --quiet --resume --threads "$$OMP_NUM_THREADS" '
+        '--shard "$$part/$shards" --output $folder/parts/"part$${part}of$shards"'
     ),
 }
 MERGE = Template(
@@ -105,7 +105,7 @@ def write_jobs(
         "case": shlex.quote(str(Path(path).absolute())), "folder": shlex.quote(str(folder)),
         "name": "rockfall", "stem": shlex.quote(Path(path).stem), "shards": shards,
         "threads": threads, "time": time,
-        "rockfall": shlex.join([sys.executable, "-m", "rockfall.cli"]),
+        "rockfall": shlex.join([sys.executable, "-m", "rockfall"]),
         "batch": shlex.quote(_program(program)),
     }  # fmt: skip
     about["command"] = COMMANDS[program].substitute(about)

@@ -13,9 +13,10 @@ from rockfall.analysis.neutral_slopes import NeutralSlopes, Rocks, rocks_of
 from rockfall.io.crs import crs_name
 from rockfall.io.grid import row_blocks
 from rockfall.result.dataset import TALLIES
+from rockfall.scene.coefficients import ANY_SPEED
 from rockfall.scene.ground import Ground
 from rockfall.scene.reach import survey
-from rockfall.scene.scene import ANY_SPEED, Scene
+from rockfall.scene.scene import Scene
 from rockfall.scene.sources import threshold
 from rockfall.simulation.memory import machine_memory
 from rockfall.simulation.simulate import Tally, check_team, fields, run_chunks, start
@@ -109,8 +110,9 @@ def _follow(scene: Scene, number: int) -> Pilot:
     output = {"maps": list(dict.fromkeys([*maps, "passages"])) if maps else None}
     drawn = np.sort(np.random.default_rng(0).integers(scene.x.size, size=number))
     if scene.area is not None:  # steeper cells release more
-        drawn = np.searchsorted(scene.ends, scene.ends[-1] * (drawn + 0.5) / scene.x.size)
-    case = scene.case.replace(case={"boulders": 1}, output=output)
+        boulders = 1 + (scene.boulders * (drawn + 0.5) / scene.x.size).astype("i8")
+        drawn = scene.sources_of(boulders)
+    case = scene.case.replace(case={"boulders": 1}, release={"by_area": False}, output=output)
     one = replace(scene, case=case, x=scene.x[drawn], y=scene.y[drawn], area=None)
     few = start(one, threads=1)
     run_chunks(few, None, lambda: False, lambda _: None)
@@ -219,7 +221,7 @@ def _radius(volume: np.ndarray) -> np.ndarray:
 
 def _sets(scene: Scene) -> str:
     """Their name, and what they say they were fitted on."""
-    speeds, angles = scene.sets.speed_range, scene.sets.angle_range
+    speeds, angles = scene.coefficients.speed_range, scene.coefficients.angle_range
     told = []
     if speeds.max() < ANY_SPEED:
         told.append(f"{_range(speeds.min(), speeds.max())} m/s")

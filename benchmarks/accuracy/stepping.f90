@@ -1,0 +1,174 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Runs a case with boulders that fly in time steps, and compares their flights, one by one, with the exact
+!> ones from the same start. Prints `name value` lines; results go to a folder as those of rockfall-batch.
+!>
+!>     stepping CASE scheme=parabola step=0.01 repeat=3 flights=100 output=FOLDER
+program stepping
+   use, intrinsic :: iso_fortran_env, only: error_unit
+   use rockfall_kinds, only: wp, i8
+   use rockfall_error, only: error_t, fail
+   use rockfall_console, only: arguments_t, read_arguments, value_of
+   use rockfall_terrain, only: locate, height, gradient
+   use rockfall_flight, only: flight_t, landing_t, launch_rate, fly_exactly, march, choose, scheme_names
+   use rockfall_trajectory, only: boulder_result_t, scratch_t, contact_t
+   use rockfall_ensemble, only: trace_boulder
+   use rockfall_override, only: read_case_file
+   use rockfall_case, only: case_t
+   use rockfall_load, only: inputs_t, load
+   use rockfall_simulate, only: results_t, simulate, rebound_counts
+   use rockfall_results, only: write_folder
+   implicit none
+
+   !> Sums over flights from the same start, in steps less exact.
+   type :: errors_t
+      integer(i8) :: flights = 0
+      integer(i8) :: short = 0             !! exact flights that end within the first step
+      integer(i8) :: missed = 0            !! whose first contact no step saw
+      real(wp) :: place2 = 0.0_wp          !! squared distance of the landings [m2]
+      real(wp) :: normal = 0.0_wp          !! normal speed at the landing [m/s]
+      real(wp) :: normal2 = 0.0_wp         !! its square [m2/s2]
+      real(wp) :: gained = 0.0_wp          !! energy at the landing less that at the start, per mass [m2/s2]
+      real(wp) :: kinetic = 0.0_wp         !! exact kinetic energy at the landing, per mass [m2/s2]
+      real(wp) :: deepest = 0.0_wp         !! greatest depth below the ground at a landing [m]
+   end type errors_t
+
+   character(len=*), parameter :: keys(*) = &
+                                  [character(len=7) :: "scheme", "step", "repeat", "flights", "output"]
+   type(arguments_t) :: arguments
+   type(error_t), allocatable :: error
+
+   call read_arguments("stepping", keys, arguments, error)
+   if (.not. allocated(error)) call run(error)
+   if (allocated(error)) then
+      write (error_unit, "(2a)") "stepping: ", error%message
+      stop error%code, quiet=.true.
+   end if
+
+contains
+
+   subroutine run(error)
+      type(error_t), allocatable, intent(out) :: error
+      type(case_t) :: case
+      type(inputs_t), target :: inputs
+      type(results_t), target :: results
+      character(len=:), allocatable :: text, scheme
+      real(wp) :: step, cpu
+      integer(i8) :: counts(6)
+      integer :: k
+
+      scheme = value_of(arguments, "scheme")
+      step = number("step")
+      if (.not. any(scheme_names == scheme) .or. (scheme /= "exact" .and. .not. step > 0)) then
+         call fail(error, "needs a scheme and a step above 0; see the head of stepping.f90")
+         return
+      end if
+      call read_case_file(arguments%case, "", "", "1", text, case, error)
+      if (.not. allocated(error)) call load(case, inputs, error)
+      if (allocated(error)) return
+      call choose(scheme, step)
+      cpu = huge(cpu)
+      do k = 1, max(1, nint(number("repeat")))
+         call simulate(case, inputs, [1_i8, 1_i8], results, error)
+         if (allocated(error)) return
+         cpu = min(cpu, results%cpu)
+      end do
+      counts = rebound_counts(results)
+      print "(a,es24.16)", "cpu", cpu
+      print "(a,i0)", "contacts ", counts(2)
+      call write_folder(value_of(arguments, "output"), text, case, inputs, results, error)
+      if (.not. allocated(error) .and. scheme /= "exact") &
+         call compare(scheme, step, inputs, min(results%boulders, nint(number("flights"), i8)))
+   end subroutine run
+
+   !> A number of the command line; 0 without it.
+   real(wp) function number(key)
+      character(len=*), intent(in) :: key
+      character(len=:), allocatable :: text
+      integer :: status
+
+      text = value_of(arguments, key)
+      read (text, *, iostat=status) number
+      if (status /= 0) number = 0
+   end function number
+
+   !> Fly each flight of the first boulders, as the exact run has them, once more by the scheme.
+   subroutine compare(scheme, step, inputs, boulders)
+      character(len=*), intent(in) :: scheme
+      real(wp), intent(in) :: step  !! [s]
+      type(inputs_t), intent(in) :: inputs
+      integer(i8), intent(in) :: boulders
+      type(errors_t) :: errors
+      type(boulder_result_t) :: fate
+      type(scratch_t) :: scratch
+      integer(i8) :: b
+      integer :: k
+
+      do b = 1, boulders
+         call choose("exact", step)
+         call trace_boulder(inputs%scene, b, inputs%scene%max_impacts + 3, fate, scratch)
+         call choose(scheme, step)
+         do k = 1, scratch%recorded - 1
+            call compare_flight(inputs, scratch%record(k), step, errors)
+         end do
+      end do
+      associate (n => real(max(1_i8, errors%flights), wp))
+         print "(a,i0)", "flights ", errors%flights
+         print "(a,es24.16)", "short", errors%short/n, "missed", errors%missed/n, &
+            "place", sqrt(errors%place2/n), "normal", errors%normal/n, "normal_rms", sqrt(errors%normal2/n), &
+            "gained", errors%gained/errors%kinetic, "deepest", errors%deepest
+      end associate
+   end subroutine compare
+
+   !> Add the errors of one flight that starts at a recorded contact; not of one that leaves the terrain.
+   subroutine compare_flight(inputs, contact, step, errors)
+      type(inputs_t), intent(in) :: inputs
+      type(contact_t), intent(in) :: contact
+      real(wp), intent(in) :: step  !! [s]
+      type(errors_t), intent(inout) :: errors
+      type(flight_t) :: start
+      type(landing_t) :: exact, stepped
+      real(wp) :: u, w, lift, g, normal, change, kinetic(2)
+
+      g = inputs%scene%gravity
+      start%x = contact%x
+      start%y = contact%y
+      start%z = contact%z
+      start%v = contact%v
+      associate (dem => inputs%scene%dem)
+         call locate(dem, start%x, start%y, start%patch, u, w)
+         start%above = max(0.0_wp, start%z - height(start%patch, u, w))
+         start%rate = launch_rate(dem, start%patch, u, w, start%v)
+         call fly_exactly(dem, g, start, exact)
+         call march(dem, g, start, stepped, lift)
+      end associate
+      if (.not. (exact%contact .and. stepped%contact)) return
+      call arrival(inputs, start, exact, kinetic(1), normal)
+      call arrival(inputs, start, stepped, kinetic(2), change)
+      change = change - normal
+      errors%flights = errors%flights + 1
+      if (exact%time < step) errors%short = errors%short + 1
+      if (stepped%time > exact%time + step) errors%missed = errors%missed + 1
+      errors%place2 = errors%place2 &
+                      + sum(([stepped%x, stepped%y, stepped%z] - [exact%x, exact%y, exact%z])**2)
+      errors%normal = errors%normal + change
+      errors%normal2 = errors%normal2 + change**2
+      errors%gained = errors%gained + kinetic(2) + g*(stepped%z - start%z) - 0.5_wp*sum(start%v**2)
+      errors%kinetic = errors%kinetic + kinetic(1)
+      errors%deepest = max(errors%deepest, lift)
+   end subroutine compare_flight
+
+   !> Kinetic energy per mass [m2/s2] and speed towards the ground [m/s] at a landing.
+   subroutine arrival(inputs, start, landing, kinetic, normal)
+      type(inputs_t), intent(in) :: inputs
+      type(flight_t), intent(in) :: start
+      type(landing_t), intent(in) :: landing
+      real(wp), intent(out) :: kinetic, normal
+      real(wp) :: v(3), slope(2)
+
+      v = start%v
+      v(3) = v(3) - inputs%scene%gravity*landing%time
+      slope = gradient(inputs%scene%dem, landing%patch, landing%u, landing%w)
+      kinetic = 0.5_wp*sum(v**2)
+      normal = (dot_product(slope, v(1:2)) - v(3))/sqrt(1 + sum(slope**2))
+   end subroutine arrival
+end program stepping
