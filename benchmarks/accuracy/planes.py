@@ -24,7 +24,7 @@ from rockfall.analysis.line_statistics import Z, line_numbers, sources
 from rockfall.analysis.plane_bounce import neutral_slope, set_rebound
 from rockfall.errors import RockfallError
 from rockfall.impact_sets import shipped_sets
-from rockfall.io.files import whole_file
+from rockfall.io.files import atomic_write
 from rockfall.io.grid import Grid
 from rockfall.lab.sets import Sets, read_sets
 from rockfall.plots.style import BLUE, GREEN, GREY, INK, VERMILION, new_figure, plain, save, styled
@@ -242,7 +242,7 @@ def main() -> None:
     options = parser.parse_args()
     found = [one for path in shipped_sets().values() for one in look(path, options.boulders)]
     options.folder.mkdir(parents=True, exist_ok=True)
-    with whole_file(options.folder / "planes.md") as part:
+    with atomic_write(options.folder / "planes.md") as part:
         part.write_text(page(found, options.boulders), encoding="utf-8")
     save(draw(found), options.folder / "planes.png", dpi=130)
 

@@ -21,7 +21,7 @@ from made import PLACE, UTM, make_raster, refused, write_ascii
 from rockfall.analysis.convergence import KEYS, Convergence
 from rockfall.case_files import input_files
 from rockfall.cli import main
-from rockfall.io.output_files import FIGURE, LINE_TABLE, RESULT, kind_of, whole_folder
+from rockfall.io.output_files import FIGURE, LINE_TABLE, RESULT, atomic_folder, kind_of
 from rockfall.plots.figures import Figure as Drawing
 from rockfall.plots.style import save
 from scenes import grid, rough
@@ -283,14 +283,14 @@ def test_files_of_a_folder_come_together_or_not_at_all(tmp_path, monkeypatch, ca
     before = contents(tmp_path)
     monkeypatch.setattr("rockfall.io.output_files.os.replace", failing(call, error))
     with pytest.raises((rockfall.RockfallError, KeyboardInterrupt)) as caught:
-        with whole_folder(folder, former=[folder / "gone.csv"], last="z.csv") as part:
+        with atomic_folder(folder, former=[folder / "gone.csv"], last="z.csv") as part:
             for name in ("a.csv", "b.csv", "z.csv"):
                 (part / name).write_text(NEW)
     if isinstance(error, OSError):
         assert str(caught.value) == f"{folder}: cannot be written: No space left on device"
     assert contents(tmp_path) == before and kind_of(folder / "a.csv") == LINE_TABLE
     monkeypatch.undo()
-    with whole_folder(folder, former=[folder / "gone.csv"], last="z.csv") as part:
+    with atomic_folder(folder, former=[folder / "gone.csv"], last="z.csv") as part:
         for name in ("a.csv", "b.csv", "z.csv"):
             (part / name).write_text(NEW)
     texts = {path.name: path.read_text() for path in folder.iterdir()}
@@ -300,7 +300,7 @@ def test_files_of_a_folder_come_together_or_not_at_all(tmp_path, monkeypatch, ca
 def test_folders_that_were_not_there_are_not_left(tmp_path, monkeypatch):
     monkeypatch.setattr("rockfall.io.output_files.os.replace", failing(2, OSError(5, "broken")))
     with pytest.raises(rockfall.RockfallError, match="broken"):
-        with whole_folder(tmp_path / "some" / "where") as part:
+        with atomic_folder(tmp_path / "some" / "where") as part:
             (part / "a").touch()
             (part / "b").touch()
     assert not list(tmp_path.iterdir())

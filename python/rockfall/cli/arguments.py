@@ -9,7 +9,6 @@ from importlib import import_module
 from pathlib import Path
 from typing import NoReturn
 
-from rockfall.cli.lab import add_lab
 from rockfall.errors import RockfallError
 
 _Commands = argparse._SubParsersAction  # argparse has no public name for it
@@ -55,7 +54,7 @@ def make_parser() -> argparse.ArgumentParser:
     _add_runs(commands)
     _add_studies(commands)
     _add_results(commands)
-    add_lab(commands)
+    _add_lab(commands)
     return parser
 
 
@@ -136,3 +135,55 @@ def _add_results(commands: _Commands) -> None:
     for one in figures, report:
         one.add_argument("--dem", metavar="FILE", type=Path, help="default: the case's, if found")
         one.add_argument("--observed", metavar="CSV", type=Path, nargs="+", help="drawn beside it")
+
+
+def _add_lab(commands: _Commands) -> None:
+    """Add the laboratory to the commands of `rockfall`."""
+    about = "discrete-element impacts, and impact sets from them"
+    lab = commands.add_parser("lab", help=about, description=about.capitalize() + ".")
+    verbs = lab.add_subparsers(required=True, metavar="COMMAND")
+
+    def verb(name: str, does: str) -> argparse.ArgumentParser:
+        one = verbs.add_parser(name, help=does, description=does[0].upper() + does[1:] + ".")
+        one.set_defaults(command=_command("lab", name))
+        return one
+
+    pack = verb("pack", "let layers settle, say what they are, draw the first")
+    pack.add_argument("case", metavar="LAB.nml", type=Path)
+    pack.add_argument("-o", "--output", metavar="LAYER.png", type=Path, help="a picture")
+    pack.add_argument("--layers", metavar="N", type=int, default=8, help="default: 8")
+    pack.add_argument("--ratio", metavar="R", type=float, default=5.0, help="R_b/R_m; default: 5")
+    impact = verb("impact", "fire all impacts of a laboratory case")
+    impact.add_argument("case", metavar="LAB.nml", type=Path)
+    impact.add_argument("-o", "--output", metavar="OUT.nc", type=Path, help="default: LAB.nc, here")
+    impact.add_argument("--resume", action="store_true", help="go on with OUT.nc")
+    fit = verb("fit", "make impact sets from impacts, or from measured contacts")
+    fit.add_argument(
+        "impacts", metavar="IMPACTS", type=Path, help=".nc of the laboratory, or .csv of contacts"
+    )
+    fit.add_argument("-o", "--output", metavar="SETS.nml", type=Path, help="for rockfall run")
+    fit.add_argument(
+        "--state", help="of the boulder in the laboratory: peak (default), loss or clear"
+    )
+    fit.add_argument(
+        "--nearest-ratio", action="store_true",
+        help="a ratio without measured contacts has the set of the nearest that has some",
+    )  # fmt: skip
+    card = verb("scorecard", "set impact sets beside what is known of rebounds on rocky slopes")
+    card.add_argument("sets", metavar="SETS", nargs="*", help="shipped or files; default: shipped")
+    card.add_argument(
+        "--site", metavar="DIR", type=Path, default=Path("cases/vaujany"),
+        help="the case of the slope; default: cases/vaujany",
+    )  # fmt: skip
+    card.add_argument(
+        "--slopes", metavar="N", type=int, default=32,
+        help="of the site's recipe, for means and standard errors; default: 32",
+    )  # fmt: skip
+    card.add_argument("--turning", default="past_aspect", help="as &impact turning")
+    card.add_argument("--rg-reading", default="diameter", help="as &surface rg_reading")
+    remake = verb("remake", "make set files again from their provenance, and compare all bits")
+    remake.add_argument("sets", metavar="SETS", nargs="+", help="shipped or files")
+    for one in (pack, impact, remake):
+        one.add_argument("--threads", metavar="N", type=int, default=0, help="default: all cores")
+    for one in (impact, fit, card, remake):
+        one.add_argument("--quiet", action="store_true", help="no progress, no summary")

@@ -15,7 +15,7 @@ from rockfall.case_files import input_files
 from rockfall.cli.messages import DONE
 from rockfall.cli.run import overridden
 from rockfall.errors import RockfallError, need
-from rockfall.io.output_files import FIGURE, STUDY, check_outputs, whole_folder
+from rockfall.io.output_files import FIGURE, STUDY, atomic_folder, check_outputs
 from rockfall.io.tables import write_csv
 from rockfall.plots.convergence import figure
 from rockfall.text.convergence import text
@@ -63,7 +63,7 @@ def write_convergence(
     earlier study."""
     inputs = list(inputs)
     check_writable(folder, inputs)
-    with whole_folder(folder, inputs) as part:
+    with atomic_folder(folder, inputs) as part:
         for name in TABLES:
             write_csv(getattr(found, name), part / f"{name}.csv")
         figure(found, [part / name for name in FILES if FILES[name] == FIGURE])

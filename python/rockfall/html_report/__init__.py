@@ -25,7 +25,7 @@ from rockfall.html_report.maps import data_uri, map_section
 from rockfall.html_report.summary import summary
 from rockfall.html_report.tables import level_table, line_tables, precision_table, provenance
 from rockfall.html_report.validity import cautions, warnings
-from rockfall.io.files import whole_file
+from rockfall.io.files import atomic_write
 from rockfall.io.output_files import PAGE, SIGNATURE, check_output
 from rockfall.plots.figures import figures
 from rockfall.plots.style import save
@@ -60,7 +60,7 @@ def write_report(
     """Write the page of a result to `path`, whole or not at all; the rest is as in `report`."""
     check_page(path, files_behind(result))
     page = report(result, terrain, observed)
-    with whole_file(path) as part:
+    with atomic_write(path) as part:
         part.write_text(page, encoding="utf-8")
 
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from rasterio.crs import CRS
 
 _NAME = "dem"
-HIGHEST = 1e7  # [m] what is higher is no elevation, but a mark that the file does not tell of
+MAX_ELEVATION = 1e7  # [m]; more is an undeclared nodata value
 
 
 def from_array(
@@ -74,7 +74,7 @@ def check_known(name: str, z: np.ndarray, row: int = 0) -> bool:
     """Whether any cell has an elevation; absurd ones are refused. The array begins at a row."""
     some = False
     for rows in row_blocks(z.shape):
-        absurd = np.argwhere(np.abs(z[rows]) > HIGHEST)
+        absurd = np.argwhere(np.abs(z[rows]) > MAX_ELEVATION)
         if absurd.size:
             at = tuple(absurd[0] + (rows.start, 0))
             rule = "finite" if np.isinf(z[at]) else "within 1e7 m of zero"

@@ -22,7 +22,7 @@ from rockfall.errors import RockfallError
 from rockfall.io.files import check_regular, check_text_file
 from rockfall.io.tables import plain_decimal
 
-#: Rasters without text in their headers: GDAL takes a word there for zero.
+#: Rasters without text in their headers: GDAL takes a text that is no number there for zero.
 BINARY = ("GTiff", "HFA", "GSBG", "GS7BG")
 IMAGINE = b"EHFA_HEADER_TAG"
 TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
@@ -30,7 +30,7 @@ START = 1024  # bytes, of which GDAL too tells the format
 _MASKS = (".msk", ".ovr")
 _NODATA, _ASCII = 42113, 2  # a tag, and a type
 _NOT_FINITE = re.compile(r"[+-]?(nan|inf|infinity|1\.#(qnan|ind|inf)0*)", re.IGNORECASE)
-_LONGEST = 64  # bytes of a number
+_MAX_NUMBER = 64  # bytes
 _TYPES = {
     "Byte", "Int8", "UInt16", "Int16", "UInt32", "Int32", "UInt64", "Int64", "Float32", "Float64",
 }  # fmt: skip
@@ -102,9 +102,9 @@ def check_mark(path: str) -> None:
             text = _nodata_text(file, os.path.getsize(path))
         except struct.error:  # cut short: GDAL says so
             return
-    word = text.strip(" \0")
-    if word and math.isnan(plain_decimal(word)) and not _NOT_FINITE.fullmatch(word):
-        raise RockfallError(f"{path}: nodata = {word[:40]}: must be a number or nan")
+    nodata = text.strip(" \0")
+    if nodata and math.isnan(plain_decimal(nodata)) and not _NOT_FINITE.fullmatch(nodata):
+        raise RockfallError(f"{path}: nodata = {nodata[:40]}: must be a number or nan")
 
 
 def _nodata_text(file: BinaryIO, size: int) -> str:
@@ -123,7 +123,7 @@ def _nodata_text(file: BinaryIO, size: int) -> str:
             if many <= inline:
                 return one[-inline:][:many].decode("latin-1")
             file.seek(where)
-            return file.read(min(many, _LONGEST)).decode("latin-1")
+            return file.read(min(many, _MAX_NUMBER)).decode("latin-1")
     return ""
 
 
@@ -206,10 +206,12 @@ def _rule(name: str, value: str) -> str:
 def _check_numbers(where: str, element: ElementTree.Element) -> None:
     if element.tag not in _NUMBERS:
         return
-    words = (element.text or "").replace(",", " ").split()
+    tokens = (element.text or "").replace(",", " ").split()
     may_be_nan = element.tag in ("NoDataValue", "NODATA")
-    numbers = [may_be_nan and word.lower() == "nan" or not math.isnan(plain_decimal(word))
-               for word in words]  # fmt: skip
+    numbers = [
+        may_be_nan and token.lower() == "nan" or not math.isnan(plain_decimal(token))
+        for token in tokens
+    ]
     if len(numbers) != _NUMBERS[element.tag] or not all(numbers):
         text = (element.text or "").strip()[:80]
         raise RockfallError(f"{where}: '{text}': must be {_NUMBERS[element.tag]} numbers")

@@ -248,8 +248,8 @@ def _plain_geojson(path: str) -> bytes:
     return text.replace("<", "\\u003c").encode()  # nothing in it looks like XML
 
 
-def _no_number(word: str) -> None:
-    raise ValueError(f"{word} is no number of JSON")
+def _no_number(token: str) -> None:
+    raise ValueError(f"{token} is no number of JSON")
 
 
 def _collection(data: Any) -> dict[str, Any]:

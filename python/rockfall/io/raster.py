@@ -18,7 +18,7 @@ from rockfall.errors import RockfallError
 from rockfall.io.arrays import check_elevations, from_array
 from rockfall.io.ascii_grid import write_ascii
 from rockfall.io.crs import check_metres, crs_name, is_metre, same_crs
-from rockfall.io.files import whole_file
+from rockfall.io.files import atomic_write
 from rockfall.io.grid import NO_ID, Box, Grid, row_blocks
 from rockfall.io.layers import burn_polygons
 from rockfall.io.raster_file import RasterFile, open_raster
@@ -126,7 +126,7 @@ def write_geotiff(
         "predictor": 3 if array.dtype.kind == "f" else 2 if array.dtype.itemsize < 8 else 1,
     }  # fmt: skip
     # GDAL does not tell when the disk is full while it closes a file, so Python writes the bytes.
-    with MemoryFile() as memory, whole_file(path) as part:
+    with MemoryFile() as memory, atomic_write(path) as part:
         with memory.open(**profile) as file:
             for rows in row_blocks(grid.shape, _TILE):
                 window = Window(0, rows.start, grid.nx, rows.stop - rows.start)

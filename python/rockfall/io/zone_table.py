@@ -18,7 +18,7 @@ from rockfall.io.tables import decimal, table_rows
 #: Columns of lengths in metres, in the order of the values in a row.
 RADII = ("mean_radius", "rg70", "rg20", "rg10")
 
-_INTEGER = re.compile(r"[+-]?[0-9]+")  # as base/decimal.f90 has it
+_INTEGER = re.compile(r"[+-]?[0-9]+")
 
 
 def read_zone_table(path: str | Path) -> dict[int, tuple[float, float, float, float]]:

@@ -15,7 +15,7 @@ from rockfall.analysis.line_statistics import fraction_interval, sources
 from rockfall.case import case_of
 from rockfall.errors import RockfallError, need
 from rockfall.impact_sets import set_path
-from rockfall.io.output_files import FIGURE, check_outputs, whole_folder
+from rockfall.io.output_files import FIGURE, atomic_folder, check_outputs
 from rockfall.lab.sets import read_sets
 from rockfall.plots.lab import draw_restitution
 from rockfall.plots.line_figures import DRAWN, distribution_figure, passing_figure
@@ -82,7 +82,7 @@ def write_figures(
     files = {f"{one.name}.{format}": one.draw for one in shown}
     inputs = list(inputs)
     check_outputs({Path(folder) / name: FIGURE for name in files}, inputs)  # drawing takes long
-    with whole_folder(folder, inputs) as part:
+    with atomic_folder(folder, inputs) as part:
         for name, draw in files.items():
             save(draw(), part / name)
     return [Path(folder) / name for name in files]

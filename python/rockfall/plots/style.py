@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rockfall.errors import RockfallError
-from rockfall.io.files import whole_file
+from rockfall.io.files import atomic_write
 from rockfall.io.output_files import SIGNATURE
 
 if TYPE_CHECKING:
@@ -76,7 +76,7 @@ def save(figure: Figure, path: str | Path, dpi: int | None = None) -> None:
         ".pdf": {"Creator": SIGNATURE, "CreationDate": None},
         ".svg": {"Creator": SIGNATURE, "Date": None},
     }
-    with matplotlib.rc_context(STYLE), whole_file(path) as part:
+    with matplotlib.rc_context(STYLE), atomic_write(path) as part:
         try:
             figure.savefig(part, dpi=dpi, metadata=about.get(part.suffix))
         except ValueError as error:  # an ending that is no picture's

@@ -14,7 +14,7 @@ from rockfall._core import rockfall_f2py as _core
 from rockfall.case_files import files_behind
 from rockfall.errors import RockfallError
 from rockfall.io.crs import grid_mapping
-from rockfall.io.files import check_netcdf, whole_file
+from rockfall.io.files import atomic_write, check_netcdf
 from rockfall.io.grid import row_blocks
 from rockfall.io.output_files import RESULT, check_output
 from rockfall.result import variables
@@ -277,7 +277,7 @@ def read_result(path: str | Path) -> xr.Dataset:
 def write_result(result: xr.Dataset, path: str | Path, kind: str = RESULT) -> None:
     """Write a result as netCDF, whole or not at all, and over no file that its case reads."""
     check_output(path, kind, files_behind(result))
-    with whole_file(path) as part:
+    with atomic_write(path) as part:
         put_netcdf(result, part, path)
 
 

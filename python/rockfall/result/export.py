@@ -18,8 +18,8 @@ import numpy as np
 from rockfall.case_files import files_behind
 from rockfall.errors import RockfallError, need
 from rockfall.io.arrays import grid_of
-from rockfall.io.files import whole_file
-from rockfall.io.output_files import SIGNATURE, whole_folder
+from rockfall.io.files import atomic_write
+from rockfall.io.output_files import SIGNATURE, atomic_folder
 from rockfall.io.raster import write_geotiff
 from rockfall.io.tables import spreadsheet_text
 from rockfall.result.dataset import open_result
@@ -51,7 +51,7 @@ def export(result: xr.Dataset | str | Path, folder: str | Path) -> list[Path]:
             check_dimensions(data, result)
         data = data.set_coords({"crs"} & set(data.data_vars))
         inputs = chain([result] if is_file else [], files_behind(data))
-        with whole_folder(folder, inputs) as part:
+        with atomic_folder(folder, inputs) as part:
             try:
                 return [folder / path.name for path in _export(data, _layers(data), part)]
             except RuntimeError as error:  # of netCDF4: values are read as they are written
@@ -174,7 +174,7 @@ def _file_names(data: xr.Dataset) -> list[str]:
 
 def _write_table(path: Path, tables: Iterable[dict[str, xr.DataArray]]) -> Path:
     """Write tables of the same columns below each other; missing values stay empty."""
-    with whole_file(path) as part, open(part, "w", encoding="utf-8", newline="") as file:
+    with atomic_write(path) as part, open(part, "w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         for k, columns in enumerate(tables):
             if k == 0:
@@ -268,7 +268,7 @@ def _write_geopackage(path: Path, layers: _Layers, crs: str | None) -> Path:
     import pyogrio
     import shapely
 
-    with whole_file(path) as part, warnings.catch_warnings():
+    with atomic_write(path) as part, warnings.catch_warnings():
         warnings.filterwarnings("ignore", "'crs' was not provided")
         try:
             for layer, (kind, parts) in layers.items():

@@ -13,7 +13,7 @@ from rockfall.analysis.line_statistics import QUANTILES, line_statistics, quanti
 from rockfall.analysis.return_levels import LEVELS, return_levels
 from rockfall.case_files import files_behind
 from rockfall.errors import RockfallError
-from rockfall.io.output_files import LEVEL_TABLE, LINE_TABLE, check_output, whole_folder
+from rockfall.io.output_files import LEVEL_TABLE, LINE_TABLE, atomic_folder, check_output
 from rockfall.io.tables import write_csv
 from rockfall.quantities import QUANTITIES, number
 from rockfall.result.dataset import read_result
@@ -46,7 +46,7 @@ def print_lines(path: str | Path, table: str | Path | None = None) -> None:
             check_output(name, kind, inputs)
     statistics, levels = line_statistics(result), return_levels(result)
     if table:
-        with whole_folder(table.parent, inputs) as part:
+        with atomic_folder(table.parent, inputs) as part:
             write_csv(statistics, part / table.name)
             write_csv(levels, part / beside.name)
     print("\n".join(_text(statistics, levels, result.sizes["boulder"])))
