@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 
 import rockfall
+from made import write_ascii
 from rockfall.io.grid import NO_ID, Grid
-from rockfall.io.raster import write_ascii
 from rockfall.result import variables
 
 GRID = Grid(west=600000.5, north=5200000.25, cell=2.5, nx=60, ny=50)

@@ -19,7 +19,8 @@ CASE = """# The case file
 One namelist file for the command line, for Python and for the standalone program. File names are
 relative to the case file. Text stands in quotes, logicals are `.true.` or `.false.`, lists are
 separated by commas (`3*0.0` repeats), `!` starts a comment. An unknown group or key, a wrong type
-or a value out of range is refused in one line. What is possible but likely a mistake (a density in
+or a value out of range is refused in one line. Reals lie within 1e12 of zero, those that must be
+above zero are at least 1e-12. What is possible but likely a mistake (a density in
 t/m3, nodata that a raster does not declare, zones that overlap) is a warning of `rockfall check`,
 `rockfall run` and `rockfall.run`. Only `&line` may be repeated. This page is made from the
 program's own table.

@@ -11,7 +11,8 @@ from pathlib import Path
 
 import rockfall
 from benchmarks.machine import ROOT, machine
-from rockfall.analysis.convergence import REFERENCE, converge, write
+from rockfall.analysis.convergence import REFERENCE, converge
+from rockfall.cli.studies import write_convergence
 from rockfall.text.convergence import text
 
 VAUJANY = ROOT / "cases/vaujany/case.nml"
@@ -26,7 +27,7 @@ def main() -> None:
     found = converge(rockfall.read_case(VAUJANY), reference=options.reference, progress=True)
     print(text(found))
     if options.folder:
-        write(found, options.folder)
+        write_convergence(found, options.folder)
 
 
 if __name__ == "__main__":

@@ -18,11 +18,11 @@ import rockfall
 from benchmarks.machine import ROOT, machine
 from rockfall.analysis import return_levels as tails
 from rockfall.analysis.line_statistics import QUANTITIES, Z, line_numbers, line_values, sources
-from rockfall.analysis.run_until import FIRST, judge, next_stage, read_rules
+from rockfall.analysis.run_until import FIRST, evaluate, next_stage, read_rules
 
 VAUJANY = ROOT / "cases/vaujany/case.nml"
 SIZE = 10_000  # boulders of a sample
-SHOWN = ("share", "mean", "std", "q50", "q90", "q95", "q98", "q99")
+SHOWN = ("fraction", "mean", "std", "q50", "q90", "q95", "q98", "q99")
 SHARE, SIGMA = 0.6, 0.4  # of the known law
 RULES = ("share@L<3%", "speed.mean@L<1%", "speed.std@L<3%", "speed.q50@L<1.5%", "speed.q95@L<2%")
 
@@ -73,7 +73,7 @@ def ends(rule: str, repetitions: int, random: np.random.Generator) -> None:
     stops, holds = [], []
     for _ in range(repetitions):
         n, values = FIRST, draw(random, FIRST)
-        while (larger := next_stage(judge(asked, made(values)), n, 10**7)) > n:
+        while (larger := next_stage(evaluate(asked, made(values)), n, 10**7)) > n:
             values, n = np.concatenate([values, draw(random, larger - n)]), larger
         row = line_numbers(made(values), 0, "speed", np.zeros(n, int))
         stops.append(n / need)
@@ -88,7 +88,7 @@ def theory(statistic: str, limit: float) -> tuple[float, float]:
     from scipy.stats import norm
 
     w, scale = np.exp(SIGMA**2), (Z / limit) ** 2 / SHARE
-    if statistic == "share":
+    if statistic == "fraction":
         return SHARE, scale * (1 - SHARE)
     if statistic == "mean":
         return np.sqrt(w), scale * (w - 1)

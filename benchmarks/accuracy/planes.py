@@ -23,11 +23,11 @@ from benchmarks.machine import ROOT
 from rockfall.analysis.line_statistics import Z, line_numbers, sources
 from rockfall.analysis.plane_bounce import neutral_slope, set_rebound
 from rockfall.errors import RockfallError
-from rockfall.io.files import whole_file
+from rockfall.impact_sets import shipped_sets
+from rockfall.io.files import atomic_write
 from rockfall.io.grid import Grid
 from rockfall.lab.sets import Sets, read_sets
 from rockfall.plots.style import BLUE, GREEN, GREY, INK, VERMILION, new_figure, plain, save, styled
-from rockfall.scene.scene import shipped_sets
 
 SLOPES = range(24, 47, 2)  # [degree]
 RATIOS = range(1, 6)
@@ -40,7 +40,7 @@ FLOWN = 1000  # boulders, straight down for their neutral slope
 FIRST, LAST = 20, 60  # contacts between which they count: the start is forgotten
 FEW = 20  # boulders at the line, below which no mean is told
 COLOURS = [INK, BLUE, GREEN, VERMILION, GREY]  # of each ratio
-HOW = {"share": ("share passing", "%", 1), "speed": ("mean speed", "m/s", 1),
+HOW = {"fraction": ("share passing", "%", 1), "speed": ("mean speed", "m/s", 1),
        "height": ("95 % quantile of the jump height", "m", 2)}  # fmt: skip
 
 
@@ -77,8 +77,8 @@ def measure(path: Path, slope: float, ratio: float, boulders: int) -> dict[str, 
     speed, height = (
         line_numbers(result, 0, name, sources(result)) for name in ("speed", "jump_height")
     )
-    n, share = speed["n"], speed["share"]
-    found = {"share": Number(share, np.sqrt(share * (1 - share) / boulders))}
+    n, share = speed["n"], speed["fraction"]
+    found = {"fraction": Number(share, np.sqrt(share * (1 - share) / boulders))}
     none = Number(np.nan)
     found["speed"] = Number(speed["mean"], speed["std"] / np.sqrt(n)) if n >= FEW else none
     known = n and np.isfinite(height["q95_high"] - height["q95_low"])
@@ -222,7 +222,7 @@ def draw(found: list[Measured]):
                 values, errors = (scale * np.array(column) for column in zip(*numbers, strict=True))
                 panel.errorbar(SLOPES, values, errors, color=colour, linewidth=1, marker="o",
                                markersize=2, label=f"{ratio}")  # fmt: skip
-                if key == "share":
+                if key == "fraction":
                     panel.plot(one.neutral[ratio].value, -4, "^", color=colour, markersize=5,
                                clip_on=False)  # fmt: skip
             panel.set(title=plain(one.name), ylabel=f"{label} [{unit}]")
@@ -242,7 +242,7 @@ def main() -> None:
     options = parser.parse_args()
     found = [one for path in shipped_sets().values() for one in look(path, options.boulders)]
     options.folder.mkdir(parents=True, exist_ok=True)
-    with whole_file(options.folder / "planes.md") as part:
+    with atomic_write(options.folder / "planes.md") as part:
         part.write_text(page(found, options.boulders), encoding="utf-8")
     save(draw(found), options.folder / "planes.png", dpi=130)
 

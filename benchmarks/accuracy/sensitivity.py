@@ -54,13 +54,13 @@ def main() -> None:
         case={"boulders": options.boulders},
         output={"maps": None, "rebounds": False, "trajectories": 0},
     )
-    print(f"{'changed':28}{'share':>8}{'speed':>8}{'height':>8}   at EL1")
+    print(f"{'changed':28}{'fraction':>8}{'speed':>8}{'height':>8}   at EL1")
     transform = rasterio.Affine(CELL, 0, WEST, 0, -CELL, NORTH)
     for name, slope in CHANGES.items():
         result = rockfall.run(case, dem=slope.elevation(), transform=transform, zones=zones())
         table = rockfall.line_statistics(result).set_index(["line", "quantity"]).loc["EL1"]
         speed, height = table.loc["speed"], table.loc["passing_height"]
-        print(f"{name:28}{speed['share']:8.2f}{speed['mean']:8.1f}{height['mean']:8.2f}")
+        print(f"{name:28}{speed['fraction']:8.2f}{speed['mean']:8.1f}{height['mean']:8.2f}")
 
 
 if __name__ == "__main__":

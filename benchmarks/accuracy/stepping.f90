@@ -10,7 +10,7 @@ program stepping
    use rockfall_console, only: arguments_t, read_arguments, value_of
    use rockfall_terrain, only: locate, height, gradient
    use rockfall_flight, only: flight_t, landing_t, launch_rate, fly_exactly, march, choose, scheme_names
-   use rockfall_trajectory, only: fate_t, scratch_t, contact_t
+   use rockfall_trajectory, only: boulder_result_t, scratch_t, contact_t
    use rockfall_ensemble, only: trace_boulder
    use rockfall_override, only: read_case_file
    use rockfall_case, only: case_t
@@ -98,14 +98,14 @@ contains
       type(inputs_t), intent(in) :: inputs
       integer(i8), intent(in) :: boulders
       type(errors_t) :: errors
-      type(fate_t) :: fate
+      type(boulder_result_t) :: fate
       type(scratch_t) :: scratch
       integer(i8) :: b
       integer :: k
 
       do b = 1, boulders
          call choose("exact", step)
-         call trace_boulder(inputs%scene, b, inputs%scene%most_impacts + 3, fate, scratch)
+         call trace_boulder(inputs%scene, b, inputs%scene%max_impacts + 3, fate, scratch)
          call choose(scheme, step)
          do k = 1, scratch%recorded - 1
             call compare_flight(inputs, scratch%record(k), step, errors)

@@ -43,9 +43,9 @@ import rockfall
 from benchmarks import variant
 from benchmarks.machine import ROOT, machine
 from benchmarks.stability.real_terrain import steep_cells
-from rockfall.io.files import whole_file
+from rockfall.io.files import atomic_write
 from rockfall.io.raster import read_dem
-from rockfall.plots.panels import BLUE, GREY, INK, STYLE, VERMILION
+from rockfall.plots.style import BLUE, GREY, INK, STYLE, VERMILION
 from rockfall.scene.prepare import prepare
 
 SCHEMES = {"euler": (BLUE, "o"), "parabola": (VERMILION, "s"), "interpolated": (GREY, "^")}
@@ -324,7 +324,7 @@ def figure(
             one.set_xlabel("CPU time of a rebound [ns]")
             one.set_xticks([200, 500, 1000, 2000], ["200", "500", "1000", "2000"])
             one.minorticks_off()
-        with whole_file(path) as part:
+        with atomic_write(path) as part:
             drawing.savefig(part)
         plt.close(drawing)
 
@@ -360,7 +360,7 @@ def main() -> None:
             rows += examine(options.dem.name, real, samples)
     if options.folder:
         options.folder.mkdir(parents=True, exist_ok=True)
-        with whole_file(options.folder / "stepping.csv") as part:
+        with atomic_write(options.folder / "stepping.csv") as part:
             pd.DataFrame(rows).to_csv(part, index=False, float_format="%.6g")
         figure(flat, errors[0], runs, places[lines[0]], options.folder / "stepping.png")
 

@@ -23,7 +23,8 @@ import rockfall
 from benchmarks.machine import ROOT, machine
 from benchmarks.stability.real_terrain import steep_cells
 from rockfall.io.raster import read_dem
-from rockfall.scene.scene import Scene, read_scene
+from rockfall.scene.read import read_scene
+from rockfall.scene.scene import Scene
 from rockfall.simulation.simulate import run_scene
 
 sys.path.insert(0, str(ROOT / "tests/reference"))

@@ -28,7 +28,7 @@ SIZES = 2 ** np.arange(6, 15, 2)
 INTERVALS = 1024  # size of the samples whose intervals are looked at
 AT_ONCE = 2**16  # boulders of a run
 STATISTICS = [
-    ("speed", "share"),
+    ("speed", "fraction"),
     *((quantity, name) for quantity in ("speed", "energy_translational")
       for name in ("mean", "std", "q95")),
 ]  # fmt: skip
@@ -70,7 +70,7 @@ def _numbers(values: np.ndarray) -> dict[str, np.ndarray]:
     ranks = np.stack([low, np.minimum(low + 1, n - 1)], axis=1).astype(int)
     below, above = np.take_along_axis(ordered, ranks, axis=1).T
     return {
-        "share": n / values.shape[1],
+        "fraction": n / values.shape[1],
         "mean": np.nanmean(ordered, axis=1),
         "std": np.nanstd(ordered, axis=1, ddof=1),
         "q95": below + part * (above - below),
@@ -122,11 +122,11 @@ def table(line, truth, rms, samples, held, cpu) -> None:
     print(f"{'':36}" + "".join(f"{size:>9}" for size in SIZES), end="")
     print(f"{'slope':>17}{'saved':>16}{'gain':>7}{'95 % hold':>11}")
     for j, (quantity, name) in enumerate(STATISTICS):
-        if name == "share" and truth[0] > 0.99:
+        if name == "fraction" and truth[0] > 0.99:
             continue
         for m, method in enumerate(METHODS):
             error = rms[m, :, j]
-            row = f"{quantity if name != 'share' else '':21}{name:7}{method:8}"
+            row = f"{quantity if name != 'fraction' else '':21}{name:7}{method:8}"
             row += "".join(f"{e:9.3%}" for e in error / truth[j])
             row += f"{'{:.3f} +- {:.3f}'.format(*slope(error, samples)):>17}"
             ratio = (error / rms[0, :, j]) ** 2

@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.machine import ROOT
-from rockfall.io.files import whole_file
+from rockfall.io.files import atomic_write
 from rockfall.lab.scorecard import BESIDE, Score, Target, score, targets, verdict
 from rockfall.lab.sets import read_sets
 from rockfall.lab.site import Site
@@ -127,7 +127,7 @@ def main() -> None:
     with ProcessPoolExecutor() as pool:
         found = pool.map(partial(measure, slopes=options.slopes), COLUMNS)
         scores = dict(zip(COLUMNS, found, strict=True))
-    with whole_file(options.output / "vaujany.md") as part:
+    with atomic_write(options.output / "vaujany.md") as part:
         part.write_text(page(scores, targets(VAUJANY), options.slopes), encoding="utf-8")
 
 

@@ -20,7 +20,7 @@ from pathlib import Path
 import rockfall
 from benchmarks.machine import ROOT, machine
 from rockfall.scene.prepare import prepare
-from rockfall.scene.scene import read_scene
+from rockfall.scene.read import read_scene
 from rockfall.simulation.checkpoint import Checkpoint
 from rockfall.simulation.dask import run_on_cluster
 from rockfall.simulation.simulate import run_scene
@@ -88,7 +88,7 @@ def doors(case: rockfall.Case, folder: Path) -> None:
     if not program:
         sys.exit("rockfall-batch is not on the PATH; see ./run setup")
     commands = {
-        "rockfall run": [sys.executable, "-m", "rockfall.cli", "run", path, "--quiet"]
+        "rockfall run": [sys.executable, "-m", "rockfall", "run", path, "--quiet"]
         + ["--threads", "1", "-o", folder / "python.nc"],
         "rockfall-batch": [program, path, "quiet=true", "threads=1", f"output={folder}/batch.nc"],
     }

@@ -36,7 +36,8 @@ from benchmarks.variant import build, copy_sources, replace
 from rockfall.io.grid import Grid
 from rockfall.io.raster import read_dem
 from rockfall.scene.prepare import prepare
-from rockfall.scene.scene import Scene, read_scene
+from rockfall.scene.read import read_scene
+from rockfall.scene.scene import Scene
 from rockfall.simulation.checkpoint import Checkpoint
 from rockfall.simulation.simulate import Tally, fields, run_scene, start
 
@@ -172,30 +173,30 @@ def per_rebound(program: Path, case: Path) -> float:
 
 Edit = tuple[str, str, str, int]  # file, text, what stands for it, how often it is there
 _TRAJECTORY, _ENSEMBLE = "run/trajectory.f90", "run/ensemble.f90"
-_CELLS = "if (scene%wants_cells)"
-_HISTOGRAMS = "if (scene%wants_histograms)"
+_CELLS = "if (scene%cells_requested)"
+_HISTOGRAMS = "if (scene%histograms_requested)"
 NEVER = "if (.false.)"
 #: Where a kernel that never had the option has nothing; the compiler drops what cannot be reached.
 CUTS: dict[str, list[Edit]] = {
     "evaluation lines": [
-        (_TRAJECTORY, "if (noted >= notes .and. allocated(scene%lines))", NEVER, 1),
-        (_TRAJECTORY, "if (noted >= notes .and. allocated(scratch%crossings))", NEVER, 1),
+        (_TRAJECTORY, "if (level >= with_lines .and. allocated(scene%lines))", NEVER, 1),
+        (_TRAJECTORY, "if (level >= with_lines .and. allocated(scratch%crossings))", NEVER, 1),
         (_ENSEMBLE, "if (allocated(scratch%crossings))", NEVER, 1),
         (_ENSEMBLE, "if (allocated(scene%lines))", NEVER, 1),
     ],
     "histograms": [
-        (_TRAJECTORY, "if (noted >= notes .and. scene%wants_histograms)", NEVER, 1),
+        (_TRAJECTORY, "if (level >= with_lines .and. scene%histograms_requested)", NEVER, 1),
         (_ENSEMBLE, _HISTOGRAMS, NEVER, 4),
     ],
     "maps": [
-        (_TRAJECTORY, "if (noted >= cells .and. scene%wants_cells)", NEVER, 3),
+        (_TRAJECTORY, "if (level >= with_maps .and. scene%cells_requested)", NEVER, 3),
         (_ENSEMBLE, _CELLS, NEVER, 2),
-        (_ENSEMBLE, "if (tells_sources(maps))", NEVER, 1),
-        (_ENSEMBLE, "if (fate%status == stopped .or. fate%status == absorbed)", NEVER, 1),
+        (_ENSEMBLE, "if (counts_sources(maps))", NEVER, 1),
+        (_ENSEMBLE, "if (result%status == stopped .or. result%status == absorbed)", NEVER, 1),
         ("boulder/flight.f90", "if (present(spans))", NEVER, 1),
         ("boulder/flight.f90", "if (present(n_spans))", NEVER, 1),
     ],
-    "maps by source": [(_ENSEMBLE, "if (tells_sources(maps))", NEVER, 1)],
+    "maps by source": [(_ENSEMBLE, "if (counts_sources(maps))", NEVER, 1)],
     "trajectories": [(_TRAJECTORY, "if (.not. allocated(scratch%record))", "if (.true.)", 1)],
     "zones, rasters of radii": [
         ("terrain/surface.f90", f"associated(surface%{name})", ".false.", 1)
@@ -214,10 +215,9 @@ CUTS: dict[str, list[Edit]] = {
         ("terrain/terrain.f90", "in_window = i >= dem%lo(1) .and. j >= dem%lo(2) .and. "
          "i <= dem%hi(1) .and. j <= dem%hi(2)",
          "in_window = i >= 1 .and. j >= 1 .and. i < dem%nx .and. j < dem%ny", 1),
-        (_TRAJECTORY, "merge(left_domain, left_window, at_end(scene%dem, landing%patch))",
-         "left_domain", 1),
+        (_TRAJECTORY, "departure(scene%dem, landing%patch)", "left_domain", 1),
         (_TRAJECTORY, "if (.not. flight%patch%known)", NEVER, 1),
-        (_ENSEMBLE, "if (fate%status == left_window)", NEVER, 1),
+        (_ENSEMBLE, "if (result%status == left_window)", NEVER, 1),
     ],
     "checkpoints": [
         ("io/simulate.f90", "call keeper%look(results, error)", "", 1),

@@ -112,7 +112,7 @@ def measure(folder: Path, what: str, side: int, program: str = "", **case: str) 
     (folder / "case.nml").write_text(CASE.format(**case))
     cell = 8 + 4 * (case["surface"] == ZONES) + 4 * len(asked) + 8 * ("energy_mean" in asked)
     most = cell * side**2 + 120 * int(sources(side).sum()) * side + 100_000_000
-    run = [sys.executable, "-m", "rockfall.cli", "run", "case.nml", "--quiet"]
+    run = [sys.executable, "-m", "rockfall", "run", "case.nml", "--quiet"]
     found = peak([program, "case.nml"] if program else run, folder)
     verdict = "within" if found <= most else f"OVER by {(found - most) / 1e6:.0f} MB"
     door = "rockfall-batch" if program else "rockfall run"

@@ -9,7 +9,7 @@ program parts
    use rockfall_flight, only: flight_t, landing_t, span_t, fly, launch_rate, arc_length
    use rockfall_impact, only: impact_set_t, impact_set, rebound_t, rebound
    use rockfall_direction, only: turning_t, past_aspect, new_heading
-   use rockfall_map, only: visits_t, start_visits, visit_spans
+   use rockfall_maps, only: visits_t, start_visits, visit_spans
    implicit none
    integer, parameter :: times = 1000000, nx = 400
    real(wp), parameter :: cell = 2.5_wp

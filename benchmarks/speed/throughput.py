@@ -15,7 +15,7 @@ import subprocess
 import rockfall
 from benchmarks.machine import ROOT, machine
 from rockfall.result import variables
-from rockfall.scene.scene import read_scene
+from rockfall.scene.read import read_scene
 from rockfall.simulation.simulate import run_scene
 
 MAPS = ["passages", "reach_probability", "deposits", "energy_max", "energy_mean"]

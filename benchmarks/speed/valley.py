@@ -23,7 +23,8 @@ from affine import Affine
 import rockfall
 from benchmarks.machine import machine
 from rockfall.result.dataset import open_result
-from rockfall.scene.scene import Scene, read_scene
+from rockfall.scene.read import read_scene
+from rockfall.scene.scene import Scene
 from rockfall.simulation.simulate import fields, run_chunks, start
 
 CELL = 2.5  # [m]
@@ -71,7 +72,7 @@ def write_tiff(path: Path, values: np.ndarray) -> None:
 
 def program(*words: str | Path) -> tuple[str, float, int]:
     """What a `rockfall` command prints, its CPU seconds, and the bytes that it takes at most."""
-    command = [sys.executable, "-m", "rockfall.cli", *map(str, words)]
+    command = [sys.executable, "-m", "rockfall", *map(str, words)]
     child = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     said = child.stdout.read()
     _, status, usage = os.wait4(child.pid, 0)

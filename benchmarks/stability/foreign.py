@@ -36,7 +36,7 @@ from rasterio.io import DatasetWriter
 from benchmarks.machine import machine
 from rockfall.errors import RockfallError
 from rockfall.io.grid import NO_ID, Grid
-from rockfall.io.polygons import burn_polygons
+from rockfall.io.layers import burn_polygons
 from rockfall.io.raster import read_dem
 
 LONGEST = 60.0  # seconds for one file

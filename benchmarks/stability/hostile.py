@@ -35,10 +35,11 @@ import xarray as xr
 import rockfall
 from benchmarks.machine import ROOT, machine
 from benchmarks.stability import mutators
+from made import write_ascii
 from rockfall import cli
+from rockfall.impact_sets import shipped_sets
 from rockfall.io.grid import Grid
-from rockfall.io.raster import write_ascii, write_geotiff
-from rockfall.scene.scene import shipped_sets
+from rockfall.io.raster import write_geotiff
 from rockfall.simulation.lock import LOCK
 
 PROGRAM = ROOT / "build/fortran/rockfall-batch"
@@ -209,7 +210,7 @@ def make_cases(files: Path) -> None:
 
 def _make_checkpoints(base: Path, case: rockfall.Case) -> None:
     """What both programs leave when they are killed half-way."""
-    from rockfall.scene.scene import read_scene
+    from rockfall.scene.read import read_scene
     from rockfall.simulation.checkpoint import Checkpoint
     from rockfall.simulation.simulate import run_chunks, start
 

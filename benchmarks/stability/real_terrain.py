@@ -17,7 +17,7 @@ import numpy as np
 
 import rockfall
 from rockfall.io.raster import read_dem
-from rockfall.scene.scene import read_scene
+from rockfall.scene.read import read_scene
 from rockfall.simulation.simulate import fields, run_scene, trajectory
 
 GRAVITY = 9.81

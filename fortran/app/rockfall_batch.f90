@@ -14,266 +14,196 @@ contains
    end subroutine warn
 end module warnings
 
-!> The standalone program: reads a case, runs it, writes its results. Only here anything is printed,
-!> or stopped.
+!> The standalone program: runs a case over a scene file, to a part file. Only here anything is printed, or stopped.
 program rockfall_batch
    use, intrinsic :: iso_fortran_env, only: error_unit, output_unit
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail
-   use rockfall_paths, only: version
+   use rockfall_text, only: integer_text
+   use rockfall_version, only: version
    use rockfall_case, only: case_t
-   use rockfall_override, only: read_case_file, bare_case_text
-   use rockfall_filesystem, only: fail_beyond_size_limit, open_closed_streams, end_at_once
+   use rockfall_grid, only: grid_t, is_outside
+   use rockfall_case_file, only: read_case_file
+   use rockfall_filesystem, only: fail_beyond_size_limit, open_closed_streams, end_at_once, is_folder, path_exists, &
+                                  same_file, folder_of, temporary_name
    use rockfall_interrupts, only: note_interrupts
-   use rockfall_lock, only: lock_t, unlock_folder
+   use rockfall_lock, only: lock_t, take_lock, give_lock_back
    use rockfall_threads, only: check_team
-   use rockfall_console, only: arguments_t, read_arguments, value_of, read_shard, read_seconds, read_logical, &
-                               stem, one_line, decimal
-   use rockfall_textfile, only: integer_text
-   use rockfall_wholefolder, only: check_folder, listed_files
-   use rockfall_load, only: inputs_t, load, refuse_input, lines_outside
-   use rockfall_simulate, only: results_t, simulate, rebound_counts
-   use rockfall_checkpoint, only: checkpoint_t, lock_checkpoint, check_checkpoint, checkpoint, remove_checkpoint
-   use rockfall_variables, only: statuses, boulder_counts
-   use rockfall_results, only: write_folder, result_files
+   use rockfall_console, only: arguments_t, read_arguments, stem, one_line, decimal
+   use rockfall_scene_file, only: inputs_t, read_scene
+   use rockfall_part_file, only: write_part, boulders_in
+   use rockfall_checkpoint, only: checkpoint_t, check_checkpoint, remove_checkpoint
+   use rockfall_run_loop, only: results_t, run_case
+   use rockfall_variables, only: statuses, line_fields
    use warnings, only: warn
-#ifdef HAVE_NETCDF
-   use rockfall_ncresult, only: check_netcdf, write_netcdf
-#endif
    implicit none
 
-#ifdef HAVE_NETCDF
-   character(len=*), parameter :: netcdf_word = "with netCDF"
-#else
-   character(len=*), parameter :: netcdf_word = "without netCDF"
-#endif
-
-   character(len=*), parameter :: keys(*) = &
-                                  [character(len=10) :: "output", "boulders", "seed", "threads", "shard", &
-                                   "checkpoint", "resume"]
-
    integer :: code
-   logical :: half_written
 
-   call main(code, half_written)
+   call main(code)
+   flush (output_unit)
    flush (error_unit)
-   if (half_written) call end_at_once(code)  ! HDF5 would try once more, and crash
-   if (code /= 0) stop code, quiet=.true.
+   call end_at_once(code)  ! HDF5 would try once more to write what did not fit, and crash
 
 contains
 
    !> All variables live here, and are gone before the program stops.
-   subroutine main(code, half_written)
+   subroutine main(code)
       integer, intent(out) :: code
-      logical, intent(out) :: half_written  !! a netCDF file could not be finished
       type(arguments_t) :: arguments
       type(error_t), allocatable :: error
 
       call open_closed_streams()
       call fail_beyond_size_limit()
       call note_interrupts()
-      call read_arguments("rockfall-batch", keys, arguments, error)
-      half_written = .false.
+      call read_arguments(arguments, error)
       code = 0
       if (arguments%help) then
          call print_help()
       else if (arguments%version) then
-         write (output_unit, "(4a)") "rockfall-batch ", version, ", ", netcdf_word
+         write (output_unit, "(2a)") "rockfall-batch ", version
       else if (.not. allocated(error)) then
          call check_team(1, error)  ! before the stack is needed
-         if (.not. allocated(error)) call run(arguments, half_written, error)
+         if (.not. allocated(error)) call run(arguments, error)
       end if
       if (.not. allocated(error)) return
       code = error%code
       write (error_unit, "(2a)") "rockfall-batch: ", one_line(error%message)
    end subroutine main
 
-   subroutine run(arguments, half_written, error)
+   !> Nothing is read before it is sure that the result can be written.
+   subroutine run(arguments, error)
       type(arguments_t), intent(in) :: arguments
-      logical, intent(inout) :: half_written
       type(error_t), allocatable, intent(out) :: error
-      type(case_t) :: case
+      type(case_t), target :: case
       type(lock_t) :: lock
-      character(len=:), allocatable :: output, folder, text
-      integer(i8) :: shard(2)
-      real(wp) :: every  !! seconds from a checkpoint to the next
-      logical :: resume, one_file  !! a netCDF file, not a folder
+      character(len=:), allocatable :: output, scene, text
 
-      every = 60
-      resume = .false.
-      call read_shard(value_of(arguments, "shard"), shard, error)
-      if (.not. allocated(error)) call read_seconds("checkpoint", value_of(arguments, "checkpoint"), every, error)
-      if (.not. allocated(error)) call read_logical("resume", value_of(arguments, "resume"), resume, error)
-      if (allocated(error)) return
-      output = without_slash(value_of(arguments, "output"))
-      one_file = shard(2) > 1 .or. is_netcdf(output)
-      if (output == "" .and. shard(2) > 1) then
-         output = stem(arguments%case)//".part"//integer_text(shard(1))//"of"//integer_text(shard(2))
-      else if (output == "") then
-         output = stem(arguments%case)//"_results"
-      end if
-      folder = output//".checkpoint"
-      call read_case_file(arguments%case, value_of(arguments, "boulders"), &
-                          value_of(arguments, "seed"), value_of(arguments, "threads"), text, &
-                          case, error)
+      output = arguments%output
+      if (output == "") output = stem(arguments%case)//".part"//integer_text(arguments%shard(1))//"of" &
+                                 //integer_text(arguments%shard(2))
+      scene = arguments%scene
+      if (scene == "") scene = folder_of(arguments%case)//"scene.nc"
+      call read_case_file(arguments%case, arguments%boulders, arguments%seed, arguments%threads, text, case, error)
       if (.not. allocated(error)) call check_team(case%threads, error)
-      if (.not. allocated(error)) call check_output(output, one_file, case, error)
-      if (.not. allocated(error)) call lock_checkpoint(folder, warn, lock, error)
+      if (.not. allocated(error)) call check_output(output, arguments%case, scene, error)
+      if (.not. allocated(error)) call take_lock(output//".lock", warn, lock, error)
       if (allocated(error)) return
-      call check_checkpoint(folder, resume, error)
-      if (.not. allocated(error)) then
-         call run_to(output, one_file, text, case, shard, folder, every, arguments%quiet, half_written, error)
-      end if
-      call unlock_folder(lock)
+      call check_checkpoint(output//".checkpoint", arguments%resume, error)
+      if (.not. allocated(error)) call run_to(output, scene, case, text, arguments, error)
+      call give_lock_back(lock)
    end subroutine run
 
-   !> The run, with a folder for its checkpoints to itself.
-   subroutine run_to(output, one_file, text, case, shard, folder, every, quiet, half_written, error)
-      character(len=*), intent(in) :: output, folder
-      logical, intent(in) :: one_file       !! a netCDF file, not a folder
+   subroutine run_to(output, scene, case, text, arguments, error)
+      character(len=*), intent(in) :: output, scene
+      type(case_t), intent(in), target :: case
       character(len=*), intent(in) :: text  !! of the case, as it is run
-      type(case_t), intent(in) :: case
-      integer(i8), intent(in) :: shard(2)
-      real(wp), intent(in) :: every         !! from a checkpoint to the next [s]
-      logical, intent(in) :: quiet
-      logical, intent(inout) :: half_written
+      type(arguments_t), intent(in) :: arguments
       type(error_t), allocatable, intent(out) :: error
       type(inputs_t), target :: inputs
       type(results_t), target :: results
-      type(checkpoint_t) :: saved
+      type(checkpoint_t) :: checkpoint
 
-      call load(case, inputs, error)
+      call read_scene(scene, case, text, inputs, error)
       if (allocated(error)) return
-      if (lines_outside(case, inputs%grid) /= "") &
-         call warn("no boulder can cross "//lines_outside(case, inputs%grid)//": outside the terrain")
-      saved = checkpoint(folder, every, bare_case_text(text), inputs%files, warn)
-      call simulate(case, inputs, shard, saved, results, error)
-      if (.not. allocated(error)) then
-         call write_output(output, one_file, text, case, inputs, results, error)
-         half_written = allocated(error) .and. one_file
-      end if
-      if (.not. allocated(error)) call remove_checkpoint(saved)
-      if (allocated(error) .or. quiet) return
+      if (lines_outside(case, inputs%arrays%grid) /= "") &
+         call warn("no boulder can cross "//lines_outside(case, inputs%arrays%grid)//": outside the terrain")
+      checkpoint%name = output//".checkpoint"
+      checkpoint%case => case
+      checkpoint%text = text
+      checkpoint%inputs => inputs
+      checkpoint%every = arguments%checkpoint
+      checkpoint%say => warn
+      call run_case(case, inputs%arrays%grid, inputs%scene, arguments%shard, checkpoint, results, error)
+      if (.not. allocated(error)) call write_part(output, temporary_name(output), case, text, inputs, results, error)
+      if (allocated(error)) return
+      call remove_checkpoint(checkpoint)
+      if (arguments%quiet) return
       call summary(case, results)
-      write (output_unit, "(2a)") "results in ", output
+      write (output_unit, "(3a)") output, ": `rockfall merge ... --output OUT.nc` makes the result of it"
    end subroutine run_to
-
-   pure function without_slash(path)
-      character(len=*), intent(in) :: path
-      character(len=:), allocatable :: without_slash
-
-      without_slash = path
-      if (len(path) > 1 .and. path(len(path):) == "/") without_slash = path(:len(path) - 1)
-   end function without_slash
 
    subroutine print_help()
       character(len=*), parameter :: help(*) = [character(len=96) :: &
-         "usage: rockfall-batch CASE [key=value ...]", &
+         "usage: rockfall-batch CASE [--scene FILE] [--output PART] [OPTION ...]", &
          "", &
-         "Runs a case: the same case file as `rockfall run`, the same numbers, no Python.", &
-         "Rasters are ESRI ASCII grids or netCDF; `rockfall prepare` makes such a case.", &
+         "Runs a case that `rockfall prepare` made: the same numbers as `rockfall run`, no Python.", &
+         "The result is a part file: `rockfall merge PART ... -o OUT.nc` makes the result of one or many.", &
          "", &
-         "  output=FOLDER   tables (CSV), maps (ESRI ASCII); default: name of the case, _results", &
-         "  output=FILE.nc  one netCDF file, as `rockfall run` writes it", &
-         "  boulders=N      released from each source, instead of the case's number", &
-         "  seed=N          of the random numbers, instead of the case's", &
-         "  threads=N       0 = all cores", &
-         "  shard=I/N       the I-th of N parts, to one netCDF file, default: name of the case, .partIofN;", &
-         "                  `rockfall merge` joins them", &
-         "  checkpoint=S    seconds between checkpoints, in OUTPUT.checkpoint; default: 60, 0 = none", &
-         "  resume=true     go on from the last checkpoint, if any", &
-         "  quiet=true      no summary", &
-         "  --help, --version", &
+         "  --scene FILE         default: scene.nc beside the case", &
+         "  -o, --output PART    default: name of the case, .partIofN, here", &
+         "  --boulders N         released from each source", &
+         "  --seed N             of the random numbers", &
+         "  --threads N          0 = all cores", &
+         "  --shard I/N          the I-th of N parts", &
+         "  --checkpoint SECONDS between checkpoints, in PART.checkpoint; default: 60, 0 = none", &
+         "  --resume             go on from the last checkpoint, if any, also one of `rockfall run`", &
+         "  --quiet              no summary", &
+         "  -h, --help, --version", &
          "", &
-         "Impact sets are looked for among those shipped, then beside the case.", &
-         "Exit status: 0 done, 2 the input is wrong, 1 a fault of ours, 130 and 143", &
-         "stopped by Ctrl-C or SIGTERM: boulders done are in OUTPUT.checkpoint, resume=true goes on."]
+         "Exit status: 0 done, 2 the input is wrong, 1 a fault of ours, 130 and 143 stopped by Ctrl-C or", &
+         "SIGTERM: boulders done are in PART.checkpoint, --resume goes on."]
       integer :: k
 
       write (output_unit, "(a)") (trim(help(k)), k=1, size(help))
    end subroutine print_help
 
-   ! ---- output -------------------------------------------------------------------------------
-
-   pure logical function is_netcdf(output)
-      character(len=*), intent(in) :: output
-
-      is_netcdf = .false.
-      if (len(output) > 3) is_netcdf = output(len(output) - 2:) == ".nc"
-   end function is_netcdf
-
-   !> Refuse a place where nothing can be written, or where the case reads, before the run and not after it.
-   subroutine check_output(output, one_file, case, error)
-      character(len=*), intent(in) :: output
-      logical, intent(in) :: one_file
-      type(case_t), intent(in) :: case
+   !> Refuse a place where nothing can be written, what is read, and what is not a part of ours.
+   subroutine check_output(output, case, scene, error)
+      character(len=*), intent(in) :: output, case, scene
       type(error_t), allocatable, intent(out) :: error
-      character(len=200), allocatable :: files(:), former(:)
-      integer :: k
+      integer :: unit, status
 
-      if (.not. one_file) then
-         files = result_files(case)
-         call listed_files(output, former)
-         files = [files, former]
-         call check_folder(output, files, error)
-         do k = 1, size(files)
-            if (allocated(error)) return
-            call refuse_input(case, output//"/"//trim(files(k)), error)
-         end do
-      else
-         call refuse_input(case, output, error)
-         if (allocated(error)) return
-#ifdef HAVE_NETCDF
-         call check_netcdf(output, error)
-#else
-         call fail(error, "output = "//output &
-                   //": this program was built without netCDF; give a folder")
-#endif
+      if (is_folder(output)) then
+         call fail(error, output//": is a folder; a file name is needed")
+      else if (.not. is_folder(folder_of(output)//".")) then
+         call fail(error, output//": there is no folder "//folder_of(output))
+      else if (same_file(output, case) .or. same_file(output, scene)) then
+         call fail(error, output//": is an input; it is not overwritten")
+      else if (path_exists(output)) then
+         if (boulders_in(output) < 0) &
+            call fail(error, output//": is there, and not a part of a run that rockfall wrote; it is not overwritten")
       end if
+      if (allocated(error)) return
+      open (newunit=unit, file=temporary_name(output), status="replace", action="write", iostat=status)
+      if (status == 0) close (unit, status="delete", iostat=status)
+      if (status /= 0) call fail(error, output//": cannot be written (is its folder writable?)")
    end subroutine check_output
 
-   subroutine write_output(output, one_file, text, case, inputs, results, error)
-      character(len=*), intent(in) :: output, text
-      logical, intent(in) :: one_file
+   !> Names of the evaluation lines of which no part lies over the terrain, with commas between.
+   pure function lines_outside(case, grid) result(names)
       type(case_t), intent(in) :: case
-      type(inputs_t), intent(in) :: inputs
-      type(results_t), intent(in) :: results
-      type(error_t), allocatable, intent(out) :: error
+      type(grid_t), intent(in) :: grid
+      character(len=:), allocatable :: names
+      integer :: k
 
-#ifdef HAVE_NETCDF
-      if (one_file) then
-         call write_netcdf(output, text, case, inputs, results, error)
-         return
-      end if
-#endif
-      call write_folder(output, text, case, inputs, results, error)
-   end subroutine write_output
+      names = ""
+      do k = 1, size(case%lines)
+         if (is_outside(grid, case%lines(k)%x, case%lines(k)%y)) names = names//", "//case%lines(k)%name
+      end do
+      if (names /= "") names = names(3:)
+   end function lines_outside
 
    !> What a user wants to see first.
    subroutine summary(case, results)
       type(case_t), intent(in) :: case
       type(results_t), intent(in) :: results
-      integer(i8) :: ended(size(statuses)), counts(size(boulder_counts)), b
       integer :: k
 
       if (case%title /= "") write (output_unit, "(a)") case%title
-      ended = 0
-      do b = 1, results%boulders
-         associate (status => results%fate(b)%status)
-            ended(status) = ended(status) + 1
-         end associate
-      end do
       write (output_unit, "(i0,a,*(4a))") results%boulders, " boulders", &
-         (merge(": ", ", ", k == 1), percent(ended(k), results%boulders), " ", trim(statuses(k)), &
-          k=1, size(statuses))
+         (merge(": ", ", ", k == 1), percent(count(results%status == k, kind=i8), results%boulders), " ", &
+          trim(statuses(k)), k=1, size(statuses))
       do k = 1, size(case%lines)
          call line_summary(case%lines(k)%name, k, results)
       end do
-      counts = rebound_counts(results)
-      write (output_unit, "(i0,a,5(i0,a))") counts(3), " rebounds; ", counts(4), " redrawn, ", &
-         counts(5), " forced, ", counts(6), &
-         " with R_b/R_m outside 0.5 to 5.5, where no set is calibrated; ", counts(7), &
-         " at speeds, ", counts(8), " at angles outside those that the set was fitted on"
+      associate (counts => results%count)
+         write (output_unit, "(i0,a,5(i0,a))") counts(3), " rebounds; ", counts(4), " redrawn, ", &
+            counts(5), " forced, ", counts(6), &
+            " with R_b/R_m outside 0.5 to 5.5, where no set is calibrated; ", counts(7), &
+            " at speeds, ", counts(8), " at angles outside those that the set was fitted on"
+      end associate
       write (output_unit, "(4a,i0,a)") decimal(results%wall, 2), " s (", decimal(results%cpu, 2), &
          " s of CPU, ", results%threads, " threads)"
    end subroutine summary
@@ -289,26 +219,19 @@ contains
       character(len=*), intent(in) :: name
       integer, intent(in) :: k
       type(results_t), intent(in) :: results
-      real(wp) :: speed, height
-      integer(i8) :: n, b
+      integer, parameter :: speed = findloc(line_fields, "speed", dim=1), &
+                            height = findloc(line_fields, "passing_height", dim=1)
+      logical :: crossed(results%boulders)
+      integer(i8) :: n
 
-      n = 0
-      speed = 0
-      height = 0
-      do b = 1, results%boulders
-         associate (crossing => results%crossing(k, b))
-            if (.not. crossing%crossed) cycle
-            n = n + 1
-            speed = speed + norm2(crossing%v)
-            height = height + crossing%passing_height
-         end associate
-      end do
+      crossed = .not. ieee_is_nan(results%line(:, k, speed))
+      n = count(crossed, kind=i8)
       if (n == 0) then
          write (output_unit, "(3a)") "line ", name, ": no boulder"
       else
-         write (output_unit, "(3a,i0,7a)") "line ", name, ": ", n, " boulders (", &
-            percent(n, results%boulders), "), mean speed ", decimal(speed/n, 2), &
-            " m/s, mean passing height ", decimal(height/n, 2), " m"
+         write (output_unit, "(3a,i0,7a)") "line ", name, ": ", n, " boulders (", percent(n, results%boulders), &
+            "), mean speed ", decimal(sum(results%line(:, k, speed), crossed)/n, 2), " m/s, mean passing height ", &
+            decimal(sum(results%line(:, k, height), crossed)/n, 2), " m"
       end if
    end subroutine line_summary
 end program rockfall_batch

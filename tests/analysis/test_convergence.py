@@ -15,7 +15,7 @@ from rockfall.analysis.terrain_variants import larger_cells, other_digits
 from rockfall.cli import main
 from rockfall.io.grid import Grid
 from rockfall.io.raster import write_geotiff
-from rockfall.scene.scene import read_scene
+from rockfall.scene.read import read_scene
 from rockfall.text.convergence import text
 from scenes import grid, make_case, rough, sets
 
@@ -56,7 +56,7 @@ def test_errors_of_independent_normal_values_are_those_of_theory():
     assert np.abs(cost["slope"] + 0.5).max() < 0.05
     assert (np.abs(cost["slope"] + 0.5) < 3 * cost["slope_error"]).all()
     for key, theory in (
-        (("L", "boulders", "share"), np.sqrt(0.3 / 0.7 / 10_000)),
+        (("L", "boulders", "fraction"), np.sqrt(0.3 / 0.7 / 10_000)),
         (("L", "speed", "mean"), 0.2 / np.sqrt(7_000)),
         (("L", "speed", "std"), 1 / np.sqrt(2 * 7_000)),
     ):
@@ -92,7 +92,7 @@ def test_the_study_has_the_numbers_of_runs_with_as_many_boulders(found):
         table = rockfall.line_statistics(rockfall.run(case.replace(case={"boulders": size})))
         expected = table.set_index(["line", "quantity"]).loc["L"]
         part = measured.study.query("line == 'L' and boulders == @size").set_index(KEYS[1:])
-        assert part.loc[("boulders", "share"), "value"] == expected["share"].iloc[0]
+        assert part.loc[("boulders", "fraction"), "value"] == expected["fraction"].iloc[0]
         for quantity in convergence.QUANTITIES:
             for name in ("mean", "std", "q95", "max"):
                 row = part.loc[(quantity, name)]
@@ -176,7 +176,7 @@ def test_the_text_claims_nothing_of_what_is_not_known(found):
     """Nobody crosses one line: no number is NaN or infinite there, and no error is told."""
     said = text(found[1])
     assert not re.search(r"\b(nan|inf)\b", said) and "the widest of the intervals" in said
-    assert re.search(r"^  never +speed \[m/s\] +mean( +-){4}$", said, re.M)
+    assert re.search(r"^  never: speed \[m/s\], mean( +-){4}$", said, re.M)
     study = found[1].study.assign(change=np.inf)
     assert "still changed from 0." in text(replace(found[1], study=study))
 

@@ -3,7 +3,6 @@
 
 import re
 import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -16,13 +15,14 @@ from programs import find_program
 from rockfall.analysis import ensemble
 from rockfall.analysis.ensemble import RESULTS
 from rockfall.analysis.line_statistics import Z, line_numbers, line_values
-from rockfall.analysis.sobol_indices import LEAST, deviations, parts, shares
+from rockfall.analysis.sobol_indices import MIN_CROSSED, deviations, indices, parts
 from rockfall.analysis.uncertain_inputs import Uncertain, drawn_scene, gaussian_field
 from rockfall.cli import main
 from rockfall.errors import RockfallError
 from rockfall.scene.reach import survey
-from rockfall.scene.scene import read_scene
+from rockfall.scene.read import read_scene
 from rockfall.simulation.simulate import run_scene
+from rockfall.text.ensemble import ensemble_summary
 from scenes import grid, make_case, rough, sets, write_sets
 
 TERRAIN = rough()
@@ -58,9 +58,9 @@ def model(blocks, boulders, random):
 def from_boulders(values):
     """Means and covariances of values (blocks, runs, boulders)."""
     y, n = values.mean(axis=2), values.shape[2]
+    known = {"n": MIN_CROSSED, "fraction": 1.0}
     apart = np.array([
-        [deviations(v, "mean", {"n": LEAST, "share": 1.0, "mean": v.mean()}, n) for v in block]
-        for block in values
+        [deviations(v, "mean", {**known, "mean": v.mean()}, n) for v in block] for block in values
     ])  # fmt: skip
     return y[..., None], (apart @ apart.transpose(0, 2, 1))[..., None]
 
@@ -73,7 +73,8 @@ def test_parts_are_those_of_a_model_without_chance_whatever_the_chance():
     within four of its standard errors of the truth: the estimates are unbiased."""
     random = np.random.default_rng(1)
     found = [parts(*model(16, 10, random)) for _ in range(200)]
-    for name, truth in (("chance", 14.4), ("ignorance", 14), ("first", FIRST), ("total", TOTAL)):
+    truths = {"monte_carlo": 14.4, "epistemic": 14, "first": FIRST, "total": TOTAL}
+    for name, truth in truths.items():
         values = np.array([getattr(one, name) for one in found])[..., 0]
         error = values.std(axis=0) / np.sqrt(200)
         assert np.all(np.abs(values.mean(axis=0) - truth) < 4 * error), name
@@ -82,7 +83,7 @@ def test_parts_are_those_of_a_model_without_chance_whatever_the_chance():
 
 def test_shares_and_their_errors():
     random = np.random.default_rng(2)
-    found = [shares(*model(64, 100, random)) for _ in range(40)]
+    found = [indices(*model(64, 100, random)) for _ in range(40)]
     for name, truth in (("first", FIRST), ("total", TOTAL)):
         values = np.array([getattr(one, name) for one in found])[..., 0]
         errors = np.array([getattr(one, f"{name}_error") for one in found])[..., 0]
@@ -94,8 +95,8 @@ def test_shares_and_their_errors():
 def test_no_shares_of_an_ignorance_that_is_not_there():
     random = np.random.default_rng(3)
     values = np.repeat(random.standard_normal((16, 1, 50)), 4, axis=1)
-    found = shares(*from_boulders(values))
-    assert abs(found.parts.ignorance[0]) < 3 * found.ignorance_error[0]
+    found = indices(*from_boulders(values))
+    assert abs(found.parts.epistemic[0]) < 3 * found.epistemic_error[0]
     assert np.isnan(found.first).all() and np.isnan(found.total).all()
     assert np.all(found.parts.first == 0) and np.all(np.abs(found.parts.total) < 1e-15)
 
@@ -103,7 +104,7 @@ def test_no_shares_of_an_ignorance_that_is_not_there():
 def test_chance_is_that_of_the_intervals_at_a_line(tmp_path):
     result = rockfall.run(case_of(tmp_path, 2000), dem=TERRAIN, transform=grid(TERRAIN))
     table = rockfall.line_statistics(result).set_index("quantity")
-    for quantity, number, _ in RESULTS.values():
+    for quantity, number in RESULTS.values():
         row = table.loc[quantity]
         of = deviations(line_values(result, quantity, 0), number, row, 2000)
         width = row[f"{number}_high"] - row[f"{number}_low"]
@@ -117,11 +118,11 @@ def test_chance_of_two_runs_and_what_they_share_are_those_of_other_boulders(tmp_
     case = case_of(tmp_path, 150, release={"x": [150.0, 200.0], "y": [380.0, 350.0]})
     scenes = [read_scene(case, dem=z, transform=grid(z)) for z in (TERRAIN, rough(seed=2))]
     scenes[1].z = 0.05 * scenes[1].z + 0.95 * scenes[0].z
-    chosen = [RESULTS[name] for name in ("share", "speed.mean", "speed.q95")]
+    chosen = [RESULTS[name] for name in ("fraction", "speed.mean", "speed.q95")]
     values, covariances = np.empty((250, 3, 2)), np.empty((250, 3, 2, 2))
     for k in range(250):
         runs = [simulate_seed(scene, k) for scene in scenes]
-        for i, (quantity, number, _) in enumerate(chosen):
+        for i, (quantity, number) in enumerate(chosen):
             rows = [line_numbers(run, 0, quantity, np.zeros(300, int)) for run in runs]
             values[k, i] = [row[number] for row in rows]
             of = np.array([
@@ -129,7 +130,7 @@ def test_chance_of_two_runs_and_what_they_share_are_those_of_other_boulders(tmp_
                 for run, row in zip(runs, rows, strict=True)
             ])  # fmt: skip
             covariances[k, i] = of @ of.T
-    for i, (_, number, _) in enumerate(chosen):
+    for i, (_, number) in enumerate(chosen):
         true, estimate = np.cov(values[:, i].T), covariances[:, i].mean(axis=0)
         assert np.diag(estimate) == pytest.approx(
             np.diag(true), rel=0.4 if number == "q95" else 0.25
@@ -144,18 +145,18 @@ def simulate_seed(scene, seed):
 
 
 def test_what_sets_sources_apart_is_no_chance():
-    row = {"n": 200, "share": 1.0, "mean": 1.5}
+    row = {"n": 200, "fraction": 1.0, "mean": 1.5}
     for per_source, chance in ((100, 0.0), (1, 0.25 / 199)):
         of = deviations(np.repeat([1.0, 2.0], 100), "mean", row, per_source)
         assert of @ of == pytest.approx(chance, abs=1e-15)
 
 
 def test_few_boulders_at_a_line_make_no_number():
-    speed = np.r_[np.arange(LEAST - 1.0), np.full(81, np.nan)]
-    row = {"n": LEAST - 1, "share": 0.19, "mean": 9.0}
+    speed = np.r_[np.arange(MIN_CROSSED - 1.0), np.full(81, np.nan)]
+    row = {"n": MIN_CROSSED - 1, "fraction": 0.19, "mean": 9.0}
     assert np.isnan(deviations(speed, "mean", row, 100)).all()
-    assert np.isfinite(deviations(speed, "share", row, 100)).all()
-    row = {"n": 99, "share": 1.0, "q95": 93.1}
+    assert np.isfinite(deviations(speed, "fraction", row, 100)).all()
+    row = {"n": 99, "fraction": 1.0, "q95": 93.1}
     assert np.isnan(deviations(np.arange(99.0), "q95", row, 99)).all()
     assert np.isfinite(deviations(np.arange(100.0), "q95", row | {"n": 100}, 100)).all()
 
@@ -172,10 +173,10 @@ def test_an_input_that_does_nothing_has_no_share_and_the_other_all(tmp_path):
     assert found["input"].values.tolist() == ["source", "sets"]
     assert float(abs(found["total"].sel(input="sets")).max()) < 1e-12
     assert float(abs(found["first_order"].sel(input="sets")).max()) < 1e-12
-    at = found.sel(input="source", result="share", line="L")
+    at = found.sel(input="source", result="fraction", line="L")
     for name in ("first_order", "total"):
         assert abs(at[name] - 1) < 3 * at[f"{name}_error"] + 1e-9
-    assert at["ignorance"] > 1.5 * at["chance"]
+    assert at["epistemic_std"] > 1.5 * at["monte_carlo_std"]
     same = found["value"].sel(variant=["A", "A with sets of B"])
     assert np.array_equal(same[:, 0], same[:, 1])
 
@@ -184,14 +185,14 @@ def test_where_nothing_matters_there_is_chance_only(tmp_path):
     case = case_of(tmp_path, 400, ensemble={"runs": 24, "sets": ["sets.nml"] * 2})
     found = vary(case)
     at = found.sel(line="L")
-    assert np.all(abs(at["ignorance_variance"]) < 4 * at["ignorance_variance_error"])
+    assert np.all(abs(at["epistemic_variance"]) < 4 * at["epistemic_variance_error"])
     result = rockfall.run(case, dem=TERRAIN, transform=grid(TERRAIN))
     table = rockfall.line_statistics(result).set_index("quantity")
-    for name, (quantity, number, _) in RESULTS.items():
+    for name, (quantity, number) in RESULTS.items():
         row = table.loc[quantity]
         width = row[f"{number}_high"] - row[f"{number}_low"]
         assert at["case_value"].sel(result=name) == row[number]
-        assert 2 * Z * at["chance"].sel(result=name) == pytest.approx(width, rel=0.35)
+        assert 2 * Z * at["monte_carlo_std"].sel(result=name) == pytest.approx(width, rel=0.35)
 
 
 ALL = {
@@ -230,7 +231,7 @@ def test_every_run_can_be_made_again_from_what_is_kept(tmp_path):
             rockfall.run(again, dem=TERRAIN, transform=grid(TERRAIN))
         ).set_index("quantity")
         value = found["value"].isel(run=k, line=0).sel(variant=side)
-        assert value.sel(result="share") == table.loc["speed", "share"]
+        assert value.sel(result="fraction") == table.loc["speed", "fraction"]
         assert value.sel(result="speed.mean") == table.loc["speed", "mean"]
 
 
@@ -314,14 +315,15 @@ def test_maps_are_of_the_runs_a_and_b(tmp_path):
     assert "reach_probability_mean" not in vary(case)
     only = vary(case.replace(line=[], output={"maps": ["passages"]}))
     xr.testing.assert_equal(only["reached_runs"], found["reached_runs"])
-    assert ensemble.ensemble_summary(only).count("\n") == 0
+    assert ensemble_summary(only).count("\n") == 0
 
 
 def test_a_line_that_some_runs_do_not_reach_has_a_share_and_nothing_else(tmp_path):
     case = case_of(tmp_path, 30, ensemble={"runs": 8, "source_shift": 1.0})
     at = vary(case).sel(line="L", result="speed.q95")  # 30 boulders: no interval above it
     assert at["too_few"] == 24
-    assert all(np.isnan(at[name]).all() for name in ("mean", "chance", "ignorance", "total"))
+    unknown = ("mean", "monte_carlo_std", "epistemic_std", "total")
+    assert all(np.isnan(at[name]).all() for name in unknown)
 
 
 # ---- what is drawn
@@ -400,8 +402,8 @@ HOSTILE = {
     "source_shift = NaN": r"&ensemble source_shift = NaN: must be a finite real number.*",
     "source_shift = 1e9": r"&ensemble source_shift = 1e\+09: none of 1000 shifts .*",
     "sets = 'no', 'rocky-slope'": r"&ensemble sets = 'no': no such file; shipped sets: .*",
-    "source_shift = 1.0, runs = 7": r"&ensemble runs = 7: must be >= 8",
-    "source_shift = 1.0, runs = 65537": r"&ensemble runs = 65537: must be at most 65536",
+    "source_shift = 1.0, runs = 7": r"&ensemble runs = 7: must be 8 to 65536",
+    "source_shift = 1.0, runs = 65537": r"&ensemble runs = 65537: must be 8 to 65536",
     "sauce_shift = 1.0": r"line 8: &ensemble sauce_shift: unknown key; known: runs, .*",
     "runs = 8": r"&ensemble: nothing is uncertain: give .*",
     "sets = 'rocky-slope'": r"&ensemble: nothing is uncertain: give .*",
@@ -445,7 +447,7 @@ def test_bad_input_is_one_line_and_nothing_is_written(place, capfd, text):
         (["-o", "out.txt"], r"out.txt: must end in .nc \(everything\) or .csv \(the table\)"),
         (["-o", "dem.tif"], r"dem.tif: must end in .*"),
         (["-o", "no/out.csv"], r"no/out.csv: there is no folder no"),
-        (["--runs", "1"], r"case.nml: &ensemble runs = 1: must be >= 8"),
+        (["--runs", "1"], r"case.nml: &ensemble runs = 1: must be 8 to 65536"),
     ],
 )
 def test_bad_arguments_are_one_line(place, capfd, words, message):
@@ -463,8 +465,8 @@ def test_nothing_to_look_at_is_refused(tmp_path):
 def test_chance_that_is_not_known_is_refused(tmp_path):
     case = case_of(tmp_path, ensemble={"source_shift": 2.0}).replace(case={"sampling": "sobol"})
     with refused(
-        "case: &case sampling = 'sobol': must be 'random' for an ensemble: the chance of other "
-        "boulders is not known"
+        "case: &case sampling = 'sobol': must be 'random' for an ensemble: the Monte Carlo error "
+        "is not known"
     ):
         vary(case)
 
@@ -501,12 +503,6 @@ def test_maps_alone_are_no_table(place, capsys):
     assert not Path("table.csv").exists()
 
 
-def test_without_scipy_one_line_says_what_to_install(place, capfd, monkeypatch):
-    monkeypatch.setitem(sys.modules, "scipy.stats", None)
-    assert main(["ensemble", "case.nml"]) == 2
-    message = "ensembles need the report extra: pip install 'rockfall[report]'"
-    assert capfd.readouterr().err == f"rockfall: {message}\n"
-
 
 def test_an_interrupted_ensemble_writes_nothing(place, capfd, monkeypatch):
     runs = iter(range(20))
@@ -539,7 +535,8 @@ def test_the_command_writes_what_it_prints(place, capsys):
     assert Path("table.csv").read_text() == table.to_csv(index=False)
     lines = [line.split() for line in printed.splitlines()]
     share = table.loc[0]
-    for label, name in (("case as it is", "case_value"), ("chance, std", "chance")):
+    labels = {"case as it is": "case_value", "Monte Carlo error, std": "monte_carlo_std"}
+    for label, name in labels.items():
         (row,) = (words for words in lines if label in " ".join(words))
         assert float(row[len(label.split()) + label.startswith("case")]) == pytest.approx(
             100 * share[name], rel=0.01
@@ -549,7 +546,7 @@ def test_the_command_writes_what_it_prints(place, capsys):
 
 def test_inputs_stand_in_the_order_of_their_shares(tmp_path):
     case = case_of(tmp_path, ensemble={"runs": 16, "radius_factor": 1.01, "source_shift": 20.0})
-    text = ensemble.ensemble_summary(vary(case)).splitlines()
+    text = ensemble_summary(vary(case)).splitlines()
     first = [line.split()[0] for line in text if re.match(r"    (radius|source) ", line)]
     assert first == ["source", "radius"] * 2
 

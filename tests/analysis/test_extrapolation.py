@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from rockfall.analysis.extrapolation import extrapolations, faster_than_observed
-from rockfall.html_report.words import warnings
-from rockfall.scene.scene import read_scene
+from rockfall.html_report.validity import warnings
+from rockfall.scene.read import read_scene
 from rockfall.simulation.simulate import run_scene
 from rockfall.text.preview import preview
 from rockfall.text.summary import summary
@@ -44,7 +44,7 @@ def test_a_twentieth_of_the_boulders_may_be_faster_than_observed():
     slow, fast = 0.8 * 45 - 1e-9, 0.8 * 45 + 1e-9
     assert list(extrapolations(values(speed=[slow] * 95 + [fast] * 5))) == []
     (found,) = extrapolations(values(speed=[slow] * 94 + [fast] * 6))
-    assert found.is_warning and found.share == 0.06
+    assert found.is_warning and found.fraction == 0.06
     assert "6 of 100 boulders (6.0 %) exceeded 0.8 m/s per degree" in found.text
     assert "no terminal velocity" in found.text
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from rockfall.analysis.neutral_slopes import NeutralSlopes, rocks_of
-from rockfall.scene.scene import read_scene
+from rockfall.scene.read import read_scene
 from rockfall.text.preview import preview
 from scenes import grid, make_case
 

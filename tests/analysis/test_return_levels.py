@@ -14,8 +14,8 @@ import rockfall
 from rockfall.analysis.return_levels import QUANTITIES, _fit, _profiled, tail
 from rockfall.cli import main
 from rockfall.html_report.tables import level_table
+from rockfall.quantities import QUANTITIES as SHOWN
 from rockfall.text import line_tables as linetables
-from rockfall.text.line_tables import SHOWN
 from rockfall.text.summary import summary
 from scenes import grid, make_case, rough, sets
 
@@ -235,10 +235,10 @@ def test_numbers_of_any_size_stand_in_columns_of_their_own(capsys, tmp_path, res
     linetables.print_lines(tmp_path / "out.nc")
     rows = [re.split(r" {2,}", line.strip()) for line in capsys.readouterr().out.splitlines()]
     for head, (first, last) in (("mean", ("speed [m/s]", "E_rot / E_tot [%]")),
-                                ("largest", ("speed [m/s]", "E_tot [kJ]"))):  # fmt: skip
+                                ("max", ("speed [m/s]", "E_tot [kJ]"))):  # fmt: skip
         at = next(k for k, row in enumerate(rows) if row[0] == head)
         body = rows[at + 1 : at + 17]
-        named = [row for row in body if row[0] in {label for label, _ in SHOWN.values()}]
+        named = [row for row in body if row[0] in {about.short for about in SHOWN.values()}]
         assert named[0][0] == first and last in [row[0] for row in named]
         assert all(len(row) == 1 + len(rows[at]) for row in named)
         alike = re.compile(r"-|(-?[0-9][0-9,.]*(\.\.-?[0-9][0-9,.]*)?)")
@@ -294,9 +294,3 @@ def test_bad_input_is_one_line_and_nothing_is_written(name, result, tmp_path, mo
     out, err = capsys.readouterr()
     assert out == "" and re.fullmatch(f"rockfall: {message}\n", err)
     assert {path: path.read_bytes() for path in Path().iterdir()} == before
-
-
-def test_without_scipy_one_line_says_what_to_install(monkeypatch):
-    monkeypatch.setitem(__import__("sys").modules, "scipy", None)
-    with pytest.raises(rockfall.RockfallError, match=r"pip install 'rockfall\[report\]'"):
-        tail(np.ones(3))

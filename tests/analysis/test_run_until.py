@@ -10,7 +10,14 @@ import xarray as xr
 import rockfall
 from rockfall.analysis import run_until as until
 from rockfall.analysis.line_statistics import QUANTITIES, Z, line_numbers, sources
-from rockfall.analysis.run_until import CROSSED, FIRST, judge, next_stage, read_rules, verdicts_of
+from rockfall.analysis.run_until import (
+    CROSSED,
+    FIRST,
+    evaluate,
+    next_stage,
+    read_rules,
+    verdicts_of,
+)
 from rockfall.cli import main
 from rockfall.text.summary import summary
 from scenes import grid, make_case, rough, sets
@@ -36,7 +43,7 @@ def lognormal(random, n):
 def theory(statistic, limit):
     """The long-run value, and the boulders that make the half-width `limit` of it."""
     w = np.exp(SIGMA**2)
-    if statistic == "share":
+    if statistic == "fraction":
         return SHARE, (Z / limit) ** 2 * (1 - SHARE) / SHARE
     if statistic == "mean":
         return np.sqrt(w), (Z / limit) ** 2 * (w - 1) / SHARE
@@ -48,7 +55,7 @@ def stages(rules, random, draw=lognormal, cap=10**7):
     n, values = min(FIRST, cap), np.empty(0)
     while True:
         values = np.concatenate([values, draw(random, n - values.size)])
-        larger = next_stage(judge(rules, made(values)), n, cap)
+        larger = next_stage(evaluate(rules, made(values)), n, cap)
         if larger == n:
             return made(values)
         n = larger
@@ -56,7 +63,7 @@ def stages(rules, random, draw=lognormal, cap=10**7):
 
 @pytest.mark.parametrize(
     ("rule", "within"),
-    [("share@L<3%", 1.0), ("speed.mean@L<1.5%", 1.0), ("speed.q50@L<2.5%", 0.5)],
+    [("fraction@L<3%", 1.0), ("speed.mean@L<1.5%", 1.0), ("speed.q50@L<2.5%", 0.5)],
 )
 def test_it_stops_within_20_percent_of_theory_and_its_intervals_hold(rule, within):
     """The interval of a quantile lies between two order statistics, its width is itself a matter of
@@ -89,7 +96,7 @@ def test_runs_of_few_sources_do_not_end_by_luck(of):
         while larger > n:
             n = larger
             result = made(lognormal(random, n * of), np.repeat(np.arange(of), n))
-            larger = next_stage(judge(rules, result), n, 20_000 // of)
+            larger = next_stage(evaluate(rules, result), n, 20_000 // of)
         row = line_numbers(result, 0, "speed", sources(result))
         held.append(row["mean_low"] <= theory("mean", 1)[0] <= row["mean_high"])
         assert result.sizes["boulder"] >= 0.8 * theory("mean", 0.03)[1]
@@ -110,7 +117,7 @@ def test_equal_values_are_met_at_once_and_nobody_never():
     assert stages(rules, None, lambda _, n: np.full(n, 7.0)).sizes["boulder"] == FIRST
     nobody = stages(rules, None, lambda _, n: np.full(n, np.nan), cap=50_000)
     assert nobody.sizes["boulder"] == 50_000
-    assert all("too few boulders cross" in str(one) for one in judge(rules, nobody))
+    assert all("too few boulders cross" in str(one) for one in evaluate(rules, nobody))
 
 
 def test_sources_that_differ_stop_a_run_that_more_boulders_do_not_help():
@@ -123,11 +130,11 @@ def test_sources_that_differ_stop_a_run_that_more_boulders_do_not_help():
         return made(place[source] + random.normal(0, 1, source.size), source)
 
     rules = read_rules("speed.mean@L<2%", ["L"])
-    assert next_stage(judge(rules, result(50)), 50, 10**6) > 50  # not yet plain
-    (verdict,) = judge(rules, result(2000))
+    assert next_stage(evaluate(rules, result(50)), 50, 10**6) > 50  # not yet plain
+    (verdict,) = evaluate(rules, result(2000))
     assert verdict.need == np.inf and "do not help" in str(verdict)
     assert next_stage([verdict], 2000, 10**6) == 2000
-    (verdict,) = judge(read_rules("speed.mean@L<20%", ["L"]), result(50))
+    (verdict,) = evaluate(read_rules("speed.mean@L<20%", ["L"]), result(50))
     assert verdict.met
 
 
@@ -160,7 +167,7 @@ def test_the_result_is_that_of_run_with_as_many_boulders(tmp_path, x):
 
 def test_a_cap_ends_a_run_and_says_what_is_not_met(tmp_path):
     case = slope_case(tmp_path, line=[*LINE, NEVER])
-    rules = "speed.mean@L<0.5%, share@never<10%, share@L<20%"
+    rules = "speed.mean@L<0.5%, fraction@never<10%, fraction@L<20%"
     found = rockfall.run_until(case, rules, **terrain(), cap=1500)
     assert found.sizes["boulder"] == 1500 and found.attrs["until_met"] == 0
     mean, never, share = verdicts_of(found)
@@ -169,7 +176,7 @@ def test_a_cap_ends_a_run_and_says_what_is_not_met(tmp_path):
     assert not never.met and np.isnan(never.need)
     assert share.met
     text = summary(found)
-    assert "until speed.mean@L<0.5%: not met" in text and "until share@L<20%: met" in text
+    assert "until speed.mean@L<0.5%: not met" in text and "until fraction@L<20%: met" in text
 
 
 def test_rules_are_read_with_any_spaces_and_names():
@@ -177,7 +184,7 @@ def test_rules_are_read_with_any_spaces_and_names():
         " speed.q95 @ a, b <c < 2.5 % ,share@ L<.3%,energy_total.std@L<10%", ["L", "a, b <c"]
     )
     assert (one.line, one.quantity, one.statistic, one.limit) == (1, "speed", "q95", 0.025)
-    assert (two.line, two.statistic, two.limit) == (0, "share", 0.003)
+    assert (two.line, two.statistic, two.limit) == (0, "fraction", 0.003)
     assert (three.quantity, three.statistic, three.limit) == ("energy_total", "std", 0.1)
 
 
@@ -185,14 +192,14 @@ def test_rules_are_read_with_any_spaces_and_names():
     ("rules", "says"),
     [
         ("", "QUANTITY.STATISTIC@LINE<PERCENT%"), ("speed.mean@L<2", "PERCENT%"),
-        ("speed.mean@L<2%,", "PERCENT%"), ("speed.mean@L<2%; share@L<2%", "no line"),
+        ("speed.mean@L<2%,", "PERCENT%"), ("speed.mean@L<2%; fraction@L<2%", "no line"),
         ("speed.max@L<2%", "no interval for the statistic 'max'; there are mean, std, q50"),
         ("speed@L<2%", "no interval"), ("spede.mean@L<2%", "no quantity 'spede'; there are speed"),
-        ("share.mean@L<2%", "share alone"), ("speed.mean@M<2%", "no line 'M'; the lines of"),
+        ("fraction.mean@L<2%", "fraction alone"), ("speed.mean@M<2%", "no line 'M'; the lines of"),
         ("speed.mean@L<0%", "above 0 and below 100"), ("speed.mean@L<-2%", "above 0"),
         ("speed.mean@L<100%", "below 100"), ("speed.mean@L<nan%", "a number"),
         ("speed.mean@L<1_0%", "a number"), ("speed.mean@L<%", "a number"),
-        ("share@L<3%, speed.mean@L<x%", "speed.mean@L<x%"),
+        ("fraction@L<3%, speed.mean@L<x%", "speed.mean@L<x%"),
     ],
 )  # fmt: skip
 def test_a_wrong_rule_is_refused_with_what_is_allowed(rules, says):
@@ -203,9 +210,9 @@ def test_a_wrong_rule_is_refused_with_what_is_allowed(rules, says):
 
 def test_a_case_without_lines_and_a_bad_cap_are_refused(tmp_path):
     with pytest.raises(rockfall.RockfallError, match="the lines of the case: none"):
-        rockfall.run_until(slope_case(tmp_path, line=[]), "share@L<2%", **terrain())
+        rockfall.run_until(slope_case(tmp_path, line=[]), "fraction@L<2%", **terrain())
     with pytest.raises(rockfall.RockfallError, match="cap = 0: must be at least 1"):
-        rockfall.run_until(slope_case(tmp_path), "share@L<2%", cap=0, **terrain())
+        rockfall.run_until(slope_case(tmp_path), "fraction@L<2%", cap=0, **terrain())
 
 
 @pytest.fixture
@@ -221,19 +228,19 @@ def place(tmp_path, monkeypatch):
 
 
 def test_the_command_writes_warns_and_refuses(place, capsys):
-    assert main(["run", "case.nml", "-o", "a.nc", "--until", "share@L<5%"]) == 0
+    assert main(["run", "case.nml", "-o", "a.nc", "--until", "fraction@L<5%"]) == 0
     said = capsys.readouterr()
-    assert "until share@L<5%: met" in said.out and not said.err
+    assert "until fraction@L<5%: met" in said.out and not said.err
     assert rockfall.read_result("a.nc").attrs["until_met"] == 1
     arguments = ["run", "case.nml", "-o", "b.nc", "--quiet", "--cap", "50"]
-    assert main([*arguments, "--until", "share@L<0.5%"]) == 0
+    assert main([*arguments, "--until", "fraction@L<0.5%"]) == 0
     said = capsys.readouterr()
     assert not said.out and said.err.count("\n") == 1
-    assert "warning: --until share@L<0.5%: not met" in said.err and "needs about" in said.err
+    assert "warning: --until fraction@L<0.5%: not met" in said.err and "needs about" in said.err
     assert rockfall.read_result("b.nc").sizes["boulder"] == 50
     for wrong in (
-        ["--until", "share@M<5%"], ["--cap", "5"], ["--until", "share@L<5%", "--cap", "0"],
-        ["--until", "share@L<5%", "--boulders", "9"],
+        ["--until", "fraction@M<5%"], ["--cap", "5"], ["--until", "fraction@L<5%", "--cap", "0"],
+        ["--until", "fraction@L<5%", "--boulders", "9"],
     ):  # fmt: skip
         assert main(["run", "case.nml", "-o", "c.nc", *wrong]) == 2
         assert capsys.readouterr().err.count("\n") == 1
@@ -248,6 +255,6 @@ def test_ctrl_c_keeps_what_is_done(tmp_path, monkeypatch):
     run_chunks = until.run_chunks
     monkeypatch.setattr(until, "run_chunks", interrupted_stage)
     with pytest.raises(rockfall.Interrupted) as stop:
-        rockfall.run_until(slope_case(tmp_path), "share@L<1%", **terrain())
+        rockfall.run_until(slope_case(tmp_path), "fraction@L<1%", **terrain())
     assert stop.value.result.sizes["boulder"] == 300
     assert stop.value.result.attrs["until_met"] == stop.value.result.attrs["complete"] == 0

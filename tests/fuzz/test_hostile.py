@@ -26,7 +26,7 @@ from made import refused
 from rockfall.analysis.observations import read_observed
 from rockfall.io.tables import table_rows
 from rockfall.result.export import export
-from rockfall.scene.scene import read_scene
+from rockfall.scene.read import read_scene
 from rockfall.simulation.checkpoint import Checkpoint
 from rockfall.simulation.merge import merge
 from rockfall.simulation.simulate import run_chunks, start

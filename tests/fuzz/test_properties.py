@@ -20,7 +20,7 @@ from programs import find_program
 from rockfall.errors import RockfallError
 from rockfall.result import variables
 from rockfall.scene.prepare import prepare
-from rockfall.scene.scene import read_scene
+from rockfall.scene.read import read_scene
 from rockfall.simulation import simulate
 from same import same_numbers
 

@@ -26,7 +26,7 @@ def programs(few_boulders, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     rockfall.cli.main(["prepare", "case.nml", "ready"])
     return {
-        "rockfall": [sys.executable, "-m", "rockfall.cli", "run", "case.nml", "-o", "out.nc"],
+        "rockfall": [sys.executable, "-m", "rockfall", "run", "case.nml", "-o", "out.nc"],
         "rockfall-batch": [find_program(), "ready/case.nml", "output=out"],
     }
 
@@ -83,11 +83,11 @@ def test_names_that_are_no_text_are_one_line(programs):
         ["report", f"{bad}.nc"],
         ["compare", "out.nc", "seen.csv", f"{bad}.csv"],
     ):
-        done = ran([sys.executable, "-m", "rockfall.cli", *command])
+        done = ran([sys.executable, "-m", "rockfall", *command])
         name = next(word for word in command if bad in word).encode(errors="backslashreplace")
         assert (done.returncode, done.stdout) == (2, b"")
         assert done.stderr == b"rockfall: " + name + b": is not a name in UTF-8\n"
-    done = ran([sys.executable, "-m", "rockfall.cli", "run", "case.nml"], cwd=bad)
+    done = ran([sys.executable, "-m", "rockfall", "run", "case.nml"], cwd=bad)
     assert done.returncode == 2 and done.stderr.endswith(b"d\\udcff: is not a name in UTF-8\n")
     done = ran([find_program(), f"{bad}/case.nml", "output=out"])  # to which a name is bytes
     assert (done.returncode, done.stderr) == (0, b"")
@@ -98,7 +98,7 @@ def test_a_locale_without_names_in_utf_8_is_one_line(programs):
     told = b"rockfall: file names are in ascii here: set LC_ALL=C.UTF-8\n"
     assert (done.returncode, done.stdout, done.stderr) == (2, b"", told)
     assert not os.path.exists("out.nc")
-    assert ran([sys.executable, "-m", "rockfall.cli", "--version"], env=ASCII).returncode == 0
+    assert ran([sys.executable, "-m", "rockfall", "--version"], env=ASCII).returncode == 0
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ import xarray as xr
 from affine import Affine
 
 import rockfall
-from rockfall.scene.scene import read_scene
+from rockfall.scene.read import read_scene
 
 SIZE = 40
 PLACE = Affine(2.0, 0.0, 5000.0, 0.0, -2.0, 9000.0)

@@ -160,7 +160,7 @@ def test_a_fit_adds_up_in_one_order(monkeypatch):
 def test_the_file_reads_back_through_the_kernel(found, tmp_path):
     write_sets(tmp_path / "made.nml", dict.fromkeys(range(1, 6), found), ["made by a test", ""])
     text = (tmp_path / "made.nml").read_bytes()
-    mean, matrix, *_, code, message = kernel.read_sets(text, b"made.nml", 1, 0)
+    mean, matrix, *_, code, message = kernel.read_sets(text, b"made.nml", b"past_aspect", 0)
     assert code == 0, message
     np.testing.assert_allclose(mean[:, 2], found.mean, rtol=1e-11)
     np.testing.assert_allclose(matrix[:, :, 4], found.covariance, rtol=1e-11, atol=1e-12)

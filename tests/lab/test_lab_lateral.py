@@ -12,7 +12,6 @@ from made import refused
 from rockfall.lab.fit import ImpactSet
 from rockfall.lab.lateral import PROBABILITY, fit_lateral, incidence, lateral_line
 from rockfall.lab.setfile import write_sets
-from rockfall.scene.scene import TURNINGS
 
 MEAN, COVARIANCE = (one[2] for one in scenes.sets())
 
@@ -91,7 +90,7 @@ def test_the_kernel_reads_what_is_written(tmp_path, numbers):
     path = tmp_path / "made.nml"
     write_sets(path, dict.fromkeys(range(1, 6), a_set(found)), ["made by a test"])
     _, _, between, lateral, *_, code, message = kernel.read_sets(
-        path.read_bytes(), b"made.nml", TURNINGS["lab"], 0
+        path.read_bytes(), b"made.nml", b"lab", 0
     )
     assert code == 0, message
     classes = len(found.quantiles)

@@ -133,6 +133,7 @@ class Landing(NamedTuple):
     patch: Patch  # the last one under it
     highest: Decimal  # above the surface, on the way
     steepest: float  # of the patches on the way, as in Patch
+    beyond: str  # the status of a boulder that has no contact
 
 
 class Rebound(NamedTuple):
@@ -318,6 +319,12 @@ def node(world: World, i: int, j: int) -> float:
     return float(world.z[ny - 1 - j, i]) if 0 <= i < nx and 0 <= j < ny else math.nan
 
 
+def on_raster(world: World, i: int, j: int) -> bool:
+    """Whether a patch lies between the outer cell centres."""
+    ny, nx = world.z.shape
+    return 0 <= i < nx - 1 and 0 <= j < ny - 1
+
+
 @functools.cache
 def patch(world: World, i: int, j: int) -> Patch | None:
     """None beside nodata and beyond the edge."""
@@ -446,7 +453,7 @@ def fly(world: World, state: State, doubt: Doubt) -> Landing:
     u, w = state.x / cell, state.y / cell
     p, q, rise = state.v[0] / cell, state.v[1] / cell, state.v[2]
     z = surface(world, state.x, state.y) + state.above
-    begin, highest, found = ZERO, state.above, None
+    begin, highest, found, beyond = ZERO, state.above, None, ""
     at = state.patch or place(world, state.x, state.y)[0]
     steepest = at.steepest(world.cell)
     if not p and not q:  # it falls upon the patch below, whose sides may be near
@@ -456,8 +463,10 @@ def fly(world: World, state: State, doubt: Doubt) -> Landing:
             continue
         middle = (begin + end) / 2
         if p or q:
-            below = patch(world, math.floor(u + p * middle), math.floor(w + q * middle))
+            here = math.floor(u + p * middle), math.floor(w + q * middle)
+            below = patch(world, *here)
             if below is None:
+                beyond = "hit_nodata" if on_raster(world, *here) else "left_domain"
                 break
             at, steepest = below, max(steepest, below.steepest(world.cell))
         du, dw = u - at.i, w - at.j
@@ -475,7 +484,7 @@ def fly(world: World, state: State, doubt: Doubt) -> Landing:
     x, y = state.x + state.v[0] * time, state.y + state.v[1] * time
     v = (*state.v[:2], rise - gravity * time)
     height = z + time * (rise - gravity * time / 2)
-    return Landing(found is not None, time, x, y, height, v, at, highest, steepest)
+    return Landing(found is not None, time, x, y, height, v, at, highest, steepest, beyond)
 
 
 def value(above: Triple, t: Decimal) -> Decimal:
@@ -742,7 +751,7 @@ def step(world: World, number: int, hit: int, state: State) -> Contact:
     doubt = Doubt()
     landing = fly(world, state, doubt)
     if not landing.contact:
-        return Contact(landing, None, "left_domain", doubt.least)
+        return Contact(landing, None, landing.beyond, doubt.least)
     found = bounce(world, number, hit, state, landing, doubt)
     if found is None:
         return Contact(landing, None, "absorbed", doubt.least)

@@ -26,8 +26,8 @@ def test_without_scatter_boulders_stop_or_run_away(tmp_path):
     mean[:, 0], mean[:, 3] = 0.6, 0.3
     path = scenes.write_sets(tmp_path / "sets.nml", mean, np.zeros((5, 9, 9)))
     flat, steep = (planes.measure(path, slope, 3, 50) for slope in (30, 46))
-    assert flat["share"] == (0.0, 0.0) and np.isnan([*flat["speed"], *flat["height"]]).all()
-    assert steep["share"] == (1.0, 0.0) and steep["speed"].value > 15
+    assert flat["fraction"] == (0.0, 0.0) and np.isnan([*flat["speed"], *flat["height"]]).all()
+    assert steep["fraction"] == (1.0, 0.0) and steep["speed"].value > 15
     assert 0 < steep["speed"].error < 0.2 * steep["speed"].value
     found = planes.neutral(planes.read_sets(path)[0], 3)
     want = np.degrees(np.arctan(0.4 / 0.6))

@@ -6,7 +6,7 @@ import pytest
 
 import rockfall
 from rockfall.scene.reach import survey
-from rockfall.scene.scene import read_scene
+from rockfall.scene.read import read_scene
 from scenes import grid, make_case, rough, sets
 
 MAPS = ["passages", "deposits", "energy_max", "energy_mean", "speed_q90"]

@@ -8,7 +8,8 @@ from affine import Affine
 import rockfall
 from made import make_raster
 from rockfall.io.grid import row_blocks
-from rockfall.scene.scene import read_scene, used_zones
+from rockfall.scene.read import read_scene
+from rockfall.scene.scene import used_zones
 
 NY, NX = 1300, 1000  # more than a block
 NORTH_UP = Affine(2.0, 0.0, 5000.0, 0.0, -2.0, 9000.0)

@@ -6,18 +6,22 @@ import pytest
 import xarray as xr
 
 import rockfall
-from made import make_raster, refused
+from made import make_layer, make_raster, refused, write_ascii
 from rockfall.analysis.convergence import converge
 from rockfall.analysis.ensemble import run_ensemble
 from rockfall.analysis.run_until import run_until
 from rockfall.cli import main
-from rockfall.io.raster import write_ascii
 from rockfall.scene.prepare import prepare
-from rockfall.scene.scene import read_scene
+from rockfall.scene.read import read_scene
 from same import same
 from scenes import grid, make_case, rough, sets
 
 LINE = [{"name": "L", "x": [0.0, 300.0], "y": [280.0, 280.0]}]
+
+
+def released(scene):
+    """Boulders of each source."""
+    return np.array([len(scene.numbers_of(k)) for k in range(scene.x.size)])
 
 
 def steep(folder, line=LINE, **groups):
@@ -105,9 +109,9 @@ def test_only_steep_cells_within_cells_or_polygons(tmp_path):
     make_raster(tmp_path / "some.tif", some, transform=grid(z).transform, crs="EPSG:32632")
     within = read_scene(steep(tmp_path, release=least | {"cells": "some.tif"}, **about))
     assert np.array_equal(cells_of(within), everywhere & (some > 0)) and within.x.size > 10
-    shapely, geopandas = pytest.importorskip("shapely"), pytest.importorskip("geopandas")
+    shapely = pytest.importorskip("shapely")
     box = shapely.box(5 * 5.0, 400 - 20 * 5.0, 40 * 5.0, 400 - 3 * 5.0)
-    geopandas.GeoDataFrame(geometry=[box], crs="EPSG:32632").to_file(tmp_path / "some.gpkg")
+    make_layer(tmp_path / "some.gpkg", [box])
     inside = read_scene(steep(tmp_path, release=least | {"polygons": "some.gpkg"}, **about))
     assert np.array_equal(inside.x, within.x) and np.array_equal(inside.y, within.y)
 
@@ -168,7 +172,7 @@ def test_a_plane_releases_by_its_true_area(tmp_path, n, tangent):
     case = steep(tmp_path, case={"boulders": n}, release=release)
     cells = np.ones(z.shape, int)
     scene = read_scene(case, dem=z, transform=grid(z, 2.5), cells=cells)
-    ratio, each = np.sqrt(1 + tangent**2), np.diff(scene.ends, prepend=0)
+    ratio, each = np.sqrt(1 + tangent**2), released(scene)
     assert abs(scene.boulders - n * z.size * ratio) < 1
     assert np.isin(each, [np.floor(n * ratio - 1e-9), np.ceil(n * ratio - 1e-9), n]).all()
     assert each.min() >= n and (tangent > 0 or (each == n).all())
@@ -195,7 +199,7 @@ def test_boulders_by_area_are_the_same_however_they_are_flown(tmp_path):
     arrays = {"dem": z, "transform": grid(z), "cells": top()}
     whole = rockfall.run(case, **arrays)
     scene = read_scene(case, **arrays)
-    each = np.diff(scene.ends, prepend=0)
+    each = released(scene)
     assert np.array_equal(numbers_of(whole), each) and len(np.unique(each)) > 1
     same(rockfall.run(case, **arrays, threads=2, chunk=17), whole)
     parts = [rockfall.run(case, **arrays, shard=(k, 9), threads=2) for k in range(1, 10)]
@@ -237,7 +241,7 @@ def test_prepared_steep_cells_are_cells(tmp_path):
     prepared = rockfall.read_case(tmp_path / "prepared" / "case.nml")
     assert prepared.release["cells"] == "cells.asc" and not prepared.release["steep_cells"]
     one, other = read_scene(case), read_scene(prepared)
-    assert np.array_equal(one.x, other.x) and np.array_equal(one.ends, other.ends)
+    assert np.array_equal(one.x, other.x) and np.array_equal(one.area, other.area)
 
 
 def test_check_says_how_many_and_from_which_slope_on(tmp_path, monkeypatch, capsys):

@@ -9,13 +9,12 @@ import xarray as xr
 from affine import Affine
 
 import rockfall
-from made import make_raster
+from made import make_raster, write_ascii
 from rockfall.analysis.run_until import run_scene_until, run_until
 from rockfall.cli import main
 from rockfall.errors import RockfallError
 from rockfall.io.grid import Grid
-from rockfall.io.raster import write_ascii
-from rockfall.scene.scene import read_scene
+from rockfall.scene.read import read_scene
 from rockfall.simulation import memory
 from rockfall.simulation.checkpoint import Checkpoint
 from rockfall.simulation.simulate import run_scene
@@ -95,7 +94,7 @@ def refused(pattern):
 def test_windows_give_the_bits_of_the_whole(tmp_path, surface, size):
     case = case_in(tmp_path, surface=surface and surface(tmp_path))
     scene = read_scene(case, memory=size)
-    assert scene.tiles and scene.z.size == 0
+    assert scene.windows and scene.z.size == 0
     same(run_scene(scene, threads=2), rockfall.run(case))
 
 
@@ -103,29 +102,29 @@ def test_windows_give_the_bits_of_the_whole(tmp_path, surface, size):
 def test_windows_of_other_files(tmp_path, kind):
     case = case_in(tmp_path, kind, make_zones(tmp_path))
     scene = read_scene(case, memory=50_000)
-    assert scene.tiles
+    assert scene.windows
     same(run_scene(scene), rockfall.run(case))
 
 
 def test_windows_follow_the_sources_and_learn_how_far_boulders_go(tmp_path):
     case = case_in(tmp_path)
     scene = read_scene(case, memory=30_000)
-    tiles, seen = scene.tiles, []
-    rim = tiles.margins[0]
-    assert set(tiles.margins) == {rim} and rim > 4
-    for number in range(1, 9 * len(tiles.row) + 1, 9):
-        window, n = tiles.around(scene, number, 9)
-        row, column = tiles.row[number // 9], tiles.column[number // 9]
+    windows, seen = scene.windows, []
+    rim = windows.margins[0]
+    assert set(windows.margins) == {rim} and rim > 4
+    for number in range(1, 9 * len(windows.row) + 1, 9):
+        window, n = windows.around(scene, number, 9)
+        row, column = windows.row[number // 9], windows.column[number // 9]
         (top, left), (ny, nx) = window.at, window.z.shape
-        assert n == 9 and ny * nx <= tiles.cells
+        assert n == 9 and ny * nx <= windows.cells
         assert top <= max(0, row - rim) and row + rim < top + ny
         assert left <= max(0, column - rim) and min(NX, column + rim) <= left + nx
         seen.append(window.at)
     assert 2 < len(set(seen)) < len(seen) / 2  # one for many sources
-    before = tiles.margins.copy()
+    before = windows.margins.copy()
     run_scene(scene)
-    assert tiles.margins[2] > before[2]  # southwards, where boulders go
-    assert tiles.margins[0] == before[0]
+    assert windows.margins[2] > before[2]  # southwards, where boulders go
+    assert windows.margins[0] == before[0]
 
 
 def test_without_maps_and_with_points(tmp_path):
@@ -141,7 +140,7 @@ def test_steep_cells_and_their_surface(tmp_path, cells):
         tmp_path, case={"boulders": 2}, release=release | ({"cells": cells} if cells else {})
     )
     scene = read_scene(case, memory=30_000)
-    assert scene.tiles and 0 < scene.x.size < 6000
+    assert scene.windows and 0 < scene.x.size < 6000
     same(run_scene(scene), rockfall.run(case))
 
 
@@ -241,9 +240,9 @@ def test_what_is_no_size(text):
 def test_the_least_limit_counts(tmp_path, monkeypatch):
     (tmp_path / "memory.max").write_text("max\n")
     (tmp_path / "job").write_text("123456789\n")
-    monkeypatch.setattr(memory, "_control_group", lambda: [tmp_path / "memory.max"])
+    monkeypatch.setattr(memory, "limit_files", lambda _: [tmp_path / "memory.max"])
     assert memory.machine_memory() > 1e9
-    monkeypatch.setattr(memory, "_control_group", lambda: [tmp_path / "none", tmp_path / "job"])
+    monkeypatch.setattr(memory, "limit_files", lambda _: [tmp_path / "none", tmp_path / "job"])
     assert memory.machine_memory() == 123456789
 
 

@@ -6,7 +6,7 @@ import pytest
 
 import rockfall
 from rockfall.scene.reach import survey
-from rockfall.scene.scene import read_scene
+from rockfall.scene.read import read_scene
 from rockfall.simulation.simulate import check_tallies, run_scene, start
 from scenes import grid, make_case, rough, sets
 

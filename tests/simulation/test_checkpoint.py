@@ -23,7 +23,7 @@ from batch_case import write_long_case
 from made import refused
 from programs import Killed, find_program, killed_after
 from rockfall.cli import main
-from rockfall.scene.scene import read_scene
+from rockfall.scene.read import read_scene
 from rockfall.simulation import checkpoint, simulate
 from rockfall.simulation.checkpoint import Checkpoint
 from rockfall.simulation.lock import LOCK, locked
@@ -385,7 +385,7 @@ def test_the_commands_keep_a_checkpoint_until_the_result_is_written(
 
 def test_kills_at_random_instants(few_boulders, tmp_path):
     """SIGKILL, and `--resume`, until eight have hit a run; then it is left to end."""
-    command = [sys.executable, "-m", "rockfall.cli", "run", few_boulders, "--quiet", "--boulders"]
+    command = [sys.executable, "-m", "rockfall", "run", few_boulders, "--quiet", "--boulders"]
     command += ["60000", "--checkpoint", "0.01", "--resume", "-o", tmp_path / "killed.nc"]
     instants = random.Random(4)
     environment = {**os.environ, "OMP_NUM_THREADS": "2"}

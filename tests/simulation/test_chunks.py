@@ -63,7 +63,7 @@ def test_a_run_does_not_load_dask(tmp_path):
     case = case_in(tmp_path).replace(terrain={"dem": "dem.tif"})
     (tmp_path / "case.nml").write_text(case.text())
     said = subprocess.run(
-        [sys.executable, "-X", "importtime", "-m", "rockfall.cli", "run", "case.nml", "--quiet"],
+        [sys.executable, "-X", "importtime", "-m", "rockfall", "run", "case.nml", "--quiet"],
         cwd=tmp_path, capture_output=True, text=True, check=True,
     )  # fmt: skip
     loaded = {line.rpartition("|")[2].strip() for line in said.stderr.splitlines()}

@@ -9,7 +9,7 @@ import pytest
 import rockfall
 from made import refused
 from rockfall.cli import main
-from rockfall.scene.scene import read_scene
+from rockfall.scene.read import read_scene
 from rockfall.simulation import dask as cluster
 from rockfall.simulation.dask import run_on_cluster
 

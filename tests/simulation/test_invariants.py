@@ -10,7 +10,7 @@ import rockfall
 import scenes
 from made import refused
 from rockfall.result import variables
-from rockfall.scene.scene import read_scene
+from rockfall.scene.read import read_scene
 from rockfall.simulation import simulate
 from same import same_numbers
 
@@ -30,7 +30,7 @@ OPTIONS = {
     "trajectories": {"output": {"trajectories": 20}},
 }
 ALL = {"line": LINES, "output": {"maps": MAPS, "rebounds": True, "trajectories": 20}}
-STATUSES = ["stopped", "absorbed", "left_domain", "impact_limit"]
+STATUSES = ["stopped", "absorbed", "left_domain", "impact_limit", "hit_nodata"]
 
 
 def slope():
@@ -164,6 +164,21 @@ def test_every_boulder_has_a_status_and_totals_add_up(crowd):
     assert 0 < crowd.rebounds_forced < crowd.rebounds_redrawn < crowd.rebounds
     for name in ("range", "speed", "angle"):
         assert 0 < crowd[f"rebounds_out_of_{name}"] < crowd.rebounds
+
+
+def test_boulders_leave_over_the_edge_or_into_nodata(crowd):
+    """Those that left stand on the hull of the cell centres, or on a side of the hole."""
+    x, y = crowd.stop_x.values / CELL - 0.5, crowd.stop_y.values / CELL - 0.5  # in columns, rows
+    number = {name: k for k, name in enumerate(STATUSES, start=1)}
+    left, hit = (crowd.status.values == number[name] for name in ("left_domain", "hit_nodata"))
+    ny, nx = slope().shape
+    edge = np.minimum.reduce([x, y, nx - 1 - x, ny - 1 - y])
+    assert np.abs(edge[left]).max() < 1e-6 and edge[~left].min() > -1e-6
+    rows, columns = np.nonzero(np.isnan(slope()))
+    west, east = columns.min() - 1, columns.max() + 1
+    south, north = ny - 2 - rows.max(), ny - rows.min()
+    inside = np.minimum.reduce([x - west, east - x, y - south, north - y])
+    assert np.abs(inside[hit]).max() < 1e-6 and inside[~hit].max() < 1e-6
 
 
 def test_totals_of_maps(crowd):
@@ -351,8 +366,8 @@ def test_rebounds_outside_what_the_set_was_fitted_on(folder, ratio):
         assert np.all(outside, axis=0).sum() <= counted <= np.any(outside, axis=0).sum()
         assert 100 < counted < result.rebounds - 100
     scene = read_scene(case, slope(), scenes.grid(slope(), CELL), mean_radius=river())
-    assert scene.sets.speed_range[:, 2].tolist() == [1.5, 13.0]
-    assert scene.sets.angle_range[:, 2].tolist() == [6.0, 53.0]
+    assert scene.coefficients.speed_range[:, 2].tolist() == [1.5, 13.0]
+    assert scene.coefficients.angle_range[:, 2].tolist() == [6.0, 53.0]
 
 
 def test_what_a_set_was_fitted_on_changes_no_boulder(folder):

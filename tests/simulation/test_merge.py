@@ -12,7 +12,7 @@ from affine import Affine
 import rockfall
 from made import make_raster, refused
 from rockfall.cli import main
-from rockfall.scene.scene import read_scene
+from rockfall.scene.read import read_scene
 from rockfall.simulation.checkpoint import Checkpoint
 from rockfall.simulation.simulate import run_scene
 from same import same

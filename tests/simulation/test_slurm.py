@@ -78,7 +78,7 @@ def test_submit_makes_the_merge_wait_for_the_array(few_boulders, commands, tmp_p
         (["--shards", "2", "--program", "c"], "--program c: must be python or batch"),
         (
             ["--shards", "2", "--threads", "1025"],
-            "{case}: &case threads = 1025: must be at most 1024",
+            "{case}: &case threads = 1025: must be 0 to 1024",
         ),
         *(
             (["--shards", "2", f"--time={time}"], f"--time {time}: must be as Slurm has it")

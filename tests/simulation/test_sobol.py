@@ -8,7 +8,7 @@ from scipy.stats import kstest, norm
 import rockfall
 from made import refused
 from rockfall.analysis.line_statistics import line_numbers
-from rockfall.scene.scene import read_scene
+from rockfall.scene.read import read_scene
 from rockfall.simulation.simulate import fields, trajectory
 from same import same_numbers
 from scenes import grid, make_case, rough, sets
@@ -168,7 +168,7 @@ def test_intervals_hold_at_least_as_often_as_they_say(tmp_path):
             line_numbers(result.isel(boulder=slice(k, k + 64)), 0, quantity, np.zeros(64, int))
             for k in range(0, 25600, 64)
         ]
-        for name in ("share", "mean", "q50"):
+        for name in ("fraction", "mean", "q50"):
             held = [s[f"{name}_low"] <= truth[name] <= s[f"{name}_high"] for s in samples]
             assert np.mean(held) > 0.93, (quantity, name)
 

@@ -6,10 +6,10 @@ import pytest
 import xarray as xr
 
 import rockfall
+from made import write_ascii
 from programs import Killed, killed_after
 from rockfall.analysis.run_until import run_until
-from rockfall.io.raster import write_ascii
-from rockfall.scene.scene import read_scene
+from rockfall.scene.read import read_scene
 from rockfall.simulation import simulate
 from rockfall.simulation.checkpoint import Checkpoint
 from same import same

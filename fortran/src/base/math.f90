@@ -10,27 +10,30 @@ module rockfall_math
    real(wp), parameter :: pi = 3.14159265358979323846_wp
    real(wp), parameter :: degree = pi/180.0_wp  !! [rad]
    real(wp), parameter :: ln2 = 0.69314718055994530942_wp
-   integer(i8), parameter :: mantissa_bits = int(z"000FFFFFFFFFFFFF", i8)
-   integer(i8), parameter :: one_bits = int(z"3FF0000000000000", i8)
+   !> An IEEE double: sign, 11 bits of exponent + 1023, 52 bits of fraction.
+   integer, parameter :: fraction_bits = 52, exponent_bias = 1023
+   integer(i8), parameter :: fraction_mask = int(z"000FFFFFFFFFFFFF", i8)
+   integer(i8), parameter :: bits_of_one = int(z"3FF0000000000000", i8)
+   real(wp), parameter :: sqrt2 = 1.4142135623730951_wp
 
 contains
 
    !> Natural logarithm of a positive normal number, within 5 units in the last place.
    elemental real(wp) function logarithm(x)
-      real(wp), intent(in) :: x  !! > 0
+      real(wp), intent(in) :: x  !! > 0 [-]
       integer(i8) :: bits, e
       real(wp) :: m, s, q, q2, q4
       real(wp), parameter :: r(9) = [1.0_wp/3, 1.0_wp/5, 1.0_wp/7, 1.0_wp/9, 1.0_wp/11, 1.0_wp/13, &
                                      1.0_wp/15, 1.0_wp/17, 1.0_wp/19]
 
       bits = transfer(x, bits)
-      e = shiftr(bits, 52) - 1023
-      m = transfer(ior(iand(bits, mantissa_bits), one_bits), m)
-      if (m > 1.4142135623730951_wp) then
+      e = shiftr(bits, fraction_bits) - exponent_bias  ! x = m 2**e, 1 <= m < 2
+      m = transfer(ior(iand(bits, fraction_mask), bits_of_one), m)
+      if (m > sqrt2) then
          m = 0.5_wp*m
          e = e + 1
       end if
-      s = (m - 1)/(m + 1)  ! log m = 2 artanh s, |s| <= 0.172
+      s = (m - 1)/(m + 1)  ! log m = 2 artanh s, |s| <= 0.172: the series to s**19 leaves 1e-17
       q = s*s
       q2 = q*q
       q4 = q2*q2
@@ -38,9 +41,9 @@ contains
                                                                            + q4*(r(8) + q*r(9))))
    end function logarithm
 
-   !> e**x for |x| < 700, within 5 + 2 |x| units in the last place.
+   !> e**x for |x| < 700, within 5 + 2 |x| units in the last place: e**x = 2**k e**r.
    elemental real(wp) function exponential(x)
-      real(wp), intent(in) :: x
+      real(wp), intent(in) :: x  !! [-]
       integer :: k, n
       real(wp) :: r, term
 
@@ -48,7 +51,7 @@ contains
       r = x - k*ln2
       term = 1
       exponential = 1
-      do n = 1, 18  ! |r| <= 0.35
+      do n = 1, 18  ! |r| <= 0.35: r**19/19! < 2e-26
          term = term*r/n
          exponential = exponential + term
       end do
@@ -57,11 +60,11 @@ contains
 
    !> Cube root of a positive number.
    elemental real(wp) function cube_root(x)
-      real(wp), intent(in) :: x  !! > 0
+      real(wp), intent(in) :: x  !! > 0 [-]
       integer :: n
 
       cube_root = exponential(logarithm(x)/3)
-      do n = 1, 2
+      do n = 1, 2  ! Newton's steps take the rounding of logarithm and exponential away
          cube_root = cube_root - (cube_root - x/(cube_root*cube_root))/3
       end do
    end function cube_root
@@ -69,7 +72,7 @@ contains
    !> Sine and cosine for |angle| <= 0.88 rad (50 degrees), by their series.
    elemental subroutine sine_cosine(angle, s, c)
       real(wp), intent(in) :: angle  !! [rad]
-      real(wp), intent(out) :: s, c
+      real(wp), intent(out) :: s, c  !! [-]
       real(wp), parameter :: s3 = -1.0_wp/6, s5 = -s3/20, s7 = -s5/42, s9 = -s7/72, s11 = -s9/110, &
                              s13 = -s11/156, s15 = -s13/210
       real(wp), parameter :: c2 = -0.5_wp, c4 = -c2/12, c6 = -c4/30, c8 = -c6/56, c10 = -c8/90, &
@@ -81,9 +84,9 @@ contains
       c = 1 + q*(c2 + q*(c4 + q*(c6 + q*(c8 + q*(c10 + q*(c12 + q*(c14 + q*c16)))))))
    end subroutine sine_cosine
 
-   !> Square of the sine of 0 to 90 degrees; exact at both ends.
+   !> Square of the sine of 0 to 90 degrees [-]; exact at both ends.
    elemental real(wp) function squared_sine(degrees)
-      real(wp), intent(in) :: degrees
+      real(wp), intent(in) :: degrees  !! [degree]
       real(wp) :: s, c
 
       call sine_cosine(min(degrees, 90 - degrees)*degree, s, c)

@@ -7,13 +7,26 @@ module rockfall_random
    implicit none
    private
    public :: random_key_t, random_key, philox4x32, random_words, four_words, uniform
-   public :: normal_table_t, normal_table, normal, normal_quantile, for_release, for_impact, for_scramble, for_ratio
+   public :: normal_table_t, normal_table, normal, normal_quantile
+   public :: for_release, for_impact, for_scramble, for_ratio, purpose_bit
+   public :: words_per_draw, words_per_block
+   public :: volume_word, matrix_words, turn_class_word, turn_within_word, obstacle_word, ratio_word
 
-   !> Purposes: separate streams.
+   !> Purposes: separate streams. The laboratory has those from 65 on.
    integer(i8), parameter :: for_release = 1, for_impact = 2, for_scramble = 3, for_ratio = 5
-   integer(i8), parameter :: low32 = int(z"FFFFFFFF", i8)
+   integer, parameter :: purpose_bit = 24  !! of the counter's last word; below it are the blocks of a purpose
 
-   integer, parameter :: rounds = 10
+   !> Where in a draw stands the word for what: another order gives other results.
+   integer, parameter :: volume_word = 1        !! for_release: volume
+   integer, parameter :: matrix_words = 9       !! for_impact: words 1 to 9 are the normals of a1..a9
+   integer, parameter :: turn_class_word = 10   !! for_impact: class of the turn, or its quantile by_lab
+   integer, parameter :: turn_within_word = 11  !! for_impact: place within the class; its last bit is the side
+   integer, parameter :: obstacle_word = 12     !! for_impact: obstacle size of method A
+   integer, parameter :: ratio_word = 1         !! for_ratio: which of two impact sets
+
+   integer, parameter :: words_per_block = 4, blocks_per_draw = 3, words_per_draw = words_per_block*blocks_per_draw
+   integer, parameter :: rounds = 10  !! of Philox, as recommended: the fewest that pass all tests are 7
+   integer(i8), parameter :: low32 = int(z"FFFFFFFF", i8)
 
    !> The keys of the rounds of Philox, the same for a whole run.
    type :: random_key_t
@@ -26,8 +39,11 @@ module rockfall_random
       real(wp) :: c(6, 0:32*8 - 1)  !! ascending powers of (t - middle), t the tail over its octave, 1..2
    end type normal_table_t
 
-   integer(i8), parameter :: low49 = 2_i8**49 - 1, one_bits = int(z"3FF0000000000000", i8)
+   !> Of the 52 bits of a fraction the first three say which eighth of the octave, the other 49 where in it.
+   integer, parameter :: within_bits = 49
+   integer(i8), parameter :: within_mask = 2_i8**within_bits - 1, bits_of_one = int(z"3FF0000000000000", i8)
    integer, parameter :: first_piece = 1023*8  !! the exponent of 1.0 and three bits of the fraction
+   real(wp), parameter :: middle = 1 + 1/16.0_wp  !! of an eighth that was moved to 1 .. 1.125
 
 contains
 
@@ -46,9 +62,9 @@ contains
    !> Philox4x32-10 (Salmon et al. 2011, doi:10.1145/2063384.2063405): four random words from a counter
    !> and a key. Words are 32 bits, kept in int64.
    pure function philox4x32(counter, key) result(x)
-      integer(i8), intent(in) :: counter(4)
+      integer(i8), intent(in) :: counter(words_per_block)
       type(random_key_t), intent(in) :: key
-      integer(i8) :: x(4)
+      integer(i8) :: x(words_per_block)
       ! M*c overflows int64; (M - 2**32)*c does not, has the same low word, and a high word lower by c.
       integer(i8), parameter :: m0 = int(z"D2511F53", i8) - low32 - 1, m1 = int(z"CD9E8D57", i8) - low32 - 1
       integer(i8) :: c0, c1, c2, c3, p0, p1
@@ -68,17 +84,18 @@ contains
       x = [c0, c1, c2, c3]
    end function philox4x32
 
-   !> Twelve words: draw `draw` (0, 1, ...) for a boulder's impact (impact 0: its release).
+   !> The words of draw `draw` (0, 1, ...) for a boulder's impact (impact 0: its release).
    pure function random_words(key, purpose, boulder, impact, draw) result(x)
       type(random_key_t), intent(in) :: key
       integer(i8), intent(in) :: purpose, boulder, impact, draw
-      integer(i8) :: x(12)
-      integer(i8) :: counter(4)
+      integer(i8) :: x(words_per_draw)
+      integer(i8) :: counter(words_per_block)
       integer :: k
 
-      counter = [iand(boulder, low32), shiftr(boulder, 32), iand(impact, low32), ior(shiftl(purpose, 24), 3*draw)]
-      do k = 1, 9, 4
-         x(k:k + 3) = philox4x32(counter, key)
+      counter = [iand(boulder, low32), shiftr(boulder, 32), iand(impact, low32), &
+                 ior(shiftl(purpose, purpose_bit), blocks_per_draw*draw)]
+      do k = 1, words_per_draw, words_per_block
+         x(k:k + words_per_block - 1) = philox4x32(counter, key)
          counter(4) = counter(4) + 1
       end do
    end function random_words
@@ -87,20 +104,20 @@ contains
    pure function four_words(key, purpose, boulder, impact, draw) result(x)
       type(random_key_t), intent(in) :: key
       integer(i8), intent(in) :: purpose, boulder, impact, draw
-      integer(i8) :: x(4)
+      integer(i8) :: x(words_per_block)
 
       x = philox4x32([iand(boulder, low32), shiftr(boulder, 32), iand(impact, low32), &
-                      ior(shiftl(purpose, 24), draw)], key)
+                      ior(shiftl(purpose, purpose_bit), draw)], key)
    end function four_words
 
-   !> A number in (0, 1) from a word.
+   !> A number in (0, 1) from a word: the middle of its 2**-32, so that neither end occurs.
    elemental real(wp) function uniform(word)
       integer(i8), intent(in) :: word  !! 0..2**32-1
 
       uniform = (real(word, wp) + 0.5_wp)*2.0_wp**(-32)
    end function uniform
 
-   !> A standard normal number from a word, by inversion: one word, no rejection, no branch, monotone.
+   !> A standard normal number [-] from a word, by inversion: one word, no rejection, no branch, monotone.
    elemental real(wp) function normal(table, word)
       type(normal_table_t), intent(in) :: table
       integer(i8), intent(in) :: word  !! 0..2**32-1
@@ -110,8 +127,8 @@ contains
 
       side = real(2*word + 1 - 2_i8**32, wp)
       bits = transfer(2.0_wp**32 - abs(side), bits)  ! tail probability * 2**33, 1 .. 2**32 - 1
-      piece = int(shiftr(bits, 49)) - first_piece
-      x = transfer(ior(iand(bits, low49), one_bits), x) - 1.0625_wp
+      piece = int(shiftr(bits, within_bits)) - first_piece
+      x = transfer(ior(iand(bits, within_mask), bits_of_one), x) - middle
       associate (c => table%c(:, piece))
          normal = c(1) + x*(c(2) + x*(c(3) + x*(c(4) + x*(c(5) + x*c(6)))))
       end associate
@@ -144,7 +161,7 @@ contains
 
    !> Coefficients of powers of x of the Newton form with differences f at the nodes.
    pure function powers(f, node) result(c)
-      real(wp), intent(in) :: f(0:5), node(0:5)
+      real(wp), intent(in) :: f(0:5), node(0:5)  !! [-]
       real(wp) :: c(0:5)
       integer :: k
 
@@ -159,7 +176,7 @@ contains
    !> Quantile of the standard normal distribution for 1.4e-11 < p <= 1/2
    !> (Wichura 1988, Algorithm AS 241, PPND16, doi:10.2307/2347330).
    elemental real(wp) function normal_quantile(p)
-      real(wp), intent(in) :: p
+      real(wp), intent(in) :: p  !! probability [-]
       real(wp), parameter :: a(0:7) = [3.3871328727963666080_wp, 1.3314166789178437745e2_wp, &
          1.9715909503065514427e3_wp, 1.3731693765509461125e4_wp, 4.5921953931549871457e4_wp, &
          6.7265770927008700853e4_wp, 3.3430575583588128105e4_wp, 2.5090809287301226727e3_wp]
@@ -184,8 +201,9 @@ contains
       end if
    end function normal_quantile
 
+   !> Horner's rule.
    pure real(wp) function polynomial(c, x)
-      real(wp), intent(in) :: c(0:7), x
+      real(wp), intent(in) :: c(0:7), x  !! ascending powers [-]
       integer :: k
 
       polynomial = c(7)

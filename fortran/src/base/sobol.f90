@@ -3,38 +3,39 @@
 !> a pure function of (seed, source, dimension, index).
 module rockfall_sobol
    use rockfall_kinds, only: i8
-   use rockfall_random, only: random_key_t, philox4x32, for_scramble
+   use rockfall_random, only: random_key_t, philox4x32, for_scramble, purpose_bit, words_per_draw
    implicit none
    private
-   public :: sobol_t, sobol_sequence, sobol_word, scrambled, most_dimensions, most_points
+   public :: sobol_t, sobol_sequence, sobol_word, scrambled, volume_dimension, max_dimensions, max_points
 
    integer, parameter :: bits = 32                     !! of a word
-   integer, parameter :: most_dimensions = 13          !! a boulder's volume and the twelve words of a draw
-   integer(i8), parameter :: most_points = 2_i8**bits
+   integer, parameter :: volume_dimension = 1          !! a boulder's volume; the words of its first draw follow
+   integer, parameter :: max_dimensions = volume_dimension + words_per_draw
+   integer(i8), parameter :: max_points = 2_i8**bits
    integer, parameter :: levels = 7, trees = 5         !! a tree of seven levels has 127 nodes: a block of Philox
 
-   !> A sequence; with `dimensions` = 0 nobody asks for it.
+   !> A sequence; with `dimensions` = 0 it is not used.
    type :: sobol_t
       integer :: dimensions = 0
-      integer(i8) :: direction(bits, most_dimensions) = 0  !! direction numbers
+      integer(i8) :: direction(bits, max_dimensions) = 0  !! direction numbers
    end type sobol_t
 
 contains
 
    !> The sequence of Joe and Kuo (2008, doi:10.1137/070709359), direction numbers of new-joe-kuo-6.
    pure type(sobol_t) function sobol_sequence(dimensions) result(sobol)
-      integer, intent(in) :: dimensions  !! 0 .. most_dimensions
-      integer, parameter :: degree(2:most_dimensions) = [1, 2, 3, 3, 4, 4, 5, 5, 5, 5, 5, 5]
-      integer, parameter :: polynomial(2:most_dimensions) = [0, 1, 1, 2, 1, 4, 2, 4, 7, 11, 13, 14]
-      integer, parameter :: first(5, 2:most_dimensions) = reshape([ &
+      integer, intent(in) :: dimensions  !! 0 .. max_dimensions
+      integer, parameter :: degree(2:max_dimensions) = [1, 2, 3, 3, 4, 4, 5, 5, 5, 5, 5, 5]
+      integer, parameter :: polynomial(2:max_dimensions) = [0, 1, 1, 2, 1, 4, 2, 4, 7, 11, 13, 14]
+      integer, parameter :: first(5, 2:max_dimensions) = reshape([ &
          1, 0, 0, 0, 0, 1, 3, 0, 0, 0, 1, 3, 1, 0, 0, 1, 1, 1, 0, 0, 1, 1, 3, 3, 0, 1, 3, 5, 13, 0, &
          1, 1, 5, 5, 17, 1, 1, 5, 5, 5, 1, 1, 7, 11, 19, 1, 1, 5, 1, 1, 1, 1, 1, 3, 11, 1, 3, 5, 5, 31], &
-         [5, most_dimensions - 1])
+         [5, max_dimensions - 1])
       integer :: d, j, k
 
       sobol%dimensions = dimensions
       sobol%direction(:, 1) = [(2_i8**(bits - k), k=1, bits)]
-      do d = 2, most_dimensions
+      do d = 2, max_dimensions
          associate (v => sobol%direction(:, d), s => degree(d))
             v(:s) = [(shiftl(int(first(k, d), i8), bits - k), k=1, s)]
             do k = s + 1, bits
@@ -51,7 +52,7 @@ contains
    !> (Antonov and Saleev 1979), as other programs print it.
    pure integer(i8) function sobol_word(sobol, index, dimension) result(word)
       type(sobol_t), intent(in) :: sobol
-      integer(i8), intent(in) :: index   !! below most_points
+      integer(i8), intent(in) :: index   !! below max_points
       integer, intent(in) :: dimension
       integer(i8) :: left
       integer :: k
@@ -81,7 +82,7 @@ contains
       turned = 0
       do low = (trees - 1)*levels, 0, -levels  ! the lowest bit of each tree
          flip = philox4x32([shiftr(path, low + levels), ibits(source, 0, bits), shiftr(source, bits), &
-                            ior(shiftl(for_scramble, 24), int(64*dimension + low, i8))], key)
+                            ior(shiftl(for_scramble, purpose_bit), int(64*dimension + low, i8))], key)  ! low < 64
          leaf = int(ibits(path, low, levels)) + 2**levels
          do k = 1, levels
             node = shiftr(leaf, k)

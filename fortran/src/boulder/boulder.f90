@@ -4,25 +4,28 @@
 module rockfall_boulder
    use rockfall_kinds, only: wp, i8
    use rockfall_math, only: pi, logarithm, exponential, cube_root
-   use rockfall_random, only: random_key_t, random_words, uniform, normal, normal_table_t, for_release
+   use rockfall_random, only: random_key_t, random_words, uniform, normal, normal_table_t, for_release, &
+                              words_per_draw, volume_word
    implicit none
    private
-   public :: boulder_t, boulder_law_t, release_t, draw_boulder, max_volume, mean_volume, source_of, first_of, last_of, &
-             released_by, spin_inertia
+   public :: boulder_t, volume_distribution_t, release_t, draw_boulder, max_volume, mean_volume
+   public :: source_of, first_of, last_of, released_by, inertia_factor
    public :: fixed_volume, normal_volume, uniform_volume, lognormal_volume, list_volume
 
-   real(wp), parameter :: spin_inertia = 0.4_wp  !! I/(m R_b**2) of a sphere [-]
+   real(wp), parameter :: inertia_factor = 0.4_wp  !! I/(m R_b**2) of a sphere [-]
    integer, parameter :: fixed_volume = 1, normal_volume = 2, uniform_volume = 3, lognormal_volume = 4, &
                          list_volume = 5
 
-   type :: boulder_law_t
-      integer :: law = fixed_volume
-      real(wp) :: mean = 1.0_wp       !! fixed, normal, lognormal [m3]
-      real(wp) :: deviation = 0.0_wp  !! normal (before truncation at zero), lognormal [m3]
-      real(wp) :: least = 0.0_wp, most = 0.0_wp  !! uniform [m3]
-      real(wp), allocatable :: list(:)           !! list: each with equal probability [m3]
-      real(wp) :: density = 2800.0_wp            !! [kg/m3]
-   end type boulder_law_t
+   !> How volumes are distributed, and the density that turns them into masses.
+   type :: volume_distribution_t
+      integer :: kind = fixed_volume
+      real(wp) :: mean = 1.0_wp              !! fixed, normal, lognormal [m3]
+      real(wp) :: std = 0.0_wp               !! normal (before truncation at zero), lognormal [m3]
+      real(wp) :: min = 0.0_wp, max = 0.0_wp !! uniform [m3]
+      real(wp), allocatable :: list(:)       !! list: each with equal probability [m3]
+      !> [kg/m3]; the energies and volumes printed in the paper imply 2800.
+      real(wp) :: density = 2800.0_wp
+   end type volume_distribution_t
 
    type :: boulder_t
       real(wp) :: volume = 0  !! [m3]
@@ -43,6 +46,7 @@ module rockfall_boulder
 
 contains
 
+   !> The source of a boulder; where sources release different numbers, by bisection.
    pure integer(i8) function source_of(release, boulder)
       type(release_t), intent(in) :: release
       integer(i8), intent(in) :: boulder  !! 1..
@@ -93,86 +97,87 @@ contains
       released_by = last_of(release, source) - first_of(release, source) + 1
    end function released_by
 
-   !> The boulder of a number: its volume from the law, radius of the sphere and mass.
-   pure type(boulder_t) function draw_boulder(law, table, key, number, first) result(boulder)
-      type(boulder_law_t), intent(in) :: law
+   !> The boulder of a number: its volume, and the radius and mass of a sphere of it.
+   pure type(boulder_t) function draw_boulder(distribution, table, key, number, first) result(boulder)
+      type(volume_distribution_t), intent(in) :: distribution
       type(normal_table_t), intent(in) :: table
       type(random_key_t), intent(in) :: key
       integer(i8), intent(in) :: number
       integer(i8), intent(in), optional :: first  !! word of the first draw, in place of the usual one
-      integer(i8) :: word(12)
+      integer(i8) :: word(words_per_draw)
 
       word = random_words(key, for_release, number, 0_i8, 0_i8)
-      if (present(first)) word(1) = first
-      select case (law%law)
+      if (present(first)) word(volume_word) = first
+      select case (distribution%kind)
       case (normal_volume)
-         boulder%volume = truncated_normal(law, table, key, number, word)
+         boulder%volume = truncated_normal(distribution, table, key, number, word(volume_word))
       case (uniform_volume)
-         boulder%volume = law%least + (law%most - law%least)*uniform(word(1))
+         boulder%volume = distribution%min + (distribution%max - distribution%min)*uniform(word(volume_word))
       case (lognormal_volume)
-         boulder%volume = lognormal(law, normal(table, word(1)))
+         boulder%volume = lognormal(distribution, normal(table, word(volume_word)))
       case (list_volume)
-         boulder%volume = law%list(1 + int(uniform(word(1))*size(law%list)))
+         boulder%volume = distribution%list(1 + int(uniform(word(volume_word))*size(distribution%list)))
       case default
-         boulder%volume = law%mean
+         boulder%volume = distribution%mean
       end select
       boulder%radius = cube_root(3*boulder%volume/(4*pi))
-      boulder%mass = law%density*boulder%volume
+      boulder%mass = distribution%density*boulder%volume
    end function draw_boulder
 
    !> The largest volume that can be drawn [m3].
-   pure real(wp) function max_volume(law, table) result(volume)
-      type(boulder_law_t), intent(in) :: law
+   pure real(wp) function max_volume(distribution, table) result(volume)
+      type(volume_distribution_t), intent(in) :: distribution
       type(normal_table_t), intent(in) :: table
       integer(i8), parameter :: last_word = 2_i8**32 - 1
 
-      select case (law%law)
-      case (normal_volume); volume = law%mean + law%deviation*normal(table, last_word)
-      case (uniform_volume); volume = law%most
-      case (lognormal_volume); volume = lognormal(law, normal(table, last_word))
-      case (list_volume); volume = maxval(law%list)
-      case default; volume = law%mean
+      select case (distribution%kind)
+      case (normal_volume); volume = distribution%mean + distribution%std*normal(table, last_word)
+      case (uniform_volume); volume = distribution%max
+      case (lognormal_volume); volume = lognormal(distribution, normal(table, last_word))
+      case (list_volume); volume = maxval(distribution%list)
+      case default; volume = distribution%mean
       end select
    end function max_volume
 
-   !> The mean of the volumes [m3]; of a normal law, which loses what is below zero, an upper bound.
-   pure real(wp) function mean_volume(law) result(volume)
-      type(boulder_law_t), intent(in) :: law
+   !> The mean of the volumes [m3]; of a normal distribution, which loses what is below zero, an upper bound.
+   pure real(wp) function mean_volume(distribution) result(volume)
+      type(volume_distribution_t), intent(in) :: distribution
 
-      select case (law%law)
-      case (normal_volume); volume = law%mean + 0.8_wp*law%deviation  ! sqrt(2/pi) where all of the lower half is cut
-      case (uniform_volume); volume = (law%least + law%most)/2
-      case (list_volume); volume = sum(law%list)/size(law%list)
-      case default; volume = law%mean
+      select case (distribution%kind)
+      ! truncation at zero raises the mean most where the mean is zero: by sqrt(2/pi) = 0.798 of std
+      case (normal_volume); volume = distribution%mean + 0.8_wp*distribution%std
+      case (uniform_volume); volume = (distribution%min + distribution%max)/2
+      case (list_volume); volume = sum(distribution%list)/size(distribution%list)
+      case default; volume = distribution%mean
       end select
    end function mean_volume
 
    !> A normal volume above zero [m3]: drawn again until it is.
-   pure real(wp) function truncated_normal(law, table, key, number, first) result(volume)
-      type(boulder_law_t), intent(in) :: law  !! mean > 0, so each draw succeeds at least every second time
+   pure real(wp) function truncated_normal(distribution, table, key, number, first) result(volume)
+      type(volume_distribution_t), intent(in) :: distribution  !! mean > 0: at least every second draw succeeds
       type(normal_table_t), intent(in) :: table
       type(random_key_t), intent(in) :: key
       integer(i8), intent(in) :: number
-      integer(i8), intent(in) :: first(12)  !! words of the first draw
-      integer(i8) :: draw, word(12)
+      integer(i8), intent(in) :: first  !! word of the first draw
+      integer(i8) :: draw, word(words_per_draw)
 
-      word = first
+      volume = distribution%mean + distribution%std*normal(table, first)
       draw = 0
-      do
-         volume = law%mean + law%deviation*normal(table, word(1))
-         if (volume > 0) return
+      do while (volume <= 0)
          draw = draw + 1
          word = random_words(key, for_release, number, 0_i8, draw)
+         volume = distribution%mean + distribution%std*normal(table, word(volume_word))
       end do
    end function truncated_normal
 
-   !> A lognormal volume [m3] whose own (arithmetic) mean and deviation are those of the law.
-   pure real(wp) function lognormal(law, z)
-      type(boulder_law_t), intent(in) :: law
-      real(wp), intent(in) :: z  !! standard normal
+   !> A lognormal volume [m3] whose own (arithmetic) mean and standard deviation are the given ones:
+   !> its logarithm has the variance s2 = ln(1 + (std/mean)**2) and the mean ln(mean) - s2/2.
+   pure real(wp) function lognormal(distribution, z)
+      type(volume_distribution_t), intent(in) :: distribution
+      real(wp), intent(in) :: z  !! standard normal [-]
       real(wp) :: variance
 
-      variance = logarithm(1 + (law%deviation/law%mean)**2)
-      lognormal = law%mean*exponential(sqrt(variance)*z - variance/2)
+      variance = logarithm(1 + (distribution%std/distribution%mean)**2)
+      lognormal = distribution%mean*exponential(sqrt(variance)*z - variance/2)
    end function lognormal
 end module rockfall_boulder

@@ -18,8 +18,13 @@ module rockfall_direction
    !> not choose a side for all boulders. Elevations in double precision make some 1e-12 of it.
    real(wp), parameter :: along_aspect = 1.0e-9_wp
 
+   !> The printed classes of the turn: from which number in (0, 1) on the second and the third are drawn, the width of
+   !> the first two, and that of the third [degree].
+   real(wp), parameter :: second_class = 0.72_wp, third_class = 0.96_wp
+   real(wp), parameter :: sector = 22.5_wp, last_sector = 5.0_wp
+
    integer, parameter :: lateral_classes = 9  !! of incidence, at most
-   !> Probabilities of the quantiles of a class.
+   !> Probabilities of the quantiles of a class: tenths, then the tail.
    real(wp), parameter :: probability(13) = [0.0_wp, 0.1_wp, 0.2_wp, 0.3_wp, 0.4_wp, 0.5_wp, 0.6_wp, 0.7_wp, &
                                              0.8_wp, 0.9_wp, 0.95_wp, 0.99_wp, 1.0_wp]
    integer, parameter :: lateral_quantiles = size(probability)
@@ -27,15 +32,15 @@ module rockfall_direction
 
    !> Lateral deviations in the laboratory, by classes of the incidence angle.
    type :: lateral_t
-      real(wp) :: sine2(lateral_classes - 1) = 1.0_wp  !! squared sines of the angles between classes
+      real(wp) :: sine2(lateral_classes - 1) = 1.0_wp  !! squared sines of the angles between classes [-]
       real(wp) :: angle(lateral_quantiles, lateral_classes) = 0.0_wp  !! quantiles of its amount [rad]
    end type lateral_t
 
-   !> What chance has in store for a turn.
+   !> The rule and the random numbers of a turn.
    type :: turning_t
       integer :: rule = past_aspect
-      real(wp) :: class = 0.0_wp, within = 0.0_wp  !! uniform in (0, 1)
-      real(wp) :: side = 1.0_wp                    !! 1 or -1: where there is no side to turn to
+      real(wp) :: class = 0.0_wp, within = 0.0_wp  !! uniform in (0, 1) [-]
+      real(wp) :: side = 1.0_wp                    !! 1 or -1: where there is no side to turn to [-]
       real(wp) :: lateral = 0.0_wp                 !! by_lab: how far [rad]
    end type turning_t
 
@@ -43,20 +48,21 @@ contains
 
    !> Lateral deviations from degrees, as files have them.
    pure type(lateral_t) function lateral(incidence, angle) result(this)
-      real(wp), intent(in) :: incidence(lateral_classes - 1)                   !! between classes, 0 to 90
-      real(wp), intent(in) :: angle(lateral_quantiles, lateral_classes)
+      real(wp), intent(in) :: incidence(lateral_classes - 1)             !! between classes, 0 to 90 [degree]
+      real(wp), intent(in) :: angle(lateral_quantiles, lateral_classes)  !! quantiles of each class [degree]
 
       this%sine2 = squared_sine(incidence)
       this%angle = angle*degree
    end function lateral
 
-   !> A lateral deviation [rad] for the incoming V_t, V_n [m/s]; straight between quantiles.
+   !> A lateral deviation [rad], by inversion of its distribution; straight between quantiles.
    pure real(wp) function lateral_angle(this, v_in, u)
       type(lateral_t), intent(in) :: this
-      real(wp), intent(in) :: v_in(2), u  !! u: uniform in (0, 1)
+      real(wp), intent(in) :: v_in(2)  !! V_t, V_n [m/s]
+      real(wp), intent(in) :: u        !! uniform in (0, 1) [-]
       integer :: class, k
 
-      do class = 1, lateral_classes - 1
+      do class = 1, lateral_classes - 1  ! sin**2 of the incidence angle = V_n**2/(V_t**2 + V_n**2)
          if (v_in(2)**2 < this%sine2(class)*(v_in(1)**2 + v_in(2)**2)) exit
       end do
       k = min(10, 1 + int(10*u))  ! tenths, then the tail
@@ -67,29 +73,29 @@ contains
       end associate
    end function lateral_angle
 
-   !> The angle of a turn [rad]: 0-22.5 degrees with probability 0.72, 22.5-45 with 0.24, 45-50 with 0.04;
-   !> uniform inside a class.
+   !> The angle of a turn [rad] (section 3.3): 0-22.5 degrees with probability 0.72, 22.5-45 with 0.24, 45-50 with
+   !> 0.04; uniform inside a class, our choice (model, section 5).
    pure real(wp) function turn_angle(class, within)
-      real(wp), intent(in) :: class, within  !! uniform in (0, 1)
+      real(wp), intent(in) :: class, within  !! uniform in (0, 1) [-]
 
-      if (class < 0.72_wp) then
-         turn_angle = 22.5_wp*within
-      else if (class < 0.96_wp) then
-         turn_angle = 22.5_wp + 22.5_wp*within
+      if (class < second_class) then
+         turn_angle = sector*within
+      else if (class < third_class) then
+         turn_angle = sector + sector*within
       else
-         turn_angle = 45.0_wp + 5.0_wp*within
+         turn_angle = 2*sector + last_sector*within
       end if
       turn_angle = turn_angle*degree
    end function turn_angle
 
-   !> The heading after a rebound.
+   !> The heading after a rebound (section 3.3; model, section 5).
    !> In a pit: unchanged. Upslope: uniform within 22.5 degrees of the heading before. Else as the rule says; by the
    !> printed classes only where the cell has a descent.
    pure function new_heading(turning, heading, g, descent, pit) result(after)
       type(turning_t), intent(in) :: turning
-      real(wp), intent(in) :: heading(2)     !! before, unit
+      real(wp), intent(in) :: heading(2)     !! before, unit [-]
       real(wp), intent(in) :: g(2)           !! gradient of the patch [-]
-      real(wp), intent(in) :: descent(2)     !! of the cell, any length
+      real(wp), intent(in) :: descent(2)     !! of the cell, any length [-]
       logical, intent(in) :: pit
       real(wp) :: after(2)
       real(wp) :: s, c, across, side, aspect(2)
@@ -103,7 +109,7 @@ contains
       side = sign(1.0_wp, across)
       along = abs(across) <= along_aspect
       if (dot_product(g, heading) > 0) then
-         call sine_cosine((2*turning%within - 1)*22.5_wp*degree, s, c)
+         call sine_cosine((2*turning%within - 1)*sector*degree, s, c)
          after = rotated(heading, side*s, c)
       else if (turning%rule == by_lab) then
          side = turning%side*merge(1.0_wp, side, along)
@@ -122,8 +128,9 @@ contains
 
    !> The plan heading of the tangent over a heading, turned in the plane of the patch, as in the laboratory.
    pure function rotated_on_patch(heading, g, angle) result(after)
-      real(wp), intent(in) :: heading(2), g(2)
-      real(wp), intent(in) :: angle  !! -pi/2 to pi/2, anticlockwise [rad]
+      real(wp), intent(in) :: heading(2)  !! unit [-]
+      real(wp), intent(in) :: g(2)        !! gradient of the patch [-]
+      real(wp), intent(in) :: angle       !! -pi/2 to pi/2, anticlockwise [rad]
       real(wp) :: after(2)
       real(wp) :: s, c, along
 
@@ -134,8 +141,10 @@ contains
                           *[-(heading(2) + g(2)*along), heading(1) + g(1)*along])
    end function rotated_on_patch
 
+   !> v turned anticlockwise.
    pure function rotated(v, s, c)
-      real(wp), intent(in) :: v(2), s, c  !! sine and cosine of the angle, anticlockwise
+      real(wp), intent(in) :: v(2)  !! any unit
+      real(wp), intent(in) :: s, c  !! sine and cosine of the angle [-]
       real(wp) :: rotated(2)
 
       rotated = [c*v(1) - s*v(2), s*v(1) + c*v(2)]
@@ -143,23 +152,24 @@ contains
 
    !> v divided by its length; zero stays zero.
    pure function unit_vector(v) result(unit)
-      real(wp), intent(in) :: v(2)
+      real(wp), intent(in) :: v(2)  !! any unit
       real(wp) :: unit(2)
       real(wp) :: length
 
       length = sqrt(v(1)*v(1) + v(2)*v(2))
-      if (length > 1.0e-150_wp) then
+      if (length > 1.0e-150_wp) then  ! far above the root of the smallest normal number, 1.5e-154
          unit = v*(1/length)
-      else  ! the squares of such numbers are zero: first to order one
+      else  ! the squares of such numbers are zero or lose digits: first to order one
          unit = 0
          if (any(abs(v) > 0)) unit = v/maxval(abs(v))
          if (any(abs(v) > 0)) unit = unit/sqrt(unit(1)**2 + unit(2)**2)
       end if
    end function unit_vector
 
-   !> A heading anywhere on the circle, for a vertical impact where nothing descends.
+   !> A heading anywhere on the circle, for a vertical impact where nothing descends: an angle within 45 degrees of
+   !> east, where the series of sine and cosine hold, then quarter turns.
    pure function any_heading(u) result(heading)
-      real(wp), intent(in) :: u  !! uniform in (0, 1)
+      real(wp), intent(in) :: u  !! uniform in (0, 1) [-]
       real(wp) :: heading(2)
       real(wp) :: s, c
       integer :: quarter

@@ -10,6 +10,7 @@ module rockfall_flight
    public :: flight_t, landing_t, span_t, fly, launch_rate, arc_length, never
 
    real(wp), parameter :: never = 1.0e30_wp  !! [s] longer than any flight; its square does not overflow
+   real(wp), parameter :: at_rest = 1.0e-200_wp  !! [m2/s2] a plan speed squared that adds nothing to a length
 
    !> The start of a flight.
    type :: flight_t
@@ -18,7 +19,7 @@ module rockfall_flight
       real(wp) :: v(3)                 !! [m/s]
       real(wp) :: above = 0.0_wp       !! height above the patch, >= 0 [m]
       real(wp) :: rate                 !! its rate of change, known exactly after a rebound [m/s]
-      real(wp) :: heading(2) = 0.0_wp  !! of the tangential velocity after the rebound, in plan
+      real(wp) :: heading(2) = 0.0_wp  !! of the tangential velocity after the rebound, in plan; unit [-]
    end type flight_t
 
    !> The end of a flight: the first contact, or where it left the known terrain.
@@ -27,23 +28,25 @@ module rockfall_flight
       real(wp) :: time                 !! of flight [s]
       real(wp) :: x, y, z              !! [m]
       type(patch_t) :: patch           !! the patch that was met
-      real(wp) :: u, w                 !! place in that patch, 0..1
-      real(wp) :: jump_height          !! greatest height above the surface [m]
+      real(wp) :: u, w                 !! place in that patch, 0..1 [cells]
+      real(wp) :: jump_height          !! maximum height above the surface [m]
    end type landing_t
 
    !> A flight over one patch: height above it = d0 + d1 s + d2 s**2 for s = t - t0 in 0..t1-t0.
    type :: span_t
       type(patch_t) :: patch
-      real(wp) :: t0, t1, d0, d1, d2
+      real(wp) :: t0, t1      !! since the start of the flight [s]
+      real(wp) :: d0, d1, d2  !! [m], [m/s], [m/s2]
    end type span_t
 
 contains
 
-   !> Rate of change of the height above a patch [m/s] for a velocity [m/s] at u, w.
+   !> Rate of change of the height above a patch [m/s].
    pure real(wp) function launch_rate(dem, patch, u, w, v)
       type(terrain_t), intent(in) :: dem
       type(patch_t), intent(in) :: patch
-      real(wp), intent(in) :: u, w, v(3)
+      real(wp), intent(in) :: u, w  !! place in the patch, 0..1 [cells]
+      real(wp), intent(in) :: v(3)  !! [m/s]
 
       launch_rate = v(3) - dot_product(gradient(dem, patch, u, w), v(1:2))
    end function launch_rate
@@ -53,6 +56,10 @@ contains
    !> The walk keeps one invariant, which is why nothing can pass through the ground: the height at the
    !> entry of a patch is >= 0. It comes from the exit of the patch before, where it was >= 0; rounding
    !> below zero counts as zero. From zero, going down is a contact at once, going up is not.
+   !>
+   !> Over the patch z00 + a u + b w + c u w the path has u = u0 + p t, w = w0 + q t [cells], so the height above it,
+   !> z(t) - z_patch(u(t), w(t)), is d0 + d1 s + d2 s**2 with d1 = vz - (a + c w) p - (b + c u) q and
+   !> d2 = -g/2 - c p q (model, section 3).
    pure subroutine fly(dem, gravity, start, landing, spans, n_spans)
       type(terrain_t), intent(in) :: dem
       real(wp), intent(in) :: gravity                       !! [m/s2]
@@ -111,7 +118,7 @@ contains
 
    !> Time at which a coordinate leaves patch interval i [s].
    pure real(wp) function exit_time(x, i, step, cell, inverse)
-      real(wp), intent(in) :: x, cell
+      real(wp), intent(in) :: x, cell  !! at the start, size of a cell [m]
       integer, intent(in) :: i, step   !! step: 1 when it grows, else -1
       real(wp), intent(in) :: inverse  !! 1/v [s/m], 0 at rest
 
@@ -120,10 +127,12 @@ contains
    end function exit_time
 
    !> First root of d0 + d1 s + d2 s**2 in 0..length, d0 >= 0, where it goes below zero; without one, s = length.
+   !> Of both forms of a root the one without cancellation is taken.
    pure subroutine first_root(d0, d1, d2, length, contact, s)
-      real(wp), intent(in) :: d0, d1, d2, length
+      real(wp), intent(in) :: d0, d1, d2  !! [m], [m/s], [m/s2]
+      real(wp), intent(in) :: length      !! of the span [s]
       logical, intent(out) :: contact
-      real(wp), intent(out) :: s
+      real(wp), intent(out) :: s          !! [s]
       real(wp) :: root
 
       s = length
@@ -141,9 +150,10 @@ contains
       s = min(s, length)
    end subroutine first_root
 
-   !> Greatest value of d0 + d1 s + d2 s**2 in 0..length.
+   !> Maximum of d0 + d1 s + d2 s**2 in 0..length [m]: at an end, or at the vertex s = -d1/(2 d2).
    pure real(wp) function highest(d0, d1, d2, length)
-      real(wp), intent(in) :: d0, d1, d2, length
+      real(wp), intent(in) :: d0, d1, d2  !! [m], [m/s], [m/s2]
+      real(wp), intent(in) :: length      !! of the span [s]
 
       highest = max(d0, d0 + length*(d1 + length*d2))
       if (d1 > 0 .and. d1 < -2*d2*length) highest = d0 - d1*d1/(4*d2)
@@ -161,9 +171,12 @@ contains
       landing%z = height(landing%patch, landing%u, landing%w)
    end subroutine put_on_surface
 
-   !> Length [m] of a parabola flown for a time: the integral of the speed, in closed form.
+   !> Length [m] of a parabola flown for a time: with the plan speed h and the vertical one w = v3 - g t, the integral
+   !> of sqrt(h**2 + w**2) dt is (F(w0) - F(w1))/(2 g), F(w) = w sqrt(h**2 + w**2) + h**2 ln(w + sqrt(h**2 + w**2)).
    pure real(wp) function arc_length(v, gravity, time)
-      real(wp), intent(in) :: v(3), gravity, time
+      real(wp), intent(in) :: v(3)     !! at the start [m/s]
+      real(wp), intent(in) :: gravity  !! [m/s2]
+      real(wp), intent(in) :: time     !! of flight [s]
       real(wp) :: plan2, v0, v1, s0, s1
 
       plan2 = v(1)*v(1) + v(2)*v(2)
@@ -172,12 +185,12 @@ contains
       s0 = sqrt(plan2 + v0*v0)
       s1 = sqrt(plan2 + v1*v1)
       arc_length = v0*s0 - v1*s1
-      if (plan2 > 1.0e-200_wp) arc_length = arc_length + plan2*logarithm(rise(v0, s0)/rise(v1, s1))
+      if (plan2 > at_rest) arc_length = arc_length + plan2*logarithm(rise(v0, s0)/rise(v1, s1))
       arc_length = max(0.0_wp, 0.5_wp*arc_length/gravity)  ! of a hop the terms cancel
    contains
-      !> v + s without cancellation, s = sqrt(plan2 + v**2).
+      !> v + s [m/s] without cancellation, s = sqrt(plan2 + v**2).
       pure real(wp) function rise(v, s)
-         real(wp), intent(in) :: v, s
+         real(wp), intent(in) :: v, s  !! [m/s]
 
          if (v >= 0) then
             rise = v + s

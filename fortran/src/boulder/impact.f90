@@ -5,8 +5,9 @@
 module rockfall_impact
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail, our_fault
-   use rockfall_random, only: random_key_t, normal_table_t, normal, random_words, for_impact
-   use rockfall_boulder, only: spin_inertia
+   use rockfall_random, only: random_key_t, normal_table_t, normal, random_words, for_impact, words_per_draw, &
+                              matrix_words
+   use rockfall_boulder, only: inertia_factor
    use rockfall_math, only: squared_sine
    implicit none
    private
@@ -14,16 +15,23 @@ module rockfall_impact
    public :: impact_ratios, ratio_class, ratio_between, ratio_weights, rebound_t, rebound
 
    integer, parameter :: impact_ratios = 5  !! sets for R_b/R_m = 1, 2, 3, 4, 5
-   integer, parameter :: most_draws = 32    !! draws of A before one is forced to be admissible
+   integer, parameter :: max_draws = 32    !! draws of A before the last is limited; our choice (model, section 4)
+   !> V_n of a limited rebound that did not leave the surface, over the incoming speed [-]; likewise.
+   real(wp), parameter :: min_normal = 0.01_wp
+   real(wp), parameter :: symmetry_tolerance = 1.0e-12_wp  !! of two entries, over the largest [-]
+   !> What an eigenvalue of a semidefinite matrix printed with seven digits may fall below zero, over the largest
+   !> entry [-].
+   real(wp), parameter :: definite_tolerance = 1.0e-6_wp
+   integer, parameter :: lapack_work = 90  !! of dsyev (at least 3n - 1) and dgelqf (at least n), n = 9
 
    !> The incident speeds, and angles from the surface, that a set was fitted on: squares of both ends, since these
    !> need neither a root nor an arc to be compared.
    type :: fitted_t
       real(wp) :: speed2(2) = [0.0_wp, huge(1.0_wp)]  !! [m2/s2]
-      real(wp) :: sine2(2) = [0.0_wp, 1.0_wp]
+      real(wp) :: sine2(2) = [0.0_wp, 1.0_wp]           !! [-]
    end type fitted_t
 
-   !> Mean m and root L of the covariance C = L L^T of (a1..a9), A by rows; L is lower triangular.
+   !> Mean m and root L of the covariance C = L L^T of (a1..a9), A by rows; L is lower triangular. All [-].
    type :: impact_set_t
       real(wp) :: mean(10) = 0.0_wp     !! and a tenth row of zeros, because
       real(wp) :: root(10, 9) = 0.0_wp  !! processors work in pairs
@@ -34,7 +42,7 @@ module rockfall_impact
    type :: rebound_t
       real(wp) :: v(3)            !! V_t, V_n, W after it [m/s]
       integer :: draws = 1        !! of A
-      logical :: forced = .false. !! none of them was admissible
+      logical :: forced = .false. !! none of them was admissible: the last was limited
    end type rebound_t
 
    interface  ! LAPACK
@@ -77,7 +85,7 @@ contains
    !> A set from its mean and covariance. Factors by dpotrf; a covariance that is only semidefinite by the
    !> pivoted dpstrf. Errors as of check_covariance.
    subroutine impact_set(mean, covariance, set, error)
-      real(wp), intent(in) :: mean(9), covariance(9, 9)
+      real(wp), intent(in) :: mean(9), covariance(9, 9)  !! of a1..a9 [-]
       type(impact_set_t), intent(out) :: set
       type(error_t), allocatable, intent(out) :: error
       real(wp) :: root(9, 9)
@@ -94,11 +102,11 @@ contains
       end do
    end subroutine impact_set
 
-   !> The covariance of A that gives V_out = A V_in the law of A V_in + |V_in| e, |V|**2 = V_t**2 + V_n**2 + W**2, e
-   !> normal with covariance S. A and e are drawn anew together, and |V_in| e has the law of E V_in, where E has
-   !> independent columns of covariance S: so C + S (x) I.
+   !> The covariance of A that gives V_out = A V_in the distribution of A V_in + |V_in| e, |V|**2 = V_t**2 + V_n**2 +
+   !> W**2, e normal with covariance S (model, section 4). A and e are drawn anew together, and |V_in| e is distributed
+   !> as E V_in, where E has independent columns of covariance S: so C + S (x) I.
    pure function with_noise(c, s) result(folded)
-      real(wp), intent(in) :: c(9, 9), s(3, 3)
+      real(wp), intent(in) :: c(9, 9), s(3, 3)  !! [-]
       real(wp) :: folded(9, 9)
       integer :: k
 
@@ -111,7 +119,7 @@ contains
    !> Errors: not symmetric (names the entry), indefinite (names the eigenvalue).
    subroutine check_covariance(name, c, error)
       character(len=*), intent(in) :: name  !! of C, for messages
-      real(wp), intent(in) :: c(:, :)
+      real(wp), intent(in) :: c(:, :)       !! [-]
       type(error_t), allocatable, intent(out) :: error
 
       call check_symmetric(name, c, error)
@@ -120,14 +128,14 @@ contains
 
    subroutine check_symmetric(name, c, error)
       character(len=*), intent(in) :: name
-      real(wp), intent(in) :: c(:, :)
+      real(wp), intent(in) :: c(:, :)  !! [-]
       type(error_t), allocatable, intent(out) :: error
       character(len=160) :: text
       integer :: i, j
 
       do j = 1, size(c, 2)
          do i = j + 1, size(c, 1)
-            if (abs(c(i, j) - c(j, i)) <= 1.0e-12_wp*maxval(abs(c))) cycle
+            if (abs(c(i, j) - c(j, i)) <= symmetry_tolerance*maxval(abs(c))) cycle
             write (text, "(2a,i0,a,i0,a,g0,a,i0,a,i0,a,g0)") name, " is not symmetric: entry (", i, ", ", j, &
                ") = ", c(i, j), ", entry (", j, ", ", i, ") = ", c(j, i)
             call fail(error, trim(text))
@@ -139,9 +147,9 @@ contains
    !> An eigenvalue below zero by more than rounding means that no random matrix has this covariance.
    subroutine check_definite(name, c, error)
       character(len=*), intent(in) :: name
-      real(wp), intent(in) :: c(:, :)
+      real(wp), intent(in) :: c(:, :)  !! [-]
       type(error_t), allocatable, intent(out) :: error
-      real(wp) :: a(size(c, 1), size(c, 1)), eigenvalue(size(c, 1)), work(90)
+      real(wp) :: a(size(c, 1), size(c, 1)), eigenvalue(size(c, 1)), work(lapack_work)
       character(len=120) :: text
       integer :: info
 
@@ -149,25 +157,18 @@ contains
       call dsyev("N", "L", size(c, 1), a, size(c, 1), eigenvalue, work, size(work), info)
       if (info /= 0) then
          call fail(error, "the eigenvalues of the "//name//" did not converge", our_fault)
-      else if (eigenvalue(1) < -rounding(c)) then
+      else if (eigenvalue(1) < -definite_tolerance*maxval(abs(c))) then
          write (text, "(2a,es12.4)") name, " is indefinite: smallest eigenvalue ", eigenvalue(1)
          call fail(error, trim(text)//", must be >= 0")
       end if
    end subroutine check_definite
 
-   !> What an eigenvalue of a semidefinite matrix printed with seven digits may fall below zero.
-   pure real(wp) function rounding(c)
-      real(wp), intent(in) :: c(:, :)
-
-      rounding = 1.0e-6_wp*maxval(abs(c))
-   end function rounding
-
    !> Lower triangular L with L L^T = C for a semidefinite C: dpstrf gives C = P M M^T P^T with a
    !> trapezoid M, and dgelqf turns P M into L Q with an orthogonal Q, which does not matter.
    subroutine semidefinite_root(c, root)
-      real(wp), intent(in) :: c(9, 9)
-      real(wp), intent(out) :: root(9, 9)
-      real(wp) :: factor(9, 9), reflectors(9), work(90)
+      real(wp), intent(in) :: c(9, 9)      !! [-]
+      real(wp), intent(out) :: root(9, 9)  !! [-]
+      real(wp) :: factor(9, 9), reflectors(9), work(lapack_work)
       integer :: pivot(9), rank, info, k
 
       root = 0
@@ -202,10 +203,10 @@ contains
       angle = normal2 < this%sine2(1)*speed2 .or. normal2 > this%sine2(2)*speed2
    end subroutine beyond_fit
 
-   !> The set that serves a ratio R_b/R_m: rounded, within 1..5; `outside`: beyond 0.5..5.5, where no set
-   !> is calibrated.
+   !> The set that serves a ratio R_b/R_m: rounded, within 1..5 (model, section 4); `outside`: beyond 0.5..5.5,
+   !> where no set is calibrated.
    pure subroutine ratio_class(ratio, class, outside)
-      real(wp), intent(in) :: ratio
+      real(wp), intent(in) :: ratio  !! R_b/R_m [-]
       integer, intent(out) :: class
       logical, intent(out) :: outside
 
@@ -213,11 +214,11 @@ contains
       class = int(0.5_wp + max(1.0_wp, min(real(impact_ratios, wp), ratio)))
    end subroutine ratio_class
 
-   !> The set that serves a ratio by chance: of the two beside it the upper one with the probability of how near the
+   !> The set that serves a ratio at random: of the two beside it the upper one with the probability of how near the
    !> ratio comes to it, within 1..5.
    pure integer function ratio_between(ratio, u) result(class)
-      real(wp), intent(in) :: ratio
-      real(wp), intent(in) :: u  !! uniform in (0, 1)
+      real(wp), intent(in) :: ratio  !! R_b/R_m [-]
+      real(wp), intent(in) :: u      !! uniform in (0, 1) [-]
       real(wp) :: within
 
       within = max(1.0_wp, min(real(impact_ratios, wp), ratio))
@@ -225,9 +226,9 @@ contains
       if (u < within - class) class = class + 1
    end function ratio_between
 
-   !> How often each set serves a ratio: the nearest always, or the two beside it by chance.
+   !> How often each set serves a ratio [-]: the nearest always, or the two beside it at random.
    pure function ratio_weights(ratio, between) result(weight)
-      real(wp), intent(in) :: ratio
+      real(wp), intent(in) :: ratio  !! R_b/R_m [-]
       logical, intent(in) :: between
       real(wp) :: weight(impact_ratios)
       integer :: class
@@ -242,38 +243,44 @@ contains
       weight(class) = 1 - weight(class + 1)
    end function ratio_weights
 
-   !> One rebound (eqs 4, 5). A draw is admissible if the boulder leaves the surface and gains no
-   !> kinetic energy; otherwise A is drawn again, and after 32 draws the last is forced.
+   !> One rebound: V_out = A V_in with a random A (eqs 4, 5). A draw is admissible if the boulder leaves the surface
+   !> and gains no kinetic energy; otherwise A is drawn again, and after 32 draws the last is limited.
+   !>
+   !> The local frame: t along the tangential velocity before the impact, so V_t_in >= 0; n the surface normal, away
+   !> from the ground, so V_n_in <= 0; W = R_b omega, > 0 for forward rolling. With W all three are velocities, so A has
+   !> no dimension and a set serves boulders of any size (our choice; model, section 4).
+   !> R_t = V_t_out/V_t_in and R_n = -V_n_out/V_n_in (eqs 6, 7) follow from A, they do not go in.
    pure subroutine rebound(set, table, key, boulder, impact, words, v_in, out)
       type(impact_set_t), intent(in) :: set
       type(normal_table_t), intent(in) :: table
       type(random_key_t), intent(in) :: key
       integer(i8), intent(in) :: boulder, impact
-      integer(i8), intent(in) :: words(9)      !! of the first draw
+      integer(i8), intent(in) :: words(matrix_words)  !! of the first draw
       real(wp), intent(in) :: v_in(3)          !! V_t, V_n, W [m/s]
       type(rebound_t), intent(out) :: out
-      integer(i8) :: again(12)
-      real(wp) :: energy_in, z(9)
+      integer(i8) :: again(words_per_draw)
+      real(wp) :: energy_in, z(matrix_words)
       integer :: draw
 
       energy_in = twice_energy(v_in)
       z = normal(table, words)
       out%v = product_with(set, z, v_in)
-      do draw = 1, most_draws - 1
+      do draw = 1, max_draws - 1
          if (admissible(out%v, energy_in)) return
          again = random_words(key, for_impact, boulder, impact, int(draw, i8))
-         z = normal(table, again(1:9))
+         z = normal(table, again(1:matrix_words))
          out%v = product_with(set, z, v_in)
          out%draws = out%draws + 1
       end do
       out%forced = .not. admissible(out%v, energy_in)
-      if (out%forced) call force(out%v, v_in)
+      if (out%forced) call limit_rebound(out%v, v_in)
    end subroutine rebound
 
-   !> A V_in for A = m + L z.
+   !> A V_in [m/s] for A = m + L z (eqs 4, 5).
    pure function product_with(set, z, v_in) result(v)
       type(impact_set_t), intent(in) :: set
-      real(wp), intent(in) :: z(9), v_in(3)
+      real(wp), intent(in) :: z(matrix_words)  !! independent standard normals [-]
+      real(wp), intent(in) :: v_in(3)          !! V_t, V_n, W [m/s]
       real(wp) :: v(3), a(10)
 
       associate (m => set%mean, l => set%root)
@@ -285,25 +292,27 @@ contains
       v(3) = a(7)*v_in(1) + a(8)*v_in(2) + a(9)*v_in(3)
    end function product_with
 
-   !> Twice the kinetic energy per mass of (V_t, V_n, W) [m2/s2].
+   !> Twice the kinetic energy per mass [m2/s2]: V_t**2 + V_n**2 + I omega**2/m, I = 2/5 m R_b**2.
    pure real(wp) function twice_energy(v)
-      real(wp), intent(in) :: v(3)
+      real(wp), intent(in) :: v(3)  !! V_t, V_n, W [m/s]
 
-      twice_energy = v(1)*v(1) + v(2)*v(2) + spin_inertia*v(3)*v(3)
+      twice_energy = v(1)*v(1) + v(2)*v(2) + inertia_factor*v(3)*v(3)
    end function twice_energy
 
+   !> Whether a boulder may rebound so (model, section 4).
    pure logical function admissible(v, energy_in)
-      real(wp), intent(in) :: v(3), energy_in
+      real(wp), intent(in) :: v(3)       !! V_t, V_n, W after it [m/s]
+      real(wp), intent(in) :: energy_in  !! as of twice_energy, before it [m2/s2]
 
       admissible = v(2) > 0 .and. twice_energy(v) <= energy_in
    end function admissible
 
    !> The nearest thing to an admissible rebound: up at 1 % of the incoming speed, no more energy than before.
-   pure subroutine force(v, v_in)
-      real(wp), intent(inout) :: v(3)
-      real(wp), intent(in) :: v_in(3)
+   pure subroutine limit_rebound(v, v_in)
+      real(wp), intent(inout) :: v(3)  !! V_t, V_n, W after it [m/s]
+      real(wp), intent(in) :: v_in(3)  !! before it [m/s]
 
-      if (v(2) <= 0) v(2) = 0.01_wp*sqrt(v_in(1)**2 + v_in(2)**2)
+      if (v(2) <= 0) v(2) = min_normal*sqrt(v_in(1)**2 + v_in(2)**2)
       if (twice_energy(v) > twice_energy(v_in)) v = v*sqrt(twice_energy(v_in)/twice_energy(v))
-   end subroutine force
+   end subroutine limit_rebound
 end module rockfall_impact

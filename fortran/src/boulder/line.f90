@@ -6,6 +6,7 @@ module rockfall_line
    private
    public :: line_t, line, first_crossing
 
+   !> A polyline.
    type :: line_t
       real(wp), allocatable :: x(:), y(:)     !! vertices, local coordinates [m]
       real(wp) :: low(2), high(2)             !! bounding box [m]
@@ -13,6 +14,7 @@ module rockfall_line
 
 contains
 
+   !> A polyline from its vertices.
    pure type(line_t) function line(x, y)
       real(wp), intent(in) :: x(:), y(:)  !! two vertices or more [m]
 
@@ -22,16 +24,16 @@ contains
       line%high = [maxval(x), maxval(y)]
    end function line
 
-   !> Where along the plan path from a to b a line is met first: share of the way in 0..1, or above 1 when
-   !> it is not met. Which side a point is on is a sign, with zero on the left, so that a path that ends
-   !> on the line and goes on from there meets it once.
-   pure real(wp) function first_crossing(this, a, b) result(share)
+   !> Where along the plan path from a to b a line is crossed first: fraction of the path in 0..1 [-], or 2 when
+   !> it is not crossed. Which side a point is on is a sign, with zero on the left, so that a path that ends
+   !> on the line and goes on from there crosses it once.
+   pure real(wp) function first_crossing(this, a, b) result(fraction)
       type(line_t), intent(in) :: this
       real(wp), intent(in) :: a(2), b(2)  !! [m]
       real(wp) :: side_a, side_b, p(2), q(2), at
       integer :: k
 
-      share = 2
+      fraction = 2
       if (any(min(a, b) > this%high) .or. any(max(a, b) < this%low)) return
       do k = 1, size(this%x) - 1
          p = [this%x(k), this%y(k)]
@@ -41,12 +43,13 @@ contains
          if ((side_a >= 0) .eqv. (side_b >= 0)) cycle
          if ((cross(b - a, p - a) >= 0) .eqv. (cross(b - a, q - a) >= 0)) cycle
          at = side_a/(side_a - side_b)
-         share = min(share, at)
+         fraction = min(fraction, at)
       end do
    end function first_crossing
 
+   !> Vertical component of a x b [m2]: twice the area of the triangle they span, > 0 where b is left of a.
    pure real(wp) function cross(a, b)
-      real(wp), intent(in) :: a(2), b(2)
+      real(wp), intent(in) :: a(2), b(2)  !! [m]
 
       cross = a(1)*b(2) - a(2)*b(1)
    end function cross

@@ -1,199 +1,235 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Door 1: plain arrays for Python. No physics here. An optional array that is absent comes with a
+!> The Python interface of the kernel: plain arrays, no physics. An optional array that is absent comes with a
 !> single element, because f2py has no empty ones.
+!>
+!> A scene is built once, by `open_scene`, and known by a handle until `close_scene`; it looks at the arrays that it
+!> was made of, which the caller keeps as they are. One run at a time may use it.
 module rockfall_f2py
-   use iso_c_binding, only: c_double, c_float, c_int, c_int8_t, c_int16_t, c_int32_t, c_int64_t
+   use ieee_arithmetic, only: ieee_value, ieee_quiet_nan
+   use iso_c_binding, only: c_double, c_float, c_int, c_int8_t, c_int16_t, c_int32_t, c_int64_t, c_intptr_t, c_ptr, &
+                            c_loc, c_f_pointer
    use rockfall_error, only: error_t, give_error
-   use rockfall_random, only: random_key
-   use rockfall_sobol, only: sobol_sequence
-   use rockfall_terrain, only: terrain_t, terrain, keep_within
+   use rockfall_grid, only: grid_t, is_outside
+   use rockfall_terrain, only: terrain_t, terrain, keep_within, is_known_at
+   use rockfall_boulder, only: first_of, last_of, source_of
    use rockfall_surface, only: size_weights
    use rockfall_impact, only: ratio_weights
-   use rockfall_trajectory, only: scene_t, fate_t, crossing_t, scratch_t
-   use rockfall_scene, only: coefficients_t, set_sources, check_sources, add_line, set_impacts
+   use rockfall_trajectory, only: scene_t, boulder_result_t, crossing_t, scratch_t, left_window
+   use rockfall_scene, only: scene_arrays_t, scene_from, check_sources, boulders_of
    use rockfall_reach, only: block_side, take_minima, reach_box
-   use rockfall_sources, only: usual_threshold, keep_steep, surface_ratios, last_boulders
-   use rockfall_map, only: maps_t, follows_cells
-   use rockfall_mapvalues, only: map_plan_t, plan_maps => map_plan, map_views, map_row, map_fewest
-   use rockfall_bounds, only: check_map_tallies => check_tallies
-   use rockfall_boulder, only: boulder_law_t
-   use rockfall_threads, only: team_size, check_team, release_team
+   use rockfall_sources, only: usual_threshold, keep_steep, surface_ratios
+   use rockfall_maps, only: maps_t, needs_visits
+   use rockfall_map_values, only: map_plan_t, plan_maps => map_plan, map_views, map_row, map_min_count
+   use rockfall_limits, only: check_tallies
+   use rockfall_threads, only: team_size, check_team, release_team, max_threads
    use rockfall_ensemble, only: run_boulders, trace_boulder
    use rockfall_result, only: boulder_row, boulder_count_row, line_row, vertex_row
    use rockfall_variables, only: variable_text, boulder_fields, boulder_counts, line_fields, &
                                  vertex_fields, map_fields
    use rockfall_histogram, only: bin_width, n_bins
-   use rockfall_case, only: case_t, read_case, key_text, n_keys
-   use rockfall_sets, only: read_impact_sets => read_sets
-   use rockfall_classicheader, only: claims_too_much => overstates
+   use rockfall_case, only: case_t, read_case, key_text, n_keys, map_names, turning_rule, radius_of_reading
+   use rockfall_impact_sets, only: coefficients_t, read_impact_sets => read_sets, any_speed
    implicit none
    private
-   public :: run, survey, reach, block_of, map_plan, check_tallies, map_values, check_case, case_key, variable, read_sets, fields, &
-             histogram_bins, team, team_fits, end_team, slope_threshold, steep_cells, area_ratios, release_ends, overstates, &
-             weights_of_sets, weights_of_sizes
+   public :: open_scene, close_scene, run, trajectory, survey, reach, block_of, map_plan, check_maps, map_values, &
+             check_case, case_key, variable, read_sets, fields, histogram_bins, team, team_fits, end_team, &
+             slope_threshold, steep_cells, area_ratios, known_at, outside, boulders, boulders_of_source, sources_of_boulders, weights_of_sets, weights_of_sizes, &
+             size_to_radius, constant
+
+   !> What a handle stands for.
+   type :: open_scene_t
+      type(scene_t) :: scene
+      type(terrain_t) :: dem    !! its terrain, as far as the arrays reach
+      type(map_plan_t) :: plan  !! of the maps that the case asks for
+   end type open_scene_t
 
 contains
 
-   !> Follow boulders first .. first + n - 1 of a scene; maps and histograms are added to. With room > 1 (and
-   !> n = 1) the vertices of the trajectory are kept too, up to `room` of `recorded`.
-   subroutine run(z8, z4, west, north, cell, nodes, at, zone1, zone2, values, sizes, method, size_to_radius, &
-                  set_mean, set_covariance, set_incidence, set_lateral, set_speed_range, set_angle_range, &
-                  turning, between, gravity, stop_speed, impact_limit, &
-                  law, law_values, volumes, density, source_x, source_y, sources_before, per_source, source_end, &
-                  drop_height, velocity, &
-                  lines, line_end, line_x, line_y, seed, sobol, first, threads, &
-                  plan, map_at, map_last, map_counts, map_sums, map_reals, class_counts, column, columns, stamp, head, &
-                  histograms, histogram, boulder, counts, crossing, vertex, recorded, code, message, &
-                  nx8, ny8, nx4, ny4, nx1, ny1, nx2, ny2, nxv, nyv, nkv, ks, ms, nv, ns, nl, nlv, &
-                  nxc, nyc, nkc, nxs, nys, nks, nxr, nyr, nkr, kc, cc, nxq, nyq, nxt, nyt, nkt, ne, n, room)
-      !f2py threadsafe
-      integer(c_int), intent(in) :: nx8, ny8, nx4, ny4, nx1, ny1, nx2, ny2, nxv, nyv, nkv, ks, ms, nv, ns, nl, nlv, &
-                                    nxc, nyc, nkc, nxs, nys, nks, nxr, nyr, nkr, kc, cc, nxq, nyq, &
-                                    nxt, nyt, nkt, ne, n, room
+   !> The scene of the text of a case and of the arrays in `scene_arrays_t`, as a handle.
+   subroutine open_scene(text, name, z8, z4, west, north, cell, nodes, first, zone1, zone2, values, sizes, &
+                         source_x, source_y, area_ratio, sets_text, sets_name, draw, handle, code, message, &
+                         nx8, ny8, nx4, ny4, nx1, ny1, nx2, ny2, nxv, nyv, nkv, ks, ms, ns, na)
+      integer(c_int), intent(in) :: nx8, ny8, nx4, ny4, nx1, ny1, nx2, ny2, nxv, nyv, nkv, ks, ms, ns, na
+      character(len=*), intent(in) :: text, name                 !! of the case, and what it is called in messages
       real(c_double), intent(in), target :: z8(nx8, ny8)         !! elevations [m], or
       real(c_float), intent(in), target :: z4(nx4, ny4)          !! in single precision
       real(c_double), intent(in) :: west, north, cell            !! outer edges, cell size [m]
-      integer(c_int), intent(in) :: nodes(2), at(2)              !! columns, rows of the raster; where arrays begin
+      integer(c_int), intent(in) :: nodes(2), first(2)           !! columns, rows of the raster; where arrays begin
       integer(c_int8_t), intent(in), target :: zone1(nx1, ny1)   !! column of `sizes`, or
       integer(c_int16_t), intent(in), target :: zone2(nx2, ny2)  !! of more than 127, or
       real(c_float), intent(in), target :: values(nxv, nyv, nkv) !! sizes of each cell [m]
-      real(c_double), intent(in) :: sizes(ks, ms)                !! as in surface_t [m]
-      integer(c_int), intent(in) :: method                       !! 1 = A, 2 = B
-      real(c_double), intent(in) :: size_to_radius
-      real(c_double), intent(in) :: set_mean(9, 5), set_covariance(9, 9, 5)  !! as in coefficients_t
-      real(c_double), intent(in) :: set_incidence(8, 5), set_lateral(13, 9, 5)
-      real(c_double), intent(in) :: set_speed_range(2, 5), set_angle_range(2, 5)
-      integer(c_int), intent(in) :: turning                      !! rule of turning_t
-      integer(c_int), intent(in) :: between                      !! ratios: 0 or 1
-      real(c_double), intent(in) :: gravity, stop_speed          !! [m/s2], [m/s]
-      integer(c_int), intent(in) :: impact_limit
-      integer(c_int), intent(in) :: law                          !! as in boulder_law_t
-      real(c_double), intent(in) :: law_values(4), volumes(nv)   !! mean, deviation, least, most; list [m3]
-      real(c_double), intent(in) :: density                      !! [kg/m3]
-      real(c_double), intent(in) :: source_x(ns), source_y(ns)   !! map coordinates [m], of all sources or those
-      integer(c_int64_t), intent(in) :: sources_before           !! of boulders first .. first + n - 1
-      integer(c_int64_t), intent(in) :: per_source               !! boulders of each source, or
-      integer(c_int64_t), intent(in) :: source_end(ne)           !! the last boulder of each of all
-      real(c_double), intent(in) :: drop_height, velocity(3)     !! [m], [m/s]
-      integer(c_int), intent(in) :: lines                        !! how many; vertices up to line_end(k)
-      integer(c_int), intent(in) :: line_end(nl)
-      real(c_double), intent(in) :: line_x(nlv), line_y(nlv)     !! map coordinates [m]
-      integer(c_int64_t), intent(in) :: seed, first
-      integer(c_int), intent(in) :: sobol                        !! dimensions: 0, 1 (volume) or 13 (first draw)
+      real(c_double), intent(in) :: sizes(ks, ms)                !! [m]
+      real(c_double), intent(in) :: source_x(ns), source_y(ns)   !! map coordinates [m]
+      real(c_double), intent(in) :: area_ratio(na)
+      character(len=*), intent(in) :: sets_text, sets_name       !! of the file of impact sets
+      integer(c_int), intent(in) :: draw                         !! of its draws; 0: the only one
+      integer(c_intptr_t), intent(out) :: handle                 !! 0 without a scene
+      integer(c_int), intent(out) :: code                        !! 0 = success
+      character(len=1024), intent(out) :: message
+      type(scene_arrays_t) :: arrays
+      type(open_scene_t), pointer :: opened
+      type(case_t) :: case
+      type(error_t), allocatable :: error
+
+      handle = 0
+      arrays%grid%west = west
+      arrays%grid%north = north
+      arrays%grid%cell = cell
+      arrays%grid%nx = nodes(1)
+      arrays%grid%ny = nodes(2)
+      arrays%first = first
+      if (size(z8) > 1) arrays%z8 => z8
+      if (size(z8) <= 1) arrays%z4 => z4
+      if (size(zone1) > 1) arrays%zone1 => zone1
+      if (size(zone2) > 1) arrays%zone2 => zone2
+      if (size(values) > 1) arrays%values => values
+      arrays%sizes = sizes
+      arrays%source_x = source_x
+      arrays%source_y = source_y
+      arrays%sets_text = sets_text
+      arrays%sets_name = sets_name
+      arrays%draw = draw
+      call read_case(text, name, case, error)
+      if (case%by_area .and. .not. allocated(error)) arrays%area_ratio = area_ratio
+      if (.not. allocated(error)) then
+         allocate (opened)
+         call scene_from(case, arrays, opened%scene, error)
+         opened%dem = opened%scene%dem
+         opened%plan = plan_maps(pack(map_names, case%map))
+         handle = transfer(c_loc(opened), handle)
+         if (allocated(error)) call close_scene(handle)
+      end if
+      call give_error(error, code, message)
+   end subroutine open_scene
+
+   !> Forget a scene; the handle stands for nothing afterwards.
+   subroutine close_scene(handle)
+      integer(c_intptr_t), intent(in) :: handle
+      type(open_scene_t), pointer :: opened
+
+      opened => scene_of(handle)
+      deallocate (opened)
+   end subroutine close_scene
+
+   function scene_of(handle) result(opened)
+      integer(c_intptr_t), intent(in) :: handle
+      type(open_scene_t), pointer :: opened
+      type(c_ptr) :: place
+
+      place = transfer(handle, place)
+      call c_f_pointer(place, opened)
+   end function scene_of
+
+   !> Run boulders first .. first + n - 1 of a scene; maps and histograms are added to.
+   subroutine run(handle, first, threads, map_at, map_last, map_counts, map_sums, map_reals, class_counts, column, &
+                  columns, stamp, head, histogram, boulder, counts, crossing, code, message, &
+                  nxc, nyc, nkc, nxs, nys, nks, nxr, nyr, nkr, kc, cc, nxq, nyq, nxt, nyt, nkt, nl, n)
+      !f2py threadsafe
+      integer(c_int), intent(in) :: nxc, nyc, nkc, nxs, nys, nks, nxr, nyr, nkr, kc, cc, nxq, nyq, nxt, nyt, nkt, nl, n
+      integer(c_intptr_t), intent(in) :: handle
+      integer(c_int64_t), intent(in) :: first
       integer(c_int), intent(in) :: threads
-      integer(c_int), intent(in) :: plan(14)                     !! of `map_plan`
-      integer(c_int), intent(in) :: map_at(2), map_last(2)       !! first and last column, row of maps
+      integer(c_int), intent(in) :: map_at(2), map_last(2)    !! first and last column, row of maps
       integer(c_int32_t), intent(inout), target :: map_counts(nxc, nyc, nkc)  !! stacks, as in map_views
       integer(c_int64_t), intent(inout), target :: map_sums(nxs, nys, nks)
       real(c_float), intent(inout), target :: map_reals(nxr, nyr, nkr)
       integer(c_int32_t), intent(inout), target :: class_counts(kc, cc), column(nxq, nyq), columns(1)
       integer(c_int32_t), intent(inout), target :: stamp(nxt, nyt, nkt)  !! as in maps_t, with its `head`
       integer(c_int64_t), intent(in) :: head
-      integer(c_int), intent(in) :: histograms                   !! 0: none
       integer(c_int64_t), intent(inout) :: histogram(50, 6)
       real(c_double), intent(out) :: boulder(12, n)              !! boulder_fields
       integer(c_int32_t), intent(out) :: counts(8, n)            !! boulder_counts
-      real(c_double), intent(out) :: crossing(12, nl, n)         !! line_fields
-      real(c_double), intent(out) :: vertex(14, room)            !! vertex_fields
-      integer(c_int), intent(out) :: recorded
+      real(c_double), intent(out) :: crossing(12, nl, n)         !! line_fields; one line at least
       integer(c_int), intent(out) :: code                        !! 0 = success
       character(len=1024), intent(out) :: message
-      type(scene_t) :: scene
+      type(open_scene_t), pointer :: opened
       type(maps_t) :: maps
-      type(error_t), allocatable :: error
+      type(boulder_result_t), allocatable :: fates(:)
+      type(crossing_t), allocatable :: crossings(:, :)
+      integer :: k, l, status
 
-      recorded = 0
-      boulder = 0
-      counts = 0
+      code = 0
+      message = ""
       crossing = 0
-      vertex = 0
-      scene%key = random_key(seed)
-      if (sobol > 0) scene%sobol = sobol_sequence(sobol)
-      scene%gravity = gravity
-      scene%stop_speed = stop_speed
-      scene%between_ratios = between /= 0
-      scene%most_impacts = impact_limit
-      call set_terrain(scene%dem, z8, z4, west, north, cell, nodes, at)
-      call keep_within(scene%dem, map_at, map_last)
-      call set_surface()
-      call set_boulders()
-      call set_lines()
-      maps = map_views(as_plan(plan), map_at, map_counts, map_sums, map_reals, class_counts, column, columns(1))
-      maps%stamp(map_at(1):, map_at(2):, 1:) => stamp
-      maps%head = head
-      scene%wants_cells = follows_cells(maps)
-      scene%wants_histograms = histograms /= 0
-      call set_impacts(scene, coefficients_t(set_mean, set_covariance, set_incidence, set_lateral, &
-                                                 set_speed_range, set_angle_range), turning, error)
-      call give_error(error, code, message)
-      if (code /= 0) return
-      if (room > 1) then
-         call trace()
-      else
-         call follow_all()
-      end if
-
-   contains
-
-      subroutine set_surface()
-         scene%surface%method = method
-         scene%surface%size_to_radius = size_to_radius
-         scene%surface%sizes = sizes
-         if (size(zone1) > 1) scene%surface%zone1(at(1):, at(2):) => zone1
-         if (size(zone2) > 1) scene%surface%zone2(at(1):, at(2):) => zone2
-         if (size(values) > 1) scene%surface%values(at(1):, at(2):, 1:) => values
-      end subroutine set_surface
-
-      subroutine set_boulders()
-         scene%law = as_law(law, law_values, volumes, density)
-         scene%release%before = sources_before
-         scene%release%boulders_per_source = per_source
-         if (size(source_end) > 1) scene%release%last = source_end
-         scene%release%drop_height = drop_height
-         scene%release%velocity = velocity
-         call set_sources(scene, source_x, source_y)
-      end subroutine set_boulders
-
-      subroutine set_lines()
-         integer :: k, from
-
-         from = 1
-         do k = 1, lines
-            call add_line(scene, line_x(from:line_end(k)), line_y(from:line_end(k)))
-            from = line_end(k) + 1
-         end do
-      end subroutine set_lines
-
-      subroutine follow_all()
-         type(fate_t), allocatable :: fates(:)
-         type(crossing_t), allocatable :: crossings(:, :)
-         integer :: k, l
-
-         allocate (fates(n), crossings(lines, n))
+      opened => scene_of(handle)
+      associate (scene => opened%scene)
+         scene%dem = opened%dem
+         call keep_within(scene%dem, map_at, map_last)
+         maps = map_views(opened%plan, map_at, map_counts, map_sums, map_reals, class_counts, column, columns(1))
+         maps%last_source(map_at(1):, map_at(2):, 1:) => stamp
+         maps%first_partial = head
+         scene%cells_requested = needs_visits(maps)
+         allocate (fates(n), crossings(n_lines(scene), n), stat=status)
+         if (status /= 0) then
+            code = 2
+            message = "boulders of a chunk do not fit in memory"
+            return
+         end if
          call run_boulders(scene, first, threads, fates, crossings, maps, histogram)
          do k = 1, n
             boulder(:, k) = boulder_row(scene%dem, fates(k))
             counts(:, k) = boulder_count_row(fates(k))
-            do l = 1, lines
+            do l = 1, size(crossings, 1)
                crossing(:, l, k) = line_row(scene%dem, fates(k), crossings(l, k))
             end do
          end do
-      end subroutine follow_all
+      end associate
+   end subroutine run
 
-      subroutine trace()
-         type(fate_t) :: fate
-         type(scratch_t) :: scratch
-         integer :: k
+   pure integer function n_lines(scene)
+      type(scene_t), intent(in) :: scene
 
-         call trace_boulder(scene, first, room, fate, scratch)
-         boulder(:, 1) = boulder_row(scene%dem, fate)
-         counts(:, 1) = boulder_count_row(fate)
+      n_lines = 0
+      if (allocated(scene%lines)) n_lines = size(scene%lines)
+   end function n_lines
+
+   !> Run one boulder alone and keep the vertices of its trajectory, up to `room` of `recorded`; nothing is tallied.
+   subroutine trajectory(handle, number, vertex, recorded, boulder, counts, room)
+      !f2py threadsafe
+      integer(c_int), intent(in) :: room
+      integer(c_intptr_t), intent(in) :: handle
+      integer(c_int64_t), intent(in) :: number
+      real(c_double), intent(inout) :: vertex(14, room)          !! vertex_fields
+      integer(c_int), intent(out) :: recorded
+      real(c_double), intent(out) :: boulder(12)                 !! boulder_fields
+      integer(c_int32_t), intent(out) :: counts(8)               !! boulder_counts
+      type(open_scene_t), pointer :: opened
+      type(boulder_result_t) :: fate
+      type(scratch_t) :: scratch
+      integer :: k
+
+      opened => scene_of(handle)
+      associate (scene => opened%scene)
+         scene%dem = opened%dem
+         scene%cells_requested = .false.
+         call trace_boulder(scene, number, room, fate, scratch)
+         boulder = boulder_row(scene%dem, fate)
+         counts = boulder_count_row(fate)
          recorded = scratch%recorded
          do k = 1, min(room, recorded)
             vertex(:, k) = vertex_row(scene%dem, scratch%record(k))
          end do
-      end subroutine trace
-   end subroutine run
+      end associate
+   end subroutine trajectory
+
+   !> Look at rows first to last of the terrain: lower the minima of blocks, check the sources there and raise
+   !> their energy head, as in rockfall_reach and check_sources.
+   subroutine survey(handle, first, last, minima, head, code, message, nbx, nby)
+      !f2py threadsafe
+      integer(c_int), intent(in) :: nbx, nby
+      integer(c_intptr_t), intent(in) :: handle
+      integer(c_int), intent(in) :: first, last
+      real(c_double), intent(inout) :: minima(nbx, nby), head(1)  !! [m]
+      integer(c_int), intent(out) :: code
+      character(len=1024), intent(out) :: message
+      type(open_scene_t), pointer :: opened
+      type(error_t), allocatable :: error
+
+      opened => scene_of(handle)
+      call check_sources(opened%scene, first, last, head(1), error)
+      call give_error(error, code, message)
+      if (code == 0 .and. size(minima) > 1) call take_minima(opened%dem, first, last, minima)
+   end subroutine survey
 
    !> The array that there is as a terrain.
    subroutine set_terrain(dem, z8, z4, west, north, cell, nodes, at)
@@ -209,34 +245,6 @@ contains
          dem = terrain(west, north, cell, z4=z4, nodes=nodes, first=at)
       end if
    end subroutine set_terrain
-
-   !> Look at rows first to last of the terrain: lower the minima of blocks, check the sources there and raise
-   !> their energy head, as in rockfall_reach and check_sources.
-   subroutine survey(z8, z4, west, north, cell, nodes, at, source_x, source_y, drop_height, velocity, gravity, &
-                     first, last, minima, head, code, message, nx8, ny8, nx4, ny4, ns, nbx, nby)
-      !f2py threadsafe
-      integer(c_int), intent(in) :: nx8, ny8, nx4, ny4, ns, nbx, nby
-      real(c_double), intent(in), target :: z8(nx8, ny8)
-      real(c_float), intent(in), target :: z4(nx4, ny4)
-      real(c_double), intent(in) :: west, north, cell
-      integer(c_int), intent(in) :: nodes(2), at(2)
-      real(c_double), intent(in) :: source_x(ns), source_y(ns), drop_height, velocity(3), gravity
-      integer(c_int), intent(in) :: first, last
-      real(c_double), intent(inout) :: minima(nbx, nby), head(1)
-      integer(c_int), intent(out) :: code
-      character(len=1024), intent(out) :: message
-      type(scene_t) :: scene
-      type(error_t), allocatable :: error
-
-      call set_terrain(scene%dem, z8, z4, west, north, cell, nodes, at)
-      scene%gravity = gravity
-      scene%release%drop_height = drop_height
-      scene%release%velocity = velocity
-      call set_sources(scene, source_x, source_y)
-      call check_sources(scene, first, last, head(1), error)
-      call give_error(error, code, message)
-      if (code == 0 .and. size(minima) > 1) call take_minima(scene%dem, first, last, minima)
-   end subroutine survey
 
    !> The first column and row and the last column and row, from 1, of the cells that boulders can reach.
    subroutine reach(nodes, west, north, cell, source_x, source_y, minima, head, box, ns, nbx, nby)
@@ -267,54 +275,45 @@ contains
       character(len=*), intent(in) :: names  !! of maps, separated by blanks
       integer(c_int), intent(out) :: plan(14)
       type(map_plan_t) :: this
-      integer :: k
 
-      this = plan_maps(pack(map_fields, [(index(" "//names//" ", " "//trim(map_fields(k))//" ") > 0, &
-                                          k=1, size(map_fields))]))
-      plan = [this%count, this%sum, this%greatest, this%classes, this%rows]
+      this = plan_of(names)
+      plan = [this%count, this%sum, this%max, this%bins, this%rows]
    end subroutine map_plan
 
-   pure type(map_plan_t) function as_plan(plan)
-      integer(c_int), intent(in) :: plan(14)
+   pure type(map_plan_t) function plan_of(names) result(plan)
+      character(len=*), intent(in) :: names  !! separated by blanks
+      integer :: k
 
-      as_plan = map_plan_t(plan(1:4), plan(5:7), plan(8:10), plan(11:13), plan(14))
-   end function as_plan
-
-   pure type(boulder_law_t) function as_law(law, values, volumes, density)
-      integer(c_int), intent(in) :: law
-      real(c_double), intent(in) :: values(4), volumes(:), density  !! as in `run`
-
-      as_law%law = law
-      as_law%mean = values(1)
-      as_law%deviation = values(2)
-      as_law%least = values(3)
-      as_law%most = values(4)
-      as_law%list = volumes
-      as_law%density = density
-   end function as_law
+      plan = plan_maps(pack(map_fields, [(index(" "//names//" ", " "//trim(map_fields(k))//" ") > 0, &
+                                          k=1, size(map_fields))]))
+   end function plan_of
 
    !> Refuse a run whose maps its tallies cannot hold; `fall` is from the greatest energy head to the lowest
-   !> elevation [m], `boulders` those of the whole run.
-   subroutine check_tallies(plan, law, law_values, volumes, density, gravity, fall, boulders, code, message, nv)
-      integer(c_int), intent(in) :: nv, plan(14), law
-      real(c_double), intent(in) :: law_values(4), volumes(nv), density, gravity, fall
-      integer(c_int64_t), intent(in) :: boulders
+   !> elevation [m].
+   subroutine check_maps(handle, fall, code, message)
+      integer(c_intptr_t), intent(in) :: handle
+      real(c_double), intent(in) :: fall
       integer(c_int), intent(out) :: code
       character(len=1024), intent(out) :: message
+      type(open_scene_t), pointer :: opened
       type(error_t), allocatable :: error
 
-      call check_map_tallies(as_plan(plan), as_law(law, law_values, volumes, density), gravity, fall, boulders, error)
+      opened => scene_of(handle)
+      associate (scene => opened%scene)
+         call check_tallies(opened%plan, scene%volumes, scene%gravity, fall, boulders_of(scene), error)
+      end associate
       call give_error(error, code, message)
-   end subroutine check_tallies
+   end subroutine check_maps
 
-   !> A map of reals, of the tallies of `run`; `fewest`: passages for which a cell has a number.
-   subroutine map_values(name, boulders, least, plan, map_counts, map_sums, map_reals, class_counts, column, columns, &
+   !> A map of reals, of the tallies of `run` for maps of these names; `fewest`: passages for which a cell has a
+   !> number.
+   subroutine map_values(name, boulders, least, names, map_counts, map_sums, map_reals, class_counts, column, columns, &
                          values, fewest, nxc, nyc, nkc, nxs, nys, nks, nxr, nyr, nkr, kc, cc, nxq, nyq, nx, ny)
       !f2py threadsafe
       integer(c_int), intent(in) :: nxc, nyc, nkc, nxs, nys, nks, nxr, nyr, nkr, kc, cc, nxq, nyq, nx, ny
-      character(len=*), intent(in) :: name
+      character(len=*), intent(in) :: name, names
       integer(c_int64_t), intent(in) :: boulders
-      integer(c_int), intent(in) :: least, plan(14)
+      integer(c_int), intent(in) :: least
       integer(c_int32_t), intent(in), target :: map_counts(nxc, nyc, nkc), class_counts(kc, cc), column(nxq, nyq), &
                                                 columns(1)
       integer(c_int64_t), intent(in), target :: map_sums(nxs, nys, nks)
@@ -324,8 +323,8 @@ contains
       type(maps_t) :: maps
       integer :: j
 
-      maps = map_views(as_plan(plan), [1, 1], map_counts, map_sums, map_reals, class_counts, column, columns(1))
-      fewest = map_fewest(name, least)
+      maps = map_views(plan_of(names), [1, 1], map_counts, map_sums, map_reals, class_counts, column, columns(1))
+      fewest = map_min_count(name, least)
       do j = 1, ny
          call map_row(maps, name, j, boulders, least, values(:, j))
       end do
@@ -361,22 +360,70 @@ contains
       real(c_float), intent(in), target :: z4(nx4, ny4)
       real(c_double), intent(in) :: west, north, cell, source_x(ns), source_y(ns)
       real(c_double), intent(out) :: ratio(ns)
-      type(scene_t) :: scene
+      type(terrain_t) :: dem
 
-      call set_terrain(scene%dem, z8, z4, west, north, cell, nodes, at)
-      call set_sources(scene, source_x, source_y)
-      ratio = surface_ratios(scene%dem, scene%release%x, scene%release%y)
+      call set_terrain(dem, z8, z4, west, north, cell, nodes, at)
+      ratio = surface_ratios(dem, source_x - dem%x0, source_y - dem%y0)
    end subroutine area_ratios
 
-   !> The last boulder of each source that releases by area, `boulders` from a flat cell.
-   subroutine release_ends(ratio, boulders, last, ns)
-      integer(c_int), intent(in) :: ns
-      real(c_double), intent(in) :: ratio(ns)
-      integer(c_int64_t), intent(in) :: boulders
-      integer(c_int64_t), intent(out) :: last(ns)
+   !> Whether boulders can start from points, in map coordinates [m].
+   subroutine known_at(z8, z4, nodes, at, west, north, cell, x, y, known, nx8, ny8, nx4, ny4, n)
+      !f2py threadsafe
+      integer(c_int), intent(in) :: nx8, ny8, nx4, ny4, n, nodes(2), at(2)
+      real(c_double), intent(in), target :: z8(nx8, ny8)  !! as in `open_scene`
+      real(c_float), intent(in), target :: z4(nx4, ny4)
+      real(c_double), intent(in) :: west, north, cell, x(n), y(n)
+      integer(c_int), intent(out) :: known(n)             !! 1 or 0
+      type(terrain_t) :: dem
+      integer :: k
 
-      last = last_boulders(ratio, boulders)
-   end subroutine release_ends
+      call set_terrain(dem, z8, z4, west, north, cell, nodes, at)
+      known = [(merge(1, 0, is_known_at(dem, x(k) - dem%x0, y(k) - dem%y0)), k=1, n)]
+   end subroutine known_at
+
+   !> Whether a line of points [m] lies beyond one side of a raster.
+   subroutine outside(west, north, cell, nodes, x, y, is, n)
+      integer(c_int), intent(in) :: n, nodes(2)
+      real(c_double), intent(in) :: west, north, cell, x(n), y(n)
+      integer(c_int), intent(out) :: is                   !! 1 or 0
+
+      is = merge(1, 0, is_outside(grid_t(west, north, cell, nodes(1), nodes(2)), x, y))
+   end subroutine outside
+
+   !> Boulders of a scene.
+   subroutine boulders(handle, number)
+      integer(c_intptr_t), intent(in) :: handle
+      integer(c_int64_t), intent(out) :: number
+      type(open_scene_t), pointer :: opened
+
+      opened => scene_of(handle)
+      number = boulders_of(opened%scene)
+   end subroutine boulders
+
+   !> The first and last boulder of a source, all from 1.
+   subroutine boulders_of_source(handle, source, first, last)
+      integer(c_intptr_t), intent(in) :: handle
+      integer(c_int64_t), intent(in) :: source
+      integer(c_int64_t), intent(out) :: first, last
+      type(open_scene_t), pointer :: opened
+
+      opened => scene_of(handle)
+      first = first_of(opened%scene%release, source)
+      last = last_of(opened%scene%release, source)
+   end subroutine boulders_of_source
+
+   !> The sources of boulders, all from 1.
+   subroutine sources_of_boulders(handle, boulder, source, n)
+      integer(c_int), intent(in) :: n
+      integer(c_intptr_t), intent(in) :: handle
+      integer(c_int64_t), intent(in) :: boulder(n)
+      integer(c_int64_t), intent(out) :: source(n)
+      type(open_scene_t), pointer :: opened
+      integer :: k
+
+      opened => scene_of(handle)
+      source = [(source_of(opened%scene%release, boulder(k)), k=1, n)]
+   end subroutine sources_of_boulders
 
    !> Check the text of a case: code 0, or one line that says what is wrong.
    subroutine check_case(text, name, code, message)
@@ -389,14 +436,6 @@ contains
       call read_case(text, name, case, error)
       call give_error(error, code, message)
    end subroutine check_case
-
-   !> Whether a netCDF file claims more than it holds.
-   subroutine overstates(file, so)
-      character(len=*), intent(in) :: file
-      integer(c_int), intent(out) :: so  !! 1 or 0
-
-      so = merge(1, 0, claims_too_much(file))
-   end subroutine overstates
 
    !> Row k of the table of keys: group|key|kind|most|default|allowed|unit|meaning; blank past the end.
    subroutine case_key(k, text)
@@ -419,8 +458,8 @@ contains
    subroutine read_sets(text, name, turning, draw, mean, covariance, incidence, lateral, speed_range, angle_range, &
                         draws, code, message)
       character(len=*), intent(in) :: text, name
-      integer(c_int), intent(in) :: turning
-      integer(c_int), intent(in) :: draw  !! 0: there must be one only
+      character(len=*), intent(in) :: turning  !! as in a case
+      integer(c_int), intent(in) :: draw       !! 0: there must be one only
       real(c_double), intent(out) :: mean(9, 5), covariance(9, 9, 5), incidence(8, 5), lateral(13, 9, 5)
       real(c_double), intent(out) :: speed_range(2, 5), angle_range(2, 5)
       integer(c_int), intent(out) :: draws, code
@@ -429,10 +468,10 @@ contains
       type(error_t), allocatable :: error
 
       if (draw > 0) then
-         call read_impact_sets(text, name, turning, sets, error, draw, draws)
+         call read_impact_sets(text, name, turning_rule(turning), sets, error, draw, draws)
       else
          draws = 1
-         call read_impact_sets(text, name, turning, sets, error)
+         call read_impact_sets(text, name, turning_rule(turning), sets, error)
       end if
       mean = sets%mean
       covariance = sets%covariance
@@ -458,6 +497,27 @@ contains
 
       weights = size_weights
    end subroutine weights_of_sizes
+
+   !> Radius over what Rg measures, by the word of a case.
+   subroutine size_to_radius(reading, factor)
+      character(len=*), intent(in) :: reading
+      real(c_double), intent(out) :: factor
+
+      factor = radius_of_reading(reading)
+   end subroutine size_to_radius
+
+   !> A limit or mark of the kernel, by its name; NaN for others.
+   subroutine constant(name, value)
+      character(len=*), intent(in) :: name
+      real(c_double), intent(out) :: value
+
+      select case (name)
+      case ("max_threads"); value = max_threads
+      case ("any_speed"); value = any_speed          ! [m/s] the end of the range of a set that tells none
+      case ("left_window"); value = left_window      ! status of a boulder to be run again in a larger window
+      case default; value = ieee_value(value, ieee_quiet_nan)
+      end select
+   end subroutine constant
 
    !> Names of the rows of `run`: 1 boulder, 2 counts, 3 crossing, 4 vertex; blank past the end.
    subroutine fields(what, text)

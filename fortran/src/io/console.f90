@@ -1,55 +1,59 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> What the programs have in common: a command line `CASE [key=value ...]`, and text for people. It
+!> The command line of the standalone program, whose options are those of `rockfall run`; and text for people. It
 !> prints nothing itself.
 module rockfall_console
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail
-   use rockfall_textfile, only: lower, joined, excerpt
+   use rockfall_text, only: excerpt
    use rockfall_decimal, only: parse_integer, parse_real, decimal_ok
    use rockfall_filesystem, only: name_of
    implicit none
    private
-   public :: arguments_t, read_arguments, value_of, read_shard, read_seconds, read_logical, stem, one_line, decimal
+   public :: arguments_t, read_arguments, stem, one_line, decimal
 
-   type :: option_t
-      character(len=:), allocatable :: key, value
-   end type option_t
+   character(len=*), parameter :: see_help = "; see rockfall-batch --help"
+   character(len=*), parameter :: names(*) = [character(len=10) :: "output", "scene", "boulders", "seed", "threads", &
+                                              "shard", "checkpoint"]  !! of options with a value
 
    type :: arguments_t
-      character(len=:), allocatable :: case              !! the case file, "" if none
-      type(option_t), allocatable, private :: option(:)  !! one for each key; "" if not given
-      logical :: quiet = .false.
-      logical :: help = .false., version = .false.       !! asked for, and nothing else
+      character(len=:), allocatable :: case                     !! the case file
+      character(len=:), allocatable :: output, scene            !! "" if not given
+      character(len=:), allocatable :: boulders, seed, threads  !! the same; integers
+      integer(i8) :: shard(2) = 1                               !! [1, 1]: all of it
+      real(wp) :: checkpoint = 60.0_wp                          !! from one to the next [s]; 0 = never
+      logical :: resume = .false., quiet = .false.
+      logical :: help = .false., version = .false.              !! asked for, and nothing else
    end type arguments_t
 
 contains
 
-   !> The words of the command line. `keys` are those of the program, beside quiet.
-   subroutine read_arguments(program, keys, arguments, error)
-      character(len=*), intent(in) :: program  !! its name
-      character(len=*), intent(in) :: keys(:)
+   !> The words of the command line.
+   subroutine read_arguments(arguments, error)
       type(arguments_t), intent(out) :: arguments
       type(error_t), allocatable, intent(out) :: error
       character(len=:), allocatable :: word
       integer :: k
 
       arguments%case = ""
-      allocate (arguments%option(size(keys)))
-      do k = 1, size(keys)
-         arguments%option(k)%key = trim(keys(k))
-         arguments%option(k)%value = ""
-      end do
-      do k = 1, command_argument_count()
+      arguments%output = ""
+      arguments%scene = ""
+      arguments%boulders = ""
+      arguments%seed = ""
+      arguments%threads = ""
+      k = 1
+      do while (k <= command_argument_count())
          word = argument(k)
          select case (word)
          case ("--help", "-h"); arguments%help = .true.
          case ("--version"); arguments%version = .true.
-         case default; call take_word(word, keys, arguments, error)
+         case ("--resume"); arguments%resume = .true.
+         case ("--quiet"); arguments%quiet = .true.
+         case default; call take_word(word, arguments, k, error)
          end select
          if (allocated(error) .or. arguments%help .or. arguments%version) return
+         k = k + 1
       end do
-      if (arguments%case == "") call fail(error, "a case file is needed: "//program &
-                                          //" CASE [key=value ...]; see --help")
+      if (arguments%case == "") call fail(error, "a case file is needed"//see_help)
    end subroutine read_arguments
 
    function argument(k) result(word)
@@ -62,93 +66,72 @@ contains
       call get_command_argument(k, word)
    end function argument
 
-   !> `key=value`, or the case file.
-   pure subroutine take_word(word, keys, arguments, error)
-      character(len=*), intent(in) :: word, keys(:)
+   !> `--name value`, `--name=value`, or the case file; k is left at the last word taken.
+   subroutine take_word(word, arguments, k, error)
+      character(len=*), intent(in) :: word
       type(arguments_t), intent(inout) :: arguments
+      integer, intent(inout) :: k
       type(error_t), allocatable, intent(out) :: error
-      character(len=:), allocatable :: key, value
-      integer :: equals, k
+      character(len=:), allocatable :: name
+      integer :: equals
 
-      equals = index(word, "=")
-      key = word(:max(0, equals - 1))
-      value = word(equals + 1:)
-      if (equals > 1 .and. value == "") then
-         call fail(error, word//": a value is missing")
-      else if (key == "quiet") then
-         call read_logical(key, value, arguments%quiet, error)
-      else if (any(keys == key)) then
-         do k = 1, size(keys)
-            if (keys(k) == key) arguments%option(k)%value = value
-         end do
-      else if (key /= "") then
-         call fail(error, excerpt(word)//": unknown key; known: "//joined(keys, ", ")//", quiet")
-      else if (word(:min(1, len(word))) == "-") then
-         call fail(error, excerpt(word)//": unknown option; known: --help, --version")
-      else if (arguments%case /= "") then
-         call fail(error, excerpt(word)//": there is a case file already, "//arguments%case &
-                   //"; options are key=value")
-      else
+      equals = index(word//"=", "=")
+      name = word(:equals - 1)
+      if (name == "-o") name = "--output"
+      if (any(names == name)) then
+         call fail(error, excerpt(word)//": is written --"//name//" "//excerpt(word(equals + 1:))//" now"//see_help)
+      else if (name(:min(1, len(name))) /= "-" .and. arguments%case == "") then
          arguments%case = word
+      else if (name(:min(1, len(name))) /= "-") then
+         call fail(error, excerpt(word)//": there is a case file already, "//arguments%case//see_help)
+      else if (.not. any("--"//names == name)) then
+         call fail(error, excerpt(word)//": unknown option"//see_help)
+      else if (equals <= len(word)) then
+         call take_value(name(3:), word(equals + 1:), arguments, error)
+      else if (k == command_argument_count()) then
+         call fail(error, word//": a value is missing"//see_help)
+      else
+         k = k + 1
+         call take_value(name(3:), argument(k), arguments, error)
       end if
    end subroutine take_word
 
-   !> What the command line says of a key, the last time; "" if nothing.
-   pure function value_of(arguments, key) result(value)
-      type(arguments_t), intent(in) :: arguments
-      character(len=*), intent(in) :: key
-      character(len=:), allocatable :: value
-      integer :: k
-
-      value = ""
-      do k = 1, size(arguments%option)
-         if (arguments%option(k)%key == key) value = arguments%option(k)%value
-      end do
-   end function value_of
-
-   !> `3/16` -> [3, 16]; nothing -> [1, 1], all of it.
-   pure subroutine read_shard(text, shard, error)
-      character(len=*), intent(in) :: text
-      integer(i8), intent(out) :: shard(2)
+   pure subroutine take_value(name, value, arguments, error)
+      character(len=*), intent(in) :: name, value
+      type(arguments_t), intent(inout) :: arguments
       type(error_t), allocatable, intent(out) :: error
-      integer :: slash, status(2)
+      integer(i8) :: number
+      integer :: status, second, slash
 
-      shard = 1
-      if (text == "") return
-      slash = index(text, "/")
-      call parse_integer(text(:max(0, slash - 1)), shard(1), status(1))
-      call parse_integer(text(slash + 1:), shard(2), status(2))
-      if (slash == 0 .or. any(status /= decimal_ok) .or. shard(1) < 1 .or. shard(1) > shard(2)) then
-         call fail(error, "shard = "//excerpt(text)//": must be I/N with I from 1 to N")
+      status = decimal_ok
+      select case (name)
+      case ("output"); arguments%output = value
+      case ("scene"); arguments%scene = value
+      case ("boulders"); arguments%boulders = value
+      case ("seed"); arguments%seed = value
+      case ("threads"); arguments%threads = value
+      case ("shard")
+         slash = index(value, "/")
+         call parse_integer(value(:max(0, slash - 1)), arguments%shard(1), status)
+         call parse_integer(value(slash + 1:), arguments%shard(2), second)
+         if (slash == 0 .or. status /= decimal_ok .or. second /= decimal_ok .or. arguments%shard(1) < 1 &
+             .or. arguments%shard(1) > arguments%shard(2)) then
+            call fail(error, "--shard "//excerpt(value)//": must be I/N with I from 1 to N")
+         end if
+         return
+      case ("checkpoint")
+         call parse_real(value, arguments%checkpoint, status)
+         if (status /= decimal_ok .or. arguments%checkpoint < 0) &
+            call fail(error, "--checkpoint "//excerpt(value)//": must be >= 0 seconds")
+         return
+      end select
+      if (value == "") then
+         call fail(error, "--"//name//": a value is missing"//see_help)
+      else if (any(name == [character(len=8) :: "boulders", "seed", "threads"])) then
+         call parse_integer(value, number, status)
+         if (status /= decimal_ok) call fail(error, "--"//name//" "//excerpt(value)//": must be an integer")
       end if
-   end subroutine read_shard
-
-   !> A time of zero seconds or more; nothing -> `value` as it was.
-   pure subroutine read_seconds(key, text, value, error)
-      character(len=*), intent(in) :: key, text
-      real(wp), intent(inout) :: value  !! [s]
-      type(error_t), allocatable, intent(out) :: error
-      integer :: status
-
-      if (text == "") return
-      call parse_real(text, value, status)
-      if (status /= decimal_ok .or. value < 0) &
-         call fail(error, key//" = "//excerpt(text)//": must be >= 0 seconds")
-   end subroutine read_seconds
-
-   !> True or false; nothing -> `value` as it was.
-   pure subroutine read_logical(key, text, value, error)
-      character(len=*), intent(in) :: key, text
-      logical, intent(inout) :: value
-      type(error_t), allocatable, intent(out) :: error
-
-      if (text == "") return
-      value = any(lower(text) == [character(len=6) :: "true", "t", ".true."])
-      if (.not. value .and. &
-          .not. any(lower(text) == [character(len=7) :: "false", "f", ".false."])) then
-         call fail(error, key//" = "//excerpt(text)//": must be true or false")
-      end if
-   end subroutine read_logical
+   end subroutine take_value
 
    !> `folder/case.nml` -> `case`
    pure function stem(path)

@@ -1,24 +1,14 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> What Fortran does not have of POSIX: folders, names, and the number of the process.
+!> What Fortran does not have of POSIX: names, files that are on disk, and the number of the process.
 module rockfall_filesystem
-   use, intrinsic :: iso_c_binding, only: c_char, c_int, c_int64_t, c_intptr_t, c_ptr, c_null_char, c_associated
-   use rockfall_textfile, only: integer_text
+   use, intrinsic :: iso_c_binding, only: c_char, c_int, c_int64_t, c_intptr_t, c_null_char
+   use rockfall_text, only: integer_text
    implicit none
    private
-   public :: make_folder, remove_folder, remove_file, rename_path, path_exists, is_folder, is_empty, same_file, &
-             folder_of, name_of, temporary_name, process_number, fail_beyond_size_limit, open_closed_streams, &
-             end_at_once
+   public :: remove_file, replace_file, path_exists, is_folder, same_file, is_open_as, folder_of, name_of, hidden_name, &
+             temporary_name, fail_beyond_size_limit, open_closed_streams, end_at_once
 
    interface
-      integer(c_int) function c_mkdir(path, mode) bind(c, name="mkdir")
-         import :: c_char, c_int
-         character(kind=c_char), intent(in) :: path(*)
-         integer(c_int), value :: mode
-      end function c_mkdir
-      integer(c_int) function c_rmdir(path) bind(c, name="rmdir")
-         import :: c_char, c_int
-         character(kind=c_char), intent(in) :: path(*)
-      end function c_rmdir
       integer(c_int) function c_unlink(path) bind(c, name="unlink")
          import :: c_char, c_int
          character(kind=c_char), intent(in) :: path(*)
@@ -32,18 +22,15 @@ module rockfall_filesystem
          character(kind=c_char), intent(in) :: path(*)
          integer(c_int64_t), intent(inout) :: found(*)
       end function c_stat
-      type(c_ptr) function c_opendir(path) bind(c, name="opendir")
-         import :: c_ptr, c_char
-         character(kind=c_char), intent(in) :: path(*)
-      end function c_opendir
-      type(c_ptr) function c_readdir(folder) bind(c, name="readdir")
-         import :: c_ptr
-         type(c_ptr), value :: folder
-      end function c_readdir
-      integer(c_int) function c_closedir(folder) bind(c, name="closedir")
-         import :: c_int, c_ptr
-         type(c_ptr), value :: folder
-      end function c_closedir
+      integer(c_int) function c_fstat(descriptor, found) bind(c, name="fstat")
+         import :: c_int, c_int64_t
+         integer(c_int), value :: descriptor
+         integer(c_int64_t), intent(inout) :: found(*)
+      end function c_fstat
+      integer(c_int) function c_fsync(descriptor) bind(c, name="fsync")
+         import :: c_int
+         integer(c_int), value :: descriptor
+      end function c_fsync
       integer(c_int) function c_getpid() bind(c, name="getpid")
          import :: c_int
       end function c_getpid
@@ -100,20 +87,6 @@ contains
       call c_exit(int(code, c_int))
    end subroutine end_at_once
 
-   !> Make a folder; whether it worked.
-   logical function make_folder(path) result(ok)
-      character(len=*), intent(in) :: path
-
-      ok = c_mkdir(path//c_null_char, int(o"777", c_int)) == 0
-   end function make_folder
-
-   !> Remove an empty folder; whether it worked.
-   logical function remove_folder(path) result(ok)
-      character(len=*), intent(in) :: path
-
-      ok = c_rmdir(path//c_null_char) == 0
-   end function remove_folder
-
    !> Remove a file; whether it worked.
    logical function remove_file(path) result(ok)
       character(len=*), intent(in) :: path
@@ -121,12 +94,27 @@ contains
       ok = c_unlink(path//c_null_char) == 0
    end function remove_file
 
-   !> Give a file or folder another name; whether it worked.
-   logical function rename_path(from, to) result(ok)
+   !> Give a file the name of another in its place, when it is on disk; whether it worked. Then the name is on disk, too.
+   logical function replace_file(from, to) result(ok)
       character(len=*), intent(in) :: from, to
 
-      ok = c_rename(from//c_null_char, to//c_null_char) == 0
-   end function rename_path
+      ok = sync(from)
+      if (ok) ok = c_rename(from//c_null_char, to//c_null_char) == 0
+      if (ok) ok = sync(folder_of(to)//".")
+   end function replace_file
+
+   !> Bring a file, or the names in a folder, to disk; whether it worked.
+   logical function sync(path) result(ok)
+      character(len=*), intent(in) :: path
+      integer(c_int), parameter :: read_only = 0
+      integer(c_int) :: descriptor, status
+
+      descriptor = c_open(path//c_null_char, read_only)
+      ok = descriptor >= 0
+      if (.not. ok) return
+      ok = c_fsync(descriptor) == 0
+      status = c_close(descriptor)
+   end function sync
 
    logical function path_exists(path)
       character(len=*), intent(in) :: path
@@ -153,23 +141,18 @@ contains
       if (same_file) same_file = all(of_a(:2) == of_b(:2))
    end function same_file
 
-   !> Whether a folder holds nothing but itself and the one it is in.
-   logical function is_empty(path)
+   !> Whether a file that is open is the one of a name.
+   logical function is_open_as(descriptor, path)
+      integer(c_int), intent(in) :: descriptor
       character(len=*), intent(in) :: path
-      type(c_ptr) :: folder
-      integer(c_int) :: status
-      integer :: names
+      integer(c_int64_t) :: of_open(64), of_name(64)  !! as in same_file
 
-      folder = c_opendir(path//c_null_char)
-      is_empty = c_associated(folder)
-      if (.not. is_empty) return
-      names = 0
-      do while (c_associated(c_readdir(folder)))
-         names = names + 1
-      end do
-      status = c_closedir(folder)
-      is_empty = names <= 2
-   end function is_empty
+      of_open = 0
+      of_name = 0
+      is_open_as = c_fstat(descriptor, of_open) == 0
+      if (is_open_as) is_open_as = c_stat(path//c_null_char, of_name) == 0
+      if (is_open_as) is_open_as = all(of_open(:2) == of_name(:2))
+   end function is_open_as
 
    !> The folder part of a path with its final slash; "" when there is none.
    pure function folder_of(path) result(folder)
@@ -187,16 +170,19 @@ contains
       name = path(index(path, "/", back=.true.) + 1:)
    end function name_of
 
-   !> A hidden name beside a path that no other process takes.
+   !> A hidden name beside a path.
+   pure function hidden_name(path) result(name)
+      character(len=*), intent(in) :: path
+      character(len=:), allocatable :: name
+
+      name = folder_of(path)//"."//name_of(path)
+   end function hidden_name
+
+   !> One that no other process takes.
    function temporary_name(path) result(name)
       character(len=*), intent(in) :: path
       character(len=:), allocatable :: name
 
-      name = folder_of(path)//"."//name_of(path)//"."//integer_text(process_number())
+      name = hidden_name(path)//"."//integer_text(int(c_getpid()))
    end function temporary_name
-
-   !> The number of this process.
-   integer function process_number()
-      process_number = int(c_getpid())
-   end function process_number
 end module rockfall_filesystem

@@ -4,23 +4,25 @@
 module rockfall_case
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail
-   use rockfall_textfile, only: integer_text, joined
+   use rockfall_text, only: integer_text, joined
    use rockfall_namelist, only: namelist_t, group_t, entry_t, parse_namelist
    use rockfall_values, only: has_key, value_count, get_text, get_integer, get_real, get_logical, refuse
    use rockfall_variables, only: map_fields
-   use rockfall_boulder, only: boulder_law_t, fixed_volume, normal_volume, uniform_volume, lognormal_volume, &
+   use rockfall_boulder, only: volume_distribution_t, fixed_volume, normal_volume, uniform_volume, lognormal_volume, &
                                list_volume
    use rockfall_surface, only: method_a, method_b
-   use rockfall_threads, only: most_threads
+   use rockfall_decimal, only: parse_real
    use rockfall_direction, only: past_aspect, to_aspect, by_lab
-   use rockfall_sobol, only: most_points
+   use rockfall_sobol, only: max_points
    implicit none
    private
-   public :: case_t, case_line_t, read_case, key_t, key_table, n_keys, key_text, map_names, n_maps
+   public :: case_t, case_line_t, read_case, read_keys, key_t, key_table, n_keys, key_text, map_names, n_maps, &
+             turning_rule, radius_of_reading
 
-   integer, parameter :: many = 100000       !! values of a list
-   integer, parameter :: text_length = 4096  !! characters of a text
-   integer, parameter :: most_runs = 65536   !! draws of an ensemble
+   integer, parameter :: many = 100000                !! values of a list
+   integer, parameter :: text_length = 4096           !! characters of a text
+   real(wp), parameter :: max_real = 1.0e12_wp        !! of any number, so that no product overflows
+   real(wp), parameter :: min_positive = 1.0e-12_wp   !! of a number that must be > 0
 
    !> A key of the case file.
    type :: key_t
@@ -29,7 +31,7 @@ module rockfall_case
       character(len=7) :: kind      !! text, integer, real, logical
       integer :: most               !! values
       character(len=16) :: default  !! as written in a case; "required", or "absent"
-      character(len=100) :: allowed  !! "", a bound ("> 0"), or words ("A, B")
+      character(len=100) :: allowed  !! "", a range ("> 0", ">= 0", "1 to 10"), or words ("A, B")
       character(len=6) :: unit
       character(len=100) :: meaning
    end type key_t
@@ -41,15 +43,15 @@ module rockfall_case
    type(key_t), parameter :: key_table(n_keys) = [ &
       key_t("case", "title", "text", 1, "''", "", "", "what the result is called"), &
       key_t("case", "seed", "integer", 1, "1", ">= 0", "", "of the random numbers"), &
-      key_t("case", "boulders", "integer", 1, "required", ">= 1", "", "released from each source"), &
-      key_t("case", "threads", "integer", 1, "0", ">= 0", "", "0 = all cores"), &
+      key_t("case", "boulders", "integer", 1, "required", "1 to 1e15", "", "released from each source"), &
+      key_t("case", "threads", "integer", 1, "0", "0 to 1024", "", "0 = all cores"), &
       key_t("case", "sampling", "text", 1, "'random'", "random, sobol", "", &
             "sobol: volumes and first rebounds spread evenly"), &
       key_t("terrain", "dem", "text", 1, "required", "", "", "elevation raster, square cells in metres"), &
       key_t("surface", "zones", "text", 1, "absent", "", "", "raster of zone ids, or polygons"), &
       key_t("surface", "table", "text", 1, "absent", "", "", "CSV with zone, mean_radius, rg70, rg20, rg10"), &
       key_t("surface", "zone_field", "text", 1, "'zone'", "", "", "attribute of zone polygons with the id"), &
-      key_t("surface", "default_zone", "integer", 1, "absent", "", "", "zone of cells that have none"), &
+      key_t("surface", "default_zone", "integer", 1, "absent", "-2147483647 to 2147483647", "", "zone of cells that have none"), &
       key_t("surface", "mean_radius", "text", 1, "absent", "", "", "raster of mean rock radii [m]"), &
       key_t("surface", "rg70", "text", 1, "absent", "", "", "raster of obstacle sizes met at 70 % [m]"), &
       key_t("surface", "rg20", "text", 1, "absent", "", "", "raster of obstacle sizes met at 20 % [m]"), &
@@ -64,7 +66,7 @@ module rockfall_case
       key_t("impact", "ratio", "text", 1, "'nearest'", "nearest, between", "", &
             "which set serves R_b/R_m: the nearest, or either of the two beside it, the nearer more often"), &
       key_t("impact", "stop_speed", "real", 1, "0.5", "> 0", "m/s", "slower after a rebound: stopped"), &
-      key_t("impact", "impact_limit", "integer", 1, "100000", ">= 1", "", "contacts of a boulder at most"), &
+      key_t("impact", "impact_limit", "integer", 1, "100000", "1 to 2147483647", "", "contacts of a boulder at most"), &
       key_t("boulder", "volume", "text", 1, "'fixed'", "fixed, normal, uniform, lognormal, list", "", "law"), &
       key_t("boulder", "volume_mean", "real", 1, "absent", "> 0", "m3", "fixed, normal, lognormal"), &
       key_t("boulder", "volume_std", "real", 1, "absent", ">= 0", "m3", "normal (truncated at 0), lognormal"), &
@@ -91,11 +93,11 @@ module rockfall_case
       key_t("output", "maps", "text", n_maps, "absent", "as in result.md", "", "rasters of results"), &
       key_t("output", "map_extent", "text", 1, "'reach'", "reach, terrain", "", &
             "reach: the cells that boulders can reach; terrain: all"), &
-      key_t("output", "least_passages", "integer", 1, "10", ">= 1", "", &
+      key_t("output", "least_passages", "integer", 1, "10", "1 to 2147483647", "", &
             "cells with fewer show no mean and no quantile"), &
       key_t("output", "rebounds", "logical", 1, ".false.", "", "", "histograms over all rebounds"), &
-      key_t("output", "trajectories", "integer", 1, "0", ">= 0", "", "record the first n boulders"), &
-      key_t("ensemble", "runs", "integer", 1, "64", ">= 8", "", "draws of all that is uncertain"), &
+      key_t("output", "trajectories", "integer", 1, "0", "0 to 2147483647", "", "record the first n boulders"), &
+      key_t("ensemble", "runs", "integer", 1, "64", "8 to 65536", "", "draws of all that is uncertain"), &
       key_t("ensemble", "radius_factor", "real", 1, "1.0", "1 to 10", "", &
             "geometric standard deviation of R_m or Rg, zone by zone"), &
       key_t("ensemble", "volume_factor", "real", 1, "1.0", "1 to 10", "", &
@@ -131,7 +133,7 @@ module rockfall_case
       integer :: impact_limit = 100000
       integer :: turning = past_aspect           !! rule of turning_t
       logical :: between_ratios = .false.
-      type(boulder_law_t) :: law
+      type(volume_distribution_t) :: volumes
       real(wp), allocatable :: x(:), y(:)        !! release points, map coordinates [m]
       logical :: steep_cells = .false., by_area = .false.
       real(wp), allocatable :: slope_threshold   !! [degree]
@@ -153,10 +155,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(namelist_t) :: list
 
-      call parse_namelist(text, file, list, error)
-      if (.not. allocated(error)) call check_groups(list, error)
-      if (.not. allocated(error)) call complete(list, file)
-      if (.not. allocated(error)) call check_keys(list, error)
+      call read_keys(text, file, list, error)
       if (allocated(error)) return
       case%file = file
       call read_run(list, case, error)
@@ -167,6 +166,20 @@ contains
       if (.not. allocated(error)) call read_output(group_of(list, "output"), case, error)
       if (.not. allocated(error)) call check_ensemble(group_of(list, "ensemble"), case, error)
    end subroutine read_case
+
+   !> All groups and keys of a case with their values as written, those that are absent with their defaults; each is as
+   !> the table wants it.
+   pure subroutine read_keys(text, file, list, error)
+      character(len=*), intent(in) :: text
+      character(len=*), intent(in) :: file  !! its name, for messages
+      type(namelist_t), intent(out) :: list
+      type(error_t), allocatable, intent(out) :: error
+
+      call parse_namelist(text, file, list, error)
+      if (.not. allocated(error)) call check_groups(list, error)
+      if (.not. allocated(error)) call complete(list, file)
+      if (.not. allocated(error)) call check_keys(list, error)
+   end subroutine read_keys
 
    !> A row of the table as text: group|key|kind|most|default|allowed|unit|meaning.
    pure function key_text(k) result(text)
@@ -374,21 +387,12 @@ contains
       type(key_t), intent(in) :: key
       type(error_t), allocatable, intent(out) :: error
       integer(i8) :: value
-      logical :: small
+      real(wp) :: range(2)
 
       call get_integer(group, trim(key%name), value, error)
       if (allocated(error)) return
-      small = key%name /= "seed" .and. key%name /= "boulders"
-      if ((key%allowed == ">= 0" .and. value < 0) .or. (key%allowed == ">= 1" .and. value < 1) .or. &
-          (key%allowed == ">= 8" .and. value < 8)) then
-         call refuse(group, trim(key%name), "must be "//trim(key%allowed), error)
-      else if (key%name == "threads" .and. value > most_threads) then
-         call refuse(group, trim(key%name), "must be at most "//integer_text(most_threads), error)
-      else if (key%name == "runs" .and. value > most_runs) then
-         call refuse(group, trim(key%name), "must be at most "//integer_text(most_runs), error)
-      else if (small .and. abs(value) > huge(1)) then
-         call refuse(group, trim(key%name), "must be at most "//integer_text(huge(1)), error)
-      end if
+      range = range_of(key%allowed, [-real(huge(1_i8), wp), real(huge(1_i8), wp)])
+      if (value < range(1) .or. value > range(2)) call refuse(group, trim(key%name), "must be "//trim(key%allowed), error)
    end subroutine check_integers
 
    pure subroutine check_reals(group, key, error)
@@ -396,27 +400,46 @@ contains
       type(key_t), intent(in) :: key
       type(error_t), allocatable, intent(out) :: error
       real(wp), allocatable :: values(:)
+      real(wp) :: range(2)
       character(len=:), allocatable :: unit
+      logical :: positive
       integer :: k
 
       call get_real(group, trim(key%name), values, error)
       if (allocated(error)) return
       unit = ""
       if (key%unit /= "") unit = " ["//trim(key%unit)//"]"
+      range = range_of(key%allowed, [-max_real, max_real])
+      positive = key%allowed(:2) == "> "
       do k = 1, size(values)
-         if ((key%allowed == "> 0" .and. values(k) <= 0) .or. (key%allowed == ">= 0" .and. values(k) < 0)) then
+         if (values(k) < range(1) .or. (positive .and. values(k) <= range(1)) .or. &
+             (values(k) > range(2) .and. range(2) < max_real)) then
             call refuse(group, trim(key%name), "must be "//trim(key%allowed)//unit, error, k)
-         else if ((key%allowed == "1 to 10" .and. (values(k) < 1 .or. values(k) > 10)) .or. &
-                  (key%allowed == "1 to 89" .and. (values(k) < 1 .or. values(k) > 89))) then
-            call refuse(group, trim(key%name), "must be "//trim(key%allowed)//unit, error, k)
-         else if (abs(values(k)) > 1.0e12_wp) then
+         else if (abs(values(k)) > max_real) then
             call refuse(group, trim(key%name), "must be at most 1e12"//unit, error, k)
-         else if (key%allowed == "> 0" .and. values(k) < 1.0e-12_wp) then
+         else if (positive .and. values(k) < min_positive) then
             call refuse(group, trim(key%name), "must be at least 1e-12"//unit, error, k)
          end if
          if (allocated(error)) return
       end do
    end subroutine check_reals
+
+   !> The ends of "a to b", "> a" or ">= a"; `open` gives those that are not told.
+   pure function range_of(allowed, open) result(range)
+      character(len=*), intent(in) :: allowed
+      real(wp), intent(in) :: open(2)
+      real(wp) :: range(2)
+      integer :: to, status
+
+      range = open
+      to = index(allowed, " to ")
+      if (to > 0) then
+         call parse_real(allowed(:to - 1), range(1), status)
+         call parse_real(trim(allowed(to + 4:)), range(2), status)
+      else if (allowed(:1) == ">") then
+         call parse_real(trim(allowed(index(allowed, " ") + 1:)), range(1), status)
+      end if
+   end function range_of
 
    pure subroutine check_logical(group, name, error)
       type(group_t), intent(in) :: group
@@ -479,8 +502,7 @@ contains
       case%boulders = integer_of(group, "boulders")
       case%threads = int(integer_of(group, "threads"))
       case%sobol = text_of(group, "sampling") == "sobol"
-      if (case%boulders > 10_i8**15) call refuse(group, "boulders", "must be at most 10**15", error)
-      if (case%sobol .and. case%boulders > most_points) then
+      if (case%sobol .and. case%boulders > max_points) then
          call refuse(group, "boulders", "must be at most 2**32 with sampling = 'sobol'", error)
       end if
       group = group_of(list, "terrain")
@@ -490,14 +512,28 @@ contains
       group = group_of(list, "impact")
       case%sets = text_of(group, "sets")
       case%between_ratios = text_of(group, "ratio") == "between"
-      select case (text_of(group, "turning"))
-      case ("to_aspect"); case%turning = to_aspect
-      case ("lab"); case%turning = by_lab
-      case default; case%turning = past_aspect
-      end select
+      case%turning = turning_rule(text_of(group, "turning"))
       case%stop_speed = real_of(group, "stop_speed")
       case%impact_limit = int(integer_of(group, "impact_limit"))
    end subroutine read_run
+
+   !> The rule of turning_t of `&impact turning`.
+   pure integer function turning_rule(word)
+      character(len=*), intent(in) :: word
+
+      select case (word)
+      case ("to_aspect"); turning_rule = to_aspect
+      case ("lab"); turning_rule = by_lab
+      case default; turning_rule = past_aspect
+      end select
+   end function turning_rule
+
+   !> Radius over Rg, by `&surface rg_reading`.
+   pure real(wp) function radius_of_reading(word)
+      character(len=*), intent(in) :: word
+
+      radius_of_reading = merge(0.5_wp, 1.0_wp, word == "diameter")
+   end function radius_of_reading
 
    !> The material is given in one of three ways: zones with a table, rasters of values, or one value.
    pure subroutine read_surface(group, case, error)
@@ -509,7 +545,7 @@ contains
       integer :: k
 
       case%method = merge(method_a, method_b, text_of(group, "method") == "A")
-      case%size_to_radius = merge(0.5_wp, 1.0_wp, text_of(group, "rg_reading") == "diameter")
+      case%size_to_radius = radius_of_reading(text_of(group, "rg_reading"))
       case%zones = text_of(group, "zones")
       case%table = text_of(group, "table")
       case%zone_field = text_of(group, "zone_field")
@@ -566,11 +602,11 @@ contains
       law = text_of(group, "volume")
       needs = .false.
       select case (law)
-      case ("normal"); case%law%law = normal_volume; needs(1:2) = .true.
-      case ("lognormal"); case%law%law = lognormal_volume; needs(1:2) = .true.
-      case ("uniform"); case%law%law = uniform_volume; needs(3:4) = .true.
-      case ("list"); case%law%law = list_volume; needs(5) = .true.
-      case default; case%law%law = fixed_volume; needs(1) = .true.
+      case ("normal"); case%volumes%kind = normal_volume; needs(1:2) = .true.
+      case ("lognormal"); case%volumes%kind = lognormal_volume; needs(1:2) = .true.
+      case ("uniform"); case%volumes%kind = uniform_volume; needs(3:4) = .true.
+      case ("list"); case%volumes%kind = list_volume; needs(5) = .true.
+      case default; case%volumes%kind = fixed_volume; needs(1) = .true.
       end select
       do k = 1, 5
          if (needs(k)) call need(group, trim(keys(k)), "for volume = '"//law//"'", error)
@@ -579,13 +615,13 @@ contains
          end if
          if (allocated(error)) return
       end do
-      case%law%mean = real_of(group, "volume_mean")
-      case%law%deviation = real_of(group, "volume_std")
-      case%law%least = real_of(group, "volume_min")
-      case%law%most = real_of(group, "volume_max")
-      case%law%list = reals_of(group, "volumes")
-      case%law%density = real_of(group, "density")
-      if (case%law%most < case%law%least) then
+      case%volumes%mean = real_of(group, "volume_mean")
+      case%volumes%std = real_of(group, "volume_std")
+      case%volumes%min = real_of(group, "volume_min")
+      case%volumes%max = real_of(group, "volume_max")
+      case%volumes%list = reals_of(group, "volumes")
+      case%volumes%density = real_of(group, "density")
+      if (case%volumes%max < case%volumes%min) then
          call refuse(group, "volume_max", "must not be below volume_min", error)
       end if
    end subroutine read_boulder
@@ -690,7 +726,7 @@ contains
 
       if (real_of(group, "dem_error") > 0) call need(group, "dem_correlation", "for dem_error", error)
       if (allocated(error)) return
-      if (real_of(group, "volume_std_factor") > 1 .and. case%law%deviation <= 0) then
+      if (real_of(group, "volume_std_factor") > 1 .and. case%volumes%std <= 0) then
          call refuse(group, "volume_std_factor", "has no meaning without a volume_std", error)
       else if (real_of(group, "drop_height_factor") > 1 .and. case%drop_height <= 0) then
          call refuse(group, "drop_height_factor", "has no meaning without a drop_height", error)

@@ -1,18 +1,17 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Files of impact sets: one `&impact_set ratio, mean, covariance /` for each R_b/R_m = 1..5, and what it may hold
 !> besides: docs/impact_sets.md. A file may hold several draws of all five, for an ensemble.
-module rockfall_sets
+module rockfall_impact_sets
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail
-   use rockfall_textfile, only: integer_text, joined
+   use rockfall_text, only: integer_text, joined
    use rockfall_namelist, only: namelist_t, group_t, parse_namelist
    use rockfall_values, only: has_key, value_count, get_integer, get_real, refuse
    use rockfall_impact, only: impact_set_t, impact_set, check_covariance, with_noise, impact_ratios
    use rockfall_direction, only: lateral_classes, lateral_quantiles, by_lab
-   use rockfall_scene, only: coefficients_t
    implicit none
    private
-   public :: read_sets
+   public :: coefficients_t, read_sets, any_speed
 
    character(len=*), parameter :: keys(*) = [character(len=11) :: "ratio", "mean", "covariance", "noise", "draw", &
                                             "speed_range", "angle_range", "incidence", "lateral"]
@@ -20,6 +19,21 @@ module rockfall_sets
    integer, parameter :: required = 3               !! keys
    integer, parameter :: max_draws = 1000
    real(wp), parameter :: most_speed = 1000.0_wp    !! [m/s] no boulder has more
+
+   real(wp), parameter :: any_speed = 1.0e100_wp  !! [m/s] above all, and its square is a number
+
+   !> The numbers of five impact sets, as files have them.
+   type :: coefficients_t
+      real(wp) :: mean(9, impact_ratios) = 0.0_wp           !! of a1..a9
+      real(wp) :: covariance(9, 9, impact_ratios) = 0.0_wp
+      !> Lateral deviations [degree]: the incidence angles between classes, 90 where there are fewer, and the
+      !> quantiles of each class, those of the last repeated.
+      real(wp) :: incidence(lateral_classes - 1, impact_ratios) = 90.0_wp
+      real(wp) :: lateral(lateral_quantiles, lateral_classes, impact_ratios) = 0.0_wp
+      !> Least and most of the incident speed [m/s] and angle [degree] that each was fitted on.
+      real(wp) :: speed_range(2, impact_ratios) = spread([0.0_wp, any_speed], 2, impact_ratios)
+      real(wp) :: angle_range(2, impact_ratios) = spread([0.0_wp, 90.0_wp], 2, impact_ratios)
+   end type coefficients_t
 
 contains
 
@@ -260,4 +274,4 @@ contains
          if (.not. found(k)) text = text//" "//integer_text(k)
       end do
    end function missing
-end module rockfall_sets
+end module rockfall_impact_sets

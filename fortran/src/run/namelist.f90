@@ -7,7 +7,7 @@ module rockfall_namelist
    use rockfall_kinds, only: i8
    use rockfall_error, only: error_t, fail
    use rockfall_decimal, only: parse_integer, decimal_ok
-   use rockfall_textfile, only: check_text, after_mark, lower, integer_text, excerpt
+   use rockfall_text, only: check_text, after_mark, lower, integer_text, excerpt
    implicit none
    private
    public :: namelist_t, group_t, entry_t, value_t, parse_namelist

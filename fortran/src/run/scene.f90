@@ -1,52 +1,169 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> What both doors do to a scene before it runs: bring release points and lines into local coordinates,
-!> and refuse sources where no boulder can be.
+!> From a case and the arrays that it names to the scene that boulders fly over: the one way for both programs.
 module rockfall_scene
-   use rockfall_kinds, only: wp, i8
+   use rockfall_kinds, only: wp, sp, i1, i2, i4, i8
    use rockfall_error, only: error_t, fail
-   use rockfall_terrain, only: terrain_t, patch_t, locate, height, on_terrain
-   use rockfall_line, only: line_t, line
+   use rockfall_text, only: integer_text
+   use rockfall_random, only: random_key, normal_table
+   use rockfall_sobol, only: sobol_sequence, max_dimensions
+   use rockfall_grid, only: grid_t
+   use rockfall_terrain, only: terrain, patch_t, locate, height, on_terrain
+   use rockfall_sources, only: last_boulders
+   use rockfall_line, only: line
    use rockfall_impact, only: impact_set, impact_ratios, fitted
-   use rockfall_direction, only: lateral, lateral_classes, lateral_quantiles, by_lab
+   use rockfall_direction, only: lateral, by_lab
+   use rockfall_boulder, only: last_of
    use rockfall_trajectory, only: scene_t
-   use rockfall_random, only: normal_table
+   use rockfall_case, only: case_t
+   use rockfall_impact_sets, only: coefficients_t, read_sets
    implicit none
    private
-   public :: coefficients_t, set_sources, check_sources, add_line, set_impacts
+   public :: scene_arrays_t, scene_from, check_sources, boulders_of
 
-   real(wp), parameter :: any_speed = 1.0e100_wp  !! [m/s] above all, and its square is a number
-
-   !> The numbers of five impact sets, as files have them.
-   type :: coefficients_t
-      real(wp) :: mean(9, impact_ratios) = 0.0_wp           !! of a1..a9
-      real(wp) :: covariance(9, 9, impact_ratios) = 0.0_wp
-      !> Lateral deviations [degree]: the incidence angles between classes, 90 where there are fewer, and the
-      !> quantiles of each class, those of the last repeated.
-      real(wp) :: incidence(lateral_classes - 1, impact_ratios) = 90.0_wp
-      real(wp) :: lateral(lateral_quantiles, lateral_classes, impact_ratios) = 0.0_wp
-      !> Least and most of the incident speed [m/s] and angle [degree] that each was fitted on.
-      real(wp) :: speed_range(2, impact_ratios) = spread([0.0_wp, any_speed], 2, impact_ratios)
-      real(wp) :: angle_range(2, impact_ratios) = spread([0.0_wp, 90.0_wp], 2, impact_ratios)
-   end type coefficients_t
+   !> What a scene needs beside its case: from Python, or from a scene file. Views stay the caller's.
+   type :: scene_arrays_t
+      type(grid_t) :: grid                                       !! of the whole raster
+      integer :: first(2) = 1                                    !! its column and row where the arrays begin
+      real(wp), pointer, contiguous :: z8(:, :) => null()        !! elevations [m], or
+      real(sp), pointer, contiguous :: z4(:, :) => null()        !! in single precision; NaN = none
+      integer(i1), pointer, contiguous :: zone1(:, :) => null()  !! 1-based column of `sizes`, or
+      integer(i2), pointer, contiguous :: zone2(:, :) => null()  !! of more than 127
+      real(sp), pointer, contiguous :: values(:, :, :) => null() !! or sizes of each cell (nx, ny, 1 or 3) [m]
+      real(wp), allocatable :: sizes(:, :)                       !! R_m, or Rg70, Rg20, Rg10 (1 or 3, materials) [m]
+      real(wp), allocatable :: source_x(:), source_y(:)          !! map coordinates [m]
+      real(wp), allocatable :: area_ratio(:)                     !! surface over plan area, where they release by it
+      character(len=:), allocatable :: sets_text, sets_name      !! the file of impact sets, and its name for messages
+      integer :: draw = 0                                        !! of a file with several; 0: it has one only
+   end type scene_arrays_t
 
 contains
 
-   !> Release points in map coordinates [m].
-   pure subroutine set_sources(scene, x, y)
-      type(scene_t), intent(inout) :: scene
-      real(wp), intent(in) :: x(:), y(:)
+   !> The scene of a case. What the text of a case cannot know to be wrong is refused here.
+   subroutine scene_from(case, arrays, scene, error)
+      type(case_t), intent(in) :: case
+      type(scene_arrays_t), intent(in) :: arrays
+      type(scene_t), intent(out) :: scene
+      type(error_t), allocatable, intent(out) :: error
 
-      allocate (scene%release%x(size(x)), scene%release%y(size(x)))
-      scene%release%x = x - scene%dem%x0
-      scene%release%y = y - scene%dem%y0
-   end subroutine set_sources
+      scene%key = random_key(case%seed)
+      scene%table = normal_table()
+      if (case%sobol) scene%sobol = sobol_sequence(max_dimensions)
+      scene%gravity = case%gravity
+      scene%stop_speed = case%stop_speed
+      scene%between_ratios = case%between_ratios
+      scene%max_impacts = case%impact_limit
+      scene%histograms_requested = case%rebounds
+      scene%volumes = case%volumes
+      call set_ground(case, arrays, scene)
+      call set_release(case, arrays, scene)
+      call set_lines(case, scene)
+      call check_number(case, scene, error)
+      if (.not. allocated(error)) call set_impacts(case, arrays, scene, error)
+   end subroutine scene_from
+
+   !> Views of the elevations, and of what lies on them.
+   subroutine set_ground(case, arrays, scene)
+      type(case_t), intent(in) :: case
+      type(scene_arrays_t), intent(in) :: arrays
+      type(scene_t), intent(inout) :: scene
+
+      associate (grid => arrays%grid, first => arrays%first, surface => scene%surface)
+         if (associated(arrays%z8)) then
+            scene%dem = terrain(grid%west, grid%north, grid%cell, z8=arrays%z8, nodes=[grid%nx, grid%ny], first=first)
+         else
+            scene%dem = terrain(grid%west, grid%north, grid%cell, z4=arrays%z4, nodes=[grid%nx, grid%ny], first=first)
+         end if
+         surface%method = case%method
+         surface%size_to_radius = case%size_to_radius
+         surface%sizes = arrays%sizes
+         if (associated(arrays%zone1)) surface%zone1(first(1):, first(2):) => arrays%zone1
+         if (associated(arrays%zone2)) surface%zone2(first(1):, first(2):) => arrays%zone2
+         if (associated(arrays%values)) surface%values(first(1):, first(2):, 1:) => arrays%values
+      end associate
+   end subroutine set_ground
+
+   !> Sources in local coordinates, and how many boulders each releases.
+   pure subroutine set_release(case, arrays, scene)
+      type(case_t), intent(in) :: case
+      type(scene_arrays_t), intent(in) :: arrays
+      type(scene_t), intent(inout) :: scene
+
+      associate (release => scene%release)
+         release%x = arrays%source_x - scene%dem%x0
+         release%y = arrays%source_y - scene%dem%y0
+         release%boulders_per_source = case%boulders
+         if (case%by_area .and. allocated(arrays%area_ratio)) release%last = last_boulders(arrays%area_ratio, case%boulders)
+         release%drop_height = case%drop_height
+         release%velocity = case%velocity
+      end associate
+   end subroutine set_release
+
+   pure subroutine set_lines(case, scene)
+      type(case_t), intent(in) :: case
+      type(scene_t), intent(inout) :: scene
+      integer :: k
+
+      if (size(case%lines) == 0) return
+      allocate (scene%lines(size(case%lines)))
+      do k = 1, size(case%lines)
+         scene%lines(k) = line(case%lines(k)%x - scene%dem%x0, case%lines(k)%y - scene%dem%y0)
+      end do
+   end subroutine set_lines
+
+   !> Maps count boulders in 32 bits.
+   pure subroutine check_number(case, scene, error)
+      type(case_t), intent(in) :: case
+      type(scene_t), intent(in) :: scene
+      type(error_t), allocatable, intent(out) :: error
+      integer(i8) :: sources
+
+      sources = size(scene%release%x)
+      if (sources == 0) return
+      if (case%boulders <= huge(1_i4)/sources) then
+         if (last_of(scene%release, sources) <= huge(1_i4)) return
+      end if
+      call fail(error, case%file//": &case boulders = "//integer_text(case%boulders)//" from each of " &
+                //integer_text(sources)//" sources: must be at most "//integer_text(huge(1_i4))//" together")
+   end subroutine check_number
+
+   !> The impact sets, factored, and how boulders turn.
+   subroutine set_impacts(case, arrays, scene, error)
+      type(case_t), intent(in) :: case
+      type(scene_arrays_t), intent(in) :: arrays
+      type(scene_t), intent(inout) :: scene
+      type(error_t), allocatable, intent(out) :: error
+      type(coefficients_t) :: sets
+      integer :: k
+
+      if (arrays%draw > 0) then
+         call read_sets(arrays%sets_text, arrays%sets_name, case%turning, sets, error, arrays%draw)
+      else
+         call read_sets(arrays%sets_text, arrays%sets_name, case%turning, sets, error)
+      end if
+      do k = 1, impact_ratios
+         if (.not. allocated(error)) call impact_set(sets%mean(:, k), sets%covariance(:, :, k), scene%sets(k), error)
+         if (allocated(error)) return
+         scene%sets(k)%fitted = fitted(sets%speed_range(:, k), sets%angle_range(:, k))
+      end do
+      scene%turning = case%turning
+      if (case%turning /= by_lab) return
+      scene%lateral = [(lateral(sets%incidence(:, k), sets%lateral(:, :, k)), k=1, impact_ratios)]
+   end subroutine set_impacts
+
+   !> Boulders of the whole run.
+   pure integer(i8) function boulders_of(scene)
+      type(scene_t), intent(in) :: scene
+
+      boulders_of = 0
+      if (size(scene%release%x) > 0) boulders_of = last_of(scene%release, size(scene%release%x, kind=i8))
+   end function boulders_of
 
    !> Sources that start from rows first to last of the raster lie on known terrain, a window of which is at
-   !> hand. Raises `head` to the greatest elevation [m] that the energy of a boulder could lift it to.
+   !> hand. Raises `head` to the greatest elevation that the energy of a boulder could lift it to.
    pure subroutine check_sources(scene, first, last, head, error)
       type(scene_t), intent(in) :: scene
       integer, intent(in) :: first, last  !! rows from the north
-      real(wp), intent(inout) :: head
+      real(wp), intent(inout) :: head     !! [m]
       type(error_t), allocatable, intent(out) :: error
       type(patch_t) :: patch
       character(len=300) :: text
@@ -76,39 +193,4 @@ contains
          end do
       end associate
    end subroutine check_sources
-
-   !> Add an evaluation line, in map coordinates [m].
-   pure subroutine add_line(scene, x, y)
-      type(scene_t), intent(inout) :: scene
-      real(wp), intent(in) :: x(:), y(:)
-      type(line_t), allocatable :: lines(:)
-      integer :: n
-
-      n = 0
-      if (allocated(scene%lines)) n = size(scene%lines)
-      allocate (lines(n + 1))
-      if (n > 0) lines(:n) = scene%lines
-      lines(n + 1) = line(x - scene%dem%x0, y - scene%dem%y0)
-      call move_alloc(lines, scene%lines)
-   end subroutine add_line
-
-   !> The impact sets, factored, the table of normal numbers, and how boulders turn.
-   subroutine set_impacts(scene, coefficients, turning, error)
-      type(scene_t), intent(inout) :: scene
-      type(coefficients_t), intent(in) :: coefficients
-      integer, intent(in) :: turning  !! rule of turning_t
-      type(error_t), allocatable, intent(out) :: error
-      integer :: k
-
-      scene%table = normal_table()
-      do k = 1, impact_ratios
-         call impact_set(coefficients%mean(:, k), coefficients%covariance(:, :, k), scene%sets(k), error)
-         if (allocated(error)) return
-         scene%sets(k)%fitted = fitted(coefficients%speed_range(:, k), coefficients%angle_range(:, k))
-      end do
-      scene%turning = turning
-      if (turning == by_lab) then
-         scene%lateral = [(lateral(coefficients%incidence(:, k), coefficients%lateral(:, :, k)), k=1, impact_ratios)]
-      end if
-   end subroutine set_impacts
 end module rockfall_scene

@@ -6,11 +6,11 @@ module rockfall_threads
    use rockfall_error, only: error_t, fail
    implicit none
    private
-   public :: team_size, check_team, release_team, most_threads
+   public :: team_size, check_team, release_team, max_threads
 
-   integer, parameter :: most_threads = 1024
+   integer, parameter :: max_threads = 1024  !! far beyond the cores of a machine: more is a mistake
    integer(c_size_t), parameter :: kilobyte = 1024
-   integer(c_size_t), parameter :: least_stack = 500*kilobyte  !! "ulimit -s 512" is enough
+   integer(c_size_t), parameter :: min_stack = 500*kilobyte  !! [bytes] "ulimit -s 512" is enough
    integer(c_int), parameter :: private_anonymous_unreserved = int(z'4022', c_int)  !! MAP_... of Linux
 
    interface
@@ -47,7 +47,7 @@ module rockfall_threads
 
 contains
 
-   !> Threads for a run that asks for so many; 0 asks for all that OpenMP offers (OMP_NUM_THREADS, the
+   !> Threads for a run that requests so many; 0 requests all that OpenMP offers (OMP_NUM_THREADS, the
    !> cores of the process).
    integer function team_size(threads)
       !$ use omp_lib, only: omp_get_max_threads
@@ -64,22 +64,22 @@ contains
       type(error_t), allocatable, intent(out) :: error
       integer(c_size_t) :: stack, stacks
 
-      if (team_size(threads) > most_threads) then
+      if (team_size(threads) > max_threads) then
          call fail(error, "OMP_NUM_THREADS = "//text(int(team_size(threads), c_size_t))//": must be at most " &
-                   //text(int(most_threads, c_size_t)))
+                   //text(int(max_threads, c_size_t)))
          return
       end if
       stack = stack_of_this()
       stacks = 0
-      if (team_size(threads) > 1 .and. stack >= least_stack) then
+      if (team_size(threads) > 1 .and. stack >= min_stack) then
          !$omp parallel default(none) num_threads(2) reduction(min: stack)
          stack = stack_of_this()
          !$omp end parallel
          stacks = stack*(team_size(threads) - 2)
       end if
-      if (stack < least_stack) then
+      if (stack < min_stack) then
          call fail(error, "a thread has a stack of "//text(stack/kilobyte)//" kB: must be at least " &
-                   //text(least_stack/kilobyte)//" kB (ulimit -s, OMP_STACKSIZE)")
+                   //text(min_stack/kilobyte)//" kB (ulimit -s, OMP_STACKSIZE)")
       else if (.not. fits(stacks)) then
          call fail(error, "threads = "//text(int(team_size(threads), c_size_t))//": their stacks of " &
                    //text(stack/kilobyte)//" kB do not fit into the memory (ulimit -v); fewer do, or a smaller " &
@@ -101,10 +101,10 @@ contains
    integer(c_size_t) function stack_of_this() result(bytes)
       integer(c_long) :: attributes(64)  ! no pthread_attr_t is as large
 
-      bytes = huge(bytes)/most_threads
+      bytes = huge(bytes)/max_threads
       if (c_attributes(c_self(), attributes) /= 0) return
       if (c_stack_size(attributes, bytes) /= 0 .or. bytes < 0) bytes = huge(bytes)
-      bytes = min(bytes, huge(bytes)/most_threads)
+      bytes = min(bytes, huge(bytes)/max_threads)
       if (c_forget(attributes) /= 0) return
    end function stack_of_this
 

@@ -1,33 +1,35 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> One boulder from release to rest: fly, land, ask what the slope is made of, rebound, turn, fly again.
+!> One boulder from release to rest: fly, land, look up what the slope is made of, rebound, turn, fly again.
 !> A pure function of the scene and the boulder's number.
 module rockfall_trajectory
    use rockfall_kinds, only: wp, i8
    use rockfall_random, only: random_key_t, normal_table_t, random_words, four_words, uniform, for_impact, &
-                              for_ratio
-   use rockfall_sobol, only: sobol_t, sobol_word, scrambled
+                              for_ratio, words_per_draw, words_per_block, matrix_words, turn_class_word, &
+                              turn_within_word, obstacle_word, ratio_word
+   use rockfall_sobol, only: sobol_t, sobol_word, scrambled, volume_dimension
    use rockfall_terrain, only: terrain_t, patch_t, in_window, locate, height, gradient, cell_of, cell_descent
    use rockfall_surface, only: surface_t, rock_radius
-   use rockfall_boulder, only: boulder_t, boulder_law_t, release_t, draw_boulder, source_of, first_of, &
-                               spin_inertia
+   use rockfall_boulder, only: boulder_t, volume_distribution_t, release_t, draw_boulder, source_of, first_of, &
+                               inertia_factor
    use rockfall_flight, only: flight_t, landing_t, span_t, fly, launch_rate, arc_length
    use rockfall_impact, only: impact_set_t, impact_ratios, ratio_class, ratio_between, beyond_fit, rebound_t, rebound
    use rockfall_direction, only: turning_t, lateral_t, past_aspect, by_lab, lateral_angle, new_heading, unit_vector, &
                                  any_heading
    use rockfall_line, only: line_t, first_crossing
-   use rockfall_map, only: visits_t, start_visits, visit_spans, visit_cell
+   use rockfall_maps, only: visits_t, start_visits, visit_spans, visit_cell
    use rockfall_histogram, only: histograms_t, count_rebound
    implicit none
    private
-   public :: scene_t, fate_t, crossing_t, contact_t, scratch_t, follow, choose_follow
-   public :: stopped, absorbed, left_domain, impact_limit, left_window
+   public :: scene_t, boulder_result_t, crossing_t, contact_t, scratch_t, trace_full, choose_trace
+   public :: stopped, absorbed, left_domain, impact_limit, hit_nodata, left_window
 
-   integer, parameter :: stopped = 1, absorbed = 2, left_domain = 3, impact_limit = 4  !! status
-   integer, parameter :: left_window = 5  !! the terrain goes on, but is not at hand: to be flown again
+   !> Status, in the order of the table of rockfall_variables; 0 while a boulder is on its way.
+   integer, parameter :: stopped = 1, absorbed = 2, left_domain = 3, impact_limit = 4, hit_nodata = 5
+   integer, parameter :: left_window = -1  !! the terrain goes on, but is not at hand: to be traced again; in no result
 
-   !> What is noted on the way besides the boulder's fate, if it is wanted: nothing; lines and histograms; visits of
+   !> What may be recorded besides the boulder's result, if it is requested: nothing; lines and histograms; visits of
    !> raster cells too; vertices of the trajectory too.
-   integer, parameter :: fate_only = 0, notes = 1, cells = 2, vertices = 3
+   integer, parameter :: basic = 0, with_lines = 1, with_maps = 2, with_record = 3
 
    !> Everything that a boulder needs to know; the same for all boulders of a run.
    type :: scene_t
@@ -37,21 +39,21 @@ module rockfall_trajectory
       type(terrain_t) :: dem
       type(surface_t) :: surface
       type(impact_set_t) :: sets(impact_ratios)
-      logical :: between_ratios = .false.  !! a ratio between two sets is served by either, by chance
+      logical :: between_ratios = .false.  !! a ratio between two sets is served by either, at random
       integer :: turning = past_aspect     !! rule of turning_t
       type(lateral_t), allocatable :: lateral(:)  !! of each ratio; only by_lab
-      type(boulder_law_t) :: law
+      type(volume_distribution_t) :: volumes
       type(release_t) :: release
       type(line_t), allocatable :: lines(:)
       real(wp) :: gravity = 9.81_wp        !! [m/s2]
       real(wp) :: stop_speed = 0.5_wp      !! after a rebound [m/s]
-      integer :: most_impacts = 100000
-      logical :: wants_cells = .false.     !! visits of raster cells
-      logical :: wants_histograms = .false.
+      integer :: max_impacts = 100000      !! contacts, after which a boulder ends
+      logical :: cells_requested = .false. !! visits of raster cells
+      logical :: histograms_requested = .false.
    end type scene_t
 
-   !> What became of a boulder.
-   type :: fate_t
+   !> What became of a boulder (model, section 9).
+   type :: boulder_result_t
       type(boulder_t) :: boulder
       integer :: status = 0
       integer :: impacts = 0               !! contacts with the slope
@@ -63,7 +65,7 @@ module rockfall_trajectory
       real(wp) :: jump_height_max = 0.0_wp !! [m]
       integer :: rebounds = 0, redrawn = 0, forced = 0
       integer :: out_of_range = 0, out_of_speed = 0, out_of_angle = 0  !! rebounds beyond what a set was fitted on
-   end type fate_t
+   end type boulder_result_t
 
    !> First crossing of an evaluation line.
    type :: crossing_t
@@ -88,138 +90,141 @@ module rockfall_trajectory
       type(visits_t) :: visits
       type(histograms_t) :: histograms
       type(crossing_t), allocatable :: crossings(:)
-      type(contact_t), allocatable :: record(:)  !! allocated by who wants the trajectory
+      type(contact_t), allocatable :: record(:)  !! allocated by who requests the trajectory
       integer :: recorded = 0                    !! vertices there were, also beyond size(record)
-      procedure(follow), pointer, nopass :: follow => null()  !! what the scene needs of `follow`
+      procedure(trace_full), pointer, nopass :: trace => null()  !! what the scene needs of `trace_full`
    end type scratch_t
 
 contains
 
-   !> Follow boulder `number` (1..) from release to its end, and note what is asked for on the way.
-   pure subroutine follow(scene, number, fate, scratch)
+   !> Trace boulder `number` (1..) from release to its end, and record all that is requested.
+   pure subroutine trace_full(scene, number, result, scratch)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: number
-      type(fate_t), intent(out) :: fate
+      type(boulder_result_t), intent(out) :: result
       type(scratch_t), intent(inout) :: scratch
 
-      call travel(scene, number, fate, scratch, vertices)
-   end subroutine follow
+      call trace(scene, number, result, scratch, with_record)
+   end subroutine trace_full
 
-   !> The same without a record.
-   pure subroutine follow_over_cells(scene, number, fate, scratch)
+   !> The same without a record of the trajectory.
+   pure subroutine trace_maps(scene, number, result, scratch)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: number
-      type(fate_t), intent(out) :: fate
+      type(boulder_result_t), intent(out) :: result
       type(scratch_t), intent(inout) :: scratch
 
-      call travel(scene, number, fate, scratch, cells)
-   end subroutine follow_over_cells
+      call trace(scene, number, result, scratch, with_maps)
+   end subroutine trace_maps
 
    !> The same without maps either.
-   pure subroutine follow_off_the_map(scene, number, fate, scratch)
+   pure subroutine trace_lines(scene, number, result, scratch)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: number
-      type(fate_t), intent(out) :: fate
+      type(boulder_result_t), intent(out) :: result
       type(scratch_t), intent(inout) :: scratch
 
-      call travel(scene, number, fate, scratch, notes)
-   end subroutine follow_off_the_map
+      call trace(scene, number, result, scratch, with_lines)
+   end subroutine trace_lines
 
-   !> The same when only the boulder's fate is asked for.
-   pure subroutine follow_to_its_fate(scene, number, fate, scratch)
+   !> The same when only the boulder's result is requested.
+   pure subroutine trace_basic(scene, number, result, scratch)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: number
-      type(fate_t), intent(out) :: fate
+      type(boulder_result_t), intent(out) :: result
       type(scratch_t), intent(inout) :: scratch
 
-      call travel(scene, number, fate, scratch, fate_only)
-   end subroutine follow_to_its_fate
+      call trace(scene, number, result, scratch, basic)
+   end subroutine trace_basic
 
-   !> Choose, once a run, the `follow` in which the compiler has left out what the scene does not need. Tests alone
-   !> would not do: beside code that may run, the compiler does not keep a flight in registers.
-   subroutine choose_follow(scene, scratch)
+   !> Choose, once a run, the copy of `trace` in which the compiler has left out what the scene does not need. Tests
+   !> alone would not do: beside code that may run, the compiler does not keep a flight in registers.
+   subroutine choose_trace(scene, scratch)
       type(scene_t), intent(in) :: scene
       type(scratch_t), intent(inout) :: scratch
 
-      scratch%follow => follow_to_its_fate
-      if (allocated(scene%lines) .or. scene%wants_histograms) scratch%follow => follow_off_the_map
-      if (scene%wants_cells) scratch%follow => follow_over_cells
-   end subroutine choose_follow
+      scratch%trace => trace_basic
+      if (allocated(scene%lines) .or. scene%histograms_requested) scratch%trace => trace_lines
+      if (scene%cells_requested) scratch%trace => trace_maps
+   end subroutine choose_trace
 
-   !> All that `follow` is. Wherever it is called `noted` is a constant, so that each gets a copy of its own.
-   pure subroutine travel(scene, number, fate, scratch, noted)
+   !> All that `trace_full` is. Wherever it is called `level` is a constant, so that each gets a copy of its own.
+   pure subroutine trace(scene, number, result, scratch, level)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: number
-      type(fate_t), intent(out) :: fate
+      type(boulder_result_t), intent(out) :: result
       type(scratch_t), intent(inout) :: scratch
-      integer, value :: noted  !! fate_only, ..., vertices
+      integer, value :: level  !! basic, ..., with_record
       type(flight_t) :: flight
       type(landing_t) :: landing
       real(wp) :: omega_r  !! W = R_b omega [m/s]
       real(wp) :: v_in(3)  !! velocity at a contact [m/s]
 
       if (scene%sobol%dimensions > 0) then
-         fate%boulder = draw_boulder(scene%law, scene%table, scene%key, number, even_word(scene, number, 1))
+         result%boulder = draw_boulder(scene%volumes, scene%table, scene%key, number, &
+                                       scrambled_word(scene, number, volume_dimension))
       else
-         fate%boulder = draw_boulder(scene%law, scene%table, scene%key, number)
+         result%boulder = draw_boulder(scene%volumes, scene%table, scene%key, number)
       end if
       call release(scene, number, flight)
-      fate%start = [flight%x, flight%y, flight%z]
+      result%start = [flight%x, flight%y, flight%z]
       if (.not. flight%patch%known) then
-         fate%status = left_window
-         fate%stop = fate%start
+         result%status = left_window
+         result%stop = result%start
          return
       end if
-      fate%speed_max = square(flight%v)
+      result%speed_max = square(flight%v)  ! the root is taken at the end
       omega_r = 0
-      if (noted >= cells .and. scene%wants_cells) call start_visits(scratch%visits, number)
-      if (noted >= notes .and. allocated(scratch%crossings)) scratch%crossings%crossed = .false.
+      if (level >= with_maps .and. scene%cells_requested) call start_visits(scratch%visits, number)
+      if (level >= with_lines .and. allocated(scratch%crossings)) scratch%crossings%crossed = .false.
       scratch%recorded = 0
-      if (noted >= vertices) call record(scratch, contact_t(flight%x, flight%y, flight%z, 0.0_wp, flight%v))
+      if (level >= with_record) call record(scratch, contact_t(flight%x, flight%y, flight%z, 0.0_wp, flight%v))
       do
-         if (noted >= cells .and. scene%wants_cells) then
+         if (level >= with_maps .and. scene%cells_requested) then
             call fly_over_cells(scene, flight, omega_r, landing, scratch)
          else
             call fly(scene%dem, scene%gravity, flight, landing)
          end if
-         if (noted >= notes .and. allocated(scene%lines)) then
-            call meet_lines(scene, fate, flight, landing, omega_r, scratch%crossings)
+         if (level >= with_lines .and. allocated(scene%lines)) then
+            call record_crossings(scene, result, flight, landing, omega_r, scratch%crossings)
          end if
          v_in = flight%v
          v_in(3) = v_in(3) - scene%gravity*landing%time
-         fate%path_length = fate%path_length + arc_length(flight%v, scene%gravity, landing%time)
-         fate%time = fate%time + landing%time
-         fate%speed_max = max(fate%speed_max, square(v_in))
-         fate%jump_height_max = max(fate%jump_height_max, landing%jump_height)
+         result%path_length = result%path_length + arc_length(flight%v, scene%gravity, landing%time)
+         result%time = result%time + landing%time
+         result%speed_max = max(result%speed_max, square(v_in))
+         result%jump_height_max = max(result%jump_height_max, landing%jump_height)
          if (.not. landing%contact) then
-            fate%status = merge(left_domain, left_window, at_end(scene%dem, landing%patch))
+            result%status = departure(scene%dem, landing%patch)
          else
-            fate%impacts = fate%impacts + 1
-            call touch(scene, number, landing, v_in, omega_r, noted, fate, flight, scratch)
+            result%impacts = result%impacts + 1
+            call handle_impact(scene, number, landing, v_in, omega_r, level, result, flight, scratch)
          end if
-         if (fate%status /= 0) exit
+         if (result%status /= 0) exit
       end do
-      if (noted >= vertices .and. (fate%status == absorbed .or. fate%status == left_domain)) then
-         call record(scratch, contact_t(landing%x, landing%y, landing%z, fate%time, v_in))
+      if (level >= with_record .and. any(result%status == [absorbed, left_domain, hit_nodata])) then
+         call record(scratch, contact_t(landing%x, landing%y, landing%z, result%time, v_in))
       end if
-      fate%speed_max = sqrt(fate%speed_max)
-      fate%stop = [landing%x, landing%y, landing%z]
+      result%speed_max = sqrt(result%speed_max)
+      result%stop = [landing%x, landing%y, landing%z]
       if (.not. landing%contact) return
-      fate%stop_cell = cell_of(scene%dem, landing%patch, landing%u, landing%w)
-      if (noted >= cells .and. scene%wants_cells) call visit_cell(scratch%visits, fate%stop_cell, 0.0_wp, 0.0_wp, 0.0_wp)
-   end subroutine travel
+      result%stop_cell = cell_of(scene%dem, landing%patch, landing%u, landing%w)
+      if (level >= with_maps .and. scene%cells_requested) then
+         call visit_cell(scratch%visits, result%stop_cell, 0.0_wp, 0.0_wp, 0.0_wp)
+      end if
+   end subroutine trace
 
-   !> Whether the terrain ends at a patch that is not known: beyond the raster, or beside nodata.
-   pure logical function at_end(dem, patch)
+   !> Why a boulder goes no further at a patch that is not known.
+   pure integer function departure(dem, patch) result(status)
       type(terrain_t), intent(in) :: dem
       type(patch_t), intent(in) :: patch
 
-      at_end = in_window(dem, patch%i, patch%j) .or. min(patch%i, patch%j) < 1 &
-               .or. patch%i >= dem%nx .or. patch%j >= dem%ny
-   end function at_end
+      status = merge(left_domain, left_window, min(patch%i, patch%j) < 1 .or. patch%i >= dem%nx .or. patch%j >= dem%ny)
+      if (in_window(dem, patch%i, patch%j)) status = hit_nodata
+   end function departure
 
-   !> A word of the boulder's scrambled Sobol' point: 1 for its volume, then those of its first draw of A.
-   pure integer(i8) function even_word(scene, number, dimension)
+   !> A word of the boulder's scrambled Sobol' point: its volume, then the words of its first draw of A.
+   pure integer(i8) function scrambled_word(scene, number, dimension)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: number
       integer, intent(in) :: dimension
@@ -227,20 +232,20 @@ contains
 
       source = source_of(scene%release, number)
       index = number - first_of(scene%release, source)
-      even_word = scrambled(sobol_word(scene%sobol, index, dimension), scene%key, source, dimension)
-   end function even_word
+      scrambled_word = scrambled(sobol_word(scene%sobol, index, dimension), scene%key, source, dimension)
+   end function scrambled_word
 
    !> Those of the first draw of A. All at once: an index that varies would keep the usual words in memory.
-   pure function even_words(scene, number) result(word)
+   pure function scrambled_words(scene, number) result(word)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: number
-      integer(i8) :: word(12)
+      integer(i8) :: word(words_per_draw)
       integer :: k
 
       do k = 1, size(word)
-         word(k) = even_word(scene, number, k + 1)
+         word(k) = scrambled_word(scene, number, volume_dimension + k)
       end do
-   end function even_words
+   end function scrambled_words
 
    !> The start of the first flight: above the source, at rest or with the velocity of the release.
    pure subroutine release(scene, number, flight)
@@ -262,135 +267,145 @@ contains
       end associate
    end subroutine release
 
-   !> Fly, and note the raster cells on the way.
+   !> Fly, and record the visits of raster cells.
    pure subroutine fly_over_cells(scene, flight, omega_r, landing, scratch)
       type(scene_t), intent(in) :: scene
       type(flight_t), intent(in) :: flight
-      real(wp), intent(in) :: omega_r
+      real(wp), intent(in) :: omega_r  !! W [m/s]
       type(landing_t), intent(out) :: landing
       type(scratch_t), intent(inout) :: scratch
       integer :: n
 
       call fly(scene%dem, scene%gravity, flight, landing, scratch%spans, n)
       call visit_spans(scratch%visits, scene%dem, scene%gravity, flight%x, flight%y, flight%v, &
-                       spin_inertia*omega_r**2, scratch%spans(:n))
+                       inertia_factor*omega_r**2, scratch%spans(:n))
    end subroutine fly_over_cells
 
    !> Record the lines that a flight crosses for the first time.
-   pure subroutine meet_lines(scene, fate, flight, landing, omega_r, crossings)
+   pure subroutine record_crossings(scene, result, flight, landing, omega_r, crossings)
       type(scene_t), intent(in) :: scene
-      type(fate_t), intent(in) :: fate
+      type(boulder_result_t), intent(in) :: result
       type(flight_t), intent(in) :: flight
       type(landing_t), intent(in) :: landing
-      real(wp), intent(in) :: omega_r
+      real(wp), intent(in) :: omega_r  !! W [m/s]
       type(crossing_t), intent(inout) :: crossings(:)
-      real(wp) :: share
+      real(wp) :: fraction
       integer :: k
 
       do k = 1, size(scene%lines)
          if (crossings(k)%crossed) cycle
-         share = first_crossing(scene%lines(k), [flight%x, flight%y], [landing%x, landing%y])
-         if (share <= 1) crossings(k) = crossing(scene, fate, flight, share*landing%time, omega_r)
+         fraction = first_crossing(scene%lines(k), [flight%x, flight%y], [landing%x, landing%y])
+         if (fraction <= 1) crossings(k) = crossing(scene, result, flight, fraction*landing%time, omega_r)
       end do
-   end subroutine meet_lines
+   end subroutine record_crossings
 
    !> The state of a boulder in flight, `t` after the flight's start.
-   pure type(crossing_t) function crossing(scene, fate, flight, t, omega_r) result(c)
+   !>
+   !> The passing height is that of the centre of the sphere (the paper measures from it). A sphere on a slope touches
+   !> it along the normal, so its centre lies R_b sqrt(1 + |g|**2) = R_b/cos(slope) above the surface, vertically; and
+   !> higher by the jump height where it flies (model, section 9).
+   pure type(crossing_t) function crossing(scene, result, flight, t, omega_r) result(c)
       type(scene_t), intent(in) :: scene
-      type(fate_t), intent(in) :: fate
+      type(boulder_result_t), intent(in) :: result
       type(flight_t), intent(in) :: flight
-      real(wp), intent(in) :: t, omega_r
+      real(wp), intent(in) :: t        !! [s]
+      real(wp), intent(in) :: omega_r  !! W [m/s]
       type(patch_t) :: patch
       real(wp) :: u, w, g(2)
 
       c%crossed = .true.
-      c%time = fate%time + t
+      c%time = result%time + t
       c%x = flight%x + flight%v(1)*t
       c%y = flight%y + flight%v(2)*t
       c%v = [flight%v(1), flight%v(2), flight%v(3) - scene%gravity*t]
-      c%omega = omega_r/fate%boulder%radius
+      c%omega = omega_r/result%boulder%radius
       associate (dem => scene%dem)
          call locate(dem, c%x, c%y, patch, u, w)
          c%jump_height = max(0.0_wp, flight%z + t*(flight%v(3) - 0.5_wp*scene%gravity*t) - height(patch, u, w))
          g = gradient(dem, patch, u, w)
-         c%passing_height = c%jump_height + fate%boulder%radius*sqrt(1 + g(1)**2 + g(2)**2)
+         c%passing_height = c%jump_height + result%boulder%radius*sqrt(1 + g(1)**2 + g(2)**2)
       end associate
    end function crossing
 
    !> A contact: absorbed, stopped, or off again on the next flight.
-   pure subroutine touch(scene, number, landing, v, omega_r, noted, fate, flight, scratch)
+   pure subroutine handle_impact(scene, number, landing, v, omega_r, level, result, flight, scratch)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: number
       type(landing_t), intent(in) :: landing
       real(wp), intent(in) :: v(3)          !! incoming velocity [m/s]
       real(wp), intent(inout) :: omega_r    !! W [m/s]
-      integer, value :: noted               !! as in travel
-      type(fate_t), intent(inout) :: fate
+      integer, value :: level               !! as in trace
+      type(boulder_result_t), intent(inout) :: result
       type(flight_t), intent(inout) :: flight
       type(scratch_t), intent(inout) :: scratch
-      integer(i8) :: word(12)
+      integer(i8) :: word(words_per_draw)
       integer :: at(2), class
       logical :: outside, fast, steep
       real(wp) :: radius, ratio, v_in(3), heading(2), g(2), steepness
       type(rebound_t) :: out
       type(turning_t) :: turning
 
-      word = random_words(scene%key, for_impact, number, int(fate%impacts, i8), 0_i8)
-      if (fate%impacts == 1 .and. scene%sobol%dimensions > 1) word = even_words(scene, number)
+      word = random_words(scene%key, for_impact, number, int(result%impacts, i8), 0_i8)
+      if (result%impacts == 1 .and. scene%sobol%dimensions > 1) word = scrambled_words(scene, number)
       at = cell_of(scene%dem, landing%patch, landing%u, landing%w)
-      radius = rock_radius(scene%surface, at, uniform(word(12)))
+      radius = rock_radius(scene%surface, at, uniform(word(obstacle_word)))
       if (radius > huge(radius)) then
-         fate%status = absorbed
+         result%status = absorbed
          return
       end if
-      ratio = fate%boulder%radius/radius
+      ratio = result%boulder%radius/radius
       call ratio_class(ratio, class, outside)
-      if (scene%between_ratios) class = ratio_between(ratio, ratio_chance(scene%key, number, fate%impacts))
+      if (scene%between_ratios) class = ratio_between(ratio, ratio_uniform(scene%key, number, result%impacts))
       g = gradient(scene%dem, landing%patch, landing%u, landing%w)
       steepness = sqrt(1 + g(1)**2 + g(2)**2)
       call decompose(v, g, steepness, flight%heading, omega_r, v_in, heading)
-      call rebound(scene%sets(class), scene%table, scene%key, number, int(fate%impacts, i8), word(1:9), v_in, out)
-      fate%rebounds = fate%rebounds + 1
-      if (out%draws > 1) fate%redrawn = fate%redrawn + 1
-      if (out%forced) fate%forced = fate%forced + 1
-      if (outside) fate%out_of_range = fate%out_of_range + 1
+      call rebound(scene%sets(class), scene%table, scene%key, number, int(result%impacts, i8), word(1:matrix_words), &
+                   v_in, out)
+      result%rebounds = result%rebounds + 1
+      if (out%draws > 1) result%redrawn = result%redrawn + 1
+      if (out%forced) result%forced = result%forced + 1
+      if (outside) result%out_of_range = result%out_of_range + 1
       call beyond_fit(scene%sets(class)%fitted, v_in(1:2), fast, steep)
-      if (fast) fate%out_of_speed = fate%out_of_speed + 1
-      if (steep) fate%out_of_angle = fate%out_of_angle + 1
-      if (noted >= notes .and. scene%wants_histograms) call count_rebound(scratch%histograms, v_in, out%v)
-      turning = turning_t(scene%turning, uniform(word(10)), uniform(word(11)), merge(1.0_wp, -1.0_wp, btest(word(11), 0)))
+      if (fast) result%out_of_speed = result%out_of_speed + 1
+      if (steep) result%out_of_angle = result%out_of_angle + 1
+      if (level >= with_lines .and. scene%histograms_requested) call count_rebound(scratch%histograms, v_in, out%v)
+      turning = turning_t(scene%turning, uniform(word(turn_class_word)), uniform(word(turn_within_word)), &
+                          merge(1.0_wp, -1.0_wp, btest(word(turn_within_word), 0)))
       if (turning%rule == by_lab) turning%lateral = lateral_angle(scene%lateral(class), v_in(1:2), turning%class)
-      call leave(scene, landing, at, g, steepness, heading, turning, out%v, flight, omega_r)
-      if (noted >= vertices) then
-         call record(scratch, contact_t(landing%x, landing%y, landing%z, fate%time, flight%v, v_in, out%v, ratio))
+      call outgoing_flight(scene, landing, at, g, steepness, heading, turning, out%v, flight, omega_r)
+      if (level >= with_record) then
+         call record(scratch, contact_t(landing%x, landing%y, landing%z, result%time, flight%v, v_in, out%v, ratio))
       end if
-      fate%speed_max = max(fate%speed_max, square(flight%v))
+      result%speed_max = max(result%speed_max, square(flight%v))
       if (square(flight%v) < scene%stop_speed**2) then
-         fate%status = stopped
-      else if (fate%impacts >= scene%most_impacts) then
-         fate%status = impact_limit
+         result%status = stopped
+      else if (result%impacts >= scene%max_impacts) then
+         result%status = impact_limit
       end if
-   end subroutine touch
+   end subroutine handle_impact
 
-   !> A number in (0, 1) that chooses between two sets, at a contact of a boulder.
-   pure real(wp) function ratio_chance(key, number, impact)
+   !> A number in (0, 1) [-] that chooses between two sets, at a contact of a boulder.
+   pure real(wp) function ratio_uniform(key, number, impact)
       type(random_key_t), intent(in) :: key
       integer(i8), intent(in) :: number
       integer, intent(in) :: impact
-      integer(i8) :: word(4)
+      integer(i8) :: word(words_per_block)
 
       word = four_words(key, for_ratio, number, int(impact, i8), 0_i8)
-      ratio_chance = uniform(word(1))
-   end function ratio_chance
+      ratio_uniform = uniform(word(ratio_word))
+   end function ratio_uniform
 
-   !> The incoming velocity in the plane of the surface normal and the tangent of travel
-   !> (V_t >= 0, V_n <= 0, W), and the plan heading of that tangent; zero when there is none.
+   !> The incoming velocity in the local frame of the impact (Bourrier et al. 2009, eqs 4, 5; model, section 4): the
+   !> plane of the surface normal n = (-g, 1)/sqrt(1 + |g|**2) and the tangential direction of travel t. So
+   !> V_n = v.n <= 0 and V_t = |v - V_n n| >= 0. Also the plan heading of t; zero when there is none.
    pure subroutine decompose(v, g, steepness, before, omega_r, v_in, heading)
-      real(wp), intent(in) :: v(3), g(2)  !! velocity [m/s], gradient of the patch [-]
-      real(wp), intent(in) :: steepness   !! sqrt(1 + g**2)
-      real(wp), intent(in) :: before(2)   !! heading after the last rebound
-      real(wp), intent(in) :: omega_r     !! W with respect to it [m/s]
-      real(wp), intent(out) :: v_in(3), heading(2)
+      real(wp), intent(in) :: v(3)         !! [m/s]
+      real(wp), intent(in) :: g(2)         !! gradient of the patch [-]
+      real(wp), intent(in) :: steepness    !! sqrt(1 + |g|**2) [-]
+      real(wp), intent(in) :: before(2)    !! heading after the last rebound [-]
+      real(wp), intent(in) :: omega_r      !! W with respect to it [m/s]
+      real(wp), intent(out) :: v_in(3)     !! V_t, V_n, W [m/s]
+      real(wp), intent(out) :: heading(2)  !! unit, or zero [-]
       real(wp) :: normal(3), tangential(3)
 
       normal = [-g(1), -g(2), 1.0_wp]*(1/steepness)
@@ -404,15 +419,16 @@ contains
       if (before(1)*heading(1) + before(2)*heading(2) < 0) v_in(3) = -omega_r
    end subroutine decompose
 
-   !> The next flight: V_t_out in the tangent plane over the new heading, V_n_out along the normal.
-   !> A negative V_t_out turns the heading round first.
-   pure subroutine leave(scene, landing, at, g, steepness, before, turning, v_out, flight, omega_r)
+   !> The next flight: V_t_out in the tangent plane over the new heading h, along (h, g.h)/sqrt(1 + (g.h)**2), V_n_out
+   !> along the normal. A negative V_t_out turns the heading round first. The height above the patch grows at
+   !> v.(-g, 1) = V_n_out sqrt(1 + |g|**2) (model, sections 4 and 5).
+   pure subroutine outgoing_flight(scene, landing, at, g, steepness, before, turning, v_out, flight, omega_r)
       type(scene_t), intent(in) :: scene
       type(landing_t), intent(in) :: landing
       integer, intent(in) :: at(2)            !! raster cell of the contact
       real(wp), intent(in) :: g(2)            !! gradient of the patch [-]
-      real(wp), intent(in) :: steepness       !! sqrt(1 + g**2)
-      real(wp), intent(in) :: before(2)       !! heading; zero after a vertical impact on the flat
+      real(wp), intent(in) :: steepness       !! sqrt(1 + |g|**2) [-]
+      real(wp), intent(in) :: before(2)       !! heading [-]; zero after a vertical impact on the flat
       type(turning_t), intent(in) :: turning
       real(wp), intent(in) :: v_out(3)        !! V_t, V_n, W [m/s]
       type(flight_t), intent(inout) :: flight
@@ -440,10 +456,11 @@ contains
       flight%y = landing%y
       flight%z = landing%z
       flight%patch = landing%patch
-   end subroutine leave
+   end subroutine outgoing_flight
 
+   !> |v|**2 [m2/s2].
    pure real(wp) function square(v)
-      real(wp), intent(in) :: v(3)
+      real(wp), intent(in) :: v(3)  !! [m/s]
 
       square = v(1)*v(1) + v(2)*v(2) + v(3)*v(3)
    end function square

@@ -5,7 +5,7 @@ module rockfall_values
    use rockfall_error, only: error_t, fail
    use rockfall_decimal, only: parse_real, parse_integer, decimal_ok, decimal_malformed
    use rockfall_namelist, only: group_t, entry_t
-   use rockfall_textfile, only: lower, integer_text, excerpt
+   use rockfall_text, only: lower, integer_text, excerpt
    implicit none
    private
    public :: has_key, value_count, get_text, get_integer, get_real, get_logical, refuse

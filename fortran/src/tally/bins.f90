@@ -1,52 +1,55 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Classes of positive numbers, four an octave, found from a number's own bits: counts of them merge
-!> exactly, and give quantiles. A class is 14 to 25 % of its value wide.
-module rockfall_classes
+!> Logarithmic bins of positive numbers, four an octave, found from a number's own bits: counts merge exactly, and
+!> give quantiles. A bin is 14 to 25 % of its value wide.
+module rockfall_bins
    use rockfall_kinds, only: wp, i4, i8
    implicit none
    private
-   public :: n_classes, class_of, class_edge, class_quantile, fewest_for
+   public :: n_log_bins, log_bin, log_bin_edge, log_bin_quantile, min_count_for
    public :: energy, speed, jump_height
 
    integer, parameter :: energy = 1, speed = 2, jump_height = 3  !! quantities [J], [m/s], [m]
-   !> Classes reach from 2**first for so many octaves: 64 J to 8.6 GJ, 0.25 to 256 m/s, 0.06 to 512 m.
+   !> Bins reach from 2**first for so many octaves: 64 J to 8.6 GJ, 0.25 to 256 m/s, 0.06 to 512 m.
    integer, parameter :: first(3) = [6, -2, -4], octaves(3) = [27, 10, 13]
    integer, parameter :: per_octave = 4
-   !> The first class holds what lies below, the last one what lies above.
-   integer, parameter :: n_classes(3) = per_octave*octaves + 2
+   !> Bits of a double below those of exponent and bin: 52 of the fraction less log2(per_octave).
+   integer, parameter :: bits_below = 50, exponent_bias = 1023
+   !> The first bin holds what lies below, the last one what lies above.
+   integer, parameter :: n_log_bins(3) = per_octave*octaves + 2
 
 contains
 
-   !> The class of a number >= 0, from 1.
-   pure integer function class_of(quantity, x)
+   !> The bin of a number >= 0, from 1.
+   pure integer function log_bin(quantity, x)
       integer, intent(in) :: quantity
-      real(wp), intent(in) :: x
+      real(wp), intent(in) :: x  !! [J], [m/s] or [m], by quantity
       integer :: piece  !! octaves and quarters of them above 2**first
 
-      class_of = 1
-      if (x < class_edge(quantity, 2)) return
-      piece = int(shiftr(transfer(x, 0_i8), 50)) - per_octave*(1023 + first(quantity))
-      class_of = min(piece + 2, n_classes(quantity))
-   end function class_of
+      log_bin = 1
+      if (x < log_bin_edge(quantity, 2)) return
+      piece = int(shiftr(transfer(x, 0_i8), bits_below)) - per_octave*(exponent_bias + first(quantity))
+      log_bin = min(piece + 2, n_log_bins(quantity))
+   end function log_bin
 
-   !> The lower edge of a class; of the one past the last: that of the last, which has no end.
-   pure real(wp) function class_edge(quantity, class)
-      integer, intent(in) :: quantity, class
+   !> The lower edge of a bin, in the unit of the quantity; of the one past the last: that of the last, which has
+   !> no end.
+   pure real(wp) function log_bin_edge(quantity, bin)
+      integer, intent(in) :: quantity, bin
       integer :: piece
 
-      class_edge = 0
-      if (class < 2) return
-      piece = min(class, n_classes(quantity)) - 2
-      class_edge = scale(1 + mod(piece, per_octave)/real(per_octave, wp), &
+      log_bin_edge = 0
+      if (bin < 2) return
+      piece = min(bin, n_log_bins(quantity)) - 2
+      log_bin_edge = scale(1 + mod(piece, per_octave)/real(per_octave, wp), &
                          first(quantity) + piece/per_octave)
-   end function class_edge
+   end function log_bin_edge
 
-   !> The quantile p of the counted numbers, of the same rank as that at the lines (type 7 of Hyndman and Fan
-   !> 1996, doi:10.1080/00031305.1996.10473566), as if they lay evenly within each class.
-   pure real(wp) function class_quantile(quantity, counts, p) result(x)
+   !> The quantile p of the counted numbers, in the unit of the quantity, of the same rank as that at the
+   !> lines (type 7 of Hyndman and Fan 1996, doi:10.1080/00031305.1996.10473566), as if they lay evenly within each bin.
+   pure real(wp) function log_bin_quantile(quantity, counts, p) result(x)
       integer, intent(in) :: quantity
-      integer(i4), intent(in) :: counts(:)  !! of each class; at least one number
-      real(wp), intent(in) :: p             !! 0..1
+      integer(i4), intent(in) :: counts(:)  !! of each bin; at least one number
+      real(wp), intent(in) :: p             !! probability, 0..1 [-]
       integer(i8) :: before
       real(wp) :: rank, low
       integer :: k
@@ -57,22 +60,23 @@ contains
          if (real(before + counts(k), wp) >= rank .and. counts(k) > 0) exit
          before = before + counts(k)
       end do
-      low = class_edge(quantity, k)
+      low = log_bin_edge(quantity, k)
       x = low
-      if (counts(k) > 0) x = low + (class_edge(quantity, k + 1) - low)*(rank - before)/counts(k)
-   end function class_quantile
+      if (counts(k) > 0) x = low + (log_bin_edge(quantity, k + 1) - low)*(rank - before)/counts(k)
+   end function log_bin_quantile
 
-   !> The fewest numbers whose order statistics enclose the quantile p from both sides with 95 %
+   !> How many numbers it takes for order statistics to enclose the quantile p from both sides with 95 %
    !> confidence: p**n <= 0.025 (and the same of 1 - p).
-   pure integer function fewest_for(p)
-      real(wp), intent(in) :: p  !! 0 < p < 1
-      real(wp) :: chance
+   pure integer function min_count_for(p)
+      real(wp), intent(in) :: p  !! 0 < p < 1 [-]
+      real(wp), parameter :: one_sided = 0.025_wp
+      real(wp) :: probability  !! that all lie on one side of it
 
-      fewest_for = 0
-      chance = 1
-      do while (chance > 0.025_wp)
-         chance = chance*max(p, 1 - p)
-         fewest_for = fewest_for + 1
+      min_count_for = 0
+      probability = 1
+      do while (probability > one_sided)
+         probability = probability*max(p, 1 - p)
+         min_count_for = min_count_for + 1
       end do
-   end function fewest_for
-end module rockfall_classes
+   end function min_count_for
+end module rockfall_bins

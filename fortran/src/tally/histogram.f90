@@ -3,20 +3,21 @@
 module rockfall_histogram
    use rockfall_kinds, only: wp, i8
    use rockfall_math, only: degree, sine_cosine
-   use rockfall_boulder, only: spin_inertia
+   use rockfall_boulder, only: inertia_factor
    implicit none
    private
    public :: histograms_t, histograms, count_rebound, bins, quantities, bin_width, n_bins
 
-   integer, parameter :: bins = 50, quantities = 6
-   !> Incidence angle [degrees], tangential, normal and rotational share of the incident energy, R_t, R_n.
-   !> Bins start at zero; the first and the last also hold what lies below and above.
+   integer, parameter :: bins = 50, quantities = 6  !! bins of a quantity at most
+   !> Incidence angle [degree], tangential, normal and rotational fraction of the incident energy (eqs 8-11), R_t and
+   !> R_n (eqs 6, 7) [-]. Bins start at zero; the first and the last also hold what lies below and above.
+   integer, parameter :: angle = 1, tangential = 2, normal = 3, rotational = 4, r_t = 5, r_n = 6
    real(wp), parameter :: bin_width(quantities) = [2.0_wp, 0.02_wp, 0.02_wp, 0.02_wp, 0.04_wp, 0.1_wp]
    integer, parameter :: n_bins(quantities) = [45, 50, 50, 50, 50, 50]
 
    type :: histograms_t
       integer(i8) :: count(bins, quantities) = 0
-      real(wp) :: sine2(44) = 0.0_wp  !! squared sines of the inner edges of the angle's bins
+      real(wp) :: sine2(n_bins(angle) - 1) = 0.0_wp  !! squared sines of the inner edges of the angle's bins [-]
    end type histograms_t
 
 contains
@@ -27,28 +28,29 @@ contains
       real(wp) :: s, c
       integer :: k
 
-      do k = 1, 22  ! 2 to 44 degrees; the rest by symmetry
-         call sine_cosine(bin_width(1)*k*degree, s, c)
+      do k = 1, (n_bins(angle) - 1)/2  ! up to 44 degrees; the rest by symmetry
+         call sine_cosine(bin_width(angle)*k*degree, s, c)
          this%sine2(k) = s*s
-         this%sine2(45 - k) = c*c
+         this%sine2(n_bins(angle) - k) = c*c
       end do
    end function histograms
 
-   !> Count one rebound.
+   !> Count one rebound. The incident energy is V_t**2 + V_n**2 + (I/m R_b**2) W**2 but for a factor; the angle is found
+   !> from the square of its sine, which needs no libm.
    pure subroutine count_rebound(this, v_in, v_out)
       type(histograms_t), intent(inout) :: this
       real(wp), intent(in) :: v_in(3), v_out(3)  !! V_t, V_n, W before and after [m/s]
       real(wp) :: part(3), energy
 
-      part = v_in**2*[1.0_wp, 1.0_wp, spin_inertia]
+      part = v_in**2*[1.0_wp, 1.0_wp, inertia_factor]
       energy = sum(part)
       if (energy <= 0) return
-      call add(this, 1, 1 + count(part(2) >= this%sine2*(part(1) + part(2))))
-      call add(this, 2, bin_of(part(1)/energy, 2))
-      call add(this, 3, bin_of(part(2)/energy, 3))
-      call add(this, 4, bin_of(part(3)/energy, 4))
-      call add(this, 5, bin_of_ratio(v_out(1), v_in(1), 5))
-      call add(this, 6, bin_of_ratio(v_out(2), -v_in(2), 6))
+      call add(this, angle, 1 + count(part(2) >= this%sine2*(part(1) + part(2))))
+      call add(this, tangential, bin_of(part(1)/energy, tangential))
+      call add(this, normal, bin_of(part(2)/energy, normal))
+      call add(this, rotational, bin_of(part(3)/energy, rotational))
+      call add(this, r_t, bin_of_ratio(v_out(1), v_in(1), r_t))
+      call add(this, r_n, bin_of_ratio(v_out(2), -v_in(2), r_n))
    end subroutine count_rebound
 
    pure subroutine add(this, quantity, bin)
@@ -59,7 +61,7 @@ contains
    end subroutine add
 
    pure integer function bin_of(value, quantity)
-      real(wp), intent(in) :: value
+      real(wp), intent(in) :: value  !! in the unit of the quantity
       integer, intent(in) :: quantity
 
       bin_of = 1 + int(max(0.0_wp, min(n_bins(quantity) - 1.0_wp, value/bin_width(quantity))))
@@ -67,7 +69,7 @@ contains
 
    !> Bin of a/b, b >= 0; without overflow when b is tiny.
    pure integer function bin_of_ratio(a, b, quantity)
-      real(wp), intent(in) :: a, b
+      real(wp), intent(in) :: a, b  !! [m/s]
       integer, intent(in) :: quantity
 
       bin_of_ratio = n_bins(quantity)

@@ -1,43 +1,44 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> What the sums and maxima of maps can come to, so that a run whose numbers they cannot hold is refused before it
 !> begins. No rebound adds energy (model, section 4): the release and the lowest elevation bound all speeds.
-module rockfall_bounds
+module rockfall_limits
    use rockfall_kinds, only: wp, sp, i8
    use rockfall_error, only: error_t, fail
-   use rockfall_textfile, only: integer_text
+   use rockfall_text, only: integer_text
    use rockfall_random, only: normal_table
-   use rockfall_boulder, only: boulder_law_t, max_volume, mean_volume
-   use rockfall_classes, only: energy, speed, jump_height
-   use rockfall_map, only: per_unit
-   use rockfall_mapvalues, only: map_plan_t
+   use rockfall_boulder, only: volume_distribution_t, max_volume, mean_volume
+   use rockfall_bins, only: energy, speed, jump_height
+   use rockfall_maps, only: per_unit
+   use rockfall_map_values, only: map_plan_t
    implicit none
    private
    public :: check_tallies
 
-   real(wp), parameter :: max_sum = 9.0e18_wp  !! below 2**63 by more than rounding to whole units can add
+   !> [J], [mm/s], [mm]: below 2**63 by more than rounding to whole units can add.
+   real(wp), parameter :: max_sum = 9.0e18_wp
    character(len=*), parameter :: names(3) = [character(len=11) :: "energy", "speed", "jump_height"]
    character(len=*), parameter :: units(3) = [character(len=4) :: "J", "mm/s", "mm"]
 
 contains
 
    !> Refuse what the maps of a plan cannot hold.
-   pure subroutine check_tallies(plan, law, gravity, fall, boulders, error)
+   pure subroutine check_tallies(plan, distribution, gravity, fall, boulders, error)
       type(map_plan_t), intent(in) :: plan
-      type(boulder_law_t), intent(in) :: law
+      type(volume_distribution_t), intent(in) :: distribution
       real(wp), intent(in) :: gravity        !! [m/s2]
-      real(wp), intent(in) :: fall           !! from the greatest energy head to the lowest elevation [m]
+      real(wp), intent(in) :: fall           !! from the highest energy head to the lowest elevation [m]
       integer(i8), intent(in) :: boulders    !! of the whole run: all may pass one cell
       type(error_t), allocatable, intent(out) :: error
       real(wp) :: one(3), together(3), volume
       integer :: k
 
-      volume = max_volume(law, normal_table())
-      one(energy) = law%density*volume*gravity*fall
+      volume = max_volume(distribution, normal_table())
+      one(energy) = distribution%density*volume*gravity*fall
       one(speed) = sqrt(2*gravity*fall)
       one(jump_height) = fall
       together = boulders*one*per_unit
       together(energy) = min(together(energy), &
-                             law%density*gravity*fall*sum_of_many(boulders, mean_volume(law), volume))
+                             distribution%density*gravity*fall*sum_of_many(boulders, mean_volume(distribution), volume))
       do k = 1, 3
          if (plan%sum(k) > 0 .and. together(k) > max_sum) then
             call fail(error, "&output maps: "//trim(names(k))//"_mean: the sum of "//integer_text(boulders) &
@@ -46,34 +47,36 @@ contains
             return
          end if
       end do
-      if (plan%greatest(energy) > 0 .and. one(energy) > huge(1.0_sp)) then
+      if (plan%max(energy) > 0 .and. one(energy) > huge(1.0_sp)) then
          call fail(error, "&output maps: energy_max: can come to "//short(one(energy))//" J"//about(volume, fall) &
                    //": must be at most 3.4e38")
       end if
    end subroutine check_tallies
 
-   !> What the sum of n independent draws from 0 to `most` does not pass. Chernoff: from 2e times its mean on, it
-   !> passes k*most with a probability below 2**-k; for k = 128, never.
-   pure real(wp) function sum_of_many(n, mean, most)
+   !> What the sum of n independent volumes does not pass [m3]. Chernoff: from 2e times its mean on, it passes k times
+   !> the maximum of one with a probability below 2**-k; for k = 128, never.
+   pure real(wp) function sum_of_many(n, mean, max_one)
       integer(i8), intent(in) :: n
-      real(wp), intent(in) :: mean, most
+      real(wp), intent(in) :: mean, max_one  !! of one volume [m3]
 
-      sum_of_many = max(6*n*mean, 128*most)
+      sum_of_many = max(6*n*mean, 128*max_one)
    end function sum_of_many
 
+   !> Why the numbers are so large.
    pure function about(volume, fall) result(text)
-      real(wp), intent(in) :: volume, fall
+      real(wp), intent(in) :: volume, fall  !! [m3], [m]
       character(len=:), allocatable :: text
 
       text = " (volumes up to "//short(volume)//" m3 falling up to "//short(fall)//" m)"
    end function about
 
+   !> A number with three digits.
    pure function short(value) result(text)
-      real(wp), intent(in) :: value
+      real(wp), intent(in) :: value  !! any unit
       character(len=:), allocatable :: text
       character(len=16) :: buffer
 
       write (buffer, "(es9.2e2)") value
       text = trim(adjustl(buffer))
    end function short
-end module rockfall_bounds
+end module rockfall_limits

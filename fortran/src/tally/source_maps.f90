@@ -1,33 +1,34 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Maps by source: how many sources feed a cell (one of their boulders passed it), and how many boulders these
-!> release. A source counts once a cell, however its boulders are spread over threads, calls and parts.
+!> Maps by source: how many sources contribute to a cell (one of their boulders passed it), and how many boulders
+!> these release. A source counts once a cell, however its boulders are spread over threads, calls and parts.
 !>
-!> Boulders of a source follow each other. A source that one thread flies as a whole gathers its cells first.
-!> One that several threads or calls share leaves its number in `stamp` where it was counted; calls come in
+!> Boulders of a source follow each other. A source that one thread runs as a whole gathers its cells first.
+!> One that several threads or calls share leaves its number in `last_source` where it was counted; calls come in
 !> order, so a cell that has the number of a later source is done with the earlier one.
-module rockfall_sourcemap
+module rockfall_source_maps
    use rockfall_kinds, only: wp, i4, i8
    use rockfall_boulder, only: release_t, source_of, first_of, last_of, released_by
-   use rockfall_map, only: maps_t, visits_t, visit_cell
+   use rockfall_maps, only: maps_t, visits_t, visit_cell
    implicit none
    private
-   public :: fed_t, tells_sources, gather, add_source, stamp_source, cut_sources, head_source, fed_cells, settle
+   public :: contributing_t, counts_sources, gather, add_source, add_source_of_boulder, partial_sources, first_partial
+   public :: contributing_cells, settle
 
-   !> The cells that the sources feed which a range of boulders cuts, by source.
-   type :: fed_t
+   !> The cells to which partial sources contribute, by source: those of which a range of boulders has some, not all.
+   type :: contributing_t
       integer(i8), allocatable :: cell(:)      !! counted from 0, by rows from the north-west
       integer(i4), allocatable :: source(:)
       integer(i4), allocatable :: boulders(:)  !! of the source, in the range
-   end type fed_t
+   end type contributing_t
 
 contains
 
-   !> True if a map asks which source a boulder has.
-   pure logical function tells_sources(maps)
+   !> True if a map counts sources.
+   pure logical function counts_sources(maps)
       type(maps_t), intent(in) :: maps
 
-      tells_sources = associated(maps%sources) .or. associated(maps%released)
-   end function tells_sources
+      counts_sources = associated(maps%sources) .or. associated(maps%released)
+   end function counts_sources
 
    !> Add a boulder's cells to those of its source.
    pure subroutine gather(cells, visits)
@@ -36,7 +37,7 @@ contains
       integer :: k
 
       do k = 1, visits%n
-         call visit_cell(cells, visits%slot(visits%used(k))%at, 0.0_wp, 0.0_wp, 0.0_wp)
+         call visit_cell(cells, visits%entry(visits%used(k))%at, 0.0_wp, 0.0_wp, 0.0_wp)
       end do
    end subroutine gather
 
@@ -48,13 +49,13 @@ contains
       integer :: k
 
       do k = 1, cells%n
-         call count_in(maps, cells%slot(cells%used(k))%at, int(boulders, i4))
+         call count_in(maps, cells%entry(cells%used(k))%at, int(boulders, i4))
       end do
    end subroutine add_source
 
    !> Count a source in those cells of one of its boulders that it is not counted in yet. Threads may do so at
    !> once, for the same source.
-   subroutine stamp_source(maps, visits, source, boulders)
+   subroutine add_source_of_boulder(maps, visits, source, boulders)
       type(maps_t), intent(in) :: maps
       type(visits_t), intent(in) :: visits
       integer(i8), intent(in) :: source, boulders
@@ -62,20 +63,29 @@ contains
       integer :: k, layer
 
       number = int(source, i4)
-      layer = merge(2, 1, source == maps%head)
+      layer = layer_of(maps, source)
       do k = 1, visits%n
-         associate (at => visits%slot(visits%used(k))%at)
+         associate (at => visits%entry(visits%used(k))%at)
             !$omp atomic read
-            before = maps%stamp(at(1), at(2), layer)
+            before = maps%last_source(at(1), at(2), layer)
             if (before == number) cycle
             !$omp atomic capture
-            before = maps%stamp(at(1), at(2), layer)
-            maps%stamp(at(1), at(2), layer) = number
+            before = maps%last_source(at(1), at(2), layer)
+            maps%last_source(at(1), at(2), layer) = number
             !$omp end atomic
             if (before /= number) call count_in(maps, at, int(boulders, i4))
          end associate
       end do
-   end subroutine stamp_source
+   end subroutine add_source_of_boulder
+
+   !> The layer of `last_source` that knows a source: the second one belongs to `first_partial` alone, whose cells must
+   !> be known at the end of the run, when later sources have been in them.
+   pure integer function layer_of(maps, source) result(layer)
+      type(maps_t), intent(in) :: maps
+      integer(i8), intent(in) :: source
+
+      layer = merge(2, 1, source == maps%first_partial)
+   end function layer_of
 
    subroutine count_in(maps, at, boulders)
       type(maps_t), intent(in) :: maps
@@ -93,79 +103,80 @@ contains
    end subroutine count_in
 
    !> The sources of which boulders first..last are some but not all: none, one or two.
-   pure function cut_sources(release, first, last) result(sources)
+   pure function partial_sources(release, first, last) result(sources)
       type(release_t), intent(in) :: release
       integer(i8), intent(in) :: first, last
       integer(i8), allocatable :: sources(:)
       integer(i8) :: ends(2)
-      logical :: cut(2)
+      logical :: partial(2)
 
       if (last < first) then
          allocate (sources(0))
          return
       end if
       ends = [source_of(release, first), source_of(release, last)]
-      cut = [first > first_of(release, ends(1)), last < last_of(release, ends(2))]
-      cut(2) = cut(2) .and. .not. (cut(1) .and. ends(1) == ends(2))
-      sources = pack(ends, cut)
-   end function cut_sources
+      partial = [first > first_of(release, ends(1)), last < last_of(release, ends(2))]
+      partial(2) = partial(2) .and. .not. (partial(1) .and. ends(1) == ends(2))
+      sources = pack(ends, partial)
+   end function partial_sources
 
    !> The source in the middle of which a range of boulders begins, 0 without one: a later source must not take
-   !> its place in `stamp`.
-   pure integer(i8) function head_source(release, first)
+   !> its place in `last_source`.
+   pure integer(i8) function first_partial(release, first)
       type(release_t), intent(in) :: release
       integer(i8), intent(in) :: first
 
-      head_source = source_of(release, first)
-      if (first == first_of(release, head_source)) head_source = 0
-   end function head_source
+      first_partial = source_of(release, first)
+      if (first == first_of(release, first_partial)) first_partial = 0
+   end function first_partial
 
-   !> The cells of the sources that a range of boulders cuts.
-   pure function fed_cells(maps, release, first, last) result(fed)
+   !> The cells to which the partial sources of a range of boulders contribute.
+   pure function contributing_cells(maps, release, first, last) result(contributing)
       type(maps_t), intent(in) :: maps
       type(release_t), intent(in) :: release
       integer(i8), intent(in) :: first, last  !! boulders done
-      type(fed_t) :: fed
+      type(contributing_t) :: contributing
       integer(i8), allocatable :: sources(:)
       integer(i8) :: n, own
       integer :: i, j, k, layer, turn
 
-      sources = cut_sources(release, first, last)
-      if (.not. tells_sources(maps)) sources = [integer(i8) ::]
+      sources = partial_sources(release, first, last)
+      if (.not. counts_sources(maps)) sources = [integer(i8) ::]
       do turn = 1, 2  ! count them, then note them
          n = 0
          do k = 1, size(sources)
-            layer = merge(2, 1, sources(k) == maps%head)
+            layer = layer_of(maps, sources(k))
             own = min(last, last_of(release, sources(k))) - max(first, first_of(release, sources(k))) + 1
-            do j = 1, size(maps%stamp, 2)
-               do i = 1, size(maps%stamp, 1)
-                  if (maps%stamp(i, j, layer) /= sources(k)) cycle
+            do j = 1, size(maps%last_source, 2)
+               do i = 1, size(maps%last_source, 1)
+                  if (maps%last_source(i, j, layer) /= sources(k)) cycle
                   n = n + 1
                   if (turn == 1) cycle
-                  fed%cell(n) = (j - 1)*size(maps%stamp, 1, i8) + i - 1
-                  fed%source(n) = int(sources(k), i4)
-                  fed%boulders(n) = int(own, i4)
+                  contributing%cell(n) = (j - 1)*size(maps%last_source, 1, i8) + i - 1
+                  contributing%source(n) = int(sources(k), i4)
+                  contributing%boulders(n) = int(own, i4)
                end do
             end do
          end do
-         if (turn == 1) allocate (fed%cell(n), fed%source(n), fed%boulders(n))
+         if (turn == 1) allocate (contributing%cell(n), contributing%source(n), contributing%boulders(n))
       end do
-   end function fed_cells
+   end function contributing_cells
 
-   !> Of the boulders of cut sources, leave only those of the range in the cells that they feed: what a share
-   !> of a part of a run is of. To be done once, at the end.
-   pure subroutine settle(maps, release, fed)
+   !> Of the boulders of partial sources, leave only those of the range in the cells to which they contribute (sign 1):
+   !> the denominator of a reach probability in a part of a run. Or all of them again (sign -1), for a run that goes on.
+   pure subroutine settle(maps, release, contributing, sign)
       type(maps_t), intent(inout) :: maps
       type(release_t), intent(in) :: release
-      type(fed_t), intent(in) :: fed
+      type(contributing_t), intent(in) :: contributing
+      integer, intent(in) :: sign
       integer :: i, j, k
 
       if (.not. associated(maps%released)) return
-      do k = 1, size(fed%cell)
-         i = int(mod(fed%cell(k), size(maps%released, 1, i8))) + 1
-         j = int(fed%cell(k)/size(maps%released, 1)) + 1
-         maps%released(i, j) = maps%released(i, j) + fed%boulders(k) &
-                               - int(released_by(release, int(fed%source(k), i8)), i4)
+      do k = 1, size(contributing%cell)
+         i = int(mod(contributing%cell(k), size(maps%released, 1, i8))) + 1
+         j = int(contributing%cell(k)/size(maps%released, 1)) + 1
+         maps%released(i, j) = maps%released(i, j) + sign*(contributing%boulders(k) &
+                                                           - int(released_by(release, int(contributing%source(k), i8)), i4))
       end do
    end subroutine settle
-end module rockfall_sourcemap
+end module rockfall_source_maps

@@ -4,7 +4,7 @@ module rockfall_grid
    use rockfall_kinds, only: wp
    implicit none
    private
-   public :: grid_t, same_grid
+   public :: grid_t, same_grid, is_outside
 
    !> North-up, square cells; row 1 is the northernmost and x runs fastest, as in files.
    type :: grid_t
@@ -14,6 +14,15 @@ module rockfall_grid
    end type grid_t
 
 contains
+
+   !> Whether points, and all between them, lie beyond one side of the cells.
+   pure logical function is_outside(grid, x, y)
+      type(grid_t), intent(in) :: grid
+      real(wp), intent(in) :: x(:), y(:)  !! map coordinates [m]
+
+      is_outside = maxval(x) < grid%west .or. minval(x) > grid%west + grid%nx*grid%cell .or. &
+                   maxval(y) < grid%north - grid%ny*grid%cell .or. minval(y) > grid%north
+   end function is_outside
 
    !> The same cells, up to a millionth of a cell at every corner.
    pure logical function same_grid(a, b)

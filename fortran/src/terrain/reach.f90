@@ -8,7 +8,7 @@ module rockfall_reach
    private
    public :: block_side, take_minima, reach_box
 
-   integer, parameter :: most_blocks = 1024   !! along a side of the raster
+   integer, parameter :: max_blocks = 1024   !! along a side of the raster: 8 MB of minima at most
    integer, parameter :: margin = 3           !! cells: of a patch, and round the cells of a patch
    real(wp), parameter :: slack = 0.01_wp     !! [m] far more than rounding adds to the energy head
 
@@ -26,7 +26,7 @@ contains
    pure integer function block_side(nodes)
       integer, intent(in) :: nodes(2)  !! columns, rows of the raster
 
-      block_side = (maxval(nodes) + most_blocks - 1)/most_blocks
+      block_side = (maxval(nodes) + max_blocks - 1)/max_blocks
    end function block_side
 
    !> Lower the minima of blocks [m] to the known elevations of rows first to last.
@@ -40,14 +40,14 @@ contains
       side = block_side([dem%nx, dem%ny])
       do r = first, last
          do k = 1, size(minima, 1)
-            associate (least => minima(k, (r - 1)/side + 1))
+            associate (lowest => minima(k, (r - 1)/side + 1))
                do i = (k - 1)*side + 1, min(k*side, dem%nx)
                   if (associated(dem%z8)) then
                      z = dem%z8(i, r)
                   else
                      z = dem%z4(i, r)
                   end if
-                  if (z == z) least = min(least, z)  ! to order a NaN would be a floating-point exception
+                  if (z == z) lowest = min(lowest, z)  ! to order a NaN would be a floating-point exception
                end do
             end associate
          end do
@@ -60,7 +60,7 @@ contains
    pure function reach_box(dem, minima, head, x, y) result(box)
       type(terrain_t), intent(in) :: dem       !! where it lies; elevations need not be at hand
       real(wp), intent(in) :: minima(:, :)     !! of all blocks [m]
-      real(wp), intent(in) :: head             !! greatest of all sources [m]
+      real(wp), intent(in) :: head             !! energy head, the highest of all sources [m]
       real(wp), intent(in) :: x(:), y(:)       !! sources, local coordinates [m]
       integer :: box(4)
       type(flood_t) :: flood

@@ -12,7 +12,7 @@ module rockfall_sources
 
 contains
 
-   !> The slope from which cells of this size [m] are taken as sources, 55 RES**-0.075 degrees: the larger the
+   !> The slope [degree] from which cells of this size are taken as sources, 55 RES**-0.075: the larger the
    !> cells, the flatter a face is in them (practice of Rockyfor3D; Dorren 2016, v5.2 revealed, ecorisQ).
    pure real(wp) function usual_threshold(cell) result(slope)
       real(wp), intent(in) :: cell  !! [m]
@@ -20,7 +20,7 @@ contains
       slope = 55*exponential(-0.075_wp*logarithm(cell))
    end function usual_threshold
 
-   !> Tangent of a slope of 0 to 89 degrees, without libm; 1 for 45 degrees to the last bit.
+   !> Tangent [-] of a slope of 0 to 89 degrees, without libm; 1 for 45 degrees to the last bit.
    pure real(wp) function tangent(slope)
       real(wp), intent(in) :: slope  !! [degree]
       real(wp) :: s, c
@@ -42,12 +42,12 @@ contains
       integer, intent(in) :: first           !! row of cells(:, 1), 1 the northernmost
       integer(i2), intent(inout) :: cells(:, :)
       type(patch_t) :: patch
-      real(wp) :: least, missing(2), descent(2)
+      real(wp) :: min_tangent, missing(2), descent(2)
       logical :: pit
       integer :: i, r
 
-      least = tangent(threshold)
-      missing = ieee_value(least, ieee_quiet_nan)
+      min_tangent = tangent(threshold)
+      missing = ieee_value(min_tangent, ieee_quiet_nan)
       do r = first, first + size(cells, 2) - 1
          do i = 1, size(cells, 1)
             associate (cell => cells(i, r - first + 1))
@@ -57,13 +57,13 @@ contains
                if (.not. patch%known) cycle
                call cell_descent(dem, [i, r], missing, descent, pit)
                if (ieee_is_nan(descent(1))) cycle
-               if (sqrt(descent(1)**2 + descent(2)**2) >= least) cell = 1
+               if (sqrt(descent(1)**2 + descent(2)**2) >= min_tangent) cell = 1
             end associate
          end do
       end do
    end subroutine keep_steep
 
-   !> Surface over plan area of the cells of sources, sqrt(1 + tan**2) by Horn (1981); where the 3x3 window is
+   !> Surface over plan area of the cells of sources, sqrt(1 + tan**2) [-] by Horn (1981); where the 3x3 window is
    !> incomplete, by the patch beside the source, as for the descent of a cell. 1 off known terrain, where
    !> no source may be.
    pure function surface_ratios(dem, x, y) result(ratio)
@@ -87,7 +87,7 @@ contains
    !> The last boulder of each source where n of them come from each unit of `ratio`: the sums of n*ratio,
    !> rounded down, so that totals are right even with n = 1.
    pure function last_boulders(ratio, n) result(last)
-      real(wp), intent(in) :: ratio(:)
+      real(wp), intent(in) :: ratio(:)  !! surface over plan area [-]
       integer(i8), intent(in) :: n
       integer(i8) :: last(size(ratio))
       real(wp) :: total

@@ -10,7 +10,8 @@ module rockfall_surface
 
    integer, parameter :: method_a = 1, method_b = 2
 
-   !> Method A: from which number in (0, 1) on the second and the third obstacle size are drawn, and so how often each.
+   !> Method A: from which number in (0, 1) on the second and the third obstacle size are drawn, and so how often each
+   !> (section 3.4: 70, 20 and 10 %).
    real(wp), parameter :: second_from = 0.7_wp, third_from = 0.9_wp
    real(wp), parameter :: size_weights(3) = [second_from, third_from - second_from, 1 - third_from]
 
@@ -18,7 +19,7 @@ module rockfall_surface
    !> where those of the terrain do.
    type :: surface_t
       integer :: method = method_b
-      real(wp) :: size_to_radius = 0.5_wp  !! method A: 1/2 reads Rg as a diameter, 1 as a radius
+      real(wp) :: size_to_radius = 0.5_wp  !! method A: 1/2 reads Rg as a diameter, 1 as a radius [-]
       !> Sizes of each material [m]: (1, m) the mean radius, or (1:3, m) Rg70, Rg20, Rg10.
       real(wp), allocatable :: sizes(:, :)
       integer(i1), pointer, contiguous :: zone1(:, :) => null()   !! (nx, ny) column of `sizes`, or
@@ -28,11 +29,11 @@ module rockfall_surface
 
 contains
 
-   !> R_m [m] at a raster cell for one rebound; `u` in (0, 1) draws the obstacle size of method A.
+   !> R_m [m] at a raster cell for one rebound; `u` draws the obstacle size of method A (model, section 6).
    pure real(wp) function rock_radius(surface, at, u)
       type(surface_t), intent(in) :: surface
       integer, intent(in) :: at(2)  !! column, row from the north
-      real(wp), intent(in) :: u
+      real(wp), intent(in) :: u     !! uniform in (0, 1) [-]
       integer :: k
 
       k = 1

@@ -6,8 +6,8 @@ module rockfall_terrain
    use rockfall_kinds, only: wp, sp
    implicit none
    private
-   public :: terrain_t, patch_t, terrain, keep_within, in_window, locate, within, on_terrain, read_patch, height, gradient, cell_of, &
-             cell_descent, steepest_cell_slope
+   public :: terrain_t, patch_t, terrain, keep_within, in_window, locate, within, on_terrain, is_known_at, read_patch
+   public :: height, gradient, cell_of, cell_descent
 
    !> A place this near to a side of a patch [cells] is on it: map coordinates of 1e7 m are known to 2e-9 m
    !> only, so a source in a cell centre may lie that far from it.
@@ -41,7 +41,7 @@ contains
    function terrain(west, north, cell, z8, z4, nodes, first) result(dem)
       real(wp), intent(in) :: west, north, cell                  !! [m]
       real(wp), intent(in), target, contiguous, optional :: z8(:, :)  !! one of the two [m]
-      real(sp), intent(in), target, contiguous, optional :: z4(:, :)
+      real(sp), intent(in), target, contiguous, optional :: z4(:, :)  !! [m]
       integer, intent(in), optional :: nodes(2), first(2)        !! of the whole raster; of the window
       type(terrain_t) :: dem
       integer :: from(2), across(2)
@@ -94,7 +94,7 @@ contains
       type(terrain_t), intent(in) :: dem
       real(wp), intent(in) :: x, y  !! [m]
       type(patch_t), intent(out) :: patch
-      real(wp), intent(out) :: u, w
+      real(wp), intent(out) :: u, w  !! 0..1 [cells]
       integer :: i, j, k
 
       i = max(1, min(dem%nx - 1, int(x*dem%per_cell) + 1))
@@ -110,17 +110,17 @@ contains
 
    !> The neighbour (-1 or 1) across the side that a place 0..1 lies on; 0 away from sides.
    pure integer function beyond(u)
-      real(wp), intent(in) :: u
+      real(wp), intent(in) :: u  !! [cells]
 
       beyond = 0
       if (u < on_side) beyond = -1
       if (u > 1 - on_side) beyond = 1
    end function beyond
 
-   !> Place 0..1 of a coordinate [m] in patch interval k.
+   !> Place 0..1 [cells] of a coordinate in patch interval k.
    pure real(wp) function within(dem, x, k)
       type(terrain_t), intent(in) :: dem
-      real(wp), intent(in) :: x
+      real(wp), intent(in) :: x  !! [m]
       integer, intent(in) :: k
 
       within = max(0.0_wp, min(1.0_wp, x*dem%per_cell - (k - 1)))
@@ -135,6 +135,19 @@ contains
       at = [x, y]*dem%per_cell
       on_terrain = all(at >= -on_side .and. at <= [dem%nx, dem%ny] - 1 + on_side)
    end function on_terrain
+
+   !> Whether a boulder can start from a point: between four nodes with an elevation.
+   pure logical function is_known_at(dem, x, y)
+      type(terrain_t), intent(in) :: dem
+      real(wp), intent(in) :: x, y  !! [m]
+      type(patch_t) :: patch
+      real(wp) :: u, w
+
+      is_known_at = on_terrain(dem, x, y)
+      if (.not. is_known_at) return
+      call locate(dem, x, y, patch, u, w)
+      is_known_at = patch%known
+   end function is_known_at
 
    !> The patch (i, j); unknown outside the window or beside nodata.
    pure subroutine read_patch(dem, i, j, patch)
@@ -158,22 +171,22 @@ contains
       patch%a = z10 - patch%z00
       patch%b = z01 - patch%z00
       patch%c = (z11 - z10) - patch%b
-      patch%known = patch%a + z11 == patch%a + z11 .and. patch%b == patch%b
+      patch%known = patch%a + z11 == patch%a + z11 .and. patch%b == patch%b  ! a NaN equals nothing
    end subroutine read_patch
 
-   !> Height of a patch [m] at u, w in 0..1.
+   !> Height of a patch [m].
    pure real(wp) function height(patch, u, w)
       type(patch_t), intent(in) :: patch
-      real(wp), intent(in) :: u, w
+      real(wp), intent(in) :: u, w  !! 0..1 [cells]
 
       height = patch%z00 + patch%a*u + w*(patch%b + patch%c*u)
    end function height
 
-   !> Gradient (dz/dx, dz/dy) [-] of a patch at u, w in 0..1.
+   !> Gradient (dz/dx, dz/dy) [-] of a patch.
    pure function gradient(dem, patch, u, w) result(g)
       type(terrain_t), intent(in) :: dem
       type(patch_t), intent(in) :: patch
-      real(wp), intent(in) :: u, w
+      real(wp), intent(in) :: u, w  !! 0..1 [cells]
       real(wp) :: g(2)
 
       g(1) = (patch%a + patch%c*w)*dem%per_cell
@@ -184,7 +197,7 @@ contains
    pure function cell_of(dem, patch, u, w) result(at)
       type(terrain_t), intent(in) :: dem
       type(patch_t), intent(in) :: patch
-      real(wp), intent(in) :: u, w
+      real(wp), intent(in) :: u, w  !! 0..1 [cells]
       integer :: at(2)
 
       at(1) = patch%i
@@ -219,20 +232,7 @@ contains
       gx = (z(1, -1) - z(-1, -1)) + 2*(z(1, 0) - z(-1, 0)) + (z(1, 1) - z(-1, 1))
       gy = (z(-1, -1) - z(-1, 1)) + 2*(z(0, -1) - z(0, 1)) + (z(1, -1) - z(1, 1))
       if (gx + gy /= gx + gy) return
-      descent = [-gx, -gy]*(0.125_wp*dem%per_cell)
+      descent = [-gx, -gy]*(0.125_wp*dem%per_cell)  ! the weights 1, 2, 1 on both sides, two cells apart: 8 cells
       pit = minval(z) >= z(0, 0)
    end subroutine cell_descent
-
-   !> Tangent of the steepest slope of a raster cell (Horn 1981) [-]; NaN where the window is incomplete.
-   pure real(wp) function steepest_cell_slope(dem, at) result(slope)
-      use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
-      type(terrain_t), intent(in) :: dem
-      integer, intent(in) :: at(2)
-      real(wp) :: descent(2), missing(2)
-      logical :: pit
-
-      missing = ieee_value(0.0_wp, ieee_quiet_nan)
-      call cell_descent(dem, at, missing, descent, pit)
-      slope = sqrt(sum(descent**2))
-   end function steepest_cell_slope
 end module rockfall_terrain

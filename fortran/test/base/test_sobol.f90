@@ -3,14 +3,14 @@
 program test_sobol
    use rockfall_kinds, only: wp, i8
    use rockfall_random, only: random_key_t, random_key, philox4x32, uniform
-   use rockfall_sobol, only: sobol_t, sobol_sequence, sobol_word, scrambled, most_dimensions
+   use rockfall_sobol, only: sobol_t, sobol_sequence, sobol_word, scrambled, max_dimensions
    use check_m, only: check, check_close, finish
    implicit none
 
    type(sobol_t) :: sobol
    type(random_key_t) :: key
 
-   sobol = sobol_sequence(most_dimensions)
+   sobol = sobol_sequence(max_dimensions)
    key = random_key(20090601_i8)
    call test_published()
    call test_strata()
@@ -32,18 +32,18 @@ contains
          0.0_wp, 0.0_wp, 0.0_wp, 0.5_wp, 0.5_wp, 0.5_wp, 0.75_wp, 0.25_wp, 0.25_wp, 0.25_wp, 0.75_wp, 0.75_wp, &
          0.375_wp, 0.375_wp, 0.625_wp, 0.875_wp, 0.875_wp, 0.125_wp, 0.625_wp, 0.125_wp, 0.875_wp, &
          0.125_wp, 0.625_wp, 0.375_wp, 0.1875_wp, 0.3125_wp, 0.9375_wp, 0.6875_wp, 0.8125_wp, 0.4375_wp], [3, 10])
-      integer(i8), parameter :: far(most_dimensions) = [ &
+      integer(i8), parameter :: far(max_dimensions) = [ &
          3601401703_i8, 3786301689_i8, 83550855_i8, 3216287653_i8, 2759811163_i8, 1343791977_i8, 3855131317_i8, &
          3148511047_i8, 1068590039_i8, 2801236143_i8, 3649157131_i8, 3725396523_i8, 2931767449_i8]
-      integer(i8), parameter :: last(most_dimensions) = [ &
+      integer(i8), parameter :: last(max_dimensions) = [ &
          1_i8, 4294967295_i8, 3305133397_i8, 1342505107_i8, 2953698205_i8, 1086045115_i8, 3222291575_i8, &
          2271450689_i8, 2218067473_i8, 2197780721_i8, 2177894957_i8, 2267256725_i8, 2185692887_i8]
       integer :: d, k
 
       call check("the first points", all([((abs(sobol_word(sobol, int(k, i8), d) - first(d, k)*2.0_wp**32) < 0.5_wp, &
                                             d=1, 3), k=0, 9)]))
-      call check("a far point", all([(sobol_word(sobol, 3141592653_i8, d) == far(d), d=1, most_dimensions)]))
-      call check("the last point", all([(sobol_word(sobol, 2_i8**32 - 1, d) == last(d), d=1, most_dimensions)]))
+      call check("a far point", all([(sobol_word(sobol, 3141592653_i8, d) == far(d), d=1, max_dimensions)]))
+      call check("the last point", all([(sobol_word(sobol, 2_i8**32 - 1, d) == last(d), d=1, max_dimensions)]))
    end subroutine test_published
 
    !> Dimension `d` of the scrambled point `index` of a source.
@@ -60,7 +60,7 @@ contains
       logical :: even
 
       even = .true.
-      do d = 1, most_dimensions
+      do d = 1, max_dimensions
          do from = 0, 5*n, 5*n
             hits = 0
             do k = from, from + n - 1
@@ -200,7 +200,7 @@ contains
       real(wp) :: mean, variance, error
       integer :: d, k, source
 
-      do d = 1, most_dimensions, 6
+      do d = 1, max_dimensions, 6
          variance = 0
          do source = 1, scrambles
             mean = sum([(uniform(word(k, d, source)), k=0, n - 1)])/n

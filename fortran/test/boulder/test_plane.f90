@@ -3,11 +3,13 @@
 program test_plane
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t
-   use rockfall_terrain, only: terrain
+   use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
+   use rockfall_terrain, only: terrain, keep_within
    use rockfall_random, only: random_key
    use rockfall_scene, only: coefficients_t, set_sources, check_sources, set_impacts
    use rockfall_direction, only: to_aspect
-   use rockfall_trajectory, only: scene_t, fate_t, scratch_t, contact_t, impact_limit
+   use rockfall_trajectory, only: scene_t, boulder_result_t, scratch_t, contact_t, impact_limit, &
+      left_domain, hit_nodata, left_window
    use rockfall_ensemble, only: trace_boulder
    use check_m, only: check, check_close, finish
    implicit none
@@ -25,6 +27,7 @@ program test_plane
    call test_contacts(111.0_wp)
    call test_contacts(270.0_wp)
    call test_sliding()
+   call test_departures()
    call finish()
 
 contains
@@ -33,7 +36,7 @@ contains
    subroutine test_contacts(bearing)
       real(wp), intent(in) :: bearing
       type(scene_t) :: scene
-      type(fate_t) :: fate
+      type(boulder_result_t) :: result
       type(scratch_t) :: scratch
       type(error_t), allocatable :: error
       real(wp) :: down(2), tangent
@@ -48,16 +51,16 @@ contains
       end do
       call make_scene(scene, -110*down, error)
       call check("a scene", .not. allocated(error))
-      call trace_boulder(scene, 1_i8, 2*rebounds, fate, scratch)
-      call check("bounces to its limit", fate%status == impact_limit .and. fate%impacts == rebounds)
-      call check("nothing redrawn", fate%redrawn == 0 .and. fate%forced == 0)
-      call compare(scratch%record(:scratch%recorded), fate, tangent, down)
+      call trace_boulder(scene, 1_i8, 2*rebounds, result, scratch)
+      call check("bounces to its limit", result%status == impact_limit .and. result%impacts == rebounds)
+      call check("nothing redrawn", result%redrawn == 0 .and. result%forced == 0)
+      call compare(scratch%record(:scratch%recorded), result, tangent, down)
    end subroutine test_contacts
 
    !> Rebounds so flat that the rounding of the velocity is more than V_n: each still takes its time.
    subroutine test_sliding()
       type(scene_t) :: scene
-      type(fate_t) :: fate
+      type(boulder_result_t) :: result
       type(scratch_t) :: scratch
       type(error_t), allocatable :: error
       real(wp), parameter :: flat = 1.0e-18_wp, kept = 0.99_wp
@@ -70,14 +73,39 @@ contains
       scene%release%velocity = [7.0_wp, 1.0_wp, -9.0_wp]
       call set_impacts(scene, coefficients_t(spread([kept, 0.0_wp, 0.0_wp, flat, (0.0_wp, k=5, 9)], 2, 5)), &
                        to_aspect, error)
-      call trace_boulder(scene, 1_i8, 2*rebounds, fate, scratch)
-      call check("slides on", fate%impacts == rebounds .and. fate%rebounds == rebounds)
+      call trace_boulder(scene, 1_i8, 2*rebounds, result, scratch)
+      call check("slides on", result%impacts == rebounds .and. result%rebounds == rebounds)
       time = 0
-      do k = 1, min(fate%impacts, 50)
+      do k = 1, min(result%impacts, 50)
          call check_close("sum of the flights", scratch%record(k + 1)%time, time, 1.0e-10_wp)
          time = time + 2*flat*(scratch%record(2)%v_in(1)*kept**(k - 1))*sqrt(1.49_wp)/gravity
       end do
    end subroutine test_sliding
+
+   !> Eastward down a plane: over the edge of the raster, into a column without elevation, out of a window.
+   subroutine test_departures()
+      type(scene_t) :: scene
+      type(boulder_result_t) :: result
+      type(scratch_t) :: scratch
+      type(error_t), allocatable :: error
+      integer :: k
+
+      z = spread([(-0.7_wp*cell*k, k=1, nx)], 2, ny)
+      call make_scene(scene, [0.0_wp, 0.0_wp], error)
+      scene%max_impacts = 10000
+      call set_impacts(scene, coefficients_t(spread([0.9_wp, 0.0_wp, 0.0_wp, 0.3_wp, (0.0_wp, k=5, 9)], 2, 5)), &
+                       to_aspect, error)
+      call trace_boulder(scene, 1_i8, 2, result, scratch)
+      call check("over the edge", result%status == left_domain)
+      call check_close("at the outer cell centres", result%stop(1), (nx - 1)*cell, 1.0e-12_wp)
+      call keep_within(scene%dem, [1, 1], [62, ny])
+      call trace_boulder(scene, 1_i8, 2, result, scratch)
+      call check("out of the window", result%status == left_window)
+      z(61, :) = ieee_value(0.0_wp, ieee_quiet_nan)
+      call trace_boulder(scene, 1_i8, 2, result, scratch)
+      call check("into nodata", result%status == hit_nodata)
+      call check_close("at the last column with elevation", result%stop(1), 59*cell, 1.0e-12_wp)
+   end subroutine test_departures
 
    !> Cosine of degrees, exact at right angles.
    pure real(wp) function cosd_(angle)
@@ -97,9 +125,9 @@ contains
       scene%dem = terrain(4.0e5_wp, 5.0e6_wp, cell, z8=z)
       scene%key = random_key(3_i8)
       scene%gravity = gravity
-      scene%most_impacts = rebounds
+      scene%max_impacts = rebounds
       scene%surface%sizes = reshape([0.25_wp], [1, 1])
-      scene%law%mean = 0.8_wp
+      scene%volumes%mean = 0.8_wp
       scene%release%drop_height = drop
       associate (dem => scene%dem)
          call set_sources(scene, [dem%x0 + 39*cell + place(1)], [dem%y0 + 35*cell + place(2)])
@@ -112,9 +140,9 @@ contains
 
    !> The normal velocity is reversed after T = 2 V_n/(g cos), meanwhile g sin T is gained along the slope
    !> and V_t T + g sin T**2/2 covered.
-   subroutine compare(record, fate, tangent, down)
+   subroutine compare(record, result, tangent, down)
       type(contact_t), intent(in) :: record(:)
-      type(fate_t), intent(in) :: fate
+      type(boulder_result_t), intent(in) :: result
       real(wp), intent(in) :: tangent, down(2)
       real(wp) :: sine, cosine, v_in(3), v_out(3), along, time, flight, fastest, highest
       integer :: k
@@ -150,7 +178,7 @@ contains
          end associate
       end do
       call check("it went far", along > 200)
-      call check_close("greatest speed", fate%speed_max, fastest, small)
-      call check_close("greatest jump", fate%jump_height_max, highest, small)
+      call check_close("maximum speed", result%speed_max, fastest, small)
+      call check_close("maximum jump", result%jump_height_max, highest, small)
    end subroutine compare
 end program test_plane

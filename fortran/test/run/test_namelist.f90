@@ -6,7 +6,7 @@ program test_namelist
    use rockfall_namelist, only: namelist_t, group_t, parse_namelist
    use rockfall_values, only: has_key, value_count, get_text, get_integer, get_real, &
                               get_logical, refuse
-   use rockfall_textfile, only: read_text
+   use rockfall_text_file, only: read_text
    use check_m, only: check, check_close, finish
    implicit none
 

@@ -5,9 +5,9 @@ program test_map
    use rockfall_kinds, only: wp, sp, i4, i8
    use rockfall_terrain, only: terrain_t, terrain, locate, height
    use rockfall_flight, only: flight_t, landing_t, span_t, fly, launch_rate
-   use rockfall_classes, only: energy, speed, jump_height, n_classes, class_of
-   use rockfall_map, only: maps_t, visits_t, follows_cells, start_visits, visit_spans, &
-      visit_cell, add_visits, add_deposit, lacks_columns
+   use rockfall_bins, only: energy, speed, jump_height, n_log_bins, log_bin
+   use rockfall_maps, only: maps_t, visits_t, needs_visits, start_visits, visit_spans, &
+      visit_cell, add_visits, add_deposit, lacks_slots
    use check_m, only: check, check_close, finish
    implicit none
 
@@ -26,16 +26,16 @@ program test_map
    maps%passages => passages
    maps%deposits => deposits
    maps%layer(energy)%sum => energy_sum
-   maps%layer(energy)%greatest => energy_max
-   maps%layer(speed)%greatest => speed_max
-   maps%layer(jump_height)%greatest => jump_height_max
+   maps%layer(energy)%max => energy_max
+   maps%layer(speed)%max => speed_max
+   maps%layer(jump_height)%max => jump_height_max
    call test_flights()
    call test_axes()
    call test_once()
    call test_totals()
    call test_many_cells()
    call test_what_is_asked()
-   call test_classes_of_cells()
+   call test_bins_of_cells()
    call test_threads()
    call finish()
 
@@ -75,7 +75,7 @@ contains
       call add_visits(maps, visits, 3.0_wp)
    end subroutine map_flight
 
-   !> Every cell of a fine sampling is visited, its greatest values are those of the sampling, and no
+   !> Every cell of a fine sampling is visited, its maximum values are those of the sampling, and no
    !> other cell is (but those that the path only cuts by less than a sample).
    subroutine test_flights()
       type(flight_t) :: start
@@ -156,7 +156,7 @@ contains
          end do
       end do
       call check("no other cell is", .not. other)
-      call check("greatest values are not below a sampling", .not. less)
+      call check("maximum values are not below a sampling", .not. less)
       call check("nor far above", .not. more)
    end subroutine compare_with_sampling
 
@@ -204,11 +204,11 @@ contains
       call add_visits(maps, visits, 2.0_wp)
       call check("passed once", passages(5, 6) == 1 .and. passages(6, 6) == 1 &
                  .and. sum(passages) == 2)
-      call check_close("greatest speed", real(speed_max(5, 6), wp), 3.0_wp, 0.0_wp)
-      call check_close("greatest energy, of one moment", real(energy_max(5, 6), wp), 24.0_wp, &
+      call check_close("maximum speed", real(speed_max(5, 6), wp), 3.0_wp, 0.0_wp)
+      call check_close("maximum energy, of one moment", real(energy_max(5, 6), wp), 24.0_wp, &
                        0.0_wp)
       call check("its sum", energy_sum(5, 6) == 24)
-      call check_close("greatest height", real(jump_height_max(5, 6), wp), 3.0_wp, 0.0_wp)
+      call check_close("maximum height", real(jump_height_max(5, 6), wp), 3.0_wp, 0.0_wp)
    end subroutine test_once
 
    !> Over boulders: counts and sums add up, maxima stay; a boulder's visits are gone with it.
@@ -228,7 +228,7 @@ contains
       call check("and all the common one", passages(20, 20) == 10 .and. sum(passages) == 20)
       call check("all came to rest there", deposits(20, 20) == 10 .and. sum(deposits) == 10)
       call check("sum of their energies", energy_sum(20, 20) == 2*(36 + 49 + 64 + 81 + 100))
-      call check_close("the greatest of all", real(speed_max(20, 20), wp), 10.0_wp, 0.0_wp)
+      call check_close("the maximum of all", real(speed_max(20, 20), wp), 10.0_wp, 0.0_wp)
       call check_close("the highest of all", real(jump_height_max(20, 20), wp), 1.0_wp, 1.0e-7_wp)
    end subroutine test_totals
 
@@ -259,11 +259,11 @@ contains
       type(visits_t) :: visits
 
       call clear()
-      call check("nothing asked", .not. follows_cells(some))
+      call check("nothing asked", .not. needs_visits(some))
       some%deposits => deposits
-      call check("deposits need no visits", .not. follows_cells(some))
-      some%layer(speed)%greatest => speed_max
-      call check("a speed does", follows_cells(some))
+      call check("deposits need no visits", .not. needs_visits(some))
+      some%layer(speed)%max => speed_max
+      call check("a speed does", needs_visits(some))
       call start_visits(visits, 1_i8)
       call visit_cell(visits, [3, 3], 4.0_wp, 0.0_wp, 0.0_wp)
       call add_visits(some, visits, 1.0_wp)
@@ -274,67 +274,67 @@ contains
       call check("nor deposits", sum(deposits) == 0)
    end subroutine test_what_is_asked
 
-   !> Boulders are counted by classes in the cells that they pass, whatever stood in memory before.
-   subroutine test_classes_of_cells()
-      integer(i4), target :: counts(n_classes(speed) + n_classes(jump_height), 0:3), column(nx, ny), columns
+   !> Boulders are counted by bins in the cells that they pass, whatever stood in memory before.
+   subroutine test_bins_of_cells()
+      integer(i4), target :: counts(n_log_bins(speed) + n_log_bins(jump_height), 0:3), slot(nx, ny), slots
       type(maps_t) :: some
       type(visits_t) :: visits
       integer(i8) :: b
       integer :: k
 
       counts = 99
-      column = 0
-      columns = 0
-      some%class_counts => counts(:, 1:)
-      some%column => column
-      some%columns => columns
-      some%layer(speed)%classes = 0
-      some%layer(jump_height)%classes = n_classes(speed)
-      call check("classes need visits", follows_cells(some))
+      slot = 0
+      slots = 0
+      some%bin_counts => counts(:, 1:)
+      some%slot => slot
+      some%slots => slots
+      some%layer(speed)%bin_offset = 0
+      some%layer(jump_height)%bin_offset = n_log_bins(speed)
+      call check("bins need visits", needs_visits(some))
       do b = 1, 6
          call start_visits(visits, b)
          call visit_cell(visits, [4, 7], real(b*b, wp), 0.0_wp, 2.0_wp)
          if (b > 4) call visit_cell(visits, [5, 7], 1.0_wp, 0.0_wp, 0.0_wp)
          call add_visits(some, visits, 1.0_wp)
       end do
-      call check("two cells have a column", columns == 2 .and. column(4, 7) == 1 .and. column(5, 7) == 2 &
-                 .and. sum(column) == 3)
+      call check("two cells have a slot", slots == 2 .and. slot(4, 7) == 1 .and. slot(5, 7) == 2 &
+                 .and. sum(slot) == 3)
       call check("no memory of others is touched", all(counts(:, 3) == 99))
-      associate (one => counts(:n_classes(speed), 1), other => counts(n_classes(speed) + 1:, 1))
-         call check("each boulder in its class of speed", sum(one) == 6 &
-                    .and. all(one([(class_of(speed, 1.0_wp*b), b=1, 6)]) == 1))
-         call check("all in one of height", sum(other) == 6 .and. other(class_of(jump_height, 2.0_wp)) == 6)
+      associate (one => counts(:n_log_bins(speed), 1), other => counts(n_log_bins(speed) + 1:, 1))
+         call check("each boulder in its bin of speed", sum(one) == 6 &
+                    .and. all(one([(log_bin(speed, 1.0_wp*b), b=1, 6)]) == 1))
+         call check("all in one of height", sum(other) == 6 .and. other(log_bin(jump_height, 2.0_wp)) == 6)
       end associate
-      call check("a height of zero counts too", counts(n_classes(speed) + 1, 2) == 2 .and. sum(counts(:, 2)) == 4)
+      call check("a height of zero counts too", counts(n_log_bins(speed) + 1, 2) == 2 .and. sum(counts(:, 2)) == 4)
       do k = 6, 9
-         call check("columns are left", lacks_columns(some) .eqv. k > 7)
+         call check("slots are left", lacks_slots(some) .eqv. k > 7)
          call visit_cell(visits, [k, 7], 1.0_wp, 0.0_wp, 0.0_wp)
          call add_visits(some, visits, 1.0_wp)
       end do
-      call check("none is given that is not there", columns == 4 .and. maxval(column) == 3 &
+      call check("none is given that is not there", slots == 4 .and. maxval(slot) == 3 &
                  .and. all(counts(:, 0) == 99))
-   end subroutine test_classes_of_cells
+   end subroutine test_bins_of_cells
 
    !> Threads that meet in the same cells lose nothing: what they leave there is what one would.
    subroutine test_threads()
       integer, parameter :: boulders = 100
-      integer(i4), target :: counts(n_classes(speed), nx*ny), column(nx, ny), columns
+      integer(i4), target :: counts(n_log_bins(speed), nx*ny), slot(nx, ny), slots
       type(maps_t) :: some
       integer(i8) :: b
       integer :: i, r, turn
       logical :: given(nx*ny), right
 
       some = maps
-      some%class_counts => counts
-      some%column => column
-      some%columns => columns
-      some%layer(speed)%classes = 0
+      some%bin_counts => counts
+      some%slot => slot
+      some%slots => slots
+      some%layer(speed)%bin_offset = 0
       right = .true.
       do turn = 1, 3
          call clear()
          counts = 99
-         column = 0
-         columns = 0
+         slot = 0
+         slots = 0
          !$omp parallel do num_threads(8) schedule(static, 1)
          do b = 1, boulders
             call pass_all_cells(some, b)
@@ -343,10 +343,10 @@ contains
          given = .false.
          do r = 1, ny
             do i = 1, nx
-               given(column(i, r)) = .true.
+               given(slot(i, r)) = .true.
             end do
          end do
-         right = right .and. all(given) .and. columns == nx*ny .and. all(sum(counts, 1) == boulders) &
+         right = right .and. all(given) .and. slots == nx*ny .and. all(sum(counts, 1) == boulders) &
                  .and. all(passages == boulders) .and. all(energy_sum == boulders*(boulders + 1)/2) &
                  .and. all(abs(speed_max - sqrt(real(boulders, sp))) <= 0)
       end do

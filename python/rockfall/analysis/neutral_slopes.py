@@ -15,7 +15,7 @@ import numpy as np
 from rockfall._core import rockfall_f2py as _core
 from rockfall.analysis.plane_bounce import mixed_rebound, neutral_slope, set_rebound
 from rockfall.io.zone_table import read_zone_table
-from rockfall.scene.scene import SIZE_TO_RADIUS
+from rockfall.scene.surface import radius_over_rg
 
 if TYPE_CHECKING:
     from rockfall.scene.scene import Scene
@@ -34,8 +34,7 @@ class Rocks:
     tangents: np.ndarray
 
     def steeper(self, slope: float) -> float:
-        """The share of its cells that are steeper than a slope [degree]; NaN where none is
-        known."""
+        """The fraction of its cells steeper than a slope [degree]; NaN where none is known."""
         if not self.tangents.size:
             return np.nan
         return float((self.tangents > np.tan(np.radians(slope))).mean())
@@ -46,7 +45,7 @@ def rocks_of(scene: Scene) -> Iterator[Rocks]:
     fifth of the cells with the smallest rocks, that with the largest and those between, by R_m or
     Rg70, each with the medians of its sizes; cells that absorb left out."""
     surface, ground = scene.case.surface, scene.ground
-    scale = SIZE_TO_RADIUS[surface["rg_reading"]] if surface["method"] == "A" else 1.0
+    scale = radius_over_rg(scene.case) if surface["method"] == "A" else 1.0
     tangents = np.concatenate(ground.slopes)
     if ground.rocks:
         yield from _by_size(scale * np.concatenate(ground.rocks), tangents)
@@ -63,8 +62,8 @@ def _by_size(radii: np.ndarray, tangents: np.ndarray) -> Iterator[Rocks]:
     rocks = np.isfinite(radii).all(axis=1)
     radii, tangents = radii[rocks].astype(float), tangents[rocks]
     order = np.argsort(radii[:, 0], kind="stable")
-    for name, shares in FIFTHS.items():
-        first, last = (round(share * order.size) for share in shares)
+    for name, part in FIFTHS.items():
+        first, last = (round(end * order.size) for end in part)
         if last > first:
             some = order[first:last]
             yield Rocks(name, np.median(radii[some], axis=0), tangents[some])
@@ -74,7 +73,7 @@ class NeutralSlopes:
     """Those of the impact sets of a scene, each found when it is first asked for."""
 
     def __init__(self, scene: Scene) -> None:
-        sets = scene.sets.mean.T, scene.sets.covariance.T
+        sets = scene.coefficients.mean.T, scene.coefficients.covariance.T
         self._rebounds = [set_rebound(mean, c) for mean, c in zip(*sets, strict=True)]
         self._between = scene.case.impact["ratio"] == "between"
         self._slope = cache(self._find)
@@ -82,9 +81,9 @@ class NeutralSlopes:
     def weights(self, radius: float, radii: np.ndarray) -> np.ndarray:
         """How often each set serves a boulder of this radius [m], (5,); sizes of rocks that absorb
         it left out."""
-        chances = _core.weights_of_sizes() if radii.size > 1 else np.ones(1)
-        sets = [chance * _core.weights_of_sets(radius / r, self._between)
-                for chance, r in zip(chances, radii, strict=True) if np.isfinite(r)]  # fmt: skip
+        sizes = _core.weights_of_sizes() if radii.size > 1 else np.ones(1)
+        sets = [weight * _core.weights_of_sets(radius / r, self._between)
+                for weight, r in zip(sizes, radii, strict=True) if np.isfinite(r)]  # fmt: skip
         return np.sum(sets, axis=0) / np.sum(sets)
 
     def classes(self, radius: float, radii: np.ndarray) -> list[int]:
@@ -92,8 +91,8 @@ class NeutralSlopes:
         return [int(np.argmax(_core.weights_of_sets(radius / r, False))) + 1 for r in radii]
 
     def of(self, radius: float, radii: np.ndarray) -> float:
-        """The neutral slope [degree] of boulders of this radius on rocks of these radii [m]; 5 at
-        least and 75 at most."""
+        """The neutral slope [degree] of boulders of this radius on rocks of these radii [m],
+        from 5 to 75."""
         return self._slope(tuple(self.weights(radius, radii).tolist()))
 
     def _find(self, weights: tuple[float, ...]) -> float:

@@ -30,6 +30,7 @@ UNITS = {  # quantity -> unit -> its value in SI units
     "energy_total": _ENERGY,
     "rotational_share": {"-": 1.0},
 }
+PASSING = {"fraction": 1.0, "percent": 100.0, "share": 1.0}  # columns, old one last: of all
 FREE = ("boulder", "note")  # columns that any file may have, and nobody reads
 
 
@@ -42,7 +43,7 @@ class Observed:
     tests: pd.DataFrame  # line, method, quantity, p: Kolmogorov-Smirnov tests, as printed
     stops: np.ndarray | None  # (n, 2): x, y [m] where boulders came to rest
     distances: np.ndarray | None  # plan distances [m] from release to rest, sorted
-    passing: pd.DataFrame | None  # distance [m], share of boulders that come at least so far
+    passing: pd.DataFrame | None  # distance [m], fraction of boulders that come at least so far
     lines: dict[str, str]  # name of each line -> file and row that name it first
 
 
@@ -77,7 +78,7 @@ def read_observed(*paths: str | Path) -> Observed:
         return pd.DataFrame(found[kind], columns=columns)
 
     distances = frame("distances", "distance")["distance"].to_numpy(float)
-    passing = frame("passing", "distance", "share").sort_values("distance", ignore_index=True)
+    passing = frame("passing", "distance", "fraction").sort_values("distance", ignore_index=True)
     return Observed(
         summaries=frame("summaries", "line", "method", "quantity", "mean", "std", "max", "n"),
         samples={key: np.array(values) for key, values in samples.items()},
@@ -91,9 +92,9 @@ def read_observed(*paths: str | Path) -> Observed:
 
 def _quantity(row: Row) -> tuple[str, float, tuple[float, float]]:
     """Quantity, the unit in SI units, and the limits of its values."""
-    quantity = row.word("quantity", UNITS)
+    quantity = row.choice("quantity", UNITS)
     limits = {"omega": (-inf, inf), "rotational_share": (0.0, 1.0)}.get(quantity, (0.0, inf))
-    return quantity, UNITS[quantity][row.word("unit", UNITS[quantity])], limits
+    return quantity, UNITS[quantity][row.choice("unit", UNITS[quantity])], limits
 
 
 def _summary(row: Row) -> dict:
@@ -106,7 +107,7 @@ def _summary(row: Row) -> dict:
         row.refuse("max", f"must be >= mean = {mean:g}")
     if n % 1 > 0:
         row.refuse("n", "must be an integer")
-    method = row.word("method", METHODS) if "method" in row.cells else "observed"
+    method = row.choice("method", METHODS) if "method" in row.cells else "observed"
     about = {"line": row.text("line"), "method": method, "quantity": quantity}
     return {**about, "mean": unit * mean, "std": unit * std, "max": unit * most, "n": n}
 
@@ -118,18 +119,15 @@ def _sample(row: Row) -> dict:
 
 
 def _test(row: Row) -> dict:
-    method, quantity = row.word("method", METHODS[1:]), row.word("quantity", UNITS)
+    method, quantity = row.choice("method", METHODS[1:]), row.choice("quantity", UNITS)
     p = row.number("p", 0.0, 1.0)
     return {"line": row.text("line"), "method": method, "quantity": quantity, "p": p}
 
 
 def _passing(row: Row) -> dict:
-    share = (
-        row.number("share", 0.0, 1.0)
-        if "share" in row.cells
-        else row.number("percent", 0.0, 100.0) / 100
-    )
-    return {"distance": row.number("distance", 0.0), "share": share}
+    column = next(name for name in PASSING if name in row.cells)
+    fraction = row.number(column, 0.0, PASSING[column]) / PASSING[column]
+    return {"distance": row.number("distance", 0.0), "fraction": fraction}
 
 
 class _Kind(NamedTuple):
@@ -147,8 +145,7 @@ KINDS = (  # those with more columns come first: a header may hold the columns o
     ),
     _Kind("samples", ("line", "quantity", "unit", "value"), (), _sample),
     _Kind("tests", ("line", "method", "quantity", "p"), (), _test),
-    _Kind("passing", ("distance", "share"), (), _passing),
-    _Kind("passing", ("distance", "percent"), (), _passing),
+    *(_Kind("passing", ("distance", name), (), _passing) for name in PASSING),
     _Kind("stops", ("x", "y"), (), lambda row: {"x": row.number("x"), "y": row.number("y")}),
     _Kind("distances", ("distance",), (), lambda row: {"distance": row.number("distance", 0.0)}),
 )
@@ -179,8 +176,8 @@ def _refuse_rise(records: list[dict]) -> None:
     """Fewer boulders come farther."""
     ordered = sorted(records, key=lambda one: one["distance"])
     for near, far in zip(ordered, ordered[1:], strict=False):
-        if far["share"] > near["share"]:
+        if far["fraction"] > near["fraction"]:
             raise RockfallError(
-                f"{far['where']}: share {far['share']:g} at distance {far['distance']:g}: "
-                f"must be <= {near['share']:g}, that of distance {near['distance']:g}"
+                f"{far['where']}: fraction {far['fraction']:g} at distance {far['distance']:g}: "
+                f"must be <= {near['fraction']:g}, that of distance {near['distance']:g}"
             )

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rockfall.analysis.extent import reached
 from rockfall.case import FROM_ARRAY, case_of
 from rockfall.errors import RockfallError
 from rockfall.io.grid import Box, Grid
-from rockfall.plots.map_figures import reached
-from rockfall.scene.scene import _checksum
+from rockfall.scene.layers import file_checksum
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -51,7 +51,7 @@ def _case_dem(result: xr.Dataset) -> Path:
 
 def _check_same(result: xr.Dataset, path: Path) -> None:
     """The bytes of the DEM are those of the run; those of an array are not known."""
-    checksum = _checksum(path)
+    checksum = file_checksum(path)
     known = json.loads(result.attrs["input_checksums"])["dem"]
     from_array = case_of(result).terrain["dem"] == FROM_ARRAY
     if checksum != known and not from_array:

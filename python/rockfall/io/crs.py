@@ -1,16 +1,19 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Coordinate reference systems: their names, which are alike, and which the model can use."""
+"""Coordinate reference systems: their names, which are alike, which the model can use, and how CF
+(1.8, appendix F) describes them."""
 
 from __future__ import annotations
 
 import json
 import math
+import warnings
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from rockfall.errors import RockfallError
 
 if TYPE_CHECKING:
+    import pyproj
     from rasterio.crs import CRS
 
     from rockfall.io.grid import Grid
@@ -21,7 +24,7 @@ _METRES = {"", "m", "metre", "metres", "meter", "meters"}
 def crs_name(crs: CRS) -> str:
     """A short name: EPSG:25832, or the title of a system that has no number."""
     code = crs.to_epsg()
-    return f"EPSG:{code}" if code else crs.to_dict(projjson=True).get("name", "unnamed")
+    return f"EPSG:{code}" if code else _pyproj(crs).name
 
 
 def same_crs(a: CRS | None, b: CRS | None) -> bool:
@@ -38,19 +41,19 @@ def is_metre(unit: str | None) -> bool:
 
 
 def check_metres(grid: Grid, path: str, warp: Callable[[str, str], str] | None = None) -> None:
-    """Refuse any unit but the metre; `warp(word, options)` gives the command that makes file_word.
+    """Refuse any unit but the metre; `warp(suffix, options)` gives the command that mends it.
 
     Heights have a unit where the system says what they refer to.
     """
     crs = grid.crs
     if crs is None:
         return
-    if _is_geocentric(crs):
+    if _pyproj(crs).is_geocentric:
         raise RockfallError(
             f"{path}: coordinates are geocentric ({crs_name(crs)}), from the centre of the Earth: "
             "a projected CRS in metres is needed"
         )
-    plan, heights = _units(crs.to_dict(projjson=True))
+    plan, heights = _units(_pyproj(crs))
     if plan == heights == "metre":
         return
     if plan == "metre":
@@ -66,22 +69,18 @@ def check_metres(grid: Grid, path: str, warp: Callable[[str, str], str] | None =
     raise RockfallError(f"{said}; {cure}")
 
 
-def _units(about: dict[str, Any]) -> tuple[str, str]:
-    """The units of a system in plan and of its heights, from its PROJJSON; metre where none is."""
-    if "components" in about:  # one in plan, one of heights
-        return _units(about["components"][0])[0], _units(about["components"][-1])[1]
-    if "source_crs" in about:  # with a shift to another datum
-        return _units(about["source_crs"])
-    found = {"up": "metre", "": "metre"}
-    for axis in about.get("coordinate_system", {}).get("axis", []):
-        unit = axis.get("unit", "metre")
-        if isinstance(unit, dict):
-            is_one = unit["type"] == "LinearUnit" and abs(unit["conversion_factor"] - 1.0) <= 1e-9
-            unit = "metre" if is_one else unit["name"]
-        if unit != "metre":
-            up = axis.get("direction") in ("up", "down")
-            found["up" if up else ""] = "degrees" if unit == "degree" else unit
-    return found[""], found["up"]
+def _units(crs: pyproj.CRS) -> tuple[str, str]:
+    """The units of a system in plan and of its heights; metre where it has none."""
+    plan = heights = "metre"
+    for axis in crs.axis_info:
+        unit = "degrees" if axis.unit_name == "degree" else axis.unit_name
+        if abs(axis.unit_conversion_factor - 1.0) <= 1e-9 and unit not in ("radian", "unity"):
+            continue
+        if axis.direction in ("up", "down"):
+            heights = unit
+        else:
+            plan = unit
+    return plan, heights
 
 
 def _in_plan(crs: CRS) -> CRS:
@@ -95,51 +94,81 @@ def _in_plan(crs: CRS) -> CRS:
 
 
 def _utm(grid: Grid) -> str | None:
-    """The UTM zone in which the middle of a raster lies; None where the earth has no such place."""
-    from rasterio._err import CPLE_BaseError  # what `transform` raises where there is no way
-    from rasterio.warp import transform
+    """The UTM zone in which the middle of a raster lies; None where the earth has no such place.
 
-    middle = (grid.west + grid.east) / 2, (grid.south + grid.north) / 2
-    try:
-        (longitude,), (latitude,) = transform(grid.crs, "EPSG:4326", *([c] for c in middle))
-    except CPLE_BaseError:
-        return None
+    `pyproj.database.query_utm_crs_info` takes 0.1 s, and gives two zones or none near the poles.
+    """
+    (longitude,), (latitude,) = _degrees(grid.crs, *([c] for c in _middle(grid)))
     if not (abs(longitude) <= 360.0 and abs(latitude) <= 90.0):
         return None
     zone = int((longitude + 180.0) // 6.0) % 60 + 1
     return f"EPSG:{(32600 if latitude >= 0 else 32700) + zone}"
 
 
-def _is_geocentric(crs: CRS) -> bool:
-    """Whether its axes run from the centre of the Earth."""
-    return crs.to_dict(projjson=True).get("type") == "GeodeticCRS" and not crs.is_geographic
-
-
 def length_scale(grid: Grid) -> float:
     """How many metres of its coordinates a metre on the ground is, in the middle of a raster: the
-    geometric mean of east and north; 1 where the CRS does not tell."""
-    from rasterio._err import CPLE_BaseError  # what `transform` raises where there is no way
-    from rasterio.warp import transform
+    geometric mean of east and north; 1 where the CRS does not tell.
+
+    `pyproj.Proj.get_factors` is 0.2 % off in the Mercator projection of web maps.
+    """
+    import pyproj
 
     if grid.crs is None or not grid.crs.is_projected:
         return 1.0
-    x, y = (grid.west + grid.east) / 2, (grid.south + grid.north) / 2
-    if max(abs(x), abs(y)) > 1e8:  # no place on Earth; PROJ would turn round it for ever
-        return 1.0
+    x, y = _middle(grid)
     step = 100.0  # [m]: long beside the rounding of degrees, short beside the Earth
-    try:
-        longitude, latitude = transform(grid.crs, "EPSG:4326", [x, x + step, x], [y, y, y + step])
-    except CPLE_BaseError:
-        return 1.0
-    flat = 1 - 0.0066944 * math.sin(math.radians(latitude[0])) ** 2  # of the WGS 84 ellipsoid
-    prime, meridian = 6378137.0 / flat**0.5, 6335439.3 / flat**1.5  # radii of curvature [m]
-    ground = [
-        math.hypot(
-            math.radians(longitude[k] - longitude[0]) * prime * math.cos(math.radians(latitude[0])),
-            math.radians(latitude[k] - latitude[0]) * meridian,
-        )
-        for k in (1, 2)
-    ]
+    longitude, latitude = _degrees(grid.crs, [x, x + step, x], [y, y, y + step])
+    start = [longitude[0]] * 2, [latitude[0]] * 2
+    *_, ground = pyproj.Geod(ellps="WGS84").inv(*start, longitude[1:], latitude[1:])
     if not (all(map(math.isfinite, ground)) and min(ground) > 0):
         return 1.0
     return step / math.sqrt(ground[0] * ground[1])
+
+
+def grid_mapping(crs: CRS) -> dict[str, Any]:
+    """Attributes of a CF grid mapping variable. The whole of the CRS is in `crs_wkt`; the
+    parameters of CF are there where they say the same."""
+    return _parameters(_pyproj(crs)) | {"crs_wkt": crs.to_wkt(), "spatial_ref": crs.to_wkt()}
+
+
+def _parameters(crs: pyproj.CRS) -> dict[str, Any]:
+    """`to_cf`, but for what it loses: angles in other units than degrees, the scale of a cone with
+    one standard parallel, and the pole."""
+    if crs.geodetic_crs and any(a.unit_name == "grad" for a in crs.geodetic_crs.axis_info):
+        return {}
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # by which it says that it loses a parameter
+        try:
+            about = crs.to_cf()
+        except UserWarning:
+            return {}
+    name, parallel = about.get("grid_mapping_name"), about.get("standard_parallel")
+    if name == "lambert_conformal_conic" and isinstance(parallel, float):
+        return {}
+    if name == "polar_stereographic" and parallel is not None:
+        about["latitude_of_projection_origin"] = math.copysign(90.0, parallel)
+    return about
+
+
+def _pyproj(crs: CRS) -> pyproj.CRS:
+    import pyproj
+
+    return pyproj.CRS.from_json_dict(crs.to_dict(projjson=True))
+
+
+def _middle(grid: Grid) -> tuple[float, float]:
+    return (grid.west + grid.east) / 2, (grid.south + grid.north) / 2
+
+
+def _degrees(crs: CRS, x: list[float], y: list[float]) -> tuple[list[float], list[float]]:
+    """Longitudes and latitudes (WGS 84) of points; not finite where there is no such place."""
+    import pyproj
+
+    nowhere = [math.nan] * len(x)
+    if max(map(abs, (*x, *y))) > 1e8:  # PROJ would turn round the Earth for ever
+        return nowhere, nowhere
+    try:
+        to_degrees = pyproj.Transformer.from_crs(_pyproj(crs), "EPSG:4326", always_xy=True)
+    except pyproj.exceptions.ProjError:
+        return nowhere, nowhere
+    return to_degrees.transform(x, y)

@@ -16,10 +16,11 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 
 from rockfall.errors import RockfallError
+from rockfall.interrupts import interrupts
 from rockfall.io.files import check_netcdf
-from rockfall.simulation.interrupts import interrupts
 
 RESULT, ENSEMBLE, IMPACTS = "a result of a run", "an ensemble", "impacts of the laboratory"
+SCENE = "a scene file"
 FIGURE, MAP, LAYERS, PAGE = "a figure", "a map", "layers of a result", "a report"
 ENSEMBLE_TABLE, STUDY = "the table of an ensemble", "a study of convergence"
 LINE_TABLE, LEVEL_TABLE = "a table of line statistics", "a table of return levels"
@@ -31,7 +32,7 @@ BY_SLURM = "# Written by `rockfall slurm`."
 SIGNS = (  # how a file of ours begins, what else its head holds, and what it is
     (b"line,result,units,", b"", ENSEMBLE_TABLE),
     (b"line,quantity,statistic,", b"", STUDY),
-    (b"line,quantity,n,share,", b"", LINE_TABLE),
+    (b"line,quantity,n,fraction,", b"", LINE_TABLE),
     (b"line,quantity,n,max,", b"", LEVEL_TABLE),
     (b"table,line,quantity,", b"", COMPARISON),
     (b"table,distance,observed,", b"", COMPARISON),
@@ -123,6 +124,8 @@ def _netcdf_kind(path: str | Path) -> str | None:
         return None
     if "lab_case" in attrs:
         return IMPACTS
+    if "scene_layout" in attrs:
+        return SCENE
     if "case" not in attrs or not str(attrs.get("source", "")).startswith(f"{SIGNATURE} "):
         return None
     return RESULT if "boulders_asked" in attrs else ENSEMBLE
@@ -150,7 +153,7 @@ def _geopackage_kind(path: str | Path) -> str | None:
 
 
 @contextmanager
-def whole_folder(
+def atomic_folder(
     folder: str | Path,
     inputs: Iterable[str | Path] = (),
     former: Collection[Path] = (),

@@ -11,16 +11,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rockfall.errors import RockfallError
-from rockfall.io.files import whole_file
+from rockfall.io.files import atomic_write
 from rockfall.io.output_files import SIGNATURE
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 BLUE, VERMILION, GREEN = "#0072B2", "#D55E00", "#009E73"  # Okabe and Ito (2008)
 INK, GREY = "#222222", "#8A8A8A"
-FLIGHT = {"color": BLUE, "linewidth": 0.5, "alpha": 0.6}  # one of many trajectories
-CUT = {"color": INK, "linewidth": 0.9, "linestyle": (0, (5, 2))}  # an evaluation line
+TRAJECTORY = {"color": BLUE, "linewidth": 0.5, "alpha": 0.6}  # one of many trajectories
+LINE = {"color": INK, "linewidth": 0.9, "linestyle": (0, (5, 2))}  # an evaluation line
 OBSERVED = {"color": INK, "marker": "D", "markersize": 3.5, "markerfacecolor": "white"}
 NARROW, WIDE = 90 / 25.4, 180 / 25.4  # a column and a page [inch]
 FORMATS = ("png", "pdf", "svg")
@@ -59,6 +60,12 @@ def new_figure(width: float, height: float) -> Figure:
     return Figure(figsize=(width, height), layout="constrained")
 
 
+def draw_bars(axes: Axes, fraction: np.ndarray, edges: np.ndarray) -> None:
+    """A histogram in per cent."""
+    axes.stairs(100 * fraction, edges, fill=True, color=BLUE, alpha=0.25)
+    axes.stairs(100 * fraction, edges, color=BLUE, lw=1)
+
+
 def save(figure: Figure, path: str | Path, dpi: int | None = None) -> None:
     """Write a figure, whole or not at all; its bytes do not tell when."""
     import matplotlib
@@ -69,7 +76,7 @@ def save(figure: Figure, path: str | Path, dpi: int | None = None) -> None:
         ".pdf": {"Creator": SIGNATURE, "CreationDate": None},
         ".svg": {"Creator": SIGNATURE, "Date": None},
     }
-    with matplotlib.rc_context(STYLE), whole_file(path) as part:
+    with matplotlib.rc_context(STYLE), atomic_write(path) as part:
         try:
             figure.savefig(part, dpi=dpi, metadata=about.get(part.suffix))
         except ValueError as error:  # an ending that is no picture's
@@ -81,25 +88,12 @@ def plain(text: str) -> str:
     return text.replace("$", r"\$")
 
 
+def capital(text: str) -> str:
+    """With a capital first letter, the others as they are."""
+    return text[:1].upper() + text[1:]
+
+
 def round_step(rough: float) -> float:
     """1, 2, 2.5 or 5 times a power of ten, the next above `rough`."""
     power = 10.0 ** np.floor(np.log10(max(rough, 1e-6)))
     return power * next(step for step in (1, 2, 2.5, 5, 10) if step * power >= 0.999 * rough)
-
-
-def count(number: int, one: str, many: str | None = None) -> str:
-    """A number of things: 1 boulder, 2,000 boulders."""
-    return f"{number:,} {one if number == 1 else many or one + 's'}"
-
-
-def percent(share: float) -> str:
-    """A share as a percentage, never rounded to all or nothing."""
-    shown = f"{100 * share:.1f}"
-    if 0 < share < 1 and shown in ("0.0", "100.0"):
-        return "less than 0.1 %" if share < 0.5 else "more than 99.9 %"
-    return f"{shown.removesuffix('.0')} %" if share in (0, 1) else f"{shown} %"
-
-
-def share_of(part: int, whole: int, one: str) -> str:
-    """A part of so many things: 20 of 1,000 boulders (2.0 %)."""
-    return f"{part:,} of {count(whole, one)} ({percent(part / whole)})"

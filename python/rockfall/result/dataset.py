@@ -13,13 +13,12 @@ import numpy as np
 from rockfall._core import rockfall_f2py as _core
 from rockfall.case_files import files_behind
 from rockfall.errors import RockfallError
-from rockfall.io.files import check_netcdf, whole_file
+from rockfall.io.crs import grid_mapping
+from rockfall.io.files import atomic_write, check_netcdf
 from rockfall.io.grid import row_blocks
 from rockfall.io.output_files import RESULT, check_output
 from rockfall.result import variables
 from rockfall.result.validate import check_result, check_values
-from rockfall.simulation.merge import DAMAGED, tally_variables
-from rockfall.simulation.source_maps import settle
 from rockfall.version import __version__
 
 if TYPE_CHECKING:
@@ -29,6 +28,11 @@ if TYPE_CHECKING:
     from rockfall.simulation.simulate import Maps, Tally
 
 NO_COUNT = -1  # fill value of counts
+#: What netCDF4 and xarray raise of a file that is damaged.
+DAMAGED = (
+    OSError, ValueError, TypeError, LookupError, RuntimeError, AttributeError, OverflowError,
+)  # fmt: skip
+PIECE = 2**17  # values of a part or a scene that share a checksum
 #: Maps that are tallies of the kernel themselves, in the order of its plan.
 TALLIES = (
     "passages", "deposits", "sources", *4 * [""], "energy_max", "speed_max_map",
@@ -38,50 +42,47 @@ TILE = 256  # cells of a map that are compressed together, either way
 
 
 def make_result(tally: Tally, maps: bool = True) -> xr.Dataset:
-    """Everything that a run found, as interface names of `variables`; with or without its maps. One
-    of a part of the boulders has its tallies too, which `rockfall.merge` adds up."""
-    import xarray as xr
-
-    data: dict[str, Any] = {}
-    _add_boulders(data, tally)
+    """Everything that a run found, as interface names of `variables`; with or without its maps,
+    whose tallies are used up (`settle` comes before)."""
+    data = boulder_variables(tally)
+    number = np.arange(tally.before + 1, tally.before + tally.done + 1)
+    data["boulder"] = ("boulder", number, {"units": "1", "long_name": "number of the boulder"})
     if tally.scene.case.line:
-        _add_lines(data, tally)
-    data["crs"] = ((), np.int32(0), _grid_mapping(tally.grid))
-    is_part = tally.boulders < tally.scene.boulders
-    fed = settle(tally) if maps or is_part else {}
-    if is_part:
-        data |= tally_variables(tally.maps, fed)
+        data |= _line_itself(tally) | line_variables(tally)
+    data["crs"] = ((), np.int32(0), tally.georeference())
     if maps and tally.scene.case.output.get("maps"):
         _add_maps(data, tally)
     if tally.scene.case.output["rebounds"]:
-        _add_histograms(data, tally)
-    if tally.trajectories:
-        _add_trajectories(data, tally)
-    result = xr.Dataset(as_variables(data), attrs=_attributes(tally))
+        data |= _bins() | histogram_variables(tally)
+    data |= trajectory_variables(tally)
     names = {"boulder", "line", "x", "y", *(name for name in data if name.endswith("_bin"))}
-    return result.set_coords(sorted(names & set(data)))
+    return as_dataset(data, run_attributes(tally)).set_coords(sorted(names & set(data)))
 
 
-def as_variables(data: Mapping[str, tuple]) -> dict[str, xr.Variable]:
-    """Variables of (dimensions, values, attributes). Were they left to xarray, it would load Dask,
-    wherever that is installed, to see whether the values are of Dask: half a second."""
+def as_dataset(data: Mapping[str, tuple], attrs: Mapping[str, Any]) -> xr.Dataset:
+    """Of (dimensions, values, attributes) by name. Were variables left to xarray, it would load
+    Dask, wherever that is installed, to see whether the values are of Dask: half a second."""
     import xarray as xr
 
-    return {
-        name: xr.Variable(dims, np.asarray(values), *about, fastpath=True)
-        for name, (dims, values, *about) in data.items()
-    }
+    return xr.Dataset(
+        {
+            name: xr.Variable(dims, np.asarray(values), *about, fastpath=True)
+            for name, (dims, values, *about) in data.items()
+        },
+        attrs=attrs,
+    )
 
 
-def _add_boulders(data: dict[str, Any], tally: Tally) -> None:
-    columns = tally.columns()
-    number = np.arange(tally.before + 1, tally.before + tally.done + 1)
-    data["boulder"] = ("boulder", number, {"units": "1", "long_name": "number of the boulder"})
+def boulder_variables(tally: Tally) -> dict[str, Any]:
+    """Of each boulder done, and counts over all of them."""
+    columns, data = tally.columns(), {}
     for name, about in variables.BOULDER.items():
         values = columns[name].astype("i1") if name == "status" else columns[name]
         data[name] = ("boulder", values, about | (_flags() if name == "status" else {}))
     for name, about in variables.COUNT.items():
-        data[name] = ((), columns[name].sum(dtype="i8"), about)
+        before = tally.counted.get(name, np.int64(0))
+        data[name] = ((), before + columns[name].sum(dtype="i8"), about)
+    return data
 
 
 def _flags() -> dict[str, Any]:
@@ -90,15 +91,11 @@ def _flags() -> dict[str, Any]:
     return {"flag_values": values, "flag_meanings": " ".join(variables.STATUS)}
 
 
-def _add_lines(data: dict[str, Any], tally: Tally) -> None:
-    from rockfall.simulation.simulate import fields
-
+def _line_itself(tally: Tally) -> dict[str, Any]:
+    """Names and vertices of the evaluation lines."""
     lines = tally.scene.case.line
     names = np.array([line["name"] for line in lines], dtype=object)
-    data["line"] = ("line", names, {"long_name": "name of the evaluation line"})
-    for k, name in enumerate(fields(3)):
-        about = variables.LINE[name]
-        data[f"line_{name}"] = (("line", "boulder"), tally.crossing[: tally.done, :, k].T, about)
+    data: dict[str, Any] = {"line": ("line", names, {"long_name": "name of the evaluation line"})}
     vertices = {
         "line": np.repeat(np.arange(len(lines)), [len(line["x"]) for line in lines]).astype("i4"),
         "x": np.concatenate([line["x"] for line in lines]),
@@ -106,6 +103,17 @@ def _add_lines(data: dict[str, Any], tally: Tally) -> None:
     }
     for name, about in variables.LINE_VERTEX.items():
         data[f"line_vertex_{name}"] = ("line_vertex", vertices[name], about)
+    return data
+
+
+def line_variables(tally: Tally) -> dict[str, Any]:
+    """First crossings of the evaluation lines."""
+    return {
+        f"line_{name}": (
+            ("line", "boulder"), tally.crossing[: tally.done, :, k].T, variables.LINE[name]
+        )
+        for k, name in enumerate(variables.fields(3))
+    }  # fmt: skip
 
 
 def _add_maps(data: dict[str, Any], tally: Tally) -> None:
@@ -145,53 +153,62 @@ def _map(name: str, maps: Maps, boulders: int, least: int) -> tuple[np.ndarray, 
             values[rows][values[rows] == 0] = np.nan
         return values, 0
     values = np.empty(maps.column.shape if maps.column.size > 1 else maps.counts.shape[1:], "f4")
-    fewest = _core.map_values(name, boulders, least, **maps.arguments(), values=values.T)
+    fewest = _core.map_values(
+        name, boulders, least, maps.names, **maps.arguments(), values=values.T
+    )
     return values, fewest
 
 
-def _grid_mapping(grid: Grid) -> dict[str, Any]:
-    from rockfall.io.cf import grid_mapping
+def _bins() -> dict[str, Any]:
+    """The bins of the histograms."""
+    data: dict[str, Any] = {}
+    bins, widths = _core.histogram_bins()
+    for k, (name, quantity) in enumerate(variables.HISTOGRAM.items()):
+        dim, n = f"{name}_bin", int(bins[k])
+        edges = np.round(np.arange(n + 1) * widths[k], 10)
+        about = {key: quantity[key] for key in ("units", "long_name")}
+        data[dim] = (dim, (edges[:-1] + edges[1:]) / 2, about | {"bounds": f"{dim}_bounds"})
+        about = {"units": quantity["units"], "long_name": f"edges of the bins of {name}"}
+        data[f"{dim}_bounds"] = (
+            (dim, "bound"),
+            np.stack([edges[:-1], edges[1:]], axis=1),
+            about,
+        )
+    return data
 
+
+def histogram_variables(tally: Tally) -> dict[str, Any]:
+    """Counts of rebounds, in the bins."""
+    data, bins = {}, _core.histogram_bins()[0]
+    for k, (name, quantity) in enumerate(variables.HISTOGRAM.items()):
+        about = quantity | {"units": "1", "long_name": f"rebounds by {quantity['long_name']}"}
+        data[f"{name}_histogram"] = (f"{name}_bin", tally.histogram[k, : bins[k]], about)
+    return data
+
+
+def trajectory_variables(tally: Tally) -> dict[str, Any]:
+    """Vertices of the first boulders, where they were kept."""
+    if not tally.trajectories:
+        return {}
+    vertices = np.concatenate(tally.trajectories)
+    columns = dict(zip(variables.fields(4), vertices.T, strict=True))
+    lengths = [len(one) for one in tally.trajectories]
+    columns["boulder"] = tally.before + np.repeat(np.arange(1, len(lengths) + 1), lengths)
+    return {
+        f"trajectory_{name}": ("trajectory_vertex", columns[name], about)
+        for name, about in variables.VERTEX.items()
+    }
+
+
+def georeference(grid: Grid) -> dict[str, Any]:
+    """Attributes of the variable that says where a grid lies (CF, and GDAL's GeoTransform)."""
     transform = f"{grid.west!r} {grid.cell!r} 0.0 {grid.north!r} 0.0 {-grid.cell!r}"
     about = {"units": "1", "long_name": "coordinate reference system", "GeoTransform": transform}
     return about | (grid_mapping(grid.crs) if grid.crs else {})
 
 
-def _add_histograms(data: dict[str, Any], tally: Tally) -> None:
-    bins, widths = _core.histogram_bins()
-    for k, (name, quantity) in enumerate(variables.HISTOGRAM.items()):
-        dim, n = f"{name}_bin", int(bins[k])
-        edges = np.round(np.arange(n + 1) * widths[k], 10)
-        data[dim] = (
-            dim,
-            (edges[:-1] + edges[1:]) / 2,
-            {
-                "units": quantity["units"],
-                "long_name": quantity["long_name"],
-                "bounds": f"{dim}_bounds",
-            },
-        )
-        data[f"{dim}_bounds"] = (
-            (dim, "bound"),
-            np.stack([edges[:-1], edges[1:]], axis=1),
-            {"units": quantity["units"], "long_name": f"edges of the bins of {name}"},
-        )
-        about = quantity | {"units": "1", "long_name": f"rebounds by {quantity['long_name']}"}
-        data[f"{name}_histogram"] = (dim, tally.histogram[k, :n], about)
-
-
-def _add_trajectories(data: dict[str, Any], tally: Tally) -> None:
-    from rockfall.simulation.simulate import fields
-
-    vertices = np.concatenate(tally.trajectories)
-    columns = dict(zip(fields(4), vertices.T, strict=True))
-    lengths = [len(one) for one in tally.trajectories]
-    columns["boulder"] = tally.before + np.repeat(np.arange(1, len(lengths) + 1), lengths)
-    for name, about in variables.VERTEX.items():
-        data[f"trajectory_{name}"] = ("trajectory_vertex", columns[name], about)
-
-
-def _attributes(tally: Tally) -> dict[str, Any]:
+def run_attributes(tally: Tally) -> dict[str, Any]:
+    """What a result, or a part of one, says of its run."""
     scene = tally.scene
     return {
         "Conventions": "CF-1.8",
@@ -206,12 +223,19 @@ def _attributes(tally: Tally) -> dict[str, Any]:
         "boulders_asked": scene.boulders,
         "complete": int(tally.done == scene.boulders),
         "impact_set": scene.case.impact["sets"],
-        "impact_set_checksum": scene.checksums["sets"],
-        "input_checksums": json.dumps(scene.checksums, sort_keys=True),
-        "decoded_checksums": json.dumps(scene.decoded, sort_keys=True),
+        **provenance(scene),
         "threads": _core.team(tally.threads),
         "wall_seconds": tally.wall,
         "cpu_seconds": tally.cpu,
+    }
+
+
+def provenance(scene: Any) -> dict[str, str]:
+    """Checksums of what a scene was made of."""
+    return {
+        "impact_set_checksum": scene.checksums["sets"],
+        "input_checksums": json.dumps(scene.checksums, sort_keys=True),
+        "decoded_checksums": json.dumps(scene.decoded, sort_keys=True),
     }
 
 
@@ -221,11 +245,17 @@ def open_result(path: str | Path) -> xr.Dataset:
 
     check_netcdf(path)
     try:
-        return xr.open_dataset(path, mask_and_scale=False, decode_times=False, engine="netcdf4")
+        data = xr.open_dataset(path, mask_and_scale=False, decode_times=False, engine="netcdf4")
     except FileNotFoundError:
         raise RockfallError(f"{path}: no such file") from None
     except DAMAGED as error:
         raise RockfallError(f"{path}: is not a netCDF result: {error}") from error
+    if "part_layout" in data.attrs:
+        data.close()
+        raise RockfallError(
+            f"{path}: is a part of a run; `rockfall merge` makes the result of one or many"
+        )
+    return data
 
 
 def read_result(path: str | Path) -> xr.Dataset:
@@ -239,28 +269,33 @@ def read_result(path: str | Path) -> xr.Dataset:
     check_values(result, path)
     for variable in result.variables.values():
         variable.attrs.pop("_FillValue", None)
-    if "line" in result:  # names that the standalone program wrote are bytes
+    if "line" in result:
         result["line"] = result["line"].astype(str).astype(object)
     return result
 
 
 def write_result(result: xr.Dataset, path: str | Path, kind: str = RESULT) -> None:
-    """Write a result as netCDF, whole or not at all, and over no file that its case reads. By
-    netCDF4 itself: xarray would copy maps whole, and load Dask wherever it is installed, which
-    takes longer than the writing."""
+    """Write a result as netCDF, whole or not at all, and over no file that its case reads."""
+    check_output(path, kind, files_behind(result))
+    with atomic_write(path) as part:
+        put_netcdf(result, part, path)
+
+
+def put_netcdf(data: xr.Dataset, path: str | Path, name: str | Path) -> None:
+    """Put all of it into a new file; `name` is for messages. By netCDF4 itself: xarray would copy
+    maps whole, and load Dask wherever it is installed, which takes longer than the writing."""
     import netCDF4
 
-    check_output(path, kind, files_behind(result))
-    with whole_file(path) as part:
-        try:
-            with netCDF4.Dataset(part, "w") as file:
-                file.setncatts(result.attrs)
-                for dim, size in result.sizes.items():
-                    file.createDimension(dim, size)
-                for name, variable in result.variables.items():
-                    _write_variable(file, name, variable, _attached(result, name))
-        except (RuntimeError, PermissionError) as error:  # netCDF4 reports a full disk so
-            raise RockfallError(f"{path}: cannot be written: {error}; disk full?") from error
+    try:
+        with netCDF4.Dataset(path, "w") as file:
+            file.setncatts(data.attrs)
+            for dim, size in data.sizes.items():
+                file.createDimension(dim, size)
+            for one, variable in data.variables.items():
+                how = _storage(variable, {"part_layout", "scene_layout"} & data.attrs.keys())
+                _write_variable(file, one, variable, how, _attached(data, one))
+    except (RuntimeError, PermissionError) as error:  # netCDF4 reports a full disk so
+        raise RockfallError(f"{name}: cannot be written: {error}; disk full?") from error
 
 
 def _attached(result: xr.Dataset, name: str) -> dict[str, Any]:
@@ -281,13 +316,28 @@ def _attached(result: xr.Dataset, name: str) -> dict[str, Any]:
     return found
 
 
-def _write_variable(file: Any, name: str, variable: xr.Variable, attached: dict[str, Any]) -> None:
-    """Maps are compressed, in blocks of rows."""
+def _storage(variable: xr.Variable, checksums: Any) -> dict[str, Any]:
+    """How a file holds a variable: rasters are compressed in tiles, and what another run goes on
+    from has checksums (Fletcher, by HDF5)."""
+    how: dict[str, Any] = {}
+    if variable.dims[-2:] == ("y", "x"):
+        tile = (1, *(min(TILE, size) for size in variable.shape[-2:]))[-variable.ndim :]
+        how = {"chunksizes": tile, "zlib": True, "complevel": 1, "shuffle": True}
+    if not checksums or not variable.ndim:
+        return how
+    room, pieces = PIECE, []
+    for size in variable.shape[::-1]:
+        pieces.append(max(1, min(size, room)))
+        room //= pieces[-1]
+    return {"chunksizes": pieces[::-1], "fletcher32": True} | how
+
+
+def _write_variable(
+    file: Any, name: str, variable: xr.Variable, how: dict[str, Any], attached: dict[str, Any]
+) -> None:
+    """Rasters are written in blocks of rows."""
     text, is_map = variable.dtype.kind in "OU", variable.dims == ("y", "x")
-    how: dict[str, Any] = {"fill_value": attached.pop("_FillValue", None)}
-    if is_map:
-        tile = tuple(min(TILE, size) for size in variable.shape)
-        how |= {"chunksizes": tile, "zlib": True, "complevel": 1, "shuffle": True}
+    how |= {"fill_value": attached.pop("_FillValue", None)}
     stored = file.createVariable(name, str if text else variable.dtype, variable.dims, **how)
     stored.setncatts(variable.attrs | attached)
     stored.set_auto_maskandscale(False)

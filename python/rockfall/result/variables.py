@@ -26,3 +26,8 @@ MAP = _TABLE["map"]
 HISTOGRAM = _TABLE["histogram"]  # in the kernel's order; units of the bins
 VERTEX = _TABLE["vertex"]  # in files trajectory_x, ...
 STATUS = {name: number for number, name in enumerate(_TABLE["status"], start=1)}
+
+
+def fields(what: int) -> list[str]:
+    """Names of the kernel's columns: 1 boulder, 2 counts, 3 crossing, 4 vertex."""
+    return _core.fields(what).decode().split()

@@ -3,13 +3,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from rockfall.io.grid import Box, row_blocks
-from rockfall.scene.sources import area_ratios
+from rockfall.scene.kernel_scene import area_ratios
 
 if TYPE_CHECKING:
     from rockfall.scene.scene import Scene
@@ -143,7 +143,7 @@ def _slopes(band: Scene, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Tangents of the slopes of the cells at places."""
     if not x.size:
         return np.empty(0)
-    return np.sqrt(np.maximum(area_ratios(replace(band, x=x, y=y)) ** 2 - 1, 0.0))
+    return np.sqrt(np.maximum(area_ratios(band, x, y) ** 2 - 1, 0.0))
 
 
 def _samples(band: Scene, box: Box) -> tuple[np.ndarray, np.ndarray]:

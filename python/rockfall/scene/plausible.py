@@ -15,7 +15,8 @@ import numpy as np
 
 from rockfall.case import FROM_ARRAY
 from rockfall.io.crs import crs_name, length_scale
-from rockfall.scene.scene import SIZE_TO_RADIUS, Scene, lines_outside
+from rockfall.scene.scene import Scene, lines_outside
+from rockfall.scene.surface import radius_over_rg
 
 LOW, HIGH = -9000.0, 9000.0  # elevations [m]: far below any land, above Everest
 GAP = 300.0  # [m] from the lowest elevation to the next: no terrain leaves out so much
@@ -178,7 +179,7 @@ def _rocks(scene: Scene) -> Iterator[str]:
     ground, surface = scene.ground, scene.case.surface
     limit = RADIUS
     if surface["method"] == "A":
-        limit /= SIZE_TO_RADIUS[surface["rg_reading"]]
+        limit /= radius_over_rg(scene.case)
     largest = ground.largest
     if ground.used:
         sizes = ground.sizes[sorted(ground.used)]

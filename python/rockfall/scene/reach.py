@@ -6,7 +6,6 @@ from __future__ import annotations
 import numpy as np
 
 from rockfall._core import rockfall_f2py as _core
-from rockfall.errors import RockfallError
 from rockfall.io.grid import Box
 from rockfall.scene.scene import Scene
 
@@ -27,12 +26,8 @@ class Survey:
 
         A source from where no boulder can start is refused.
         """
-        place = {key: value for key, value in scene.kernel_arguments().items() if key in _PLACE}
-        code, message = _core.survey(
-            **place, first=first + 1, last=stop, minima=self.minima, head=self.head
-        )
-        if code:
-            raise RockfallError(f"{scene.case.name}: {message.decode().strip()}", code)
+        kernel = scene.kernel
+        kernel.check(*_core.survey(kernel.handle, first + 1, stop, self.minima, self.head))
 
     def box(self) -> Box:
         """Every cell that a boulder can reach: no rebound adds energy, so no boulder passes terrain
@@ -48,16 +43,10 @@ class Survey:
         return Box(row - 1, column - 1, last_row, last_column)
 
 
-_PLACE = {
-    "z8", "z4", "west", "north", "cell", "nodes", "at", "source_x", "source_y", "drop_height",
-    "velocity", "gravity",
-}  # fmt: skip
-
-
 def survey(scene: Scene) -> Survey:
     """That of a scene."""
-    if scene.tiles:
-        return scene.tiles.survey
+    if scene.windows:
+        return scene.windows.survey
     found = Survey(scene)
     found.take(scene, 0, scene.grid.ny)
     return found

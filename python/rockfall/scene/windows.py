@@ -14,17 +14,18 @@ from collections.abc import Iterator
 import numpy as np
 
 from rockfall.errors import RockfallError
-from rockfall.io.elevations import check_known
+from rockfall.io.arrays import check_known
 from rockfall.io.grid import Box
 from rockfall.scene.digest import Digest
 from rockfall.scene.ground import Ground
 from rockfall.scene.reach import Survey
-from rockfall.scene.scene import Scene, cell_bytes, read_window
+from rockfall.scene.scene import Scene
+from rockfall.scene.surface import cell_bytes, read_window
 
 RIM = 4  # cells of a window that boulders keep off, where the raster goes on
 
 
-class Tiles:
+class Windows:
     """The terrain of a scene in windows of so many cells, unless a source needs a larger one."""
 
     def __init__(self, scene: Scene, cells: int) -> None:

@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Any
 
 from rockfall.case import Case
 from rockfall.errors import RockfallError, need
-from rockfall.scene.reach import survey
-from rockfall.scene.scene import Scene, read_scene
-from rockfall.simulation.interrupts import interrupts
+from rockfall.interrupts import interrupts
+from rockfall.scene.read import read_scene
+from rockfall.scene.scene import Scene
 from rockfall.simulation.merge import Joined
 from rockfall.simulation.progress import progress_bar
-from rockfall.simulation.simulate import no_maps, run_scene
+from rockfall.simulation.simulate import run_scene
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -41,14 +41,14 @@ def run_on_cluster(
     case = scene.case.replace(case={"threads": 1})  # workers have threads of their own
     case.folder = Path(case.folder).absolute()
     with interrupts() as interrupted, _client(where) as client:
-        memory = 2 * scene.tiles.bytes if scene.tiles else None  # windows of the same size
+        memory = 2 * scene.windows.bytes if scene.windows else None  # windows of the same size
         of = parts or PARTS * max(1, sum(client.nthreads().values()))
         of = max(2, min(of, scene.boulders))
         if scene.boulders < 2:
             return run_scene(scene)
         parts = range(1, of + 1)
         futures = [client.submit(_part, case, memory, k, of, pure=False, retries=2) for k in parts]
-        joined = Joined(no_maps(case.output.get("maps", []), survey(scene).box()))
+        joined = Joined()
         with progress_bar(scene.boulders, shown=progress) as advance:
             for future in as_completed(futures, loop=client.loop):
                 part = _result(future)
@@ -106,9 +106,8 @@ def _result(future: Any) -> xr.Dataset:
 
 
 def _part(case: Case, memory: float | None, which: int, of: int) -> xr.Dataset:
-    """On a worker: a part of the run. One of them says which maps there are, the others send no
-    more than what is to be added up."""
-    return run_scene(_scene(case, memory), shard=(which, of), maps=which == 1)
+    """On a worker: a part of the run."""
+    return run_scene(_scene(case, memory), shard=(which, of))
 
 
 @lru_cache(maxsize=1)

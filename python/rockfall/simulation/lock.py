@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A folder that one run at a time works in: two would destroy each other's files."""
+"""One run at a time writes an output: two would destroy each other's files. As in io/lock.f90."""
 
 import fcntl
 import os
@@ -8,37 +8,37 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from rockfall.errors import RockfallError
-
-LOCK = "rockfall.lock"  # as in io/lock.f90
+from rockfall.io.files import check_regular
 
 
 @contextmanager
-def locked(folder: Path, say: Callable[[str], None]) -> Iterator[None]:
-    """Keep other processes, rockfall-batch too, out of a folder. It is made where it is missing,
-    and removed at the end if it is empty. However the process ends, the kernel opens the lock."""
+def locked(output: Path, say: Callable[[str], None]) -> Iterator[None]:
+    """Keep other processes, rockfall-batch too, away from an output, by an empty file beside it.
+    However the process ends, the kernel opens the lock."""
+    path = output.with_name(f"{output.name}.lock")
     try:
-        descriptor = _open(folder)
-        while not _hold(descriptor, folder, say):
+        descriptor = _open(path)
+        while not _hold(descriptor, path, say):
             os.close(descriptor)
-            descriptor = _open(folder)
+            descriptor = _open(path)
     except OSError as error:
-        raise RockfallError(f"{folder}: cannot be written: {error.strerror}") from error
+        raise RockfallError(f"{path}: cannot be written: {error.strerror}") from error
     try:
         yield
     finally:
-        with suppress(OSError):  # somebody has removed it, or keeps files of his own there
-            (folder / LOCK).unlink()
+        with suppress(OSError):  # somebody has removed it
+            path.unlink()
         os.close(descriptor)
-        with suppress(OSError):
-            folder.rmdir()
 
 
-def _open(folder: Path) -> int:
-    folder.mkdir(exist_ok=True)
-    return os.open(folder / LOCK, os.O_RDWR | os.O_CREAT, 0o666)
+def _open(path: Path) -> int:
+    check_regular(path)
+    if path.exists() and (path.is_dir() or path.stat().st_size):
+        raise RockfallError(f"{path}: is there, and no lock; choose another output")
+    return os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
 
 
-def _hold(descriptor: int, folder: Path, say: Callable[[str], None]) -> bool:
+def _hold(descriptor: int, path: Path, say: Callable[[str], None]) -> bool:
     """Whether the lock was taken, and is still the file of that name: who held it may have removed
     it just before."""
     try:
@@ -46,12 +46,12 @@ def _hold(descriptor: int, folder: Path, say: Callable[[str], None]) -> bool:
     except BlockingIOError:
         os.close(descriptor)
         raise RockfallError(
-            f"{folder}: another run is at work on it; wait for its end, or choose another output"
+            f"{path}: another run is at work on this output; wait for its end, or choose another"
         ) from None
     except OSError as error:
-        say(f"{folder}: cannot be locked ({error.strerror}); two runs on it would destroy it")
+        say(f"{path}: cannot be locked ({error.strerror}); two runs on one output would destroy it")
         return True
     try:
-        return os.path.samestat(os.fstat(descriptor), os.stat(folder / LOCK))
+        return os.path.samestat(os.fstat(descriptor), os.stat(path))
     except FileNotFoundError:
         return False

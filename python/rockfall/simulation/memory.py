@@ -3,9 +3,9 @@
 
 from __future__ import annotations
 
-import os
 import re
 import resource
+from contextlib import suppress
 from pathlib import Path
 
 from rockfall.errors import RockfallError
@@ -15,27 +15,20 @@ UNITS = {"": 1, "k": 1e3, "m": 1e6, "g": 1e9, "t": 1e12}
 
 def machine_memory() -> float:
     """Bytes that this process may use: of the machine, of its job (control group), of its shell."""
-    limits = [os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")]
+    import psutil  # which does not know the other limits
+
+    limits = [psutil.virtual_memory().total]
     limits += [limit for limit in resource.getrlimit(resource.RLIMIT_AS)[:1] if limit > 0]
-    for file in _control_group():
-        try:
-            limits.append(int(file.read_text()))
-        except (OSError, ValueError):  # no such limit, or "max"
-            continue
+    with suppress(OSError):
+        for file in limit_files(Path("/proc/self/cgroup").read_text()):
+            with suppress(OSError, ValueError):  # no such limit, or "max"
+                limits.append(int(file.read_text()))
     return float(min(limits))
 
 
-def _control_group() -> list[Path]:
-    """The files that may hold a limit of the process's control group, or of one above it."""
-    try:
-        return limit_files(Path("/proc/self/cgroup").read_text())
-    except OSError:
-        return []
-
-
 def limit_files(groups: str) -> list[Path]:
-    """The same, from the text of /proc/self/cgroup: of the unified hierarchy, or of the older one
-    for memory alone."""
+    """The files that may hold a limit of the process's control group, or of one above it, from the
+    text of /proc/self/cgroup: of the unified hierarchy, or of the older one for memory alone."""
     files = []
     for pattern, root, name in (
         (r"^0::/(.*)$", Path("/sys/fs/cgroup"), "memory.max"),

@@ -14,19 +14,24 @@ import numpy as np
 from rockfall._core import rockfall_f2py as _core
 from rockfall.case import Case
 from rockfall.errors import RockfallError
+from rockfall.interrupts import interrupts
 from rockfall.io.grid import Box, Grid
+from rockfall.result.dataset import georeference, make_result
+from rockfall.result.variables import fields
 from rockfall.scene.plausible import warn_of
 from rockfall.scene.reach import Survey, survey
-from rockfall.scene.scene import Scene, read_scene
+from rockfall.scene.read import read_scene
+from rockfall.scene.scene import Scene
 from rockfall.scene.windows import groups
-from rockfall.simulation.interrupts import interrupts
 from rockfall.simulation.memory import machine_memory
-from rockfall.simulation.source_maps import follow_sources
+from rockfall.simulation.part_file import make_part
+from rockfall.simulation.source_maps import follow_sources, settle
 
 if TYPE_CHECKING:
     import xarray as xr
 
     from rockfall.simulation.checkpoint import Checkpoint
+    from rockfall.simulation.part_file import Origin
 
 # A child of a fork would wait for ever for the threads that a run leaves waiting in its parent.
 os.register_at_fork(before=_core.end_team)
@@ -34,10 +39,10 @@ os.register_at_fork(before=_core.end_team)
 CHUNK_SECONDS = 0.25  # between calls of the kernel: progress, Ctrl-C
 FIRST_CHUNK = 64  # boulders
 BINS = 50  # rows of the kernel's histograms
-MOST_THREADS = 1024  # as in the kernel's table of keys
+MOST_THREADS = int(_core.constant("max_threads"))
 MOST_ROWS = 2**31 - 2  # of class_counts, and one more can be counted
 STATUS = 0  # row of the kernel's integers
-LEFT_WINDOW = 5  # status: to be flown again in a larger window
+LEFT_WINDOW = int(_core.constant("left_window"))  # status: to be flown again in a larger window
 ALL = Box(0, 0, 2**31 - 1, 2**31 - 1)  # any cells
 HALVINGS = 5  # of these rows, before they are too few to begin with
 
@@ -55,6 +60,7 @@ class Maps:
     """The kernel's tallies by cell, in stacks (layers, ny, nx), where `plan` says; what the case
     does not ask for has a single element."""
 
+    names: str  # of the maps, as the kernel wants them
     plan: np.ndarray  # of the kernel's map_plan
     counts: np.ndarray
     sums: np.ndarray
@@ -71,7 +77,7 @@ class Maps:
     def arguments(self) -> dict[str, np.ndarray]:
         """As the kernel wants them."""
         return {
-            "plan": self.plan, "map_counts": self.counts.T, "map_sums": self.sums.T,
+            "map_counts": self.counts.T, "map_sums": self.sums.T,
             "map_reals": self.maxima.T, "class_counts": self.class_counts.T,
             "column": self.column.T, "columns": self.columns,
         }  # fmt: skip
@@ -84,14 +90,15 @@ class Maps:
 def no_maps(names: Sequence[str] = (), box: Box = ALL) -> Maps:
     """Empty tallies for the maps of these names, on these cells."""
     shape = box.shape if names else (1, 1)
-    plan = _core.map_plan(" ".join(names))
+    text = " ".join(names)
+    plan = _core.map_plan(text)
     counts, sums, maxima, classes = plan[:4].max(), plan[4:7].max(), plan[7:10].max(), plan[13]
 
     def stack(layers: int, dtype: str) -> np.ndarray:
         return np.zeros((layers, *shape) if layers else (1, 1, 1), dtype)
 
     return Maps(
-        plan, stack(counts, "i4"), stack(sums, "i8"), stack(maxima, "f4"),
+        text, plan, stack(counts, "i4"), stack(sums, "i8"), stack(maxima, "f4"),
         class_counts=_class_counts(shape[0] * shape[1], classes),
         column=np.zeros(shape if classes else (1, 1), "i4"),
         columns=np.zeros(1, "i4"),
@@ -119,7 +126,7 @@ def _class_counts(cells: int, classes: int) -> np.ndarray:
 class Tally:
     """What the kernel adds to from chunk to chunk, and the rows of the boulders done."""
 
-    scene: Scene
+    scene: Scene | Origin
     maps: Maps
     histogram: np.ndarray  # (6, bins)
     boulder: np.ndarray  # (boulders, fields)
@@ -127,10 +134,12 @@ class Tally:
     crossing: np.ndarray  # (boulders, lines, fields)
     before: int = 0  # boulders of the run before those of this tally
     done: int = 0
+    counted: dict[str, int] = field(default_factory=dict)  # in boulders whose `count` was not kept
     trajectories: list[np.ndarray] = field(default_factory=list)  # (vertices, fields) each
     wall: float = 0.0
     cpu: float = 0.0
     threads: int = 0
+    crs: dict[str, Any] = field(default_factory=dict)  # said of the grid, where it has no CRS
 
     @property
     def boulders(self) -> int:
@@ -143,9 +152,18 @@ class Tally:
         return {name: row[: self.done] for name, row in zip(names, rows, strict=True)}
 
     @property
+    def window(self) -> Box:
+        """The cells of the terrain that maps cover; without any, all of them."""
+        return self.maps.box if self.maps.names else self.scene.grid.box
+
+    @property
     def grid(self) -> Grid:
         """That of the maps; without any, of all the terrain."""
-        return self.scene.grid.part(self.maps.box)
+        return self.scene.grid.part(self.window)
+
+    def georeference(self) -> dict[str, Any]:
+        """What says where the maps lie."""
+        return georeference(self.grid) | self.crs
 
 
 def run(
@@ -160,10 +178,10 @@ def run(
 ) -> xr.Dataset:
     """Run a case: an xarray.Dataset of boulders, lines, maps and histograms.
 
-    `arrays` (dem, zones, ...) are as in `rockfall.scene.scene.read_scene`. The result does not
+    `arrays` (dem, zones, ...) are as in `rockfall.scene.read.read_scene`. The result does not
     depend on `threads` (default: the case's) or `chunk`, boulders in one call of the kernel
     (default: what takes a quarter of a second). `shard` (I, N) runs the I-th of N ranges of
-    boulders. Ctrl-C raises `Interrupted`, which holds the boulders done. Rasters that need more
+    boulders, and gives a part for `rockfall.merge`, without maps. Ctrl-C raises `Interrupted`, which holds the boulders done. Rasters that need more
     than half of `memory` [bytes] (default: that of the machine) are read in windows. What is likely
     a mistake in the case is a UserWarning.
     """
@@ -182,18 +200,15 @@ def run_scene(
     shard: tuple[int, int] = (1, 1),
     checkpoint: Checkpoint | None = None,
     keep: bool = True,
-    maps: bool = True,
 ) -> xr.Dataset:
     """Run a scene that has been read; see `run`.
 
     It goes on from `checkpoint`, and writes it now and then. A scene that need not be kept loses
-    its rasters before the result is made, to save memory. Without `maps`, a part has its tallies
-    alone.
+    its rasters before the result is made, to save memory.
     """
     import netCDF4  # noqa: F401  what makes the result, before the run: there may be no memory for it
     import xarray  # noqa: F401
 
-    from rockfall.result.dataset import make_result
     from rockfall.simulation.progress import progress_bar
 
     threads = scene.case.case["threads"] if threads is None else threads
@@ -212,17 +227,17 @@ def run_scene(
                 if checkpoint:
                     checkpoint.look(tally)
 
-            try:
-                run_chunks(tally, chunk, interrupted, step)
-                if checkpoint and interrupted():
-                    checkpoint.save(tally)
-            finally:
-                if checkpoint:
-                    checkpoint.finish()
+            run_chunks(tally, chunk, interrupted, step)
+            if checkpoint and interrupted():
+                checkpoint.save(tally)
             trace(tally)
         if not keep:
             scene.forget_rasters()
-        result = make_result(tally, maps)
+        if tally.boulders < scene.boulders:
+            result = make_part(tally)
+        else:
+            settle(tally)
+            result = make_result(tally)
     if interrupted():
         raise Interrupted(result)
     return result
@@ -260,37 +275,29 @@ def start(scene: Scene, threads: int, shard: tuple[int, int] = (1, 1)) -> Tally:
 
 def check_tallies(scene: Scene, found: Survey) -> None:
     """Refuse a run whose boulders could add up to more in a cell of a map than its numbers hold."""
-    names = scene.case.output.get("maps", [])
-    if not names:
-        return
-    about = scene.kernel_arguments()
-    law = {key: about[key] for key in ("law", "law_values", "volumes", "density", "gravity")}
-    fall = found.head[0] - found.minima.min()
-    code, message = _core.check_tallies(
-        _core.map_plan(" ".join(names)), **law, fall=fall, boulders=scene.boulders
-    )
-    _raise(scene, code, message)
+    if "maps" in scene.case.output:
+        kernel = scene.kernel
+        kernel.check(*_core.check_maps(kernel.handle, found.head[0] - found.minima.min()))
 
 
 def _start(scene: Scene, threads: int, numbers: range, box: Box) -> Tally:
-    lines = len(scene.case.line)
-    maps = no_maps(scene.case.output.get("maps", []), box)
-    follow_sources(maps, scene, numbers.start)
+    tally = empty_tally(scene, no_maps(scene.case.output.get("maps", []), box), numbers, threads)
+    follow_sources(tally.maps, scene, numbers.start)
+    return tally
+
+
+def empty_tally(scene: Scene | Origin, maps: Maps, numbers: range, threads: int) -> Tally:
+    """Room for boulders of these numbers, counted from 0."""
     return Tally(
         scene,
         maps,
         histogram=np.zeros((len(_core.histogram_bins()[0]), BINS), "i8"),
         boulder=np.empty((len(numbers), len(fields(1)))),
-        count=np.empty((len(numbers), len(fields(2))), "i4"),
-        crossing=np.empty((len(numbers), lines, len(fields(3)))),
+        count=np.zeros((len(numbers), len(fields(2))), "i4"),
+        crossing=np.empty((len(numbers), len(scene.case.line), len(fields(3)))),
         before=numbers.start,
         threads=threads,
-    )  # fmt: skip
-
-
-def fields(what: int) -> list[str]:
-    """Names of the kernel's columns: 1 boulder, 2 counts, 3 crossing, 4 vertex."""
-    return _core.fields(what).decode().split()
+    )
 
 
 def run_chunks(
@@ -313,16 +320,16 @@ def run_chunks(
 def _fly(tally: Tally, first: int, size: int) -> int:
     """Boulders from number `first` on, into their places: `size` of them, or those whose sources
     lie in one window of the terrain; returns how many."""
-    tiles, scene = tally.scene.tiles, tally.scene
-    if tiles:
-        scene, size = tiles.around(scene, first, size)
+    windows, scene = tally.scene.windows, tally.scene
+    if windows:
+        scene, size = windows.around(scene, first, size)
     left = _call(tally, scene, first, size)
     del scene  # no window stays while another is read
     if left.size:
-        if tiles is None:
+        if windows is None:
             raise RockfallError(f"boulder {left[0]} went where none can go", code=1)
         stop = tally.boulder[left - tally.before - 1]
-        tiles.widen(stop[:, fields(1).index("stop_x")], stop[:, fields(1).index("stop_y")])
+        windows.widen(stop[:, fields(1).index("stop_x")], stop[:, fields(1).index("stop_y")])
         for start_, n in groups(left):
             done = 0
             while done < n:
@@ -334,13 +341,11 @@ def _call(tally: Tally, scene: Scene, first: int, size: int) -> np.ndarray:
     """Boulders `first` to `first + size - 1`, into their places. Returns the numbers of those that
     left the window, which are in no tally."""
     lines = len(tally.scene.case.line)
-    arguments = _arguments(scene, first, size)
-    boulder, count, crossing, _, _, code, message = _core.run(
-        **arguments, **tally.maps.arguments(), **tally.maps.marks(), first=first,
-        threads=tally.threads, histograms=int(tally.scene.case.output["rebounds"]),
-        histogram=tally.histogram.T, n=size, room=1,
+    boulder, count, crossing, code, message = _core.run(
+        scene.kernel.handle, first, tally.threads, **tally.maps.arguments(), **tally.maps.marks(),
+        histogram=tally.histogram.T, nl=max(1, lines), n=size,
     )  # fmt: skip
-    _raise(tally.scene, code, message)
+    scene.kernel.check(code, message)
     if tally.maps.columns[0] > len(tally.maps.class_counts):
         raise RockfallError(
             f"{tally.scene.case.name}: &output maps: boulders reach more than "
@@ -366,40 +371,21 @@ def trace(tally: Tally) -> None:
 def trajectory(scene: Scene, number: int) -> np.ndarray:
     """The vertices (release, contacts, end) of one boulder, each with the columns `fields(4)`."""
     while True:
-        window = scene.tiles.around(scene, number, 1)[0] if scene.tiles else scene
+        window = scene.windows.around(scene, number, 1)[0] if scene.windows else scene
         vertex, left = _fly_alone(window, number)
         if left is None:
             return vertex
-        scene.tiles.widen(*left)
+        scene.windows.widen(*left)
 
 
 def _fly_alone(
     scene: Scene, number: int
 ) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray] | None]:
     """The vertices of a boulder, and where it left the window if it did; no tally changes."""
-    arguments = _arguments(scene, number, 1)
-    room, recorded = 0, 256
-    while recorded > room:
-        room = recorded
-        boulder, count, _, vertex, recorded, code, message = _core.run(
-            **arguments, **no_maps().arguments(), **no_maps().marks(), first=number, threads=1,
-            histograms=0, histogram=np.zeros((BINS, 6), "i8", order="F"), n=1, room=room,
-        )  # fmt: skip
-        _raise(scene, code, message)
+    vertex, recorded = np.empty((0, len(fields(4)))), 256
+    while recorded > len(vertex):
+        vertex = np.empty((recorded, len(fields(4))))
+        recorded, boulder, count = _core.trajectory(scene.kernel.handle, number, vertex.T)
     place = boulder[[fields(1).index(name) for name in ("stop_x", "stop_y")]]
-    left = tuple(place) if count[STATUS, 0] == LEFT_WINDOW else None
-    return vertex.T[:recorded].copy(), left
-
-
-def _arguments(scene: Scene, first: int, boulders: int) -> dict[str, Any]:
-    """What the kernel takes for so many boulders: of the sources only theirs, for it looks at all
-    that it is given, in every call."""
-    arguments = scene.kernel_arguments()
-    these = slice(scene.source_of(first), scene.source_of(first + boulders - 1) + 1)
-    own = {key: arguments[key][these] for key in ("source_x", "source_y")}
-    return arguments | own | {"sources_before": these.start}
-
-
-def _raise(scene: Scene, code: int, message: bytes) -> None:
-    if code:
-        raise RockfallError(f"{scene.case.name}: {message.decode().strip()}", code)
+    left = tuple(place) if count[STATUS] == LEFT_WINDOW else None
+    return vertex[:recorded], left

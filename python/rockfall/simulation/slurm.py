@@ -13,7 +13,7 @@ from string import Template
 from rockfall.case import read_case
 from rockfall.case_files import input_files
 from rockfall.errors import RockfallError
-from rockfall.io.output_files import BY_SLURM, RESULT, check_outputs, whole_folder
+from rockfall.io.output_files import BY_SLURM, RESULT, atomic_folder, check_outputs
 
 MOST_SHARDS = 10_000
 #: What `sbatch --time` takes: minutes, M:S, H:M:S, D-H, D-H:M, D-H:M:S.
@@ -40,8 +40,8 @@ COMMANDS = {
         '--shard "$$part/$shards" --output $folder/parts/"part$${part}of$shards"'
     ),
     "batch": Template(
-        '$batch $case quiet=true resume=true threads="$$OMP_NUM_THREADS" '
-        'shard="$$part/$shards" output=$folder/parts/"part$${part}of$shards"'
+        '$batch $case --quiet --resume --threads "$$OMP_NUM_THREADS" '
+        '--shard "$$part/$shards" --output $folder/parts/"part$${part}of$shards"'
     ),
 }
 MERGE = Template(
@@ -105,12 +105,12 @@ def write_jobs(
         "case": shlex.quote(str(Path(path).absolute())), "folder": shlex.quote(str(folder)),
         "name": "rockfall", "stem": shlex.quote(Path(path).stem), "shards": shards,
         "threads": threads, "time": time,
-        "rockfall": shlex.join([sys.executable, "-m", "rockfall.cli"]),
+        "rockfall": shlex.join([sys.executable, "-m", "rockfall"]),
         "batch": shlex.quote(_program(program)),
     }  # fmt: skip
     about["command"] = COMMANDS[program].substitute(about)
     scripts = {"run.sh": RUN, "merge.sh": MERGE, "submit.sh": SUBMIT}
-    with whole_folder(folder, inputs) as part:
+    with atomic_folder(folder, inputs) as part:
         for name, text in scripts.items():
             (part / name).write_text(text.substitute(about))
             (part / name).chmod(0o755)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Maps by source of runs in parts: a source that a part cuts may be counted by others too.
 
-The kernel's stamps know the cells of such a source (rockfall_sourcemap). They are kept with a part,
+The kernel knows the cells of such a source (rockfall_source_maps). They are kept with a part,
 so that all parts together count it once a cell, and with a checkpoint, so that it goes on.
 """
 
@@ -68,15 +68,15 @@ def restore_stamps(maps: Maps, fed: Mapping[str, np.ndarray]) -> None:
             stamp[fed["fed_cell"][mine]] = fed["fed_source"][mine]
 
 
-def settle(tally: Tally) -> dict[str, np.ndarray]:
+def settle(tally: Tally, sign: int = 1) -> dict[str, np.ndarray]:
     """What `fed_cells` gives, after leaving only the boulders done of cut sources in the cells that
-    they feed: the end of a tally."""
+    they feed, as a part has it; with sign -1 all of their boulders again, as a run that goes on."""
     fed = fed_cells(tally)
     if fed and tally.maps.plan[RELEASED]:
         released = _layer(tally.maps, RELEASED)
         all_of = {s: len(tally.scene.numbers_of(s - 1)) for s in np.unique(fed["fed_source"])}
         missing = np.array([all_of[s] for s in fed["fed_source"]], "i4") - fed["fed_boulders"]
-        np.subtract.at(released, fed["fed_cell"], missing)
+        np.subtract.at(released, fed["fed_cell"], sign * missing)
     return fed
 
 

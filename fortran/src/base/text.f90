@@ -1,0 +1,151 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Text in memory: is it text at all, numbers and lists as text, and quoting it in messages.
+module rockfall_text
+   use rockfall_kinds, only: i8
+   use rockfall_error, only: error_t, fail
+   implicit none
+   private
+   public :: check_text, after_mark, lower, integer_text, joined, excerpt
+
+   !> An integer without blanks.
+   interface integer_text
+      module procedure short_text, long_text
+   end interface integer_text
+
+contains
+
+   !> Refuse what is not text: control characters other than tabs and line ends, and broken UTF-8.
+   pure subroutine check_text(text, file, error)
+      character(len=*), intent(in) :: text
+      character(len=*), intent(in) :: file  !! for the message
+      type(error_t), allocatable, intent(out) :: error
+      integer :: i, line, length
+
+      line = 1
+      i = 1
+      do while (i <= len(text))
+         length = character_length(text, i)
+         if (length == 0) then
+            call fail(error, file//": line "//integer_text(line)//": character code " &
+                      //integer_text(ichar(text(i:i)))//" is not text (UTF-8 is due)")
+            return
+         end if
+         if (text(i:i) == achar(10)) line = line + 1
+         i = i + length
+      end do
+   end subroutine check_text
+
+   !> Bytes of the character that starts at `text(i:i)`; 0 if it is none that a text file may hold.
+   pure integer function character_length(text, i) result(length)
+      character(len=*), intent(in) :: text
+      integer, intent(in) :: i
+      integer :: code, k
+
+      code = ichar(text(i:i))
+      length = 0
+      select case (code)
+      case (9, 10, 32:126)
+         length = 1
+         return
+      case (13)  ! only as a part of a line end
+         if (i == len(text)) then
+            length = 1
+         else if (text(i + 1:i + 1) == achar(10)) then
+            length = 1
+         end if
+         return
+      case (194:223)
+         length = 2
+      case (224:239)
+         length = 3
+      case (240:244)
+         length = 4
+      case default
+         return
+      end select
+
+      if (i + length - 1 > len(text)) then
+         length = 0
+         return
+      end if
+      code = iand(code, ishft(255, -length - 1))
+      do k = i + 1, i + length - 1
+         if (iand(ichar(text(k:k)), 192) /= 128) length = 0
+         if (length == 0) return
+         code = 64*code + iand(ichar(text(k:k)), 63)
+      end do
+      if (code < ishft(1, 5*length - 4)) length = 0  ! a shorter form exists
+      if (code > 1114111 .or. (code >= 55296 .and. code <= 57343)) length = 0  ! no character
+   end function character_length
+
+   !> Where the text begins: after the byte-order mark if there is one.
+   pure integer function after_mark(text)
+      character(len=*), intent(in) :: text
+
+      after_mark = 1
+      if (len(text) < 3) return
+      if (text(:3) == char(239)//char(187)//char(191)) after_mark = 4
+   end function after_mark
+
+   !> ASCII letters in lower case; the rest as it is.
+   elemental function lower(text)
+      character(len=*), intent(in) :: text
+      character(len=len(text)) :: lower
+      integer :: i
+
+      lower = text
+      do i = 1, len(text)
+         if (text(i:i) < "A" .or. text(i:i) > "Z") cycle
+         lower(i:i) = achar(iachar(text(i:i)) + 32)
+      end do
+   end function lower
+
+   pure function short_text(number) result(text)
+      integer, intent(in) :: number
+      character(len=:), allocatable :: text
+
+      text = long_text(int(number, i8))
+   end function short_text
+
+   pure function long_text(number) result(text)
+      integer(i8), intent(in) :: number
+      character(len=:), allocatable :: text
+      character(len=20) :: buffer
+
+      write (buffer, "(i0)") number
+      text = trim(buffer)
+   end function long_text
+
+   !> Names without trailing blanks, one after another.
+   pure function joined(names, between) result(text)
+      character(len=*), intent(in) :: names(:), between
+      character(len=:), allocatable :: text
+      integer :: k
+
+      text = trim(names(1))
+      do k = 2, size(names)
+         text = text//between//trim(names(k))
+      end do
+   end function joined
+
+   !> Text fit for a message of one line: no line ends or tabs, and short. A cut is marked, and
+   !> splits no UTF-8 character.
+   pure function excerpt(text)
+      character(len=*), intent(in) :: text
+      character(len=:), allocatable :: excerpt
+      integer, parameter :: longest = 60
+      integer :: i, n
+
+      excerpt = text
+      if (len(text) > longest) then
+         n = longest - 3
+         do while (iand(ichar(text(n + 1:n + 1)), 192) == 128 .and. n > 1)
+            n = n - 1
+         end do
+         excerpt = text(:n)//"..."
+      end if
+      do i = 1, len(excerpt)
+         if (iachar(excerpt(i:i)) < 32) excerpt(i:i) = " "
+      end do
+   end function excerpt
+end module rockfall_text

@@ -1,0 +1,181 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The texts of two cases beside each other, and a case with values of the command line in place of its own.
+module rockfall_case_file
+   use rockfall_kinds, only: wp, i8
+   use rockfall_error, only: error_t
+   use rockfall_text_file, only: read_text
+   use rockfall_namelist, only: namelist_t, group_t, entry_t, value_t, parse_namelist
+   use rockfall_values, only: has_key, get_text, get_integer, get_real, get_logical
+   use rockfall_case, only: case_t, read_case, read_keys, key_t, key_table
+   implicit none
+   private
+   public :: read_case_file, differing_key
+
+   integer, parameter :: text_length = 4096  !! characters of a text, at most
+
+contains
+
+   !> The case in a file, with values for keys of &case ("" = as in the file), and its text.
+   subroutine read_case_file(file, boulders, seed, threads, text, case, error)
+      character(len=*), intent(in) :: file, boulders, seed, threads
+      character(len=:), allocatable, intent(out) :: text
+      type(case_t), intent(out) :: case
+      type(error_t), allocatable, intent(out) :: error
+      type(namelist_t) :: list
+
+      call read_text(file, text, error)
+      if (.not. allocated(error)) call read_case(text, file, case, error)
+      if (allocated(error) .or. boulders//seed//threads == "") return
+      call parse_namelist(text, file, list, error)
+      call override(list, "boulders", boulders)
+      call override(list, "seed", seed)
+      call override(list, "threads", threads)
+      text = namelist_text(list)
+      call read_case(text, file, case, error)
+   end subroutine read_case_file
+
+   !> Give a key of &case another value.
+   pure subroutine override(list, key, value)
+      type(namelist_t), intent(inout) :: list  !! has the group: a case must say how many boulders
+      character(len=*), intent(in) :: key, value
+      type(entry_t) :: entry
+      integer :: g, e
+
+      if (value == "") return
+      entry%key = key
+      entry%text = value
+      entry%value = [value_t(1, len(value), .false.)]
+      do g = 1, size(list%group)
+         if (list%group(g)%name /= "case") cycle
+         do e = 1, size(list%group(g)%entry)
+            if (list%group(g)%entry(e)%key == key) exit
+         end do
+         if (e <= size(list%group(g)%entry)) then
+            list%group(g)%entry(e) = entry
+         else
+            list%group(g)%entry = [list%group(g)%entry, entry]
+         end if
+      end do
+   end subroutine override
+
+   !> Groups and values as the text of a namelist file.
+   pure function namelist_text(list) result(text)
+      type(namelist_t), intent(in) :: list
+      character(len=:), allocatable :: text
+      character(len=1), parameter :: line_end = achar(10)
+      integer :: g, e
+
+      text = ""
+      do g = 1, size(list%group)
+         text = text//"&"//trim(list%group(g)%name)//line_end
+         do e = 1, size(list%group(g)%entry)
+            text = text//"   "//trim(list%group(g)%entry(e)%key)//" = " &
+               //values_text(list%group(g)%entry(e))//line_end
+         end do
+         text = text//"/"//line_end
+      end do
+   end function namelist_text
+
+   !> The values as written; the closing quote of the last is not in the text of an entry.
+   pure function values_text(entry) result(text)
+      type(entry_t), intent(in) :: entry
+      character(len=:), allocatable :: text
+
+      text = entry%text
+      associate (last => entry%value(size(entry%value)))
+         if (last%quoted) text = text//entry%text(last%first - 1:last%first - 1)
+      end associate
+   end function values_text
+
+   !> The first key, as `&group key`, whose values differ between the texts of two cases, "" without one: of those
+   !> that decide the arrays of a scene file, or of all that a run must share to go on. "&case" where one is no case.
+   pure function differing_key(one, other, of_arrays) result(name)
+      character(len=*), intent(in) :: one, other
+      logical, intent(in) :: of_arrays
+      character(len=:), allocatable :: name
+      type(namelist_t) :: lists(2)
+      type(error_t), allocatable :: error
+      integer :: k
+
+      name = "&case"
+      call read_keys(one, "", lists(1), error)
+      if (allocated(error)) return
+      call read_keys(other, "", lists(2), error)
+      if (allocated(error)) return
+      do k = 1, size(key_table)
+         associate (key => key_table(k))
+            if (of_arrays .and. .not. decides_arrays(key)) cycle
+            if (key%group == "case" .and. key%name == "threads") cycle  ! changes no number
+            name = "&"//trim(key%group)//" "//trim(key%name)
+            if (.not. same_values(groups_of(lists(1), key%group), groups_of(lists(2), key%group), key)) return
+         end associate
+      end do
+      name = ""
+   end function differing_key
+
+   !> Whether a key says what stands in a scene file.
+   pure logical function decides_arrays(key)
+      type(key_t), intent(in) :: key
+
+      select case (key%group)
+      case ("terrain"); decides_arrays = .true.
+      case ("surface"); decides_arrays = key%name /= "rg_reading"
+      case ("release"); decides_arrays = key%name /= "drop_height" .and. key%name /= "velocity"
+      case ("impact"); decides_arrays = key%name == "sets"
+      case default; decides_arrays = .false.
+      end select
+   end function decides_arrays
+
+   pure function groups_of(list, name) result(groups)
+      type(namelist_t), intent(in) :: list
+      character(len=*), intent(in) :: name
+      type(group_t), allocatable :: groups(:)
+
+      groups = pack(list%group, list%group%name == name)
+   end function groups_of
+
+   !> Whether groups of one name have the same values of a key, however they are written.
+   pure logical function same_values(one, other, key) result(same)
+      type(group_t), intent(in) :: one(:), other(:)
+      type(key_t), intent(in) :: key
+      integer :: g
+
+      same = size(one) == size(other)
+      do g = 1, size(one)
+         if (.not. same) return
+         same = has_key(one(g), trim(key%name)) .eqv. has_key(other(g), trim(key%name))
+         if (same .and. has_key(one(g), trim(key%name))) same = same_value(one(g), other(g), key)
+      end do
+   end function same_values
+
+   pure logical function same_value(one, other, key) result(same)
+      type(group_t), intent(in) :: one, other
+      type(key_t), intent(in) :: key
+      character(len=text_length), allocatable :: text(:), other_text(:)
+      real(wp), allocatable :: real(:), other_real(:)
+      integer(i8) :: integer, other_integer
+      logical :: logical, other_logical
+      type(error_t), allocatable :: error
+
+      select case (key%kind)
+      case ("text")
+         call get_text(one, trim(key%name), text, error)
+         call get_text(other, trim(key%name), other_text, error)
+         same = size(text) == size(other_text)
+         if (same) same = all(text == other_text)
+      case ("integer")
+         call get_integer(one, trim(key%name), integer, error)
+         call get_integer(other, trim(key%name), other_integer, error)
+         same = integer == other_integer
+      case ("real")
+         call get_real(one, trim(key%name), real, error)
+         call get_real(other, trim(key%name), other_real, error)
+         same = size(real) == size(other_real)
+         if (same) same = all(abs(real - other_real) <= 0)
+      case default
+         call get_logical(one, trim(key%name), logical, error)
+         call get_logical(other, trim(key%name), other_logical, error)
+         same = logical .eqv. other_logical
+      end select
+   end function same_value
+end module rockfall_case_file

@@ -1,0 +1,314 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The scene file, which `rockfall prepare` or another tool writes (docs/files.md): all that a scene needs beside its
+!> case. What the kernel relies on is checked here.
+module rockfall_scene_file
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_is_finite
+   use netcdf, only: nf90_global, nf90_get_var, nf90_inq_varid, nf90_noerr, nf90_char, nf90_byte, nf90_short, nf90_float, &
+                     nf90_double
+   use rockfall_kinds, only: wp, sp, i1, i2, i8
+   use rockfall_error, only: error_t, fail
+   use rockfall_text, only: integer_text
+   use rockfall_netcdf_file, only: netcdf_file_t, open_netcdf, keep, sound, mark_damaged, fail_damaged, length_of, &
+                                   has_variable, expected, kind_of, text_of, integer_of
+   use rockfall_interrupts, only: end_reading
+   use rockfall_surface, only: method_a
+   use rockfall_case, only: case_t
+   use rockfall_case_file, only: differing_key
+   use rockfall_trajectory, only: scene_t
+   use rockfall_scene, only: scene_arrays_t, scene_from
+   implicit none
+   private
+   public :: inputs_t, read_scene
+
+   integer(i8), parameter :: layout = 1           !! of the file, as in prepare.py
+   real(wp), parameter :: max_elevation = 1.0e7_wp  !! [m] above or below zero
+
+   !> A scene and what it was made of. What holds it must be a target.
+   type :: inputs_t
+      type(scene_t) :: scene
+      type(scene_arrays_t) :: arrays
+      type(netcdf_file_t) :: file              !! open: its `crs` is copied to results
+      integer :: crs = -1                      !! number of that variable
+      character(len=:), allocatable :: case_file, impact_set_checksum, input_checksums, decoded_checksums
+      real(wp), allocatable :: z8(:, :)
+      real(sp), allocatable :: z4(:, :)
+      integer(i1), allocatable :: zone1(:, :)
+      integer(i2), allocatable :: zone2(:, :)
+      real(sp), allocatable :: values(:, :, :)
+   end type inputs_t
+
+contains
+
+   !> The scene of a case from the file that was prepared for it.
+   subroutine read_scene(name, case, text, inputs, error)
+      character(len=*), intent(in) :: name
+      type(case_t), intent(in) :: case
+      character(len=*), intent(in) :: text  !! of the case
+      type(inputs_t), intent(out), target :: inputs
+      type(error_t), allocatable, intent(out) :: error
+
+      call open_netcdf(name, inputs%file, error)
+      if (.not. allocated(error)) call check_case(inputs, case, text, error)
+      if (allocated(error)) return
+      call read_place(inputs)
+      call read_elevations(inputs)
+      call read_surface(inputs, case)
+      call read_sources(inputs, case)
+      call read_sets(inputs)
+      call end_reading()
+      if (.not. sound(inputs%file)) then
+         call fail_damaged(inputs%file, error)
+         error%message = error%message//" is missing, or not as a scene file has it"
+         return
+      end if
+      call point_to(inputs)
+      call scene_from(case, inputs%arrays, inputs%scene, error)
+   end subroutine read_scene
+
+   !> It is a scene file, and of this case.
+   subroutine check_case(inputs, case, text, error)
+      type(inputs_t), intent(inout) :: inputs
+      type(case_t), intent(in) :: case
+      character(len=*), intent(in) :: text
+      type(error_t), allocatable, intent(out) :: error
+      character(len=:), allocatable :: prepared, key
+
+      associate (file => inputs%file)
+         if (integer_of(file, "scene_layout") /= layout) then
+            call fail(error, file%name//": is no scene file of layout "//integer_text(layout)//"; `rockfall prepare` makes one")
+            return
+         end if
+         prepared = text_of(file, nf90_global, "case")
+         key = differing_key(prepared, text, of_arrays=.true.)
+         if (key /= "") call fail(error, case%file//": "//key//": is not as in the case that "//file%name &
+                                  //" was made of; prepare again")
+         inputs%case_file = text_of(file, nf90_global, "case_file")
+         inputs%impact_set_checksum = text_of(file, nf90_global, "impact_set_checksum")
+         inputs%input_checksums = text_of(file, nf90_global, "input_checksums")
+         inputs%decoded_checksums = text_of(file, nf90_global, "decoded_checksums")
+      end associate
+   end subroutine check_case
+
+   !> Where the raster lies: the GeoTransform of its grid mapping.
+   subroutine read_place(inputs)
+      type(inputs_t), intent(inout) :: inputs
+      character(len=:), allocatable :: text
+      real(wp) :: places(6)
+      integer :: status
+      logical :: good
+
+      associate (file => inputs%file, grid => inputs%arrays%grid)
+         grid%nx = length_of(file, "x")
+         grid%ny = length_of(file, "y")
+         if (min(grid%nx, grid%ny) < 2) call mark_damaged(file, "its number of cells")
+         places = 0
+         status = nf90_inq_varid(file%id, "crs", inputs%crs)
+         if (status == nf90_noerr) then
+            text = text_of(file, inputs%crs, "GeoTransform")
+            read (text, *, iostat=status) places
+         end if
+         good = status == 0 .and. all(ieee_is_finite(places))
+         if (good) good = places(2) > 0 .and. all(abs(places([3, 5])) <= 0) .and. abs(places(2) + places(6)) <= 0
+         if (.not. good) call mark_damaged(file, "the GeoTransform of crs")
+         grid%west = places(1)
+         grid%north = places(4)
+         grid%cell = places(2)
+      end associate
+   end subroutine read_place
+
+   !> Elevations in the precision of the file, not all of them missing.
+   subroutine read_elevations(inputs)
+      type(inputs_t), intent(inout) :: inputs
+      integer :: id, status, j
+      logical :: known, good
+
+      associate (file => inputs%file, grid => inputs%arrays%grid)
+         known = .false.
+         good = .true.
+         status = 0
+         if (kind_of(file, "elevation") == nf90_float) then
+            id = expected(file, "elevation", nf90_float, [grid%nx, grid%ny])
+            if (sound(file)) allocate (inputs%z4(grid%nx, grid%ny), stat=status)
+            if (sound(file) .and. status == 0) call keep(file, nf90_get_var(file%id, id, inputs%z4))
+         else
+            id = expected(file, "elevation", nf90_double, [grid%nx, grid%ny])
+            if (sound(file)) allocate (inputs%z8(grid%nx, grid%ny), stat=status)
+            if (sound(file) .and. status == 0) call keep(file, nf90_get_var(file%id, id, inputs%z8))
+         end if
+         if (status /= 0) call mark_damaged(file, "(no memory) elevation")
+         if (.not. sound(file)) return
+         do j = 1, grid%ny
+            associate (here => is_known(inputs, j))
+               known = known .or. any(here)
+               good = good .and. all(abs(merge(row_of(inputs, j), 0.0_wp, here)) <= max_elevation)
+            end associate
+         end do
+         if (.not. (known .and. good)) call mark_damaged(file, "elevation")
+      end associate
+   end subroutine read_elevations
+
+   !> Elevations of a row; NaN where there is none.
+   pure function row_of(inputs, j) result(z)
+      type(inputs_t), intent(in) :: inputs
+      integer, intent(in) :: j
+      real(wp) :: z(inputs%arrays%grid%nx)
+
+      if (allocated(inputs%z4)) then
+         z = inputs%z4(:, j)
+      else
+         z = inputs%z8(:, j)
+      end if
+   end function row_of
+
+   pure function is_known(inputs, j) result(known)
+      type(inputs_t), intent(in) :: inputs
+      integer, intent(in) :: j
+      logical :: known(inputs%arrays%grid%nx)
+
+      known = .not. ieee_is_nan(row_of(inputs, j))
+   end function is_known
+
+   !> One of: zones and their sizes, sizes of each cell, the same size everywhere. Wherever there is terrain they are
+   !> above zero (infinite: it absorbs).
+   subroutine read_surface(inputs, case)
+      type(inputs_t), intent(inout) :: inputs
+      type(case_t), intent(in) :: case
+      integer :: id, n, materials, status
+
+      n = merge(3, 1, case%method == method_a)
+      associate (file => inputs%file, grid => inputs%arrays%grid, arrays => inputs%arrays)
+         materials = max(0, length_of(file, "material"))
+         if (materials > huge(1_i2)) call mark_damaged(file, "its number of materials")
+         if (has_variable(file, "cell_size")) materials = 0
+         status = 0
+         if (sound(file)) allocate (arrays%sizes(n, max(1, materials)), source=0.0_wp)
+         if (materials == 0) then
+            id = expected(file, "cell_size", nf90_float, [grid%nx, grid%ny, n])
+            if (sound(file)) allocate (inputs%values(grid%nx, grid%ny, n), stat=status)
+            if (sound(file) .and. status == 0) call keep(file, nf90_get_var(file%id, id, inputs%values))
+         else
+            id = expected(file, "material_size", nf90_double, [n, materials])
+            if (sound(file)) call keep(file, nf90_get_var(file%id, id, arrays%sizes))
+            if (has_variable(file, "zone")) then
+               call read_zones(inputs, materials)
+            else if (materials /= 1 .or. .not. all(above_zero(arrays%sizes))) then
+               call mark_damaged(file, "material_size")
+            end if
+         end if
+         if (status /= 0) call mark_damaged(file, "(no memory) cell_size")
+         if (sound(file) .and. allocated(inputs%values)) call check_values(inputs, n)
+      end associate
+   end subroutine read_surface
+
+   !> Also of NaN, which cannot be compared where floating-point exceptions end the program.
+   elemental logical function above_zero(value)
+      real(wp), intent(in) :: value
+
+      above_zero = .not. ieee_is_nan(value)
+      if (above_zero) above_zero = value > 0
+   end function above_zero
+
+   subroutine read_zones(inputs, materials)
+      type(inputs_t), intent(inout) :: inputs
+      integer, intent(in) :: materials
+      integer :: id, status, j
+      integer :: zone(inputs%arrays%grid%nx)
+      logical :: good(0:materials), here(inputs%arrays%grid%nx)
+
+      associate (file => inputs%file, grid => inputs%arrays%grid)
+         status = 0
+         if (materials > huge(1_i1)) then
+            id = expected(file, "zone", nf90_short, [grid%nx, grid%ny])
+            if (sound(file)) allocate (inputs%zone2(grid%nx, grid%ny), stat=status)
+            if (sound(file) .and. status == 0) call keep(file, nf90_get_var(file%id, id, inputs%zone2))
+         else
+            id = expected(file, "zone", nf90_byte, [grid%nx, grid%ny])
+            if (sound(file)) allocate (inputs%zone1(grid%nx, grid%ny), stat=status)
+            if (sound(file) .and. status == 0) call keep(file, nf90_get_var(file%id, id, inputs%zone1))
+         end if
+         if (status /= 0) call mark_damaged(file, "(no memory) zone")
+         if (.not. sound(file)) return
+         good(0) = .false.
+         good(1:) = [(all(above_zero(inputs%arrays%sizes(:, j))), j=1, materials)]
+         do j = 1, grid%ny
+            if (allocated(inputs%zone1)) then
+               zone = inputs%zone1(:, j)
+            else
+               zone = inputs%zone2(:, j)
+            end if
+            here = is_known(inputs, j)
+            if (any(zone < 0 .or. zone > materials)) call mark_damaged(file, "zone")
+            if (.not. sound(file)) return
+            if (any(here .and. .not. good(zone))) call mark_damaged(file, "zone, or the material_size of one,")
+         end do
+      end associate
+   end subroutine read_zones
+
+   subroutine check_values(inputs, n)
+      type(inputs_t), intent(inout) :: inputs
+      integer, intent(in) :: n
+      integer :: j, k
+
+      do k = 1, n
+         do j = 1, inputs%arrays%grid%ny
+            if (any(is_known(inputs, j) .and. .not. above_zero(real(inputs%values(:, j, k), wp)))) &
+               call mark_damaged(inputs%file, "cell_size")
+         end do
+      end do
+   end subroutine check_values
+
+   subroutine read_sources(inputs, case)
+      type(inputs_t), intent(inout) :: inputs
+      type(case_t), intent(in) :: case
+      integer :: id, n, status
+
+      associate (file => inputs%file, arrays => inputs%arrays)
+         n = length_of(file, "source")
+         if (n < 1) call mark_damaged(file, "its number of sources")
+         id = expected(file, "source_x", nf90_double, [n])
+         if (.not. sound(file)) return
+         allocate (arrays%source_x(n), arrays%source_y(n), stat=status)
+         if (status == 0 .and. case%by_area) allocate (arrays%area_ratio(n), stat=status)
+         if (status /= 0) call mark_damaged(file, "(no memory) source_x")
+         if (.not. sound(file)) return
+         call keep(file, nf90_get_var(file%id, id, arrays%source_x))
+         id = expected(file, "source_y", nf90_double, [n])
+         if (sound(file)) call keep(file, nf90_get_var(file%id, id, arrays%source_y))
+         if (sound(file) .and. .not. all(ieee_is_finite(arrays%source_x) .and. ieee_is_finite(arrays%source_y))) &
+            call mark_damaged(file, "source_x, or source_y,")
+         if (.not. case%by_area) return
+         id = expected(file, "area_ratio", nf90_double, [n])
+         if (sound(file)) call keep(file, nf90_get_var(file%id, id, arrays%area_ratio))
+         if (sound(file) .and. .not. all(ieee_is_finite(arrays%area_ratio) .and. above_zero(arrays%area_ratio))) &
+            call mark_damaged(file, "area_ratio")
+      end associate
+   end subroutine read_sources
+
+   !> The file of impact sets, as text.
+   subroutine read_sets(inputs)
+      type(inputs_t), intent(inout) :: inputs
+      integer :: id, n
+
+      associate (file => inputs%file, arrays => inputs%arrays)
+         n = length_of(file, "impact_sets_length")
+         id = expected(file, "impact_sets", nf90_char, [n])
+         if (.not. sound(file)) return
+         allocate (character(len=n) :: arrays%sets_text)
+         call keep(file, nf90_get_var(file%id, id, arrays%sets_text))
+         arrays%sets_name = text_of(file, id, "file")
+      end associate
+   end subroutine read_sets
+
+   !> The views of the scene.
+   subroutine point_to(inputs)
+      type(inputs_t), intent(inout), target :: inputs
+
+      associate (arrays => inputs%arrays)
+         if (allocated(inputs%z8)) arrays%z8 => inputs%z8
+         if (allocated(inputs%z4)) arrays%z4 => inputs%z4
+         if (allocated(inputs%zone1)) arrays%zone1 => inputs%zone1
+         if (allocated(inputs%zone2)) arrays%zone2 => inputs%zone2
+         if (allocated(inputs%values)) arrays%values => inputs%values
+      end associate
+   end subroutine point_to
+end module rockfall_scene_file

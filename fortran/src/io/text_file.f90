@@ -1,0 +1,59 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> A small file of text as one string.
+module rockfall_text_file
+   use, intrinsic :: iso_fortran_env, only: iostat_end
+   use rockfall_kinds, only: i8
+   use rockfall_error, only: error_t, fail
+   use rockfall_pipe, only: refuse_pipe
+   implicit none
+   private
+   public :: read_text
+
+   integer(i8), parameter :: max_bytes = 64*1024_i8**2  !! of a text file; more is none of ours
+
+contains
+
+   !> The whole of `file`, line ends and all.
+   subroutine read_text(file, text, error)
+      character(len=*), intent(in) :: file
+      character(len=:), allocatable, intent(out) :: text
+      type(error_t), allocatable, intent(out) :: error
+      character(len=200) :: message
+      character(len=1) :: extra
+      integer :: unit, status
+      integer(i8) :: size
+      logical :: exists
+
+      inquire (file=file, exist=exists)
+      if (.not. exists .or. len_trim(file) == 0) then
+         call fail(error, file//": no such file")
+         return
+      end if
+      call refuse_pipe(file, file, error)
+      if (allocated(error)) return
+      open (newunit=unit, file=file, access="stream", form="unformatted", status="old", &
+            action="read", iostat=status, iomsg=message)
+      if (status /= 0) then
+         call fail(error, file//": cannot be opened: "//trim(message))
+         return
+      end if
+      inquire (unit=unit, size=size)
+      if (size > max_bytes) then
+         call fail(error, file//": larger than 64 MB; not a text file of ours")
+      else
+         allocate (character(len=max(size, 0_i8)) :: text)
+         status = 0
+         if (size > 0) read (unit, iostat=status, iomsg=message) text
+         if (status /= 0) call fail(error, file//": cannot be read: "//trim(message))
+      end if
+      if (.not. allocated(error)) then  ! a pipe or a device does not know its size
+         read (unit, iostat=status, iomsg=message) extra
+         if (status == 0) then
+            call fail(error, file//": not a regular file, or it grew while it was read")
+         else if (status /= iostat_end) then
+            call fail(error, file//": cannot be read: "//trim(message))
+         end if
+      end if
+      close (unit)
+   end subroutine read_text
+end module rockfall_text_file

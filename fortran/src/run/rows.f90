@@ -1,0 +1,64 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Results as rows of numbers in map coordinates, the same for both doors.
+module rockfall_result
+   use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
+   use rockfall_kinds, only: wp
+   use rockfall_terrain, only: terrain_t
+   use rockfall_boulder, only: inertia_factor
+   use rockfall_trajectory, only: boulder_result_t, crossing_t, contact_t
+   use rockfall_variables, only: boulder_fields, boulder_counts, line_fields, vertex_fields
+   implicit none
+   private
+   public :: boulder_row, boulder_count_row, line_row, vertex_row
+
+contains
+
+   !> The numbers of `boulder_fields`.
+   pure function boulder_row(dem, fate) result(row)
+      type(terrain_t), intent(in) :: dem
+      type(boulder_result_t), intent(in) :: fate
+      real(wp) :: row(size(boulder_fields))
+      real(wp) :: origin(3)
+
+      origin = [dem%x0, dem%y0, 0.0_wp]
+      row = [fate%boulder%volume, fate%start + origin, fate%stop + origin, fate%path_length, &
+             sqrt((fate%stop(1) - fate%start(1))**2 + (fate%stop(2) - fate%start(2))**2), fate%time, &
+             fate%speed_max, fate%jump_height_max]
+   end function boulder_row
+
+   !> The numbers of `boulder_counts`.
+   pure function boulder_count_row(fate) result(row)
+      type(boulder_result_t), intent(in) :: fate
+      integer :: row(size(boulder_counts))
+
+      row = [fate%status, fate%impacts, fate%rebounds, fate%redrawn, fate%forced, fate%out_of_range, &
+             fate%out_of_speed, fate%out_of_angle]
+   end function boulder_count_row
+
+   !> The numbers of `line_fields`; NaN where the boulder did not cross. Energies: Bourrier et al. 2009, eqs 1-3.
+   pure function line_row(dem, fate, crossing) result(row)
+      type(terrain_t), intent(in) :: dem
+      type(boulder_result_t), intent(in) :: fate
+      type(crossing_t), intent(in) :: crossing
+      real(wp) :: row(size(line_fields))
+      real(wp) :: speed2, spin
+
+      row = ieee_value(0.0_wp, ieee_quiet_nan)
+      if (.not. crossing%crossed) return
+      speed2 = crossing%v(1)**2 + crossing%v(2)**2 + crossing%v(3)**2
+      spin = crossing%omega*fate%boulder%radius
+      row = [crossing%x + dem%x0, crossing%y + dem%y0, crossing%time, sqrt(speed2), crossing%v, crossing%omega, &
+             crossing%jump_height, crossing%passing_height, 0.5_wp*fate%boulder%mass*speed2, &
+             0.5_wp*inertia_factor*fate%boulder%mass*spin**2]
+   end function line_row
+
+   !> The numbers of `vertex_fields`.
+   pure function vertex_row(dem, vertex) result(row)
+      type(terrain_t), intent(in) :: dem
+      type(contact_t), intent(in) :: vertex
+      real(wp) :: row(size(vertex_fields))
+
+      row = [vertex%x + dem%x0, vertex%y + dem%y0, vertex%z, vertex%time, vertex%v, vertex%v_in, vertex%v_out, &
+             vertex%ratio]
+   end function vertex_row
+end module rockfall_result

@@ -1,0 +1,328 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The standalone program's run: all boulders of a scene, in chunks, and what the case asks to keep of them.
+module rockfall_run_loop
+   use rockfall_kinds, only: wp, sp, i1, i4, i8
+   use rockfall_error, only: error_t, fail, our_fault
+   use rockfall_text, only: integer_text
+   use rockfall_trajectory, only: scene_t, boulder_result_t, crossing_t, scratch_t, left_window
+   use rockfall_maps, only: maps_t, needs_visits, lacks_slots
+   use rockfall_source_maps, only: first_partial
+   use rockfall_map_values, only: map_plan_t, map_plan, map_views
+   use rockfall_limits, only: check_tallies
+   use rockfall_histogram, only: bins, quantities
+   use rockfall_variables, only: boulder_fields, boulder_counts, line_fields, vertex_fields
+   use rockfall_result, only: boulder_row, boulder_count_row, line_row, vertex_row
+   use rockfall_threads, only: team_size
+   use rockfall_ensemble, only: run_boulders, trace_boulder
+   use rockfall_case, only: case_t, map_names
+   use rockfall_grid, only: grid_t
+   use rockfall_terrain, only: keep_within
+   use rockfall_reach, only: block_side, take_minima, reach_box
+   use rockfall_scene, only: check_sources, boulders_of
+   implicit none
+   private
+   public :: results_t, run_observer_t, run_case, map_tallies
+
+   integer(i8), parameter :: first_chunk = 1024   !! boulders in one call
+   real(wp), parameter :: chunk_seconds = 1.0_wp  !! that a call is to take: at its end threads wait for each other
+   integer(i8), parameter :: max_columns = 2_i8**31 - 2  !! and one more can be counted
+   integer, parameter :: halvings = 5  !! of the columns, before they are too few to begin with
+
+   !> What a run found, as rows of numbers in map coordinates. Maps that nobody asked for have no cells.
+   type :: results_t
+      integer(i8) :: boulders = 0                        !! of which there is room here
+      integer(i8) :: done = 0                            !! of them
+      integer(i8) :: before = 0, asked = 0               !! those before them in the run, all of the run
+      real(wp), allocatable :: boulder(:, :)             !! (boulders, boulder_fields)
+      integer(i1), allocatable :: status(:)              !! the first of boulder_counts,
+      integer(i4), allocatable :: impacts(:)             !! the second,
+      integer(i8) :: count(size(boulder_counts)) = 0     !! and of all boulders done, the others
+      real(wp), allocatable :: line(:, :, :)             !! (boulders, lines, line_fields)
+      real(wp), allocatable :: vertex(:, :)              !! (vertices, vertex_fields) of the first boulders of the run
+      integer(i8), allocatable :: vertex_boulder(:)
+      type(grid_t) :: grid                               !! of maps: the cells that boulders can reach
+      integer :: at(2) = 1                               !! its first column and row
+      type(map_plan_t) :: plan                           !! where maps stand in these stacks
+      integer(i4), allocatable :: counts(:, :, :)
+      integer(i8), allocatable :: sums(:, :, :)
+      real(sp), allocatable :: maxima(:, :, :)
+      integer(i4), allocatable :: bin_counts(:, :), column(:, :)
+      integer(i4) :: columns = 0
+      integer(i4), allocatable :: stamp(:, :, :)         !! as in maps_t, with its `head`
+      integer(i8) :: head = 0
+      integer(i8) :: histogram(bins, quantities) = 0
+      integer :: threads = 1
+      real(wp) :: wall = 0.0_wp, cpu = 0.0_wp            !! [s]
+   end type results_t
+
+   !> Who looks at the results of a run while it goes on, and may have some of them to begin with.
+   type, abstract :: run_observer_t
+   contains
+      procedure(bring_results), deferred :: on_start  !! before the first chunk
+      procedure(see_results), deferred :: on_chunk    !! before each; an error when the run is to stop
+   end type run_observer_t
+
+   abstract interface
+      subroutine bring_results(this, results, error)
+         import :: run_observer_t, results_t, error_t
+         class(run_observer_t), intent(inout) :: this
+         type(results_t), intent(inout), target :: results
+         type(error_t), allocatable, intent(out) :: error
+      end subroutine bring_results
+      subroutine see_results(this, results, error)
+         import :: run_observer_t, results_t, error_t
+         class(run_observer_t), intent(inout) :: this
+         type(results_t), intent(inout), target :: results
+         type(error_t), allocatable, intent(out) :: error
+      end subroutine see_results
+   end interface
+
+contains
+
+   !> Run the case, or part shard(1) of shard(2) ranges of its boulders, which differ by one boulder at most. It is
+   !> refused when its results do not fit in memory.
+   subroutine run_case(case, grid, scene, shard, observer, results, error)
+      type(case_t), intent(in) :: case
+      type(grid_t), intent(in) :: grid  !! of the terrain
+      type(scene_t), intent(inout) :: scene
+      integer(i8), intent(in) :: shard(2)
+      class(run_observer_t), intent(inout) :: observer
+      type(results_t), intent(out), target :: results
+      type(error_t), allocatable, intent(out) :: error
+
+      results%asked = boulders_of(scene)
+      if (shard(2) > max(1_i8, results%asked)) then
+         call fail(error, "--shard "//integer_text(shard(1))//"/"//integer_text(shard(2))//": there are " &
+                   //integer_text(results%asked)//" boulders only")
+         return
+      end if
+      results%before = share_of(results%asked, shard(1) - 1, shard(2))
+      results%boulders = share_of(results%asked, shard(1), shard(2)) - results%before
+      results%grid = grid
+      results%plan = map_plan(pack(map_names, case%map))
+      call survey(case, scene, results, error)
+      if (.not. allocated(error)) call make_room(case, scene, results, error)
+      if (allocated(error)) return
+      call keep_within(scene%dem, results%at, results%at + [results%grid%nx, results%grid%ny] - 1)
+      call observer%on_start(results, error)
+      if (.not. allocated(error)) call follow_all(case, scene, observer, results, error)
+      if (.not. allocated(error)) call trace(case, scene, results, error)
+   end subroutine run_case
+
+   !> n*part/of without overflow.
+   pure integer(i8) function share_of(n, part, of)
+      integer(i8), intent(in) :: n, part, of
+
+      share_of = n/of*part + mod(n, of)*part/of
+   end function share_of
+
+   !> Look at the terrain: whether boulders can start from the sources, what maps could come to, and where they lie.
+   subroutine survey(case, scene, results, error)
+      type(case_t), intent(in) :: case
+      type(scene_t), intent(in) :: scene
+      type(results_t), intent(inout) :: results
+      type(error_t), allocatable, intent(out) :: error
+      real(wp), allocatable :: minima(:, :)
+      real(wp) :: head
+      integer :: side, box(4)
+
+      associate (dem => scene%dem, release => scene%release, grid => results%grid)
+         head = -huge(head)
+         call check_sources(scene, 1, dem%ny, head, error)
+         if (allocated(error)) error%message = case%file//": "//error%message
+         if (allocated(error) .or. .not. any(case%map)) return
+         side = block_side([dem%nx, dem%ny])
+         allocate (minima((dem%nx - 1)/side + 1, (dem%ny - 1)/side + 1), source=huge(1.0_wp))
+         call take_minima(dem, 1, dem%ny, minima)
+         call check_tallies(results%plan, case%volumes, case%gravity, head - minval(minima), results%asked, error)
+         if (allocated(error)) error%message = case%file//": "//error%message
+         if (allocated(error) .or. case%whole_maps) return
+         box = reach_box(dem, minima, head, release%x, release%y)
+         results%at = box(:2)
+         grid%west = grid%west + (box(1) - 1)*grid%cell
+         grid%north = grid%north - (box(2) - 1)*grid%cell
+         grid%nx = box(3) - box(1) + 1
+         grid%ny = box(4) - box(2) + 1
+      end associate
+   end subroutine survey
+
+   !> Places for the results of all boulders, and empty maps.
+   subroutine make_room(case, scene, results, error)
+      type(case_t), intent(in) :: case
+      type(scene_t), intent(in) :: scene
+      type(results_t), intent(inout) :: results
+      type(error_t), allocatable, intent(out) :: error
+      integer :: rows(3), cells(6), layers, lines
+
+      rows = 0
+      cells = 0
+      lines = size(case%lines)
+      associate (n => results%boulders, nx => results%grid%nx, ny => results%grid%ny, plan => results%plan)
+         allocate (results%boulder(n, size(boulder_fields)), stat=rows(1))
+         if (rows(1) == 0) allocate (results%status(n), results%impacts(n), stat=rows(2))
+         if (all(rows == 0)) allocate (results%line(n, lines, size(line_fields)), stat=rows(3))
+         allocate (results%counts(nx, ny, maxval(plan%count)), source=0_i4, stat=cells(1))
+         allocate (results%sums(nx, ny, maxval(plan%sum)), source=0_i8, stat=cells(2))
+         allocate (results%maxima(nx, ny, maxval(plan%max)), source=0.0_sp, stat=cells(3))
+         if (plan%rows == 0) then
+            allocate (results%bin_counts(0, 0), results%column(0, 0))
+         else
+            allocate (results%column(nx, ny), source=0_i4, stat=cells(4))
+            call make_columns(plan%rows, int(nx, i8)*ny, results%bin_counts, cells(5))
+         end if
+         layers = 0
+         if (any(plan%count(3:) > 0)) then
+            results%head = first_partial(scene%release, results%before + 1)
+            layers = merge(2, 1, results%head > 0)
+         end if
+         allocate (results%stamp(nx, ny, layers), source=0_i4, stat=cells(6))
+         if (any(rows /= 0)) then
+            call fail(error, case%file//": "//integer_text(n)//" boulders do not fit in memory")
+         else if (any(cells /= 0)) then
+            call fail(error, case%file//": &output maps do not fit in memory")
+         end if
+      end associate
+   end subroutine make_room
+
+   !> Counts of classes of all cells, or of half as many as the system grants (the run needs memory for other
+   !> things too): it takes the memory of a column when a boulder first passes the cell, and few may be passed.
+   subroutine make_columns(rows, cells, bin_counts, status)
+      integer, intent(in) :: rows
+      integer(i8), intent(in) :: cells
+      integer(i4), allocatable, intent(out) :: bin_counts(:, :)
+      integer, intent(out) :: status  !! 0 = success
+      integer(i8) :: columns
+      integer :: k
+
+      columns = min(cells, max_columns)
+      allocate (bin_counts(rows, columns), stat=status)
+      if (status == 0) return
+      do k = 1, halvings
+         columns = columns/2
+         allocate (bin_counts(rows, columns), stat=status)
+         if (status /= 0) cycle
+         deallocate (bin_counts)
+         allocate (bin_counts(rows, columns/2), stat=status)
+         return
+      end do
+   end subroutine make_columns
+
+   !> The kernel's view of the maps, which begin at a column and row.
+   function map_tallies(results, at) result(maps)
+      type(results_t), intent(in), target :: results
+      integer, intent(in) :: at(2)
+      type(maps_t) :: maps
+
+      maps = map_views(results%plan, at, results%counts, results%sums, results%maxima, results%bin_counts, &
+                       results%column, results%columns)
+      maps%last_source(at(1):, at(2):, 1:) => results%stamp
+      maps%first_partial = results%head
+   end function map_tallies
+
+   !> Follow the boulders that are not done, in chunks whose size follows the clock.
+   subroutine follow_all(case, scene, observer, results, error)
+      type(case_t), intent(in) :: case
+      type(scene_t), intent(inout) :: scene
+      class(run_observer_t), intent(inout) :: observer
+      type(results_t), intent(inout), target :: results
+      type(error_t), allocatable, intent(out) :: error
+      type(maps_t) :: maps
+      real(wp) :: cpu_begun, cpu
+      integer(i8) :: chunk, begun, end, rate
+
+      maps = map_tallies(results, results%at)
+      scene%cells_requested = needs_visits(maps)
+      results%threads = team_size(case%threads)
+      chunk = first_chunk
+      do while (results%done < results%boulders)
+         call observer%on_chunk(results, error)
+         if (allocated(error)) return
+         chunk = min(chunk, results%boulders - results%done)
+         call system_clock(begun, rate)
+         call cpu_time(cpu_begun)
+         call follow_some(case, scene, chunk, maps, results, error)
+         if (allocated(error)) return
+         call system_clock(end)
+         call cpu_time(cpu)
+         results%wall = results%wall + real(end - begun, wp)/rate
+         results%cpu = results%cpu + cpu - cpu_begun
+         chunk = max(1_i8, int(chunk*min(4.0_wp, chunk_seconds*rate/max(1_i8, end - begun)), i8))
+      end do
+   end subroutine follow_all
+
+   !> The next n boulders: their rows to their places.
+   subroutine follow_some(case, scene, n, maps, results, error)
+      type(case_t), intent(in) :: case
+      type(scene_t), intent(in) :: scene
+      integer(i8), intent(in) :: n
+      type(maps_t), intent(in) :: maps
+      type(results_t), intent(inout) :: results
+      type(error_t), allocatable, intent(out) :: error
+      type(boulder_result_t), allocatable :: fate(:)
+      type(crossing_t), allocatable :: crossing(:, :)
+      integer :: count(size(boulder_counts)), line, status
+      integer(i8) :: k, row
+
+      allocate (fate(n), crossing(size(case%lines), n), stat=status)
+      if (status /= 0) then
+         call fail(error, case%file//": "//integer_text(n)//" boulders do not fit in memory")
+         return
+      end if
+      call run_boulders(scene, results%before + results%done + 1, results%threads, fate, crossing, maps, results%histogram)
+      if (any(fate%status == left_window)) then
+         call fail(error, case%file//": a boulder went where none can go", our_fault)
+      else if (lacks_slots(maps)) then
+         call fail(error, case%file//": &output maps: boulders reach more than " &
+                   //integer_text(size(results%bin_counts, 2))//" cells; the counts of quantile maps in more " &
+                   //"do not fit in memory")
+      end if
+      if (allocated(error)) return
+      do k = 1, n
+         row = results%done + k
+         results%boulder(row, :) = boulder_row(scene%dem, fate(k))
+         count = boulder_count_row(fate(k))
+         results%status(row) = int(count(1), i1)
+         results%impacts(row) = count(2)
+         results%count = results%count + count
+         do line = 1, size(case%lines)
+            results%line(row, line, :) = line_row(scene%dem, fate(k), crossing(line, k))
+         end do
+      end do
+      results%done = results%done + n
+   end subroutine follow_some
+
+   !> Follow the first boulders of the run once more, each alone, and keep their trajectories.
+   subroutine trace(case, scene, results, error)
+      type(case_t), intent(in) :: case
+      type(scene_t), intent(in) :: scene
+      type(results_t), intent(inout) :: results
+      type(error_t), allocatable, intent(out) :: error
+      integer, parameter :: ends = 3  !! vertices that are no contacts, at most
+      real(wp), allocatable :: row(:, :)
+      type(boulder_result_t) :: fate
+      type(scratch_t) :: scratch
+      integer(i8) :: boulders, k, n, room
+      integer :: j, status
+
+      boulders = max(0_i8, min(int(case%trajectories, i8) - results%before, results%boulders))
+      room = sum(int(results%impacts(:boulders), i8)) + ends*boulders
+      allocate (row(size(vertex_fields), room), results%vertex_boulder(room), stat=status)
+      n = 0
+      do k = 1, boulders
+         if (status /= 0) exit
+         call trace_boulder(scene, results%before + k, results%impacts(k) + ends, fate, scratch)
+         do j = 1, scratch%recorded
+            row(:, n + j) = vertex_row(scene%dem, scratch%record(j))
+         end do
+         results%vertex_boulder(n + 1:n + scratch%recorded) = results%before + k
+         n = n + scratch%recorded
+      end do
+      if (status == 0) allocate (results%vertex(n, size(vertex_fields)), stat=status)
+      if (status == 0) then
+         results%vertex = transpose(row(:, :n))
+         results%vertex_boulder = results%vertex_boulder(:n)
+      else
+         call fail(error, case%file//": &output trajectories = "//integer_text(boulders)//": do not fit in memory")
+      end if
+   end subroutine trace
+end module rockfall_run_loop

@@ -1,0 +1,199 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Every variable of a result, in one table that both doors read: its units, and what it is.
+module rockfall_variables
+   implicit none
+   private
+   public :: variable_t, variable_table, variable_text, boulder_fields, boulder_counts, &
+             line_fields, vertex_fields, map_fields, histogram_fields, statuses
+
+   !> A variable of a result.
+   type :: variable_t
+      !> boulder, count (of all boulders), line (first crossing), line_vertex, map, histogram,
+      !> vertex (of a trajectory); or status, for what the status of a boulder may be.
+      character(len=11) :: group
+      character(len=27) :: name       !! in files line_, trajectory_ before, _histogram after
+      character(len=7) :: kind        !! real, integer, word
+      character(len=7) :: units       !! as CF wants them; of a histogram: those of its bins
+      character(len=64) :: long_name
+      character(len=60) :: comment = ""
+   end type variable_t
+
+   character(len=*), parameter :: ends = "the first and the last bin also hold what lies beyond"
+   character(len=*), parameter :: in_classes = "from counts of classes 14 to 25 % wide"
+   character(len=*), parameter :: given_sources = "Wilson (1927): chance of the boulders, given the sources"
+
+   !> In each group the reals and the integers have the order of the rows of rockfall_result;
+   !> histograms that of rockfall_histogram; statuses that of their numbers, from 1.
+   type(variable_t), parameter :: variable_table(*) = [ &
+      variable_t("boulder", "volume", "real", "m3", "volume of the boulder"), &
+      variable_t("boulder", "start_x", "real", "m", "easting of the release"), &
+      variable_t("boulder", "start_y", "real", "m", "northing of the release"), &
+      variable_t("boulder", "start_z", "real", "m", "elevation of the release"), &
+      variable_t("boulder", "stop_x", "real", "m", "easting of the end"), &
+      variable_t("boulder", "stop_y", "real", "m", "northing of the end"), &
+      variable_t("boulder", "stop_z", "real", "m", "elevation of the end"), &
+      variable_t("boulder", "path_length", "real", "m", "length of the way flown"), &
+      variable_t("boulder", "plan_distance", "real", "m", &
+                 "plan distance from release to end, in a straight line"), &
+      variable_t("boulder", "travel_time", "real", "s", "time from release to end"), &
+      variable_t("boulder", "speed_max", "real", "m s-1", "greatest speed"), &
+      variable_t("boulder", "jump_height_max", "real", "m", &
+                 "greatest height of the boulder's point above the surface"), &
+      variable_t("boulder", "status", "integer", "1", "why the boulder ended"), &
+      variable_t("boulder", "impacts", "integer", "1", "contacts with the slope"), &
+      variable_t("count", "rebounds", "integer", "1", "rebounds of all boulders"), &
+      variable_t("count", "rebounds_redrawn", "integer", "1", &
+                 "rebounds whose matrix was drawn more than once"), &
+      variable_t("count", "rebounds_forced", "integer", "1", &
+                 "rebounds without an admissible draw in 32"), &
+      variable_t("count", "rebounds_out_of_range", "integer", "1", &
+                 "rebounds with R_b/R_m outside 0.5 to 5.5"), &
+      variable_t("count", "rebounds_out_of_speed", "integer", "1", &
+                 "rebounds at incident speeds outside the set's speed_range"), &
+      variable_t("count", "rebounds_out_of_angle", "integer", "1", &
+                 "rebounds at incidence angles outside the set's angle_range"), &
+      variable_t("line", "x", "real", "m", "easting of the first crossing"), &
+      variable_t("line", "y", "real", "m", "northing of the first crossing"), &
+      variable_t("line", "time", "real", "s", "time from release to the first crossing"), &
+      variable_t("line", "speed", "real", "m s-1", "speed at the first crossing"), &
+      variable_t("line", "velocity_x", "real", "m s-1", &
+                 "eastward velocity at the first crossing"), &
+      variable_t("line", "velocity_y", "real", "m s-1", &
+                 "northward velocity at the first crossing"), &
+      variable_t("line", "velocity_z", "real", "m s-1", "upward velocity at the first crossing"), &
+      variable_t("line", "omega", "real", "rad s-1", &
+                 "angular velocity at the first crossing, forward rolling > 0"), &
+      variable_t("line", "jump_height", "real", "m", &
+                 "height of the boulder's point above the surface, 0 at a contact"), &
+      variable_t("line", "passing_height", "real", "m", &
+                 "height of the boulder's centre above the surface, vertical"), &
+      variable_t("line", "energy_translational", "real", "J", &
+                 "translational energy at the first crossing"), &
+      variable_t("line", "energy_rotational", "real", "J", &
+                 "rotational energy at the first crossing"), &
+      variable_t("line_vertex", "line", "integer", "1", &
+                 "index of the evaluation line", "counts from 0"), &
+      variable_t("line_vertex", "x", "real", "m", "easting"), &
+      variable_t("line_vertex", "y", "real", "m", "northing"), &
+      variable_t("map", "passages", "integer", "1", &
+                 "boulders that passed the cell, each counted once"), &
+      variable_t("map", "reach_probability", "real", "1", &
+                 "share of all boulders that passed the cell"), &
+      variable_t("map", "reach_probability_by_source", "real", "1", &
+                 "passages over the boulders of the sources that feed the cell"), &
+      variable_t("map", "reach_probability_low", "real", "1", &
+                 "lower limit of the 95 % interval of reach_probability", given_sources), &
+      variable_t("map", "reach_probability_high", "real", "1", &
+                 "upper limit of the 95 % interval of reach_probability", given_sources), &
+      variable_t("map", "sources", "integer", "1", &
+                 "sources that feed the cell: one of their boulders passed it"), &
+      variable_t("map", "deposits", "integer", "1", &
+                 "boulders that came to rest in the cell or were absorbed there"), &
+      variable_t("map", "energy_max", "real", "J", &
+                 "greatest kinetic energy, translational and rotational"), &
+      variable_t("map", "energy_mean", "real", "J", &
+                 "mean of the passing boulders' greatest energies"), &
+      variable_t("map", "energy_q50", "real", "J", &
+                 "median of the passing boulders' greatest energies", in_classes), &
+      variable_t("map", "energy_q90", "real", "J", &
+                 "90 % quantile of the passing boulders' greatest energies", in_classes), &
+      variable_t("map", "energy_q95", "real", "J", &
+                 "95 % quantile of the passing boulders' greatest energies", in_classes), &
+      variable_t("map", "energy_q98", "real", "J", &
+                 "98 % quantile of the passing boulders' greatest energies", in_classes), &
+      variable_t("map", "energy_q99", "real", "J", &
+                 "99 % quantile of the passing boulders' greatest energies", in_classes), &
+      variable_t("map", "speed_max_map", "real", "m s-1", "greatest speed"), &
+      variable_t("map", "speed_mean", "real", "m s-1", &
+                 "mean of the passing boulders' greatest speeds"), &
+      variable_t("map", "speed_q50", "real", "m s-1", &
+                 "median of the passing boulders' greatest speeds", in_classes), &
+      variable_t("map", "speed_q90", "real", "m s-1", &
+                 "90 % quantile of the passing boulders' greatest speeds", in_classes), &
+      variable_t("map", "speed_q95", "real", "m s-1", &
+                 "95 % quantile of the passing boulders' greatest speeds", in_classes), &
+      variable_t("map", "speed_q98", "real", "m s-1", &
+                 "98 % quantile of the passing boulders' greatest speeds", in_classes), &
+      variable_t("map", "speed_q99", "real", "m s-1", &
+                 "99 % quantile of the passing boulders' greatest speeds", in_classes), &
+      variable_t("map", "jump_height_max_map", "real", "m", &
+                 "greatest height of a boulder's point above the surface"), &
+      variable_t("map", "jump_height_mean", "real", "m", &
+                 "mean of the passing boulders' greatest jump heights"), &
+      variable_t("map", "jump_height_q50", "real", "m", &
+                 "median of the passing boulders' greatest jump heights", in_classes), &
+      variable_t("map", "jump_height_q90", "real", "m", &
+                 "90 % quantile of the passing boulders' greatest jump heights", in_classes), &
+      variable_t("map", "jump_height_q95", "real", "m", &
+                 "95 % quantile of the passing boulders' greatest jump heights", in_classes), &
+      variable_t("map", "jump_height_q98", "real", "m", &
+                 "98 % quantile of the passing boulders' greatest jump heights", in_classes), &
+      variable_t("map", "jump_height_q99", "real", "m", &
+                 "99 % quantile of the passing boulders' greatest jump heights", in_classes), &
+      variable_t("histogram", "incidence_angle", "integer", "degree", &
+                 "incidence angle from the surface, 90 = vertical", ends), &
+      variable_t("histogram", "tangential_share", "integer", "1", &
+                 "tangential share of the incident energy", ends), &
+      variable_t("histogram", "normal_share", "integer", "1", &
+                 "normal share of the incident energy", ends), &
+      variable_t("histogram", "rotational_share", "integer", "1", &
+                 "rotational share of the incident energy", ends), &
+      variable_t("histogram", "restitution_tangential", "integer", "1", &
+                 "R_t = V_t_out / V_t_in", ends), &
+      variable_t("histogram", "restitution_normal", "integer", "1", &
+                 "R_n = -V_n_out / V_n_in", ends), &
+      variable_t("vertex", "boulder", "integer", "1", "number of the boulder"), &
+      variable_t("vertex", "x", "real", "m", "easting"), &
+      variable_t("vertex", "y", "real", "m", "northing"), &
+      variable_t("vertex", "z", "real", "m", "elevation"), &
+      variable_t("vertex", "time", "real", "s", "time from release"), &
+      variable_t("vertex", "velocity_x", "real", "m s-1", "eastward velocity after the contact"), &
+      variable_t("vertex", "velocity_y", "real", "m s-1", "northward velocity after the contact"), &
+      variable_t("vertex", "velocity_z", "real", "m s-1", "upward velocity after the contact"), &
+      variable_t("vertex", "in_t", "real", "m s-1", "V_t before the rebound"), &
+      variable_t("vertex", "in_n", "real", "m s-1", "V_n before the rebound"), &
+      variable_t("vertex", "in_w", "real", "m s-1", "W = R_b omega before the rebound"), &
+      variable_t("vertex", "out_t", "real", "m s-1", &
+                 "V_t after the rebound", "negative when the boulder turns back"), &
+      variable_t("vertex", "out_n", "real", "m s-1", "V_n after the rebound"), &
+      variable_t("vertex", "out_w", "real", "m s-1", "W after the rebound"), &
+      variable_t("vertex", "ratio", "real", "1", "R_b/R_m of the rebound", "0 without a rebound"), &
+      variable_t("status", "stopped", "word", "", "slower than the stop speed after a rebound"), &
+      variable_t("status", "absorbed", "word", "", "met material that absorbs"), &
+      variable_t("status", "left_domain", "word", "", "left the terrain between its outer cell centres"), &
+      variable_t("status", "impact_limit", "word", "", &
+                 "still moving after as many contacts as allowed"), &
+      variable_t("status", "hit_nodata", "word", "", "met terrain without elevation")]
+
+   character(len=27), parameter :: boulder_fields(*) = pack(variable_table%name, &
+      variable_table%group == "boulder" .and. variable_table%kind == "real")
+   !> Integers of each boulder; the last six are summed over all boulders.
+   character(len=27), parameter :: boulder_counts(*) = pack(variable_table%name, &
+      (variable_table%group == "boulder" .and. variable_table%kind == "integer") &
+      .or. variable_table%group == "count")
+   character(len=27), parameter :: line_fields(*) = pack(variable_table%name, &
+      variable_table%group == "line")
+   character(len=27), parameter :: vertex_fields(*) = pack(variable_table%name, &
+      variable_table%group == "vertex" .and. variable_table%kind == "real")
+   character(len=27), parameter :: map_fields(*) = pack(variable_table%name, &
+      variable_table%group == "map")
+   character(len=27), parameter :: histogram_fields(*) = pack(variable_table%name, &
+      variable_table%group == "histogram")
+   character(len=27), parameter :: statuses(*) = pack(variable_table%name, &
+      variable_table%group == "status")
+
+contains
+
+   !> A row of the table as text: group|name|kind|units|long_name|comment; "" past the end.
+   pure function variable_text(k) result(text)
+      integer, intent(in) :: k
+      character(len=:), allocatable :: text
+      type(variable_t) :: row
+
+      text = ""
+      if (k < 1 .or. k > size(variable_table)) return
+      row = variable_table(k)
+      text = trim(row%group)//"|"//trim(row%name)//"|"//trim(row%kind)//"|"//trim(row%units)//"|" &
+             //trim(row%long_name)//"|"//trim(row%comment)
+   end function variable_text
+end module rockfall_variables

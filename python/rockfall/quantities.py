@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""How quantities are called and shown, in all tables, texts and figures; and numbers as text."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from rockfall.result.variables import HISTOGRAM, LINE
+
+#: Units of results that are shown as others, and the factor to those.
+SHOWN = {"1": ("%", 100.0), "J": ("kJ", 1e-3), "m s-1": ("m/s", 1.0), "rad s-1": ("rad/s", 1.0)}
+
+
+class Quantity(NamedTuple):
+    """A quantity in words; `units` are those of results, `decimals` those of the unit shown."""
+
+    label: str
+    units: str
+    decimals: int
+    symbol: str = ""
+
+    @property
+    def unit(self) -> str:
+        """The unit shown; "" where there is none."""
+        return SHOWN.get(self.units, (self.units, 1.0))[0]
+
+    @property
+    def factor(self) -> float:
+        """From the units of results to the unit shown."""
+        return SHOWN.get(self.units, (self.units, 1.0))[1]
+
+    @property
+    def title(self) -> str:
+        """Label and unit, for an axis or a row."""
+        return with_unit(self.label, self.unit)
+
+    @property
+    def name(self) -> str:
+        """The symbol, or the label where there is none."""
+        return self.symbol or self.label
+
+    @property
+    def short(self) -> str:
+        """The same with its unit."""
+        return with_unit(self.name, self.unit)
+
+
+def _of_line(name: str, label: str, decimals: int, symbol: str = "") -> Quantity:
+    return Quantity(label, LINE[name]["units"], decimals, symbol)
+
+
+QUANTITIES = {
+    "fraction": Quantity("fraction passing", "1", 1),
+    "speed": _of_line("speed", "speed", 1),
+    "jump_height": _of_line("jump_height", "jump height", 2),
+    "passing_height": _of_line("passing_height", "passing height", 2),
+    "omega": _of_line("omega", "angular velocity", 1, "omega"),
+    "energy_translational": _of_line("energy_translational", "translational energy", 0, "E_trans"),
+    "energy_rotational": _of_line("energy_rotational", "rotational energy", 0, "E_rot"),
+    "energy_total": _of_line("energy_translational", "total kinetic energy", 0, "E_tot"),
+    "rotational_share": Quantity("rotational fraction of the energy", "1", 1, "E_rot / E_tot"),
+    "position": Quantity("position along the line", "m", 1, "along the line"),
+    "stopping_distance": Quantity("stopping distance", "m", 1),
+}
+REBOUND = {  # of histograms over all rebounds
+    "tangential_share": Quantity("tangential fraction of the energy", "1", 1),
+    "normal_share": Quantity("normal fraction of the energy", "1", 1),
+    "rotational_share": QUANTITIES["rotational_share"],
+    "incidence_angle": Quantity(
+        "incidence angle from the surface", HISTOGRAM["incidence_angle"]["units"], 0
+    ),
+    "restitution_tangential": Quantity("R_t = V_t,out / V_t,in", "", 2),
+    "restitution_normal": Quantity("R_n = -V_n,out / V_n,in", "", 2),
+}
+
+
+def with_unit(label: str, unit: str) -> str:
+    return f"{label} [{unit}]" if unit else label
+
+
+def number(value: float, digits: int = 3) -> str:
+    """So many significant digits, thousands set apart, no exponent; "-" for what is not known."""
+    value = float(value)
+    if not math.isfinite(value):
+        return "-"
+    if not value:
+        return "0"
+    beyond = digits - 1 - math.floor(math.log10(abs(float(f"{value:.{digits - 1}e}"))))
+    return f"{round(value, beyond):,.{min(max(0, beyond), 6)}f}"
+
+
+def count(number: int, one: str, many: str | None = None) -> str:
+    """A number of things: 1 boulder, 2,000 boulders."""
+    return f"{number:,} {one if number == 1 else many or one + 's'}"
+
+
+def percent(fraction: float) -> str:
+    """A fraction as a percentage, never rounded to all or nothing."""
+    shown = f"{100 * fraction:.1f}"
+    if 0 < fraction < 1 and shown in ("0.0", "100.0"):
+        return "less than 0.1 %" if fraction < 0.5 else "more than 99.9 %"
+    return f"{shown.removesuffix('.0')} %" if fraction in (0, 1) else f"{shown} %"
+
+
+def part_of(part: int, whole: int, one: str) -> str:
+    """A part of so many things: 20 of 1,000 boulders (2.0 %)."""
+    return f"{part:,} of {count(whole, one)} ({percent(part / whole)})"

@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Impact sets: the text of a file, as the kernel takes it, and the numbers that stand there."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from rockfall._core import rockfall_f2py as _core
+from rockfall.errors import RockfallError
+from rockfall.io.files import check_text_file
+
+ANY_SPEED = _core.constant("any_speed")  # [m/s] end of the range of a set that tells none
+
+
+class Coefficients(NamedTuple):
+    """The numbers of five impact sets, as in the kernel's coefficients_t."""
+
+    mean: np.ndarray  # (9, 5)
+    covariance: np.ndarray  # (9, 9, 5)
+    incidence: np.ndarray  # (8, 5): angles between the classes of `lateral` [degree]
+    lateral: np.ndarray  # (13, 9, 5): quantiles of the lateral deviation [degree]
+    speed_range: np.ndarray  # (2, 5): incident speeds that they were fitted on [m/s]
+    angle_range: np.ndarray  # (2, 5): and angles from the surface [degree]
+
+
+class SetFile(NamedTuple):
+    """A file of impact sets, and which of its draws."""
+
+    text: bytes
+    name: str  # for messages
+    draw: int = 0  # 1, ...; 0: it must have one only
+
+    @property
+    def checksum(self) -> str:
+        """SHA-256 of the file."""
+        return hashlib.sha256(self.text).hexdigest()
+
+    def read(self, turning: str) -> tuple[Coefficients, int]:
+        """Its numbers, with all that a rule of turning needs, and how many draws the file has.
+        Raises a RockfallError that names file, group and key."""
+        *values, draws, code, message = _core.read_sets(
+            self.text or b"\n", self.name.encode(), turning, self.draw
+        )
+        if code:
+            raise RockfallError(message.decode(errors="replace").strip(), code)
+        return Coefficients(*values), draws
+
+
+def open_sets(path: Path) -> SetFile:
+    """The file of impact sets at a path."""
+    check_text_file(path)
+    return SetFile(path.read_bytes(), str(path))
+
+
+def draws_in(path: Path, turning: str) -> list[SetFile]:
+    """Each draw of a file that may hold several, with all that a rule of turning needs."""
+    first = open_sets(path)._replace(draw=1)
+    _, number = first.read(turning)
+    draws = [first._replace(draw=draw) for draw in range(1, number + 1)]
+    for one in draws[1:]:
+        one.read(turning)
+    return draws

@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A scene in the kernel: built once, of the text of its case and of arrays."""
+
+from __future__ import annotations
+
+import weakref
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rockfall._core import rockfall_f2py as _core
+from rockfall.errors import RockfallError
+
+if TYPE_CHECKING:
+    from rockfall.scene.scene import Scene
+
+ABSENT = {  # what the kernel takes for an array that a scene does not have
+    "z8": np.zeros((1, 1)), "z4": np.zeros((1, 1), "f4"), "zone1": np.zeros((1, 1), "i1"),
+    "zone2": np.zeros((1, 1), "i2"), "values": np.zeros((1, 1, 1), "f4"),
+    "area_ratio": np.zeros(1),
+}  # fmt: skip
+
+
+class KernelScene:
+    """The handle of a scene, and the arrays that the kernel looks at as long as there is one."""
+
+    def __init__(self, scene: Scene) -> None:
+        self.name = scene.case.name
+        self._views = views(scene)
+        grid = scene.grid
+        self.handle, code, message = _core.open_scene(
+            text=scene.case.text().encode(), name=self.name.encode(), **self._views,
+            west=grid.west, north=grid.north, cell=grid.cell, nodes=(grid.nx, grid.ny),
+            first=(scene.at[1] + 1, scene.at[0] + 1), sizes=np.asfortranarray(scene.sizes.T),
+            source_x=scene.x, source_y=scene.y,
+            area_ratio=ABSENT["area_ratio"] if scene.area is None else scene.area,
+            sets_text=scene.sets.text or b"\n", sets_name=scene.sets.name.encode(),
+            draw=scene.sets.draw,
+        )  # fmt: skip
+        if code:
+            raise RockfallError(message.decode(errors="replace").strip(), code)
+        weakref.finalize(self, _core.close_scene, self.handle)
+
+    def check(self, code: int, message: bytes) -> None:
+        """Raise what a procedure of the kernel says is wrong with the scene."""
+        if code:
+            raise RockfallError(f"{self.name}: {message.decode().strip()}", code)
+
+
+def elevations(scene: Scene) -> dict[str, np.ndarray]:
+    """Those of a scene as (x, y), in the precision that they have; none where it has windows."""
+    if not scene.z.size:
+        return {name: ABSENT[name] for name in ("z8", "z4")}
+    mine = "z4" if scene.z.dtype == np.float32 else "z8"
+    return {name: _view(scene.z, name) if name == mine else ABSENT[name] for name in ("z8", "z4")}
+
+
+def on_raster(scene: Scene) -> dict[str, Any]:
+    """Elevations, and where they lie on the raster."""
+    nodes, at = (scene.grid.nx, scene.grid.ny), (scene.at[1] + 1, scene.at[0] + 1)
+    return {**elevations(scene), "nodes": nodes, "at": at}
+
+
+def area_ratios(scene: Scene, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Surface over plan area (Horn 1981) of the cells at places [m]."""
+    grid = scene.grid
+    place = {"west": grid.west, "north": grid.north, "cell": grid.cell}
+    return _core.area_ratios(**on_raster(scene), **place, source_x=x, source_y=y)
+
+
+def known_at(scene: Scene, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Whether boulders can start from places [m]: between four cells with an elevation."""
+    grid = scene.grid
+    place = {"west": grid.west, "north": grid.north, "cell": grid.cell}
+    return _core.known_at(**on_raster(scene), **place, x=x, y=y).astype(bool)
+
+
+def views(scene: Scene) -> dict[str, Any]:
+    """The rasters of a scene as the kernel looks at them: no copies that f2py would throw away."""
+    found = {**elevations(scene), **{name: ABSENT[name] for name in ("zone1", "zone2", "values")}}
+    if scene.zone is not None:
+        name = f"zone{scene.zone.dtype.itemsize}"
+        found[name] = _view(scene.zone, name)
+    if scene.values is not None:
+        found["values"] = _view(scene.values, "values")
+    return found
+
+
+def _view(raster: np.ndarray, name: str) -> np.ndarray:
+    return np.require(raster.T, ABSENT[name].dtype, ["F", "A"])

@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Layers on the cells of a scene: rasters in files, or arrays given for them."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rockfall.errors import RockfallError
+from rockfall.io.arrays import as_plan, grid_of
+from rockfall.io.crs import crs_name, same_crs
+from rockfall.io.files import check_regular
+from rockfall.io.grid import NO_ID, Box, Grid, row_blocks
+from rockfall.io.raster import aligned_blocks
+from rockfall.io.raster_file import raster_file
+
+if TYPE_CHECKING:
+    from rockfall.scene.scene import Scene
+
+POLYGONS = {".gpkg", ".geojson", ".json", ".shp", ".fgb"}  # endings of layers of polygons
+
+
+def layer_blocks(
+    scene: Scene, key: str, what: str, dtype: Any, rasters: dict[str, Any], box: Box | None = None
+) -> Iterator[tuple[slice, np.ndarray]]:
+    """A raster on the cells of the DEM, as blocks of rows in any order.
+
+    It is the array given for it, or the file that the case names.
+    """
+    given = rasters.pop(key, None)
+    if given is None:
+        group = scene.case.release if key == "cells" else scene.case.surface
+        path = scene.case.path(group[key])
+        if key not in scene.checksums:
+            scene.checksums[key] = file_checksum(path)
+        yield from aligned_blocks(path, scene.grid, what, dtype, box)
+        return
+    given = _on_cells(scene.grid, key, given)
+    scene.checksums[key] = array_checksum(given)
+    if np.dtype(dtype).kind == "i":
+        given = _whole_numbers(key, given, dtype)
+    for rows in row_blocks(given.shape):
+        block = given[rows]
+        yield rows, np.ma.filled(block.astype(dtype), NO_ID if dtype == np.int32 else np.nan)
+
+
+def _on_cells(grid: Grid, key: str, given: Any) -> np.ma.MaskedArray:
+    """An array (ny, nx) on the cells of the DEM, missing values masked."""
+    if hasattr(given, "coords"):
+        given = as_plan(given)
+        own, flipped = grid_of(given)
+        if not same_crs(own.crs, grid.crs):
+            raise RockfallError(
+                f"{key} = (array): is in {crs_name(own.crs)}, the DEM in {crs_name(grid.crs)}"
+            )
+        if not own.matches(grid):
+            raise RockfallError(f"{key} = (array): is not on the cells of the DEM")
+        given = given.values[::-1] if flipped else given.values
+    given = np.ma.asarray(given)
+    if given.dtype.kind not in "biuf":
+        raise RockfallError(f"{key} = (array): holds {given.dtype}, must be numbers")
+    if given.shape != grid.shape:
+        raise RockfallError(
+            f"{key} = (array): has the shape {given.shape}, must be that of the DEM {grid.shape}"
+        )
+    return np.ma.masked_where(np.isnan(given), given) if given.dtype.kind == "f" else given
+
+
+def _whole_numbers(key: str, given: np.ma.MaskedArray, dtype: Any) -> np.ma.MaskedArray:
+    """The array, if all its values are integers that `dtype` holds."""
+    limits = np.iinfo(dtype)
+    wrong = (given < limits.min + 1) | (given > limits.max) | (given != np.rint(given))
+    if np.ma.filled(wrong, False).any():
+        value = given[np.ma.filled(wrong, False)][0]
+        raise RockfallError(f"{key} = (array): {value}: must be an integer of 32 bits")
+    return given
+
+
+def array_checksum(array: np.ndarray) -> str:
+    """SHA-256 of the bytes of an array, and of its mask where it has one."""
+    found = hashlib.sha256(np.ascontiguousarray(np.ma.getdata(array)).data)
+    if np.ma.is_masked(array):
+        found.update(np.ascontiguousarray(np.ma.getmaskarray(array)).data)
+    return found.hexdigest()
+
+
+def file_checksum(path: Path) -> str:
+    """SHA-256 of a file."""
+    file = raster_file(str(path))
+    check_regular(file)
+    try:
+        with open(file, "rb") as opened:
+            return hashlib.file_digest(opened, "sha256").hexdigest()
+    except OSError as error:
+        raise RockfallError(f"{path}: cannot be read: {error.strerror}") from error

@@ -1,0 +1,123 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""From a case to its scene: the rasters, sources and impact sets that it names."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rockfall.case import FROM_ARRAY, Case
+from rockfall.errors import RockfallError
+from rockfall.impact_sets import set_path
+from rockfall.io.raster import dem_header, from_array, read_dem
+from rockfall.io.raster_file import raster_file
+from rockfall.scene.coefficients import open_sets
+from rockfall.scene.digest import digest
+from rockfall.scene.layers import POLYGONS, array_checksum, file_checksum
+from rockfall.scene.scene import Scene
+from rockfall.scene.sources import read_sources
+from rockfall.scene.surface import cell_bytes, read_surface, size_columns
+from rockfall.scene.windows import Windows, bands
+
+
+def read_scene(
+    case: Case, dem: Any = None, transform: Any = None, memory: float | None = None, **rasters: Any
+) -> Scene:
+    """Read and check everything that a case names.
+
+    `dem` and `rasters` (zones, mean_radius, rg70, rg20, rg10, cells) may be given as arrays: an
+    xarray.DataArray, or NumPy on the cells of the DEM (for the DEM itself with its `transform`).
+    If rasters in files need more than half of `memory` [bytes], they are read in windows, as they
+    are needed: see `rockfall.scene.windows`.
+    """
+    arrays = {"dem": dem, **rasters}
+    case = _with_arrays(case, {key for key, array in arrays.items() if array is not None})
+    _check_files(case, arrays)
+    if dem is not None:
+        z, grid = from_array(dem, transform)
+    elif case.terrain["dem"] == FROM_ARRAY:
+        raise RockfallError(
+            f"{case.name}: &terrain dem is missing: a raster file, or run(case, dem=...)"
+        )
+    else:
+        path = case.path(case.terrain["dem"])
+        if memory is not None and not rasters:
+            grid, dtype = dem_header(path)
+            if (cells := int(memory / 2 / cell_bytes(case, dtype))) < grid.nx * grid.ny:
+                scene = Scene(case, grid, np.empty((0, 0), dtype), np.zeros((1, 1)))
+                return _windowed(scene, cells)
+        z, grid = read_dem(path)
+    scene = Scene(case, grid, z, np.zeros((1, 1)))
+    file = case.path(case.terrain["dem"])
+    scene.checksums["dem"] = file_checksum(file) if dem is None else array_checksum(z)
+    read_surface(scene, grid.box, rasters)
+    read_sources(scene, [(scene, grid.box)], rasters)
+    _read_sets(scene)
+    if rasters:
+        raise RockfallError(
+            f"{case.name}: rasters that the case does not use: {', '.join(rasters)}"
+        )
+    scene.decoded = digest(scene)
+    _ = scene.kernel  # refuses what the text of the case cannot know to be wrong
+    return scene
+
+
+def _windowed(scene: Scene, cells: int) -> Scene:
+    """The scene without its rasters, which are read in windows of so many cells; all of them were
+    read once, and checked."""
+    case = scene.case
+    by_source = {"sources", "reach_probability_by_source"} & set(case.output.get("maps", []))
+    if by_source:
+        raise RockfallError(
+            f"{case.name}: &output maps = '{min(by_source)}': needs the whole terrain in memory, "
+            "and it does not fit; leave it out, or raise --memory"
+        )
+    for group, key in (("release", "polygons"), ("surface", "zones")):
+        file = getattr(case, group).get(key, "")
+        if key == "polygons" and file or Path(file).suffix.lower() in POLYGONS:
+            raise RockfallError(
+                f"{case.name}: &{group} {key} = '{file}': polygons need the whole terrain in "
+                "memory, and it does not fit; make a raster of them, or raise --memory"
+            )
+    scene.checksums["dem"] = file_checksum(case.path(case.terrain["dem"]))
+    release, rows = case.release, [(scene, scene.grid.box)]
+    if release["steep_cells"] or release["by_area"]:  # the terrain tells
+        rows = bands(scene, cells)
+    read_sources(scene, rows, {})
+    _read_sets(scene)
+    scene.windows = Windows(scene, cells)
+    scene.decoded = scene.windows.decoded
+    return scene
+
+
+def _read_sets(scene: Scene) -> None:
+    """The impact sets, last of all."""
+    scene.sets = open_sets(set_path(scene.case))
+    scene.checksums["sets"] = scene.sets.checksum
+
+
+def _with_arrays(case: Case, keys: set[str]) -> Case:
+    """The case, checked once more, saying which of its rasters came as arrays."""
+    groups = {"dem": "terrain", "cells": "release"}
+    changes: dict[str, dict[str, str]] = {}
+    for key in keys & {"dem", "zones", "mean_radius", "rg70", "rg20", "rg10", "cells"}:
+        group = groups.get(key, "surface")
+        if key == "dem" or key in getattr(case, group):
+            changes.setdefault(group, {})[key] = FROM_ARRAY
+    return case.replace(**changes)
+
+
+def _check_files(case: Case, arrays: dict[str, Any]) -> None:
+    """Every file that the case names and that is to be read is there."""
+    keys = {"terrain": ("dem",), "surface": ("zones", "table", *size_columns(case))}
+    keys["release"] = ("cells", "polygons")
+    for group, names in keys.items():
+        for key in names:
+            file = getattr(case, group).get(key)
+            if file in (None, FROM_ARRAY) or arrays.get(key) is not None:
+                continue
+            if not os.path.exists(raster_file(str(case.path(file)))):
+                raise RockfallError(f"{case.name}: &{group} {key} = '{file}': no such file")

@@ -1,0 +1,415 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The part file (docs/files.md): results of some boulders of a run, with tallies that add up to
+those of all. A checkpoint, a shard's result and the result of rockfall-batch are one."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rockfall._core import rockfall_f2py as _core
+from rockfall.case import Case, case_in
+from rockfall.errors import RockfallError
+from rockfall.io.files import check_netcdf
+from rockfall.io.grid import Box, Grid
+from rockfall.result import variables
+from rockfall.result.dataset import (
+    DAMAGED,
+    as_dataset,
+    boulder_variables,
+    georeference,
+    histogram_variables,
+    line_variables,
+    run_attributes,
+    trajectory_variables,
+)
+from rockfall.result.validate import are_crossings
+from rockfall.simulation.source_maps import FED, settle
+from rockfall.version import __version__
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from rockfall.simulation.simulate import Maps, Tally
+
+LAYOUT = 1  # of the file, as in io/part_file.f90
+STACKS = {"counts": "i4", "sums": "i8", "maxima": "f4"}  # of maps, by layer
+BEFORE = "tally_"  # the names of tallies
+ABOUT = {  # tallies: type, dimensions (those of stacks have a layer each), meaning
+    "cell": ("i8", ("tally",), "index of the cell, by rows from the north-west"),
+    **{
+        name: (kind, (f"tally_{name}_layer", "tally"), f"{name} of the maps, by layer")
+        for name, kind in STACKS.items()
+    },
+    "classes": ("i4", ("tally", "tally_class"), "counts of classes"),
+    "fed_cell": ("i8", ("tally_fed",), "cell to which a source contributes that the part cuts"),
+    "fed_source": ("i4", ("tally_fed",), "number of that source"),
+    "fed_boulders": ("i4", ("tally_fed",), "its boulders in the part"),
+}
+CLOCKS = ("wall_seconds", "cpu_seconds")
+NUMBERS = ("boulders_asked", "boulder_first", "boulder_last", "threads")
+SUMS = ("input_checksums", "decoded_checksums")
+PACKING = 1100  # zlib packs no closer than this
+
+
+# ---- from a tally
+
+
+def make_part(tally: Tally) -> xr.Dataset:
+    """The boulders done of a tally, which may go on."""
+    fed = settle(tally)
+    found = tallies(tally.maps) | fed
+    settle(tally, -1)
+    grid, box = tally.scene.grid, tally.window
+    window = [box.column, box.row, *box.shape[::-1]]
+    data = boulder_variables(tally)
+    if tally.scene.case.line:
+        data |= line_variables(tally)
+    data |= {
+        BEFORE + name: (ABOUT[name][1], values, {"units": "1", "long_name": ABOUT[name][2]})
+        for name, values in found.items()
+    }
+    if tally.scene.case.output["rebounds"]:
+        data |= histogram_variables(tally)
+    data |= trajectory_variables(tally)
+    data["crs"] = ((), np.int32(0), georeference(grid))
+    places = {"terrain_cells": np.int32([grid.nx, grid.ny]), "map_window": np.int32(window)}
+    return as_dataset(data, {"part_layout": LAYOUT} | run_attributes(tally) | places)
+
+
+def tallies(maps: Maps) -> dict[str, np.ndarray]:
+    """The tallies of the cells that boulders reached, which are `cell`: `counts`, `sums`, `maxima`
+    (layers, cells) and `classes` (cells, classes), as far as there are any."""
+    cells = _reached(maps)
+    arrays = {"cell": cells}
+    for name in STACKS:
+        stack = getattr(maps, name)
+        if stack.size > 1:
+            arrays[name] = stack.reshape(len(stack), -1)[:, cells]
+    if maps.column.size > 1:
+        column = maps.column.ravel()[cells]
+        arrays["classes"] = np.where(column[:, None] > 0, maps.class_counts[column - 1], 0)
+    return arrays
+
+
+def _reached(maps: Maps) -> np.ndarray:
+    """Cells in which any tally is not zero, counted from 0 by rows from the north-west."""
+    layers = [layer for name in STACKS for layer in getattr(maps, name)] + [maps.column]
+    reached = np.zeros(1, bool)
+    for layer in layers:
+        if layer.size > 1:
+            reached = reached | (layer.ravel() != 0)
+    return np.flatnonzero(reached)
+
+
+# ---- to a tally
+
+
+@dataclass
+class Origin:
+    """The run that a part is of; stands in for its scene, too."""
+
+    case: Case
+    boulders: int  # of the whole run
+    grid: Grid  # of the terrain, without a CRS
+    window: Box  # the cells of it that maps cover
+    checksums: dict[str, str]
+    decoded: dict[str, str]
+    version: str
+
+    def difference(self, other: Origin) -> str:
+        """The first thing in which another run differs, "" if it is the same; threads may differ,
+        and how the case is written."""
+        for what in ("version", "boulders", "checksums", "decoded", "grid", "window"):
+            one, its = getattr(self, what), getattr(other, what)
+            if isinstance(one, dict):
+                differ = (key for key in sorted({*one, *its}) if one.get(key) != its.get(key))
+                if key := next(differ, ""):
+                    return key
+            elif one != its:
+                return what
+        texts = (run.case.replace(case={"threads": 0}).text() for run in (self, other))
+        return "" if len({*texts}) == 1 else "case"
+
+
+def origin_of(tally: Tally) -> Origin:
+    """The run of a tally."""
+    scene = tally.scene
+    return Origin(
+        scene.case, scene.boulders, replace(scene.grid, crs=None), tally.window,
+        scene.checksums, scene.decoded, __version__,
+    )  # fmt: skip
+
+
+@dataclass
+class Part:
+    """A part that has been read, and checked: each value is one that a run can have."""
+
+    name: str  # for messages
+    origin: Origin
+    first: int  # boulder
+    last: int
+    threads: int
+    clocks: dict[str, float]
+    crs: dict[str, Any]  # attributes of the grid mapping
+    arrays: dict[str, np.ndarray] = field(default_factory=dict)
+
+    def add_to(self, tally: Tally) -> None:
+        """Put rows to their places and add counts and tallies; those of sources that the part cuts
+        are still to be joined, or gone on with."""
+        rows = slice(self.first - 1 - tally.before, self.last - tally.before)
+        for what, table in (1, tally.boulder), (2, tally.count):
+            for k, name in enumerate(variables.fields(what)):
+                if name in variables.BOULDER:
+                    table[rows, k] = self.arrays[name]
+        if tally.scene.case.line:
+            for k, name in enumerate(variables.fields(3)):
+                tally.crossing[rows, :, k] = self.arrays[f"line_{name}"].T
+        for name in variables.COUNT:
+            tally.counted[name] = tally.counted.get(name, 0) + self.arrays[name]
+        if tally.scene.case.output["rebounds"]:
+            for k, name in enumerate(variables.HISTOGRAM):
+                counts = self.arrays[f"{name}_histogram"]
+                tally.histogram[k, : counts.size] += counts
+        _add_cells(tally.maps, self.arrays)
+        tally.wall += self.clocks["wall_seconds"]
+        tally.cpu += self.clocks["cpu_seconds"]
+
+    def fed(self) -> dict[str, np.ndarray]:
+        """The cells to which sources contribute that the part cuts; {} where no map asks."""
+        found = {name: self.arrays.get(BEFORE + name) for name in FED}
+        return {} if found["fed_cell"] is None else found
+
+    def trajectories(self) -> dict[int, np.ndarray]:
+        """Vertices by number of the boulder."""
+        if "trajectory_boulder" not in self.arrays:
+            return {}
+        rows = np.stack([self.arrays[f"trajectory_{name}"] for name in variables.fields(4)], axis=1)
+        numbers, begins = np.unique(self.arrays["trajectory_boulder"], return_index=True)
+        return dict(zip(numbers.tolist(), np.split(rows, begins[1:]), strict=True))
+
+
+def _add_cells(maps: Maps, arrays: Mapping[str, np.ndarray]) -> None:
+    """Add tallies of cells."""
+    cells = arrays[f"{BEFORE}cell"]
+    for name in STACKS:
+        if BEFORE + name in arrays:
+            stack = getattr(maps, name)
+            flat = stack.reshape(len(stack), -1)
+            join = np.maximum if name == "maxima" else np.add
+            flat[:, cells] = join(flat[:, cells], arrays[BEFORE + name])
+    if f"{BEFORE}classes" in arrays:
+        column = maps.column.ravel()
+        new = cells[column[cells] == 0]
+        used = int(maps.columns[0])
+        if used + new.size > len(maps.class_counts):
+            raise RockfallError("the counts of quantile maps do not fit in memory")
+        column[new] = np.arange(used + 1, used + new.size + 1)
+        maps.class_counts[used : used + new.size] = 0
+        maps.columns[0] += new.size
+        maps.class_counts[column[cells] - 1] += arrays[f"{BEFORE}classes"]
+
+
+# ---- from a file
+
+
+def boulders_in(path: Path) -> int | None:
+    """How many boulders a part holds; None of any other file."""
+    try:
+        with _opened(path) as file:
+            if getattr(file, "part_layout", None) != LAYOUT:
+                return None
+            return int(file.boulder_last) - int(file.boulder_first) + 1
+    except (RockfallError, *DAMAGED):
+        return None
+
+
+def read_part(part: xr.Dataset | str | Path) -> Part:
+    """A part, a Dataset or its file, whose every value is checked; one that is none, or is damaged,
+    is a RockfallError. Files are read as they are: xarray would take several times as long."""
+    if not isinstance(part, str | Path):
+        head = _head(part.attrs, part["crs"].attrs if "crs" in part else {}, "a part")
+        shapes = {name: (one.dtype, one.dims, one.shape) for name, one in part.variables.items()}
+        _check_shapes(head, shapes, None)
+        head.arrays = {name: part.variables[name].values for name in shapes}
+    else:
+        try:
+            with _opened(part) as file:
+                head = _read_file(part, file)
+        except DAMAGED as error:
+            raise RockfallError(f"{part}: is damaged: {error}") from error
+    _check_values(head)
+    return head
+
+
+@contextmanager
+def _opened(path: str | Path) -> Iterator[Any]:
+    import netCDF4
+
+    check_netcdf(path)
+    with netCDF4.Dataset(path) as file:
+        file.set_auto_maskandscale(False)
+        yield file
+
+
+def _read_file(path: str | Path, file: Any) -> Part:
+    attrs = {name: file.getncattr(name) for name in file.ncattrs()}
+    about = file.variables.get("crs")
+    crs = {name: about.getncattr(name) for name in about.ncattrs()} if about is not None else {}
+    head = _head(attrs, crs, str(path))
+    shapes = {
+        name: (np.dtype(one.dtype), one.dimensions, one.shape)
+        for name, one in file.variables.items()
+    }
+    _check_shapes(head, shapes, os.path.getsize(path))
+    for name in shapes:
+        try:
+            head.arrays[name] = file.variables[name][...]
+        except DAMAGED as error:
+            raise _damaged(head, name) from error
+    return head
+
+
+def _damaged(part: Part, what: str) -> RockfallError:
+    return RockfallError(f"{part.name}: is damaged: {what}")
+
+
+def _head(attrs: Mapping[str, Any], crs: Mapping[str, Any], name: str) -> Part:
+    """What a part says of itself, without its values."""
+    if attrs.get("part_layout") != LAYOUT:
+        raise RockfallError(
+            f"{name}: is no part of a run, as --shard, checkpoints and rockfall-batch make them"
+        )
+    at = ""
+    try:
+        for at in NUMBERS:
+            if not 0 <= int(attrs[at]) < 2**31:
+                raise ValueError
+        for at in CLOCKS:
+            if not 0 <= float(attrs[at]) < math.inf:
+                raise ValueError
+        at = "GeoTransform"
+        west, cell, _, north, _, _ = map(float, str(crs[at]).split())
+        if not (cell > 0 and all(map(math.isfinite, (west, cell, north)))):
+            raise ValueError
+        at = "terrain_cells"
+        nx, ny = map(int, attrs[at])
+        at = "map_window"
+        column, row, columns, rows = map(int, attrs[at])
+        if not (0 <= column <= column + columns <= nx and 0 <= row <= row + rows <= ny):
+            raise ValueError
+        sums = []
+        for at in SUMS:
+            sums.append({str(key): str(one) for key, one in json.loads(attrs[at]).items()})
+        at = "case"
+        case = _case(str(attrs["case"]), str(attrs["case_file"]))
+        at = "version"
+        version = str(attrs[at])
+        about = {key: one for key, one in crs.items() if key not in ("_FillValue", "GeoTransform")}
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError, RecursionError) as error:
+        raise RockfallError(f"{name}: is damaged: {at}") from error
+    grid, window = Grid(west, north, cell, nx, ny), Box(row, column, row + rows, column + columns)
+    origin = Origin(case, int(attrs["boulders_asked"]), grid, window, *sums, version)
+    first, last = int(attrs["boulder_first"]), int(attrs["boulder_last"])
+    clocks = {clock: float(attrs[clock]) for clock in CLOCKS}
+    part = Part(name, origin, first, last, int(attrs["threads"]), clocks, about)
+    if not 1 <= first <= last + 1 <= origin.boulders + 1:
+        raise _damaged(part, "boulders")
+    return part
+
+
+@lru_cache(maxsize=8)
+def _case(text: str, file: str) -> Case:
+    return case_in({"case": text, "case_file": file})
+
+
+def _expected(part: Part) -> dict[str, tuple[str, tuple[str, ...]]]:
+    """Every variable that a part of its case has: type and dimensions."""
+    case, names = part.origin.case, part.origin.case.output.get("maps", [])
+    found: dict[str, tuple[str, tuple[str, ...]]] = {"crs": ("i4", ())}
+    for name in variables.BOULDER:
+        found[name] = ({"status": "i1", "impacts": "i4"}.get(name, "f8"), ("boulder",))
+    found |= {name: ("i8", ()) for name in variables.COUNT}
+    if case.line:
+        found |= {f"line_{name}": ("f8", ("line", "boulder")) for name in variables.LINE}
+    if case.output["rebounds"]:
+        found |= {f"{name}_histogram": ("i8", (f"{name}_bin",)) for name in variables.HISTOGRAM}
+    plan = _core.map_plan(" ".join(names))
+    wanted = {"counts": plan[:4].any(), "sums": plan[4:7].any(), "maxima": plan[7:10].any()}
+    wanted |= {"cell": True, "classes": plan[13] > 0} | dict.fromkeys(FED, plan[2:4].any())
+    found |= {BEFORE + name: ABOUT[name][:2] for name in ABOUT if wanted[name]}
+    return found
+
+
+def _lengths(part: Part) -> dict[str, int]:
+    """Of the dimensions whose length follows from the case and the boulders."""
+    case, plan = part.origin.case, _core.map_plan(" ".join(part.origin.case.output.get("maps", [])))
+    layers = {"counts": plan[:4], "sums": plan[4:7], "maxima": plan[7:10]}
+    found = {f"tally_{name}_layer": places.max() for name, places in layers.items()}
+    bins = _core.histogram_bins()[0]
+    found |= {f"{name}_bin": n for name, n in zip(variables.HISTOGRAM, bins, strict=True)}
+    found |= {"boulder": part.last - part.first + 1, "line": len(case.line)}
+    return found | {"tally_class": plan[13]}
+
+
+def _check_shapes(
+    part: Part, shapes: dict[str, tuple[np.dtype, tuple[str, ...], tuple[int, ...]]], size: int | None
+) -> None:
+    """All variables of its case are there, of their types and lengths, in a file (of `size` bytes)
+    that can hold them; others are dropped."""
+    expected, lengths = _expected(part), _lengths(part)
+    if "trajectory_boulder" in shapes:
+        for name in variables.VERTEX:
+            kind = "i8" if name == "boulder" else "f8"
+            expected[f"trajectory_{name}"] = (kind, ("trajectory_vertex",))
+    for name in sorted(set(shapes) - set(expected)):
+        del shapes[name]
+    for name, (kind, dims) in expected.items():
+        dtype, found, shape = shapes.get(name, (None, (), ()))
+        if dtype != kind or found != dims:
+            raise _damaged(part, name)
+        for dim, length in zip(dims, shape, strict=True):
+            if length != lengths.setdefault(dim, length):
+                raise _damaged(part, name)
+        if size is not None and math.prod(shape) > PACKING * size:
+            raise _damaged(part, name)
+
+
+def _check_values(part: Part) -> None:
+    """Values are such as a run can have."""
+    arrays, window = part.arrays, part.origin.window
+    cells = window.shape[0] * window.shape[1]
+    for name, values in arrays.items():
+        if not _possible(name, values, arrays.get("line_time"), cells):
+            raise _damaged(part, name)
+    if "trajectory_boulder" in arrays:
+        numbers = arrays["trajectory_boulder"]
+        last = min(part.last, part.origin.case.output["trajectories"])
+        if not (np.diff(numbers) >= 0).all() or (
+            not np.array_equal(np.unique(numbers), np.arange(part.first, last + 1))
+        ):
+            raise _damaged(part, "trajectory_boulder")
+
+
+def _possible(name: str, values: np.ndarray, times: np.ndarray | None, cells: int) -> bool:
+    if name.startswith("line_"):
+        return are_crossings(values, times)
+    if name == "status":
+        return bool(np.isin(values, list(variables.STATUS.values())).all())
+    if name == f"{BEFORE}cell":
+        return bool((np.diff(values, prepend=-1) > 0).all() and (values < cells).all())
+    if name == f"{BEFORE}fed_cell":
+        return bool(((values >= 0) & (values < cells)).all())
+    if values.dtype.kind == "f" and not np.isfinite(values).all():
+        return False
+    counts = values.dtype.kind == "i" or name.startswith(BEFORE)
+    return not counts or bool((values >= 0).all())
