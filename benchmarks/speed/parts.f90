@@ -118,7 +118,8 @@ contains
       call cpu_time(start)
       do k = 1, times
          call cell_descent(dem, [2 + mod(k*7, nx - 3), 2 + mod(k*13, nx - 3)], [0.0_wp, -0.78_wp], descent, pit)
-         heading = new_heading(turning_t(past_aspect, mod(k*0.37_wp, 1.0_wp), 0.4_wp), heading, [0.0_wp, 0.0_wp], descent, pit)
+         heading = new_heading(turning_t(past_aspect, mod(k*0.37_wp, 1.0_wp), 0.4_wp), heading, [0.0_wp, 0.0_wp], &
+                               descent, pit)
          total = total + heading(1)
       end do
       call tell("aspect of the cell, new heading")

@@ -498,7 +498,6 @@ def _import_all() -> None:
     import pandas  # noqa: F401
     import scipy.stats  # noqa: F401
 
-
     rasterio.Env().__enter__()
 
 
