@@ -21,10 +21,10 @@ import numpy as np
 from rockfall._lab import lab_f2py as _lab
 
 from benchmarks.machine import machine
-from rockfall.scene.coefficients import INERTIA_FACTOR
 from rockfall.errors import RockfallError
 from rockfall.lab.case import LabCase, names
 from rockfall.lab.experiment import ENDED, STATUS, run_impacts
+from rockfall.scene.coefficients import INERTIA_FACTOR
 
 TOLERANCE = 0.02  # of the energy before: that of the kernel's own watch
 ENDS = [name for name in STATUS if name != "not_done"]
