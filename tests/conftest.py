@@ -2,16 +2,15 @@
 """What several tests start from."""
 
 import os
-import resource
-import subprocess
 from pathlib import Path
 
 import pytest
 
-import batch_case
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # a worker on each core; read when rockfall is loaded
+
 import rockfall
 import slope_case
-from programs import find_program
+from programs import find_program, make_prepared, run_program
 
 
 @pytest.fixture
@@ -29,43 +28,24 @@ def few_boulders(tmp_path):
     return path
 
 
-@pytest.fixture(scope="session")
-def batch():
-    """Run the program in a folder; `limit` is the longest file it may write [bytes]."""
-    program = find_program()
-    assert program, "rockfall-batch is not built"
-
-    def run(*arguments, cwd, limit=None, env=None):
-        def lower_limit():
-            resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
-
-        return subprocess.run(
-            [program, *map(str, arguments)], cwd=cwd, capture_output=True, text=True, timeout=120,
-            preexec_fn=lower_limit if limit else None, env={**os.environ, **(env or {})},
-        )  # fmt: skip
-
-    return run
-
-
-@pytest.fixture(scope="session")
-def netcdf(batch):
-    """Skips a test where the program was built without netCDF."""
-    if "without netCDF" in batch("--version", cwd=".").stdout:
-        pytest.skip("rockfall-batch was built without netCDF")
-
-
-@pytest.fixture
-def made(tmp_path):
-    """A folder with every raster that the cases of `batch_case` name."""
-    folder = tmp_path / "case"
-    folder.mkdir()
-    batch_case.write_rasters(folder)
-    return folder
-
-
 @pytest.fixture
 def place(tmp_path, monkeypatch):
     """A folder with a case that runs, made the current one."""
     monkeypatch.chdir(tmp_path)
     slope_case.write_slope()
+    return tmp_path
+
+
+@pytest.fixture
+def batch():
+    """Runs the standalone program, which a build without netCDF-Fortran does not have."""
+    if not find_program():
+        pytest.skip("rockfall-batch is not built")
+    return run_program
+
+
+@pytest.fixture
+def ready(batch, tmp_path):
+    """A folder with a case of everything, prepared in `ready`."""
+    make_prepared(tmp_path)
     return tmp_path

@@ -18,7 +18,7 @@ import rockfall
 from benchmarks.machine import ROOT, machine
 from rockfall.analysis import return_levels as tails
 from rockfall.analysis.line_statistics import QUANTITIES, Z, line_numbers, line_values, sources
-from rockfall.analysis.run_until import FIRST, judge, next_stage, read_rules
+from rockfall.analysis.run_until import FIRST, evaluate, next_stage, read_rules
 
 VAUJANY = ROOT / "cases/vaujany/case.nml"
 SIZE = 10_000  # boulders of a sample
@@ -73,7 +73,7 @@ def ends(rule: str, repetitions: int, random: np.random.Generator) -> None:
     stops, holds = [], []
     for _ in range(repetitions):
         n, values = FIRST, draw(random, FIRST)
-        while (larger := next_stage(judge(asked, made(values)), n, 10**7)) > n:
+        while (larger := next_stage(evaluate(asked, made(values)), n, 10**7)) > n:
             values, n = np.concatenate([values, draw(random, larger - n)]), larger
         row = line_numbers(made(values), 0, "speed", np.zeros(n, int))
         stops.append(n / need)

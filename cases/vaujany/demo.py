@@ -14,6 +14,7 @@ from rockfall.io.raster import read_dem
 from rockfall.plots.line_figures import distribution_figure
 from rockfall.plots.overview import overview
 from rockfall.plots.style import save
+from rockfall.text.comparison import text
 from rockfall.text.summary import summary
 
 HERE = Path(__file__).parent
@@ -29,7 +30,7 @@ def main(folder: Path) -> None:
         results[method] = rockfall.run(rockfall.read_case(case), progress=True)
         rockfall.write_result(results[method], folder / f"method_{method}.nc")
     for result in results.values():
-        print(f"\n{summary(result)}\n\n{compare(result, paper)}")
+        print(f"\n{summary(result)}\n\n{text(compare(result, paper))}")
     if results["A"]["stop_x"].equals(results["B"]["stop_x"]):
         print("A and B coincide: the impact set is the same for all ratios R_b/R_m (see README.md)")
 

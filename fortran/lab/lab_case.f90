@@ -86,7 +86,7 @@ contains
    !> What is fired at a ratio R_b/R_m, but for speed, angle, spin and aim, which are drawn.
    pure type(shot_t) function shot_of_ratio(case, ratio) result(shot)
       type(lab_case_t), intent(in) :: case
-      real(wp), intent(in) :: ratio
+      real(wp), intent(in) :: ratio  !! R_b/R_m [-]
 
       shot = case%shot
       shot%radius = ratio*case%packing%mean_radius
@@ -192,7 +192,7 @@ contains
    pure subroutine take_row(group, names, row, error)
       type(group_t), intent(in) :: group
       character(len=*), intent(in) :: names(:)
-      real(wp), intent(inout) :: row(:)
+      real(wp), intent(inout) :: row(:)  !! each in the [unit] of its key
       type(error_t), allocatable, intent(out) :: error
       integer :: k
 
@@ -207,7 +207,7 @@ contains
    pure subroutine take_number(group, key, number, error)
       type(group_t), intent(in) :: group
       character(len=*), intent(in) :: key
-      real(wp), intent(inout) :: number
+      real(wp), intent(inout) :: number  !! in the [unit] of its key
       type(error_t), allocatable, intent(out) :: error
       integer(i8) :: whole
       logical :: switch
@@ -231,10 +231,11 @@ contains
       end select
    end subroutine take_number
 
+   !> Minimum, median and maximum of what is drawn.
    pure subroutine take_range(group, key, range, error)
       type(group_t), intent(in) :: group
       character(len=*), intent(in) :: key
-      real(wp), intent(inout) :: range(3)
+      real(wp), intent(inout) :: range(3)  !! in the [unit] of its key
       type(error_t), allocatable, intent(out) :: error
       real(wp), allocatable :: values(:)
 

@@ -128,7 +128,7 @@ contains
    !> Of the incidence angle.
    pure subroutine sine_and_cosine(shot, s, c)
       type(shot_t), intent(in) :: shot
-      real(wp), intent(out) :: s, c
+      real(wp), intent(out) :: s, c  !! [-]
 
       if (shot%angle <= 45) then
          call sine_cosine(shot%angle*degree, s, c)
@@ -193,7 +193,7 @@ contains
       type(material_t), intent(in) :: material
       type(shot_t), intent(in) :: shot
       real(wp), intent(in) :: start(3), v(6)  !! [m], [m/s] and [rad/s]
-      real(wp), intent(in) :: factor          !! on the step
+      real(wp), intent(in) :: factor          !! on the step [-]
       type(assembly_t), intent(out) :: s
       type(bodies_t) :: b
       real(wp) :: x(3, size(layer%radius) + 1), dt

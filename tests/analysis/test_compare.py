@@ -3,7 +3,6 @@
 
 import csv
 import re
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -491,12 +490,3 @@ def test_command_prints_and_writes_every_table(result, capsys):
     assert table["error_percent"][0] == pytest.approx(100 * (v.mean() / 12.5 - 1))
     assert table["printed_p"][3] == 0.0366
     assert not list(Path().glob(".*"))
-
-
-def test_without_scipy_one_line_says_what_to_install(result, monkeypatch):
-    monkeypatch.setitem(sys.modules, "scipy.stats", None)
-    with refused(
-        "a Kolmogorov-Smirnov test needs the report extra: pip install 'rockfall[report]'"
-    ):
-        compare(result, file(SAMPLES + "N,speed,m/s,3\n"))
-    assert len(compare(result, file(NUMBERS + "N,speed,m/s,3,,,,observed\n")).errors) == 3

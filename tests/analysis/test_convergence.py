@@ -176,7 +176,7 @@ def test_the_text_claims_nothing_of_what_is_not_known(found):
     """Nobody crosses one line: no number is NaN or infinite there, and no error is told."""
     said = text(found[1])
     assert not re.search(r"\b(nan|inf)\b", said) and "the widest of the intervals" in said
-    assert re.search(r"^  never +speed \[m/s\] +mean( +-){4}$", said, re.M)
+    assert re.search(r"^  never: speed \[m/s\], mean( +-){4}$", said, re.M)
     study = found[1].study.assign(change=np.inf)
     assert "still changed from 0." in text(replace(found[1], study=study))
 

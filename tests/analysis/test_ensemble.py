@@ -3,7 +3,6 @@
 
 import re
 import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -503,12 +502,6 @@ def test_maps_alone_are_no_table(place, capsys):
     assert capsys.readouterr().err == f"rockfall: {said}\n"
     assert not Path("table.csv").exists()
 
-
-def test_without_scipy_one_line_says_what_to_install(place, capfd, monkeypatch):
-    monkeypatch.setitem(sys.modules, "scipy.stats", None)
-    assert main(["ensemble", "case.nml"]) == 2
-    message = "ensembles need the report extra: pip install 'rockfall[report]'"
-    assert capfd.readouterr().err == f"rockfall: {message}\n"
 
 
 def test_an_interrupted_ensemble_writes_nothing(place, capfd, monkeypatch):

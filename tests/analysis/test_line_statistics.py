@@ -12,7 +12,6 @@ from rockfall.analysis.line_statistics import (
     fraction_interval,
     line_values,
     sample_numbers,
-    student,
 )
 from scenes import grid, make_case, rough, sets
 
@@ -148,11 +147,6 @@ def test_intervals_hold_for_few_boulders():
     assert "std" in sample_numbers(np.array([1.0, 2.0]), np.zeros(2, int))
     assert "std_low" not in sample_numbers(np.array([1.0, 2.0]), np.zeros(2, int))
 
-
-def test_students_t_is_that_of_scipy():
-    stats = pytest.importorskip("scipy.stats")
-    freedom = np.arange(1, 200)
-    assert [student(k) for k in freedom] == pytest.approx(stats.t.ppf(0.975, freedom), rel=2e-3)
 
 
 def test_a_quantile_beyond_the_sample_has_no_upper_limit():

@@ -294,9 +294,3 @@ def test_bad_input_is_one_line_and_nothing_is_written(name, result, tmp_path, mo
     out, err = capsys.readouterr()
     assert out == "" and re.fullmatch(f"rockfall: {message}\n", err)
     assert {path: path.read_bytes() for path in Path().iterdir()} == before
-
-
-def test_without_scipy_one_line_says_what_to_install(monkeypatch):
-    monkeypatch.setitem(__import__("sys").modules, "scipy", None)
-    with pytest.raises(rockfall.RockfallError, match=r"pip install 'rockfall\[report\]'"):
-        tail(np.ones(3))

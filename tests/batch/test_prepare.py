@@ -1,29 +1,23 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""`rockfall prepare`: the same bits from the case and from what is made of it, by both programs."""
+"""`rockfall prepare`: the program gives the same bits of what it makes as Python of the case."""
 
 import os
-import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
-import xarray as xr
 from affine import Affine
 
 import rockfall
 from made import make_layer, make_raster, refused
+from programs import everything, same_results
 from rockfall.io.grid import Grid
-from rockfall.io.raster import read_dem
-from rockfall.result.variables import BOULDER
 from rockfall.scene.prepare import prepare
 
 NY, NX = 40, 50
 CELL = 2.0 / 3.0  # no such number in binary, nor are the edges
 WEST, NORTH = 412345.1, 5123456.7
 PLACE = Affine(CELL, 0.0, WEST, 0.0, -CELL, NORTH)
-ROOT = Path(__file__).parents[2]
 VARIABLES = {"maps": ["passages", "deposits", "energy_max", "energy_mean", "speed_max_map"]}
 
 
@@ -113,127 +107,49 @@ def make_case(folder, dtype, changes):
     return case_of(folder, **changes)
 
 
-@pytest.fixture(params=CASES)
-def prepared(request, tmp_path):
-    """(result of a case, folder of the case prepared)"""
-    case = make_case(tmp_path, *CASES[request.param])
-    prepare(case, tmp_path / "prepared")
-    return rockfall.run(case), tmp_path / "prepared"
-
-
-def assert_same(a, b):
-    """Every variable to the last bit; what a file name or a clock decides may differ."""
-    xr.testing.assert_equal(a.drop_vars("crs"), b.drop_vars("crs"))
-    assert a["crs"].attrs["GeoTransform"] == b["crs"].attrs["GeoTransform"]
-    for key in ("title", "seed", "impact_set_checksum"):
-        assert a.attrs[key] == b.attrs[key]
-
-
-def test_same_bits_in_python(prepared):
-    result, folder = prepared
-    assert result.sizes["boulder"] >= 60 and result["impacts"].max() > 5
-    again = rockfall.run(rockfall.read_case(folder / "case.nml"))
-    assert_same(result, again)
-
-
-def find_program():
-    """The program of this build, or of this installation."""
-    places = [ROOT / "build" / "fortran", Path(sys.executable).parent]
-    beside = [place / "rockfall-batch" for place in places if (place / "rockfall-batch").is_file()]
-    return str(beside[0]) if beside else shutil.which("rockfall-batch")
-
-
-def test_same_bits_from_the_program(prepared):
-    program = find_program()
-    assert program, "rockfall-batch is not built"
-    result, folder = prepared
-    files = sorted(path.name for path in folder.iterdir())
-    subprocess.run([program, "case.nml", "output=out"], cwd=folder, check=True, timeout=60)
-    assert sorted(path.name for path in folder.iterdir()) == sorted([*files, "out"])
-    rows = np.genfromtxt(
-        folder / "out" / "boulders.csv", delimiter=",", names=True, dtype=None, encoding="utf-8"
-    )
-    numbers = [name for name in BOULDER if name != "status"]
-    assert {*numbers, "status", "boulder"} <= {*rows.dtype.names}
-    for name in numbers:
-        assert np.array_equal(rows[name], result[name].values), name
-    for name in VARIABLES["maps"]:
-        written, _ = read_dem(folder / "out" / f"{name}.asc")
-        written = written.astype(result[name].dtype)
-        assert np.array_equal(written, result[name].values, equal_nan=written.dtype.kind == "f"), (
-            name
-        )
-
-
-def test_only_what_the_case_needs_is_there(tmp_path):
-    case = make_case(tmp_path, *CASES["polygons"])
-    written = prepare(case, tmp_path / "new" / "prepared")
-    names = [path.name for path in written]
-    assert [name for name in names if not name.endswith(".prj")] == [
-        "cells.asc", "dem.asc", "rocky-slope.nml", "zones.asc", "zones.csv", "case.nml",
+@pytest.mark.parametrize("name", CASES)
+def test_both_programs_give_the_same_bits(name, batch, tmp_path):
+    case = make_case(tmp_path, *CASES[name])
+    assert prepare(case, tmp_path / "ready") == [
+        tmp_path / "ready/scene.nc", tmp_path / "ready/case.nml"
     ]  # fmt: skip
-    assert sorted(names) == sorted(os.listdir(tmp_path / "new" / "prepared"))
-    assert os.listdir(tmp_path / "new") == ["prepared"]
-    table = (tmp_path / "new" / "prepared" / "zones.csv").read_text().splitlines()
-    assert table[0] == "zone,mean_radius,rg70,rg20,rg10"
-    assert table[2] == "-2,0.30000000000000004,0.1,0.2,0.3"
-    again = rockfall.read_case(tmp_path / "new" / "prepared" / "case.nml")
-    assert again.surface == {
-        "zones": "zones.asc", "table": "zones.csv", "zone_field": "zone", "method": "B",
-        "rg_reading": "diameter",
-    }  # fmt: skip
-    assert again.case == case.case and again.line == case.line
-
-
-def test_a_prepared_case_moves_and_is_prepared_again(tmp_path):
-    case = make_case(tmp_path, *CASES["polygons"])
+    done = batch("case.nml", "-o", "part", "--quiet", cwd=tmp_path / "ready")
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
     result = rockfall.run(case)
-    prepare(case, tmp_path / "a")
-    (tmp_path / "a").rename(tmp_path / "b")
-    (tmp_path / "b" / "notes.txt").write_text("mine")
-    moved = rockfall.read_case(tmp_path / "b" / "case.nml")
-    before = {path: path.read_bytes() for path in (tmp_path / "b").iterdir()}
-    with refused(f"{tmp_path / 'b' / 'case.nml'}: is an input; it is not overwritten"):
-        prepare(moved, tmp_path / "b")
-    assert before == {path: path.read_bytes() for path in (tmp_path / "b").iterdir()}
-    assert_same(result, rockfall.run(moved))
-    prepare(case, tmp_path / "b")
-    assert_same(result, rockfall.run(rockfall.read_case(tmp_path / "b" / "case.nml")))
-    prepare(make_case(tmp_path, *CASES["points, one radius"]), tmp_path / "b")
-    assert sorted(name for name in os.listdir(tmp_path / "b") if not name.endswith(".prj")) == [
-        "case.nml", "dem.asc", "notes.txt", "rocky-slope.nml",
-    ]  # fmt: skip
+    assert result.sizes["boulder"] >= 60 and result["impacts"].max() > 5
+    same_results(rockfall.merge([tmp_path / "ready/part"]), result)
 
 
-def test_other_folders_are_left_alone(tmp_path):
-    case = make_case(tmp_path, *CASES["zones"])
-    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
-    with refused(f"{tmp_path}: is not empty and holds no prepared case; take another"):
-        prepare(case, tmp_path)
-    assert before == {path: path.read_bytes() for path in tmp_path.iterdir()}
-    (tmp_path / "empty").mkdir()
-    prepare(case, tmp_path / "empty")
-    assert (tmp_path / "empty" / "case.nml").exists()
-
-
-def test_arrays_are_prepared_too(tmp_path):
+def test_arrays_are_prepared_too(batch, tmp_path):
     grid = Grid(WEST, NORTH, CELL, NX, NY)
     case = case_of(tmp_path, terrain={}, release={"cells": "cells"})
     cells = np.zeros((NY, NX), int)
     cells[3, 10:40:7] = 1
     arrays = {"dem": elevations("float32"), "transform": grid, "cells": cells}
-    result = rockfall.run(case, **arrays)
-    prepare(case, tmp_path / "prepared", **arrays)
-    assert_same(result, rockfall.run(rockfall.read_case(tmp_path / "prepared" / "case.nml")))
+    prepare(case, tmp_path / "ready", **arrays)
+    assert batch("ready/case.nml", "-o", "part", cwd=tmp_path).returncode == 0
+    same_results(rockfall.merge([tmp_path / "part"]), rockfall.run(case, **arrays))
 
 
-def test_minus_9999_may_be_a_zone(tmp_path):
+def test_a_prepared_case_moves_and_is_prepared_again(tmp_path):
     case = make_case(tmp_path, *CASES["zones"])
-    ids = np.where(zone_ids() == 4, -9999, -2)
-    make_raster(tmp_path / "zones.tif", ids.astype("i2"), transform=PLACE)
-    table = tmp_path / "zones.csv"
-    table.write_text(table.read_text().replace("\n4;", "\n-9999;"))
-    prepare(case, tmp_path / "prepared")
-    assert_same(
-        rockfall.run(case), rockfall.run(rockfall.read_case(tmp_path / "prepared" / "case.nml"))
-    )
+    prepare(case, tmp_path / "a")
+    first = (tmp_path / "a/case.nml").read_text()
+    assert first.startswith("! Prepared by rockfall from ")
+    assert rockfall.read_case(tmp_path / "a/case.nml").text() == case.text()
+    (tmp_path / "a").rename(tmp_path / "b")
+    (tmp_path / "b/notes.txt").write_text("mine")
+    prepare(case.replace(case={"title": "again"}), tmp_path / "b")
+    assert sorted(os.listdir(tmp_path / "b")) == ["case.nml", "notes.txt", "scene.nc"]
+    assert "again" in (tmp_path / "b/case.nml").read_text()
+
+
+def test_other_folders_are_left_alone(tmp_path):
+    case = make_case(tmp_path, *CASES["zones"])
+    before = everything(tmp_path)
+    with refused(f"{tmp_path}: is not empty and holds no prepared case; take another"):
+        prepare(case, tmp_path)
+    assert everything(tmp_path) == before
+    (tmp_path / "empty").mkdir()
+    prepare(case, tmp_path / "empty")
+    assert (tmp_path / "empty/case.nml").exists()

@@ -446,7 +446,7 @@ def test_check_says_what_would_run_and_writes_nothing(place, capsys):
     assert "zone 1: R_m 0.3 m, R_b/R_m 1.92; neutral slope " in out
     assert "zone 2: R_m 0.2 m, R_b/R_m 2.88; neutral slope " in out
     assert "by R_b/R_m, 0.0% by speed, 0.0% by angle, in a pilot run" in rows["rebounds"]
-    assert rows["impact sets"].endswith(", fitted on speeds and angles that it does not tell")
+    assert rows["impact sets"].endswith(", fitted on speeds and angles that it does not state")
     assert rows["boulders"] == "20, 20 from each source; sources: 1 (points)"
     assert rows["lines"] == "L" and rows["maps"] == "passages, energy_mean"
     assert re.match(r"about \d+ MB \(rasters", rows["memory"])

@@ -204,15 +204,7 @@ def test_what_did_not_happen_is_not_warned_of(result):
         clean[name][...] = 0
     clean["status"][:] = 1
     text = " ".join(warned(clean))
-    for part in (
-        "outside 0.5",
-        "_range",
-        "in 32",
-        "one draw",
-        "left the terrain",
-        "impact_limit",
-        "interrup",
-    ):
+    for part in "outside", "_range", "in 32", "one draw", "left", "impact_limit", "interrup":
         assert part not in text
 
 
@@ -428,33 +420,6 @@ def test_what_cannot_be_done_is_refused_in_one_line(stored, capsys, arguments, m
     errors = [line for line in said if "warning" not in line]
     assert len(errors) == 1 and message in errors[0]
     assert sorted(stored.iterdir()) == before and Path("out.nc").read_bytes() == content
-
-
-def test_a_result_is_not_overwritten_by_its_page(stored, capsys):
-    Path("out.nc").rename("out.html")
-    content = Path("out.html").read_bytes()
-    assert main(["report", "out.html", "-o", "out.html"]) == 2
-    assert capsys.readouterr().err == "rockfall: out.html: is an input; it is not overwritten\n"
-    assert Path("out.html").read_bytes() == content
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (lambda r: r.drop_vars("stop_x"), "is not a whole result of rockfall: has no stop_x"),
-        (lambda r: r.drop_attrs().assign_attrs(case="&case /"), "has no title"),
-        (lambda r: r.assign(start_y=r.start_y.where(False)), "start_y: must be a number for every"),
-    ],
-)
-@pytest.mark.parametrize("command", ["report", "figures", "compare"])
-def test_a_result_that_lacks_something_is_refused(stored, capsys, result, command, change, message):
-    rockfall.write_result(change(result), "part.nc")
-    more = {"figures": ["folder"], "compare": ["none.csv"]}.get(command, [])
-    assert main([command, "part.nc", *more]) == 2
-    said = capsys.readouterr()
-    assert not said.out and said.err.startswith("rockfall: part.nc: ") and message in said.err
-    assert said.err.count("\n") == 1
-    assert sorted(p.name for p in stored.iterdir()) == ["out.nc", "part.nc"]
 
 
 def test_without_the_extra_one_line_says_what_to_install(stored, capsys, monkeypatch):

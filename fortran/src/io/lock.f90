@@ -6,6 +6,7 @@ module rockfall_lock
    use rockfall_error, only: error_t, fail
    use rockfall_pipe, only: is_pipe
    use rockfall_filesystem, only: remove_file, is_open_as
+   use rockfall_interrupts, only: note_lock
    implicit none
    private
    public :: lock_t, take_lock, give_lock_back
@@ -70,6 +71,7 @@ contains
          if (allocated(error)) return
          held = c_flock(c_fileno(lock%stream), exclusive) == 0
          if (.not. held) exit
+         call note_lock(name)
          if (is_open_as(c_fileno(lock%stream), name)) return
          status = c_fclose(lock%stream)  ! who held it has removed it in between
       end do
@@ -90,6 +92,7 @@ contains
 
       if (.not. c_associated(lock%stream)) return
       ok = remove_file(lock%name)
+      call note_lock("")
       status = c_fclose(lock%stream)
       lock%stream = c_null_ptr
    end subroutine give_lock_back

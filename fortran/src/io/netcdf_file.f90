@@ -13,6 +13,7 @@ module rockfall_netcdf_file
    use rockfall_kinds, only: wp, sp, i1, i4, i8
    use rockfall_error, only: error_t, fail
    use rockfall_pipe, only: is_pipe
+   use rockfall_interrupts, only: begin_reading, end_reading
    implicit none
    private
    public :: netcdf_file_t, open_netcdf, create_netcdf, close_netcdf, keep, sound, mark_damaged, fail_damaged
@@ -79,6 +80,7 @@ contains
          if (status == 0) close (unit)
       end if
       file%status = -1
+      call begin_reading(name)
       if (begin == head) file%status = nf90_open(name, nf90_nowrite, file%id)
       if (file%status /= nf90_noerr) call fail(error, name//": cannot be read as netCDF-4")
    end subroutine open_netcdf
@@ -99,6 +101,7 @@ contains
 
       if (file%id < 0) return
       call keep(file, nf90_close(file%id))
+      call end_reading()
       file%id = -1
    end subroutine close_netcdf
 

@@ -10,6 +10,7 @@ module rockfall_scene_file
    use rockfall_text, only: integer_text
    use rockfall_netcdf_file, only: netcdf_file_t, open_netcdf, keep, sound, mark_damaged, fail_damaged, length_of, &
                                    has_variable, expected, kind_of, text_of, integer_of
+   use rockfall_interrupts, only: end_reading
    use rockfall_surface, only: method_a
    use rockfall_case, only: case_t
    use rockfall_case_file, only: differing_key
@@ -54,6 +55,7 @@ contains
       call read_surface(inputs, case)
       call read_sources(inputs, case)
       call read_sets(inputs)
+      call end_reading()
       if (.not. sound(inputs%file)) then
          call fail_damaged(inputs%file, error)
          error%message = error%message//" is missing, or not as a scene file has it"

@@ -21,7 +21,7 @@ from rockfall.analysis.line_statistics import (
 )
 from rockfall.analysis.observations import UNITS, Observed, read_observed
 from rockfall.case import case_of
-from rockfall.errors import RockfallError, need
+from rockfall.errors import RockfallError
 from rockfall.io.arrays import grid_of
 from rockfall.io.output_files import COMPARISON, check_output
 from rockfall.io.tables import write_csv
@@ -207,7 +207,6 @@ def _ks(
 
 def _test(observed: np.ndarray, simulated: np.ndarray) -> tuple[int, int, float, float]:
     """Sizes, statistic and p; NaN where there is nothing to test."""
-    need("a Kolmogorov-Smirnov test needs", "report", "scipy.stats")
     from scipy.stats import ks_2samp
 
     if not simulated.size:

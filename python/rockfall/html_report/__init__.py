@@ -30,7 +30,7 @@ from rockfall.io.output_files import PAGE, SIGNATURE, check_output
 from rockfall.plots.figures import figures
 from rockfall.plots.style import save
 from rockfall.quantities import count
-from rockfall.text import comparison
+from rockfall.text.comparison import text
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -93,7 +93,7 @@ def report(result: xr.Dataset, terrain: Terrain | None = None, observed: Any = N
         lines=[*line_tables(rows), level_table(levels)] if rows else [],
         has_clusters=sources(result).max() > 0,
         convergence=list(_convergence(result, rows)),
-        comparison="" if observed is None else comparison.text(compare(result, observed)),
+        comparison="" if observed is None else text(compare(result, observed)),
         figures=[_picture(one.draw(), one.title, one.caption) for one in shown],
         provenance=provenance(result),
     )

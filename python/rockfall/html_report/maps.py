@@ -21,6 +21,7 @@ from rockfall.plots.map_figures import (
     FEW_SOURCES,
     MAX_TRAJECTORIES,
     colours,
+    cropped,
     first_inside,
     map_note,
     merged,
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.colors import Normalize
 
+    from rockfall.analysis.extent import Extent
     from rockfall.result.trajectories import Terrain
 
 MAX_CELLS = 4_000_000  # of the pictures of all maps: a page has a few MB, however many there are
@@ -56,6 +58,11 @@ class Window(NamedTuple):
     step: int
     row: int
     column: int
+
+    @property
+    def extent(self) -> Extent:
+        wide, high = self.nx * self.cell, self.ny * self.cell
+        return self.west, self.west + wide, self.north - high, self.north
 
     def place(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Points [m] as (n, 2) in cells of the picture, from its north-western corner."""
@@ -184,20 +191,10 @@ def _relief(terrain: Terrain | None, window: Window) -> Image | None:
     """The shaded relief of the terrain."""
     if terrain is None:
         return None
-    z, grid = terrain
-    left, top = (window.west - grid.west) / grid.cell, (grid.north - window.north) / grid.cell
-    wide, high = (cells * window.cell / grid.cell for cells in (window.nx, window.ny))
-    rows = slice(max(0, int(top)), max(0, int(np.ceil(top + high))))
-    columns = slice(max(0, int(left)), max(0, int(np.ceil(left + wide))))
-    step = max(1, int(window.cell / grid.cell + 0.5))
-    z = np.asarray(z[rows, columns][::step, ::step], "f8")
-    if min(z.shape) < 2:
-        return None
-    dots = (255 * shade(z, grid.cell * step)).astype("u1")
-    x, y = grid.west + columns.start * grid.cell, grid.north - rows.start * grid.cell
-    (corner,) = window.place(np.array([x]), np.array([y]))
-    size = np.array([z.shape[1], z.shape[0]]) * step * grid.cell / window.cell
-    return Image(_png(dots), *corner, *size)
+    z, grid = cropped(*terrain, False, window.extent, np.add)
+    (corner,) = window.place(np.array([grid.west]), np.array([grid.north]))
+    size = np.array([grid.nx, grid.ny]) * grid.cell / window.cell
+    return Image(_png((255 * shade(z, grid.cell)).astype("u1")), *corner, *size)
 
 
 def _png(index: np.ndarray, table: np.ndarray | None = None) -> str:

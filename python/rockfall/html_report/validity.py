@@ -84,7 +84,7 @@ def _of_model(result: xr.Dataset) -> Iterator[tuple[float, str]]:
     yield 1.2, UNKNOWN
     for found in extrapolations(result):
         if not found.is_warning:
-            yield found.share, f"{found.text}."
+            yield found.fraction, f"{found.text}."
     rebounds, redrawn, forced = (int(result[f"rebounds{of}"]) for of in ("", "_redrawn", "_forced"))
     for part, text in (
         (forced, "had no admissible draw in 32: the last one was limited so as to be admissible."),
@@ -103,16 +103,16 @@ def _of_lines(rows: Rows, levels: pd.DataFrame) -> Iterator[tuple[float, str]]:
             yield 1 - n / FEW, f"{line}: {count(n, 'boulder')} passed, fewer than {FEW}: {unknown}."
     if not any(passed.values()):
         return
-    most = f"at a line {max(passed.values()):,} at most"
-    yield 0.3, f"Maxima grow with the number of boulders ({most}): they are no bounds."
-    asked = levels.filter(regex="^level_[0-9]+$")[levels["n"] > 0]
-    refused = int(asked.isna().to_numpy().sum())
+    largest = f"at a line up to {max(passed.values()):,}"
+    yield 0.3, f"Maxima grow with the number of boulders ({largest}): they are no bounds."
+    wanted = levels.filter(regex="^level_[0-9]+$")[levels["n"] > 0]
+    refused = int(wanted.isna().to_numpy().sum())
     if refused:
         text = "refused, since the data do not support them; the table says why."
-        yield 0.2, f"Return levels: {refused} of {asked.size} are {text}"
-    if given := asked.size - refused:
+        yield 0.2, f"Return levels: {refused} of {wanted.size} are {text}"
+    if given := wanted.size - refused:
         text = "given. They extrapolate the tail, which has no physical limit."
-        yield 0.1, f"Return levels: {given} of {asked.size} are {text}"
+        yield 0.1, f"Return levels: {given} of {wanted.size} are {text}"
 
 
 def _of_cells(result: xr.Dataset) -> Iterator[tuple[float, str]]:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from itertools import cycle
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
@@ -137,7 +138,7 @@ def norm_of(values: np.ndarray) -> Normalize:
 
 def draw_relief(axes: Axes, terrain: Terrain, extent: Extent) -> None:
     """Shaded relief with contours."""
-    z, grid = _cropped(*terrain, False, extent, np.add)
+    z, grid = cropped(*terrain, False, extent, np.add)
     _image(axes, shade(z, grid.cell), grid, cmap="gray", vmin=0, vmax=1)
     low, high = np.nanmin(z), np.nanmax(z)
     interval = round_step((high - low) / 12)
@@ -152,7 +153,7 @@ def draw_relief(axes: Axes, terrain: Terrain, extent: Extent) -> None:
 
 def draw_map(axes: Axes, result: xr.Dataset, name: str, extent: Extent) -> None:
     """A map variable in colours, with the scale below."""
-    values, grid = _cropped(result[name].values, *grid_of(result[name]), extent, np.fmax)
+    values, grid = cropped(result[name].values, *grid_of(result[name]), extent, np.fmax)
     values = np.where(values > of_none(result, name), values, np.nan).astype(float)
     about = result[name].attrs
     if name in PASSED:
@@ -180,7 +181,7 @@ def draw_trajectories(axes: Axes, result: xr.Dataset, colour: str) -> None:
 def draw_stops(axes: Axes, result: xr.Dataset) -> None:
     """Where boulders ended, each status with a marker of its own."""
     size = float(np.clip(90 / np.sqrt(result.sizes["boulder"]), 2, 6))
-    for (name, here), (marker, colour) in zip(ends(result).items(), MARKERS, strict=False):
+    for (name, here), (marker, colour) in zip(ends(result).items(), cycle(MARKERS)):
         if here.any():
             x, y = result["stop_x"].values[here], result["stop_y"].values[here]
             about = {"markersize": size * (1 if marker == "." else 1.2), "alpha": 0.7}
@@ -213,7 +214,7 @@ def _new_map(
     return figure, axes, extent
 
 
-def _cropped(
+def cropped(
     values: np.ndarray, grid: Grid, flipped: bool, extent: Extent, merge: np.ufunc
 ) -> tuple[np.ndarray, Grid]:
     """The part of a raster within an extent, no finer than the picture: where several cells make

@@ -18,13 +18,8 @@ from rockfall.plots.map_figures import (
     draw_trajectories,
 )
 from rockfall.plots.profile_figures import draw_heights, draw_profile, ground_below, true_scale
-from rockfall.plots.style import (
-    new_figure,
-    plain,
-    save,
-    styled,
-)
-from rockfall.quantities import count
+from rockfall.plots.style import new_figure, plain, save, styled
+from rockfall.quantities import count, percent
 from rockfall.result.trajectories import ends, lines, stop_distances, trajectories
 
 if TYPE_CHECKING:
@@ -38,8 +33,8 @@ def overview(result: xr.Dataset, dem: np.ndarray, grid: Grid, path: str | Path) 
     """Write a figure of a run: the map; beside it profile, jump heights and how far boulders come.
 
     `dem` is (ny, nx) [m] on `grid`. Passages, lines and trajectories are drawn where `result` has
-    them; without trajectories there is no profile. Distances are plan distances from the start of
-    each boulder, in a straight line.
+    them; without trajectories there is no profile. Distances are plan distances from the
+    release of each boulder, in a straight line.
     """
     save(_overview(result, (dem, grid)), path, 200)
 
@@ -68,7 +63,7 @@ def _overview(result: xr.Dataset, terrain: tuple[np.ndarray, Grid]) -> Figure:
     draw_trajectories(plan, result, "white")
     draw_stops(plan, result)
     draw_marks(plan, result, extent)
-    plan.set_title("Reach, and where boulders stop")
+    plan.set_title("Pass frequency and stopping points")
     if shown:
         draw_profile(panels[0], shown, ground)
         draw_heights(panels[1], shown, ground)
@@ -95,5 +90,5 @@ def _summary(result: xr.Dataset) -> str:
         f"{of.sum():,} {end.replace('_', ' ')}" for end, of in ends(result).items() if of.any()
     ]
     for k, (name, _, _) in enumerate(lines(result)):
-        text.append(f"{np.isfinite(result['line_x'].values[k]).mean():.1%} pass {name}")
+        text.append(f"{percent(np.isfinite(result['line_x'].values[k]).mean())} pass {name}")
     return plain("\n".join(text))

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 @styled
 def profile_figure(result: xr.Dataset, terrain: Terrain | None = None) -> Figure:
     """Profile at true scale, heights above the ground and speeds of the recorded trajectories,
-    against the plan distance from the start; without terrain no ground, and no heights above it."""
+    against the plan distance from the release; without terrain no ground, no heights above it."""
     curves = trajectories(result, MAX_TRAJECTORIES)
     ground = ground_below(result, curves, terrain)
     high, furthest = true_scale(curves, 6.3, 4.5)

@@ -90,7 +90,7 @@ def _read_values(scene: Scene, box: Box, columns: tuple[str, ...], rasters: dict
 def read_window(scene: Scene, box: Box) -> Scene:
     """The scene with the rasters of a box of its cells."""
     z = read_elevations(scene.case.path(scene.case.terrain["dem"]), box)
-    window = replace(scene, z=z, at=(box.row, box.column), tiles=None)
+    window = replace(scene, z=z, at=(box.row, box.column), windows=None)
     read_surface(window, box, {})
     return window
 

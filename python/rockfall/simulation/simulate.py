@@ -320,16 +320,16 @@ def run_chunks(
 def _fly(tally: Tally, first: int, size: int) -> int:
     """Boulders from number `first` on, into their places: `size` of them, or those whose sources
     lie in one window of the terrain; returns how many."""
-    tiles, scene = tally.scene.tiles, tally.scene
-    if tiles:
-        scene, size = tiles.around(scene, first, size)
+    windows, scene = tally.scene.windows, tally.scene
+    if windows:
+        scene, size = windows.around(scene, first, size)
     left = _call(tally, scene, first, size)
     del scene  # no window stays while another is read
     if left.size:
-        if tiles is None:
+        if windows is None:
             raise RockfallError(f"boulder {left[0]} went where none can go", code=1)
         stop = tally.boulder[left - tally.before - 1]
-        tiles.widen(stop[:, fields(1).index("stop_x")], stop[:, fields(1).index("stop_y")])
+        windows.widen(stop[:, fields(1).index("stop_x")], stop[:, fields(1).index("stop_y")])
         for start_, n in groups(left):
             done = 0
             while done < n:
@@ -371,11 +371,11 @@ def trace(tally: Tally) -> None:
 def trajectory(scene: Scene, number: int) -> np.ndarray:
     """The vertices (release, contacts, end) of one boulder, each with the columns `fields(4)`."""
     while True:
-        window = scene.tiles.around(scene, number, 1)[0] if scene.tiles else scene
+        window = scene.windows.around(scene, number, 1)[0] if scene.windows else scene
         vertex, left = _fly_alone(window, number)
         if left is None:
             return vertex
-        scene.tiles.widen(*left)
+        scene.windows.widen(*left)
 
 
 def _fly_alone(

@@ -81,8 +81,8 @@ def memory(scene: Scene, pilot: Pilot) -> dict[str, float]:
     layers = [maps.counts, maps.sums, maps.maxima, maps.column, maps.stamp]
     made = sum(1 for name in names - set(TALLIES)) * 4 * np.prod(maps.box.shape)
     row = 8 * len(fields(1)) + 4 * len(fields(2)) + 8 * len(fields(3)) * len(scene.case.line)
-    if scene.tiles:
-        rasters = scene.tiles.bytes + READING
+    if scene.windows:
+        rasters = scene.windows.bytes + READING
     else:
         rasters = sum(a.nbytes for a in (scene.z, scene.zone, scene.values) if a is not None)
     counted = maps.class_counts.size > 1
@@ -117,9 +117,9 @@ def _follow(scene: Scene, number: int) -> Pilot:
     few = start(one, threads=1)
     run_chunks(few, None, lambda: False, lambda _: None)
     cells, few.done, few.cpu = _all_cells(few, scene.boulders), 0, 0.0
-    before = one.tiles.reading if one.tiles else 0.0
+    before = one.windows.reading if one.windows else 0.0
     run_chunks(few, None, lambda: False, lambda _: None)
-    reading = one.tiles.reading - before if one.tiles else 0.0
+    reading = one.windows.reading - before if one.windows else 0.0
     return Pilot(few, (few.cpu - reading) / few.done, reading, cells)
 
 
@@ -148,8 +148,8 @@ def _terrain(scene: Scene) -> str:
     grid = scene.grid
     crs = crs_name(grid.crs) if grid.crs else "no CRS"
     cells = f"{grid.nx} x {grid.ny} cells of {grid.cell:g} m"
-    if scene.tiles:
-        cells += f", in windows of about {scene.tiles.cells:,} cells"
+    if scene.windows:
+        cells += f", in windows of about {scene.windows.cells:,} cells"
     else:
         empty = sum(np.count_nonzero(np.isnan(scene.z[rows])) for rows in row_blocks(grid.shape))
         cells += f", {empty / scene.z.size:.1%} nodata"
