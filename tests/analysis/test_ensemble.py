@@ -179,7 +179,7 @@ def test_an_input_that_does_nothing_has_no_share_and_the_other_all(tmp_path):
 
 
 def test_where_nothing_matters_there_is_chance_only(tmp_path):
-    case = case_of(tmp_path, 400, ensemble={"runs": 16, "sets": ["sets.nml"] * 2})
+    case = case_of(tmp_path, 400, ensemble={"runs": 24, "sets": ["sets.nml"] * 2})
     found = vary(case)
     at = found.sel(line="L")
     assert np.all(abs(at["epistemic_variance"]) < 4 * at["epistemic_variance_error"])
