@@ -20,7 +20,13 @@ from scenes import rough, sets, sets_text, usual
 
 ROOT = Path(__file__).parents[1]
 BOULDERS = 50  # from each of four sources
-OWN = ("case", "threads", "wall_seconds", "cpu_seconds")  # attributes that are a run's own
+OWN = (
+    "case",
+    "case_file",
+    "threads",
+    "wall_seconds",
+    "cpu_seconds",
+)  # attributes that are a run's own
 
 
 def find_program():

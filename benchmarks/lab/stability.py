@@ -21,10 +21,10 @@ import numpy as np
 from rockfall._lab import lab_f2py as _lab
 
 from benchmarks.machine import machine
-from rockfall.analysis.plane_bounce import K_SPHERE
 from rockfall.errors import RockfallError
 from rockfall.lab.case import LabCase, names
 from rockfall.lab.experiment import ENDED, STATUS, run_impacts
+from rockfall.scene.coefficients import INERTIA_FACTOR
 
 TOLERANCE = 0.02  # of the energy before: that of the kernel's own watch
 ENDS = [name for name in STATUS if name != "not_done"]
@@ -109,7 +109,7 @@ CHANGES = {
 
 def energy(data, when: str):
     t, n, w = (data[f"{v}_{when}"] for v in ("vt", "vn", "w"))
-    return t**2 + n**2 + K_SPHERE * w**2
+    return t**2 + n**2 + INERTIA_FACTOR * w**2
 
 
 def velocities(data, when: str) -> np.ndarray:

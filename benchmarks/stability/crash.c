@@ -7,7 +7,6 @@
 #include <signal.h>
 #include <stdatomic.h>
 #include <stdlib.h>
-#include <sys/stat.h>
 #include <unistd.h>
 
 static atomic_long steps, handlers;
@@ -39,8 +38,6 @@ static void step(void) {
 
 STEP(rename, (const char *from, const char *to), (from, to))
 STEP(unlink, (const char *path), (path))
-STEP(rmdir, (const char *path), (path))
-STEP(mkdir, (const char *path, mode_t mode), (path, mode))
 STEP(flock, (int descriptor, int operation), (descriptor, operation))
 
 /* What has been written outlives a process: for that no disk need be waited for. */

@@ -3,11 +3,11 @@
 
     python -m benchmarks.stability.kills --crashes 1000 --seed 1
 
-Runs of both programs save after every chunk, and go on from what they find. crash.c ends them
-before one of the calls by which files come to disk and get their names (rename, fsync, unlink,
-mkdir, rmdir, flock), as a kill does, or interrupts them there, or right after they have begun.
-Whenever a run comes to its end its result is compared with that of one in one piece, bit for bit,
-and another begins. `rockfall` runs in forks of a process that has everything imported.
+Runs save whenever they may, and go on from what they find, be it of the other program. crash.c ends
+them before one of the calls by which files come to disk and get their names (rename, fsync, unlink,
+flock), as a kill does, or interrupts them there, or right after they have begun. Whenever a run
+comes to its end its result is compared with that of one in one piece, bit for bit, and another
+begins. `rockfall` runs in forks of a process that has everything imported.
 """
 
 from __future__ import annotations
@@ -26,20 +26,20 @@ from pathlib import Path
 
 import netCDF4
 
-from benchmarks.stability import hostile
+sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
+
+import rockfall
+from programs import find_program, make_prepared, same_results
 from rockfall import cli
 
 SHIM = Path(__file__).with_name("crash.c")
 CRASHED, INTERRUPTED = 137, 130  # exit status
-#: Steps within which a process crashes (a save has ten), and handlers of Ctrl-C that it sets.
-STEPS = {"rockfall": range(1, 61), "rockfall-batch": range(1, 21)}
+#: Steps within which a process crashes (a save has four), and handlers of Ctrl-C that it sets.
+STEPS = {"rockfall": range(1, 31), "rockfall-batch": range(1, 13)}
 HANDLERS = {"rockfall": range(1, 5), "rockfall-batch": range(1, 2)}
 PROGRESS = 50  # crashes from a line to the next
 FORKS = multiprocessing.get_context("forkserver")
-PRELOAD = hostile.__name__, "rockfall.simulation.checkpoint", "rockfall.text.summary"
-FORKS.set_forkserver_preload(list(PRELOAD))
-#: Attributes that differ between runs in one piece and in several.
-OWN = {"case", "threads", "wall_seconds", "cpu_seconds"}
+FORKS.set_forkserver_preload(["benchmarks.stability.kills", "rockfall.simulation.checkpoint", "rockfall.text.summary"])
 
 
 def build_shim(folder: Path) -> dict[str, str]:
@@ -49,23 +49,17 @@ def build_shim(folder: Path) -> dict[str, str]:
     return {**os.environ, "LD_PRELOAD": str(shim), "OMP_NUM_THREADS": "1"}
 
 
-def commands(boulders: int) -> dict[str, list[str]]:
-    """What runs the case with each program, but for the name of the result."""
-    words = f"in/asc.nml boulders={boulders} checkpoint=1e-9 resume=true quiet=true output="
-    options = f"run in/asc.nml --quiet --resume --boulders {boulders} --checkpoint 1e-9 --output="
-    return {"rockfall": options.split(), "rockfall-batch": words.split()}
-
-
-def run_program(command: list[str], folder: Path, environment: dict[str, str]) -> tuple[int, str]:
+def run_program(words: list[str], folder: Path, environment: dict[str, str]) -> tuple[int, str]:
     """Run rockfall-batch; its exit status, and what it says."""
-    command = [str(hostile.PROGRAM), *command]
+    command = [find_program(), "ready/case.nml", *words]
     ended = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
     return ended.returncode, ended.stderr
 
 
-def run_fork(command: list[str], folder: Path, environment: dict[str, str]) -> tuple[int, str]:
+def run_fork(words: list[str], folder: Path, environment: dict[str, str]) -> tuple[int, str]:
     """Run `rockfall` in a fork of a process that has the shim."""
     said = folder / "stderr.txt"
+    command = ["run", "case.nml", *words]
     process = FORKS.Process(target=_fork, args=(command, folder, environment, said))
     process.start()
     process.join()
@@ -80,68 +74,64 @@ def _fork(command: list[str], folder: Path, environment: dict[str, str], said: P
     os._exit(cli.main(command))
 
 
-def same(one: Path, other: Path) -> bool:
-    """Whether two results have the same bits, but for times and threads."""
-    with netCDF4.Dataset(one) as a, netCDF4.Dataset(other) as b:
-        a.set_auto_maskandscale(False)
-        b.set_auto_maskandscale(False)
-        if a.variables.keys() != b.variables.keys() or not {*a.ncattrs()} == {*b.ncattrs()}:
-            return False
-        if any(a.getncattr(name) != b.getncattr(name) for name in {*a.ncattrs()} - OWN):
-            return False
-        pairs = ((a[name][...], b[name][...]) for name in a.variables)
-        return all(x.tolist() == y.tolist() if x.dtype == object else x.tobytes() == y.tobytes()
-                   for x, y in pairs)  # fmt: skip
+RUN = {"rockfall": run_fork, "rockfall-batch": run_program}
 
 
 class Study:
-    """Runs of one program in a folder until so many have crashed."""
+    """Runs of both programs in a folder until so many have crashed."""
 
-    def __init__(self, program: str, command: list[str], folder: Path, environment: dict):
-        self.program, self.folder, self.environment = program, folder, environment
-        self.command, self.ended = command, Counter[int]()
+    def __init__(self, folder: Path, environment: dict, boulders: int, numbers: random.Random):
+        self.folder, self.environment, self.random = folder, environment, numbers
+        self.words = ["--boulders", f"{boulders}", "--checkpoint", "1e-9", "--resume", "--quiet"]
+        self.output, self.ended = folder / "out.nc", Counter[tuple[str, int]]()
         self.results = 0  # that were compared
-        self.whole = folder / f"{program}.whole.nc"
-        self.output = folder / f"{program}.nc"
-        assert self._run(self.whole, {}) == 0
+        case = rockfall.read_case(folder / "case.nml").replace(case={"boulders": boulders})
+        self.whole = rockfall.run(case)
 
-    def _run(self, output: Path, how: dict[str, str]) -> int:
-        command = [*self.command[:-1], self.command[-1] + output.name]
-        run = run_fork if self.program == "rockfall" else run_program
-        status, said = run(command, self.folder, self.environment | how)
+    def _run(self, how: dict[str, str], program: str) -> int:
+        words, environment = [*self.words, "-o", self.output.name], self.environment | how
+        status, said = RUN[program](words, self.folder, environment)
         if status not in (0, CRASHED, INTERRUPTED):
-            raise SystemExit(f"{self.program} {how}: {status}: {said}")
+            raise SystemExit(f"{program} {how}: {status}: {said}")
+        self.ended[program, status] += 1
+        if status == 0:
+            self._compare()
         return status
 
-    def crash(self, crashes: int, random: random.Random) -> None:
+    def crashed(self) -> int:
+        return sum(self.ended[program, CRASHED] for program in RUN)
+
+    def crash(self, crashes: int) -> None:
         """Crash, interrupt and resume; a result that differs ends the study."""
-        while self.ended[CRASHED] < crashes:
-            what = random.choice(["CRASH_AT", "CRASH_AT", "INTERRUPT_AT", "INTERRUPT_READY"])
+        while self.crashed() < crashes:
+            program = self.random.choice([*RUN])
+            what = self.random.choice(["CRASH_AT", "CRASH_AT", "INTERRUPT_AT", "INTERRUPT_READY"])
             numbers = HANDLERS if what == "INTERRUPT_READY" else STEPS
-            how = {what: str(random.choice(numbers[self.program]))}
-            status = self._run(self.output, how)
-            self.ended[status] += 1
-            if status == 0:
-                self._compare()
-            if status == CRASHED and self.ended[CRASHED] % PROGRESS == 0:
+            how = {what: str(self.random.choice(numbers[program]))}
+            if self._run(how, program) == CRASHED and self.crashed() % PROGRESS == 0:
                 self.say()
         while self.output.with_name(f"{self.output.name}.checkpoint").exists():
-            self._run(self.output, {})
-            self._compare()
+            self._run({}, "rockfall")
 
     def say(self) -> None:
-        crashes, interrupts = self.ended[CRASHED], self.ended[INTERRUPTED]
-        print(f"{self.program}: {crashes} crashes, {interrupts} interrupts, {self.results} results "
-              "with the same bits", flush=True)  # fmt: skip
+        counts = ", ".join(
+            f"{program}: {self.ended[program, CRASHED]} crashes, "
+            f"{self.ended[program, INTERRUPTED]} interrupts" for program in RUN
+        )  # fmt: skip
+        print(f"{counts}; {self.results} results with the same bits", flush=True)
 
     def _compare(self) -> None:
-        if not same(self.output, self.whole):
+        with netCDF4.Dataset(self.output) as file:
+            is_part = "part_layout" in file.ncattrs()
+        result = rockfall.merge([self.output]) if is_part else rockfall.read_result(self.output)
+        left = [path.name for path in self.folder.glob(f"{self.output.name}*")]
+        try:
+            same_results(result, self.whole)
+            assert left == [self.output.name], left
+        except AssertionError as error:
             keep = Path(tempfile.mkdtemp(prefix="kills-"))
             shutil.copytree(self.folder, keep, dirs_exist_ok=True)
-            raise SystemExit(f"{self.program}: another result; all files are in {keep}")
-        left = [path.name for path in self.folder.glob(f"{self.output.name}*")]
-        if left != [self.output.name]:
-            raise SystemExit(f"{self.program}: left {left}")
+            raise SystemExit(f"another result: {error}; all files are in {keep}") from error
         self.results += 1
         self.output.unlink()
 
@@ -150,20 +140,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--crashes", type=int, default=1000, help="of both programs together")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--boulders", type=int, default=4000, help="from each of two sources")
+    parser.add_argument("--boulders", type=int, default=2000, help="from each of four sources")
     arguments = parser.parse_args()
     signal.signal(signal.SIGINT, signal.default_int_handler)  # jobs in the background ignore it
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        hostile.make_rasters(folder / "in")
-        hostile.make_cases(folder / "in")
+        make_prepared(folder)
         environment = build_shim(folder)
         os.environ |= environment  # of the process that forks
-        numbers = random.Random(arguments.seed)
-        for program, command in commands(arguments.boulders).items():
-            study = Study(program, command, folder, environment)
-            study.crash(arguments.crashes // 2, numbers)
-            study.say()
+        study = Study(folder, environment, arguments.boulders, random.Random(arguments.seed))
+        study.crash(arguments.crashes)
+        study.say()
 
 
 if __name__ == "__main__":

@@ -215,7 +215,9 @@ def test_sources_that_are_nowhere_are_refused_as_by_python(ready, batch):
     spoil(ready / "ready/scene.nc", "source_x", change=put(3.0))
     done = batch(CASE, cwd=ready)
     assert done.returncode == 2 and done.stderr.count("\n") == 2  # one warns of the line
-    assert f"{CASE}: &release: source 1 (3.000, 4999980.000) lies outside the terrain" in done.stderr
+    assert (
+        f"{CASE}: &release: source 1 (3.000, 4999980.000) lies outside the terrain" in done.stderr
+    )
 
 
 @pytest.mark.parametrize("limit", [10, 3000, 40_000])
@@ -239,7 +241,9 @@ def test_threads_change_no_bit(ready, batch):
 def test_other_commands_say_what_finishes_a_part(ready, batch, capsys):
     assert batch(CASE, "-o", "part.nc", "--quiet", cwd=ready).returncode == 0
     path = ready / "part.nc"
-    said = f"rockfall: {path}: is a part of a run; `rockfall merge` makes the result of one or many\n"
+    said = (
+        f"rockfall: {path}: is a part of a run; `rockfall merge` makes the result of one or many\n"
+    )
     for words in (["lines", path], ["report", path], ["export", path, ready / "out"],
                   ["figures", path, ready / "out"]):  # fmt: skip
         assert main([*map(str, words)]) == 2
@@ -259,7 +263,10 @@ def test_quantile_maps_take_memory_where_boulders_pass(batch, tmp_path):
 
     from rockfall.io.grid import Grid
 
-    z, grid = np.zeros((1000, 1000), "f4") - np.arange(1000)[:, None], Grid(0.0, 1000.0, 1.0, 1000, 1000)
+    z, grid = (
+        np.zeros((1000, 1000), "f4") - np.arange(1000)[:, None],
+        Grid(0.0, 1000.0, 1.0, 1000, 1000),
+    )
     maps = ["passages", "energy_q50", "speed_q50", "jump_height_q50"]
     case = rockfall.Case(
         case={"boulders": 8, "threads": 1}, surface={"uniform_mean_radius": 0.1}, terrain={},

@@ -91,7 +91,6 @@ COMMANDS = {  # words, a file that is written, and what the command reads
         "out/passing.svg", "stops.csv",
     ),
     "report": (["report", "r.nc", "--observed", "stops.csv"], "r.html", "stops.csv"),
-    "report, of a part": (["report", PARTS[0]], "case.part1of2.html", PARTS[0]),
     "report, the DEM": (["report", "r.nc"], "r.html", "dem.tif"),
     "slurm": ([*JOBS, "--shards", "2"], "jobs/merge.sh", "case.nml"),
     "what slurm merges": ([*JOBS, "--shards", "2"], "jobs/case.nc", "dem.tif"),

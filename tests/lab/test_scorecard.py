@@ -12,7 +12,6 @@ import xarray as xr
 
 import rockfall
 import scenes
-from rockfall.analysis.plane_bounce import K_SPHERE
 from rockfall.cli import main
 from rockfall.errors import RockfallError
 from rockfall.lab import scorecard
@@ -33,6 +32,7 @@ from rockfall.lab.setfile import write_sets
 from rockfall.lab.sets import Sets, read_sets, restitution
 from rockfall.lab.site import Site, _turns, tangential_above
 from rockfall.lab.talus import Talus
+from rockfall.scene.coefficients import INERTIA_FACTOR
 
 VAUJANY = Path(__file__).parents[2] / "cases" / "vaujany"
 INF = np.inf
@@ -69,7 +69,7 @@ def test_only_draws_that_can_be_enter_the_restitution():
     draws = np.random.default_rng(3).multivariate_normal(scenes.LIVELY_MEAN, covariance, 20_000)
     v_in = np.array([np.cos(np.radians(40)), -np.sin(np.radians(40)), 0.0])
     out = draws.reshape(-1, 3, 3) @ v_in
-    good = (out[:, 1] > 0) & (out**2 @ [1, 1, K_SPHERE] <= 1)
+    good = (out[:, 1] > 0) & (out**2 @ [1, 1, INERTIA_FACTOR] <= 1)
     assert r_t.size / 4000 == pytest.approx(good.mean(), abs=0.03)
     assert v_n.mean() == pytest.approx(out[good, 1].mean(), abs=0.02)
 

@@ -426,7 +426,7 @@ def test_terrain_is_found_where_maps_are_smaller(place, capsys, monkeypatch):
 
 
 def test_a_big_terrain_is_thinned_with_its_cells_where_they_are(place, monkeypatch):
-    monkeypatch.setattr(terrain, "MOST_CELLS", 400)
+    monkeypatch.setattr(terrain, "MAX_CELLS", 400)
     z, found = terrain_of(rockfall.read_result("out.nc"))
     assert z.size <= 400 and found.cell > 5 and z.shape == found.shape
     rows, columns = np.rint((400 - found.y) / 5 - 0.5), np.rint(found.x / 5 - 0.5)

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rockfall._core import rockfall_f2py as _core
 from rockfall.analysis.plane_bounce import mixed_rebound, neutral_slope, set_rebound
 from rockfall.io.zone_table import read_zone_table
+from rockfall.scene.coefficients import set_weights, size_weights
 from rockfall.scene.surface import radius_over_rg
 
 if TYPE_CHECKING:
@@ -81,14 +81,14 @@ class NeutralSlopes:
     def weights(self, radius: float, radii: np.ndarray) -> np.ndarray:
         """How often each set serves a boulder of this radius [m], (5,); sizes of rocks that absorb
         it left out."""
-        sizes = _core.weights_of_sizes() if radii.size > 1 else np.ones(1)
-        sets = [weight * _core.weights_of_sets(radius / r, self._between)
+        sizes = size_weights() if radii.size > 1 else np.ones(1)
+        sets = [weight * set_weights(radius / r, self._between)
                 for weight, r in zip(sizes, radii, strict=True) if np.isfinite(r)]  # fmt: skip
         return np.sum(sets, axis=0) / np.sum(sets)
 
     def classes(self, radius: float, radii: np.ndarray) -> list[int]:
         """The ratio of the set nearest to each of these rocks."""
-        return [int(np.argmax(_core.weights_of_sets(radius / r, False))) + 1 for r in radii]
+        return [int(np.argmax(set_weights(radius / r, False))) + 1 for r in radii]
 
     def of(self, radius: float, radii: np.ndarray) -> float:
         """The neutral slope [degree] of boulders of this radius on rocks of these radii [m],

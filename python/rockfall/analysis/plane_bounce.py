@@ -15,10 +15,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-K_SPHERE = 0.4  # I/(m R_b^2)
-MIN_NORMAL = 0.01  # V_n of a rebound that has none / incident speed, as in boulder/impact.f90
+from rockfall.scene.coefficients import INERTIA_FACTOR, MAX_DRAWS, MIN_NORMAL
+
 NEAREST = 20  # impacts of which one is drawn
-REDRAWS = 32  # as in boulder/impact.f90
 FIRST, LAST = 20, 60  # bounces that count: the start is forgotten
 FLATTEST, STEEPEST, NEAR = 5.0, 75.0, 0.05  # where a neutral slope is looked for [degree]
 USUAL, RISE = 34.0, 0.015  # a neutral slope [degree], and what the growth gains a degree there
@@ -38,7 +37,7 @@ class Growth:
 
 def energy(v: np.ndarray) -> np.ndarray:
     """Twice the kinetic energy over the mass, (n,) [m2/s2], of (V_t, V_n, W)."""
-    return v[:, 0] ** 2 + v[:, 1] ** 2 + K_SPHERE * v[:, 2] ** 2
+    return v[:, 0] ** 2 + v[:, 1] ** 2 + INERTIA_FACTOR * v[:, 2] ** 2
 
 
 def ratio_class(ratio: np.ndarray) -> np.ndarray:
@@ -59,7 +58,7 @@ def set_rebound(mean: np.ndarray, covariance: np.ndarray) -> Rebound:
     def rebound(v_in: np.ndarray, generator: np.random.Generator) -> np.ndarray:
         v_out = np.empty_like(v_in)
         todo = np.arange(len(v_in))
-        for _ in range(REDRAWS):
+        for _ in range(MAX_DRAWS):
             a = (mean + generator.standard_normal((len(todo), 9)) @ factor.T).reshape(-1, 3, 3)
             v_out[todo] = np.einsum("nij,nj->ni", a, v_in[todo])
             todo = todo[~admissible(v_in[todo], v_out[todo])]

@@ -14,6 +14,7 @@ from rockfall.analysis.extent import reached
 from rockfall.case import FROM_ARRAY, case_of
 from rockfall.errors import RockfallError
 from rockfall.io.grid import Box, Grid
+from rockfall.io.raster_file import open_raster
 from rockfall.scene.layers import file_checksum
 
 if TYPE_CHECKING:
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
 
     from rockfall.result.trajectories import Terrain
 
-MOST_CELLS = 16_000_000  # read at full resolution; of more, every second, third... row and column
+MAX_CELLS = 16_000_000  # read at full resolution; of more, every second, third... row and column
 
 
 def terrain_of(result: xr.Dataset, dem: str | Path | None = None) -> Terrain | None:
@@ -60,8 +61,6 @@ def _check_same(result: xr.Dataset, path: Path) -> None:
 
 def _read(result: xr.Dataset, path: Path) -> Terrain:
     """The part of a DEM that boulders reached, block by block."""
-    from rockfall.io.raster_file import open_raster
-
     west, east, south, north = reached(result)
     with open_raster(path) as raster:
         raster.check_cells()
@@ -69,7 +68,7 @@ def _read(result: xr.Dataset, path: Path) -> Terrain:
         _check_place(result, path, grid)
         columns = _inside(grid.x, west, east)
         rows = _inside(grid.y, south, north)
-        step = int(np.sqrt(rows.size * columns.size / MOST_CELLS)) + 1
+        step = int(np.sqrt(rows.size * columns.size / MAX_CELLS)) + 1
         rows, columns = rows[step // 2 :: step], columns[step // 2 :: step]
         z = np.full((rows.size, columns.size), np.nan, raster.dtype)
         for some, block, valid in raster.blocks():

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""ESRI ASCII grids, read strictly and written so that they come back the same.
+"""ESRI ASCII grids, read strictly.
 
 GDAL takes a file that ends early, or a token that is no number, for zeros, in the header as among
 the numbers; so all but the CRS is read here.
@@ -12,14 +12,12 @@ import os
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
 import numpy as np
 
 from rockfall.errors import RockfallError
-from rockfall.io.files import atomic_write
-from rockfall.io.grid import NO_ID, Box, Grid
+from rockfall.io.grid import Box
 from rockfall.io.tables import plain_decimal
 
 if TYPE_CHECKING:
@@ -160,65 +158,6 @@ def _place(values: dict[str, float]) -> Affine:
     else:
         west, south = values["xllcenter"] - 0.5 * width, values["yllcenter"] - 0.5 * height
     return Affine(width, 0.0, west, 0.0, -height, south + values["nrows"] * height)
-
-
-def write_ascii(path: str | Path, array: np.ndarray, grid: Grid, nodata: float = -9999) -> None:
-    """Write an ESRI ASCII grid whose numbers and edges read back to the same doubles.
-
-    NaN, and `NO_ID` among integers, become `nodata`. The CRS goes to a .prj file beside it.
-    """
-    if array.shape != grid.shape:
-        raise RockfallError(f"{path}: array {array.shape} is not of the grid {grid.shape}", code=1)
-    corner = _corner(path, grid)
-    header = f"ncols {grid.nx}\nnrows {grid.ny}\n{corner}\nNODATA_value {nodata}\n"
-    with atomic_write(path) as part, open(part, "w", encoding="ascii", newline="\n") as file:
-        file.write(header)
-        for row in array:
-            file.write(_row_text(path, row, nodata) + "\n")
-    if grid.crs is not None:
-        from rasterio.enums import WktVersion
-
-        with atomic_write(Path(path).with_suffix(".prj")) as part:
-            part.write_text(grid.crs.to_wkt(version=WktVersion.WKT1_ESRI), encoding="utf-8")
-
-
-def _row_text(path: str | Path, row: np.ndarray, nodata: float) -> str:
-    if (row == nodata).any():
-        raise RockfallError(f"{path}: {nodata} is a value of the raster, it cannot mark nodata")
-    if row.dtype.kind == "f":
-        missing = np.isnan(row)
-        tokens = list(map(repr, row.tolist()))  # a float32 is written as the double it equals
-    else:
-        missing = row == NO_ID
-        tokens = list(map(str, row.astype(np.int64).tolist()))
-    for k in np.flatnonzero(missing):
-        tokens[k] = str(nodata)
-    return " ".join(tokens)
-
-
-def _corner(path: str | Path, grid: Grid) -> str:
-    """The part of the header from which readers, who add, get the very doubles of the edges.
-
-    north = yllcorner + nrows*cellsize. Now and then no yllcorner does it; then a dy does that
-    differs from dx in its last bits.
-    """
-    north, cell = float(grid.north), float(grid.cell)
-    for dy in _neighbours(cell):
-        height = grid.ny * dy
-        for south in _neighbours(north - height):
-            if south + height == north:
-                size = f"cellsize {cell!r}" if dy == cell else f"dx {cell!r}\ndy {dy!r}"
-                return f"xllcorner {float(grid.west)!r}\nyllcorner {south!r}\n{size}"
-    raise RockfallError(f"{path}: no ESRI ASCII header gives the northern edge {north!r}; round it")
-
-
-def _neighbours(value: float) -> Iterator[float]:
-    """A double and those next to it, outwards."""
-    yield value
-    below = above = value
-    for _ in range(8):
-        below, above = math.nextafter(below, -math.inf), math.nextafter(above, math.inf)
-        yield from (below, above)
 
 
 def _numbers(file: BinaryIO, path: str, line: int) -> Iterator[np.ndarray]:

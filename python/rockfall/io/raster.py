@@ -15,28 +15,11 @@ from typing import Any
 import numpy as np
 
 from rockfall.errors import RockfallError
-from rockfall.io.arrays import check_elevations, from_array
-from rockfall.io.ascii_grid import write_ascii
+from rockfall.io.arrays import check_elevations
 from rockfall.io.crs import check_metres, crs_name, is_metre, same_crs
 from rockfall.io.files import atomic_write
 from rockfall.io.grid import NO_ID, Box, Grid, row_blocks
-from rockfall.io.layers import burn_polygons
 from rockfall.io.raster_file import RasterFile, open_raster
-from rockfall.io.zone_table import index_blocks, read_zone_table
-
-__all__ = [
-    "NO_ID",
-    "aligned_blocks",
-    "burn_polygons",
-    "dem_header",
-    "from_array",
-    "index_blocks",
-    "read_dem",
-    "read_elevations",
-    "read_zone_table",
-    "write_ascii",
-    "write_geotiff",
-]
 
 _TILE = 256  # cells
 

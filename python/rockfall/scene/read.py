@@ -12,7 +12,8 @@ import numpy as np
 from rockfall.case import FROM_ARRAY, Case
 from rockfall.errors import RockfallError
 from rockfall.impact_sets import set_path
-from rockfall.io.raster import dem_header, from_array, read_dem
+from rockfall.io.arrays import from_array
+from rockfall.io.raster import dem_header, read_dem
 from rockfall.io.raster_file import raster_file
 from rockfall.scene.coefficients import open_sets
 from rockfall.scene.digest import digest

@@ -17,7 +17,7 @@ from rockfall.errors import RockfallError
 from rockfall.result.dataset import put_netcdf
 from rockfall.simulation.part_file import boulders_in, make_part, origin_of, read_part
 from rockfall.simulation.simulate import Tally
-from rockfall.simulation.source_maps import restore_stamps, settle, tells_sources
+from rockfall.simulation.source_maps import fed_cells, restore_stamps, settle, tells_sources
 
 REST = 20.0  # a save that took so long is followed by this many times as long without another
 
@@ -54,7 +54,9 @@ class Checkpoint:
             return
         part = read_part(self.path)
         what = origin_of(tally).difference(part.origin)
-        if not what and not (part.first == tally.before + 1 <= part.last <= tally.before + tally.boulders):
+        if not what and not (
+            part.first == tally.before + 1 <= part.last <= tally.before + tally.boulders
+        ):
             what = "boulders"
         if what:
             raise RockfallError(
@@ -64,7 +66,10 @@ class Checkpoint:
         part.add_to(tally)
         tally.done = self.saved = part.last - part.first + 1
         if tells_sources(tally.maps):
-            restore_stamps(tally.maps, part.fed())
+            fed = part.fed()
+            restore_stamps(tally.maps, fed)
+            if not all(np.array_equal(one, fed[name]) for name, one in fed_cells(tally).items()):
+                raise RockfallError(f"{self.path}: is damaged: tally_fed_cell")
             settle(tally, -1)
 
     def look(self, tally: Tally) -> None:
