@@ -35,12 +35,12 @@ import xarray as xr
 import rockfall
 from benchmarks.machine import ROOT, machine
 from benchmarks.stability import mutators
-from made import write_ascii
 from rockfall import cli
 from rockfall.impact_sets import shipped_sets
 from rockfall.io.grid import Grid
 from rockfall.io.raster import write_geotiff
 from rockfall.simulation.lock import LOCK
+from tests.made import write_ascii
 
 PROGRAM = ROOT / "build/fortran/rockfall-batch"
 SANITIZED = ROOT / "build-sanitize/fortran/rockfall-batch"
