@@ -5,11 +5,13 @@ import os
 import platform
 from pathlib import Path
 
+import rockfall
+
+ROOT = Path(__file__).parents[1]  # of the repository
+
 
 def machine() -> str:
     """One line: processor, cores, load, system, program version."""
-    import rockfall
-
     cpu = platform.processor() or "unknown processor"
     info = Path("/proc/cpuinfo")
     if info.exists():

@@ -1,12 +1,16 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What several tests start from."""
 
+import os
 from pathlib import Path
 
 import pytest
 
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # a worker on each core; read when rockfall is loaded
+
 import rockfall
-from program import find_program, make_prepared, run_program
+import slope_case
+from programs import MANY, find_program, make_prepared, run_program
 
 
 @pytest.fixture
@@ -25,6 +29,14 @@ def few_boulders(tmp_path):
 
 
 @pytest.fixture
+def place(tmp_path, monkeypatch):
+    """A folder with a case that runs, made the current one."""
+    monkeypatch.chdir(tmp_path)
+    slope_case.write_slope()
+    return tmp_path
+
+
+@pytest.fixture
 def batch():
     """Runs the standalone program, which a build without netCDF-Fortran does not have."""
     if not find_program():
@@ -36,4 +48,11 @@ def batch():
 def ready(batch, tmp_path):
     """A folder with a case of everything, prepared in `ready`."""
     make_prepared(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
+def many(batch, tmp_path):
+    """The same of many boulders."""
+    make_prepared(tmp_path, case={"boulders": MANY})
     return tmp_path

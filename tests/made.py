@@ -10,6 +10,7 @@ import rasterio
 from affine import Affine
 
 from rockfall.errors import RockfallError
+from rockfall.io.grid import NO_ID
 
 UTM = "EPSG:32632"
 PLACE = Affine(5.0, 0.0, 600000.0, 0.0, -5.0, 5000000.0)
@@ -67,6 +68,15 @@ def make_layer(path, shapes, crs=UTM, layer=None, **columns):
 def _field(values):
     kinds = set(map(type, values))
     return np.array(values, object if str in kinds else float if type(None) in kinds else None)
+
+
+def write_ascii(path, array, grid, nodata=-9999):
+    """Write an array as an ESRI ASCII grid of the same numbers; NaN and NO_ID become nodata."""
+    missing = np.isnan(array) if array.dtype.kind == "f" else array == NO_ID
+    rows = np.where(missing, nodata, array.astype(object))
+    place = f"xllcorner {grid.west!r}\nyllcorner {grid.south!r}\ncellsize {grid.cell!r}\n"
+    head = f"ncols {grid.nx}\nnrows {grid.ny}\n{place}NODATA_value {nodata}\n"
+    Path(path).write_text(head + "".join(" ".join(map(repr, row)) + "\n" for row in rows.tolist()))
 
 
 @contextlib.contextmanager

@@ -5,6 +5,7 @@ import numpy as np
 
 import rockfall
 from rockfall.io.grid import Grid
+from rockfall.result import variables
 
 
 def rough(nx=60, ny=80, cell=5.0, gradient=0.8, relief=3.0, seed=1, dtype="f8"):
@@ -125,3 +126,20 @@ def status(result):
     """The status of each boulder as its name."""
     names = result.status.attrs["flag_meanings"].split()
     return [names[k - 1] for k in result.status.values]
+
+
+#: Of `case_in`, from each source.
+BOULDERS = 403
+
+
+def case_in(folder, **groups):
+    """A case on `rough` with every map, a line, histograms and some trajectories."""
+    line = [{"name": "L", "x": [0.0, 300.0], "y": [280.0, 280.0]}]
+    output = {"maps": list(variables.MAP), "rebounds": True, "trajectories": 90}
+    groups = {"case": {"boulders": BOULDERS}, "output": output, **groups}
+    return make_case(folder, *sets(2.0), line=line, terrain={}, **groups)
+
+
+def place(x=150.0, y=380.0):
+    """A release of `case_in` at one point."""
+    return {"release": {"x": [x], "y": [y], "drop_height": 5.0}}

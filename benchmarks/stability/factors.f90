@@ -15,6 +15,7 @@ program factors
    integer(i8) :: words(12), n, k
    integer :: info
 
+   ! allow(C091)
    external :: dpotrf
 
    read *, n, c

@@ -11,7 +11,10 @@ from rockfall.analysis.compare import compare
 from rockfall.analysis.observations import read_observed
 from rockfall.html_report import write_report
 from rockfall.io.raster import read_dem
-from rockfall.plots.panels import line_figure, overview
+from rockfall.plots.line_figures import distribution_figure
+from rockfall.plots.overview import overview
+from rockfall.plots.style import save
+from rockfall.text.comparison import text
 from rockfall.text.summary import summary
 
 HERE = Path(__file__).parent
@@ -27,15 +30,15 @@ def main(folder: Path) -> None:
         results[method] = rockfall.run(rockfall.read_case(case), progress=True)
         rockfall.write_result(results[method], folder / f"method_{method}.nc")
     for result in results.values():
-        print(f"\n{summary(result)}\n\n{compare(result, paper)}")
+        print(f"\n{summary(result)}\n\n{text(compare(result, paper))}")
     if results["A"]["stop_x"].equals(results["B"]["stop_x"]):
         print("A and B coincide: the impact set is the same for all ratios R_b/R_m (see README.md)")
 
     dem, grid = read_dem(HERE / "dem.tif")
     overview(results["B"], dem, grid, folder / "overview.png")
-    printed = paper.summaries.set_index(["line", "method", "quantity"])
-    reference = {key: (row["mean"], row["std"]) for key, row in printed.iterrows()}
-    line_figure(results["A"], results["B"], reference, folder / "lines.png")
+    for method, result in results.items():
+        for name in ("speed", "passing_height"):
+            save(distribution_figure(result, name, paper), folder / f"{name}_{method}.png")
     write_report(results["B"], folder / "report.html", (dem, grid), paper)
     print(f"\nResults, figures and report.html: {folder}")
 

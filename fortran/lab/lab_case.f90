@@ -4,8 +4,7 @@
 module lab_case
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail
-   use rockfall_text, only: integer_text, excerpt
-   use rockfall_decimal, only: parse_integer, decimal_ok
+   use rockfall_text, only: integer_text
    use rockfall_namelist, only: namelist_t, group_t, parse_namelist
    use rockfall_values, only: has_key, get_text, get_integer, get_real, get_logical, refuse
    use lab_contact, only: material_t, check_material
@@ -16,7 +15,7 @@ module lab_case
       material_row, packing_row, shot_row
    implicit none
    private
-   public :: lab_case_t, read_lab_case, replace_integer, shot_of_ratio
+   public :: lab_case_t, read_lab_case, default_ratios
 
    type :: key_t
       character(len=10) :: group
@@ -42,6 +41,7 @@ module lab_case
       key_t("impact", "past", "real"), key_t("impact", "wait", "real"), &
       key_t("impact", "step_factor", "real"), key_t("impact", "retries", "integer")]
 
+   real(wp), parameter :: default_ratios(5) = [1.0_wp, 2.0_wp, 3.0_wp, 4.0_wp, 5.0_wp]  !! R_b/R_m
    integer, parameter :: max_ratios = 1000
    integer(i8), parameter :: max_shots = 10_i8**6  !! layers, points on each, and impacts at each
 
@@ -49,7 +49,7 @@ module lab_case
    type :: lab_case_t
       character(len=:), allocatable :: file, title
       integer(i8) :: seed = 1
-      real(wp), allocatable :: ratios(:)  !! R_b/R_m; 1 to 5 unless given
+      real(wp), allocatable :: ratios(:)  !! R_b/R_m; `default_ratios` unless given
       integer(i8) :: layers = 50          !! for each ratio
       integer(i8) :: points = 8           !! on each layer
       integer(i8) :: impacts = 15         !! at each point
@@ -72,7 +72,7 @@ contains
 
       case%file = file
       case%title = ""
-      case%ratios = [1.0_wp, 2.0_wp, 3.0_wp, 4.0_wp, 5.0_wp]
+      case%ratios = default_ratios
       call parse_namelist(text, file, list, error)
       if (.not. allocated(error)) call check_names(list, error)
       if (allocated(error)) return
@@ -83,33 +83,10 @@ contains
       call check_lab_case(case, error)
    end subroutine read_lab_case
 
-   !> Give an integer key of &lab another value, written as `text`; "" leaves it.
-   pure subroutine replace_integer(case, key, text, error)
-      type(lab_case_t), intent(inout) :: case
-      character(len=*), intent(in) :: key, text
-      type(error_t), allocatable, intent(out) :: error
-      integer(i8) :: value
-      integer :: status
-
-      if (text == "") return
-      call parse_integer(text, value, status)
-      if (status /= decimal_ok) then
-         call fail(error, key//" = "//excerpt(text)//": must be an integer")
-         return
-      end if
-      select case (key)
-      case ("seed"); case%seed = value
-      case ("layers"); case%layers = value
-      case ("points"); case%points = value
-      case ("impacts"); case%impacts = value
-      end select
-      call check_lab_case(case, error)
-   end subroutine replace_integer
-
    !> What is fired at a ratio R_b/R_m, but for speed, angle, spin and aim, which are drawn.
    pure type(shot_t) function shot_of_ratio(case, ratio) result(shot)
       type(lab_case_t), intent(in) :: case
-      real(wp), intent(in) :: ratio
+      real(wp), intent(in) :: ratio  !! R_b/R_m [-]
 
       shot = case%shot
       shot%radius = ratio*case%packing%mean_radius
@@ -215,7 +192,7 @@ contains
    pure subroutine take_row(group, names, row, error)
       type(group_t), intent(in) :: group
       character(len=*), intent(in) :: names(:)
-      real(wp), intent(inout) :: row(:)
+      real(wp), intent(inout) :: row(:)  !! each in the [unit] of its key
       type(error_t), allocatable, intent(out) :: error
       integer :: k
 
@@ -230,7 +207,7 @@ contains
    pure subroutine take_number(group, key, number, error)
       type(group_t), intent(in) :: group
       character(len=*), intent(in) :: key
-      real(wp), intent(inout) :: number
+      real(wp), intent(inout) :: number  !! in the [unit] of its key
       type(error_t), allocatable, intent(out) :: error
       integer(i8) :: whole
       logical :: switch
@@ -254,10 +231,11 @@ contains
       end select
    end subroutine take_number
 
+   !> Minimum, median and maximum of what is drawn.
    pure subroutine take_range(group, key, range, error)
       type(group_t), intent(in) :: group
       character(len=*), intent(in) :: key
-      real(wp), intent(inout) :: range(3)
+      real(wp), intent(inout) :: range(3)  !! in the [unit] of its key
       type(error_t), allocatable, intent(out) :: error
       real(wp), allocatable :: values(:)
 
@@ -297,15 +275,15 @@ contains
       if (allocated(error)) error%message = case%file//": "//error%message
    end subroutine check_lab_case
 
-   pure subroutine check_whole(case, key, value, least, most, error)
+   pure subroutine check_whole(case, key, value, min, max, error)
       type(lab_case_t), intent(in) :: case
       character(len=*), intent(in) :: key
-      integer(i8), intent(in) :: value, least, most
+      integer(i8), intent(in) :: value, min, max
       type(error_t), allocatable, intent(out) :: error
       character(len=80) :: rule
 
-      if (value >= least .and. value <= most) return
-      write (rule, "(3(i0,a))") value, ": must be ", least, " to ", most
+      if (value >= min .and. value <= max) return
+      write (rule, "(3(i0,a))") value, ": must be ", min, " to ", max
       call fail(error, case%file//": &lab "//key//" = "//trim(rule))
    end subroutine check_whole
 end module lab_case

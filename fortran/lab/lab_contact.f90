@@ -161,21 +161,23 @@ contains
 
    !> A vector that changes evenly while it turns, to second order in the rotation.
    pure function moved(before, change, rotation) result(now)
-      real(wp), intent(in) :: before(3), change(3), rotation(3)
+      real(wp), intent(in) :: before(3), change(3)  !! [N] or [N m]
+      real(wp), intent(in) :: rotation(3)           !! [rad]
       real(wp) :: now(3)
 
       now = before + change + cross(rotation, before + 0.5_wp*(change + cross(rotation, before)))
    end function moved
 
+   !> The part of a vector in the plane of a normal.
    pure function in_plane(v, n)
-      real(wp), intent(in) :: v(3), n(3)
+      real(wp), intent(in) :: v(3), n(3)  !! any [unit], unit normal [-]
       real(wp) :: in_plane(3)
 
       in_plane = v - (v(1)*n(1) + v(2)*n(2) + v(3)*n(3))*n
    end function in_plane
 
    pure function cross(a, b)
-      real(wp), intent(in) :: a(3), b(3)
+      real(wp), intent(in) :: a(3), b(3)  !! any [unit]
       real(wp) :: cross(3)
 
       cross = [a(2)*b(3) - a(3)*b(2), a(3)*b(1) - a(1)*b(3), a(1)*b(2) - a(2)*b(1)]
@@ -183,8 +185,8 @@ contains
 
    !> Shorten a vector to a length.
    pure subroutine limit(v, length)
-      real(wp), intent(inout) :: v(3)
-      real(wp), intent(in) :: length  !! >= 0
+      real(wp), intent(inout) :: v(3)  !! any [unit]
+      real(wp), intent(in) :: length   !! >= 0, the same [unit]
       real(wp) :: square
 
       square = dot_product(v, v)

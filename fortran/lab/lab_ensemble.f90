@@ -7,7 +7,7 @@ module lab_ensemble
    use rockfall_error, only: error_t, fail
    use rockfall_math, only: pi, sine_cosine
    use rockfall_threads, only: team_size
-   use rockfall_random, only: random_key_t, random_words, uniform
+   use rockfall_random, only: random_key_t, random_words, uniform, words_per_draw
    use lab_contact, only: material_t
    use lab_packing, only: packing_t, layer_t, pack_layer
    use lab_impact, only: shot_t, outcome_t, check_shot, fire
@@ -57,7 +57,7 @@ contains
    end subroutine check_range
 
    pure logical function rises(limits)
-      real(wp), intent(in) :: limits(3)
+      real(wp), intent(in) :: limits(3)  !! min, median, max, any [unit]
 
       rises = limits(1) <= limits(2) .and. limits(2) <= limits(3)
    end function rises
@@ -68,13 +68,13 @@ contains
       type(range_t), intent(in) :: range
       type(random_key_t), intent(in) :: key
       type(identity_t), intent(in) :: id
-      integer(i8) :: word(12), place
+      integer(i8) :: word(words_per_draw), place
       real(wp) :: s, c
       integer :: quarter
 
       place = ior(shiftl(id%layer, 32), id%point)
       shot = template
-      word = random_words(key, for_point, place, 0_i8, 0_i8)
+      word = random_words(key, for_point, place, 0_i8, 0_i8)  ! words 1, 2: aim; 3: heading
       shot%aim = uniform(word(1:2))
       quarter = int(4*uniform(word(3)))
       call sine_cosine((4*uniform(word(3)) - quarter - 0.5_wp)*pi/2, s, c)
@@ -82,14 +82,16 @@ contains
       do quarter = quarter, 1, -1
          shot%heading = [-shot%heading(2), shot%heading(1)]
       end do
-      word = random_words(key, for_shot, place, id%impact, 0_i8)
+      word = random_words(key, for_shot, place, id%impact, 0_i8)  ! 1: speed; 2: angle; 3: spin
       shot%speed = between(range%speed, uniform(word(1)))
       shot%angle = between(range%angle, uniform(word(2)))
       shot%spin = between(range%spin, uniform(word(3)))
    end function draw_shot
 
+   !> Half of the draws below the median, half above, each half uniform.
    pure real(wp) function between(limits, u)
-      real(wp), intent(in) :: limits(3), u
+      real(wp), intent(in) :: limits(3)  !! min, median, max, any [unit]
+      real(wp), intent(in) :: u          !! uniform in (0, 1) [-]
 
       if (u < 0.5_wp) then
          between = limits(1) + 2*u*(limits(2) - limits(1))

@@ -9,10 +9,10 @@ module lab_f2py
    use lab_contact, only: material_t, check_material
    use lab_neighbours, only: box_t
    use lab_packing, only: packing_t, layer_t, check_packing, max_bodies
-   use lab_impact, only: shot_t, outcome_t, film_t, check_shot, fire
+   use lab_impact, only: shot_t, outcome_t, check_shot, status_names
    use lab_step, only: trouble_words => trouble_text
    use lab_ensemble, only: range_t, identity_t, check_range, pack_layers, fire_shots
-   use lab_case, only: lab_case_t, read_lab_case
+   use lab_case, only: lab_case_t, read_lab_case, default_ratios
    use lab_tables, only: material_of, packing_of, shot_of, range_of, outcome_row, &
       outcome_count_row, layer_row, &
       material_row, packing_row, shot_row, range_row, &
@@ -20,13 +20,12 @@ module lab_f2py
       layer_fields
    implicit none
    private
-   public :: names, defaults, check_case, team, trouble_text, room_for_layer, pack, impact, film
+   public :: names, defaults, check_case, team, trouble_text, room_for_layer, pack, impact
 
 contains
 
    !> Names in the order of the arrays: 1 material, 2 packing, 3 shot, 4 ranges, 5 outcome, 6 its
-   !> counts, 7 layer. The statuses of an outcome are those of lab_impact: 1 rebounded, 2 lifted, 3
-   !> rolled_on, 4 exploded, 5 misfit.
+   !> counts, 7 layer; 8 the statuses of an outcome, from 1.
    subroutine names(kind, text)
       integer(c_int), intent(in) :: kind
       character(len=512), intent(out) :: text
@@ -39,12 +38,13 @@ contains
       case (5); text = joined(outcome_fields, " ")
       case (6); text = joined(outcome_counts, " ")
       case (7); text = joined(layer_fields, " ")
+      case (8); text = joined(status_names, " ")
       case default; text = ""
       end select
    end subroutine names
 
-   !> What the numbers are when nothing else is said, in the order of `names(kind)`, of its kinds 1
-   !> to 4.
+   !> Defaults in the order of `names(kind)`, of its kinds 1 to 4; 5 is the plan: seed, five ratios,
+   !> layers, points, impacts.
    subroutine defaults(kind, row)
       integer(c_int), intent(in) :: kind
       real(c_double), intent(out) :: row(16)
@@ -52,6 +52,7 @@ contains
       type(packing_t) :: packing
       type(shot_t) :: shot
       type(range_t) :: range
+      type(lab_case_t) :: case
 
       row = 0
       select case (kind)
@@ -59,6 +60,8 @@ contains
       case (2); row(:size(packing_keys)) = packing_row(packing)
       case (3); row(:size(shot_keys)) = shot_row(shot)
       case (4); row(:size(range_keys)) = range_row(range)
+      case (5); row(:9) = real([case%seed, int(default_ratios, c_int64_t), case%layers, case%points, case%impacts], &
+                              c_double)
       end select
    end subroutine defaults
 
@@ -194,51 +197,6 @@ contains
          counts(:, k) = outcome_count_row(outcomes(k))
       end do
    end subroutine impact
-
-   !> One shot on one layer with pictures: centres and velocities of all bodies, the sphere last,
-   !> every `interval` seconds and at the end.
-   subroutine film(material, packing, shot, x, radius, facts, interval, &
-                   frames, time, centres, velocities, outcome, counts, code, message, most, nb)
-      !f2py threadsafe
-      integer(c_int), intent(in) :: most, nb
-      real(c_double), intent(in) :: material(6), packing(11), shot(16), x(3, nb), radius(nb), &
-         facts(6)
-      real(c_double), intent(in) :: interval                         !! [s]
-      integer(c_int), intent(out) :: frames                          !! taken, at most `most`
-      real(c_double), intent(out) :: time(most)                      !! [s]
-      real(c_double), intent(out) :: centres(3, nb + 1, most)        !! [m]
-      real(c_double), intent(out) :: velocities(6, nb + 1, most)     !! [m/s], [rad/s]
-      real(c_double), intent(out) :: outcome(26)
-      integer(c_int32_t), intent(out) :: counts(4)
-      integer(c_int), intent(out) :: code
-      character(len=512), intent(out) :: message
-      type(film_t) :: reel
-      type(outcome_t) :: result
-      type(error_t), allocatable :: error
-
-      frames = 0
-      time = 0
-      centres = 0
-      velocities = 0
-      outcome = 0
-      counts = 0
-      call check_material(material_of(material), error)
-      if (.not. allocated(error)) call check_packing(packing_of(packing), error)
-      if (.not. allocated(error)) call check_shot(shot_of(shot), error)
-      call give_error(error, code, message)
-      if (code /= 0) return
-      reel%interval = interval
-      allocate (reel%time(most), reel%x(3, nb + 1, most), reel%v(6, nb + 1, most), &
-         source=0.0_c_double)
-      call fire(layer_of(x, radius, facts), packing_of(packing), material_of(material), &
-                shot_of(shot), result, reel)
-      frames = reel%frames
-      time = reel%time
-      centres = reel%x
-      velocities = reel%v
-      outcome = outcome_row(shot_of(shot), result)
-      counts = outcome_count_row(result)
-   end subroutine film
 
    pure type(layer_t) function layer_of(x, radius, facts) result(layer)
       real(c_double), intent(in) :: x(:, :), radius(:), facts(6)

@@ -14,8 +14,8 @@ module lab_impact
       safe_step, sound, leapt, step_too_long, energy_grew
    implicit none
    private
-   public :: shot_t, state_t, outcome_t, film_t, fire, first_contact, check_shot
-   public :: rebounded, lifted, rolled_on, exploded, misfit
+   public :: shot_t, state_t, outcome_t, fire, first_contact, check_shot
+   public :: rebounded, lifted, rolled_on, exploded, misfit, status_names
 
    !> How an impact ended. Only the first three are results.
    integer, parameter :: rebounded = 1  !! it left upwards, and would meet nothing on its way
@@ -23,6 +23,8 @@ module lab_impact
    integer, parameter :: rolled_on = 3  !! it stayed in contact: rolled or ploughed on
    integer, parameter :: exploded = 4   !! see `trouble`; its numbers mean nothing
    integer, parameter :: misfit = 5     !! the sphere or its path does not fit the layer
+   character(len=9), parameter :: status_names(5) = [character(len=9) :: &
+      "rebounded", "lifted", "rolled_on", "exploded", "misfit"]
 
    !> What is fired, and how it is followed.
    type :: shot_t
@@ -64,15 +66,6 @@ module lab_impact
       integer :: steps = 0
    end type outcome_t
 
-   !> Pictures at even times, up to `size(time)`.
-   type :: film_t
-      real(wp) :: interval = 0          !! [s]
-      integer :: frames = 0             !! taken
-      real(wp), allocatable :: time(:)     !! [s]
-      real(wp), allocatable :: x(:, :, :)  !! (3, n + 1, frames) centres, the sphere last [m]
-      real(wp), allocatable :: v(:, :, :)  !! (6, n + 1, frames) [m/s], [rad/s]
-   end type film_t
-
    real(wp), parameter :: opening_gap = 1.0e-9_wp  !! between sphere and layer at the start / R_b
    integer, parameter :: max_retries = 30          !! the step is then 1e-9 of what it was
    integer, parameter :: watch_interval = 32       !! steps between looks at energy and at the way out
@@ -80,13 +73,12 @@ module lab_impact
 contains
 
    !> Fire one shot: a pure function of its arguments.
-   pure subroutine fire(layer, packing, material, shot, outcome, film)
+   pure subroutine fire(layer, packing, material, shot, outcome)
       type(layer_t), intent(in) :: layer
       type(packing_t), intent(in) :: packing
       type(material_t), intent(in) :: material
       type(shot_t), intent(in) :: shot
       type(outcome_t), intent(out) :: outcome
-      type(film_t), intent(inout), optional :: film
       type(assembly_t) :: s
       real(wp) :: start(3), v(6), sine, cosine
       integer :: k
@@ -100,9 +92,8 @@ contains
          return
       end if
       do k = 0, shot%retries
-         if (present(film)) film%frames = 0
          call load(layer, packing, material, shot, start, v, 0.5_wp**k, s)
-         call follow(layer, packing, shot, s, outcome, film)
+         call follow(layer, packing, shot, s, outcome)
          outcome%halvings = k
          if (.not. any(s%trouble == [step_too_long, leapt, energy_grew])) exit
       end do
@@ -137,7 +128,7 @@ contains
    !> Of the incidence angle.
    pure subroutine sine_and_cosine(shot, s, c)
       type(shot_t), intent(in) :: shot
-      real(wp), intent(out) :: s, c
+      real(wp), intent(out) :: s, c  !! [-]
 
       if (shot%angle <= 45) then
          call sine_cosine(shot%angle*degree, s, c)
@@ -202,7 +193,7 @@ contains
       type(material_t), intent(in) :: material
       type(shot_t), intent(in) :: shot
       real(wp), intent(in) :: start(3), v(6)  !! [m], [m/s] and [rad/s]
-      real(wp), intent(in) :: factor          !! on the step
+      real(wp), intent(in) :: factor          !! on the step [-]
       type(assembly_t), intent(out) :: s
       type(bodies_t) :: b
       real(wp) :: x(3, size(layer%radius) + 1), dt
@@ -221,13 +212,12 @@ contains
    end subroutine load
 
    !> Follow the sphere to the end of the impact.
-   pure subroutine follow(layer, packing, shot, s, outcome, film)
+   pure subroutine follow(layer, packing, shot, s, outcome)
       type(layer_t), intent(in) :: layer
       type(packing_t), intent(in) :: packing
       type(shot_t), intent(in) :: shot
       type(assembly_t), intent(inout) :: s
       type(outcome_t), intent(inout) :: outcome
-      type(film_t), intent(inout), optional :: film
       real(wp) :: time, unit, nothing, best, way
       integer :: n
       logical :: lost
@@ -245,7 +235,6 @@ contains
       outcome%status = 0
       outcome%steps = 0
       do while (outcome%status == 0)
-         if (present(film)) call expose(s, outcome%steps*s%dt, film)
          call advance(s)
          outcome%steps = outcome%steps + 1
          if (s%trouble /= sound) return
@@ -279,7 +268,6 @@ contains
                outcome%status = merge(lifted, rolled_on, lost)
          end associate
       end do
-      if (present(film)) call expose(s, time, film)
       if (.not. best > 0) outcome%peak = state_of(s, shot)
       if (outcome%status /= rebounded) outcome%clear = outcome%peak
       if (.not. lost) outcome%loss = outcome%peak
@@ -329,18 +317,4 @@ contains
       end associate
       will_meet = .false.
    end function will_meet
-
-   !> Take a picture when one is due.
-   pure subroutine expose(s, time, film)
-      type(assembly_t), intent(in) :: s
-      real(wp), intent(in) :: time
-      type(film_t), intent(inout) :: film
-
-      if (film%frames == size(film%time)) return
-      if (time < film%frames*film%interval) return
-      film%frames = film%frames + 1
-      film%time(film%frames) = time
-      film%x(:, :, film%frames) = s%bodies%x
-      film%v(:, :, film%frames) = s%bodies%v
-   end subroutine expose
 end module lab_impact

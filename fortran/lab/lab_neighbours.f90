@@ -81,7 +81,7 @@ contains
    !> Bodies outside the periodic box, back into it.
    pure subroutine fold(box, x)
       type(box_t), intent(in) :: box
-      real(wp), intent(inout) :: x(:, :)
+      real(wp), intent(inout) :: x(:, :)  !! (3, n) centres [m]
 
       if (box%width > 0) x(1:2, :) = x(1:2, :) - box%width*floor(x(1:2, :)/box%width)
    end subroutine fold
@@ -101,7 +101,7 @@ contains
    pure subroutine sweep(list, box, x, radius, n_small, found, count)
       type(neighbours_t), intent(in) :: list
       type(box_t), intent(in) :: box
-      real(wp), intent(in) :: x(:, :), radius(:)
+      real(wp), intent(in) :: x(:, :), radius(:)  !! [m]
       integer, intent(in) :: n_small
       type(pair_t), allocatable, intent(inout) :: found(:)
       integer, intent(inout) :: count
@@ -157,7 +157,7 @@ contains
    pure subroutine keep_if_near(list, box, x, radius, i, j, found, count)
       type(neighbours_t), intent(in) :: list
       type(box_t), intent(in) :: box
-      real(wp), intent(in) :: x(:, :), radius(:)
+      real(wp), intent(in) :: x(:, :), radius(:)  !! [m]
       integer, intent(in) :: i, j  !! i < j
       type(pair_t), allocatable, intent(inout) :: found(:)
       integer, intent(inout) :: count

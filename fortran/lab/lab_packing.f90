@@ -6,7 +6,7 @@ module lab_packing
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail, our_fault
    use rockfall_math, only: pi, logarithm, exponential
-   use rockfall_random, only: random_key_t, random_words, uniform
+   use rockfall_random, only: random_key_t, random_words, uniform, words_per_draw
    use lab_contact, only: material_t
    use lab_bodies, only: bodies_t, bodies
    use lab_neighbours, only: box_t, fold
@@ -129,7 +129,7 @@ contains
    !> A radius by inversion of its distribution [m].
    pure real(wp) function draw_radius(packing, u) result(radius)
       type(packing_t), intent(in) :: packing
-      real(wp), intent(in) :: u  !! uniform in (0, 1)
+      real(wp), intent(in) :: u  !! uniform in (0, 1) [-]
       real(wp) :: limits(2)
 
       limits = size_limits(packing)
@@ -172,7 +172,7 @@ contains
       type(bodies_t), intent(out) :: b
       real(wp), allocatable :: x(:, :), r(:), v(:, :)
       real(wp), parameter :: apart = 1.001_wp  ! of bodies in neighbouring rows
-      integer(i8) :: word(12)
+      integer(i8) :: word(words_per_draw)  ! 1: radius; 2 to 4: velocity; 5: gap
       real(wp) :: width, volume, goal, corner(3), row, tallest, kick
       integer :: n
 
@@ -249,8 +249,8 @@ contains
    !> Step until the kinetic energy is spent, or creeps.
    pure subroutine settle(packing, drag, spent, s, steps, error)
       type(packing_t), intent(in) :: packing
-      real(wp), intent(in) :: drag   !! rate / sqrt(g/R_m)
-      real(wp), intent(in) :: spent  !! kinetic energy that counts as none / (mass g R_m)
+      real(wp), intent(in) :: drag   !! rate / sqrt(g/R_m) [-]
+      real(wp), intent(in) :: spent  !! kinetic energy that counts as none / (mass g R_m) [-]
       type(assembly_t), intent(inout) :: s
       integer, intent(inout) :: steps
       type(error_t), allocatable, intent(out) :: error

@@ -109,8 +109,8 @@ contains
    !> To the end of the step with the velocity in its middle.
    pure subroutine drift(n, dt, radius, a, v, x, sound_step)
       integer, intent(in) :: n
-      real(wp), intent(in) :: dt, radius(n), a(6, n)  !! see `bodies_t`
-      real(wp), intent(inout) :: v(6, n), x(3, n)
+      real(wp), intent(in) :: dt, radius(n), a(6, n)  !! [s], [m], [m/s2] and [rad/s2]
+      real(wp), intent(inout) :: v(6, n), x(3, n)     !! [m/s] and [rad/s], [m]
       logical, intent(out) :: sound_step  !! none has leapt
       real(wp) :: leap(3)
       integer :: k
@@ -127,9 +127,11 @@ contains
    !> Rates from forces, and what they change in a time.
    pure subroutine accelerate(n, gravity, time, f, inverse, a, v)
       integer, intent(in) :: n
-      real(wp), intent(in) :: gravity, time, f(6, n), inverse(6, n)
-      real(wp), intent(out) :: a(6, n)
-      real(wp), intent(inout) :: v(6, n)
+      real(wp), intent(in) :: gravity, time   !! [m/s2], [s]
+      real(wp), intent(in) :: f(6, n)         !! [N] and [N m]
+      real(wp), intent(in) :: inverse(6, n)   !! of mass [1/kg] and inertia [1/(kg m2)]
+      real(wp), intent(out) :: a(6, n)        !! [m/s2] and [rad/s2]
+      real(wp), intent(inout) :: v(6, n)      !! [m/s] and [rad/s]
       integer :: k
 
       do k = 1, n
@@ -174,10 +176,10 @@ contains
    pure subroutine find_touching(n, n_pairs, pair, x, touch, count, place, distance)
       integer, intent(in) :: n, n_pairs
       type(pair_t), intent(in) :: pair(n_pairs)
-      real(wp), intent(in) :: x(3, n)
+      real(wp), intent(in) :: x(3, n)               !! [m]
       type(touch_t), intent(inout) :: touch(n_pairs)
       integer, intent(out) :: count, place(n_pairs)
-      real(wp), intent(out) :: distance(n_pairs)
+      real(wp), intent(out) :: distance(n_pairs)    !! [m]
       real(wp) :: dx, dy, dz, square
       integer :: k
 
@@ -204,9 +206,9 @@ contains
       type(pair_t), intent(in) :: pair(n_pairs)
       type(law_t), intent(in) :: law(n_pairs)
       real(wp), intent(in) :: max_overlap(n_pairs), dt  !! [m], [s]
-      real(wp), intent(in) :: x(3, n), v(6, n), a(6, n), radius(n)
+      real(wp), intent(in) :: x(3, n), v(6, n), a(6, n), radius(n)  !! as in `drift` [m], [m/s] ...
       type(touch_t), intent(inout) :: touch(n_pairs)
-      real(wp), intent(out) :: f(6, n)
+      real(wp), intent(out) :: f(6, n)  !! [N] and [N m]
       logical, intent(out) :: beyond
       real(wp) :: d, normal_at(3), u(3), overlap, closing, arm, force(3), moment(3), normal
       real(wp) :: distance(n_pairs)
@@ -248,7 +250,7 @@ contains
       real(wp), intent(in) :: spin(3), other_spin(3)     !! [rad/s]
       real(wp), intent(in) :: radius, dt                 !! of the first body [m], [s]
       type(touch_t), intent(inout) :: touch
-      real(wp), intent(out) :: normal
+      real(wp), intent(out) :: normal                    !! force [N]
       real(wp) :: middle(3), across(3), distance, inverse, arm, rotation(3)
 
       middle = d*n - 0.5_wp*dt*u
@@ -434,7 +436,7 @@ contains
 
    elemental subroutine scale_springs(touch, factor)
       type(touch_t), intent(inout) :: touch
-      real(wp), intent(in) :: factor
+      real(wp), intent(in) :: factor  !! [-]
 
       touch%shear = factor*touch%shear
       touch%moment = factor*touch%moment

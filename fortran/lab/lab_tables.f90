@@ -37,7 +37,7 @@ module lab_tables
 contains
 
    pure type(material_t) function material_of(v)
-      real(wp), intent(in) :: v(size(material_keys))
+      real(wp), intent(in) :: v(size(material_keys))  !! [units] of material_t
 
       material_of = material_t(young=v(1), poisson=v(2), friction=v(3), damping=v(4), rolling=v(5), &
                                boulder_rolling=v(6))
@@ -51,7 +51,7 @@ contains
    end function material_row
 
    pure type(packing_t) function packing_of(v)
-      real(wp), intent(in) :: v(size(packing_keys))
+      real(wp), intent(in) :: v(size(packing_keys))  !! [units] of packing_t
 
       packing_of = packing_t(mean_radius=v(1), ratio=v(2), grading=v(3), by_mass=is_true(v(4)), &
                              width=v(5), depth=v(6), density=v(7), friction=v(8), gravity=v(9), &
@@ -67,7 +67,7 @@ contains
    end function packing_row
 
    pure type(shot_t) function shot_of(v)
-      real(wp), intent(in) :: v(size(shot_keys))
+      real(wp), intent(in) :: v(size(shot_keys))  !! [units] of shot_t
 
       shot_of = shot_t(radius=v(1), density=v(2), speed=v(3), angle=v(4), spin=v(5), aim=v(6:7), &
                        heading=v(8:9), gravity=v(10), patience=v(11), spent=v(12), past=v(13), &
@@ -83,7 +83,7 @@ contains
    end function shot_row
 
    pure type(range_t) function range_of(v)
-      real(wp), intent(in) :: v(size(range_keys))
+      real(wp), intent(in) :: v(size(range_keys))  !! [units] of range_t
 
       range_of = range_t(speed=v(1:3), angle=v(4:6), spin=v(7:9))
    end function range_of
@@ -96,7 +96,7 @@ contains
    end function range_row
 
    pure logical function is_true(v)
-      real(wp), intent(in) :: v
+      real(wp), intent(in) :: v  !! 0 or 1 [-]
 
       is_true = nint(v) /= 0
    end function is_true

@@ -1,30 +1,34 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Where falling rocks go, how fast, how high and how often."""
 
-from rockfall.analysis.ensemble import ensemble_table, run_ensemble
-from rockfall.analysis.line_statistics import line_statistics
-from rockfall.analysis.return_levels import return_levels
-from rockfall.analysis.run_until import run_until
-from rockfall.case import Case, read_case
-from rockfall.errors import RockfallError
-from rockfall.result.dataset import read_result, write_result
-from rockfall.simulation.merge import merge
-from rockfall.simulation.simulate import Interrupted, run
-from rockfall.version import __version__
+from importlib import import_module
 
-__all__ = [
-    "__version__",
-    "Case",
-    "Interrupted",
-    "RockfallError",
-    "ensemble_table",
-    "line_statistics",
-    "merge",
-    "read_case",
-    "read_result",
-    "return_levels",
-    "run",
-    "run_ensemble",
-    "run_until",
-    "write_result",
-]
+_MODULES = {  # of each public name
+    "Case": "case",
+    "Interrupted": "simulation.simulate",
+    "RockfallError": "errors",
+    "__version__": "version",
+    "ensemble_table": "analysis.ensemble",
+    "line_statistics": "analysis.line_statistics",
+    "merge": "simulation.merge",
+    "read_case": "case",
+    "read_result": "result.dataset",
+    "return_levels": "analysis.return_levels",
+    "run": "simulation.simulate",
+    "run_ensemble": "analysis.ensemble",
+    "run_until": "analysis.run_until",
+    "write_result": "result.dataset",
+}
+__all__ = list(_MODULES)
+
+
+def __getattr__(name: str) -> object:
+    """A public name, imported when it is first used: `rockfall --help` needs no NumPy (PEP 562)."""
+    if name not in _MODULES:
+        raise AttributeError(f"module 'rockfall' has no attribute {name!r}")
+    globals()[name] = found = getattr(import_module(f"rockfall.{_MODULES[name]}"), name)
+    return found
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *__all__])

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING
 
 from rockfall.case import FROM_ARRAY, Case, case_of
 from rockfall.errors import RockfallError
+from rockfall.impact_sets import set_path
+from rockfall.io.raster_file import raster_files
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -30,9 +32,6 @@ APPENDED = (".xml", ".aux.xml", "-wal", "-shm", "-journal")
 
 def input_files(case: Case) -> Iterator[Path]:
     """Every file that a case reads, the case file first; some may not be there."""
-    from rockfall.impact_sets import set_path
-    from rockfall.io.raster_file import raster_files
-
     yield Path(case.name)
     for keys, files_of in ((LAYERS, _layer_files), (RASTERS, raster_files)):
         for group, names in keys.items():

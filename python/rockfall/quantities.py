@@ -36,9 +36,14 @@ class Quantity(NamedTuple):
         return with_unit(self.label, self.unit)
 
     @property
+    def name(self) -> str:
+        """The symbol, or the label where there is none."""
+        return self.symbol or self.label
+
+    @property
     def short(self) -> str:
-        """The same by the symbol, where there is one."""
-        return with_unit(self.symbol or self.label, self.unit)
+        """The same with its unit."""
+        return with_unit(self.name, self.unit)
 
 
 def _of_line(name: str, label: str, decimals: int, symbol: str = "") -> Quantity:
@@ -55,7 +60,7 @@ QUANTITIES = {
     "energy_rotational": _of_line("energy_rotational", "rotational energy", 0, "E_rot"),
     "energy_total": _of_line("energy_translational", "total kinetic energy", 0, "E_tot"),
     "rotational_share": Quantity("rotational fraction of the energy", "1", 1, "E_rot / E_tot"),
-    "position": Quantity("position along the line", "m", 1),
+    "position": Quantity("position along the line", "m", 1, "along the line"),
     "stopping_distance": Quantity("stopping distance", "m", 1),
 }
 REBOUND = {  # of histograms over all rebounds

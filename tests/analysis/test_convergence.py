@@ -176,7 +176,7 @@ def test_the_text_claims_nothing_of_what_is_not_known(found):
     """Nobody crosses one line: no number is NaN or infinite there, and no error is told."""
     said = text(found[1])
     assert not re.search(r"\b(nan|inf)\b", said) and "the widest of the intervals" in said
-    assert re.search(r"^  never +speed \[m/s\] +mean( +-){4}$", said, re.M)
+    assert re.search(r"^  never: speed \[m/s\], mean( +-){4}$", said, re.M)
     study = found[1].study.assign(change=np.inf)
     assert "still changed from 0." in text(replace(found[1], study=study))
 
@@ -194,26 +194,17 @@ def test_the_command_writes_tables_and_figures(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     case_file(tmp_path)
     arguments = ["convergence", "case.nml", "--boulders", "20", "100", "--reference", "20000"]
-    assert main([*arguments, "-o", "a b"]) == 0
+    assert main(arguments) == 0
     said = capsys.readouterr().out
     assert "one more digit costs 100 times" in said and "The paper has" in said
     names = ["convergence.pdf", "convergence.png"]
     names += ["cost.csv", "error.csv", "numerical.csv", "study.csv"]
-    assert sorted(path.name for path in (tmp_path / "a b").iterdir()) == names
+    assert sorted(path.name for path in (tmp_path / "case_convergence").iterdir()) == names
     for name in names[2:]:
-        assert list(pd.read_csv(tmp_path / "a b" / name).columns[:3]) == KEYS
-    first = (tmp_path / "a b" / "convergence.pdf").read_bytes()
+        assert list(pd.read_csv(tmp_path / "case_convergence" / name).columns[:3]) == KEYS
+    first = (tmp_path / "case_convergence" / "convergence.pdf").read_bytes()
     assert b"/Type /Page" in first and b"CreationDate" not in first
-    assert main(arguments) == 0 and (tmp_path / "case_convergence" / "study.csv").is_file()
 
-
-def test_the_same_call_gives_the_same_numbers(found):
-    case, measured = found
-    again = converge(case, boulders=[50, 1000, 200], reference=50_000)
-    for name in ("study", "error", "numerical"):
-        one, two = (getattr(each, name).drop(columns="cpu_seconds", errors="ignore")
-                    for each in (measured, again))  # fmt: skip
-        pd.testing.assert_frame_equal(one, two, check_exact=True)
 
 
 @pytest.mark.parametrize(

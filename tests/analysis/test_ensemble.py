@@ -3,7 +3,6 @@
 
 import re
 import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -12,17 +11,18 @@ import xarray as xr
 
 import rockfall
 from made import make_raster, refused
-from program import find_program
+from programs import find_program
 from rockfall.analysis import ensemble
 from rockfall.analysis.ensemble import RESULTS
 from rockfall.analysis.line_statistics import Z, line_numbers, line_values
-from rockfall.analysis.sobol_indices import LEAST, deviations, parts, shares
+from rockfall.analysis.sobol_indices import MIN_CROSSED, deviations, indices, parts
 from rockfall.analysis.uncertain_inputs import Uncertain, drawn_scene, gaussian_field
 from rockfall.cli import main
 from rockfall.errors import RockfallError
 from rockfall.scene.reach import survey
 from rockfall.scene.read import read_scene
 from rockfall.simulation.simulate import run_scene
+from rockfall.text.ensemble import ensemble_summary
 from scenes import grid, make_case, rough, sets, write_sets
 
 TERRAIN = rough()
@@ -58,9 +58,9 @@ def model(blocks, boulders, random):
 def from_boulders(values):
     """Means and covariances of values (blocks, runs, boulders)."""
     y, n = values.mean(axis=2), values.shape[2]
+    known = {"n": MIN_CROSSED, "fraction": 1.0}
     apart = np.array([
-        [deviations(v, "mean", {"n": LEAST, "fraction": 1.0, "mean": v.mean()}, n) for v in block]
-        for block in values
+        [deviations(v, "mean", {**known, "mean": v.mean()}, n) for v in block] for block in values
     ])  # fmt: skip
     return y[..., None], (apart @ apart.transpose(0, 2, 1))[..., None]
 
@@ -73,7 +73,8 @@ def test_parts_are_those_of_a_model_without_chance_whatever_the_chance():
     within four of its standard errors of the truth: the estimates are unbiased."""
     random = np.random.default_rng(1)
     found = [parts(*model(16, 10, random)) for _ in range(200)]
-    for name, truth in (("chance", 14.4), ("ignorance", 14), ("first", FIRST), ("total", TOTAL)):
+    truths = {"monte_carlo": 14.4, "epistemic": 14, "first": FIRST, "total": TOTAL}
+    for name, truth in truths.items():
         values = np.array([getattr(one, name) for one in found])[..., 0]
         error = values.std(axis=0) / np.sqrt(200)
         assert np.all(np.abs(values.mean(axis=0) - truth) < 4 * error), name
@@ -82,7 +83,7 @@ def test_parts_are_those_of_a_model_without_chance_whatever_the_chance():
 
 def test_shares_and_their_errors():
     random = np.random.default_rng(2)
-    found = [shares(*model(64, 100, random)) for _ in range(40)]
+    found = [indices(*model(64, 100, random)) for _ in range(24)]
     for name, truth in (("first", FIRST), ("total", TOTAL)):
         values = np.array([getattr(one, name) for one in found])[..., 0]
         errors = np.array([getattr(one, f"{name}_error") for one in found])[..., 0]
@@ -94,8 +95,8 @@ def test_shares_and_their_errors():
 def test_no_shares_of_an_ignorance_that_is_not_there():
     random = np.random.default_rng(3)
     values = np.repeat(random.standard_normal((16, 1, 50)), 4, axis=1)
-    found = shares(*from_boulders(values))
-    assert abs(found.parts.ignorance[0]) < 3 * found.ignorance_error[0]
+    found = indices(*from_boulders(values))
+    assert abs(found.parts.epistemic[0]) < 3 * found.epistemic_error[0]
     assert np.isnan(found.first).all() and np.isnan(found.total).all()
     assert np.all(found.parts.first == 0) and np.all(np.abs(found.parts.total) < 1e-15)
 
@@ -103,7 +104,7 @@ def test_no_shares_of_an_ignorance_that_is_not_there():
 def test_chance_is_that_of_the_intervals_at_a_line(tmp_path):
     result = rockfall.run(case_of(tmp_path, 2000), dem=TERRAIN, transform=grid(TERRAIN))
     table = rockfall.line_statistics(result).set_index("quantity")
-    for quantity, number, _ in RESULTS.values():
+    for quantity, number in RESULTS.values():
         row = table.loc[quantity]
         of = deviations(line_values(result, quantity, 0), number, row, 2000)
         width = row[f"{number}_high"] - row[f"{number}_low"]
@@ -112,16 +113,17 @@ def test_chance_is_that_of_the_intervals_at_a_line(tmp_path):
 
 
 def test_chance_of_two_runs_and_what_they_share_are_those_of_other_boulders(tmp_path):
-    """Covariances from the boulders of one pair of runs against 250 pairs with other seeds: the
-    same boulders over two terrains, from two sources, whose difference no chance is."""
-    case = case_of(tmp_path, 150, release={"x": [150.0, 200.0], "y": [380.0, 350.0]})
+    """Covariances from the boulders of one pair of runs against 250 pairs with other boulders: the
+    same ones over two terrains, from two sources, whose difference is no Monte Carlo error."""
+    case = case_of(tmp_path, 250 * 150, release={"x": [150.0, 200.0], "y": [380.0, 350.0]})
     scenes = [read_scene(case, dem=z, transform=grid(z)) for z in (TERRAIN, rough(seed=2))]
     scenes[1].z = 0.05 * scenes[1].z + 0.95 * scenes[0].z
     chosen = [RESULTS[name] for name in ("fraction", "speed.mean", "speed.q95")]
     values, covariances = np.empty((250, 3, 2)), np.empty((250, 3, 2, 2))
-    for k in range(250):
-        runs = [simulate_seed(scene, k) for scene in scenes]
-        for i, (quantity, number, _) in enumerate(chosen):
+    all_ = [ensemble.run_scene(scene)[["line_speed"]] for scene in scenes]
+    for k, block in enumerate(np.arange(2 * 250 * 150).reshape(2, 250, 150).swapaxes(0, 1)):
+        runs = [one.isel(boulder=block.ravel()) for one in all_]
+        for i, (quantity, number) in enumerate(chosen):
             rows = [line_numbers(run, 0, quantity, np.zeros(300, int)) for run in runs]
             values[k, i] = [row[number] for row in rows]
             of = np.array([
@@ -129,7 +131,7 @@ def test_chance_of_two_runs_and_what_they_share_are_those_of_other_boulders(tmp_
                 for run, row in zip(runs, rows, strict=True)
             ])  # fmt: skip
             covariances[k, i] = of @ of.T
-    for i, (_, number, _) in enumerate(chosen):
+    for i, (_, number) in enumerate(chosen):
         true, estimate = np.cov(values[:, i].T), covariances[:, i].mean(axis=0)
         assert np.diag(estimate) == pytest.approx(
             np.diag(true), rel=0.4 if number == "q95" else 0.25
@@ -137,10 +139,6 @@ def test_chance_of_two_runs_and_what_they_share_are_those_of_other_boulders(tmp_
         correlation = [c[0, 1] / np.sqrt(c[0, 0] * c[1, 1]) for c in (true, estimate)]
         assert correlation[1] == pytest.approx(correlation[0], abs=0.15), number
     assert correlation[0] > 0.2  # there is something to be shared
-
-
-def simulate_seed(scene, seed):
-    return ensemble.run_scene(drawn_scene(scene, [], seed))
 
 
 def test_what_sets_sources_apart_is_no_chance():
@@ -151,8 +149,8 @@ def test_what_sets_sources_apart_is_no_chance():
 
 
 def test_few_boulders_at_a_line_make_no_number():
-    speed = np.r_[np.arange(LEAST - 1.0), np.full(81, np.nan)]
-    row = {"n": LEAST - 1, "fraction": 0.19, "mean": 9.0}
+    speed = np.r_[np.arange(MIN_CROSSED - 1.0), np.full(81, np.nan)]
+    row = {"n": MIN_CROSSED - 1, "fraction": 0.19, "mean": 9.0}
     assert np.isnan(deviations(speed, "mean", row, 100)).all()
     assert np.isfinite(deviations(speed, "fraction", row, 100)).all()
     row = {"n": 99, "fraction": 1.0, "q95": 93.1}
@@ -166,7 +164,7 @@ def test_few_boulders_at_a_line_make_no_number():
 def test_an_input_that_does_nothing_has_no_share_and_the_other_all(tmp_path):
     """Two names of one impact set: the runs are the same, bit for bit."""
     case = case_of(
-        tmp_path, 400, ensemble={"runs": 24, "source_shift": 15.0, "sets": ["sets.nml"] * 2}
+        tmp_path, 400, ensemble={"runs": 16, "source_shift": 15.0, "sets": ["sets.nml"] * 2}
     )
     found = vary(case)
     assert found["input"].values.tolist() == ["source", "sets"]
@@ -175,7 +173,7 @@ def test_an_input_that_does_nothing_has_no_share_and_the_other_all(tmp_path):
     at = found.sel(input="source", result="fraction", line="L")
     for name in ("first_order", "total"):
         assert abs(at[name] - 1) < 3 * at[f"{name}_error"] + 1e-9
-    assert at["ignorance"] > 1.5 * at["chance"]
+    assert at["epistemic_std"] > 1.5 * at["monte_carlo_std"]
     same = found["value"].sel(variant=["A", "A with sets of B"])
     assert np.array_equal(same[:, 0], same[:, 1])
 
@@ -184,14 +182,14 @@ def test_where_nothing_matters_there_is_chance_only(tmp_path):
     case = case_of(tmp_path, 400, ensemble={"runs": 24, "sets": ["sets.nml"] * 2})
     found = vary(case)
     at = found.sel(line="L")
-    assert np.all(abs(at["ignorance_variance"]) < 4 * at["ignorance_variance_error"])
+    assert np.all(abs(at["epistemic_variance"]) < 4 * at["epistemic_variance_error"])
     result = rockfall.run(case, dem=TERRAIN, transform=grid(TERRAIN))
     table = rockfall.line_statistics(result).set_index("quantity")
-    for name, (quantity, number, _) in RESULTS.items():
+    for name, (quantity, number) in RESULTS.items():
         row = table.loc[quantity]
         width = row[f"{number}_high"] - row[f"{number}_low"]
         assert at["case_value"].sel(result=name) == row[number]
-        assert 2 * Z * at["chance"].sel(result=name) == pytest.approx(width, rel=0.35)
+        assert 2 * Z * at["monte_carlo_std"].sel(result=name) == pytest.approx(width, rel=0.35)
 
 
 ALL = {
@@ -282,13 +280,19 @@ def test_a_draw_depends_on_seed_input_and_number_alone(tmp_path):
     more = vary(case_of(tmp_path, 30, boulder=volume, ensemble={"runs": 9, **ALL}))
     names = ["value", "seed", *(name for name in few if name.startswith("drawn_"))]
     xr.testing.assert_equal(few[names], more[names].isel(run=slice(8)))
-    alone = vary(case_of(tmp_path, 30, ensemble={"runs": 8, "source_shift": 5.0}))
-    xr.testing.assert_identical(alone["drawn_source_east"], few["drawn_source_east"])
-    other = case_of(tmp_path, 30, ensemble={"runs": 8, "source_shift": 5.0})
-    other = vary(other.replace(case={"seed": 5}))
-    assert not np.isin(other["drawn_source_east"], few["drawn_source_east"]).any()
+    alone = case_of(tmp_path, 30, ensemble={"runs": 8, "source_shift": 5.0})
+    assert np.array_equal(shifts(alone), few["drawn_source_east"])
+    other = alone.replace(case={"seed": 5})
+    assert not np.isin(shifts(other), few["drawn_source_east"]).any()
     every = np.concatenate([few[name].values.ravel() for name in names[2:-2]])
     assert np.unique(every).size > 0.8 * every.size  # A, B and inputs have numbers of their own
+
+
+def shifts(case):
+    """Of the sources to the east, in each run and side."""
+    inputs = Uncertain(read_scene(case, dem=TERRAIN, transform=grid(TERRAIN)))
+    draws = [[inputs.draw("source", k, side).kept for side in (0, 1)] for k in range(8)]
+    return [[one["source_east"] for one in run] for run in draws]
 
 
 def test_maps_are_of_the_runs_a_and_b(tmp_path):
@@ -314,14 +318,15 @@ def test_maps_are_of_the_runs_a_and_b(tmp_path):
     assert "reach_probability_mean" not in vary(case)
     only = vary(case.replace(line=[], output={"maps": ["passages"]}))
     xr.testing.assert_equal(only["reached_runs"], found["reached_runs"])
-    assert ensemble.ensemble_summary(only).count("\n") == 0
+    assert ensemble_summary(only).count("\n") == 0
 
 
 def test_a_line_that_some_runs_do_not_reach_has_a_share_and_nothing_else(tmp_path):
     case = case_of(tmp_path, 30, ensemble={"runs": 8, "source_shift": 1.0})
     at = vary(case).sel(line="L", result="speed.q95")  # 30 boulders: no interval above it
     assert at["too_few"] == 24
-    assert all(np.isnan(at[name]).all() for name in ("mean", "chance", "ignorance", "total"))
+    unknown = ("mean", "monte_carlo_std", "epistemic_std", "total")
+    assert all(np.isnan(at[name]).all() for name in unknown)
 
 
 # ---- what is drawn
@@ -463,8 +468,8 @@ def test_nothing_to_look_at_is_refused(tmp_path):
 def test_chance_that_is_not_known_is_refused(tmp_path):
     case = case_of(tmp_path, ensemble={"source_shift": 2.0}).replace(case={"sampling": "sobol"})
     with refused(
-        "case: &case sampling = 'sobol': must be 'random' for an ensemble: the chance of other "
-        "boulders is not known"
+        "case: &case sampling = 'sobol': must be 'random' for an ensemble: the Monte Carlo error "
+        "is not known"
     ):
         vary(case)
 
@@ -479,17 +484,6 @@ def test_more_numbers_than_the_design_has_are_refused(tmp_path):
         Uncertain(scene)
 
 
-def test_a_table_replaces_itself_and_nothing_else(place, capsys):
-    quiet = ["ensemble", "case.nml", "--quiet", "--boulders", "2", "-o"]
-    for _ in range(2):
-        assert main([*quiet, "table.csv"]) == 0
-    for text in ("zone,mean_radius\n1,0.1\n", ""):
-        Path("other.csv").write_text(text)
-        assert main([*quiet, "other.csv"]) == 2
-        assert Path("other.csv").read_text() == text
-        said = "other.csv: is there, and not the table of an ensemble that rockfall wrote"
-        assert capsys.readouterr().err == f"rockfall: {said}; it is not overwritten\n"
-
 
 def test_maps_alone_are_no_table(place, capsys):
     text = Path("case.nml").read_text()
@@ -500,12 +494,6 @@ def test_maps_alone_are_no_table(place, capsys):
     assert capsys.readouterr().err == f"rockfall: {said}\n"
     assert not Path("table.csv").exists()
 
-
-def test_without_scipy_one_line_says_what_to_install(place, capfd, monkeypatch):
-    monkeypatch.setitem(sys.modules, "scipy.stats", None)
-    assert main(["ensemble", "case.nml"]) == 2
-    message = "ensembles need the report extra: pip install 'rockfall[report]'"
-    assert capfd.readouterr().err == f"rockfall: {message}\n"
 
 
 def test_an_interrupted_ensemble_writes_nothing(place, capfd, monkeypatch):
@@ -539,7 +527,8 @@ def test_the_command_writes_what_it_prints(place, capsys):
     assert Path("table.csv").read_text() == table.to_csv(index=False)
     lines = [line.split() for line in printed.splitlines()]
     share = table.loc[0]
-    for label, name in (("case as it is", "case_value"), ("chance, std", "chance")):
+    labels = {"case as it is": "case_value", "Monte Carlo error, std": "monte_carlo_std"}
+    for label, name in labels.items():
         (row,) = (words for words in lines if label in " ".join(words))
         assert float(row[len(label.split()) + label.startswith("case")]) == pytest.approx(
             100 * share[name], rel=0.01
@@ -549,7 +538,7 @@ def test_the_command_writes_what_it_prints(place, capsys):
 
 def test_inputs_stand_in_the_order_of_their_shares(tmp_path):
     case = case_of(tmp_path, ensemble={"runs": 16, "radius_factor": 1.01, "source_shift": 20.0})
-    text = ensemble.ensemble_summary(vary(case)).splitlines()
+    text = ensemble_summary(vary(case)).splitlines()
     first = [line.split()[0] for line in text if re.match(r"    (radius|source) ", line)]
     assert first == ["source", "radius"] * 2
 

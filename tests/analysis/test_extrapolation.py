@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from rockfall.analysis.extrapolation import extrapolations, faster_than_observed
-from rockfall.html_report.words import warnings
+from rockfall.html_report.validity import warnings
 from rockfall.scene.read import read_scene
 from rockfall.simulation.simulate import run_scene
 from rockfall.text.preview import preview
@@ -44,7 +44,7 @@ def test_a_twentieth_of_the_boulders_may_be_faster_than_observed():
     slow, fast = 0.8 * 45 - 1e-9, 0.8 * 45 + 1e-9
     assert list(extrapolations(values(speed=[slow] * 95 + [fast] * 5))) == []
     (found,) = extrapolations(values(speed=[slow] * 94 + [fast] * 6))
-    assert found.is_warning and found.share == 0.06
+    assert found.is_warning and found.fraction == 0.06
     assert "6 of 100 boulders (6.0 %) exceeded 0.8 m/s per degree" in found.text
     assert "no terminal velocity" in found.text
 
@@ -84,8 +84,9 @@ def scene_of(case):
     return read_scene(case, dem=z, transform=grid(z))
 
 
-def test_check_summary_and_report_say_the_same(case):
+def test_check_summary_and_report_say_the_same(case, monkeypatch):
     """All boulders of one source are in the pilot run, too."""
+    monkeypatch.setattr("rockfall.text.preview.PILOT_SECONDS", 60.0)
     page = preview(scene_of(case))
     result = run_scene(scene_of(case))
     texts = [text.removesuffix(".") for text in warnings(result)]

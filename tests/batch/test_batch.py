@@ -2,15 +2,23 @@
 """rockfall-batch: the options of `rockfall run`, the same bits, and bad input in one line."""
 
 import os
+import resource
 import shutil
+import subprocess
 
 import netCDF4
 import numpy as np
 import pytest
 
 import rockfall
-from program import everything, make_full_case, refused_in_one_line, same_results
+from programs import (
+    everything,
+    make_full_case,
+    refused_in_one_line,
+    same_results,
+)
 from rockfall.cli import main
+from rockfall.io.grid import Grid
 from rockfall.scene.prepare import prepare
 
 CASE = "ready/case.nml"
@@ -257,11 +265,9 @@ def test_other_commands_say_what_finishes_a_part(ready, batch, capsys):
 
 def test_quantile_maps_take_memory_where_boulders_pass(batch, tmp_path):
     """Counts for all of a million cells are 824 MB; the program has 500."""
-    import resource
-    import subprocess
 
     from program import find_program
-    from rockfall.io.grid import Grid
+
 
     z, grid = (
         np.zeros((1000, 1000), "f4") - np.arange(1000)[:, None],

@@ -10,7 +10,7 @@ from affine import Affine
 
 import rockfall
 from made import make_layer, make_raster, refused
-from program import everything, same_results
+from programs import everything, same_results
 from rockfall.io.grid import Grid
 from rockfall.scene.prepare import prepare
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Spoiled inputs: done or refused in one line, by both doors, and nothing written when refused.
 
-benchmarks/hostile.py throws thousands; here are one of each class that was once not refused, and
-sixty more.
+benchmarks/stability/hostile.py throws thousands; here are one of each class that was once not
+refused, and sixty more.
 """
 
 import os
@@ -19,6 +19,8 @@ import pytest
 import xarray as xr
 
 import rockfall
+from benchmarks.machine import ROOT
+from benchmarks.stability import hostile, mutators
 from made import refused
 from rockfall.analysis.observations import read_observed
 from rockfall.io.tables import table_rows
@@ -28,10 +30,6 @@ from rockfall.scene.read import read_scene
 from rockfall.simulation.checkpoint import Checkpoint
 from rockfall.simulation.merge import merge
 from rockfall.simulation.simulate import run_chunks, start
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
-import hostile  # noqa: E402
-import mutators  # noqa: E402
 
 
 @pytest.fixture(scope="module")
@@ -59,9 +57,9 @@ def files(made, tmp_path, monkeypatch):
 
 def test_sixty_spoiled_inputs():
     """In a process of its own: forks of one that has run OpenMP would wait for its threads."""
-    command = [sys.executable, hostile.__file__, "--inputs", "60", "--seed", "11"]
-    done = subprocess.run(command, capture_output=True, text=True)
-    assert done.returncode == 0, done.stdout
+    command = [sys.executable, "-m", hostile.__name__, "--inputs", "60", "--seed", "11"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
     assert "| all            |     60 |" in done.stdout
 
 

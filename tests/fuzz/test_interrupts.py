@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Ctrl-C and SIGTERM: what is done is kept, nothing is half-written, a second ends at once."""
-# ruff: noqa: F401, F811 - fixtures of other tests are taken by name
 
 import os
 import re
@@ -8,21 +7,15 @@ import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import pytest
 
 import rockfall
-from program import find_program, same_results
+from benchmarks.stability.kills import build_shim
+from programs import find_program, held, same_results, wait_until_busy
 from rockfall import interrupts
 from rockfall.cli import main
 from rockfall.result import export
-from test_batch_checkpoint import held, many
-from test_cli import place, wait_until_busy
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
-
-from kills import build_shim  # noqa: E402
 
 ONE_CHUNK = """import sys
 from rockfall.simulation import simulate

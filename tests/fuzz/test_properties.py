@@ -16,13 +16,13 @@ from hypothesis import strategies as st
 
 import rockfall
 import scenes
-from program import find_program
+from programs import find_program
 from rockfall.errors import RockfallError
 from rockfall.result import variables
 from rockfall.scene.prepare import prepare
 from rockfall.scene.read import read_scene
 from rockfall.simulation import simulate
-from test_invariants import same_bits
+from same import same_numbers
 
 DEEPER = int(os.environ.get("ROCKFALL_EXAMPLES", "0"))
 MAPS = list(variables.MAP)
@@ -483,12 +483,12 @@ def test_maps_lie_between_the_least_and_the_greatest_of_their_boulders(folder, s
 @given(scenes_of(), st.integers(1, 40), st.integers(2, 5))
 def test_threads_chunks_and_parts_give_the_same_bits(folder, scene, chunk, parts):
     whole = started(scene, folder, threads=1, chunk=100_000)
-    same_bits(scene.run(folder, threads=3, chunk=chunk), whole)
+    same_numbers(scene.run(folder, threads=3, chunk=chunk), whole)
     n = min(parts, whole.sizes["boulder"])
     if n == 1:
         return
     shards = [scene.run(folder, shard=(k, n), threads=2) for k in range(n, 0, -1)]
-    same_bits(rockfall.merge(shards), whole)
+    same_numbers(rockfall.merge(shards), whole)
 
 
 @looks(20)
@@ -496,7 +496,7 @@ def test_threads_chunks_and_parts_give_the_same_bits(folder, scene, chunk, parts
 def test_what_is_asked_for_changes_nothing_else(folder, scene):
     whole = started(scene, folder)
     scene.line = []
-    same_bits(scene.run(folder, changes={"output": NO_OUTPUT}), whole)
+    same_numbers(scene.run(folder, changes={"output": NO_OUTPUT}), whole)
 
 
 @looks(6)
@@ -512,7 +512,7 @@ def test_windows_and_the_other_door_give_the_same_bits(folder, tmp_path_factory,
     command = [find_program(), here / "case/case.nml", "--threads", "2", "-o", here / "part"]
     done = subprocess.run([*command, "--quiet"], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    same_bits(rockfall.merge([here / "part"]), whole)
+    same_numbers(rockfall.merge([here / "part"]), whole)
 
 
 # ---- symmetries that hold to the bit
@@ -613,7 +613,7 @@ def test_no_data_to_the_north_and_east_change_nothing(folder, scene, rows, colum
     )  # fmt: skip
     there = larger.run(folder, changes={"output": output})
     ny, nx = scene.z.shape
-    same_bits(here, there.isel(y=slice(rows, rows + ny), x=slice(nx)).assign_coords(y=here.y))
+    same_numbers(here, there.isel(y=slice(rows, rows + ny), x=slice(nx)).assign_coords(y=here.y))
 
 
 @looks(12)
@@ -626,7 +626,7 @@ def test_far_away_nothing_changes_but_the_place(folder, scene, offset):
     moved = {axis: [offset + c for c in release[axis]] for axis in {"x", "y"} & set(release)}
     there = rockfall.run(scene.case(folder, release=moved), **arrays)
     places = {f"{what}_{axis}" for what in ("start", "stop", "trajectory") for axis in "xy"}
-    same_bits(here, there, sorted(set(here.variables) - places - {"x", "y"}))
+    same_numbers(here, there, sorted(set(here.variables) - places - {"x", "y"}))
     for name in places:
         assert np.abs(here[name].values + offset - there[name].values).max() < 1e-8, name
 

@@ -10,7 +10,7 @@ import sys
 import pytest
 
 import rockfall
-from program import find_program
+from programs import find_program
 from rockfall import cli
 
 ASCII = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}

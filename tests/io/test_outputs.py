@@ -17,20 +17,18 @@ from matplotlib.figure import Figure
 
 import rockfall
 import scenes
-from made import PLACE, UTM, make_raster, refused
+from made import PLACE, UTM, make_raster, refused, write_ascii
 from rockfall.analysis.convergence import KEYS, Convergence
 from rockfall.case_files import input_files
 from rockfall.cli import main
-from rockfall.html_report import _page
-from rockfall.io.output_files import FIGURE, LINE_TABLE, RESULT, kind_of, whole_folder
-from rockfall.io.raster import write_ascii
+from rockfall.io.output_files import FIGURE, LINE_TABLE, RESULT, atomic_folder, kind_of
 from rockfall.plots.figures import Figure as Drawing
 from rockfall.plots.style import save
 from scenes import grid, rough
-from test_cli import CASE, TABLE, slope, zones
+from slope_case import CASE, TABLE, slope, zones
 
-LAB = """&lab ratios = 1.0, points = 2, impacts = 1 /
-&packing width = 8.0, depth = 2.0 /
+LAB = """&lab ratios = 1.0, layers = 1, points = 2, impacts = 1 /
+&packing width = 4.0, depth = 1.0 /
 """
 UNCERTAIN = "&ensemble volume_factor = 1.2 /\n"
 STOPS = "x,y\n600060,4999900\n600061,4999905\n"
@@ -60,8 +58,8 @@ def place(ready, tmp_path, monkeypatch):
     shutil.copytree(ready, tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
     drawn = [Drawing(name, name, name, Figure) for name in ("passing", "profile", "stops")]
-    monkeypatch.setattr("rockfall.plots.figures.figures", lambda *_: drawn)
-    monkeypatch.setattr("rockfall.html_report.report", lambda *_: _page("a title", "of a page", {}))
+    monkeypatch.setattr("rockfall.cli.results.figures", lambda *_: drawn)
+    monkeypatch.setattr("rockfall.html_report.figures", lambda *_: drawn)
     return tmp_path
 
 
@@ -93,7 +91,6 @@ COMMANDS = {  # words, a file that is written, and what the command reads
         "out/passing.svg", "stops.csv",
     ),
     "report": (["report", "r.nc", "--observed", "stops.csv"], "r.html", "stops.csv"),
-    "report, of a part": (["report", PARTS[0]], "case.part1of2.html", PARTS[0]),
     "report, the DEM": (["report", "r.nc"], "r.html", "dem.tif"),
     "slurm": ([*JOBS, "--shards", "2"], "jobs/merge.sh", "case.nml"),
     "what slurm merges": ([*JOBS, "--shards", "2"], "jobs/case.nc", "dem.tif"),
@@ -131,14 +128,14 @@ def test_a_command_replaces_its_own_file_and_no_other(name, place, capsys):
 def test_a_study_of_convergence_replaces_its_own_files_and_no_other(place, monkeypatch, capsys):
     numbers = pd.DataFrame(columns=[*KEYS, "value"])
     study = Convergence("case", *4 * [numbers], 1, 1, 1, 0.0, {})
-    monkeypatch.setattr("rockfall.analysis.convergence.converge", lambda *_, **__: study)
-    monkeypatch.setattr("rockfall.text.convergence.text", lambda _: "")
+    monkeypatch.setattr("rockfall.cli.studies.converge", lambda *_, **__: study)
+    monkeypatch.setattr("rockfall.cli.studies.text", lambda _: "")
     monkeypatch.setattr("rockfall.plots.convergence._page", lambda _: Figure())
     words = ["convergence", "case.nml", "-o", "study"]
     for _ in range(2):
         assert main(words) == 0
     assert len(list(Path("study").iterdir())) == 6 and all(map(kind_of, Path("study").iterdir()))
-    monkeypatch.setattr("rockfall.analysis.convergence.converge", None)  # it does not come to this
+    monkeypatch.setattr("rockfall.cli.studies.converge", None)  # it does not come to this
     for name in ("cost.csv", "convergence.pdf"):
         kept = Path("study", name).read_bytes()
         for lay in (lambda path: path.write_text("mine"), lambda path: os.link("zones.csv", path)):
@@ -177,10 +174,10 @@ def test_every_file_behind_a_case_is_known(place, capsys):
             file.write_mask(np.full(file.shape, 255, "u1"))
     Path("dem.tif.aux.xml").write_text("<PAMDataset><Metadata/></PAMDataset>")
     rasterio.shutil.copy("dem.tif", "dem.vrt", driver="VRT")
-    about = grid(slope(), west=PLACE.c, south=PLACE.f - 5.0 * len(slope()))
     write_ascii(
-        "zones.asc", zones(), type(about)(**{**vars(about), "crs": rasterio.CRS.from_string(UTM)})
+        "zones.asc", zones(), grid(slope(), west=PLACE.c, south=PLACE.f - 5.0 * len(slope()))
     )
+    Path("zones.prj").write_text(rasterio.CRS.from_string(UTM).to_wkt(version="WKT1_ESRI"))
     box = shapely.box(600040.0, 4999960.0, 600080.0, 4999990.0)
     pyogrio.raw.write(
         "sources.shp", shapely.to_wkb(np.array([box])), [np.array([1])], ["id"],
@@ -258,7 +255,7 @@ def test_a_result_is_recognised(tmp_path):
 
 # ---- all or none
 
-NEW, OLD = "line,quantity,n,share,new\n", "line,quantity,n,share,old\n"
+NEW, OLD = "line,quantity,n,fraction,new\n", "line,quantity,n,fraction,old\n"
 
 
 def failing(call, error):
@@ -285,14 +282,14 @@ def test_files_of_a_folder_come_together_or_not_at_all(tmp_path, monkeypatch, ca
     before = contents(tmp_path)
     monkeypatch.setattr("rockfall.io.output_files.os.replace", failing(call, error))
     with pytest.raises((rockfall.RockfallError, KeyboardInterrupt)) as caught:
-        with whole_folder(folder, former=[folder / "gone.csv"], last="z.csv") as part:
+        with atomic_folder(folder, former=[folder / "gone.csv"], last="z.csv") as part:
             for name in ("a.csv", "b.csv", "z.csv"):
                 (part / name).write_text(NEW)
     if isinstance(error, OSError):
         assert str(caught.value) == f"{folder}: cannot be written: No space left on device"
     assert contents(tmp_path) == before and kind_of(folder / "a.csv") == LINE_TABLE
     monkeypatch.undo()
-    with whole_folder(folder, former=[folder / "gone.csv"], last="z.csv") as part:
+    with atomic_folder(folder, former=[folder / "gone.csv"], last="z.csv") as part:
         for name in ("a.csv", "b.csv", "z.csv"):
             (part / name).write_text(NEW)
     texts = {path.name: path.read_text() for path in folder.iterdir()}
@@ -302,7 +299,7 @@ def test_files_of_a_folder_come_together_or_not_at_all(tmp_path, monkeypatch, ca
 def test_folders_that_were_not_there_are_not_left(tmp_path, monkeypatch):
     monkeypatch.setattr("rockfall.io.output_files.os.replace", failing(2, OSError(5, "broken")))
     with pytest.raises(rockfall.RockfallError, match="broken"):
-        with whole_folder(tmp_path / "some" / "where") as part:
+        with atomic_folder(tmp_path / "some" / "where") as part:
             (part / "a").touch()
             (part / "b").touch()
     assert not list(tmp_path.iterdir())

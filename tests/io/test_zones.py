@@ -17,7 +17,9 @@ import pytest
 from made import make_layer, refused
 from rockfall.errors import RockfallError
 from rockfall.io import grid as grid_module
-from rockfall.io.raster import NO_ID, Grid, burn_polygons, material_index, read_zone_table
+from rockfall.io.grid import NO_ID, Grid, row_blocks
+from rockfall.io.layers import burn_polygons
+from rockfall.io.zone_table import index_blocks, read_zone_table
 
 
 @pytest.fixture(autouse=True)
@@ -107,6 +109,11 @@ def blocks(request, monkeypatch):
     """What is done in blocks must not depend on their size."""
     if request.param != "whole":
         monkeypatch.setattr(grid_module, "_BLOCK", 1)
+
+
+def material_index(ids, *arguments, **more):
+    parts = ((rows, ids[rows]) for rows in row_blocks(ids.shape))
+    return index_blocks(parts, ids.shape, *arguments, **more)
 
 
 IDS = np.array([[7, 7, 3], [NO_ID, 3, -5], [900, 7, NO_ID]], "int32")

@@ -25,7 +25,6 @@ from rockfall.lab.experiment import (
     STATES,
     STATUS,
     checksum,
-    film,
     open_impacts,
     pack_layers,
     run_impacts,
@@ -33,7 +32,6 @@ from rockfall.lab.experiment import (
 from rockfall.lab.fit import fit_impacts, impacts_of
 from rockfall.lab.setfile import origin, provenance, write_sets
 from rockfall.lab.sets import read_sets
-from rockfall.plots import lab as plots
 from rockfall.text import lab as summary
 
 VAUJANY = Path(__file__).parents[2] / "cases" / "vaujany"
@@ -45,9 +43,10 @@ SMALL = LabCase(
 )
 SHOTS = 18  # of a ratio
 FITTED = SMALL.replace(
-    lab={"title": "Made by a test", "layers": 8, "impacts": 5, "ratios": [1, 2]},
+    lab={"title": "Made by a test", "layers": 4, "impacts": 10, "ratios": [1, 2]},
     impact={"patience": 3},
 )
+MADE = FITTED.replace(lab={"layers": 8, "impacts": 5})
 
 
 @pytest.fixture(scope="module")
@@ -82,7 +81,7 @@ def same(one, other):
     return all(np.array_equal(one[name], other[name], equal_nan=True) for name in ROWS)
 
 
-def made(mean, case=FITTED):
+def made(mean, case=MADE):
     """Impacts of a case, all rebounded, with matrices about `mean` (9,)."""
     data = experiment._blank(case)
     shape = data["status"].shape
@@ -202,7 +201,7 @@ def test_what_is_no_part_of_the_same_is_not_resumed(place, monkeypatch, change):
     case, thing = SMALL.replace(lab={"seed": 2}), "laboratory case"
     if change == "version":
         case, thing = SMALL, "version of rockfall"
-        monkeypatch.setattr(experiment, "_version", lambda: "0.0.1")
+        monkeypatch.setattr(experiment, "__version__", "0.0.1")
     with refused(f"out.nc: is of another {thing}: cannot resume"):
         run_impacts(case, path="out.nc", resume=True)
     assert files(place) == before
@@ -346,26 +345,6 @@ def test_similar_impacts_are_similar_to_the_last_bit(stiff, name):
     for key, values in plain.items():
         factor = units.get(values.attrs.get("units"), 1)
         assert np.array_equal(data[key], factor * values), key
-
-
-def test_a_film_shows_one_impact():
-    one = film(SMALL, 2, 2, speed=12.0, angle=30.0, frames=20, interval=2e-3)
-    n = len(one["radius"])
-    assert one["centres"].shape == (20, n, 3) and one["velocities"].shape == (20, n, 6)
-    assert (one["time"] >= 2e-3 * np.arange(20)).all() and (np.diff(one["time"]) > 0).all()
-    start = [12 * np.cos(np.pi / 6), 0, -6, 0, 0, 0]
-    np.testing.assert_allclose(one["velocities"][0, -1], start, atol=1e-14)
-    assert one["radius"][-1] == pytest.approx(0.2) and not one["velocities"][0, :-1].any()
-    x, radius, facts = pack_layers(SMALL, 2, first=2).one(0)
-    assert np.array_equal(one["centres"][0, :-1], x) and np.array_equal(one["radius"][:-1], radius)
-    assert one["surface"] == facts[0]
-    width = facts[names(7).index("width")]
-    apart = one["centres"][0, -1] - x
-    apart[:, :2] -= width * np.round(apart[:, :2] / width)
-    gap = np.linalg.norm(apart, axis=1) - radius - 0.2
-    assert 0 < gap.min() < 1e-8
-    other = film(SMALL, 2, 2, speed=12.0, angle=30.0, frames=1)
-    assert other["outcome"] == one["outcome"] and other["outcome"]["vt_in"] > 0
 
 
 def test_layers_lie_in_their_box():
@@ -584,8 +563,11 @@ def test_the_summary_of_a_fit_prints_its_numbers(fitted, capsys):
     out = capsys.readouterr().out
     rows = [line.split() for line in out.splitlines()]
     printed = np.array([row[1:] for row in rows if row[0] == "mean"], float)
-    sets = fit_impacts(open_impacts(fitted / "lab.nc"))
-    np.testing.assert_allclose(printed, [one.mean for one in sets.values()], atol=1e-4)
+    text = (fitted / "sets.nml").read_text()
+    written = [
+        line.split(" = ")[1].split(", ") for line in text.splitlines() if "  mean = " in line
+    ]
+    np.testing.assert_allclose(printed, np.array(written, float), atol=1e-4)
     assert out.count("by the set") == out.count("by the impacts") == 2
     assert files(fitted) == before
 
@@ -638,33 +620,6 @@ def quiet_figures():
     pytest.importorskip("matplotlib", reason="the report extra is not installed").use("Agg")
 
 
-def draw_layer(path, _):
-    plots.layer_figure(pack_layers(SMALL, 2), path)
-
-
-def draw_impacts(path, _):
-    films = [film(SMALL, ratio, 1, 15.0, 45.0) | {"title": f"{ratio}"} for ratio in (1, 2)]
-    plots.impact_figure(films, 1.0, path)
-
-
-def draw_restitution(path, fitted):
-    sets = [*read_sets("rocky-slope"), *read_sets("rocky-slope")]
-    plots.restitution_figure(sets, path)
-
-
-def draw_lateral(path, fitted):
-    plots.lateral_figure(open_impacts(fitted / "lab.nc"), path)
-
-
-@pytest.mark.parametrize("draw", [draw_layer, draw_impacts, draw_restitution, draw_lateral])
-@pytest.mark.filterwarnings("error")
-def test_every_figure_is_a_picture_and_nothing_else(quiet_figures, tmp_path, fitted, draw):
-    draw(tmp_path / "figure.png", fitted)
-    (path,) = tmp_path.iterdir()
-    assert path.name == "figure.png" and path.stat().st_size > 5000
-    assert path.read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
-
-
 def test_layers_are_listed_and_drawn(quiet_figures, place, capsys):
     assert main(["lab", "pack", "lab.nml", "--ratio", "2", "--layers", "2", "-o", "layer.png"]) == 0
     lines = capsys.readouterr().out.splitlines()
@@ -687,7 +642,7 @@ def test_layers_are_listed_and_drawn(quiet_figures, place, capsys):
 )
 def test_a_picture_that_cannot_be_is_one_line(quiet_figures, place, capsys, name, message):
     before = files(place)
-    assert main(["lab", "pack", "lab.nml", "--layers", "1", "-o", name]) == 2
+    assert main(["lab", "pack", "lab.nml", "--ratio", "1", "--layers", "1", "-o", name]) == 2
     err = capsys.readouterr().err
     assert re.fullmatch(f"rockfall: {name}: {message}\n", err)
     assert files(place) == before

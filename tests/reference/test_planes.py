@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The page of `benchmarks/planes.py`: on exact planes, of every shipped set that is one."""
+"""The page of benchmarks/accuracy/planes.py: on exact planes, of every shipped set that is one."""
 
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,8 +9,7 @@ import pytest
 import scenes
 
 pytest.importorskip("matplotlib", reason="the report extra is not installed")
-sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
-import planes  # noqa: E402
+from benchmarks.accuracy import planes  # noqa: E402 - draws
 
 
 @pytest.mark.parametrize("slope", planes.SLOPES)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The kernel against arithmetic of 50 digits: each contact within a bound made of its roundings.
 
-More boulders, on real terrain and with tables: benchmarks/truth.py.
+More boulders, on real terrain and with tables: benchmarks/accuracy/truth.py.
 """
 
 import math

@@ -1,22 +1,17 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Extreme scenes and stiff impact sets: what must never break, from `benchmarks/stability.py`."""
+"""Extreme scenes and stiff impact sets: what must never break, as the benchmark says."""
 
-import importlib
-import sys
 from fractions import Fraction
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 import rockfall
 import scenes as made_scenes
+from benchmarks.stability import extremes, stability
 from made import refused
 from rockfall.errors import RockfallError
 
-sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
-extremes = importlib.import_module("extremes")
-stability = importlib.import_module("stability")
 SCENES = {scene.name: scene for scene in extremes.scenes()}
 
 

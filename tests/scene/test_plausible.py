@@ -214,7 +214,7 @@ WINDOWED = ["-9999", "0", "feet", "integers", "mask of 1 and 255", "all cells", 
 def test_terrain_in_windows_is_told_alike(site, what):
     MISTAKES[what][0](site)
     scene = read_scene(site.case(), memory=20 * 1000.0)
-    assert scene.tiles and doubts(scene) == lines(site)
+    assert scene.windows and doubts(scene) == lines(site)
     whole = read_scene(site.case()).ground
     assert np.array_equal(np.concatenate(scene.ground.source_z), np.concatenate(whole.source_z))
     assert scene.ground.quantiles() == pytest.approx(whole.quantiles(), abs=1e-9)

@@ -11,8 +11,8 @@ from rockfall.analysis.ensemble import run_ensemble
 from rockfall.analysis.run_until import run_until
 from rockfall.cli import main
 from rockfall.scene.read import read_scene
+from same import same
 from scenes import grid, make_case, rough, sets
-from test_merge import same
 
 LINE = [{"name": "L", "x": [0.0, 300.0], "y": [280.0, 280.0]}]
 

@@ -11,14 +11,14 @@ import pytest
 
 import rockfall
 from made import refused
-from program import everything
+from programs import Killed, everything, killed_after
 from rockfall.cli import main
 from rockfall.scene.read import read_scene
 from rockfall.simulation import checkpoint, simulate
 from rockfall.simulation.checkpoint import Checkpoint
 from rockfall.simulation.lock import locked
-from scenes import grid, rough
-from test_merge import case_in, place, same
+from same import same
+from scenes import case_in, grid, place, rough
 
 Z = rough()
 
@@ -32,23 +32,6 @@ def no_rest(monkeypatch):
 @pytest.fixture
 def scene(tmp_path):
     return read_scene(case_in(tmp_path, **place()), dem=Z, transform=grid(Z))
-
-
-class Killed(BaseException):
-    pass
-
-
-def killed_after(monkeypatch, chunks):
-    """A run ends like one that is killed, after so many chunks."""
-    calls = iter(range(chunks))
-    fly = simulate._fly
-
-    def until(*arguments):
-        if next(calls, None) is None:
-            raise Killed
-        return fly(*arguments)
-
-    monkeypatch.setattr(simulate, "_fly", until)
 
 
 def test_a_run_goes_on_where_it_was_killed(scene, tmp_path, monkeypatch):

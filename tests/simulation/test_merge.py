@@ -7,38 +7,22 @@ import warnings
 import numpy as np
 import pytest
 import rasterio
-import xarray as xr
 from affine import Affine
 
 import rockfall
 from made import make_raster, refused
 from rockfall.cli import main
-from rockfall.result import variables
 from rockfall.scene.read import read_scene
 from rockfall.simulation.checkpoint import Checkpoint
 from rockfall.simulation.simulate import run_scene
-from scenes import grid, make_case, rough, sets
-
-BOULDERS = 403
-MAPS = list(variables.MAP)
-LINE = [{"name": "L", "x": [0.0, 300.0], "y": [280.0, 280.0]}]
-OWN = ("wall_seconds", "cpu_seconds", "threads")  # of a run, and not of its numbers
-
-
-def case_in(folder, **groups):
-    output = {"maps": MAPS, "rebounds": True, "trajectories": 90}
-    groups = {"case": {"boulders": BOULDERS}, "output": output, **groups}
-    return make_case(folder, *sets(2.0), line=LINE, terrain={}, **groups)
+from same import same
+from scenes import BOULDERS, case_in, grid, place, rough
 
 
 def run(case, **how):
     z = rough()
     z[60:64, 25:28] = np.nan
     return rockfall.run(case, dem=z, transform=grid(z), **how)
-
-
-def place(x=150.0, y=380.0):
-    return {"release": {"x": [x], "y": [y], "drop_height": 5.0}}
 
 
 @pytest.fixture
@@ -51,15 +35,6 @@ def files(folder, case, of):
     for k, path in enumerate(paths, start=1):
         rockfall.write_result(run(case, shard=(k, of), threads=2), path)
     return paths
-
-
-def same(one, other):
-    """The same variables, bits and attributes, but for times and threads."""
-    xr.testing.assert_identical(
-        one.assign_attrs(dict.fromkeys(OWN, 0)), other.assign_attrs(dict.fromkeys(OWN, 0))
-    )
-    for name in other.variables:
-        assert one[name].dtype == other[name].dtype, name
 
 
 @pytest.mark.parametrize("of", [2, 7])

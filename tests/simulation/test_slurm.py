@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import rockfall
-from program import find_program
+from programs import find_program
 from rockfall.cli import main
 
 

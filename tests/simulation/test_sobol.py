@@ -10,8 +10,8 @@ from made import refused
 from rockfall.analysis.line_statistics import line_numbers
 from rockfall.scene.read import read_scene
 from rockfall.simulation.simulate import fields, trajectory
+from same import same_numbers
 from scenes import grid, make_case, rough, sets
-from test_invariants import same_bits
 
 LINE = [{"name": "L", "x": [0.0, 300.0], "y": [280.0, 280.0]}]
 X, Y = 152.25, 385.125
@@ -130,7 +130,7 @@ def crowd(tmp_path_factory):
 
 @pytest.mark.parametrize("how", [{"threads": 2}, {"chunk": 7}, {"chunk": 1, "threads": 1}])
 def test_threads_and_chunks_do_not_matter(crowd, how):
-    same_bits(run(crowd[0], **how), crowd[1])
+    same_numbers(run(crowd[0], **how), crowd[1])
 
 
 @pytest.mark.parametrize("number", [1, 100, 101, 257])
@@ -147,14 +147,14 @@ def test_a_boulder_alone_is_that_of_the_crowd(crowd, number):
 def test_fewer_boulders_are_the_first_of_more(tmp_path):
     few, many = (run(sobol_case(tmp_path, n, line=LINE)) for n in (100, 333))
     names = [name for name, values in few.items() if "boulder" in values.dims]
-    same_bits(few[names + ["rebounds"]], many.isel(boulder=slice(100))[names].assign(
+    same_numbers(few[names + ["rebounds"]], many.isel(boulder=slice(100))[names].assign(
         rebounds=few["rebounds"]))  # fmt: skip
 
 
 def test_random_is_the_default_and_differs(tmp_path):
     sobol = sobol_case(tmp_path, 50)
     random = sobol.replace(case={"sampling": "random"})
-    same_bits(run(random), run(sobol.replace(case={"sampling": None})))
+    same_numbers(run(random), run(sobol.replace(case={"sampling": None})))
     assert (run(random)["volume"].values != run(sobol)["volume"].values).all()
 
 

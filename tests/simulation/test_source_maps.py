@@ -6,15 +6,15 @@ import pytest
 import xarray as xr
 
 import rockfall
+from programs import Killed, killed_after
 from rockfall.analysis.run_until import run_until
 from rockfall.scene.prepare import prepare
 from rockfall.scene.read import read_scene
 from rockfall.simulation import checkpoint, simulate
 from rockfall.simulation.checkpoint import Checkpoint
 from rockfall.simulation.part_file import read_part
+from same import same
 from scenes import grid, make_case, rough, sets
-from test_checkpoint import Killed, killed_after
-from test_merge import same
 
 Z = rough()
 MAPS = ["passages", "sources", "reach_probability_by_source"]

@@ -11,9 +11,9 @@ module rockfall_f2py
    use rockfall_error, only: error_t, give_error
    use rockfall_grid, only: grid_t, is_outside
    use rockfall_terrain, only: terrain_t, terrain, keep_within, is_known_at
-   use rockfall_boulder, only: first_of, last_of, source_of
+   use rockfall_boulder, only: first_of, last_of, source_of, inertia_factor
    use rockfall_surface, only: size_weights
-   use rockfall_impact, only: ratio_weights
+   use rockfall_impact, only: ratio_weights, max_draws, min_normal
    use rockfall_trajectory, only: scene_t, boulder_result_t, crossing_t, scratch_t, left_window
    use rockfall_scene, only: scene_arrays_t, scene_from, check_sources, boulders_of
    use rockfall_reach, only: block_side, take_minima, reach_box
@@ -21,7 +21,7 @@ module rockfall_f2py
    use rockfall_maps, only: maps_t, needs_visits
    use rockfall_map_values, only: map_plan_t, plan_maps => map_plan, map_views, map_row, map_min_count
    use rockfall_limits, only: check_tallies
-   use rockfall_threads, only: team_size, check_team, release_team, max_threads
+   use rockfall_threads, only: team_size, check_team, release_team
    use rockfall_ensemble, only: run_boulders, trace_boulder
    use rockfall_result, only: boulder_row, boulder_count_row, line_row, vertex_row
    use rockfall_variables, only: variable_text, boulder_fields, boulder_counts, line_fields, &
@@ -512,8 +512,10 @@ contains
       real(c_double), intent(out) :: value
 
       select case (name)
-      case ("max_threads"); value = max_threads
       case ("any_speed"); value = any_speed          ! [m/s] the end of the range of a set that tells none
+      case ("inertia_factor"); value = inertia_factor  ! [-]
+      case ("max_draws"); value = max_draws          ! of a rebound
+      case ("min_normal"); value = min_normal        ! [-] V_n over the incoming speed of a limited rebound
       case ("left_window"); value = left_window      ! status of a boulder to be run again in a larger window
       case default; value = ieee_value(value, ieee_quiet_nan)
       end select

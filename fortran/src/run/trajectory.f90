@@ -90,7 +90,7 @@ module rockfall_trajectory
       type(visits_t) :: visits
       type(histograms_t) :: histograms
       type(crossing_t), allocatable :: crossings(:)
-      type(contact_t), allocatable :: record(:)  !! allocated by who wants the trajectory
+      type(contact_t), allocatable :: record(:)  !! allocated by who requests the trajectory
       integer :: recorded = 0                    !! vertices there were, also beyond size(record)
       procedure(trace_full), pointer, nopass :: trace => null()  !! what the scene needs of `trace_full`
    end type scratch_t
@@ -137,8 +137,8 @@ contains
       call trace(scene, number, result, scratch, basic)
    end subroutine trace_basic
 
-   !> Choose, once a run, the `trace_full` in which the compiler has left out what the scene does not need. Tests alone
-   !> would not do: beside code that may run, the compiler does not keep a flight in registers.
+   !> Choose, once a run, the copy of `trace` in which the compiler has left out what the scene does not need. Tests
+   !> alone would not do: beside code that may run, the compiler does not keep a flight in registers.
    subroutine choose_trace(scene, scratch)
       type(scene_t), intent(in) :: scene
       type(scratch_t), intent(inout) :: scratch
@@ -219,13 +219,8 @@ contains
       type(terrain_t), intent(in) :: dem
       type(patch_t), intent(in) :: patch
 
-      if (in_window(dem, patch%i, patch%j)) then
-         status = hit_nodata
-      else if (min(patch%i, patch%j) < 1 .or. patch%i >= dem%nx .or. patch%j >= dem%ny) then
-         status = left_domain
-      else
-         status = left_window
-      end if
+      status = merge(left_domain, left_window, min(patch%i, patch%j) < 1 .or. patch%i >= dem%nx .or. patch%j >= dem%ny)
+      if (in_window(dem, patch%i, patch%j)) status = hit_nodata
    end function departure
 
    !> A word of the boulder's scrambled Sobol' point: its volume, then the words of its first draw of A.

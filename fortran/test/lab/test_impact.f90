@@ -10,7 +10,7 @@ program test_lab_impact
    use lab_contact, only: material_t
    use lab_packing, only: packing_t, layer_t, pack_layer
    use lab_step, only: sound, too_soft
-   use lab_impact, only: shot_t, state_t, outcome_t, film_t, fire, first_contact, check_shot, &
+   use lab_impact, only: shot_t, state_t, outcome_t, fire, first_contact, check_shot, &
       rebounded, lifted, rolled_on, exploded, misfit
    use lab_ensemble, only: range_t, identity_t, draw_shot, check_range, pack_layers, fire_shots
    use check_m, only: check, check_close, finish
@@ -31,7 +31,6 @@ program test_lab_impact
    call test_linearity()
    call test_turned()
    call test_mirrored()
-   call test_film()
    call test_explosion()
    call test_extremes()
    call test_misfit()
@@ -364,28 +363,6 @@ contains
       end do
       call check("some went aside", sideways)
    end subroutine test_mirrored
-
-   !> Pictures come when they are due, start with the layer as it is, and change nothing.
-   subroutine test_film()
-      type(shot_t) :: shot
-      type(outcome_t) :: outcome, filmed
-      type(film_t) :: film
-      integer :: n
-
-      shot = shot_t(radius=0.5_wp, angle=40.0_wp)
-      n = size(layer%radius)
-      film%interval = 0.01_wp
-      allocate (film%time(50), film%x(3, n + 1, 50), film%v(6, n + 1, 50))
-      call fire(layer, packing, stone, shot, outcome)
-      call fire(layer, packing, stone, shot, filmed, film)
-      call check("a film changes nothing", all(abs(states_of(outcome) - states_of(filmed)) <= 0))
-      call check("several pictures", film%frames > 3 .and. film%frames < 50)
-      call check_close("the first at time 0", film%time(1), 0.0_wp, 0.0_wp)
-      call check("of the layer", maxval(abs(film%x(:, :n, 1) - layer%x)) < 1.0e-12_wp)
-      call check("and of the sphere at its first contact", &
-         maxval(abs(film%x(:, n + 1, 1) - first_contact(layer, shot))) < 1.0e-12_wp)
-      call check("in even times", abs(film%time(3) - 0.02_wp) < 1.0e-3_wp)
-   end subroutine test_film
 
    !> A step 20 times too long: named if nothing may be done about it, halved until it is sound if
    !> it may.

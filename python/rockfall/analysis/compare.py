@@ -21,7 +21,7 @@ from rockfall.analysis.line_statistics import (
 )
 from rockfall.analysis.observations import UNITS, Observed, read_observed
 from rockfall.case import case_of
-from rockfall.errors import RockfallError, need
+from rockfall.errors import RockfallError
 from rockfall.io.arrays import grid_of
 from rockfall.io.output_files import COMPARISON, check_output
 from rockfall.io.tables import write_csv
@@ -32,9 +32,9 @@ if TYPE_CHECKING:
     import xarray as xr
 
 STATISTICS = ("mean", "std", "max")
-LEAST = {"mean": 2, "std": 30}  # observed boulders that tell something of chance
+MIN_OBSERVED = {"mean": 2, "std": 30}  # boulders, for a verdict
 STOPPING = "stopping_distance"
-_VERDICTS = {"holds": "boolean", "chance": "boolean"}  # columns and their types
+_VERDICTS = {"within_interval": "boolean", "consistent": "boolean"}  # columns and their types
 _BESIDE = [f"{whose}{end}" for whose in ("observed", "simulated") for end in ("", "_low", "_high")]
 
 
@@ -42,16 +42,16 @@ _BESIDE = [f"{whose}{end}" for whose in ("observed", "simulated") for end in (""
 class Comparison:
     """Tables in SI units, empty where nothing of the kind was observed.
 
-    `_low` and `_high` are the limits of 95 % intervals, NaN where there is none. `holds`: that of
-    the simulated number holds the observed one; `chance`: chance may explain their difference, with
-    the interval of the observed number too where it has one.
+    `_low` and `_high` are the limits of 95 % confidence intervals, NaN where there is none.
+    `within_interval`: that of the simulated number holds the observed one; `consistent`: their
+    difference is within the sampling error of both.
     """
 
     title: str
     errors: pd.DataFrame  # mean, std, max at the lines; printed_error: of a paper's own method
     ks: pd.DataFrame  # Kolmogorov-Smirnov of two samples; printed_p: that of a paper
-    passing: pd.DataFrame  # share of boulders that come at least so far [m] from their release
-    stops: pd.DataFrame  # share of boulders that pass the cell in which one was found
+    passing: pd.DataFrame  # fraction of boulders that come at least so far [m] from their release
+    stops: pd.DataFrame  # fraction of boulders that pass the cell in which one was found
     notes: tuple[str, ...]  # what a reader of the tables must know
 
     def table(self) -> pd.DataFrame:
@@ -61,11 +61,6 @@ class Comparison:
         parts = {name: getattr(self, name) for name in ("errors", "ks", "passing", "stops")}
         parts = {name: part for name, part in parts.items() if len(part)}
         return pd.concat(parts, names=["table"]).reset_index(level="table").reset_index(drop=True)
-
-    def __str__(self) -> str:
-        from rockfall.text.comparison import text
-
-        return text(self)
 
 
 def compare(result: xr.Dataset, *observed: str | Path | Observed) -> Comparison:
@@ -133,9 +128,9 @@ def _errors(
             theirs = np.nan
             if one["method"] == method and (one["line"], one["quantity"]) in field.index:
                 theirs = _error(one[name], field.loc[(one["line"], one["quantity"]), name])
-            error, (holds, chance) = _error(beside[3], beside[0]), _verdicts(*beside)
-            chance = None if one["n"] < LEAST.get(name, 0) else chance
-            rows.append([*about, *beside, error, holds, chance, theirs])
+            error, (within, consistent) = _error(beside[3], beside[0]), _verdicts(*beside)
+            consistent = None if one["n"] < MIN_OBSERVED.get(name, 0) else consistent
+            rows.append([*about, *beside, error, within, consistent, theirs])
     columns = ["line", "quantity", "statistic", "against", "n_observed", *_BESIDE, "error_percent"]
     table = pd.DataFrame(rows, columns=[*columns, *_VERDICTS, "printed_error_percent"])
     return table.astype({"n_observed": "Int64", **_VERDICTS})
@@ -162,19 +157,19 @@ def _summary_of(sample: tuple[tuple[str, str], np.ndarray]) -> dict:
 
 
 def _verdicts(
-    observed: float, low: float, high: float, simulated: float, least: float, most: float
+    observed: float, low: float, high: float, simulated: float, from_: float, to: float
 ) -> tuple[bool | None, bool | None]:
-    """Whether the interval of the simulated number holds the observed one, and whether chance may
-    explain their difference: its interval, from theirs (Zou and Donner 2008), holds 0. An observed
-    number without an interval is taken as exact; None where the simulated one has none."""
-    if np.isnan(observed) or np.isnan(least):
+    """Whether the interval of the simulated number holds the observed one, and whether that of
+    their difference (Zou and Donner 2008) holds 0. An observed number without an interval is taken
+    as exact; None where the simulated one has none."""
+    if np.isnan(observed) or np.isnan(from_):
         return None, None
     low, high = (observed, observed) if np.isnan(low) else (low, high)
     if simulated > observed:
-        half = np.hypot(simulated - least, high - observed)
+        half = np.hypot(simulated - from_, high - observed)
     else:
-        half = np.hypot(most - simulated, observed - low)
-    return bool(least <= observed <= most), bool(abs(simulated - observed) <= half)
+        half = np.hypot(to - simulated, observed - low)
+    return bool(from_ <= observed <= to), bool(abs(simulated - observed) <= half)
 
 
 def _order(names: list[str]) -> Callable[[tuple[str, str]], tuple[int, int]]:
@@ -212,7 +207,6 @@ def _ks(
 
 def _test(observed: np.ndarray, simulated: np.ndarray) -> tuple[int, int, float, float]:
     """Sizes, statistic and p; NaN where there is nothing to test."""
-    need("a Kolmogorov-Smirnov test needs", "report", "scipy.stats")
     from scipy.stats import ks_2samp
 
     if not simulated.size:
@@ -239,7 +233,7 @@ def _observed_distances(
 def _passing(
     result: xr.Dataset, seen: Observed, distances: np.ndarray | None, source: np.ndarray
 ) -> pd.DataFrame:
-    """Share of boulders that come at least as far as those observed (paper, Fig. 9)."""
+    """Fraction of the boulders that come at least as far as those observed (paper, Fig. 9)."""
     import pandas as pd
 
     rows = []

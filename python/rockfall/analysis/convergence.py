@@ -1,15 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the numbers at the lines owe to the number of boulders and to the terrain, and what their
-accuracy costs."""
+"""How the numbers at the lines depend on the number of boulders and on the terrain model, and what
+their accuracy costs."""
 
 from __future__ import annotations
 
-import os
 import warnings
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import count
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,12 +15,11 @@ import numpy as np
 from rockfall.analysis.line_statistics import line_numbers, line_values, sources, with_limits
 from rockfall.analysis.terrain_variants import larger_cells, other_digits
 from rockfall.case import Case
-from rockfall.errors import RockfallError, need
-from rockfall.io.output_files import FIGURE, STUDY, check_outputs, whole_folder
-from rockfall.io.tables import write_csv
+from rockfall.errors import RockfallError
 from rockfall.scene.read import read_scene
 from rockfall.scene.scene import Scene
 from rockfall.scene.sources import refuse_by_area
+from rockfall.simulation.progress import progress_bar
 from rockfall.simulation.simulate import run_scene
 
 if TYPE_CHECKING:
@@ -32,22 +29,18 @@ if TYPE_CHECKING:
     Advance = Callable[..., None]
 
 BOULDERS = (100, 1000, 2000, 5000, 10_000)  # from each source, as in the paper
-REFERENCE, LEAST_REFERENCE = 1_000_000, 20_000  # boulders over all sources
+REFERENCE, MIN_REFERENCE = 1_000_000, 20_000  # boulders over all sources
 QUANTITIES = ("speed", "passing_height", "energy_total")
 STATISTICS = ("mean", "std", "q95")
-#: The numbers of a line, the share of the boulders that cross it first.
+#: The numbers of a line, the fraction of the boulders that cross it first.
 NUMBERS = (("boulders", "fraction"), *((q, s) for q in QUANTITIES for s in STATISTICS))
 KEYS = ["line", "quantity", "statistic"]
-ERRORS = (0.1, 0.01, 0.001)  # of which the cost is told
-FILES = {  # that are written, and their kinds
-    **{f"{table}.csv": STUDY for table in ("study", "error", "cost", "numerical")},
-    **{f"convergence.{ending}": FIGURE for ending in ("png", "pdf")},
-}
+ERRORS = (0.1, 0.01, 0.001)  # whose cost is estimated
 
 PIECE = 100_000  # boulders in memory at a time, about
-LEAST_BLOCKS, MOST_BLOCKS = 32, 1000  # of a size, whose error is measured
-LEAST_TURNS = 10 * LEAST_BLOCKS  # of the sources, each with a boulder; the terrains get a tenth
-LEAST_CROSSED = 20  # boulders of a block past the line, on average; for q95 above it, too
+MIN_BLOCKS, MAX_BLOCKS = 32, 1000  # of a size, whose error is measured
+MIN_TURNS = 10 * MIN_BLOCKS  # of the sources, each with a boulder; the terrains get a tenth
+MIN_CROSSED = 20  # boulders of a block past the line, on average; for q95 above it, too
 PAIRS = 50  # blocks whose changes give the standard error of a change
 AS_GIVEN = "as given"  # the terrain of the case, among its variants
 SIZE = 10_000  # boulders to which errors and seconds are referred
@@ -55,7 +48,7 @@ SIZE = 10_000  # boulders to which errors and seconds are referred
 
 @dataclass
 class Convergence:
-    """What was measured; each table has columns line, quantity, statistic (share of boulders).
+    """What was measured; each table has columns line, quantity, statistic (fraction of boulders).
 
     - study: boulders from each source; value; low, high of its 95 % interval (the maximum has
       none); change from the row before, with fewer boulders.
@@ -88,28 +81,26 @@ def converge(
 ) -> Convergence:
     """Measure how the numbers at the lines of a case converge, as in `Convergence`.
 
-    The study follows the first boulders of the case itself (as Bourrier et al. 2009 do for
+    The study simulates the first boulders of the case itself (as Bourrier et al. 2009 do for
     their site). Statistical errors are those of blocks out of `reference` boulders, against
     as many others; each has seeds of its own. Numerical errors are changes of the numbers of a
     tenth as many boulders, the same ones on each terrain. What boulders did at the lines is kept in
     memory, 24 bytes a line and boulder, and nothing else.
     """
-    from rockfall.simulation.progress import progress_bar
-
     sizes = sorted(set(boulders))
     if not sizes or sizes[0] < 2:
         raise RockfallError(f"boulders = {min(sizes, default='')}: must be at least 2")
-    if reference < LEAST_REFERENCE:
-        raise RockfallError(f"reference = {reference}: must be at least {LEAST_REFERENCE} boulders")
+    if reference < MIN_REFERENCE:
+        raise RockfallError(f"reference = {reference}: must be at least {MIN_REFERENCE} boulders")
     if not case.line:
         raise RockfallError(f"{case.name}: has no &line; it is their numbers that converge")
     nothing = {"maps": None, "rebounds": False, "trajectories": 0}
     scene = read_scene(case.replace(output=nothing))
     refuse_by_area(scene, "a study of convergence")
     of = scene.x.size
-    if reference < LEAST_TURNS * of:
-        least = f"{LEAST_TURNS} from each of {of:,} sources, {LEAST_TURNS * of}"
-        raise RockfallError(f"reference = {reference}: must be at least {least} boulders")
+    if reference < MIN_TURNS * of:
+        needed = f"{MIN_TURNS} from each of {of:,} sources, {MIN_TURNS * of}"
+        raise RockfallError(f"reference = {reference}: must be at least {needed} boulders")
     many, paired = (-(-n // of) for n in (reference, reference // 10))  # from each source
     seed = case.case["seed"]
     with progress_bar(of * (sizes[-1] + 2 * many + 4 * paired), shown=progress) as advance:
@@ -185,7 +176,7 @@ def _numbers(values: np.ndarray) -> np.ndarray:
     """(lines, numbers, blocks) of (lines, quantities, blocks, boulders); NaN where none crossed."""
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Mean of empty|Degrees of freedom|All-NaN")
-        share = np.isfinite(values[:, :1]).mean(axis=3)
+        fraction = np.isfinite(values[:, :1]).mean(axis=3)
         three = np.stack(
             [
                 np.nanmean(values, axis=3),
@@ -194,12 +185,12 @@ def _numbers(values: np.ndarray) -> np.ndarray:
             ],
             axis=2,
         )
-    return np.concatenate([share, three.reshape(len(values), -1, values.shape[2])], axis=1)
+    return np.concatenate([fraction, three.reshape(len(values), -1, values.shape[2])], axis=1)
 
 
-def _in_blocks(values: np.ndarray, size: int, most: int) -> np.ndarray:
+def _in_blocks(values: np.ndarray, size: int, limit: int) -> np.ndarray:
     """The boulders (last dimension) as blocks of `size`, at most so many."""
-    blocks = min(most, values.shape[2] // size)
+    blocks = min(limit, values.shape[2] // size)
     return values[:, :, : blocks * size].reshape(*values.shape[:2], blocks, size)
 
 
@@ -213,13 +204,13 @@ def _errors(
     steps = (digit * 10**power for power in count(2) for digit in (1, 2, 5))
     for step in steps:
         size = -(-step // of) * of  # all sources give the same number
-        if size * LEAST_BLOCKS > values.shape[2]:
+        if size * MIN_BLOCKS > values.shape[2]:
             break
-        found = _numbers(_in_blocks(values, size, MOST_BLOCKS))
+        found = _numbers(_in_blocks(values, size, MAX_BLOCKS))
         for line, numbers, right in zip(case.line, found, truth, strict=True):
             for number, each, exact in zip(NUMBERS, numbers, right, strict=True):
-                part = 0.05 if number[1] == "q95" else 1.0
-                if size * right[0] * part < LEAST_CROSSED:
+                tail = 0.05 if number[1] == "q95" else 1.0
+                if size * right[0] * tail < MIN_CROSSED:
                     continue
                 each = each[np.isfinite(each)]
                 error = np.sqrt(np.mean((each / exact - 1) ** 2))
@@ -278,8 +269,8 @@ def _terrains(
         for k, line in enumerate(scene.case.line):
             for number, one, its_error in zip(NUMBERS, change[k], error[k], strict=True):
                 key = (line["name"], *number)
-                chance = sampled.get(key, np.nan)
-                rows.append((*key, variant, one, its_error, chance, SIZE * seconds))
+                statistical = sampled.get(key, np.nan)
+                rows.append((*key, variant, one, its_error, statistical, SIZE * seconds))
 
     add(AS_GIVEN, 0 * whole, 0 * whole, seconds)
     for variant, terrain in others.items():
@@ -304,29 +295,3 @@ def _changes(
         change = _numbers(values[:, :, None])[..., 0] / whole - 1
         apart = (_numbers(_in_blocks(values, size, PAIRS)) - each) / whole[..., None]
         return change, np.nanstd(apart, axis=2, ddof=1) / np.sqrt(np.isfinite(apart).sum(axis=2))
-
-
-def write(found: Convergence, folder: str | Path, inputs: Iterable[str | Path] = ()) -> list[Path]:
-    """Write all of FILES to a folder, or none; over no file of the `inputs` and nothing but an
-    earlier study."""
-    from rockfall.plots.convergence import figure
-
-    folder, inputs = Path(folder), list(inputs)
-    check_writable(folder, inputs)
-    with whole_folder(folder, inputs) as part:
-        for name in ("study", "error", "cost", "numerical"):
-            write_csv(getattr(found, name), part / f"{name}.csv")
-        figure(found, [part / name for name in FILES if FILES[name] == FIGURE])
-    return [folder / name for name in FILES]
-
-
-def check_writable(folder: Path, inputs: Iterable[str | Path] = ()) -> None:
-    """Refuse what would keep `write` from its files, before the runs and not after them."""
-    need("convergence needs", "report", "matplotlib")
-    if folder.exists() and not folder.is_dir():
-        raise RockfallError(f"{folder}: is there, and not a folder")
-    if not folder.parent.is_dir():
-        raise RockfallError(f"{folder}: there is no folder {folder.parent}")
-    if not os.access(folder if folder.exists() else folder.parent, os.W_OK):
-        raise RockfallError(f"{folder}: is not writable")
-    check_outputs({folder / name: kind for name, kind in FILES.items()}, inputs)

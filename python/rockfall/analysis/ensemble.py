@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How sure a result is: runs over what is uncertain in a case, and where variance comes from."""
+"""How uncertain a result is: runs over the uncertain inputs of a case, and which of them matter."""
 
 from __future__ import annotations
 
@@ -11,35 +11,36 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from rockfall.analysis.line_statistics import Z, line_numbers, line_values
-from rockfall.analysis.sobol_indices import Shares, deviations, shares
+from rockfall.analysis.line_statistics import line_numbers, line_values
+from rockfall.analysis.sobol_indices import Indices, deviations, indices
 from rockfall.analysis.uncertain_inputs import Draw, Uncertain, drawn_scene
 from rockfall.case import Case
 from rockfall.case_files import files_behind
 from rockfall.errors import RockfallError
 from rockfall.io.output_files import ENSEMBLE, ENSEMBLE_TABLE, check_output
 from rockfall.io.tables import write_csv
+from rockfall.quantities import QUANTITIES
 from rockfall.result.dataset import write_result
 from rockfall.scene.read import read_scene
 from rockfall.scene.scene import Scene
 from rockfall.scene.sources import refuse_by_area
+from rockfall.simulation.progress import progress_bar
 from rockfall.simulation.simulate import run_scene
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-#: At each line: name, quantity and number of `statistics.line_numbers`, units.
+#: At each line: name, then quantity and number of `line_numbers`.
 RESULTS = {
-    "fraction": ("speed", "fraction", "1"),
-    "speed.mean": ("speed", "mean", "m s-1"),
-    "speed.q95": ("speed", "q95", "m s-1"),
-    "passing_height.mean": ("passing_height", "mean", "m"),
-    "passing_height.q95": ("passing_height", "q95", "m"),
-    "energy_total.mean": ("energy_total", "mean", "J"),
-    "energy_total.q95": ("energy_total", "q95", "J"),
+    "fraction": ("speed", "fraction"),
+    **{
+        f"{quantity}.{number}": (quantity, number)
+        for quantity in ("speed", "passing_height", "energy_total")
+        for number in ("mean", "q95")
+    },
 }
-REACHED = 0.01  # share of the boulders: the outline of a hazard map
+REACHED = 0.01  # fraction of the boulders: the outline of a hazard map
 KEPT = {  # of the draws: units, meaning
     "radius": ("1", "factor on the sizes of the rocks in each row of the table of zones"),
     "volume": ("1", "factor on all volumes"),
@@ -51,19 +52,9 @@ KEPT = {  # of the draws: units, meaning
     "set": ("1", "draw of the impact sets, by its place in all files of the case, from 0"),
 }
 
-NUMBERS = {  # as printed
-    "the case as it is": "case_value",
-    "mean of the draws": "mean",
-    "5 % of them below": "q05",
-    "5 % of them above": "q95",
-    "chance, std": "chance",
-    "ignorance, std": "ignorance",
-}
-KINDS = {"total": "with all that an input does", "first_order": "of an input alone"}
-
 
 class _Run(NamedTuple):
-    """Results of a run, and for each of them its `variance.deviations`."""
+    """Results of a run, and for each of them its `sobol_indices.deviations`."""
 
     values: np.ndarray  # (lines * RESULTS)
     deviations: list[np.ndarray]
@@ -93,11 +84,11 @@ class _Maps:
             "reach_probability_mean": (mean / self.boulders, "mean over the runs"),
             "reach_probability_std": (
                 deviation / self.boulders,
-                "standard deviation over the runs, chance included",
+                "standard deviation over the runs, Monte Carlo error included",
             ),
             "reached_runs": (
                 self.reached / self.runs,
-                f"share of the runs in which more than {REACHED:.0%} of the boulders passed",
+                f"fraction of the runs in which more than {REACHED:.0%} of the boulders passed",
             ),
         }
         about = {"units": "1", "grid_mapping": "crs"}
@@ -111,16 +102,14 @@ def run_ensemble(case: Case, *, progress: bool = False, **arrays: Any) -> xr.Dat
     """Run a case over what its group &ensemble calls uncertain: an xarray.Dataset.
 
     For each line and result it holds the value of the case as it is, the mean over the runs, and
-    two standard deviations: `chance`, of a run with so many boulders, which more of them would
-    cure, and `ignorance`, which they would not; and of the variance of ignorance the shares of each
-    input (`first_order`, `total`). docs/ensemble.md explains them,
-    `rockfall.analysis.sobol_indices` how they are estimated. NaN where in some run too few boulders
-    pass, or where ignorance cannot be told from nothing. Beside them are the draws, the results of
-    every run, and, where the case asks for passages or reach_probability, maps over the runs.
-    `arrays` are as in `rockfall.run`.
+    two standard deviations: `monte_carlo_std`, of a run with so many boulders, which more of them
+    reduce, and `epistemic_std`, of the uncertain inputs, which they do not; and the fractions of
+    the epistemic variance that each input explains (`first_order`, `total`). docs/ensemble.md
+    explains them, `rockfall.analysis.sobol_indices` how they are estimated. NaN where too few
+    boulders pass in some run, or where the epistemic variance is not significant. Beside them are
+    the draws, the results of every run, and, where the case asks for passages or reach_probability,
+    maps over the runs. `arrays` are as in `rockfall.run`.
     """
-    from rockfall.simulation.progress import progress_bar
-
     scene = _lean(read_scene(case, **arrays))
     inputs = Uncertain(scene)
     names, blocks = inputs.names, case.ensemble["runs"]
@@ -144,7 +133,7 @@ def run_ensemble(case: Case, *, progress: bool = False, **arrays: Any) -> xr.Dat
                 advance(1)
             for i, of in enumerate(map(np.array, zip(*by_run, strict=True))):
                 covariance[k, :, :, i] = of @ of.T
-    data = _dataset(base, names, y, shares(y, covariance)) | _drawn(draws, seeds)
+    data = _dataset(base, names, y, indices(y, covariance)) | _drawn(draws, seeds)
     if maps is not None:
         data |= maps.variables()
     return _with_attributes(data, case, base, inputs)
@@ -162,7 +151,7 @@ def _lean(scene: Scene) -> Scene:
     if case.case["sampling"] != "random":
         raise RockfallError(
             f"{case.name}: &case sampling = '{case.case['sampling']}': must be 'random' for an "
-            "ensemble: the chance of other boulders is not known"
+            "ensemble: the Monte Carlo error is not known"
         )
     output = {"maps": ["passages"] if maps else None, "map_extent": "terrain"}
     output |= {"rebounds": False, "trajectories": 0}
@@ -182,16 +171,16 @@ def _run(scene: Scene) -> _Run:
     values, deviates = [], []
     alone = np.zeros(scene.boulders, int)  # the intervals are not looked at
     for k in range(len(scene.case.line)):
-        at_line = {q: line_values(result, q, k) for q, *_ in RESULTS.values()}
+        at_line = {q: line_values(result, q, k) for q, _ in RESULTS.values()}
         rows = {q: line_numbers(result, k, q, alone) for q in at_line}
-        for quantity, number, _ in RESULTS.values():
+        for quantity, number in RESULTS.values():
             row = rows[quantity]
             deviates.append(deviations(at_line[quantity], number, row, per_source))
             values.append(row[number] if np.isfinite(deviates[-1]).all() else np.nan)
     return _Run(np.array(values), deviates, result)
 
 
-def _dataset(base: _Run, names: list[str], y: np.ndarray, found: Shares) -> dict[str, Any]:
+def _dataset(base: _Run, names: list[str], y: np.ndarray, found: Indices) -> dict[str, Any]:
     """Results of the runs and the parts of their variance; dimensions run, variant, input, line,
     result."""
     lines = base.result["line"].values if "line" in base.result else []
@@ -210,21 +199,24 @@ def _dataset(base: _Run, names: list[str], y: np.ndarray, found: Shares) -> dict
         "variant": ["A", "B", *(f"A with {name} of B" for name in names)],
     }
     data = {dim: (dim, np.array(list(text), dtype=object)) for dim, text in texts.items()}
-    units = np.array([unit for *_, unit in RESULTS.values()], dtype=object)
+    units = np.array([_units(*of) for of in RESULTS.values()], dtype=object)
     data["result_units"] = ("result", units, {"long_name": "units of each result"})
     two = y[:, :2].reshape(2 * len(y), -1)
-    ignorance = np.sqrt(found.parts.ignorance.clip(0))
-    of = "share of an input in that variance: "
+    of = "fraction of the epistemic variance: an input "
     return data | {
         "value": table(y, "results of the runs"),
         "case_value": table(base.values, "result of the case as it is"),
         "mean": table(two.mean(axis=0), "mean over the runs A and B"),
         "q05": table(np.quantile(two, 0.05, axis=0), "5 % of the runs A and B lie below"),
         "q95": table(np.quantile(two, 0.95, axis=0), "5 % of the runs A and B lie above"),
-        "chance": table(np.sqrt(found.parts.chance), "standard deviation by chance in a run"),
-        "ignorance": table(ignorance, "standard deviation by what is uncertain"),
-        "ignorance_variance": table(found.parts.ignorance, "unbiased; below zero by chance"),
-        "ignorance_variance_error": table(found.ignorance_error, "its standard error"),
+        "monte_carlo_std": table(
+            np.sqrt(found.parts.monte_carlo), "standard deviation of a run with so many boulders"
+        ),
+        "epistemic_std": table(
+            np.sqrt(found.parts.epistemic.clip(0)), "standard deviation by the uncertain inputs"
+        ),
+        "epistemic_variance": table(found.parts.epistemic, "unbiased estimate; may be below zero"),
+        "epistemic_variance_error": table(found.epistemic_error, "its standard error"),
         "first_order": table(found.first, f"{of}alone, first-order Sobol' index"),
         "first_order_error": table(found.first_error, "its standard error"),
         "total": table(found.total, f"{of}with all it does, total Sobol' index"),
@@ -233,6 +225,10 @@ def _dataset(base: _Run, names: list[str], y: np.ndarray, found: Shares) -> dict
             np.isnan(y).sum(axis=(0, 1)), "runs in which too few boulders pass, so no number"
         ),
     }  # fmt: skip
+
+
+def _units(quantity: str, number: str) -> str:
+    return QUANTITIES["fraction" if number == "fraction" else quantity].units
 
 
 def _drawn(draws: list[list[Draw]], seeds: list[int]) -> dict[str, Any]:
@@ -271,10 +267,11 @@ def _with_attributes(data: dict[str, Any], case: Case, base: _Run, inputs: Uncer
 
 
 def ensemble_table(found: xr.Dataset) -> pd.DataFrame:
-    """One row for each line and result: its numbers, then the shares of each input."""
+    """One row for each line and result: its numbers, then the fractions of each input."""
     import pandas as pd
 
-    names = ("case_value", "mean", "q05", "q95", "chance", "ignorance", "too_few")
+    names = ("case_value", "mean", "q05", "q95", "monte_carlo_std", "epistemic_std")
+    names += ("too_few",)
     rows = []
     for line in found["line"].values:
         for result in found["result"].values:
@@ -306,62 +303,3 @@ def check_place(path: Path, lines: int, inputs: Iterable[Path] = ()) -> None:
     if path.suffix == ".csv" and not lines:
         raise RockfallError(f"{path}: without a &line there is no table; maps go to a file .nc")
     check_output(path, ENSEMBLE_TABLE if path.suffix == ".csv" else ENSEMBLE, inputs)
-
-
-def ensemble_summary(found: xr.Dataset) -> str:
-    """The table for a reader: for each line its results side by side, inputs sorted by share."""
-    blocks, variants = found.sizes["run"], found.sizes["variant"]
-    text = [
-        f"{found.attrs['title'] or 'rockfall'}: {blocks} draws of {variants} runs, "
-        f"{found.attrs['boulders']:,} boulders each"
-    ]
-    for line in found["line"].values:
-        text += _line_block(found.sel(line=line), str(line))
-    if "drawn_source_redrawn" in found and found["drawn_source_redrawn"].any():
-        redrawn = int(found["drawn_source_redrawn"].sum())
-        text.append(f"  shifts drawn again, as a source left the terrain: {redrawn:,}")
-    return "\n".join(text)
-
-
-def _line_block(at: xr.Dataset, line: str) -> Iterator[str]:
-    wide = max(23, len(line))
-
-    def row(label: str, cells: Iterable[str]) -> str:
-        return f"  {label:{wide}}" + "".join(f"{cell:>15}" for cell in cells)
-
-    names = [str(name).partition(".") for name in at["result"].values]
-    printed = [_printed(units) for units in at["result_units"].values]
-    factors = np.array([factor for _, factor in printed])
-    yield row(line, (quantity.replace("_", " ") for quantity, *_ in names))
-    yield row("", (f"{n[2]} [{p[0]}]".strip() for n, p in zip(names, printed, strict=True)))
-    for label, name in NUMBERS.items():
-        yield row(label, map(_number, at[name].values * factors))
-    for kind, label in KINDS.items():
-        yield f"  share of the ignorance {label} [%], +- 95 %"
-        for name in _sorted_inputs(at):
-            one = at.sel(input=name)
-            pairs = zip(one[kind].values, one[f"{kind}_error"].values, strict=True)
-            yield row(f"  {name}", (_share(*pair) for pair in pairs))
-    if at["too_few"].any():
-        yield row("too few pass, in runs", (f"{n:,}" for n in at["too_few"].values))
-
-
-def _sorted_inputs(at: xr.Dataset) -> list[str]:
-    """Names of the inputs, the one with the greatest share over all results first."""
-    order = np.argsort(-np.nansum(at["total"].values, axis=1), kind="stable")
-    return [str(name) for name in at["input"].values[order]]
-
-
-def _printed(units: str) -> tuple[str, float]:
-    """The units that a result is printed in, and the factor to them."""
-    return {"1": ("%", 100.0), "J": ("kJ", 1e-3), "m s-1": ("m/s", 1.0)}.get(units, (units, 1.0))
-
-
-def _number(value: float) -> str:
-    if np.isnan(value):
-        return "-"
-    return f"{value:,.0f}" if abs(value) >= 99.95 else f"{value:#.3g}"
-
-
-def _share(value: float, error: float) -> str:
-    return "-" if np.isnan(value) else f"{100 * value:.0f} +- {100 * Z * error:.0f}"

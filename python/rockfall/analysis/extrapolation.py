@@ -17,8 +17,8 @@ from rockfall.quantities import part_of
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-MOST_OUTSIDE = 0.2  # of the rebounds, before it is a warning
-MOST_FAST = 0.05  # of the boulders
+MAX_OUTSIDE = 0.2  # of the rebounds, before it is a warning
+MAX_FAST = 0.05  # of the boulders
 #: Upper envelope of observed maximum speeds [m/s] per degree of the mean slope (Dorren 2015,
 #: Rockyfor3D revealed, ecorisQ; it uses 0.64 to 0.8).
 SPEED_PER_DEGREE = 0.8
@@ -31,16 +31,16 @@ OUTSIDE = {
 
 
 class Extrapolation(NamedTuple):
-    """A share of the rebounds or boulders, in words, and whether it is a warning."""
+    """A fraction of the rebounds or boulders, in words, and whether it is a warning."""
 
-    share: float
+    fraction: float
     text: str
     is_warning: bool
 
 
-def shares_outside(values: Mapping[str, ArrayLike]) -> dict[str, float]:
-    """Shares of the rebounds outside what the sets were fitted on: by range (of R_b/R_m), speed and
-    angle; `values` as for `extrapolations`."""
+def fractions_outside(values: Mapping[str, ArrayLike]) -> dict[str, float]:
+    """Fractions of the rebounds outside what the sets were fitted on: by range (of R_b/R_m), speed
+    and angle; `values` as for `extrapolations`."""
     rebounds = max(1, _total(values, "rebounds"))
     return {what: _total(values, f"rebounds_out_of_{what}") / rebounds for what in OUTSIDE}
 
@@ -51,16 +51,16 @@ def extrapolations(values: Mapping[str, ArrayLike]) -> Iterator[Extrapolation]:
     Counts may be sums, or of each boulder.
     """
     rebounds = _total(values, "rebounds")
-    for what, share in shares_outside(values).items():
-        if share:
-            said = part_of(round(share * rebounds), rebounds, "rebound")
-            yield Extrapolation(share, f"{said} {OUTSIDE[what]}", share > MOST_OUTSIDE)
+    for what, fraction in fractions_outside(values).items():
+        if fraction:
+            said = part_of(round(fraction * rebounds), rebounds, "rebound")
+            yield Extrapolation(fraction, f"{said} {OUTSIDE[what]}", fraction > MAX_OUTSIDE)
     is_fast = faster_than_observed(values)
-    if (fast := int(is_fast.sum())) > MOST_FAST * is_fast.size:
+    if (fast := int(is_fast.sum())) > MAX_FAST * is_fast.size:
         said = (
             f"{part_of(fast, is_fast.size, 'boulder')} exceeded {SPEED_PER_DEGREE} m/s "
-            "per degree of the mean slope of their path, the most that has been observed (Dorren "
-            "2015): the bounce knows no terminal velocity"
+            "per degree of the mean slope of their path, the upper limit of what has been observed "
+            "(Dorren 2015): the bounce has no terminal velocity"
         )
         yield Extrapolation(fast / is_fast.size, said, True)
 

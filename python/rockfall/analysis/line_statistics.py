@@ -1,14 +1,15 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What the boulders did at the evaluation lines, in numbers with their uncertainty.
 
-Every interval is of 95 % and says how far the number could have moved by chance, with as many other
-boulders. Boulders of a source are taken together as a cluster where there are several sources: what
-one of them does tells of the others. Few sources tell little of what others would do: the intervals
-of two are 6.5 times as long as a normal distribution would have them (Student's).
+Every interval is a 95 % confidence interval for as many other boulders: it holds the Monte Carlo
+error. Where there are several sources, the boulders of each are a cluster: what one of them does
+tells of the others. Few sources tell little of what others would do: the intervals of two are 6.5
+times as long as a normal distribution would have them (Student's).
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -33,16 +34,17 @@ Z = 1.959964  # of a normal distribution, 95 % within
 
 
 def line_statistics(result: xr.Dataset) -> pd.DataFrame:
-    """One row for each line and quantity: n and share of the boulders that crossed, then mean,
+    """One row for each line and quantity: n and fraction of the boulders that crossed, then mean,
     standard deviation (n - 1), quantiles and maximum, in the units of the result; NaN where none
-    crossed. `NAME_low` and `NAME_high` are the limits of the 95 % interval of share (Wilson 1927),
-    mean, std and quantiles (order statistics). The maximum has none: it grows with n.
+    crossed. `NAME_low` and `NAME_high` are the limits of the 95 % confidence interval of fraction
+    (Wilson 1927), mean, std and quantiles (order statistics). The maximum has none: it grows with
+    n.
 
     energy_total is E_trans + E_rot, rotational_share is E_rot / E_total; position is how far along
     the line from its first vertex a boulder crossed [m]: its std is the lateral spread.
 
-    Boulders of &case sampling = 'sobol' are spread more evenly than by chance, and the intervals do
-    not know it: they are those of as many random boulders, and too wide (docs/benchmarks.md).
+    Boulders of &case sampling = 'sobol' are spread more evenly than random ones, and the intervals
+    do not know it: they are those of as many random boulders, and too wide (docs/benchmarks.md).
     """
     import pandas as pd
 
@@ -116,11 +118,11 @@ def sample_numbers(v: np.ndarray, cluster: np.ndarray) -> dict[str, float]:
     intervals; those that one value cannot have are absent."""
     row = {"mean": v.mean(), "max": v.max()}
     ordered = np.sort(v)
-    for share, value in zip(QUANTILES, np.quantile(ordered, QUANTILES), strict=True):
-        name = quantile_name(share)
+    for level, value in zip(QUANTILES, np.quantile(ordered, QUANTILES), strict=True):
+        name = quantile_name(level)
         effective = effective_number((v <= value).astype(float), cluster)
         row[name] = value
-        row[f"{name}_low"], row[f"{name}_high"] = between_ranks(ordered, share, effective)
+        row[f"{name}_low"], row[f"{name}_high"] = between_ranks(ordered, level, effective)
     if v.size > 1:
         row["std"] = v.std(ddof=1)
         half = _half_of_mean(v, cluster)
@@ -132,10 +134,22 @@ def sample_numbers(v: np.ndarray, cluster: np.ndarray) -> dict[str, float]:
     return row
 
 
+def half_width(row: Mapping[str, float], name: str) -> float:
+    """Half the length of a confidence interval, relative to its number: 0 of equal values, inf of
+    the number 0, NaN without an interval."""
+    value = row.get(name, np.nan)
+    if name == "std" and value == 0:
+        return 0.0
+    half = (row.get(f"{name}_high", np.nan) - row.get(f"{name}_low", np.nan)) / 2
+    if half == 0 or np.isnan(half):
+        return half
+    return half / abs(value) if value else np.inf
+
+
 def fraction_interval(holds: np.ndarray, source: np.ndarray) -> tuple[float, float, float]:
-    """Share of the boulders of which something holds, and the limits of its 95 % interval."""
-    share = float(holds.mean())
-    return share, *_wilson(share, effective_number(holds.astype(float), source))
+    """Fraction of the boulders of which something holds, and the limits of its 95 % interval."""
+    fraction = float(holds.mean())
+    return fraction, *_wilson(fraction, effective_number(holds.astype(float), source))
 
 
 def _half_of_mean(v: np.ndarray, cluster: np.ndarray) -> float:
@@ -156,43 +170,38 @@ def _half_of_clusters(v: np.ndarray, cluster: np.ndarray) -> float:
 
 
 def effective_number(indicator: np.ndarray, cluster: np.ndarray) -> float:
-    """As many independent boulders would know the share of an indicator as well (Korn and Graubard
-    1998)."""
+    """As many independent boulders would know the fraction of an indicator as well (Korn and
+    Graubard 1998)."""
     half = _half_of_clusters(indicator, cluster)
-    share = indicator.mean()
-    plain = Z**2 * share * (1 - share)
+    fraction = indicator.mean()
+    plain = Z**2 * fraction * (1 - fraction)
     return min(float(indicator.size), plain / half**2) if half else float(indicator.size)
 
 
 def student(freedom: int) -> float:
-    """Student's t that 97.5 % do not exceed (Abramowitz and Stegun 1964, eq. 26.7.5; exact for one
-    and two degrees of freedom)."""
-    if freedom < 3:
-        return (np.inf, 12.706205, 4.302653)[freedom]
-    terms = (
-        (Z**3 + Z) / 4,
-        (5 * Z**5 + 16 * Z**3 + 3 * Z) / 96,
-        (3 * Z**7 + 19 * Z**5 + 17 * Z**3 - 15 * Z) / 384,
-        (79 * Z**9 + 776 * Z**7 + 1482 * Z**5 - 1920 * Z**3 - 945 * Z) / 92160,
-    )
-    return Z + sum(term / freedom**k for k, term in enumerate(terms, 1))
+    """Student's t that 97.5 % do not exceed."""
+    from scipy.special import stdtrit
+
+    return float(stdtrit(freedom, 0.975))
 
 
-def _wilson(share: float, n: float) -> tuple[float, float]:
-    """Summed so that none is 0 from below, and all 1 from above, to the last digit."""
+def _wilson(fraction: float, n: float) -> tuple[float, float]:
+    """Summed so that none is 0 from below, and all 1 from above, to the last digit. (That of SciPy
+    takes whole numbers of boulders only.)"""
     added = Z**2 / (2 * n)
-    half = np.sqrt(2 * added * share * (1 - share) + added**2)
-    low, high = share + (added - half), share + (added + half)
+    half = np.sqrt(2 * added * fraction * (1 - fraction) + added**2)
+    low, high = fraction + (added - half), fraction + (added + half)
     return low / (1 + 2 * added), high / (1 + 2 * added)
 
 
-def between_ranks(ordered: np.ndarray, share: float, effective: float) -> tuple[float, float]:
+def between_ranks(ordered: np.ndarray, level: float, effective: float) -> tuple[float, float]:
     """The order statistics that enclose a quantile, interpolated between ranks, without which a
-    small sample's intervals would hold too much; NaN where the sample ends before them."""
-    half = Z * np.sqrt(share * (1 - share) / effective)
+    small sample's intervals would hold too much; NaN where the sample ends before them. (SciPy's
+    quantile_test does not interpolate, and knows no clusters.)"""
+    half = Z * np.sqrt(level * (1 - level) / effective)
     n = ordered.size
     low, high = np.interp(
-        n * np.array([share - half, share + half]) + 0.5,
+        n * np.array([level - half, level + half]) + 0.5,
         np.arange(1, n + 1),
         ordered,
         np.nan,
@@ -201,8 +210,8 @@ def between_ranks(ordered: np.ndarray, share: float, effective: float) -> tuple[
     return low, high
 
 
-def quantile_name(share: float) -> str:
-    return f"q{share * 100:.0f}"
+def quantile_name(level: float) -> str:
+    return f"q{level * 100:.0f}"
 
 
 def with_limits(name: str) -> list[str]:
@@ -210,4 +219,4 @@ def with_limits(name: str) -> list[str]:
 
 
 _COLUMNS = ["n", *with_limits("fraction"), *with_limits("mean"), *with_limits("std"), "max"]
-_COLUMNS += [name for share in QUANTILES for name in with_limits(quantile_name(share))]
+_COLUMNS += [name for level in QUANTILES for name in with_limits(quantile_name(level))]

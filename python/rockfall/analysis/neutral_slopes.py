@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rockfall._core import rockfall_f2py as _core
 from rockfall.analysis.plane_bounce import mixed_rebound, neutral_slope, set_rebound
 from rockfall.io.zone_table import read_zone_table
+from rockfall.scene.coefficients import set_weights, size_weights
 from rockfall.scene.surface import radius_over_rg
 
 if TYPE_CHECKING:
@@ -34,8 +34,7 @@ class Rocks:
     tangents: np.ndarray
 
     def steeper(self, slope: float) -> float:
-        """The share of its cells that are steeper than a slope [degree]; NaN where none is
-        known."""
+        """The fraction of its cells steeper than a slope [degree]; NaN where none is known."""
         if not self.tangents.size:
             return np.nan
         return float((self.tangents > np.tan(np.radians(slope))).mean())
@@ -63,8 +62,8 @@ def _by_size(radii: np.ndarray, tangents: np.ndarray) -> Iterator[Rocks]:
     rocks = np.isfinite(radii).all(axis=1)
     radii, tangents = radii[rocks].astype(float), tangents[rocks]
     order = np.argsort(radii[:, 0], kind="stable")
-    for name, shares in FIFTHS.items():
-        first, last = (round(share * order.size) for share in shares)
+    for name, part in FIFTHS.items():
+        first, last = (round(end * order.size) for end in part)
         if last > first:
             some = order[first:last]
             yield Rocks(name, np.median(radii[some], axis=0), tangents[some])
@@ -82,18 +81,18 @@ class NeutralSlopes:
     def weights(self, radius: float, radii: np.ndarray) -> np.ndarray:
         """How often each set serves a boulder of this radius [m], (5,); sizes of rocks that absorb
         it left out."""
-        chances = _core.weights_of_sizes() if radii.size > 1 else np.ones(1)
-        sets = [chance * _core.weights_of_sets(radius / r, self._between)
-                for chance, r in zip(chances, radii, strict=True) if np.isfinite(r)]  # fmt: skip
+        sizes = size_weights() if radii.size > 1 else np.ones(1)
+        sets = [weight * set_weights(radius / r, self._between)
+                for weight, r in zip(sizes, radii, strict=True) if np.isfinite(r)]  # fmt: skip
         return np.sum(sets, axis=0) / np.sum(sets)
 
     def classes(self, radius: float, radii: np.ndarray) -> list[int]:
         """The ratio of the set nearest to each of these rocks."""
-        return [int(np.argmax(_core.weights_of_sets(radius / r, False))) + 1 for r in radii]
+        return [int(np.argmax(set_weights(radius / r, False))) + 1 for r in radii]
 
     def of(self, radius: float, radii: np.ndarray) -> float:
-        """The neutral slope [degree] of boulders of this radius on rocks of these radii [m]; 5 at
-        least and 75 at most."""
+        """The neutral slope [degree] of boulders of this radius on rocks of these radii [m],
+        from 5 to 75."""
         return self._slope(tuple(self.weights(radius, radii).tolist()))
 
     def _find(self, weights: tuple[float, ...]) -> float:

@@ -92,24 +92,24 @@ def read_observed(*paths: str | Path) -> Observed:
 
 def _quantity(row: Row) -> tuple[str, float, tuple[float, float]]:
     """Quantity, the unit in SI units, and the limits of its values."""
-    quantity = row.word("quantity", UNITS)
+    quantity = row.choice("quantity", UNITS)
     limits = {"omega": (-inf, inf), "rotational_share": (0.0, 1.0)}.get(quantity, (0.0, inf))
-    return quantity, UNITS[quantity][row.word("unit", UNITS[quantity])], limits
+    return quantity, UNITS[quantity][row.choice("unit", UNITS[quantity])], limits
 
 
 def _summary(row: Row) -> dict:
     quantity, unit, limits = _quantity(row)
-    mean, most = row.maybe("mean", *limits), row.maybe("max", *limits)
+    mean, max_ = row.maybe("mean", *limits), row.maybe("max", *limits)
     std, n = row.maybe("std", 0.0), row.maybe("n", 1.0)
-    if np.isnan([mean, std, most]).all():
+    if np.isnan([mean, std, max_]).all():
         row.refuse("mean", "a row needs mean, std or max")
-    if most < mean:
+    if max_ < mean:
         row.refuse("max", f"must be >= mean = {mean:g}")
     if n % 1 > 0:
         row.refuse("n", "must be an integer")
-    method = row.word("method", METHODS) if "method" in row.cells else "observed"
+    method = row.choice("method", METHODS) if "method" in row.cells else "observed"
     about = {"line": row.text("line"), "method": method, "quantity": quantity}
-    return {**about, "mean": unit * mean, "std": unit * std, "max": unit * most, "n": n}
+    return {**about, "mean": unit * mean, "std": unit * std, "max": unit * max_, "n": n}
 
 
 def _sample(row: Row) -> dict:
@@ -119,7 +119,7 @@ def _sample(row: Row) -> dict:
 
 
 def _test(row: Row) -> dict:
-    method, quantity = row.word("method", METHODS[1:]), row.word("quantity", UNITS)
+    method, quantity = row.choice("method", METHODS[1:]), row.choice("quantity", UNITS)
     p = row.number("p", 0.0, 1.0)
     return {"line": row.text("line"), "method": method, "quantity": quantity, "p": p}
 

@@ -15,12 +15,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-K_SPHERE = 0.4  # I/(m R_b^2)
-MIN_NORMAL = 0.01  # V_n of a rebound that has none / incident speed, as in boulder/impact.f90
+from rockfall.scene.coefficients import INERTIA_FACTOR, MAX_DRAWS, MIN_NORMAL
+
 NEAREST = 20  # impacts of which one is drawn
-REDRAWS = 32  # as in boulder/impact.f90
 FIRST, LAST = 20, 60  # bounces that count: the start is forgotten
 FLATTEST, STEEPEST, NEAR = 5.0, 75.0, 0.05  # where a neutral slope is looked for [degree]
+USUAL, RISE = 34.0, 0.015  # a neutral slope [degree], and what the growth gains a degree there
 
 #: (n, 3) V_in -> (n, 3) V_out
 Rebound = Callable[[np.ndarray, np.random.Generator], np.ndarray]
@@ -37,7 +37,7 @@ class Growth:
 
 def energy(v: np.ndarray) -> np.ndarray:
     """Twice the kinetic energy over the mass, (n,) [m2/s2], of (V_t, V_n, W)."""
-    return v[:, 0] ** 2 + v[:, 1] ** 2 + K_SPHERE * v[:, 2] ** 2
+    return v[:, 0] ** 2 + v[:, 1] ** 2 + INERTIA_FACTOR * v[:, 2] ** 2
 
 
 def ratio_class(ratio: np.ndarray) -> np.ndarray:
@@ -58,7 +58,7 @@ def set_rebound(mean: np.ndarray, covariance: np.ndarray) -> Rebound:
     def rebound(v_in: np.ndarray, generator: np.random.Generator) -> np.ndarray:
         v_out = np.empty_like(v_in)
         todo = np.arange(len(v_in))
-        for _ in range(REDRAWS):
+        for _ in range(MAX_DRAWS):
             a = (mean + generator.standard_normal((len(todo), 9)) @ factor.T).reshape(-1, 3, 3)
             v_out[todo] = np.einsum("nij,nj->ni", a, v_in[todo])
             todo = todo[~admissible(v_in[todo], v_out[todo])]
@@ -150,12 +150,19 @@ def growth(rebound: Rebound, slope: float, boulders: int = 1000, seed: int = 1) 
 
 
 def neutral_slope(rebound: Rebound, boulders: int = 1000, seed: int = 1) -> float:
-    """The slope on which speeds neither grow nor fade [degrees], by bisection from 5 to 75."""
-    low, high = FLATTEST, STEEPEST
+    """The slope on which speeds neither grow nor fade [degrees], from 5 to 75, by secants within
+    a bracket. (SciPy's brentq takes longer to import than this to run.)"""
+    low, high, slope = FLATTEST, STEEPEST, USUAL
+    rise, last = RISE, None
     while high - low > NEAR:
-        middle = (low + high) / 2
-        if growth(rebound, middle, boulders, seed).mean < 0:
-            low = middle
-        else:
-            high = middle
+        mean = growth(rebound, slope, boulders, seed).mean
+        low, high = (slope, high) if mean < 0 else (low, slope)
+        if last:
+            rise = (mean - last[1]) / (slope - last[0]) or RISE
+        last, found = (slope, mean), slope - mean / rise
+        if not low < found < high:
+            found = (low + high) / 2
+        elif abs(found - slope) < NEAR:
+            return found
+        slope = found
     return (low + high) / 2

@@ -3,8 +3,11 @@
 
 The largest of n values grows with n. Beside it stands the level that one in N of the boulders that
 pass a line exceeds, from a generalised Pareto distribution (GPD) of what lies above a high
-threshold (Pickands 1975; Coles 2001, chapter 4). Where the data do not bear that, it is refused.
+threshold (Pickands 1975; Coles 2001, chapter 4). Where the data do not support that, it is refused.
 Boulders of common sources count as the number of independent ones that would know as much.
+
+The fit is ours: that of SciPy takes four times as long, and none of its tests is of a GPD whose
+parameters were fitted to boulders that come in clusters.
 """
 
 from __future__ import annotations
@@ -23,7 +26,7 @@ from rockfall.analysis.line_statistics import (
     sources,
     with_limits,
 )
-from rockfall.errors import RockfallError, need
+from rockfall.errors import RockfallError
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -38,15 +41,15 @@ QUANTITIES = (
     "energy_rotational",
     "energy_total",
 )
-UPPER = 0.05  # share of boulders above the lowest threshold; with 0.1 and 0.25 levels are biased
-FEWEST, MOST = 50, 2000  # independent boulders above a threshold
+UPPER = 0.05  # fraction above the lowest threshold; with 0.1 and 0.25 levels are biased
+MIN_ABOVE, MAX_ABOVE = 50, 2000  # independent boulders above a threshold
 THRESHOLDS = 12  # tried
-FALSE = 0.05  # share of thresholds that may be given up for nothing
+FALSE = 0.05  # rate of thresholds that are rejected wrongly
 ENOUGH = 25  # independent boulders beyond a level: there the sample knows it without a tail
-FURTHEST = 10  # times the independent boulders: no level beyond
-STEEPEST = 0.5  # amount of the shape: theory of the fit (-0.5) and variance (+0.5) end there
+MAX_PERIOD = 10  # times the independent boulders: no level beyond
+MAX_SHAPE = 0.5  # absolute value: theory of the fit (-0.5) and variance (+0.5) end there
 BARTLETT = 12  # over the number above the threshold: see _profiled
-WIDEST = 3  # times the level: no level whose upper limit is higher
+MAX_HIGH = 3  # times the level: no level whose upper limit is higher
 
 
 class Fit(NamedTuple):
@@ -138,8 +141,7 @@ def tail(
     values: np.ndarray, source: np.ndarray | None = None, levels: Sequence[int] = LEVELS
 ) -> Tail:
     """The upper tail of the values (>= 0) of boulders; `source` is that of each, as from
-    `statistics.sources`, none = one source."""
-    need("return levels need", "report", "scipy")
+    `line_statistics.sources`, none = one source."""
     _check(levels)
     source = np.zeros(values.size, int) if source is None else source
     n, ordered = values.size, np.sort(values)
@@ -160,17 +162,17 @@ def tail(
 def _tried(ordered: np.ndarray, independent: float) -> Iterator[Fit]:
     """Fits above rising thresholds, by falling numbers of exceedances."""
     n, known = ordered.size, UPPER * independent
-    if known < FEWEST:
+    if known < MIN_ABOVE:
         return
-    numbers = np.geomspace(min(known, MOST), FEWEST, THRESHOLDS) * n / independent
+    numbers = np.geomspace(min(known, MAX_ABOVE), MIN_ABOVE, THRESHOLDS) * n / independent
     for threshold in np.unique(ordered[n - 1 - np.round(numbers).astype(int)]):
         excess = ordered[ordered > threshold] - threshold
-        if excess.size * independent >= FEWEST * n * 0.99:
+        if excess.size * independent >= MIN_ABOVE * n * 0.99:
             yield _fit(excess, threshold, independent / n)
 
 
 def _fit(excess: np.ndarray, threshold: float, weight: float) -> Fit:
-    """The GPD of greatest likelihood, sought along the one line of `_best_of`; the place there is
+    """The GPD of maximum likelihood, sought along the one line of `_best_of`; the place there is
     log(1 + theta max) / log(n), which is near the shape."""
     from scipy.optimize import minimize_scalar
 
@@ -223,12 +225,12 @@ def _anderson_darling(excess: np.ndarray, shape: float, scale: float) -> float:
 
 
 def _p_value(a2: float, shape: float) -> float:
-    """Chance of a greater A2 where the GPD holds and both its parameters were fitted.
+    """Probability of a larger A2 where the GPD holds and both its parameters were fitted.
 
     A2 tends to a sum of chi-squares with the eigenvalues of a covariance as weights (Choulakian and
     Stephens 2001, section 3); its distribution is an integral (Imhof 1961, eq. 3.2).
     """
-    a2 = min(a2, 12.0)  # the sum below has a period of 25; chance is nil long before
+    a2 = min(a2, 12.0)  # the sum below has a period of 25; the probability is 0 long before
     shape = max(shape, -0.49)  # the covariance of the fit ends at -0.5
     shape = shape if abs(shape) > 1e-4 else 1e-4
     node, weight = np.polynomial.legendre.leggauss(60)
@@ -257,15 +259,16 @@ def _chosen(tried: Sequence[Fit]) -> Fit | None:
 
 def _refusal(tried: Sequence[Fit], fit: Fit | None, independent: float) -> str | None:
     """Why there is no tail."""
-    if not tried and UPPER * independent >= FEWEST:
-        return f"ties leave no {FEWEST} boulders above a threshold"
+    if not tried and UPPER * independent >= MIN_ABOVE:
+        return f"ties leave no {MIN_ABOVE} boulders above a threshold"
     if not tried:
-        return f"{UPPER * independent:.0f} independent boulders in the upper 5 %, {FEWEST} needed"
+        known = UPPER * independent
+        return f"{known:.0f} independent boulders in the upper 5 %, {MIN_ABOVE} needed"
     if fit is None:
         return "no threshold fits"
-    if fit.shape >= STEEPEST:
+    if fit.shape >= MAX_SHAPE:
         return f"tail too heavy (shape {fit.shape:.2f})"
-    if fit.shape <= -STEEPEST:
+    if fit.shape <= -MAX_SHAPE:
         return f"tail ends too sharply (shape {fit.shape:.2f})"
     return None
 
@@ -282,25 +285,25 @@ def _level(
     interval encloses that above the chosen threshold and that above the highest, because a misfit
     that no test sees in few values may still move the level (heights of cases/vaujany: 89 % of the
     intervals held without, 93 % with)."""
-    share = 1 - 1 / N
+    below = 1 - 1 / N
     if independent >= ENOUGH * N:
-        return Level(np.quantile(ordered, share), *between_ranks(ordered, share, independent))
+        return Level(np.quantile(ordered, below), *between_ranks(ordered, below, independent))
     if refused:
         return Level(refused=refused)
-    if N > FURTHEST * independent:
-        return Level(refused=f"more than {FURTHEST} times the boulders")
+    if N > MAX_PERIOD * independent:
+        return Level(refused=f"more than {MAX_PERIOD} times the boulders")
     level = _profiled(N, ordered, independent, fit)
-    if tried[-1].shape > -STEEPEST:
+    if tried[-1].shape > -MAX_SHAPE:
         other = _profiled(N, ordered, independent, tried[-1])
         level = Level(level.value, min(level.low, other.low), max(level.high, other.high))
-    if level.high > WIDEST * level.value:
-        return Level(refused=f"may be {WIDEST} times as high")
+    if level.high > MAX_HIGH * level.value:
+        return Level(refused=f"may be {MAX_HIGH} times as high")
     return level
 
 
 def _profiled(N: int, ordered: np.ndarray, independent: float, fit: Fit) -> Level:
     """The level of a GPD and where its profile likelihood has fallen to that of 95 % (Coles 2001,
-    section 4.3.3), the share above the threshold being uncertain too (binomial). The likelihood
+    section 4.3.3), the fraction above the threshold being uncertain too (binomial). The likelihood
     counts as that of the independent boulders (Chandler and Bate 2007). Bartlett's factor, measured
     on GPD samples, is for few values: without it intervals from 50 hold 92 to 94 %."""
     from scipy.optimize import brentq, minimize
@@ -313,12 +316,12 @@ def _profiled(N: int, ordered: np.ndarray, independent: float, fit: Fit) -> Leve
     def cost(free: np.ndarray, above: float) -> float:
         """Minus the log-likelihood where the level lies so far above the threshold."""
         shape, further = free[0] or 1e-9, free[1]
-        share = np.exp(further) / N
+        exceeded = np.exp(further) / N
         scale = above * shape / np.expm1(shape * further)
-        if shape <= -1 or further <= 0 or share >= 1 or shape * excess[-1] / scale <= -1:
+        if shape <= -1 or further <= 0 or exceeded >= 1 or shape * excess[-1] / scale <= -1:
             return np.inf
         beyond = np.log1p(shape * excess / scale).sum()
-        size = k * np.log(share) + (n - k) * np.log1p(-share)
+        size = k * np.log(exceeded) + (n - k) * np.log1p(-exceeded)
         return k * np.log(scale) + (1 / shape + 1) * beyond - size
 
     least = cost((fit.shape, further), value - fit.threshold)
@@ -332,9 +335,9 @@ def _profiled(N: int, ordered: np.ndarray, independent: float, fit: Fit) -> Leve
         return (found.fun - least) * independent / n - allowed
 
     low = brentq(excess_cost, fit.threshold + 1e-3 * (value - fit.threshold), value, rtol=1e-5)
-    if excess_cost(WIDEST * value) < 0:
+    if excess_cost(MAX_HIGH * value) < 0:
         return Level(value, low, np.inf)
-    return Level(value, low, brentq(excess_cost, value, WIDEST * value, rtol=1e-5))
+    return Level(value, low, brentq(excess_cost, value, MAX_HIGH * value, rtol=1e-5))
 
 
 def _check(levels: Sequence[int]) -> None:

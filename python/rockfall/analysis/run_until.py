@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Runs that end when the numbers at the evaluation lines are as sure as was asked."""
+"""Runs that end when the confidence intervals at the lines are as narrow as requested."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ import numpy as np
 from rockfall.analysis.line_statistics import (
     QUANTILES,
     QUANTITIES,
+    half_width,
     line_numbers,
     quantile_name,
     sources,
@@ -20,33 +21,35 @@ from rockfall.analysis.line_statistics import (
 from rockfall.case import Case
 from rockfall.errors import RockfallError
 from rockfall.interrupts import interrupts
-from rockfall.result.dataset import make_result
 from rockfall.scene.plausible import warn_of
 from rockfall.scene.reach import survey
 from rockfall.scene.read import read_scene
 from rockfall.scene.scene import Scene
 from rockfall.scene.sources import refuse_by_area
-from rockfall.simulation.simulate import Interrupted, Tally, check_tallies, run_chunks, start, trace
+from rockfall.simulation.progress import progress_bar
+from rockfall.simulation.simulate import Interrupted, check_tallies, run_chunks, start, trace
 from rockfall.simulation.source_maps import settle, tells_sources
+from rockfall.simulation.tally import Tally
+from rockfall.simulation.tally_dataset import make_result
 
 if TYPE_CHECKING:
     import xarray as xr
 
 FIRST = 1000  # boulders of the first stage, over all sources
-CROSSED = 500  # boulders past the line before the interval of anything but a share is believed
+CROSSED = 500  # boulders past the line before the interval of anything but a fraction is used
 CAP = 1_000_000  # boulders over all sources, where no cap is given
 
-# From the boulders of a stage to those of the next: at least, at most; what is within one stage.
-LEAST, GROWTH, NEAR = 1.05, 4.0, 1.25
+# From the boulders of a stage to those of the next: min, max; what is within one stage.
+MIN_GROWTH, MAX_GROWTH, NEAR = 1.05, 4.0, 1.25
 SHORT, MARGIN = 0.8, 1.02  # of the need: of one further off, of one that is near
-HOPELESS = 0.3  # where chance among boulders is below this part of the limit, more are no help
+USELESS = 0.3  # where the error of boulders is below this part of the limit, more do not help
 
 STATISTICS = ("mean", "std", *map(quantile_name, QUANTILES))
 FORM = "QUANTITY.STATISTIC@LINE<PERCENT% or fraction@LINE<PERCENT%"
 
 
 class Rule(NamedTuple):
-    """The half-width of a 95 % interval shall be below a share of the number itself."""
+    """A criterion: the half-width of a 95 % interval is below a fraction of the number itself."""
 
     text: str
     line: int  # index, from 0
@@ -104,21 +107,19 @@ def run_scene_until(
     The boulders of one source continue those of the stage before. With several sources each stage
     starts again, for which source a boulder has follows from its number.
     """
-    from rockfall.simulation.progress import progress_bar
-
     refuse_by_area(scene, "--until")
-    asked = read_rules(rules, [line["name"] for line in scene.case.line])
+    criteria = read_rules(rules, [line["name"] for line in scene.case.line])
     if cap is not None and cap < 1:
         raise RockfallError(f"cap = {cap}: must be at least 1 boulder from each source")
     cap = cap or max(1, CAP // scene.x.size)
-    n, flown, tally = min(cap, -(-FIRST // scene.x.size)), 0, None
+    n, total, tally = min(cap, -(-FIRST // scene.x.size)), 0, None
     with interrupts() as interrupted, progress_bar(0, shown=progress) as advance:
         while True:
             tally = _next_tally(_with_boulders(scene, n), tally)
-            flown += tally.scene.boulders - tally.done
-            advance(0, flown)
+            total += tally.scene.boulders - tally.done
+            advance(0, total)
             run_chunks(tally, None, interrupted, advance)
-            verdicts = judge(asked, make_result(tally, maps=False))
+            verdicts = evaluate(criteria, make_result(tally, maps=False))
             larger = next_stage(verdicts, n, cap)
             if interrupted() or larger == n:
                 break
@@ -165,56 +166,45 @@ def next_stage(verdicts: list[Verdict], n: int, cap: int) -> int:
     needs = [one.need for one in verdicts if not one.met and not np.isinf(one.need)]
     if not needs:
         return n
-    need = max(GROWTH * n if np.isnan(one) else one for one in needs)
+    need = max(MAX_GROWTH * n if np.isnan(one) else one for one in needs)
     target = MARGIN * need if need <= NEAR * n else max(NEAR * n, SHORT * need)
-    return min(cap, math.ceil(np.clip(target, LEAST * n, GROWTH * n)))
+    return min(cap, math.ceil(np.clip(target, MIN_GROWTH * n, MAX_GROWTH * n)))
 
 
 def verdicts_of(result: xr.Dataset) -> list[Verdict]:
-    """What a result says to each rule of its `run_until`, none where it has no rules."""
+    """The verdict of a result on each rule of its `run_until`, none where it has no rules."""
     if "until" not in result.attrs:
         return []
-    return judge(read_rules(result.attrs["until"], list(result["line"].values)), result)
+    return evaluate(read_rules(result.attrs["until"], list(result["line"].values)), result)
 
 
-def judge(rules: list[Rule], result: xr.Dataset) -> list[Verdict]:
-    """What a result says to each rule."""
+def evaluate(rules: list[Rule], result: xr.Dataset) -> list[Verdict]:
+    """The verdict of a result on each rule."""
     source = sources(result)
     return [_verdict(rule, result, source) for rule in rules]
 
 
 def _verdict(rule: Rule, result: xr.Dataset, source: np.ndarray) -> Verdict:
-    """The need follows from the width: squared it is a part that falls as 1/n, chance among
-    boulders, and one that does not, what the sources differ by."""
+    """The need follows from the width: squared it is a part that falls as 1/n, the error of the
+    boulders, and one that does not, the differences of the sources."""
     of = source.max(initial=0) + 1
     n = source.size / of
     row = line_numbers(result, rule.line, rule.quantity, source)
-    width = _width(row, rule.statistic)
+    width = half_width(row, rule.statistic)
     short = 0.0 if rule.statistic == "fraction" else CROSSED / max(row["n"], 1)
     if width <= rule.limit and short <= 1:
         return Verdict(rule, True, width, n)
     if not row["n"] or not np.isfinite(width):
         return Verdict(rule, False, width, np.nan)
-    chance = width**2
+    error = width**2
     if of > 1:
         alone = line_numbers(result, rule.line, rule.quantity, np.zeros_like(source))
-        chance = _width(alone, rule.statistic) ** 2
-    left = rule.limit**2 - max(0.0, width**2 - chance)
+        error = half_width(alone, rule.statistic) ** 2
+    left = rule.limit**2 - max(0.0, width**2 - error)
     if left > 0:
-        return Verdict(rule, False, width, n * max(short, chance / left))
-    hopeless = chance < (HOPELESS * rule.limit) ** 2
-    return Verdict(rule, False, width, np.inf if hopeless else np.nan)
-
-
-def _width(row: dict[str, float], statistic: str) -> float:
-    """Half-width of an interval over its number, NaN where there is none; 0 of equal values."""
-    value = row.get(statistic, np.nan)
-    if statistic == "std" and value == 0:
-        return 0.0
-    half = (row.get(f"{statistic}_high", np.nan) - row.get(f"{statistic}_low", np.nan)) / 2
-    if half == 0 or np.isnan(half):
-        return half
-    return half / abs(value) if value else np.inf
+        return Verdict(rule, False, width, n * max(short, error / left))
+    useless = error < (USELESS * rule.limit) ** 2
+    return Verdict(rule, False, width, np.inf if useless else np.nan)
 
 
 def read_rules(text: str, lines: list[str]) -> list[Rule]:

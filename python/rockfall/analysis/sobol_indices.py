@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Whence the variance of a result comes: from chance, or from which of the uncertain inputs.
+"""Where the variance of a result comes from: the number of boulders, or which uncertain input.
 
 A run gives Y = f(X) + e: f is what infinitely many boulders would give with the inputs X, and e is
-the chance of those that were followed. The variance of f is called ignorance, that of e chance.
+the error of those that were simulated. The variance of e is that of Monte Carlo, the variance of f
+the epistemic one.
 
 Each block of runs has inputs and boulders of its own. In a block the same boulders run through A
 and B, two independent draws of all inputs, and through A_i, which has input i of B and all else of
-A. Boulders that are the same do not do the same, but alike: the chances of two runs P and Q of a
-block are correlated. Hence
+A. The same boulders do alike, not the same: the errors of two runs P and Q of a block are
+correlated. Hence
 
     E (Y_P - Y_Q)^2     = E (f_P - f_Q)^2 + Var e_P + Var e_Q - 2 Cov(e_P, e_Q)
     E Y_B (Y_Ai - Y_A)  = E f_B (f_Ai - f_A) + Cov(e_B, e_Ai) - Cov(e_B, e_A)
@@ -25,28 +26,28 @@ import numpy as np
 
 from rockfall.analysis.line_statistics import Z
 
-LEAST = 20  # boulders at a line, below which their mean is not a number
-ABOVE = 5  # boulders above a quantile, below which it is not a number
+MIN_CROSSED = 20  # boulders at a line, below which their mean is not a number
+MIN_ABOVE = 5  # boulders above a quantile, below which it is not a number
 RESAMPLES = 500  # of the blocks, for the errors
 
 
 def deviations(values: np.ndarray, name: str, row: dict[str, float], per_source: int) -> np.ndarray:
     """A vector whose product with that of another run of the same boulders is the covariance of the
-    chances of the two, and with itself the variance. NaN where too few boulders crossed.
+    errors of the two, and with itself the variance. NaN where too few boulders crossed.
 
     `values` are those of the boulders at a line, NaN where they did not cross, `row` what
-    `statistics.line_numbers` says of them, `name` is share, mean or a quantile such as q95.
+    `line_numbers` says of them, `name` is fraction, mean or a quantile such as q95.
 
     A result deviates, to first order, by the mean of an influence of each boulder (Hampel 1974).
     The boulders of a source are a stratum: other boulders would come from the same sources. (With
-    one boulder a source all are one stratum, and what sets sources apart counts as chance.)
+    one boulder a source all are one stratum, and differences of sources count as Monte Carlo.)
     """
     crossed = ~np.isnan(values)
     if name == "fraction":
         influence = crossed - row["fraction"]
     else:
-        share = row["fraction"] or np.nan
-        influence = np.where(crossed, _conditional(values, name, row), 0.0) / share
+        fraction = row["fraction"] or np.nan
+        influence = np.where(crossed, _conditional(values, name, row), 0.0) / fraction
     return _apart(influence.reshape(-1, per_source if per_source > 1 else values.size))
 
 
@@ -57,13 +58,13 @@ def _conditional(values: np.ndarray, name: str, row: dict[str, float]) -> np.nda
     rank (Siddiqui 1960). With 500 to 2000 boulders its variance comes out up to a third too large.
     """
     if name == "mean":
-        return values - row["mean"] if row["n"] >= LEAST else np.nan
-    share = float(name[1:]) / 100
-    if row["n"] * (1 - share) < ABOVE:
+        return values - row["mean"] if row["n"] >= MIN_CROSSED else np.nan
+    level = float(name[1:]) / 100
+    if row["n"] * (1 - level) < MIN_ABOVE:
         return np.nan
-    error = np.sqrt(share * (1 - share) / row["n"])
-    low, high = np.nanquantile(values, [share - error, share + error])
-    return (share - (values <= row[name])) * (high - low) / (2 * error)
+    error = np.sqrt(level * (1 - level) / row["n"])
+    low, high = np.nanquantile(values, [level - error, level + error])
+    return (level - (values <= row[name])) * (high - low) / (2 * error)
 
 
 def _apart(strata: np.ndarray) -> np.ndarray:
@@ -77,62 +78,63 @@ def _apart(strata: np.ndarray) -> np.ndarray:
 class Parts(NamedTuple):
     """Variances, each (..., results)."""
 
-    chance: np.ndarray  # of a run
-    ignorance: np.ndarray
-    first: np.ndarray  # (inputs, results), of ignorance: what knowing an input would take away
-    total: np.ndarray  # (inputs, results), of ignorance: what would be left, were it alone unknown
+    monte_carlo: np.ndarray  # of a run
+    epistemic: np.ndarray
+    first: np.ndarray  # (inputs, results), of the epistemic: what knowing an input would take away
+    total: np.ndarray  # (inputs, results), of it too: what would be left, were it alone unknown
 
 
 def parts(y: np.ndarray, covariance: np.ndarray) -> Parts:
     """Unbiased parts of the variance, from results (blocks, 2 + inputs, results) of the runs A, B,
-    A_1, A_2 ... and covariances (blocks, 2 + inputs, 2 + inputs, results) of their chances.
+    A_1, A_2 ... and covariances (blocks, 2 + inputs, 2 + inputs, results) of their errors.
 
-    Ignorance is the variance over all A and B, less their chance. A pair within a block shares some
-    of its chance; it is one of 2 blocks - 1 pairs that a run is in. In the first-order part
-    (Saltelli et al. 2010) Y_B stands less the mean of the other blocks, which leaves its
-    expectation and lowers its variance. The total part is that of Jansen (1999).
+    The epistemic variance is that over all A and B, less that of Monte Carlo. The errors of a pair
+    within a block are correlated; it is one of 2 blocks - 1 pairs that a run is in. In the
+    first-order part (Saltelli et al. 2010) Y_B stands less the mean of the other blocks, which
+    leaves its expectation and lowers its variance. The total part is that of Jansen (1999).
     """
     a, b, mixed = y[:, 0], y[:, 1], y[:, 2:]
     pairs, two = 2 * len(y), y[:, :2].reshape(2 * len(y), -1)
     own = np.einsum("brrq->brq", covariance)
-    chance = own[:, :2].mean(axis=(0, 1))
+    monte_carlo = own[:, :2].mean(axis=(0, 1))
     shared = covariance[:, 0, 1].mean(axis=0)
-    ignorance = two.var(axis=0, ddof=1) - chance + shared / (pairs - 1)
+    epistemic = two.var(axis=0, ddof=1) - monte_carlo + shared / (pairs - 1)
     change = mixed - a[:, None]
     others = (two.sum(axis=0) - a - b) / (pairs - 2)
     first = (b - others)[:, None] * change - covariance[:, 1, 2:] + covariance[:, 1, :1]
     total = change**2 - own[:, 2:] - own[:, :1] + 2 * covariance[:, 0, 2:]
-    return Parts(chance, ignorance, first.mean(axis=0), total.mean(axis=0) / 2)
+    return Parts(monte_carlo, epistemic, first.mean(axis=0), total.mean(axis=0) / 2)
 
 
-class Shares(NamedTuple):
-    """Parts, and standard errors; shares are NaN where ignorance cannot be told from nothing."""
+class Indices(NamedTuple):
+    """Parts, Sobol' indices and standard errors; no indices (NaN) where the epistemic variance is
+    not significant."""
 
     parts: Parts
-    ignorance_error: np.ndarray  # of the variance
-    first: np.ndarray  # Sobol' indices
+    epistemic_error: np.ndarray  # of the variance
+    first: np.ndarray
     first_error: np.ndarray
     total: np.ndarray
     total_error: np.ndarray
 
 
-def shares(y: np.ndarray, covariance: np.ndarray) -> Shares:
-    """The parts of the variance as shares of ignorance: Sobol' indices, of first order and total.
+def indices(y: np.ndarray, covariance: np.ndarray) -> Indices:
+    """The parts as fractions of the epistemic variance: Sobol' indices, of first order and total.
 
-    Standard errors come from resampled blocks (Efron 1979), those of a share from the linearised
-    ratio. They are those of independent blocks, so an even design has smaller ones. Shares are
-    given where ignorance is above its 95 % limit of nothing.
+    Standard errors come from resampled blocks (Efron 1979), those of an index from the linearised
+    ratio. They are those of independent blocks, so an even design has smaller ones. Indices are
+    given where the epistemic variance is above its 95 % limit of zero.
     """
     found = parts(y, covariance)
     random = np.random.default_rng(0)
     picks = random.integers(len(y), size=(RESAMPLES, len(y)))
     again = [parts(y[pick], covariance[pick]) for pick in picks]
-    ignorance = np.array([one.ignorance for one in again])
-    error = ignorance.std(axis=0)
-    known = np.where(found.ignorance > Z * error, found.ignorance, np.nan)
+    epistemic = np.array([one.epistemic for one in again])
+    error = epistemic.std(axis=0)
+    known = np.where(found.epistemic > Z * error, found.epistemic, np.nan)
     both = []
     for name in ("first", "total"):
-        share = getattr(found, name) / known
+        index = getattr(found, name) / known
         part = np.array([getattr(one, name) for one in again])
-        both += [share, (part - share * ignorance[:, None]).std(axis=0) / known]
-    return Shares(found, error, *both)
+        both += [index, (part - index * epistemic[:, None]).std(axis=0) / known]
+    return Indices(found, error, *both)

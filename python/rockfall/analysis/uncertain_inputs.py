@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from rockfall.errors import RockfallError, need
+from rockfall.errors import RockfallError
 from rockfall.impact_sets import set_path
 from rockfall.scene.coefficients import SetFile, draws_in
 from rockfall.scene.kernel_scene import known_at
@@ -20,7 +20,7 @@ NUMBERS = (2, 1, 2, 1, 0, None)  # that an input needs in a draw; radius: one fo
 STREAMS = ("boulders", "design", "dem", "source")  # of random numbers; a new one goes to the end
 REACH = 6  # correlation lengths; exp(-6) is a quarter of a per cent
 BITS = 30  # of a number of the design
-TRIES = 1000  # shifts of the sources, before they are hopeless
+TRIES = 1000  # shifts of the sources, before they are refused
 
 
 @dataclass
@@ -43,13 +43,13 @@ def drawn_scene(scene: Scene, draws: Iterable[Draw], seed: int) -> Scene:
 
 
 class Uncertain:
-    """The inputs that a case calls uncertain (`names`), as its group &ensemble tells."""
+    """The uncertain inputs of a case (`names`), as its group &ensemble has them."""
 
     def __init__(self, scene: Scene) -> None:
-        self.scene, self.told = scene, scene.case.ensemble
+        self.scene, self.given = scene, scene.case.ensemble
         self.sets: list[SetFile] = []
         self.set_checksums: dict[str, str] = {}
-        for name in self.told.get("sets", []):
+        for name in self.given.get("sets", []):
             path = set_path(scene.case, name, "ensemble")
             draws = draws_in(path, scene.case.impact["turning"])
             self.set_checksums[name] = draws[0].checksum
@@ -65,28 +65,27 @@ class Uncertain:
         self.ends = np.cumsum([0, *(radii if n is None else n for n in NUMBERS)])
         self.design = self._design()
         longest = max(scene.grid.shape) * scene.grid.cell
-        if self.told["dem_error"] > 0 and self.told["dem_correlation"] > longest:
+        if self.given["dem_error"] > 0 and self.given["dem_correlation"] > longest:
             raise RockfallError(
                 f"{scene.case.name}: &ensemble dem_correlation = "
-                f"{self.told['dem_correlation']:g}: must be at most {longest:g} m, the longer side "
-                "of the DEM"
+                f"{self.given['dem_correlation']:g}: must be at most {longest:g} m, the longer "
+                "side of the DEM"
             )
 
     def _varies(self, name: str) -> bool:
         if name == "sets":
             return len(self.sets) > 1
         if name in ("dem", "source"):
-            return self.told["dem_error" if name == "dem" else "source_shift"] > 0
+            return self.given["dem_error" if name == "dem" else "source_shift"] > 0
         keys = [f"{name}_factor"] + ["volume_std_factor"] * (name == "volume")
-        return max(self.told[key] for key in keys) > 1
+        return max(self.given[key] for key in keys) > 1
 
     def _design(self) -> np.ndarray:
         """Uniform numbers (runs, 2, numbers) of the inputs in A and B: a scrambled Sobol' sequence
         (Owen 1998), the same for whatever is uncertain, and longer for more runs."""
-        need("ensembles need", "report", "scipy.stats")
         from scipy.stats import qmc
 
-        numbers, runs = int(self.ends[-1]), self.told["runs"]
+        numbers, runs = int(self.ends[-1]), self.given["runs"]
         if 2 * numbers > qmc.Sobol.MAXDIM:
             raise RockfallError(
                 f"{self.scene.case.name}: &ensemble: {numbers} numbers are uncertain, most of them "
@@ -117,7 +116,7 @@ class Uncertain:
 
     def _factor(self, numbers: np.ndarray, key: str) -> np.ndarray:
         """Log-normal factors of median 1, with the geometric standard deviation of a key."""
-        return self.told[key] ** _normal(numbers)
+        return self.given[key] ** _normal(numbers)
 
     def _radius(self, numbers: np.ndarray) -> Draw:
         """One factor for each row of the table of zones, on R_m or on its three Rg; one factor
@@ -129,13 +128,13 @@ class Uncertain:
         return Draw({"sizes": scene.sizes * factor[:, None]}, kept={"radius": factor})
 
     def _volume(self, numbers: np.ndarray) -> Draw:
-        """A factor on all volumes of the law, and another on its standard deviation alone."""
-        law = self.scene.case.boulder
+        """A factor on all volumes of the distribution, another on its standard deviation."""
+        boulder = self.scene.case.boulder
         size = self._factor(numbers[0], "volume_factor")
         spread = self._factor(numbers[1], "volume_std_factor")
         keys = ("volume_mean", "volume_std", "volume_min", "volume_max", "volumes")
-        changed = {key: np.asarray(law[key]) * size for key in keys if key in law}
-        if "volume_std" in law:
+        changed = {key: np.asarray(boulder[key]) * size for key in keys if key in boulder}
+        if "volume_std" in boulder:
             changed["volume_std"] *= spread
         return Draw(groups={"boulder": changed}, kept={"volume": size, "volume_std": spread})
 
@@ -145,13 +144,13 @@ class Uncertain:
         return Draw(groups={"release": {"drop_height": height}}, kept={"drop_height": factor})
 
     def _dem(self, _: np.ndarray, random: np.random.Generator) -> Draw:
-        z, cells = self.scene.z, self.told["dem_correlation"] / self.scene.grid.cell
-        error = self.told["dem_error"] * gaussian_field(z.shape, cells, random)
+        z, cells = self.scene.z, self.given["dem_correlation"] / self.scene.grid.cell
+        error = self.given["dem_error"] * gaussian_field(z.shape, cells, random)
         return Draw({"z": (z + error).astype(z.dtype)})
 
     def _source(self, numbers: np.ndarray, random: np.random.Generator) -> Draw:
         """One shift for all sources, drawn again until all of them lie on known terrain."""
-        deviation = self.told["source_shift"]
+        deviation = self.given["source_shift"]
         for tried in range(TRIES):
             east, north = deviation * (random.standard_normal(2) if tried else _normal(numbers))
             x, y = self.scene.x + east, self.scene.y + north

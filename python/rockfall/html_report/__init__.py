@@ -1,33 +1,57 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A result as one HTML page that needs no network: words, maps, lines, figures, provenance."""
+"""A result as one HTML page that needs no network: words, maps, lines, figures, provenance.
+
+The modules of this package give numbers and words; `templates` have the structure of the page.
+"""
 
 from __future__ import annotations
 
 import base64
 import hashlib
 import importlib.resources
-from collections.abc import Iterable, Iterator, Sequence
-from html import escape
+from collections.abc import Iterable, Iterator
 from pathlib import Path
-from string import Template
-from typing import TYPE_CHECKING, Any
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any, NamedTuple
 
+from rockfall.analysis.compare import compare
+from rockfall.analysis.line_statistics import sources
+from rockfall.analysis.return_levels import return_levels
 from rockfall.case_files import files_behind
 from rockfall.errors import RockfallError, need
-from rockfall.io.files import whole_file
-from rockfall.io.output_files import PAGE, check_output
+from rockfall.html_report.convergence import convergence_figure
+from rockfall.html_report.intervals import rows_of
+from rockfall.html_report.maps import data_uri, map_section
+from rockfall.html_report.summary import summary
+from rockfall.html_report.tables import level_table, line_tables, precision_table, provenance
+from rockfall.html_report.validity import cautions, warnings
+from rockfall.io.files import atomic_write
+from rockfall.io.output_files import PAGE, SIGNATURE, check_output
+from rockfall.plots.figures import figures
+from rockfall.plots.style import save
+from rockfall.quantities import count
+from rockfall.text.comparison import text
 
 if TYPE_CHECKING:
     import xarray as xr
+    from matplotlib.figure import Figure
 
-    from rockfall.html_report.words import Rows
+    from rockfall.html_report.intervals import Rows
+    from rockfall.html_report.tables import Table
     from rockfall.result.trajectories import Terrain
 
-HOW_TO_ZOOM = (
-    '<p class="hint">Click a map, then zoom with the wheel or + and −, move with the arrow keys or '
-    "by dragging; 0 shows all. Two fingers do it too. All maps move together and tell the value "
-    "under the pointer.</p>\n"
-)
+MAX_SVG = 400_000  # bytes; a denser figure becomes dots
+DOTS_PER_INCH = 200
+
+
+class Picture(NamedTuple):
+    """A figure of the page: a data URI and its size [CSS pixels]."""
+
+    title: str
+    caption: str
+    uri: str
+    wide: int
+    high: int
 
 
 def write_report(
@@ -36,14 +60,14 @@ def write_report(
     """Write the page of a result to `path`, whole or not at all; the rest is as in `report`."""
     check_page(path, files_behind(result))
     page = report(result, terrain, observed)
-    with whole_file(path) as part:
+    with atomic_write(path) as part:
         part.write_text(page, encoding="utf-8")
 
 
 def check_page(path: str | Path, inputs: Iterable[str | Path] = ()) -> None:
     """Refuse a page that cannot be made or written, before the work and not after it."""
     path = Path(path)
-    need("a report needs", "report", "matplotlib", "scipy")
+    need("a report needs", "report", "matplotlib", "scipy", "jinja2")
     if path.suffix.lower() not in (".html", ".htm"):
         raise RockfallError(f"{path}: is no name for a page; it must end in .html")
     check_output(path, PAGE, inputs)
@@ -52,99 +76,78 @@ def check_page(path: str | Path, inputs: Iterable[str | Path] = ()) -> None:
 def report(result: xr.Dataset, terrain: Terrain | None = None, observed: Any = None) -> str:
     """The page of a result as text. The same result gives the same text.
 
-    `terrain`, from `rockfall.plots.figures.terrain_of`, puts relief under maps; `observed`, from
+    `terrain`, from `rockfall.plots.terrain.terrain_of`, puts relief under maps; `observed`, from
     `rockfall.analysis.observations.read_observed`, is set beside it in the figures and in a
     comparison.
     """
-    from rockfall.analysis.return_levels import return_levels
-    from rockfall.html_report.maps import map_notes, maps
-    from rockfall.html_report.markup import bullets, paragraphs, picture
-    from rockfall.html_report.tables import level_table, line_tables, provenance
-    from rockfall.html_report.words import cautions, in_words, rows_of, warnings
-    from rockfall.plots.figures import figures
-    from rockfall.quantities import count
-
-    shown = figures(result, terrain, observed)
-    zoomed = {f"map_{name}" for name in result.data_vars}
     rows, levels = rows_of(result), return_levels(result)
-    sections = {
-        "In words": paragraphs(in_words(result, rows)),
-        "Limits of validity": bullets(cautions(result, rows, levels)),
-        "Maps": HOW_TO_ZOOM + paragraphs(map_notes(result, terrain)) + _grid(maps(result, terrain)),
-    }
-    if rows:
-        sections["Lines"] = "\n".join([*line_tables(rows), level_table(levels)])
-        sections["Convergence"] = "\n".join(_convergence(result, rows))
-    if observed is not None:
-        from rockfall.analysis.compare import compare
-
-        text = str(compare(result, observed))
-        sections["Comparison"] = f'<pre tabindex="0">{escape(text)}</pre>'
-    sections["Figures"] = _grid(
-        (picture(one.draw(), one.title, one.caption) for one in shown if one.name not in zoomed),
-        "gallery",
+    zoomed = {f"map_{name}" for name in result.data_vars}
+    shown = [one for one in figures(result, terrain, observed) if one.name not in zoomed]
+    return _rendered(
+        title=str(result.attrs["title"]) or "rockfall",
+        boulders=count(result.sizes["boulder"], "boulder"),
+        warnings=warnings(result),
+        summary=summary(result, rows),
+        cautions=cautions(result, rows, levels),
+        map_section=map_section(result, terrain),
+        lines=[*line_tables(rows), level_table(levels)] if rows else [],
+        has_clusters=sources(result).max() > 0,
+        convergence=list(_convergence(result, rows)),
+        comparison="" if observed is None else text(compare(result, observed)),
+        figures=[_picture(one.draw(), one.title, one.caption) for one in shown],
+        provenance=provenance(result),
     )
-    sections["Provenance"] = "\n".join(provenance(result))
-    boulders = count(result.sizes["boulder"], "boulder")
-    title = str(result.attrs["title"]) or "rockfall"
-    return _page(title, f"Rockfall simulation of {boulders}", sections, warnings(result))
 
 
-def _convergence(result: xr.Dataset, rows: Rows) -> Iterator[str]:
-    """How numbers settled, how sure they are now, and what more certainty would cost."""
-    from rockfall.analysis.line_statistics import sources
-    from rockfall.html_report.markup import paragraphs, picture
-    from rockfall.html_report.running import running_figure
-    from rockfall.html_report.tables import precision_table
-    from rockfall.html_report.words import SPEED
-
-    about = [
-        "Half widths fall with the square root of the number of boulders: one more digit costs "
-        "100 times as many."
-    ]
+def _convergence(
+    result: xr.Dataset, rows: Rows
+) -> Iterator[tuple[str, Picture | None, Table | None]]:
+    """Each line with its figure and table of convergence; neither where no boulder passes."""
     caption = "Numbers after so many boulders, with their 95 % band"
-    if sources(result).max():
-        caption += "; one of each source is taken in turn"
-        about.append(
-            "Boulders of one source are a cluster. The numbers of boulders hold when sources grow "
-            "in number as boulders do; more from the same sources help less."
-        )
-    yield paragraphs(about)
-    parts = []
+    caption += "; one of each source is taken in turn." if sources(result).max() else "."
     for k, (line, numbers) in enumerate(rows.items()):
-        if numbers[SPEED]["n"]:
-            figure = picture(running_figure(result, k), f"Convergence at {line}", f"{caption}.")
-            settled = precision_table(line, numbers, result.sizes["boulder"])
-            parts.append(f"<div>\n{figure}\n{settled}\n</div>")
+        if numbers["speed"]["n"]:
+            figure = _picture(convergence_figure(result, k), f"Convergence at {line}", caption)
+            yield line, figure, precision_table(line, numbers, result.sizes["boulder"])
         else:
-            parts.append(paragraphs([f"{line}: no boulder passes, so no number settles."]))
-    yield _grid(parts, "grid wide")
+            yield line, None, None
 
 
-def _grid(parts: Iterable[str], kind: str = "grid") -> str:
-    """Parts beside each other where the page is wide enough."""
-    return f'<div class="{kind}">\n' + "\n".join(parts) + "\n</div>"
+def _picture(figure: Figure, title: str, caption: str) -> Picture:
+    """Lines stay lines (SVG) unless there are too many. The same figure gives the same bytes."""
+    wide, high = (round(96 * inch) for inch in figure.get_size_inches())
+    content, kind = _saved(figure, "svg"), "image/svg+xml"
+    if len(content) > MAX_SVG:
+        content, kind = _saved(figure, "png"), "image/png"
+    return Picture(title, caption, data_uri(content, kind), wide, high)
 
 
-def _page(title: str, subtitle: str, sections: dict[str, str], warned: Sequence[str] = ()) -> str:
-    """The template with its style and script; no other script may run in the page."""
-    from rockfall.html_report.markup import warning_box
+def _saved(figure: Figure, ending: str) -> bytes:
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / f"figure.{ending}"
+        save(figure, path, DOTS_PER_INCH)
+        return path.read_bytes()
 
-    folder = importlib.resources.files(__package__)
-    page, style, script = (
-        (folder / f"page.{end}").read_text(encoding="utf-8") for end in ("html", "css", "js")
-    )
-    ids = {name: name.lower().replace(" ", "-") for name in sections}
-    return Template(page).substitute(
-        title=escape(title),
-        subtitle=escape(subtitle),
-        style=style,
-        script=script,
+
+def _rendered(**content: Any) -> str:
+    """The page of this content. Every text is escaped; no script but ours may run in it."""
+    import jinja2
+    from markupsafe import Markup
+
+    folder = importlib.resources.files(__package__) / "templates"
+
+    def read(name: str) -> str:
+        return (folder / name).read_text(encoding="utf-8")
+
+    script = read("page.js")
+    environment = jinja2.Environment(
+        loader=jinja2.FunctionLoader(read), autoescape=True, undefined=jinja2.StrictUndefined,
+        trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True,
+    )  # fmt: skip
+    return environment.get_template("page.html.j2").render(
+        signature=SIGNATURE,
+        style=Markup(read("page.css")),
+        script=Markup(script),
         script_hash=base64.b64encode(hashlib.sha256(script.encode()).digest()).decode(),
-        warned=warning_box("Beyond what the model knows", warned),
-        contents=" ".join(f'<a href="#{ids[name]}">{name}</a>' for name in sections),
-        sections="\n".join(
-            f'<section id="{ids[name]}">\n<h2>{name}</h2>\n{content}\n</section>'
-            for name, content in sections.items()
-        ),
+        **content,
     )

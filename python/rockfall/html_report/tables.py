@@ -5,117 +5,114 @@ from __future__ import annotations
 
 import json
 import shlex
-from collections.abc import Iterator
-from html import escape
-from typing import TYPE_CHECKING
+from collections.abc import Iterable, Iterator, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from rockfall.analysis.line_statistics import half_width
 from rockfall.case import FROM_ARRAY, case_of
-from rockfall.html_report.markup import UNITS, limits, number, table
-from rockfall.html_report.running import QUANTITIES, STATISTICS, TARGETS, needed
-from rockfall.html_report.words import SPEED, half_width
-from rockfall.quantities import percent
+from rockfall.html_report.convergence import NUMBERS, TARGETS, needed
+from rockfall.html_report.intervals import STATISTICS, in_unit, interval
+from rockfall.quantities import QUANTITIES, number, percent
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-    from rockfall.html_report.words import Numbers, Rows
-
-NAMES = {"mean": "mean", "std": "standard deviation"}
-NAMES |= {f"q{share}": f"{share} % quantile" for share in (50, 90, 95, 98, 99)}
+    from rockfall.html_report.intervals import Numbers, Row, Rows
 
 
-def line_tables(rows: Rows) -> Iterator[str]:
-    """The shares that pass, then each line's mean, deviation, quantiles and maximum."""
-    unit, passing = UNITS["fraction"], []
+class Table(NamedTuple):
+    """A table; `kind` is its class in the style sheet. Cells may have several lines."""
+
+    caption: str
+    head: Sequence[str]
+    rows: Iterable[Sequence[object]]
+    kind: str = "numbers"
+
+
+def line_tables(rows: Rows) -> Iterator[Table]:
+    """The fractions that pass, then each line's mean, deviation, quantiles and maximum."""
+    passing = []
     for line, numbers in rows.items():
-        row = numbers[SPEED]
-        share = f"{percent(row['fraction'])} {limits(row, 'fraction', unit)}"
-        passing.append((line, f"{row['n']:,}", share))
-    head = ("line", "boulders", "fraction")
-    yield table("Boulders that pass, with 95 % intervals", head, passing)
+        row = numbers["speed"]
+        fraction = f"{percent(row['fraction'])} {interval(row, 'fraction', 'fraction')}"
+        passing.append((line, f"{row['n']:,}", fraction))
+    caption = "Boulders that pass, with 95 % confidence intervals"
+    yield Table(caption, ("line", "boulders", "fraction"), passing)
     for line, numbers in rows.items():
-        if n := numbers[SPEED]["n"]:
-            about = f"{line}: those that pass, with 95 % intervals"
-            head = ("", *NAMES.values(), f"greatest of {n:,}")
-            yield table(about, head, (_statistics(name, row) for name, row in numbers.items()))
+        if n := numbers["speed"]["n"]:
+            about = f"{line}: boulders that pass, with 95 % confidence intervals"
+            head = ("", *STATISTICS.values(), f"max of {n:,}")
+            yield Table(about, head, [_statistics(name, row) for name, row in numbers.items()])
 
 
-def _statistics(name: str, row: Numbers) -> tuple[str, ...]:
-    unit = UNITS[name]
-    cells = (f"{number(row[n], unit)}\n{limits(row, n, unit)}" for n in NAMES)
-    return f"{unit.name} [{unit.unit}]", *cells, number(row["max"], unit)
+def _statistics(quantity: str, row: Row) -> tuple[str, ...]:
+    cells = (f"{in_unit(row[n], quantity)}\n{interval(row, n, quantity)}" for n in STATISTICS)
+    return QUANTITIES[quantity].title, *cells, in_unit(row["max"], quantity)
 
 
-def level_table(levels: pd.DataFrame) -> str:
-    """What one in so many passing boulders exceeds, beside the greatest seen."""
+def level_table(levels: pd.DataFrame) -> Table:
+    """What one in so many passing boulders exceeds, beside the maximum of the run."""
     names = [n for n in levels.columns if n.startswith("level_") and n.count("_") == 1]
     shown = []
     for _, row in levels[levels["n"] > 0].iterrows():
-        unit = UNITS[row["quantity"]]
-        cells = (f"{number(row[n], unit)}\n{limits(row, n, unit)}" for n in names)
-        label = f"{row['line']}: {unit.name} [{unit.unit}]"
-        over = f"{number(row['threshold'], unit)}\n({row['exceedances']:,.0f} above)"
-        tail = (over, number(row["shape"])) if np.isfinite(row["shape"]) else ("–", "–")
-        refused = row["refused"].replace("; ", "\n")
-        shown.append((label, number(row["max"], unit), *cells, *tail, refused))
-    head = ["", "greatest seen", *(f"1 in {int(n[6:]):,} exceeds" for n in names)]
-    about = "Return levels from a generalised Pareto tail, with 95 % intervals"
-    return table(about, [*head, "threshold", "shape", "refused"], shown, "numbers noted")
+        quantity = row["quantity"]
+        cells = (f"{in_unit(row[n], quantity)}\n{interval(row, n, quantity)}" for n in names)
+        over = f"{in_unit(row['threshold'], quantity)}\n({row['exceedances']:,.0f} above)"
+        tail = (over, number(row["shape"])) if np.isfinite(row["shape"]) else ("-", "-")
+        shown.append(
+            (f"{row['line']}: {QUANTITIES[quantity].title}", in_unit(row["max"], quantity),
+             *cells, *tail, row["refused"].replace("; ", "\n"))
+        )  # fmt: skip
+    head = ["", "max", *(f"1 in {int(n[6:]):,} exceeds" for n in names)]
+    about = "Return levels from a generalised Pareto tail, with 95 % confidence intervals"
+    return Table(about, [*head, "threshold", "shape", "refused"], shown, "numbers noted")
 
 
-def precision_table(line: str, numbers: Numbers, boulders: int) -> str:
-    """How sure the numbers at a line are, and with how many boulders they would be surer."""
-    asked = [("fraction", "fraction"), *((q, name) for q in QUANTITIES for name in STATISTICS)]
+def precision_table(line: str, numbers: Numbers, boulders: int) -> Table:
+    """How precise the numbers at a line are, and how many boulders would make them preciser."""
     shown = []
-    for quantity, name in asked:
-        unit = UNITS[quantity]
-        row = numbers[SPEED if quantity == "fraction" else quantity]
-        half = half_width(row, name)
-        label = unit.name if quantity == "fraction" else f"{unit.name}, {NAMES[name]}"
+    for quantity, name in NUMBERS:
+        row = numbers["speed" if quantity == "fraction" else quantity]
+        about, half = QUANTITIES[quantity], half_width(row, name)
+        label = f"{about.label}, {STATISTICS[name]}" if name in STATISTICS else about.label
+        cells = ["-"] * (1 + len(TARGETS))
         if np.isfinite(half):
             more = (f"{needed(boulders, half, target):,}" for target in TARGETS)
-            cells = (f"± {percent(half)}", *more)
-        else:
-            cells = ("–",) * (1 + len(TARGETS))
-        shown.append((label, f"{number(row.get(name, np.nan), unit)} {unit.unit}", *cells))
-    head = ("", "now", "half width", *(f"boulders for ± {100 * target:g} %" for target in TARGETS))
-    return table(f"{line}: half widths of the 95 % intervals", head, shown)
+            cells = [f"± {percent(half)}", *more]
+        shown.append((label, f"{in_unit(row.get(name, np.nan), quantity)} {about.unit}", *cells))
+    targets = (f"boulders for ± {100 * target:g} %" for target in TARGETS)
+    caption = f"{line}: half widths of the 95 % confidence intervals"
+    return Table(caption, ("", "now", "half width", *targets), shown)
 
 
-def provenance(result: xr.Dataset) -> Iterator[str]:
-    """What a result was made of, and how to make it again."""
+def provenance(result: xr.Dataset) -> dict[str, Any]:
+    """What a result was made of, and the command that makes it again, if a command can."""
     about = {key: str(value) for key, value in result.attrs.items()}
-    case = case_of(result)
-    per_source, asked = case.case["boulders"], int(about["boulders_asked"])
+    case, is_complete = case_of(result), bool(result.attrs["complete"])
+    per_source, requested = case.case["boulders"], int(about["boulders_asked"])
     of = "a flat source cell, more by area" if case.release["by_area"] else "each source"
-    whole = "complete" if result.attrs["complete"] else f"interrupted, {asked:,} were asked for"
-    wall, cpu = (float(about[f"{clock}_seconds"]) for clock in ("wall", "cpu"))
+    state = "complete" if is_complete else f"interrupted, {requested:,} were requested"
     rows = [
         ("program", about["source"]),
         ("case file", about["case_file"]),
         ("seed", about["seed"]),
-        ("boulders", f"{about['boulder_first']} to {about['boulder_last']}, {whole}"),
+        ("boulders", f"{about['boulder_first']} to {about['boulder_last']}, {state}"),
         (f"boulders of {of}", f"{per_source:,}"),
         ("impact set", f"{about['impact_set']}, SHA-256 {about['impact_set_checksum']}"),
         *((f"SHA-256 of {key}", sha) for key, sha in json.loads(about["input_checksums"]).items()),
         ("threads", about["threads"]),
-        ("time", f"{wall:.1f} s, {cpu:.1f} s of CPU"),
+        ("time", "{wall_seconds:.1f} s, {cpu_seconds:.1f} s of CPU".format_map(result.attrs)),
     ]
-    yield table("What was run", ("", "value"), rows, "facts")
-    if FROM_ARRAY in about["case"]:
-        yield "<p>Rasters came as arrays: the script that made them must run again.</p>"
-    else:
-        command = (
-            f"rockfall run {shlex.quote(about['case_file'])} --boulders {per_source} "
-            f"--seed {about['seed']} -o again.nc"
-        )
-        missing = "" if result.attrs["complete"] else ", and the boulders that are missing"
-        yield (
-            f"<p>This gives the same numbers again, to the last bit{missing}, in the folder of the "
-            "run, with files of these checksums and a case file that says what stands below:</p>\n"
-            f'<pre class="command">{escape(command)}</pre>'
-        )
-    yield f'<h3>The case</h3>\n<pre tabindex="0">{escape(about["case"])}</pre>'
+    command = (
+        f"rockfall run {shlex.quote(about['case_file'])} --boulders {per_source} "
+        f"--seed {about['seed']} -o again.nc"
+    )
+    return {
+        "table": Table("What was run", ("", "value"), rows, "facts"),
+        "command": "" if FROM_ARRAY in about["case"] else command,
+        "is_complete": is_complete,
+        "case": about["case"],
+    }

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Elevations that are in memory already: NumPy arrays and xarray.DataArrays."""
+"""Elevations in memory: what they must be, and those given as NumPy arrays or xarray.DataArrays."""
 
 from __future__ import annotations
 
@@ -11,8 +11,7 @@ import numpy as np
 
 from rockfall.errors import RockfallError
 from rockfall.io.crs import check_metres, is_metre
-from rockfall.io.elevations import check_elevations, elevation_dtype
-from rockfall.io.grid import TOLERANCE, Grid
+from rockfall.io.grid import TOLERANCE, Grid, row_blocks
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -20,6 +19,7 @@ if TYPE_CHECKING:
     from rasterio.crs import CRS
 
 _NAME = "dem"
+MAX_ELEVATION = 1e7  # [m]; more is an undeclared nodata value
 
 
 def from_array(
@@ -51,6 +51,39 @@ def from_array(
         z[missing[::-1] if flipped else missing] = np.nan
     check_elevations(_NAME, z)
     return z, grid
+
+
+def elevation_dtype(stored: np.dtype | str, name: str) -> np.dtype:
+    """float32 for what it holds exactly (integers of 8 and 16 bits too), float64 for the rest."""
+    stored = np.dtype(stored)
+    if stored.kind not in "iuf":
+        raise RockfallError(f"{name}: elevations are of type {stored}, real numbers are needed")
+    return np.dtype(np.float32 if np.can_cast(stored, np.float32) else np.float64)
+
+
+def check_elevations(name: str, z: np.ndarray) -> None:
+    """Refuse rasters too small for a patch, infinite elevations, and rasters without any."""
+    ny, nx = z.shape
+    if min(nx, ny) < 2:
+        raise RockfallError(f"{name}: {nx} x {ny} cells, at least 2 x 2 are needed")
+    if not check_known(name, z):
+        raise RockfallError(f"{name}: all cells are nodata")
+
+
+def check_known(name: str, z: np.ndarray, row: int = 0) -> bool:
+    """Whether any cell has an elevation; absurd ones are refused. The array begins at a row."""
+    some = False
+    for rows in row_blocks(z.shape):
+        absurd = np.argwhere(np.abs(z[rows]) > MAX_ELEVATION)
+        if absurd.size:
+            at = tuple(absurd[0] + (rows.start, 0))
+            rule = "finite" if np.isinf(z[at]) else "within 1e7 m of zero"
+            raise RockfallError(
+                f"{name}: row {row + at[0] + 1}, column {at[1] + 1}: elevation {z[at]:g}: "
+                f"must be {rule} or nodata"
+            )
+        some = some or not np.isnan(z[rows]).all()
+    return some
 
 
 def grid_of(data: xr.DataArray) -> tuple[Grid, bool]:

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""ESRI ASCII grids, read strictly and written so that they come back the same.
+"""ESRI ASCII grids, read strictly.
 
-GDAL takes a file that ends early, or a word, for zeros, in the header as among the numbers; so all
-but the CRS is read here, as io/asciigrid.f90 does.
+GDAL takes a file that ends early, or a token that is no number, for zeros, in the header as among
+the numbers; so all but the CRS is read here.
 """
 
 from __future__ import annotations
@@ -12,14 +12,12 @@ import os
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
 import numpy as np
 
 from rockfall.errors import RockfallError
-from rockfall.io.files import whole_file
-from rockfall.io.grid import NO_ID, Box, Grid
+from rockfall.io.grid import Box
 from rockfall.io.tables import plain_decimal
 
 if TYPE_CHECKING:
@@ -29,9 +27,9 @@ _KEYS = (
     "ncols", "nrows", "xllcorner", "yllcorner", "xllcenter", "yllcenter", "cellsize", "dx", "dy",
     "nodata_value",
 )  # fmt: skip
-_FARTHEST = 1e12  # [m] coordinate that is still a place
+_MAX_COORDINATE = 1e12  # [m]
 _CHUNK = 4_000_000  # bytes of text in memory at a time
-_LONGEST = 4096  # bytes; no number is as long
+_MAX_TOKEN = 4096  # bytes; no number is as long
 
 
 @dataclass(frozen=True)
@@ -59,7 +57,7 @@ class AsciiCells:
     def _whole_rows(self) -> Iterator[tuple[slice, np.ndarray]]:
         """Blocks of whole rows from the north: (which rows, float64 of shape (n, nx)).
 
-        Lines may be wrapped. A word, or too few or too many numbers, is an error.
+        Lines may be wrapped. A token that is no number, too few or too many of them are errors.
         """
         (ny, nx), path = self.shape, self.path
         due = f"ncols x nrows = {nx} x {ny} are due"
@@ -83,8 +81,8 @@ class AsciiCells:
 
 def is_ascii(start: bytes) -> bool:
     """Whether a file that begins so is an ESRI ASCII grid."""
-    words = start.split(maxsplit=1)
-    return bool(words) and words[0].lower().decode("latin-1") in _KEYS
+    tokens = start.split(maxsplit=1)
+    return bool(tokens) and tokens[0].lower().decode("latin-1") in _KEYS
 
 
 def open_ascii(path: str) -> AsciiCells:
@@ -92,13 +90,13 @@ def open_ascii(path: str) -> AsciiCells:
     values: dict[str, float] = {}
     start, line = 0, 1
     with open(path, "rb") as file:
-        while words := _header_line(file.readline(_LONGEST)):
-            where, key = f"{path}: line {line}", words[0].lower()
-            if len(words) != 2:
-                raise RockfallError(f"{where}: {words[0]}: must be followed by one value")
+        while tokens := _header_line(file.readline(_MAX_TOKEN)):
+            where, key = f"{path}: line {line}", tokens[0].lower()
+            if len(tokens) != 2:
+                raise RockfallError(f"{where}: {tokens[0]}: must be followed by one value")
             if key in values:
-                raise RockfallError(f"{where}: {words[0]}: is in the header twice")
-            values[key] = _value(f"{where}: {words[0]} = {words[1][:40]}", key, words[1])
+                raise RockfallError(f"{where}: {tokens[0]}: is in the header twice")
+            values[key] = _value(f"{where}: {tokens[0]} = {tokens[1][:40]}", key, tokens[1])
             start, line = file.tell(), line + 1
     _check_keys(path, values)
     nx, ny = int(values["ncols"]), int(values["nrows"])
@@ -112,9 +110,9 @@ def open_ascii(path: str) -> AsciiCells:
 
 
 def _header_line(line: bytes) -> list[str]:
-    """The words of a line that begins with a key; none of another."""
-    words = line.decode("latin-1").split()
-    return words if words and words[0].lower() in _KEYS else []
+    """The tokens of a line that begins with a key; none of another."""
+    tokens = line.decode("latin-1").split()
+    return tokens if tokens and tokens[0].lower() in _KEYS else []
 
 
 def _value(where: str, key: str, text: str) -> float:
@@ -126,7 +124,7 @@ def _value(where: str, key: str, text: str) -> float:
     elif key == "nodata_value":
         if math.isnan(value) and text.lower() != "nan":
             raise RockfallError(f"{where}: must be a number or nan")
-    elif not abs(value) <= _FARTHEST:
+    elif not abs(value) <= _MAX_COORDINATE:
         raise RockfallError(f"{where}: must be a number, at most 1e12")
     elif key in ("cellsize", "dx", "dy") and not value > 0:
         raise RockfallError(f"{where}: must be > 0 [m]")
@@ -162,65 +160,6 @@ def _place(values: dict[str, float]) -> Affine:
     return Affine(width, 0.0, west, 0.0, -height, south + values["nrows"] * height)
 
 
-def write_ascii(path: str | Path, array: np.ndarray, grid: Grid, nodata: float = -9999) -> None:
-    """Write an ESRI ASCII grid whose numbers and edges read back to the same doubles.
-
-    NaN, and `NO_ID` among integers, become `nodata`. The CRS goes to a .prj file beside it.
-    """
-    if array.shape != grid.shape:
-        raise RockfallError(f"{path}: array {array.shape} is not of the grid {grid.shape}", code=1)
-    corner = _corner(path, grid)
-    header = f"ncols {grid.nx}\nnrows {grid.ny}\n{corner}\nNODATA_value {nodata}\n"
-    with whole_file(path) as part, open(part, "w", encoding="ascii", newline="\n") as file:
-        file.write(header)
-        for row in array:
-            file.write(_row_text(path, row, nodata) + "\n")
-    if grid.crs is not None:
-        from rasterio.enums import WktVersion
-
-        with whole_file(Path(path).with_suffix(".prj")) as part:
-            part.write_text(grid.crs.to_wkt(version=WktVersion.WKT1_ESRI), encoding="utf-8")
-
-
-def _row_text(path: str | Path, row: np.ndarray, nodata: float) -> str:
-    if (row == nodata).any():
-        raise RockfallError(f"{path}: {nodata} is a value of the raster, it cannot mark nodata")
-    if row.dtype.kind == "f":
-        missing = np.isnan(row)
-        words = list(map(repr, row.tolist()))  # a float32 is written as the double it equals
-    else:
-        missing = row == NO_ID
-        words = list(map(str, row.astype(np.int64).tolist()))
-    for k in np.flatnonzero(missing):
-        words[k] = str(nodata)
-    return " ".join(words)
-
-
-def _corner(path: str | Path, grid: Grid) -> str:
-    """The part of the header from which readers, who add, get the very doubles of the edges.
-
-    north = yllcorner + nrows*cellsize. Now and then no yllcorner does it; then a dy does that
-    differs from dx in its last bits.
-    """
-    north, cell = float(grid.north), float(grid.cell)
-    for dy in _neighbours(cell):
-        height = grid.ny * dy
-        for south in _neighbours(north - height):
-            if south + height == north:
-                size = f"cellsize {cell!r}" if dy == cell else f"dx {cell!r}\ndy {dy!r}"
-                return f"xllcorner {float(grid.west)!r}\nyllcorner {south!r}\n{size}"
-    raise RockfallError(f"{path}: no ESRI ASCII header gives the northern edge {north!r}; round it")
-
-
-def _neighbours(value: float) -> Iterator[float]:
-    """A double and those next to it, outwards."""
-    yield value
-    below = above = value
-    for _ in range(8):
-        below, above = math.nextafter(below, -math.inf), math.nextafter(above, math.inf)
-        yield from (below, above)
-
-
 def _numbers(file: BinaryIO, path: str, line: int) -> Iterator[np.ndarray]:
     """The numbers of the rest of the file, some at a time; `line` is where it starts."""
     tail = b""
@@ -228,7 +167,7 @@ def _numbers(file: BinaryIO, path: str, line: int) -> Iterator[np.ndarray]:
         text = tail + block
         cut = max(text.rfind(space) for space in (b" ", b"\n", b"\t", b"\r")) + 1
         text, tail = text[:cut], text[cut:]
-        if len(tail) > _LONGEST:
+        if len(tail) > _MAX_TOKEN:
             raise RockfallError(f"{path}: not text with numbers; damaged")
         yield _parse(text, path, line)
         line += text.count(b"\n")
@@ -240,19 +179,19 @@ def _parse(text: bytes, path: str, line: int) -> np.ndarray:
         return np.empty(0)
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("error", DeprecationWarning)  # older NumPy only warns of a word
+            warnings.simplefilter("error", DeprecationWarning)  # older NumPy only warns
             return np.fromstring(text, sep=" ")
     except (ValueError, DeprecationWarning):
-        number, word = _first_bad_word(text)
-        raise RockfallError(f"{path}: line {line + number}: {word!r} is not a number") from None
+        number, token = _first_bad_token(text)
+        raise RockfallError(f"{path}: line {line + number}: {token!r} is not a number") from None
 
 
-def _first_bad_word(text: bytes) -> tuple[int, str]:
-    """The first word that is no number, and how many lines precede it."""
+def _first_bad_token(text: bytes) -> tuple[int, str]:
+    """The first token that is no number, and how many lines precede it."""
     for number, row in enumerate(text.split(b"\n")):
-        for word in row.split():
+        for token in row.split():
             try:
-                float(word.replace(b"_", b"?"))  # Python's 1_000 is not a number here
+                float(token.replace(b"_", b"?"))  # Python's 1_000 is not a number here
             except ValueError:
-                return number, word[:40].decode("ascii", "replace")
+                return number, token[:40].decode("ascii", "replace")
     return 0, "?"

@@ -41,7 +41,7 @@ def is_metre(unit: str | None) -> bool:
 
 
 def check_metres(grid: Grid, path: str, warp: Callable[[str, str], str] | None = None) -> None:
-    """Refuse any unit but the metre; `warp(word, options)` gives the command that makes file_word.
+    """Refuse any unit but the metre; `warp(suffix, options)` gives the command that mends it.
 
     Heights have a unit where the system says what they refer to.
     """

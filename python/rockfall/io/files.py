@@ -9,7 +9,7 @@ from pathlib import Path
 from rockfall.errors import RockfallError
 from rockfall.io.classic_header import overstates
 
-LARGEST_TEXT = 64 * 1024**2  # bytes, as in io/text_file.f90
+MAX_TEXT = 64 * 1024**2  # bytes
 
 
 def check_regular(path: str | Path) -> None:
@@ -31,12 +31,23 @@ def check_netcdf(path: str | Path) -> None:
 def check_text_file(path: str | Path) -> None:
     """Refuse what is no regular file, or larger than any text of ours."""
     check_regular(path)
-    if os.path.isfile(path) and os.path.getsize(path) > LARGEST_TEXT:
+    if os.path.isfile(path) and os.path.getsize(path) > MAX_TEXT:
         raise RockfallError(f"{path}: larger than 64 MB; not a text file of ours")
 
 
+def read_text(path: str | Path) -> str:
+    """The text of a regular file, without a byte order mark."""
+    check_text_file(path)
+    try:
+        return Path(path).read_text(encoding="utf-8-sig")
+    except OSError as error:
+        raise RockfallError(f"{path}: cannot be read: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise RockfallError(f"{path}: is not text (UTF-8)") from error
+
+
 @contextmanager
-def whole_file(path: str | Path) -> Iterator[Path]:
+def atomic_write(path: str | Path) -> Iterator[Path]:
     """A temporary path beside `path`, renamed to it when the block ends well, removed when not.
 
     It keeps the ending of the name, from which drivers tell the format.

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     import netCDF4
     from affine import Affine
 
-_LONGEST = 10_000_000  # cells, of a side
+_MAX_SIDE = 10_000_000  # cells
 _EVEN = 1e-3  # of a cell, by which coordinates may stray
 
 
@@ -37,7 +37,7 @@ class NetcdfCells:
     shape: tuple[int, int]
     packing: tuple[float, float]  #: scale and offset
     marks: tuple[float, ...]  #: stored numbers that are none
-    valid: tuple[float, float]  #: least and greatest stored number that is one
+    valid: tuple[float, float]  #: min and max of stored numbers that are data
     rising: bool  #: the first row stored is the southernmost
 
     def rows(self, box: Box) -> Iterator[tuple[slice, np.ndarray, np.ndarray]]:
@@ -77,10 +77,10 @@ def open_netcdf(file: str) -> Iterator[netCDF4.Dataset]:
         data.set_auto_maskandscale(False)
         for group in (data, *data.groups.values()):
             for name, dimension in group.dimensions.items():
-                if dimension.size > _LONGEST:
+                if dimension.size > _MAX_SIDE:
                     raise RockfallError(
                         f"{file}: dimension {name} has {dimension.size} values: must be at most "
-                        f"{_LONGEST}"
+                        f"{_MAX_SIDE}"
                     )
         yield data
 
@@ -112,7 +112,7 @@ def cells_of(path: str, data: netCDF4.Dataset, name: str, transform: Affine) -> 
 
 @dataclass(frozen=True)
 class _Marks:
-    """The attributes that tell which stored numbers are data."""
+    """The attributes that say which stored numbers are data."""
 
     where: str
     dtype: np.dtype
@@ -128,13 +128,13 @@ class _Marks:
         return tuple(mark for mark in marks if mark == mark)  # NaN marks itself
 
     def range(self) -> tuple[float, float]:
-        """The least and the greatest number that is valid."""
+        """The min and max of valid numbers."""
         both = self.values("valid_range", 2)
-        least, greatest = self.values("valid_min", 1), self.values("valid_max", 1)
-        if both.size and (least.size or greatest.size):
+        lowest, highest = self.values("valid_min", 1), self.values("valid_max", 1)
+        if both.size and (lowest.size or highest.size):
             raise RockfallError(f"{self.where}: has valid_range, and valid_min or valid_max")
-        low = [*both[:1], *least, -np.inf][0]
-        high = [*both[1:], *greatest, np.inf][0]
+        low = [*both[:1], *lowest, -np.inf][0]
+        high = [*both[1:], *highest, np.inf][0]
         if not low <= high:
             raise RockfallError(f"{self.where}: valid from {low} to {high}: must be a range")
         return low, high
@@ -192,7 +192,7 @@ def _coordinates(path: str, variable: netCDF4.Variable, axis: int) -> np.ndarray
 
 
 def _check_place(path: str, x: np.ndarray, y: np.ndarray, transform: Affine) -> None:
-    """Refuse a place told twice, by coordinates and otherwise, in two ways."""
+    """Refuse a GeoTransform that contradicts the coordinates."""
     t, far = transform, max(x.size, y.size)
     west, east = t.c + 0.5 * t.a, t.c + (x.size - 0.5) * t.a
     north, south = t.f + 0.5 * t.e, t.f + (y.size - 0.5) * t.e

@@ -153,7 +153,7 @@ def _geopackage_kind(path: str | Path) -> str | None:
 
 
 @contextmanager
-def whole_folder(
+def atomic_folder(
     folder: str | Path,
     inputs: Iterable[str | Path] = (),
     former: Collection[Path] = (),

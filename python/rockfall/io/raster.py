@@ -15,33 +15,11 @@ from typing import Any
 import numpy as np
 
 from rockfall.errors import RockfallError
-from rockfall.io.arrays import from_array
-from rockfall.io.ascii_grid import write_ascii
+from rockfall.io.arrays import check_elevations
 from rockfall.io.crs import check_metres, crs_name, is_metre, same_crs
-from rockfall.io.elevations import check_elevations
-from rockfall.io.files import whole_file
+from rockfall.io.files import atomic_write
 from rockfall.io.grid import NO_ID, Box, Grid, row_blocks
-from rockfall.io.polygons import burn_polygons
 from rockfall.io.raster_file import RasterFile, open_raster
-from rockfall.io.zone_table import index_blocks, material_index, read_zone_table
-
-__all__ = [
-    "NO_ID",
-    "Grid",
-    "aligned_blocks",
-    "burn_polygons",
-    "dem_header",
-    "from_array",
-    "index_blocks",
-    "material_index",
-    "read_aligned",
-    "read_dem",
-    "read_elevations",
-    "read_radii",
-    "read_zone_table",
-    "write_ascii",
-    "write_geotiff",
-]
 
 _TILE = 256  # cells
 
@@ -77,22 +55,14 @@ def read_elevations(path: str | Path, box: Box) -> np.ndarray:
     return z
 
 
-def read_aligned(path: str | Path, grid: Grid, what: str, dtype: Any) -> np.ndarray:
-    """A raster of `what` (a plural, for messages) that must lie on the cells of `grid`.
-
-    Where the file has no data: NaN, or `NO_ID` when `dtype` is an integer (of 32 bits or more).
-    """
-    array = np.empty(grid.shape, dtype)
-    for rows, block in aligned_blocks(path, grid, what, dtype):
-        array[rows] = block
-    return array
-
-
 def aligned_blocks(
     path: str | Path, grid: Grid, what: str, dtype: Any, box: Box | None = None
 ) -> Iterator[tuple[slice, np.ndarray]]:
-    """The same as `read_aligned`, as blocks of rows: (which rows, values good until the next); of
-    the cells of a box, whose rows count from 0."""
+    """A raster of `what` (a plural, for messages) that must lie on the cells of `grid`, in blocks
+    of rows: (which rows, values good until the next). Of a box, its rows count from 0.
+
+    Where the file has no data: NaN, or `NO_ID` when `dtype` is an integer (of 32 bits or more).
+    """
     dtype = np.dtype(dtype)
     store = np.empty((0, 0), dtype)
     with open_raster(path) as raster:
@@ -104,21 +74,18 @@ def aligned_blocks(
                 inside = (block > NO_ID) & (block <= np.iinfo(dtype).max)
                 if block.dtype.kind == "f":
                     inside &= np.rint(block) == block
-                _refuse(raster.path, what, rows, block, valid & ~inside, "must be integers")
+                if (wrong := np.argwhere(valid & ~inside)).size:
+                    row, column = wrong[0]
+                    raise RockfallError(
+                        f"{raster.path}: row {rows.start + row + 1}, column {column + 1}: "
+                        f"{block[row, column]:g}: {what} must be integers"
+                    )
             if store.shape < block.shape:  # one for all blocks: the heap keeps what comes and goes
                 store = np.empty(block.shape, dtype)
             values = store[: len(block)]
             values.fill(np.nan if dtype.kind == "f" else NO_ID)
             np.copyto(values, block, where=valid, casting="unsafe")
             yield rows, values
-
-
-def read_radii(path: str | Path, grid: Grid, what: str) -> np.ndarray:
-    """A raster of lengths [m] on the cells of `grid`: float32, > 0 (Inf absorbs), NaN = none."""
-    radii = read_aligned(path, grid, what, np.float32)
-    for rows in row_blocks(grid.shape):
-        _refuse(str(path), what, rows, radii[rows], radii[rows] <= 0, "must be > 0 (Inf absorbs)")
-    return radii
 
 
 def write_geotiff(
@@ -142,7 +109,7 @@ def write_geotiff(
         "predictor": 3 if array.dtype.kind == "f" else 2 if array.dtype.itemsize < 8 else 1,
     }  # fmt: skip
     # GDAL does not tell when the disk is full while it closes a file, so Python writes the bytes.
-    with MemoryFile() as memory, whole_file(path) as part:
+    with MemoryFile() as memory, atomic_write(path) as part:
         with memory.open(**profile) as file:
             for rows in row_blocks(grid.shape, _TILE):
                 window = Window(0, rows.start, grid.nx, rows.stop - rows.start)
@@ -183,15 +150,3 @@ def _extent(grid: Grid) -> str:
         f"{grid.nx} x {grid.ny} cells of {grid.cell:.10g}, "
         f"corner {grid.west:.12g}, {grid.north:.12g}"
     )
-
-
-def _refuse(
-    path: str, what: str, rows: slice, block: np.ndarray, bad: np.ndarray, rule: str
-) -> None:
-    """Name the first bad value of a block."""
-    if bad.any():
-        row, column = np.argwhere(bad)[0]
-        raise RockfallError(
-            f"{path}: row {rows.start + row + 1}, column {column + 1}: {block[row, column]:g}: "
-            f"{what} {rule}"
-        )

@@ -15,13 +15,21 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from rockfall.errors import RockfallError
+from rockfall.io.arrays import elevation_dtype
 from rockfall.io.ascii_grid import AsciiCells, is_ascii, open_ascii
-from rockfall.io.elevations import elevation_dtype
-from rockfall.io.gdal_files import BINARY, IMAGINE, TIFF, check_imagine, plain_file, start_of
+from rockfall.io.gdal_files import (
+    BINARY,
+    IMAGINE,
+    TIFF,
+    check_imagine,
+    check_mark,
+    is_vrt,
+    plain_file,
+    plain_vrt,
+    start_of,
+)
 from rockfall.io.grid import TOLERANCE, Box, Grid, row_blocks
 from rockfall.io.netcdf_grid import cells_of, open_netcdf
-from rockfall.io.tiff_tags import check_mark
-from rockfall.io.vrt import is_vrt, plain_vrt
 
 if TYPE_CHECKING:
     from affine import Affine
@@ -105,7 +113,7 @@ class RasterFile:
         box = box or self.grid.box
         scale, offset = self.cells.packing
         for rows, block, valid in self.cells.rows(self._in_file(box)):
-            if self._packed:  # in double precision, as rockfall-batch does it
+            if self._packed:  # in double precision
                 block = block.astype(np.float64) * scale + offset
             if block.dtype.kind == "f":
                 valid = valid & ~np.isnan(block)
@@ -114,14 +122,14 @@ class RasterFile:
                 block, valid = block[::-1], valid[::-1]
             yield slice(rows.start - box.row, rows.stop - box.row), block, valid
 
-    def warp(self, word: str, options: str) -> str:
-        """The command that resamples this file into dem_word.tif; holes become nodata, not 0."""
+    def warp(self, suffix: str, options: str) -> str:
+        """The command that resamples this file into dem_suffix.tif; holes become nodata, not 0."""
         if self.source.nodata is None:
             dtype = np.dtype(self.source.dtypes[0])
             mark = np.iinfo(dtype).max if dtype.kind == "u" else -9999
             options += f" --src-nodata {mark} --dst-nodata {mark}"
         path = Path(self.path.replace(".nc:", "_"))
-        out = path.with_name(f"{path.stem}_{word}.tif")
+        out = path.with_name(f"{path.stem}_{suffix}.tif")
         return f"rio warp {quote(_rio_name(self.path))} {quote(str(out))} {options}"
 
     def flaw(self) -> str:

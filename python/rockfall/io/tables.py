@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Tables for people: CSV that they write, CSV that their spreadsheets open, columns of text."""
+"""Tables for people: CSV that they write, CSV that their spreadsheets open."""
 
 from __future__ import annotations
 
@@ -7,20 +7,19 @@ import csv
 import math
 import re
 from collections.abc import Iterable, Iterator
-from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, NoReturn
 
 from rockfall.errors import RockfallError
-from rockfall.io.files import check_text_file, whole_file
+from rockfall.io.files import atomic_write, check_text_file
 
 if TYPE_CHECKING:
     import pandas as pd
 
-MOST_COLUMNS = 1000  # as in io/csv.f90
-# What base/decimal.f90 takes for a number, and no more (Python would read 1_000 too).
+MAX_COLUMNS = 1000
 # Texts that a spreadsheet would run as formulas, or that would be taken for such texts made safe.
 _FORMULA = re.compile(r"'*[=+\-@\t\r]")
+# What Fortran takes for a number, and no more (Python would read 1_000 too).
 _DECIMAL = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eEdD][+-]?[0-9]+)?")
 
 
@@ -36,8 +35,8 @@ def table_rows(path: str | Path) -> Iterator[tuple[int, list[str]]]:
             file.seek(0)
             reader = csv.reader(file, delimiter=separator, skipinitialspace=True, strict=True)
             for row in reader:
-                if len(row) > MOST_COLUMNS:
-                    raise RockfallError(f"{path}: line {line}: more than {MOST_COLUMNS} columns")
+                if len(row) > MAX_COLUMNS:
+                    raise RockfallError(f"{path}: line {line}: more than {MAX_COLUMNS} columns")
                 cells = [_as_it_was(cell.strip()) for cell in row]
                 if any(cells):
                     yield line, cells
@@ -75,22 +74,22 @@ class Row(NamedTuple):
     def text(self, column: str) -> str:
         return self.cells[column] or self.refuse(column, "must not be empty")
 
-    def word(self, column: str, allowed: Iterable[str]) -> str:
+    def choice(self, column: str, allowed: Iterable[str]) -> str:
         if self.cells[column] not in allowed:
             self.refuse(column, f"must be {', '.join(allowed)}")
         return self.cells[column]
 
-    def number(self, column: str, least: float = -math.inf, most: float = math.inf) -> float:
+    def number(self, column: str, min: float = -math.inf, max: float = math.inf) -> float:
         value = decimal(self.cells[column])
-        if not least <= value <= most:
-            limits = (f" {sign} {limit:g}" for sign, limit in ((">=", least), ("<=", most)))
+        if not min <= value <= max:
+            limits = (f" {sign} {limit:g}" for sign, limit in ((">=", min), ("<=", max)))
             shown = [text for text in limits if "inf" not in text]
             self.refuse(column, "must be a number" + " and".join(shown))
         return value
 
-    def maybe(self, column: str, least: float = -math.inf, most: float = math.inf) -> float:
+    def maybe(self, column: str, min: float = -math.inf, max: float = math.inf) -> float:
         """A number, or NaN where the column or the cell is not there."""
-        return self.number(column, least, most) if self.cells.get(column) else math.nan
+        return self.number(column, min, max) if self.cells.get(column) else math.nan
 
 
 def read_table(path: str | Path) -> tuple[str, list[str], Iterator[Row]]:
@@ -136,7 +135,7 @@ def write_csv(table: pd.DataFrame, path: str | Path) -> None:
 
     table = table.rename(columns=safe)
     texts = {name: one.map(safe) for name, one in table.items() if one.dtype.kind == "O"}
-    with whole_file(path) as part, open(part, "w", encoding="utf-8", newline="") as file:
+    with atomic_write(path) as part, open(part, "w", encoding="utf-8", newline="") as file:
         table.assign(**texts).to_csv(file, index=False)
 
 
@@ -148,14 +147,3 @@ def spreadsheet_text(text: str) -> str:
 
 def _as_it_was(cell: str) -> str:
     return cell[1:] if cell.startswith("'") and _FORMULA.match(cell) else cell
-
-
-def aligned(rows: Iterable[list[str]]) -> str:
-    """Columns as wide as their longest cell, the first to the left, the others to the right."""
-    rows = list(rows)
-    widths = [max(map(len, column)) for column in zip_longest(*rows, fillvalue="")]
-    lines = []
-    for first, *cells in rows:
-        padded = (f"{cell:>{wide}}" for cell, wide in zip(cells, widths[1:], strict=False))
-        lines.append("  ".join([f"{first:{widths[0]}}", *padded]).rstrip())
-    return "\n".join(lines)

@@ -12,13 +12,13 @@ from pathlib import Path
 import numpy as np
 
 from rockfall.errors import RockfallError
-from rockfall.io.grid import NO_ID, row_blocks
+from rockfall.io.grid import NO_ID
 from rockfall.io.tables import decimal, table_rows
 
 #: Columns of lengths in metres, in the order of the values in a row.
 RADII = ("mean_radius", "rg70", "rg20", "rg10")
 
-_INTEGER = re.compile(r"[+-]?[0-9]+")  # as base/decimal.f90 has it
+_INTEGER = re.compile(r"[+-]?[0-9]+")
 
 
 def read_zone_table(path: str | Path) -> dict[int, tuple[float, float, float, float]]:
@@ -48,23 +48,6 @@ def read_zone_table(path: str | Path) -> dict[int, tuple[float, float, float, fl
     return zones
 
 
-def material_index(
-    ids: np.ndarray,
-    table_ids: list[int],
-    default_zone: int | None = None,
-    valid: np.ndarray | None = None,
-    path: str = "zones",
-    table: str = "table",
-) -> np.ndarray:
-    """The row of the table (int16, counted from 1) of each cell; 0 where the terrain is not valid.
-
-    `ids` has `NO_ID` in cells without a zone, which take `default_zone`. `valid` is a mask, or the
-    elevations themselves (NaN = not valid). `path` and `table` are names for messages.
-    """
-    blocks = ((rows, ids[rows]) for rows in row_blocks(ids.shape))
-    return index_blocks(blocks, ids.shape, table_ids, default_zone, valid, path, table)
-
-
 def index_blocks(
     blocks: Iterable[tuple[slice, np.ndarray]],
     shape: tuple[int, int],
@@ -74,7 +57,13 @@ def index_blocks(
     path: str = "zones",
     table: str = "table",
 ) -> np.ndarray:
-    """The same as `material_index`, from blocks of rows: the ids need not be in memory whole."""
+    """The row of the table (int8 or int16, counted from 1) of each cell; 0 where the terrain is not
+    valid.
+
+    `blocks` are zone ids by rows, `NO_ID` in cells without a zone, which take `default_zone`.
+    `valid` is a mask, or the elevations themselves (NaN = not valid). `path` and `table` are names
+    for messages.
+    """
     if len(table_ids) > np.iinfo(np.int16).max:
         raise RockfallError(f"{table}: {len(table_ids)} zones: at most {np.iinfo(np.int16).max}")
     if default_zone is not None and default_zone not in table_ids:

@@ -17,11 +17,9 @@ import numpy as np
 
 from rockfall._lab import lab_f2py as _lab
 from rockfall.errors import RockfallError
+from rockfall.io.files import read_text
 
 COEFFICIENTS = tuple(f"a{k}" for k in range(1, 10))
-PLAN = {
-    "title": "", "seed": 1, "ratios": [1, 2, 3, 4, 5], "layers": 50, "points": 8, "impacts": 15,
-}  # fmt: skip
 SWITCHES = "rigid_base", "by_mass"
 WHOLE = "retries", "seed", "layers", "points", "impacts"
 RANGED = "speed", "angle", "spin"  # of an impact, drawn: min, median, max
@@ -33,7 +31,7 @@ SET_ELSEWHERE = "radius", "aim_x", "aim_y", "heading_x", "heading_y", "gravity"
 @cache
 def names(kind: int) -> tuple[str, ...]:
     """Names in the kernel's rows: 1 material, 2 packing, 3 impact, 4 ranges, 5 outcome, 6 its
-    counts, 7 layer."""
+    counts, 7 layer, 8 statuses of an outcome."""
     return tuple(_lab.names(kind).decode().split())
 
 
@@ -45,7 +43,10 @@ def _defaults() -> dict[str, dict[str, Any]]:
     impact = {key: value for key, value in shot.items() if key not in (*SET_ELSEWHERE, *RANGED)}
     impact |= {key: [limits[f"{key}_{end}"] for end in ENDS] for key in RANGED}
     del packing["ratio"]
-    groups = {"lab": dict(PLAN), "material": material, "packing": packing, "impact": impact}
+    seed, *ratios, layers, points, impacts = _lab.defaults(5)[:9].tolist()
+    plan = {"title": "", "seed": seed, "ratios": ratios}
+    plan |= {"layers": layers, "points": points, "impacts": impacts}
+    groups = {"lab": plan, "material": material, "packing": packing, "impact": impact}
     for values in groups.values():
         values |= {key: bool(values[key]) for key in SWITCHES if key in values}
         values |= {key: int(values[key]) for key in WHOLE if key in values}
@@ -54,14 +55,7 @@ def _defaults() -> dict[str, dict[str, Any]]:
 
 def read_lab_case(path: str | Path) -> LabCase:
     """The laboratory case in a namelist file."""
-    path = Path(path)
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise RockfallError(f"{path}: cannot be read: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise RockfallError(f"{path}: is not text (UTF-8)") from error
-    return lab_case_of(text, str(path))
+    return lab_case_of(read_text(path), str(path))
 
 
 def lab_case_of(text: str, name: str) -> LabCase:

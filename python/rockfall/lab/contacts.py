@@ -22,7 +22,7 @@ LIMITS = {  # of each number that every contact needs [m/s]
     "vt_in": (0.0, 1000.0), "vn_in": (-1000.0, -0.001), "w_in": (-1000.0, 1000.0),
     "vt_out": (-1000.0, 1000.0), "vn_out": (0.0, 1000.0), "w_out": (-1000.0, 1000.0),
 }  # fmt: skip
-TIED = "run", "point"  # contacts that share one of these are not independent
+TIED = "run", "point"  # contacts with the same are not independent
 OPTIONAL = "ratio", "ground", *TIED, "lateral", "note"
 RATIOS = range(1, 6)  # of a set file
 ALL = 0  # in place of a ratio where none was measured
@@ -74,9 +74,9 @@ def read_contacts(path: str | Path) -> Contacts:
     number = np.arange(len(rows))
     impacts = as_rebounds(Impacts(v[:, :3], v[:, 3:], number, lateral))
     for k in np.setdiff1d(number, impacts.group)[:1]:
-        share = (energy(v[k : k + 1, 3:]) / energy(v[k : k + 1, :3])).item()
+        gain = (energy(v[k : k + 1, 3:]) / energy(v[k : k + 1, :3])).item()
         raise RockfallError(
-            f"{rows[k].where}: V_t^2 + V_n^2 + 0.4 W^2 is {share:.4g} of that before: "
+            f"{rows[k].where}: V_t^2 + V_n^2 + 0.4 W^2 is {gain:.4g} of that before: "
             "no contact gains energy"
         )
     ties = [[row.text(name) for row in rows] for name in TIED if name in columns]
@@ -121,9 +121,9 @@ def tied(n: int, ties: Iterable[list[str]]) -> np.ndarray:
     while True:
         before = group
         for one in which:
-            least = np.full(n, n)
-            np.minimum.at(least, one, group)
-            group = least[one]
+            first = np.full(n, n)
+            np.minimum.at(first, one, group)
+            group = first[one]
         if np.array_equal(group, before):
             return group
 
@@ -210,10 +210,10 @@ def _about(impacts: Impacts) -> str:
     speed = np.hypot(impacts.v_in[:, 0], impacts.v_in[:, 1])
     ranges = {"V": speed, "incidence": incidence(impacts.v_in), "W/V": impacts.v_in[:, 2] / speed}
     units = {"V": " m/s", "incidence": " degrees", "W/V": ""}
-    told = ", ".join(
+    shown = ", ".join(
         f"{name} {one.min():.2g} to {one.max():.2g}{units[name]}" for name, one in ranges.items()
     )
-    return f"{len(speed)} contacts in {len(np.unique(impacts.group))} groups; {told}"
+    return f"{len(speed)} contacts in {len(np.unique(impacts.group))} groups; {shown}"
 
 
 def contacts_behind(path: Path, text: str) -> Contacts | None:

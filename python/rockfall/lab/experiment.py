@@ -14,19 +14,19 @@ import numpy as np
 from rockfall._lab import lab_f2py as _lab
 from rockfall.errors import RockfallError
 from rockfall.interrupts import interrupts
-from rockfall.io.files import whole_file
+from rockfall.io.files import atomic_write, check_netcdf
 from rockfall.lab.case import LabCase, lab_case_of, names
 from rockfall.simulation.progress import progress_bar
-from rockfall.simulation.simulate import MOST_THREADS, check_team
+from rockfall.simulation.simulate import check_team
 from rockfall.version import __version__
 
 if TYPE_CHECKING:
     import xarray as xr
 
-STATUS = {"not_done": 0, "rebounded": 1, "lifted": 2, "rolled_on": 3, "exploded": 4, "misfit": 5}
+STATUS = {name: k for k, name in enumerate(("not_done", *names(8)))}
 ENDED = "rebounded", "lifted", "rolled_on"  # results; the others are counted, never averaged in
 STATES = {
-    "peak": "when the upward kinetic energy was greatest, at the end if there was none",
+    "peak": "at the max upward kinetic energy, at the end if there was none",
     "loss": "at the first loss of contact upwards, as at the peak if there was none",
     "clear": "when nothing lay in the way, as at the peak if that never was",
 }
@@ -116,7 +116,7 @@ def run_impacts(
         data = open_impacts(path)
         if lab_case_of(data.attrs["lab_case"], str(path)) != case:
             raise RockfallError(f"{path}: is of another laboratory case: cannot resume")
-        if data.attrs["version"] != _version():
+        if data.attrs["version"] != __version__:
             raise RockfallError(f"{path}: is of another version of rockfall: cannot resume")
     else:
         data = _blank(case)
@@ -136,35 +136,9 @@ def run_impacts(
     return data
 
 
-def film(
-    case: LabCase, ratio: float, layer: int, speed: float, angle: float, frames: int = 200,
-    interval: float = 1e-3,
-) -> dict[str, Any]:  # fmt: skip
-    """One impact without spin, with pictures every `interval` seconds: time (frames,), centres
-    (frames, n, 3) [m] and velocities (frames, n, 6) of all bodies, the sphere last, their radius,
-    the layer's `surface` [m] and the `outcome`."""
-    layers = pack_layers(case, ratio, first=layer)
-    shot = dict(zip(names(3), case.row(3, ratio), strict=True))
-    shot |= {"speed": speed, "angle": angle, "spin": 0.0}
-    n = layers.bodies[0]
-    taken, time_, x, v, outcome, counts, code, message = _lab.film(
-        case.row(1), case.row(2, ratio), list(shot.values()), layers.x[:, :n, 0],
-        layers.radius[:n, 0], layers.facts[:, 0], interval, most=frames,
-    )  # fmt: skip
-    _raise(case, code, message)
-    return {
-        "time": time_[:taken],
-        "centres": x.T[:taken],
-        "velocities": v.T[:taken],
-        "radius": np.append(layers.radius[:n, 0], shot["radius"]),
-        "surface": layers.facts[0, 0],
-        "outcome": dict(zip(names(5) + names(6), [*outcome, *counts], strict=True)),
-    }
-
-
 def save_impacts(data: xr.Dataset, path: str | Path) -> None:
     """Write impacts as netCDF."""
-    with whole_file(path) as part:
+    with atomic_write(path) as part:
         data.to_netcdf(part, encoding={name: {"zlib": True, "complevel": 1} for name in data})
 
 
@@ -172,15 +146,16 @@ def open_impacts(path: str | Path) -> xr.Dataset:
     """Impacts from a file that `run_impacts` has written."""
     import xarray as xr
 
+    check_netcdf(path)
     try:
         data = xr.load_dataset(path)
     except FileNotFoundError as error:
         raise RockfallError(f"{path}: cannot be read: no such file") from error
     except (OSError, ValueError, RuntimeError) as error:
         raise RockfallError(f"{path}: is not a netCDF file of impacts: {error}") from error
-    wanted = {*names(5), *names(6), *names(7)[:-1]}
-    told = {"title", "lab_case", "version", "cpu_seconds"}
-    if not (wanted <= set(data) and told <= set(data.attrs)):
+    variables = {*names(5), *names(6), *names(7)[:-1]}
+    attributes = {"title", "lab_case", "version", "cpu_seconds"}
+    if not (variables <= set(data) and attributes <= set(data.attrs)):
         raise RockfallError(f"{path}: is not a file of impacts")
     return data
 
@@ -210,7 +185,7 @@ def _blank(case: LabCase) -> xr.Dataset:
         data[name] = (dims[:2], np.full(sizes[:2], np.nan), _about(name))
     flags = {"flag_values": np.array(list(STATUS.values()), "i4")}
     data["status"][2].update(flags | {"flag_meanings": " ".join(STATUS)})
-    attributes = {"title": plan["title"], "lab_case": case.text(), "version": _version()}
+    attributes = {"title": plan["title"], "lab_case": case.text(), "version": __version__}
     attributes["cpu_seconds"] = 0.0
     ratios = {"ratio": ("ratio", plan["ratios"], {"long_name": "R_b/R_m"})}
     return xr.Dataset(data, ratios, attributes)
@@ -267,13 +242,7 @@ def _fire(
         data[name].values[at] = values
 
 
-def _version() -> str:
-    return __version__
-
-
 def _checked(threads: int) -> int:
-    if not 0 <= threads <= MOST_THREADS:
-        raise RockfallError(f"threads = {threads}: must be 0 (all cores) to {MOST_THREADS}")
     check_team(threads)
     return threads
 

@@ -6,7 +6,7 @@ again until V_out = A V_in leaves the surface and does not gain energy. So for a
 of V_out is normal, with mean M V_in and covariance X C X^T, cut off by admissibility. M and C are
 those that make the impacts likeliest under this law, found by expectation and maximisation
 (Dempster, Laird & Rubin 1977): the missing data are the matrix of each impact, and the draws that
-were thrown away before it. A normal law fitted first and cut off afterwards would not have these
+were rejected before it. A normal law fitted first and cut off afterwards would not have these
 moments. Noise e within an impact, V_out = A V_in + |V_in| e with covariance S, has for each V_in
 the law of C + S (x) I_3: the fit contains it.
 
@@ -20,20 +20,21 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rockfall.analysis.plane_bounce import MIN_NORMAL, admissible
+from rockfall.analysis.plane_bounce import admissible
 from rockfall.errors import RockfallError
 from rockfall.lab.experiment import ENDED, STATES, STATUS
 from rockfall.lab.lateral import Lateral, fit_lateral, incidence
+from rockfall.scene.coefficients import MIN_NORMAL
 
 if TYPE_CHECKING:
     import xarray as xr
 
 GROUPS = 10  # of layers, left out one after the other
-DRAWS = 64  # for each impact, of the rebounds thrown away
+DRAWS = 64  # for each impact, of the rejected rebounds
 LEAPS = 60  # of three steps of expectation and maximisation, at most
-LEAST_VALUE = 1e-9  # of a covariance after a leap, over its largest
+MIN_EIGENVALUE = 1e-9  # of a covariance after a leap, over its max
 SETTLED = 5e-5  # change of every mean in a step, at the end
-LEAST_SCATTER = 1e-10  # of V_out / |V_in|, squared: rounding makes as much
+MIN_SCATTER = 1e-10  # of V_out / |V_in|, squared: rounding makes as much
 MIN_IMPACTS = 60  # fewer do not tell a mean from its scatter
 
 
@@ -46,7 +47,7 @@ class ImpactSet:
     mean_error: np.ndarray
     covariance_error: np.ndarray
     impacts: int
-    redrawn: float  # draws thrown away for each rebound, over the impacts
+    redrawn: float  # draws rejected for each rebound, mean over the impacts
     lateral: Lateral | None = None  # where lateral deviations are known
     error_covariance: np.ndarray | None = None  # (9, 9) of the errors of the means
     speed_range: tuple[float, float] | None = None  # of the impacts, before them [m/s]
@@ -149,7 +150,7 @@ def _fit_set(impacts: Impacts, seed: int, groups: int) -> ImpactSet:
         raise RockfallError(f"{len(x)} impacts: at least {MIN_IMPACTS} are needed for a set")
     if np.linalg.cond(x.T @ x / len(x)) > 1e4:
         raise RockfallError("the incident velocities are too much alike to tell a map from them")
-    if np.linalg.eigvalsh(_about_one_map(x, y)[1]).min() < LEAST_SCATTER:
+    if np.linalg.eigvalsh(_about_one_map(x, y)[1]).min() < MIN_SCATTER:
         raise RockfallError("the outgoing velocities do not scatter about one map of the incident")
     # the same numbers in every step, so that the steps converge
     z = np.random.default_rng(seed).standard_normal((len(x), DRAWS, 3))
@@ -173,7 +174,7 @@ def _fit_set(impacts: Impacts, seed: int, groups: int) -> ImpactSet:
 
 
 def _ranges(v_in: np.ndarray) -> list[tuple[float, float]]:
-    """Least and greatest speed [m/s] and incidence angle [degree]."""
+    """Min and max speed [m/s] and incidence angle [degree]."""
     both = np.hypot(v_in[:, 0], v_in[:, 1]), incidence(v_in)
     return [(float(one.min()), float(one.max())) for one in both]
 
@@ -197,7 +198,7 @@ def _likeliest(
     x: np.ndarray, y: np.ndarray, z: np.ndarray, weight: np.ndarray,
     start: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> tuple[np.ndarray, np.ndarray, float]:  # fmt: skip
-    """M and C of weighted impacts, and the draws thrown away for each of them."""
+    """M and C of weighted impacts, and the draws rejected for each of them."""
     if start is None:
         a, scatter = _about_one_map(x, y)
         mean, covariance = a.ravel(), np.kron(scatter, np.eye(3))
@@ -228,14 +229,14 @@ def _leap(start: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarra
     while length > 1:
         found = start + 2 * length * change + length**2 * bend
         values = np.linalg.eigvalsh(_parts(found)[1])
-        if values[0] > LEAST_VALUE * values[-1]:
+        if values[0] > MIN_EIGENVALUE * values[-1]:
             return found
         length = (length + 1) / 2 if length > 1.1 else 1
     return second
 
 
-def _thrown_away(bad: np.ndarray) -> np.ndarray:
-    """How often a draw is thrown away before an admissible one, (n, draws), in the mean over where
+def _rejections(bad: np.ndarray) -> np.ndarray:
+    """How often a draw is rejected before an admissible one, (n, draws), in the mean over where
     in the ring of draws one begins: an unbiased estimate of what comes before a rebound."""
     draws = bad.shape[1]
     run = np.zeros(len(bad))
@@ -249,7 +250,7 @@ def _thrown_away(bad: np.ndarray) -> np.ndarray:
 def _step(
     x: np.ndarray, y: np.ndarray, weight: np.ndarray, z: np.ndarray, both: np.ndarray
 ) -> tuple[np.ndarray, float]:
-    """One step of expectation and maximisation, and the draws thrown away for each impact."""
+    """One step of expectation and maximisation, and the draws rejected for each impact."""
     mean, covariance = _parts(both)
     c = covariance.reshape(3, 3, 3, 3)  # rows and columns of A, twice
     gain = np.einsum("ikjl,nl->nikj", c, x)  # Cov(A_ik, y_j)
@@ -267,11 +268,11 @@ def _step(
     expected = x @ mean.reshape(3, 3).T
     # the matrix of each impact
     a = mean + np.einsum("nai,ni->na", solved, y - expected)
-    # and of the draws thrown away before it
+    # and of the draws rejected before it
     thrown = np.einsum("nij,ndj->ndi", root, z)
     drawn = (expected[:, None] + thrown).reshape(-1, 3)
     bad = ~admissible(np.repeat(x, z.shape[1], axis=0), drawn).reshape(z.shape[:2])
-    times = weight[:, None] * _thrown_away(bad)
+    times = weight[:, None] * _rejections(bad)
     row, draw = np.nonzero(bad)
     each = times[row, draw]
     a_bad = mean + np.einsum("nai,ni->na", solved[row], thrown[row, draw])

@@ -11,7 +11,7 @@ import numpy as np
 from rockfall.errors import RockfallError
 
 LIMITS = 10.0, 20.0, 40.0  # between classes of incidence [degrees]
-LEAST_IN_CLASS = 30  # impacts: fewer say nothing of the largest tenth
+MIN_IN_CLASS = 30  # impacts: fewer say nothing of the largest tenth
 PROBABILITY = np.array([0, 10, 20, 30, 40, 50, 60, 70, 80, 90, 95, 99, 100]) / 100
 PAPER = 22.5, 45.0  # between the classes of Bourrier et al. (2009), section 3.3 [degrees]
 
@@ -38,15 +38,15 @@ def fit_lateral(v_in: np.ndarray, lateral: np.ndarray) -> Lateral:
     with the one before. A RockfallError tells of too few in all.
     """
     known = np.isfinite(lateral)
-    if known.sum() < LEAST_IN_CLASS:
+    if known.sum() < MIN_IN_CLASS:
         raise RockfallError(
-            f"{known.sum()} lateral deviations: at least {LEAST_IN_CLASS} are needed for quantiles"
+            f"{known.sum()} lateral deviations: at least {MIN_IN_CLASS} are needed for quantiles"
         )
     angle, lateral = incidence(v_in[known]), lateral[known]
     kept: list[float] = []
     for limit in LIMITS:
         below = (angle >= max(kept, default=-np.inf)) & (angle < limit)
-        if min(below.sum(), (angle >= limit).sum()) >= LEAST_IN_CLASS:
+        if min(below.sum(), (angle >= limit).sum()) >= MIN_IN_CLASS:
             kept.append(limit)
     place = np.searchsorted(kept, angle, side="right")
     quantiles = [np.quantile(lateral[place == k], PROBABILITY) for k in range(len(kept) + 1)]
@@ -54,11 +54,11 @@ def fit_lateral(v_in: np.ndarray, lateral: np.ndarray) -> Lateral:
 
 
 def lateral_line(lateral: np.ndarray) -> str:
-    """Shares of amounts (n,) [degrees] in the classes of the paper, NaN left out."""
+    """Fractions of amounts (n,) [degrees] in the classes of the paper, NaN left out."""
     known = lateral[np.isfinite(lateral)]
-    shares = np.bincount(np.searchsorted(PAPER, known, side="right"), minlength=3) / known.size
+    fractions = np.bincount(np.searchsorted(PAPER, known, side="right"), minlength=3) / known.size
     low, high = PAPER
     return (
-        f"  lateral deviation below {low:g} degrees {shares[0]:.1%}, to {high:g} {shares[1]:.1%}, "
-        f"above {shares[2]:.1%} ({known.size:,} impacts)"
+        f"  lateral deviation below {low:g} degrees {fractions[0]:.1%}, "
+        f"to {high:g} {fractions[1]:.1%}, above {fractions[2]:.1%} ({known.size:,} impacts)"
     )

@@ -8,11 +8,12 @@ from collections.abc import Iterable, Iterator
 from itertools import zip_longest
 from pathlib import Path
 
+from rockfall.io.files import read_text
 from rockfall.lab.case import LabCase
 from rockfall.lab.contacts import Contacts, contacts_behind, contacts_provenance, fit_contacts
 from rockfall.lab.experiment import run_impacts
 from rockfall.lab.fit import fit_impacts
-from rockfall.lab.setfile import origin, provenance, set_text, write_sets
+from rockfall.lab.setfile import origin, provenance, write_sets
 
 
 def remake(
@@ -36,7 +37,7 @@ def remake(
 
 
 def _source(path: Path) -> Contacts | tuple[LabCase, str]:
-    return contacts_behind(path, set_text(path)) or origin(path)
+    return contacts_behind(path, read_text(path)) or origin(path)
 
 
 def _first_difference(old: str, new: str) -> str:

@@ -46,9 +46,9 @@ OTHERS = (
     Target("a_slower", "EL1: speed of B less that of A [m/s]", 0.3, 2.5, "1.2"),
     Target("rt", "B: R_t, median over all rebounds", 0.65, 0.75, "0.7"),
     Target("rn_5_15", "B: R_n at 5-15 degrees", 1.0, INF, "> 1"),
-    Target("tangential", "B: rebounds with tangential share > 0.75", 0.90, 0.96, "0.93"),
+    Target("tangential", "B: rebounds with tangential fraction > 0.75", 0.90, 0.96, "0.93"),
     Target("stop_short", "B: boulders that stop within 20-40 m", -INF, 0.05, "not 0.05"),
-    Target("neutral_rise", "Neutral slope, greatest rise to the next R_b/R_m", -INF, 0.0, "-"),
+    Target("neutral_rise", "Neutral slope, max rise to the next R_b/R_m", -INF, 0.0, "-"),
     Target("rn_vertical", "B: R_n at vertical impact", 0.35, 0.45, "0.4", True),
     Target("B_EL1_rotational_share", "EL1, B: E_rot / E_tot, mean", 0.03, 0.10, "0.06", True),
     Target("B_EL1_rotational_share_std", "EL1, B: E_rot / E_tot, std", 0.035, 0.105, "0.07", True),
@@ -57,8 +57,8 @@ OTHERS = (
 )
 #: Printed without a target: the paper has no such number.
 BESIDE = {
-    "B_EL1_passing": "EL1, B: share passing", "B_EL2_passing": "EL2, B: share passing",
-    "A_EL1_passing": "EL1, A: share passing", "A_EL2_passing": "EL2, A: share passing",
+    "B_EL1_passing": "EL1, B: fraction passing", "B_EL2_passing": "EL2, B: fraction passing",
+    "A_EL1_passing": "EL1, A: fraction passing", "A_EL2_passing": "EL2, A: fraction passing",
     "B_EL1_spread": "EL1, B: lateral spread, std [m]",
     "B_EL2_spread": "EL2, B: lateral spread, std [m]",
     "turns_small": "B: turns below 22.5 degrees", "turns_large": "B: turns above 45 degrees",
@@ -79,13 +79,13 @@ def targets(folder: str | Path) -> list[Target]:
             line, method, quantity = row["line"], row["method"], row["quantity"]
             if method == "observed" or quantity not in QUANTITIES:
                 continue
-            for kind, share in BOUNDS.items():
+            for kind, fraction in BOUNDS.items():
                 value = float(row[kind[1:] or "mean"])
                 words = f"{line}, {method}: {quantity.replace('_', ' ')}, {kind[1:] or 'mean'}"
                 found.append(
                     Target(
                         f"{method}_{line}_{quantity}{kind}", f"{words} [{UNITS[quantity]}]",
-                        value * (1 - share), value * (1 + share), row[kind[1:] or "mean"],
+                        value * (1 - fraction), value * (1 + fraction), row[kind[1:] or "mean"],
                         held_out=line != "EL1" or kind == "_max",
                     )
                 )  # fmt: skip
@@ -163,14 +163,13 @@ def score(
 
 
 def _between(off: np.ndarray, group: np.ndarray) -> float:
-    """Root mean square over groups of what they are off in the mean, less what chance makes of it
-    within them."""
+    """Standard deviation between the means of groups, without their Monte Carlo errors."""
     groups = [off[(group == k) & np.isfinite(off)] for k in np.unique(group)]
     groups = [one for one in groups if one.size]
     if not groups:
         return np.nan
-    chance = [one.var(ddof=1) / one.size for one in groups if one.size > 1]
-    square = np.mean([one.mean() ** 2 for one in groups]) - (np.mean(chance) if chance else 0)
+    noise = [one.var(ddof=1) / one.size for one in groups if one.size > 1]
+    square = np.mean([one.mean() ** 2 for one in groups]) - (np.mean(noise) if noise else 0)
     return float(np.sqrt(max(square, 0.0)))
 
 
@@ -181,7 +180,7 @@ def _numbers(sets: Sets, site: Site, seed: int, how: dict) -> dict[str, float]:
 
 
 def neutral_slopes(sets: Sets, seed: int = 1) -> dict[str, float]:
-    """Of each ratio, and the greatest rise from one to the next [degrees]."""
+    """Of each ratio, and the max rise from one to the next [degrees]."""
     slopes = [
         neutral_slope(set_rebound(mean, covariance), SLOPE_BOULDERS, seed)
         for mean, covariance in zip(sets.mean, sets.covariance, strict=True)
@@ -205,7 +204,7 @@ def table(scores: Iterable[Score], wanted: Sequence[Target]) -> str:
     scores = list(scores)
     width = max(26, *(len(one.name) + 2 for one in scores))
     lines = [
-        f"{'':50}{'paper':>10}{'asked':>15}" + "".join(f"{one.name:>{width}}" for one in scores)
+        f"{'':50}{'paper':>10}{'target':>15}" + "".join(f"{one.name:>{width}}" for one in scores)
     ]
     for held_out in (False, True):
         if held_out:

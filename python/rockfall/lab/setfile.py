@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rockfall.errors import RockfallError
-from rockfall.io.files import whole_file
+from rockfall.io.files import atomic_write, read_text
 from rockfall.lab.case import LabCase, lab_case_of
 from rockfall.lab.experiment import STATUS, checksum
 
@@ -54,19 +54,9 @@ def provenance(data: xr.Dataset, state: str) -> list[str]:
     return lines + [CASE_MARK[2:] + line for line in case.text().splitlines()]
 
 
-def set_text(path: str | Path) -> str:
-    """The text of a set file."""
-    try:
-        return Path(path).read_text(encoding="utf-8")
-    except OSError as error:
-        raise RockfallError(f"{path}: cannot be read: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise RockfallError(f"{path}: is not text (UTF-8)") from error
-
-
 def origin(path: str | Path) -> tuple[LabCase, str]:
     """The laboratory case that a set file was made from, and the state that its sets are of."""
-    lines = set_text(path).splitlines()
+    lines = read_text(path).splitlines()
     text = [line[len(CASE_MARK) :] for line in lines if line.startswith(CASE_MARK)]
     if not text:
         raise RockfallError(f"{path}: does not say what laboratory case it was made from")
@@ -98,7 +88,7 @@ def _write(path: str | Path, groups: list[list[str]], provenance: list[str]) -> 
     text = [f"! {line}".rstrip() for line in provenance]
     for lines in groups:
         text += ["", *lines]
-    with whole_file(path) as part:
+    with atomic_write(path) as part:
         part.write_text("\n".join(text) + "\n", encoding="utf-8")
 
 

@@ -11,8 +11,11 @@ import numpy as np
 
 from rockfall.analysis.plane_bounce import admissible
 from rockfall.errors import RockfallError
+from rockfall.impact_sets import shipped_sets
+from rockfall.io.files import read_text
 from rockfall.lab.lateral import Lateral
-from rockfall.lab.setfile import ERROR_MARK, set_text
+from rockfall.lab.setfile import ERROR_MARK
+from rockfall.scene.coefficients import draws_in
 
 DRAWS = 4000  # of A, for the means of R_t and R_n
 
@@ -42,11 +45,8 @@ class Sets:
 def read_sets(source: str | Path) -> list[Sets]:
     """The draws in a set file, or in a set that is shipped with the program, by its name: one, or
     those of an ensemble."""
-    from rockfall.impact_sets import shipped_sets
-    from rockfall.scene.coefficients import draws_in
-
     path = shipped_sets().get(str(source), Path(source))
-    error = _errors(set_text(path), path)
+    error = _errors(read_text(path), path)
     draws = [one.read("past_aspect")[0] for one in draws_in(path, "past_aspect")]  # the matrices do
     return [
         Sets(

@@ -11,12 +11,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rockfall.analysis.plane_bounce import ratio_class
+from rockfall.case import read_case
 from rockfall.errors import RockfallError
 from rockfall.lab.fit import ImpactSet
 from rockfall.lab.lateral import incidence
 from rockfall.lab.setfile import write_sets
 from rockfall.lab.sets import Sets, restitution
 from rockfall.lab.talus import CELL, NORTH, WEST, Talus
+from rockfall.simulation.simulate import run
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -30,7 +32,7 @@ QUANTITIES = {
 CASES = {"A": "case_A.nml", "B": "case.nml"}
 TURNS = 22.5, 45.0  # limits of the classes of turns [degree]
 SHORT = 20.0, 40.0  # from the release along the slope [m]: where boulders slid to a stop
-SHARE = 0.75  # of the incident energy, tangential
+TANGENTIAL = 0.75  # fraction of the incident energy
 MIN_PASSED = 20  # boulders, for a mean
 MIN_REBOUNDS = 20  # of a class of incidence angles and a ratio, for a mean
 
@@ -39,8 +41,6 @@ class Site:
     """The experimental slope, or rather its stand-in."""
 
     def __init__(self, folder: str | Path, boulders: int = 2000, trajectories: int = 200) -> None:
-        from rockfall.case import read_case
-
         folder = Path(folder)
         if not (folder / CASES["B"]).exists():
             raise RockfallError(
@@ -60,8 +60,6 @@ class Site:
         """Results by method, on the terrain of the case or on a slope of the same recipe."""
         import rasterio
 
-        import rockfall
-
         terrain = {}
         if talus is not None:
             transform = rasterio.Affine(CELL, 0, WEST, 0, -CELL, NORTH)
@@ -71,7 +69,7 @@ class Site:
             path = Path(folder) / "sets.nml"
             write_sets(path, _as_fitted(sets), [])
             for method in methods:
-                results[method] = rockfall.run(
+                results[method] = run(
                     self._cases[method].replace(
                         case={"seed": seed, "threads": threads},
                         impact={"sets": str(path), "turning": turning},
@@ -122,20 +120,20 @@ def _at_line(at: xr.Dataset, name: str) -> dict[str, float]:
         found[f"{name}_{quantity}_std"] = values.std(ddof=1) if values.size else np.nan
         found[f"{name}_{quantity}_max"] = values.max() if values.size else np.nan
     rotation, motion = at["line_energy_rotational"], at["line_energy_translational"]
-    share = (rotation / (rotation + motion)).values[passed]
-    found[f"{name}_rotational_share"] = _mean(share)
-    found[f"{name}_rotational_share_std"] = share.std(ddof=1) if share.size else np.nan
+    fraction = (rotation / (rotation + motion)).values[passed]
+    found[f"{name}_rotational_share"] = _mean(fraction)
+    found[f"{name}_rotational_share_std"] = fraction.std(ddof=1) if fraction.size else np.nan
     across = at["line_x"].values[passed]
     found[f"{name}_spread"] = across.std(ddof=1) if across.size else np.nan
     return found
 
 
 def _over_rebounds(sets: Sets, result: xr.Dataset) -> dict[str, float]:
-    """R_t, R_n and turns of the rebounds of the recorded trajectories; shares of all.
+    """R_t, R_n and turns of the rebounds of the recorded trajectories; fractions of all.
 
-    R_n by class of incidence is the mean for each R_b/R_m apart, then over the ratios, each with
-    its share of all rebounds. Without this standard mixture a class would tell what ground the few
-    steep rebounds met rather than how R_n depends on the angle.
+    R_n by class of incidence is the mean for each R_b/R_m apart, then over the ratios,
+    weighted with their frequency among all rebounds. Without this standard mixture a class would
+    tell what ground the few steep rebounds met rather than how R_n depends on the angle.
     """
     t, n = result["trajectory_in_t"].values, result["trajectory_in_n"].values
     hit = np.isfinite(t) & (t > 0) & (n < 0)
@@ -161,7 +159,7 @@ def _over_rebounds(sets: Sets, result: xr.Dataset) -> dict[str, float]:
         "rt": float(np.median(r_t)) if r_t.size else np.nan,
         "rn_5_15": over(r_n, 5, 15),
         "rn_vertical": float(np.sum(used[used > 0] * np.array(vertical)[used > 0])),
-        "tangential": tangential_above(result, SHARE),
+        "tangential": tangential_above(result, TANGENTIAL),
         "stop_short": _mean((along >= SHORT[0]) & (along < SHORT[1])),
         "turns_small": _mean(turns < TURNS[0]),
         "turns_large": _mean(turns >= TURNS[1]),
@@ -181,8 +179,8 @@ def _turns(result: xr.Dataset) -> np.ndarray:
 
 
 def tangential_above(result: xr.Dataset, limit: float) -> float:
-    """Share of the rebounds with a larger tangential share of their incident energy; those of a bin
-    across the limit lie evenly in it."""
+    """Fraction of the rebounds whose tangential fraction of the incident energy is larger; those of
+    a bin across the limit lie evenly in it."""
     rebounds = result["tangential_share_histogram"].values
     low, high = result["tangential_share_bin_bounds"].values.T
     above = np.clip((high - limit) / (high - low), 0, 1)

@@ -8,7 +8,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rockfall.analysis.convergence import AS_GIVEN, KEYS, NUMBERS, SIZE, Convergence
-from rockfall.plots.style import BLUE, GREEN, GREY, INK, VERMILION, new_figure, plain, save, styled
+from rockfall.plots.style import (
+    BLUE,
+    GREEN,
+    GREY,
+    INK,
+    VERMILION,
+    capital,
+    new_figure,
+    plain,
+    save,
+    styled,
+)
+from rockfall.quantities import QUANTITIES
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -17,12 +29,7 @@ if TYPE_CHECKING:
 
 COLOURS = {"fraction": INK, "mean": BLUE, "std": GREEN, "q95": VERMILION, "max": GREY}
 MARKERS = {"boulders": "D", "speed": "o", "passing_height": "s", "energy_total": "^"}
-LABELS = {  # label, unit, scale
-    "boulders": ("share that passes", "%", 100.0),
-    "speed": ("speed", "m/s", 1.0),
-    "passing_height": ("passing height", "m", 1.0),
-    "energy_total": ("total energy", "kJ", 1e-3),
-}
+SHOWN = {name: QUANTITIES["fraction" if name == "boulders" else name] for name in MARKERS}
 
 
 def figure(found: Convergence, paths: Sequence[Path]) -> None:
@@ -40,7 +47,7 @@ def _page(found: Convergence) -> Figure:
     page.get_layout_engine().set(w_pad=0.06, h_pad=0.06)
     for block, line in zip(page.add_gridspec(len(lines), 1), lines, strict=True):
         upper, lower = block.subgridspec(2, 1, height_ratios=[1, 1.25])
-        for axes, quantity in zip(upper.subgridspec(1, 4).subplots(), LABELS, strict=True):
+        for axes, quantity in zip(upper.subgridspec(1, 4).subplots(), SHOWN, strict=True):
             _study(axes, _at(found.study, line, quantity), quantity, plain(line))
         left, right = lower.subgridspec(1, 2).subplots(sharey=True)
         _errors(left, _at(found.error, line), _at(found.cost, line), plain(line))
@@ -58,7 +65,7 @@ def _at(table: pd.DataFrame, line: str, quantity: str | None = None) -> pd.DataF
 
 def _study(axes: Axes, table: pd.DataFrame, quantity: str, line: str) -> None:
     """Numbers of a quantity against the number of boulders, with their 95 % bands."""
-    label, unit, scale = LABELS[quantity]
+    scale = SHOWN[quantity].factor
     for statistic, one in table.groupby("statistic", sort=False):
         n, colour = one["boulders"], COLOURS[statistic]
         axes.fill_between(n, scale * one["low"], scale * one["high"], color=colour, alpha=0.2, lw=0)
@@ -68,26 +75,26 @@ def _study(axes: Axes, table: pd.DataFrame, quantity: str, line: str) -> None:
     _logarithmic(axes, "x", (1,))
     if quantity != "boulders" and (table["value"] > 0).any():
         _logarithmic(axes, "y")  # equal heights are equal per cents
-    axes.set_title(f"{label.capitalize()} at {line} [{unit}]")
+    axes.set_title(f"{capital(SHOWN[quantity].title)} at {line}")
 
 
 def _errors(axes: Axes, table: pd.DataFrame, cost: pd.DataFrame, line: str) -> None:
-    """Statistical error against CPU time, both on logarithmic scales."""
+    """Monte Carlo error against CPU time, both on logarithmic scales."""
     for (quantity, statistic), one in table.groupby(KEYS[1:], sort=False):
         look = {"color": COLOURS[statistic], "marker": MARKERS[quantity], "ms": 3.5, "lw": 0.8}
         axes.plot(one["cpu_seconds"], 100 * one["error"], **look)
     axes.set(xlabel="CPU time [s]", ylabel="error [%]")
     if not len(table):
-        axes.set_title(f"Statistical error at {line}: too few boulders cross it")
+        axes.set_title(f"Monte Carlo error at {line}: too few boulders cross it")
         return
     _logarithmic(axes, "x")
     _logarithmic(axes, "y", (1,))
     slope = cost["slope"]
-    axes.set_title(f"Statistical error at {line}: slopes {slope.min():.2f} to {slope.max():.2f}")
+    axes.set_title(f"Monte Carlo error at {line}: slopes {slope.min():.2f} to {slope.max():.2f}")
 
 
 def _terrains(axes: Axes, table: pd.DataFrame, line: str) -> None:
-    """What each variant of the terrain changes, beside the statistical error of the one given."""
+    """What each variant of the terrain changes, beside the Monte Carlo error of the one given."""
     variants = list(dict.fromkeys(table["variant"]))
     labels = []
     for k, variant in enumerate(variants):
@@ -101,18 +108,18 @@ def _terrains(axes: Axes, table: pd.DataFrame, line: str) -> None:
             look = {"marker": MARKERS[key[0]], "ms": 4, "mfc": "white" if given else colour}
             at = k + 0.07 * (place - (len(NUMBERS) - 1) / 2)
             axes.errorbar(at, y, None if given else error, color=colour, lw=0.8, **look)
-        what = f"chance with\n{SIZE:,} boulders" if given else variant
+        what = f"Monte Carlo,\n{SIZE:,} boulders" if given else variant
         labels.append(f"{what}\n{one['cpu_seconds'].iloc[0]:.2g} s")
     axes.set_xticks(range(len(variants)), labels)
     axes.set_title(f"Numerical error at {line}, CPU time of {SIZE:,} boulders")
 
 
-def _logarithmic(axes: Axes, way: str, digits: tuple[int, ...] = (1, 2, 5)) -> None:
+def _logarithmic(axes: Axes, name: str, digits: tuple[int, ...] = (1, 2, 5)) -> None:
     """A logarithmic axis, x or y, with few plain numbers."""
     from matplotlib.ticker import LogLocator, NullLocator
 
-    axes.set(**{f"{way}scale": "log"})
-    axis = getattr(axes, f"{way}axis")
+    axes.set(**{f"{name}scale": "log"})
+    axis = getattr(axes, f"{name}axis")
     axis.set_major_locator(LogLocator(subs=digits))
     axis.set_minor_locator(NullLocator())
     axis.set_major_formatter("{x:,g}")
@@ -123,7 +130,7 @@ def _key() -> list:
 
     colours = [Line2D([], [], color=colour, label=name) for name, colour in COLOURS.items()]
     marks = [
-        Line2D([], [], color=INK, lw=0, marker=marker, ms=4, label=LABELS[quantity][0])
+        Line2D([], [], color=INK, lw=0, marker=marker, ms=4, label=SHOWN[quantity].label)
         for quantity, marker in MARKERS.items()
     ]
     return [*colours, *marks]

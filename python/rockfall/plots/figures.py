@@ -10,26 +10,29 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rockfall.analysis.extent import PASSED, passed_map
 from rockfall.analysis.line_statistics import fraction_interval, sources
-from rockfall.analysis.terrain import terrain_of
 from rockfall.case import case_of
 from rockfall.errors import RockfallError, need
-from rockfall.io.output_files import FIGURE, check_outputs, whole_folder
-from rockfall.plots.line_figures import QUANTITIES, distribution_figure, passing_figure
+from rockfall.impact_sets import set_path
+from rockfall.io.output_files import FIGURE, atomic_folder, check_outputs
+from rockfall.lab.sets import read_sets
+from rockfall.plots.extent import PASSED, passed_map
+from rockfall.plots.lab import draw_restitution
+from rockfall.plots.line_figures import DRAWN, distribution_figure, passing_figure
 from rockfall.plots.map_figures import (
-    MOST_WAYS,
-    is_share,
+    MAX_TRAJECTORIES,
+    is_fraction,
     map_figure,
     map_note,
     stops_figure,
-    ways_figure,
+    trajectories_figure,
 )
+from rockfall.plots.profile_figures import profile_figure
 from rockfall.plots.rebound_figures import ENERGY, RESTITUTION, histogram, histogram_figure
-from rockfall.plots.style import FORMATS, save
-from rockfall.plots.trajectory_figures import way_figure
-from rockfall.quantities import count
-from rockfall.result.trajectories import flights, left_terrain, lines
+from rockfall.plots.style import FORMATS, capital, save
+from rockfall.quantities import QUANTITIES, count
+from rockfall.result.trajectories import left_terrain, lines, trajectories
+from rockfall.scene.coefficients import open_sets
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -37,8 +40,6 @@ if TYPE_CHECKING:
 
     from rockfall.lab.sets import Sets
     from rockfall.result.trajectories import Terrain
-
-__all__ = ["Figure", "figures", "map_figure", "terrain_of", "write_figures"]
 
 
 @dataclass(frozen=True)
@@ -56,14 +57,14 @@ def figures(
 ) -> list[Figure]:
     """The figures of a result, in the order in which they are read.
 
-    `terrain`, from `terrain_of`, puts relief under maps and ground under profiles. `observed` is
-    what `rockfall.analysis.observations.read_observed` gives: its summaries and samples come beside
-    the distributions at the lines, its distances and shares beside the curve of passing, its stops
-    on the maps.
+    `terrain`, from `rockfall.plots.terrain.terrain_of`, puts relief under maps and ground under
+    profiles. `observed` is what `rockfall.analysis.observations.read_observed` gives: its summaries
+    and samples come beside the distributions at the lines, its distances and fractions beside the
+    curve of passing, its stops on the maps.
     """
     if not result.sizes.get("boulder"):
         raise RockfallError("a result without boulders has no figures")
-    return [*_ways(result, terrain), *_reach(result, terrain, observed),
+    return [*_trajectories(result, terrain), *_reach(result, terrain, observed),
             *_at_lines(result, observed), *_rebounds(result), *_maps(result, terrain)]  # fmt: skip
 
 
@@ -81,31 +82,31 @@ def write_figures(
     files = {f"{one.name}.{format}": one.draw for one in shown}
     inputs = list(inputs)
     check_outputs({Path(folder) / name: FIGURE for name in files}, inputs)  # drawing takes long
-    with whole_folder(folder, inputs) as part:
+    with atomic_folder(folder, inputs) as part:
         for name, draw in files.items():
             save(draw(), part / name)
     return [Path(folder) / name for name in files]
 
 
-def _ways(result: xr.Dataset, terrain: Terrain | None) -> Iterator[Figure]:
+def _trajectories(result: xr.Dataset, terrain: Terrain | None) -> Iterator[Figure]:
     """Recorded trajectories (paper, Fig. 4)."""
-    if not any(np.ptp(way.z) > 0 for way in flights(result, MOST_WAYS)):
+    if not any(np.ptp(one.z) > 0 for one in trajectories(result, MAX_TRAJECTORIES)):
         return  # none recorded, or none that moved
     recorded = np.unique(result["trajectory_boulder"].values).size
-    drawn = count(min(recorded, MOST_WAYS), "boulder")
+    drawn = count(min(recorded, MAX_TRAJECTORIES), "boulder")
     of = f"the first {drawn} of {result.sizes['boulder']:,}"
     yield Figure(
         "trajectories",
         "Trajectories in plan",
         f"Trajectories of {of}.",
-        lambda: ways_figure(result, terrain),
+        lambda: trajectories_figure(result, terrain),
     )
     yield Figure(
         "profile",
-        "Profile, height and speed along the way",
+        "Profile, height and speed of trajectories",
         f"Elevation at true scale, height above the ground and speed of {of} against the plan "
-        "distance from the start; dashed: where half of those that cross a line have done so.",
-        lambda: way_figure(result, terrain),
+        "distance from the release; dashed: the median place where boulders cross a line.",
+        lambda: profile_figure(result, terrain),
     )
 
 
@@ -113,27 +114,27 @@ def _reach(result: xr.Dataset, terrain: Terrain | None, observed: Any) -> Iterat
     """How far boulders come, and where (paper, Figs 9 and 10)."""
     boulders = count(result.sizes["boulder"], "boulder")
     gone = int(left_terrain(result).sum())
-    beyond = f"; how far the {gone:,} came that left the terrain is not known: dotted"
+    beyond = f"; the run-out of the {gone:,} that left the terrain is not known: dotted"
     yield Figure(
         "passing",
         "Boulders that pass a distance",
-        f"Share of {boulders} that come at least as far from the start, with its 95 % band at "
-        f"each distance{beyond if gone else ''}.",
+        f"Fraction of {boulders} that come at least so far from the release, with its 95 % "
+        f"confidence band{beyond if gone else ''}.",
         lambda: passing_figure(result, observed),
     )
     stops = None if observed is None else observed.stops
     also = f", and {count(len(stops), 'observed stop')}" if stops is not None else ""
     yield Figure(
         "stops",
-        "Where boulders stop",
-        f"Where {boulders} ended{also}.",
+        "Stopping points",
+        f"Stopping points of {boulders}, by status{also}.",
         lambda: stops_figure(result, terrain, stops),
     )
     if name := passed_map(result):
         yield Figure(
             "pass_frequency",
             "Pass frequency",
-            f"Share of {boulders} that pass each cell; outline: 1 %{also}.",
+            f"Fraction of {boulders} that pass each cell; outline: 1 %{also}.",
             lambda: map_figure(result, name, terrain, stops),
         )
 
@@ -144,16 +145,16 @@ def _at_lines(result: xr.Dataset, observed: Any) -> Iterator[Figure]:
         return
     source, passed = sources(result), []
     for name, x in zip(result["line"].values, result["line_x"].values, strict=True):
-        share, low, high = (100 * s for s in fraction_interval(np.isfinite(x), source))
-        n = np.isfinite(x).sum()
-        passed.append(f"{n:,} at {name} ({share:.1f} %, 95 % interval {low:.1f} to {high:.1f} %)")
-    for name, (label, _, _) in QUANTITIES.items():
+        fraction, low, high = (100 * f for f in fraction_interval(np.isfinite(x), source))
+        interval = f"95 % confidence interval {low:.1f} to {high:.1f} %"
+        passed.append(f"{np.isfinite(x).sum():,} at {name} ({fraction:.1f} %, {interval})")
+    for name in DRAWN:
+        label = QUANTITIES[name].label
         yield Figure(
             f"line_{name}",
-            f"{label[0].upper()}{label[1:]} at the lines",
+            f"{capital(label)} at the lines",
             f"Distribution of {label} among the boulders that pass, {'; '.join(passed)}; below: "
-            "mean and one standard deviation to each side; the axis ends where one in 500 lies "
-            "beyond.",
+            "mean ± one standard deviation; one in 500 lies beyond the axis.",
             lambda name=name: distribution_figure(result, name, observed),
         )
 
@@ -162,18 +163,18 @@ def _rebounds(result: xr.Dataset) -> Iterator[Figure]:
     """Over all rebounds (paper, Figs 11 to 14), and the impact set behind them (Fig. 5)."""
     if "incidence_angle_histogram" in result and result["incidence_angle_histogram"].any():
         n = count(int(result["incidence_angle_histogram"].sum()), "rebound")
-        share, edges = histogram(result, "tangential_share")
-        most = share[edges[:-1] > 0.75].sum()  # classes of 0.02
+        frequency, edges = histogram(result, "tangential_share")
+        above = frequency[edges[:-1] > 0.75].sum()  # bins of 0.02
         for name, title, what, shown in (
-            ("incident_energy", "Shares of the incident energy",
-             f"Tangential, normal and rotational share of the incident energy of {n}; the "
-             f"tangential one is above 0.76 in {most:.0%} (the paper: above 0.75 in 93 %).",
+            ("incident_energy", "Fractions of the incident energy",
+             f"Tangential, normal and rotational fraction of the incident energy of {n}; the "
+             f"tangential one is above 76 % in {100 * above:.0f} % (paper: above 75 % in 93 %).",
              ENERGY),
             ("incidence_angle", "Incidence angles",
              f"Angle between the surface and the incoming velocity of {n}; 90 degrees is "
-             "vertical to the surface.", ("incidence_angle",)),
+             "normal to the surface.", ("incidence_angle",)),
             ("restitution", "Tangential and normal restitution",
-             f"R_t and R_n of {n}, the last class with all beyond; dotted: what the paper prints.",
+             f"R_t and R_n of {n}, the last bin with all beyond; dotted: values of the paper.",
              RESTITUTION),
         ):  # fmt: skip
             yield Figure(name, title, what, lambda shown=shown: histogram_figure(result, *shown))
@@ -183,29 +184,19 @@ def _rebounds(result: xr.Dataset) -> Iterator[Figure]:
             "impact_set",
             "The impact set",
             f"R_t and R_n of the set {impact_set.name} against the incidence angle, without spin: "
-            "mean and the middle 80 % of admissible draws; grey: what the paper prints.",
-            lambda: _set_figure(impact_set),
+            "mean and the middle 80 % of admissible draws; grey: values of the paper.",
+            lambda: draw_restitution([impact_set]),
         )
 
 
 def set_of(result: xr.Dataset) -> Sets | None:
     """The impact set of a run, where its file is still there as it was."""
-    from rockfall.impact_sets import set_path
-    from rockfall.lab.sets import read_sets
-    from rockfall.scene.layers import _checksum
-
     try:
         path = set_path(case_of(result))
-        same = _checksum(path) == result.attrs["impact_set_checksum"]
+        same = open_sets(path).checksum == result.attrs["impact_set_checksum"]
         return read_sets(path)[0] if same else None
     except RockfallError:
         return None
-
-
-def _set_figure(impact_set: Sets) -> figure.Figure:
-    from rockfall.plots.lab import draw_restitution
-
-    return draw_restitution([impact_set])
 
 
 def _maps(result: xr.Dataset, terrain: Terrain | None) -> Iterator[Figure]:
@@ -214,12 +205,12 @@ def _maps(result: xr.Dataset, terrain: Terrain | None) -> Iterator[Figure]:
     for name, variable in result.data_vars.items():
         if variable.dims != ("y", "x") or name in PASSED:
             continue
-        what = variable.attrs["long_name"]
-        notes = ["outline: 1 %" if is_share(name) else "", map_note(result, name)]
+        title = capital(variable.attrs["long_name"])
+        notes = ["outline: 1 %" if is_fraction(name) else "", map_note(result, name)]
         said = "".join(f"; {note}" for note in notes if note)
         yield Figure(
             f"map_{name}",
-            what[0].upper() + what[1:],
-            f"{what[0].upper()}{what[1:]} in each cell, of {boulders}{said}.",
+            title,
+            f"{title} in each cell, of {boulders}{said}.",
             lambda name=name: map_figure(result, name, terrain),
         )

@@ -3,19 +3,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from rockfall.lab.case import names
-from rockfall.lab.fit import impacts_of
 from rockfall.lab.sets import restitution
 from rockfall.plots.style import BLUE, GREY, INK, STYLE, VERMILION, WIDE, new_figure, save, styled
 
 if TYPE_CHECKING:
-    import xarray as xr
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -47,58 +45,11 @@ def layer_figure(layers: Layers, path: str | Path) -> None:
         _save(figure, path)
 
 
-def impact_figure(films: Sequence[Mapping[str, Any]], width: float, path: str | Path) -> None:
-    """Before and after: each film of `experiment.film` a column, a section through the boulder at
-    the first contact above, at its max upward speed below, with its trajectory and velocities."""
-    import matplotlib.pyplot as plt
-
-    with plt.rc_context(STYLE):
-        figure, panels = plt.subplots(
-            2, len(films), figsize=(3.6 * len(films), 3.6), squeeze=False, sharex=True,
-            sharey=True, layout="constrained",
-        )  # fmt: skip
-        for column, film in zip(panels.T, films, strict=True):
-            x, v, r = film["centres"], film["velocities"], film["radius"]
-            end = int(np.searchsorted(film["time"], film["outcome"]["duration"]))
-            end = min(end, len(x) - 1)
-            middle = x[0, -1].copy()
-            for axes, k in ((column[0], 0), (column[1], end)):
-                place = x[k].copy()
-                place[:, :2] += width * np.round((x[k, -1, :2] - place[:, :2]) / width)
-                place[:, 0] -= middle[0]
-                _section(axes, place[:-1], r[:-1], place[-1, 1])
-                boulder = place[-1, [0, 2]]
-                _discs(axes, boulder[None], r[-1:], BOULDER)
-                scale = 2.5 * r[-1] / np.linalg.norm(v[0, -1, :3])
-                axes.annotate(
-                    "", boulder + scale * v[k, -1, [0, 2]], boulder,
-                    arrowprops={"arrowstyle": "->", "color": INK, "lw": 1.2},
-                )  # fmt: skip
-                axes.axhline(film["surface"], color=BLUE, lw=0.6)
-            trajectory = x[: end + 1, -1, [0, 2]] - [middle[0], 0]
-            column[1].plot(*trajectory.T, color=VERMILION, lw=1)
-            column[0].set_title(film["title"])
-            column[1].set_title(f"{1e3 * film['time'][end]:.0f} ms later")
-            column[1].set_xlabel("x [m]")
-        panels[0, 0].set(
-            xlim=(-0.5 * width, 0.5 * width),
-            ylim=(0, max(1.02 * (f["centres"][0, -1, 2] + 2 * f["radius"][-1]) for f in films)),
-        )
-        for axes in panels[:, 0]:
-            axes.set_ylabel("z [m]")
-        _save(figure, path)
-
-
 def _section(axes: Axes, x: np.ndarray, radius: np.ndarray, y: float) -> None:
     """The discs in which a vertical plane cuts the spheres."""
     square = radius**2 - (x[:, 1] - y) ** 2
     cut = square > 0
     _discs(axes, x[cut][:, [0, 2]], np.sqrt(square[cut]), ROCK)
-
-
-def restitution_figure(sets: Sequence[Sets], path: str | Path) -> None:
-    """Write `draw_restitution`."""
-    save(draw_restitution(sets, (10.5, 4.6)), path, 200)
 
 
 @styled
@@ -135,23 +86,6 @@ def draw_restitution(sets: Sequence[Sets], size: tuple[float, float] = (WIDE, 3.
     panels[1, 4].legend(loc="upper right")
     figure.supxlabel("incidence angle [degrees]", fontsize=8)
     return figure
-
-
-def lateral_figure(data: xr.Dataset, path: str | Path, state: str = "peak") -> None:
-    """Distribution of the lateral deviation of V_t for each ratio, with the paper's classes."""
-    import matplotlib.pyplot as plt
-
-    with plt.rc_context(STYLE):
-        figure, axes = plt.subplots(figsize=(5.2, 3.2), layout="constrained")
-        for ratio in data["ratio"].values:
-            turn = np.sort(impacts_of(data, ratio, state).lateral)
-            axes.plot(turn, np.arange(1, turn.size + 1) / turn.size, label=f"{ratio:g}", lw=1)
-        axes.plot([22.5, 45, 50], [0.72, 0.96, 1.0], "s", color=GREY, label="paper")
-        axes.set(
-            xlim=(0, 90), ylim=(0, 1), xlabel="lateral deviation [degrees]", ylabel="fraction below"
-        )
-        axes.legend(title="R_b/R_m")
-        _save(figure, path)
 
 
 def _discs(axes: Axes, x: np.ndarray, radius: np.ndarray, colour: str) -> None:

@@ -12,18 +12,19 @@ import numpy as np
 from rockfall.analysis.line_statistics import fraction_interval, line_values, sources
 from rockfall.plots.style import (
     BLUE,
-    CUT,
     GREY,
     INK,
+    LINE,
     NARROW,
     OBSERVED,
     WIDE,
+    draw_bars,
     new_figure,
     plain,
     round_step,
     styled,
 )
-from rockfall.quantities import count
+from rockfall.quantities import QUANTITIES, count
 from rockfall.result.trajectories import from_start, left_terrain, lines, stop_distances
 
 if TYPE_CHECKING:
@@ -32,28 +33,16 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-class Quantity(NamedTuple):
-    """How a quantity is drawn: its name, its unit, and that unit in units of the result."""
-
-    label: str
-    unit: str
-    scale: float = 1.0
-
-
-QUANTITIES = {  # those of rockfall.statistics that are drawn
-    "speed": Quantity("speed", "m/s"),
-    "passing_height": Quantity("passing height", "m"),
-    "energy_translational": Quantity("translational energy", "kJ", 1e-3),
-    "energy_rotational": Quantity("rotational energy", "kJ", 1e-3),
-    "energy_total": Quantity("total kinetic energy", "kJ", 1e-3),
-    "rotational_share": Quantity("E_rot / E_tot", "-"),
-}
-DISTANCE = "plan distance from the start [m]"
+DRAWN = (
+    "speed", "passing_height", "energy_translational", "energy_rotational", "energy_total",
+    "rotational_share",
+)  # fmt: skip
+DISTANCE = "plan distance from the release [m]"
 ABREAST = 2  # lines side by side
-MOST_CLASSES = 500  # of a distribution that reaches far below zero
-CLASSES = 60  # at most
+MAX_BINS = 60
+MAX_BINS_BELOW = 500  # of a distribution that reaches far below zero
 BEYOND = 0.998  # the axis ends where one value in 500 lies beyond
-STATIONS = 300  # distances at which a share is drawn
+STATIONS = 300  # distances at which a fraction is drawn
 OURS = {"marker": "o", "markersize": 4, "color": BLUE}
 
 
@@ -71,36 +60,36 @@ def distribution_figure(result: xr.Dataset, quantity: str, observed: Any = None)
     """The distribution of a quantity among the boulders that pass, a panel for each line; below it
     mean and standard deviation, and those which `observed` has (see `rockfall.plots.figures`)."""
     about, names = QUANTITIES[quantity], [str(name) for name in result["line"].values]
-    ours = [about.scale * _finite(line_values(result, quantity, k)) for k in range(len(names))]
-    theirs = [about.scale * _sample(observed, name, quantity) for name in names]
+    ours = [about.factor * _finite(line_values(result, quantity, k)) for k in range(len(names))]
+    theirs = [about.factor * _sample(observed, name, quantity) for name in names]
     rows = [_rows(*of, quantity, observed) for of in zip(names, ours, theirs, strict=True)]
-    edges = _classes([*ours, *theirs])
+    edges = _bins([*ours, *theirs])
     width = edges[1] - edges[0]
     abreast = min(ABREAST, len(names))
     deep = -(-len(names) // abreast)
-    most = max(map(len, rows))
-    tall = 1.9 + 0.17 * most
+    deepest = max(map(len, rows))
+    tall = 1.9 + 0.17 * deepest
     figure = new_figure(WIDE if abreast > 1 else NARROW, 0.3 + (tall + 0.5) * deep)
     blocks = figure.add_gridspec(deep, abreast)
     first = None
     for k, name in enumerate(names):
         block = blocks[k // abreast, k % abreast].subgridspec(
-            2, 1, height_ratios=[1.9, 0.17 * most + 0.1], hspace=0
+            2, 1, height_ratios=[1.9, 0.17 * deepest + 0.1], hspace=0
         )
         upper = first = figure.add_subplot(block[0], sharex=first, sharey=first)
         lower = figure.add_subplot(block[1], sharex=upper)
-        _draw_shares(upper, ours[k], theirs[k], edges)
-        _draw_rows(lower, rows[k], most)
+        _draw_bins(upper, ours[k], theirs[k], edges)
+        _draw_rows(lower, rows[k], deepest)
         upper.set_title(fill(f"{plain(name)}: {_passing(result, k)}", 54))
-        upper.set_ylabel(f"boulders [% in {width:g} {about.unit}".removesuffix(" -") + "]")
-        lower.set_xlabel(f"{about.label} [{about.unit}]")
+        upper.set_ylabel(f"boulders [%] per {width:g} {about.unit}")
+        lower.set_xlabel(about.title)
     first.set(xlim=(min(0.0, edges[0]), edges[-1]), ylim=(0, None))
     return figure
 
 
 @styled
 def passing_figure(result: xr.Dataset, observed: Any = None) -> Figure:
-    """The share of the boulders that come at least as far as a distance, with its 95 % band, and
+    """The fraction of the boulders that come at least as far as a distance, with its 95 % band, and
     observed ones (see `rockfall.plots.figures`)."""
     figure = new_figure(WIDE, 2.9)
     axes = figure.add_subplot()
@@ -108,16 +97,16 @@ def passing_figure(result: xr.Dataset, observed: Any = None) -> Figure:
     furthest = stop_distances(result).max()
     if observed is not None and observed.distances is not None:
         distance = np.sort(observed.distances)
-        share = 100 * np.arange(distance.size, 0, -1) / distance.size
+        fraction = 100 * np.arange(distance.size, 0, -1) / distance.size
         label = f"observed ({count(distance.size, 'boulder')})"
         about = {"color": INK, "lw": 1, "linestyle": (0, (4, 2)), "label": label}
-        axes.step(np.append(0, distance), np.append(100, share), where="pre", **about)
+        axes.step(np.append(0, distance), np.append(100, fraction), where="pre", **about)
         furthest = max(furthest, distance[-1])
     if observed is not None and observed.passing is not None:
         table = observed.passing
         axes.plot(
             table["distance"], 100 * table["fraction"],
-            **OBSERVED | {"marker": "s", "linestyle": "", "label": "observed shares"},
+            **OBSERVED | {"marker": "s", "linestyle": "", "label": "observed fractions"},
         )  # fmt: skip
         furthest = max(furthest, table["distance"].max())
     axes.set_xlim(0, 1.03 * furthest or 1)
@@ -131,15 +120,15 @@ def draw_passing(axes: Axes, result: xr.Dataset) -> None:
     """The curve of `passing_figure`. How far boulders would have come that left the terrain is not
     known: from the nearest place where one left, the curve lies between two dotted ones."""
     gone, distance = left_terrain(result), stop_distances(result)
-    shown, share, low, high = passing(result, distance)
-    _, most, _, high = passing(result, np.where(gone, np.inf, distance))
+    shown, fraction, low, high = passing(result, distance)
+    _, upper, _, high = passing(result, np.where(gone, np.inf, distance))
     known = shown <= distance.min(where=gone, initial=np.inf)
     axes.fill_between(shown, 100 * low, 100 * high, color=BLUE, alpha=0.3, lw=0)
     label = f"this run ({count(distance.size, 'boulder')}), 95 % band"
-    axes.plot(shown[known], 100 * share[known], color=BLUE, lw=1, label=label)
+    axes.plot(shown[known], 100 * fraction[known], color=BLUE, lw=1, label=label)
     if gone.any():
         label = f"{count(gone.sum(), 'boulder')} left the terrain: ended there, or went on"
-        for bound, words in ((share, label), (most, None)):
+        for bound, words in ((fraction, label), (upper, None)):
             about = {"color": BLUE, "lw": 1, "linestyle": ":", "label": words}
             axes.plot(shown[~known], 100 * bound[~known], **about)
     axes.set_ylim(0, 105)
@@ -148,12 +137,12 @@ def draw_passing(axes: Axes, result: xr.Dataset) -> None:
 def passing(
     result: xr.Dataset, distance: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Distances [m], the share of boulders that come at least so far, and its 95 % limits, when
+    """Distances [m], the fraction of boulders that come at least so far, and its 95 % limits, when
     each boulder comes as far as `distance`."""
     source = sources(result)
     shown = np.linspace(0, stop_distances(result).max() or 1.0, STATIONS)
-    share = [fraction_interval(distance >= one, source) for one in shown]
-    return shown, *np.transpose(share)
+    fraction = [fraction_interval(distance >= one, source) for one in shown]
+    return shown, *np.transpose(fraction)
 
 
 def mark_lines(panels: Iterable[Axes], result: xr.Dataset, labels: Axes) -> None:
@@ -166,7 +155,7 @@ def mark_lines(panels: Iterable[Axes], result: xr.Dataset, labels: Axes) -> None
             continue
         where = np.median(distance)
         for axes in panels:
-            axes.axvline(where, **CUT)
+            axes.axvline(where, **LINE)
         high = 0.02 + 0.08 * (k % 4)  # lines may be near each other
         about = {"transform": labels.get_xaxis_transform(), "clip_on": True}
         labels.text(where, high, f" {plain(name)}", **about)
@@ -191,7 +180,7 @@ def _rows(
         found.append(Row("this run", ours.mean(), _deviation(ours), OURS))
     if observed is not None:
         table = observed.summaries
-        scale = QUANTITIES[quantity].scale
+        scale = QUANTITIES[quantity].factor
         here = (table["line"] == line) & (table["quantity"] == quantity) & table["mean"].notna()
         for one in table[here].itertuples():
             name = one.method if one.method == "observed" else f"printed, {one.method}"
@@ -207,43 +196,41 @@ def _deviation(values: np.ndarray) -> float:
     return values.std(ddof=1) if values.size > 1 else np.nan
 
 
-def _classes(samples: list[np.ndarray]) -> np.ndarray:
-    """Edges of classes of a round width, up to a value that one in 500 of any sample exceeds; as
-    many as the largest sample bears."""
-    most = max((float(np.quantile(v, BEYOND)) for v in samples if v.size), default=1.0)
-    least = min([0.0, *(float(v.min()) for v in samples if v.size)])
+def _bins(samples: list[np.ndarray]) -> np.ndarray:
+    """Edges of bins of a round width, up to a value that one in 500 of any sample exceeds; as many
+    as the largest sample supports."""
+    high = max((float(np.quantile(v, BEYOND)) for v in samples if v.size), default=1.0)
+    low = min([0.0, *(float(v.min()) for v in samples if v.size)])
     largest = max(v.size for v in samples)
-    width = max(most, 1e-3) / np.clip(np.sqrt(largest), 8, CLASSES)
-    width = round_step(max(width, most / MOST_CLASSES - least / MOST_CLASSES))
-    first = np.floor(least / width)
-    return width * np.arange(first, max(np.ceil(most / width), first + 1) + 1)
+    width = max(high, 1e-3) / np.clip(np.sqrt(largest), 8, MAX_BINS)
+    width = round_step(max(width, high / MAX_BINS_BELOW - low / MAX_BINS_BELOW))
+    first = np.floor(low / width)
+    return width * np.arange(first, max(np.ceil(high / width), first + 1) + 1)
 
 
-def _draw_shares(axes: Axes, ours: np.ndarray, theirs: np.ndarray, edges: np.ndarray) -> None:
+def _draw_bins(axes: Axes, ours: np.ndarray, theirs: np.ndarray, edges: np.ndarray) -> None:
     """Histograms in per cent of those that pass: ours filled, an observed sample dashed."""
     if ours.size:
-        share = 100 * np.histogram(ours, edges)[0] / ours.size
-        axes.stairs(share, edges, fill=True, color=BLUE, alpha=0.25)
-        axes.stairs(share, edges, color=BLUE, lw=1)
+        draw_bars(axes, np.histogram(ours, edges)[0] / ours.size, edges)
     if theirs.size:
-        share = 100 * np.histogram(theirs, edges)[0] / theirs.size
-        axes.stairs(share, edges, color=INK, lw=1, linestyle=(0, (3, 1.5)))
+        fraction = 100 * np.histogram(theirs, edges)[0] / theirs.size
+        axes.stairs(fraction, edges, color=INK, lw=1, linestyle=(0, (3, 1.5)))
     axes.tick_params(axis="x", labelbottom=False)
 
 
-def _draw_rows(axes: Axes, rows: list[Row], most: int) -> None:
+def _draw_rows(axes: Axes, rows: list[Row], deepest: int) -> None:
     """Means with one standard deviation to each side."""
     for k, row in enumerate(rows):
         spread = row.std if np.isfinite(row.std) else 0.0
         axes.errorbar(row.mean, k, xerr=spread, lw=1, **row.about)
-    axes.set_ylim(max(most, 1) - 0.5, -0.5)
+    axes.set_ylim(max(deepest, 1) - 0.5, -0.5)
     axes.set_yticks(range(len(rows)), [row.source for row in rows])
     axes.tick_params(axis="y", length=0)
     axes.spines["left"].set_visible(False)
 
 
 def _passing(result: xr.Dataset, line: int) -> str:
-    """How many boulders pass a line, and which share that is, with its 95 % interval."""
+    """How many boulders pass a line, and their fraction with its 95 % confidence interval."""
     crossed = np.isfinite(result["line_speed"].values[line])
-    share, low, high = (100 * s for s in fraction_interval(crossed, sources(result)))
-    return f"{crossed.sum():,} pass, {share:.1f} % [{low:.1f}, {high:.1f}]"
+    fraction, low, high = (100 * f for f in fraction_interval(crossed, sources(result)))
+    return f"{crossed.sum():,} pass, {fraction:.1f} % [{low:.1f}, {high:.1f}]"

@@ -3,18 +3,19 @@
 
 from __future__ import annotations
 
+from itertools import cycle
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rockfall.analysis.extent import PASSED, of_none, reached
 from rockfall.io.arrays import grid_of
 from rockfall.io.grid import Grid
+from rockfall.plots.extent import PASSED, of_none, reached
 from rockfall.plots.style import (
     BLUE,
-    CUT,
     INK,
+    LINE,
     NARROW,
     OBSERVED,
     VERMILION,
@@ -24,7 +25,8 @@ from rockfall.plots.style import (
     round_step,
     styled,
 )
-from rockfall.result.trajectories import ends, flights, lines
+from rockfall.quantities import SHOWN, with_unit
+from rockfall.result.trajectories import ends, lines, trajectories
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -32,15 +34,16 @@ if TYPE_CHECKING:
     from matplotlib.colors import Normalize
     from matplotlib.figure import Figure
 
-    from rockfall.analysis.extent import Extent
+    from rockfall.plots.extent import Extent
     from rockfall.result.trajectories import Terrain
 
 DOTS = 1500  # along the longer side of a map; its picture has fewer
-MOST_WAYS = 200  # trajectories drawn
+MAX_TRAJECTORIES = 200  # drawn
+FEW_SOURCES = 20  # fewer are drawn large
 LIMIT = 0.01  # pass frequency of the outline (paper, Fig. 10)
 TALLEST = 7.2  # of a map [inch]
-ENDS = (VERMILION, BLUE, INK, INK, INK)  # of each status, with markers . x ^ s v
-UNITS = {"J": ("kJ", 1e-3), "m s-1": ("m/s", 1.0), "1": ("", 1.0)}
+MARKERS = (".", VERMILION), ("x", BLUE), ("^", INK), ("s", INK), ("+", INK)  # of each status
+PALEST = 0.15  # of the colours: darker than the relief, in grey print too
 
 
 @styled
@@ -53,9 +56,9 @@ def map_figure(
     """A map variable of the result in colours, nothing where no boulder passed; observed stops
     (n, 2).
 
-    Passages and shares are percentages of all boulders, on one scale for every result, with an
-    outline at 1 %. Of a map with more cells than the picture has dots, each dot shows the greatest
-    of its cells.
+    Passages and fractions are percentages of all boulders, on one scale for every result, with an
+    outline at 1 %. Of a map with more cells than the picture has dots, each dot shows the max of
+    its cells.
     """
     figure, axes, extent = _new_map(result, terrain, observed, bar=True)
     draw_map(axes, result, name, extent)
@@ -67,10 +70,10 @@ def map_figure(
 
 
 @styled
-def ways_figure(result: xr.Dataset, terrain: Terrain | None = None) -> Figure:
+def trajectories_figure(result: xr.Dataset, terrain: Terrain | None = None) -> Figure:
     """Recorded trajectories in plan."""
     figure, axes, extent = _new_map(result, terrain)
-    draw_ways(axes, result, VERMILION)
+    draw_trajectories(axes, result, VERMILION)
     draw_marks(axes, result, extent)
     return figure
 
@@ -79,7 +82,7 @@ def ways_figure(result: xr.Dataset, terrain: Terrain | None = None) -> Figure:
 def stops_figure(
     result: xr.Dataset, terrain: Terrain | None = None, observed: np.ndarray | None = None
 ) -> Figure:
-    """Where boulders ended, each way of ending with a marker of its own; observed stops (n, 2)."""
+    """Where boulders ended, each status with a marker of its own; observed stops (n, 2)."""
     figure, axes, extent = _new_map(result, terrain, observed)
     draw_stops(axes, result)
     _draw_observed(axes, observed)
@@ -90,8 +93,8 @@ def stops_figure(
     return figure
 
 
-def is_share(name: str) -> bool:
-    """Whether a map is drawn as a share of all boulders."""
+def is_fraction(name: str) -> bool:
+    """Whether a map is drawn as a fraction of all boulders."""
     return name == "passages" or name.startswith("reach_probability")
 
 
@@ -106,9 +109,36 @@ def map_note(result: xr.Dataset, name: str) -> str:
     return "; ".join(notes)
 
 
+def shown_as(variable: xr.DataArray) -> tuple[str, float]:
+    """The unit in which a map is shown, and the factor from that of the result."""
+    units = variable.attrs["units"]
+    if variable.dtype.kind in "iu" and units == "1":
+        return "boulders", 1.0
+    return SHOWN.get(units, (units, 1.0))
+
+
+def colours(number: int) -> np.ndarray:
+    """The colours of all maps (number, RGBA), dark where values are high."""
+    from matplotlib import colormaps
+
+    return colormaps["viridis_r"](np.linspace(PALEST, 1, number))
+
+
+def norm_of(values: np.ndarray) -> Normalize:
+    """From values to 0..1, by their logarithm where most are far from the max."""
+    from matplotlib.colors import LogNorm, Normalize
+
+    some = values[np.isfinite(values)]
+    if not some.size:
+        return Normalize(0, 1)
+    if some.max() > 20 * np.quantile(some, 0.25):
+        return LogNorm(some.min(), some.max())
+    return Normalize(0, some.max())
+
+
 def draw_relief(axes: Axes, terrain: Terrain, extent: Extent) -> None:
     """Shaded relief with contours."""
-    z, grid = _cropped(*terrain, False, extent, np.add)
+    z, grid = cropped(*terrain, False, extent, np.add)
     _image(axes, shade(z, grid.cell), grid, cmap="gray", vmin=0, vmax=1)
     low, high = np.nanmin(z), np.nanmax(z)
     interval = round_step((high - low) / 12)
@@ -123,40 +153,40 @@ def draw_relief(axes: Axes, terrain: Terrain, extent: Extent) -> None:
 
 def draw_map(axes: Axes, result: xr.Dataset, name: str, extent: Extent) -> None:
     """A map variable in colours, with the scale below."""
-    values, grid = _cropped(result[name].values, *grid_of(result[name]), extent, np.fmax)
+    values, grid = cropped(result[name].values, *grid_of(result[name]), extent, np.fmax)
     values = np.where(values > of_none(result, name), values, np.nan).astype(float)
     about = result[name].attrs
     if name in PASSED:
-        share = values / result.sizes["boulder"] if name == "passages" else values
-        _draw_share(axes, share, grid, "boulders that pass [%]")
-    elif is_share(name):
-        _draw_share(axes, values, grid, _label(about["long_name"], "%"))
+        fraction = values / result.sizes["boulder"] if name == "passages" else values
+        _draw_fraction(axes, fraction, grid, "boulders that pass [%]")
+    elif is_fraction(name):
+        _draw_fraction(axes, values, grid, fill(f"{about['long_name']} [%]", 46))
     else:
-        unit, scale = UNITS.get(about["units"], (about["units"], 1.0))
+        unit, factor = shown_as(result[name])
         fewest = about.get("least_passages", 0)
         blank = f"; blank: fewer than {fewest} passed" if fewest else ""
-        label = _label(about["long_name"], unit, blank)
-        _draw_values(axes, scale * values, grid, _norm(scale * values), label)
+        label = fill(with_unit(about["long_name"], unit) + blank, 46)
+        _draw_values(axes, factor * values, grid, norm_of(factor * values), label)
 
 
-def draw_ways(axes: Axes, result: xr.Dataset, colour: str) -> None:
+def draw_trajectories(axes: Axes, result: xr.Dataset, colour: str) -> None:
     """Recorded trajectories in plan, the first of very many."""
     from matplotlib.collections import LineCollection
 
-    ways = [np.column_stack([way.x, way.y]) for way in flights(result, MOST_WAYS)]
+    curves = [np.column_stack([one.x, one.y]) for one in trajectories(result, MAX_TRAJECTORIES)]
     about = {"colors": colour, "linewidths": 0.5, "alpha": 0.7, "rasterized": True}
-    axes.add_collection(LineCollection(ways, **about), autolim=False)
+    axes.add_collection(LineCollection(curves, **about), autolim=False)
 
 
 def draw_stops(axes: Axes, result: xr.Dataset) -> None:
-    """Where boulders ended, each way of ending with a marker of its own."""
+    """Where boulders ended, each status with a marker of its own."""
     size = float(np.clip(90 / np.sqrt(result.sizes["boulder"]), 2, 6))
-    for (word, here), marker, colour in zip(ends(result).items(), ".x^sv", ENDS, strict=True):
+    for (name, here), (marker, colour) in zip(ends(result).items(), cycle(MARKERS)):
         if here.any():
             x, y = result["stop_x"].values[here], result["stop_y"].values[here]
             about = {"markersize": size * (1 if marker == "." else 1.2), "alpha": 0.7}
-            edge = {"markeredgewidth": 0.6 if marker == "x" else 0, "rasterized": True}
-            label = f"{word.replace('_', ' ')} ({here.sum():,})"
+            edge = {"markeredgewidth": 0.6 if marker in "x+" else 0, "rasterized": True}
+            label = f"{name.replace('_', ' ')} ({here.sum():,})"
             axes.plot(x, y, marker, color=colour, label=label, **about, **edge)
 
 
@@ -184,7 +214,7 @@ def _new_map(
     return figure, axes, extent
 
 
-def _cropped(
+def cropped(
     values: np.ndarray, grid: Grid, flipped: bool, extent: Extent, merge: np.ufunc
 ) -> tuple[np.ndarray, Grid]:
     """The part of a raster within an extent, no finer than the picture: where several cells make
@@ -219,14 +249,14 @@ def _image(axes: Axes, values: np.ndarray, grid: Grid, **about: Any) -> None:
     axes.imshow(values, extent=extent, interpolation="nearest", **about)
 
 
-def _draw_share(axes: Axes, share: np.ndarray, grid: Grid, label: str) -> None:
-    """Shares of the boulders, 0.1 to 100 % on one scale for all results, and the 1 % limit."""
+def _draw_fraction(axes: Axes, fraction: np.ndarray, grid: Grid, label: str) -> None:
+    """Fractions of the boulders, 0.1 to 100 % on one scale for all results, and the 1 % limit."""
     from matplotlib.colors import LogNorm
 
     norm = LogNorm(0.1, 100, clip=True)
-    bar = _draw_values(axes, 100 * share, grid, norm, f"{label}; outline: 1 %")
+    bar = _draw_values(axes, 100 * fraction, grid, norm, f"{label}; outline: 1 %")
     bar.set_ticks([0.1, 1, 10, 100], labels=["0.1", "1", "10", "100"])
-    _draw_outline(axes, np.nan_to_num(share) >= LIMIT, grid)
+    _draw_outline(axes, np.nan_to_num(fraction) >= LIMIT, grid)
 
 
 def _draw_outline(axes: Axes, inside: np.ndarray, grid: Grid) -> None:
@@ -247,14 +277,11 @@ def _draw_outline(axes: Axes, inside: np.ndarray, grid: Grid) -> None:
 
 
 def _draw_values(axes: Axes, values: np.ndarray, grid: Grid, norm: Normalize, label: str) -> Any:
-    """Values in colours that let the relief through, dark where they are great; their scale."""
-    from matplotlib import colormaps
+    """Values in colours that let the relief through; their scale."""
     from matplotlib.colors import ListedColormap, LogNorm
     from matplotlib.ticker import MaxNLocator
 
-    palest = 0.15  # darker than the relief, in grey print too
-    colours = ListedColormap(colormaps["viridis_r"](np.linspace(palest, 1, 256)))
-    _image(axes, values, grid, norm=norm, cmap=colours, alpha=0.85)
+    _image(axes, values, grid, norm=norm, cmap=ListedColormap(colours(256)), alpha=0.85)
     bar = axes.figure.colorbar(
         axes.images[-1], ax=axes, location="bottom", pad=0.01, shrink=0.95,
         aspect=45 if axes.figure.get_figwidth() == WIDE else 22,
@@ -266,22 +293,6 @@ def _draw_values(axes: Axes, values: np.ndarray, grid: Grid, norm: Normalize, la
     bar.set_label(label)
     bar.outline.set_linewidth(0.4)
     return bar
-
-
-def _norm(values: np.ndarray) -> Normalize:
-    """From the least to the greatest; logarithmic where most values are far from the greatest."""
-    from matplotlib.colors import LogNorm, Normalize
-
-    some = values[np.isfinite(values)]
-    if not some.size:
-        return Normalize(0, 1)
-    if some.max() > 20 * np.quantile(some, 0.25):
-        return LogNorm(some.min(), some.max())
-    return Normalize(0, some.max())
-
-
-def _label(name: str, unit: str, note: str = "") -> str:
-    return fill((f"{name} [{unit}]" if unit else name) + note, 46)
 
 
 def _draw_observed(axes: Axes, stops: np.ndarray | None) -> None:
@@ -296,11 +307,13 @@ def draw_marks(axes: Axes, result: xr.Dataset, extent: Extent) -> None:
     from matplotlib.ticker import MaxNLocator
 
     start = np.unique(np.stack([result["start_x"].values, result["start_y"].values]), axis=1)
-    size = 6 if start.shape[1] < 20 else 2.5
-    axes.plot(*start, "^", ms=size, mfc="white", mec=INK, mew=0.13 * size, rasterized=size < 6)
+    if start.shape[1] < FEW_SOURCES:
+        axes.plot(*start, "^", ms=6, mfc="white", mec=INK, mew=0.8)
+    else:  # markers would hide each other and the map
+        axes.plot(*start, ".", ms=1.2, mew=0, color=INK, alpha=0.6, rasterized=True)
     halo = [withStroke(linewidth=2, foreground="white")]
     for name, x, y in lines(result):
-        axes.plot(x, y, **CUT)
+        axes.plot(x, y, **LINE)
         at = first_inside(x, y, extent)
         if at is not None:
             about = {"path_effects": halo, "clip_on": True}
@@ -314,8 +327,8 @@ def draw_marks(axes: Axes, result: xr.Dataset, extent: Extent) -> None:
 
 def first_inside(x: np.ndarray, y: np.ndarray, extent: Extent) -> tuple[float, float] | None:
     """Where a polyline that is followed from its start lies within an extent."""
-    way = np.linspace(0, x.size - 1, 200 * (x.size - 1) + 1)
-    x, y = (np.interp(way, np.arange(c.size), c) for c in (x, y))
+    along = np.linspace(0, x.size - 1, 200 * (x.size - 1) + 1)
+    x, y = (np.interp(along, np.arange(c.size), c) for c in (x, y))
     inside = (x >= extent[0]) & (x <= extent[1]) & (y >= extent[2]) & (y <= extent[3])
     k = int(np.argmax(inside))
     return (float(x[k]), float(y[k])) if inside[k] else None

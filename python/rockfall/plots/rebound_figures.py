@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Figures over all rebounds: shares of the incident energy, incidence angles, R_t and R_n."""
+"""Figures over all rebounds: fractions of the incident energy, incidence angles, R_t and R_n."""
 
 from __future__ import annotations
 
@@ -7,23 +7,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rockfall.plots.style import BLUE, INK, NARROW, WIDE, new_figure, styled
+from rockfall.plots.style import INK, NARROW, WIDE, draw_bars, new_figure, styled
+from rockfall.quantities import REBOUND
 
 if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure
 
-LABELS = {
-    "tangential_share": "tangential share of energy",
-    "normal_share": "normal share of energy",
-    "rotational_share": "rotational share of energy",
-    "incidence_angle": "incidence angle from the surface [degrees]",
-    "restitution_tangential": "R_t = V_t,out / V_t,in",
-    "restitution_normal": "R_n = -V_n,out / V_n,in",
-}
 ENERGY = ("tangential_share", "normal_share", "rotational_share")
 RESTITUTION = ("restitution_tangential", "restitution_normal")
-# What Bourrier et al. (2009, section 5.2) print of their rebounds.
+# Values of Bourrier et al. (2009, section 5.2).
 PAPER = {
     "restitution_tangential": [(0.7, "0.7 at small angles")],
     "restitution_normal": [(0.4, "0.4 at vertical impact"), (1.0, "above 1 at small angles")],
@@ -32,15 +25,15 @@ PAPER = {
 
 @styled
 def histogram_figure(result: xr.Dataset, *names: str) -> Figure:
-    """Histograms of the run side by side, each in per cent of its rebounds, with what the paper
-    prints in grey."""
+    """Histograms of the run side by side, each in per cent of its rebounds, with the values of the
+    paper."""
     figure = new_figure(NARROW if len(names) == 1 else WIDE, 2.3)
     panels = figure.subplots(1, len(names), squeeze=False)[0]
     for axes, name in zip(panels, names, strict=True):
-        share, edges = histogram(result, name)
-        axes.stairs(100 * share, edges, fill=True, color=BLUE, alpha=0.25)
-        axes.stairs(100 * share, edges, color=BLUE, lw=1)
-        axes.set(xlim=(edges[0], edges[-1]), ylim=(0, None), xlabel=LABELS[name])
+        frequency, edges = histogram(result, name)
+        about = REBOUND[name]
+        draw_bars(axes, frequency, about.factor * edges)
+        axes.set(xlim=about.factor * edges[[0, -1]], ylim=(0, None), xlabel=about.title)
         printed = PAPER.get(name, ())
         if printed:
             axes.set_ylim(0, 1.3 * axes.get_ylim()[1])  # room for words
@@ -56,7 +49,7 @@ def histogram_figure(result: xr.Dataset, *names: str) -> Figure:
 
 
 def histogram(result: xr.Dataset, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Share of the rebounds in each class of a histogram, and the edges of the classes."""
+    """Fraction of the rebounds in each bin of a histogram, and the edges of the bins."""
     counts = result[f"{name}_histogram"].values
     bounds = result[f"{name}_bin_bounds"].values
     return counts / max(1, counts.sum()), np.append(bounds[:, 0], bounds[-1, 1])

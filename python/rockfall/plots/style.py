@@ -11,16 +11,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rockfall.errors import RockfallError
-from rockfall.io.files import whole_file
+from rockfall.io.files import atomic_write
 from rockfall.io.output_files import SIGNATURE
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 BLUE, VERMILION, GREEN = "#0072B2", "#D55E00", "#009E73"  # Okabe and Ito (2008)
 INK, GREY = "#222222", "#8A8A8A"
-FLIGHT = {"color": BLUE, "linewidth": 0.5, "alpha": 0.6}  # one of many trajectories
-CUT = {"color": INK, "linewidth": 0.9, "linestyle": (0, (5, 2))}  # an evaluation line
+TRAJECTORY = {"color": BLUE, "linewidth": 0.5, "alpha": 0.6}  # one of many trajectories
+LINE = {"color": INK, "linewidth": 0.9, "linestyle": (0, (5, 2))}  # an evaluation line
 OBSERVED = {"color": INK, "marker": "D", "markersize": 3.5, "markerfacecolor": "white"}
 NARROW, WIDE = 90 / 25.4, 180 / 25.4  # a column and a page [inch]
 FORMATS = ("png", "pdf", "svg")
@@ -59,6 +60,12 @@ def new_figure(width: float, height: float) -> Figure:
     return Figure(figsize=(width, height), layout="constrained")
 
 
+def draw_bars(axes: Axes, fraction: np.ndarray, edges: np.ndarray) -> None:
+    """A histogram in per cent."""
+    axes.stairs(100 * fraction, edges, fill=True, color=BLUE, alpha=0.25)
+    axes.stairs(100 * fraction, edges, color=BLUE, lw=1)
+
+
 def save(figure: Figure, path: str | Path, dpi: int | None = None) -> None:
     """Write a figure, whole or not at all; its bytes do not tell when."""
     import matplotlib
@@ -69,7 +76,7 @@ def save(figure: Figure, path: str | Path, dpi: int | None = None) -> None:
         ".pdf": {"Creator": SIGNATURE, "CreationDate": None},
         ".svg": {"Creator": SIGNATURE, "Date": None},
     }
-    with matplotlib.rc_context(STYLE), whole_file(path) as part:
+    with matplotlib.rc_context(STYLE), atomic_write(path) as part:
         try:
             figure.savefig(part, dpi=dpi, metadata=about.get(part.suffix))
         except ValueError as error:  # an ending that is no picture's
@@ -79,6 +86,11 @@ def save(figure: Figure, path: str | Path, dpi: int | None = None) -> None:
 def plain(text: str) -> str:
     """A user's text as it is: no dollar in it starts mathematics."""
     return text.replace("$", r"\$")
+
+
+def capital(text: str) -> str:
+    """With a capital first letter, the others as they are."""
+    return text[:1].upper() + text[1:]
 
 
 def round_step(rough: float) -> float:

@@ -18,11 +18,12 @@ import numpy as np
 from rockfall.case_files import files_behind
 from rockfall.errors import RockfallError, need
 from rockfall.io.arrays import grid_of
-from rockfall.io.files import whole_file
-from rockfall.io.output_files import SIGNATURE, whole_folder
+from rockfall.io.files import atomic_write
+from rockfall.io.output_files import SIGNATURE, atomic_folder
 from rockfall.io.raster import write_geotiff
 from rockfall.io.tables import spreadsheet_text
 from rockfall.result.dataset import open_result
+from rockfall.result.trajectories import flags_of
 from rockfall.result.validate import check_dimensions
 
 if TYPE_CHECKING:
@@ -50,7 +51,7 @@ def export(result: xr.Dataset | str | Path, folder: str | Path) -> list[Path]:
             check_dimensions(data, result)
         data = data.set_coords({"crs"} & set(data.data_vars))
         inputs = chain([result] if is_file else [], files_behind(data))
-        with whole_folder(folder, inputs) as part:
+        with atomic_folder(folder, inputs) as part:
             try:
                 return [folder / path.name for path in _export(data, _layers(data), part)]
             except RuntimeError as error:  # of netCDF4: values are read as they are written
@@ -115,13 +116,9 @@ def _words(data: xr.DataArray) -> xr.DataArray:
         return data
     import xarray as xr
 
-    stored, _ = _stored(data)
-    values, words = np.atleast_1d(data.attrs["flag_values"]), data.attrs["flag_meanings"].split()
-    order = np.argsort(values)
-    place = np.searchsorted(values[order], stored).clip(max=len(values) - 1)
-    known = values[order][place] == stored
-    text = np.where(known, np.array(words)[order][place], "unknown")
-    return xr.DataArray(text, dims=data.dims)
+    stored, flags = _stored(data)[0], flags_of(data)
+    known = [stored == flag for flag in flags.values()]
+    return xr.DataArray(np.select(known, list(flags), "unknown"), dims=data.dims)
 
 
 def _boulders(data: xr.Dataset) -> Iterator[xr.Dataset]:
@@ -177,7 +174,7 @@ def _file_names(data: xr.Dataset) -> list[str]:
 
 def _write_table(path: Path, tables: Iterable[dict[str, xr.DataArray]]) -> Path:
     """Write tables of the same columns below each other; missing values stay empty."""
-    with whole_file(path) as part, open(part, "w", encoding="utf-8", newline="") as file:
+    with atomic_write(path) as part, open(part, "w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         for k, columns in enumerate(tables):
             if k == 0:
@@ -271,7 +268,7 @@ def _write_geopackage(path: Path, layers: _Layers, crs: str | None) -> Path:
     import pyogrio
     import shapely
 
-    with whole_file(path) as part, warnings.catch_warnings():
+    with atomic_write(path) as part, warnings.catch_warnings():
         warnings.filterwarnings("ignore", "'crs' was not provided")
         try:
             for layer, (kind, parts) in layers.items():

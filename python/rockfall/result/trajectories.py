@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Where boulders went, as curves: recorded trajectories, evaluation lines, distances."""
+"""Where boulders went: recorded trajectories as curves, evaluation lines, distances, ends."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 POINTS = 25  # of a drawn parabola
 
 
-class Flight(NamedTuple):
-    """One trajectory as a smooth curve: place, plan distance from the start [m], speed [m/s]."""
+class Trajectory(NamedTuple):
+    """A smooth curve: place, plan distance from the start [m], speed [m/s]."""
 
     x: np.ndarray
     y: np.ndarray
@@ -27,24 +27,29 @@ class Flight(NamedTuple):
     speed: np.ndarray
 
 
-def flights(result: xr.Dataset, most: int | None = None) -> list[Flight]:
-    """The first `most` recorded trajectories with the parabolas between their contacts.
+def vertices_of(result: xr.Dataset, *names: str) -> list[np.ndarray]:
+    """The variables trajectory_`names` (names, vertices) of each recorded trajectory."""
+    if "trajectory_boulder" not in result:
+        return []
+    cuts = np.flatnonzero(np.diff(result["trajectory_boulder"].values)) + 1
+    columns = np.stack([result[f"trajectory_{name}"].values for name in names])
+    return np.split(columns, cuts, axis=1)
+
+
+def trajectories(result: xr.Dataset, first: int | None = None) -> list[Trajectory]:
+    """The `first` recorded trajectories, or all, with the parabolas between their contacts.
 
     The velocity after a contact, the time and the next contact fix a parabola; gravity follows.
     """
-    if "trajectory_boulder" not in result:
-        return []
     names = ("x", "y", "z", "time", "velocity_x", "velocity_y", "velocity_z")
-    cuts = np.flatnonzero(np.diff(result["trajectory_boulder"].values)) + 1
-    columns = np.stack([result[f"trajectory_{name}"].values for name in names])
-    return [_flight(*vertices) for vertices in np.split(columns, cuts, axis=1)[:most]]
+    return [_curve(*vertices) for vertices in vertices_of(result, *names)[:first]]
 
 
-def _flight(x, y, z, time, velocity_x, velocity_y, velocity_z) -> Flight:
+def _curve(x, y, z, time, velocity_x, velocity_y, velocity_z) -> Trajectory:
     """The curve through the vertices of one trajectory; a boulder that never moved is a point."""
     if x.size == 1:
         zero = np.zeros(1)
-        return Flight(x, y, z, zero, np.hypot(np.hypot(velocity_x, velocity_y), velocity_z))
+        return Trajectory(x, y, z, zero, np.hypot(np.hypot(velocity_x, velocity_y), velocity_z))
     part = np.linspace(0, 1, POINTS)
     duration = np.diff(time)[:, None]
     rise = velocity_z[:-1, None] * duration  # without gravity
@@ -56,7 +61,7 @@ def _flight(x, y, z, time, velocity_x, velocity_y, velocity_z) -> Flight:
     vertical = velocity_z[:-1, None] + slowed * part
     speed = np.hypot(np.hypot(velocity_x, velocity_y)[:-1, None], vertical)
     distance = np.hypot(x - x[0, 0], y - y[0, 0])
-    return Flight(*(curve.ravel() for curve in (x, y, z, distance, speed)))
+    return Trajectory(*(curve.ravel() for curve in (x, y, z, distance, speed)))
 
 
 def height(terrain: Terrain, x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -93,11 +98,9 @@ def stop_distances(result: xr.Dataset) -> np.ndarray:
 
 
 def ends(result: xr.Dataset) -> dict[str, np.ndarray]:
-    """The ways in which boulders may end, in words, and which boulders ended so."""
+    """Each status by name, and which boulders ended so."""
     status = result["status"]
-    words = status.attrs["flag_meanings"].split()
-    flags = zip(words, status.attrs["flag_values"], strict=True)
-    return {word: status.values == flag for word, flag in flags}
+    return {name: status.values == flag for name, flag in flags_of(status).items()}
 
 
 def left_terrain(result: xr.Dataset) -> np.ndarray:
@@ -105,3 +108,9 @@ def left_terrain(result: xr.Dataset) -> np.ndarray:
     they would have come is not known."""
     ended = ends(result)
     return ended["left_domain"] | ended["hit_nodata"]
+
+
+def flags_of(variable: xr.DataArray) -> dict[str, int]:
+    """The numbers of a CF flag variable by name."""
+    values = np.atleast_1d(variable.attrs["flag_values"]).tolist()
+    return dict(zip(variable.attrs["flag_meanings"].split(), values, strict=True))

@@ -13,6 +13,9 @@ from rockfall._core import rockfall_f2py as _core
 from rockfall.errors import RockfallError
 from rockfall.io.files import check_text_file
 
+INERTIA_FACTOR = _core.constant("inertia_factor")  # I/(m R_b^2) of a sphere
+MAX_DRAWS = int(_core.constant("max_draws"))  # of a rebound, before it is limited
+MIN_NORMAL = _core.constant("min_normal")  # V_n of a limited rebound / incident speed
 ANY_SPEED = _core.constant("any_speed")  # [m/s] end of the range of a set that tells none
 
 
@@ -64,3 +67,13 @@ def draws_in(path: Path, turning: str) -> list[SetFile]:
     for one in draws[1:]:
         one.read(turning)
     return draws
+
+
+def set_weights(ratio: float, between: bool) -> np.ndarray:
+    """How often each impact set serves a ratio R_b/R_m, (5,)."""
+    return _core.weights_of_sets(ratio, between)
+
+
+def size_weights() -> np.ndarray:
+    """How often method A draws each obstacle size, (3,)."""
+    return _core.weights_of_sizes()

@@ -12,7 +12,7 @@ import numpy as np
 from rockfall.case import Case
 from rockfall.case_files import input_files
 from rockfall.errors import RockfallError
-from rockfall.io.output_files import SCENE, check_outputs, kind_of, whole_folder
+from rockfall.io.output_files import SCENE, atomic_folder, check_outputs, kind_of
 from rockfall.result.dataset import as_dataset, georeference, provenance, put_netcdf
 from rockfall.scene.reach import survey
 from rockfall.scene.read import read_scene
@@ -49,7 +49,7 @@ def prepare(case: Case, folder: str | Path, **arrays: Any) -> list[Path]:
     check_outputs(dict.fromkeys(former), inputs, former)
     scene = read_scene(case, **arrays)
     survey(scene)
-    with whole_folder(folder, inputs, former, last="case.nml") as part:
+    with atomic_folder(folder, inputs, former, last="case.nml") as part:
         put_netcdf(_scene_file(scene), part / "scene.nc", folder / "scene.nc")
         head = f"{MARK} from {case.name}, for rockfall-batch and the scene file beside it."
         text = f"{' '.join(head.splitlines())}\n{scene.case.text()}"

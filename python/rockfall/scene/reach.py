@@ -45,8 +45,8 @@ class Survey:
 
 def survey(scene: Scene) -> Survey:
     """That of a scene."""
-    if scene.tiles:
-        return scene.tiles.survey
+    if scene.windows:
+        return scene.windows.survey
     found = Survey(scene)
     found.take(scene, 0, scene.grid.ny)
     return found

@@ -12,7 +12,8 @@ import numpy as np
 from rockfall.case import FROM_ARRAY, Case
 from rockfall.errors import RockfallError
 from rockfall.impact_sets import set_path
-from rockfall.io.raster import dem_header, from_array, read_dem
+from rockfall.io.arrays import from_array
+from rockfall.io.raster import dem_header, read_dem
 from rockfall.io.raster_file import raster_file
 from rockfall.scene.coefficients import open_sets
 from rockfall.scene.digest import digest
@@ -47,14 +48,15 @@ def read_scene(
         if memory is not None and not rasters:
             grid, dtype = dem_header(path)
             if (cells := int(memory / 2 / cell_bytes(case, dtype))) < grid.nx * grid.ny:
-                return _tiled(Scene(case, grid, np.empty((0, 0), dtype), np.zeros((1, 1))), cells)
+                scene = Scene(case, grid, np.empty((0, 0), dtype), np.zeros((1, 1)))
+                return _windowed(scene, cells)
         z, grid = read_dem(path)
     scene = Scene(case, grid, z, np.zeros((1, 1)))
     file = case.path(case.terrain["dem"])
     scene.checksums["dem"] = file_checksum(file) if dem is None else array_checksum(z)
     read_surface(scene, grid.box, rasters)
     read_sources(scene, [(scene, grid.box)], rasters)
-    _end(scene)
+    _read_sets(scene)
     if rasters:
         raise RockfallError(
             f"{case.name}: rasters that the case does not use: {', '.join(rasters)}"
@@ -64,7 +66,7 @@ def read_scene(
     return scene
 
 
-def _tiled(scene: Scene, cells: int) -> Scene:
+def _windowed(scene: Scene, cells: int) -> Scene:
     """The scene without its rasters, which are read in windows of so many cells; all of them were
     read once, and checked."""
     case = scene.case
@@ -86,16 +88,15 @@ def _tiled(scene: Scene, cells: int) -> Scene:
     if release["steep_cells"] or release["by_area"]:  # the terrain tells
         rows = bands(scene, cells)
     read_sources(scene, rows, {})
-    _end(scene)
-    scene.tiles = Windows(scene, cells)
-    scene.decoded = scene.tiles.decoded
+    _read_sets(scene)
+    scene.windows = Windows(scene, cells)
+    scene.decoded = scene.windows.decoded
     return scene
 
 
-def _end(scene: Scene) -> None:
-    """What is checked, and read, when the sources are known."""
-    case = scene.case
-    scene.sets = open_sets(set_path(case))
+def _read_sets(scene: Scene) -> None:
+    """The impact sets, last of all."""
+    scene.sets = open_sets(set_path(scene.case))
     scene.checksums["sets"] = scene.sets.checksum
 
 

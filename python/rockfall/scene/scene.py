@@ -37,7 +37,7 @@ class Scene:
     checksums: dict[str, str] = field(default_factory=dict)  # of the input files
     decoded: dict[str, str] = field(default_factory=dict)  # of what was read of them: see `digest`
     at: tuple[int, int] = (0, 0)  # row and column of the grid where its rasters begin
-    tiles: Windows | None = None  # terrain that is read in windows: no rasters here
+    windows: Windows | None = None  # terrain that is read in windows: no rasters here
     marks: Lowest = field(default_factory=Lowest)  # the negatives of what source cells hold
     doubts: list[str] = field(default_factory=list)  # what readers found odd, a line each
 
@@ -59,7 +59,7 @@ class Scene:
     @cached_property
     def ground(self) -> Ground:
         """What its terrain is like."""
-        return self.tiles.ground if self.tiles else ground_of(self)
+        return self.windows.ground if self.windows else ground_of(self)
 
     def source_of(self, number: int) -> int:
         """The source of a boulder (1..), counted from 0."""

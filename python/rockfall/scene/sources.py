@@ -11,7 +11,7 @@ import numpy as np
 from rockfall._core import rockfall_f2py as _core
 from rockfall.errors import RockfallError
 from rockfall.io.grid import Box, row_blocks
-from rockfall.io.raster import burn_polygons
+from rockfall.io.layers import burn_polygons
 from rockfall.scene.kernel_scene import area_ratios, on_raster
 from rockfall.scene.layers import file_checksum, layer_blocks
 from rockfall.scene.scene import Scene

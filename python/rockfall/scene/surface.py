@@ -12,7 +12,9 @@ from rockfall._core import rockfall_f2py as _core
 from rockfall.case import Case
 from rockfall.errors import RockfallError
 from rockfall.io.grid import Box, row_blocks
-from rockfall.io.raster import burn_polygons, index_blocks, read_elevations, read_zone_table
+from rockfall.io.layers import burn_polygons
+from rockfall.io.raster import read_elevations
+from rockfall.io.zone_table import index_blocks, read_zone_table
 from rockfall.scene.layers import POLYGONS, file_checksum, layer_blocks
 from rockfall.scene.scene import Scene, used_zones
 
@@ -88,7 +90,7 @@ def _read_values(scene: Scene, box: Box, columns: tuple[str, ...], rasters: dict
 def read_window(scene: Scene, box: Box) -> Scene:
     """The scene with the rasters of a box of its cells."""
     z = read_elevations(scene.case.path(scene.case.terrain["dem"]), box)
-    window = replace(scene, z=z, at=(box.row, box.column), tiles=None)
+    window = replace(scene, z=z, at=(box.row, box.column), windows=None)
     read_surface(window, box, {})
     return window
 

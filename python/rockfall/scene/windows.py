@@ -14,7 +14,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from rockfall.errors import RockfallError
-from rockfall.io.elevations import check_known
+from rockfall.io.arrays import check_known
 from rockfall.io.grid import Box
 from rockfall.scene.digest import Digest
 from rockfall.scene.ground import Ground

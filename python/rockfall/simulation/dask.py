@@ -41,7 +41,7 @@ def run_on_cluster(
     case = scene.case.replace(case={"threads": 1})  # workers have threads of their own
     case.folder = Path(case.folder).absolute()
     with interrupts() as interrupted, _client(where) as client:
-        memory = 2 * scene.tiles.bytes if scene.tiles else None  # windows of the same size
+        memory = 2 * scene.windows.bytes if scene.windows else None  # windows of the same size
         of = parts or PARTS * max(1, sum(client.nthreads().values()))
         of = max(2, min(of, scene.boulders))
         if scene.boulders < 2:

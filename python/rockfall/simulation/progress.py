@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A progress bar on a terminal: share done, rate, time left."""
+"""A progress bar on a terminal: fraction done, rate, time left."""
 
 import sys
 from collections.abc import Callable, Iterator

@@ -13,7 +13,7 @@ from string import Template
 from rockfall.case import read_case
 from rockfall.case_files import input_files
 from rockfall.errors import RockfallError
-from rockfall.io.output_files import BY_SLURM, RESULT, check_outputs, whole_folder
+from rockfall.io.output_files import BY_SLURM, RESULT, atomic_folder, check_outputs
 
 MOST_SHARDS = 10_000
 #: What `sbatch --time` takes: minutes, M:S, H:M:S, D-H, D-H:M, D-H:M:S.
@@ -110,7 +110,7 @@ def write_jobs(
     }  # fmt: skip
     about["command"] = COMMANDS[program].substitute(about)
     scripts = {"run.sh": RUN, "merge.sh": MERGE, "submit.sh": SUBMIT}
-    with whole_folder(folder, inputs) as part:
+    with atomic_folder(folder, inputs) as part:
         for name, text in scripts.items():
             (part / name).write_text(text.substitute(about))
             (part / name).chmod(0o755)

@@ -9,25 +9,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rockfall.analysis.compare import STATISTICS, Comparison
-from rockfall.io.tables import aligned
+from rockfall.quantities import QUANTITIES
+from rockfall.text.table import table as aligned
 
 if TYPE_CHECKING:
     import pandas as pd
 
 LEVEL = 0.05  # a smaller p rejects that two samples have one distribution
-MOST = 12  # rows of a long table that are shown
-EXACT = "* more than chance explains, at 95 %; a printed number without n is taken as exact"
-_SHOWN = {  # quantity -> label, in how many SI units, digits
-    "speed": ("speed [m/s]", 1.0, 1),
-    "jump_height": ("jump height [m]", 1.0, 2),
-    "passing_height": ("passing height [m]", 1.0, 2),
-    "omega": ("omega [rad/s]", 1.0, 1),
-    "energy_translational": ("E_trans [kJ]", 1e3, 0),
-    "energy_rotational": ("E_rot [kJ]", 1e3, 0),
-    "energy_total": ("E_tot [kJ]", 1e3, 0),
-    "rotational_share": ("E_rot / E_tot", 1.0, 3),
-    "stopping_distance": ("stopping distance", 1.0, 1),
-}
+MAX_ROWS = 12  # of a long table
+EXACT = "* significant at 5 %; a printed number without n is taken as exact"
 
 
 def text(comparison: Comparison) -> str:
@@ -43,7 +33,8 @@ def text(comparison: Comparison) -> str:
     ):
         if len(table):
             parts.append(aligned(rows(table)))
-    if any(table["chance"].eq(False).any() for table in (comparison.errors, comparison.passing)):
+    judged = comparison.errors["consistent"], comparison.passing["consistent"]
+    if any(consistent.eq(False).any() for consistent in judged):
         parts.append(EXACT)
     return "\n\n".join([*parts, *comparison.notes])
 
@@ -75,10 +66,11 @@ def _printed_errors(table: pd.DataFrame) -> Iterable[list[str]]:
 
 def _three(row: pd.DataFrame, whose: str, quantity: str) -> list[str]:
     """Mean with half of its interval, standard deviation, maximum."""
-    _, unit, digits = _SHOWN[quantity]
-    mean, std, most = (_rounded(value / unit, digits, whose) for value in row[whose])
-    half = (row.loc["mean", f"{whose}_high"] - row.loc["mean", f"{whose}_low"]) / 2 / unit
-    return [mean if np.isnan(half) else f"{mean} +- {half:.{digits}f}", std, most]
+    about = QUANTITIES[quantity]
+    numbers = (_rounded(about.factor * value, about.decimals, whose) for value in row[whose])
+    mean, *rest = numbers
+    half = about.factor * (row.loc["mean", f"{whose}_high"] - row.loc["mean", f"{whose}_low"]) / 2
+    return [mean if np.isnan(half) else f"{mean} +- {half:.{about.decimals}f}", *rest]
 
 
 def _error(row: pd.Series) -> str:
@@ -88,7 +80,7 @@ def _error(row: pd.Series) -> str:
 def _mark(row: Mapping[str, Any]) -> str:
     import pandas as pd
 
-    return " " if pd.isna(row["chance"]) or row["chance"] else "*"
+    return " " if pd.isna(row["consistent"]) or row["consistent"] else "*"
 
 
 def _ks(table: pd.DataFrame) -> Iterable[list[str]]:
@@ -113,21 +105,21 @@ def _verdict(p: float) -> tuple[str, str]:
 
 def _passing(table: pd.DataFrame) -> Iterable[list[str]]:
     yield ["distance [m]", "observed [%]", "this run [%]", "difference"]
-    chosen = np.unique(np.linspace(0, len(table) - 1, min(MOST, len(table))).round().astype(int))
+    chosen = np.linspace(0, len(table) - 1, min(MAX_ROWS, len(table))).round().astype(int)
     for row in table.iloc[chosen].to_dict("records"):
-        shares = []
+        fractions = []
         for whose in "observed", "simulated":
             half = 50 * (row[f"{whose}_high"] - row[f"{whose}_low"])
-            share = f"{100 * row[whose]:.1f}"
-            shares.append(share if np.isnan(half) else f"{share} +- {half:.1f}")
+            fraction = f"{100 * row[whose]:.1f}"
+            fractions.append(fraction if np.isnan(half) else f"{fraction} +- {half:.1f}")
         difference = f"{row['difference_percent']:+z.1f}{_mark(row)}"
-        yield [f"{row['distance']:.1f} or more", *shares, difference]
+        yield [f"{row['distance']:.1f} or more", *fractions, difference]
     if chosen.size < len(table):
         yield [f"({chosen.size} of {len(table)} distances)"]
 
 
 def _stops(table: pd.DataFrame) -> Iterable[list[str]]:
-    """Observed stopping places by the share of the boulders that reach their cell."""
+    """Observed stopping places by the fraction of the boulders that reach their cell."""
     reach = table["reach_probability"].to_numpy(float)
     yield ["observed stopping places in cells that", "places"]
     for label, inside in (
@@ -147,7 +139,7 @@ def _rounded(value: float, digits: int, whose: str) -> str:
 
 
 def _name(line: str, quantity: str) -> str:
-    return f"{line} {_SHOWN[quantity][0]}".strip()
+    return f"{line} {QUANTITIES[quantity].short}".strip()
 
 
 def _number(value: float, digits: str) -> str:

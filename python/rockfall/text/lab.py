@@ -27,7 +27,8 @@ if TYPE_CHECKING:
     from rockfall.lab.fit import ImpactSet
 
 ENDS = [name for name in STATUS if name != "not_done"]
-AIMED, AIM = ("a1", "a4", "a5"), 0.05  # means and their standard error, for which contacts are told
+#: Means, and the standard error for which the number of contacts is estimated.
+AIMED, AIM = ("a1", "a4", "a5"), 0.05
 SLOPES = 34.0, 38.0, 42.0  # of the planes on which a set is checked [degrees]
 
 
@@ -53,7 +54,7 @@ def fit_summary(data: xr.Dataset, sets: dict[int, ImpactSet], state: str) -> str
         noise = np.sqrt(np.diag(within_points(data, ratio, state)))
         lines += set_lines(f"R_b/R_m = {ratio}: {found.impacts:,} impacts", found)
         lines.append(
-            f"  {found.redrawn:.2f} draws thrown away for each rebound; scatter within a point "
+            f"  {found.redrawn:.2f} draws rejected for each rebound; scatter within a point "
             f"{' '.join(f'{value:.2f}' for value in noise)} of |V_in| (V_t, V_n, W)"
         )
         lines += [lateral_line(impacts.lateral), *bounce_lines(found, impacts)]
@@ -74,14 +75,14 @@ def contacts_summary(contacts: Contacts, sets: dict[int, ImpactSet]) -> str:
 
 
 def contacts_needed(found: ImpactSet) -> str:
-    """How many contacts would give the means asked for the standard error asked for, as errors fall
-    with the root of their number."""
-    told = []
+    """How many contacts would give the means `AIMED` the standard error `AIM`, as errors fall with
+    the root of their number."""
+    numbers = []
     for name in AIMED:
         error = found.mean_error[COEFFICIENTS.index(name)]
         number = float(f"{found.impacts * (error / AIM) ** 2:.2g}")  # to a factor of two
-        told.append(f"{number:,.0f} for {name}")
-    return f"  contacts for a standard error of {AIM:g}: about {', '.join(told)}"
+        numbers.append(f"{number:,.0f} for {name}")
+    return f"  contacts for a standard error of {AIM:g}: about {', '.join(numbers)}"
 
 
 def set_lines(title: str, found: ImpactSet) -> list[str]:

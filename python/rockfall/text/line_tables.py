@@ -13,30 +13,23 @@ from rockfall.analysis.line_statistics import QUANTILES, line_statistics, quanti
 from rockfall.analysis.return_levels import LEVELS, return_levels
 from rockfall.case_files import files_behind
 from rockfall.errors import RockfallError
-from rockfall.io.output_files import LEVEL_TABLE, LINE_TABLE, check_output, whole_folder
-from rockfall.io.tables import aligned, write_csv
+from rockfall.io.output_files import LEVEL_TABLE, LINE_TABLE, atomic_folder, check_output
+from rockfall.io.tables import write_csv
+from rockfall.quantities import QUANTITIES, number
 from rockfall.result.dataset import read_result
+from rockfall.text.table import table as aligned
 
 if TYPE_CHECKING:
     import pandas as pd
 
-#: What is printed of a quantity: its name, and how many make the printed unit.
-SHOWN = {
-    "speed": ("speed [m/s]", 1),
-    "jump_height": ("jump height [m]", 1),
-    "passing_height": ("passing height [m]", 1),
-    "omega": ("omega [rad/s]", 1),
-    "energy_translational": ("E_trans [kJ]", 1000),
-    "energy_rotational": ("E_rot [kJ]", 1000),
-    "energy_total": ("E_tot [kJ]", 1000),
-    "rotational_share": ("E_rot / E_tot [%]", 0.01),
-    "position": ("along the line [m]", 1),
-}
 ABOUT = """\
-Below each number its 95 % interval. The std along the line is the lateral spread. The largest grows
-with the number of boulders. 1 in N: what one in N of the boulders that pass exceeds, from the
-sample where 25 or more boulders exceed it, else from a generalised Pareto tail of the boulders
-above the threshold."""
+Below each number its 95 % confidence interval. The std of the position along the line is the
+lateral spread. The maximum grows with the number of boulders. 1 in N: the level that one in N of
+the boulders that pass exceeds, from the sample where 25 or more boulders exceed it, else from a
+generalised Pareto tail of the boulders above the threshold."""
+
+
+ENDS = "", "_low", "_high"
 
 
 def print_lines(path: str | Path, table: str | Path | None = None) -> None:
@@ -53,7 +46,7 @@ def print_lines(path: str | Path, table: str | Path | None = None) -> None:
             check_output(name, kind, inputs)
     statistics, levels = line_statistics(result), return_levels(result)
     if table:
-        with whole_folder(table.parent, inputs) as part:
+        with atomic_folder(table.parent, inputs) as part:
             write_csv(statistics, part / table.name)
             write_csv(levels, part / beside.name)
     print("\n".join(_text(statistics, levels, result.sizes["boulder"])))
@@ -72,9 +65,9 @@ def _text(statistics: pd.DataFrame, levels: pd.DataFrame, boulders: int) -> Iter
     yield ABOUT
     for line, rows in statistics.groupby("line", sort=False):
         one = rows.iloc[0]
-        share, low, high = (_number(one[f"fraction{end}"], 0.01) for end in ("", "_low", "_high"))
+        fraction, low, high = (number(100 * one[f"fraction{end}"], 4) for end in ENDS)
         yield ""
-        yield f"{line}: {one['n']:,} of {boulders:,} boulders, {share} % ({low} to {high} %)"
+        yield f"{line}: {one['n']:,} of {boulders:,} boulders, {fraction} % ({low} to {high} %)"
         if one["n"]:
             yield aligned(_statistics(rows))
             tails = levels[levels["line"] == line]
@@ -91,7 +84,7 @@ def _statistics(rows: pd.DataFrame) -> Iterator[list[str]]:
 
 
 def _levels(tails: pd.DataFrame) -> Iterator[list[str]]:
-    yield ["", "largest", *(f"1 in {N:,}" for N in LEVELS), "threshold", "above", "shape"]
+    yield ["", "max", *(f"1 in {N:,}" for N in LEVELS), "threshold", "above", "shape"]
     names = [f"level_{N}" for N in LEVELS]
     for _, row in tails.iterrows():
         yield from _row(row, ["max", *names, "threshold", "exceedances", "shape"])
@@ -99,17 +92,15 @@ def _levels(tails: pd.DataFrame) -> Iterator[list[str]]:
 
 def _row(row: pd.Series, names: list[str]) -> Iterator[list[str]]:
     """The numbers of a quantity; below them their intervals."""
-    title, unit = SHOWN[row["quantity"]]
-    numbers, limits = [f"  {title}"], [""]
+    about = QUANTITIES[row["quantity"]]
+    numbers, limits = [f"  {about.short}"], [""]
     for name in names:
-        scale = 1 if name in ("exceedances", "shape") else unit
-        value, low, high = (
-            _number(row.get(f"{name}{end}", np.nan), scale) for end in ("", "_low", "_high")
-        )
-        if name == "exceedances" and value:
-            value = f"{row[name]:,.0f}"
-        numbers.append(value or "-")
-        limits.append(f"{low}..{high}" if low or high else "")
+        factor = 1 if name in ("exceedances", "shape") else about.factor
+        value, low, high = (factor * row.get(f"{name}{end}", np.nan) for end in ENDS)
+        whole = name == "exceedances" and np.isfinite(value)
+        numbers.append(f"{value:,.0f}" if whole else number(value, 4))
+        known = np.isfinite([low, high]).any()
+        limits.append(f"{number(low, 4)}..{number(high, 4)}" if known else "")
     yield numbers
     if any(limits):
         yield limits
@@ -118,22 +109,13 @@ def _row(row: pd.Series, names: list[str]) -> Iterator[list[str]]:
 def _bounded(tails: pd.DataFrame) -> Iterator[str]:
     """Where tails end."""
     for _, row in tails[np.isfinite(tails["end"])].iterrows():
-        title, scale = SHOWN[row["quantity"]]
-        name, _, unit = title.rstrip("]").partition(" [")
-        end, high = (_number(row[limit], scale) for limit in ("end", "end_high"))
-        yield f"  bounded: {name} ends at {end} {unit}, 95 % interval up to {high} {unit}"
+        about = QUANTITIES[row["quantity"]]
+        end, high = (number(about.factor * row[limit], 4) for limit in ("end", "end_high"))
+        yield f"  bounded: {about.label} ends at {end} {about.unit}, 95 % interval up to {high}"
 
 
 def _refused(tails: pd.DataFrame) -> Iterator[str]:
     """Each reason once, with the quantities that it is for."""
     for reason, rows in tails[tails["refused"] != ""].groupby("refused", sort=False):
-        names = ", ".join(SHOWN[quantity][0].partition(" [")[0] for quantity in rows["quantity"])
+        names = ", ".join(QUANTITIES[quantity].name for quantity in rows["quantity"])
         yield f"  refused: {reason} ({'all' if len(rows) == len(tails) else names})"
-
-
-def _number(value: float, unit: float) -> str:
-    """Four digits in the printed unit; nothing where it is unknown."""
-    shown = value / unit
-    if not np.isfinite(shown):
-        return ""
-    return f"{shown:,.0f}" if abs(shown) >= 999.95 or shown == 0 else f"{shown:#.4g}"

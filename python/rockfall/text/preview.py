@@ -8,34 +8,35 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rockfall.analysis.extrapolation import extrapolations, shares_outside
+from rockfall.analysis.extrapolation import extrapolations, fractions_outside
 from rockfall.analysis.neutral_slopes import NeutralSlopes, Rocks, rocks_of
 from rockfall.io.crs import crs_name
 from rockfall.io.grid import row_blocks
-from rockfall.result.dataset import TALLIES
 from rockfall.scene.coefficients import ANY_SPEED
 from rockfall.scene.ground import Ground
 from rockfall.scene.reach import survey
 from rockfall.scene.scene import Scene
 from rockfall.scene.sources import threshold
 from rockfall.simulation.memory import machine_memory
-from rockfall.simulation.simulate import Tally, check_team, fields, run_chunks, start
+from rockfall.simulation.simulate import check_team, fields, run_chunks, start
+from rockfall.simulation.tally import Tally
+from rockfall.simulation.tally_dataset import TALLIES
 
-PROBE_BOULDERS = 200  # to see how long they take
-PILOT_SECONDS = 1.0  # about, twice at most
-PILOT_BOULDERS = 20_000  # at most; the cells that many reach are told from those that these do
-PROGRAM = 80e6  # bytes of the program and its packages, while boulders fly
+PROBE_BOULDERS = 100  # to see how long they take
+PILOT_SECONDS = 0.05  # about, twice at most: the time is known to a few per cent
+PILOT_BOULDERS = 20_000  # at most; the cells that many reach are estimated from those of these
+PROGRAM = 80e6  # bytes of the program and its packages, while boulders are simulated
 PACKAGES = 65e6  # and of those that results take
 READING = 80e6  # bytes that the reader of a window takes besides
 START = 1.0  # CPU seconds to start and end
-MOST_ZONES = 12  # that are told one by one
+MAX_ZONES = 12  # listed one by one
 ROW = 1.0e-6  # CPU seconds to write the row of a boulder
 VALUE = 20e-9  # CPU seconds to write the value of a cell
 
 
 @dataclass
 class Pilot:
-    """Some boulders of a run, followed to see what all of them would take."""
+    """Some boulders of a run, simulated to see what all of them would take."""
 
     tally: Tally
     seconds: float  # CPU time of a boulder
@@ -44,8 +45,8 @@ class Pilot:
 
 
 def preview(scene: Scene) -> str:
-    """A page about a scene. Some of its boulders are followed, for the time and for what they meet;
-    nothing is kept."""
+    """A page about a scene. Some of its boulders are simulated, for the time and for what they
+    meet; nothing is kept."""
     case = scene.case
     check_team(case.case["threads"])
     pilot = _pilot(scene)
@@ -81,8 +82,8 @@ def memory(scene: Scene, pilot: Pilot) -> dict[str, float]:
     layers = [maps.counts, maps.sums, maps.maxima, maps.column, maps.stamp]
     made = sum(1 for name in names - set(TALLIES)) * 4 * np.prod(maps.box.shape)
     row = 8 * len(fields(1)) + 4 * len(fields(2)) + 8 * len(fields(3)) * len(scene.case.line)
-    if scene.tiles:
-        rasters = scene.tiles.bytes + READING
+    if scene.windows:
+        rasters = scene.windows.bytes + READING
     else:
         rasters = sum(a.nbytes for a in (scene.z, scene.zone, scene.values) if a is not None)
     counted = maps.class_counts.size > 1
@@ -117,17 +118,17 @@ def _follow(scene: Scene, number: int) -> Pilot:
     few = start(one, threads=1)
     run_chunks(few, None, lambda: False, lambda _: None)
     cells, few.done, few.cpu = _all_cells(few, scene.boulders), 0, 0.0
-    before = one.tiles.reading if one.tiles else 0.0
+    before = one.windows.reading if one.windows else 0.0
     run_chunks(few, None, lambda: False, lambda _: None)
-    reading = one.tiles.reading - before if one.tiles else 0.0
+    reading = one.windows.reading - before if one.windows else 0.0
     return Pilot(few, (few.cpu - reading) / few.done, reading, cells)
 
 
 def _all_cells(few: Tally, boulders: int) -> float:
     """Cells that so many boulders would reach, when cells differ in how often they are passed as
-    a gamma law: the passages of a cell are then negative binomial (Fisher, Corbet & Williams 1943).
-    Its mean and shape are those which give as many cells passed at all, and passed once, as the
-    few boulders did."""
+    a gamma distribution: the passages of a cell are then negative binomial (Fisher, Corbet &
+    Williams 1943). Its mean and shape are those which give as many cells passed at all, and passed
+    once, as the few boulders did."""
     place = few.maps.plan[0] - 1
     if place < 0:
         return 0.0
@@ -136,11 +137,11 @@ def _all_cells(few: Tally, boulders: int) -> float:
     more = boulders / max(1, few.done)
     if more <= 1 or not 0 < once < total:
         return float(cells * max(1.0, more))
-    shape = np.geomspace(1e-4, 50.0, 2000)  # of the gamma law
+    shape = np.geomspace(1e-4, 50.0, 2000)  # of the gamma distribution
     spread = (once / total) ** (-1 / (shape + 1))  # 1 + passages of a cell / shape
-    most = total / (shape * (spread - 1))  # cells that can be passed
-    best = np.argmin(abs(most * (1 - spread**-shape) - cells))
-    found = most[best] * (1 - (1 + (spread[best] - 1) * more) ** -shape[best])
+    limit = total / (shape * (spread - 1))  # cells that can be passed
+    best = np.argmin(abs(limit * (1 - spread**-shape) - cells))
+    found = limit[best] * (1 - (1 + (spread[best] - 1) * more) ** -shape[best])
     return float(min(max(found, cells), passages.size))
 
 
@@ -148,8 +149,8 @@ def _terrain(scene: Scene) -> str:
     grid = scene.grid
     crs = crs_name(grid.crs) if grid.crs else "no CRS"
     cells = f"{grid.nx} x {grid.ny} cells of {grid.cell:g} m"
-    if scene.tiles:
-        cells += f", in windows of about {scene.tiles.cells:,} cells"
+    if scene.windows:
+        cells += f", in windows of about {scene.windows.cells:,} cells"
     else:
         empty = sum(np.count_nonzero(np.isnan(scene.z[rows])) for rows in row_blocks(grid.shape))
         cells += f", {empty / scene.z.size:.1%} nodata"
@@ -176,7 +177,7 @@ def _slopes(ground: Ground) -> str:
 
 
 def _speed(scene: Scene) -> str:
-    """The greatest that energy allows: from the highest release to the lowest cell."""
+    """The maximum that energy allows: from the highest release to the lowest cell."""
     low, head = scene.ground.low.value, survey(scene).head[0]
     speed = np.sqrt(2 * scene.case.flight["gravity"] * max(0.0, head - low))
     return f"at most {speed:.0f} m/s: from the highest release to the lowest cell without a loss"
@@ -222,20 +223,20 @@ def _radius(volume: np.ndarray) -> np.ndarray:
 def _sets(scene: Scene) -> str:
     """Their name, and what they say they were fitted on."""
     speeds, angles = scene.coefficients.speed_range, scene.coefficients.angle_range
-    told = []
+    ranges = []
     if speeds.max() < ANY_SPEED:
-        told.append(f"{_range(speeds.min(), speeds.max())} m/s")
+        ranges.append(f"{_range(speeds.min(), speeds.max())} m/s")
     if angles.min() > 0 or angles.max() < 90:
-        told.append(f"{_range(angles.min(), angles.max())} degrees")
-    about = " and ".join(told) or "speeds and angles that it does not tell"
+        ranges.append(f"{_range(angles.min(), angles.max())} degrees")
+    about = " and ".join(ranges) or "speeds and angles that it does not state"
     return f"{scene.case.impact['sets']}, fitted on {about}"
 
 
 def _rebounds(values: dict[str, np.ndarray]) -> str:
-    shares = shares_outside(values)
+    outside = fractions_outside(values)
     return (
-        f"outside what the set was fitted on: {shares['range']:.1%} by R_b/R_m, "
-        f"{shares['speed']:.1%} by speed, {shares['angle']:.1%} by angle, in a pilot run"
+        f"outside what the set was fitted on: {outside['range']:.1%} by R_b/R_m, "
+        f"{outside['speed']:.1%} by speed, {outside['angle']:.1%} by angle, in a pilot run"
     )
 
 
@@ -244,7 +245,7 @@ def _rocks(scene: Scene, volumes: np.ndarray) -> list[str]:
     of the mean volume, and in brackets of the 5 and 95 % quantiles where other sets serve them."""
     grounds, neutral = list(rocks_of(scene)), NeutralSlopes(scene)
     mean, *ends = _radius(np.array([volumes.mean(), *np.quantile(volumes, [0.05, 0.95])]))
-    lines = [_ground(one, neutral, mean, ends) for one in grounds[:MOST_ZONES]]
+    lines = [_ground(one, neutral, mean, ends) for one in grounds[:MAX_ZONES]]
     more = len(grounds) - len(lines)
     return [*lines, f"and {more} more zones"] if more else lines
 
@@ -264,15 +265,15 @@ def _ground(rocks: Rocks, neutral: NeutralSlopes, mean: float, ends: list[float]
     ratio, slope, steeper = (
         one[0] + (f" ({one[1]} to {one[2]})" if len(set(one)) > 1 else "") for one in columns
     )
-    shares = f", {steeper} of cells steeper" if rocks.tangents.size else ""
+    cells = f", {steeper} of cells steeper" if rocks.tangents.size else ""
     return (
         f"{name}R_m {_range(radii.min(), radii.max())} m, R_b/R_m {ratio}; neutral slope {slope} "
-        f"degrees{shares}"
+        f"degrees{cells}"
     )
 
 
-def _range(least: float, most: float) -> str:
-    texts = (f"{float(f'{value:.3g}'):,.10g}" for value in (least, most))
+def _range(low: float, high: float) -> str:
+    texts = (f"{float(f'{value:.3g}'):,.10g}" for value in (low, high))
     return " to ".join(dict.fromkeys(texts))
 
 
@@ -281,8 +282,8 @@ def _memory(scene: Scene, pilot: Pilot) -> str:
     made = need.pop("made")
     total = sum(need.values()) + max(0, made - need["rasters"])  # rasters go before maps are made
     parts = ", ".join(f"{name} {_bytes(size)}" for name, size in need.items() if size)
-    much = "; more than this machine has" if total > machine_memory() else ""
-    return f"about {_bytes(total)} ({parts}){much}"
+    warning = "; more than this machine has" if total > machine_memory() else ""
+    return f"about {_bytes(total)} ({parts}){warning}"
 
 
 def _bytes(number: float) -> str:

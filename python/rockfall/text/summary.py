@@ -9,19 +9,21 @@ from typing import TYPE_CHECKING
 from rockfall.analysis.extrapolation import extrapolations
 from rockfall.analysis.line_statistics import line_numbers, sources
 from rockfall.analysis.run_until import verdicts_of
+from rockfall.quantities import QUANTITIES, Quantity
 from rockfall.result.trajectories import ends
+from rockfall.text.table import table
 
 if TYPE_CHECKING:
     import xarray as xr
 
 
 def summary(result: xr.Dataset) -> str:
-    """How many boulders, how they ended, how they passed the lines, and what to be wary of."""
+    """How many boulders, how they ended, how they passed the lines, and warnings."""
     boulders = result.sizes["boulder"]
     lines = [f"{result.attrs['title'] or 'rockfall'}: {boulders:,} boulders"]
-    lines += _ends(result)
+    lines.append(table(_ends(result)))
     if "line" in result:
-        lines += _passages(result)
+        lines.append(table(_passages(result)))
     lines += [f"  until {verdict}" for verdict in verdicts_of(result)]
     lines += _rebounds(result)
     wall, cpu = (result.attrs[f"{clock}_seconds"] for clock in ("wall", "cpu"))
@@ -29,46 +31,41 @@ def summary(result: xr.Dataset) -> str:
     return "\n".join(lines)
 
 
-def _ends(result: xr.Dataset) -> Iterator[str]:
-    """The share of boulders that ended in each way."""
+def _ends(result: xr.Dataset) -> Iterator[list[str]]:
+    """The fraction of the boulders that ended in each way."""
     for word, ended in ends(result).items():
         if ended.any():
-            yield f"  {word.replace('_', ' '):14}{ended.sum():12,}{ended.mean():8.1%}"
+            yield [f"  {word.replace('_', ' ')}", f"{ended.sum():,}", f"{ended.mean():.1%}"]
 
 
-def _passages(result: xr.Dataset) -> Iterator[str]:
+def _passages(result: xr.Dataset) -> Iterator[list[str]]:
     """Boulders at each line, their mean speed and passing height, with 95 % intervals."""
-    names = [str(name) for name in result["line"].values]
-    wide = max(14, *map(len, names))
-    head = f"{'boulders':>12}{'fraction':>17}{'mean speed':>20}{'mean passing height':>22}"
-    yield f"  {'line (95 %)':{wide}}{head}"
+    shown = "speed", "passing_height"
+    yield [
+        "  line (95 %)",
+        "boulders",
+        "fraction",
+        *(f"mean {key.replace('_', ' ')}" for key in shown),
+    ]
     source = sources(result)
-    for k, name in enumerate(names):
-        speed, height = (
-            line_numbers(result, k, key, source) for key in ("speed", "passing_height")
-        )
-        fraction = _at_most(speed["fraction_high"])
-        if speed["n"]:
-            fraction = _within(speed, "fraction", ".1f", 100)
-        row = f"  {name:{wide}}{speed['n']:12,}{f'{fraction} %':>17}"
-        if speed["n"]:
-            row += f"{_within(speed, 'mean', '.1f') + ' m/s':>20}"
-            row += f"{_within(height, 'mean', '.2f') + ' m':>22}"
-        yield row
+    for k, name in enumerate(result["line"].values):
+        rows = {key: line_numbers(result, k, key, source) for key in shown}
+        passed = rows["speed"]
+        if not passed["n"]:
+            yield [f"  {name}", "0", f"0 to {100 * passed['fraction_high']:.2g} %", "", ""]
+            continue
+        means = (_within(row, "mean", QUANTITIES[key]) for key, row in rows.items())
+        fraction = _within(passed, "fraction", QUANTITIES["fraction"])
+        yield [f"  {name}", f"{passed['n']:,}", fraction, *means]
 
 
-def _at_most(share: float) -> str:
-    """What none of the boulders did, others may."""
-    return f"0 to {100 * share:.2g}"
-
-
-def _within(numbers: dict[str, float], name: str, digits: str, scale: float = 1.0) -> str:
+def _within(numbers: dict[str, float], name: str, about: Quantity) -> str:
     """A number and half the length of its interval, where it has one."""
-    text = f"{scale * numbers[name]:{digits}}"
-    if f"{name}_low" not in numbers:
-        return text
-    half = scale * (numbers[f"{name}_high"] - numbers[f"{name}_low"]) / 2
-    return f"{text} +- {half:{digits}}"
+    text = f"{about.factor * numbers[name]:.{about.decimals}f}"
+    if f"{name}_low" in numbers:
+        half = about.factor * (numbers[f"{name}_high"] - numbers[f"{name}_low"]) / 2
+        text += f" +- {half:.{about.decimals}f}"
+    return f"{text} {about.unit}"
 
 
 def _rebounds(result: xr.Dataset) -> Iterator[str]:

@@ -1,0 +1,142 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Do intervals hold what they say, and does a run end when it should?
+
+    python -m benchmarks.accuracy.intervals [--parts 100] [--repetitions 2000]
+
+First `cases/vaujany`: samples of 10,000 boulders, and how often the 95 % intervals of their numbers
+at the lines, return levels too, hold the number of all samples together. Then runs with `--until`
+on a law whose numbers are known (60 % of the boulders cross, with lognormal speeds): boulders at
+the end over those that theory needs, and how often the last interval holds the truth.
+"""
+
+import argparse
+
+import numpy as np
+import xarray as xr
+
+import rockfall
+from benchmarks.machine import ROOT, machine
+from rockfall.analysis import return_levels as tails
+from rockfall.analysis.line_statistics import QUANTITIES, Z, line_numbers, line_values, sources
+from rockfall.analysis.run_until import FIRST, evaluate, next_stage, read_rules
+
+VAUJANY = ROOT / "cases/vaujany/case.nml"
+SIZE = 10_000  # boulders of a sample
+SHOWN = ("fraction", "mean", "std", "q50", "q90", "q95", "q98", "q99")
+SHARE, SIGMA = 0.6, 0.4  # of the known law
+RULES = ("share@L<3%", "speed.mean@L<1%", "speed.std@L<3%", "speed.q50@L<1.5%", "speed.q95@L<2%")
+
+
+def held(parts: list[xr.Dataset], truth: xr.Dataset) -> None:
+    """Share of the intervals of `line_statistics` that hold the long run's number."""
+    print(f"{'':30}" + "".join(f"{name:>7}" for name in SHOWN))
+    source, all_sources = sources(parts[0]), sources(truth)
+    for k, line in enumerate(truth["line"].values):
+        for quantity in QUANTITIES:
+            right = line_numbers(truth, k, quantity, all_sources)
+            found = [line_numbers(part, k, quantity, source) for part in parts]
+            shares = [
+                np.mean([row[f"{n}_low"] <= right[n] <= row[f"{n}_high"] for row in found])
+                for n in SHOWN
+            ]
+            print(f"{line:6}{quantity:24}" + "".join(f"{share:7.2f}" for share in shares))
+
+
+def levels_held(parts: list[xr.Dataset], truth: xr.Dataset) -> None:
+    """The same of return levels, all lines and quantities together."""
+    counts = {N: [0, 0, 0] for N in tails.LEVELS}  # held, given, asked
+    for k in range(truth.sizes["line"]):
+        for quantity in tails.QUANTITIES:
+            known = _known(truth, quantity, k)
+            for part in parts:
+                found = tails.tail(_known(part, quantity, k)).levels
+                for N, level in found.items():
+                    right = np.quantile(known, 1 - 1 / N)
+                    given = level.refused is None
+                    count = (given and level.low <= right <= level.high, given, True)
+                    counts[N] = [a + b for a, b in zip(counts[N], count, strict=True)]
+    for N, (hold, given, asked) in counts.items():
+        about = f"{hold / given:.3f} of the intervals hold" if given else "always refused"
+        print(f"1 in {N:,}: {given:,} of {asked:,} given; {about}")
+
+
+def _known(result: xr.Dataset, quantity: str, line: int) -> np.ndarray:
+    values = line_values(result, quantity, line)
+    return values[~np.isnan(values)]
+
+
+def ends(rule: str, repetitions: int, random: np.random.Generator) -> None:
+    """Where runs of the known law end by a rule."""
+    asked = read_rules(rule, ["L"])
+    statistic = asked[0].statistic
+    truth, need = theory(statistic, asked[0].limit)
+    stops, holds = [], []
+    for _ in range(repetitions):
+        n, values = FIRST, draw(random, FIRST)
+        while (larger := next_stage(evaluate(asked, made(values)), n, 10**7)) > n:
+            values, n = np.concatenate([values, draw(random, larger - n)]), larger
+        row = line_numbers(made(values), 0, "speed", np.zeros(n, int))
+        stops.append(n / need)
+        holds.append(row[f"{statistic}_low"] <= truth <= row[f"{statistic}_high"])
+    low, high = np.quantile(stops, [0.025, 0.975])
+    near = np.mean(np.abs(np.array(stops) - 1) <= 0.2)
+    print(f"{rule:20}{need:10,.0f}{f'{low:.2f}..{high:.2f}':>18}{near:13.0%}{np.mean(holds):8.1%}")
+
+
+def theory(statistic: str, limit: float) -> tuple[float, float]:
+    """The number of the known law, and the boulders that make the half-width `limit` of it."""
+    from scipy.stats import norm
+
+    w, scale = np.exp(SIGMA**2), (Z / limit) ** 2 / SHARE
+    if statistic == "fraction":
+        return SHARE, scale * (1 - SHARE)
+    if statistic == "mean":
+        return np.sqrt(w), scale * (w - 1)
+    if statistic == "std":
+        kurtosis = w**4 + 2 * w**3 + 3 * w**2 - 3
+        return np.sqrt(w * (w - 1)), scale * (kurtosis - 1) / 4
+    share = int(statistic[1:]) / 100
+    z = norm.ppf(share)
+    return np.exp(SIGMA * z), scale * share * (1 - share) * (SIGMA / norm.pdf(z)) ** 2
+
+
+def draw(random: np.random.Generator, n: int) -> np.ndarray:
+    return np.where(random.random(n) < SHARE, np.exp(random.normal(0, SIGMA, n)), np.nan)
+
+
+def made(speed: np.ndarray) -> xr.Dataset:
+    """A result of one source and one line, as far as statistics read it."""
+    zero = ("boulder", np.zeros(speed.size))
+    return xr.Dataset(
+        {"line_speed": (("line", "boulder"), speed[None]), "start_x": zero, "start_y": zero},
+        {"line": ["L"]},
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--parts", type=int, default=100)
+    parser.add_argument("--repetitions", type=int, default=2000)
+    options = parser.parse_args()
+    print(machine(), "\n")
+    case = rockfall.read_case(VAUJANY).replace(
+        case={"boulders": SIZE * options.parts},
+        output={"maps": None, "rebounds": False, "trajectories": 0},
+    )
+    truth = rockfall.run(case, progress=True)
+    parts = [
+        truth.isel(boulder=slice(k * SIZE, (k + 1) * SIZE)).load() for k in range(options.parts)
+    ]
+    print(f"cases/vaujany, {options.parts} samples of {SIZE:,}: intervals that hold the long run")
+    held(parts, truth)
+    print("\nReturn levels")
+    levels_held(parts, truth)
+    print(f"\n--until, {options.repetitions:,} repetitions")
+    print(f"{'rule':20}{'theory':>10}{'95 % of n/theory':>18}{'within 20 %':>13}{'held':>8}")
+    random = np.random.default_rng(5)
+    for rule in RULES:
+        ends(rule, options.repetitions, random)
+
+
+if __name__ == "__main__":
+    main()

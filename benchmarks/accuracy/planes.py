@@ -1,0 +1,251 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What the shipped impact sets do on planes: boulders that pass 200 m, their speed and jump height.
+
+    python -m benchmarks.accuracy.planes [--boulders 10000] [-o docs]
+
+For each set, each R_b/R_m of 1 to 5 and slopes of 24 to 46 degrees: the share of the boulders that
+pass a line 200 m below the release, in plan; their mean speed there, and the 95 % quantile of their
+jump height; and the neutral slope, on which a bounce straight down loses what the next flight
+gains. Writes planes.md, with standard errors, and planes.png.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+import rockfall
+from benchmarks.machine import ROOT
+from rockfall.analysis.line_statistics import Z, line_numbers, sources
+from rockfall.analysis.plane_bounce import neutral_slope, set_rebound
+from rockfall.errors import RockfallError
+from rockfall.impact_sets import shipped_sets
+from rockfall.io.files import atomic_write
+from rockfall.io.grid import Grid
+from rockfall.lab.sets import Sets, read_sets
+from rockfall.plots.style import BLUE, GREEN, GREY, INK, VERMILION, new_figure, plain, save, styled
+
+SLOPES = range(24, 47, 2)  # [degree]
+RATIOS = range(1, 6)
+DISTANCE = 200.0  # from the release to the line [m]
+CELL, WIDE, ABOVE, BELOW = 8.0, 1200.0, 120.0, 40.0  # [m] the plane, about release and line
+VOLUME = 1.0  # [m3]
+DROP = 5.0  # [m]
+SEEDS = range(1, 6)  # of neutral slopes, for their errors
+FLOWN = 1000  # boulders, straight down for their neutral slope
+FIRST, LAST = 20, 60  # contacts between which they count: the start is forgotten
+FEW = 20  # boulders at the line, below which no mean is told
+COLOURS = [INK, BLUE, GREEN, VERMILION, GREY]  # of each ratio
+HOW = {"fraction": ("share passing", "%", 1), "speed": ("mean speed", "m/s", 1),
+       "height": ("95 % quantile of the jump height", "m", 2)}  # fmt: skip
+
+
+class Number(NamedTuple):
+    """A number with its standard error; NaN where it is not known."""
+
+    value: float
+    error: float = np.nan
+
+
+def plane(slope: float) -> tuple[np.ndarray, Grid]:
+    """Elevations that fall to the south by this slope [degree]. Its tangent is rounded to a
+    multiple of 2^-40, so that each patch is a plane to the last bit."""
+    tangent = round(np.tan(np.radians(slope)) * 2**40) / 2**40
+    nx, ny = int(WIDE / CELL), int((ABOVE + DISTANCE + BELOW) / CELL)
+    z = np.repeat(tangent * CELL * np.arange(ny, 0.0, -1)[:, None], nx, axis=1)
+    return z, Grid(0.0, ny * CELL, CELL, nx, ny)
+
+
+def measure(path: Path, slope: float, ratio: float, boulders: int) -> dict[str, Number]:
+    """What boulders do at the line: HOW -> a number with its standard error."""
+    z, grid = plane(slope)
+    radius = np.cbrt(0.75 / np.pi * VOLUME)
+    top = grid.north - ABOVE
+    case = rockfall.Case(
+        case={"boulders": boulders, "seed": 1},
+        surface={"uniform_mean_radius": float(radius / ratio)},
+        impact={"sets": str(path)},
+        boulder={"volume_mean": VOLUME},
+        release={"x": WIDE / 2, "y": top, "drop_height": DROP},
+        line=[{"name": "line", "x": [0.0, WIDE], "y": [top - DISTANCE] * 2}],
+    )
+    result = rockfall.run(case, dem=z, transform=grid)
+    speed, height = (
+        line_numbers(result, 0, name, sources(result)) for name in ("speed", "jump_height")
+    )
+    n, share = speed["n"], speed["fraction"]
+    found = {"fraction": Number(share, np.sqrt(share * (1 - share) / boulders))}
+    none = Number(np.nan)
+    found["speed"] = Number(speed["mean"], speed["std"] / np.sqrt(n)) if n >= FEW else none
+    known = n and np.isfinite(height["q95_high"] - height["q95_low"])
+    half = (height["q95_high"] - height["q95_low"]) / 2 if known else np.nan
+    found["height"] = Number(height["q95"], half / Z) if known else none
+    return found
+
+
+def neutral(sets: Sets, ratio: int) -> Number:
+    """The neutral slope of one of the five sets [degree]."""
+    rebound = set_rebound(sets.mean[ratio - 1], sets.covariance[ratio - 1])
+    found = [neutral_slope(rebound, seed=seed) for seed in SEEDS]
+    return Number(float(np.mean(found)), float(np.std(found, ddof=1) / np.sqrt(len(found))))
+
+
+def growth_flown(path: Path, ratio: int, slope: float) -> float:
+    """Mean logarithm of the growth of the speed in a bounce, of boulders that the program flies
+    straight down a plane ('to_aspect'); slow ones, as speed does not matter and planes end."""
+    z, grid = plane(slope)
+    radius = np.cbrt(0.75 / np.pi * VOLUME)
+    case = rockfall.Case(
+        case={"boulders": FLOWN, "seed": 7},
+        surface={"uniform_mean_radius": float(radius / ratio)},
+        impact={
+            "sets": str(path), "turning": "to_aspect", "stop_speed": 1e-12, "impact_limit": LAST,
+        },
+        boulder={"volume_mean": VOLUME},
+        release={"x": WIDE / 2, "y": grid.north - ABOVE, "drop_height": 1e-6},
+        output={"trajectories": FLOWN},
+    )  # fmt: skip
+    result = rockfall.run(case, dem=z, transform=grid)
+    hit = np.isfinite(result["trajectory_in_n"].values) & (result["trajectory_ratio"].values > 0)
+    if (np.bincount(result["trajectory_boulder"].values[hit])[1:] != LAST).any():
+        raise RockfallError(f"{path}: a boulder ended before contact {LAST} of the plane")
+    speed = np.sqrt(sum(result[f"trajectory_out_{v}"].values[hit] ** 2 for v in "tn"))
+    logs = np.log(speed).reshape(FLOWN, -1)
+    return float((logs[:, -1] - logs[:, FIRST]).mean() / (logs.shape[1] - 1 - FIRST))
+
+
+def neutral_flown(path: Path, ratio: int, law: float) -> float:
+    """The neutral slope by the program itself [degree], near that by the law of the set: growth is
+    nearly straight within a degree."""
+    low, high = law - 1, law + 1
+    ends = [growth_flown(path, ratio, slope) for slope in (low, high)]
+    return low - ends[0] * (high - low) / (ends[1] - ends[0])
+
+
+class Measured(NamedTuple):
+    """A set: neutral slopes by ratio, by its law and as flown, and by (slope, ratio) what boulders
+    do at the line."""
+
+    name: str
+    neutral: dict[int, Number]
+    flown: dict[int, float]
+    at_line: dict[tuple[int, int], dict[str, Number]]
+
+
+def look(path: Path, boulders: int) -> Iterator[Measured]:
+    """At the set in a file; at nothing where it holds the draws of an ensemble."""
+    sets, *more = read_sets(path)
+    if more:
+        return
+    at_line = {
+        (slope, ratio): measure(path, slope, ratio, boulders)
+        for slope in SLOPES
+        for ratio in RATIOS
+    }
+    slopes = {ratio: neutral(sets, ratio) for ratio in RATIOS}
+    flown = {ratio: neutral_flown(path, ratio, slopes[ratio].value) for ratio in RATIOS}
+    yield Measured(sets.name, slopes, flown, at_line)
+
+
+def text(number: Number, digits: int, scale: float = 1.0) -> str:
+    value, error = number
+    if np.isnan(value):
+        return "-"
+    return f"{scale * value:.{digits}f} ± {scale * error:.{digits}f}"
+
+
+def table(first: str, rows: dict[str, list[str]]) -> Iterator[str]:
+    """A table in Markdown with a column for each ratio."""
+    yield f"| {first} | " + " | ".join(f"R_b/R_m = {ratio}" for ratio in RATIOS) + " |"
+    yield "| --- |" + " --: |" * len(RATIOS)
+    yield from (f"| {name} | " + " | ".join(cells) + " |" for name, cells in rows.items())
+    yield ""
+
+
+def neutral_rows(one: Measured) -> dict[str, list[str]]:
+    """By the law of the set, and as the program flies boulders straight down."""
+    return {
+        f"`{one.name}`": [text(one.neutral[ratio], 1) for ratio in RATIOS],
+        f"`{one.name}`, flown": [f"{one.flown[ratio]:.1f}" for ratio in RATIOS],
+    }
+
+
+def page(found: list[Measured], boulders: int) -> str:
+    lines = [
+        "# Shipped impact sets on planes",
+        "",
+        f"{boulders:,} boulders for each number, released {DROP:g} m above a plane; a line "
+        f"{DISTANCE:g} m further down, in plan. R_b/R_m is the same everywhere, boulders turn past "
+        "the aspect. This page and its figure are written by `benchmarks/accuracy/planes.py`.",
+        "",
+        "± is the standard error; - where too few pass to know the number. On the **neutral "
+        "slope** boulders that go straight down neither gain nor lose speed in the long run; those "
+        "that turn go down a flatter way. There is no terminal velocity: what is steeper makes "
+        "them faster without end.",
+        "",
+        "![share passing, mean speed and jump height against the slope](planes.png)",
+        "",
+        "## Neutral slopes [degree]",
+        "",
+        *table("set", dict(row for one in found for row in neutral_rows(one).items())),
+    ]  # fmt: skip
+    for one in found:
+        lines += [f"## `{one.name}`", ""]
+        for key, (label, unit, digits) in HOW.items():
+            scale = 100.0 if unit == "%" else 1.0
+            lines += table(
+                f"{label} [{unit}]",
+                {
+                    f"{slope} degrees": [
+                        text(one.at_line[slope, ratio][key], digits, scale) for ratio in RATIOS
+                    ]
+                    for slope in SLOPES
+                },
+            )
+    return "\n".join(lines).rstrip("\n") + "\n"
+
+
+@styled
+def draw(found: list[Measured]):
+    """A row of panels for each set; the neutral slopes as triangles along the shares."""
+    figure = new_figure(9.0, 2.4 * len(found) + 0.6)
+    panels = figure.subplots(len(found), len(HOW), squeeze=False, sharex=True, sharey="col")
+    for row, one in zip(panels, found, strict=True):
+        for panel, (key, (label, unit, _)) in zip(row, HOW.items(), strict=True):
+            scale = 100.0 if unit == "%" else 1.0
+            for ratio, colour in zip(RATIOS, COLOURS, strict=True):
+                numbers = [one.at_line[slope, ratio][key] for slope in SLOPES]
+                values, errors = (scale * np.array(column) for column in zip(*numbers, strict=True))
+                panel.errorbar(SLOPES, values, errors, color=colour, linewidth=1, marker="o",
+                               markersize=2, label=f"{ratio}")  # fmt: skip
+                if key == "fraction":
+                    panel.plot(one.neutral[ratio].value, -4, "^", color=colour, markersize=5,
+                               clip_on=False)  # fmt: skip
+            panel.set(title=plain(one.name), ylabel=f"{label} [{unit}]")
+    lines, names = panels[0, 0].get_legend_handles_labels()
+    about = {"title": "R_b/R_m; triangles: neutral slopes", "ncols": len(RATIOS)}
+    figure.legend(lines, names, loc="outside lower center", **about)
+    for panel in panels[-1]:
+        panel.set_xlabel("slope [degree]")
+    return figure
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--boulders", type=int, default=10_000)
+    docs = ROOT / "docs"
+    parser.add_argument("-o", metavar="FOLDER", type=Path, dest="folder", default=docs)
+    options = parser.parse_args()
+    found = [one for path in shipped_sets().values() for one in look(path, options.boulders)]
+    options.folder.mkdir(parents=True, exist_ok=True)
+    with atomic_write(options.folder / "planes.md") as part:
+        part.write_text(page(found, options.boulders), encoding="utf-8")
+    save(draw(found), options.folder / "planes.png", dpi=130)
+
+
+if __name__ == "__main__":
+    main()

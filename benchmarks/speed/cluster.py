@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What long runs pay for not losing work: checkpoints, parts, merging, Dask, the Python door.
+
+    python -m benchmarks.speed.cluster [--boulders 1000000] [--parts 100]
+
+`cases/vaujany` with passages, the greatest energy and its quantiles. Everything is a ratio to what
+was measured beside it, in one run of this script; run it on an idle machine.
+"""
+
+import argparse
+import math
+import resource
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import rockfall
+from benchmarks.machine import ROOT, machine
+from rockfall.scene.prepare import prepare
+from rockfall.scene.read import read_scene
+from rockfall.simulation.checkpoint import Checkpoint
+from rockfall.simulation.dask import run_on_cluster
+from rockfall.simulation.simulate import run_scene
+
+VAUJANY = ROOT / "cases/vaujany/case.nml"
+OUTPUT = {"maps": ["passages", "energy_max", "energy_q95"], "rebounds": False, "trajectories": 0}
+
+
+def seconds(do, *arguments, **named) -> tuple[float, object]:
+    """Wall seconds of a call, and what it returned."""
+    begin = time.perf_counter()
+    found = do(*arguments, **named)
+    return time.perf_counter() - begin, found
+
+
+def threads(scene) -> None:
+    one, two = (run_scene(scene, threads=n).attrs["wall_seconds"] for n in (1, 2))
+    print(f"two threads: {one / two:.2f} times the speed of one ({one:.1f} s)")
+
+
+def processes(scene) -> None:
+    """Wall times within a cluster that is there already."""
+    from distributed import Client, LocalCluster
+
+    took = []
+    for workers in (1, 2):
+        about = {"n_workers": workers, "threads_per_worker": 1, "dashboard_address": None}
+        with LocalCluster(**about) as local, Client(local, set_as_default=False) as client:
+            client.run(read_scene, scene.case)  # imports, and files in the page cache
+            took.append(seconds(run_on_cluster, scene, local.scheduler_address)[0])
+    print(f"two Dask workers: {took[0] / took[1]:.2f} times the speed of one ({took[0]:.1f} s)")
+
+
+def checkpoints(scene, folder: Path) -> None:
+    """With one every 5 s, written while the run goes on. Rows cost as the boulders since the last
+    one do: the share hardly hangs on the interval."""
+    plain, saved = [], []
+    for _ in range(3):
+        plain.append(seconds(run_scene, scene, threads=2)[0])
+        checkpoint = Checkpoint(folder / "checkpoint", 5.0)
+        saved.append(seconds(run_scene, scene, threads=2, checkpoint=checkpoint)[0])
+        checkpoint.remove()
+    print(f"checkpoints: {min(saved) / min(plain) - 1:+.2%} of the {min(plain):.1f} s without")
+
+
+def merging(scene, parts: int, folder: Path) -> None:
+    paths, flown = [], 0.0
+    for k in range(1, parts + 1):
+        part = run_scene(scene, shard=(k, parts), threads=1)
+        flown += part.attrs["cpu_seconds"]
+        paths.append(folder / f"{k}.nc")
+        rockfall.write_result(part, paths[-1])
+
+    begin = time.process_time()
+    rockfall.write_result(rockfall.merge(paths), folder / "all.nc")
+    took = time.process_time() - begin
+    print(f"merging {parts} parts: {took:.2f} s of CPU, {took / flown:.1%} of their {flown:.1f} s")
+
+
+def doors(case: rockfall.Case, folder: Path) -> None:
+    """CPU seconds of the two programs from start to written file, one thread; least of three."""
+    prepare(case, folder / "prepared")
+    path, boulders = folder / "prepared/case.nml", case.case["boulders"]
+    program = shutil.which("rockfall-batch")
+    if not program:
+        sys.exit("rockfall-batch is not on the PATH; see ./run setup")
+    commands = {
+        "rockfall run": [sys.executable, "-m", "rockfall", "run", path, "--quiet"]
+        + ["--threads", "1", "-o", folder / "python.nc"],
+        "rockfall-batch": [program, path, "quiet=true", "threads=1", f"output={folder}/batch.nc"],
+    }
+    cpu = dict.fromkeys(commands, math.inf)
+    for _ in range(3):
+        for name, command in commands.items():
+            before = resource.getrusage(resource.RUSAGE_CHILDREN)
+            subprocess.run(command, check=True)
+            for output in folder.glob("*.nc"):
+                output.unlink()  # to free its place is no work of the next run
+            after = resource.getrusage(resource.RUSAGE_CHILDREN)
+            took = after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime
+            cpu[name] = min(cpu[name], took)
+    more = cpu["rockfall run"] / cpu["rockfall-batch"] - 1
+    about = ", ".join(f"{name} {value:.1f} s" for name, value in cpu.items())
+    print(f"{boulders:,} boulders: {about} of CPU: {more:+.1%} by the Python door")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--boulders", type=int, default=1_000_000)
+    parser.add_argument("--parts", type=int, default=100)
+    options = parser.parse_args()
+    print(machine(), "\n")
+    case = rockfall.read_case(VAUJANY).replace(case={"boulders": options.boulders}, output=OUTPUT)
+    scene = read_scene(case)
+    with tempfile.TemporaryDirectory() as name:
+        threads(scene)
+        processes(scene)
+        checkpoints(scene, Path(name))
+        merging(scene, options.parts, Path(name))
+        doors(case, Path(name))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,332 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What each option costs a rebound, and that an option which is off costs nothing.
+
+    python -m benchmarks.speed.costs [--boulders 20000] [--repeat 3] [--cuts]
+
+The slope of `cases/vaujany` with one radius of rocks everywhere and nothing asked for; then each
+option alone, given so that every boulder goes the same way to the bit. CPU time is of the whole run
+in Python, from the scene to the result, the least of `--repeat` runs; instructions are of
+rockfall-batch (valgrind --tool=callgrind), the difference of two runs with different numbers of
+boulders. Bytes are those of the arrays that the run holds.
+
+With --cuts the kernel is built once more for each option (meson, gfortran), in a temporary folder
+and with the product's flags, with the option's code cut out of the sources; three scenes that do
+not ask for it must take as many instructions with the code as without it, within 1 %.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+import rockfall
+from benchmarks.machine import ROOT, machine
+from benchmarks.variant import build, copy_sources, replace
+from rockfall.io.grid import Grid
+from rockfall.io.raster import read_dem
+from rockfall.scene.prepare import prepare
+from rockfall.scene.read import read_scene
+from rockfall.scene.scene import Scene
+from rockfall.simulation.checkpoint import Checkpoint
+from rockfall.simulation.simulate import fields, run_scene, start
+from rockfall.simulation.tally import Tally
+
+VAUJANY = ROOT / "cases/vaujany/case.nml"
+RADIUS = 0.1  # of the rocks, everywhere [m]
+FEW, MANY = 100, 300  # boulders under callgrind
+AIM = 0.01
+UNIFORM = {
+    "zones": None, "table": None, "method": "B", "mean_radius": None, "uniform_rg": None,
+    "uniform_mean_radius": RADIUS,
+}  # fmt: skip
+NOTHING = {"maps": None, "rebounds": False, "trajectories": 0}
+MAPS = {
+    "passages": ["passages"],
+    "deposits": ["deposits"],
+    "a maximum": ["energy_max"],
+    "a mean": ["energy_mean"],
+    "quantiles of energy": ["energy_q50", "energy_q95"],
+    "quantiles of speed": ["speed_q50", "speed_q95"],
+    "quantiles of jump height": ["jump_height_q50", "jump_height_q95"],
+    "sources": ["sources"],
+    "reach probability by source": ["reach_probability_by_source"],
+}
+
+
+class Option(NamedTuple):
+    """One thing turned on: changes of the case, rasters, and how it is run."""
+
+    change: dict[str, Any] = {}
+    rasters: dict[str, np.ndarray] = {}
+    memory: float | None = None  # of windows of terrain [bytes]
+    checkpoint: bool = False
+    other_boulders: bool = False  # it changes which boulders there are
+
+
+def options(z: np.ndarray, grid: Grid, case: rockfall.Case, folder: Path) -> dict[str, Option]:
+    """All of them, the first without any."""
+    found = {"nothing asked for": Option()}
+    found["two evaluation lines"] = Option({"line": case.line})
+    found["six histograms"] = Option({"output": {"rebounds": True}})
+    found |= {f"map: {name}": Option({"output": {"maps": maps}}) for name, maps in MAPS.items()}
+    recorded = {"case": {"boulders": MANY}, "output": {"trajectories": MANY}}
+    found["trajectories of all"] = Option(recorded, other_boulders=True)
+    for few, name in ((True, "up to 127"), (False, "200")):
+        ids = np.arange(z.size).reshape(z.shape) % (100 if few else 200) + 1
+        table = folder / f"zones{ids.max()}.csv"
+        rows = "".join(f"{k},{RADIUS}\n" for k in range(1, ids.max() + 1))
+        table.write_text(f"zone,mean_radius\n{rows}")
+        surface = {"zones": "given", "table": table, "uniform_mean_radius": None}
+        found[f"{name} zones"] = Option({"surface": surface}, {"zones": ids})
+    raster = {"mean_radius": np.full(z.shape, RADIUS, "f4")}
+    surface = {"mean_radius": "given", "uniform_mean_radius": None}
+    found["raster of radii"] = Option({"surface": surface}, raster, other_boulders=True)
+    surface = {"method": "A", "uniform_rg": 3 * [2 * RADIUS], "uniform_mean_radius": None}
+    found["method A"] = Option({"surface": surface})
+    found["elevations in float64"] = Option(rasters={"dem": z.astype("f8")})
+    found["sobol"] = Option({"case": {"sampling": "sobol"}}, other_boulders=True)
+    release = {"x": None, "y": None, "cells": "given"}
+    cells = np.zeros(z.shape, "i4")
+    x, y = case.release["x"][0], case.release["y"][0]
+    cells[int((grid.north - y) / grid.cell), int((x - grid.west) / grid.cell)] = 1
+    found["a source cell, by_area"] = Option(
+        {"release": release | {"by_area": True}}, {"cells": cells}, other_boulders=True
+    )
+    found["windows of terrain"] = Option(memory=1.5 * z.nbytes)
+    found["checkpoints without pause"] = Option(checkpoint=True)
+    return found
+
+
+# What runs cost
+
+
+def scene_of(option: Option, bare: rockfall.Case, z: np.ndarray, grid: Grid) -> Scene:
+    case = bare.replace(**option.change)
+    if option.memory:
+        return read_scene(case, memory=option.memory)
+    return read_scene(case, **{"dem": z, "transform": grid, **option.rasters})
+
+
+def cpu(scene: Scene, option: Option, repeat: int, folder: Path) -> tuple[float, int]:
+    """Least CPU seconds of some runs, and their rebounds."""
+    run_scene(scene, shard=(1, scene.boulders))  # imports
+    least = np.inf
+    for _ in range(repeat):
+        saved = Checkpoint(folder / "checkpoint", 0.0) if option.checkpoint else None
+        begin = time.process_time()
+        result = run_scene(scene, threads=1, checkpoint=saved)
+        least = min(least, time.process_time() - begin)
+        if saved:
+            saved.remove()
+    return least, int(result["rebounds"])
+
+
+def held(scene: Scene) -> dict[str, float]:
+    """Bytes that a run holds of each thing."""
+    tally: Tally = start(scene, 1)
+    maps, cells = tally.maps, scene.z.size or 1
+    rasters = [a for a in (scene.z, scene.zone, scene.values) if a is not None and a.size]
+    rows = (tally.boulder, tally.count, tally.crossing)
+    layers = (maps.counts, maps.sums, maps.maxima, maps.column, maps.stamp)
+    counted = maps.class_counts.shape[1]
+    return {
+        "terrain": sum(a.nbytes for a in rasters) / cells,
+        "boulder": sum(a.nbytes for a in rows) / tally.boulders,
+        "map cell": sum(a.nbytes for a in layers if a.size > 1) / maps.box.shape[0]
+        / maps.box.shape[1],
+        "reached": 4 * counted if counted > 1 else 0,
+    }  # fmt: skip
+
+
+# Instructions
+
+
+def instructions(program: Path, case: Path, boulders: int) -> tuple[int, int]:
+    """Instructions of a run of rockfall-batch on one thread, and its rebounds."""
+    output = case.parent / "counted.nc"
+    command = ["valgrind", "--tool=callgrind", "--callgrind-out-file=/dev/null", program, case]
+    command += [f"boulders={boulders}", "threads=1", f"output={output}", "checkpoint=1e6"]
+    done = subprocess.run(command, capture_output=True, text=True)
+    collected = re.search(r"Collected : (\d+)", done.stderr)
+    if done.returncode or not collected:
+        sys.exit(f"{' '.join(map(str, command))} failed:\n{done.stderr}")
+    return int(collected[1]), int(rockfall.read_result(output)["rebounds"])
+
+
+def per_rebound(program: Path, case: Path) -> float:
+    """Instructions of a rebound, of what a run costs for each boulder more."""
+    (few, before), (many, after) = (instructions(program, case, n) for n in (FEW, MANY))
+    return (many - few) / (after - before)
+
+
+# The same kernel without an option
+
+Edit = tuple[str, str, str, int]  # file, text, what stands for it, how often it is there
+_TRAJECTORY, _ENSEMBLE = "run/trajectory.f90", "run/ensemble.f90"
+_CELLS = "if (scene%cells_requested)"
+_HISTOGRAMS = "if (scene%histograms_requested)"
+NEVER = "if (.false.)"
+#: Where a kernel that never had the option has nothing; the compiler drops what cannot be reached.
+CUTS: dict[str, list[Edit]] = {
+    "evaluation lines": [
+        (_TRAJECTORY, "if (level >= with_lines .and. allocated(scene%lines))", NEVER, 1),
+        (_TRAJECTORY, "if (level >= with_lines .and. allocated(scratch%crossings))", NEVER, 1),
+        (_ENSEMBLE, "if (allocated(scratch%crossings))", NEVER, 1),
+        (_ENSEMBLE, "if (allocated(scene%lines))", NEVER, 1),
+    ],
+    "histograms": [
+        (_TRAJECTORY, "if (level >= with_lines .and. scene%histograms_requested)", NEVER, 1),
+        (_ENSEMBLE, _HISTOGRAMS, NEVER, 4),
+    ],
+    "maps": [
+        (_TRAJECTORY, "if (level >= with_maps .and. scene%cells_requested)", NEVER, 3),
+        (_ENSEMBLE, _CELLS, NEVER, 2),
+        (_ENSEMBLE, "if (counts_sources(maps))", NEVER, 1),
+        (_ENSEMBLE, "if (result%status == stopped .or. result%status == absorbed)", NEVER, 1),
+        ("boulder/flight.f90", "if (present(spans))", NEVER, 1),
+        ("boulder/flight.f90", "if (present(n_spans))", NEVER, 1),
+    ],
+    "maps by source": [(_ENSEMBLE, "if (counts_sources(maps))", NEVER, 1)],
+    "trajectories": [(_TRAJECTORY, "if (.not. allocated(scratch%record))", "if (.true.)", 1)],
+    "zones, rasters of radii": [
+        ("terrain/surface.f90", f"associated(surface%{name})", ".false.", 1)
+        for name in ("zone1", "zone2", "values")
+    ],
+    "method A": [("terrain/surface.f90", "surface%method == method_a", ".false.", 2)],
+    "elevations in float32": [
+        ("terrain/terrain.f90", "associated(dem%z8)", ".true.", 2)
+    ],
+    "sobol": [
+        (_TRAJECTORY, "scene%sobol%dimensions > 0", ".false.", 1),
+        (_TRAJECTORY, "scene%sobol%dimensions > 1", ".false.", 1),
+    ],
+    "by_area": [("boulder/boulder.f90", "allocated(release%last)", ".false.", 2)],
+    "windows of terrain": [
+        ("terrain/terrain.f90", "in_window = i >= dem%lo(1) .and. j >= dem%lo(2) .and. "
+         "i <= dem%hi(1) .and. j <= dem%hi(2)",
+         "in_window = i >= 1 .and. j >= 1 .and. i < dem%nx .and. j < dem%ny", 1),
+        (_TRAJECTORY, "departure(scene%dem, landing%patch)", "left_domain", 1),
+        (_TRAJECTORY, "if (.not. flight%patch%known)", NEVER, 1),
+        (_ENSEMBLE, "if (result%status == left_window)", NEVER, 1),
+    ],
+    "checkpoints": [
+        ("io/simulate.f90", "call keeper%look(results, error)", "", 1),
+        ("io/simulate.f90", "call keeper%finish()", "", 1),
+    ],
+}  # fmt: skip
+
+
+EVERY = "all of these"
+#: Scenes beside the one without options, and the code that they need.
+NEEDED = {
+    "two lines": ("evaluation lines", EVERY),
+    "passages": ("maps", EVERY),
+}
+
+
+def builds(folder: Path) -> Iterator[tuple[str, Path]]:
+    """rockfall-batch as it is; without each option; without any of them."""
+    copy_sources(folder)
+    every = [edit for name, edits in CUTS.items() if name != "maps by source" for edit in edits]
+    for name, edits in {"": [], **CUTS, EVERY: every}.items():
+        texts = {file: (folder / "fortran/src" / file).read_text() for file, *_ in edits}
+        for file, old, new, often in edits:
+            replace(folder / "fortran/src" / file, old, new, often)
+        yield name, *build(folder, "fortran/rockfall-batch")
+        for file, text in texts.items():
+            (folder / "fortran/src" / file).write_text(text)
+
+
+# The tables
+
+
+def costs(
+    bare: rockfall.Case, z: np.ndarray, grid: Grid, program: Path | None, repeat: int, folder: Path
+) -> None:
+    """Each option alone."""
+    print(f"{'':34}{'':>8}{'instruc-':>10}{'bytes of':>9}")
+    print(f"{'alone':34}{'CPU ns':>8}{'tions':>10}{'terrain':>9}{'boulder':>9}{'map cell':>9}"
+          f"{'reached':>9}")  # fmt: skip
+    usual = None
+    full = rockfall.read_case(VAUJANY)
+    for k, (name, option) in enumerate(options(z, grid, full, folder).items()):
+        scene = scene_of(option, bare, z, grid)
+        took, rebounds = cpu(scene, option, repeat, folder)
+        usual = usual or rebounds
+        if not option.other_boulders and rebounds != usual:
+            sys.exit(f"{name}: {rebounds} rebounds, {usual} without it")
+        counted = ""
+        if program and not (option.memory or option.checkpoint):
+            prepared = folder / f"prepared{k}"
+            arrays = {"dem": z, "transform": grid, **option.rasters}
+            prepare(bare.replace(**option.change), prepared, **arrays)
+            counted = f"{per_rebound(program, prepared / 'case.nml'):.0f}"
+        bytes_ = "".join(f"{value:9.1f}" for value in held(scene).values())
+        print(f"{name:34}{1e9 * took / rebounds:8.0f}{counted:>10}{bytes_}", flush=True)
+    print(f"A vertex of a trajectory: {8 * len(fields(4))} bytes.")
+
+
+def cuts(scenes: dict[str, rockfall.Case], z: np.ndarray, grid: Grid, folder: Path) -> bool:
+    """Scenes in kernels that never had an option which they do not ask for; whether all are within
+    the aim."""
+    for name, case in scenes.items():
+        prepare(case, folder / name, dem=z, transform=grid)
+    (folder / "sources").mkdir()
+    print("\ninstructions a rebound, and what more they are with the code than without it")
+    print(f"{'':42}" + "".join(f"{name:>22}" for name in scenes))
+    whole: dict[str, float] = {}
+    good = True
+    for cut, program in builds(folder / "sources"):
+        cells = ""
+        for name in scenes:
+            if cut in NEEDED.get(name, ()):
+                cells += f"{'':22}"
+                continue
+            found = per_rebound(program, folder / name / "case.nml")
+            more = whole.setdefault(name, found) / found - 1
+            good = good and (more <= AIM or cut == EVERY)
+            cells += f"{found:12.1f}{more:+10.2%}"
+        print(f"{f'without the code of {cut}' if cut else 'as it is':42}{cells}", flush=True)
+    return good
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--boulders", type=int, default=20_000)
+    parser.add_argument("--repeat", type=int, default=3)
+    parser.add_argument("--cuts", action="store_true", help="build the kernel without each option")
+    words = parser.parse_args()
+    program = shutil.which("rockfall-batch", path=f"{ROOT / 'build/fortran'}{os.pathsep}"
+                           f"{os.environ['PATH']}")  # fmt: skip
+    if not shutil.which("valgrind"):
+        print("(no valgrind: instructions are left out)")
+        program = None
+    print(machine(), "\n")
+    case = rockfall.read_case(VAUJANY)
+    bare = case.replace(case={"boulders": words.boulders}, surface=UNIFORM, line=[], output=NOTHING)
+    z, grid = read_dem(case.path(case.terrain["dem"]))
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        costs(bare, z, grid, program, words.repeat, folder)
+        scenes = {
+            "nothing asked for": bare,
+            "two lines": bare.replace(line=case.line),
+            "passages": bare.replace(output={"maps": ["passages"]}),
+        }
+        if words.cuts and program and not cuts(scenes, z, grid, folder):
+            sys.exit("an option that is off costs more than 1 %")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What `rockfall check` foresees of memory and time, beside what `rockfall run` takes.
+
+    python -m benchmarks.speed.foreseen [--scale 1]
+
+Cases with few boulders and many, small terrain and large, with and without maps and counts of
+classes, whole and in windows. CPU time counts the whole program, from start to written file.
+"""
+
+import argparse
+import re
+import tempfile
+from multiprocessing import get_context
+from pathlib import Path
+
+import numpy as np
+
+import rockfall
+from benchmarks.machine import ROOT, machine
+from benchmarks.speed.valley import MAPS, NOTHING, SAME, program, relief, steep_cells, write_tiff
+from rockfall.result import variables
+
+VAUJANY = ROOT / "cases/vaujany/case.nml"
+BYTES = {"MB": 1e6, "GB": 1e9}
+SECONDS = {"s": 1.0, "min": 60.0, "h": 3600.0}
+AIM = 0.25
+
+
+def foreseen(said: str, word: str, units: dict[str, float]) -> float:
+    """The number of a row such as `memory   about 2.0 GB ...`."""
+    number, unit = re.search(rf"^  {word} +about ([\d.]+) (\w+)", said, re.MULTILINE).groups()
+    return float(number) * units[unit]
+
+
+def compare(what: str, case: rockfall.Case, folder: Path, *options: str) -> bool:
+    """One row of the table; whether both are within the aim."""
+    path = folder / "case.nml"
+    path.write_text(case.text())
+    said, _, _ = program("check", path, *options)
+    memory, time = foreseen(said, "memory", BYTES), foreseen(said, "time", SECONDS)
+    _, cpu, peak = program("run", path, "--quiet", "-o", folder / "out.nc", *options)
+    off = memory / peak - 1, time / cpu - 1
+    print(f"{what:46}{memory / 1e6:9.0f}{peak / 1e6:8.0f}{off[0]:+7.0%}", end="")
+    print(f"{time:10.1f}{cpu:8.1f}{off[1]:+7.0%}", flush=True)
+    return max(map(abs, off)) <= AIM
+
+
+def make_files(dem: Path, cells: Path, side: int, sources: int) -> None:
+    random = np.random.default_rng(1)
+    z = relief(side, random)
+    write_tiff(dem, z)
+    write_tiff(cells, steep_cells(z, sources, random))
+
+
+def valley(folder: Path, side: int, sources: int, each: int, maps: list[str] | None):
+    """A case on made relief, whose files are made once, and elsewhere: the peak of a program counts
+    from the memory of the one that starts it."""
+    dem, cells = folder / f"dem{side}.tif", folder / f"cells{side}_{sources}.tif"
+    if not cells.exists():
+        making = get_context("spawn").Process(target=make_files, args=(dem, cells, side, sources))
+        making.start()
+        making.join()
+    return rockfall.Case(
+        case={"boulders": each},
+        terrain={"dem": dem},
+        release={"cells": cells, "drop_height": 2.0},
+        output=NOTHING | {"maps": maps},
+        **SAME,
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--scale", type=float, default=1.0, help="of the numbers of boulders")
+    scale = parser.parse_args().scale
+    print(machine())
+    print(f"\n{'':46}{'memory MB':>17}{'off':>7}{'CPU s':>18}{'off':>7}")
+    print(f"{'':46}{'foreseen':>9}{'taken':>8}{'':7}{'foreseen':>10}{'taken':>8}")
+    vaujany = rockfall.read_case(VAUJANY)
+    every = {"maps": list(variables.MAP), "rebounds": True, "trajectories": 0}
+    good = []
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        for boulders, output in ((10_000, every), (1_000_000, NOTHING), (1_000_000, every)):
+            n = max(1, int(scale * boulders))
+            what = f"vaujany, {n:,} boulders, {'all maps' if output is every else 'no maps'}"
+            absolute = {
+                "terrain": {"dem": VAUJANY.parent / "dem.tif"},
+                "surface": {
+                    key: VAUJANY.parent / vaujany.surface[key] for key in ("zones", "table")
+                },
+            }
+            case = vaujany.replace(case={"boulders": n}, output=output, **absolute)
+            good.append(compare(what, case, folder))
+        for side, sources, each, maps in (
+            (1000, 2000, 50, MAPS), (4000, 10_000, 100, None), (4000, 10_000, 100, MAPS),
+            (4000, 100_000, 5, ["passages", "reach_probability", "energy_mean"]),
+        ):  # fmt: skip
+            n = max(1, int(scale * each))
+            what = f"relief of {side}², {sources:,} x {n}, {len(maps or [])} maps"
+            good.append(compare(what, valley(folder, side, sources, n, maps), folder))
+        n = max(1, int(scale * 100))
+        case = valley(folder, 4000, 10_000, n, ["passages"])
+        good.append(compare("the same, passages, in windows", case, folder, "--memory", "60MB"))
+    print(f"\n{sum(good)} of {len(good)} within {AIM:.0%}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a rebound costs: CPU nanoseconds by option, wall time by threads, and where the time goes.
+
+    python -m benchmarks.speed.throughput [--boulders 20000] [--repeat 5]
+
+Each number is the least of `--repeat` runs. CPU time counts all threads; it is that of the kernel's
+calls, not of reading and writing files. On a busy machine only the ratios mean something.
+"""
+
+import argparse
+import os
+import shutil
+import subprocess
+
+import rockfall
+from benchmarks.machine import ROOT, machine
+from rockfall.result import variables
+from rockfall.scene.read import read_scene
+from rockfall.simulation.simulate import run_scene
+
+MAPS = ["passages", "reach_probability", "deposits", "energy_max", "energy_mean"]
+MAPS += ["speed_max_map", "jump_height_max_map"]
+EVERY_MAP = list(variables.MAP)
+NOTHING = {"maps": None, "rebounds": False, "trajectories": 0}
+OPTIONS = {
+    "nothing asked for": {"line": [], "output": NOTHING},
+    "two evaluation lines": {"output": NOTHING},
+    "lines, histograms": {"output": NOTHING | {"rebounds": True}},
+    "lines, passages": {"output": NOTHING | {"maps": ["passages"]}},
+    "lines, seven maps": {"output": NOTHING | {"maps": MAPS}},
+    "lines, every map": {"output": NOTHING | {"maps": EVERY_MAP}},
+    "method A": {"line": [], "output": NOTHING, "surface": {"method": "A"}},
+}
+
+
+def measure(case: rockfall.Case, threads: int, repeat: int) -> tuple[float, float, int, int]:
+    """Least CPU and wall seconds of some runs; rebounds and boulders of one."""
+    scene = read_scene(case)
+    runs = [run_scene(scene, threads=threads) for _ in range(repeat)]
+    cpu, wall = (min(run.attrs[key] for run in runs) for key in ("cpu_seconds", "wall_seconds"))
+    return cpu, wall, int(runs[0]["rebounds"]), runs[0].sizes["boulder"]
+
+
+def parts() -> None:
+    """The time of each part of a rebound, from a program of the build folder."""
+    build = ROOT / "build"
+    if not (shutil.which("ninja") and (build / "build.ninja").exists()):
+        print("\n(no build folder: the parts of a rebound are left out)")
+        return
+    subprocess.run(
+        ["ninja", "-C", build, "benchmarks/parts"], check=True, stdout=subprocess.DEVNULL
+    )
+    print("\nParts of a rebound, each alone in a loop")
+    print(subprocess.run([build / "benchmarks/parts"], capture_output=True, text=True).stdout)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--boulders", type=int, default=20_000)
+    parser.add_argument("--repeat", type=int, default=5)
+    options = parser.parse_args()
+    print(machine(), "\n")
+    vaujany = rockfall.read_case(ROOT / "cases/vaujany/case.nml")
+    vaujany = vaujany.replace(case={"boulders": options.boulders})
+
+    print(f"{'cases/vaujany, one thread':28}{'ns/rebound':>12}{'boulders/CPU s':>16}")
+    for name, change in OPTIONS.items():
+        cpu, _, rebounds, boulders = measure(vaujany.replace(**change), 1, options.repeat)
+        print(f"{name:28}{1e9 * cpu / rebounds:12.0f}{boulders / cpu:16.0f}")
+
+    print(f"\n{'threads, lines only':28}{'wall, 1 thread = 1':>20}{'CPU, 1 thread = 1':>20}")
+    bare = vaujany.replace(output=NOTHING)
+    first = None
+    for threads in (n for n in (1, 2, 4, 8, 16, 32, 64) if n <= os.cpu_count()):
+        cpu, wall, _, _ = measure(bare, threads, options.repeat)
+        first = first or (wall, cpu)
+        print(f"{threads:<28}{first[0] / wall:17.2f} x {cpu / first[1]:19.2f}")
+    parts()
+
+
+if __name__ == "__main__":
+    main()

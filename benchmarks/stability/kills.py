@@ -1,0 +1,159 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Crashes at random steps of a save, interrupts and resumes between: the same bits in the end.
+
+    python -m benchmarks.stability.kills --crashes 1000 --seed 1
+
+Runs save whenever they may, and go on from what they find, be it of the other program. crash.c ends
+them before one of the calls by which files come to disk and get their names (rename, fsync, unlink,
+flock), as a kill does, or interrupts them there, or right after they have begun. Whenever a run
+comes to its end its result is compared with that of one in one piece, bit for bit, and another
+begins. `rockfall` runs in forks of a process that has everything imported.
+"""
+
+from __future__ import annotations
+
+import argparse
+import multiprocessing
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+from collections import Counter
+from pathlib import Path
+
+import netCDF4
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
+
+import rockfall
+from programs import find_program, make_prepared, same_results
+from rockfall import cli
+
+SHIM = Path(__file__).with_name("crash.c")
+CRASHED, INTERRUPTED = 137, 130  # exit status
+#: Steps within which a process crashes (a save has four), and handlers of Ctrl-C that it sets.
+STEPS = {"rockfall": range(1, 31), "rockfall-batch": range(1, 13)}
+HANDLERS = {"rockfall": range(1, 5), "rockfall-batch": range(1, 2)}
+PROGRESS = 50  # crashes from a line to the next
+FORKS = multiprocessing.get_context("forkserver")
+FORKS.set_forkserver_preload(
+    ["benchmarks.stability.kills", "rockfall.simulation.checkpoint", "rockfall.text.summary"]
+)
+
+
+def build_shim(folder: Path) -> dict[str, str]:
+    """An environment in which programs obey CRASH_AT and so on, see crash.c."""
+    shim = folder / "crash.so"
+    subprocess.run(["cc", "-O1", "-shared", "-fPIC", "-o", shim, SHIM, "-ldl"], check=True)
+    return {**os.environ, "LD_PRELOAD": str(shim), "OMP_NUM_THREADS": "1"}
+
+
+def run_program(words: list[str], folder: Path, environment: dict[str, str]) -> tuple[int, str]:
+    """Run rockfall-batch; its exit status, and what it says."""
+    command = [find_program(), "ready/case.nml", *words]
+    ended = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
+    return ended.returncode, ended.stderr
+
+
+def run_fork(words: list[str], folder: Path, environment: dict[str, str]) -> tuple[int, str]:
+    """Run `rockfall` in a fork of a process that has the shim."""
+    said = folder / "stderr.txt"
+    command = ["run", "case.nml", *words]
+    process = FORKS.Process(target=_fork, args=(command, folder, environment, said))
+    process.start()
+    process.join()
+    return process.exitcode, said.read_text()
+
+
+def _fork(command: list[str], folder: Path, environment: dict[str, str], said: Path) -> None:
+    os.chdir(folder)
+    os.dup2(os.open(said, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), sys.stderr.fileno())
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    os.environ |= environment
+    os._exit(cli.main(command))
+
+
+RUN = {"rockfall": run_fork, "rockfall-batch": run_program}
+
+
+class Study:
+    """Runs of both programs in a folder until so many have crashed."""
+
+    def __init__(self, folder: Path, environment: dict, boulders: int, numbers: random.Random):
+        self.folder, self.environment, self.random = folder, environment, numbers
+        self.words = ["--boulders", f"{boulders}", "--checkpoint", "1e-9", "--resume", "--quiet"]
+        self.output, self.ended = folder / "out.nc", Counter[tuple[str, int]]()
+        self.results = 0  # that were compared
+        case = rockfall.read_case(folder / "case.nml").replace(case={"boulders": boulders})
+        self.whole = rockfall.run(case)
+
+    def _run(self, how: dict[str, str], program: str) -> int:
+        words, environment = [*self.words, "-o", self.output.name], self.environment | how
+        status, said = RUN[program](words, self.folder, environment)
+        if status not in (0, CRASHED, INTERRUPTED):
+            raise SystemExit(f"{program} {how}: {status}: {said}")
+        self.ended[program, status] += 1
+        if status == 0:
+            self._compare()
+        return status
+
+    def crashed(self) -> int:
+        return sum(self.ended[program, CRASHED] for program in RUN)
+
+    def crash(self, crashes: int) -> None:
+        """Crash, interrupt and resume; a result that differs ends the study."""
+        while self.crashed() < crashes:
+            program = self.random.choice([*RUN])
+            what = self.random.choice(["CRASH_AT", "CRASH_AT", "INTERRUPT_AT", "INTERRUPT_READY"])
+            numbers = HANDLERS if what == "INTERRUPT_READY" else STEPS
+            how = {what: str(self.random.choice(numbers[program]))}
+            if self._run(how, program) == CRASHED and self.crashed() % PROGRESS == 0:
+                self.say()
+        while self.output.with_name(f"{self.output.name}.checkpoint").exists():
+            self._run({}, "rockfall")
+
+    def say(self) -> None:
+        counts = ", ".join(
+            f"{program}: {self.ended[program, CRASHED]} crashes, "
+            f"{self.ended[program, INTERRUPTED]} interrupts" for program in RUN
+        )  # fmt: skip
+        print(f"{counts}; {self.results} results with the same bits", flush=True)
+
+    def _compare(self) -> None:
+        with netCDF4.Dataset(self.output) as file:
+            is_part = "part_layout" in file.ncattrs()
+        result = rockfall.merge([self.output]) if is_part else rockfall.read_result(self.output)
+        left = [path.name for path in self.folder.glob(f"{self.output.name}*")]
+        try:
+            same_results(result, self.whole)
+            assert left == [self.output.name], left
+        except AssertionError as error:
+            keep = Path(tempfile.mkdtemp(prefix="kills-"))
+            shutil.copytree(self.folder, keep, dirs_exist_ok=True)
+            raise SystemExit(f"another result: {error}; all files are in {keep}") from error
+        self.results += 1
+        self.output.unlink()
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--crashes", type=int, default=1000, help="of both programs together")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--boulders", type=int, default=2000, help="from each of four sources")
+    arguments = parser.parse_args()
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # jobs in the background ignore it
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        make_prepared(folder)
+        environment = build_shim(folder)
+        os.environ |= environment  # of the process that forks
+        study = Study(folder, environment, arguments.boulders, random.Random(arguments.seed))
+        study.crash(arguments.crashes)
+        study.say()
+
+
+if __name__ == "__main__":
+    main()

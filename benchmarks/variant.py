@@ -1,0 +1,39 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The kernel built once more, with its sources changed, in a folder of its own."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+from benchmarks.machine import ROOT
+
+
+def copy_sources(folder: Path) -> None:
+    """All that goes into a build, to be changed."""
+    for name in ("fortran", "python", "tools", "benchmarks"):
+        shutil.copytree(ROOT / name, folder / name)
+    for name in ("meson.build", "meson.options", "LICENSE"):
+        shutil.copy(ROOT / name, folder)
+
+
+def replace(file: Path, old: str, new: str, times: int = 1) -> None:
+    """Change the sources; ends where they no longer are what a benchmark takes them for."""
+    text = file.read_text()
+    if text.count(old) != times:
+        sys.exit(f"{file.name}: '{old}' should be there {times} times; mend the benchmark")
+    file.write_text(text.replace(old, new))
+
+
+def build(folder: Path, *targets: str) -> list[Path]:
+    """Build the changed sources with the product's flags; returns the programs."""
+    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+    setup = ["meson", "setup", "-Dpython=false", "-Dbuildtype=release", "build"]
+    for command in (setup, ["ninja", "-C", "build", "--quiet", *targets]):
+        done = subprocess.run(
+            command, cwd=folder, env=os.environ | {"PATH": path}, capture_output=True, text=True
+        )
+        if done.returncode:
+            sys.exit(f"{' '.join(command)} failed:\n{done.stdout}{done.stderr}")
+    return [folder / "build" / target for target in targets]

@@ -1,0 +1,189 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The arguments of every command."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from importlib import import_module
+from pathlib import Path
+from typing import NoReturn
+
+from rockfall.errors import RockfallError
+
+_Commands = argparse._SubParsersAction  # argparse has no public name for it
+_RULES = "'speed.mean@EL1<2%%, energy_total.q95@EL1<5%%, fraction@EL1<3%%'"
+
+
+class _Parser(argparse.ArgumentParser):
+    def error(self, message: str) -> NoReturn:
+        raise RockfallError(f"{message}; see {self.prog} --help")
+
+
+class _Version(argparse.Action):
+    """`--version`, looked up only when asked for."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
+        print(f"rockfall {import_module('rockfall.version').__version__}")
+        parser.exit()
+
+
+def _add(commands: _Commands, module: str, name: str, does: str, what: str = "") -> _Parser:
+    """A command, of a module in this folder, that reads one file, `what`."""
+    one = commands.add_parser(name, help=does, description=does[0].upper() + does[1:] + ".")
+    if what:
+        one.add_argument(what.lower(), metavar=what, type=Path)
+    one.set_defaults(command=_command(module, name))
+    return one
+
+
+def _command(module: str, name: str) -> Callable[[argparse.Namespace], int]:
+    """The function of a command. Its module is imported when it is called: `rockfall --help` needs
+    no NumPy, and a check no figures."""
+    name = f"{name}_command"
+    return lambda given: getattr(import_module(f"rockfall.cli.{module}"), name)(given)
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """The parser of the whole command line; its `command` takes the arguments it has read."""
+    parser = _Parser(
+        prog="rockfall", description="Where falling rocks go, how fast, how high and how often."
+    )
+    parser.add_argument("--version", action=_Version, nargs=0, help="print the version")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    _add_runs(commands)
+    _add_studies(commands)
+    _add_results(commands)
+    _add_lab(commands)
+    return parser
+
+
+def _add_runs(commands: _Commands) -> None:
+    about = "read and check everything, simulate a few boulders, estimate time and memory"
+    check = _add(commands, "run", "check", about, "CASE")
+    run = _add(commands, "run", "run", "run a case and write its result as netCDF", "CASE")
+    for one in check, run:
+        about = "of the run; terrain beyond half of it is read in windows; default: the machine's"
+        one.add_argument("--memory", metavar="SIZE", help=about)
+    run.add_argument("-o", "--output", metavar="OUT.nc", type=Path, help="default: CASE.nc, here")
+    about = f"run until 95 %% confidence intervals are narrow enough: {_RULES}"
+    run.add_argument("--until", metavar="RULES", help=about)
+    run.add_argument("--cap", metavar="N", type=int, help="with --until: maximum from each source")
+    run.add_argument("--shard", metavar="I/N", help="the I-th of N parts, for `rockfall merge`")
+    run.add_argument("--dask", metavar="WHERE", help="on a Dask cluster: its address, or local:N")
+    run.add_argument("--resume", action="store_true", help="go on from the last checkpoint, if any")
+    run.add_argument(
+        "--checkpoint", metavar="SECONDS", type=float, default=60.0,
+        help="between checkpoints, in OUT.nc.checkpoint; default: 60, 0 = none",
+    )  # fmt: skip
+    _add_overrides(run)
+    about = "make a case that rockfall-batch reads without Python"
+    prepare = _add(commands, "run", "prepare", about, "CASE")
+    prepare.add_argument("folder", metavar="DIR", type=Path, help="is made; for the prepared files")
+    about = "write a Slurm job array for a case, with its merge job"
+    slurm = _add(commands, "run", "slurm", about, "CASE")
+    slurm.add_argument("folder", metavar="DIR", type=Path, help="is made; jobs, parts and result")
+    slurm.add_argument("--shards", metavar="N", type=int, required=True, help="jobs of the array")
+    slurm.add_argument("--program", default="python", help="python (default), or batch")
+    slurm.add_argument("--threads", metavar="N", type=int, default=4, help="of each job; default 4")
+    slurm.add_argument("--time", default="24:00:00", help="of each job; default 24:00:00")
+    about = "merge the parts of a run; the result is that of a run in one piece, bit for bit"
+    merge = _add(commands, "run", "merge", about)
+    merge.add_argument("parts", metavar="PART.nc", type=Path, nargs="+")
+    merge.add_argument("-o", "--output", metavar="OUT.nc", type=Path, required=True)
+
+
+def _add_overrides(command: argparse.ArgumentParser) -> None:
+    """What stands in place of the case's own."""
+    command.add_argument("--boulders", metavar="N", type=int, help="released from each source")
+    command.add_argument("--seed", metavar="N", type=int, help="of the random numbers")
+    command.add_argument("--threads", metavar="N", type=int, help="0 = all cores")
+    command.add_argument("--quiet", action="store_true", help="no progress, no summary")
+
+
+def _add_studies(commands: _Commands) -> None:
+    about = "run a case over its uncertain inputs, and say which of them matter"
+    vary = _add(commands, "studies", "ensemble", about, "CASE")
+    vary.add_argument("-o", "--output", metavar="OUT", type=Path, help="OUT.nc, or a table OUT.csv")
+    vary.add_argument("--runs", metavar="M", type=int, help="draws of the uncertain inputs")
+    _add_overrides(vary)
+    about = "measure how a case's numbers converge, and the cost"
+    converge = _add(commands, "studies", "convergence", about, "CASE")
+    converge.add_argument(
+        "-o", "--output", metavar="DIR", type=Path, help="default: CASE_convergence"
+    )
+    converge.add_argument("--boulders", metavar="N", type=int, nargs="+", help="of the study")
+    converge.add_argument("--reference", metavar="N", type=int, help="boulders; default: 1000000")
+
+
+def _add_results(commands: _Commands) -> None:
+    def result(name: str, does: str) -> _Parser:
+        return _add(commands, "results", name, does, "OUT.nc")
+
+    export = result("export", "write a result as GeoTIFF, GeoPackage and CSV")
+    export.add_argument("folder", metavar="DIR", type=Path, help="is made if it is missing")
+    compare = result("compare", "compare a result with observations")
+    compare.add_argument("observed", metavar="OBSERVED.csv", type=Path, nargs="+")
+    compare.add_argument("-o", "--output", metavar="TABLE.csv", type=Path, help="all tables as CSV")
+    lines = result("lines", "print line statistics with intervals, and return levels")
+    lines.add_argument("-o", "--output", metavar="TABLE.csv", type=Path, help="write them, too")
+    figures = result("figures", "draw every figure of a result, those of the paper too")
+    figures.add_argument("folder", metavar="DIR", type=Path, help="is made if it is missing")
+    figures.add_argument("--format", default="png", help="png (default), pdf or svg")
+    report = result("report", "write a result as one HTML page, to be read offline")
+    report.add_argument("-o", "--output", metavar="FILE", type=Path, help="default: OUT.html")
+    for one in figures, report:
+        one.add_argument("--dem", metavar="FILE", type=Path, help="default: the case's, if found")
+        one.add_argument("--observed", metavar="CSV", type=Path, nargs="+", help="drawn beside it")
+
+
+def _add_lab(commands: _Commands) -> None:
+    """Add the laboratory to the commands of `rockfall`."""
+    about = "discrete-element impacts, and impact sets from them"
+    lab = commands.add_parser("lab", help=about, description=about.capitalize() + ".")
+    verbs = lab.add_subparsers(required=True, metavar="COMMAND")
+
+    def verb(name: str, does: str) -> argparse.ArgumentParser:
+        one = verbs.add_parser(name, help=does, description=does[0].upper() + does[1:] + ".")
+        one.set_defaults(command=_command("lab", name))
+        return one
+
+    pack = verb("pack", "let layers settle, say what they are, draw the first")
+    pack.add_argument("case", metavar="LAB.nml", type=Path)
+    pack.add_argument("-o", "--output", metavar="LAYER.png", type=Path, help="a picture")
+    pack.add_argument("--layers", metavar="N", type=int, default=8, help="default: 8")
+    pack.add_argument("--ratio", metavar="R", type=float, default=5.0, help="R_b/R_m; default: 5")
+    impact = verb("impact", "fire all impacts of a laboratory case")
+    impact.add_argument("case", metavar="LAB.nml", type=Path)
+    impact.add_argument("-o", "--output", metavar="OUT.nc", type=Path, help="default: LAB.nc, here")
+    impact.add_argument("--resume", action="store_true", help="go on with OUT.nc")
+    fit = verb("fit", "make impact sets from impacts, or from measured contacts")
+    fit.add_argument(
+        "impacts", metavar="IMPACTS", type=Path, help=".nc of the laboratory, or .csv of contacts"
+    )
+    fit.add_argument("-o", "--output", metavar="SETS.nml", type=Path, help="for rockfall run")
+    fit.add_argument(
+        "--state", help="of the boulder in the laboratory: peak (default), loss or clear"
+    )
+    fit.add_argument(
+        "--nearest-ratio", action="store_true",
+        help="a ratio without measured contacts has the set of the nearest that has some",
+    )  # fmt: skip
+    card = verb("scorecard", "set impact sets beside what is known of rebounds on rocky slopes")
+    card.add_argument("sets", metavar="SETS", nargs="*", help="shipped or files; default: shipped")
+    card.add_argument(
+        "--site", metavar="DIR", type=Path, default=Path("cases/vaujany"),
+        help="the case of the slope; default: cases/vaujany",
+    )  # fmt: skip
+    card.add_argument(
+        "--slopes", metavar="N", type=int, default=32,
+        help="of the site's recipe, for means and standard errors; default: 32",
+    )  # fmt: skip
+    card.add_argument("--turning", default="past_aspect", help="as &impact turning")
+    card.add_argument("--rg-reading", default="diameter", help="as &surface rg_reading")
+    remake = verb("remake", "make set files again from their provenance, and compare all bits")
+    remake.add_argument("sets", metavar="SETS", nargs="+", help="shipped or files")
+    for one in (pack, impact, remake):
+        one.add_argument("--threads", metavar="N", type=int, default=0, help="default: all cores")
+    for one in (impact, fit, card, remake):
+        one.add_argument("--quiet", action="store_true", help="no progress, no summary")

@@ -1,0 +1,172 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""From a case to its result: check, run, merge, and cases for other machines: prepare, slurm."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rockfall.analysis.run_until import run_scene_until, verdicts_of
+from rockfall.case import Case, read_case
+from rockfall.case_files import input_files
+from rockfall.cli.messages import DONE, say, warn
+from rockfall.errors import RockfallError
+from rockfall.interrupts import exit_status, interrupts
+from rockfall.io.output_files import RESULT, check_output
+from rockfall.result.dataset import write_result
+from rockfall.scene.plausible import doubts
+from rockfall.scene.prepare import prepare
+from rockfall.scene.read import read_scene
+from rockfall.scene.scene import Scene
+from rockfall.simulation.checkpoint import Checkpoint
+from rockfall.simulation.dask import run_on_cluster
+from rockfall.simulation.lock import locked
+from rockfall.simulation.memory import machine_memory, read_memory
+from rockfall.simulation.merge import merge
+from rockfall.simulation.simulate import Interrupted, run_scene
+from rockfall.simulation.slurm import write_jobs
+from rockfall.text.preview import preview
+from rockfall.text.summary import summary
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+def check_command(arguments: argparse.Namespace) -> int:
+    print(preview(_scene(read_case(arguments.case), arguments)))
+    return DONE
+
+
+def run_command(arguments: argparse.Namespace) -> int:
+    _refuse_contradictions(arguments)
+    case = overridden(arguments)
+    which, of = shard = (1, 1) if arguments.shard is None else _shard(arguments.shard)
+    stem = arguments.case.stem
+    path = arguments.output or Path(f"{stem}.nc" if of == 1 else f"{stem}.part{which}of{of}")
+    check_output(path, RESULT, input_files(case))
+    with locked(path, warn):
+        return _run_to(path, case, arguments, shard, _checkpoint(arguments, path))
+
+
+def merge_command(arguments: argparse.Namespace) -> int:
+    check_output(arguments.output, RESULT, arguments.parts)
+    result = merge(arguments.parts)
+    write_result(result, arguments.output)
+    print(summary(result))
+    print(arguments.output)
+    return DONE
+
+
+def prepare_command(arguments: argparse.Namespace) -> int:
+    print(*prepare(read_case(arguments.case), arguments.folder), sep="\n")
+    return DONE
+
+
+def slurm_command(arguments: argparse.Namespace) -> int:
+    how = {key: getattr(arguments, key) for key in ("program", "threads", "time")}
+    print(*write_jobs(arguments.case, arguments.folder, arguments.shards, **how), sep="\n")
+    return DONE
+
+
+def overridden(arguments: argparse.Namespace) -> Case:
+    """The case with what the command line has in place of its own."""
+    case = read_case(arguments.case)
+    given = {key: getattr(arguments, key) for key in ("boulders", "seed", "threads")}
+    given = {key: value for key, value in given.items() if value is not None}
+    return case.replace(case=given) if given else case
+
+
+def _refuse_contradictions(arguments: argparse.Namespace) -> None:
+    if arguments.until is not None and arguments.boulders is not None:
+        raise RockfallError("--boulders: --until finds their number; limit it with --cap")
+    if arguments.until is None and arguments.cap is not None:
+        raise RockfallError("--cap: is of use with --until only")
+    for word in "shard", "resume", "dask":
+        if arguments.until is not None and getattr(arguments, word) not in (None, False):
+            raise RockfallError(f"--{word}: --until decides on all boulders together")
+    if arguments.dask is not None and (arguments.resume or arguments.shard is not None):
+        raise RockfallError("--dask: makes parts of its own, and no checkpoints")
+    if not arguments.checkpoint >= 0:
+        raise RockfallError(f"--checkpoint {arguments.checkpoint}: must be >= 0 seconds")
+
+
+def _shard(text: str) -> tuple[int, int]:
+    which, slash, of = text.partition("/")
+    if not (slash and which.isdecimal() and of.isdecimal() and 1 <= int(which) <= int(of)):
+        raise RockfallError(f"--shard {text}: must be I/N with I from 1 to N")
+    return int(which), int(of)
+
+
+def _scene(case: Case, arguments: argparse.Namespace) -> Scene:
+    """The scene of a case, with warnings of what is doubtful in it."""
+    memory = machine_memory() if arguments.memory is None else read_memory(arguments.memory)
+    scene = read_scene(case, memory=memory)
+    for line in doubts(scene):
+        warn(line)
+    return scene
+
+
+def _checkpoint(arguments: argparse.Namespace, path: Path) -> Checkpoint | None:
+    """Where a run saves its work; one that is there is not overwritten unasked."""
+    if arguments.until is not None or arguments.dask is not None:
+        return None
+    found = Checkpoint(path, arguments.checkpoint or math.inf, warn)
+    if (done := found.found()) and not arguments.resume:
+        raise RockfallError(
+            f"{found.path}: holds {done:,} boulders of a run that was stopped; go on with "
+            "--resume, or remove it"
+        )
+    return found
+
+
+def _run_to(
+    path: Path,
+    case: Case,
+    arguments: argparse.Namespace,
+    shard: tuple[int, int],
+    checkpoint: Checkpoint | None,
+) -> int:
+    scene = _scene(case, arguments)
+    with interrupts():  # what has been done is also written
+        try:
+            result = _simulate(scene, arguments, shard, checkpoint)
+        except Interrupted as stop:
+            return _keep(stop.result, path, checkpoint)
+        write_result(result, path)
+    if checkpoint:
+        checkpoint.remove()
+    for verdict in verdicts_of(result):
+        if not verdict.met:
+            warn(f"--until {verdict}")
+    if not arguments.quiet:
+        print(summary(result))
+        print(path)
+    return DONE
+
+
+def _simulate(
+    scene: Scene,
+    arguments: argparse.Namespace,
+    shard: tuple[int, int],
+    checkpoint: Checkpoint | None,
+) -> xr.Dataset:
+    """As many boulders as the case says, or as the rules of `--until` need."""
+    shown = not arguments.quiet
+    if arguments.dask is not None:
+        return run_on_cluster(scene, arguments.dask, progress=shown)
+    if arguments.until is None:
+        return run_scene(scene, shard=shard, checkpoint=checkpoint, progress=shown, keep=False)
+    return run_scene_until(scene, arguments.until, arguments.cap, progress=shown, keep=False)
+
+
+def _keep(result: xr.Dataset, path: Path, checkpoint: Checkpoint | None) -> int:
+    """Write what was done before Ctrl-C."""
+    done, requested = result.sizes["boulder"], result.attrs["boulders_asked"]
+    if not done:
+        raise KeyboardInterrupt
+    write_result(result, path)
+    holds = f"{path} holds the first {done:,} of {requested:,} boulders and is a valid result"
+    holds += "; --resume goes on" if checkpoint and checkpoint.saved else ""
+    return say(f"interrupted: {holds}", exit_status())

@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Many runs of a case: over what is uncertain in it, and for how its numbers converge."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from collections.abc import Iterable
+from pathlib import Path
+
+from rockfall.analysis.convergence import Convergence, converge
+from rockfall.analysis.ensemble import check_place, run_ensemble, write_ensemble
+from rockfall.case import read_case
+from rockfall.case_files import input_files
+from rockfall.cli.messages import DONE
+from rockfall.cli.run import overridden
+from rockfall.errors import RockfallError, need
+from rockfall.io.output_files import FIGURE, STUDY, atomic_folder, check_outputs
+from rockfall.io.tables import write_csv
+from rockfall.plots.convergence import figure
+from rockfall.text.convergence import text
+from rockfall.text.ensemble import ensemble_summary
+
+TABLES = ("study", "error", "cost", "numerical")
+FILES = {  # of a study of convergence, and their kinds
+    **{f"{table}.csv": STUDY for table in TABLES},
+    **{f"convergence.{ending}": FIGURE for ending in ("png", "pdf")},
+}
+
+
+def ensemble_command(arguments: argparse.Namespace) -> int:
+    case = overridden(arguments)
+    if arguments.runs is not None:
+        case = case.replace(ensemble={"runs": arguments.runs})
+    path = arguments.output or Path(f"{arguments.case.stem}-ensemble.nc")
+    check_place(path, len(case.line), input_files(case))
+    found = run_ensemble(case, progress=not arguments.quiet)
+    write_ensemble(found, path)
+    if not arguments.quiet:
+        print(ensemble_summary(found))
+        print(path)
+    return DONE
+
+
+def convergence_command(arguments: argparse.Namespace) -> int:
+    folder = arguments.output or Path(f"{arguments.case.stem}_convergence")
+    case = read_case(arguments.case)
+    inputs = list(input_files(case))
+    check_writable(folder, inputs)
+    given = {key: getattr(arguments, key) for key in ("boulders", "reference")}
+    given = {key: value for key, value in given.items() if value is not None}
+    found = converge(case, **given, progress=True)
+    paths = write_convergence(found, folder, inputs)
+    print(text(found))
+    print("", *paths, sep="\n")
+    return DONE
+
+
+def write_convergence(
+    found: Convergence, folder: Path, inputs: Iterable[str | Path] = ()
+) -> list[Path]:
+    """Write all of FILES to a folder, or none; over no file of the `inputs` and nothing but an
+    earlier study."""
+    inputs = list(inputs)
+    check_writable(folder, inputs)
+    with atomic_folder(folder, inputs) as part:
+        for name in TABLES:
+            write_csv(getattr(found, name), part / f"{name}.csv")
+        figure(found, [part / name for name in FILES if FILES[name] == FIGURE])
+    return [folder / name for name in FILES]
+
+
+def check_writable(folder: Path, inputs: Iterable[str | Path] = ()) -> None:
+    """Refuse what would keep `write_convergence` from its files, before the runs and not after."""
+    need("convergence needs", "report", "matplotlib")
+    if folder.exists() and not folder.is_dir():
+        raise RockfallError(f"{folder}: is there, and not a folder")
+    if not folder.parent.is_dir():
+        raise RockfallError(f"{folder}: there is no folder {folder.parent}")
+    if not os.access(folder if folder.exists() else folder.parent, os.W_OK):
+        raise RockfallError(f"{folder}: is not writable")
+    check_outputs({folder / name: kind for name, kind in FILES.items()}, inputs)

@@ -1,0 +1,125 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// Maps zoom and move together, by wheel, drag, pinch and keys; figures open large.
+"use strict";
+{
+  const maps = [...document.querySelectorAll(".map svg[tabindex]")];
+  const [wide, high] = maps.length ? maps[0].getAttribute("viewBox").split(" ").slice(2).map(Number) : [1, 1];
+  const view = { x: 0, y: 0, part: 1 }; // shown: `part` of either side, from cell x, y
+  const smallest = Math.min(1, 8 / Math.max(wide, high));
+  const clamp = (value, low, high) => Math.min(Math.max(value, low), high);
+
+  function show() {
+    view.x = clamp(view.x, 0, wide * (1 - view.part));
+    view.y = clamp(view.y, 0, high * (1 - view.part));
+    for (const map of maps) {
+      map.setAttribute("viewBox", `${view.x} ${view.y} ${wide * view.part} ${high * view.part}`);
+      map.classList.toggle("zoomed", view.part < 1);
+    }
+    rescale();
+  }
+
+  // Texts keep their size on the screen.
+  function rescale() {
+    for (const map of maps) {
+      const matrix = map.getScreenCTM();
+      if (matrix && matrix.a) map.style.setProperty("--scale", 1 / matrix.a);
+    }
+  }
+
+  function zoom(factor, at) {
+    const part = factor ? clamp(view.part / factor, smallest, 1) : 1;
+    const ratio = part / view.part;
+    view.x = at.x - (at.x - view.x) * ratio;
+    view.y = at.y - (at.y - view.y) * ratio;
+    view.part = part;
+    show();
+  }
+
+  const cell = (map, x, y) => new DOMPoint(x, y).matrixTransform(map.getScreenCTM().inverse());
+  const middle = () => ({ x: view.x + (wide * view.part) / 2, y: view.y + (high * view.part) / 2 });
+
+  // The numbers of a map, unpacked when they are first asked for.
+  async function unpack(map) {
+    const bytes = Uint8Array.from(atob(map.dataset.values), (c) => c.charCodeAt(0));
+    const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
+    return new DataView(await new Response(stream).arrayBuffer());
+  }
+  const numbers = new Map();
+
+  async function tell(map, at) {
+    const output = map.closest("figure").querySelector("output");
+    const { west, north, cell: size, unit, values } = map.dataset;
+    const [column, row] = [Math.floor(at.x), Math.floor(at.y)];
+    const x = (+west + at.x * size).toFixed(1), y = (north - at.y * size).toFixed(1);
+    let text = `x ${x} m, y ${y} m`;
+    if (values && window.DecompressionStream && column >= 0 && row >= 0 && column < wide && row < high) {
+      if (!numbers.has(map)) numbers.set(map, unpack(map));
+      const value = (await numbers.get(map)).getFloat32(4 * (row * wide + column), true);
+      const known = value.toLocaleString("en", { maximumSignificantDigits: value < 1000 ? 3 : 5 });
+      text += Number.isNaN(value) ? ": none" : `: ${known} ${unit}`;
+    }
+    output.textContent = text;
+  }
+
+  for (const map of maps) {
+    const held = new Map(); // pointers that are down, where they are on the screen
+    map.addEventListener("wheel", (event) => {
+      const zooms = event.ctrlKey || document.activeElement === map; // a pinch has ctrlKey
+      if (!zooms || (event.deltaY > 0 && view.part === 1)) return; // the page scrolls on
+      event.preventDefault();
+      zoom(Math.exp(clamp(-event.deltaY, -240, 240) / 400), cell(map, event.clientX, event.clientY));
+    }, { passive: false });
+    map.addEventListener("dblclick", (event) => zoom(2, cell(map, event.clientX, event.clientY)));
+    map.addEventListener("pointerdown", (event) => {
+      held.set(event.pointerId, event);
+      if (view.part < 1 || held.size > 1) map.setPointerCapture(event.pointerId);
+    });
+    for (const end of ["pointerup", "pointercancel", "pointerleave"])
+      map.addEventListener(end, (event) => held.delete(event.pointerId));
+    map.addEventListener("pointermove", (event) => {
+      const before = held.get(event.pointerId);
+      if (before) {
+        const others = [...held.values()].filter((one) => one.pointerId !== event.pointerId);
+        const from = cell(map, before.clientX, before.clientY), to = cell(map, event.clientX, event.clientY);
+        held.set(event.pointerId, event);
+        if (others.length) {
+          const apart = (one) => Math.hypot(one.clientX - others[0].clientX, one.clientY - others[0].clientY);
+          zoom(apart(event) / Math.max(apart(before), 1), cell(map, others[0].clientX, others[0].clientY));
+        } else if (view.part < 1) {
+          view.x += from.x - to.x;
+          view.y += from.y - to.y;
+          show();
+        }
+      }
+      tell(map, cell(map, event.clientX, event.clientY));
+    });
+    map.addEventListener("keydown", (event) => {
+      const move = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] }[event.key];
+      const factor = { "+": 1.5, "=": 1.5, "-": 1 / 1.5, "0": 0 }[event.key];
+      if (event.ctrlKey || event.metaKey || event.altKey) return;
+      if (move && view.part < 1) {
+        view.x += 0.15 * wide * view.part * move[0];
+        view.y += 0.15 * high * view.part * move[1];
+        show();
+      } else if (factor !== undefined) zoom(factor, middle());
+      else return;
+      event.preventDefault();
+      tell(map, middle());
+    });
+    for (const button of map.closest("figure").querySelectorAll("[data-zoom]"))
+      button.addEventListener("click", () => zoom(+button.dataset.zoom, middle()));
+  }
+  addEventListener("resize", rescale);
+  addEventListener("beforeprint", () => zoom(0, middle()));
+  rescale();
+
+  const dialog = document.querySelector("dialog");
+  for (const button of document.querySelectorAll(".picture button"))
+    button.addEventListener("click", () => {
+      dialog.querySelector("div").replaceChildren(button.querySelector("img").cloneNode());
+      dialog.showModal();
+    });
+  dialog.addEventListener("click", (event) => {
+    if (event.target.tagName !== "IMG") dialog.close();
+  });
+}

@@ -1,0 +1,74 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Where boulders of a result came: what a map shows, and where it is blank."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rockfall.analysis.line_statistics import fraction_interval
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from rockfall.result.trajectories import Terrain
+
+    Extent = tuple[float, float, float, float]  # west, east, south, north [m]
+
+SLENDEREST = 1 / 3  # a map's shorter side by its longer
+CELL = 5.0  # of a result that does not say, for margins [m]
+PASSED = ("reach_probability", "passages")  # either tells the pass frequency
+
+
+def passed_map(result: xr.Dataset) -> str | None:
+    """The map that tells the pass frequency, if the result has one."""
+    return next((name for name in PASSED if name in result), None)
+
+
+def reached(result: xr.Dataset, terrain: Terrain | None = None, *places: Any) -> Extent:
+    """What a map shows: all that boulders reached and further places (n, 2), with a margin, not
+    too slender; within the terrain where there is one."""
+    x = [result["start_x"].values, result["stop_x"].values]
+    y = [result["start_y"].values, result["stop_y"].values]
+    if "trajectory_x" in result:
+        x, y = [*x, result["trajectory_x"].values], [*y, result["trajectory_y"].values]
+    maps = [name for name in result.data_vars if result[name].dims == ("y", "x")]
+    everywhere = passed_map(result)  # has a value wherever another map has one
+    for name in [everywhere] if everywhere else maps:
+        passed = result[name].values > of_none(result, name)
+        x = [*x, result["x"].values[passed.any(axis=0)]]
+        y = [*y, result["y"].values[passed.any(axis=1)]]
+    for place in places:
+        if place is not None and len(place):
+            x, y = [*x, place[:, 0]], [*y, place[:, 1]]
+    x, y = np.concatenate(x), np.concatenate(y)
+    longest = max(np.ptp(x), np.ptp(y))
+    margin = 0.06 * longest + 3 * cell_of(result)
+    shortest = SLENDEREST * (longest + 2 * margin) / 2
+    west, east = _around(x, margin, shortest)
+    south, north = _around(y, margin, shortest)
+    if terrain is None:
+        return west, east, south, north
+    grid = terrain[1]
+    west, east = max(west, grid.west), min(east, grid.east)
+    return west, east, max(south, grid.south), min(north, grid.north)
+
+
+def _around(c: np.ndarray, margin: float, shortest: float) -> tuple[float, float]:
+    middle, half = (c.min() + c.max()) / 2, max(np.ptp(c) / 2 + margin, shortest)
+    return float(middle - half), float(middle + half)
+
+
+def of_none(result: xr.Dataset, name: str) -> float:
+    """The maximum of a map where no boulder passed: 0, but for the upper limit of a fraction."""
+    if name != "reach_probability_high":
+        return 0.0
+    none = np.zeros(result.sizes["boulder"], int)
+    return 1.001 * fraction_interval(none > 0, none)[2]  # maps have seven digits
+
+
+def cell_of(result: xr.Dataset) -> float:
+    """Side of a cell of the terrain that boulders ran over [m]."""
+    transform = str(result["crs"].attrs.get("GeoTransform", "")) if "crs" in result else ""
+    return float(transform.split()[1]) if transform else CELL

@@ -1,0 +1,88 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Recorded trajectories along their profile: elevation, height above the ground, speed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rockfall.plots.extent import cell_of
+from rockfall.plots.line_figures import DISTANCE, mark_lines
+from rockfall.plots.map_figures import MAX_TRAJECTORIES
+from rockfall.plots.style import INK, TRAJECTORY, WIDE, new_figure, styled
+from rockfall.result.trajectories import Trajectory, height, trajectories
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from rockfall.result.trajectories import Terrain
+
+
+@styled
+def profile_figure(result: xr.Dataset, terrain: Terrain | None = None) -> Figure:
+    """Profile at true scale, heights above the ground and speeds of the recorded trajectories,
+    against the plan distance from the release; without terrain no ground, no heights above it."""
+    curves = trajectories(result, MAX_TRAJECTORIES)
+    ground = ground_below(result, curves, terrain)
+    high, furthest = true_scale(curves, 6.3, 4.5)
+    tall = [high, 1.3, 1.6]
+    tall = tall if ground else [tall[0], tall[2]]
+    figure = new_figure(WIDE, sum(tall) + 0.9)
+    panels = figure.subplots(len(tall), 1, sharex=True, height_ratios=tall)
+    draw_profile(panels[0], curves, ground)
+    if ground:
+        draw_heights(panels[1], curves, ground)
+    _draw_curves(panels[-1], [(one.distance, one.speed) for one in curves])
+    panels[-1].set(ylabel="speed [m/s]", ylim=(0, None), xlabel=DISTANCE)
+    panels[-1].set_xlim(0, furthest)
+    mark_lines(panels, result, labels=panels[0])
+    figure.align_ylabels()
+    return figure
+
+
+def true_scale(curves: Sequence[Trajectory], wide: float, tallest: float) -> tuple[float, float]:
+    """Height [inch] of a profile at true scale in a panel so wide, and the distance [m] at which
+    its axis must end for all of it to be seen."""
+    drop = 1.1 * max((np.ptp(one.z) for one in curves), default=0.0)
+    furthest = 1.03 * max((one.distance.max() for one in curves), default=0.0) or 1.0
+    high = float(np.clip(wide * drop / furthest, 1.2, tallest))
+    return high, max(furthest, wide * drop / high)
+
+
+def ground_below(
+    result: xr.Dataset, curves: Sequence[Trajectory], terrain: Terrain | None
+) -> list[np.ndarray]:
+    """Elevation [m] of the ground below trajectories; none from a terrain that is unknown or too
+    coarse for heights above it."""
+    if terrain is None or terrain[1].cell > 1.001 * cell_of(result):
+        return []
+    return [height(terrain, one.x, one.y) for one in curves]
+
+
+def draw_profile(axes: Axes, curves: Sequence[Trajectory], ground: Sequence[np.ndarray]) -> None:
+    """Trajectories and the ground below them at true scale."""
+    below = [(one.distance, z) for one, z in zip(curves, ground, strict=bool(ground))]
+    _draw_curves(axes, below, color=INK, linewidth=0.8, alpha=1)
+    _draw_curves(axes, [(one.distance, one.z) for one in curves])
+    axes.set_ylabel("elevation [m]")
+    axes.ticklabel_format(axis="y", useOffset=False)
+    axes.set_aspect("equal", adjustable="datalim")
+
+
+def draw_heights(axes: Axes, curves: Sequence[Trajectory], ground: Sequence[np.ndarray]) -> None:
+    """Heights of the boulder's point above the ground, 0 at a contact."""
+    above = [(one.distance, one.z - z) for one, z in zip(curves, ground, strict=True)]
+    _draw_curves(axes, above)
+    axes.set(ylabel="jump height [m]", ylim=(0, None))
+
+
+def _draw_curves(axes: Axes, shown: list[tuple[np.ndarray, np.ndarray]], **about: object) -> None:
+    from matplotlib.collections import LineCollection
+
+    look = {"rasterized": True, **TRAJECTORY, **about}
+    axes.add_collection(LineCollection([np.column_stack(curve) for curve in shown], **look))
+    axes.autoscale_view()

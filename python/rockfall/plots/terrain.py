@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The terrain that the boulders of a result ran over, found again and checked."""
+
+from __future__ import annotations
+
+import json
+import warnings
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rockfall.case import FROM_ARRAY, case_of
+from rockfall.errors import RockfallError
+from rockfall.io.grid import Box, Grid
+from rockfall.io.raster_file import open_raster
+from rockfall.plots.extent import reached
+from rockfall.scene.layers import file_checksum
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from rockfall.result.trajectories import Terrain
+
+MAX_CELLS = 16_000_000  # read at full resolution; of more, every second, third... row and column
+
+
+def terrain_of(result: xr.Dataset, dem: str | Path | None = None) -> Terrain | None:
+    """Elevations (ny, nx) [m] where boulders of a result came, and their grid.
+
+    From the file `dem`, or else from that of the case, whose name is relative to the folder in
+    which it was run. A given file that is not the one of the run is a RockfallError; without a
+    given one, None with a warning that says why.
+    """
+    try:
+        path = _case_dem(result) if dem is None else Path(dem)
+        _check_same(result, path)
+        return _read(result, path)
+    except RockfallError as error:
+        if dem is not None:
+            raise
+        warnings.warn(f"{error}; figures have no relief, give the DEM of the run", stacklevel=2)
+        return None
+
+
+def _case_dem(result: xr.Dataset) -> Path:
+    case = case_of(result)
+    if case.terrain["dem"] == FROM_ARRAY:
+        raise RockfallError(f"{case.name}: the elevations of the run came from an array, no file")
+    return case.path(case.terrain["dem"])
+
+
+def _check_same(result: xr.Dataset, path: Path) -> None:
+    """The bytes of the DEM are those of the run; those of an array are not known."""
+    checksum = file_checksum(path)
+    known = json.loads(result.attrs["input_checksums"])["dem"]
+    from_array = case_of(result).terrain["dem"] == FROM_ARRAY
+    if checksum != known and not from_array:
+        raise RockfallError(f"{path}: is not the DEM of the run (SHA-256 differs)")
+
+
+def _read(result: xr.Dataset, path: Path) -> Terrain:
+    """The part of a DEM that boulders reached, block by block."""
+    west, east, south, north = reached(result)
+    with open_raster(path) as raster:
+        raster.check_cells()
+        grid = raster.grid
+        _check_place(result, path, grid)
+        columns = _inside(grid.x, west, east)
+        rows = _inside(grid.y, south, north)
+        step = int(np.sqrt(rows.size * columns.size / MAX_CELLS)) + 1
+        rows, columns = rows[step // 2 :: step], columns[step // 2 :: step]
+        z = np.full((rows.size, columns.size), np.nan, raster.dtype)
+        for some, block, valid in raster.blocks():
+            mine = (rows >= some.start) & (rows < some.stop)
+            part = np.ix_(rows[mine] - some.start, columns)
+            z[mine] = np.where(valid[part], block[part], np.nan)
+    cell = step * grid.cell
+    corner = grid.x[columns[0]] - cell / 2, grid.y[rows[0]] + cell / 2
+    return z, Grid(*corner, cell, columns.size, rows.size, grid.crs, str(path))
+
+
+def _inside(centres: np.ndarray, low: float, high: float) -> np.ndarray:
+    """Index of the cells between two places."""
+    return np.flatnonzero((centres >= low) & (centres <= high))
+
+
+def _check_place(result: xr.Dataset, path: Path, grid: Grid) -> None:
+    """The cells of the result's grid mapping, which begins where maps do, are among those of the
+    DEM."""
+    west, cell, _, north, _, _ = map(float, result["crs"].attrs["GeoTransform"].split())
+    column, row = round((west - grid.west) / grid.cell), round((grid.north - north) / grid.cell)
+    part = grid.part(Box(row, column, grid.ny, grid.nx))
+    among = 0 <= column < grid.nx and 0 <= row < grid.ny
+    if not (among and Grid(west, north, cell, part.nx, part.ny).matches(part)):
+        raise RockfallError(
+            f"{path}: corner {grid.west:.12g}, {grid.north:.12g}, cells of {grid.cell:.10g} m: "
+            f"must have those of the run, from {west:.12g}, {north:.12g} on, of {cell:.10g} m"
+        )

@@ -1,0 +1,150 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The standalone program, and a small case with everything in it that it can run."""
+
+import os
+import resource
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+import rockfall
+from made import make_raster
+from rockfall.result import variables
+from rockfall.scene.prepare import prepare
+from rockfall.simulation import simulate
+from rockfall.simulation.part_file import boulders_in
+from scenes import rough, sets, sets_text, usual
+
+ROOT = Path(__file__).parents[1]
+BOULDERS = 50  # from each of four sources
+MANY = 1500  # the same of a run that is to be stopped
+OWN = (
+    "case",
+    "case_file",
+    "threads",
+    "wall_seconds",
+    "cpu_seconds",
+)  # attributes that are a run's own
+
+
+def find_program():
+    """The program of this build, or of this installation."""
+    places = [ROOT / "build" / "fortran", Path(sys.executable).parent]
+    beside = [place / "rockfall-batch" for place in places if (place / "rockfall-batch").is_file()]
+    return shutil.which("rockfall-batch") or (str(beside[0]) if beside else None)
+
+
+def run_program(*words, cwd, limit=None, env=None):
+    """Run it in a folder; `limit` is the longest file that it may write [bytes]."""
+
+    def lower_limit():
+        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+
+    return subprocess.run(
+        [find_program(), *map(str, words)], cwd=cwd, capture_output=True, text=True, timeout=120,
+        preexec_fn=lower_limit if limit else None, env={**os.environ, **(env or {})},
+    )  # fmt: skip
+
+
+def make_full_case(folder, **groups):
+    """A case in a folder with zones, four sources and every output, as `folder/case.nml`."""
+    make_raster(folder / "dem.tif", rough(), crs="EPSG:32632")
+    zones = np.where(np.arange(60) < 25, 4, -2) + np.zeros((80, 1), "i2")
+    make_raster(folder / "zones.tif", zones.astype("i2"), crs="EPSG:32632")
+    (folder / "zones.csv").write_text("zone,mean_radius\n4,0.25\n-2,0.5\n77,inf\n")
+    (folder / "sets.nml").write_text(sets_text(*sets(2.0), usual))
+    west, north = 600000.0, 5000000.0
+    about = {
+        "case": {"title": "Über 'alles'", "boulders": BOULDERS, "seed": 2**62 + 1, "threads": 1},
+        "terrain": {"dem": "dem.tif"},
+        "surface": {"zones": "zones.tif", "table": "zones.csv"},
+        "impact": {"sets": "sets.nml"},
+        "boulder": {"volume": "lognormal", "volume_mean": 0.8, "volume_std": 0.2},
+        "release": {
+            "x": [west + x for x in (120.0, 130.0, 140.0, 180.0)], "y": [north - 20.0] * 4,
+            "drop_height": 5.0,
+        },
+        "output": {"maps": list(variables.MAP), "rebounds": True, "trajectories": 70,
+                   "least_passages": 3},
+    }  # fmt: skip
+    about = {group: about.get(group, {}) | groups.get(group, {}) for group in {**about, **groups}}
+    lines = [
+        {"name": "Straße", "x": [west, west + 300.0], "y": [north - 130.0] * 2},
+        {"name": "apart", "x": [west - 500.0, west - 300.0], "y": [north] * 2},
+    ]
+    case = rockfall.Case(folder=folder, name=str(folder / "case.nml"), line=lines, **about)
+    (folder / "case.nml").write_text(case.text(), encoding="utf-8")
+    return case
+
+
+def make_prepared(folder, **groups):
+    """The same, and `folder/ready/case.nml` for the program."""
+    case = make_full_case(folder, **groups)
+    prepare(case, folder / "ready")
+    return case
+
+
+def same_results(one, other):
+    """The same variables, bits and attributes, but for what is a run's own."""
+    assert {*one.variables} == {*other.variables}
+    for name, variable in other.variables.items():
+        mine = one.variables[name]
+        assert (mine.dtype, mine.dims) == (variable.dtype, variable.dims), name
+        if mine.dtype.kind == "O":
+            assert mine.values.tolist() == variable.values.tolist()
+        else:
+            assert mine.values.tobytes() == variable.values.tobytes(), name
+        assert {*mine.attrs} == {*variable.attrs}, name
+        for key, value in variable.attrs.items():
+            assert np.array_equal(mine.attrs[key], value), (name, key)
+    assert {*one.attrs} == {*other.attrs}
+    for key in {*other.attrs} - {*OWN}:
+        assert one.attrs[key] == other.attrs[key], key
+
+
+def refused_in_one_line(done, words):
+    """Exit status 2, and one line that says so."""
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == f"rockfall-batch: {words}\n"
+
+
+def held(path):
+    """Boulders in a checkpoint."""
+    return boulders_in(path)
+
+
+def everything(folder):
+    """What is in a folder, with every byte."""
+    return {path: path.is_file() and path.read_bytes() for path in sorted(folder.rglob("*"))}
+
+
+def wait_until_busy(pid):
+    """Return when a process has spent a second of CPU: it has read its case and runs."""
+    ticks = os.sysconf("SC_CLK_TCK")
+    for _ in range(600):
+        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+        if (int(fields[11]) + int(fields[12])) / ticks > 1.5:
+            return
+        time.sleep(0.05)
+    raise TimeoutError("the program does not run")
+
+
+class Killed(BaseException):
+    pass
+
+
+def killed_after(monkeypatch, chunks):
+    """A run ends like one that is killed, after so many chunks."""
+    calls = iter(range(chunks))
+    fly = simulate._fly
+
+    def until(*arguments):
+        if next(calls, None) is None:
+            raise Killed
+        return fly(*arguments)
+
+    monkeypatch.setattr(simulate, "_fly", until)

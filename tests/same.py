@@ -1,0 +1,37 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Whether two results are the same."""
+
+import numpy as np
+import xarray as xr
+
+OWN = ("wall_seconds", "cpu_seconds", "threads")  # of a run, and not of its numbers
+
+
+def same_bits(a, b):
+    """The same type, shape and bits, -0 apart from 0; of NaN there is but one."""
+    a, b = np.asarray(a), np.asarray(b)
+    if a.dtype.kind == "f":
+        a, b = (np.where(np.isnan(x), x.dtype.type(np.nan), x) for x in (a, b))
+    return a.dtype == b.dtype and a.shape == b.shape and a.tobytes() == b.tobytes()
+
+
+def same_numbers(a, b, names=None):
+    """Check that two results agree in every bit of what both hold."""
+    names = names or sorted(set(a.variables) & set(b.variables))
+    assert {"status", "stop_z", "path_length", "rebounds"} <= set(names)
+    for name in names:
+        one, other = a[name].values, b[name].values
+        assert one.dtype == other.dtype, name
+        if one.dtype.kind == "f":
+            assert np.array_equal(one, other, equal_nan=True), name
+        else:
+            assert np.array_equal(one, other), name
+
+
+def same(one, other):
+    """The same variables, bits and attributes, but for times and threads."""
+    xr.testing.assert_identical(
+        one.assign_attrs(dict.fromkeys(OWN, 0)), other.assign_attrs(dict.fromkeys(OWN, 0))
+    )
+    for name in other.variables:
+        assert one[name].dtype == other[name].dtype, name

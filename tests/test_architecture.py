@@ -1,0 +1,190 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The rooms of the house and who may call whom: see docs/architecture.md."""
+
+import ast
+import re
+from graphlib import CycleError, TopologicalSorter
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+PACKAGE = ROOT / "python/rockfall"
+#: Each imports from its own level and those before it.
+LEVELS = [
+    ["errors", "interrupts", "version"],
+    ["io"],
+    ["case", "case_files", "impact_sets", "quantities", "result"],
+    ["scene"],
+    ["simulation"],
+    ["analysis"],
+    ["__init__"],
+    ["lab"],
+    ["plots", "text"],
+    ["html_report"],
+    ["cli", "__main__"],
+]
+LEVEL = {room: level for level, rooms in enumerate(LEVELS) for room in rooms}
+#: Compiled modules, and where they may be called.
+DOORS = {
+    "_core": re.compile(r"case|scene\..*|simulation\..*|result\.variables"),
+    "_lab": re.compile(r"lab\..*"),
+}
+MODULES = {
+    ".".join(path.relative_to(PACKAGE).with_suffix("").parts).removesuffix(".__init__"): path
+    for path in sorted(PACKAGE.rglob("*.py"))
+}
+FORTRAN = ["base", "terrain", "boulder", "tally", "run", "io", "f2py"]
+FILES = 15  # of a folder
+
+
+def room(module):
+    return module.split(".")[0]
+
+
+def imports(path):
+    """Of our own modules: (line, module, name or "", within a function, for types) for each."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    functions = [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)]
+    within = {id(node) for function in functions for node in ast.walk(function)}
+    typed = [node for node in tree.body if isinstance(node, ast.If)]  # TYPE_CHECKING
+    for_types = {id(node) for one in typed for node in ast.walk(one)}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            found = [(alias.name, "") for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: relative import"
+            found = [(node.module or "", alias.name) for alias in node.names]
+        else:
+            continue
+        for module, name in found:
+            if room(module) != "rockfall":
+                continue
+            module = module.removeprefix("rockfall").removeprefix(".")
+            if name and (module + "." + name).lstrip(".") in [*MODULES, *DOORS]:
+                module, name = (module + "." + name).lstrip("."), ""
+            yield node.lineno, module or "__init__", name, id(node) in within, id(node) in for_types
+
+
+IMPORTS = [(module, *one) for module, path in MODULES.items() for one in imports(path)]
+
+
+def report(broken):
+    """Fail with all that is broken, one a line."""
+    broken = list(dict.fromkeys(broken))
+    assert not broken, f"{len(broken)} broken:\n" + "\n".join(broken)
+
+
+def test_every_room_has_a_level():
+    assert {room(module) for module in MODULES} <= {*LEVEL}
+
+
+def test_no_import_upwards():
+    report(
+        f"{module}:{line} imports {other}"
+        for module, line, other, *_ in IMPORTS
+        if other not in DOORS and LEVEL[room(other)] > LEVEL[room(module)]
+    )
+
+
+def test_no_circles():
+    graph = {module: set() for module in MODULES}
+    for module, _, other, _, _, for_types in IMPORTS:
+        at_home = room(module) == room(other)  # where an annotation may look back
+        if other in graph and other != module and not (for_types and at_home):
+            graph[module].add(other)
+    try:
+        TopologicalSorter(graph).prepare()
+    except CycleError as circle:
+        report([" <- ".join(circle.args[1])])
+
+
+def test_own_modules_are_imported_at_the_top():
+    report(
+        f"{module}:{line} imports {other} within a function"
+        for module, line, other, _, within, _ in IMPORTS
+        if within
+    )
+
+
+def test_what_begins_with_an_underscore_stays_at_home():
+    named = [
+        f"{module}:{line} imports {other}.{name}"
+        for module, line, other, name, *_ in IMPORTS
+        if re.match("_[^_]", name)
+    ]
+    for module, path in MODULES.items():
+        own = {
+            other.split(".")[-1] for of, _, other, name, *_ in IMPORTS if of == module and not name
+        }
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Attribute) and re.match("_[^_]", node.attr):
+                if isinstance(node.value, ast.Name) and node.value.id in own:
+                    named.append(f"{module}:{node.lineno} takes {node.value.id}.{node.attr}")
+    report(named)
+
+
+def test_the_kernel_is_called_by_few():
+    report(
+        f"{module}:{line} imports {other}"
+        for module, line, other, *_ in IMPORTS
+        if other in DOORS and not DOORS[other].fullmatch(module)
+    )
+
+
+def test_no_test_imports_another():
+    report(
+        f"{path.relative_to(ROOT)} imports {found}"
+        for path in sorted((ROOT / "tests").rglob("*.py"))
+        for found in re.findall(r"^ *(?:from|import) (test_\w+)", path.read_text(), re.MULTILINE)
+    )
+
+
+def statements(path):
+    """The lines of a Fortran file in lower case, without texts and comments."""
+    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
+        yield number, re.sub(r"'[^']*'|\"[^\"]*\"|!.*", "", line).lower()
+
+
+def fortran_files():
+    for level, folder in enumerate(FORTRAN):
+        for path in sorted((ROOT / "fortran/src" / folder).glob("*.f90")):
+            yield level, path
+
+
+def test_fortran_uses_only_what_lies_below():
+    home = {}
+    for level, path in fortran_files():
+        for _, line in statements(path):
+            if found := re.match(r"\s*(?:sub)?module (?!procedure)(\w+)", line):
+                home[found[1]] = level
+    report(
+        f"{path.relative_to(ROOT)}:{number} uses {found[1]} of {FORTRAN[home[found[1]]]}"
+        for level, path in fortran_files()
+        for number, line in statements(path)
+        if (found := re.match(r"\s*use\s+(\w+)", line)) and home.get(found[1], 0) > level
+    )
+
+
+def test_physics_sees_no_file_and_never_stops():
+    statement = r"(?:^|[);])\s*(?:print\b|(?:error )?stop *\d*$)"
+    reaches = re.compile(statement + r"|\bopen *\(|\b(?:write|read) *\( *\*|\bnf90_\w+")
+    report(
+        f"{path.relative_to(ROOT)}:{number} {found[0].strip()}"
+        for level, path in fortran_files()
+        for number, line in statements(path)
+        if level < FORTRAN.index("io") and (found := reaches.search(line))
+    )
+
+
+def test_folders_are_small():
+    tops = ["fortran", "python", "tests", "benchmarks", "cases", "docs", "tools"]
+    folders = [path for top in tops for path in [ROOT / top, *(ROOT / top).rglob("*/")]]
+    counts = {
+        folder: sum(path.is_file() and path.suffix != ".so" for path in folder.iterdir())
+        for folder in folders
+        if folder.name != "__pycache__"
+    }
+    report(
+        f"{folder.relative_to(ROOT)} has {count} files"
+        for folder, count in counts.items()
+        if count > FILES
+    )
