@@ -32,15 +32,17 @@ import numpy as np
 import rasterio
 import xarray as xr
 
+sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
+
 import rockfall
 from benchmarks.machine import ROOT, machine
 from benchmarks.stability import mutators
+from made import write_ascii
 from rockfall import cli
 from rockfall.impact_sets import shipped_sets
 from rockfall.io.grid import Grid
 from rockfall.io.raster import write_geotiff
 from rockfall.scene.prepare import prepare
-from tests.made import write_ascii
 
 PROGRAM = ROOT / "build/fortran/rockfall-batch"
 SANITIZED = ROOT / "build-sanitize/fortran/rockfall-batch"
