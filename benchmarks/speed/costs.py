@@ -39,7 +39,8 @@ from rockfall.scene.prepare import prepare
 from rockfall.scene.read import read_scene
 from rockfall.scene.scene import Scene
 from rockfall.simulation.checkpoint import Checkpoint
-from rockfall.simulation.simulate import Tally, fields, run_scene, start
+from rockfall.simulation.simulate import fields, run_scene, start
+from rockfall.simulation.tally import Tally
 
 VAUJANY = ROOT / "cases/vaujany/case.nml"
 RADIUS = 0.1  # of the rocks, everywhere [m]

@@ -13,7 +13,6 @@ from scipy import stats
 import rockfall
 from rockfall.analysis.return_levels import QUANTITIES, _fit, _profiled, tail
 from rockfall.cli import main
-from rockfall.html_report.tables import level_table
 from rockfall.quantities import QUANTITIES as SHOWN
 from rockfall.text import line_tables as linetables
 from rockfall.text.summary import summary
@@ -53,18 +52,18 @@ TAILS = {
 
 
 def test_intervals_hold_the_levels_of_known_distributions():
-    """Nine in ten at least, of some 70; those of 95 % would fail that once in 20 tries, but the
+    """Nine in ten at least, of some 45; those of 95 % would fail that once in 20 tries, but the
     hull over two thresholds holds more. And they tell something."""
     held, width = [], []
     for law in TAILS.values():
-        for seed in range(30):
+        for seed in range(20):
             found = tail(law.rvs(3000, random_state=seed), levels=(10_000,))
             level = found.levels[10_000]
             if not level.refused:
                 held.append(level.low <= law.isf(1e-4) <= level.high)
                 width.append((level.high - level.low) / level.value)
                 assert level.low <= level.value <= level.high
-    assert len(held) >= 60 and np.mean(held) >= 0.9 and np.median(width) < 0.7
+    assert len(held) >= 40 and np.mean(held) >= 0.9 and np.median(width) < 0.7
 
 
 def test_the_interval_encloses_that_of_the_highest_threshold():
@@ -220,8 +219,6 @@ def test_a_table_says_what_was_refused_where_some_is_and_some_is_not():
     result = xr.Dataset({**names, **start}, {"line": ["L", "M"]})
     table = rockfall.return_levels(result, levels=(1000,))
     assert set(table["refused"]) == {"", (reason := "ties leave no 50 boulders above a threshold")}
-    page = level_table(table)
-    assert page.count(reason) == len(QUANTITIES) and "nan" not in page
     printed = "\n".join(linetables._refused(table))
     assert printed.count("refused") == 1 and reason in printed
 

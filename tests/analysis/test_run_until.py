@@ -73,7 +73,7 @@ def test_it_stops_within_20_percent_of_theory_and_its_intervals_hold(rule, withi
     statistic = rules[0].statistic
     truth, need = theory(statistic, rules[0].limit)
     stops, held = [], []
-    for _ in range(500):
+    for _ in range(200):
         result = stages(rules, random)
         row = line_numbers(result, 0, "speed", sources(result))
         assert (row[f"{statistic}_high"] - row[f"{statistic}_low"]) / 2 <= (
@@ -83,7 +83,7 @@ def test_it_stops_within_20_percent_of_theory_and_its_intervals_hold(rule, withi
         held.append(row[f"{statistic}_low"] <= truth <= row[f"{statistic}_high"])
     assert abs(np.mean(stops) - 1) < 0.2
     assert np.mean(np.abs(np.array(stops) - 1) <= 0.2) >= within
-    assert 0.93 <= np.mean(held) <= 0.97
+    assert 0.92 <= np.mean(held) <= 0.98
 
 
 @pytest.mark.parametrize("of", [2, 5])

@@ -13,17 +13,16 @@ import pytest
 
 import rockfall
 from made import make_raster
-from rockfall.analysis import extent, terrain
-from rockfall.analysis.terrain import terrain_of
 from rockfall.cli import main
 from rockfall.errors import RockfallError
 from rockfall.io.grid import Grid
+from rockfall.plots import extent, style, terrain
 from rockfall.plots import line_figures as linefigures
 from rockfall.plots import map_figures as mapfigures
 from rockfall.plots import rebound_figures as reboundfigures
-from rockfall.plots import style
 from rockfall.plots.figures import figures, write_figures
 from rockfall.plots.overview import overview
+from rockfall.plots.terrain import terrain_of
 from rockfall.result import trajectories
 from rockfall.result.variables import MAP
 from scenes import grid, make_case, rough, sets

@@ -21,7 +21,7 @@ module rockfall_f2py
    use rockfall_maps, only: maps_t, needs_visits
    use rockfall_map_values, only: map_plan_t, plan_maps => map_plan, map_views, map_row, map_min_count
    use rockfall_limits, only: check_tallies
-   use rockfall_threads, only: team_size, check_team, release_team, max_threads
+   use rockfall_threads, only: team_size, check_team, release_team
    use rockfall_ensemble, only: run_boulders, trace_boulder
    use rockfall_result, only: boulder_row, boulder_count_row, line_row, vertex_row
    use rockfall_variables, only: variable_text, boulder_fields, boulder_counts, line_fields, &
@@ -512,7 +512,6 @@ contains
       real(c_double), intent(out) :: value
 
       select case (name)
-      case ("max_threads"); value = max_threads
       case ("any_speed"); value = any_speed          ! [m/s] the end of the range of a set that tells none
       case ("inertia_factor"); value = inertia_factor  ! [-]
       case ("max_draws"); value = max_draws          ! of a rebound

@@ -424,14 +424,14 @@ contains
       end do
    end subroutine check_reals
 
-   !> The ends of "a to b", "> a" or ">= a"; `open` gives those that are not told.
-   pure function range_of(allowed, open) result(range)
+   !> The ends of "a to b", "> a" or ">= a"; `outer` gives those that are not told.
+   pure function range_of(allowed, outer) result(range)
       character(len=*), intent(in) :: allowed
-      real(wp), intent(in) :: open(2)
+      real(wp), intent(in) :: outer(2)
       real(wp) :: range(2)
       integer :: to, status
 
-      range = open
+      range = outer
       to = index(allowed, " to ")
       if (to > 0) then
          call parse_real(allowed(:to - 1), range(1), status)

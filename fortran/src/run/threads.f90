@@ -4,6 +4,7 @@
 module rockfall_threads
    use iso_c_binding, only: c_int, c_intptr_t, c_long, c_null_ptr, c_ptr, c_size_t
    use rockfall_error, only: error_t, fail
+   use rockfall_text, only: integer_text
    implicit none
    private
    public :: team_size, check_team, release_team, max_threads
@@ -64,7 +65,10 @@ contains
       type(error_t), allocatable, intent(out) :: error
       integer(c_size_t) :: stack, stacks
 
-      if (team_size(threads) > max_threads) then
+      if (threads < 0 .or. threads > max_threads) then
+         call fail(error, "threads = "//integer_text(threads)//": must be 0 (all cores) to "//integer_text(max_threads))
+         return
+      else if (team_size(threads) > max_threads) then
          call fail(error, "OMP_NUM_THREADS = "//text(int(team_size(threads), c_size_t))//": must be at most " &
                    //text(int(max_threads, c_size_t)))
          return

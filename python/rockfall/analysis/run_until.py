@@ -20,15 +20,16 @@ from rockfall.analysis.line_statistics import (
 from rockfall.case import Case
 from rockfall.errors import RockfallError
 from rockfall.interrupts import interrupts
-from rockfall.result.dataset import make_result
 from rockfall.scene.plausible import warn_of
 from rockfall.scene.reach import survey
 from rockfall.scene.read import read_scene
 from rockfall.scene.scene import Scene
 from rockfall.scene.sources import refuse_by_area
 from rockfall.simulation.progress import progress_bar
-from rockfall.simulation.simulate import Interrupted, Tally, check_tallies, run_chunks, start, trace
+from rockfall.simulation.simulate import Interrupted, check_tallies, run_chunks, start, trace
 from rockfall.simulation.source_maps import settle, tells_sources
+from rockfall.simulation.tally import Tally
+from rockfall.simulation.tally_dataset import make_result
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -10,12 +10,12 @@ from pathlib import Path
 
 from rockfall.analysis.compare import compare, write_comparison
 from rockfall.analysis.observations import read_observed
-from rockfall.analysis.terrain import terrain_of
 from rockfall.case_files import files_behind
 from rockfall.cli.messages import DONE, warn
 from rockfall.html_report import check_page, write_report
 from rockfall.io.raster_file import raster_files
 from rockfall.plots.figures import figures, write_figures
+from rockfall.plots.terrain import terrain_of
 from rockfall.result.dataset import read_result
 from rockfall.result.export import export
 from rockfall.text.comparison import text

@@ -76,7 +76,7 @@ def check_page(path: str | Path, inputs: Iterable[str | Path] = ()) -> None:
 def report(result: xr.Dataset, terrain: Terrain | None = None, observed: Any = None) -> str:
     """The page of a result as text. The same result gives the same text.
 
-    `terrain`, from `rockfall.analysis.terrain.terrain_of`, puts relief under maps; `observed`, from
+    `terrain`, from `rockfall.plots.terrain.terrain_of`, puts relief under maps; `observed`, from
     `rockfall.analysis.observations.read_observed`, is set beside it in the figures and in a
     comparison.
     """

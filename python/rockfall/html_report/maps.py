@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from rockfall.analysis.extent import of_none, reached
+from rockfall.plots.extent import of_none, reached
 from rockfall.plots.map_figures import (
     FEW_SOURCES,
     MAX_TRAJECTORIES,
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.colors import Normalize
 
-    from rockfall.analysis.extent import Extent
+    from rockfall.plots.extent import Extent
     from rockfall.result.trajectories import Terrain
 
 MAX_CELLS = 4_000_000  # of the pictures of all maps: a page has a few MB, however many there are

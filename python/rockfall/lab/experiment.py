@@ -17,7 +17,7 @@ from rockfall.interrupts import interrupts
 from rockfall.io.files import atomic_write, check_netcdf
 from rockfall.lab.case import LabCase, lab_case_of, names
 from rockfall.simulation.progress import progress_bar
-from rockfall.simulation.simulate import MOST_THREADS, check_team
+from rockfall.simulation.simulate import check_team
 from rockfall.version import __version__
 
 if TYPE_CHECKING:
@@ -243,8 +243,6 @@ def _fire(
 
 
 def _checked(threads: int) -> int:
-    if not 0 <= threads <= MOST_THREADS:
-        raise RockfallError(f"threads = {threads}: must be 0 (all cores) to {MOST_THREADS}")
     check_team(threads)
     return threads
 

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rockfall.analysis.extent import PASSED, passed_map
 from rockfall.analysis.line_statistics import fraction_interval, sources
 from rockfall.case import case_of
 from rockfall.errors import RockfallError, need
 from rockfall.impact_sets import set_path
 from rockfall.io.output_files import FIGURE, atomic_folder, check_outputs
 from rockfall.lab.sets import read_sets
+from rockfall.plots.extent import PASSED, passed_map
 from rockfall.plots.lab import draw_restitution
 from rockfall.plots.line_figures import DRAWN, distribution_figure, passing_figure
 from rockfall.plots.map_figures import (
@@ -57,7 +57,7 @@ def figures(
 ) -> list[Figure]:
     """The figures of a result, in the order in which they are read.
 
-    `terrain`, from `rockfall.analysis.terrain.terrain_of`, puts relief under maps and ground under
+    `terrain`, from `rockfall.plots.terrain.terrain_of`, puts relief under maps and ground under
     profiles. `observed` is what `rockfall.analysis.observations.read_observed` gives: its summaries
     and samples come beside the distributions at the lines, its distances and fractions beside the
     curve of passing, its stops on the maps.

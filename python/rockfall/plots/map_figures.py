@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rockfall.analysis.extent import PASSED, of_none, reached
 from rockfall.io.arrays import grid_of
 from rockfall.io.grid import Grid
+from rockfall.plots.extent import PASSED, of_none, reached
 from rockfall.plots.style import (
     BLUE,
     INK,
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from matplotlib.colors import Normalize
     from matplotlib.figure import Figure
 
-    from rockfall.analysis.extent import Extent
+    from rockfall.plots.extent import Extent
     from rockfall.result.trajectories import Terrain
 
 DOTS = 1500  # along the longer side of a map; its picture has fewer

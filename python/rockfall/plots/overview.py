@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rockfall.analysis.extent import passed_map, reached
+from rockfall.plots.extent import passed_map, reached
 from rockfall.plots.line_figures import DISTANCE, draw_passing, mark_lines
 from rockfall.plots.map_figures import (
     draw_map,

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rockfall.analysis.extent import cell_of
+from rockfall.plots.extent import cell_of
 from rockfall.plots.line_figures import DISTANCE, mark_lines
 from rockfall.plots.map_figures import MAX_TRAJECTORIES
 from rockfall.plots.style import INK, TRAJECTORY, WIDE, new_figure, styled

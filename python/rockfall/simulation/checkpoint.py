@@ -15,9 +15,9 @@ import numpy as np
 
 from rockfall.errors import RockfallError
 from rockfall.result.dataset import put_netcdf
-from rockfall.simulation.part_file import boulders_in, make_part, origin_of, read_part
-from rockfall.simulation.simulate import Tally
+from rockfall.simulation.part_file import boulders_in, make_part, read_part
 from rockfall.simulation.source_maps import fed_cells, restore_stamps, settle, tells_sources
+from rockfall.simulation.tally import Tally, origin_of
 
 REST = 20.0  # a save that took so long is followed by this many times as long without another
 

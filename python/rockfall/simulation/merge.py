@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rockfall.errors import RockfallError
-from rockfall.result.dataset import make_result
+from rockfall.simulation.maps import no_maps
 from rockfall.simulation.part_file import Part, read_part
-from rockfall.simulation.simulate import Tally, empty_tally, no_maps
 from rockfall.simulation.source_maps import join_sources
+from rockfall.simulation.tally import Tally, empty_tally
+from rockfall.simulation.tally_dataset import make_result
 
 if TYPE_CHECKING:
     import xarray as xr

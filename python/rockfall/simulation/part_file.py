@@ -9,7 +9,7 @@ import math
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,24 +22,23 @@ from rockfall.errors import RockfallError
 from rockfall.io.files import check_netcdf
 from rockfall.io.grid import Box, Grid
 from rockfall.result import variables
-from rockfall.result.dataset import (
-    DAMAGED,
-    as_dataset,
+from rockfall.result.dataset import DAMAGED, as_dataset, georeference
+from rockfall.result.validate import are_crossings
+from rockfall.simulation.source_maps import FED, settle
+from rockfall.simulation.tally import Origin
+from rockfall.simulation.tally_dataset import (
     boulder_variables,
-    georeference,
     histogram_variables,
     line_variables,
     run_attributes,
     trajectory_variables,
 )
-from rockfall.result.validate import are_crossings
-from rockfall.simulation.source_maps import FED, settle
-from rockfall.version import __version__
 
 if TYPE_CHECKING:
     import xarray as xr
 
-    from rockfall.simulation.simulate import Maps, Tally
+    from rockfall.simulation.maps import Maps
+    from rockfall.simulation.tally import Tally
 
 LAYOUT = 1  # of the file, as in io/part_file.f90
 STACKS = {"counts": "i4", "sums": "i8", "maxima": "f4"}  # of maps, by layer
@@ -112,42 +111,6 @@ def _reached(maps: Maps) -> np.ndarray:
 
 
 # ---- to a tally
-
-
-@dataclass
-class Origin:
-    """The run that a part is of; stands in for its scene, too."""
-
-    case: Case
-    boulders: int  # of the whole run
-    grid: Grid  # of the terrain, without a CRS
-    window: Box  # the cells of it that maps cover
-    checksums: dict[str, str]
-    decoded: dict[str, str]
-    version: str
-
-    def difference(self, other: Origin) -> str:
-        """The first thing in which another run differs, "" if it is the same; threads may differ,
-        and how the case is written."""
-        for what in ("version", "boulders", "checksums", "decoded", "grid", "window"):
-            one, its = getattr(self, what), getattr(other, what)
-            if isinstance(one, dict):
-                differ = (key for key in sorted({*one, *its}) if one.get(key) != its.get(key))
-                if key := next(differ, ""):
-                    return key
-            elif one != its:
-                return what
-        texts = (run.case.replace(case={"threads": 0}).text() for run in (self, other))
-        return "" if len({*texts}) == 1 else "case"
-
-
-def origin_of(tally: Tally) -> Origin:
-    """The run of a tally."""
-    scene = tally.scene
-    return Origin(
-        scene.case, scene.boulders, replace(scene.grid, crs=None), tally.window,
-        scene.checksums, scene.decoded, __version__,
-    )  # fmt: skip
 
 
 @dataclass

@@ -5,8 +5,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,36 +14,33 @@ from rockfall._core import rockfall_f2py as _core
 from rockfall.case import Case
 from rockfall.errors import RockfallError
 from rockfall.interrupts import interrupts
-from rockfall.io.grid import Box, Grid
-from rockfall.result.dataset import georeference, make_result
+from rockfall.io.grid import Box
 from rockfall.result.variables import fields
 from rockfall.scene.plausible import warn_of
 from rockfall.scene.reach import Survey, survey
 from rockfall.scene.read import read_scene
 from rockfall.scene.scene import Scene
 from rockfall.scene.windows import groups
+from rockfall.simulation.maps import no_maps
 from rockfall.simulation.memory import machine_memory
 from rockfall.simulation.part_file import make_part
+from rockfall.simulation.progress import progress_bar
 from rockfall.simulation.source_maps import follow_sources, settle
+from rockfall.simulation.tally import Tally, empty_tally, shard_range
+from rockfall.simulation.tally_dataset import make_result
 
 if TYPE_CHECKING:
     import xarray as xr
 
     from rockfall.simulation.checkpoint import Checkpoint
-    from rockfall.simulation.part_file import Origin
 
 # A child of a fork would wait for ever for the threads that a run leaves waiting in its parent.
 os.register_at_fork(before=_core.end_team)
 
 CHUNK_SECONDS = 0.25  # between calls of the kernel: progress, Ctrl-C
 FIRST_CHUNK = 64  # boulders
-BINS = 50  # rows of the kernel's histograms
-MOST_THREADS = int(_core.constant("max_threads"))
-MOST_ROWS = 2**31 - 2  # of class_counts, and one more can be counted
 STATUS = 0  # row of the kernel's integers
 LEFT_WINDOW = int(_core.constant("left_window"))  # status: to be flown again in a larger window
-ALL = Box(0, 0, 2**31 - 1, 2**31 - 1)  # any cells
-HALVINGS = 5  # of these rows, before they are too few to begin with
 
 
 class Interrupted(KeyboardInterrupt):
@@ -53,117 +49,6 @@ class Interrupted(KeyboardInterrupt):
     def __init__(self, result: xr.Dataset) -> None:
         super().__init__(f"interrupted after {result.sizes['boulder']} boulders")
         self.result = result
-
-
-@dataclass
-class Maps:
-    """The kernel's tallies by cell, in stacks (layers, ny, nx), where `plan` says; what the case
-    does not ask for has a single element."""
-
-    names: str  # of the maps, as the kernel wants them
-    plan: np.ndarray  # of the kernel's map_plan
-    counts: np.ndarray
-    sums: np.ndarray
-    maxima: np.ndarray
-    class_counts: np.ndarray  # (cells, classes): rows are given away as cells are reached
-    column: np.ndarray  # (ny, nx): row of class_counts, from 1
-    columns: np.ndarray  # (1,): rows given away; one more than there are when they did not do
-    box: Box  # the cells of the terrain that they are of
-    #: (1 or 2, ny, nx): the source that was last counted there boulder by boulder; `head` has the
-    #: second layer to itself
-    stamp: np.ndarray = field(default_factory=lambda: np.zeros((1, 1, 1), "i4"))
-    head: int = 0
-
-    def arguments(self) -> dict[str, np.ndarray]:
-        """As the kernel wants them."""
-        return {
-            "map_counts": self.counts.T, "map_sums": self.sums.T,
-            "map_reals": self.maxima.T, "class_counts": self.class_counts.T,
-            "column": self.column.T, "columns": self.columns,
-        }  # fmt: skip
-
-    def marks(self) -> dict[str, Any]:
-        """What a run of the kernel wants besides: where they lie, and to tell sources apart."""
-        return {"stamp": self.stamp.T, "head": self.head, **self.box.corners()}
-
-
-def no_maps(names: Sequence[str] = (), box: Box = ALL) -> Maps:
-    """Empty tallies for the maps of these names, on these cells."""
-    shape = box.shape if names else (1, 1)
-    text = " ".join(names)
-    plan = _core.map_plan(text)
-    counts, sums, maxima, classes = plan[:4].max(), plan[4:7].max(), plan[7:10].max(), plan[13]
-
-    def stack(layers: int, dtype: str) -> np.ndarray:
-        return np.zeros((layers, *shape) if layers else (1, 1, 1), dtype)
-
-    return Maps(
-        text, plan, stack(counts, "i4"), stack(sums, "i8"), stack(maxima, "f4"),
-        class_counts=_class_counts(shape[0] * shape[1], classes),
-        column=np.zeros(shape if classes else (1, 1), "i4"),
-        columns=np.zeros(1, "i4"),
-        box=box,
-    )  # fmt: skip
-
-
-def _class_counts(cells: int, classes: int) -> np.ndarray:
-    """Rows for all cells, or for half as many as the system grants (the run needs memory for other
-    things too): it takes the memory of a row when a boulder first passes the cell, and few may be
-    passed."""
-    if not classes:
-        return np.empty((1, 1), "i4")
-    rows = min(cells, MOST_ROWS)
-    for k in range(HALVINGS + 1):
-        try:
-            np.empty((rows >> k, classes), "i4")  # is it granted?
-        except MemoryError:
-            continue
-        return np.empty((rows >> k + (k > 0), classes), "i4")
-    raise MemoryError
-
-
-@dataclass
-class Tally:
-    """What the kernel adds to from chunk to chunk, and the rows of the boulders done."""
-
-    scene: Scene | Origin
-    maps: Maps
-    histogram: np.ndarray  # (6, bins)
-    boulder: np.ndarray  # (boulders, fields)
-    count: np.ndarray
-    crossing: np.ndarray  # (boulders, lines, fields)
-    before: int = 0  # boulders of the run before those of this tally
-    done: int = 0
-    counted: dict[str, int] = field(default_factory=dict)  # in boulders whose `count` was not kept
-    trajectories: list[np.ndarray] = field(default_factory=list)  # (vertices, fields) each
-    wall: float = 0.0
-    cpu: float = 0.0
-    threads: int = 0
-    crs: dict[str, Any] = field(default_factory=dict)  # said of the grid, where it has no CRS
-
-    @property
-    def boulders(self) -> int:
-        """Boulders that are to be done."""
-        return len(self.boulder)
-
-    def columns(self) -> dict[str, np.ndarray]:
-        """The kernel's numbers of each of the boulders done, by name."""
-        names, rows = fields(1) + fields(2), (*self.boulder.T, *self.count.T)
-        return {name: row[: self.done] for name, row in zip(names, rows, strict=True)}
-
-    @property
-    def window(self) -> Box:
-        """The cells of the terrain that maps cover; without any, all of them."""
-        return self.maps.box if self.maps.names else self.scene.grid.box
-
-    @property
-    def grid(self) -> Grid:
-        """That of the maps; without any, of all the terrain."""
-        return self.scene.grid.part(self.window)
-
-    def georeference(self) -> dict[str, Any]:
-        """What says where the maps lie."""
-        return georeference(self.grid) | self.crs
 
 
 def run(
@@ -181,9 +66,10 @@ def run(
     `arrays` (dem, zones, ...) are as in `rockfall.scene.read.read_scene`. The result does not
     depend on `threads` (default: the case's) or `chunk`, boulders in one call of the kernel
     (default: what takes a quarter of a second). `shard` (I, N) runs the I-th of N ranges of
-    boulders, and gives a part for `rockfall.merge`, without maps. Ctrl-C raises `Interrupted`, which holds the boulders done. Rasters that need more
-    than half of `memory` [bytes] (default: that of the machine) are read in windows. What is likely
-    a mistake in the case is a UserWarning.
+    boulders, and gives a part for `rockfall.merge`, without maps. Ctrl-C raises `Interrupted`,
+    which holds the boulders done. Rasters that need more than half of `memory` [bytes] (default:
+    that of the machine) are read in windows. What is likely a mistake in the case is a
+    UserWarning.
     """
     scene = read_scene(case, memory=memory or machine_memory(), **arrays)
     warn_of(scene)
@@ -209,11 +95,8 @@ def run_scene(
     import netCDF4  # noqa: F401  what makes the result, before the run: there may be no memory for it
     import xarray  # noqa: F401
 
-    from rockfall.simulation.progress import progress_bar
-
-    threads = scene.case.case["threads"] if threads is None else threads
-    if not 0 <= threads <= MOST_THREADS:
-        raise RockfallError(f"threads = {threads}: must be 0 (all cores) to {MOST_THREADS}")
+    if threads is None:
+        threads = scene.case.case["threads"]
     check_team(threads)
     with interrupts() as interrupted:  # no chunk is lost half-way
         tally = start(scene, threads, shard)
@@ -244,20 +127,10 @@ def run_scene(
 
 
 def check_team(threads: int) -> None:
-    """Refuse as many threads where the process has no room for them."""
+    """Refuse a number of threads that cannot be, or that the process has no room for."""
     code, message = _core.team_fits(threads)
     if code:
         raise RockfallError(message.decode().strip(), code)
-
-
-def shard_range(scene: Scene, shard: tuple[int, int]) -> range:
-    """The boulders of the I-th of N shards, counted from 0; they differ by one at most."""
-    which, of = shard
-    if not 1 <= which <= of:
-        raise RockfallError(f"shard = {which}/{of}: must be I/N with I from 1 to N")
-    if of > max(1, scene.boulders):
-        raise RockfallError(f"shard = {which}/{of}: there are {scene.boulders} boulders only")
-    return range(scene.boulders * (which - 1) // of, scene.boulders * which // of)
 
 
 def start(scene: Scene, threads: int, shard: tuple[int, int] = (1, 1)) -> Tally:
@@ -284,20 +157,6 @@ def _start(scene: Scene, threads: int, numbers: range, box: Box) -> Tally:
     tally = empty_tally(scene, no_maps(scene.case.output.get("maps", []), box), numbers, threads)
     follow_sources(tally.maps, scene, numbers.start)
     return tally
-
-
-def empty_tally(scene: Scene | Origin, maps: Maps, numbers: range, threads: int) -> Tally:
-    """Room for boulders of these numbers, counted from 0."""
-    return Tally(
-        scene,
-        maps,
-        histogram=np.zeros((len(_core.histogram_bins()[0]), BINS), "i8"),
-        boulder=np.empty((len(numbers), len(fields(1)))),
-        count=np.zeros((len(numbers), len(fields(2))), "i4"),
-        crossing=np.empty((len(numbers), len(scene.case.line), len(fields(3)))),
-        before=numbers.start,
-        threads=threads,
-    )
 
 
 def run_chunks(

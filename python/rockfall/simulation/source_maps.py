@@ -14,7 +14,8 @@ import numpy as np
 
 if TYPE_CHECKING:
     from rockfall.scene.scene import Scene
-    from rockfall.simulation.simulate import Maps, Tally
+    from rockfall.simulation.maps import Maps
+    from rockfall.simulation.tally import Tally
 
 SOURCES, RELEASED = 2, 3  # places in the kernel's plan
 FED = ("fed_cell", "fed_source", "fed_boulders")  # of the sources that a range cuts

@@ -12,14 +12,15 @@ from rockfall.analysis.extrapolation import extrapolations, fractions_outside
 from rockfall.analysis.neutral_slopes import NeutralSlopes, Rocks, rocks_of
 from rockfall.io.crs import crs_name
 from rockfall.io.grid import row_blocks
-from rockfall.result.dataset import TALLIES
 from rockfall.scene.coefficients import ANY_SPEED
 from rockfall.scene.ground import Ground
 from rockfall.scene.reach import survey
 from rockfall.scene.scene import Scene
 from rockfall.scene.sources import threshold
 from rockfall.simulation.memory import machine_memory
-from rockfall.simulation.simulate import Tally, check_team, fields, run_chunks, start
+from rockfall.simulation.simulate import check_team, fields, run_chunks, start
+from rockfall.simulation.tally import Tally
+from rockfall.simulation.tally_dataset import TALLIES
 
 PROBE_BOULDERS = 100  # to see how long they take
 PILOT_SECONDS = 0.05  # about, twice at most: the time is known to a few per cent

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rockfall.analysis.extent import reached
 from rockfall.case import FROM_ARRAY, case_of
 from rockfall.errors import RockfallError
 from rockfall.io.grid import Box, Grid
 from rockfall.io.raster_file import open_raster
+from rockfall.plots.extent import reached
 from rockfall.scene.layers import file_checksum
 
 if TYPE_CHECKING:

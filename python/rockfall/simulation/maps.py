@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Maps in the making: the kernel's tallies by cell."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from rockfall._core import rockfall_f2py as _core
+from rockfall.io.grid import Box
+
+MAX_ROWS = 2**31 - 2  # of class_counts, and one more can be counted
+ALL = Box(0, 0, 2**31 - 1, 2**31 - 1)  # any cells
+HALVINGS = 5  # of these rows, before they are too few to begin with
+
+
+@dataclass
+class Maps:
+    """The kernel's tallies by cell, in stacks (layers, ny, nx), where `plan` says; what the case
+    does not ask for has a single element."""
+
+    names: str  # of the maps, as the kernel wants them
+    plan: np.ndarray  # of the kernel's map_plan
+    counts: np.ndarray
+    sums: np.ndarray
+    maxima: np.ndarray
+    class_counts: np.ndarray  # (cells, classes): rows are given away as cells are reached
+    column: np.ndarray  # (ny, nx): row of class_counts, from 1
+    columns: np.ndarray  # (1,): rows given away; one more than there are when they did not do
+    box: Box  # the cells of the terrain that they are of
+    #: (1 or 2, ny, nx): the source that was last counted there boulder by boulder; `head` has the
+    #: second layer to itself
+    stamp: np.ndarray = field(default_factory=lambda: np.zeros((1, 1, 1), "i4"))
+    head: int = 0
+
+    def arguments(self) -> dict[str, np.ndarray]:
+        """As the kernel wants them."""
+        return {
+            "map_counts": self.counts.T, "map_sums": self.sums.T,
+            "map_reals": self.maxima.T, "class_counts": self.class_counts.T,
+            "column": self.column.T, "columns": self.columns,
+        }  # fmt: skip
+
+    def marks(self) -> dict[str, Any]:
+        """What a run of the kernel wants besides: where they lie, and to tell sources apart."""
+        return {"stamp": self.stamp.T, "head": self.head, **self.box.corners()}
+
+
+def no_maps(names: Sequence[str] = (), box: Box = ALL) -> Maps:
+    """Empty tallies for the maps of these names, on these cells."""
+    shape = box.shape if names else (1, 1)
+    text = " ".join(names)
+    plan = _core.map_plan(text)
+    counts, sums, maxima, classes = plan[:4].max(), plan[4:7].max(), plan[7:10].max(), plan[13]
+
+    def stack(layers: int, dtype: str) -> np.ndarray:
+        return np.zeros((layers, *shape) if layers else (1, 1, 1), dtype)
+
+    return Maps(
+        text, plan, stack(counts, "i4"), stack(sums, "i8"), stack(maxima, "f4"),
+        class_counts=_class_counts(shape[0] * shape[1], classes),
+        column=np.zeros(shape if classes else (1, 1), "i4"),
+        columns=np.zeros(1, "i4"),
+        box=box,
+    )  # fmt: skip
+
+
+def _class_counts(cells: int, classes: int) -> np.ndarray:
+    """Rows for all cells, or for half as many as the system grants (the run needs memory for other
+    things too): it takes the memory of a row when a boulder first passes the cell, and few may be
+    passed."""
+    if not classes:
+        return np.empty((1, 1), "i4")
+    rows = min(cells, MAX_ROWS)
+    for k in range(HALVINGS + 1):
+        try:
+            np.empty((rows >> k, classes), "i4")  # is it granted?
+        except MemoryError:
+            continue
+        return np.empty((rows >> k + (k > 0), classes), "i4")
+    raise MemoryError

@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a run has found so far: rows of its boulders, and what was added up over them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from rockfall._core import rockfall_f2py as _core
+from rockfall.case import Case
+from rockfall.errors import RockfallError
+from rockfall.io.grid import Box, Grid
+from rockfall.result.dataset import georeference
+from rockfall.result.variables import fields
+from rockfall.scene.scene import Scene
+from rockfall.simulation.maps import Maps
+from rockfall.version import __version__
+
+BINS = 50  # rows of the kernel's histograms
+
+
+@dataclass
+class Origin:
+    """The run that a part is of; stands in for its scene, too."""
+
+    case: Case
+    boulders: int  # of the whole run
+    grid: Grid  # of the terrain, without a CRS
+    window: Box  # the cells of it that maps cover
+    checksums: dict[str, str]
+    decoded: dict[str, str]
+    version: str
+
+    def difference(self, other: Origin) -> str:
+        """The first thing in which another run differs, "" if it is the same; threads may differ,
+        and how the case is written."""
+        for what in ("version", "boulders", "checksums", "decoded", "grid", "window"):
+            one, its = getattr(self, what), getattr(other, what)
+            if isinstance(one, dict):
+                differ = (key for key in sorted({*one, *its}) if one.get(key) != its.get(key))
+                if key := next(differ, ""):
+                    return key
+            elif one != its:
+                return what
+        texts = (run.case.replace(case={"threads": 0}).text() for run in (self, other))
+        return "" if len({*texts}) == 1 else "case"
+
+
+@dataclass
+class Tally:
+    """What the kernel adds to from chunk to chunk, and the rows of the boulders done."""
+
+    scene: Scene | Origin
+    maps: Maps
+    histogram: np.ndarray  # (6, bins)
+    boulder: np.ndarray  # (boulders, fields)
+    count: np.ndarray
+    crossing: np.ndarray  # (boulders, lines, fields)
+    before: int = 0  # boulders of the run before those of this tally
+    done: int = 0
+    counted: dict[str, int] = field(default_factory=dict)  # in boulders whose `count` was not kept
+    trajectories: list[np.ndarray] = field(default_factory=list)  # (vertices, fields) each
+    wall: float = 0.0
+    cpu: float = 0.0
+    threads: int = 0
+    crs: dict[str, Any] = field(default_factory=dict)  # said of the grid, where it has no CRS
+
+    @property
+    def boulders(self) -> int:
+        """Boulders that are to be done."""
+        return len(self.boulder)
+
+    def columns(self) -> dict[str, np.ndarray]:
+        """The kernel's numbers of each of the boulders done, by name."""
+        names, rows = fields(1) + fields(2), (*self.boulder.T, *self.count.T)
+        return {name: row[: self.done] for name, row in zip(names, rows, strict=True)}
+
+    @property
+    def window(self) -> Box:
+        """The cells of the terrain that maps cover; without any, all of them."""
+        return self.maps.box if self.maps.names else self.scene.grid.box
+
+    @property
+    def grid(self) -> Grid:
+        """That of the maps; without any, of all the terrain."""
+        return self.scene.grid.part(self.window)
+
+    def georeference(self) -> dict[str, Any]:
+        """What says where the maps lie."""
+        return georeference(self.grid) | self.crs
+
+
+def empty_tally(scene: Scene | Origin, maps: Maps, numbers: range, threads: int) -> Tally:
+    """Room for boulders of these numbers, counted from 0."""
+    return Tally(
+        scene,
+        maps,
+        histogram=np.zeros((len(_core.histogram_bins()[0]), BINS), "i8"),
+        boulder=np.empty((len(numbers), len(fields(1)))),
+        count=np.zeros((len(numbers), len(fields(2))), "i4"),
+        crossing=np.empty((len(numbers), len(scene.case.line), len(fields(3)))),
+        before=numbers.start,
+        threads=threads,
+    )
+
+
+def shard_range(scene: Scene, shard: tuple[int, int]) -> range:
+    """The boulders of the I-th of N shards, counted from 0; they differ by one at most."""
+    which, of = shard
+    if not 1 <= which <= of:
+        raise RockfallError(f"shard = {which}/{of}: must be I/N with I from 1 to N")
+    if of > max(1, scene.boulders):
+        raise RockfallError(f"shard = {which}/{of}: there are {scene.boulders} boulders only")
+    return range(scene.boulders * (which - 1) // of, scene.boulders * which // of)
+
+
+def origin_of(tally: Tally) -> Origin:
+    """The run of a tally."""
+    scene = tally.scene
+    return Origin(
+        scene.case, scene.boulders, replace(scene.grid, crs=None), tally.window,
+        scene.checksums, scene.decoded, __version__,
+    )  # fmt: skip

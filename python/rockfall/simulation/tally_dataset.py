@@ -1,0 +1,193 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""From a tally to the variables of a result, by the kernel's table."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rockfall._core import rockfall_f2py as _core
+from rockfall.io.grid import row_blocks
+from rockfall.result import variables
+from rockfall.result.dataset import as_dataset, provenance
+from rockfall.simulation.maps import Maps
+from rockfall.simulation.tally import Tally
+from rockfall.version import __version__
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+#: Maps that are tallies of the kernel themselves, in the order of its plan.
+TALLIES = (
+    "passages", "deposits", "sources", *4 * [""], "energy_max", "speed_max_map",
+    "jump_height_max_map",
+)  # fmt: skip
+
+
+def make_result(tally: Tally, maps: bool = True) -> xr.Dataset:
+    """Everything that a run found, as interface names of `variables`; with or without its maps,
+    whose tallies are used up (`settle` comes before)."""
+    data = boulder_variables(tally)
+    number = np.arange(tally.before + 1, tally.before + tally.done + 1)
+    data["boulder"] = ("boulder", number, {"units": "1", "long_name": "number of the boulder"})
+    if tally.scene.case.line:
+        data |= _line_itself(tally) | line_variables(tally)
+    data["crs"] = ((), np.int32(0), tally.georeference())
+    if maps and tally.scene.case.output.get("maps"):
+        _add_maps(data, tally)
+    if tally.scene.case.output["rebounds"]:
+        data |= _bins() | histogram_variables(tally)
+    data |= trajectory_variables(tally)
+    names = {"boulder", "line", "x", "y", *(name for name in data if name.endswith("_bin"))}
+    return as_dataset(data, run_attributes(tally)).set_coords(sorted(names & set(data)))
+
+
+def boulder_variables(tally: Tally) -> dict[str, Any]:
+    """Of each boulder done, and counts over all of them."""
+    columns, data = tally.columns(), {}
+    for name, about in variables.BOULDER.items():
+        values = columns[name].astype("i1") if name == "status" else columns[name]
+        data[name] = ("boulder", values, about | (_flags() if name == "status" else {}))
+    for name, about in variables.COUNT.items():
+        before = tally.counted.get(name, np.int64(0))
+        data[name] = ((), before + columns[name].sum(dtype="i8"), about)
+    return data
+
+
+def _flags() -> dict[str, Any]:
+    """What the numbers of `status` mean, as CF says it."""
+    values = np.array(list(variables.STATUS.values()), "i1")
+    return {"flag_values": values, "flag_meanings": " ".join(variables.STATUS)}
+
+
+def _line_itself(tally: Tally) -> dict[str, Any]:
+    """Names and vertices of the evaluation lines."""
+    lines = tally.scene.case.line
+    names = np.array([line["name"] for line in lines], dtype=object)
+    data: dict[str, Any] = {"line": ("line", names, {"long_name": "name of the evaluation line"})}
+    vertices = {
+        "line": np.repeat(np.arange(len(lines)), [len(line["x"]) for line in lines]).astype("i4"),
+        "x": np.concatenate([line["x"] for line in lines]),
+        "y": np.concatenate([line["y"] for line in lines]),
+    }
+    for name, about in variables.LINE_VERTEX.items():
+        data[f"line_vertex_{name}"] = ("line_vertex", vertices[name], about)
+    return data
+
+
+def line_variables(tally: Tally) -> dict[str, Any]:
+    """First crossings of the evaluation lines."""
+    return {
+        f"line_{name}": (
+            ("line", "boulder"), tally.crossing[: tally.done, :, k].T, variables.LINE[name]
+        )
+        for k, name in enumerate(variables.fields(3))
+    }  # fmt: skip
+
+
+def _add_maps(data: dict[str, Any], tally: Tally) -> None:
+    grid, box = tally.scene.grid, tally.maps.box
+    asked = tally.scene.case.output["maps"]
+    x, y = grid.x[box.columns], grid.y[box.rows]  # the same bits as of the whole grid
+    for axis, centres, word in (("x", x, "easting"), ("y", y, "northing")):
+        about = {
+            "units": "m",
+            "long_name": f"{word} of cell centres",
+            "standard_name": f"projection_{axis}_coordinate",
+            "axis": axis.upper(),
+        }
+        data[axis] = (axis, centres, about)
+    least = tally.scene.case.output["least_passages"]
+    for name in variables.MAP:
+        if name in asked:
+            data[name] = map_variable(name, tally.maps, tally.done, least)
+
+
+def map_variable(name: str, maps: Maps, boulders: int, least: int) -> tuple:
+    """A map of the tallies of so many boulders, NaN where it has no number; the tallies themselves
+    are used up."""
+    values, fewest = _map(name, maps, boulders, least)
+    masked = {"least_passages": np.int32(fewest)} if fewest else {}
+    return ("y", "x"), values, variables.MAP[name] | masked | {"grid_mapping": "crs"}
+
+
+def _map(name: str, maps: Maps, boulders: int, least: int) -> tuple[np.ndarray, int]:
+    """A map, and the passages that a number of it needs."""
+    if name in TALLIES:  # as it is: another copy would take memory
+        place = maps.plan[TALLIES.index(name)] - 1
+        if name in ("passages", "deposits", "sources"):
+            return maps.counts[place], 0
+        values = maps.maxima[place]
+        for rows in row_blocks(values.shape):
+            values[rows][values[rows] == 0] = np.nan
+        return values, 0
+    values = np.empty(maps.column.shape if maps.column.size > 1 else maps.counts.shape[1:], "f4")
+    fewest = _core.map_values(
+        name, boulders, least, maps.names, **maps.arguments(), values=values.T
+    )
+    return values, fewest
+
+
+def _bins() -> dict[str, Any]:
+    """The bins of the histograms."""
+    data: dict[str, Any] = {}
+    bins, widths = _core.histogram_bins()
+    for k, (name, quantity) in enumerate(variables.HISTOGRAM.items()):
+        dim, n = f"{name}_bin", int(bins[k])
+        edges = np.round(np.arange(n + 1) * widths[k], 10)
+        about = {key: quantity[key] for key in ("units", "long_name")}
+        data[dim] = (dim, (edges[:-1] + edges[1:]) / 2, about | {"bounds": f"{dim}_bounds"})
+        about = {"units": quantity["units"], "long_name": f"edges of the bins of {name}"}
+        data[f"{dim}_bounds"] = (
+            (dim, "bound"),
+            np.stack([edges[:-1], edges[1:]], axis=1),
+            about,
+        )
+    return data
+
+
+def histogram_variables(tally: Tally) -> dict[str, Any]:
+    """Counts of rebounds, in the bins."""
+    data, bins = {}, _core.histogram_bins()[0]
+    for k, (name, quantity) in enumerate(variables.HISTOGRAM.items()):
+        about = quantity | {"units": "1", "long_name": f"rebounds by {quantity['long_name']}"}
+        data[f"{name}_histogram"] = (f"{name}_bin", tally.histogram[k, : bins[k]], about)
+    return data
+
+
+def trajectory_variables(tally: Tally) -> dict[str, Any]:
+    """Vertices of the first boulders, where they were kept."""
+    if not tally.trajectories:
+        return {}
+    vertices = np.concatenate(tally.trajectories)
+    columns = dict(zip(variables.fields(4), vertices.T, strict=True))
+    lengths = [len(one) for one in tally.trajectories]
+    columns["boulder"] = tally.before + np.repeat(np.arange(1, len(lengths) + 1), lengths)
+    return {
+        f"trajectory_{name}": ("trajectory_vertex", columns[name], about)
+        for name, about in variables.VERTEX.items()
+    }
+
+
+def run_attributes(tally: Tally) -> dict[str, Any]:
+    """What a result, or a part of one, says of its run."""
+    scene = tally.scene
+    return {
+        "Conventions": "CF-1.8",
+        "title": scene.case.case["title"],
+        "source": f"rockfall {__version__}, stochastic impact model of Bourrier et al. (2009)",
+        "version": __version__,
+        "case": scene.case.text(),
+        "case_file": scene.case.name,
+        "seed": scene.case.case["seed"],
+        "boulder_first": tally.before + 1,
+        "boulder_last": tally.before + tally.done,
+        "boulders_asked": scene.boulders,
+        "complete": int(tally.done == scene.boulders),
+        "impact_set": scene.case.impact["sets"],
+        **provenance(scene),
+        "threads": _core.team(tally.threads),
+        "wall_seconds": tally.wall,
+        "cpu_seconds": tally.cpu,
+    }
