@@ -193,7 +193,7 @@ def test_a_part_of_other_shapes_is_named(parts):
         merge(parts)
     with netCDF4.Dataset(parts[1], "a") as file:
         file.setncattr("boulder_last", 39)
-    with pytest.raises(rockfall.RockfallError, match=r"^2\.nc: is damaged: boulder"):
+    with pytest.raises(rockfall.RockfallError, match=r"^2\.nc: is damaged: volume"):
         merge([parts[1]])
 
 
