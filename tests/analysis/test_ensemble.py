@@ -484,17 +484,6 @@ def test_more_numbers_than_the_design_has_are_refused(tmp_path):
         Uncertain(scene)
 
 
-def test_a_table_replaces_itself_and_nothing_else(place, capsys):
-    quiet = ["ensemble", "case.nml", "--quiet", "--boulders", "2", "-o"]
-    for _ in range(2):
-        assert main([*quiet, "table.csv"]) == 0
-    for text in ("zone,mean_radius\n1,0.1\n", ""):
-        Path("other.csv").write_text(text)
-        assert main([*quiet, "other.csv"]) == 2
-        assert Path("other.csv").read_text() == text
-        said = "other.csv: is there, and not the table of an ensemble that rockfall wrote"
-        assert capsys.readouterr().err == f"rockfall: {said}; it is not overwritten\n"
-
 
 def test_maps_alone_are_no_table(place, capsys):
     text = Path("case.nml").read_text()

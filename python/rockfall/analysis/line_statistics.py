@@ -9,6 +9,7 @@ times as long as a normal distribution would have them (Student's).
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -131,6 +132,18 @@ def sample_numbers(v: np.ndarray, cluster: np.ndarray) -> dict[str, float]:
             factor = np.exp(half * v.size / (v.size - Z))  # few hide their tail (Bonett 2006)
             row["std_low"], row["std_high"] = row["std"] / factor, row["std"] * factor
     return row
+
+
+def half_width(row: Mapping[str, float], name: str) -> float:
+    """Half the length of a confidence interval, relative to its number: 0 of equal values, inf of
+    the number 0, NaN without an interval."""
+    value = row.get(name, np.nan)
+    if name == "std" and value == 0:
+        return 0.0
+    half = (row.get(f"{name}_high", np.nan) - row.get(f"{name}_low", np.nan)) / 2
+    if half == 0 or np.isnan(half):
+        return half
+    return half / abs(value) if value else np.inf
 
 
 def fraction_interval(holds: np.ndarray, source: np.ndarray) -> tuple[float, float, float]:

@@ -99,17 +99,17 @@ def _quantity(row: Row) -> tuple[str, float, tuple[float, float]]:
 
 def _summary(row: Row) -> dict:
     quantity, unit, limits = _quantity(row)
-    mean, most = row.maybe("mean", *limits), row.maybe("max", *limits)
+    mean, max_ = row.maybe("mean", *limits), row.maybe("max", *limits)
     std, n = row.maybe("std", 0.0), row.maybe("n", 1.0)
-    if np.isnan([mean, std, most]).all():
+    if np.isnan([mean, std, max_]).all():
         row.refuse("mean", "a row needs mean, std or max")
-    if most < mean:
+    if max_ < mean:
         row.refuse("max", f"must be >= mean = {mean:g}")
     if n % 1 > 0:
         row.refuse("n", "must be an integer")
     method = row.choice("method", METHODS) if "method" in row.cells else "observed"
     about = {"line": row.text("line"), "method": method, "quantity": quantity}
-    return {**about, "mean": unit * mean, "std": unit * std, "max": unit * most, "n": n}
+    return {**about, "mean": unit * mean, "std": unit * std, "max": unit * max_, "n": n}
 
 
 def _sample(row: Row) -> dict:

@@ -13,6 +13,7 @@ import numpy as np
 from rockfall.analysis.line_statistics import (
     QUANTILES,
     QUANTITIES,
+    half_width,
     line_numbers,
     quantile_name,
     sources,
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 FIRST = 1000  # boulders of the first stage, over all sources
-CROSSED = 500  # boulders past the line before the interval of anything but a share is used
+CROSSED = 500  # boulders past the line before the interval of anything but a fraction is used
 CAP = 1_000_000  # boulders over all sources, where no cap is given
 
 # From the boulders of a stage to those of the next: min, max; what is within one stage.
@@ -171,14 +172,14 @@ def next_stage(verdicts: list[Verdict], n: int, cap: int) -> int:
 
 
 def verdicts_of(result: xr.Dataset) -> list[Verdict]:
-    """What a result says to each rule of its `run_until`, none where it has no rules."""
+    """The verdict of a result on each rule of its `run_until`, none where it has no rules."""
     if "until" not in result.attrs:
         return []
     return evaluate(read_rules(result.attrs["until"], list(result["line"].values)), result)
 
 
 def evaluate(rules: list[Rule], result: xr.Dataset) -> list[Verdict]:
-    """What a result says to each rule."""
+    """The verdict of a result on each rule."""
     source = sources(result)
     return [_verdict(rule, result, source) for rule in rules]
 
@@ -189,7 +190,7 @@ def _verdict(rule: Rule, result: xr.Dataset, source: np.ndarray) -> Verdict:
     of = source.max(initial=0) + 1
     n = source.size / of
     row = line_numbers(result, rule.line, rule.quantity, source)
-    width = _width(row, rule.statistic)
+    width = half_width(row, rule.statistic)
     short = 0.0 if rule.statistic == "fraction" else CROSSED / max(row["n"], 1)
     if width <= rule.limit and short <= 1:
         return Verdict(rule, True, width, n)
@@ -198,23 +199,12 @@ def _verdict(rule: Rule, result: xr.Dataset, source: np.ndarray) -> Verdict:
     error = width**2
     if of > 1:
         alone = line_numbers(result, rule.line, rule.quantity, np.zeros_like(source))
-        error = _width(alone, rule.statistic) ** 2
+        error = half_width(alone, rule.statistic) ** 2
     left = rule.limit**2 - max(0.0, width**2 - error)
     if left > 0:
         return Verdict(rule, False, width, n * max(short, error / left))
     useless = error < (USELESS * rule.limit) ** 2
     return Verdict(rule, False, width, np.inf if useless else np.nan)
-
-
-def _width(row: dict[str, float], statistic: str) -> float:
-    """Half-width of an interval over its number, NaN where there is none; 0 of equal values."""
-    value = row.get(statistic, np.nan)
-    if statistic == "std" and value == 0:
-        return 0.0
-    half = (row.get(f"{statistic}_high", np.nan) - row.get(f"{statistic}_low", np.nan)) / 2
-    if half == 0 or np.isnan(half):
-        return half
-    return half / abs(value) if value else np.inf
 
 
 def read_rules(text: str, lines: list[str]) -> list[Rule]:

@@ -44,9 +44,3 @@ def interval(row: Row, name: str, quantity: str) -> str:
     if math.isnan(low):
         return f"(to {in_unit(high, quantity)}; too few boulders for a lower limit)"
     return f"({in_unit(low, quantity)} to {in_unit(high, quantity)})"
-
-
-def half_width(row: Row, name: str) -> float:
-    """Half the length of the confidence interval, relative to the number; NaN without one."""
-    low, high = (row.get(f"{name}_{end}", math.nan) for end in ("low", "high"))
-    return (high - low) / 2 / abs(row[name]) if row.get(name, 0.0) else math.nan

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rockfall.analysis.line_statistics import sources
+from rockfall.analysis.line_statistics import half_width, sources
 from rockfall.analysis.run_until import verdicts_of
 from rockfall.case import case_of
-from rockfall.html_report.intervals import half_width, in_unit, interval
+from rockfall.html_report.intervals import in_unit, interval
 from rockfall.quantities import QUANTITIES, count, number, percent
 from rockfall.result.trajectories import ends
 

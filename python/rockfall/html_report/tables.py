@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from rockfall.analysis.line_statistics import half_width
 from rockfall.case import FROM_ARRAY, case_of
 from rockfall.html_report.convergence import NUMBERS, TARGETS, needed
-from rockfall.html_report.intervals import STATISTICS, half_width, in_unit, interval
+from rockfall.html_report.intervals import STATISTICS, in_unit, interval
 from rockfall.quantities import QUANTITIES, number, percent
 
 if TYPE_CHECKING:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Tables for people: CSV that they write, CSV that their spreadsheets open, columns of text."""
+"""Tables for people: CSV that they write, CSV that their spreadsheets open."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import csv
 import math
 import re
 from collections.abc import Iterable, Iterator
-from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, NoReturn
 
@@ -148,14 +147,3 @@ def spreadsheet_text(text: str) -> str:
 
 def _as_it_was(cell: str) -> str:
     return cell[1:] if cell.startswith("'") and _FORMULA.match(cell) else cell
-
-
-def aligned(rows: Iterable[list[str]]) -> str:
-    """Columns as wide as their longest cell, the first to the left, the others to the right."""
-    rows = list(rows)
-    widths = [max(map(len, column)) for column in zip_longest(*rows, fillvalue="")]
-    lines = []
-    for first, *cells in rows:
-        padded = (f"{cell:>{wide}}" for cell, wide in zip(cells, widths[1:], strict=False))
-        lines.append("  ".join([f"{first:{widths[0]}}", *padded]).rstrip())
-    return "\n".join(lines)

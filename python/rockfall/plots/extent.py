@@ -45,9 +45,9 @@ def reached(result: xr.Dataset, terrain: Terrain | None = None, *places: Any) ->
     x, y = np.concatenate(x), np.concatenate(y)
     longest = max(np.ptp(x), np.ptp(y))
     margin = 0.06 * longest + 3 * cell_of(result)
-    least = SLENDEREST * (longest + 2 * margin) / 2
-    west, east = _around(x, margin, least)
-    south, north = _around(y, margin, least)
+    shortest = SLENDEREST * (longest + 2 * margin) / 2
+    west, east = _around(x, margin, shortest)
+    south, north = _around(y, margin, shortest)
     if terrain is None:
         return west, east, south, north
     grid = terrain[1]
@@ -55,13 +55,13 @@ def reached(result: xr.Dataset, terrain: Terrain | None = None, *places: Any) ->
     return west, east, max(south, grid.south), min(north, grid.north)
 
 
-def _around(c: np.ndarray, margin: float, least: float) -> tuple[float, float]:
-    middle, half = (c.min() + c.max()) / 2, max(np.ptp(c) / 2 + margin, least)
+def _around(c: np.ndarray, margin: float, shortest: float) -> tuple[float, float]:
+    middle, half = (c.min() + c.max()) / 2, max(np.ptp(c) / 2 + margin, shortest)
     return float(middle - half), float(middle + half)
 
 
 def of_none(result: xr.Dataset, name: str) -> float:
-    """What a map holds at most where no boulder passed: 0, but for the upper limit of a share."""
+    """The maximum of a map where no boulder passed: 0, but for the upper limit of a fraction."""
     if name != "reach_probability_high":
         return 0.0
     none = np.zeros(result.sizes["boulder"], int)

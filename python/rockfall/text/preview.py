@@ -126,9 +126,9 @@ def _follow(scene: Scene, number: int) -> Pilot:
 
 def _all_cells(few: Tally, boulders: int) -> float:
     """Cells that so many boulders would reach, when cells differ in how often they are passed as
-    a gamma law: the passages of a cell are then negative binomial (Fisher, Corbet & Williams 1943).
-    Its mean and shape are those which give as many cells passed at all, and passed once, as the
-    few boulders did."""
+    a gamma distribution: the passages of a cell are then negative binomial (Fisher, Corbet &
+    Williams 1943). Its mean and shape are those which give as many cells passed at all, and passed
+    once, as the few boulders did."""
     place = few.maps.plan[0] - 1
     if place < 0:
         return 0.0
@@ -137,11 +137,11 @@ def _all_cells(few: Tally, boulders: int) -> float:
     more = boulders / max(1, few.done)
     if more <= 1 or not 0 < once < total:
         return float(cells * max(1.0, more))
-    shape = np.geomspace(1e-4, 50.0, 2000)  # of the gamma law
+    shape = np.geomspace(1e-4, 50.0, 2000)  # of the gamma distribution
     spread = (once / total) ** (-1 / (shape + 1))  # 1 + passages of a cell / shape
-    most = total / (shape * (spread - 1))  # cells that can be passed
-    best = np.argmin(abs(most * (1 - spread**-shape) - cells))
-    found = most[best] * (1 - (1 + (spread[best] - 1) * more) ** -shape[best])
+    limit = total / (shape * (spread - 1))  # cells that can be passed
+    best = np.argmin(abs(limit * (1 - spread**-shape) - cells))
+    found = limit[best] * (1 - (1 + (spread[best] - 1) * more) ** -shape[best])
     return float(min(max(found, cells), passages.size))
 
 
@@ -223,12 +223,12 @@ def _radius(volume: np.ndarray) -> np.ndarray:
 def _sets(scene: Scene) -> str:
     """Their name, and what they say they were fitted on."""
     speeds, angles = scene.coefficients.speed_range, scene.coefficients.angle_range
-    told = []
+    ranges = []
     if speeds.max() < ANY_SPEED:
-        told.append(f"{_range(speeds.min(), speeds.max())} m/s")
+        ranges.append(f"{_range(speeds.min(), speeds.max())} m/s")
     if angles.min() > 0 or angles.max() < 90:
-        told.append(f"{_range(angles.min(), angles.max())} degrees")
-    about = " and ".join(told) or "speeds and angles that it does not state"
+        ranges.append(f"{_range(angles.min(), angles.max())} degrees")
+    about = " and ".join(ranges) or "speeds and angles that it does not state"
     return f"{scene.case.impact['sets']}, fitted on {about}"
 
 
