@@ -35,12 +35,15 @@ import xarray as xr
 import rockfall
 from benchmarks.machine import ROOT, machine
 from benchmarks.stability import mutators
+from made import write_ascii
 from rockfall import cli
 from rockfall.impact_sets import shipped_sets
 from rockfall.io.grid import Grid
 from rockfall.io.raster import write_geotiff
-from rockfall.simulation.lock import LOCK
-from tests.made import write_ascii
+from rockfall.scene.prepare import prepare
+from rockfall.scene.read import read_scene
+from rockfall.simulation.checkpoint import Checkpoint
+from rockfall.simulation.simulate import run_chunks, start
 
 PROGRAM = ROOT / "build/fortran/rockfall-batch"
 SANITIZED = ROOT / "build-sanitize/fortran/rockfall-batch"
@@ -77,18 +80,16 @@ class Input:
 
 
 def _inputs() -> tuple[Input, ...]:
-    run, check = "run {0} --boulders 3 --quiet -o out/r.nc", "check {0}"
-    prepare = "prepare {0} out/p"
-    folder = "rockfall-batch {0} boulders=3 threads=1 quiet=true output=out/r"
-    single = "rockfall-batch {0} boulders=3 threads=1 quiet=true output=out/r.nc"
+    doors = ("check {0}", "run {0} --boulders 3 --quiet -o out/r.nc", "prepare {0} out/p")
+    batch = "rockfall-batch in/ready/case.nml --threads 1 --quiet"
 
-    def read(kind: str, case: str, file: str, how: tuple, both: bool = True) -> Input:
-        doors = (check, run, prepare, *((folder, single) if both else ()))
+    def read(kind: str, case: str, file: str, how: tuple) -> Input:
         return Input(kind, file, tuple(door.format(f"in/{case}") for door in doors), how)
 
-    resume = "run in/asc.nml --quiet --resume -o out/half.nc"
-    resume_batch = "rockfall-batch in/many.nml threads=1 quiet=true resume=true output=out/half"
-    half, half_batch = "out/half.nc.checkpoint", "out/half.checkpoint"
+    def prepared(kind: str, file: str, how: tuple) -> Input:
+        return Input(kind, f"ready/{file}", (f"{batch} --boulders 3 -o out/r.nc",), how)
+
+    resume = ("run in/asc.nml --quiet --resume -o out/half.nc", f"{batch} --resume -o out/half.nc")
     compare = "compare in/out.nc in/{0} -o out/c.csv"
     result = (
         "lines in/out.nc -o out/t.csv", "export in/out.nc out/e", "report in/out.nc -o out/r.html",
@@ -97,26 +98,24 @@ def _inputs() -> tuple[Input, ...]:
     merge = ("merge in/part1.nc in/part2.nc in/part3.nc -o out/m.nc",)
     text, zones = mutators.TEXT + mutators.BYTES, "asc.nml"
     return (
-        *[read("namelist", case, case, text) for case in ("asc.nml", "size.nml")] * 4,
-        *[read("namelist", case, case, text, False) for case in ("tif.nml", "json.nml")],
+        *[read("namelist", case, case, text) for case in ("asc.nml", "size.nml")] * 3,
+        *[read("namelist", case, case, text) for case in ("tif.nml", "json.nml")],
+        *[prepared("namelist", "case.nml", text)] * 4,
+        *[prepared("scene file", "scene.nc", mutators.RESULT)] * 8,
         *[read("ASCII grid", zones, f"{name}.asc", mutators.GRID) for name in RASTERS],
         read("ASCII grid", "size.nml", "rm.asc", mutators.GRID),
-        *[read("GeoTIFF", "tif.nml", f"{name}.tif", mutators.TIFF, False) for name in RASTERS],
+        *[read("GeoTIFF", "tif.nml", f"{name}.tif", mutators.TIFF) for name in RASTERS],
         *[read("netCDF grid", "nc.nml", "dem.nc", mutators.RESULT)] * 3,
         *[read("netCDF grid", "nc3.nml", "dem3.nc", mutators.HDF5)] * 2,
         *[read("zone table", zones, "zones.csv", mutators.TABLE)] * 3,
-        read("polygons", "json.nml", "zones.geojson", mutators.JSON, False),
-        read("polygons", "json.nml", "source.geojson", mutators.JSON, False),
-        read("polygons", "gpkg.nml", "zones.gpkg", mutators.HDF5, False),
+        read("polygons", "json.nml", "zones.geojson", mutators.JSON),
+        read("polygons", "json.nml", "source.geojson", mutators.JSON),
+        read("polygons", "gpkg.nml", "zones.gpkg", mutators.HDF5),
         *[read("impact sets", zones, "sets.nml", text)] * 4,
         *[Input("observations", csv, (compare.format(csv),), mutators.TABLE) for csv in OBSERVED],
         *[Input("result", "out.nc", result, mutators.RESULT)] * 4,
         *[Input("part", f"part{k}.nc", merge, mutators.RESULT) for k in (1, 2)] * 2,
-        Input("checkpoint", f"{half}/rows-1-20.npz", (resume,), mutators.BYTES),
-        Input("checkpoint", f"{half}/maps-1-20.npz", (resume,), mutators.BYTES),
-        Input("checkpoint", f"{half}/state.json", (resume,), mutators.JSON),
-        *[Input("checkpoint", f"{half_batch}/{name}", (resume_batch,), text)
-          for name in ("state.txt", "fates", "crossings", "tallies-?")],
+        *[Input("checkpoint", "out/half.nc.checkpoint", resume, mutators.RESULT)] * 6,
     )  # fmt: skip
 
 
@@ -138,7 +137,8 @@ def make_base(base: Path) -> None:
     rockfall.write_result(rockfall.run(case), files / "out.nc")
     for k in (1, 2, 3):  # the second cuts both sources
         rockfall.write_result(rockfall.run(case, shard=(k, 3)), files / f"part{k}.nc")
-    _make_checkpoints(base, case)
+    prepare(case, files / "ready")
+    _make_checkpoint(base)
 
 
 def make_rasters(files: Path) -> None:
@@ -208,35 +208,14 @@ def make_cases(files: Path) -> None:
 """)
 
 
-def _make_checkpoints(base: Path, case: rockfall.Case) -> None:
-    """What both programs leave when they are killed half-way."""
-    from rockfall.scene.read import read_scene
-    from rockfall.simulation.checkpoint import Checkpoint
-    from rockfall.simulation.simulate import run_chunks, start
-
-    here = os.getcwd()
-    os.chdir(base)  # a case has the name by which it is read
-    try:
-        scene = read_scene(rockfall.read_case(Path("in/asc.nml")))
-        tally = start(scene, 1)
+def _make_checkpoint(base: Path) -> None:
+    """What a program leaves when it is killed half-way."""
+    with contextlib.chdir(base):  # a case has the name by which it is read
+        tally = start(read_scene(rockfall.read_case(Path("in/asc.nml"))), 1)
         run_chunks(tally, 20, lambda: tally.done >= 20, lambda _: None)
-        checkpoint = Checkpoint(base / "out/half.nc.checkpoint", 0.0)
+        checkpoint = Checkpoint("out/half.nc", 0.0)
         checkpoint.save(tally)
-        checkpoint.finish()
-        if checkpoint.found() != 20 or not PROGRAM.exists():
-            return
-        many = (base / "in/asc.nml").read_text().replace("boulders = 20", "boulders = 20000")
-        words = ("threads=1", "quiet=true", "checkpoint=0.01", "output=out/half")
-        (base / "in/many.nml").write_text(many)
-        run = subprocess.Popen([PROGRAM, "in/many.nml", *words], stderr=subprocess.PIPE)
-        state = base / "out/half.checkpoint/state.txt"
-        while run.poll() is None and not state.exists():
-            time.sleep(0.001)
-        run.kill()
-        run.communicate()
-        (state.parent / LOCK).unlink(missing_ok=True)  # the next run would remove it
-    finally:
-        os.chdir(here)
+        assert checkpoint.found() == 20
 
 
 # ---- one input -----------------------------------------------------------------------------------

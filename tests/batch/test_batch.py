@@ -172,7 +172,9 @@ HOSTILE = {
     "all missing": ("elevation", {"change": lambda z: z * np.nan}, "elevation"),
     "a zone too many": ("zone", {"change": put(4)}, "zone"),
     "a zone below zero": ("zone", {"change": put(-1)}, "zone"),
-    "a zone without a size": ("material_size", {"change": put(np.nan)}, "zone, or the material_size of one,"),
+    "a zone without a size": (
+        "material_size", {"change": put(np.nan)}, "zone, or the material_size of one,"
+    ),
     "a cell without a zone": ("zone", {"change": put(0)}, "zone, or the material_size of one,"),
     "no sizes": ("material_size", {"change": put(0.0)}, "zone, or the material_size of one,"),
     "sources nowhere": ("source_x", {"change": put(np.nan)}, "source_x, or source_y,"),

@@ -5,7 +5,6 @@ benchmarks/stability/hostile.py throws thousands; here are one of each class tha
 refused, and sixty more.
 """
 
-import json
 import os
 import re
 import shutil
@@ -26,10 +25,10 @@ from made import refused
 from rockfall.analysis.observations import read_observed
 from rockfall.io.tables import table_rows
 from rockfall.result.export import export
+from rockfall.scene.prepare import prepare
 from rockfall.scene.read import read_scene
 from rockfall.simulation.checkpoint import Checkpoint
 from rockfall.simulation.merge import merge
-from rockfall.simulation.simulate import run_chunks, start
 
 
 @pytest.fixture(scope="module")
@@ -84,20 +83,32 @@ def test_the_check_finds_what_it_is_to_find(tmp_path):
     assert verdict(0, "").startswith("OUTSIDE")
 
 
-def test_a_pipe_is_refused_and_not_waited_for(files, batch):  # noqa: F811
+@pytest.mark.parametrize("name", ["asc.nml", "dem.asc", "zones.csv", "cells.asc"])
+def test_a_pipe_is_refused_and_not_waited_for(files, name):
     """Nobody writes into it: to open it would never end."""
-    for name in ("asc.nml", "dem.asc", "zones.csv", "cells.asc"):
-        text = (files / name).read_bytes()
-        mutators.fifo(None, files / name)
-        with refused(f"in/{name}: not a regular file"):
-            read_scene(rockfall.read_case("in/asc.nml"))
-        done = batch("in/asc.nml", "output=no", cwd=".")
-        assert (done.returncode, done.stderr) == (
-            2, f"rockfall-batch: in/{name}: not a regular file\n",
-        )  # fmt: skip
-        (files / name).unlink()
-        (files / name).write_bytes(text)
+    mutators.fifo(None, files / name)
+    with refused(f"in/{name}: not a regular file"):
+        read_scene(rockfall.read_case("in/asc.nml"))
+
+
+@pytest.mark.parametrize(
+    ("name", "what"),
+    [("case.nml", "not a regular file"), ("scene.nc", "cannot be read as netCDF-4")],
+)
+def test_the_program_does_not_wait_for_a_pipe(files, batch, name, what):
+    prepare(rockfall.read_case("in/asc.nml"), files / "ready")
+    mutators.fifo(None, files / "ready" / name)
+    done = batch("in/ready/case.nml", "-o", "no", cwd=".")
+    said = f"rockfall-batch: in/ready/{name}: {what}\n"
+    assert (done.returncode, done.stderr) == (2, said)
     assert not Path("no").exists()
+
+
+def test_a_pipe_for_a_checkpoint_is_not_waited_for(files):
+    Path("half.nc.checkpoint").touch()
+    mutators.fifo(None, Path("half.nc.checkpoint"))
+    with pytest.raises(rockfall.RockfallError, match="^half.nc.checkpoint: is there, and no"):
+        Checkpoint("half.nc", 0.0).found()
 
 
 def test_devices_and_links_to_themselves_are_refused(tmp_path):
@@ -150,7 +161,7 @@ def test_a_damaged_part_is_named(parts, name, value, said):
 def test_a_part_without_what_it_says_of_itself_is_none(parts, name):
     with netCDF4.Dataset(parts[1], "a") as file:
         file.delncattr(name)
-    with refused("2.nc: is not a part of a run, as --shard makes them"):
+    with pytest.raises(rockfall.RockfallError, match=r"^2\.nc: is damaged: "):
         merge(parts)
 
 
@@ -174,98 +185,21 @@ def test_a_part_of_numbers_past_all_bounds_is_refused(parts, name, value):
 def test_a_part_of_other_shapes_is_named(parts):
     with netCDF4.Dataset(parts[1], "a") as file:
         file.renameVariable("stop_y", "stop_q")
-    with refused("2.nc: has another stop_q than 1.nc"):
+    with refused("2.nc: is damaged: stop_y"):
         merge(parts)
     with netCDF4.Dataset(parts[0], "a") as file:
         file.renameVariable("line_time", "line_q")
-    with pytest.raises(rockfall.RockfallError, match=r"^1\.nc: is damaged: line_x, "):
+    with refused("1.nc: is damaged: line_time"):
         merge(parts)
     with netCDF4.Dataset(parts[1], "a") as file:
         file.setncattr("boulder_last", 39)
-    with pytest.raises(rockfall.RockfallError, match=r"^2\.nc: is damaged: boulder"):
+    with pytest.raises(rockfall.RockfallError, match=r"^2\.nc: is damaged: volume"):
         merge([parts[1]])
 
 
 @pytest.fixture
 def whole(made, files):
     return Path(shutil.copy(made / "whole.nc", "whole.nc"))
-
-
-@pytest.fixture
-def half(files):
-    """A run of 40 boulders that was stopped after 20: how to begin it, and its checkpoint."""
-    scene = read_scene(rockfall.read_case("in/asc.nml"))
-    tally = start(scene, 1)
-    run_chunks(tally, 20, lambda: tally.done >= 20, lambda _: None)
-    checkpoint = Checkpoint("half", 0.0)
-    checkpoint.save(tally)
-    checkpoint.finish()
-    assert checkpoint.found() == 20
-    return scene, Path("half")
-
-
-@pytest.mark.parametrize("name", ["rows-1-20.npz", "maps-1-20.npz"])
-def test_one_turned_bit_in_a_checkpoint_is_found(half, name):
-    scene, folder = half
-    spoiled = bytearray((folder / name).read_bytes())
-    spoiled[len(spoiled) // 4] ^= 1
-    (folder / name).write_bytes(spoiled)
-    with pytest.raises(rockfall.RockfallError, match=f"^half: .*: {name} has another checksum"):
-        Checkpoint(folder, 0.0).restore(start(scene, 1))
-
-
-@pytest.mark.parametrize(
-    ("key", "value"),
-    [("archives", [1]), ("archives", []), ("archives", {}), ("archives", [{"kind": "maps"}]),
-     ("done", 19), ("done", "20"), ("identity", []), ("wall_seconds", "1"),
-     ("wall_seconds", float("nan")), ("cpu_seconds", -1.0)],
-)  # fmt: skip
-def test_a_state_that_cannot_be_is_refused(half, key, value):
-    scene, folder = half
-    state = json.loads((folder / "state.json").read_text())
-    (folder / "state.json").write_text(json.dumps(state | {key: value}))
-    with pytest.raises(rockfall.RockfallError, match="^half: cannot be read: "):
-        Checkpoint(folder, 0.0).restore(start(scene, 1))
-
-
-@pytest.mark.parametrize(
-    ("which", "key", "value"),
-    [(0, "kind", "../half/rows"), (0, "kind", "maps"), (1, "kind", "rows"), (0, "first", 2),
-     (0, "first", "1"), (0, "first", None), (0, "last", 19), (1, "first", 0), (1, "last", 21),
-     (0, "bytes", 1), (1, "sha256", ""), (1, "sha256", None), (0, "name", "rows-1-20.npz")],
-)  # fmt: skip
-def test_archives_that_cannot_be_are_refused(half, which, key, value):
-    scene, folder = half
-    state = json.loads((folder / "state.json").read_text())
-    state["archives"][which][key] = value
-    (folder / "state.json").write_text(json.dumps(state))
-    with pytest.raises(rockfall.RockfallError, match="^half: cannot be read: "):
-        Checkpoint(folder, 0.0).restore(start(scene, 1))
-
-
-def test_boulders_that_begin_elsewhere_are_refused(half):
-    scene, folder = half
-    state = json.loads((folder / "state.json").read_text())
-    for archive in state["archives"]:
-        archive |= {"first": archive["first"] + 5, "last": archive["last"] + 5}
-    (folder / "state.json").write_text(json.dumps(state))
-    with pytest.raises(rockfall.RockfallError, match="^half: cannot be read: its boulders begin"):
-        Checkpoint(folder, 0.0).restore(start(scene, 1))
-
-
-def test_a_state_of_a_hundred_thousand_brackets_is_refused(half):
-    scene, folder = half
-    (folder / "state.json").write_text("[" * 100_000)
-    with pytest.raises(rockfall.RockfallError, match="^half: cannot be read: maximum recursion"):
-        Checkpoint(folder, 0.0).restore(start(scene, 1))
-
-
-@pytest.mark.parametrize("name", ["rows-1-20.npz", "maps-1-20.npz", "state.json"])
-def test_a_pipe_in_a_checkpoint_is_refused_and_not_waited_for(half, name):
-    scene, folder = half
-    mutators.fifo(None, folder / name)
-    with pytest.raises(rockfall.RockfallError, match=f"half/{name}: not a regular file$"):
-        Checkpoint(folder, 0.0).restore(start(scene, 1))
 
 
 def change_result(path, change):
@@ -345,23 +279,19 @@ def test_a_map_that_cannot_be_read_is_refused_and_nothing_exported(whole):
     assert not Path("new").exists()
 
 
-@pytest.mark.parametrize("version", ["CLASSIC", "64BIT_OFFSET", "64BIT_DATA"])
-def test_a_netcdf_header_that_claims_more_than_it_has_is_refused(files, batch, version):  # noqa: F811
+@pytest.mark.parametrize("version", ["CLASSIC", "64BIT_OFFSET"])
+def test_a_netcdf_header_that_claims_more_than_it_has_is_refused(files, version):
     """The libraries would take memory for 67 million variables before they look."""
     path = files / "dem3.nc"
     with xr.open_dataset(path) as dem:
         dem = dem.load()
     path.unlink()
     dem.to_netcdf(path, format=f"NETCDF3_{version}", engine="netcdf4")
-    assert batch("in/nc3.nml", "output=yes", "boulders=3", cwd=".").returncode == 0
-    if version != "64BIT_DATA":  # which GDAL's packages do not read
-        read_scene(rockfall.read_case("in/nc3.nml"))
+    read_scene(rockfall.read_case("in/nc3.nml"))
     sound = path.read_bytes()
     at = sound.index(b"\0\0\0\x0b") + 4  # the list of variables: its tag, their number
-    for spoiled in (sound[:at] + b"\x04" + sound[at + 1 :], sound[:at] + b"\x84" + sound[at + 1 :]):
-        path.write_bytes(spoiled)
+    for most in b"\x04\x84":
+        path.write_bytes(sound[:at] + bytes([most]) + sound[at + 1 :])
         said = "in/dem3.nc: cannot be read as netCDF: its header claims more than the file holds"
         with refused(said):
             read_scene(rockfall.read_case("in/nc3.nml"))
-        done = batch("in/nc3.nml", "output=no", cwd=".")
-        assert (done.returncode, done.stderr) == (2, f"rockfall-batch: {said}\n")

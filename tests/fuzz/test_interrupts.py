@@ -11,12 +11,13 @@ import time
 import pytest
 
 import rockfall
-from batch_case import done, write_long_case
-from benchmarks.stability.kills import build_shim, same
-from programs import find_program, wait_until_busy
+from benchmarks.stability.kills import build_shim
+from programs import find_program, make_full_case, wait_until_busy
+from rockfall import interrupts
 from rockfall.cli import main
 from rockfall.result import export
-from rockfall.simulation import interrupts
+from rockfall.scene.prepare import prepare
+from rockfall.simulation.part_file import boulders_in
 
 ONE_CHUNK = """import sys
 from rockfall.simulation import simulate
@@ -31,11 +32,6 @@ def start(words, cwd, program=RUN):
     return subprocess.Popen(
         command, cwd=cwd, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
-
-
-@pytest.fixture
-def case(made):
-    return write_long_case(made)
 
 
 @pytest.fixture(scope="session")
@@ -149,50 +145,52 @@ def test_sigterm_is_what_it_was_after_a_command(place):
 # ---- rockfall-batch
 
 
+@pytest.fixture
+def prepared(batch, tmp_path):
+    """A folder with a prepared case that lasts."""
+    prepare(make_full_case(tmp_path, case={"boulders": 50_000}), tmp_path / "ready")
+    return tmp_path
+
+
 def start_batch(folder, environment, *words):
-    command = [find_program(), "case/case.nml", "quiet=true", "checkpoint=1e-9", "threads=1"]
-    return subprocess.Popen(
-        [*command, *words], cwd=folder, env=environment, stderr=subprocess.PIPE, text=True
-    )
+    command = [find_program(), "ready/case.nml", "-o", "a", "--quiet", "--threads", "1", *words]
+    return subprocess.Popen(command, cwd=folder, env=environment, stderr=subprocess.PIPE, text=True)
+
+
+def wait_for(process, path):
+    while process.poll() is None and not path.exists():
+        time.sleep(0.002)
 
 
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_a_signal_saves_what_rockfall_batch_has_done(number, status, case, netcdf, tmp_path):
-    process = start_batch(tmp_path, os.environ, "output=a.nc", "boulders=200000")
-    while not (tmp_path / "a.nc.checkpoint/state.txt").exists():
-        time.sleep(0.002)
+def test_a_signal_saves_what_rockfall_batch_has_done(number, status, prepared):
+    before = {path.name for path in prepared.iterdir()}
+    process = start_batch(prepared, os.environ, "--checkpoint", "1e-9")
+    wait_for(process, prepared / "a.checkpoint")
     process.send_signal(number)
     process.send_signal(number)
     _, err = process.communicate(timeout=60)
     assert process.returncode == status
-    kept = done(tmp_path, "a.nc")
-    assert err == (
-        f"rockfall-batch: interrupted: a.nc.checkpoint holds {kept} of 1600000 boulders; "
-        "resume=true goes on\n"
-    )
-    assert sorted(os.listdir(tmp_path)) == ["a.nc.checkpoint", "case"]
+    kept = boulders_in(prepared / "a.checkpoint")
+    assert f"interrupted: a.checkpoint holds {kept} of 200000 boulders" in err
+    assert {path.name for path in prepared.iterdir()} == before | {"a.checkpoint"}
 
 
-def test_rockfall_batch_keeps_nothing_where_none_is_asked(case, shim, tmp_path):
-    process = start_batch(tmp_path, shim | {"INTERRUPT_READY": "1"}, "output=a", "checkpoint=0")
+def test_rockfall_batch_keeps_nothing_where_none_is_asked(prepared, shim):
+    before = sorted(prepared.iterdir())
+    process = start_batch(prepared, shim | {"INTERRUPT_READY": "1"}, "--checkpoint", "0")
     _, err = process.communicate(timeout=60)
-    assert (process.returncode, err) == (130, "rockfall-batch: interrupted; nothing was kept\n")
-    assert os.listdir(tmp_path) == ["case"]
+    assert process.returncode == 130 and err.endswith("interrupted; nothing was kept\n")
+    assert sorted(prepared.iterdir()) == before
 
 
-def test_a_second_signal_ends_rockfall_batch_though_the_disk_hangs(case, netcdf, shim, tmp_path):
-    """It is within a save when the first comes; the one before stays."""
-    words = ["output=a.nc", "boulders=6000"]
-    process = start_batch(tmp_path, shim | {"STALL_AT": "18"}, *words)
-    state = tmp_path / "a.nc.checkpoint/state.txt"
-    while process.poll() is None and not state.exists():
-        time.sleep(0.01)
+def test_a_second_signal_ends_rockfall_batch_though_the_disk_hangs(prepared, shim):
+    """It is within its second save when the first comes; what was saved before stays."""
+    process = start_batch(prepared, shim | {"STALL_AT": "8"}, "--checkpoint", "1e-9")
+    wait_for(process, prepared / "a.checkpoint")
     process.send_signal(signal.SIGINT)
     time.sleep(1)
     assert process.poll() is None
     process.send_signal(signal.SIGINT)
-    assert process.communicate(timeout=20)[1] == "" and process.returncode == 130
-    assert done(tmp_path, "a.nc") > 0
-    assert start_batch(tmp_path, os.environ, *words, "resume=true").wait() == 0
-    assert start_batch(tmp_path, os.environ, "output=b.nc", "boulders=6000").wait() == 0
-    assert same(tmp_path / "a.nc", tmp_path / "b.nc")
+    assert "interrupted" not in process.communicate(timeout=20)[1] and process.returncode == 130
+    assert boulders_in(prepared / "a.checkpoint") > 0

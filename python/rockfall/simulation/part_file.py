@@ -208,6 +208,8 @@ def read_part(part: xr.Dataset | str | Path) -> Part:
         try:
             with _opened(part) as file:
                 head = _read_file(part, file)
+        except RockfallError:
+            raise
         except DAMAGED as error:
             raise RockfallError(f"{part}: is damaged: {error}") from error
     _check_values(head)
