@@ -1,22 +1,22 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Runs a case with boulders that fly in time steps, and compares their flights, one by one, with the exact
-!> ones from the same start. Prints `name value` lines; results go to a folder as those of rockfall-batch.
+!> ones from the same start. Prints `name value` lines; results go to a part file as those of rockfall-batch.
 !>
-!>     stepping CASE scheme=parabola step=0.01 repeat=3 flights=100 output=FOLDER
+!>     stepping CASE SCENE SCHEME STEP REPEAT FLIGHTS PART
 program stepping
    use, intrinsic :: iso_fortran_env, only: error_unit
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail
-   use rockfall_console, only: arguments_t, read_arguments, value_of
    use rockfall_terrain, only: locate, height, gradient
    use rockfall_flight, only: flight_t, landing_t, launch_rate, fly_exactly, march, choose, scheme_names
    use rockfall_trajectory, only: boulder_result_t, scratch_t, contact_t
    use rockfall_ensemble, only: trace_boulder
-   use rockfall_override, only: read_case_file
    use rockfall_case, only: case_t
-   use rockfall_load, only: inputs_t, load
-   use rockfall_simulate, only: results_t, simulate, rebound_counts
-   use rockfall_results, only: write_folder
+   use rockfall_case_file, only: read_case_file
+   use rockfall_scene_file, only: inputs_t, read_scene
+   use rockfall_part_file, only: write_part
+   use rockfall_checkpoint, only: checkpoint_t
+   use rockfall_run_loop, only: results_t, run_case
    implicit none
 
    !> Sums over flights from the same start, in steps less exact.
@@ -32,13 +32,9 @@ program stepping
       real(wp) :: deepest = 0.0_wp         !! greatest depth below the ground at a landing [m]
    end type errors_t
 
-   character(len=*), parameter :: keys(*) = &
-                                  [character(len=7) :: "scheme", "step", "repeat", "flights", "output"]
-   type(arguments_t) :: arguments
    type(error_t), allocatable :: error
 
-   call read_arguments("stepping", keys, arguments, error)
-   if (.not. allocated(error)) call run(error)
+   call run(error)
    if (allocated(error)) then
       write (error_unit, "(2a)") "stepping: ", error%message
       stop error%code, quiet=.true.
@@ -48,45 +44,58 @@ contains
 
    subroutine run(error)
       type(error_t), allocatable, intent(out) :: error
-      type(case_t) :: case
+      type(case_t), target :: case
       type(inputs_t), target :: inputs
       type(results_t), target :: results
-      character(len=:), allocatable :: text, scheme
+      type(checkpoint_t) :: none  !! its `every` is 0: nothing is saved
+      character(len=:), allocatable :: text, scheme, part
       real(wp) :: step, cpu
-      integer(i8) :: counts(6)
       integer :: k
 
-      scheme = value_of(arguments, "scheme")
-      step = number("step")
+      scheme = word(3)
+      step = number(4)
+      part = word(7)
       if (.not. any(scheme_names == scheme) .or. (scheme /= "exact" .and. .not. step > 0)) then
          call fail(error, "needs a scheme and a step above 0; see the head of stepping.f90")
          return
       end if
-      call read_case_file(arguments%case, "", "", "1", text, case, error)
-      if (.not. allocated(error)) call load(case, inputs, error)
+      call read_case_file(word(1), "", "", "1", text, case, error)
+      if (.not. allocated(error)) call read_scene(word(2), case, text, inputs, error)
       if (allocated(error)) return
+      none%name = part//".checkpoint"
+      none%every = 0.0_wp
       call choose(scheme, step)
       cpu = huge(cpu)
-      do k = 1, max(1, nint(number("repeat")))
-         call simulate(case, inputs, [1_i8, 1_i8], results, error)
+      do k = 1, max(1, nint(number(5)))
+         call run_case(case, inputs%arrays%grid, inputs%scene, [1_i8, 1_i8], none, results, error)
          if (allocated(error)) return
          cpu = min(cpu, results%cpu)
       end do
-      counts = rebound_counts(results)
       print "(a,es24.16)", "cpu", cpu
-      print "(a,i0)", "contacts ", counts(2)
-      call write_folder(value_of(arguments, "output"), text, case, inputs, results, error)
+      print "(a,i0)", "contacts ", sum(int(results%impacts, i8))
+      call write_part(part, part//".new", case, text, inputs, results, error)
       if (.not. allocated(error) .and. scheme /= "exact") &
-         call compare(scheme, step, inputs, min(results%boulders, nint(number("flights"), i8)))
+         call compare(scheme, step, inputs, min(results%boulders, nint(number(6), i8)))
    end subroutine run
 
-   !> A number of the command line; 0 without it.
-   real(wp) function number(key)
-      character(len=*), intent(in) :: key
+   !> A word of the command line.
+   function word(k) result(text)
+      integer, intent(in) :: k
+      character(len=:), allocatable :: text
+      integer :: length
+
+      call get_command_argument(k, length=length)
+      allocate (character(len=length) :: text)
+      call get_command_argument(k, text)
+   end function word
+
+   !> A number of the command line; 0 where there is none.
+   real(wp) function number(k)
+      integer, intent(in) :: k
       character(len=:), allocatable :: text
       integer :: status
 
-      text = value_of(arguments, key)
+      text = word(k)
       read (text, *, iostat=status) number
       if (status /= 0) number = 0
    end function number

@@ -38,6 +38,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
+import xarray as xr
 
 import rockfall
 from benchmarks import variant
@@ -65,12 +66,12 @@ Estimates = dict[str, tuple[float, np.ndarray]]
 
 
 class Run(NamedTuple):
-    """A scheme, its step [s], what the program printed, and the folder of its results."""
+    """A scheme, its step [s], what the program printed, and the result."""
 
     scheme: str
     step: float
     printed: dict[str, float]
-    folder: Path
+    result: xr.Dataset
 
     def cost(self) -> float:
         """CPU nanoseconds of a rebound."""
@@ -89,7 +90,7 @@ def build(folder: Path) -> Path:
     meson = folder / "fortran/meson.build"
     modules = "'src/exact_flight.f90', '../benchmarks/accuracy/stepped_flight.f90'"
     variant.replace(meson, "'src/boulder/flight.f90'", modules, 1)
-    program = "'../benchmarks/accuracy/stepping.f90', link_with: [batch, programs, kernel]"
+    program = "'../benchmarks/accuracy/stepping.f90', link_with: [batch, kernel], dependencies: netcdf"
     with open(meson, "a") as file:
         file.write(f"executable('stepping', {program})\n")
     return variant.build(folder, "fortran/stepping")[0]
@@ -100,41 +101,36 @@ def run(program: Path, case: Path, repeat: int, flights: int) -> list[Run]:
     boulders are compared one by one."""
     runs = []
     for scheme, step in [("exact", 0.0), *((s, dt) for s in SCHEMES for dt in STEPS)]:
-        folder = case.parent / f"{scheme}_{step:g}"
-        words = {"scheme": scheme, "step": step, "repeat": repeat, "flights": flights}
-        words |= {"output": folder}
-        command = [program, case, *(f"{key}={value}" for key, value in words.items())]
+        part = case.parent / f"{scheme}_{step:g}"
+        words = case, case.with_name("scene.nc"), scheme, step, repeat, flights, part
+        command = [program, *map(str, words)]
         done = subprocess.run(command, capture_output=True, text=True)
         if done.returncode:
             sys.exit(f"{scheme}, step {step:g} s: {done.stderr}")
         printed = {name: float(value) for name, value in map(str.split, done.stdout.splitlines())}
-        runs.append(Run(scheme, step, printed, folder))
+        runs.append(Run(scheme, step, printed, rockfall.merge([part])))
     return runs
 
 
 def check_exact(exact: Run, case: rockfall.Case) -> None:
     """Stop unless the exact run of this build is the product's, bit for bit."""
-    here = pd.read_csv(exact.folder / "boulders.csv", dtype=str)
     product = rockfall.run(case)
     for name in ("path_length", "travel_time", "speed_max", "impacts"):
-        if not np.array_equal(list(map(float, here[name])), product[name]):
+        if not np.array_equal(exact.result[name], product[name]):
             sys.exit(f"{name}: the exact run differs from that of rockfall.run")
 
 
 # What a run found
 
 
-def line_samples(folder: Path, line: str) -> Samples:
+def line_samples(result: xr.Dataset, line: str) -> Samples:
     """Speed and passing height of each boulder at a line."""
-    boulders = len(pd.read_csv(folder / "boulders.csv", usecols=["boulder"]))
-    table = pd.read_csv(folder / f"line_{line}.csv").set_index("boulder")
-    table = table.reindex(np.arange(1, boulders + 1))
-    return {name: table[name].to_numpy() for name in ("speed", "passing_height")}
+    there = result.isel(line=list(result.line.values).index(line))
+    return {name: there[f"line_{name}"].values for name in ("speed", "passing_height")}
 
 
-def boulder_samples(folder: Path) -> Samples:
-    table = pd.read_csv(folder / "boulders.csv")
-    return {name: table[name].to_numpy() for name in ("plan_distance", "speed_max")}
+def boulder_samples(result: xr.Dataset) -> Samples:
+    return {name: result[name].values for name in ("plan_distance", "speed_max")}
 
 
 def estimates(samples: Samples) -> Estimates:
@@ -235,7 +231,7 @@ def plane(program: Path, folder: Path, repeat: int) -> tuple[list[Run], list[flo
     runs = run(program, folder / "case.nml", repeat, 1)
     errors = []
     for one in runs:
-        contacts = pd.read_csv(one.folder / "trajectories.csv").query("ratio > 0")["x"].to_numpy()
+        contacts = one.result.trajectory_x.values[one.result.trajectory_ratio.values > 0]
         whole = contacts.size == number
         errors.append(abs(contacts[-1] - contacts[0] - true) if whole else math.nan)
     return runs, errors
@@ -349,14 +345,14 @@ def main() -> None:
         runs = run(program, scratch / "vaujany/case.nml", options.repeat, 300)
         check_exact(runs[0], case)
         lines = [line["name"] for line in case.line]
-        places = {name: [line_samples(one.folder, name) for one in runs] for name in lines}
+        places = {name: [line_samples(one.result, name) for one in runs] for name in lines}
         rows += examine("cases/vaujany", runs, places)
 
         if options.dem:
             case, cells = terrain(options.dem)
             prepare(case, scratch / "dem", cells=cells)
             real = run(program, scratch / "dem/case.nml", options.repeat, 300)
-            samples = {"all boulders": [boulder_samples(one.folder) for one in real]}
+            samples = {"all boulders": [boulder_samples(one.result) for one in real]}
             rows += examine(options.dem.name, real, samples)
     if options.folder:
         options.folder.mkdir(parents=True, exist_ok=True)

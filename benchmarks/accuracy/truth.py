@@ -19,6 +19,8 @@ from pathlib import Path
 
 import numpy as np
 
+import reference
+import replay
 import rockfall
 from benchmarks.machine import ROOT, machine
 from benchmarks.stability.real_terrain import steep_cells
@@ -26,10 +28,6 @@ from rockfall.io.raster import read_dem
 from rockfall.scene.read import read_scene
 from rockfall.scene.scene import Scene
 from rockfall.simulation.simulate import run_scene
-
-sys.path.insert(0, str(ROOT / "tests/reference"))
-import reference  # noqa: E402
-import replay  # noqa: E402
 
 VAUJANY = ROOT / "cases/vaujany"
 CASES = "case.nml", "case_A.nml"

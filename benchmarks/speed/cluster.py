@@ -90,7 +90,7 @@ def doors(case: rockfall.Case, folder: Path) -> None:
     commands = {
         "rockfall run": [sys.executable, "-m", "rockfall", "run", path, "--quiet"]
         + ["--threads", "1", "-o", folder / "python.nc"],
-        "rockfall-batch": [program, path, "quiet=true", "threads=1", f"output={folder}/batch.nc"],
+        "rockfall-batch": [program, path, "--quiet", "--threads", "1", "-o", folder / "batch.nc"],
     }
     cpu = dict.fromkeys(commands, math.inf)
     for _ in range(3):

@@ -28,6 +28,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import netCDF4
 import numpy as np
 
 import rockfall
@@ -156,12 +157,17 @@ def instructions(program: Path, case: Path, boulders: int) -> tuple[int, int]:
     """Instructions of a run of rockfall-batch on one thread, and its rebounds."""
     output = case.parent / "counted.nc"
     command = ["valgrind", "--tool=callgrind", "--callgrind-out-file=/dev/null", program, case]
-    command += [f"boulders={boulders}", "threads=1", f"output={output}", "checkpoint=1e6"]
+    command += ["--boulders", str(boulders), "--threads", "1", "-o", output, "--checkpoint", "0"]
     done = subprocess.run(command, capture_output=True, text=True)
     collected = re.search(r"Collected : (\d+)", done.stderr)
     if done.returncode or not collected:
         sys.exit(f"{' '.join(map(str, command))} failed:\n{done.stderr}")
-    return int(collected[1]), int(rockfall.read_result(output)["rebounds"])
+    return int(collected[1]), _rebounds(output)
+
+
+def _rebounds(part: Path) -> int:
+    with netCDF4.Dataset(part) as file:
+        return int(file["rebounds"][...])
 
 
 def per_rebound(program: Path, case: Path) -> float:
@@ -221,8 +227,7 @@ CUTS: dict[str, list[Edit]] = {
         (_ENSEMBLE, "if (result%status == left_window)", NEVER, 1),
     ],
     "checkpoints": [
-        ("io/simulate.f90", "call keeper%look(results, error)", "", 1),
-        ("io/simulate.f90", "call keeper%finish()", "", 1),
+        ("run/run_loop.f90", "call observer%on_chunk(results, error)", "", 1),
     ],
 }  # fmt: skip
 

@@ -12,7 +12,6 @@ so that no page of a map stays untouched.
 
 import argparse
 import os
-import shutil
 import subprocess
 import sys
 import tempfile
@@ -21,7 +20,10 @@ from pathlib import Path
 import numpy as np
 from affine import Affine
 
-from benchmarks.machine import ROOT, machine
+import rockfall
+from benchmarks.machine import machine
+from programs import find_program
+from rockfall.scene.prepare import prepare
 
 CELL = 2.5
 ROWS = 256  # of tiles
@@ -68,16 +70,6 @@ def make_tiff(path: Path, row: np.ndarray) -> None:
             file.write(block, 1, window=Window(0, first, side, rows))
 
 
-def make_ascii(path: Path, row: np.ndarray) -> None:
-    """The same as ESRI ASCII."""
-    line = " ".join(map(repr, row.tolist())) + "\n"
-    with open(path, "w", encoding="ascii") as file:
-        file.write(f"ncols {row.size}\nnrows {row.size}\nxllcorner 0\nyllcorner 0\n")
-        file.write(f"cellsize {CELL}\nNODATA_value -9999\n")
-        for _ in range(row.size):
-            file.write(line)
-
-
 def make_files(folder: Path, side: int) -> None:
     z = profile(side)
     make_tiff(folder / "single.tif", z.astype("f4"))
@@ -97,14 +89,6 @@ def peak(command: list[str | Path], folder: Path) -> int:
     return usage.ru_maxrss * 1024
 
 
-def batch() -> str | None:
-    """The program, installed or in the build folder."""
-    built = ROOT / "build" / "fortran" / "rockfall-batch"
-    beside = Path(sys.executable).with_name("rockfall-batch")
-    found = [path for path in (beside, built) if path.is_file()]
-    return shutil.which("rockfall-batch") or (str(found[0]) if found else None)
-
-
 def measure(folder: Path, what: str, side: int, program: str = "", **case: str) -> None:
     """One row of the table: what a run may take, what it takes."""
     asked = MAPS if case["maps"] == "all" else [case["maps"]]
@@ -112,8 +96,11 @@ def measure(folder: Path, what: str, side: int, program: str = "", **case: str) 
     (folder / "case.nml").write_text(CASE.format(**case))
     cell = 8 + 4 * (case["surface"] == ZONES) + 4 * len(asked) + 8 * ("energy_mean" in asked)
     most = cell * side**2 + 120 * int(sources(side).sum()) * side + 100_000_000
-    run = [sys.executable, "-m", "rockfall", "run", "case.nml", "--quiet"]
-    found = peak([program, "case.nml"] if program else run, folder)
+    command = [sys.executable, "-m", "rockfall", "run", "case.nml", "--quiet"]
+    if program:
+        prepare(rockfall.read_case(folder / "case.nml"), folder / "ready")
+        command = [program, "ready/case.nml", "--quiet"]
+    found = peak(command, folder)
     verdict = "within" if found <= most else f"OVER by {(found - most) / 1e6:.0f} MB"
     door = "rockfall-batch" if program else "rockfall run"
     print(f"{door:16}{what:36}{most / 1e6:10.0f}{found / 1e6:10.0f}   {verdict}", flush=True)
@@ -138,11 +125,8 @@ def main() -> None:
         tiff["dem"] = "double.tif"
         measure(folder, "float64, one R_m, passages", side, **tiff)
         measure(folder, "float64, zones, passages", side, **tiff | {"surface": ZONES})
-        if program := batch():
-            make_ascii(folder / "dem.asc", profile(side))
-            make_ascii(folder / "cells.asc", sources(side))
-            text = tiff | {"dem": "dem.asc", "cells": "cells.asc"}
-            measure(folder, "float64, one R_m, passages", side, program, **text)
+        if program := find_program():
+            measure(folder, "float64, one R_m, passages", side, program, **tiff)
         else:
             print("(rockfall-batch is not there)")
 

@@ -43,6 +43,9 @@ from rockfall.impact_sets import shipped_sets
 from rockfall.io.grid import Grid
 from rockfall.io.raster import write_geotiff
 from rockfall.scene.prepare import prepare
+from rockfall.scene.read import read_scene
+from rockfall.simulation.checkpoint import Checkpoint
+from rockfall.simulation.simulate import run_chunks, start
 
 PROGRAM = ROOT / "build/fortran/rockfall-batch"
 SANITIZED = ROOT / "build-sanitize/fortran/rockfall-batch"
@@ -79,18 +82,16 @@ class Input:
 
 
 def _inputs() -> tuple[Input, ...]:
-    run, check = "run {0} --boulders 3 --quiet -o out/r.nc", "check {0}"
-    prepare = "prepare {0} out/p"
-    batch = "rockfall-batch in/ready/case.nml --boulders 3 --threads 1 --quiet -o out/r"
+    doors = ("check {0}", "run {0} --boulders 3 --quiet -o out/r.nc", "prepare {0} out/p")
+    batch = "rockfall-batch in/ready/case.nml --threads 1 --quiet"
 
     def read(kind: str, case: str, file: str, how: tuple) -> Input:
-        commands = (check, run, prepare)
-        return Input(kind, file, tuple(one.format(f"in/{case}") for one in commands), how)
+        return Input(kind, file, tuple(door.format(f"in/{case}") for door in doors), how)
 
-    resume = (
-        "run in/asc.nml --quiet --resume -o out/half.nc",
-        "rockfall-batch in/ready/case.nml --threads 1 --quiet --resume -o out/half.nc",
-    )
+    def prepared(kind: str, file: str, how: tuple) -> Input:
+        return Input(kind, f"ready/{file}", (f"{batch} --boulders 3 -o out/r.nc",), how)
+
+    resume = ("run in/asc.nml --quiet --resume -o out/half.nc", f"{batch} --resume -o out/half.nc")
     compare = "compare in/out.nc in/{0} -o out/c.csv"
     result = (
         "lines in/out.nc -o out/t.csv", "export in/out.nc out/e", "report in/out.nc -o out/r.html",
@@ -98,12 +99,11 @@ def _inputs() -> tuple[Input, ...]:
     )  # fmt: skip
     merge = ("merge in/part1.nc in/part2.nc in/part3.nc -o out/m.nc",)
     text, zones = mutators.TEXT + mutators.BYTES, "asc.nml"
-    bits = mutators.RESULT + mutators.BYTES
     return (
-        *[read("namelist", case, case, text) for case in ("asc.nml", "size.nml")] * 4,
+        *[read("namelist", case, case, text) for case in ("asc.nml", "size.nml")] * 3,
         *[read("namelist", case, case, text) for case in ("tif.nml", "json.nml")],
-        *[Input("namelist", "ready/case.nml", (batch,), text)] * 4,
-        *[Input("scene file", "ready/scene.nc", (batch,), bits)] * 6,
+        *[prepared("namelist", "case.nml", text)] * 4,
+        *[prepared("scene file", "scene.nc", mutators.RESULT)] * 8,
         *[read("ASCII grid", zones, f"{name}.asc", mutators.GRID) for name in RASTERS],
         read("ASCII grid", "size.nml", "rm.asc", mutators.GRID),
         *[read("GeoTIFF", "tif.nml", f"{name}.tif", mutators.TIFF) for name in RASTERS],
@@ -117,7 +117,7 @@ def _inputs() -> tuple[Input, ...]:
         *[Input("observations", csv, (compare.format(csv),), mutators.TABLE) for csv in OBSERVED],
         *[Input("result", "out.nc", result, mutators.RESULT)] * 4,
         *[Input("part", f"part{k}.nc", merge, mutators.RESULT) for k in (1, 2)] * 2,
-        *[Input("checkpoint", "out/half.nc.checkpoint", resume, bits)] * 6,
+        *[Input("checkpoint", "out/half.nc.checkpoint", resume, mutators.RESULT)] * 6,
     )  # fmt: skip
 
 
@@ -139,6 +139,7 @@ def make_base(base: Path) -> None:
     rockfall.write_result(rockfall.run(case), files / "out.nc")
     for k in (1, 2, 3):  # the second cuts both sources
         rockfall.write_result(rockfall.run(case, shard=(k, 3)), files / f"part{k}.nc")
+    prepare(case, files / "ready")
     _make_checkpoint(base)
 
 
@@ -210,21 +211,13 @@ def make_cases(files: Path) -> None:
 
 
 def _make_checkpoint(base: Path) -> None:
-    """What either program leaves when it is killed half-way."""
-    from rockfall.scene.read import read_scene
-    from rockfall.simulation.checkpoint import Checkpoint
-    from rockfall.simulation.simulate import run_chunks, start
-
-    here = os.getcwd()
-    os.chdir(base)  # a case has the name by which it is read
-    try:
-        case = rockfall.read_case(Path("in/asc.nml"))
-        prepare(case, "in/ready")
-        tally = start(read_scene(case), 1)
+    """What a program leaves when it is killed half-way."""
+    with contextlib.chdir(base):  # a case has the name by which it is read
+        tally = start(read_scene(rockfall.read_case(Path("in/asc.nml"))), 1)
         run_chunks(tally, 20, lambda: tally.done >= 20, lambda _: None)
-        Checkpoint("out/half.nc", 0.0).save(tally)
-    finally:
-        os.chdir(here)
+        checkpoint = Checkpoint("out/half.nc", 0.0)
+        checkpoint.save(tally)
+        assert checkpoint.found() == 20
 
 
 # ---- one input -----------------------------------------------------------------------------------

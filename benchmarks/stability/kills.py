@@ -26,8 +26,6 @@ from pathlib import Path
 
 import netCDF4
 
-sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
-
 import rockfall
 from programs import find_program, make_prepared, same_results
 from rockfall import cli
@@ -39,9 +37,8 @@ STEPS = {"rockfall": range(1, 31), "rockfall-batch": range(1, 13)}
 HANDLERS = {"rockfall": range(1, 5), "rockfall-batch": range(1, 2)}
 PROGRESS = 50  # crashes from a line to the next
 FORKS = multiprocessing.get_context("forkserver")
-FORKS.set_forkserver_preload(
-    ["benchmarks.stability.kills", "rockfall.simulation.checkpoint", "rockfall.text.summary"]
-)
+PRELOAD = ["benchmarks.stability.kills", "rockfall.simulation.checkpoint", "rockfall.text.summary"]
+FORKS.set_forkserver_preload(PRELOAD)
 
 
 def build_shim(folder: Path) -> dict[str, str]:

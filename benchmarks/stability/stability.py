@@ -28,6 +28,7 @@ from decimal import Decimal, localcontext
 from pathlib import Path
 from typing import NamedTuple
 
+import netCDF4
 import numpy as np
 import xarray as xr
 
@@ -171,7 +172,7 @@ def audit_scene(program: Path, scene: Scene, boulders: int, folder: Path) -> tup
 
 def batch(program: Path, case: Path, output: Path) -> None:
     """Run rockfall-batch; stop where it does not end well."""
-    done = subprocess.run([program, case, f"output={output}"], capture_output=True, text=True)
+    done = subprocess.run([program, case, "-o", output, "--quiet"], capture_output=True, text=True)
     if done.returncode:
         sys.exit(f"{program} {case}: exit status {done.returncode}: {done.stderr}")
 
@@ -328,8 +329,9 @@ def _or_one(errors: np.ndarray) -> np.ndarray:
 
 
 def same_bits(programs: list[Path], folder: Path) -> int:
-    """Run every scene through each program; returns how many files differ from the first one's."""
-    differing = files = 0
+    """Run every scene through each program; returns how many variables are not the
+    first one's."""
+    differing = variables = 0
     for k, scene in enumerate(scenes()):
         place = folder / f"bits{k}"
         place.mkdir()
@@ -340,22 +342,24 @@ def same_bits(programs: list[Path], folder: Path) -> int:
         found = []
         for n, program in enumerate(programs):
             batch(program, place / "case/case.nml", place / f"out{n}")
-            found.append({path.name: content(path) for path in (place / f"out{n}").iterdir()})
-        files += len(found[0])
+            found.append(content(place / f"out{n}"))
+        variables += len(found[0])
         for n, other in enumerate(found[1:], 1):
             names = [name for name in found[0] | other if found[0].get(name) != other.get(name)]
             for name in names:
                 print(f"{scene.name}: {name} of {programs[n]} differs")
             differing += len(names)
         shutil.rmtree(place)
-    print(f"{files} files of {k + 1} scenes from {len(programs)} programs: {differing} differ")
+    about = f"{variables} variables of {k + 1} scenes from {len(programs)} programs"
+    print(f"{about}: {differing} differ")
     return differing
 
 
-def content(path: Path) -> list[bytes]:
-    """The lines of a file, without how long the run took."""
-    lines = path.read_bytes().splitlines()
-    return [line for line in lines if not line.startswith((b"wall_seconds", b"cpu_seconds"))]
+def content(path: Path) -> dict[str, bytes]:
+    """The bytes of every variable of a part file."""
+    with netCDF4.Dataset(path) as file:
+        file.set_auto_maskandscale(False)
+        return {name: variable[...].tobytes() for name, variable in file.variables.items()}
 
 
 # The table
