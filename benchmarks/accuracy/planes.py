@@ -6,7 +6,7 @@
 For each set, each R_b/R_m of 1 to 5 and slopes of 24 to 46 degrees: the share of the boulders that
 pass a line 200 m below the release, in plan; their mean speed there, and the 95 % quantile of their
 jump height; and the neutral slope, on which a bounce straight down loses what the next flight
-gains. Writes planes.md, with standard errors, and planes.png.
+gains. Writes planes.md, with standard errors, and figures/planes.png.
 """
 
 from __future__ import annotations
@@ -187,7 +187,7 @@ def page(found: list[Measured], boulders: int) -> str:
         "that turn go down a flatter way. There is no terminal velocity: what is steeper makes "
         "them faster without end.",
         "",
-        "![share passing, mean speed and jump height against the slope](planes.png)",
+        "![share passing, mean speed and jump height against the slope](figures/planes.png)",
         "",
         "## Neutral slopes [degree]",
         "",
@@ -241,10 +241,10 @@ def main() -> None:
     parser.add_argument("-o", metavar="FOLDER", type=Path, dest="folder", default=docs)
     options = parser.parse_args()
     found = [one for path in shipped_sets().values() for one in look(path, options.boulders)]
-    options.folder.mkdir(parents=True, exist_ok=True)
+    (options.folder / "figures").mkdir(parents=True, exist_ok=True)
     with atomic_write(options.folder / "planes.md") as part:
         part.write_text(page(found, options.boulders), encoding="utf-8")
-    save(draw(found), options.folder / "planes.png", dpi=130)
+    save(draw(found), options.folder / "figures" / "planes.png", dpi=130)
 
 
 if __name__ == "__main__":

@@ -24,7 +24,7 @@ from benchmarks.machine import machine
 from rockfall.errors import RockfallError
 from rockfall.lab.case import LabCase, names
 from rockfall.lab.experiment import ENDED, STATUS, run_impacts
-from rockfall.scene.coefficients import INERTIA_FACTOR
+from rockfall.scene.rebound import INERTIA_FACTOR
 
 TOLERANCE = 0.02  # of the energy before: that of the kernel's own watch
 ENDS = [name for name in STATUS if name != "not_done"]

@@ -7,16 +7,11 @@ import threadpoolctl
 from rockfall._core import rockfall_f2py as kernel
 
 from rockfall import RockfallError
-from rockfall.analysis.plane_bounce import (
-    admissible,
-    growth,
-    neutral_slope,
-    resampled_rebound,
-    set_rebound,
-)
+from rockfall.analysis.plane_bounce import growth, neutral_slope, resampled_rebound, set_rebound
 from rockfall.lab import fit
 from rockfall.lab.fit import Impacts, as_rebounds, fit_set
 from rockfall.lab.setfile import write_sets
+from rockfall.scene.rebound import admissible
 
 MEAN = np.array([0.75, 0.0, 0.12, 0.15, -0.4, -0.1, 0.3, 0.0, 0.45])
 

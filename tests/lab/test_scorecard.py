@@ -32,7 +32,7 @@ from rockfall.lab.setfile import write_sets
 from rockfall.lab.sets import Sets, read_sets, restitution
 from rockfall.lab.site import Site, _turns, tangential_above
 from rockfall.lab.talus import Talus
-from rockfall.scene.coefficients import INERTIA_FACTOR
+from rockfall.scene.rebound import INERTIA_FACTOR
 
 VAUJANY = Path(__file__).parents[2] / "cases" / "vaujany"
 INF = np.inf

@@ -58,4 +58,4 @@ def test_the_page_tells_every_number_of_every_set_but_ensembles(tmp_path, monkey
         planes.text(one[key], planes.HOW[key][2], scale)
         for key, scale in zip(planes.HOW, scales, strict=True)
     ]
-    assert (tmp_path / "planes.png").read_bytes().startswith(b"\x89PNG")
+    assert (tmp_path / "figures" / "planes.png").read_bytes().startswith(b"\x89PNG")

@@ -11,7 +11,7 @@ import scenes
 from made import refused
 from rockfall.result import variables
 from rockfall.scene.read import read_scene
-from rockfall.simulation import simulate
+from rockfall.simulation import maps, simulate
 from same import same_numbers
 
 CELL, SHAPE = 5.0, (80, 60)
@@ -274,9 +274,9 @@ def test_quantiles_need_room_for_the_cells_that_boulders_reach(folder, monkeypat
         less.setattr(np, "empty", grant)
         same_numbers(simulate.run_scene(scene), whole)
     assert refusals == [(cells, 206)]
-    monkeypatch.setattr(simulate, "MOST_ROWS", reached)
+    monkeypatch.setattr(maps, "MAX_ROWS", reached)
     same_numbers(simulate.run_scene(scene, threads=4), whole)
-    monkeypatch.setattr(simulate, "MOST_ROWS", reached - 1)
+    monkeypatch.setattr(maps, "MAX_ROWS", reached - 1)
     for threads, chunk in ((1, 7), (4, 500)):
         with refused(
             f"case: &output maps: boulders reach more than {reached - 1} cells; the counts of "

@@ -12,7 +12,7 @@ module rockfall_impact
    implicit none
    private
    public :: impact_set_t, impact_set, check_covariance, with_noise, fitted_t, fitted, beyond_fit
-   public :: max_draws, min_normal, impact_ratios, ratio_class, ratio_between, ratio_weights, rebound_t, rebound
+   public :: max_draws, min_normal, impact_ratios, ratio_class, ratio_between, ratio_weights, rebound_t, rebound, is_admissible, limit_rebound
 
    integer, parameter :: impact_ratios = 5  !! sets for R_b/R_m = 1, 2, 3, 4, 5
    integer, parameter :: max_draws = 32    !! draws of A before the last is limited; our choice (model, section 4)
@@ -306,6 +306,13 @@ contains
 
       admissible = v(2) > 0 .and. twice_energy(v) <= energy_in
    end function admissible
+
+   !> The same of the velocities before and after.
+   pure logical function is_admissible(v_in, v_out)
+      real(wp), intent(in) :: v_in(3), v_out(3)  !! V_t, V_n, W [m/s]
+
+      is_admissible = admissible(v_out, twice_energy(v_in))
+   end function is_admissible
 
    !> The nearest thing to an admissible rebound: up at 1 % of the incoming speed, no more energy than before.
    pure subroutine limit_rebound(v, v_in)

@@ -13,7 +13,7 @@ module rockfall_f2py
    use rockfall_terrain, only: terrain_t, terrain, keep_within, is_known_at
    use rockfall_boulder, only: first_of, last_of, source_of, inertia_factor
    use rockfall_surface, only: size_weights
-   use rockfall_impact, only: ratio_weights, max_draws, min_normal
+   use rockfall_impact, only: ratio_weights, ratio_class, is_admissible, limit_rebound, max_draws, min_normal
    use rockfall_trajectory, only: scene_t, boulder_result_t, crossing_t, scratch_t, left_window
    use rockfall_scene, only: scene_arrays_t, scene_from, check_sources, boulders_of
    use rockfall_reach, only: block_side, take_minima, reach_box
@@ -33,7 +33,7 @@ module rockfall_f2py
    private
    public :: open_scene, close_scene, run, trajectory, survey, reach, block_of, map_plan, check_maps, map_values, &
              check_case, case_key, variable, read_sets, fields, histogram_bins, team, team_fits, end_team, &
-             slope_threshold, steep_cells, area_ratios, known_at, outside, boulders, boulders_of_source, sources_of_boulders, weights_of_sets, weights_of_sizes, &
+             slope_threshold, steep_cells, area_ratios, known_at, outside, boulders, boulders_of_source, sources_of_boulders, weights_of_sets, weights_of_sizes, ratio_classes, admissible_rebounds, limit_rebounds, &
              size_to_radius, constant
 
    !> What a handle stands for.
@@ -491,6 +491,41 @@ contains
       weights = ratio_weights(ratio, between /= 0)
    end subroutine weights_of_sets
 
+   !> The impact set, 1 to 5, that serves each ratio R_b/R_m.
+   subroutine ratio_classes(ratio, class, n)
+      integer(c_int), intent(in) :: n
+      real(c_double), intent(in) :: ratio(n)
+      integer(c_int), intent(out) :: class(n)
+      logical :: outside
+      integer :: k
+
+      do k = 1, n
+         call ratio_class(ratio(k), class(k), outside)
+      end do
+   end subroutine ratio_classes
+
+   !> Whether boulders may rebound so: V_t, V_n, W [m/s] before and after.
+   subroutine admissible_rebounds(v_in, v_out, may, n)
+      integer(c_int), intent(in) :: n
+      real(c_double), intent(in) :: v_in(3, n), v_out(3, n)
+      integer(c_int), intent(out) :: may(n)  !! 1 or 0
+      integer :: k
+
+      may = [(merge(1, 0, is_admissible(v_in(:, k), v_out(:, k))), k=1, n)]
+   end subroutine admissible_rebounds
+
+   !> Make rebounds admissible as the kernel does.
+   subroutine limit_rebounds(v_in, v_out, n)
+      integer(c_int), intent(in) :: n
+      real(c_double), intent(in) :: v_in(3, n)
+      real(c_double), intent(inout) :: v_out(3, n)
+      integer :: k
+
+      do k = 1, n
+         call limit_rebound(v_out(:, k), v_in(:, k))
+      end do
+   end subroutine limit_rebounds
+
    !> How often method A draws each obstacle size.
    subroutine weights_of_sizes(weights)
       real(c_double), intent(out) :: weights(3)
@@ -514,8 +549,8 @@ contains
       select case (name)
       case ("any_speed"); value = any_speed          ! [m/s] the end of the range of a set that tells none
       case ("inertia_factor"); value = inertia_factor  ! [-]
+      case ("min_normal"); value = min_normal
       case ("max_draws"); value = max_draws          ! of a rebound
-      case ("min_normal"); value = min_normal        ! [-] V_n over the incoming speed of a limited rebound
       case ("left_window"); value = left_window      ! status of a boulder to be run again in a larger window
       case default; value = ieee_value(value, ieee_quiet_nan)
       end select

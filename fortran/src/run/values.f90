@@ -17,15 +17,9 @@ module rockfall_values
    interface get_text
       module procedure get_text_one, get_text_list
    end interface get_text
-   interface get_integer
-      module procedure get_integer_one, get_integer_list
-   end interface get_integer
    interface get_real
       module procedure get_real_one, get_real_list
    end interface get_real
-   interface get_logical
-      module procedure get_logical_one, get_logical_list
-   end interface get_logical
 
 contains
 
@@ -174,7 +168,7 @@ contains
       call move_alloc(found, values)
    end subroutine get_text_list
 
-   pure subroutine get_integer_one(group, key, value, error)
+   pure subroutine get_integer(group, key, value, error)
       type(group_t), intent(in) :: group
       character(len=*), intent(in) :: key
       integer(i8), intent(inout) :: value
@@ -183,25 +177,7 @@ contains
 
       call find_one(group, key, k, error)
       if (k > 0 .and. .not. allocated(error)) call to_integer(group, k, 1, value, error)
-   end subroutine get_integer_one
-
-   pure subroutine get_integer_list(group, key, values, error)
-      type(group_t), intent(in) :: group
-      character(len=*), intent(in) :: key
-      integer(i8), allocatable, intent(inout) :: values(:)
-      type(error_t), allocatable, intent(out) :: error
-      integer(i8), allocatable :: found(:)
-      integer :: i, k
-
-      k = key_index(group, key)
-      if (k == 0) return
-      allocate (found(size(group%entry(k)%value)))
-      do i = 1, size(found)
-         call to_integer(group, k, i, found(i), error)
-         if (allocated(error)) return
-      end do
-      call move_alloc(found, values)
-   end subroutine get_integer_list
+   end subroutine get_integer
 
    pure subroutine get_real_one(group, key, value, error)
       type(group_t), intent(in) :: group
@@ -232,7 +208,7 @@ contains
       call move_alloc(found, values)
    end subroutine get_real_list
 
-   pure subroutine get_logical_one(group, key, value, error)
+   pure subroutine get_logical(group, key, value, error)
       type(group_t), intent(in) :: group
       character(len=*), intent(in) :: key
       logical, intent(inout) :: value
@@ -241,25 +217,7 @@ contains
 
       call find_one(group, key, k, error)
       if (k > 0 .and. .not. allocated(error)) call to_logical(group, k, 1, value, error)
-   end subroutine get_logical_one
-
-   pure subroutine get_logical_list(group, key, values, error)
-      type(group_t), intent(in) :: group
-      character(len=*), intent(in) :: key
-      logical, allocatable, intent(inout) :: values(:)
-      type(error_t), allocatable, intent(out) :: error
-      logical, allocatable :: found(:)
-      integer :: i, k
-
-      k = key_index(group, key)
-      if (k == 0) return
-      allocate (found(size(group%entry(k)%value)))
-      do i = 1, size(found)
-         call to_logical(group, k, i, found(i), error)
-         if (allocated(error)) return
-      end do
-      call move_alloc(found, values)
-   end subroutine get_logical_list
+   end subroutine get_logical
 
    !> Value `i` of entry `k` as text, its doubled quotes made single.
    pure subroutine to_text(group, k, i, value, error)

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rockfall.scene.coefficients import INERTIA_FACTOR, MAX_DRAWS, MIN_NORMAL
+from rockfall.scene.rebound import MAX_DRAWS, admissible, limited
 
 NEAREST = 20  # impacts of which one is drawn
 FIRST, LAST = 20, 60  # bounces that count: the start is forgotten
@@ -35,21 +35,6 @@ class Growth:
     error: float  # standard error of the mean
 
 
-def energy(v: np.ndarray) -> np.ndarray:
-    """Twice the kinetic energy over the mass, (n,) [m2/s2], of (V_t, V_n, W)."""
-    return v[:, 0] ** 2 + v[:, 1] ** 2 + INERTIA_FACTOR * v[:, 2] ** 2
-
-
-def ratio_class(ratio: np.ndarray) -> np.ndarray:
-    """The set, 1 to 5, that serves R_b/R_m: the nearest, as ratio_class in boulder/impact.f90."""
-    return np.floor(0.5 + np.clip(ratio, 1, 5)).astype(int)
-
-
-def admissible(v_in: np.ndarray, v_out: np.ndarray) -> np.ndarray:
-    """Which rebounds leave the surface and do not gain energy, (n,) (model.md section 4)."""
-    return (v_out[:, 1] > 0) & (energy(v_out) <= energy(v_in))
-
-
 def set_rebound(mean: np.ndarray, covariance: np.ndarray) -> Rebound:
     """Rebounds by a set: V_out = A V_in, drawn again until admissible, as the kernel does."""
     values, vectors = np.linalg.eigh(covariance)
@@ -64,7 +49,7 @@ def set_rebound(mean: np.ndarray, covariance: np.ndarray) -> Rebound:
             todo = todo[~admissible(v_in[todo], v_out[todo])]
             if not todo.size:
                 return v_out
-        v_out[todo] = forced(v_in[todo], v_out[todo])
+        v_out[todo] = limited(v_in[todo], v_out[todo])
         return v_out
 
     return rebound
@@ -83,16 +68,6 @@ def mixed_rebound(rebounds: Sequence[Rebound], weights: np.ndarray) -> Rebound:
     return rebound
 
 
-def forced(v_in: np.ndarray, v_out: np.ndarray) -> np.ndarray:
-    """Rebounds made admissible as the kernel does: V_n at least 1 % of the incident speed, energy
-    at most the incident."""
-    speed = np.sqrt((v_in[:, :2] ** 2).sum(axis=1))
-    v_out = v_out.copy()
-    v_out[:, 1] = np.where(v_out[:, 1] > 0, v_out[:, 1], MIN_NORMAL * speed)
-    scale = np.sqrt(energy(v_in) / np.maximum(energy(v_out), 1e-300))
-    return v_out * np.minimum(1.0, scale)[:, None]
-
-
 def resampled_rebound(v_in: np.ndarray, v_out: np.ndarray) -> Rebound:
     """Rebounds drawn from impacts: one of those nearest in angle and spin, scaled to the speed.
 
@@ -109,7 +84,7 @@ def resampled_rebound(v_in: np.ndarray, v_out: np.ndarray) -> Rebound:
         _, near = tree.query(_place(now), k=min(NEAREST, len(ratio)))
         pick = near[np.arange(len(now)), generator.integers(0, near.shape[1], len(now))]
         speed = _speed(now)[:, None]
-        return forced(now, ratio[pick] * speed + (now - x[pick] * speed) @ slope)
+        return limited(now, ratio[pick] * speed + (now - x[pick] * speed) @ slope)
 
     return rebound
 

@@ -10,12 +10,12 @@ from pathlib import Path
 
 import numpy as np
 
-from rockfall.analysis.plane_bounce import energy, ratio_class
 from rockfall.errors import RockfallError
 from rockfall.io.tables import Row, check_columns, read_table
 from rockfall.lab.case import COEFFICIENTS
 from rockfall.lab.fit import GROUPS, Impacts, ImpactSet, as_rebounds, fit_set
 from rockfall.lab.lateral import incidence
+from rockfall.scene.rebound import energy, ratio_class
 from rockfall.version import __version__
 
 LIMITS = {  # of each number that every contact needs [m/s]

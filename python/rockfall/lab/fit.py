@@ -20,11 +20,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rockfall.analysis.plane_bounce import admissible
 from rockfall.errors import RockfallError
 from rockfall.lab.experiment import ENDED, STATES, STATUS
 from rockfall.lab.lateral import Lateral, fit_lateral, incidence
-from rockfall.scene.coefficients import MIN_NORMAL
+from rockfall.scene.rebound import MIN_NORMAL, admissible
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -9,13 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
-from rockfall.analysis.plane_bounce import admissible
 from rockfall.errors import RockfallError
 from rockfall.impact_sets import shipped_sets
 from rockfall.io.files import read_text
 from rockfall.lab.lateral import Lateral
 from rockfall.lab.setfile import ERROR_MARK
 from rockfall.scene.coefficients import draws_in
+from rockfall.scene.rebound import admissible
 
 DRAWS = 4000  # of A, for the means of R_t and R_n
 

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rockfall.analysis.plane_bounce import ratio_class
 from rockfall.case import read_case
 from rockfall.errors import RockfallError
 from rockfall.lab.fit import ImpactSet
@@ -18,6 +17,7 @@ from rockfall.lab.lateral import incidence
 from rockfall.lab.setfile import write_sets
 from rockfall.lab.sets import Sets, restitution
 from rockfall.lab.talus import CELL, NORTH, WEST, Talus
+from rockfall.scene.rebound import ratio_class
 from rockfall.simulation.simulate import run
 
 if TYPE_CHECKING:

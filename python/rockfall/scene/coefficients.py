@@ -13,9 +13,6 @@ from rockfall._core import rockfall_f2py as _core
 from rockfall.errors import RockfallError
 from rockfall.io.files import check_text_file
 
-INERTIA_FACTOR = _core.constant("inertia_factor")  # I/(m R_b^2) of a sphere
-MAX_DRAWS = int(_core.constant("max_draws"))  # of a rebound, before it is limited
-MIN_NORMAL = _core.constant("min_normal")  # V_n of a limited rebound / incident speed
 ANY_SPEED = _core.constant("any_speed")  # [m/s] end of the range of a set that tells none
 
 

@@ -1,0 +1,36 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The kernel's rules of a rebound, for many of them: V_t, V_n, W [m/s] in rows (n, 3)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rockfall._core import rockfall_f2py as _core
+
+INERTIA_FACTOR = _core.constant("inertia_factor")  # I/(m R_b^2) of a sphere
+MAX_DRAWS = int(_core.constant("max_draws"))  # of a rebound, before it is limited
+MIN_NORMAL = _core.constant("min_normal")  # V_n of a limited rebound / incident speed
+
+
+def energy(v: np.ndarray) -> np.ndarray:
+    """Twice the kinetic energy over the mass, (n,) [m2/s2]."""
+    return v[:, 0] ** 2 + v[:, 1] ** 2 + INERTIA_FACTOR * v[:, 2] ** 2
+
+
+def ratio_class(ratio: np.ndarray) -> np.ndarray:
+    """The set, 1 to 5, that serves each R_b/R_m: the nearest."""
+    return _core.ratio_classes(np.ravel(ratio)).reshape(np.shape(ratio)).astype(int)
+
+
+def admissible(v_in: np.ndarray, v_out: np.ndarray) -> np.ndarray:
+    """Which rebounds leave the surface and do not gain energy, (n,) (model, section 4)."""
+    v_in, v_out = np.broadcast_arrays(v_in, v_out)
+    return _core.admissible_rebounds(v_in.T, v_out.T).astype(bool)
+
+
+def limited(v_in: np.ndarray, v_out: np.ndarray) -> np.ndarray:
+    """Rebounds made admissible: V_n at least 1 % of the incident speed, energy at most the
+    incident."""
+    found = np.array(v_out, order="C")
+    _core.limit_rebounds(v_in.T, found.T)
+    return found
