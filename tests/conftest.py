@@ -10,7 +10,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # a worker on each core; read whe
 
 import rockfall
 import slope_case
-from programs import find_program, make_prepared, run_program
+from programs import MANY, find_program, make_prepared, run_program
 
 
 @pytest.fixture
@@ -48,4 +48,11 @@ def batch():
 def ready(batch, tmp_path):
     """A folder with a case of everything, prepared in `ready`."""
     make_prepared(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
+def many(batch, tmp_path):
+    """The same of many boulders."""
+    make_prepared(tmp_path, case={"boulders": MANY})
     return tmp_path

@@ -16,10 +16,12 @@ from made import make_raster
 from rockfall.result import variables
 from rockfall.scene.prepare import prepare
 from rockfall.simulation import simulate
+from rockfall.simulation.part_file import boulders_in
 from scenes import rough, sets, sets_text, usual
 
 ROOT = Path(__file__).parents[1]
 BOULDERS = 50  # from each of four sources
+MANY = 1500  # the same of a run that is to be stopped
 OWN = (
     "case",
     "case_file",
@@ -108,6 +110,11 @@ def refused_in_one_line(done, words):
     """Exit status 2, and one line that says so."""
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr == f"rockfall-batch: {words}\n"
+
+
+def held(path):
+    """Boulders in a checkpoint."""
+    return boulders_in(path)
 
 
 def everything(folder):

@@ -2,15 +2,23 @@
 """rockfall-batch: the options of `rockfall run`, the same bits, and bad input in one line."""
 
 import os
+import resource
 import shutil
+import subprocess
 
 import netCDF4
 import numpy as np
 import pytest
 
 import rockfall
-from programs import everything, make_full_case, refused_in_one_line, same_results
+from programs import (
+    everything,
+    make_full_case,
+    refused_in_one_line,
+    same_results,
+)
 from rockfall.cli import main
+from rockfall.io.grid import Grid
 from rockfall.scene.prepare import prepare
 
 CASE = "ready/case.nml"
@@ -164,6 +172,7 @@ def put(value, at=0):
     return change
 
 
+NO_SIZE = "zone, or the material_size of one,"
 HOSTILE = {
     "no elevations": ("elevation", {"gone": True}, "elevation"),
     "whole elevations": ("elevation", {"kind": "i4"}, "elevation"),
@@ -172,11 +181,9 @@ HOSTILE = {
     "all missing": ("elevation", {"change": lambda z: z * np.nan}, "elevation"),
     "a zone too many": ("zone", {"change": put(4)}, "zone"),
     "a zone below zero": ("zone", {"change": put(-1)}, "zone"),
-    "a zone without a size": (
-        "material_size", {"change": put(np.nan)}, "zone, or the material_size of one,"
-    ),
-    "a cell without a zone": ("zone", {"change": put(0)}, "zone, or the material_size of one,"),
-    "no sizes": ("material_size", {"change": put(0.0)}, "zone, or the material_size of one,"),
+    "a zone without a size": ("material_size", {"change": put(np.nan)}, NO_SIZE),
+    "a cell without a zone": ("zone", {"change": put(0)}, NO_SIZE),
+    "no sizes": ("material_size", {"change": put(0.0)}, NO_SIZE),
     "sources nowhere": ("source_x", {"change": put(np.nan)}, "source_x, or source_y,"),
     "more cells than bytes": ("", {"length_of_x": 2**30, "length_of_y": 2**30}, "elevation"),
     "no sources": ("", {"length_of_source": 0}, "its number of sources"),
@@ -258,12 +265,8 @@ def test_other_commands_say_what_finishes_a_part(ready, batch, capsys):
 
 def test_quantile_maps_take_memory_where_boulders_pass(batch, tmp_path):
     """Counts for all of a million cells are 824 MB; the program has 500."""
-    import resource
-    import subprocess
 
-    from program import find_program
-
-    from rockfall.io.grid import Grid
+    from programs import find_program
 
     z, grid = (
         np.zeros((1000, 1000), "f4") - np.arange(1000)[:, None],

@@ -13,11 +13,9 @@ import pytest
 
 import rockfall
 from benchmarks.stability.kills import CRASHED, INTERRUPTED, build_shim
-from programs import everything, find_program, make_full_case, same_results
-from rockfall.scene.prepare import prepare
+from programs import MANY, everything, find_program, held, same_results
 
 PROGRAMS = ("rockfall", "rockfall-batch")
-MANY = 1500  # boulders from each of four sources
 
 
 def command(program, output, *words):
@@ -45,19 +43,6 @@ def result_of(path):
     with netCDF4.Dataset(path) as file:
         part = "part_layout" in file.ncattrs()
     return rockfall.merge([path]) if part else rockfall.read_result(path)
-
-
-def held(path):
-    """Boulders in a checkpoint."""
-    with netCDF4.Dataset(path) as file:
-        return int(file.boulder_last) - int(file.boulder_first) + 1
-
-
-@pytest.fixture
-def many(batch, tmp_path):
-    """A prepared case of many boulders."""
-    prepare(make_full_case(tmp_path, case={"boulders": MANY}), tmp_path / "ready")
-    return tmp_path
 
 
 def test_a_run_that_is_killed_and_changes_programs_comes_to_the_same_bits(many):

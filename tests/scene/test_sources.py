@@ -10,9 +10,8 @@ from rockfall.analysis.convergence import converge
 from rockfall.analysis.ensemble import run_ensemble
 from rockfall.analysis.run_until import run_until
 from rockfall.cli import main
-from rockfall.scene.prepare import prepare
 from rockfall.scene.read import read_scene
-from same import same, same_numbers
+from same import same
 from scenes import grid, make_case, rough, sets
 
 LINE = [{"name": "L", "x": [0.0, 300.0], "y": [280.0, 280.0]}]
@@ -137,7 +136,7 @@ REFUSED = {
 
 @pytest.mark.parametrize("release", REFUSED)
 def test_what_cannot_be_is_refused_in_one_line(
-    few_boulders, tmp_path, monkeypatch, capsys, batch, release  # noqa: F811
+    few_boulders, tmp_path, monkeypatch, capsys, release
 ):  # fmt: skip
     monkeypatch.chdir(tmp_path)
     case = rockfall.read_case("case.nml")
@@ -147,12 +146,6 @@ def test_what_cannot_be_is_refused_in_one_line(
     assert main(["run", "case.nml"]) == 2
     assert capsys.readouterr().err == f"rockfall: case.nml: {REFUSED[release]}\n"
     assert [path.name for path in tmp_path.iterdir()] == ["case.nml"]
-    if "88.9" not in release:  # the program would have to read a GeoTIFF first
-        done = batch("case.nml", cwd=tmp_path)
-        assert (done.returncode, done.stderr) == (
-            2,
-            f"rockfall-batch: case.nml: {REFUSED[release]}\n",
-        )
 
 
 def numbers_of(result):
@@ -208,24 +201,6 @@ def test_boulders_by_area_are_the_same_however_they_are_flown(tmp_path):
     flat = rockfall.run(case.replace(release={"by_area": False}), **arrays)
     assert flat.sizes["boulder"] == 3 * each.size < whole.sizes["boulder"]
     assert np.array_equal(flat["volume"].values[:3], whole["volume"].values[:3])
-
-
-@pytest.mark.parametrize("sampling", ["random", "sobol"])
-def test_both_programs_give_the_same_bits(tmp_path, batch, sampling):
-    """Steep cells are found before, and the program gets them with how many each releases."""
-    z = rough(dtype="f4")
-    make_raster(tmp_path / "dem.tif", z, transform=grid(z).transform)
-    case = steep(
-        tmp_path, terrain={"dem": "dem.tif"}, release={"by_area": True},
-        case={"boulders": 3, "sampling": sampling},
-        boulder={"volume": "lognormal", "volume_mean": 0.8, "volume_std": 0.4},
-    )  # fmt: skip
-    prepare(case, tmp_path / "ready")
-    done = batch("ready/case.nml", "-o", "part", "--quiet", cwd=tmp_path)
-    assert (done.returncode, done.stderr) == (0, "")
-    ours, theirs = rockfall.run(case), rockfall.merge([tmp_path / "part"])
-    same_numbers(theirs, ours)
-    assert theirs.attrs["boulders_asked"] == ours.attrs["boulders_asked"] > 300
 
 
 def test_check_says_how_many_and_from_which_slope_on(tmp_path, monkeypatch, capsys):

@@ -59,15 +59,20 @@ def test_several_sources_and_a_part_in_the_middle_of_one(tmp_path):
     same(rockfall.merge(parts), whole)
 
 
-def test_a_part_is_a_result_of_its_boulders(case):
+def test_a_part_holds_its_boulders_and_tallies_and_no_maps(case):
     part, whole = run(case, shard=(2, 3)), run(case)
-    numbers = part["boulder"].values
-    assert numbers[0] == BOULDERS // 3 + 1 and numbers[-1] == 2 * BOULDERS // 3
+    assert (part.attrs["boulder_first"], part.attrs["boulder_last"]) == (
+        BOULDERS // 3 + 1, 2 * BOULDERS // 3
+    )  # fmt: skip
     assert part.attrs["complete"] == 0 and part.attrs["boulders_asked"] == BOULDERS
+    mine = slice(BOULDERS // 3, 2 * BOULDERS // 3)
     for name in ("stop_x", "line_speed"):
-        assert np.array_equal(part[name], whole[name].isel(boulder=numbers - 1), equal_nan=True)
-    passed = part["passages"].values
-    assert part["reach_probability"].values == pytest.approx(passed / numbers.size)
+        assert np.array_equal(part[name], whole[name].isel(boulder=mine), equal_nan=True)
+    assert not {"y", "x"} & set(part.dims)
+    box = part.attrs["map_window"]
+    counts, cells = part["tally_counts"].values[0], part["tally_cell"].values
+    assert (counts <= whole["passages"].values.ravel()[cells]).all() and counts.sum() > 0
+    assert cells.max() < box[2] * box[3]
 
 
 def test_without_maps_lines_or_trajectories(tmp_path):
@@ -89,14 +94,16 @@ def test_what_is_missing_twice_or_of_another_run_is_named(tmp_path, case):
     with refused(f"merge: boulders 100 to 100 are twice: {other}"):
         rockfall.merge([*paths, other])
     rockfall.write_result(run(case.replace(case={"seed": 5}), shard=(2, 4)), other)
-    with refused(f"{other}: is of another case than {paths[0]}"):
+    with refused(f"{other}: is of another run than {paths[0]}: its case differs"):
         rockfall.merge([paths[0], other, *paths[2:]])
     z = rough(seed=2)
     rockfall.write_result(rockfall.run(case, dem=z, transform=grid(z), shard=(2, 4)), other)
-    with refused(f"{other}: has another dem than {paths[0]}"):
+    with refused(f"{other}: is of another run than {paths[0]}: its dem differs"):
         rockfall.merge([paths[0], other, *paths[2:]])
     rockfall.write_result(run(case), other)
-    with refused(f"{other}: is not a part of a run, as --shard makes them"):
+    with refused(
+        f"{other}: is no part of a run, as --shard, checkpoints and rockfall-batch make them"
+    ):
         rockfall.merge([other])
     with refused("merge: needs the parts of a run"):
         rockfall.merge([])
@@ -210,7 +217,7 @@ def test_what_lies_beside_a_file_is_known_by_what_was_read(tmp_path, dem, change
         rockfall.write_result(rockfall.run(case, shard=(k, 2), memory=memory), path)
         if k == 1:
             change(tmp_path)
-    with refused(f"{paths[1]}: has another {what} than {paths[0]}"):
+    with refused(f"{paths[1]}: is of another run than {paths[0]}: its {what} differs"):
         rockfall.merge(paths)
 
 
@@ -219,7 +226,7 @@ def test_a_run_does_not_go_on_with_other_elevations_of_the_same_file(tmp_path):
     case = case_in(tmp_path, **place()).replace(terrain={"dem": "tile.tif"})
     run_scene(read_scene(case), checkpoint=Checkpoint(tmp_path / "c", 0.0), chunk=100)
     change_statistics(tmp_path)
-    with pytest.raises(rockfall.RockfallError, match="is of another run, its decoded dem differs"):
+    with pytest.raises(rockfall.RockfallError, match="is of another run, its dem differs"):
         run_scene(read_scene(case), checkpoint=Checkpoint(tmp_path / "c", 0.0))
 
 

@@ -28,10 +28,10 @@ def test_the_array_run_by_hand_gives_the_run(
     program, few_boulders, commands, tmp_path, monkeypatch, capsys
 ):
     case = few_boulders.rename(few_boulders.with_name("part1of3.nml"))  # as a part is called
+    whole = rockfall.run(rockfall.read_case(case))
     if program == "batch":
-        about = subprocess.run([find_program(), "--version"], capture_output=True)
-        if b"without netCDF" in about.stdout:
-            pytest.skip("rockfall-batch was built without netCDF")
+        if not find_program():
+            pytest.skip("rockfall-batch is not built")
         assert main(["prepare", str(case), str(tmp_path / "prepared")]) == 0
         case = tmp_path / "prepared" / "case.nml"
         monkeypatch.setenv("PATH", str(Path(find_program()).parent), prepend=":")
@@ -41,7 +41,7 @@ def test_the_array_run_by_hand_gives_the_run(
     script = (jobs / "run.sh").read_text()
     for line in ("--array=1-3", "--cpus-per-task=2", "--time=10:00"):
         assert f"#SBATCH {line}\n" in script
-    assert {"python": " --resume ", "batch": " resume=true "}[program] in script
+    assert " --resume " in script
     for path in jobs.iterdir():
         assert path.suffix == ".sh" and path.stat().st_mode & stat.S_IXUSR
         assert subprocess.run(["sh", "-n", path]).returncode == 0
@@ -53,7 +53,6 @@ def test_the_array_run_by_hand_gives_the_run(
         f"part{k}of3" for k in (1, 2, 3)
     ]
     joined = rockfall.read_result(jobs / f"{case.stem}.nc")
-    whole = rockfall.run(rockfall.read_case(case))
     assert joined.equals(whole)
     assert joined.attrs["threads"] == 1
 

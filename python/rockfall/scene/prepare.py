@@ -86,7 +86,7 @@ def _scene_file(scene: Scene) -> xr.Dataset:
 
 
 def _surface(scene: Scene) -> dict[str, tuple]:
-    """What the ground is made of: sizes of each cell, or of each material, with zones or without."""
+    """What the ground is made of: sizes of each cell, or of materials, with or without zones."""
     if scene.values is not None:
         return _variables({"cell_size": ("size", "y", "x")}, {"cell_size": scene.values})
     found = _variables({"material_size": ("material", "size")}, {"material_size": scene.sizes})

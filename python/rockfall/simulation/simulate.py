@@ -66,10 +66,9 @@ def run(
     `arrays` (dem, zones, ...) are as in `rockfall.scene.read.read_scene`. The result does not
     depend on `threads` (default: the case's) or `chunk`, boulders in one call of the kernel
     (default: what takes a quarter of a second). `shard` (I, N) runs the I-th of N ranges of
-    boulders, and gives a part for `rockfall.merge`, without maps. Ctrl-C raises `Interrupted`,
-    which holds the boulders done. Rasters that need more than half of `memory` [bytes] (default:
-    that of the machine) are read in windows. What is likely a mistake in the case is a
-    UserWarning.
+    boulders: a part for `rockfall.merge`, without maps. Ctrl-C raises `Interrupted`, which holds
+    the boulders done. Rasters that need more than half of `memory` [bytes] (default: that of the
+    machine) are read in windows. What is likely a mistake in the case is a UserWarning.
     """
     scene = read_scene(case, memory=memory or machine_memory(), **arrays)
     warn_of(scene)
