@@ -84,32 +84,25 @@ def test_the_check_finds_what_it_is_to_find(tmp_path):
     assert verdict(0, "").startswith("OUTSIDE")
 
 
-@pytest.mark.parametrize("name", ["asc.nml", "dem.asc", "zones.csv", "cells.asc"])
-def test_a_pipe_is_refused_and_not_waited_for(files, name):
+def test_a_pipe_is_refused_and_not_waited_for(files, batch):
     """Nobody writes into it: to open it would never end."""
-    mutators.fifo(None, files / name)
-    with refused(f"in/{name}: not a regular file"):
-        read_scene(rockfall.read_case("in/asc.nml"))
-
-
-@pytest.mark.parametrize(
-    ("name", "what"),
-    [("case.nml", "not a regular file"), ("scene.nc", "cannot be read as netCDF-4")],
-)
-def test_the_program_does_not_wait_for_a_pipe(files, batch, name, what):
-    prepare(rockfall.read_case("in/asc.nml"), files / "ready")
-    mutators.fifo(None, files / "ready" / name)
-    done = batch("in/ready/case.nml", "-o", "no", cwd=".")
-    said = f"rockfall-batch: in/ready/{name}: {what}\n"
-    assert (done.returncode, done.stderr) == (2, said)
+    said = {"case.nml": "not a regular file", "scene.nc": "cannot be read as netCDF-4"}
+    prepare(rockfall.read_case("in/asc.nml"), "in/ready")
+    for name, words in said.items():
+        good = (files / "ready" / name).read_bytes()
+        mutators.fifo(None, files / "ready" / name)
+        done = batch("in/ready/case.nml", "-o", "no", cwd=".")
+        assert (done.returncode, done.stderr) == (2, f"rockfall-batch: in/ready/{name}: {words}\n")
+        (files / "ready" / name).unlink()
+        (files / "ready" / name).write_bytes(good)
+    for name in ("asc.nml", "dem.asc", "zones.csv", "cells.asc"):
+        text = (files / name).read_bytes()
+        mutators.fifo(None, files / name)
+        with refused(f"in/{name}: not a regular file"):
+            read_scene(rockfall.read_case("in/asc.nml"))
+        (files / name).unlink()
+        (files / name).write_bytes(text)
     assert not Path("no").exists()
-
-
-def test_a_pipe_for_a_checkpoint_is_not_waited_for(files):
-    Path("half.nc.checkpoint").touch()
-    mutators.fifo(None, Path("half.nc.checkpoint"))
-    with pytest.raises(rockfall.RockfallError, match="^half.nc.checkpoint: is there, and no"):
-        Checkpoint("half.nc", 0.0).found()
 
 
 def test_devices_and_links_to_themselves_are_refused(tmp_path):
@@ -328,7 +321,7 @@ def test_a_map_that_cannot_be_read_is_refused_and_nothing_exported(whole):
     assert not Path("new").exists()
 
 
-@pytest.mark.parametrize("version", ["CLASSIC", "64BIT_OFFSET"])
+@pytest.mark.parametrize("version", ["CLASSIC", "64BIT_OFFSET", "64BIT_DATA"])
 def test_a_netcdf_header_that_claims_more_than_it_has_is_refused(files, version):
     """The libraries would take memory for 67 million variables before they look."""
     path = files / "dem3.nc"
@@ -336,7 +329,8 @@ def test_a_netcdf_header_that_claims_more_than_it_has_is_refused(files, version)
         dem = dem.load()
     path.unlink()
     dem.to_netcdf(path, format=f"NETCDF3_{version}", engine="netcdf4")
-    read_scene(rockfall.read_case("in/nc3.nml"))
+    if version != "64BIT_DATA":  # which GDAL's packages do not read
+        read_scene(rockfall.read_case("in/nc3.nml"))
     sound = path.read_bytes()
     at = sound.index(b"\0\0\0\x0b") + 4  # the list of variables: its tag, their number
     for most in b"\x04\x84":

@@ -269,15 +269,18 @@ contains
       side = block_side(nodes)
    end subroutine block_of
 
-   !> The tallies that maps need: the places of passages, deposits, sources and their boulders, of the sums,
-   !> maxima and first rows of classes of energy, speed and jump height, and the rows of classes; 0 = not wanted.
-   subroutine map_plan(names, plan)
+   !> The tallies that maps need: the layers of passages, deposits, sources and their boulders, of sums and of maxima
+   !> of energy, speed and jump height, from 1 in their stacks (0 = none), and the bins of counts for quantiles.
+   subroutine map_plan(names, counts, sums, maxima, bins)
       character(len=*), intent(in) :: names  !! of maps, separated by blanks
-      integer(c_int), intent(out) :: plan(14)
-      type(map_plan_t) :: this
+      integer(c_int), intent(out) :: counts(4), sums(3), maxima(3), bins
+      type(map_plan_t) :: plan
 
-      this = plan_of(names)
-      plan = [this%count, this%sum, this%max, this%bins, this%rows]
+      plan = plan_of(names)
+      counts = plan%count
+      sums = plan%sum
+      maxima = plan%max
+      bins = plan%rows
    end subroutine map_plan
 
    pure type(map_plan_t) function plan_of(names) result(plan)

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -17,13 +17,39 @@ ALL = Box(0, 0, 2**31 - 1, 2**31 - 1)  # any cells
 HALVINGS = 5  # of these rows, before they are too few to begin with
 
 
+class Plan(NamedTuple):
+    """The tallies that some maps need: layers by name, from 1 in their stacks; 0: none."""
+
+    counts: dict[str, int]  # passages, deposits, sources; released: boulders of these sources
+    sums: dict[str, int]  # energy, speed, jump_height
+    maxima: dict[str, int]
+    bins: int  # of counts for quantiles
+
+    def layers(self, stack: str) -> int:
+        """How many a stack (counts, sums, maxima) has."""
+        return max(getattr(self, stack).values())
+
+
+def plan_of(names: str) -> Plan:
+    """That of maps whose names have blanks between."""
+    counts, sums, maxima, bins = _core.map_plan(names)
+    quantities = "energy", "speed", "jump_height"
+    kinds = "passages", "deposits", "sources", "released"
+    return Plan(
+        dict(zip(kinds, counts.tolist(), strict=True)),
+        dict(zip(quantities, sums.tolist(), strict=True)),
+        dict(zip(quantities, maxima.tolist(), strict=True)),
+        int(bins),
+    )
+
+
 @dataclass
 class Maps:
     """The kernel's tallies by cell, in stacks (layers, ny, nx), where `plan` says; what the case
     does not ask for has a single element."""
 
     names: str  # of the maps, as the kernel wants them
-    plan: np.ndarray  # of the kernel's map_plan
+    plan: Plan
     counts: np.ndarray
     sums: np.ndarray
     maxima: np.ndarray
@@ -53,16 +79,16 @@ def no_maps(names: Sequence[str] = (), box: Box = ALL) -> Maps:
     """Empty tallies for the maps of these names, on these cells."""
     shape = box.shape if names else (1, 1)
     text = " ".join(names)
-    plan = _core.map_plan(text)
-    counts, sums, maxima, classes = plan[:4].max(), plan[4:7].max(), plan[7:10].max(), plan[13]
+    plan = plan_of(text)
 
-    def stack(layers: int, dtype: str) -> np.ndarray:
+    def stack(name: str, dtype: str) -> np.ndarray:
+        layers = plan.layers(name)
         return np.zeros((layers, *shape) if layers else (1, 1, 1), dtype)
 
     return Maps(
-        text, plan, stack(counts, "i4"), stack(sums, "i8"), stack(maxima, "f4"),
-        class_counts=_class_counts(shape[0] * shape[1], classes),
-        column=np.zeros(shape if classes else (1, 1), "i4"),
+        text, plan, stack("counts", "i4"), stack("sums", "i8"), stack("maxima", "f4"),
+        class_counts=_class_counts(shape[0] * shape[1], plan.bins),
+        column=np.zeros(shape if plan.bins else (1, 1), "i4"),
         columns=np.zeros(1, "i4"),
         box=box,
     )  # fmt: skip

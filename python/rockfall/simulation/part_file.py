@@ -24,6 +24,7 @@ from rockfall.io.grid import Box, Grid
 from rockfall.result import variables
 from rockfall.result.dataset import DAMAGED, as_dataset, georeference
 from rockfall.result.validate import are_crossings
+from rockfall.simulation.maps import Maps, plan_of
 from rockfall.simulation.source_maps import FED, settle
 from rockfall.simulation.tally import Origin
 from rockfall.simulation.tally_dataset import (
@@ -37,7 +38,6 @@ from rockfall.simulation.tally_dataset import (
 if TYPE_CHECKING:
     import xarray as xr
 
-    from rockfall.simulation.maps import Maps
     from rockfall.simulation.tally import Tally
 
 LAYOUT = 1  # of the file, as in io/part_file.f90
@@ -315,22 +315,23 @@ def _expected(part: Part) -> dict[str, tuple[str, tuple[str, ...]]]:
         found |= {f"line_{name}": ("f8", ("line", "boulder")) for name in variables.LINE}
     if case.output["rebounds"]:
         found |= {f"{name}_histogram": ("i8", (f"{name}_bin",)) for name in variables.HISTOGRAM}
-    plan = _core.map_plan(" ".join(names))
-    wanted = {"counts": plan[:4].any(), "sums": plan[4:7].any(), "maxima": plan[7:10].any()}
-    wanted |= {"cell": True, "classes": plan[13] > 0} | dict.fromkeys(FED, plan[2:4].any())
+    plan = plan_of(" ".join(names))
+    by_source = plan.counts["sources"] or plan.counts["released"]
+    wanted: dict[str, Any] = {name: plan.layers(name) for name in STACKS}
+    wanted |= {"cell": True, "classes": plan.bins} | dict.fromkeys(FED, by_source)
     found |= {BEFORE + name: ABOUT[name][:2] for name in ABOUT if wanted[name]}
     return found
 
 
 def _lengths(part: Part) -> dict[str, int]:
     """Of the dimensions whose length follows from the case and the boulders."""
-    case, plan = part.origin.case, _core.map_plan(" ".join(part.origin.case.output.get("maps", [])))
-    layers = {"counts": plan[:4], "sums": plan[4:7], "maxima": plan[7:10]}
-    found = {f"tally_{name}_layer": places.max() for name, places in layers.items()}
+    case = part.origin.case
+    plan = plan_of(" ".join(case.output.get("maps", [])))
+    found = {f"tally_{name}_layer": plan.layers(name) for name in STACKS}
     bins = _core.histogram_bins()[0]
     found |= {f"{name}_bin": n for name, n in zip(variables.HISTOGRAM, bins, strict=True)}
     found |= {"boulder": part.last - part.first + 1, "line": len(case.line)}
-    return found | {"tally_class": plan[13]}
+    return found | {"tally_class": plan.bins}
 
 
 def _check_shapes(

@@ -17,13 +17,12 @@ if TYPE_CHECKING:
     from rockfall.simulation.maps import Maps
     from rockfall.simulation.tally import Tally
 
-SOURCES, RELEASED = 2, 3  # places in the kernel's plan
 FED = ("fed_cell", "fed_source", "fed_boulders")  # of the sources that a range cuts
 
 
 def tells_sources(maps: Maps) -> bool:
     """Whether a map asks which source a boulder has."""
-    return bool(maps.plan[[SOURCES, RELEASED]].any())
+    return bool(maps.plan.counts["sources"] or maps.plan.counts["released"])
 
 
 def follow_sources(maps: Maps, scene: Scene, before: int) -> None:
@@ -73,8 +72,8 @@ def settle(tally: Tally, sign: int = 1) -> dict[str, np.ndarray]:
     """What `fed_cells` gives, after leaving only the boulders done of cut sources in the cells that
     they feed, as a part has it; with sign -1 all of their boulders again, as a run that goes on."""
     fed = fed_cells(tally)
-    if fed and tally.maps.plan[RELEASED]:
-        released = _layer(tally.maps, RELEASED)
+    if fed and tally.maps.plan.counts["released"]:
+        released = _layer(tally.maps, "released")
         all_of = {s: len(tally.scene.numbers_of(s - 1)) for s in np.unique(fed["fed_source"])}
         missing = np.array([all_of[s] for s in fed["fed_source"]], "i4") - fed["fed_boulders"]
         np.subtract.at(released, fed["fed_cell"], sign * missing)
@@ -89,13 +88,13 @@ def join_sources(maps: Maps, parts: Sequence[Mapping[str, np.ndarray]]) -> None:
     cell, source, boulders = (np.concatenate([part[name] for part in parts]) for name in FED)
     cells = maps.counts[0].size
     once_source, once_cell = np.divmod(np.unique(source * np.int64(cells) + cell), cells)
-    if maps.plan[SOURCES]:
-        layer = _layer(maps, SOURCES)
+    if maps.plan.counts["sources"]:
+        layer = _layer(maps, "sources")
         np.subtract.at(layer, cell, np.int32(1))
         np.add.at(layer, once_cell, np.int32(1))
-    if maps.plan[RELEASED]:
+    if maps.plan.counts["released"]:
         numbers, total = _boulders_of(parts)
-        layer = _layer(maps, RELEASED)
+        layer = _layer(maps, "released")
         np.subtract.at(layer, cell, boulders)
         np.add.at(layer, once_cell, total[np.searchsorted(numbers, once_source)])
 
@@ -113,6 +112,6 @@ def _boulders_of(parts: Sequence[Mapping[str, np.ndarray]]) -> tuple[np.ndarray,
     return numbers, total
 
 
-def _layer(maps: Maps, place: int) -> np.ndarray:
+def _layer(maps: Maps, name: str) -> np.ndarray:
     """A layer of counts by cell, flat; a view."""
-    return maps.counts[maps.plan[place] - 1].reshape(-1)
+    return maps.counts[maps.plan.counts[name] - 1].reshape(-1)

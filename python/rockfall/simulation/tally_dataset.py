@@ -18,11 +18,8 @@ from rockfall.version import __version__
 if TYPE_CHECKING:
     import xarray as xr
 
-#: Maps that are tallies of the kernel themselves, in the order of its plan.
-TALLIES = (
-    "passages", "deposits", "sources", *4 * [""], "energy_max", "speed_max_map",
-    "jump_height_max_map",
-)  # fmt: skip
+#: Maps that are maxima of the kernel themselves, and of which quantity; so are counts.
+MAXIMA = {"energy_max": "energy", "speed_max_map": "speed", "jump_height_max_map": "jump_height"}
 
 
 def make_result(tally: Tally, maps: bool = True) -> xr.Dataset:
@@ -114,11 +111,10 @@ def map_variable(name: str, maps: Maps, boulders: int, least: int) -> tuple:
 
 def _map(name: str, maps: Maps, boulders: int, least: int) -> tuple[np.ndarray, int]:
     """A map, and the passages that a number of it needs."""
-    if name in TALLIES:  # as it is: another copy would take memory
-        place = maps.plan[TALLIES.index(name)] - 1
-        if name in ("passages", "deposits", "sources"):
-            return maps.counts[place], 0
-        values = maps.maxima[place]
+    if name in maps.plan.counts:  # as it is: another copy would take memory
+        return maps.counts[maps.plan.counts[name] - 1], 0
+    if name in MAXIMA:
+        values = maps.maxima[maps.plan.maxima[MAXIMA[name]] - 1]
         for rows in row_blocks(values.shape):
             values[rows][values[rows] == 0] = np.nan
         return values, 0

@@ -20,7 +20,7 @@ from rockfall.scene.sources import threshold
 from rockfall.simulation.memory import machine_memory
 from rockfall.simulation.simulate import check_team, fields, run_chunks, start
 from rockfall.simulation.tally import Tally
-from rockfall.simulation.tally_dataset import TALLIES
+from rockfall.simulation.tally_dataset import MAXIMA
 
 PROBE_BOULDERS = 100  # to see how long they take
 PILOT_SECONDS = 0.05  # about, twice at most: the time is known to a few per cent
@@ -80,7 +80,7 @@ def memory(scene: Scene, pilot: Pilot) -> dict[str, float]:
     tally = start(scene, threads=1)
     maps = tally.maps
     layers = [maps.counts, maps.sums, maps.maxima, maps.column, maps.stamp]
-    made = sum(1 for name in names - set(TALLIES)) * 4 * np.prod(maps.box.shape)
+    made = len(names - {*maps.plan.counts, *MAXIMA}) * 4 * np.prod(maps.box.shape)
     row = 8 * len(fields(1)) + 4 * len(fields(2)) + 8 * len(fields(3)) * len(scene.case.line)
     if scene.windows:
         rasters = scene.windows.bytes + READING
@@ -129,7 +129,7 @@ def _all_cells(few: Tally, boulders: int) -> float:
     a gamma distribution: the passages of a cell are then negative binomial (Fisher, Corbet &
     Williams 1943). Its mean and shape are those which give as many cells passed at all, and passed
     once, as the few boulders did."""
-    place = few.maps.plan[0] - 1
+    place = few.maps.plan.counts["passages"] - 1
     if place < 0:
         return 0.0
     passages = few.maps.counts[place]
