@@ -25,7 +25,7 @@ module rockfall_part_file
    use rockfall_run_loop, only: results_t, map_tallies
    implicit none
    private
-   public :: write_part, read_part, boulders_in
+   public :: write_part, read_part, boulders_in, is_result
 
    integer(i8), parameter :: layout = 1          !! of the file, as in part_file.py
    integer, parameter :: block = 65536           !! cells on their way to the file
@@ -372,6 +372,19 @@ contains
          n = integer_of(file, "boulder_last") - integer_of(file, "boulder_first") + 1
       call close_netcdf(file)
    end function boulders_in
+
+   !> Whether a file is a part or a result of a run that rockfall wrote.
+   logical function is_result(name)
+      character(len=*), intent(in) :: name
+      type(netcdf_file_t) :: file
+      type(error_t), allocatable :: error
+
+      call open_netcdf(name, file, error)
+      is_result = .not. allocated(error)
+      if (.not. is_result) return
+      is_result = index(text_of(file, nf90_global, "source"), "rockfall ") == 1 .and. integer_of(file, "boulders_asked") >= 0
+      call close_netcdf(file)
+   end function is_result
 
    !> Results go on from a part of the same run that begins where they do; any other, and one that is damaged, is
    !> refused.
