@@ -5,8 +5,8 @@ module rockfall_filesystem
    use rockfall_text, only: integer_text
    implicit none
    private
-   public :: remove_file, replace_file, path_exists, is_folder, same_file, is_open_as, is_pipe, folder_of, name_of, hidden_name, &
-             temporary_name, fail_beyond_size_limit, open_closed_streams, end_at_once
+   public :: remove_file, replace_file, path_exists, is_folder, same_file, is_open_as, is_pipe, &
+             folder_of, name_of, hidden_name, temporary_name, fail_beyond_size_limit, open_closed_streams, end_at_once
 
    interface
       integer(c_int) function c_unlink(path) bind(c, name="unlink")
@@ -100,7 +100,7 @@ contains
       ok = c_unlink(path//c_null_char) == 0
    end function remove_file
 
-   !> Give a file the name of another in its place, when it is on disk; whether it worked. Then the name is on disk, too.
+   !> Give a file the name of another in its place, when it is on disk; whether it worked. The name then is, too.
    logical function replace_file(from, to) result(ok)
       character(len=*), intent(in) :: from, to
 

@@ -5,8 +5,8 @@ module rockfall_netcdf_file
    use netcdf, only: nf90_open, nf90_create, nf90_close, nf90_nowrite, nf90_netcdf4, nf90_clobber, nf90_nofill, &
                      nf90_set_fill, nf90_noerr, nf90_edimsize, nf90_char, nf90_string, nf90_byte, nf90_int, &
                      nf90_int64, nf90_float, nf90_double, nf90_inq_varid, nf90_inq_dimid, nf90_inquire_dimension, &
-                     nf90_inquire_variable, nf90_inquire_attribute, nf90_get_att, nf90_put_att, nf90_def_dim, nf90_def_var, &
-                     nf90_global
+                     nf90_inquire_variable, nf90_inquire_attribute, nf90_get_att, nf90_put_att, nf90_def_dim, &
+                     nf90_def_var, nf90_global
    use, intrinsic :: iso_c_binding, only: c_char, c_int, c_size_t, c_ptr, c_null_char, c_f_pointer
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use rockfall_kinds, only: wp, sp, i1, i4, i8
@@ -15,8 +15,9 @@ module rockfall_netcdf_file
    use rockfall_interrupts, only: begin_reading, end_reading
    implicit none
    private
-   public :: netcdf_file_t, axis_t, about_t, open_netcdf, create_netcdf, close_netcdf, keep, sound, mark_damaged, fail_damaged
-   public :: check_shape, pass, length_of, kind_of, text_of, integers_of, real_of
+   public :: netcdf_file_t, axis_t, about_t, open_netcdf, create_netcdf, close_netcdf
+   public :: keep, sound, mark_damaged, fail_damaged, check_shape, pass
+   public :: length_of, kind_of, text_of, integers_of, real_of
 
    integer(i8), parameter :: piece = 2_i8**17       !! values that share a checksum
    integer(i8), parameter :: max_packing = 1100     !! zlib packs no closer than this
@@ -233,7 +234,8 @@ contains
       if (size(axes) == 0) then
          call keep(file, nf90_def_var(file%id, trim(about%name), about%kind, id))
       else
-         call keep(file, nf90_def_var(file%id, trim(about%name), about%kind, dims, id, chunksizes=pieces, fletcher32=.true.))
+         call keep(file, nf90_def_var(file%id, trim(about%name), about%kind, dims, id, chunksizes=pieces, &
+                                      fletcher32=.true.))
       end if
       call keep(file, nf90_put_att(file%id, id, "units", trim(about%units)))
       call keep(file, nf90_put_att(file%id, id, "long_name", trim(about%long_name)))

@@ -4,17 +4,17 @@
 module rockfall_part_file
    use, intrinsic :: iso_c_binding, only: c_f_pointer, c_loc
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_is_finite
-   use netcdf, only: nf90_global, nf90_copy_att, nf90_inq_attname, nf90_inq_varid, nf90_inquire_variable, nf90_put_att, &
-                     nf90_strerror, nf90_byte, nf90_int, nf90_int64, nf90_float, nf90_double
+   use netcdf, only: nf90_global, nf90_copy_att, nf90_inq_attname, nf90_inq_varid, nf90_inquire_variable, &
+                     nf90_put_att, nf90_strerror, nf90_byte, nf90_int, nf90_int64, nf90_float, nf90_double
    use rockfall_kinds, only: wp, i1, i4, i8
    use rockfall_error, only: error_t, fail
    use rockfall_text, only: joined
    use rockfall_version, only: version
    use rockfall_filesystem, only: replace_file, remove_file
-   use rockfall_netcdf_file, only: netcdf_file_t, axis_t, about_t, open_netcdf, create_netcdf, close_netcdf, keep, sound, &
-                                   mark_damaged, fail_damaged, pass, length_of, text_of, integers_of, real_of
-   use rockfall_variables, only: variable_t, variable_table, boulder_fields, boulder_counts, line_fields, vertex_fields, &
-                                 histogram_fields, statuses
+   use rockfall_netcdf_file, only: netcdf_file_t, axis_t, about_t, open_netcdf, create_netcdf, close_netcdf, keep, &
+                                   sound, mark_damaged, fail_damaged, pass, length_of, text_of, integers_of, real_of
+   use rockfall_variables, only: variable_t, variable_table, boulder_fields, boulder_counts, line_fields, &
+                                 vertex_fields, histogram_fields, statuses
    use rockfall_histogram, only: n_bins
    use rockfall_maps, only: maps_t
    use rockfall_source_maps, only: contributing_t, contributing_cells, partial_sources, settle
@@ -129,6 +129,13 @@ contains
       window = [results%at - 1, results%grid%nx, results%grid%ny]
    end function window_of
 
+   !> Cells of the maps.
+   pure integer(i8) function cells_of(results)
+      type(results_t), intent(in) :: results
+
+      cells_of = size(results%counts, 1, i8)*size(results%counts, 2, i8)
+   end function cells_of
+
    subroutine write_trajectories(file, results)
       type(netcdf_file_t), intent(inout) :: file
       type(results_t), intent(inout) :: results
@@ -168,7 +175,8 @@ contains
          row = variable_table(k)
          if (row%group == group .and. row%name == name) exit
       end do
-      about = about_t(name, merge(nf90_int64, nf90_double, row%kind == "integer"), row%units, row%long_name, row%comment)
+      about = about_t(name, merge(nf90_int64, nf90_double, row%kind == "integer"), row%units, row%long_name, &
+                      row%comment)
       select case (group)
       case ("line"); about%name = "line_"//name
       case ("vertex"); about%name = "trajectory_"//name
@@ -225,8 +233,8 @@ contains
       type(axis_t) :: cells, fed
 
       cells = axis_t("tally", size(tally%cell, kind=i8))
-      call pass(file, about_t("tally_cell", nf90_int64, "1", "index of the cell, by rows from the north-west"), [cells], &
-                tally%cell)
+      call pass(file, about_t("tally_cell", nf90_int64, "1", "index of the cell, by rows from the north-west"), &
+                [cells], tally%cell)
       if (.not. sound(file) .or. .not. in_order(file, tally%cell, results)) return
       call pass_stack("counts", nf90_int, results%counts, 1, size(results%counts, 3))
       call pass_stack("sums", nf90_int64, results%sums, 2, size(results%sums, 3))
@@ -234,10 +242,11 @@ contains
       if (size(results%column) > 0) call pass_classes(file, results, tally%cell, cells)
       if (size(results%stamp) == 0) return
       fed = axis_t("tally_fed", size(tally%fed%cell, kind=i8))
-      call pass(file, about_t("tally_fed_cell", nf90_int64, "1", "cell to which a source contributes that the part cuts"), &
-                [fed], tally%fed%cell)
+      call pass(file, about_t("tally_fed_cell", nf90_int64, "1", &
+                              "cell to which a source contributes that the part cuts"), [fed], tally%fed%cell)
       call pass(file, about_t("tally_fed_source", nf90_int, "1", "number of that source"), [fed], tally%fed%source)
-      call pass(file, about_t("tally_fed_boulders", nf90_int, "1", "its boulders in the part"), [fed], tally%fed%boulders)
+      call pass(file, about_t("tally_fed_boulders", nf90_int, "1", "its boulders in the part"), [fed], &
+                tally%fed%boulders)
 
    contains
 
@@ -252,7 +261,7 @@ contains
          integer :: k
 
          if (layers == 0) return
-         call c_f_pointer(c_loc(stack), value, [words, int(size(results%counts, 1)*size(results%counts, 2, i8)), layers])
+         call c_f_pointer(c_loc(stack), value, [int(words, i8), cells_of(results), int(layers, i8)])
          about = about_t("tally_"//name, kind, "1", name//" of the maps, by layer")
          do k = 1, layers
             some = value(:, tally%cell + 1, k)
@@ -300,7 +309,8 @@ contains
       n = -1
       call open_netcdf(name, file, error)
       if (allocated(error)) return
-      if (integer_of(file, "part_layout") == layout) n = integer_of(file, "boulder_last") - integer_of(file, "boulder_first") + 1
+      if (integer_of(file, "part_layout") == layout) &
+         n = integer_of(file, "boulder_last") - integer_of(file, "boulder_first") + 1
       call close_netcdf(file)
    end function boulders_in
 
@@ -313,7 +323,8 @@ contains
       call open_netcdf(name, file, error)
       is_result = .not. allocated(error)
       if (.not. is_result) return
-      is_result = index(text_of(file, nf90_global, "source"), "rockfall ") == 1 .and. integer_of(file, "boulders_asked") >= 0
+      is_result = index(text_of(file, nf90_global, "source"), "rockfall ") == 1
+      if (is_result) is_result = integer_of(file, "boulders_asked") >= 0
       call close_netcdf(file)
    end function is_result
 
@@ -376,8 +387,8 @@ contains
       if (text_of(file, nf90_global, "version") /= version) what = "version"
       if (integer_of(file, "part_layout") /= layout) what = "layout"
       if (what /= "") then
-         call fail(error, file%name//": is of another run, its "//what//" differs; remove it, or run without --resume " &
-                   //"elsewhere")
+         call fail(error, file%name//": is of another run, its "//what//" differs; remove it, or run without " &
+                   //"--resume elsewhere")
          return
       end if
       results%done = last - first + 1
@@ -422,7 +433,7 @@ contains
       integer(i8) :: cells
       integer :: n, fed, status
 
-      cells = size(results%counts, 1)*size(results%counts, 2, i8)
+      cells = cells_of(results)
       n = length_of(file, "tally")
       fed = merge(length_of(file, "tally_fed"), 0, size(results%stamp) > 0)
       if (n < 0 .or. n > cells) call mark_damaged(file, "tally_cell")
@@ -438,7 +449,7 @@ contains
       integer(i8), intent(in) :: cell(:)
       type(results_t), intent(in) :: results
 
-      in_order = all(cell >= 0 .and. cell < size(results%counts, 1)*size(results%counts, 2, i8))
+      in_order = all(cell >= 0 .and. cell < cells_of(results))
       in_order = in_order .and. all(cell(2:) > cell(:size(cell) - 1))
       if (.not. in_order) call mark_damaged(file, "tally_cell")
    end function in_order
@@ -470,12 +481,14 @@ contains
       last = results%before + results%done
       sources = partial_sources(inputs%scene%release, first, last)
       n = size(fed%cell)
-      good = all(fed%cell >= 0 .and. fed%cell < size(results%counts, 1)*size(results%counts, 2, i8))
+      good = all(fed%cell >= 0 .and. fed%cell < cells_of(results))
       good = good .and. all(fed%source(2:) > fed%source(:n - 1) &
                             .or. (fed%source(2:) == fed%source(:n - 1) .and. fed%cell(2:) > fed%cell(:n - 1)))
       left = n
       do k = 1, size(sources)
-         own = min(last, last_of(inputs%scene%release, sources(k))) - max(first, first_of(inputs%scene%release, sources(k))) + 1
+         associate (release => inputs%scene%release, source => sources(k))
+            own = min(last, last_of(release, source)) - max(first, first_of(release, source)) + 1
+         end associate
          left = left - count(fed%source == sources(k) .and. fed%boulders == own)
       end do
       if (.not. good .or. left /= 0) call mark_damaged(file, "tally_fed_cell")

@@ -8,8 +8,8 @@ module rockfall_scene_file
    use rockfall_kinds, only: wp, sp, i1, i2, i8
    use rockfall_error, only: error_t, fail
    use rockfall_text, only: integer_text
-   use rockfall_netcdf_file, only: netcdf_file_t, axis_t, about_t, open_netcdf, keep, sound, mark_damaged, fail_damaged, &
-                                   check_shape, pass, length_of, kind_of, text_of, integers_of
+   use rockfall_netcdf_file, only: netcdf_file_t, axis_t, about_t, open_netcdf, keep, sound, mark_damaged, &
+                                   fail_damaged, check_shape, pass, length_of, kind_of, text_of, integers_of
    use rockfall_interrupts, only: end_reading
    use rockfall_surface, only: method_a
    use rockfall_case, only: case_t
@@ -77,7 +77,8 @@ contains
 
       associate (file => inputs%file)
          if (any(integers_of(file, "scene_layout", 1) /= layout)) then
-            call fail(error, file%name//": is no scene file of layout "//integer_text(layout)//"; `rockfall prepare` makes one")
+            call fail(error, file%name//": is no scene file of layout "//integer_text(layout) &
+                      //"; `rockfall prepare` makes one")
             return
          end if
          prepared = text_of(file, nf90_global, "case")
@@ -195,8 +196,8 @@ contains
             if (status /= 0) call mark_damaged(file, "(no memory) cell_size")
             if (sound(file)) call check_values(inputs, n)
          else
-            call pass(file, about_t("material_size", nf90_double), [size_axis, axis_t("material", int(materials, i8))], &
-                      arrays%sizes)
+            call pass(file, about_t("material_size", nf90_double), &
+                      [size_axis, axis_t("material", int(materials, i8))], arrays%sizes)
             if (kind_of(file, "zone") /= 0) then
                call read_zones(inputs, materials)
             else if (materials /= 1 .or. .not. all(above_zero(arrays%sizes))) then
