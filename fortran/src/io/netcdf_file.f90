@@ -3,7 +3,7 @@
 !> After the first failure nothing more is asked of a file.
 module rockfall_netcdf_file
    use netcdf, only: nf90_open, nf90_create, nf90_close, nf90_nowrite, nf90_netcdf4, nf90_clobber, nf90_nofill, &
-                     nf90_set_fill, nf90_noerr, nf90_edimsize, nf90_strerror, nf90_global, nf90_char, nf90_byte, nf90_short, &
+                     nf90_set_fill, nf90_noerr, nf90_edimsize, nf90_global, nf90_char, nf90_byte, &
                      nf90_int, nf90_int64, nf90_float, nf90_double, nf90_inq_varid, nf90_inq_dimid, &
                      nf90_inquire_dimension, nf90_inquire_variable, nf90_inquire_attribute, nf90_get_att, nf90_put_att, &
                      nf90_def_dim, nf90_def_var

@@ -4,7 +4,7 @@
 module rockfall_part_file
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_is_finite
    use netcdf, only: nf90_global, nf90_copy_att, nf90_get_var, nf90_put_var, nf90_inq_attname, &
-                     nf90_inquire_variable, nf90_put_att, nf90_strerror, nf90_noerr, nf90_byte, nf90_int, nf90_int64, &
+                     nf90_inquire_variable, nf90_put_att, nf90_strerror, nf90_byte, nf90_int, nf90_int64, &
                      nf90_float, nf90_double
    use rockfall_kinds, only: wp, sp, i1, i4, i8
    use rockfall_error, only: error_t, fail

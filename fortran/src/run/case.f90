@@ -5,7 +5,7 @@ module rockfall_case
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail
    use rockfall_text, only: integer_text, joined
-   use rockfall_namelist, only: namelist_t, group_t, entry_t, parse_namelist
+   use rockfall_namelist, only: namelist_t, group_t, parse_namelist
    use rockfall_values, only: has_key, value_count, get_text, get_integer, get_real, get_logical, refuse
    use rockfall_variables, only: map_fields
    use rockfall_boulder, only: volume_distribution_t, fixed_volume, normal_volume, uniform_volume, lognormal_volume, &
