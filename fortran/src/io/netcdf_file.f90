@@ -12,7 +12,7 @@ module rockfall_netcdf_file
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use rockfall_kinds, only: wp, sp, i1, i4, i8
    use rockfall_error, only: error_t, fail
-   use rockfall_pipe, only: is_pipe
+   use rockfall_filesystem, only: is_pipe
    use rockfall_interrupts, only: begin_reading, end_reading
    implicit none
    private
@@ -51,10 +51,6 @@ module rockfall_netcdf_file
          type(c_ptr), value :: text
       end function c_strlen
    end interface
-
-   interface note
-      module procedure note_text, note_integer, note_real
-   end interface note
 
 contains
 
@@ -325,29 +321,11 @@ contains
       end select
    end subroutine set_fill
 
-   subroutine note_text(file, id, name, text)
+   subroutine note(file, id, name, text)
       type(netcdf_file_t), intent(inout) :: file
       integer, intent(in) :: id
       character(len=*), intent(in) :: name, text
 
       call keep(file, nf90_put_att(file%id, id, name, text))
-   end subroutine note_text
-
-   subroutine note_integer(file, id, name, value)
-      type(netcdf_file_t), intent(inout) :: file
-      integer, intent(in) :: id
-      character(len=*), intent(in) :: name
-      integer(i8), intent(in) :: value
-
-      call keep(file, nf90_put_att(file%id, id, name, value))
-   end subroutine note_integer
-
-   subroutine note_real(file, id, name, value)
-      type(netcdf_file_t), intent(inout) :: file
-      integer, intent(in) :: id
-      character(len=*), intent(in) :: name
-      real(wp), intent(in) :: value
-
-      call keep(file, nf90_put_att(file%id, id, name, value))
-   end subroutine note_real
+   end subroutine note
 end module rockfall_netcdf_file

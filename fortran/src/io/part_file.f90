@@ -90,7 +90,7 @@ contains
       type(results_t), intent(in) :: results
 
       call note(file, nf90_global, "Conventions", "CF-1.8")
-      call note(file, nf90_global, "part_layout", layout)
+      call keep(file, nf90_put_att(file%id, nf90_global, "part_layout", layout))
       call note(file, nf90_global, "title", case%title)
       call note(file, nf90_global, "source", "rockfall "//version//", stochastic impact model of Bourrier et al. (2009)")
       call note(file, nf90_global, "version", version)
@@ -100,14 +100,14 @@ contains
       call note(file, nf90_global, "impact_set_checksum", inputs%impact_set_checksum)
       call note(file, nf90_global, "input_checksums", inputs%input_checksums)
       call note(file, nf90_global, "decoded_checksums", inputs%decoded_checksums)
-      call note(file, nf90_global, "seed", case%seed)
-      call note(file, nf90_global, "boulder_first", results%before + 1)
-      call note(file, nf90_global, "boulder_last", results%before + results%done)
-      call note(file, nf90_global, "boulders_asked", results%asked)
-      call note(file, nf90_global, "complete", merge(1_i8, 0_i8, results%done == results%asked))
-      call note(file, nf90_global, "threads", int(results%threads, i8))
-      call note(file, nf90_global, "wall_seconds", results%wall)
-      call note(file, nf90_global, "cpu_seconds", results%cpu)
+      call keep(file, nf90_put_att(file%id, nf90_global, "seed", case%seed))
+      call keep(file, nf90_put_att(file%id, nf90_global, "boulder_first", results%before + 1))
+      call keep(file, nf90_put_att(file%id, nf90_global, "boulder_last", results%before + results%done))
+      call keep(file, nf90_put_att(file%id, nf90_global, "boulders_asked", results%asked))
+      call keep(file, nf90_put_att(file%id, nf90_global, "complete", merge(1_i8, 0_i8, results%done == results%asked)))
+      call keep(file, nf90_put_att(file%id, nf90_global, "threads", int(results%threads, i8)))
+      call keep(file, nf90_put_att(file%id, nf90_global, "wall_seconds", results%wall))
+      call keep(file, nf90_put_att(file%id, nf90_global, "cpu_seconds", results%cpu))
    end subroutine define_global
 
    !> The grid mapping of the terrain, as the scene file has it, and the cells of it that maps cover.
@@ -145,12 +145,9 @@ contains
       integer, intent(in) :: dims(:)
       type(variable_t) :: row
       character(len=:), allocatable :: units, long_name
-      integer :: k, kind
+      integer :: kind
 
-      do k = 1, size(variable_table)
-         row = variable_table(k)
-         if (row%group == group .and. row%name == name) exit
-      end do
+      row = variable_table(findloc(variable_table%group == group .and. variable_table%name == name, .true., dim=1))
       kind = merge(nf90_int64, nf90_double, row%kind == "integer")
       if (group == "boulder" .and. row%kind == "integer") kind = merge(nf90_byte, nf90_int, name == "status")
       units = trim(row%units)

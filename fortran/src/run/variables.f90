@@ -22,6 +22,11 @@ module rockfall_variables
    character(len=*), parameter :: in_classes = "from counts of classes 14 to 25 % wide"
    character(len=*), parameter :: given_sources = "Wilson (1927): chance of the boulders, given the sources"
 
+   character(len=*), parameter :: energies = " of the passing boulders' greatest energies"
+   character(len=*), parameter :: speeds = " of the passing boulders' greatest speeds"
+   character(len=*), parameter :: jump_heights = " of the passing boulders' greatest jump heights"
+   character(len=*), parameter :: at_crossing = " at the first crossing"
+
    !> In each group the reals and the integers have the order of the rows of rockfall_result;
    !> histograms that of rockfall_histogram; statuses that of their numbers, from 1.
    type(variable_t), parameter :: variable_table(*) = [ &
@@ -55,22 +60,18 @@ module rockfall_variables
       variable_t("line", "x", "real", "m", "easting of the first crossing"), &
       variable_t("line", "y", "real", "m", "northing of the first crossing"), &
       variable_t("line", "time", "real", "s", "time from release to the first crossing"), &
-      variable_t("line", "speed", "real", "m s-1", "speed at the first crossing"), &
-      variable_t("line", "velocity_x", "real", "m s-1", &
-                 "eastward velocity at the first crossing"), &
-      variable_t("line", "velocity_y", "real", "m s-1", &
-                 "northward velocity at the first crossing"), &
-      variable_t("line", "velocity_z", "real", "m s-1", "upward velocity at the first crossing"), &
+      variable_t("line", "speed", "real", "m s-1", "speed"//at_crossing), &
+      variable_t("line", "velocity_x", "real", "m s-1", "eastward velocity"//at_crossing), &
+      variable_t("line", "velocity_y", "real", "m s-1", "northward velocity"//at_crossing), &
+      variable_t("line", "velocity_z", "real", "m s-1", "upward velocity"//at_crossing), &
       variable_t("line", "omega", "real", "rad s-1", &
                  "angular velocity at the first crossing, forward rolling > 0"), &
       variable_t("line", "jump_height", "real", "m", &
                  "height of the boulder's point above the surface, 0 at a contact"), &
       variable_t("line", "passing_height", "real", "m", &
                  "height of the boulder's centre above the surface, vertical"), &
-      variable_t("line", "energy_translational", "real", "J", &
-                 "translational energy at the first crossing"), &
-      variable_t("line", "energy_rotational", "real", "J", &
-                 "rotational energy at the first crossing"), &
+      variable_t("line", "energy_translational", "real", "J", "translational energy"//at_crossing), &
+      variable_t("line", "energy_rotational", "real", "J", "rotational energy"//at_crossing), &
       variable_t("line_vertex", "line", "integer", "1", &
                  "index of the evaluation line", "counts from 0"), &
       variable_t("line_vertex", "x", "real", "m", "easting"), &
@@ -91,45 +92,27 @@ module rockfall_variables
                  "boulders that came to rest in the cell or were absorbed there"), &
       variable_t("map", "energy_max", "real", "J", &
                  "greatest kinetic energy, translational and rotational"), &
-      variable_t("map", "energy_mean", "real", "J", &
-                 "mean of the passing boulders' greatest energies"), &
-      variable_t("map", "energy_q50", "real", "J", &
-                 "median of the passing boulders' greatest energies", in_classes), &
-      variable_t("map", "energy_q90", "real", "J", &
-                 "90 % quantile of the passing boulders' greatest energies", in_classes), &
-      variable_t("map", "energy_q95", "real", "J", &
-                 "95 % quantile of the passing boulders' greatest energies", in_classes), &
-      variable_t("map", "energy_q98", "real", "J", &
-                 "98 % quantile of the passing boulders' greatest energies", in_classes), &
-      variable_t("map", "energy_q99", "real", "J", &
-                 "99 % quantile of the passing boulders' greatest energies", in_classes), &
+      variable_t("map", "energy_mean", "real", "J", "mean"//energies), &
+      variable_t("map", "energy_q50", "real", "J", "median"//energies, in_classes), &
+      variable_t("map", "energy_q90", "real", "J", "90 % quantile"//energies, in_classes), &
+      variable_t("map", "energy_q95", "real", "J", "95 % quantile"//energies, in_classes), &
+      variable_t("map", "energy_q98", "real", "J", "98 % quantile"//energies, in_classes), &
+      variable_t("map", "energy_q99", "real", "J", "99 % quantile"//energies, in_classes), &
       variable_t("map", "speed_max_map", "real", "m s-1", "greatest speed"), &
-      variable_t("map", "speed_mean", "real", "m s-1", &
-                 "mean of the passing boulders' greatest speeds"), &
-      variable_t("map", "speed_q50", "real", "m s-1", &
-                 "median of the passing boulders' greatest speeds", in_classes), &
-      variable_t("map", "speed_q90", "real", "m s-1", &
-                 "90 % quantile of the passing boulders' greatest speeds", in_classes), &
-      variable_t("map", "speed_q95", "real", "m s-1", &
-                 "95 % quantile of the passing boulders' greatest speeds", in_classes), &
-      variable_t("map", "speed_q98", "real", "m s-1", &
-                 "98 % quantile of the passing boulders' greatest speeds", in_classes), &
-      variable_t("map", "speed_q99", "real", "m s-1", &
-                 "99 % quantile of the passing boulders' greatest speeds", in_classes), &
+      variable_t("map", "speed_mean", "real", "m s-1", "mean"//speeds), &
+      variable_t("map", "speed_q50", "real", "m s-1", "median"//speeds, in_classes), &
+      variable_t("map", "speed_q90", "real", "m s-1", "90 % quantile"//speeds, in_classes), &
+      variable_t("map", "speed_q95", "real", "m s-1", "95 % quantile"//speeds, in_classes), &
+      variable_t("map", "speed_q98", "real", "m s-1", "98 % quantile"//speeds, in_classes), &
+      variable_t("map", "speed_q99", "real", "m s-1", "99 % quantile"//speeds, in_classes), &
       variable_t("map", "jump_height_max_map", "real", "m", &
                  "greatest height of a boulder's point above the surface"), &
-      variable_t("map", "jump_height_mean", "real", "m", &
-                 "mean of the passing boulders' greatest jump heights"), &
-      variable_t("map", "jump_height_q50", "real", "m", &
-                 "median of the passing boulders' greatest jump heights", in_classes), &
-      variable_t("map", "jump_height_q90", "real", "m", &
-                 "90 % quantile of the passing boulders' greatest jump heights", in_classes), &
-      variable_t("map", "jump_height_q95", "real", "m", &
-                 "95 % quantile of the passing boulders' greatest jump heights", in_classes), &
-      variable_t("map", "jump_height_q98", "real", "m", &
-                 "98 % quantile of the passing boulders' greatest jump heights", in_classes), &
-      variable_t("map", "jump_height_q99", "real", "m", &
-                 "99 % quantile of the passing boulders' greatest jump heights", in_classes), &
+      variable_t("map", "jump_height_mean", "real", "m", "mean"//jump_heights), &
+      variable_t("map", "jump_height_q50", "real", "m", "median"//jump_heights, in_classes), &
+      variable_t("map", "jump_height_q90", "real", "m", "90 % quantile"//jump_heights, in_classes), &
+      variable_t("map", "jump_height_q95", "real", "m", "95 % quantile"//jump_heights, in_classes), &
+      variable_t("map", "jump_height_q98", "real", "m", "98 % quantile"//jump_heights, in_classes), &
+      variable_t("map", "jump_height_q99", "real", "m", "99 % quantile"//jump_heights, in_classes), &
       variable_t("histogram", "incidence_angle", "integer", "degree", &
                  "incidence angle from the surface, 90 = vertical", ends), &
       variable_t("histogram", "tangential_share", "integer", "1", &
