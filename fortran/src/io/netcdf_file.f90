@@ -17,7 +17,7 @@ module rockfall_netcdf_file
    implicit none
    private
    public :: netcdf_file_t, open_netcdf, create_netcdf, close_netcdf, keep, sound, mark_damaged, fail_damaged
-   public :: length_of, has_variable, expected, kind_of, text_of, integer_of, integers_of, real_of
+   public :: length_of, expected, kind_of, text_of, integer_of, integers_of, real_of
    public :: dimension, variable, note
 
    integer(i8), parameter :: piece = 2_i8**17       !! values that share a checksum
@@ -146,14 +146,6 @@ contains
       if (nf90_inq_dimid(file%id, name, dim) /= nf90_noerr) return
       if (nf90_inquire_dimension(file%id, dim, len=length) /= nf90_noerr) length = -1
    end function length_of
-
-   logical function has_variable(file, name)
-      type(netcdf_file_t), intent(in) :: file
-      character(len=*), intent(in) :: name
-      integer :: id
-
-      has_variable = nf90_inq_varid(file%id, name, id) == nf90_noerr
-   end function has_variable
 
    !> The type of a variable; 0 if there is none of that name.
    integer function kind_of(file, name) result(kind)

@@ -17,8 +17,7 @@ module rockfall_part_file
                                  histogram_fields, statuses
    use rockfall_histogram, only: n_bins
    use rockfall_maps, only: maps_t
-   use rockfall_source_maps, only: contributing_t, contributing_cells, partial_sources, settle
-   use rockfall_boulder, only: first_of, last_of
+   use rockfall_source_maps, only: contributing_t, contributing_cells, partial_sources, boulders_within, settle
    use rockfall_case, only: case_t
    use rockfall_case_file, only: differing_key
    use rockfall_scene_file, only: inputs_t
@@ -619,7 +618,7 @@ contains
       good = good .and. all(fed%source(2:) > fed%source(:n - 1) &
                             .or. (fed%source(2:) == fed%source(:n - 1) .and. fed%cell(2:) > fed%cell(:n - 1)))
       do k = 1, size(sources)
-         own = min(last, last_of(inputs%scene%release, sources(k))) - max(first, first_of(inputs%scene%release, sources(k))) + 1
+         own = boulders_within(inputs%scene%release, sources(k), first, last)
          n = n - count(fed%source == sources(k) .and. fed%boulders == own)
       end do
       if (.not. good .or. n /= 0) call mark_damaged(file, "tally_fed_cell")

@@ -5,11 +5,11 @@ module rockfall_scene_file
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_is_finite
    use netcdf, only: nf90_global, nf90_get_var, nf90_inq_varid, nf90_noerr, nf90_char, nf90_byte, nf90_short, nf90_float, &
                      nf90_double
-   use rockfall_kinds, only: wp, sp, i1, i2, i8
+   use rockfall_kinds, only: wp, i1, i2, i8
    use rockfall_error, only: error_t, fail
    use rockfall_text, only: integer_text
    use rockfall_netcdf_file, only: netcdf_file_t, open_netcdf, keep, sound, mark_damaged, fail_damaged, length_of, &
-                                   has_variable, expected, kind_of, text_of, integer_of
+                                   expected, kind_of, text_of, integer_of
    use rockfall_interrupts, only: end_reading
    use rockfall_surface, only: method_a
    use rockfall_case, only: case_t
@@ -23,18 +23,13 @@ module rockfall_scene_file
    integer(i8), parameter :: layout = 1           !! of the file, as in prepare.py
    real(wp), parameter :: max_elevation = 1.0e7_wp  !! [m] above or below zero
 
-   !> A scene and what it was made of. What holds it must be a target.
+   !> A scene and what it was made of; its arrays stay to the end of the program.
    type :: inputs_t
       type(scene_t) :: scene
       type(scene_arrays_t) :: arrays
       type(netcdf_file_t) :: file              !! open: its `crs` is copied to results
       integer :: crs = -1                      !! number of that variable
       character(len=:), allocatable :: case_file, impact_set_checksum, input_checksums, decoded_checksums
-      real(wp), allocatable :: z8(:, :)
-      real(sp), allocatable :: z4(:, :)
-      integer(i1), allocatable :: zone1(:, :)
-      integer(i2), allocatable :: zone2(:, :)
-      real(sp), allocatable :: values(:, :, :)
    end type inputs_t
 
 contains
@@ -44,7 +39,7 @@ contains
       character(len=*), intent(in) :: name
       type(case_t), intent(in) :: case
       character(len=*), intent(in) :: text  !! of the case
-      type(inputs_t), intent(out), target :: inputs
+      type(inputs_t), intent(out) :: inputs
       type(error_t), allocatable, intent(out) :: error
 
       call open_netcdf(name, inputs%file, error)
@@ -61,7 +56,6 @@ contains
          error%message = error%message//" is missing, or not as a scene file has it"
          return
       end if
-      call point_to(inputs)
       call scene_from(case, inputs%arrays, inputs%scene, error)
    end subroutine read_scene
 
@@ -122,18 +116,18 @@ contains
       integer :: id, status, j
       logical :: known, good
 
-      associate (file => inputs%file, grid => inputs%arrays%grid)
+      associate (file => inputs%file, arrays => inputs%arrays, grid => inputs%arrays%grid)
          known = .false.
          good = .true.
          status = 0
          if (kind_of(file, "elevation") == nf90_float) then
             id = expected(file, "elevation", nf90_float, [grid%nx, grid%ny])
-            if (sound(file)) allocate (inputs%z4(grid%nx, grid%ny), stat=status)
-            if (sound(file) .and. status == 0) call keep(file, nf90_get_var(file%id, id, inputs%z4))
+            if (sound(file)) allocate (arrays%z4(grid%nx, grid%ny), stat=status)
+            if (sound(file) .and. status == 0) call keep(file, nf90_get_var(file%id, id, arrays%z4))
          else
             id = expected(file, "elevation", nf90_double, [grid%nx, grid%ny])
-            if (sound(file)) allocate (inputs%z8(grid%nx, grid%ny), stat=status)
-            if (sound(file) .and. status == 0) call keep(file, nf90_get_var(file%id, id, inputs%z8))
+            if (sound(file)) allocate (arrays%z8(grid%nx, grid%ny), stat=status)
+            if (sound(file) .and. status == 0) call keep(file, nf90_get_var(file%id, id, arrays%z8))
          end if
          if (status /= 0) call mark_damaged(file, "(no memory) elevation")
          if (.not. sound(file)) return
@@ -153,10 +147,10 @@ contains
       integer, intent(in) :: j
       real(wp) :: z(inputs%arrays%grid%nx)
 
-      if (allocated(inputs%z4)) then
-         z = inputs%z4(:, j)
+      if (associated(inputs%arrays%z4)) then
+         z = inputs%arrays%z4(:, j)
       else
-         z = inputs%z8(:, j)
+         z = inputs%arrays%z8(:, j)
       end if
    end function row_of
 
@@ -179,24 +173,24 @@ contains
       associate (file => inputs%file, grid => inputs%arrays%grid, arrays => inputs%arrays)
          materials = max(0, length_of(file, "material"))
          if (materials > huge(1_i2)) call mark_damaged(file, "its number of materials")
-         if (has_variable(file, "cell_size")) materials = 0
+         if (kind_of(file, "cell_size") /= 0) materials = 0
          status = 0
          if (sound(file)) allocate (arrays%sizes(n, max(1, materials)), source=0.0_wp)
          if (materials == 0) then
             id = expected(file, "cell_size", nf90_float, [grid%nx, grid%ny, n])
-            if (sound(file)) allocate (inputs%values(grid%nx, grid%ny, n), stat=status)
-            if (sound(file) .and. status == 0) call keep(file, nf90_get_var(file%id, id, inputs%values))
+            if (sound(file)) allocate (arrays%values(grid%nx, grid%ny, n), stat=status)
+            if (sound(file) .and. status == 0) call keep(file, nf90_get_var(file%id, id, arrays%values))
          else
             id = expected(file, "material_size", nf90_double, [n, materials])
             if (sound(file)) call keep(file, nf90_get_var(file%id, id, arrays%sizes))
-            if (has_variable(file, "zone")) then
+            if (kind_of(file, "zone") /= 0) then
                call read_zones(inputs, materials)
             else if (materials /= 1 .or. .not. all(above_zero(arrays%sizes))) then
                call mark_damaged(file, "material_size")
             end if
          end if
          if (status /= 0) call mark_damaged(file, "(no memory) cell_size")
-         if (sound(file) .and. allocated(inputs%values)) call check_values(inputs, n)
+         if (sound(file) .and. associated(arrays%values)) call check_values(inputs, n)
       end associate
    end subroutine read_surface
 
@@ -215,26 +209,26 @@ contains
       integer :: zone(inputs%arrays%grid%nx)
       logical :: good(0:materials), here(inputs%arrays%grid%nx)
 
-      associate (file => inputs%file, grid => inputs%arrays%grid)
+      associate (file => inputs%file, arrays => inputs%arrays, grid => inputs%arrays%grid)
          status = 0
          if (materials > huge(1_i1)) then
             id = expected(file, "zone", nf90_short, [grid%nx, grid%ny])
-            if (sound(file)) allocate (inputs%zone2(grid%nx, grid%ny), stat=status)
-            if (sound(file) .and. status == 0) call keep(file, nf90_get_var(file%id, id, inputs%zone2))
+            if (sound(file)) allocate (arrays%zone2(grid%nx, grid%ny), stat=status)
+            if (sound(file) .and. status == 0) call keep(file, nf90_get_var(file%id, id, arrays%zone2))
          else
             id = expected(file, "zone", nf90_byte, [grid%nx, grid%ny])
-            if (sound(file)) allocate (inputs%zone1(grid%nx, grid%ny), stat=status)
-            if (sound(file) .and. status == 0) call keep(file, nf90_get_var(file%id, id, inputs%zone1))
+            if (sound(file)) allocate (arrays%zone1(grid%nx, grid%ny), stat=status)
+            if (sound(file) .and. status == 0) call keep(file, nf90_get_var(file%id, id, arrays%zone1))
          end if
          if (status /= 0) call mark_damaged(file, "(no memory) zone")
          if (.not. sound(file)) return
          good(0) = .false.
-         good(1:) = [(all(above_zero(inputs%arrays%sizes(:, j))), j=1, materials)]
+         good(1:) = [(all(above_zero(arrays%sizes(:, j))), j=1, materials)]
          do j = 1, grid%ny
-            if (allocated(inputs%zone1)) then
-               zone = inputs%zone1(:, j)
+            if (associated(arrays%zone1)) then
+               zone = arrays%zone1(:, j)
             else
-               zone = inputs%zone2(:, j)
+               zone = arrays%zone2(:, j)
             end if
             here = is_known(inputs, j)
             if (any(zone < 0 .or. zone > materials)) call mark_damaged(file, "zone")
@@ -251,7 +245,7 @@ contains
 
       do k = 1, n
          do j = 1, inputs%arrays%grid%ny
-            if (any(is_known(inputs, j) .and. .not. above_zero(real(inputs%values(:, j, k), wp)))) &
+            if (any(is_known(inputs, j) .and. .not. above_zero(real(inputs%arrays%values(:, j, k), wp)))) &
                call mark_damaged(inputs%file, "cell_size")
          end do
       end do
@@ -298,17 +292,4 @@ contains
          arrays%sets_name = text_of(file, id, "file")
       end associate
    end subroutine read_sets
-
-   !> The views of the scene.
-   subroutine point_to(inputs)
-      type(inputs_t), intent(inout), target :: inputs
-
-      associate (arrays => inputs%arrays)
-         if (allocated(inputs%z8)) arrays%z8 => inputs%z8
-         if (allocated(inputs%z4)) arrays%z4 => inputs%z4
-         if (allocated(inputs%zone1)) arrays%zone1 => inputs%zone1
-         if (allocated(inputs%zone2)) arrays%zone2 => inputs%zone2
-         if (allocated(inputs%values)) arrays%values => inputs%values
-      end associate
-   end subroutine point_to
 end module rockfall_scene_file
