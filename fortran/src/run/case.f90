@@ -6,7 +6,8 @@ module rockfall_case
    use rockfall_error, only: error_t, fail
    use rockfall_text, only: integer_text, joined
    use rockfall_namelist, only: namelist_t, group_t, parse_namelist
-   use rockfall_values, only: has_key, value_count, get_text, get_integer, get_real, get_logical, refuse, check_names
+   use rockfall_values, only: has_key, value_count, get_text, get_integer, get_real, get_logical, refuse, &
+                              about, check_names
    use rockfall_variables, only: map_fields
    use rockfall_boulder, only: volume_distribution_t, fixed_volume, normal_volume, uniform_volume, lognormal_volume, &
                                list_volume
@@ -293,17 +294,6 @@ contains
          end select
       end if
    end subroutine check_key
-
-   !> `case.nml: &group key`
-   pure function about(group, name) result(text)
-      type(group_t), intent(in) :: group
-      character(len=*), intent(in) :: name
-      character(len=:), allocatable :: text
-
-      text = group%file//": "
-      if (group%repeated) text = text//"line "//integer_text(group%line)//": "
-      text = text//"&"//trim(group%name)//" "//name
-   end function about
 
    pure subroutine check_texts(group, key, error)
       type(group_t), intent(in) :: group

@@ -8,7 +8,7 @@ module rockfall_values
    use rockfall_text, only: lower, integer_text, excerpt
    implicit none
    private
-   public :: has_key, value_count, get_text, get_integer, get_real, get_logical, refuse, check_names
+   public :: has_key, value_count, get_text, get_integer, get_real, get_logical, refuse, about, check_names
 
    integer, parameter :: most_texts = 1000  !! of a list of texts
 
@@ -108,9 +108,7 @@ contains
       integer :: k, one
 
       k = key_index(group, key)
-      message = group%file//": "
-      if (group%repeated) message = message//"line "//integer_text(group%line)//": "
-      message = message//"&"//trim(group%name)//" "//key
+      message = about(group, key)
       if (k > 0) then
          one = 0
          if (present(item)) one = item
@@ -121,6 +119,17 @@ contains
       end if
       call fail(error, message//": "//rule)
    end subroutine refuse
+
+   !> `case.nml: &group key`
+   pure function about(group, name) result(text)
+      type(group_t), intent(in) :: group
+      character(len=*), intent(in) :: name
+      character(len=:), allocatable :: text
+
+      text = group%file//": "
+      if (group%repeated) text = text//"line "//integer_text(group%line)//": "
+      text = text//"&"//trim(group%name)//" "//name
+   end function about
 
    !> The values as written, shortened; all of them if `item` is 0.
    pure function shown(entry, item)
