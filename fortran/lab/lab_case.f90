@@ -6,7 +6,8 @@ module lab_case
    use rockfall_error, only: error_t, fail
    use rockfall_text, only: integer_text
    use rockfall_namelist, only: namelist_t, group_t, parse_namelist
-   use rockfall_values, only: has_key, get_text, get_integer, get_real, get_logical, refuse
+   use rockfall_values, only: has_key, get_text, get_integer, get_real, get_logical, refuse, &
+                              check_names
    use lab_contact, only: material_t, check_material
    use lab_packing, only: packing_t, check_packing
    use lab_impact, only: shot_t
@@ -74,7 +75,8 @@ contains
       case%title = ""
       case%ratios = default_ratios
       call parse_namelist(text, file, list, error)
-      if (.not. allocated(error)) call check_names(list, error)
+      if (.not. allocated(error)) call check_names(list, key_table%group, key_table%name, "", &
+                                                   "stands more than once", error)
       if (allocated(error)) return
       do g = 1, size(list%group)
          call take_group(list%group(g), case, error)
@@ -92,48 +94,6 @@ contains
       shot%radius = ratio*case%packing%mean_radius
       shot%gravity = case%packing%gravity
    end function shot_of_ratio
-
-   !> Only groups and keys of the table, each group once.
-   pure subroutine check_names(list, error)
-      type(namelist_t), intent(in) :: list
-      type(error_t), allocatable, intent(out) :: error
-      character(len=:), allocatable :: about
-      integer :: g, e
-
-      do g = 1, size(list%group)
-         associate (group => list%group(g))
-            about = group%file//": line "//integer_text(group%line)//": &"//trim(group%name)
-            if (.not. any(key_table%group == group%name)) then
-               call fail(error, about//": unknown group; known: &lab, &material, &packing, " &
-                         //"&impact")
-            else if (group%repeated) then
-               call fail(error, about//": stands more than once")
-            end if
-            if (allocated(error)) return
-            do e = 1, size(group%entry)
-               associate (key => group%entry(e)%key)
-                  if (any(key_table%group == group%name .and. key_table%name == key)) cycle
-                  call fail(error, group%file//": line "//integer_text(group%entry(e)%line) &
-                            //": &"//trim(group%name)//" "//trim(key)//": unknown key; known: " &
-                            //known_keys(trim(group%name)))
-               end associate
-               return
-            end do
-         end associate
-      end do
-   end subroutine check_names
-
-   pure function known_keys(group) result(names)
-      character(len=*), intent(in) :: group
-      character(len=:), allocatable :: names
-      integer :: k
-
-      names = ""
-      do k = 1, size(key_table)
-         if (key_table(k)%group == group) names = names//", "//trim(key_table(k)%name)
-      end do
-      names = names(3:)
-   end function known_keys
 
    !> What a group says, in place of the defaults.
    pure subroutine take_group(group, case, error)

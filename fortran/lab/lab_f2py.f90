@@ -9,7 +9,7 @@ module lab_f2py
    use lab_contact, only: material_t, check_material
    use lab_neighbours, only: box_t
    use lab_packing, only: packing_t, layer_t, check_packing, max_bodies
-   use lab_impact, only: shot_t, outcome_t, check_shot, status_names
+   use lab_impact, only: shot_t, outcome_t, status_names
    use lab_step, only: trouble_words => trouble_text
    use lab_ensemble, only: range_t, identity_t, check_range, pack_layers, fire_shots
    use lab_case, only: lab_case_t, read_lab_case, default_ratios

@@ -1,10 +1,10 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Decimal text to numbers and back: correctly rounded, every fault told, nothing else accepted.
+!> Decimal text to numbers: correctly rounded, every fault told, nothing else accepted.
 module rockfall_decimal
    use rockfall_kinds, only: wp, i8
    implicit none
    private
-   public :: parse_real, parse_integer, real_text, decimal_ok, decimal_malformed, decimal_overflow
+   public :: parse_real, parse_integer, decimal_ok, decimal_malformed, decimal_overflow
 
    integer, parameter :: decimal_ok = 0         !! the number was read
    integer, parameter :: decimal_malformed = 1  !! no decimal number (Inf and NaN are none)
@@ -163,58 +163,6 @@ contains
       too_large = power > largest_power .or. &
                   (power == largest_power .and. first_17 > largest_17_digits)
    end function too_large
-
-   !> The shortest decimal that reads back as `value`, or nearly so; 24 characters at most.
-   pure function real_text(value) result(text)
-      real(wp), intent(in) :: value  !! finite
-      character(len=:), allocatable :: text
-      character(len=24) :: buffer
-      real(wp) :: back
-      integer(i8) :: digits
-      integer :: decimals, status
-
-      do decimals = 0, kept
-         if (abs(value) >= real(exact, wp)/ten_to(decimals)) exit
-         digits = nint(abs(value)*ten_to(decimals), i8)
-         back = real(digits, wp)/ten_to(decimals)  ! what parse_real makes of digits and decimals
-         if (abs(value) < back .or. abs(value) > back) cycle
-         text = fixed_text(digits, decimals)
-         if (sign(1.0_wp, value) < 0.0_wp) text = "-"//text
-         return
-      end do
-      write (buffer, "(es23.15e3)") value
-      call parse_real(trim(adjustl(buffer)), back, status)
-      if (status /= decimal_ok .or. value < back .or. value > back) then
-         write (buffer, "(es24.16e3)") value
-      end if
-      text = trim(adjustl(buffer))
-   end function real_text
-
-   !> `digits` with the point before the last `decimals` of them.
-   pure function fixed_text(digits, decimals) result(text)
-      integer(i8), intent(in) :: digits
-      integer, intent(in) :: decimals
-      character(len=:), allocatable :: text
-      character(len=24) :: buffer
-      integer(i8) :: rest
-      integer :: n, first
-
-      rest = digits
-      first = len(buffer) + 1
-      n = 0
-      do
-         if (n == decimals .and. n > 0) then
-            first = first - 1
-            buffer(first:first) = "."
-         end if
-         first = first - 1
-         buffer(first:first) = achar(iachar("0") + int(modulo(rest, 10_i8)))
-         rest = rest/10
-         n = n + 1
-         if (rest == 0 .and. n > decimals) exit
-      end do
-      text = buffer(first:)
-   end function fixed_text
 
    !> An integer of 64 bits; `3.7` and `3.0` are malformed.
    pure subroutine parse_integer(text, value, status)

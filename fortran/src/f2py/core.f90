@@ -9,6 +9,7 @@ module rockfall_f2py
    use iso_c_binding, only: c_double, c_float, c_int, c_int8_t, c_int16_t, c_int32_t, c_int64_t, c_intptr_t, c_ptr, &
                             c_loc, c_f_pointer
    use rockfall_error, only: error_t, give_error
+   use rockfall_text, only: joined
    use rockfall_grid, only: grid_t, is_outside
    use rockfall_terrain, only: terrain_t, terrain, keep_within, is_known_at
    use rockfall_boulder, only: first_of, last_of, source_of, inertia_factor
@@ -470,12 +471,7 @@ contains
       type(coefficients_t) :: sets
       type(error_t), allocatable :: error
 
-      if (draw > 0) then
-         call read_impact_sets(text, name, turning_rule(turning), sets, error, draw, draws)
-      else
-         draws = 1
-         call read_impact_sets(text, name, turning_rule(turning), sets, error)
-      end if
+      call read_impact_sets(text, name, turning_rule(turning), draw, sets, error, draws)
       mean = sets%mean
       covariance = sets%covariance
       incidence = sets%incidence
@@ -563,13 +559,12 @@ contains
    subroutine fields(what, text)
       integer(c_int), intent(in) :: what
       character(len=512), intent(out) :: text
-      integer :: k
 
       select case (what)
-      case (1); write (text, "(*(a,1x))") (trim(boulder_fields(k)), k=1, size(boulder_fields))
-      case (2); write (text, "(*(a,1x))") (trim(boulder_counts(k)), k=1, size(boulder_counts))
-      case (3); write (text, "(*(a,1x))") (trim(line_fields(k)), k=1, size(line_fields))
-      case (4); write (text, "(*(a,1x))") (trim(vertex_fields(k)), k=1, size(vertex_fields))
+      case (1); text = joined(boulder_fields, " ")
+      case (2); text = joined(boulder_counts, " ")
+      case (3); text = joined(line_fields, " ")
+      case (4); text = joined(vertex_fields, " ")
       case default; text = ""
       end select
    end subroutine fields

@@ -3,6 +3,7 @@
 module rockfall_case_file
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t
+   use rockfall_text, only: integer_text, joined
    use rockfall_text_file, only: read_text
    use rockfall_namelist, only: namelist_t, group_t, entry_t, value_t, parse_namelist
    use rockfall_values, only: has_key, get_text, get_integer, get_real, get_logical
@@ -142,40 +143,37 @@ contains
 
       same = size(one) == size(other)
       do g = 1, size(one)
-         if (.not. same) return
-         same = has_key(one(g), trim(key%name)) .eqv. has_key(other(g), trim(key%name))
-         if (same .and. has_key(one(g), trim(key%name))) same = same_value(one(g), other(g), key)
+         if (same) same = plain(one(g), key) == plain(other(g), key)
       end do
    end function same_values
 
-   pure logical function same_value(one, other, key) result(same)
-      type(group_t), intent(in) :: one, other
+   !> The values of a key as text that is the same for the same values; "" without one.
+   pure function plain(group, key) result(text)
+      type(group_t), intent(in) :: group
       type(key_t), intent(in) :: key
-      character(len=text_length), allocatable :: text(:), other_text(:)
-      real(wp), allocatable :: real(:), other_real(:)
-      integer(i8) :: integer, other_integer
-      logical :: logical, other_logical
+      character(len=:), allocatable :: text
+      character(len=text_length), allocatable :: words(:)
+      real(wp), allocatable :: numbers(:)
+      integer(i8) :: whole
+      logical :: switch
       type(error_t), allocatable :: error
 
+      text = ""
+      if (.not. has_key(group, trim(key%name))) return
       select case (key%kind)
       case ("text")
-         call get_text(one, trim(key%name), text, error)
-         call get_text(other, trim(key%name), other_text, error)
-         same = size(text) == size(other_text)
-         if (same) same = all(text == other_text)
+         call get_text(group, trim(key%name), words, error)
+         text = joined(words, achar(10))
       case ("integer")
-         call get_integer(one, trim(key%name), integer, error)
-         call get_integer(other, trim(key%name), other_integer, error)
-         same = integer == other_integer
+         call get_integer(group, trim(key%name), whole, error)
+         text = integer_text(whole)
       case ("real")
-         call get_real(one, trim(key%name), real, error)
-         call get_real(other, trim(key%name), other_real, error)
-         same = size(real) == size(other_real)
-         if (same) same = all(abs(real - other_real) <= 0)
+         call get_real(group, trim(key%name), numbers, error)
+         text = repeat(" ", 25*size(numbers))
+         write (text, "(*(es25.16e3))") numbers + 0.0_wp  ! no zero below zero
       case default
-         call get_logical(one, trim(key%name), logical, error)
-         call get_logical(other, trim(key%name), other_logical, error)
-         same = logical .eqv. other_logical
+         call get_logical(group, trim(key%name), switch, error)
+         text = merge("yes", "no ", switch)
       end select
-   end function same_value
+   end function plain
 end module rockfall_case_file

@@ -7,6 +7,7 @@ module rockfall_checkpoint
    use rockfall_text, only: integer_text
    use rockfall_filesystem, only: path_exists, remove_file, hidden_name
    use rockfall_interrupts, only: interrupt_status
+   use rockfall_lock, only: say_to
    use rockfall_case, only: case_t
    use rockfall_scene_file, only: inputs_t
    use rockfall_part_file, only: write_part, read_part, boulders_in
@@ -30,12 +31,6 @@ module rockfall_checkpoint
    contains
       procedure :: on_start, on_chunk
    end type checkpoint_t
-
-   abstract interface
-      subroutine say_to(message)
-         character(len=*), intent(in) :: message
-      end subroutine say_to
-   end interface
 
 contains
 

@@ -45,6 +45,12 @@ module rockfall_filesystem
          character(kind=c_char), intent(in) :: path(*)
          integer(c_int), value :: access
       end function c_open
+      integer(c_long) function c_lseek(descriptor, offset, from) bind(c, name="lseek")
+         import :: c_int, c_long
+         integer(c_int), value :: descriptor
+         integer(c_long), value :: offset
+         integer(c_int), value :: from
+      end function c_lseek
       integer(c_int) function c_close(file) bind(c, name="close")
          import :: c_int
          integer(c_int), value :: file
@@ -62,6 +68,8 @@ module rockfall_filesystem
 
    integer(c_int), parameter :: size_signal = 25        !! SIGXFSZ of Linux and BSD
    integer(c_intptr_t), parameter :: ignore_signal = 1  !! SIG_IGN
+   !> O_NONBLOCK of Linux and that of BSD; each means nothing to the other where a file is only read.
+   integer(c_int), parameter :: without_waiting = 2048 + 4
 
 contains
 
@@ -147,6 +155,19 @@ contains
 
       inquire (file=path//"/.", exist=is_folder)
    end function is_folder
+
+   !> Whether `path` leads to what has no places to go to: a pipe, a socket, a terminal. To open a pipe for reading
+   !> would wait until someone writes.
+   logical function is_pipe(path)
+      character(len=*), intent(in) :: path
+      integer(c_int) :: descriptor, status
+
+      is_pipe = .false.
+      descriptor = c_open(path//c_null_char, without_waiting)
+      if (descriptor < 0) return
+      is_pipe = c_lseek(descriptor, 0_c_long, 0_c_int) < 0
+      status = c_close(descriptor)
+   end function is_pipe
 
    !> Whether two paths lead to one file, by whatever names.
    logical function same_file(a, b)

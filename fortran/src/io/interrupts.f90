@@ -5,7 +5,7 @@
 module rockfall_interrupts
    use, intrinsic :: iso_c_binding, only: c_char, c_int, c_size_t, c_intptr_t, c_funptr, c_funloc
    use rockfall_kinds, only: wp, i8
-   use rockfall_filesystem, only: end_at_once, remove_file
+   use rockfall_filesystem, only: end_at_once, remove_file, c_signal
    implicit none
    private
    public :: note_interrupts, interrupt_status, begin_reading, end_reading, note_lock
@@ -28,11 +28,6 @@ module rockfall_interrupts
          character(kind=c_char), intent(in) :: text(*)
          integer(c_size_t), value :: bytes
       end function c_write
-      integer(c_intptr_t) function c_signal(number, action) bind(c, name="signal")
-         import :: c_int, c_intptr_t
-         integer(c_int), value :: number
-         integer(c_intptr_t), value :: action
-      end function c_signal
    end interface
 
 contains

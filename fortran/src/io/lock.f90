@@ -8,7 +8,7 @@ module rockfall_lock
    use rockfall_interrupts, only: note_lock
    implicit none
    private
-   public :: lock_t, take_lock, give_lock_back
+   public :: lock_t, take_lock, give_lock_back, say_to
 
    integer(c_int), parameter :: exclusive = 2 + 4, open_again = 8  !! LOCK_EX + LOCK_NB, LOCK_UN
 

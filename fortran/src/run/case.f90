@@ -5,8 +5,9 @@ module rockfall_case
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail
    use rockfall_text, only: integer_text, joined
-   use rockfall_namelist, only: namelist_t, group_t, entry_t, parse_namelist
-   use rockfall_values, only: has_key, value_count, get_text, get_integer, get_real, get_logical, refuse
+   use rockfall_namelist, only: namelist_t, group_t, parse_namelist
+   use rockfall_values, only: has_key, value_count, get_text, get_integer, get_real, get_logical, refuse, &
+                              about, check_names
    use rockfall_variables, only: map_fields
    use rockfall_boulder, only: volume_distribution_t, fixed_volume, normal_volume, uniform_volume, lognormal_volume, &
                                list_volume
@@ -176,7 +177,8 @@ contains
       type(error_t), allocatable, intent(out) :: error
 
       call parse_namelist(text, file, list, error)
-      if (.not. allocated(error)) call check_groups(list, error)
+      if (.not. allocated(error)) call check_names(list, key_table%group, key_table%name, "line", &
+                                                   "a case has one such group; only &line may repeat", error)
       if (.not. allocated(error)) call complete(list, file)
       if (.not. allocated(error)) call check_keys(list, error)
    end subroutine read_keys
@@ -192,55 +194,6 @@ contains
              //trim(key%default)//"|"//trim(key%allowed)//"|"//trim(key%unit)//"|"//trim(key%meaning)
    end function key_text
 
-   !> Only groups and keys of the table, and only &line repeats.
-   pure subroutine check_groups(list, error)
-      type(namelist_t), intent(in) :: list
-      type(error_t), allocatable, intent(out) :: error
-      integer :: g, e
-
-      do g = 1, size(list%group)
-         associate (group => list%group(g))
-            if (.not. any(key_table%group == group%name)) then
-               call fail(error, group%file//": line "//integer_text(group%line)//": &"//trim(group%name) &
-                         //": unknown group; known: "//known_groups())
-            else if (group%repeated .and. group%name /= "line") then
-               call fail(error, group%file//": line "//integer_text(group%line)//": &"//trim(group%name) &
-                         //": a case has one such group; only &line may repeat")
-            end if
-            if (allocated(error)) return
-            do e = 1, size(group%entry)
-               if (any(key_table%group == group%name .and. key_table%name == group%entry(e)%key)) cycle
-               call fail(error, group%file//": line "//integer_text(group%entry(e)%line)//": &" &
-                         //trim(group%name)//" "//trim(group%entry(e)%key)//": unknown key; known: " &
-                         //known_keys(trim(group%name)))
-               return
-            end do
-         end associate
-      end do
-   end subroutine check_groups
-
-   pure function known_groups() result(names)
-      character(len=:), allocatable :: names
-      integer :: k
-
-      names = "&case"
-      do k = 2, n_keys
-         if (key_table(k)%group /= key_table(k - 1)%group) names = names//", &"//trim(key_table(k)%group)
-      end do
-   end function known_groups
-
-   pure function known_keys(group) result(names)
-      character(len=*), intent(in) :: group
-      character(len=:), allocatable :: names
-      integer :: k
-
-      names = ""
-      do k = 1, n_keys
-         if (key_table(k)%group == group) names = names//", "//trim(key_table(k)%name)
-      end do
-      names = names(3:)
-   end function known_keys
-
    !> Add the groups that are absent and the defaults of keys that are absent.
    pure subroutine complete(list, file)
       type(namelist_t), intent(inout) :: list
@@ -252,7 +205,7 @@ contains
       call parse_namelist(default_case(), file, defaults, error)
       do d = 1, size(defaults%group)
          associate (default => defaults%group(d))
-            if (default%name /= "line" .and. .not. has_group(list, default%name)) then
+            if (default%name /= "line" .and. .not. any(list%group%name == default%name)) then
                list%group = [list%group, default]
                cycle
             end if
@@ -289,13 +242,6 @@ contains
       text = text//" /"
    end function default_case
 
-   pure logical function has_group(list, name)
-      type(namelist_t), intent(in) :: list
-      character(len=*), intent(in) :: name
-
-      has_group = any(list%group%name == name)
-   end function has_group
-
    !> The group of a name, which `complete` made sure is there.
    pure type(group_t) function group_of(list, name)
       type(namelist_t), intent(in) :: list
@@ -327,6 +273,7 @@ contains
       type(key_t), intent(in) :: key
       type(error_t), allocatable, intent(out) :: error
       character(len=:), allocatable :: name
+      logical :: switch
       integer :: n
 
       name = trim(key%name)
@@ -343,21 +290,10 @@ contains
          case ("text"); call check_texts(group, key, error)
          case ("integer"); call check_integers(group, key, error)
          case ("real"); call check_reals(group, key, error)
-         case default; call check_logical(group, name, error)
+         case default; call get_logical(group, name, switch, error)
          end select
       end if
    end subroutine check_key
-
-   !> `case.nml: &group key`
-   pure function about(group, name) result(text)
-      type(group_t), intent(in) :: group
-      character(len=*), intent(in) :: name
-      character(len=:), allocatable :: text
-
-      text = group%file//": "
-      if (group%repeated) text = text//"line "//integer_text(group%line)//": "
-      text = text//"&"//trim(group%name)//" "//name
-   end function about
 
    pure subroutine check_texts(group, key, error)
       type(group_t), intent(in) :: group
@@ -440,15 +376,6 @@ contains
          call parse_real(trim(allowed(index(allowed, " ") + 1:)), range(1), status)
       end if
    end function range_of
-
-   pure subroutine check_logical(group, name, error)
-      type(group_t), intent(in) :: group
-      character(len=*), intent(in) :: name
-      type(error_t), allocatable, intent(out) :: error
-      logical :: value
-
-      call get_logical(group, name, value, error)
-   end subroutine check_logical
 
    ! From here on every value is known to be of its kind and range; what is left are the rules between keys.
 

@@ -38,14 +38,14 @@ module rockfall_impact_sets
 contains
 
    !> The numbers of the sets in a text, each checked by factoring it, with what the case's rule of turning needs.
-   !> Without `draw` there must be one draw only.
-   subroutine read_sets(text, file, turning, sets, error, draw, draws)
+   !> There must be one draw only, or the one to read is told.
+   subroutine read_sets(text, file, turning, draw, sets, error, draws)
       character(len=*), intent(in) :: text
       character(len=*), intent(in) :: file  !! its name, for messages
       integer, intent(in) :: turning           !! rule of turning_t
+      integer, intent(in) :: draw              !! the one to read; 0: there must be one only
       type(coefficients_t), intent(out) :: sets
       type(error_t), allocatable, intent(out) :: error
-      integer, intent(in), optional :: draw    !! the one to read
       integer, intent(out), optional :: draws  !! that there are
       type(namelist_t) :: list
       type(impact_set_t) :: set
@@ -56,14 +56,13 @@ contains
       character(len=:), allocatable :: of_draw
 
       found = .false.
-      wanted = 1
+      wanted = max(1, draw)
       if (present(draws)) draws = 1
-      if (present(draw)) wanted = draw
       call parse_namelist(text, file, list, error)
       if (.not. allocated(error)) call read_draws(list, belongs, error)
       if (allocated(error)) return
       if (present(draws)) draws = max(1, maxval(belongs))
-      if (.not. present(draw) .and. any(belongs > 1)) then
+      if (draw == 0 .and. any(belongs > 1)) then
          call fail(error, file//": holds "//integer_text(maxval(belongs))//" draws of the sets: they are for &ensemble sets")
          return
       end if

@@ -65,6 +65,7 @@ contains
       type(namelist_t), intent(out) :: list
       type(error_t), allocatable, intent(out) :: error
       type(group_t), allocatable :: groups(:)
+      type(entry_t) :: entries(most_keys + 1)
       type(cursor_t) :: at
       integer :: n
 
@@ -84,7 +85,7 @@ contains
          end if
          if (n == size(groups)) call enlarge_groups(groups)
          n = n + 1
-         call parse_group(text, file, at, groups(n), error)
+         call parse_group(text, file, at, entries, groups(n), error)
          if (allocated(error)) return
       end do
       allocate (list%group(n))
@@ -93,12 +94,12 @@ contains
    end subroutine parse_namelist
 
    !> From `&` to the closing `/`.
-   pure subroutine parse_group(text, file, at, group, error)
+   pure subroutine parse_group(text, file, at, entries, group, error)
       character(len=*), intent(in) :: text, file
       type(cursor_t), intent(inout) :: at
+      type(entry_t), intent(inout) :: entries(:)  !! room for one more than a group may have
       type(group_t), intent(inout) :: group
       type(error_t), allocatable, intent(out) :: error
-      type(entry_t), allocatable :: entries(:)
       type(cursor_t) :: start
       integer :: n
 
@@ -113,13 +114,11 @@ contains
       end if
       group%name = lower(text(start%pos:at%pos - 1))
 
-      allocate (entries(8))
       n = 0
       do
          call skip_blanks(text, at)
          if (at%pos > len(text)) exit
          if (text(at%pos:at%pos) == "/" .or. text(at%pos:at%pos) == "&") exit
-         if (n == size(entries)) call enlarge_entries(entries)
          n = n + 1
          call parse_entry(text, file, at, entries(n), error)
          if (allocated(error)) return
@@ -459,15 +458,6 @@ contains
       values(n + 1:n + repeats) = value
       n = n + repeats
    end subroutine append
-
-   pure subroutine enlarge_entries(entries)
-      type(entry_t), allocatable, intent(inout) :: entries(:)
-      type(entry_t), allocatable :: larger(:)
-
-      allocate (larger(2*size(entries)))
-      call move_entries(entries, larger(:size(entries)))
-      call move_alloc(larger, entries)
-   end subroutine enlarge_entries
 
    !> Handed over, not copied: values may be many.
    pure subroutine move_entries(from, to)

@@ -58,17 +58,11 @@ module rockfall_run_loop
    !> Who looks at the results of a run while it goes on, and may have some of them to begin with.
    type, abstract :: run_observer_t
    contains
-      procedure(bring_results), deferred :: on_start  !! before the first chunk
-      procedure(see_results), deferred :: on_chunk    !! before each; an error when the run is to stop
+      procedure(see_results), deferred :: on_start  !! before the first chunk
+      procedure(see_results), deferred :: on_chunk  !! before each; an error when the run is to stop
    end type run_observer_t
 
    abstract interface
-      subroutine bring_results(this, results, error)
-         import :: run_observer_t, results_t, error_t
-         class(run_observer_t), intent(inout) :: this
-         type(results_t), intent(inout), target :: results
-         type(error_t), allocatable, intent(out) :: error
-      end subroutine bring_results
       subroutine see_results(this, results, error)
          import :: run_observer_t, results_t, error_t
          class(run_observer_t), intent(inout) :: this

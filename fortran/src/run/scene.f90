@@ -68,11 +68,7 @@ contains
       type(scene_t), intent(inout) :: scene
 
       associate (grid => arrays%grid, first => arrays%first, surface => scene%surface)
-         if (associated(arrays%z8)) then
-            scene%dem = terrain(grid%west, grid%north, grid%cell, z8=arrays%z8, nodes=[grid%nx, grid%ny], first=first)
-         else
-            scene%dem = terrain(grid%west, grid%north, grid%cell, z4=arrays%z4, nodes=[grid%nx, grid%ny], first=first)
-         end if
+         scene%dem = terrain(grid%west, grid%north, grid%cell, arrays%z8, arrays%z4, [grid%nx, grid%ny], first)
          surface%method = case%method
          surface%size_to_radius = case%size_to_radius
          surface%sizes = arrays%sizes
@@ -135,11 +131,7 @@ contains
       type(coefficients_t) :: sets
       integer :: k
 
-      if (arrays%draw > 0) then
-         call read_sets(arrays%sets_text, arrays%sets_name, case%turning, sets, error, arrays%draw)
-      else
-         call read_sets(arrays%sets_text, arrays%sets_name, case%turning, sets, error)
-      end if
+      call read_sets(arrays%sets_text, arrays%sets_name, case%turning, arrays%draw, sets, error)
       do k = 1, impact_ratios
          if (.not. allocated(error)) call impact_set(sets%mean(:, k), sets%covariance(:, :, k), scene%sets(k), error)
          if (allocated(error)) return

@@ -69,8 +69,8 @@ contains
          call fail(error, "threads = "//integer_text(threads)//": must be 0 (all cores) to "//integer_text(max_threads))
          return
       else if (team_size(threads) > max_threads) then
-         call fail(error, "OMP_NUM_THREADS = "//text(int(team_size(threads), c_size_t))//": must be at most " &
-                   //text(int(max_threads, c_size_t)))
+         call fail(error, "OMP_NUM_THREADS = "//integer_text(team_size(threads))//": must be at most " &
+                   //integer_text(max_threads))
          return
       end if
       stack = stack_of_this()
@@ -82,12 +82,12 @@ contains
          stacks = stack*(team_size(threads) - 2)
       end if
       if (stack < min_stack) then
-         call fail(error, "a thread has a stack of "//text(stack/kilobyte)//" kB: must be at least " &
-                   //text(min_stack/kilobyte)//" kB (ulimit -s, OMP_STACKSIZE)")
+         call fail(error, "a thread has a stack of "//integer_text(stack/kilobyte)//" kB: must be at least " &
+                   //integer_text(min_stack/kilobyte)//" kB (ulimit -s, OMP_STACKSIZE)")
       else if (.not. fits(stacks)) then
-         call fail(error, "threads = "//text(int(team_size(threads), c_size_t))//": their stacks of " &
-                   //text(stack/kilobyte)//" kB do not fit into the memory (ulimit -v); fewer do, or a smaller " &
-                   //"OMP_STACKSIZE")
+         call fail(error, "threads = "//integer_text(team_size(threads))//": their stacks of " &
+                   //integer_text(stack/kilobyte)//" kB do not fit into the memory (ulimit -v); fewer do, " &
+                   //"or a smaller OMP_STACKSIZE")
       end if
    end subroutine check_team
 
@@ -123,13 +123,4 @@ contains
       fits = at /= -1
       if (fits) fits = c_unmap(at, bytes) == 0
    end function fits
-
-   pure function text(number)
-      integer(c_size_t), intent(in) :: number
-      character(len=:), allocatable :: text
-      character(len=20) :: digits
-
-      write (digits, "(i0)") number
-      text = trim(digits)
-   end function text
 end module rockfall_threads

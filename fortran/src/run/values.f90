@@ -4,11 +4,11 @@ module rockfall_values
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail
    use rockfall_decimal, only: parse_real, parse_integer, decimal_ok, decimal_malformed
-   use rockfall_namelist, only: group_t, entry_t
+   use rockfall_namelist, only: namelist_t, group_t, entry_t
    use rockfall_text, only: lower, integer_text, excerpt
    implicit none
    private
-   public :: has_key, value_count, get_text, get_integer, get_real, get_logical, refuse
+   public :: has_key, value_count, get_text, get_integer, get_real, get_logical, refuse, about, check_names
 
    integer, parameter :: most_texts = 1000  !! of a list of texts
 
@@ -22,6 +22,53 @@ module rockfall_values
    end interface get_real
 
 contains
+
+   !> Only groups and keys of a table, each with its group beside it, and no group twice but one.
+   pure subroutine check_names(list, groups, keys, repeatable, rule, error)
+      type(namelist_t), intent(in) :: list
+      character(len=*), intent(in) :: groups(:), keys(:)  !! a row for each key; rows of a group follow each other
+      character(len=*), intent(in) :: repeatable, rule    !! the group that may repeat, and what to say of others
+      type(error_t), allocatable, intent(out) :: error
+      integer :: g, e
+
+      do g = 1, size(list%group)
+         associate (group => list%group(g))
+            if (.not. any(groups == group%name)) then
+               call fail(error, place(group%line)//": unknown group; known: "//known(groups, "&"))
+            else if (group%repeated .and. group%name /= repeatable) then
+               call fail(error, place(group%line)//": "//rule)
+            end if
+            if (allocated(error)) return
+            do e = 1, size(group%entry)
+               if (any(groups == group%name .and. keys == group%entry(e)%key)) cycle
+               call fail(error, place(group%entry(e)%line)//" "//trim(group%entry(e)%key)//": unknown key; known: " &
+                         //known(pack(keys, groups == group%name), ""))
+               return
+            end do
+         end associate
+      end do
+
+   contains
+
+      pure function place(line) result(text)
+         integer, intent(in) :: line
+         character(len=:), allocatable :: text
+
+         text = list%group(g)%file//": line "//integer_text(line)//": &"//trim(list%group(g)%name)
+      end function place
+   end subroutine check_names
+
+   !> Names with commas between and a sign before, each once.
+   pure function known(names, sign) result(text)
+      character(len=*), intent(in) :: names(:), sign
+      character(len=:), allocatable :: text
+      integer :: k
+
+      text = sign//trim(names(1))
+      do k = 2, size(names)
+         if (names(k) /= names(k - 1)) text = text//", "//sign//trim(names(k))
+      end do
+   end function known
 
    pure logical function has_key(group, key)
       type(group_t), intent(in) :: group
@@ -61,9 +108,7 @@ contains
       integer :: k, one
 
       k = key_index(group, key)
-      message = group%file//": "
-      if (group%repeated) message = message//"line "//integer_text(group%line)//": "
-      message = message//"&"//trim(group%name)//" "//key
+      message = about(group, key)
       if (k > 0) then
          one = 0
          if (present(item)) one = item
@@ -74,6 +119,17 @@ contains
       end if
       call fail(error, message//": "//rule)
    end subroutine refuse
+
+   !> `case.nml: &group key`
+   pure function about(group, name) result(text)
+      type(group_t), intent(in) :: group
+      character(len=*), intent(in) :: name
+      character(len=:), allocatable :: text
+
+      text = group%file//": "
+      if (group%repeated) text = text//"line "//integer_text(group%line)//": "
+      text = text//"&"//trim(group%name)//" "//name
+   end function about
 
    !> The values as written, shortened; all of them if `item` is 0.
    pure function shown(entry, item)
@@ -173,10 +229,20 @@ contains
       character(len=*), intent(in) :: key
       integer(i8), intent(inout) :: value
       type(error_t), allocatable, intent(out) :: error
-      integer :: k
+      integer(i8) :: number
+      integer :: k, status
 
       call find_one(group, key, k, error)
-      if (k > 0 .and. .not. allocated(error)) call to_integer(group, k, 1, value, error)
+      if (k == 0 .or. allocated(error)) return
+      status = decimal_malformed
+      if (.not. group%entry(k)%value(1)%quoted) call parse_integer(raw(group%entry(k), 1), number, status)
+      if (status == decimal_ok) then
+         value = number
+      else if (status == decimal_malformed) then
+         call refuse(group, key, "must be an integer", error)
+      else
+         call refuse(group, key, "must be an integer of 64 bits", error)
+      end if
    end subroutine get_integer
 
    pure subroutine get_real_one(group, key, value, error)
@@ -216,7 +282,12 @@ contains
       integer :: k
 
       call find_one(group, key, k, error)
-      if (k > 0 .and. .not. allocated(error)) call to_logical(group, k, 1, value, error)
+      if (k == 0 .or. allocated(error)) return
+      select case (lower(as_written(group%entry(k), 1)))
+      case (".true.", ".t.", "true", "t"); value = .true.
+      case (".false.", ".f.", "false", "f"); value = .false.
+      case default; call refuse(group, key, "must be .true. or .false.", error)
+      end select
    end subroutine get_logical
 
    !> Value `i` of entry `k` as text, its doubled quotes made single.
@@ -243,27 +314,6 @@ contains
       end do
       value = written(:n)
    end subroutine to_text
-
-   pure subroutine to_integer(group, k, i, value, error)
-      type(group_t), intent(in) :: group
-      integer, intent(in) :: k, i
-      integer(i8), intent(inout) :: value
-      type(error_t), allocatable, intent(out) :: error
-      integer(i8) :: number
-      integer :: status
-
-      status = decimal_malformed
-      if (.not. group%entry(k)%value(i)%quoted) then
-         call parse_integer(raw(group%entry(k), i), number, status)
-      end if
-      if (status == decimal_ok) then
-         value = number
-      else if (status == decimal_malformed) then
-         call refuse(group, trim(group%entry(k)%key), "must be an integer", error, i)
-      else
-         call refuse(group, trim(group%entry(k)%key), "must be an integer of 64 bits", error, i)
-      end if
-   end subroutine to_integer
 
    pure subroutine to_real(group, k, i, value, error)
       type(group_t), intent(in) :: group
@@ -295,22 +345,4 @@ contains
       is_not_finite = index(lower(word(first:)), "inf") == 1 .or. &
                       index(lower(word(first:)), "nan") == 1
    end function is_not_finite
-
-   pure subroutine to_logical(group, k, i, value, error)
-      type(group_t), intent(in) :: group
-      integer, intent(in) :: k, i
-      logical, intent(inout) :: value
-      type(error_t), allocatable, intent(out) :: error
-      character(len=:), allocatable :: word
-
-      word = lower(as_written(group%entry(k), i))
-      select case (word)
-      case (".true.", ".t.", "true", "t")
-         value = .true.
-      case (".false.", ".f.", "false", "f")
-         value = .false.
-      case default
-         call refuse(group, trim(group%entry(k)%key), "must be .true. or .false.", error, i)
-      end select
-   end subroutine to_logical
 end module rockfall_values

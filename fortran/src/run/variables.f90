@@ -22,6 +22,11 @@ module rockfall_variables
    character(len=*), parameter :: in_classes = "from counts of classes 14 to 25 % wide"
    character(len=*), parameter :: given_sources = "Wilson (1927): chance of the boulders, given the sources"
 
+   character(len=*), parameter :: energies = " of the passing boulders' greatest energies"
+   character(len=*), parameter :: speeds = " of the passing boulders' greatest speeds"
+   character(len=*), parameter :: jump_heights = " of the passing boulders' greatest jump heights"
+   character(len=*), parameter :: at_crossing = " at the first crossing"
+
    !> In each group the reals and the integers have the order of the rows of rockfall_result;
    !> histograms that of rockfall_histogram; statuses that of their numbers, from 1.
    type(variable_t), parameter :: variable_table(*) = [ &
@@ -55,22 +60,18 @@ module rockfall_variables
       variable_t("line", "x", "real", "m", "easting of the first crossing"), &
       variable_t("line", "y", "real", "m", "northing of the first crossing"), &
       variable_t("line", "time", "real", "s", "time from release to the first crossing"), &
-      variable_t("line", "speed", "real", "m s-1", "speed at the first crossing"), &
-      variable_t("line", "velocity_x", "real", "m s-1", &
-                 "eastward velocity at the first crossing"), &
-      variable_t("line", "velocity_y", "real", "m s-1", &
-                 "northward velocity at the first crossing"), &
-      variable_t("line", "velocity_z", "real", "m s-1", "upward velocity at the first crossing"), &
+      variable_t("line", "speed", "real", "m s-1", "speed"//at_crossing), &
+      variable_t("line", "velocity_x", "real", "m s-1", "eastward velocity"//at_crossing), &
+      variable_t("line", "velocity_y", "real", "m s-1", "northward velocity"//at_crossing), &
+      variable_t("line", "velocity_z", "real", "m s-1", "upward velocity"//at_crossing), &
       variable_t("line", "omega", "real", "rad s-1", &
                  "angular velocity at the first crossing, forward rolling > 0"), &
       variable_t("line", "jump_height", "real", "m", &
                  "height of the boulder's point above the surface, 0 at a contact"), &
       variable_t("line", "passing_height", "real", "m", &
                  "height of the boulder's centre above the surface, vertical"), &
-      variable_t("line", "energy_translational", "real", "J", &
-                 "translational energy at the first crossing"), &
-      variable_t("line", "energy_rotational", "real", "J", &
-                 "rotational energy at the first crossing"), &
+      variable_t("line", "energy_translational", "real", "J", "translational energy"//at_crossing), &
+      variable_t("line", "energy_rotational", "real", "J", "rotational energy"//at_crossing), &
       variable_t("line_vertex", "line", "integer", "1", &
                  "index of the evaluation line", "counts from 0"), &
       variable_t("line_vertex", "x", "real", "m", "easting"), &

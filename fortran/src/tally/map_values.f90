@@ -7,7 +7,7 @@ module rockfall_map_values
    use rockfall_maps, only: maps_t, per_unit
    implicit none
    private
-   public :: map_plan_t, map_plan, map_views, map_row, map_min_count, is_count
+   public :: map_plan_t, map_plan, map_views, map_row, map_min_count
 
    real(wp), parameter :: z_95 = 1.959964_wp  !! standard normal quantile of 0.975: 95 % lie within it [-]
 
@@ -54,15 +54,6 @@ contains
       read (name(q + 2:q + 3), "(i2)") percent
       kind%probability = percent/100.0_wp
    end function kind_of
-
-   !> Whether a map holds integers.
-   pure logical function is_count(name)
-      character(len=*), intent(in) :: name
-      type(kind_t) :: kind
-
-      kind = kind_of(name)
-      is_count = kind%is == a_count
-   end function is_count
 
    !> The tallies that some maps need.
    pure type(map_plan_t) function map_plan(names) result(plan)

@@ -12,7 +12,7 @@ module rockfall_source_maps
    implicit none
    private
    public :: contributing_t, counts_sources, gather, add_source, add_source_of_boulder, partial_sources, first_partial
-   public :: contributing_cells, settle
+   public :: contributing_cells, boulders_within, settle
 
    !> The cells to which partial sources contribute, by source: those of which a range of boulders has some, not all.
    type :: contributing_t
@@ -130,6 +130,14 @@ contains
       if (first == first_of(release, first_partial)) first_partial = 0
    end function first_partial
 
+   !> Boulders of a source in a range of boulders.
+   pure integer(i8) function boulders_within(release, source, first, last) result(n)
+      type(release_t), intent(in) :: release
+      integer(i8), intent(in) :: source, first, last
+
+      n = min(last, last_of(release, source)) - max(first, first_of(release, source)) + 1
+   end function boulders_within
+
    !> The cells to which the partial sources of a range of boulders contribute.
    pure function contributing_cells(maps, release, first, last) result(contributing)
       type(maps_t), intent(in) :: maps
@@ -146,7 +154,7 @@ contains
          n = 0
          do k = 1, size(sources)
             layer = layer_of(maps, sources(k))
-            own = min(last, last_of(release, sources(k))) - max(first, first_of(release, sources(k))) + 1
+            own = boulders_within(release, sources(k), first, last)
             do j = 1, size(maps%last_source, 2)
                do i = 1, size(maps%last_source, 1)
                   if (maps%last_source(i, j, layer) /= sources(k)) cycle

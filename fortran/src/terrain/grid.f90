@@ -4,7 +4,7 @@ module rockfall_grid
    use rockfall_kinds, only: wp
    implicit none
    private
-   public :: grid_t, same_grid, is_outside
+   public :: grid_t, is_outside
 
    !> North-up, square cells; row 1 is the northernmost and x runs fastest, as in files.
    type :: grid_t
@@ -23,18 +23,4 @@ contains
       is_outside = maxval(x) < grid%west .or. minval(x) > grid%west + grid%nx*grid%cell .or. &
                    maxval(y) < grid%north - grid%ny*grid%cell .or. minval(y) > grid%north
    end function is_outside
-
-   !> The same cells, up to a millionth of a cell at every corner.
-   pure logical function same_grid(a, b)
-      type(grid_t), intent(in) :: a, b
-      real(wp), parameter :: tolerance = 1.0e-6_wp  !! [cells]
-      real(wp) :: off
-
-      same_grid = a%nx == b%nx .and. a%ny == b%ny
-      if (.not. same_grid) return
-      off = max(abs(a%west - b%west), abs(a%north - b%north))
-      off = max(off, abs(a%west - b%west + a%nx*(a%cell - b%cell)), &
-                abs(a%north - b%north - a%ny*(a%cell - b%cell)))
-      same_grid = off <= tolerance*min(a%cell, b%cell)
-   end function same_grid
 end module rockfall_grid

@@ -4,7 +4,7 @@
 program test_flight
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use rockfall_kinds, only: wp
-   use rockfall_terrain, only: terrain_t, patch_t, terrain, locate, read_patch, height, on_terrain
+   use rockfall_terrain, only: terrain_t, patch_t, terrain, locate, read_patch, height
    use rockfall_flight, only: flight_t, landing_t, span_t, fly, launch_rate, arc_length
    use check_m, only: check, check_close, finish
    implicit none

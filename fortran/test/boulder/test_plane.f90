@@ -6,7 +6,8 @@ program test_plane
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use rockfall_terrain, only: terrain, keep_within
    use rockfall_random, only: random_key
-   use rockfall_scene, only: coefficients_t, set_sources, check_sources, set_impacts
+   use rockfall_scene, only: check_sources
+   use rockfall_impact, only: impact_set
    use rockfall_direction, only: to_aspect
    use rockfall_trajectory, only: scene_t, boulder_result_t, scratch_t, contact_t, impact_limit, &
       left_domain, hit_nodata, left_window
@@ -71,8 +72,7 @@ contains
       call make_scene(scene, [0.0_wp, 0.0_wp], error)
       scene%release%drop_height = 0
       scene%release%velocity = [7.0_wp, 1.0_wp, -9.0_wp]
-      call set_impacts(scene, coefficients_t(spread([kept, 0.0_wp, 0.0_wp, flat, (0.0_wp, k=5, 9)], 2, 5)), &
-                       to_aspect, error)
+      call set_matrix(scene, [kept, 0.0_wp, 0.0_wp, flat, (0.0_wp, k=5, 9)], error)
       call trace_boulder(scene, 1_i8, 2*rebounds, result, scratch)
       call check("slides on", result%impacts == rebounds .and. result%rebounds == rebounds)
       time = 0
@@ -93,8 +93,7 @@ contains
       z = spread([(-0.7_wp*cell*k, k=1, nx)], 2, ny)
       call make_scene(scene, [0.0_wp, 0.0_wp], error)
       scene%max_impacts = 10000
-      call set_impacts(scene, coefficients_t(spread([0.9_wp, 0.0_wp, 0.0_wp, 0.3_wp, (0.0_wp, k=5, 9)], 2, 5)), &
-                       to_aspect, error)
+      call set_matrix(scene, [0.9_wp, 0.0_wp, 0.0_wp, 0.3_wp, (0.0_wp, k=5, 9)], error)
       call trace_boulder(scene, 1_i8, 2, result, scratch)
       call check("over the edge", result%status == left_domain)
       call check_close("at the outer cell centres", result%stop(1), (nx - 1)*cell, 1.0e-12_wp)
@@ -129,14 +128,27 @@ contains
       scene%surface%sizes = reshape([0.25_wp], [1, 1])
       scene%volumes%mean = 0.8_wp
       scene%release%drop_height = drop
-      associate (dem => scene%dem)
-         call set_sources(scene, [dem%x0 + 39*cell + place(1)], [dem%y0 + 35*cell + place(2)])
-      end associate
+      scene%release%x = [39*cell + place(1)]
+      scene%release%y = [35*cell + place(2)]
       head = -huge(head)
       call check_sources(scene, 1, scene%dem%ny, head, error)
       if (allocated(error)) return
-      call set_impacts(scene, coefficients_t(spread(reshape(transpose(matrix), [9]), 2, 5)), to_aspect, error)
+      call set_matrix(scene, reshape(transpose(matrix), [9]), error)
    end subroutine make_scene
+
+   !> Impact sets that know one matrix, by rows.
+   subroutine set_matrix(scene, elements, error)
+      type(scene_t), intent(inout) :: scene
+      real(wp), intent(in) :: elements(9)
+      type(error_t), allocatable, intent(out) :: error
+      integer :: i, k
+
+      scene%turning = to_aspect
+      do k = 1, size(scene%sets)
+         call impact_set(elements, spread([(0.0_wp, i=1, 9)], 2, 9), scene%sets(k), error)
+         if (allocated(error)) return
+      end do
+   end subroutine set_matrix
 
    !> The normal velocity is reversed after T = 2 V_n/(g cos), meanwhile g sin T is gained along the slope
    !> and V_t T + g sin T**2/2 covered.

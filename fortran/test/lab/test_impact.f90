@@ -10,7 +10,7 @@ program test_lab_impact
    use lab_contact, only: material_t
    use lab_packing, only: packing_t, layer_t, pack_layer
    use lab_step, only: sound, too_soft
-   use lab_impact, only: shot_t, state_t, outcome_t, fire, first_contact, check_shot, &
+   use lab_impact, only: shot_t, outcome_t, fire, first_contact, check_shot, &
       rebounded, lifted, rolled_on, exploded, misfit
    use lab_ensemble, only: range_t, identity_t, draw_shot, check_range, pack_layers, fire_shots
    use check_m, only: check, check_close, finish

@@ -3,7 +3,7 @@
 program test_namelist
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t
-   use rockfall_namelist, only: namelist_t, group_t, parse_namelist
+   use rockfall_namelist, only: namelist_t, parse_namelist
    use rockfall_values, only: has_key, value_count, get_text, get_integer, get_real, &
                               get_logical, refuse
    use rockfall_text_file, only: read_text
