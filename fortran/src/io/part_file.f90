@@ -17,7 +17,8 @@ module rockfall_part_file
                                  vertex_fields, histogram_fields, statuses
    use rockfall_histogram, only: n_bins
    use rockfall_maps, only: maps_t
-   use rockfall_source_maps, only: contributing_t, contributing_cells, partial_sources, boulders_within, settle
+   use rockfall_source_maps, only: contributing_t, contributing_cells, partial_sources, settle
+   use rockfall_boulder, only: first_of, last_of
    use rockfall_case, only: case_t
    use rockfall_case_file, only: differing_key
    use rockfall_scene_file, only: inputs_t

@@ -5,7 +5,7 @@ module rockfall_scene_file
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_is_finite
    use netcdf, only: nf90_global, nf90_inq_varid, nf90_noerr, nf90_char, nf90_byte, nf90_short, nf90_float, &
                      nf90_double
-   use rockfall_kinds, only: wp, i1, i2, i8
+   use rockfall_kinds, only: wp, sp, i1, i2, i8
    use rockfall_error, only: error_t, fail
    use rockfall_text, only: integer_text
    use rockfall_netcdf_file, only: netcdf_file_t, axis_t, about_t, open_netcdf, keep, sound, mark_damaged, &
@@ -24,7 +24,7 @@ module rockfall_scene_file
    real(wp), parameter :: max_elevation = 1.0e7_wp  !! [m] above or below zero
    integer, parameter :: max_text = 64*1024**2    !! [bytes] of impact sets
 
-   !> A scene and what it was made of; its arrays stay to the end of the program.
+   !> A scene and what it was made of. What holds it must be a target.
    type :: inputs_t
       type(scene_t) :: scene
       type(scene_arrays_t) :: arrays
@@ -32,6 +32,11 @@ module rockfall_scene_file
       integer :: crs = -1                      !! number of that variable
       type(axis_t) :: cells(2)                 !! x, y
       character(len=:), allocatable :: case_file, impact_set_checksum, input_checksums, decoded_checksums
+      real(wp), allocatable :: z8(:, :)
+      real(sp), allocatable :: z4(:, :)
+      integer(i1), allocatable :: zone1(:, :)
+      integer(i2), allocatable :: zone2(:, :)
+      real(sp), allocatable :: values(:, :, :)
    end type inputs_t
 
 contains
@@ -41,7 +46,7 @@ contains
       character(len=*), intent(in) :: name
       type(case_t), intent(in) :: case
       character(len=*), intent(in) :: text  !! of the case
-      type(inputs_t), intent(out) :: inputs
+      type(inputs_t), intent(out), target :: inputs
       type(error_t), allocatable, intent(out) :: error
 
       call open_netcdf(name, inputs%file, error)
@@ -58,6 +63,7 @@ contains
          error%message = error%message//" is missing, or not as a scene file has it"
          return
       end if
+      call point_to(inputs)
       call scene_from(case, inputs%arrays, inputs%scene, error)
    end subroutine read_scene
 
@@ -152,10 +158,10 @@ contains
       integer, intent(in) :: j
       real(wp) :: z(inputs%arrays%grid%nx)
 
-      if (associated(inputs%arrays%z4)) then
-         z = inputs%arrays%z4(:, j)
+      if (allocated(inputs%z4)) then
+         z = inputs%z4(:, j)
       else
-         z = inputs%arrays%z8(:, j)
+         z = inputs%z8(:, j)
       end if
    end function row_of
 
@@ -232,7 +238,7 @@ contains
             if (allocated(inputs%zone1)) then
                zone = inputs%zone1(:, j)
             else
-               zone = arrays%zone2(:, j)
+               zone = inputs%zone2(:, j)
             end if
             here = is_known(inputs, j)
             if (any(zone < 0 .or. zone > materials)) call mark_damaged(file, "zone")
@@ -249,7 +255,7 @@ contains
 
       do k = 1, n
          do j = 1, inputs%arrays%grid%ny
-            if (any(is_known(inputs, j) .and. .not. above_zero(real(inputs%arrays%values(:, j, k), wp)))) &
+            if (any(is_known(inputs, j) .and. .not. above_zero(real(inputs%values(:, j, k), wp)))) &
                call mark_damaged(inputs%file, "cell_size")
          end do
       end do
@@ -303,4 +309,17 @@ contains
          arrays%sets_name = text_of(file, id, "file")
       end associate
    end subroutine read_sets
+
+   !> The views of the scene.
+   subroutine point_to(inputs)
+      type(inputs_t), intent(inout), target :: inputs
+
+      associate (arrays => inputs%arrays)
+         if (allocated(inputs%z8)) arrays%z8 => inputs%z8
+         if (allocated(inputs%z4)) arrays%z4 => inputs%z4
+         if (allocated(inputs%zone1)) arrays%zone1 => inputs%zone1
+         if (allocated(inputs%zone2)) arrays%zone2 => inputs%zone2
+         if (allocated(inputs%values)) arrays%values => inputs%values
+      end associate
+   end subroutine point_to
 end module rockfall_scene_file
