@@ -150,6 +150,12 @@ def _geopackage_kind(path: str | Path) -> str | None:
     return LAYERS if about and all(one == (SIGNATURE,) for one in about) else None
 
 
+def check_folder(folder: Path) -> None:
+    """Refuse a file in place of a folder, which need not be there."""
+    if folder.exists() and not folder.is_dir():
+        raise RockfallError(f"{folder}: is a file, a folder is needed")
+
+
 @contextmanager
 def atomic_folder(
     folder: str | Path,
@@ -160,8 +166,7 @@ def atomic_folder(
     """A temporary folder, whose files go to `folder` when the block ends well, `last` at the end,
     in place of `former` files. When not, nothing has changed."""
     folder = Path(folder)
-    if folder.exists() and not folder.is_dir():
-        raise RockfallError(f"{folder}: is a file, a folder is needed")
+    check_folder(folder)
     place = folder.resolve()
     base = next(path for path in (place, *place.parents) if path.exists())
     part = base / f".{place.name}.{os.getpid()}"

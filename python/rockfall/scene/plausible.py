@@ -15,6 +15,7 @@ import numpy as np
 
 from rockfall.case import FROM_ARRAY
 from rockfall.io.crs import crs_name, length_scale
+from rockfall.scene.rebound import sphere_radius
 from rockfall.scene.scene import Scene, lines_outside
 from rockfall.scene.surface import radius_over_rg
 
@@ -161,17 +162,14 @@ def _boulders(scene: Scene) -> Iterator[str]:
     sizes = {key: boulder.get(key) for key in ("volume_mean", "volume_max", "volumes")}
     for key, value in sizes.items():
         if value is not None and np.max(value) > VOLUME:
+            largest = np.max(value)
             yield (
-                f"&boulder {key} = {np.max(value):g} m3: a boulder {_side(np.max(value)):.0f} m "
+                f"&boulder {key} = {largest:g} m3: a boulder {2 * sphere_radius(largest):.0f} m "
                 "across: was it meant in dm3?"
             )
     if not GRAVITY[0] <= gravity <= GRAVITY[1]:
         unit = "; was it meant in cm/s2?" if 900 < gravity < 1000 else ""
         yield f"&flight gravity = {gravity:g} m/s2: the Earth has 9.81{unit}"
-
-
-def _side(volume: float) -> float:
-    return 2 * float(np.cbrt(0.75 / np.pi * volume))
 
 
 def _rocks(scene: Scene) -> Iterator[str]:

@@ -11,7 +11,7 @@ import numpy as np
 from rockfall.case import Case
 from rockfall.case_files import input_files
 from rockfall.errors import RockfallError
-from rockfall.io.output_files import SCENE, atomic_folder, check_outputs, kind_of
+from rockfall.io.output_files import SCENE, atomic_folder, check_folder, check_outputs, kind_of
 from rockfall.result.dataset import (
     as_dataset,
     centre_variables,
@@ -106,8 +106,7 @@ def _variables(dims: str, **values: np.ndarray | None) -> dict[str, tuple]:
 
 def _prepared_files(folder: Path) -> list[Path]:
     """The files of the prepared case in a folder; one that holds something else is refused."""
-    if folder.exists() and not folder.is_dir():
-        raise RockfallError(f"{folder}: is a file, a folder is needed")
+    check_folder(folder)
     if not folder.exists() or not any(folder.iterdir()):
         return []
     case, scene = folder / "case.nml", folder / "scene.nc"

@@ -38,7 +38,7 @@ os.register_at_fork(before=_core.end_team)
 
 CHUNK_SECONDS = 0.25  # between calls of the kernel: progress, Ctrl-C
 FIRST_CHUNK = 64  # boulders
-STATUS = 0  # row of the kernel's integers
+STATUS = fields(2).index("status")  # row of the kernel's integers
 LEFT_WINDOW = int(_core.constant("left_window"))  # status: to be flown again in a larger window
 
 
