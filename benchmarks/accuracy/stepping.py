@@ -90,7 +90,8 @@ def build(folder: Path) -> Path:
     meson = folder / "fortran/meson.build"
     modules = "'src/exact_flight.f90', '../benchmarks/accuracy/stepped_flight.f90'"
     variant.replace(meson, "'src/boulder/flight.f90'", modules, 1)
-    program = "'../benchmarks/accuracy/stepping.f90', link_with: [batch, kernel], dependencies: netcdf"
+    program = "'../benchmarks/accuracy/stepping.f90'"
+    program += ", link_with: [batch, kernel], dependencies: netcdf"
     with open(meson, "a") as file:
         file.write(f"executable('stepping', {program})\n")
     return variant.build(folder, "fortran/stepping")[0]

@@ -13,6 +13,7 @@ import pytest
 import rockfall
 from programs import (
     everything,
+    find_program,
     make_full_case,
     refused_in_one_line,
     same_results,
@@ -101,7 +102,7 @@ ARGUMENTS = {
     (CASE, "-o", "/proc/x"): "/proc/x: cannot be written (is its folder writable?)",
     (CASE, "-o", CASE): f"{CASE}: is an input; it is not overwritten",
     (CASE, "-o", "ready/scene.nc"): "ready/scene.nc: is an input; it is not overwritten",
-    (CASE, "-o", "zones.csv"): "zones.csv: is there, and not a part of a run that rockfall wrote; "
+    (CASE, "-o", "zones.csv"): "zones.csv: is there, and not a result of a run that rockfall wrote; "
     "it is not overwritten",
 }  # fmt: skip
 
@@ -265,9 +266,6 @@ def test_other_commands_say_what_finishes_a_part(ready, batch, capsys):
 
 def test_quantile_maps_take_memory_where_boulders_pass(batch, tmp_path):
     """Counts for all of a million cells are 824 MB; the program has 500."""
-
-    from program import find_program
-
 
     z, grid = (
         np.zeros((1000, 1000), "f4") - np.arange(1000)[:, None],
