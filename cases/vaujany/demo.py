@@ -11,9 +11,7 @@ from rockfall.analysis.compare import compare
 from rockfall.analysis.observations import read_observed
 from rockfall.html_report import write_report
 from rockfall.io.raster import read_dem
-from rockfall.plots.line_figures import distribution_figure
-from rockfall.plots.overview import overview
-from rockfall.plots.style import save
+from rockfall.plots.figures import figures, write_figures
 from rockfall.text.comparison import text
 from rockfall.text.summary import summary
 
@@ -34,12 +32,10 @@ def main(folder: Path) -> None:
     if results["A"]["stop_x"].equals(results["B"]["stop_x"]):
         print("A and B coincide: the impact set is the same for all ratios R_b/R_m (see README.md)")
 
-    dem, grid = read_dem(HERE / "dem.tif")
-    overview(results["B"], dem, grid, folder / "overview.png")
+    terrain = read_dem(HERE / "dem.tif")
     for method, result in results.items():
-        for name in ("speed", "passing_height"):
-            save(distribution_figure(result, name, paper), folder / f"{name}_{method}.png")
-    write_report(results["B"], folder / "report.html", (dem, grid), paper)
+        write_figures(figures(result, terrain, paper), folder / f"figures_{method}")
+    write_report(results["B"], folder / "report.html", terrain, paper)
     print(f"\nResults, figures and report.html: {folder}")
 
 

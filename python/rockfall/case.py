@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The case: what a run is told. Keys, defaults and ranges stand in the kernel's table alone."""
+"""The case: the input of a run. Keys, defaults and ranges stand in the kernel's table alone."""
 
 from __future__ import annotations
 
 import io
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rockfall._core import rockfall_f2py as _core
-from rockfall.errors import RockfallError
+from rockfall.errors import RockfallError, check_kernel
 from rockfall.io.files import check_text_file
 
 if TYPE_CHECKING:
@@ -93,7 +93,7 @@ class Case:
                 groups[key.group] = {}
         if "dem" not in groups["terrain"]:
             groups["terrain"] = {**groups["terrain"], "dem": FROM_ARRAY}
-        self._groups = {group: _plain(values) for group, values in groups.items()}
+        self._groups = {group: plain_values(values) for group, values in groups.items()}
         _check(self.text().encode(), name)
         for group, values in _parse(_defaults()).items():
             self._groups[group] = {**values, **self._groups[group]}
@@ -127,16 +127,7 @@ class Case:
 
     def text(self) -> str:
         """The case as the text of a namelist file."""
-        import f90nml
-
-        namelist = f90nml.Namelist(
-            {name: values for name, values in self._groups.items() if values}
-        )
-        for one in self.line:
-            namelist.add_cogroup("line", f90nml.Namelist(_plain(one)))
-        text = io.StringIO()
-        namelist.write(text)
-        return text.getvalue()
+        return namelist_text(self._groups, map(plain_values, self.line))
 
     def path(self, file: str) -> Path:
         """The path of a file that the case names."""
@@ -144,11 +135,29 @@ class Case:
 
 
 def _check(text: bytes, name: str) -> None:
+    check_namelist(_core.check_case, text, name)
+
+
+def check_namelist(check: Callable[[bytes, bytes], tuple], text: bytes, name: str) -> None:
+    """Refuse a text in which a procedure of the kernel finds fault."""
     if b"\0" in text:  # the kernel would see the text before it only
         raise RockfallError(f"{name}: character code 0 is not text")
-    code, message = _core.check_case(text or b"\n", name.encode())
-    if code:
-        raise RockfallError(message.decode(errors="replace").strip(), code)
+    check_kernel(*check(text or b"\n", name.encode()))
+
+
+def namelist_text(
+    groups: Mapping[str, Mapping[str, Any]], lines: Iterable[dict] = (), indent: int = 4
+) -> str:
+    """Groups that are not empty, and evaluation lines, as the text of a namelist file."""
+    import f90nml
+
+    namelist = f90nml.Namelist({name: values for name, values in groups.items() if values})
+    for one in lines:
+        namelist.add_cogroup("line", f90nml.Namelist(one))
+    namelist.indent = indent
+    text = io.StringIO()
+    namelist.write(text)
+    return text.getvalue()
 
 
 def _parse(text: str) -> dict[str, Any]:
@@ -173,7 +182,7 @@ def _defaults() -> str:
     return "\n".join(f"&{group} {values} /" for group, values in groups.items())
 
 
-def _plain(values: Mapping[str, Any]) -> dict[str, Any]:
+def plain_values(values: Mapping[str, Any]) -> dict[str, Any]:
     """NumPy numbers, arrays, paths and tuples as a namelist file has them; nothing empty."""
 
     def plain(value: Any) -> Any:
@@ -191,7 +200,7 @@ def _typed(group: str, values: Mapping[str, Any]) -> dict[str, Any]:
     """Reals as float, and a list wherever the table allows several values."""
     kinds = {key.name: key for key in key_table() if key.group == group}
     typed = {}
-    for name, value in _plain(values).items():
+    for name, value in plain_values(values).items():
         several = value if isinstance(value, list) else [value]
         if kinds[name].kind == "real":
             several = [float(one) for one in several]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The one exception a user of rockfall meets."""
+"""The one exception a user of rockfall meets, and what raises it in many places."""
 
 from importlib import import_module
 
@@ -13,6 +13,13 @@ class RockfallError(ValueError):
     def __init__(self, message: str, code: int = 2) -> None:
         super().__init__(" ".join(str(message).splitlines()))
         self.code = code
+
+
+def check_kernel(code: int, message: bytes, name: str = "") -> None:
+    """Raise what the kernel says is wrong; `name` comes before a line that has none."""
+    if code:
+        text = message.decode(errors="replace").strip()
+        raise RockfallError(f"{name}: {text}" if name else text, code)
 
 
 def need(what: str, extra: str, *packages: str) -> None:

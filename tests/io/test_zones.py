@@ -64,7 +64,7 @@ def test_columns_that_are_absent_are_nan():
     [
         ("", "is empty"),
         ("\n\n", "is empty"),
-        ("zone,mean_radius\n", "no zones below the header"),
+        ("zone,mean_radius\n", "no rows below the header"),
         ("id,mean_radius\n1,0.1", "line 1: no column zone; has: id, mean_radius"),
         ("zone,radius\n1,0.1", "line 1: none of the columns mean_radius, rg70, rg20, rg10"),
         ("zone,zone,rg70\n1,1,2", "line 1: column zone: is there twice"),

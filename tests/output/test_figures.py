@@ -21,7 +21,6 @@ from rockfall.plots import line_figures as linefigures
 from rockfall.plots import map_figures as mapfigures
 from rockfall.plots import rebound_figures as reboundfigures
 from rockfall.plots.figures import figures, write_figures
-from rockfall.plots.overview import overview
 from rockfall.plots.terrain import terrain_of
 from rockfall.result import trajectories
 from rockfall.result.variables import MAP
@@ -125,16 +124,6 @@ def test_no_terrain_no_ground(full):
     assert not draw(full, "trajectories").axes[0].images
     coarse = (Z[::2, ::2], Grid(0.0, 400.0, 10.0, 30, 40))
     assert len(draw(full, "profile", coarse).axes) == 2  # heights above it would be wrong
-
-
-PARTS = ("passages", "reach_probability", "line_vertex_line", "trajectory_boulder")
-
-
-@pytest.mark.parametrize(("absent", "boulders"), [((), 50), (PARTS, 1)])
-def test_an_overview_has_what_the_result_has(full, tmp_path, absent, boulders):
-    shown = full.isel(boulder=slice(boulders)).drop_vars(absent)
-    overview(shown, *TERRAIN, tmp_path / "overview.png")
-    assert (tmp_path / "overview.png").stat().st_size > 10_000
 
 
 # ---- what is drawn are the numbers of the result

@@ -17,7 +17,7 @@ import scenes
 from made import PLACE, UTM, make_raster, refused
 from rockfall.cli import main
 from rockfall.io.raster import read_dem
-from rockfall.scene.plausible import doubts
+from rockfall.scene.plausible import implausible
 from rockfall.scene.read import read_scene
 from rockfall.text.preview import preview
 
@@ -93,7 +93,7 @@ def site(tmp_path):
 
 
 def lines(site, **options):
-    return doubts(read_scene(site.case(), **options))
+    return implausible(read_scene(site.case(), **options))
 
 
 # ---- mistakes
@@ -214,7 +214,7 @@ WINDOWED = ["-9999", "0", "feet", "integers", "mask of 1 and 255", "all cells", 
 def test_terrain_in_windows_is_told_alike(site, what):
     MISTAKES[what][0](site)
     scene = read_scene(site.case(), memory=20 * 1000.0)
-    assert scene.windows and doubts(scene) == lines(site)
+    assert scene.windows and implausible(scene) == lines(site)
     whole = read_scene(site.case()).ground
     assert np.array_equal(np.concatenate(scene.ground.source_z), np.concatenate(whole.source_z))
     assert scene.ground.quantiles() == pytest.approx(whole.quantiles(), abs=1e-9)
@@ -356,14 +356,14 @@ def test_a_model_in_a_laboratory(site):
 
 @pytest.mark.parametrize("case", sorted((ROOT / "cases").glob("*/case*.nml")), ids=str)
 def test_cases(case):
-    assert doubts(read_scene(rockfall.read_case(case))) == []
+    assert implausible(read_scene(rockfall.read_case(case))) == []
 
 
 @pytest.mark.parametrize("options", [{}, {"gradient": 0.1}, {"relief": 20.0}, {"dtype": "f4"}])
 def test_scenes_of_the_tests(tmp_path, options):
     z = scenes.rough(**options)
     case = scenes.make_case(tmp_path, *scenes.sets(), release={"x": [150.0], "y": [350.0]})
-    assert doubts(read_scene(case, dem=z, transform=scenes.grid(z))) == []
+    assert implausible(read_scene(case, dem=z, transform=scenes.grid(z))) == []
 
 
 # ---- what `rockfall check` prints

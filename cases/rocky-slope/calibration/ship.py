@@ -25,7 +25,7 @@ from posterior import NAMES, log_likelihood, numbers
 import rockfall
 from rockfall.lab.experiment import STATES, open_impacts
 from rockfall.lab.fit import as_rebounds, fit_impacts, fit_set, impacts_of
-from rockfall.lab.setfile import provenance, write_draws, write_sets
+from rockfall.lab.setfile import provenance, write_sets
 from rockfall.lab.sets import Sets
 
 SHIPPED = HERE.parents[2] / "python" / "rockfall" / "data" / "impact_sets"
@@ -72,7 +72,7 @@ def ship(path: Path) -> None:
         "",
         f"Made by rockfall {rockfall.__version__}: cases/rocky-slope/calibration.",
     ]
-    write_draws(SHIPPED / "rocky-slope-ensemble.nml", draws, about)
+    write_sets(SHIPPED / "rocky-slope-ensemble.nml", draws[0], about, *draws[1:])
 
 
 if __name__ == "__main__":

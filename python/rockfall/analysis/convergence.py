@@ -261,7 +261,7 @@ def _terrains(
     values, seconds = _sample(scene, boulders, seed, advance)
     size = values.shape[2] // (PAIRS * scene.x.size) * scene.x.size or scene.x.size
     each = _numbers(_in_blocks(values, size, PAIRS))
-    whole = _numbers(values[:, :, None])[..., 0]
+    overall = _numbers(values[:, :, None])[..., 0]
     sampled = cost.set_index(KEYS)["error_10000"]
     rows, refused = [], {}
 
@@ -272,26 +272,26 @@ def _terrains(
                 statistical = sampled.get(key, np.nan)
                 rows.append((*key, variant, one, its_error, statistical, SIZE * seconds))
 
-    add(AS_GIVEN, 0 * whole, 0 * whole, seconds)
+    add(AS_GIVEN, 0 * overall, 0 * overall, seconds)
     for variant, terrain in others.items():
         try:
             values, seconds = _sample(terrain, boulders, seed, advance)
         except RockfallError as error:  # a source at the edge, beyond the outermost larger cells
             refused[variant] = str(error)
             continue
-        change, error = _changes(values, whole, each, size)
+        change, error = _changes(values, overall, each, size)
         add(variant, change, error, seconds)
     columns = [*KEYS, "variant", "change", "change_error", "statistical_error", "cpu_seconds"]
     return pd.DataFrame(rows, columns=columns), refused
 
 
 def _changes(
-    values: np.ndarray, whole: np.ndarray, each: np.ndarray, size: int
+    values: np.ndarray, overall: np.ndarray, each: np.ndarray, size: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Relative changes of the numbers, and their standard errors, to (lines, numbers) `whole` and
+    """Relative changes of the numbers, and their standard errors, to (lines, numbers) `overall` and
     their blocks `each`, from what the same boulders did on another terrain."""
     with np.errstate(invalid="ignore"), warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Degrees of freedom")  # nobody crossed
-        change = _numbers(values[:, :, None])[..., 0] / whole - 1
-        apart = (_numbers(_in_blocks(values, size, PAIRS)) - each) / whole[..., None]
+        change = _numbers(values[:, :, None])[..., 0] / overall - 1
+        apart = (_numbers(_in_blocks(values, size, PAIRS)) - each) / overall[..., None]
         return change, np.nanstd(apart, axis=2, ddof=1) / np.sqrt(np.isfinite(apart).sum(axis=2))

@@ -324,7 +324,7 @@ def _profiled(N: int, ordered: np.ndarray, independent: float, fit: Fit) -> Leve
         size = k * np.log(exceeded) + (n - k) * np.log1p(-exceeded)
         return k * np.log(scale) + (1 / shape + 1) * beyond - size
 
-    least = cost((fit.shape, further), value - fit.threshold)
+    minimum = cost((fit.shape, further), value - fit.threshold)
     allowed = Z**2 / 2 * (1 + BARTLETT * n / (k * independent))
 
     def excess_cost(level: float) -> float:
@@ -332,7 +332,7 @@ def _profiled(N: int, ordered: np.ndarray, independent: float, fit: Fit) -> Leve
         options = {"initial_simplex": simplex, "xatol": 1e-4, "fatol": 1e-4}
         above = (level - fit.threshold,)
         found = minimize(cost, simplex[0], above, method="Nelder-Mead", options=options)
-        return (found.fun - least) * independent / n - allowed
+        return (found.fun - minimum) * independent / n - allowed
 
     low = brentq(excess_cost, fit.threshold + 1e-3 * (value - fit.threshold), value, rtol=1e-5)
     if excess_cost(MAX_HIGH * value) < 0:

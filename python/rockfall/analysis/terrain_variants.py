@@ -55,9 +55,9 @@ def _blocks(raster: np.ndarray, factor: int, fill: float) -> np.ndarray:
 
 def _most_frequent(zone: np.ndarray) -> np.ndarray:
     """The zone above 0 that most cells have, 0 where none has one: (ny, nx) of (ny, nx, cells)."""
-    best, most = np.zeros(zone.shape[:2], zone.dtype), np.zeros(zone.shape[:2], int)
+    best, highest = np.zeros(zone.shape[:2], zone.dtype), np.zeros(zone.shape[:2], int)
     for one in np.unique(zone[zone > 0]):
         count = np.count_nonzero(zone == one, axis=2)
-        best[count > most] = one
-        most = np.maximum(most, count)
+        best[count > highest] = one
+        highest = np.maximum(highest, count)
     return best

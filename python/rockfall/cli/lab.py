@@ -39,8 +39,7 @@ def pack_command(arguments: argparse.Namespace) -> int:
     layers = pack_layers(case, arguments.ratio, count=arguments.layers, threads=arguments.threads)
     unit = case.packing["mean_radius"]
     print(f"{'layer':>6}{'bodies':>8}{'surface [R_m]':>15}{'solid':>8}{'floor/weight':>14}")
-    for k in range(len(layers)):
-        surface, _, solid, floor, *_ = layers.facts[:, k]
+    for k, (surface, _, solid, floor, *_) in enumerate(layers.facts.T):
         print(f"{k + 1:6d}{layers.bodies[k]:8d}{surface / unit:15.2f}{solid:8.3f}{floor:14.3f}")
     if arguments.output:
         layer_figure(layers, arguments.output)

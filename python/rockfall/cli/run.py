@@ -16,7 +16,7 @@ from rockfall.errors import RockfallError
 from rockfall.interrupts import exit_status, interrupts
 from rockfall.io.output_files import RESULT, check_output
 from rockfall.result.dataset import write_result
-from rockfall.scene.plausible import doubts
+from rockfall.scene.plausible import implausible
 from rockfall.scene.prepare import prepare
 from rockfall.scene.read import read_scene
 from rockfall.scene.scene import Scene
@@ -103,7 +103,7 @@ def _scene(case: Case, arguments: argparse.Namespace) -> Scene:
     """The scene of a case, with warnings of what is doubtful in it."""
     memory = machine_memory() if arguments.memory is None else read_memory(arguments.memory)
     scene = read_scene(case, memory=memory)
-    for line in doubts(scene):
+    for line in implausible(scene):
         warn(line)
     return scene
 

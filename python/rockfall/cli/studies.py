@@ -15,7 +15,7 @@ from rockfall.case_files import input_files
 from rockfall.cli.messages import DONE
 from rockfall.cli.run import overridden
 from rockfall.errors import RockfallError, need
-from rockfall.io.output_files import FIGURE, STUDY, atomic_folder, check_outputs
+from rockfall.io.output_files import FIGURE, STUDY, atomic_folder, check_folder, check_outputs
 from rockfall.io.tables import write_csv
 from rockfall.plots.convergence import figure
 from rockfall.text.convergence import text
@@ -73,8 +73,7 @@ def write_convergence(
 def check_writable(folder: Path, inputs: Iterable[str | Path] = ()) -> None:
     """Refuse what would keep `write_convergence` from its files, before the runs and not after."""
     need("convergence needs", "report", "matplotlib")
-    if folder.exists() and not folder.is_dir():
-        raise RockfallError(f"{folder}: is there, and not a folder")
+    check_folder(folder)
     if not folder.parent.is_dir():
         raise RockfallError(f"{folder}: there is no folder {folder.parent}")
     if not os.access(folder if folder.exists() else folder.parent, os.W_OK):

@@ -11,7 +11,7 @@ import numpy as np
 
 from rockfall.errors import RockfallError
 from rockfall.io.crs import check_metres, is_metre
-from rockfall.io.grid import TOLERANCE, Grid, row_blocks
+from rockfall.io.grid import TOLERANCE, Grid, flaw_of, row_blocks
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -180,9 +180,7 @@ def _numpy_grid(values: np.ndarray, transform: Affine | Grid) -> tuple[Grid, boo
             )
         return transform, False
     t, (ny, nx) = transform, values.shape
-    if max(abs(t.b), abs(t.d)) * max(nx, ny) > TOLERANCE * abs(t.a) or t.a <= 0:
-        raise RockfallError(f"{_NAME}: is rotated or mirrored; columns must run from west to east")
-    if abs(t.a - abs(t.e)) * max(nx, ny) > TOLERANCE * t.a:
-        raise RockfallError(f"{_NAME}: cells are not square ({t.a:.10g} x {abs(t.e):.10g} m)")
+    if flaw := flaw_of(t, max(nx, ny)):
+        raise RockfallError(f"{_NAME}: {flaw}")
     north = t.f if t.e < 0 else t.f + ny * t.e
     return Grid(float(t.c), float(north), float(t.a), nx, ny), t.e > 0

@@ -19,13 +19,12 @@ from typing import BinaryIO
 from xml.etree import ElementTree
 
 from rockfall.errors import RockfallError
-from rockfall.io.files import check_regular, check_text_file
+from rockfall.io.files import TIFF, check_regular, check_text_file
 from rockfall.io.tables import plain_decimal
 
 #: Rasters without text in their headers: GDAL takes a text that is no number there for zero.
 BINARY = ("GTiff", "HFA", "GSBG", "GS7BG")
 IMAGINE = b"EHFA_HEADER_TAG"
-TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 START = 1024  # bytes, of which GDAL too tells the format
 _MASKS = (".msk", ".ovr")
 _NODATA, _ASCII = 42113, 2  # a tag, and a type
@@ -95,7 +94,7 @@ def check_imagine(path: str) -> None:
             raise RockfallError(f"{path}: its numbers are in another file; make a GeoTIFF of it")
 
 
-def check_mark(path: str) -> None:
+def check_nodata(path: str) -> None:
     """Refuse a GeoTIFF whose nodata value, which is text, is not a number: GDAL takes it for 0."""
     with open(path, "rb") as file:
         try:
@@ -234,5 +233,5 @@ def _place(path: str, element: ElementTree.Element) -> None:
         raise RockfallError(f"{path}: tile {error}") from error
     if not start_of(tile).startswith(TIFF):
         raise RockfallError(f"{where}: must be a GeoTIFF")
-    check_mark(tile)
+    check_nodata(tile)
     element.attrib = {"relativeToVRT": "0"}

@@ -125,6 +125,20 @@ class Box:
         }
 
 
+def flaw_of(transform: Affine, far: int) -> str:
+    """Why cells cannot be those of a grid with sides of up to `far` cells; empty when they can."""
+    t = transform
+    if not 0 < abs(t.a) < np.inf:
+        return f"cells have the size {t.a:g}: must be > 0"
+    if max(abs(t.b), abs(t.d)) * far > TOLERANCE * abs(t.a):
+        return "is rotated"
+    if t.a < 0:
+        return "is mirrored: columns run from east to west"
+    if abs(t.a - abs(t.e)) * far > TOLERANCE * t.a:
+        return f"cells are not square ({t.a:.10g} x {abs(t.e):.10g} m)"
+    return ""
+
+
 def row_blocks(shape: tuple[int, int], multiple: int = 1) -> Iterator[slice]:
     """Slices of rows, about a million cells each, a multiple of so many rows."""
     ny, nx = shape

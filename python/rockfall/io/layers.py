@@ -22,7 +22,7 @@ import numpy as np
 
 from rockfall.errors import RockfallError, need
 from rockfall.io.crs import crs_name, same_crs
-from rockfall.io.files import check_text_file
+from rockfall.io.files import SQLITE, check_text_file
 from rockfall.io.gdal_files import plain_file, start_of
 from rockfall.io.grid import NO_ID, Grid
 
@@ -31,21 +31,20 @@ if TYPE_CHECKING:
 
 _DRIVERS = {"GPKG", "GeoJSON", "ESRI Shapefile", "FlatGeobuf"}
 _SHAPES = (b"\0\0\x27\x0a", b"fgb\x03fgb")  # of shapefiles and FlatGeobuf
-_DATABASE = b"SQLite format 3\0"
 _GEOPACKAGE = (b"GPKG", b"GP10", b"GP11")  # what a database says it is, from byte 68
 _CRS_NAME = re.compile(r"(urn:ogc:def:crs:)?(EPSG|OGC):[0-9.]*:?(CRS84|[0-9]{1,7})", re.IGNORECASE)
 _INDEX = re.compile(r'CREATE\s+VIRTUAL\s+TABLE\s+("[^"]*"|\w+)\s+USING\s+rtree\b', re.IGNORECASE)
 
 
 def burn_polygons(
-    path: str | Path, grid: Grid, field: str | None = None, doubts: list[str] | None = None
+    path: str | Path, grid: Grid, field: str | None = None, remarks: list[str] | None = None
 ) -> np.ndarray:
     """Which polygon holds the centre of each cell; the later one where they overlap.
 
     With `field`, its integers (int32, `NO_ID` outside); without, a mask. Coordinates must be those
     of the terrain. A GeoJSON file that names no CRS is in degrees by its standard; where that
     cannot be (the terrain has no CRS, or the numbers are no degrees) they are taken as they are.
-    What is odd but can be read is added to `doubts`.
+    What is odd but can be read is added to `remarks`.
     """
     from rasterio.features import rasterize
 
@@ -54,9 +53,10 @@ def burn_polygons(
     bounds = _check_shapes(path, shapes)
     crs = _crs_of(about, bounds, grid)
     _check_crs(path, crs, grid)
-    doubts = [] if doubts is None else doubts
+    remarks = [] if remarks is None else remarks
     if crs is None and grid.crs is not None:
-        doubts.append(f"{path}: names no CRS: taken to be in that of the DEM, {crs_name(grid.crs)}")
+        dem = crs_name(grid.crs)
+        remarks.append(f"{path}: names no CRS: taken to be in that of the DEM, {dem}")
     if field is None:
         numbers = np.ones(len(shapes), np.uint8)
     else:
@@ -81,7 +81,7 @@ def burn_polygons(
     if field is None:
         return cells.view(bool)
     if twice := np.count_nonzero(cells != burnt(-1)):
-        doubts.append(
+        remarks.append(
             f"{path}: polygons of different {field} overlap in {twice:,} cells: the later polygon "
             "counts there"
         )
@@ -191,7 +191,7 @@ def _plain_layer(path: str) -> str | bytes:
     name, start = plain_file(path), start_of(path)
     if start.startswith(_SHAPES):
         return name
-    if start.startswith(_DATABASE):
+    if start.startswith(SQLITE):
         _check_geopackage(path, start)
         return name
     if start.removeprefix(b"\xef\xbb\xbf").lstrip().startswith(b"{"):

@@ -36,7 +36,7 @@ class NetcdfCells:
     dtype: np.dtype  #: of the stored numbers
     shape: tuple[int, int]
     packing: tuple[float, float]  #: scale and offset
-    marks: tuple[float, ...]  #: stored numbers that are none
+    missing: tuple[float, ...]  #: stored numbers that are none
     valid: tuple[float, float]  #: min and max of stored numbers that are data
     rising: bool  #: the first row stored is the southernmost
 
@@ -55,7 +55,7 @@ class NetcdfCells:
             data = np.ones(block.shape, bool)
             if self.valid != (-np.inf, np.inf):
                 data = (block >= self.valid[0]) & (block <= self.valid[1])
-            for mark in self.marks:
+            for mark in self.missing:
                 data &= block != mark
             if self.rising:
                 first, stop, block, data = ny - stop, ny - first, block[::-1], data[::-1]
@@ -103,7 +103,7 @@ def cells_of(path: str, data: netCDF4.Dataset, name: str, transform: Affine) -> 
     )
     if packing[0] == 0:
         raise RockfallError(f"{path}: {name}: scale_factor = 0: must be another number")
-    about = _Marks(f"{path}: {name}", dtype, attributes, packing != (1.0, 0.0))
+    about = _Validity(f"{path}: {name}", dtype, attributes, packing != (1.0, 0.0))
     return NetcdfCells(
         variable, dtype, variable.shape[-2:], packing, about.missing(_default_fill(variable)),
         about.range(), bool(y[0] < y[-1]),
@@ -111,7 +111,7 @@ def cells_of(path: str, data: netCDF4.Dataset, name: str, transform: Affine) -> 
 
 
 @dataclass(frozen=True)
-class _Marks:
+class _Validity:
     """The attributes that say which stored numbers are data."""
 
     where: str

@@ -17,7 +17,7 @@ from pathlib import Path
 
 from rockfall.errors import RockfallError
 from rockfall.interrupts import interrupts
-from rockfall.io.files import check_netcdf
+from rockfall.io.files import NETCDF, SQLITE, TIFF, check_netcdf
 
 RESULT, ENSEMBLE, IMPACTS = "a result of a run", "an ensemble", "impacts of the laboratory"
 SCENE = "a scene file"
@@ -47,8 +47,6 @@ SIGNS = (  # how a file of ours begins, what else its head holds, and what it is
 )
 RESULT_NAME = re.compile(r"(\.nc|(^|\.)part\d+of\d+)$")
 HEAD = 4096  # bytes
-NETCDF = (b"\x89HDF", b"CDF\x01", b"CDF\x02", b"CDF\x05")  # first bytes of such files
-TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 
 
 def check_output(path: str | Path, kind: str, inputs: Iterable[str | Path] = ()) -> None:
@@ -105,7 +103,7 @@ def kind_of(path: str | Path) -> str | None:
         return _netcdf_kind(path)
     if head.startswith(TIFF):
         return _tiff_kind(path)
-    if head.startswith(b"SQLite format 3\0"):
+    if head.startswith(SQLITE):
         return _geopackage_kind(path)
     if head.startswith(b"%PDF"):  # which names its creator near its end
         return FIGURE if f"/Creator ({SIGNATURE})".encode() in Path(path).read_bytes() else None
@@ -152,6 +150,12 @@ def _geopackage_kind(path: str | Path) -> str | None:
     return LAYERS if about and all(one == (SIGNATURE,) for one in about) else None
 
 
+def check_folder(folder: Path) -> None:
+    """Refuse a file in place of a folder, which need not be there."""
+    if folder.exists() and not folder.is_dir():
+        raise RockfallError(f"{folder}: is a file, a folder is needed")
+
+
 @contextmanager
 def atomic_folder(
     folder: str | Path,
@@ -162,8 +166,7 @@ def atomic_folder(
     """A temporary folder, whose files go to `folder` when the block ends well, `last` at the end,
     in place of `former` files. When not, nothing has changed."""
     folder = Path(folder)
-    if folder.exists() and not folder.is_dir():
-        raise RockfallError(f"{folder}: is a file, a folder is needed")
+    check_folder(folder)
     place = folder.resolve()
     base = next(path for path in (place, *place.parents) if path.exists())
     part = base / f".{place.name}.{os.getpid()}"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""One raster file: opened with every doubt about it cleared, read in blocks of rows."""
+"""One raster file: checked when it is opened, read in blocks of rows."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ import numpy as np
 from rockfall.errors import RockfallError
 from rockfall.io.arrays import elevation_dtype
 from rockfall.io.ascii_grid import AsciiCells, is_ascii, open_ascii
+from rockfall.io.files import NETCDF, TIFF
 from rockfall.io.gdal_files import (
     BINARY,
     IMAGINE,
-    TIFF,
     check_imagine,
-    check_mark,
+    check_nodata,
     is_vrt,
     plain_file,
     plain_vrt,
     start_of,
 )
-from rockfall.io.grid import TOLERANCE, Box, Grid, row_blocks
+from rockfall.io.grid import Box, Grid, flaw_of, row_blocks
 from rockfall.io.netcdf_grid import cells_of, open_netcdf
 
 if TYPE_CHECKING:
@@ -37,7 +37,6 @@ if TYPE_CHECKING:
 
 _CACHE = 32  # MB, a row of tiles of a wide raster; GDAL would take 5 % of the machine
 _BLOCK = 2**24  # cells of a tile, or else as many as the raster has
-_NETCDF = (b"CDF\1", b"CDF\2", b"CDF\5", b"\x89HDF\r\n\x1a\n")
 
 
 class Cells(Protocol):
@@ -134,16 +133,7 @@ class RasterFile:
 
     def flaw(self) -> str:
         """Why its cells cannot be those of a grid; empty when they can."""
-        t, far = self.transform, max(self.grid.shape)
-        if not 0 < abs(t.a) < np.inf:
-            return f"cells have the size {t.a:g}: must be > 0"
-        if max(abs(t.b), abs(t.d)) * far > TOLERANCE * abs(t.a):
-            return "is rotated"
-        if t.a < 0:
-            return "is mirrored: columns run from east to west"
-        if abs(t.a - abs(t.e)) * far > TOLERANCE * t.a:
-            return f"cells are not square ({t.a:.10g} x {abs(t.e):.10g} m)"
-        return ""
+        return flaw_of(self.transform, max(self.grid.shape))
 
     def check_cells(self) -> None:
         """Refuse cells with a flaw; offer the command that makes square ones."""
@@ -220,7 +210,7 @@ def _opened(path: str, stack: ExitStack) -> RasterFile:
     variable = path[len(file) + 1 :]
     name = plain_file(file)
     start = start_of(file)
-    if start.startswith(_NETCDF):
+    if start.startswith(NETCDF):
         data = stack.enter_context(open_netcdf(file))
         name = f'NETCDF:"{name}":{variable}' if variable else name
         source = _dataset(path, name, ("netCDF",), stack)
@@ -232,7 +222,7 @@ def _opened(path: str, stack: ExitStack) -> RasterFile:
         cells = open_ascii(file)
         return _raster(path, _dataset(path, name, ("AAIGrid",), stack), cells)
     if start.startswith(TIFF):
-        check_mark(file)
+        check_nodata(file)
     if start.startswith(IMAGINE):
         check_imagine(file)
     if is_vrt(start):

@@ -93,23 +93,21 @@ class Row(NamedTuple):
 
 
 def read_table(path: str | Path) -> tuple[str, list[str], Iterator[Row]]:
-    """Where the header of a table stands, its columns in small letters, each there once, and the
-    rows below it: one at least, as long as the header."""
+    """Where the header of a table stands, its columns in small letters, and the rows below it:
+    at least one, each as long as the header."""
     lines = table_rows(path)
     number, header = next(lines, (1, []))
     columns = [name.lower() for name in header]
-    where = f"{path}: line {number}"
     if not columns:
         raise RockfallError(f"{path}: is empty")
-    for name in columns:
-        if columns.count(name) > 1:
-            raise RockfallError(f"{where}: column {name}: is there twice")
-    return where, columns, _rows(path, columns, lines)
+    return f"{path}: line {number}", columns, _rows(path, columns, lines)
 
 
 def check_columns(where: str, columns: list[str], allowed: Iterable[str]) -> None:
-    """Refuse a column that is none of those allowed."""
+    """Refuse a column that is none of those allowed, or there twice."""
     for name in columns:
+        if columns.count(name) > 1:
+            raise RockfallError(f"{where}: column {name}: is there twice")
         if name not in allowed:
             raise RockfallError(f"{where}: column {name}: must be {', '.join(allowed)}")
 

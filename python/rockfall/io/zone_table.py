@@ -13,7 +13,7 @@ import numpy as np
 
 from rockfall.errors import RockfallError
 from rockfall.io.grid import NO_ID
-from rockfall.io.tables import decimal, table_rows
+from rockfall.io.tables import Row, check_columns, read_table
 
 #: Columns of lengths in metres, in the order of the values in a row.
 RADII = ("mean_radius", "rg70", "rg20", "rg10")
@@ -27,24 +27,19 @@ def read_zone_table(path: str | Path) -> dict[int, tuple[float, float, float, fl
     NaN where a column is absent, Inf where a zone absorbs. Commas or semicolons separate; other
     columns are free text.
     """
-    path = str(path)
+    where, columns, rows = read_table(path)
+    known = ("zone", *RADII)
+    if "zone" not in columns:
+        raise RockfallError(f"{where}: no column zone; has: {', '.join(columns)}")
+    if set(RADII).isdisjoint(columns):
+        raise RockfallError(f"{where}: none of the columns {', '.join(RADII)}")
+    check_columns(where, [name for name in columns if name in known], known)
     zones: dict[int, tuple[float, float, float, float]] = {}
-    rows = table_rows(path)
-    _, header = next(rows, (1, []))
-    columns = _columns(path, header)
-    for line, row in rows:
-        where = f"{path}: line {line}"
-        if len(row) != len(header):
-            raise RockfallError(f"{where}: {len(row)} columns, the header has {len(header)}")
-        zone = _zone(where, row[columns["zone"]])
+    for row in rows:
+        zone = _zone(row)
         if zone in zones:
-            raise RockfallError(f"{where}: zone {zone}: is in the table twice")
-        zones[zone] = tuple(
-            _radius(where, name, row[columns[name]]) if name in columns else float("nan")
-            for name in RADII
-        )
-    if not zones:
-        raise RockfallError(f"{path}: no zones below the header")
+            raise RockfallError(f"{row.where}: zone {zone}: is in the table twice")
+        zones[zone] = tuple(_radius(row, name) if name in columns else math.nan for name in RADII)
     return zones
 
 
@@ -90,37 +85,21 @@ def index_blocks(
     return index
 
 
-def _columns(path: str, header: list[str]) -> dict[str, int]:
-    """Where the columns that we use are."""
-    if not header:
-        raise RockfallError(f"{path}: is empty")
-    names = [name.lower() for name in header]
-    for name in ("zone", *RADII):
-        if names.count(name) > 1:
-            raise RockfallError(f"{path}: line 1: column {name}: is there twice")
-    if "zone" not in names:
-        raise RockfallError(f"{path}: line 1: no column zone; has: {', '.join(header)}")
-    columns = {name: names.index(name) for name in ("zone", *RADII) if name in names}
-    if len(columns) == 1:
-        raise RockfallError(f"{path}: line 1: none of the columns {', '.join(RADII)}")
-    return columns
-
-
-def _zone(where: str, text: str) -> int:
+def _zone(row: Row) -> int:
+    text = row.cells["zone"]
     if not _INTEGER.fullmatch(text):
-        raise RockfallError(f"{where}: zone = {text}: must be an integer")
+        row.refuse("zone", "must be an integer")
     if abs(int(text)) > np.iinfo(np.int32).max:
-        raise RockfallError(f"{where}: zone = {text}: must fit in 32 bits")
+        row.refuse("zone", "must fit in 32 bits")
     return int(text)
 
 
-def _radius(where: str, name: str, text: str) -> float:
+def _radius(row: Row, name: str) -> float:
+    text = row.cells[name]
     spelled = text.lower().lstrip("+-") in ("inf", "infinity", "nan")
-    value = float(text) if spelled else decimal(text)
-    if math.isnan(value) and not spelled:
-        raise RockfallError(f"{where}: {name} = {text}: must be a number")
+    value = float(text) if spelled else row.number(name)
     if not value > 0:
-        raise RockfallError(f"{where}: {name} = {text}: must be > 0 (Inf absorbs)")
+        row.refuse(name, "must be > 0 (Inf absorbs)")
     return value
 
 

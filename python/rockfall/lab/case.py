@@ -7,7 +7,6 @@ default; names and defaults of the physics stand in the kernel alone.
 
 from __future__ import annotations
 
-import io
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
@@ -16,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from rockfall._lab import lab_f2py as _lab
-from rockfall.errors import RockfallError
+from rockfall.case import check_namelist, namelist_text, plain_values
 from rockfall.io.files import read_text
 
 COEFFICIENTS = tuple(f"a{k}" for k in range(1, 10))
@@ -67,33 +66,7 @@ def lab_case_of(text: str, name: str) -> LabCase:
 
 
 def _check(text: str, name: str) -> None:
-    """The kernel's reader refuses what is not as it must be."""
-    if "\0" in text:  # the kernel would see the text before it only
-        raise RockfallError(f"{name}: character code 0 is not text")
-    code, message = _lab.check_case(text.encode() or b"\n", name.encode())
-    if code:
-        raise RockfallError(message.decode(errors="replace").strip(), code)
-
-
-def _text(groups: Mapping[str, Mapping[str, Any]]) -> str:
-    """Groups as the text of a namelist file."""
-    import f90nml
-
-    text = io.StringIO()
-    namelist = f90nml.Namelist(groups)
-    namelist.indent = 2
-    namelist.write(text)
-    return text.getvalue()
-
-
-def _plain(values: Mapping[str, Any]) -> dict[str, Any]:
-    """NumPy numbers and arrays and tuples as a namelist has them."""
-
-    def plain(value: Any) -> Any:
-        value = value.tolist() if hasattr(value, "tolist") else value
-        return list(value) if isinstance(value, tuple) else value
-
-    return {key.lower(): plain(value) for key, value in values.items()}
+    check_namelist(_lab.check_case, text.encode(), name)
 
 
 def _like(value: Any, default: Any) -> Any:
@@ -111,8 +84,8 @@ class LabCase:
 
     def __init__(self, *, name: str = "laboratory case", **groups: Mapping[str, Any]) -> None:
         self.name = name
-        given = {group: _plain(values) for group, values in groups.items()}
-        _check(_text({group: values for group, values in given.items() if values}), name)
+        given = {group: plain_values(values) for group, values in groups.items()}
+        _check(namelist_text(given), name)
         self._groups = {
             group: {
                 key: _like(given.get(group, {}).get(key, value), value)
@@ -141,7 +114,7 @@ class LabCase:
 
     def text(self) -> str:
         """The case, every value, as the text of a namelist file."""
-        return _text(self._groups)
+        return namelist_text(self._groups, indent=2)
 
     def row(self, kind: int, ratio: float = 1.0) -> np.ndarray:
         """A row of the kernel, in the order of `names(kind)`; `ratio` is R_b/R_m."""

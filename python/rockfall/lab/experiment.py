@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rockfall._lab import lab_f2py as _lab
-from rockfall.errors import RockfallError
+from rockfall.errors import RockfallError, check_kernel
 from rockfall.interrupts import interrupts
 from rockfall.io.files import atomic_write, check_netcdf
 from rockfall.lab.case import LabCase, lab_case_of, names
@@ -88,13 +88,14 @@ def pack_layers(
 ) -> Layers:
     """Layers `first` to `first + count - 1` of the case's seed, as deep and wide as a boulder of
     this R_b/R_m needs, let fall and settled."""
+    check_team(threads)
     room, code, message = _lab.room_for_layer(case.row(2, ratio))
-    _raise(case, code, message)
+    check_kernel(code, message, case.name)
     *arrays, code, message = _lab.pack(
         case.row(1), case.row(2, ratio), seed=case.lab["seed"], first=first,
-        threads=_checked(threads), room=room, n=count,
+        threads=threads, room=room, n=count,
     )  # fmt: skip
-    _raise(case, code, message)
+    check_kernel(code, message, case.name)
     return Layers(*arrays)
 
 
@@ -112,6 +113,7 @@ def run_impacts(
     KeyboardInterrupt; `resume` goes on from such a file. The result does not depend on threads,
     interruptions or resumptions.
     """
+    check_team(threads)
     if path is not None and resume and Path(path).exists():
         data = open_impacts(path)
         if lab_case_of(data.attrs["lab_case"], str(path)) != case:
@@ -124,7 +126,7 @@ def run_impacts(
     saved = time.monotonic()
     with interrupts() as interrupted, progress_bar(total, progress, "impacts") as advance:
         advance(int((data["status"].values > 0).sum()))
-        for done in _chunks(case, data, _checked(threads), interrupted):
+        for done in _chunks(case, data, threads, interrupted):
             advance(done)
             if path is not None and time.monotonic() - saved > SAVE_SECONDS:
                 save_impacts(data, path)
@@ -236,17 +238,7 @@ def _fire(
         facts=layers.facts, place=place.astype("i4"), layer=place + first, point=point,
         number=number,
     )  # fmt: skip
-    _raise(case, code, message)
+    check_kernel(code, message, case.name)
     at = (k, shots[:, 0] + first, shots[:, 1], shots[:, 2])
     for name, values in zip(names(5) + names(6), [*outcome, *counts], strict=True):
         data[name].values[at] = values
-
-
-def _checked(threads: int) -> int:
-    check_team(threads)
-    return threads
-
-
-def _raise(case: LabCase, code: int, message: bytes) -> None:
-    if code:
-        raise RockfallError(f"{case.name}: {message.decode().strip()}", code)

@@ -69,25 +69,15 @@ def origin(path: str | Path) -> tuple[LabCase, str]:
     return lab_case_of("\n".join(text), str(path)), state[0]
 
 
-def write_sets(path: str | Path, sets: dict[int, ImpactSet], provenance: list[str]) -> None:
-    """Write an impact-set file: `provenance` as comments, then a group for each ratio."""
-    _write(path, [_group(ratio, found) for ratio, found in sorted(sets.items())], provenance)
-
-
-def write_draws(path: str | Path, draws: list[dict[int, ImpactSet]], provenance: list[str]) -> None:
-    """Write the draws of an ensemble in one file."""
-    groups = [
-        _group(ratio, found, draw)
-        for draw, sets in enumerate(draws, 1)
-        for ratio, found in sorted(sets.items())
-    ]
-    _write(path, groups, provenance)
-
-
-def _write(path: str | Path, groups: list[list[str]], provenance: list[str]) -> None:
+def write_sets(
+    path: str | Path, sets: dict[int, ImpactSet], provenance: list[str], *more: dict[int, ImpactSet]
+) -> None:
+    """Write an impact-set file: `provenance` as comments, then a group for each ratio; of an
+    ensemble, for each draw of it: `sets` and `more`."""
     text = [f"! {line}".rstrip() for line in provenance]
-    for lines in groups:
-        text += ["", *lines]
+    for draw, one in enumerate((sets, *more), 1):
+        for ratio, found in sorted(one.items()):
+            text += ["", *_group(ratio, found, draw if more else None)]
     with atomic_write(path) as part:
         part.write_text("\n".join(text) + "\n", encoding="utf-8")
 

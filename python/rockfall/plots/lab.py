@@ -11,7 +11,7 @@ import numpy as np
 
 from rockfall.lab.case import names
 from rockfall.lab.sets import restitution
-from rockfall.plots.style import BLUE, GREY, INK, STYLE, VERMILION, WIDE, new_figure, save, styled
+from rockfall.plots.style import BLUE, GREY, INK, VERMILION, WIDE, new_figure, save, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from rockfall.lab.experiment import Layers
     from rockfall.lab.sets import Sets
 
-ROCK, BOULDER = "#D9D4CB", "#E69F00"
+ROCK = "#D9D4CB"
 ANGLES = np.arange(5.0, 90.1, 2.5)  # incidence [degrees]
 LAST_RT = 60.0  # [degrees]; beyond, V_t_in is too small to divide by
 KNOWN = {"R_t": [((5, 30), (0.7, 0.7))], "R_n": [((90,), (0.4,)), ((10, 20), (1.0, 1.0))]}
@@ -28,28 +28,25 @@ KNOWN = {"R_t": [((5, 30), (0.7, 0.7))], "R_n": [((90,), (0.4,)), ((10, 20), (1.
 
 def layer_figure(layers: Layers, path: str | Path) -> None:
     """A picture of the first layer: from above, and a section through its middle."""
-    import matplotlib.pyplot as plt
+    save(_layer(*layers.one(0)), path, 200)
 
-    x, radius, facts = layers.one(0)
+
+@styled
+def _layer(x: np.ndarray, radius: np.ndarray, facts: np.ndarray) -> Figure:
     width = facts[names(7).index("width")]
-    with plt.rc_context(STYLE):
-        figure, (above, section) = plt.subplots(1, 2, figsize=(7.2, 3.6), layout="constrained")
-        order = np.argsort(x[:, 2])
-        _discs(above, x[order, :2], radius[order], ROCK)
-        above.set(xlim=(0, width), ylim=(0, width), xlabel="x [m]", ylabel="y [m]")
-        above.set_title(f"{len(radius)} rocks from above")
-        _section(section, x, radius, width / 2)
-        section.axhline(facts[0], color=BLUE, lw=0.8)
-        section.set(xlim=(0, width), ylim=(0, 1.05 * facts[1]), xlabel="x [m]", ylabel="z [m]")
-        section.set_title(f"section; mean height of the surface {facts[0]:.2f} m")
-        _save(figure, path)
-
-
-def _section(axes: Axes, x: np.ndarray, radius: np.ndarray, y: float) -> None:
-    """The discs in which a vertical plane cuts the spheres."""
-    square = radius**2 - (x[:, 1] - y) ** 2
-    cut = square > 0
-    _discs(axes, x[cut][:, [0, 2]], np.sqrt(square[cut]), ROCK)
+    figure = new_figure(7.2, 3.6)
+    above, section = figure.subplots(1, 2)
+    order = np.argsort(x[:, 2])
+    _discs(above, x[order, :2], radius[order], ROCK)
+    above.set(xlim=(0, width), ylim=(0, width), xlabel="x [m]", ylabel="y [m]")
+    above.set_title(f"{len(radius)} rocks from above")
+    square = radius**2 - (x[:, 1] - width / 2) ** 2
+    cut = square > 0  # spheres that the plane through the middle cuts, in discs
+    _discs(section, x[cut][:, [0, 2]], np.sqrt(square[cut]), ROCK)
+    section.axhline(facts[0], color=BLUE, lw=0.8)
+    section.set(xlim=(0, width), ylim=(0, 1.05 * facts[1]), xlabel="x [m]", ylabel="z [m]")
+    section.set_title(f"section; mean height of the surface {facts[0]:.2f} m")
+    return figure
 
 
 @styled
@@ -98,10 +95,3 @@ def _discs(axes: Axes, x: np.ndarray, radius: np.ndarray, colour: str) -> None:
         )
     )  # fmt: skip
     axes.set_aspect("equal")
-
-
-def _save(figure: Figure, path: str | Path) -> None:
-    import matplotlib.pyplot as plt
-
-    save(figure, path, 200)
-    plt.close(figure)

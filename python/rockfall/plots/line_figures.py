@@ -93,7 +93,7 @@ def passing_figure(result: xr.Dataset, observed: Any = None) -> Figure:
     observed ones (see `rockfall.plots.figures`)."""
     figure = new_figure(WIDE, 2.9)
     axes = figure.add_subplot()
-    draw_passing(axes, result)
+    _draw_passing(axes, result)
     furthest = stop_distances(result).max()
     if observed is not None and observed.distances is not None:
         distance = np.sort(observed.distances)
@@ -116,7 +116,7 @@ def passing_figure(result: xr.Dataset, observed: Any = None) -> Figure:
     return figure
 
 
-def draw_passing(axes: Axes, result: xr.Dataset) -> None:
+def _draw_passing(axes: Axes, result: xr.Dataset) -> None:
     """The curve of `passing_figure`. How far boulders would have come that left the terrain is not
     known: from the nearest place where one left, the curve lies between two dotted ones."""
     gone, distance = left_terrain(result), stop_distances(result)

@@ -61,9 +61,9 @@ def map_figure(
     its cells.
     """
     figure, axes, extent = _new_map(result, terrain, observed, bar=True)
-    draw_map(axes, result, name, extent)
+    _draw_map(axes, result, name, extent)
     _draw_observed(axes, observed)
-    draw_marks(axes, result, extent)
+    _draw_marks(axes, result, extent)
     if observed is not None:
         figure.legend(loc="outside lower center", handletextpad=0.4)
     return figure
@@ -73,8 +73,8 @@ def map_figure(
 def trajectories_figure(result: xr.Dataset, terrain: Terrain | None = None) -> Figure:
     """Recorded trajectories in plan."""
     figure, axes, extent = _new_map(result, terrain)
-    draw_trajectories(axes, result, VERMILION)
-    draw_marks(axes, result, extent)
+    _draw_trajectories(axes, result)
+    _draw_marks(axes, result, extent)
     return figure
 
 
@@ -84,9 +84,9 @@ def stops_figure(
 ) -> Figure:
     """Where boulders ended, each status with a marker of its own; observed stops (n, 2)."""
     figure, axes, extent = _new_map(result, terrain, observed)
-    draw_stops(axes, result)
+    _draw_stops(axes, result)
     _draw_observed(axes, observed)
-    draw_marks(axes, result, extent)
+    _draw_marks(axes, result, extent)
     key = figure.legend(loc="outside lower center", ncols=2, handletextpad=0.4)
     for handle in key.legend_handles:
         handle.set(markersize=5, alpha=1)
@@ -136,7 +136,7 @@ def norm_of(values: np.ndarray) -> Normalize:
     return Normalize(0, some.max())
 
 
-def draw_relief(axes: Axes, terrain: Terrain, extent: Extent) -> None:
+def _draw_relief(axes: Axes, terrain: Terrain, extent: Extent) -> None:
     """Shaded relief with contours."""
     z, grid = cropped(*terrain, False, extent, np.add)
     _image(axes, shade(z, grid.cell), grid, cmap="gray", vmin=0, vmax=1)
@@ -151,7 +151,7 @@ def draw_relief(axes: Axes, terrain: Terrain, extent: Extent) -> None:
         axes.clabel(contours, levels[::2], fmt="%g", fontsize=7)
 
 
-def draw_map(axes: Axes, result: xr.Dataset, name: str, extent: Extent) -> None:
+def _draw_map(axes: Axes, result: xr.Dataset, name: str, extent: Extent) -> None:
     """A map variable in colours, with the scale below."""
     values, grid = cropped(result[name].values, *grid_of(result[name]), extent, np.fmax)
     values = np.where(values > of_none(result, name), values, np.nan).astype(float)
@@ -169,16 +169,16 @@ def draw_map(axes: Axes, result: xr.Dataset, name: str, extent: Extent) -> None:
         _draw_values(axes, factor * values, grid, norm_of(factor * values), label)
 
 
-def draw_trajectories(axes: Axes, result: xr.Dataset, colour: str) -> None:
+def _draw_trajectories(axes: Axes, result: xr.Dataset) -> None:
     """Recorded trajectories in plan, the first of very many."""
     from matplotlib.collections import LineCollection
 
     curves = [np.column_stack([one.x, one.y]) for one in trajectories(result, MAX_TRAJECTORIES)]
-    about = {"colors": colour, "linewidths": 0.5, "alpha": 0.7, "rasterized": True}
+    about = {"colors": VERMILION, "linewidths": 0.5, "alpha": 0.7, "rasterized": True}
     axes.add_collection(LineCollection(curves, **about), autolim=False)
 
 
-def draw_stops(axes: Axes, result: xr.Dataset) -> None:
+def _draw_stops(axes: Axes, result: xr.Dataset) -> None:
     """Where boulders ended, each status with a marker of its own."""
     size = float(np.clip(90 / np.sqrt(result.sizes["boulder"]), 2, 6))
     for (name, here), (marker, colour) in zip(ends(result).items(), cycle(MARKERS)):
@@ -210,7 +210,7 @@ def _new_map(
     figure = new_figure(width, tall + (1.5 if bar else 1.2))
     axes = figure.add_subplot()
     if terrain is not None:
-        draw_relief(axes, terrain, extent)
+        _draw_relief(axes, terrain, extent)
     return figure, axes, extent
 
 
@@ -301,7 +301,7 @@ def _draw_observed(axes: Axes, stops: np.ndarray | None) -> None:
         axes.plot(*np.transpose(stops), **OBSERVED | {"linestyle": "", "label": label})
 
 
-def draw_marks(axes: Axes, result: xr.Dataset, extent: Extent) -> None:
+def _draw_marks(axes: Axes, result: xr.Dataset, extent: Extent) -> None:
     """Where boulders start, the evaluation lines, and the frame of a map."""
     from matplotlib.patheffects import withStroke
     from matplotlib.ticker import MaxNLocator

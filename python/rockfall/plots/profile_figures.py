@@ -21,21 +21,23 @@ if TYPE_CHECKING:
 
     from rockfall.result.trajectories import Terrain
 
+PANEL, TALLEST = 6.3, 4.5  # width and maximum height of the profile [inch]
+
 
 @styled
 def profile_figure(result: xr.Dataset, terrain: Terrain | None = None) -> Figure:
     """Profile at true scale, heights above the ground and speeds of the recorded trajectories,
     against the plan distance from the release; without terrain no ground, no heights above it."""
     curves = trajectories(result, MAX_TRAJECTORIES)
-    ground = ground_below(result, curves, terrain)
-    high, furthest = true_scale(curves, 6.3, 4.5)
+    ground = _ground_below(result, curves, terrain)
+    high, furthest = _true_scale(curves)
     tall = [high, 1.3, 1.6]
     tall = tall if ground else [tall[0], tall[2]]
     figure = new_figure(WIDE, sum(tall) + 0.9)
     panels = figure.subplots(len(tall), 1, sharex=True, height_ratios=tall)
-    draw_profile(panels[0], curves, ground)
+    _draw_profile(panels[0], curves, ground)
     if ground:
-        draw_heights(panels[1], curves, ground)
+        _draw_heights(panels[1], curves, ground)
     _draw_curves(panels[-1], [(one.distance, one.speed) for one in curves])
     panels[-1].set(ylabel="speed [m/s]", ylim=(0, None), xlabel=DISTANCE)
     panels[-1].set_xlim(0, furthest)
@@ -44,16 +46,16 @@ def profile_figure(result: xr.Dataset, terrain: Terrain | None = None) -> Figure
     return figure
 
 
-def true_scale(curves: Sequence[Trajectory], wide: float, tallest: float) -> tuple[float, float]:
-    """Height [inch] of a profile at true scale in a panel so wide, and the distance [m] at which
-    its axis must end for all of it to be seen."""
+def _true_scale(curves: Sequence[Trajectory]) -> tuple[float, float]:
+    """Height [inch] of a profile at true scale, and the distance [m] at which its axis must end for
+    all of it to be seen."""
     drop = 1.1 * max((np.ptp(one.z) for one in curves), default=0.0)
     furthest = 1.03 * max((one.distance.max() for one in curves), default=0.0) or 1.0
-    high = float(np.clip(wide * drop / furthest, 1.2, tallest))
-    return high, max(furthest, wide * drop / high)
+    high = float(np.clip(PANEL * drop / furthest, 1.2, TALLEST))
+    return high, max(furthest, PANEL * drop / high)
 
 
-def ground_below(
+def _ground_below(
     result: xr.Dataset, curves: Sequence[Trajectory], terrain: Terrain | None
 ) -> list[np.ndarray]:
     """Elevation [m] of the ground below trajectories; none from a terrain that is unknown or too
@@ -63,7 +65,7 @@ def ground_below(
     return [height(terrain, one.x, one.y) for one in curves]
 
 
-def draw_profile(axes: Axes, curves: Sequence[Trajectory], ground: Sequence[np.ndarray]) -> None:
+def _draw_profile(axes: Axes, curves: Sequence[Trajectory], ground: Sequence[np.ndarray]) -> None:
     """Trajectories and the ground below them at true scale."""
     below = [(one.distance, z) for one, z in zip(curves, ground, strict=bool(ground))]
     _draw_curves(axes, below, color=INK, linewidth=0.8, alpha=1)
@@ -73,7 +75,7 @@ def draw_profile(axes: Axes, curves: Sequence[Trajectory], ground: Sequence[np.n
     axes.set_aspect("equal", adjustable="datalim")
 
 
-def draw_heights(axes: Axes, curves: Sequence[Trajectory], ground: Sequence[np.ndarray]) -> None:
+def _draw_heights(axes: Axes, curves: Sequence[Trajectory], ground: Sequence[np.ndarray]) -> None:
     """Heights of the boulder's point above the ground, 0 at a contact."""
     above = [(one.distance, one.z - z) for one, z in zip(curves, ground, strict=True)]
     _draw_curves(axes, above)

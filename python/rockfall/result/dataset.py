@@ -46,6 +46,18 @@ def as_dataset(data: Mapping[str, tuple], attrs: Mapping[str, Any]) -> xr.Datase
     )
 
 
+def centre_variables(x: np.ndarray, y: np.ndarray) -> dict[str, tuple]:
+    """Coordinates of cell centres [m], as CF has them."""
+    words = (("x", x, "easting"), ("y", y, "northing"))
+    return {
+        axis: (axis, centres, {
+            "units": "m", "long_name": f"{word} of cell centres",
+            "standard_name": f"projection_{axis}_coordinate", "axis": axis.upper(),
+        })
+        for axis, centres, word in words
+    }  # fmt: skip
+
+
 def georeference(grid: Grid) -> dict[str, Any]:
     """Attributes of the variable that says where a grid lies (CF, and GDAL's GeoTransform)."""
     transform = f"{grid.west!r} {grid.cell!r} 0.0 {grid.north!r} 0.0 {-grid.cell!r}"

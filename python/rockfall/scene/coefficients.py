@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rockfall._core import rockfall_f2py as _core
-from rockfall.errors import RockfallError
+from rockfall.errors import check_kernel
 from rockfall.io.files import check_text_file
 
 ANY_SPEED = _core.constant("any_speed")  # [m/s] end of the range of a set that tells none
@@ -45,8 +45,7 @@ class SetFile(NamedTuple):
         *values, draws, code, message = _core.read_sets(
             self.text or b"\n", self.name.encode(), turning, self.draw
         )
-        if code:
-            raise RockfallError(message.decode(errors="replace").strip(), code)
+        check_kernel(code, message)
         return Coefficients(*values), draws
 
 

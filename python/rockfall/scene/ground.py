@@ -20,7 +20,7 @@ QUANTILES = (0.1, 0.5, 0.9)
 
 @dataclass
 class Lowest:
-    """The least of many numbers, how many are equal to it, and the next above."""
+    """The minimum of many numbers, how many are equal to it, and the next above."""
 
     value: float = np.inf
     count: int = 0
@@ -50,7 +50,7 @@ class Ground:
     low: Lowest = field(default_factory=Lowest)  # elevations [m]
     high: Lowest = field(default_factory=Lowest)  # and their negatives [m]
     known: int = 0  # cells with an elevation
-    whole: bool = True  # all elevations are whole numbers
+    integers: bool = True  # all elevations are
     steps: int = 0  # if so: along rows and columns, bends one way and back in the next cell
     spans: int = 0  # of so many places
     slopes: list[np.ndarray] = field(default_factory=list)  # tangents, of SAMPLES cells
@@ -94,8 +94,8 @@ class Ground:
         self.high.take(-z)
         known = ~np.isnan(z)
         self.known += np.count_nonzero(known)
-        self.whole = self.whole and bool((np.rint(z) == z)[known].all())
-        if not self.whole:
+        self.integers = self.integers and bool((np.rint(z) == z)[known].all())
+        if not self.integers:
             return
         for along in z, z.T:
             bend = along[:, 2:] - 2 * along[:, 1:-1] + along[:, :-2]
@@ -107,8 +107,7 @@ class Ground:
         self.sizes = band.sizes
         if band.values is not None:
             for layer in band.values:
-                least = np.fmin.reduce(layer[rows], axis=None, initial=self.smallest)
-                self.smallest = float(least)
+                self.smallest = float(np.fmin.reduce(layer[rows], None, initial=self.smallest))
                 finite = np.isfinite(layer[rows])
                 self.largest = float(np.max(layer[rows], initial=self.largest, where=finite))
         elif band.zone is None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rockfall._core import rockfall_f2py as _core
-from rockfall.errors import RockfallError
+from rockfall.errors import check_kernel
 
 if TYPE_CHECKING:
     from rockfall.scene.scene import Scene
@@ -37,14 +37,12 @@ class KernelScene:
             sets_text=scene.sets.text or b"\n", sets_name=scene.sets.name.encode(),
             draw=scene.sets.draw,
         )  # fmt: skip
-        if code:
-            raise RockfallError(message.decode(errors="replace").strip(), code)
+        check_kernel(code, message)
         weakref.finalize(self, _core.close_scene, self.handle)
 
     def check(self, code: int, message: bytes) -> None:
         """Raise what a procedure of the kernel says is wrong with the scene."""
-        if code:
-            raise RockfallError(f"{self.name}: {message.decode().strip()}", code)
+        check_kernel(code, message, self.name)
 
 
 def elevations(scene: Scene) -> dict[str, np.ndarray]:
@@ -63,16 +61,16 @@ def on_raster(scene: Scene) -> dict[str, Any]:
 
 def area_ratios(scene: Scene, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Surface over plan area (Horn 1981) of the cells at places [m]."""
-    grid = scene.grid
-    place = {"west": grid.west, "north": grid.north, "cell": grid.cell}
-    return _core.area_ratios(**on_raster(scene), **place, source_x=x, source_y=y)
+    return _core.area_ratios(**on_raster(scene), **_corner(scene), source_x=x, source_y=y)
 
 
 def known_at(scene: Scene, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Whether boulders can start from places [m]: between four cells with an elevation."""
-    grid = scene.grid
-    place = {"west": grid.west, "north": grid.north, "cell": grid.cell}
-    return _core.known_at(**on_raster(scene), **place, x=x, y=y).astype(bool)
+    return _core.known_at(**on_raster(scene), **_corner(scene), x=x, y=y).astype(bool)
+
+
+def _corner(scene: Scene) -> dict[str, float]:
+    return {name: getattr(scene.grid, name) for name in ("west", "north", "cell")}
 
 
 def views(scene: Scene) -> dict[str, Any]:

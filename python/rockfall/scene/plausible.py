@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What a scene may have, but hardly ever means: a line for each, which says what it would mean.
 
-What is impossible is refused where it is read. The limits are far from what is usual: a doubt about
+What is impossible is refused where it is read. The limits are far from what is usual: a warning of
 a sound scene does harm, too.
 """
 
@@ -15,6 +15,7 @@ import numpy as np
 
 from rockfall.case import FROM_ARRAY
 from rockfall.io.crs import crs_name, length_scale
+from rockfall.scene.rebound import sphere_radius
 from rockfall.scene.scene import Scene, lines_outside
 from rockfall.scene.surface import radius_over_rg
 
@@ -37,14 +38,14 @@ RADIUS = 3.0  # [m] mean radius of the rocks on a slope
 RG_FULL = 100.0  # [m] an Rg of Rockyfor3D that means water
 
 
-def doubts(scene: Scene) -> list[str]:
+def implausible(scene: Scene) -> list[str]:
     """A line for each thing that is likely a mistake."""
     return [f"{scene.case.name}: {line}" for rule in RULES for line in rule(scene)]
 
 
 def warn_of(scene: Scene) -> None:
     """The lines as warnings of Python, to the caller of the caller."""
-    for line in doubts(scene):
+    for line in implausible(scene):
         warnings.warn(line, stacklevel=3)
 
 
@@ -53,7 +54,7 @@ def _dem(scene: Scene) -> str:
     return "&terrain dem" if file == FROM_ARRAY else f"&terrain dem = '{file}'"
 
 
-def _marks(scene: Scene) -> Iterator[str]:
+def _nodata(scene: Scene) -> Iterator[str]:
     """Nodata that the file does not declare."""
     ground = scene.ground
     ends = (ground.low, 1, LOW, "below"), (ground.high, -1, -HIGH, "above")
@@ -100,7 +101,7 @@ def _projection(scene: Scene) -> Iterator[str]:
 
 def _steps(scene: Scene) -> Iterator[str]:
     ground, slope = scene.ground, _degrees(1 / scene.grid.cell)
-    if ground.whole and slope > STEP_SLOPE and ground.steps > STEPS * ground.spans:
+    if ground.integers and slope > STEP_SLOPE and ground.steps > STEPS * ground.spans:
         yield (
             f"{_dem(scene)}: elevations are whole metres: the ground is made of steps, which "
             f"turn slopes by up to {slope:.0f} degrees"
@@ -108,13 +109,13 @@ def _steps(scene: Scene) -> Iterator[str]:
 
 
 def _source_cells(scene: Scene) -> Iterator[str]:
-    release, marks = scene.case.release, scene.marks
+    release, values = scene.case.release, scene.source_values
     if "cells" not in release:
         return
-    about, top = f"&release cells = '{release['cells']}'", -int(marks.value)
-    if top in NO_DATA and marks.next < math.inf:
+    about, top = f"&release cells = '{release['cells']}'", -int(values.value)
+    if top in NO_DATA and values.next < math.inf:
         yield (
-            f"{about}: {top} in {marks.count:,} cells, which makes them sources: is it a nodata "
+            f"{about}: {top} in {values.count:,} cells, which makes them sources: is it a nodata "
             "value that the file does not declare?"
         )
     elif scene.x.size == scene.ground.known and not release["steep_cells"]:
@@ -161,17 +162,14 @@ def _boulders(scene: Scene) -> Iterator[str]:
     sizes = {key: boulder.get(key) for key in ("volume_mean", "volume_max", "volumes")}
     for key, value in sizes.items():
         if value is not None and np.max(value) > VOLUME:
+            largest = np.max(value)
             yield (
-                f"&boulder {key} = {np.max(value):g} m3: a boulder {_side(np.max(value)):.0f} m "
+                f"&boulder {key} = {largest:g} m3: a boulder {2 * sphere_radius(largest):.0f} m "
                 "across: was it meant in dm3?"
             )
     if not GRAVITY[0] <= gravity <= GRAVITY[1]:
         unit = "; was it meant in cm/s2?" if 900 < gravity < 1000 else ""
         yield f"&flight gravity = {gravity:g} m/s2: the Earth has 9.81{unit}"
-
-
-def _side(volume: float) -> float:
-    return 2 * float(np.cbrt(0.75 / np.pi * volume))
 
 
 def _rocks(scene: Scene) -> Iterator[str]:
@@ -199,10 +197,10 @@ def _lines(scene: Scene) -> Iterator[str]:
 
 
 def _read(scene: Scene) -> Iterator[str]:
-    yield from scene.doubts
+    yield from scene.remarks
 
 
 RULES = (
-    _lines, _release, _marks, _units, _projection, _steps, _source_cells, _source_points, _boulders,
-    _rocks, _read,
+    _lines, _release, _nodata, _units, _projection, _steps, _source_cells, _source_points,
+    _boulders, _rocks, _read,
 )  # fmt: skip

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,8 +11,14 @@ import numpy as np
 from rockfall.case import Case
 from rockfall.case_files import input_files
 from rockfall.errors import RockfallError
-from rockfall.io.output_files import SCENE, atomic_folder, check_outputs, kind_of
-from rockfall.result.dataset import as_dataset, georeference, provenance, put_netcdf
+from rockfall.io.output_files import SCENE, atomic_folder, check_folder, check_outputs, kind_of
+from rockfall.result.dataset import (
+    as_dataset,
+    centre_variables,
+    georeference,
+    provenance,
+    put_netcdf,
+)
 from rockfall.scene.reach import survey
 from rockfall.scene.read import read_scene
 from rockfall.scene.scene import Scene
@@ -32,8 +37,6 @@ ABOUT = {  # units, long name
     "source_x": ("m", "easting of the release"),
     "source_y": ("m", "northing of the release"),
     "area_ratio": ("1", "surface over plan area of the cell of the source"),
-    "x": ("m", "easting of cell centres"),
-    "y": ("m", "northing of cell centres"),
 }
 
 
@@ -63,15 +66,12 @@ def _scene_file(scene: Scene) -> xr.Dataset:
     about = {"long_name": "file of impact sets", "file": scene.sets.name}
     data: dict[str, tuple] = {
         "crs": ((), np.int32(0), georeference(scene.grid)),
-        **_variables({"x": ("x",), "y": ("y",)}, scene.grid),
-        **_variables({"elevation": ("y", "x")}, {"elevation": scene.z}),
+        **centre_variables(scene.grid.x, scene.grid.y),
+        **_variables("y x", elevation=scene.z),
         **_surface(scene),
-        **_variables({name: ("source",) for name in ("source_x", "source_y")},
-                     {"source_x": scene.x, "source_y": scene.y}),
+        **_variables("source", source_x=scene.x, source_y=scene.y, area_ratio=scene.area),
         "impact_sets": (("impact_sets_length",), text, about),
-    }  # fmt: skip
-    if scene.area is not None:
-        data |= _variables({"area_ratio": ("source",)}, {"area_ratio": scene.area})
+    }
     attrs = {
         "Conventions": "CF-1.8",
         "scene_layout": LAYOUT,
@@ -88,31 +88,25 @@ def _scene_file(scene: Scene) -> xr.Dataset:
 def _surface(scene: Scene) -> dict[str, tuple]:
     """What the ground is made of: sizes of each cell, or of materials, with or without zones."""
     if scene.values is not None:
-        return _variables({"cell_size": ("size", "y", "x")}, {"cell_size": scene.values})
-    found = _variables({"material_size": ("material", "size")}, {"material_size": scene.sizes})
-    if scene.zone is not None:
-        found |= _variables({"zone": ("y", "x")}, {"zone": scene.zone})
-    return found
+        return _variables("size y x", cell_size=scene.values)
+    sizes = _variables("material size", material_size=scene.sizes)
+    return sizes | _variables("y x", zone=scene.zone)
 
 
-def _variables(dims: Mapping[str, tuple[str, ...]], values: Any) -> dict[str, tuple]:
-    """Variables of these names and dimensions, with what they are."""
-    found = {}
-    for name, along in dims.items():
-        value = values[name] if isinstance(values, dict) else getattr(values, name)
-        about = dict(zip(("units", "long_name"), ABOUT[name], strict=True))
-        if along == (name,):
-            about |= {"standard_name": f"projection_{name}_coordinate", "axis": name.upper()}
-        elif along[-2:] == ("y", "x"):
-            about |= {"grid_mapping": "crs"}
-        found[name] = (along, value, about)
+def _variables(dims: str, **values: np.ndarray | None) -> dict[str, tuple]:
+    """Those of these that a scene has, with what they are."""
+    found, mapping = {}, {"grid_mapping": "crs"} if dims.endswith("y x") else {}
+    for name, one in values.items():
+        if one is not None:
+            units, long_name = ABOUT[name]
+            about = {"units": units, "long_name": long_name}
+            found[name] = (tuple(dims.split()), one, about | mapping)
     return found
 
 
 def _prepared_files(folder: Path) -> list[Path]:
     """The files of the prepared case in a folder; one that holds something else is refused."""
-    if folder.exists() and not folder.is_dir():
-        raise RockfallError(f"{folder}: is a file, a folder is needed")
+    check_folder(folder)
     if not folder.exists() or not any(folder.iterdir()):
         return []
     case, scene = folder / "case.nml", folder / "scene.nc"

@@ -12,6 +12,11 @@ MAX_DRAWS = int(_core.constant("max_draws"))  # of a rebound, before it is limit
 MIN_NORMAL = _core.constant("min_normal")  # V_n of a limited rebound / incident speed
 
 
+def sphere_radius(volume: np.ndarray | float) -> np.ndarray | float:
+    """Of a sphere of this volume [m3], [m]."""
+    return np.cbrt(0.75 / np.pi * volume)
+
+
 def energy(v: np.ndarray) -> np.ndarray:
     """Twice the kinetic energy over the mass, (n,) [m2/s2]."""
     return v[:, 0] ** 2 + v[:, 1] ** 2 + INERTIA_FACTOR * v[:, 2] ** 2

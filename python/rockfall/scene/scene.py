@@ -38,8 +38,8 @@ class Scene:
     decoded: dict[str, str] = field(default_factory=dict)  # of what was read of them: see `digest`
     at: tuple[int, int] = (0, 0)  # row and column of the grid where its rasters begin
     windows: Windows | None = None  # terrain that is read in windows: no rasters here
-    marks: Lowest = field(default_factory=Lowest)  # the negatives of what source cells hold
-    doubts: list[str] = field(default_factory=list)  # what readers found odd, a line each
+    source_values: Lowest = field(default_factory=Lowest)  # the negatives of what source cells hold
+    remarks: list[str] = field(default_factory=list)  # what readers found odd, a line each
 
     @cached_property
     def boulders(self) -> int:

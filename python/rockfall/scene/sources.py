@@ -43,9 +43,7 @@ def refuse_by_area(scene: Scene, what: str) -> None:
         )
 
 
-def read_sources(
-    scene: Scene, bands: Iterable[tuple[Scene, Box]], rasters: dict[str, Any]
-) -> None:
+def read_sources(scene: Scene, bands: Iterable[tuple[Scene, Box]], rasters: dict[str, Any]) -> None:
     """Release points, or the centres of source cells in the order of the raster.
 
     `bands` are rows of the terrain in order, each in a scene that holds it and what lies about it.
@@ -81,7 +79,7 @@ def _cells(scene: Scene, box: Box, rasters: dict[str, Any]) -> Iterator[tuple[sl
     parts = list(row_blocks(box.shape))
     if "polygons" in release:
         path = case.path(release["polygons"])
-        inside = burn_polygons(path, scene.grid, doubts=scene.doubts)
+        inside = burn_polygons(path, scene.grid, remarks=scene.remarks)
         blocks = ((rows, inside[rows] & ~np.isnan(scene.z[rows])) for rows in parts)
         scene.checksums["polygons"] = file_checksum(path)
     elif "cells" in release:
@@ -97,5 +95,5 @@ def _noted(
 ) -> Iterator[tuple[slice, np.ndarray]]:
     """The blocks of source cells; which values they have is noted."""
     for rows, block in blocks:
-        scene.marks.take(-block[block > 0].astype(float))
+        scene.source_values.take(-block[block > 0].astype(float))
         yield rows, block

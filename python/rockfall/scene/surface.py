@@ -14,11 +14,9 @@ from rockfall.errors import RockfallError
 from rockfall.io.grid import Box, row_blocks
 from rockfall.io.layers import burn_polygons
 from rockfall.io.raster import read_elevations
-from rockfall.io.zone_table import index_blocks, read_zone_table
+from rockfall.io.zone_table import RADII, index_blocks, read_zone_table
 from rockfall.scene.layers import POLYGONS, file_checksum, layer_blocks
 from rockfall.scene.scene import Scene, used_zones
-
-RADII = ("mean_radius", "rg70", "rg20", "rg10")
 
 
 def size_columns(case: Case) -> tuple[str, ...]:
@@ -32,8 +30,9 @@ def radius_over_rg(case: Case) -> float:
 
 
 def read_surface(scene: Scene, box: Box, rasters: dict[str, Any]) -> None:
+    """The sizes of the rocks in a box of cells, by the method of the case."""
     surface = scene.case.surface
-    columns = ("mean_radius",) if surface["method"] == "B" else ("rg70", "rg20", "rg10")
+    columns = size_columns(scene.case)
     uniform = surface.get("uniform_mean_radius" if surface["method"] == "B" else "uniform_rg")
     if uniform is not None:
         scene.sizes = np.atleast_2d(np.asarray(uniform, dtype=float))
@@ -50,13 +49,12 @@ def _read_zones(scene: Scene, box: Box, columns: tuple[str, ...], rasters: dict[
     table = read_zone_table(table_path)
     scene.checksums.setdefault("table", file_checksum(table_path))
     if "zones" not in rasters and path.suffix.lower() in POLYGONS:
-        ids = burn_polygons(path, scene.grid, surface["zone_field"], scene.doubts)
+        ids = burn_polygons(path, scene.grid, surface["zone_field"], scene.remarks)
         blocks = ((rows, ids[rows]) for rows in row_blocks(ids.shape))
         scene.checksums["zones"] = file_checksum(path)
     else:
         blocks = layer_blocks(scene, "zones", "zones", np.int32, rasters, box)
-    names = ("mean_radius", "rg70", "rg20", "rg10")
-    sizes = np.array(list(table.values()))[:, [names.index(column) for column in columns]]
+    sizes = np.array(list(table.values()))[:, [RADII.index(column) for column in columns]]
     scene.zone = index_blocks(
         blocks, box.shape, list(table), surface.get("default_zone"), scene.z,
         str(path), str(table_path),
@@ -100,5 +98,5 @@ def cell_bytes(case: Case, dtype: np.dtype) -> int:
     surface = case.surface
     if "zones" in surface:
         return dtype.itemsize + 2
-    layers = {"mean_radius", "rg70", "rg20", "rg10"} & set(surface)
-    return dtype.itemsize + 4 * (3 if surface["method"] == "A" else 1) * bool(layers)
+    has_layers = not set(RADII).isdisjoint(surface)
+    return dtype.itemsize + 4 * len(size_columns(case)) * has_layers

@@ -70,7 +70,7 @@ class Maps:
             "column": self.column.T, "columns": self.columns,
         }  # fmt: skip
 
-    def marks(self) -> dict[str, Any]:
+    def run_arguments(self) -> dict[str, Any]:
         """What a run of the kernel wants besides: where they lie, and to tell sources apart."""
         return {"stamp": self.stamp.T, "head": self.head, **self.box.corners()}
 

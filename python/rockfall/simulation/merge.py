@@ -91,14 +91,14 @@ def _check_whole(ranges: Sequence[tuple[int, int, str]], tally: Tally | None) ->
     """All boulders are there, once."""
     if tally is None:
         raise RockfallError("merge: needs the parts of a run")
-    done, asked, wrong = 0, tally.boulders, []
+    done, requested, wrong = 0, tally.boulders, []
     for first, last, name in ranges:
         if first > done + 1:
             wrong.append(f"boulders {done + 1} to {first - 1} are missing")
         if first <= done:
             wrong.append(f"boulders {first} to {min(done, last)} are twice: {name}")
         done = max(done, last)
-    if done < asked:
-        wrong.append(f"boulders {done + 1} to {asked} are missing")
+    if done < requested:
+        wrong.append(f"boulders {done + 1} to {requested} are missing")
     if wrong:
         raise RockfallError("merge: " + "; ".join(wrong))

@@ -280,14 +280,7 @@ def _head(attrs: Mapping[str, Any], crs: Mapping[str, Any], name: str) -> Part:
         at = "version"
         version = str(attrs[at])
         about = {key: one for key, one in crs.items() if key not in ("_FillValue", "GeoTransform")}
-    except (
-        KeyError,
-        TypeError,
-        ValueError,
-        AttributeError,
-        OverflowError,
-        RecursionError,
-    ) as error:
+    except DAMAGED as error:
         raise RockfallError(f"{name}: is damaged: {at}") from error
     grid, window = Grid(west, north, cell, nx, ny), Box(row, column, row + rows, column + columns)
     origin = Origin(case, int(attrs["boulders_asked"]), grid, window, *sums, version)
@@ -386,6 +379,6 @@ def _possible(name: str, values: np.ndarray, times: np.ndarray | None, cells: in
         return bool(((values >= 0) & (values < cells)).all())
     if values.dtype.kind == "f" and not np.isfinite(values).all():
         return False
-    least = int(name == f"{BEFORE}fed_source")
+    minimum = int(name == f"{BEFORE}fed_source")
     counts = values.dtype.kind == "i" or name.startswith(BEFORE)
-    return not counts or bool((values >= least).all())
+    return not counts or bool((values >= minimum).all())

@@ -15,24 +15,14 @@ def progress_bar(total: int, shown: bool, what: str = "boulders") -> Iterator[Ca
     if not (shown and sys.stderr.isatty()):
         yield lambda *_: None
         return
+    from rich import progress
     from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeRemainingColumn,
-    )
 
     columns = (
-        TextColumn(what),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[rate]}"),
-        TimeRemainingColumn(compact=True),
-        TextColumn("left"),
-    )
-    with Progress(*columns, console=Console(stderr=True)) as bar:
+        what, progress.BarColumn(), progress.MofNCompleteColumn(), "{task.fields[rate]}",
+        progress.TimeRemainingColumn(compact=True), "left",
+    )  # fmt: skip
+    with progress.Progress(*columns, console=Console(stderr=True)) as bar:
         task = bar.add_task("", total=total, rate="")
 
         def advance(done: int, total: int | None = None) -> None:

@@ -12,9 +12,8 @@ import numpy as np
 
 from rockfall._core import rockfall_f2py as _core
 from rockfall.case import Case
-from rockfall.errors import RockfallError
+from rockfall.errors import RockfallError, check_kernel
 from rockfall.interrupts import interrupts
-from rockfall.io.grid import Box
 from rockfall.result.variables import fields
 from rockfall.scene.plausible import warn_of
 from rockfall.scene.reach import Survey, survey
@@ -39,7 +38,7 @@ os.register_at_fork(before=_core.end_team)
 
 CHUNK_SECONDS = 0.25  # between calls of the kernel: progress, Ctrl-C
 FIRST_CHUNK = 64  # boulders
-STATUS = 0  # row of the kernel's integers
+STATUS = fields(2).index("status")  # row of the kernel's integers
 LEFT_WINDOW = int(_core.constant("left_window"))  # status: to be flown again in a larger window
 
 
@@ -127,21 +126,22 @@ def run_scene(
 
 def check_team(threads: int) -> None:
     """Refuse a number of threads that cannot be, or that the process has no room for."""
-    code, message = _core.team_fits(threads)
-    if code:
-        raise RockfallError(message.decode().strip(), code)
+    check_kernel(*_core.team_fits(threads))
 
 
 def start(scene: Scene, threads: int, shard: tuple[int, int] = (1, 1)) -> Tally:
     """Empty tallies of what the case asks for."""
     numbers, found = shard_range(scene, shard), survey(scene)
     check_tallies(scene, found)
-    box = found.box()
     try:
-        return _start(scene, threads, numbers, box)
+        maps = no_maps(scene.case.output.get("maps", []), found.box())
+        tally = empty_tally(scene, maps, numbers, threads)
+        follow_sources(maps, scene, numbers.start)
+        return tally
     except (MemoryError, ValueError) as error:  # NumPy has the latter for sizes past all bounds
         raise RockfallError(
-            f"{scene.case.name}: {scene.boulders} boulders and the asked maps do not fit in memory"
+            f"{scene.case.name}: {scene.boulders} boulders and the requested maps do not fit in "
+            "memory"
         ) from error
 
 
@@ -150,12 +150,6 @@ def check_tallies(scene: Scene, found: Survey) -> None:
     if "maps" in scene.case.output:
         kernel = scene.kernel
         kernel.check(*_core.check_maps(kernel.handle, found.head[0] - found.minima.min()))
-
-
-def _start(scene: Scene, threads: int, numbers: range, box: Box) -> Tally:
-    tally = empty_tally(scene, no_maps(scene.case.output.get("maps", []), box), numbers, threads)
-    follow_sources(tally.maps, scene, numbers.start)
-    return tally
 
 
 def run_chunks(
@@ -200,8 +194,8 @@ def _call(tally: Tally, scene: Scene, first: int, size: int) -> np.ndarray:
     left the window, which are in no tally."""
     lines = len(tally.scene.case.line)
     boulder, count, crossing, code, message = _core.run(
-        scene.kernel.handle, first, tally.threads, **tally.maps.arguments(), **tally.maps.marks(),
-        histogram=tally.histogram.T, nl=max(1, lines), n=size,
+        scene.kernel.handle, first, tally.threads, **tally.maps.arguments(),
+        **tally.maps.run_arguments(), histogram=tally.histogram.T, nl=max(1, lines), n=size,
     )  # fmt: skip
     scene.kernel.check(code, message)
     if tally.maps.columns[0] > len(tally.maps.class_counts):
@@ -217,7 +211,7 @@ def _call(tally: Tally, scene: Scene, first: int, size: int) -> np.ndarray:
 
 
 def trace(tally: Tally) -> None:
-    """Fly the first boulders once more, each alone, and keep their way."""
+    """Simulate the first boulders once more, each alone, and keep their trajectories."""
     wall, cpu = time.perf_counter(), time.process_time()
     last = min(tally.scene.case.output["trajectories"], tally.before + tally.done)
     for number in range(tally.before + 1, last + 1):

@@ -15,7 +15,8 @@ from rockfall.case_files import input_files
 from rockfall.errors import RockfallError
 from rockfall.io.output_files import BY_SLURM, RESULT, atomic_folder, check_outputs
 
-MOST_SHARDS = 10_000
+MAX_SHARDS = 10_000
+ROCKFALL = shlex.join([sys.executable, "-m", "rockfall"])
 #: What `sbatch --time` takes: minutes, M:S, H:M:S, D-H, D-H:M, D-H:M:S.
 TIME = r"[0-9]{1,9}(:[0-9]{1,9}){0,2}|[0-9]{1,9}-[0-9]{1,9}(:[0-9]{1,9}){0,2}"
 RUN = Template(
@@ -31,19 +32,11 @@ set -eu
 mkdir -p $folder/parts
 part=$$SLURM_ARRAY_TASK_ID
 export OMP_NUM_THREADS="$${{SLURM_CPUS_PER_TASK:-$threads}}"
-exec $command
+exec $program $case --quiet --resume --threads "$$OMP_NUM_THREADS" --shard "$$part/$shards" \\
+  --output $folder/parts/"part$${{part}}of$shards"
 """
 )
-COMMANDS = {
-    "python": Template(
-        '$rockfall run $case --quiet --resume --threads "$$OMP_NUM_THREADS" '
-        '--shard "$$part/$shards" --output $folder/parts/"part$${part}of$shards"'
-    ),
-    "batch": Template(
-        '$batch $case --quiet --resume --threads "$$OMP_NUM_THREADS" '
-        '--shard "$$part/$shards" --output $folder/parts/"part$${part}of$shards"'
-    ),
-}
+PROGRAMS = "python", "batch"
 MERGE = Template(
     f"""#!/bin/sh
 {BY_SLURM}
@@ -81,13 +74,13 @@ def write_jobs(
     and `time` (as Slurm has it) are what each job asks for.
     """
     case = read_case(path)
-    if program not in COMMANDS:
-        raise RockfallError(f"--program {program}: must be {' or '.join(COMMANDS)}")
+    if program not in PROGRAMS:
+        raise RockfallError(f"--program {program}: must be {' or '.join(PROGRAMS)}")
     if threads < 1:
         raise RockfallError(f"--threads {threads}: must be at least 1")
     case.replace(case={"threads": threads})  # the kernel knows how many may be
-    if not 2 <= shards <= MOST_SHARDS:
-        raise RockfallError(f"--shards {shards}: must be 2 to {MOST_SHARDS}")
+    if not 2 <= shards <= MAX_SHARDS:
+        raise RockfallError(f"--shards {shards}: must be 2 to {MAX_SHARDS}")
     if "x" in case.release and shards > (
         boulders := case.case["boulders"] * len(case.release["x"])
     ):
@@ -105,10 +98,8 @@ def write_jobs(
         "case": shlex.quote(str(Path(path).absolute())), "folder": shlex.quote(str(folder)),
         "name": "rockfall", "stem": shlex.quote(Path(path).stem), "shards": shards,
         "threads": threads, "time": time,
-        "rockfall": shlex.join([sys.executable, "-m", "rockfall"]),
-        "batch": shlex.quote(_program(program)),
+        "rockfall": ROCKFALL, "program": f"{ROCKFALL} run" if program == "python" else _batch(),
     }  # fmt: skip
-    about["command"] = COMMANDS[program].substitute(about)
     scripts = {"run.sh": RUN, "merge.sh": MERGE, "submit.sh": SUBMIT}
     with atomic_folder(folder, inputs) as part:
         for name, text in scripts.items():
@@ -117,11 +108,9 @@ def write_jobs(
     return [folder / name for name in scripts]
 
 
-def _program(program: str) -> str:
-    """The path of rockfall-batch, where that is wanted: jobs do not look for it."""
-    if program != "batch":
-        return ""
+def _batch() -> str:
+    """The path of rockfall-batch: jobs do not look for it."""
     found = shutil.which("rockfall-batch")
     if not found:
         raise RockfallError("--program batch: no rockfall-batch is found on the PATH")
-    return str(Path(found).absolute())
+    return shlex.quote(str(Path(found).absolute()))

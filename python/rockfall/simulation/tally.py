@@ -18,8 +18,6 @@ from rockfall.scene.scene import Scene
 from rockfall.simulation.maps import Maps
 from rockfall.version import __version__
 
-BINS = 50  # rows of the kernel's histograms
-
 
 @dataclass
 class Origin:
@@ -94,10 +92,11 @@ class Tally:
 
 def empty_tally(scene: Scene | Origin, maps: Maps, numbers: range, threads: int) -> Tally:
     """Room for boulders of these numbers, counted from 0."""
+    bins = _core.histogram_bins()[0]
     return Tally(
         scene,
         maps,
-        histogram=np.zeros((len(_core.histogram_bins()[0]), BINS), "i8"),
+        histogram=np.zeros((len(bins), max(bins)), "i8"),
         boulder=np.empty((len(numbers), len(fields(1)))),
         count=np.zeros((len(numbers), len(fields(2))), "i4"),
         crossing=np.empty((len(numbers), len(scene.case.line), len(fields(3)))),

@@ -10,7 +10,7 @@ import numpy as np
 from rockfall._core import rockfall_f2py as _core
 from rockfall.io.grid import row_blocks
 from rockfall.result import variables
-from rockfall.result.dataset import as_dataset, provenance
+from rockfall.result.dataset import as_dataset, centre_variables, provenance
 from rockfall.simulation.maps import Maps
 from rockfall.simulation.tally import Tally
 from rockfall.version import __version__
@@ -85,31 +85,24 @@ def line_variables(tally: Tally) -> dict[str, Any]:
 
 def _add_maps(data: dict[str, Any], tally: Tally) -> None:
     grid, box = tally.scene.grid, tally.maps.box
-    asked = tally.scene.case.output["maps"]
-    x, y = grid.x[box.columns], grid.y[box.rows]  # the same bits as of the whole grid
-    for axis, centres, word in (("x", x, "easting"), ("y", y, "northing")):
-        about = {
-            "units": "m",
-            "long_name": f"{word} of cell centres",
-            "standard_name": f"projection_{axis}_coordinate",
-            "axis": axis.upper(),
-        }
-        data[axis] = (axis, centres, about)
-    least = tally.scene.case.output["least_passages"]
+    requested = tally.scene.case.output["maps"]
+    # the same bits as of the whole grid
+    data |= centre_variables(grid.x[box.columns], grid.y[box.rows])
+    least_passages = tally.scene.case.output["least_passages"]
     for name in variables.MAP:
-        if name in asked:
-            data[name] = map_variable(name, tally.maps, tally.done, least)
+        if name in requested:
+            data[name] = map_variable(name, tally.maps, tally.done, least_passages)
 
 
-def map_variable(name: str, maps: Maps, boulders: int, least: int) -> tuple:
+def map_variable(name: str, maps: Maps, boulders: int, least_passages: int) -> tuple:
     """A map of the tallies of so many boulders, NaN where it has no number; the tallies themselves
     are used up."""
-    values, fewest = _map(name, maps, boulders, least)
+    values, fewest = _map(name, maps, boulders, least_passages)
     masked = {"least_passages": np.int32(fewest)} if fewest else {}
     return ("y", "x"), values, variables.MAP[name] | masked | {"grid_mapping": "crs"}
 
 
-def _map(name: str, maps: Maps, boulders: int, least: int) -> tuple[np.ndarray, int]:
+def _map(name: str, maps: Maps, boulders: int, least_passages: int) -> tuple[np.ndarray, int]:
     """A map, and the passages that a number of it needs."""
     if name in maps.plan.counts:  # as it is: another copy would take memory
         return maps.counts[maps.plan.counts[name] - 1], 0
@@ -120,7 +113,7 @@ def _map(name: str, maps: Maps, boulders: int, least: int) -> tuple[np.ndarray, 
         return values, 0
     values = np.empty(maps.column.shape if maps.column.size > 1 else maps.counts.shape[1:], "f4")
     fewest = _core.map_values(
-        name, boulders, least, maps.names, **maps.arguments(), values=values.T
+        name, boulders, least_passages, maps.names, **maps.arguments(), values=values.T
     )
     return values, fewest
 

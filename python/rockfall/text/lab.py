@@ -98,12 +98,12 @@ def set_lines(title: str, found: ImpactSet) -> list[str]:
 
 def bounce_lines(found: ImpactSet, impacts: Impacts) -> list[str]:
     """Neutral slope, and growth and scatter of a bounce on planes, by the set and by resampling."""
-    ways: dict[str, Rebound] = {
+    rules: dict[str, Rebound] = {
         "the set": set_rebound(found.mean, found.covariance),
         "the impacts": resampled_rebound(impacts.v_in, impacts.v_out),
     }
     lines = []
-    for name, rebound in ways.items():
+    for name, rebound in rules.items():
         planes = []
         for slope in SLOPES:
             one = growth(rebound, slope)

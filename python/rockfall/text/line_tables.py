@@ -97,8 +97,8 @@ def _row(row: pd.Series, names: list[str]) -> Iterator[list[str]]:
     for name in names:
         factor = 1 if name in ("exceedances", "shape") else about.factor
         value, low, high = (factor * row.get(f"{name}{end}", np.nan) for end in ENDS)
-        whole = name == "exceedances" and np.isfinite(value)
-        numbers.append(f"{value:,.0f}" if whole else number(value, 4))
+        is_count = name == "exceedances" and np.isfinite(value)
+        numbers.append(f"{value:,.0f}" if is_count else number(value, 4))
         known = np.isfinite([low, high]).any()
         limits.append(f"{number(low, 4)}..{number(high, 4)}" if known else "")
     yield numbers

@@ -15,6 +15,7 @@ from rockfall.io.grid import row_blocks
 from rockfall.scene.coefficients import ANY_SPEED
 from rockfall.scene.ground import Ground
 from rockfall.scene.reach import survey
+from rockfall.scene.rebound import sphere_radius
 from rockfall.scene.scene import Scene
 from rockfall.scene.sources import threshold
 from rockfall.simulation.memory import machine_memory
@@ -56,8 +57,8 @@ def preview(scene: Scene) -> str:
         ("elevations", _elevations(scene.ground)),
         ("slopes", _slopes(scene.ground)),
         ("surface", _surface(scene)),
-        ("sizes", _sizes(pilot.tally)),
-        *(("", line) for line in _rocks(scene, _volumes(pilot.tally))),
+        ("sizes", _sizes(case.boulder["density"], values["volume"])),
+        *(("", line) for line in _rocks(scene, values["volume"])),
         ("impact sets", _sets(scene)),
         ("rebounds", _rebounds(values)),
         ("boulders", _boulders(scene)),
@@ -201,23 +202,14 @@ def _boulders(scene: Scene) -> str:
     return f"{scene.boulders:,}, {each:,} from {of}; sources: {scene.x.size:,} ({kind})"
 
 
-def _sizes(pilot: Tally) -> str:
+def _sizes(density: float, volumes: np.ndarray) -> str:
     """Of the pilot's boulders."""
-    volumes = _volumes(pilot)
-    radii = _radius(volumes)
-    masses = pilot.scene.case.boulder["density"] * volumes
+    radii = sphere_radius(volumes)
+    masses = density * volumes
     return (
         f"R_b {_range(radii.min(), radii.max())} m, volume "
         f"{_range(volumes.min(), volumes.max())} m3, mass {_range(masses.min(), masses.max())} kg"
     )
-
-
-def _volumes(pilot: Tally) -> np.ndarray:
-    return pilot.columns()["volume"]
-
-
-def _radius(volume: np.ndarray) -> np.ndarray:
-    return np.cbrt(0.75 / np.pi * volume)
 
 
 def _sets(scene: Scene) -> str:
@@ -244,7 +236,7 @@ def _rocks(scene: Scene, volumes: np.ndarray) -> list[str]:
     """R_m, R_b/R_m and the neutral slope of each zone, or of the smallest, usual and largest rocks:
     of the mean volume, and in brackets of the 5 and 95 % quantiles where other sets serve them."""
     grounds, neutral = list(rocks_of(scene)), NeutralSlopes(scene)
-    mean, *ends = _radius(np.array([volumes.mean(), *np.quantile(volumes, [0.05, 0.95])]))
+    mean, *ends = sphere_radius(np.array([volumes.mean(), *np.quantile(volumes, [0.05, 0.95])]))
     lines = [_ground(one, neutral, mean, ends) for one in grounds[:MAX_ZONES]]
     more = len(grounds) - len(lines)
     return [*lines, f"and {more} more zones"] if more else lines

@@ -32,7 +32,7 @@ def summary(result: xr.Dataset) -> str:
 
 
 def _ends(result: xr.Dataset) -> Iterator[list[str]]:
-    """The fraction of the boulders that ended in each way."""
+    """The fraction of the boulders that ended with each status."""
     for word, ended in ends(result).items():
         if ended.any():
             yield [f"  {word.replace('_', ' ')}", f"{ended.sum():,}", f"{ended.mean():.1%}"]
