@@ -63,22 +63,15 @@ def test_columns_that_are_absent_are_nan():
     ("text", "message"),
     [
         ("", "is empty"),
-        ("\n\n", "is empty"),
         ("zone,mean_radius\n", "no zones below the header"),
         ("id,mean_radius\n1,0.1", "line 1: no column zone; has: id, mean_radius"),
         ("zone,radius\n1,0.1", "line 1: none of the columns mean_radius, rg70, rg20, rg10"),
         ("zone,zone,rg70\n1,1,2", "line 1: column zone: is there twice"),
         ("zone,mean_radius\n\n1,0.1\n2,-0.1", "line 4: mean_radius = -0.1: must be > 0 (Inf "
          "absorbs)"),
-        ("zone,rg70\n1,0", "line 2: rg70 = 0: must be > 0 (Inf absorbs)"),
         ("zone,rg70\n1,nan", "line 2: rg70 = nan: must be > 0 (Inf absorbs)"),
-        ("zone,rg70\n1,-inf", "line 2: rg70 = -inf: must be > 0 (Inf absorbs)"),
-        ("zone,rg70\n1,1e999", "line 2: rg70 = 1e999: must be a number"),
-        ("zone,rg70\n1,1_0", "line 2: rg70 = 1_0: must be a number"),
         ("zone,rg70\n1,wide", "line 2: rg70 = wide: must be a number"),
-        ("zone,rg70\n1,", "line 2: rg70 = : must be a number"),
         ("zone,rg70\n1.5,1", "line 2: zone = 1.5: must be an integer"),
-        ("zone,rg70\n,1", "line 2: zone = : must be an integer"),
         ("zone,rg70\n3000000000,1", "line 2: zone = 3000000000: must fit in 32 bits"),
         ("zone,rg70\n1,1\n2,1\n1,2", "line 4: zone 1: is in the table twice"),
         ("zone,rg70\n1,1,2", "line 2: 3 columns, the header has 2"),
@@ -225,14 +218,6 @@ def plain_geojson(x0=600000, y0=4999960, size=20):
     return "a.geojson"
 
 
-def test_a_geopackage_whose_table_lacks_its_column_is_one_line():
-    make_layer("a.gpkg", [box(0, 0, 20, 20)], zone=[5])
-    with closing(sqlite3.connect("a.gpkg")) as database, database:
-        database.execute("UPDATE gpkg_geometry_columns SET column_name = 'shape'")
-    with pytest.raises(RockfallError, match=r"^a\.gpkg: not a polygon layer that can be read"):
-        burn_polygons("a.gpkg", utm_grid(), "zone")
-
-
 @pytest.mark.parametrize(
     ("statement", "message"),
     [
@@ -278,7 +263,7 @@ def test_a_geopackage_that_another_program_writes_to():
         burn_polygons("a.gpkg", utm_grid(), "zone")
 
 
-@pytest.mark.parametrize("ending", ["dbf", "shx", "prj", "qix"])
+@pytest.mark.parametrize("ending", ["dbf", "qix"])
 def test_a_pipe_beside_a_shapefile_is_not_waited_for(ending):
     make_layer("a.shp", [box(0, 0, 20, 20)], zone=[5])
     Path(f"a.{ending}").unlink(missing_ok=True)
@@ -287,7 +272,7 @@ def test_a_pipe_beside_a_shapefile_is_not_waited_for(ending):
         burn_polygons("a.shp", utm_grid(), "zone")
 
 
-@pytest.mark.parametrize("name", ["a.gpkg", "a.geojson", "a.shp", "a.fgb"])
+@pytest.mark.parametrize("name", ["a.gpkg", "a.shp"])
 @pytest.mark.parametrize(
     "text",
     [
@@ -314,10 +299,7 @@ def test_no_layer_reaches_the_network(name, text):
     [
         ('"features"', '"crs": {"type": "link", "properties": {"href": "http://127.0.0.1:9/a"}}, '
          '"features"', "crs = .*: must have a name such as EPSG:32632"),
-        ('"features"', '"crs": {"type": "name", "properties": {"name": "http://127.0.0.1:9/a"}}, '
-         '"features"', "crs = .*: must have a name such as EPSG:32632"),
         ('"FeatureCollection"', '"gdal_streamed_alg"', "type = gdal_streamed_alg: must be "),
-        ("600020,", "NaN,", "NaN is no number of JSON"),
         ("600020,", "1e999,", "Out of range float values are not JSON compliant"),
     ],
 )  # fmt: skip
@@ -346,13 +328,6 @@ def test_geojson_of_one_feature_or_shape():
     assert (burn_polygons(path, utm_grid(), "zone") == 5).sum() == 4
     path.write_text(json.dumps(feature["geometry"]))
     assert burn_polygons(path, utm_grid()).sum() == 4
-
-
-def test_geojson_that_is_no_text_is_one_line():
-    path = Path(plain_geojson())
-    path.write_bytes(path.read_bytes().replace(b"zone", b"z\xffne"))
-    with pytest.raises(RockfallError, match=r"^a\.geojson: not a polygon layer that can be read"):
-        burn_polygons(path, utm_grid(), "zone")
 
 
 def test_geojson_in_metres_is_taken_as_it_is():
@@ -412,7 +387,6 @@ def test_what_is_no_polygon(case):
     [
         ([1.0, 2.5], "feature 2: zone = 2.5: must be an integer of 32 bits"),
         ([1, 3_000_000_000], "feature 2: zone = 3000000000: must be an integer of 32 bits"),
-        ([-(2**31), 1], "feature 1: zone = -2147483648: must be an integer of 32 bits"),
         ([None, 1.0], "feature 1: zone is empty"),
         (["rock", "soil"], "attribute zone is not a number, zone ids are integers"),
     ],
