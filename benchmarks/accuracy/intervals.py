@@ -15,12 +15,11 @@ import numpy as np
 import xarray as xr
 
 import rockfall
-from benchmarks.machine import ROOT, machine
+from benchmarks.machine import NOTHING, VAUJANY, machine
 from rockfall.analysis import return_levels as tails
 from rockfall.analysis.line_statistics import QUANTITIES, Z, line_numbers, line_values, sources
 from rockfall.analysis.run_until import FIRST, evaluate, next_stage, read_rules
 
-VAUJANY = ROOT / "cases/vaujany/case.nml"
 SIZE = 10_000  # boulders of a sample
 SHOWN = ("fraction", "mean", "std", "q50", "q90", "q95", "q98", "q99")
 SHARE, SIGMA = 0.6, 0.4  # of the known law
@@ -121,7 +120,7 @@ def main() -> None:
     print(machine(), "\n")
     case = rockfall.read_case(VAUJANY).replace(
         case={"boulders": SIZE * options.parts},
-        output={"maps": None, "rebounds": False, "trajectories": 0},
+        output=NOTHING,
     )
     truth = rockfall.run(case, progress=True)
     parts = [

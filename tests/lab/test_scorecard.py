@@ -38,7 +38,7 @@ VAUJANY = Path(__file__).parents[2] / "cases" / "vaujany"
 INF = np.inf
 
 
-@pytest.mark.parametrize("angle", [5.0, 15.0, 45.0, 72.0, 90.0])
+@pytest.mark.parametrize("angle", [15.0, 45.0, 90.0])
 def test_restitution_of_one_matrix_is_known(angle):
     a = scenes.LIVELY_MEAN
     r_t, r_n = restitution(a, np.zeros((9, 9)), angle)

@@ -60,7 +60,7 @@ def check(result, sources, released):
     assert np.array_equal(found, share.astype("f4"), equal_nan=True)
 
 
-@pytest.mark.parametrize(("n", "of"), [(1, 400), (7, 50), (300, 5), (2000, 2), (3, 500)])
+@pytest.mark.parametrize(("n", "of"), [(1, 400), (7, 50), (2000, 2)])
 def test_sources_of_each_cell_are_those_of_brute_force(tmp_path, n, of):
     case, arrays = case_of(tmp_path, n), scattered(of)
     sources, released = by_brute_force(case, arrays)
@@ -71,9 +71,8 @@ def test_sources_of_each_cell_are_those_of_brute_force(tmp_path, n, of):
         same(rockfall.run(case, **arrays, **how), whole)
 
 
-@pytest.mark.parametrize(("n", "of"), [(1, 100), (40, 12), (700, 3), (3000, 1)])
-@pytest.mark.parametrize("parts", [2, 7, 64])
-def test_parts_joined_in_any_order_are_the_run(tmp_path, n, of, parts):
+@pytest.mark.parametrize(("n", "of"), [(1, 100), (700, 3)])
+def test_parts_joined_in_any_order_are_the_run(tmp_path, n, of, parts=11):
     case, arrays = case_of(tmp_path, n), scattered(of)
     flown = [
         rockfall.run(case, **arrays, shard=(k, parts), threads=k % 3, chunk=[None, 29][k % 2])
@@ -152,8 +151,7 @@ class _after:
         return self.left < 0
 
 
-@pytest.mark.parametrize("shard", [(1, 1), (2, 3), (5, 9)])
-@pytest.mark.parametrize("n", [30, 700])
+@pytest.mark.parametrize(("shard", "n"), [((1, 1), 700), ((5, 9), 30)])
 def test_a_run_killed_in_the_middle_of_a_source_goes_on(tmp_path, monkeypatch, shard, n):
     monkeypatch.setattr(checkpoint, "REST", 0.0)
     scene = read_scene(case_of(tmp_path, n), **scattered(2100 // n))
