@@ -5,9 +5,8 @@ import os
 import platform
 import subprocess
 import sys
+from importlib.metadata import version
 from pathlib import Path
-
-import rockfall
 
 ROOT = Path(__file__).parents[1]  # of the repository
 VAUJANY = ROOT / "cases/vaujany/case.nml"
@@ -22,7 +21,7 @@ def machine() -> str:
         names = [line for line in info.read_text().splitlines() if line.startswith("model name")]
         cpu = names[0].split(":")[1].strip() if names else cpu
     load = f"load {os.getloadavg()[0]:.1f}"
-    program = f"rockfall {rockfall.__version__}"
+    program = f"rockfall {version('rockfall')}"
     return ", ".join([cpu, f"{os.cpu_count()} cores", load, platform.platform(), program])
 
 

@@ -67,10 +67,9 @@ A command replaces its own earlier files, which it knows by their contents, and 
 file that the case, a part or the command reads, whatever its name there (a link, another spelling),
 and none that rockfall did not write. Several files come all together or not at all.
 
-`input_checksums` are SHA-256 of the named files; `decoded_checksums`, which `rockfall-batch` does
-not write, of what was read of them and of all that lies beside them: elevations and their place
-(`dem`), the radius of each cell (`surface`), the `sources`. Parts and checkpoints must agree in
-both.
+`input_checksums` are SHA-256 of the named files; `decoded_checksums` of what was read of them and
+of all that lies beside them: elevations and their place (`dem`), the radius of each cell
+(`surface`), the `sources`. Parts and checkpoints ([files.md](files.md)) must agree in both.
 """
 
 STATUSES = ", ".join(f"{k} {name}" for name, k in variables.STATUS.items())

@@ -80,14 +80,18 @@ def merging(scene, parts: int, folder: Path) -> None:
 def doors(case: rockfall.Case, folder: Path) -> None:
     """CPU seconds of the two programs from start to written file, one thread; least of three."""
     prepare(case, folder / "prepared")
-    path, boulders = folder / "prepared/case.nml", case.case["boulders"]
+    files = {key: str(VAUJANY.parent / case.surface[key]) for key in ("zones", "table")}
+    case = case.replace(terrain={"dem": str(VAUJANY.parent / "dem.tif")}, surface=files)
+    (folder / "case.nml").write_text(case.text(), encoding="utf-8")
+    boulders = case.case["boulders"]
     program = shutil.which("rockfall-batch")
     if not program:
         sys.exit("rockfall-batch is not on the PATH; see ./run setup")
     commands = {
-        "rockfall run": [sys.executable, "-m", "rockfall", "run", path, "--quiet"]
+        "rockfall run": [sys.executable, "-m", "rockfall", "run", folder / "case.nml", "--quiet"]
         + ["--threads", "1", "-o", folder / "python.nc"],
-        "rockfall-batch": [program, path, "--quiet", "--threads", "1", "-o", folder / "batch.nc"],
+        "rockfall-batch": [program, folder / "prepared/case.nml", "--quiet", "--threads", "1"]
+        + ["-o", folder / "batch.nc"],
     }
     cpu = dict.fromkeys(commands, math.inf)
     for _ in range(3):

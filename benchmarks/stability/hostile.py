@@ -32,6 +32,8 @@ import numpy as np
 import rasterio
 import xarray as xr
 
+sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
+
 import rockfall
 from benchmarks.machine import ROOT, machine
 from benchmarks.stability import mutators

@@ -13,6 +13,7 @@ import pytest
 import rockfall
 from programs import (
     everything,
+    find_program,
     make_full_case,
     refused_in_one_line,
     same_results,
@@ -265,9 +266,6 @@ def test_other_commands_say_what_finishes_a_part(ready, batch, capsys):
 
 def test_quantile_maps_take_memory_where_boulders_pass(batch, tmp_path):
     """Counts for all of a million cells are 824 MB; the program has 500."""
-
-    from program import find_program
-
 
     z, grid = (
         np.zeros((1000, 1000), "f4") - np.arange(1000)[:, None],

@@ -29,6 +29,7 @@ from rockfall.scene.prepare import prepare
 from rockfall.scene.read import read_scene
 from rockfall.simulation.checkpoint import Checkpoint
 from rockfall.simulation.merge import merge
+from rockfall.simulation.simulate import run_chunks, start
 
 
 @pytest.fixture(scope="module")
@@ -83,32 +84,25 @@ def test_the_check_finds_what_it_is_to_find(tmp_path):
     assert verdict(0, "").startswith("OUTSIDE")
 
 
-@pytest.mark.parametrize("name", ["asc.nml", "dem.asc", "zones.csv", "cells.asc"])
-def test_a_pipe_is_refused_and_not_waited_for(files, name):
+def test_a_pipe_is_refused_and_not_waited_for(files, batch):
     """Nobody writes into it: to open it would never end."""
-    mutators.fifo(None, files / name)
-    with refused(f"in/{name}: not a regular file"):
-        read_scene(rockfall.read_case("in/asc.nml"))
-
-
-@pytest.mark.parametrize(
-    ("name", "what"),
-    [("case.nml", "not a regular file"), ("scene.nc", "cannot be read as netCDF-4")],
-)
-def test_the_program_does_not_wait_for_a_pipe(files, batch, name, what):
-    prepare(rockfall.read_case("in/asc.nml"), files / "ready")
-    mutators.fifo(None, files / "ready" / name)
-    done = batch("in/ready/case.nml", "-o", "no", cwd=".")
-    said = f"rockfall-batch: in/ready/{name}: {what}\n"
-    assert (done.returncode, done.stderr) == (2, said)
+    said = {"case.nml": "not a regular file", "scene.nc": "cannot be read as netCDF-4"}
+    prepare(rockfall.read_case("in/asc.nml"), "in/ready")
+    for name, words in said.items():
+        good = (files / "ready" / name).read_bytes()
+        mutators.fifo(None, files / "ready" / name)
+        done = batch("in/ready/case.nml", "-o", "no", cwd=".")
+        assert (done.returncode, done.stderr) == (2, f"rockfall-batch: in/ready/{name}: {words}\n")
+        (files / "ready" / name).unlink()
+        (files / "ready" / name).write_bytes(good)
+    for name in ("asc.nml", "dem.asc", "zones.csv", "cells.asc"):
+        text = (files / name).read_bytes()
+        mutators.fifo(None, files / name)
+        with refused(f"in/{name}: not a regular file"):
+            read_scene(rockfall.read_case("in/asc.nml"))
+        (files / name).unlink()
+        (files / name).write_bytes(text)
     assert not Path("no").exists()
-
-
-def test_a_pipe_for_a_checkpoint_is_not_waited_for(files):
-    Path("half.nc.checkpoint").touch()
-    mutators.fifo(None, Path("half.nc.checkpoint"))
-    with pytest.raises(rockfall.RockfallError, match="^half.nc.checkpoint: is there, and no"):
-        Checkpoint("half.nc", 0.0).found()
 
 
 def test_devices_and_links_to_themselves_are_refused(tmp_path):
@@ -161,7 +155,7 @@ def test_a_damaged_part_is_named(parts, name, value, said):
 def test_a_part_without_what_it_says_of_itself_is_none(parts, name):
     with netCDF4.Dataset(parts[1], "a") as file:
         file.delncattr(name)
-    with pytest.raises(rockfall.RockfallError, match=r"^2\.nc: is damaged: "):
+    with refused(f"2.nc: is damaged: {name}"):
         merge(parts)
 
 
@@ -191,15 +185,63 @@ def test_a_part_of_other_shapes_is_named(parts):
         file.renameVariable("line_time", "line_q")
     with refused("1.nc: is damaged: line_time"):
         merge(parts)
-    with netCDF4.Dataset(parts[1], "a") as file:
+    with netCDF4.Dataset(parts[2], "a") as file:
         file.setncattr("boulder_last", 39)
-    with pytest.raises(rockfall.RockfallError, match=r"^2\.nc: is damaged: volume"):
-        merge([parts[1]])
+    with refused("3.nc: is damaged: volume"):
+        merge([parts[2]])
 
 
 @pytest.fixture
 def whole(made, files):
     return Path(shutil.copy(made / "whole.nc", "whole.nc"))
+
+
+@pytest.fixture
+def half(files):
+    """A run of 40 boulders that was stopped after 20: how to begin it, and its checkpoint."""
+    scene = read_scene(rockfall.read_case("in/asc.nml"))
+    tally = start(scene, 1)
+    run_chunks(tally, 20, lambda: tally.done >= 20, lambda _: None)
+    checkpoint = Checkpoint("half.nc", 0.0)
+    checkpoint.save(tally)
+    assert checkpoint.found() == 20
+    return scene, checkpoint.path
+
+
+def test_one_turned_bit_of_a_value_in_a_checkpoint_is_found(half):
+    scene, path = half
+    good = path.read_bytes()
+    with netCDF4.Dataset(path) as file:
+        values = file["travel_time"][...].data.tobytes()
+    spoiled = bytearray(good)
+    spoiled[good.index(values) + 5] ^= 1
+    path.write_bytes(spoiled)
+    with pytest.raises(rockfall.RockfallError, match=f"^{path}: is damaged: travel_time"):
+        Checkpoint("half.nc", 0.0).restore(start(scene, 1))
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "said"),
+    [("boulder_last", 41, "boulders"), ("boulder_last", 19, "volume"),
+     ("threads", "many", "threads"), ("boulder_first", -1, "boulder_first"),
+     ("wall_seconds", float("nan"), "wall_seconds"),
+     ("cpu_seconds", -1.0, "cpu_seconds"), ("map_window", [0, 0, 9**9, 1], "map_window"),
+     ("map_window", [0], "map_window"), ("input_checksums", "[" * 100_000, "input_checksums"),
+     ("decoded_checksums", "[1]", "decoded_checksums"), ("boulders_asked", 39, "boulder")],
+)  # fmt: skip
+def test_what_a_checkpoint_cannot_say_is_refused(half, key, value, said):
+    scene, path = half
+    with netCDF4.Dataset(path, "r+") as file:
+        file.setncattr(key, value)
+    with pytest.raises(rockfall.RockfallError, match=f"^{path}: is .*{said}"):
+        Checkpoint("half.nc", 0.0).restore(start(scene, 1))
+
+
+def test_a_pipe_as_a_checkpoint_is_refused_and_not_waited_for(half):
+    scene, path = half
+    mutators.fifo(None, path)
+    with pytest.raises(rockfall.RockfallError, match="^half.nc.checkpoint: is there, and no"):
+        Checkpoint("half.nc", 0.0).restore(start(scene, 1))
 
 
 def change_result(path, change):
@@ -279,7 +321,7 @@ def test_a_map_that_cannot_be_read_is_refused_and_nothing_exported(whole):
     assert not Path("new").exists()
 
 
-@pytest.mark.parametrize("version", ["CLASSIC", "64BIT_OFFSET"])
+@pytest.mark.parametrize("version", ["CLASSIC", "64BIT_OFFSET", "64BIT_DATA"])
 def test_a_netcdf_header_that_claims_more_than_it_has_is_refused(files, version):
     """The libraries would take memory for 67 million variables before they look."""
     path = files / "dem3.nc"
@@ -287,7 +329,8 @@ def test_a_netcdf_header_that_claims_more_than_it_has_is_refused(files, version)
         dem = dem.load()
     path.unlink()
     dem.to_netcdf(path, format=f"NETCDF3_{version}", engine="netcdf4")
-    read_scene(rockfall.read_case("in/nc3.nml"))
+    if version != "64BIT_DATA":  # which GDAL's packages do not read
+        read_scene(rockfall.read_case("in/nc3.nml"))
     sound = path.read_bytes()
     at = sound.index(b"\0\0\0\x0b") + 4  # the list of variables: its tag, their number
     for most in b"\x04\x84":

@@ -68,7 +68,7 @@ def test_a_run_without_streams_is_a_run(programs, program, closed):
     if program == "rockfall":
         assert rockfall.read_result("out.nc").equals(rockfall.run(rockfall.read_case("case.nml")))
     else:
-        assert rockfall.merge(["out"]).sizes["boulder"] == 50
+        assert rockfall.merge(["out"]).equals(rockfall.run(rockfall.read_case("case.nml")))
     if closed == "2>&-":
         assert b"50 boulders" in done.stdout
         assert ran([programs[program][0], "no.nml"], "exec 2>&-;").returncode != 0
@@ -89,7 +89,8 @@ def test_names_that_are_no_text_are_one_line(programs):
         assert done.stderr == b"rockfall: " + name + b": is not a name in UTF-8\n"
     done = ran([sys.executable, "-m", "rockfall", "run", "case.nml"], cwd=bad)
     assert done.returncode == 2 and done.stderr.endswith(b"d\\udcff: is not a name in UTF-8\n")
-    done = ran([find_program(), f"{bad}/case.nml", "-o", "out"])  # to which a name is bytes
+    command = [find_program(), f"{bad}/case.nml", "-o", "out", "--quiet"]
+    done = ran(command)  # to which a name is bytes
     assert (done.returncode, done.stderr) == (0, b"")
 
 

@@ -32,13 +32,13 @@ module rockfall_variables
       variable_t("boulder", "stop_x", "real", "m", "easting of the end"), &
       variable_t("boulder", "stop_y", "real", "m", "northing of the end"), &
       variable_t("boulder", "stop_z", "real", "m", "elevation of the end"), &
-      variable_t("boulder", "path_length", "real", "m", "length of the way flown"), &
+      variable_t("boulder", "path_length", "real", "m", "length of the trajectory"), &
       variable_t("boulder", "plan_distance", "real", "m", &
                  "plan distance from release to end, in a straight line"), &
       variable_t("boulder", "travel_time", "real", "s", "time from release to end"), &
-      variable_t("boulder", "speed_max", "real", "m s-1", "greatest speed"), &
+      variable_t("boulder", "speed_max", "real", "m s-1", "maximum speed"), &
       variable_t("boulder", "jump_height_max", "real", "m", &
-                 "greatest height of the boulder's point above the surface"), &
+                 "maximum height of the boulder's point above the surface"), &
       variable_t("boulder", "status", "integer", "1", "why the boulder ended"), &
       variable_t("boulder", "impacts", "integer", "1", "contacts with the slope"), &
       variable_t("count", "rebounds", "integer", "1", "rebounds of all boulders"), &
@@ -90,46 +90,46 @@ module rockfall_variables
       variable_t("map", "deposits", "integer", "1", &
                  "boulders that came to rest in the cell or were absorbed there"), &
       variable_t("map", "energy_max", "real", "J", &
-                 "greatest kinetic energy, translational and rotational"), &
+                 "maximum kinetic energy, translational and rotational"), &
       variable_t("map", "energy_mean", "real", "J", &
-                 "mean of the passing boulders' greatest energies"), &
+                 "mean of the passing boulders' maximum energies"), &
       variable_t("map", "energy_q50", "real", "J", &
-                 "median of the passing boulders' greatest energies", in_classes), &
+                 "median of the passing boulders' maximum energies", in_classes), &
       variable_t("map", "energy_q90", "real", "J", &
-                 "90 % quantile of the passing boulders' greatest energies", in_classes), &
+                 "90 % quantile of the passing boulders' maximum energies", in_classes), &
       variable_t("map", "energy_q95", "real", "J", &
-                 "95 % quantile of the passing boulders' greatest energies", in_classes), &
+                 "95 % quantile of the passing boulders' maximum energies", in_classes), &
       variable_t("map", "energy_q98", "real", "J", &
-                 "98 % quantile of the passing boulders' greatest energies", in_classes), &
+                 "98 % quantile of the passing boulders' maximum energies", in_classes), &
       variable_t("map", "energy_q99", "real", "J", &
-                 "99 % quantile of the passing boulders' greatest energies", in_classes), &
-      variable_t("map", "speed_max_map", "real", "m s-1", "greatest speed"), &
+                 "99 % quantile of the passing boulders' maximum energies", in_classes), &
+      variable_t("map", "speed_max_map", "real", "m s-1", "maximum speed"), &
       variable_t("map", "speed_mean", "real", "m s-1", &
-                 "mean of the passing boulders' greatest speeds"), &
+                 "mean of the passing boulders' maximum speeds"), &
       variable_t("map", "speed_q50", "real", "m s-1", &
-                 "median of the passing boulders' greatest speeds", in_classes), &
+                 "median of the passing boulders' maximum speeds", in_classes), &
       variable_t("map", "speed_q90", "real", "m s-1", &
-                 "90 % quantile of the passing boulders' greatest speeds", in_classes), &
+                 "90 % quantile of the passing boulders' maximum speeds", in_classes), &
       variable_t("map", "speed_q95", "real", "m s-1", &
-                 "95 % quantile of the passing boulders' greatest speeds", in_classes), &
+                 "95 % quantile of the passing boulders' maximum speeds", in_classes), &
       variable_t("map", "speed_q98", "real", "m s-1", &
-                 "98 % quantile of the passing boulders' greatest speeds", in_classes), &
+                 "98 % quantile of the passing boulders' maximum speeds", in_classes), &
       variable_t("map", "speed_q99", "real", "m s-1", &
-                 "99 % quantile of the passing boulders' greatest speeds", in_classes), &
+                 "99 % quantile of the passing boulders' maximum speeds", in_classes), &
       variable_t("map", "jump_height_max_map", "real", "m", &
-                 "greatest height of a boulder's point above the surface"), &
+                 "maximum height of a boulder's point above the surface"), &
       variable_t("map", "jump_height_mean", "real", "m", &
-                 "mean of the passing boulders' greatest jump heights"), &
+                 "mean of the passing boulders' maximum jump heights"), &
       variable_t("map", "jump_height_q50", "real", "m", &
-                 "median of the passing boulders' greatest jump heights", in_classes), &
+                 "median of the passing boulders' maximum jump heights", in_classes), &
       variable_t("map", "jump_height_q90", "real", "m", &
-                 "90 % quantile of the passing boulders' greatest jump heights", in_classes), &
+                 "90 % quantile of the passing boulders' maximum jump heights", in_classes), &
       variable_t("map", "jump_height_q95", "real", "m", &
-                 "95 % quantile of the passing boulders' greatest jump heights", in_classes), &
+                 "95 % quantile of the passing boulders' maximum jump heights", in_classes), &
       variable_t("map", "jump_height_q98", "real", "m", &
-                 "98 % quantile of the passing boulders' greatest jump heights", in_classes), &
+                 "98 % quantile of the passing boulders' maximum jump heights", in_classes), &
       variable_t("map", "jump_height_q99", "real", "m", &
-                 "99 % quantile of the passing boulders' greatest jump heights", in_classes), &
+                 "99 % quantile of the passing boulders' maximum jump heights", in_classes), &
       variable_t("histogram", "incidence_angle", "integer", "degree", &
                  "incidence angle from the surface, 90 = vertical", ends), &
       variable_t("histogram", "tangential_share", "integer", "1", &
