@@ -33,11 +33,6 @@ def seconds(do, *arguments, **named) -> tuple[float, object]:
     return time.perf_counter() - begin, found
 
 
-def threads(scene) -> None:
-    one, two = (run_scene(scene, threads=n).attrs["wall_seconds"] for n in (1, 2))
-    print(f"two threads: {one / two:.2f} times the speed of one ({one:.1f} s)")
-
-
 def processes(scene) -> None:
     """Wall times within a cluster that is there already."""
     from distributed import Client, LocalCluster
@@ -113,7 +108,6 @@ def main() -> None:
     case = rockfall.read_case(VAUJANY).replace(case={"boulders": options.boulders}, output=OUTPUT)
     scene = read_scene(case)
     with tempfile.TemporaryDirectory() as name:
-        threads(scene)
         processes(scene)
         checkpoints(scene, Path(name))
         merging(scene, options.parts, Path(name))

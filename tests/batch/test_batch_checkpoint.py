@@ -199,14 +199,6 @@ def test_a_crash_at_every_step(ready):
     assert step > 8  # the fewest calls of a run with one save
 
 
-def test_none_is_written_where_none_is_asked(many, batch):
-    process = subprocess.Popen(command("rockfall-batch", "a.nc", "--checkpoint", "0"), cwd=many)
-    while process.poll() is None:
-        assert not (many / "a.nc.checkpoint").exists()
-        time.sleep(0.005)
-    assert process.returncode == 0
-
-
 def test_comments_and_threads_may_differ(stopped, batch):
     case = stopped / "ready/case.nml"
     case.write_text("! again\n" + case.read_text(encoding="utf-8"), encoding="utf-8")

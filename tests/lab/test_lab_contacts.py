@@ -235,37 +235,26 @@ HOSTILE = {
     "NaN": (changed("w_in", "NaN"), "line 5: w_in = NaN: must be a number .*"),
     "away before": (changed("vn_in", 2.5), "line 5: vn_in = 2.5: must be .* <= -0.001"),
     "too fast": (changed("vt_out", 1e4), "line 5: vt_out = 10000.0: must be .* <= 1000"),
-    "a gain of energy": (
-        changed("vt_out", 900), "line 5: V_t.2 .* is [0-9.e+]* of that before: no contact gains .*",
-    ),
-    "a ratio that is none": (
-        lambda table: table.update(ratio=[0] * 80), "line 2: ratio = 0: must be a number >= .*",
-    ),
-    "a run without a name": (
-        lambda table: table.update(run=["a", "", *"b" * 78]), "line 3: run = : must not be empty",
-    ),
-    "two grounds": (
-        lambda table: table.update(ground=["scree", *["turf"] * 79]),
-        "line 3: ground = turf: a set file is of one ground, and the first contact's is scree",
-    ),
+    "a gain of energy": (changed("vt_out", 900),
+        "line 5: V_t.2 .* is [0-9.e+]* of that before: no contact gains .*"),
+    "a ratio that is none": (lambda table: table.update(ratio=[0] * 80),
+        "line 2: ratio = 0: must be a number >= .*"),
+    "a run without a name": (lambda table: table.update(run=["a", "", *"b" * 78]),
+        "line 3: run = : must not be empty"),
+    "two grounds": (lambda table: table.update(ground=["scree", *["turf"] * 79]),
+        "line 3: ground = turf: a set file is of one ground, and the first contact's is scree"),
     "a ground that breaks the line": (
         lambda table: table.update(ground=['"scree\n&impact_set"'] * 80),
-        "line 2: ground = scree &impact_set: must be printable text",
-    ),
-    "few deviations": (
-        lambda table: table.update(lateral=[*[5] * 29, *[""] * 51]),
-        "all ratios: 29 lateral deviations: at least 30 are needed for quantiles",
-    ),
-    "few groups": (
-        by_point, "all ratios: 80 contacts that hang together by run or point in 9 groups: at .*",
-    ),
+        "line 2: ground = scree &impact_set: must be printable text"),
+    "few deviations": (lambda table: table.update(lateral=[*[5] * 29, *[""] * 51]),
+        "all ratios: 29 lateral deviations: at least 30 are needed for quantiles"),
+    "few groups": (by_point,
+        "all ratios: 80 contacts that hang together by run or point in 9 groups: at .*"),
     "no scatter": (without_scatter, "all ratios: the outgoing velocities do not scatter .*"),
-    "no spin at all": (
-        lambda table: table.update(w_in=[0] * 80), "all ratios: the incident .* too much alike .*",
-    ),
-    "spin unchanged after": (
-        lambda table: table.update(w_out=[0] * 80), "all ratios: .* do not scatter .*",
-    ),
+    "no spin at all": (lambda table: table.update(w_in=[0] * 80),
+        "all ratios: the incident .* too much alike .*"),
+    "spin unchanged after": (lambda table: table.update(w_out=[0] * 80),
+        "all ratios: .* do not scatter .*"),
 }  # fmt: skip
 
 

@@ -157,27 +157,19 @@ MISTAKES = {
     "mask of 1 and 255": (mask(1, 255), "cells = 'cells.tif': 255 in 4,760 cells, which makes"),
     "all cells": (mask(255, 255), "every cell of the terrain is a source: is 255 a nodata value"),
     "R_m in cm": (radii("20"), "a mean radius of 20 m: .* was it meant in cm"),
-    "density in t": (
-        put("boulder", density=2.8),
-        "density = 2.8 kg/m3: rocks have 2000 to 3200; was it meant in t/m3?",
-    ),
+    "density in t": (put("boulder", density=2.8),
+        "density = 2.8 kg/m3: rocks have 2000 to 3200; was it meant in t/m3?"),
     "gravity": (put("flight", gravity=981.0), r"981 m/s2: the Earth has 9.81; was it meant in cm"),
     "drop": (put("release", drop_height=300.0), "start 300 m above the ground: was it meant in c"),
     "speed": (put("release", velocity=[0.0, -80.0, 0.0]), "80 m/s, 288 km/h: was it meant in km/"),
     "volume": (put("boulder", volume_mean=8000.0), "8000 m3: a boulder 25 m across: was it meant"),
-    "source given thrice": (
-        put("release", x=POINT["x"] * 3, y=POINT["y"] * 3),
-        r"the source \(600150, 4999950\) is given 3 times: it releases as many times",
-    ),
-    "overlapping zones": (
-        lambda site: site.polygons((0, 200), (100, 300)),
-        "zones.gpkg: polygons of different zone overlap in 1,600 cells: the later polygon counts",
-    ),
-    "zones without CRS": (
-        lambda site: site.polygons((0, 150), (150, 300), crs=None),
-        "zones.gpkg: names no CRS: taken to be in that of the DEM, EPSG:32632",
-    ),
-}
+    "source given thrice": (put("release", x=POINT["x"] * 3, y=POINT["y"] * 3),
+        r"the source \(600150, 4999950\) is given 3 times: it releases as many times"),
+    "overlapping zones": (lambda site: site.polygons((0, 200), (100, 300)),
+        "zones.gpkg: polygons of different zone overlap in 1,600 cells: the later polygon counts"),
+    "zones without CRS": (lambda site: site.polygons((0, 150), (150, 300), crs=None),
+        "zones.gpkg: names no CRS: taken to be in that of the DEM, EPSG:32632"),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("what", MISTAKES)

@@ -110,16 +110,3 @@ def test_batch_that_is_not_there_is_said(few_boulders, tmp_path, monkeypatch, ca
     assert not (tmp_path / "jobs").exists()
 
 
-def test_a_script_of_others_stays_and_ours_do_not_come_alone(few_boulders, tmp_path, capsys):
-    jobs = tmp_path / "jobs"
-    words = ["slurm", str(few_boulders), str(jobs), "--shards", "3"]
-    assert main(words) == 0
-    run = (jobs / "run.sh").read_text()
-    (jobs / "submit.sh").write_text("#!/bin/sh\n# mine\n")
-    assert main([*words, "--threads", "2"]) == 2
-    assert capsys.readouterr().err == (
-        f"rockfall: {jobs}/submit.sh: is there, and not a Slurm job that rockfall wrote; it is not "
-        "overwritten\n"
-    )
-    assert (jobs / "run.sh").read_text() == run
-    assert (jobs / "submit.sh").read_text() == "#!/bin/sh\n# mine\n"
