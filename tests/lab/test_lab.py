@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The laboratory from its case to its sets: same bits, resumption, physics, refusals, figures."""
 
+import re
 import signal
 import sys
 from contextlib import contextmanager
@@ -555,8 +556,10 @@ def test_layers_are_listed_and_drawn(quiet_figures, place, capsys):
     ],
 )
 def test_a_picture_that_cannot_be_is_one_line(quiet_figures, place, capsys, name, message):
-    words = ["lab", "pack", "lab.nml", "--ratio", "1", "--layers", "1", "-o", name]
-    refuses(words, f"{name}: {message}", capsys)
+    before = files(place)
+    assert main(["lab", "pack", "lab.nml", "--ratio", "1", "--layers", "1", "-o", name]) == 2
+    assert re.fullmatch(f"rockfall: {name}: {message}\n", capsys.readouterr().err)
+    assert files(place) == before
 
 
 # ---- files and arguments that are none

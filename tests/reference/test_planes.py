@@ -43,6 +43,7 @@ def test_the_page_tells_every_number_of_every_set_but_ensembles(tmp_path, monkey
     monkeypatch.setattr(planes, "shipped_sets", lambda: shipped)
     monkeypatch.setattr(planes, "SLOPES", (34, 44))
     monkeypatch.setattr(planes, "SEEDS", (1, 2))
+    monkeypatch.setattr(planes, "FLOWN", 100)
     monkeypatch.setattr(sys, "argv", ["planes.py", "--boulders", "30", "-o", str(tmp_path)])
     planes.main()
     text = (tmp_path / "planes.md").read_text(encoding="utf-8")
