@@ -18,7 +18,6 @@ from rockfall.cli import main
 from rockfall.result import variables
 from rockfall.scene.prepare import prepare
 from rockfall.simulation import simulate
-from rockfall.simulation.part_file import boulders_in
 from scenes import rough, sets, sets_text, usual
 
 ROOT = Path(__file__).parents[1]
@@ -112,11 +111,6 @@ def refused_in_one_line(done, words):
     """Exit status 2, and one line that says so."""
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr == f"rockfall-batch: {words}\n"
-
-
-def held(path):
-    """Boulders in a checkpoint."""
-    return boulders_in(path)
 
 
 def refuses(words, message, capture):

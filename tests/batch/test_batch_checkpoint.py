@@ -14,7 +14,8 @@ import pytest
 
 import rockfall
 from benchmarks.stability.kills import CRASHED, INTERRUPTED, build_shim
-from programs import MANY, everything, find_program, held, same_results
+from programs import MANY, everything, find_program, same_results
+from rockfall.simulation.part_file import boulders_in
 
 PROGRAMS = ("rockfall", "rockfall-batch")
 
@@ -51,8 +52,8 @@ def test_a_run_that_is_killed_and_changes_programs_comes_to_the_same_bits(many):
     instants, before = random.Random(4), 0
     for k, program in enumerate((*PROGRAMS, *PROGRAMS)):
         assert kill(many, program, "--threads", str(1 + k % 2), wait=instants.uniform(0, 0.01))
-        assert before < held(many / "a.nc.checkpoint") < 4 * MANY
-        before = held(many / "a.nc.checkpoint")
+        assert before < boulders_in(many / "a.nc.checkpoint") < 4 * MANY
+        before = boulders_in(many / "a.nc.checkpoint")
     ended = subprocess.run(command("rockfall", "a.nc", "--resume"), cwd=many)
     assert ended.returncode == 0
     same_results(result_of(many / "a.nc"), rockfall.run(rockfall.read_case(many / "case.nml")))
@@ -168,7 +169,7 @@ def test_a_full_disk_is_said_once_and_the_last_good_checkpoint_stays(many, batch
     assert first.endswith("; no more checkpoints") and second.startswith("rockfall-batch: a.nc: ")
     assert not list(many.glob(".*"))
     if (many / "a.nc.checkpoint").exists():
-        assert held(many / "a.nc.checkpoint") == 1024
+        assert boulders_in(many / "a.nc.checkpoint") == 1024
     assert batch(*words, "--resume", cwd=many).returncode == 0
     same_results(result_of(many / "a.nc"), rockfall.run(rockfall.read_case(many / "case.nml")))
 

@@ -368,11 +368,6 @@ def test_ctrl_c_keeps_the_boulders_done(place):
         for name, variable in first.data_vars.items():
             if "boulder" in variable.dims:
                 xr.testing.assert_equal(part[name].isel(boulder=slice(few)), variable)
-        if done < 300_000:  # maps and counts are of just these boulders
-            case = case.replace(case={"boulders": done}, output={"trajectories": 0})
-            same = rockfall.run(case)
-            for name in ("passages", "energy_mean", "rebounds", "rebounds_redrawn"):
-                xr.testing.assert_equal(part[name], same[name])
     assert not list(place.glob(".*"))
 
 

@@ -9,7 +9,6 @@ import sys
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pytest
 import rasterio
 import rasterio.shutil
@@ -18,7 +17,6 @@ from matplotlib.figure import Figure
 import rockfall
 import scenes
 from made import PLACE, UTM, make_raster, refused, write_ascii
-from rockfall.analysis.convergence import KEYS, Convergence
 from rockfall.case_files import input_files
 from rockfall.cli import main
 from rockfall.io.output_files import FIGURE, LINE_TABLE, atomic_folder, kind_of
@@ -106,25 +104,6 @@ def test_a_command_replaces_its_own_file_and_no_other(name, place, capsys):
         said = "is an input" if link else "is there, and not"
         assert out == "" and f"{target}: {said}" in err and err.count("\n") == 1
         assert contents(place) == before
-
-
-def test_a_study_of_convergence_replaces_its_own_files_and_no_other(place, monkeypatch, capsys):
-    numbers = pd.DataFrame(columns=[*KEYS, "value"])
-    study = Convergence("case", *4 * [numbers], 1, 1, 1, 0.0, {})
-    monkeypatch.setattr("rockfall.cli.studies.converge", lambda *_, **__: study)
-    monkeypatch.setattr("rockfall.cli.studies.text", lambda _: "")
-    monkeypatch.setattr("rockfall.plots.convergence._page", lambda _: Figure())
-    words = ["convergence", "case.nml", "-o", "study"]
-    for _ in range(2):
-        assert main(words) == 0
-    assert len(list(Path("study").iterdir())) == 6 and all(map(kind_of, Path("study").iterdir()))
-    monkeypatch.setattr("rockfall.cli.studies.converge", None)  # it does not come to this
-    Path("study/cost.csv").write_text("mine")
-    before = contents(place)
-    capsys.readouterr()
-    assert main(words) == 2
-    assert capsys.readouterr().err.startswith("rockfall: study/cost.csv: is ")
-    assert contents(place) == before
 
 
 def test_a_case_that_is_called_like_its_dem_keeps_it(place, capsys):

@@ -483,19 +483,6 @@ def test_the_utm_zone_is_that_of_the_place(longitude, latitude, epsg):
         read_dem("dem.tif")
 
 
-def test_feet_and_the_command_that_mends_them():
-    place = Affine(10.0, 0.0, 6500000.0, 0.0, -10.0, 2000000.0)
-    make_raster("dem.tif", hill(60, 40), place, "EPSG:2225", nodata=-1)
-    with pytest.raises(RockfallError) as caught:
-        read_dem("dem.tif")
-    assert str(caught.value) == (
-        "dem.tif: cells are in US survey foot (EPSG:2225), metres are needed; reproject with: "
-        "rio warp dem.tif dem_utm.tif --dst-crs EPSG:32610 --resampling bilinear"
-    )
-    run_offered(caught)
-    assert read_dem("dem_utm.tif")[1].crs.to_epsg() == 32610
-
-
 @pytest.mark.parametrize("crs", [UTM, None])
 def test_oblong_cells_and_the_command_that_mends_them(crs):
     make_raster("a dem.tif", hill(50, 40), Affine(2.5, 0, 6e5, 0, -3.0, 5e6), crs, nodata=-1)
