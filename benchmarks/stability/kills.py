@@ -37,7 +37,7 @@ STEPS = {"rockfall": range(1, 31), "rockfall-batch": range(1, 13)}
 HANDLERS = {"rockfall": range(1, 5), "rockfall-batch": range(1, 2)}
 PROGRESS = 50  # crashes from a line to the next
 FORKS = multiprocessing.get_context("forkserver")
-PRELOAD = ["benchmarks.stability.kills", "rockfall.simulation.checkpoint", "rockfall.text.summary"]
+PRELOAD = ["__main__", "rockfall.simulation.checkpoint", "rockfall.text.summary"]
 FORKS.set_forkserver_preload(PRELOAD)
 
 

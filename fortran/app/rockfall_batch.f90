@@ -32,7 +32,7 @@ program rockfall_batch
    use rockfall_threads, only: check_team
    use rockfall_console, only: arguments_t, read_arguments, stem, one_line, decimal
    use rockfall_scene_file, only: inputs_t, read_scene
-   use rockfall_part_file, only: write_part, boulders_in
+   use rockfall_part_file, only: write_part, is_result
    use rockfall_checkpoint, only: checkpoint_t, check_checkpoint, remove_checkpoint
    use rockfall_run_loop, only: results_t, run_case
    use rockfall_variables, only: statuses, line_fields
@@ -162,8 +162,8 @@ contains
       else if (same_file(output, case) .or. same_file(output, scene)) then
          call fail(error, output//": is an input; it is not overwritten")
       else if (path_exists(output)) then
-         if (boulders_in(output) < 0) &
-            call fail(error, output//": is there, and not a part of a run that rockfall wrote; it is not overwritten")
+         if (.not. is_result(output)) &
+            call fail(error, output//": is there, and not a result of a run that rockfall wrote; it is not overwritten")
       end if
       if (allocated(error)) return
       open (newunit=unit, file=temporary_name(output), status="replace", action="write", iostat=status)

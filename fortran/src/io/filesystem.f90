@@ -1,12 +1,12 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> What Fortran does not have of POSIX: names, files that are on disk, and the number of the process.
 module rockfall_filesystem
-   use, intrinsic :: iso_c_binding, only: c_char, c_int, c_int64_t, c_intptr_t, c_null_char
+   use, intrinsic :: iso_c_binding, only: c_char, c_int, c_long, c_int64_t, c_intptr_t, c_null_char
    use rockfall_text, only: integer_text
    implicit none
    private
-   public :: remove_file, replace_file, path_exists, is_folder, same_file, is_open_as, folder_of, name_of, hidden_name, &
-             temporary_name, fail_beyond_size_limit, open_closed_streams, end_at_once
+   public :: remove_file, replace_file, path_exists, is_folder, same_file, is_open_as, is_pipe, &
+             folder_of, name_of, hidden_name, temporary_name, fail_beyond_size_limit, open_closed_streams, end_at_once
 
    interface
       integer(c_int) function c_unlink(path) bind(c, name="unlink")
@@ -31,6 +31,12 @@ module rockfall_filesystem
          import :: c_int
          integer(c_int), value :: descriptor
       end function c_fsync
+      integer(c_long) function c_lseek(descriptor, offset, from) bind(c, name="lseek")
+         import :: c_int, c_long
+         integer(c_int), value :: descriptor
+         integer(c_long), value :: offset
+         integer(c_int), value :: from
+      end function c_lseek
       integer(c_int) function c_getpid() bind(c, name="getpid")
          import :: c_int
       end function c_getpid
@@ -94,7 +100,7 @@ contains
       ok = c_unlink(path//c_null_char) == 0
    end function remove_file
 
-   !> Give a file the name of another in its place, when it is on disk; whether it worked. Then the name is on disk, too.
+   !> Give a file the name of another in its place, when it is on disk; whether it worked. The name then is, too.
    logical function replace_file(from, to) result(ok)
       character(len=*), intent(in) :: from, to
 
@@ -115,6 +121,20 @@ contains
       ok = c_fsync(descriptor) == 0
       status = c_close(descriptor)
    end function sync
+
+   !> Whether a path leads to what has no places to go to: a pipe, a socket, a terminal. To open one for reading would
+   !> wait until someone writes.
+   logical function is_pipe(path)
+      character(len=*), intent(in) :: path
+      integer(c_int), parameter :: without_waiting = 2048 + 4  !! O_NONBLOCK of Linux, and of BSD; idle on the other
+      integer(c_int) :: descriptor, status
+
+      is_pipe = .false.
+      descriptor = c_open(path//c_null_char, without_waiting)
+      if (descriptor < 0) return
+      is_pipe = c_lseek(descriptor, 0_c_long, 0_c_int) < 0
+      status = c_close(descriptor)
+   end function is_pipe
 
    logical function path_exists(path)
       character(len=*), intent(in) :: path

@@ -4,8 +4,7 @@ module rockfall_lock
    use, intrinsic :: iso_c_binding, only: c_char, c_int, c_ptr, c_null_ptr, c_null_char, c_associated
    use rockfall_kinds, only: i8
    use rockfall_error, only: error_t, fail
-   use rockfall_pipe, only: is_pipe
-   use rockfall_filesystem, only: remove_file, is_open_as
+   use rockfall_filesystem, only: remove_file, is_open_as, is_pipe
    use rockfall_interrupts, only: note_lock
    implicit none
    private

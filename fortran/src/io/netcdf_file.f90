@@ -3,22 +3,21 @@
 !> After the first failure nothing more is asked of a file.
 module rockfall_netcdf_file
    use netcdf, only: nf90_open, nf90_create, nf90_close, nf90_nowrite, nf90_netcdf4, nf90_clobber, nf90_nofill, &
-                     nf90_set_fill, nf90_noerr, nf90_edimsize, nf90_strerror, nf90_global, nf90_char, nf90_byte, nf90_short, &
-                     nf90_int, nf90_int64, nf90_float, nf90_double, nf90_inq_varid, nf90_inq_dimid, &
-                     nf90_inquire_dimension, nf90_inquire_variable, nf90_inquire_attribute, nf90_get_att, nf90_put_att, &
-                     nf90_def_dim, nf90_def_var
-   use netcdf, only: nf90_string
+                     nf90_set_fill, nf90_noerr, nf90_edimsize, nf90_char, nf90_string, nf90_byte, nf90_int, &
+                     nf90_int64, nf90_float, nf90_double, nf90_inq_varid, nf90_inq_dimid, nf90_inquire_dimension, &
+                     nf90_inquire_variable, nf90_inquire_attribute, nf90_get_att, nf90_put_att, nf90_def_dim, &
+                     nf90_def_var, nf90_global
    use, intrinsic :: iso_c_binding, only: c_char, c_int, c_size_t, c_ptr, c_null_char, c_f_pointer
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use rockfall_kinds, only: wp, sp, i1, i4, i8
    use rockfall_error, only: error_t, fail
-   use rockfall_pipe, only: is_pipe
+   use rockfall_filesystem, only: is_pipe
    use rockfall_interrupts, only: begin_reading, end_reading
    implicit none
    private
-   public :: netcdf_file_t, open_netcdf, create_netcdf, close_netcdf, keep, sound, mark_damaged, fail_damaged
-   public :: length_of, has_variable, expected, kind_of, text_of, integer_of, integers_of, real_of
-   public :: dimension, variable, note
+   public :: netcdf_file_t, axis_t, about_t, open_netcdf, create_netcdf, close_netcdf
+   public :: keep, sound, mark_damaged, fail_damaged, check_shape, pass
+   public :: length_of, kind_of, text_of, integers_of, real_of
 
    integer(i8), parameter :: piece = 2_i8**17       !! values that share a checksum
    integer(i8), parameter :: max_packing = 1100     !! zlib packs no closer than this
@@ -29,12 +28,38 @@ module rockfall_netcdf_file
    type :: netcdf_file_t
       character(len=:), allocatable :: name
       integer :: id = -1
-      integer :: status = nf90_noerr             !! of the library, at the first failure
-      integer(i8), private :: bytes = 0          !! of the file
+      integer :: status = nf90_noerr      !! of the library, at the first failure
+      logical :: writes = .false.
+      integer(i8), private :: bytes = 0   !! of a file that is read
       character(len=:), allocatable, private :: at, damaged  !! the variable looked at last; that which is damaged
    end type netcdf_file_t
 
-   interface  ! netCDF-Fortran has no texts of NC_STRING, which Python writes where a letter is not ASCII
+   !> A dimension.
+   type :: axis_t
+      character(len=40) :: name = ""
+      integer(i8) :: length = 0
+   end type axis_t
+
+   !> A variable. What is said of it is written, and not looked at when it is read.
+   type :: about_t
+      character(len=40) :: name = ""
+      integer :: kind = nf90_double
+      character(len=80) :: units = "", long_name = "", comment = ""
+   end type about_t
+
+   interface  ! values of any type; and texts of NC_STRING, which Python writes where a letter is not ASCII
+      integer(c_int) function c_put_values(file, variable, start, count, values) bind(c, name="nc_put_vara")
+         import :: c_int, c_size_t
+         integer(c_int), value :: file, variable
+         integer(c_size_t), intent(in) :: start(*), count(*)
+         type(*), intent(in) :: values(*)
+      end function c_put_values
+      integer(c_int) function c_get_values(file, variable, start, count, values) bind(c, name="nc_get_vara")
+         import :: c_int, c_size_t
+         integer(c_int), value :: file, variable
+         integer(c_size_t), intent(in) :: start(*), count(*)
+         type(*), intent(inout) :: values(*)
+      end function c_get_values
       integer(c_int) function c_get_string(file, variable, name, text) bind(c, name="nc_get_att_string")
          import :: c_char, c_int, c_ptr
          integer(c_int), value :: file, variable
@@ -51,10 +76,6 @@ module rockfall_netcdf_file
          type(c_ptr), value :: text
       end function c_strlen
    end interface
-
-   interface note
-      module procedure note_text, note_integer, note_real
-   end interface note
 
 contains
 
@@ -92,6 +113,7 @@ contains
       integer :: before
 
       file%name = name
+      file%writes = .true.
       file%status = nf90_create(name, ior(nf90_netcdf4, nf90_clobber), file%id)
       call keep(file, nf90_set_fill(file%id, nf90_nofill, before))
    end subroutine create_netcdf
@@ -138,7 +160,110 @@ contains
       call fail(error, file%name//": is damaged: "//file%damaged)
    end subroutine fail_damaged
 
-   ! ---- what there is ------------------------------------------------------------------------
+   ! ---- values -------------------------------------------------------------------------------
+
+   !> Write a variable, or read one that must be there as it would be written: of its type, along axes of these lengths
+   !> (the first runs fastest), in a file long enough to hold it. All of it, or a layer along the last axis.
+   subroutine pass(file, about, axes, values, layer)
+      type(netcdf_file_t), intent(inout) :: file
+      type(about_t), intent(in) :: about
+      type(axis_t), intent(in) :: axes(:)
+      type(*), intent(inout) :: values(*)  !! as many of this type
+      integer, intent(in), optional :: layer
+      integer(c_size_t) :: start(size(axes)), count(size(axes))
+      integer :: id, n
+
+      n = size(axes)
+      file%at = trim(about%name)
+      start = 0
+      count = axes(n:1:-1)%length
+      if (present(layer)) then
+         start(1) = layer - 1
+         count(1) = 1
+      end if
+      if (.not. sound(file)) return
+      if (.not. file%writes) then
+         call check_shape(file, about, axes)
+         if (sound(file)) call keep(file, nf90_inq_varid(file%id, trim(about%name), id))
+         if (sound(file)) call keep(file, c_get_values(file%id, id - 1, start, count, values))
+      else if (all(start == 0)) then
+         id = variable(file, about, axes)
+         call keep(file, c_put_values(file%id, id - 1, start, count, values))
+      else
+         call keep(file, nf90_inq_varid(file%id, trim(about%name), id))
+         call keep(file, c_put_values(file%id, id - 1, start, count, values))
+      end if
+   end subroutine pass
+
+   !> A file in which a variable is not of this type and along these axes is not sound.
+   subroutine check_shape(file, about, axes)
+      type(netcdf_file_t), intent(inout) :: file
+      type(about_t), intent(in) :: about
+      type(axis_t), intent(in) :: axes(:)
+      integer :: id, kind, dims, dim(8), k, length
+
+      file%at = trim(about%name)
+      if (sound(file)) call keep(file, nf90_inq_varid(file%id, trim(about%name), id))
+      if (sound(file)) call keep(file, nf90_inquire_variable(file%id, id, xtype=kind, ndims=dims))
+      if (.not. sound(file)) return
+      if (dims /= size(axes) .or. kind /= about%kind) call mark_damaged(file, trim(about%name))
+      if (sound(file)) call keep(file, nf90_inquire_variable(file%id, id, dimids=dim(:dims)))
+      do k = 1, size(axes)
+         if (.not. sound(file)) return
+         call keep(file, nf90_inquire_dimension(file%id, dim(k), len=length))
+         if (length /= axes(k)%length) call mark_damaged(file, trim(about%name))
+      end do
+      if (product(axes%length) > max_packing*file%bytes) call mark_damaged(file, trim(about%name))
+   end subroutine check_shape
+
+   !> Begin a variable with a checksum; NaN stands for a missing value, or -1 among integers.
+   integer function variable(file, about, axes) result(id)
+      type(netcdf_file_t), intent(inout) :: file
+      type(about_t), intent(in) :: about
+      type(axis_t), intent(in) :: axes(:)
+      integer :: dims(size(axes)), pieces(size(axes)), k
+      integer(i8) :: room
+      real(wp) :: nan
+
+      room = piece
+      do k = 1, size(axes)
+         dims(k) = dimension(file, axes(k))
+         pieces(k) = int(max(1_i8, min(axes(k)%length, room)))
+         room = room/pieces(k)
+      end do
+      if (size(axes) == 0) then
+         call keep(file, nf90_def_var(file%id, trim(about%name), about%kind, id))
+      else
+         call keep(file, nf90_def_var(file%id, trim(about%name), about%kind, dims, id, chunksizes=pieces, &
+                                      fletcher32=.true.))
+      end if
+      call keep(file, nf90_put_att(file%id, id, "units", trim(about%units)))
+      call keep(file, nf90_put_att(file%id, id, "long_name", trim(about%long_name)))
+      if (about%comment /= "") call keep(file, nf90_put_att(file%id, id, "comment", trim(about%comment)))
+      nan = ieee_value(nan, ieee_quiet_nan)
+      select case (about%kind)
+      case (nf90_byte); call keep(file, nf90_put_att(file%id, id, "_FillValue", -1_i1))
+      case (nf90_int); call keep(file, nf90_put_att(file%id, id, "_FillValue", -1_i4))
+      case (nf90_int64); call keep(file, nf90_put_att(file%id, id, "_FillValue", -1_i8))
+      case (nf90_float); call keep(file, nf90_put_att(file%id, id, "_FillValue", real(nan, sp)))
+      case (nf90_double); call keep(file, nf90_put_att(file%id, id, "_FillValue", nan))
+      end select
+   end function variable
+
+   !> The number of a dimension, which may be new.
+   integer function dimension(file, axis) result(id)
+      type(netcdf_file_t), intent(inout) :: file
+      type(axis_t), intent(in) :: axis
+
+      id = 0
+      if (axis%length > huge(1)) then
+         call keep(file, nf90_edimsize)
+      else if (nf90_inq_dimid(file%id, trim(axis%name), id) /= nf90_noerr) then
+         call keep(file, nf90_def_dim(file%id, trim(axis%name), int(axis%length), id))
+      end if
+   end function dimension
+
+   ! ---- what else there is -------------------------------------------------------------------
 
    !> The length of a dimension; -1 if there is none of that name.
    integer function length_of(file, name) result(length)
@@ -151,14 +276,6 @@ contains
       if (nf90_inquire_dimension(file%id, dim, len=length) /= nf90_noerr) length = -1
    end function length_of
 
-   logical function has_variable(file, name)
-      type(netcdf_file_t), intent(in) :: file
-      character(len=*), intent(in) :: name
-      integer :: id
-
-      has_variable = nf90_inq_varid(file%id, name, id) == nf90_noerr
-   end function has_variable
-
    !> The type of a variable; 0 if there is none of that name.
    integer function kind_of(file, name) result(kind)
       type(netcdf_file_t), intent(in) :: file
@@ -170,39 +287,15 @@ contains
       if (nf90_inquire_variable(file%id, id, xtype=kind) /= nf90_noerr) kind = 0
    end function kind_of
 
-   !> The number of a variable that must be there, of a type and along dimensions of these lengths (the first runs
-   !> fastest), in a file long enough to hold it; the file is not sound any more where it is not.
-   integer function expected(file, name, kind, lengths) result(id)
-      type(netcdf_file_t), intent(inout) :: file
-      character(len=*), intent(in) :: name
-      integer, intent(in) :: kind, lengths(:)
-      integer :: found, dims, dim(8), k, length
-
-      file%at = name
-      id = -1
-      if (.not. sound(file)) return
-      call keep(file, nf90_inq_varid(file%id, name, id))
-      if (sound(file)) call keep(file, nf90_inquire_variable(file%id, id, ndims=dims))
-      if (.not. sound(file)) return
-      if (dims /= size(lengths)) call mark_damaged(file, name)
-      if (sound(file)) call keep(file, nf90_inquire_variable(file%id, id, xtype=found, dimids=dim(:dims)))
-      if (sound(file) .and. found /= kind) call mark_damaged(file, name)
-      do k = 1, size(lengths)
-         if (.not. sound(file)) exit
-         call keep(file, nf90_inquire_dimension(file%id, dim(k), len=length))
-         if (length /= lengths(k)) call mark_damaged(file, name)
-      end do
-      if (product(int(lengths, i8)) > max_packing*file%bytes) call mark_damaged(file, name)
-      if (.not. sound(file)) id = -1
-   end function expected
-
-   !> A text attribute; "" if there is none.
+   !> A text attribute of a variable, or of the file (nf90_global); "" if there is none.
    function text_of(file, id, name) result(text)
       type(netcdf_file_t), intent(in) :: file
-      integer, intent(in) :: id  !! of a variable, or nf90_global
+      integer, intent(in) :: id
       character(len=*), intent(in) :: name
       character(len=:), allocatable :: text
-      integer :: kind, length
+      character(kind=c_char), pointer :: letter(:)
+      type(c_ptr) :: found(1)
+      integer :: kind, length, k
 
       text = ""
       if (nf90_inquire_attribute(file%id, id, name, xtype=kind, len=length) /= nf90_noerr) return
@@ -210,40 +303,17 @@ contains
          text = repeat(" ", length)
          if (nf90_get_att(file%id, id, name, text) /= nf90_noerr) text = ""
       else if (kind == nf90_string .and. length == 1) then
-         text = string_of(file, id, name)
+         if (c_get_string(file%id, id - 1, name//c_null_char, found) /= nf90_noerr) return
+         call c_f_pointer(found(1), letter, [c_strlen(found(1))])
+         text = repeat(" ", size(letter))
+         do k = 1, size(letter)
+            text(k:k) = letter(k)
+         end do
+         if (c_free_string(1_c_size_t, found) /= nf90_noerr) text = ""
       end if
    end function text_of
 
-   function string_of(file, id, name) result(text)
-      type(netcdf_file_t), intent(in) :: file
-      integer, intent(in) :: id
-      character(len=*), intent(in) :: name
-      character(len=:), allocatable :: text
-      character(kind=c_char), pointer :: letter(:)
-      type(c_ptr) :: found(1)
-      integer :: k, status
-
-      text = ""
-      if (c_get_string(file%id, id - 1, name//c_null_char, found) /= nf90_noerr) return
-      call c_f_pointer(found(1), letter, [c_strlen(found(1))])
-      text = repeat(" ", size(letter))
-      do k = 1, size(letter)
-         text(k:k) = letter(k)
-      end do
-      status = c_free_string(1_c_size_t, found)
-   end function string_of
-
-   !> A global attribute that is an integer; -1 if there is none.
-   integer(i8) function integer_of(file, name) result(value)
-      type(netcdf_file_t), intent(in) :: file
-      character(len=*), intent(in) :: name
-      integer(i8) :: values(1)
-
-      values = integers_of(file, name, 1)
-      value = values(1)
-   end function integer_of
-
-   !> One of n integers; -1 if there is none.
+   !> A global attribute of n integers; -1 if there is none.
    function integers_of(file, name, n) result(values)
       type(netcdf_file_t), intent(in) :: file
       character(len=*), intent(in) :: name
@@ -268,86 +338,4 @@ contains
       if (length /= 1 .or. kind /= nf90_double) return
       if (nf90_get_att(file%id, nf90_global, name, value) /= nf90_noerr) value = -1
    end function real_of
-
-   ! ---- what is to be ------------------------------------------------------------------------
-
-   integer function dimension(file, name, length) result(id)
-      type(netcdf_file_t), intent(inout) :: file
-      character(len=*), intent(in) :: name
-      integer(i8), intent(in) :: length
-
-      id = 0
-      if (length > huge(1)) then
-         call keep(file, nf90_edimsize)
-      else
-         call keep(file, nf90_def_dim(file%id, name, int(length), id))
-      end if
-   end function dimension
-
-   !> A variable with a checksum, units and a long name; NaN stands for a missing value, or -1 among integers.
-   integer function variable(file, name, kind, dims, units, long_name, comment) result(id)
-      type(netcdf_file_t), intent(inout) :: file
-      character(len=*), intent(in) :: name, units, long_name, comment
-      integer, intent(in) :: kind, dims(:)
-      integer :: pieces(size(dims)), k, length
-      integer(i8) :: room
-
-      id = 0
-      room = piece
-      do k = 1, size(dims)
-         call keep(file, nf90_inquire_dimension(file%id, dims(k), len=length))
-         pieces(k) = int(max(1_i8, min(int(length, i8), room)))
-         room = room/pieces(k)
-      end do
-      if (size(dims) == 0) then
-         call keep(file, nf90_def_var(file%id, name, kind, id))
-      else
-         call keep(file, nf90_def_var(file%id, name, kind, dims, id, chunksizes=pieces, fletcher32=.true.))
-      end if
-      call note(file, id, "units", units)
-      call note(file, id, "long_name", long_name)
-      if (comment /= "") call note(file, id, "comment", comment)
-      call set_fill(file, id, kind)
-   end function variable
-
-   subroutine set_fill(file, id, kind)
-      type(netcdf_file_t), intent(inout) :: file
-      integer, intent(in) :: id, kind
-      real(wp) :: nan
-
-      nan = ieee_value(nan, ieee_quiet_nan)
-      select case (kind)
-      case (nf90_byte); call keep(file, nf90_put_att(file%id, id, "_FillValue", -1_i1))
-      case (nf90_int); call keep(file, nf90_put_att(file%id, id, "_FillValue", -1_i4))
-      case (nf90_int64); call keep(file, nf90_put_att(file%id, id, "_FillValue", -1_i8))
-      case (nf90_float); call keep(file, nf90_put_att(file%id, id, "_FillValue", real(nan, sp)))
-      case (nf90_double); call keep(file, nf90_put_att(file%id, id, "_FillValue", nan))
-      end select
-   end subroutine set_fill
-
-   subroutine note_text(file, id, name, text)
-      type(netcdf_file_t), intent(inout) :: file
-      integer, intent(in) :: id
-      character(len=*), intent(in) :: name, text
-
-      call keep(file, nf90_put_att(file%id, id, name, text))
-   end subroutine note_text
-
-   subroutine note_integer(file, id, name, value)
-      type(netcdf_file_t), intent(inout) :: file
-      integer, intent(in) :: id
-      character(len=*), intent(in) :: name
-      integer(i8), intent(in) :: value
-
-      call keep(file, nf90_put_att(file%id, id, name, value))
-   end subroutine note_integer
-
-   subroutine note_real(file, id, name, value)
-      type(netcdf_file_t), intent(inout) :: file
-      integer, intent(in) :: id
-      character(len=*), intent(in) :: name
-      real(wp), intent(in) :: value
-
-      call keep(file, nf90_put_att(file%id, id, name, value))
-   end subroutine note_real
 end module rockfall_netcdf_file

@@ -2,19 +2,19 @@
 !> The part file (docs/files.md): results of some boulders of a run, with tallies that add up to those of all. A
 !> checkpoint, a shard's result and this program's result are one; `rockfall` reads and writes the same.
 module rockfall_part_file
+   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_loc
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_is_finite
-   use netcdf, only: nf90_global, nf90_copy_att, nf90_get_var, nf90_put_var, nf90_inq_attname, &
-                     nf90_inquire_variable, nf90_put_att, nf90_strerror, nf90_noerr, nf90_byte, nf90_int, nf90_int64, &
-                     nf90_float, nf90_double
-   use rockfall_kinds, only: wp, sp, i1, i4, i8
+   use netcdf, only: nf90_global, nf90_copy_att, nf90_inq_attname, nf90_inq_varid, nf90_inquire_variable, &
+                     nf90_put_att, nf90_strerror, nf90_byte, nf90_int, nf90_int64, nf90_float, nf90_double
+   use rockfall_kinds, only: wp, i1, i4, i8
    use rockfall_error, only: error_t, fail
    use rockfall_text, only: joined
    use rockfall_version, only: version
    use rockfall_filesystem, only: replace_file, remove_file
-   use rockfall_netcdf_file, only: netcdf_file_t, open_netcdf, create_netcdf, close_netcdf, keep, sound, mark_damaged, &
-                                   fail_damaged, length_of, expected, text_of, integer_of, integers_of, real_of, dimension, variable, note
-   use rockfall_variables, only: variable_t, variable_table, boulder_fields, boulder_counts, line_fields, vertex_fields, &
-                                 histogram_fields, statuses
+   use rockfall_netcdf_file, only: netcdf_file_t, axis_t, about_t, open_netcdf, create_netcdf, close_netcdf, keep, &
+                                   sound, mark_damaged, fail_damaged, pass, length_of, text_of, integers_of, real_of
+   use rockfall_variables, only: variable_t, variable_table, boulder_fields, boulder_counts, line_fields, &
+                                 vertex_fields, histogram_fields, statuses
    use rockfall_histogram, only: n_bins
    use rockfall_maps, only: maps_t
    use rockfall_source_maps, only: contributing_t, contributing_cells, partial_sources, settle
@@ -25,11 +25,9 @@ module rockfall_part_file
    use rockfall_run_loop, only: results_t, map_tallies
    implicit none
    private
-   public :: write_part, read_part, boulders_in
+   public :: write_part, read_part, boulders_in, is_result
 
-   integer(i8), parameter :: layout = 1          !! of the file, as in part_file.py
-   integer, parameter :: block = 65536           !! cells on their way to the file
-   character(len=*), parameter :: sums_of(2) = [character(len=17) :: "input_checksums", "decoded_checksums"]
+   integer(i8), parameter :: layout = 1    !! of the file, as in part_file.py
 
    !> The tallies of cells, gathered: where they were reached, and what partial sources contribute.
    type :: tally_t
@@ -38,8 +36,6 @@ module rockfall_part_file
    end type tally_t
 
 contains
-
-   ! ---- to disk ------------------------------------------------------------------------------
 
    !> Put the boulders done into a file, whole and on disk before it takes its name, by way of `part`.
    subroutine write_part(name, part, case, text, inputs, results, error)
@@ -53,22 +49,18 @@ contains
       type(tally_t) :: tally
       type(maps_t) :: maps
       logical :: done
-      integer :: boulder
 
       maps = map_tallies(results, [1, 1])
       tally%fed = contributing_cells(maps, inputs%scene%release, results%before + 1, results%before + results%done)
       tally%cell = reached_cells(results)
       call create_netcdf(part, file)
       if (sound(file)) then
-         call define_global(file, case, text, inputs, results)
-         call define_place(file, inputs, results)
-         call write_boulders(file, results, boulder)
-         if (size(case%lines) > 0) call write_lines(file, results, boulder)
+         call describe(file, case, text, inputs, results)
+         call pass_rows(file, case, results)
          call settle(maps, inputs%scene%release, tally%fed, 1)
-         call write_tallies(file, results, tally)
+         call pass_tallies(file, results, tally)
          call settle(maps, inputs%scene%release, tally%fed, -1)
-         if (case%rebounds) call write_histograms(file, results)
-         if (allocated(results%vertex)) call write_trajectories(file, results)
+         call write_trajectories(file, results)
       end if
       call close_netcdf(file)
       done = sound(file)
@@ -82,53 +74,52 @@ contains
       end if
    end subroutine write_part
 
-   subroutine define_global(file, case, text, inputs, results)
+   !> What the part is of; the grid mapping of its terrain is that of the scene file.
+   subroutine describe(file, case, text, inputs, results)
       type(netcdf_file_t), intent(inout) :: file
       type(case_t), intent(in) :: case
       character(len=*), intent(in) :: text
       type(inputs_t), intent(in) :: inputs
       type(results_t), intent(in) :: results
-
-      call note(file, nf90_global, "Conventions", "CF-1.8")
-      call note(file, nf90_global, "part_layout", layout)
-      call note(file, nf90_global, "title", case%title)
-      call note(file, nf90_global, "source", "rockfall "//version//", stochastic impact model of Bourrier et al. (2009)")
-      call note(file, nf90_global, "version", version)
-      call note(file, nf90_global, "case", text)
-      call note(file, nf90_global, "case_file", inputs%case_file)
-      call note(file, nf90_global, "impact_set", case%sets)
-      call note(file, nf90_global, "impact_set_checksum", inputs%impact_set_checksum)
-      call note(file, nf90_global, "input_checksums", inputs%input_checksums)
-      call note(file, nf90_global, "decoded_checksums", inputs%decoded_checksums)
-      call note(file, nf90_global, "seed", case%seed)
-      call note(file, nf90_global, "boulder_first", results%before + 1)
-      call note(file, nf90_global, "boulder_last", results%before + results%done)
-      call note(file, nf90_global, "boulders_asked", results%asked)
-      call note(file, nf90_global, "complete", merge(1_i8, 0_i8, results%done == results%asked))
-      call note(file, nf90_global, "threads", int(results%threads, i8))
-      call note(file, nf90_global, "wall_seconds", results%wall)
-      call note(file, nf90_global, "cpu_seconds", results%cpu)
-   end subroutine define_global
-
-   !> The grid mapping of the terrain, as the scene file has it, and the cells of it that maps cover.
-   subroutine define_place(file, inputs, results)
-      type(netcdf_file_t), intent(inout) :: file
-      type(inputs_t), intent(in) :: inputs
-      type(results_t), intent(in) :: results
       character(len=128) :: name
-      integer :: crs, k, n
+      integer(i8) :: whole
+      integer :: crs(1), id, k, n
 
-      crs = variable(file, "crs", nf90_int, [integer ::], "1", "coordinate reference system", "")
+      crs = 0
+      call pass(file, about_t("crs", nf90_int, "1", "coordinate reference system"), [axis_t ::], crs)
       n = 0
+      call keep(file, nf90_inq_varid(file%id, "crs", id))
       call keep(file, nf90_inquire_variable(inputs%file%id, inputs%crs, natts=n))
       do k = 1, n
          call keep(file, nf90_inq_attname(inputs%file%id, inputs%crs, k, name))
-         call keep(file, nf90_copy_att(inputs%file%id, inputs%crs, trim(name), file%id, crs))
+         if (name /= "_FillValue") call keep(file, nf90_copy_att(inputs%file%id, inputs%crs, trim(name), file%id, id))
       end do
-      call keep(file, nf90_put_var(file%id, crs, 0))
-      call keep(file, nf90_put_att(file%id, nf90_global, "terrain_cells", [inputs%arrays%grid%nx, inputs%arrays%grid%ny]))
-      call keep(file, nf90_put_att(file%id, nf90_global, "map_window", window_of(results)))
-   end subroutine define_place
+      whole = merge(1, 0, results%done == results%asked)
+      associate (grid => inputs%arrays%grid, last => results%before + results%done)
+         call keep(file, nf90_put_att(file%id, nf90_global, "Conventions", "CF-1.8"))
+         call keep(file, nf90_put_att(file%id, nf90_global, "part_layout", layout))
+         call keep(file, nf90_put_att(file%id, nf90_global, "title", case%title))
+         call keep(file, nf90_put_att(file%id, nf90_global, "source", "rockfall "//version &
+                                      //", stochastic impact model of Bourrier et al. (2009)"))
+         call keep(file, nf90_put_att(file%id, nf90_global, "version", version))
+         call keep(file, nf90_put_att(file%id, nf90_global, "case", text))
+         call keep(file, nf90_put_att(file%id, nf90_global, "case_file", inputs%case_file))
+         call keep(file, nf90_put_att(file%id, nf90_global, "impact_set", case%sets))
+         call keep(file, nf90_put_att(file%id, nf90_global, "impact_set_checksum", inputs%impact_set_checksum))
+         call keep(file, nf90_put_att(file%id, nf90_global, "input_checksums", inputs%input_checksums))
+         call keep(file, nf90_put_att(file%id, nf90_global, "decoded_checksums", inputs%decoded_checksums))
+         call keep(file, nf90_put_att(file%id, nf90_global, "seed", case%seed))
+         call keep(file, nf90_put_att(file%id, nf90_global, "boulder_first", results%before + 1))
+         call keep(file, nf90_put_att(file%id, nf90_global, "boulder_last", last))
+         call keep(file, nf90_put_att(file%id, nf90_global, "boulders_asked", results%asked))
+         call keep(file, nf90_put_att(file%id, nf90_global, "complete", whole))
+         call keep(file, nf90_put_att(file%id, nf90_global, "threads", int(results%threads, i8)))
+         call keep(file, nf90_put_att(file%id, nf90_global, "wall_seconds", results%wall))
+         call keep(file, nf90_put_att(file%id, nf90_global, "cpu_seconds", results%cpu))
+         call keep(file, nf90_put_att(file%id, nf90_global, "terrain_cells", [grid%nx, grid%ny]))
+         call keep(file, nf90_put_att(file%id, nf90_global, "map_window", window_of(results)))
+      end associate
+   end subroutine describe
 
    !> First column and row, from 0, and number of columns and rows of the maps.
    pure function window_of(results) result(window)
@@ -138,224 +129,174 @@ contains
       window = [results%at - 1, results%grid%nx, results%grid%ny]
    end function window_of
 
-   !> A variable as its row of the table describes it.
-   integer function described(file, group, name, dims) result(id)
-      type(netcdf_file_t), intent(inout) :: file
-      character(len=*), intent(in) :: group, name
-      integer, intent(in) :: dims(:)
-      type(variable_t) :: row
-      character(len=:), allocatable :: units, long_name
-      integer :: k, kind
-
-      do k = 1, size(variable_table)
-         row = variable_table(k)
-         if (row%group == group .and. row%name == name) exit
-      end do
-      kind = merge(nf90_int64, nf90_double, row%kind == "integer")
-      if (group == "boulder" .and. row%kind == "integer") kind = merge(nf90_byte, nf90_int, name == "status")
-      units = trim(row%units)
-      long_name = trim(row%long_name)
-      if (group == "histogram") then
-         units = "1"
-         long_name = "rebounds by "//long_name
-      end if
-      id = variable(file, name_of(group, name), kind, dims, units, long_name, trim(row%comment))
-   end function described
-
-   !> The name of a variable in files.
-   pure function name_of(group, name) result(full)
-      character(len=*), intent(in) :: group, name
-      character(len=:), allocatable :: full
-
-      full = trim(name)
-      select case (group)
-      case ("line"); full = "line_"//full
-      case ("vertex"); full = "trajectory_"//full
-      case ("histogram"); full = full//"_histogram"
-      end select
-   end function name_of
-
-   subroutine write_boulders(file, results, boulder)
-      type(netcdf_file_t), intent(inout) :: file
+   !> Cells of the maps.
+   pure integer(i8) function cells_of(results)
       type(results_t), intent(in) :: results
-      integer, intent(out) :: boulder  !! their dimension
-      integer :: id, k, n
 
-      n = int(results%done)
-      boulder = dimension(file, "boulder", results%done)
-      do k = 1, size(boulder_fields)
-         id = described(file, "boulder", trim(boulder_fields(k)), [boulder])
-         call keep(file, nf90_put_var(file%id, id, results%boulder(:n, k)))
-      end do
-      id = described(file, "boulder", "status", [boulder])
-      call keep(file, nf90_put_att(file%id, id, "flag_values", [(int(k, i1), k=1, size(statuses))]))
-      call note(file, id, "flag_meanings", joined(statuses, " "))
-      call keep(file, nf90_put_var(file%id, id, results%status(:n)))
-      id = described(file, "boulder", "impacts", [boulder])
-      call keep(file, nf90_put_var(file%id, id, results%impacts(:n)))
-      do k = 3, size(boulder_counts)
-         id = described(file, "count", trim(boulder_counts(k)), [integer ::])
-         call keep(file, nf90_put_var(file%id, id, results%count(k)))
-      end do
-   end subroutine write_boulders
-
-   subroutine write_lines(file, results, boulder)
-      type(netcdf_file_t), intent(inout) :: file
-      type(results_t), intent(in) :: results
-      integer, intent(in) :: boulder
-      integer :: line, id, k, l, n
-
-      n = int(results%done)
-      line = dimension(file, "line", size(results%line, 2, i8))
-      do k = 1, size(line_fields)
-         id = described(file, "line", trim(line_fields(k)), [boulder, line])
-         do l = 1, size(results%line, 2)
-            call keep(file, nf90_put_var(file%id, id, results%line(:n, l, k), start=[1, l], count=[n, 1]))
-         end do
-      end do
-   end subroutine write_lines
-
-   subroutine write_histograms(file, results)
-      type(netcdf_file_t), intent(inout) :: file
-      type(results_t), intent(in) :: results
-      integer :: bin, id, k
-
-      do k = 1, size(histogram_fields)
-         bin = dimension(file, trim(histogram_fields(k))//"_bin", int(n_bins(k), i8))
-         id = described(file, "histogram", trim(histogram_fields(k)), [bin])
-         call keep(file, nf90_put_var(file%id, id, results%histogram(:n_bins(k), k)))
-      end do
-   end subroutine write_histograms
+      cells_of = size(results%counts, 1, i8)*size(results%counts, 2, i8)
+   end function cells_of
 
    subroutine write_trajectories(file, results)
       type(netcdf_file_t), intent(inout) :: file
-      type(results_t), intent(in) :: results
-      integer :: vertex, id, k
+      type(results_t), intent(inout) :: results
+      type(axis_t) :: vertex(1)
+      integer :: k
 
+      if (.not. allocated(results%vertex)) return
       if (size(results%vertex) == 0) return
-      vertex = dimension(file, "trajectory_vertex", size(results%vertex, 1, i8))
-      id = described(file, "vertex", "boulder", [vertex])
-      call keep(file, nf90_put_var(file%id, id, results%vertex_boulder))
+      vertex = [axis_t("trajectory_vertex", size(results%vertex, 1, i8))]
+      call pass(file, described("vertex", "boulder"), vertex, results%vertex_boulder)
       do k = 1, size(vertex_fields)
-         id = described(file, "vertex", trim(vertex_fields(k)), [vertex])
-         call keep(file, nf90_put_var(file%id, id, results%vertex(:, k)))
+         call pass(file, described("vertex", vertex_fields(k)), vertex, results%vertex(:, k))
       end do
    end subroutine write_trajectories
-
-   !> The tallies of the cells that boulders reached, which add up over parts.
-   subroutine write_tallies(file, results, tally)
-      type(netcdf_file_t), intent(inout) :: file
-      type(results_t), intent(in), target :: results
-      type(tally_t), intent(in) :: tally
-      integer(i4), pointer :: flat4(:)
-      integer(i8), pointer :: flat8(:)
-      real(sp), pointer :: flat(:)
-      integer :: cell, id, k, n
-
-      n = size(tally%cell)
-      cell = dimension(file, "tally", size(tally%cell, kind=i8))
-      id = tally_variable("cell", nf90_int64, [cell], "index of the cell, by rows from the north-west")
-      call keep(file, nf90_put_var(file%id, id, tally%cell))
-      associate (cells => size(results%counts, 1)*size(results%counts, 2, i8))
-         if (size(results%counts) > 0) id = layers("counts", nf90_int, size(results%counts, 3))
-         do k = 1, size(results%counts, 3)
-            flat4(1:cells) => results%counts(:, :, k)
-            call keep(file, nf90_put_var(file%id, id, flat4(tally%cell + 1), start=[1, k], count=[n, 1]))
-         end do
-         if (size(results%sums) > 0) id = layers("sums", nf90_int64, size(results%sums, 3))
-         do k = 1, size(results%sums, 3)
-            flat8(1:cells) => results%sums(:, :, k)
-            call keep(file, nf90_put_var(file%id, id, flat8(tally%cell + 1), start=[1, k], count=[n, 1]))
-         end do
-         if (size(results%maxima) > 0) id = layers("maxima", nf90_float, size(results%maxima, 3))
-         do k = 1, size(results%maxima, 3)
-            flat(1:cells) => results%maxima(:, :, k)
-            call keep(file, nf90_put_var(file%id, id, flat(tally%cell + 1), start=[1, k], count=[n, 1]))
-         end do
-         if (size(results%column) > 0) call write_classes(file, results, tally, cell)
-      end associate
-      if (size(results%stamp) > 0) call write_fed()
-
-   contains
-
-      integer function layers(name, kind, n)
-         character(len=*), intent(in) :: name
-         integer, intent(in) :: kind, n
-
-         layers = tally_variable(name, kind, [cell, dimension(file, "tally_"//name//"_layer", int(n, i8))], &
-                                 name//" of the maps, by layer")
-      end function layers
-
-      integer function tally_variable(name, kind, dims, long_name)
-         character(len=*), intent(in) :: name, long_name
-         integer, intent(in) :: kind, dims(:)
-
-         tally_variable = variable(file, "tally_"//name, kind, dims, "1", long_name, "")
-      end function tally_variable
-
-      !> The cells to which partial sources contribute: other parts may have counted these sources there too.
-      subroutine write_fed()
-         integer :: fed
-
-         fed = dimension(file, "tally_fed", size(tally%fed%cell, kind=i8))
-         id = tally_variable("fed_cell", nf90_int64, [fed], "cell to which a source contributes that the part cuts")
-         call keep(file, nf90_put_var(file%id, id, tally%fed%cell))
-         id = tally_variable("fed_source", nf90_int, [fed], "number of that source")
-         call keep(file, nf90_put_var(file%id, id, tally%fed%source))
-         id = tally_variable("fed_boulders", nf90_int, [fed], "its boulders in the part")
-         call keep(file, nf90_put_var(file%id, id, tally%fed%boulders))
-      end subroutine write_fed
-   end subroutine write_tallies
-
-   !> Counts of classes, some cells at a time.
-   subroutine write_classes(file, results, tally, cell)
-      type(netcdf_file_t), intent(inout) :: file
-      type(results_t), intent(in), target :: results
-      type(tally_t), intent(in) :: tally
-      integer, intent(in) :: cell  !! the dimension
-      integer(i4), pointer :: column(:)
-      integer(i4), allocatable :: some(:, :)
-      integer :: id, k, first, last
-
-      id = variable(file, "tally_classes", nf90_int, [dimension(file, "tally_class", int(results%plan%rows, i8)), cell], &
-                    "1", "counts of classes", "")
-      column(1:size(results%column)) => results%column
-      do first = 1, size(tally%cell), block
-         last = min(size(tally%cell), first + block - 1)
-         allocate (some(results%plan%rows, first:last), source=0_i4)
-         do k = first, last
-            associate (own => column(tally%cell(k) + 1))
-               if (own > 0) some(:, k) = results%bin_counts(:, own)
-            end associate
-         end do
-         call keep(file, nf90_put_var(file%id, id, some, start=[1, first], count=shape(some)))
-         deallocate (some)
-      end do
-   end subroutine write_classes
 
    !> Cells in which any tally is not zero, counted from 0 by rows.
    pure function reached_cells(results) result(cells)
       type(results_t), intent(in) :: results
       integer(i8), allocatable :: cells(:)
-      integer(i8) :: n, turn
-      integer :: i, j
-      logical :: reached
+      logical, allocatable :: reached(:, :)
+      integer(i8) :: k
 
-      do turn = 1, 2  ! count them, then note them
-         n = 0
-         do j = 1, size(results%counts, 2)
-            do i = 1, size(results%counts, 1)
-               reached = any(results%counts(i, j, :) /= 0) .or. any(results%sums(i, j, :) /= 0) &
-                         .or. any(results%maxima(i, j, :) > 0)
-               if (size(results%column) > 0) reached = reached .or. results%column(i, j) > 0
-               if (.not. reached) cycle
-               n = n + 1
-               if (turn == 2) cells(n) = (j - 1)*size(results%counts, 1, i8) + i - 1
-            end do
-         end do
-         if (turn == 1) allocate (cells(n))
-      end do
+      reached = any(results%counts /= 0, dim=3) .or. any(results%sums /= 0, dim=3) .or. any(results%maxima > 0, dim=3)
+      if (size(results%column) > 0) reached = reached .or. results%column > 0
+      cells = pack([(k, k=0, size(reached, kind=i8) - 1)], reshape(reached, [size(reached)]))
    end function reached_cells
+
+   ! ---- to disk, and from it -----------------------------------------------------------------
+
+   !> A variable as its row of the table describes it.
+   pure type(about_t) function described(group, name) result(about)
+      character(len=*), intent(in) :: group, name
+      type(variable_t) :: row
+      integer :: k
+
+      do k = 1, size(variable_table)
+         row = variable_table(k)
+         if (row%group == group .and. row%name == name) exit
+      end do
+      about = about_t(name, merge(nf90_int64, nf90_double, row%kind == "integer"), row%units, row%long_name, &
+                      row%comment)
+      select case (group)
+      case ("line"); about%name = "line_"//name
+      case ("vertex"); about%name = "trajectory_"//name
+      case ("boulder")
+         if (name == "impacts") about%kind = nf90_int
+         if (name == "status") about%kind = nf90_byte
+      case ("histogram")
+         about%name = trim(name)//"_histogram"
+         about%units = "1"
+         about%long_name = "rebounds by "//row%long_name
+      end select
+   end function described
+
+   !> Rows of the boulders done, and counts over all of them.
+   subroutine pass_rows(file, case, results)
+      type(netcdf_file_t), intent(inout) :: file
+      type(case_t), intent(in) :: case
+      type(results_t), intent(inout) :: results
+      type(axis_t) :: boulder, line
+      integer :: id, k, l, n
+
+      n = int(results%done)
+      boulder = axis_t("boulder", results%done)
+      do k = 1, size(boulder_fields)
+         call pass(file, described("boulder", boulder_fields(k)), [boulder], results%boulder(:n, k))
+      end do
+      call pass(file, described("boulder", "status"), [boulder], results%status(:n))
+      if (nf90_inq_varid(file%id, "status", id) == 0 .and. file%writes) then
+         call keep(file, nf90_put_att(file%id, id, "flag_values", [(int(k, i1), k=1, size(statuses))]))
+         call keep(file, nf90_put_att(file%id, id, "flag_meanings", joined(statuses, " ")))
+      end if
+      call pass(file, described("boulder", "impacts"), [boulder], results%impacts(:n))
+      do k = 3, size(boulder_counts)
+         call pass(file, described("count", boulder_counts(k)), [axis_t ::], results%count(k:k))
+      end do
+      line = axis_t("line", size(case%lines, kind=i8))
+      do k = 1, size(line_fields)
+         do l = 1, size(case%lines)
+            call pass(file, described("line", line_fields(k)), [boulder, line], results%line(:n, l, k), l)
+         end do
+      end do
+      if (.not. case%rebounds) return
+      do k = 1, size(histogram_fields)
+         call pass(file, described("histogram", histogram_fields(k)), &
+                   [axis_t(trim(histogram_fields(k))//"_bin", int(n_bins(k), i8))], results%histogram(:n_bins(k), k))
+      end do
+   end subroutine pass_rows
+
+   !> The tallies of the cells that boulders reached.
+   subroutine pass_tallies(file, results, tally)
+      type(netcdf_file_t), intent(inout) :: file
+      type(results_t), intent(inout), target :: results
+      type(tally_t), intent(inout) :: tally
+      type(axis_t) :: cells, fed
+
+      cells = axis_t("tally", size(tally%cell, kind=i8))
+      call pass(file, about_t("tally_cell", nf90_int64, "1", "index of the cell, by rows from the north-west"), &
+                [cells], tally%cell)
+      if (.not. sound(file) .or. .not. in_order(file, tally%cell, results)) return
+      call pass_stack("counts", nf90_int, results%counts, 1, size(results%counts, 3))
+      call pass_stack("sums", nf90_int64, results%sums, 2, size(results%sums, 3))
+      call pass_stack("maxima", nf90_float, results%maxima, 1, size(results%maxima, 3))
+      if (size(results%column) > 0) call pass_classes(file, results, tally%cell, cells)
+      if (size(results%stamp) == 0) return
+      fed = axis_t("tally_fed", size(tally%fed%cell, kind=i8))
+      call pass(file, about_t("tally_fed_cell", nf90_int64, "1", &
+                              "cell to which a source contributes that the part cuts"), [fed], tally%fed%cell)
+      call pass(file, about_t("tally_fed_source", nf90_int, "1", "number of that source"), [fed], tally%fed%source)
+      call pass(file, about_t("tally_fed_boulders", nf90_int, "1", "its boulders in the part"), [fed], &
+                tally%fed%boulders)
+
+   contains
+
+      !> A stack of layers: the values of the cells of each, as words of 32 bits.
+      subroutine pass_stack(name, kind, stack, words, layers)
+         character(len=*), intent(in) :: name
+         integer, intent(in) :: kind, words, layers
+         type(*), intent(inout), target :: stack(*)  !! (nx, ny, layers)
+         integer(i4), pointer :: value(:, :, :)
+         integer(i4), allocatable :: some(:, :)
+         type(about_t) :: about
+         integer :: k
+
+         if (layers == 0) return
+         call c_f_pointer(c_loc(stack), value, [int(words, i8), cells_of(results), int(layers, i8)])
+         about = about_t("tally_"//name, kind, "1", name//" of the maps, by layer")
+         do k = 1, layers
+            some = value(:, tally%cell + 1, k)
+            call pass(file, about, [cells, axis_t("tally_"//name//"_layer", int(layers, i8))], some, k)
+            value(:, tally%cell + 1, k) = some
+         end do
+      end subroutine pass_stack
+   end subroutine pass_tallies
+
+   !> Counts of classes, of all cells together.
+   subroutine pass_classes(file, results, cell, cells)
+      type(netcdf_file_t), intent(inout) :: file
+      type(results_t), intent(inout), target :: results
+      integer(i8), intent(in) :: cell(:)
+      type(axis_t), intent(in) :: cells
+      integer(i4), pointer :: column(:)
+      integer(i4), allocatable :: counts(:, :)
+      integer :: k, status
+
+      column(1:size(results%column)) => results%column
+      allocate (counts(results%plan%rows, size(cell)), source=0_i4, stat=status)
+      if (status /= 0 .or. size(cell) > size(results%bin_counts, 2)) then
+         call mark_damaged(file, "(no memory) tally_classes")
+         return
+      end if
+      do k = 1, size(cell)
+         if (column(cell(k) + 1) > 0) counts(:, k) = results%bin_counts(:, column(cell(k) + 1))
+      end do
+      call pass(file, about_t("tally_classes", nf90_int, "1", "counts of classes"), &
+                [axis_t("tally_class", int(results%plan%rows, i8)), cells], counts)
+      if (file%writes .or. .not. sound(file)) return
+      results%bin_counts(:, :size(cell)) = counts
+      column(cell + 1) = [(int(k, i4), k=1, size(cell))]
+      results%columns = size(cell)
+   end subroutine pass_classes
 
    ! ---- from disk ----------------------------------------------------------------------------
 
@@ -373,6 +314,27 @@ contains
       call close_netcdf(file)
    end function boulders_in
 
+   !> Whether a file is a part or a result of a run that rockfall wrote.
+   logical function is_result(name)
+      character(len=*), intent(in) :: name
+      type(netcdf_file_t) :: file
+      type(error_t), allocatable :: error
+
+      call open_netcdf(name, file, error)
+      is_result = .not. allocated(error)
+      if (.not. is_result) return
+      is_result = index(text_of(file, nf90_global, "source"), "rockfall ") == 1
+      if (is_result) is_result = integer_of(file, "boulders_asked") >= 0
+      call close_netcdf(file)
+   end function is_result
+
+   integer(i8) function integer_of(file, name) result(value)
+      type(netcdf_file_t), intent(in) :: file
+      character(len=*), intent(in) :: name
+
+      value = sum(integers_of(file, name, 1))
+   end function integer_of
+
    !> Results go on from a part of the same run that begins where they do; any other, and one that is damaged, is
    !> refused.
    subroutine read_part(name, case, text, inputs, results, error)
@@ -383,14 +345,17 @@ contains
       type(results_t), intent(inout), target :: results
       type(error_t), allocatable, intent(out) :: error
       type(netcdf_file_t) :: file
+      type(tally_t) :: tally
 
       call open_netcdf(name, file, error)
       if (.not. allocated(error)) call check_run(file, text, inputs, results, error)
       if (allocated(error)) return
-      call read_boulders(file, results)
-      if (size(case%lines) > 0) call read_lines(file, results)
-      call read_tallies(file, inputs, results)
-      if (case%rebounds) call read_histograms(file, results)
+      call pass_rows(file, case, results)
+      if (sound(file)) call check_rows(file, results)
+      call make_room(file, results, tally)
+      if (sound(file)) call pass_tallies(file, results, tally)
+      if (sound(file)) call check_tallies(file, results)
+      if (sound(file) .and. size(results%stamp) > 0) call restore_sources(file, inputs, results, tally%fed)
       if (.not. sound(file)) then
          call fail_damaged(file, error)
          error%message = error%message//"; remove it to begin anew"
@@ -406,23 +371,24 @@ contains
       type(results_t), intent(inout) :: results
       type(error_t), allocatable, intent(out) :: error
       character(len=:), allocatable :: what, key
-      integer(i8) :: first, last
+      integer(i8) :: first, last, asked
 
       first = integer_of(file, "boulder_first")
       last = integer_of(file, "boulder_last")
+      asked = integer_of(file, "boulders_asked")
+      key = differing_key(text_of(file, nf90_global, "case"), text, of_arrays=.false.)
       what = ""
       if (any(integers_of(file, "map_window", 4) /= window_of(results))) what = "window"
-      if (text_of(file, nf90_global, sums_of(2)) /= inputs%decoded_checksums) what = trim(sums_of(2))
-      if (text_of(file, nf90_global, sums_of(1)) /= inputs%input_checksums) what = trim(sums_of(1))
+      if (text_of(file, nf90_global, "decoded_checksums") /= inputs%decoded_checksums) what = "decoded_checksums"
+      if (text_of(file, nf90_global, "input_checksums") /= inputs%input_checksums) what = "input_checksums"
       if (first /= results%before + 1 .or. last > results%before + results%boulders .or. last < first &
-          .or. integer_of(file, "boulders_asked") /= results%asked) what = "boulders"
-      key = differing_key(text_of(file, nf90_global, "case"), text, of_arrays=.false.)
+          .or. asked /= results%asked) what = "boulders"
       if (key /= "") what = key
       if (text_of(file, nf90_global, "version") /= version) what = "version"
       if (integer_of(file, "part_layout") /= layout) what = "layout"
       if (what /= "") then
-         call fail(error, file%name//": is of another run, its "//what//" differs; remove it, or run without --resume " &
-                   //"elsewhere")
+         call fail(error, file%name//": is of another run, its "//what//" differs; remove it, or run without " &
+                   //"--resume elsewhere")
          return
       end if
       results%done = last - first + 1
@@ -435,162 +401,97 @@ contains
       end if
    end subroutine check_run
 
-   subroutine read_boulders(file, results)
+   !> Rows are numbers; at lines only where there is a time.
+   subroutine check_rows(file, results)
       type(netcdf_file_t), intent(inout) :: file
-      type(results_t), intent(inout) :: results
-      integer :: id, k, n
-
-      n = int(results%done)
-      do k = 1, size(boulder_fields)
-         id = expected(file, trim(boulder_fields(k)), nf90_double, [n])
-         if (.not. sound(file)) return
-         call keep(file, nf90_get_var(file%id, id, results%boulder(:n, k)))
-         if (.not. all(ieee_is_finite(results%boulder(:n, k)))) call mark_damaged(file, trim(boulder_fields(k)))
-      end do
-      id = expected(file, "status", nf90_byte, [n])
-      if (sound(file)) call keep(file, nf90_get_var(file%id, id, results%status(:n)))
-      if (sound(file) .and. any(results%status(:n) < 1 .or. results%status(:n) > size(statuses))) &
-         call mark_damaged(file, "status")
-      id = expected(file, "impacts", nf90_int, [n])
-      if (sound(file)) call keep(file, nf90_get_var(file%id, id, results%impacts(:n)))
-      if (sound(file) .and. any(results%impacts(:n) < 0)) call mark_damaged(file, "impacts")
-      do k = 3, size(boulder_counts)
-         id = expected(file, trim(boulder_counts(k)), nf90_int64, [integer ::])
-         if (sound(file)) call keep(file, nf90_get_var(file%id, id, results%count(k)))
-         if (results%count(k) < 0) call mark_damaged(file, trim(boulder_counts(k)))
-      end do
-   end subroutine read_boulders
-
-   !> First crossings: numbers where there is a time, NaN elsewhere.
-   subroutine read_lines(file, results)
-      type(netcdf_file_t), intent(inout) :: file
-      type(results_t), intent(inout) :: results
+      type(results_t), intent(in) :: results
       integer, parameter :: time = findloc(line_fields, "time", dim=1)
-      integer :: id, k, l, n
+      integer :: k
 
-      n = int(results%done)
-      do k = 1, size(line_fields)
-         id = expected(file, name_of("line", line_fields(k)), nf90_double, [n, size(results%line, 2)])
-         do l = 1, size(results%line, 2)
-            if (.not. sound(file)) return
-            call keep(file, nf90_get_var(file%id, id, results%line(:n, l, k), start=[1, l], count=[n, 1]))
+      associate (n => results%done)
+         do k = 1, size(boulder_fields)
+            if (.not. all(ieee_is_finite(results%boulder(:n, k)))) call mark_damaged(file, trim(boulder_fields(k)))
          end do
-      end do
-      do k = 1, size(line_fields)
-         associate (values => results%line(:n, :, k), crossed => .not. ieee_is_nan(results%line(:n, :, time)))
-            if (any(ieee_is_finite(values) .neqv. crossed) .or. any(ieee_is_nan(values) .eqv. crossed)) &
-               call mark_damaged(file, name_of("line", line_fields(k)))
-         end associate
-      end do
-   end subroutine read_lines
+         if (any(results%status(:n) < 1 .or. results%status(:n) > size(statuses))) call mark_damaged(file, "status")
+         if (any(results%impacts(:n) < 0)) call mark_damaged(file, "impacts")
+         if (any(results%count < 0)) call mark_damaged(file, "rebounds, or another count")
+         if (any(results%histogram < 0)) call mark_damaged(file, "a histogram")
+         do k = 1, size(line_fields)
+            associate (values => results%line(:n, :, k), crossed => .not. ieee_is_nan(results%line(:n, :, time)))
+               if (any(ieee_is_finite(values) .neqv. crossed) .or. any(ieee_is_nan(values) .eqv. crossed)) &
+                  call mark_damaged(file, "line_"//trim(line_fields(k)))
+            end associate
+         end do
+      end associate
+   end subroutine check_rows
 
-   subroutine read_histograms(file, results)
+   !> Places for what is to be read of cells.
+   subroutine make_room(file, results, tally)
       type(netcdf_file_t), intent(inout) :: file
-      type(results_t), intent(inout) :: results
-      integer :: id, k
-
-      do k = 1, size(histogram_fields)
-         id = expected(file, name_of("histogram", histogram_fields(k)), nf90_int64, [n_bins(k)])
-         if (.not. sound(file)) return
-         call keep(file, nf90_get_var(file%id, id, results%histogram(:n_bins(k), k)))
-         if (any(results%histogram(:, k) < 0)) call mark_damaged(file, name_of("histogram", histogram_fields(k)))
-      end do
-   end subroutine read_histograms
-
-   !> Tallies of cells, to their places in maps that are empty.
-   subroutine read_tallies(file, inputs, results)
-      type(netcdf_file_t), intent(inout) :: file
-      type(inputs_t), intent(in) :: inputs
-      type(results_t), intent(inout), target :: results
-      integer(i4), pointer :: flat4(:)
-      integer(i8), pointer :: flat8(:)
-      real(sp), pointer :: flat(:)
-      integer(i8), allocatable :: cell(:), sums(:)
-      integer(i4), allocatable :: counts(:)
-      real(sp), allocatable :: maxima(:)
+      type(results_t), intent(in) :: results
+      type(tally_t), intent(out) :: tally
       integer(i8) :: cells
-      integer :: id, k, n, status
+      integer :: n, fed, status
 
-      cells = size(results%counts, 1)*size(results%counts, 2, i8)
+      cells = cells_of(results)
       n = length_of(file, "tally")
-      if (n < 0 .or. n > cells) call mark_damaged(file, "tally")
-      id = expected(file, "tally_cell", nf90_int64, [n])
+      fed = merge(length_of(file, "tally_fed"), 0, size(results%stamp) > 0)
+      if (n < 0 .or. n > cells) call mark_damaged(file, "tally_cell")
+      if (fed < 0 .or. fed > 2*cells) call mark_damaged(file, "tally_fed_cell")
       if (.not. sound(file)) return
-      allocate (cell(n), sums(n), counts(n), maxima(n), stat=status)
-      if (status /= 0) call mark_damaged(file, "(no memory) tally")
-      if (.not. sound(file)) return
-      call keep(file, nf90_get_var(file%id, id, cell))
-      if (any(cell < 0 .or. cell >= cells) .or. any(cell(2:) <= cell(:n - 1))) call mark_damaged(file, "tally_cell")
-      if (size(results%counts) > 0) id = expected(file, "tally_counts", nf90_int, [n, size(results%counts, 3)])
-      do k = 1, size(results%counts, 3)
-         if (sound(file)) call keep(file, nf90_get_var(file%id, id, counts, start=[1, k], count=[n, 1]))
-         if (.not. sound(file)) return
-         if (any(counts < 0)) call mark_damaged(file, "tally_counts")
-         flat4(1:cells) => results%counts(:, :, k)
-         flat4(cell + 1) = counts
-      end do
-      if (size(results%sums) > 0) id = expected(file, "tally_sums", nf90_int64, [n, size(results%sums, 3)])
-      do k = 1, size(results%sums, 3)
-         if (sound(file)) call keep(file, nf90_get_var(file%id, id, sums, start=[1, k], count=[n, 1]))
-         if (.not. sound(file)) return
-         if (any(sums < 0)) call mark_damaged(file, "tally_sums")
-         flat8(1:cells) => results%sums(:, :, k)
-         flat8(cell + 1) = sums
-      end do
-      if (size(results%maxima) > 0) id = expected(file, "tally_maxima", nf90_float, [n, size(results%maxima, 3)])
-      do k = 1, size(results%maxima, 3)
-         if (sound(file)) call keep(file, nf90_get_var(file%id, id, maxima, start=[1, k], count=[n, 1]))
-         if (.not. sound(file)) return
-         if (.not. all(ieee_is_finite(maxima))) call mark_damaged(file, "tally_maxima")
-         flat(1:cells) => results%maxima(:, :, k)
-         flat(cell + 1) = maxima
-      end do
-      if (size(results%column) > 0) call read_classes(file, results, cell)
-      if (size(results%stamp) > 0) call read_fed(file, inputs, results)
-   end subroutine read_tallies
+      allocate (tally%cell(n), tally%fed%cell(fed), tally%fed%source(fed), tally%fed%boulders(fed), stat=status)
+      if (status /= 0) call mark_damaged(file, "(no memory) tally_cell")
+   end subroutine make_room
 
-   !> Each cell gets a column of counts of classes.
-   subroutine read_classes(file, results, cell)
+   !> Whether cells are cells of the maps, in their order.
+   logical function in_order(file, cell, results)
       type(netcdf_file_t), intent(inout) :: file
-      type(results_t), intent(inout), target :: results
       integer(i8), intent(in) :: cell(:)
-      integer(i4), pointer :: column(:)
-      integer :: id, k, n
+      type(results_t), intent(in) :: results
 
-      n = size(cell)
-      if (n > size(results%bin_counts, 2)) call mark_damaged(file, "(no memory) tally_classes")
-      id = expected(file, "tally_classes", nf90_int, [results%plan%rows, n])
-      if (.not. sound(file)) return
-      call keep(file, nf90_get_var(file%id, id, results%bin_counts(:, :n)))
-      if (any(results%bin_counts(:, :n) < 0)) call mark_damaged(file, "tally_classes")
-      column(1:size(results%column)) => results%column
-      column(cell + 1) = [(int(k, i4), k=1, n)]
-      results%columns = n
-   end subroutine read_classes
+      in_order = all(cell >= 0 .and. cell < cells_of(results))
+      in_order = in_order .and. all(cell(2:) > cell(:size(cell) - 1))
+      if (.not. in_order) call mark_damaged(file, "tally_cell")
+   end function in_order
 
-   !> The marks of partial sources, which go on to be counted.
-   subroutine read_fed(file, inputs, results)
+   subroutine check_tallies(file, results)
+      type(netcdf_file_t), intent(inout) :: file
+      type(results_t), intent(in) :: results
+
+      if (any(results%counts < 0)) call mark_damaged(file, "tally_counts")
+      if (any(results%sums < 0)) call mark_damaged(file, "tally_sums")
+      if (.not. all(ieee_is_finite(results%maxima))) call mark_damaged(file, "tally_maxima")
+      if (any(results%bin_counts(:, :results%columns) < 0)) call mark_damaged(file, "tally_classes")
+   end subroutine check_tallies
+
+   !> The marks of partial sources, which go on to be counted. They must be sources that the boulders done cut, with as
+   !> many boulders as they have among them, each with its cells in order.
+   subroutine restore_sources(file, inputs, results, fed)
       type(netcdf_file_t), intent(inout) :: file
       type(inputs_t), intent(in) :: inputs
       type(results_t), intent(inout), target :: results
+      type(contributing_t), intent(in) :: fed
       type(maps_t) :: maps
-      type(contributing_t) :: fed
-      integer(i8) :: cells
-      integer :: id, k, n, status
+      integer(i8) :: first, last, own
+      integer(i8), allocatable :: sources(:)
+      integer :: k, n, left
+      logical :: good
 
-      n = length_of(file, "tally_fed")
-      cells = size(results%counts, 1)*size(results%counts, 2, i8)
-      if (n < 0 .or. n > 2*cells) call mark_damaged(file, "tally_fed")
-      id = expected(file, "tally_fed_cell", nf90_int64, [n])
-      if (.not. sound(file)) return
-      allocate (fed%cell(n), fed%source(n), fed%boulders(n), stat=status)
-      if (status /= 0) call mark_damaged(file, "(no memory) tally_fed")
-      if (sound(file)) call keep(file, nf90_get_var(file%id, id, fed%cell))
-      id = expected(file, "tally_fed_source", nf90_int, [n])
-      if (sound(file)) call keep(file, nf90_get_var(file%id, id, fed%source))
-      id = expected(file, "tally_fed_boulders", nf90_int, [n])
-      if (sound(file)) call keep(file, nf90_get_var(file%id, id, fed%boulders))
-      if (sound(file)) call check_fed(file, inputs, results, fed, cells)
+      first = results%before + 1
+      last = results%before + results%done
+      sources = partial_sources(inputs%scene%release, first, last)
+      n = size(fed%cell)
+      good = all(fed%cell >= 0 .and. fed%cell < cells_of(results))
+      good = good .and. all(fed%source(2:) > fed%source(:n - 1) &
+                            .or. (fed%source(2:) == fed%source(:n - 1) .and. fed%cell(2:) > fed%cell(:n - 1)))
+      left = n
+      do k = 1, size(sources)
+         associate (release => inputs%scene%release, source => sources(k))
+            own = min(last, last_of(release, source)) - max(first, first_of(release, source)) + 1
+         end associate
+         left = left - count(fed%source == sources(k) .and. fed%boulders == own)
+      end do
+      if (.not. good .or. left /= 0) call mark_damaged(file, "tally_fed_cell")
       if (.not. sound(file)) return
       maps = map_tallies(results, [1, 1])
       call settle(maps, inputs%scene%release, fed, -1)
@@ -599,32 +500,5 @@ contains
             results%stamp(mod(fed%cell(k), nx) + 1, fed%cell(k)/nx + 1, layer) = fed%source(k)
          end associate
       end do
-   end subroutine read_fed
-
-   !> They are sources that the boulders done cut, with as many boulders as they have among them, and each has its
-   !> cells in order.
-   subroutine check_fed(file, inputs, results, fed, cells)
-      type(netcdf_file_t), intent(inout) :: file
-      type(inputs_t), intent(in) :: inputs
-      type(results_t), intent(in) :: results
-      type(contributing_t), intent(in) :: fed
-      integer(i8), intent(in) :: cells
-      integer(i8), allocatable :: sources(:)
-      integer(i8) :: first, last, own
-      integer :: k, n
-      logical :: good
-
-      first = results%before + 1
-      last = results%before + results%done
-      sources = partial_sources(inputs%scene%release, first, last)
-      good = all(fed%cell >= 0 .and. fed%cell < cells)
-      n = size(fed%cell)
-      good = good .and. all(fed%source(2:) > fed%source(:n - 1) &
-                            .or. (fed%source(2:) == fed%source(:n - 1) .and. fed%cell(2:) > fed%cell(:n - 1)))
-      do k = 1, size(sources)
-         own = min(last, last_of(inputs%scene%release, sources(k))) - max(first, first_of(inputs%scene%release, sources(k))) + 1
-         n = n - count(fed%source == sources(k) .and. fed%boulders == own)
-      end do
-      if (.not. good .or. n /= 0) call mark_damaged(file, "tally_fed_cell")
-   end subroutine check_fed
+   end subroutine restore_sources
 end module rockfall_part_file

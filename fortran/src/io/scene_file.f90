@@ -3,13 +3,13 @@
 !> case. What the kernel relies on is checked here.
 module rockfall_scene_file
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_is_finite
-   use netcdf, only: nf90_global, nf90_get_var, nf90_inq_varid, nf90_noerr, nf90_char, nf90_byte, nf90_short, nf90_float, &
+   use netcdf, only: nf90_global, nf90_inq_varid, nf90_noerr, nf90_char, nf90_byte, nf90_short, nf90_float, &
                      nf90_double
    use rockfall_kinds, only: wp, sp, i1, i2, i8
    use rockfall_error, only: error_t, fail
    use rockfall_text, only: integer_text
-   use rockfall_netcdf_file, only: netcdf_file_t, open_netcdf, keep, sound, mark_damaged, fail_damaged, length_of, &
-                                   has_variable, expected, kind_of, text_of, integer_of
+   use rockfall_netcdf_file, only: netcdf_file_t, axis_t, about_t, open_netcdf, keep, sound, mark_damaged, &
+                                   fail_damaged, check_shape, pass, length_of, kind_of, text_of, integers_of
    use rockfall_interrupts, only: end_reading
    use rockfall_surface, only: method_a
    use rockfall_case, only: case_t
@@ -22,6 +22,7 @@ module rockfall_scene_file
 
    integer(i8), parameter :: layout = 1           !! of the file, as in prepare.py
    real(wp), parameter :: max_elevation = 1.0e7_wp  !! [m] above or below zero
+   integer, parameter :: max_text = 64*1024**2    !! [bytes] of impact sets
 
    !> A scene and what it was made of. What holds it must be a target.
    type :: inputs_t
@@ -29,6 +30,7 @@ module rockfall_scene_file
       type(scene_arrays_t) :: arrays
       type(netcdf_file_t) :: file              !! open: its `crs` is copied to results
       integer :: crs = -1                      !! number of that variable
+      type(axis_t) :: cells(2)                 !! x, y
       character(len=:), allocatable :: case_file, impact_set_checksum, input_checksums, decoded_checksums
       real(wp), allocatable :: z8(:, :)
       real(sp), allocatable :: z4(:, :)
@@ -74,8 +76,9 @@ contains
       character(len=:), allocatable :: prepared, key
 
       associate (file => inputs%file)
-         if (integer_of(file, "scene_layout") /= layout) then
-            call fail(error, file%name//": is no scene file of layout "//integer_text(layout)//"; `rockfall prepare` makes one")
+         if (any(integers_of(file, "scene_layout", 1) /= layout)) then
+            call fail(error, file%name//": is no scene file of layout "//integer_text(layout) &
+                      //"; `rockfall prepare` makes one")
             return
          end if
          prepared = text_of(file, nf90_global, "case")
@@ -101,6 +104,7 @@ contains
          grid%nx = length_of(file, "x")
          grid%ny = length_of(file, "y")
          if (min(grid%nx, grid%ny) < 2) call mark_damaged(file, "its number of cells")
+         inputs%cells = [axis_t("x", int(grid%nx, i8)), axis_t("y", int(grid%ny, i8))]
          places = 0
          status = nf90_inq_varid(file%id, "crs", inputs%crs)
          if (status == nf90_noerr) then
@@ -119,25 +123,26 @@ contains
    !> Elevations in the precision of the file, not all of them missing.
    subroutine read_elevations(inputs)
       type(inputs_t), intent(inout) :: inputs
-      integer :: id, status, j
+      type(about_t) :: about
+      integer :: status, j
       logical :: known, good
 
-      associate (file => inputs%file, grid => inputs%arrays%grid)
-         known = .false.
-         good = .true.
-         status = 0
-         if (kind_of(file, "elevation") == nf90_float) then
-            id = expected(file, "elevation", nf90_float, [grid%nx, grid%ny])
-            if (sound(file)) allocate (inputs%z4(grid%nx, grid%ny), stat=status)
-            if (sound(file) .and. status == 0) call keep(file, nf90_get_var(file%id, id, inputs%z4))
+      associate (file => inputs%file, nx => inputs%arrays%grid%nx, ny => inputs%arrays%grid%ny)
+         about = about_t("elevation", merge(nf90_float, nf90_double, kind_of(file, "elevation") == nf90_float))
+         call check_shape(file, about, inputs%cells)
+         if (.not. sound(file)) return
+         if (about%kind == nf90_float) then
+            allocate (inputs%z4(nx, ny), stat=status)
+            if (status == 0) call pass(file, about, inputs%cells, inputs%z4)
          else
-            id = expected(file, "elevation", nf90_double, [grid%nx, grid%ny])
-            if (sound(file)) allocate (inputs%z8(grid%nx, grid%ny), stat=status)
-            if (sound(file) .and. status == 0) call keep(file, nf90_get_var(file%id, id, inputs%z8))
+            allocate (inputs%z8(nx, ny), stat=status)
+            if (status == 0) call pass(file, about, inputs%cells, inputs%z8)
          end if
          if (status /= 0) call mark_damaged(file, "(no memory) elevation")
          if (.not. sound(file)) return
-         do j = 1, grid%ny
+         known = .false.
+         good = .true.
+         do j = 1, ny
             associate (here => is_known(inputs, j))
                known = known .or. any(here)
                good = good .and. all(abs(merge(row_of(inputs, j), 0.0_wp, here)) <= max_elevation)
@@ -173,30 +178,32 @@ contains
    subroutine read_surface(inputs, case)
       type(inputs_t), intent(inout) :: inputs
       type(case_t), intent(in) :: case
-      integer :: id, n, materials, status
+      type(axis_t) :: size_axis
+      integer :: n, materials, status
 
       n = merge(3, 1, case%method == method_a)
+      size_axis = axis_t("size", int(n, i8))
       associate (file => inputs%file, grid => inputs%arrays%grid, arrays => inputs%arrays)
-         materials = max(0, length_of(file, "material"))
+         materials = max(1, length_of(file, "material"))
          if (materials > huge(1_i2)) call mark_damaged(file, "its number of materials")
-         if (has_variable(file, "cell_size")) materials = 0
-         status = 0
-         if (sound(file)) allocate (arrays%sizes(n, max(1, materials)), source=0.0_wp)
-         if (materials == 0) then
-            id = expected(file, "cell_size", nf90_float, [grid%nx, grid%ny, n])
-            if (sound(file)) allocate (inputs%values(grid%nx, grid%ny, n), stat=status)
-            if (sound(file) .and. status == 0) call keep(file, nf90_get_var(file%id, id, inputs%values))
+         if (.not. sound(file)) return
+         allocate (arrays%sizes(n, materials), source=0.0_wp)
+         if (kind_of(file, "cell_size") /= 0) then
+            call check_shape(file, about_t("cell_size", nf90_float), [inputs%cells, size_axis])
+            if (.not. sound(file)) return
+            allocate (inputs%values(grid%nx, grid%ny, n), stat=status)
+            if (status == 0) call pass(file, about_t("cell_size", nf90_float), [inputs%cells, size_axis], inputs%values)
+            if (status /= 0) call mark_damaged(file, "(no memory) cell_size")
+            if (sound(file)) call check_values(inputs, n)
          else
-            id = expected(file, "material_size", nf90_double, [n, materials])
-            if (sound(file)) call keep(file, nf90_get_var(file%id, id, arrays%sizes))
-            if (has_variable(file, "zone")) then
+            call pass(file, about_t("material_size", nf90_double), &
+                      [size_axis, axis_t("material", int(materials, i8))], arrays%sizes)
+            if (kind_of(file, "zone") /= 0) then
                call read_zones(inputs, materials)
             else if (materials /= 1 .or. .not. all(above_zero(arrays%sizes))) then
                call mark_damaged(file, "material_size")
             end if
          end if
-         if (status /= 0) call mark_damaged(file, "(no memory) cell_size")
-         if (sound(file) .and. allocated(inputs%values)) call check_values(inputs, n)
       end associate
    end subroutine read_surface
 
@@ -211,26 +218,23 @@ contains
    subroutine read_zones(inputs, materials)
       type(inputs_t), intent(inout) :: inputs
       integer, intent(in) :: materials
-      integer :: id, status, j
+      integer :: status, j
       integer :: zone(inputs%arrays%grid%nx)
       logical :: good(0:materials), here(inputs%arrays%grid%nx)
 
-      associate (file => inputs%file, grid => inputs%arrays%grid)
-         status = 0
+      associate (file => inputs%file, nx => inputs%arrays%grid%nx, ny => inputs%arrays%grid%ny)
          if (materials > huge(1_i1)) then
-            id = expected(file, "zone", nf90_short, [grid%nx, grid%ny])
-            if (sound(file)) allocate (inputs%zone2(grid%nx, grid%ny), stat=status)
-            if (sound(file) .and. status == 0) call keep(file, nf90_get_var(file%id, id, inputs%zone2))
+            allocate (inputs%zone2(nx, ny), stat=status)
+            if (status == 0) call pass(file, about_t("zone", nf90_short), inputs%cells, inputs%zone2)
          else
-            id = expected(file, "zone", nf90_byte, [grid%nx, grid%ny])
-            if (sound(file)) allocate (inputs%zone1(grid%nx, grid%ny), stat=status)
-            if (sound(file) .and. status == 0) call keep(file, nf90_get_var(file%id, id, inputs%zone1))
+            allocate (inputs%zone1(nx, ny), stat=status)
+            if (status == 0) call pass(file, about_t("zone", nf90_byte), inputs%cells, inputs%zone1)
          end if
          if (status /= 0) call mark_damaged(file, "(no memory) zone")
          if (.not. sound(file)) return
          good(0) = .false.
          good(1:) = [(all(above_zero(inputs%arrays%sizes(:, j))), j=1, materials)]
-         do j = 1, grid%ny
+         do j = 1, ny
             if (allocated(inputs%zone1)) then
                zone = inputs%zone1(:, j)
             else
@@ -260,26 +264,26 @@ contains
    subroutine read_sources(inputs, case)
       type(inputs_t), intent(inout) :: inputs
       type(case_t), intent(in) :: case
-      integer :: id, n, status
+      type(axis_t) :: source(1)
+      integer :: n, status
 
       associate (file => inputs%file, arrays => inputs%arrays)
          n = length_of(file, "source")
+         source = [axis_t("source", int(n, i8))]
          if (n < 1) call mark_damaged(file, "its number of sources")
-         id = expected(file, "source_x", nf90_double, [n])
+         call check_shape(file, about_t("source_x", nf90_double), source)
          if (.not. sound(file)) return
          allocate (arrays%source_x(n), arrays%source_y(n), stat=status)
          if (status == 0 .and. case%by_area) allocate (arrays%area_ratio(n), stat=status)
          if (status /= 0) call mark_damaged(file, "(no memory) source_x")
+         call pass(file, about_t("source_x", nf90_double), source, arrays%source_x)
+         call pass(file, about_t("source_y", nf90_double), source, arrays%source_y)
+         if (case%by_area) call pass(file, about_t("area_ratio", nf90_double), source, arrays%area_ratio)
          if (.not. sound(file)) return
-         call keep(file, nf90_get_var(file%id, id, arrays%source_x))
-         id = expected(file, "source_y", nf90_double, [n])
-         if (sound(file)) call keep(file, nf90_get_var(file%id, id, arrays%source_y))
-         if (sound(file) .and. .not. all(ieee_is_finite(arrays%source_x) .and. ieee_is_finite(arrays%source_y))) &
+         if (.not. all(ieee_is_finite(arrays%source_x) .and. ieee_is_finite(arrays%source_y))) &
             call mark_damaged(file, "source_x, or source_y,")
          if (.not. case%by_area) return
-         id = expected(file, "area_ratio", nf90_double, [n])
-         if (sound(file)) call keep(file, nf90_get_var(file%id, id, arrays%area_ratio))
-         if (sound(file) .and. .not. all(ieee_is_finite(arrays%area_ratio) .and. above_zero(arrays%area_ratio))) &
+         if (.not. all(ieee_is_finite(arrays%area_ratio) .and. above_zero(arrays%area_ratio))) &
             call mark_damaged(file, "area_ratio")
       end associate
    end subroutine read_sources
@@ -287,14 +291,21 @@ contains
    !> The file of impact sets, as text.
    subroutine read_sets(inputs)
       type(inputs_t), intent(inout) :: inputs
-      integer :: id, n
+      character(len=1), allocatable :: letter(:)
+      integer :: id, n, k
 
       associate (file => inputs%file, arrays => inputs%arrays)
-         n = length_of(file, "impact_sets_length")
-         id = expected(file, "impact_sets", nf90_char, [n])
+         n = max(0, length_of(file, "impact_sets_length"))
          if (.not. sound(file)) return
+         if (n > max_text) call mark_damaged(file, "impact_sets")
+         if (.not. sound(file)) return
+         allocate (letter(n))
+         call pass(file, about_t("impact_sets", nf90_char), [axis_t("impact_sets_length", int(n, i8))], letter)
          allocate (character(len=n) :: arrays%sets_text)
-         call keep(file, nf90_get_var(file%id, id, arrays%sets_text))
+         do k = 1, n
+            arrays%sets_text(k:k) = letter(k)
+         end do
+         call keep(file, nf90_inq_varid(file%id, "impact_sets", id))
          arrays%sets_name = text_of(file, id, "file")
       end associate
    end subroutine read_sets

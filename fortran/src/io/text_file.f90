@@ -4,7 +4,7 @@ module rockfall_text_file
    use, intrinsic :: iso_fortran_env, only: iostat_end
    use rockfall_kinds, only: i8
    use rockfall_error, only: error_t, fail
-   use rockfall_pipe, only: refuse_pipe
+   use rockfall_filesystem, only: is_pipe
    implicit none
    private
    public :: read_text
@@ -29,7 +29,7 @@ contains
          call fail(error, file//": no such file")
          return
       end if
-      call refuse_pipe(file, file, error)
+      if (is_pipe(file)) call fail(error, file//": not a regular file")
       if (allocated(error)) return
       open (newunit=unit, file=file, access="stream", form="unformatted", status="old", &
             action="read", iostat=status, iomsg=message)

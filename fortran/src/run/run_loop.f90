@@ -268,7 +268,8 @@ contains
          call fail(error, case%file//": "//integer_text(n)//" boulders do not fit in memory")
          return
       end if
-      call run_boulders(scene, results%before + results%done + 1, results%threads, fate, crossing, maps, results%histogram)
+      call run_boulders(scene, results%before + results%done + 1, results%threads, fate, crossing, maps, &
+                         results%histogram)
       if (any(fate%status == left_window)) then
          call fail(error, case%file//": a boulder went where none can go", our_fault)
       else if (lacks_slots(maps)) then

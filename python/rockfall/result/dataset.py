@@ -56,7 +56,7 @@ def georeference(grid: Grid) -> dict[str, Any]:
 def provenance(scene: Any) -> dict[str, str]:
     """Checksums of what a scene was made of."""
     return {
-        "impact_set_checksum": scene.checksums["sets"],
+        "impact_set_checksum": scene.checksums.get("sets", ""),
         "input_checksums": json.dumps(scene.checksums, sort_keys=True),
         "decoded_checksums": json.dumps(scene.decoded, sort_keys=True),
     }
