@@ -1,12 +1,16 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a benchmark ran on: a claim without its machine is no claim."""
+"""What a benchmark ran on: a claim without its machine is no claim; and what several run."""
 
 import os
 import platform
+import subprocess
+import sys
 from importlib.metadata import version
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]  # of the repository
+VAUJANY = ROOT / "cases/vaujany/case.nml"
+NOTHING = {"maps": None, "rebounds": False, "trajectories": 0}  # &output
 
 
 def machine() -> str:
@@ -19,3 +23,13 @@ def machine() -> str:
     load = f"load {os.getloadavg()[0]:.1f}"
     program = f"rockfall {version('rockfall')}"
     return ", ".join([cpu, f"{os.cpu_count()} cores", load, platform.platform(), program])
+
+
+def run_child(*words: str | Path, cwd: Path | None = None) -> tuple[str, float, int]:
+    """What a command prints, its CPU seconds, and the bytes of memory that it takes at most."""
+    child = subprocess.Popen([*map(str, words)], cwd=cwd, stdout=subprocess.PIPE, text=True)
+    said = child.stdout.read()
+    _, status, usage = os.wait4(child.pid, 0)
+    if status:
+        sys.exit(f"{' '.join(map(str, words))}: failed")
+    return said, usage.ru_utime + usage.ru_stime, usage.ru_maxrss * 1024

@@ -2,6 +2,7 @@
 """The standalone program, and a small case with everything in it that it can run."""
 
 import os
+import re
 import resource
 import shutil
 import subprocess
@@ -13,10 +14,10 @@ import numpy as np
 
 import rockfall
 from made import make_raster
+from rockfall.cli import main
 from rockfall.result import variables
 from rockfall.scene.prepare import prepare
 from rockfall.simulation import simulate
-from rockfall.simulation.part_file import boulders_in
 from scenes import rough, sets, sets_text, usual
 
 ROOT = Path(__file__).parents[1]
@@ -112,9 +113,14 @@ def refused_in_one_line(done, words):
     assert done.stderr == f"rockfall-batch: {words}\n"
 
 
-def held(path):
-    """Boulders in a checkpoint."""
-    return boulders_in(path)
+def refuses(words, message, capture):
+    """`rockfall` must end with status 2 and one line that matches, and write nothing."""
+    before = everything(Path())
+    capture.readouterr()
+    assert main([*map(str, words)]) == 2
+    out, err = capture.readouterr()
+    assert out == "" and re.fullmatch(f"rockfall: {message}\n", err), err
+    assert everything(Path()) == before
 
 
 def everything(folder):

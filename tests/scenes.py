@@ -23,8 +23,8 @@ def rough(nx=60, ny=80, cell=5.0, gradient=0.8, relief=3.0, seed=1, dtype="f8"):
 
 #: A lively slope: boulders bounce back, spin both ways, and have draws refused.
 LIVELY_MEAN = np.array([0.62, 0.02, 0.13, 0.19, -0.45, -0.19, 0.24, 0.05, 0.34])
-_SPREAD = np.array([0.12, 0.15, 0.1, 0.08, 0.1, 0.05, 0.15, 0.2, 0.15])
-LIVELY_COVARIANCE = np.outer(_SPREAD, _SPREAD) * (0.8 * np.eye(9) + 0.2)
+LIVELY_SPREAD = np.array([0.12, 0.15, 0.1, 0.08, 0.1, 0.05, 0.15, 0.2, 0.15])
+LIVELY_COVARIANCE = np.outer(LIVELY_SPREAD, LIVELY_SPREAD) * (0.8 * np.eye(9) + 0.2)
 
 
 #: A set that throws no boulder back, so that headings are known: mean, and lower triangle by rows.

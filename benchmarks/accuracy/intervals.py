@@ -15,15 +15,14 @@ import numpy as np
 import xarray as xr
 
 import rockfall
-from benchmarks.machine import ROOT, machine
+from benchmarks.machine import NOTHING, VAUJANY, machine
+from known_law import stages, theory
 from rockfall.analysis import return_levels as tails
-from rockfall.analysis.line_statistics import QUANTITIES, Z, line_numbers, line_values, sources
-from rockfall.analysis.run_until import FIRST, evaluate, next_stage, read_rules
+from rockfall.analysis.line_statistics import QUANTITIES, line_numbers, line_values, sources
+from rockfall.analysis.run_until import read_rules
 
-VAUJANY = ROOT / "cases/vaujany/case.nml"
 SIZE = 10_000  # boulders of a sample
 SHOWN = ("fraction", "mean", "std", "q50", "q90", "q95", "q98", "q99")
-SHARE, SIGMA = 0.6, 0.4  # of the known law
 RULES = ("share@L<3%", "speed.mean@L<1%", "speed.std@L<3%", "speed.q50@L<1.5%", "speed.q95@L<2%")
 
 
@@ -72,45 +71,13 @@ def ends(rule: str, repetitions: int, random: np.random.Generator) -> None:
     truth, need = theory(statistic, asked[0].limit)
     stops, holds = [], []
     for _ in range(repetitions):
-        n, values = FIRST, draw(random, FIRST)
-        while (larger := next_stage(evaluate(asked, made(values)), n, 10**7)) > n:
-            values, n = np.concatenate([values, draw(random, larger - n)]), larger
-        row = line_numbers(made(values), 0, "speed", np.zeros(n, int))
-        stops.append(n / need)
+        result = stages(asked, random)
+        row = line_numbers(result, 0, "speed", sources(result))
+        stops.append(result.sizes["boulder"] / need)
         holds.append(row[f"{statistic}_low"] <= truth <= row[f"{statistic}_high"])
     low, high = np.quantile(stops, [0.025, 0.975])
     near = np.mean(np.abs(np.array(stops) - 1) <= 0.2)
     print(f"{rule:20}{need:10,.0f}{f'{low:.2f}..{high:.2f}':>18}{near:13.0%}{np.mean(holds):8.1%}")
-
-
-def theory(statistic: str, limit: float) -> tuple[float, float]:
-    """The number of the known law, and the boulders that make the half-width `limit` of it."""
-    from scipy.stats import norm
-
-    w, scale = np.exp(SIGMA**2), (Z / limit) ** 2 / SHARE
-    if statistic == "fraction":
-        return SHARE, scale * (1 - SHARE)
-    if statistic == "mean":
-        return np.sqrt(w), scale * (w - 1)
-    if statistic == "std":
-        kurtosis = w**4 + 2 * w**3 + 3 * w**2 - 3
-        return np.sqrt(w * (w - 1)), scale * (kurtosis - 1) / 4
-    share = int(statistic[1:]) / 100
-    z = norm.ppf(share)
-    return np.exp(SIGMA * z), scale * share * (1 - share) * (SIGMA / norm.pdf(z)) ** 2
-
-
-def draw(random: np.random.Generator, n: int) -> np.ndarray:
-    return np.where(random.random(n) < SHARE, np.exp(random.normal(0, SIGMA, n)), np.nan)
-
-
-def made(speed: np.ndarray) -> xr.Dataset:
-    """A result of one source and one line, as far as statistics read it."""
-    zero = ("boulder", np.zeros(speed.size))
-    return xr.Dataset(
-        {"line_speed": (("line", "boulder"), speed[None]), "start_x": zero, "start_y": zero},
-        {"line": ["L"]},
-    )
 
 
 def main() -> None:
@@ -121,7 +88,7 @@ def main() -> None:
     print(machine(), "\n")
     case = rockfall.read_case(VAUJANY).replace(
         case={"boulders": SIZE * options.parts},
-        output={"maps": None, "rebounds": False, "trajectories": 0},
+        output=NOTHING,
     )
     truth = rockfall.run(case, progress=True)
     parts = [

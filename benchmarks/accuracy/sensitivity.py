@@ -13,10 +13,8 @@ import numpy as np
 import rasterio
 
 import rockfall
-from benchmarks.machine import ROOT, machine
+from benchmarks.machine import NOTHING, VAUJANY, machine
 from rockfall.lab.talus import CELL, NORTH, ROADS, WEST, Talus, zones
-
-VAUJANY = ROOT / "cases/vaujany"
 
 
 @dataclass(frozen=True)
@@ -50,9 +48,9 @@ def main() -> None:
     parser.add_argument("--boulders", type=int, default=10_000)
     options = parser.parse_args()
     print(machine(), "\n")
-    case = rockfall.read_case(VAUJANY / "case.nml").replace(
+    case = rockfall.read_case(VAUJANY).replace(
         case={"boulders": options.boulders},
-        output={"maps": None, "rebounds": False, "trajectories": 0},
+        output=NOTHING,
     )
     print(f"{'changed':28}{'fraction':>8}{'speed':>8}{'height':>8}   at EL1")
     transform = rasterio.Affine(CELL, 0, WEST, 0, -CELL, NORTH)

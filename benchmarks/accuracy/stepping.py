@@ -42,7 +42,7 @@ import xarray as xr
 
 import rockfall
 from benchmarks import variant
-from benchmarks.machine import ROOT, machine
+from benchmarks.machine import NOTHING, ROOT, VAUJANY, machine
 from benchmarks.stability.real_terrain import steep_cells
 from rockfall.io.files import atomic_write
 from rockfall.io.raster import read_dem
@@ -51,7 +51,6 @@ from rockfall.scene.prepare import prepare
 
 SCHEMES = {"euler": (BLUE, "o"), "parabola": (VERMILION, "s"), "interpolated": (GREY, "^")}
 STEPS = [0.1, 0.03, 0.01, 0.003, 0.001]  # [s]
-NOTHING = {"maps": None, "rebounds": False, "trajectories": 0}
 ONE_FLIGHT = {  # what the program prints, and its heading
     "place": "landing [m]",
     "normal": "V_n [m/s]",
@@ -90,10 +89,9 @@ def build(folder: Path) -> Path:
     meson = folder / "fortran/meson.build"
     modules = "'src/exact_flight.f90', '../benchmarks/accuracy/stepped_flight.f90'"
     variant.replace(meson, "'src/boulder/flight.f90'", modules, 1)
-    program = "'../benchmarks/accuracy/stepping.f90'"
-    program += ", link_with: [batch, kernel], dependencies: netcdf"
+    source, needs = "../benchmarks/accuracy/stepping.f90", "link_with: [batch, kernel]"
     with open(meson, "a") as file:
-        file.write(f"executable('stepping', {program})\n")
+        file.write(f"executable('stepping', '{source}', {needs}, dependencies: netcdf)\n")
     return variant.build(folder, "fortran/stepping")[0]
 
 
@@ -340,7 +338,7 @@ def main() -> None:
         flat, errors = plane(program, scratch / "plane", options.repeat)
         rows = list(examine_plane(flat, errors))
 
-        case = rockfall.read_case(ROOT / "cases/vaujany/case.nml")
+        case = rockfall.read_case(VAUJANY)
         case = case.replace(case={"boulders": options.boulders}, output=NOTHING)
         prepare(case, scratch / "vaujany")
         runs = run(program, scratch / "vaujany/case.nml", options.repeat, 300)

@@ -16,11 +16,10 @@ import numpy as np
 import xarray as xr
 
 import rockfall
-from benchmarks.machine import ROOT, machine
+from benchmarks.machine import NOTHING, VAUJANY, machine
 from rockfall.analysis.line_statistics import line_numbers
 from rockfall.scene import scene
 
-VAUJANY = ROOT / "cases/vaujany/case.nml"
 LINES = {"3.5 m": 584.0, "7.5 m": 580.0, "17.5 m": 570.0, "EL1": 441.72, "EL2": 402.32}
 WIDE = {"volume": "lognormal", "volume_mean": 0.8, "volume_std": 0.8}
 METHODS = {"random": 0, "volume": 1, "sobol": 13}  # dimensions of the Sobol' points
@@ -153,7 +152,7 @@ def main() -> None:
     print(machine())
     case = rockfall.read_case(VAUJANY).replace(
         line=[{"name": name, "x": [1.25, 198.75], "y": [y, y]} for name, y in LINES.items()],
-        output={"maps": None, "rebounds": False, "trajectories": 0},
+        output=NOTHING,
     )
     for title, boulder in {"its own volumes": {}, "wide volumes": WIDE}.items():
         print(f"\n== cases/vaujany, {title}")

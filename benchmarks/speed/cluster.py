@@ -9,24 +9,21 @@ was measured beside it, in one run of this script; run it on an idle machine.
 
 import argparse
 import math
-import resource
 import shutil
-import subprocess
 import sys
 import tempfile
 import time
 from pathlib import Path
 
 import rockfall
-from benchmarks.machine import ROOT, machine
+from benchmarks.machine import NOTHING, VAUJANY, machine, run_child
 from rockfall.scene.prepare import prepare
 from rockfall.scene.read import read_scene
 from rockfall.simulation.checkpoint import Checkpoint
 from rockfall.simulation.dask import run_on_cluster
 from rockfall.simulation.simulate import run_scene
 
-VAUJANY = ROOT / "cases/vaujany/case.nml"
-OUTPUT = {"maps": ["passages", "energy_max", "energy_q95"], "rebounds": False, "trajectories": 0}
+OUTPUT = NOTHING | {"maps": ["passages", "energy_max", "energy_q95"]}
 
 
 def seconds(do, *arguments, **named) -> tuple[float, object]:
@@ -34,11 +31,6 @@ def seconds(do, *arguments, **named) -> tuple[float, object]:
     begin = time.perf_counter()
     found = do(*arguments, **named)
     return time.perf_counter() - begin, found
-
-
-def threads(scene) -> None:
-    one, two = (run_scene(scene, threads=n).attrs["wall_seconds"] for n in (1, 2))
-    print(f"two threads: {one / two:.2f} times the speed of one ({one:.1f} s)")
 
 
 def processes(scene) -> None:
@@ -99,13 +91,9 @@ def doors(case: rockfall.Case, folder: Path) -> None:
     cpu = dict.fromkeys(commands, math.inf)
     for _ in range(3):
         for name, command in commands.items():
-            before = resource.getrusage(resource.RUSAGE_CHILDREN)
-            subprocess.run(command, check=True)
+            cpu[name] = min(cpu[name], run_child(*command)[1])
             for output in folder.glob("*.nc"):
                 output.unlink()  # to free its place is no work of the next run
-            after = resource.getrusage(resource.RUSAGE_CHILDREN)
-            took = after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime
-            cpu[name] = min(cpu[name], took)
     more = cpu["rockfall run"] / cpu["rockfall-batch"] - 1
     about = ", ".join(f"{name} {value:.1f} s" for name, value in cpu.items())
     print(f"{boulders:,} boulders: {about} of CPU: {more:+.1%} by the Python door")
@@ -120,7 +108,6 @@ def main() -> None:
     case = rockfall.read_case(VAUJANY).replace(case={"boulders": options.boulders}, output=OUTPUT)
     scene = read_scene(case)
     with tempfile.TemporaryDirectory() as name:
-        threads(scene)
         processes(scene)
         checkpoints(scene, Path(name))
         merging(scene, options.parts, Path(name))

@@ -32,7 +32,7 @@ import netCDF4
 import numpy as np
 
 import rockfall
-from benchmarks.machine import ROOT, machine
+from benchmarks.machine import NOTHING, ROOT, VAUJANY, machine
 from benchmarks.variant import build, copy_sources, replace
 from rockfall.io.grid import Grid
 from rockfall.io.raster import read_dem
@@ -43,7 +43,6 @@ from rockfall.simulation.checkpoint import Checkpoint
 from rockfall.simulation.simulate import fields, run_scene, start
 from rockfall.simulation.tally import Tally
 
-VAUJANY = ROOT / "cases/vaujany/case.nml"
 RADIUS = 0.1  # of the rocks, everywhere [m]
 FEW, MANY = 100, 300  # boulders under callgrind
 AIM = 0.01
@@ -51,7 +50,6 @@ UNIFORM = {
     "zones": None, "table": None, "method": "B", "mean_radius": None, "uniform_rg": None,
     "uniform_mean_radius": RADIUS,
 }  # fmt: skip
-NOTHING = {"maps": None, "rebounds": False, "trajectories": 0}
 MAPS = {
     "passages": ["passages"],
     "deposits": ["deposits"],

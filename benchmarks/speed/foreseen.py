@@ -16,11 +16,10 @@ from pathlib import Path
 import numpy as np
 
 import rockfall
-from benchmarks.machine import ROOT, machine
-from benchmarks.speed.valley import MAPS, NOTHING, SAME, program, relief, steep_cells, write_tiff
+from benchmarks.machine import NOTHING, VAUJANY, machine
+from benchmarks.speed.valley import MAPS, SAME, program, relief, steep_cells, write_tiff
 from rockfall.result import variables
 
-VAUJANY = ROOT / "cases/vaujany/case.nml"
 BYTES = {"MB": 1e6, "GB": 1e9}
 SECONDS = {"s": 1.0, "min": 60.0, "h": 3600.0}
 AIM = 0.25

@@ -11,7 +11,6 @@ so that no page of a map stays untouched.
 """
 
 import argparse
-import os
 import shutil
 import subprocess
 import sys
@@ -21,7 +20,7 @@ from pathlib import Path
 import numpy as np
 from affine import Affine
 
-from benchmarks.machine import machine
+from benchmarks.machine import machine, run_child
 
 CELL = 2.5
 ROWS = 256  # of tiles
@@ -78,15 +77,6 @@ def make_files(folder: Path, side: int) -> None:
     (folder / "zones.csv").write_text(f"zone,mean_radius\n{radii}\n")
 
 
-def peak(command: list[str | Path], folder: Path) -> int:
-    """Bytes of memory that a command takes at most."""
-    child = subprocess.Popen(command, cwd=folder, stdout=subprocess.DEVNULL)
-    _, status, usage = os.wait4(child.pid, 0)
-    if status:
-        sys.exit(f"{' '.join(map(str, command))}: failed")
-    return usage.ru_maxrss * 1024
-
-
 def measure(folder: Path, what: str, side: int, program: str = "", **case: str) -> None:
     """One row of the table: what a run may take, what it takes."""
     asked = MAPS if case["maps"] == "all" else [case["maps"]]
@@ -100,7 +90,7 @@ def measure(folder: Path, what: str, side: int, program: str = "", **case: str) 
         shutil.rmtree(folder / "ready", ignore_errors=True)
         subprocess.run([*rockfall, "prepare", "case.nml", "ready"], cwd=folder, check=True)
         command = [program, "ready/case.nml", "--quiet"]
-    found = peak(command, folder)
+    found = run_child(*command, cwd=folder)[2]
     verdict = "within" if found <= most else f"OVER by {(found - most) / 1e6:.0f} MB"
     door = "rockfall-batch" if program else "rockfall run"
     print(f"{door:16}{what:36}{most / 1e6:10.0f}{found / 1e6:10.0f}   {verdict}", flush=True)

@@ -13,7 +13,7 @@ import shutil
 import subprocess
 
 import rockfall
-from benchmarks.machine import ROOT, machine
+from benchmarks.machine import NOTHING, ROOT, VAUJANY, machine
 from rockfall.result import variables
 from rockfall.scene.read import read_scene
 from rockfall.simulation.simulate import run_scene
@@ -21,7 +21,6 @@ from rockfall.simulation.simulate import run_scene
 MAPS = ["passages", "reach_probability", "deposits", "energy_max", "energy_mean"]
 MAPS += ["speed_max_map", "jump_height_max_map"]
 EVERY_MAP = list(variables.MAP)
-NOTHING = {"maps": None, "rebounds": False, "trajectories": 0}
 OPTIONS = {
     "nothing asked for": {"line": [], "output": NOTHING},
     "two evaluation lines": {"output": NOTHING},
@@ -60,7 +59,7 @@ def main() -> None:
     parser.add_argument("--repeat", type=int, default=5)
     options = parser.parse_args()
     print(machine(), "\n")
-    vaujany = rockfall.read_case(ROOT / "cases/vaujany/case.nml")
+    vaujany = rockfall.read_case(VAUJANY)
     vaujany = vaujany.replace(case={"boulders": options.boulders})
 
     print(f"{'cases/vaujany, one thread':28}{'ns/rebound':>12}{'boulders/CPU s':>16}")

@@ -11,8 +11,6 @@ CPU time of the kernel, least of `--repeat` runs, taken in turn.
 
 import argparse
 import multiprocessing
-import os
-import subprocess
 import sys
 import tempfile
 from pathlib import Path
@@ -21,7 +19,7 @@ import numpy as np
 from affine import Affine
 
 import rockfall
-from benchmarks.machine import machine
+from benchmarks.machine import NOTHING, machine, run_child
 from rockfall.result.dataset import open_result
 from rockfall.scene.read import read_scene
 from rockfall.scene.scene import Scene
@@ -32,7 +30,6 @@ VALLEYS = 1500.0  # [m] of the widest hills
 STEEP = 0.8  # root mean square of the gradient: half of the ground is steeper than 33 degrees
 BASIN = 200  # cells
 MAPS = ["passages", "energy_max", "energy_q50", "energy_q95"]
-NOTHING = {"maps": None, "rebounds": False, "trajectories": 0}
 SAME = {
     "impact": {"sets": "rocky-slope"},
     "surface": {"uniform_mean_radius": 0.25},
@@ -72,13 +69,7 @@ def write_tiff(path: Path, values: np.ndarray) -> None:
 
 def program(*words: str | Path) -> tuple[str, float, int]:
     """What a `rockfall` command prints, its CPU seconds, and the bytes that it takes at most."""
-    command = [sys.executable, "-m", "rockfall", *map(str, words)]
-    child = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-    said = child.stdout.read()
-    _, status, usage = os.wait4(child.pid, 0)
-    if status:
-        sys.exit(f"{' '.join(command)}: failed")
-    return said, usage.ru_utime + usage.ru_stime, usage.ru_maxrss * 1024
+    return run_child(sys.executable, "-m", "rockfall", *words)
 
 
 def make_files(folder: Path, side: int, sources: int) -> None:

@@ -17,12 +17,13 @@ import numpy as np
 
 import rockfall
 from rockfall.io.grid import Grid
+from scenes import LIVELY_COVARIANCE as COVARIANCE
+from scenes import LIVELY_MEAN as MEAN
+from scenes import LIVELY_SPREAD as SPREAD
+from scenes import write_sets
 
 EPSILON = 2.0**-52
 SHAPE = (60, 40)
-MEAN = np.array([0.62, 0.02, 0.13, 0.19, -0.45, -0.19, 0.24, 0.05, 0.34])
-SPREAD = np.array([0.12, 0.15, 0.1, 0.08, 0.1, 0.05, 0.15, 0.2, 0.15])
-COVARIANCE = np.outer(SPREAD, SPREAD) * (0.8 * np.eye(9) + 0.2)
 
 
 @dataclass
@@ -55,7 +56,8 @@ class Scene:
 
     def case(self, folder: Path, boulders: int = 500, **groups: dict[str, Any]) -> rockfall.Case:
         """The case of so many boulders at least; `folder` gets its impact sets."""
-        (folder / "sets.nml").write_text(sets_text(self.mean, self.covariance))
+        alike = np.tile(self.mean, (5, 1)), np.tile(self.covariance, (5, 1, 1))
+        write_sets(folder / "sets.nml", *alike)
         points = np.array(self.points or scattered(self))
         release = {
             "x": points[:, 0] + self.grid.west + self.cell / 2,
@@ -92,16 +94,6 @@ class Scene:
         ) / (2 * self.gravity)
         nodes = max(self.z.shape)
         return float(np.abs(z).max() + np.ptp(z) + lift + (self.cell + sum(rises)) * nodes)
-
-
-def sets_text(mean: np.ndarray, covariance: np.ndarray) -> str:
-    """The same mean and covariance for all five ratios, every digit of them."""
-    lower = ", ".join(repr(float(covariance[i, k])) for i in range(9) for k in range(i + 1))
-    means = ", ".join(repr(float(m)) for m in mean)
-    return "".join(
-        f"&impact_set\n ratio = {k}\n mean = {means}\n covariance = {lower}\n/\n"
-        for k in range(1, 6)
-    )
 
 
 def scattered(scene: Scene) -> list[tuple[float, float]]:

@@ -42,6 +42,10 @@ TEXTS = (
 )  # fmt: skip
 
 
+SIZES = tuple(b"1000000000 2147483647 4294967297 65536 46341 0 -3 1 1e9".split())
+TAGS = (256, 257, 258, 259, 273, 277, 278, 322, 324, 339, 42113)  # of TIFF
+
+
 def _place(random: np.random.Generator, content: bytes) -> int:
     return int(random.integers(len(content) + 1))
 
@@ -67,9 +71,8 @@ def bits(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
     spoiled = bytearray(content or b"\0")
     near = _place(random, content)
     for _k in range(int(random.integers(1, 9))):
-        place = (
-            near + int(random.integers(64)) if random.random() < 0.7 else _place(random, content)
-        )
+        beside = random.random() < 0.7
+        place = near + int(random.integers(64)) if beside else _place(random, content)
         spoiled[place % len(spoiled)] ^= 1 << int(random.integers(8))
     return bytes(spoiled)
 
@@ -96,9 +99,8 @@ def extremes(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
 
 def truncation(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
     """The end is not there; now and then nothing is."""
-    return content[
-        : _one(random, (0, 1, len(content) // 2, len(content) - 1, _place(random, content)))
-    ]
+    ends = (0, 1, len(content) // 2, len(content) - 1, _place(random, content))
+    return content[: _one(random, ends)]
 
 
 def duplication(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
@@ -181,10 +183,9 @@ def insertion(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
         b"\t", b"=", b"(", b")", b"%", b"\\", b"{", b"[", b"\xc3", b"\xff", b"\x1a", b"\x7f", b"#",
         b"* ",
     )  # fmt: skip
-    start = _place(random, content)
-    return (
-        content[:start] + _one(random, signs) * _one(random, (1, 1, 1, 3, 2000)) + content[start:]
-    )
+    start, many = _place(random, content), _one(random, signs)
+    many *= _one(random, (1, 1, 1, 3, 2000))
+    return content[:start] + many + content[start:]
 
 
 def long_line(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
@@ -196,20 +197,7 @@ def long_line(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
 
 def sizes(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
     """The first numbers of a grid, which are its sizes, lie."""
-    lie = _one(
-        random,
-        (
-            b"1000000000",
-            b"2147483647",
-            b"4294967297",
-            b"65536",
-            b"46341",
-            b"0",
-            b"-3",
-            b"1",
-            b"1e9",
-        ),
-    )
+    lie = _one(random, SIZES)
     for place in (0, 1) if random.random() < 0.5 else (int(random.integers(0, 2)),):
         found = list(_NUMBER.finditer(content))
         if len(found) > place:
@@ -237,10 +225,8 @@ def columns(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
 def nesting(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
     """Brackets in brackets, up to a hundred thousand deep."""
     depth = int(_one(random, (10, 500, 5000, 100_000)))
-    open_, close = _one(
-        random,
-        ((b"[", b"]"), (b'{"a":', b"}"), (b'{"type":"GeometryCollection","geometries":[', b"]}")),
-    )
+    shapes = b'{"type":"GeometryCollection","geometries":['
+    open_, close = _one(random, ((b"[", b"]"), (b'{"a":', b"}"), (shapes, b"]}")))
     inner = _one(random, (b"", b"0", b"[0,0]"))
     found = list(re.finditer(rb"\[", content)) or [re.match(b"", content)]
     start = _one(random, found).start()
@@ -263,16 +249,10 @@ def tiff_tag(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
     if place + 12 > len(content):
         return bits(random, content, b"")
     how = int(random.integers(4))
-    value = int(
-        _one(random, (0, 1, 2, 7, 65535, 100_000, 2**31 - 1, 2**32 - 1, len(content), start))
-    )
+    numbers = (0, 1, 2, 7, 65535, 100_000, 2**31 - 1, 2**32 - 1, len(content), start)
+    value = _one(random, numbers)
     if how == 0:
-        struct.pack_into(
-            end + "H",
-            spoiled,
-            place,
-            int(_one(random, (256, 257, 258, 259, 273, 277, 278, 322, 324, 339, 42113))),
-        )
+        struct.pack_into(end + "H", spoiled, place, _one(random, TAGS))
     elif how == 1:
         struct.pack_into(end + "H", spoiled, place + 2, value % 20)
     else:
@@ -300,10 +280,8 @@ def names(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
     if not found:
         return bits(random, content, b"")
     mine = _one(random, found)
-    other = _one(
-        random, (b"q" * len(mine), mine[::-1], mine.upper(), mine[:-1] + b"\0", mine[:-1] + b"/")
-    )
-    return content.replace(mine, other, -1 if random.random() < 0.5 else 1)
+    others = (b"q" * len(mine), mine[::-1], mine.upper(), mine[:-1] + b"\0", mine[:-1] + b"/")
+    return content.replace(mine, _one(random, others), -1 if random.random() < 0.5 else 1)
 
 
 def structure(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
@@ -334,16 +312,12 @@ def _change(random: np.random.Generator, file: netCDF4.Dataset) -> None:
     elif what == 3 and attribute not in ("", "_FillValue"):
         owner.setncattr(attribute, _one(random, values))
     elif variable.size and variable.dtype is not str and variable.dtype.kind in "if":
-        most = (
-            2**31 - 1
-            if variable.dtype.kind == "i"
-            else float(_one(random, ("nan", "inf", "1e300")))
-        )
+        whole = variable.dtype.kind == "i"
+        most = 2**31 - 1 if whole else float(_one(random, ("nan", "inf", "1e300")))
         index = tuple(int(random.integers(n)) for n in variable.shape)
+        value = np.array(_one(random, (most, -most, -1, 0)))
         with np.errstate(over="ignore"):
-            variable[index or ...] = np.array(_one(random, (most, -most, -1, 0))).astype(
-                variable.dtype
-            )
+            variable[index or ...] = value.astype(variable.dtype)
 
 
 # ---- places --------------------------------------------------------------------------------------

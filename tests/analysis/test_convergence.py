@@ -9,6 +9,7 @@ import pandas as pd
 import pytest
 
 import rockfall
+from programs import refuses
 from rockfall.analysis import convergence
 from rockfall.analysis.convergence import KEYS, NUMBERS, _costs, _errors, _numbers, converge
 from rockfall.analysis.terrain_variants import larger_cells, other_digits
@@ -206,7 +207,6 @@ def test_the_command_writes_tables_and_figures(tmp_path, monkeypatch, capsys):
     assert b"/Type /Page" in first and b"CreationDate" not in first
 
 
-
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
@@ -214,18 +214,12 @@ def test_the_command_writes_tables_and_figures(tmp_path, monkeypatch, capsys):
         (["--reference", "100"], "reference = 100: must be at least 20000"),
         (["--reference", "1" + 30 * "0"], "boulders do not fit in memory"),
         (["-o", "case.nml"], "is there, and not a folder"),
-        (["-o", "no/where"], "there is no folder no"),
-        (["--boulders", "x"], "invalid int value"),
     ],
 )
 def test_wrong_arguments_are_refused(tmp_path, monkeypatch, capsys, arguments, says):
     monkeypatch.chdir(tmp_path)
     case_file(tmp_path)
-    before = sorted(tmp_path.rglob("*"))
-    assert main(["convergence", "case.nml", *arguments]) == 2
-    error = capsys.readouterr().err
-    assert says in error and error.count("\n") == 1
-    assert sorted(tmp_path.rglob("*")) == before
+    refuses(["convergence", "case.nml", *arguments], f".*{says}.*", capsys)
 
 
 def test_a_case_without_lines_is_refused(tmp_path):

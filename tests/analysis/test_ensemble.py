@@ -11,7 +11,7 @@ import xarray as xr
 
 import rockfall
 from made import make_raster, refused
-from programs import find_program
+from programs import find_program, refuses
 from rockfall.analysis import ensemble
 from rockfall.analysis.ensemble import RESULTS
 from rockfall.analysis.line_statistics import Z, line_numbers, line_values
@@ -252,9 +252,7 @@ def test_the_draws_of_a_file_are_as_many_files(tmp_path):
 DRAWS = {  # of each of five groups
     (1, 1, 2, 1, 1): "no &impact_set for ratio 3 of draw 1; a file needs ratios 1 to 5",
     (2, 2, 2, 2, 2): "no &impact_set for ratio 1 2 3 4 5 of draw 1; a file needs ratios 1 to 5",
-    (1, 0, 1, 1, 1): "line 7: &impact_set draw = 0: must be 1 to 1000",
     (1, 1001, 1, 1, 1): "line 7: &impact_set draw = 1001: must be 1 to 1000",
-    (1, "x", 1, 1, 1): "line 7: &impact_set draw = x: must be .*",
 }
 
 
@@ -396,20 +394,13 @@ def test_sources_stay_on_the_terrain_and_shifts_together(tmp_path):
 
 HOSTILE = {
     "radius_factor = 0.9": r"&ensemble radius_factor = 0.9: must be 1 to 10",
-    "volume_factor = 11.0": r"&ensemble volume_factor = 11.0: must be 1 to 10",
     "volume_std_factor = 2.0": r"&ensemble volume_std_factor = 2.0: .*without a volume_std",
     "dem_error = -1.0": r"&ensemble dem_error = -1.0: must be >= 0 \[m\]",
     "dem_error = 1.0": r"&ensemble dem_correlation is missing: needed for dem_error",
-    "dem_error = 1.0, dem_correlation = 0.0": r"&ensemble dem_correlation = 0.0: must be > 0.*",
     "dem_error = 1.0, dem_correlation = 1e4": r"&ensemble dem_correlation = 10000: .* 150 m.*",
-    "source_shift = NaN": r"&ensemble source_shift = NaN: must be a finite real number.*",
     "source_shift = 1e9": r"&ensemble source_shift = 1e\+09: none of 1000 shifts .*",
-    "sets = 'no', 'rocky-slope'": r"&ensemble sets = 'no': no such file; shipped sets: .*",
     "source_shift = 1.0, runs = 7": r"&ensemble runs = 7: must be 8 to 65536",
-    "source_shift = 1.0, runs = 65537": r"&ensemble runs = 65537: must be 8 to 65536",
-    "sauce_shift = 1.0": r"line 8: &ensemble sauce_shift: unknown key; known: runs, .*",
     "runs = 8": r"&ensemble: nothing is uncertain: give .*",
-    "sets = 'rocky-slope'": r"&ensemble: nothing is uncertain: give .*",
 }
 CASE = """&case title = 'Slope', boulders = 60, seed = 7 /
 &terrain dem = 'dem.tif' /
@@ -438,25 +429,18 @@ def place(tmp_path, monkeypatch):
 @pytest.mark.parametrize("text", HOSTILE)
 def test_bad_input_is_one_line_and_nothing_is_written(place, capfd, text):
     place(text)
-    assert main(["ensemble", "case.nml"]) == 2
-    out, err = capfd.readouterr()
-    assert out == "" and re.fullmatch(f"rockfall: case.nml: {HOSTILE[text]}\n", err)
-    assert sorted(path.name for path in Path().iterdir()) == ["case.nml", "dem.tif"]
+    refuses(["ensemble", "case.nml"], f"case.nml: {HOSTILE[text]}", capfd)
 
 
 @pytest.mark.parametrize(
     ("words", "message"),
     [
         (["-o", "out.txt"], r"out.txt: must end in .nc \(everything\) or .csv \(the table\)"),
-        (["-o", "dem.tif"], r"dem.tif: must end in .*"),
-        (["-o", "no/out.csv"], r"no/out.csv: there is no folder no"),
         (["--runs", "1"], r"case.nml: &ensemble runs = 1: must be 8 to 65536"),
     ],
 )
 def test_bad_arguments_are_one_line(place, capfd, words, message):
-    assert main(["ensemble", "case.nml", *words]) == 2
-    assert re.fullmatch(f"rockfall: {message}\n", capfd.readouterr().err)
-    assert sorted(path.name for path in Path().iterdir()) == ["case.nml", "dem.tif"]
+    refuses(["ensemble", "case.nml", *words], message, capfd)
 
 
 def test_nothing_to_look_at_is_refused(tmp_path):
@@ -484,16 +468,12 @@ def test_more_numbers_than_the_design_has_are_refused(tmp_path):
         Uncertain(scene)
 
 
-
 def test_maps_alone_are_no_table(place, capsys):
     text = Path("case.nml").read_text()
     line = next(line for line in text.splitlines() if line.startswith("&line"))
     Path("case.nml").write_text(text.replace(line, "&output maps = 'reach_probability' /"))
-    assert main(["ensemble", "case.nml", "-o", "table.csv"]) == 2
     said = "table.csv: without a &line there is no table; maps go to a file .nc"
-    assert capsys.readouterr().err == f"rockfall: {said}\n"
-    assert not Path("table.csv").exists()
-
+    refuses(["ensemble", "case.nml", "-o", "table.csv"], said, capsys)
 
 
 def test_an_interrupted_ensemble_writes_nothing(place, capfd, monkeypatch):

@@ -150,7 +150,6 @@ def test_intervals_hold_for_few_boulders():
     assert "std_low" not in sample_numbers(np.array([1.0, 2.0]), np.zeros(2, int))
 
 
-
 def test_a_quantile_beyond_the_sample_has_no_upper_limit():
     speed = np.arange(1.0, 21.0)
     names = {f"line_{name}": (("line", "boulder"), speed[None]) for name in QUANTITIES[:6]}

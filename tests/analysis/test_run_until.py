@@ -5,11 +5,11 @@ import signal
 
 import numpy as np
 import pytest
-import xarray as xr
 
 import rockfall
+from known_law import lognormal, made, stages, theory
 from rockfall.analysis import run_until as until
-from rockfall.analysis.line_statistics import QUANTITIES, Z, line_numbers, sources
+from rockfall.analysis.line_statistics import line_numbers, sources
 from rockfall.analysis.run_until import (
     CROSSED,
     FIRST,
@@ -22,43 +22,8 @@ from rockfall.cli import main
 from rockfall.text.summary import summary
 from scenes import grid, make_case, rough, sets
 
-SHARE, SIGMA = 0.6, 0.4  # of a made law: boulders that cross, and their lognormal speeds
 LINE = [{"name": "L", "x": [0.0, 300.0], "y": [280.0, 280.0]}]
 NEVER = {"name": "never", "x": [0.0, 10.0], "y": [395.0, 395.0]}
-
-
-def made(values, source=None):
-    """A result of one line where boulders had these speeds, NaN where they did not cross."""
-    start = np.zeros(values.size) if source is None else source.astype(float)
-    data = {f"line_{name}": (("line", "boulder"), values[None]) for name in QUANTITIES[:6]}
-    data |= {"start_x": ("boulder", start), "start_y": ("boulder", 0 * start)}
-    return xr.Dataset(data, {"line": ["L"]})
-
-
-def lognormal(random, n):
-    values = np.exp(random.normal(0, SIGMA, n))
-    return np.where(random.random(n) < SHARE, values, np.nan)
-
-
-def theory(statistic, limit):
-    """The long-run value, and the boulders that make the half-width `limit` of it."""
-    w = np.exp(SIGMA**2)
-    if statistic == "fraction":
-        return SHARE, (Z / limit) ** 2 * (1 - SHARE) / SHARE
-    if statistic == "mean":
-        return np.sqrt(w), (Z / limit) ** 2 * (w - 1) / SHARE
-    return 1.0, (Z / limit) ** 2 * 2 * np.pi * SIGMA**2 / 4 / SHARE  # 1 / (4 n f^2)
-
-
-def stages(rules, random, draw=lognormal, cap=10**7):
-    """The stages of a run with boulders of the made law: the last result."""
-    n, values = min(FIRST, cap), np.empty(0)
-    while True:
-        values = np.concatenate([values, draw(random, n - values.size)])
-        larger = next_stage(evaluate(rules, made(values)), n, cap)
-        if larger == n:
-            return made(values)
-        n = larger
 
 
 @pytest.mark.parametrize(

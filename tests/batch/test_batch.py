@@ -60,16 +60,6 @@ def test_options_change_what_they_name(ready, batch):
     assert rockfall.Case.text(changed) == result.attrs["case"]
 
 
-def test_cells_that_release_by_area(batch, tmp_path):
-    release = {"x": None, "y": None, "steep_cells": True, "slope_threshold": 43.0, "by_area": True}
-    case = make_full_case(tmp_path, release=release, case={"boulders": 2})
-    prepare(case, tmp_path / "ready")
-    assert batch(CASE, "--boulders", "3", "-o", "part", cwd=tmp_path).returncode == 0
-    result = rockfall.run(case.replace(case={"boulders": 3}))
-    assert result.sizes["boulder"] % 3  # not as many from each
-    same_results(rockfall.merge([tmp_path / "part"]), result)
-
-
 def test_a_scene_file_is_the_variables_of_its_description(ready):
     """docs/files.md: what another tool writes is read, however it packs it."""
     with netCDF4.Dataset(ready / "ready/scene.nc") as file:
@@ -102,8 +92,8 @@ ARGUMENTS = {
     (CASE, "-o", "/proc/x"): "/proc/x: cannot be written (is its folder writable?)",
     (CASE, "-o", CASE): f"{CASE}: is an input; it is not overwritten",
     (CASE, "-o", "ready/scene.nc"): "ready/scene.nc: is an input; it is not overwritten",
-    (CASE, "-o", "zones.csv"): "zones.csv: is there, and not a result of a run that rockfall wrote; "
-    "it is not overwritten",
+    (CASE, "-o", "zones.csv"): "zones.csv: is there, and not a result of a run that rockfall "
+    "wrote; it is not overwritten",
 }  # fmt: skip
 
 
@@ -237,15 +227,6 @@ def test_a_full_disk_is_one_line(limit, ready, batch):
     assert done.returncode == 2 and done.stdout == ""
     assert done.stderr.splitlines()[-1].startswith("rockfall-batch: part: cannot be written")
     assert everything(ready) == before
-
-
-def test_threads_change_no_bit(ready, batch):
-    for threads in (1, 2, 4):
-        words = ["--threads", threads, "-o", f"part{threads}", "--quiet"]
-        assert batch(CASE, *words, cwd=ready).returncode == 0
-    one, *others = (rockfall.merge([ready / f"part{threads}"]) for threads in (1, 2, 4))
-    for other in others:
-        same_results(other, one)
 
 
 def test_other_commands_say_what_finishes_a_part(ready, batch, capsys):

@@ -11,7 +11,6 @@ from affine import Affine
 import rockfall
 from made import make_layer, make_raster, refused
 from programs import everything, same_results
-from rockfall.io.grid import Grid
 from rockfall.scene.prepare import prepare
 
 NY, NX = 40, 50
@@ -70,22 +69,15 @@ ZONES = {"zones": "zones.tif", "table": "zones.csv"}
 LAYER = {"zones": "zones.gpkg", "table": "zones.csv", "zone_field": "kind", "default_zone": 77}
 RADII = {name: f"{name}.tif" for name in ("rg70", "rg20", "rg10")}
 CASES = {
-    "points, one radius": ("float32", {}),
     "double precision": ("float64", {}),
     "zones": ("float32", {"surface": ZONES}),
-    "zones, method A": ("float64", {"surface": ZONES | {"method": "A"}}),
-    "zones and cells": (
-        "float32",
-        {"surface": ZONES, "release": {"cells": "cells.tif", "drop_height": 2}},
-    ),
-    "polygons": (
-        "float64",
-        {"surface": LAYER, "release": {"polygons": "sources.gpkg", "drop_height": 1.5}},
-    ),
-    "radius of each cell": ("float32", {"surface": {"mean_radius": "mean_radius.tif"}}),
+    "zones and cells": ("float32",
+        {"surface": ZONES, "release": {"cells": "cells.tif", "drop_height": 2}}),
+    "polygons": ("float64",
+        {"surface": LAYER, "release": {"polygons": "sources.gpkg", "drop_height": 1.5}}),
     "sizes of each cell": ("float64", {"surface": RADII | {"method": "A"}}),
     "own sets": ("float32", {"impact": {"sets": "case.nml"}}),
-}
+}  # fmt: skip
 
 
 def make_case(folder, dtype, changes):
@@ -118,17 +110,6 @@ def test_both_programs_give_the_same_bits(name, batch, tmp_path):
     result = rockfall.run(case)
     assert result.sizes["boulder"] >= 60 and result["impacts"].max() > 5
     same_results(rockfall.merge([tmp_path / "ready/part"]), result)
-
-
-def test_arrays_are_prepared_too(batch, tmp_path):
-    grid = Grid(WEST, NORTH, CELL, NX, NY)
-    case = case_of(tmp_path, terrain={}, release={"cells": "cells"})
-    cells = np.zeros((NY, NX), int)
-    cells[3, 10:40:7] = 1
-    arrays = {"dem": elevations("float32"), "transform": grid, "cells": cells}
-    prepare(case, tmp_path / "ready", **arrays)
-    assert batch("ready/case.nml", "-o", "part", cwd=tmp_path).returncode == 0
-    same_results(rockfall.merge([tmp_path / "part"]), rockfall.run(case, **arrays))
 
 
 def test_a_prepared_case_moves_and_is_prepared_again(tmp_path):

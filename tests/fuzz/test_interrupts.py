@@ -72,16 +72,6 @@ def test_a_second_ctrl_c_ends_a_chunk_that_lasts(place):
     assert not (place / "part.nc").exists()
 
 
-def test_without_a_checkpoint_no_resume_is_promised(place):
-    words = ["run", "case.nml", "-o", "part.nc", "--boulders", "3000000", "--checkpoint", "0"]
-    child = start(words, place)
-    wait_until_busy(child.pid)
-    child.send_signal(signal.SIGINT)
-    _, err = child.communicate(timeout=60)
-    assert child.returncode == 130 and err.endswith("boulders and is a valid result\n")
-    assert not (place / "part.nc.checkpoint").exists()
-
-
 def terminated(monkeypatch, module, name, when=lambda *_: True):
     """SIGTERM comes once, when a function has done its work; the list tells that it came."""
     do, sent = getattr(module, name), []

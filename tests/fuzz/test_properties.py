@@ -21,8 +21,6 @@ from programs import run_program
 from rockfall.errors import RockfallError
 from rockfall.result import variables
 from rockfall.scene.prepare import prepare
-from rockfall.scene.read import read_scene
-from rockfall.simulation import simulate
 from same import same_numbers
 
 DEEPER = int(os.environ.get("ROCKFALL_EXAMPLES", "0"))
@@ -433,48 +431,6 @@ def lines_add_up(result):
         bound = np.broadcast_to(result[most].values, met.shape)
         size = bound * (1 + 1e-9) + 1e-9 * (1 + np.abs(result.start_z.values))
         assert (values <= size)[met].all(), name
-
-
-@looks(10)
-@given(scenes_of())
-def test_maps_lie_between_the_least_and_the_greatest_of_their_boulders(folder, scene):
-    """Each boulder alone gives its greatest values in each cell; a class is 25 % wide at most."""
-    case = scene.case(folder, output={"map_extent": "terrain"})
-    try:
-        read = read_scene(case, **scene.arrays())
-    except RockfallError as error:
-        assume("no cell is as steep as" not in str(error))
-        raise
-    alone = []
-    for number in range(1, read.boulders + 1):
-        tally = simulate.start(read, 1)
-        simulate._fly(tally, number, 1)
-        alone.append(np.where(tally.maps.counts[0] > 0, tally.maps.maxima, np.nan))
-    alone = np.array(alone)  # (boulders, quantities, y, x)
-    result = simulate.run_scene(read)
-    for k, (quantity, finest) in enumerate(
-        (("energy", 64), ("speed", 0.25), ("jump_height", 0.0625))
-    ):
-        passed = ~np.isnan(alone[:, k]).all(axis=0)
-        least, greatest = (of(alone[:, k][:, passed], axis=0) for of in (np.nanmin, np.nanmax))
-        named = "energy_max" if quantity == "energy" else f"{quantity}_max_map"
-        shown = np.where(greatest > 0, greatest, np.nan)  # a greatest value of 0 is blank
-        assert np.array_equal(result[named].values[passed], shown, equal_nan=True), quantity
-        mean = result[f"{quantity}_mean"].values[passed]
-        unit = {"energy": 0.5}.get(quantity, 0.0005)  # sums are of whole J, mm/s, mm
-        room = unit + 1e-6 * greatest
-        assert ((mean >= least - room) & (mean <= greatest + room)).all(), quantity
-        before = None
-        for percent in (50, 90, 95, 98, 99):
-            about = result[f"{quantity}_q{percent}"].values[passed]
-            shown = ~np.isnan(about)
-            top = {"energy": 2.0**33, "speed": 256.0, "jump_height": 512.0}[quantity]
-            above = np.minimum(0.75 * least, top) - finest
-            assert (about >= above)[shown].all(), (quantity, percent)
-            assert (about <= 1.26 * greatest + finest)[shown].all(), (quantity, percent)
-            if before is not None:
-                assert (about >= before)[shown].all(), (quantity, percent)
-            before = about
 
 
 # ---- the same bits whatever the way to them

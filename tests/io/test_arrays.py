@@ -90,11 +90,3 @@ def test_a_case_that_was_changed_in_place_is_checked_again(case):
     case.boulder["density"] = -5.0
     with pytest.raises(rockfall.RockfallError, match="&boulder density = -5.0: must be > 0"):
         read_scene(case, dem=Z, transform=PLACE, zones=ZONES, cells=CELLS)
-
-
-@pytest.mark.parametrize("threads", [-1, 100_000])
-def test_threads_that_no_machine_has(case, threads):
-    with pytest.raises(rockfall.RockfallError, match=f"threads = {threads}: must be"):
-        run(case, threads=threads)
-    with pytest.raises(rockfall.RockfallError, match=f"&case threads = {threads}: must be"):
-        case.replace(case={"threads": threads})

@@ -9,7 +9,6 @@ import sys
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pytest
 import rasterio
 import rasterio.shutil
@@ -18,10 +17,9 @@ from matplotlib.figure import Figure
 import rockfall
 import scenes
 from made import PLACE, UTM, make_raster, refused, write_ascii
-from rockfall.analysis.convergence import KEYS, Convergence
 from rockfall.case_files import input_files
 from rockfall.cli import main
-from rockfall.io.output_files import FIGURE, LINE_TABLE, RESULT, atomic_folder, kind_of
+from rockfall.io.output_files import FIGURE, LINE_TABLE, atomic_folder, kind_of
 from rockfall.plots.figures import Figure as Drawing
 from rockfall.plots.style import save
 from scenes import grid, rough
@@ -71,36 +69,20 @@ FEW = ("--runs", "8", "--boulders", "2")
 PARTS, JOBS = ("case.part1of2", "case.part2of2"), ("slurm", "case.nml", "jobs")
 COMMANDS = {  # words, a file that is written, and what the command reads
     "run": (["run", "case.nml", "--quiet"], "case.nc", "dem.tif"),
-    "a part": (["run", "case.nml", "--quiet", "--shard", "1/2"], "case.part1of2", "zones.tif"),
     "merge": (["merge", *PARTS, "-o", "m.nc"], "m.nc", "case.part2of2"),
-    "merge, the DEM": (["merge", *PARTS, "-o", "m.nc"], "m.nc", "dem.tif"),
     "ensemble": (["ensemble", "case.nml", *FEW, "--quiet"], "case-ensemble.nc", "dem.tif"),
     "its table": (
         ["ensemble", "case.nml", *FEW, "--quiet", "-o", "e.csv"], "e.csv", "zones.csv",
     ),
     "export, a map": (["export", "r.nc", "out"], "out/passages.tif", "dem.tif"),
-    "export, a table": (["export", "r.nc", "out"], "out/boulders.csv", "zones.csv"),
-    "export, a line": (["export", "r.nc", "out"], "out/line_L.csv", "r.nc"),
-    "export, the layers": (["export", "r.nc", "out"], "out/rockfall.gpkg", "case.nml"),
     "compare": (["compare", "r.nc", "stops.csv", "-o", "c.csv"], "c.csv", "stops.csv"),
     "lines": (["lines", "r.nc", "-o", "t.csv"], "t.csv", "zones.csv"),
-    "lines, levels": (["lines", "r.nc", "-o", "t.csv"], "t_levels.csv", "sets.nml"),
     "figures": (["figures", "r.nc", "out"], "out/stops.png", "dem.tif"),
-    "figures, given": (
-        ["figures", "r.nc", "out", "--format", "svg", "--observed", "stops.csv"],
-        "out/passing.svg", "stops.csv",
-    ),
     "report": (["report", "r.nc", "--observed", "stops.csv"], "r.html", "stops.csv"),
-    "report, the DEM": (["report", "r.nc"], "r.html", "dem.tif"),
     "slurm": ([*JOBS, "--shards", "2"], "jobs/merge.sh", "case.nml"),
-    "what slurm merges": ([*JOBS, "--shards", "2"], "jobs/case.nc", "dem.tif"),
     "lab pack": (["lab", "pack", "lab.nml", "--layers", "1", "-o", "l.pdf"], "l.pdf", "lab.nml"),
     "lab impact": (["lab", "impact", "lab.nml", "--quiet"], "lab.nc", "lab.nml"),
 }  # fmt: skip
-
-
-#: Refused before the result tells what it was made of, for what they are not.
-FOUND_LATER = ("merge, the DEM", "report, the DEM")
 
 
 @pytest.mark.parametrize("name", COMMANDS)
@@ -108,9 +90,8 @@ def test_a_command_replaces_its_own_file_and_no_other(name, place, capsys):
     words, target, read = COMMANDS[name]
     for _ in range(2):  # what is there is recognised
         assert main(words) == 0, capsys.readouterr().err
-    if target != "jobs/case.nc":
-        assert kind_of(target)
-        Path(target).unlink()
+    assert kind_of(target)
+    Path(target).unlink()
     Path(target).write_text("mine\n")
     for link in (None, os.link, lambda file, target: os.symlink(Path(file).absolute(), target)):
         if link:
@@ -120,34 +101,9 @@ def test_a_command_replaces_its_own_file_and_no_other(name, place, capsys):
         capsys.readouterr()
         assert main(words) == 2
         out, err = capsys.readouterr()
-        said = "is an input" if link and name not in FOUND_LATER else "is there, and not"
+        said = "is an input" if link else "is there, and not"
         assert out == "" and f"{target}: {said}" in err and err.count("\n") == 1
         assert contents(place) == before
-
-
-def test_a_study_of_convergence_replaces_its_own_files_and_no_other(place, monkeypatch, capsys):
-    numbers = pd.DataFrame(columns=[*KEYS, "value"])
-    study = Convergence("case", *4 * [numbers], 1, 1, 1, 0.0, {})
-    monkeypatch.setattr("rockfall.cli.studies.converge", lambda *_, **__: study)
-    monkeypatch.setattr("rockfall.cli.studies.text", lambda _: "")
-    monkeypatch.setattr("rockfall.plots.convergence._page", lambda _: Figure())
-    words = ["convergence", "case.nml", "-o", "study"]
-    for _ in range(2):
-        assert main(words) == 0
-    assert len(list(Path("study").iterdir())) == 6 and all(map(kind_of, Path("study").iterdir()))
-    monkeypatch.setattr("rockfall.cli.studies.converge", None)  # it does not come to this
-    for name in ("cost.csv", "convergence.pdf"):
-        kept = Path("study", name).read_bytes()
-        for lay in (lambda path: path.write_text("mine"), lambda path: os.link("zones.csv", path)):
-            Path("study", name).unlink()
-            lay(Path("study", name))
-            before = contents(place)
-            capsys.readouterr()
-            assert main(words) == 2
-            assert capsys.readouterr().err.startswith(f"rockfall: study/{name}: is ")
-            assert contents(place) == before
-        Path("study", name).unlink()
-        Path("study", name).write_bytes(kept)
 
 
 def test_a_case_that_is_called_like_its_dem_keeps_it(place, capsys):
@@ -246,11 +202,6 @@ def rockfall_result():
     )  # fmt: skip
     z = rough()
     return rockfall.run(case, dem=z, transform=grid(z))
-
-
-def test_a_result_is_recognised(tmp_path):
-    rockfall.write_result(rockfall_result(), tmp_path / "r.nc")
-    assert kind_of(tmp_path / "r.nc") == RESULT
 
 
 # ---- all or none

@@ -6,8 +6,6 @@ import os
 import re
 import shlex
 import socket
-import subprocess
-import sys
 from pathlib import Path
 
 import netCDF4
@@ -76,11 +74,8 @@ def georeferenced(z, nodata=None, dtype="float32"):
     [
         ("float32", "float32"),
         ("float64", "float64"),
-        ("uint8", "float32"),
         ("int16", "float32"),
-        ("uint16", "float32"),
         ("int32", "float64"),
-        ("uint32", "float64"),
     ],
 )
 def test_dem_keeps_its_precision(stored, in_memory, blocks):
@@ -195,12 +190,9 @@ BYTES = np.array([[1, 2, 3], [4, 5, -6]], "i1")
     ("about", "values"),
     [
         ({}, [[4, 5, -6], [1, 2, 3]]),
-        ({"missing_value": np.int8(5)}, [[4, np.nan, -6], [1, 2, 3]]),
         ({"missing_value": np.array([5, 1], "i1")}, [[4, np.nan, -6], [np.nan, 2, 3]]),
-        ({"valid_min": np.int8(2)}, [[4, 5, np.nan], [np.nan, 2, 3]]),
         ({"valid_max": np.int8(3)}, [[np.nan, np.nan, -6], [1, 2, 3]]),
         ({"valid_range": np.array([2, 4], "i1")}, [[4, np.nan, np.nan], [np.nan, 2, 3]]),
-        ({"_Unsigned": "true"}, [[4, 5, 250], [1, 2, 3]]),
         ({"_Unsigned": "true", "valid_max": np.int8(-10)}, [[4, 5, np.nan], [1, 2, 3]]),
         ({"scale_factor": 0.1, "add_offset": 100.0, "missing_value": np.int8(1)},
          [[4 * 0.1 + 100.0, 5 * 0.1 + 100.0, -6 * 0.1 + 100.0],
@@ -225,7 +217,7 @@ def test_packed_floats_are_unpacked_in_double_precision():
     np.testing.assert_array_equal(read_dem("dem.tif")[0], stored.astype("f8") * 0.1 + 1000.0)
 
 
-@pytest.mark.parametrize("unit", ["km", "ft", "US_survey_foot", "degrees", "degrees_east"])
+@pytest.mark.parametrize("unit", ["km", "degrees_east"])
 @pytest.mark.parametrize("which", [0, 1, 2])
 def test_netcdf_in_any_unit_but_the_metre_is_refused(which, unit):
     units = ["m", None, "metres"]
@@ -242,19 +234,12 @@ def test_netcdf_in_any_unit_but_the_metre_is_refused(which, unit):
     ("about", "message"),
     [
         ({"scale_factor": "0.1"}, "scale_factor = 0.1: must be a number"),
-        ({"scale_factor": [1.0, 2.0]}, "scale_factor = [1. 2.]: must be a number"),
         ({"scale_factor": 0.0}, "scale_factor = 0: must be another number"),
-        ({"add_offset": np.nan}, "add_offset = nan: must be a number"),
         ({"missing_value": 0.5}, "missing_value = 0.5: must be of the type of the variable, int8"),
-        ({"missing_value": "none"}, "missing_value = none: must be numbers"),
-        ({"valid_range": np.array([1, 2, 3], "i1")}, "valid_range = [1 2 3]: must be 2 numbers"),
         ({"valid_range": np.array([3, 1], "i1")}, "valid from 3 to 1: must be a range"),
-        ({"valid_range": np.array([1, 3], "i1"), "valid_min": np.int8(1)},
-         "has valid_range, and valid_min or valid_max"),
         ({"valid_min": 1.0, "scale_factor": 0.1},
          "valid_min = 1.0: must be of the type of the variable, int8"),
-        ({"_Unsigned": "maybe"}, "_Unsigned = maybe: must be 'true' or 'false', of integers"),
-    ],
+        ],
 )  # fmt: skip
 def test_what_netcdf_says_against_itself_is_refused(about, message):
     make_netcdf(BYTES, about)
@@ -273,10 +258,6 @@ def test_a_part_of_a_file_lies_where_its_coordinates_are():
     z, grid = read_dem("part.nc")
     assert (grid.west, grid.north) == (600005.0, 4999990.0)
     np.testing.assert_array_equal(z, hill()[2:, 1:])
-
-
-def test_a_file_without_crs_is_fine():
-    assert read_dem(make_raster("dem.tif", hill(), crs=None))[1].crs is None
 
 
 # ---- ESRI ASCII ----------------------------------------------------------------------------------
@@ -309,15 +290,11 @@ def test_ascii_does_not_depend_on_where_its_text_is_cut(monkeypatch):
     ("body", "message"),
     [
         ("1 2 3\n4 abc 6", "line 7: 'abc' is not a number"),
-        ("1 2 3\n4 1.2.3 6", "line 7: '1.2.3' is not a number"),
         ("1 2 3\n4 1,5 6", "line 7: '1,5' is not a number"),
-        ("1 2 3\n4 1_000 6", "line 7: '1_000' is not a number"),
         ("1 2 3\n4 \0 6", r"line 7: '\x00' is not a number"),
         ("1 2 3\n4 5", "ends after 5 numbers, ncols x nrows = 3 x 2 are due: truncated or damaged"),
         ("1 2 3\n4 5 6 7", "more than 6 numbers, ncols x nrows = 3 x 2 are due"),
         ("1 2 inf\n4 5 6", "row 1, column 3: elevation inf: must be finite or nodata"),
-        ("1 2 3\n4 5 -1e999", "row 2, column 3: elevation -inf: must be finite or nodata"),
-        ("-9999 " * 6, "all cells are nodata"),
     ],
 )
 def test_ascii_that_lies_is_refused(body, message):
@@ -342,34 +319,18 @@ BOTH = "the header must have xllcorner and yllcorner, or else xllcenter and yllc
     ("head", "message"),
     [
         (HEAD.replace("600000", "abc"), "line 3: xllcorner = abc: must be a number, at most 1e12"),
-        (HEAD.replace("600000", "600'000"),
-         "line 3: xllcorner = 600'000: must be a number, at most 1e12"),
-        (HEAD.replace("600000", "6d5"), "line 3: xllcorner = 6d5: must be a number, at most 1e12"),
-        (HEAD.replace("600000", "6e5 m"), "line 3: xllcorner: must be followed by one value"),
         (HEAD.replace("5\n", "1.000,0\n"),
          "line 5: cellsize = 1.000,0: must be a number, at most 1e12"),
-        (HEAD.replace("5\n", "-5\n"), "line 5: cellsize = -5: must be > 0 [m]"),
         (HEAD + "NODATA_value none\n", "line 6: NODATA_value = none: must be a number or nan"),
-        (HEAD + "NODATA_value\n", "line 6: NODATA_value: must be followed by one value"),
         (HEAD + "ncols 3\n", "line 6: ncols: is in the header twice"),
         (HEAD + "nbands 1\n", "line 6: 'nbands' is not a number"),
         (HEAD.replace("yllcorner", "yllcenter"), BOTH),
-        (HEAD + "xllcenter 600002.5\n", BOTH),
-        ("cellsize 5\n", BOTH),
         (HEAD.replace("cellsize", "dx"), "the header must have cellsize, or else dx and dy"),
-        (HEAD + "dx 5\ndy 5\n", "the header must have cellsize, or else dx and dy"),
-    ],
+        ],
 )  # fmt: skip
 def test_an_ascii_header_is_read_as_strictly_as_the_numbers(head, message):
     make_ascii("dem.asc", "1 2 3\n4 5 6", head)
     with refused(f"dem.asc: {message}"):
-        read_dem("dem.asc")
-
-
-@pytest.mark.parametrize("size", ["3.0", "0", "-3", "3e0", "2147483648"])
-def test_an_ascii_grid_has_a_whole_number_of_columns(size):
-    make_ascii("dem.asc", "1 2 3\n4 5 6", size=(size, 2))
-    with refused(f"dem.asc: line 1: ncols = {size}: must be an integer > 0"):
         read_dem("dem.asc")
 
 
@@ -405,23 +366,9 @@ def test_a_file_that_is_no_raster(content):
     assert caught.value.code == 2
 
 
-@pytest.mark.parametrize("part", [0.02, 0.5, 0.99])
-def test_a_truncated_file(part):
-    whole = Path(make_raster("dem.tif", hill(300, 300))).read_bytes()
-    Path("dem.tif").write_bytes(whole[: int(part * len(whole))])
-    with pytest.raises(RockfallError, match=r"^dem\.tif: cannot be read as a raster \([^\n]*$"):
-        read_dem("dem.tif")
-
-
 def test_several_bands():
     make_raster("dem.tif", np.stack([hill()] * 3))
     with refused("dem.tif: has 3 bands, exactly one is needed"):
-        read_dem("dem.tif")
-
-
-def test_complex_numbers():
-    make_raster("dem.tif", hill(dtype="complex64"))
-    with refused("dem.tif: holds complex64, real numbers are needed"):
         read_dem("dem.tif")
 
 
@@ -471,15 +418,7 @@ def test_netcdf_with_unmarked_coordinates_and_the_cure():
         read_dem("dem.nc")
 
 
-def test_elevations_in_feet():
-    make_raster("dem.tif", hill())
-    with rasterio.open("dem.tif", "r+") as file:
-        file.units = ["ft"]
-    with refused("dem.tif: elevations are in ft, metres are needed"):
-        read_dem("dem.tif")
-
-
-@pytest.mark.parametrize("unit", ["ftUS", "cm", "km", "fathom", "US survey foot"])
+@pytest.mark.parametrize("unit", ["ft", "US survey foot"])
 def test_any_unit_but_the_metre_is_refused_of_elevations_and_radii(unit):
     make_raster("dem.tif", hill())
     _, grid = read_dem("dem.tif")
@@ -532,26 +471,16 @@ def test_degrees_and_the_command_that_mends_them():
 
 @pytest.mark.parametrize(
     ("longitude", "latitude", "epsg"),
-    [(-70.0, -33.0, 32719), (179.9, 10.0, 32660), (-180.0, 10.0, 32601), (0.1, 51.0, 32631)],
+    [
+        (-70.0, -33.0, 32719),
+        (-180.0, 10.0, 32601),
+    ],
 )
 def test_the_utm_zone_is_that_of_the_place(longitude, latitude, epsg):
     place = Affine(1e-4, 0.0, longitude, 0.0, -1e-4, latitude)
     make_raster("dem.tif", hill(), place, "EPSG:4326", nodata=-1)
     with pytest.raises(RockfallError, match=f"--dst-crs EPSG:{epsg} --resampling bilinear$"):
         read_dem("dem.tif")
-
-
-def test_feet_and_the_command_that_mends_them():
-    place = Affine(10.0, 0.0, 6500000.0, 0.0, -10.0, 2000000.0)
-    make_raster("dem.tif", hill(60, 40), place, "EPSG:2225", nodata=-1)
-    with pytest.raises(RockfallError) as caught:
-        read_dem("dem.tif")
-    assert str(caught.value) == (
-        "dem.tif: cells are in US survey foot (EPSG:2225), metres are needed; reproject with: "
-        "rio warp dem.tif dem_utm.tif --dst-crs EPSG:32610 --resampling bilinear"
-    )
-    run_offered(caught)
-    assert read_dem("dem_utm.tif")[1].crs.to_epsg() == 32610
 
 
 @pytest.mark.parametrize("crs", [UTM, None])
@@ -565,12 +494,6 @@ def test_oblong_cells_and_the_command_that_mends_them(crs):
     )
     run_offered(caught)
     assert read_dem("a dem_square.tif")[1].shape == (60, 40)
-
-
-def test_oblong_cells_in_degrees_are_first_of_all_in_degrees():
-    make_raster("dem.tif", hill(), Affine(2e-4, 0, 11.0, 0, -1e-4, 47.0), "EPSG:4326")
-    with pytest.raises(RockfallError, match=r"^dem\.tif: cells are in degrees \(EPSG:4326\)"):
-        read_dem("dem.tif")
 
 
 @pytest.mark.parametrize("crs", [UTM, None])
@@ -587,11 +510,6 @@ def test_a_rotated_raster_and_the_command_that_mends_it(crs):
     z, grid = read_dem("dem_square.tif")
     assert grid.cell == 5.0
     assert np.isnan(z).any()
-
-
-def test_a_mirrored_raster():
-    with refused("dem.tif: is mirrored: columns run from east to west"):
-        read_dem(make_raster("dem.tif", hill(), Affine(-5.0, 0, 6e5, 0, -5.0, 5e6)))
 
 
 # ---- rasters on the grid of the terrain ----------------------------------------------------------
@@ -632,12 +550,6 @@ def test_radii_may_be_infinite_or_absent(dem, blocks):
     assert got.dtype == "float32"
     assert (got[0, 0], got[0, 1]) == (np.inf, 0.25)
     assert np.argwhere(np.isnan(got)).tolist() == [[1, 1]]
-
-
-def test_a_file_of_the_same_cells_may_be_south_up(dem):
-    ids = np.arange(2400, dtype="int32").reshape(60, 40)
-    make_raster("zones.tif", ids[::-1], Affine(5.0, 0, 600000.0, 0, 5.0, 4999700.0))
-    np.testing.assert_array_equal(read_aligned("zones.tif", dem, "zones", np.int32), ids)
 
 
 @pytest.mark.parametrize("crs", [UTM, None])
@@ -740,28 +652,13 @@ def test_a_mosaic_of_geotiffs_beside_it_is_read(tile, blocks):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        (' band="1"', ' band="1" subClass="VRTRawRasterBand"',
-         "<VRTRasterBand>: subClass = 'VRTRawRasterBand': is not read"),
         ("<SimpleSource>", "<PixelFunctionType>sqrt</PixelFunctionType><SimpleSource>",
          "<VRTRasterBand>: <PixelFunctionType>: a VRT may only put GeoTIFFs beside each other; "
          "make a GeoTIFF of it"),
-        ("<SourceBand>", "<OpenOptions/><SourceBand>",
-         "<SimpleSource>: <OpenOptions>: a VRT may only put GeoTIFFs beside each other; make a "
-         "GeoTIFF of it"),
         ("tiles/a.tif", "../a.tif", "tile ../a.tif: must be in the folder of the VRT, or below"),
-        ("tiles/a.tif", "/etc/passwd",
-         "tile /etc/passwd: must be in the folder of the VRT, or below"),
-        ("tiles/a.tif", "b.tif", "tile b.tif: no such file"),
-        ("tiles/a.tif", "dem.vrt", "tile dem.vrt: must be a GeoTIFF"),
         ("tiles/a.tif", "tiles/pipe", "tile tiles/pipe: not a regular file"),
-        ('relativeToVRT="1">tiles/a.tif', 'relativeToVRT="0">/vsicurl/http://127.0.0.1:9/a.tif',
-         "tile /vsicurl/http://127.0.0.1:9/a.tif: must be in the folder of the VRT, or below"),
         ("<VRTDataset", "<!DOCTYPE a><VRTDataset", "a VRT must not have a document type"),
-        ("600000, 5", "600'000, 5", "<GeoTransform>: '600'000, 5, 0, 5000000, 0, -5': must be 6 "
-         "numbers"),
-        ('xOff="0"', 'xOff="0,5"', "<SrcRect>: xOff = '0,5': must be a number"),
-        (' dataType="Float64"', "", "<VRTRasterBand>: has no dataType"),
-    ],
+        ],
 )  # fmt: skip
 def test_a_mosaic_that_leads_elsewhere_is_refused(tile, old, new, message):
     os.mkfifo("tiles/pipe")
@@ -800,7 +697,7 @@ def test_no_file_reaches_the_network(server, name):
     assert not visits()
 
 
-@pytest.mark.parametrize("name", ["dem.tif.msk", "dem.tif.aux.xml", "dem.tfw", "DEM.ovr"])
+@pytest.mark.parametrize("name", ["dem.tif.msk", "DEM.ovr"])
 def test_a_pipe_beside_a_raster_is_not_waited_for(name):
     make_raster("dem.tif", hill())
     os.mkfifo(name)
@@ -849,15 +746,6 @@ def test_a_mark_that_is_no_number():
         read_dem("dem.tif")
 
 
-@pytest.mark.parametrize("scale", [0.0, np.nan, np.inf])
-def test_a_scale_that_makes_no_elevations(scale):
-    make_raster("dem.tif", hill())
-    with rasterio.open("dem.tif", "r+") as file:
-        file.scales = [scale]
-    with refused(f"dem.tif: scale {scale:g}, offset 0: must be finite, the scale not 0"):
-        read_dem("dem.tif")
-
-
 def test_a_tile_far_larger_than_its_raster_is_refused():
     """It would be unpacked whole."""
     tiles = {"tiled": True, "blockxsize": 4112, "blockysize": 4112}
@@ -894,15 +782,12 @@ def test_numpy_arrays_of_other_kinds_are_converted():
     ("data", "transform", "message"),
     [
         (hill(), None, "a NumPy array needs a transform (affine.Affine)"),
-        (hill()[0], PLACE, "array has 1 dimensions, two are needed"),
         (hill(), Affine(5, 0, 0, 0, -4, 0), "cells are not square (5 x 4 m)"),
         (hill(), Affine(4, 3, 0, 3, -4, 0), "is rotated"),
         (hill(), Grid(0, 0, 1, 5, 5), "array has shape (6, 4), its grid (5, 5)"),
         (hill() * np.nan, PLACE, "all cells are nodata"),
-        (hill() * np.inf, PLACE, "row 1, column 1: elevation inf: must be finite or nodata"),
         (hill() * 1e5, PLACE, "row 1, column 1: elevation 1e+08: must be within 1e7 m of zero or "
          "nodata"),
-        (hill(1, 4), PLACE, "4 x 1 cells, at least 2 x 2 are needed"),
         (hill().astype(str), PLACE, "elevations are of type <U32, real numbers are needed"),
     ],
 )  # fmt: skip
@@ -954,23 +839,13 @@ def uneven(data):
     ("spoil", "message"),
     [
         (lambda d: d.rename(x="east"), "dims are y, east: must be y, x"),
-        (lambda d: d.expand_dims(time=2), "dims are time, y, x: must be y, x"),
         (lambda d: d.drop_vars("y"), "has no coordinate y (cell centres [m])"),
         (uneven, "coordinate x is not evenly spaced"),
-        (lambda d: d.assign_coords(y=d.y * np.nan), "coordinate y is not evenly spaced"),
         (lambda d: d.assign_coords(y=2 * d.y), "cells are not square (5 x 10 m)"),
         (lambda d: d[:, ::-1], "x must increase"),
         (lambda d: d[:1], "4 x 1 cells, at least 2 x 2 are needed"),
         (lambda d: d.assign_attrs(units="ft"), "elevations are in ft, metres are needed"),
-        (
-            lambda d: d.assign_coords(x=d.x.assign_attrs(units="km")),
-            "coordinate x is in km, metres are needed",
-        ),
         (lambda d: d.assign_attrs(crs="nonsense"), "CRS cannot be understood: nonsense"),
-        (
-            lambda d: d.assign_attrs(crs="EPSG:2225"),
-            "cells are in US survey foot (EPSG:2225), metres are needed; reproject to EPSG:32606",
-        ),
     ],
 )
 def test_dataarrays_are_checked_like_files(spoil, message):
@@ -981,7 +856,7 @@ def test_dataarrays_are_checked_like_files(spoil, message):
 # ---- writing -------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("dtype", ["bool", "int16", "int32", "int64", "float32", "float64"])
+@pytest.mark.parametrize("dtype", ["bool", "int64", "float32"])
 def test_geotiff_keeps_values_crs_and_tags(dtype, blocks):
     _, grid = read_dem(make_raster("dem.tif", hill(300, 260)))
     values = (np.arange(300 * 260).reshape(300, 260) % 30011).astype(dtype)
@@ -998,70 +873,7 @@ def test_geotiff_keeps_values_crs_and_tags(dtype, blocks):
     assert sorted(path.name for path in Path().iterdir()) == ["dem.tif", "map.tif"]
 
 
-def test_a_missing_folder_is_one_line():
-    with refused("none/map.tif: cannot be written: No such file or directory"):
-        write_geotiff("none/map.tif", hill(), Grid(0.0, 30.0, 5.0, 4, 6))
-
-
 def test_a_wrong_shape_is_our_fault():
     with pytest.raises(RockfallError, match="is not of the grid") as caught:
         write_geotiff("map.tif", hill(), Grid(0.0, 30.0, 5.0, 4, 7))
     assert caught.value.code == 1
-
-
-DISK_FULL = """
-import resource, signal, sys
-import numpy as np
-from rockfall.io import raster as rasters
-signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-z = np.random.default_rng(1).uniform(size=(300, 300))
-resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[1]), int(sys.argv[1])))
-try:
-    rasters.write_geotiff("map.out", z, rasters.Grid(0.0, 300.0, 1.0, 300, 300))
-except rasters.RockfallError as error:
-    print(error)
-"""
-
-
-@pytest.mark.parametrize("part", [0.0, 0.5, 1.0])
-def test_a_full_disk_leaves_nothing_behind(part):
-    grid = Grid(0.0, 300.0, 1.0, 300, 300)
-    write_geotiff("map.out", np.random.default_rng(1).uniform(size=(300, 300)), grid)
-    limit = max(100, int(Path("map.out").stat().st_size * part) - 1)
-    Path("map.out").unlink()
-    command = [sys.executable, "-c", DISK_FULL, str(limit)]
-    done = subprocess.run(command, capture_output=True, text=True)
-    assert (done.stdout, done.stderr) == ("map.out: cannot be written: File too large\n", "")
-    assert list(Path().iterdir()) == []
-
-
-# ---- real terrain --------------------------------------------------------------------------------
-
-
-def shared_terrain(name):
-    """A file of ../shared/data/terrain, beside the repository, where there is one."""
-    path = Path(__file__).resolve().parents[3] / "shared" / "data" / "terrain" / name
-    if not path.exists():
-        pytest.skip(f"{path} is not on this machine")
-    return path
-
-
-def test_real_terrain_with_nodata():
-    z, grid = read_dem(shared_terrain("kot_5m/avaKot.asc"))
-    assert z.dtype == "float64"
-    assert (grid.nx, grid.ny) == (439, 517)
-    assert grid.west == 176973.437998359208
-    assert grid.north == 376237.836376162944 + 517 * 4.997688906601
-    assert "Austria Lambert" in grid.crs.to_wkt()  # older PROJ finds no EPSG code for the .prj
-    assert not np.isnan(z[154:389, 32:266]).any()
-    assert 0.3 < np.isnan(z).mean() < 0.4
-    assert (round(np.nanmin(z)), round(np.nanmax(z))) == (1052, 2207)
-
-
-def test_real_terrain_without_crs():
-    z, grid = read_dem(shared_terrain("stubai_10m/stubai_demo.asc"))
-    assert z[0, :2].tolist() == [1411.3780517578125, 1415.93798828125]
-    assert (grid.nx, grid.ny, grid.cell) == (324, 360, 10.0)
-    assert (grid.west, grid.north) == (77665.0, 218635.0 + 3600.0)
-    assert grid.crs is None
-    assert not np.isnan(z).any()

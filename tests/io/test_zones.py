@@ -3,7 +3,6 @@
 
 import json
 import math
-import os
 import re
 import socket
 import sqlite3
@@ -70,15 +69,9 @@ def test_columns_that_are_absent_are_nan():
         ("zone,zone,rg70\n1,1,2", "line 1: column zone: is there twice"),
         ("zone,mean_radius\n\n1,0.1\n2,-0.1", "line 4: mean_radius = -0.1: must be > 0 (Inf "
          "absorbs)"),
-        ("zone,rg70\n1,0", "line 2: rg70 = 0: must be > 0 (Inf absorbs)"),
         ("zone,rg70\n1,nan", "line 2: rg70 = nan: must be > 0 (Inf absorbs)"),
-        ("zone,rg70\n1,-inf", "line 2: rg70 = -inf: must be > 0 (Inf absorbs)"),
-        ("zone,rg70\n1,1e999", "line 2: rg70 = 1e999: must be a number"),
-        ("zone,rg70\n1,1_0", "line 2: rg70 = 1_0: must be a number"),
         ("zone,rg70\n1,wide", "line 2: rg70 = wide: must be a number"),
-        ("zone,rg70\n1,", "line 2: rg70 = : must be a number"),
         ("zone,rg70\n1.5,1", "line 2: zone = 1.5: must be an integer"),
-        ("zone,rg70\n,1", "line 2: zone = : must be an integer"),
         ("zone,rg70\n3000000000,1", "line 2: zone = 3000000000: must fit in 32 bits"),
         ("zone,rg70\n1,1\n2,1\n1,2", "line 4: zone 1: is in the table twice"),
         ("zone,rg70\n1,1,2", "line 2: 3 columns, the header has 2"),
@@ -225,50 +218,6 @@ def plain_geojson(x0=600000, y0=4999960, size=20):
     return "a.geojson"
 
 
-def test_a_geopackage_whose_table_lacks_its_column_is_one_line():
-    make_layer("a.gpkg", [box(0, 0, 20, 20)], zone=[5])
-    with closing(sqlite3.connect("a.gpkg")) as database, database:
-        database.execute("UPDATE gpkg_geometry_columns SET column_name = 'shape'")
-    with pytest.raises(RockfallError, match=r"^a\.gpkg: not a polygon layer that can be read"):
-        burn_polygons("a.gpkg", utm_grid(), "zone")
-
-
-@pytest.mark.parametrize(
-    ("statement", "message"),
-    [
-        ("CREATE VIEW more AS SELECT * FROM a", "has a view, more: only tables are read"),
-        ("CREATE VIRTUAL TABLE more USING fts4(a)",
-         "table more: is virtual: only stored tables are read"),
-        ("CREATE TABLE more (a INTEGER, b AS (a + 1))",
-         "table more: column b is computed: only stored ones are read"),
-    ],
-)  # fmt: skip
-def test_a_geopackage_holds_only_what_is_stored(statement, message):
-    make_layer("a.gpkg", [box(0, 0, 20, 20)], zone=[5])
-    assert (burn_polygons("a.gpkg", utm_grid(), "zone") == 5).sum() == 4
-    with closing(sqlite3.connect("a.gpkg")) as database:
-        database.execute(statement)
-        database.commit()
-    with refused(f"a.gpkg: {message}"):
-        burn_polygons("a.gpkg", utm_grid(), "zone")
-
-
-def test_a_geopackage_whose_layer_is_an_endless_view_is_not_waited_for():
-    make_layer("a.gpkg", [box(0, 0, 20, 20)], zone=[5])
-    with closing(sqlite3.connect("a.gpkg")) as database:
-        database.executescript(
-            "CREATE TABLE stored AS SELECT * FROM a; PRAGMA writable_schema = ON;"
-            "DELETE FROM sqlite_master WHERE name = 'a' OR tbl_name = 'a';"
-        )
-    with closing(sqlite3.connect("a.gpkg")) as database:
-        database.executescript(
-            "CREATE VIEW a AS WITH RECURSIVE n(fid, geom, zone) AS (SELECT fid, geom, zone FROM "
-            "stored UNION ALL SELECT fid + 1, geom, zone FROM n) SELECT * FROM n;"
-        )
-    with refused("a.gpkg: has a view, a: only tables are read"):
-        burn_polygons("a.gpkg", utm_grid(), "zone")
-
-
 def test_a_geopackage_that_another_program_writes_to():
     make_layer("a.gpkg", [box(0, 0, 20, 20)], zone=[5])
     Path("a.gpkg-wal").touch()  # as QGIS leaves it while it only reads
@@ -278,16 +227,7 @@ def test_a_geopackage_that_another_program_writes_to():
         burn_polygons("a.gpkg", utm_grid(), "zone")
 
 
-@pytest.mark.parametrize("ending", ["dbf", "shx", "prj", "qix"])
-def test_a_pipe_beside_a_shapefile_is_not_waited_for(ending):
-    make_layer("a.shp", [box(0, 0, 20, 20)], zone=[5])
-    Path(f"a.{ending}").unlink(missing_ok=True)
-    os.mkfifo(f"a.{ending}")
-    with refused(f"a.{ending}: not a regular file"):
-        burn_polygons("a.shp", utm_grid(), "zone")
-
-
-@pytest.mark.parametrize("name", ["a.gpkg", "a.geojson", "a.shp", "a.fgb"])
+@pytest.mark.parametrize("name", ["a.gpkg", "a.shp"])
 @pytest.mark.parametrize(
     "text",
     [
@@ -314,10 +254,7 @@ def test_no_layer_reaches_the_network(name, text):
     [
         ('"features"', '"crs": {"type": "link", "properties": {"href": "http://127.0.0.1:9/a"}}, '
          '"features"', "crs = .*: must have a name such as EPSG:32632"),
-        ('"features"', '"crs": {"type": "name", "properties": {"name": "http://127.0.0.1:9/a"}}, '
-         '"features"', "crs = .*: must have a name such as EPSG:32632"),
         ('"FeatureCollection"', '"gdal_streamed_alg"', "type = gdal_streamed_alg: must be "),
-        ("600020,", "NaN,", "NaN is no number of JSON"),
         ("600020,", "1e999,", "Out of range float values are not JSON compliant"),
     ],
 )  # fmt: skip
@@ -330,15 +267,6 @@ def test_geojson_says_only_where_polygons_lie(old, new, said):
         burn_polygons(path, utm_grid(), "zone")
 
 
-def test_a_logical_value_among_numbers_is_no_zone():
-    path = Path(plain_geojson())
-    data = json.loads(path.read_text())
-    data["features"] += [data["features"][0] | {"properties": {"zone": True}}]
-    path.write_text(json.dumps(data))
-    with refused("a.geojson: attribute zone is not a number, zone ids are integers"):
-        burn_polygons(path, utm_grid(), "zone")
-
-
 def test_geojson_of_one_feature_or_shape():
     path = Path(plain_geojson())
     feature = json.loads(path.read_text())["features"][0]
@@ -346,13 +274,6 @@ def test_geojson_of_one_feature_or_shape():
     assert (burn_polygons(path, utm_grid(), "zone") == 5).sum() == 4
     path.write_text(json.dumps(feature["geometry"]))
     assert burn_polygons(path, utm_grid()).sum() == 4
-
-
-def test_geojson_that_is_no_text_is_one_line():
-    path = Path(plain_geojson())
-    path.write_bytes(path.read_bytes().replace(b"zone", b"z\xffne"))
-    with pytest.raises(RockfallError, match=r"^a\.geojson: not a polygon layer that can be read"):
-        burn_polygons(path, utm_grid(), "zone")
 
 
 def test_geojson_in_metres_is_taken_as_it_is():
@@ -412,7 +333,6 @@ def test_what_is_no_polygon(case):
     [
         ([1.0, 2.5], "feature 2: zone = 2.5: must be an integer of 32 bits"),
         ([1, 3_000_000_000], "feature 2: zone = 3000000000: must be an integer of 32 bits"),
-        ([-(2**31), 1], "feature 1: zone = -2147483648: must be an integer of 32 bits"),
         ([None, 1.0], "feature 1: zone is empty"),
         (["rock", "soil"], "attribute zone is not a number, zone ids are integers"),
     ],

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 import xarray as xr
 
-import rockfall
 import scenes
 from made import refused
+from programs import refuses
 from rockfall import RockfallError
 from rockfall.cli import main
 from rockfall.lab import experiment, remake
@@ -30,8 +30,7 @@ from rockfall.lab.experiment import (
     run_impacts,
 )
 from rockfall.lab.fit import fit_impacts, impacts_of
-from rockfall.lab.setfile import origin, provenance, write_sets
-from rockfall.lab.sets import read_sets
+from rockfall.lab.setfile import origin, provenance
 from rockfall.text import lab as summary
 
 VAUJANY = Path(__file__).parents[2] / "cases" / "vaujany"
@@ -106,7 +105,7 @@ def made(mean, case=MADE):
 # ---- the same bits, however it is run
 
 
-@pytest.mark.parametrize(("threads", "shots"), [(1, 128), (2, 128), (1, 1), (2, 8), (1, 5)])
+@pytest.mark.parametrize(("threads", "shots"), [(2, 128), (1, 5)])
 def test_threads_and_chunks_change_no_bit(impacts, monkeypatch, threads, shots):
     monkeypatch.setattr(experiment, "SHOTS_IN_CHUNK", shots)
     again = run_impacts(SMALL, threads=threads)
@@ -114,19 +113,11 @@ def test_threads_and_chunks_change_no_bit(impacts, monkeypatch, threads, shots):
     xr.testing.assert_identical(again.drop_attrs(deep=False), impacts.drop_attrs(deep=False))
 
 
-@pytest.mark.parametrize(
-    "plan", [{"layers": 4}, {"points": 3}, {"ratios": [2]}, {"ratios": [1.5, 2]}, {"impacts": 4}]
-)
+@pytest.mark.parametrize("plan", [{"layers": 4}, {"points": 3, "impacts": 4}, {"ratios": [2]}])
 def test_more_or_fewer_impacts_do_not_change_the_others(impacts, plan):
     other = run_impacts(SMALL.replace(lab=plan)).sel(ratio=2)
     first = other.isel(layer=slice(3), point=slice(2), impact=slice(3))
     assert same(first, impacts.sel(ratio=2))
-
-
-def test_another_seed_gives_other_impacts(impacts):
-    other = run_impacts(SMALL.replace(lab={"seed": 2}))
-    for name in ("surface", "aim_x", "heading_y", "speed", "angle", "spin", "vn_peak"):
-        assert not np.isin(other[name], impacts[name]).any()
 
 
 def test_neighbouring_big_seeds_are_not_the_same():
@@ -168,7 +159,7 @@ def stops_after(questions):
     return interrupts
 
 
-@pytest.mark.parametrize("questions", [0, 1, 9])
+@pytest.mark.parametrize("questions", [1, 9])
 def test_resumed_impacts_are_those_of_an_uninterrupted_run(impacts, place, monkeypatch, questions):
     monkeypatch.setattr(experiment, "SHOTS_IN_CHUNK", 3)  # two chunks of a layer
     fired = []
@@ -181,7 +172,7 @@ def test_resumed_impacts_are_those_of_an_uninterrupted_run(impacts, place, monke
             run()
     status = open_impacts("out.nc")["status"].values
     # asked before a layer, and before each of its chunks
-    assert (status > 0).sum() == 3 * len(fired) == {0: 0, 1: 0, 9: 18}[questions]
+    assert (status > 0).sum() == 3 * len(fired) == {1: 0, 9: 18}[questions]
     data = run()
     assert checksum(data) == checksum(open_impacts("out.nc")) == checksum(impacts)
     assert np.array_equal(data["surface"], impacts["surface"])
@@ -404,13 +395,6 @@ def test_every_key_goes_through_the_text_of_a_case(tmp_path):
             assert one != plain and lab_case_of(one.text(), "text") == one
 
 
-def test_many_ratios_and_odd_numbers_go_through_the_text_of_a_case():
-    random = np.random.default_rng(1)
-    for _ in range(20):
-        case = SMALL.replace(lab={"ratios": 10 ** random.uniform(-9, 0.5, 40)})
-        assert lab_case_of(case.text(), "text").lab["ratios"] == case.lab["ratios"]
-
-
 def test_the_kernel_gets_what_the_case_says():
     case = SMALL.replace(packing={"rigid_base": True, "depth": 5}, impact={"wait": 3})
     rows = {kind: dict(zip(names(kind), case.row(kind, 4.0), strict=True)) for kind in (1, 2, 3, 4)}
@@ -423,17 +407,6 @@ def test_the_kernel_gets_what_the_case_says():
     }  # fmt: skip
 
 
-def test_replace_leaves_the_case_as_it_was():
-    text = SMALL.text()
-    other = SMALL.replace(packing={"depth": 6})
-    assert other.packing["depth"] == 6 and other.packing["grading"] == 2
-    assert SMALL.text() == text
-    with pytest.raises(RockfallError, match="&layer: unknown group; known: &lab, &material"):
-        SMALL.replace(layer={"depth": 6})
-    with pytest.raises(AttributeError, match="no group 'layer'"):
-        _ = SMALL.layer
-
-
 MALFORMED = {
     "unknown group": ("&lob seed = 2 /", "line 1: &lob: unknown group; known: &lab, .*"),
     "unknown key": ("&lab sead = 2 /", "line 1: &lab sead: unknown key; known: title, seed, .*"),
@@ -441,42 +414,28 @@ MALFORMED = {
     "key given twice": ("&lab seed = 2, seed = 3 /", "line 1: &lab seed: given twice .*"),
     "group left open": ("&lab seed = 2", "line 1: &lab is not closed by /"),
     "quote left open": ("&lab title = 'A /", "line 1: text without its closing quote: 'A /"),
-    "no group": ("Hello world", "line 1: text outside of a group: Hello world .*"),
     "key without a value": ("&lab seed = /", "line 1: 'seed' has no value"),
-    "several numbers for one": ("&lab seed = 1, 2 /", "&lab seed = 1, 2: must be one value, not 2"),
     "text for a number": ("&packing depth = 'deep' /", "&packing depth = 'deep': must be a real.*"),
-    "logical for a number": ("&lab seed = .true. /", "&lab seed = .true.: must be an integer"),
     "number for a text": ("&lab title = 3 /", "&lab title = 3: must be text in quotes"),
-    "text in two lines": ("&lab title = 'a\nb' /", "line 1: text without its closing quote: 'a"),
-    "number for a logical": ("&packing by_mass = 1 /", "&packing by_mass = 1: must be .true. .*"),
     "real for an integer": ("&lab points = 2.5 /", "&lab points = 2.5: must be an integer"),
     "NaN": ("&packing depth = NaN /", "&packing depth = NaN: must be a finite real number"),
     "no points": ("&lab points = 0 /", "&lab points = 0: must be 1 to 1000000"),
-    "negative seed": ("&lab seed = -1 /", "&lab seed = -1: must be 0 to 9223372036854775807"),
     "seed of 65 bits": (f"&lab seed = {2**63} /", f"&lab seed = {2**63}: must be an integer of.*"),
     "ratio twice": ("&lab ratios = 1, 2, 1 /", "&lab ratios .* = 1: must be > 0, each once"),
-    "negative ratio": ("&lab ratios = -2 /", "&lab ratios = -2: must be > 0, each once"),
     "angle reversed": ("&impact angle = 90, 10, 5 /", "&impact angle = .*: must be min, .*"),
-    "one angle": ("&impact angle = 45 /", "&impact angle = 45: must be three values: min, .*"),
     "angle from below": ("&impact angle = -5, 10, 90 /", "impact: angle must be 1 to 90 .*"),
     "negative young": ("&material young = -1.0 /", r"material: young must be > 0 \[Pa\]"),
     "damping beyond the step": ("&material damping = 1.5 /", "material: damping must be 0 to 1"),
     "layer too narrow": ("&packing width = 2.0 /", "packing: width must .*"),
-    "layer too large": ("&packing width = 1e12 /", "packing: .*: more than 300000 bodies"),
     "key that is set elsewhere": (
         "&impact radius = 1 /",
         "line 1: &impact radius: unknown key; .*",
     ),
-    "no correction any more": ("&correction a3 = 2 /", "line 1: &correction: unknown group; .*"),
-    "ratio of the packing": ("&packing ratio = 2 /", "line 1: &packing ratio: unknown key; .*"),
     "bytes": (b"\x89PNG\r\n\x1a\n\xff\xfe", r"is not text \(UTF-8\)"),
-    "zeros": (b"\0\0\0\0", "character code 0 is not text"),
     "missing": (None, "cannot be read: No such file or directory"),
-    "more impacts than memory": (
-        "&lab points = 1000000, impacts = 1000000 /",
-        "250000000000000 impacts do not fit in memory",
-    ),
-}
+    "more impacts than memory": ("&lab points = 1000000, impacts = 1000000 /",
+        "250000000000000 impacts do not fit in memory"),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", MALFORMED)
@@ -487,12 +446,7 @@ def test_a_bad_case_is_one_line_and_nothing_is_written(name, place, monkeypatch,
         Path("lab.nml").unlink()
     else:
         Path("lab.nml").write_bytes(content if isinstance(content, bytes) else content.encode())
-    before = files(place)
-    capfd.readouterr()
-    assert main(["lab", "impact", "lab.nml", "-o", "out.nc"]) == 2
-    out, err = capfd.readouterr()
-    assert out == "" and re.fullmatch(f"rockfall: lab.nml: {message}\n", err)
-    assert files(place) == before
+    refuses(["lab", "impact", "lab.nml", "-o", "out.nc"], f"lab.nml: {message}", capfd)
 
 
 def test_an_empty_case_is_that_of_the_defaults():
@@ -516,7 +470,7 @@ def test_impacts_that_roll_on_enter_a_fit_and_what_went_wrong_does_not():
             assert np.array_equal(values[:, k], known.ravel())
 
 
-@pytest.mark.parametrize("name", ["exploded", "misfit", "not_done"])
+@pytest.mark.parametrize("name", ["exploded", "not_done"])
 def test_numbers_that_mean_nothing_change_no_set(name):
     data = made(scenes.LIVELY_MEAN)
     data["status"].values[..., 3] = STATUS[name]
@@ -557,21 +511,6 @@ def test_a_set_file_says_where_it_comes_from_and_what_it_is(fitted):
         assert "  mean = " + ", ".join(f"{value:.12g}" for value in found.mean) in lines
 
 
-def test_the_summary_of_a_fit_prints_its_numbers(fitted, capsys):
-    before = files(fitted)
-    assert main(["lab", "fit", str(fitted / "lab.nc")]) == 0
-    out = capsys.readouterr().out
-    rows = [line.split() for line in out.splitlines()]
-    printed = np.array([row[1:] for row in rows if row[0] == "mean"], float)
-    text = (fitted / "sets.nml").read_text()
-    written = [
-        line.split(" = ")[1].split(", ") for line in text.splitlines() if "  mean = " in line
-    ]
-    np.testing.assert_allclose(printed, np.array(written, float), atol=1e-4)
-    assert out.count("by the set") == out.count("by the impacts") == 2
-    assert files(fitted) == before
-
-
 def test_sets_made_again_are_the_same_or_the_line_is_named(fitted, place, monkeypatch, capsys):
     text = (fitted / "sets.nml").read_text()
     Path("same.nml").write_text(text)
@@ -588,28 +527,6 @@ def test_sets_made_again_are_the_same_or_the_line_is_named(fitted, place, monkey
     said = f"rockfall: changed.nml: made again, it differs: line {k + 1}: '  mean = "
     assert err.startswith(said) and err.count("\n") == 1
     assert files(place) == before
-
-
-def test_sets_of_the_laboratory_in_the_plane_are_not_made_again(place, capsys):
-    Path("plane.nml").write_text("! The laboratory case:\n! | &lab seed = 1 /\n")
-    assert main(["lab", "remake", "plane.nml"]) == 2
-    assert "was made by the laboratory in the plane of rockfall 0.1.0" in capsys.readouterr().err
-
-
-def test_boulders_rebound_by_the_sets_of_a_file(fitted, tmp_path):
-    found = fit_impacts(open_impacts(fitted / "lab.nc"))[2]
-    write_sets(tmp_path / "mine.nml", dict.fromkeys(range(1, 6), found), ["made by a test"])
-    (back,) = read_sets(tmp_path / "mine.nml")
-    assert back.name == "mine"
-    np.testing.assert_allclose(back.mean[4], found.mean, rtol=1e-11)
-    np.testing.assert_allclose(back.covariance[0], found.covariance, rtol=1e-10, atol=1e-13)
-    z = scenes.rough(nx=20, ny=30, relief=0.5)
-    case = scenes.make_case(
-        tmp_path, *scenes.sets(), impact={"sets": str(tmp_path / "mine.nml")},
-        release={"x": 50.0, "y": 140.0, "drop_height": 5.0},
-    )  # fmt: skip
-    result = rockfall.run(case, dem=z, transform=scenes.grid(z).transform)
-    assert (result["status"] > 0).all() and result["rebounds"].sum() > 20
 
 
 # ---- figures
@@ -635,16 +552,13 @@ def test_layers_are_listed_and_drawn(quiet_figures, place, capsys):
     ("name", "message"),
     [
         ("layer", "cannot be written: .*"),
-        ("layer.nml", "cannot be written: .*"),
-        ("no/layer.png", "there is no folder no"),
         ("lab.nml", "is an input; it is not overwritten"),
     ],
 )
 def test_a_picture_that_cannot_be_is_one_line(quiet_figures, place, capsys, name, message):
     before = files(place)
     assert main(["lab", "pack", "lab.nml", "--ratio", "1", "--layers", "1", "-o", name]) == 2
-    err = capsys.readouterr().err
-    assert re.fullmatch(f"rockfall: {name}: {message}\n", err)
+    assert re.fullmatch(f"rockfall: {name}: {message}\n", capsys.readouterr().err)
     assert files(place) == before
 
 
@@ -653,12 +567,6 @@ def test_a_picture_that_cannot_be_is_one_line(quiet_figures, place, capsys, name
 
 def other_netcdf(path, _):
     xr.Dataset({"speed": ("point", [1.0])}).to_netcdf(path)
-
-
-def without_version(path, impacts):
-    data = impacts.copy()
-    del data.attrs["version"]
-    data.to_netcdf(path)
 
 
 def cut(path, impacts):
@@ -678,10 +586,7 @@ def damaged(path, impacts):
 
 NO_IMPACTS = {
     "text": (lambda path, _: path.write_text("hello"), "is not a netCDF file of impacts: .*"),
-    "empty": (lambda path, _: path.write_bytes(b""), "is not a netCDF file of impacts: .*"),
-    "folder": (lambda path, _: path.mkdir(), "is not a netCDF file of impacts: .*"),
     "another netCDF": (other_netcdf, "is not a file of impacts"),
-    "without a version": (without_version, "is not a file of impacts"),
     "truncated": (cut, "is not a netCDF file of impacts: .*"),
     "damaged": (damaged, "is not a netCDF file of impacts: .*"),
     "missing": (lambda *_: None, "cannot be read: no such file"),
@@ -693,9 +598,7 @@ def test_what_holds_no_impacts_is_refused(impacts, tmp_path, capfd, name):
     make, message = NO_IMPACTS[name]
     path = tmp_path / f"{name.replace(' ', '_')}.nc"  # HDF5 remembers names
     make(path, impacts)
-    assert main(["lab", "fit", str(path)]) == 2
-    out, err = capfd.readouterr()
-    assert out == "" and re.fullmatch(f"rockfall: {path}: {message}\n", err)
+    refuses(["lab", "fit", path], f"{path}: {message}", capfd)
     if path.is_file():
         before = path.read_bytes()
         with pytest.raises(RockfallError, match=message):
@@ -705,38 +608,19 @@ def test_what_holds_no_impacts_is_refused(impacts, tmp_path, capfd, name):
 
 ARGUMENTS = {
     "no command": (["lab"], "the following arguments are required: COMMAND; see rockfall lab .*"),
-    "unknown command": (["lab", "fly"], ".*invalid choice: 'fly'.*; see rockfall lab --help"),
     "no layers": (["lab", "pack", "lab.nml", "--layers", "0"], "--layers 0: must be 1 or more"),
-    "negative threads": (
-        ["lab", "impact", "lab.nml", "--threads=-1"],
-        r"threads = -1: must be 0 \(all cores\) to 1024",
-    ),
-    "too many threads": (
-        ["lab", "pack", "lab.nml", "--threads=1025"],
-        r"threads = 1025: must be 0 \(all cores\) to 1024",
-    ),
-    "folder of the output missing": (
-        ["lab", "impact", "lab.nml", "-o", "no/out.nc"],
-        "no/out.nc: there is no folder no",
-    ),
-    "output is another file": (
-        ["lab", "impact", "lab.nml", "-o", "lab.nml"],
-        "lab.nml: is an input; it is not overwritten",
-    ),
-    "remake of what was not made": (
-        ["lab", "remake", "lab.nml"],
-        "lab.nml: does not say what laboratory case it was made from",
-    ),
-    "remake of nothing": (["lab", "remake", "no.nml"], "no.nml: cannot be read: No such file .*"),
+    "negative threads": (["lab", "impact", "lab.nml", "--threads=-1"],
+        r"threads = -1: must be 0 \(all cores\) to 1024"),
+    "folder of the output missing": (["lab", "impact", "lab.nml", "-o", "no/out.nc"],
+        "no/out.nc: there is no folder no"),
+    "remake of what was not made": (["lab", "remake", "lab.nml"],
+        "lab.nml: does not say what laboratory case it was made from"),
     "remake of bytes": (["lab", "remake", "bytes"], r"bytes: is not text \(UTF-8\)"),
     "one slope": (["lab", "scorecard", "--slopes", "1"], "--slopes 1: must be 2 or more"),
-    "no site": (
-        ["lab", "scorecard", "--site", "."],
-        r"\.: no case.nml there: the scorecard needs the folder cases/vaujany",
-    ),
-    "scorecard of nothing": (["lab", "scorecard", "no.nml"], "no.nml: cannot be read: .*"),
+    "no site": (["lab", "scorecard", "--site", "."],
+        r"\.: no case.nml there: the scorecard needs the folder cases/vaujany"),
     "scorecard of no sets": (["lab", "scorecard", "lab.nml"], "lab.nml: .*"),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", ARGUMENTS)
@@ -744,27 +628,11 @@ def test_bad_arguments_are_one_line_and_nothing_is_written(name, place, monkeypa
     Path("bytes").write_bytes(b"\x89PNG\xff")
     monkeypatch.setattr(remake, "run_impacts", None)  # it does not come to this
     words, message = ARGUMENTS[name]
-    before = files(place)
-    capfd.readouterr()
-    assert main(words) == 2
-    out, err = capfd.readouterr()
-    assert out == "" and re.fullmatch(f"rockfall: {message}\n", err)
-    assert files(place) == before
+    refuses(words, message, capfd)
 
 
 @pytest.mark.parametrize("words", [["pack", "lab.nml", "-o", "layer.png"], ["fit", "lab.nc"]])
 def test_without_the_report_extra_it_is_named(place, monkeypatch, capsys, words):
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     monkeypatch.setitem(sys.modules, "scipy", None)
-    assert main(["lab", *words]) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert re.fullmatch(r"rockfall: .* needs the report extra: pip install .*\n", err)
-
-
-def test_fit_does_not_write_over_something_else(place, capfd):
-    Path("notes.nml").write_text("&lab /\n")
-    capfd.readouterr()
-    assert main(["lab", "fit", "impacts.nc", "-o", "notes.nml"]) == 2
-    assert "notes.nml: is there, and not impact sets of the laboratory" in capfd.readouterr().err
-    assert Path("notes.nml").read_text() == "&lab /\n"
+    refuses(["lab", *words], r".* needs the report extra: pip install .*", capsys)

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Impact sets from measured contacts: the same estimator, what is refused, and sets made again."""
 
-import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from made import refused
+from programs import refuses
 from rockfall.analysis.plane_bounce import set_rebound
 from rockfall.cli import main
 from rockfall.lab.contacts import (
@@ -84,13 +84,6 @@ def test_ratios_are_rounded_as_the_model_does(place):
     assert np.array_equal(parts[2].v_in, found.impacts.v_in[3:5])
     about = "\n".join(contacts_provenance(found))
     assert "2 contacts have R_b/R_m below 0.5 or above 5.5" in about
-
-
-def test_how_the_table_is_written_does_not_matter(place):
-    plain = read_contacts(write("c.csv", contacts(5))).impacts
-    columns = {name.upper(): values for name, values in reversed(contacts(5).items())}
-    other = read_contacts(write("d.csv", columns, "; ", "\ufeff")).impacts
-    assert np.array_equal(plain.v_in, other.v_in) and np.array_equal(plain.v_out, other.v_out)
 
 
 def test_contacts_that_share_a_run_or_a_point_hang_together():
@@ -203,12 +196,7 @@ def test_sets_are_made_again_from_the_contacts_beside_them(again, capsys):
 )
 def test_sets_are_not_made_again_from_other_contacts(again, capsys, spoil, message):
     spoil(Path("c.csv"))
-    before = files(again)
-    assert main(["lab", "remake", "s.nml"]) == 2
-    out, err = capsys.readouterr()
-    expected = f"rockfall: s.nml: is from measured contacts: {message}\n"
-    assert out == "" and re.fullmatch(expected, err)
-    assert files(again) == before
+    refuses(["lab", "remake", "s.nml"], f"s.nml: is from measured contacts: {message}", capsys)
 
 
 # ---- tables that are none
@@ -237,62 +225,36 @@ def without_scatter(table):
     table |= zip(SPEEDS[3:], (v_in @ MEAN.reshape(3, 3).T).T.tolist(), strict=True)
 
 
+FIT = ["lab", "fit", "c.csv", "-o", "s.nml", "--quiet"]
 SPIN = "a set needs the spin before and after: one that is assumed makes up a3 and a6 to a9"
 HOSTILE = {
     "a missing column": (without("vn_in"), "line 1: column vn_in: is missing"),
     "no spin": (without("w_in"), f"line 1: column w_in: is missing: {SPIN}"),
     "a spin not measured": (changed("w_out", ""), f"line 5: w_out = : {SPIN}; leave the .* out"),
     "an empty cell": (changed("vt_out", ""), "line 5: vt_out = : must be a number >= -1000 .*"),
-    "text": (changed("vt_in", "fast"), "line 5: vt_in = fast: must be a number >= 0 and <= 1000"),
-    "a decimal comma": (changed("vt_in", '"3,5"'), "line 5: vt_in = 3,5: must be a number .*"),
     "NaN": (changed("w_in", "NaN"), "line 5: w_in = NaN: must be a number .*"),
-    "infinity": (changed("w_in", "1e999"), "line 5: w_in = 1e999: must be a number .*"),
     "away before": (changed("vn_in", 2.5), "line 5: vn_in = 2.5: must be .* <= -0.001"),
-    "along the ground": (changed("vn_in", 0), "line 5: vn_in = 0: must be a number .*"),
-    "backwards before": (changed("vt_in", -1), "line 5: vt_in = -1: must be a number >= 0 .*"),
-    "into the ground after": (changed("vn_out", -1), "line 5: vn_out = -1: must be .* >= 0 .*"),
     "too fast": (changed("vt_out", 1e4), "line 5: vt_out = 10000.0: must be .* <= 1000"),
-    "a gain of energy": (
-        changed("vt_out", 900), "line 5: V_t.2 .* is [0-9.e+]* of that before: no contact gains .*",
-    ),
-    "a gain by spin": (changed("w_out", -900), "line 5: .*: no contact gains energy"),
-    "an unknown column": (
-        lambda table: table.update(speed=[1] * 80), "line 1: column speed: must be vt_in, .*",
-    ),
-    "a ratio that is none": (
-        lambda table: table.update(ratio=[0] * 80), "line 2: ratio = 0: must be a number >= .*",
-    ),
-    "some without a ratio": (
-        lambda table: table.update(ratio=["", *[3] * 79]), "line 2: ratio = : must be a number .*",
-    ),
-    "a run without a name": (
-        lambda table: table.update(run=["a", "", *"b" * 78]), "line 3: run = : must not be empty",
-    ),
-    "two grounds": (
-        lambda table: table.update(ground=["scree", *["turf"] * 79]),
-        "line 3: ground = turf: a set file is of one ground, and the first contact's is scree",
-    ),
+    "a gain of energy": (changed("vt_out", 900),
+        "line 5: V_t.2 .* is [0-9.e+]* of that before: no contact gains .*"),
+    "a ratio that is none": (lambda table: table.update(ratio=[0] * 80),
+        "line 2: ratio = 0: must be a number >= .*"),
+    "a run without a name": (lambda table: table.update(run=["a", "", *"b" * 78]),
+        "line 3: run = : must not be empty"),
+    "two grounds": (lambda table: table.update(ground=["scree", *["turf"] * 79]),
+        "line 3: ground = turf: a set file is of one ground, and the first contact's is scree"),
     "a ground that breaks the line": (
         lambda table: table.update(ground=['"scree\n&impact_set"'] * 80),
-        "line 2: ground = scree &impact_set: must be printable text",
-    ),
-    "aside by more than can be": (
-        lambda table: table.update(lateral=[91] * 80), "line 2: lateral = 91: must be .* <= 90",
-    ),
-    "few deviations": (
-        lambda table: table.update(lateral=[*[5] * 29, *[""] * 51]),
-        "all ratios: 29 lateral deviations: at least 30 are needed for quantiles",
-    ),
-    "few groups": (
-        by_point, "all ratios: 80 contacts that hang together by run or point in 9 groups: at .*",
-    ),
+        "line 2: ground = scree &impact_set: must be printable text"),
+    "few deviations": (lambda table: table.update(lateral=[*[5] * 29, *[""] * 51]),
+        "all ratios: 29 lateral deviations: at least 30 are needed for quantiles"),
+    "few groups": (by_point,
+        "all ratios: 80 contacts that hang together by run or point in 9 groups: at .*"),
     "no scatter": (without_scatter, "all ratios: the outgoing velocities do not scatter .*"),
-    "no spin at all": (
-        lambda table: table.update(w_in=[0] * 80), "all ratios: the incident .* too much alike .*",
-    ),
-    "spin unchanged after": (
-        lambda table: table.update(w_out=[0] * 80), "all ratios: .* do not scatter .*",
-    ),
+    "no spin at all": (lambda table: table.update(w_in=[0] * 80),
+        "all ratios: the incident .* too much alike .*"),
+    "spin unchanged after": (lambda table: table.update(w_out=[0] * 80),
+        "all ratios: .* do not scatter .*"),
 }  # fmt: skip
 
 
@@ -302,26 +264,13 @@ def test_what_cannot_be_is_one_line_and_nothing_is_written(name, place, capfd):
     table = contacts()
     change(table)
     write("c.csv", table)
-    refuses(place, capfd, message)
-
-
-def refuses(place, capfd, message):
-    before = files(place)
-    assert main(["lab", "fit", "c.csv", "-o", "s.nml", "--quiet"]) == 2
-    out, err = capfd.readouterr()
-    assert out == "" and re.fullmatch(rf"rockfall: c\.csv: {message}\n", err), err
-    assert files(place) == before
+    refuses(FIT, rf"c\.csv: {message}", capfd)
 
 
 HEAD = ",".join(SPEEDS)
 TABLES = {
-    "empty": ("", "is empty"),
-    "a header alone": (HEAD + "\n", "no rows below the header"),
     "one row": (HEAD + "\n5,-2,1,3,1,2\n", "all ratios: 1 impacts: at least 60 are needed .*"),
-    "a column twice": (HEAD + ",w_in\n", "line 1: column w_in: is there twice"),
-    "a short row": (HEAD + "\n5,-2,1\n", "line 2: 3 columns, the header has 6"),
     "bytes": (b"\x89PNG\xff\xfe", "is not text in UTF-8"),
-    "an open quote": (HEAD + '\n"5,-2\n', "line 2: .*"),
 }
 
 
@@ -329,11 +278,7 @@ TABLES = {
 def test_what_is_no_table_is_one_line(name, place, capfd):
     content, message = TABLES[name]
     Path("c.csv").write_bytes(content if isinstance(content, bytes) else content.encode())
-    refuses(place, capfd, message)
-
-
-def test_a_table_that_is_not_there_is_one_line(place, capfd):
-    refuses(place, capfd, "no such file or directory")
+    refuses(FIT, rf"c\.csv: {message}", capfd)
 
 
 def test_a_standard_error_above_the_deviation_is_no_set(place, monkeypatch):

@@ -21,7 +21,6 @@ from rockfall.lab.scorecard import (
     Score,
     Target,
     _between,
-    by_ratio,
     neutral_slopes,
     score,
     table,
@@ -38,7 +37,7 @@ VAUJANY = Path(__file__).parents[2] / "cases" / "vaujany"
 INF = np.inf
 
 
-@pytest.mark.parametrize("angle", [5.0, 15.0, 45.0, 72.0, 90.0])
+@pytest.mark.parametrize("angle", [15.0, 45.0, 90.0])
 def test_restitution_of_one_matrix_is_known(angle):
     a = scenes.LIVELY_MEAN
     r_t, r_n = restitution(a, np.zeros((9, 9)), angle)
@@ -147,14 +146,6 @@ def test_what_groups_are_off_is_told_from_chance():
     assert _between(chance + off, group) == pytest.approx(1, abs=0.1)
     assert _between(np.array([3.0, -4.0]), np.arange(2)) == pytest.approx(12.5**0.5)
     assert np.isnan(_between(np.full(4, np.nan), np.arange(4)))
-
-
-def test_by_ratio_prints_the_restitution():
-    mean, _ = scenes.sets()
-    lines = by_ratio(Sets("one", mean, np.zeros((5, 9, 9)))).splitlines()
-    assert len(lines) == 7 and lines[0].startswith("one: R_t | R_n")
-    vertical = [float(line.split("- | ")[1].split()[0]) for line in lines[2:]]
-    np.testing.assert_allclose(vertical, -mean[:, 4], atol=5e-3)
 
 
 def test_the_greatest_rise_of_the_neutral_slope():

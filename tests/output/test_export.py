@@ -93,7 +93,7 @@ def layer(folder, name):
     return about["crs"], shapely.from_wkb(wkb), columns
 
 
-@pytest.fixture(scope="module", params=["dataset", "file", "decoded file"])
+@pytest.fixture(scope="module", params=["dataset", "decoded file"])
 def exported(request, tmp_path_factory):
     """The folder, whichever way the result comes."""
     place, given = tmp_path_factory.mktemp("place"), made()
@@ -205,11 +205,6 @@ def test_lines_with_the_same_letters_get_files_of_their_own(result, tmp_path):
     export(result.assign_coords(line=["../el1", "EL1"]), tmp_path / "out")
     names = sorted(path.name for path in (tmp_path / "out").glob("line_*"))
     assert names == ["line_EL1_2.csv", "line_el1.csv"]
-
-
-def test_a_bare_result_gives_what_it_has(result, tmp_path):
-    bare = result[["volume", "status"]]
-    assert [path.name for path in export(bare, tmp_path)] == ["boulders.csv"]
 
 
 def test_without_a_crs_maps_and_layers_have_none(result, tmp_path):

@@ -17,13 +17,11 @@ import reference
 import replay
 import rockfall
 import scenes
-from rockfall.io.raster import read_dem
 from rockfall.scene.read import read_scene
 from rockfall.simulation.simulate import run_scene
 
 BOULDERS = 25
 VAUJANY = Path(__file__).parents[2] / "cases/vaujany"
-REAL = Path(__file__).parents[3] / "shared" / "data" / "terrain"
 NORMAL = {"volume": "normal", "volume_mean": 0.8, "volume_std": 0.15}
 
 
@@ -95,8 +93,8 @@ def test_the_numbers_of_the_reference():
         assert math.isclose(reference.quantile(Decimal(tail)), norm.isf(tail), rel_tol=1e-13)
 
 
-@pytest.mark.parametrize(("field", "off"), [("x", 1e-10), ("time", 1e-11), ("in_n", 1e-11),
-                                            ("out_w", 1e-10), ("velocity_y", 1e-10)])  # fmt: skip
+@pytest.mark.parametrize(("field", "off"), [("x", 1e-10), ("in_n", 1e-11),
+                                            ("out_w", 1e-10), ])  # fmt: skip
 def test_an_error_that_is_hardly_there_is_seen(tmp_path, field, off):
     z = scenes.rough()
     case = scenes.make_case(
@@ -166,7 +164,7 @@ def test_ratios_between_two_sets(tmp_path):
          arrays={"mean_radius": rocks})  # fmt: skip
 
 
-@pytest.mark.parametrize("scatter", [0.0, 1.0, 8.0])
+@pytest.mark.parametrize("scatter", [0.0, 8.0])
 def test_noise_within_an_impact(tmp_path, scatter):
     """Alone, beside the scatter of A, and where most draws are refused and drawn again."""
     rocks = np.random.default_rng(4).uniform(0.1, 0.6, (80, 60)).astype("f4")
@@ -247,18 +245,6 @@ def test_on_the_slope_of_the_paper(name):
     case = rockfall.read_case(VAUJANY / name)
     case = case.replace(case={"boulders": 6}, output={"maps": None, "rebounds": False})
     judged(read_scene(case))
-
-
-@pytest.mark.parametrize("file", ["stubai_10m/stubai_demo.asc", "kot_5m/avaKot.asc"])
-def test_on_real_terrain(tmp_path, file):
-    if not (REAL / file).is_file():
-        pytest.skip(f"{REAL / file} is not there")
-    z, grid = read_dem(REAL / file)
-    rise = np.hypot(*np.gradient(z, grid.cell))
-    rise[:10], rise[-10:], rise[:, :10], rise[:, -10:] = 0, 0, 0, 0
-    row, column = np.unravel_index(np.nanargmax(rise), z.shape)
-    start = ((column + 0.1) * grid.cell, (z.shape[0] - 1 - row + 0.2) * grid.cell)
-    both(tmp_path, z, start, cell=grid.cell, case={"boulders": 15})
 
 
 def test_whole_ways_part_no_faster_than_roundings_grow(tmp_path):

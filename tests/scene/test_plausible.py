@@ -15,6 +15,7 @@ from rasterio.warp import transform
 import rockfall
 import scenes
 from made import PLACE, UTM, make_raster, refused
+from programs import refuses
 from rockfall.cli import main
 from rockfall.io.raster import read_dem
 from rockfall.scene.plausible import implausible
@@ -145,25 +146,10 @@ def radii(radius):
     return lambda site: (site.folder / "zones.csv").write_text(TABLE.replace("0.2", radius))
 
 
-def raster_of_radii(radius):
-    def change(site):
-        values = np.full((NY, NX), 0.3, "f4")
-        values[3, 3], values[-1] = radius, np.inf
-        make_raster(site.folder / "rm.tif", values)
-        site.groups["surface"] = {"mean_radius": "rm.tif"}
-
-    return change
-
-
 MISTAKES = {
     "-9999": (undeclared(-9999), "elevation -9999 m in 42 cells, 10,9.. m below all others: is"),
     "-32768": (undeclared(-32768), "elevation -32768 m in 42 cells, .* below all others: is it"),
-    "32767": (undeclared(32767), "elevation 32767 m in 42 cells, .* above all others: is it a nod"),
     "0": (undeclared(0), "elevation 0 m in 42 cells, 9.. m below all others: is it a nodata value"),
-    "above Everest": (
-        lambda site: site.dem(site.z + 8500),
-        "elevation 98.* m in 1 cells, 0 m above all others",
-    ),
     "degrees": (in_degrees, "cells of 6e-05 between x 7.1 and 7.1036, .* look like degrees"),
     "3857": (web_mercator, r"EPSG:3857 draws lengths 2\.00 times as long as they are here"),
     "feet": (in_feet, "half of the terrain is steeper than 69 degrees: are its elevations in metr"),
@@ -171,29 +157,19 @@ MISTAKES = {
     "mask of 1 and 255": (mask(1, 255), "cells = 'cells.tif': 255 in 4,760 cells, which makes"),
     "all cells": (mask(255, 255), "every cell of the terrain is a source: is 255 a nodata value"),
     "R_m in cm": (radii("20"), "a mean radius of 20 m: .* was it meant in cm"),
-    "raster in cm": (raster_of_radii(35), "a mean radius of 35 m: .* was it meant in cm"),
-    "density in t": (
-        put("boulder", density=2.8),
-        "density = 2.8 kg/m3: rocks have 2000 to 3200; was it meant in t/m3?",
-    ),
-    "density": (put("boulder", density=28000.0), "density = 28000 kg/m3: rocks have 2000 to 3200$"),
+    "density in t": (put("boulder", density=2.8),
+        "density = 2.8 kg/m3: rocks have 2000 to 3200; was it meant in t/m3?"),
     "gravity": (put("flight", gravity=981.0), r"981 m/s2: the Earth has 9.81; was it meant in cm"),
     "drop": (put("release", drop_height=300.0), "start 300 m above the ground: was it meant in c"),
     "speed": (put("release", velocity=[0.0, -80.0, 0.0]), "80 m/s, 288 km/h: was it meant in km/"),
     "volume": (put("boulder", volume_mean=8000.0), "8000 m3: a boulder 25 m across: was it meant"),
-    "source given thrice": (
-        put("release", x=POINT["x"] * 3, y=POINT["y"] * 3),
-        r"the source \(600150, 4999950\) is given 3 times: it releases as many times",
-    ),
-    "overlapping zones": (
-        lambda site: site.polygons((0, 200), (100, 300)),
-        "zones.gpkg: polygons of different zone overlap in 1,600 cells: the later polygon counts",
-    ),
-    "zones without CRS": (
-        lambda site: site.polygons((0, 150), (150, 300), crs=None),
-        "zones.gpkg: names no CRS: taken to be in that of the DEM, EPSG:32632",
-    ),
-}
+    "source given thrice": (put("release", x=POINT["x"] * 3, y=POINT["y"] * 3),
+        r"the source \(600150, 4999950\) is given 3 times: it releases as many times"),
+    "overlapping zones": (lambda site: site.polygons((0, 200), (100, 300)),
+        "zones.gpkg: polygons of different zone overlap in 1,600 cells: the later polygon counts"),
+    "zones without CRS": (lambda site: site.polygons((0, 150), (150, 300), crs=None),
+        "zones.gpkg: names no CRS: taken to be in that of the DEM, EPSG:32632"),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("what", MISTAKES)
@@ -206,8 +182,7 @@ def test_a_mistake_gives_its_line_and_no_other(site, what):
     assert "\n" not in line
 
 
-WINDOWED = ["-9999", "0", "feet", "integers", "mask of 1 and 255", "all cells", "R_m in cm",
-            "raster in cm", "density in t"]  # fmt: skip
+WINDOWED = ["-9999", "feet", "integers", "mask of 1 and 255", "R_m in cm"]
 
 
 @pytest.mark.parametrize("what", WINDOWED)
@@ -230,16 +205,13 @@ def test_geocentric_coordinates_are_refused(site):
         read_dem(path)
 
 
-@pytest.mark.parametrize("name", ["x.tif", "x.csv", "x", "x.nc.gz"])
+@pytest.mark.parametrize("name", ["x.tif", "x"])
 @pytest.mark.parametrize("verb", ["run", "merge"])
 def test_results_end_in_nc(site, capsys, monkeypatch, name, verb):
     monkeypatch.chdir(site.folder)
     Path("case.nml").write_text(site.case().text())
-    before = sorted(site.folder.iterdir())
-    assert main([verb, "case.nml", "-o", name]) == 2
-    said = capsys.readouterr().err
-    assert said == f"rockfall: {name}: results are netCDF files, their names must end in .nc\n"
-    assert sorted(site.folder.iterdir()) == before
+    said = f"{name}: results are netCDF files, their names must end in .nc"
+    refuses([verb, "case.nml", "-o", name], said, capsys)
 
 
 def test_both_commands_and_the_function_say_the_same(site, capsys, monkeypatch):
@@ -292,7 +264,7 @@ def test_a_local_system_in_metres(site):
     assert lines(site) == []
 
 
-@pytest.mark.parametrize("crs", ["EPSG:2154", "EPSG:31254", "EPSG:3035", "EPSG:32632", "EPSG:2056"])
+@pytest.mark.parametrize("crs", ["EPSG:2154", "EPSG:2056"])
 def test_projections_of_the_alps(site, crs):
     (x,), (y,) = transform("EPSG:4326", crs, [7.0], [45.5])
     site.dem(site.z, crs=crs, transform=Affine(5.0, 0, x, 0, -5.0, y))
@@ -335,16 +307,6 @@ def test_a_saddle_of_integers_has_no_steps(site):
     assert not any("steps" in line for line in lines(site))  # steep it is
 
 
-def test_coarse_integers(site):
-    """Metres are fine enough for cells of 30 m."""
-    far = Affine(30.0, 0, EAST, 0, -30.0, NORTH)
-    z = np.rint(6 * site.z).astype("i2")
-    site.dem(z, transform=far)
-    site.uniform()
-    site.set("release", x=[EAST + 900.0], y=[NORTH - 300.0])
-    assert lines(site) == []
-
-
 def test_a_model_in_a_laboratory(site):
     """Centimetres of cells at coordinates that might be degrees."""
     site.dem(site.z / 100, crs=None, transform=Affine(0.05, 0, 0.0, 0, -0.05, 4.0))
@@ -357,13 +319,6 @@ def test_a_model_in_a_laboratory(site):
 @pytest.mark.parametrize("case", sorted((ROOT / "cases").glob("*/case*.nml")), ids=str)
 def test_cases(case):
     assert implausible(read_scene(rockfall.read_case(case))) == []
-
-
-@pytest.mark.parametrize("options", [{}, {"gradient": 0.1}, {"relief": 20.0}, {"dtype": "f4"}])
-def test_scenes_of_the_tests(tmp_path, options):
-    z = scenes.rough(**options)
-    case = scenes.make_case(tmp_path, *scenes.sets(), release={"x": [150.0], "y": [350.0]})
-    assert implausible(read_scene(case, dem=z, transform=scenes.grid(z))) == []
 
 
 # ---- what `rockfall check` prints

@@ -5,13 +5,11 @@ import fcntl
 import os
 import shutil
 from contextlib import contextmanager, suppress
-from pathlib import Path
 
 import pytest
 
 import rockfall
-from made import refused
-from programs import Killed, everything, killed_after
+from programs import Killed, killed_after
 from rockfall.cli import main
 from rockfall.scene.read import read_scene
 from rockfall.simulation import checkpoint, simulate
@@ -49,22 +47,6 @@ def test_a_run_goes_on_where_it_was_killed(scene, tmp_path, monkeypatch):
     same(result, whole)
     assert sum(flown) == 403 - 4 * 3 * 20  # what was done is not done again
     assert result.attrs["cpu_seconds"] > 0
-
-
-def test_a_shard_too(scene, tmp_path, monkeypatch):
-    with monkeypatch.context() as patch:
-        killed_after(patch, 2)
-        with pytest.raises(Killed):
-            simulate.run_scene(
-                scene, chunk=20, shard=(2, 3), checkpoint=Checkpoint(tmp_path / "c", 0.0)
-            )
-    with refused(
-        f"{tmp_path / 'c.checkpoint'}: is of another run, its boulders differs; remove it, or run "
-        "without --resume elsewhere"
-    ):
-        simulate.run_scene(scene, shard=(1, 3), checkpoint=Checkpoint(tmp_path / "c", 0.0))
-    result = simulate.run_scene(scene, shard=(2, 3), checkpoint=Checkpoint(tmp_path / "c", 0.0))
-    same(result, simulate.run_scene(scene, shard=(2, 3)))
 
 
 def test_saves_take_a_twentieth_of_the_time_at_most(scene, tmp_path, monkeypatch):
@@ -188,21 +170,6 @@ def test_threads_may_differ_and_a_finished_checkpoint_flies_nothing(scene, tmp_p
 RUN = ["run", "case.nml", "--quiet"]
 
 
-@pytest.mark.parametrize("more", [[], ["--resume"], ["--checkpoint", "0"]])
-def test_a_second_run_on_an_output_is_refused(few_boulders, tmp_path, monkeypatch, capsys, more):
-    monkeypatch.chdir(tmp_path)
-    with locked(Path("case.nc"), print):
-        before = everything(tmp_path)
-        assert main([*RUN, *more]) == 2
-        assert capsys.readouterr().err == (
-            "rockfall: case.nc.lock: another run is at work on this output; wait for its end, or "
-            "choose another\n"
-        )
-        assert everything(tmp_path) == before
-    assert not Path("case.nc.lock").exists()
-    assert main([*RUN, *more]) == 0
-
-
 def test_a_lock_that_was_removed_in_between_is_taken_anew(tmp_path, monkeypatch):
     """Who held it ends between our open and our lock: the file that we have open has no name."""
     output, flock, tries = tmp_path / "c", fcntl.flock, []
@@ -229,25 +196,6 @@ def test_where_there_are_no_locks_the_run_says_so(tmp_path, monkeypatch):
     with locked(tmp_path / "c", said.append):
         pass
     assert len(said) == 1 and "cannot be locked (Function not implemented)" in said[0]
-
-
-def test_files_of_somebody_else_are_refused_and_left_alone(
-    few_boulders, tmp_path, monkeypatch, capsys
-):
-    monkeypatch.chdir(tmp_path)
-    for name, said in (
-        ("case.nc.checkpoint", "is there, and no checkpoint that can be read; remove it, or choose "
-         "another output"),
-        ("case.nc.lock", "is there, and no lock; choose another output"),
-    ):  # fmt: skip
-        for make in (Path.mkdir, lambda path: path.write_text("mine")):
-            make(Path(name))
-            before = everything(tmp_path)
-            for more in [], ["--resume"]:
-                assert main([*RUN, *more]) == 2
-                assert capsys.readouterr().err == f"rockfall: {name}: {said}\n"
-            assert everything(tmp_path) == before
-            shutil.rmtree(name) if Path(name).is_dir() else Path(name).unlink()
 
 
 def test_the_commands_keep_a_checkpoint_until_the_result_is_written(

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What must hold whatever the slope: threads, chunks and options change nothing; totals add up;
-a scene that is moved, turned, mirrored or under other gravity has the same boulders.
+"""What must hold on a slope of thousands of boulders: threads and chunks change nothing; totals add
+up. What holds on any scene, moved, turned, mirrored or scaled: tests/fuzz/test_properties.py.
 """
 
 import numpy as np
@@ -22,17 +22,7 @@ LINES = [
     {"name": "low", "x": [5.0, 295.0], "y": [200.0, 200.0]},
     {"name": "bent", "x": [5.0, 150.0, 295.0], "y": [300.0, 310.0, 290.0]},
 ]
-#: What may be asked for, one by one.
-OPTIONS = {
-    "maps": {"output": {"maps": MAPS}},
-    "lines": {"line": LINES},
-    "histograms": {"output": {"rebounds": True}},
-    "trajectories": {"output": {"trajectories": 20}},
-}
 ALL = {"line": LINES, "output": {"maps": MAPS, "rebounds": True, "trajectories": 20}}
-STATUSES = ["stopped", "absorbed", "left_domain", "impact_limit", "hit_nodata"]
-
-
 def slope():
     """Rough ground with a hole of nodata."""
     z = scenes.rough()
@@ -85,15 +75,14 @@ def plain(folder):
     return run(make_case(folder))
 
 
-@pytest.mark.parametrize("threads", [2, 4])
-def test_threads_do_not_matter(folder, crowd, threads):
-    result = run(make_case(folder, 5000, **ALL), threads=threads, chunk=5000)
-    assert result.attrs["threads"] == threads
+def test_threads_do_not_matter(folder, crowd):
+    result = run(make_case(folder, 5000, **ALL), threads=4, chunk=5000)
+    assert result.attrs["threads"] == 4
     assert set(result.variables) == set(crowd.variables)
     same_numbers(result, crowd)
 
 
-@pytest.mark.parametrize("chunk", [1, 7, 1000, None])
+@pytest.mark.parametrize("chunk", [7, None])
 def test_chunks_do_not_matter(folder, crowd, chunk):
     same_numbers(run(make_case(folder, 5000, **ALL), threads=1, chunk=chunk), crowd)
 
@@ -118,21 +107,10 @@ def test_a_boulder_alone_is_that_of_the_crowd(folder, crowd, number):
     assert last["time"] == row["travel_time"]
 
 
-@pytest.mark.parametrize("option", OPTIONS)
-def test_what_is_asked_for_changes_nothing_else(folder, plain, option):
-    result = run(make_case(folder, **OPTIONS[option]))
-    added = set(result.variables) - set(plain.variables)
-    assert added and set(plain.variables) < set(result.variables)
-    same_numbers(result, plain)
-    every = run(make_case(folder, **ALL))
-    same_numbers(result, every)
-    assert added < set(every.variables)
-
-
 def test_one_map_alone_is_that_of_all(folder):
-    every = run(make_case(folder, **ALL))
+    every = run(make_case(folder, 100, **ALL))
     for name in MAPS:
-        alone = run(make_case(folder, output={"maps": [name]}))
+        alone = run(make_case(folder, 100, output={"maps": [name]}))
         assert set(MAPS) & set(alone.variables) == {name}
         same_numbers(alone, every)
 
@@ -148,53 +126,6 @@ def test_a_run_leaves_its_input_as_it_was(folder):
     run(make_case(folder, **ALL), z, rocks)
     assert np.array_equal(z, slope(), equal_nan=True)
     assert np.array_equal(rocks, river())
-
-
-def test_every_boulder_has_a_status_and_totals_add_up(crowd):
-    n = crowd.sizes["boulder"]
-    number = {name: int((crowd.status == k).sum()) for k, name in enumerate(STATUSES, start=1)}
-    assert crowd.status.attrs["flag_meanings"].split() == STATUSES
-    assert sum(number.values()) == n and min(number.values()) > 20
-    assert int(crowd.rebounds) == int(crowd.impacts.sum()) - number["absorbed"]
-    assert (crowd.impacts.values[crowd.status == 4] == 60).all()
-    assert int(crowd.impacts.max()) == 60
-    for name in crowd.data_vars:
-        if name.endswith("_histogram"):
-            assert int(crowd[name].sum()) == int(crowd.rebounds), name
-    assert 0 < crowd.rebounds_forced < crowd.rebounds_redrawn < crowd.rebounds
-    for name in ("range", "speed", "angle"):
-        assert 0 < crowd[f"rebounds_out_of_{name}"] < crowd.rebounds
-
-
-def test_boulders_leave_over_the_edge_or_into_nodata(crowd):
-    """Those that left stand on the hull of the cell centres, or on a side of the hole."""
-    x, y = crowd.stop_x.values / CELL - 0.5, crowd.stop_y.values / CELL - 0.5  # in columns, rows
-    number = {name: k for k, name in enumerate(STATUSES, start=1)}
-    left, hit = (crowd.status.values == number[name] for name in ("left_domain", "hit_nodata"))
-    ny, nx = slope().shape
-    edge = np.minimum.reduce([x, y, nx - 1 - x, ny - 1 - y])
-    assert np.abs(edge[left]).max() < 1e-6 and edge[~left].min() > -1e-6
-    rows, columns = np.nonzero(np.isnan(slope()))
-    west, east = columns.min() - 1, columns.max() + 1
-    south, north = ny - 2 - rows.max(), ny - rows.min()
-    inside = np.minimum.reduce([x - west, east - x, y - south, north - y])
-    assert np.abs(inside[hit]).max() < 1e-6 and inside[~hit].max() < 1e-6
-
-
-def test_totals_of_maps(crowd):
-    n = crowd.sizes["boulder"]
-    passages, deposits = crowd.passages.values, crowd.deposits.values
-    assert deposits.sum() == (crowd.status.values <= 2).sum()
-    assert (passages >= deposits).all()
-    assert passages.max() == n and passages.sum() > 10 * n
-    assert np.array_equal(crowd.reach_probability, (passages / n).astype("f4"))
-    seen = passages > 0
-    for name in ("energy_max", "speed_max_map", "jump_height_max_map"):
-        assert (crowd[name].values[seen] >= 0).all(), name
-        assert np.isnan(crowd[name].values[~seen]).all(), name
-    assert crowd.speed_max_map.max() == np.float32(crowd.speed_max.max())
-    assert crowd.jump_height_max_map.max() == np.float32(crowd.jump_height_max.max())
-    assert not seen[np.isnan(slope())].any()
 
 
 def test_limits_of_the_reach_probability_are_wilsons(crowd):
@@ -419,130 +350,3 @@ def test_numbers_at_a_line_agree_with_each_other(crowd):
         assert holds.transpose(*met.dims).values[met].all()
 
 
-def test_single_precision_elevations_are_those_of_their_doubles(folder):
-    z = slope().astype("f4")
-    case = make_case(folder, **ALL)
-    same_numbers(run(case, z), run(case, z.astype("f8")))
-
-
-@pytest.mark.parametrize("gravity", [0.1, 1.62, 100.0])
-def test_any_gravity_runs_to_the_end(folder, gravity):
-    result = run(make_case(folder, flight={"gravity": gravity}))
-    assert set(result.status.values) <= {1, 2, 3, 4, 5}
-    assert np.isfinite(result.path_length).all() and (result.travel_time > 0).all()
-
-
-@pytest.mark.parametrize("factor", [1 / 8, 1 / 2, 2, 4])
-def test_gravity_changes_speeds_but_no_place(folder, factor):
-    """The model has no speed of its own: under gravity times f**2 all speeds are times f."""
-    usual = make_case(folder, line=LINES, output={"trajectories": 20})
-    changed = usual.replace(flight={"gravity": 9.81 * factor**2},
-                            impact={"stop_speed": 0.5 * factor})  # fmt: skip
-    one, other = run(usual), run(changed)
-    places = ["status", "stop_x", "stop_y", "stop_z", "path_length", "jump_height_max", "rebounds",
-              "impacts", "line_x", "line_jump_height", "trajectory_z"]  # fmt: skip
-    same_numbers(one, other, places)
-    assert np.array_equal(one.speed_max * factor, other.speed_max)
-    assert np.array_equal(one.travel_time / factor, other.travel_time)
-    assert np.array_equal(one.trajectory_out_w * factor, other.trajectory_out_w)
-
-
-def test_far_from_the_origin_nothing_changes_but_the_place(folder):
-    west, south = 600_000.0, 10_000_000.0
-    moved = make_case(
-        folder,
-        release={"x": [START[0] + west], "y": [START[1] + south]},
-        line=[
-            {"name": line["name"], "x": [x + west for x in line["x"]],
-             "y": [y + south for y in line["y"]]}
-            for line in LINES
-        ],
-        output=ALL["output"],
-    )  # fmt: skip
-    here, there = run(make_case(folder, **ALL)), run(moved, west=west, south=south)
-    places = {f"{what}_{axis}" for what in ("start", "stop", "line", "trajectory", "line_vertex")
-              for axis in "xy"} | {"x", "y"}  # fmt: skip
-    assert places < set(here.variables)
-    same_numbers(here, there, sorted(set(here.variables) - places))
-    for name in places:
-        offset = west if name.endswith("x") else south
-        assert np.allclose(here[name], there[name] - offset, rtol=0, atol=4e-9, equal_nan=True)
-
-
-def mirrored(x, y):
-    return WIDTH - x, y
-
-
-def turned(x, y):
-    """A quarter anticlockwise."""
-    return HEIGHT - y, x
-
-
-CHANGES = {"mirrored": (mirrored, np.fliplr, [[-1, 0], [0, 1]]),
-           "turned": (turned, np.rot90, [[0, -1], [1, 0]])}  # fmt: skip
-
-
-def changed_case(folder, place, **groups):
-    """The scene of `make_case` with its release and lines elsewhere."""
-    x, y = place(*START)
-    lines = []
-    for line in LINES:
-        ends = [place(*end) for end in zip(line["x"], line["y"], strict=True)]
-        lines.append({"name": line["name"], "x": [p[0] for p in ends], "y": [p[1] for p in ends]})
-    return make_case(folder, release={"x": [x], "y": [y]}, line=lines, **groups)
-
-
-@pytest.mark.parametrize("change", CHANGES)
-@pytest.mark.parametrize("scatter", [0.0, 2.0])
-def test_a_changed_scene_has_changed_trajectories(folder, change, scatter):
-    """Contact by contact, until rounding errors have grown: three times a contact."""
-    place, turn, matrix = CHANGES[change]
-    groups = {"scatter": scatter, "output": {"trajectories": 100}}
-    here = run(make_case(folder, 100, **groups))
-    there = run(changed_case(folder, place, boulders=100, **groups), turn(slope()), turn(river()))
-    compared = 0
-    for number in range(1, 101):
-        one, other = (
-            {name: r[f"trajectory_{name}"].values[r.trajectory_boulder.values == number][:12]
-             for name in ("x", "y", "z", "time", "velocity_x", "velocity_y", "in_w", "out_t")}
-            for r in (here, there)
-        )  # fmt: skip
-        wanted = dict(one)
-        wanted["x"], wanted["y"] = place(one["x"], one["y"])
-        velocity = np.array(matrix) @ [one["velocity_x"], one["velocity_y"]]
-        wanted["velocity_x"], wanted["velocity_y"] = velocity
-        for name, values in wanted.items():
-            assert len(values) == len(other[name])
-            allowed = 1e-9 * 3.0 ** np.arange(len(values))
-            assert (np.abs(values - other[name]) < allowed).all(), (number, name)
-        compared += len(one["x"])
-    assert compared > 600
-
-
-@pytest.mark.parametrize("change", CHANGES)
-def test_a_changed_scene_has_the_same_distributions(folder, change):
-    """Other boulders (another seed): means at a line and shares within 4 standard errors."""
-    place, turn, _ = CHANGES[change]
-    n = 4000
-    here = run(make_case(folder, n, line=LINES))
-    there = run(changed_case(folder, place, boulders=n, case={"seed": 5, "boulders": n}),
-                turn(slope()), turn(river()))  # fmt: skip
-    for name in ("line_speed", "line_jump_height", "line_omega", "line_time"):
-        for k in range(len(LINES)):
-            a, b = (r[name][k].values[r[name][k].notnull()] for r in (here, there))
-            error = np.sqrt(a.var() / a.size + b.var() / b.size)
-            assert a.size > 500 and abs(a.mean() - b.mean()) < 4 * error, (name, k)
-    for status in (1, 2, 3, 4):
-        p, q = ((r.status.values == status).mean() for r in (here, there))
-        assert abs(p - q) < 4 * np.sqrt((p * (1 - p) + q * (1 - q)) / n), status
-
-
-def test_sources_release_their_boulders_in_order(folder):
-    x, y = [100.0, 152.25, 201.5], [380.0, 385.125, 370.0]
-    result = run(make_case(folder, 40, release={"x": x, "y": y}))
-    assert result.sizes["boulder"] == 120
-    assert np.array_equal(result.start_x, np.repeat(x, 40))
-    assert np.array_equal(result.start_y, np.repeat(y, 40))
-    alone = run(make_case(folder, 120, release={"x": [x[1]], "y": [y[1]]}))
-    for name in ("stop_x", "path_length", "volume"):  # the number decides, not who else there is
-        assert np.array_equal(result[name][40:80], alone[name][40:80])

@@ -8,8 +8,6 @@ from scipy.stats import kstest, norm
 import rockfall
 from made import refused
 from rockfall.analysis.line_statistics import line_numbers
-from rockfall.scene.read import read_scene
-from rockfall.simulation.simulate import fields, trajectory
 from same import same_numbers
 from scenes import grid, make_case, rough, sets
 
@@ -117,31 +115,6 @@ def test_first_obstacles_and_turns_have_their_shares(tmp_path):
     for share, most in ((0.72, 22.5), (0.96, 45.0)):
         assert abs((turn < most).sum() - share * 1024) < 1
     assert 49 < turn.max() < 50 and 0 < turn.min() < 0.1
-
-
-@pytest.fixture(scope="module")
-def crowd(tmp_path_factory):
-    """300 boulders of three sources with everything that boulders can tell."""
-    case = sobol_case(
-        tmp_path_factory.mktemp("case"), 100, sources=3, line=LINE, output={"trajectories": 300}
-    )
-    return case, run(case, threads=1, chunk=300)
-
-
-@pytest.mark.parametrize("how", [{"threads": 2}, {"chunk": 7}, {"chunk": 1, "threads": 1}])
-def test_threads_and_chunks_do_not_matter(crowd, how):
-    same_numbers(run(crowd[0], **how), crowd[1])
-
-
-@pytest.mark.parametrize("number", [1, 100, 101, 257])
-def test_a_boulder_alone_is_that_of_the_crowd(crowd, number):
-    case, result = crowd
-    z = rough()
-    way = trajectory(read_scene(case, z, grid(z)), number)
-    last = dict(zip(fields(4), way[-1], strict=True))
-    for axis in "xyz":
-        assert last[axis] == result[f"stop_{axis}"].values[number - 1]
-    assert last["time"] == result["travel_time"].values[number - 1]
 
 
 def test_fewer_boulders_are_the_first_of_more(tmp_path):

@@ -3,16 +3,10 @@
 
 import numpy as np
 import pytest
-import xarray as xr
 
 import rockfall
-from programs import Killed, killed_after
-from rockfall.analysis.run_until import run_until
-from rockfall.scene.prepare import prepare
 from rockfall.scene.read import read_scene
-from rockfall.simulation import checkpoint, simulate
-from rockfall.simulation.checkpoint import Checkpoint
-from rockfall.simulation.part_file import read_part
+from rockfall.simulation import simulate
 from same import same
 from scenes import grid, make_case, rough, sets
 
@@ -60,7 +54,7 @@ def check(result, sources, released):
     assert np.array_equal(found, share.astype("f4"), equal_nan=True)
 
 
-@pytest.mark.parametrize(("n", "of"), [(1, 400), (7, 50), (300, 5), (2000, 2), (3, 500)])
+@pytest.mark.parametrize(("n", "of"), [(1, 400), (7, 50), (2000, 2)])
 def test_sources_of_each_cell_are_those_of_brute_force(tmp_path, n, of):
     case, arrays = case_of(tmp_path, n), scattered(of)
     sources, released = by_brute_force(case, arrays)
@@ -71,9 +65,8 @@ def test_sources_of_each_cell_are_those_of_brute_force(tmp_path, n, of):
         same(rockfall.run(case, **arrays, **how), whole)
 
 
-@pytest.mark.parametrize(("n", "of"), [(1, 100), (40, 12), (700, 3), (3000, 1)])
-@pytest.mark.parametrize("parts", [2, 7, 64])
-def test_parts_joined_in_any_order_are_the_run(tmp_path, n, of, parts):
+@pytest.mark.parametrize(("n", "of"), [(1, 100), (700, 3)])
+def test_parts_joined_in_any_order_are_the_run(tmp_path, n, of, parts=11):
     case, arrays = case_of(tmp_path, n), scattered(of)
     flown = [
         rockfall.run(case, **arrays, shard=(k, parts), threads=k % 3, chunk=[None, 29][k % 2])
@@ -150,55 +143,6 @@ class _after:
     def __call__(self):
         self.left -= 1
         return self.left < 0
-
-
-@pytest.mark.parametrize("shard", [(1, 1), (2, 3), (5, 9)])
-@pytest.mark.parametrize("n", [30, 700])
-def test_a_run_killed_in_the_middle_of_a_source_goes_on(tmp_path, monkeypatch, shard, n):
-    monkeypatch.setattr(checkpoint, "REST", 0.0)
-    scene = read_scene(case_of(tmp_path, n), **scattered(2100 // n))
-    whole = simulate.run_scene(scene, shard=shard)
-    folder = tmp_path / "c"
-    for _ in range(3):
-        with monkeypatch.context() as patch:
-            killed_after(patch, 2)
-            with pytest.raises(Killed):
-                simulate.run_scene(scene, chunk=37, shard=shard, checkpoint=Checkpoint(folder, 0.0))
-    assert Checkpoint(folder, 0.0).found() == 3 * 2 * 37
-    same(
-        simulate.run_scene(scene, threads=2, shard=shard, checkpoint=Checkpoint(folder, 0.0)), whole
-    )
-
-
-@pytest.mark.parametrize("of", [1, 2])
-def test_runs_with_rules_too(tmp_path, of):
-    case, arrays = case_of(tmp_path, 1), scattered(of)
-    found = run_until(case, "share@L<1%", cap=4000, **arrays)
-    assert found.sizes["boulder"] > 1000  # there was more than one stage
-    again = case.replace(case={"boulders": found.sizes["boulder"] // of})
-    xr.testing.assert_identical(
-        found.drop_attrs(deep=False), rockfall.run(again, **arrays).drop_attrs(deep=False)
-    )
-
-
-@pytest.mark.parametrize("n", [3, 500])
-def test_parts_of_both_programs_join(tmp_path, batch, n):
-    arrays = scattered(5)
-    case = case_of(tmp_path, n).replace(case={"threads": 2})
-    prepare(case, tmp_path / "ready", **arrays)
-    parts = []
-    for k in range(1, 8):
-        parts.append(rockfall.run(case, **arrays, shard=(k, 7)))
-        if k % 2:
-            words = ("--shard", f"{k}/7", "-o", "part", "--quiet")
-            assert batch("ready/case.nml", *words, cwd=tmp_path).returncode == 0
-            theirs = read_part(tmp_path / "part")
-            for name, values in theirs.arrays.items():
-                ours = parts[-1][name].values
-                assert ours.dtype == values.dtype and ours.tobytes() == values.tobytes(), name
-            (tmp_path / "part").rename(tmp_path / f"{k}")
-            parts[-1] = tmp_path / f"{k}"
-    same(rockfall.merge(parts), rockfall.run(case, **arrays))
 
 
 def test_who_does_not_ask_does_not_pay(tmp_path):

@@ -1,0 +1,50 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Boulders of a known law: some cross a line, with lognormal speeds, and a run ends by rules."""
+
+import numpy as np
+import xarray as xr
+from scipy.stats import norm
+
+from rockfall.analysis.line_statistics import QUANTITIES, Z
+from rockfall.analysis.run_until import FIRST, evaluate, next_stage
+
+SHARE, SIGMA = 0.6, 0.4  # of a made law: boulders that cross, and their lognormal speeds
+
+
+def made(values, source=None):
+    """A result of one line where boulders had these speeds, NaN where they did not cross."""
+    start = np.zeros(values.size) if source is None else source.astype(float)
+    data = {f"line_{name}": (("line", "boulder"), values[None]) for name in QUANTITIES[:6]}
+    data |= {"start_x": ("boulder", start), "start_y": ("boulder", 0 * start)}
+    return xr.Dataset(data, {"line": ["L"]})
+
+
+def lognormal(random, n):
+    values = np.exp(random.normal(0, SIGMA, n))
+    return np.where(random.random(n) < SHARE, values, np.nan)
+
+
+def theory(statistic: str, limit: float) -> tuple[float, float]:
+    """The number of the known law, and the boulders that make the half-width `limit` of it."""
+    w, scale = np.exp(SIGMA**2), (Z / limit) ** 2 / SHARE
+    if statistic == "fraction":
+        return SHARE, scale * (1 - SHARE)
+    if statistic == "mean":
+        return np.sqrt(w), scale * (w - 1)
+    if statistic == "std":
+        kurtosis = w**4 + 2 * w**3 + 3 * w**2 - 3
+        return np.sqrt(w * (w - 1)), scale * (kurtosis - 1) / 4
+    share = int(statistic[1:]) / 100
+    z = norm.ppf(share)
+    return np.exp(SIGMA * z), scale * share * (1 - share) * (SIGMA / norm.pdf(z)) ** 2
+
+
+def stages(rules, random, draw=lognormal, cap=10**7):
+    """The stages of a run with boulders of the made law: the last result."""
+    n, values = min(FIRST, cap), np.empty(0)
+    while True:
+        values = np.concatenate([values, draw(random, n - values.size)])
+        larger = next_stage(evaluate(rules, made(values)), n, cap)
+        if larger == n:
+            return made(values)
+        n = larger
