@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What long runs pay for not losing work: checkpoints, parts, merging, Dask, the Python door.
+"""What long runs pay for not losing work: checkpoints, parts, merging, Dask, the Python interface.
 
     python -m benchmarks.speed.cluster [--boulders 1000000] [--parts 100]
 
@@ -96,7 +96,7 @@ def doors(case: rockfall.Case, folder: Path) -> None:
                 output.unlink()  # to free its place is no work of the next run
     more = cpu["rockfall run"] / cpu["rockfall-batch"] - 1
     about = ", ".join(f"{name} {value:.1f} s" for name, value in cpu.items())
-    print(f"{boulders:,} boulders: {about} of CPU: {more:+.1%} by the Python door")
+    print(f"{boulders:,} boulders: {about} of CPU: {more:+.1%} by the Python interface")
 
 
 def main() -> None:

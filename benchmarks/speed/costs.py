@@ -178,7 +178,7 @@ def per_rebound(program: Path, case: Path) -> float:
 
 Edit = tuple[str, str, str, int]  # file, text, what stands for it, how often it is there
 _TRAJECTORY, _ENSEMBLE = "run/trajectory.f90", "run/ensemble.f90"
-_CELLS = "if (scene%cells_requested)"
+_CELLS = "if (scratch%cells_requested)"
 _HISTOGRAMS = "if (scene%histograms_requested)"
 NEVER = "if (.false.)"
 #: Where a kernel that never had the option has nothing; the compiler drops what cannot be reached.
@@ -194,7 +194,7 @@ CUTS: dict[str, list[Edit]] = {
         (_ENSEMBLE, _HISTOGRAMS, NEVER, 4),
     ],
     "maps": [
-        (_TRAJECTORY, "if (level >= with_maps .and. scene%cells_requested)", NEVER, 3),
+        (_TRAJECTORY, "if (level >= with_maps .and. scratch%cells_requested)", NEVER, 3),
         (_ENSEMBLE, _CELLS, NEVER, 2),
         (_ENSEMBLE, "if (counts_sources(maps))", NEVER, 1),
         (_ENSEMBLE, "if (result%status == stopped .or. result%status == absorbed)", NEVER, 1),

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Spoiled inputs through both doors: each must be done or be refused in one line.
+"""Spoiled inputs through both programs: each must be done or be refused in one line.
 
 Small valid inputs of every kind are made, one file of each is spoiled (mutators.py), and a command
 reads it: `rockfall` in a fork of a process that has everything imported, `rockfall-batch` as it is

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The laboratory's door to Python: plain arrays, whose order `names` tells. No physics here.
+!> The Python interface of the laboratory: plain arrays, whose order `names` tells. No physics here.
 module lab_f2py
    use iso_c_binding, only: c_double, c_int, c_int32_t, c_int64_t
    use rockfall_error, only: error_t, fail, give_error

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Names and order of the numbers that cross the door to Python.
+!> Names and order of the numbers of the Python interface.
 module lab_tables
    use rockfall_kinds, only: wp
    use lab_contact, only: material_t

@@ -213,7 +213,7 @@ def test_the_command_writes_tables_and_figures(tmp_path, monkeypatch, capsys):
         (["--boulders", "1", "50"], "boulders = 1: must be at least 2"),
         (["--reference", "100"], "reference = 100: must be at least 20000"),
         (["--reference", "1" + 30 * "0"], "boulders do not fit in memory"),
-        (["-o", "case.nml"], "is there, and not a folder"),
+        (["-o", "case.nml"], "is a file, a folder is needed"),
     ],
 )
 def test_wrong_arguments_are_refused(tmp_path, monkeypatch, capsys, arguments, says):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Spoiled inputs: done or refused in one line, by both doors, and nothing written when refused.
+"""Spoiled inputs: done or refused in one line, by both programs, and nothing written when refused.
 
 benchmarks/stability/hostile.py throws thousands; here are one of each class that was once not
 refused, and sixty more.

@@ -2,8 +2,11 @@
 """Chunks are given the sources of their own boulders alone, which no result shows; a run is written
 without loading what it does not need."""
 
+import copy
+import pickle
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -13,6 +16,9 @@ from affine import Affine
 import rockfall
 from made import make_raster
 from rockfall.errors import RockfallError
+from rockfall.scene.read import read_scene
+from rockfall.simulation.simulate import run_scene
+from same import same
 from scenes import grid, make_case, rough, sets
 
 EACH = 5
@@ -79,3 +85,28 @@ def test_texts_and_coordinates_beside_dimensions_are_kept(tmp_path):
     assert "kind" in back.coords
     assert back["kind"].values.tolist() == result["kind"].values.tolist()
     xr.testing.assert_identical(back.drop_vars("kind"), result.drop_vars("kind"))
+
+
+def test_runs_of_one_scene_at_once_do_not_disturb_each_other(tmp_path):
+    """As on a Dask worker with several threads: parts with maps, and trajectories beside them."""
+    case = make_case(
+        tmp_path, *sets(), release={"x": [150.0], "y": [350.0], "drop_height": 5.0},
+        case={"boulders": 400, "threads": 1}, output={"maps": ["passages"], "trajectories": 60},
+    )  # fmt: skip
+    z = rough()
+    scene = read_scene(case, dem=z, transform=grid(z))
+    with ThreadPoolExecutor(4) as threads:
+        parts = list(threads.map(lambda k: run_scene(scene, shard=(k, 4)), range(1, 5)))
+    same(rockfall.merge(parts), run_scene(scene))
+
+
+def test_a_copy_of_a_scene_is_its_own(tmp_path):
+    case = make_case(tmp_path, *sets(), release={"x": [150.0], "y": [350.0]})
+    z = rough()
+    scene = read_scene(case, dem=z, transform=grid(z))
+    for copied in copy.deepcopy(scene), pickle.loads(pickle.dumps(scene)):
+        assert copied.kernel is not scene.kernel and copied.boulders == scene.boulders
+    scene.case = case.replace(case={"boulders": 7})
+    assert scene.boulders == 7
+    with pytest.raises(TypeError, match="belongs to its process"):
+        pickle.dumps(scene.kernel)

@@ -100,6 +100,14 @@ def test_times_are_those_of_sbatch(time, few_boulders, tmp_path, capsys):
         assert f"#SBATCH --time={time}\n" in (tmp_path / "jobs" / name).read_text()
 
 
+def test_batch_runs_prepared_cases_only(few_boulders, tmp_path, batch, capsys):
+    words = ["slurm", str(few_boulders), str(tmp_path / "jobs"), "--shards=2", "--program=batch"]
+    assert main(words) == 2
+    said = "no scene.nc beside it; `rockfall prepare` makes such a case"
+    assert capsys.readouterr().err == f"rockfall: {few_boulders}: {said}\n"
+    assert not (tmp_path / "jobs").exists()
+
+
 def test_batch_that_is_not_there_is_said(few_boulders, tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("PATH", str(tmp_path))
     words = ["slurm", str(few_boulders), str(tmp_path / "jobs"), "--shards=2", "--program=batch"]

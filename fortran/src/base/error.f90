@@ -28,7 +28,7 @@ contains
       error%message = message
    end subroutine fail
 
-   !> An error as the doors to Python give it: code 0 and no message mean success.
+   !> An error as the Python interfaces give it: code 0 and no message mean success.
    pure subroutine give_error(error, code, message)
       type(error_t), allocatable, intent(in) :: error
       integer(c_int), intent(out) :: code

@@ -3,7 +3,7 @@
 !> single element, because f2py has no empty ones.
 !>
 !> A scene is built once, by `open_scene`, and known by a handle until `close_scene`; it looks at the arrays that it
-!> was made of, which the caller keeps as they are. One run at a time may use it.
+!> was made of, which the caller keeps as they are. Runs only read it, so several may use it at once.
 module rockfall_f2py
    use ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use iso_c_binding, only: c_double, c_float, c_int, c_int8_t, c_int16_t, c_int32_t, c_int64_t, c_intptr_t, c_ptr, &
@@ -19,7 +19,7 @@ module rockfall_f2py
    use rockfall_scene, only: scene_arrays_t, scene_from, check_sources, boulders_of
    use rockfall_reach, only: block_side, take_minima, reach_box
    use rockfall_sources, only: usual_threshold, keep_steep, surface_ratios
-   use rockfall_maps, only: maps_t, needs_visits
+   use rockfall_maps, only: maps_t
    use rockfall_map_values, only: map_plan_t, plan_maps => map_plan, map_views, map_row, map_min_count
    use rockfall_limits, only: check_tallies
    use rockfall_threads, only: team_size, check_team, release_team
@@ -32,7 +32,7 @@ module rockfall_f2py
    use rockfall_impact_sets, only: coefficients_t, read_impact_sets => read_sets, any_speed
    implicit none
    private
-   public :: open_scene, close_scene, run, trajectory, survey, reach, block_of, map_plan, check_maps, map_values, &
+   public :: open_scene, limit_terrain, close_scene, run, trajectory, survey, reach, block_of, map_plan, check_maps, map_values, &
              check_case, case_key, variable, read_sets, fields, histogram_bins, team, team_fits, end_team, &
              slope_threshold, steep_cells, area_ratios, known_at, outside, boulders, boulders_of_source, sources_of_boulders, weights_of_sets, weights_of_sizes, ratio_classes, admissible_rebounds, limit_rebounds, &
              size_to_radius, constant
@@ -103,6 +103,19 @@ contains
       call give_error(error, code, message)
    end subroutine open_scene
 
+   !> Keep boulders to these columns and rows, those of the maps: the same for all runs of a scene, and before them.
+   subroutine limit_terrain(handle, map_at, map_last)
+      integer(c_intptr_t), intent(in) :: handle
+      integer(c_int), intent(in) :: map_at(2), map_last(2)  !! first and last column, row
+      type(open_scene_t), pointer :: opened
+      type(terrain_t) :: dem
+
+      opened => scene_of(handle)
+      dem = opened%dem
+      call keep_within(dem, map_at, map_last)
+      opened%scene%dem = dem
+   end subroutine limit_terrain
+
    !> Forget a scene; the handle stands for nothing afterwards.
    subroutine close_scene(handle)
       integer(c_intptr_t), intent(in) :: handle
@@ -122,7 +135,7 @@ contains
    end function scene_of
 
    !> Run boulders first .. first + n - 1 of a scene; maps and histograms are added to.
-   subroutine run(handle, first, threads, map_at, map_last, map_counts, map_sums, map_reals, class_counts, column, &
+   subroutine run(handle, first, threads, map_at, map_counts, map_sums, map_reals, class_counts, column, &
                   columns, stamp, head, histogram, boulder, counts, crossing, code, message, &
                   nxc, nyc, nkc, nxs, nys, nks, nxr, nyr, nkr, kc, cc, nxq, nyq, nxt, nyt, nkt, nl, n)
       !f2py threadsafe
@@ -130,7 +143,7 @@ contains
       integer(c_intptr_t), intent(in) :: handle
       integer(c_int64_t), intent(in) :: first
       integer(c_int), intent(in) :: threads
-      integer(c_int), intent(in) :: map_at(2), map_last(2)    !! first and last column, row of maps
+      integer(c_int), intent(in) :: map_at(2)                    !! first column, row of maps
       integer(c_int32_t), intent(inout), target :: map_counts(nxc, nyc, nkc)  !! stacks, as in map_views
       integer(c_int64_t), intent(inout), target :: map_sums(nxs, nys, nks)
       real(c_float), intent(inout), target :: map_reals(nxr, nyr, nkr)
@@ -154,12 +167,9 @@ contains
       crossing = 0
       opened => scene_of(handle)
       associate (scene => opened%scene)
-         scene%dem = opened%dem
-         call keep_within(scene%dem, map_at, map_last)
          maps = map_views(opened%plan, map_at, map_counts, map_sums, map_reals, class_counts, column, columns(1))
          maps%last_source(map_at(1):, map_at(2):, 1:) => stamp
          maps%first_partial = head
-         scene%cells_requested = needs_visits(maps)
          allocate (fates(n), crossings(n_lines(scene), n), stat=status)
          if (status /= 0) then
             code = 2
@@ -201,8 +211,6 @@ contains
 
       opened => scene_of(handle)
       associate (scene => opened%scene)
-         scene%dem = opened%dem
-         scene%cells_requested = .false.
          call trace_boulder(scene, number, room, fate, scratch)
          boulder = boulder_row(scene%dem, fate)
          counts = boulder_count_row(fate)
@@ -292,7 +300,7 @@ contains
                                           k=1, size(map_fields))]))
    end function plan_of
 
-   !> Refuse a run whose maps its tallies cannot hold; `fall` is from the greatest energy head to the lowest
+   !> Refuse a run whose maps its tallies cannot hold; `fall` is from the maximum energy head to the lowest
    !> elevation [m].
    subroutine check_maps(handle, fall, code, message)
       integer(c_intptr_t), intent(in) :: handle

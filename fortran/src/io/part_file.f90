@@ -309,8 +309,8 @@ contains
       n = -1
       call open_netcdf(name, file, error)
       if (allocated(error)) return
-      if (integer_of(file, "part_layout") == layout) &
-         n = integer_of(file, "boulder_last") - integer_of(file, "boulder_first") + 1
+      if (integer_of(file, "part_layout") == layout .and. integer_of(file, "boulder_first") >= 1) &
+         n = max(-1_i8, integer_of(file, "boulder_last") - integer_of(file, "boulder_first") + 1)
       call close_netcdf(file)
    end function boulders_in
 

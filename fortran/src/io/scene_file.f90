@@ -22,6 +22,7 @@ module rockfall_scene_file
 
    integer(i8), parameter :: layout = 1           !! of the file, as in prepare.py
    real(wp), parameter :: max_elevation = 1.0e7_wp  !! [m] above or below zero
+   real(wp), parameter :: max_place = 1.0e12_wp   !! coordinates [m], as of the keys of a case
    integer, parameter :: max_text = 64*1024**2    !! [bytes] of impact sets
 
    !> A scene and what it was made of. What holds it must be a target.
@@ -89,8 +90,18 @@ contains
          inputs%impact_set_checksum = text_of(file, nf90_global, "impact_set_checksum")
          inputs%input_checksums = text_of(file, nf90_global, "input_checksums")
          inputs%decoded_checksums = text_of(file, nf90_global, "decoded_checksums")
+         if (.not. (is_object(inputs%input_checksums) .and. is_object(inputs%decoded_checksums))) &
+            call mark_damaged(file, "its checksums")
       end associate
    end subroutine check_case
+
+   !> Whether a text may be a JSON object.
+   pure logical function is_object(text)
+      character(len=*), intent(in) :: text
+
+      is_object = len(text) >= 2
+      if (is_object) is_object = text(1:1) == "{" .and. text(len(text):) == "}"
+   end function is_object
 
    !> Where the raster lies: the GeoTransform of its grid mapping.
    subroutine read_place(inputs)
@@ -106,12 +117,13 @@ contains
          if (min(grid%nx, grid%ny) < 2) call mark_damaged(file, "its number of cells")
          inputs%cells = [axis_t("x", int(grid%nx, i8)), axis_t("y", int(grid%ny, i8))]
          places = 0
+         text = ""
          status = nf90_inq_varid(file%id, "crs", inputs%crs)
          if (status == nf90_noerr) then
             text = text_of(file, inputs%crs, "GeoTransform")
             read (text, *, iostat=status) places
          end if
-         good = status == 0 .and. all(ieee_is_finite(places))
+         good = status == 0 .and. all(is_place(places)) .and. scan(text, ",;/*'""dD") == 0
          if (good) good = places(2) > 0 .and. all(abs(places([3, 5])) <= 0) .and. abs(places(2) + places(6)) <= 0
          if (.not. good) call mark_damaged(file, "the GeoTransform of crs")
          grid%west = places(1)
@@ -119,6 +131,14 @@ contains
          grid%cell = places(2)
       end associate
    end subroutine read_place
+
+   !> A coordinate, within what a case may say.
+   elemental logical function is_place(value)
+      real(wp), intent(in) :: value  !! [m]
+
+      is_place = ieee_is_finite(value)
+      if (is_place) is_place = abs(value) <= max_place
+   end function is_place
 
    !> Elevations in the precision of the file, not all of them missing.
    subroutine read_elevations(inputs)
@@ -280,7 +300,7 @@ contains
          call pass(file, about_t("source_y", nf90_double), source, arrays%source_y)
          if (case%by_area) call pass(file, about_t("area_ratio", nf90_double), source, arrays%area_ratio)
          if (.not. sound(file)) return
-         if (.not. all(ieee_is_finite(arrays%source_x) .and. ieee_is_finite(arrays%source_y))) &
+         if (.not. all(is_place(arrays%source_x) .and. is_place(arrays%source_y))) &
             call mark_damaged(file, "source_x, or source_y,")
          if (.not. case%by_area) return
          if (.not. all(ieee_is_finite(arrays%area_ratio) .and. above_zero(arrays%area_ratio))) &

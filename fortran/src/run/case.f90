@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The case file: every group and key, its default and what it may be, in one table that both doors read;
+!> The case file: every group and key, its default and what it may be, in one table that both programs read;
 !> and the rules that tie keys together.
 module rockfall_case
    use rockfall_kinds, only: wp, i8

@@ -7,7 +7,7 @@ module rockfall_ensemble
    use rockfall_trajectory, only: scene_t, boulder_result_t, crossing_t, scratch_t, trace_full, choose_trace, &
                                   stopped, absorbed, left_window
    use rockfall_boulder, only: release_t, source_of, first_of, last_of, released_by
-   use rockfall_maps, only: maps_t, visits_t, start_visits, add_visits, add_deposit
+   use rockfall_maps, only: maps_t, needs_visits, visits_t, start_visits, add_visits, add_deposit
    use rockfall_source_maps, only: counts_sources, gather, add_source, add_source_of_boulder
    use rockfall_histogram, only: histograms, bins, quantities
    implicit none
@@ -51,7 +51,7 @@ contains
       type(scratch_t) :: scratch
       integer :: k
 
-      call prepare(scene, scratch)
+      call prepare(scene, needs_visits(maps), scratch)
       if (counts_sources(maps)) then
          call run_by_source(scene, first, threads, results, crossings, maps, scratch)
       else
@@ -85,7 +85,7 @@ contains
          if (scene%histograms_requested) scratch%histograms%count = before
          return
       end if
-      if (scene%cells_requested) call add_visits(maps, scratch%visits, result%boulder%mass)
+      if (scratch%cells_requested) call add_visits(maps, scratch%visits, result%boulder%mass)
       if (result%status == stopped .or. result%status == absorbed) call add_deposit(maps, result%stop_cell)
    end subroutine run_one
 
@@ -162,19 +162,21 @@ contains
       type(boulder_result_t), intent(out) :: result
       type(scratch_t), intent(out) :: scratch
 
-      call prepare(scene, scratch)
+      call prepare(scene, .false., scratch)
       allocate (scratch%record(room))
       call trace_full(scene, number, result, scratch)
    end subroutine trace_boulder
 
    !> Work space for what is requested.
-   subroutine prepare(scene, scratch)
+   subroutine prepare(scene, cells_requested, scratch)
       type(scene_t), intent(in) :: scene
+      logical, intent(in) :: cells_requested  !! visits of raster cells
       type(scratch_t), intent(inout) :: scratch
 
+      scratch%cells_requested = cells_requested
       call choose_trace(scene, scratch)
       if (allocated(scene%lines)) allocate (scratch%crossings(size(scene%lines)))
-      if (scene%cells_requested) allocate (scratch%spans(scene%dem%nx + scene%dem%ny))
+      if (cells_requested) allocate (scratch%spans(scene%dem%nx + scene%dem%ny))
       if (scene%histograms_requested) scratch%histograms = histograms()
    end subroutine prepare
 end module rockfall_ensemble

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Results as rows of numbers in map coordinates, the same for both doors.
+!> Results as rows of numbers in map coordinates, the same for both programs.
 module rockfall_result
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use rockfall_kinds, only: wp

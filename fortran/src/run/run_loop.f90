@@ -5,7 +5,7 @@ module rockfall_run_loop
    use rockfall_error, only: error_t, fail, our_fault
    use rockfall_text, only: integer_text
    use rockfall_trajectory, only: scene_t, boulder_result_t, crossing_t, scratch_t, left_window
-   use rockfall_maps, only: maps_t, needs_visits, lacks_slots
+   use rockfall_maps, only: maps_t, lacks_slots
    use rockfall_source_maps, only: first_partial
    use rockfall_map_values, only: map_plan_t, map_plan, map_views
    use rockfall_limits, only: check_tallies
@@ -225,7 +225,6 @@ contains
       integer(i8) :: chunk, begun, end, rate
 
       maps = map_tallies(results, results%at)
-      scene%cells_requested = needs_visits(maps)
       results%threads = team_size(case%threads)
       chunk = first_chunk
       do while (results%done < results%boulders)

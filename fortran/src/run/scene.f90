@@ -151,7 +151,7 @@ contains
    end function boulders_of
 
    !> Sources that start from rows first to last of the raster lie on known terrain, a window of which is at
-   !> hand. Raises `head` to the greatest elevation that the energy of a boulder could lift it to.
+   !> hand. Raises `head` to the maximum elevation that the energy of a boulder could lift it to.
    pure subroutine check_sources(scene, first, last, head, error)
       type(scene_t), intent(in) :: scene
       integer, intent(in) :: first, last  !! rows from the north

@@ -48,7 +48,6 @@ module rockfall_trajectory
       real(wp) :: gravity = 9.81_wp        !! [m/s2]
       real(wp) :: stop_speed = 0.5_wp      !! after a rebound [m/s]
       integer :: max_impacts = 100000      !! contacts, after which a boulder ends
-      logical :: cells_requested = .false. !! visits of raster cells
       logical :: histograms_requested = .false.
    end type scene_t
 
@@ -86,6 +85,7 @@ module rockfall_trajectory
 
    !> A thread's work space; what a scene does not ask for is not allocated.
    type :: scratch_t
+      logical :: cells_requested = .false.       !! maps need visits of raster cells
       type(span_t), allocatable :: spans(:)
       type(visits_t) :: visits
       type(histograms_t) :: histograms
@@ -145,7 +145,7 @@ contains
 
       scratch%trace => trace_basic
       if (allocated(scene%lines) .or. scene%histograms_requested) scratch%trace => trace_lines
-      if (scene%cells_requested) scratch%trace => trace_maps
+      if (scratch%cells_requested) scratch%trace => trace_maps
    end subroutine choose_trace
 
    !> All that `trace_full` is. Wherever it is called `level` is a constant, so that each gets a copy of its own.
@@ -175,12 +175,12 @@ contains
       end if
       result%speed_max = square(flight%v)  ! the root is taken at the end
       omega_r = 0
-      if (level >= with_maps .and. scene%cells_requested) call start_visits(scratch%visits, number)
+      if (level >= with_maps .and. scratch%cells_requested) call start_visits(scratch%visits, number)
       if (level >= with_lines .and. allocated(scratch%crossings)) scratch%crossings%crossed = .false.
       scratch%recorded = 0
       if (level >= with_record) call record(scratch, contact_t(flight%x, flight%y, flight%z, 0.0_wp, flight%v))
       do
-         if (level >= with_maps .and. scene%cells_requested) then
+         if (level >= with_maps .and. scratch%cells_requested) then
             call fly_over_cells(scene, flight, omega_r, landing, scratch)
          else
             call fly(scene%dem, scene%gravity, flight, landing)
@@ -209,7 +209,7 @@ contains
       result%stop = [landing%x, landing%y, landing%z]
       if (.not. landing%contact) return
       result%stop_cell = cell_of(scene%dem, landing%patch, landing%u, landing%w)
-      if (level >= with_maps .and. scene%cells_requested) then
+      if (level >= with_maps .and. scratch%cells_requested) then
          call visit_cell(scratch%visits, result%stop_cell, 0.0_wp, 0.0_wp, 0.0_wp)
       end if
    end subroutine trace

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Every variable of a result, in one table that both doors read: its units, and what it is.
+!> Every variable of a result, in one table that both programs read: its units, and what it is.
 module rockfall_variables
    implicit none
    private
@@ -20,11 +20,11 @@ module rockfall_variables
 
    character(len=*), parameter :: ends = "the first and the last bin also hold what lies beyond"
    character(len=*), parameter :: in_classes = "from counts of classes 14 to 25 % wide"
-   character(len=*), parameter :: given_sources = "Wilson (1927): chance of the boulders, given the sources"
+   character(len=*), parameter :: given_sources = "Wilson (1927): Monte Carlo error, given the sources"
 
-   character(len=*), parameter :: energies = " of the passing boulders' greatest energies"
-   character(len=*), parameter :: speeds = " of the passing boulders' greatest speeds"
-   character(len=*), parameter :: jump_heights = " of the passing boulders' greatest jump heights"
+   character(len=*), parameter :: energies = " of the passing boulders' maximum energies"
+   character(len=*), parameter :: speeds = " of the passing boulders' maximum speeds"
+   character(len=*), parameter :: jump_heights = " of the passing boulders' maximum jump heights"
    character(len=*), parameter :: at_crossing = " at the first crossing"
 
    !> In each group the reals and the integers have the order of the rows of rockfall_result;

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Sources from the terrain: cells as steep as rock faces are, and how many boulders each source releases by
-!> the surface of its cell. The same for both doors.
+!> the surface of its cell. The same for both programs.
 module rockfall_sources
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_value, ieee_quiet_nan
    use rockfall_kinds, only: wp, i2, i8

@@ -65,7 +65,7 @@ def impact_command(arguments: argparse.Namespace) -> int:
 
 
 def fit_command(arguments: argparse.Namespace) -> int:
-    need("a fit needs", "report", "scipy")
+    need("a fit needs", "report", "threadpoolctl")
     if arguments.output:
         check_output(arguments.output, SETS, [arguments.impacts])
     measured = arguments.impacts.suffix.lower() == ".csv"

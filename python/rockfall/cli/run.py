@@ -167,6 +167,9 @@ def _keep(result: xr.Dataset, path: Path, checkpoint: Checkpoint | None) -> int:
     if not done:
         raise KeyboardInterrupt
     write_result(result, path)
-    holds = f"{path} holds the first {done:,} of {requested:,} boulders and is a valid result"
+    if "part_layout" in result.attrs:
+        holds = f"{path} holds {done:,} boulders of the part"
+    else:
+        holds = f"{path} holds the first {done:,} of {requested:,} boulders and is a valid result"
     holds += "; --resume goes on" if checkpoint and checkpoint.saved else ""
     return say(f"interrupted: {holds}", exit_status())

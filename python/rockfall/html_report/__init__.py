@@ -67,7 +67,7 @@ def write_report(
 def check_page(path: str | Path, inputs: Iterable[str | Path] = ()) -> None:
     """Refuse a page that cannot be made or written, before the work and not after it."""
     path = Path(path)
-    need("a report needs", "report", "matplotlib", "scipy", "jinja2")
+    need("a report needs", "report", "matplotlib", "PIL", "jinja2")
     if path.suffix.lower() not in (".html", ".htm"):
         raise RockfallError(f"{path}: is no name for a page; it must end in .html")
     check_output(path, PAGE, inputs)

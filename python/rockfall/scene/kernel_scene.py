@@ -4,12 +4,13 @@
 from __future__ import annotations
 
 import weakref
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 
 from rockfall._core import rockfall_f2py as _core
 from rockfall.errors import check_kernel
+from rockfall.io.grid import Box
 
 if TYPE_CHECKING:
     from rockfall.scene.scene import Scene
@@ -38,7 +39,17 @@ class KernelScene:
             draw=scene.sets.draw,
         )  # fmt: skip
         check_kernel(code, message)
+        self._box: Box | None = None
         weakref.finalize(self, _core.close_scene, self.handle)
+
+    def __reduce__(self) -> NoReturn:
+        raise TypeError("a scene in the kernel belongs to its process; copies make their own")
+
+    def keep_within(self, box: Box) -> None:
+        """Let boulders come no farther than the cells of maps: once, the same for all runs."""
+        if self._box != box:
+            _core.limit_terrain(self.handle, **box.corners())
+            self._box = box
 
     def check(self, code: int, message: bytes) -> None:
         """Raise what a procedure of the kernel says is wrong with the scene."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -40,6 +40,15 @@ class Scene:
     windows: Windows | None = None  # terrain that is read in windows: no rasters here
     source_values: Lowest = field(default_factory=Lowest)  # the negatives of what source cells hold
     remarks: list[str] = field(default_factory=list)  # what readers found odd, a line each
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        """What the kernel made of it is of the values before."""
+        self.__dict__.pop("kernel", None)
+        self.__dict__.pop("boulders", None)
+        self.__dict__[name] = value
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {key: value for key, value in self.__dict__.items() if key != "kernel"}
 
     @cached_property
     def boulders(self) -> int:

@@ -88,10 +88,11 @@ class Checkpoint:
             os.replace(self.part, self.path)
             _sync(self.path.parent)
             self.saved = tally.done
-        except (OSError, RockfallError) as error:
+        except (OSError, RockfallError, MemoryError) as error:
             with suppress(OSError):
                 self.part.unlink()
             what = getattr(error, "strerror", None) or str(error).removeprefix(f"{self.path}: ")
+            what = what or "not enough memory"
             self.say(f"{self.path}: no more checkpoints: {what}")
             self.every = np.inf
         end = time.monotonic()

@@ -72,7 +72,7 @@ class Maps:
 
     def run_arguments(self) -> dict[str, Any]:
         """What a run of the kernel wants besides: where they lie, and to tell sources apart."""
-        return {"stamp": self.stamp.T, "head": self.head, **self.box.corners()}
+        return {"stamp": self.stamp.T, "head": self.head, "map_at": self.box.corners()["map_at"]}
 
 
 def no_maps(names: Sequence[str] = (), box: Box = ALL) -> Maps:

@@ -66,8 +66,10 @@ PACKING = 1100  # zlib packs no closer than this
 def make_part(tally: Tally) -> xr.Dataset:
     """The boulders done of a tally, which may go on."""
     fed = settle(tally)
-    found = tallies(tally.maps) | fed
-    settle(tally, -1)
+    try:
+        found = tallies(tally.maps) | fed
+    finally:
+        settle(tally, -1)
     grid, box = tally.scene.grid, tally.window
     window = [box.column, box.row, *box.shape[::-1]]
     data = boulder_variables(tally)
@@ -210,6 +212,8 @@ def read_part(part: xr.Dataset | str | Path) -> Part:
                 head = _read_file(part, file)
         except RockfallError:
             raise
+        except FileNotFoundError as error:
+            raise RockfallError(f"{part}: no such file") from error
         except DAMAGED as error:
             raise RockfallError(f"{part}: is damaged: {error}") from error
     _check_values(head)

@@ -193,6 +193,7 @@ def _call(tally: Tally, scene: Scene, first: int, size: int) -> np.ndarray:
     """Boulders `first` to `first + size - 1`, into their places. Returns the numbers of those that
     left the window, which are in no tally."""
     lines = len(tally.scene.case.line)
+    scene.kernel.keep_within(tally.maps.box)
     boulder, count, crossing, code, message = _core.run(
         scene.kernel.handle, first, tally.threads, **tally.maps.arguments(),
         **tally.maps.run_arguments(), histogram=tally.histogram.T, nl=max(1, lines), n=size,

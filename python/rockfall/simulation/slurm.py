@@ -98,7 +98,7 @@ def write_jobs(
         "case": shlex.quote(str(Path(path).absolute())), "folder": shlex.quote(str(folder)),
         "name": "rockfall", "stem": shlex.quote(Path(path).stem), "shards": shards,
         "threads": threads, "time": time,
-        "rockfall": ROCKFALL, "program": f"{ROCKFALL} run" if program == "python" else _batch(),
+        "rockfall": ROCKFALL, "program": f"{ROCKFALL} run" if program == "python" else _batch(path),
     }  # fmt: skip
     scripts = {"run.sh": RUN, "merge.sh": MERGE, "submit.sh": SUBMIT}
     with atomic_folder(folder, inputs) as part:
@@ -108,9 +108,11 @@ def write_jobs(
     return [folder / name for name in scripts]
 
 
-def _batch() -> str:
-    """The path of rockfall-batch: jobs do not look for it."""
+def _batch(path: str | Path) -> str:
+    """The path of rockfall-batch, which jobs do not look for; the case must be prepared."""
     found = shutil.which("rockfall-batch")
     if not found:
         raise RockfallError("--program batch: no rockfall-batch is found on the PATH")
+    if not Path(path).with_name("scene.nc").is_file():
+        raise RockfallError(f"{path}: no scene.nc beside it; `rockfall prepare` makes such a case")
     return shlex.quote(str(Path(found).absolute()))
