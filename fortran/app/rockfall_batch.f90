@@ -3,6 +3,8 @@
 module warnings
    use, intrinsic :: iso_fortran_env, only: error_unit
    implicit none
+   private
+   public :: warn
 
 contains
 

@@ -23,6 +23,8 @@ LINES = [
     {"name": "bent", "x": [5.0, 150.0, 295.0], "y": [300.0, 310.0, 290.0]},
 ]
 ALL = {"line": LINES, "output": {"maps": MAPS, "rebounds": True, "trajectories": 20}}
+
+
 def slope():
     """Rough ground with a hole of nodata."""
     z = scenes.rough()
@@ -348,5 +350,3 @@ def test_numbers_at_a_line_agree_with_each_other(crowd):
     for holds in (clear > -1e-12, crowd.line_speed <= crowd.speed_max * (1 + 1e-12),
                   crowd.line_time <= crowd.travel_time):  # fmt: skip
         assert holds.transpose(*met.dims).values[met].all()
-
-

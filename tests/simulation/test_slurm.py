@@ -116,5 +116,3 @@ def test_batch_that_is_not_there_is_said(few_boulders, tmp_path, monkeypatch, ca
         "rockfall: --program batch: no rockfall-batch is found on the PATH\n"
     )
     assert not (tmp_path / "jobs").exists()
-
-

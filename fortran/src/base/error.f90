@@ -1,7 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Errors are values: unallocated means success, and only programs print or stop.
 module rockfall_error
-   use iso_c_binding, only: c_int
+   use, intrinsic :: iso_c_binding, only: c_int
    implicit none
    private
    public :: error_t, fail, give_error, bad_input, our_fault

@@ -12,7 +12,8 @@ module rockfall_impact
    implicit none
    private
    public :: impact_set_t, impact_set, check_covariance, with_noise, fitted_t, fitted, beyond_fit
-   public :: max_draws, min_normal, impact_ratios, ratio_class, ratio_between, ratio_weights, rebound_t, rebound, is_admissible, limit_rebound
+   public :: max_draws, min_normal, impact_ratios, ratio_class, ratio_between, ratio_weights, rebound_t, rebound
+   public :: is_admissible, limit_rebound
 
    integer, parameter :: impact_ratios = 5  !! sets for R_b/R_m = 1, 2, 3, 4, 5
    integer, parameter :: max_draws = 32    !! draws of A before the last is limited; our choice (model, section 4)
@@ -205,25 +206,25 @@ contains
 
    !> The set that serves a ratio R_b/R_m: rounded, within 1..5 (model, section 4); `outside`: beyond 0.5..5.5,
    !> where no set is calibrated.
-   pure subroutine ratio_class(ratio, class, outside)
+   pure subroutine ratio_class(ratio, number, outside)
       real(wp), intent(in) :: ratio  !! R_b/R_m [-]
-      integer, intent(out) :: class
+      integer, intent(out) :: number
       logical, intent(out) :: outside
 
       outside = ratio < 0.5_wp .or. ratio > impact_ratios + 0.5_wp
-      class = int(0.5_wp + max(1.0_wp, min(real(impact_ratios, wp), ratio)))
+      number = int(0.5_wp + max(1.0_wp, min(real(impact_ratios, wp), ratio)))
    end subroutine ratio_class
 
    !> The set that serves a ratio at random: of the two beside it the upper one with the probability of how near the
    !> ratio comes to it, within 1..5.
-   pure integer function ratio_between(ratio, u) result(class)
+   pure integer function ratio_between(ratio, u) result(number)
       real(wp), intent(in) :: ratio  !! R_b/R_m [-]
       real(wp), intent(in) :: u      !! uniform in (0, 1) [-]
       real(wp) :: within
 
       within = max(1.0_wp, min(real(impact_ratios, wp), ratio))
-      class = int(within)
-      if (u < within - class) class = class + 1
+      number = int(within)
+      if (u < within - number) number = number + 1
    end function ratio_between
 
    !> How often each set serves a ratio [-]: the nearest always, or the two beside it at random.
@@ -231,16 +232,16 @@ contains
       real(wp), intent(in) :: ratio  !! R_b/R_m [-]
       logical, intent(in) :: between
       real(wp) :: weight(impact_ratios)
-      integer :: class
+      integer :: number
       logical :: outside
 
       weight = 0
-      call ratio_class(ratio, class, outside)
-      if (between) class = ratio_between(ratio, 1.0_wp)
-      weight(class) = 1
-      if (.not. between .or. class == impact_ratios) return
-      weight(class + 1) = max(0.0_wp, ratio - class)
-      weight(class) = 1 - weight(class + 1)
+      call ratio_class(ratio, number, outside)
+      if (between) number = ratio_between(ratio, 1.0_wp)
+      weight(number) = 1
+      if (.not. between .or. number == impact_ratios) return
+      weight(number + 1) = max(0.0_wp, ratio - number)
+      weight(number) = 1 - weight(number + 1)
    end function ratio_weights
 
    !> One rebound: V_out = A V_in with a random A (eqs 4, 5). A draw is admissible if the boulder leaves the surface

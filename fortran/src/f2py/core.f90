@@ -32,10 +32,11 @@ module rockfall_f2py
    use rockfall_impact_sets, only: coefficients_t, read_impact_sets => read_sets, any_speed
    implicit none
    private
-   public :: open_scene, limit_terrain, close_scene, run, trajectory, survey, reach, block_of, map_plan, check_maps, map_values, &
-             check_case, case_key, variable, read_sets, fields, histogram_bins, team, team_fits, end_team, &
-             slope_threshold, steep_cells, area_ratios, known_at, outside, boulders, boulders_of_source, sources_of_boulders, weights_of_sets, weights_of_sizes, ratio_classes, admissible_rebounds, limit_rebounds, &
-             size_to_radius, constant
+   public :: open_scene, limit_terrain, close_scene, run, trajectory, survey, reach, block_of, map_plan
+   public :: check_maps, map_values, check_case, case_key, variable, read_sets, fields, histogram_bins, team
+   public :: team_fits, end_team, slope_threshold, steep_cells, area_ratios, known_at, outside, boulders
+   public :: boulders_of_source, sources_of_boulders, weights_of_sets, weights_of_sizes, ratio_classes
+   public :: admissible_rebounds, limit_rebounds, size_to_radius, constant
 
    !> What a handle stands for.
    type :: open_scene_t

@@ -102,7 +102,7 @@ contains
       ok = c_unlink(path//c_null_char) == 0
    end function remove_file
 
-   !> Give a file the name of another in its place, when it is on disk; whether it worked. Then the name is on disk, too.
+   !> Give a file the name of another in its place, when it is on disk; whether it worked. Then the name is, too.
    logical function replace_file(from, to) result(ok)
       character(len=*), intent(in) :: from, to
 

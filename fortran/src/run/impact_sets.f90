@@ -63,7 +63,8 @@ contains
       if (allocated(error)) return
       if (present(draws)) draws = max(1, maxval(belongs))
       if (draw == 0 .and. any(belongs > 1)) then
-         call fail(error, file//": holds "//integer_text(maxval(belongs))//" draws of the sets: they are for &ensemble sets")
+         call fail(error, file//": holds "//integer_text(maxval(belongs)) &
+                   //" draws of the sets: they are for &ensemble sets")
          return
       end if
       do g = 1, size(list%group)
@@ -239,7 +240,8 @@ contains
          call refuse(group, "lateral", "must be "//integer_text(lateral_quantiles)//" values for each of "// &
                      integer_text(classes)//" classes of incidence, not "//integer_text(size(values)), error)
       else if (any(values < 0 .or. values > 90)) then
-         call refuse(group, "lateral", "must be 0 to 90 [degree]", error, findloc(values < 0 .or. values > 90, .true., dim=1))
+         call refuse(group, "lateral", "must be 0 to 90 [degree]", error, &
+                     findloc(values < 0 .or. values > 90, .true., dim=1))
       end if
       if (allocated(error) .or. size(values) == 0) return
       incidence(:classes - 1) = bounds

@@ -88,7 +88,8 @@ contains
          release%x = arrays%source_x - scene%dem%x0
          release%y = arrays%source_y - scene%dem%y0
          release%boulders_per_source = case%boulders
-         if (case%by_area .and. allocated(arrays%area_ratio)) release%last = last_boulders(arrays%area_ratio, case%boulders)
+         if (case%by_area .and. allocated(arrays%area_ratio)) &
+            release%last = last_boulders(arrays%area_ratio, case%boulders)
          release%drop_height = case%drop_height
          release%velocity = case%velocity
       end associate

@@ -2,7 +2,7 @@
 !> How many threads a run uses, and whether the process has room for them: a thread that overruns its
 !> stack, or cannot be made, ends the process.
 module rockfall_threads
-   use iso_c_binding, only: c_int, c_intptr_t, c_long, c_null_ptr, c_ptr, c_size_t
+   use, intrinsic :: iso_c_binding, only: c_int, c_intptr_t, c_long, c_null_ptr, c_ptr, c_size_t
    use rockfall_error, only: error_t, fail
    use rockfall_text, only: integer_text
    implicit none

@@ -177,14 +177,15 @@ contains
       type(release_t), intent(in) :: release
       type(contributing_t), intent(in) :: contributing
       integer, intent(in) :: sign
+      integer(i4) :: all_of
       integer :: i, j, k
 
       if (.not. associated(maps%released)) return
       do k = 1, size(contributing%cell)
          i = int(mod(contributing%cell(k), size(maps%released, 1, i8))) + 1
          j = int(contributing%cell(k)/size(maps%released, 1)) + 1
-         maps%released(i, j) = maps%released(i, j) + sign*(contributing%boulders(k) &
-                                                           - int(released_by(release, int(contributing%source(k), i8)), i4))
+         all_of = int(released_by(release, int(contributing%source(k), i8)), i4)
+         maps%released(i, j) = maps%released(i, j) + sign*(contributing%boulders(k) - all_of)
       end do
    end subroutine settle
 end module rockfall_source_maps

@@ -4,7 +4,8 @@
 program test_direction
    use rockfall_kinds, only: wp
    use rockfall_math, only: pi, degree
-   use rockfall_direction, only: turning_t, past_aspect, to_aspect, by_lab, lateral_t, lateral, lateral_angle, turn_angle, &
+   use rockfall_direction, only: turning_t, past_aspect, to_aspect, by_lab, lateral_t, lateral, lateral_angle, &
+                                turn_angle, &
       new_heading, unit_vector, any_heading
    use check_m, only: check, check_close, finish
    implicit none
@@ -93,7 +94,8 @@ contains
          before = at_angle(2*pi*draw(1))
          apart = (50.01_wp + 129.98_wp*draw(2))*degree
          if (mod(k, 4) > 1) apart = -apart
-         after = new_heading(turning_t(1 + mod(k, 2), draw(3), draw(4)), before, level, &
+         after = new_heading(turning_t(1 + mod(k, 2), draw(3), draw(4)), before, &
+                              level, &
                              0.37_wp*at_angle(2*pi*draw(1) + apart), .false.)
          turned = angle_between(before, after)
          call check("turned by the drawn angle, towards the descent", &
@@ -178,7 +180,8 @@ contains
                              before, g, -g, .false.)
          t = [before, dot_product(g, before)]
          u = [after, dot_product(g, after)]
-         call check("by the angle on the patch", abs(dot_product(t, u)/(norm2(t)*norm2(u)) - cos(pi/2*draw(4))) < 1.0e-14_wp)
+         call check("by the angle on the patch", &
+                    abs(dot_product(t, u)/(norm2(t)*norm2(u)) - cos(pi/2*draw(4))) < 1.0e-14_wp)
          normal = [t(2)*u(3) - t(3)*u(2), t(3)*u(1) - t(1)*u(3), t(1)*u(2) - t(2)*u(1)]
          side = sign(1.0_wp, angle_between(before, -g))*sign(1.0_wp, mod(k, 2) - 0.5_wp)
          call check("to a side", normal(3)*side > -1.0e-12_wp)

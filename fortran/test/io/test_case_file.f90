@@ -5,12 +5,13 @@ program test_case_file
    use check_m, only: check, finish
    implicit none
 
-   character(len=*), parameter :: case = "&case boulders = 3 / &terrain dem = 'a.tif' / &surface uniform_mean_radius = 0.5 / &
-      &&boulder volume_mean = 1.0 / &release x = 1.0, y = 2.0 / &line name = 'a', x = 0, 1, y = 0, 1 /"
+   character(len=*), parameter :: case = "&case boulders = 3 / &terrain dem = 'a.tif' / &surface &
+      &uniform_mean_radius = 0.5 / &boulder volume_mean = 1.0 / &release x = 1.0, y = 2.0 / &line name = 'a', x = 0, 1, y = 0, 1 /"
 
    call check("the same values, written otherwise", differs( &
-      "! again"//achar(10)//"&terrain dem = ""a.tif"" / &case threads = 3 seed = 1, boulders = 03 / &surface uniform_mean_radius &
-      &= 5e-1, method = 'B' / &boulder volume_mean = 1 / &release x = 1, y = 2 / &line name = 'a', x = 0, 1, y = 0.0, 1 /") == "")
+      "! again"//achar(10)//"&terrain dem = ""a.tif"" / &case threads = 3 seed = 1, boulders = 03 / &surface &
+      &uniform_mean_radius = 5e-1, method = 'B' / &boulder volume_mean = 1 / &release x = 1, y = 2 / &line name = 'a', &
+      &x = 0, 1, y = 0.0, 1 /") == "")
    call check("a real", differs(changed("0.5", "0.6")) == "&surface uniform_mean_radius")
    call check("a text", differs(changed("a.tif", "b.tif")) == "&terrain dem")
    call check("a list", differs(changed("y = 0, 1", "y = 0, 2")) == "&line y")
