@@ -115,7 +115,8 @@ contains
          call random_number(draw)
          before = at_angle(2*pi*draw(1))
          apart = (draw(2) - 0.5_wp)*100*degree
-         after = new_heading(turning_t(past_aspect, draw(3), draw(4), sign(1.0_wp, mod(k, 2) - 0.5_wp)), before, level, &
+         after = new_heading(turning_t(past_aspect, draw(3), draw(4), sign(1.0_wp, mod(k, 2) - 0.5_wp)), &
+                             before, level, &
                              at_angle(2*pi*draw(1) + apart), .false.)
          turned = angle_between(before, after)
          call check("by the whole angle, to the side of the aspect", &

@@ -6,7 +6,8 @@ program test_case_file
    implicit none
 
    character(len=*), parameter :: case = "&case boulders = 3 / &terrain dem = 'a.tif' / &surface &
-      &uniform_mean_radius = 0.5 / &boulder volume_mean = 1.0 / &release x = 1.0, y = 2.0 / &line name = 'a', x = 0, 1, y = 0, 1 /"
+      &uniform_mean_radius = 0.5 / &boulder volume_mean = 1.0 / &release x = 1.0, y = 2.0 / &
+      &&line name = 'a', x = 0, 1, y = 0, 1 /"
 
    call check("the same values, written otherwise", differs( &
       "! again"//achar(10)//"&terrain dem = ""a.tif"" / &case threads = 3 seed = 1, boulders = 03 / &surface &
