@@ -634,5 +634,5 @@ def test_bad_arguments_are_one_line_and_nothing_is_written(name, place, monkeypa
 @pytest.mark.parametrize("words", [["pack", "lab.nml", "-o", "layer.png"], ["fit", "lab.nc"]])
 def test_without_the_report_extra_it_is_named(place, monkeypatch, capsys, words):
     monkeypatch.setitem(sys.modules, "matplotlib", None)
-    monkeypatch.setitem(sys.modules, "scipy", None)
+    monkeypatch.setitem(sys.modules, "threadpoolctl", None)
     refuses(["lab", *words], r".* needs the report extra: pip install .*", capsys)

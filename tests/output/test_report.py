@@ -391,7 +391,7 @@ def test_what_cannot_be_done_is_refused_in_one_line(stored, capsys, arguments, m
 
 
 def test_without_the_extra_one_line_says_what_to_install(stored, capsys, monkeypatch):
-    monkeypatch.setitem(sys.modules, "scipy", None)
+    monkeypatch.setitem(sys.modules, "jinja2", None)
     assert main(["report", "out.nc"]) == 2
     said = capsys.readouterr().err
     assert said == "rockfall: a report needs the report extra: pip install 'rockfall[report]'\n"
