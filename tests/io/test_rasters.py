@@ -40,6 +40,11 @@ def blocks(request, monkeypatch):
         monkeypatch.setattr(grid_module, "_BLOCK", 1)
 
 
+def shifted(east):
+    """`PLACE` so many metres to the east."""
+    return Affine(PLACE.a, PLACE.b, PLACE.c + east, PLACE.d, PLACE.e, PLACE.f)
+
+
 def read_aligned(path, grid, what, dtype):
     """A raster on the cells of a grid, whole."""
     array = np.empty(grid.shape, dtype)
@@ -581,7 +586,7 @@ def test_other_cells_and_the_command_that_mends_them(crs, what, dtype, resamplin
 
 
 def test_cells_off_by_a_hundredth_are_other_cells(dem):
-    make_raster("zones.tif", np.ones((60, 40), "uint8"), Affine.translation(0.05, 0.0) @ PLACE)
+    make_raster("zones.tif", np.ones((60, 40), "uint8"), shifted(0.05))
     with pytest.raises(RockfallError, match="are not on the cells of dem.tif .* --src-nodata 255"):
         read_aligned("zones.tif", dem, "zones", np.int32)
 
@@ -601,7 +606,7 @@ def test_another_crs_and_the_command_that_mends_it(dem):
 
 
 def test_a_raster_elsewhere_is_not_resampled(dem):
-    make_raster("zones.tif", hill(), Affine.translation(1e4, 0.0) @ PLACE)
+    make_raster("zones.tif", hill(), shifted(1e4))
     with refused(
         "zones.tif: zones (4 x 6 cells of 5, corner 610000, 5000000) lie apart from the cells of "
         "dem.tif (40 x 60 cells of 5, corner 600000, 5000000)"

@@ -109,7 +109,7 @@ class Uncertain:
 
     def boulders_seed(self, run: int) -> int:
         """The seed of the boulders in all variants of a run."""
-        return int(self._sequence("boulders", run).generate_state(1, "u8")[0] >> 2)
+        return int(self._sequence("boulders", run).generate_state(1, "u8")[0]) >> 2
 
     def _sequence(self, name: str, number: int) -> np.random.SeedSequence:
         return np.random.SeedSequence((self.scene.case.case["seed"], STREAMS.index(name), number))
