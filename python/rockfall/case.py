@@ -35,7 +35,7 @@ class Key(NamedTuple):
 @cache
 def key_table() -> tuple[Key, ...]:
     """Every key of a case file, in order."""
-    rows = []
+    rows: list[Key] = []
     while text := _core.case_key(len(rows) + 1).decode().strip():
         group, name, kind, most, *rest = text.split("|")
         rows.append(Key(group, name, kind, int(most), *rest))
@@ -107,8 +107,9 @@ class Case:
             raise AttributeError(f"a case has no group {group!r}") from None
 
     def __eq__(self, other: object) -> bool:
-        same = isinstance(other, Case) and self.folder == other.folder
-        return same and self.text() == other.text()
+        if not isinstance(other, Case) or self.folder != other.folder:
+            return False
+        return self.text() == other.text()
 
     def __hash__(self) -> int:
         return hash((self.folder, self.text()))

@@ -13,7 +13,7 @@ STOPS = signal.SIGINT, signal.SIGTERM
 #: Seconds in which signals are one: `timeout` sends its own to a process and to its group.
 TOGETHER = 0.1
 
-_number = signal.SIGINT  # of the last that came
+_number: int = signal.SIGINT  # of the last that came
 _hit: threading.Event | None = None  # within `interrupts`
 
 
@@ -59,9 +59,11 @@ def _end_at_second(reader: int) -> None:
     first = None
     while numbers := os.read(reader, 64):
         stops = [number for number in numbers if number in STOPS]
-        if stops and first is None:
+        if not stops:
+            continue
+        if first is None:
             first = time.monotonic()
-        elif stops and time.monotonic() - first > TOGETHER:
+        elif time.monotonic() - first > TOGETHER:
             os._exit(128 + stops[-1])
     os.close(reader)
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
@@ -68,8 +68,10 @@ def compare(result: xr.Dataset, *observed: str | Path | Observed) -> Comparison:
 
     Of printed numbers those observed are used, and those of the method, A or B, of the result.
     """
-    ready = len(observed) == 1 and isinstance(observed[0], Observed)
-    seen = observed[0] if ready else read_observed(*observed)
+    if len(observed) == 1 and isinstance(observed[0], Observed):
+        seen = observed[0]
+    else:
+        seen = read_observed(*cast("tuple[str | Path, ...]", observed))
     names = [str(name) for name in result["line"].values] if "line" in result else []
     for line, where in seen.lines.items():
         if line not in names:

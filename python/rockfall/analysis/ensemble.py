@@ -153,7 +153,7 @@ def _lean(scene: Scene) -> Scene:
             f"{case.name}: &case sampling = '{case.case['sampling']}': must be 'random' for an "
             "ensemble: the Monte Carlo error is not known"
         )
-    output = {"maps": ["passages"] if maps else None, "map_extent": "terrain"}
+    output: dict[str, Any] = {"maps": ["passages"] if maps else None, "map_extent": "terrain"}
     output |= {"rebounds": False, "trajectories": 0}
     return replace(scene, case=case.replace(output=output))
 
@@ -183,7 +183,7 @@ def _run(scene: Scene) -> _Run:
 def _dataset(base: _Run, names: list[str], y: np.ndarray, found: Indices) -> dict[str, Any]:
     """Results of the runs and the parts of their variance; dimensions run, variant, input, line,
     result."""
-    lines = base.result["line"].values if "line" in base.result else []
+    lines: np.ndarray | list[str] = base.result["line"].values if "line" in base.result else []
     shape, per_line = (len(lines), len(RESULTS)), ("line", "result")
 
     def table(values: np.ndarray, about: str) -> tuple:
@@ -198,7 +198,9 @@ def _dataset(base: _Run, names: list[str], y: np.ndarray, found: Indices) -> dic
         "input": names,
         "variant": ["A", "B", *(f"A with {name} of B" for name in names)],
     }
-    data = {dim: (dim, np.array(list(text), dtype=object)) for dim, text in texts.items()}
+    data: dict[str, tuple] = {
+        dim: (dim, np.array(list(text), dtype=object)) for dim, text in texts.items()
+    }
     units = np.array([_units(*of) for of in RESULTS.values()], dtype=object)
     data["result_units"] = ("result", units, {"long_name": "units of each result"})
     two = y[:, :2].reshape(2 * len(y), -1)

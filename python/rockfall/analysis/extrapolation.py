@@ -15,7 +15,10 @@ import numpy as np
 from rockfall.quantities import part_of
 
 if TYPE_CHECKING:
+    import xarray as xr
     from numpy.typing import ArrayLike
+
+    Variables = xr.Dataset | Mapping[str, ArrayLike]
 
 MAX_OUTSIDE = 0.2  # of the rebounds, before it is a warning
 MAX_FAST = 0.05  # of the boulders
@@ -38,14 +41,14 @@ class Extrapolation(NamedTuple):
     is_warning: bool
 
 
-def fractions_outside(values: Mapping[str, ArrayLike]) -> dict[str, float]:
+def fractions_outside(values: Variables) -> dict[str, float]:
     """Fractions of the rebounds outside what the sets were fitted on: by range (of R_b/R_m), speed
     and angle; `values` as for `extrapolations`."""
     rebounds = max(1, _total(values, "rebounds"))
     return {what: _total(values, f"rebounds_out_of_{what}") / rebounds for what in OUTSIDE}
 
 
-def extrapolations(values: Mapping[str, ArrayLike]) -> Iterator[Extrapolation]:
+def extrapolations(values: Variables) -> Iterator[Extrapolation]:
     """What there is of them in the variables of a result, or of boulders by name.
 
     Counts may be sums, or of each boulder.
@@ -65,7 +68,7 @@ def extrapolations(values: Mapping[str, ArrayLike]) -> Iterator[Extrapolation]:
         yield Extrapolation(fast / is_fast.size, said, True)
 
 
-def faster_than_observed(values: Mapping[str, ArrayLike]) -> np.ndarray:
+def faster_than_observed(values: Variables) -> np.ndarray:
     """Which boulders exceeded the envelope of observed speeds, (boulders,).
 
     The mean slope is that of the straight line from the release to the end; a boulder that ended no
@@ -77,5 +80,5 @@ def faster_than_observed(values: Mapping[str, ArrayLike]) -> np.ndarray:
     return (slope > 0) & (speed > SPEED_PER_DEGREE * slope)
 
 
-def _total(values: Mapping[str, ArrayLike], name: str) -> int:
+def _total(values: Variables, name: str) -> int:
     return int(np.asarray(values[name]).sum(dtype="i8"))

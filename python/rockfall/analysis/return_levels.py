@@ -91,6 +91,7 @@ class Tail:
     @property
     def shape_limits(self) -> tuple[float, float]:
         """95 % interval of the shape (Smith 1985)."""
+        assert self.fit is not None
         error = (1 + self.fit.shape) / np.sqrt(self.fit.exceedances * self.independent / self.n)
         return self.fit.shape - Z * error, self.fit.shape + Z * error
 
@@ -126,7 +127,7 @@ def _row(values: np.ndarray, found: Tail) -> dict[str, float | str]:
     row: dict[str, float | str] = {"n": found.n}
     row["max"] = values.max() if found.n else np.nan
     for N, level in found.levels.items():
-        row |= zip(with_limits(f"level_{N}"), level, strict=False)
+        row |= zip(with_limits(f"level_{N}"), level[:3], strict=True)
     if found.fit:
         row |= found.fit._asdict()
         row["shape_low"], row["shape_high"] = found.shape_limits
@@ -292,6 +293,7 @@ def _level(
         return Level(refused=refused)
     if N > MAX_PERIOD * independent:
         return Level(refused=f"more than {MAX_PERIOD} times the boulders")
+    assert fit is not None  # or it would be refused
     level = _profiled(N, ordered, independent, fit)
     if tried[-1].shape > -MAX_SHAPE:
         other = _profiled(N, ordered, independent, tried[-1])
@@ -313,7 +315,7 @@ def _profiled(N: int, ordered: np.ndarray, independent: float, fit: Fit) -> Leve
     further = np.log(N * k / n)  # 1 in N beyond the level, this much in logarithm above it
     value = fit.threshold + fit.scale * np.expm1(fit.shape * further) / fit.shape
 
-    def cost(free: np.ndarray, above: float) -> float:
+    def cost(free: np.ndarray | tuple[float, float], above: float) -> float:
         """Minus the log-likelihood where the level lies so far above the threshold."""
         shape, further = free[0] or 1e-9, free[1]
         exceeded = np.exp(further) / N

@@ -127,6 +127,7 @@ def run_scene_until(
         trace(tally)
         if not keep:
             scene.forget_rasters()
+            assert isinstance(tally.scene, Scene)
             tally.scene.forget_rasters()
         settle(tally)
         result = make_result(tally)

@@ -35,7 +35,7 @@ class Draw:
 def drawn_scene(scene: Scene, draws: Iterable[Draw], seed: int) -> Scene:
     """The scene with all that has been drawn, for boulders of this seed."""
     arrays: dict[str, Any] = {}
-    groups: dict[str, dict[str, Any]] = {"case": {"seed": seed}}
+    groups: dict[str, Any] = {"case": {"seed": seed}}
     for one in draws:
         arrays |= one.arrays
         groups |= one.groups

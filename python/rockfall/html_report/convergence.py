@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -100,6 +100,6 @@ def _curve(axes: Axes, n: list[int], rows: list[dict[str, float]], name: str, sc
         for end in ("", "_low", "_high")
     )
     colour, dashes = LOOKS[name]
-    about = {"label": STATISTICS.get(name), "color": colour, "ls": dashes}
+    about: dict[str, Any] = {"label": STATISTICS.get(name), "color": colour, "ls": dashes}
     axes.fill_between(n, low, high, color=colour, alpha=0.18, lw=0)
     axes.plot(n, value, lw=1.1, marker=".", ms=3, **about)

@@ -12,7 +12,7 @@ import base64
 import io
 import zlib
 from collections.abc import Iterable, Iterator
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -136,7 +136,7 @@ def window_of(result: xr.Dataset) -> Window:
 
 
 def _names(result: xr.Dataset) -> list[str]:
-    return [name for name, variable in result.data_vars.items() if variable.dims == ("y", "x")]
+    return [str(name) for name, variable in result.data_vars.items() if variable.dims == ("y", "x")]
 
 
 def maps(result: xr.Dataset, window: Window) -> Iterator[Map]:
@@ -158,7 +158,7 @@ def blocks_max(values: np.ndarray, window: Window) -> np.ndarray:
     return merged(part, step, np.fmax).astype("f4")
 
 
-def _coloured(values: np.ndarray, window: Window) -> dict[str, object]:
+def _coloured(values: np.ndarray, window: Window) -> dict[str, Any]:
     """Layer and legend of the values of a map."""
     norm = norm_of(values)
     table = (colours(255)[:, :3] * 255).round().astype("u1")
@@ -175,8 +175,10 @@ def _ticks(norm: Normalize) -> list[float]:
     from matplotlib.ticker import LogLocator, MaxNLocator
 
     locator = LogLocator(numticks=5) if isinstance(norm, LogNorm) else MaxNLocator(4)
-    found = locator.tick_values(norm.vmin, norm.vmax).tolist()
-    return [tick for tick in found if norm.vmin <= tick <= 1.0001 * norm.vmax]
+    low, high = norm.vmin, norm.vmax
+    assert low is not None and high is not None
+    found = np.asarray(locator.tick_values(low, high)).tolist()
+    return [tick for tick in found if low <= tick <= 1.0001 * high]
 
 
 def _packed(values: np.ndarray) -> str:
@@ -226,5 +228,6 @@ def _dots(points: np.ndarray) -> str:
 
 def _label(line: np.ndarray, window: Window) -> tuple[float, float, bool] | None:
     """Where the name of a line stands, and whether below it, as near the upper edge."""
-    at = first_inside(*line.T, (0, window.nx, 0, window.ny))
+    x, y = line.T
+    at = first_inside(x, y, (0, window.nx, 0, window.ny))
     return at and (*at, at[1] <= 0.05 * window.ny)

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -31,7 +31,7 @@ def from_array(
     y of its cell centres, y in either direction, and its CRS where rioxarray or CF keep it.
     """
     if hasattr(data, "coords"):
-        data = as_plan(data)
+        data = as_plan(cast("xr.DataArray", data))
         grid, flipped = grid_of(data)
         values, fill = data.values, data.attrs.get("_FillValue")
         _check_unit("elevations are", data)
@@ -70,7 +70,7 @@ def check_elevations(name: str, z: np.ndarray) -> None:
         raise RockfallError(f"{name}: all cells are nodata")
 
 
-def check_known(name: str, z: np.ndarray, row: int = 0) -> bool:
+def check_known(name: str | None, z: np.ndarray, row: int = 0) -> bool:
     """Whether any cell has an elevation; absurd ones are refused. The array begins at a row."""
     some = False
     for rows in row_blocks(z.shape):

@@ -60,6 +60,7 @@ def burn_polygons(
     if field is None:
         numbers = np.ones(len(shapes), np.uint8)
     else:
+        assert values is not None
         numbers = _integers(path, field, values)
     outside = 0 if field is None else NO_ID
 
@@ -115,7 +116,7 @@ def _read(path: str, field: str | None) -> tuple[dict[str, Any], np.ndarray, np.
         shapes = shapely.from_wkb(wkb)
     except (RuntimeError, UnicodeDecodeError, shapely.errors.ShapelyError) as error:  # GDAL's
         raise RockfallError(f"{path}: not a polygon layer that can be read ({error})") from error
-    return about, shapes, values[0] if field else None
+    return about, shapes, None if field is None else values[0]
 
 
 def _only_layer(path: str, layers: np.ndarray) -> str:
@@ -150,6 +151,7 @@ def _check_shapes(path: str, shapes: np.ndarray) -> np.ndarray:
 def _check_crs(path: str, crs: CRS | None, grid: Grid) -> None:
     if same_crs(crs, grid.crs):
         return
+    assert grid.crs is not None
     terrain = crs_name(grid.crs)
     target = terrain if terrain.startswith("EPSG:") else grid.crs.to_wkt()
     out = str(Path(path).with_name(f"{Path(path).stem}_on_dem.gpkg"))
@@ -265,7 +267,7 @@ def _collection(data: Any) -> dict[str, Any]:
         features = [data]
     else:
         raise ValueError(f"type = {str(kind)[:40]}: must be FeatureCollection, Feature or Polygon")
-    plain = {"type": "FeatureCollection", "name": "polygons"}
+    plain: dict[str, Any] = {"type": "FeatureCollection", "name": "polygons"}
     plain["features"] = [_feature(one) for one in features]
     if "crs" in data:
         plain["crs"] = _crs(data["crs"])

@@ -97,12 +97,13 @@ def cells_of(path: str, data: netCDF4.Dataset, name: str, transform: Affine) -> 
     x, y = (_coordinates(path, variable, axis) for axis in (-1, -2))
     _check_place(path, x, y, transform)
     dtype = _stored_type(path, name, variable.dtype, attributes)
-    packing = tuple(
+    scale, offset = (
         _single(path, name, key, attributes.get(key, without))
         for key, without in (("scale_factor", 1.0), ("add_offset", 0.0))
     )
-    if packing[0] == 0:
+    if scale == 0:
         raise RockfallError(f"{path}: {name}: scale_factor = 0: must be another number")
+    packing = scale, offset
     about = _Validity(f"{path}: {name}", dtype, attributes, packing != (1.0, 0.0))
     return NetcdfCells(
         variable, dtype, variable.shape[-2:], packing, about.missing(_default_fill(variable)),
@@ -119,7 +120,7 @@ class _Validity:
     attributes: dict[str, Any]
     packed: bool
 
-    def missing(self, default: float | None) -> tuple[float, ...]:
+    def missing(self, default: float | str | None) -> tuple[float, ...]:
         """What marks cells without data: a fill value, the library's or the file's, and others."""
         fill = self.values("_FillValue", 1)
         if fill.size == 0 and default is not None:
@@ -222,7 +223,7 @@ def _single(path: str, name: str, key: str, value: Any) -> float:
     return float(given.reshape(()))
 
 
-def _default_fill(variable: netCDF4.Variable) -> float | None:
+def _default_fill(variable: netCDF4.Variable) -> float | str | None:
     """What a file that says nothing means by "not written"; bytes have no such value."""
     import netCDF4
 

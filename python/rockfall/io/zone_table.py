@@ -21,7 +21,7 @@ RADII = ("mean_radius", "rg70", "rg20", "rg10")
 _INTEGER = re.compile(r"[+-]?[0-9]+")
 
 
-def read_zone_table(path: str | Path) -> dict[int, tuple[float, float, float, float]]:
+def read_zone_table(path: str | Path) -> dict[int, tuple[float, ...]]:
     """Zone id -> (mean_radius, rg70, rg20, rg10) [m], in the order of the file.
 
     NaN where a column is absent, Inf where a zone absorbs. Commas or semicolons separate; other
@@ -34,7 +34,7 @@ def read_zone_table(path: str | Path) -> dict[int, tuple[float, float, float, fl
     if set(RADII).isdisjoint(columns):
         raise RockfallError(f"{where}: none of the columns {', '.join(RADII)}")
     check_columns(where, [name for name in columns if name in known], known)
-    zones: dict[int, tuple[float, float, float, float]] = {}
+    zones: dict[int, tuple[float, ...]] = {}
     for row in rows:
         zone = _zone(row)
         if zone in zones:

@@ -103,8 +103,6 @@ class LabCase:
     def __eq__(self, other: object) -> bool:
         return isinstance(other, LabCase) and self._groups == other._groups
 
-    __hash__ = None
-
     def replace(self, **groups: Mapping[str, Any]) -> LabCase:
         """With other values: `case.replace(packing={"depth": 6})`."""
         changed = dict(self._groups)

@@ -178,7 +178,9 @@ def _blank(case: LabCase) -> xr.Dataset:
     sizes = len(plan["ratios"]), plan["layers"], plan["points"], plan["impacts"]
     dims = "ratio", "layer", "point", "impact"
     try:
-        data = {name: (dims, np.full(sizes, np.nan), _about(name)) for name in names(5)}
+        data: dict[str, tuple] = {
+            name: (dims, np.full(sizes, np.nan), _about(name)) for name in names(5)
+        }
         data |= {name: (dims, np.zeros(sizes, "i4"), _about(name)) for name in names(6)}
     except (MemoryError, ValueError) as error:
         about = f"{case.name}: {np.prod(sizes)} impacts"

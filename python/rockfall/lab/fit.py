@@ -167,9 +167,12 @@ def _fit_set(impacts: Impacts, seed: int, groups: int) -> ImpactSet:
         found = _likeliest(x, y, z, weight, (mean, covariance))
         means.append(found[0])
         covariances.append(found[1])
-    errors = [np.sqrt((parts - 1) * np.var(one, axis=0)) for one in (means, covariances)]
+    known = (np.sqrt((parts - 1) * np.var(one, axis=0)) for one in (means, covariances))
+    mean_error, covariance_error = known
     together = (parts - 1) * np.cov(np.transpose(means), bias=True)
-    return ImpactSet(mean, covariance, *errors, len(x), redrawn, lateral, together, *ranges)
+    return ImpactSet(
+        mean, covariance, mean_error, covariance_error, len(x), redrawn, lateral, together, *ranges
+    )
 
 
 def _ranges(v_in: np.ndarray) -> list[tuple[float, float]]:
@@ -224,7 +227,7 @@ def _leap(start: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarra
     """Where two steps point to (squared extrapolation; Varadhan & Roland 2008, scheme S3), as far
     as the covariance stays one."""
     change, bend = first - start, second - 2 * first + start
-    length = np.linalg.norm(change) / max(np.linalg.norm(bend), 1e-300)
+    length = np.linalg.norm(change) / max(float(np.linalg.norm(bend)), 1e-300)
     while length > 1:
         found = start + 2 * length * change + length**2 * bend
         values = np.linalg.eigvalsh(_parts(found)[1])

@@ -79,6 +79,8 @@ def _errors(text: str, path: Path) -> np.ndarray | None:
         ratio = re.search(r"^&impact_set ratio = ([1-5])\b", block, re.MULTILINE)
         try:
             rows = [[float(one) for one in line.lstrip("! ").split(",")] for line in lines[:9]]
+            if ratio is None:
+                raise ValueError("no ratio")
             matrix = found[int(ratio[1]) - 1]
             for k, row in enumerate(rows):
                 matrix[k, : k + 1] = matrix[: k + 1, k] = row

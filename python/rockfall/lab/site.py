@@ -82,7 +82,7 @@ class Site:
     def numbers(self, sets: Sets, **how) -> dict[str, float]:
         """What the sets give; `how` as in `run`."""
         results = self.run(sets, **how)
-        found = {}
+        found: dict[str, float] = {}
         for method, result in results.items():
             found |= at_lines(method, result)
         found["a_slower"] = found["B_EL1_speed"] - found["A_EL1_speed"]
@@ -102,7 +102,7 @@ def _as_fitted(sets: Sets) -> dict[int, ImpactSet]:
 
 def at_lines(method: str, result: xr.Dataset) -> dict[str, float]:
     """The numbers at the lines, by a method."""
-    found = {}
+    found: dict[str, float] = {}
     for line in result["line"].values:
         found |= _at_line(result.sel(line=line), f"{method}_{line}")
     return found

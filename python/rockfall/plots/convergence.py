@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rockfall.analysis.convergence import AS_GIVEN, KEYS, NUMBERS, SIZE, Convergence
 from rockfall.plots.style import (
@@ -44,12 +44,14 @@ def figure(found: Convergence, paths: Sequence[Path]) -> None:
 def _page(found: Convergence) -> Figure:
     lines = list(dict.fromkeys(found.study["line"]))
     page = new_figure(9.6, 4.7 * len(lines) + 0.5)
-    page.get_layout_engine().set(w_pad=0.06, h_pad=0.06)
-    for block, line in zip(page.add_gridspec(len(lines), 1), lines, strict=True):
-        upper, lower = block.subgridspec(2, 1, height_ratios=[1, 1.25])
-        for axes, quantity in zip(upper.subgridspec(1, 4).subplots(), SHOWN, strict=True):
+    page.set_layout_engine("constrained", w_pad=0.06, h_pad=0.06)
+    blocks = page.add_gridspec(len(lines), 1)
+    for k, line in enumerate(lines):
+        rows = blocks[k].subgridspec(2, 1, height_ratios=[1, 1.25])
+        panels = rows[0].subgridspec(1, 4).subplots(squeeze=False)[0]
+        for axes, quantity in zip(panels, SHOWN, strict=True):
             _study(axes, _at(found.study, line, quantity), quantity, plain(line))
-        left, right = lower.subgridspec(1, 2).subplots(sharey=True)
+        left, right = rows[1].subgridspec(1, 2).subplots(sharey=True, squeeze=False)[0]
         _errors(left, _at(found.error, line), _at(found.cost, line), plain(line))
         _terrains(right, _at(found.numerical, line), plain(line))
         if left.get_yscale() == "log":
@@ -81,7 +83,8 @@ def _study(axes: Axes, table: pd.DataFrame, quantity: str, line: str) -> None:
 def _errors(axes: Axes, table: pd.DataFrame, cost: pd.DataFrame, line: str) -> None:
     """Monte Carlo error against CPU time, both on logarithmic scales."""
     for (quantity, statistic), one in table.groupby(KEYS[1:], sort=False):
-        look = {"color": COLOURS[statistic], "marker": MARKERS[quantity], "ms": 3.5, "lw": 0.8}
+        colour, marker = COLOURS[statistic], MARKERS[quantity]
+        look: dict[str, Any] = {"color": colour, "marker": marker, "ms": 3.5, "lw": 0.8}
         axes.plot(one["cpu_seconds"], 100 * one["error"], **look)
     axes.set(xlabel="CPU time [s]", ylabel="error [%]")
     if not len(table):
@@ -105,7 +108,8 @@ def _terrains(axes: Axes, table: pd.DataFrame, line: str) -> None:
             zip(one[KEYS[1:]].values, height, 100 * one["change_error"], strict=True)
         ):
             colour = COLOURS[key[1]]
-            look = {"marker": MARKERS[key[0]], "ms": 4, "mfc": "white" if given else colour}
+            face = "white" if given else colour
+            look: dict[str, Any] = {"marker": MARKERS[key[0]], "ms": 4, "mfc": face}
             at = k + 0.07 * (place - (len(NUMBERS) - 1) / 2)
             axes.errorbar(at, y, None if given else error, color=colour, lw=0.8, **look)
         what = f"Monte Carlo,\n{SIZE:,} boulders" if given else variant

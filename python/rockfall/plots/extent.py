@@ -33,7 +33,7 @@ def reached(result: xr.Dataset, terrain: Terrain | None = None, *places: Any) ->
     y = [result["start_y"].values, result["stop_y"].values]
     if "trajectory_x" in result:
         x, y = [*x, result["trajectory_x"].values], [*y, result["trajectory_y"].values]
-    maps = [name for name in result.data_vars if result[name].dims == ("y", "x")]
+    maps = [str(name) for name in result.data_vars if result[name].dims == ("y", "x")]
     everywhere = passed_map(result)  # has a value wherever another map has one
     for name in [everywhere] if everywhere else maps:
         passed = result[name].values > of_none(result, name)

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -155,7 +156,7 @@ def _at_lines(result: xr.Dataset, observed: Any) -> Iterator[Figure]:
             f"{capital(label)} at the lines",
             f"Distribution of {label} among the boulders that pass, {'; '.join(passed)}; below: "
             "mean ± one standard deviation; one in 500 lies beyond the axis.",
-            lambda name=name: distribution_figure(result, name, observed),
+            partial(distribution_figure, result, name, observed),
         )
 
 
@@ -177,7 +178,7 @@ def _rebounds(result: xr.Dataset) -> Iterator[Figure]:
              f"R_t and R_n of {n}, the last bin with all beyond; dotted: values of the paper.",
              RESTITUTION),
         ):  # fmt: skip
-            yield Figure(name, title, what, lambda shown=shown: histogram_figure(result, *shown))
+            yield Figure(name, title, what, partial(histogram_figure, result, *shown))
     impact_set = set_of(result)
     if impact_set is not None:
         yield Figure(
@@ -202,7 +203,8 @@ def set_of(result: xr.Dataset) -> Sets | None:
 def _maps(result: xr.Dataset, terrain: Terrain | None) -> Iterator[Figure]:
     """Every map that is not drawn already, in the order of the result."""
     boulders = count(result.sizes["boulder"], "boulder")
-    for name, variable in result.data_vars.items():
+    for name in map(str, result.data_vars):
+        variable = result[name]
         if variable.dims != ("y", "x") or name in PASSED:
             continue
         title = capital(variable.attrs["long_name"])
@@ -212,5 +214,5 @@ def _maps(result: xr.Dataset, terrain: Terrain | None) -> Iterator[Figure]:
             f"map_{name}",
             title,
             f"{title} in each cell, of {boulders}{said}.",
-            lambda name=name: map_figure(result, name, terrain),
+            partial(map_figure, result, name, terrain),
         )

@@ -23,7 +23,10 @@ if TYPE_CHECKING:
 ROCK = "#D9D4CB"
 ANGLES = np.arange(5.0, 90.1, 2.5)  # incidence [degrees]
 LAST_RT = 60.0  # [degrees]; beyond, V_t_in is too small to divide by
-KNOWN = {"R_t": [((5, 30), (0.7, 0.7))], "R_n": [((90,), (0.4,)), ((10, 20), (1.0, 1.0))]}
+KNOWN: dict[str, list[tuple[tuple[float, ...], tuple[float, ...]]]] = {
+    "R_t": [((5, 30), (0.7, 0.7))],
+    "R_n": [((90,), (0.4,)), ((10, 20), (1.0, 1.0))],
+}
 
 
 def layer_figure(layers: Layers, path: str | Path) -> None:

@@ -83,7 +83,7 @@ def distribution_figure(result: xr.Dataset, quantity: str, observed: Any = None)
         upper.set_title(fill(f"{plain(name)}: {_passing(result, k)}", 54))
         upper.set_ylabel(f"boulders [%] per {width:g} {about.unit}")
         lower.set_xlabel(about.title)
-    first.set(xlim=(min(0.0, edges[0]), edges[-1]), ylim=(0, None))
+    upper.set(xlim=(min(0.0, edges[0]), edges[-1]), ylim=(0, None))
     return figure
 
 
@@ -99,7 +99,7 @@ def passing_figure(result: xr.Dataset, observed: Any = None) -> Figure:
         distance = np.sort(observed.distances)
         fraction = 100 * np.arange(distance.size, 0, -1) / distance.size
         label = f"observed ({count(distance.size, 'boulder')})"
-        about = {"color": INK, "lw": 1, "linestyle": (0, (4, 2)), "label": label}
+        about: dict[str, Any] = {"color": INK, "lw": 1, "linestyle": (0, (4, 2)), "label": label}
         axes.step(np.append(0, distance), np.append(100, fraction), where="pre", **about)
         furthest = max(furthest, distance[-1])
     if observed is not None and observed.passing is not None:
@@ -129,7 +129,7 @@ def _draw_passing(axes: Axes, result: xr.Dataset) -> None:
     if gone.any():
         label = f"{count(gone.sum(), 'boulder')} left the terrain: ended there, or went on"
         for bound, words in ((fraction, label), (upper, None)):
-            about = {"color": BLUE, "lw": 1, "linestyle": ":", "label": words}
+            about: dict[str, Any] = {"color": BLUE, "lw": 1, "linestyle": ":", "label": words}
             axes.plot(shown[~known], 100 * bound[~known], **about)
     axes.set_ylim(0, 105)
 
@@ -157,7 +157,7 @@ def mark_lines(panels: Iterable[Axes], result: xr.Dataset, labels: Axes) -> None
         for axes in panels:
             axes.axvline(where, **LINE)
         high = 0.02 + 0.08 * (k % 4)  # lines may be near each other
-        about = {"transform": labels.get_xaxis_transform(), "clip_on": True}
+        about: dict[str, Any] = {"transform": labels.get_xaxis_transform(), "clip_on": True}
         labels.text(where, high, f" {plain(name)}", **about)
 
 

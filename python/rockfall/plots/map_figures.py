@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from itertools import cycle
 from textwrap import fill
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -89,6 +89,7 @@ def stops_figure(
     _draw_marks(axes, result, extent)
     key = figure.legend(loc="outside lower center", ncols=2, handletextpad=0.4)
     for handle in key.legend_handles:
+        assert handle is not None
         handle.set(markersize=5, alpha=1)
     return figure
 
@@ -174,8 +175,8 @@ def _draw_trajectories(axes: Axes, result: xr.Dataset) -> None:
     from matplotlib.collections import LineCollection
 
     curves = [np.column_stack([one.x, one.y]) for one in trajectories(result, MAX_TRAJECTORIES)]
-    about = {"colors": VERMILION, "linewidths": 0.5, "alpha": 0.7, "rasterized": True}
-    axes.add_collection(LineCollection(curves, **about), autolim=False)
+    about: dict[str, Any] = {"colors": VERMILION, "linewidths": 0.5, "alpha": 0.7}
+    axes.add_collection(LineCollection(curves, rasterized=True, **about), autolim=False)
 
 
 def _draw_stops(axes: Axes, result: xr.Dataset) -> None:
@@ -184,10 +185,10 @@ def _draw_stops(axes: Axes, result: xr.Dataset) -> None:
     for (name, here), (marker, colour) in zip(ends(result).items(), cycle(MARKERS)):
         if here.any():
             x, y = result["stop_x"].values[here], result["stop_y"].values[here]
-            about = {"markersize": size * (1 if marker == "." else 1.2), "alpha": 0.7}
-            edge = {"markeredgewidth": 0.6 if marker in "x+" else 0, "rasterized": True}
+            about: dict[str, Any] = {"markersize": size * (1 if marker == "." else 1.2)}
+            about |= {"markeredgewidth": 0.6 if marker in "x+" else 0}
             label = f"{name.replace('_', ' ')} ({here.sum():,})"
-            axes.plot(x, y, marker, color=colour, label=label, **about, **edge)
+            axes.plot(x, y, marker, color=colour, label=label, alpha=0.7, rasterized=True, **about)
 
 
 def shade(z: np.ndarray, cell: float) -> np.ndarray:
@@ -271,7 +272,7 @@ def _draw_outline(axes: Axes, inside: np.ndarray, grid: Grid) -> None:
     edges = np.concatenate([upright, level], axis=2).transpose(2, 0, 1)  # (edges, ends, x and y)
     places = (grid.west, grid.north) + edges * (grid.cell, -grid.cell)
     axes.add_collection(
-        LineCollection(places, colors=INK, linewidths=0.9, capstyle="round", rasterized=True),
+        LineCollection(list(places), colors=INK, linewidths=0.9, capstyle="round", rasterized=True),
         autolim=False,
     )
 
@@ -284,7 +285,7 @@ def _draw_values(axes: Axes, values: np.ndarray, grid: Grid, norm: Normalize, la
     _image(axes, values, grid, norm=norm, cmap=ListedColormap(colours(256)), alpha=0.85)
     bar = axes.figure.colorbar(
         axes.images[-1], ax=axes, location="bottom", pad=0.01, shrink=0.95,
-        aspect=45 if axes.figure.get_figwidth() == WIDE else 22,
+        aspect=45 if _page_width(axes) == WIDE else 22,
     )  # fmt: skip
     if isinstance(norm, LogNorm):
         bar.ax.xaxis.set_major_formatter("{x:g}")
@@ -316,13 +317,18 @@ def _draw_marks(axes: Axes, result: xr.Dataset, extent: Extent) -> None:
         axes.plot(x, y, **LINE)
         at = first_inside(x, y, extent)
         if at is not None:
-            about = {"path_effects": halo, "clip_on": True}
+            about: dict[str, Any] = {"path_effects": halo, "clip_on": True}
             axes.annotate(plain(name), at, (3, 2), textcoords="offset points", **about)
     axes.set(xlim=extent[:2], ylim=extent[2:], xlabel="x [m]", ylabel="y [m]", aspect="equal")
     axes.ticklabel_format(useOffset=False, style="plain")
-    ticks = 3 if axes.figure.get_figwidth() == NARROW else 6
+    ticks = 3 if _page_width(axes) == NARROW else 6
     axes.xaxis.set_major_locator(MaxNLocator(ticks, integer=True))
     axes.spines[:].set_visible(True)
+
+
+def _page_width(axes: Axes) -> float:
+    """Of the figure that a map is in [inch]; none is in a part of one."""
+    return cast("Figure", axes.figure).get_figwidth()
 
 
 def first_inside(x: np.ndarray, y: np.ndarray, extent: Extent) -> tuple[float, float] | None:

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -85,6 +85,6 @@ def _draw_heights(axes: Axes, curves: Sequence[Trajectory], ground: Sequence[np.
 def _draw_curves(axes: Axes, shown: list[tuple[np.ndarray, np.ndarray]], **about: object) -> None:
     from matplotlib.collections import LineCollection
 
-    look = {"rasterized": True, **TRAJECTORY, **about}
+    look: dict[str, Any] = {"rasterized": True, **TRAJECTORY, **about}
     axes.add_collection(LineCollection([np.column_stack(curve) for curve in shown], **look))
     axes.autoscale_view()

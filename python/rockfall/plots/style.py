@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,14 +18,17 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    _Look = dict[str, Any]
+
 BLUE, VERMILION, GREEN = "#0072B2", "#D55E00", "#009E73"  # Okabe and Ito (2008)
 INK, GREY = "#222222", "#8A8A8A"
-TRAJECTORY = {"color": BLUE, "linewidth": 0.5, "alpha": 0.6}  # one of many trajectories
-LINE = {"color": INK, "linewidth": 0.9, "linestyle": (0, (5, 2))}  # an evaluation line
-OBSERVED = {"color": INK, "marker": "D", "markersize": 3.5, "markerfacecolor": "white"}
+#: One of many trajectories, an evaluation line, and what was observed.
+TRAJECTORY: _Look = {"color": BLUE, "linewidth": 0.5, "alpha": 0.6}
+LINE: _Look = {"color": INK, "linewidth": 0.9, "linestyle": (0, (5, 2))}
+OBSERVED: _Look = {"color": INK, "marker": "D", "markersize": 3.5, "markerfacecolor": "white"}
 NARROW, WIDE = 90 / 25.4, 180 / 25.4  # a column and a page [inch]
 FORMATS = ("png", "pdf", "svg")
-STYLE = {
+STYLE: dict[Any, Any] = {
     "font.size": 8,
     "axes.titlesize": 8.5,
     "axes.titlelocation": "left",

@@ -39,8 +39,8 @@ def as_dataset(data: Mapping[str, tuple], attrs: Mapping[str, Any]) -> xr.Datase
 
     return xr.Dataset(
         {
-            name: xr.Variable(dims, np.asarray(values), *about, fastpath=True)
-            for name, (dims, values, *about) in data.items()
+            name: xr.Variable(dims, np.asarray(values), about, fastpath=True)
+            for name, (dims, values, about) in data.items()
         },
         attrs=attrs,
     )
@@ -125,8 +125,9 @@ def put_netcdf(data: xr.Dataset, path: str | Path, name: str | Path) -> None:
         with netCDF4.Dataset(path, "w") as file:
             file.setncatts(data.attrs)
             for dim, size in data.sizes.items():
-                file.createDimension(dim, size)
-            for one, variable in data.variables.items():
+                file.createDimension(str(dim), size)
+            for one in map(str, data.variables):
+                variable = data.variables[one]
                 how = _storage(variable, {"part_layout", "scene_layout"} & data.attrs.keys())
                 _write_variable(file, one, variable, how, _attached(data, one))
     except (RuntimeError, PermissionError) as error:  # netCDF4 reports a full disk so
@@ -143,7 +144,7 @@ def _attached(result: xr.Dataset, name: str) -> dict[str, Any]:
         other for other, coordinate in result.coords.items()
         if other not in result.dims and {*coordinate.dims} <= {*variable.dims}
     ]  # fmt: skip
-    found: dict[str, Any] = {"coordinates": " ".join(beside)} if beside else {}
+    found: dict[str, Any] = {"coordinates": " ".join(map(str, beside))} if beside else {}
     if variable.dtype.kind == "f":
         found["_FillValue"] = np.nan
     elif variable.dtype.kind == "i":

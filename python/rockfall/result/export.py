@@ -45,12 +45,12 @@ def export(result: xr.Dataset | str | Path, folder: str | Path) -> list[Path]:
     All of them or, with a RockfallError, none; over nothing but files of an earlier export.
     """
     folder = Path(folder)
-    is_file = isinstance(result, str | Path)
-    with open_result(result) if is_file else nullcontext(result) as data:
-        if is_file:
-            check_dimensions(data, result)
+    files = [result] if isinstance(result, str | Path) else []
+    with open_result(result) if isinstance(result, str | Path) else nullcontext(result) as data:
+        for file in files:
+            check_dimensions(data, file)
         data = data.set_coords({"crs"} & set(data.data_vars))
-        inputs = chain([result] if is_file else [], files_behind(data))
+        inputs = chain(files, files_behind(data))
         with atomic_folder(folder, inputs) as part:
             try:
                 return [folder / path.name for path in _export(data, _layers(data), part)]
@@ -133,7 +133,7 @@ def _boulders(data: xr.Dataset) -> Iterator[xr.Dataset]:
 
 def _columns(data: xr.Dataset) -> dict[str, xr.DataArray]:
     """Every variable that has one value for each boulder."""
-    names = (name for name in data.data_vars if data[name].dims == ("boulder",))
+    names = (str(name) for name in data.data_vars if data[name].dims == ("boulder",))
     return {"boulder": data["boulder"], **{name: data[name] for name in names}}
 
 
@@ -147,7 +147,7 @@ def _write_lines(folder: Path, data: xr.Dataset) -> Iterator[Path]:
 
 def _crossings(data: xr.Dataset, line: int) -> dict[str, xr.DataArray]:
     """Every variable of a line, for those boulders that crossed it."""
-    names = [name for name in data.data_vars if data[name].dims == ("line", "boulder")]
+    names = [str(name) for name in data.data_vars if data[name].dims == ("line", "boulder")]
     data = data[names].isel(line=line).load()  # older xarray picks none of a file wrongly
     crossed = np.flatnonzero(~np.isnan(_stored(data["line_time"])[0]))
     data = data.isel(boulder=crossed)

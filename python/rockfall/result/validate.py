@@ -71,7 +71,7 @@ def _check_groups(data: xr.Dataset, path: str | Path) -> None:
 
 def _known() -> _Group:
     """Every variable of ours; a result may have others, of which nothing is asked."""
-    found = {name: ("boulder",) for name in variables.BOULDER}
+    found: _Group = {name: ("boulder",) for name in variables.BOULDER}
     found |= {name: () for name in variables.COUNT} | {name: ("y", "x") for name in variables.MAP}
     for group in _groups():
         found |= group

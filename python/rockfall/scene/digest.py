@@ -31,7 +31,7 @@ class Digest:
         layers += [] if window.values is None else list(window.values)
         if first == 0:
             self.layers = [hashlib.sha256(layer.dtype.str.encode()) for layer in layers]
-            self.sizes = hashlib.sha256(np.ascontiguousarray(window.sizes))
+            self.sizes = hashlib.sha256(np.ascontiguousarray(window.sizes).data)
         rows = slice(first - window.at[0], stop - window.at[0])
         for known, layer in zip(self.layers, layers, strict=True):
             known.update(np.ascontiguousarray(layer[rows]))
@@ -43,8 +43,8 @@ class Digest:
         dem.update(_place(scene.grid).encode())
         for layer in surface:
             self.sizes.update(layer.digest())
-        sources = hashlib.sha256(b"" if scene.area is None else scene.area)
-        sources.update(np.concatenate((scene.x, scene.y)))
+        sources = hashlib.sha256(b"" if scene.area is None else scene.area.data)
+        sources.update(np.concatenate((scene.x, scene.y)).data)
         found = {"dem": dem, "surface": self.sizes, "sources": sources}
         return {name: known.hexdigest() for name, known in found.items()}
 

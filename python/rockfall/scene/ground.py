@@ -32,7 +32,7 @@ class Lowest:
         if not value <= self.next:
             return
         above = np.fmin.reduce(numbers, axis=None, initial=np.inf, where=numbers > value)
-        count = np.count_nonzero(numbers == value)
+        count = int(np.count_nonzero(numbers == value))
         mine = self.value, self.count, self.next
         low, high = sorted([mine, (float(value), count, float(above))])
         self.value, self.count, self.next = low
@@ -58,7 +58,7 @@ class Ground:
     rocks: list[np.ndarray] = field(default_factory=list)  # or their sizes (n, 1 or 3) [m]
     source_z: list[np.ndarray] = field(default_factory=list)  # of the sources: elevations [m]
     source_slopes: list[np.ndarray] = field(default_factory=list)  # and tangents
-    sizes: np.ndarray | None = None  # of materials, as in the scene [m]
+    sizes: np.ndarray = field(default_factory=lambda: np.empty(0))  # of materials [m]
     used: set[int] = field(default_factory=set)  # rows of `sizes` that some cell has
     smallest: float = np.inf  # where sizes come as rasters [m]
     largest: float = 0.0
@@ -93,15 +93,15 @@ class Ground:
         self.low.take(z)
         self.high.take(-z)
         known = ~np.isnan(z)
-        self.known += np.count_nonzero(known)
+        self.known += int(np.count_nonzero(known))
         self.integers = self.integers and bool((np.rint(z) == z)[known].all())
         if not self.integers:
             return
         for along in z, z.T:
             bend = along[:, 2:] - 2 * along[:, 1:-1] + along[:, :-2]
             back = bend[:, 1:] * bend[:, :-1]
-            self.steps += np.count_nonzero(back < 0)
-            self.spans += np.count_nonzero(~np.isnan(back))
+            self.steps += int(np.count_nonzero(back < 0))
+            self.spans += int(np.count_nonzero(~np.isnan(back)))
 
     def _take_sizes(self, band: Scene, rows: slice) -> None:
         self.sizes = band.sizes

@@ -103,7 +103,7 @@ def _read_sets(scene: Scene) -> None:
 def _with_arrays(case: Case, keys: set[str]) -> Case:
     """The case, checked once more, saying which of its rasters came as arrays."""
     groups = {"dem": "terrain", "cells": "release"}
-    changes: dict[str, dict[str, str]] = {}
+    changes: dict[str, Any] = {}
     for key in keys & {"dem", "zones", "mean_radius", "rg70", "rg20", "rg10", "cells"}:
         group = groups.get(key, "surface")
         if key == "dem" or key in getattr(case, group):

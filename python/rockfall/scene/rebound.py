@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from typing import TypeVar
+
 import numpy as np
 
 from rockfall._core import rockfall_f2py as _core
@@ -11,8 +13,10 @@ INERTIA_FACTOR = _core.constant("inertia_factor")  # I/(m R_b^2) of a sphere
 MAX_DRAWS = int(_core.constant("max_draws"))  # of a rebound, before it is limited
 MIN_NORMAL = _core.constant("min_normal")  # V_n of a limited rebound / incident speed
 
+_Volume = TypeVar("_Volume", float, np.ndarray)
 
-def sphere_radius(volume: np.ndarray | float) -> np.ndarray | float:
+
+def sphere_radius(volume: _Volume) -> _Volume:
     """Of a sphere of this volume [m3], [m]."""
     return np.cbrt(0.75 / np.pi * volume)
 

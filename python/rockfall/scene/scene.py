@@ -99,6 +99,7 @@ def lines_outside(scene: Scene) -> list[str]:
 def used_zones(scene: Scene) -> np.ndarray:
     """The rows of `sizes`, counted from 0, that some cell has."""
     found = np.zeros(len(scene.sizes) + 1, bool)
+    assert scene.zone is not None
     for rows in row_blocks(scene.zone.shape):
         found[scene.zone[rows]] = True
     return np.flatnonzero(found[1:])

@@ -28,6 +28,10 @@ RIM = 4  # cells of a window that boulders keep off, where the raster goes on
 class Windows:
     """The terrain of a scene in windows of so many cells, unless a source needs a larger one."""
 
+    scene: Scene
+    window: Scene
+    sources: range  # whose window it is
+
     def __init__(self, scene: Scene, cells: int) -> None:
         self.cells = cells
         # How far a window goes beyond its sources, and learns to go: north, west, south, east.
@@ -76,7 +80,7 @@ class Windows:
         self.scene = self.window = scene
         self.column = ((scene.x - scene.grid.west) / scene.grid.cell).astype(int)
         self.row = ((scene.grid.north - scene.y) / scene.grid.cell).astype(int)
-        self.sources = range(0)  # whose window it is
+        self.sources = range(0)
 
     def _box(self) -> Box:
         row, column = self.window.at

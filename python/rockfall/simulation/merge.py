@@ -45,7 +45,7 @@ class Joined:
     def add(self, part: xr.Dataset | str | Path) -> None:
         """Add a part, or its file."""
         part = read_part(part)
-        if self.first is None:
+        if self.first is None or self.tally is None:
             self.first, self.tally = part, _tally_for(part)
         if what := self.first.origin.difference(part.origin):
             raise RockfallError(
@@ -60,18 +60,21 @@ class Joined:
 
     def result(self) -> xr.Dataset:
         """That of the whole run; the parts are used up."""
-        _check_whole(sorted(self.ranges), self.tally)
+        tally = self.tally
+        if tally is None:
+            raise RockfallError("merge: needs the parts of a run")
+        _check_whole(sorted(self.ranges), tally)
         numbers = sorted(self.trajectories)
-        wanted = min(self.tally.boulders, self.tally.scene.case.output["trajectories"])
+        wanted = min(tally.boulders, tally.scene.case.output["trajectories"])
         if numbers != list(range(1, wanted + 1)):
             raise RockfallError(
                 "merge: trajectories are missing: a run that was stopped ends with --resume"
             )
-        join_sources(self.tally.maps, self.fed)
-        self.tally.done = self.tally.boulders
-        self.tally.trajectories = [self.trajectories[number] for number in numbers]
-        result = make_result(self.tally)
-        result.attrs["threads"] = self.tally.threads
+        join_sources(tally.maps, self.fed)
+        tally.done = tally.boulders
+        tally.trajectories = [self.trajectories[number] for number in numbers]
+        result = make_result(tally)
+        result.attrs["threads"] = tally.threads
         return result
 
 
@@ -87,10 +90,8 @@ def _tally_for(part: Part) -> Tally:
     return tally
 
 
-def _check_whole(ranges: Sequence[tuple[int, int, str]], tally: Tally | None) -> None:
+def _check_whole(ranges: Sequence[tuple[int, int, str]], tally: Tally) -> None:
     """All boulders are there, once."""
-    if tally is None:
-        raise RockfallError("merge: needs the parts of a run")
     done, requested, wrong = 0, tally.boulders, []
     for first, last, name in ranges:
         if first > done + 1:

@@ -83,7 +83,10 @@ def make_part(tally: Tally) -> xr.Dataset:
         data |= histogram_variables(tally)
     data |= trajectory_variables(tally)
     data["crs"] = ((), np.int32(0), georeference(grid))
-    places = {"terrain_cells": np.int32([grid.nx, grid.ny]), "map_window": np.int32(window)}
+    places = {
+        "terrain_cells": np.array([grid.nx, grid.ny], "i4"),
+        "map_window": np.array(window, "i4"),
+    }
     return as_dataset(data, {"part_layout": LAYOUT} | run_attributes(tally) | places)
 
 
@@ -151,8 +154,9 @@ class Part:
 
     def fed(self) -> dict[str, np.ndarray]:
         """The cells to which sources contribute that the part cuts; {} where no map asks."""
-        found = {name: self.arrays.get(BEFORE + name) for name in FED}
-        return {} if found["fed_cell"] is None else found
+        if f"{BEFORE}fed_cell" not in self.arrays:
+            return {}
+        return {name: self.arrays[BEFORE + name] for name in FED}
 
     def trajectories(self) -> dict[int, np.ndarray]:
         """Vertices by number of the boulder."""
@@ -203,9 +207,10 @@ def read_part(part: xr.Dataset | str | Path) -> Part:
     is a RockfallError. Files are read as they are: xarray would take several times as long."""
     if not isinstance(part, str | Path):
         head = _head(part.attrs, part["crs"].attrs if "crs" in part else {}, "a part")
-        shapes = {name: (one.dtype, one.dims, one.shape) for name, one in part.variables.items()}
+        held: Mapping[Any, Any] = part.variables
+        shapes = {name: (one.dtype, one.dims, one.shape) for name, one in held.items()}
         _check_shapes(head, shapes, None)
-        head.arrays = {name: part.variables[name].values for name in shapes}
+        head.arrays = {name: held[name].values for name in shapes}
     else:
         try:
             with _opened(part) as file:
@@ -287,7 +292,9 @@ def _head(attrs: Mapping[str, Any], crs: Mapping[str, Any], name: str) -> Part:
     except DAMAGED as error:
         raise RockfallError(f"{name}: is damaged: {at}") from error
     grid, window = Grid(west, north, cell, nx, ny), Box(row, column, row + rows, column + columns)
-    origin = Origin(case, int(attrs["boulders_asked"]), grid, window, *sums, version)
+    checksums, decoded = sums
+    boulders = int(attrs["boulders_asked"])
+    origin = Origin(case, boulders, grid, window, checksums, decoded, version)
     first, last = int(attrs["boulder_first"]), int(attrs["boulder_last"])
     clocks = {clock: float(attrs[clock]) for clock in CLOCKS}
     part = Part(name, origin, first, last, int(attrs["threads"]), clocks, about)
@@ -374,6 +381,7 @@ def _check_values(part: Part) -> None:
 
 def _possible(name: str, values: np.ndarray, times: np.ndarray | None, cells: int) -> bool:
     if name.startswith("line_"):
+        assert times is not None
         return are_crossings(values, times)
     if name == "status":
         return bool(np.isin(values, list(variables.STATUS.values())).all())

@@ -71,7 +71,7 @@ def run(
     """
     scene = read_scene(case, memory=memory or machine_memory(), **arrays)
     warn_of(scene)
-    how = {"progress": progress, "threads": threads, "chunk": chunk, "shard": shard}
+    how: dict[str, Any] = {"progress": progress, "threads": threads, "chunk": chunk, "shard": shard}
     return run_scene(scene, keep=False, **how)
 
 
@@ -172,7 +172,9 @@ def run_chunks(
 def _fly(tally: Tally, first: int, size: int) -> int:
     """Boulders from number `first` on, into their places: `size` of them, or those whose sources
     lie in one window of the terrain; returns how many."""
-    windows, scene = tally.scene.windows, tally.scene
+    scene = tally.scene
+    assert isinstance(scene, Scene)
+    windows = scene.windows
     if windows:
         scene, size = windows.around(scene, first, size)
     left = _call(tally, scene, first, size)
@@ -215,6 +217,7 @@ def trace(tally: Tally) -> None:
     """Simulate the first boulders once more, each alone, and keep their trajectories."""
     wall, cpu = time.perf_counter(), time.process_time()
     last = min(tally.scene.case.output["trajectories"], tally.before + tally.done)
+    assert isinstance(tally.scene, Scene)
     for number in range(tally.before + 1, last + 1):
         tally.trajectories.append(trajectory(tally.scene, number))
     tally.wall += time.perf_counter() - wall
@@ -228,6 +231,7 @@ def trajectory(scene: Scene, number: int) -> np.ndarray:
         vertex, left = _fly_alone(window, number)
         if left is None:
             return vertex
+        assert scene.windows is not None
         scene.windows.widen(*left)
 
 

@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rockfall.scene.scene import Scene
+
 if TYPE_CHECKING:
-    from rockfall.scene.scene import Scene
     from rockfall.simulation.maps import Maps
     from rockfall.simulation.tally import Tally
 
@@ -40,6 +41,7 @@ def fed_cells(tally: Tally) -> dict[str, np.ndarray]:
     if not tells_sources(tally.maps):
         return {}
     done, columns = range(tally.before + 1, tally.before + tally.done + 1), []
+    assert isinstance(tally.scene, Scene)
     for source in _cut_sources(tally.scene, done):
         own = tally.scene.numbers_of(source)
         stamp = tally.maps.stamp[int(source + 1 == tally.maps.head)]
@@ -73,6 +75,7 @@ def settle(tally: Tally, sign: int = 1) -> dict[str, np.ndarray]:
     they feed, as a part has it; with sign -1 all of their boulders again, as a run that goes on."""
     fed = fed_cells(tally)
     if fed and tally.maps.plan.counts["released"]:
+        assert isinstance(tally.scene, Scene)
         released = _layer(tally.maps, "released")
         all_of = {s: len(tally.scene.numbers_of(s - 1)) for s in np.unique(fed["fed_source"])}
         missing = np.array([all_of[s] for s in fed["fed_source"]], "i4") - fed["fed_boulders"]

@@ -58,7 +58,7 @@ class Tally:
     crossing: np.ndarray  # (boulders, lines, fields)
     before: int = 0  # boulders of the run before those of this tally
     done: int = 0
-    counted: dict[str, int] = field(default_factory=dict)  # in boulders whose `count` was not kept
+    counted: dict[str, Any] = field(default_factory=dict)  # in boulders whose `count` was not kept
     trajectories: list[np.ndarray] = field(default_factory=list)  # (vertices, fields) each
     wall: float = 0.0
     cpu: float = 0.0

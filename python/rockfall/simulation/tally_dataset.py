@@ -42,7 +42,8 @@ def make_result(tally: Tally, maps: bool = True) -> xr.Dataset:
 
 def boulder_variables(tally: Tally) -> dict[str, Any]:
     """Of each boulder done, and counts over all of them."""
-    columns, data = tally.columns(), {}
+    data: dict[str, tuple] = {}
+    columns = tally.columns()
     for name, about in variables.BOULDER.items():
         values = columns[name].astype("i1") if name == "status" else columns[name]
         data[name] = ("boulder", values, about | (_flags() if name == "status" else {}))

@@ -57,6 +57,7 @@ def fit_summary(data: xr.Dataset, sets: dict[int, ImpactSet], state: str) -> str
             f"  {found.redrawn:.2f} draws rejected for each rebound; scatter within a point "
             f"{' '.join(f'{value:.2f}' for value in noise)} of |V_in| (V_t, V_n, W)"
         )
+        assert impacts.lateral is not None
         lines += [lateral_line(impacts.lateral), *bounce_lines(found, impacts)]
     return "\n".join(lines)
 

@@ -15,15 +15,15 @@ def table(rows: Iterable[Iterable[str]]) -> str:
     from rich.table import Table
     from rich.text import Text
 
-    rows = [list(row) for row in rows]
+    cells = [list(row) for row in rows]
     grid = Table.grid(padding=(0, 2, 0, 0))
-    for k in range(max(map(len, rows))):
+    for k in range(max(map(len, cells))):
         grid.add_column(justify="right" if k else "left", no_wrap=True)
-    for row in rows:
+    for row in cells:
         grid.add_row(*(Text(cell) for cell in (row if len(row) > 1 else [""])))
     console = Console(width=WIDE, color_system=None, force_terminal=False)
     with console.capture() as text:
         console.print(grid)
     lines = [line.rstrip() for line in text.get().splitlines()]
-    headed = zip(rows, lines, strict=True)
+    headed = zip(cells, lines, strict=True)
     return "\n".join(row[0] if len(row) == 1 else line for row, line in headed)
