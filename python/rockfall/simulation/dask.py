@@ -4,8 +4,9 @@
 from __future__ import annotations
 
 import re
+import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 
 PARTS = 16  # for each thread of the cluster: workers end together, and little is lost with one
 SECONDS = 20  # to reach a scheduler
+WINDOWS = threading.Lock()  # of the terrain on this worker
 
 
 def run_on_cluster(
@@ -106,8 +108,10 @@ def _result(future: Any) -> xr.Dataset:
 
 
 def _part(case: Case, memory: float | None, which: int, of: int) -> xr.Dataset:
-    """On a worker: a part of the run."""
-    return run_scene(_scene(case, memory), shard=(which, of))
+    """On a worker: a part of the run. Windows of the terrain move, so one thread has them."""
+    scene = _scene(case, memory)
+    with WINDOWS if scene.windows else nullcontext():
+        return run_scene(scene, shard=(which, of))
 
 
 @lru_cache(maxsize=1)
