@@ -5,7 +5,7 @@ program test_plane
    use rockfall_error, only: error_t
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use rockfall_terrain, only: terrain, keep_within
-   use rockfall_random, only: random_key
+   use rockfall_random, only: random_key, normal_table
    use rockfall_scene, only: check_sources
    use rockfall_impact, only: impact_set
    use rockfall_direction, only: to_aspect
@@ -123,6 +123,7 @@ contains
 
       scene%dem = terrain(4.0e5_wp, 5.0e6_wp, cell, z8=z)
       scene%key = random_key(3_i8)
+      scene%table = normal_table()
       scene%gravity = gravity
       scene%max_impacts = rebounds
       scene%surface%sizes = reshape([0.25_wp], [1, 1])
