@@ -37,7 +37,6 @@ module rockfall_boulder
    !> source (b-1)/n + 1; or each its own, up to boulder `last` of it.
    type :: release_t
       real(wp), allocatable :: x(:), y(:)    !! of each source, local coordinates [m]
-      integer(i8) :: before = 0              !! sources of the run before these
       integer(i8) :: boulders_per_source = 1
       integer(i8), allocatable :: last(:)    !! of each source, never less than that before it
       real(wp) :: drop_height = 0.0_wp       !! above the surface [m]

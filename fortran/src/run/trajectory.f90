@@ -255,7 +255,7 @@ contains
       integer(i8) :: source
       real(wp) :: u, w
 
-      source = source_of(scene%release, number) - scene%release%before
+      source = source_of(scene%release, number)
       flight%x = scene%release%x(source)
       flight%y = scene%release%y(source)
       associate (dem => scene%dem)

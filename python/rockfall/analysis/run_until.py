@@ -28,7 +28,7 @@ from rockfall.scene.scene import Scene
 from rockfall.scene.sources import refuse_by_area
 from rockfall.simulation.progress import progress_bar
 from rockfall.simulation.simulate import Interrupted, check_tallies, run_chunks, start, trace
-from rockfall.simulation.source_maps import settle, tells_sources
+from rockfall.simulation.source_maps import fed_cells, settle, tells_sources
 from rockfall.simulation.tally import Tally
 from rockfall.simulation.tally_dataset import make_result
 
@@ -129,7 +129,7 @@ def run_scene_until(
             scene.forget_rasters()
             assert isinstance(tally.scene, Scene)
             tally.scene.forget_rasters()
-        settle(tally)
+        settle(tally, fed_cells(tally))
         result = make_result(tally)
     result.attrs |= {"until": rules, "until_met": int(all(one.met for one in verdicts))}
     if interrupted():

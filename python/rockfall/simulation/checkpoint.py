@@ -70,7 +70,7 @@ class Checkpoint:
             restore_stamps(tally.maps, fed)
             if not all(np.array_equal(one, fed[name]) for name, one in fed_cells(tally).items()):
                 raise RockfallError(f"{self.path}: is damaged: tally_fed_cell")
-            settle(tally, -1)
+            settle(tally, fed, -1)
 
     def look(self, tally: Tally) -> None:
         """Write the file, if it is time to."""

@@ -25,7 +25,7 @@ from rockfall.result import variables
 from rockfall.result.dataset import DAMAGED, as_dataset, georeference
 from rockfall.result.validate import are_crossings
 from rockfall.simulation.maps import Maps, plan_of
-from rockfall.simulation.source_maps import FED, settle
+from rockfall.simulation.source_maps import FED, fed_cells, settle
 from rockfall.simulation.tally import Origin
 from rockfall.simulation.tally_dataset import (
     boulder_variables,
@@ -65,11 +65,12 @@ PACKING = 1100  # zlib packs no closer than this
 
 def make_part(tally: Tally) -> xr.Dataset:
     """The boulders done of a tally, which may go on."""
-    fed = settle(tally)
+    fed = fed_cells(tally)
+    settle(tally, fed)
     try:
         found = tallies(tally.maps) | fed
     finally:
-        settle(tally, -1)
+        settle(tally, fed, -1)
     grid, box = tally.scene.grid, tally.window
     window = [box.column, box.row, *box.shape[::-1]]
     data = boulder_variables(tally)

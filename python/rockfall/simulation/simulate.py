@@ -24,7 +24,7 @@ from rockfall.simulation.maps import no_maps
 from rockfall.simulation.memory import machine_memory
 from rockfall.simulation.part_file import make_part
 from rockfall.simulation.progress import progress_bar
-from rockfall.simulation.source_maps import follow_sources, settle
+from rockfall.simulation.source_maps import fed_cells, follow_sources, settle
 from rockfall.simulation.tally import Tally, empty_tally, shard_range
 from rockfall.simulation.tally_dataset import make_result
 
@@ -117,7 +117,7 @@ def run_scene(
         if tally.boulders < scene.boulders:
             result = make_part(tally)
         else:
-            settle(tally)
+            settle(tally, fed_cells(tally))
             result = make_result(tally)
     if interrupted():
         raise Interrupted(result)

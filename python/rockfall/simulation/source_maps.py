@@ -70,17 +70,16 @@ def restore_stamps(maps: Maps, fed: Mapping[str, np.ndarray]) -> None:
             stamp[fed["fed_cell"][mine]] = fed["fed_source"][mine]
 
 
-def settle(tally: Tally, sign: int = 1) -> dict[str, np.ndarray]:
-    """What `fed_cells` gives, after leaving only the boulders done of cut sources in the cells that
-    they feed, as a part has it; with sign -1 all of their boulders again, as a run that goes on."""
-    fed = fed_cells(tally)
+def settle(tally: Tally, fed: Mapping[str, np.ndarray], sign: int = 1) -> None:
+    """Leave only the boulders done of cut sources in the cells that they feed (`fed`, as
+    `fed_cells` gives it), as a part has it; with sign -1 all of them again, as a run that goes
+    on."""
     if fed and tally.maps.plan.counts["released"]:
         assert isinstance(tally.scene, Scene)
         released = _layer(tally.maps, "released")
         all_of = {s: len(tally.scene.numbers_of(s - 1)) for s in np.unique(fed["fed_source"])}
         missing = np.array([all_of[s] for s in fed["fed_source"]], "i4") - fed["fed_boulders"]
         np.subtract.at(released, fed["fed_cell"], sign * missing)
-    return fed
 
 
 def join_sources(maps: Maps, parts: Sequence[Mapping[str, np.ndarray]]) -> None:
