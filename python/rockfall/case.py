@@ -30,6 +30,7 @@ class Key(NamedTuple):
     allowed: str
     unit: str
     meaning: str
+    file: str  # that it names: raster, layer, raster layer (either), table, sets; ""
 
 
 @cache
@@ -40,6 +41,11 @@ def key_table() -> tuple[Key, ...]:
         group, name, kind, most, *rest = text.split("|")
         rows.append(Key(group, name, kind, int(most), *rest))
     return tuple(rows)
+
+
+def file_keys() -> list[Key]:
+    """The keys that name files."""
+    return [key for key in key_table() if key.file]
 
 
 def read_case(path: str | Path) -> Case:

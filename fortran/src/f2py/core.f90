@@ -450,7 +450,7 @@ contains
       call give_error(error, code, message)
    end subroutine check_case
 
-   !> Row k of the table of keys: group|key|kind|most|default|allowed|unit|meaning; blank past the end.
+   !> Row k of the table of keys: group|key|kind|most|default|allowed|unit|meaning|file; blank past the end.
    subroutine case_key(k, text)
       integer(c_int), intent(in) :: k
       character(len=512), intent(out) :: text
