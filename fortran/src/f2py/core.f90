@@ -459,7 +459,7 @@ contains
       if (k >= 1 .and. k <= n_keys) text = key_text(k)
    end subroutine case_key
 
-   !> Row k of the table of result variables: group|name|kind|units|long_name|comment; blank past the end.
+   !> Row k of the table of result variables: group|name|type|units|long_name|comment; blank past the end.
    subroutine variable(k, text)
       integer(c_int), intent(in) :: k
       character(len=512), intent(out) :: text
