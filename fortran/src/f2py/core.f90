@@ -9,9 +9,9 @@ module rockfall_f2py
    use iso_c_binding, only: c_double, c_float, c_int, c_int8_t, c_int16_t, c_int32_t, c_int64_t, c_intptr_t, c_ptr, &
                             c_loc, c_f_pointer
    use rockfall_error, only: error_t, give_error
-   use rockfall_text, only: joined
+   use rockfall_text, only: joined, max_text
    use rockfall_grid, only: grid_t, is_outside
-   use rockfall_terrain, only: terrain_t, terrain, keep_within, is_known_at
+   use rockfall_terrain, only: terrain_t, terrain, keep_within, is_known_at, max_elevation
    use rockfall_boulder, only: first_of, last_of, source_of, inertia_factor
    use rockfall_surface, only: size_weights
    use rockfall_impact, only: ratio_weights, ratio_class, is_admissible, limit_rebound, max_draws, min_normal
@@ -20,15 +20,16 @@ module rockfall_f2py
    use rockfall_reach, only: block_side, take_minima, reach_box
    use rockfall_sources, only: usual_threshold, keep_steep, surface_ratios
    use rockfall_maps, only: maps_t
-   use rockfall_map_values, only: map_plan_t, plan_maps => map_plan, map_views, map_row, map_min_count
+   use rockfall_map_values, only: map_plan_t, plan_maps => map_plan, map_views, map_row, map_min_count, &
+                                  fraction_limit, z_95, max_columns, halvings
    use rockfall_limits, only: check_tallies
    use rockfall_threads, only: team_size, check_team, release_team
-   use rockfall_ensemble, only: run_boulders, trace_boulder
+   use rockfall_ensemble, only: run_boulders, trace_boulder, share_of
    use rockfall_result, only: boulder_row, boulder_count_row, line_row, vertex_row
    use rockfall_variables, only: variable_text, boulder_fields, boulder_counts, line_fields, &
-                                 vertex_fields, map_fields
+                                 vertex_fields, map_fields, scene_layout, part_layout, piece, max_packing
    use rockfall_histogram, only: bin_width, n_bins
-   use rockfall_case, only: case_t, read_case, key_text, n_keys, map_names, turning_rule, radius_of_reading
+   use rockfall_case, only: case_t, read_case, key_text, n_keys, map_names, turning_rule, radius_of_reading, max_real
    use rockfall_impact_sets, only: coefficients_t, read_impact_sets => read_sets, any_speed
    implicit none
    private
@@ -36,7 +37,7 @@ module rockfall_f2py
    public :: check_maps, map_values, check_case, case_key, variable, read_sets, fields, histogram_bins, team
    public :: team_fits, end_team, slope_threshold, steep_cells, area_ratios, known_at, outside, boulders
    public :: boulders_of_source, sources_of_boulders, weights_of_sets, weights_of_sizes, ratio_classes
-   public :: admissible_rebounds, limit_rebounds, size_to_radius, constant
+   public :: admissible_rebounds, limit_rebounds, size_to_radius, constant, share, fraction_limits
 
    !> What a handle stands for.
    type :: open_scene_t
@@ -425,6 +426,23 @@ contains
       last = last_of(opened%scene%release, source)
    end subroutine boulders_of_source
 
+   !> Boulders in the first parts of a run of n.
+   subroutine share(n, part, of, boulders)
+      integer(c_int64_t), intent(in) :: n, part, of
+      integer(c_int64_t), intent(out) :: boulders
+
+      boulders = share_of(n, part, of)
+   end subroutine share
+
+   !> The limits of the 95 % interval of a fraction of n.
+   subroutine fraction_limits(fraction, n, low, high)
+      real(c_double), intent(in) :: fraction, n
+      real(c_double), intent(out) :: low, high
+
+      low = fraction_limit(fraction, n, -1)
+      high = fraction_limit(fraction, n, 1)
+   end subroutine fraction_limits
+
    !> The sources of boulders, all from 1.
    subroutine sources_of_boulders(handle, boulder, source, n)
       integer(c_int), intent(in) :: n
@@ -560,6 +578,16 @@ contains
       case ("min_normal"); value = min_normal
       case ("max_draws"); value = max_draws          ! of a rebound
       case ("left_window"); value = left_window      ! status of a boulder to be run again in a larger window
+      case ("max_text"); value = max_text            ! [bytes]
+      case ("max_elevation"); value = max_elevation  ! [m]
+      case ("max_real"); value = max_real            ! of a case
+      case ("z_95"); value = z_95                    ! [-]
+      case ("scene_layout"); value = scene_layout
+      case ("part_layout"); value = part_layout
+      case ("piece"); value = piece                  ! values that share a checksum
+      case ("max_packing"); value = max_packing
+      case ("max_columns"); value = max_columns      ! of counts of bins
+      case ("halvings"); value = halvings            ! of them, where memory is short
       case default; value = ieee_value(value, ieee_quiet_nan)
       end select
    end subroutine constant

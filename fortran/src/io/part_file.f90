@@ -13,8 +13,8 @@ module rockfall_part_file
    use rockfall_filesystem, only: replace_file, remove_file
    use rockfall_netcdf_file, only: netcdf_file_t, axis_t, about_t, open_netcdf, create_netcdf, close_netcdf, keep, &
                                    sound, mark_damaged, fail_damaged, pass, length_of, text_of, integers_of, real_of
-   use rockfall_variables, only: variable_t, variable_table, stored_as, boulder_fields, boulder_counts, &
-                                 line_fields, vertex_fields, histogram_fields, statuses
+   use rockfall_variables, only: variable_t, variable_table, stored_as, layout => part_layout, boulder_fields, &
+                                 boulder_counts, line_fields, vertex_fields, histogram_fields, statuses
    use rockfall_histogram, only: n_bins
    use rockfall_maps, only: maps_t
    use rockfall_source_maps, only: contributing_t, contributing_cells, partial_sources, settle
@@ -26,8 +26,6 @@ module rockfall_part_file
    implicit none
    private
    public :: write_part, read_part, boulders_in, is_result
-
-   integer(i8), parameter :: layout = 1    !! of the file, as in part_file.py
 
    character(len=*), parameter :: types(*) = ["i1", "i4", "i8", "f4", "f8"]  !! as `stored_as` has them
    integer, parameter :: kinds(*) = [nf90_byte, nf90_int, nf90_int64, nf90_float, nf90_double]
@@ -253,13 +251,15 @@ contains
          type(*), intent(inout), target :: stack(*)  !! (nx, ny, layers)
          integer(i4), pointer :: value(:, :, :)
          integer(i4), allocatable :: some(:, :)
+         type(axis_t) :: layer
          integer :: k
 
          if (layers == 0) return
          call c_f_pointer(c_loc(stack), value, [int(words, i8), cells_of(results), int(layers, i8)])
+         layer = axis_t("tally_"//name//"_layer", int(layers, i8))
          do k = 1, layers
             some = value(:, tally%cell + 1, k)
-            call pass(file, described("tally", name), [cells, axis_t("tally_"//name//"_layer", int(layers, i8))], some, k)
+            call pass(file, described("tally", name), [cells, layer], some, k)
             value(:, tally%cell + 1, k) = some
          end do
       end subroutine pass_stack

@@ -18,7 +18,7 @@ module rockfall_case
    implicit none
    private
    public :: case_t, case_line_t, read_case, read_keys, key_t, key_table, n_keys, key_text, map_names, n_maps, &
-             turning_rule, radius_of_reading
+             turning_rule, radius_of_reading, max_real
 
    integer, parameter :: many = 100000                !! values of a list
    integer, parameter :: text_length = 4096           !! characters of a text

@@ -1,10 +1,16 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Every variable of a result, in one table that both programs read: its units, and what it is.
 module rockfall_variables
+   use rockfall_kinds, only: i8
    implicit none
    private
    public :: variable_t, variable_table, variable_text, stored_as, boulder_fields, boulder_counts, line_fields, &
-             vertex_fields, map_fields, histogram_fields, statuses
+             vertex_fields, map_fields, histogram_fields, statuses, scene_layout, part_layout, piece, max_packing
+
+   ! Of scene and part files.
+   integer(i8), parameter :: scene_layout = 1, part_layout = 1
+   integer(i8), parameter :: piece = 2_i8**17    !! values that share a checksum
+   integer(i8), parameter :: max_packing = 1100  !! zlib packs no closer than this
 
    !> A variable of a result.
    type :: variable_t

@@ -40,13 +40,13 @@ if TYPE_CHECKING:
 
     from rockfall.simulation.tally import Tally
 
-LAYOUT = 1  # of the file, as in io/part_file.f90
+LAYOUT = int(_core.constant("part_layout"))  # of the file
 STACKS = ("counts", "sums", "maxima")  # of maps, by layer
 BEFORE = "tally_"  # the names of tallies
 CLOCKS = ("wall_seconds", "cpu_seconds")
 NUMBERS = ("boulders_asked", "boulder_first", "boulder_last", "threads")
 SUMS = ("input_checksums", "decoded_checksums")
-PACKING = 1100  # zlib packs no closer than this
+PACKING = int(_core.constant("max_packing"))  # zlib packs no closer than this
 
 
 # ---- from a tally
