@@ -75,11 +75,7 @@ contains
       type(error_t), allocatable :: error
 
       handle = 0
-      arrays%grid%west = west
-      arrays%grid%north = north
-      arrays%grid%cell = cell
-      arrays%grid%nx = nodes(1)
-      arrays%grid%ny = nodes(2)
+      arrays%grid = grid_t(west, north, cell, nodes(1), nodes(2))
       arrays%first = first
       if (size(z8) > 1) arrays%z8 => z8
       if (size(z8) <= 1) arrays%z4 => z4
@@ -381,18 +377,18 @@ contains
    end subroutine area_ratios
 
    !> Whether boulders can start from points, in map coordinates [m].
-   subroutine known_at(z8, z4, nodes, at, west, north, cell, x, y, known, nx8, ny8, nx4, ny4, n)
-      !f2py threadsafe
-      integer(c_int), intent(in) :: nx8, ny8, nx4, ny4, n, nodes(2), at(2)
-      real(c_double), intent(in), target :: z8(nx8, ny8)  !! as in `open_scene`
-      real(c_float), intent(in), target :: z4(nx4, ny4)
-      real(c_double), intent(in) :: west, north, cell, x(n), y(n)
+   subroutine known_at(handle, x, y, known, n)
+      integer(c_int), intent(in) :: n
+      integer(c_intptr_t), intent(in) :: handle
+      real(c_double), intent(in) :: x(n), y(n)
       integer(c_int), intent(out) :: known(n)             !! 1 or 0
-      type(terrain_t) :: dem
+      type(open_scene_t), pointer :: opened
       integer :: k
 
-      call set_terrain(dem, z8, z4, west, north, cell, nodes, at)
-      known = [(merge(1, 0, is_known_at(dem, x(k) - dem%x0, y(k) - dem%y0)), k=1, n)]
+      opened => scene_of(handle)
+      associate (dem => opened%dem)
+         known = [(merge(1, 0, is_known_at(dem, x(k) - dem%x0, y(k) - dem%y0)), k=1, n)]
+      end associate
    end subroutine known_at
 
    !> Whether a line of points [m] lies beyond one side of a raster.
