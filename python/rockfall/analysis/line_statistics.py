@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rockfall.limits import Z, fraction_limits
+
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
@@ -30,7 +32,6 @@ QUANTITIES = (
     "rotational_share",
     "position",
 )
-Z = 1.959964  # of a normal distribution, 95 % within
 
 
 def line_statistics(result: xr.Dataset) -> pd.DataFrame:
@@ -149,7 +150,7 @@ def half_width(row: Mapping[str, float], name: str) -> float:
 def fraction_interval(holds: np.ndarray, source: np.ndarray) -> tuple[float, float, float]:
     """Fraction of the boulders of which something holds, and the limits of its 95 % interval."""
     fraction = float(holds.mean())
-    return fraction, *_wilson(fraction, effective_number(holds.astype(float), source))
+    return fraction, *fraction_limits(fraction, effective_number(holds.astype(float), source))
 
 
 def _half_of_mean(v: np.ndarray, cluster: np.ndarray) -> float:
@@ -183,15 +184,6 @@ def student(freedom: int) -> float:
     from scipy.special import stdtrit
 
     return float(stdtrit(freedom, 0.975))
-
-
-def _wilson(fraction: float, n: float) -> tuple[float, float]:
-    """Summed so that none is 0 from below, and all 1 from above, to the last digit. (That of SciPy
-    takes whole numbers of boulders only.)"""
-    added = Z**2 / (2 * n)
-    half = np.sqrt(2 * added * fraction * (1 - fraction) + added**2)
-    low, high = fraction + (added - half), fraction + (added + half)
-    return low / (1 + 2 * added), high / (1 + 2 * added)
 
 
 def between_ranks(ordered: np.ndarray, level: float, effective: float) -> tuple[float, float]:

@@ -10,8 +10,8 @@ import numpy as np
 from rockfall._core import rockfall_f2py as _core
 from rockfall.io.grid import row_blocks
 from rockfall.result import variables
-from rockfall.result.variables import fields
 from rockfall.result.dataset import as_dataset, centre_variables, provenance
+from rockfall.result.variables import fields
 from rockfall.simulation.maps import Maps
 from rockfall.simulation.tally import Tally
 from rockfall.version import __version__
