@@ -12,10 +12,12 @@ PACKAGE = ROOT / "python/rockfall"
 LEVELS = [
     ["errors", "interrupts", "limits", "version"],
     ["io"],
+    ["terrain"],
     ["case", "case_files", "impact_sets", "quantities", "result"],
     ["scene"],
     ["simulation"],
     ["analysis"],
+    ["protection"],
     ["__init__"],
     ["lab"],
     ["plots", "text"],

@@ -119,11 +119,11 @@ module rockfall_case
       key_t("barrier", "capacity", "real", 1, "absent", "> 0", "kJ", "kinetic energy that it takes at most"), &
       key_t("barrier", "class", "integer", 1, "absent", "0 to 7", "", &
             "instead of capacity: of EAD 340059, by its maximum energy level"), &
-      key_t("dam", "x", "real", many, "required", "", "m", "vertices of the crest, two or more"), &
-      key_t("dam", "y", "real", many, "required", "", "m", "vertices of the crest, two or more"), &
-      key_t("dam", "height", "real", 1, "required", "> 0", "m", "of the crest above the terrain below it"), &
-      key_t("dam", "crest_width", "real", 1, "0.0", ">= 0", "m", "of its flat top"), &
-      key_t("dam", "slope", "real", 1, "45.0", "1 to 89", "degree", "of its faces"), &
+      key_t("dam", "x", "real", many, "required", "", "m", "vertices of the crest, two or more", in_scene), &
+      key_t("dam", "y", "real", many, "required", "", "m", "vertices of the crest, two or more", in_scene), &
+      key_t("dam", "height", "real", 1, "required", "> 0", "m", "of the crest above the terrain below it", in_scene), &
+      key_t("dam", "crest_width", "real", 1, "0.0", ">= 0", "m", "of its flat top", in_scene), &
+      key_t("dam", "slope", "real", 1, "45.0", "1 to 89", "degree", "of its faces", in_scene), &
       key_t("output", "maps", "text", n_maps, "absent", "as in result.md", "", "rasters of results"), &
       key_t("output", "map_extent", "text", 1, "'reach'", "reach, terrain", "", &
             "reach: the cells that boulders can reach; terrain: all"), &

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rockfall.limits import Z, fraction_limits
+from rockfall.terrain.polyline import beside
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -81,17 +82,7 @@ def _along(result: xr.Dataset, line: int) -> np.ndarray:
     mine = result["line_vertex_line"].values == line
     vertices = (result["line_vertex_x"].values + 1j * result["line_vertex_y"].values)[mine]
     at = result["line_x"].values[line] + 1j * result["line_y"].values[line]
-    found, apart, before = np.full(at.size, np.nan), np.full(at.size, np.inf), 0.0
-    for start, side in zip(vertices[:-1], np.diff(vertices), strict=True):
-        if side == 0:
-            continue
-        length = abs(side)
-        along = np.clip(((at - start) * np.conj(side)).real / length, 0.0, length)
-        off = abs(at - start - along * side / length)
-        nearer = off < apart  # of the sides the one that it crossed
-        found[nearer], apart[nearer] = before + along[nearer], off[nearer]
-        before += length
-    return found
+    return beside(at, vertices)[1]
 
 
 def sources(result: xr.Dataset) -> np.ndarray:

@@ -23,6 +23,7 @@ from rockfall.scene.scene import Scene
 from rockfall.scene.sources import read_sources
 from rockfall.scene.surface import cell_bytes, read_surface, size_columns
 from rockfall.scene.windows import Windows, bands
+from rockfall.terrain.dams import with_dam
 
 
 def read_scene(
@@ -52,6 +53,8 @@ def read_scene(
                 scene = Scene(case, grid, np.empty((0, 0), dtype), np.zeros((1, 1)))
                 return _windowed(scene, cells)
         z, grid = read_dem(path)
+    for dam in case.dam:
+        z = with_dam(z, grid, dam, case.name)
     scene = Scene(case, grid, z, np.zeros((1, 1)))
     file = case.path(case.terrain["dem"])
     scene.checksums["dem"] = file_checksum(file) if dem is None else array_checksum(z)
@@ -76,6 +79,11 @@ def _windowed(scene: Scene, cells: int) -> Scene:
         raise RockfallError(
             f"{case.name}: &output maps = '{min(by_source)}': needs the whole terrain in memory, "
             "and it does not fit; leave it out, or raise --memory"
+        )
+    if case.dam:
+        raise RockfallError(
+            f"{case.name}: &dam: needs the whole terrain in memory, and it does not fit; "
+            "raise --memory"
         )
     for key in file_keys():
         file = getattr(case, key.group).get(key.name, "")
