@@ -28,12 +28,14 @@ module rockfall_f2py
    use rockfall_variables, only: variable_text, boulder_fields, boulder_counts, line_fields, &
                                  vertex_fields, map_fields
    use rockfall_histogram, only: bin_width, n_bins
-   use rockfall_case, only: case_t, read_case, key_text, n_keys, map_names, turning_rule, radius_of_reading
+   use rockfall_case, only: case_t, read_case, key_text, n_keys, repeatable, map_names, turning_rule, &
+                            radius_of_reading
    use rockfall_impact_sets, only: coefficients_t, read_impact_sets => read_sets, any_speed
    implicit none
    private
    public :: open_scene, limit_terrain, close_scene, run, trajectory, survey, reach, block_of, map_plan
-   public :: check_maps, map_values, check_case, case_key, variable, read_sets, fields, histogram_bins, team
+   public :: check_maps, map_values, check_case, case_key, repeatable_groups, variable, read_sets, fields
+   public :: histogram_bins, team
    public :: team_fits, end_team, slope_threshold, steep_cells, area_ratios, known_at, outside, boulders
    public :: boulders_of_source, sources_of_boulders, weights_of_sets, weights_of_sizes, ratio_classes
    public :: admissible_rebounds, limit_rebounds, size_to_radius, constant
@@ -458,6 +460,13 @@ contains
       text = ""
       if (k >= 1 .and. k <= n_keys) text = key_text(k)
    end subroutine case_key
+
+   !> Names of the groups of which a case may have several.
+   subroutine repeatable_groups(text)
+      character(len=512), intent(out) :: text
+
+      text = joined(repeatable, " ")
+   end subroutine repeatable_groups
 
    !> Row k of the table of result variables: group|name|kind|units|long_name|comment; blank past the end.
    subroutine variable(k, text)

@@ -17,8 +17,8 @@ module rockfall_case
    use rockfall_sobol, only: max_points
    implicit none
    private
-   public :: case_t, case_line_t, read_case, read_keys, key_t, key_table, n_keys, key_text, map_names, n_maps, &
-             turning_rule, radius_of_reading
+   public :: case_t, case_line_t, read_case, read_keys, key_t, key_table, n_keys, key_text, repeatable, map_names, &
+             n_maps, turning_rule, radius_of_reading
 
    integer, parameter :: many = 100000                !! values of a list
    integer, parameter :: text_length = 4096           !! characters of a text
@@ -40,8 +40,10 @@ module rockfall_case
    character(len=*), parameter :: map_names(*) = map_fields
    integer, parameter :: n_maps = size(map_names)
 
-   integer, parameter :: n_keys = 57
-   type(key_t), parameter :: key_table(n_keys) = [ &
+   !> Groups of which a case may have several.
+   character(len=*), parameter :: repeatable(*) = [character(len=8) :: "line"]
+
+   type(key_t), parameter :: key_table(*) = [ &
       key_t("case", "title", "text", 1, "''", "", "", "what the result is called"), &
       key_t("case", "seed", "integer", 1, "1", ">= 0", "", "of the random numbers"), &
       key_t("case", "boulders", "integer", 1, "required", "1 to 1e15", "", "released from each source"), &
@@ -113,6 +115,7 @@ module rockfall_case
       key_t("ensemble", "source_shift", "real", 1, "0.0", ">= 0", "m", &
             "standard deviation of easting and northing of all sources together"), &
       key_t("ensemble", "sets", "text", 100, "absent", "", "", "impact sets, each with equal probability")]
+   integer, parameter :: n_keys = size(key_table)
 
    type :: case_line_t
       character(len=:), allocatable :: name
@@ -177,8 +180,9 @@ contains
       type(error_t), allocatable, intent(out) :: error
 
       call parse_namelist(text, file, list, error)
-      if (.not. allocated(error)) call check_names(list, key_table%group, key_table%name, "line", &
-                                                   "a case has one such group; only &line may repeat", error)
+      if (.not. allocated(error)) call check_names(list, key_table%group, key_table%name, repeatable, &
+                                                   "a case has one such group; only &" &
+                                                   //joined(repeatable, ", &")//" may repeat", error)
       if (.not. allocated(error)) call complete(list, file)
       if (.not. allocated(error)) call check_keys(list, error)
    end subroutine read_keys
@@ -205,7 +209,7 @@ contains
       call parse_namelist(default_case(), file, defaults, error)
       do d = 1, size(defaults%group)
          associate (default => defaults%group(d))
-            if (default%name /= "line" .and. .not. any(list%group%name == default%name)) then
+            if (.not. any([repeatable == default%name, list%group%name == default%name])) then
                list%group = [list%group, default]
                cycle
             end if
