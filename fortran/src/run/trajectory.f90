@@ -17,6 +17,7 @@ module rockfall_trajectory
                                  any_heading
    use rockfall_line, only: line_t, first_crossing
    use rockfall_maps, only: visits_t, start_visits, visit_spans, visit_cell
+   use rockfall_travel_maps, only: time_visits
    use rockfall_histogram, only: histograms_t, count_rebound
    implicit none
    private
@@ -181,7 +182,7 @@ contains
       if (level >= with_record) call record(scratch, contact_t(flight%x, flight%y, flight%z, 0.0_wp, flight%v))
       do
          if (level >= with_maps .and. scratch%cells_requested) then
-            call fly_over_cells(scene, flight, omega_r, landing, scratch)
+            call fly_over_cells(scene, flight, omega_r, result%time, landing, scratch)
          else
             call fly(scene%dem, scene%gravity, flight, landing)
          end if
@@ -268,10 +269,11 @@ contains
    end subroutine release
 
    !> Fly, and record the visits of raster cells.
-   pure subroutine fly_over_cells(scene, flight, omega_r, landing, scratch)
+   pure subroutine fly_over_cells(scene, flight, omega_r, begun, landing, scratch)
       type(scene_t), intent(in) :: scene
       type(flight_t), intent(in) :: flight
       real(wp), intent(in) :: omega_r  !! W [m/s]
+      real(wp), intent(in) :: begun    !! since the release [s]
       type(landing_t), intent(out) :: landing
       type(scratch_t), intent(inout) :: scratch
       integer :: n
@@ -279,6 +281,9 @@ contains
       call fly(scene%dem, scene%gravity, flight, landing, scratch%spans, n)
       call visit_spans(scratch%visits, scene%dem, scene%gravity, flight%x, flight%y, flight%v, &
                        inertia_factor*omega_r**2, scratch%spans(:n))
+      if (allocated(scratch%visits%time)) then
+         call time_visits(scratch%visits, scene%dem, [flight%x, flight%y], flight%v(:2), begun, landing%time)
+      end if
    end subroutine fly_over_cells
 
    !> Record the lines that a flight crosses for the first time.
