@@ -357,7 +357,8 @@ contains
       type(maps_t) :: maps
       integer :: j
 
-      maps = map_views(plan_of(names, 0), [real(c_double) ::], [1, 1], map_counts, map_sums, map_reals, class_counts, column, columns(1))
+      maps = map_views(plan_of(names, 0), [real(c_double) ::], [1, 1], map_counts, map_sums, map_reals, class_counts, &
+                       column, columns(1))
       fewest = map_min_count(name, least)
       do j = 1, ny
          call map_row(maps, name, j, boulders, least, values(:, j))

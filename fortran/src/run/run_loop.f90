@@ -210,8 +210,8 @@ contains
       integer, intent(in) :: at(2)
       type(maps_t) :: maps
 
-      maps = map_views(results%plan, results%thresholds, at, results%counts, results%sums, results%maxima, results%bin_counts, &
-                       results%column, results%columns)
+      maps = map_views(results%plan, results%thresholds, at, results%counts, results%sums, results%maxima, &
+                       results%bin_counts, results%column, results%columns)
       maps%last_source(at(1):, at(2):, 1:) => results%stamp
       maps%first_partial = results%head
    end function map_tallies

@@ -10,7 +10,8 @@ module rockfall_travel_maps
    private
    public :: needs_times, needs_travel, time_visits, add_travel, steepest_angle, flattest_angle, shortest_time
 
-   real(wp), parameter :: offset = 2.0_wp  !! that makes a sine or its negative positive [-]
+   real(wp), parameter :: offset = 2.0_wp            !! that makes a sine or its negative positive [-]
+   real(wp), parameter :: steps = 2.0_wp**22         !! in which sines are kept: both sums are exact in single precision
 
 contains
 
@@ -93,7 +94,7 @@ contains
       d(1) = (at(1) - 1)*dem%cell - start(1)
       d(2) = (dem%ny - at(2))*dem%cell - start(2)
       d(3) = start(3) - node_height(dem, at)
-      sine = d(3)/sqrt(d(1)*d(1) + d(2)*d(2) + d(3)*d(3))
+      sine = anint(steps*d(3)/sqrt(d(1)*d(1) + d(2)*d(2) + d(3)*d(3)))/steps
    end function sine_of_line
 
    !> The angle of the steepest energy line [degree], of what is kept.

@@ -311,7 +311,7 @@ def _case(text: str, file: str) -> Case:
 
 def _expected(part: Part) -> dict[str, tuple[str, tuple[str, ...]]]:
     """Every variable that a part of its case has: type and dimensions."""
-    case, names = part.origin.case, part.origin.case.output.get("maps", [])
+    case = part.origin.case
     found: dict[str, tuple[str, tuple[str, ...]]] = {"crs": ("i4", ())}
     for name in variables.BOULDER:
         found[name] = ({"status": "i1", "impacts": "i4"}.get(name, "f8"), ("boulder",))
@@ -320,9 +320,9 @@ def _expected(part: Part) -> dict[str, tuple[str, tuple[str, ...]]]:
         found |= {f"line_{name}": ("f8", ("line", "boulder")) for name in variables.LINE}
     if case.output["rebounds"]:
         found |= {f"{name}_histogram": ("i8", (f"{name}_bin",)) for name in variables.HISTOGRAM}
-    plan = plan_of(" ".join(names))
+    plan = plan_of(case)
     by_source = plan.counts["sources"] or plan.counts["released"]
-    wanted: dict[str, Any] = {name: plan.layers(name) for name in STACKS}
+    wanted: dict[str, Any] = {name: plan.layers[name] for name in STACKS}
     wanted |= {"cell": True, "classes": plan.bins} | dict.fromkeys(FED, by_source)
     found |= {BEFORE + name: ABOUT[name][:2] for name in ABOUT if wanted[name]}
     return found
@@ -331,8 +331,8 @@ def _expected(part: Part) -> dict[str, tuple[str, tuple[str, ...]]]:
 def _lengths(part: Part) -> dict[str, int]:
     """Of the dimensions whose length follows from the case and the boulders."""
     case = part.origin.case
-    plan = plan_of(" ".join(case.output.get("maps", [])))
-    found = {f"tally_{name}_layer": plan.layers(name) for name in STACKS}
+    plan = plan_of(case)
+    found = {f"tally_{name}_layer": plan.layers[name] for name in STACKS}
     bins = _core.histogram_bins()[0]
     found |= {f"{name}_bin": n for name, n in zip(variables.HISTOGRAM, bins, strict=True)}
     found |= {"boulder": part.last - part.first + 1, "line": len(case.line)}
