@@ -8,7 +8,7 @@ module rockfall_forest
    use rockfall_flight, only: span_t
    implicit none
    private
-   public :: forest_t, stem_t, tree_law_t, tree_hit_t, tree_impact_t, forest, first_hit, tree_impact
+   public :: forest_t, stem_t, tree_law_t, tree_hit_t, tree_impact_t, build_forest, first_hit, tree_impact
    public :: max_stem_energy, energy_share, hit_type, frontal, lateral, scratch, class_ends
 
    !> Types of a hit, by where on the stem the boulder touches it.
@@ -70,14 +70,15 @@ module rockfall_forest
 
 contains
 
-   !> A forest; the diameters say how thick stems are, the factors how tough, beside silver fir.
-   pure function forest(x, y, origin, dbh, factor, law) result(this)
+   !> A forest; the diameters say how thick stems are, the factors how tough, beside silver fir. No function: its result
+   !> would be there twice for a moment.
+   pure subroutine build_forest(x, y, origin, dbh, factor, law, this)
       real(wp), intent(in) :: x(:), y(:)  !! map coordinates, one stem at least [m]
       real(wp), intent(in) :: origin(2)   !! of local coordinates [m]
       real(wp), intent(in) :: dbh(:)      !! diameters at breast height, > 0 [cm]
       real(wp), intent(in) :: factor(:)   !! [-]
       type(tree_law_t), intent(in) :: law
-      type(forest_t) :: this
+      type(forest_t), intent(out) :: this
       integer, allocatable :: next(:)
       real(wp) :: across(2)
       integer :: k, b
@@ -108,7 +109,7 @@ contains
                                      factor(k)*max_stem_energy(dbh(k)))
          next(b) = next(b) + 1
       end do
-   end function forest
+   end subroutine build_forest
 
    !> The bucket of a place within the grid.
    pure integer function bucket(this, x, y)

@@ -18,6 +18,8 @@ module rockfall_f2py
    use rockfall_trajectory, only: scene_t, boulder_result_t, crossing_t, scratch_t, left_window
    use rockfall_scene, only: scene_arrays_t, scene_from, check_sources, boulders_of
    use rockfall_reach, only: block_side, take_minima, reach_box
+   use rockfall_stand, only: stems_in_cell, stem_numbers
+   use rockfall_random, only: random_key
    use rockfall_sources, only: usual_threshold, keep_steep, surface_ratios
    use rockfall_maps, only: maps_t
    use rockfall_map_values, only: map_plan_t, plan_maps => map_plan, map_views, map_row, map_min_count
@@ -36,6 +38,7 @@ module rockfall_f2py
    public :: check_maps, map_values, check_case, case_key, variable, read_sets, fields, histogram_bins, team
    public :: team_fits, end_team, slope_threshold, steep_cells, area_ratios, known_at, outside, boulders
    public :: boulders_of_source, sources_of_boulders, weights_of_sets, weights_of_sizes, ratio_classes
+   public :: stand_counts, stand_numbers
    public :: admissible_rebounds, limit_rebounds, size_to_radius, constant
 
    !> What a handle stands for.
@@ -49,9 +52,10 @@ contains
 
    !> The scene of the text of a case and of the arrays in `scene_arrays_t`, as a handle.
    subroutine open_scene(text, name, z8, z4, west, north, cell, nodes, first, zone1, zone2, values, sizes, &
-                         source_x, source_y, area_ratio, sets_text, sets_name, draw, handle, code, message, &
-                         nx8, ny8, nx4, ny4, nx1, ny1, nx2, ny2, nxv, nyv, nkv, ks, ms, ns, na)
-      integer(c_int), intent(in) :: nx8, ny8, nx4, ny4, nx1, ny1, nx2, ny2, nxv, nyv, nkv, ks, ms, ns, na
+                         source_x, source_y, area_ratio, tree_x, tree_y, tree_dbh, tree_factor, sets_text, &
+                         sets_name, draw, handle, code, message, &
+                         nx8, ny8, nx4, ny4, nx1, ny1, nx2, ny2, nxv, nyv, nkv, ks, ms, ns, na, nt)
+      integer(c_int), intent(in) :: nx8, ny8, nx4, ny4, nx1, ny1, nx2, ny2, nxv, nyv, nkv, ks, ms, ns, na, nt
       character(len=*), intent(in) :: text, name                 !! of the case, and what it is called in messages
       real(c_double), intent(in), target :: z8(nx8, ny8)         !! elevations [m], or
       real(c_float), intent(in), target :: z4(nx4, ny4)          !! in single precision
@@ -63,6 +67,7 @@ contains
       real(c_double), intent(in) :: sizes(ks, ms)                !! [m]
       real(c_double), intent(in) :: source_x(ns), source_y(ns)   !! map coordinates [m]
       real(c_double), intent(in) :: area_ratio(na)
+      real(c_double), intent(in), target :: tree_x(nt), tree_y(nt), tree_dbh(nt), tree_factor(nt)  !! stems
       character(len=*), intent(in) :: sets_text, sets_name       !! of the file of impact sets
       integer(c_int), intent(in) :: draw                         !! of its draws; 0: the only one
       integer(c_intptr_t), intent(out) :: handle                 !! 0 without a scene
@@ -88,6 +93,10 @@ contains
       arrays%sizes = sizes
       arrays%source_x = source_x
       arrays%source_y = source_y
+      arrays%tree_x => tree_x
+      arrays%tree_y => tree_y
+      arrays%tree_dbh => tree_dbh
+      arrays%tree_factor => tree_factor
       arrays%sets_text = sets_text
       arrays%sets_name = sets_name
       arrays%draw = draw
@@ -279,11 +288,11 @@ contains
       side = block_side(nodes)
    end subroutine block_of
 
-   !> The tallies that maps need: the layers of passages, deposits, sources and their boulders, of sums and of maxima
-   !> of energy, speed and jump height, from 1 in their stacks (0 = none), and the bins of counts for quantiles.
+   !> The tallies that maps need: where the layers of map_plan_t are in their stacks, from 1 (0 = none), and the bins of
+   !> counts for quantiles.
    subroutine map_plan(names, counts, sums, maxima, bins)
       character(len=*), intent(in) :: names  !! of maps, separated by blanks
-      integer(c_int), intent(out) :: counts(4), sums(3), maxima(3), bins
+      integer(c_int), intent(out) :: counts(5), sums(5), maxima(4), bins
       type(map_plan_t) :: plan
 
       plan = plan_of(names)
@@ -342,6 +351,46 @@ contains
          call map_row(maps, name, j, boulders, least, values(:, j))
       end do
    end subroutine map_values
+
+   !> Trees of a stand (rockfall_stand): how many stems stand in each cell of a row of a raster of nx columns.
+   subroutine stand_counts(seed, nx, row, expected, even, counts, n)
+      !f2py threadsafe
+      integer(c_int), intent(in) :: n
+      integer(c_int64_t), intent(in) :: seed
+      integer(c_int), intent(in) :: nx, row, even       !! row from 1; even: 1 or 0
+      real(c_double), intent(in) :: expected(n)         !! stems
+      integer(c_int32_t), intent(out) :: counts(n)
+      integer :: i
+
+      counts = [(stems_in_cell(random_key(seed), cell_number(nx, row, i), expected(i), even /= 0), i=1, n)]
+   end subroutine stand_counts
+
+   !> And the four uniform numbers of each of these stems, cell by cell.
+   subroutine stand_numbers(seed, nx, row, counts, numbers, n, nt)
+      !f2py threadsafe
+      integer(c_int), intent(in) :: n, nt
+      integer(c_int64_t), intent(in) :: seed
+      integer(c_int), intent(in) :: nx, row
+      integer(c_int32_t), intent(in) :: counts(n)       !! nt together
+      real(c_double), intent(out) :: numbers(4, nt)
+      integer :: i, k, stem
+
+      k = 0
+      do i = 1, n
+         do stem = 1, counts(i)
+            k = k + 1
+            numbers(:, k) = stem_numbers(random_key(seed), cell_number(nx, row, i), stem)
+         end do
+      end do
+   end subroutine stand_numbers
+
+   !> Cells are counted from 1 by rows from the north-west.
+   pure integer(c_int64_t) function cell_number(nx, row, column)
+      integer(c_int), intent(in) :: nx, row
+      integer, intent(in) :: column
+
+      cell_number = (row - 1)*int(nx, c_int64_t) + column
+   end function cell_number
 
    !> The slope from which cells of a size are steep, unless the case says another [degree].
    subroutine slope_threshold(cell, slope)

@@ -123,6 +123,9 @@ contains
       case ("surface"); decides_arrays = key%name /= "rg_reading"
       case ("release"); decides_arrays = key%name /= "drop_height" .and. key%name /= "velocity"
       case ("impact"); decides_arrays = key%name == "sets"
+      case ("forest"); decides_arrays = .not. any(key%name == [character(len=len(key%name)) :: "stem_height", &
+                                                  "lateral_from", "scratch_from", "turn_frontal", "turn_lateral", &
+                                                  "turn_scratch"])
       case default; decides_arrays = .false.
       end select
    end function decides_arrays

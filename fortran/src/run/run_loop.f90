@@ -165,7 +165,7 @@ contains
             call make_columns(plan%rows, int(nx, i8)*ny, results%bin_counts, cells(5))
          end if
          layers = 0
-         if (any(plan%count(3:) > 0)) then
+         if (any(plan%count(3:4) > 0)) then
             results%head = first_partial(scene%release, results%before + 1)
             layers = merge(2, 1, results%head > 0)
          end if

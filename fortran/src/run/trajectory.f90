@@ -16,6 +16,7 @@ module rockfall_trajectory
    use rockfall_direction, only: turning_t, lateral_t, past_aspect, by_lab, lateral_angle, new_heading, unit_vector, &
                                  any_heading
    use rockfall_line, only: line_t, first_crossing
+   use rockfall_forest, only: forest_t
    use rockfall_maps, only: visits_t, start_visits, visit_spans, visit_cell
    use rockfall_histogram, only: histograms_t, count_rebound
    implicit none
@@ -45,6 +46,7 @@ module rockfall_trajectory
       type(volume_distribution_t) :: volumes
       type(release_t) :: release
       type(line_t), allocatable :: lines(:)
+      type(forest_t), allocatable :: forest
       real(wp) :: gravity = 9.81_wp        !! [m/s2]
       real(wp) :: stop_speed = 0.5_wp      !! after a rebound [m/s]
       integer :: max_impacts = 100000      !! contacts, after which a boulder ends

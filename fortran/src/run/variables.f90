@@ -131,6 +131,12 @@ module rockfall_variables
                  "98 % quantile of the passing boulders' maximum jump heights", in_classes), &
       variable_t("map", "jump_height_q99", "real", "m", &
                  "99 % quantile of the passing boulders' maximum jump heights", in_classes), &
+      variable_t("map", "tree_impacts", "integer", "1", "hits of trees by boulders", "each counts"), &
+      variable_t("map", "tree_impact_height_max", "real", "m", &
+                 "maximum height of a boulder's point above the surface when it hit a tree"), &
+      variable_t("map", "tree_impact_height_mean", "real", "m", &
+                 "mean of these heights, over hits"), &
+      variable_t("map", "tree_energy", "real", "J", "energy that trees took from all boulders"), &
       variable_t("histogram", "incidence_angle", "integer", "degree", &
                  "incidence angle from the surface, 90 = vertical", ends), &
       variable_t("histogram", "tangential_share", "integer", "1", &

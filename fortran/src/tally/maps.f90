@@ -8,7 +8,8 @@ module rockfall_maps
    use rockfall_bins, only: energy, speed, jump_height, log_bin
    implicit none
    private
-   public :: maps_t, per_unit, visits_t, needs_visits, start_visits, visit_spans, visit_cell, add_visits, add_deposit
+   public :: maps_t, layer_t, per_unit, visits_t, needs_visits, start_visits, visit_spans, visit_cell, add_visits, add_deposit
+   public :: add_value
    public :: lacks_slots
 
    real(wp), parameter :: per_unit(3) = [1.0_wp, 1000.0_wp, 1000.0_wp]  !! sums are of whole J, mm/s, mm
@@ -34,6 +35,9 @@ module rockfall_maps
       integer(i4), pointer, contiguous :: last_source(:, :, :) => null()
       integer(i8) :: first_partial = 0  !! a source that has the second layer to itself
       type(layer_t) :: layer(3)
+      integer(i4), pointer, contiguous :: tree_impacts(:, :) => null()  !! hits of trees, several of a boulder if so
+      type(layer_t) :: tree_height                                      !! of the boulder's point at each
+      integer(i8), pointer, contiguous :: tree_energy(:, :) => null()   !! that trees took [J]
       !> Counts of bins (bins, slots): a cell gets a slot, and with it memory, when the first boulder passes
       !> it. Which one depends on the order of boulders, what stands in it does not.
       integer(i4), pointer, contiguous :: bin_counts(:, :) => null()

@@ -5,7 +5,7 @@ program test_forest
    use rockfall_math, only: degree
    use rockfall_random, only: random_key, four_words, for_tree
    use rockfall_flight, only: span_t
-   use rockfall_forest, only: forest_t, stem_t, tree_law_t, tree_hit_t, tree_impact_t, forest, first_hit, tree_impact, &
+   use rockfall_forest, only: forest_t, stem_t, tree_law_t, tree_hit_t, tree_impact_t, build_forest, first_hit, tree_impact, &
                               max_stem_energy, energy_share, hit_type, frontal, lateral, scratch
    use check_m, only: check, check_close, finish
    implicit none
@@ -38,6 +38,14 @@ contains
       call check_close("30 cm", max_stem_energy(30.0_wp), 99968.0137871888292_wp, 1.0e-14_wp)
       call check_close("80 cm", max_stem_energy(80.0_wp), 963493.601702790811_wp, 1.0e-14_wp)
    end subroutine test_energy
+
+   !> A forest of these stems.
+   pure type(forest_t) function forest(x, y, at, dbh, factor, law) result(this)
+      real(wp), intent(in) :: x(:), y(:), at(2), dbh(:), factor(:)  !! as of build_forest
+      type(tree_law_t), intent(in) :: law
+
+      call build_forest(x, y, at, dbh, factor, law, this)
+   end function forest
 
    subroutine test_share()
       call check_close("in the middle", energy_share(0.0_wp), 0.979976714932332450_wp, 1.0e-14_wp)

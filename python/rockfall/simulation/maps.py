@@ -20,8 +20,8 @@ HALVINGS = 5  # of these rows, before they are too few to begin with
 class Plan(NamedTuple):
     """The tallies that some maps need: layers by name, from 1 in their stacks; 0: none."""
 
-    counts: dict[str, int]  # passages, deposits, sources; released: boulders of these sources
-    sums: dict[str, int]  # energy, speed, jump_height
+    counts: dict[str, int]  # passages, deposits, sources; released: boulders of these; tree_impacts
+    sums: dict[str, int]  # energy, speed, jump_height; tree_height, tree_energy
     maxima: dict[str, int]
     bins: int  # of counts for quantiles
 
@@ -33,12 +33,12 @@ class Plan(NamedTuple):
 def plan_of(names: str) -> Plan:
     """That of maps whose names have blanks between."""
     counts, sums, maxima, bins = _core.map_plan(names)
-    quantities = "energy", "speed", "jump_height"
-    kinds = "passages", "deposits", "sources", "released"
+    quantities = "energy", "speed", "jump_height", "tree_height", "tree_energy"
+    kinds = "passages", "deposits", "sources", "released", "tree_impacts"
     return Plan(
         dict(zip(kinds, counts.tolist(), strict=True)),
         dict(zip(quantities, sums.tolist(), strict=True)),
-        dict(zip(quantities, maxima.tolist(), strict=True)),
+        dict(zip(quantities[:4], maxima.tolist(), strict=True)),
         int(bins),
     )
 

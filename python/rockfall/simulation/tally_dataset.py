@@ -19,7 +19,10 @@ if TYPE_CHECKING:
     import xarray as xr
 
 #: Maps that are maxima of the kernel themselves, and of which quantity; so are counts.
-MAXIMA = {"energy_max": "energy", "speed_max_map": "speed", "jump_height_max_map": "jump_height"}
+MAXIMA = {
+    "energy_max": "energy", "speed_max_map": "speed", "jump_height_max_map": "jump_height",
+    "tree_impact_height_max": "tree_height",
+}  # fmt: skip
 
 
 def make_result(tally: Tally, maps: bool = True) -> xr.Dataset:
