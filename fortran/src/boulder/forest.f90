@@ -125,7 +125,9 @@ contains
       integer, intent(in) :: axis
       real(wp), intent(in) :: coordinate  !! [m]
 
-      strip = max(0, min(merge(this%nx, this%ny, axis == 1) - 1, int((coordinate - this%low(axis))/this%side)))
+      associate (last => merge(this%nx, this%ny, axis == 1) - 1.0_wp)
+         strip = int(max(0.0_wp, min(last, (coordinate - this%low(axis))/this%side)))
+      end associate
    end function strip
 
    !> The greatest energy [J] that a stem of silver fir can take, hit in the middle
