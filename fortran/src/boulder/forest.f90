@@ -63,7 +63,6 @@ module rockfall_forest
    !> What a hit does to a boulder.
    type :: tree_impact_t
       real(wp) :: taken = 0.0_wp                  !! energy that the stem takes [J]
-      real(wp) :: speed_factor = 1.0_wp           !! speed and spin after it over those before [-]
       real(wp) :: sine = 0.0_wp, cosine = 1.0_wp  !! of the turn in plan, > 0: to the left [-]
       logical :: breaks = .false.                 !! the stem: later flights of this boulder do not hit it
    end type tree_impact_t
@@ -247,7 +246,6 @@ contains
       x = abs(offset)/(radius + stem%radius)
       type = hit_type(law, x)
       impact%taken = min(energy, energy_share(x)*stem%max_energy)
-      impact%speed_factor = sqrt((energy - impact%taken)/energy)
       impact%breaks = type == frontal .and. impact%taken < energy
       side = -sign(1.0_wp, offset)
       if (x < in_the_middle) side = merge(1.0_wp, -1.0_wp, btest(word(tree_within_word), 0))

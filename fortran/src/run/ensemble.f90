@@ -5,9 +5,10 @@ module rockfall_ensemble
    use rockfall_kinds, only: i8
    use rockfall_threads, only: team_size
    use rockfall_trajectory, only: scene_t, boulder_result_t, crossing_t, scratch_t, trace_full, choose_trace, &
-                                  stopped, absorbed, left_window
+                                  has_obstacles, at_rest, left_window
    use rockfall_boulder, only: release_t, source_of, first_of, last_of, released_by
    use rockfall_maps, only: maps_t, needs_visits, visits_t, start_visits, add_visits, add_deposit
+   use rockfall_tree_maps, only: needs_tree_hits, add_tree_hits
    use rockfall_source_maps, only: counts_sources, gather, add_source, add_source_of_boulder
    use rockfall_histogram, only: histograms, bins, quantities
    implicit none
@@ -52,6 +53,7 @@ contains
       integer :: k
 
       call prepare(scene, needs_visits(maps), scratch)
+      scratch%tree_hits_requested = allocated(scene%forest) .and. needs_tree_hits(maps)
       if (counts_sources(maps)) then
          call run_by_source(scene, first, threads, results, crossings, maps, scratch)
       else
@@ -86,7 +88,8 @@ contains
          return
       end if
       if (scratch%cells_requested) call add_visits(maps, scratch%visits, result%boulder%mass)
-      if (result%status == stopped .or. result%status == absorbed) call add_deposit(maps, result%stop_cell)
+      if (scratch%tree_hits_requested) call add_tree_hits(maps, scratch%tree_hits)
+      if (at_rest(result%status)) call add_deposit(maps, result%stop_cell)
    end subroutine run_one
 
    !> One thread's part where maps count sources. All threads walk through the sources of the call in
@@ -176,7 +179,8 @@ contains
       scratch%cells_requested = cells_requested
       call choose_trace(scene, scratch)
       if (allocated(scene%lines)) allocate (scratch%crossings(size(scene%lines)))
-      if (cells_requested) allocate (scratch%spans(scene%dem%nx + scene%dem%ny))
+      if (allocated(scene%barriers)) allocate (scratch%broken(size(scene%barriers)))
+      if (cells_requested .or. has_obstacles(scene)) allocate (scratch%spans(scene%dem%nx + scene%dem%ny))
       if (scene%histograms_requested) scratch%histograms = histograms()
    end subroutine prepare
 end module rockfall_ensemble

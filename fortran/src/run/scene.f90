@@ -10,6 +10,7 @@ module rockfall_scene
    use rockfall_terrain, only: terrain, patch_t, locate, height, on_terrain
    use rockfall_sources, only: last_boulders
    use rockfall_line, only: line
+   use rockfall_barrier, only: barrier_t
    use rockfall_impact, only: impact_set, impact_ratios, fitted
    use rockfall_direction, only: lateral, by_lab
    use rockfall_boulder, only: last_of
@@ -57,6 +58,7 @@ contains
       scene%between_ratios = case%between_ratios
       scene%max_impacts = case%impact_limit
       scene%histograms_requested = case%rebounds
+      scene%energies_requested = case%energy_balance
       scene%volumes = case%volumes
       call set_ground(case, arrays, scene)
       call set_release(case, arrays, scene)
@@ -100,6 +102,7 @@ contains
       end associate
    end subroutine set_release
 
+   !> Evaluation lines, and the barriers among them.
    pure subroutine set_lines(case, scene)
       type(case_t), intent(in) :: case
       type(scene_t), intent(inout) :: scene
@@ -110,6 +113,9 @@ contains
       do k = 1, size(case%lines)
          scene%lines(k) = line(case%lines(k)%x - scene%dem%x0, case%lines(k)%y - scene%dem%y0)
       end do
+      if (all(case%lines%height <= 0)) return
+      scene%barriers = pack([(barrier_t(k, case%lines(k)%height, case%lines(k)%capacity), k=1, size(case%lines))], &
+                            case%lines%height > 0)
    end subroutine set_lines
 
    pure subroutine set_forest(case, arrays, scene)

@@ -74,7 +74,7 @@ def make_part(tally: Tally) -> xr.Dataset:
     grid, box = tally.scene.grid, tally.window
     window = [box.column, box.row, *box.shape[::-1]]
     data = boulder_variables(tally)
-    if tally.scene.case.line:
+    if tally.scene.case.lines:
         data |= line_variables(tally)
     data |= {
         BEFORE + name: (ABOUT[name][1], values, {"units": "1", "long_name": ABOUT[name][2]})
@@ -140,7 +140,10 @@ class Part:
             for k, name in enumerate(variables.fields(what)):
                 if name in variables.BOULDER:
                     table[rows, k] = self.arrays[name]
-        if tally.scene.case.line:
+        if tally.scene.case.output["energy_balance"]:
+            for k, name in enumerate(variables.fields(5)):
+                tally.energy[rows, k] = self.arrays[name]
+        if tally.scene.case.lines:
             for k, name in enumerate(variables.fields(3)):
                 tally.crossing[rows, :, k] = self.arrays[f"line_{name}"].T
         for name in variables.COUNT:
@@ -316,7 +319,9 @@ def _expected(part: Part) -> dict[str, tuple[str, tuple[str, ...]]]:
     for name in variables.BOULDER:
         found[name] = ({"status": "i1", "impacts": "i4"}.get(name, "f8"), ("boulder",))
     found |= {name: ("i8", ()) for name in variables.COUNT}
-    if case.line:
+    if case.output["energy_balance"]:
+        found |= {name: ("f8", ("boulder",)) for name in variables.ENERGY}
+    if case.lines:
         found |= {f"line_{name}": ("f8", ("line", "boulder")) for name in variables.LINE}
     if case.output["rebounds"]:
         found |= {f"{name}_histogram": ("i8", (f"{name}_bin",)) for name in variables.HISTOGRAM}
@@ -335,7 +340,7 @@ def _lengths(part: Part) -> dict[str, int]:
     found = {f"tally_{name}_layer": plan.layers(name) for name in STACKS}
     bins = _core.histogram_bins()[0]
     found |= {f"{name}_bin": n for name, n in zip(variables.HISTOGRAM, bins, strict=True)}
-    found |= {"boulder": part.last - part.first + 1, "line": len(case.line)}
+    found |= {"boulder": part.last - part.first + 1, "line": len(case.lines)}
     return found | {"tally_class": plan.bins}
 
 
