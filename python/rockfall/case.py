@@ -111,6 +111,11 @@ class Case:
         raise AttributeError(f"a case has no group {group!r}")
 
     @property
+    def has_forest(self) -> bool:
+        """Whether there are trees, listed or made."""
+        return not {"trees", "stems", "uniform_stems"}.isdisjoint(self.forest)
+
+    @property
     def lines(self) -> list[dict[str, Any]]:
         """Where crossings are recorded: the evaluation lines, then the barriers."""
         return self.line + self.barrier
@@ -137,7 +142,9 @@ class Case:
 
     def text(self) -> str:
         """The case as the text of a namelist file."""
-        several = {group: [plain_values(one) for one in ones] for group, ones in self._several.items()}
+        several = {
+            group: [plain_values(one) for one in ones] for group, ones in self._several.items()
+        }
         return namelist_text(self._groups, several)
 
     def path(self, file: str) -> Path:

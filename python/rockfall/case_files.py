@@ -21,8 +21,9 @@ RASTERS = {
     "terrain": ("dem",),
     "surface": ("zones", "mean_radius", "rg70", "rg20", "rg10"),
     "release": ("cells",),
+    "forest": ("stems", "dbh_mean", "dbh_std", "conifers"),
 }
-LAYERS = {"surface": ("zones",), "release": ("polygons",)}
+LAYERS = {"surface": ("zones",), "release": ("polygons",), "forest": ("trees",)}
 #: Endings of what may lie beside a layer (GDAL's drivers of shapefiles and GeoPackages).
 BESIDE = (
     ".shp", ".shx", ".dbf", ".prj", ".cpg", ".qpj", ".cst", ".qix", ".sbn", ".sbx", ".idm", ".ind",
@@ -39,8 +40,9 @@ def input_files(case: Case) -> Iterator[Path]:
                 file = getattr(case, group).get(name, FROM_ARRAY)
                 if file != FROM_ARRAY:
                     yield from map(Path, files_of(case.path(file)))
-    if "table" in case.surface:
-        yield case.path(case.surface["table"])
+    for group, name in (("surface", "table"), ("forest", "species_table")):
+        if name in getattr(case, group):
+            yield case.path(getattr(case, group)[name])
     for name in (case.impact["sets"], *case.ensemble.get("sets", [])):
         with suppress(RockfallError):  # who reads it says that it is not there
             yield set_path(case, name)

@@ -8,9 +8,9 @@ module rockfall_variables
 
    !> A variable of a result.
    type :: variable_t
-      !> boulder, count (of all boulders), energy (of each boulder, on request), tree (of each, with trees), line (first crossing), line_vertex,
-      !> barrier, map, histogram, vertex (of a trajectory); or status and outcome, for what the status of a boulder
-      !> may be, and what a barrier may do with it.
+      !> boulder, count (of all boulders), energy (of each boulder, on request), tree (of each, where there are trees),
+      !> line (first crossing), line_vertex, barrier, map, histogram, vertex (of a trajectory); or status and outcome,
+      !> for what the status of a boulder may be, and what a barrier may do with it.
       character(len=11) :: group
       character(len=27) :: name       !! in files line_, trajectory_ before, _histogram after
       character(len=7) :: kind        !! real, integer, word

@@ -21,7 +21,11 @@ from rockfall.io.raster_file import raster_file
 if TYPE_CHECKING:
     from rockfall.scene.scene import Scene
 
-POLYGONS = {".gpkg", ".geojson", ".json", ".shp", ".fgb"}  # endings of layers of polygons
+LAYERS = {".gpkg", ".geojson", ".json", ".shp", ".fgb"}  # endings of layers of shapes
+#: Rasters that are not in the group of the surface.
+GROUPS = {"cells": "release"} | dict.fromkeys(
+    ("stems", "dbh_mean", "dbh_std", "conifers"), "forest"
+)
 
 
 def layer_blocks(
@@ -33,8 +37,7 @@ def layer_blocks(
     """
     given = rasters.pop(key, None)
     if given is None:
-        group = scene.case.release if key == "cells" else scene.case.surface
-        path = scene.case.path(group[key])
+        path = scene.case.path(getattr(scene.case, GROUPS.get(key, "surface"))[key])
         if key not in scene.checksums:
             scene.checksums[key] = file_checksum(path)
         yield from aligned_blocks(path, scene.grid, what, dtype, box)

@@ -17,7 +17,8 @@ from rockfall.io.raster import dem_header, read_dem
 from rockfall.io.raster_file import raster_file
 from rockfall.scene.coefficients import open_sets
 from rockfall.scene.digest import digest
-from rockfall.scene.layers import POLYGONS, array_checksum, file_checksum
+from rockfall.scene.forest import read_forest
+from rockfall.scene.layers import GROUPS, LAYERS, array_checksum, file_checksum
 from rockfall.scene.scene import Scene
 from rockfall.scene.sources import read_sources
 from rockfall.scene.surface import cell_bytes, read_surface, size_columns
@@ -29,8 +30,9 @@ def read_scene(
 ) -> Scene:
     """Read and check everything that a case names.
 
-    `dem` and `rasters` (zones, mean_radius, rg70, rg20, rg10, cells) may be given as arrays: an
-    xarray.DataArray, or NumPy on the cells of the DEM (for the DEM itself with its `transform`).
+    `dem` and `rasters` (zones, mean_radius, rg70, rg20, rg10, cells, stems, dbh_mean, dbh_std,
+    conifers) may be given as arrays: an xarray.DataArray, or NumPy on the cells of the DEM (for the
+    DEM itself with its `transform`).
     If rasters in files need more than half of `memory` [bytes], they are read in windows, as they
     are needed: see `rockfall.scene.windows`.
     """
@@ -56,6 +58,7 @@ def read_scene(
     scene.checksums["dem"] = file_checksum(file) if dem is None else array_checksum(z)
     read_surface(scene, grid.box, rasters)
     read_sources(scene, [(scene, grid.box)], rasters)
+    read_forest(scene, rasters)
     _read_sets(scene)
     if rasters:
         raise RockfallError(
@@ -78,7 +81,7 @@ def _windowed(scene: Scene, cells: int) -> Scene:
         )
     for group, key in (("release", "polygons"), ("surface", "zones")):
         file = getattr(case, group).get(key, "")
-        if key == "polygons" and file or Path(file).suffix.lower() in POLYGONS:
+        if key == "polygons" and file or Path(file).suffix.lower() in LAYERS:
             raise RockfallError(
                 f"{case.name}: &{group} {key} = '{file}': polygons need the whole terrain in "
                 "memory, and it does not fit; make a raster of them, or raise --memory"
@@ -88,6 +91,7 @@ def _windowed(scene: Scene, cells: int) -> Scene:
     if release["steep_cells"] or release["by_area"]:  # the terrain tells
         rows = bands(scene, cells)
     read_sources(scene, rows, {})
+    read_forest(scene, {})
     _read_sets(scene)
     scene.windows = Windows(scene, cells)
     scene.decoded = scene.windows.decoded
@@ -102,9 +106,9 @@ def _read_sets(scene: Scene) -> None:
 
 def _with_arrays(case: Case, keys: set[str]) -> Case:
     """The case, checked once more, saying which of its rasters came as arrays."""
-    groups = {"dem": "terrain", "cells": "release"}
+    groups = {"dem": "terrain"} | GROUPS
     changes: dict[str, Any] = {}
-    for key in keys & {"dem", "zones", "mean_radius", "rg70", "rg20", "rg10", "cells"}:
+    for key in keys & {"zones", "mean_radius", "rg70", "rg20", "rg10", *groups}:
         group = groups.get(key, "surface")
         if key == "dem" or key in getattr(case, group):
             changes.setdefault(group, {})[key] = FROM_ARRAY
@@ -115,6 +119,7 @@ def _check_files(case: Case, arrays: dict[str, Any]) -> None:
     """Every file that the case names and that is to be read is there."""
     keys = {"terrain": ("dem",), "surface": ("zones", "table", *size_columns(case))}
     keys["release"] = ("cells", "polygons")
+    keys["forest"] = ("trees", "stems", "dbh_mean", "dbh_std", "conifers", "species_table")
     for group, names in keys.items():
         for key in names:
             file = getattr(case, group).get(key)

@@ -143,6 +143,8 @@ class Part:
         if tally.scene.case.output["energy_balance"]:
             for k, name in enumerate(variables.fields(5)):
                 tally.energy[rows, k] = self.arrays[name]
+        if tally.scene.case.has_forest:
+            tally.trees_hit[rows] = self.arrays["trees_hit"]
         if tally.scene.case.lines:
             for k, name in enumerate(variables.fields(3)):
                 tally.crossing[rows, :, k] = self.arrays[f"line_{name}"].T
@@ -321,6 +323,8 @@ def _expected(part: Part) -> dict[str, tuple[str, tuple[str, ...]]]:
     found |= {name: ("i8", ()) for name in variables.COUNT}
     if case.output["energy_balance"]:
         found |= {name: ("f8", ("boulder",)) for name in variables.ENERGY}
+    if case.has_forest:
+        found["trees_hit"] = ("i4", ("boulder",))
     if case.lines:
         found |= {f"line_{name}": ("f8", ("line", "boulder")) for name in variables.LINE}
     if case.output["rebounds"]:

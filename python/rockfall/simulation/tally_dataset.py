@@ -10,8 +10,8 @@ import numpy as np
 from rockfall._core import rockfall_f2py as _core
 from rockfall.io.grid import row_blocks
 from rockfall.result import variables
-from rockfall.result.variables import fields
 from rockfall.result.dataset import as_dataset, centre_variables, provenance
+from rockfall.result.variables import fields
 from rockfall.simulation.maps import Maps
 from rockfall.simulation.tally import Tally
 from rockfall.version import __version__
@@ -60,6 +60,8 @@ def boulder_variables(tally: Tally) -> dict[str, Any]:
     if tally.scene.case.output["energy_balance"]:
         for name, values in zip(fields(5), tally.energy[: tally.done].T, strict=True):
             data[name] = ("boulder", values, variables.ENERGY[name])
+    if tally.scene.case.has_forest:
+        data["trees_hit"] = ("boulder", tally.trees_hit[: tally.done], variables.TREE["trees_hit"])
     return data
 
 
