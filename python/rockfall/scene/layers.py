@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rockfall.case import file_keys
 from rockfall.errors import RockfallError
 from rockfall.io.arrays import as_plan, grid_of
 from rockfall.io.crs import crs_name, same_crs
@@ -22,10 +23,6 @@ if TYPE_CHECKING:
     from rockfall.scene.scene import Scene
 
 LAYERS = {".gpkg", ".geojson", ".json", ".shp", ".fgb"}  # endings of layers of shapes
-#: Rasters that are not in the group of the surface.
-GROUPS = {"cells": "release"} | dict.fromkeys(
-    ("stems", "dbh_mean", "dbh_std", "conifers"), "forest"
-)
 
 
 def layer_blocks(
@@ -37,7 +34,8 @@ def layer_blocks(
     """
     given = rasters.pop(key, None)
     if given is None:
-        path = scene.case.path(getattr(scene.case, GROUPS.get(key, "surface"))[key])
+        group = next(one.group for one in file_keys() if one.name == key)
+        path = scene.case.path(getattr(scene.case, group)[key])
         if key not in scene.checksums:
             scene.checksums[key] = file_checksum(path)
         yield from aligned_blocks(path, scene.grid, what, dtype, box)

@@ -118,7 +118,7 @@ def shard_range(scene: Scene, shard: tuple[int, int]) -> range:
         raise RockfallError(f"shard = {which}/{of}: must be I/N with I from 1 to N")
     if of > max(1, scene.boulders):
         raise RockfallError(f"shard = {which}/{of}: there are {scene.boulders} boulders only")
-    return range(scene.boulders * (which - 1) // of, scene.boulders * which // of)
+    return range(_core.share(scene.boulders, which - 1, of), _core.share(scene.boulders, which, of))
 
 
 def origin_of(tally: Tally) -> Origin:
