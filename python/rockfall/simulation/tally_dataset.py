@@ -106,6 +106,8 @@ def _barrier_variables(tally: Tally) -> dict[str, Any]:
     columns = dict(zip(fields(3), tally.crossing[: tally.done].transpose(2, 1, 0), strict=True))
     for k in np.flatnonzero(height):
         crossed = np.flatnonzero(~np.isnan(columns["time"][k]))
+        if not crossed.size:  # f2py has no empty arrays
+            continue
         energy = columns["energy_translational"][k] + columns["energy_rotational"][k]
         outcome[k, crossed] = _core.barrier_outcomes(
             height[k], capacity[k], columns["passing_height"][k, crossed], energy[crossed]
