@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Polygon layers (GeoPackage, GeoJSON, shapefile, FlatGeobuf) to rasters on the terrain's grid.
+"""Layers (GeoPackage, GeoJSON, shapefile, FlatGeobuf): polygons to rasters on the terrain's grid,
+and points.
 
 Files are looked at before GDAL opens them. Shapefile and FlatGeobuf hold only shapes. A GeoPackage
 is a database, whose views may have no end; GeoJSON is text, that could be anything else, so it is
@@ -49,19 +50,15 @@ def burn_polygons(
     from rasterio.features import rasterize
 
     path = str(path)
-    about, shapes, values = _read(path, field)
+    fields = () if field is None else (field,)
+    about, shapes, values = _read(path, "polygon", fields, needed=fields)
     bounds = _check_shapes(path, shapes)
-    crs = _crs_of(about, bounds, grid)
-    _check_crs(path, crs, grid)
     remarks = [] if remarks is None else remarks
-    if crs is None and grid.crs is not None:
-        dem = crs_name(grid.crs)
-        remarks.append(f"{path}: names no CRS: taken to be in that of the DEM, {dem}")
+    _check_place(path, about, bounds, grid, remarks)
     if field is None:
         numbers = np.ones(len(shapes), np.uint8)
     else:
-        assert values is not None
-        numbers = _integers(path, field, values)
+        numbers = _integers(path, field, values[field])
     outside = 0 if field is None else NO_ID
 
     def burnt(order: int) -> np.ndarray:
@@ -76,8 +73,8 @@ def burn_polygons(
     cells = burnt(1)
     if (cells == outside).all():
         raise RockfallError(
-            f"{path}: no polygon holds the centre of a cell: {_extent(*bounds)}; "
-            f"the terrain: {_extent(grid.west, grid.south, grid.east, grid.north)}"
+            f"{path}: no polygon holds the centre of a cell: {extent(*bounds)}; "
+            f"the terrain: {extent(grid.west, grid.south, grid.east, grid.north)}"
         )
     if field is None:
         return cells.view(bool)
@@ -89,41 +86,73 @@ def burn_polygons(
     return cells
 
 
-def _extent(west: float, south: float, east: float, north: float) -> str:
+def read_points(
+    path: str | Path, grid: Grid, fields: tuple[str, ...], remarks: list[str]
+) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
+    """x and y [m] of the points of a layer, and those of these attributes that it has, whether
+    their names are in small or large letters. Coordinates are as for polygons."""
+    import shapely
+
+    path = str(path)
+    about, shapes, values = _read(path, "point", fields)
+    kinds = shapely.get_type_id(shapes)
+    for k in np.flatnonzero((kinds != shapely.GeometryType.POINT) | shapely.is_empty(shapes))[:1]:
+        what = (
+            "has no geometry"
+            if kinds[k] < 0 or shapely.is_empty(shapes[k])
+            else (f"is a {shapes[k].geom_type}, points are needed")
+        )
+        raise RockfallError(f"{path}: feature {k + 1}: {what}")
+    x, y = shapely.get_x(shapes), shapely.get_y(shapes)
+    for k in np.flatnonzero(~(np.isfinite(x) & np.isfinite(y)))[:1]:
+        raise RockfallError(f"{path}: feature {k + 1}: has coordinates that are not finite")
+    bounds = np.array([x.min(), y.min(), x.max(), y.max()])
+    _check_place(path, about, bounds, grid, remarks)
+    return x, y, values
+
+
+def extent(west: float, south: float, east: float, north: float) -> str:
     return f"x {west:.12g} to {east:.12g}, y {south:.12g} to {north:.12g}"
 
 
-def _read(path: str, field: str | None) -> tuple[dict[str, Any], np.ndarray, np.ndarray | None]:
-    """(what the layer says of itself, its shapes, the values of the field)."""
-    need("polygons need", "vector", "pyogrio", "shapely")
+def _read(
+    path: str, shape: str, fields: tuple[str, ...], needed: tuple[str, ...] = ()
+) -> tuple[dict[str, Any], np.ndarray, dict[str, np.ndarray]]:
+    """(what the layer says of itself, its shapes, the values of those of the fields that it has).
+    Fields that are needed must be there with just that name."""
+    need(f"{shape}s need", "vector", "pyogrio", "shapely")
     import pyogrio
     import shapely
 
-    file = _plain_layer(path)
+    file = _plain_layer(path, shape)
     try:
-        layer = _only_layer(path, pyogrio.list_layers(file))
+        layer = _only_layer(path, shape, pyogrio.list_layers(file))
         about = pyogrio.read_info(file, layer=layer, force_feature_count=True)
         if about["driver"] not in _DRIVERS:
             raise RockfallError(f"{path}: is read by {about['driver']}: must be {_DRIVERS}")
         if about["features"] == 0:
-            raise RockfallError(f"{path}: the layer is empty, polygons are needed")
-        if field is not None and field not in about["fields"]:
-            raise RockfallError(
-                f"{path}: no attribute {field}; has: {', '.join(about['fields']) or 'none'}"
-            )
-        columns = [] if field is None else [field]
-        _, _, wkb, values = pyogrio.raw.read(file, layer=layer, columns=columns)
+            raise RockfallError(f"{path}: the layer is empty, {shape}s are needed")
+        for field in needed:
+            if field not in about["fields"]:
+                raise RockfallError(
+                    f"{path}: no attribute {field}; has: {', '.join(about['fields']) or 'none'}"
+                )
+        own = {name if name in fields else name.lower(): name for name in about["fields"]}
+        found = [field for field in fields if field in own]
+        columns = [own[field] for field in found]
+        read, _, wkb, values = pyogrio.raw.read(file, layer=layer, columns=columns)
         shapes = shapely.from_wkb(wkb)
     except (RuntimeError, UnicodeDecodeError, shapely.errors.ShapelyError) as error:  # GDAL's
-        raise RockfallError(f"{path}: not a polygon layer that can be read ({error})") from error
-    return about, shapes, None if field is None else values[0]
+        raise RockfallError(f"{path}: not a {shape} layer that can be read ({error})") from error
+    by_name = dict(zip(read["fields"], values, strict=True))
+    return about, shapes, {field: by_name[own[field]] for field in found}
 
 
-def _only_layer(path: str, layers: np.ndarray) -> str:
+def _only_layer(path: str, shape: str, layers: np.ndarray) -> str:
     """The name of the one layer with shapes (GeoPackages keep styles in tables without any)."""
-    names = [name for name, shape in layers if shape is not None]
+    names = [name for name, kind in layers if kind is not None]
     if not names:
-        raise RockfallError(f"{path}: has no layer with polygons")
+        raise RockfallError(f"{path}: has no layer with {shape}s")
     if len(names) > 1:
         raise RockfallError(
             f"{path}: has {len(names)} layers ({', '.join(names)}); keep one layer in the file"
@@ -146,6 +175,17 @@ def _check_shapes(path: str, shapes: np.ndarray) -> np.ndarray:
         if not shape.is_valid:
             raise RockfallError(f"{where}: invalid polygon: {shapely.is_valid_reason(shape)}")
     return shapely.total_bounds(shapes)
+
+
+def _check_place(
+    path: str, about: dict[str, Any], bounds: np.ndarray, grid: Grid, remarks: list[str]
+) -> None:
+    """Coordinates must be those of the terrain, as far as the layer tells."""
+    crs = _crs_of(about, bounds, grid)
+    _check_crs(path, crs, grid)
+    if crs is None and grid.crs is not None:
+        dem = crs_name(grid.crs)
+        remarks.append(f"{path}: names no CRS: taken to be in that of the DEM, {dem}")
 
 
 def _check_crs(path: str, crs: CRS | None, grid: Grid) -> None:
@@ -188,23 +228,23 @@ def _integers(path: str, field: str, values: np.ndarray) -> np.ndarray:
     return values.astype(np.int32)
 
 
-def _plain_layer(path: str) -> str | bytes:
-    """What GDAL may open for a file of polygons: its path, or a text made of it."""
+def _plain_layer(path: str, shape: str) -> str | bytes:
+    """What GDAL may open for a file of shapes: its path, or a text made of it."""
     name, start = plain_file(path), start_of(path)
     if start.startswith(_SHAPES):
         return name
     if start.startswith(SQLITE):
-        _check_geopackage(path, start)
+        _check_geopackage(path, shape, start)
         return name
     if start.removeprefix(b"\xef\xbb\xbf").lstrip().startswith(b"{"):
-        return _plain_geojson(path)
+        return _plain_geojson(path, shape)
     raise RockfallError(
-        f"{path}: not a polygon layer that can be read "
+        f"{path}: not a {shape} layer that can be read "
         "(no GeoPackage, GeoJSON, shapefile or FlatGeobuf)"
     )
 
 
-def _check_geopackage(path: str, start: bytes) -> None:
+def _check_geopackage(path: str, shape: str, start: bytes) -> None:
     """Nothing in the database but tables of what is stored, and their spatial indexes."""
     if start[68:72] not in _GEOPACKAGE:
         raise RockfallError(f"{path}: a database that is no GeoPackage")
@@ -222,7 +262,7 @@ def _check_geopackage(path: str, start: bytes) -> None:
                 if kind == "table":
                     _check_table(path, database, name, text)
     except (sqlite3.Error, UnicodeDecodeError) as error:
-        raise RockfallError(f"{path}: not a polygon layer that can be read ({error})") from error
+        raise RockfallError(f"{path}: not a {shape} layer that can be read ({error})") from error
 
 
 def _check_table(path: str, database: sqlite3.Connection, name: str, text: str) -> None:
@@ -238,15 +278,15 @@ def _check_table(path: str, database: sqlite3.Connection, name: str, text: str) 
             )
 
 
-def _plain_geojson(path: str) -> bytes:
+def _plain_geojson(path: str, shape: str) -> bytes:
     """The shapes of a GeoJSON file, their plain properties, and its CRS."""
     check_text_file(path)
     try:
         data = json.loads(Path(path).read_bytes().decode("utf-8-sig"), parse_constant=_no_number)
-        plain = _collection(data)
+        plain = _collection(data, shape.capitalize())
         text = json.dumps(plain, allow_nan=False)
     except (ValueError, RecursionError, AttributeError) as error:
-        raise RockfallError(f"{path}: not a polygon layer that can be read ({error})") from error
+        raise RockfallError(f"{path}: not a {shape} layer that can be read ({error})") from error
     return text.replace("<", "\\u003c").encode()  # nothing in it looks like XML
 
 
@@ -254,20 +294,20 @@ def _no_number(token: str) -> None:
     raise ValueError(f"{token} is no number of JSON")
 
 
-def _collection(data: Any) -> dict[str, Any]:
+def _collection(data: Any, shape: str) -> dict[str, Any]:
     """A FeatureCollection, with nothing but what we take; a ValueError says what else it is."""
     kind = data.get("type") if isinstance(data, dict) else type(data).__name__
     if kind == "FeatureCollection":
         features = data.get("features")
         if not isinstance(features, list):
             raise ValueError("features: must be a list")
-    elif kind in ("Polygon", "MultiPolygon"):
+    elif kind in (shape, f"Multi{shape}"):
         features = [{"type": "Feature", "properties": {}, "geometry": data}]
     elif kind == "Feature":
         features = [data]
     else:
-        raise ValueError(f"type = {str(kind)[:40]}: must be FeatureCollection, Feature or Polygon")
-    plain: dict[str, Any] = {"type": "FeatureCollection", "name": "polygons"}
+        raise ValueError(f"type = {str(kind)[:40]}: must be FeatureCollection, Feature or {shape}")
+    plain: dict[str, Any] = {"type": "FeatureCollection", "name": "shapes"}
     plain["features"] = [_feature(one) for one in features]
     if "crs" in data:
         plain["crs"] = _crs(data["crs"])

@@ -85,6 +85,7 @@ def _groups() -> Iterator[_Group]:
     vertices = {f"line_vertex_{name}": ("line_vertex",) for name in variables.LINE_VERTEX}
     yield {"line": ("line",), **at_lines, **vertices}
     yield {name: ("boulder",) for name in variables.ENERGY}
+    yield {name: ("boulder",) for name in variables.TREE}
     yield {
         "barrier_height": ("line",), "barrier_capacity": ("line",),
         "barrier_outcome": ("line", "boulder"),

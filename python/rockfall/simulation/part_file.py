@@ -132,6 +132,8 @@ class Part:
         if tally.scene.case.output["energy_balance"]:
             for k, name in enumerate(variables.fields(5)):
                 tally.energy[rows, k] = self.arrays[name]
+        if tally.scene.case.has_forest:
+            tally.trees_hit[rows] = self.arrays["trees_hit"]
         if tally.scene.case.lines:
             for k, name in enumerate(variables.fields(3)):
                 tally.crossing[rows, :, k] = self.arrays[f"line_{name}"].T
@@ -307,6 +309,8 @@ def _expected(part: Part) -> dict[str, tuple[str, tuple[str, ...]]]:
     found = {"crs": ("i4", ())} | _typed("boulder", "", "boulder") | _typed("count", "")
     if case.output["energy_balance"]:
         found |= _typed("energy", "", "boulder")
+    if case.has_forest:
+        found |= _typed("tree", "", "boulder")
     if case.lines:
         found |= _typed("line", "line_", "line", "boulder")
     if case.output["rebounds"]:
