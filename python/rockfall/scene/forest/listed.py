@@ -14,6 +14,7 @@ from rockfall._core import rockfall_f2py as _core
 from rockfall.errors import RockfallError
 from rockfall.io.layers import extent, read_points
 from rockfall.io.tables import read_table
+from rockfall.limits import MAX_REAL
 from rockfall.scene.forest.made import Cells, conifer_shares
 from rockfall.scene.forest.species import BROADLEAF, CONIFER, Species, read_species
 from rockfall.scene.forest.trees import MAX_DBH, Trees
@@ -22,7 +23,7 @@ from rockfall.scene.layers import LAYERS, file_checksum
 if TYPE_CHECKING:
     from rockfall.scene.scene import Scene
 
-MAX_PLACE = 1e12  # [m], as of all coordinates of a case
+
 SPECIES_NUMBER = 3  # which of the random numbers of a stem tells its species
 
 
@@ -72,7 +73,7 @@ def _from_table(path: Path) -> Listed:
         dbh = row.number("dbh", 0.0, MAX_DBH)
         if not dbh > 0:
             row.refuse("dbh", "must be > 0 [cm]")
-        numbers.extend([row.number(axis, -MAX_PLACE, MAX_PLACE) for axis in "xy"])
+        numbers.extend([row.number(axis, -MAX_REAL, MAX_REAL) for axis in "xy"])
         numbers.append(dbh)
         if species is not None:
             species.append(intern(row.text("species")))
