@@ -79,6 +79,7 @@ class Case:
     """
 
     line: list[dict[str, Any]]
+    scenario: list[dict[str, Any]]
 
     def __init__(self, *, folder: str | Path = ".", name: str = "case", **groups: Any) -> None:
         self.folder, self.name = Path(folder), name
