@@ -18,6 +18,7 @@ _MODULES = {  # of each public name
     "run": "simulation.simulate",
     "run_ensemble": "analysis.ensemble",
     "run_until": "analysis.run_until",
+    "write_hazard": "analysis.hazard.files",
     "write_result": "result.dataset",
 }
 __all__ = list(_MODULES)

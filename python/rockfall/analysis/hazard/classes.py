@@ -97,9 +97,16 @@ def intensity_words(case: Case) -> list[str]:
     return ["none", f"up_to_{ends[0]}_kJ", *between, f"above_{ends[-1]}_kJ"]
 
 
+def unseen(parts: Iterable[tuple[int, float]]) -> float:
+    """How often [1/year] what none of the boulders did may still come, of scenarios of so many
+    boulders that come so often."""
+    none = np.zeros(1, "i4")
+    return float(frequencies((none, boulders, yearly) for boulders, yearly in parts).high[0])
+
+
 def boulders_needed(yearly: float, period: float) -> int:
-    """How many boulders show that what none of them does is rarer than once in a period: the upper
-    limit of none in n is z2/(n + z2)."""
-    (upper,) = count_limits(np.zeros(1, "i4"), 1)[1]  # z2/(1 + z2)
+    """How many boulders in each scenario show that what none of them does is rarer than once in a
+    period: the upper limit of none in n is z2/(n + z2)."""
+    upper = unseen([(1, 1.0)])  # z2/(1 + z2)
     z2 = upper / (1 - upper)
-    return int(np.ceil(z2 * (yearly * period - 1))) if yearly * period > 1 else 1
+    return max(1, int(np.ceil(z2 * (yearly * period - 1))))

@@ -12,13 +12,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rockfall.analysis.hazard.classes import (
-    CLASSES,
     Frequencies,
     Matrix,
     classify,
     frequencies,
     intensities,
-    intensity_words,
 )
 from rockfall.analysis.hazard.objects import (
     Objects,
@@ -28,6 +26,7 @@ from rockfall.analysis.hazard.objects import (
     risks,
 )
 from rockfall.analysis.hazard.scenarios import Scenario, base_case, scenarios_of
+from rockfall.analysis.hazard.variables import CLASS_ENDS, COORDINATES, ENDS, EXTREMES, TABLE
 from rockfall.case import Case
 from rockfall.result.dataset import as_dataset
 from rockfall.scene.plausible import implausible
@@ -41,21 +40,7 @@ if TYPE_CHECKING:
 
     from rockfall.simulation.checkpoint import Checkpoint
 
-    _Variables = dict[str, tuple]
-
 LAYOUT = 1  # of the file
-EXTREMES = {  # maps of which the extreme over the scenarios is kept
-    "energy_line_angle_max": np.fmax,
-    "energy_line_angle_min": np.fmin,
-    "travel_time_min": np.fmin,
-}
-YEARLY = {"units": "year-1"}
-PART = {"units": "1"}
-ENDS = (
-    ("", ""),
-    ("_low", "lower limit of the 95 % interval of "),
-    ("_high", "upper limit of the 95 % interval of "),
-)
 
 
 @dataclass
@@ -131,184 +116,101 @@ class _Run:
         self.counts = np.concatenate([passages[None], exceeded])  # (intensities, y, x)
         self.extremes = {name: result[name].values for name in EXTREMES}
         self.objects = object_counts(study.objects, result, self.counts)
-        maps = ("x", "y", "threshold", "crs", "passages", "energy_exceeded", *EXTREMES)
-        self.about = {name: (result[name].dims, result[name].attrs) for name in maps}
+        self.about = {name: result[name].attrs for name in ("x", "y", "threshold", "crs")}
         self.places = {axis: result[axis].values for axis in ("x", "y", "threshold")}
         self.attrs = result.attrs
 
 
 def _dataset(study: Study, runs: list[_Run]) -> xr.Dataset:
-    matrix, yearly = Matrix.of(study.case), sum(run.yearly for run in runs)
+    matrix, case = Matrix.of(study.case), study.case
+    values = _scenarios(study, runs)
     found = frequencies((run.counts, run.boulders, run.yearly) for run in runs)
-    data = _scenarios(study, runs) | _places(runs[0], matrix)
-    data |= _frequencies(found, yearly)
-    data |= _classes(found, matrix, study.case, ("y", "x"))
-    data |= _extremes(runs)
+    values |= _frequencies(found, sum(run.yearly for run in runs))
+    values |= _classes("", found, matrix)
+    for name, extreme in EXTREMES.items():
+        values[name] = extreme.reduce([run.extremes[name] for run in runs])
+    data = _places(study, runs[0], matrix)
     if len(study.objects):
-        data |= _objects(study, runs, matrix)
-    for dims, _, about in data.values():
-        if dims[-2:] == ("y", "x"):
-            about["grid_mapping"] = "crs"
-    coordinates = {"x", "y", "threshold", "return_period", "scenario", "object"}
-    return as_dataset(data, _attributes(study, runs)).set_coords(sorted(coordinates & set(data)))
+        values |= _objects(study, runs, matrix)
+        names = np.array(study.objects.names, dtype=object)
+        data["object"] = ("object", names, {"long_name": "name of the object"})
+    for name, variable in TABLE.items():
+        if name in values:
+            data[name] = (variable.dims, values[name], variable.about(case))
+    return as_dataset(data, _attributes(study, runs)).set_coords(sorted({*COORDINATES} & {*data}))
 
 
-def _scenarios(study: Study, runs: list[_Run]) -> _Variables:
+def _places(study: Study, run: _Run, matrix: Matrix) -> dict[str, tuple]:
+    """Coordinates, and the grid mapping."""
     names = np.array([one.name for one in study.scenarios], dtype=object)
-    passages, exceeded = (runs[0].about[name][1] for name in ("passages", "energy_exceeded"))
-    return {
-        "scenario": ("scenario", names, {"long_name": "class of boulders"}),
-        "frequency": (
-            "scenario", np.array([run.yearly for run in runs]),
-            YEARLY | {"long_name": "boulders that come loose, of all sources together"},
-        ),
-        "boulders": (
-            "scenario", np.array([run.boulders for run in runs]),
-            PART | {"long_name": "boulders that were simulated"},
-        ),
-        "passages": (
-            ("scenario", "y", "x"), np.stack([run.counts[0] for run in runs]), {**passages}
-        ),
-        "energy_exceeded": (
-            ("scenario", "threshold", "y", "x"), np.stack([run.counts[1:] for run in runs]),
-            {**exceeded},
-        ),
-    }  # fmt: skip
-
-
-def _places(run: _Run, matrix: Matrix) -> _Variables:
     about = {"units": "year", "long_name": "longest return period of a class of frequency"}
     return {
-        **{axis: (axis, values, run.about[axis][1]) for axis, values in run.places.items()},
-        "crs": ((), np.int32(0), run.about["crs"][1]),
+        **{axis: (axis, values, run.about[axis]) for axis, values in run.places.items()},
+        "crs": ((), np.int32(0), run.about["crs"]),
         "return_period": ("return_period", matrix.periods, about),
+        "scenario": ("scenario", names, {"long_name": "class of boulders"}),
     }
 
 
-def _frequencies(found: Frequencies, yearly: float) -> _Variables:
+def _scenarios(study: Study, runs: list[_Run]) -> dict[str, np.ndarray]:
+    """What each scenario is, and its counts: enough for other frequencies without another run."""
+    return {
+        "frequency": np.array([run.yearly for run in runs]),
+        "boulders": np.array([run.boulders for run in runs]),
+        "scenario_passages": np.stack([run.counts[0] for run in runs]),
+        "scenario_energy_exceeded": np.stack([run.counts[1:] for run in runs]),
+    }
+
+
+def _frequencies(found: Frequencies, yearly: float) -> dict[str, np.ndarray]:
     """Frequencies of cells with their limits, and what follows from them."""
-    data: _Variables = {}
-    cells, levels = ("y", "x"), ("threshold", "y", "x")
-    for (end, of), values in zip(ENDS, found, strict=True):
-        about = YEARLY | {"long_name": f"{of}annual frequency of boulders that pass the cell"}
-        data[f"passage_frequency{end}"] = (cells, values[0].astype("f4"), about)
-    for (end, of), values in zip(ENDS, found, strict=True):
-        what = "annual frequency of boulders whose energy in the cell exceeds a threshold"
-        about = YEARLY | {"long_name": of + what}
-        data[f"exceedance_frequency{end}"] = (levels, values[1:].astype("f4"), about)
+    values = {}
+    for end, one in zip(ENDS, found, strict=True):
+        values[f"passage_frequency{end}"] = one[0].astype("f4")
+        values[f"exceedance_frequency{end}"] = one[1:].astype("f4")
     with np.errstate(divide="ignore"):
         periods = np.where(found.value > 0, 1 / found.value, np.nan).astype("f4")
-    share = (found.value / yearly).astype("f4")
-    years = {"units": "year"}
-    return data | {
-        "passage_return_period": (
-            cells, periods[0], years | {"long_name": "return period of a boulder that passes"}
-        ),
-        "exceedance_return_period": (
-            levels, periods[1:],
-            years | {"long_name": "return period of a boulder whose energy exceeds a threshold"},
-        ),
-        "reach_probability": (
-            cells, share[0], PART | {"long_name": "fraction of all boulders that pass the cell"}
-        ),
-        "exceedance_probability": (
-            levels, share[1:],
-            PART | {"long_name": "fraction of all boulders whose energy exceeds a threshold"},
-        ),
-    }  # fmt: skip
+    values["passage_return_period"], values["exceedance_return_period"] = periods[0], periods[1:]
+    part = (found.value / yearly).astype("f4")
+    values["reach_probability"], values["exceedance_probability"] = part[0], part[1:]
+    return values
 
 
-def _classes(found: Frequencies, matrix: Matrix, case: Case, dims: tuple[str, ...]) -> _Variables:
+def _classes(prefix: str, found: Frequencies, matrix: Matrix) -> dict[str, np.ndarray]:
     """Intensities and classes of hazard."""
-    prefix = "object_" if dims == ("object",) else ""
     classes = classify(found, matrix)
-    data: _Variables = {
-        f"{prefix}intensity": (
-            ("return_period", *dims), intensities(found.value, matrix.periods).astype("i1"),
-            _flags(intensity_words(case))
-            | {"long_name": "intensity met at least once in a return period"},
-        )
-    }  # fmt: skip
-    what = "class of hazard"
-    for end, values, of in zip(
-        ("", "_lower", "_upper"), classes, ("", "lowest ", "highest "), strict=True
-    ):
-        within = f"{of}{what} within the 95 % interval" if of else what
-        about = _flags(CLASSES) | {"long_name": within}
-        data[f"{prefix}hazard_class{end}"] = (dims, values, about)
-    about = _flags(["no", "yes"]) | {"long_name": "whether the interval leaves no other class"}
-    data[f"{prefix}hazard_class_certain"] = (dims, classes.certain.astype("i1"), about)
-    return data
+    values = {f"{prefix}intensity": intensities(found.value, matrix.periods).astype("i1")}
+    for end, one in zip(CLASS_ENDS, classes, strict=True):
+        values[f"{prefix}hazard_class{end}"] = one
+    values[f"{prefix}hazard_class_certain"] = classes.certain.astype("i1")
+    return values
 
 
-def _flags(words: Sequence[str]) -> dict[str, Any]:
-    """What numbers from 0 mean, as CF says it."""
-    numbers = np.arange(len(words), dtype="i1")
-    return PART | {"flag_values": numbers, "flag_meanings": " ".join(words)}
-
-
-def _extremes(runs: list[_Run]) -> _Variables:
-    """Energy lines and travel times: the extreme of all scenarios."""
-    data: _Variables = {}
-    for name, extreme in EXTREMES.items():
-        dims, about = runs[0].about[name]
-        data[name] = (dims, extreme.reduce([run.extremes[name] for run in runs]), {**about})
-    return data
-
-
-def _objects(study: Study, runs: list[_Run], matrix: Matrix) -> _Variables:
-    objects = study.objects
+def _objects(study: Study, runs: list[_Run], matrix: Matrix) -> dict[str, np.ndarray]:
     found = frequencies((run.objects, run.boulders, run.yearly) for run in runs)
-    texts = {
-        "object": (objects.names, "name of the object"),
-        "object_geometry": ([shape.wkt for shape in objects.shapes], "well-known text"),
+    values = {
+        "object_geometry": np.array([one.wkt for one in study.objects.shapes], dtype=object),
+        "object_passages": np.stack([run.objects[0] for run in runs]),
+        "object_energy_exceeded": np.stack([run.objects[1:] for run in runs]),
     }
-    data: _Variables = {
-        name: ("object", np.array(values, dtype=object), {"long_name": what})
-        for name, (values, what) in texts.items()
-    }
-    data["object_passages"] = (
-        ("scenario", "object"), np.stack([run.objects[0] for run in runs]),
-        PART | {"long_name": "boulders that met the object, each counted once"},
-    )  # fmt: skip
-    data["object_energy_exceeded"] = (
-        ("scenario", "threshold", "object"), np.stack([run.objects[1:] for run in runs]),
-        PART | {"long_name": "of these, boulders whose energy exceeds a threshold"},
-    )  # fmt: skip
-    for (end, of), values in zip(ENDS, found, strict=True):
-        about = YEARLY | {"long_name": f"{of}annual frequency of boulders that meet the object"}
-        data[f"object_frequency{end}"] = ("object", values[0], about)
-    for (end, of), values in zip(ENDS, found, strict=True):
-        what = "annual frequency of boulders that meet it with more energy than a threshold"
-        data[f"object_exceedance_frequency{end}"] = (
-            ("threshold", "object"), values[1:], YEARLY | {"long_name": of + what}
-        )  # fmt: skip
-    data |= _classes(found, matrix, study.case, ("object",))
-    return data | _risks(objects, found)
-
-
-def _risks(objects: Objects, found: Frequencies) -> _Variables:
-    data: _Variables = {}
-    risk = risks(objects, found)
-    if risk is None or objects.vulnerability is None:
-        return data
-    for (end, of), values in zip(ENDS, risk, strict=True):
-        about = {"units": "year-1", "long_name": f"{of}annual risk, in the unit of the value"}
-        data[f"object_risk{end}"] = ("object", values, about)
-    return data
+    for end, one in zip(ENDS, found, strict=True):
+        values[f"object_frequency{end}"] = one[0]
+        values[f"object_exceedance_frequency{end}"] = one[1:]
+    values |= _classes("object_", found, matrix)
+    if risk := risks(study.objects, found):
+        values |= {f"object_risk{end}": one for end, one in zip(ENDS, risk, strict=True)}
+    return values
 
 
 def _attributes(study: Study, runs: list[_Run]) -> dict[str, Any]:
     first = runs[0].attrs
     kept = ("Conventions", "source", "version", "case_file", "seed", "impact_set")
     kept += ("impact_set_checksum", "input_checksums", "decoded_checksums", "threads")
+    clocks = ("wall_seconds", "cpu_seconds")
     return {
         "hazard_layout": LAYOUT,
         "title": study.case.case["title"],
         **{name: first[name] for name in kept},
         "case": study.case.text(),
-        **{
-            clock: sum(run.attrs[clock] for run in runs)
-            for clock in ("wall_seconds", "cpu_seconds")
-        },
+        **{clock: sum(run.attrs[clock] for run in runs) for clock in clocks},
     }
