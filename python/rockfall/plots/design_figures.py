@@ -1,0 +1,50 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The figure of a design: what a barrier along a line must be, metre by metre."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rockfall.limits import EAD_ENERGY
+from rockfall.plots.style import BLUE, GREY, WIDE, new_figure, plain, styled
+from rockfall.protection.demand import usable
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from rockfall.protection.design import Design
+
+
+@styled
+def along_figure(found: Design) -> Figure:
+    """Height needed and design energy along a line, with 95 % bands, and the energies that EAD
+    classes may be asked to take; windows with few boulders are blank."""
+    along = found.along
+    assert along is not None
+    figure = new_figure(WIDE, 4.2)
+    upper, lower = figure.subplots(2, 1, sharex=True)
+    _draw_windows(upper, along, "height_needed", 1.0)
+    _draw_windows(lower, along, "E_d", 1e-3)
+    top = lower.get_ylim()[1]
+    for k, capacity in enumerate(EAD_ENERGY):
+        allowed = usable(capacity, found.factors) / 1000
+        if allowed <= 1.5 * top:
+            lower.axhline(allowed, color=GREY, lw=0.6, linestyle=(0, (5, 2)))
+            lower.text(along["end"].max(), allowed, f"class {k}", ha="right", va="bottom")
+    upper.set_title(f"{plain(along['line'][0])}, {found.factors.conditions.standard}")
+    upper.set(ylabel="height needed, vertical [m]", ylim=(0, None))
+    lower.set(ylabel="E_d [kJ]", ylim=(0, None), xlabel="position along the line [m]")
+    return figure
+
+
+def _draw_windows(axes: Axes, along: pd.DataFrame, name: str, factor: float) -> None:
+    """Steps of a number and its band; where the sample ends before a limit, up to the number."""
+    edges = np.append(along["start"], along["end"].iloc[-1])
+    value, low, high = (factor * along[name + end].to_numpy() for end in ("", "_low", "_high"))
+    high, low = (np.where(np.isnan(limit), value, limit) for limit in (high, low))
+    axes.stairs(high, edges, baseline=low, fill=True, color=BLUE, alpha=0.25)
+    axes.stairs(value, edges, baseline=None, color=BLUE, lw=1.2)
