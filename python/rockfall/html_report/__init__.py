@@ -23,12 +23,19 @@ from rockfall.html_report.convergence import convergence_figure
 from rockfall.html_report.intervals import rows_of
 from rockfall.html_report.maps import data_uri, map_section
 from rockfall.html_report.summary import summary
-from rockfall.html_report.tables import level_table, line_tables, precision_table, provenance
+from rockfall.html_report.tables import (
+    design_tables,
+    level_table,
+    line_tables,
+    precision_table,
+    provenance,
+)
 from rockfall.html_report.validity import cautions, warnings
 from rockfall.io.files import atomic_write
 from rockfall.io.output_files import PAGE, SIGNATURE, check_output
 from rockfall.plots.figures import figures
 from rockfall.plots.style import save
+from rockfall.protection.design import design
 from rockfall.quantities import count
 from rockfall.text.comparison import text
 
@@ -91,6 +98,7 @@ def report(result: xr.Dataset, terrain: Terrain | None = None, observed: Any = N
         cautions=cautions(result, rows, levels),
         map_section=map_section(result, terrain),
         lines=[*line_tables(rows), level_table(levels)] if rows else [],
+        design=list(design_tables(design(result))) if rows else [],
         has_clusters=sources(result).max() > 0,
         convergence=list(_convergence(result, rows)),
         comparison="" if observed is None else text(compare(result, observed)),

@@ -67,9 +67,11 @@ def quantile(values: np.ndarray, level: float, source: np.ndarray) -> tuple[floa
     """A quantile and the limits of its 95 % interval, as line statistics have them; NaN of none."""
     if not values.size:
         return np.nan, np.nan, np.nan
-    value = float(np.quantile(values, level))
+    ordered = np.sort(values)
+    value = float(np.quantile(ordered, level))
     effective = effective_number((values <= value).astype(float), source)
-    return value, *map(float, between_ranks(np.sort(values), level, effective))
+    low, high = between_ranks(ordered, level, effective)
+    return value, float(low), float(high)
 
 
 def passes(came: Crossings, height: float, capacity: float) -> np.ndarray:

@@ -11,7 +11,7 @@ from rockfall.protection.factors import Factors
 from rockfall.scene.rebound import sphere_radius
 
 ENDS = "", "_low", "_high"
-NO_CLASS = -1  # none of the table suffices
+ABOVE = len(EAD_ENERGY)  # the class of barriers whose maker declares a higher energy
 
 Row = dict[str, float]
 
@@ -35,10 +35,11 @@ def demand(came: Crossings, factors: Factors, density: float, volume: float | No
     return row
 
 
-def class_for(energy: float, factors: Factors) -> int:
-    """The lowest EAD class that takes a design energy [J]; NO_CLASS where none does."""
+def class_for(energy: float, factors: Factors) -> float:
+    """The lowest EAD class that takes a design energy [J]; ABOVE where no other does, NaN where the
+    energy is not known."""
     enough = [k for k, most in enumerate(EAD_ENERGY) if energy < usable(most, factors)]
-    return enough[0] if enough else NO_CLASS
+    return np.nan if np.isnan(energy) else enough[0] if enough else ABOVE
 
 
 def usable(capacity: float, factors: Factors) -> float:

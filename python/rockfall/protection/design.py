@@ -16,7 +16,7 @@ from rockfall.case import case_of
 from rockfall.errors import RockfallError
 from rockfall.protection.barriers import barriers_of
 from rockfall.protection.crossings import Crossings, crossings
-from rockfall.protection.demand import ENDS, NO_CLASS, demand, usable
+from rockfall.protection.demand import ENDS, demand, usable
 from rockfall.protection.factors import Conditions, Factors, read_factors
 from rockfall.protection.selection import choices, read_costs, residual_of
 from rockfall.result.trajectories import flags_of, lines
@@ -188,5 +188,5 @@ def _windows(
     for k in range(number):
         here = came.where(window == k)
         row: dict[str, float] = {"start": k * width, "end": min((k + 1) * width, length)}
-        row |= demand(here, *how) if here.n >= least else {"n": here.n, "ead_class": NO_CLASS}
+        row |= demand(here, *how) if here.n >= least else {"n": here.n}
         yield row

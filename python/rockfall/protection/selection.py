@@ -41,7 +41,7 @@ def choices(
         left = residual_of(came, height, capacity) if height == height else (math.nan,) * 3
         row |= zip(("residual", "residual_low", "residual_high"), left, strict=True)
         rows.append(row | {"cost": _cost(k, height, costs), "cheapest": False})
-    known = [row for row in rows if row["cost"] < math.inf]
+    known = [row for row in rows if not math.isnan(row["cost"])]
     if known:
         min(known, key=lambda row: row["cost"])["cheapest"] = True
     return rows
@@ -56,13 +56,13 @@ def residual_of(came: Crossings, height: float, capacity: float) -> tuple[float,
 
 def _cost(ead_class: int, height: float, costs: Costs | None) -> float:
     """Of a metre: the lowest price of a barrier of the class that is high enough; without prices
-    energy times height [kJ m], which prefers no maker. Infinite where there is none."""
+    energy times height [kJ m], which prefers no maker. NaN where there is none."""
     if math.isnan(height):
-        return math.inf
+        return math.nan
     if costs is None:
         return EAD_ENERGY[ead_class] / 1000 * height
     prices = [cost for (k, high), cost in costs.items() if k == ead_class and high >= height]
-    return min(prices, default=math.inf)
+    return min(prices, default=math.nan)
 
 
 def read_costs(path: str | Path) -> Costs:

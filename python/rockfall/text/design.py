@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rockfall.protection.demand import NO_CLASS
+from rockfall.protection.demand import ABOVE
 from rockfall.protection.design import Design
 from rockfall.quantities import DESIGN, number
 from rockfall.text.table import table as aligned
@@ -16,6 +16,8 @@ from rockfall.text.table import table as aligned
 if TYPE_CHECKING:
     import pandas as pd
 
+CHECKED = ["", "height [m]", "height needed [m]", "energy allowed [kJ]"]
+CHECKED += ["E_d [kJ]", "passing [%]", "holds"]
 ABOUT = """\
 Of the boulders that come to each line, in brackets 95 % confidence intervals. Heights are above the
 ground, vertical (as that of &barrier) and normal to the slope. A sheet is no design: see
@@ -81,7 +83,7 @@ def choice_rows(choices: Iterable[Mapping[str, Any]], residual: float) -> Iterat
 
 
 def _checks(checks: pd.DataFrame) -> Iterator[list[str]]:
-    yield ["", "height", "needed [m]", "energy allowed", "E_d [kJ]", "passing [%]", "holds"]
+    yield CHECKED
     for row in checks.to_dict("records"):
         yield check_row(row)
 
@@ -126,4 +128,4 @@ def shown(row: Mapping[str, Any], name: str, factor: float = 1.0) -> str:
 
 
 def class_name(ead_class: float) -> str:
-    return "above 7" if ead_class == NO_CLASS else f"{ead_class:.0f}"
+    return f"{ead_class:.0f}" + (" (declared by its maker)" if ead_class == ABOVE else "")
