@@ -44,7 +44,12 @@ def elevation() -> np.ndarray:
     return profile(south) + gully + np.where(on_slope, rough, 0.0)
 
 
-if __name__ == "__main__":
+def write(path: Path) -> None:
+    """An ESRI ASCII grid, in centimetres."""
     size = f"ncols {NX}\nnrows {NY}\nxllcorner 0\nyllcorner 0\ncellsize {CELL:g}\n"
     rows = (" ".join(f"{z:.2f}" for z in row) + "\n" for row in elevation())
-    Path(__file__).with_name("dem.asc").write_text(f"{size}NODATA_value -9999\n{''.join(rows)}")
+    path.write_text(f"{size}NODATA_value -9999\n{''.join(rows)}")
+
+
+if __name__ == "__main__":
+    write(Path(__file__).with_name("dem.asc"))

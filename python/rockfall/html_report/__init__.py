@@ -38,6 +38,7 @@ from rockfall.plots.style import save
 from rockfall.protection.design import design
 from rockfall.quantities import count
 from rockfall.text.comparison import text
+from rockfall.text.design import factor_lines
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -88,6 +89,7 @@ def report(result: xr.Dataset, terrain: Terrain | None = None, observed: Any = N
     comparison.
     """
     rows, levels = rows_of(result), return_levels(result)
+    sheet = design(result) if rows else None
     zoomed = {f"map_{name}" for name in result.data_vars}
     shown = [one for one in figures(result, terrain, observed) if one.name not in zoomed]
     return _rendered(
@@ -98,7 +100,8 @@ def report(result: xr.Dataset, terrain: Terrain | None = None, observed: Any = N
         cautions=cautions(result, rows, levels),
         map_section=map_section(result, terrain),
         lines=[*line_tables(rows), level_table(levels)] if rows else [],
-        design=list(design_tables(design(result))) if rows else [],
+        design=list(design_tables(sheet)) if sheet else [],
+        factors=list(factor_lines(sheet)) if sheet else [],
         has_clusters=sources(result).max() > 0,
         convergence=list(_convergence(result, rows)),
         comparison="" if observed is None else text(compare(result, observed)),

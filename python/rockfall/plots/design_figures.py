@@ -3,13 +3,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from rockfall.limits import EAD_ENERGY
 from rockfall.plots.style import BLUE, GREY, WIDE, new_figure, plain, styled
-from rockfall.protection.demand import usable
+from rockfall.protection.demand import ENDS, usable
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -29,22 +29,32 @@ def along_figure(found: Design) -> Figure:
     upper, lower = figure.subplots(2, 1, sharex=True)
     _draw_windows(upper, along, "height_needed", 1.0)
     _draw_windows(lower, along, "E_d", 1e-3)
-    top = lower.get_ylim()[1]
     for k, capacity in enumerate(EAD_ENERGY):
         allowed = usable(capacity, found.factors) / 1000
-        if allowed <= 1.5 * top:
+        if allowed < lower.get_ylim()[1]:
             lower.axhline(allowed, color=GREY, lw=0.6, linestyle=(0, (5, 2)))
-            lower.text(along["end"].max(), allowed, f"class {k}", ha="right", va="bottom")
+            lower.text(along["end"].iloc[-1], allowed, f"class {k}", ha="right", va="bottom")
     upper.set_title(f"{plain(along['line'][0])}, {found.factors.conditions.standard}")
-    upper.set(ylabel="height needed, vertical [m]", ylim=(0, None))
-    lower.set(ylabel="E_d [kJ]", ylim=(0, None), xlabel="position along the line [m]")
+    upper.set(ylabel="height needed, vertical [m]")
+    ends = along["start"].iloc[0], along["end"].iloc[-1]
+    lower.set(ylabel="E_d [kJ]", xlim=ends, xlabel="position along the line [m]")
     return figure
 
 
 def _draw_windows(axes: Axes, along: pd.DataFrame, name: str, factor: float) -> None:
-    """Steps of a number and its band; where the sample ends before a limit, up to the number."""
+    """Steps of a number and its band, hatched upwards where too few boulders bound it."""
     edges = np.append(along["start"], along["end"].iloc[-1])
-    value, low, high = (factor * along[name + end].to_numpy() for end in ("", "_low", "_high"))
-    high, low = (np.where(np.isnan(limit), value, limit) for limit in (high, low))
-    axes.stairs(high, edges, baseline=low, fill=True, color=BLUE, alpha=0.25)
+    value, low, high = (factor * along[name + end].to_numpy() for end in ENDS)
+    known = np.append(value, high)[np.isfinite(np.append(value, high))]
+    top = 1.1 * known.max(initial=0.0) or 1.0
+    low = np.where(np.isnan(low), 0.0, low)
+    about: dict[str, Any] = {"fill": True, "color": BLUE, "alpha": 0.25}
+    axes.stairs(np.where(np.isnan(high), value, high), edges, baseline=low, **about)
+    if (open_ended := np.isnan(high) & np.isfinite(value)).any():
+        beyond = np.where(open_ended, top, np.nan)
+        about = {"fill": True, "facecolor": "none", "edgecolor": BLUE, "alpha": 0.4, "lw": 0}
+        label = "too few boulders for an upper limit"
+        axes.stairs(beyond, edges, baseline=value, hatch="////", label=label, **about)
+        axes.legend(loc="lower left", bbox_to_anchor=(0.45, 1.0), borderaxespad=0)
     axes.stairs(value, edges, baseline=None, color=BLUE, lw=1.2)
+    axes.set_ylim(0, top)

@@ -31,7 +31,7 @@ def design_text(found: Design) -> str:
         parts += ["", "Barriers", aligned(_checks(found.checks))]
     if found.along is not None:
         parts += ["", f"Along {found.along['line'][0]}", aligned(_along(found.along))]
-    return "\n".join([*parts, "", *_factors(found)])
+    return "\n".join([*parts, "", *factor_lines(found)])
 
 
 def _lines(found: Design) -> Iterator[str]:
@@ -111,7 +111,8 @@ def _along(along: pd.DataFrame) -> Iterator[list[str]]:
         yield [place, f"{row['n']:,}", energy, height, class_name(row["ead_class"])]
 
 
-def _factors(found: Design) -> Iterator[str]:
+def factor_lines(found: Design) -> Iterator[str]:
+    """The factors, and those that are to be confirmed."""
     values = ", ".join(f"{name} {value:.4g}" for name, value in found.factors.values.items())
     yield f"Factors: {values}"
     if unconfirmed := found.factors.unconfirmed:
