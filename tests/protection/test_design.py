@@ -105,6 +105,7 @@ def test_classes_are_those_of_the_kernel():
     sel = read_factors(Conditions(limit_state="SEL"))
     assert class_for(83.3e3, mel) == 0 and class_for(100e3 / 1.2, mel) == 1
     assert class_for(333e3, sel) == 3 and class_for(334e3, sel) == 4
+    assert class_for(10e3, sel) == 1  # class 0 has no SEL
     assert class_for(3751e3, mel) == ABOVE == 8
     assert math.isnan(class_for(math.nan, mel))
 

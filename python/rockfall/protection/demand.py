@@ -37,8 +37,9 @@ def demand(came: Crossings, factors: Factors, density: float, volume: float | No
 
 def class_for(energy: float, factors: Factors) -> float:
     """The lowest EAD class that takes a design energy [J]; ABOVE where no other does, NaN where the
-    energy is not known."""
-    enough = [k for k, most in enumerate(EAD_ENERGY) if energy < usable(most, factors)]
+    energy is not known. Kits of class 0 are not tested at a SEL."""
+    first = 1 if factors.conditions.limit_state == "SEL" else 0
+    enough = [k for k in range(first, ABOVE) if energy < usable(EAD_ENERGY[k], factors)]
     return np.nan if np.isnan(energy) else enough[0] if enough else ABOVE
 
 

@@ -40,6 +40,8 @@ _CHECKS = [
     "energy_holds", "holds", "over", "through", *with_limits("residual"),
 ]  # fmt: skip
 _CHOICES = ["line", "n", "ead_class", "capacity", "height", *with_limits("residual")]
+_CHOICES += ["cost", "cheapest"]
+_ALONG = ["line", "start", "end", *_DEMAND]
 
 
 @dataclass(frozen=True)
@@ -82,33 +84,29 @@ def design(
     _check(result, along, width, least, residual, volume)
     known = read_factors(_conditions(conditions), factors)
     prices = read_costs(costs) if costs is not None else None
-    density = case_of(result).boulder["density"]
-    names = [str(name) for name in result["line"].values]
-    came = [crossings(result, k) for k in range(len(names))]
-    asked = [demand(one, known, density, volume) for one in came]
-    windows = None
-    if along is not None:
-        k = names.index(along)
-        _, x, y = lines(result)[k]
-        length = lengths(x + 1j * y)[-1]
-        windows = list(_windows(came[k], length, width, least, known, density, volume))
-    barriers = [_check_of(result, k, came[k], asked[k], known) for k in barriers_of(result)]
+    how = known, case_of(result).boulder["density"], volume
+    came = {str(name): crossings(result, k) for k, name in enumerate(result["line"].values)}
+    asked = [{"line": name} | demand(one, *how) for name, one in came.items()]
+    barriers = [_check_of(result, k, asked[k], known) for k in barriers_of(result)]
     chosen = [
         {"line": name, "n": one.n} | row
-        for name, one in zip(names, came, strict=True)
+        for name, one in came.items()
         for row in choices(one, residual, prices)
     ]
+    windows = None
+    if along is not None:
+        parts = _windows(came[along], _length(result, along), width, least, *how)
+        windows = _table([{"line": along} | one for one in parts], _ALONG)
+    loads = [row for name, one in came.items() for row in _loads(name, one)]
     return Design(
-        known, residual,
-        _table([row for pair in zip(names, came, strict=True) for row in _loads(*pair)], _LOADS),
-        _table([{"line": n} | row for n, row in zip(names, asked, strict=True)],
-               ["line", *_DEMAND]),
-        _table(barriers, _CHECKS),
-        _table(chosen, [*_CHOICES, "cost", "cheapest"]),
-        None if windows is None else _table(
-            [{"line": along} | row for row in windows], ["line", "start", "end", *_DEMAND]
-        ),
-    )  # fmt: skip
+        known,
+        residual,
+        loads=_table(loads, _LOADS),
+        demand=_table(asked, ["line", *_DEMAND]),
+        checks=_table(barriers, _CHECKS),
+        choices=_table(chosen, _CHOICES),
+        along=windows,
+    )
 
 
 def _table(rows: list[dict[str, Any]], columns: list[str]) -> pd.DataFrame:
@@ -162,21 +160,28 @@ def _loads(line: str, came: Crossings) -> Iterator[dict[str, Any]]:
 
 
 def _check_of(
-    result: xr.Dataset, k: int, came: Crossings, asked: dict[str, float], factors: Factors
+    result: xr.Dataset, k: int, asked: dict[str, Any], factors: Factors
 ) -> dict[str, Any]:
     """Whether a barrier is what the standard asks, and what it let pass in the run."""
+    came = crossings(result, k)
     height, capacity = (float(result[f"barrier_{name}"][k]) for name in ("height", "capacity"))
     outcome, flags = result["barrier_outcome"].values[k], flags_of(result["barrier_outcome"])
     allowed = usable(capacity, factors)
     holds = height >= asked["height_needed"], asked["E_d"] < allowed
     left = zip(with_limits("residual"), residual_of(came, height, capacity), strict=True)
     return {
-        "line": str(result["line"].values[k]), "n": came.n, "height": height,
+        "line": asked["line"], "n": came.n, "height": height,
         "capacity": capacity, "height_needed": asked["height_needed"], "height_holds": holds[0],
         "E_d": asked["E_d"], "energy_allowed": allowed, "energy_holds": holds[1],
         "holds": all(holds), "over": int((outcome == flags["passed_over"]).sum()),
         "through": int((outcome == flags["broken_through"]).sum()), **dict(left),
     }  # fmt: skip
+
+
+def _length(result: xr.Dataset, line: str) -> float:
+    """Of a line [m]."""
+    x, y = next((x, y) for name, x, y in lines(result) if name == line)
+    return float(lengths(x + 1j * y)[-1])
 
 
 def _windows(
