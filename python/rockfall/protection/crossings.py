@@ -9,12 +9,11 @@ import numpy as np
 
 from rockfall.analysis.line_statistics import between_ranks, effective_number, line_values, sources
 from rockfall.limits import barrier_outcomes
+from rockfall.result.variables import OUTCOME
 from rockfall.scene.rebound import sphere_radius
 
 if TYPE_CHECKING:
     import xarray as xr
-
-STOPPED = 1  # outcome of a barrier, in the table of variables
 
 
 class Crossings(NamedTuple):
@@ -80,4 +79,4 @@ def passes(came: Crossings, height: float, capacity: float) -> np.ndarray:
     if not came.n:
         return np.zeros(0, bool)
     outcome = barrier_outcomes(height, capacity, came.passing_height, came.energy_total)
-    return outcome != STOPPED
+    return outcome != OUTCOME["stopped"]
