@@ -5,8 +5,8 @@ program test_forest
    use rockfall_math, only: degree
    use rockfall_random, only: random_key, four_words, for_tree
    use rockfall_flight, only: span_t
-   use rockfall_forest, only: forest_t, stem_t, tree_law_t, tree_hit_t, tree_impact_t, build_forest, first_hit, tree_impact, &
-                              max_stem_energy, energy_share, hit_type, frontal, lateral, scratch
+   use rockfall_forest, only: forest_t, stem_t, tree_law_t, tree_hit_t, tree_impact_t, build_forest, first_hit, &
+                              tree_impact, max_stem_energy, energy_share, hit_type, frontal, lateral, scratch
    use check_m, only: check, check_close, finish
    implicit none
 
