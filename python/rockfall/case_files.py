@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING
 
 from rockfall.case import FROM_ARRAY, Case, case_of
 from rockfall.errors import RockfallError
-from rockfall.impact_sets import set_path
+from rockfall.impact_sets import find_set, set_path
 from rockfall.io.raster_file import raster_files
+from rockfall.io.zone_table import read_zone_table
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
 #: Keys that name a file; those of impact sets may also name a shipped one.
 RASTERS = {
     "terrain": ("dem",),
-    "surface": ("zones", "mean_radius", "rg70", "rg20", "rg10"),
+    "surface": ("zones", "mean_radius", "rg70", "rg20", "rg10", "ground_map"),
     "release": ("cells",),
 }
 LAYERS = {"surface": ("zones",), "release": ("polygons",)}
@@ -39,11 +40,25 @@ def input_files(case: Case) -> Iterator[Path]:
                 file = getattr(case, group).get(name, FROM_ARRAY)
                 if file != FROM_ARRAY:
                     yield from map(Path, files_of(case.path(file)))
-    if "table" in case.surface:
-        yield case.path(case.surface["table"])
+    for key in ("table", "ground_table"):
+        if key in case.surface:
+            yield case.path(case.surface[key])
     for name in (case.impact["sets"], *case.ensemble.get("sets", [])):
         with suppress(RockfallError):  # who reads it says that it is not there
             yield set_path(case, name)
+    for name in _named_grounds(case):
+        if path := find_set(case, name):
+            yield path
+
+
+def _named_grounds(case: Case) -> set[str]:
+    """What the case and its table of zones call the grounds, some of them impact sets."""
+    names = {case.surface.get("ground", "")}
+    if "table" in case.surface:
+        with suppress(RockfallError):
+            zones = read_zone_table(case.path(case.surface["table"]))
+            names |= {zone.ground for zone in zones.values()}
+    return names - {""}
 
 
 def files_behind(result: xr.Dataset) -> Iterator[Path]:

@@ -13,6 +13,7 @@ module rockfall_trajectory
                                inertia_factor
    use rockfall_flight, only: flight_t, landing_t, span_t, fly, launch_rate, arc_length
    use rockfall_impact, only: impact_set_t, impact_ratios, ratio_class, ratio_between, beyond_fit, rebound_t, rebound
+   use rockfall_ground, only: ground_t
    use rockfall_direction, only: turning_t, lateral_t, past_aspect, by_lab, lateral_angle, new_heading, unit_vector, &
                                  any_heading
    use rockfall_line, only: line_t, first_crossing
@@ -42,6 +43,7 @@ module rockfall_trajectory
       logical :: between_ratios = .false.  !! a ratio between two sets is served by either, at random
       integer :: turning = past_aspect     !! rule of turning_t
       type(lateral_t), allocatable :: lateral(:)  !! of each ratio; only by_lab
+      type(ground_t), allocatable :: grounds(:)   !! only where there are others than `sets`
       type(volume_distribution_t) :: volumes
       type(release_t) :: release
       type(line_t), allocatable :: lines(:)
@@ -89,6 +91,7 @@ module rockfall_trajectory
       type(span_t), allocatable :: spans(:)
       type(visits_t) :: visits
       type(histograms_t) :: histograms
+      integer(i8), allocatable :: by_ground(:)   !! rebounds on each of the scene's grounds
       type(crossing_t), allocatable :: crossings(:)
       type(contact_t), allocatable :: record(:)  !! allocated by who requests the trajectory
       integer :: recorded = 0                    !! vertices there were, also beyond size(record)

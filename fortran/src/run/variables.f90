@@ -8,7 +8,7 @@ module rockfall_variables
 
    !> A variable of a result.
    type :: variable_t
-      !> boulder, count (of all boulders), line (first crossing), line_vertex, map, histogram,
+      !> boulder, count (of all boulders), ground (the same, of each), line (first crossing), line_vertex, map, histogram,
       !> vertex (of a trajectory); or status, for what the status of a boulder may be.
       character(len=11) :: group
       character(len=27) :: name       !! in files line_, trajectory_ before, _histogram after
@@ -57,6 +57,7 @@ module rockfall_variables
                  "rebounds at incident speeds outside the set's speed_range"), &
       variable_t("count", "rebounds_out_of_angle", "integer", "1", &
                  "rebounds at incidence angles outside the set's angle_range"), &
+      variable_t("ground", "rebounds_by_ground", "integer", "1", "rebounds on the ground"), &
       variable_t("line", "x", "real", "m", "easting of the first crossing"), &
       variable_t("line", "y", "real", "m", "northing of the first crossing"), &
       variable_t("line", "time", "real", "s", "time from release to the first crossing"), &
@@ -158,7 +159,7 @@ module rockfall_variables
                  "V_t after the rebound", "negative when the boulder turns back"), &
       variable_t("vertex", "out_n", "real", "m s-1", "V_n after the rebound"), &
       variable_t("vertex", "out_w", "real", "m s-1", "W after the rebound"), &
-      variable_t("vertex", "ratio", "real", "1", "R_b/R_m of the rebound", "0 without a rebound"), &
+      variable_t("vertex", "ratio", "real", "1", "R_b/R_m of the rebound", "0 without a rebound, -1 of a classical one"), &
       variable_t("status", "stopped", "word", "", "slower than the stop speed after a rebound"), &
       variable_t("status", "absorbed", "word", "", "met material that absorbs"), &
       variable_t("status", "left_domain", "word", "", "left the terrain between its outer cell centres"), &

@@ -20,6 +20,7 @@ _TABLE = _read_table()
 
 BOULDER = _TABLE["boulder"]
 COUNT = _TABLE["count"]  # over all boulders
+GROUND = _TABLE["ground"]  # the same, on each ground
 LINE = _TABLE["line"]  # in files line_x, ...
 LINE_VERTEX = _TABLE["line_vertex"]
 MAP = _TABLE["map"]

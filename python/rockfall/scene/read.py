@@ -20,8 +20,11 @@ from rockfall.scene.digest import digest
 from rockfall.scene.layers import POLYGONS, array_checksum, file_checksum
 from rockfall.scene.scene import Scene
 from rockfall.scene.sources import read_sources
-from rockfall.scene.surface import cell_bytes, read_surface, size_columns
+from rockfall.scene.surface import cell_bytes, read_grounds, read_surface, size_columns
 from rockfall.scene.windows import Windows, bands
+
+#: Rasters that may come as arrays.
+ON_CELLS = ("zones", "mean_radius", "rg70", "rg20", "rg10", "ground_map", "cells")
 
 
 def read_scene(
@@ -29,7 +32,7 @@ def read_scene(
 ) -> Scene:
     """Read and check everything that a case names.
 
-    `dem` and `rasters` (zones, mean_radius, rg70, rg20, rg10, cells) may be given as arrays: an
+    `dem` and `rasters` (`ON_CELLS`) may be given as arrays: an
     xarray.DataArray, or NumPy on the cells of the DEM (for the DEM itself with its `transform`).
     If rasters in files need more than half of `memory` [bytes], they are read in windows, as they
     are needed: see `rockfall.scene.windows`.
@@ -89,6 +92,7 @@ def _windowed(scene: Scene, cells: int) -> Scene:
         rows = bands(scene, cells)
     read_sources(scene, rows, {})
     _read_sets(scene)
+    read_grounds(scene)
     scene.windows = Windows(scene, cells)
     scene.decoded = scene.windows.decoded
     return scene
@@ -104,7 +108,7 @@ def _with_arrays(case: Case, keys: set[str]) -> Case:
     """The case, checked once more, saying which of its rasters came as arrays."""
     groups = {"dem": "terrain", "cells": "release"}
     changes: dict[str, Any] = {}
-    for key in keys & {"dem", "zones", "mean_radius", "rg70", "rg20", "rg10", "cells"}:
+    for key in keys & {*ON_CELLS, "dem"}:
         group = groups.get(key, "surface")
         if key == "dem" or key in getattr(case, group):
             changes.setdefault(group, {})[key] = FROM_ARRAY
@@ -113,7 +117,8 @@ def _with_arrays(case: Case, keys: set[str]) -> Case:
 
 def _check_files(case: Case, arrays: dict[str, Any]) -> None:
     """Every file that the case names and that is to be read is there."""
-    keys = {"terrain": ("dem",), "surface": ("zones", "table", *size_columns(case))}
+    files = "zones", "table", "ground_map", "ground_table", *size_columns(case)
+    keys: dict[str, tuple[str, ...]] = {"terrain": ("dem",), "surface": files}
     keys["release"] = ("cells", "polygons")
     for group, names in keys.items():
         for key in names:

@@ -198,7 +198,8 @@ def _call(tally: Tally, scene: Scene, first: int, size: int) -> np.ndarray:
     scene.kernel.keep_within(tally.maps.box)
     boulder, count, crossing, code, message = _core.run(
         scene.kernel.handle, first, tally.threads, **tally.maps.arguments(),
-        **tally.maps.run_arguments(), histogram=tally.histogram.T, nl=max(1, lines), n=size,
+        **tally.maps.run_arguments(), histogram=tally.histogram.T, by_ground=tally.by_ground,
+        nl=max(1, lines), n=size,
     )  # fmt: skip
     scene.kernel.check(code, message)
     if tally.maps.columns[0] > len(tally.maps.class_counts):
