@@ -42,6 +42,12 @@ def key_table() -> tuple[Key, ...]:
     return tuple(rows)
 
 
+@cache
+def repeated_groups() -> tuple[str, ...]:
+    """The groups that a case may have several times."""
+    return tuple(_core.groups().decode().split())
+
+
 def read_case(path: str | Path) -> Case:
     """The case in a namelist file. A RockfallError names file, group, key, value and the rule."""
     path = Path(path)
@@ -67,44 +73,47 @@ def case_in(attrs: Mapping[str, Any]) -> Case:
 
 
 def _case(text: str, path: Path) -> Case:
-    groups = _parse(text)
-    lines = groups.pop("line", [])
-    return Case(line=lines, folder=path.parent, name=str(path), **groups)
+    return Case(folder=path.parent, name=str(path), **_parse(text))
 
 
 class Case:
     """A case, group by group as in its file: `case.boulder["density"]`, `case.line[0]["name"]`.
 
     Keys that are not given have their default, or are absent. File names are relative to `folder`.
+    Groups that may repeat (line, barrier, dam) are lists.
     """
 
-    def __init__(
-        self,
-        *,
-        line: Iterable[Mapping[str, Any]] = (),
-        folder: str | Path = ".",
-        name: str = "case",
-        **groups: Mapping[str, Any],
-    ) -> None:
+    def __init__(self, *, folder: str | Path = ".", name: str = "case", **groups: Any) -> None:
         self.folder, self.name = Path(folder), name
-        self.line = [dict(one) for one in line]
+        several = {group: groups.pop(group, ()) for group in repeated_groups()}
+        self._several = {group: [dict(one) for one in ones] for group, ones in several.items()}
         for key in key_table():
-            if key.group != "line" and key.group not in groups:
+            if key.group not in self._several and key.group not in groups:
                 groups[key.group] = {}
         if "dem" not in groups["terrain"]:
             groups["terrain"] = {**groups["terrain"], "dem": FROM_ARRAY}
         self._groups = {group: plain_values(values) for group, values in groups.items()}
         _check(self.text().encode(), name)
         for group, values in _parse(_defaults()).items():
+            if group not in self._groups:
+                continue
             self._groups[group] = {**values, **self._groups[group]}
         self._groups = {group: _typed(group, values) for group, values in self._groups.items()}
-        self.line = [_typed("line", one) for one in self.line]
+        defaults = _parse(_defaults())
+        for group, ones in self._several.items():
+            default = defaults.get(group, [{}])[0]
+            self._several[group] = [_typed(group, {**default, **one}) for one in ones]
 
-    def __getattr__(self, group: str) -> dict[str, Any]:
-        try:
-            return self.__dict__["_groups"][group]
-        except KeyError:
-            raise AttributeError(f"a case has no group {group!r}") from None
+    def __getattr__(self, group: str) -> Any:
+        for groups in (self.__dict__.get("_groups", {}), self.__dict__.get("_several", {})):
+            if group in groups:
+                return groups[group]
+        raise AttributeError(f"a case has no group {group!r}")
+
+    @property
+    def lines(self) -> list[dict[str, Any]]:
+        """Where crossings are recorded: the evaluation lines, then the barriers."""
+        return self.line + self.barrier
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Case) or self.folder != other.folder:
@@ -117,18 +126,19 @@ class Case:
     def __repr__(self) -> str:
         return f"<rockfall.Case {self.name}: {self.case['title']!r}>"
 
-    def replace(self, *, line: Iterable[Mapping[str, Any]] | None = None, **groups: Any) -> Case:
-        """With other values: `case.replace(surface={"method": "A"})`; None takes a key out."""
-        changed = {
-            group: {**self._groups.get(group, {}), **groups.get(group, {})}
-            for group in {**self._groups, **groups}
-        }
-        lines = self.line if line is None else line
-        return Case(line=lines, folder=self.folder, name=self.name, **changed)
+    def replace(self, **groups: Any) -> Case:
+        """With other values: `case.replace(surface={"method": "A"})`; None takes a key out. Of
+        groups that may repeat, another list."""
+        changed: dict[str, Any] = {**self._several}
+        changed |= {group: groups.pop(group) for group in self._several if group in groups}
+        for group in {**self._groups, **groups}:
+            changed[group] = {**self._groups.get(group, {}), **groups.get(group, {})}
+        return Case(folder=self.folder, name=self.name, **changed)
 
     def text(self) -> str:
         """The case as the text of a namelist file."""
-        return namelist_text(self._groups, map(plain_values, self.line))
+        several = {group: [plain_values(one) for one in ones] for group, ones in self._several.items()}
+        return namelist_text(self._groups, several)
 
     def path(self, file: str) -> Path:
         """The path of a file that the case names."""
@@ -147,14 +157,17 @@ def check_namelist(check: Callable[[bytes, bytes], tuple], text: bytes, name: st
 
 
 def namelist_text(
-    groups: Mapping[str, Mapping[str, Any]], lines: Iterable[dict] = (), indent: int = 4
+    groups: Mapping[str, Mapping[str, Any]],
+    several: Mapping[str, Iterable[dict]] | None = None,
+    indent: int = 4,
 ) -> str:
-    """Groups that are not empty, and evaluation lines, as the text of a namelist file."""
+    """Groups that are not empty, and those that repeat, as the text of a namelist file."""
     import f90nml
 
     namelist = f90nml.Namelist({name: values for name, values in groups.items() if values})
-    for one in lines:
-        namelist.add_cogroup("line", f90nml.Namelist(one))
+    for group, ones in (several or {}).items():
+        for one in ones:
+            namelist.add_cogroup(group, f90nml.Namelist(one))
     namelist.indent = indent
     text = io.StringIO()
     namelist.write(text)
@@ -162,7 +175,7 @@ def namelist_text(
 
 
 def _parse(text: str) -> dict[str, Any]:
-    """Groups of a text that has been checked; `line` is a list."""
+    """Groups of a text that has been checked; those that may repeat are lists."""
     import f90nml
 
     namelist = f90nml.reads(text)
@@ -171,7 +184,7 @@ def _parse(text: str) -> dict[str, Any]:
         if name in namelist:
             found = namelist[name]  # a list where the group is repeated
             several = [dict(one) for one in (found if isinstance(found, list) else [found])]
-            groups[name] = several if name == "line" else several[0]
+            groups[name] = several if name in repeated_groups() else several[0]
     return groups
 
 

@@ -14,6 +14,7 @@ module rockfall_f2py
    use rockfall_terrain, only: terrain_t, terrain, keep_within, is_known_at
    use rockfall_boulder, only: first_of, last_of, source_of, inertia_factor
    use rockfall_surface, only: size_weights
+   use rockfall_barrier, only: barrier_outcome
    use rockfall_impact, only: ratio_weights, ratio_class, is_admissible, limit_rebound, max_draws, min_normal
    use rockfall_trajectory, only: scene_t, boulder_result_t, crossing_t, scratch_t, left_window
    use rockfall_scene, only: scene_arrays_t, scene_from, check_sources, boulders_of
@@ -25,11 +26,12 @@ module rockfall_f2py
    use rockfall_limits, only: check_tallies
    use rockfall_threads, only: team_size, check_team, release_team
    use rockfall_ensemble, only: run_boulders, trace_boulder
-   use rockfall_result, only: boulder_row, boulder_count_row, line_row, vertex_row
-   use rockfall_variables, only: variable_text, boulder_fields, boulder_counts, line_fields, &
+   use rockfall_result, only: boulder_row, boulder_count_row, energy_row, line_row, vertex_row
+   use rockfall_variables, only: variable_text, boulder_fields, boulder_counts, energy_fields, line_fields, &
                                  vertex_fields, map_fields
    use rockfall_histogram, only: bin_width, n_bins
-   use rockfall_case, only: case_t, read_case, key_text, n_keys, map_names, turning_rule, radius_of_reading
+   use rockfall_case, only: case_t, read_case, key_text, n_keys, map_names, turning_rule, radius_of_reading, &
+                            repeated_groups
    use rockfall_impact_sets, only: coefficients_t, read_impact_sets => read_sets, any_speed
    implicit none
    private
@@ -37,7 +39,8 @@ module rockfall_f2py
    public :: check_maps, map_values, check_case, case_key, variable, read_sets, fields, histogram_bins, team
    public :: team_fits, end_team, slope_threshold, steep_cells, area_ratios, known_at, outside, boulders
    public :: boulders_of_source, sources_of_boulders, weights_of_sets, weights_of_sizes, ratio_classes
-   public :: admissible_rebounds, limit_rebounds, size_to_radius, constant, ground_parameter, ground_model
+   public :: admissible_rebounds, limit_rebounds, size_to_radius, constant, groups, barriers, barrier_outcomes
+   public :: ground_parameter, ground_model
 
    !> What a handle stands for.
    type :: open_scene_t
@@ -163,10 +166,11 @@ contains
 
    !> Run boulders first .. first + n - 1 of a scene; maps and histograms are added to.
    subroutine run(handle, first, threads, map_at, map_counts, map_sums, map_reals, class_counts, column, &
-                  columns, stamp, head, histogram, by_ground, boulder, counts, crossing, code, message, &
-                  nxc, nyc, nkc, nxs, nys, nks, nxr, nyr, nkr, kc, cc, nxq, nyq, nxt, nyt, nkt, ng, nl, n)
+                  columns, stamp, head, histogram, by_ground, energy, boulder, counts, crossing, code, message, &
+                  nxc, nyc, nkc, nxs, nys, nks, nxr, nyr, nkr, kc, cc, nxq, nyq, nxt, nyt, nkt, ng, ne, nl, n)
       !f2py threadsafe
-      integer(c_int), intent(in) :: nxc, nyc, nkc, nxs, nys, nks, nxr, nyr, nkr, kc, cc, nxq, nyq, nxt, nyt, nkt, ng, nl, n
+      integer(c_int), intent(in) :: nxc, nyc, nkc, nxs, nys, nks, nxr, nyr, nkr, kc, cc, nxq, nyq, nxt, nyt, nkt
+      integer(c_int), intent(in) :: ng, ne, nl, n
       integer(c_intptr_t), intent(in) :: handle
       integer(c_int64_t), intent(in) :: first
       integer(c_int), intent(in) :: threads
@@ -179,6 +183,7 @@ contains
       integer(c_int64_t), intent(in) :: head
       integer(c_int64_t), intent(inout) :: histogram(50, 6)
       integer(c_int64_t), intent(inout) :: by_ground(ng)         !! rebounds, where the scene has several grounds
+      real(c_double), intent(inout) :: energy(5, ne)             !! energy_fields, of all boulders or of one
       real(c_double), intent(out) :: boulder(12, n)              !! boulder_fields
       integer(c_int32_t), intent(out) :: counts(8, n)            !! boulder_counts
       real(c_double), intent(out) :: crossing(12, nl, n)         !! line_fields; one line at least
@@ -208,6 +213,7 @@ contains
          do k = 1, n
             boulder(:, k) = boulder_row(scene%dem, fates(k))
             counts(:, k) = boulder_count_row(fates(k))
+            if (scene%energies_requested) energy(:, k) = energy_row(fates(k))
             do l = 1, size(crossings, 1)
                crossing(:, l, k) = line_row(scene%dem, fates(k), crossings(l, k))
             end do
@@ -477,6 +483,37 @@ contains
       call give_error(error, code, message)
    end subroutine check_case
 
+   !> The groups that a case may have several times, with blanks between.
+   subroutine groups(text)
+      character(len=512), intent(out) :: text
+
+      text = joined(repeated_groups, " ")
+   end subroutine groups
+
+   !> Of each line of a case, the evaluation lines and then the barriers: height of the top edge [m] and capacity [J];
+   !> zero of an evaluation line.
+   subroutine barriers(text, height, capacity, n)
+      character(len=*), intent(in) :: text      !! of a case without fault
+      integer(c_int), intent(in) :: n
+      real(c_double), intent(out) :: height(n), capacity(n)
+      type(case_t) :: case
+      type(error_t), allocatable :: error
+
+      call read_case(text, "", case, error)
+      height = case%lines%height
+      capacity = case%lines%capacity
+   end subroutine barriers
+
+   !> What a barrier did with boulders that crossed it: number of the outcome in the table of variables.
+   subroutine barrier_outcomes(height, capacity, passing_height, energy, outcome, n)
+      integer(c_int), intent(in) :: n
+      real(c_double), intent(in) :: height, capacity             !! [m], [J]
+      real(c_double), intent(in) :: passing_height(n), energy(n) !! [m], [J]
+      integer(c_int8_t), intent(out) :: outcome(n)
+
+      outcome = int(barrier_outcome(height, capacity, passing_height, energy), c_int8_t)
+   end subroutine barrier_outcomes
+
    !> Row k of the table of keys: group|key|kind|most|default|allowed|unit|meaning; blank past the end.
    subroutine case_key(k, text)
       integer(c_int), intent(in) :: k
@@ -612,7 +649,7 @@ contains
       end select
    end subroutine constant
 
-   !> Names of the rows of `run`: 1 boulder, 2 counts, 3 crossing, 4 vertex; blank past the end.
+   !> Names of the rows of `run`: 1 boulder, 2 counts, 3 crossing, 4 vertex, 5 energy; blank past the end.
    subroutine fields(what, text)
       integer(c_int), intent(in) :: what
       character(len=512), intent(out) :: text
@@ -622,6 +659,7 @@ contains
       case (2); text = joined(boulder_counts, " ")
       case (3); text = joined(line_fields, " ")
       case (4); text = joined(vertex_fields, " ")
+      case (5); text = joined(energy_fields, " ")
       case default; text = ""
       end select
    end subroutine fields

@@ -13,8 +13,8 @@ module rockfall_part_file
    use rockfall_filesystem, only: replace_file, remove_file
    use rockfall_netcdf_file, only: netcdf_file_t, axis_t, about_t, open_netcdf, create_netcdf, close_netcdf, keep, &
                                    sound, mark_damaged, fail_damaged, pass, length_of, text_of, integers_of, real_of
-   use rockfall_variables, only: variable_t, variable_table, boulder_fields, boulder_counts, line_fields, &
-                                 vertex_fields, histogram_fields, statuses
+   use rockfall_variables, only: variable_t, variable_table, boulder_fields, boulder_counts, energy_fields, &
+                                 line_fields, vertex_fields, histogram_fields, statuses
    use rockfall_histogram, only: n_bins
    use rockfall_maps, only: maps_t
    use rockfall_source_maps, only: contributing_t, contributing_cells, partial_sources, settle
@@ -229,6 +229,11 @@ contains
          call keep(file, nf90_put_att(file%id, id, "flag_meanings", joined(statuses, " ")))
       end if
       call pass(file, described("boulder", "impacts"), [boulder], results%impacts(:n))
+      if (case%energy_balance) then
+         do k = 1, size(energy_fields)
+            call pass(file, described("energy", energy_fields(k)), [boulder], results%energy(:n, k))
+         end do
+      end if
       do k = 3, size(boulder_counts)
          call pass(file, described("count", boulder_counts(k)), [axis_t ::], results%count(k:k))
       end do
@@ -435,6 +440,7 @@ contains
          do k = 1, size(boulder_fields)
             if (.not. all(ieee_is_finite(results%boulder(:n, k)))) call mark_damaged(file, trim(boulder_fields(k)))
          end do
+         if (.not. all(ieee_is_finite(results%energy))) call mark_damaged(file, "energy_released, or another energy")
          if (any(results%status(:n) < 1 .or. results%status(:n) > size(statuses))) call mark_damaged(file, "status")
          if (any(results%impacts(:n) < 0)) call mark_damaged(file, "impacts")
          if (any(results%count < 0)) call mark_damaged(file, "rebounds, or another count")

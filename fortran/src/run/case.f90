@@ -15,10 +15,11 @@ module rockfall_case
    use rockfall_decimal, only: parse_real
    use rockfall_direction, only: past_aspect, to_aspect, by_lab
    use rockfall_sobol, only: max_points
+   use rockfall_barrier, only: ead_energy
    implicit none
    private
    public :: case_t, case_line_t, read_case, read_keys, key_t, key_table, n_keys, key_text, row_text, check_key, &
-             map_names, n_maps, turning_rule, radius_of_reading
+             map_names, n_maps, turning_rule, radius_of_reading, repeated_groups
 
    integer, parameter :: many = 100000                !! values of a list
    integer, parameter :: text_length = 4096           !! characters of a text
@@ -40,7 +41,10 @@ module rockfall_case
    character(len=*), parameter :: map_names(*) = map_fields
    integer, parameter :: n_maps = size(map_names)
 
-   integer, parameter :: n_keys = 60
+   !> Groups that a case may have several times.
+   character(len=8), parameter :: repeated_groups(*) = [character(len=8) :: "line", "barrier", "dam"]
+
+   integer, parameter :: n_keys = 72
    type(key_t), parameter :: key_table(n_keys) = [ &
       key_t("case", "title", "text", 1, "''", "", "", "what the result is called"), &
       key_t("case", "seed", "integer", 1, "1", ">= 0", "", "of the random numbers"), &
@@ -95,12 +99,27 @@ module rockfall_case
       key_t("line", "name", "text", 1, "required", "", "", "of an evaluation line"), &
       key_t("line", "x", "real", many, "required", "", "m", "vertices, two or more"), &
       key_t("line", "y", "real", many, "required", "", "m", "vertices, two or more"), &
+      key_t("barrier", "name", "text", 1, "required", "", "", "of a net or wall, which is an evaluation line too"), &
+      key_t("barrier", "x", "real", many, "required", "", "m", "vertices, two or more"), &
+      key_t("barrier", "y", "real", many, "required", "", "m", "vertices, two or more"), &
+      key_t("barrier", "height", "real", 1, "required", "> 0", "m", &
+            "vertical, of the top edge above the ground; a boulder whose centre is above it passes over"), &
+      key_t("barrier", "capacity", "real", 1, "absent", "> 0", "kJ", "kinetic energy that it takes at most"), &
+      key_t("barrier", "class", "integer", 1, "absent", "0 to 7", "", &
+            "instead of capacity: of EAD 340059, by its maximum energy level"), &
+      key_t("dam", "x", "real", many, "required", "", "m", "vertices of the crest, two or more"), &
+      key_t("dam", "y", "real", many, "required", "", "m", "vertices of the crest, two or more"), &
+      key_t("dam", "height", "real", 1, "required", "> 0", "m", "of the crest above the terrain below it"), &
+      key_t("dam", "crest_width", "real", 1, "0.0", ">= 0", "m", "of its flat top"), &
+      key_t("dam", "slope", "real", 1, "45.0", "1 to 89", "degree", "of its faces"), &
       key_t("output", "maps", "text", n_maps, "absent", "as in result.md", "", "rasters of results"), &
       key_t("output", "map_extent", "text", 1, "'reach'", "reach, terrain", "", &
             "reach: the cells that boulders can reach; terrain: all"), &
       key_t("output", "least_passages", "integer", 1, "10", "1 to 2147483647", "", &
             "cells with fewer show no mean and no quantile"), &
       key_t("output", "rebounds", "logical", 1, ".false.", "", "", "histograms over all rebounds"), &
+      key_t("output", "energy_balance", "logical", 1, ".false.", "", "", &
+            "what became of the energy of each boulder: ground, trees, barriers, left"), &
       key_t("output", "trajectories", "integer", 1, "0", "0 to 2147483647", "", "record the first n boulders"), &
       key_t("ensemble", "runs", "integer", 1, "64", "8 to 65536", "", "draws of all that is uncertain"), &
       key_t("ensemble", "radius_factor", "real", 1, "1.0", "1 to 10", "", &
@@ -118,9 +137,12 @@ module rockfall_case
             "standard deviation of easting and northing of all sources together"), &
       key_t("ensemble", "sets", "text", 100, "absent", "", "", "impact sets, each with equal probability")]
 
+   !> An evaluation line, or a barrier: one that stops boulders.
    type :: case_line_t
       character(len=:), allocatable :: name
       real(wp), allocatable :: x(:), y(:)  !! map coordinates [m]
+      real(wp) :: height = 0.0_wp          !! of a barrier [m]; 0: an evaluation line
+      real(wp) :: capacity = 0.0_wp        !! of a barrier [J]
    end type case_line_t
 
    !> A case as read; file names as written, "" when absent.
@@ -142,11 +164,12 @@ module rockfall_case
       real(wp), allocatable :: x(:), y(:)        !! release points, map coordinates [m]
       logical :: steep_cells = .false., by_area = .false.
       real(wp), allocatable :: slope_threshold   !! [degree]
-      type(case_line_t), allocatable :: lines(:)
+      type(case_line_t), allocatable :: lines(:)  !! evaluation lines, then barriers
       logical :: map(n_maps) = .false.           !! which of map_names
       logical :: whole_maps = .false.            !! also where no boulder can come
       integer :: least_passages = 10             !! for a mean or a quantile in a cell
       logical :: rebounds = .false.
+      logical :: energy_balance = .false.
       integer :: trajectories = 0
    end type case_t
 
@@ -181,8 +204,9 @@ contains
       type(error_t), allocatable, intent(out) :: error
 
       call parse_namelist(text, file, list, error)
-      if (.not. allocated(error)) call check_names(list, key_table%group, key_table%name, "line", &
-                                                   "a case has one such group; only &line may repeat", error)
+      if (.not. allocated(error)) call check_names(list, key_table%group, key_table%name, repeated_groups, &
+                                                   "a case has one such group; only &line, &barrier, &dam may repeat", &
+                                                   error)
       if (.not. allocated(error)) call complete(list, file)
       if (.not. allocated(error)) call check_keys(list, error)
    end subroutine read_keys
@@ -215,7 +239,7 @@ contains
       call parse_namelist(default_case(), file, defaults, error)
       do d = 1, size(defaults%group)
          associate (default => defaults%group(d))
-            if (default%name /= "line" .and. .not. any(list%group%name == default%name)) then
+            if (.not. any([repeated_groups, list%group%name] == default%name)) then
                list%group = [list%group, default]
                cycle
             end if
@@ -615,35 +639,78 @@ contains
       end if
    end subroutine check_points
 
+   !> Evaluation lines, then barriers; what a dam may not be.
    pure subroutine read_lines(list, case, error)
       type(namelist_t), intent(in) :: list
       type(case_t), intent(inout) :: case
       type(error_t), allocatable, intent(out) :: error
-      integer :: g, k, n
+      type(group_t), allocatable :: groups(:)
+      integer :: n
 
-      allocate (case%lines(count(list%group%name == "line")))
-      n = 0
-      do g = 1, size(list%group)
-         if (list%group(g)%name /= "line") cycle
-         n = n + 1
-         associate (group => list%group(g), line => case%lines(n))
-            line%name = text_of(group, "name")
-            line%x = reals_of(group, "x")
-            line%y = reals_of(group, "y")
-            call check_points(group, 2, error)
-            if (allocated(error)) return
-            do k = 1, n - 1
-               if (case%lines(k)%name == line%name) call refuse(group, "name", "must be another for each line", error)
-            end do
-            if (len(line%name) > 60) call refuse(group, "name", "must be at most 60 characters", error)
-            if (all(line%x >= line%x(1)) .and. all(line%x <= line%x(1)) .and. &
-                all(line%y >= line%y(1)) .and. all(line%y <= line%y(1))) then
-               call refuse(group, "x", "a line must have two different points", error)
-            end if
-            if (allocated(error)) return
-         end associate
+      groups = [pack(list%group, list%group%name == "line"), pack(list%group, list%group%name == "barrier")]
+      allocate (case%lines(size(groups)))
+      do n = 1, size(groups)
+         call read_line(groups(n), case%lines(:n), error)
+         if (allocated(error)) return
+         if (groups(n)%name == "barrier") call read_barrier(groups(n), case%lines(n), error)
+         if (allocated(error)) return
+      end do
+      do n = 1, size(list%group)
+         if (list%group(n)%name == "dam") call check_polyline(list%group(n), error)
+         if (allocated(error)) return
       end do
    end subroutine read_lines
+
+   !> The last of some lines.
+   pure subroutine read_line(group, lines, error)
+      type(group_t), intent(in) :: group
+      type(case_line_t), intent(inout) :: lines(:)
+      type(error_t), allocatable, intent(out) :: error
+      integer :: k
+
+      call check_polyline(group, error)
+      if (allocated(error)) return
+      associate (line => lines(size(lines)))
+         line%name = text_of(group, "name")
+         line%x = reals_of(group, "x")
+         line%y = reals_of(group, "y")
+         do k = 1, size(lines) - 1
+            if (lines(k)%name == line%name) &
+               call refuse(group, "name", "must be another for each line and barrier", error)
+         end do
+         if (len(line%name) > 60) call refuse(group, "name", "must be at most 60 characters", error)
+      end associate
+   end subroutine read_line
+
+   !> As many y as x, and two different points.
+   pure subroutine check_polyline(group, error)
+      type(group_t), intent(in) :: group
+      type(error_t), allocatable, intent(out) :: error
+      real(wp), allocatable :: x(:), y(:)
+
+      call check_points(group, 2, error)
+      if (allocated(error)) return
+      x = reals_of(group, "x")
+      y = reals_of(group, "y")
+      if (all(x >= x(1)) .and. all(x <= x(1)) .and. all(y >= y(1)) .and. all(y <= y(1))) &
+         call refuse(group, "x", "a line must have two different points", error)
+   end subroutine check_polyline
+
+   !> How high a barrier is, and how much energy it takes.
+   pure subroutine read_barrier(group, barrier, error)
+      type(group_t), intent(in) :: group
+      type(case_line_t), intent(inout) :: barrier
+      type(error_t), allocatable, intent(out) :: error
+
+      barrier%height = real_of(group, "height")
+      if (has_key(group, "capacity") .eqv. has_key(group, "class")) then
+         call fail(error, about(group, "capacity, class")//": give one of the two")
+      else if (has_key(group, "class")) then
+         barrier%capacity = ead_energy(int(integer_of(group, "class")))
+      else
+         barrier%capacity = 1000*real_of(group, "capacity")
+      end if
+   end subroutine read_barrier
 
    pure subroutine read_output(group, case, error)
       type(group_t), intent(in) :: group
@@ -655,6 +722,7 @@ contains
       allocate (maps(0))
       call get_text(group, "maps", maps, error)
       if (.not. allocated(error)) call get_logical(group, "rebounds", case%rebounds, error)
+      if (.not. allocated(error)) call get_logical(group, "energy_balance", case%energy_balance, error)
       case%whole_maps = text_of(group, "map_extent") == "terrain"
       case%least_passages = int(integer_of(group, "least_passages"))
       case%trajectories = int(integer_of(group, "trajectories"))

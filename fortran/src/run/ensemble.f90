@@ -5,7 +5,7 @@ module rockfall_ensemble
    use rockfall_kinds, only: i8
    use rockfall_threads, only: team_size
    use rockfall_trajectory, only: scene_t, boulder_result_t, crossing_t, scratch_t, trace_full, choose_trace, &
-                                  stopped, absorbed, left_window
+                                  has_obstacles, at_rest, left_window
    use rockfall_boulder, only: release_t, source_of, first_of, last_of, released_by
    use rockfall_maps, only: maps_t, needs_visits, visits_t, start_visits, add_visits, add_deposit
    use rockfall_source_maps, only: counts_sources, gather, add_source, add_source_of_boulder
@@ -95,7 +95,7 @@ contains
          return
       end if
       if (scratch%cells_requested) call add_visits(maps, scratch%visits, result%boulder%mass)
-      if (result%status == stopped .or. result%status == absorbed) call add_deposit(maps, result%stop_cell)
+      if (at_rest(result%status)) call add_deposit(maps, result%stop_cell)
    end subroutine run_one
 
    !> One thread's part where maps count sources. All threads walk through the sources of the call in
@@ -185,7 +185,8 @@ contains
       scratch%cells_requested = cells_requested
       call choose_trace(scene, scratch)
       if (allocated(scene%lines)) allocate (scratch%crossings(size(scene%lines)))
-      if (cells_requested) allocate (scratch%spans(scene%dem%nx + scene%dem%ny))
+      if (allocated(scene%barriers)) allocate (scratch%broken(size(scene%barriers)))
+      if (cells_requested .or. has_obstacles(scene)) allocate (scratch%spans(scene%dem%nx + scene%dem%ny))
       if (scene%histograms_requested) scratch%histograms = histograms()
       if (allocated(scene%grounds)) allocate (scratch%by_ground(size(scene%grounds)), source=0_i8)
    end subroutine prepare

@@ -4,7 +4,6 @@
 module rockfall_grounds
    use rockfall_kinds, only: wp
    use rockfall_error, only: error_t, fail
-   use rockfall_text, only: joined
    use rockfall_decimal, only: parse_real
    use rockfall_namelist, only: namelist_t, group_t, parse_namelist
    use rockfall_values, only: has_key, get_text, get_real, refuse, about, check_names
@@ -88,7 +87,7 @@ contains
       if (size(list%group) /= 1 .or. .not. all(list%group%name == "ground")) then
          call read_stochastic(text, file, turning, 0, ground, error)
       else
-         call check_names(list, table%key%group, table%key%name, "", "", error)
+         call check_names(list, table%key%group, table%key%name, [""], "", error)
          if (.not. allocated(error)) call read_classical(list%group(1), numbers, ground%classical, error)
       end if
    end subroutine read_ground
@@ -159,17 +158,16 @@ contains
       character(len=*), intent(in) :: model
       type(error_t), allocatable, intent(out) :: error
 
-      associate (name => trim(parameter%key%name))
-         if (index(", "//trim(parameter%models)//",", ", "//model//",") > 0) then
-            if (parameter%key%default == "required" .and. .not. has_key(group, name)) then
-               call fail(error, about(group, name)//" is missing: needed for model = '"//model//"'")
-            else
-               call check_key(group, parameter%key, error)
-            end if
-         else if (has_key(group, name)) then
-            call refuse(group, name, "has no meaning for model = '"//model//"'", error)
-         end if
-      end associate
+      character(len=:), allocatable :: name
+
+      name = trim(parameter%key%name)
+      if (index(", "//trim(parameter%models)//",", ", "//model//",") == 0) then
+         if (has_key(group, name)) call refuse(group, name, "has no meaning for model = '"//model//"'", error)
+      else if (parameter%key%default == "required" .and. .not. has_key(group, name)) then
+         call fail(error, about(group, name)//" is missing: needed for model = '"//model//"'")
+      else
+         call check_key(group, parameter%key, error)
+      end if
    end subroutine check_parameter
 
    !> A coefficient, its standard deviation and its ends, which hold it.

@@ -10,6 +10,7 @@ module rockfall_scene
    use rockfall_terrain, only: terrain, patch_t, locate, height, on_terrain
    use rockfall_sources, only: last_boulders
    use rockfall_line, only: line
+   use rockfall_barrier, only: barrier_t
    use rockfall_boulder, only: last_of
    use rockfall_ground, only: ground_t
    use rockfall_trajectory, only: scene_t
@@ -61,6 +62,7 @@ contains
       scene%between_ratios = case%between_ratios
       scene%max_impacts = case%impact_limit
       scene%histograms_requested = case%rebounds
+      scene%energies_requested = case%energy_balance
       scene%volumes = case%volumes
       call set_ground(case, arrays, scene)
       call set_release(case, arrays, scene)
@@ -106,6 +108,7 @@ contains
       end associate
    end subroutine set_release
 
+   !> Evaluation lines, and the barriers among them.
    pure subroutine set_lines(case, scene)
       type(case_t), intent(in) :: case
       type(scene_t), intent(inout) :: scene
@@ -116,6 +119,9 @@ contains
       do k = 1, size(case%lines)
          scene%lines(k) = line(case%lines(k)%x - scene%dem%x0, case%lines(k)%y - scene%dem%y0)
       end do
+      if (all(case%lines%height <= 0)) return
+      scene%barriers = pack([(barrier_t(k, case%lines(k)%height, case%lines(k)%capacity), k=1, size(case%lines))], &
+                            case%lines%height > 0)
    end subroutine set_lines
 
    !> Maps count boulders in 32 bits.
@@ -155,23 +161,33 @@ contains
       type(scene_arrays_t), intent(in) :: arrays
       type(scene_t), intent(inout) :: scene
       type(error_t), allocatable, intent(out) :: error
+      type(ground_t), allocatable :: grounds(:)
       integer :: k
 
       if (.not. allocated(arrays%grounds)) return
-      allocate (scene%grounds(size(arrays%grounds)))
-      do k = 1, size(scene%grounds)
-         associate (given => arrays%grounds(k), ground => scene%grounds(k))
-            ground%name = given%name
-            if (given%text == "") then
-               ground%sets = scene%sets
-               if (allocated(scene%lateral)) ground%lateral = scene%lateral
-            else
-               call read_ground(given%text, given%file, case%turning, scene%table, ground, error)
-               if (allocated(error)) return
-            end if
-         end associate
+      allocate (grounds(size(arrays%grounds)))
+      do k = 1, size(grounds)
+         call set_ground_of(arrays%grounds(k), case, scene, grounds(k), error)
+         if (allocated(error)) return
       end do
+      call move_alloc(grounds, scene%grounds)
    end subroutine set_grounds
+
+   subroutine set_ground_of(given, case, scene, ground, error)
+      type(ground_text_t), intent(in) :: given
+      type(case_t), intent(in) :: case
+      type(scene_t), intent(in) :: scene
+      type(ground_t), intent(out) :: ground
+      type(error_t), allocatable, intent(out) :: error
+
+      ground%name = given%name
+      if (given%text /= "") then
+         call read_ground(given%text, given%file, case%turning, scene%table, ground, error)
+      else
+         ground%sets = scene%sets
+         if (allocated(scene%lateral)) ground%lateral = scene%lateral
+      end if
+   end subroutine set_ground_of
 
    !> Boulders of the whole run.
    pure integer(i8) function boulders_of(scene)

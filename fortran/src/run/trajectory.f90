@@ -8,29 +8,38 @@ module rockfall_trajectory
                               turn_within_word, obstacle_word, ratio_word
    use rockfall_sobol, only: sobol_t, sobol_word, scrambled, volume_dimension
    use rockfall_terrain, only: terrain_t, patch_t, in_window, locate, height, gradient, cell_of, cell_descent
-   use rockfall_surface, only: surface_t, rock_radius
+   use rockfall_surface, only: surface_t, rock_radius, ground_at
    use rockfall_boulder, only: boulder_t, volume_distribution_t, release_t, draw_boulder, source_of, first_of, &
-                               inertia_factor
-   use rockfall_flight, only: flight_t, landing_t, span_t, fly, launch_rate, arc_length
-   use rockfall_impact, only: impact_set_t, impact_ratios, ratio_class, ratio_between, beyond_fit, rebound_t, rebound
-   use rockfall_ground, only: ground_t
+                               inertia_factor, kinetic_energy
+   use rockfall_flight, only: flight_t, landing_t, span_t, fly, end_flight, flight_from, launch_rate, arc_length, never
+   use rockfall_impact, only: impact_set_t, fitted_t, impact_ratios, ratio_class, ratio_between, beyond_fit, rebound_t, &
+                              rebound, twice_energy
+   use rockfall_classical_rebound, only: absorbs
+   use rockfall_ground, only: ground_t, ground_rebound, is_stochastic
    use rockfall_direction, only: turning_t, lateral_t, past_aspect, by_lab, lateral_angle, new_heading, unit_vector, &
                                  any_heading
-   use rockfall_line, only: line_t, first_crossing
+   use rockfall_line, only: line_t, first_crossing, next_crossing
+   use rockfall_barrier, only: barrier_t, barrier_outcome, passed_over
    use rockfall_maps, only: visits_t, start_visits, visit_spans, visit_cell
    use rockfall_histogram, only: histograms_t, count_rebound
    implicit none
    private
    public :: scene_t, boulder_result_t, crossing_t, contact_t, scratch_t, trace_full, choose_trace
-   public :: stopped, absorbed, left_domain, impact_limit, hit_nodata, left_window
+   public :: has_obstacles, at_rest
+   public :: stopped, absorbed, left_domain, impact_limit, hit_nodata, stopped_by_tree, stopped_by_barrier, left_window
 
    !> Status, in the order of the table of rockfall_variables; 0 while a boulder is on its way.
-   integer, parameter :: stopped = 1, absorbed = 2, left_domain = 3, impact_limit = 4, hit_nodata = 5
+   integer, parameter :: stopped = 1, absorbed = 2, left_domain = 3, impact_limit = 4, hit_nodata = 5, &
+                         stopped_by_tree = 6, stopped_by_barrier = 7
+   real(wp), parameter :: smooth = 1.0e-9_wp  !! R_m of ground without rocks: to its boulders all rocks are small [m]
    integer, parameter :: left_window = -1  !! the terrain goes on, but is not at hand: to be traced again; in no result
 
    !> What may be recorded besides the boulder's result, if it is requested: nothing; lines and histograms; visits of
-   !> raster cells too; vertices of the trajectory too.
-   integer, parameter :: basic = 0, with_lines = 1, with_maps = 2, with_record = 3
+   !> raster cells too; and all that the rest may ask for: vertices of the trajectory, obstacles, the energy balance.
+   integer, parameter :: basic = 0, with_lines = 1, with_maps = 2, with_all = 3
+
+   !> What a flight may end at before it meets the ground.
+   integer, parameter :: none = 0, barrier = 1
 
    !> Everything that a boulder needs to know; the same for all boulders of a run.
    type :: scene_t
@@ -46,12 +55,28 @@ module rockfall_trajectory
       type(ground_t), allocatable :: grounds(:)   !! only where there are others than `sets`
       type(volume_distribution_t) :: volumes
       type(release_t) :: release
-      type(line_t), allocatable :: lines(:)
+      type(line_t), allocatable :: lines(:)        !! evaluation lines, and those of the barriers
+      type(barrier_t), allocatable :: barriers(:)
       real(wp) :: gravity = 9.81_wp        !! [m/s2]
       real(wp) :: stop_speed = 0.5_wp      !! after a rebound [m/s]
       integer :: max_impacts = 100000      !! contacts, after which a boulder ends
       logical :: histograms_requested = .false.
+      logical :: energies_requested = .false.
    end type scene_t
+
+   !> What became of the energy of a boulder: released = ground + trees + barriers + left [J].
+   type :: energy_balance_t
+      real(wp) :: released = 0.0_wp  !! kinetic at the release, potential from there to the end
+      real(wp) :: ground = 0.0_wp, trees = 0.0_wp, barriers = 0.0_wp  !! what they took
+      real(wp) :: left = 0.0_wp      !! kinetic at the end
+   end type energy_balance_t
+
+   !> Where a flight ends in the air.
+   type :: obstacle_t
+      integer :: kind = none        !! barrier
+      integer :: number = 0         !! of the barrier
+      real(wp) :: time = never      !! since the start of the flight [s]
+   end type obstacle_t
 
    !> What became of a boulder (model, section 9).
    type :: boulder_result_t
@@ -66,6 +91,7 @@ module rockfall_trajectory
       real(wp) :: jump_height_max = 0.0_wp !! [m]
       integer :: rebounds = 0, redrawn = 0, forced = 0
       integer :: out_of_range = 0, out_of_speed = 0, out_of_angle = 0  !! rebounds beyond what a set was fitted on
+      type(energy_balance_t) :: energy     !! where the scene has more than ground, or it is requested
    end type boulder_result_t
 
    !> First crossing of an evaluation line.
@@ -77,7 +103,7 @@ module rockfall_trajectory
       real(wp) :: passing_height = 0   !! centre of the sphere above the surface, vertical [m]
    end type crossing_t
 
-   !> One vertex of a recorded trajectory: the release, each contact, the end.
+   !> One vertex of a recorded trajectory: the release, each contact, each obstacle that it met, the end.
    type :: contact_t
       real(wp) :: x = 0, y = 0, z = 0, time = 0  !! local coordinates [m], since release [s]
       real(wp) :: v(3) = 0                   !! velocity after it [m/s]
@@ -93,6 +119,7 @@ module rockfall_trajectory
       type(histograms_t) :: histograms
       integer(i8), allocatable :: by_ground(:)   !! rebounds on each of the scene's grounds
       type(crossing_t), allocatable :: crossings(:)
+      logical, allocatable :: broken(:)          !! barriers that this boulder broke through
       type(contact_t), allocatable :: record(:)  !! allocated by who requests the trajectory
       integer :: recorded = 0                    !! vertices there were, also beyond size(record)
       procedure(trace_full), pointer, nopass :: trace => null()  !! what the scene needs of `trace_full`
@@ -107,10 +134,10 @@ contains
       type(boulder_result_t), intent(out) :: result
       type(scratch_t), intent(inout) :: scratch
 
-      call trace(scene, number, result, scratch, with_record)
+      call trace(scene, number, result, scratch, with_all)
    end subroutine trace_full
 
-   !> The same without a record of the trajectory.
+   !> The same without a record of the trajectory, obstacles, and energies.
    pure subroutine trace_maps(scene, number, result, scratch)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: number
@@ -149,7 +176,22 @@ contains
       scratch%trace => trace_basic
       if (allocated(scene%lines) .or. scene%histograms_requested) scratch%trace => trace_lines
       if (scratch%cells_requested) scratch%trace => trace_maps
+      if (has_obstacles(scene) .or. scene%energies_requested .or. allocated(scene%grounds)) scratch%trace => trace_full
    end subroutine choose_trace
+
+   !> Whether there is anything but the ground to meet.
+   pure logical function has_obstacles(scene)
+      type(scene_t), intent(in) :: scene
+
+      has_obstacles = allocated(scene%barriers)
+   end function has_obstacles
+
+   !> Whether a boulder has come to rest somewhere.
+   elemental logical function at_rest(status)
+      integer, intent(in) :: status
+
+      at_rest = any(status == [stopped, absorbed, stopped_by_tree, stopped_by_barrier])
+   end function at_rest
 
    !> All that `trace_full` is. Wherever it is called `level` is a constant, so that each gets a copy of its own.
    pure subroutine trace(scene, number, result, scratch, level)
@@ -160,8 +202,10 @@ contains
       integer, value :: level  !! basic, ..., with_record
       type(flight_t) :: flight
       type(landing_t) :: landing
+      type(obstacle_t) :: obstacle
       real(wp) :: omega_r  !! W = R_b omega [m/s]
-      real(wp) :: v_in(3)  !! velocity at a contact [m/s]
+      real(wp) :: v_in(3)  !! velocity at the end of a flight [m/s]
+      logical :: obstacles
 
       if (scene%sobol%dimensions > 0) then
          result%boulder = draw_boulder(scene%volumes, scene%table, scene%key, number, &
@@ -181,14 +225,23 @@ contains
       if (level >= with_maps .and. scratch%cells_requested) call start_visits(scratch%visits, number)
       if (level >= with_lines .and. allocated(scratch%crossings)) scratch%crossings%crossed = .false.
       scratch%recorded = 0
-      if (level >= with_record) call record(scratch, contact_t(flight%x, flight%y, flight%z, 0.0_wp, flight%v))
+      obstacles = .false.
+      if (level >= with_all) then
+         call record(scratch, contact_t(flight%x, flight%y, flight%z, 0.0_wp, flight%v))
+         obstacles = has_obstacles(scene)
+         if (allocated(scratch%broken)) scratch%broken = .false.
+         result%energy%released = sum(kinetic_energy(result%boulder, flight%v, 0.0_wp)) &
+                                  + result%boulder%mass*scene%gravity*flight%z
+      end if
       do
-         if (level >= with_maps .and. scratch%cells_requested) then
+         if (level >= with_all .and. obstacles) then
+            call fly_to_obstacle(scene, result, flight, omega_r, landing, obstacle, scratch)
+         else if (level >= with_maps .and. scratch%cells_requested) then
             call fly_over_cells(scene, flight, omega_r, landing, scratch)
          else
             call fly(scene%dem, scene%gravity, flight, landing)
          end if
-         if (level >= with_lines .and. allocated(scene%lines)) then
+         if (level >= with_lines .and. allocated(scene%lines) .and. .not. obstacles) then
             call record_crossings(scene, result, flight, landing, omega_r, scratch%crossings)
          end if
          v_in = flight%v
@@ -197,7 +250,9 @@ contains
          result%time = result%time + landing%time
          result%speed_max = max(result%speed_max, square(v_in))
          result%jump_height_max = max(result%jump_height_max, landing%jump_height)
-         if (.not. landing%contact) then
+         if (level >= with_all .and. obstacle%kind /= none) then
+            call meet_obstacle(scene, obstacle, landing, v_in, omega_r, result, flight, scratch)
+         else if (.not. landing%contact) then
             result%status = departure(scene%dem, landing%patch)
          else
             result%impacts = result%impacts + 1
@@ -205,12 +260,16 @@ contains
          end if
          if (result%status /= 0) exit
       end do
-      if (level >= with_record .and. any(result%status == [absorbed, left_domain, hit_nodata])) then
-         call record(scratch, contact_t(landing%x, landing%y, landing%z, result%time, v_in))
+      if (level >= with_all) then
+         if (any(result%status == [absorbed, left_domain, hit_nodata])) then
+            call record(scratch, contact_t(landing%x, landing%y, landing%z, result%time, v_in))
+            flight%v = v_in
+         end if
+         call close_balance(scene, landing%z, flight%v, omega_r, result)
       end if
       result%speed_max = sqrt(result%speed_max)
       result%stop = [landing%x, landing%y, landing%z]
-      if (.not. landing%contact) return
+      if (.not. (landing%contact .or. at_rest(result%status))) return
       result%stop_cell = cell_of(scene%dem, landing%patch, landing%u, landing%w)
       if (level >= with_maps .and. scratch%cells_requested) then
          call visit_cell(scratch%visits, result%stop_cell, 0.0_wp, 0.0_wp, 0.0_wp)
@@ -284,20 +343,129 @@ contains
                        inertia_factor*omega_r**2, scratch%spans(:n))
    end subroutine fly_over_cells
 
-   !> Record the lines that a flight crosses for the first time.
-   pure subroutine record_crossings(scene, result, flight, landing, omega_r, crossings)
+   !> Fly to the ground or to the first obstacle on the way there, and record the lines and cells up to there.
+   pure subroutine fly_to_obstacle(scene, result, flight, omega_r, landing, obstacle, scratch)
+      type(scene_t), intent(in) :: scene
+      type(boulder_result_t), intent(in) :: result
+      type(flight_t), intent(in) :: flight
+      real(wp), intent(in) :: omega_r  !! W [m/s]
+      type(landing_t), intent(out) :: landing
+      type(obstacle_t), intent(out) :: obstacle
+      type(scratch_t), intent(inout) :: scratch
+      integer :: n
+
+      call fly(scene%dem, scene%gravity, flight, landing, scratch%spans, n)
+      if (allocated(scene%barriers)) &
+         call find_barrier(scene, result, flight, landing, omega_r, scratch%broken, obstacle)
+      if (allocated(scene%lines)) &
+         call record_crossings(scene, result, flight, landing, omega_r, scratch%crossings, obstacle%time)
+      if (obstacle%kind /= none) &
+         call end_flight(scene%dem, scene%gravity, flight, obstacle%time, scratch%spans, n, landing)
+      if (scratch%cells_requested) &
+         call visit_spans(scratch%visits, scene%dem, scene%gravity, flight%x, flight%y, flight%v, &
+                          inertia_factor*omega_r**2, scratch%spans(:n))
+   end subroutine fly_to_obstacle
+
+   !> The first barrier that stands in the way of a flight, if it does before the obstacle.
+   pure subroutine find_barrier(scene, result, flight, landing, omega_r, broken, obstacle)
+      type(scene_t), intent(in) :: scene
+      type(boulder_result_t), intent(in) :: result
+      type(flight_t), intent(in) :: flight
+      type(landing_t), intent(in) :: landing
+      real(wp), intent(in) :: omega_r    !! W [m/s]
+      logical, intent(in) :: broken(:)
+      type(obstacle_t), intent(inout) :: obstacle
+      real(wp) :: fraction, time
+      integer :: k
+
+      do k = 1, size(scene%barriers)
+         if (broken(k)) cycle
+         fraction = -1
+         do  ! a bent barrier may be crossed several times
+            fraction = next_crossing(scene%lines(scene%barriers(k)%line), [flight%x, flight%y], &
+                                     [landing%x, landing%y], fraction)
+            time = fraction*landing%time
+            if (fraction > 1 .or. time >= obstacle%time) exit
+            if (stands_in_way(scene%barriers(k), result, crossing(scene, result, flight, time, omega_r))) then
+               obstacle = obstacle_t(barrier, k, time)
+               exit
+            end if
+         end do
+      end do
+   end subroutine find_barrier
+
+   !> Whether a boulder that crosses a barrier does not pass over it.
+   pure logical function stands_in_way(this, result, crossing)
+      type(barrier_t), intent(in) :: this
+      type(boulder_result_t), intent(in) :: result
+      type(crossing_t), intent(in) :: crossing
+
+      stands_in_way = passed_over /= barrier_outcome(this%height, this%capacity, crossing%passing_height, &
+                                                     sum(kinetic_energy(result%boulder, crossing%v, crossing%omega)))
+   end function stands_in_way
+
+   !> An obstacle takes energy; with the rest the boulder flies on from there.
+   pure subroutine meet_obstacle(scene, obstacle, landing, v, omega_r, result, flight, scratch)
+      type(scene_t), intent(in) :: scene
+      type(obstacle_t), intent(in) :: obstacle
+      type(landing_t), intent(in) :: landing
+      real(wp), intent(in) :: v(3)        !! velocity there [m/s]
+      real(wp), intent(inout) :: omega_r  !! W [m/s]
+      type(boulder_result_t), intent(inout) :: result
+      type(flight_t), intent(inout) :: flight
+      type(scratch_t), intent(inout) :: scratch
+      real(wp) :: energy, taken, remains
+
+      energy = sum(kinetic_energy(result%boulder, v, omega_r/result%boulder%radius))
+      taken = min(energy, scene%barriers(obstacle%number)%capacity)
+      scratch%broken(obstacle%number) = .true.
+      result%energy%barriers = result%energy%barriers + taken
+      remains = 0
+      if (energy > taken) remains = sqrt((energy - taken)/energy)
+      omega_r = remains*omega_r
+      flight = flight_from(scene%dem, landing, remains*v, flight%heading)
+      if (square(flight%v) < scene%stop_speed**2) result%status = stopped_by_barrier
+      call record(scratch, contact_t(landing%x, landing%y, landing%z, result%time, flight%v))
+   end subroutine meet_obstacle
+
+   !> What is left of the energy, and what was released down to the end.
+   pure subroutine close_balance(scene, z, v, omega_r, result)
+      type(scene_t), intent(in) :: scene
+      real(wp), intent(in) :: z        !! of the end [m]
+      real(wp), intent(in) :: v(3)     !! velocity there [m/s]
+      real(wp), intent(in) :: omega_r  !! W there [m/s]
+      type(boulder_result_t), intent(inout) :: result
+      real(wp) :: kinetic
+
+      kinetic = sum(kinetic_energy(result%boulder, v, omega_r/result%boulder%radius))
+      associate (energy => result%energy)
+         energy%released = energy%released - result%boulder%mass*scene%gravity*z
+         if (result%status == absorbed) then
+            energy%ground = energy%ground + kinetic
+         else
+            energy%left = kinetic
+         end if
+      end associate
+   end subroutine close_balance
+
+   !> Record the lines that a flight crosses for the first time, up to a time.
+   pure subroutine record_crossings(scene, result, flight, landing, omega_r, crossings, until)
       type(scene_t), intent(in) :: scene
       type(boulder_result_t), intent(in) :: result
       type(flight_t), intent(in) :: flight
       type(landing_t), intent(in) :: landing
       real(wp), intent(in) :: omega_r  !! W [m/s]
       type(crossing_t), intent(inout) :: crossings(:)
+      real(wp), intent(in), optional :: until  !! since the start of the flight [s]
       real(wp) :: fraction
       integer :: k
 
       do k = 1, size(scene%lines)
          if (crossings(k)%crossed) cycle
          fraction = first_crossing(scene%lines(k), [flight%x, flight%y], [landing%x, landing%y])
+         if (present(until)) then
+            if (fraction*landing%time > until) cycle
+         end if
          if (fraction <= 1) crossings(k) = crossing(scene, result, flight, fraction*landing%time, omega_r)
       end do
    end subroutine record_crossings
@@ -342,8 +510,8 @@ contains
       type(flight_t), intent(inout) :: flight
       type(scratch_t), intent(inout) :: scratch
       integer(i8) :: word(words_per_draw)
-      integer :: at(2), class
-      logical :: outside, fast, steep
+      integer :: at(2), class, ground  !! 0: the scene has the case's impact sets alone
+      logical :: outside
       real(wp) :: radius, ratio, v_in(3), heading(2), g(2), steepness
       type(rebound_t) :: out
       type(turning_t) :: turning
@@ -356,28 +524,52 @@ contains
          result%status = absorbed
          return
       end if
+      ground = 0
+      if (level >= with_all .and. allocated(scene%grounds)) then
+         ground = ground_at(scene%surface, at)
+         if (absorbs(scene%grounds(ground)%classical, radius/scene%surface%size_to_radius)) then
+            result%status = absorbed
+            return
+         end if
+         radius = max(radius, smooth)
+      end if
       ratio = result%boulder%radius/radius
       call ratio_class(ratio, class, outside)
       if (scene%between_ratios) class = ratio_between(ratio, ratio_uniform(scene%key, number, result%impacts))
       g = gradient(scene%dem, landing%patch, landing%u, landing%w)
       steepness = sqrt(1 + g(1)**2 + g(2)**2)
       call decompose(v, g, steepness, flight%heading, omega_r, v_in, heading)
-      call rebound(scene%sets(class), scene%table, scene%key, number, int(result%impacts, i8), word(1:matrix_words), &
-                   v_in, out)
+      if (level >= with_all .and. ground > 0) then
+         call ground_rebound(scene%grounds(ground), scene%table, scene%key, number, int(result%impacts, i8), &
+                             word(1:matrix_words), result%boulder, radius/scene%surface%size_to_radius, class, v_in, out)
+         scratch%by_ground(ground) = scratch%by_ground(ground) + 1
+      else
+         call rebound(scene%sets(class), scene%table, scene%key, number, int(result%impacts, i8), word(1:matrix_words), &
+                      v_in, out)
+      end if
       result%rebounds = result%rebounds + 1
       if (out%draws > 1) result%redrawn = result%redrawn + 1
       if (out%forced) result%forced = result%forced + 1
-      if (outside) result%out_of_range = result%out_of_range + 1
-      call beyond_fit(scene%sets(class)%fitted, v_in(1:2), fast, steep)
-      if (fast) result%out_of_speed = result%out_of_speed + 1
-      if (steep) result%out_of_angle = result%out_of_angle + 1
+      if (level < with_all .or. ground == 0) then
+         call count_beyond_fit(scene%sets(class)%fitted, outside, v_in, result)
+      else if (is_stochastic(scene%grounds(ground))) then
+         call count_beyond_fit(scene%grounds(ground)%sets(class)%fitted, outside, v_in, result)
+      else
+         ratio = -1
+      end if
       if (level >= with_lines .and. scene%histograms_requested) call count_rebound(scratch%histograms, v_in, out%v)
       turning = turning_t(scene%turning, uniform(word(turn_class_word)), uniform(word(turn_within_word)), &
                           merge(1.0_wp, -1.0_wp, btest(word(turn_within_word), 0)))
       if (turning%rule == by_lab) turning%lateral = lateral_angle(scene%lateral(class), v_in(1:2), turning%class)
+      if (level >= with_all .and. ground > 0 .and. turning%rule == by_lab) then
+         if (is_stochastic(scene%grounds(ground))) &
+            turning%lateral = lateral_angle(scene%grounds(ground)%lateral(class), v_in(1:2), turning%class)
+      end if
       call outgoing_flight(scene, landing, at, g, steepness, heading, turning, out%v, flight, omega_r)
-      if (level >= with_record) then
+      if (level >= with_all) then
          call record(scratch, contact_t(landing%x, landing%y, landing%z, result%time, flight%v, v_in, out%v, ratio))
+         result%energy%ground = result%energy%ground &
+                                + 0.5_wp*result%boulder%mass*(twice_energy(v_in) - twice_energy(out%v))
       end if
       result%speed_max = max(result%speed_max, square(flight%v))
       if (square(flight%v) < scene%stop_speed**2) then
@@ -386,6 +578,20 @@ contains
          result%status = impact_limit
       end if
    end subroutine handle_impact
+
+   !> Count a stochastic rebound that lies beyond what its set was fitted on; `outside`: its ratio R_b/R_m does.
+   pure subroutine count_beyond_fit(fitted, outside, v_in, result)
+      type(fitted_t), intent(in) :: fitted
+      logical, intent(in) :: outside
+      real(wp), intent(in) :: v_in(3)  !! V_t, V_n, W [m/s]
+      type(boulder_result_t), intent(inout) :: result
+      logical :: fast, steep
+
+      if (outside) result%out_of_range = result%out_of_range + 1
+      call beyond_fit(fitted, v_in(1:2), fast, steep)
+      if (fast) result%out_of_speed = result%out_of_speed + 1
+      if (steep) result%out_of_angle = result%out_of_angle + 1
+   end subroutine count_beyond_fit
 
    !> A number in (0, 1) [-] that chooses between two sets, at a contact of a boulder.
    pure real(wp) function ratio_uniform(key, number, impact)

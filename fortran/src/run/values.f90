@@ -23,11 +23,11 @@ module rockfall_values
 
 contains
 
-   !> Only groups and keys of a table, each with its group beside it, and no group twice but one.
+   !> Only groups and keys of a table, each with its group beside it, and no group twice but those that may repeat.
    pure subroutine check_names(list, groups, keys, repeatable, rule, error)
       type(namelist_t), intent(in) :: list
       character(len=*), intent(in) :: groups(:), keys(:)  !! a row for each key; rows of a group follow each other
-      character(len=*), intent(in) :: repeatable, rule    !! the group that may repeat, and what to say of others
+      character(len=*), intent(in) :: repeatable(:), rule !! groups that may repeat, and what to say of others
       type(error_t), allocatable, intent(out) :: error
       integer :: g, e
 
@@ -35,7 +35,7 @@ contains
          associate (group => list%group(g))
             if (.not. any(groups == group%name)) then
                call fail(error, place(group%line)//": unknown group; known: "//known(groups, "&"))
-            else if (group%repeated .and. group%name /= repeatable) then
+            else if (group%repeated .and. .not. any(repeatable == group%name)) then
                call fail(error, place(group%line)//": "//rule)
             end if
             if (allocated(error)) return

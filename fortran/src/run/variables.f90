@@ -3,13 +3,14 @@
 module rockfall_variables
    implicit none
    private
-   public :: variable_t, variable_table, variable_text, boulder_fields, boulder_counts, &
+   public :: variable_t, variable_table, variable_text, boulder_fields, boulder_counts, energy_fields, &
              line_fields, vertex_fields, map_fields, histogram_fields, statuses
 
    !> A variable of a result.
    type :: variable_t
-      !> boulder, count (of all boulders), ground (the same, of each), line (first crossing), line_vertex, map, histogram,
-      !> vertex (of a trajectory); or status, for what the status of a boulder may be.
+      !> boulder, count (of all boulders), ground (the same, of each), energy (of each boulder, on request), line (first
+      !> crossing), line_vertex, barrier, map, histogram, vertex (of a trajectory); or status and outcome, for what the
+      !> status of a boulder may be, and what a barrier may do with it.
       character(len=11) :: group
       character(len=27) :: name       !! in files line_, trajectory_ before, _histogram after
       character(len=7) :: kind        !! real, integer, word
@@ -58,6 +59,12 @@ module rockfall_variables
       variable_t("count", "rebounds_out_of_angle", "integer", "1", &
                  "rebounds at incidence angles outside the set's angle_range"), &
       variable_t("ground", "rebounds_by_ground", "integer", "1", "rebounds on the ground"), &
+      variable_t("energy", "energy_released", "real", "J", &
+                 "kinetic energy at the release, and potential energy from there to the end"), &
+      variable_t("energy", "energy_ground", "real", "J", "energy that rebounds took"), &
+      variable_t("energy", "energy_trees", "real", "J", "energy that trees took"), &
+      variable_t("energy", "energy_barriers", "real", "J", "energy that barriers took"), &
+      variable_t("energy", "energy_left", "real", "J", "kinetic energy at the end"), &
       variable_t("line", "x", "real", "m", "easting of the first crossing"), &
       variable_t("line", "y", "real", "m", "northing of the first crossing"), &
       variable_t("line", "time", "real", "s", "time from release to the first crossing"), &
@@ -77,6 +84,9 @@ module rockfall_variables
                  "index of the evaluation line", "counts from 0"), &
       variable_t("line_vertex", "x", "real", "m", "easting"), &
       variable_t("line_vertex", "y", "real", "m", "northing"), &
+      variable_t("barrier", "height", "real", "m", "height of the top edge above the ground"), &
+      variable_t("barrier", "capacity", "real", "J", "energy that the barrier takes at most"), &
+      variable_t("barrier", "outcome", "integer", "1", "what the barrier did at the first crossing"), &
       variable_t("map", "passages", "integer", "1", &
                  "boulders that passed the cell, each counted once"), &
       variable_t("map", "reach_probability", "real", "1", &
@@ -165,7 +175,12 @@ module rockfall_variables
       variable_t("status", "left_domain", "word", "", "left the terrain between its outer cell centres"), &
       variable_t("status", "impact_limit", "word", "", &
                  "still moving after as many contacts as allowed"), &
-      variable_t("status", "hit_nodata", "word", "", "met terrain without elevation")]
+      variable_t("status", "hit_nodata", "word", "", "met terrain without elevation"), &
+      variable_t("status", "stopped_by_tree", "word", "", "lost its energy at a tree"), &
+      variable_t("status", "stopped_by_barrier", "word", "", "lost its energy at a barrier"), &
+      variable_t("outcome", "stopped", "word", "", "the barrier took all energy"), &
+      variable_t("outcome", "broken_through", "word", "", "went on with what the barrier did not take"), &
+      variable_t("outcome", "passed_over", "word", "", "its centre was above the top edge")]
 
    character(len=27), parameter :: boulder_fields(*) = pack(variable_table%name, &
       variable_table%group == "boulder" .and. variable_table%kind == "real")
@@ -173,6 +188,8 @@ module rockfall_variables
    character(len=27), parameter :: boulder_counts(*) = pack(variable_table%name, &
       (variable_table%group == "boulder" .and. variable_table%kind == "integer") &
       .or. variable_table%group == "count")
+   character(len=27), parameter :: energy_fields(*) = pack(variable_table%name, &
+      variable_table%group == "energy")
    character(len=27), parameter :: line_fields(*) = pack(variable_table%name, &
       variable_table%group == "line")
    character(len=27), parameter :: vertex_fields(*) = pack(variable_table%name, &

@@ -21,14 +21,17 @@ _TABLE = _read_table()
 BOULDER = _TABLE["boulder"]
 COUNT = _TABLE["count"]  # over all boulders
 GROUND = _TABLE["ground"]  # the same, on each ground
+ENERGY = _TABLE["energy"]  # of each boulder, on request
 LINE = _TABLE["line"]  # in files line_x, ...
 LINE_VERTEX = _TABLE["line_vertex"]
+BARRIER = _TABLE["barrier"]  # in files barrier_height, ...
 MAP = _TABLE["map"]
 HISTOGRAM = _TABLE["histogram"]  # in the kernel's order; units of the bins
 VERTEX = _TABLE["vertex"]  # in files trajectory_x, ...
 STATUS = {name: number for number, name in enumerate(_TABLE["status"], start=1)}
+OUTCOME = {name: number for number, name in enumerate(_TABLE["outcome"], start=1)}
 
 
 def fields(what: int) -> list[str]:
-    """Names of the kernel's columns: 1 boulder, 2 counts, 3 crossing, 4 vertex."""
+    """Names of the kernel's columns: 1 boulder, 2 counts, 3 crossing, 4 vertex, 5 energy."""
     return _core.fields(what).decode().split()

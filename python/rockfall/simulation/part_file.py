@@ -76,7 +76,7 @@ def make_part(tally: Tally) -> xr.Dataset:
     grid, box = tally.scene.grid, tally.window
     window = [box.column, box.row, *box.shape[::-1]]
     data = boulder_variables(tally) | ground_variables(tally)
-    if tally.scene.case.line:
+    if tally.scene.case.lines:
         data |= line_variables(tally)
     data |= {
         BEFORE + name: (ABOUT[name][1], values, {"units": "1", "long_name": ABOUT[name][2]})
@@ -142,7 +142,10 @@ class Part:
             for k, name in enumerate(variables.fields(what)):
                 if name in variables.BOULDER:
                     table[rows, k] = self.arrays[name]
-        if tally.scene.case.line:
+        if tally.scene.case.output["energy_balance"]:
+            for k, name in enumerate(variables.fields(5)):
+                tally.energy[rows, k] = self.arrays[name]
+        if tally.scene.case.lines:
             for k, name in enumerate(variables.fields(3)):
                 tally.crossing[rows, :, k] = self.arrays[f"line_{name}"].T
         for name in variables.COUNT:
@@ -332,7 +335,9 @@ def _expected(part: Part) -> dict[str, tuple[str, tuple[str, ...]]]:
     found |= {name: ("i8", ()) for name in variables.COUNT}
     if part.origin.grounds:
         found |= {name: ("i8", ("ground",)) for name in variables.GROUND}
-    if case.line:
+    if case.output["energy_balance"]:
+        found |= {name: ("f8", ("boulder",)) for name in variables.ENERGY}
+    if case.lines:
         found |= {f"line_{name}": ("f8", ("line", "boulder")) for name in variables.LINE}
     if case.output["rebounds"]:
         found |= {f"{name}_histogram": ("i8", (f"{name}_bin",)) for name in variables.HISTOGRAM}
@@ -351,7 +356,7 @@ def _lengths(part: Part) -> dict[str, int]:
     found = {f"tally_{name}_layer": plan.layers(name) for name in STACKS}
     bins = _core.histogram_bins()[0]
     found |= {f"{name}_bin": n for name, n in zip(variables.HISTOGRAM, bins, strict=True)}
-    found |= {"boulder": part.last - part.first + 1, "line": len(case.line)}
+    found |= {"boulder": part.last - part.first + 1, "line": len(case.lines)}
     found["ground"] = len(part.origin.grounds)
     return found | {"tally_class": plan.bins}
 

@@ -60,6 +60,7 @@ class Tally:
     count: np.ndarray
     crossing: np.ndarray  # (boulders, lines, fields)
     by_ground: np.ndarray  # rebounds on each ground of the scene; a single zero where it has none
+    energy: np.ndarray  # (boulders, fields), or one row that nobody asked for
     before: int = 0  # boulders of the run before those of this tally
     done: int = 0
     counted: dict[str, Any] = field(default_factory=dict)  # in boulders whose `count` was not kept
@@ -103,8 +104,9 @@ def empty_tally(scene: Scene | Origin, maps: Maps, numbers: range, threads: int)
         histogram=np.zeros((len(bins), max(bins)), "i8"),
         boulder=np.empty((len(numbers), len(fields(1)))),
         count=np.zeros((len(numbers), len(fields(2))), "i4"),
-        crossing=np.empty((len(numbers), len(scene.case.line), len(fields(3)))),
         by_ground=np.zeros(max(1, len(scene.grounds)), "i8"),
+        energy=np.zeros((len(numbers) if scene.case.output["energy_balance"] else 1, len(fields(5)))),
+        crossing=np.empty((len(numbers), len(scene.case.lines), len(fields(3)))),
         before=numbers.start,
         threads=threads,
     )

@@ -63,7 +63,7 @@ def preview(scene: Scene) -> str:
         ("rebounds", _rebounds(values)),
         ("boulders", _boulders(scene)),
         ("speed", _speed(scene)),
-        ("lines", ", ".join(line["name"] for line in case.line) or "none"),
+        ("lines", ", ".join(line["name"] for line in case.lines) or "none"),
         ("maps", ", ".join(case.output.get("maps", [])) or "none"),
         ("memory", _memory(scene, pilot)),
         ("time", _time(scene, pilot)),
@@ -82,7 +82,7 @@ def memory(scene: Scene, pilot: Pilot) -> dict[str, float]:
     maps = tally.maps
     layers = [maps.counts, maps.sums, maps.maxima, maps.column, maps.stamp]
     made = len(names - {*maps.plan.counts, *MAXIMA}) * 4 * np.prod(maps.box.shape)
-    row = 8 * len(fields(1)) + 4 * len(fields(2)) + 8 * len(fields(3)) * len(scene.case.line)
+    row = 8 * len(fields(1)) + 4 * len(fields(2)) + 8 * len(fields(3)) * len(scene.case.lines)
     if scene.windows:
         rasters = scene.windows.bytes + READING
     else:
