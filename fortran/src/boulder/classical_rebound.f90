@@ -4,7 +4,7 @@
 !> the point of contact slides at V_t - W. Coefficients scatter from rebound to rebound.
 module rockfall_classical_rebound
    use rockfall_kinds, only: wp, i8
-   use rockfall_math, only: pi, logarithm, squared_sine
+   use rockfall_math, only: pi, squared_sine
    use rockfall_random, only: normal_table_t, normal, uniform, matrix_words, normal_restitution_word, &
                               tangential_restitution_word, obstacle_spread_word
    use rockfall_boulder, only: boulder_t, inertia_factor
@@ -156,7 +156,7 @@ contains
 
    !> Depth D_p [m] to which a boulder of diameter d and mass m penetrates soil (Pichler et al. 2005), at most its
    !> radius: I = m V**2/(R_soil d**3), N = m/(rho_soil B d**3) without the corrections for blunt cones, and R_soil =
-   !> 55e9 R_n**7 Pa as Rockyfor3D has it. V is the whole speed.
+   !> 55e9 R_n**7 Pa as Rockyfor3D has it. V is the whole speed. Theirs for what goes deeper than 0.707 d is not needed.
    pure real(wp) function penetration(boulder, soil_density, r_n, speed2) result(depth)
       type(boulder_t), intent(in) :: boulder
       real(wp), intent(in) :: soil_density  !! [kg/m3]
@@ -172,7 +172,6 @@ contains
       mass = packed/(soil_density*compressibility)
       eased = (1 + nose*pi/(4*mass))/(1 + impact/mass)
       depth = sqrt(eased*(4*nose/pi)*impact)
-      if (depth > nose) depth = 2/pi*mass*logarithm(1/eased) + nose
       depth = min(depth*diameter, boulder%radius)
    end function penetration
 

@@ -132,7 +132,7 @@ contains
          call check_parameter(group, table(k), model, error)
       end do
       if (allocated(error)) return
-      classical%model = findloc(model_names, model, dim=1)
+      classical%model = findloc(model_names == model, .true., dim=1)  ! texts of two lengths confuse gfortran 12
       select case (classical%model)
       case (rockyfor3d)
          call read_scatter(group, "r_n", min_divisor, numbers, classical%normal, error)
