@@ -8,6 +8,7 @@ _MODULES = {  # of each public name
     "Interrupted": "simulation.simulate",
     "RockfallError": "errors",
     "__version__": "version",
+    "barrier_statistics": "protection.barriers",
     "ensemble_table": "analysis.ensemble",
     "line_statistics": "analysis.line_statistics",
     "merge": "simulation.merge",

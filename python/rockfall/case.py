@@ -30,6 +30,7 @@ class Key(NamedTuple):
     allowed: str
     unit: str
     meaning: str
+    file: str  # that it names: raster, layer, raster layer (either), table, sets; ""
 
 
 @cache
@@ -46,6 +47,11 @@ def key_table() -> tuple[Key, ...]:
 def repeated_groups() -> tuple[str, ...]:
     """The groups that a case may have several times."""
     return tuple(_core.groups().decode().split())
+
+
+def file_keys() -> list[Key]:
+    """The keys that name files."""
+    return [key for key in key_table() if key.file]
 
 
 def read_case(path: str | Path) -> Case:
@@ -137,7 +143,9 @@ class Case:
 
     def text(self) -> str:
         """The case as the text of a namelist file."""
-        several = {group: [plain_values(one) for one in ones] for group, ones in self._several.items()}
+        several = {
+            group: [plain_values(one) for one in ones] for group, ones in self._several.items()
+        }
         return namelist_text(self._groups, several)
 
     def path(self, file: str) -> Path:

@@ -65,7 +65,7 @@ def parameters() -> tuple[Parameter, ...]:
     """Those of all models, without the model itself."""
     rows: list[Parameter] = []
     while text := _core.ground_parameter(len(rows) + 2).decode().strip():
-        _, name, _, _, default, allowed, unit, meaning, takers = text.split("|")
+        _, name, _, _, default, allowed, unit, meaning, _, takers = text.split("|")
         rows.append(Parameter(name, default, allowed, unit, meaning, takers))
     return tuple(rows)
 

@@ -14,7 +14,11 @@ from rockfall.scene.read import read_scene
 from rockfall.simulation.simulate import run_scene
 
 #: A row of each model, with scatter, and one that is hardly there.
-TABLE = """name,id,model,r_n,r_n_std,r_n_min,r_n_max,r_t,r_t_std,r_t_min,r_t_max,half_speed,half_speed_std,friction_angle,soil_density,obstacle_spread,source
+COLUMNS = (
+    "name,id,model,r_n,r_n_std,r_n_min,r_n_max,r_t,r_t_std,r_t_min,r_t_max,half_speed,"
+    "half_speed_std,friction_angle,soil_density,obstacle_spread,source"
+)
+TABLE = f"""{COLUMNS}
 soil,3,rockyfor3d,0.38,0.02,0.34,0.42,,,,,,,,1700,0.1,test
 soft,4,rockyfor3d,0.13,0.05,,,,,,,,,,,0.5,test
 dry,5,pfeiffer_bowen,0.33,0.03,,,0.85,0.05,0.8,0.9,,,,,,test
@@ -31,7 +35,8 @@ BOULDERS = 12
 def judged(folder, z, rocks=None, **groups):
     """Run boulders down an array, and judge each of their contacts."""
     (folder / "grounds.csv").write_text(TABLE)
-    groups["case"] = {"boulders": BOULDERS, "seed": 2**40 + 77}
+    sources = np.size(groups.get("release", {}).get("x", 0.0))
+    groups["case"] = {"boulders": -(-BOULDERS // sources), "seed": 2**40 + 77}
     groups["release"] = {"x": [149.8], "y": [382.6]} | groups.get("release", {})
     groups["boulder"] = {"volume": "normal", "volume_mean": 0.8, "volume_std": 0.15}
     groups["surface"]["ground_table"] = "grounds.csv"
@@ -51,7 +56,7 @@ def judged(folder, z, rocks=None, **groups):
             for error in row:
                 assert error.size <= error.bound, (number, k, error)
         contacts += len(found.contacts)
-    assert undecided <= 1
+    assert undecided <= BOULDERS // 6
     return result, contacts
 
 
@@ -69,21 +74,23 @@ def test_each_model_contact_by_contact(tmp_path, ground):
 def test_a_patchwork_of_all_grounds_and_of_rocks(tmp_path, turning):
     """Impact sets between classical rebounds; obstacles by method A, some of them none, some
     walls of 100 m."""
-    z = scenes.rough()
+    z = scenes.rough(gradient=1.5)
     random = np.random.default_rng(8)
     ids = random.choice([-5, 3, 4, 5, 6, 7, 8, 9], z.shape)  # -5 masked below
-    ids[30:60:6, :25] = 10
+    ids[40:80:4] = 10
     rocks = random.uniform(0.1, 1.0, (3, *z.shape)).astype("f4")
     rocks[:, ids == 3] *= random.choice([0.0, 1.0], (3, np.count_nonzero(ids == 3)))
-    rocks[2, 60:62][ids[60:62] == 3] = 100.0
+    rocks[2, ids == 3] *= random.choice([1.0, 1000.0], np.count_nonzero(ids == 3))
     rocks[:, np.isin(ids, [5, 6, 7, 8])] = np.nan
     names = ("rg70", "rg20", "rg10")
     arrays = dict(zip(names, rocks, strict=True))
     arrays["ground_map"] = np.ma.masked_equal(ids, -5)
     surface = dict.fromkeys([*names, "ground_map"], "given") | {"method": "A"}
     result, contacts = judged(
-        tmp_path, z, arrays, surface=surface, impact={"turning": turning, "ratio": "between"}
-    )
+        tmp_path, z, arrays, surface=surface, impact={"turning": turning, "ratio": "between"},
+        release={"x": np.linspace(50.2, 240.7, 8), "y": [382.6] * 8,
+                 "velocity": [0.0, -15.0, 0.0], "drop_height": 5.0},
+    )  # fmt: skip
     assert contacts > 100 and "absorbed" in scenes.status(result)
     by_ground = result["rebounds_by_ground"]
     assert int(by_ground.sum()) == int(result["rebounds"]) and (by_ground > 0).sum() == 8

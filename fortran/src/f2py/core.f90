@@ -9,9 +9,9 @@ module rockfall_f2py
    use iso_c_binding, only: c_double, c_float, c_int, c_int8_t, c_int16_t, c_int32_t, c_int64_t, c_intptr_t, c_ptr, &
                             c_loc, c_f_pointer
    use rockfall_error, only: error_t, give_error
-   use rockfall_text, only: joined, line_of
+   use rockfall_text, only: joined, line_of, max_text
    use rockfall_grid, only: grid_t, is_outside
-   use rockfall_terrain, only: terrain_t, terrain, keep_within, is_known_at
+   use rockfall_terrain, only: terrain_t, terrain, keep_within, is_known_at, max_elevation
    use rockfall_boulder, only: first_of, last_of, source_of, inertia_factor
    use rockfall_surface, only: size_weights
    use rockfall_barrier, only: barrier_outcome
@@ -22,16 +22,17 @@ module rockfall_f2py
    use rockfall_reach, only: block_side, take_minima, reach_box
    use rockfall_sources, only: usual_threshold, keep_steep, surface_ratios
    use rockfall_maps, only: maps_t
-   use rockfall_map_values, only: map_plan_t, plan_maps => map_plan, map_views, map_row, map_min_count
+   use rockfall_map_values, only: map_plan_t, plan_maps => map_plan, map_views, map_row, map_min_count, &
+                                  fraction_limit, z_95, max_columns, halvings
    use rockfall_limits, only: check_tallies
    use rockfall_threads, only: team_size, check_team, release_team
-   use rockfall_ensemble, only: run_boulders, trace_boulder
+   use rockfall_ensemble, only: run_boulders, trace_boulder, share_of
    use rockfall_result, only: boulder_row, boulder_count_row, energy_row, line_row, vertex_row
    use rockfall_variables, only: variable_text, boulder_fields, boulder_counts, energy_fields, line_fields, &
-                                 vertex_fields, map_fields
+                                 vertex_fields, map_fields, scene_layout, part_layout, piece, max_packing
    use rockfall_histogram, only: bin_width, n_bins
    use rockfall_case, only: case_t, read_case, key_text, n_keys, map_names, turning_rule, radius_of_reading, &
-                            repeated_groups
+                            repeated_groups, max_real
    use rockfall_impact_sets, only: coefficients_t, read_impact_sets => read_sets, any_speed
    implicit none
    private
@@ -39,7 +40,8 @@ module rockfall_f2py
    public :: check_maps, map_values, check_case, case_key, variable, read_sets, fields, histogram_bins, team
    public :: team_fits, end_team, slope_threshold, steep_cells, area_ratios, known_at, outside, boulders
    public :: boulders_of_source, sources_of_boulders, weights_of_sets, weights_of_sizes, ratio_classes
-   public :: admissible_rebounds, limit_rebounds, size_to_radius, constant, groups, barriers, barrier_outcomes
+   public :: admissible_rebounds, limit_rebounds, size_to_radius, constant, share, fraction_limits
+   public :: groups, barriers, barrier_outcomes
    public :: ground_parameter, ground_model
 
    !> What a handle stands for.
@@ -84,11 +86,7 @@ contains
       type(error_t), allocatable :: error
 
       handle = 0
-      arrays%grid%west = west
-      arrays%grid%north = north
-      arrays%grid%cell = cell
-      arrays%grid%nx = nodes(1)
-      arrays%grid%ny = nodes(2)
+      arrays%grid = grid_t(west, north, cell, nodes(1), nodes(2))
       arrays%first = first
       if (size(z8) > 1) arrays%z8 => z8
       if (size(z8) <= 1) arrays%z4 => z4
@@ -413,18 +411,18 @@ contains
    end subroutine area_ratios
 
    !> Whether boulders can start from points, in map coordinates [m].
-   subroutine known_at(z8, z4, nodes, at, west, north, cell, x, y, known, nx8, ny8, nx4, ny4, n)
-      !f2py threadsafe
-      integer(c_int), intent(in) :: nx8, ny8, nx4, ny4, n, nodes(2), at(2)
-      real(c_double), intent(in), target :: z8(nx8, ny8)  !! as in `open_scene`
-      real(c_float), intent(in), target :: z4(nx4, ny4)
-      real(c_double), intent(in) :: west, north, cell, x(n), y(n)
+   subroutine known_at(handle, x, y, known, n)
+      integer(c_int), intent(in) :: n
+      integer(c_intptr_t), intent(in) :: handle
+      real(c_double), intent(in) :: x(n), y(n)
       integer(c_int), intent(out) :: known(n)             !! 1 or 0
-      type(terrain_t) :: dem
+      type(open_scene_t), pointer :: opened
       integer :: k
 
-      call set_terrain(dem, z8, z4, west, north, cell, nodes, at)
-      known = [(merge(1, 0, is_known_at(dem, x(k) - dem%x0, y(k) - dem%y0)), k=1, n)]
+      opened => scene_of(handle)
+      associate (dem => opened%dem)
+         known = [(merge(1, 0, is_known_at(dem, x(k) - dem%x0, y(k) - dem%y0)), k=1, n)]
+      end associate
    end subroutine known_at
 
    !> Whether a line of points [m] lies beyond one side of a raster.
@@ -457,6 +455,23 @@ contains
       first = first_of(opened%scene%release, source)
       last = last_of(opened%scene%release, source)
    end subroutine boulders_of_source
+
+   !> Boulders in the first parts of a run of n.
+   subroutine share(n, part, of, boulders)
+      integer(c_int64_t), intent(in) :: n, part, of
+      integer(c_int64_t), intent(out) :: boulders
+
+      boulders = share_of(n, part, of)
+   end subroutine share
+
+   !> The limits of the 95 % interval of a fraction of n.
+   subroutine fraction_limits(fraction, n, low, high)
+      real(c_double), intent(in) :: fraction, n
+      real(c_double), intent(out) :: low, high
+
+      low = fraction_limit(fraction, n, -1)
+      high = fraction_limit(fraction, n, 1)
+   end subroutine fraction_limits
 
    !> The sources of boulders, all from 1.
    subroutine sources_of_boulders(handle, boulder, source, n)
@@ -514,7 +529,7 @@ contains
       outcome = int(barrier_outcome(height, capacity, passing_height, energy), c_int8_t)
    end subroutine barrier_outcomes
 
-   !> Row k of the table of keys: group|key|kind|most|default|allowed|unit|meaning; blank past the end.
+   !> Row k of the table of keys: group|key|kind|most|default|allowed|unit|meaning|file; blank past the end.
    subroutine case_key(k, text)
       integer(c_int), intent(in) :: k
       character(len=512), intent(out) :: text
@@ -544,7 +559,7 @@ contains
       rocks = rocks_of_model(k)
    end subroutine ground_model
 
-   !> Row k of the table of result variables: group|name|kind|units|long_name|comment; blank past the end.
+   !> Row k of the table of result variables: group|name|type|units|long_name|comment; blank past the end.
    subroutine variable(k, text)
       integer(c_int), intent(in) :: k
       character(len=512), intent(out) :: text
@@ -645,6 +660,16 @@ contains
       case ("min_normal"); value = min_normal
       case ("max_draws"); value = max_draws          ! of a rebound
       case ("left_window"); value = left_window      ! status of a boulder to be run again in a larger window
+      case ("max_text"); value = max_text            ! [bytes]
+      case ("max_elevation"); value = max_elevation  ! [m]
+      case ("max_real"); value = max_real            ! of a case
+      case ("z_95"); value = z_95                    ! [-]
+      case ("scene_layout"); value = scene_layout
+      case ("part_layout"); value = part_layout
+      case ("piece"); value = piece                  ! values that share a checksum
+      case ("max_packing"); value = max_packing
+      case ("max_columns"); value = max_columns      ! of counts of bins
+      case ("halvings"); value = halvings            ! of them, where memory is short
       case default; value = ieee_value(value, ieee_quiet_nan)
       end select
    end subroutine constant

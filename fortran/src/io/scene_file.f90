@@ -7,23 +7,20 @@ module rockfall_scene_file
                      nf90_double
    use rockfall_kinds, only: wp, sp, i1, i2, i8
    use rockfall_error, only: error_t, fail
-   use rockfall_text, only: integer_text, line_of
+   use rockfall_text, only: integer_text, line_of, max_text
    use rockfall_netcdf_file, only: netcdf_file_t, axis_t, about_t, open_netcdf, keep, sound, mark_damaged, &
                                    fail_damaged, check_shape, pass, length_of, kind_of, text_of, integers_of
    use rockfall_interrupts, only: end_reading
+   use rockfall_terrain, only: max_elevation
    use rockfall_surface, only: method_a
-   use rockfall_case, only: case_t
+   use rockfall_variables, only: layout => scene_layout
+   use rockfall_case, only: case_t, max_real
    use rockfall_case_file, only: differing_key
    use rockfall_trajectory, only: scene_t
    use rockfall_scene, only: scene_arrays_t, scene_from
    implicit none
    private
    public :: inputs_t, read_scene
-
-   integer(i8), parameter :: layout = 1           !! of the file, as in prepare.py
-   real(wp), parameter :: max_elevation = 1.0e7_wp  !! [m] above or below zero
-   real(wp), parameter :: max_place = 1.0e12_wp   !! coordinates [m], as of the keys of a case
-   integer, parameter :: max_text = 64*1024**2    !! [bytes] of impact sets
 
    !> A scene and what it was made of. What holds it must be a target.
    type :: inputs_t
@@ -139,7 +136,7 @@ contains
       real(wp), intent(in) :: value  !! [m]
 
       is_place = ieee_is_finite(value)
-      if (is_place) is_place = abs(value) <= max_place
+      if (is_place) is_place = abs(value) <= max_real
    end function is_place
 
    !> Elevations in the precision of the file, not all of them missing.

@@ -19,7 +19,7 @@ module rockfall_case
    implicit none
    private
    public :: case_t, case_line_t, read_case, read_keys, key_t, key_table, n_keys, key_text, row_text, check_key, &
-             map_names, n_maps, turning_rule, radius_of_reading, repeated_groups
+             map_names, n_maps, turning_rule, radius_of_reading, repeated_groups, max_real
 
    integer, parameter :: many = 100000                !! values of a list
    integer, parameter :: text_length = 4096           !! characters of a text
@@ -36,7 +36,11 @@ module rockfall_case
       character(len=100) :: allowed  !! "", a range ("> 0", ">= 0", "1 to 10"), or words ("A, B")
       character(len=6) :: unit
       character(len=100) :: meaning
+      logical :: of_scene = .false.  !! decides what stands in a scene file
+      character(len=12) :: file = ""  !! that it names: raster, layer, raster layer (either), table, sets
    end type key_t
+
+   logical, parameter :: in_scene = .true.  !! for rows of the table
 
    character(len=*), parameter :: map_names(*) = map_fields
    integer, parameter :: n_maps = size(map_names)
@@ -52,24 +56,35 @@ module rockfall_case
       key_t("case", "threads", "integer", 1, "0", "0 to 1024", "", "0 = all cores"), &
       key_t("case", "sampling", "text", 1, "'random'", "random, sobol", "", &
             "sobol: volumes and first rebounds spread evenly"), &
-      key_t("terrain", "dem", "text", 1, "required", "", "", "elevation raster, square cells in metres"), &
-      key_t("surface", "zones", "text", 1, "absent", "", "", "raster of zone ids, or polygons"), &
-      key_t("surface", "table", "text", 1, "absent", "", "", "CSV with zone, mean_radius, rg70, rg20, rg10"), &
-      key_t("surface", "zone_field", "text", 1, "'zone'", "", "", "attribute of zone polygons with the id"), &
-      key_t("surface", "default_zone", "integer", 1, "absent", "-2147483647 to 2147483647", "", "zone of cells that have none"), &
-      key_t("surface", "mean_radius", "text", 1, "absent", "", "", "raster of mean rock radii [m]"), &
-      key_t("surface", "rg70", "text", 1, "absent", "", "", "raster of obstacle sizes met at 70 % [m]"), &
-      key_t("surface", "rg20", "text", 1, "absent", "", "", "raster of obstacle sizes met at 20 % [m]"), &
-      key_t("surface", "rg10", "text", 1, "absent", "", "", "raster of obstacle sizes met at 10 % [m]"), &
-      key_t("surface", "uniform_mean_radius", "real", 1, "absent", "> 0", "m", "one mean rock radius everywhere"), &
-      key_t("surface", "uniform_rg", "real", 3, "absent", "> 0", "m", "Rg70, Rg20, Rg10 everywhere"), &
-      key_t("surface", "method", "text", 1, "'B'", "A, B", "", "A: three obstacle sizes, B: one mean radius"), &
+      key_t("terrain", "dem", "text", 1, "required", "", "", &
+            "elevation raster, square cells in metres", in_scene, "raster"), &
+      key_t("surface", "zones", "text", 1, "absent", "", "", &
+            "raster of zone ids, or polygons", in_scene, "raster layer"), &
+      key_t("surface", "table", "text", 1, "absent", "", "", &
+            "CSV with zone, mean_radius, rg70, rg20, rg10", in_scene, "table"), &
+      key_t("surface", "zone_field", "text", 1, "'zone'", "", "", "attribute of zone polygons with the id", in_scene), &
+      key_t("surface", "default_zone", "integer", 1, "absent", "-2147483647 to 2147483647", "", &
+            "zone of cells that have none", in_scene), &
+      key_t("surface", "mean_radius", "text", 1, "absent", "", "", &
+            "raster of mean rock radii [m]", in_scene, "raster"), &
+      key_t("surface", "rg70", "text", 1, "absent", "", "", &
+            "raster of obstacle sizes met at 70 % [m]", in_scene, "raster"), &
+      key_t("surface", "rg20", "text", 1, "absent", "", "", &
+            "raster of obstacle sizes met at 20 % [m]", in_scene, "raster"), &
+      key_t("surface", "rg10", "text", 1, "absent", "", "", &
+            "raster of obstacle sizes met at 10 % [m]", in_scene, "raster"), &
+      key_t("surface", "uniform_mean_radius", "real", 1, "absent", "> 0", "m", &
+            "one mean rock radius everywhere", in_scene), &
+      key_t("surface", "uniform_rg", "real", 3, "absent", "> 0", "m", "Rg70, Rg20, Rg10 everywhere", in_scene), &
+      key_t("surface", "method", "text", 1, "'B'", "A, B", "", &
+            "A: three obstacle sizes, B: one mean radius", in_scene), &
       key_t("surface", "rg_reading", "text", 1, "'diameter'", "diameter, radius", "", "what Rg measures"), &
       key_t("surface", "ground", "text", 1, "absent", "", "", &
-            "what rebounds follow where nothing else is said: a ground of the table, or an impact set"), &
-      key_t("surface", "ground_map", "text", 1, "absent", "", "", "raster of ids of grounds"), &
-      key_t("surface", "ground_table", "text", 1, "absent", "", "", "CSV of grounds in place of those shipped"), &
-      key_t("impact", "sets", "text", 1, "'rocky-slope'", "", "", "shipped impact set, or a file"), &
+            "what rebounds follow where nothing else is said: a ground of the table, or an impact set", in_scene), &
+      key_t("surface", "ground_map", "text", 1, "absent", "", "", "raster of ids of grounds", in_scene, "raster"), &
+      key_t("surface", "ground_table", "text", 1, "absent", "", "", &
+            "CSV of grounds in place of those shipped", in_scene, "table"), &
+      key_t("impact", "sets", "text", 1, "'rocky-slope'", "", "", "shipped impact set, or a file", in_scene, "sets"), &
       key_t("impact", "turning", "text", 1, "'past_aspect'", "past_aspect, to_aspect, lab", "", &
             "by a random angle, past the cell's aspect or at most to it; or as in the laboratory: impact_sets.md"), &
       key_t("impact", "ratio", "text", 1, "'nearest'", "nearest, between", "", &
@@ -83,16 +98,18 @@ module rockfall_case
       key_t("boulder", "volume_max", "real", 1, "absent", "> 0", "m3", "uniform"), &
       key_t("boulder", "volumes", "real", many, "absent", "> 0", "m3", "list: each with equal probability"), &
       key_t("boulder", "density", "real", 1, "2800.0", "> 0", "kg/m3", "of the boulders"), &
-      key_t("release", "x", "real", many, "absent", "", "m", "release points"), &
-      key_t("release", "y", "real", many, "absent", "", "m", "release points"), &
-      key_t("release", "cells", "text", 1, "absent", "", "", "raster: cells above zero are sources"), &
-      key_t("release", "polygons", "text", 1, "absent", "", "", "polygons: cells inside are sources"), &
+      key_t("release", "x", "real", many, "absent", "", "m", "release points", in_scene), &
+      key_t("release", "y", "real", many, "absent", "", "m", "release points", in_scene), &
+      key_t("release", "cells", "text", 1, "absent", "", "", &
+            "raster: cells above zero are sources", in_scene, "raster"), &
+      key_t("release", "polygons", "text", 1, "absent", "", "", &
+            "polygons: cells inside are sources", in_scene, "layer"), &
       key_t("release", "steep_cells", "logical", 1, ".false.", "", "", &
-            "cells as steep as slope_threshold are sources; only those within cells or polygons, if given"), &
+            "cells as steep as slope_threshold are sources; only those within cells or polygons, if given", in_scene), &
       key_t("release", "slope_threshold", "real", 1, "absent", "1 to 89", "degree", &
-            "of steep_cells; absent: 55 RES**-0.075 for cells of RES m (Dorren 2016)"), &
+            "of steep_cells; absent: 55 RES**-0.075 for cells of RES m (Dorren 2016)", in_scene), &
       key_t("release", "by_area", "logical", 1, ".false.", "", "", &
-            "a cell releases boulders in proportion to its true surface area, &case boulders if flat"), &
+            "a cell releases boulders in proportion to its true surface area, &case boulders if flat", in_scene), &
       key_t("release", "drop_height", "real", 1, "0.0", ">= 0", "m", "above the surface"), &
       key_t("release", "velocity", "real", 3, "3*0.0", "", "m/s", "east, north, up"), &
       key_t("flight", "gravity", "real", 1, "9.81", "> 0", "m/s2", "acceleration of gravity"), &
@@ -107,11 +124,11 @@ module rockfall_case
       key_t("barrier", "capacity", "real", 1, "absent", "> 0", "kJ", "kinetic energy that it takes at most"), &
       key_t("barrier", "class", "integer", 1, "absent", "0 to 7", "", &
             "instead of capacity: of EAD 340059, by its maximum energy level"), &
-      key_t("dam", "x", "real", many, "required", "", "m", "vertices of the crest, two or more"), &
-      key_t("dam", "y", "real", many, "required", "", "m", "vertices of the crest, two or more"), &
-      key_t("dam", "height", "real", 1, "required", "> 0", "m", "of the crest above the terrain below it"), &
-      key_t("dam", "crest_width", "real", 1, "0.0", ">= 0", "m", "of its flat top"), &
-      key_t("dam", "slope", "real", 1, "45.0", "1 to 89", "degree", "of its faces"), &
+      key_t("dam", "x", "real", many, "required", "", "m", "vertices of the crest, two or more", in_scene), &
+      key_t("dam", "y", "real", many, "required", "", "m", "vertices of the crest, two or more", in_scene), &
+      key_t("dam", "height", "real", 1, "required", "> 0", "m", "of the crest above the terrain below it", in_scene), &
+      key_t("dam", "crest_width", "real", 1, "0.0", ">= 0", "m", "of its flat top", in_scene), &
+      key_t("dam", "slope", "real", 1, "45.0", "1 to 89", "degree", "of its faces", in_scene), &
       key_t("output", "maps", "text", n_maps, "absent", "as in result.md", "", "rasters of results"), &
       key_t("output", "map_extent", "text", 1, "'reach'", "reach, terrain", "", &
             "reach: the cells that boulders can reach; terrain: all"), &
@@ -135,7 +152,7 @@ module rockfall_case
             "distance at which the correlation of their errors is 1/e"), &
       key_t("ensemble", "source_shift", "real", 1, "0.0", ">= 0", "m", &
             "standard deviation of easting and northing of all sources together"), &
-      key_t("ensemble", "sets", "text", 100, "absent", "", "", "impact sets, each with equal probability")]
+      key_t("ensemble", "sets", "text", 100, "absent", "", "", "impact sets, each with equal probability", file="sets")]
 
    !> An evaluation line, or a barrier: one that stops boulders.
    type :: case_line_t
@@ -219,13 +236,14 @@ contains
       text = row_text(key_table(k))
    end function key_text
 
-   !> A key as text: group|key|kind|most|default|allowed|unit|meaning.
+   !> A key as text: group|key|kind|most|default|allowed|unit|meaning|file.
    pure function row_text(key) result(text)
       type(key_t), intent(in) :: key
       character(len=:), allocatable :: text
 
       text = trim(key%group)//"|"//trim(key%name)//"|"//trim(key%kind)//"|"//integer_text(key%most)//"|" &
-             //trim(key%default)//"|"//trim(key%allowed)//"|"//trim(key%unit)//"|"//trim(key%meaning)
+             //trim(key%default)//"|"//trim(key%allowed)//"|"//trim(key%unit)//"|"//trim(key%meaning) &
+             //"|"//trim(key%file)
    end function row_text
 
    !> Add the groups that are absent and the defaults of keys that are absent.

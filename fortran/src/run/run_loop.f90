@@ -7,13 +7,13 @@ module rockfall_run_loop
    use rockfall_trajectory, only: scene_t, boulder_result_t, crossing_t, scratch_t, left_window
    use rockfall_maps, only: maps_t, lacks_slots
    use rockfall_source_maps, only: first_partial
-   use rockfall_map_values, only: map_plan_t, map_plan, map_views
+   use rockfall_map_values, only: map_plan_t, map_plan, map_views, max_columns, halvings
    use rockfall_limits, only: check_tallies
    use rockfall_histogram, only: bins, quantities
    use rockfall_variables, only: boulder_fields, boulder_counts, energy_fields, line_fields, vertex_fields
    use rockfall_result, only: boulder_row, boulder_count_row, energy_row, line_row, vertex_row
    use rockfall_threads, only: team_size
-   use rockfall_ensemble, only: run_boulders, trace_boulder
+   use rockfall_ensemble, only: run_boulders, trace_boulder, share_of
    use rockfall_case, only: case_t, map_names
    use rockfall_grid, only: grid_t
    use rockfall_terrain, only: keep_within
@@ -25,8 +25,6 @@ module rockfall_run_loop
 
    integer(i8), parameter :: first_chunk = 1024   !! boulders in one call
    real(wp), parameter :: chunk_seconds = 1.0_wp  !! that a call is to take: at its end threads wait for each other
-   integer(i8), parameter :: max_columns = 2_i8**31 - 2  !! and one more can be counted
-   integer, parameter :: halvings = 5  !! of the columns, before they are too few to begin with
 
    !> What a run found, as rows of numbers in map coordinates. Maps that nobody asked for have no cells.
    type :: results_t
@@ -104,13 +102,6 @@ contains
       if (.not. allocated(error)) call follow_all(case, scene, observer, results, error)
       if (.not. allocated(error)) call trace(case, scene, results, error)
    end subroutine run_case
-
-   !> n*part/of without overflow.
-   pure integer(i8) function share_of(n, part, of)
-      integer(i8), intent(in) :: n, part, of
-
-      share_of = n/of*part + mod(n, of)*part/of
-   end function share_of
 
    !> Look at the terrain: whether boulders can start from the sources, what maps could come to, and where they lie.
    subroutine survey(case, scene, results, error)

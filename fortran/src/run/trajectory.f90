@@ -512,7 +512,7 @@ contains
       integer(i8) :: word(words_per_draw)
       integer :: at(2), class, ground  !! 0: the scene has the case's impact sets alone
       logical :: outside
-      real(wp) :: radius, ratio, v_in(3), heading(2), g(2), steepness
+      real(wp) :: radius, obstacle, ratio, v_in(3), heading(2), g(2), steepness
       type(rebound_t) :: out
       type(turning_t) :: turning
 
@@ -527,7 +527,8 @@ contains
       ground = 0
       if (level >= with_all .and. allocated(scene%grounds)) then
          ground = ground_at(scene%surface, at)
-         if (absorbs(scene%grounds(ground)%classical, radius/scene%surface%size_to_radius)) then
+         obstacle = radius/scene%surface%size_to_radius
+         if (absorbs(scene%grounds(ground)%classical, obstacle)) then
             result%status = absorbed
             return
          end if
@@ -541,7 +542,7 @@ contains
       call decompose(v, g, steepness, flight%heading, omega_r, v_in, heading)
       if (level >= with_all .and. ground > 0) then
          call ground_rebound(scene%grounds(ground), scene%table, scene%key, number, int(result%impacts, i8), &
-                             word(1:matrix_words), result%boulder, radius/scene%surface%size_to_radius, class, v_in, out)
+                             word(1:matrix_words), result%boulder, obstacle, class, v_in, out)
          scratch%by_ground(ground) = scratch%by_ground(ground) + 1
       else
          call rebound(scene%sets(class), scene%table, scene%key, number, int(result%impacts, i8), word(1:matrix_words), &

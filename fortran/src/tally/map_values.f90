@@ -7,9 +7,11 @@ module rockfall_map_values
    use rockfall_maps, only: maps_t, per_unit
    implicit none
    private
-   public :: map_plan_t, map_plan, map_views, map_row, map_min_count
+   public :: map_plan_t, map_plan, map_views, map_row, map_min_count, fraction_limit, z_95, max_columns, halvings
 
    real(wp), parameter :: z_95 = 1.959964_wp  !! standard normal quantile of 0.975: 95 % lie within it [-]
+   integer(i8), parameter :: max_columns = 2_i8**31 - 2       !! of counts of bins, and one more can be counted
+   integer, parameter :: halvings = 5  !! of the columns, before they are too few to begin with
 
    !> Where each tally stands in its stack of layers; 0 = not requested.
    type :: map_plan_t
@@ -148,19 +150,21 @@ contains
       integer, intent(in) :: min_passages  !! as for map_min_count
       real(sp), intent(out) :: row(:)      !! in the unit of the map
       type(kind_t) :: kind
+      real(wp) :: all
       integer :: min_count
 
       kind = kind_of(name)
+      all = real(boulders, wp)
       min_count = max(1, map_min_count(name, min_passages))
       row = ieee_value(1.0_sp, ieee_quiet_nan)
       select case (kind%is)
-      case (a_fraction); row = real(maps%passages(:, j)/real(boulders, wp), sp)
+      case (a_fraction); row = real(maps%passages(:, j)/all, sp)
       case (a_source_fraction)
          associate (n => maps%passages(:, j), of => maps%released(:, j))
             where (of > 0) row = real(n/real(max(1, of), wp), sp)
          end associate
-      case (a_lower_limit); row = real(fraction_limit(maps%passages(:, j), boulders, -1), sp)
-      case (an_upper_limit); row = real(fraction_limit(maps%passages(:, j), boulders, 1), sp)
+      case (a_lower_limit); row = real(fraction_limit(maps%passages(:, j)/all, all, -1), sp)
+      case (an_upper_limit); row = real(fraction_limit(maps%passages(:, j)/all, all, 1), sp)
       case (a_maximum)
          associate (maximum => maps%layer(kind%quantity)%max(:, j))
             where (maximum > 0) row = maximum
@@ -193,19 +197,15 @@ contains
       end do
    end subroutine quantile_row
 
-   !> A limit of the 95 % interval of the fraction k/n [-] (Wilson 1927, doi:10.1080/01621459.1927.10502953).
-   elemental real(wp) function fraction_limit(k, n, side)
-      integer(i4), intent(in) :: k
-      integer(i8), intent(in) :: n
-      integer, intent(in) :: side  !! -1 lower, 1 upper
-      real(wp) :: p, all
+   !> A limit of the 95 % interval of a fraction of n [-] (Wilson 1927, doi:10.1080/01621459.1927.10502953).
+   elemental real(wp) function fraction_limit(p, n, side)
+      real(wp), intent(in) :: p, n  !! [-]
+      integer, intent(in) :: side   !! -1 lower, 1 upper
 
-      all = real(n, wp)
-      p = k/all
       associate (z => z_95)
-         fraction_limit = (p + z*z/(2*all) + side*z*sqrt(p*(1 - p)/all + (z/(2*all))**2))/(1 + z*z/all)
+         fraction_limit = (p + z*z/(2*n) + side*z*sqrt(p*(1 - p)/n + (z/(2*n))**2))/(1 + z*z/n)
       end associate
-      if (k == 0 .and. side < 0) fraction_limit = 0
-      if (k == n .and. side > 0) fraction_limit = 1
+      if (.not. p > 0 .and. side < 0) fraction_limit = 0
+      if (.not. p < 1 .and. side > 0) fraction_limit = 1
    end function fraction_limit
 end module rockfall_map_values

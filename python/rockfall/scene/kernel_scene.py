@@ -73,16 +73,13 @@ def on_raster(scene: Scene) -> dict[str, Any]:
 
 def area_ratios(scene: Scene, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Surface over plan area (Horn 1981) of the cells at places [m]."""
-    return _core.area_ratios(**on_raster(scene), **_corner(scene), source_x=x, source_y=y)
+    corner = {name: getattr(scene.grid, name) for name in ("west", "north", "cell")}
+    return _core.area_ratios(**on_raster(scene), **corner, source_x=x, source_y=y)
 
 
 def known_at(scene: Scene, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Whether boulders can start from places [m]: between four cells with an elevation."""
-    return _core.known_at(**on_raster(scene), **_corner(scene), x=x, y=y).astype(bool)
-
-
-def _corner(scene: Scene) -> dict[str, float]:
-    return {name: getattr(scene.grid, name) for name in ("west", "north", "cell")}
+    return _core.known_at(scene.kernel.handle, x, y).astype(bool)
 
 
 def views(scene: Scene) -> dict[str, Any]:

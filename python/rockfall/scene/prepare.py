@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rockfall._core import rockfall_f2py as _core
 from rockfall.case import Case
 from rockfall.case_files import input_files
 from rockfall.errors import RockfallError
@@ -27,7 +28,7 @@ from rockfall.version import __version__
 if TYPE_CHECKING:
     import xarray as xr
 
-LAYOUT = 1  # of the file, as in io/scene_file.f90
+LAYOUT = int(_core.constant("scene_layout"))  # of the file
 MARK = "! Prepared by rockfall"  # first words of a prepared case.nml
 ABOUT = {  # units, long name
     "elevation": ("m", "elevation of cell centres"),

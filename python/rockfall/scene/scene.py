@@ -99,7 +99,9 @@ def lines_outside(scene: Scene) -> list[str]:
     """Names of the evaluation lines of which no part lies over the terrain."""
     grid = scene.grid
     place = grid.west, grid.north, grid.cell, (grid.nx, grid.ny)
-    return [line["name"] for line in scene.case.lines if _core.outside(*place, line["x"], line["y"])]
+    return [
+        line["name"] for line in scene.case.lines if _core.outside(*place, line["x"], line["y"])
+    ]
 
 
 def used_zones(scene: Scene) -> np.ndarray:

@@ -12,9 +12,9 @@ import numpy as np
 from rockfall._core import rockfall_f2py as _core
 from rockfall.io.grid import Box
 
-MAX_ROWS = 2**31 - 2  # of class_counts, and one more can be counted
+MAX_ROWS = int(_core.constant("max_columns"))  # of class_counts, and one more can be counted
 ALL = Box(0, 0, 2**31 - 1, 2**31 - 1)  # any cells
-HALVINGS = 5  # of these rows, before they are too few to begin with
+HALVINGS = int(_core.constant("halvings"))  # of these rows, before they are too few to begin with
 
 
 class Plan(NamedTuple):

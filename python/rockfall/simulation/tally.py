@@ -105,7 +105,9 @@ def empty_tally(scene: Scene | Origin, maps: Maps, numbers: range, threads: int)
         boulder=np.empty((len(numbers), len(fields(1)))),
         count=np.zeros((len(numbers), len(fields(2))), "i4"),
         by_ground=np.zeros(max(1, len(scene.grounds)), "i8"),
-        energy=np.zeros((len(numbers) if scene.case.output["energy_balance"] else 1, len(fields(5)))),
+        energy=np.zeros(
+            (len(numbers) if scene.case.output["energy_balance"] else 1, len(fields(5)))
+        ),
         crossing=np.empty((len(numbers), len(scene.case.lines), len(fields(3)))),
         before=numbers.start,
         threads=threads,
@@ -119,7 +121,7 @@ def shard_range(scene: Scene, shard: tuple[int, int]) -> range:
         raise RockfallError(f"shard = {which}/{of}: must be I/N with I from 1 to N")
     if of > max(1, scene.boulders):
         raise RockfallError(f"shard = {which}/{of}: there are {scene.boulders} boulders only")
-    return range(scene.boulders * (which - 1) // of, scene.boulders * which // of)
+    return range(_core.share(scene.boulders, which - 1, of), _core.share(scene.boulders, which, of))
 
 
 def origin_of(tally: Tally) -> Origin:

@@ -10,8 +10,8 @@ import numpy as np
 from rockfall._core import rockfall_f2py as _core
 from rockfall.io.grid import row_blocks
 from rockfall.result import variables
-from rockfall.result.variables import fields
 from rockfall.result.dataset import as_dataset, centre_variables, provenance
+from rockfall.result.variables import fields
 from rockfall.simulation.maps import Maps
 from rockfall.simulation.tally import Tally
 from rockfall.version import __version__
@@ -40,7 +40,15 @@ def make_result(tally: Tally, maps: bool = True) -> xr.Dataset:
     if tally.scene.case.output["rebounds"]:
         data |= _bins() | histogram_variables(tally)
     data |= trajectory_variables(tally)
-    names = {"boulder", "line", "ground", "ground_model", "x", "y", *(name for name in data if name.endswith("_bin"))}
+    names = {
+        "boulder",
+        "line",
+        "ground",
+        "ground_model",
+        "x",
+        "y",
+        *(name for name in data if name.endswith("_bin")),
+    }
     return as_dataset(data, run_attributes(tally)).set_coords(sorted(names & set(data)))
 
 
@@ -119,6 +127,8 @@ def _barrier_variables(tally: Tally) -> dict[str, Any]:
     columns = dict(zip(fields(3), tally.crossing[: tally.done].transpose(2, 1, 0), strict=True))
     for k in np.flatnonzero(height):
         crossed = np.flatnonzero(~np.isnan(columns["time"][k]))
+        if not crossed.size:  # f2py has no empty arrays
+            continue
         energy = columns["energy_translational"][k] + columns["energy_rotational"][k]
         outcome[k, crossed] = _core.barrier_outcomes(
             height[k], capacity[k], columns["passing_height"][k, crossed], energy[crossed]
