@@ -75,7 +75,7 @@ contains
       case%title = ""
       case%ratios = default_ratios
       call parse_namelist(text, file, list, error)
-      if (.not. allocated(error)) call check_names(list, key_table%group, key_table%name, [""], &
+      if (.not. allocated(error)) call check_names(list, key_table%group, key_table%name, [character(len=1) ::], &
                                                    "stands more than once", error)
       if (allocated(error)) return
       do g = 1, size(list%group)

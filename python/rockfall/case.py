@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 FROM_ARRAY = "(array)"  # the DEM of a case that gets its elevations from `run(case, dem=...)`
+REPEATABLE = tuple(_core.repeatable_groups().decode().split())  # groups that are lists
 
 
 class Key(NamedTuple):
@@ -41,12 +42,6 @@ def key_table() -> tuple[Key, ...]:
         group, name, kind, most, *rest = text.split("|")
         rows.append(Key(group, name, kind, int(most), *rest))
     return tuple(rows)
-
-
-@cache
-def repeated_groups() -> tuple[str, ...]:
-    """The groups that a case may have several times."""
-    return tuple(_core.groups().decode().split())
 
 
 def file_keys() -> list[Key]:
@@ -86,35 +81,37 @@ class Case:
     """A case, group by group as in its file: `case.boulder["density"]`, `case.line[0]["name"]`.
 
     Keys that are not given have their default, or are absent. File names are relative to `folder`.
-    Groups that may repeat (line, barrier, dam) are lists.
+    Groups that may be repeated (`REPEATABLE`) are lists.
     """
+
+    line: list[dict[str, Any]]
+    barrier: list[dict[str, Any]]
+    dam: list[dict[str, Any]]
+    scenario: list[dict[str, Any]]
 
     def __init__(self, *, folder: str | Path = ".", name: str = "case", **groups: Any) -> None:
         self.folder, self.name = Path(folder), name
-        several = {group: groups.pop(group, ()) for group in repeated_groups()}
-        self._several = {group: [dict(one) for one in ones] for group, ones in several.items()}
+        lists = {group: [dict(one) for one in groups.pop(group, ())] for group in REPEATABLE}
+        self.__dict__ |= lists
         for key in key_table():
-            if key.group not in self._several and key.group not in groups:
+            if key.group not in REPEATABLE and key.group not in groups:
                 groups[key.group] = {}
         if "dem" not in groups["terrain"]:
             groups["terrain"] = {**groups["terrain"], "dem": FROM_ARRAY}
         self._groups = {group: plain_values(values) for group, values in groups.items()}
         _check(self.text().encode(), name)
-        for group, values in _parse(_defaults()).items():
-            if group not in self._groups:
-                continue
-            self._groups[group] = {**values, **self._groups[group]}
-        self._groups = {group: _typed(group, values) for group, values in self._groups.items()}
-        defaults = _parse(_defaults())
-        for group, ones in self._several.items():
-            default = defaults.get(group, [{}])[0]
-            self._several[group] = [_typed(group, {**default, **one}) for one in ones]
+        defaults = _defaults()
+        for group, values in self._groups.items():
+            self._groups[group] = _typed(group, defaults.get(group, {}) | values)
+        for group, several in lists.items():
+            own = defaults.get(group, {})
+            self.__dict__[group] = [_typed(group, own | plain_values(one)) for one in several]
 
-    def __getattr__(self, group: str) -> Any:
-        for groups in (self.__dict__.get("_groups", {}), self.__dict__.get("_several", {})):
-            if group in groups:
-                return groups[group]
-        raise AttributeError(f"a case has no group {group!r}")
+    def __getattr__(self, group: str) -> dict[str, Any]:
+        try:
+            return self.__dict__["_groups"][group]
+        except KeyError:
+            raise AttributeError(f"a case has no group {group!r}") from None
 
     @property
     def lines(self) -> list[dict[str, Any]]:
@@ -133,20 +130,20 @@ class Case:
         return f"<rockfall.Case {self.name}: {self.case['title']!r}>"
 
     def replace(self, **groups: Any) -> Case:
-        """With other values: `case.replace(surface={"method": "A"})`; None takes a key out. Of
-        groups that may repeat, another list."""
-        changed: dict[str, Any] = {**self._several}
-        changed |= {group: groups.pop(group) for group in self._several if group in groups}
-        for group in {**self._groups, **groups}:
-            changed[group] = {**self._groups.get(group, {}), **groups.get(group, {})}
+        """With other values: `case.replace(surface={"method": "A"})`; None takes a key out. A list
+        takes the place of all groups of its name: `case.replace(line=[])`."""
+        lists = {group: groups.pop(group, None) for group in REPEATABLE}
+        changed = {
+            group: {**self._groups.get(group, {}), **groups.get(group, {})}
+            for group in {**self._groups, **groups}
+        }
+        changed |= {g: self.__dict__[g] if one is None else one for g, one in lists.items()}
         return Case(folder=self.folder, name=self.name, **changed)
 
     def text(self) -> str:
         """The case as the text of a namelist file."""
-        several = {
-            group: [plain_values(one) for one in ones] for group, ones in self._several.items()
-        }
-        return namelist_text(self._groups, several)
+        lists = {group: [*map(plain_values, self.__dict__[group])] for group in REPEATABLE}
+        return namelist_text(self._groups, lists)
 
     def path(self, file: str) -> Path:
         """The path of a file that the case names."""
@@ -166,16 +163,16 @@ def check_namelist(check: Callable[[bytes, bytes], tuple], text: bytes, name: st
 
 def namelist_text(
     groups: Mapping[str, Mapping[str, Any]],
-    several: Mapping[str, Iterable[dict]] | None = None,
+    lists: Mapping[str, Iterable[dict]] | None = None,
     indent: int = 4,
 ) -> str:
-    """Groups that are not empty, and those that repeat, as the text of a namelist file."""
+    """Groups that are not empty, and those that are repeated, as the text of a namelist file."""
     import f90nml
 
     namelist = f90nml.Namelist({name: values for name, values in groups.items() if values})
-    for group, ones in (several or {}).items():
-        for one in ones:
-            namelist.add_cogroup(group, f90nml.Namelist(one))
+    for name, several in (lists or {}).items():
+        for one in several:
+            namelist.add_cogroup(name, f90nml.Namelist(one))
     namelist.indent = indent
     text = io.StringIO()
     namelist.write(text)
@@ -183,7 +180,7 @@ def namelist_text(
 
 
 def _parse(text: str) -> dict[str, Any]:
-    """Groups of a text that has been checked; those that may repeat are lists."""
+    """Groups of a text that has been checked; those that may be repeated are lists."""
     import f90nml
 
     namelist = f90nml.reads(text)
@@ -192,16 +189,18 @@ def _parse(text: str) -> dict[str, Any]:
         if name in namelist:
             found = namelist[name]  # a list where the group is repeated
             several = [dict(one) for one in (found if isinstance(found, list) else [found])]
-            groups[name] = several if name in repeated_groups() else several[0]
+            groups[name] = several if name in REPEATABLE else several[0]
     return groups
 
 
-def _defaults() -> str:
-    groups: dict[str, str] = {}
+def _defaults() -> dict[str, dict[str, Any]]:
+    """The defaults of each group."""
+    texts: dict[str, str] = {}
     for key in key_table():
         if key.default not in ("required", "absent"):
-            groups[key.group] = f"{groups.get(key.group, '')} {key.name} = {key.default}"
-    return "\n".join(f"&{group} {values} /" for group, values in groups.items())
+            texts[key.group] = f"{texts.get(key.group, '')} {key.name} = {key.default}"
+    found = _parse("\n".join(f"&{group} {values} /" for group, values in texts.items()))
+    return {group: one[0] if group in REPEATABLE else one for group, one in found.items()}
 
 
 def plain_values(values: Mapping[str, Any]) -> dict[str, Any]:

@@ -40,7 +40,9 @@ TRAJECTORIES = ["trajectories", "profile"]
 AT_LINES = ["line_speed", "line_passing_height", "line_energy_translational"]
 AT_LINES += ["line_energy_rotational", "line_energy_total", "line_rotational_share"]
 REBOUNDS = ["incident_energy", "incidence_angle", "restitution"]
-MAPS = [f"map_{name}" for name in MAP if name not in ("passages", "reach_probability")]
+LAYERS = {"energy_exceeded": ["energy_exceeded_30kJ", "energy_exceeded_300kJ"]}
+MAPS = [f"map_{layer}" for name in MAP if name not in ("passages", "reach_probability")
+        for layer in LAYERS.get(name, [name])]  # fmt: skip
 DRAWN_ALIKE = {*AT_LINES[2:-1], *MAPS} - {"map_deposits", "map_energy_q95"}
 
 

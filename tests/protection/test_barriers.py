@@ -34,7 +34,11 @@ def case(tmp_path_factory):
         folder, *sets(), line=[ROAD],
         case={"boulders": 600}, release={"x": [150.0, 80.0], "y": [380.0, 375.0]},
         surface={"uniform_mean_radius": 0.3},
-        output={"energy_balance": True, "maps": ["passages", "deposits", "energy_max"], "trajectories": 9},
+        output={
+            "energy_balance": True,
+            "maps": ["passages", "deposits", "energy_max"],
+            "trajectories": 9,
+        },
     )  # fmt: skip
 
 
@@ -63,7 +67,7 @@ def energy(result, line):
 
 
 def test_a_net_stops_what_is_below_its_edge_and_within_its_capacity(free, caught):
-    """The same boulders come to the first barrier, with the same speed and height, as without it."""
+    """The same boulders come to the first barrier, as fast and as high as without it."""
     for name in ("x", "y", "time", "speed", "passing_height", "energy_translational"):
         assert np.array_equal(at(free, "net", name), at(caught, "net", name), equal_nan=True)
     high, strong = at(free, "net", "passing_height") > 3.0, energy(free, "net") > 150e3
@@ -127,7 +131,7 @@ def test_barrier_without_strength_or_height_changes_nothing(case, free):
 
 
 def test_bent_barrier_over_and_then_under(tmp_path):
-    """A boulder flies over the first arm of a hairpin and lands before the second: it is met there."""
+    """Over the first arm of a hairpin, and not over the second in the same flight: met there."""
     z = np.zeros((40, 40)) + np.linspace(0, 1e-3, 40)[:, None]
     shot = {"x": [20.0], "y": [20.0], "velocity": [12.0, 0.0, 12.0], "drop_height": 0.0}
     case = make_case(
@@ -196,7 +200,7 @@ def test_statistics_of_barriers(caught):
 
 
 def test_dam_is_as_high_as_said_and_no_wider(tmp_path):
-    """On a plane: the crest at its height, the faces at their slope, the terrain beyond as it was."""
+    """On a plane: crest at its height, faces at their slope, the terrain beyond as it was."""
     plane = np.repeat(0.5 * CELL * np.arange(ROWS - 1, -1, -1.0)[:, None], 60, axis=1)
     make_raster(tmp_path / "dem.tif", plane, TRANSFORM, crs="EPSG:32632")
     dam = {
@@ -224,10 +228,13 @@ def test_dam_is_as_high_as_said_and_no_wider(tmp_path):
     assert not added[row + 5 :].any() and not added[: row - 5].any()
 
 
+DAM = {"x": [5.0, 290.0], "y": [120.0, 120.0], "height": 30.0, "slope": 70.0}
+
+
 def test_a_dam_stops_boulders(case):
     plain, dammed = (
         run(case.replace(dam=dam))
-        for dam in ([], [{**ACROSS, "x": [5.0, 290.0], "y": [120.0, 120.0], "height": 30.0, "slope": 70.0}])
+        for dam in ([], [DAM])
     )  # fmt: skip
     passed = [np.isfinite(at(one, "road", "time")).mean() for one in (plain, dammed)]
     assert passed[1] < 0.3 * passed[0]

@@ -5,7 +5,7 @@ module rockfall_math
    use rockfall_kinds, only: wp, i8
    implicit none
    private
-   public :: pi, degree, logarithm, exponential, cube_root, sine_cosine, squared_sine
+   public :: pi, degree, logarithm, exponential, cube_root, sine_cosine, squared_sine, arcsine
 
    real(wp), parameter :: pi = 3.14159265358979323846_wp
    real(wp), parameter :: degree = pi/180.0_wp  !! [rad]
@@ -83,6 +83,26 @@ contains
       s = angle*(1 + q*(s3 + q*(s5 + q*(s7 + q*(s9 + q*(s11 + q*(s13 + q*s15)))))))
       c = 1 + q*(c2 + q*(c4 + q*(c6 + q*(c8 + q*(c10 + q*(c12 + q*(c14 + q*c16)))))))
    end subroutine sine_cosine
+
+   !> The angle of a sine [rad], within 1e-15: by half angles to 11 degrees and less, then by its series.
+   elemental real(wp) function arcsine(x) result(angle)
+      real(wp), intent(in) :: x  !! -1..1 [-]
+      real(wp) :: s, q, term
+      integer :: n
+
+      s = max(-1.0_wp, min(1.0_wp, x))
+      do n = 1, 3
+         s = s/sqrt(2*(1 + sqrt((1 - s)*(1 + s))))  ! sin(a/2) = sin(a)/(2 cos(a/2))
+      end do
+      q = s*s
+      term = s
+      angle = s
+      do n = 1, 11  ! |s| <= 0.196: terms fall by 26 and more
+         term = term*q*(2*n - 1)/(2*n)
+         angle = angle + term/(2*n + 1)
+      end do
+      angle = 8*angle
+   end function arcsine
 
    !> Square of the sine of 0 to 90 degrees [-]; exact at both ends.
    elemental real(wp) function squared_sine(degrees)

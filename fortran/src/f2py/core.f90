@@ -22,7 +22,7 @@ module rockfall_f2py
    use rockfall_reach, only: block_side, take_minima, reach_box
    use rockfall_sources, only: usual_threshold, keep_steep, surface_ratios
    use rockfall_maps, only: maps_t
-   use rockfall_map_values, only: map_plan_t, plan_maps => map_plan, map_views, map_row, map_min_count, &
+   use rockfall_map_values, only: map_plan_t, plan_maps => map_plan, stack_layers, map_views, map_row, map_min_count, &
                                   fraction_limit, z_95, max_columns, halvings
    use rockfall_limits, only: check_tallies
    use rockfall_threads, only: team_size, check_team, release_team
@@ -31,24 +31,26 @@ module rockfall_f2py
    use rockfall_variables, only: variable_text, boulder_fields, boulder_counts, energy_fields, line_fields, &
                                  vertex_fields, map_fields, scene_layout, part_layout, piece, max_packing
    use rockfall_histogram, only: bin_width, n_bins
-   use rockfall_case, only: case_t, read_case, key_text, n_keys, map_names, turning_rule, radius_of_reading, &
-                            repeated_groups, max_real
+   use rockfall_case, only: case_t, read_case, key_text, n_keys, repeatable, map_names, turning_rule, &
+                            radius_of_reading, max_real
    use rockfall_impact_sets, only: coefficients_t, read_impact_sets => read_sets, any_speed
    implicit none
    private
    public :: open_scene, limit_terrain, close_scene, run, trajectory, survey, reach, block_of, map_plan
-   public :: check_maps, map_values, check_case, case_key, variable, read_sets, fields, histogram_bins, team
+   public :: check_maps, map_values, count_limits, check_case, case_key, repeatable_groups, variable, read_sets, fields
+   public :: histogram_bins, team
    public :: team_fits, end_team, slope_threshold, steep_cells, area_ratios, known_at, outside, boulders
    public :: boulders_of_source, sources_of_boulders, weights_of_sets, weights_of_sizes, ratio_classes
    public :: admissible_rebounds, limit_rebounds, size_to_radius, constant, share, fraction_limits
-   public :: groups, barriers, barrier_outcomes
    public :: ground_parameter, ground_model
+   public :: barriers, barrier_outcomes
 
    !> What a handle stands for.
    type :: open_scene_t
       type(scene_t) :: scene
       type(terrain_t) :: dem    !! its terrain, as far as the arrays reach
       type(map_plan_t) :: plan  !! of the maps that the case asks for
+      real(c_double), allocatable :: thresholds(:)  !! of energy [J]
    end type open_scene_t
 
 contains
@@ -108,7 +110,8 @@ contains
          allocate (opened)
          call scene_from(case, arrays, opened%scene, error)
          opened%dem = opened%scene%dem
-         opened%plan = plan_maps(pack(map_names, case%map))
+         opened%thresholds = case%thresholds
+         opened%plan = plan_maps(pack(map_names, case%map), size(case%thresholds))
          handle = transfer(c_loc(opened), handle)
          if (allocated(error)) call close_scene(handle)
       end if
@@ -198,7 +201,8 @@ contains
       crossing = 0
       opened => scene_of(handle)
       associate (scene => opened%scene)
-         maps = map_views(opened%plan, map_at, map_counts, map_sums, map_reals, class_counts, column, columns(1))
+         maps = map_views(opened%plan, opened%thresholds, map_at, map_counts, map_sums, map_reals, class_counts, &
+                          column, columns(1))
          maps%last_source(map_at(1):, map_at(2):, 1:) => stamp
          maps%first_partial = head
          allocate (fates(n), crossings(n_lines(scene), n), stat=status)
@@ -310,27 +314,42 @@ contains
       side = block_side(nodes)
    end subroutine block_of
 
-   !> The tallies that maps need: the layers of passages, deposits, sources and their boulders, of sums and of maxima
-   !> of energy, speed and jump height, from 1 in their stacks (0 = none), and the bins of counts for quantiles.
-   subroutine map_plan(names, counts, sums, maxima, bins)
-      character(len=*), intent(in) :: names  !! of maps, separated by blanks
-      integer(c_int), intent(out) :: counts(4), sums(3), maxima(3), bins
+   !> The tallies that maps need: the layers of passages, deposits, sources, their boulders and the first of those for
+   !> thresholds of energy; of sums and of maxima of energy, speed and jump height; from 1 in their stacks (0 = none);
+   !> the bins of counts for quantiles; and the layers of each stack.
+   subroutine map_plan(names, thresholds, counts, sums, maxima, bins, layers)
+      character(len=*), intent(in) :: names     !! of maps, separated by blanks
+      integer(c_int), intent(in) :: thresholds  !! how many
+      integer(c_int), intent(out) :: counts(5), sums(3), maxima(3), bins, layers(3)
       type(map_plan_t) :: plan
 
-      plan = plan_of(names)
-      counts = plan%count
+      plan = plan_of(names, thresholds)
+      counts = [plan%count, plan%exceeded]
       sums = plan%sum
       maxima = plan%max
       bins = plan%rows
+      layers = stack_layers(plan)
    end subroutine map_plan
 
-   pure type(map_plan_t) function plan_of(names) result(plan)
+   pure type(map_plan_t) function plan_of(names, thresholds) result(plan)
       character(len=*), intent(in) :: names  !! separated by blanks
+      integer, intent(in) :: thresholds
       integer :: k
 
       plan = plan_maps(pack(map_fields, [(index(" "//names//" ", " "//trim(map_fields(k))//" ") > 0, &
-                                          k=1, size(map_fields))]))
+                                          k=1, size(map_fields))]), thresholds)
    end function plan_of
+
+   !> The limits of the 95 % intervals of fractions of the boulders of a run.
+   subroutine count_limits(counts, boulders, low, high, n)
+      integer(c_int), intent(in) :: n
+      integer(c_int32_t), intent(in) :: counts(n)
+      integer(c_int64_t), intent(in) :: boulders
+      real(c_double), intent(out) :: low(n), high(n)
+
+      low = fraction_limit(counts/real(boulders, c_double), real(boulders, c_double), -1)
+      high = fraction_limit(counts/real(boulders, c_double), real(boulders, c_double), 1)
+   end subroutine count_limits
 
    !> Refuse a run whose maps its tallies cannot hold; `fall` is from the maximum energy head to the lowest
    !> elevation [m].
@@ -367,7 +386,8 @@ contains
       type(maps_t) :: maps
       integer :: j
 
-      maps = map_views(plan_of(names), [1, 1], map_counts, map_sums, map_reals, class_counts, column, columns(1))
+      maps = map_views(plan_of(names, 0), [real(c_double) ::], [1, 1], map_counts, map_sums, map_reals, class_counts, &
+                       column, columns(1))
       fewest = map_min_count(name, least)
       do j = 1, ny
          call map_row(maps, name, j, boulders, least, values(:, j))
@@ -498,13 +518,6 @@ contains
       call give_error(error, code, message)
    end subroutine check_case
 
-   !> The groups that a case may have several times, with blanks between.
-   subroutine groups(text)
-      character(len=512), intent(out) :: text
-
-      text = joined(repeated_groups, " ")
-   end subroutine groups
-
    !> Of each line of a case, the evaluation lines and then the barriers: height of the top edge [m] and capacity [J];
    !> zero of an evaluation line.
    subroutine barriers(text, height, capacity, n)
@@ -558,6 +571,13 @@ contains
       text = model_names(k)
       rocks = rocks_of_model(k)
    end subroutine ground_model
+
+   !> Names of the groups of which a case may have several.
+   subroutine repeatable_groups(text)
+      character(len=512), intent(out) :: text
+
+      text = joined(repeatable, " ")
+   end subroutine repeatable_groups
 
    !> Row k of the table of result variables: group|name|type|units|long_name|comment; blank past the end.
    subroutine variable(k, text)

@@ -18,11 +18,12 @@ module rockfall_case
    use rockfall_barrier, only: ead_energy
    implicit none
    private
-   public :: case_t, case_line_t, read_case, read_keys, key_t, key_table, n_keys, key_text, row_text, check_key, &
-             map_names, n_maps, turning_rule, radius_of_reading, repeated_groups, max_real
+   public :: case_t, case_line_t, read_case, read_keys, key_t, key_table, n_keys, key_text, row_text, check_key, repeatable
+   public :: map_names, n_maps, turning_rule, radius_of_reading, max_real
 
    integer, parameter :: many = 100000                !! values of a list
    integer, parameter :: text_length = 4096           !! characters of a text
+   integer, parameter :: max_name = 60                !! of that of a line or scenario
    real(wp), parameter :: max_real = 1.0e12_wp        !! of any number, so that no product overflows
    real(wp), parameter :: min_positive = 1.0e-12_wp   !! of a number that must be > 0
 
@@ -32,7 +33,7 @@ module rockfall_case
       character(len=20) :: name
       character(len=7) :: kind      !! text, integer, real, logical
       integer :: most               !! values
-      character(len=16) :: default  !! as written in a case; "required", or "absent"
+      character(len=90) :: default  !! as written in a case; "required", or "absent"
       character(len=100) :: allowed  !! "", a range ("> 0", ">= 0", "1 to 10"), or words ("A, B")
       character(len=6) :: unit
       character(len=100) :: meaning
@@ -45,11 +46,15 @@ module rockfall_case
    character(len=*), parameter :: map_names(*) = map_fields
    integer, parameter :: n_maps = size(map_names)
 
-   !> Groups that a case may have several times.
-   character(len=8), parameter :: repeated_groups(*) = [character(len=8) :: "line", "barrier", "dam"]
+   integer, parameter :: max_thresholds = 8, max_periods = 8  !! between classes of intensity, of frequency
+   character(len=*), parameter :: hazard_classes = "residual, low, moderate, high"  !! rising
+   !> Below 30 kJ, 30 to 300 kJ, above 300 kJ, each up to 30, 100 and 300 years (docs/hazard.md says whence).
+   character(len=*), parameter :: swiss_matrix = "'moderate', 2*'low', 'high', 2*'moderate', 3*'high'"
 
-   integer, parameter :: n_keys = 72
-   type(key_t), parameter :: key_table(n_keys) = [ &
+   !> Groups of which a case may have several.
+   character(len=*), parameter :: repeatable(*) = [character(len=8) :: "line", "barrier", "dam", "scenario"]
+
+   type(key_t), parameter :: key_table(*) = [ &
       key_t("case", "title", "text", 1, "''", "", "", "what the result is called"), &
       key_t("case", "seed", "integer", 1, "1", ">= 0", "", "of the random numbers"), &
       key_t("case", "boulders", "integer", 1, "required", "1 to 1e15", "", "released from each source"), &
@@ -152,7 +157,29 @@ module rockfall_case
             "distance at which the correlation of their errors is 1/e"), &
       key_t("ensemble", "source_shift", "real", 1, "0.0", ">= 0", "m", &
             "standard deviation of easting and northing of all sources together"), &
-      key_t("ensemble", "sets", "text", 100, "absent", "", "", "impact sets, each with equal probability", file="sets")]
+      key_t("ensemble", "sets", "text", 100, "absent", "", "", "impact sets, each with equal probability", file="sets"), &
+      key_t("scenario", "name", "text", 1, "required", "", "", "of a class of boulders, with its frequency"), &
+      key_t("scenario", "frequency", "real", 1, "absent", "> 0", "1/year", "how many boulders come loose"), &
+      key_t("scenario", "return_period", "real", 1, "absent", "> 0", "year", "instead of frequency: 1/frequency"), &
+      key_t("scenario", "frequency_per", "text", 1, "'year'", "year, source, km2", "", &
+            "year: of all sources together; source: of each; km2: of so much surface of source cells"), &
+      key_t("scenario", "volume", "text", 1, "absent", "fixed, normal, uniform, lognormal, list", "", &
+            "with its own keys, in place of all volume keys of &boulder"), &
+      key_t("scenario", "volume_mean", "real", 1, "absent", "> 0", "m3", "in place of that of &boulder"), &
+      key_t("scenario", "volume_std", "real", 1, "absent", ">= 0", "m3", "in place of that of &boulder"), &
+      key_t("scenario", "volume_min", "real", 1, "absent", "> 0", "m3", "in place of that of &boulder"), &
+      key_t("scenario", "volume_max", "real", 1, "absent", "> 0", "m3", "in place of that of &boulder"), &
+      key_t("scenario", "volumes", "real", many, "absent", "> 0", "m3", "in place of those of &boulder"), &
+      key_t("scenario", "density", "real", 1, "absent", "> 0", "kg/m3", "in place of that of &boulder"), &
+      key_t("hazard", "thresholds", "real", max_thresholds, "30.0, 300.0", ">= 0", "kJ", &
+            "of energy, rising: of the map energy_exceeded, and between classes of intensity"), &
+      key_t("hazard", "return_periods", "real", max_periods, "30.0, 100.0, 300.0", "> 0", "year", &
+            "rising: the ends of the classes of frequency"), &
+      key_t("hazard", "matrix", "text", (max_thresholds + 1)*max_periods, swiss_matrix, &
+            hazard_classes, "", "hazard of each class of intensity, from the weakest, by return period, from the shortest"), &
+      key_t("hazard", "minimum_area", "real", 1, "0.0", ">= 0", "m2", &
+            "of a zone: a smaller patch takes the class of the largest beside it")]
+   integer, parameter :: n_keys = size(key_table)
 
    !> An evaluation line, or a barrier: one that stops boulders.
    type :: case_line_t
@@ -188,6 +215,7 @@ module rockfall_case
       logical :: rebounds = .false.
       logical :: energy_balance = .false.
       integer :: trajectories = 0
+      real(wp), allocatable :: thresholds(:)     !! of the map energy_exceeded [J]
    end type case_t
 
 contains
@@ -210,6 +238,8 @@ contains
       if (.not. allocated(error)) call read_lines(list, case, error)
       if (.not. allocated(error)) call read_output(group_of(list, "output"), case, error)
       if (.not. allocated(error)) call check_ensemble(group_of(list, "ensemble"), case, error)
+      if (.not. allocated(error)) call read_hazard(group_of(list, "hazard"), list, case, error)
+      if (.not. allocated(error)) call check_scenarios(list, case, error)
    end subroutine read_case
 
    !> All groups and keys of a case with their values as written, those that are absent with their defaults; each is as
@@ -221,9 +251,9 @@ contains
       type(error_t), allocatable, intent(out) :: error
 
       call parse_namelist(text, file, list, error)
-      if (.not. allocated(error)) call check_names(list, key_table%group, key_table%name, repeated_groups, &
-                                                   "a case has one such group; only &line, &barrier, &dam may repeat", &
-                                                   error)
+      if (.not. allocated(error)) call check_names(list, key_table%group, key_table%name, repeatable, &
+                                                   "a case has one such group; only &" &
+                                                   //joined(repeatable, ", &")//" may repeat", error)
       if (.not. allocated(error)) call complete(list, file)
       if (.not. allocated(error)) call check_keys(list, error)
    end subroutine read_keys
@@ -257,7 +287,7 @@ contains
       call parse_namelist(default_case(), file, defaults, error)
       do d = 1, size(defaults%group)
          associate (default => defaults%group(d))
-            if (.not. any([repeated_groups, list%group%name] == default%name)) then
+            if (.not. any([repeatable == default%name, list%group%name == default%name])) then
                list%group = [list%group, default]
                cycle
             end if
@@ -696,7 +726,8 @@ contains
             if (lines(k)%name == line%name) &
                call refuse(group, "name", "must be another for each line and barrier", error)
          end do
-         if (len(line%name) > 60) call refuse(group, "name", "must be at most 60 characters", error)
+         if (len(line%name) > max_name) &
+            call refuse(group, "name", "must be at most "//integer_text(max_name)//" characters", error)
       end associate
    end subroutine read_line
 
@@ -761,4 +792,80 @@ contains
          call refuse(group, "drop_height_factor", "has no meaning without a drop_height", error)
       end if
    end subroutine check_ensemble
+
+   !> Thresholds for a map; the rest is for `rockfall hazard`, and a run takes no notice of it.
+   pure subroutine read_hazard(group, list, case, error)
+      type(group_t), intent(in) :: group
+      type(namelist_t), intent(in) :: list
+      type(case_t), intent(inout) :: case
+      type(error_t), allocatable, intent(out) :: error
+      real(wp), parameter :: joules = 1000.0_wp  !! of a kJ
+
+      call check_rising(group, "thresholds", error)
+      if (.not. allocated(error)) call check_rising(group, "return_periods", error)
+      if (allocated(error)) return
+      case%thresholds = joules*reals_of(group, "thresholds")
+      if (any(list%group%name == "scenario")) call check_matrix(group, error)
+   end subroutine read_hazard
+
+   pure subroutine check_rising(group, key, error)
+      type(group_t), intent(in) :: group
+      character(len=*), intent(in) :: key
+      type(error_t), allocatable, intent(out) :: error
+      real(wp), allocatable :: values(:)
+
+      values = reals_of(group, key)
+      if (any(values(2:) <= values(:size(values) - 1))) call refuse(group, key, "each must be above the one before", error)
+   end subroutine check_rising
+
+   !> A class for each intensity and return period, which does not fall where boulders are stronger or more frequent:
+   !> so the classes at both ends of an interval of frequencies enclose all between.
+   pure subroutine check_matrix(group, error)
+      type(group_t), intent(in) :: group
+      type(error_t), allocatable, intent(out) :: error
+      character(len=len(hazard_classes)), allocatable :: words(:)
+      integer, allocatable :: hazard(:, :)  !! rises with the class (return periods, intensities)
+      integer :: k, periods, intensities
+
+      periods = value_count(group, "return_periods")
+      intensities = value_count(group, "thresholds") + 1
+      allocate (words(0))
+      call get_text(group, "matrix", words, error)
+      if (size(words) /= periods*intensities) then
+         call refuse(group, "matrix", "must be "//integer_text(intensities)//" times "//integer_text(periods) &
+                     //" classes: below, between and above the thresholds, for each of return_periods", error)
+         return
+      end if
+      hazard = reshape([(index(hazard_classes, trim(words(k))), k=1, size(words))], [periods, intensities])
+      if (any(hazard(2:, :) > hazard(:periods - 1, :)) .or. any(hazard(:, 2:) < hazard(:, :intensities - 1))) then
+         call refuse(group, "matrix", "must not fall where boulders are stronger or more frequent", error)
+      end if
+   end subroutine check_matrix
+
+   !> What `rockfall hazard` runs.
+   pure subroutine check_scenarios(list, case, error)
+      type(namelist_t), intent(in) :: list
+      type(case_t), intent(in) :: case
+      type(error_t), allocatable, intent(out) :: error
+      integer :: g, other
+
+      do g = 1, size(list%group)
+         if (list%group(g)%name /= "scenario") cycle
+         associate (group => list%group(g))
+            do other = 1, g - 1
+               if (list%group(other)%name /= "scenario") cycle
+               if (text_of(list%group(other), "name") == text_of(group, "name")) &
+                  call refuse(group, "name", "must be another for each scenario", error)
+            end do
+            if (len(text_of(group, "name")) > max_name) then
+               call refuse(group, "name", "must be at most "//integer_text(max_name)//" characters", error)
+            else if (has_key(group, "frequency") .eqv. has_key(group, "return_period")) then
+               call fail(error, about(group, "frequency, return_period")//": give one of the two")
+            else if (text_of(group, "frequency_per") == "km2" .and. size(case%x) > 0) then
+               call refuse(group, "frequency_per", "has no meaning for points (x, y), which have no area", error)
+            end if
+            if (allocated(error)) return
+         end associate
+      end do
+   end subroutine check_scenarios
 end module rockfall_case

@@ -8,6 +8,7 @@ module rockfall_ensemble
                                   has_obstacles, at_rest, left_window
    use rockfall_boulder, only: release_t, source_of, first_of, last_of, released_by
    use rockfall_maps, only: maps_t, needs_visits, visits_t, start_visits, add_visits, add_deposit
+   use rockfall_travel_maps, only: needs_times, needs_travel, add_travel
    use rockfall_source_maps, only: counts_sources, gather, add_source, add_source_of_boulder
    use rockfall_histogram, only: histograms, bins, quantities
    implicit none
@@ -53,6 +54,7 @@ contains
       integer :: k
 
       call prepare(scene, needs_visits(maps), scratch)
+      if (needs_times(maps)) allocate (scratch%visits%time(0))
       if (counts_sources(maps)) then
          call run_by_source(scene, first, threads, results, crossings, maps, scratch)
       else
@@ -95,6 +97,7 @@ contains
          return
       end if
       if (scratch%cells_requested) call add_visits(maps, scratch%visits, result%boulder%mass)
+      if (needs_travel(maps)) call add_travel(maps, scratch%visits, scene%dem, result%start)
       if (at_rest(result%status)) call add_deposit(maps, result%stop_cell)
    end subroutine run_one
 

@@ -7,7 +7,7 @@ module rockfall_run_loop
    use rockfall_trajectory, only: scene_t, boulder_result_t, crossing_t, scratch_t, left_window
    use rockfall_maps, only: maps_t, lacks_slots
    use rockfall_source_maps, only: first_partial
-   use rockfall_map_values, only: map_plan_t, map_plan, map_views, max_columns, halvings
+   use rockfall_map_values, only: map_plan_t, map_plan, stack_layers, map_views, max_columns, halvings
    use rockfall_limits, only: check_tallies
    use rockfall_histogram, only: bins, quantities
    use rockfall_variables, only: boulder_fields, boulder_counts, energy_fields, line_fields, vertex_fields
@@ -42,6 +42,7 @@ module rockfall_run_loop
       type(grid_t) :: grid                               !! of maps: the cells that boulders can reach
       integer :: at(2) = 1                               !! its first column and row
       type(map_plan_t) :: plan                           !! where maps stand in these stacks
+      real(wp), allocatable :: thresholds(:)             !! of energy [J]
       integer(i4), allocatable :: counts(:, :, :)
       integer(i8), allocatable :: sums(:, :, :)
       real(sp), allocatable :: maxima(:, :, :)
@@ -93,7 +94,8 @@ contains
       results%before = share_of(results%asked, shard(1) - 1, shard(2))
       results%boulders = share_of(results%asked, shard(1), shard(2)) - results%before
       results%grid = grid
-      results%plan = map_plan(pack(map_names, case%map))
+      results%thresholds = case%thresholds
+      results%plan = map_plan(pack(map_names, case%map), size(case%thresholds))
       call survey(case, scene, results, error)
       if (.not. allocated(error)) call make_room(case, scene, results, error)
       if (allocated(error)) return
@@ -139,22 +141,23 @@ contains
       type(scene_t), intent(in) :: scene
       type(results_t), intent(inout) :: results
       type(error_t), allocatable, intent(out) :: error
-      integer :: rows(3), cells(6), layers, lines
+      integer :: rows(3), cells(6), stacks(3), layers, lines
 
       rows = 0
       cells = 0
       allocate (results%by_ground(0))
       if (allocated(scene%grounds)) results%by_ground = spread(0_i8, 1, size(scene%grounds))
       lines = size(case%lines)
+      stacks = stack_layers(results%plan)
       associate (n => results%boulders, nx => results%grid%nx, ny => results%grid%ny, plan => results%plan)
          allocate (results%boulder(n, size(boulder_fields)), stat=rows(1))
          if (rows(1) == 0) allocate (results%status(n), results%impacts(n), stat=rows(2))
          if (all(rows == 0)) &
             allocate (results%energy(merge(n, 0_i8, case%energy_balance), size(energy_fields)), stat=rows(2))
          if (all(rows == 0)) allocate (results%line(n, lines, size(line_fields)), stat=rows(3))
-         allocate (results%counts(nx, ny, maxval(plan%count)), source=0_i4, stat=cells(1))
-         allocate (results%sums(nx, ny, maxval(plan%sum)), source=0_i8, stat=cells(2))
-         allocate (results%maxima(nx, ny, maxval(plan%max)), source=0.0_sp, stat=cells(3))
+         allocate (results%counts(nx, ny, stacks(1)), source=0_i4, stat=cells(1))
+         allocate (results%sums(nx, ny, stacks(2)), source=0_i8, stat=cells(2))
+         allocate (results%maxima(nx, ny, stacks(3)), source=0.0_sp, stat=cells(3))
          if (plan%rows == 0) then
             allocate (results%bin_counts(0, 0), results%column(0, 0))
          else
@@ -204,8 +207,8 @@ contains
       integer, intent(in) :: at(2)
       type(maps_t) :: maps
 
-      maps = map_views(results%plan, at, results%counts, results%sums, results%maxima, results%bin_counts, &
-                       results%column, results%columns)
+      maps = map_views(results%plan, results%thresholds, at, results%counts, results%sums, results%maxima, &
+                       results%bin_counts, results%column, results%columns)
       maps%last_source(at(1):, at(2):, 1:) => results%stamp
       maps%first_partial = results%head
    end function map_tallies

@@ -21,6 +21,7 @@ module rockfall_trajectory
    use rockfall_line, only: line_t, first_crossing, next_crossing
    use rockfall_barrier, only: barrier_t, barrier_outcome, passed_over
    use rockfall_maps, only: visits_t, start_visits, visit_spans, visit_cell
+   use rockfall_travel_maps, only: time_visits
    use rockfall_histogram, only: histograms_t, count_rebound
    implicit none
    private
@@ -237,7 +238,7 @@ contains
          if (level >= with_all .and. obstacles) then
             call fly_to_obstacle(scene, result, flight, omega_r, landing, obstacle, scratch)
          else if (level >= with_maps .and. scratch%cells_requested) then
-            call fly_over_cells(scene, flight, omega_r, landing, scratch)
+            call fly_over_cells(scene, flight, omega_r, result%time, landing, scratch)
          else
             call fly(scene%dem, scene%gravity, flight, landing)
          end if
@@ -330,18 +331,33 @@ contains
    end subroutine release
 
    !> Fly, and record the visits of raster cells.
-   pure subroutine fly_over_cells(scene, flight, omega_r, landing, scratch)
+   pure subroutine fly_over_cells(scene, flight, omega_r, begun, landing, scratch)
       type(scene_t), intent(in) :: scene
       type(flight_t), intent(in) :: flight
       real(wp), intent(in) :: omega_r  !! W [m/s]
+      real(wp), intent(in) :: begun    !! since the release [s]
       type(landing_t), intent(out) :: landing
       type(scratch_t), intent(inout) :: scratch
       integer :: n
 
       call fly(scene%dem, scene%gravity, flight, landing, scratch%spans, n)
-      call visit_spans(scratch%visits, scene%dem, scene%gravity, flight%x, flight%y, flight%v, &
-                       inertia_factor*omega_r**2, scratch%spans(:n))
+      call visit_cells(scene, flight, omega_r, begun, landing%time, scratch%spans(:n), scratch%visits)
    end subroutine fly_over_cells
+
+   !> Record the raster cells under a flight.
+   pure subroutine visit_cells(scene, flight, omega_r, begun, time, spans, visits)
+      type(scene_t), intent(in) :: scene
+      type(flight_t), intent(in) :: flight
+      real(wp), intent(in) :: omega_r  !! W [m/s]
+      real(wp), intent(in) :: begun    !! since the release [s]
+      real(wp), intent(in) :: time     !! of the flight [s]
+      type(span_t), intent(in) :: spans(:)
+      type(visits_t), intent(inout) :: visits
+
+      call visit_spans(visits, scene%dem, scene%gravity, flight%x, flight%y, flight%v, inertia_factor*omega_r**2, spans)
+      if (allocated(visits%time)) &
+         call time_visits(visits, scene%dem, [flight%x, flight%y], flight%v(:2), begun, time)
+   end subroutine visit_cells
 
    !> Fly to the ground or to the first obstacle on the way there, and record the lines and cells up to there.
    pure subroutine fly_to_obstacle(scene, result, flight, omega_r, landing, obstacle, scratch)
@@ -362,8 +378,7 @@ contains
       if (obstacle%kind /= none) &
          call end_flight(scene%dem, scene%gravity, flight, obstacle%time, scratch%spans, n, landing)
       if (scratch%cells_requested) &
-         call visit_spans(scratch%visits, scene%dem, scene%gravity, flight%x, flight%y, flight%v, &
-                          inertia_factor*omega_r**2, scratch%spans(:n))
+         call visit_cells(scene, flight, omega_r, result%time, landing%time, scratch%spans(:n), scratch%visits)
    end subroutine fly_to_obstacle
 
    !> The first barrier that stands in the way of a flight, if it does before the obstacle.

@@ -29,6 +29,7 @@ module rockfall_variables
 
    character(len=*), parameter :: ends = "the first and the last bin also hold what lies beyond"
    character(len=*), parameter :: in_classes = "from counts of classes 14 to 25 % wide"
+   character(len=*), parameter :: to_middle = "below the horizontal, to the ground in the middle of the cell"
    character(len=*), parameter :: given_sources = "Wilson (1927): Monte Carlo error, given the sources"
 
    character(len=*), parameter :: energies = " of the passing boulders' maximum energies"
@@ -123,6 +124,8 @@ module rockfall_variables
                  "98 % quantile of the passing boulders' maximum energies", in_classes), &
       variable_t("map", "energy_q99", "real", "J", &
                  "99 % quantile of the passing boulders' maximum energies", in_classes), &
+      variable_t("map", "energy_exceeded", "integer", "1", &
+                 "boulders whose maximum energy in the cell exceeds a threshold"), &
       variable_t("map", "speed_max_map", "real", "m s-1", "maximum speed"), &
       variable_t("map", "speed_mean", "real", "m s-1", &
                  "mean of the passing boulders' maximum speeds"), &
@@ -150,6 +153,12 @@ module rockfall_variables
                  "98 % quantile of the passing boulders' maximum jump heights", in_classes), &
       variable_t("map", "jump_height_q99", "real", "m", &
                  "99 % quantile of the passing boulders' maximum jump heights", in_classes), &
+      variable_t("map", "energy_line_angle_max", "real", "degree", &
+                 "steepest line from the release of a boulder that passed", to_middle), &
+      variable_t("map", "energy_line_angle_min", "real", "degree", &
+                 "flattest line from the release of a boulder that passed", to_middle), &
+      variable_t("map", "travel_time_min", "real", "s", &
+                 "shortest time from release until a boulder comes to the cell"), &
       variable_t("histogram", "incidence_angle", "integer", "degree", &
                  "incidence angle from the surface, 90 = vertical", ends), &
       variable_t("histogram", "tangential_share", "integer", "1", &

@@ -5,9 +5,11 @@ module rockfall_map_values
    use rockfall_kinds, only: wp, sp, i4, i8
    use rockfall_bins, only: energy, speed, jump_height, n_log_bins, log_bin_quantile, min_count_for
    use rockfall_maps, only: maps_t, per_unit
+   use rockfall_travel_maps, only: steepest_angle, flattest_angle, shortest_time
    implicit none
    private
-   public :: map_plan_t, map_plan, map_views, map_row, map_min_count, fraction_limit, z_95, max_columns, halvings
+   public :: map_plan_t, map_plan, stack_layers, map_views, map_row, map_min_count, fraction_limit, z_95, max_columns, &
+             halvings
 
    real(wp), parameter :: z_95 = 1.959964_wp  !! standard normal quantile of 0.975: 95 % lie within it [-]
    integer(i8), parameter :: max_columns = 2_i8**31 - 2       !! of counts of bins, and one more can be counted
@@ -18,12 +20,16 @@ module rockfall_map_values
       integer :: count(4) = 0  !! passages, deposits, contributing sources, boulders of these
       integer :: sum(3) = 0    !! of energy, speed, jump height
       integer :: max(3) = 0
+      integer :: travel(3) = 0     !! steepest and flattest energy line, shortest time; among the maxima
+      integer :: exceeded = 0      !! the first of the layers for thresholds of energy, the last among the counts
+      integer :: thresholds = 0    !! how many
       integer :: bins(3) = 0   !! the first row of its counts
       integer :: rows = 0      !! of counts of bins
    end type map_plan_t
 
    enum, bind(c)
-      enumerator :: a_count, a_fraction, a_source_fraction, a_lower_limit, an_upper_limit, a_maximum, a_mean, a_quantile
+      enumerator :: a_count, a_fraction, a_source_fraction, a_lower_limit, an_upper_limit, a_maximum, a_mean, &
+                    a_quantile, an_exceedance, a_steepest, a_flattest, a_shortest
    end enum
 
    !> What a map is, from its name.
@@ -46,6 +52,10 @@ contains
       case ("reach_probability_by_source"); kind%is = a_source_fraction; return
       case ("reach_probability_low"); kind%is = a_lower_limit; return
       case ("reach_probability_high"); kind%is = an_upper_limit; return
+      case ("energy_exceeded"); kind%is = an_exceedance; return
+      case ("energy_line_angle_max"); kind%is = a_steepest; return
+      case ("energy_line_angle_min"); kind%is = a_flattest; return
+      case ("travel_time_min"); kind%is = a_shortest; return
       end select
       if (index(name, "speed") == 1) kind%quantity = speed
       if (index(name, "jump_height") == 1) kind%quantity = jump_height
@@ -58,16 +68,18 @@ contains
    end function kind_of
 
    !> The tallies that some maps need.
-   pure type(map_plan_t) function map_plan(names) result(plan)
+   pure type(map_plan_t) function map_plan(names, thresholds) result(plan)
       character(len=*), intent(in) :: names(:)
+      integer, intent(in) :: thresholds  !! of energy
       type(kind_t) :: kind
-      logical :: count(4), sum(3), max(3), bins(3)
+      logical :: count(4), sum(3), max(3), bins(3), travel(3)
       integer :: k
 
       count = .false.
       sum = .false.
       max = .false.
       bins = .false.
+      travel = .false.
       do k = 1, size(names)
          kind = kind_of(names(k))
          select case (kind%is)
@@ -76,6 +88,10 @@ contains
          case (a_maximum); max(kind%quantity) = .true.
          case (a_mean); sum(kind%quantity) = .true.
          case (a_quantile); bins(kind%quantity) = .true.
+         case (an_exceedance); plan%thresholds = thresholds
+         case (a_steepest); travel(1) = .true.
+         case (a_flattest); travel(2) = .true.
+         case (a_shortest); travel(3) = .true.
          case default; count(1) = .true.
          end select
       end do
@@ -83,12 +99,22 @@ contains
       plan%count = places(count)
       plan%sum = places(sum)
       plan%max = places(max)
+      plan%travel = merge(places(travel) + maxval(plan%max), 0, travel)
+      if (plan%thresholds > 0) plan%exceeded = maxval(plan%count) + 1
       do k = 1, 3
          if (.not. bins(k)) cycle
          plan%bins(k) = plan%rows + 1
          plan%rows = plan%rows + n_log_bins(k)
       end do
    end function map_plan
+
+   !> Layers of each stack: counts, sums, maxima.
+   pure function stack_layers(plan) result(layers)
+      type(map_plan_t), intent(in) :: plan
+      integer :: layers(3)
+
+      layers = [maxval(plan%count) + plan%thresholds, maxval(plan%sum), maxval([plan%max, plan%travel])]
+   end function stack_layers
 
    !> 1, 2, ... for what is requested, in order.
    pure function places(requested)
@@ -101,8 +127,9 @@ contains
 
    !> Maps as views of the stacks that a plan describes; what it has not may be of any size. The stacks begin
    !> at column and row `at` of the raster.
-   function map_views(plan, at, counts, sums, maxima, bin_counts, slot, slots) result(maps)
+   function map_views(plan, thresholds, at, counts, sums, maxima, bin_counts, slot, slots) result(maps)
       type(map_plan_t), intent(in) :: plan
+      real(wp), intent(in) :: thresholds(:)                              !! of energy [J]
       integer, intent(in) :: at(2)
       integer(i4), intent(in), target, contiguous :: counts(:, :, :)     !! (nx, ny, layers)
       integer(i8), intent(in), target, contiguous :: sums(:, :, :)
@@ -122,6 +149,13 @@ contains
          if (plan%max(k) > 0) maps%layer(k)%max(at(1):, at(2):) => maxima(:, :, plan%max(k))
          maps%layer(k)%bin_offset = plan%bins(k) - 1
       end do
+      if (plan%thresholds > 0) then
+         maps%threshold = thresholds
+         maps%exceeded(at(1):, at(2):, 1:) => counts(:, :, plan%exceeded:)
+      end if
+      if (plan%travel(1) > 0) maps%steepest(at(1):, at(2):) => maxima(:, :, plan%travel(1))
+      if (plan%travel(2) > 0) maps%flattest(at(1):, at(2):) => maxima(:, :, plan%travel(2))
+      if (plan%travel(3) > 0) maps%shortest(at(1):, at(2):) => maxima(:, :, plan%travel(3))
       if (plan%rows == 0) return
       maps%bin_counts => bin_counts
       maps%slot(at(1):, at(2):) => slot
@@ -169,6 +203,12 @@ contains
          associate (maximum => maps%layer(kind%quantity)%max(:, j))
             where (maximum > 0) row = maximum
          end associate
+      case (a_steepest)
+         where (maps%steepest(:, j) > 0) row = steepest_angle(maps%steepest(:, j))
+      case (a_flattest)
+         where (maps%flattest(:, j) > 0) row = flattest_angle(maps%flattest(:, j))
+      case (a_shortest)
+         where (maps%shortest(:, j) > 0) row = shortest_time(maps%shortest(:, j))
       case (a_mean)
          associate (total => maps%layer(kind%quantity)%sum(:, j), n => maps%passages(:, j))
             where (n >= min_count) row = real(total/(per_unit(kind%quantity)*max(1, n)), sp)

@@ -9,7 +9,7 @@ module rockfall_maps
    implicit none
    private
    public :: maps_t, per_unit, visits_t, needs_visits, start_visits, visit_spans, visit_cell, add_visits, add_deposit
-   public :: lacks_slots
+   public :: lacks_slots, raise_cell
 
    real(wp), parameter :: per_unit(3) = [1.0_wp, 1000.0_wp, 1000.0_wp]  !! sums are of whole J, mm/s, mm
    integer, parameter :: first_entries = 1024  !! of a table of visits to begin with; a power of two
@@ -34,6 +34,12 @@ module rockfall_maps
       integer(i4), pointer, contiguous :: last_source(:, :, :) => null()
       integer(i8) :: first_partial = 0  !! a source that has the second layer to itself
       type(layer_t) :: layer(3)
+      !> Boulders whose maximum energy exceeds each of `threshold` (nx, ny, thresholds).
+      integer(i4), pointer, contiguous :: exceeded(:, :, :) => null()
+      real(wp), allocatable :: threshold(:)  !! rising [J]
+      !> How boulders came there, as rockfall_travel_maps keeps it: the steepest and the flattest energy line, the
+      !> shortest time.
+      real(sp), pointer, contiguous :: steepest(:, :) => null(), flattest(:, :) => null(), shortest(:, :) => null()
       !> Counts of bins (bins, slots): a cell gets a slot, and with it memory, when the first boulder passes
       !> it. Which one depends on the order of boulders, what stands in it does not.
       integer(i4), pointer, contiguous :: bin_counts(:, :) => null()
@@ -56,6 +62,8 @@ module rockfall_maps
       integer, allocatable :: used(:)         !! entries, in order of the first visit
       type(visit_t), allocatable :: entry(:)  !! 0-based; a power of two of them
       integer :: last = -1                    !! entry of the last visit
+      real(wp), allocatable :: time(:)        !! of the first visits, in their order [s]; only for a map of times
+      integer :: timed = 0                    !! how many of them are known
    end type visits_t
 
 contains
@@ -65,7 +73,8 @@ contains
       type(maps_t), intent(in) :: maps
 
       needs_visits = associated(maps%passages) .or. associated(maps%sources) .or. associated(maps%released) &
-                      .or. has_layers(maps)
+                      .or. has_layers(maps) .or. associated(maps%steepest) .or. associated(maps%flattest) &
+                      .or. associated(maps%shortest)
    end function needs_visits
 
    !> Begin the visits of a boulder (numbers count from 1).
@@ -77,6 +86,7 @@ contains
       visits%boulder = boulder
       visits%n = 0
       visits%last = -1
+      visits%timed = 0
    end subroutine start_visits
 
    !> Add the cells under a flight. A cell reaches half a cell round its node, so a patch is met in
@@ -257,7 +267,7 @@ contains
       type(maps_t), intent(in) :: maps
       integer :: k
 
-      has_layers = associated(maps%bin_counts)
+      has_layers = associated(maps%bin_counts) .or. associated(maps%exceeded)
       do k = 1, size(maps%layer)
          has_layers = has_layers .or. associated(maps%layer(k)%sum) .or. associated(maps%layer(k)%max)
       end do
@@ -284,7 +294,22 @@ contains
          call add_value(maps%layer(k), i, r, values(k), per_unit(k))
       end do
       if (associated(maps%bin_counts)) call count_bins(maps, i, r, values)
+      if (associated(maps%exceeded)) call count_exceeded(maps, i, r, values(energy))
    end subroutine add_values
+
+   !> Count a boulder at each threshold that its energy exceeds.
+   subroutine count_exceeded(maps, i, r, value)
+      type(maps_t), intent(in) :: maps
+      integer, intent(in) :: i, r
+      real(wp), intent(in) :: value  !! [J]
+      integer :: k
+
+      do k = 1, size(maps%threshold)
+         if (value <= maps%threshold(k)) return
+         !$omp atomic update
+         maps%exceeded(i, r, k) = maps%exceeded(i, r, k) + 1
+      end do
+   end subroutine count_exceeded
 
    subroutine add_value(layer, i, r, value, units)
       type(layer_t), intent(in) :: layer
@@ -347,7 +372,7 @@ contains
 
    !> Raise a shared maximum; most visits do not, and then only read it.
    subroutine raise_cell(maximum, value)
-      real(sp), intent(inout) :: maximum  !! [J], [m/s] or [m]
+      real(sp), intent(inout) :: maximum  !! [J], [m/s], [m], or of rockfall_travel_maps
       real(sp), intent(in) :: value       !! likewise
       real(sp) :: now
 

@@ -7,7 +7,7 @@ module rockfall_terrain
    implicit none
    private
    public :: terrain_t, patch_t, terrain, keep_within, in_window, locate, within, on_terrain, is_known_at, read_patch
-   public :: height, gradient, cell_of, cell_descent, max_elevation
+   public :: height, node_height, gradient, cell_of, cell_descent, max_elevation
 
    real(wp), parameter :: max_elevation = 1.0e7_wp  !! [m] above or below zero; more is nodata that is not declared
 
@@ -183,6 +183,18 @@ contains
 
       height = patch%z00 + patch%a*u + w*(patch%b + patch%c*u)
    end function height
+
+   !> Elevation of a raster cell (node) in the window [m].
+   pure real(wp) function node_height(dem, at)
+      type(terrain_t), intent(in) :: dem
+      integer, intent(in) :: at(2)  !! column from the west, row from the north
+
+      if (associated(dem%z8)) then
+         node_height = dem%z8(at(1), at(2))
+      else
+         node_height = dem%z4(at(1), at(2))
+      end if
+   end function node_height
 
    !> Gradient (dz/dx, dz/dy) [-] of a patch.
    pure function gradient(dem, patch, u, w) result(g)

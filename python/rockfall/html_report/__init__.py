@@ -30,6 +30,7 @@ from rockfall.io.output_files import PAGE, SIGNATURE, check_output
 from rockfall.plots.figures import figures
 from rockfall.plots.style import save
 from rockfall.quantities import count
+from rockfall.result.flat_maps import flat_maps
 from rockfall.text.comparison import text
 
 if TYPE_CHECKING:
@@ -80,6 +81,7 @@ def report(result: xr.Dataset, terrain: Terrain | None = None, observed: Any = N
     `rockfall.analysis.observations.read_observed`, is set beside it in the figures and in a
     comparison.
     """
+    result = flat_maps(result)
     rows, levels = rows_of(result), return_levels(result)
     zoomed = {f"map_{name}" for name in result.data_vars}
     shown = [one for one in figures(result, terrain, observed) if one.name not in zoomed]

@@ -32,6 +32,7 @@ from rockfall.plots.profile_figures import profile_figure
 from rockfall.plots.rebound_figures import ENERGY, RESTITUTION, histogram, histogram_figure
 from rockfall.plots.style import FORMATS, capital, save
 from rockfall.quantities import QUANTITIES, count
+from rockfall.result.flat_maps import flat_maps
 from rockfall.result.trajectories import left_terrain, lines, trajectories
 from rockfall.scene.coefficients import open_sets
 
@@ -65,6 +66,7 @@ def figures(
     """
     if not result.sizes.get("boulder"):
         raise RockfallError("a result without boulders has no figures")
+    result = flat_maps(result)
     return [*_trajectories(result, terrain), *_reach(result, terrain, observed),
             *_at_lines(result, observed), *_rebounds(result), *_maps(result, terrain)]  # fmt: skip
 

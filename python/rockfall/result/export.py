@@ -23,6 +23,7 @@ from rockfall.io.output_files import SIGNATURE, atomic_folder
 from rockfall.io.raster import write_geotiff
 from rockfall.io.tables import spreadsheet_text
 from rockfall.result.dataset import open_result
+from rockfall.result.flat_maps import flat_maps
 from rockfall.result.trajectories import flags_of
 from rockfall.result.validate import check_dimensions
 
@@ -49,7 +50,7 @@ def export(result: xr.Dataset | str | Path, folder: str | Path) -> list[Path]:
     with open_result(result) if isinstance(result, str | Path) else nullcontext(result) as data:
         for file in files:
             check_dimensions(data, file)
-        data = data.set_coords({"crs"} & set(data.data_vars))
+        data = flat_maps(data.set_coords({"crs"} & set(data.data_vars)))
         inputs = chain(files, files_behind(data))
         with atomic_folder(folder, inputs) as part:
             try:

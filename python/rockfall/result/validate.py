@@ -73,7 +73,8 @@ def _check_groups(data: xr.Dataset, path: str | Path) -> None:
 def _known() -> _Group:
     """Every variable of ours; a result may have others, of which nothing is asked."""
     found: _Group = {name: ("boulder",) for name in variables.BOULDER}
-    found |= {name: () for name in variables.COUNT} | {name: ("y", "x") for name in variables.MAP}
+    found |= {name: () for name in variables.COUNT}
+    found |= {name: variables.map_dims(name) for name in variables.MAP}
     for group in _groups():
         found |= group
     return found
@@ -93,6 +94,7 @@ def _groups() -> Iterator[_Group]:
     }  # fmt: skip
     yield {f"trajectory_{name}": ("trajectory_vertex",) for name in variables.VERTEX}
     yield {axis: (axis,) for axis in ("x", "y")}
+    yield {"threshold": ("threshold",), variables.EXCEEDED: ("threshold", "y", "x")}
     for name in variables.HISTOGRAM:
         along = f"{name}_bin"
         yield {along: (along,), f"{along}_bounds": (along, "bound"), f"{name}_histogram": (along,)}

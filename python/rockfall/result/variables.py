@@ -25,6 +25,13 @@ TALLY = _TABLE["tally"]  # in part files tally_cell, ...
 STATUS = {name: number for number, name in enumerate(_TABLE["status"], start=1)}
 OUTCOME = {name: number for number, name in enumerate(_TABLE["outcome"], start=1)}
 
+EXCEEDED = "energy_exceeded"  # the map that has a layer for each threshold
+
+
+def map_dims(name: str) -> tuple[str, ...]:
+    """The dimensions of a map."""
+    return ("threshold", "y", "x") if name == EXCEEDED else ("y", "x")
+
 
 def fields(what: int) -> list[str]:
     """Names of the kernel's columns: 1 boulder, 2 counts, 3 crossing, 4 vertex, 5 energy."""

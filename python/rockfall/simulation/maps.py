@@ -3,13 +3,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from rockfall._core import rockfall_f2py as _core
+from rockfall.case import Case
 from rockfall.io.grid import Box
 
 MAX_ROWS = int(_core.constant("max_columns"))  # of class_counts, and one more can be counted
@@ -20,26 +20,27 @@ HALVINGS = int(_core.constant("halvings"))  # of these rows, before they are too
 class Plan(NamedTuple):
     """The tallies that some maps need: layers by name, from 1 in their stacks; 0: none."""
 
-    counts: dict[str, int]  # passages, deposits, sources; released: boulders of these sources
+    #: passages, deposits, sources; released: boulders of these sources; energy_exceeded: the first
+    #: of those for thresholds
+    counts: dict[str, int]
     sums: dict[str, int]  # energy, speed, jump_height
     maxima: dict[str, int]
     bins: int  # of counts for quantiles
-
-    def layers(self, stack: str) -> int:
-        """How many a stack (counts, sums, maxima) has."""
-        return max(getattr(self, stack).values())
+    layers: dict[str, int]  # of each stack (counts, sums, maxima)
 
 
-def plan_of(names: str) -> Plan:
-    """That of maps whose names have blanks between."""
-    counts, sums, maxima, bins = _core.map_plan(names)
+def plan_of(case: Case) -> Plan:
+    """That of the maps of a case."""
+    names = " ".join(case.output.get("maps", []))
+    counts, sums, maxima, bins, layers = _core.map_plan(names, len(case.hazard["thresholds"]))
     quantities = "energy", "speed", "jump_height"
-    kinds = "passages", "deposits", "sources", "released"
+    kinds = "passages", "deposits", "sources", "released", "energy_exceeded"
     return Plan(
         dict(zip(kinds, counts.tolist(), strict=True)),
         dict(zip(quantities, sums.tolist(), strict=True)),
         dict(zip(quantities, maxima.tolist(), strict=True)),
         int(bins),
+        dict(zip(("counts", "sums", "maxima"), layers.tolist(), strict=True)),
     )
 
 
@@ -75,23 +76,28 @@ class Maps:
         return {"stamp": self.stamp.T, "head": self.head, "map_at": self.box.corners()["map_at"]}
 
 
-def no_maps(names: Sequence[str] = (), box: Box = ALL) -> Maps:
-    """Empty tallies for the maps of these names, on these cells."""
-    shape = box.shape if names else (1, 1)
-    text = " ".join(names)
-    plan = plan_of(text)
+def no_maps(case: Case, box: Box = ALL) -> Maps:
+    """Empty tallies for the maps of a case, on these cells."""
+    names = case.output.get("maps", [])
+    shape, plan = box.shape if names else (1, 1), plan_of(case)
 
     def stack(name: str, dtype: str) -> np.ndarray:
-        layers = plan.layers(name)
+        layers = plan.layers[name]
         return np.zeros((layers, *shape) if layers else (1, 1, 1), dtype)
 
     return Maps(
-        text, plan, stack("counts", "i4"), stack("sums", "i8"), stack("maxima", "f4"),
+        " ".join(names), plan, stack("counts", "i4"), stack("sums", "i8"), stack("maxima", "f4"),
         class_counts=_class_counts(shape[0] * shape[1], plan.bins),
         column=np.zeros(shape if plan.bins else (1, 1), "i4"),
         columns=np.zeros(1, "i4"),
         box=box,
     )  # fmt: skip
+
+
+def count_limits(counts: np.ndarray, boulders: int) -> tuple[np.ndarray, np.ndarray]:
+    """The limits of the 95 % intervals of fractions of the boulders, as the kernel has them."""
+    low, high = _core.count_limits(np.ravel(counts), boulders)
+    return low.reshape(np.shape(counts)), high.reshape(np.shape(counts))
 
 
 def _class_counts(cells: int, classes: int) -> np.ndarray:

@@ -82,7 +82,7 @@ def _tally_for(part: Part) -> Tally:
     """Room for all boulders of the run of a part."""
     origin = part.origin
     try:
-        maps = no_maps(origin.case.output.get("maps", []), origin.window)
+        maps = no_maps(origin.case, origin.window)
         tally = empty_tally(origin, maps, range(origin.boulders), 0)
     except (MemoryError, ValueError) as error:
         raise RockfallError(f"merge: {origin.boulders} boulders do not fit in memory") from error

@@ -317,7 +317,7 @@ def _case(text: str, file: str) -> Case:
 
 def _expected(part: Part) -> dict[str, tuple[str, tuple[str, ...]]]:
     """Every variable that a part of its case has: type and dimensions."""
-    case, names = part.origin.case, part.origin.case.output.get("maps", [])
+    case = part.origin.case
     found = {"crs": ("i4", ())} | _typed("boulder", "", "boulder") | _typed("count", "")
     if part.origin.grounds:
         found |= _typed("ground", "", "ground")
@@ -328,9 +328,9 @@ def _expected(part: Part) -> dict[str, tuple[str, tuple[str, ...]]]:
     if case.output["rebounds"]:
         for name, kind in variables.TYPES["histogram"].items():
             found[f"{name}_histogram"] = kind, (f"{name}_bin",)
-    plan = plan_of(" ".join(names))
+    plan = plan_of(case)
     by_source = plan.counts["sources"] or plan.counts["released"]
-    wanted: dict[str, Any] = {name: plan.layers(name) for name in STACKS}
+    wanted: dict[str, Any] = {name: plan.layers[name] for name in STACKS}
     wanted |= {"cell": True, "classes": plan.bins} | dict.fromkeys(FED, by_source)
     for name, kind in variables.TYPES["tally"].items():
         if wanted[name]:
@@ -353,8 +353,8 @@ def _dimensions(tally: str) -> tuple[str, ...]:
 def _lengths(part: Part) -> dict[str, int]:
     """Of the dimensions whose length follows from the case and the boulders."""
     case = part.origin.case
-    plan = plan_of(" ".join(case.output.get("maps", [])))
-    found = {f"tally_{name}_layer": plan.layers(name) for name in STACKS}
+    plan = plan_of(case)
+    found = {f"tally_{name}_layer": plan.layers[name] for name in STACKS}
     bins = _core.histogram_bins()[0]
     found |= {f"{name}_bin": n for name, n in zip(variables.HISTOGRAM, bins, strict=True)}
     found |= {"boulder": part.last - part.first + 1, "line": len(case.lines)}

@@ -134,7 +134,7 @@ def start(scene: Scene, threads: int, shard: tuple[int, int] = (1, 1)) -> Tally:
     numbers, found = shard_range(scene, shard), survey(scene)
     check_tallies(scene, found)
     try:
-        maps = no_maps(scene.case.output.get("maps", []), found.box())
+        maps = no_maps(scene.case, found.box())
         tally = empty_tally(scene, maps, numbers, threads)
         follow_sources(maps, scene, numbers.start)
         return tally

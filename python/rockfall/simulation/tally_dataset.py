@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rockfall._core import rockfall_f2py as _core
+from rockfall.case import Case
 from rockfall.io.grid import row_blocks
 from rockfall.result import variables
 from rockfall.result.dataset import as_dataset, centre_variables, provenance
@@ -40,15 +41,8 @@ def make_result(tally: Tally, maps: bool = True) -> xr.Dataset:
     if tally.scene.case.output["rebounds"]:
         data |= _bins() | histogram_variables(tally)
     data |= trajectory_variables(tally)
-    names = {
-        "boulder",
-        "line",
-        "ground",
-        "ground_model",
-        "x",
-        "y",
-        *(name for name in data if name.endswith("_bin")),
-    }
+    bins = (name for name in data if name.endswith("_bin"))
+    names = {"boulder", "line", "ground", "ground_model", "threshold", "x", "y", *bins}
     return as_dataset(data, run_attributes(tally)).set_coords(sorted(names & set(data)))
 
 
@@ -149,17 +143,28 @@ def _add_maps(data: dict[str, Any], tally: Tally) -> None:
     # the same bits as of the whole grid
     data |= centre_variables(grid.x[box.columns], grid.y[box.rows])
     least_passages = tally.scene.case.output["least_passages"]
+    if variables.EXCEEDED in requested:
+        data |= threshold_variable(tally.scene.case)
     for name in variables.MAP:
         if name in requested:
             data[name] = map_variable(name, tally.maps, tally.done, least_passages)
 
 
+def threshold_variable(case: Case) -> dict[str, tuple]:
+    """The coordinate of counts above thresholds."""
+    values = 1000.0 * np.array(case.hazard["thresholds"])
+    return {"threshold": ("threshold", values, {"units": "J", "long_name": "threshold of energy"})}
+
+
 def map_variable(name: str, maps: Maps, boulders: int, least_passages: int) -> tuple:
     """A map of the tallies of so many boulders, NaN where it has no number; the tallies themselves
     are used up."""
-    values, fewest = _map(name, maps, boulders, least_passages)
+    if name == variables.EXCEEDED:
+        values, fewest = maps.counts[maps.plan.counts[name] - 1 :], 0
+    else:
+        values, fewest = _map(name, maps, boulders, least_passages)
     masked = {"least_passages": np.int32(fewest)} if fewest else {}
-    return ("y", "x"), values, variables.MAP[name] | masked | {"grid_mapping": "crs"}
+    return variables.map_dims(name), values, variables.MAP[name] | masked | {"grid_mapping": "crs"}
 
 
 def _map(name: str, maps: Maps, boulders: int, least_passages: int) -> tuple[np.ndarray, int]:
@@ -171,7 +176,7 @@ def _map(name: str, maps: Maps, boulders: int, least_passages: int) -> tuple[np.
         for rows in row_blocks(values.shape):
             values[rows][values[rows] == 0] = np.nan
         return values, 0
-    values = np.empty(maps.column.shape if maps.column.size > 1 else maps.counts.shape[1:], "f4")
+    values = np.empty(maps.box.shape, "f4")
     fewest = _core.map_values(
         name, boulders, least_passages, maps.names, **maps.arguments(), values=values.T
     )

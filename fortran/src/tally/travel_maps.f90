@@ -1,0 +1,120 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Maps of how boulders came to a cell: the steepest and the flattest energy line, and the shortest time. They are kept
+!> as maxima of positive numbers, whose order does not matter; 0 where none came.
+module rockfall_travel_maps
+   use rockfall_kinds, only: wp, sp
+   use rockfall_math, only: degree, arcsine
+   use rockfall_terrain, only: terrain_t, node_height
+   use rockfall_maps, only: maps_t, visits_t, raise_cell
+   implicit none
+   private
+   public :: needs_times, needs_travel, time_visits, add_travel, steepest_angle, flattest_angle, shortest_time
+
+   real(wp), parameter :: offset = 2.0_wp            !! that makes a sine or its negative positive [-]
+   real(wp), parameter :: steps = 2.0_wp**22         !! in which sines are kept: both sums are exact in single precision
+
+contains
+
+   !> True if a map needs the times at which boulders came to cells.
+   pure logical function needs_times(maps)
+      type(maps_t), intent(in) :: maps
+
+      needs_times = associated(maps%shortest)
+   end function needs_times
+
+   !> True if any map is of how boulders came to cells.
+   pure logical function needs_travel(maps)
+      type(maps_t), intent(in) :: maps
+
+      needs_travel = associated(maps%steepest) .or. associated(maps%flattest) .or. associated(maps%shortest)
+   end function needs_travel
+
+   !> Note when a flight came to the cells that the boulder had not visited before it.
+   pure subroutine time_visits(visits, dem, start, v, begun, duration)
+      type(visits_t), intent(inout) :: visits
+      type(terrain_t), intent(in) :: dem
+      real(wp), intent(in) :: start(2)  !! of the flight [m]
+      real(wp), intent(in) :: v(2)      !! in plan [m/s]
+      real(wp), intent(in) :: begun     !! since the release [s]
+      real(wp), intent(in) :: duration  !! [s]
+      real(wp) :: t(2)
+      integer :: k
+
+      if (visits%n > size(visits%time)) visits%time = [visits%time, spread(0.0_wp, 1, size(visits%used))]
+      do k = visits%timed + 1, visits%n
+         associate (at => visits%entry(visits%used(k))%at)
+            t(1) = arrival((at(1) - 1)*dem%cell - start(1), dem%cell, v(1))
+            t(2) = arrival((dem%ny - at(2))*dem%cell - start(2), dem%cell, v(2))
+            visits%time(k) = begun + min(duration, max(0.0_wp, t(1), t(2)))
+         end associate
+      end do
+      visits%timed = visits%n
+   end subroutine time_visits
+
+   !> On one axis: when a straight path comes to a cell [s]; not above zero where it starts in it.
+   pure real(wp) function arrival(middle, cell, v)
+      real(wp), intent(in) :: middle  !! of the cell, from the start of the path [m]
+      real(wp), intent(in) :: cell    !! its side [m]
+      real(wp), intent(in) :: v       !! [m/s]
+
+      arrival = 0
+      if (abs(v) > 0) arrival = (middle - sign(0.5_wp*cell, v))/v
+   end function arrival
+
+   !> Add how a boulder came to the cells that it visited; many threads may do so at once. The first is that of its
+   !> release, to which there is no line.
+   subroutine add_travel(maps, visits, dem, start)
+      type(maps_t), intent(in) :: maps
+      type(visits_t), intent(in) :: visits
+      type(terrain_t), intent(in) :: dem
+      real(wp), intent(in) :: start(3)  !! of the boulder [m]
+      real(wp) :: sine
+      integer :: k
+
+      do k = 1, visits%n
+         associate (at => visits%entry(visits%used(k))%at)
+            if (k > 1) then
+               sine = sine_of_line(dem, start, at)
+               if (associated(maps%steepest)) call raise_cell(maps%steepest(at(1), at(2)), real(offset + sine, sp))
+               if (associated(maps%flattest)) call raise_cell(maps%flattest(at(1), at(2)), real(offset - sine, sp))
+            end if
+            if (associated(maps%shortest) .and. k <= visits%timed) &
+               call raise_cell(maps%shortest(at(1), at(2)), real(1/(1 + visits%time(k)), sp))
+         end associate
+      end do
+   end subroutine add_travel
+
+   !> Sine of the angle below the horizontal of the line from a release to the ground in the middle of a cell [-].
+   pure real(wp) function sine_of_line(dem, start, at) result(sine)
+      type(terrain_t), intent(in) :: dem
+      real(wp), intent(in) :: start(3)  !! [m]
+      integer, intent(in) :: at(2)      !! column, row
+      real(wp) :: d(3)
+
+      d(1) = (at(1) - 1)*dem%cell - start(1)
+      d(2) = (dem%ny - at(2))*dem%cell - start(2)
+      d(3) = start(3) - node_height(dem, at)
+      sine = anint(steps*d(3)/sqrt(d(1)*d(1) + d(2)*d(2) + d(3)*d(3)))/steps
+   end function sine_of_line
+
+   !> The angle of the steepest energy line [degree], of what is kept.
+   elemental real(sp) function steepest_angle(kept)
+      real(sp), intent(in) :: kept  !! > 0 [-]
+
+      steepest_angle = real(arcsine(kept - offset)/degree, sp)
+   end function steepest_angle
+
+   !> The angle of the flattest energy line [degree], of what is kept.
+   elemental real(sp) function flattest_angle(kept)
+      real(sp), intent(in) :: kept  !! > 0 [-]
+
+      flattest_angle = real(arcsine(offset - kept)/degree, sp)
+   end function flattest_angle
+
+   !> The shortest time [s], of what is kept: 1/(1 + t).
+   elemental real(sp) function shortest_time(kept)
+      real(sp), intent(in) :: kept  !! > 0 [1/s]
+
+      shortest_time = real(1/real(kept, wp) - 1, sp)
+   end function shortest_time
+end module rockfall_travel_maps

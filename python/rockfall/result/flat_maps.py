@@ -1,0 +1,45 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Maps with a further dimension, such as a threshold, as maps in plan: for files and figures."""
+
+from __future__ import annotations
+
+from itertools import product
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+PLAN = ("y", "x")
+BEYOND = {"threshold": (1000.0, "kJ"), "return_period": (1.0, "years")}  # unit shown, in its own
+
+
+def flat_maps(data: xr.Dataset) -> xr.Dataset:
+    """The same with a map in plan for each place along the further dimensions of a map."""
+    import xarray as xr
+
+    found = {str(name): layers(one) for name, one in data.data_vars.items()}
+    if all(len(one) == 1 for one in found.values()):
+        return data
+    flat = {name: layer for several in found.values() for name, layer in several.items()}
+    return xr.Dataset(flat, data.coords, data.attrs)
+
+
+def layers(variable: xr.DataArray) -> dict[str, xr.DataArray]:
+    """The maps in plan of one with further dimensions, by name; any other variable alone."""
+    name, beyond = str(variable.name), [dim for dim in variable.dims if dim not in PLAN]
+    if variable.dims[-2:] != PLAN or not beyond or not {*beyond} <= {*BEYOND}:
+        return {name: variable}
+    found = {}
+    for index in product(*(range(variable.sizes[dim]) for dim in beyond)):
+        one = variable.isel(dict(zip(beyond, index, strict=True)))
+        of = [(str(dim), float(one[dim])) for dim in beyond]
+        about = ", ".join([one.attrs["long_name"], *(shown(*place, " ") for place in of)])
+        one = one.drop_vars(beyond).assign_attrs(long_name=about)
+        found["_".join([name, *(shown(*place) for place in of)])] = one
+    return found
+
+
+def shown(dim: str, value: float, between: str = "") -> str:
+    """A place along a dimension: 30kJ, 100years."""
+    unit, name = BEYOND[dim]
+    return f"{value / unit:.10g}{between}{name}"
