@@ -35,6 +35,7 @@ class Ground(NamedTuple):
     friction_angle: float = 0.0  # [degree]
     soil_density: float = 1800.0
     obstacle_spread: float = 0.1
+    roughness_angle: float = 0.0  # [degree]
 
 
 class Numbers(NamedTuple):
@@ -78,6 +79,21 @@ def drawn(scatter: Scatter, word: int, numbers: Numbers) -> Decimal:
 
 
 def outgoing(
+    ground: Ground, words: list[int], radius: Decimal, mass: Decimal, rocks: Decimal, v: Triple,
+    numbers: Numbers,
+) -> Triple:  # fmt: skip
+    """On ground tilted against the way: in its own axes, t' and n', and back."""
+    degrees = exact(ground.roughness_angle) * numbers.uniform(words[3])
+    c, s = numbers.cosine_sine(degrees * PI / 180)
+    t, n = (c, s), (-s, c)  # along V_t and V_n
+    along, off = (axis[0] * v[0] + axis[1] * v[1] for axis in (t, n))
+    way = -1 if along < 0 else 1
+    met = way * along, off, way * v[2]
+    a, b, w = on_even_ground(ground, words, radius, mass, rocks, met, numbers)
+    return way * a * t[0] + b * n[0], way * a * t[1] + b * n[1], way * w
+
+
+def on_even_ground(
     ground: Ground, words: list[int], radius: Decimal, mass: Decimal, rocks: Decimal, v: Triple,
     numbers: Numbers,
 ) -> Triple:  # fmt: skip

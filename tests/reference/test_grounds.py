@@ -16,17 +16,17 @@ from rockfall.simulation.simulate import run_scene
 #: A row of each model, with scatter, and one that is hardly there.
 COLUMNS = (
     "name,id,model,r_n,r_n_std,r_n_min,r_n_max,r_t,r_t_std,r_t_min,r_t_max,half_speed,"
-    "half_speed_std,friction_angle,soil_density,obstacle_spread,source"
+    "half_speed_std,friction_angle,soil_density,obstacle_spread,roughness_angle,source"
 )
 TABLE = f"""{COLUMNS}
-soil,3,rockyfor3d,0.38,0.02,0.34,0.42,,,,,,,,1700,0.1,test
-soft,4,rockyfor3d,0.13,0.05,,,,,,,,,,,0.5,test
-dry,5,pfeiffer_bowen,0.33,0.03,,,0.85,0.05,0.8,0.9,,,,,,test
-bouncy,6,bourrier_hungr,,,,,0.9,0.1,,,6.0,2.0,25,,,test
-sticky,7,bourrier_hungr,,,,,0.9,,,,3.0,,70,,,test
-road,8,constant,0.4,0.2,0.0,1.0,0.9,0.04,,,,,,,,test
-flat,9,constant,0,,,,0.97,,,,,,,,,test
-lake,10,absorbs,,,,,,,,,,,,,,test
+soil,3,rockyfor3d,0.38,0.02,0.34,0.42,,,,,,,,1700,0.1,4,test
+soft,4,rockyfor3d,0.13,0.05,,,,,,,,,,,0.5,,test
+dry,5,pfeiffer_bowen,0.33,0.03,,,0.85,0.05,0.8,0.9,,,,,,5,test
+bouncy,6,bourrier_hungr,,,,,0.9,0.1,,,6.0,2.0,25,,,40,test
+sticky,7,bourrier_hungr,,,,,0.9,,,,3.0,,70,,,,test
+road,8,constant,0.4,0.2,0.0,1.0,0.9,0.04,,,,,,,,2,test
+flat,9,constant,0,,,,0.97,,,,,,,,,,test
+lake,10,absorbs,,,,,,,,,,,,,,,test
 """
 MODELS = "soil", "soft", "dry", "bouncy", "sticky", "road", "flat"
 BOULDERS = 12
@@ -91,7 +91,7 @@ def test_a_patchwork_of_all_grounds_and_of_rocks(tmp_path, turning):
         release={"x": np.linspace(50.2, 240.7, 8), "y": [382.6] * 8,
                  "velocity": [0.0, -15.0, 0.0], "drop_height": 5.0},
     )  # fmt: skip
-    assert contacts > 100 and "absorbed" in scenes.status(result)
+    assert contacts > 60 and "absorbed" in scenes.status(result)
     by_ground = result["rebounds_by_ground"]
     assert int(by_ground.sum()) == int(result["rebounds"]) and (by_ground > 0).sum() == 8
     assert by_ground["ground"].values.tolist() == ["sets.nml", *MODELS, "lake"]

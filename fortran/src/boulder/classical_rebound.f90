@@ -4,9 +4,9 @@
 !> the point of contact slides at V_t - W. Coefficients scatter from rebound to rebound.
 module rockfall_classical_rebound
    use rockfall_kinds, only: wp, i8
-   use rockfall_math, only: pi, squared_sine
+   use rockfall_math, only: pi, squared_sine, sine_cosine
    use rockfall_random, only: normal_table_t, normal, uniform, matrix_words, normal_restitution_word, &
-                              tangential_restitution_word, obstacle_spread_word
+                              tangential_restitution_word, obstacle_spread_word, roughness_word
    use rockfall_boulder, only: boulder_t, inertia_factor
    use rockfall_impact, only: rebound_t, is_admissible, limit_rebound
    implicit none
@@ -42,6 +42,7 @@ module rockfall_classical_rebound
       real(wp) :: friction = 0.0_wp   !! tangent of the friction angle [-]
       real(wp) :: soil_density = 0.0_wp      !! [kg/m3]
       real(wp) :: obstacle_spread = 0.0_wp  !! obstacles differ by up to this fraction [-]
+      real(wp) :: roughness = 0.0_wp  !! by which the ground is tilted at most [rad]
    end type classical_t
 
 contains
@@ -110,7 +111,10 @@ contains
       absorbs = this%model == absorbing .or. (this%model == rockyfor3d .and. obstacle >= absorbing_obstacle)
    end function absorbs
 
-   !> One rebound. One that would gain energy, or not rise, is limited as that of rockfall_impact.
+   !> One rebound. The ground is tilted against the boulder's way by a random angle (Pfeiffer and Bowen 1989; our
+   !> distribution is uniform): on a plane no rebound would else turn speed along the ground into speed away from it,
+   !> and hops would shrink to nothing within a finite way, whatever the slope. One that would gain energy, or not rise,
+   !> is limited as that of rockfall_impact.
    pure subroutine classical_rebound(this, table, words, boulder, obstacle, v_in, out)
       type(classical_t), intent(in) :: this
       type(normal_table_t), intent(in) :: table
@@ -119,6 +123,36 @@ contains
       real(wp), intent(in) :: obstacle  !! height of the obstacles there [m]
       real(wp), intent(in) :: v_in(3)   !! V_t, V_n, W [m/s]
       type(rebound_t), intent(out) :: out
+      real(wp) :: s, c, side, met(3)
+
+      call sine_cosine(this%roughness*uniform(words(roughness_word)), s, c)
+      met = tilted(v_in, s, c)
+      side = sign(1.0_wp, met(1))  ! it may come down against its own way upon tilted ground
+      met = restored(this, table, words, boulder, obstacle, met*[side, 1.0_wp, side])
+      out%v = tilted(met*[side, 1.0_wp, side], -s, c)
+      out%forced = .not. is_admissible(v_in, out%v)
+      if (out%forced) call limit_rebound(out%v, v_in)
+   end subroutine classical_rebound
+
+   !> V_t, V_n, W seen from ground that is tilted against the way, by an angle of which sine and cosine are given.
+   pure function tilted(v, s, c)
+      real(wp), intent(in) :: v(3)  !! [m/s]
+      real(wp), intent(in) :: s, c  !! [-]
+      real(wp) :: tilted(3)
+
+      tilted = v
+      if (abs(s) > 0) tilted(:2) = [c*v(1) + s*v(2), c*v(2) - s*v(1)]
+   end function tilted
+
+   !> V_t, V_n, W after an impact, by the model, with its numbers drawn.
+   pure function restored(this, table, words, boulder, obstacle, v_in) result(v)
+      type(classical_t), intent(in) :: this
+      type(normal_table_t), intent(in) :: table
+      integer(i8), intent(in) :: words(matrix_words)
+      type(boulder_t), intent(in) :: boulder
+      real(wp), intent(in) :: obstacle  !! [m]
+      real(wp), intent(in) :: v_in(3)   !! V_t, V_n, W [m/s]
+      real(wp) :: v(3)
       real(wp) :: normal_drawn, tangential_drawn, height
 
       normal_drawn = drawn(this%normal, table, words(normal_restitution_word))
@@ -126,17 +160,15 @@ contains
       select case (this%model)
       case (rockyfor3d)
          height = obstacle*(1 + this%obstacle_spread*(2*uniform(words(obstacle_spread_word)) - 1))
-         out%v = obstacle_rebound(boulder, height, this%soil_density, normal_drawn, v_in)
+         v = obstacle_rebound(boulder, height, this%soil_density, normal_drawn, v_in)
       case (pfeiffer_bowen)
-         out%v = friction_rebound(normal_drawn, tangential_drawn, v_in)
+         v = friction_rebound(normal_drawn, tangential_drawn, v_in)
       case (bourrier_hungr)
-         out%v = sliding_rebound(normal_drawn, tangential_drawn, this%friction, v_in)
+         v = sliding_rebound(normal_drawn, tangential_drawn, this%friction, v_in)
       case default
-         out%v = [tangential_drawn, -normal_drawn, tangential_drawn]*v_in
+         v = [tangential_drawn, -normal_drawn, tangential_drawn]*v_in
       end select
-      out%forced = .not. is_admissible(v_in, out%v)
-      if (out%forced) call limit_rebound(out%v, v_in)
-   end subroutine classical_rebound
+   end function restored
 
    !> As Rockyfor3D (Dorren 2016): obstacles MOH and the penetration D_p slow the boulder, of radius R, along the ground,
    !> R_t = 1/(1 + (MOH + D_p)/R).

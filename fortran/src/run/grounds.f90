@@ -7,6 +7,7 @@ module rockfall_grounds
    use rockfall_decimal, only: parse_real
    use rockfall_namelist, only: namelist_t, group_t, parse_namelist
    use rockfall_values, only: has_key, get_text, get_real, refuse, about, check_names
+   use rockfall_math, only: degree
    use rockfall_random, only: normal_table_t
    use rockfall_impact, only: impact_set_t, impact_set, impact_ratios, fitted
    use rockfall_direction, only: lateral, by_lab
@@ -33,12 +34,13 @@ module rockfall_grounds
    end type parameter_t
 
    character(len=*), parameter :: with_r_n = "rockyfor3d, pfeiffer_bowen, constant", &
-                                  with_r_t = "pfeiffer_bowen, bourrier_hungr, constant", all_models = "all"
+                                  with_r_t = "pfeiffer_bowen, bourrier_hungr, constant", &
+                                  all_classical = "rockyfor3d, pfeiffer_bowen, bourrier_hungr, constant"
    real(wp), parameter :: min_divisor = 0.01_wp  !! of R_n where a model divides by it, and of half_speed [m/s]
 
    type(parameter_t), parameter :: table(*) = [ &
       parameter_t(key_t("ground", "model", "text", 1, "required", &
-                        "rockyfor3d, pfeiffer_bowen, bourrier_hungr, constant, absorbs", "", "of the rebound"), all_models), &
+                        "rockyfor3d, pfeiffer_bowen, bourrier_hungr, constant, absorbs", "", "of the rebound"), ""), &
       parameter_t(key_t("ground", "r_n", "real", 1, "required", "0 to 1", "", &
                         "normal restitution"), with_r_n), &
       parameter_t(key_t("ground", "r_n_std", "real", 1, "0.0", "0 to 1", "", &
@@ -59,7 +61,9 @@ module rockfall_grounds
       parameter_t(key_t("ground", "soil_density", "real", 1, "1800.0", "100 to 10000", "kg/m3", &
                         "of the soil that a boulder penetrates"), "rockyfor3d"), &
       parameter_t(key_t("ground", "obstacle_spread", "real", 1, "0.1", "0 to 1", "", &
-                        "obstacles differ by up to this fraction from their size"), "rockyfor3d")]
+                        "obstacles differ by up to this fraction from their size"), "rockyfor3d"), &
+      parameter_t(key_t("ground", "roughness_angle", "real", 1, "0.0", "0 to 45", "degree", &
+                        "the ground is tilted against the way by up to this angle, at random"), all_classical)]
 
 contains
 
@@ -147,6 +151,7 @@ contains
       case (constant)
          call read_scatter(group, "r_n", 0.0_wp, numbers, classical%normal, error)
       end select
+      classical%roughness = value_of(group, "roughness_angle")*degree
       if (allocated(error) .or. any(classical%model == [rockyfor3d, absorbing])) return
       call read_scatter(group, "r_t", 0.0_wp, numbers, classical%tangential, error)
    end subroutine read_classical

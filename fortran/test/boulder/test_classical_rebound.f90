@@ -2,6 +2,7 @@
 !> Classical rebounds: numbers worked by hand, what each limit must give, and no energy from nowhere.
 program test_classical_rebound
    use rockfall_kinds, only: wp, i8
+   use rockfall_math, only: degree
    use rockfall_random, only: normal_table_t, normal_table, matrix_words
    use rockfall_boulder, only: boulder_t
    use rockfall_impact, only: rebound_t, twice_energy
@@ -27,6 +28,7 @@ program test_classical_rebound
    call test_energy()
    call test_scatter()
    call test_tangent()
+   call test_roughness()
    call finish()
 
 contains
@@ -37,7 +39,8 @@ contains
       real(wp), intent(in) :: normal, tangential
 
       ground = classical_t(model, scatter(table, normal, 0.0_wp, [0.0_wp, 1.0_wp]), &
-                           scatter(table, tangential, 0.0_wp, [0.0_wp, 1.0_wp]), tangent(30.0_wp), 1000.0_wp, 0.1_wp)
+                           scatter(table, tangential, 0.0_wp, [0.0_wp, 1.0_wp]), tangent(30.0_wp), 1000.0_wp, 0.1_wp, &
+                           0.0_wp)
    end function ground
 
    !> V_t, V_n, W after it, among obstacles of 0.2 m.
@@ -157,6 +160,7 @@ contains
             this%friction = tangent(80*u(14))
             this%soil_density = 500 + 2000*u(15)
             this%obstacle_spread = u(16)
+            this%roughness = 0.78_wp*u(20)*merge(1, 0, mod(n, 2) == 0)
             v_in = [10**(6*u(17) - 3), -10**(6*u(18) - 3), 40*u(19) - 20]
             call classical_rebound(this, table, words, boulder, u(20), v_in, out)
             kept = kept .and. twice_energy(out%v) <= twice_energy(v_in)*(1 + near)
@@ -203,6 +207,23 @@ contains
       call check_close("of 80 degrees", tangent(80.0_wp), 5.671281819617709_wp, 1.0e-13_wp)
       call check_close("of none", tangent(0.0_wp), 0.0_wp, near)
    end subroutine test_tangent
+
+   !> A sphere thrown straight down upon ground tilted by half of 20 degrees: it leaves at twice the tilt, against its
+   !> way, if nothing is lost; and what would glide along the ground is thrown off it.
+   subroutine test_roughness()
+      type(classical_t) :: this
+      real(wp), parameter :: tilt = 10*degree
+
+      this = ground(constant, 1.0_wp, 1.0_wp)
+      this%roughness = 2*tilt
+      call same("straight down", after(this, [0.0_wp, -5.0_wp, 0.0_wp], .false.), &
+                [-5*sin(2*tilt), 5*cos(2*tilt), 0.0_wp], 1.0e-9_wp)
+      call same("along the ground", after(this, [5.0_wp, 0.0_wp, 3.0_wp], .false.), &
+                [5*cos(2*tilt), 5*sin(2*tilt), 3.0_wp], 1.0e-9_wp)
+      this = ground(rockyfor3d, 0.38_wp, 0.0_wp)
+      this%roughness = 2*tilt
+      call check("back is back for a model of energies, too", minval(after(this, [0.0_wp, -5.0_wp, 0.0_wp], .false.)) < 0)
+   end subroutine test_roughness
 
    subroutine same(name, got, want, relative)
       character(len=*), intent(in) :: name

@@ -77,7 +77,7 @@ def read_grounds(scene: Scene) -> dict[int, Zone]:
     if "ground_map" in surface:
         found |= {name: table.ground(name) for name in table.names.values() if name not in found}
         scene.ground_ids = dict(table.names)
-    check_number(found, str(table.path))
+    check_number(found.values(), str(table.path))
     scene.grounds = tuple(found.values())
     numbers = {name: k for k, name in enumerate(found, start=1)}
     if named:
