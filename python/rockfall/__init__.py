@@ -10,6 +10,7 @@ _MODULES = {  # of each public name
     "__version__": "version",
     "barrier_statistics": "protection.barriers",
     "ensemble_table": "analysis.ensemble",
+    "hazard": "analysis.hazard.study",
     "line_statistics": "analysis.line_statistics",
     "merge": "simulation.merge",
     "read_case": "case",
@@ -18,6 +19,7 @@ _MODULES = {  # of each public name
     "run": "simulation.simulate",
     "run_ensemble": "analysis.ensemble",
     "run_until": "analysis.run_until",
+    "write_hazard": "analysis.hazard.files",
     "write_result": "result.dataset",
 }
 __all__ = list(_MODULES)

@@ -114,6 +114,11 @@ class Case:
             raise AttributeError(f"a case has no group {group!r}") from None
 
     @property
+    def has_forest(self) -> bool:
+        """Whether there are trees, listed or made."""
+        return not {"trees", "stems", "uniform_stems"}.isdisjoint(self.forest)
+
+    @property
     def lines(self) -> list[dict[str, Any]]:
         """Where crossings are recorded: the evaluation lines, then the barriers."""
         return self.line + self.barrier

@@ -55,7 +55,7 @@ def _files_of(case: Case, kind: str, name: str) -> Iterator[Path]:
             yield set_path(case, name)
     elif kind == "table":
         yield path
-    if "layer" in kind:
+    if kind == "points" or "layer" in kind:
         yield from _layer_files(path)
     if "raster" in kind:
         yield from map(Path, raster_files(path))

@@ -20,6 +20,8 @@ module rockfall_f2py
    use rockfall_scene, only: scene_arrays_t, scene_from, check_sources, boulders_of
    use rockfall_grounds, only: parameter_of_ground => ground_parameter, model_names, rocks_of_model
    use rockfall_reach, only: block_side, take_minima, reach_box
+   use rockfall_stand, only: stems_in_cell, stem_numbers
+   use rockfall_random, only: random_key
    use rockfall_sources, only: usual_threshold, keep_steep, surface_ratios
    use rockfall_maps, only: maps_t
    use rockfall_map_values, only: map_plan_t, plan_maps => map_plan, stack_layers, map_views, map_row, map_min_count, &
@@ -41,6 +43,7 @@ module rockfall_f2py
    public :: histogram_bins, team
    public :: team_fits, end_team, slope_threshold, steep_cells, area_ratios, known_at, outside, boulders
    public :: boulders_of_source, sources_of_boulders, weights_of_sets, weights_of_sizes, ratio_classes
+   public :: stand_counts, stand_numbers
    public :: admissible_rebounds, limit_rebounds, size_to_radius, constant, share, fraction_limits
    public :: ground_parameter, ground_model
    public :: barriers, barrier_outcomes
@@ -57,10 +60,12 @@ contains
 
    !> The scene of the text of a case and of the arrays in `scene_arrays_t`, as a handle.
    subroutine open_scene(text, name, z8, z4, west, north, cell, nodes, first, zone1, zone2, values, sizes, &
-                         source_x, source_y, area_ratio, sets_text, sets_name, draw, ground_text, ground_length, &
-                         ground_names, material_ground, cell_ground, handle, code, message, &
-                         nx8, ny8, nx4, ny4, nx1, ny1, nx2, ny2, nxv, nyv, nkv, ks, ms, ns, na, ng, mg, nxg, nyg)
-      integer(c_int), intent(in) :: nx8, ny8, nx4, ny4, nx1, ny1, nx2, ny2, nxv, nyv, nkv, ks, ms, ns, na, ng, mg, nxg, nyg
+                         source_x, source_y, area_ratio, tree_x, tree_y, tree_dbh, tree_factor, sets_text, &
+                         sets_name, draw, ground_text, ground_length, ground_names, material_ground, cell_ground, &
+                         handle, code, message, nx8, ny8, nx4, ny4, nx1, ny1, nx2, ny2, nxv, nyv, nkv, ks, ms, ns, na, &
+                         nt, ng, mg, nxg, nyg)
+      integer(c_int), intent(in) :: nx8, ny8, nx4, ny4, nx1, ny1, nx2, ny2, nxv, nyv, nkv, ks, ms, ns, na, nt
+      integer(c_int), intent(in) :: ng, mg, nxg, nyg
       character(len=*), intent(in) :: text, name                 !! of the case, and what it is called in messages
       real(c_double), intent(in), target :: z8(nx8, ny8)         !! elevations [m], or
       real(c_float), intent(in), target :: z4(nx4, ny4)          !! in single precision
@@ -72,6 +77,7 @@ contains
       real(c_double), intent(in) :: sizes(ks, ms)                !! [m]
       real(c_double), intent(in) :: source_x(ns), source_y(ns)   !! map coordinates [m]
       real(c_double), intent(in) :: area_ratio(na)
+      real(c_double), intent(in), target :: tree_x(nt), tree_y(nt), tree_dbh(nt), tree_factor(nt)  !! stems
       character(len=*), intent(in) :: sets_text, sets_name       !! of the file of impact sets
       integer(c_int), intent(in) :: draw                         !! of its draws; 0: the only one
       character(len=*), intent(in) :: ground_text                !! of grounds, one after the other,
@@ -98,6 +104,10 @@ contains
       arrays%sizes = sizes
       arrays%source_x = source_x
       arrays%source_y = source_y
+      arrays%tree_x => tree_x
+      arrays%tree_y => tree_y
+      arrays%tree_dbh => tree_dbh
+      arrays%tree_factor => tree_factor
       arrays%sets_text = sets_text
       arrays%sets_name = sets_name
       arrays%draw = draw
@@ -167,11 +177,11 @@ contains
 
    !> Run boulders first .. first + n - 1 of a scene; maps and histograms are added to.
    subroutine run(handle, first, threads, map_at, map_counts, map_sums, map_reals, class_counts, column, &
-                  columns, stamp, head, histogram, by_ground, energy, boulder, counts, crossing, code, message, &
-                  nxc, nyc, nkc, nxs, nys, nks, nxr, nyr, nkr, kc, cc, nxq, nyq, nxt, nyt, nkt, ng, ne, nl, n)
+                  columns, stamp, head, histogram, by_ground, energy, trees_hit, boulder, counts, crossing, code, message, &
+                  nxc, nyc, nkc, nxs, nys, nks, nxr, nyr, nkr, kc, cc, nxq, nyq, nxt, nyt, nkt, ng, ne, nt, nl, n)
       !f2py threadsafe
       integer(c_int), intent(in) :: nxc, nyc, nkc, nxs, nys, nks, nxr, nyr, nkr, kc, cc, nxq, nyq, nxt, nyt, nkt
-      integer(c_int), intent(in) :: ng, ne, nl, n
+      integer(c_int), intent(in) :: ng, ne, nt, nl, n
       integer(c_intptr_t), intent(in) :: handle
       integer(c_int64_t), intent(in) :: first
       integer(c_int), intent(in) :: threads
@@ -185,6 +195,7 @@ contains
       integer(c_int64_t), intent(inout) :: histogram(50, 6)
       integer(c_int64_t), intent(inout) :: by_ground(ng)         !! rebounds, where the scene has several grounds
       real(c_double), intent(inout) :: energy(5, ne)             !! energy_fields, of all boulders or of one
+      integer(c_int32_t), intent(inout) :: trees_hit(nt)         !! likewise
       real(c_double), intent(out) :: boulder(12, n)              !! boulder_fields
       integer(c_int32_t), intent(out) :: counts(8, n)            !! boulder_counts
       real(c_double), intent(out) :: crossing(12, nl, n)         !! line_fields; one line at least
@@ -216,6 +227,7 @@ contains
             boulder(:, k) = boulder_row(scene%dem, fates(k))
             counts(:, k) = boulder_count_row(fates(k))
             if (scene%energies_requested) energy(:, k) = energy_row(fates(k))
+            if (allocated(scene%forest)) trees_hit(k) = fates(k)%trees_hit
             do l = 1, size(crossings, 1)
                crossing(:, l, k) = line_row(scene%dem, fates(k), crossings(l, k))
             end do
@@ -314,13 +326,12 @@ contains
       side = block_side(nodes)
    end subroutine block_of
 
-   !> The tallies that maps need: the layers of passages, deposits, sources, their boulders and the first of those for
-   !> thresholds of energy; of sums and of maxima of energy, speed and jump height; from 1 in their stacks (0 = none);
-   !> the bins of counts for quantiles; and the layers of each stack.
+   !> The tallies that maps need: where the layers of map_plan_t are in their stacks, from 1 (0 = none), counts with the
+   !> first of those for thresholds of energy; the bins of counts for quantiles; and the layers of each stack.
    subroutine map_plan(names, thresholds, counts, sums, maxima, bins, layers)
       character(len=*), intent(in) :: names     !! of maps, separated by blanks
       integer(c_int), intent(in) :: thresholds  !! how many
-      integer(c_int), intent(out) :: counts(5), sums(3), maxima(3), bins, layers(3)
+      integer(c_int), intent(out) :: counts(6), sums(5), maxima(4), bins, layers(3)
       type(map_plan_t) :: plan
 
       plan = plan_of(names, thresholds)
@@ -393,6 +404,46 @@ contains
          call map_row(maps, name, j, boulders, least, values(:, j))
       end do
    end subroutine map_values
+
+   !> Trees of a stand (rockfall_stand): how many stems stand in each cell of a row of a raster of nx columns.
+   subroutine stand_counts(seed, nx, row, expected, even, counts, n)
+      !f2py threadsafe
+      integer(c_int), intent(in) :: n
+      integer(c_int64_t), intent(in) :: seed
+      integer(c_int), intent(in) :: nx, row, even       !! row from 1; even: 1 or 0
+      real(c_double), intent(in) :: expected(n)         !! stems
+      integer(c_int32_t), intent(out) :: counts(n)
+      integer :: i
+
+      counts = [(stems_in_cell(random_key(seed), cell_number(nx, row, i), expected(i), even /= 0), i=1, n)]
+   end subroutine stand_counts
+
+   !> And the four uniform numbers of each of these stems, cell by cell.
+   subroutine stand_numbers(seed, nx, row, counts, numbers, n, nt)
+      !f2py threadsafe
+      integer(c_int), intent(in) :: n, nt
+      integer(c_int64_t), intent(in) :: seed
+      integer(c_int), intent(in) :: nx, row
+      integer(c_int32_t), intent(in) :: counts(n)       !! nt together
+      real(c_double), intent(out) :: numbers(4, nt)
+      integer :: i, k, stem
+
+      k = 0
+      do i = 1, n
+         do stem = 1, counts(i)
+            k = k + 1
+            numbers(:, k) = stem_numbers(random_key(seed), cell_number(nx, row, i), stem)
+         end do
+      end do
+   end subroutine stand_numbers
+
+   !> Cells are counted from 1 by rows from the north-west.
+   pure integer(c_int64_t) function cell_number(nx, row, column)
+      integer(c_int), intent(in) :: nx, row
+      integer, intent(in) :: column
+
+      cell_number = (row - 1)*int(nx, c_int64_t) + column
+   end function cell_number
 
    !> The slope from which cells of a size are steep, unless the case says another [degree].
    subroutine slope_threshold(cell, slope)

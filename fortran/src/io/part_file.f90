@@ -232,6 +232,7 @@ contains
             call pass(file, described("energy", energy_fields(k)), [boulder], results%energy(:n, k))
          end do
       end if
+      if (case%forest) call pass(file, described("tree", "trees_hit"), [boulder], results%trees_hit(:n))
       do k = 3, size(boulder_counts)
          call pass(file, described("count", boulder_counts(k)), [axis_t ::], results%count(k:k))
       end do
@@ -436,6 +437,7 @@ contains
          end do
          if (.not. all(ieee_is_finite(results%energy))) call mark_damaged(file, "energy_released, or another energy")
          if (any(results%status(:n) < 1 .or. results%status(:n) > size(statuses))) call mark_damaged(file, "status")
+         if (any(results%trees_hit < 0)) call mark_damaged(file, "trees_hit")
          if (any(results%impacts(:n) < 0)) call mark_damaged(file, "impacts")
          if (any(results%count < 0)) call mark_damaged(file, "rebounds, or another count")
          if (any(results%histogram < 0)) call mark_damaged(file, "a histogram")

@@ -36,6 +36,7 @@ module rockfall_scene_file
       integer(i2), allocatable :: zone2(:, :)
       real(sp), allocatable :: values(:, :, :)
       integer(i1), allocatable :: cell_ground(:, :)
+      real(wp), allocatable :: tree(:, :)      !! x, y [m], dbh [cm], factor [-] of each (trees, 4)
    end type inputs_t
 
 contains
@@ -56,6 +57,7 @@ contains
       call read_grounds(inputs)
       call read_surface(inputs, case)
       call read_sources(inputs, case)
+      if (case%forest) call read_trees(inputs)
       call read_sets(inputs)
       call end_reading()
       if (.not. sound(inputs%file)) then
@@ -373,6 +375,31 @@ contains
       end associate
    end subroutine read_sources
 
+   !> Stems; their diameters and factors are above zero.
+   subroutine read_trees(inputs)
+      type(inputs_t), intent(inout) :: inputs
+      character(len=*), parameter :: names(4) = [character(len=11) :: "tree_x", "tree_y", "tree_dbh", "tree_factor"]
+      type(axis_t) :: tree(1)
+      integer :: n, k, status
+
+      associate (file => inputs%file)
+         n = length_of(file, "tree")
+         tree = [axis_t("tree", int(n, i8))]
+         if (n < 1) call mark_damaged(file, "its number of trees")
+         call check_shape(file, about_t("tree_x", nf90_double), tree)
+         if (.not. sound(file)) return
+         allocate (inputs%tree(n, size(names)), stat=status)
+         if (status /= 0) call mark_damaged(file, "(no memory) tree_x")
+         do k = 1, size(names)
+            call pass(file, about_t(names(k), nf90_double), tree, inputs%tree(:, k))
+         end do
+         if (.not. sound(file)) return
+         if (.not. all(is_place(inputs%tree(:, :2)))) call mark_damaged(file, "tree_x, or tree_y,")
+         if (.not. all(is_place(inputs%tree(:, 3:)) .and. above_zero(inputs%tree(:, 3:)))) &
+            call mark_damaged(file, "tree_dbh, or tree_factor,")
+      end associate
+   end subroutine read_trees
+
    !> The file of impact sets, as text.
    subroutine read_sets(inputs)
       type(inputs_t), intent(inout) :: inputs
@@ -414,6 +441,11 @@ contains
          if (allocated(inputs%zone2)) arrays%zone2 => inputs%zone2
          if (allocated(inputs%values)) arrays%values => inputs%values
          if (allocated(inputs%cell_ground)) arrays%cell_ground => inputs%cell_ground
+         if (.not. allocated(inputs%tree)) return
+         arrays%tree_x => inputs%tree(:, 1)
+         arrays%tree_y => inputs%tree(:, 2)
+         arrays%tree_dbh => inputs%tree(:, 3)
+         arrays%tree_factor => inputs%tree(:, 4)
       end associate
    end subroutine point_to
 end module rockfall_scene_file

@@ -14,6 +14,7 @@ module rockfall_case
    use rockfall_surface, only: method_a, method_b
    use rockfall_decimal, only: parse_real
    use rockfall_direction, only: past_aspect, to_aspect, by_lab
+   use rockfall_forest, only: tree_law_t
    use rockfall_sobol, only: max_points
    use rockfall_barrier, only: ead_energy
    implicit none
@@ -38,7 +39,7 @@ module rockfall_case
       character(len=6) :: unit
       character(len=100) :: meaning
       logical :: of_scene = .false.  !! decides what stands in a scene file
-      character(len=12) :: file = ""  !! that it names: raster, layer, raster layer (either), table, sets
+      character(len=12) :: file = ""  !! that it names: raster, layer, raster layer (either), points, table, sets
    end type key_t
 
    logical, parameter :: in_scene = .true.  !! for rows of the table
@@ -117,6 +118,38 @@ module rockfall_case
             "a cell releases boulders in proportion to its true surface area, &case boulders if flat", in_scene), &
       key_t("release", "drop_height", "real", 1, "0.0", ">= 0", "m", "above the surface"), &
       key_t("release", "velocity", "real", 3, "3*0.0", "", "m/s", "east, north, up"), &
+      key_t("forest", "trees", "text", 1, "absent", "", "", &
+            "CSV with x, y, dbh [cm], species; or a layer of points", in_scene, "points"), &
+      key_t("forest", "stems", "text", 1, "absent", "", "", &
+            "raster of stems a hectare, of which trees are made", in_scene, "raster"), &
+      key_t("forest", "uniform_stems", "real", 1, "absent", "> 0", "1/ha", "as many everywhere", in_scene), &
+      key_t("forest", "dbh_mean", "text", 1, "absent", "", "", &
+            "raster of mean diameters at breast height [cm]", in_scene, "raster"), &
+      key_t("forest", "uniform_dbh_mean", "real", 1, "absent", "> 0", "cm", &
+            "one mean diameter everywhere", in_scene), &
+      key_t("forest", "dbh_std", "text", 1, "absent", "", "", &
+            "raster of their standard deviations [cm]", in_scene, "raster"), &
+      key_t("forest", "uniform_dbh_std", "real", 1, "absent", ">= 0", "cm", &
+            "one standard deviation everywhere", in_scene), &
+      key_t("forest", "conifers", "text", 1, "absent", "", "", &
+            "raster of the percentage of conifers among stems", in_scene, "raster"), &
+      key_t("forest", "uniform_conifers", "real", 1, "absent", "0 to 100", "%", &
+            "one percentage everywhere", in_scene), &
+      key_t("forest", "spread", "text", 1, "'random'", "random, even", "", &
+            "random: stems anywhere; even: each cell has as many as its raster says", in_scene), &
+      key_t("forest", "seed", "integer", 1, "1", ">= 0", "", "of the trees that are made", in_scene), &
+      key_t("forest", "species_table", "text", 1, "absent", "", "", &
+            "CSV with species, genus, factor; absent: as shipped", in_scene, "table"), &
+      key_t("forest", "stem_height", "real", 1, "absent", "> 0", "m", &
+            "boulders that are higher pass over; absent: none does"), &
+      key_t("forest", "lateral_from", "real", 1, "0.58", "0 to 1", "", &
+            "place on the stem from which a hit is lateral"), &
+      key_t("forest", "scratch_from", "real", 1, "0.75", "0 to 1", "", &
+            "place on the stem from which a hit is a scratch"), &
+      key_t("forest", "turn_frontal", "real", 3, "22.5, 45.0, 8.5", ">= 0", "", &
+            "how often a frontal hit turns by 0-22.5, 22.5-67.5, 67.5-76 degrees, in any unit"), &
+      key_t("forest", "turn_lateral", "real", 3, "22.5, 45.0, 8.5", ">= 0", "", "the same of a lateral hit"), &
+      key_t("forest", "turn_scratch", "real", 3, "22.5, 45.0, 8.5", ">= 0", "", "the same of a scratch"), &
       key_t("flight", "gravity", "real", 1, "9.81", "> 0", "m/s2", "acceleration of gravity"), &
       key_t("line", "name", "text", 1, "required", "", "", "of an evaluation line"), &
       key_t("line", "x", "real", many, "required", "", "m", "vertices, two or more"), &
@@ -206,6 +239,8 @@ module rockfall_case
       logical :: between_ratios = .false.
       type(volume_distribution_t) :: volumes
       real(wp), allocatable :: x(:), y(:)        !! release points, map coordinates [m]
+      logical :: forest = .false.                !! there are trees
+      type(tree_law_t) :: tree_law
       logical :: steep_cells = .false., by_area = .false.
       real(wp), allocatable :: slope_threshold   !! [degree]
       type(case_line_t), allocatable :: lines(:)  !! evaluation lines, then barriers
@@ -235,6 +270,7 @@ contains
       if (.not. allocated(error)) call read_surface(group_of(list, "surface"), case, error)
       if (.not. allocated(error)) call read_boulder(group_of(list, "boulder"), case, error)
       if (.not. allocated(error)) call read_release(group_of(list, "release"), case, error)
+      if (.not. allocated(error)) call read_forest(group_of(list, "forest"), case, error)
       if (.not. allocated(error)) call read_lines(list, case, error)
       if (.not. allocated(error)) call read_output(group_of(list, "output"), case, error)
       if (.not. allocated(error)) call check_ensemble(group_of(list, "ensemble"), case, error)
@@ -672,6 +708,64 @@ contains
       case%drop_height = real_of(group, "drop_height")
       case%velocity = reals_of(group, "velocity")
    end subroutine read_release
+
+   !> Trees are listed, or made of what is known of the stand; the rest is about hits.
+   pure subroutine read_forest(group, case, error)
+      type(group_t), intent(in) :: group
+      type(case_t), intent(inout) :: case
+      type(error_t), allocatable, intent(out) :: error
+      character(len=*), parameter :: turns(3) = [character(len=12) :: "turn_frontal", "turn_lateral", "turn_scratch"]
+      logical :: listed, made
+      integer :: k
+
+      listed = has_key(group, "trees")
+      made = has_key(group, "stems") .or. has_key(group, "uniform_stems")
+      case%forest = listed .or. made
+      if (listed .and. made) then
+         call fail(error, group%file//": &forest: give trees, or stems, not both")
+         return
+      end if
+      call read_either(group, "stems", made, made, error)
+      call read_either(group, "dbh_mean", made, made, error)
+      call read_either(group, "dbh_std", made, made, error)
+      call read_either(group, "conifers", made, case%forest, error)
+      if (allocated(error)) return
+      if (has_key(group, "species_table") .and. .not. case%forest) then
+         call refuse(group, "species_table", "has no meaning without trees or stems", error)
+      else if (has_key(group, "stem_height") .and. .not. case%forest) then
+         call refuse(group, "stem_height", "has no meaning without trees or stems", error)
+      end if
+      associate (law => case%tree_law)
+         if (has_key(group, "stem_height")) law%stem_height = real_of(group, "stem_height")
+         law%limit = [real_of(group, "lateral_from"), real_of(group, "scratch_from")]
+         if (law%limit(2) < law%limit(1)) call refuse(group, "scratch_from", "must not be below lateral_from", error)
+         do k = 1, 3
+            law%weight(:, k) = reals_of(group, trim(turns(k)))
+            if (.not. sum(law%weight(:, k)) > 0) call refuse(group, trim(turns(k)), "one of them must be > 0", error)
+         end do
+      end associate
+   end subroutine read_forest
+
+   !> A raster, or one number everywhere: one of them where it is needed, none where it has no meaning.
+   pure subroutine read_either(group, key, needed, allowed, error)
+      type(group_t), intent(in) :: group
+      character(len=*), intent(in) :: key
+      logical, intent(in) :: needed, allowed
+      type(error_t), allocatable, intent(inout) :: error
+      character(len=:), allocatable :: uniform
+
+      if (allocated(error)) return
+      uniform = "uniform_"//key
+      if (has_key(group, key) .and. has_key(group, uniform)) then
+         call refuse(group, uniform, "give this or "//key//", not both", error)
+      else if (has_key(group, key) .and. .not. allowed) then
+         call refuse(group, key, "has no meaning without stems", error)
+      else if (has_key(group, uniform) .and. .not. allowed) then
+         call refuse(group, uniform, "has no meaning without stems", error)
+      else if (needed .and. .not. (has_key(group, key) .or. has_key(group, uniform))) then
+         call fail(error, about(group, key)//" is missing: a raster, or "//uniform//", to make trees of")
+      end if
+   end subroutine read_either
 
    !> As many y as x, and at least so many of them.
    pure subroutine check_points(group, least, error)

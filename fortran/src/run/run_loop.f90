@@ -36,6 +36,7 @@ module rockfall_run_loop
       integer(i4), allocatable :: impacts(:)             !! the second,
       integer(i8) :: count(size(boulder_counts)) = 0     !! and of all boulders done, the others
       real(wp), allocatable :: energy(:, :)              !! (boulders, energy_fields), or no boulders
+      integer(i4), allocatable :: trees_hit(:)           !! of each boulder, or of none
       real(wp), allocatable :: line(:, :, :)             !! (boulders, lines, line_fields)
       real(wp), allocatable :: vertex(:, :)              !! (vertices, vertex_fields) of the first boulders of the run
       integer(i8), allocatable :: vertex_boulder(:)
@@ -153,7 +154,8 @@ contains
          allocate (results%boulder(n, size(boulder_fields)), stat=rows(1))
          if (rows(1) == 0) allocate (results%status(n), results%impacts(n), stat=rows(2))
          if (all(rows == 0)) &
-            allocate (results%energy(merge(n, 0_i8, case%energy_balance), size(energy_fields)), stat=rows(2))
+            allocate (results%energy(merge(n, 0_i8, case%energy_balance), size(energy_fields)), &
+                      results%trees_hit(merge(n, 0_i8, case%forest)), stat=rows(2))
          if (all(rows == 0)) allocate (results%line(n, lines, size(line_fields)), stat=rows(3))
          allocate (results%counts(nx, ny, stacks(1)), source=0_i4, stat=cells(1))
          allocate (results%sums(nx, ny, stacks(2)), source=0_i8, stat=cells(2))
@@ -165,7 +167,7 @@ contains
             call make_columns(plan%rows, int(nx, i8)*ny, results%bin_counts, cells(5))
          end if
          layers = 0
-         if (any(plan%count(3:) > 0)) then
+         if (any(plan%count(3:4) > 0)) then
             results%head = first_partial(scene%release, results%before + 1)
             layers = merge(2, 1, results%head > 0)
          end if
@@ -279,6 +281,7 @@ contains
          results%impacts(row) = count(2)
          results%count = results%count + count
          if (case%energy_balance) results%energy(row, :) = energy_row(fate(k))
+         if (case%forest) results%trees_hit(row) = fate(k)%trees_hit
          do line = 1, size(case%lines)
             results%line(row, line, :) = line_row(scene%dem, fate(k), crossing(line, k))
          end do

@@ -13,6 +13,7 @@ module rockfall_scene
    use rockfall_barrier, only: barrier_t
    use rockfall_boulder, only: last_of
    use rockfall_ground, only: ground_t
+   use rockfall_forest, only: build_forest
    use rockfall_trajectory, only: scene_t
    use rockfall_case, only: case_t
    use rockfall_grounds, only: read_ground, read_stochastic
@@ -38,6 +39,9 @@ module rockfall_scene
       real(wp), allocatable :: sizes(:, :)                       !! R_m, or Rg70, Rg20, Rg10 (1 or 3, materials) [m]
       real(wp), allocatable :: source_x(:), source_y(:)          !! map coordinates [m]
       real(wp), allocatable :: area_ratio(:)                     !! surface over plan area, where they release by it
+      real(wp), pointer, contiguous :: tree_x(:) => null(), tree_y(:) => null()  !! stems, map coordinates [m]
+      real(wp), pointer, contiguous :: tree_dbh(:) => null()     !! their diameters at breast height, > 0 [cm]
+      real(wp), pointer, contiguous :: tree_factor(:) => null()  !! of their species [-]
       character(len=:), allocatable :: sets_text, sets_name      !! the file of impact sets, and its name for messages
       integer :: draw = 0                                        !! of a file with several; 0: it has one only
       type(ground_text_t), allocatable :: grounds(:)             !! where there are others than the case's impact sets,
@@ -67,6 +71,7 @@ contains
       call set_ground(case, arrays, scene)
       call set_release(case, arrays, scene)
       call set_lines(case, scene)
+      call set_forest(case, arrays, scene)
       call check_number(case, scene, error)
       if (.not. allocated(error)) call set_impacts(case, arrays, scene, error)
       if (.not. allocated(error)) call set_grounds(case, arrays, scene, error)
@@ -123,6 +128,17 @@ contains
       scene%barriers = pack([(barrier_t(k, case%lines(k)%height, case%lines(k)%capacity), k=1, size(case%lines))], &
                             case%lines%height > 0)
    end subroutine set_lines
+
+   pure subroutine set_forest(case, arrays, scene)
+      type(case_t), intent(in) :: case
+      type(scene_arrays_t), intent(in) :: arrays
+      type(scene_t), intent(inout) :: scene
+
+      if (.not. case%forest) return
+      allocate (scene%forest)
+      call build_forest(arrays%tree_x, arrays%tree_y, [scene%dem%x0, scene%dem%y0], arrays%tree_dbh, &
+                        arrays%tree_factor, case%tree_law, scene%forest)
+   end subroutine set_forest
 
    !> Maps count boulders in 32 bits.
    pure subroutine check_number(case, scene, error)

@@ -4,7 +4,7 @@
 module rockfall_trajectory
    use rockfall_kinds, only: wp, i8
    use rockfall_random, only: random_key_t, normal_table_t, random_words, four_words, uniform, for_impact, &
-                              for_ratio, words_per_draw, words_per_block, matrix_words, turn_class_word, &
+                              for_ratio, for_tree, words_per_draw, words_per_block, matrix_words, turn_class_word, &
                               turn_within_word, obstacle_word, ratio_word
    use rockfall_sobol, only: sobol_t, sobol_word, scrambled, volume_dimension
    use rockfall_terrain, only: terrain_t, patch_t, in_window, locate, height, gradient, cell_of, cell_descent
@@ -17,11 +17,13 @@ module rockfall_trajectory
    use rockfall_classical_rebound, only: absorbs
    use rockfall_ground, only: ground_t, ground_rebound, is_stochastic
    use rockfall_direction, only: turning_t, lateral_t, past_aspect, by_lab, lateral_angle, new_heading, unit_vector, &
-                                 any_heading
+                                 any_heading, rotated
    use rockfall_line, only: line_t, first_crossing, next_crossing
    use rockfall_barrier, only: barrier_t, barrier_outcome, passed_over
+   use rockfall_forest, only: forest_t, tree_hit_t, tree_impact_t, first_hit, tree_impact
    use rockfall_maps, only: visits_t, start_visits, visit_spans, visit_cell
    use rockfall_travel_maps, only: time_visits
+   use rockfall_tree_maps, only: tree_hits_t, gather_tree_hit
    use rockfall_histogram, only: histograms_t, count_rebound
    implicit none
    private
@@ -40,7 +42,7 @@ module rockfall_trajectory
    integer, parameter :: basic = 0, with_lines = 1, with_maps = 2, with_all = 3
 
    !> What a flight may end at before it meets the ground.
-   integer, parameter :: none = 0, barrier = 1
+   integer, parameter :: none = 0, barrier = 1, tree = 2
 
    !> Everything that a boulder needs to know; the same for all boulders of a run.
    type :: scene_t
@@ -58,6 +60,7 @@ module rockfall_trajectory
       type(release_t) :: release
       type(line_t), allocatable :: lines(:)        !! evaluation lines, and those of the barriers
       type(barrier_t), allocatable :: barriers(:)
+      type(forest_t), allocatable :: forest
       real(wp) :: gravity = 9.81_wp        !! [m/s2]
       real(wp) :: stop_speed = 0.5_wp      !! after a rebound [m/s]
       integer :: max_impacts = 100000      !! contacts, after which a boulder ends
@@ -74,9 +77,10 @@ module rockfall_trajectory
 
    !> Where a flight ends in the air.
    type :: obstacle_t
-      integer :: kind = none        !! barrier
+      integer :: kind = none        !! barrier, tree
       integer :: number = 0         !! of the barrier
       real(wp) :: time = never      !! since the start of the flight [s]
+      type(tree_hit_t) :: hit       !! of a tree
    end type obstacle_t
 
    !> What became of a boulder (model, section 9).
@@ -92,6 +96,7 @@ module rockfall_trajectory
       real(wp) :: jump_height_max = 0.0_wp !! [m]
       integer :: rebounds = 0, redrawn = 0, forced = 0
       integer :: out_of_range = 0, out_of_speed = 0, out_of_angle = 0  !! rebounds beyond what a set was fitted on
+      integer :: trees_hit = 0             !! each time counts
       type(energy_balance_t) :: energy     !! where the scene has more than ground, or it is requested
    end type boulder_result_t
 
@@ -121,6 +126,9 @@ module rockfall_trajectory
       integer(i8), allocatable :: by_ground(:)   !! rebounds on each of the scene's grounds
       type(crossing_t), allocatable :: crossings(:)
       logical, allocatable :: broken(:)          !! barriers that this boulder broke through
+      integer, allocatable :: felled(:)          !! trees that it broke
+      logical :: tree_hits_requested = .false.   !! by maps
+      type(tree_hits_t) :: tree_hits
       type(contact_t), allocatable :: record(:)  !! allocated by who requests the trajectory
       integer :: recorded = 0                    !! vertices there were, also beyond size(record)
       procedure(trace_full), pointer, nopass :: trace => null()  !! what the scene needs of `trace_full`
@@ -184,7 +192,7 @@ contains
    pure logical function has_obstacles(scene)
       type(scene_t), intent(in) :: scene
 
-      has_obstacles = allocated(scene%barriers)
+      has_obstacles = allocated(scene%barriers) .or. allocated(scene%forest)
    end function has_obstacles
 
    !> Whether a boulder has come to rest somewhere.
@@ -231,6 +239,8 @@ contains
          call record(scratch, contact_t(flight%x, flight%y, flight%z, 0.0_wp, flight%v))
          obstacles = has_obstacles(scene)
          if (allocated(scratch%broken)) scratch%broken = .false.
+         if (allocated(scene%forest)) scratch%felled = [integer ::]
+         scratch%tree_hits%n = 0
          result%energy%released = sum(kinetic_energy(result%boulder, flight%v, 0.0_wp)) &
                                   + result%boulder%mass*scene%gravity*flight%z
       end if
@@ -252,7 +262,7 @@ contains
          result%speed_max = max(result%speed_max, square(v_in))
          result%jump_height_max = max(result%jump_height_max, landing%jump_height)
          if (level >= with_all .and. obstacle%kind /= none) then
-            call meet_obstacle(scene, obstacle, landing, v_in, omega_r, result, flight, scratch)
+            call meet_obstacle(scene, number, obstacle, landing, v_in, omega_r, result, flight, scratch)
          else if (.not. landing%contact) then
             result%status = departure(scene%dem, landing%patch)
          else
@@ -373,6 +383,8 @@ contains
       call fly(scene%dem, scene%gravity, flight, landing, scratch%spans, n)
       if (allocated(scene%barriers)) &
          call find_barrier(scene, result, flight, landing, omega_r, scratch%broken, obstacle)
+      if (allocated(scene%forest)) &
+         call find_tree(scene%forest, result%boulder%radius, flight, scratch%spans(:n), scratch%felled, obstacle)
       if (allocated(scene%lines)) &
          call record_crossings(scene, result, flight, landing, omega_r, scratch%crossings, obstacle%time)
       if (obstacle%kind /= none) &
@@ -419,9 +431,24 @@ contains
                                                      sum(kinetic_energy(result%boulder, crossing%v, crossing%omega)))
    end function stands_in_way
 
+   !> The first tree on the way of a flight, if it is hit before the obstacle.
+   pure subroutine find_tree(forest, radius, flight, spans, felled, obstacle)
+      type(forest_t), intent(in) :: forest
+      real(wp), intent(in) :: radius  !! of the boulder [m]
+      type(flight_t), intent(in) :: flight
+      type(span_t), intent(in) :: spans(:)
+      integer, intent(in) :: felled(:)
+      type(obstacle_t), intent(inout) :: obstacle
+      type(tree_hit_t) :: hit
+
+      call first_hit(forest, spans, flight%x, flight%y, flight%v(1:2), radius, felled, hit)
+      if (hit%tree > 0 .and. hit%time < obstacle%time) obstacle = obstacle_t(tree, 0, hit%time, hit)
+   end subroutine find_tree
+
    !> An obstacle takes energy; with the rest the boulder flies on from there.
-   pure subroutine meet_obstacle(scene, obstacle, landing, v, omega_r, result, flight, scratch)
+   pure subroutine meet_obstacle(scene, number, obstacle, landing, v, omega_r, result, flight, scratch)
       type(scene_t), intent(in) :: scene
+      integer(i8), intent(in) :: number
       type(obstacle_t), intent(in) :: obstacle
       type(landing_t), intent(in) :: landing
       real(wp), intent(in) :: v(3)        !! velocity there [m/s]
@@ -429,19 +456,54 @@ contains
       type(boulder_result_t), intent(inout) :: result
       type(flight_t), intent(inout) :: flight
       type(scratch_t), intent(inout) :: scratch
-      real(wp) :: energy, taken, remains
+      type(tree_impact_t) :: impact
+      real(wp) :: energy, taken, remains, turned(2), heading(2)
 
       energy = sum(kinetic_energy(result%boulder, v, omega_r/result%boulder%radius))
-      taken = min(energy, scene%barriers(obstacle%number)%capacity)
-      scratch%broken(obstacle%number) = .true.
-      result%energy%barriers = result%energy%barriers + taken
+      turned = v(1:2)
+      heading = flight%heading
+      if (obstacle%kind == tree) then
+         call hit_tree(scene, number, obstacle%hit, landing, energy, result, scratch, impact)
+         taken = impact%taken
+         result%energy%trees = result%energy%trees + taken
+         turned = rotated(turned, impact%sine, impact%cosine)
+         heading = rotated(heading, impact%sine, impact%cosine)
+      else
+         taken = min(energy, scene%barriers(obstacle%number)%capacity)
+         scratch%broken(obstacle%number) = .true.
+         result%energy%barriers = result%energy%barriers + taken
+      end if
       remains = 0
       if (energy > taken) remains = sqrt((energy - taken)/energy)
       omega_r = remains*omega_r
-      flight = flight_from(scene%dem, landing, remains*v, flight%heading)
-      if (square(flight%v) < scene%stop_speed**2) result%status = stopped_by_barrier
+      flight = flight_from(scene%dem, landing, remains*[turned, v(3)], heading)
+      if (taken > 0 .and. square(flight%v) < scene%stop_speed**2) then
+         result%status = merge(stopped_by_tree, stopped_by_barrier, obstacle%kind == tree)
+      else if (result%trees_hit >= scene%max_impacts) then
+         result%status = impact_limit
+      end if
       call record(scratch, contact_t(landing%x, landing%y, landing%z, result%time, flight%v))
    end subroutine meet_obstacle
+
+   !> What a hit of a tree does, and what is to be known of it later.
+   pure subroutine hit_tree(scene, number, hit, landing, energy, result, scratch, impact)
+      type(scene_t), intent(in) :: scene
+      integer(i8), intent(in) :: number
+      type(tree_hit_t), intent(in) :: hit
+      type(landing_t), intent(in) :: landing
+      real(wp), intent(in) :: energy  !! of the boulder [J]
+      type(boulder_result_t), intent(inout) :: result
+      type(scratch_t), intent(inout) :: scratch
+      type(tree_impact_t), intent(out) :: impact
+
+      result%trees_hit = result%trees_hit + 1
+      impact = tree_impact(scene%forest%law, scene%forest%stem(hit%tree), hit%offset, result%boulder%radius, energy, &
+                           four_words(scene%key, for_tree, number, int(result%trees_hit, i8), 0_i8))
+      if (impact%breaks) scratch%felled = [scratch%felled, hit%tree]
+      if (.not. scratch%tree_hits_requested) return
+      call gather_tree_hit(scratch%tree_hits, cell_of(scene%dem, landing%patch, landing%u, landing%w), hit%height, &
+                           impact%taken)
+   end subroutine hit_tree
 
    !> What is left of the energy, and what was released down to the end.
    pure subroutine close_balance(scene, z, v, omega_r, result)

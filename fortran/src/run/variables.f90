@@ -15,9 +15,10 @@ module rockfall_variables
 
    !> A variable of a result.
    type :: variable_t
-      !> boulder, count (of all boulders), ground (the same, of each), energy (of each boulder, on request), line (first
-      !> crossing), line_vertex, barrier, map, histogram, vertex (of a trajectory), tally (of a cell, in part files); or
-      !> status and outcome, for what the status of a boulder may be, and what a barrier may do with it.
+      !> boulder, count (of all boulders), ground (the same, of each), energy (of each boulder, on request), tree (of
+      !> each, where there are trees), line (first crossing), line_vertex, barrier, map, histogram, vertex (of a
+      !> trajectory), tally (of a cell, in part files); or status and outcome, for what the status of a boulder may be,
+      !> and what a barrier may do with it.
       character(len=11) :: group
       character(len=27) :: name       !! in files line_, trajectory_, tally_ before, _histogram after
       character(len=7) :: kind        !! real, integer, word
@@ -74,6 +75,7 @@ module rockfall_variables
       variable_t("energy", "energy_trees", "real", "J", "energy that trees took"), &
       variable_t("energy", "energy_barriers", "real", "J", "energy that barriers took"), &
       variable_t("energy", "energy_left", "real", "J", "kinetic energy at the end"), &
+      variable_t("tree", "trees_hit", "integer", "1", "hits of trees", "each counts", "i4"), &
       variable_t("line", "x", "real", "m", "easting of the first crossing"), &
       variable_t("line", "y", "real", "m", "northing of the first crossing"), &
       variable_t("line", "time", "real", "s", "time from release to the first crossing"), &
@@ -159,6 +161,12 @@ module rockfall_variables
                  "flattest line from the release of a boulder that passed", to_middle), &
       variable_t("map", "travel_time_min", "real", "s", &
                  "shortest time from release until a boulder comes to the cell"), &
+      variable_t("map", "tree_impacts", "integer", "1", "hits of trees by boulders", "each counts"), &
+      variable_t("map", "tree_impact_height_max", "real", "m", &
+                 "maximum height of a boulder's point above the surface when it hit a tree"), &
+      variable_t("map", "tree_impact_height_mean", "real", "m", &
+                 "mean of these heights, over hits"), &
+      variable_t("map", "tree_energy", "real", "J", "energy that trees took from all boulders"), &
       variable_t("histogram", "incidence_angle", "integer", "degree", &
                  "incidence angle from the surface, 90 = vertical", ends), &
       variable_t("histogram", "tangential_share", "integer", "1", &

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Polygon layers (GeoPackage, GeoJSON, shapefile, FlatGeobuf) to rasters on the terrain's grid.
+"""Vector layers (GeoPackage, GeoJSON, shapefile, FlatGeobuf): features, and polygons as rasters on
+the terrain's grid.
 
 Files are looked at before GDAL opens them. Shapefile and FlatGeobuf hold only shapes. A GeoPackage
 is a database, whose views may have no end; GeoJSON is text, that could be anything else, so it is
@@ -33,6 +34,8 @@ _DRIVERS = {"GPKG", "GeoJSON", "ESRI Shapefile", "FlatGeobuf"}
 _SHAPES = (b"\0\0\x27\x0a", b"fgb\x03fgb")  # of shapefiles and FlatGeobuf
 _GEOPACKAGE = (b"GPKG", b"GP10", b"GP11")  # what a database says it is, from byte 68
 _CRS_NAME = re.compile(r"(urn:ogc:def:crs:)?(EPSG|OGC):[0-9.]*:?(CRS84|[0-9]{1,7})", re.IGNORECASE)
+_POLYGONS = {"Polygon", "MultiPolygon"}
+_FEATURES = {"Point", "LineString", "MultiLineString", *_POLYGONS}
 _INDEX = re.compile(r'CREATE\s+VIRTUAL\s+TABLE\s+("[^"]*"|\w+)\s+USING\s+rtree\b', re.IGNORECASE)
 
 
@@ -49,19 +52,13 @@ def burn_polygons(
     from rasterio.features import rasterize
 
     path = str(path)
-    about, shapes, values = _read(path, field)
-    bounds = _check_shapes(path, shapes)
-    crs = _crs_of(about, bounds, grid)
-    _check_crs(path, crs, grid)
     remarks = [] if remarks is None else remarks
-    if crs is None and grid.crs is not None:
-        dem = crs_name(grid.crs)
-        remarks.append(f"{path}: names no CRS: taken to be in that of the DEM, {dem}")
+    columns = [] if field is None else [field]
+    shapes, values, bounds = _on_terrain(path, columns, _POLYGONS, "polygons", grid, remarks)
     if field is None:
         numbers = np.ones(len(shapes), np.uint8)
     else:
-        assert values is not None
-        numbers = _integers(path, field, values)
+        numbers = _integers(path, field, values[field])
     outside = 0 if field is None else NO_ID
 
     def burnt(order: int) -> np.ndarray:
@@ -76,8 +73,8 @@ def burn_polygons(
     cells = burnt(1)
     if (cells == outside).all():
         raise RockfallError(
-            f"{path}: no polygon holds the centre of a cell: {_extent(*bounds)}; "
-            f"the terrain: {_extent(grid.west, grid.south, grid.east, grid.north)}"
+            f"{path}: no polygon holds the centre of a cell: {extent(*bounds)}; "
+            f"the terrain: {extent(grid.west, grid.south, grid.east, grid.north)}"
         )
     if field is None:
         return cells.view(bool)
@@ -89,13 +86,57 @@ def burn_polygons(
     return cells
 
 
-def _extent(west: float, south: float, east: float, north: float) -> str:
+def read_features(
+    path: str | Path, grid: Grid, remarks: list[str]
+) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Points, lines and polygons, and all their attributes by name, in coordinates of the terrain;
+    what is odd is added to `remarks`, as in `burn_polygons`."""
+    what = "points, lines or polygons"
+    return _on_terrain(str(path), None, _FEATURES, what, grid, remarks)[:2]
+
+
+def read_points(
+    path: str | Path, grid: Grid, fields: tuple[str, ...], remarks: list[str]
+) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
+    """x and y [m] of the points of a layer, and those of these attributes that it has, whether
+    their names are in small or large letters."""
+    import shapely
+
+    shapes, values, _ = _on_terrain(str(path), None, {"Point"}, "points", grid, remarks)
+    own = {name if name in fields else name.lower(): name for name in values}
+    found = {field: values[own[field]] for field in fields if field in own}
+    return shapely.get_x(shapes), shapely.get_y(shapes), found
+
+
+def _on_terrain(
+    path: str,
+    columns: list[str] | None,
+    kinds: set[str],
+    what: str,
+    grid: Grid,
+    remarks: list[str],
+) -> tuple[np.ndarray, dict[str, np.ndarray], np.ndarray]:
+    """Sound shapes of some kinds (a plural, for messages) in coordinates of the terrain, these
+    attributes or all, and (west, south, east, north)."""
+    about, shapes, values = _read(path, columns, what)
+    bounds = _check_shapes(path, shapes, kinds, what)
+    crs = _crs_of(about, bounds, grid)
+    _check_crs(path, crs, grid)
+    if crs is None and grid.crs is not None:
+        dem = crs_name(grid.crs)
+        remarks.append(f"{path}: names no CRS: taken to be in that of the DEM, {dem}")
+    return shapes, values, bounds
+
+
+def extent(west: float, south: float, east: float, north: float) -> str:
     return f"x {west:.12g} to {east:.12g}, y {south:.12g} to {north:.12g}"
 
 
-def _read(path: str, field: str | None) -> tuple[dict[str, Any], np.ndarray, np.ndarray | None]:
-    """(what the layer says of itself, its shapes, the values of the field)."""
-    need("polygons need", "vector", "pyogrio", "shapely")
+def _read(
+    path: str, columns: list[str] | None, what: str
+) -> tuple[dict[str, Any], np.ndarray, dict[str, np.ndarray]]:
+    """(what the layer says of itself, its shapes, these attributes or all)."""
+    need(f"{what} need", "vector", "pyogrio", "shapely")
     import pyogrio
     import shapely
 
@@ -106,17 +147,18 @@ def _read(path: str, field: str | None) -> tuple[dict[str, Any], np.ndarray, np.
         if about["driver"] not in _DRIVERS:
             raise RockfallError(f"{path}: is read by {about['driver']}: must be {_DRIVERS}")
         if about["features"] == 0:
-            raise RockfallError(f"{path}: the layer is empty, polygons are needed")
-        if field is not None and field not in about["fields"]:
-            raise RockfallError(
-                f"{path}: no attribute {field}; has: {', '.join(about['fields']) or 'none'}"
-            )
-        columns = [] if field is None else [field]
-        _, _, wkb, values = pyogrio.raw.read(file, layer=layer, columns=columns)
+            raise RockfallError(f"{path}: the layer is empty, {what} are needed")
+        names = list(about["fields"]) if columns is None else columns
+        for name in names:
+            if name not in about["fields"]:
+                raise RockfallError(
+                    f"{path}: no attribute {name}; has: {', '.join(about['fields']) or 'none'}"
+                )
+        about_read, _, wkb, values = pyogrio.raw.read(file, layer=layer, columns=names)
         shapes = shapely.from_wkb(wkb)
     except (RuntimeError, UnicodeDecodeError, shapely.errors.ShapelyError) as error:  # GDAL's
-        raise RockfallError(f"{path}: not a polygon layer that can be read ({error})") from error
-    return about, shapes, None if field is None else values[0]
+        raise RockfallError(f"{path}: not a vector layer that can be read ({error})") from error
+    return about, shapes, dict(zip(about_read["fields"], values, strict=True))
 
 
 def _only_layer(path: str, layers: np.ndarray) -> str:
@@ -131,20 +173,21 @@ def _only_layer(path: str, layers: np.ndarray) -> str:
     return names[0]
 
 
-def _check_shapes(path: str, shapes: np.ndarray) -> np.ndarray:
-    """Refuse what is not a sound polygon; returns (west, south, east, north)."""
+def _check_shapes(path: str, shapes: np.ndarray, kinds: set[str], what: str) -> np.ndarray:
+    """Refuse what is not a sound shape of these kinds; returns (west, south, east, north)."""
     import shapely
 
     for number, shape in enumerate(shapes, start=1):
         where = f"{path}: feature {number}"
         if shape is None or shape.is_empty:
             raise RockfallError(f"{where}: has no geometry")
-        if shape.geom_type not in ("Polygon", "MultiPolygon"):
-            raise RockfallError(f"{where}: is a {shape.geom_type}, polygons are needed")
+        if shape.geom_type not in kinds:
+            raise RockfallError(f"{where}: is a {shape.geom_type}, {what} are needed")
         if not np.isfinite(shape.bounds).all():
             raise RockfallError(f"{where}: has coordinates that are not finite")
         if not shape.is_valid:
-            raise RockfallError(f"{where}: invalid polygon: {shapely.is_valid_reason(shape)}")
+            kind = "polygon" if shape.geom_type in _POLYGONS else "line"
+            raise RockfallError(f"{where}: invalid {kind}: {shapely.is_valid_reason(shape)}")
     return shapely.total_bounds(shapes)
 
 
@@ -199,7 +242,7 @@ def _plain_layer(path: str) -> str | bytes:
     if start.removeprefix(b"\xef\xbb\xbf").lstrip().startswith(b"{"):
         return _plain_geojson(path)
     raise RockfallError(
-        f"{path}: not a polygon layer that can be read "
+        f"{path}: not a vector layer that can be read "
         "(no GeoPackage, GeoJSON, shapefile or FlatGeobuf)"
     )
 
@@ -222,7 +265,7 @@ def _check_geopackage(path: str, start: bytes) -> None:
                 if kind == "table":
                     _check_table(path, database, name, text)
     except (sqlite3.Error, UnicodeDecodeError) as error:
-        raise RockfallError(f"{path}: not a polygon layer that can be read ({error})") from error
+        raise RockfallError(f"{path}: not a vector layer that can be read ({error})") from error
 
 
 def _check_table(path: str, database: sqlite3.Connection, name: str, text: str) -> None:
@@ -246,7 +289,7 @@ def _plain_geojson(path: str) -> bytes:
         plain = _collection(data)
         text = json.dumps(plain, allow_nan=False)
     except (ValueError, RecursionError, AttributeError) as error:
-        raise RockfallError(f"{path}: not a polygon layer that can be read ({error})") from error
+        raise RockfallError(f"{path}: not a vector layer that can be read ({error})") from error
     return text.replace("<", "\\u003c").encode()  # nothing in it looks like XML
 
 

@@ -88,6 +88,7 @@ def _groups() -> Iterator[_Group]:
     on_grounds = ("ground", "ground_model", *variables.GROUND)
     yield {name: ("ground",) for name in on_grounds}
     yield {name: ("boulder",) for name in variables.ENERGY}
+    yield {name: ("boulder",) for name in variables.TREE}
     yield {
         "barrier_height": ("line",), "barrier_capacity": ("line",),
         "barrier_outcome": ("line", "boulder"),

@@ -20,6 +20,7 @@ from rockfall.result.dataset import (
     provenance,
     put_netcdf,
 )
+from rockfall.scene.kernel_scene import trees
 from rockfall.scene.reach import survey
 from rockfall.scene.read import read_scene
 from rockfall.scene.scene import Scene
@@ -41,6 +42,10 @@ ABOUT = {  # units, long name
     "ground_length": ("1", "bytes of the text of each ground; 0: the case's impact sets"),
     "material_ground": ("1", "ground of the material, counted from 1"),
     "cell_ground": ("1", "ground of the cell, counted from 1; 0: none"),
+    "tree_x": ("m", "easting of the stem"),
+    "tree_y": ("m", "northing of the stem"),
+    "tree_dbh": ("cm", "diameter of the stem at breast height"),
+    "tree_factor": ("1", "energy that the species takes over that of silver fir"),
 }
 
 
@@ -75,6 +80,7 @@ def _scene_file(scene: Scene) -> xr.Dataset:
         **_surface(scene),
         **_grounds(scene),
         **_variables("source", source_x=scene.x, source_y=scene.y, area_ratio=scene.area),
+        **(_variables("tree", **trees(scene)) if scene.trees else {}),
         "impact_sets": (("impact_sets_length",), text, about),
     }
     attrs = {

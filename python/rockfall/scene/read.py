@@ -18,7 +18,8 @@ from rockfall.io.raster_file import raster_file
 from rockfall.io.zone_table import RADII
 from rockfall.scene.coefficients import open_sets
 from rockfall.scene.digest import digest
-from rockfall.scene.layers import POLYGONS, array_checksum, file_checksum
+from rockfall.scene.forest import read_forest
+from rockfall.scene.layers import LAYERS, array_checksum, file_checksum
 from rockfall.scene.scene import Scene
 from rockfall.scene.sources import read_sources
 from rockfall.scene.surface import cell_bytes, read_grounds, read_surface, size_columns
@@ -31,9 +32,9 @@ def read_scene(
 ) -> Scene:
     """Read and check everything that a case names.
 
-    `dem` and `rasters` (zones, mean_radius, rg70, rg20, rg10, ground_map, cells) may be given as
-    arrays: an xarray.DataArray, or NumPy on the cells of the DEM (for the DEM itself with its
-    `transform`).
+    `dem` and `rasters` (zones, mean_radius, rg70, rg20, rg10, ground_map, cells, stems, dbh_mean,
+    dbh_std, conifers) may be given as arrays: an xarray.DataArray, or NumPy on the cells of the DEM
+    (for the DEM itself with its `transform`).
     If rasters in files need more than half of `memory` [bytes], they are read in windows, as they
     are needed: see `rockfall.scene.windows`.
     """
@@ -61,6 +62,7 @@ def read_scene(
     scene.checksums["dem"] = file_checksum(file) if dem is None else array_checksum(z)
     read_surface(scene, grid.box, rasters)
     read_sources(scene, [(scene, grid.box)], rasters)
+    read_forest(scene, rasters)
     _read_sets(scene)
     if rasters:
         raise RockfallError(
@@ -88,7 +90,7 @@ def _windowed(scene: Scene, cells: int) -> Scene:
         )
     for key in file_keys():
         file = getattr(case, key.group).get(key.name, "")
-        drawn = "layer" in key.file and Path(file).suffix.lower() in POLYGONS
+        drawn = "layer" in key.file and Path(file).suffix.lower() in LAYERS
         if drawn or (file and key.file == "layer"):
             raise RockfallError(
                 f"{case.name}: &{key.group} {key.name} = '{file}': polygons need the whole terrain "
@@ -99,6 +101,7 @@ def _windowed(scene: Scene, cells: int) -> Scene:
     if release["steep_cells"] or release["by_area"]:  # the terrain tells
         rows = bands(scene, cells)
     read_sources(scene, rows, {})
+    read_forest(scene, {})
     _read_sets(scene)
     read_grounds(scene)
     scene.windows = Windows(scene, cells)

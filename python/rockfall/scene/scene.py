@@ -14,6 +14,7 @@ from rockfall.case import Case
 from rockfall.grounds import GroundRule
 from rockfall.io.grid import Grid, row_blocks
 from rockfall.scene.coefficients import Coefficients, SetFile
+from rockfall.scene.forest.trees import Trees
 from rockfall.scene.ground import Ground, Lowest, ground_of
 from rockfall.scene.kernel_scene import KernelScene
 
@@ -34,6 +35,7 @@ class Scene:
     x: np.ndarray = field(default_factory=lambda: np.empty(0))  # of each source [m]
     y: np.ndarray = field(default_factory=lambda: np.empty(0))
     area: np.ndarray | None = None  # surface over plan area of each, where they release by it
+    trees: Trees | None = None
     sets: SetFile = SetFile(b"", "")
     grounds: tuple[GroundRule, ...] = ()  # only where there are others than the sets
     material_ground: np.ndarray | None = None  # int8: 1-based one of each row of `sizes`, or

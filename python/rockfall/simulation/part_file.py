@@ -134,6 +134,8 @@ class Part:
         if tally.scene.case.output["energy_balance"]:
             for k, name in enumerate(variables.fields(5)):
                 tally.energy[rows, k] = self.arrays[name]
+        if tally.scene.case.has_forest:
+            tally.trees_hit[rows] = self.arrays["trees_hit"]
         if tally.scene.case.lines:
             for k, name in enumerate(variables.fields(3)):
                 tally.crossing[rows, :, k] = self.arrays[f"line_{name}"].T
@@ -323,6 +325,8 @@ def _expected(part: Part) -> dict[str, tuple[str, tuple[str, ...]]]:
         found |= _typed("ground", "", "ground")
     if case.output["energy_balance"]:
         found |= _typed("energy", "", "boulder")
+    if case.has_forest:
+        found |= _typed("tree", "", "boulder")
     if case.lines:
         found |= _typed("line", "line_", "line", "boulder")
     if case.output["rebounds"]:

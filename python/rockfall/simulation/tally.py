@@ -61,6 +61,7 @@ class Tally:
     crossing: np.ndarray  # (boulders, lines, fields)
     by_ground: np.ndarray  # rebounds on each ground of the scene; a single zero where it has none
     energy: np.ndarray  # (boulders, fields), or one row that nobody asked for
+    trees_hit: np.ndarray  # (boulders,), or one where there are no trees
     before: int = 0  # boulders of the run before those of this tally
     done: int = 0
     counted: dict[str, Any] = field(default_factory=dict)  # in boulders whose `count` was not kept
@@ -108,6 +109,7 @@ def empty_tally(scene: Scene | Origin, maps: Maps, numbers: range, threads: int)
         energy=np.zeros(
             (len(numbers) if scene.case.output["energy_balance"] else 1, len(fields(5)))
         ),
+        trees_hit=np.zeros(len(numbers) if scene.case.has_forest else 1, "i4"),
         crossing=np.empty((len(numbers), len(scene.case.lines), len(fields(3)))),
         before=numbers.start,
         threads=threads,

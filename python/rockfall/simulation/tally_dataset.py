@@ -21,7 +21,10 @@ if TYPE_CHECKING:
     import xarray as xr
 
 #: Maps that are maxima of the kernel themselves, and of which quantity; so are counts.
-MAXIMA = {"energy_max": "energy", "speed_max_map": "speed", "jump_height_max_map": "jump_height"}
+MAXIMA = {
+    "energy_max": "energy", "speed_max_map": "speed", "jump_height_max_map": "jump_height",
+    "tree_impact_height_max": "tree_height",
+}  # fmt: skip
 
 
 def make_result(tally: Tally, maps: bool = True) -> xr.Dataset:
@@ -60,6 +63,8 @@ def boulder_variables(tally: Tally) -> dict[str, Any]:
     if tally.scene.case.output["energy_balance"]:
         for name, values in zip(fields(5), tally.energy[: tally.done].T, strict=True):
             data[name] = ("boulder", values, variables.ENERGY[name])
+    if tally.scene.case.has_forest:
+        data["trees_hit"] = ("boulder", tally.trees_hit[: tally.done], variables.TREE["trees_hit"])
     return data
 
 
