@@ -5,8 +5,9 @@ import numpy as np
 import xarray as xr
 from scipy.stats import norm
 
-from rockfall.analysis.line_statistics import QUANTITIES, Z
+from rockfall.analysis.line_statistics import QUANTITIES
 from rockfall.analysis.run_until import FIRST, evaluate, next_stage
+from rockfall.limits import Z
 
 SHARE, SIGMA = 0.6, 0.4  # of a made law: boulders that cross, and their lognormal speeds
 

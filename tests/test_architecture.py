@@ -10,12 +10,14 @@ ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "python/rockfall"
 #: Each imports from its own level and those before it.
 LEVELS = [
-    ["errors", "interrupts", "version"],
+    ["errors", "interrupts", "limits", "version"],
     ["io"],
+    ["terrain"],
     ["case", "case_files", "impact_sets", "quantities", "result"],
     ["scene"],
     ["simulation"],
     ["analysis"],
+    ["protection"],
     ["__init__"],
     ["lab"],
     ["plots", "text"],
@@ -25,7 +27,7 @@ LEVELS = [
 LEVEL = {room: level for level, rooms in enumerate(LEVELS) for room in rooms}
 #: Compiled modules, and where they may be called.
 DOORS = {
-    "_core": re.compile(r"case|scene\..*|simulation\..*|result\.variables"),
+    "_core": re.compile(r"case|limits|scene\..*|simulation\..*|result\.variables"),
     "_lab": re.compile(r"lab\..*"),
 }
 MODULES = {

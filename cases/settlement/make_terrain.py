@@ -2,7 +2,7 @@
 """Makes the slope above the settlement: `dem.tif` (m), `zones.tif` (ids of zones.csv).
 
 `python cases/settlement/make_terrain.py [FOLDER]` writes them beside this script, or to a folder.
-The slope is made up: two rock faces, between them a gully, scree, pasture, and the houses' flat fan.
+The slope is made up: two rock faces, a gully between them, scree, pasture, and the flat fan below.
 """
 
 import sys

@@ -8,6 +8,8 @@ _MODULES = {  # of each public name
     "Interrupted": "simulation.simulate",
     "RockfallError": "errors",
     "__version__": "version",
+    "barrier_statistics": "protection.barriers",
+    "design": "protection.design",
     "ensemble_table": "analysis.ensemble",
     "hazard": "analysis.hazard.study",
     "line_statistics": "analysis.line_statistics",

@@ -31,6 +31,7 @@ class Key(NamedTuple):
     allowed: str
     unit: str
     meaning: str
+    file: str  # that it names: raster, layer, raster layer (either), table, sets; ""
 
 
 @cache
@@ -41,6 +42,11 @@ def key_table() -> tuple[Key, ...]:
         group, name, kind, most, *rest = text.split("|")
         rows.append(Key(group, name, kind, int(most), *rest))
     return tuple(rows)
+
+
+def file_keys() -> list[Key]:
+    """The keys that name files."""
+    return [key for key in key_table() if key.file]
 
 
 def read_case(path: str | Path) -> Case:
@@ -79,6 +85,8 @@ class Case:
     """
 
     line: list[dict[str, Any]]
+    barrier: list[dict[str, Any]]
+    dam: list[dict[str, Any]]
     scenario: list[dict[str, Any]]
 
     def __init__(self, *, folder: str | Path = ".", name: str = "case", **groups: Any) -> None:
@@ -104,6 +112,16 @@ class Case:
             return self.__dict__["_groups"][group]
         except KeyError:
             raise AttributeError(f"a case has no group {group!r}") from None
+
+    @property
+    def has_forest(self) -> bool:
+        """Whether there are trees, listed or made."""
+        return not {"trees", "stems", "uniform_stems"}.isdisjoint(self.forest)
+
+    @property
+    def lines(self) -> list[dict[str, Any]]:
+        """Where crossings are recorded: the evaluation lines, then the barriers."""
+        return self.line + self.barrier
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Case) or self.folder != other.folder:

@@ -8,7 +8,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rockfall.case import FROM_ARRAY, Case, case_of
+from rockfall.case import FROM_ARRAY, Case, case_of, file_keys
 from rockfall.errors import RockfallError
 from rockfall.impact_sets import set_path
 from rockfall.io.raster_file import raster_files
@@ -16,13 +16,6 @@ from rockfall.io.raster_file import raster_files
 if TYPE_CHECKING:
     import xarray as xr
 
-#: Keys that name a file; those of impact sets may also name a shipped one.
-RASTERS = {
-    "terrain": ("dem",),
-    "surface": ("zones", "mean_radius", "rg70", "rg20", "rg10"),
-    "release": ("cells",),
-}
-LAYERS = {"surface": ("zones",), "release": ("polygons",)}
 #: Endings of what may lie beside a layer (GDAL's drivers of shapefiles and GeoPackages).
 BESIDE = (
     ".shp", ".shx", ".dbf", ".prj", ".cpg", ".qpj", ".cst", ".qix", ".sbn", ".sbx", ".idm", ".ind",
@@ -33,17 +26,25 @@ APPENDED = (".xml", ".aux.xml", "-wal", "-shm", "-journal")
 def input_files(case: Case) -> Iterator[Path]:
     """Every file that a case reads, the case file first; some may not be there."""
     yield Path(case.name)
-    for keys, files_of in ((LAYERS, _layer_files), (RASTERS, raster_files)):
-        for group, names in keys.items():
-            for name in names:
-                file = getattr(case, group).get(name, FROM_ARRAY)
-                if file != FROM_ARRAY:
-                    yield from map(Path, files_of(case.path(file)))
-    if "table" in case.surface:
-        yield case.path(case.surface["table"])
-    for name in (case.impact["sets"], *case.ensemble.get("sets", [])):
+    for key in file_keys():
+        files = getattr(case, key.group).get(key.name, [])
+        for name in files if isinstance(files, list) else [files]:
+            if name != FROM_ARRAY:
+                yield from _files_of(case, key.file, name)
+
+
+def _files_of(case: Case, kind: str, name: str) -> Iterator[Path]:
+    """The files that one value of a key names."""
+    path = case.path(name)
+    if kind == "sets":
         with suppress(RockfallError):  # who reads it says that it is not there
             yield set_path(case, name)
+    elif kind == "table":
+        yield path
+    if kind == "points" or "layer" in kind:
+        yield from _layer_files(path)
+    if "raster" in kind:
+        yield from map(Path, raster_files(path))
 
 
 def files_behind(result: xr.Dataset) -> Iterator[Path]:

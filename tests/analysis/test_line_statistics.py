@@ -8,12 +8,12 @@ import xarray as xr
 import rockfall
 from rockfall.analysis.line_statistics import (
     QUANTITIES,
-    _wilson,
     fraction_interval,
     line_numbers,
     line_values,
     sample_numbers,
 )
+from rockfall.limits import fraction_limits
 from scenes import grid, make_case, rough, sets
 
 
@@ -99,8 +99,11 @@ def test_wilson_as_printed():
         (81, 263, 0.2553, 0.3662), (15, 148, 0.0624, 0.1605),
         (0, 20, 0.0000, 0.1611), (1, 29, 0.0061, 0.1718),
     ):  # fmt: skip
-        assert _wilson(passed / n, n) == pytest.approx((low, high), abs=5e-5)
-    assert all(_wilson(0.0, n)[0] == 0 and _wilson(1.0, n)[1] == 1 for n in range(1, 10_000, 7))
+        assert fraction_limits(passed / n, n) == pytest.approx((low, high), abs=5e-5)
+    assert all(
+        fraction_limits(0.0, n)[0] == 0 and fraction_limits(1.0, n)[1] == 1
+        for n in range(1, 10_000, 7)
+    )
 
 
 def test_boulders_of_a_source_count_as_one_where_they_do_the_same():

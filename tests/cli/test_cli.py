@@ -99,7 +99,8 @@ HOSTILE = {
     "key given twice": (change("density = 2800.0", "density = 2800.0, density = 2700.0"),
         r"case.nml: line 5: &boulder density: given twice in this group \(first in line 5\)"),
     "group given twice": (change("&terrain", "&case seed = 2 /\n&terrain"),
-        r"case.nml: line 1: &case: a case has one such group; only &line, &scenario may repeat"),
+        r"case.nml: line 1: &case: a case has one such group; only "
+        "&line, &barrier, &dam, &scenario may repeat"),
     "case missing": (remove("case.nml"), r"case.nml: cannot be read: No such file or directory"),
     "case empty": (write("case.nml", b""), r"case.nml: &case boulders is missing: .*"),
     "case of bytes": (write("case.nml", CASE.replace("Slope", "Hänge").encode("latin-1")),

@@ -3,6 +3,7 @@
 
 import csv
 import importlib.util
+import shutil
 from fractions import Fraction
 from pathlib import Path
 
@@ -11,11 +12,15 @@ import numpy as np
 import pytest
 import rasterio
 
+import rockfall
 from rockfall.lab import talus
 from rockfall.lab.talus import Talus
+from rockfall.scene.plausible import implausible
+from rockfall.scene.read import read_scene
 
 CASES = Path(__file__).parents[2] / "cases"
 VAUJANY, PLANE = CASES / "vaujany", CASES / "plane"
+ROAD = CASES / "protected-road"
 RELEASE_Y = 587.5
 
 
@@ -120,3 +125,30 @@ def test_plane_closed_form_agrees_with_a_parabola_followed_in_space():
         flight = 2 * (velocity[1] + p * velocity[0]) / g  # z0 + vz t - g t^2/2 = z0 - p vx t
         x, t, velocity = x + velocity[0] * flight, t + flight, velocity - [0, g * flight]
     assert 200 < found.distance[-1] < 379  # to the end of the plane
+
+
+@pytest.fixture(scope="module")
+def protected(tmp_path_factory):
+    """The road bare, with a net and with a dam: results by the names of their cases."""
+    folder = tmp_path_factory.mktemp("road")
+    script(ROAD / "make_terrain.py").write(folder / "dem.asc")
+    results = {}
+    for name in ("road", "net", "dam"):
+        case = rockfall.read_case(shutil.copy(ROAD / f"{name}.nml", folder))
+        assert implausible(read_scene(case)) == []
+        results[name] = rockfall.run(case)
+    return results
+
+
+def test_the_road_is_reached_as_often_as_its_readme_says(protected):
+    """Within four standard deviations of one run, of the 60 of the README."""
+    for name, percent, error in (("road", 15.60, 0.08), ("net", 0.59, 0.02), ("dam", 2.04, 0.03)):
+        reached = 100 * np.isfinite(protected[name]["line_speed"].values[0]).mean()
+        assert reached == pytest.approx(percent, abs=4 * error * np.sqrt(60))
+
+
+def test_the_net_changes_nothing_above_it(protected):
+    above = [protected[name]["line_energy_translational"].values[1] for name in ("road", "net")]
+    np.testing.assert_array_equal(*above)
+    stopped = protected["net"]["barrier_outcome"].values[1] == 1
+    assert not np.isfinite(protected["net"]["line_speed"].values[0][stopped]).any()

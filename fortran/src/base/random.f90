@@ -8,12 +8,15 @@ module rockfall_random
    private
    public :: random_key_t, random_key, philox4x32, random_words, four_words, uniform
    public :: normal_table_t, normal_table, normal, normal_quantile
-   public :: for_release, for_impact, for_scramble, for_ratio, purpose_bit
+   public :: for_release, for_impact, for_scramble, for_ratio, for_forest, for_tree, purpose_bit
    public :: words_per_draw, words_per_block
    public :: volume_word, matrix_words, turn_class_word, turn_within_word, obstacle_word, ratio_word
+   public :: tree_class_word, tree_within_word
 
    !> Purposes: separate streams. The laboratory has those from 65 on.
    integer(i8), parameter :: for_release = 1, for_impact = 2, for_scramble = 3, for_ratio = 5
+   integer(i8), parameter :: for_forest = 11  !! counter: cell, stem; stem 0: how many there are
+   integer(i8), parameter :: for_tree = 12    !! counter: boulder, trees hit so far and this one
    integer, parameter :: purpose_bit = 24  !! of the counter's last word; below it are the blocks of a purpose
 
    !> Where in a draw stands the word for what: another order gives other results.
@@ -23,6 +26,8 @@ module rockfall_random
    integer, parameter :: turn_within_word = 11  !! for_impact: place within the class; its last bit is the side
    integer, parameter :: obstacle_word = 12     !! for_impact: obstacle size of method A
    integer, parameter :: ratio_word = 1         !! for_ratio: which of two impact sets
+   integer, parameter :: tree_class_word = 1    !! for_tree: class of the turn
+   integer, parameter :: tree_within_word = 2   !! for_tree: place within the class; its last bit is the side
 
    integer, parameter :: words_per_block = 4, blocks_per_draw = 3, words_per_draw = words_per_block*blocks_per_draw
    integer, parameter :: rounds = 10  !! of Philox, as recommended: the fewest that pass all tests are 7

@@ -5,7 +5,9 @@ module rockfall_text
    use rockfall_error, only: error_t, fail
    implicit none
    private
-   public :: check_text, after_mark, lower, integer_text, joined, excerpt
+   public :: check_text, after_mark, lower, integer_text, joined, excerpt, max_text
+
+   integer, parameter :: max_text = 64*1024**2  !! [bytes] of a file of text; more is none of ours
 
    !> An integer without blanks.
    interface integer_text

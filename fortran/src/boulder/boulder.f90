@@ -9,7 +9,7 @@ module rockfall_boulder
    implicit none
    private
    public :: boulder_t, volume_distribution_t, release_t, draw_boulder, max_volume, mean_volume
-   public :: source_of, first_of, last_of, released_by, inertia_factor
+   public :: source_of, first_of, last_of, released_by, inertia_factor, kinetic_energy
    public :: fixed_volume, normal_volume, uniform_volume, lognormal_volume, list_volume
 
    real(wp), parameter :: inertia_factor = 0.4_wp  !! I/(m R_b**2) of a sphere [-]
@@ -122,6 +122,17 @@ contains
       boulder%radius = cube_root(3*boulder%volume/(4*pi))
       boulder%mass = distribution%density*boulder%volume
    end function draw_boulder
+
+   !> Translational and rotational energy [J] (Bourrier et al. 2009, eqs 1-3).
+   pure function kinetic_energy(boulder, v, omega) result(energy)
+      type(boulder_t), intent(in) :: boulder
+      real(wp), intent(in) :: v(3)   !! [m/s]
+      real(wp), intent(in) :: omega  !! [rad/s]
+      real(wp) :: energy(2), spin
+
+      spin = omega*boulder%radius
+      energy = [0.5_wp*boulder%mass*(v(1)**2 + v(2)**2 + v(3)**2), 0.5_wp*inertia_factor*boulder%mass*spin**2]
+   end function kinetic_energy
 
    !> The largest volume that can be drawn [m3].
    pure real(wp) function max_volume(distribution, table) result(volume)

@@ -8,7 +8,7 @@ module rockfall_direction
    implicit none
    private
    public :: turning_t, lateral_t, lateral, lateral_classes, lateral_quantiles
-   public :: past_aspect, to_aspect, by_lab, turn_angle, lateral_angle, new_heading, unit_vector, any_heading
+   public :: past_aspect, to_aspect, by_lab, turn_angle, lateral_angle, new_heading, unit_vector, any_heading, rotated
 
    !> How boulders turn: by the printed classes, past the aspect where the angle is the larger (as the paper is
    !> written) or ending at it; or as in the laboratory.

@@ -7,7 +7,7 @@ module rockfall_flight
    use rockfall_terrain, only: terrain_t, patch_t, read_patch, height, gradient, within
    implicit none
    private
-   public :: flight_t, landing_t, span_t, fly, launch_rate, arc_length, never
+   public :: flight_t, landing_t, span_t, fly, end_flight, flight_from, launch_rate, arc_length, never
 
    real(wp), parameter :: never = 1.0e30_wp  !! [s] longer than any flight; its square does not overflow
    real(wp), parameter :: at_rest = 1.0e-200_wp  !! [m2/s2] a plan speed squared that adds nothing to a length
@@ -115,6 +115,55 @@ contains
       landing%z = start%z + landing%time*(start%v(3) - 0.5_wp*gravity*landing%time)
       if (contact) call put_on_surface(dem, landing)
    end subroutine fly
+
+   !> End a flight over the first n spans in the air, at a time within it.
+   pure subroutine end_flight(dem, gravity, start, time, spans, n, landing)
+      type(terrain_t), intent(in) :: dem
+      real(wp), intent(in) :: gravity     !! [m/s2]
+      type(flight_t), intent(in) :: start
+      real(wp), intent(in) :: time        !! since its start [s]
+      type(span_t), intent(inout) :: spans(:)
+      integer, intent(inout) :: n
+      type(landing_t), intent(inout) :: landing
+      integer :: k
+
+      do k = 1, n - 1
+         if (spans(k)%t1 >= time) exit
+      end do
+      n = min(k, n)
+      spans(n)%t1 = time
+      landing%contact = .false.
+      landing%time = time
+      landing%x = start%x + start%v(1)*time
+      landing%y = start%y + start%v(2)*time
+      landing%z = start%z + time*(start%v(3) - 0.5_wp*gravity*time)
+      landing%patch = spans(n)%patch
+      landing%u = within(dem, landing%x, landing%patch%i)
+      landing%w = within(dem, landing%y, landing%patch%j)
+      landing%jump_height = 0
+      do k = 1, n
+         associate (s => spans(k))
+            landing%jump_height = max(landing%jump_height, highest(s%d0, s%d1, s%d2, s%t1 - s%t0))
+         end associate
+      end do
+   end subroutine end_flight
+
+   !> The flight that goes on from where one ended in the air, with another velocity.
+   pure type(flight_t) function flight_from(dem, landing, v, heading) result(flight)
+      type(terrain_t), intent(in) :: dem
+      type(landing_t), intent(in) :: landing
+      real(wp), intent(in) :: v(3)        !! [m/s]
+      real(wp), intent(in) :: heading(2)  !! in plan, unit [-]
+
+      flight%patch = landing%patch
+      flight%x = landing%x
+      flight%y = landing%y
+      flight%z = landing%z
+      flight%v = v
+      flight%above = max(0.0_wp, landing%z - height(landing%patch, landing%u, landing%w))
+      flight%rate = launch_rate(dem, landing%patch, landing%u, landing%w, v)
+      flight%heading = heading
+   end function flight_from
 
    !> Time at which a coordinate leaves patch interval i [s].
    pure real(wp) function exit_time(x, i, step, cell, inverse)

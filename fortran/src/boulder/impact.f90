@@ -13,7 +13,7 @@ module rockfall_impact
    private
    public :: impact_set_t, impact_set, check_covariance, with_noise, fitted_t, fitted, beyond_fit
    public :: max_draws, min_normal, impact_ratios, ratio_class, ratio_between, ratio_weights, rebound_t, rebound
-   public :: is_admissible, limit_rebound
+   public :: is_admissible, limit_rebound, twice_energy
 
    integer, parameter :: impact_ratios = 5  !! sets for R_b/R_m = 1, 2, 3, 4, 5
    integer, parameter :: max_draws = 32    !! draws of A before the last is limited; our choice (model, section 4)

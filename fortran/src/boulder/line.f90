@@ -4,7 +4,7 @@ module rockfall_line
    use rockfall_kinds, only: wp
    implicit none
    private
-   public :: line_t, line, first_crossing
+   public :: line_t, line, first_crossing, next_crossing
 
    !> A polyline.
    type :: line_t
@@ -30,6 +30,15 @@ contains
    pure real(wp) function first_crossing(this, a, b) result(fraction)
       type(line_t), intent(in) :: this
       real(wp), intent(in) :: a(2), b(2)  !! [m]
+
+      fraction = next_crossing(this, a, b, -1.0_wp)
+   end function first_crossing
+
+   !> The same after a fraction of the path.
+   pure real(wp) function next_crossing(this, a, b, after) result(fraction)
+      type(line_t), intent(in) :: this
+      real(wp), intent(in) :: a(2), b(2)  !! [m]
+      real(wp), intent(in) :: after       !! [-]
       real(wp) :: side_a, side_b, p(2), q(2), at
       integer :: k
 
@@ -43,9 +52,9 @@ contains
          if ((side_a >= 0) .eqv. (side_b >= 0)) cycle
          if ((cross(b - a, p - a) >= 0) .eqv. (cross(b - a, q - a) >= 0)) cycle
          at = side_a/(side_a - side_b)
-         fraction = min(fraction, at)
+         if (at > after) fraction = min(fraction, at)
       end do
-   end function first_crossing
+   end function next_crossing
 
    !> Vertical component of a x b [m2]: twice the area of the triangle they span, > 0 where b is left of a.
    pure real(wp) function cross(a, b)

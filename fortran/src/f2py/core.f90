@@ -9,28 +9,31 @@ module rockfall_f2py
    use iso_c_binding, only: c_double, c_float, c_int, c_int8_t, c_int16_t, c_int32_t, c_int64_t, c_intptr_t, c_ptr, &
                             c_loc, c_f_pointer
    use rockfall_error, only: error_t, give_error
-   use rockfall_text, only: joined
+   use rockfall_text, only: joined, max_text
    use rockfall_grid, only: grid_t, is_outside
-   use rockfall_terrain, only: terrain_t, terrain, keep_within, is_known_at
+   use rockfall_terrain, only: terrain_t, terrain, keep_within, is_known_at, max_elevation
    use rockfall_boulder, only: first_of, last_of, source_of, inertia_factor
    use rockfall_surface, only: size_weights
+   use rockfall_barrier, only: barrier_outcome, ead_energy
    use rockfall_impact, only: ratio_weights, ratio_class, is_admissible, limit_rebound, max_draws, min_normal
    use rockfall_trajectory, only: scene_t, boulder_result_t, crossing_t, scratch_t, left_window
    use rockfall_scene, only: scene_arrays_t, scene_from, check_sources, boulders_of
    use rockfall_reach, only: block_side, take_minima, reach_box
+   use rockfall_stand, only: stems_in_cell, stem_numbers
+   use rockfall_random, only: random_key
    use rockfall_sources, only: usual_threshold, keep_steep, surface_ratios
    use rockfall_maps, only: maps_t
    use rockfall_map_values, only: map_plan_t, plan_maps => map_plan, stack_layers, map_views, map_row, map_min_count, &
-                                  fraction_limit
+                                  fraction_limit, z_95, max_columns, halvings
    use rockfall_limits, only: check_tallies
    use rockfall_threads, only: team_size, check_team, release_team
-   use rockfall_ensemble, only: run_boulders, trace_boulder
-   use rockfall_result, only: boulder_row, boulder_count_row, line_row, vertex_row
-   use rockfall_variables, only: variable_text, boulder_fields, boulder_counts, line_fields, &
-                                 vertex_fields, map_fields
+   use rockfall_ensemble, only: run_boulders, trace_boulder, share_of
+   use rockfall_result, only: boulder_row, boulder_count_row, energy_row, line_row, vertex_row
+   use rockfall_variables, only: variable_text, boulder_fields, boulder_counts, energy_fields, line_fields, &
+                                 vertex_fields, map_fields, scene_layout, part_layout, piece, max_packing
    use rockfall_histogram, only: bin_width, n_bins
    use rockfall_case, only: case_t, read_case, key_text, n_keys, repeatable, map_names, turning_rule, &
-                            radius_of_reading
+                            radius_of_reading, max_real
    use rockfall_impact_sets, only: coefficients_t, read_impact_sets => read_sets, any_speed
    implicit none
    private
@@ -39,7 +42,9 @@ module rockfall_f2py
    public :: histogram_bins, team
    public :: team_fits, end_team, slope_threshold, steep_cells, area_ratios, known_at, outside, boulders
    public :: boulders_of_source, sources_of_boulders, weights_of_sets, weights_of_sizes, ratio_classes
-   public :: admissible_rebounds, limit_rebounds, size_to_radius, constant
+   public :: stand_counts, stand_numbers
+   public :: admissible_rebounds, limit_rebounds, size_to_radius, constant, share, fraction_limits
+   public :: barriers, barrier_outcomes, ead_energies
 
    !> What a handle stands for.
    type :: open_scene_t
@@ -53,9 +58,10 @@ contains
 
    !> The scene of the text of a case and of the arrays in `scene_arrays_t`, as a handle.
    subroutine open_scene(text, name, z8, z4, west, north, cell, nodes, first, zone1, zone2, values, sizes, &
-                         source_x, source_y, area_ratio, sets_text, sets_name, draw, handle, code, message, &
-                         nx8, ny8, nx4, ny4, nx1, ny1, nx2, ny2, nxv, nyv, nkv, ks, ms, ns, na)
-      integer(c_int), intent(in) :: nx8, ny8, nx4, ny4, nx1, ny1, nx2, ny2, nxv, nyv, nkv, ks, ms, ns, na
+                         source_x, source_y, area_ratio, tree_x, tree_y, tree_dbh, tree_factor, sets_text, &
+                         sets_name, draw, handle, code, message, &
+                         nx8, ny8, nx4, ny4, nx1, ny1, nx2, ny2, nxv, nyv, nkv, ks, ms, ns, na, nt)
+      integer(c_int), intent(in) :: nx8, ny8, nx4, ny4, nx1, ny1, nx2, ny2, nxv, nyv, nkv, ks, ms, ns, na, nt
       character(len=*), intent(in) :: text, name                 !! of the case, and what it is called in messages
       real(c_double), intent(in), target :: z8(nx8, ny8)         !! elevations [m], or
       real(c_float), intent(in), target :: z4(nx4, ny4)          !! in single precision
@@ -67,6 +73,7 @@ contains
       real(c_double), intent(in) :: sizes(ks, ms)                !! [m]
       real(c_double), intent(in) :: source_x(ns), source_y(ns)   !! map coordinates [m]
       real(c_double), intent(in) :: area_ratio(na)
+      real(c_double), intent(in), target :: tree_x(nt), tree_y(nt), tree_dbh(nt), tree_factor(nt)  !! stems
       character(len=*), intent(in) :: sets_text, sets_name       !! of the file of impact sets
       integer(c_int), intent(in) :: draw                         !! of its draws; 0: the only one
       integer(c_intptr_t), intent(out) :: handle                 !! 0 without a scene
@@ -78,11 +85,7 @@ contains
       type(error_t), allocatable :: error
 
       handle = 0
-      arrays%grid%west = west
-      arrays%grid%north = north
-      arrays%grid%cell = cell
-      arrays%grid%nx = nodes(1)
-      arrays%grid%ny = nodes(2)
+      arrays%grid = grid_t(west, north, cell, nodes(1), nodes(2))
       arrays%first = first
       if (size(z8) > 1) arrays%z8 => z8
       if (size(z8) <= 1) arrays%z4 => z4
@@ -92,6 +95,10 @@ contains
       arrays%sizes = sizes
       arrays%source_x = source_x
       arrays%source_y = source_y
+      arrays%tree_x => tree_x
+      arrays%tree_y => tree_y
+      arrays%tree_dbh => tree_dbh
+      arrays%tree_factor => tree_factor
       arrays%sets_text = sets_text
       arrays%sets_name = sets_name
       arrays%draw = draw
@@ -142,10 +149,11 @@ contains
 
    !> Run boulders first .. first + n - 1 of a scene; maps and histograms are added to.
    subroutine run(handle, first, threads, map_at, map_counts, map_sums, map_reals, class_counts, column, &
-                  columns, stamp, head, histogram, boulder, counts, crossing, code, message, &
-                  nxc, nyc, nkc, nxs, nys, nks, nxr, nyr, nkr, kc, cc, nxq, nyq, nxt, nyt, nkt, nl, n)
+                  columns, stamp, head, histogram, energy, trees_hit, boulder, counts, crossing, code, message, &
+                  nxc, nyc, nkc, nxs, nys, nks, nxr, nyr, nkr, kc, cc, nxq, nyq, nxt, nyt, nkt, ne, nt, nl, n)
       !f2py threadsafe
-      integer(c_int), intent(in) :: nxc, nyc, nkc, nxs, nys, nks, nxr, nyr, nkr, kc, cc, nxq, nyq, nxt, nyt, nkt, nl, n
+      integer(c_int), intent(in) :: nxc, nyc, nkc, nxs, nys, nks, nxr, nyr, nkr, kc, cc, nxq, nyq, nxt, nyt, nkt
+      integer(c_int), intent(in) :: ne, nt, nl, n
       integer(c_intptr_t), intent(in) :: handle
       integer(c_int64_t), intent(in) :: first
       integer(c_int), intent(in) :: threads
@@ -157,6 +165,8 @@ contains
       integer(c_int32_t), intent(inout), target :: stamp(nxt, nyt, nkt)  !! as in maps_t, with its `head`
       integer(c_int64_t), intent(in) :: head
       integer(c_int64_t), intent(inout) :: histogram(50, 6)
+      real(c_double), intent(inout) :: energy(5, ne)             !! energy_fields, of all boulders or of one
+      integer(c_int32_t), intent(inout) :: trees_hit(nt)         !! likewise
       real(c_double), intent(out) :: boulder(12, n)              !! boulder_fields
       integer(c_int32_t), intent(out) :: counts(8, n)            !! boulder_counts
       real(c_double), intent(out) :: crossing(12, nl, n)         !! line_fields; one line at least
@@ -187,6 +197,8 @@ contains
          do k = 1, n
             boulder(:, k) = boulder_row(scene%dem, fates(k))
             counts(:, k) = boulder_count_row(fates(k))
+            if (scene%energies_requested) energy(:, k) = energy_row(fates(k))
+            if (allocated(scene%forest)) trees_hit(k) = fates(k)%trees_hit
             do l = 1, size(crossings, 1)
                crossing(:, l, k) = line_row(scene%dem, fates(k), crossings(l, k))
             end do
@@ -285,13 +297,12 @@ contains
       side = block_side(nodes)
    end subroutine block_of
 
-   !> The tallies that maps need: the layers of passages, deposits, sources, their boulders and the first of those for
-   !> thresholds of energy; of sums and of maxima of energy, speed and jump height; from 1 in their stacks (0 = none);
-   !> the bins of counts for quantiles; and the layers of each stack.
+   !> The tallies that maps need: where the layers of map_plan_t are in their stacks, from 1 (0 = none), counts with the
+   !> first of those for thresholds of energy; the bins of counts for quantiles; and the layers of each stack.
    subroutine map_plan(names, thresholds, counts, sums, maxima, bins, layers)
       character(len=*), intent(in) :: names     !! of maps, separated by blanks
       integer(c_int), intent(in) :: thresholds  !! how many
-      integer(c_int), intent(out) :: counts(5), sums(3), maxima(3), bins, layers(3)
+      integer(c_int), intent(out) :: counts(6), sums(5), maxima(4), bins, layers(3)
       type(map_plan_t) :: plan
 
       plan = plan_of(names, thresholds)
@@ -318,8 +329,8 @@ contains
       integer(c_int64_t), intent(in) :: boulders
       real(c_double), intent(out) :: low(n), high(n)
 
-      low = fraction_limit(counts, boulders, -1)
-      high = fraction_limit(counts, boulders, 1)
+      low = fraction_limit(counts/real(boulders, c_double), real(boulders, c_double), -1)
+      high = fraction_limit(counts/real(boulders, c_double), real(boulders, c_double), 1)
    end subroutine count_limits
 
    !> Refuse a run whose maps its tallies cannot hold; `fall` is from the maximum energy head to the lowest
@@ -365,6 +376,46 @@ contains
       end do
    end subroutine map_values
 
+   !> Trees of a stand (rockfall_stand): how many stems stand in each cell of a row of a raster of nx columns.
+   subroutine stand_counts(seed, nx, row, expected, even, counts, n)
+      !f2py threadsafe
+      integer(c_int), intent(in) :: n
+      integer(c_int64_t), intent(in) :: seed
+      integer(c_int), intent(in) :: nx, row, even       !! row from 1; even: 1 or 0
+      real(c_double), intent(in) :: expected(n)         !! stems
+      integer(c_int32_t), intent(out) :: counts(n)
+      integer :: i
+
+      counts = [(stems_in_cell(random_key(seed), cell_number(nx, row, i), expected(i), even /= 0), i=1, n)]
+   end subroutine stand_counts
+
+   !> And the four uniform numbers of each of these stems, cell by cell.
+   subroutine stand_numbers(seed, nx, row, counts, numbers, n, nt)
+      !f2py threadsafe
+      integer(c_int), intent(in) :: n, nt
+      integer(c_int64_t), intent(in) :: seed
+      integer(c_int), intent(in) :: nx, row
+      integer(c_int32_t), intent(in) :: counts(n)       !! nt together
+      real(c_double), intent(out) :: numbers(4, nt)
+      integer :: i, k, stem
+
+      k = 0
+      do i = 1, n
+         do stem = 1, counts(i)
+            k = k + 1
+            numbers(:, k) = stem_numbers(random_key(seed), cell_number(nx, row, i), stem)
+         end do
+      end do
+   end subroutine stand_numbers
+
+   !> Cells are counted from 1 by rows from the north-west.
+   pure integer(c_int64_t) function cell_number(nx, row, column)
+      integer(c_int), intent(in) :: nx, row
+      integer, intent(in) :: column
+
+      cell_number = (row - 1)*int(nx, c_int64_t) + column
+   end function cell_number
+
    !> The slope from which cells of a size are steep, unless the case says another [degree].
    subroutine slope_threshold(cell, slope)
       real(c_double), intent(in) :: cell  !! [m]
@@ -402,18 +453,18 @@ contains
    end subroutine area_ratios
 
    !> Whether boulders can start from points, in map coordinates [m].
-   subroutine known_at(z8, z4, nodes, at, west, north, cell, x, y, known, nx8, ny8, nx4, ny4, n)
-      !f2py threadsafe
-      integer(c_int), intent(in) :: nx8, ny8, nx4, ny4, n, nodes(2), at(2)
-      real(c_double), intent(in), target :: z8(nx8, ny8)  !! as in `open_scene`
-      real(c_float), intent(in), target :: z4(nx4, ny4)
-      real(c_double), intent(in) :: west, north, cell, x(n), y(n)
+   subroutine known_at(handle, x, y, known, n)
+      integer(c_int), intent(in) :: n
+      integer(c_intptr_t), intent(in) :: handle
+      real(c_double), intent(in) :: x(n), y(n)
       integer(c_int), intent(out) :: known(n)             !! 1 or 0
-      type(terrain_t) :: dem
+      type(open_scene_t), pointer :: opened
       integer :: k
 
-      call set_terrain(dem, z8, z4, west, north, cell, nodes, at)
-      known = [(merge(1, 0, is_known_at(dem, x(k) - dem%x0, y(k) - dem%y0)), k=1, n)]
+      opened => scene_of(handle)
+      associate (dem => opened%dem)
+         known = [(merge(1, 0, is_known_at(dem, x(k) - dem%x0, y(k) - dem%y0)), k=1, n)]
+      end associate
    end subroutine known_at
 
    !> Whether a line of points [m] lies beyond one side of a raster.
@@ -447,6 +498,23 @@ contains
       last = last_of(opened%scene%release, source)
    end subroutine boulders_of_source
 
+   !> Boulders in the first parts of a run of n.
+   subroutine share(n, part, of, boulders)
+      integer(c_int64_t), intent(in) :: n, part, of
+      integer(c_int64_t), intent(out) :: boulders
+
+      boulders = share_of(n, part, of)
+   end subroutine share
+
+   !> The limits of the 95 % interval of a fraction of n.
+   subroutine fraction_limits(fraction, n, low, high)
+      real(c_double), intent(in) :: fraction, n
+      real(c_double), intent(out) :: low, high
+
+      low = fraction_limit(fraction, n, -1)
+      high = fraction_limit(fraction, n, 1)
+   end subroutine fraction_limits
+
    !> The sources of boulders, all from 1.
    subroutine sources_of_boulders(handle, boulder, source, n)
       integer(c_int), intent(in) :: n
@@ -472,7 +540,38 @@ contains
       call give_error(error, code, message)
    end subroutine check_case
 
-   !> Row k of the table of keys: group|key|kind|most|default|allowed|unit|meaning; blank past the end.
+   !> Of each line of a case, the evaluation lines and then the barriers: height of the top edge [m] and capacity [J];
+   !> zero of an evaluation line.
+   subroutine barriers(text, height, capacity, n)
+      character(len=*), intent(in) :: text      !! of a case without fault
+      integer(c_int), intent(in) :: n
+      real(c_double), intent(out) :: height(n), capacity(n)
+      type(case_t) :: case
+      type(error_t), allocatable :: error
+
+      call read_case(text, "", case, error)
+      height = case%lines%height
+      capacity = case%lines%capacity
+   end subroutine barriers
+
+   !> What a barrier did with boulders that crossed it: number of the outcome in the table of variables.
+   subroutine barrier_outcomes(height, capacity, passing_height, energy, outcome, n)
+      integer(c_int), intent(in) :: n
+      real(c_double), intent(in) :: height, capacity             !! [m], [J]
+      real(c_double), intent(in) :: passing_height(n), energy(n) !! [m], [J]
+      integer(c_int8_t), intent(out) :: outcome(n)
+
+      outcome = int(barrier_outcome(height, capacity, passing_height, energy), c_int8_t)
+   end subroutine barrier_outcomes
+
+   !> Energies that barriers of the classes of EAD 340059 take, from class 0 [J].
+   subroutine ead_energies(energy)
+      real(c_double), intent(out) :: energy(8)
+
+      energy = ead_energy
+   end subroutine ead_energies
+
+   !> Row k of the table of keys: group|key|kind|most|default|allowed|unit|meaning|file; blank past the end.
    subroutine case_key(k, text)
       integer(c_int), intent(in) :: k
       character(len=512), intent(out) :: text
@@ -488,7 +587,7 @@ contains
       text = joined(repeatable, " ")
    end subroutine repeatable_groups
 
-   !> Row k of the table of result variables: group|name|kind|units|long_name|comment; blank past the end.
+   !> Row k of the table of result variables: group|name|type|units|long_name|comment; blank past the end.
    subroutine variable(k, text)
       integer(c_int), intent(in) :: k
       character(len=512), intent(out) :: text
@@ -589,11 +688,21 @@ contains
       case ("min_normal"); value = min_normal
       case ("max_draws"); value = max_draws          ! of a rebound
       case ("left_window"); value = left_window      ! status of a boulder to be run again in a larger window
+      case ("max_text"); value = max_text            ! [bytes]
+      case ("max_elevation"); value = max_elevation  ! [m]
+      case ("max_real"); value = max_real            ! of a case
+      case ("z_95"); value = z_95                    ! [-]
+      case ("scene_layout"); value = scene_layout
+      case ("part_layout"); value = part_layout
+      case ("piece"); value = piece                  ! values that share a checksum
+      case ("max_packing"); value = max_packing
+      case ("max_columns"); value = max_columns      ! of counts of bins
+      case ("halvings"); value = halvings            ! of them, where memory is short
       case default; value = ieee_value(value, ieee_quiet_nan)
       end select
    end subroutine constant
 
-   !> Names of the rows of `run`: 1 boulder, 2 counts, 3 crossing, 4 vertex; blank past the end.
+   !> Names of the rows of `run`: 1 boulder, 2 counts, 3 crossing, 4 vertex, 5 energy; blank past the end.
    subroutine fields(what, text)
       integer(c_int), intent(in) :: what
       character(len=512), intent(out) :: text
@@ -603,6 +712,7 @@ contains
       case (2); text = joined(boulder_counts, " ")
       case (3); text = joined(line_fields, " ")
       case (4); text = joined(vertex_fields, " ")
+      case (5); text = joined(energy_fields, " ")
       case default; text = ""
       end select
    end subroutine fields

@@ -105,7 +105,7 @@ contains
       if (allocated(error)) return
       do k = 1, size(key_table)
          associate (key => key_table(k))
-            if (of_arrays .and. .not. decides_arrays(key)) cycle
+            if (of_arrays .and. .not. key%of_scene) cycle
             if (key%group == "case" .and. key%name == "threads") cycle  ! changes no number
             name = "&"//trim(key%group)//" "//trim(key%name)
             if (.not. same_values(groups_of(lists(1), key%group), groups_of(lists(2), key%group), key)) return
@@ -113,19 +113,6 @@ contains
       end do
       name = ""
    end function differing_key
-
-   !> Whether a key says what stands in a scene file.
-   pure logical function decides_arrays(key)
-      type(key_t), intent(in) :: key
-
-      select case (key%group)
-      case ("terrain"); decides_arrays = .true.
-      case ("surface"); decides_arrays = key%name /= "rg_reading"
-      case ("release"); decides_arrays = key%name /= "drop_height" .and. key%name /= "velocity"
-      case ("impact"); decides_arrays = key%name == "sets"
-      case default; decides_arrays = .false.
-      end select
-   end function decides_arrays
 
    pure function groups_of(list, name) result(groups)
       type(namelist_t), intent(in) :: list

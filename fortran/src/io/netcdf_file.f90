@@ -11,6 +11,8 @@ module rockfall_netcdf_file
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use rockfall_kinds, only: wp, sp, i1, i4, i8
    use rockfall_error, only: error_t, fail
+   use rockfall_text, only: max_text
+   use rockfall_variables, only: piece, max_packing
    use rockfall_filesystem, only: is_pipe
    use rockfall_interrupts, only: begin_reading, end_reading
    implicit none
@@ -19,9 +21,6 @@ module rockfall_netcdf_file
    public :: keep, sound, mark_damaged, fail_damaged, check_shape, pass
    public :: length_of, kind_of, text_of, integers_of, real_of
 
-   integer(i8), parameter :: piece = 2_i8**17       !! values that share a checksum
-   integer(i8), parameter :: max_packing = 1100     !! zlib packs no closer than this
-   integer, parameter :: max_text = 64*1024**2      !! [bytes]
    character(len=*), parameter :: head = char(137)//"HDF"
 
    !> An open file.

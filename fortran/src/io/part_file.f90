@@ -13,8 +13,9 @@ module rockfall_part_file
    use rockfall_filesystem, only: replace_file, remove_file
    use rockfall_netcdf_file, only: netcdf_file_t, axis_t, about_t, open_netcdf, create_netcdf, close_netcdf, keep, &
                                    sound, mark_damaged, fail_damaged, pass, length_of, text_of, integers_of, real_of
-   use rockfall_variables, only: variable_t, variable_table, boulder_fields, boulder_counts, line_fields, &
-                                 vertex_fields, histogram_fields, statuses
+   use rockfall_variables, only: variable_t, variable_table, stored_as, layout => part_layout, boulder_fields, &
+                                 boulder_counts, energy_fields, line_fields, vertex_fields, histogram_fields, &
+                                 statuses
    use rockfall_histogram, only: n_bins
    use rockfall_maps, only: maps_t
    use rockfall_source_maps, only: contributing_t, contributing_cells, partial_sources, settle
@@ -27,7 +28,8 @@ module rockfall_part_file
    private
    public :: write_part, read_part, boulders_in, is_result
 
-   integer(i8), parameter :: layout = 1    !! of the file, as in part_file.py
+   character(len=*), parameter :: types(*) = ["i1", "i4", "i8", "f4", "f8"]  !! as `stored_as` has them
+   integer, parameter :: kinds(*) = [nf90_byte, nf90_int, nf90_int64, nf90_float, nf90_double]
 
    !> The tallies of cells, gathered: where they were reached, and what partial sources contribute.
    type :: tally_t
@@ -175,14 +177,10 @@ contains
          row = variable_table(k)
          if (row%group == group .and. row%name == name) exit
       end do
-      about = about_t(name, merge(nf90_int64, nf90_double, row%kind == "integer"), row%units, row%long_name, &
-                      row%comment)
+      about = about_t(name, kinds(findloc(types, stored_as(row), dim=1)), row%units, row%long_name, row%comment)
       select case (group)
-      case ("line"); about%name = "line_"//name
+      case ("line", "tally"); about%name = trim(group)//"_"//name
       case ("vertex"); about%name = "trajectory_"//name
-      case ("boulder")
-         if (name == "impacts") about%kind = nf90_int
-         if (name == "status") about%kind = nf90_byte
       case ("histogram")
          about%name = trim(name)//"_histogram"
          about%units = "1"
@@ -209,6 +207,12 @@ contains
          call keep(file, nf90_put_att(file%id, id, "flag_meanings", joined(statuses, " ")))
       end if
       call pass(file, described("boulder", "impacts"), [boulder], results%impacts(:n))
+      if (case%energy_balance) then
+         do k = 1, size(energy_fields)
+            call pass(file, described("energy", energy_fields(k)), [boulder], results%energy(:n, k))
+         end do
+      end if
+      if (case%forest) call pass(file, described("tree", "trees_hit"), [boulder], results%trees_hit(:n))
       do k = 3, size(boulder_counts)
          call pass(file, described("count", boulder_counts(k)), [axis_t ::], results%count(k:k))
       end do
@@ -233,39 +237,36 @@ contains
       type(axis_t) :: cells, fed
 
       cells = axis_t("tally", size(tally%cell, kind=i8))
-      call pass(file, about_t("tally_cell", nf90_int64, "1", "index of the cell, by rows from the north-west"), &
-                [cells], tally%cell)
+      call pass(file, described("tally", "cell"), [cells], tally%cell)
       if (.not. sound(file) .or. .not. in_order(file, tally%cell, results)) return
-      call pass_stack("counts", nf90_int, results%counts, 1, size(results%counts, 3))
-      call pass_stack("sums", nf90_int64, results%sums, 2, size(results%sums, 3))
-      call pass_stack("maxima", nf90_float, results%maxima, 1, size(results%maxima, 3))
+      call pass_stack("counts", results%counts, 1, size(results%counts, 3))
+      call pass_stack("sums", results%sums, 2, size(results%sums, 3))
+      call pass_stack("maxima", results%maxima, 1, size(results%maxima, 3))
       if (size(results%column) > 0) call pass_classes(file, results, tally%cell, cells)
       if (size(results%stamp) == 0) return
       fed = axis_t("tally_fed", size(tally%fed%cell, kind=i8))
-      call pass(file, about_t("tally_fed_cell", nf90_int64, "1", &
-                              "cell to which a source contributes that the part cuts"), [fed], tally%fed%cell)
-      call pass(file, about_t("tally_fed_source", nf90_int, "1", "number of that source"), [fed], tally%fed%source)
-      call pass(file, about_t("tally_fed_boulders", nf90_int, "1", "its boulders in the part"), [fed], &
-                tally%fed%boulders)
+      call pass(file, described("tally", "fed_cell"), [fed], tally%fed%cell)
+      call pass(file, described("tally", "fed_source"), [fed], tally%fed%source)
+      call pass(file, described("tally", "fed_boulders"), [fed], tally%fed%boulders)
 
    contains
 
       !> A stack of layers: the values of the cells of each, as words of 32 bits.
-      subroutine pass_stack(name, kind, stack, words, layers)
+      subroutine pass_stack(name, stack, words, layers)
          character(len=*), intent(in) :: name
-         integer, intent(in) :: kind, words, layers
+         integer, intent(in) :: words, layers
          type(*), intent(inout), target :: stack(*)  !! (nx, ny, layers)
          integer(i4), pointer :: value(:, :, :)
          integer(i4), allocatable :: some(:, :)
-         type(about_t) :: about
+         type(axis_t) :: layer
          integer :: k
 
          if (layers == 0) return
          call c_f_pointer(c_loc(stack), value, [int(words, i8), cells_of(results), int(layers, i8)])
-         about = about_t("tally_"//name, kind, "1", name//" of the maps, by layer")
+         layer = axis_t("tally_"//name//"_layer", int(layers, i8))
          do k = 1, layers
             some = value(:, tally%cell + 1, k)
-            call pass(file, about, [cells, axis_t("tally_"//name//"_layer", int(layers, i8))], some, k)
+            call pass(file, described("tally", name), [cells, layer], some, k)
             value(:, tally%cell + 1, k) = some
          end do
       end subroutine pass_stack
@@ -290,8 +291,7 @@ contains
       do k = 1, size(cell)
          if (column(cell(k) + 1) > 0) counts(:, k) = results%bin_counts(:, column(cell(k) + 1))
       end do
-      call pass(file, about_t("tally_classes", nf90_int, "1", "counts of classes"), &
-                [axis_t("tally_class", int(results%plan%rows, i8)), cells], counts)
+      call pass(file, described("tally", "classes"), [axis_t("tally_class", int(results%plan%rows, i8)), cells], counts)
       if (file%writes .or. .not. sound(file)) return
       results%bin_counts(:, :size(cell)) = counts
       column(cell + 1) = [(int(k, i4), k=1, size(cell))]
@@ -412,7 +412,9 @@ contains
          do k = 1, size(boulder_fields)
             if (.not. all(ieee_is_finite(results%boulder(:n, k)))) call mark_damaged(file, trim(boulder_fields(k)))
          end do
+         if (.not. all(ieee_is_finite(results%energy))) call mark_damaged(file, "energy_released, or another energy")
          if (any(results%status(:n) < 1 .or. results%status(:n) > size(statuses))) call mark_damaged(file, "status")
+         if (any(results%trees_hit < 0)) call mark_damaged(file, "trees_hit")
          if (any(results%impacts(:n) < 0)) call mark_damaged(file, "impacts")
          if (any(results%count < 0)) call mark_damaged(file, "rebounds, or another count")
          if (any(results%histogram < 0)) call mark_damaged(file, "a histogram")

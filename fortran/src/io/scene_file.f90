@@ -7,23 +7,20 @@ module rockfall_scene_file
                      nf90_double
    use rockfall_kinds, only: wp, sp, i1, i2, i8
    use rockfall_error, only: error_t, fail
-   use rockfall_text, only: integer_text
+   use rockfall_text, only: integer_text, max_text
    use rockfall_netcdf_file, only: netcdf_file_t, axis_t, about_t, open_netcdf, keep, sound, mark_damaged, &
                                    fail_damaged, check_shape, pass, length_of, kind_of, text_of, integers_of
    use rockfall_interrupts, only: end_reading
+   use rockfall_terrain, only: max_elevation
    use rockfall_surface, only: method_a
-   use rockfall_case, only: case_t
+   use rockfall_variables, only: layout => scene_layout
+   use rockfall_case, only: case_t, max_real
    use rockfall_case_file, only: differing_key
    use rockfall_trajectory, only: scene_t
    use rockfall_scene, only: scene_arrays_t, scene_from
    implicit none
    private
    public :: inputs_t, read_scene
-
-   integer(i8), parameter :: layout = 1           !! of the file, as in prepare.py
-   real(wp), parameter :: max_elevation = 1.0e7_wp  !! [m] above or below zero
-   real(wp), parameter :: max_place = 1.0e12_wp   !! coordinates [m], as of the keys of a case
-   integer, parameter :: max_text = 64*1024**2    !! [bytes] of impact sets
 
    !> A scene and what it was made of. What holds it must be a target.
    type :: inputs_t
@@ -38,6 +35,7 @@ module rockfall_scene_file
       integer(i1), allocatable :: zone1(:, :)
       integer(i2), allocatable :: zone2(:, :)
       real(sp), allocatable :: values(:, :, :)
+      real(wp), allocatable :: tree(:, :)      !! x, y [m], dbh [cm], factor [-] of each (trees, 4)
    end type inputs_t
 
 contains
@@ -57,6 +55,7 @@ contains
       call read_elevations(inputs)
       call read_surface(inputs, case)
       call read_sources(inputs, case)
+      if (case%forest) call read_trees(inputs)
       call read_sets(inputs)
       call end_reading()
       if (.not. sound(inputs%file)) then
@@ -137,7 +136,7 @@ contains
       real(wp), intent(in) :: value  !! [m]
 
       is_place = ieee_is_finite(value)
-      if (is_place) is_place = abs(value) <= max_place
+      if (is_place) is_place = abs(value) <= max_real
    end function is_place
 
    !> Elevations in the precision of the file, not all of them missing.
@@ -308,6 +307,31 @@ contains
       end associate
    end subroutine read_sources
 
+   !> Stems; their diameters and factors are above zero.
+   subroutine read_trees(inputs)
+      type(inputs_t), intent(inout) :: inputs
+      character(len=*), parameter :: names(4) = [character(len=11) :: "tree_x", "tree_y", "tree_dbh", "tree_factor"]
+      type(axis_t) :: tree(1)
+      integer :: n, k, status
+
+      associate (file => inputs%file)
+         n = length_of(file, "tree")
+         tree = [axis_t("tree", int(n, i8))]
+         if (n < 1) call mark_damaged(file, "its number of trees")
+         call check_shape(file, about_t("tree_x", nf90_double), tree)
+         if (.not. sound(file)) return
+         allocate (inputs%tree(n, size(names)), stat=status)
+         if (status /= 0) call mark_damaged(file, "(no memory) tree_x")
+         do k = 1, size(names)
+            call pass(file, about_t(names(k), nf90_double), tree, inputs%tree(:, k))
+         end do
+         if (.not. sound(file)) return
+         if (.not. all(is_place(inputs%tree(:, :2)))) call mark_damaged(file, "tree_x, or tree_y,")
+         if (.not. all(is_place(inputs%tree(:, 3:)) .and. above_zero(inputs%tree(:, 3:)))) &
+            call mark_damaged(file, "tree_dbh, or tree_factor,")
+      end associate
+   end subroutine read_trees
+
    !> The file of impact sets, as text.
    subroutine read_sets(inputs)
       type(inputs_t), intent(inout) :: inputs
@@ -340,6 +364,11 @@ contains
          if (allocated(inputs%zone1)) arrays%zone1 => inputs%zone1
          if (allocated(inputs%zone2)) arrays%zone2 => inputs%zone2
          if (allocated(inputs%values)) arrays%values => inputs%values
+         if (.not. allocated(inputs%tree)) return
+         arrays%tree_x => inputs%tree(:, 1)
+         arrays%tree_y => inputs%tree(:, 2)
+         arrays%tree_dbh => inputs%tree(:, 3)
+         arrays%tree_factor => inputs%tree(:, 4)
       end associate
    end subroutine point_to
 end module rockfall_scene_file

@@ -4,12 +4,11 @@ module rockfall_text_file
    use, intrinsic :: iso_fortran_env, only: iostat_end
    use rockfall_kinds, only: i8
    use rockfall_error, only: error_t, fail
+   use rockfall_text, only: max_text
    use rockfall_filesystem, only: is_pipe
    implicit none
    private
    public :: read_text
-
-   integer(i8), parameter :: max_bytes = 64*1024_i8**2  !! of a text file; more is none of ours
 
 contains
 
@@ -38,7 +37,7 @@ contains
          return
       end if
       inquire (unit=unit, size=size)
-      if (size > max_bytes) then
+      if (size > max_text) then
          call fail(error, file//": larger than 64 MB; not a text file of ours")
       else
          allocate (character(len=max(size, 0_i8)) :: text)

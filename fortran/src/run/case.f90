@@ -14,11 +14,13 @@ module rockfall_case
    use rockfall_surface, only: method_a, method_b
    use rockfall_decimal, only: parse_real
    use rockfall_direction, only: past_aspect, to_aspect, by_lab
+   use rockfall_forest, only: tree_law_t
    use rockfall_sobol, only: max_points
+   use rockfall_barrier, only: ead_energy
    implicit none
    private
    public :: case_t, case_line_t, read_case, read_keys, key_t, key_table, n_keys, key_text, repeatable, map_names, &
-             n_maps, turning_rule, radius_of_reading
+             n_maps, turning_rule, radius_of_reading, max_real
 
    integer, parameter :: many = 100000                !! values of a list
    integer, parameter :: text_length = 4096           !! characters of a text
@@ -36,7 +38,11 @@ module rockfall_case
       character(len=100) :: allowed  !! "", a range ("> 0", ">= 0", "1 to 10"), or words ("A, B")
       character(len=6) :: unit
       character(len=100) :: meaning
+      logical :: of_scene = .false.  !! decides what stands in a scene file
+      character(len=12) :: file = ""  !! that it names: raster, layer, raster layer (either), points, table, sets
    end type key_t
+
+   logical, parameter :: in_scene = .true.  !! for rows of the table
 
    character(len=*), parameter :: map_names(*) = map_fields
    integer, parameter :: n_maps = size(map_names)
@@ -47,7 +53,7 @@ module rockfall_case
    character(len=*), parameter :: swiss_matrix = "'moderate', 2*'low', 'high', 2*'moderate', 3*'high'"
 
    !> Groups of which a case may have several.
-   character(len=*), parameter :: repeatable(*) = [character(len=8) :: "line", "scenario"]
+   character(len=*), parameter :: repeatable(*) = [character(len=8) :: "line", "barrier", "dam", "scenario"]
 
    type(key_t), parameter :: key_table(*) = [ &
       key_t("case", "title", "text", 1, "''", "", "", "what the result is called"), &
@@ -56,20 +62,30 @@ module rockfall_case
       key_t("case", "threads", "integer", 1, "0", "0 to 1024", "", "0 = all cores"), &
       key_t("case", "sampling", "text", 1, "'random'", "random, sobol", "", &
             "sobol: volumes and first rebounds spread evenly"), &
-      key_t("terrain", "dem", "text", 1, "required", "", "", "elevation raster, square cells in metres"), &
-      key_t("surface", "zones", "text", 1, "absent", "", "", "raster of zone ids, or polygons"), &
-      key_t("surface", "table", "text", 1, "absent", "", "", "CSV with zone, mean_radius, rg70, rg20, rg10"), &
-      key_t("surface", "zone_field", "text", 1, "'zone'", "", "", "attribute of zone polygons with the id"), &
-      key_t("surface", "default_zone", "integer", 1, "absent", "-2147483647 to 2147483647", "", "zone of cells that have none"), &
-      key_t("surface", "mean_radius", "text", 1, "absent", "", "", "raster of mean rock radii [m]"), &
-      key_t("surface", "rg70", "text", 1, "absent", "", "", "raster of obstacle sizes met at 70 % [m]"), &
-      key_t("surface", "rg20", "text", 1, "absent", "", "", "raster of obstacle sizes met at 20 % [m]"), &
-      key_t("surface", "rg10", "text", 1, "absent", "", "", "raster of obstacle sizes met at 10 % [m]"), &
-      key_t("surface", "uniform_mean_radius", "real", 1, "absent", "> 0", "m", "one mean rock radius everywhere"), &
-      key_t("surface", "uniform_rg", "real", 3, "absent", "> 0", "m", "Rg70, Rg20, Rg10 everywhere"), &
-      key_t("surface", "method", "text", 1, "'B'", "A, B", "", "A: three obstacle sizes, B: one mean radius"), &
+      key_t("terrain", "dem", "text", 1, "required", "", "", &
+            "elevation raster, square cells in metres", in_scene, "raster"), &
+      key_t("surface", "zones", "text", 1, "absent", "", "", &
+            "raster of zone ids, or polygons", in_scene, "raster layer"), &
+      key_t("surface", "table", "text", 1, "absent", "", "", &
+            "CSV with zone, mean_radius, rg70, rg20, rg10", in_scene, "table"), &
+      key_t("surface", "zone_field", "text", 1, "'zone'", "", "", "attribute of zone polygons with the id", in_scene), &
+      key_t("surface", "default_zone", "integer", 1, "absent", "-2147483647 to 2147483647", "", &
+            "zone of cells that have none", in_scene), &
+      key_t("surface", "mean_radius", "text", 1, "absent", "", "", &
+            "raster of mean rock radii [m]", in_scene, "raster"), &
+      key_t("surface", "rg70", "text", 1, "absent", "", "", &
+            "raster of obstacle sizes met at 70 % [m]", in_scene, "raster"), &
+      key_t("surface", "rg20", "text", 1, "absent", "", "", &
+            "raster of obstacle sizes met at 20 % [m]", in_scene, "raster"), &
+      key_t("surface", "rg10", "text", 1, "absent", "", "", &
+            "raster of obstacle sizes met at 10 % [m]", in_scene, "raster"), &
+      key_t("surface", "uniform_mean_radius", "real", 1, "absent", "> 0", "m", &
+            "one mean rock radius everywhere", in_scene), &
+      key_t("surface", "uniform_rg", "real", 3, "absent", "> 0", "m", "Rg70, Rg20, Rg10 everywhere", in_scene), &
+      key_t("surface", "method", "text", 1, "'B'", "A, B", "", &
+            "A: three obstacle sizes, B: one mean radius", in_scene), &
       key_t("surface", "rg_reading", "text", 1, "'diameter'", "diameter, radius", "", "what Rg measures"), &
-      key_t("impact", "sets", "text", 1, "'rocky-slope'", "", "", "shipped impact set, or a file"), &
+      key_t("impact", "sets", "text", 1, "'rocky-slope'", "", "", "shipped impact set, or a file", in_scene, "sets"), &
       key_t("impact", "turning", "text", 1, "'past_aspect'", "past_aspect, to_aspect, lab", "", &
             "by a random angle, past the cell's aspect or at most to it; or as in the laboratory: impact_sets.md"), &
       key_t("impact", "ratio", "text", 1, "'nearest'", "nearest, between", "", &
@@ -83,28 +99,77 @@ module rockfall_case
       key_t("boulder", "volume_max", "real", 1, "absent", "> 0", "m3", "uniform"), &
       key_t("boulder", "volumes", "real", many, "absent", "> 0", "m3", "list: each with equal probability"), &
       key_t("boulder", "density", "real", 1, "2800.0", "> 0", "kg/m3", "of the boulders"), &
-      key_t("release", "x", "real", many, "absent", "", "m", "release points"), &
-      key_t("release", "y", "real", many, "absent", "", "m", "release points"), &
-      key_t("release", "cells", "text", 1, "absent", "", "", "raster: cells above zero are sources"), &
-      key_t("release", "polygons", "text", 1, "absent", "", "", "polygons: cells inside are sources"), &
+      key_t("release", "x", "real", many, "absent", "", "m", "release points", in_scene), &
+      key_t("release", "y", "real", many, "absent", "", "m", "release points", in_scene), &
+      key_t("release", "cells", "text", 1, "absent", "", "", &
+            "raster: cells above zero are sources", in_scene, "raster"), &
+      key_t("release", "polygons", "text", 1, "absent", "", "", &
+            "polygons: cells inside are sources", in_scene, "layer"), &
       key_t("release", "steep_cells", "logical", 1, ".false.", "", "", &
-            "cells as steep as slope_threshold are sources; only those within cells or polygons, if given"), &
+            "cells as steep as slope_threshold are sources; only those within cells or polygons, if given", in_scene), &
       key_t("release", "slope_threshold", "real", 1, "absent", "1 to 89", "degree", &
-            "of steep_cells; absent: 55 RES**-0.075 for cells of RES m (Dorren 2016)"), &
+            "of steep_cells; absent: 55 RES**-0.075 for cells of RES m (Dorren 2016)", in_scene), &
       key_t("release", "by_area", "logical", 1, ".false.", "", "", &
-            "a cell releases boulders in proportion to its true surface area, &case boulders if flat"), &
+            "a cell releases boulders in proportion to its true surface area, &case boulders if flat", in_scene), &
       key_t("release", "drop_height", "real", 1, "0.0", ">= 0", "m", "above the surface"), &
       key_t("release", "velocity", "real", 3, "3*0.0", "", "m/s", "east, north, up"), &
+      key_t("forest", "trees", "text", 1, "absent", "", "", &
+            "CSV with x, y, dbh [cm], species; or a layer of points", in_scene, "points"), &
+      key_t("forest", "stems", "text", 1, "absent", "", "", &
+            "raster of stems a hectare, of which trees are made", in_scene, "raster"), &
+      key_t("forest", "uniform_stems", "real", 1, "absent", "> 0", "1/ha", "as many everywhere", in_scene), &
+      key_t("forest", "dbh_mean", "text", 1, "absent", "", "", &
+            "raster of mean diameters at breast height [cm]", in_scene, "raster"), &
+      key_t("forest", "uniform_dbh_mean", "real", 1, "absent", "> 0", "cm", &
+            "one mean diameter everywhere", in_scene), &
+      key_t("forest", "dbh_std", "text", 1, "absent", "", "", &
+            "raster of their standard deviations [cm]", in_scene, "raster"), &
+      key_t("forest", "uniform_dbh_std", "real", 1, "absent", ">= 0", "cm", &
+            "one standard deviation everywhere", in_scene), &
+      key_t("forest", "conifers", "text", 1, "absent", "", "", &
+            "raster of the percentage of conifers among stems", in_scene, "raster"), &
+      key_t("forest", "uniform_conifers", "real", 1, "absent", "0 to 100", "%", &
+            "one percentage everywhere", in_scene), &
+      key_t("forest", "spread", "text", 1, "'random'", "random, even", "", &
+            "random: stems anywhere; even: each cell has as many as its raster says", in_scene), &
+      key_t("forest", "seed", "integer", 1, "1", ">= 0", "", "of the trees that are made", in_scene), &
+      key_t("forest", "species_table", "text", 1, "absent", "", "", &
+            "CSV with species, genus, factor; absent: as shipped", in_scene, "table"), &
+      key_t("forest", "stem_height", "real", 1, "absent", "> 0", "m", &
+            "boulders that are higher pass over; absent: none does"), &
+      key_t("forest", "lateral_from", "real", 1, "0.58", "0 to 1", "", &
+            "place on the stem from which a hit is lateral"), &
+      key_t("forest", "scratch_from", "real", 1, "0.75", "0 to 1", "", &
+            "place on the stem from which a hit is a scratch"), &
+      key_t("forest", "turn_frontal", "real", 3, "22.5, 45.0, 8.5", ">= 0", "", &
+            "how often a frontal hit turns by 0-22.5, 22.5-67.5, 67.5-76 degrees, in any unit"), &
+      key_t("forest", "turn_lateral", "real", 3, "22.5, 45.0, 8.5", ">= 0", "", "the same of a lateral hit"), &
+      key_t("forest", "turn_scratch", "real", 3, "22.5, 45.0, 8.5", ">= 0", "", "the same of a scratch"), &
       key_t("flight", "gravity", "real", 1, "9.81", "> 0", "m/s2", "acceleration of gravity"), &
       key_t("line", "name", "text", 1, "required", "", "", "of an evaluation line"), &
       key_t("line", "x", "real", many, "required", "", "m", "vertices, two or more"), &
       key_t("line", "y", "real", many, "required", "", "m", "vertices, two or more"), &
+      key_t("barrier", "name", "text", 1, "required", "", "", "of a net or wall, which is an evaluation line too"), &
+      key_t("barrier", "x", "real", many, "required", "", "m", "vertices, two or more"), &
+      key_t("barrier", "y", "real", many, "required", "", "m", "vertices, two or more"), &
+      key_t("barrier", "height", "real", 1, "required", "> 0", "m", &
+            "vertical, of the top edge above the ground; a boulder whose centre is above it passes over"), &
+      key_t("barrier", "capacity", "real", 1, "absent", "> 0", "kJ", "kinetic energy that it takes at most"), &
+      key_t("barrier", "class", "integer", 1, "absent", "0 to 7", "", &
+            "instead of capacity: of EAD 340059, by its maximum energy level"), &
+      key_t("dam", "x", "real", many, "required", "", "m", "vertices of the crest, two or more", in_scene), &
+      key_t("dam", "y", "real", many, "required", "", "m", "vertices of the crest, two or more", in_scene), &
+      key_t("dam", "height", "real", 1, "required", "> 0", "m", "of the crest above the terrain below it", in_scene), &
+      key_t("dam", "crest_width", "real", 1, "0.0", ">= 0", "m", "of its flat top", in_scene), &
+      key_t("dam", "slope", "real", 1, "45.0", "1 to 89", "degree", "of its faces", in_scene), &
       key_t("output", "maps", "text", n_maps, "absent", "as in result.md", "", "rasters of results"), &
       key_t("output", "map_extent", "text", 1, "'reach'", "reach, terrain", "", &
             "reach: the cells that boulders can reach; terrain: all"), &
       key_t("output", "least_passages", "integer", 1, "10", "1 to 2147483647", "", &
             "cells with fewer show no mean and no quantile"), &
       key_t("output", "rebounds", "logical", 1, ".false.", "", "", "histograms over all rebounds"), &
+      key_t("output", "energy_balance", "logical", 1, ".false.", "", "", &
+            "what became of the energy of each boulder: ground, trees, barriers, left"), &
       key_t("output", "trajectories", "integer", 1, "0", "0 to 2147483647", "", "record the first n boulders"), &
       key_t("ensemble", "runs", "integer", 1, "64", "8 to 65536", "", "draws of all that is uncertain"), &
       key_t("ensemble", "radius_factor", "real", 1, "1.0", "1 to 10", "", &
@@ -120,7 +185,7 @@ module rockfall_case
             "distance at which the correlation of their errors is 1/e"), &
       key_t("ensemble", "source_shift", "real", 1, "0.0", ">= 0", "m", &
             "standard deviation of easting and northing of all sources together"), &
-      key_t("ensemble", "sets", "text", 100, "absent", "", "", "impact sets, each with equal probability"), &
+      key_t("ensemble", "sets", "text", 100, "absent", "", "", "impact sets, each with equal probability", file="sets"), &
       key_t("scenario", "name", "text", 1, "required", "", "", "of a class of boulders, with its frequency"), &
       key_t("scenario", "frequency", "real", 1, "absent", "> 0", "1/year", "how many boulders come loose"), &
       key_t("scenario", "return_period", "real", 1, "absent", "> 0", "year", "instead of frequency: 1/frequency"), &
@@ -144,9 +209,12 @@ module rockfall_case
             "of a zone: a smaller patch takes the class of the largest beside it")]
    integer, parameter :: n_keys = size(key_table)
 
+   !> An evaluation line, or a barrier: one that stops boulders.
    type :: case_line_t
       character(len=:), allocatable :: name
       real(wp), allocatable :: x(:), y(:)  !! map coordinates [m]
+      real(wp) :: height = 0.0_wp          !! of a barrier [m]; 0: an evaluation line
+      real(wp) :: capacity = 0.0_wp        !! of a barrier [J]
    end type case_line_t
 
    !> A case as read; file names as written, "" when absent.
@@ -166,13 +234,16 @@ module rockfall_case
       logical :: between_ratios = .false.
       type(volume_distribution_t) :: volumes
       real(wp), allocatable :: x(:), y(:)        !! release points, map coordinates [m]
+      logical :: forest = .false.                !! there are trees
+      type(tree_law_t) :: tree_law
       logical :: steep_cells = .false., by_area = .false.
       real(wp), allocatable :: slope_threshold   !! [degree]
-      type(case_line_t), allocatable :: lines(:)
+      type(case_line_t), allocatable :: lines(:)  !! evaluation lines, then barriers
       logical :: map(n_maps) = .false.           !! which of map_names
       logical :: whole_maps = .false.            !! also where no boulder can come
       integer :: least_passages = 10             !! for a mean or a quantile in a cell
       logical :: rebounds = .false.
+      logical :: energy_balance = .false.
       integer :: trajectories = 0
       real(wp), allocatable :: thresholds(:)     !! of the map energy_exceeded [J]
    end type case_t
@@ -194,6 +265,7 @@ contains
       if (.not. allocated(error)) call read_surface(group_of(list, "surface"), case, error)
       if (.not. allocated(error)) call read_boulder(group_of(list, "boulder"), case, error)
       if (.not. allocated(error)) call read_release(group_of(list, "release"), case, error)
+      if (.not. allocated(error)) call read_forest(group_of(list, "forest"), case, error)
       if (.not. allocated(error)) call read_lines(list, case, error)
       if (.not. allocated(error)) call read_output(group_of(list, "output"), case, error)
       if (.not. allocated(error)) call check_ensemble(group_of(list, "ensemble"), case, error)
@@ -217,7 +289,7 @@ contains
       if (.not. allocated(error)) call check_keys(list, error)
    end subroutine read_keys
 
-   !> A row of the table as text: group|key|kind|most|default|allowed|unit|meaning.
+   !> A row of the table as text: group|key|kind|most|default|allowed|unit|meaning|file.
    pure function key_text(k) result(text)
       integer, intent(in) :: k
       character(len=:), allocatable :: text
@@ -225,7 +297,8 @@ contains
 
       key = key_table(k)
       text = trim(key%group)//"|"//trim(key%name)//"|"//trim(key%kind)//"|"//integer_text(key%most)//"|" &
-             //trim(key%default)//"|"//trim(key%allowed)//"|"//trim(key%unit)//"|"//trim(key%meaning)
+             //trim(key%default)//"|"//trim(key%allowed)//"|"//trim(key%unit)//"|"//trim(key%meaning) &
+             //"|"//trim(key%file)
    end function key_text
 
    !> Add the groups that are absent and the defaults of keys that are absent.
@@ -619,6 +692,64 @@ contains
       case%velocity = reals_of(group, "velocity")
    end subroutine read_release
 
+   !> Trees are listed, or made of what is known of the stand; the rest is about hits.
+   pure subroutine read_forest(group, case, error)
+      type(group_t), intent(in) :: group
+      type(case_t), intent(inout) :: case
+      type(error_t), allocatable, intent(out) :: error
+      character(len=*), parameter :: turns(3) = [character(len=12) :: "turn_frontal", "turn_lateral", "turn_scratch"]
+      logical :: listed, made
+      integer :: k
+
+      listed = has_key(group, "trees")
+      made = has_key(group, "stems") .or. has_key(group, "uniform_stems")
+      case%forest = listed .or. made
+      if (listed .and. made) then
+         call fail(error, group%file//": &forest: give trees, or stems, not both")
+         return
+      end if
+      call read_either(group, "stems", made, made, error)
+      call read_either(group, "dbh_mean", made, made, error)
+      call read_either(group, "dbh_std", made, made, error)
+      call read_either(group, "conifers", made, case%forest, error)
+      if (allocated(error)) return
+      if (has_key(group, "species_table") .and. .not. case%forest) then
+         call refuse(group, "species_table", "has no meaning without trees or stems", error)
+      else if (has_key(group, "stem_height") .and. .not. case%forest) then
+         call refuse(group, "stem_height", "has no meaning without trees or stems", error)
+      end if
+      associate (law => case%tree_law)
+         if (has_key(group, "stem_height")) law%stem_height = real_of(group, "stem_height")
+         law%limit = [real_of(group, "lateral_from"), real_of(group, "scratch_from")]
+         if (law%limit(2) < law%limit(1)) call refuse(group, "scratch_from", "must not be below lateral_from", error)
+         do k = 1, 3
+            law%weight(:, k) = reals_of(group, trim(turns(k)))
+            if (.not. sum(law%weight(:, k)) > 0) call refuse(group, trim(turns(k)), "one of them must be > 0", error)
+         end do
+      end associate
+   end subroutine read_forest
+
+   !> A raster, or one number everywhere: one of them where it is needed, none where it has no meaning.
+   pure subroutine read_either(group, key, needed, allowed, error)
+      type(group_t), intent(in) :: group
+      character(len=*), intent(in) :: key
+      logical, intent(in) :: needed, allowed
+      type(error_t), allocatable, intent(inout) :: error
+      character(len=:), allocatable :: uniform
+
+      if (allocated(error)) return
+      uniform = "uniform_"//key
+      if (has_key(group, key) .and. has_key(group, uniform)) then
+         call refuse(group, uniform, "give this or "//key//", not both", error)
+      else if (has_key(group, key) .and. .not. allowed) then
+         call refuse(group, key, "has no meaning without stems", error)
+      else if (has_key(group, uniform) .and. .not. allowed) then
+         call refuse(group, uniform, "has no meaning without stems", error)
+      else if (needed .and. .not. (has_key(group, key) .or. has_key(group, uniform))) then
+         call fail(error, about(group, key)//" is missing: a raster, or "//uniform//", to make trees of")
+      end if
+   end subroutine read_either
+
    !> As many y as x, and at least so many of them.
    pure subroutine check_points(group, least, error)
       type(group_t), intent(in) :: group
@@ -633,36 +764,79 @@ contains
       end if
    end subroutine check_points
 
+   !> Evaluation lines, then barriers; what a dam may not be.
    pure subroutine read_lines(list, case, error)
       type(namelist_t), intent(in) :: list
       type(case_t), intent(inout) :: case
       type(error_t), allocatable, intent(out) :: error
-      integer :: g, k, n
+      type(group_t), allocatable :: groups(:)
+      integer :: n
 
-      allocate (case%lines(count(list%group%name == "line")))
-      n = 0
-      do g = 1, size(list%group)
-         if (list%group(g)%name /= "line") cycle
-         n = n + 1
-         associate (group => list%group(g), line => case%lines(n))
-            line%name = text_of(group, "name")
-            line%x = reals_of(group, "x")
-            line%y = reals_of(group, "y")
-            call check_points(group, 2, error)
-            if (allocated(error)) return
-            do k = 1, n - 1
-               if (case%lines(k)%name == line%name) call refuse(group, "name", "must be another for each line", error)
-            end do
-            if (len(line%name) > max_name) &
-               call refuse(group, "name", "must be at most "//integer_text(max_name)//" characters", error)
-            if (all(line%x >= line%x(1)) .and. all(line%x <= line%x(1)) .and. &
-                all(line%y >= line%y(1)) .and. all(line%y <= line%y(1))) then
-               call refuse(group, "x", "a line must have two different points", error)
-            end if
-            if (allocated(error)) return
-         end associate
+      groups = [pack(list%group, list%group%name == "line"), pack(list%group, list%group%name == "barrier")]
+      allocate (case%lines(size(groups)))
+      do n = 1, size(groups)
+         call read_line(groups(n), case%lines(:n), error)
+         if (allocated(error)) return
+         if (groups(n)%name == "barrier") call read_barrier(groups(n), case%lines(n), error)
+         if (allocated(error)) return
+      end do
+      do n = 1, size(list%group)
+         if (list%group(n)%name == "dam") call check_polyline(list%group(n), error)
+         if (allocated(error)) return
       end do
    end subroutine read_lines
+
+   !> The last of some lines.
+   pure subroutine read_line(group, lines, error)
+      type(group_t), intent(in) :: group
+      type(case_line_t), intent(inout) :: lines(:)
+      type(error_t), allocatable, intent(out) :: error
+      integer :: k
+
+      call check_polyline(group, error)
+      if (allocated(error)) return
+      associate (line => lines(size(lines)))
+         line%name = text_of(group, "name")
+         line%x = reals_of(group, "x")
+         line%y = reals_of(group, "y")
+         do k = 1, size(lines) - 1
+            if (lines(k)%name == line%name) &
+               call refuse(group, "name", "must be another for each line and barrier", error)
+         end do
+         if (len(line%name) > max_name) &
+            call refuse(group, "name", "must be at most "//integer_text(max_name)//" characters", error)
+      end associate
+   end subroutine read_line
+
+   !> As many y as x, and two different points.
+   pure subroutine check_polyline(group, error)
+      type(group_t), intent(in) :: group
+      type(error_t), allocatable, intent(out) :: error
+      real(wp), allocatable :: x(:), y(:)
+
+      call check_points(group, 2, error)
+      if (allocated(error)) return
+      x = reals_of(group, "x")
+      y = reals_of(group, "y")
+      if (all(x >= x(1)) .and. all(x <= x(1)) .and. all(y >= y(1)) .and. all(y <= y(1))) &
+         call refuse(group, "x", "a line must have two different points", error)
+   end subroutine check_polyline
+
+   !> How high a barrier is, and how much energy it takes.
+   pure subroutine read_barrier(group, barrier, error)
+      type(group_t), intent(in) :: group
+      type(case_line_t), intent(inout) :: barrier
+      type(error_t), allocatable, intent(out) :: error
+
+      barrier%height = real_of(group, "height")
+      if (has_key(group, "capacity") .eqv. has_key(group, "class")) then
+         call fail(error, about(group, "capacity, class")//": give one of the two")
+      else if (has_key(group, "class")) then
+         barrier%capacity = ead_energy(int(integer_of(group, "class")))
+      else
+         barrier%capacity = 1000*real_of(group, "capacity")
+      end if
+   end subroutine read_barrier
 
    pure subroutine read_output(group, case, error)
       type(group_t), intent(in) :: group
@@ -674,6 +848,7 @@ contains
       allocate (maps(0))
       call get_text(group, "maps", maps, error)
       if (.not. allocated(error)) call get_logical(group, "rebounds", case%rebounds, error)
+      if (.not. allocated(error)) call get_logical(group, "energy_balance", case%energy_balance, error)
       case%whole_maps = text_of(group, "map_extent") == "terrain"
       case%least_passages = int(integer_of(group, "least_passages"))
       case%trajectories = int(integer_of(group, "trajectories"))

@@ -5,15 +5,16 @@ module rockfall_ensemble
    use rockfall_kinds, only: i8
    use rockfall_threads, only: team_size
    use rockfall_trajectory, only: scene_t, boulder_result_t, crossing_t, scratch_t, trace_full, choose_trace, &
-                                  stopped, absorbed, left_window
+                                  has_obstacles, at_rest, left_window
    use rockfall_boulder, only: release_t, source_of, first_of, last_of, released_by
    use rockfall_maps, only: maps_t, needs_visits, visits_t, start_visits, add_visits, add_deposit
    use rockfall_travel_maps, only: needs_times, needs_travel, add_travel
+   use rockfall_tree_maps, only: needs_tree_hits, add_tree_hits
    use rockfall_source_maps, only: counts_sources, gather, add_source, add_source_of_boulder
    use rockfall_histogram, only: histograms, bins, quantities
    implicit none
    private
-   public :: run_boulders, trace_boulder
+   public :: run_boulders, trace_boulder, share_of
 
    integer, parameter :: batch = 16        !! boulders that a thread takes at a time
    !> Boulders of a source up to which one thread runs it alone, in a call of few boulders; in larger calls so many
@@ -54,6 +55,7 @@ contains
 
       call prepare(scene, needs_visits(maps), scratch)
       if (needs_times(maps)) allocate (scratch%visits%time(0))
+      scratch%tree_hits_requested = allocated(scene%forest) .and. needs_tree_hits(maps)
       if (counts_sources(maps)) then
          call run_by_source(scene, first, threads, results, crossings, maps, scratch)
       else
@@ -89,7 +91,8 @@ contains
       end if
       if (scratch%cells_requested) call add_visits(maps, scratch%visits, result%boulder%mass)
       if (needs_travel(maps)) call add_travel(maps, scratch%visits, scene%dem, result%start)
-      if (result%status == stopped .or. result%status == absorbed) call add_deposit(maps, result%stop_cell)
+      if (scratch%tree_hits_requested) call add_tree_hits(maps, scratch%tree_hits)
+      if (at_rest(result%status)) call add_deposit(maps, result%stop_cell)
    end subroutine run_one
 
    !> One thread's part where maps count sources. All threads walk through the sources of the call in
@@ -179,7 +182,15 @@ contains
       scratch%cells_requested = cells_requested
       call choose_trace(scene, scratch)
       if (allocated(scene%lines)) allocate (scratch%crossings(size(scene%lines)))
-      if (cells_requested) allocate (scratch%spans(scene%dem%nx + scene%dem%ny))
+      if (allocated(scene%barriers)) allocate (scratch%broken(size(scene%barriers)))
+      if (cells_requested .or. has_obstacles(scene)) allocate (scratch%spans(scene%dem%nx + scene%dem%ny))
       if (scene%histograms_requested) scratch%histograms = histograms()
    end subroutine prepare
+
+   !> n*part/of without overflow: the boulders in the first of equal ranges.
+   pure integer(i8) function share_of(n, part, of)
+      integer(i8), intent(in) :: n, part, of
+
+      share_of = n/of*part + mod(n, of)*part/of
+   end function share_of
 end module rockfall_ensemble

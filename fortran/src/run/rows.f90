@@ -4,12 +4,12 @@ module rockfall_result
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use rockfall_kinds, only: wp
    use rockfall_terrain, only: terrain_t
-   use rockfall_boulder, only: inertia_factor
+   use rockfall_boulder, only: kinetic_energy
    use rockfall_trajectory, only: boulder_result_t, crossing_t, contact_t
-   use rockfall_variables, only: boulder_fields, boulder_counts, line_fields, vertex_fields
+   use rockfall_variables, only: boulder_fields, boulder_counts, line_fields, vertex_fields, energy_fields
    implicit none
    private
-   public :: boulder_row, boulder_count_row, line_row, vertex_row
+   public :: boulder_row, boulder_count_row, energy_row, line_row, vertex_row
 
 contains
 
@@ -35,21 +35,29 @@ contains
              fate%out_of_speed, fate%out_of_angle]
    end function boulder_count_row
 
+   !> The numbers of `energy_fields`.
+   pure function energy_row(fate) result(row)
+      type(boulder_result_t), intent(in) :: fate
+      real(wp) :: row(size(energy_fields))
+
+      associate (e => fate%energy)
+         row = [e%released, e%ground, e%trees, e%barriers, e%left]
+      end associate
+   end function energy_row
+
    !> The numbers of `line_fields`; NaN where the boulder did not cross. Energies: Bourrier et al. 2009, eqs 1-3.
    pure function line_row(dem, fate, crossing) result(row)
       type(terrain_t), intent(in) :: dem
       type(boulder_result_t), intent(in) :: fate
       type(crossing_t), intent(in) :: crossing
       real(wp) :: row(size(line_fields))
-      real(wp) :: speed2, spin
 
       row = ieee_value(0.0_wp, ieee_quiet_nan)
       if (.not. crossing%crossed) return
-      speed2 = crossing%v(1)**2 + crossing%v(2)**2 + crossing%v(3)**2
-      spin = crossing%omega*fate%boulder%radius
-      row = [crossing%x + dem%x0, crossing%y + dem%y0, crossing%time, sqrt(speed2), crossing%v, crossing%omega, &
-             crossing%jump_height, crossing%passing_height, 0.5_wp*fate%boulder%mass*speed2, &
-             0.5_wp*inertia_factor*fate%boulder%mass*spin**2]
+      row = [crossing%x + dem%x0, crossing%y + dem%y0, crossing%time, &
+             sqrt(crossing%v(1)**2 + crossing%v(2)**2 + crossing%v(3)**2), crossing%v, crossing%omega, &
+             crossing%jump_height, crossing%passing_height, &
+             kinetic_energy(fate%boulder, crossing%v, crossing%omega)]
    end function line_row
 
    !> The numbers of `vertex_fields`.

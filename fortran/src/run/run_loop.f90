@@ -7,13 +7,13 @@ module rockfall_run_loop
    use rockfall_trajectory, only: scene_t, boulder_result_t, crossing_t, scratch_t, left_window
    use rockfall_maps, only: maps_t, lacks_slots
    use rockfall_source_maps, only: first_partial
-   use rockfall_map_values, only: map_plan_t, map_plan, stack_layers, map_views
+   use rockfall_map_values, only: map_plan_t, map_plan, stack_layers, map_views, max_columns, halvings
    use rockfall_limits, only: check_tallies
    use rockfall_histogram, only: bins, quantities
-   use rockfall_variables, only: boulder_fields, boulder_counts, line_fields, vertex_fields
-   use rockfall_result, only: boulder_row, boulder_count_row, line_row, vertex_row
+   use rockfall_variables, only: boulder_fields, boulder_counts, energy_fields, line_fields, vertex_fields
+   use rockfall_result, only: boulder_row, boulder_count_row, energy_row, line_row, vertex_row
    use rockfall_threads, only: team_size
-   use rockfall_ensemble, only: run_boulders, trace_boulder
+   use rockfall_ensemble, only: run_boulders, trace_boulder, share_of
    use rockfall_case, only: case_t, map_names
    use rockfall_grid, only: grid_t
    use rockfall_terrain, only: keep_within
@@ -25,8 +25,6 @@ module rockfall_run_loop
 
    integer(i8), parameter :: first_chunk = 1024   !! boulders in one call
    real(wp), parameter :: chunk_seconds = 1.0_wp  !! that a call is to take: at its end threads wait for each other
-   integer(i8), parameter :: max_columns = 2_i8**31 - 2  !! and one more can be counted
-   integer, parameter :: halvings = 5  !! of the columns, before they are too few to begin with
 
    !> What a run found, as rows of numbers in map coordinates. Maps that nobody asked for have no cells.
    type :: results_t
@@ -37,6 +35,8 @@ module rockfall_run_loop
       integer(i1), allocatable :: status(:)              !! the first of boulder_counts,
       integer(i4), allocatable :: impacts(:)             !! the second,
       integer(i8) :: count(size(boulder_counts)) = 0     !! and of all boulders done, the others
+      real(wp), allocatable :: energy(:, :)              !! (boulders, energy_fields), or no boulders
+      integer(i4), allocatable :: trees_hit(:)           !! of each boulder, or of none
       real(wp), allocatable :: line(:, :, :)             !! (boulders, lines, line_fields)
       real(wp), allocatable :: vertex(:, :)              !! (vertices, vertex_fields) of the first boulders of the run
       integer(i8), allocatable :: vertex_boulder(:)
@@ -105,13 +105,6 @@ contains
       if (.not. allocated(error)) call trace(case, scene, results, error)
    end subroutine run_case
 
-   !> n*part/of without overflow.
-   pure integer(i8) function share_of(n, part, of)
-      integer(i8), intent(in) :: n, part, of
-
-      share_of = n/of*part + mod(n, of)*part/of
-   end function share_of
-
    !> Look at the terrain: whether boulders can start from the sources, what maps could come to, and where they lie.
    subroutine survey(case, scene, results, error)
       type(case_t), intent(in) :: case
@@ -157,6 +150,9 @@ contains
       associate (n => results%boulders, nx => results%grid%nx, ny => results%grid%ny, plan => results%plan)
          allocate (results%boulder(n, size(boulder_fields)), stat=rows(1))
          if (rows(1) == 0) allocate (results%status(n), results%impacts(n), stat=rows(2))
+         if (all(rows == 0)) &
+            allocate (results%energy(merge(n, 0_i8, case%energy_balance), size(energy_fields)), &
+                      results%trees_hit(merge(n, 0_i8, case%forest)), stat=rows(2))
          if (all(rows == 0)) allocate (results%line(n, lines, size(line_fields)), stat=rows(3))
          allocate (results%counts(nx, ny, stacks(1)), source=0_i4, stat=cells(1))
          allocate (results%sums(nx, ny, stacks(2)), source=0_i8, stat=cells(2))
@@ -168,7 +164,7 @@ contains
             call make_columns(plan%rows, int(nx, i8)*ny, results%bin_counts, cells(5))
          end if
          layers = 0
-         if (any(plan%count(3:) > 0)) then
+         if (any(plan%count(3:4) > 0)) then
             results%head = first_partial(scene%release, results%before + 1)
             layers = merge(2, 1, results%head > 0)
          end if
@@ -281,6 +277,8 @@ contains
          results%status(row) = int(count(1), i1)
          results%impacts(row) = count(2)
          results%count = results%count + count
+         if (case%energy_balance) results%energy(row, :) = energy_row(fate(k))
+         if (case%forest) results%trees_hit(row) = fate(k)%trees_hit
          do line = 1, size(case%lines)
             results%line(row, line, :) = line_row(scene%dem, fate(k), crossing(line, k))
          end do
@@ -288,38 +286,41 @@ contains
       results%done = results%done + n
    end subroutine follow_some
 
-   !> Follow the first boulders of the run once more, each alone, and keep their trajectories.
+   !> Follow the first boulders of the run once more, each alone, and keep their trajectories: first to count the
+   !> vertices, then to keep them.
    subroutine trace(case, scene, results, error)
       type(case_t), intent(in) :: case
       type(scene_t), intent(in) :: scene
       type(results_t), intent(inout) :: results
       type(error_t), allocatable, intent(out) :: error
-      integer, parameter :: ends = 3  !! vertices that are no contacts, at most
-      real(wp), allocatable :: row(:, :)
       type(boulder_result_t) :: fate
       type(scratch_t) :: scratch
-      integer(i8) :: boulders, k, n, room
+      integer(i8) :: boulders, k, n
+      integer, allocatable :: vertices(:)
       integer :: j, status
 
       boulders = max(0_i8, min(int(case%trajectories, i8) - results%before, results%boulders))
-      room = sum(int(results%impacts(:boulders), i8)) + ends*boulders
-      allocate (row(size(vertex_fields), room), results%vertex_boulder(room), stat=status)
-      n = 0
+      allocate (vertices(boulders), stat=status)
       do k = 1, boulders
          if (status /= 0) exit
-         call trace_boulder(scene, results%before + k, results%impacts(k) + ends, fate, scratch)
-         do j = 1, scratch%recorded
-            row(:, n + j) = vertex_row(scene%dem, scratch%record(j))
-         end do
-         results%vertex_boulder(n + 1:n + scratch%recorded) = results%before + k
-         n = n + scratch%recorded
+         call trace_boulder(scene, results%before + k, 0, fate, scratch)
+         vertices(k) = scratch%recorded
       end do
-      if (status == 0) allocate (results%vertex(n, size(vertex_fields)), stat=status)
-      if (status == 0) then
-         results%vertex = transpose(row(:, :n))
-         results%vertex_boulder = results%vertex_boulder(:n)
-      else
+      n = 0
+      if (status == 0) n = sum(int(vertices, i8))
+      if (status == 0) allocate (results%vertex(n, size(vertex_fields)), results%vertex_boulder(n), stat=status)
+      if (status /= 0) then
          call fail(error, case%file//": &output trajectories = "//integer_text(boulders)//": do not fit in memory")
+         return
       end if
+      n = 0
+      do k = 1, boulders
+         call trace_boulder(scene, results%before + k, vertices(k), fate, scratch)
+         do j = 1, vertices(k)
+            results%vertex(n + j, :) = vertex_row(scene%dem, scratch%record(j))
+         end do
+         results%vertex_boulder(n + 1:n + vertices(k)) = results%before + k
+         n = n + vertices(k)
+      end do
    end subroutine trace
 end module rockfall_run_loop

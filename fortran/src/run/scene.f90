@@ -10,9 +10,11 @@ module rockfall_scene
    use rockfall_terrain, only: terrain, patch_t, locate, height, on_terrain
    use rockfall_sources, only: last_boulders
    use rockfall_line, only: line
+   use rockfall_barrier, only: barrier_t
    use rockfall_impact, only: impact_set, impact_ratios, fitted
    use rockfall_direction, only: lateral, by_lab
    use rockfall_boulder, only: last_of
+   use rockfall_forest, only: build_forest
    use rockfall_trajectory, only: scene_t
    use rockfall_case, only: case_t
    use rockfall_impact_sets, only: coefficients_t, read_sets
@@ -32,6 +34,9 @@ module rockfall_scene
       real(wp), allocatable :: sizes(:, :)                       !! R_m, or Rg70, Rg20, Rg10 (1 or 3, materials) [m]
       real(wp), allocatable :: source_x(:), source_y(:)          !! map coordinates [m]
       real(wp), allocatable :: area_ratio(:)                     !! surface over plan area, where they release by it
+      real(wp), pointer, contiguous :: tree_x(:) => null(), tree_y(:) => null()  !! stems, map coordinates [m]
+      real(wp), pointer, contiguous :: tree_dbh(:) => null()     !! their diameters at breast height, > 0 [cm]
+      real(wp), pointer, contiguous :: tree_factor(:) => null()  !! of their species [-]
       character(len=:), allocatable :: sets_text, sets_name      !! the file of impact sets, and its name for messages
       integer :: draw = 0                                        !! of a file with several; 0: it has one only
    end type scene_arrays_t
@@ -53,10 +58,12 @@ contains
       scene%between_ratios = case%between_ratios
       scene%max_impacts = case%impact_limit
       scene%histograms_requested = case%rebounds
+      scene%energies_requested = case%energy_balance
       scene%volumes = case%volumes
       call set_ground(case, arrays, scene)
       call set_release(case, arrays, scene)
       call set_lines(case, scene)
+      call set_forest(case, arrays, scene)
       call check_number(case, scene, error)
       if (.not. allocated(error)) call set_impacts(case, arrays, scene, error)
    end subroutine scene_from
@@ -95,6 +102,7 @@ contains
       end associate
    end subroutine set_release
 
+   !> Evaluation lines, and the barriers among them.
    pure subroutine set_lines(case, scene)
       type(case_t), intent(in) :: case
       type(scene_t), intent(inout) :: scene
@@ -105,7 +113,21 @@ contains
       do k = 1, size(case%lines)
          scene%lines(k) = line(case%lines(k)%x - scene%dem%x0, case%lines(k)%y - scene%dem%y0)
       end do
+      if (all(case%lines%height <= 0)) return
+      scene%barriers = pack([(barrier_t(k, case%lines(k)%height, case%lines(k)%capacity), k=1, size(case%lines))], &
+                            case%lines%height > 0)
    end subroutine set_lines
+
+   pure subroutine set_forest(case, arrays, scene)
+      type(case_t), intent(in) :: case
+      type(scene_arrays_t), intent(in) :: arrays
+      type(scene_t), intent(inout) :: scene
+
+      if (.not. case%forest) return
+      allocate (scene%forest)
+      call build_forest(arrays%tree_x, arrays%tree_y, [scene%dem%x0, scene%dem%y0], arrays%tree_dbh, &
+                        arrays%tree_factor, case%tree_law, scene%forest)
+   end subroutine set_forest
 
    !> Maps count boulders in 32 bits.
    pure subroutine check_number(case, scene, error)

@@ -4,33 +4,42 @@
 module rockfall_trajectory
    use rockfall_kinds, only: wp, i8
    use rockfall_random, only: random_key_t, normal_table_t, random_words, four_words, uniform, for_impact, &
-                              for_ratio, words_per_draw, words_per_block, matrix_words, turn_class_word, &
+                              for_ratio, for_tree, words_per_draw, words_per_block, matrix_words, turn_class_word, &
                               turn_within_word, obstacle_word, ratio_word
    use rockfall_sobol, only: sobol_t, sobol_word, scrambled, volume_dimension
    use rockfall_terrain, only: terrain_t, patch_t, in_window, locate, height, gradient, cell_of, cell_descent
    use rockfall_surface, only: surface_t, rock_radius
    use rockfall_boulder, only: boulder_t, volume_distribution_t, release_t, draw_boulder, source_of, first_of, &
-                               inertia_factor
-   use rockfall_flight, only: flight_t, landing_t, span_t, fly, launch_rate, arc_length
-   use rockfall_impact, only: impact_set_t, impact_ratios, ratio_class, ratio_between, beyond_fit, rebound_t, rebound
+                               inertia_factor, kinetic_energy
+   use rockfall_flight, only: flight_t, landing_t, span_t, fly, end_flight, flight_from, launch_rate, arc_length, never
+   use rockfall_impact, only: impact_set_t, impact_ratios, ratio_class, ratio_between, beyond_fit, rebound_t, rebound, &
+                              twice_energy
    use rockfall_direction, only: turning_t, lateral_t, past_aspect, by_lab, lateral_angle, new_heading, unit_vector, &
-                                 any_heading
-   use rockfall_line, only: line_t, first_crossing
+                                 any_heading, rotated
+   use rockfall_line, only: line_t, first_crossing, next_crossing
+   use rockfall_barrier, only: barrier_t, barrier_outcome, passed_over
+   use rockfall_forest, only: forest_t, tree_hit_t, tree_impact_t, first_hit, tree_impact
    use rockfall_maps, only: visits_t, start_visits, visit_spans, visit_cell
    use rockfall_travel_maps, only: time_visits
+   use rockfall_tree_maps, only: tree_hits_t, gather_tree_hit
    use rockfall_histogram, only: histograms_t, count_rebound
    implicit none
    private
    public :: scene_t, boulder_result_t, crossing_t, contact_t, scratch_t, trace_full, choose_trace
-   public :: stopped, absorbed, left_domain, impact_limit, hit_nodata, left_window
+   public :: has_obstacles, at_rest
+   public :: stopped, absorbed, left_domain, impact_limit, hit_nodata, stopped_by_tree, stopped_by_barrier, left_window
 
    !> Status, in the order of the table of rockfall_variables; 0 while a boulder is on its way.
-   integer, parameter :: stopped = 1, absorbed = 2, left_domain = 3, impact_limit = 4, hit_nodata = 5
+   integer, parameter :: stopped = 1, absorbed = 2, left_domain = 3, impact_limit = 4, hit_nodata = 5, &
+                         stopped_by_tree = 6, stopped_by_barrier = 7
    integer, parameter :: left_window = -1  !! the terrain goes on, but is not at hand: to be traced again; in no result
 
    !> What may be recorded besides the boulder's result, if it is requested: nothing; lines and histograms; visits of
-   !> raster cells too; vertices of the trajectory too.
-   integer, parameter :: basic = 0, with_lines = 1, with_maps = 2, with_record = 3
+   !> raster cells too; and all that the rest may ask for: vertices of the trajectory, obstacles, the energy balance.
+   integer, parameter :: basic = 0, with_lines = 1, with_maps = 2, with_all = 3
+
+   !> What a flight may end at before it meets the ground.
+   integer, parameter :: none = 0, barrier = 1, tree = 2
 
    !> Everything that a boulder needs to know; the same for all boulders of a run.
    type :: scene_t
@@ -45,12 +54,30 @@ module rockfall_trajectory
       type(lateral_t), allocatable :: lateral(:)  !! of each ratio; only by_lab
       type(volume_distribution_t) :: volumes
       type(release_t) :: release
-      type(line_t), allocatable :: lines(:)
+      type(line_t), allocatable :: lines(:)        !! evaluation lines, and those of the barriers
+      type(barrier_t), allocatable :: barriers(:)
+      type(forest_t), allocatable :: forest
       real(wp) :: gravity = 9.81_wp        !! [m/s2]
       real(wp) :: stop_speed = 0.5_wp      !! after a rebound [m/s]
       integer :: max_impacts = 100000      !! contacts, after which a boulder ends
       logical :: histograms_requested = .false.
+      logical :: energies_requested = .false.
    end type scene_t
+
+   !> What became of the energy of a boulder: released = ground + trees + barriers + left [J].
+   type :: energy_balance_t
+      real(wp) :: released = 0.0_wp  !! kinetic at the release, potential from there to the end
+      real(wp) :: ground = 0.0_wp, trees = 0.0_wp, barriers = 0.0_wp  !! what they took
+      real(wp) :: left = 0.0_wp      !! kinetic at the end
+   end type energy_balance_t
+
+   !> Where a flight ends in the air.
+   type :: obstacle_t
+      integer :: kind = none        !! barrier, tree
+      integer :: number = 0         !! of the barrier
+      real(wp) :: time = never      !! since the start of the flight [s]
+      type(tree_hit_t) :: hit       !! of a tree
+   end type obstacle_t
 
    !> What became of a boulder (model, section 9).
    type :: boulder_result_t
@@ -65,6 +92,8 @@ module rockfall_trajectory
       real(wp) :: jump_height_max = 0.0_wp !! [m]
       integer :: rebounds = 0, redrawn = 0, forced = 0
       integer :: out_of_range = 0, out_of_speed = 0, out_of_angle = 0  !! rebounds beyond what a set was fitted on
+      integer :: trees_hit = 0             !! each time counts
+      type(energy_balance_t) :: energy     !! where the scene has more than ground, or it is requested
    end type boulder_result_t
 
    !> First crossing of an evaluation line.
@@ -76,7 +105,7 @@ module rockfall_trajectory
       real(wp) :: passing_height = 0   !! centre of the sphere above the surface, vertical [m]
    end type crossing_t
 
-   !> One vertex of a recorded trajectory: the release, each contact, the end.
+   !> One vertex of a recorded trajectory: the release, each contact, each obstacle that it met, the end.
    type :: contact_t
       real(wp) :: x = 0, y = 0, z = 0, time = 0  !! local coordinates [m], since release [s]
       real(wp) :: v(3) = 0                   !! velocity after it [m/s]
@@ -91,6 +120,10 @@ module rockfall_trajectory
       type(visits_t) :: visits
       type(histograms_t) :: histograms
       type(crossing_t), allocatable :: crossings(:)
+      logical, allocatable :: broken(:)          !! barriers that this boulder broke through
+      integer, allocatable :: felled(:)          !! trees that it broke
+      logical :: tree_hits_requested = .false.   !! by maps
+      type(tree_hits_t) :: tree_hits
       type(contact_t), allocatable :: record(:)  !! allocated by who requests the trajectory
       integer :: recorded = 0                    !! vertices there were, also beyond size(record)
       procedure(trace_full), pointer, nopass :: trace => null()  !! what the scene needs of `trace_full`
@@ -105,10 +138,10 @@ contains
       type(boulder_result_t), intent(out) :: result
       type(scratch_t), intent(inout) :: scratch
 
-      call trace(scene, number, result, scratch, with_record)
+      call trace(scene, number, result, scratch, with_all)
    end subroutine trace_full
 
-   !> The same without a record of the trajectory.
+   !> The same without a record of the trajectory, obstacles, and energies.
    pure subroutine trace_maps(scene, number, result, scratch)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: number
@@ -147,7 +180,22 @@ contains
       scratch%trace => trace_basic
       if (allocated(scene%lines) .or. scene%histograms_requested) scratch%trace => trace_lines
       if (scratch%cells_requested) scratch%trace => trace_maps
+      if (has_obstacles(scene) .or. scene%energies_requested) scratch%trace => trace_full
    end subroutine choose_trace
+
+   !> Whether there is anything but the ground to meet.
+   pure logical function has_obstacles(scene)
+      type(scene_t), intent(in) :: scene
+
+      has_obstacles = allocated(scene%barriers) .or. allocated(scene%forest)
+   end function has_obstacles
+
+   !> Whether a boulder has come to rest somewhere.
+   elemental logical function at_rest(status)
+      integer, intent(in) :: status
+
+      at_rest = any(status == [stopped, absorbed, stopped_by_tree, stopped_by_barrier])
+   end function at_rest
 
    !> All that `trace_full` is. Wherever it is called `level` is a constant, so that each gets a copy of its own.
    pure subroutine trace(scene, number, result, scratch, level)
@@ -158,8 +206,10 @@ contains
       integer, value :: level  !! basic, ..., with_record
       type(flight_t) :: flight
       type(landing_t) :: landing
+      type(obstacle_t) :: obstacle
       real(wp) :: omega_r  !! W = R_b omega [m/s]
-      real(wp) :: v_in(3)  !! velocity at a contact [m/s]
+      real(wp) :: v_in(3)  !! velocity at the end of a flight [m/s]
+      logical :: obstacles
 
       if (scene%sobol%dimensions > 0) then
          result%boulder = draw_boulder(scene%volumes, scene%table, scene%key, number, &
@@ -179,14 +229,25 @@ contains
       if (level >= with_maps .and. scratch%cells_requested) call start_visits(scratch%visits, number)
       if (level >= with_lines .and. allocated(scratch%crossings)) scratch%crossings%crossed = .false.
       scratch%recorded = 0
-      if (level >= with_record) call record(scratch, contact_t(flight%x, flight%y, flight%z, 0.0_wp, flight%v))
+      obstacles = .false.
+      if (level >= with_all) then
+         call record(scratch, contact_t(flight%x, flight%y, flight%z, 0.0_wp, flight%v))
+         obstacles = has_obstacles(scene)
+         if (allocated(scratch%broken)) scratch%broken = .false.
+         if (allocated(scene%forest)) scratch%felled = [integer ::]
+         scratch%tree_hits%n = 0
+         result%energy%released = sum(kinetic_energy(result%boulder, flight%v, 0.0_wp)) &
+                                  + result%boulder%mass*scene%gravity*flight%z
+      end if
       do
-         if (level >= with_maps .and. scratch%cells_requested) then
+         if (level >= with_all .and. obstacles) then
+            call fly_to_obstacle(scene, result, flight, omega_r, landing, obstacle, scratch)
+         else if (level >= with_maps .and. scratch%cells_requested) then
             call fly_over_cells(scene, flight, omega_r, result%time, landing, scratch)
          else
             call fly(scene%dem, scene%gravity, flight, landing)
          end if
-         if (level >= with_lines .and. allocated(scene%lines)) then
+         if (level >= with_lines .and. allocated(scene%lines) .and. .not. obstacles) then
             call record_crossings(scene, result, flight, landing, omega_r, scratch%crossings)
          end if
          v_in = flight%v
@@ -195,7 +256,9 @@ contains
          result%time = result%time + landing%time
          result%speed_max = max(result%speed_max, square(v_in))
          result%jump_height_max = max(result%jump_height_max, landing%jump_height)
-         if (.not. landing%contact) then
+         if (level >= with_all .and. obstacle%kind /= none) then
+            call meet_obstacle(scene, number, obstacle, landing, v_in, omega_r, result, flight, scratch)
+         else if (.not. landing%contact) then
             result%status = departure(scene%dem, landing%patch)
          else
             result%impacts = result%impacts + 1
@@ -203,12 +266,16 @@ contains
          end if
          if (result%status /= 0) exit
       end do
-      if (level >= with_record .and. any(result%status == [absorbed, left_domain, hit_nodata])) then
-         call record(scratch, contact_t(landing%x, landing%y, landing%z, result%time, v_in))
+      if (level >= with_all) then
+         if (any(result%status == [absorbed, left_domain, hit_nodata])) then
+            call record(scratch, contact_t(landing%x, landing%y, landing%z, result%time, v_in))
+            flight%v = v_in
+         end if
+         call close_balance(scene, landing%z, flight%v, omega_r, result)
       end if
       result%speed_max = sqrt(result%speed_max)
       result%stop = [landing%x, landing%y, landing%z]
-      if (.not. landing%contact) return
+      if (.not. (landing%contact .or. at_rest(result%status))) return
       result%stop_cell = cell_of(scene%dem, landing%patch, landing%u, landing%w)
       if (level >= with_maps .and. scratch%cells_requested) then
          call visit_cell(scratch%visits, result%stop_cell, 0.0_wp, 0.0_wp, 0.0_wp)
@@ -279,27 +346,198 @@ contains
       integer :: n
 
       call fly(scene%dem, scene%gravity, flight, landing, scratch%spans, n)
-      call visit_spans(scratch%visits, scene%dem, scene%gravity, flight%x, flight%y, flight%v, &
-                       inertia_factor*omega_r**2, scratch%spans(:n))
-      if (allocated(scratch%visits%time)) then
-         call time_visits(scratch%visits, scene%dem, [flight%x, flight%y], flight%v(:2), begun, landing%time)
-      end if
+      call visit_cells(scene, flight, omega_r, begun, landing%time, scratch%spans(:n), scratch%visits)
    end subroutine fly_over_cells
 
-   !> Record the lines that a flight crosses for the first time.
-   pure subroutine record_crossings(scene, result, flight, landing, omega_r, crossings)
+   !> Record the raster cells under a flight.
+   pure subroutine visit_cells(scene, flight, omega_r, begun, time, spans, visits)
+      type(scene_t), intent(in) :: scene
+      type(flight_t), intent(in) :: flight
+      real(wp), intent(in) :: omega_r  !! W [m/s]
+      real(wp), intent(in) :: begun    !! since the release [s]
+      real(wp), intent(in) :: time     !! of the flight [s]
+      type(span_t), intent(in) :: spans(:)
+      type(visits_t), intent(inout) :: visits
+
+      call visit_spans(visits, scene%dem, scene%gravity, flight%x, flight%y, flight%v, inertia_factor*omega_r**2, spans)
+      if (allocated(visits%time)) &
+         call time_visits(visits, scene%dem, [flight%x, flight%y], flight%v(:2), begun, time)
+   end subroutine visit_cells
+
+   !> Fly to the ground or to the first obstacle on the way there, and record the lines and cells up to there.
+   pure subroutine fly_to_obstacle(scene, result, flight, omega_r, landing, obstacle, scratch)
+      type(scene_t), intent(in) :: scene
+      type(boulder_result_t), intent(in) :: result
+      type(flight_t), intent(in) :: flight
+      real(wp), intent(in) :: omega_r  !! W [m/s]
+      type(landing_t), intent(out) :: landing
+      type(obstacle_t), intent(out) :: obstacle
+      type(scratch_t), intent(inout) :: scratch
+      integer :: n
+
+      call fly(scene%dem, scene%gravity, flight, landing, scratch%spans, n)
+      if (allocated(scene%barriers)) &
+         call find_barrier(scene, result, flight, landing, omega_r, scratch%broken, obstacle)
+      if (allocated(scene%forest)) &
+         call find_tree(scene%forest, result%boulder%radius, flight, scratch%spans(:n), scratch%felled, obstacle)
+      if (allocated(scene%lines)) &
+         call record_crossings(scene, result, flight, landing, omega_r, scratch%crossings, obstacle%time)
+      if (obstacle%kind /= none) &
+         call end_flight(scene%dem, scene%gravity, flight, obstacle%time, scratch%spans, n, landing)
+      if (scratch%cells_requested) &
+         call visit_cells(scene, flight, omega_r, result%time, landing%time, scratch%spans(:n), scratch%visits)
+   end subroutine fly_to_obstacle
+
+   !> The first barrier that stands in the way of a flight, if it does before the obstacle.
+   pure subroutine find_barrier(scene, result, flight, landing, omega_r, broken, obstacle)
+      type(scene_t), intent(in) :: scene
+      type(boulder_result_t), intent(in) :: result
+      type(flight_t), intent(in) :: flight
+      type(landing_t), intent(in) :: landing
+      real(wp), intent(in) :: omega_r    !! W [m/s]
+      logical, intent(in) :: broken(:)
+      type(obstacle_t), intent(inout) :: obstacle
+      real(wp) :: fraction, time
+      integer :: k
+
+      do k = 1, size(scene%barriers)
+         if (broken(k)) cycle
+         fraction = -1
+         do  ! a bent barrier may be crossed several times
+            fraction = next_crossing(scene%lines(scene%barriers(k)%line), [flight%x, flight%y], &
+                                     [landing%x, landing%y], fraction)
+            time = fraction*landing%time
+            if (fraction > 1 .or. time >= obstacle%time) exit
+            if (stands_in_way(scene%barriers(k), result, crossing(scene, result, flight, time, omega_r))) then
+               obstacle = obstacle_t(barrier, k, time)
+               exit
+            end if
+         end do
+      end do
+   end subroutine find_barrier
+
+   !> Whether a boulder that crosses a barrier does not pass over it.
+   pure logical function stands_in_way(this, result, crossing)
+      type(barrier_t), intent(in) :: this
+      type(boulder_result_t), intent(in) :: result
+      type(crossing_t), intent(in) :: crossing
+
+      stands_in_way = passed_over /= barrier_outcome(this%height, this%capacity, crossing%passing_height, &
+                                                     sum(kinetic_energy(result%boulder, crossing%v, crossing%omega)))
+   end function stands_in_way
+
+   !> The first tree on the way of a flight, if it is hit before the obstacle.
+   pure subroutine find_tree(forest, radius, flight, spans, felled, obstacle)
+      type(forest_t), intent(in) :: forest
+      real(wp), intent(in) :: radius  !! of the boulder [m]
+      type(flight_t), intent(in) :: flight
+      type(span_t), intent(in) :: spans(:)
+      integer, intent(in) :: felled(:)
+      type(obstacle_t), intent(inout) :: obstacle
+      type(tree_hit_t) :: hit
+
+      call first_hit(forest, spans, flight%x, flight%y, flight%v(1:2), radius, felled, hit)
+      if (hit%tree > 0 .and. hit%time < obstacle%time) obstacle = obstacle_t(tree, 0, hit%time, hit)
+   end subroutine find_tree
+
+   !> An obstacle takes energy; with the rest the boulder flies on from there.
+   pure subroutine meet_obstacle(scene, number, obstacle, landing, v, omega_r, result, flight, scratch)
+      type(scene_t), intent(in) :: scene
+      integer(i8), intent(in) :: number
+      type(obstacle_t), intent(in) :: obstacle
+      type(landing_t), intent(in) :: landing
+      real(wp), intent(in) :: v(3)        !! velocity there [m/s]
+      real(wp), intent(inout) :: omega_r  !! W [m/s]
+      type(boulder_result_t), intent(inout) :: result
+      type(flight_t), intent(inout) :: flight
+      type(scratch_t), intent(inout) :: scratch
+      type(tree_impact_t) :: impact
+      real(wp) :: energy, taken, remains, turned(2), heading(2)
+
+      energy = sum(kinetic_energy(result%boulder, v, omega_r/result%boulder%radius))
+      turned = v(1:2)
+      heading = flight%heading
+      if (obstacle%kind == tree) then
+         call hit_tree(scene, number, obstacle%hit, landing, energy, result, scratch, impact)
+         taken = impact%taken
+         result%energy%trees = result%energy%trees + taken
+         turned = rotated(turned, impact%sine, impact%cosine)
+         heading = rotated(heading, impact%sine, impact%cosine)
+      else
+         taken = min(energy, scene%barriers(obstacle%number)%capacity)
+         scratch%broken(obstacle%number) = .true.
+         result%energy%barriers = result%energy%barriers + taken
+      end if
+      remains = 0
+      if (energy > taken) remains = sqrt((energy - taken)/energy)
+      omega_r = remains*omega_r
+      flight = flight_from(scene%dem, landing, remains*[turned, v(3)], heading)
+      if (taken > 0 .and. square(flight%v) < scene%stop_speed**2) then
+         result%status = merge(stopped_by_tree, stopped_by_barrier, obstacle%kind == tree)
+      else if (result%trees_hit >= scene%max_impacts) then
+         result%status = impact_limit
+      end if
+      call record(scratch, contact_t(landing%x, landing%y, landing%z, result%time, flight%v))
+   end subroutine meet_obstacle
+
+   !> What a hit of a tree does, and what is to be known of it later.
+   pure subroutine hit_tree(scene, number, hit, landing, energy, result, scratch, impact)
+      type(scene_t), intent(in) :: scene
+      integer(i8), intent(in) :: number
+      type(tree_hit_t), intent(in) :: hit
+      type(landing_t), intent(in) :: landing
+      real(wp), intent(in) :: energy  !! of the boulder [J]
+      type(boulder_result_t), intent(inout) :: result
+      type(scratch_t), intent(inout) :: scratch
+      type(tree_impact_t), intent(out) :: impact
+
+      result%trees_hit = result%trees_hit + 1
+      impact = tree_impact(scene%forest%law, scene%forest%stem(hit%tree), hit%offset, result%boulder%radius, energy, &
+                           four_words(scene%key, for_tree, number, int(result%trees_hit, i8), 0_i8))
+      if (impact%breaks) scratch%felled = [scratch%felled, hit%tree]
+      if (.not. scratch%tree_hits_requested) return
+      call gather_tree_hit(scratch%tree_hits, cell_of(scene%dem, landing%patch, landing%u, landing%w), hit%height, &
+                           impact%taken)
+   end subroutine hit_tree
+
+   !> What is left of the energy, and what was released down to the end.
+   pure subroutine close_balance(scene, z, v, omega_r, result)
+      type(scene_t), intent(in) :: scene
+      real(wp), intent(in) :: z        !! of the end [m]
+      real(wp), intent(in) :: v(3)     !! velocity there [m/s]
+      real(wp), intent(in) :: omega_r  !! W there [m/s]
+      type(boulder_result_t), intent(inout) :: result
+      real(wp) :: kinetic
+
+      kinetic = sum(kinetic_energy(result%boulder, v, omega_r/result%boulder%radius))
+      associate (energy => result%energy)
+         energy%released = energy%released - result%boulder%mass*scene%gravity*z
+         if (result%status == absorbed) then
+            energy%ground = energy%ground + kinetic
+         else
+            energy%left = kinetic
+         end if
+      end associate
+   end subroutine close_balance
+
+   !> Record the lines that a flight crosses for the first time, up to a time.
+   pure subroutine record_crossings(scene, result, flight, landing, omega_r, crossings, until)
       type(scene_t), intent(in) :: scene
       type(boulder_result_t), intent(in) :: result
       type(flight_t), intent(in) :: flight
       type(landing_t), intent(in) :: landing
       real(wp), intent(in) :: omega_r  !! W [m/s]
       type(crossing_t), intent(inout) :: crossings(:)
+      real(wp), intent(in), optional :: until  !! since the start of the flight [s]
       real(wp) :: fraction
       integer :: k
 
       do k = 1, size(scene%lines)
          if (crossings(k)%crossed) cycle
          fraction = first_crossing(scene%lines(k), [flight%x, flight%y], [landing%x, landing%y])
+         if (present(until)) then
+            if (fraction*landing%time > until) cycle
+         end if
          if (fraction <= 1) crossings(k) = crossing(scene, result, flight, fraction*landing%time, omega_r)
       end do
    end subroutine record_crossings
@@ -378,8 +616,10 @@ contains
                           merge(1.0_wp, -1.0_wp, btest(word(turn_within_word), 0)))
       if (turning%rule == by_lab) turning%lateral = lateral_angle(scene%lateral(class), v_in(1:2), turning%class)
       call outgoing_flight(scene, landing, at, g, steepness, heading, turning, out%v, flight, omega_r)
-      if (level >= with_record) then
+      if (level >= with_all) then
          call record(scratch, contact_t(landing%x, landing%y, landing%z, result%time, flight%v, v_in, out%v, ratio))
+         result%energy%ground = result%energy%ground &
+                                + 0.5_wp*result%boulder%mass*(twice_energy(v_in) - twice_energy(out%v))
       end if
       result%speed_max = max(result%speed_max, square(flight%v))
       if (square(flight%v) < scene%stop_speed**2) then

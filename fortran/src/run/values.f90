@@ -23,7 +23,7 @@ module rockfall_values
 
 contains
 
-   !> Only groups and keys of a table, each with its group beside it, and no group twice but those that may be.
+   !> Only groups and keys of a table, each with its group beside it, and no group twice but those that may repeat.
    pure subroutine check_names(list, groups, keys, repeatable, rule, error)
       type(namelist_t), intent(in) :: list
       character(len=*), intent(in) :: groups(:), keys(:)  !! a row for each key; rows of a group follow each other

@@ -1,21 +1,30 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Every variable of a result, in one table that both programs read: its units, and what it is.
 module rockfall_variables
+   use rockfall_kinds, only: i8
    implicit none
    private
-   public :: variable_t, variable_table, variable_text, boulder_fields, boulder_counts, &
+   public :: variable_t, variable_table, variable_text, stored_as, boulder_fields, boulder_counts, energy_fields, &
              line_fields, vertex_fields, map_fields, histogram_fields, statuses
+   public :: scene_layout, part_layout, piece, max_packing
+
+   ! Of scene and part files.
+   integer(i8), parameter :: scene_layout = 1, part_layout = 1
+   integer(i8), parameter :: piece = 2_i8**17    !! values that share a checksum
+   integer(i8), parameter :: max_packing = 1100  !! zlib packs no closer than this
 
    !> A variable of a result.
    type :: variable_t
-      !> boulder, count (of all boulders), line (first crossing), line_vertex, map, histogram,
-      !> vertex (of a trajectory); or status, for what the status of a boulder may be.
+      !> boulder, count (of all boulders), energy (of each boulder, on request), tree (of each, where there are trees),
+      !> line (first crossing), line_vertex, barrier, map, histogram, vertex (of a trajectory), tally (of a cell, in
+      !> part files); or status and outcome, for what the status of a boulder may be, and what a barrier may do with it.
       character(len=11) :: group
-      character(len=27) :: name       !! in files line_, trajectory_ before, _histogram after
+      character(len=27) :: name       !! in files line_, trajectory_, tally_ before, _histogram after
       character(len=7) :: kind        !! real, integer, word
       character(len=7) :: units       !! as CF wants them; of a histogram: those of its bins
       character(len=64) :: long_name
       character(len=60) :: comment = ""
+      character(len=2) :: stored = "" !! in part files as i1, i4, f4; else as f8, integers as i8
    end type variable_t
 
    character(len=*), parameter :: ends = "the first and the last bin also hold what lies beyond"
@@ -45,8 +54,8 @@ module rockfall_variables
       variable_t("boulder", "speed_max", "real", "m s-1", "maximum speed"), &
       variable_t("boulder", "jump_height_max", "real", "m", &
                  "maximum height of the boulder's point above the surface"), &
-      variable_t("boulder", "status", "integer", "1", "why the boulder ended"), &
-      variable_t("boulder", "impacts", "integer", "1", "contacts with the slope"), &
+      variable_t("boulder", "status", "integer", "1", "why the boulder ended", stored="i1"), &
+      variable_t("boulder", "impacts", "integer", "1", "contacts with the slope", stored="i4"), &
       variable_t("count", "rebounds", "integer", "1", "rebounds of all boulders"), &
       variable_t("count", "rebounds_redrawn", "integer", "1", &
                  "rebounds whose matrix was drawn more than once"), &
@@ -58,6 +67,13 @@ module rockfall_variables
                  "rebounds at incident speeds outside the set's speed_range"), &
       variable_t("count", "rebounds_out_of_angle", "integer", "1", &
                  "rebounds at incidence angles outside the set's angle_range"), &
+      variable_t("energy", "energy_released", "real", "J", &
+                 "kinetic energy at the release, and potential energy from there to the end"), &
+      variable_t("energy", "energy_ground", "real", "J", "energy that rebounds took"), &
+      variable_t("energy", "energy_trees", "real", "J", "energy that trees took"), &
+      variable_t("energy", "energy_barriers", "real", "J", "energy that barriers took"), &
+      variable_t("energy", "energy_left", "real", "J", "kinetic energy at the end"), &
+      variable_t("tree", "trees_hit", "integer", "1", "hits of trees", "each counts", "i4"), &
       variable_t("line", "x", "real", "m", "easting of the first crossing"), &
       variable_t("line", "y", "real", "m", "northing of the first crossing"), &
       variable_t("line", "time", "real", "s", "time from release to the first crossing"), &
@@ -77,6 +93,9 @@ module rockfall_variables
                  "index of the evaluation line", "counts from 0"), &
       variable_t("line_vertex", "x", "real", "m", "easting"), &
       variable_t("line_vertex", "y", "real", "m", "northing"), &
+      variable_t("barrier", "height", "real", "m", "height of the top edge above the ground"), &
+      variable_t("barrier", "capacity", "real", "J", "energy that the barrier takes at most"), &
+      variable_t("barrier", "outcome", "integer", "1", "what the barrier did at the first crossing"), &
       variable_t("map", "passages", "integer", "1", &
                  "boulders that passed the cell, each counted once"), &
       variable_t("map", "reach_probability", "real", "1", &
@@ -140,6 +159,12 @@ module rockfall_variables
                  "flattest line from the release of a boulder that passed", to_middle), &
       variable_t("map", "travel_time_min", "real", "s", &
                  "shortest time from release until a boulder comes to the cell"), &
+      variable_t("map", "tree_impacts", "integer", "1", "hits of trees by boulders", "each counts"), &
+      variable_t("map", "tree_impact_height_max", "real", "m", &
+                 "maximum height of a boulder's point above the surface when it hit a tree"), &
+      variable_t("map", "tree_impact_height_mean", "real", "m", &
+                 "mean of these heights, over hits"), &
+      variable_t("map", "tree_energy", "real", "J", "energy that trees took from all boulders"), &
       variable_t("histogram", "incidence_angle", "integer", "degree", &
                  "incidence angle from the surface, 90 = vertical", ends), &
       variable_t("histogram", "tangential_share", "integer", "1", &
@@ -168,12 +193,25 @@ module rockfall_variables
       variable_t("vertex", "out_n", "real", "m s-1", "V_n after the rebound"), &
       variable_t("vertex", "out_w", "real", "m s-1", "W after the rebound"), &
       variable_t("vertex", "ratio", "real", "1", "R_b/R_m of the rebound", "0 without a rebound"), &
+      variable_t("tally", "cell", "integer", "1", "index of the cell, by rows from the north-west"), &
+      variable_t("tally", "counts", "integer", "1", "counts of the maps, by layer", stored="i4"), &
+      variable_t("tally", "sums", "integer", "1", "sums of the maps, by layer"), &
+      variable_t("tally", "maxima", "real", "1", "maxima of the maps, by layer", stored="f4"), &
+      variable_t("tally", "classes", "integer", "1", "counts of classes", stored="i4"), &
+      variable_t("tally", "fed_cell", "integer", "1", "cell to which a source contributes that the part cuts"), &
+      variable_t("tally", "fed_source", "integer", "1", "number of that source", stored="i4"), &
+      variable_t("tally", "fed_boulders", "integer", "1", "its boulders in the part", stored="i4"), &
       variable_t("status", "stopped", "word", "", "slower than the stop speed after a rebound"), &
       variable_t("status", "absorbed", "word", "", "met material that absorbs"), &
       variable_t("status", "left_domain", "word", "", "left the terrain between its outer cell centres"), &
       variable_t("status", "impact_limit", "word", "", &
                  "still moving after as many contacts as allowed"), &
-      variable_t("status", "hit_nodata", "word", "", "met terrain without elevation")]
+      variable_t("status", "hit_nodata", "word", "", "met terrain without elevation"), &
+      variable_t("status", "stopped_by_tree", "word", "", "lost its energy at a tree"), &
+      variable_t("status", "stopped_by_barrier", "word", "", "lost its energy at a barrier"), &
+      variable_t("outcome", "stopped", "word", "", "the barrier took all energy"), &
+      variable_t("outcome", "broken_through", "word", "", "went on with what the barrier did not take"), &
+      variable_t("outcome", "passed_over", "word", "", "its centre was above the top edge")]
 
    character(len=27), parameter :: boulder_fields(*) = pack(variable_table%name, &
       variable_table%group == "boulder" .and. variable_table%kind == "real")
@@ -181,6 +219,8 @@ module rockfall_variables
    character(len=27), parameter :: boulder_counts(*) = pack(variable_table%name, &
       (variable_table%group == "boulder" .and. variable_table%kind == "integer") &
       .or. variable_table%group == "count")
+   character(len=27), parameter :: energy_fields(*) = pack(variable_table%name, &
+      variable_table%group == "energy")
    character(len=27), parameter :: line_fields(*) = pack(variable_table%name, &
       variable_table%group == "line")
    character(len=27), parameter :: vertex_fields(*) = pack(variable_table%name, &
@@ -194,7 +234,15 @@ module rockfall_variables
 
 contains
 
-   !> A row of the table as text: group|name|kind|units|long_name|comment; "" past the end.
+   !> The type of a variable in part files, as NumPy calls it.
+   elemental character(len=2) function stored_as(row)
+      type(variable_t), intent(in) :: row
+
+      stored_as = row%stored
+      if (row%stored == "") stored_as = merge("i8", "f8", row%kind == "integer")
+   end function stored_as
+
+   !> A row of the table as text: group|name|type in part files|units|long_name|comment; "" past the end.
    pure function variable_text(k) result(text)
       integer, intent(in) :: k
       character(len=:), allocatable :: text
@@ -203,7 +251,7 @@ contains
       text = ""
       if (k < 1 .or. k > size(variable_table)) return
       row = variable_table(k)
-      text = trim(row%group)//"|"//trim(row%name)//"|"//trim(row%kind)//"|"//trim(row%units)//"|" &
+      text = trim(row%group)//"|"//trim(row%name)//"|"//stored_as(row)//"|"//trim(row%units)//"|" &
              //trim(row%long_name)//"|"//trim(row%comment)
    end function variable_text
 end module rockfall_variables

@@ -16,7 +16,10 @@ module rockfall_limits
 
    !> [J], [mm/s], [mm]: below 2**63 by more than rounding to whole units can add.
    real(wp), parameter :: max_sum = 9.0e18_wp
-   character(len=*), parameter :: names(3) = [character(len=11) :: "energy", "speed", "jump_height"]
+   !> Maps that show the sums of a plan, and of which quantity a boulder's part of each is at most.
+   character(len=*), parameter :: names(5) = [character(len=23) :: "energy_mean", "speed_mean", "jump_height_mean", &
+                                              "tree_impact_height_mean", "tree_energy"]
+   integer, parameter :: of(5) = [energy, speed, jump_height, jump_height, energy]
    character(len=*), parameter :: units(3) = [character(len=4) :: "J", "mm/s", "mm"]
 
 contains
@@ -30,7 +33,7 @@ contains
       integer(i8), intent(in) :: boulders    !! of the whole run: all may pass one cell
       type(error_t), allocatable, intent(out) :: error
       real(wp) :: one(3), together(3), volume
-      integer :: k
+      integer :: k, q
 
       volume = max_volume(distribution, normal_table())
       one(energy) = distribution%density*volume*gravity*fall
@@ -39,10 +42,11 @@ contains
       together = boulders*one*per_unit
       together(energy) = min(together(energy), &
                              distribution%density*gravity*fall*sum_of_many(boulders, mean_volume(distribution), volume))
-      do k = 1, 3
-         if (plan%sum(k) > 0 .and. together(k) > max_sum) then
-            call fail(error, "&output maps: "//trim(names(k))//"_mean: the sum of "//integer_text(boulders) &
-                      //" boulders can come to "//short(together(k))//" "//trim(units(k))//about(volume, fall) &
+      do k = 1, size(names)
+         q = of(k)
+         if (plan%sum(k) > 0 .and. together(q) > max_sum) then
+            call fail(error, "&output maps: "//trim(names(k))//": the sum of "//integer_text(boulders) &
+                      //" boulders can come to "//short(together(q))//" "//trim(units(q))//about(volume, fall) &
                       //": must be at most 9e18; take fewer or smaller boulders")
             return
          end if

@@ -8,15 +8,18 @@ module rockfall_map_values
    use rockfall_travel_maps, only: steepest_angle, flattest_angle, shortest_time
    implicit none
    private
-   public :: map_plan_t, map_plan, stack_layers, map_views, map_row, map_min_count, fraction_limit
+   public :: map_plan_t, map_plan, stack_layers, map_views, map_row, map_min_count, fraction_limit, z_95, max_columns, &
+             halvings
 
    real(wp), parameter :: z_95 = 1.959964_wp  !! standard normal quantile of 0.975: 95 % lie within it [-]
+   integer(i8), parameter :: max_columns = 2_i8**31 - 2       !! of counts of bins, and one more can be counted
+   integer, parameter :: halvings = 5  !! of the columns, before they are too few to begin with
 
    !> Where each tally stands in its stack of layers; 0 = not requested.
    type :: map_plan_t
-      integer :: count(4) = 0  !! passages, deposits, contributing sources, boulders of these
-      integer :: sum(3) = 0    !! of energy, speed, jump height
-      integer :: max(3) = 0
+      integer :: count(5) = 0  !! passages, deposits, contributing sources, boulders of these, hits of trees
+      integer :: sum(5) = 0    !! of energy, speed, jump height; of the heights of these hits, and what trees took
+      integer :: max(4) = 0    !! the same without the last
       integer :: travel(3) = 0     !! steepest and flattest energy line, shortest time; among the maxima
       integer :: exceeded = 0      !! the first of the layers for thresholds of energy, the last among the counts
       integer :: thresholds = 0    !! how many
@@ -26,8 +29,12 @@ module rockfall_map_values
 
    enum, bind(c)
       enumerator :: a_count, a_fraction, a_source_fraction, a_lower_limit, an_upper_limit, a_maximum, a_mean, &
-                    a_quantile, an_exceedance, a_steepest, a_flattest, a_shortest
+                    a_quantile, an_exceedance, a_steepest, a_flattest, a_shortest, a_tree_maximum, a_tree_mean, &
+                    a_tree_sum
    end enum
+
+   !> Where the numbers of trees stand in a plan.
+   integer, parameter :: tree_impacts = 5, tree_height = 4, tree_energy = 5
 
    !> What a map is, from its name.
    type :: kind_t
@@ -44,7 +51,7 @@ contains
       integer :: q, percent
 
       select case (name)
-      case ("passages", "deposits", "sources"); return
+      case ("passages", "deposits", "sources", "tree_impacts"); return
       case ("reach_probability"); kind%is = a_fraction; return
       case ("reach_probability_by_source"); kind%is = a_source_fraction; return
       case ("reach_probability_low"); kind%is = a_lower_limit; return
@@ -53,6 +60,9 @@ contains
       case ("energy_line_angle_max"); kind%is = a_steepest; return
       case ("energy_line_angle_min"); kind%is = a_flattest; return
       case ("travel_time_min"); kind%is = a_shortest; return
+      case ("tree_impact_height_max"); kind%is = a_tree_maximum; return
+      case ("tree_impact_height_mean"); kind%is = a_tree_mean; return
+      case ("tree_energy"); kind%is = a_tree_sum; return
       end select
       if (index(name, "speed") == 1) kind%quantity = speed
       if (index(name, "jump_height") == 1) kind%quantity = jump_height
@@ -69,7 +79,7 @@ contains
       character(len=*), intent(in) :: names(:)
       integer, intent(in) :: thresholds  !! of energy
       type(kind_t) :: kind
-      logical :: count(4), sum(3), max(3), bins(3), travel(3)
+      logical :: count(5), sum(5), max(4), bins(3), travel(3)
       integer :: k
 
       count = .false.
@@ -80,7 +90,9 @@ contains
       do k = 1, size(names)
          kind = kind_of(names(k))
          select case (kind%is)
-         case (a_count); count(:3) = count(:3) .or. names(k) == [character(len=8) :: "passages", "deposits", "sources"]
+         case (a_count)
+            count(:3) = count(:3) .or. names(k) == [character(len=8) :: "passages", "deposits", "sources"]
+            count(tree_impacts) = count(tree_impacts) .or. names(k) == "tree_impacts"
          case (a_source_fraction); count([1, 4]) = .true.
          case (a_maximum); max(kind%quantity) = .true.
          case (a_mean); sum(kind%quantity) = .true.
@@ -89,10 +101,14 @@ contains
          case (a_steepest); travel(1) = .true.
          case (a_flattest); travel(2) = .true.
          case (a_shortest); travel(3) = .true.
+         case (a_tree_maximum); max(tree_height) = .true.
+         case (a_tree_mean); sum(tree_height) = .true.
+         case (a_tree_sum); sum(tree_energy) = .true.
          case default; count(1) = .true.
          end select
       end do
-      count(1) = count(1) .or. any(sum)
+      count(1) = count(1) .or. any(sum(:3))
+      count(tree_impacts) = count(tree_impacts) .or. sum(tree_height)
       plan%count = places(count)
       plan%sum = places(sum)
       plan%max = places(max)
@@ -153,6 +169,10 @@ contains
       if (plan%travel(1) > 0) maps%steepest(at(1):, at(2):) => maxima(:, :, plan%travel(1))
       if (plan%travel(2) > 0) maps%flattest(at(1):, at(2):) => maxima(:, :, plan%travel(2))
       if (plan%travel(3) > 0) maps%shortest(at(1):, at(2):) => maxima(:, :, plan%travel(3))
+      if (plan%count(tree_impacts) > 0) maps%tree_impacts(at(1):, at(2):) => counts(:, :, plan%count(tree_impacts))
+      if (plan%sum(tree_height) > 0) maps%tree_height%sum(at(1):, at(2):) => sums(:, :, plan%sum(tree_height))
+      if (plan%max(tree_height) > 0) maps%tree_height%max(at(1):, at(2):) => maxima(:, :, plan%max(tree_height))
+      if (plan%sum(tree_energy) > 0) maps%tree_energy(at(1):, at(2):) => sums(:, :, plan%sum(tree_energy))
       if (plan%rows == 0) return
       maps%bin_counts => bin_counts
       maps%slot(at(1):, at(2):) => slot
@@ -168,7 +188,7 @@ contains
 
       kind = kind_of(name)
       map_min_count = 0
-      if (kind%is == a_mean) map_min_count = min_passages
+      if (kind%is == a_mean .or. kind%is == a_tree_mean) map_min_count = min_passages
       if (kind%is == a_quantile) map_min_count = max(min_passages, min_count_for(kind%probability))
    end function map_min_count
 
@@ -181,19 +201,21 @@ contains
       integer, intent(in) :: min_passages  !! as for map_min_count
       real(sp), intent(out) :: row(:)      !! in the unit of the map
       type(kind_t) :: kind
+      real(wp) :: all
       integer :: min_count
 
       kind = kind_of(name)
+      all = real(boulders, wp)
       min_count = max(1, map_min_count(name, min_passages))
       row = ieee_value(1.0_sp, ieee_quiet_nan)
       select case (kind%is)
-      case (a_fraction); row = real(maps%passages(:, j)/real(boulders, wp), sp)
+      case (a_fraction); row = real(maps%passages(:, j)/all, sp)
       case (a_source_fraction)
          associate (n => maps%passages(:, j), of => maps%released(:, j))
             where (of > 0) row = real(n/real(max(1, of), wp), sp)
          end associate
-      case (a_lower_limit); row = real(fraction_limit(maps%passages(:, j), boulders, -1), sp)
-      case (an_upper_limit); row = real(fraction_limit(maps%passages(:, j), boulders, 1), sp)
+      case (a_lower_limit); row = real(fraction_limit(maps%passages(:, j)/all, all, -1), sp)
+      case (an_upper_limit); row = real(fraction_limit(maps%passages(:, j)/all, all, 1), sp)
       case (a_maximum)
          associate (maximum => maps%layer(kind%quantity)%max(:, j))
             where (maximum > 0) row = maximum
@@ -207,6 +229,18 @@ contains
       case (a_mean)
          associate (total => maps%layer(kind%quantity)%sum(:, j), n => maps%passages(:, j))
             where (n >= min_count) row = real(total/(per_unit(kind%quantity)*max(1, n)), sp)
+         end associate
+      case (a_tree_maximum)
+         associate (maximum => maps%tree_height%max(:, j))
+            where (maximum > 0) row = maximum
+         end associate
+      case (a_tree_mean)
+         associate (total => maps%tree_height%sum(:, j), n => maps%tree_impacts(:, j))
+            where (n >= min_count) row = real(total/(per_unit(jump_height)*max(1, n)), sp)
+         end associate
+      case (a_tree_sum)
+         associate (total => maps%tree_energy(:, j))
+            where (total > 0) row = real(total, sp)
          end associate
       case (a_quantile)
          call quantile_row(maps, kind, j, min_count, row)
@@ -232,19 +266,15 @@ contains
       end do
    end subroutine quantile_row
 
-   !> A limit of the 95 % interval of the fraction k/n [-] (Wilson 1927, doi:10.1080/01621459.1927.10502953).
-   elemental real(wp) function fraction_limit(k, n, side)
-      integer(i4), intent(in) :: k
-      integer(i8), intent(in) :: n
-      integer, intent(in) :: side  !! -1 lower, 1 upper
-      real(wp) :: p, all
+   !> A limit of the 95 % interval of a fraction of n [-] (Wilson 1927, doi:10.1080/01621459.1927.10502953).
+   elemental real(wp) function fraction_limit(p, n, side)
+      real(wp), intent(in) :: p, n  !! [-]
+      integer, intent(in) :: side   !! -1 lower, 1 upper
 
-      all = real(n, wp)
-      p = k/all
       associate (z => z_95)
-         fraction_limit = (p + z*z/(2*all) + side*z*sqrt(p*(1 - p)/all + (z/(2*all))**2))/(1 + z*z/all)
+         fraction_limit = (p + z*z/(2*n) + side*z*sqrt(p*(1 - p)/n + (z/(2*n))**2))/(1 + z*z/n)
       end associate
-      if (k == 0 .and. side < 0) fraction_limit = 0
-      if (k == n .and. side > 0) fraction_limit = 1
+      if (.not. p > 0 .and. side < 0) fraction_limit = 0
+      if (.not. p < 1 .and. side > 0) fraction_limit = 1
    end function fraction_limit
 end module rockfall_map_values

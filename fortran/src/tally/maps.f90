@@ -8,8 +8,8 @@ module rockfall_maps
    use rockfall_bins, only: energy, speed, jump_height, log_bin
    implicit none
    private
-   public :: maps_t, per_unit, visits_t, needs_visits, start_visits, visit_spans, visit_cell, add_visits, add_deposit
-   public :: lacks_slots, raise_cell
+   public :: maps_t, layer_t, per_unit, visits_t, needs_visits, start_visits, visit_spans, visit_cell, add_visits
+   public :: add_deposit, add_value, lacks_slots, raise_cell
 
    real(wp), parameter :: per_unit(3) = [1.0_wp, 1000.0_wp, 1000.0_wp]  !! sums are of whole J, mm/s, mm
    integer, parameter :: first_entries = 1024  !! of a table of visits to begin with; a power of two
@@ -40,6 +40,9 @@ module rockfall_maps
       !> How boulders came there, as rockfall_travel_maps keeps it: the steepest and the flattest energy line, the
       !> shortest time.
       real(sp), pointer, contiguous :: steepest(:, :) => null(), flattest(:, :) => null(), shortest(:, :) => null()
+      integer(i4), pointer, contiguous :: tree_impacts(:, :) => null()  !! hits of trees, several of a boulder if so
+      type(layer_t) :: tree_height                                      !! of the boulder's point at each
+      integer(i8), pointer, contiguous :: tree_energy(:, :) => null()   !! that trees took [J]
       !> Counts of bins (bins, slots): a cell gets a slot, and with it memory, when the first boulder passes
       !> it. Which one depends on the order of boulders, what stands in it does not.
       integer(i4), pointer, contiguous :: bin_counts(:, :) => null()

@@ -7,7 +7,9 @@ module rockfall_terrain
    implicit none
    private
    public :: terrain_t, patch_t, terrain, keep_within, in_window, locate, within, on_terrain, is_known_at, read_patch
-   public :: height, node_height, gradient, cell_of, cell_descent
+   public :: height, node_height, gradient, cell_of, cell_descent, max_elevation
+
+   real(wp), parameter :: max_elevation = 1.0e7_wp  !! [m] above or below zero; more is nodata that is not declared
 
    !> A place this near to a side of a patch [cells] is on it: map coordinates of 1e7 m are known to 2e-9 m
    !> only, so a source in a cell centre may lie that far from it.

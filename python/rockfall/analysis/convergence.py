@@ -92,7 +92,7 @@ def converge(
         raise RockfallError(f"boulders = {min(sizes, default='')}: must be at least 2")
     if reference < MIN_REFERENCE:
         raise RockfallError(f"reference = {reference}: must be at least {MIN_REFERENCE} boulders")
-    if not case.line:
+    if not case.lines:
         raise RockfallError(f"{case.name}: has no &line; it is their numbers that converge")
     nothing = {"maps": None, "rebounds": False, "trajectories": 0}
     scene = read_scene(case.replace(output=nothing))
@@ -156,7 +156,7 @@ def _sample(scene: Scene, boulders: int, seed: int, advance: Advance) -> tuple[n
     of = scene.x.size
     piece = max(1, PIECE // of)
     try:
-        values = np.empty((len(scene.case.line), len(QUANTITIES), boulders * of))
+        values = np.empty((len(scene.case.lines), len(QUANTITIES), boulders * of))
     except (MemoryError, ValueError) as error:  # NumPy has the latter for sizes past all bounds
         raise RockfallError(f"reference: {boulders * of} boulders do not fit in memory") from error
     seconds, done = 0.0, 0
@@ -207,7 +207,7 @@ def _errors(
         if size * MIN_BLOCKS > values.shape[2]:
             break
         found = _numbers(_in_blocks(values, size, MAX_BLOCKS))
-        for line, numbers, right in zip(case.line, found, truth, strict=True):
+        for line, numbers, right in zip(case.lines, found, truth, strict=True):
             for number, each, exact in zip(NUMBERS, numbers, right, strict=True):
                 tail = 0.05 if number[1] == "q95" else 1.0
                 if size * right[0] * tail < MIN_CROSSED:
@@ -266,7 +266,7 @@ def _terrains(
     rows, refused = [], {}
 
     def add(variant: str, change: np.ndarray, error: np.ndarray, seconds: float) -> None:
-        for k, line in enumerate(scene.case.line):
+        for k, line in enumerate(scene.case.lines):
             for number, one, its_error in zip(NUMBERS, change[k], error[k], strict=True):
                 key = (line["name"], *number)
                 statistical = sampled.get(key, np.nan)

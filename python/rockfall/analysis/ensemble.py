@@ -144,7 +144,7 @@ def _lean(scene: Scene) -> Scene:
     case = scene.case
     refuse_by_area(scene, "an ensemble")
     maps = {"passages", "reach_probability"} & set(case.output.get("maps", []))
-    if not case.line and not maps:
+    if not case.lines and not maps:
         raise RockfallError(
             f"{case.name}: an ensemble needs a &line, or &output maps = 'reach_probability'"
         )
@@ -170,7 +170,7 @@ def _run(scene: Scene) -> _Run:
     result, per_source = run_scene(scene), scene.case.case["boulders"]
     values, deviates = [], []
     alone = np.zeros(scene.boulders, int)  # the intervals are not looked at
-    for k in range(len(scene.case.line)):
+    for k in range(len(scene.case.lines)):
         at_line = {q: line_values(result, q, k) for q, _ in RESULTS.values()}
         rows = {q: line_numbers(result, k, q, alone) for q in at_line}
         for quantity, number in RESULTS.values():

@@ -14,6 +14,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rockfall.limits import Z, fraction_limits
+from rockfall.terrain.polyline import beside
+
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
@@ -30,7 +33,6 @@ QUANTITIES = (
     "rotational_share",
     "position",
 )
-Z = 1.959964  # of a normal distribution, 95 % within
 
 
 def line_statistics(result: xr.Dataset) -> pd.DataFrame:
@@ -80,17 +82,7 @@ def _along(result: xr.Dataset, line: int) -> np.ndarray:
     mine = result["line_vertex_line"].values == line
     vertices = (result["line_vertex_x"].values + 1j * result["line_vertex_y"].values)[mine]
     at = result["line_x"].values[line] + 1j * result["line_y"].values[line]
-    found, apart, before = np.full(at.size, np.nan), np.full(at.size, np.inf), 0.0
-    for start, side in zip(vertices[:-1], np.diff(vertices), strict=True):
-        if side == 0:
-            continue
-        length = abs(side)
-        along = np.clip(((at - start) * np.conj(side)).real / length, 0.0, length)
-        off = abs(at - start - along * side / length)
-        nearer = off < apart  # of the sides the one that it crossed
-        found[nearer], apart[nearer] = before + along[nearer], off[nearer]
-        before += length
-    return found
+    return beside(at, vertices)[1]
 
 
 def sources(result: xr.Dataset) -> np.ndarray:
@@ -149,7 +141,7 @@ def half_width(row: Mapping[str, float], name: str) -> float:
 def fraction_interval(holds: np.ndarray, source: np.ndarray) -> tuple[float, float, float]:
     """Fraction of the boulders of which something holds, and the limits of its 95 % interval."""
     fraction = float(holds.mean())
-    return fraction, *_wilson(fraction, effective_number(holds.astype(float), source))
+    return fraction, *fraction_limits(fraction, effective_number(holds.astype(float), source))
 
 
 def _half_of_mean(v: np.ndarray, cluster: np.ndarray) -> float:
@@ -183,15 +175,6 @@ def student(freedom: int) -> float:
     from scipy.special import stdtrit
 
     return float(stdtrit(freedom, 0.975))
-
-
-def _wilson(fraction: float, n: float) -> tuple[float, float]:
-    """Summed so that none is 0 from below, and all 1 from above, to the last digit. (That of SciPy
-    takes whole numbers of boulders only.)"""
-    added = Z**2 / (2 * n)
-    half = np.sqrt(2 * added * fraction * (1 - fraction) + added**2)
-    low, high = fraction + (added - half), fraction + (added + half)
-    return low / (1 + 2 * added), high / (1 + 2 * added)
 
 
 def between_ranks(ordered: np.ndarray, level: float, effective: float) -> tuple[float, float]:

@@ -19,7 +19,6 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from rockfall.analysis.line_statistics import (
-    Z,
     between_ranks,
     effective_number,
     line_values,
@@ -27,6 +26,7 @@ from rockfall.analysis.line_statistics import (
     with_limits,
 )
 from rockfall.errors import RockfallError
+from rockfall.limits import Z
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -108,7 +108,7 @@ def run_scene_until(
     starts again, for which source a boulder has follows from its number.
     """
     refuse_by_area(scene, "--until")
-    criteria = read_rules(rules, [line["name"] for line in scene.case.line])
+    criteria = read_rules(rules, [line["name"] for line in scene.case.lines])
     if cap is not None and cap < 1:
         raise RockfallError(f"cap = {cap}: must be at least 1 boulder from each source")
     cap = cap or max(1, CAP // scene.x.size)

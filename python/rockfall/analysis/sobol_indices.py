@@ -24,7 +24,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rockfall.analysis.line_statistics import Z
+from rockfall.limits import Z
 
 MIN_CROSSED = 20  # boulders at a line, below which their mean is not a number
 MIN_ABOVE = 5  # boulders above a quantile, below which it is not a number

@@ -33,7 +33,7 @@ def ensemble_command(arguments: argparse.Namespace) -> int:
     if arguments.runs is not None:
         case = case.replace(ensemble={"runs": arguments.runs})
     path = arguments.output or Path(f"{arguments.case.stem}-ensemble.nc")
-    check_place(path, len(case.line), input_files(case))
+    check_place(path, len(case.lines), input_files(case))
     found = run_ensemble(case, progress=not arguments.quiet)
     write_ensemble(found, path)
     if not arguments.quiet:

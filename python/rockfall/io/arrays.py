@@ -12,6 +12,7 @@ import numpy as np
 from rockfall.errors import RockfallError
 from rockfall.io.crs import check_metres, is_metre
 from rockfall.io.grid import TOLERANCE, Grid, flaw_of, row_blocks
+from rockfall.limits import MAX_ELEVATION
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -19,7 +20,6 @@ if TYPE_CHECKING:
     from rasterio.crs import CRS
 
 _NAME = "dem"
-MAX_ELEVATION = 1e7  # [m]; more is an undeclared nodata value
 
 
 def from_array(

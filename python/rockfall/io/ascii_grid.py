@@ -19,6 +19,7 @@ import numpy as np
 from rockfall.errors import RockfallError
 from rockfall.io.grid import Box
 from rockfall.io.tables import plain_decimal
+from rockfall.limits import MAX_REAL
 
 if TYPE_CHECKING:
     from affine import Affine
@@ -27,7 +28,6 @@ _KEYS = (
     "ncols", "nrows", "xllcorner", "yllcorner", "xllcenter", "yllcenter", "cellsize", "dx", "dy",
     "nodata_value",
 )  # fmt: skip
-_MAX_COORDINATE = 1e12  # [m]
 _CHUNK = 4_000_000  # bytes of text in memory at a time
 _MAX_TOKEN = 4096  # bytes; no number is as long
 
@@ -124,7 +124,7 @@ def _value(where: str, key: str, text: str) -> float:
     elif key == "nodata_value":
         if math.isnan(value) and text.lower() != "nan":
             raise RockfallError(f"{where}: must be a number or nan")
-    elif not abs(value) <= _MAX_COORDINATE:
+    elif not abs(value) <= MAX_REAL:
         raise RockfallError(f"{where}: must be a number, at most 1e12")
     elif key in ("cellsize", "dx", "dy") and not value > 0:
         raise RockfallError(f"{where}: must be > 0 [m]")

@@ -8,12 +8,12 @@ from pathlib import Path
 
 from rockfall.errors import RockfallError
 from rockfall.io.classic_header import overstates
+from rockfall.limits import MAX_TEXT
 
 #: First bytes of netCDF files, GeoTIFFs and GeoPackages.
 NETCDF = (b"CDF\1", b"CDF\2", b"CDF\5", b"\x89HDF\r\n\x1a\n")
 TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 SQLITE = b"SQLite format 3\0"
-MAX_TEXT = 64 * 1024**2  # bytes
 
 
 def check_regular(path: str | Path) -> None:

@@ -73,8 +73,8 @@ def burn_polygons(
     cells = burnt(1)
     if (cells == outside).all():
         raise RockfallError(
-            f"{path}: no polygon holds the centre of a cell: {_extent(*bounds)}; "
-            f"the terrain: {_extent(grid.west, grid.south, grid.east, grid.north)}"
+            f"{path}: no polygon holds the centre of a cell: {extent(*bounds)}; "
+            f"the terrain: {extent(grid.west, grid.south, grid.east, grid.north)}"
         )
     if field is None:
         return cells.view(bool)
@@ -93,6 +93,19 @@ def read_features(
     what is odd is added to `remarks`, as in `burn_polygons`."""
     what = "points, lines or polygons"
     return _on_terrain(str(path), None, _FEATURES, what, grid, remarks)[:2]
+
+
+def read_points(
+    path: str | Path, grid: Grid, fields: tuple[str, ...], remarks: list[str]
+) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
+    """x and y [m] of the points of a layer, and those of these attributes that it has, whether
+    their names are in small or large letters."""
+    import shapely
+
+    shapes, values, _ = _on_terrain(str(path), None, {"Point"}, "points", grid, remarks)
+    own = {name if name in fields else name.lower(): name for name in values}
+    found = {field: values[own[field]] for field in fields if field in own}
+    return shapely.get_x(shapes), shapely.get_y(shapes), found
 
 
 def _on_terrain(
@@ -115,7 +128,7 @@ def _on_terrain(
     return shapes, values, bounds
 
 
-def _extent(west: float, south: float, east: float, north: float) -> str:
+def extent(west: float, south: float, east: float, north: float) -> str:
     return f"x {west:.12g} to {east:.12g}, y {south:.12g} to {north:.12g}"
 
 

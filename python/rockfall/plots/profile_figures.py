@@ -12,7 +12,8 @@ from rockfall.plots.extent import cell_of
 from rockfall.plots.line_figures import DISTANCE, mark_lines
 from rockfall.plots.map_figures import MAX_TRAJECTORIES
 from rockfall.plots.style import INK, TRAJECTORY, WIDE, new_figure, styled
-from rockfall.result.trajectories import Trajectory, height, trajectories
+from rockfall.result.trajectories import Trajectory, trajectories
+from rockfall.terrain.height import height
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -62,7 +63,7 @@ def _ground_below(
     coarse for heights above it."""
     if terrain is None or terrain[1].cell > 1.001 * cell_of(result):
         return []
-    return [height(terrain, one.x, one.y) for one in curves]
+    return [height(*terrain, one.x, one.y) for one in curves]
 
 
 def _draw_profile(axes: Axes, curves: Sequence[Trajectory], ground: Sequence[np.ndarray]) -> None:

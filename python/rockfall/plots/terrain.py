@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import warnings
 from pathlib import Path
@@ -16,6 +17,7 @@ from rockfall.io.grid import Box, Grid
 from rockfall.io.raster_file import open_raster
 from rockfall.plots.extent import reached
 from rockfall.scene.layers import file_checksum
+from rockfall.terrain.dams import with_dam
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -35,7 +37,11 @@ def terrain_of(result: xr.Dataset, dem: str | Path | None = None) -> Terrain | N
     try:
         path = _case_dem(result) if dem is None else Path(dem)
         _check_same(result, path)
-        return _read(result, path)
+        z, grid = _read(result, path)
+        for dam in case_of(result).dam:
+            with contextlib.suppress(RockfallError):  # its crest goes on where no boulder came
+                z = with_dam(z, grid, dam, str(path))
+        return z, grid
     except RockfallError as error:
         if dem is not None:
             raise

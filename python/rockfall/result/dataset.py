@@ -16,6 +16,7 @@ from rockfall.io.crs import grid_mapping
 from rockfall.io.files import atomic_write, check_netcdf
 from rockfall.io.grid import row_blocks
 from rockfall.io.output_files import RESULT, check_output
+from rockfall.limits import PIECE
 from rockfall.result.validate import check_result, check_values
 
 if TYPE_CHECKING:
@@ -28,7 +29,6 @@ NO_COUNT = -1  # fill value of counts
 DAMAGED = (
     OSError, ValueError, TypeError, LookupError, RuntimeError, AttributeError, OverflowError,
 )  # fmt: skip
-PIECE = 2**17  # values of a part or a scene that share a checksum
 TILE = 256  # cells of a map that are compressed together, either way
 
 

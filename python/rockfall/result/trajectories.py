@@ -64,19 +64,6 @@ def _curve(x, y, z, time, velocity_x, velocity_y, velocity_z) -> Trajectory:
     return Trajectory(*(curve.ravel() for curve in (x, y, z, distance, speed)))
 
 
-def height(terrain: Terrain, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Bilinear elevation [m] at points within the cell centres."""
-    z, grid = terrain
-    u = (x - grid.west) / grid.cell - 0.5
-    v = (grid.north - y) / grid.cell - 0.5
-    i = np.clip(u.astype(int), 0, grid.nx - 2)
-    j = np.clip(v.astype(int), 0, grid.ny - 2)
-    u, v = u - i, v - j
-    north = (1 - u) * z[j, i] + u * z[j, i + 1]
-    south = (1 - u) * z[j + 1, i] + u * z[j + 1, i + 1]
-    return (1 - v) * north + v * south
-
-
 def lines(result: xr.Dataset) -> list[tuple[str, np.ndarray, np.ndarray]]:
     """Name, x and y of each evaluation line."""
     if "line_vertex_line" not in result:

@@ -84,6 +84,12 @@ def _groups() -> Iterator[_Group]:
     at_lines = {f"line_{name}": ("line", "boulder") for name in variables.LINE}
     vertices = {f"line_vertex_{name}": ("line_vertex",) for name in variables.LINE_VERTEX}
     yield {"line": ("line",), **at_lines, **vertices}
+    yield {name: ("boulder",) for name in variables.ENERGY}
+    yield {name: ("boulder",) for name in variables.TREE}
+    yield {
+        "barrier_height": ("line",), "barrier_capacity": ("line",),
+        "barrier_outcome": ("line", "boulder"),
+    }  # fmt: skip
     yield {f"trajectory_{name}": ("trajectory_vertex",) for name in variables.VERTEX}
     yield {axis: (axis,) for axis in ("x", "y")}
     yield {"threshold": ("threshold",), variables.EXCEEDED: ("threshold", "y", "x")}
@@ -115,7 +121,8 @@ def check_values(data: xr.Dataset, path: str | Path) -> None:
         along = dims[0] if len(dims) == 1 else ""
         if (along in FINITE or along.endswith("_bin")) and not np.isfinite(values).all():
             raise RockfallError(f"{path}: {name}: must be a number for every {along}")
-        if dims == ("line", "boulder") and not are_crossings(values, data["line_time"].values):
+        at_line = dims == ("line", "boulder") and name.startswith("line_")
+        if at_line and not are_crossings(values, data["line_time"].values):
             raise RockfallError(f"{path}: {name}: must be a number where a boulder crossed a line")
         if name.endswith("_bin_bounds") and not _are_edges(values):
             raise RockfallError(f"{path}: {name}: must be the edges of bins, each above the last")

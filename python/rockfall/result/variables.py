@@ -3,29 +3,27 @@
 
 from rockfall._core import rockfall_f2py as _core
 
-
-def _read_table() -> dict[str, dict[str, dict[str, str]]]:
-    """Group -> name -> attributes, in the order of the table."""
-    table: dict[str, dict[str, dict[str, str]]] = {}
-    k = 1
-    while text := _core.variable(k).decode().strip():
-        group, name, _, units, long_name, comment = text.split("|")
-        about = {"units": units, "long_name": long_name, "comment": comment}
-        table.setdefault(group, {})[name] = {key: value for key, value in about.items() if value}
-        k += 1
-    return table
-
-
-_TABLE = _read_table()
+_TABLE: dict[str, dict[str, dict[str, str]]] = {}  # in the order of the kernel's
+TYPES: dict[str, dict[str, str]] = {}  # group -> name -> type in part files
+while _text := _core.variable(sum(map(len, _TABLE.values())) + 1).decode().strip():
+    _group, _name, _type, *_rest = _text.split("|")
+    _about = zip(("units", "long_name", "comment"), _rest, strict=True)
+    _TABLE.setdefault(_group, {})[_name] = {key: value for key, value in _about if value}
+    TYPES.setdefault(_group, {})[_name] = _type
 
 BOULDER = _TABLE["boulder"]
 COUNT = _TABLE["count"]  # over all boulders
+ENERGY = _TABLE["energy"]  # of each boulder, on request
+TREE = _TABLE["tree"]  # of each boulder, where there are trees
 LINE = _TABLE["line"]  # in files line_x, ...
 LINE_VERTEX = _TABLE["line_vertex"]
+BARRIER = _TABLE["barrier"]  # in files barrier_height, ...
 MAP = _TABLE["map"]
 HISTOGRAM = _TABLE["histogram"]  # in the kernel's order; units of the bins
 VERTEX = _TABLE["vertex"]  # in files trajectory_x, ...
+TALLY = _TABLE["tally"]  # in part files tally_cell, ...
 STATUS = {name: number for number, name in enumerate(_TABLE["status"], start=1)}
+OUTCOME = {name: number for number, name in enumerate(_TABLE["outcome"], start=1)}
 
 EXCEEDED = "energy_exceeded"  # the map that has a layer for each threshold
 
@@ -36,5 +34,5 @@ def map_dims(name: str) -> tuple[str, ...]:
 
 
 def fields(what: int) -> list[str]:
-    """Names of the kernel's columns: 1 boulder, 2 counts, 3 crossing, 4 vertex."""
+    """Names of the kernel's columns: 1 boulder, 2 counts, 3 crossing, 4 vertex, 5 energy."""
     return _core.fields(what).decode().split()

@@ -46,6 +46,10 @@ class Digest:
         sources = hashlib.sha256(b"" if scene.area is None else scene.area.data)
         sources.update(np.concatenate((scene.x, scene.y)).data)
         found = {"dem": dem, "surface": self.sizes, "sources": sources}
+        if scene.trees is not None:
+            found["trees"] = hashlib.sha256()
+            for values in scene.trees:
+                found["trees"].update(np.ascontiguousarray(values).data)
         return {name: known.hexdigest() for name, known in found.items()}
 
 

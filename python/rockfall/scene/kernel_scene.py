@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 ABSENT = {  # what the kernel takes for an array that a scene does not have
     "z8": np.zeros((1, 1)), "z4": np.zeros((1, 1), "f4"), "zone1": np.zeros((1, 1), "i1"),
     "zone2": np.zeros((1, 1), "i2"), "values": np.zeros((1, 1, 1), "f4"),
-    "area_ratio": np.zeros(1),
+    "area_ratio": np.zeros(1), "trees": np.zeros(1),
 }  # fmt: skip
 
 
@@ -35,7 +35,7 @@ class KernelScene:
             first=(scene.at[1] + 1, scene.at[0] + 1), sizes=np.asfortranarray(scene.sizes.T),
             source_x=scene.x, source_y=scene.y,
             area_ratio=ABSENT["area_ratio"] if scene.area is None else scene.area,
-            sets_text=scene.sets.text or b"\n", sets_name=scene.sets.name.encode(),
+            **trees(scene), sets_text=scene.sets.text or b"\n", sets_name=scene.sets.name.encode(),
             draw=scene.sets.draw,
         )  # fmt: skip
         check_kernel(code, message)
@@ -56,6 +56,13 @@ class KernelScene:
         check_kernel(code, message, self.name)
 
 
+def trees(scene: Scene) -> dict[str, np.ndarray]:
+    """The stems of a scene."""
+    values = scene.trees or [ABSENT["trees"]] * 4
+    names = "tree_x", "tree_y", "tree_dbh", "tree_factor"
+    return {name: np.ascontiguousarray(one) for name, one in zip(names, values, strict=True)}
+
+
 def elevations(scene: Scene) -> dict[str, np.ndarray]:
     """Those of a scene as (x, y), in the precision that they have; none where it has windows."""
     if not scene.z.size:
@@ -72,16 +79,13 @@ def on_raster(scene: Scene) -> dict[str, Any]:
 
 def area_ratios(scene: Scene, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Surface over plan area (Horn 1981) of the cells at places [m]."""
-    return _core.area_ratios(**on_raster(scene), **_corner(scene), source_x=x, source_y=y)
+    corner = {name: getattr(scene.grid, name) for name in ("west", "north", "cell")}
+    return _core.area_ratios(**on_raster(scene), **corner, source_x=x, source_y=y)
 
 
 def known_at(scene: Scene, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Whether boulders can start from places [m]: between four cells with an elevation."""
-    return _core.known_at(**on_raster(scene), **_corner(scene), x=x, y=y).astype(bool)
-
-
-def _corner(scene: Scene) -> dict[str, float]:
-    return {name: getattr(scene.grid, name) for name in ("west", "north", "cell")}
+    return _core.known_at(scene.kernel.handle, x, y).astype(bool)
 
 
 def views(scene: Scene) -> dict[str, Any]:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rockfall.case import file_keys
 from rockfall.errors import RockfallError
 from rockfall.io.arrays import as_plan, grid_of
 from rockfall.io.crs import crs_name, same_crs
@@ -21,7 +22,7 @@ from rockfall.io.raster_file import raster_file
 if TYPE_CHECKING:
     from rockfall.scene.scene import Scene
 
-POLYGONS = {".gpkg", ".geojson", ".json", ".shp", ".fgb"}  # endings of layers of polygons
+LAYERS = {".gpkg", ".geojson", ".json", ".shp", ".fgb"}  # endings of layers of shapes
 
 
 def layer_blocks(
@@ -33,8 +34,8 @@ def layer_blocks(
     """
     given = rasters.pop(key, None)
     if given is None:
-        group = scene.case.release if key == "cells" else scene.case.surface
-        path = scene.case.path(group[key])
+        group = next(one.group for one in file_keys() if one.name == key)
+        path = scene.case.path(getattr(scene.case, group)[key])
         if key not in scene.checksums:
             scene.checksums[key] = file_checksum(path)
         yield from aligned_blocks(path, scene.grid, what, dtype, box)

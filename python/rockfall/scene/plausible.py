@@ -35,6 +35,8 @@ DROP = 50.0  # [m] a boulder that falls so far in the air has its source there
 SPEED = 50.0  # [m/s] of a release
 VOLUME = 5000.0  # [m3] more than single boulders that are known to have rolled
 RADIUS = 3.0  # [m] mean radius of the rocks on a slope
+DBH = (4.0, 150.0)  # [cm] mean diameters of stands
+DENSE = 20_000.0  # stems a hectare: thickets
 RG_FULL = 100.0  # [m] an Rg of Rockyfor3D that means water
 
 
@@ -191,6 +193,18 @@ def _rocks(scene: Scene) -> Iterator[str]:
         )
 
 
+def _forest(scene: Scene) -> Iterator[str]:
+    """Diameters and densities in other units."""
+    if scene.trees is None:
+        return
+    dbh, density = float(scene.trees.dbh.mean()), scene.trees.x.size / scene.trees.area()
+    if not DBH[0] <= dbh <= DBH[1]:
+        unit = "m" if dbh < DBH[0] else "mm"
+        yield f"&forest: a mean diameter of {dbh:.3g} cm: was it meant in {unit}?"
+    if density > DENSE:
+        yield f"&forest: {density:,.0f} stems a hectare: were they meant for each cell?"
+
+
 def _lines(scene: Scene) -> Iterator[str]:
     for name in lines_outside(scene):
         yield f"&line name = '{name}': no part of it lies over the terrain"
@@ -202,5 +216,5 @@ def _read(scene: Scene) -> Iterator[str]:
 
 RULES = (
     _lines, _release, _nodata, _units, _projection, _steps, _source_cells, _source_points,
-    _boulders, _rocks, _read,
+    _boulders, _rocks, _forest, _read,
 )  # fmt: skip

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rockfall._core import rockfall_f2py as _core
 from rockfall.case import Case
 from rockfall.case_files import input_files
 from rockfall.errors import RockfallError
@@ -19,6 +20,7 @@ from rockfall.result.dataset import (
     provenance,
     put_netcdf,
 )
+from rockfall.scene.kernel_scene import trees
 from rockfall.scene.reach import survey
 from rockfall.scene.read import read_scene
 from rockfall.scene.scene import Scene
@@ -27,7 +29,7 @@ from rockfall.version import __version__
 if TYPE_CHECKING:
     import xarray as xr
 
-LAYOUT = 1  # of the file, as in io/scene_file.f90
+LAYOUT = int(_core.constant("scene_layout"))  # of the file
 MARK = "! Prepared by rockfall"  # first words of a prepared case.nml
 ABOUT = {  # units, long name
     "elevation": ("m", "elevation of cell centres"),
@@ -37,6 +39,10 @@ ABOUT = {  # units, long name
     "source_x": ("m", "easting of the release"),
     "source_y": ("m", "northing of the release"),
     "area_ratio": ("1", "surface over plan area of the cell of the source"),
+    "tree_x": ("m", "easting of the stem"),
+    "tree_y": ("m", "northing of the stem"),
+    "tree_dbh": ("cm", "diameter of the stem at breast height"),
+    "tree_factor": ("1", "energy that the species takes over that of silver fir"),
 }
 
 
@@ -70,6 +76,7 @@ def _scene_file(scene: Scene) -> xr.Dataset:
         **_variables("y x", elevation=scene.z),
         **_surface(scene),
         **_variables("source", source_x=scene.x, source_y=scene.y, area_ratio=scene.area),
+        **(_variables("tree", **trees(scene)) if scene.trees else {}),
         "impact_sets": (("impact_sets_length",), text, about),
     }
     attrs = {

@@ -9,19 +9,22 @@ from typing import Any
 
 import numpy as np
 
-from rockfall.case import FROM_ARRAY, Case
+from rockfall.case import FROM_ARRAY, Case, file_keys
 from rockfall.errors import RockfallError
 from rockfall.impact_sets import set_path
 from rockfall.io.arrays import from_array
 from rockfall.io.raster import dem_header, read_dem
 from rockfall.io.raster_file import raster_file
+from rockfall.io.zone_table import RADII
 from rockfall.scene.coefficients import open_sets
 from rockfall.scene.digest import digest
-from rockfall.scene.layers import POLYGONS, array_checksum, file_checksum
+from rockfall.scene.forest import read_forest
+from rockfall.scene.layers import LAYERS, array_checksum, file_checksum
 from rockfall.scene.scene import Scene
 from rockfall.scene.sources import read_sources
 from rockfall.scene.surface import cell_bytes, read_surface, size_columns
 from rockfall.scene.windows import Windows, bands
+from rockfall.terrain.dams import with_dam
 
 
 def read_scene(
@@ -29,8 +32,9 @@ def read_scene(
 ) -> Scene:
     """Read and check everything that a case names.
 
-    `dem` and `rasters` (zones, mean_radius, rg70, rg20, rg10, cells) may be given as arrays: an
-    xarray.DataArray, or NumPy on the cells of the DEM (for the DEM itself with its `transform`).
+    `dem` and `rasters` (zones, mean_radius, rg70, rg20, rg10, cells, stems, dbh_mean, dbh_std,
+    conifers) may be given as arrays: an xarray.DataArray, or NumPy on the cells of the DEM (for the
+    DEM itself with its `transform`).
     If rasters in files need more than half of `memory` [bytes], they are read in windows, as they
     are needed: see `rockfall.scene.windows`.
     """
@@ -51,11 +55,14 @@ def read_scene(
                 scene = Scene(case, grid, np.empty((0, 0), dtype), np.zeros((1, 1)))
                 return _windowed(scene, cells)
         z, grid = read_dem(path)
+    for dam in case.dam:
+        z = with_dam(z, grid, dam, case.name)
     scene = Scene(case, grid, z, np.zeros((1, 1)))
     file = case.path(case.terrain["dem"])
     scene.checksums["dem"] = file_checksum(file) if dem is None else array_checksum(z)
     read_surface(scene, grid.box, rasters)
     read_sources(scene, [(scene, grid.box)], rasters)
+    read_forest(scene, rasters)
     _read_sets(scene)
     if rasters:
         raise RockfallError(
@@ -76,18 +83,25 @@ def _windowed(scene: Scene, cells: int) -> Scene:
             f"{case.name}: &output maps = '{min(by_source)}': needs the whole terrain in memory, "
             "and it does not fit; leave it out, or raise --memory"
         )
-    for group, key in (("release", "polygons"), ("surface", "zones")):
-        file = getattr(case, group).get(key, "")
-        if key == "polygons" and file or Path(file).suffix.lower() in POLYGONS:
+    if case.dam:
+        raise RockfallError(
+            f"{case.name}: &dam: needs the whole terrain in memory, and it does not fit; "
+            "raise --memory"
+        )
+    for key in file_keys():
+        file = getattr(case, key.group).get(key.name, "")
+        drawn = "layer" in key.file and Path(file).suffix.lower() in LAYERS
+        if drawn or (file and key.file == "layer"):
             raise RockfallError(
-                f"{case.name}: &{group} {key} = '{file}': polygons need the whole terrain in "
-                "memory, and it does not fit; make a raster of them, or raise --memory"
+                f"{case.name}: &{key.group} {key.name} = '{file}': polygons need the whole terrain "
+                "in memory, and it does not fit; make a raster of them, or raise --memory"
             )
     scene.checksums["dem"] = file_checksum(case.path(case.terrain["dem"]))
     release, rows = case.release, [(scene, scene.grid.box)]
     if release["steep_cells"] or release["by_area"]:  # the terrain tells
         rows = bands(scene, cells)
     read_sources(scene, rows, {})
+    read_forest(scene, {})
     _read_sets(scene)
     scene.windows = Windows(scene, cells)
     scene.decoded = scene.windows.decoded
@@ -102,23 +116,19 @@ def _read_sets(scene: Scene) -> None:
 
 def _with_arrays(case: Case, keys: set[str]) -> Case:
     """The case, checked once more, saying which of its rasters came as arrays."""
-    groups = {"dem": "terrain", "cells": "release"}
     changes: dict[str, Any] = {}
-    for key in keys & {"dem", "zones", "mean_radius", "rg70", "rg20", "rg10", "cells"}:
-        group = groups.get(key, "surface")
-        if key == "dem" or key in getattr(case, group):
-            changes.setdefault(group, {})[key] = FROM_ARRAY
+    for key in file_keys():
+        if "raster" in key.file and key.name in keys and key.name in getattr(case, key.group):
+            changes.setdefault(key.group, {})[key.name] = FROM_ARRAY
     return case.replace(**changes)
 
 
 def _check_files(case: Case, arrays: dict[str, Any]) -> None:
     """Every file that the case names and that is to be read is there."""
-    keys = {"terrain": ("dem",), "surface": ("zones", "table", *size_columns(case))}
-    keys["release"] = ("cells", "polygons")
-    for group, names in keys.items():
-        for key in names:
-            file = getattr(case, group).get(key)
-            if file in (None, FROM_ARRAY) or arrays.get(key) is not None:
-                continue
-            if not os.path.exists(raster_file(str(case.path(file)))):
-                raise RockfallError(f"{case.name}: &{group} {key} = '{file}': no such file")
+    unread = {*RADII} - {*size_columns(case)}
+    for key in file_keys():
+        if key.file == "sets" or key.name in unread or arrays.get(key.name) is not None:
+            continue
+        file = getattr(case, key.group).get(key.name, FROM_ARRAY)
+        if file != FROM_ARRAY and not os.path.exists(raster_file(str(case.path(file)))):
+            raise RockfallError(f"{case.name}: &{key.group} {key.name} = '{file}': no such file")

@@ -13,6 +13,7 @@ from rockfall._core import rockfall_f2py as _core
 from rockfall.case import Case
 from rockfall.io.grid import Grid, row_blocks
 from rockfall.scene.coefficients import Coefficients, SetFile
+from rockfall.scene.forest.trees import Trees
 from rockfall.scene.ground import Ground, Lowest, ground_of
 from rockfall.scene.kernel_scene import KernelScene
 
@@ -33,6 +34,7 @@ class Scene:
     x: np.ndarray = field(default_factory=lambda: np.empty(0))  # of each source [m]
     y: np.ndarray = field(default_factory=lambda: np.empty(0))
     area: np.ndarray | None = None  # surface over plan area of each, where they release by it
+    trees: Trees | None = None
     sets: SetFile = SetFile(b"", "")
     checksums: dict[str, str] = field(default_factory=dict)  # of the input files
     decoded: dict[str, str] = field(default_factory=dict)  # of what was read of them: see `digest`
@@ -93,7 +95,9 @@ def lines_outside(scene: Scene) -> list[str]:
     """Names of the evaluation lines of which no part lies over the terrain."""
     grid = scene.grid
     place = grid.west, grid.north, grid.cell, (grid.nx, grid.ny)
-    return [line["name"] for line in scene.case.line if _core.outside(*place, line["x"], line["y"])]
+    return [
+        line["name"] for line in scene.case.lines if _core.outside(*place, line["x"], line["y"])
+    ]
 
 
 def used_zones(scene: Scene) -> np.ndarray:

@@ -15,7 +15,7 @@ from rockfall.io.grid import Box, row_blocks
 from rockfall.io.layers import burn_polygons
 from rockfall.io.raster import read_elevations
 from rockfall.io.zone_table import RADII, index_blocks, read_zone_table
-from rockfall.scene.layers import POLYGONS, file_checksum, layer_blocks
+from rockfall.scene.layers import LAYERS, file_checksum, layer_blocks
 from rockfall.scene.scene import Scene, used_zones
 
 
@@ -48,7 +48,7 @@ def _read_zones(scene: Scene, box: Box, columns: tuple[str, ...], rasters: dict[
     path, table_path = case.path(surface["zones"]), case.path(surface["table"])
     table = read_zone_table(table_path)
     scene.checksums.setdefault("table", file_checksum(table_path))
-    if "zones" not in rasters and path.suffix.lower() in POLYGONS:
+    if "zones" not in rasters and path.suffix.lower() in LAYERS:
         ids = burn_polygons(path, scene.grid, surface["zone_field"], scene.remarks)
         blocks = ((rows, ids[rows]) for rows in row_blocks(ids.shape))
         scene.checksums["zones"] = file_checksum(path)

@@ -12,18 +12,18 @@ from rockfall._core import rockfall_f2py as _core
 from rockfall.case import Case
 from rockfall.io.grid import Box
 
-MAX_ROWS = 2**31 - 2  # of class_counts, and one more can be counted
+MAX_ROWS = int(_core.constant("max_columns"))  # of class_counts, and one more can be counted
 ALL = Box(0, 0, 2**31 - 1, 2**31 - 1)  # any cells
-HALVINGS = 5  # of these rows, before they are too few to begin with
+HALVINGS = int(_core.constant("halvings"))  # of these rows, before they are too few to begin with
 
 
 class Plan(NamedTuple):
     """The tallies that some maps need: layers by name, from 1 in their stacks; 0: none."""
 
-    #: passages, deposits, sources; released: boulders of these sources; energy_exceeded: the first
-    #: of those for thresholds
+    #: passages, deposits, sources; released: boulders of these sources; tree_impacts;
+    #: energy_exceeded: the first of those for thresholds
     counts: dict[str, int]
-    sums: dict[str, int]  # energy, speed, jump_height
+    sums: dict[str, int]  # energy, speed, jump_height; tree_height, tree_energy
     maxima: dict[str, int]
     bins: int  # of counts for quantiles
     layers: dict[str, int]  # of each stack (counts, sums, maxima)
@@ -33,12 +33,12 @@ def plan_of(case: Case) -> Plan:
     """That of the maps of a case."""
     names = " ".join(case.output.get("maps", []))
     counts, sums, maxima, bins, layers = _core.map_plan(names, len(case.hazard["thresholds"]))
-    quantities = "energy", "speed", "jump_height"
-    kinds = "passages", "deposits", "sources", "released", "energy_exceeded"
+    quantities = "energy", "speed", "jump_height", "tree_height", "tree_energy"
+    kinds = "passages", "deposits", "sources", "released", "tree_impacts", "energy_exceeded"
     return Plan(
         dict(zip(kinds, counts.tolist(), strict=True)),
         dict(zip(quantities, sums.tolist(), strict=True)),
-        dict(zip(quantities, maxima.tolist(), strict=True)),
+        dict(zip(quantities[:4], maxima.tolist(), strict=True)),
         int(bins),
         dict(zip(("counts", "sums", "maxima"), layers.tolist(), strict=True)),
     )

@@ -40,24 +40,13 @@ if TYPE_CHECKING:
 
     from rockfall.simulation.tally import Tally
 
-LAYOUT = 1  # of the file, as in io/part_file.f90
-STACKS = {"counts": "i4", "sums": "i8", "maxima": "f4"}  # of maps, by layer
+LAYOUT = int(_core.constant("part_layout"))  # of the file
+STACKS = ("counts", "sums", "maxima")  # of maps, by layer
 BEFORE = "tally_"  # the names of tallies
-ABOUT = {  # tallies: type, dimensions (those of stacks have a layer each), meaning
-    "cell": ("i8", ("tally",), "index of the cell, by rows from the north-west"),
-    **{
-        name: (kind, (f"tally_{name}_layer", "tally"), f"{name} of the maps, by layer")
-        for name, kind in STACKS.items()
-    },
-    "classes": ("i4", ("tally", "tally_class"), "counts of classes"),
-    "fed_cell": ("i8", ("tally_fed",), "cell to which a source contributes that the part cuts"),
-    "fed_source": ("i4", ("tally_fed",), "number of that source"),
-    "fed_boulders": ("i4", ("tally_fed",), "its boulders in the part"),
-}
 CLOCKS = ("wall_seconds", "cpu_seconds")
 NUMBERS = ("boulders_asked", "boulder_first", "boulder_last", "threads")
 SUMS = ("input_checksums", "decoded_checksums")
-PACKING = 1100  # zlib packs no closer than this
+PACKING = int(_core.constant("max_packing"))  # zlib packs no closer than this
 
 
 # ---- from a tally
@@ -74,10 +63,10 @@ def make_part(tally: Tally) -> xr.Dataset:
     grid, box = tally.scene.grid, tally.window
     window = [box.column, box.row, *box.shape[::-1]]
     data = boulder_variables(tally)
-    if tally.scene.case.line:
+    if tally.scene.case.lines:
         data |= line_variables(tally)
     data |= {
-        BEFORE + name: (ABOUT[name][1], values, {"units": "1", "long_name": ABOUT[name][2]})
+        BEFORE + name: (_dimensions(name), values, variables.TALLY[name])
         for name, values in found.items()
     }
     if tally.scene.case.output["rebounds"]:
@@ -140,7 +129,12 @@ class Part:
             for k, name in enumerate(variables.fields(what)):
                 if name in variables.BOULDER:
                     table[rows, k] = self.arrays[name]
-        if tally.scene.case.line:
+        if tally.scene.case.output["energy_balance"]:
+            for k, name in enumerate(variables.fields(5)):
+                tally.energy[rows, k] = self.arrays[name]
+        if tally.scene.case.has_forest:
+            tally.trees_hit[rows] = self.arrays["trees_hit"]
+        if tally.scene.case.lines:
             for k, name in enumerate(variables.fields(3)):
                 tally.crossing[rows, :, k] = self.arrays[f"line_{name}"].T
         for name in variables.COUNT:
@@ -312,20 +306,36 @@ def _case(text: str, file: str) -> Case:
 def _expected(part: Part) -> dict[str, tuple[str, tuple[str, ...]]]:
     """Every variable that a part of its case has: type and dimensions."""
     case = part.origin.case
-    found: dict[str, tuple[str, tuple[str, ...]]] = {"crs": ("i4", ())}
-    for name in variables.BOULDER:
-        found[name] = ({"status": "i1", "impacts": "i4"}.get(name, "f8"), ("boulder",))
-    found |= {name: ("i8", ()) for name in variables.COUNT}
-    if case.line:
-        found |= {f"line_{name}": ("f8", ("line", "boulder")) for name in variables.LINE}
+    found = {"crs": ("i4", ())} | _typed("boulder", "", "boulder") | _typed("count", "")
+    if case.output["energy_balance"]:
+        found |= _typed("energy", "", "boulder")
+    if case.has_forest:
+        found |= _typed("tree", "", "boulder")
+    if case.lines:
+        found |= _typed("line", "line_", "line", "boulder")
     if case.output["rebounds"]:
-        found |= {f"{name}_histogram": ("i8", (f"{name}_bin",)) for name in variables.HISTOGRAM}
+        for name, kind in variables.TYPES["histogram"].items():
+            found[f"{name}_histogram"] = kind, (f"{name}_bin",)
     plan = plan_of(case)
     by_source = plan.counts["sources"] or plan.counts["released"]
     wanted: dict[str, Any] = {name: plan.layers[name] for name in STACKS}
     wanted |= {"cell": True, "classes": plan.bins} | dict.fromkeys(FED, by_source)
-    found |= {BEFORE + name: ABOUT[name][:2] for name in ABOUT if wanted[name]}
+    for name, kind in variables.TYPES["tally"].items():
+        if wanted[name]:
+            found[BEFORE + name] = kind, _dimensions(name)
     return found
+
+
+def _typed(group: str, before: str, *dims: str) -> dict[str, tuple[str, tuple[str, ...]]]:
+    """Type and dimensions of all variables of a group."""
+    return {before + name: (kind, dims) for name, kind in variables.TYPES[group].items()}
+
+
+def _dimensions(tally: str) -> tuple[str, ...]:
+    """Of a tally; those of stacks have a layer each."""
+    if tally in STACKS:
+        return f"tally_{tally}_layer", "tally"
+    return {"cell": ("tally",), "classes": ("tally", "tally_class")}.get(tally, ("tally_fed",))
 
 
 def _lengths(part: Part) -> dict[str, int]:
@@ -335,7 +345,7 @@ def _lengths(part: Part) -> dict[str, int]:
     found = {f"tally_{name}_layer": plan.layers[name] for name in STACKS}
     bins = _core.histogram_bins()[0]
     found |= {f"{name}_bin": n for name, n in zip(variables.HISTOGRAM, bins, strict=True)}
-    found |= {"boulder": part.last - part.first + 1, "line": len(case.line)}
+    found |= {"boulder": part.last - part.first + 1, "line": len(case.lines)}
     return found | {"tally_class": plan.bins}
 
 
@@ -348,9 +358,7 @@ def _check_shapes(
     that can hold them; others are dropped."""
     expected, lengths = _expected(part), _lengths(part)
     if "trajectory_boulder" in shapes:
-        for name in variables.VERTEX:
-            kind = "i8" if name == "boulder" else "f8"
-            expected[f"trajectory_{name}"] = (kind, ("trajectory_vertex",))
+        expected |= _typed("vertex", "trajectory_", "trajectory_vertex")
     for name in sorted(set(shapes) - set(expected)):
         del shapes[name]
     for name, (kind, dims) in expected.items():

@@ -194,11 +194,15 @@ def _fly(tally: Tally, first: int, size: int) -> int:
 def _call(tally: Tally, scene: Scene, first: int, size: int) -> np.ndarray:
     """Boulders `first` to `first + size - 1`, into their places. Returns the numbers of those that
     left the window, which are in no tally."""
-    lines = len(tally.scene.case.line)
+    lines = len(tally.scene.case.lines)
     scene.kernel.keep_within(tally.maps.box)
+    done = slice(first - 1 - tally.before, first - 1 - tally.before + size)
+    energy = tally.energy[done] if tally.scene.case.output["energy_balance"] else tally.energy
+    trees_hit = tally.trees_hit[done] if tally.scene.case.has_forest else tally.trees_hit
     boulder, count, crossing, code, message = _core.run(
         scene.kernel.handle, first, tally.threads, **tally.maps.arguments(),
-        **tally.maps.run_arguments(), histogram=tally.histogram.T, nl=max(1, lines), n=size,
+        **tally.maps.run_arguments(), histogram=tally.histogram.T, energy=energy.T,
+        trees_hit=trees_hit, nl=max(1, lines), n=size,
     )  # fmt: skip
     scene.kernel.check(code, message)
     if tally.maps.columns[0] > len(tally.maps.class_counts):
@@ -207,7 +211,6 @@ def _call(tally: Tally, scene: Scene, first: int, size: int) -> np.ndarray:
             f"{len(tally.maps.class_counts)} cells; the counts of quantile maps in more do not fit "
             "in memory"
         )
-    done = slice(first - 1 - tally.before, first - 1 - tally.before + size)
     tally.boulder[done], tally.count[done] = boulder.T, count.T
     tally.crossing[done] = crossing.T[:, :lines]
     return first + np.flatnonzero(count[STATUS] == LEFT_WINDOW)

@@ -56,6 +56,8 @@ class Tally:
     boulder: np.ndarray  # (boulders, fields)
     count: np.ndarray
     crossing: np.ndarray  # (boulders, lines, fields)
+    energy: np.ndarray  # (boulders, fields), or one row that nobody asked for
+    trees_hit: np.ndarray  # (boulders,), or one where there are no trees
     before: int = 0  # boulders of the run before those of this tally
     done: int = 0
     counted: dict[str, Any] = field(default_factory=dict)  # in boulders whose `count` was not kept
@@ -99,7 +101,11 @@ def empty_tally(scene: Scene | Origin, maps: Maps, numbers: range, threads: int)
         histogram=np.zeros((len(bins), max(bins)), "i8"),
         boulder=np.empty((len(numbers), len(fields(1)))),
         count=np.zeros((len(numbers), len(fields(2))), "i4"),
-        crossing=np.empty((len(numbers), len(scene.case.line), len(fields(3)))),
+        energy=np.zeros(
+            (len(numbers) if scene.case.output["energy_balance"] else 1, len(fields(5)))
+        ),
+        trees_hit=np.zeros(len(numbers) if scene.case.has_forest else 1, "i4"),
+        crossing=np.empty((len(numbers), len(scene.case.lines), len(fields(3)))),
         before=numbers.start,
         threads=threads,
     )
@@ -112,7 +118,7 @@ def shard_range(scene: Scene, shard: tuple[int, int]) -> range:
         raise RockfallError(f"shard = {which}/{of}: must be I/N with I from 1 to N")
     if of > max(1, scene.boulders):
         raise RockfallError(f"shard = {which}/{of}: there are {scene.boulders} boulders only")
-    return range(scene.boulders * (which - 1) // of, scene.boulders * which // of)
+    return range(_core.share(scene.boulders, which - 1, of), _core.share(scene.boulders, which, of))
 
 
 def origin_of(tally: Tally) -> Origin:

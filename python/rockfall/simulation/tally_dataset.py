@@ -12,6 +12,7 @@ from rockfall.case import Case
 from rockfall.io.grid import row_blocks
 from rockfall.result import variables
 from rockfall.result.dataset import as_dataset, centre_variables, provenance
+from rockfall.result.variables import fields
 from rockfall.simulation.maps import Maps
 from rockfall.simulation.tally import Tally
 from rockfall.version import __version__
@@ -20,7 +21,10 @@ if TYPE_CHECKING:
     import xarray as xr
 
 #: Maps that are maxima of the kernel themselves, and of which quantity; so are counts.
-MAXIMA = {"energy_max": "energy", "speed_max_map": "speed", "jump_height_max_map": "jump_height"}
+MAXIMA = {
+    "energy_max": "energy", "speed_max_map": "speed", "jump_height_max_map": "jump_height",
+    "tree_impact_height_max": "tree_height",
+}  # fmt: skip
 
 
 def make_result(tally: Tally, maps: bool = True) -> xr.Dataset:
@@ -29,8 +33,10 @@ def make_result(tally: Tally, maps: bool = True) -> xr.Dataset:
     data = boulder_variables(tally)
     number = np.arange(tally.before + 1, tally.before + tally.done + 1)
     data["boulder"] = ("boulder", number, {"units": "1", "long_name": "number of the boulder"})
-    if tally.scene.case.line:
+    if tally.scene.case.lines:
         data |= _line_itself(tally) | line_variables(tally)
+    if tally.scene.case.barrier:
+        data |= _barrier_variables(tally)
     data["crs"] = ((), np.int32(0), tally.georeference())
     if maps and tally.scene.case.output.get("maps"):
         _add_maps(data, tally)
@@ -48,22 +54,30 @@ def boulder_variables(tally: Tally) -> dict[str, Any]:
     columns = tally.columns()
     for name, about in variables.BOULDER.items():
         values = columns[name].astype("i1") if name == "status" else columns[name]
-        data[name] = ("boulder", values, about | (_flags() if name == "status" else {}))
+        flags = _flags(variables.STATUS) if name == "status" else {}
+        data[name] = ("boulder", values, about | flags)
     for name, about in variables.COUNT.items():
         before = tally.counted.get(name, np.int64(0))
         data[name] = ((), before + columns[name].sum(dtype="i8"), about)
+    if tally.scene.case.output["energy_balance"]:
+        for name, values in zip(fields(5), tally.energy[: tally.done].T, strict=True):
+            data[name] = ("boulder", values, variables.ENERGY[name])
+    if tally.scene.case.has_forest:
+        data["trees_hit"] = ("boulder", tally.trees_hit[: tally.done], variables.TREE["trees_hit"])
     return data
 
 
-def _flags() -> dict[str, Any]:
-    """What the numbers of `status` mean, as CF says it."""
-    values = np.array(list(variables.STATUS.values()), "i1")
-    return {"flag_values": values, "flag_meanings": " ".join(variables.STATUS)}
+def _flags(meanings: dict[str, int]) -> dict[str, Any]:
+    """What numbers mean, as CF says it."""
+    return {
+        "flag_values": np.array(list(meanings.values()), "i1"),
+        "flag_meanings": " ".join(meanings),
+    }
 
 
 def _line_itself(tally: Tally) -> dict[str, Any]:
     """Names and vertices of the evaluation lines."""
-    lines = tally.scene.case.line
+    lines = tally.scene.case.lines
     names = np.array([line["name"] for line in lines], dtype=object)
     data: dict[str, Any] = {"line": ("line", names, {"long_name": "name of the evaluation line"})}
     vertices = {
@@ -82,8 +96,32 @@ def line_variables(tally: Tally) -> dict[str, Any]:
         f"line_{name}": (
             ("line", "boulder"), tally.crossing[: tally.done, :, k].T, variables.LINE[name]
         )
-        for k, name in enumerate(variables.fields(3))
+        for k, name in enumerate(fields(3))
     }  # fmt: skip
+
+
+def _barrier_variables(tally: Tally) -> dict[str, Any]:
+    """Of the lines that are barriers, what they are, and what they did at the first crossing."""
+    case = tally.scene.case
+    height, capacity = _core.barriers(case.text().encode(), len(case.lines))
+    outcome = np.zeros((len(height), tally.done), "i1")
+    columns = dict(zip(fields(3), tally.crossing[: tally.done].transpose(2, 1, 0), strict=True))
+    for k in np.flatnonzero(height):
+        crossed = np.flatnonzero(~np.isnan(columns["time"][k]))
+        if not crossed.size:  # f2py has no empty arrays
+            continue
+        energy = columns["energy_translational"][k] + columns["energy_rotational"][k]
+        outcome[k, crossed] = _core.barrier_outcomes(
+            height[k], capacity[k], columns["passing_height"][k, crossed], energy[crossed]
+        )
+    height[capacity == 0] = capacity[capacity == 0] = np.nan
+    about = {**variables.BARRIER}
+    about["outcome"] = about["outcome"] | _flags({"not_met": 0, **variables.OUTCOME})
+    return {
+        "barrier_height": ("line", height, about["height"]),
+        "barrier_capacity": ("line", capacity, about["capacity"]),
+        "barrier_outcome": (("line", "boulder"), outcome, about["outcome"]),
+    }
 
 
 def _add_maps(data: dict[str, Any], tally: Tally) -> None:
@@ -164,7 +202,7 @@ def trajectory_variables(tally: Tally) -> dict[str, Any]:
     if not tally.trajectories:
         return {}
     vertices = np.concatenate(tally.trajectories)
-    columns = dict(zip(variables.fields(4), vertices.T, strict=True))
+    columns = dict(zip(fields(4), vertices.T, strict=True))
     lengths = [len(one) for one in tally.trajectories]
     columns["boulder"] = tally.before + np.repeat(np.arange(1, len(lengths) + 1), lengths)
     return {

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rockfall.analysis.line_statistics import Z
+from rockfall.limits import Z
 from rockfall.quantities import SHOWN, number
 from rockfall.text.table import table
 

@@ -61,9 +61,10 @@ def preview(scene: Scene) -> str:
         *(("", line) for line in _rocks(scene, values["volume"])),
         ("impact sets", _sets(scene)),
         ("rebounds", _rebounds(values)),
+        *_forest(scene),
         ("boulders", _boulders(scene)),
         ("speed", _speed(scene)),
-        ("lines", ", ".join(line["name"] for line in case.line) or "none"),
+        ("lines", ", ".join(line["name"] for line in case.lines) or "none"),
         ("maps", ", ".join(case.output.get("maps", [])) or "none"),
         ("memory", _memory(scene, pilot)),
         ("time", _time(scene, pilot)),
@@ -82,7 +83,8 @@ def memory(scene: Scene, pilot: Pilot) -> dict[str, float]:
     maps = tally.maps
     layers = [maps.counts, maps.sums, maps.maxima, maps.column, maps.stamp]
     made = len(names - {*maps.plan.counts, *MAXIMA}) * 4 * np.prod(maps.box.shape)
-    row = 8 * len(fields(1)) + 4 * len(fields(2)) + 8 * len(fields(3)) * len(scene.case.line)
+    row = 8 * len(fields(1)) + 4 * len(fields(2)) + 8 * len(fields(3)) * len(scene.case.lines)
+    row += 4 * scene.case.has_forest
     if scene.windows:
         rasters = scene.windows.bytes + READING
     else:
@@ -92,6 +94,7 @@ def memory(scene: Scene, pilot: Pilot) -> dict[str, float]:
         "rasters": rasters,
         "maps": sum(layer.nbytes for layer in layers if layer.size > 1),
         "classes": 4 * maps.class_counts.shape[1] * pilot.cells if counted else 0,
+        "trees": 0 if scene.trees is None else scene.trees.bytes,
         "results": row * scene.boulders + scene.x.nbytes + scene.y.nbytes,
         "program": PROGRAM,
         "made": PACKAGES + made,
@@ -222,6 +225,19 @@ def _sets(scene: Scene) -> str:
         ranges.append(f"{_range(angles.min(), angles.max())} degrees")
     about = " and ".join(ranges) or "speeds and angles that it does not state"
     return f"{scene.case.impact['sets']}, fitted on {about}"
+
+
+def _forest(scene: Scene) -> list[tuple[str, str]]:
+    """The trees; no row where there are none."""
+    trees = scene.trees
+    if trees is None:
+        return []
+    n, area = trees.x.size, trees.area()
+    return [(
+        "forest",
+        f"{n:,} stems on {area:.3g} ha, {n / area:,.0f} a hectare, mean DBH {trees.dbh.mean():.1f} "
+        f"cm, basal area {trees.basal_area() / area:.3g} m2/ha",
+    )]  # fmt: skip
 
 
 def _rebounds(values: dict[str, np.ndarray]) -> str:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from rockfall.analysis.extrapolation import extrapolations
 from rockfall.analysis.line_statistics import line_numbers, sources
 from rockfall.analysis.run_until import verdicts_of
+from rockfall.protection.barriers import barrier_statistics, barriers_of
 from rockfall.quantities import QUANTITIES, Quantity
 from rockfall.result.trajectories import ends
 from rockfall.text.table import table
@@ -24,6 +25,8 @@ def summary(result: xr.Dataset) -> str:
     lines.append(table(_ends(result)))
     if "line" in result:
         lines.append(table(_passages(result)))
+    if barriers_of(result):
+        lines.append(table(_barriers(result)))
     lines += [f"  until {verdict}" for verdict in verdicts_of(result)]
     lines += _rebounds(result)
     wall, cpu = (result.attrs[f"{clock}_seconds"] for clock in ("wall", "cpu"))
@@ -57,6 +60,14 @@ def _passages(result: xr.Dataset) -> Iterator[list[str]]:
         means = (_within(row, "mean", QUANTITIES[key]) for key, row in rows.items())
         fraction = _within(passed, "fraction", QUANTITIES["fraction"])
         yield [f"  {name}", f"{passed['n']:,}", fraction, *means]
+
+
+def _barriers(result: xr.Dataset) -> Iterator[list[str]]:
+    """What each barrier did with the boulders that came to it, with 95 % intervals."""
+    yield ["  barrier (95 %)", "outcome", "boulders", "fraction"]
+    for row in barrier_statistics(result).to_dict("records"):
+        outcome, fraction = row["outcome"].replace("_", " "), QUANTITIES["fraction"]
+        yield [f"  {row['barrier']}", outcome, f"{row['n']:,}", _within(row, "fraction", fraction)]
 
 
 def _within(numbers: dict[str, float], name: str, about: Quantity) -> str:

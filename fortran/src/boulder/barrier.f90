@@ -1,0 +1,41 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Barriers: nets and walls that meet a boulder below their top edge, and take energy up to their capacity.
+module rockfall_barrier
+   use rockfall_kinds, only: wp
+   implicit none
+   private
+   public :: barrier_t, barrier_outcome, ead_energy, stopped_there, broken_through, passed_over
+
+   !> What a barrier did with a boulder.
+   integer, parameter :: stopped_there = 1, broken_through = 2, passed_over = 3
+
+   !> Energy classes of EAD 340059-00-0106, falling rock protection kits: maximum energy level of classes 0 to 7 [J].
+   !> Class 8 is declared by its maker: give its capacity.
+   real(wp), parameter :: ead_energy(0:7) = 1000*[100.0_wp, 250.0_wp, 500.0_wp, 1000.0_wp, 1500.0_wp, 2000.0_wp, &
+                                                  3000.0_wp, 4500.0_wp]
+
+   type :: barrier_t
+      integer :: line = 0            !! its number among the lines of the scene
+      real(wp) :: height = 0.0_wp    !! of the top edge above the ground, vertical [m]
+      real(wp) :: capacity = 0.0_wp  !! energy that it takes at most [J]
+   end type barrier_t
+
+contains
+
+   !> What becomes of a boulder at a barrier: a centre above the top edge passes over; below it all of an energy up to
+   !> the capacity is taken, and of a higher one the capacity.
+   elemental integer function barrier_outcome(height, capacity, passing_height, energy) result(outcome)
+      real(wp), intent(in) :: height          !! of the top edge above the ground, vertical [m]
+      real(wp), intent(in) :: capacity        !! [J]
+      real(wp), intent(in) :: passing_height  !! of the boulder's centre above the ground, vertical [m]
+      real(wp), intent(in) :: energy          !! of the boulder, translational and rotational [J]
+
+      if (passing_height > height) then
+         outcome = passed_over
+      else if (energy > capacity) then
+         outcome = broken_through
+      else
+         outcome = stopped_there
+      end if
+   end function barrier_outcome
+end module rockfall_barrier

@@ -1,0 +1,73 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> A stand of trees of which only the stems a hectare are known: how many stand in a cell, and where. A pure function
+!> of the seed and the cell, so that neither the order of cells nor what else is read changes a tree.
+module rockfall_stand
+   use rockfall_kinds, only: wp, i8
+   use rockfall_math, only: exponential
+   use rockfall_random, only: random_key_t, four_words, uniform, for_forest, words_per_block
+   implicit none
+   private
+   public :: stems_in_cell, stem_numbers
+
+   real(wp), parameter :: max_mean = 16.0_wp  !! of a Poisson number that one random number gives
+
+contains
+
+   !> Stems in a cell of which `expected` are expected: a Poisson number, so that cells of any size give the same
+   !> forest, every stem anywhere with equal probability; or, `even`, that many and the fraction of one by chance.
+   pure integer function stems_in_cell(key, cell, expected, even) result(stems)
+      type(random_key_t), intent(in) :: key
+      integer(i8), intent(in) :: cell       !! its number in the raster
+      real(wp), intent(in) :: expected      !! [-]
+      logical, intent(in) :: even
+      integer :: k, parts
+
+      stems = 0
+      if (even) then
+         stems = int(expected + uniform(count_word(key, cell, 1)))
+         return
+      end if
+      parts = ceiling(expected/max_mean)  ! their sum is Poisson, too
+      do k = 1, parts
+         stems = stems + poisson(expected/parts, uniform(count_word(key, cell, k)))
+      end do
+   end function stems_in_cell
+
+   !> Word k = 1, 2, ... for the number of stems of a cell.
+   pure integer(i8) function count_word(key, cell, k)
+      type(random_key_t), intent(in) :: key
+      integer(i8), intent(in) :: cell
+      integer, intent(in) :: k
+      integer(i8) :: word(words_per_block)
+
+      word = four_words(key, for_forest, cell, 0_i8, int((k - 1)/words_per_block, i8))
+      count_word = word(mod(k - 1, words_per_block) + 1)
+   end function count_word
+
+   !> A Poisson number by inversion of its distribution.
+   pure integer function poisson(mean, u) result(n)
+      real(wp), intent(in) :: mean  !! 0..max_mean [-]
+      real(wp), intent(in) :: u     !! uniform in (0, 1) [-]
+      real(wp) :: p, total
+
+      n = 0
+      p = exponential(-mean)
+      total = p
+      do while (u > total .and. p > 0)
+         n = n + 1
+         p = p*mean/n
+         total = total + p
+      end do
+   end function poisson
+
+   !> Four uniform numbers in (0, 1) of stem 1, 2, ... of a cell: where it stands in it, eastward and northward, the
+   !> quantile of its diameter, and its species.
+   pure function stem_numbers(key, cell, stem) result(u)
+      type(random_key_t), intent(in) :: key
+      integer(i8), intent(in) :: cell
+      integer, intent(in) :: stem
+      real(wp) :: u(words_per_block)
+
+      u = uniform(four_words(key, for_forest, cell, int(stem, i8), 0_i8))
+   end function stem_numbers
+end module rockfall_stand

@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Trees from a list: a CSV file, or a layer of points."""
+
+from __future__ import annotations
+
+from array import array
+from pathlib import Path
+from sys import intern
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from rockfall._core import rockfall_f2py as _core
+from rockfall.errors import RockfallError
+from rockfall.io.layers import extent, read_points
+from rockfall.io.tables import read_table
+from rockfall.limits import MAX_REAL
+from rockfall.scene.forest.made import Cells, conifer_shares
+from rockfall.scene.forest.species import BROADLEAF, CONIFER, Species, read_species
+from rockfall.scene.forest.trees import MAX_DBH, Trees
+from rockfall.scene.layers import LAYERS, file_checksum
+
+if TYPE_CHECKING:
+    from rockfall.scene.scene import Scene
+
+
+SPECIES_NUMBER = 3  # which of the random numbers of a stem tells its species
+
+
+class Listed(NamedTuple):
+    """The trees of a list, wherever they stand."""
+
+    x: np.ndarray  # map coordinates [m]
+    y: np.ndarray
+    dbh: np.ndarray  # [cm]
+    species: list[str] | None  # None where the list has no such column
+
+
+def listed_trees(scene: Scene, rasters: dict[str, Any]) -> Trees:
+    """Those of the list of a case that stand on the terrain."""
+    path, grid = scene.case.path(scene.case.forest["trees"]), scene.grid
+    if path.suffix.lower() in LAYERS:
+        found = _from_layer(path, scene)
+    else:
+        found = _from_table(path)
+    scene.checksums["trees"] = file_checksum(path)
+    x, y = found.x, found.y
+    inside = (x >= grid.west) & (x < grid.east) & (y > grid.south) & (y <= grid.north)
+    if not inside.any():
+        raise RockfallError(
+            f"{path}: no tree stands on the terrain: "
+            f"{extent(x.min(), y.min(), x.max(), y.max())}; "
+            f"the terrain: {extent(grid.west, grid.south, grid.east, grid.north)}"
+        )
+    if out := np.count_nonzero(~inside):
+        scene.remarks.append(f"{path}: {out:,} of {x.size:,} trees stand outside the terrain")
+    if found.species is None:
+        factor = _drawn_factors(scene, path, found, inside, rasters)
+    else:
+        factor = _factors(read_species(scene), path, found.species)[inside]
+    return Trees(x[inside], y[inside], found.dbh[inside], factor)
+
+
+def _from_table(path: Path) -> Listed:
+    """Those of a CSV file; columns that are not known are free text."""
+    where, columns, rows = read_table(path)
+    for column in ("x", "y", "dbh"):
+        if column not in columns:
+            raise RockfallError(f"{where}: no column {column}; has: {', '.join(columns)}")
+    numbers = array("d")
+    species: list[str] | None = [] if "species" in columns else None
+    for row in rows:
+        dbh = row.number("dbh", 0.0, MAX_DBH)
+        if not dbh > 0:
+            row.refuse("dbh", "must be > 0 [cm]")
+        numbers.extend([row.number(axis, -MAX_REAL, MAX_REAL) for axis in "xy"])
+        numbers.append(dbh)
+        if species is not None:
+            species.append(intern(row.text("species")))
+    x, y, dbh = np.array(numbers).reshape(-1, 3).T.copy()
+    return Listed(x, y, dbh, species)
+
+
+def _from_layer(path: Path, scene: Scene) -> Listed:
+    """Those of a layer of points with the attributes dbh and species."""
+    x, y, columns = read_points(path, scene.grid, ("dbh", "species"), scene.remarks)
+    if "dbh" not in columns or columns["dbh"].dtype.kind not in "iuf":
+        raise RockfallError(f"{path}: no attribute dbh that is a number")
+    dbh = columns["dbh"].astype(float)
+    for k in np.flatnonzero(~((dbh > 0) & (dbh <= MAX_DBH)))[:1]:
+        raise RockfallError(
+            f"{path}: feature {k + 1}: dbh = {dbh[k]:g}: must be > 0 and at most {MAX_DBH:g} [cm]"
+        )
+    if "species" not in columns:
+        return Listed(x, y, dbh, None)
+    species = columns["species"].tolist()
+    for k, name in enumerate(species, start=1):
+        if not isinstance(name, str) or not name.strip():
+            raise RockfallError(f"{path}: feature {k}: has no species")
+    return Listed(x, y, dbh, species)
+
+
+def _factors(table: Species, path: Path, species: list[str]) -> np.ndarray:
+    """By the species of each tree."""
+    known: dict[str, float] = {}
+    for k, name in enumerate(species, start=1):
+        if name not in known:
+            known[name] = table.factor(name, f"{path}: tree {k}")
+    return np.array([known[name] for name in species])
+
+
+def _drawn_factors(
+    scene: Scene, path: Path, found: Listed, inside: np.ndarray, rasters: dict[str, Any]
+) -> np.ndarray:
+    """By the percentage of conifers, for each tree by its number in the list."""
+    forest, grid, table = scene.case.forest, scene.grid, read_species(scene)
+    if "conifers" not in forest and "uniform_conifers" not in forest:
+        raise RockfallError(
+            f"{path}: has no species: add them, or set &forest conifers or uniform_conifers"
+        )
+    n = inside.size
+    u = _core.stand_numbers(forest["seed"], n, 1, np.ones(n, "i4"), n)[SPECIES_NUMBER, inside]
+    row = ((grid.north - found.y[inside]) / grid.cell).astype("i4").clip(0, grid.ny - 1)
+    column = ((found.x[inside] - grid.west) / grid.cell).astype("i4").clip(0, grid.nx - 1)
+    order, share = np.argsort(row, kind="stable"), np.empty(row.size)
+    share[order] = conifer_shares(scene, Cells(row[order], column[order]), rasters)
+    return np.where(u < share, table.factors[CONIFER], table.factors[BROADLEAF])

@@ -1,0 +1,135 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Trees made of what is known of a stand: stems a hectare, their diameters, the share of conifers.
+
+A tree is a function of the seed of the forest and of its cell: neither threads nor blocks of rows
+change it. Diameters follow a gamma distribution, by inversion. SciPy may choose other last bits
+elsewhere: they are rounded to a tenth of a millimetre.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from rockfall._core import rockfall_f2py as _core
+from rockfall.errors import RockfallError
+from rockfall.io.grid import row_blocks
+from rockfall.scene.forest.species import BROADLEAF, CONIFER, read_species
+from rockfall.scene.forest.trees import HECTARE, MAX_DBH, Trees
+from rockfall.scene.layers import layer_blocks
+
+if TYPE_CHECKING:
+    from rockfall.scene.scene import Scene
+
+MAX_DENSITY = 1e6  # stems a hectare
+MAX_STEMS = 1e8  # of a forest
+DECIMALS = 2  # of a diameter [cm]
+
+
+class Cells(NamedTuple):
+    """Where trees stand on the raster: sorted rows, and columns."""
+
+    row: np.ndarray
+    column: np.ndarray
+
+
+def made_trees(scene: Scene, rasters: dict[str, Any]) -> Trees:
+    """Those of a case with stems a hectare."""
+    grid, table = scene.grid, read_species(scene)
+    columns = {row: found for row, found in _columns(scene, rasters) if found.size}
+    if not columns:
+        raise RockfallError(f"{scene.case.name}: &forest: no tree stands on the terrain")
+    rows = sorted(columns)
+    sizes = [columns[row].size for row in rows]
+    cells = Cells(
+        np.repeat(np.array(rows, "i4"), sizes), np.concatenate([columns[k] for k in rows])
+    )
+    x, y, quantile, species = np.empty((4, cells.row.size))
+    for row, stop, size in zip(rows, np.cumsum(sizes), sizes, strict=True):
+        counts = np.bincount(columns[row], minlength=grid.nx).astype("i4")
+        numbers = _core.stand_numbers(scene.case.forest["seed"], grid.nx, row + 1, counts, size)
+        for part, values in zip((x, y, quantile, species), numbers, strict=True):
+            part[stop - size : stop] = values
+    x[:] = grid.west + (cells.column + x) * grid.cell
+    y[:] = grid.north - (cells.row + 1 - y) * grid.cell
+    quantile[:] = _diameters(scene, cells, quantile, rasters)
+    conifer = species < conifer_shares(scene, cells, rasters)
+    species[:] = np.where(conifer, table.factors[CONIFER], table.factors[BROADLEAF])
+    return Trees(x, y, quantile, species)
+
+
+def _columns(scene: Scene, rasters: dict[str, Any]) -> Iterator[tuple[int, np.ndarray]]:
+    """Each row, and the columns of its trees."""
+    forest, nx, total = scene.case.forest, scene.grid.nx, 0.0
+    columns, even = np.arange(nx, dtype="i4"), int(forest["spread"] == "even")
+    per_cell = scene.grid.cell**2 / HECTARE
+    for rows, block in _blocks(scene, "stems", rasters):
+        density = np.nan_to_num(np.asarray(block, float))  # none where nothing is known
+        _check(scene, "stems", density, (density >= 0) & (density <= MAX_DENSITY))
+        total += density.sum() * per_cell
+        if total > MAX_STEMS:
+            raise RockfallError(f"{scene.case.name}: &forest: more than {MAX_STEMS:,.0f} trees")
+        for row, expected in enumerate(density * per_cell, start=rows.start):
+            counts = _core.stand_counts(forest["seed"], nx, row + 1, expected, even)
+            yield row, np.repeat(columns, counts)
+
+
+def _diameters(scene: Scene, cells: Cells, u: np.ndarray, rasters: dict[str, Any]) -> np.ndarray:
+    """Quantiles `u` of the gamma distributions of the cells [cm]: shape (mean/std)**2, scale
+    std**2/mean."""
+    from scipy.special import gammaincinv
+
+    mean = _at_trees(scene, "dbh_mean", cells, rasters)
+    std = _at_trees(scene, "dbh_std", cells, rasters)
+    _check(scene, "dbh_mean", mean, (mean > 0) & (mean <= MAX_DBH))
+    _check(scene, "dbh_std", std, (std >= 0) & (std <= MAX_DBH))
+    dbh, varied = mean.copy(), std > 0
+    shape = (mean[varied] / std[varied]) ** 2
+    dbh[varied] = gammaincinv(shape, u[varied]) / shape * mean[varied]
+    return np.maximum(np.round(dbh, DECIMALS), 10.0**-DECIMALS)
+
+
+def conifer_shares(scene: Scene, cells: Cells, rasters: dict[str, Any]) -> np.ndarray:
+    """Of conifers among the stems of cells, 0 to 1."""
+    percent = _at_trees(scene, "conifers", cells, rasters)
+    _check(scene, "conifers", percent, (percent >= 0) & (percent <= 100))
+    if 0 < percent.max() <= 1:
+        scene.remarks.append(
+            f"{scene.case.name}: &forest conifers: {percent.max():g} % at most: was it meant as a "
+            "share of one?"
+        )
+    return percent / 100
+
+
+def _at_trees(scene: Scene, key: str, cells: Cells, rasters: dict[str, Any]) -> np.ndarray:
+    """The values of a raster at trees, or the one value everywhere."""
+    found = np.empty(cells.row.size)
+    for rows, block in _blocks(scene, key, rasters):
+        mine = slice(*np.searchsorted(cells.row, [rows.start, rows.stop]))
+        found[mine] = block[cells.row[mine] - rows.start, cells.column[mine]]
+    return found
+
+
+def _blocks(scene: Scene, key: str, rasters: dict[str, Any]) -> Iterator[tuple[slice, np.ndarray]]:
+    """Blocks of rows of a raster, or of the one value everywhere."""
+    uniform = scene.case.forest.get(f"uniform_{key}")
+    if uniform is None:
+        yield from layer_blocks(scene, key, f"values of {key}", np.float32, rasters)
+        return
+    for rows in row_blocks(scene.grid.shape):
+        yield rows, np.broadcast_to(uniform, (rows.stop - rows.start, scene.grid.nx))
+
+
+def _check(scene: Scene, key: str, values: np.ndarray, good: np.ndarray) -> None:
+    """Refuse what cannot be where trees stand, or are to stand."""
+    if good.all():
+        return
+    forest, limits = scene.case.forest, {
+        "stems": f"0 to {MAX_DENSITY:,.0f} a hectare", "conifers": "0 to 100 %",
+        "dbh_mean": f"> 0 and at most {MAX_DBH:g} cm", "dbh_std": f"0 to {MAX_DBH:g} cm",
+    }  # fmt: skip
+    about = scene.case.path(forest[key]) if key in forest else f"{scene.case.name}: &forest {key}"
+    first = values[~good].flat[0]
+    raise RockfallError(f"{about}: {first:g} where trees stand: must be {limits[key]}")

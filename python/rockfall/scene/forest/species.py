@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""How tough the stems of a species are, beside those of silver fir: a table that users may edit."""
+
+from __future__ import annotations
+
+import importlib.resources
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rockfall.errors import RockfallError
+from rockfall.io.tables import read_table
+from rockfall.scene.layers import file_checksum
+
+if TYPE_CHECKING:
+    from rockfall.scene.scene import Scene
+
+CONIFER, BROADLEAF = "conifer", "broadleaf"  # where only the share of conifers is known
+MAX_FACTOR = 100.0
+_SHIPPED = Path(str(importlib.resources.files("rockfall") / "data" / "species.csv"))
+
+
+class Species:
+    """Factors by the name of a species, or by its genus: `spruce`, `Picea abies`."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.factors: dict[str, float] = {}
+        where, columns, rows = read_table(path)
+        for column in ("species", "factor"):
+            if column not in columns:
+                raise RockfallError(f"{where}: no column {column}; has: {', '.join(columns)}")
+        for row in rows:
+            factor = row.number("factor", 0.0, MAX_FACTOR)
+            if not factor > 0:
+                row.refuse("factor", "must be > 0")
+            for name in {row.text("species").lower(), row.cells.get("genus", "").lower()} - {""}:
+                if name in self.factors:
+                    raise RockfallError(f"{row.where}: {name}: is in the table twice")
+                self.factors[name] = factor
+        for name in (CONIFER, BROADLEAF):
+            if name not in self.factors:
+                raise RockfallError(f"{path}: no row for the species {name}")
+
+    def factor(self, name: str, where: str) -> float:
+        """That of a species as a list names it."""
+        words = name.lower().split()
+        for one in (" ".join(words), *words[:1]):
+            if one in self.factors:
+                return self.factors[one]
+        known = ", ".join(self.factors)
+        raise RockfallError(f"{where}: species = {name}: is not in {self.path}; has: {known}")
+
+
+def read_species(scene: Scene) -> Species:
+    """The table of a case, or the shipped one."""
+    named = scene.case.forest.get("species_table")
+    path = _SHIPPED if named is None else scene.case.path(named)
+    scene.checksums["species_table"] = file_checksum(path)
+    return Species(path)

@@ -1,0 +1,246 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Barriers: who is stopped, who goes on with how much, and what it does to nobody else."""
+
+import numpy as np
+import pytest
+from rasterio.transform import from_origin
+
+import rockfall
+from made import make_raster
+from programs import make_full_case, run_program
+from rockfall.scene.prepare import prepare
+from same import same, same_numbers
+from scenes import make_case, rough, sets, status
+
+CELL, ROWS = 5.0, 80
+TRANSFORM = from_origin(0.0, ROWS * CELL, CELL, CELL)
+ACROSS = {"x": [0.0, 300.0]}
+ROAD = {"name": "road", **ACROSS, "y": [60.0, 60.0]}
+NET = {"name": "net", **ACROSS, "y": [200.0, 200.0], "height": 3.0, "capacity": 150.0}
+WALL = {
+    "name": "wall",
+    "x": [0.0, 140.0, 300.0],
+    "y": [110.0, 140.0, 110.0],
+    "height": 2.0,
+    "class": 2,
+}
+CLASS_2 = 500e3  # [J]
+
+
+@pytest.fixture(scope="module")
+def case(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("barriers")
+    return make_case(
+        folder, *sets(), line=[ROAD],
+        case={"boulders": 600}, release={"x": [150.0, 80.0], "y": [380.0, 375.0]},
+        surface={"uniform_mean_radius": 0.3},
+        output={
+            "energy_balance": True,
+            "maps": ["passages", "deposits", "energy_max"],
+            "trajectories": 9,
+        },
+    )  # fmt: skip
+
+
+def run(case, **how):
+    return rockfall.run(case, dem=rough(), transform=TRANSFORM, **how)
+
+
+@pytest.fixture(scope="module")
+def free(case):
+    """As lines only, which stop nobody."""
+    lines = [{key: one[key] for key in ("name", "x", "y")} for one in (NET, WALL)]
+    return run(case.replace(line=[ROAD, *lines]))
+
+
+@pytest.fixture(scope="module")
+def caught(case):
+    return run(case.replace(barrier=[NET, WALL]))
+
+
+def at(result, line, name):
+    return result[f"line_{name}"].sel(line=line).values
+
+
+def energy(result, line):
+    return at(result, line, "energy_translational") + at(result, line, "energy_rotational")
+
+
+def test_a_net_stops_what_is_below_its_edge_and_within_its_capacity(free, caught):
+    """The same boulders come to the first barrier, as fast and as high as without it."""
+    for name in ("x", "y", "time", "speed", "passing_height", "energy_translational"):
+        assert np.array_equal(at(free, "net", name), at(caught, "net", name), equal_nan=True)
+    high, strong = at(free, "net", "passing_height") > 3.0, energy(free, "net") > 150e3
+    came = ~np.isnan(at(free, "net", "time"))
+    expected = np.select([~came, high, strong], [0, 3, 2], 1)
+    assert np.array_equal(caught.barrier_outcome.sel(line="net"), expected)
+    assert min(np.bincount(expected)) > 20  # each is there
+    stopped = expected == 1
+    assert (np.array(status(caught))[stopped] == "stopped_by_barrier").all()
+    for axis in "xy":
+        place = caught[f"stop_{axis}"].values[stopped]
+        assert np.array_equal(place, at(caught, "net", axis)[stopped])
+
+
+def test_who_does_not_meet_a_barrier_is_the_same(free, caught):
+    met = (caught.barrier_outcome.values % 3 != 0).any(axis=0)
+    assert 100 < met.sum() < 1100
+    for name in ("stop_x", "stop_z", "travel_time", "path_length", "status", "impacts"):
+        assert np.array_equal(free[name].values[~met], caught[name].values[~met]), name
+
+
+def test_the_energy_of_each_boulder_is_accounted_for(free, caught):
+    for result in (free, caught):
+        parts = sum(result[f"energy_{what}"] for what in ("ground", "trees", "barriers", "left"))
+        released = result.energy_released
+        assert float(abs(parts - released).max() / released.max()) < 1e-12
+    assert float(free.energy_barriers.max()) == 0.0
+
+
+def test_barriers_take_what_they_can(caught):
+    """All of a boulder that they stop, their capacity of one that breaks through."""
+    taken = np.zeros(caught.sizes["boulder"])
+    for line, capacity in (("net", 150e3), ("wall", CLASS_2)):
+        outcome = caught.barrier_outcome.sel(line=line).values
+        taken += np.select([outcome == 1, outcome == 2], [energy(caught, line), capacity], 0.0)
+    came_back = (caught.barrier_outcome == 3).any("line").values
+    assert np.allclose(caught.energy_barriers.values[~came_back], taken[~came_back], rtol=1e-12)
+
+
+def test_second_barrier_behind_the_first(caught):
+    """What broke through or passed over the net comes to the wall with what it has left."""
+    outcome = caught.barrier_outcome
+    net, wall = outcome.sel(line="net").values, outcome.sel(line="wall").values
+    assert ((net == 2) & (wall > 0)).any() and ((net == 3) & (wall == 1)).any()
+    assert not ((net == 1) & (wall > 0)).any()
+    assert caught.barrier_capacity.sel(line="wall") == CLASS_2
+    assert np.isnan(caught.barrier_height.sel(line="road"))
+
+
+def test_no_boulder_passes_an_endless_strong_barrier(case):
+    result = run(case.replace(barrier=[NET | {"height": 1e6, "capacity": 1e9}]))
+    assert not (at(result, "road", "time") >= 0).any()
+    assert (at(result, "net", "time") > 0).sum() == status(result).count("stopped_by_barrier") > 500
+
+
+def test_barrier_without_strength_or_height_changes_nothing(case, free):
+    """One millimetre high: centres pass over it; 1e-9 kJ: hardly any energy goes."""
+    low = run(case.replace(barrier=[NET | {"height": 1e-3}]))
+    assert np.array_equal(low.stop_x, free.stop_x) and np.array_equal(low.status, free.status)
+    assert (low.barrier_outcome.sel(line="net").values % 3 == 0).all()
+
+
+def test_bent_barrier_over_and_then_under(tmp_path):
+    """Over the first arm of a hairpin, and not over the second in the same flight: met there."""
+    z = np.zeros((40, 40)) + np.linspace(0, 1e-3, 40)[:, None]
+    shot = {"x": [20.0], "y": [20.0], "velocity": [12.0, 0.0, 12.0], "drop_height": 0.0}
+    case = make_case(
+        tmp_path, *sets(0.0), release=shot, case={"boulders": 1}, boulder={"volume_mean": 0.1}
+    )
+    hairpin = {"name": "u", "x": [30.0, 30.0, 48.0, 48.0], "y": [5.0, 35.0, 35.0, 5.0]}
+    result = rockfall.run(
+        case.replace(barrier=[hairpin | {"height": 4.0, "capacity": 1e6}]), dem=z,
+        transform=from_origin(0.0, 200.0, 5.0, 5.0),
+    )  # fmt: skip
+    assert status(result) == ["stopped_by_barrier"] and float(result.stop_x[0]) == pytest.approx(
+        48.0
+    )
+    assert result.barrier_outcome.values[0, 0] == 3  # the first crossing
+
+
+def test_bits_do_not_depend_on_threads_chunks_or_shards(case, caught, tmp_path):
+    case = case.replace(barrier=[NET, WALL])
+    same(run(case, threads=2, chunk=37), caught)
+    parts = [run(case, shard=(k, 3)) for k in (3, 1, 2)]
+    same_numbers(rockfall.merge(parts), caught)
+    assert np.array_equal(rockfall.merge(parts).barrier_outcome, caught.barrier_outcome)
+
+
+def test_standalone_program_has_the_same_bits(tmp_path):
+    make_full_case(tmp_path)
+    case = rockfall.read_case(tmp_path / "case.nml")
+    nets = [
+        line | {"name": f"net at {line['name']}", "height": 3.0, "capacity": 300.0}
+        for line in case.line
+    ]
+    case = case.replace(barrier=nets, output={"energy_balance": True})
+    prepare(case, tmp_path / "prepared")
+    done = run_program("prepared/case.nml", "--output", "part.nc", "--quiet", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    theirs, ours = rockfall.merge([tmp_path / "part.nc"]), rockfall.run(case)
+    same_numbers(theirs, ours)
+    assert (ours.barrier_outcome == 1).any() and (ours.energy_barriers > 0).any()
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"capacity": 150.0, "class": 2}, "&barrier capacity, class: give one of the two"),
+        ({"capacity": None}, "&barrier capacity, class: give one of the two"),
+        ({"capacity": None, "class": 8}, "&barrier class = 8: must be 0 to 7"),
+        ({"height": 0.0}, "&barrier height = 0.0: must be > 0 [m]"),
+        ({"name": "road"}, "must be another for each line and barrier"),
+        ({"x": [1.0, 1.0], "y": [2.0, 2.0]}, "must have two different points"),
+        ({"x": [1.0]}, "must be as many"),
+    ],
+)  # fmt: skip
+def test_refused_in_one_line(case, wrong, message):
+    with pytest.raises(rockfall.RockfallError) as error:
+        case.replace(barrier=[NET | wrong])
+    assert message in str(error.value) and "\n" not in str(error.value)
+
+
+def test_statistics_of_barriers(caught):
+    table = rockfall.barrier_statistics(caught).set_index(["barrier", "outcome"])
+    counts = np.bincount(caught.barrier_outcome.sel(line="net").values, minlength=4)
+    assert table.loc["net"]["n"].tolist() == counts[1:].tolist()
+    assert (table.fraction_low <= table.fraction).all() and (
+        table.fraction <= table.fraction_high
+    ).all()
+
+
+def test_dam_is_as_high_as_said_and_no_wider(tmp_path):
+    """On a plane: crest at its height, faces at their slope, the terrain beyond as it was."""
+    plane = np.repeat(0.5 * CELL * np.arange(ROWS - 1, -1, -1.0)[:, None], 60, axis=1)
+    make_raster(tmp_path / "dem.tif", plane, TRANSFORM, crs="EPSG:32632")
+    dam = {
+        "x": [50.0, 250.0],
+        "y": [102.5, 102.5],
+        "height": 6.0,
+        "crest_width": 4.0,
+        "slope": 60.0,
+    }
+    case = make_case(
+        tmp_path, *sets(), terrain={"dem": "dem.tif"}, release={"x": [150.0], "y": [380.0]}
+    ).replace(dam=[dam])
+    prepare(case, tmp_path / "prepared")
+    import xarray as xr
+
+    z = xr.open_dataset(tmp_path / "prepared" / "scene.nc")
+    added = z.elevation.values - plane
+    row = int((ROWS * CELL - 102.5) / CELL)  # cell centres on the crest
+    assert added[row, 20:40] == pytest.approx(6.0)
+    assert added.max() == pytest.approx(6.0) and added.min() == 0.0
+    crest, fall = plane[row, 0] + 6.0, np.tan(np.radians(60.0))
+    for k in (-1, 1):
+        face = crest - fall * (CELL - 2.0)
+        assert z.elevation.values[row + k, 30] == pytest.approx(max(plane[row + k, 0], face))
+    assert not added[row + 5 :].any() and not added[: row - 5].any()
+
+
+DAM = {"x": [5.0, 290.0], "y": [120.0, 120.0], "height": 30.0, "slope": 70.0}
+
+
+def test_a_dam_stops_boulders(case):
+    plain, dammed = (
+        run(case.replace(dam=dam))
+        for dam in ([], [DAM])
+    )  # fmt: skip
+    passed = [np.isfinite(at(one, "road", "time")).mean() for one in (plain, dammed)]
+    assert passed[1] < 0.3 * passed[0]
+
+
+def test_dam_beyond_the_terrain_is_refused(case):
+    dam = {"x": [-50.0, 290.0], "y": [120.0, 120.0], "height": 15.0}
+    with pytest.raises(rockfall.RockfallError, match="&dam x, y: must lie between"):
+        run(case.replace(dam=[dam]))
