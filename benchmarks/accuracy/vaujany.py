@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The shipped impact sets beside what the paper prints of its slope: writes docs/vaujany.md.
+"""The shipped impact sets beside what the paper prints: writes docs/validation/vaujany.md.
 
     python -m benchmarks.accuracy.vaujany [--slopes 48] [-o docs]
 
