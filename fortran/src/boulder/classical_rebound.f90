@@ -15,7 +15,8 @@ module rockfall_classical_rebound
    public :: by_sets, rockyfor3d, pfeiffer_bowen, bourrier_hungr, constant, absorbing
 
    !> What a rebound follows: impact sets, that is rockfall_impact; a model of this module; or the boulder stays.
-   integer, parameter :: by_sets = 1, rockyfor3d = 2, pfeiffer_bowen = 3, bourrier_hungr = 4, constant = 5, absorbing = 6
+   integer, parameter :: by_sets = 1, rockyfor3d = 2, pfeiffer_bowen = 3, bourrier_hungr = 4, constant = 5, &
+                         absorbing = 6
 
    !> Rockyfor3D marks with such an obstacle what no boulder leaves, such as a lake [m].
    real(wp), parameter :: absorbing_obstacle = 100.0_wp
