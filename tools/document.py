@@ -32,7 +32,7 @@ FORMATS = """
 | what | formats |
 | --- | --- |
 | rasters | GeoTIFF, ESRI ASCII, netCDF, VRT, Erdas Imagine, Surfer binary grids |
-| polygons | GeoPackage, GeoJSON, shapefile, FlatGeobuf |
+| polygons, points | GeoPackage, GeoJSON, shapefile, FlatGeobuf |
 
 The content of a file tells its format, not its name. Others are refused, those among them whose
 headers are text that GDAL reads loosely (EHdr, SAGA, ENVI): make a GeoTIFF of them with
@@ -101,6 +101,7 @@ show, 8 in a part that begins within a source.
 
 KINDS = {
     "Boulders: dimension `boulder`": ("", variables.BOULDER),
+    "Trees, where the case has some: dimension `boulder`": ("", variables.TREE),
     "Evaluation lines: dimensions `line`, `boulder`; fill value where the boulder did not cross": (
         "line_",
         variables.LINE,

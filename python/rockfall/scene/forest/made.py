@@ -38,25 +38,30 @@ class Cells(NamedTuple):
 def made_trees(scene: Scene, rasters: dict[str, Any]) -> Trees:
     """Those of a case with stems a hectare."""
     grid, table = scene.grid, read_species(scene)
-    rows = {row: found for row, found in _rows(scene, rasters) if found[0].size}
-    if not rows:
+    columns = {row: found for row, found in _columns(scene, rasters) if found.size}
+    if not columns:
         raise RockfallError(f"{scene.case.name}: &forest: no tree stands on the terrain")
-    order = sorted(rows)
-    column = np.concatenate([rows[row][0] for row in order])
-    row = np.repeat(np.array(order, "i4"), [rows[row][0].size for row in order])
-    u = np.concatenate([rows.pop(row)[1] for row in order], axis=1)
-    cells = Cells(row, column)
-    x = grid.west + (column + u[0]) * grid.cell
-    y = grid.north - (row + 1 - u[1]) * grid.cell
-    dbh = _diameters(scene, cells, u[2], rasters)
-    conifer = u[3] < conifer_shares(scene, cells, rasters)
-    return Trees(x, y, dbh, np.where(conifer, table.factors[CONIFER], table.factors[BROADLEAF]))
+    rows = sorted(columns)
+    sizes = [columns[row].size for row in rows]
+    cells = Cells(
+        np.repeat(np.array(rows, "i4"), sizes), np.concatenate([columns[k] for k in rows])
+    )
+    x, y, quantile, species = np.empty((4, cells.row.size))
+    for row, stop, size in zip(rows, np.cumsum(sizes), sizes, strict=True):
+        counts = np.bincount(columns[row], minlength=grid.nx).astype("i4")
+        numbers = _core.stand_numbers(scene.case.forest["seed"], grid.nx, row + 1, counts, size)
+        for part, values in zip((x, y, quantile, species), numbers, strict=True):
+            part[stop - size : stop] = values
+    x[:] = grid.west + (cells.column + x) * grid.cell
+    y[:] = grid.north - (cells.row + 1 - y) * grid.cell
+    quantile[:] = _diameters(scene, cells, quantile, rasters)
+    conifer = species < conifer_shares(scene, cells, rasters)
+    species[:] = np.where(conifer, table.factors[CONIFER], table.factors[BROADLEAF])
+    return Trees(x, y, quantile, species)
 
 
-def _rows(
-    scene: Scene, rasters: dict[str, Any]
-) -> Iterator[tuple[int, tuple[np.ndarray, np.ndarray]]]:
-    """Of each row the columns of its trees, and four random numbers of each, (4, trees)."""
+def _columns(scene: Scene, rasters: dict[str, Any]) -> Iterator[tuple[int, np.ndarray]]:
+    """Each row, and the columns of its trees."""
     forest, nx, total = scene.case.forest, scene.grid.nx, 0.0
     columns, even = np.arange(nx, dtype="i4"), int(forest["spread"] == "even")
     per_cell = scene.grid.cell**2 / HECTARE
@@ -66,11 +71,9 @@ def _rows(
         total += density.sum() * per_cell
         if total > MAX_STEMS:
             raise RockfallError(f"{scene.case.name}: &forest: more than {MAX_STEMS:,.0f} trees")
-        for k, expected in enumerate(density * per_cell):
-            at = forest["seed"], nx, rows.start + k + 1
-            counts = _core.stand_counts(*at, expected, even)
-            numbers = _core.stand_numbers(*at, counts, max(1, counts.sum()))
-            yield rows.start + k, (np.repeat(columns, counts), numbers[:, : counts.sum()])
+        for row, expected in enumerate(density * per_cell, start=rows.start):
+            counts = _core.stand_counts(forest["seed"], nx, row + 1, expected, even)
+            yield row, np.repeat(columns, counts)
 
 
 def _diameters(scene: Scene, cells: Cells, u: np.ndarray, rasters: dict[str, Any]) -> np.ndarray:
