@@ -106,9 +106,9 @@ contains
       arrays%draw = draw
       call read_case(text, name, case, error)
       if (case%by_area .and. .not. allocated(error)) arrays%area_ratio = area_ratio
-      arrays%source_volume = source_volume
-      arrays%source_inertia = source_inertia
-      arrays%source_density = source_density
+      if (case%by_source) arrays%source_volume = source_volume
+      if (case%by_source) arrays%source_inertia = source_inertia
+      if (case%source_density) arrays%source_density = source_density
       if (.not. allocated(error)) then
          allocate (opened)
          call scene_from(case, arrays, opened%scene, error)

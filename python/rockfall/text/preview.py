@@ -57,7 +57,7 @@ def preview(scene: Scene) -> str:
         ("elevations", _elevations(scene.ground)),
         ("slopes", _slopes(scene.ground)),
         ("surface", _surface(scene)),
-        ("sizes", _sizes(case.boulder["density"], values["volume"])),
+        ("sizes", _sizes(_densities(pilot.tally.scene), values["volume"])),
         *(("", line) for line in _rocks(scene, values["volume"])),
         ("impact sets", _sets(scene)),
         ("rebounds", _rebounds(values)),
@@ -118,7 +118,9 @@ def _follow(scene: Scene, number: int) -> Pilot:
         boulders = 1 + (scene.boulders * (drawn + 0.5) / scene.x.size).astype("i8")
         drawn = scene.sources_of(boulders)
     case = scene.case.replace(case={"boulders": 1}, release={"by_area": False}, output=output)
-    one = replace(scene, case=case, x=scene.x[drawn], y=scene.y[drawn], area=None)
+    told = scene.source_boulders and scene.source_boulders.of(drawn)
+    place = {"x": scene.x[drawn], "y": scene.y[drawn], "area": None}
+    one = replace(scene, case=case, source_boulders=told, **place)
     few = start(one, threads=1)
     run_chunks(few, None, lambda: False, lambda _: None)
     cells, few.done, few.cpu = _all_cells(few, scene.boulders), 0, 0.0
@@ -205,7 +207,15 @@ def _boulders(scene: Scene) -> str:
     return f"{scene.boulders:,}, {each:,} from {of}; sources: {scene.x.size:,} ({kind})"
 
 
-def _sizes(density: float, volumes: np.ndarray) -> str:
+def _densities(scene: Scene) -> np.ndarray | float:
+    """Of one boulder from each source, or of all."""
+    found = scene.source_boulders
+    if found is None or found.density is None:
+        return scene.case.boulder["density"]
+    return found.density
+
+
+def _sizes(density: np.ndarray | float, volumes: np.ndarray) -> str:
     """Of the pilot's boulders."""
     radii = sphere_radius(volumes)
     masses = density * volumes
