@@ -10,6 +10,7 @@ _MODULES = {  # of each public name
     "__version__": "version",
     "barrier_statistics": "protection.barriers",
     "ensemble_table": "analysis.ensemble",
+    "import_rockyfor3d": "rockyfor3d.imported",
     "line_statistics": "analysis.line_statistics",
     "merge": "simulation.merge",
     "read_case": "case",

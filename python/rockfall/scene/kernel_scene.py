@@ -35,7 +35,8 @@ class KernelScene:
             first=(scene.at[1] + 1, scene.at[0] + 1), sizes=np.asfortranarray(scene.sizes.T),
             source_x=scene.x, source_y=scene.y,
             area_ratio=ABSENT["area_ratio"] if scene.area is None else scene.area,
-            **of_sources(scene), **trees(scene), sets_text=scene.sets.text or b"\n", sets_name=scene.sets.name.encode(),
+            **of_sources(scene), **trees(scene),
+            sets_text=scene.sets.text or b"\n", sets_name=scene.sets.name.encode(),
             draw=scene.sets.draw,
         )  # fmt: skip
         check_kernel(code, message)

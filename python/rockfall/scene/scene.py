@@ -30,7 +30,8 @@ class SourceBoulders(NamedTuple):
 
     def of(self, sources: np.ndarray) -> SourceBoulders:
         """Those of some sources, which are counted from 0."""
-        return SourceBoulders(*(one if one is None else one[sources] for one in self))
+        density = None if self.density is None else self.density[sources]
+        return SourceBoulders(self.volume[sources], self.inertia[sources], density)
 
 
 @dataclass

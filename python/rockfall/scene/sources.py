@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Sources from the terrain: steep cells, how many boulders each source releases by its area, and what
-it says of their size and shape."""
+"""Sources from the terrain: steep cells, how many boulders each releases by its area, and what it
+says of their size and shape."""
 
 from __future__ import annotations
 
@@ -51,8 +51,8 @@ def refuse_by_area(scene: Scene, what: str) -> None:
 
 
 def read_sources(scene: Scene, bands: Iterable[tuple[Scene, Box]], rasters: dict[str, Any]) -> None:
-    """Release points, or the centres of source cells in the order of the raster; and what they say of
-    their boulders.
+    """Release points, or the centres of source cells in the order of the raster; and what they say
+    of their boulders.
 
     `bands` are rows of the terrain in order, each in a scene that holds it and what lies about it.
     """
@@ -100,10 +100,14 @@ def _read_boulders(scene: Scene, rasters: dict[str, Any]) -> None:
         shape = np.full(scene.x.size, SPHERE)
     some = shape > 0
     if not some.any():
-        raise RockfallError(f"{scene.case.path(boulder['shape'])}: 0 at all sources: none has boulders")
+        raise RockfallError(
+            f"{scene.case.path(boulder['shape'])}: 0 at all sources: none has boulders"
+        )
     if not some.all():
         out = np.count_nonzero(~some)
-        scene.remarks.append(f"&boulder shape: 0 at {out:,} of {some.size:,} sources: no boulders there")
+        scene.remarks.append(
+            f"&boulder shape: 0 at {out:,} of {some.size:,} sources: no boulders there"
+        )
     scene.x, scene.y = scene.x[some], scene.y[some]
     scene.area = None if scene.area is None else scene.area[some]
     d = np.array([_at_sources(scene, key, "sides", np.float64, rasters) for key in SIDES])

@@ -43,6 +43,7 @@ class Pilot:
     seconds: float  # CPU time of a boulder
     reading: float  # and of the windows of the terrain
     cells: float  # that all boulders of the run would reach
+    density: np.ndarray | float  # of these boulders [kg/m3]
 
 
 def preview(scene: Scene) -> str:
@@ -57,7 +58,7 @@ def preview(scene: Scene) -> str:
         ("elevations", _elevations(scene.ground)),
         ("slopes", _slopes(scene.ground)),
         ("surface", _surface(scene)),
-        ("sizes", _sizes(_densities(pilot.tally.scene), values["volume"])),
+        ("sizes", _sizes(pilot.density, values["volume"])),
         *(("", line) for line in _rocks(scene, values["volume"])),
         ("impact sets", _sets(scene)),
         ("rebounds", _rebounds(values)),
@@ -118,16 +119,16 @@ def _follow(scene: Scene, number: int) -> Pilot:
         boulders = 1 + (scene.boulders * (drawn + 0.5) / scene.x.size).astype("i8")
         drawn = scene.sources_of(boulders)
     case = scene.case.replace(case={"boulders": 1}, release={"by_area": False}, output=output)
-    told = scene.source_boulders and scene.source_boulders.of(drawn)
-    place = {"x": scene.x[drawn], "y": scene.y[drawn], "area": None}
-    one = replace(scene, case=case, source_boulders=told, **place)
+    told = None if scene.source_boulders is None else scene.source_boulders.of(drawn)
+    x, y = scene.x[drawn], scene.y[drawn]
+    one = replace(scene, case=case, x=x, y=y, area=None, source_boulders=told)
     few = start(one, threads=1)
     run_chunks(few, None, lambda: False, lambda _: None)
     cells, few.done, few.cpu = _all_cells(few, scene.boulders), 0, 0.0
     before = one.windows.reading if one.windows else 0.0
     run_chunks(few, None, lambda: False, lambda _: None)
     reading = one.windows.reading - before if one.windows else 0.0
-    return Pilot(few, (few.cpu - reading) / few.done, reading, cells)
+    return Pilot(few, (few.cpu - reading) / few.done, reading, cells, _densities(one))
 
 
 def _all_cells(few: Tally, boulders: int) -> float:
