@@ -103,7 +103,11 @@ def not_numbers(result: xr.Dataset) -> int:
             number = number[crossed]
         elif name in variables.MAP:
             # quantiles ask for more passages, and a greatest energy of nothing is not shown
-            number = number[passed] if "mean" in name else ~np.isinf(values.values)
+            number = (
+                number[passed]
+                if name.endswith("_mean") and "tree" not in name
+                else ~np.isinf(values.values)
+            )
         wrong += int((~number).sum())
         if name in ("path_length", "travel_time", "speed_max", "jump_height_max"):
             wrong += int((values.values < 0).sum())
@@ -130,7 +134,7 @@ def energy_gain(scene: Scene, case: rockfall.Case, result: xr.Dataset) -> tuple[
 def build(folder: Path) -> tuple[Path, Path]:
     """Build `factors` and a rockfall-batch whose flights are audited; returns both programs."""
     variant.copy_sources(folder)
-    used = "span_t, fly, launch_rate, arc_length"
+    used = "span_t, fly, end_flight, flight_from, launch_rate, arc_length"
     ours = used.replace(" fly,", "") + "\n   use audited_flight, only: fly"
     variant.replace(folder / "fortran/src/run/trajectory.f90", used, ours)
     flight = "'src/boulder/flight.f90',"

@@ -10,6 +10,7 @@ _MODULES = {  # of each public name
     "__version__": "version",
     "barrier_statistics": "protection.barriers",
     "ensemble_table": "analysis.ensemble",
+    "hazard": "analysis.hazard.study",
     "import_rockyfor3d": "rockyfor3d.imported",
     "line_statistics": "analysis.line_statistics",
     "merge": "simulation.merge",
@@ -19,6 +20,7 @@ _MODULES = {  # of each public name
     "run": "simulation.simulate",
     "run_ensemble": "analysis.ensemble",
     "run_until": "analysis.run_until",
+    "write_hazard": "analysis.hazard.files",
     "write_result": "result.dataset",
 }
 __all__ = list(_MODULES)

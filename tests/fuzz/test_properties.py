@@ -514,6 +514,7 @@ def test_a_larger_scene_has_the_same_boulders_larger(folder, scene, factor):
         values = {key: times(value, f**power) for key, value in scene.groups[group].items()
                   if key.startswith(lengths) and value is not None}  # fmt: skip
         changes[group] = changes.get(group, {}) | values
+    changes["hazard"] = {"thresholds": times([30.0, 300.0], f**5)}
     larger = replace(
         scene, z=times(scene.z, f), cell=scene.cell * f,
         line=[one | {"x": times(one["x"], f), "y": times(one["y"], f)} for one in scene.line],
@@ -531,6 +532,7 @@ def speeds_times(scene, factor, gravity):
         "flight": {"gravity": groups["flight"]["gravity"] * gravity},
         "impact": {"stop_speed": groups["impact"]["stop_speed"] * factor},
         "release": {"velocity": times(groups["release"]["velocity"], factor)},
+        "hazard": {"thresholds": times([30.0, 300.0], factor**2)},
     }
 
 

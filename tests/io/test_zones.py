@@ -241,7 +241,7 @@ def test_no_layer_reaches_the_network(name, text):
         server.setblocking(False)
         Path(name).write_text(text.format(server.getsockname()[1]))
         with refused(
-            f"{name}: not a polygon layer that can be read (no GeoPackage, GeoJSON, shapefile or "
+            f"{name}: not a vector layer that can be read (no GeoPackage, GeoJSON, shapefile or "
             "FlatGeobuf)"
         ):
             burn_polygons(name, utm_grid())
@@ -262,7 +262,7 @@ def test_geojson_says_only_where_polygons_lie(old, new, said):
     path = Path(plain_geojson())
     path.write_text(path.read_text().replace(old, new))
     with pytest.raises(
-        RockfallError, match=rf"^a\.geojson: not a polygon layer that can be read \({said}"
+        RockfallError, match=rf"^a\.geojson: not a vector layer that can be read \({said}"
     ):
         burn_polygons(path, utm_grid(), "zone")
 
@@ -376,7 +376,7 @@ def test_a_file_that_is_no_layer():
     Path("a.gpkg").write_bytes(b"hello")
     with pytest.raises(RockfallError) as caught:
         burn_polygons("a.gpkg", GRID)
-    assert re.fullmatch(r"a\.gpkg: not a polygon layer that can be read \(.*\)", str(caught.value))
+    assert re.fullmatch(r"a\.gpkg: not a vector layer that can be read \(.*\)", str(caught.value))
     assert caught.value.code == 2
 
 

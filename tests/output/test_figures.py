@@ -25,6 +25,7 @@ from rockfall.plots.figures import figures, write_figures
 from rockfall.plots.terrain import terrain_of
 from rockfall.result import trajectories
 from rockfall.result.variables import MAP
+from rockfall.terrain.height import height
 from scenes import grid, make_case, rough, sets
 
 pytest.importorskip("matplotlib", reason="the report extra is not installed").use("Agg")
@@ -148,7 +149,7 @@ def test_flights_are_those_of_a_falling_stone():
 
 def test_trajectories_touch_the_ground_at_contacts_and_fly_above_it(full):
     for one in trajectories.trajectories(full):
-        above = one.z - trajectories.height(TERRAIN, one.x, one.y)
+        above = one.z - height(*TERRAIN, one.x, one.y)
         contacts = above[trajectories.POINTS - 1 :: trajectories.POINTS][
             :-1
         ]  # it may leave in flight

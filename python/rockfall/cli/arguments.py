@@ -63,19 +63,14 @@ def _add_runs(commands: _Commands) -> None:
     check = _add(commands, "run", "check", about, "CASE")
     run = _add(commands, "run", "run", "run a case and write its result as netCDF", "CASE")
     for one in check, run:
-        about = "of the run; terrain beyond half of it is read in windows; default: the machine's"
-        one.add_argument("--memory", metavar="SIZE", help=about)
+        _add_memory(one)
     run.add_argument("-o", "--output", metavar="OUT.nc", type=Path, help="default: CASE.nc, here")
     about = f"run until 95 %% confidence intervals are narrow enough: {_RULES}"
     run.add_argument("--until", metavar="RULES", help=about)
     run.add_argument("--cap", metavar="N", type=int, help="with --until: maximum from each source")
     run.add_argument("--shard", metavar="I/N", help="the I-th of N parts, for `rockfall merge`")
     run.add_argument("--dask", metavar="WHERE", help="on a Dask cluster: its address, or local:N")
-    run.add_argument("--resume", action="store_true", help="go on from the last checkpoint, if any")
-    run.add_argument(
-        "--checkpoint", metavar="SECONDS", type=float, default=60.0,
-        help="between checkpoints, in OUT.nc.checkpoint; default: 60, 0 = none",
-    )  # fmt: skip
+    _add_resume(run, "OUT.nc.checkpoint")
     _add_overrides(run)
     about = "make a case that rockfall-batch reads without Python"
     prepare = _add(commands, "run", "prepare", about, "CASE")
@@ -96,6 +91,18 @@ def _add_runs(commands: _Commands) -> None:
     merge.add_argument("-o", "--output", metavar="OUT.nc", type=Path, required=True)
 
 
+def _add_memory(command: argparse.ArgumentParser) -> None:
+    about = "of the run; terrain beyond half of it is read in windows; default: the machine's"
+    command.add_argument("--memory", metavar="SIZE", help=about)
+
+
+def _add_resume(command: argparse.ArgumentParser, place: str) -> None:
+    about = "go on from the last checkpoint, if any"
+    command.add_argument("--resume", action="store_true", help=about)
+    about = f"between checkpoints, in {place}; default: 60, 0 = none"
+    command.add_argument("--checkpoint", metavar="SECONDS", type=float, default=60.0, help=about)
+
+
 def _add_overrides(command: argparse.ArgumentParser) -> None:
     """What stands in place of the case's own."""
     command.add_argument("--boulders", metavar="N", type=int, help="released from each source")
@@ -110,6 +117,14 @@ def _add_studies(commands: _Commands) -> None:
     vary.add_argument("-o", "--output", metavar="OUT", type=Path, help="OUT.nc, or a table OUT.csv")
     vary.add_argument("--runs", metavar="M", type=int, help="draws of the uncertain inputs")
     _add_overrides(vary)
+    about = "run the scenarios of a case: annual frequencies, zones of hazard, objects at risk"
+    zone = _add(commands, "hazard", "hazard", about, "CASE")
+    zone.add_argument("-o", "--output", metavar="DIR", type=Path, help="default: CASE_hazard")
+    about = "points, lines, polygons, with name, vulnerability, exposure, value"
+    zone.add_argument("--objects", metavar="LAYER", type=Path, help=about)
+    _add_memory(zone)
+    _add_resume(zone, "DIR.scenarioN.checkpoint")
+    _add_overrides(zone)
     about = "measure how a case's numbers converge, and the cost"
     converge = _add(commands, "studies", "convergence", about, "CASE")
     converge.add_argument(

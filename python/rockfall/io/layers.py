@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Layers (GeoPackage, GeoJSON, shapefile, FlatGeobuf): polygons to rasters on the terrain's grid,
-and points.
+"""Vector layers (GeoPackage, GeoJSON, shapefile, FlatGeobuf): features, and polygons as rasters on
+the terrain's grid.
 
 Files are looked at before GDAL opens them. Shapefile and FlatGeobuf hold only shapes. A GeoPackage
 is a database, whose views may have no end; GeoJSON is text, that could be anything else, so it is
@@ -34,6 +34,8 @@ _DRIVERS = {"GPKG", "GeoJSON", "ESRI Shapefile", "FlatGeobuf"}
 _SHAPES = (b"\0\0\x27\x0a", b"fgb\x03fgb")  # of shapefiles and FlatGeobuf
 _GEOPACKAGE = (b"GPKG", b"GP10", b"GP11")  # what a database says it is, from byte 68
 _CRS_NAME = re.compile(r"(urn:ogc:def:crs:)?(EPSG|OGC):[0-9.]*:?(CRS84|[0-9]{1,7})", re.IGNORECASE)
+_POLYGONS = {"Polygon", "MultiPolygon"}
+_FEATURES = {"Point", "LineString", "MultiLineString", *_POLYGONS}
 _INDEX = re.compile(r'CREATE\s+VIRTUAL\s+TABLE\s+("[^"]*"|\w+)\s+USING\s+rtree\b', re.IGNORECASE)
 
 
@@ -50,11 +52,9 @@ def burn_polygons(
     from rasterio.features import rasterize
 
     path = str(path)
-    fields = () if field is None else (field,)
-    about, shapes, values = _read(path, "polygon", fields, needed=fields)
-    bounds = _check_shapes(path, shapes)
     remarks = [] if remarks is None else remarks
-    _check_place(path, about, bounds, grid, remarks)
+    columns = [] if field is None else [field]
+    shapes, values, bounds = _on_terrain(path, columns, _POLYGONS, "polygons", grid, remarks)
     if field is None:
         numbers = np.ones(len(shapes), np.uint8)
     else:
@@ -86,29 +86,46 @@ def burn_polygons(
     return cells
 
 
+def read_features(
+    path: str | Path, grid: Grid, remarks: list[str]
+) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Points, lines and polygons, and all their attributes by name, in coordinates of the terrain;
+    what is odd is added to `remarks`, as in `burn_polygons`."""
+    what = "points, lines or polygons"
+    return _on_terrain(str(path), None, _FEATURES, what, grid, remarks)[:2]
+
+
 def read_points(
     path: str | Path, grid: Grid, fields: tuple[str, ...], remarks: list[str]
 ) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
     """x and y [m] of the points of a layer, and those of these attributes that it has, whether
-    their names are in small or large letters. Coordinates are as for polygons."""
+    their names are in small or large letters."""
     import shapely
 
-    path = str(path)
-    about, shapes, values = _read(path, "point", fields)
-    kinds = shapely.get_type_id(shapes)
-    for k in np.flatnonzero((kinds != shapely.GeometryType.POINT) | shapely.is_empty(shapes))[:1]:
-        what = (
-            "has no geometry"
-            if kinds[k] < 0 or shapely.is_empty(shapes[k])
-            else (f"is a {shapes[k].geom_type}, points are needed")
-        )
-        raise RockfallError(f"{path}: feature {k + 1}: {what}")
-    x, y = shapely.get_x(shapes), shapely.get_y(shapes)
-    for k in np.flatnonzero(~(np.isfinite(x) & np.isfinite(y)))[:1]:
-        raise RockfallError(f"{path}: feature {k + 1}: has coordinates that are not finite")
-    bounds = np.array([x.min(), y.min(), x.max(), y.max()])
-    _check_place(path, about, bounds, grid, remarks)
-    return x, y, values
+    shapes, values, _ = _on_terrain(str(path), None, {"Point"}, "points", grid, remarks)
+    own = {name if name in fields else name.lower(): name for name in values}
+    found = {field: values[own[field]] for field in fields if field in own}
+    return shapely.get_x(shapes), shapely.get_y(shapes), found
+
+
+def _on_terrain(
+    path: str,
+    columns: list[str] | None,
+    kinds: set[str],
+    what: str,
+    grid: Grid,
+    remarks: list[str],
+) -> tuple[np.ndarray, dict[str, np.ndarray], np.ndarray]:
+    """Sound shapes of some kinds (a plural, for messages) in coordinates of the terrain, these
+    attributes or all, and (west, south, east, north)."""
+    about, shapes, values = _read(path, columns, what)
+    bounds = _check_shapes(path, shapes, kinds, what)
+    crs = _crs_of(about, bounds, grid)
+    _check_crs(path, crs, grid)
+    if crs is None and grid.crs is not None:
+        dem = crs_name(grid.crs)
+        remarks.append(f"{path}: names no CRS: taken to be in that of the DEM, {dem}")
+    return shapes, values, bounds
 
 
 def extent(west: float, south: float, east: float, north: float) -> str:
@@ -116,43 +133,39 @@ def extent(west: float, south: float, east: float, north: float) -> str:
 
 
 def _read(
-    path: str, shape: str, fields: tuple[str, ...], needed: tuple[str, ...] = ()
+    path: str, columns: list[str] | None, what: str
 ) -> tuple[dict[str, Any], np.ndarray, dict[str, np.ndarray]]:
-    """(what the layer says of itself, its shapes, the values of those of the fields that it has).
-    Fields that are needed must be there with just that name."""
-    need(f"{shape}s need", "vector", "pyogrio", "shapely")
+    """(what the layer says of itself, its shapes, these attributes or all)."""
+    need(f"{what} need", "vector", "pyogrio", "shapely")
     import pyogrio
     import shapely
 
-    file = _plain_layer(path, shape)
+    file = _plain_layer(path)
     try:
-        layer = _only_layer(path, shape, pyogrio.list_layers(file))
+        layer = _only_layer(path, pyogrio.list_layers(file))
         about = pyogrio.read_info(file, layer=layer, force_feature_count=True)
         if about["driver"] not in _DRIVERS:
             raise RockfallError(f"{path}: is read by {about['driver']}: must be {_DRIVERS}")
         if about["features"] == 0:
-            raise RockfallError(f"{path}: the layer is empty, {shape}s are needed")
-        for field in needed:
-            if field not in about["fields"]:
+            raise RockfallError(f"{path}: the layer is empty, {what} are needed")
+        names = list(about["fields"]) if columns is None else columns
+        for name in names:
+            if name not in about["fields"]:
                 raise RockfallError(
-                    f"{path}: no attribute {field}; has: {', '.join(about['fields']) or 'none'}"
+                    f"{path}: no attribute {name}; has: {', '.join(about['fields']) or 'none'}"
                 )
-        own = {name if name in fields else name.lower(): name for name in about["fields"]}
-        found = [field for field in fields if field in own]
-        columns = [own[field] for field in found]
-        read, _, wkb, values = pyogrio.raw.read(file, layer=layer, columns=columns)
+        about_read, _, wkb, values = pyogrio.raw.read(file, layer=layer, columns=names)
         shapes = shapely.from_wkb(wkb)
     except (RuntimeError, UnicodeDecodeError, shapely.errors.ShapelyError) as error:  # GDAL's
-        raise RockfallError(f"{path}: not a {shape} layer that can be read ({error})") from error
-    by_name = dict(zip(read["fields"], values, strict=True))
-    return about, shapes, {field: by_name[own[field]] for field in found}
+        raise RockfallError(f"{path}: not a vector layer that can be read ({error})") from error
+    return about, shapes, dict(zip(about_read["fields"], values, strict=True))
 
 
-def _only_layer(path: str, shape: str, layers: np.ndarray) -> str:
+def _only_layer(path: str, layers: np.ndarray) -> str:
     """The name of the one layer with shapes (GeoPackages keep styles in tables without any)."""
-    names = [name for name, kind in layers if kind is not None]
+    names = [name for name, shape in layers if shape is not None]
     if not names:
-        raise RockfallError(f"{path}: has no layer with {shape}s")
+        raise RockfallError(f"{path}: has no layer with polygons")
     if len(names) > 1:
         raise RockfallError(
             f"{path}: has {len(names)} layers ({', '.join(names)}); keep one layer in the file"
@@ -160,32 +173,22 @@ def _only_layer(path: str, shape: str, layers: np.ndarray) -> str:
     return names[0]
 
 
-def _check_shapes(path: str, shapes: np.ndarray) -> np.ndarray:
-    """Refuse what is not a sound polygon; returns (west, south, east, north)."""
+def _check_shapes(path: str, shapes: np.ndarray, kinds: set[str], what: str) -> np.ndarray:
+    """Refuse what is not a sound shape of these kinds; returns (west, south, east, north)."""
     import shapely
 
     for number, shape in enumerate(shapes, start=1):
         where = f"{path}: feature {number}"
         if shape is None or shape.is_empty:
             raise RockfallError(f"{where}: has no geometry")
-        if shape.geom_type not in ("Polygon", "MultiPolygon"):
-            raise RockfallError(f"{where}: is a {shape.geom_type}, polygons are needed")
+        if shape.geom_type not in kinds:
+            raise RockfallError(f"{where}: is a {shape.geom_type}, {what} are needed")
         if not np.isfinite(shape.bounds).all():
             raise RockfallError(f"{where}: has coordinates that are not finite")
         if not shape.is_valid:
-            raise RockfallError(f"{where}: invalid polygon: {shapely.is_valid_reason(shape)}")
+            kind = "polygon" if shape.geom_type in _POLYGONS else "line"
+            raise RockfallError(f"{where}: invalid {kind}: {shapely.is_valid_reason(shape)}")
     return shapely.total_bounds(shapes)
-
-
-def _check_place(
-    path: str, about: dict[str, Any], bounds: np.ndarray, grid: Grid, remarks: list[str]
-) -> None:
-    """Coordinates must be those of the terrain, as far as the layer tells."""
-    crs = _crs_of(about, bounds, grid)
-    _check_crs(path, crs, grid)
-    if crs is None and grid.crs is not None:
-        dem = crs_name(grid.crs)
-        remarks.append(f"{path}: names no CRS: taken to be in that of the DEM, {dem}")
 
 
 def _check_crs(path: str, crs: CRS | None, grid: Grid) -> None:
@@ -228,23 +231,23 @@ def _integers(path: str, field: str, values: np.ndarray) -> np.ndarray:
     return values.astype(np.int32)
 
 
-def _plain_layer(path: str, shape: str) -> str | bytes:
-    """What GDAL may open for a file of shapes: its path, or a text made of it."""
+def _plain_layer(path: str) -> str | bytes:
+    """What GDAL may open for a file of polygons: its path, or a text made of it."""
     name, start = plain_file(path), start_of(path)
     if start.startswith(_SHAPES):
         return name
     if start.startswith(SQLITE):
-        _check_geopackage(path, shape, start)
+        _check_geopackage(path, start)
         return name
     if start.removeprefix(b"\xef\xbb\xbf").lstrip().startswith(b"{"):
-        return _plain_geojson(path, shape)
+        return _plain_geojson(path)
     raise RockfallError(
-        f"{path}: not a {shape} layer that can be read "
+        f"{path}: not a vector layer that can be read "
         "(no GeoPackage, GeoJSON, shapefile or FlatGeobuf)"
     )
 
 
-def _check_geopackage(path: str, shape: str, start: bytes) -> None:
+def _check_geopackage(path: str, start: bytes) -> None:
     """Nothing in the database but tables of what is stored, and their spatial indexes."""
     if start[68:72] not in _GEOPACKAGE:
         raise RockfallError(f"{path}: a database that is no GeoPackage")
@@ -262,7 +265,7 @@ def _check_geopackage(path: str, shape: str, start: bytes) -> None:
                 if kind == "table":
                     _check_table(path, database, name, text)
     except (sqlite3.Error, UnicodeDecodeError) as error:
-        raise RockfallError(f"{path}: not a {shape} layer that can be read ({error})") from error
+        raise RockfallError(f"{path}: not a vector layer that can be read ({error})") from error
 
 
 def _check_table(path: str, database: sqlite3.Connection, name: str, text: str) -> None:
@@ -278,15 +281,15 @@ def _check_table(path: str, database: sqlite3.Connection, name: str, text: str) 
             )
 
 
-def _plain_geojson(path: str, shape: str) -> bytes:
+def _plain_geojson(path: str) -> bytes:
     """The shapes of a GeoJSON file, their plain properties, and its CRS."""
     check_text_file(path)
     try:
         data = json.loads(Path(path).read_bytes().decode("utf-8-sig"), parse_constant=_no_number)
-        plain = _collection(data, shape.capitalize())
+        plain = _collection(data)
         text = json.dumps(plain, allow_nan=False)
     except (ValueError, RecursionError, AttributeError) as error:
-        raise RockfallError(f"{path}: not a {shape} layer that can be read ({error})") from error
+        raise RockfallError(f"{path}: not a vector layer that can be read ({error})") from error
     return text.replace("<", "\\u003c").encode()  # nothing in it looks like XML
 
 
@@ -294,20 +297,20 @@ def _no_number(token: str) -> None:
     raise ValueError(f"{token} is no number of JSON")
 
 
-def _collection(data: Any, shape: str) -> dict[str, Any]:
+def _collection(data: Any) -> dict[str, Any]:
     """A FeatureCollection, with nothing but what we take; a ValueError says what else it is."""
     kind = data.get("type") if isinstance(data, dict) else type(data).__name__
     if kind == "FeatureCollection":
         features = data.get("features")
         if not isinstance(features, list):
             raise ValueError("features: must be a list")
-    elif kind in (shape, f"Multi{shape}"):
+    elif kind in ("Polygon", "MultiPolygon"):
         features = [{"type": "Feature", "properties": {}, "geometry": data}]
     elif kind == "Feature":
         features = [data]
     else:
-        raise ValueError(f"type = {str(kind)[:40]}: must be FeatureCollection, Feature or {shape}")
-    plain: dict[str, Any] = {"type": "FeatureCollection", "name": "shapes"}
+        raise ValueError(f"type = {str(kind)[:40]}: must be FeatureCollection, Feature or Polygon")
+    plain: dict[str, Any] = {"type": "FeatureCollection", "name": "polygons"}
     plain["features"] = [_feature(one) for one in features]
     if "crs" in data:
         plain["crs"] = _crs(data["crs"])

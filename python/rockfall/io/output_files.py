@@ -20,6 +20,7 @@ from rockfall.interrupts import interrupts
 from rockfall.io.files import NETCDF, SQLITE, TIFF, check_netcdf
 
 RESULT, ENSEMBLE, IMPACTS = "a result of a run", "an ensemble", "impacts of the laboratory"
+HAZARD, STYLE, OBJECT_TABLE = "a hazard", "a style for QGIS", "a table of objects at risk"
 SCENE = "a scene file"
 FIGURE, MAP, LAYERS, PAGE = "a figure", "a map", "layers of a result", "a report"
 ENSEMBLE_TABLE, STUDY = "the table of an ensemble", "a study of convergence"
@@ -39,6 +40,8 @@ SIGNS = (  # how a file of ours begins, what else its head holds, and what it is
     (b"table,x,y,reach_probability", b"", COMPARISON),
     (b"boulder,volume,", b"", BOULDER_TABLE),
     (b"boulder,x,y,time,", b"", CROSSINGS),
+    (b"object,geometry,frequency,", b"", OBJECT_TABLE),
+    (b"<!DOCTYPE qgis", f"<!-- {SIGNATURE} -->".encode(), STYLE),
     (b"#!/bin/sh\n", BY_SLURM.encode(), JOB),
     (b"! ", b"; `rockfall lab remake FILE` makes it again.", SETS),
     (b"<!DOCTYPE html>", f'<meta name="generator" content="{SIGNATURE}">'.encode(), PAGE),
@@ -124,6 +127,8 @@ def _netcdf_kind(path: str | Path) -> str | None:
         return IMPACTS
     if "scene_layout" in attrs:
         return SCENE
+    if "hazard_layout" in attrs:
+        return HAZARD
     if "case" not in attrs or not str(attrs.get("source", "")).startswith(f"{SIGNATURE} "):
         return None
     return RESULT if "boulders_asked" in attrs else ENSEMBLE

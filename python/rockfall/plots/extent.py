@@ -42,9 +42,14 @@ def reached(result: xr.Dataset, terrain: Terrain | None = None, *places: Any) ->
     for place in places:
         if place is not None and len(place):
             x, y = [*x, place[:, 0]], [*y, place[:, 1]]
-    x, y = np.concatenate(x), np.concatenate(y)
+    return around(np.concatenate(x), np.concatenate(y), cell_of(result), terrain)
+
+
+def around(x: np.ndarray, y: np.ndarray, cell: float, terrain: Terrain | None = None) -> Extent:
+    """What a map of these places shows: a margin about them, not too slender; within the terrain
+    where there is one."""
     longest = max(np.ptp(x), np.ptp(y))
-    margin = 0.06 * longest + 3 * cell_of(result)
+    margin = 0.06 * longest + 3 * cell
     shortest = SLENDEREST * (longest + 2 * margin) / 2
     west, east = _around(x, margin, shortest)
     south, north = _around(y, margin, shortest)

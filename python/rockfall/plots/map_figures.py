@@ -140,7 +140,7 @@ def norm_of(values: np.ndarray) -> Normalize:
 def _draw_relief(axes: Axes, terrain: Terrain, extent: Extent) -> None:
     """Shaded relief with contours."""
     z, grid = cropped(*terrain, False, extent, np.add)
-    _image(axes, shade(z, grid.cell), grid, cmap="gray", vmin=0, vmax=1)
+    draw_image(axes, shade(z, grid.cell), grid, cmap="gray", vmin=0, vmax=1)
     low, high = np.nanmin(z), np.nanmax(z)
     interval = round_step((high - low) / 12)
     levels = np.arange(low // interval + 1, high // interval + 1) * interval
@@ -203,16 +203,21 @@ def shade(z: np.ndarray, cell: float) -> np.ndarray:
 def _new_map(
     result: xr.Dataset, terrain: Terrain | None, *places: Any, bar: bool = False
 ) -> tuple[Figure, Axes, Extent]:
-    """A figure as wide as a column, or as a page for a broad map, with the relief in it."""
+    """A figure of all that boulders reached, with the relief in it."""
     extent = reached(result, terrain, *places)
+    return *new_map(extent, terrain, 1.5 if bar else 1.2), extent
+
+
+def new_map(extent: Extent, terrain: Terrain | None, below: float) -> tuple[Figure, Axes]:
+    """A figure as wide as a column, or as a page for a broad map, with room [inch] below it."""
     aspect = (extent[3] - extent[2]) / (extent[1] - extent[0])
     width = NARROW if aspect > 0.8 else WIDE
     tall = min(aspect * (width - 0.85), TALLEST)
-    figure = new_figure(width, tall + (1.5 if bar else 1.2))
+    figure = new_figure(width, tall + below)
     axes = figure.add_subplot()
     if terrain is not None:
         _draw_relief(axes, terrain, extent)
-    return figure, axes, extent
+    return figure, axes
 
 
 def cropped(
@@ -245,7 +250,8 @@ def _span(first: float, last: float, cell: float, size: int) -> slice:
     return slice(start, int(np.clip(np.ceil(last / cell), start + 2, size)))
 
 
-def _image(axes: Axes, values: np.ndarray, grid: Grid, **about: Any) -> None:
+def draw_image(axes: Axes, values: np.ndarray, grid: Grid, **about: Any) -> None:
+    """A raster where its cells lie."""
     extent = (grid.west, grid.east, grid.south, grid.north)
     axes.imshow(values, extent=extent, interpolation="nearest", **about)
 
@@ -282,7 +288,7 @@ def _draw_values(axes: Axes, values: np.ndarray, grid: Grid, norm: Normalize, la
     from matplotlib.colors import ListedColormap, LogNorm
     from matplotlib.ticker import MaxNLocator
 
-    _image(axes, values, grid, norm=norm, cmap=ListedColormap(colours(256)), alpha=0.85)
+    draw_image(axes, values, grid, norm=norm, cmap=ListedColormap(colours(256)), alpha=0.85)
     bar = axes.figure.colorbar(
         axes.images[-1], ax=axes, location="bottom", pad=0.01, shrink=0.95,
         aspect=45 if _page_width(axes) == WIDE else 22,
@@ -305,7 +311,6 @@ def _draw_observed(axes: Axes, stops: np.ndarray | None) -> None:
 def _draw_marks(axes: Axes, result: xr.Dataset, extent: Extent) -> None:
     """Where boulders start, the evaluation lines, and the frame of a map."""
     from matplotlib.patheffects import withStroke
-    from matplotlib.ticker import MaxNLocator
 
     start = np.unique(np.stack([result["start_x"].values, result["start_y"].values]), axis=1)
     if start.shape[1] < FEW_SOURCES:
@@ -319,6 +324,13 @@ def _draw_marks(axes: Axes, result: xr.Dataset, extent: Extent) -> None:
         if at is not None:
             about: dict[str, Any] = {"path_effects": halo, "clip_on": True}
             axes.annotate(plain(name), at, (3, 2), textcoords="offset points", **about)
+    draw_frame(axes, extent)
+
+
+def draw_frame(axes: Axes, extent: Extent) -> None:
+    """The frame of a map, with its scales."""
+    from matplotlib.ticker import MaxNLocator
+
     axes.set(xlim=extent[:2], ylim=extent[2:], xlabel="x [m]", ylabel="y [m]", aspect="equal")
     axes.ticklabel_format(useOffset=False, style="plain")
     ticks = 3 if _page_width(axes) == NARROW else 6

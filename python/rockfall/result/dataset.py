@@ -157,7 +157,7 @@ def _storage(variable: xr.Variable, checksums: Any) -> dict[str, Any]:
     from has checksums (Fletcher, by HDF5)."""
     how: dict[str, Any] = {}
     if variable.dims[-2:] == ("y", "x"):
-        tile = (1, *(min(TILE, size) for size in variable.shape[-2:]))[-variable.ndim :]
+        tile = [1] * (variable.ndim - 2) + [min(TILE, size) for size in variable.shape[-2:]]
         how = {"chunksizes": tile, "zlib": True, "complevel": 1, "shuffle": True}
     if not checksums or not variable.ndim:
         return how

@@ -31,9 +31,9 @@ if TYPE_CHECKING:
     import xarray as xr
 
     #: Shapes, and the columns of their attributes.
-    _Features = tuple[np.ndarray, dict[str, np.ndarray]]
+    Features = tuple[np.ndarray, dict[str, np.ndarray]]
     #: Name of a layer -> its type of geometry, and its features in parts.
-    _Layers = dict[str, tuple[str, Iterable[_Features]]]
+    Layers = dict[str, tuple[str, Iterable[Features]]]
 
 _ROWS = 100_000  # boulders in memory at a time
 
@@ -61,18 +61,19 @@ def export(result: xr.Dataset | str | Path, folder: str | Path) -> list[Path]:
                 raise RockfallError(f"the result lacks what goes with it: {error}") from error
 
 
-def _export(data: xr.Dataset, layers: _Layers, folder: Path) -> Iterator[Path]:
+def _export(data: xr.Dataset, layers: Layers, folder: Path) -> Iterator[Path]:
     for name, variable in data.data_vars.items():
         if variable.dims == ("y", "x"):
-            yield _write_map(folder / f"{name}.tif", data[name])
+            yield write_map(folder / f"{name}.tif", data[name])
     if "boulder" in data.dims:
         yield _write_table(folder / "boulders.csv", map(_columns, _boulders(data)))
         yield from _write_lines(folder, data)
     if layers:
-        yield _write_geopackage(folder / "rockfall.gpkg", layers, _crs_wkt(data))
+        yield write_geopackage(folder / "rockfall.gpkg", layers, crs_wkt(data))
 
 
-def _write_map(path: Path, data: xr.DataArray) -> Path:
+def write_map(path: Path, data: xr.DataArray) -> Path:
+    """A map in plan as GeoTIFF, with all that is said of it."""
     grid, flipped = grid_of(data)
     values, fill = _stored(data)
     tags = {
@@ -192,9 +193,9 @@ def _texts(column: xr.DataArray) -> list[str]:
     return texts if values.dtype.kind in "iufb" else [spreadsheet_text(text) for text in texts]
 
 
-def _layers(data: xr.Dataset) -> _Layers:
+def _layers(data: xr.Dataset) -> Layers:
     """The layers that the result has."""
-    layers: _Layers = {}
+    layers: Layers = {}
     if "stop_x" in data or {"line_vertex", "trajectory_vertex"} & set(data.dims):
         need("GeoPackages need", "vector", "pyogrio", "shapely")
     if "stop_x" in data:
@@ -206,7 +207,7 @@ def _layers(data: xr.Dataset) -> _Layers:
     return layers
 
 
-def _stops(data: xr.Dataset) -> _Features:
+def _stops(data: xr.Dataset) -> Features:
     """Where boulders stopped, with everything known of them."""
     import shapely
 
@@ -223,7 +224,7 @@ def _field(column: xr.DataArray) -> np.ndarray:
     return values.astype(kind.get(values.dtype.kind, object))
 
 
-def _lines(data: xr.Dataset) -> _Features:
+def _lines(data: xr.Dataset) -> Features:
     """Evaluation lines in plan; `line_vertex_line` counts lines from 0."""
     names, line = _line_names(data), data["line_vertex_line"].values
     if not np.array_equal(np.unique(line), np.arange(len(names))):
@@ -232,7 +233,7 @@ def _lines(data: xr.Dataset) -> _Features:
     return shapes, {"name": np.array(names, dtype=object)}
 
 
-def _trajectories(data: xr.Dataset) -> _Features:
+def _trajectories(data: xr.Dataset) -> Features:
     """Trajectories in space, from release to rest, in the order of the boulders."""
     boulder = data["trajectory_boulder"].values
     shapes = _strings(boulder, [data[f"trajectory_{axis}"].values for axis in "xyz"])
@@ -260,12 +261,13 @@ def _strings(owner: np.ndarray, coordinates: list[np.ndarray]) -> np.ndarray:
     return shapely.linestrings(np.repeat(vertices, repeat, axis=0), indices=index.repeat(repeat))
 
 
-def _crs_wkt(data: xr.Dataset) -> str | None:
+def crs_wkt(data: xr.Dataset) -> str | None:
     """The CRS of the grid mapping `crs`; None when the terrain had none."""
     return data["crs"].attrs.get("crs_wkt") or None if "crs" in data.variables else None
 
 
-def _write_geopackage(path: Path, layers: _Layers, crs: str | None) -> Path:
+def write_geopackage(path: Path, layers: Layers, crs: str | None) -> Path:
+    """Layers as one file, whole or not at all."""
     import pyogrio
     import shapely
 

@@ -26,12 +26,17 @@ class Checkpoint:
     """The checkpoint of a run in a file beside its output, written every so many seconds."""
 
     def __init__(
-        self, output: str | Path, every: float, say: Callable[[str], None] = lambda _: None
+        self,
+        output: str | Path,
+        every: float,
+        say: Callable[[str], None] = lambda _: None,
+        keep: bool = False,
     ) -> None:
         output = Path(output)
         self.path = output.with_name(f"{output.name}.checkpoint")
         self.part = output.with_name(f".{output.name}.checkpoint")  # until it is whole
         self.every, self.say = every, say
+        self.keep = keep  # also when all is done, for who has more to do
         self.saved = 0  # boulders in it
         self.next = time.monotonic() + every
 

@@ -109,7 +109,7 @@ def run_scene(
                     checkpoint.look(tally)
 
             run_chunks(tally, chunk, interrupted, step)
-            if checkpoint and interrupted():
+            if checkpoint and (checkpoint.keep or interrupted()):
                 checkpoint.save(tally)
             trace(tally)
         if not keep:

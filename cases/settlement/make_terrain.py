@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Makes the slope above the settlement: `dem.tif` (m), `zones.tif` (ids of zones.csv).
+
+`python cases/settlement/make_terrain.py [FOLDER]` writes them beside this script, or to a folder.
+The slope is made up: two rock faces, a gully between them, scree, pasture, and the flat fan below.
+"""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from rockfall.io.grid import Grid
+from rockfall.io.raster import write_geotiff
+
+CELL, NX, NY = 4.0, 110, 150  # [m]: 440 m along the slope, 600 m down it
+GRID = Grid(0.0, CELL * NY, CELL, NX, NY)
+SEED = 20250601  # of the relief
+RELIEF = 0.25  # standard deviation [m]
+SMOOTHING = 1.5  # Gaussian filter of the relief [cells]
+BENDS = [0, 40, 80, 100, 300, 380, 440, 600]  # plan distance from the northern edge [m]
+ANGLES = [28, 36, 36, 36, 36, 24, 13, 4]  # of the slope there [degree]
+TOP = 900.0  # elevation of the northern edge [m]
+#: West and east end, upper and lower edge (plan distance from the north), and what its rock adds to
+#: the fall [m].
+FACES = (70.0, 190.0, 52.0, 76.0, 22.0), (260.0, 380.0, 56.0, 80.0, 18.0)
+GULLY = 225.0, 4.0, 12.0  # axis, depth, half its width [m]
+ROCK, SCREE, PASTURE, FAN, STREAM = 1, 2, 3, 4, 5
+
+
+def place() -> tuple[np.ndarray, np.ndarray]:
+    """Plan distance from the northern edge (NY, 1) and easting (1, NX) of the cells [m]."""
+    return (GRID.north - GRID.y)[:, None], GRID.x[None, :]
+
+
+def face(s: np.ndarray, x: np.ndarray, edges: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Of a rock face: how much of its fall lies above each cell, and how much of it is there."""
+    west, east, upper, lower, _ = edges
+    across = 1 / (1 + np.exp(-(x - west) / 5)) / (1 + np.exp((x - east) / 5))
+    return across, np.clip((s - upper) / (lower - upper), 0, 1)
+
+
+def natural(s: np.ndarray) -> np.ndarray:
+    """Elevation along the slope without faces, gully and relief [m]."""
+    step = 0.01
+    middle = np.arange(0, 600, step) + step / 2
+    fall = np.cumsum(step * np.tan(np.radians(np.interp(middle, BENDS, ANGLES))))
+    return TOP - np.interp(s, np.append(0, middle + step / 2), np.append(0, fall))
+
+
+def relief() -> np.ndarray:
+    """White noise through a Gaussian filter, (NY, NX) [m]."""
+    margin = 8  # more than five standard deviations of the filter: no edge effects
+    shape = NY + 2 * margin, NX + 2 * margin
+    raw = np.random.Philox(key=SEED).random_raw(shape[0] * shape[1])  # in every NumPy
+    noise = raw.reshape(shape) / 2.0**64 - 0.5
+    weight = np.exp(-0.5 * (np.arange(-margin, margin + 1) / SMOOTHING) ** 2)
+    for axis in 0, 1:
+        noise = np.apply_along_axis(np.convolve, axis, noise, weight, mode="valid")
+    return RELIEF * (noise - noise.mean()) / noise.std()
+
+
+def elevation() -> np.ndarray:
+    """(NY, NX), north first [m]."""
+    s, x = place()
+    z = natural(s) + relief()
+    for edges in FACES:  # the rock stands out above the slope, and falls to it at its foot
+        across, above = face(s, x, edges)
+        z = z + across * edges[-1] * (1 - above)
+    axis, depth, half = GULLY
+    along = np.interp(s, [0, 60, 320, 400], [depth / 4, depth, depth, 0])
+    return (z - along * np.exp(-(((x - axis) / half) ** 2))).astype("f4")
+
+
+def zones() -> np.ndarray:
+    """Ids of zones.csv, (NY, NX), north first."""
+    s, x = place()
+    ids = np.full((NY, NX), SCREE)
+    for begin, zone in (330, PASTURE), (420, FAN):
+        ids[s[:, 0] > begin] = zone
+    for edges in FACES:
+        across, above = face(s, x, edges)
+        ids[(across > 0.5) & (above > 0) & (above < 1)] = ROCK
+    ids[np.abs(s - (580 + 4 * np.sin(x / 40))) < 4] = STREAM
+    return ids.astype("u1")
+
+
+if __name__ == "__main__":
+    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent
+    folder.mkdir(parents=True, exist_ok=True)
+    write_geotiff(folder / "dem.tif", elevation(), GRID)
+    write_geotiff(folder / "zones.tif", zones(), GRID)

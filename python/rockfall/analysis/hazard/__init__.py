@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Hazard and risk: scenarios with frequencies to maps, zones and objects (docs/hazard.md)."""

@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""From counts of boulders to frequencies with intervals, and from these to classes of hazard."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+
+from rockfall.case import Case, key_table
+from rockfall.simulation.maps import count_limits
+
+(WORDS,) = (
+    key.allowed.split(", ") for key in key_table() if (key.group, key.name) == ("hazard", "matrix")
+)
+CLASSES = ("none", *WORDS)  # by number; the first where no boulder comes
+RESIDUAL = 1
+
+
+class Frequencies(NamedTuple):
+    """Annual frequencies and the limits of their 95 % intervals, along any dimensions."""
+
+    value: np.ndarray  # [1/year]
+    low: np.ndarray
+    high: np.ndarray
+
+
+class Matrix(NamedTuple):
+    """The classes of hazard by intensity and return period."""
+
+    periods: np.ndarray  # [year], rising
+    classes: np.ndarray  # (intensities + 1, periods); the first intensity is none
+
+    @classmethod
+    def of(cls, case: Case) -> Matrix:
+        periods = np.array(case.hazard["return_periods"])
+        numbers = [CLASSES.index(word) for word in case.hazard["matrix"]]
+        rows = np.array(numbers, "i1").reshape(-1, periods.size)
+        return cls(periods, np.vstack([np.zeros_like(rows[:1]), rows]))
+
+
+def frequencies(parts: Iterable[tuple[np.ndarray, int, float]]) -> Frequencies:
+    """Of scenarios: counts, of so many boulders, which come so often a year.
+
+    The limits are sums of those of the scenarios (Wilson's). Scenarios share random numbers, so
+    their errors may go the same way: other rules would be too narrow then.
+    """
+    value = low = high = np.zeros(())
+    for counts, boulders, yearly in parts:
+        lower, upper = count_limits(counts, boulders)
+        value = value + yearly * (counts / boulders)
+        low, high = low + yearly * lower, high + yearly * upper
+    return Frequencies(value, low, high)
+
+
+def intensities(frequency: np.ndarray, periods: np.ndarray) -> np.ndarray:
+    """The intensity that is met at least once in each period (periods, ...): 0 none, then from the
+    weakest. `frequency` (intensities, ...) is that of each intensity or a stronger one."""
+    return np.stack([np.count_nonzero(frequency >= 1 / period, axis=0) for period in periods])
+
+
+def hazard_classes(frequency: np.ndarray, matrix: Matrix, passed: np.ndarray) -> np.ndarray:
+    """The highest class of all pairs of intensity and period. What is rarer than all periods is
+    residual where boulders passed."""
+    found = np.zeros(frequency.shape[1:], "i1")
+    for column, intensity in enumerate(intensities(frequency, matrix.periods)):
+        np.maximum(found, matrix.classes[intensity, column], out=found)
+    return np.where(found <= RESIDUAL, np.where(passed, RESIDUAL, 0), found).astype("i1")
+
+
+class Classes(NamedTuple):
+    """Classes by the estimated frequencies, and by the lower and the upper ends of their
+    intervals: between them, because no class falls as frequencies rise."""
+
+    value: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+
+    @property
+    def certain(self) -> np.ndarray:
+        """Whether the intervals leave no other class."""
+        return self.low == self.high
+
+
+def classify(found: Frequencies, matrix: Matrix) -> Classes:
+    """The classes of frequencies (intensities, ...), of which the first is of all passages."""
+    passed = found.value[0] > 0
+    value, low, high = (hazard_classes(one, matrix, passed) for one in found)
+    return Classes(value, low, high)
+
+
+def intensity_words(case: Case) -> list[str]:
+    """The intensities by number, as the thresholds of the case part them."""
+    ends = [f"{threshold:.10g}" for threshold in case.hazard["thresholds"]]
+    between = [f"{low}_to_{high}_kJ" for low, high in zip(ends[:-1], ends[1:], strict=True)]
+    return ["none", f"up_to_{ends[0]}_kJ", *between, f"above_{ends[-1]}_kJ"]
+
+
+def unseen(parts: Iterable[tuple[int, float]]) -> float:
+    """How often [1/year] what none of the boulders did may still come, of scenarios of so many
+    boulders that come so often."""
+    none = np.zeros(1, "i4")
+    return float(frequencies((none, boulders, yearly) for boulders, yearly in parts).high[0])
+
+
+def boulders_needed(yearly: float, period: float) -> int:
+    """How many boulders in each scenario show that what none of them does is rarer than once in a
+    period: the upper limit of none in n is z2/(n + z2)."""
+    upper = unseen([(1, 1.0)])  # z2/(1 + z2)
+    z2 = upper / (1 - upper)
+    return max(1, int(np.ceil(z2 * (yearly * period - 1))))

@@ -1,0 +1,164 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A hazard as files for a GIS and a spreadsheet: netCDF, GeoTIFF with styles, zones, objects."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+from xml.etree import ElementTree
+
+import numpy as np
+
+from rockfall.analysis.hazard.classes import CLASSES
+from rockfall.analysis.hazard.zones import Zones, certain_fractions, uncertain_of, zones_of
+from rockfall.case import case_in
+from rockfall.case_files import files_behind
+from rockfall.errors import need
+from rockfall.io.arrays import grid_of
+from rockfall.io.output_files import SIGNATURE, atomic_folder
+from rockfall.io.tables import write_csv
+from rockfall.result.dataset import put_netcdf
+from rockfall.result.export import crs_wkt, write_geopackage, write_map
+from rockfall.result.flat_maps import PLAN, flat_maps, shown
+from rockfall.result.trajectories import flags_of
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+
+#: Of hazard: as Swiss maps of hazard have them, and of intensity: pale to dark.
+HAZARD_COLOURS = ("#ffffff", "#fff9c4", "#ffe14d", "#5b8ff9", "#e03131")
+WEAKEST, STRONGEST = (200, 230, 201), (27, 94, 32)  # intensity: red, green, blue
+DOUBTFUL = "#ff8c00"
+GEOMETRY = {
+    "POINT": "point",
+    **dict.fromkeys(("LINESTRING", "MULTILINESTRING"), "line"),
+    **dict.fromkeys(("POLYGON", "MULTIPOLYGON"), "polygon"),
+}
+NO_CELL = 255  # in a raster of yes and no
+
+
+def write_hazard(found: xr.Dataset, folder: str | Path) -> list[Path]:
+    """Write a hazard to a folder: hazard.nc, a GeoTIFF for each map, with a QGIS style (.qml)
+    beside those of classes, hazard.gpkg with zones and objects, objects.csv. All of them or, with a
+    RockfallError, none; over nothing but files of an earlier hazard."""
+    folder = Path(folder)
+    with atomic_folder(folder, files_behind(found)) as part:
+        return [folder / path.name for path in put_hazard(found, part)]
+
+
+def put_hazard(found: xr.Dataset, folder: Path) -> Iterator[Path]:
+    """The files of `write_hazard`, into a folder of their own."""
+    need("zones need", "vector", "pyogrio", "shapely")
+    put_netcdf(found, folder / "hazard.nc", folder / "hazard.nc")
+    yield folder / "hazard.nc"
+    yield from _put_maps(found, folder)
+    if layers := dict(_layers(found)):
+        yield write_geopackage(folder / "hazard.gpkg", layers, crs_wkt(found))
+    if "object" in found.dims:
+        write_csv(object_table(found), folder / "objects.csv")
+        yield folder / "objects.csv"
+
+
+def colours_of(data: xr.DataArray) -> dict[int, str]:
+    """The colour of each class of a map of classes, but for those that are left blank."""
+    words = flags_of(data)
+    if str(data.name).endswith("certain"):
+        return {0: DOUBTFUL}
+    if tuple(words) == CLASSES:
+        return dict(enumerate(HAZARD_COLOURS[1:], start=1))
+    shades = np.linspace(np.array(WEAKEST, float), np.array(STRONGEST, float), len(words) - 1)
+    texts = ("#" + bytes(shade).hex() for shade in shades.round().astype(int).tolist())
+    return dict(enumerate(texts, start=1))
+
+
+def _put_maps(found: xr.Dataset, folder: Path) -> Iterator[Path]:
+    for name, data in flat_maps(found).data_vars.items():
+        if data.dims != PLAN:
+            continue
+        path = folder / f"{name}.tif"
+        if "flag_meanings" not in data.attrs:
+            yield write_map(path, data)
+            continue
+        blank = NO_CELL if str(name).endswith("certain") else 0
+        yield write_map(path, data.astype("u1").assign_attrs(_FillValue=blank))
+        style = path.with_suffix(".qml")
+        style.write_text(_style(data), encoding="utf-8")
+        yield style
+
+
+def _style(data: xr.DataArray) -> str:
+    """How QGIS draws a map of classes: a colour and a word for each."""
+    root = ElementTree.Element("qgis", version="3.16", styleCategories="Symbology")
+    pipe = ElementTree.SubElement(root, "pipe")
+    about = {"type": "paletted", "band": "1", "alphaBand": "-1", "opacity": "0.7"}
+    renderer = ElementTree.SubElement(pipe, "rasterrenderer", about)
+    ElementTree.SubElement(renderer, "rasterTransparency")
+    palette = ElementTree.SubElement(renderer, "colorPalette")
+    words = {number: word.replace("_", " ") for word, number in flags_of(data).items()}
+    for number, colour in colours_of(data).items():
+        entry = {"value": str(number), "label": words[number], "color": colour, "alpha": "255"}
+        ElementTree.SubElement(palette, "paletteEntry", entry)
+    ElementTree.indent(root)
+    head = "<!DOCTYPE qgis PUBLIC 'http://mrcc.com/qgis.dtd' 'SYSTEM'>"
+    return f"{head}\n<!-- {SIGNATURE} -->\n{ElementTree.tostring(root, encoding='unicode')}\n"
+
+
+def _layers(found: xr.Dataset) -> Iterator[tuple[str, tuple]]:
+    """Zones, what of them is not certain, and objects; a layer without features is left out."""
+    minimum_area = case_in(found.attrs).hazard["minimum_area"]
+    words, (grid, _) = np.array(CLASSES, dtype=object), grid_of(found["hazard_class"])
+    zones, doubtful = zones_of(found, minimum_area), uncertain_of(found)
+
+    def area(of: Zones) -> np.ndarray:
+        return of.cells * grid.cell**2
+
+    if zones.shapes.size:
+        about = {
+            "hazard": words[zones.number], "class": zones.number, "area": area(zones),
+            "certain": certain_fractions(zones, found),
+        }  # fmt: skip
+        yield "zones", ("Polygon", [(zones.shapes, about)])
+    if doubtful.shapes.size:
+        low, high = np.divmod(doubtful.number, len(CLASSES))
+        about = {
+            "lowest": words[low], "highest": words[high], "lowest_class": low,
+            "highest_class": high, "area": area(doubtful),
+        }  # fmt: skip
+        yield "uncertain", ("Polygon", [(doubtful.shapes, about)])
+    if "object" in found.dims:
+        yield "objects", _object_layer(found)
+
+
+def _object_layer(found: xr.Dataset) -> tuple:
+    import shapely
+
+    shapes = shapely.from_wkt(found["object_geometry"].values.astype(str))
+    kinds = {shape.geom_type for shape in shapes}
+    columns = {str(name): column.to_numpy() for name, column in object_table(found).items()}
+    return kinds.pop() if len(kinds) == 1 else "Unknown", [(shapes, columns)]
+
+
+def object_table(found: xr.Dataset) -> pd.DataFrame:
+    """One row for each object: frequencies with their limits, class, and risk where it has one."""
+    import pandas as pd
+
+    words = np.array(CLASSES, dtype=object)
+    geometry = [GEOMETRY[text.split(" ")[0]] for text in found["object_geometry"].values]
+    columns: dict[str, np.ndarray] = {
+        "object": found["object"].values.astype(object),
+        "geometry": np.array(geometry, dtype=object),
+    }
+    ends = ("", "_low", "_high")
+    columns |= {f"frequency{end}": found[f"object_frequency{end}"].values for end in ends}
+    for threshold in found["threshold"].values.tolist():
+        for end in ends:
+            values = found[f"object_exceedance_frequency{end}"].sel(threshold=threshold).values
+            columns[f"frequency_above_{shown('threshold', threshold)}{end}"] = values
+    for end in ("", "_lower", "_upper"):
+        columns[f"hazard{end}"] = words[found[f"object_hazard_class{end}"].values]
+    if "object_risk" in found:
+        columns |= {f"risk{end}": found[f"object_risk{end}"].values for end in ends}
+    return pd.DataFrame(columns)

@@ -1,0 +1,169 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Objects at risk: how many boulders come to each, and what that costs.
+
+A line is met where boulders first cross it, an area where they first cross its outline: so an
+evaluation line each, which counts a boulder once. A point is met by what passes its cell.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rockfall.analysis.hazard.classes import Frequencies
+from rockfall.errors import RockfallError
+from rockfall.io.grid import Grid
+from rockfall.io.layers import read_features
+from rockfall.result.variables import LINE
+from rockfall.simulation.memory import machine_memory
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+VULNERABILITY = "vulnerability"  # an attribute for all intensities, or with _1, _2, ... for each
+FRACTIONS = (VULNERABILITY, "exposure")
+BYTES = 8 * len(LINE)  # of a boulder at a line
+ROOM = 0.5  # of the memory
+
+
+@dataclass
+class Objects:
+    """Points, lines and polygons, and what is known of them."""
+
+    path: str = ""
+    shapes: np.ndarray = field(default_factory=lambda: np.empty(0, object))
+    names: list[str] = field(default_factory=list)
+    lines: list[dict[str, Any]] = field(default_factory=list)  # as in a case
+    owner: np.ndarray = field(default_factory=lambda: np.empty(0, int))  # object of each line
+    point: np.ndarray = field(default_factory=lambda: np.empty(0, int))  # objects in a cell
+    places: np.ndarray = field(default_factory=lambda: np.empty((0, 2)))  # their x and y [m]
+    vulnerability: np.ndarray | None = None  # (objects, intensities)
+    exposure: np.ndarray = field(default_factory=lambda: np.empty(0))
+    value: np.ndarray = field(default_factory=lambda: np.empty(0))
+
+    def __len__(self) -> int:
+        return len(self.shapes)
+
+
+def read_objects(path: str | Path, grid: Grid, intensities: int, remarks: list[str]) -> Objects:
+    """The objects in a layer, with so many intensities to be vulnerable to."""
+    import shapely
+
+    shapes, columns = read_features(path, grid, remarks)
+    found = Objects(str(path), shapely.force_2d(shapes))
+    columns = {name.lower(): values for name, values in columns.items()}
+    numbers = [str(number) for number in range(1, len(shapes) + 1)]
+    found.names = [str(name) for name in columns.get("name", numbers)]
+    for number, shape in enumerate(found.shapes):
+        _place(found, number, shape, grid)
+    _take_values(found, columns, intensities)
+    return found
+
+
+def check_room(objects: Objects, boulders: int) -> None:
+    """Refuse more lines than there is memory for their boulders."""
+    need = BYTES * len(objects.lines) * boulders
+    if need > ROOM * machine_memory():
+        raise RockfallError(
+            f"{objects.path}: {len(objects.lines):,} lines and outlines, of {boulders:,} boulders "
+            f"each, take {need / 1e9:.1f} GB: more than half of the memory; give fewer objects or "
+            "boulders"
+        )
+
+
+def _place(objects: Objects, number: int, shape: Any, grid: Grid) -> None:
+    """Where boulders meet an object."""
+    west, south, east, north = shape.bounds
+    if not (
+        west <= grid.east and east >= grid.west and south <= grid.north and north >= grid.south
+    ):
+        raise RockfallError(f"{objects.path}: feature {number + 1}: lies outside the terrain")
+    if shape.geom_type == "Point":
+        objects.point = np.append(objects.point, number)
+        objects.places = np.vstack([objects.places, [[shape.x, shape.y]]])
+    for part in getattr(shape, "geoms", [shape]):
+        if part.geom_type == "Point":
+            continue
+        curve = part.exterior if part.geom_type == "Polygon" else part
+        x, y = np.array(curve.coords).T
+        name = f"object {number + 1} part {len(objects.lines) + 1}"
+        objects.lines.append({"name": name, "x": x.tolist(), "y": y.tolist()})
+        objects.owner = np.append(objects.owner, number)
+
+
+def _take_values(objects: Objects, columns: dict[str, np.ndarray], intensities: int) -> None:
+    """Vulnerability, exposure and value, where the layer has them."""
+    size = len(objects)
+    objects.exposure = _numbers(objects, columns, "exposure", np.ones(size))
+    objects.value = _numbers(objects, columns, "value", np.ones(size))
+    several = [f"{VULNERABILITY}_{k}" for k in range(1, intensities + 1)]
+    given = [name for name in columns if name.startswith(VULNERABILITY)]
+    if given == [VULNERABILITY]:
+        one = _numbers(objects, columns, VULNERABILITY, np.ones(size))
+        objects.vulnerability = np.repeat(one[:, None], intensities, axis=1)
+    elif given:
+        if {*given} != {*several}:
+            raise RockfallError(
+                f"{objects.path}: attributes {', '.join(given)}: must be {VULNERABILITY}, or "
+                f"{several[0]} to {several[-1]}: one for each intensity"
+            )
+        by_class = [_numbers(objects, columns, name, np.ones(size)) for name in several]
+        objects.vulnerability = np.stack(by_class, axis=1)
+        if (falls := np.argwhere(np.diff(objects.vulnerability, axis=1) < 0)).size:
+            number, k = falls[0]
+            raise RockfallError(
+                f"{objects.path}: feature {number + 1}: {several[k + 1]}: must not be below "
+                f"{several[k]}"
+            )
+
+
+def _numbers(
+    objects: Objects, columns: dict[str, np.ndarray], name: str, default: np.ndarray
+) -> np.ndarray:
+    if name not in columns:
+        return default
+    values, most = columns[name], 1.0 if name.startswith(FRACTIONS) else np.inf
+    rule = "0 to 1" if most == 1 else ">= 0"
+    if values.dtype.kind not in "iufb":
+        raise RockfallError(f"{objects.path}: attribute {name}: must be a number, {rule}")
+    for number, value in enumerate(values.tolist(), start=1):
+        if not 0 <= value <= most:
+            raise RockfallError(
+                f"{objects.path}: feature {number}: {name} = {value}: must be {rule}"
+            )
+    return values.astype(float)
+
+
+def object_counts(objects: Objects, result: xr.Dataset, maps: np.ndarray) -> np.ndarray:
+    """Boulders of a run that meet each object, and those with more energy than each threshold
+    (intensities, objects); `maps` are the same counts by cell (intensities, y, x)."""
+    thresholds = result["threshold"].values
+    counts = np.zeros((1 + thresholds.size, len(objects)), "i4")
+    transform = map(float, result["crs"].attrs["GeoTransform"].split())
+    west, cell, _, north, _, _ = transform
+    for number, (x, y) in zip(objects.point, objects.places, strict=True):
+        row, column = int((north - y) // cell), int((x - west) // cell)
+        if 0 <= row < maps.shape[1] and 0 <= column < maps.shape[2]:
+            counts[:, number] = maps[:, row, column]
+    for number in np.unique(objects.owner):
+        energy = np.full(result.sizes["boulder"], np.nan)
+        for line in np.flatnonzero(objects.owner == number):
+            parts = (f"line_energy_{kind}" for kind in ("translational", "rotational"))
+            energy = np.fmax(energy, sum(result[part].values[line] for part in parts))
+        counts[0, number] = np.isfinite(energy).sum()
+        counts[1:, number] = (energy > thresholds[:, None]).sum(axis=1)
+    return counts
+
+
+def risks(objects: Objects, found: Frequencies) -> Frequencies | None:
+    """Annual risk of each object: the sum over intensities of their frequency, times vulnerability,
+    exposure and value; between its limits, as vulnerability does not fall with intensity."""
+    if objects.vulnerability is None:
+        return None
+    more = np.diff(objects.vulnerability, axis=1, prepend=0.0).T  # than to the intensity below
+    of = objects.exposure * objects.value
+    value, low, high = ((more * one).sum(axis=0) * of for one in found)
+    return Frequencies(value, low, high)

@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The scenarios of a case: classes of boulders, each an ordinary run, and how often they come."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from rockfall.case import Case
+from rockfall.errors import RockfallError
+from rockfall.scene.scene import Scene
+
+VOLUMES = ("volume", "volume_mean", "volume_std", "volume_min", "volume_max", "volumes")
+OUTPUT: dict[str, Any] = {  # what a hazard looks at
+    "maps": [
+        "passages", "energy_exceeded",
+        "energy_line_angle_max", "energy_line_angle_min", "travel_time_min",
+    ],
+    "rebounds": False, "trajectories": 0,
+}  # fmt: skip
+KM2 = 1e6  # [m2]
+
+
+class Scenario(NamedTuple):
+    """A class of boulders as a case of its own, and how many come loose a year."""
+
+    name: str
+    frequency: float  # of all sources together [1/year]
+    case: Case
+
+
+def base_case(case: Case) -> Case:
+    """The case as all scenarios have it; refused without any, or where one contradicts itself."""
+    if not case.scenario:
+        raise RockfallError(
+            f"{case.name}: a hazard needs a &scenario: a class of boulders with its frequency"
+        )
+    base = case.replace(output=OUTPUT, line=[])
+    for scenario in case.scenario:
+        _case(base, scenario)
+    return base
+
+
+def scenarios_of(scene: Scene, lines: list[dict[str, Any]]) -> list[Scenario]:
+    """Those of the scene of a base case, with evaluation lines."""
+    case = scene.case.replace(line=lines)
+    return [
+        Scenario(one["name"], _frequency(one, scene), _case(case, one))
+        for one in scene.case.scenario
+    ]
+
+
+def _case(case: Case, scenario: dict[str, Any]) -> Case:
+    """The case with boulders of a scenario. One that names a distribution of volumes has all its
+    keys; another changes single keys of &boulder."""
+    boulder: dict[str, Any] = dict.fromkeys(VOLUMES) if "volume" in scenario else {}
+    boulder |= {key: scenario[key] for key in (*VOLUMES, "density") if key in scenario}
+    try:
+        return case.replace(boulder=boulder, scenario=[])
+    except RockfallError as error:
+        about = f"{case.name}: &scenario name = '{scenario['name']}': "
+        raise RockfallError(str(error).replace(f"{case.name}: ", about, 1)) from error
+
+
+def _frequency(scenario: dict[str, Any], scene: Scene) -> float:
+    """Boulders of all sources together [1/year]."""
+    given = scenario.get("frequency") or 1 / scenario["return_period"]
+    of = {"year": 1.0, "source": scene.x.size, "km2": source_area(scene) / KM2}
+    return given * of[scenario["frequency_per"]]
+
+
+def source_area(scene: Scene) -> float:
+    """Surface of the source cells [m2]: their true one where they release boulders by it, which
+    makes their frequencies differ; their area in plan where all release alike."""
+    cells = scene.x.size if scene.area is None else scene.area.sum()
+    return float(cells) * scene.grid.cell**2

@@ -1,0 +1,216 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A hazard: each scenario of a case run once, and put together by how often it comes."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rockfall.analysis.hazard.classes import (
+    Frequencies,
+    Matrix,
+    classify,
+    frequencies,
+    intensities,
+)
+from rockfall.analysis.hazard.objects import (
+    Objects,
+    check_room,
+    object_counts,
+    read_objects,
+    risks,
+)
+from rockfall.analysis.hazard.scenarios import Scenario, base_case, scenarios_of
+from rockfall.analysis.hazard.variables import CLASS_ENDS, COORDINATES, ENDS, EXTREMES, TABLE
+from rockfall.case import Case
+from rockfall.result.dataset import as_dataset
+from rockfall.scene.plausible import implausible
+from rockfall.scene.read import read_scene
+from rockfall.scene.scene import Scene
+from rockfall.simulation.memory import machine_memory
+from rockfall.simulation.simulate import run_scene
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from rockfall.simulation.checkpoint import Checkpoint
+
+LAYOUT = 1  # of the file
+
+
+@dataclass
+class Study:
+    """What a hazard runs: read and checked."""
+
+    case: Case
+    scene: Scene
+    scenarios: list[Scenario]
+    objects: Objects
+    remarks: list[str] = field(default_factory=list)  # what is likely a mistake, a line each
+
+
+def hazard(
+    case: Case,
+    *,
+    objects: str | Path | None = None,
+    progress: bool = False,
+    threads: int | None = None,
+    memory: float | None = None,
+    **arrays: Any,
+) -> xr.Dataset:
+    """Run each &scenario of a case and put them together: an xarray.Dataset of annual frequencies
+    and classes of hazard, with 95 % intervals, for each cell and each of the `objects` (a layer of
+    points, lines and polygons). docs/hazard.md explains it; the other arguments are as in
+    `rockfall.run`."""
+    study = read_study(case, objects, memory, **arrays)
+    for line in study.remarks:
+        warnings.warn(line, stacklevel=2)
+    return run_study(study, progress=progress, threads=threads)
+
+
+def read_study(
+    case: Case, objects: str | Path | None = None, memory: float | None = None, **arrays: Any
+) -> Study:
+    """Read and check everything that a hazard needs, before anything is run."""
+    scene = read_scene(base_case(case), memory=memory or machine_memory(), **arrays)
+    remarks: list[str] = []
+    found = Objects()
+    if objects is not None:
+        found = read_objects(objects, scene.grid, 1 + len(case.hazard["thresholds"]), remarks)
+    study = Study(case, scene, scenarios_of(scene, found.lines), found)
+    for scenario in study.scenarios:
+        remarks += implausible(replace(scene, case=scenario.case))
+    check_room(found, scene.boulders)
+    study.remarks = list(dict.fromkeys(remarks))
+    return study
+
+
+def run_study(
+    study: Study,
+    *,
+    progress: bool = False,
+    threads: int | None = None,
+    checkpoints: Sequence[Checkpoint] = (),
+) -> xr.Dataset:
+    """Run the scenarios, one after the other; each goes on from its checkpoint."""
+    runs = []
+    for k, scenario in enumerate(study.scenarios):
+        scene = replace(study.scene, case=scenario.case)
+        checkpoint = checkpoints[k] if checkpoints else None
+        result = run_scene(scene, progress=progress, threads=threads, checkpoint=checkpoint)
+        runs.append(_Run(study, scenario, result))
+    return _dataset(study, runs)
+
+
+class _Run:
+    """What is kept of the run of a scenario."""
+
+    def __init__(self, study: Study, scenario: Scenario, result: xr.Dataset) -> None:
+        self.boulders, self.yearly = result.sizes["boulder"], scenario.frequency
+        passages, exceeded = result["passages"].values, result["energy_exceeded"].values
+        self.counts = np.concatenate([passages[None], exceeded])  # (intensities, y, x)
+        self.extremes = {name: result[name].values for name in EXTREMES}
+        self.objects = object_counts(study.objects, result, self.counts)
+        self.about = {name: result[name].attrs for name in ("x", "y", "threshold", "crs")}
+        self.places = {axis: result[axis].values for axis in ("x", "y", "threshold")}
+        self.attrs = result.attrs
+
+
+def _dataset(study: Study, runs: list[_Run]) -> xr.Dataset:
+    matrix, case = Matrix.of(study.case), study.case
+    values = _scenarios(study, runs)
+    found = frequencies((run.counts, run.boulders, run.yearly) for run in runs)
+    values |= _frequencies(found, sum(run.yearly for run in runs))
+    values |= _classes("", found, matrix)
+    for name, extreme in EXTREMES.items():
+        values[name] = extreme.reduce([run.extremes[name] for run in runs])
+    data = _places(study, runs[0], matrix)
+    if len(study.objects):
+        values |= _objects(study, runs, matrix)
+        names = np.array(study.objects.names, dtype=object)
+        data["object"] = ("object", names, {"long_name": "name of the object"})
+    for name, variable in TABLE.items():
+        if name in values:
+            data[name] = (variable.dims, values[name], variable.about(case))
+    return as_dataset(data, _attributes(study, runs)).set_coords(sorted({*COORDINATES} & {*data}))
+
+
+def _places(study: Study, run: _Run, matrix: Matrix) -> dict[str, tuple]:
+    """Coordinates, and the grid mapping."""
+    names = np.array([one.name for one in study.scenarios], dtype=object)
+    about = {"units": "year", "long_name": "longest return period of a class of frequency"}
+    return {
+        **{axis: (axis, values, run.about[axis]) for axis, values in run.places.items()},
+        "crs": ((), np.int32(0), run.about["crs"]),
+        "return_period": ("return_period", matrix.periods, about),
+        "scenario": ("scenario", names, {"long_name": "class of boulders"}),
+    }
+
+
+def _scenarios(study: Study, runs: list[_Run]) -> dict[str, np.ndarray]:
+    """What each scenario is, and its counts: enough for other frequencies without another run."""
+    return {
+        "frequency": np.array([run.yearly for run in runs]),
+        "boulders": np.array([run.boulders for run in runs]),
+        "scenario_passages": np.stack([run.counts[0] for run in runs]),
+        "scenario_energy_exceeded": np.stack([run.counts[1:] for run in runs]),
+    }
+
+
+def _frequencies(found: Frequencies, yearly: float) -> dict[str, np.ndarray]:
+    """Frequencies of cells with their limits, and what follows from them."""
+    values = {}
+    for end, one in zip(ENDS, found, strict=True):
+        values[f"passage_frequency{end}"] = one[0].astype("f4")
+        values[f"exceedance_frequency{end}"] = one[1:].astype("f4")
+    with np.errstate(divide="ignore"):
+        periods = np.where(found.value > 0, 1 / found.value, np.nan).astype("f4")
+    values["passage_return_period"], values["exceedance_return_period"] = periods[0], periods[1:]
+    part = (found.value / yearly).astype("f4")
+    values["reach_probability"], values["exceedance_probability"] = part[0], part[1:]
+    return values
+
+
+def _classes(prefix: str, found: Frequencies, matrix: Matrix) -> dict[str, np.ndarray]:
+    """Intensities and classes of hazard."""
+    classes = classify(found, matrix)
+    values = {f"{prefix}intensity": intensities(found.value, matrix.periods).astype("i1")}
+    for end, one in zip(CLASS_ENDS, classes, strict=True):
+        values[f"{prefix}hazard_class{end}"] = one
+    values[f"{prefix}hazard_class_certain"] = classes.certain.astype("i1")
+    return values
+
+
+def _objects(study: Study, runs: list[_Run], matrix: Matrix) -> dict[str, np.ndarray]:
+    found = frequencies((run.objects, run.boulders, run.yearly) for run in runs)
+    values = {
+        "object_geometry": np.array([one.wkt for one in study.objects.shapes], dtype=object),
+        "object_passages": np.stack([run.objects[0] for run in runs]),
+        "object_energy_exceeded": np.stack([run.objects[1:] for run in runs]),
+    }
+    for end, one in zip(ENDS, found, strict=True):
+        values[f"object_frequency{end}"] = one[0]
+        values[f"object_exceedance_frequency{end}"] = one[1:]
+    values |= _classes("object_", found, matrix)
+    if risk := risks(study.objects, found):
+        values |= {f"object_risk{end}": one for end, one in zip(ENDS, risk, strict=True)}
+    return values
+
+
+def _attributes(study: Study, runs: list[_Run]) -> dict[str, Any]:
+    first = runs[0].attrs
+    kept = ("Conventions", "source", "version", "case_file", "seed", "impact_set")
+    kept += ("impact_set_checksum", "input_checksums", "decoded_checksums", "threads")
+    clocks = ("wall_seconds", "cpu_seconds")
+    return {
+        "hazard_layout": LAYOUT,
+        "title": study.case.case["title"],
+        **{name: first[name] for name in kept},
+        "case": study.case.text(),
+        **{clock: sum(run.attrs[clock] for run in runs) for clock in clocks},
+    }

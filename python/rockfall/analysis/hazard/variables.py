@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Every variable of a hazard: its dimensions, units and meaning, in one table."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import product
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rockfall.analysis.hazard.classes import CLASSES, intensity_words
+from rockfall.case import Case
+from rockfall.result.flat_maps import BEYOND, PLAN, shown
+from rockfall.result.variables import MAP
+
+ENDS = {  # of names: what they are
+    "": "",
+    "_low": "lower limit of the 95 % interval of ",
+    "_high": "upper limit of the 95 % interval of ",
+}
+CLASS_ENDS = {"": "", "_lower": "lowest ", "_upper": "highest "}
+EXTREMES = {  # maps of which the extreme over the scenarios is kept
+    "energy_line_angle_max": np.fmax,
+    "energy_line_angle_min": np.fmin,
+    "travel_time_min": np.fmin,
+}
+YEARLY, YEARS, PART = "year-1", "year", "1"
+COORDINATES = ("x", "y", "threshold", "return_period", "scenario", "object")
+
+
+class Variable(NamedTuple):
+    """A row of the table."""
+
+    dims: tuple[str, ...]
+    units: str
+    long_name: str
+    words: str = ""  # of numbers: hazard, intensity or certain
+    comment: str = ""
+
+    @property
+    def is_map(self) -> bool:
+        """Whether it is a map in plan, or several."""
+        return self.dims[-2:] == PLAN and {*self.dims} <= {*PLAN, *BEYOND}
+
+    def about(self, case: Case) -> dict[str, Any]:
+        """Its attributes."""
+        texts = {"units": self.units, "long_name": self.long_name, "comment": self.comment}
+        found: dict[str, Any] = {name: text for name, text in texts.items() if text}
+        if self.words:
+            words = words_of(self.words, case)
+            numbers = np.arange(len(words), dtype="i1")
+            found |= {"flag_values": numbers, "flag_meanings": " ".join(words)}
+        return found | ({"grid_mapping": "crs"} if self.dims[-2:] == PLAN else {})
+
+
+def words_of(kind: str, case: Case) -> Sequence[str]:
+    """What numbers from 0 mean."""
+    return {"hazard": CLASSES, "intensity": intensity_words(case), "certain": ("no", "yes")}[kind]
+
+
+def _with_ends(name: str, dims: tuple[str, ...], what: str) -> Iterator[tuple[str, Variable]]:
+    for end, of in ENDS.items():
+        yield f"{name}{end}", Variable(dims, YEARLY, of + what)
+
+
+def _classes(prefix: str, dims: tuple[str, ...]) -> Iterator[tuple[str, Variable]]:
+    what = "strongest intensity met at least once in a return period"
+    yield f"{prefix}intensity", Variable(("return_period", *dims), PART, what, "intensity")
+    for end, of in CLASS_ENDS.items():
+        what = f"{of}class of hazard" + (" within the 95 % interval" if of else "")
+        yield f"{prefix}hazard_class{end}", Variable(dims, PART, what, "hazard")
+    what = "whether the 95 % interval leaves no other class of hazard"
+    yield f"{prefix}hazard_class_certain", Variable(dims, PART, what, "certain")
+
+
+def _table() -> Iterator[tuple[str, Variable]]:
+    each, above = PLAN, ("threshold", *PLAN)
+    energy = "whose energy in the cell exceeds a threshold"
+    yield from _with_ends("passage_frequency", each, "annual frequency of boulders that pass")
+    yield from _with_ends("exceedance_frequency", above, f"annual frequency of boulders {energy}")
+    yield "passage_return_period", Variable(each, YEARS, "return period of a boulder that passes")
+    what = f"return period of a boulder {energy}"
+    yield "exceedance_return_period", Variable(above, YEARS, what)
+    yield "reach_probability", Variable(each, PART, "fraction of all boulders that pass")
+    yield "exceedance_probability", Variable(above, PART, f"fraction of all boulders {energy}")
+    yield from _classes("", each)
+    for name in EXTREMES:
+        about = MAP[name]
+        comment = about.get("comment", "")
+        yield name, Variable(each, about["units"], about["long_name"], comment=comment)
+    yield "frequency", Variable(("scenario",), YEARLY, "boulders that come loose, of all sources")
+    yield "boulders", Variable(("scenario",), PART, "boulders that were simulated")
+    what = "simulated boulders that passed"
+    yield "scenario_passages", Variable(("scenario", *each), PART, what)
+    what = f"simulated boulders {energy}"
+    yield "scenario_energy_exceeded", Variable(("scenario", *above), PART, what)
+    yield "object_geometry", Variable(("object",), "", "well-known text")
+    what = "annual frequency of boulders that meet the object"
+    yield from _with_ends("object_frequency", ("object",), what)
+    what += ", with more energy than a threshold"
+    yield from _with_ends("object_exceedance_frequency", ("threshold", "object"), what)
+    yield from _classes("object_", ("object",))
+    yield from _with_ends("object_risk", ("object",), "annual risk, in the unit of the value")
+    what = "simulated boulders that met the object"
+    yield "object_passages", Variable(("scenario", "object"), PART, what)
+    what += ", with more energy than a threshold"
+    yield "object_energy_exceeded", Variable(("scenario", "threshold", "object"), PART, what)
+
+
+TABLE = dict(_table())
+
+
+def map_names(case: Case) -> Iterator[tuple[str, Variable]]:
+    """The maps in plan of the hazard of a case."""
+    places = {
+        "threshold": [1000 * one for one in case.hazard["thresholds"]],
+        "return_period": case.hazard["return_periods"],
+    }
+    for name, variable in TABLE.items():
+        if variable.is_map:
+            beyond = variable.dims[:-2]
+            for of in product(*(places[dim] for dim in beyond)):
+                ends = (shown(dim, value) for dim, value in zip(beyond, of, strict=True))
+                yield "_".join([name, *ends]), variable

@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""From scenarios to zones: the hazard of a case."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+from rockfall.analysis.hazard.files import put_hazard
+from rockfall.analysis.hazard.scenarios import base_case
+from rockfall.analysis.hazard.study import Study, read_study, run_study
+from rockfall.analysis.hazard.variables import map_names
+from rockfall.case import Case
+from rockfall.case_files import input_files
+from rockfall.cli.messages import DONE, say, warn
+from rockfall.cli.run import overridden
+from rockfall.errors import RockfallError, need
+from rockfall.interrupts import exit_status, interrupts
+from rockfall.io.output_files import (
+    FIGURE,
+    HAZARD,
+    LAYERS,
+    MAP,
+    OBJECT_TABLE,
+    STYLE,
+    atomic_folder,
+    check_folder,
+    check_outputs,
+)
+from rockfall.plots.hazard_figures import hazard_figures
+from rockfall.plots.style import save
+from rockfall.result.flat_maps import shown
+from rockfall.simulation.checkpoint import Checkpoint
+from rockfall.simulation.lock import locked
+from rockfall.simulation.memory import machine_memory, read_memory
+from rockfall.simulation.simulate import Interrupted
+from rockfall.text.hazard import hazard_summary
+
+DOTS = 200  # of figures, an inch
+
+
+def hazard_command(arguments: argparse.Namespace) -> int:
+    need("a hazard needs", "vector", "pyogrio", "shapely")
+    need("a hazard needs", "report", "matplotlib")
+    case = overridden(arguments)
+    base_case(case)  # refuses what cannot be run, before a file is looked at
+    folder = arguments.output or Path(f"{arguments.case.stem}_hazard")
+    inputs = [*input_files(case), *([arguments.objects] if arguments.objects else [])]
+    _check_place(folder, case, inputs)
+    with locked(folder.resolve(), warn):
+        checkpoints = list(_checkpoints(arguments, folder.resolve(), case))
+        memory = machine_memory() if arguments.memory is None else read_memory(arguments.memory)
+        study = read_study(case, arguments.objects, memory)
+        for line in study.remarks:
+            warn(line)
+        return _run_to(folder, study, checkpoints, inputs, not arguments.quiet)
+
+
+def _run_to(
+    folder: Path, study: Study, checkpoints: list[Checkpoint], inputs: list[Path], shown: bool
+) -> int:
+    with interrupts():  # what has been done is kept
+        try:
+            found = run_study(study, progress=shown, checkpoints=checkpoints)
+        except Interrupted:
+            return _interrupted(checkpoints)
+        scene = study.scene
+        terrain = (scene.z, scene.grid) if scene.z.size else None
+        with atomic_folder(folder, inputs) as part:
+            paths = list(put_hazard(found, part))
+            for one in hazard_figures(found, terrain):
+                paths.append(part / f"{one.name}.png")
+                save(one.draw(), paths[-1], DOTS)
+    for checkpoint in checkpoints:
+        checkpoint.remove()
+    if shown:
+        print(hazard_summary(found))
+        print(*(folder / path.name for path in paths), sep="\n")
+    return DONE
+
+
+def _interrupted(checkpoints: list[Checkpoint]) -> int:
+    kept = [str(one.path) for one in checkpoints if one.saved]
+    if not kept:
+        raise KeyboardInterrupt
+    return say(
+        f"interrupted: {', '.join(kept)}: hold what is done; --resume goes on", exit_status()
+    )
+
+
+def _checkpoints(arguments: argparse.Namespace, folder: Path, case: Case) -> Iterator[Checkpoint]:
+    """One for each scenario, beside the folder; one that is there is not overwritten unasked."""
+    if not arguments.checkpoint >= 0:
+        raise RockfallError(f"--checkpoint {arguments.checkpoint}: must be >= 0 seconds")
+    for k in range(1, len(case.scenario) + 1):
+        output = folder.with_name(f"{folder.name}.scenario{k}")
+        found = Checkpoint(output, arguments.checkpoint or math.inf, warn, keep=True)
+        if (done := found.found()) and not arguments.resume:
+            raise RockfallError(
+                f"{found.path}: holds {done:,} boulders of a hazard that was stopped; go on with "
+                "--resume, or remove it"
+            )
+        yield found
+
+
+def _check_place(folder: Path, case: Case, inputs: Iterable[str | Path]) -> None:
+    """Refuse what would keep the files from their places, before the runs and not after."""
+    check_folder(folder)
+    if not folder.resolve().parent.is_dir():
+        raise RockfallError(f"{folder}: there is no folder {folder.parent}")
+    kinds: dict[str, str] = {
+        "hazard.nc": HAZARD,
+        "hazard.gpkg": LAYERS,
+        "objects.csv": OBJECT_TABLE,
+    }
+    for name, variable in map_names(case):
+        kinds[f"{name}.tif"] = MAP
+        if variable.words:
+            kinds[f"{name}.qml"] = STYLE
+    periods = (shown("return_period", one) for one in case.hazard["return_periods"])
+    for name in ("hazard_class", *(f"intensity_{period}" for period in periods)):
+        kinds[f"{name}.png"] = FIGURE
+    check_outputs({folder / name: kind for name, kind in kinds.items()}, inputs)

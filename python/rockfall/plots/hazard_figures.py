@@ -1,0 +1,138 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Zones of hazard and intensities over the relief of the terrain."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rockfall.analysis.hazard.files import DOUBTFUL, colours_of
+from rockfall.analysis.hazard.zones import Zones, uncertain_of, zones_of
+from rockfall.case import case_in
+from rockfall.io.arrays import grid_of
+from rockfall.plots.extent import around
+from rockfall.plots.figures import Figure
+from rockfall.plots.map_figures import draw_frame, draw_image, new_map
+from rockfall.plots.style import INK, plain, styled
+from rockfall.result.flat_maps import layers
+from rockfall.result.trajectories import flags_of
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib import figure
+    from matplotlib.axes import Axes
+
+    from rockfall.plots.extent import Extent
+    from rockfall.result.trajectories import Terrain
+
+OPAQUE = 0.7  # classes let the relief through
+OBJECT: dict[str, Any] = {"color": INK, "linewidth": 1.1}
+KEY = 1.3  # room for the key below a map [inch]
+
+
+def hazard_figures(found: xr.Dataset, terrain: Terrain | None = None) -> list[Figure]:
+    """The zones of a hazard, and the intensity that each return period brings."""
+    minimum_area = case_in(found.attrs).hazard["minimum_area"]
+    zones = zones_of(found, minimum_area)
+    least = f", of {minimum_area:g} m2 or more" if minimum_area else ""
+    shown = [
+        Figure(
+            "hazard_class",
+            "Zones of hazard",
+            f"Classes of hazard{least}; orange: cells whose class is not certain.",
+            partial(_zones_figure, found, zones, terrain),
+        )
+    ]
+    for name, data in layers(found["intensity"]).items():
+        title = f"Intensity {name.removeprefix('intensity_').replace('years', ' years')}"
+        about = f"{data.attrs['long_name'].capitalize()}."
+        shown.append(Figure(name, title, about, partial(_map_figure, found, data, terrain)))
+    return shown
+
+
+@styled
+def _zones_figure(found: xr.Dataset, zones: Zones, terrain: Terrain | None) -> figure.Figure:
+    from matplotlib.patches import Patch
+
+    data = found["hazard_class"]
+    drawing, axes, extent = _begun(found, terrain)
+    grid, _ = grid_of(data)
+    numbers = np.concatenate([[0], zones.number])[zones.patch]
+    _draw_classes(axes, numbers, grid, data)
+    doubtful = uncertain_of(found).patch > 0
+    colour, about = [DOUBTFUL], {"vmin": 0, "vmax": 1, "alpha": 0.8}
+    draw_image(axes, np.where(doubtful, 1.0, np.nan), grid, cmap=_listed(colour), **about)
+    _draw_objects(axes, found)
+    draw_frame(axes, extent)
+    key = [*_key(data), Patch(color=DOUBTFUL, label="class not certain")]
+    drawing.legend(handles=key, loc="outside lower center", ncols=3, handlelength=1.2)
+    return drawing
+
+
+@styled
+def _map_figure(found: xr.Dataset, data: xr.DataArray, terrain: Terrain | None) -> figure.Figure:
+    drawing, axes, extent = _begun(found, terrain)
+    grid, flipped = grid_of(data)
+    values = data.values[::-1] if flipped else data.values
+    _draw_classes(axes, values, grid, data)
+    _draw_objects(axes, found)
+    draw_frame(axes, extent)
+    drawing.legend(handles=_key(data), loc="outside lower center", ncols=2, handlelength=1.2)
+    return drawing
+
+
+def _begun(found: xr.Dataset, terrain: Terrain | None) -> tuple[figure.Figure, Axes, Extent]:
+    """A map of all that boulders reached, and of the objects."""
+    import shapely
+
+    passed = found["passage_frequency"].values > 0
+    x, y = found["x"].values[passed.any(axis=0)], found["y"].values[passed.any(axis=1)]
+    if "object" in found.dims:
+        shapes = shapely.from_wkt(found["object_geometry"].values.astype(str))
+        west, south, east, north = shapely.total_bounds(shapes)
+        x, y = np.append(x, [west, east]), np.append(y, [south, north])
+    extent = around(x, y, grid_of(found["hazard_class"])[0].cell, terrain)
+    return *new_map(extent, terrain, KEY), extent
+
+
+def _listed(colours: list[str]) -> Any:
+    from matplotlib.colors import ListedColormap
+
+    return ListedColormap(colours)
+
+
+def _draw_classes(axes: Axes, numbers: np.ndarray, grid: Any, data: xr.DataArray) -> None:
+    """Classes in their colours, nothing where there is none."""
+    colours = colours_of(data)
+    first, last = min(colours), max(colours)
+    shown = np.where(np.isin(numbers, list(colours)), numbers, np.nan)
+    about = {"vmin": first - 0.5, "vmax": last + 0.5, "alpha": OPAQUE}
+    draw_image(axes, shown, grid, cmap=_listed(list(colours.values())), **about)
+
+
+def _key(data: xr.DataArray) -> list[Any]:
+    from matplotlib.patches import Patch
+
+    words = {number: word.replace("_", " ") for word, number in flags_of(data).items()}
+    return [
+        Patch(color=colour, label=words[number], alpha=OPAQUE)
+        for number, colour in reversed(colours_of(data).items())
+    ]
+
+
+def _draw_objects(axes: Axes, found: xr.Dataset) -> None:
+    """Outlines, lines and points, with their names."""
+    import shapely
+
+    if "object" not in found.dims:
+        return
+    shapes = shapely.from_wkt(found["object_geometry"].values.astype(str))
+    for name, shape in zip(found["object"].values, shapes, strict=True):
+        for part in getattr(shape, "geoms", [shape]):
+            curve = part.exterior if part.geom_type == "Polygon" else part
+            x, y = np.array(curve.coords).T
+            axes.plot(x, y, **OBJECT | ({"marker": "+"} if x.size == 1 else {}))
+        at = shape.representative_point()
+        axes.annotate(plain(str(name)), (at.x, at.y), (4, 3), textcoords="offset points")

@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A hazard in words and tables."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rockfall.analysis.hazard.classes import CLASSES, boulders_needed, unseen
+from rockfall.analysis.hazard.files import object_table
+from rockfall.io.arrays import grid_of
+from rockfall.quantities import count, number, percent
+from rockfall.result.flat_maps import shown
+from rockfall.text.table import table
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+MAX_OBJECTS = 20  # listed one by one
+
+
+def hazard_summary(found: xr.Dataset) -> str:
+    """The scenarios, the area of each class and how much of it is certain, and the objects."""
+    scenarios = count(found.sizes["scenario"], "scenario")
+    lines = [f"{found.attrs['title'] or 'rockfall'}: {scenarios}"]
+    lines.append(table(_scenarios(found)))
+    lines.append(table(_classes(found)))
+    if "object" in found.dims:
+        lines.append(table(_objects(found)))
+        if (more := found.sizes["object"] - MAX_OBJECTS) > 0:
+            lines.append(f"  and {count(more, 'more object')}, in objects.csv")
+    lines += [f"  warning: {text}" for text in hazard_warnings(found)]
+    wall, cpu = (found.attrs[f"{clock}_seconds"] for clock in ("wall", "cpu"))
+    lines.append(f"  {wall:.1f} s, {cpu:.1f} s of CPU")
+    return "\n".join(lines)
+
+
+def hazard_warnings(found: xr.Dataset) -> Iterator[str]:
+    """Where there are too few boulders to tell cells that are safe."""
+    yearly, longest = float(found["frequency"].sum()), float(found["return_period"].max())
+    parts = zip(found["boulders"].values.tolist(), found["frequency"].values, strict=True)
+    if (limit := unseen(parts)) >= 1 / longest:
+        needed = boulders_needed(yearly, longest)
+        yield (
+            f"where none of the boulders passed one may still come every {number(1 / limit, 2)} "
+            f"years: to tell {longest:g} years take {needed:,} boulders or more in each scenario"
+        )
+
+
+def _scenarios(found: xr.Dataset) -> Iterator[list[str]]:
+    yield ["  scenario", "a year", "years from one to the next", "simulated"]
+    columns = (found[name].values for name in ("scenario", "frequency", "boulders"))
+    for name, yearly, boulders in zip(*columns, strict=True):
+        yield [f"  {name}", number(yearly), number(1 / yearly), f"{boulders:,}"]
+
+
+def _classes(found: xr.Dataset) -> Iterator[list[str]]:
+    """Cells and area of each class that there is, the highest first."""
+    classes, cell = found["hazard_class"].values, grid_of(found["hazard_class"])[0].cell
+    certain = found["hazard_class_certain"].values > 0
+    yield ["  hazard", "cells", "area [m2]", "certain"]
+    for k in range(len(CLASSES) - 1, 0, -1):
+        if (here := classes == k).any():
+            area = number(here.sum() * cell**2)
+            yield [f"  {CLASSES[k]}", f"{here.sum():,}", area, percent(certain[here].mean())]
+
+
+def _objects(found: xr.Dataset) -> Iterator[list[str]]:
+    """Objects, those met most often first; or of the highest risk, where there is one."""
+    rows = object_table(found)
+    key = "risk" if "risk" in rows else "frequency"
+    rows = rows.iloc[np.argsort(-rows[key].to_numpy(), kind="stable")][:MAX_OBJECTS]
+    above = [shown("threshold", one) for one in found["threshold"].values.tolist()]
+    names = ["frequency", *(f"frequency_above_{one}" for one in above)]
+    titles = ["boulders a year", *(f"above {one}" for one in above)]
+    risk = ["risk"] if key == "risk" else []
+    yield ["  object (95 %)", *titles, "hazard", *(f"{one} a year" for one in risk)]
+    for _, row in rows.iterrows():
+        texts = [_within(row, name) for name in names + risk]
+        hazard = row["hazard"]
+        if row["hazard_lower"] != row["hazard_upper"]:
+            hazard += f" ({row['hazard_lower']} to {row['hazard_upper']})"
+        yield [f"  {row['object']}", *texts[: len(names)], hazard, *texts[len(names) :]]
+
+
+def _within(row: object, name: str) -> str:
+    """A number and its interval."""
+    ends = (number(row[f"{name}{end}"], 2) for end in ("_low", "_high"))  # type: ignore[index]
+    return f"{number(row[name], 2)} ({' to '.join(ends)})"  # type: ignore[index]
