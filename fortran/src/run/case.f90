@@ -19,8 +19,8 @@ module rockfall_case
    use rockfall_barrier, only: ead_energy
    implicit none
    private
-   public :: case_t, case_line_t, read_case, read_keys, key_t, key_table, n_keys, key_text, repeatable, map_names, &
-             n_maps, turning_rule, radius_of_reading, max_real
+   public :: case_t, case_line_t, read_case, read_keys, key_t, key_table, n_keys, key_text, row_text, check_key, repeatable
+   public :: map_names, n_maps, turning_rule, radius_of_reading, max_real
 
    integer, parameter :: many = 100000                !! values of a list
    integer, parameter :: text_length = 4096           !! characters of a text
@@ -85,6 +85,11 @@ module rockfall_case
       key_t("surface", "method", "text", 1, "'B'", "A, B", "", &
             "A: three obstacle sizes, B: one mean radius", in_scene), &
       key_t("surface", "rg_reading", "text", 1, "'diameter'", "diameter, radius", "", "what Rg measures"), &
+      key_t("surface", "ground", "text", 1, "absent", "", "", &
+            "what rebounds follow where nothing else is said: a ground of the table, or an impact set", in_scene), &
+      key_t("surface", "ground_map", "text", 1, "absent", "", "", "raster of ids of grounds", in_scene, "raster"), &
+      key_t("surface", "ground_table", "text", 1, "absent", "", "", &
+            "CSV of grounds in place of those shipped", in_scene, "table"), &
       key_t("impact", "sets", "text", 1, "'rocky-slope'", "", "", "shipped impact set, or a file", in_scene, "sets"), &
       key_t("impact", "turning", "text", 1, "'past_aspect'", "past_aspect, to_aspect, lab", "", &
             "by a random angle, past the cell's aspect or at most to it; or as in the laboratory: impact_sets.md"), &
@@ -231,7 +236,7 @@ module rockfall_case
    !> A case as read; file names as written, "" when absent.
    type :: case_t
       character(len=:), allocatable :: file, title, dem, zones, table, zone_field, mean_radius, rg(:), sets, &
-                                       cells, polygons
+                                       cells, polygons, ground, ground_map, ground_table
       integer(i8) :: seed = 1, boulders = 1
       integer :: threads = 0
       logical :: sobol = .false.                 !! sampling
@@ -302,17 +307,23 @@ contains
       if (.not. allocated(error)) call check_keys(list, error)
    end subroutine read_keys
 
-   !> A row of the table as text: group|key|kind|most|default|allowed|unit|meaning|file.
+   !> A row of the table as text.
    pure function key_text(k) result(text)
       integer, intent(in) :: k
       character(len=:), allocatable :: text
-      type(key_t) :: key
 
-      key = key_table(k)
+      text = row_text(key_table(k))
+   end function key_text
+
+   !> A key as text: group|key|kind|most|default|allowed|unit|meaning|file.
+   pure function row_text(key) result(text)
+      type(key_t), intent(in) :: key
+      character(len=:), allocatable :: text
+
       text = trim(key%group)//"|"//trim(key%name)//"|"//trim(key%kind)//"|"//integer_text(key%most)//"|" &
              //trim(key%default)//"|"//trim(key%allowed)//"|"//trim(key%unit)//"|"//trim(key%meaning) &
              //"|"//trim(key%file)
-   end function key_text
+   end function row_text
 
    !> Add the groups that are absent and the defaults of keys that are absent.
    pure subroutine complete(list, file)
@@ -582,7 +593,8 @@ contains
       radius_of_reading = merge(0.5_wp, 1.0_wp, word == "diameter")
    end function radius_of_reading
 
-   !> The material is given in one of three ways: zones with a table, rasters of values, or one value.
+   !> The material is given in one of three ways: zones with a table, rasters of values, or one value; in none, where
+   !> the ground is said to be one that needs to know of no rocks.
    pure subroutine read_surface(group, case, error)
       type(group_t), intent(in) :: group
       type(case_t), intent(inout) :: case
@@ -597,6 +609,9 @@ contains
       case%table = text_of(group, "table")
       case%zone_field = text_of(group, "zone_field")
       case%mean_radius = text_of(group, "mean_radius")
+      case%ground = text_of(group, "ground")
+      case%ground_map = text_of(group, "ground_map")
+      case%ground_table = text_of(group, "ground_table")
       allocate (character(len=text_length) :: case%rg(3))
       do k = 1, 3
          case%rg(k) = text_of(group, trim(rasters(k + 1)))
@@ -605,7 +620,9 @@ contains
       zones = has_key(group, "zones") .or. has_key(group, "table") .or. has_key(group, "default_zone")
       by_raster = any([(has_key(group, trim(rasters(k))), k=1, 4)])
       uniform = has_key(group, "uniform_mean_radius") .or. has_key(group, "uniform_rg")
-      if (count([zones, by_raster, uniform]) /= 1) then
+      if (.not. any([zones, by_raster, uniform]) .and. (case%ground /= "" .or. case%ground_map /= "")) then
+         return
+      else if (count([zones, by_raster, uniform]) /= 1) then
          call fail(error, group%file//": &surface: give one of: zones with table; mean_radius (method B) or rg70, " &
                    //"rg20, rg10 (method A) rasters; uniform_mean_radius (B) or uniform_rg (A)")
       else if (zones) then

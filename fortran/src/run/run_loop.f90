@@ -52,6 +52,7 @@ module rockfall_run_loop
       integer(i4), allocatable :: stamp(:, :, :)         !! as in maps_t, with its `head`
       integer(i8) :: head = 0
       integer(i8) :: histogram(bins, quantities) = 0
+      integer(i8), allocatable :: by_ground(:)           !! rebounds, where the scene has several grounds
       integer :: threads = 1
       real(wp) :: wall = 0.0_wp, cpu = 0.0_wp            !! [s]
    end type results_t
@@ -145,6 +146,8 @@ contains
 
       rows = 0
       cells = 0
+      allocate (results%by_ground(0))
+      if (allocated(scene%grounds)) results%by_ground = spread(0_i8, 1, size(scene%grounds))
       lines = size(case%lines)
       stacks = stack_layers(results%plan)
       associate (n => results%boulders, nx => results%grid%nx, ny => results%grid%ny, plan => results%plan)
@@ -261,7 +264,7 @@ contains
          return
       end if
       call run_boulders(scene, results%before + results%done + 1, results%threads, fate, crossing, maps, &
-                         results%histogram)
+                         results%histogram, results%by_ground)
       if (any(fate%status == left_window)) then
          call fail(error, case%file//": a boulder went where none can go", our_fault)
       else if (lacks_slots(maps)) then

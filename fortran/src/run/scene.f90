@@ -11,16 +11,21 @@ module rockfall_scene
    use rockfall_sources, only: last_boulders
    use rockfall_line, only: line
    use rockfall_barrier, only: barrier_t
-   use rockfall_impact, only: impact_set, impact_ratios, fitted
-   use rockfall_direction, only: lateral, by_lab
    use rockfall_boulder, only: volume_distribution_t, fixed_volume, last_of, max_volume
+   use rockfall_ground, only: ground_t
    use rockfall_forest, only: build_forest
    use rockfall_trajectory, only: scene_t
    use rockfall_case, only: case_t
-   use rockfall_impact_sets, only: coefficients_t, read_sets
+   use rockfall_grounds, only: read_ground, read_stochastic
    implicit none
    private
-   public :: scene_arrays_t, scene_from, check_sources, boulders_of, largest_volumes
+   public :: scene_arrays_t, ground_text_t, scene_from, check_sources, boulders_of, largest_volumes
+
+   !> A ground as it comes to the kernel.
+   type :: ground_text_t
+      character(len=:), allocatable :: name
+      character(len=:), allocatable :: text, file  !! as for read_ground; "": the case's impact sets
+   end type ground_text_t
 
    !> What a scene needs beside its case: from Python, or from a scene file. Views stay the caller's.
    type :: scene_arrays_t
@@ -41,6 +46,9 @@ module rockfall_scene
       real(wp), pointer, contiguous :: tree_factor(:) => null()  !! of their species [-]
       character(len=:), allocatable :: sets_text, sets_name      !! the file of impact sets, and its name for messages
       integer :: draw = 0                                        !! of a file with several; 0: it has one only
+      type(ground_text_t), allocatable :: grounds(:)             !! where there are others than the case's impact sets,
+      integer(i1), allocatable :: material_ground(:)             !! and the 1-based one of each material, or
+      integer(i1), pointer, contiguous :: cell_ground(:, :) => null()  !! of each cell; without any, the first
    end type scene_arrays_t
 
 contains
@@ -69,6 +77,7 @@ contains
       call set_forest(case, arrays, scene)
       call check_number(case, scene, error)
       if (.not. allocated(error)) call set_impacts(case, arrays, scene, error)
+      if (.not. allocated(error)) call set_grounds(case, arrays, scene, error)
    end subroutine scene_from
 
    !> Views of the elevations, and of what lies on them.
@@ -85,6 +94,8 @@ contains
          if (associated(arrays%zone1)) surface%zone1(first(1):, first(2):) => arrays%zone1
          if (associated(arrays%zone2)) surface%zone2(first(1):, first(2):) => arrays%zone2
          if (associated(arrays%values)) surface%values(first(1):, first(2):, 1:) => arrays%values
+         if (allocated(arrays%material_ground)) surface%material_ground = arrays%material_ground
+         if (associated(arrays%cell_ground)) surface%cell_ground(first(1):, first(2):) => arrays%cell_ground
       end associate
    end subroutine set_ground
 
@@ -168,19 +179,48 @@ contains
       type(scene_arrays_t), intent(in) :: arrays
       type(scene_t), intent(inout) :: scene
       type(error_t), allocatable, intent(out) :: error
-      type(coefficients_t) :: sets
+      type(ground_t) :: usual
+
+      call read_stochastic(arrays%sets_text, arrays%sets_name, case%turning, arrays%draw, usual, error)
+      if (allocated(error)) return
+      scene%sets = usual%sets
+      scene%turning = case%turning
+      if (allocated(usual%lateral)) call move_alloc(usual%lateral, scene%lateral)
+   end subroutine set_impacts
+
+   !> What the rebounds of each place follow, where that is not the case's impact sets alone.
+   subroutine set_grounds(case, arrays, scene, error)
+      type(case_t), intent(in) :: case
+      type(scene_arrays_t), intent(in) :: arrays
+      type(scene_t), intent(inout) :: scene
+      type(error_t), allocatable, intent(out) :: error
+      type(ground_t), allocatable :: grounds(:)
       integer :: k
 
-      call read_sets(arrays%sets_text, arrays%sets_name, case%turning, arrays%draw, sets, error)
-      do k = 1, impact_ratios
-         if (.not. allocated(error)) call impact_set(sets%mean(:, k), sets%covariance(:, :, k), scene%sets(k), error)
+      if (.not. allocated(arrays%grounds)) return
+      allocate (grounds(size(arrays%grounds)))
+      do k = 1, size(grounds)
+         call set_ground_of(arrays%grounds(k), case, scene, grounds(k), error)
          if (allocated(error)) return
-         scene%sets(k)%fitted = fitted(sets%speed_range(:, k), sets%angle_range(:, k))
       end do
-      scene%turning = case%turning
-      if (case%turning /= by_lab) return
-      scene%lateral = [(lateral(sets%incidence(:, k), sets%lateral(:, :, k)), k=1, impact_ratios)]
-   end subroutine set_impacts
+      call move_alloc(grounds, scene%grounds)
+   end subroutine set_grounds
+
+   subroutine set_ground_of(given, case, scene, ground, error)
+      type(ground_text_t), intent(in) :: given
+      type(case_t), intent(in) :: case
+      type(scene_t), intent(in) :: scene
+      type(ground_t), intent(out) :: ground
+      type(error_t), allocatable, intent(out) :: error
+
+      ground%name = given%name
+      if (given%text /= "") then
+         call read_ground(given%text, given%file, case%turning, scene%table, ground, error)
+      else
+         ground%sets = scene%sets
+         if (allocated(scene%lateral)) ground%lateral = scene%lateral
+      end if
+   end subroutine set_ground_of
 
    !> The volumes of a scene; where its sources say them, the largest and the heaviest rock.
    pure type(volume_distribution_t) function largest_volumes(scene) result(volumes)

@@ -23,7 +23,13 @@ from rockfall.html_report.convergence import convergence_figure
 from rockfall.html_report.intervals import rows_of
 from rockfall.html_report.maps import data_uri, map_section
 from rockfall.html_report.summary import summary
-from rockfall.html_report.tables import level_table, line_tables, precision_table, provenance
+from rockfall.html_report.tables import (
+    ground_table,
+    level_table,
+    line_tables,
+    precision_table,
+    provenance,
+)
 from rockfall.html_report.validity import cautions, warnings
 from rockfall.io.files import atomic_write
 from rockfall.io.output_files import PAGE, SIGNATURE, check_output
@@ -93,6 +99,7 @@ def report(result: xr.Dataset, terrain: Terrain | None = None, observed: Any = N
         cautions=cautions(result, rows, levels),
         map_section=map_section(result, terrain),
         lines=[*line_tables(rows), level_table(levels)] if rows else [],
+        grounds=[ground_table(result)] if "rebounds_by_ground" in result else [],
         has_clusters=sources(result).max() > 0,
         convergence=list(_convergence(result, rows)),
         comparison="" if observed is None else text(compare(result, observed)),

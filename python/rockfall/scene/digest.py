@@ -29,9 +29,14 @@ class Digest:
         """Rows `first` to `stop` - 1 of the raster, all columns; the window holds them."""
         layers = [window.z] if window.zone is None else [window.z, window.zone]
         layers += [] if window.values is None else list(window.values)
+        layers += [] if window.cell_ground is None else [window.cell_ground]
         if first == 0:
             self.layers = [hashlib.sha256(layer.dtype.str.encode()) for layer in layers]
             self.sizes = hashlib.sha256(np.ascontiguousarray(window.sizes).data)
+            for ground in window.grounds:
+                self.sizes.update(f"{ground.name}\n{len(ground.text)}\n".encode() + ground.text)
+            if window.material_ground is not None:
+                self.sizes.update(window.material_ground.data)
         rows = slice(first - window.at[0], stop - window.at[0])
         for known, layer in zip(self.layers, layers, strict=True):
             known.update(np.ascontiguousarray(layer[rows]))

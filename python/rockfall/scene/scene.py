@@ -11,6 +11,7 @@ import numpy as np
 
 from rockfall._core import rockfall_f2py as _core
 from rockfall.case import Case
+from rockfall.grounds import GroundRule
 from rockfall.io.grid import Grid, row_blocks
 from rockfall.scene.coefficients import Coefficients, SetFile
 from rockfall.scene.forest.trees import Trees
@@ -50,6 +51,10 @@ class Scene:
     source_boulders: SourceBoulders | None = None  # where they say what their boulders are
     trees: Trees | None = None
     sets: SetFile = SetFile(b"", "")
+    grounds: tuple[GroundRule, ...] = ()  # only where there are others than the sets
+    material_ground: np.ndarray | None = None  # int8: 1-based one of each row of `sizes`, or
+    cell_ground: np.ndarray | None = None  # int8 (ny, nx): of each cell; neither: the first
+    ground_ids: dict[int, str] = field(default_factory=dict)  # names by id in a raster of grounds
     checksums: dict[str, str] = field(default_factory=dict)  # of the input files
     decoded: dict[str, str] = field(default_factory=dict)  # of what was read of them: see `digest`
     at: tuple[int, int] = (0, 0)  # row and column of the grid where its rasters begin
@@ -103,6 +108,7 @@ class Scene:
         """Give their memory back; the scene cannot be run any more."""
         self.__dict__.pop("kernel", None)
         self.z, self.zone, self.values = np.empty((0, 0), self.z.dtype), None, None
+        self.cell_ground = None
 
 
 def lines_outside(scene: Scene) -> list[str]:

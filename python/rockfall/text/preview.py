@@ -4,7 +4,9 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -12,6 +14,8 @@ from rockfall.analysis.extrapolation import extrapolations, fractions_outside
 from rockfall.analysis.neutral_slopes import NeutralSlopes, Rocks, rocks_of
 from rockfall.io.crs import crs_name
 from rockfall.io.grid import row_blocks
+from rockfall.quantities import percent
+from rockfall.result.grounds import rebounds_by_ground
 from rockfall.scene.coefficients import ANY_SPEED
 from rockfall.scene.ground import Ground
 from rockfall.scene.reach import survey
@@ -52,12 +56,19 @@ def preview(scene: Scene) -> str:
     case = scene.case
     check_team(case.case["threads"])
     pilot = _pilot(scene)
-    values = pilot.tally.columns()
+    values: dict[str, Any] = pilot.tally.columns()
+    if scene.grounds:
+        values |= {
+            "ground": [one.name for one in scene.grounds],
+            "ground_model": [one.model for one in scene.grounds],
+            "rebounds_by_ground": pilot.tally.by_ground,
+        }
     rows = [
         ("terrain", _terrain(scene)),
         ("elevations", _elevations(scene.ground)),
         ("slopes", _slopes(scene.ground)),
         ("surface", _surface(scene)),
+        *_grounds(values),
         ("sizes", _sizes(pilot.density, values["volume"])),
         *(("", line) for line in _rocks(scene, values["volume"])),
         ("impact sets", _sets(scene)),
@@ -89,7 +100,8 @@ def memory(scene: Scene, pilot: Pilot) -> dict[str, float]:
     if scene.windows:
         rasters = scene.windows.bytes + READING
     else:
-        rasters = sum(a.nbytes for a in (scene.z, scene.zone, scene.values) if a is not None)
+        layers_ = scene.z, scene.zone, scene.values, scene.cell_ground
+        rasters = sum(a.nbytes for a in layers_ if a is not None)
     counted = maps.class_counts.size > 1
     return {
         "rasters": rasters,
@@ -196,6 +208,14 @@ def _surface(scene: Scene) -> str:
     if "zones" in surface:
         how = f"{surface['zones']}: {len(ground.used)} of {len(ground.sizes)} zones used"
     return f"method {surface['method']}, {how}"
+
+
+def _grounds(values: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    """What rebounds followed in the pilot run."""
+    met = [one for one in rebounds_by_ground(values) if one.rebounds]
+    parts = (f"{percent(one.fraction)} {one.name} ({one.model.replace('_', ' ')})" for one in met)
+    if "ground" in values:
+        yield "grounds", ", ".join(parts) + " of the rebounds of a pilot run"
 
 
 def _boulders(scene: Scene) -> str:
