@@ -171,8 +171,8 @@ contains
       end select
    end function restored
 
-   !> As Rockyfor3D (Dorren 2016): obstacles MOH and the penetration D_p slow the boulder, of radius R, along the ground,
-   !> R_t = 1/(1 + (MOH + D_p)/R).
+   !> As Rockyfor3D (Dorren 2016): obstacles MOH and the penetration D_p slow the boulder, of radius R, along the
+   !> ground, R_t = 1/(1 + (MOH + D_p)/R).
    pure function obstacle_rebound(boulder, height, soil_density, r_n, v_in) result(v)
       type(boulder_t), intent(in) :: boulder
       real(wp), intent(in) :: height        !! MOH [m]

@@ -13,11 +13,12 @@ module rockfall_f2py
    use rockfall_grid, only: grid_t, is_outside
    use rockfall_terrain, only: terrain_t, terrain, keep_within, is_known_at, max_elevation
    use rockfall_boulder, only: first_of, last_of, source_of, inertia_factor
+   use rockfall_shape, only: shape_volume, shape_inertia, shapes
    use rockfall_surface, only: size_weights
    use rockfall_barrier, only: barrier_outcome, ead_energy
    use rockfall_impact, only: ratio_weights, ratio_class, is_admissible, limit_rebound, max_draws, min_normal
    use rockfall_trajectory, only: scene_t, boulder_result_t, crossing_t, scratch_t, left_window
-   use rockfall_scene, only: scene_arrays_t, scene_from, check_sources, boulders_of
+   use rockfall_scene, only: scene_arrays_t, scene_from, check_sources, boulders_of, largest_volumes
    use rockfall_grounds, only: parameter_of_ground => ground_parameter, model_names, rocks_of_model
    use rockfall_reach, only: block_side, take_minima, reach_box
    use rockfall_stand, only: stems_in_cell, stem_numbers
@@ -43,7 +44,7 @@ module rockfall_f2py
    public :: histogram_bins, team
    public :: team_fits, end_team, slope_threshold, steep_cells, area_ratios, known_at, outside, boulders
    public :: boulders_of_source, sources_of_boulders, weights_of_sets, weights_of_sizes, ratio_classes
-   public :: stand_counts, stand_numbers
+   public :: stand_counts, stand_numbers, shape_numbers
    public :: admissible_rebounds, limit_rebounds, size_to_radius, constant, share, fraction_limits
    public :: ground_parameter, ground_model, barriers, barrier_outcomes, ead_energies
 
@@ -59,11 +60,12 @@ contains
 
    !> The scene of the text of a case and of the arrays in `scene_arrays_t`, as a handle.
    subroutine open_scene(text, name, z8, z4, west, north, cell, nodes, first, zone1, zone2, values, sizes, &
-                         source_x, source_y, area_ratio, tree_x, tree_y, tree_dbh, tree_factor, sets_text, &
-                         sets_name, draw, ground_text, ground_length, ground_names, material_ground, cell_ground, &
-                         handle, code, message, nx8, ny8, nx4, ny4, nx1, ny1, nx2, ny2, nxv, nyv, nkv, ks, ms, ns, na, &
-                         nt, ng, mg, nxg, nyg)
-      integer(c_int), intent(in) :: nx8, ny8, nx4, ny4, nx1, ny1, nx2, ny2, nxv, nyv, nkv, ks, ms, ns, na, nt
+                         source_x, source_y, area_ratio, source_volume, source_inertia, source_density, tree_x, &
+                         tree_y, tree_dbh, tree_factor, sets_text, sets_name, draw, ground_text, ground_length, &
+                         ground_names, material_ground, cell_ground, handle, code, message, &
+                         nx8, ny8, nx4, ny4, nx1, ny1, nx2, ny2, nxv, nyv, nkv, ks, ms, ns, na, nb, nd, nt, &
+                         ng, mg, nxg, nyg)
+      integer(c_int), intent(in) :: nx8, ny8, nx4, ny4, nx1, ny1, nx2, ny2, nxv, nyv, nkv, ks, ms, ns, na, nb, nd, nt
       integer(c_int), intent(in) :: ng, mg, nxg, nyg
       character(len=*), intent(in) :: text, name                 !! of the case, and what it is called in messages
       real(c_double), intent(in), target :: z8(nx8, ny8)         !! elevations [m], or
@@ -76,6 +78,7 @@ contains
       real(c_double), intent(in) :: sizes(ks, ms)                !! [m]
       real(c_double), intent(in) :: source_x(ns), source_y(ns)   !! map coordinates [m]
       real(c_double), intent(in) :: area_ratio(na)
+      real(c_double), intent(in) :: source_volume(nb), source_inertia(nb), source_density(nd)  !! of their boulders
       real(c_double), intent(in), target :: tree_x(nt), tree_y(nt), tree_dbh(nt), tree_factor(nt)  !! stems
       character(len=*), intent(in) :: sets_text, sets_name       !! of the file of impact sets
       integer(c_int), intent(in) :: draw                         !! of its draws; 0: the only one
@@ -115,6 +118,9 @@ contains
       if (size(cell_ground) > 1) arrays%cell_ground => cell_ground
       call read_case(text, name, case, error)
       if (case%by_area .and. .not. allocated(error)) arrays%area_ratio = area_ratio
+      if (case%by_source) arrays%source_volume = source_volume
+      if (case%by_source) arrays%source_inertia = source_inertia
+      if (case%source_density) arrays%source_density = source_density
       if (.not. allocated(error)) then
          allocate (opened)
          call scene_from(case, arrays, opened%scene, error)
@@ -373,7 +379,7 @@ contains
 
       opened => scene_of(handle)
       associate (scene => opened%scene)
-         call check_tallies(opened%plan, scene%volumes, scene%gravity, fall, boulders_of(scene), error)
+         call check_tallies(opened%plan, largest_volumes(scene), scene%gravity, fall, boulders_of(scene), error)
       end associate
       call give_error(error, code, message)
    end subroutine check_maps
@@ -435,6 +441,20 @@ contains
          end do
       end do
    end subroutine stand_numbers
+
+   !> Volume [m3] and inertia I/(m R**2) [-] of boulders by shape and sides, as in rockfall_shape.
+   subroutine shape_numbers(shape, d, volume, inertia, n)
+      integer(c_int), intent(in) :: n
+      integer(c_int), intent(in) :: shape(n)
+      real(c_double), intent(in) :: d(3, n)  !! [m]
+      real(c_double), intent(out) :: volume(n), inertia(n)
+      integer :: k
+
+      do k = 1, n
+         volume(k) = shape_volume(shape(k), d(:, k))
+         inertia(k) = shape_inertia(shape(k), d(:, k))
+      end do
+   end subroutine shape_numbers
 
    !> Cells are counted from 1 by rows from the north-west.
    pure integer(c_int64_t) function cell_number(nx, row, column)
@@ -735,6 +755,7 @@ contains
       case ("any_speed"); value = any_speed          ! [m/s] the end of the range of a set that tells none
       case ("inertia_factor"); value = inertia_factor  ! [-]
       case ("min_normal"); value = min_normal
+      case ("shapes"); value = shapes                ! of boulders
       case ("max_draws"); value = max_draws          ! of a rebound
       case ("left_window"); value = left_window      ! status of a boulder to be run again in a larger window
       case ("max_text"); value = max_text            ! [bytes]

@@ -369,11 +369,32 @@ contains
          if (.not. sound(file)) return
          if (.not. all(is_place(arrays%source_x) .and. is_place(arrays%source_y))) &
             call mark_damaged(file, "source_x, or source_y,")
+         if (case%by_source) call read_of_sources(inputs, source, "source_volume", arrays%source_volume)
+         if (case%by_source) call read_of_sources(inputs, source, "source_inertia", arrays%source_inertia)
+         if (case%source_density) call read_of_sources(inputs, source, "source_density", arrays%source_density)
          if (.not. case%by_area) return
          if (.not. all(ieee_is_finite(arrays%area_ratio) .and. above_zero(arrays%area_ratio))) &
             call mark_damaged(file, "area_ratio")
       end associate
    end subroutine read_sources
+
+   !> What sources say of their boulders: numbers above zero.
+   subroutine read_of_sources(inputs, source, name, values)
+      type(inputs_t), intent(inout) :: inputs
+      type(axis_t), intent(in) :: source(1)
+      character(len=*), intent(in) :: name
+      real(wp), allocatable, intent(inout) :: values(:)
+      integer :: status
+
+      associate (file => inputs%file)
+         if (.not. sound(file)) return
+         allocate (values(source(1)%length), stat=status)
+         if (status /= 0) call mark_damaged(file, "(no memory) "//name)
+         call pass(file, about_t(name, nf90_double), source, values)
+         if (.not. sound(file)) return
+         if (.not. all(is_place(values) .and. above_zero(values))) call mark_damaged(file, name)
+      end associate
+   end subroutine read_of_sources
 
    !> Stems; their diameters and factors are above zero.
    subroutine read_trees(inputs)

@@ -97,13 +97,24 @@ module rockfall_case
             "which set serves R_b/R_m: the nearest, or either of the two beside it, the nearer more often"), &
       key_t("impact", "stop_speed", "real", 1, "0.5", "> 0", "m/s", "slower after a rebound: stopped"), &
       key_t("impact", "impact_limit", "integer", 1, "100000", "1 to 2147483647", "", "contacts of a boulder at most"), &
-      key_t("boulder", "volume", "text", 1, "'fixed'", "fixed, normal, uniform, lognormal, list", "", "law"), &
+      key_t("boulder", "volume", "text", 1, "'fixed'", "fixed, normal, uniform, lognormal, list, source", "", &
+            "law; source: what rasters say at each source"), &
       key_t("boulder", "volume_mean", "real", 1, "absent", "> 0", "m3", "fixed, normal, lognormal"), &
       key_t("boulder", "volume_std", "real", 1, "absent", ">= 0", "m3", "normal (truncated at 0), lognormal"), &
       key_t("boulder", "volume_min", "real", 1, "absent", "> 0", "m3", "uniform"), &
       key_t("boulder", "volume_max", "real", 1, "absent", "> 0", "m3", "uniform"), &
       key_t("boulder", "volumes", "real", many, "absent", "> 0", "m3", "list: each with equal probability"), &
       key_t("boulder", "density", "real", 1, "2800.0", "> 0", "kg/m3", "of the boulders"), &
+      key_t("boulder", "d1", "text", 1, "absent", "", "", &
+            "source: raster of one of the three sides of boulders [m]", in_scene, "raster"), &
+      key_t("boulder", "d2", "text", 1, "absent", "", "", "of the second [m]", in_scene, "raster"), &
+      key_t("boulder", "d3", "text", 1, "absent", "", "", "of the third [m]", in_scene, "raster"), &
+      key_t("boulder", "shape", "text", 1, "absent", "", "", &
+            "raster: 0 none, 1 rectangular, 2 ellipsoid, 3 sphere, 4 disc; absent: spheres", in_scene, "raster"), &
+      key_t("boulder", "rock_density", "text", 1, "absent", "", "", &
+            "raster, in place of density [kg/m3]", in_scene, "raster"), &
+      key_t("boulder", "volume_spread", "real", 1, "absent", "0 to 0.9", "", &
+            "source: volumes differ by up to this fraction from that of their source, evenly"), &
       key_t("release", "x", "real", many, "absent", "", "m", "release points", in_scene), &
       key_t("release", "y", "real", many, "absent", "", "m", "release points", in_scene), &
       key_t("release", "cells", "text", 1, "absent", "", "", &
@@ -238,6 +249,8 @@ module rockfall_case
       integer :: turning = past_aspect           !! rule of turning_t
       logical :: between_ratios = .false.
       type(volume_distribution_t) :: volumes
+      logical :: by_source = .false.             !! sources say what their boulders are; volumes are factors
+      logical :: source_density = .false.        !! also their density
       real(wp), allocatable :: x(:), y(:)        !! release points, map coordinates [m]
       logical :: forest = .false.                !! there are trees
       type(tree_law_t) :: tree_law
@@ -644,9 +657,10 @@ contains
       type(group_t), intent(in) :: group
       type(case_t), intent(inout) :: case
       type(error_t), allocatable, intent(out) :: error
-      character(len=*), parameter :: keys(5) = [character(len=11) :: "volume_mean", "volume_std", &
-                                                "volume_min", "volume_max", "volumes"]
-      logical :: needs(5)
+      character(len=*), parameter :: keys(11) = [character(len=13) :: "volume_mean", "volume_std", "volume_min", &
+                                                 "volume_max", "volumes", "d1", "d2", "d3", "shape", "rock_density", &
+                                                 "volume_spread"]
+      logical :: needs(size(keys)), takes(size(keys))
       character(len=:), allocatable :: law
       integer :: k
 
@@ -657,11 +671,14 @@ contains
       case ("lognormal"); case%volumes%kind = lognormal_volume; needs(1:2) = .true.
       case ("uniform"); case%volumes%kind = uniform_volume; needs(3:4) = .true.
       case ("list"); case%volumes%kind = list_volume; needs(5) = .true.
+      case ("source"); case%by_source = .true.; needs(6:8) = .true.
       case default; case%volumes%kind = fixed_volume; needs(1) = .true.
       end select
-      do k = 1, 5
+      takes = needs
+      takes(9:) = case%by_source
+      do k = 1, size(keys)
          if (needs(k)) call need(group, trim(keys(k)), "for volume = '"//law//"'", error)
-         if (.not. needs(k) .and. has_key(group, trim(keys(k)))) then
+         if (.not. takes(k) .and. has_key(group, trim(keys(k)))) then
             call refuse(group, trim(keys(k)), "has no meaning for volume = '"//law//"'", error)
          end if
          if (allocated(error)) return
@@ -675,7 +692,24 @@ contains
       if (case%volumes%max < case%volumes%min) then
          call refuse(group, "volume_max", "must not be below volume_min", error)
       end if
+      if (case%by_source) call set_factors(group, case)
    end subroutine read_boulder
+
+   !> Sources say what their boulders are: the law of volumes is that of factors on these.
+   pure subroutine set_factors(group, case)
+      type(group_t), intent(in) :: group
+      type(case_t), intent(inout) :: case
+      real(wp) :: spread
+
+      spread = real_of(group, "volume_spread")
+      case%source_density = has_key(group, "rock_density")
+      case%volumes%kind = fixed_volume
+      case%volumes%mean = 1
+      if (spread <= 0) return
+      case%volumes%kind = uniform_volume
+      case%volumes%min = 1 - spread
+      case%volumes%max = 1 + spread
+   end subroutine set_factors
 
    pure subroutine read_release(group, case, error)
       type(group_t), intent(in) :: group
@@ -882,6 +916,8 @@ contains
       if (allocated(error)) return
       if (real_of(group, "volume_std_factor") > 1 .and. case%volumes%std <= 0) then
          call refuse(group, "volume_std_factor", "has no meaning without a volume_std", error)
+      else if (real_of(group, "volume_factor") > 1 .and. case%by_source) then
+         call refuse(group, "volume_factor", "has no meaning for volume = 'source'", error)
       else if (real_of(group, "drop_height_factor") > 1 .and. case%drop_height <= 0) then
          call refuse(group, "drop_height_factor", "has no meaning without a drop_height", error)
       end if

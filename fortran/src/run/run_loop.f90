@@ -18,7 +18,7 @@ module rockfall_run_loop
    use rockfall_grid, only: grid_t
    use rockfall_terrain, only: keep_within
    use rockfall_reach, only: block_side, take_minima, reach_box
-   use rockfall_scene, only: check_sources, boulders_of
+   use rockfall_scene, only: check_sources, boulders_of, largest_volumes
    implicit none
    private
    public :: results_t, run_observer_t, run_case, map_tallies
@@ -124,7 +124,7 @@ contains
          side = block_side([dem%nx, dem%ny])
          allocate (minima((dem%nx - 1)/side + 1, (dem%ny - 1)/side + 1), source=huge(1.0_wp))
          call take_minima(dem, 1, dem%ny, minima)
-         call check_tallies(results%plan, case%volumes, case%gravity, head - minval(minima), results%asked, error)
+         call check_tallies(results%plan, largest_volumes(scene), case%gravity, head - minval(minima), results%asked, error)
          if (allocated(error)) error%message = case%file//": "//error%message
          if (allocated(error) .or. case%whole_maps) return
          box = reach_box(dem, minima, head, release%x, release%y)

@@ -11,7 +11,7 @@ module rockfall_scene
    use rockfall_sources, only: last_boulders
    use rockfall_line, only: line
    use rockfall_barrier, only: barrier_t
-   use rockfall_boulder, only: last_of
+   use rockfall_boulder, only: volume_distribution_t, fixed_volume, last_of, max_volume
    use rockfall_ground, only: ground_t
    use rockfall_forest, only: build_forest
    use rockfall_trajectory, only: scene_t
@@ -19,7 +19,7 @@ module rockfall_scene
    use rockfall_grounds, only: read_ground, read_stochastic
    implicit none
    private
-   public :: scene_arrays_t, ground_text_t, scene_from, check_sources, boulders_of
+   public :: scene_arrays_t, ground_text_t, scene_from, check_sources, boulders_of, largest_volumes
 
    !> A ground as it comes to the kernel.
    type :: ground_text_t
@@ -39,6 +39,8 @@ module rockfall_scene
       real(wp), allocatable :: sizes(:, :)                       !! R_m, or Rg70, Rg20, Rg10 (1 or 3, materials) [m]
       real(wp), allocatable :: source_x(:), source_y(:)          !! map coordinates [m]
       real(wp), allocatable :: area_ratio(:)                     !! surface over plan area, where they release by it
+      real(wp), allocatable :: source_volume(:), source_inertia(:)  !! of their boulders, where they say it [m3], [-]
+      real(wp), allocatable :: source_density(:)                 !! and their density [kg/m3]
       real(wp), pointer, contiguous :: tree_x(:) => null(), tree_y(:) => null()  !! stems, map coordinates [m]
       real(wp), pointer, contiguous :: tree_dbh(:) => null()     !! their diameters at breast height, > 0 [cm]
       real(wp), pointer, contiguous :: tree_factor(:) => null()  !! of their species [-]
@@ -70,6 +72,7 @@ contains
       scene%volumes = case%volumes
       call set_ground(case, arrays, scene)
       call set_release(case, arrays, scene)
+      call set_boulders(case, arrays, scene)
       call set_lines(case, scene)
       call set_forest(case, arrays, scene)
       call check_number(case, scene, error)
@@ -112,6 +115,20 @@ contains
          release%velocity = case%velocity
       end associate
    end subroutine set_release
+
+   !> What sources say of their boulders.
+   pure subroutine set_boulders(case, arrays, scene)
+      type(case_t), intent(in) :: case
+      type(scene_arrays_t), intent(in) :: arrays
+      type(scene_t), intent(inout) :: scene
+
+      if (.not. case%by_source) return
+      allocate (scene%of_source(size(arrays%source_x)))
+      scene%of_source%volume = arrays%source_volume
+      scene%of_source%inertia = arrays%source_inertia
+      scene%of_source%density = case%volumes%density
+      if (case%source_density) scene%of_source%density = arrays%source_density
+   end subroutine set_boulders
 
    !> Evaluation lines, and the barriers among them.
    pure subroutine set_lines(case, scene)
@@ -204,6 +221,17 @@ contains
          if (allocated(scene%lateral)) ground%lateral = scene%lateral
       end if
    end subroutine set_ground_of
+
+   !> The volumes of a scene; where its sources say them, the largest and the heaviest rock.
+   pure type(volume_distribution_t) function largest_volumes(scene) result(volumes)
+      type(scene_t), intent(in) :: scene
+
+      volumes = scene%volumes
+      if (.not. allocated(scene%of_source)) return
+      volumes%kind = fixed_volume
+      volumes%mean = max_volume(scene%volumes, scene%table)*maxval(scene%of_source%volume)
+      volumes%density = maxval(scene%of_source%density)
+   end function largest_volumes
 
    !> Boulders of the whole run.
    pure integer(i8) function boulders_of(scene)

@@ -9,8 +9,8 @@ module rockfall_trajectory
    use rockfall_sobol, only: sobol_t, sobol_word, scrambled, volume_dimension
    use rockfall_terrain, only: terrain_t, patch_t, in_window, locate, height, gradient, cell_of, cell_descent
    use rockfall_surface, only: surface_t, rock_radius, ground_at
-   use rockfall_boulder, only: boulder_t, volume_distribution_t, release_t, draw_boulder, source_of, first_of, &
-                               inertia_factor, kinetic_energy
+   use rockfall_boulder, only: boulder_t, source_boulder_t, volume_distribution_t, release_t, draw_boulder, boulder_of, &
+                               source_of, first_of, inertia_factor, kinetic_energy
    use rockfall_flight, only: flight_t, landing_t, span_t, fly, end_flight, flight_from, launch_rate, arc_length, never
    use rockfall_impact, only: impact_set_t, fitted_t, impact_ratios, ratio_class, ratio_between, beyond_fit, rebound_t, &
                               rebound, twice_energy
@@ -57,6 +57,7 @@ module rockfall_trajectory
       type(lateral_t), allocatable :: lateral(:)  !! of each ratio; only by_lab
       type(ground_t), allocatable :: grounds(:)   !! only where there are others than `sets`
       type(volume_distribution_t) :: volumes
+      type(source_boulder_t), allocatable :: of_source(:)  !! where sources say it; `volumes` are factors on these
       type(release_t) :: release
       type(line_t), allocatable :: lines(:)        !! evaluation lines, and those of the barriers
       type(barrier_t), allocatable :: barriers(:)
@@ -186,6 +187,7 @@ contains
       if (allocated(scene%lines) .or. scene%histograms_requested) scratch%trace => trace_lines
       if (scratch%cells_requested) scratch%trace => trace_maps
       if (has_obstacles(scene) .or. scene%energies_requested .or. allocated(scene%grounds)) scratch%trace => trace_full
+      if (allocated(scene%of_source)) scratch%trace => trace_full
    end subroutine choose_trace
 
    !> Whether there is anything but the ground to meet.
@@ -222,6 +224,8 @@ contains
       else
          result%boulder = draw_boulder(scene%volumes, scene%table, scene%key, number)
       end if
+      if (level >= with_all .and. allocated(scene%of_source)) &
+         result%boulder = boulder_of(scene%of_source(source_of(scene%release, number)), result%boulder%volume)
       call release(scene, number, flight)
       result%start = [flight%x, flight%y, flight%z]
       if (.not. flight%patch%known) then

@@ -50,6 +50,8 @@ class Digest:
             self.sizes.update(layer.digest())
         sources = hashlib.sha256(b"" if scene.area is None else scene.area.data)
         sources.update(np.concatenate((scene.x, scene.y)).data)
+        for values in scene.source_boulders or ():
+            sources.update(b"" if values is None else np.ascontiguousarray(values).data)
         found = {"dem": dem, "surface": self.sizes, "sources": sources}
         if scene.trees is not None:
             found["trees"] = hashlib.sha256()

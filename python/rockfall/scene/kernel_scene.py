@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 ABSENT = {  # what the kernel takes for an array that a scene does not have
     "z8": np.zeros((1, 1)), "z4": np.zeros((1, 1), "f4"), "zone1": np.zeros((1, 1), "i1"),
     "zone2": np.zeros((1, 1), "i2"), "values": np.zeros((1, 1, 1), "f4"),
-    "area_ratio": np.zeros(1), "trees": np.zeros(1), "material_ground": np.zeros(1, "i1"),
-    "cell_ground": np.zeros((1, 1), "i1"),
+    "area_ratio": np.zeros(1), "of_sources": np.zeros(1), "trees": np.zeros(1),
+    "material_ground": np.zeros(1, "i1"), "cell_ground": np.zeros((1, 1), "i1"),
 }  # fmt: skip
 
 
@@ -36,7 +36,8 @@ class KernelScene:
             first=(scene.at[1] + 1, scene.at[0] + 1), sizes=np.asfortranarray(scene.sizes.T),
             source_x=scene.x, source_y=scene.y,
             area_ratio=ABSENT["area_ratio"] if scene.area is None else scene.area,
-            **trees(scene), sets_text=scene.sets.text or b"\n", sets_name=scene.sets.name.encode(),
+            **of_sources(scene), **trees(scene),
+            sets_text=scene.sets.text or b"\n", sets_name=scene.sets.name.encode(),
             draw=scene.sets.draw, **_grounds(scene),
         )  # fmt: skip
         check_kernel(code, message)
@@ -55,6 +56,15 @@ class KernelScene:
     def check(self, code: int, message: bytes) -> None:
         """Raise what a procedure of the kernel says is wrong with the scene."""
         check_kernel(code, message, self.name)
+
+
+def of_sources(scene: Scene) -> dict[str, np.ndarray]:
+    """What the sources of a scene say of their boulders."""
+    found = scene.source_boulders
+    values = (None,) * 3 if found is None else (found.volume, found.inertia, found.density)
+    names = "source_volume", "source_inertia", "source_density"
+    pairs = zip(names, values, strict=True)
+    return {name: ABSENT["of_sources"] if one is None else one for name, one in pairs}
 
 
 def trees(scene: Scene) -> dict[str, np.ndarray]:

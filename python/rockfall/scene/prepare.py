@@ -39,6 +39,9 @@ ABOUT = {  # units, long name
     "source_x": ("m", "easting of the release"),
     "source_y": ("m", "northing of the release"),
     "area_ratio": ("1", "surface over plan area of the cell of the source"),
+    "source_volume": ("m3", "volume of the boulders of the source"),
+    "source_inertia": ("1", "their moment of inertia over mass and squared radius"),
+    "source_density": ("kg/m3", "their density"),
     "ground_length": ("1", "bytes of the text of each ground; 0: the case's impact sets"),
     "material_ground": ("1", "ground of the material, counted from 1"),
     "cell_ground": ("1", "ground of the cell, counted from 1; 0: none"),
@@ -80,6 +83,7 @@ def _scene_file(scene: Scene) -> xr.Dataset:
         **_surface(scene),
         **_grounds(scene),
         **_variables("source", source_x=scene.x, source_y=scene.y, area_ratio=scene.area),
+        **_variables("source", **_of_sources(scene)),
         **(_variables("tree", **trees(scene)) if scene.trees else {}),
         "impact_sets": (("impact_sets_length",), text, about),
     }
@@ -94,6 +98,12 @@ def _scene_file(scene: Scene) -> xr.Dataset:
         **provenance(scene),
     }
     return as_dataset(data, attrs).set_coords(["x", "y"])
+
+
+def _of_sources(scene: Scene) -> dict[str, np.ndarray | None]:
+    """What sources say of their boulders."""
+    found = scene.source_boulders
+    return {} if found is None else {f"source_{name}": one for name, one in found._asdict().items()}
 
 
 def _surface(scene: Scene) -> dict[str, tuple]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -22,6 +22,19 @@ if TYPE_CHECKING:
     from rockfall.scene.windows import Windows
 
 
+class SourceBoulders(NamedTuple):
+    """What sources say of their boulders."""
+
+    volume: np.ndarray  # [m3]
+    inertia: np.ndarray  # I/(m R**2) [-]
+    density: np.ndarray | None = None  # [kg/m3]; None: the case's
+
+    def of(self, sources: np.ndarray) -> SourceBoulders:
+        """Those of some sources, which are counted from 0."""
+        density = None if self.density is None else self.density[sources]
+        return SourceBoulders(self.volume[sources], self.inertia[sources], density)
+
+
 @dataclass
 class Scene:
     """What a run needs, read and checked. Rasters are (ny, nx), row 0 the northernmost."""
@@ -35,6 +48,7 @@ class Scene:
     x: np.ndarray = field(default_factory=lambda: np.empty(0))  # of each source [m]
     y: np.ndarray = field(default_factory=lambda: np.empty(0))
     area: np.ndarray | None = None  # surface over plan area of each, where they release by it
+    source_boulders: SourceBoulders | None = None  # where they say what their boulders are
     trees: Trees | None = None
     sets: SetFile = SetFile(b"", "")
     grounds: tuple[GroundRule, ...] = ()  # only where there are others than the sets

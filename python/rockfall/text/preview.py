@@ -47,6 +47,7 @@ class Pilot:
     seconds: float  # CPU time of a boulder
     reading: float  # and of the windows of the terrain
     cells: float  # that all boulders of the run would reach
+    density: np.ndarray | float  # of these boulders [kg/m3]
 
 
 def preview(scene: Scene) -> str:
@@ -68,7 +69,7 @@ def preview(scene: Scene) -> str:
         ("slopes", _slopes(scene.ground)),
         ("surface", _surface(scene)),
         *_grounds(values),
-        ("sizes", _sizes(case.boulder["density"], values["volume"])),
+        ("sizes", _sizes(pilot.density, values["volume"])),
         *(("", line) for line in _rocks(scene, values["volume"])),
         ("impact sets", _sets(scene)),
         ("rebounds", _rebounds(values)),
@@ -130,14 +131,16 @@ def _follow(scene: Scene, number: int) -> Pilot:
         boulders = 1 + (scene.boulders * (drawn + 0.5) / scene.x.size).astype("i8")
         drawn = scene.sources_of(boulders)
     case = scene.case.replace(case={"boulders": 1}, release={"by_area": False}, output=output)
-    one = replace(scene, case=case, x=scene.x[drawn], y=scene.y[drawn], area=None)
+    told = None if scene.source_boulders is None else scene.source_boulders.of(drawn)
+    x, y = scene.x[drawn], scene.y[drawn]
+    one = replace(scene, case=case, x=x, y=y, area=None, source_boulders=told)
     few = start(one, threads=1)
     run_chunks(few, None, lambda: False, lambda _: None)
     cells, few.done, few.cpu = _all_cells(few, scene.boulders), 0, 0.0
     before = one.windows.reading if one.windows else 0.0
     run_chunks(few, None, lambda: False, lambda _: None)
     reading = one.windows.reading - before if one.windows else 0.0
-    return Pilot(few, (few.cpu - reading) / few.done, reading, cells)
+    return Pilot(few, (few.cpu - reading) / few.done, reading, cells, _densities(one))
 
 
 def _all_cells(few: Tally, boulders: int) -> float:
@@ -225,7 +228,15 @@ def _boulders(scene: Scene) -> str:
     return f"{scene.boulders:,}, {each:,} from {of}; sources: {scene.x.size:,} ({kind})"
 
 
-def _sizes(density: float, volumes: np.ndarray) -> str:
+def _densities(scene: Scene) -> np.ndarray | float:
+    """Of one boulder from each source, or of all."""
+    found = scene.source_boulders
+    if found is None or found.density is None:
+        return scene.case.boulder["density"]
+    return found.density
+
+
+def _sizes(density: np.ndarray | float, volumes: np.ndarray) -> str:
     """Of the pilot's boulders."""
     radii = sphere_radius(volumes)
     masses = density * volumes
