@@ -19,8 +19,8 @@ module rockfall_case
    use rockfall_barrier, only: ead_energy
    implicit none
    private
-   public :: case_t, case_line_t, read_case, read_keys, key_t, key_table, n_keys, key_text, repeatable, map_names, &
-             n_maps, turning_rule, radius_of_reading, max_real
+   public :: case_t, case_line_t, read_case, read_keys, key_t, key_table, n_keys, key_text, row_text, check_key, repeatable
+   public :: map_names, n_maps, turning_rule, radius_of_reading, max_real
 
    integer, parameter :: many = 100000                !! values of a list
    integer, parameter :: text_length = 4096           !! characters of a text
@@ -85,6 +85,11 @@ module rockfall_case
       key_t("surface", "method", "text", 1, "'B'", "A, B", "", &
             "A: three obstacle sizes, B: one mean radius", in_scene), &
       key_t("surface", "rg_reading", "text", 1, "'diameter'", "diameter, radius", "", "what Rg measures"), &
+      key_t("surface", "ground", "text", 1, "absent", "", "", &
+            "what rebounds follow where nothing else is said: a ground of the table, or an impact set", in_scene), &
+      key_t("surface", "ground_map", "text", 1, "absent", "", "", "raster of ids of grounds", in_scene, "raster"), &
+      key_t("surface", "ground_table", "text", 1, "absent", "", "", &
+            "CSV of grounds in place of those shipped", in_scene, "table"), &
       key_t("impact", "sets", "text", 1, "'rocky-slope'", "", "", "shipped impact set, or a file", in_scene, "sets"), &
       key_t("impact", "turning", "text", 1, "'past_aspect'", "past_aspect, to_aspect, lab", "", &
             "by a random angle, past the cell's aspect or at most to it; or as in the laboratory: impact_sets.md"), &
@@ -92,13 +97,24 @@ module rockfall_case
             "which set serves R_b/R_m: the nearest, or either of the two beside it, the nearer more often"), &
       key_t("impact", "stop_speed", "real", 1, "0.5", "> 0", "m/s", "slower after a rebound: stopped"), &
       key_t("impact", "impact_limit", "integer", 1, "100000", "1 to 2147483647", "", "contacts of a boulder at most"), &
-      key_t("boulder", "volume", "text", 1, "'fixed'", "fixed, normal, uniform, lognormal, list", "", "law"), &
+      key_t("boulder", "volume", "text", 1, "'fixed'", "fixed, normal, uniform, lognormal, list, source", "", &
+            "law; source: what rasters say at each source"), &
       key_t("boulder", "volume_mean", "real", 1, "absent", "> 0", "m3", "fixed, normal, lognormal"), &
       key_t("boulder", "volume_std", "real", 1, "absent", ">= 0", "m3", "normal (truncated at 0), lognormal"), &
       key_t("boulder", "volume_min", "real", 1, "absent", "> 0", "m3", "uniform"), &
       key_t("boulder", "volume_max", "real", 1, "absent", "> 0", "m3", "uniform"), &
       key_t("boulder", "volumes", "real", many, "absent", "> 0", "m3", "list: each with equal probability"), &
       key_t("boulder", "density", "real", 1, "2800.0", "> 0", "kg/m3", "of the boulders"), &
+      key_t("boulder", "d1", "text", 1, "absent", "", "", &
+            "source: raster of one of the three sides of boulders [m]", in_scene, "raster"), &
+      key_t("boulder", "d2", "text", 1, "absent", "", "", "of the second [m]", in_scene, "raster"), &
+      key_t("boulder", "d3", "text", 1, "absent", "", "", "of the third [m]", in_scene, "raster"), &
+      key_t("boulder", "shape", "text", 1, "absent", "", "", &
+            "raster: 0 none, 1 rectangular, 2 ellipsoid, 3 sphere, 4 disc; absent: spheres", in_scene, "raster"), &
+      key_t("boulder", "rock_density", "text", 1, "absent", "", "", &
+            "raster, in place of density [kg/m3]", in_scene, "raster"), &
+      key_t("boulder", "volume_spread", "real", 1, "absent", "0 to 0.9", "", &
+            "source: volumes differ by up to this fraction from that of their source, evenly"), &
       key_t("release", "x", "real", many, "absent", "", "m", "release points", in_scene), &
       key_t("release", "y", "real", many, "absent", "", "m", "release points", in_scene), &
       key_t("release", "cells", "text", 1, "absent", "", "", &
@@ -220,7 +236,7 @@ module rockfall_case
    !> A case as read; file names as written, "" when absent.
    type :: case_t
       character(len=:), allocatable :: file, title, dem, zones, table, zone_field, mean_radius, rg(:), sets, &
-                                       cells, polygons
+                                       cells, polygons, ground, ground_map, ground_table
       integer(i8) :: seed = 1, boulders = 1
       integer :: threads = 0
       logical :: sobol = .false.                 !! sampling
@@ -233,6 +249,8 @@ module rockfall_case
       integer :: turning = past_aspect           !! rule of turning_t
       logical :: between_ratios = .false.
       type(volume_distribution_t) :: volumes
+      logical :: by_source = .false.             !! sources say what their boulders are; volumes are factors
+      logical :: source_density = .false.        !! also their density
       real(wp), allocatable :: x(:), y(:)        !! release points, map coordinates [m]
       logical :: forest = .false.                !! there are trees
       type(tree_law_t) :: tree_law
@@ -289,17 +307,23 @@ contains
       if (.not. allocated(error)) call check_keys(list, error)
    end subroutine read_keys
 
-   !> A row of the table as text: group|key|kind|most|default|allowed|unit|meaning|file.
+   !> A row of the table as text.
    pure function key_text(k) result(text)
       integer, intent(in) :: k
       character(len=:), allocatable :: text
-      type(key_t) :: key
 
-      key = key_table(k)
+      text = row_text(key_table(k))
+   end function key_text
+
+   !> A key as text: group|key|kind|most|default|allowed|unit|meaning|file.
+   pure function row_text(key) result(text)
+      type(key_t), intent(in) :: key
+      character(len=:), allocatable :: text
+
       text = trim(key%group)//"|"//trim(key%name)//"|"//trim(key%kind)//"|"//integer_text(key%most)//"|" &
              //trim(key%default)//"|"//trim(key%allowed)//"|"//trim(key%unit)//"|"//trim(key%meaning) &
              //"|"//trim(key%file)
-   end function key_text
+   end function row_text
 
    !> Add the groups that are absent and the defaults of keys that are absent.
    pure subroutine complete(list, file)
@@ -569,7 +593,8 @@ contains
       radius_of_reading = merge(0.5_wp, 1.0_wp, word == "diameter")
    end function radius_of_reading
 
-   !> The material is given in one of three ways: zones with a table, rasters of values, or one value.
+   !> The material is given in one of three ways: zones with a table, rasters of values, or one value; in none, where
+   !> the ground is said to be one that needs to know of no rocks.
    pure subroutine read_surface(group, case, error)
       type(group_t), intent(in) :: group
       type(case_t), intent(inout) :: case
@@ -584,6 +609,9 @@ contains
       case%table = text_of(group, "table")
       case%zone_field = text_of(group, "zone_field")
       case%mean_radius = text_of(group, "mean_radius")
+      case%ground = text_of(group, "ground")
+      case%ground_map = text_of(group, "ground_map")
+      case%ground_table = text_of(group, "ground_table")
       allocate (character(len=text_length) :: case%rg(3))
       do k = 1, 3
          case%rg(k) = text_of(group, trim(rasters(k + 1)))
@@ -592,7 +620,9 @@ contains
       zones = has_key(group, "zones") .or. has_key(group, "table") .or. has_key(group, "default_zone")
       by_raster = any([(has_key(group, trim(rasters(k))), k=1, 4)])
       uniform = has_key(group, "uniform_mean_radius") .or. has_key(group, "uniform_rg")
-      if (count([zones, by_raster, uniform]) /= 1) then
+      if (.not. any([zones, by_raster, uniform]) .and. (case%ground /= "" .or. case%ground_map /= "")) then
+         return
+      else if (count([zones, by_raster, uniform]) /= 1) then
          call fail(error, group%file//": &surface: give one of: zones with table; mean_radius (method B) or rg70, " &
                    //"rg20, rg10 (method A) rasters; uniform_mean_radius (B) or uniform_rg (A)")
       else if (zones) then
@@ -627,9 +657,10 @@ contains
       type(group_t), intent(in) :: group
       type(case_t), intent(inout) :: case
       type(error_t), allocatable, intent(out) :: error
-      character(len=*), parameter :: keys(5) = [character(len=11) :: "volume_mean", "volume_std", &
-                                                "volume_min", "volume_max", "volumes"]
-      logical :: needs(5)
+      character(len=*), parameter :: keys(11) = [character(len=13) :: "volume_mean", "volume_std", "volume_min", &
+                                                 "volume_max", "volumes", "d1", "d2", "d3", "shape", "rock_density", &
+                                                 "volume_spread"]
+      logical :: needs(size(keys)), takes(size(keys))
       character(len=:), allocatable :: law
       integer :: k
 
@@ -640,11 +671,14 @@ contains
       case ("lognormal"); case%volumes%kind = lognormal_volume; needs(1:2) = .true.
       case ("uniform"); case%volumes%kind = uniform_volume; needs(3:4) = .true.
       case ("list"); case%volumes%kind = list_volume; needs(5) = .true.
+      case ("source"); case%by_source = .true.; needs(6:8) = .true.
       case default; case%volumes%kind = fixed_volume; needs(1) = .true.
       end select
-      do k = 1, 5
+      takes = needs
+      takes(9:) = case%by_source
+      do k = 1, size(keys)
          if (needs(k)) call need(group, trim(keys(k)), "for volume = '"//law//"'", error)
-         if (.not. needs(k) .and. has_key(group, trim(keys(k)))) then
+         if (.not. takes(k) .and. has_key(group, trim(keys(k)))) then
             call refuse(group, trim(keys(k)), "has no meaning for volume = '"//law//"'", error)
          end if
          if (allocated(error)) return
@@ -658,7 +692,24 @@ contains
       if (case%volumes%max < case%volumes%min) then
          call refuse(group, "volume_max", "must not be below volume_min", error)
       end if
+      if (case%by_source) call set_factors(group, case)
    end subroutine read_boulder
+
+   !> Sources say what their boulders are: the law of volumes is that of factors on these.
+   pure subroutine set_factors(group, case)
+      type(group_t), intent(in) :: group
+      type(case_t), intent(inout) :: case
+      real(wp) :: spread
+
+      spread = real_of(group, "volume_spread")
+      case%source_density = has_key(group, "rock_density")
+      case%volumes%kind = fixed_volume
+      case%volumes%mean = 1
+      if (spread <= 0) return
+      case%volumes%kind = uniform_volume
+      case%volumes%min = 1 - spread
+      case%volumes%max = 1 + spread
+   end subroutine set_factors
 
    pure subroutine read_release(group, case, error)
       type(group_t), intent(in) :: group
@@ -865,6 +916,8 @@ contains
       if (allocated(error)) return
       if (real_of(group, "volume_std_factor") > 1 .and. case%volumes%std <= 0) then
          call refuse(group, "volume_std_factor", "has no meaning without a volume_std", error)
+      else if (real_of(group, "volume_factor") > 1 .and. case%by_source) then
+         call refuse(group, "volume_factor", "has no meaning for volume = 'source'", error)
       else if (real_of(group, "drop_height_factor") > 1 .and. case%drop_height <= 0) then
          call refuse(group, "drop_height_factor", "has no meaning without a drop_height", error)
       end if

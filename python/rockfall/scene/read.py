@@ -22,7 +22,7 @@ from rockfall.scene.forest import read_forest
 from rockfall.scene.layers import LAYERS, array_checksum, file_checksum
 from rockfall.scene.scene import Scene
 from rockfall.scene.sources import read_sources
-from rockfall.scene.surface import cell_bytes, read_surface, size_columns
+from rockfall.scene.surface import cell_bytes, read_grounds, read_surface, size_columns
 from rockfall.scene.windows import Windows, bands
 from rockfall.terrain.dams import with_dam
 
@@ -32,9 +32,9 @@ def read_scene(
 ) -> Scene:
     """Read and check everything that a case names.
 
-    `dem` and `rasters` (zones, mean_radius, rg70, rg20, rg10, cells, stems, dbh_mean, dbh_std,
-    conifers) may be given as arrays: an xarray.DataArray, or NumPy on the cells of the DEM (for the
-    DEM itself with its `transform`).
+    `dem` and `rasters` (zones, mean_radius, rg70, rg20, rg10, ground_map, cells, stems, dbh_mean,
+    dbh_std, conifers) may be given as arrays: an xarray.DataArray, or NumPy on the cells of the DEM
+    (for the DEM itself with its `transform`).
     If rasters in files need more than half of `memory` [bytes], they are read in windows, as they
     are needed: see `rockfall.scene.windows`.
     """
@@ -103,6 +103,7 @@ def _windowed(scene: Scene, cells: int) -> Scene:
     read_sources(scene, rows, {})
     read_forest(scene, {})
     _read_sets(scene)
+    read_grounds(scene)
     scene.windows = Windows(scene, cells)
     scene.decoded = scene.windows.decoded
     return scene
