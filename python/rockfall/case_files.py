@@ -8,7 +8,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rockfall.case import FROM_ARRAY, Case, case_of, file_keys
+from rockfall.case import FROM_ARRAY, Case, case_of
 from rockfall.errors import RockfallError
 from rockfall.impact_sets import find_set, set_path
 from rockfall.io.raster_file import raster_files
@@ -27,11 +27,9 @@ APPENDED = (".xml", ".aux.xml", "-wal", "-shm", "-journal")
 def input_files(case: Case) -> Iterator[Path]:
     """Every file that a case reads, the case file first; some may not be there."""
     yield Path(case.name)
-    for key in file_keys():
-        files = getattr(case, key.group).get(key.name, [])
-        for name in files if isinstance(files, list) else [files]:
-            if name != FROM_ARRAY:
-                yield from _files_of(case, key.file, name)
+    for key, name in case.files():
+        if name != FROM_ARRAY:
+            yield from _files_of(case, key.file, name)
     for name in _named_grounds(case):
         if path := find_set(case, name):
             yield path

@@ -162,22 +162,32 @@ module rockfall_case
       key_t("forest", "turn_lateral", "real", 3, "22.5, 45.0, 8.5", ">= 0", "", "the same of a lateral hit"), &
       key_t("forest", "turn_scratch", "real", 3, "22.5, 45.0, 8.5", ">= 0", "", "the same of a scratch"), &
       key_t("flight", "gravity", "real", 1, "9.81", "> 0", "m/s2", "acceleration of gravity"), &
-      key_t("line", "name", "text", 1, "required", "", "", "of an evaluation line"), &
-      key_t("line", "x", "real", many, "required", "", "m", "vertices, two or more"), &
-      key_t("line", "y", "real", many, "required", "", "m", "vertices, two or more"), &
-      key_t("barrier", "name", "text", 1, "required", "", "", "of a net or wall, which is an evaluation line too"), &
-      key_t("barrier", "x", "real", many, "required", "", "m", "vertices, two or more"), &
-      key_t("barrier", "y", "real", many, "required", "", "m", "vertices, two or more"), &
-      key_t("barrier", "height", "real", 1, "required", "> 0", "m", &
+      key_t("line", "name", "text", 1, "absent", "", "", "of an evaluation line"), &
+      key_t("line", "x", "real", many, "absent", "", "m", "vertices, two or more"), &
+      key_t("line", "y", "real", many, "absent", "", "m", "vertices, two or more"), &
+      key_t("line", "file", "text", 1, "absent", "", "", "in place of x and y: lines, one or more", file="layer"), &
+      key_t("line", "layer", "text", 1, "absent", "", "", "of a GeoPackage with several"), &
+      key_t("line", "field", "text", 1, "absent", "", "", "attribute with the name; absent: name"), &
+      key_t("barrier", "name", "text", 1, "absent", "", "", "of a net or wall, which is an evaluation line too"), &
+      key_t("barrier", "x", "real", many, "absent", "", "m", "vertices, two or more"), &
+      key_t("barrier", "y", "real", many, "absent", "", "m", "vertices, two or more"), &
+      key_t("barrier", "height", "real", 1, "absent", "> 0", "m", &
             "vertical, of the top edge above the ground; a boulder whose centre is above it passes over"), &
       key_t("barrier", "capacity", "real", 1, "absent", "> 0", "kJ", "kinetic energy that it takes at most"), &
       key_t("barrier", "class", "integer", 1, "absent", "0 to 7", "", &
             "instead of capacity: of EAD 340059, by its maximum energy level"), &
-      key_t("dam", "x", "real", many, "required", "", "m", "vertices of the crest, two or more", in_scene), &
-      key_t("dam", "y", "real", many, "required", "", "m", "vertices of the crest, two or more", in_scene), &
-      key_t("dam", "height", "real", 1, "required", "> 0", "m", "of the crest above the terrain below it", in_scene), &
+      key_t("barrier", "file", "text", 1, "absent", "", "", &
+            "in place of x and y: lines, whose attributes give what the group does not", file="layer"), &
+      key_t("barrier", "layer", "text", 1, "absent", "", "", "of a GeoPackage with several"), &
+      key_t("barrier", "field", "text", 1, "absent", "", "", "attribute with the name; absent: name"), &
+      key_t("dam", "x", "real", many, "absent", "", "m", "vertices of the crest, two or more", in_scene), &
+      key_t("dam", "y", "real", many, "absent", "", "m", "vertices of the crest, two or more", in_scene), &
+      key_t("dam", "height", "real", 1, "absent", "> 0", "m", "of the crest above the terrain below it", in_scene), &
       key_t("dam", "crest_width", "real", 1, "0.0", ">= 0", "m", "of its flat top", in_scene), &
       key_t("dam", "slope", "real", 1, "45.0", "1 to 89", "degree", "of its faces", in_scene), &
+      key_t("dam", "file", "text", 1, "absent", "", "", &
+            "in place of x and y: lines, whose attributes give what the group does not", in_scene, "layer"), &
+      key_t("dam", "layer", "text", 1, "absent", "", "", "of a GeoPackage with several", in_scene), &
       key_t("output", "maps", "text", n_maps, "absent", "as in result.md", "", "rasters of results"), &
       key_t("output", "map_extent", "text", 1, "'reach'", "reach, terrain", "", &
             "reach: the cells that boulders can reach; terrain: all"), &
@@ -256,7 +266,8 @@ module rockfall_case
       type(tree_law_t) :: tree_law
       logical :: steep_cells = .false., by_area = .false.
       real(wp), allocatable :: slope_threshold   !! [degree]
-      type(case_line_t), allocatable :: lines(:)  !! evaluation lines, then barriers
+      type(case_line_t), allocatable :: lines(:)  !! evaluation lines, then barriers, whose coordinates are typed
+      character(len=:), allocatable :: unread    !! a layer with more of them or dams, for messages; "": none
       logical :: map(n_maps) = .false.           !! which of map_names
       logical :: whole_maps = .false.            !! also where no boulder can come
       integer :: least_passages = 10             !! for a mean or a quantile in a cell
@@ -823,19 +834,70 @@ contains
       type(group_t), allocatable :: groups(:)
       integer :: n
 
-      groups = [pack(list%group, list%group%name == "line"), pack(list%group, list%group%name == "barrier")]
+      call check_layers(list, case, error)
+      if (allocated(error)) return
+      groups = [typed(list, "line"), typed(list, "barrier")]
       allocate (case%lines(size(groups)))
       do n = 1, size(groups)
          call read_line(groups(n), case%lines(:n), error)
-         if (allocated(error)) return
-         if (groups(n)%name == "barrier") call read_barrier(groups(n), case%lines(n), error)
+         if (.not. allocated(error) .and. groups(n)%name == "barrier") call read_barrier(groups(n), case%lines(n), error)
          if (allocated(error)) return
       end do
-      do n = 1, size(list%group)
-         if (list%group(n)%name == "dam") call check_polyline(list%group(n), error)
+      groups = typed(list, "dam")
+      do n = 1, size(groups)
+         call check_polyline(groups(n), error)
+         if (.not. allocated(error)) call need(groups(n), "height", "without a layer that has it", error)
          if (allocated(error)) return
       end do
    end subroutine read_lines
+
+   !> Groups of a name whose coordinates are typed.
+   pure function typed(list, name) result(groups)
+      type(namelist_t), intent(in) :: list
+      character(len=*), intent(in) :: name
+      type(group_t), allocatable :: groups(:)
+      integer :: g
+
+      groups = pack(list%group, [(list%group(g)%name == name .and. .not. has_key(list%group(g), "file"), &
+                                  g=1, size(list%group))])
+   end function typed
+
+   !> Lines, barriers and dams of layers. Their coordinates are read elsewhere, and checked as if they were typed.
+   pure subroutine check_layers(list, case, error)
+      type(namelist_t), intent(in) :: list
+      type(case_t), intent(inout) :: case
+      type(error_t), allocatable, intent(out) :: error
+      integer :: g
+
+      case%unread = ""
+      do g = 1, size(list%group)
+         associate (group => list%group(g))
+            if (all(group%name /= [character(len=7) :: "line", "barrier", "dam"])) cycle
+            call check_layer(group, error)
+            if (allocated(error)) return
+            if (has_key(group, "file")) case%unread = about(group, "file")//" = '"//text_of(group, "file")//"'"
+         end associate
+      end do
+   end subroutine check_layers
+
+   pure subroutine check_layer(group, error)
+      type(group_t), intent(in) :: group
+      type(error_t), allocatable, intent(inout) :: error
+      logical :: points
+
+      points = has_key(group, "x") .or. has_key(group, "y")
+      if (has_key(group, "file") .eqv. points) then
+         call fail(error, about(group, "x, y")//": give these, or file with lines in a layer")
+      else if (points .and. has_key(group, "layer")) then
+         call refuse(group, "layer", "has no meaning without file", error)
+      else if (points .and. has_key(group, "field")) then
+         call refuse(group, "field", "has no meaning without file", error)
+      else if (has_key(group, "name") .and. has_key(group, "field")) then
+         call refuse(group, "field", "has no meaning where name is given", error)
+      else if (has_key(group, "capacity") .and. has_key(group, "class")) then
+         call fail(error, about(group, "capacity, class")//": give one of the two")
+      end if
+   end subroutine check_layer
 
    !> The last of some lines.
    pure subroutine read_line(group, lines, error)
@@ -845,6 +907,7 @@ contains
       integer :: k
 
       call check_polyline(group, error)
+      if (.not. allocated(error)) call need(group, "name", "to tell it from others", error)
       if (allocated(error)) return
       associate (line => lines(size(lines)))
          line%name = text_of(group, "name")
@@ -879,13 +942,15 @@ contains
       type(case_line_t), intent(inout) :: barrier
       type(error_t), allocatable, intent(out) :: error
 
+      call need(group, "height", "without a layer that has it", error)
+      if (allocated(error)) return
       barrier%height = real_of(group, "height")
-      if (has_key(group, "capacity") .eqv. has_key(group, "class")) then
-         call fail(error, about(group, "capacity, class")//": give one of the two")
-      else if (has_key(group, "class")) then
+      if (has_key(group, "class")) then
          barrier%capacity = ead_energy(int(integer_of(group, "class")))
-      else
+      else if (has_key(group, "capacity")) then
          barrier%capacity = 1000*real_of(group, "capacity")
+      else
+         call fail(error, about(group, "capacity, class")//": give one of the two")
       end if
    end subroutine read_barrier
 

@@ -60,6 +60,10 @@ contains
       type(scene_t), intent(out) :: scene
       type(error_t), allocatable, intent(out) :: error
 
+      if (case%unread /= "") then
+         call fail(error, case%unread//": is a layer; `rockfall prepare` writes its coordinates into the case")
+         return
+      end if
       scene%key = random_key(case%seed)
       scene%table = normal_table()
       if (case%sobol) scene%sobol = sobol_sequence(max_dimensions)
