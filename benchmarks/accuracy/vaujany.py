@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The shipped impact sets beside what the paper prints of its slope: writes docs/vaujany.md.
+"""The shipped impact sets beside what the paper prints: writes docs/validation/vaujany.md.
 
     python -m benchmarks.accuracy.vaujany [--slopes 48] [-o docs]
 
@@ -122,7 +122,7 @@ def page(scores: dict[str, Score], wanted: list[Target], slopes: int) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--slopes", type=int, default=48)
-    parser.add_argument("-o", "--output", type=Path, default=ROOT / "docs")
+    parser.add_argument("-o", "--output", type=Path, default=ROOT / "docs" / "validation")
     options = parser.parse_args()
     with ProcessPoolExecutor() as pool:
         found = pool.map(partial(measure, slopes=options.slopes), COLUMNS)

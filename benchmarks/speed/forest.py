@@ -31,7 +31,7 @@ STAND = {"uniform_dbh_mean": 30.0, "uniform_dbh_std": 0.0, "uniform_conifers": 6
 AHEAD = dict.fromkeys(("turn_frontal", "turn_lateral", "turn_scratch"), [1.0, 0.0, 0.0])
 WEAK = "species,genus,factor\nconifer,,1e-9\nbroadleaf,,1e-9\n"
 MEMORY = """
-import resource, sys
+import sys
 import numpy as np
 import rockfall
 from rockfall.io.grid import Grid
@@ -48,8 +48,8 @@ case = rockfall.Case(
 z = np.zeros((side, side), "f4") + np.arange(side, dtype="f4")
 scene = read_scene(case, dem=z, transform=Grid(0.0, side * 5.0, 5.0, side, side))
 _ = scene.kernel
-stands = int(open("/proc/self/statm").read().split()[1]) * resource.getpagesize()
-print(stands, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024)
+about = dict(line.split(":") for line in open("/proc/self/status"))
+print(*(1024 * int(about[key].split()[0]) for key in ("VmRSS", "VmHWM")))
 """
 
 

@@ -9,6 +9,7 @@ _MODULES = {  # of each public name
     "RockfallError": "errors",
     "__version__": "version",
     "barrier_statistics": "protection.barriers",
+    "design": "protection.design",
     "ensemble_table": "analysis.ensemble",
     "hazard": "analysis.hazard.study",
     "import_rockyfor3d": "rockyfor3d.imported",

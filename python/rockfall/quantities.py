@@ -63,6 +63,13 @@ QUANTITIES = {
     "position": Quantity("position along the line", "m", 1, "along the line"),
     "stopping_distance": Quantity("stopping distance", "m", 1),
 }
+DESIGN = {  # of loads on a barrier; heights above the ground
+    **{name: QUANTITIES[name] for name in ("speed", "energy_total", "energy_translational")},
+    "passing_height": _of_line("passing_height", "height of the centre, vertical", 2),
+    "upper_edge": Quantity("height of the upper edge, vertical", "m", 2),
+    "normal_height": Quantity("height of the centre, normal", "m", 2),
+    "normal_upper_edge": Quantity("height of the upper edge, normal", "m", 2),
+}
 REBOUND = {  # of histograms over all rebounds
     "tangential_share": Quantity("tangential fraction of the energy", "1", 1),
     "normal_share": Quantity("normal fraction of the energy", "1", 1),

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Trees: whom they stop, what they take, and that they change nothing where nobody hits one."""
 
+import netCDF4
 import numpy as np
 import pytest
 from rasterio.transform import from_origin
@@ -212,3 +213,21 @@ def test_another_forest_needs_another_scene_file(tmp_path, key):
     file.write_text(case.replace(forest=key).text())
     done = run_program("ready/case.nml", "-o", "out.nc", "--quiet", cwd=tmp_path)
     assert done.returncode == 2 and f"&forest {next(iter(key))}: is not as" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "said"),
+    [("tree_x", np.nan, "tree_x, or tree_y,"), ("tree_y", 1e13, "tree_x, or tree_y,"),
+     ("tree_dbh", 0.0, "tree_dbh, or tree_factor,"), ("tree_dbh", np.nan, "tree_dbh, or tree_fac"),
+     ("tree_factor", -1.0, "tree_dbh, or tree_factor,"), ("tree_factor", None, "tree_factor")],
+)  # fmt: skip
+def test_a_scene_file_with_trees_that_cannot_be(tmp_path, name, value, said):
+    prepare(make_full_case(tmp_path, forest=STAND), tmp_path / "ready")
+    with netCDF4.Dataset(tmp_path / "ready/scene.nc", "a") as file:
+        if value is None:
+            file.renameVariable(name, "other")
+        else:
+            file[name][3] = value
+    done = run_program("ready/case.nml", "-o", "out.nc", "--quiet", cwd=tmp_path)
+    assert done.returncode == 2 and f"is damaged: {said}" in done.stderr
+    assert not (tmp_path / "out.nc").exists()

@@ -3,6 +3,7 @@
 
 import csv
 import importlib.util
+import shutil
 from fractions import Fraction
 from pathlib import Path
 
@@ -11,11 +12,17 @@ import numpy as np
 import pytest
 import rasterio
 
+import rockfall
+from rockfall.analysis.hazard.study import read_study, run_study
+from rockfall.io.raster import write_geotiff
 from rockfall.lab import talus
 from rockfall.lab.talus import Talus
+from rockfall.scene.plausible import implausible
+from rockfall.scene.read import read_scene
 
 CASES = Path(__file__).parents[2] / "cases"
 VAUJANY, PLANE = CASES / "vaujany", CASES / "plane"
+ROAD = CASES / "protected-road"
 RELEASE_Y = 587.5
 
 
@@ -120,3 +127,52 @@ def test_plane_closed_form_agrees_with_a_parabola_followed_in_space():
         flight = 2 * (velocity[1] + p * velocity[0]) / g  # z0 + vz t - g t^2/2 = z0 - p vx t
         x, t, velocity = x + velocity[0] * flight, t + flight, velocity - [0, g * flight]
     assert 200 < found.distance[-1] < 379  # to the end of the plane
+
+
+@pytest.fixture(scope="module")
+def protected(tmp_path_factory):
+    """The road bare, with a net and with a dam: results by the names of their cases."""
+    folder = tmp_path_factory.mktemp("road")
+    script(ROAD / "make_terrain.py").write(folder / "dem.asc")
+    results = {}
+    for name in ("road", "net", "dam"):
+        case = rockfall.read_case(shutil.copy(ROAD / f"{name}.nml", folder))
+        assert implausible(read_scene(case)) == []
+        results[name] = rockfall.run(case)
+    return results
+
+
+def test_the_road_is_reached_as_often_as_its_readme_says(protected):
+    """Within four standard deviations of one run, of the 60 of the README."""
+    for name, percent, error in (("road", 15.60, 0.08), ("net", 0.59, 0.02), ("dam", 2.04, 0.03)):
+        reached = 100 * np.isfinite(protected[name]["line_speed"].values[0]).mean()
+        assert reached == pytest.approx(percent, abs=4 * error * np.sqrt(60))
+
+
+def test_the_net_changes_nothing_above_it(protected):
+    above = [protected[name]["line_energy_translational"].values[1] for name in ("road", "net")]
+    np.testing.assert_array_equal(*above)
+    stopped = protected["net"]["barrier_outcome"].values[1] == 1
+    assert not np.isfinite(protected["net"]["line_speed"].values[0][stopped]).any()
+
+
+def test_settlement_is_what_its_readme_says(tmp_path):
+    """Two faces as sources, a gully, a flat fan; ten objects on it; its case is a hazard."""
+    folder = CASES / "settlement"
+    made = script(folder / "make_terrain.py")
+    z, zones = made.elevation(), made.zones()
+    write_geotiff(tmp_path / "dem.tif", z, made.GRID)
+    write_geotiff(tmp_path / "zones.tif", zones, made.GRID)
+    for name in "case.nml", "zones.csv", "objects.geojson":
+        shutil.copy(folder / name, tmp_path)
+    case = rockfall.read_case(tmp_path / "case.nml").replace(case={"boulders": 2})
+    study = read_study(case, tmp_path / "objects.geojson")
+    assert z.shape == (150, 110) and study.scene.x.size == 386
+    assert ((study.scene.x > 60) & (study.scene.x < 390)).all() and study.scene.y.min() > 500
+    area = 16 * study.scene.area.sum() / 1e6  # km2
+    assert study.scenarios[0].frequency == pytest.approx(400 * area) == pytest.approx(4.34, 1e-3)
+    assert study.scenarios[2].frequency == 1 / 40
+    assert len(study.objects) == 10 and {*np.unique(zones)} == {1, 2, 3, 4, 5}
+    found = run_study(study)
+    assert found.object_frequency.values[study.objects.names.index("road")] > 0.1
+    assert {*np.unique(found.hazard_class.values)} >= {0, 1, 3, 4}

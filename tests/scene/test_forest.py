@@ -272,6 +272,14 @@ def test_species_of_a_list_by_the_share_of_conifers(tmp_path):
     assert abs(share - 0.25) < 4 * np.sqrt(0.1875 / np.count_nonzero(~west))
 
 
+def test_a_share_of_conifers_in_place_of_a_percentage_is_doubted(tmp_path):
+    found = scene_of(tmp_path, MADE | {"uniform_conifers": 0.7})
+    assert any(
+        "conifers: 0.7 % at most: was it meant as a share of one?" in one for one in found.remarks
+    )
+    assert not scene_of(tmp_path, MADE).remarks
+
+
 def test_a_stand_is_described_before_it_is_run(tmp_path):
     page = preview(scene_of(tmp_path, MADE))
     trees = trees_of(tmp_path, MADE)

@@ -84,7 +84,7 @@ contains
       c = 1 + q*(c2 + q*(c4 + q*(c6 + q*(c8 + q*(c10 + q*(c12 + q*(c14 + q*c16)))))))
    end subroutine sine_cosine
 
-   !> The angle of a sine [rad], within 1e-15: by half angles to 11 degrees and less, then by its series.
+   !> The angle of a sine [rad], within 2e-15: by half angles to 11 degrees and less, then by its series.
    elemental real(wp) function arcsine(x) result(angle)
       real(wp), intent(in) :: x  !! -1..1 [-]
       real(wp) :: s, q, term

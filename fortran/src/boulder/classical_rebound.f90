@@ -15,7 +15,8 @@ module rockfall_classical_rebound
    public :: by_sets, rockyfor3d, pfeiffer_bowen, bourrier_hungr, constant, absorbing
 
    !> What a rebound follows: impact sets, that is rockfall_impact; a model of this module; or the boulder stays.
-   integer, parameter :: by_sets = 1, rockyfor3d = 2, pfeiffer_bowen = 3, bourrier_hungr = 4, constant = 5, absorbing = 6
+   integer, parameter :: by_sets = 1, rockyfor3d = 2, pfeiffer_bowen = 3, bourrier_hungr = 4, constant = 5, &
+                         absorbing = 6
 
    !> Rockyfor3D marks with such an obstacle what no boulder leaves, such as a lake [m].
    real(wp), parameter :: absorbing_obstacle = 100.0_wp
@@ -176,8 +177,8 @@ contains
       end select
    end function restored
 
-   !> As Rockyfor3D (Dorren 2016): obstacles MOH and the penetration D_p slow the boulder, of radius R, along the ground,
-   !> R_t = 1/(1 + (MOH + D_p)/R).
+   !> As Rockyfor3D (Dorren 2016): obstacles MOH and the penetration D_p slow the boulder, of radius R, along the
+   !> ground, R_t = 1/(1 + (MOH + D_p)/R).
    pure function obstacle_rebound(boulder, inertia, height, soil_density, r_n, v_in) result(v)
       type(boulder_t), intent(in) :: boulder
       real(wp), intent(in) :: inertia       !! I/(m R**2) [-]
@@ -248,9 +249,9 @@ contains
       slowed_normal = -v_n*r_n/(1 + (v_n/normal_speed)*(v_n/normal_speed))
    end function slowed_normal
 
-   !> Bourrier and Hungr (2011): R_n = v_half/(|V_n| + v_half); the point of contact sticks, and the boulder rolls, where
-   !> friction suffices, |R_t (V_t - W)| 2/7 (of a sphere) < tan(phi) (1 + R_n) |V_n|; else it slides, and friction slows
-   !> V_t and turns the boulder. Both meet where they part, as impulse and angular momentum ask.
+   !> Bourrier and Hungr (2011): R_n = v_half/(|V_n| + v_half); the point of contact sticks, and the boulder rolls,
+   !> where friction suffices, |R_t (V_t - W)| 2/7 (of a sphere) < tan(phi) (1 + R_n) |V_n|; else it slides, and
+   !> friction slows V_t and turns the boulder. Both meet where they part, as impulse and angular momentum ask.
    pure function sliding_rebound(v_half, r_t, friction, inertia, v_in) result(v)
       real(wp), intent(in) :: v_half    !! [m/s]
       real(wp), intent(in) :: r_t       !! [-]

@@ -15,7 +15,7 @@ module rockfall_f2py
    use rockfall_boulder, only: first_of, last_of, source_of, inertia_factor
    use rockfall_shape, only: shape_volume, shape_inertia, shapes
    use rockfall_surface, only: size_weights
-   use rockfall_barrier, only: barrier_outcome
+   use rockfall_barrier, only: barrier_outcome, ead_energy
    use rockfall_impact, only: ratio_weights, ratio_class, is_admissible, limit_rebound, max_draws, min_normal
    use rockfall_trajectory, only: scene_t, boulder_result_t, crossing_t, scratch_t, left_window
    use rockfall_scene, only: scene_arrays_t, scene_from, check_sources, boulders_of, largest_volumes
@@ -46,8 +46,7 @@ module rockfall_f2py
    public :: boulders_of_source, sources_of_boulders, weights_of_sets, weights_of_sizes, ratio_classes
    public :: stand_counts, stand_numbers, shape_numbers
    public :: admissible_rebounds, limit_rebounds, size_to_radius, constant, share, fraction_limits
-   public :: ground_parameter, ground_model
-   public :: barriers, barrier_outcomes
+   public :: ground_parameter, ground_model, barriers, barrier_outcomes, ead_energies
 
    !> What a handle stands for.
    type :: open_scene_t
@@ -612,6 +611,13 @@ contains
 
       outcome = int(barrier_outcome(height, capacity, passing_height, energy), c_int8_t)
    end subroutine barrier_outcomes
+
+   !> Energies that barriers of the classes of EAD 340059 take, from class 0 [J].
+   subroutine ead_energies(energy)
+      real(c_double), intent(out) :: energy(8)
+
+      energy = ead_energy
+   end subroutine ead_energies
 
    !> Row k of the table of keys: group|key|kind|most|default|allowed|unit|meaning|file; blank past the end.
    subroutine case_key(k, text)

@@ -3,7 +3,7 @@
 program test_math
    use, intrinsic :: iso_fortran_env, only: real128
    use rockfall_kinds, only: wp
-   use rockfall_math, only: pi, degree, logarithm, exponential, cube_root, sine_cosine, squared_sine
+   use rockfall_math, only: pi, degree, logarithm, exponential, cube_root, sine_cosine, squared_sine, arcsine
    use check_m, only: check, check_close, finish
    implicit none
 
@@ -14,6 +14,7 @@ program test_math
    call test_cube_root()
    call test_sine_cosine()
    call test_squared_sine()
+   call test_arcsine()
    call finish()
 
 contains
@@ -30,6 +31,19 @@ contains
       call check_close("pi", pi, acos(-1.0_wp), 0.0_wp)
       call check_close("180 degrees", 180*degree, pi, 2.0e-16_wp)
    end subroutine test_constants
+
+   subroutine test_arcsine()
+      real(wp) :: x, far
+      integer :: k
+
+      far = 0
+      do k = -100000, 100000
+         x = k/100000.0_wp
+         far = max(far, real(abs(arcsine(x) - asin(real(x, real128))), wp))
+      end do
+      call check("arcsine within 2e-15 rad", far < 2.0e-15_wp)
+      call check_close("all beyond is vertical", arcsine(1 + 1.0e-9_wp), pi/2, 3.0e-16_wp)
+   end subroutine test_arcsine
 
    subroutine test_logarithm()
       real(wp) :: x, worst, step

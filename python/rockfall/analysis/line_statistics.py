@@ -46,7 +46,8 @@ def line_statistics(result: xr.Dataset) -> pd.DataFrame:
     the line from its first vertex a boulder crossed [m]: its std is the lateral spread.
 
     Boulders of &case sampling = 'sobol' are spread more evenly than random ones, and the intervals
-    do not know it: they are those of as many random boulders, and too wide (docs/benchmarks.md).
+    do not know it: they are those of as many random boulders, and too wide
+    (docs/validation/benchmarks.md).
     """
     import pandas as pd
 

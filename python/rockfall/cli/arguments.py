@@ -150,9 +150,40 @@ def _add_results(commands: _Commands) -> None:
     figures.add_argument("--format", default="png", help="png (default), pdf or svg")
     report = result("report", "write a result as one HTML page, to be read offline")
     report.add_argument("-o", "--output", metavar="FILE", type=Path, help="default: OUT.html")
+    _add_design(commands)
     for one in figures, report:
         one.add_argument("--dem", metavar="FILE", type=Path, help="default: the case's, if found")
         one.add_argument("--observed", metavar="CSV", type=Path, nargs="+", help="drawn beside it")
+
+
+def _add_design(commands: _Commands) -> None:
+    about = "what barriers at the lines of results must be, and whether theirs are that"
+    sheet = _add(commands, "protection", "design", about)
+    sheet.add_argument("results", metavar="OUT.nc", type=Path, nargs="+")
+    sheet.add_argument("-o", "--output", metavar="DIR", type=Path, help="for tables and figures")
+    for key, default, does in (
+        ("standard", "UNI", "UNI (11211-4) or ONR (24810)"),
+        ("survey", "poor", "of the topography: good or poor"),
+        ("blocks", "poor", "survey of the blocks: good or poor"),
+        ("calibration", "literature", "of the rebound: back-analysed or literature"),
+        ("limit-state", "MEL", "MEL: one large impact; SEL: several"),
+        ("consequence", "CC2", "of a failure, for ONR: CC1, CC2 or CC3"),
+    ):
+        about = f"{does}; default: {default}"
+        sheet.add_argument(f"--{key}", metavar=key.upper().replace("-", "_"), help=about)
+    about = "that may pass, of the boulders that come; default: 0.01"
+    sheet.add_argument("--residual", metavar="FRACTION", type=float, help=about)
+    about = "of the design block; default: a quantile of those that come"
+    sheet.add_argument("--volume", metavar="M3", type=float, help=about)
+    sheet.add_argument("--along", metavar="LINE", help="its height and class, metre by metre")
+    about = "of windows along the line; default: 10"
+    sheet.add_argument("--width", metavar="M", type=float, help=about)
+    about = "boulders that a window needs; default: 50"
+    sheet.add_argument("--least", metavar="N", type=int, help=about)
+    about = "standard, factor, condition, value, source; default: the shipped table"
+    sheet.add_argument("--factors", metavar="CSV", type=Path, help=about)
+    about = "class, height, cost of a metre; default: class energy times height"
+    sheet.add_argument("--costs", metavar="CSV", type=Path, help=about)
 
 
 def _add_lab(commands: _Commands) -> None:

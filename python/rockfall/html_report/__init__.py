@@ -24,6 +24,7 @@ from rockfall.html_report.intervals import rows_of
 from rockfall.html_report.maps import data_uri, map_section
 from rockfall.html_report.summary import summary
 from rockfall.html_report.tables import (
+    design_tables,
     ground_table,
     level_table,
     line_tables,
@@ -35,9 +36,11 @@ from rockfall.io.files import atomic_write
 from rockfall.io.output_files import PAGE, SIGNATURE, check_output
 from rockfall.plots.figures import figures
 from rockfall.plots.style import save
+from rockfall.protection.design import design
 from rockfall.quantities import count
 from rockfall.result.flat_maps import flat_maps
 from rockfall.text.comparison import text
+from rockfall.text.design import factor_lines
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -89,6 +92,7 @@ def report(result: xr.Dataset, terrain: Terrain | None = None, observed: Any = N
     """
     result = flat_maps(result)
     rows, levels = rows_of(result), return_levels(result)
+    sheet = design(result) if rows else None
     zoomed = {f"map_{name}" for name in result.data_vars}
     shown = [one for one in figures(result, terrain, observed) if one.name not in zoomed]
     return _rendered(
@@ -99,6 +103,8 @@ def report(result: xr.Dataset, terrain: Terrain | None = None, observed: Any = N
         cautions=cautions(result, rows, levels),
         map_section=map_section(result, terrain),
         lines=[*line_tables(rows), level_table(levels)] if rows else [],
+        design=list(design_tables(sheet)) if sheet else [],
+        factors=list(factor_lines(sheet)) if sheet else [],
         grounds=[ground_table(result)] if "rebounds_by_ground" in result else [],
         has_clusters=sources(result).max() > 0,
         convergence=list(_convergence(result, rows)),

@@ -16,12 +16,14 @@ from rockfall.html_report.convergence import NUMBERS, TARGETS, needed
 from rockfall.html_report.intervals import STATISTICS, in_unit, interval
 from rockfall.quantities import QUANTITIES, number, percent
 from rockfall.result.grounds import rebounds_by_ground
+from rockfall.text.design import CHECKED, check_row, demand_rows, load_rows
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
     from rockfall.html_report.intervals import Numbers, Row, Rows
+    from rockfall.protection.design import Design
 
 
 class Table(NamedTuple):
@@ -97,6 +99,22 @@ def precision_table(line: str, numbers: Numbers, boulders: int) -> Table:
     targets = (f"boulders for ± {100 * target:g} %" for target in TARGETS)
     caption = f"{line}: half widths of the 95 % confidence intervals"
     return Table(caption, ("", "now", "half width", *targets), shown)
+
+
+def design_tables(found: Design) -> Iterator[Table]:
+    """What a standard asks of a barrier at each line, and whether the barriers are that."""
+    standard = found.factors.conditions.standard
+    for asked in found.demand.to_dict("records"):
+        if asked["n"]:
+            loads = found.loads[found.loads["line"] == asked["line"]].to_dict("records")
+            head, *rows = load_rows(loads)
+            _, *design = demand_rows(asked, standard)
+            rows += [[name, value, "", ""] for name, value in design]
+            about = f"{asked['line']}: loads on a barrier, and design values of {standard}"
+            yield Table(about, head, rows)
+    if len(found.checks):
+        rows = [check_row(row) for row in found.checks.to_dict("records")]
+        yield Table(f"Barriers beside what {standard} asks", CHECKED, rows)
 
 
 def provenance(result: xr.Dataset) -> dict[str, Any]:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 FEW = 100  # boulders at a line, below which its upper quantiles are hardly known
 FEW_IN_CELL = 30  # boulders through a cell, below which its numbers are mostly Monte Carlo error
-ORIGIN = {  # of the shipped impact sets: docs/lab.md
+ORIGIN = {  # of the shipped impact sets: docs/validation/lab.md
     "rocky-slope": "comes from simulated impacts of spheres on layers of spheres, whose contact "
     "parameters were calibrated to numbers printed for one site, on a terrain rebuilt from its "
     "description",

@@ -26,6 +26,7 @@ FIGURE, MAP, LAYERS, PAGE = "a figure", "a map", "layers of a result", "a report
 ENSEMBLE_TABLE, STUDY = "the table of an ensemble", "a study of convergence"
 LINE_TABLE, LEVEL_TABLE = "a table of line statistics", "a table of return levels"
 COMPARISON, SETS, JOB = "a comparison", "impact sets of the laboratory", "a Slurm job"
+DESIGN, FACTORS = "a table of a design", "a table of partial factors"
 BOULDER_TABLE, CROSSINGS = "a table of boulders", "a table of crossings"
 
 SIGNATURE = "rockfall"  # the software that a figure, a map and a layer of ours name
@@ -38,6 +39,8 @@ SIGNS = (  # how a file of ours begins, what else its head holds, and what it is
     (b"table,line,quantity,", b"", COMPARISON),
     (b"table,distance,observed,", b"", COMPARISON),
     (b"table,x,y,reach_probability", b"", COMPARISON),
+    (b"result,line,", b"", DESIGN),
+    (b"standard,factor,", b"", FACTORS),
     (b"boulder,volume,", b"", BOULDER_TABLE),
     (b"boulder,x,y,time,", b"", CROSSINGS),
     (b"object,geometry,frequency,", b"", OBJECT_TABLE),

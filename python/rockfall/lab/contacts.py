@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Impact sets from contacts that were measured in the field or on a rig: docs/lab.md."""
+"""Impact sets from contacts that were measured in the field or on a rig: docs/validation/lab.md."""
 
 from __future__ import annotations
 

@@ -75,7 +75,7 @@ def colours_of(data: xr.DataArray) -> dict[int, str]:
 
 
 def _put_maps(found: xr.Dataset, folder: Path) -> Iterator[Path]:
-    for name, data in flat_maps(found).data_vars.items():
+    for name, data in flat_maps(found.set_coords("crs")).data_vars.items():
         if data.dims != PLAN:
             continue
         path = folder / f"{name}.tif"

@@ -95,6 +95,11 @@ def conifer_shares(scene: Scene, cells: Cells, rasters: dict[str, Any]) -> np.nd
     """Of conifers among the stems of cells, 0 to 1."""
     percent = _at_trees(scene, "conifers", cells, rasters)
     _check(scene, "conifers", percent, (percent >= 0) & (percent <= 100))
+    if 0 < percent.max() <= 1:
+        scene.remarks.append(
+            f"{scene.case.name}: &forest conifers: {percent.max():g} % at most: was it meant as a "
+            "share of one?"
+        )
     return percent / 100
 
 

@@ -1,0 +1,55 @@
+"""Makes `dem.asc`: a talus slope below a cliff, with a gully, and a road at its foot.
+
+120 x 180 cells of 2 m. From the north: 20 m of cliff at 60 degrees, a slope that flattens from 38
+to 29 degrees, the road (a level bench 8 m wide), and a meadow of 12 degrees. The gully is up to
+3 m deep and ends above the road. The relief has a standard deviation of 0.2 m and is correlated
+over some 5 m; its seed is fixed. The slope lies at no real place.
+"""
+
+from pathlib import Path
+
+import numpy as np
+from scipy.ndimage import gaussian_filter
+
+NX, NY, CELL = 120, 180, 2.0
+CLIFF, FOOT, ROAD, END = 20.0, 260.0, 268.0, 360.0  # distances from the northern edge [m]
+BOTTOM = 500.0  # elevation of the southern edge [m]
+GULLY, DEPTH, WIDE = 130.0, 3.0, 12.0  # x of its axis, depth and half width [m]
+RELIEF, SMOOTH, SEED = 0.20, 1.5, 11  # [m], [cells], of the random relief
+
+
+def profile(south: np.ndarray) -> np.ndarray:
+    """Elevation [m] over the northern edge's foot, at distances from that edge [m]."""
+    step = np.linspace(0.0, END, 3601)
+    angle = np.select(
+        [step < CLIFF, step < FOOT, step < ROAD],
+        [60.0, 38.0 - 9.0 * (step - CLIFF) / (FOOT - CLIFF), 0.0],
+        12.0,
+    )
+    fall = np.concatenate([[0.0], np.cumsum(np.tan(np.radians(angle[:-1])) * np.diff(step))])
+    return BOTTOM + fall[-1] - np.interp(south, step, fall)
+
+
+def elevation() -> np.ndarray:
+    """Elevations (NY, NX), row 0 the northernmost."""
+    south = (np.arange(NY)[:, None] + 0.5) * CELL
+    east = (np.arange(NX) + 0.5) * CELL
+    along = np.clip((south - CLIFF) / 40.0, 0.0, 1.0) * np.clip(
+        (FOOT - 20.0 - south) / 60.0, 0.0, 1.0
+    )
+    gully = -DEPTH * along * np.maximum(0.0, 1.0 - ((east - GULLY) / WIDE) ** 2)
+    rough = gaussian_filter(np.random.default_rng(SEED).normal(size=(NY, NX)), SMOOTH)
+    rough *= RELIEF / rough.std()
+    on_slope = (south > CLIFF) & (south < FOOT - 4.0)
+    return profile(south) + gully + np.where(on_slope, rough, 0.0)
+
+
+def write(path: Path) -> None:
+    """An ESRI ASCII grid, in centimetres."""
+    size = f"ncols {NX}\nnrows {NY}\nxllcorner 0\nyllcorner 0\ncellsize {CELL:g}\n"
+    rows = (" ".join(f"{z:.2f}" for z in row) + "\n" for row in elevation())
+    path.write_text(f"{size}NODATA_value -9999\n{''.join(rows)}")
+
+
+if __name__ == "__main__":
+    write(Path(__file__).with_name("dem.asc"))

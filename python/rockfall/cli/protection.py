@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What protects, of results: the design sheet."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping
+from dataclasses import fields
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rockfall.case_files import files_behind
+from rockfall.cli.messages import DONE
+from rockfall.errors import RockfallError, need
+from rockfall.io.output_files import (
+    DESIGN,
+    FACTORS,
+    FIGURE,
+    atomic_folder,
+    check_folder,
+    check_outputs,
+)
+from rockfall.io.tables import write_csv
+from rockfall.plots.design_figures import along_figure
+from rockfall.plots.style import save
+from rockfall.protection.design import Design, design
+from rockfall.protection.factors import COLUMNS, DECIDES, Conditions
+from rockfall.result.dataset import read_result
+from rockfall.text.design import design_text
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+TABLES = ("loads", "demand", "checks", "choices", "along")
+OPTIONS = ("along", "width", "least", "residual", "volume", "factors", "costs")
+
+
+def design_command(arguments: argparse.Namespace) -> int:
+    folder, paths = arguments.output, [str(path) for path in arguments.results]
+    if folder:
+        check_folder(folder)
+        if arguments.along:
+            need("figures need", "report", "matplotlib")
+    keys = [*OPTIONS, *(field.name for field in fields(Conditions))]
+    given = {key: getattr(arguments, key) for key in keys}
+    given = {key: value for key, value in given.items() if value is not None}
+    results, found = {}, {}
+    for path in paths:
+        if path in found:
+            raise RockfallError(f"{path}: is given twice")
+        results[path] = read_result(path)
+        try:
+            found[path] = design(results[path], **given)
+        except RockfallError as error:
+            raise RockfallError(f"{path}: {error}", error.code) from error
+    for path, one in found.items():
+        print(*([f"{path}\n"] if len(found) > 1 else []), design_text(one), "", sep="\n")
+    if folder:
+        print(*write_design(found, folder, results), sep="\n")
+    return DONE
+
+
+def design_files(found: Mapping[str, Design]) -> dict[str, str]:
+    """Names of what `write_design` writes, and their kinds."""
+    along = any(one.along is not None for one in found.values())
+    files = {f"design_{name}.csv": DESIGN for name in TABLES if along or name != "along"}
+    files["design_factors.csv"] = FACTORS
+    if along:
+        files |= {f"design_along{k}.png": FIGURE for k in numbered(found)}
+    return files
+
+
+def numbered(found: Mapping[str, Design]) -> list[str]:
+    """A word for the file of each result: none if there is but one."""
+    return [""] if len(found) == 1 else [f"_{k}" for k in range(1, len(found) + 1)]
+
+
+def write_design(
+    found: Mapping[str, Design], folder: Path, results: Mapping[str, xr.Dataset]
+) -> list[Path]:
+    """Write the tables of designs, by the names of their results, and the figures along lines;
+    all of them or none."""
+    inputs = [Path(name) for name in found]
+    inputs += [path for one in results.values() for path in files_behind(one)]
+    files = design_files(found)
+    check_outputs({folder / name: kind for name, kind in files.items()}, inputs)
+    with atomic_folder(folder, inputs) as part:
+        for name in TABLES:
+            if f"design_{name}.csv" in files:
+                write_csv(_joined(found, name), part / f"design_{name}.csv")
+        write_csv(_factor_table(next(iter(found.values()))), part / "design_factors.csv")
+        if "design_along.csv" in files:
+            for word, one in zip(numbered(found), found.values(), strict=True):
+                save(along_figure(one), part / f"design_along{word}.png")
+    return [folder / name for name in files]
+
+
+def _joined(found: Mapping[str, Design], name: str) -> pd.DataFrame:
+    """A table of all results, that of a row in its first column."""
+    import pandas as pd
+
+    tables = []
+    for result, one in found.items():
+        table = getattr(one, name).copy()
+        table.insert(0, "result", result)
+        tables.append(table)
+    return pd.concat(tables, ignore_index=True)
+
+
+def _factor_table(found: Design) -> pd.DataFrame:
+    """Factors with their sources, as `--factors` reads them."""
+    import pandas as pd
+
+    conditions = found.factors.conditions
+    rows = [
+        (conditions.standard, name, getattr(conditions, DECIDES.get(name, ""), ""), value,
+         found.factors.sources[name])
+        for name, value in found.factors.values.items()
+    ]  # fmt: skip
+    return pd.DataFrame(rows, columns=COLUMNS)

@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The boulders that come to a line, as a barrier there would meet them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from rockfall.analysis.line_statistics import between_ranks, effective_number, line_values, sources
+from rockfall.limits import barrier_outcomes
+from rockfall.result.variables import OUTCOME
+from rockfall.scene.rebound import sphere_radius
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+class Crossings(NamedTuple):
+    """Of each boulder that crossed a line: its source and volume [m3], where along the line [m],
+    speed [m/s], energies [J], heights above the ground [m]."""
+
+    source: np.ndarray
+    volume: np.ndarray
+    position: np.ndarray
+    speed: np.ndarray
+    energy_total: np.ndarray
+    energy_translational: np.ndarray
+    passing_height: np.ndarray  # of the centre, vertical: that of &barrier
+    upper_edge: np.ndarray  # of the highest point, vertical
+    normal_height: np.ndarray  # of the centre, normal to the slope
+    normal_upper_edge: np.ndarray
+
+    @property
+    def n(self) -> int:
+        return self.source.size
+
+    def where(self, chosen: np.ndarray) -> Crossings:
+        return Crossings(*(values[chosen] for values in self))
+
+
+def crossings(result: xr.Dataset, line: int) -> Crossings:
+    """Those at the line of this index.
+
+    A boulder that touches the ground has its centre R / cos(slope) above it, vertically, and R
+    normal to it; so has one that flies, above the place of its jump height.
+    """
+    came = ~np.isnan(result["line_speed"].values[line])
+
+    def at_line(quantity: str) -> np.ndarray:
+        return line_values(result, quantity, line)[came]
+
+    volume = result["volume"].values[came]
+    radius = sphere_radius(volume)
+    jump, passing = at_line("jump_height"), at_line("passing_height")
+    cosine = np.minimum(1.0, radius / (passing - jump))
+    normal = jump * cosine + radius
+    return Crossings(
+        sources(result)[came], volume, at_line("position"), at_line("speed"),
+        at_line("energy_total"), at_line("energy_translational"),
+        passing, passing + radius, normal, normal + radius,
+    )  # fmt: skip
+
+
+def quantile(values: np.ndarray, level: float, source: np.ndarray) -> tuple[float, float, float]:
+    """A quantile and the limits of its 95 % interval, as line statistics have them; NaN of none."""
+    if not values.size:
+        return np.nan, np.nan, np.nan
+    ordered = np.sort(values)
+    value = float(np.quantile(ordered, level))
+    effective = effective_number((values <= value).astype(float), source)
+    low, high = between_ranks(ordered, level, effective)
+    return value, float(low), float(high)
+
+
+def passes(came: Crossings, height: float, capacity: float) -> np.ndarray:
+    """Which boulders a barrier of this height [m] and capacity [J] lets pass, over it or through
+    it, when they first come to it: the kernel's own rule."""
+    if not came.n:
+        return np.zeros(0, bool)
+    outcome = barrier_outcomes(height, capacity, came.passing_height, came.energy_total)
+    return outcome != OUTCOME["stopped"]

@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What the standards ask of a barrier where these boulders pass: energy, height, EAD class."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rockfall.limits import EAD_ENERGY
+from rockfall.protection.crossings import Crossings, quantile
+from rockfall.protection.factors import Factors
+from rockfall.scene.rebound import sphere_radius
+
+ENDS = "", "_low", "_high"
+ABOVE = len(EAD_ENERGY)  # the class of barriers whose maker declares a higher energy
+
+Row = dict[str, float]
+
+
+def demand(came: Crossings, factors: Factors, density: float, volume: float | None = None) -> Row:
+    """Design values, in SI units: v_d, m_d, E_d, h_d (of the centre, vertical, and normal to the
+    slope), with the limits of their 95 % intervals; `height_needed` = h_d + f_min, and the EAD
+    class that takes E_d. `volume` [m3] is that of the design block; none: a quantile of those that
+    come.
+    """
+    if volume is None:
+        volume = quantile(came.volume, factors["quantile_volume"], came.source)[0]
+    values = _uni if factors.conditions.standard == "UNI" else _onr
+    row = {"n": came.n, "volume": volume} | values(came, factors, density, volume)
+    free = max(factors["free_border"], float(sphere_radius(np.array(volume))))
+    row["f_min"] = free if came.n else np.nan
+    for name in "height_needed", "normal_height_needed":
+        for end in ENDS:
+            row[f"{name}{end}"] = row[f"{name.replace('height_needed', 'h_d')}{end}"] + free
+    row["ead_class"] = class_for(row["E_d"], factors)
+    return row
+
+
+def class_for(energy: float, factors: Factors) -> float:
+    """The lowest EAD class that takes a design energy [J]; ABOVE where no other does, NaN where the
+    energy is not known. Kits of class 0 are not tested at a SEL."""
+    first = 1 if factors.conditions.limit_state == "SEL" else 0
+    enough = [k for k in range(first, ABOVE) if energy < usable(EAD_ENERGY[k], factors)]
+    return np.nan if np.isnan(energy) else enough[0] if enough else ABOVE
+
+
+def usable(capacity: float, factors: Factors) -> float:
+    """What a barrier of this capacity (MEL) [J] may be asked to take."""
+    return capacity * factors["energy_share"] / factors["gamma_E"]
+
+
+def _uni(came: Crossings, factors: Factors, density: float, volume: float) -> Row:
+    """UNI 11211-4: v_d = v_k gamma_tr gamma_dp; m_d = V density gamma_vol gamma_gamma;
+    E_d = m_d v_d^2 / 2; h_d = h_k gamma_tr gamma_dp."""
+    path = factors["gamma_tr"] * factors["gamma_dp"]
+    mass = volume * density * factors["gamma_vol"] * factors["gamma_gamma"]
+    speed = _scaled(came, "speed", factors["quantile_speed"], path)
+    row = {"m_d": mass} | _named("v_d", speed)
+    row |= _named("E_d", [mass * one**2 / 2 for one in speed])
+    return row | _heights(came, factors["quantile_height"], path)
+
+
+def _onr(came: Crossings, factors: Factors, density: float, volume: float) -> Row:
+    """ONR 24810: E_d = E_k gamma_F_energy, of the total energy; h_d = h_k gamma_F_height."""
+    energy = _scaled(came, "energy_total", factors["quantile_energy"], factors["gamma_F_energy"])
+    speed = _scaled(came, "speed", factors["quantile_speed"], 1.0)
+    row = {"m_d": volume * density} | _named("v_d", speed) | _named("E_d", energy)
+    return row | _heights(came, factors["quantile_height"], factors["gamma_F_height"])
+
+
+def _heights(came: Crossings, level: float, factor: float) -> Row:
+    row = _named("h_d", _scaled(came, "passing_height", level, factor))
+    return row | _named("normal_h_d", _scaled(came, "normal_height", level, factor))
+
+
+def _scaled(came: Crossings, quantity: str, level: float, factor: float) -> list[float]:
+    """A quantile and its limits, times a factor."""
+    return [factor * one for one in quantile(getattr(came, quantity), level, came.source)]
+
+
+def _named(name: str, values: list[float]) -> Row:
+    return {f"{name}{end}": value for end, value in zip(ENDS, values, strict=True)}

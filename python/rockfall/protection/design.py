@@ -1,0 +1,197 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The design sheet of a result: loads at its lines, what standards ask, whether its barriers do."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rockfall.analysis.line_statistics import sample_numbers, with_limits
+from rockfall.analysis.return_levels import LEVELS, tail
+from rockfall.case import case_of
+from rockfall.errors import RockfallError
+from rockfall.protection.barriers import barriers_of
+from rockfall.protection.crossings import Crossings, crossings
+from rockfall.protection.demand import ENDS, demand, usable
+from rockfall.protection.factors import Conditions, Factors, read_factors
+from rockfall.protection.selection import choices, read_costs, residual_of
+from rockfall.result.trajectories import flags_of, lines
+from rockfall.terrain.polyline import lengths
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+LOADS = (
+    "speed", "energy_total", "energy_translational",
+    "passing_height", "upper_edge", "normal_height", "normal_upper_edge",
+)  # fmt: skip
+DESIGN = ("v_d", "E_d", "h_d", "normal_h_d", "height_needed", "normal_height_needed")
+_WITH_LIMITS = [name + end for name in DESIGN for end in ENDS]
+_LOADS = ["line", "n", "quantity", *with_limits("q95"), *with_limits("q99")]
+_LOADS += [name for N in LEVELS for name in with_limits(f"level_{N}")]
+_DEMAND = ["n", "volume", "m_d", *_WITH_LIMITS, "f_min", "ead_class"]
+_CHECKS = [
+    "line", "n", "height", "capacity", "height_needed", "height_holds", "E_d", "energy_allowed",
+    "energy_holds", "holds", "over", "through", *with_limits("residual"),
+]  # fmt: skip
+_CHOICES = ["line", "n", "ead_class", "capacity", "height", *with_limits("residual")]
+_CHOICES += ["cost", "cheapest"]
+_ALONG = ["line", "start", "end", *_DEMAND]
+
+
+@dataclass(frozen=True)
+class Design:
+    """Tables of a design, in SI units; intervals are 95 % confidence intervals.
+
+    `loads`: a row for each line and quantity; `demand`: what the standard asks at each line;
+    `checks`: of each barrier; `choices`: for each line and EAD class the height that leaves at most
+    `residual`; `along`: as `demand`, for windows of a line; None unless asked for.
+    """
+
+    factors: Factors
+    residual: float
+    loads: pd.DataFrame
+    demand: pd.DataFrame
+    checks: pd.DataFrame
+    choices: pd.DataFrame
+    along: pd.DataFrame | None
+
+
+def design(
+    result: xr.Dataset,
+    *,
+    along: str | None = None,
+    width: float = 10.0,
+    least: int = 50,
+    residual: float = 0.01,
+    volume: float | None = None,
+    factors: str | Path | None = None,
+    costs: str | Path | None = None,
+    **conditions: str,
+) -> Design:
+    """What a barrier on each line of a result must be, and whether its barriers are that.
+
+    `along` names a line to be cut into windows of `width` [m]; one to which fewer than `least`
+    boulders come is blank. `residual` is the fraction of the boulders that may pass, `volume` [m3]
+    the design block, `factors` and `costs` are tables in place of the shipped ones, and
+    `conditions` are those of `rockfall.protection.factors.Conditions`.
+    """
+    _check(result, along, width, least, residual, volume)
+    known = read_factors(_conditions(conditions), factors)
+    prices = read_costs(costs) if costs is not None else None
+    how = known, case_of(result).boulder["density"], volume
+    came = {str(name): crossings(result, k) for k, name in enumerate(result["line"].values)}
+    asked = [{"line": name} | demand(one, *how) for name, one in came.items()]
+    barriers = [_check_of(result, k, asked[k], known) for k in barriers_of(result)]
+    chosen = [
+        {"line": name, "n": one.n} | row
+        for name, one in came.items()
+        for row in choices(one, residual, prices)
+    ]
+    windows = None
+    if along is not None:
+        parts = _windows(came[along], _length(result, along), width, least, *how)
+        windows = _table([{"line": along} | one for one in parts], _ALONG)
+    loads = [row for name, one in came.items() for row in _loads(name, one)]
+    return Design(
+        known,
+        residual,
+        loads=_table(loads, _LOADS),
+        demand=_table(asked, ["line", *_DEMAND]),
+        checks=_table(barriers, _CHECKS),
+        choices=_table(chosen, _CHOICES),
+        along=windows,
+    )
+
+
+def _table(rows: list[dict[str, Any]], columns: list[str]) -> pd.DataFrame:
+    import pandas as pd
+
+    return pd.DataFrame(rows, columns=columns)
+
+
+def _conditions(given: dict[str, str]) -> Conditions:
+    unknown = given.keys() - Conditions.__dataclass_fields__.keys()
+    if unknown:
+        raise TypeError(f"design() has no option {sorted(unknown)[0]!r}")
+    return Conditions(**given)
+
+
+def _check(
+    result: xr.Dataset,
+    along: str | None,
+    width: float,
+    least: int,
+    residual: float,
+    volume: float | None,
+) -> None:
+    names = [str(name) for name in result["line"].values] if "line" in result else []
+    if not names:
+        raise RockfallError("design: the result has no evaluation lines and no barriers")
+    if not result.sizes["boulder"]:
+        raise RockfallError("design: the result has no boulders")
+    if along is not None and along not in names:
+        raise RockfallError(f"along = '{along}': no such line; lines: {', '.join(names)}")
+    if not 0 <= residual < 1:
+        raise RockfallError(f"residual = {residual}: must be >= 0 and < 1")
+    if not 0 < width < np.inf:
+        raise RockfallError(f"width = {width}: must be > 0 m")
+    if least < 1:
+        raise RockfallError(f"least = {least}: must be >= 1")
+    if volume is not None and not 0 < volume < np.inf:
+        raise RockfallError(f"volume = {volume}: must be > 0 m3")
+
+
+def _loads(line: str, came: Crossings) -> Iterator[dict[str, Any]]:
+    """Quantiles and return levels of what comes to a line."""
+    for quantity in LOADS:
+        row: dict[str, Any] = {"line": line, "n": came.n, "quantity": quantity}
+        values = getattr(came, quantity)
+        if came.n:
+            row |= sample_numbers(values, came.source)
+            for N, level in tail(values, came.source).levels.items():
+                row |= zip(with_limits(f"level_{N}"), level[:3], strict=True)
+        yield row
+
+
+def _check_of(
+    result: xr.Dataset, k: int, asked: dict[str, Any], factors: Factors
+) -> dict[str, Any]:
+    """Whether a barrier is what the standard asks, and what it let pass in the run."""
+    came = crossings(result, k)
+    height, capacity = (float(result[f"barrier_{name}"][k]) for name in ("height", "capacity"))
+    outcome, flags = result["barrier_outcome"].values[k], flags_of(result["barrier_outcome"])
+    allowed = usable(capacity, factors)
+    holds = height >= asked["height_needed"], asked["E_d"] < allowed
+    left = zip(with_limits("residual"), residual_of(came, height, capacity), strict=True)
+    return {
+        "line": asked["line"], "n": came.n, "height": height,
+        "capacity": capacity, "height_needed": asked["height_needed"], "height_holds": holds[0],
+        "E_d": asked["E_d"], "energy_allowed": allowed, "energy_holds": holds[1],
+        "holds": all(holds), "over": int((outcome == flags["passed_over"]).sum()),
+        "through": int((outcome == flags["broken_through"]).sum()), **dict(left),
+    }  # fmt: skip
+
+
+def _length(result: xr.Dataset, line: str) -> float:
+    """Of a line [m]."""
+    x, y = next((x, y) for name, x, y in lines(result) if name == line)
+    return float(lengths(x + 1j * y)[-1])
+
+
+def _windows(
+    came: Crossings, length: float, width: float, least: int, *how: Any
+) -> Iterator[dict[str, float]]:
+    """What the standard asks of each window along a line [m]; blank where few boulders come."""
+    number = max(1, int(np.ceil(length / width)))
+    window = np.minimum((came.position / width).astype(int), number - 1)
+    for k in range(number):
+        here = came.where(window == k)
+        row: dict[str, float] = {"start": k * width, "end": min((k + 1) * width, length)}
+        row |= demand(here, *how) if here.n >= least else {"n": here.n}
+        yield row

@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Partial factors of the standards: a table that is shipped, says where it has its numbers from,
+and may be replaced."""
+
+from __future__ import annotations
+
+import importlib.resources
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+from rockfall.errors import RockfallError
+from rockfall.io.tables import check_columns, read_table
+
+COLUMNS = ["standard", "factor", "condition", "value", "source"]
+UNCONFIRMED = "unconfirmed"  # in a source
+
+#: What decides on the row of a factor; those not named here have one row.
+DECIDES = {
+    "gamma_dp": "survey",
+    "gamma_vol": "blocks",
+    "gamma_tr": "calibration",
+    "gamma_E": "limit_state",
+    "energy_share": "limit_state",
+    "gamma_F_energy": "consequence",
+    "gamma_F_height": "consequence",
+}
+COMMON = ["quantile_speed", "quantile_height", "quantile_volume"]
+COMMON += ["gamma_E", "energy_share", "free_border"]
+NEEDED = {
+    "UNI": [*COMMON, "gamma_dp", "gamma_tr", "gamma_vol", "gamma_gamma"],
+    "ONR": [*COMMON, "quantile_energy", "gamma_F_energy", "gamma_F_height"],
+}
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """What a designer knows of the site; unless said, the worse."""
+
+    standard: str = "UNI"
+    survey: str = "poor"  # of the topography: good, poor
+    blocks: str = "poor"  # survey of the blocks: good, poor
+    calibration: str = "literature"  # of the rebound: back-analysed, literature
+    limit_state: str = "MEL"  # MEL: one large impact; SEL: several
+    consequence: str = "CC2"  # of a failure: CC1, CC2, CC3
+
+
+@dataclass(frozen=True)
+class Factors:
+    """The factors of a standard under the given conditions, with their sources."""
+
+    conditions: Conditions
+    values: dict[str, float]
+    sources: dict[str, str]
+
+    def __getitem__(self, name: str) -> float:
+        return self.values[name]
+
+    @property
+    def unconfirmed(self) -> list[str]:
+        """Those of which the standard itself, or who quotes it, has not been read."""
+        return [name for name, source in self.sources.items() if UNCONFIRMED in source]
+
+
+def shipped(name: str) -> Path:
+    """A table of this name that comes with the program."""
+    return Path(str(importlib.resources.files("rockfall") / "data" / name))
+
+
+def read_factors(conditions: Conditions, path: str | Path | None = None) -> Factors:
+    """The factors that a standard has under these conditions, of the table that is shipped or of
+    one like it."""
+    path = path or shipped("design_factors.csv")
+    if conditions.standard not in NEEDED:
+        raise RockfallError(f"standard = '{conditions.standard}': must be {', '.join(NEEDED)}")
+    rows = _rows(path, conditions.standard)
+    values, sources = {}, {}
+    for name in NEEDED[conditions.standard]:
+        known = rows.get(name, {})
+        decides = DECIDES.get(name)
+        condition = getattr(conditions, decides) if decides else ""
+        if condition not in known:
+            if not known or not decides:
+                raise RockfallError(f"{path}: {conditions.standard}: has no factor {name}")
+            raise RockfallError(f"{decides} = '{condition}': must be {', '.join(known)}")
+        values[name], sources[name] = known[condition]
+    return Factors(conditions, values, sources)
+
+
+def _rows(path: str | Path, standard: str) -> dict[str, dict[str, tuple[float, str]]]:
+    """Value and source by factor and condition."""
+    where, columns, rows = read_table(path)
+    check_columns(where, columns, COLUMNS)
+    if missing := [name for name in COLUMNS if name not in columns]:
+        raise RockfallError(f"{where}: column {missing[0]}: is missing")
+    found: dict[str, dict[str, tuple[float, str]]] = {}
+    for row in rows:
+        if row.text("standard") != standard:
+            continue
+        name, condition = row.text("factor"), row.cells["condition"]
+        if condition in found.setdefault(name, {}):
+            row.refuse("factor", "is there twice")
+        value = row.number("value", 0.0, 1.0 if name.startswith("quantile") else math.inf)
+        if not value or (value == 1 and name.startswith("quantile")):
+            row.refuse("value", "must be > 0, of a quantile also < 1")
+        found[name][condition] = value, row.cells["source"]
+    return found

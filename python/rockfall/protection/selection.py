@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The cheapest barrier that lets no more than a chosen fraction of the boulders pass."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+
+from rockfall.analysis.line_statistics import fraction_interval
+from rockfall.errors import RockfallError
+from rockfall.io.tables import check_columns, read_table
+from rockfall.limits import EAD_ENERGY
+from rockfall.protection.crossings import Crossings, passes
+
+Costs = dict[tuple[int, float], float]  # of a metre, by class and the height that it reaches [m]
+COST_COLUMNS = ["class", "height", "cost"]
+
+
+def height_for(came: Crossings, capacity: float, residual: float) -> float:
+    """The least height [m] of a barrier of this capacity [J] that at most the fraction `residual`
+    of the boulders passes, over it or through it; NaN where too many break through. One sort: of
+    those that it can take, as many may pass over as are left to."""
+    heights = np.sort(came.passing_height[came.energy_total <= capacity])
+    over = math.floor(residual * came.n * (1 + 1e-12)) - (came.n - heights.size)
+    if not came.n or over < 0:
+        return math.nan
+    return float(heights[-1 - over]) if over < heights.size else 0.0
+
+
+def choices(
+    came: Crossings, residual: float, costs: Costs | None = None
+) -> list[dict[str, float | bool]]:
+    """For each EAD class the height that leaves at most `residual`, what it does leave of the
+    boulders that come, with its 95 % interval, and what a metre costs; `cheapest` marks one."""
+    rows: list[dict[str, float | bool]] = []
+    for k, capacity in enumerate(EAD_ENERGY):
+        height = height_for(came, capacity, residual)
+        row: dict[str, float | bool] = {"ead_class": k, "capacity": capacity, "height": height}
+        left = residual_of(came, height, capacity) if height == height else (math.nan,) * 3
+        row |= zip(("residual", "residual_low", "residual_high"), left, strict=True)
+        rows.append(row | {"cost": _cost(k, height, costs), "cheapest": False})
+    known = [row for row in rows if not math.isnan(row["cost"])]
+    if known:
+        min(known, key=lambda row: row["cost"])["cheapest"] = True
+    return rows
+
+
+def residual_of(came: Crossings, height: float, capacity: float) -> tuple[float, float, float]:
+    """Fraction of the boulders that come which a barrier lets pass, and its 95 % interval."""
+    if not came.n:
+        return math.nan, math.nan, math.nan
+    return fraction_interval(passes(came, height, capacity), came.source)
+
+
+def _cost(ead_class: int, height: float, costs: Costs | None) -> float:
+    """Of a metre: the lowest price of a barrier of the class that is high enough; without prices
+    energy times height [kJ m], which prefers no maker. NaN where there is none."""
+    if math.isnan(height):
+        return math.nan
+    if costs is None:
+        return EAD_ENERGY[ead_class] / 1000 * height
+    prices = [cost for (k, high), cost in costs.items() if k == ead_class and high >= height]
+    return min(prices, default=math.nan)
+
+
+def read_costs(path: str | Path) -> Costs:
+    """Prices of a metre of barrier by class and height [m]: a table class, height, cost."""
+    where, columns, rows = read_table(path)
+    check_columns(where, columns, COST_COLUMNS)
+    if missing := [name for name in COST_COLUMNS if name not in columns]:
+        raise RockfallError(f"{where}: column {missing[0]}: is missing")
+    costs: Costs = {}
+    for row in rows:
+        ead_class = int(row.choice("class", [str(k) for k in range(len(EAD_ENERGY))]))
+        key = ead_class, row.number("height", 0.0)
+        if key in costs:
+            row.refuse("height", "is there twice for this class")
+        costs[key] = row.number("cost", 0.0)
+    return costs

@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The design sheet as text to read."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rockfall.protection.demand import ABOVE
+from rockfall.protection.design import Design
+from rockfall.quantities import DESIGN, number
+from rockfall.text.table import table as aligned
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+CHECKED = ["", "height [m]", "height needed [m]", "energy allowed [kJ]"]
+CHECKED += ["E_d [kJ]", "passing [%]", "holds"]
+ABOUT = """\
+Of the boulders that come to each line, in brackets 95 % confidence intervals. Heights are above the
+ground, vertical (as that of &barrier) and normal to the slope. A sheet is no design: see
+docs/design.md for what it leaves out."""
+
+
+def design_text(found: Design) -> str:
+    """The tables of a design, line after line."""
+    parts = [ABOUT, *_lines(found)]
+    if len(found.checks):
+        parts += ["", "Barriers", aligned(_checks(found.checks))]
+    if found.along is not None:
+        parts += ["", f"Along {found.along['line'][0]}", aligned(_along(found.along))]
+    return "\n".join([*parts, "", *factor_lines(found)])
+
+
+def _lines(found: Design) -> Iterator[str]:
+    for asked in found.demand.to_dict("records"):
+        line = asked["line"]
+        yield f"\n{line}: {asked['n']:,} boulders come"
+        if asked["n"]:
+            loads, choices = (
+                table[table["line"] == line].to_dict("records")
+                for table in (found.loads, found.choices)
+            )
+            yield aligned(load_rows(loads))
+            yield aligned(demand_rows(asked, found.factors.conditions.standard))
+            yield aligned(choice_rows(choices, found.residual))
+
+
+def load_rows(loads: Iterable[Mapping[str, Any]]) -> Iterator[list[str]]:
+    """Quantiles of what comes, with intervals, and the level that one in 1,000 exceeds."""
+    yield ["  loads", "95 %", "99 %", "1 in 1,000"]
+    for row in loads:
+        about = DESIGN[row["quantity"]]
+        cells = (shown(row, name, about.factor) for name in ("q95", "q99", "level_1000"))
+        yield [f"  {about.title}", *cells]
+
+
+def demand_rows(asked: Mapping[str, Any], standard: str) -> Iterator[list[str]]:
+    """What the standard asks."""
+    yield [f"  {standard}", "design value"]
+    yield ["  m_d [t]", number(asked["m_d"] / 1000)]
+    for name, title, factor in (
+        ("v_d", "v_d [m/s]", 1.0),
+        ("E_d", "E_d [kJ]", 1e-3),
+        ("h_d", "h_d, vertical [m]", 1.0),
+        ("height_needed", "height needed, vertical [m]", 1.0),
+        ("normal_height_needed", "height needed, normal [m]", 1.0),
+    ):
+        yield [f"  {title}", shown(asked, name, factor)]
+    yield ["  EAD 340059 class", class_name(asked["ead_class"])]
+
+
+def choice_rows(choices: Iterable[Mapping[str, Any]], residual: float) -> Iterator[list[str]]:
+    """For each class the height that leaves the residual, and the cheapest."""
+    yield [f"  at most {100 * residual:g} % pass", "height [m]", "passing [%]", "cost of 1 m"]
+    for row in choices:
+        energy = f"{row['capacity'] / 1000:,.0f} kJ"
+        cells = [number(row["height"]), shown(row, "residual", 100.0), number(row["cost"])]
+        mark = "  <- cheapest" if row["cheapest"] else ""
+        yield [f"  class {row['ead_class']}, {energy}", *cells[:-1], cells[-1] + mark]
+
+
+def _checks(checks: pd.DataFrame) -> Iterator[list[str]]:
+    yield CHECKED
+    for row in checks.to_dict("records"):
+        yield check_row(row)
+
+
+def check_row(row: Mapping[str, Any]) -> list[str]:
+    """A barrier beside what is asked of it."""
+    if not row["n"]:
+        return [f"  {row['line']}", number(row["height"]), "-", "-", "-", "-", "no boulder comes"]
+    failed = [what for what in ("height", "energy") if not row[f"{what}_holds"]]
+    return [
+        f"  {row['line']}", number(row["height"]), number(row["height_needed"]),
+        number(row["energy_allowed"] / 1000), number(row["E_d"] / 1000),
+        shown(row, "residual", 100.0), f"no: {', '.join(failed)}" if failed else "yes",
+    ]  # fmt: skip
+
+
+def _along(along: pd.DataFrame) -> Iterator[list[str]]:
+    yield ["  from, to [m]", "boulders", "E_d [kJ]", "height needed [m]", "class"]
+    for row in along.to_dict("records"):
+        place = f"  {row['start']:g}, {row['end']:g}"
+        if np.isnan(row["E_d"]):
+            yield [place, f"{row['n']:,}", "", "", ""]
+            continue
+        energy, height = shown(row, "E_d", 1e-3), shown(row, "height_needed")
+        yield [place, f"{row['n']:,}", energy, height, class_name(row["ead_class"])]
+
+
+def factor_lines(found: Design) -> Iterator[str]:
+    """The factors, and those that are to be confirmed."""
+    values = ", ".join(f"{name} {value:.4g}" for name, value in found.factors.values.items())
+    yield f"Factors: {values}"
+    if unconfirmed := found.factors.unconfirmed:
+        names = ", ".join(unconfirmed)
+        yield f"Unconfirmed, to be set from the standard (--factors): {names}"
+
+
+def shown(row: Mapping[str, Any], name: str, factor: float = 1.0) -> str:
+    """A number with its interval, where it has one."""
+    value, low, high = (factor * row.get(name + end, np.nan) for end in ("", "_low", "_high"))
+    if np.isnan(low) and np.isnan(high):
+        return number(value)
+    return f"{number(value)} ({number(low)} to {number(high)})"
+
+
+def class_name(ead_class: float) -> str:
+    return f"{ead_class:.0f}" + (" (declared by its maker)" if ead_class == ABOVE else "")

@@ -1,0 +1,305 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""`rockfall hazard`: files that a GIS opens, in the coordinates of the terrain; what it refuses."""
+
+import re
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+import rasterio
+
+import rockfall
+from made import UTM, make_layer, refused
+from programs import Killed, killed_after, refuses, wait_until_busy
+from rockfall.analysis.hazard.files import object_table
+from rockfall.analysis.hazard.variables import TABLE, map_names
+from rockfall.cli import main
+from rockfall.result.flat_maps import flat_maps
+from rockfall.simulation import simulate
+from slope_case import CASE as SLOPE
+
+pyogrio = pytest.importorskip("pyogrio", reason="the vector extra is not installed")
+shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
+pytest.importorskip("matplotlib", reason="the report extra is not installed")
+
+POINT = "&release x = 600060.0, y = 4999980.0, drop_height = 2.0 /"
+POINTS = "&release x = 600040., 600060., 600080., y = 3*4999990., drop_height = 10.0 /"
+CASE = SLOPE.replace(POINT, POINTS).replace("boulders = 20", "boulders = 100")
+SCENARIOS = """&scenario name = 'small', frequency = 3.0, volume_mean = 0.1 /
+&scenario name = 'large', return_period = 40.0, volume_mean = 2.0 /
+"""
+HOUSE = shapely.box(600040, 4999900, 600070, 4999920)
+ROAD = shapely.LineString([(600000, 4999905), (600120, 4999930)])
+ARGUMENTS = ["hazard", "case.nml", "-o", "out", "--objects", "objects.gpkg", "--quiet"]
+
+
+@pytest.fixture(autouse=True)
+def no_figures(monkeypatch):
+    """Drawing takes longer than all else."""
+    monkeypatch.setattr("rockfall.cli.hazard.hazard_figures", lambda *_: [])
+
+
+@pytest.fixture
+def hazard_case(place):
+    """The slope with scenarios and two objects."""
+    Path("case.nml").write_text(CASE + SCENARIOS)
+    columns = {"name": ["house", "road"], "vulnerability": [0.5, 1.0], "value": [100.0, 1.0]}
+    make_layer("objects.gpkg", [HOUSE, ROAD], **columns)
+    return place
+
+
+@pytest.fixture
+def found(hazard_case):
+    """What the command writes, and what Python has."""
+    assert main(ARGUMENTS) == 0
+    return rockfall.hazard(rockfall.read_case("case.nml"), objects="objects.gpkg")
+
+
+def test_gdal_opens_every_map_where_the_terrain_lies(found):
+    flat = flat_maps(found)
+    names = dict(map_names(rockfall.read_case("case.nml")))
+    assert {path.stem for path in Path("out").glob("*.tif")} == {*names}
+    with rasterio.open("dem.tif") as dem:
+        crs, transform, bounds = dem.crs, dem.transform, dem.bounds
+    for name, variable in names.items():
+        with rasterio.open(f"out/{name}.tif") as file:
+            values, nodata = file.read(1), file.nodata
+            assert file.crs == crs and file.transform.a == transform.a
+            assert rasterio.coords.disjoint_bounds(file.bounds, bounds) is False
+            assert file.xy(0, 0) == (flat.x.values[0], flat.y.values[0])
+            assert file.descriptions == (flat[name].attrs["long_name"],)
+        expected = flat[name].values
+        if variable.words:
+            assert values.dtype == "uint8" and nodata == (255 if "certain" in name else 0)
+        assert np.array_equal(values, expected, equal_nan=values.dtype.kind == "f"), name
+    with rasterio.open("netcdf:out/hazard.nc:hazard_class") as file:
+        assert file.crs == crs and (file.read(1) == found.hazard_class.values).all()
+
+
+def test_a_style_names_and_colours_every_class(found):
+    for path in Path("out").glob("*.qml"):
+        with rasterio.open(path.with_suffix(".tif")) as file:
+            words = file.tags()["flag_meanings"].replace("_", " ")
+        root = ElementTree.parse(path).getroot()
+        renderer = root.find("pipe/rasterrenderer")
+        assert root.tag == "qgis" and renderer.get("type") == "paletted"
+        entries = {
+            int(one.get("value")): one.get("label")
+            for one in renderer.iter("paletteEntry")
+            if len(one.get("color")) == 7
+        }
+        shown = {0: "no"} if "certain" in path.stem else entries
+        assert entries == shown and entries
+        assert all(label in words for label in entries.values())
+    classes = {path.stem for path in Path("out").glob("*.qml")}
+    periods = {f"intensity_{years}years" for years in (30, 100, 300)}
+    ends = {f"hazard_class{end}" for end in ("", "_lower", "_upper", "_certain")}
+    assert classes == periods | ends
+
+
+def test_the_file_holds_all_of_it(found):
+    import xarray as xr
+
+    with xr.open_dataset("out/hazard.nc", mask_and_scale=False) as file:
+        assert {*file.variables} == {*found.variables}
+        for name in found.variables:
+            one, other = file[name].values, found[name].values
+            if one.dtype.kind in "OU":
+                assert one.tolist() == other.tolist()
+            else:
+                assert np.array_equal(one, other, equal_nan=one.dtype.kind == "f"), name
+            assert TABLE.get(name) is None or file[name].dims == TABLE[name].dims
+        assert file.attrs["Conventions"] == "CF-1.8"
+        assert "&scenario" in file.attrs["case"]
+
+
+def test_zones_are_the_cells_of_each_class(found):
+    _, _, wkb, (hazard, number, area, certain) = pyogrio.raw.read(
+        "out/hazard.gpkg", layer="zones", columns=["hazard", "class", "area", "certain"]
+    )
+    info = pyogrio.read_info("out/hazard.gpkg", layer="zones")
+    assert rasterio.crs.CRS.from_user_input(info["crs"]) == rasterio.crs.CRS.from_string(UTM)
+    shapes = shapely.from_wkb(wkb)
+    assert shapely.area(shapes) == pytest.approx(area)
+    classes, sure = found.hazard_class.values, found.hazard_class_certain.values
+    for k, word in enumerate(["residual", "low", "moderate", "high"], start=1):
+        here = number == k
+        assert {*hazard[here]} <= {word}
+        assert area[here].sum() == pytest.approx(25 * (classes == k).sum())
+        assert (certain * area)[here].sum() == pytest.approx(25 * sure[classes == k].sum())
+    union = shapely.union_all(shapes)
+    assert union.area == pytest.approx(area.sum())  # no two overlap
+    assert {2, 3, 4} & {*number}
+    _, _, wkb, (low, high) = pyogrio.raw.read(
+        "out/hazard.gpkg", layer="uncertain", columns=["lowest_class", "highest_class"]
+    )
+    assert shapely.area(shapely.from_wkb(wkb)).sum() == pytest.approx(25 * (sure == 0).sum())
+    assert (low < high).all()
+
+
+def test_small_patches_go_to_their_neighbours(hazard_case):
+    assert main([*ARGUMENTS[:2], "-o", "all", "--quiet"]) == 0
+    text = Path("case.nml").read_text() + "&hazard minimum_area = 500.0 /\n"
+    Path("case.nml").write_text(text)
+    assert main([*ARGUMENTS[:2], "-o", "few", "--quiet"]) == 0
+
+    def areas(folder):
+        return pyogrio.raw.read(f"{folder}/hazard.gpkg", layer="zones", columns=["area"])[3][0]
+
+    assert areas("few").min() >= 500 > areas("all").min()
+    assert len(areas("few")) < len(areas("all"))
+    for name in "hazard_class.tif", "passage_frequency.tif":  # maps stay as they are
+        assert Path("few", name).read_bytes() == Path("all", name).read_bytes()
+
+
+def test_objects_are_a_layer_and_a_table(found):
+    table = object_table(found)
+    assert Path("out/objects.csv").read_text() == table.to_csv(index=False)
+    assert table["object"].tolist() == ["house", "road"]
+    assert table["geometry"].tolist() == ["polygon", "line"]
+    meta, _, wkb, fields = pyogrio.raw.read("out/hazard.gpkg", layer="objects")
+    assert [*meta["fields"]] == [*table]
+    assert shapely.from_wkb(wkb).tolist() == [HOUSE, ROAD]
+    assert fields[[*table].index("risk")].tolist() == table["risk"].tolist()
+    assert (table["risk"] > 0).all()
+
+
+def test_the_summary_says_what_was_run(hazard_case, capsys):
+    assert main(ARGUMENTS[:-1]) == 0
+    said = capsys.readouterr().out
+    assert said.startswith("Slope: 2 scenarios\n")
+    for words in "small", "large", "hazard", "house", "road", "risk a year":
+        assert words in said
+    assert "take 3,483 boulders" in said  # to tell 300 years: z2 (300 (3 + 1/40) - 1)
+    for line in said.splitlines()[-3:]:
+        assert Path(line).is_file()
+
+
+def test_a_hazard_that_was_killed_goes_on(hazard_case, monkeypatch, capsys):
+    assert main(ARGUMENTS) == 0
+    whole = Path("out/hazard_class.tif").read_bytes(), rockfall_counts()
+    monkeypatch.setattr(simulate, "FIRST_CHUNK", 3)
+    monkeypatch.setattr(simulate, "CHUNK_SECONDS", 0.0)
+    fly = simulate._fly
+    killed_after(monkeypatch, 9)
+    with pytest.raises(Killed):
+        main([*ARGUMENTS, "--checkpoint", "1e-9"])
+    assert Path("out.scenario1.checkpoint").exists()
+    monkeypatch.setattr(simulate, "_fly", fly)
+    capsys.readouterr()
+    assert main(ARGUMENTS) == 2  # not over what was done, unasked
+    assert "go on with --resume" in capsys.readouterr().err
+    assert main([*ARGUMENTS, "--resume", "--threads", "2"]) == 0
+    assert (Path("out/hazard_class.tif").read_bytes(), rockfall_counts()) == whole
+    assert not list(Path().glob("*.checkpoint")) and not list(Path().glob("*.lock"))
+
+
+def test_a_finished_scenario_is_not_run_again(hazard_case, monkeypatch):
+    fly = simulate._fly
+    monkeypatch.setattr(simulate, "FIRST_CHUNK", 300)
+    killed_after(monkeypatch, 1)  # the first scenario whole
+    with pytest.raises(Killed):
+        main(ARGUMENTS)
+    calls = []
+    monkeypatch.setattr(simulate, "_fly", lambda *given: calls.append(given) or fly(*given))
+    assert main([*ARGUMENTS, "--resume"]) == 0
+    assert len(calls) == 1
+
+
+def rockfall_counts():
+    with rasterio.open("netcdf:out/hazard.nc:scenario_energy_exceeded") as file:
+        return file.read().tobytes()
+
+
+# ---- what is refused, in one line, with nothing written
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "case.nml: a hazard needs a &scenario: a class of boulders with its frequency"),
+        ("&scenario name = 'a', frequency = -1.0 /",
+         r"case.nml: &scenario frequency = -1.0: must be > 0 \[1/year\]"),
+        ("&scenario name = 'a', frequency = 1.0, return_period = 1.0 /",
+         "case.nml: &scenario frequency, return_period: give one of the two"),
+        ("&scenario frequency = 1.0 /",
+         "case.nml: &scenario name is missing: text, of a class of boulders, with its frequency"),
+        (SCENARIOS + "&hazard thresholds = 30.0, 20.0 /",
+         "case.nml: &hazard thresholds = 30.0, 20.0: each must be above the one before"),
+        (SCENARIOS + "&hazard matrix = 9*'fatal' /",
+         "case.nml: &hazard matrix .value 1. = 'fatal': must be one of: residual, low, moderate, "
+         "high"),
+        (SCENARIOS + "&hazard minimum_area = -1.0 /",
+         r"case.nml: &hazard minimum_area = -1.0: must be >= 0 \[m2\]"),
+        (SCENARIOS + "&scenario name = 'small', frequency = 1.0 /",
+         "case.nml: line 11: &scenario name = 'small': must be another for each scenario"),
+        ("&scenario name = 'a', frequency = 1.0, volume_std = 1.0 /",
+         "case.nml: &scenario name = 'a': &boulder volume_std = 1.0: has no meaning for volume = "
+         "'fixed'"),
+    ],
+)  # fmt: skip
+def test_bad_scenarios_are_one_line_and_nothing_is_written(hazard_case, capsys, text, message):
+    Path("case.nml").write_text(CASE + text)
+    refuses(ARGUMENTS, message, capsys)
+
+
+def test_bad_places_and_layers_are_one_line(hazard_case, capsys):
+    refuses([*ARGUMENTS[:3], "none/out"], "none/out: there is no folder none", capsys)
+    refuses([*ARGUMENTS[:3], "dem.tif"], "dem.tif: is a file, a folder is needed", capsys)
+    refuses([*ARGUMENTS, "--checkpoint", "-1"], "--checkpoint -1.0: must be >= 0 seconds", capsys)
+    refuses([*ARGUMENTS[:4], "--objects", "far.gpkg"], "far.gpkg: .*", capsys)
+    Path("out").mkdir()
+    Path("out/hazard_class.tif").write_text("mine")
+    taken = "is there, and not a map that rockfall wrote; it is not overwritten"
+    refuses(ARGUMENTS, f"out/hazard_class.tif: {taken}", capsys)
+    Path("out/hazard_class.tif").unlink()
+    Path("out/hazard_class.qml").write_text("<!DOCTYPE qgis>")
+    taken = "is there, and not a style for QGIS that rockfall wrote; it is not overwritten"
+    refuses(ARGUMENTS, f"out/hazard_class.qml: {taken}", capsys)
+    Path("out/hazard_class.qml").unlink()
+    make_layer("other.gpkg", [ROAD], crs="EPSG:2056", name=["a"])
+    refuses([*ARGUMENTS[:5], "other.gpkg"], "other.gpkg: coordinates are in EPSG:2056.*", capsys)
+
+
+def test_an_earlier_hazard_is_replaced(hazard_case):
+    assert main(ARGUMENTS) == 0
+    before = Path("out/hazard.nc").stat().st_mtime_ns
+    assert main([*ARGUMENTS, "--seed", "3"]) == 0
+    assert Path("out/hazard.nc").stat().st_mtime_ns > before
+
+
+def test_a_library_user_writes_the_same(hazard_case):
+    assert main(ARGUMENTS) == 0
+    found = rockfall.hazard(rockfall.read_case("case.nml"), objects="objects.gpkg")
+    paths = rockfall.write_hazard(found, "mine")
+    assert {path.name for path in paths} == {
+        path.name for path in Path("out").iterdir() if path.suffix != ".png"
+    }
+    for path in paths:
+        if path.suffix in (".tif", ".qml", ".csv"):
+            assert path.read_bytes() == Path("out", path.name).read_bytes()
+    with refused("mine: is a file, a folder is needed"):
+        Path("mine").rename("theirs")
+        Path("mine").touch()
+        rockfall.write_hazard(found, "mine")
+
+
+def test_ctrl_c_keeps_what_is_done_and_writes_nothing_else(hazard_case):
+    words = [*ARGUMENTS, "--boulders", "1000000"]
+    child = subprocess.Popen(
+        [sys.executable, "-m", "rockfall", *words], stderr=subprocess.PIPE, text=True
+    )
+    wait_until_busy(child.pid)
+    child.send_signal(signal.SIGINT)
+    said = child.communicate(timeout=60)[1]
+    assert child.returncode == 130
+    assert re.fullmatch(
+        r"rockfall: interrupted: \S*/out.scenario1.checkpoint: hold what is done; --resume goes "
+        r"on\n",
+        said,
+    )
+    assert not Path("out").exists() and Path("out.scenario1.checkpoint").exists()

@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Figures of a hazard: zones, what is not certain, intensities, objects."""
+
+import numpy as np
+import pytest
+
+import rockfall
+from made import make_layer
+from rockfall.plots.hazard_figures import hazard_figures
+from scenes import grid, make_case, rough, sets
+
+shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
+pytest.importorskip("matplotlib", reason="the report extra is not installed").use("Agg")
+
+Z = rough()
+TERRAIN = (Z, grid(Z))
+HOUSE, POLE = shapely.box(140, 280, 155, 292), shapely.Point(100, 300)
+ROAD = shapely.MultiLineString([[(0, 250), (300, 253)], [(0, 240), (100, 240)]])
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("hazard")
+    path = make_layer(folder / "o.gpkg", [HOUSE, ROAD, POLE], name=["$5", "road", "pole"])
+    case = make_case(folder, *sets(2.0), release={"x": [120.0, 180.0], "y": 380.0 * np.ones(2)})
+    case = case.replace(scenario=[{"name": "a", "frequency": 0.2}])
+    return rockfall.hazard(case, objects=path, dem=Z, transform=TERRAIN[1])
+
+
+def images(figure):
+    """The pictures of a map, without its relief."""
+    return [image for image in figure.axes[0].images if image.get_cmap().name != "gray"]
+
+
+def test_there_is_one_of_zones_and_one_for_each_period(found):
+    shown = hazard_figures(found, TERRAIN)
+    names = ["hazard_class", *(f"intensity_{years}years" for years in (30, 100, 300))]
+    assert [one.name for one in shown] == names
+    for one in shown:
+        assert one.title and one.caption.endswith(".")
+        figure = one.draw()
+        figure.draw_without_rendering()
+        assert 25.4 * figure.get_figwidth() in (pytest.approx(90), pytest.approx(180))
+        texts = {text.get_text() for text in figure.axes[0].texts}
+        assert {r"\$5", "road", "pole"} <= texts
+        assert len(figure.axes[0].lines) == 4  # a house, two parts of a road, a pole
+
+
+def test_zones_are_drawn_as_they_are(found):
+    zones, doubtful = images(hazard_figures(found)[0].draw())
+    shown = np.ma.filled(zones.get_array(), np.nan)
+    assert np.array_equal(np.nan_to_num(shown), found.hazard_class.values)
+    shown = np.ma.filled(doubtful.get_array(), np.nan)
+    assert np.array_equal(shown == 1, found.hazard_class_certain.values == 0)
+
+
+def test_intensities_are_drawn_as_they_are(found):
+    for period, one in zip(found.intensity.values, hazard_figures(found)[1:], strict=True):
+        (image,) = images(one.draw())
+        assert np.array_equal(np.nan_to_num(np.ma.filled(image.get_array(), np.nan)), period)

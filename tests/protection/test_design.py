@@ -1,0 +1,281 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The design sheet: its arithmetic by hand, and a barrier that does what it says."""
+
+import math
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import rockfall
+from made import refused
+from rockfall.analysis.line_statistics import sample_numbers
+from rockfall.cli import main
+from rockfall.limits import EAD_ENERGY
+from rockfall.protection.crossings import Crossings, crossings, passes, quantile
+from rockfall.protection.demand import ABOVE, class_for, demand
+from rockfall.protection.factors import NEEDED, Conditions, read_factors, shipped
+from rockfall.protection.selection import choices, height_for, read_costs
+from scenes import grid, make_case, rough, sets
+
+WELL_KNOWN = {"survey": "good", "blocks": "good", "calibration": "back-analysed"}
+LINE = {"name": "road", "x": [0.0, 300.0], "y": [280.0, 280.0]}
+BOULDERS = 600
+
+
+def run(folder, z=None, barrier=(), **groups):
+    z = rough() if z is None else z
+    groups = {
+        "case": {"boulders": BOULDERS, "threads": 0},
+        "boulder": {"volume": "normal", "volume_mean": 0.8, "volume_std": 0.2},
+        "release": {"x": [100.0, 150.0, 200.0], "y": [380.0, 380.0, 380.0]},
+        "line": [LINE],
+    } | groups
+    case = make_case(folder, *sets(), terrain={}, **groups).replace(barrier=list(barrier))
+    return rockfall.run(case, dem=z, transform=grid(z))
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory):
+    return run(tmp_path_factory.mktemp("case"))
+
+
+@pytest.fixture
+def file(result, tmp_path):
+    path = tmp_path / "out.nc"
+    rockfall.write_result(result, path)
+    return path
+
+
+def equal(n=100, **values):
+    """Boulders that are all the same."""
+    usual = {"volume": 1.0, "position": 5.0, "speed": 20.0, "energy_total": 5e5,
+             "energy_translational": 4e5, "passing_height": 3.0, "upper_edge": 3.6,
+             "normal_height": 2.5, "normal_upper_edge": 3.1}  # fmt: skip
+    columns = {name: np.full(n, value) for name, value in (usual | values).items()}
+    return Crossings(source=np.zeros(n, int), **columns)
+
+
+def drawn(n, seed=3):
+    """Boulders whose energies and heights have tails and go together."""
+    random = np.random.default_rng(seed)
+    common = random.normal(size=n)
+    energy = 4e5 * np.exp(0.8 * common + 0.3 * random.normal(size=n))
+    height = 2 * np.exp(0.6 * common + 0.4 * random.normal(size=n))
+    return equal(n, energy_total=energy, passing_height=height)
+
+
+def test_uni_by_hand():
+    """20 m/s, 1 m3 of 2600 kg/m3, the centre 3 m above the ground, a site that is well known."""
+    row = demand(equal(), read_factors(Conditions(**WELL_KNOWN)), 2600.0)
+    assert row["v_d"] == pytest.approx(20.808)  # 20 x 1.02 x 1.02
+    assert row["m_d"] == pytest.approx(2652.0)  # 2600 x 1.02 x 1.00
+    assert row["E_d"] == pytest.approx(574_122.0, abs=0.1)  # 2652 x 20.808^2 / 2
+    assert row["h_d"] == pytest.approx(3.1212)
+    assert row["f_min"] == pytest.approx(0.620350)  # the radius of 1 m3, more than 0.5 m
+    assert row["height_needed"] == pytest.approx(3.741550)
+    assert row["normal_height_needed"] == pytest.approx(2.5 * 1.0404 + 0.620350)
+    assert row["ead_class"] == 3  # 574 kJ < 1000 / 1.2, but not < 500 / 1.2
+
+
+def test_what_is_not_known_costs_more():
+    row = demand(equal(), read_factors(Conditions()), 2600.0)
+    assert row["E_d"] == pytest.approx(0.5 * 2860 * 24.2**2)
+    assert row["h_d"] == pytest.approx(3.63)
+    assert row["ead_class"] == 4  # 837 kJ > 1000 / 1.2
+
+
+def test_onr_by_hand():
+    row = demand(equal(), read_factors(Conditions("ONR", consequence="CC3")), 2600.0)
+    assert row["E_d"] == pytest.approx(575_000)  # the total energy x 1.15
+    assert row["h_d"] == pytest.approx(3.9)
+    assert row["ead_class"] == 3
+
+
+def test_the_free_border_is_half_a_metre_of_small_blocks():
+    row = demand(equal(), read_factors(Conditions(**WELL_KNOWN)), 2600.0, volume=0.1)
+    assert row["f_min"] == 0.5
+    assert row["m_d"] == pytest.approx(265.2)
+
+
+def test_classes_are_those_of_the_kernel():
+    energies = [100, 250, 500, 1000, 1500, 2000, 3000, 4500]
+    assert [energy / 1000 for energy in EAD_ENERGY] == energies
+    mel = read_factors(Conditions())
+    sel = read_factors(Conditions(limit_state="SEL"))
+    assert class_for(83.3e3, mel) == 0 and class_for(100e3 / 1.2, mel) == 1
+    assert class_for(333e3, sel) == 3 and class_for(334e3, sel) == 4
+    assert class_for(10e3, sel) == 1  # class 0 has no SEL
+    assert class_for(3751e3, mel) == ABOVE == 8
+    assert math.isnan(class_for(math.nan, mel))
+
+
+def test_every_factor_that_is_shipped_names_its_source():
+    for standard in NEEDED:
+        known = read_factors(Conditions(standard))
+        assert all(known.sources.values())
+        assert "gamma_E" in known.unconfirmed
+
+
+def test_quantiles_are_those_of_line_statistics(result):
+    came = crossings(result, 0)
+    row = sample_numbers(came.speed, came.source)
+    for level in (50, 95):
+        theirs = [row[f"q{level}{end}"] for end in ("", "_low", "_high")]
+        np.testing.assert_array_equal(quantile(came.speed, level / 100, came.source), theirs)
+
+
+def test_normal_heights_are_those_above_a_plane(tmp_path):
+    south = np.arange(80)[::-1, None] * 5.0
+    z = 1000 + 0.75 * south + np.zeros((1, 60))  # cosine 0.8
+    came = crossings(run(tmp_path, z), 0)
+    assert came.n > 100
+    np.testing.assert_allclose(came.normal_height, 0.8 * came.passing_height, rtol=1e-9)
+    radius = np.cbrt(0.75 / np.pi * came.volume)
+    np.testing.assert_allclose(came.upper_edge - came.passing_height, radius)
+    np.testing.assert_allclose(came.normal_upper_edge - came.normal_height, radius)
+
+
+@pytest.mark.parametrize("residual", [0.0, 0.01, 0.05, 0.3])
+def test_the_height_for_a_residual_is_the_least(residual):
+    came = drawn(997)
+    for capacity in EAD_ENERGY:
+        height = height_for(came, capacity, residual)
+        broken = (came.energy_total > capacity).mean()
+        assert math.isnan(height) == (broken > residual)
+        if height > 0:
+            assert passes(came, height, capacity).mean() <= residual
+            assert passes(came, np.nextafter(height, 0), capacity).mean() > residual
+
+
+def test_what_passes_is_what_brute_force_counts():
+    came = drawn(500)
+    for row in choices(came, 0.1):
+        held = [
+            energy <= row["capacity"] and high <= row["height"]
+            for energy, high in zip(came.energy_total, came.passing_height, strict=True)
+        ]
+        if not math.isnan(row["height"]):
+            assert row["residual"] * came.n == pytest.approx(held.count(False))
+            assert row["residual_low"] <= row["residual"] <= row["residual_high"]
+
+
+def test_more_capacity_or_height_never_lets_more_pass():
+    came = drawn(500)
+    heights = np.linspace(0, 10, 21)
+    left = np.array([[passes(came, h, e).mean() for h in heights] for e in EAD_ENERGY])
+    assert (np.diff(left, axis=0) <= 0).all() and (np.diff(left, axis=1) <= 0).all()
+    needed = [height_for(came, capacity, 0.05) for capacity in EAD_ENERGY]
+    assert (np.diff([one for one in needed if one == one]) <= 0).all()
+
+
+def test_a_barrier_of_the_sheet_lets_those_pass_that_it_says(result, tmp_path):
+    came = crossings(result, 0)
+    chosen = rockfall.design(result, residual=0.02).choices
+    best = chosen[chosen["cheapest"]].iloc[0]
+    k, height = int(best["ead_class"]), float(best["height"])
+    net = run(tmp_path, line=[], barrier=[LINE | {"height": height, "class": k}])
+    crossed = ~np.isnan(result["line_speed"].values[0])
+    outcome = net["barrier_outcome"].values[0]
+    assert ((outcome > 0) == crossed).all()  # it changes nothing above it
+    assert ((outcome[crossed] > 1) == passes(came, height, EAD_ENERGY[k])).all()
+    row = rockfall.design(net).checks.iloc[0]
+    assert row["residual"] == best["residual"] <= 0.02
+    assert row["over"] + row["through"] == round(best["residual"] * came.n)
+
+
+def test_checks_say_what_fails(result, tmp_path):
+    low = LINE | {"name": "low", "height": 0.5, "class": 7}
+    weak = LINE | {"name": "weak", "x": [0.0, 300.0], "y": [285.0, 285.0], "height": 90.0,
+                   "class": 0}  # fmt: skip
+    checks = rockfall.design(run(tmp_path, barrier=[low, weak])).checks.set_index("line")
+    assert list(checks.index) == ["low", "weak"]
+    assert not checks.loc["low", "height_holds"] and checks.loc["low", "energy_holds"]
+    assert checks.loc["weak", "height_holds"] and not checks.loc["weak", "energy_holds"]
+    assert not checks["holds"].any()
+
+
+def test_windows_cover_the_line_and_are_blank_where_few_come(result):
+    sheet = rockfall.design(result, along="road", width=40.0, least=50)
+    along = sheet.along
+    assert along["start"].tolist() == [0, 40, 80, 120, 160, 200, 240, 280]
+    assert along["end"].iloc[-1] == 300
+    assert along["n"].sum() == sheet.demand["n"][0] == crossings(result, 0).n
+    assert (along["E_d"].isna() == (along["n"] < 50)).all() and along["E_d"].notna().any()
+    whole = rockfall.design(result, along="road", width=1000.0).along
+    assert whole["E_d"].tolist() == sheet.demand["E_d"].tolist()
+
+
+def test_prices_decide_on_the_cheapest(tmp_path):
+    came = equal()
+    table = tmp_path / "costs.csv"
+    table.write_text("class,height,cost\n2,2.5,1\n2,3.0,30\n3,4.0,20\n")
+    rows = choices(came, 0.0, read_costs(table))
+    assert [row["ead_class"] for row in rows if row["cheapest"]] == [3]
+    assert rows[2]["cost"] == 30  # 2.5 m is too low
+    neutral = choices(came, 0.0)
+    assert [row["cost"] for row in neutral if row["cheapest"]] == [500 * 3.0]
+    assert read_costs(shipped("design_costs_example.csv"))
+
+
+def test_nobody_comes(tmp_path):
+    line = LINE | {"y": [398.0, 398.0]}  # above the release
+    sheet = rockfall.design(run(tmp_path, line=[line]), along="road")
+    assert sheet.demand["n"][0] == 0 and math.isnan(sheet.demand["E_d"][0])
+    assert not sheet.choices["cheapest"].any() and sheet.along["E_d"].isna().all()
+
+
+def test_what_is_refused(result, tmp_path):
+    with refused("along = 'rail': no such line; lines: road"):
+        rockfall.design(result, along="rail")
+    for residual in (-0.1, 1.0, math.nan):
+        with refused(f"residual = {residual}: must be >= 0 and < 1"):
+            rockfall.design(result, residual=residual)
+    with refused("standard = 'DIN': must be UNI, ONR"):
+        rockfall.design(result, standard="DIN")
+    with refused("survey = 'fair': must be good, poor"):
+        rockfall.design(result, survey="fair")
+    with refused("width = 0: must be > 0 m"):
+        rockfall.design(result, along="road", width=0)
+    with refused("volume = -1.0: must be > 0 m3"):
+        rockfall.design(result, volume=-1.0)
+    with refused("design: the result has no evaluation lines and no barriers"):
+        rockfall.design(run(tmp_path, line=[]))
+    with refused("design: the result has no boulders"):
+        rockfall.design(result.isel(boulder=slice(0)))
+
+
+@pytest.mark.parametrize(
+    "change, message",
+    [
+        (("UNI,gamma_gamma,,1.00", "UNI,gamma_g,,1.00"), "UNI: has no factor gamma_gamma"),
+        (("UNI,gamma_dp,good,1.02", "UNI,gamma_dp,good,-1"),
+         "line 5: value = -1: must be a number >= 0"),
+        (("standard,factor", "norm,factor"),
+         "line 1: column norm: must be standard, factor, condition, value, source"),
+    ],
+)  # fmt: skip
+def test_a_table_of_factors_that_is_wrong(change, message, tmp_path):
+    table = tmp_path / "factors.csv"
+    table.write_text(shipped("design_factors.csv").read_text().replace(*change))
+    with refused(f"{table}: {message}"):
+        read_factors(Conditions(survey="good"), table)
+
+
+def test_the_command_prints_and_writes(file, tmp_path, capsys):
+    pytest.importorskip("matplotlib", reason="the report extra is not installed")
+    folder = tmp_path / "sheet"
+    assert main(["design", str(file), "--along", "road", "-o", str(folder)]) == 0
+    said = capsys.readouterr().out
+    assert "EAD 340059 class" in said and "Unconfirmed" in said
+    names = ["along", "checks", "choices", "demand", "factors", "loads"]
+    assert sorted(path.stem for path in folder.glob("*.csv")) == [f"design_{n}" for n in names]
+    assert (folder / "design_along.png").stat().st_size > 10_000
+    loads = pd.read_csv(folder / "design_loads.csv")
+    assert loads["result"].unique().tolist() == [str(file)] and len(loads) == 7
+    again = ["design", str(file), "--factors", str(folder / "design_factors.csv")]
+    assert main([*again, "-o", str(folder)]) == 0  # over its own files; factors as it wrote them
+    assert main(["design", str(file), str(file)]) == 2
+    assert "is given twice" in capsys.readouterr().err
+    (folder / "design_loads.csv").write_text("mine\n")
+    assert main(["design", str(file), "-o", str(folder)]) == 2

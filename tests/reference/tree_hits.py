@@ -1,0 +1,153 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Trees in arithmetic of 50 digits: which is hit first, what it takes, and where the boulder goes.
+
+From docs/forest.md alone, and naive: every stem near a flight is looked at, one by one.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from decimal import Decimal
+from typing import NamedTuple
+
+import numpy as np
+
+import reference
+from reference import ONE, ZERO, Doubt, Landing, State, World, exact
+
+TREE = 12  # purpose of random words
+EDGE = Decimal("1e-6")  # of the squared radius of a disc: who starts so near starts inside
+MIDDLE = Decimal("1e-9")  # of the radius: a hit this near to it has no side
+CLASSES = [Decimal(degrees) for degrees in ("0", "22.5", "67.5", "76")]
+
+
+@dataclass
+class Forest:
+    """Stems in local coordinates [m], diameters [cm], factors; the law of the case, and the density
+    of the boulders [kg/m3]."""
+
+    x: np.ndarray
+    y: np.ndarray
+    dbh: np.ndarray
+    factor: np.ndarray
+    density: float
+    stem_height: float = math.inf
+    limits: tuple[float, float] = (0.58, 0.75)
+    weights: list[list[float]] = field(default_factory=lambda: [[22.5, 45.0, 8.5]] * 3)
+
+
+class Hit(NamedTuple):
+    """Where a flight meets a stem."""
+
+    stem: int
+    time: Decimal
+    offset: Decimal  # of the axis from the path, to the left above zero
+    radius: Decimal  # of the disc
+    x: Decimal
+    y: Decimal
+    z: Decimal
+    v: tuple[Decimal, Decimal, Decimal]
+    steepness: float  # how much farther the place is off than the path: 1 + offset / root
+
+
+class Outcome(NamedTuple):
+    """What a hit does."""
+
+    taken: Decimal
+    energy: Decimal  # before
+    remains: Decimal  # speed after it over that before
+    state: State
+    breaks: bool
+
+
+def first_hit(
+    world: World, forest: Forest, number: int, state: State, landing: Landing, broken, doubt: Doubt
+) -> Hit | None:
+    """The first stem on the way to the landing."""
+    speed = reference.length(state.v[:2])
+    if not speed:
+        return None
+    east, north = (v / speed for v in state.v[:2])
+    own, far = reference.radius(world, number), speed * landing.time
+    found: list[tuple[Decimal, int, Decimal, Decimal, Decimal]] = []
+    for k in _near(forest, state, landing, float(own)):
+        dx, dy = exact(forest.x[k]) - state.x, exact(forest.y[k]) - state.y
+        disc = own + exact(forest.dbh[k]) / 200
+        along, offset = dx * east + dy * north, east * dy - north * dx
+        outside = doubt.above(dx * dx + dy * dy - disc * disc * (1 + EDGE), disc * disc)
+        if k in broken or along <= 0 or not outside:
+            continue
+        if not doubt.above(disc - abs(offset), disc):
+            continue
+        root = (disc * disc - offset * offset).sqrt()
+        if doubt.above(far - (along - root), far + ONE):
+            found.append((along - root, k, offset, disc, root))
+    gravity, ground = exact(world.gravity), reference.surface(world, state.x, state.y)
+    for way, k, offset, disc, root in sorted(found):
+        t = way / speed
+        x, y = state.x + state.v[0] * t, state.y + state.v[1] * t
+        z = ground + state.above + t * (state.v[2] - gravity * t / 2)
+        height = z - reference.surface(world, x, y)
+        if math.isfinite(forest.stem_height):
+            if not doubt.above(exact(forest.stem_height) - height, abs(z) + 1):
+                continue
+        later = [one[0] for one in found if one[1] != k and one[0] > way]
+        if later:
+            doubt.above(min(later) - way, disc)
+        v = (*state.v[:2], state.v[2] - gravity * t)
+        return Hit(k, t, offset, disc, x, y, z, v, 1 + float(abs(offset) / root))
+    return None
+
+
+def _near(forest: Forest, state: State, landing: Landing, own: float) -> list[int]:
+    """Stems whose disc may be met; the rest lies metres away."""
+    reach = own + forest.dbh.max() / 200 + 1
+    ends = [(float(p.x), float(p.y)) for p in (state, landing)]
+    keep = np.ones(forest.x.size, bool)
+    for places, pair in ((forest.x, 0), (forest.y, 1)):
+        low, high = sorted(end[pair] for end in ends)
+        keep &= (places > low - reach) & (places < high + reach)
+    return np.flatnonzero(keep).tolist()
+
+
+def energy_share(x: Decimal) -> Decimal:
+    """Of E_max, hit at x of the stem's radius beside its middle."""
+    power = Decimal(10) ** ((Decimal("0.58") - x) * Decimal("-8.007"))
+    return max(ZERO, Decimal("-0.046") + Decimal("1.026") / (1 + power))
+
+
+def collide(
+    world: World, forest: Forest, number: int, count: int, hit: Hit, state: State, doubt: Doubt
+) -> Outcome:
+    """What hit number `count` of a boulder does to it."""
+    mass = exact(forest.density) * reference.volume(world, number)
+    speed2 = sum(v * v for v in hit.v)
+    energy = mass / 2 * (speed2 + reference.INERTIA * state.spin**2)
+    strongest = exact(forest.factor[hit.stem]) * Decimal("38.7")
+    strongest *= exact(forest.dbh[hit.stem]) ** Decimal("2.31")
+    x = abs(hit.offset) / hit.radius
+    most = energy_share(x) * strongest
+    goes_on = doubt.above(energy - most, energy)
+    taken = most if goes_on else energy
+    remains = ((energy - taken) / energy).sqrt()
+    kind = sum(doubt.above(x - exact(limit), ONE) or x == exact(limit) for limit in forest.limits)
+    word = reference.philox([number & reference.LOW, number >> 32, count, TREE << 24], world.seed)
+    degrees = _turn([exact(w) for w in forest.weights[kind]], *map(reference.uniform, word[:2]))
+    side = -1 if hit.offset > 0 else 1
+    if not doubt.above(x - MIDDLE, ONE):
+        side = 1 if word[1] & 1 else -1
+    plan = reference.rotated(hit.v[:2], side * degrees)
+    heading = reference.rotated(state.heading, side * degrees)
+    v = tuple(remains * one for one in (*plan, hit.v[2]))
+    above = hit.z - reference.surface(world, hit.x, hit.y)
+    after = State(hit.x, hit.y, max(ZERO, above), v, remains * state.spin, heading)
+    return Outcome(taken, energy, remains, after, kind == 0 and goes_on)
+
+
+def _turn(weights: list[Decimal], class_: Decimal, within: Decimal) -> Decimal:
+    """Degrees of a turn."""
+    drawn, k = class_ * sum(weights), 0
+    while k < 2 and drawn >= sum(weights[: k + 1]):
+        k += 1
+    return CLASSES[k] + within * (CLASSES[k + 1] - CLASSES[k])
