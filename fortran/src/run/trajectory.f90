@@ -9,8 +9,8 @@ module rockfall_trajectory
    use rockfall_sobol, only: sobol_t, sobol_word, scrambled, volume_dimension
    use rockfall_terrain, only: terrain_t, patch_t, in_window, locate, height, gradient, cell_of, cell_descent
    use rockfall_surface, only: surface_t, rock_radius, ground_at
-   use rockfall_boulder, only: boulder_t, source_boulder_t, volume_distribution_t, release_t, draw_boulder, boulder_of, &
-                               source_of, first_of, inertia_factor, kinetic_energy
+   use rockfall_boulder, only: boulder_t, source_boulder_t, volume_distribution_t, release_t, draw_boulder, &
+                               boulder_of, source_of, first_of, inertia_factor, kinetic_energy
    use rockfall_flight, only: flight_t, landing_t, span_t, fly, end_flight, flight_from, launch_rate, arc_length, never
    use rockfall_impact, only: impact_set_t, fitted_t, impact_ratios, ratio_class, ratio_between, beyond_fit, rebound_t, &
                               rebound, twice_energy
@@ -623,7 +623,8 @@ contains
       call decompose(v, g, steepness, flight%heading, omega_r, v_in, heading)
       if (level >= with_all .and. ground > 0) then
          call ground_rebound(scene%grounds(ground), scene%table, scene%key, number, int(result%impacts, i8), &
-                             word(1:matrix_words), result%boulder, obstacle, class, v_in, out)
+                             word(1:matrix_words), result%boulder, inertia_of(scene, number), obstacle, class, &
+                             v_in, out)
          scratch%by_ground(ground) = scratch%by_ground(ground) + 1
       else
          call rebound(scene%sets(class), scene%table, scene%key, number, int(result%impacts, i8), word(1:matrix_words), &
@@ -660,6 +661,15 @@ contains
          result%status = impact_limit
       end if
    end subroutine handle_impact
+
+   !> The moment of inertia of a boulder, I/(m R_b**2) [-].
+   pure real(wp) function inertia_of(scene, number)
+      type(scene_t), intent(in) :: scene
+      integer(i8), intent(in) :: number
+
+      inertia_of = inertia_factor
+      if (allocated(scene%of_source)) inertia_of = scene%of_source(source_of(scene%release, number))%inertia
+   end function inertia_of
 
    !> Count a stochastic rebound that lies beyond what its set was fitted on; `outside`: its ratio R_b/R_m does.
    pure subroutine count_beyond_fit(fitted, outside, v_in, result)

@@ -30,7 +30,7 @@ BOULDERS = 100  # from each source
 DROP_HEIGHT = 1.0  # [m]
 MAPS = (
     "passages", "deposits", "reach_probability_by_source", "energy_mean", "energy_q95",
-    "jump_height_mean", "jump_height_q95", "speed_max_map", "energy_line_angle_max",
+    "jump_height_mean", "jump_height_q95", "speed_max_map", "energy_line_angle_min",
     "travel_time_min",
 )  # fmt: skip
 LEFT = (  # what no folder holds, or what has no counterpart here
