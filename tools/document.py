@@ -9,7 +9,7 @@ import sys
 from itertools import groupby
 from pathlib import Path
 
-from rockfall.case import key_table
+from rockfall.case import REPEATABLE, key_table
 from rockfall.result import variables
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
@@ -22,7 +22,7 @@ separated by commas (`3*0.0` repeats), `!` starts a comment. An unknown group or
 or a value out of range is refused in one line. Reals lie within 1e12 of zero, those that must be
 above zero are at least 1e-12. What is possible but likely a mistake (a density in
 t/m3, nodata that a raster does not declare, zones that overlap) is a warning of `rockfall check`,
-`rockfall run` and `rockfall.run`. Only `&line` may be repeated. This page is made from the
+`rockfall run` and `rockfall.run`. REPEATABLE may be repeated. This page is made from the
 program's own table.
 """
 
@@ -97,6 +97,13 @@ Rockyfor3D has it (Dorren 2016): it does not fall because of sources far away. W
 each source it is never below 1/n, and too high where sources reach a cell more rarely than that. In
 a part of a run it is of the boulders of the part. Both maps take 4 bytes a cell more than they
 show, 8 in a part that begins within a source.
+
+`energy_exceeded` has a layer for each of `&hazard thresholds`, along the dimension `threshold` [J];
+files and figures have a map for each, such as `energy_exceeded_30kJ`. A boulder counts where its
+maximum energy in the cell is above the threshold. Energy lines go from the release of a boulder
+(with its drop height) to the ground in the middle of each cell that it passed but the first, that
+of its release; they are known to 0.0001 degrees. A time is that at which a boulder comes to the
+cell, whatever it does before and after ([hazard.md](hazard.md)).
 """
 
 KINDS = {
@@ -121,7 +128,7 @@ def table(head: list[str], rows: list[list[str]]) -> str:
 
 
 def case_page() -> str:
-    page = CASE
+    page = CASE.replace("REPEATABLE", "Only " + ", ".join(f"`&{one}`" for one in REPEATABLE))
     for group, keys in groupby(key_table(), key=lambda key: key.group):
         rows = []
         for key in keys:

@@ -13,6 +13,8 @@ import pytest
 import rasterio
 
 import rockfall
+from rockfall.analysis.hazard.study import read_study, run_study
+from rockfall.io.raster import write_geotiff
 from rockfall.lab import talus
 from rockfall.lab.talus import Talus
 from rockfall.scene.plausible import implausible
@@ -152,3 +154,25 @@ def test_the_net_changes_nothing_above_it(protected):
     np.testing.assert_array_equal(*above)
     stopped = protected["net"]["barrier_outcome"].values[1] == 1
     assert not np.isfinite(protected["net"]["line_speed"].values[0][stopped]).any()
+
+
+def test_settlement_is_what_its_readme_says(tmp_path):
+    """Two faces as sources, a gully, a flat fan; ten objects on it; its case is a hazard."""
+    folder = CASES / "settlement"
+    made = script(folder / "make_terrain.py")
+    z, zones = made.elevation(), made.zones()
+    write_geotiff(tmp_path / "dem.tif", z, made.GRID)
+    write_geotiff(tmp_path / "zones.tif", zones, made.GRID)
+    for name in "case.nml", "zones.csv", "objects.geojson":
+        shutil.copy(folder / name, tmp_path)
+    case = rockfall.read_case(tmp_path / "case.nml").replace(case={"boulders": 2})
+    study = read_study(case, tmp_path / "objects.geojson")
+    assert z.shape == (150, 110) and study.scene.x.size == 386
+    assert ((study.scene.x > 60) & (study.scene.x < 390)).all() and study.scene.y.min() > 500
+    area = 16 * study.scene.area.sum() / 1e6  # km2
+    assert study.scenarios[0].frequency == pytest.approx(400 * area) == pytest.approx(4.34, 1e-3)
+    assert study.scenarios[2].frequency == 1 / 40
+    assert len(study.objects) == 10 and {*np.unique(zones)} == {1, 2, 3, 4, 5}
+    found = run_study(study)
+    assert found.object_frequency.values[study.objects.names.index("road")] > 0.1
+    assert {*np.unique(found.hazard_class.values)} >= {0, 1, 3, 4}

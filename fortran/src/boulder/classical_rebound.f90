@@ -240,9 +240,9 @@ contains
       slowed_normal = -v_n*r_n/(1 + (v_n/normal_speed)*(v_n/normal_speed))
    end function slowed_normal
 
-   !> Bourrier and Hungr (2011): R_n = v_half/(|V_n| + v_half); the point of contact sticks, and the boulder rolls, where
-   !> friction suffices, |R_t (V_t - W)| 2/7 < tan(phi) (1 + R_n) |V_n|; else it slides, and friction slows V_t and
-   !> turns the sphere. Both meet where they part, as impulse and angular momentum ask.
+   !> Bourrier and Hungr (2011): R_n = v_half/(|V_n| + v_half); the point of contact sticks, and the boulder rolls,
+   !> where friction suffices, |R_t (V_t - W)| 2/7 < tan(phi) (1 + R_n) |V_n|; else it slides, and friction slows V_t
+   !> and turns the sphere. Both meet where they part, as impulse and angular momentum ask.
    pure function sliding_rebound(v_half, r_t, friction, v_in) result(v)
       real(wp), intent(in) :: v_half    !! [m/s]
       real(wp), intent(in) :: r_t       !! [-]

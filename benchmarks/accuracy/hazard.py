@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""How sure a hazard is: cases/settlement with many seeds.
+
+Prints means over seeds with their standard errors, as its README has them; and, of small runs, how
+often the intervals of cells hold the frequency that all large runs together give, and how often a
+class that is called certain is theirs.
+
+    python cases/settlement/make_terrain.py && python -m benchmarks.accuracy.hazard
+"""
+
+import argparse
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+import rockfall
+from rockfall.analysis.hazard.classes import CLASSES, Matrix, hazard_classes
+from rockfall.analysis.hazard.files import object_table
+from rockfall.io.arrays import grid_of
+
+FOLDER = Path(__file__).parents[2] / "cases/settlement"
+FEW = 20  # boulders from each source of a small run
+RARE = 1e-4  # [1/year] of the frequencies that are looked at, the least
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seeds", type=int, default=8, help="of large runs")
+    parser.add_argument("--small", type=int, default=40, help="small runs")
+    given = parser.parse_args()
+    case = rockfall.read_case(FOLDER / "case.nml")
+    large = [run(case, seed) for seed in range(given.seeds)]
+    print(f"{given.seeds} seeds, {int(large[0].boulders[0]):,} boulders in each scenario")
+    for name, values in numbers(large).items():
+        mean, error = np.mean(values), np.std(values, ddof=1) / np.sqrt(len(values))
+        print(f"  {name:40} {mean:.4g} +- {error:.2g}")
+    truth = frequency_of(large)
+    matrix, small = Matrix.of(case), case.replace(case={"boulders": FEW})
+    held, right = [], []
+    for seed in range(given.small):
+        found = run(small, 1000 + seed)
+        held.append(list(held_in(found, truth)))
+        right.append(right_in(found, truth, matrix))
+    print(f"{given.small} seeds, {int(found.boulders[0]):,} boulders in each scenario")
+    levels = ("passages", "above 30 kJ", "above 300 kJ")
+    for level, parts in zip(levels, np.transpose(held), strict=True):
+        print(f"  intervals of {level}: {np.mean(parts):.3f} hold the frequency")
+    certain, same = np.mean(right, axis=0)
+    print(f"  certain: {certain:.3f} of the cells; of these, {same:.4f} have the right class")
+
+
+def run(case: rockfall.Case, seed: int):
+    return rockfall.hazard(case.replace(case={"seed": seed}), objects=FOLDER / "objects.geojson")
+
+
+def numbers(runs: list) -> dict[str, list[float]]:
+    """What the README states, of each run."""
+    found: dict[str, list[float]] = {}
+    for one in runs:
+        cell = grid_of(one.hazard_class)[0].cell
+        for k in range(len(CLASSES) - 1, 0, -1):
+            here = one.hazard_class.values == k
+            found.setdefault(f"{CLASSES[k]}, area [m2]", []).append(here.sum() * cell**2)
+            certain = 100 * one.hazard_class_certain.values[here].mean()
+            found.setdefault(f"{CLASSES[k]}, certain [%]", []).append(certain)
+        for _, row in object_table(one).iterrows():
+            for name in ("frequency", "frequency_above_30kJ", "frequency_above_300kJ", "risk"):
+                found.setdefault(f"{row['object']}, {name}", []).append(row[name])
+    return found
+
+
+def frequency_of(runs: list) -> np.ndarray:
+    """Annual frequencies of cells (3, y, x) over all runs."""
+    parts = [one.exceedance_frequency.values.astype("f8") for one in runs]
+    passing = [one.passage_frequency.values.astype("f8") for one in runs]
+    return np.concatenate([np.mean(passing, axis=0)[None], np.mean(parts, axis=0)])
+
+
+def held_in(found, truth: np.ndarray) -> Iterator[float]:
+    """The fraction of the cells whose intervals hold the frequency, for each level."""
+    ends = []
+    for end in ("_low", "_high"):
+        passing = found[f"passage_frequency{end}"].values
+        ends.append(np.concatenate([passing[None], found[f"exceedance_frequency{end}"].values]))
+    for level, low, high in zip(truth, *ends, strict=True):
+        seen = level >= RARE
+        yield float(((low <= level) & (level <= high))[seen].mean())
+
+
+def right_in(found, truth: np.ndarray, matrix: Matrix) -> tuple[float, float]:
+    """Of the cells that have a class: those that are certain, and of them those that are right."""
+    classes = hazard_classes(truth, matrix, truth[0] > 0)
+    certain = (found.hazard_class_certain.values > 0) & (classes > 0)
+    same = np.maximum(found.hazard_class.values, 1) == classes  # none and residual are one
+    return certain.sum() / (classes > 0).sum(), float(same[certain].mean())
+
+
+if __name__ == "__main__":
+    main()
