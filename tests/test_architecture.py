@@ -13,11 +13,11 @@ LEVELS = [
     ["errors", "interrupts", "limits", "version"],
     ["io"],
     ["terrain"],
-    ["case", "case_files", "impact_sets", "quantities", "result"],
+    ["case", "case_files", "grounds", "impact_sets", "quantities", "result"],
     ["scene"],
     ["simulation"],
     ["analysis"],
-    ["protection"],
+    ["protection", "rockyfor3d"],
     ["__init__"],
     ["lab"],
     ["plots", "text"],
@@ -27,7 +27,7 @@ LEVELS = [
 LEVEL = {room: level for level, rooms in enumerate(LEVELS) for room in rooms}
 #: Compiled modules, and where they may be called.
 DOORS = {
-    "_core": re.compile(r"case|limits|scene\..*|simulation\..*|result\.variables"),
+    "_core": re.compile(r"case|grounds|limits|scene\..*|simulation\..*|result\.variables"),
     "_lab": re.compile(r"lab\..*"),
 }
 MODULES = {

@@ -237,7 +237,7 @@ def draw(found: list[Measured]):
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--boulders", type=int, default=10_000)
-    docs = ROOT / "docs"
+    docs = ROOT / "docs" / "validation"
     parser.add_argument("-o", metavar="FOLDER", type=Path, dest="folder", default=docs)
     options = parser.parse_args()
     found = [one for path in shipped_sets().values() for one in look(path, options.boulders)]

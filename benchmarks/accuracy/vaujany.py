@@ -122,7 +122,7 @@ def page(scores: dict[str, Score], wanted: list[Target], slopes: int) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--slopes", type=int, default=48)
-    parser.add_argument("-o", "--output", type=Path, default=ROOT / "docs")
+    parser.add_argument("-o", "--output", type=Path, default=ROOT / "docs" / "validation")
     options = parser.parse_args()
     with ProcessPoolExecutor() as pool:
         found = pool.map(partial(measure, slopes=options.slopes), COLUMNS)

@@ -33,6 +33,7 @@ program rockfall_batch
    use rockfall_lock, only: lock_t, take_lock, give_lock_back
    use rockfall_threads, only: check_team
    use rockfall_console, only: arguments_t, read_arguments, stem, one_line, decimal
+   use rockfall_ground, only: ground_t
    use rockfall_scene_file, only: inputs_t, read_scene
    use rockfall_part_file, only: write_part, is_result
    use rockfall_checkpoint, only: checkpoint_t, check_checkpoint, remove_checkpoint
@@ -123,6 +124,7 @@ contains
       call remove_checkpoint(checkpoint)
       if (arguments%quiet) return
       call summary(case, results)
+      if (allocated(inputs%scene%grounds)) call ground_summary(inputs%scene%grounds, results%by_ground)
       write (output_unit, "(3a)") output, ": `rockfall merge ... --output OUT.nc` makes the result of it"
    end subroutine run_to
 
@@ -209,6 +211,18 @@ contains
       write (output_unit, "(4a,i0,a)") decimal(results%wall, 2), " s (", decimal(results%cpu, 2), &
          " s of CPU, ", results%threads, " threads)"
    end subroutine summary
+
+   !> What the rebounds followed.
+   subroutine ground_summary(grounds, rebounds)
+      type(ground_t), intent(in) :: grounds(:)
+      integer(i8), intent(in) :: rebounds(:)
+      integer :: k
+
+      do k = 1, size(grounds)
+         write (output_unit, "(3a,i0,3a)") "ground ", grounds(k)%name, ": ", rebounds(k), " rebounds (", &
+            percent(rebounds(k), sum(rebounds)), ")"
+      end do
+   end subroutine ground_summary
 
    pure function percent(part, whole) result(text)
       integer(i8), intent(in) :: part, whole

@@ -12,6 +12,7 @@ _MODULES = {  # of each public name
     "design": "protection.design",
     "ensemble_table": "analysis.ensemble",
     "hazard": "analysis.hazard.study",
+    "import_rockyfor3d": "rockyfor3d.imported",
     "line_statistics": "analysis.line_statistics",
     "merge": "simulation.merge",
     "read_case": "case",

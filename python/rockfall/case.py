@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -104,8 +104,7 @@ class Case:
         for group, values in self._groups.items():
             self._groups[group] = _typed(group, defaults.get(group, {}) | values)
         for group, several in lists.items():
-            own = defaults.get(group, {})
-            self.__dict__[group] = [_typed(group, own | plain_values(one)) for one in several]
+            self.__dict__[group] = [_completed(group, plain_values(one)) for one in several]
 
     def __getattr__(self, group: str) -> dict[str, Any]:
         try:
@@ -122,6 +121,17 @@ class Case:
     def lines(self) -> list[dict[str, Any]]:
         """Where crossings are recorded: the evaluation lines, then the barriers."""
         return self.line + self.barrier
+
+    def files(self) -> Iterator[tuple[Key, str]]:
+        """Every file that the case names, and by which key."""
+        for key in file_keys():
+            groups = (
+                self.__dict__[key.group] if key.group in REPEATABLE else [self._groups[key.group]]
+            )
+            for values in groups:
+                named = values.get(key.name, [])
+                for name in named if isinstance(named, list) else [named]:
+                    yield key, name
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Case) or self.folder != other.folder:
@@ -206,6 +216,12 @@ def _defaults() -> dict[str, dict[str, Any]]:
             texts[key.group] = f"{texts.get(key.group, '')} {key.name} = {key.default}"
     found = _parse("\n".join(f"&{group} {values} /" for group, values in texts.items()))
     return {group: one[0] if group in REPEATABLE else one for group, one in found.items()}
+
+
+def _completed(group: str, values: Mapping[str, Any]) -> dict[str, Any]:
+    """A repeated group with its defaults, but where a layer may have the values."""
+    defaults = {} if "file" in values else _defaults().get(group, {})
+    return _typed(group, defaults | dict(values))
 
 
 def plain_values(values: Mapping[str, Any]) -> dict[str, Any]:

@@ -8,10 +8,11 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rockfall.case import FROM_ARRAY, Case, case_of, file_keys
+from rockfall.case import FROM_ARRAY, Case, case_of
 from rockfall.errors import RockfallError
-from rockfall.impact_sets import set_path
+from rockfall.impact_sets import find_set, set_path
 from rockfall.io.raster_file import raster_files
+from rockfall.io.zone_table import read_zone_table
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -26,11 +27,22 @@ APPENDED = (".xml", ".aux.xml", "-wal", "-shm", "-journal")
 def input_files(case: Case) -> Iterator[Path]:
     """Every file that a case reads, the case file first; some may not be there."""
     yield Path(case.name)
-    for key in file_keys():
-        files = getattr(case, key.group).get(key.name, [])
-        for name in files if isinstance(files, list) else [files]:
-            if name != FROM_ARRAY:
-                yield from _files_of(case, key.file, name)
+    for key, name in case.files():
+        if name != FROM_ARRAY:
+            yield from _files_of(case, key.file, name)
+    for name in _named_grounds(case):
+        if path := find_set(case, name):
+            yield path
+
+
+def _named_grounds(case: Case) -> set[str]:
+    """What the case and its table of zones call the grounds, some of them impact sets."""
+    names = {case.surface.get("ground", "")}
+    if "table" in case.surface:
+        with suppress(RockfallError):
+            zones = read_zone_table(case.path(case.surface["table"]))
+            names |= {zone.ground for zone in zones.values()}
+    return names - {""}
 
 
 def _files_of(case: Case, kind: str, name: str) -> Iterator[Path]:

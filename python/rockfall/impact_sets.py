@@ -19,14 +19,19 @@ def shipped_sets() -> dict[str, Path]:
     return {path.stem: path for path in sorted(folder.glob("*.nml"))}
 
 
+def find_set(case: Case, name: str) -> Path | None:
+    """The file of impact sets of a name: shipped, or beside the case; None: there is none."""
+    if name in shipped_sets():
+        return shipped_sets()[name]
+    return case.path(name) if os.path.isfile(case.path(name)) else None
+
+
 def set_path(case: Case, name: str | None = None, group: str = "impact") -> Path:
     """The file of impact sets, the case's or those that a group names: shipped, or beside it."""
-    name, shipped = name or case.impact["sets"], shipped_sets()
-    if name in shipped:
-        return shipped[name]
-    if os.path.isfile(case.path(name)):
-        return case.path(name)
-    known = ", ".join(shipped)
+    name = name or case.impact["sets"]
+    if path := find_set(case, name):
+        return path
+    known = ", ".join(shipped_sets())
     raise RockfallError(
         f"{case.name}: &{group} sets = '{name}': no such file; shipped sets: {known}"
     )

@@ -31,8 +31,9 @@ def in_tmp_path(tmp_path, monkeypatch):
 
 
 def table(text, encoding="utf-8"):
+    """The sizes by zone."""
     Path("zones.csv").write_bytes(text.encode(encoding))
-    return read_zone_table("zones.csv")
+    return {zone: row.sizes for zone, row in read_zone_table("zones.csv").items()}
 
 
 def same(a, b):
@@ -50,6 +51,19 @@ def same(a, b):
 )
 def test_a_table_in_any_dress(text):
     assert table(text) == {1: (0.1, 0.2, 0.15, 0.07), 2: (math.inf,) * 4}
+
+
+def test_a_zone_with_a_ground_of_its_own_may_have_no_rocks():
+    table("zone,mean_radius,ground\n1,0.1,\n2,,road\n3,0,soil_3\n4,inf,\n")
+    rows = read_zone_table("zones.csv")
+    assert [row.ground for row in rows.values()] == ["", "road", "soil_3", ""]
+    assert [rows[k].sizes[0] for k in (1, 3, 4)] == [0.1, 0.0, math.inf]
+    assert math.isnan(rows[2].sizes[0])
+    assert same(table("zone,ground\n7,road\n")[7], [math.nan] * 4)
+    with refused("zones.csv: line 2: mean_radius = : must be a number"):
+        table("zone,mean_radius,ground\n1,,\n")
+    with refused("zones.csv: line 2: mean_radius = -1: must be > 0 (Inf absorbs)"):
+        table("zone,mean_radius,ground\n1,-1,road\n")
 
 
 def test_columns_that_are_absent_are_nan():

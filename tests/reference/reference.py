@@ -23,6 +23,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+import classical
+
 decimal.getcontext().prec = 50  # of all that this module reckons
 RELEASE, IMPACT, SCRAMBLE, BETWEEN = 1, 2, 3, 5  # purposes of random words
 INERTIA = Decimal("0.4")  # of a sphere, over m R**2
@@ -64,6 +66,9 @@ class World:
     stop_speed: float = 0.5
     impact_limit: int = 100_000
     lines: list[list[tuple[float, float]]] = field(default_factory=list)  # vertices of each
+    grounds: list[classical.Ground | None] = field(default_factory=list)  # None: the sets
+    ground: np.ndarray | None = None  # (ny, nx): index of these, where there are any
+    density: float = 2800.0
     folded: np.ndarray = field(init=False)  # (5, 9, 9): the covariances with the noise
     roots: list[list[list[Decimal]]] = field(init=False)  # of these
     last: list[int] = field(init=False)  # boulder of each source
@@ -308,6 +313,12 @@ def scrambled(seed: int, word: int, source: int, dimension: int) -> int:
 def uniform(word: int) -> Decimal:
     """In (0, 1)."""
     return (word + HALF) / 2**32
+
+
+NUMBERS = classical.Numbers(normal, uniform, cosine_sine)
+#: How much a classical rebound may enlarge an error of the incoming velocity, at most: shares of
+#: the energy fall with speed, and with W - V_t, by less than their own size over a doubling.
+CLASSICAL_WEIGHT = 4.0
 
 
 # ---- terrain
@@ -607,11 +618,16 @@ def impact(
         gains = doubt.above(energy(v) - before, before)
         if leaves and not gains:
             return v, weight
+    return limited(v_in, v), weight
+
+
+def limited(v_in: Triple, v: Triple) -> Triple:
+    """Off the ground, without more energy than before."""
     if v[1] <= 0:
         v = v[0], length(v_in[:2]) / 100, v[2]
-    if energy(v) > before:
-        v = tuple(one * (before / energy(v)).sqrt() for one in v)
-    return v, weight
+    if energy(v) > energy(v_in):
+        v = tuple(one * (energy(v_in) / energy(v)).sqrt() for one in v)
+    return v
 
 
 def turn(class_: Decimal, within: Decimal) -> Decimal:
@@ -705,6 +721,12 @@ def bounce(
     rock = rock_radius(world, column, row, word[11])
     if rock.is_infinite():
         return None
+    ground = None if world.ground is None else world.grounds[world.ground[row, column]]
+    obstacle = rock / exact(world.reading)
+    if ground is not None and (
+        ground.model == "absorbs" or (ground.model == "rockyfor3d" and obstacle >= 100)
+    ):
+        return None
     g = at.slope(cell, u, w)
     steep = (1 + dot(g, g)).sqrt()
     up = (-g[0] / steep, -g[1] / steep, 1 / steep)
@@ -717,9 +739,18 @@ def bounce(
     if any(state.heading) and any(heading) and doubt.above(-dot(heading, state.heading), ONE):
         spin = -spin  # it rolls backwards as seen from where it goes now
     v_in = (length(along), min(ZERO, normal_speed), spin)
-    ratio = radius(world, number) / rock
+    ratio = radius(world, number) / rock if rock else Decimal(10**9)
     k = set_of(world, number, hit, ratio, doubt)
-    v_out, weight = impact(world, number, hit, k, v_in, doubt)
+    if ground is None:
+        v_out, weight = impact(world, number, hit, k, v_in, doubt)
+    else:
+        mass = exact(world.density) * volume(world, number)
+        own = radius(world, number), mass, obstacle
+        v_out = classical.outgoing(ground, word, *own, v_in, NUMBERS)
+        leaves = doubt.above(v_out[1], energy(v_in).sqrt())
+        gains = energy(v_out) > energy(v_in)
+        v_out = v_out if leaves and not gains else limited(v_in, v_out)
+        weight, ratio = CLASSICAL_WEIGHT, Decimal(-1)
 
     downhill, pit = horn(world, column, row) or ((-g[0], -g[1]), False)
     if not any(heading):

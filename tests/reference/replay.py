@@ -16,8 +16,10 @@ from dataclasses import dataclass, field, replace
 from decimal import Decimal
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import f90nml
 import numpy as np
 
+import classical
 import reference
 from reference import Contact, Doubt, Landing, Patch, State, World, exact
 from rockfall.io.grid import Grid
@@ -25,6 +27,7 @@ from rockfall.io.grid import Grid
 if TYPE_CHECKING:
     import xarray as xr
 
+    from rockfall.grounds import GroundRule
     from rockfall.scene.scene import Scene
 
 U = 2.0**-53  # unit roundoff
@@ -184,7 +187,41 @@ def world_of(scene: Scene) -> World:
         stop_speed=case.impact["stop_speed"],
         impact_limit=case.impact["impact_limit"],
         lines=[list(zip(line["x"], line["y"], strict=True)) for line in case.line],
+        density=boulder["density"],
+        grounds=[_ground(one) for one in scene.grounds],
+        ground=_ground_of_cells(scene),
     )
+
+
+def _ground(given: GroundRule) -> classical.Ground | None:
+    """A ground from the numbers of its text; None: the case's impact sets."""
+    if not given.text:
+        return None
+    values = f90nml.reads(given.text.decode())["ground"]
+
+    def scatter(name: str, least: float = 0.0, most: float = 1.0) -> classical.Scatter:
+        ends = values.get(f"{name}_min", 0.0), values.get(f"{name}_max", most)
+        std = values.get(f"{name}_std", 0.0)
+        return classical.Scatter(values.get(name, 0.0), std, max(least, ends[0]), ends[1])
+
+    normal = scatter("r_n", 0.0 if given.model == "constant" else 0.01)
+    if given.model == "bourrier_hungr":
+        normal = scatter("half_speed", 0.01, 1e300)
+    names = "friction_angle", "soil_density", "obstacle_spread", "roughness_angle"
+    rest = {name: values[name] for name in names if name in values}
+    return classical.Ground(given.model, normal, scatter("r_t"), **rest)
+
+
+def _ground_of_cells(scene: Scene) -> np.ndarray | None:
+    """(ny, nx): which of the grounds each cell has, from 0."""
+    if not scene.grounds:
+        return None
+    if scene.cell_ground is not None:
+        return scene.cell_ground.astype(int) - 1
+    if scene.material_ground is None:
+        return np.zeros(scene.z.shape, int)
+    zone = np.ones(scene.z.shape, int) if scene.zone is None else scene.zone
+    return scene.material_ground.astype(int)[np.maximum(zone, 1) - 1] - 1
 
 
 def _sizes(scene: Scene) -> np.ndarray:
@@ -336,7 +373,7 @@ def _judge(world: World, contact: Contact, flight: Flight, before, row, d_ratio)
         Error.of(_apart(row[OUT], hit.outgoing), d_out, v_out),
         Error.of(_apart(row[SPEED], hit.velocity), d_v, v_out),
         Error.of(across / exact(plan) ** 2 if plan else 0, 2 * d_v / plan if plan else 1.0, 1.0),
-        Error.of(exact(row[RATIO]) - hit.ratio, float(hit.ratio) * d_ratio, hit.ratio),
+        Error.of(exact(row[RATIO]) - hit.ratio, abs(float(hit.ratio)) * d_ratio, hit.ratio),
     ]
 
 

@@ -11,6 +11,7 @@ module rockfall_random
    public :: for_release, for_impact, for_scramble, for_ratio, for_forest, for_tree, purpose_bit
    public :: words_per_draw, words_per_block
    public :: volume_word, matrix_words, turn_class_word, turn_within_word, obstacle_word, ratio_word
+   public :: normal_restitution_word, tangential_restitution_word, obstacle_spread_word, roughness_word
    public :: tree_class_word, tree_within_word
 
    !> Purposes: separate streams. The laboratory has those from 65 on.
@@ -22,6 +23,10 @@ module rockfall_random
    !> Where in a draw stands the word for what: another order gives other results.
    integer, parameter :: volume_word = 1        !! for_release: volume
    integer, parameter :: matrix_words = 9       !! for_impact: words 1 to 9 are the normals of a1..a9
+   integer, parameter :: normal_restitution_word = 1      !! for_impact, where a classical rebound draws no matrix: R_n,
+   integer, parameter :: tangential_restitution_word = 2  !! R_t,
+   integer, parameter :: obstacle_spread_word = 3         !! the height of obstacles about that of their size,
+   integer, parameter :: roughness_word = 4               !! and how the ground is tilted
    integer, parameter :: turn_class_word = 10   !! for_impact: class of the turn, or its quantile by_lab
    integer, parameter :: turn_within_word = 11  !! for_impact: place within the class; its last bit is the side
    integer, parameter :: obstacle_word = 12     !! for_impact: obstacle size of method A

@@ -5,7 +5,7 @@ module rockfall_text
    use rockfall_error, only: error_t, fail
    implicit none
    private
-   public :: check_text, after_mark, lower, integer_text, joined, excerpt, max_text
+   public :: check_text, after_mark, lower, integer_text, joined, excerpt, line_of, max_text
 
    integer, parameter :: max_text = 64*1024**2  !! [bytes] of a file of text; more is none of ours
 
@@ -15,6 +15,24 @@ module rockfall_text
    end interface integer_text
 
 contains
+
+   !> Line k of a text, from 1; "" past its end.
+   pure function line_of(text, k) result(line)
+      character(len=*), intent(in) :: text
+      integer, intent(in) :: k
+      character(len=:), allocatable :: line
+      integer :: first, last, n
+
+      line = ""
+      first = 1
+      do n = 1, k
+         if (first > len(text)) return
+         last = index(text(first:), new_line(text))
+         if (last == 0) last = len(text) - first + 2
+         if (n == k) line = text(first:first + last - 2)
+         first = first + last
+      end do
+   end function line_of
 
    !> Refuse what is not text: control characters other than tabs and line ends, and broken UTF-8.
    pure subroutine check_text(text, file, error)

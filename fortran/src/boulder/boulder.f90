@@ -8,7 +8,8 @@ module rockfall_boulder
                               words_per_draw, volume_word
    implicit none
    private
-   public :: boulder_t, volume_distribution_t, release_t, draw_boulder, max_volume, mean_volume
+   public :: boulder_t, source_boulder_t, volume_distribution_t, release_t, draw_boulder, boulder_of, max_volume, &
+             mean_volume
    public :: source_of, first_of, last_of, released_by, inertia_factor, kinetic_energy
    public :: fixed_volume, normal_volume, uniform_volume, lognormal_volume, list_volume
 
@@ -32,6 +33,13 @@ module rockfall_boulder
       real(wp) :: radius = 0  !! R_b [m]
       real(wp) :: mass = 0    !! [kg]
    end type boulder_t
+
+   !> What a source says of its boulders.
+   type :: source_boulder_t
+      real(wp) :: volume = 0                !! [m3]
+      real(wp) :: density = 0               !! [kg/m3]
+      real(wp) :: inertia = inertia_factor  !! I/(m R_b**2), R_b of the sphere of its volume [-]
+   end type source_boulder_t
 
    !> Boulders are numbered source by source. Every source releases the same number of them, boulder b has
    !> source (b-1)/n + 1; or each its own, up to boulder `last` of it.
@@ -122,6 +130,16 @@ contains
       boulder%radius = cube_root(3*boulder%volume/(4*pi))
       boulder%mass = distribution%density*boulder%volume
    end function draw_boulder
+
+   !> A boulder of a source that says what its boulders are.
+   pure type(boulder_t) function boulder_of(source, factor) result(boulder)
+      type(source_boulder_t), intent(in) :: source
+      real(wp), intent(in) :: factor  !! of its volume over that of the source [-]
+
+      boulder%volume = factor*source%volume
+      boulder%radius = cube_root(3*boulder%volume/(4*pi))
+      boulder%mass = source%density*boulder%volume
+   end function boulder_of
 
    !> Translational and rotational energy [J] (Bourrier et al. 2009, eqs 1-3).
    pure function kinetic_energy(boulder, v, omega) result(energy)

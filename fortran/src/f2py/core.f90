@@ -9,15 +9,17 @@ module rockfall_f2py
    use iso_c_binding, only: c_double, c_float, c_int, c_int8_t, c_int16_t, c_int32_t, c_int64_t, c_intptr_t, c_ptr, &
                             c_loc, c_f_pointer
    use rockfall_error, only: error_t, give_error
-   use rockfall_text, only: joined, max_text
+   use rockfall_text, only: joined, line_of, max_text
    use rockfall_grid, only: grid_t, is_outside
    use rockfall_terrain, only: terrain_t, terrain, keep_within, is_known_at, max_elevation
    use rockfall_boulder, only: first_of, last_of, source_of, inertia_factor
+   use rockfall_shape, only: shape_volume, shape_inertia, shapes
    use rockfall_surface, only: size_weights
    use rockfall_barrier, only: barrier_outcome, ead_energy
    use rockfall_impact, only: ratio_weights, ratio_class, is_admissible, limit_rebound, max_draws, min_normal
    use rockfall_trajectory, only: scene_t, boulder_result_t, crossing_t, scratch_t, left_window
-   use rockfall_scene, only: scene_arrays_t, scene_from, check_sources, boulders_of
+   use rockfall_scene, only: scene_arrays_t, scene_from, check_sources, boulders_of, largest_volumes
+   use rockfall_grounds, only: parameter_of_ground => ground_parameter, model_names, rocks_of_model
    use rockfall_reach, only: block_side, take_minima, reach_box
    use rockfall_stand, only: stems_in_cell, stem_numbers
    use rockfall_random, only: random_key
@@ -42,9 +44,9 @@ module rockfall_f2py
    public :: histogram_bins, team
    public :: team_fits, end_team, slope_threshold, steep_cells, area_ratios, known_at, outside, boulders
    public :: boulders_of_source, sources_of_boulders, weights_of_sets, weights_of_sizes, ratio_classes
-   public :: stand_counts, stand_numbers
+   public :: stand_counts, stand_numbers, shape_numbers
    public :: admissible_rebounds, limit_rebounds, size_to_radius, constant, share, fraction_limits
-   public :: barriers, barrier_outcomes, ead_energies
+   public :: ground_parameter, ground_model, barriers, barrier_outcomes, ead_energies
 
    !> What a handle stands for.
    type :: open_scene_t
@@ -58,10 +60,13 @@ contains
 
    !> The scene of the text of a case and of the arrays in `scene_arrays_t`, as a handle.
    subroutine open_scene(text, name, z8, z4, west, north, cell, nodes, first, zone1, zone2, values, sizes, &
-                         source_x, source_y, area_ratio, tree_x, tree_y, tree_dbh, tree_factor, sets_text, &
-                         sets_name, draw, handle, code, message, &
-                         nx8, ny8, nx4, ny4, nx1, ny1, nx2, ny2, nxv, nyv, nkv, ks, ms, ns, na, nt)
-      integer(c_int), intent(in) :: nx8, ny8, nx4, ny4, nx1, ny1, nx2, ny2, nxv, nyv, nkv, ks, ms, ns, na, nt
+                         source_x, source_y, area_ratio, source_volume, source_inertia, source_density, tree_x, &
+                         tree_y, tree_dbh, tree_factor, sets_text, sets_name, draw, ground_text, ground_length, &
+                         ground_names, material_ground, cell_ground, handle, code, message, &
+                         nx8, ny8, nx4, ny4, nx1, ny1, nx2, ny2, nxv, nyv, nkv, ks, ms, ns, na, nb, nd, nt, &
+                         ng, mg, nxg, nyg)
+      integer(c_int), intent(in) :: nx8, ny8, nx4, ny4, nx1, ny1, nx2, ny2, nxv, nyv, nkv, ks, ms, ns, na, nb, nd, nt
+      integer(c_int), intent(in) :: ng, mg, nxg, nyg
       character(len=*), intent(in) :: text, name                 !! of the case, and what it is called in messages
       real(c_double), intent(in), target :: z8(nx8, ny8)         !! elevations [m], or
       real(c_float), intent(in), target :: z4(nx4, ny4)          !! in single precision
@@ -73,9 +78,15 @@ contains
       real(c_double), intent(in) :: sizes(ks, ms)                !! [m]
       real(c_double), intent(in) :: source_x(ns), source_y(ns)   !! map coordinates [m]
       real(c_double), intent(in) :: area_ratio(na)
+      real(c_double), intent(in) :: source_volume(nb), source_inertia(nb), source_density(nd)  !! of their boulders
       real(c_double), intent(in), target :: tree_x(nt), tree_y(nt), tree_dbh(nt), tree_factor(nt)  !! stems
       character(len=*), intent(in) :: sets_text, sets_name       !! of the file of impact sets
       integer(c_int), intent(in) :: draw                         !! of its draws; 0: the only one
+      character(len=*), intent(in) :: ground_text                !! of grounds, one after the other,
+      integer(c_int), intent(in) :: ground_length(ng)            !! each so long, 0: the case's impact sets; -1: no grounds
+      character(len=*), intent(in) :: ground_names               !! a line with its name, then one with its file, for each
+      integer(c_int8_t), intent(in) :: material_ground(mg)       !! of each material, 0: none such, or
+      integer(c_int8_t), intent(in), target :: cell_ground(nxg, nyg)  !! of each cell
       integer(c_intptr_t), intent(out) :: handle                 !! 0 without a scene
       integer(c_int), intent(out) :: code                        !! 0 = success
       character(len=1024), intent(out) :: message
@@ -102,8 +113,14 @@ contains
       arrays%sets_text = sets_text
       arrays%sets_name = sets_name
       arrays%draw = draw
+      if (ground_length(1) >= 0) call set_grounds(ground_text, ground_length, ground_names, arrays)
+      if (all(material_ground > 0)) arrays%material_ground = material_ground
+      if (size(cell_ground) > 1) arrays%cell_ground => cell_ground
       call read_case(text, name, case, error)
       if (case%by_area .and. .not. allocated(error)) arrays%area_ratio = area_ratio
+      if (case%by_source) arrays%source_volume = source_volume
+      if (case%by_source) arrays%source_inertia = source_inertia
+      if (case%source_density) arrays%source_density = source_density
       if (.not. allocated(error)) then
          allocate (opened)
          call scene_from(case, arrays, opened%scene, error)
@@ -115,6 +132,22 @@ contains
       end if
       call give_error(error, code, message)
    end subroutine open_scene
+
+   subroutine set_grounds(text, length, names, arrays)
+      character(len=*), intent(in) :: text, names
+      integer(c_int), intent(in) :: length(:)
+      type(scene_arrays_t), intent(inout) :: arrays
+      integer :: k, first
+
+      allocate (arrays%grounds(size(length)))
+      first = 1
+      do k = 1, size(length)
+         arrays%grounds(k)%name = line_of(names, 2*k - 1)
+         arrays%grounds(k)%file = line_of(names, 2*k)
+         arrays%grounds(k)%text = text(first:first + length(k) - 1)
+         first = first + length(k)
+      end do
+   end subroutine set_grounds
 
    !> Keep boulders to these columns and rows, those of the maps: the same for all runs of a scene, and before them.
    subroutine limit_terrain(handle, map_at, map_last)
@@ -149,11 +182,11 @@ contains
 
    !> Run boulders first .. first + n - 1 of a scene; maps and histograms are added to.
    subroutine run(handle, first, threads, map_at, map_counts, map_sums, map_reals, class_counts, column, &
-                  columns, stamp, head, histogram, energy, trees_hit, boulder, counts, crossing, code, message, &
-                  nxc, nyc, nkc, nxs, nys, nks, nxr, nyr, nkr, kc, cc, nxq, nyq, nxt, nyt, nkt, ne, nt, nl, n)
+                  columns, stamp, head, histogram, by_ground, energy, trees_hit, boulder, counts, crossing, code, message, &
+                  nxc, nyc, nkc, nxs, nys, nks, nxr, nyr, nkr, kc, cc, nxq, nyq, nxt, nyt, nkt, ng, ne, nt, nl, n)
       !f2py threadsafe
       integer(c_int), intent(in) :: nxc, nyc, nkc, nxs, nys, nks, nxr, nyr, nkr, kc, cc, nxq, nyq, nxt, nyt, nkt
-      integer(c_int), intent(in) :: ne, nt, nl, n
+      integer(c_int), intent(in) :: ng, ne, nt, nl, n
       integer(c_intptr_t), intent(in) :: handle
       integer(c_int64_t), intent(in) :: first
       integer(c_int), intent(in) :: threads
@@ -165,6 +198,7 @@ contains
       integer(c_int32_t), intent(inout), target :: stamp(nxt, nyt, nkt)  !! as in maps_t, with its `head`
       integer(c_int64_t), intent(in) :: head
       integer(c_int64_t), intent(inout) :: histogram(50, 6)
+      integer(c_int64_t), intent(inout) :: by_ground(ng)         !! rebounds, where the scene has several grounds
       real(c_double), intent(inout) :: energy(5, ne)             !! energy_fields, of all boulders or of one
       integer(c_int32_t), intent(inout) :: trees_hit(nt)         !! likewise
       real(c_double), intent(out) :: boulder(12, n)              !! boulder_fields
@@ -193,7 +227,7 @@ contains
             message = "boulders of a chunk do not fit in memory"
             return
          end if
-         call run_boulders(scene, first, threads, fates, crossings, maps, histogram)
+         call run_boulders(scene, first, threads, fates, crossings, maps, histogram, by_ground)
          do k = 1, n
             boulder(:, k) = boulder_row(scene%dem, fates(k))
             counts(:, k) = boulder_count_row(fates(k))
@@ -345,7 +379,7 @@ contains
 
       opened => scene_of(handle)
       associate (scene => opened%scene)
-         call check_tallies(opened%plan, scene%volumes, scene%gravity, fall, boulders_of(scene), error)
+         call check_tallies(opened%plan, largest_volumes(scene), scene%gravity, fall, boulders_of(scene), error)
       end associate
       call give_error(error, code, message)
    end subroutine check_maps
@@ -407,6 +441,20 @@ contains
          end do
       end do
    end subroutine stand_numbers
+
+   !> Volume [m3] and inertia I/(m R**2) [-] of boulders by shape and sides, as in rockfall_shape.
+   subroutine shape_numbers(shape, d, volume, inertia, n)
+      integer(c_int), intent(in) :: n
+      integer(c_int), intent(in) :: shape(n)
+      real(c_double), intent(in) :: d(3, n)  !! [m]
+      real(c_double), intent(out) :: volume(n), inertia(n)
+      integer :: k
+
+      do k = 1, n
+         volume(k) = shape_volume(shape(k), d(:, k))
+         inertia(k) = shape_inertia(shape(k), d(:, k))
+      end do
+   end subroutine shape_numbers
 
    !> Cells are counted from 1 by rows from the north-west.
    pure integer(c_int64_t) function cell_number(nx, row, column)
@@ -580,6 +628,27 @@ contains
       if (k >= 1 .and. k <= n_keys) text = key_text(k)
    end subroutine case_key
 
+   !> Row k of the table of a ground's parameters: that of a key, then |models; blank past the end.
+   subroutine ground_parameter(k, text)
+      integer(c_int), intent(in) :: k
+      character(len=512), intent(out) :: text
+
+      text = parameter_of_ground(k)
+   end subroutine ground_parameter
+
+   !> Model k of grounds, and what it must know of the rocks there, as in rockfall_grounds; blank past the end.
+   subroutine ground_model(k, text, rocks)
+      integer(c_int), intent(in) :: k
+      character(len=32), intent(out) :: text
+      integer(c_int), intent(out) :: rocks
+
+      text = ""
+      rocks = 0
+      if (k < 1 .or. k > size(model_names)) return
+      text = model_names(k)
+      rocks = rocks_of_model(k)
+   end subroutine ground_model
+
    !> Names of the groups of which a case may have several.
    subroutine repeatable_groups(text)
       character(len=512), intent(out) :: text
@@ -686,6 +755,7 @@ contains
       case ("any_speed"); value = any_speed          ! [m/s] the end of the range of a set that tells none
       case ("inertia_factor"); value = inertia_factor  ! [-]
       case ("min_normal"); value = min_normal
+      case ("shapes"); value = shapes                ! of boulders
       case ("max_draws"); value = max_draws          ! of a rebound
       case ("left_window"); value = left_window      ! status of a boulder to be run again in a larger window
       case ("max_text"); value = max_text            ! [bytes]

@@ -20,6 +20,8 @@ module rockfall_part_file
    use rockfall_maps, only: maps_t
    use rockfall_source_maps, only: contributing_t, contributing_cells, partial_sources, settle
    use rockfall_boulder, only: first_of, last_of
+   use rockfall_ground, only: ground_t
+   use rockfall_grounds, only: model_names
    use rockfall_case, only: case_t
    use rockfall_case_file, only: differing_key
    use rockfall_scene_file, only: inputs_t
@@ -120,8 +122,26 @@ contains
          call keep(file, nf90_put_att(file%id, nf90_global, "cpu_seconds", results%cpu))
          call keep(file, nf90_put_att(file%id, nf90_global, "terrain_cells", [grid%nx, grid%ny]))
          call keep(file, nf90_put_att(file%id, nf90_global, "map_window", window_of(results)))
+         if (allocated(inputs%scene%grounds)) call describe_grounds(file, inputs%scene%grounds)
       end associate
    end subroutine describe
+
+   !> Names and models of the grounds, a line each.
+   subroutine describe_grounds(file, grounds)
+      type(netcdf_file_t), intent(inout) :: file
+      type(ground_t), intent(in) :: grounds(:)
+      character(len=:), allocatable :: names, models
+      integer :: k
+
+      names = grounds(1)%name
+      models = trim(model_names(grounds(1)%classical%model))
+      do k = 2, size(grounds)
+         names = names//new_line(names)//grounds(k)%name
+         models = models//new_line(names)//trim(model_names(grounds(k)%classical%model))
+      end do
+      call keep(file, nf90_put_att(file%id, nf90_global, "grounds", names))
+      call keep(file, nf90_put_att(file%id, nf90_global, "ground_models", models))
+   end subroutine describe_grounds
 
    !> First column and row, from 0, and number of columns and rows of the maps.
    pure function window_of(results) result(window)
@@ -216,6 +236,9 @@ contains
       do k = 3, size(boulder_counts)
          call pass(file, described("count", boulder_counts(k)), [axis_t ::], results%count(k:k))
       end do
+      if (size(results%by_ground) > 0) &
+         call pass(file, described("ground", "rebounds_by_ground"), [axis_t("ground", size(results%by_ground, kind=i8))], &
+                   results%by_ground)
       line = axis_t("line", size(case%lines, kind=i8))
       do k = 1, size(line_fields)
          do l = 1, size(case%lines)
@@ -418,6 +441,7 @@ contains
          if (any(results%impacts(:n) < 0)) call mark_damaged(file, "impacts")
          if (any(results%count < 0)) call mark_damaged(file, "rebounds, or another count")
          if (any(results%histogram < 0)) call mark_damaged(file, "a histogram")
+         if (any(results%by_ground < 0)) call mark_damaged(file, "rebounds_by_ground")
          do k = 1, size(line_fields)
             associate (values => results%line(:n, :, k), crossed => .not. ieee_is_nan(results%line(:n, :, time)))
                if (any(ieee_is_finite(values) .neqv. crossed) .or. any(ieee_is_nan(values) .eqv. crossed)) &

@@ -3,11 +3,11 @@
 !> case. What the kernel relies on is checked here.
 module rockfall_scene_file
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_is_finite
-   use netcdf, only: nf90_global, nf90_inq_varid, nf90_noerr, nf90_char, nf90_byte, nf90_short, nf90_float, &
+   use netcdf, only: nf90_global, nf90_inq_varid, nf90_noerr, nf90_char, nf90_byte, nf90_short, nf90_int, nf90_float, &
                      nf90_double
    use rockfall_kinds, only: wp, sp, i1, i2, i8
    use rockfall_error, only: error_t, fail
-   use rockfall_text, only: integer_text, max_text
+   use rockfall_text, only: integer_text, line_of, max_text
    use rockfall_netcdf_file, only: netcdf_file_t, axis_t, about_t, open_netcdf, keep, sound, mark_damaged, &
                                    fail_damaged, check_shape, pass, length_of, kind_of, text_of, integers_of
    use rockfall_interrupts, only: end_reading
@@ -35,6 +35,7 @@ module rockfall_scene_file
       integer(i1), allocatable :: zone1(:, :)
       integer(i2), allocatable :: zone2(:, :)
       real(sp), allocatable :: values(:, :, :)
+      integer(i1), allocatable :: cell_ground(:, :)
       real(wp), allocatable :: tree(:, :)      !! x, y [m], dbh [cm], factor [-] of each (trees, 4)
    end type inputs_t
 
@@ -53,6 +54,7 @@ contains
       if (allocated(error)) return
       call read_place(inputs)
       call read_elevations(inputs)
+      call read_grounds(inputs)
       call read_surface(inputs, case)
       call read_sources(inputs, case)
       if (case%forest) call read_trees(inputs)
@@ -192,8 +194,65 @@ contains
       known = .not. ieee_is_nan(row_of(inputs, j))
    end function is_known
 
+   !> What rebounds follow, where that is not the case's impact sets alone; everywhere, or by the material or the cell.
+   subroutine read_grounds(inputs)
+      type(inputs_t), intent(inout) :: inputs
+      type(axis_t) :: ground(1), material(1)
+      integer, allocatable :: length(:), index(:)
+      integer :: n, status, j
+
+      associate (file => inputs%file, arrays => inputs%arrays)
+         if (kind_of(file, "ground_length") == 0) return
+         n = length_of(file, "ground")
+         ground = [axis_t("ground", int(n, i8))]
+         material = [axis_t("material", int(max(1, length_of(file, "material")), i8))]
+         if (n < 1 .or. n > huge(1_i1)) call mark_damaged(file, "its number of grounds")
+         if (.not. sound(file)) return
+         allocate (length(n), source=0)
+         call pass(file, about_t("ground_length", nf90_int), ground, length)
+         call take_texts(inputs, length)
+         if (kind_of(file, "material_ground") /= 0 .and. sound(file)) then
+            allocate (arrays%material_ground(material(1)%length), source=0_i1)
+            call pass(file, about_t("material_ground", nf90_byte), material, arrays%material_ground)
+            if (any(arrays%material_ground < 1 .or. arrays%material_ground > n)) call mark_damaged(file, "material_ground")
+         end if
+         if (kind_of(file, "cell_ground") == 0 .or. .not. sound(file)) return
+         allocate (inputs%cell_ground(arrays%grid%nx, arrays%grid%ny), stat=status)
+         if (status == 0) call pass(file, about_t("cell_ground", nf90_byte), inputs%cells, inputs%cell_ground)
+         if (status /= 0) call mark_damaged(file, "(no memory) cell_ground")
+         if (.not. sound(file)) return
+         do j = 1, arrays%grid%ny
+            index = inputs%cell_ground(:, j)
+            if (any(is_known(inputs, j) .and. (index < 1 .or. index > n))) call mark_damaged(file, "cell_ground")
+         end do
+      end associate
+   end subroutine read_grounds
+
+   !> The texts of the grounds, one after the other in the file, with the names that stand beside them.
+   subroutine take_texts(inputs, length)
+      type(inputs_t), intent(inout) :: inputs
+      integer, intent(in) :: length(:)
+      character(len=:), allocatable :: text, names
+      integer :: k, first
+
+      associate (file => inputs%file, arrays => inputs%arrays)
+         call read_letters(file, "ground_text", text, names, "names")
+         if (.not. sound(file)) return
+         if (any(length < 0) .or. sum(int(length, i8)) /= len(text)) call mark_damaged(file, "ground_length")
+         if (.not. sound(file)) return
+         allocate (arrays%grounds(size(length)))
+         first = 1
+         do k = 1, size(length)
+            arrays%grounds(k)%name = line_of(names, 2*k - 1)
+            arrays%grounds(k)%file = line_of(names, 2*k)
+            arrays%grounds(k)%text = text(first:first + length(k) - 1)
+            first = first + length(k)
+         end do
+      end associate
+   end subroutine take_texts
+
    !> One of: zones and their sizes, sizes of each cell, the same size everywhere. Wherever there is terrain they are
-   !> above zero (infinite: it absorbs).
+   !> above zero (infinite: it absorbs); zero, where some ground has no rocks.
    subroutine read_surface(inputs, case)
       type(inputs_t), intent(inout) :: inputs
       type(case_t), intent(in) :: case
@@ -219,12 +278,21 @@ contains
                       [size_axis, axis_t("material", int(materials, i8))], arrays%sizes)
             if (kind_of(file, "zone") /= 0) then
                call read_zones(inputs, materials)
-            else if (materials /= 1 .or. .not. all(above_zero(arrays%sizes))) then
+            else if (materials /= 1 .or. .not. all(is_size(inputs, arrays%sizes))) then
                call mark_damaged(file, "material_size")
             end if
          end if
       end associate
    end subroutine read_surface
+
+   !> Whether a value may be a size of rocks.
+   impure elemental logical function is_size(inputs, value)
+      type(inputs_t), intent(in) :: inputs
+      real(wp), intent(in) :: value  !! [m]
+
+      is_size = above_zero(value)
+      if (allocated(inputs%arrays%grounds) .and. .not. ieee_is_nan(value)) is_size = value >= 0
+   end function is_size
 
    !> Also of NaN, which cannot be compared where floating-point exceptions end the program.
    elemental logical function above_zero(value)
@@ -252,7 +320,7 @@ contains
          if (status /= 0) call mark_damaged(file, "(no memory) zone")
          if (.not. sound(file)) return
          good(0) = .false.
-         good(1:) = [(all(above_zero(inputs%arrays%sizes(:, j))), j=1, materials)]
+         good(1:) = [(all(is_size(inputs, inputs%arrays%sizes(:, j))), j=1, materials)]
          do j = 1, ny
             if (allocated(inputs%zone1)) then
                zone = inputs%zone1(:, j)
@@ -274,7 +342,7 @@ contains
 
       do k = 1, n
          do j = 1, inputs%arrays%grid%ny
-            if (any(is_known(inputs, j) .and. .not. above_zero(real(inputs%values(:, j, k), wp)))) &
+            if (any(is_known(inputs, j) .and. .not. is_size(inputs, real(inputs%values(:, j, k), wp)))) &
                call mark_damaged(inputs%file, "cell_size")
          end do
       end do
@@ -301,11 +369,32 @@ contains
          if (.not. sound(file)) return
          if (.not. all(is_place(arrays%source_x) .and. is_place(arrays%source_y))) &
             call mark_damaged(file, "source_x, or source_y,")
+         if (case%by_source) call read_of_sources(inputs, source, "source_volume", arrays%source_volume)
+         if (case%by_source) call read_of_sources(inputs, source, "source_inertia", arrays%source_inertia)
+         if (case%source_density) call read_of_sources(inputs, source, "source_density", arrays%source_density)
          if (.not. case%by_area) return
          if (.not. all(ieee_is_finite(arrays%area_ratio) .and. above_zero(arrays%area_ratio))) &
             call mark_damaged(file, "area_ratio")
       end associate
    end subroutine read_sources
+
+   !> What sources say of their boulders: numbers above zero.
+   subroutine read_of_sources(inputs, source, name, values)
+      type(inputs_t), intent(inout) :: inputs
+      type(axis_t), intent(in) :: source(1)
+      character(len=*), intent(in) :: name
+      real(wp), allocatable, intent(inout) :: values(:)
+      integer :: status
+
+      associate (file => inputs%file)
+         if (.not. sound(file)) return
+         allocate (values(source(1)%length), stat=status)
+         if (status /= 0) call mark_damaged(file, "(no memory) "//name)
+         call pass(file, about_t(name, nf90_double), source, values)
+         if (.not. sound(file)) return
+         if (.not. all(is_place(values) .and. above_zero(values))) call mark_damaged(file, name)
+      end associate
+   end subroutine read_of_sources
 
    !> Stems; their diameters and factors are above zero.
    subroutine read_trees(inputs)
@@ -335,24 +424,32 @@ contains
    !> The file of impact sets, as text.
    subroutine read_sets(inputs)
       type(inputs_t), intent(inout) :: inputs
+
+      call read_letters(inputs%file, "impact_sets", inputs%arrays%sets_text, inputs%arrays%sets_name, "file")
+   end subroutine read_sets
+
+   !> A text of any length, a letter an item, and an attribute of it.
+   subroutine read_letters(file, name, text, attribute, about)
+      type(netcdf_file_t), intent(inout) :: file
+      character(len=*), intent(in) :: name
+      character(len=:), allocatable, intent(out) :: text, attribute
+      character(len=*), intent(in) :: about  !! name of the attribute
       character(len=1), allocatable :: letter(:)
       integer :: id, n, k
 
-      associate (file => inputs%file, arrays => inputs%arrays)
-         n = max(0, length_of(file, "impact_sets_length"))
-         if (.not. sound(file)) return
-         if (n > max_text) call mark_damaged(file, "impact_sets")
-         if (.not. sound(file)) return
-         allocate (letter(n))
-         call pass(file, about_t("impact_sets", nf90_char), [axis_t("impact_sets_length", int(n, i8))], letter)
-         allocate (character(len=n) :: arrays%sets_text)
-         do k = 1, n
-            arrays%sets_text(k:k) = letter(k)
-         end do
-         call keep(file, nf90_inq_varid(file%id, "impact_sets", id))
-         arrays%sets_name = text_of(file, id, "file")
-      end associate
-   end subroutine read_sets
+      n = max(0, length_of(file, name//"_length"))
+      if (.not. sound(file)) return
+      if (n > max_text) call mark_damaged(file, name)
+      if (.not. sound(file)) return
+      allocate (letter(n))
+      call pass(file, about_t(name, nf90_char), [axis_t(name//"_length", int(n, i8))], letter)
+      allocate (character(len=n) :: text)
+      do k = 1, n
+         text(k:k) = letter(k)
+      end do
+      call keep(file, nf90_inq_varid(file%id, name, id))
+      attribute = text_of(file, id, about)
+   end subroutine read_letters
 
    !> The views of the scene.
    subroutine point_to(inputs)
@@ -364,6 +461,7 @@ contains
          if (allocated(inputs%zone1)) arrays%zone1 => inputs%zone1
          if (allocated(inputs%zone2)) arrays%zone2 => inputs%zone2
          if (allocated(inputs%values)) arrays%values => inputs%values
+         if (allocated(inputs%cell_ground)) arrays%cell_ground => inputs%cell_ground
          if (.not. allocated(inputs%tree)) return
          arrays%tree_x => inputs%tree(:, 1)
          arrays%tree_y => inputs%tree(:, 2)

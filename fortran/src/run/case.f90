@@ -19,8 +19,8 @@ module rockfall_case
    use rockfall_barrier, only: ead_energy
    implicit none
    private
-   public :: case_t, case_line_t, read_case, read_keys, key_t, key_table, n_keys, key_text, repeatable, map_names, &
-             n_maps, turning_rule, radius_of_reading, max_real
+   public :: case_t, case_line_t, read_case, read_keys, key_t, key_table, n_keys, key_text, row_text, check_key, repeatable
+   public :: map_names, n_maps, turning_rule, radius_of_reading, max_real
 
    integer, parameter :: many = 100000                !! values of a list
    integer, parameter :: text_length = 4096           !! characters of a text
@@ -85,6 +85,11 @@ module rockfall_case
       key_t("surface", "method", "text", 1, "'B'", "A, B", "", &
             "A: three obstacle sizes, B: one mean radius", in_scene), &
       key_t("surface", "rg_reading", "text", 1, "'diameter'", "diameter, radius", "", "what Rg measures"), &
+      key_t("surface", "ground", "text", 1, "absent", "", "", &
+            "what rebounds follow where nothing else is said: a ground of the table, or an impact set", in_scene), &
+      key_t("surface", "ground_map", "text", 1, "absent", "", "", "raster of ids of grounds", in_scene, "raster"), &
+      key_t("surface", "ground_table", "text", 1, "absent", "", "", &
+            "CSV of grounds in place of those shipped", in_scene, "table"), &
       key_t("impact", "sets", "text", 1, "'rocky-slope'", "", "", "shipped impact set, or a file", in_scene, "sets"), &
       key_t("impact", "turning", "text", 1, "'past_aspect'", "past_aspect, to_aspect, lab", "", &
             "by a random angle, past the cell's aspect or at most to it; or as in the laboratory: impact_sets.md"), &
@@ -92,13 +97,24 @@ module rockfall_case
             "which set serves R_b/R_m: the nearest, or either of the two beside it, the nearer more often"), &
       key_t("impact", "stop_speed", "real", 1, "0.5", "> 0", "m/s", "slower after a rebound: stopped"), &
       key_t("impact", "impact_limit", "integer", 1, "100000", "1 to 2147483647", "", "contacts of a boulder at most"), &
-      key_t("boulder", "volume", "text", 1, "'fixed'", "fixed, normal, uniform, lognormal, list", "", "law"), &
+      key_t("boulder", "volume", "text", 1, "'fixed'", "fixed, normal, uniform, lognormal, list, source", "", &
+            "law; source: what rasters say at each source"), &
       key_t("boulder", "volume_mean", "real", 1, "absent", "> 0", "m3", "fixed, normal, lognormal"), &
       key_t("boulder", "volume_std", "real", 1, "absent", ">= 0", "m3", "normal (truncated at 0), lognormal"), &
       key_t("boulder", "volume_min", "real", 1, "absent", "> 0", "m3", "uniform"), &
       key_t("boulder", "volume_max", "real", 1, "absent", "> 0", "m3", "uniform"), &
       key_t("boulder", "volumes", "real", many, "absent", "> 0", "m3", "list: each with equal probability"), &
       key_t("boulder", "density", "real", 1, "2800.0", "> 0", "kg/m3", "of the boulders"), &
+      key_t("boulder", "d1", "text", 1, "absent", "", "", &
+            "source: raster of one of the three sides of boulders [m]", in_scene, "raster"), &
+      key_t("boulder", "d2", "text", 1, "absent", "", "", "of the second [m]", in_scene, "raster"), &
+      key_t("boulder", "d3", "text", 1, "absent", "", "", "of the third [m]", in_scene, "raster"), &
+      key_t("boulder", "shape", "text", 1, "absent", "", "", &
+            "raster: 0 none, 1 rectangular, 2 ellipsoid, 3 sphere, 4 disc; absent: spheres", in_scene, "raster"), &
+      key_t("boulder", "rock_density", "text", 1, "absent", "", "", &
+            "raster, in place of density [kg/m3]", in_scene, "raster"), &
+      key_t("boulder", "volume_spread", "real", 1, "absent", "0 to 0.9", "", &
+            "source: volumes differ by up to this fraction from that of their source, evenly"), &
       key_t("release", "x", "real", many, "absent", "", "m", "release points", in_scene), &
       key_t("release", "y", "real", many, "absent", "", "m", "release points", in_scene), &
       key_t("release", "cells", "text", 1, "absent", "", "", &
@@ -146,22 +162,32 @@ module rockfall_case
       key_t("forest", "turn_lateral", "real", 3, "22.5, 45.0, 8.5", ">= 0", "", "the same of a lateral hit"), &
       key_t("forest", "turn_scratch", "real", 3, "22.5, 45.0, 8.5", ">= 0", "", "the same of a scratch"), &
       key_t("flight", "gravity", "real", 1, "9.81", "> 0", "m/s2", "acceleration of gravity"), &
-      key_t("line", "name", "text", 1, "required", "", "", "of an evaluation line"), &
-      key_t("line", "x", "real", many, "required", "", "m", "vertices, two or more"), &
-      key_t("line", "y", "real", many, "required", "", "m", "vertices, two or more"), &
-      key_t("barrier", "name", "text", 1, "required", "", "", "of a net or wall, which is an evaluation line too"), &
-      key_t("barrier", "x", "real", many, "required", "", "m", "vertices, two or more"), &
-      key_t("barrier", "y", "real", many, "required", "", "m", "vertices, two or more"), &
-      key_t("barrier", "height", "real", 1, "required", "> 0", "m", &
+      key_t("line", "name", "text", 1, "absent", "", "", "of an evaluation line"), &
+      key_t("line", "x", "real", many, "absent", "", "m", "vertices, two or more"), &
+      key_t("line", "y", "real", many, "absent", "", "m", "vertices, two or more"), &
+      key_t("line", "file", "text", 1, "absent", "", "", "in place of x and y: lines, one or more", file="layer"), &
+      key_t("line", "layer", "text", 1, "absent", "", "", "of a GeoPackage with several"), &
+      key_t("line", "field", "text", 1, "absent", "", "", "attribute with the name; absent: name"), &
+      key_t("barrier", "name", "text", 1, "absent", "", "", "of a net or wall, which is an evaluation line too"), &
+      key_t("barrier", "x", "real", many, "absent", "", "m", "vertices, two or more"), &
+      key_t("barrier", "y", "real", many, "absent", "", "m", "vertices, two or more"), &
+      key_t("barrier", "height", "real", 1, "absent", "> 0", "m", &
             "vertical, of the top edge above the ground; a boulder whose centre is above it passes over"), &
       key_t("barrier", "capacity", "real", 1, "absent", "> 0", "kJ", "kinetic energy that it takes at most"), &
       key_t("barrier", "class", "integer", 1, "absent", "0 to 7", "", &
             "instead of capacity: of EAD 340059, by its maximum energy level"), &
-      key_t("dam", "x", "real", many, "required", "", "m", "vertices of the crest, two or more", in_scene), &
-      key_t("dam", "y", "real", many, "required", "", "m", "vertices of the crest, two or more", in_scene), &
-      key_t("dam", "height", "real", 1, "required", "> 0", "m", "of the crest above the terrain below it", in_scene), &
+      key_t("barrier", "file", "text", 1, "absent", "", "", &
+            "in place of x and y: lines, whose attributes give what the group does not", file="layer"), &
+      key_t("barrier", "layer", "text", 1, "absent", "", "", "of a GeoPackage with several"), &
+      key_t("barrier", "field", "text", 1, "absent", "", "", "attribute with the name; absent: name"), &
+      key_t("dam", "x", "real", many, "absent", "", "m", "vertices of the crest, two or more", in_scene), &
+      key_t("dam", "y", "real", many, "absent", "", "m", "vertices of the crest, two or more", in_scene), &
+      key_t("dam", "height", "real", 1, "absent", "> 0", "m", "of the crest above the terrain below it", in_scene), &
       key_t("dam", "crest_width", "real", 1, "0.0", ">= 0", "m", "of its flat top", in_scene), &
       key_t("dam", "slope", "real", 1, "45.0", "1 to 89", "degree", "of its faces", in_scene), &
+      key_t("dam", "file", "text", 1, "absent", "", "", &
+            "in place of x and y: lines, whose attributes give what the group does not", in_scene, "layer"), &
+      key_t("dam", "layer", "text", 1, "absent", "", "", "of a GeoPackage with several", in_scene), &
       key_t("output", "maps", "text", n_maps, "absent", "as in result.md", "", "rasters of results"), &
       key_t("output", "map_extent", "text", 1, "'reach'", "reach, terrain", "", &
             "reach: the cells that boulders can reach; terrain: all"), &
@@ -220,7 +246,7 @@ module rockfall_case
    !> A case as read; file names as written, "" when absent.
    type :: case_t
       character(len=:), allocatable :: file, title, dem, zones, table, zone_field, mean_radius, rg(:), sets, &
-                                       cells, polygons
+                                       cells, polygons, ground, ground_map, ground_table
       integer(i8) :: seed = 1, boulders = 1
       integer :: threads = 0
       logical :: sobol = .false.                 !! sampling
@@ -233,12 +259,15 @@ module rockfall_case
       integer :: turning = past_aspect           !! rule of turning_t
       logical :: between_ratios = .false.
       type(volume_distribution_t) :: volumes
+      logical :: by_source = .false.             !! sources say what their boulders are; volumes are factors
+      logical :: source_density = .false.        !! also their density
       real(wp), allocatable :: x(:), y(:)        !! release points, map coordinates [m]
       logical :: forest = .false.                !! there are trees
       type(tree_law_t) :: tree_law
       logical :: steep_cells = .false., by_area = .false.
       real(wp), allocatable :: slope_threshold   !! [degree]
-      type(case_line_t), allocatable :: lines(:)  !! evaluation lines, then barriers
+      type(case_line_t), allocatable :: lines(:)  !! evaluation lines, then barriers, whose coordinates are typed
+      character(len=:), allocatable :: unread    !! a layer with more of them or dams, for messages; "": none
       logical :: map(n_maps) = .false.           !! which of map_names
       logical :: whole_maps = .false.            !! also where no boulder can come
       integer :: least_passages = 10             !! for a mean or a quantile in a cell
@@ -289,17 +318,23 @@ contains
       if (.not. allocated(error)) call check_keys(list, error)
    end subroutine read_keys
 
-   !> A row of the table as text: group|key|kind|most|default|allowed|unit|meaning|file.
+   !> A row of the table as text.
    pure function key_text(k) result(text)
       integer, intent(in) :: k
       character(len=:), allocatable :: text
-      type(key_t) :: key
 
-      key = key_table(k)
+      text = row_text(key_table(k))
+   end function key_text
+
+   !> A key as text: group|key|kind|most|default|allowed|unit|meaning|file.
+   pure function row_text(key) result(text)
+      type(key_t), intent(in) :: key
+      character(len=:), allocatable :: text
+
       text = trim(key%group)//"|"//trim(key%name)//"|"//trim(key%kind)//"|"//integer_text(key%most)//"|" &
              //trim(key%default)//"|"//trim(key%allowed)//"|"//trim(key%unit)//"|"//trim(key%meaning) &
              //"|"//trim(key%file)
-   end function key_text
+   end function row_text
 
    !> Add the groups that are absent and the defaults of keys that are absent.
    pure subroutine complete(list, file)
@@ -569,7 +604,8 @@ contains
       radius_of_reading = merge(0.5_wp, 1.0_wp, word == "diameter")
    end function radius_of_reading
 
-   !> The material is given in one of three ways: zones with a table, rasters of values, or one value.
+   !> The material is given in one of three ways: zones with a table, rasters of values, or one value; in none, where
+   !> the ground is said to be one that needs to know of no rocks.
    pure subroutine read_surface(group, case, error)
       type(group_t), intent(in) :: group
       type(case_t), intent(inout) :: case
@@ -584,6 +620,9 @@ contains
       case%table = text_of(group, "table")
       case%zone_field = text_of(group, "zone_field")
       case%mean_radius = text_of(group, "mean_radius")
+      case%ground = text_of(group, "ground")
+      case%ground_map = text_of(group, "ground_map")
+      case%ground_table = text_of(group, "ground_table")
       allocate (character(len=text_length) :: case%rg(3))
       do k = 1, 3
          case%rg(k) = text_of(group, trim(rasters(k + 1)))
@@ -592,7 +631,9 @@ contains
       zones = has_key(group, "zones") .or. has_key(group, "table") .or. has_key(group, "default_zone")
       by_raster = any([(has_key(group, trim(rasters(k))), k=1, 4)])
       uniform = has_key(group, "uniform_mean_radius") .or. has_key(group, "uniform_rg")
-      if (count([zones, by_raster, uniform]) /= 1) then
+      if (.not. any([zones, by_raster, uniform]) .and. (case%ground /= "" .or. case%ground_map /= "")) then
+         return
+      else if (count([zones, by_raster, uniform]) /= 1) then
          call fail(error, group%file//": &surface: give one of: zones with table; mean_radius (method B) or rg70, " &
                    //"rg20, rg10 (method A) rasters; uniform_mean_radius (B) or uniform_rg (A)")
       else if (zones) then
@@ -627,9 +668,10 @@ contains
       type(group_t), intent(in) :: group
       type(case_t), intent(inout) :: case
       type(error_t), allocatable, intent(out) :: error
-      character(len=*), parameter :: keys(5) = [character(len=11) :: "volume_mean", "volume_std", &
-                                                "volume_min", "volume_max", "volumes"]
-      logical :: needs(5)
+      character(len=*), parameter :: keys(11) = [character(len=13) :: "volume_mean", "volume_std", "volume_min", &
+                                                 "volume_max", "volumes", "d1", "d2", "d3", "shape", "rock_density", &
+                                                 "volume_spread"]
+      logical :: needs(size(keys)), takes(size(keys))
       character(len=:), allocatable :: law
       integer :: k
 
@@ -640,11 +682,14 @@ contains
       case ("lognormal"); case%volumes%kind = lognormal_volume; needs(1:2) = .true.
       case ("uniform"); case%volumes%kind = uniform_volume; needs(3:4) = .true.
       case ("list"); case%volumes%kind = list_volume; needs(5) = .true.
+      case ("source"); case%by_source = .true.; needs(6:8) = .true.
       case default; case%volumes%kind = fixed_volume; needs(1) = .true.
       end select
-      do k = 1, 5
+      takes = needs
+      takes(9:) = case%by_source
+      do k = 1, size(keys)
          if (needs(k)) call need(group, trim(keys(k)), "for volume = '"//law//"'", error)
-         if (.not. needs(k) .and. has_key(group, trim(keys(k)))) then
+         if (.not. takes(k) .and. has_key(group, trim(keys(k)))) then
             call refuse(group, trim(keys(k)), "has no meaning for volume = '"//law//"'", error)
          end if
          if (allocated(error)) return
@@ -658,7 +703,24 @@ contains
       if (case%volumes%max < case%volumes%min) then
          call refuse(group, "volume_max", "must not be below volume_min", error)
       end if
+      if (case%by_source) call set_factors(group, case)
    end subroutine read_boulder
+
+   !> Sources say what their boulders are: the law of volumes is that of factors on these.
+   pure subroutine set_factors(group, case)
+      type(group_t), intent(in) :: group
+      type(case_t), intent(inout) :: case
+      real(wp) :: spread
+
+      spread = real_of(group, "volume_spread")
+      case%source_density = has_key(group, "rock_density")
+      case%volumes%kind = fixed_volume
+      case%volumes%mean = 1
+      if (spread <= 0) return
+      case%volumes%kind = uniform_volume
+      case%volumes%min = 1 - spread
+      case%volumes%max = 1 + spread
+   end subroutine set_factors
 
    pure subroutine read_release(group, case, error)
       type(group_t), intent(in) :: group
@@ -772,19 +834,70 @@ contains
       type(group_t), allocatable :: groups(:)
       integer :: n
 
-      groups = [pack(list%group, list%group%name == "line"), pack(list%group, list%group%name == "barrier")]
+      call check_layers(list, case, error)
+      if (allocated(error)) return
+      groups = [typed(list, "line"), typed(list, "barrier")]
       allocate (case%lines(size(groups)))
       do n = 1, size(groups)
          call read_line(groups(n), case%lines(:n), error)
-         if (allocated(error)) return
-         if (groups(n)%name == "barrier") call read_barrier(groups(n), case%lines(n), error)
+         if (.not. allocated(error) .and. groups(n)%name == "barrier") call read_barrier(groups(n), case%lines(n), error)
          if (allocated(error)) return
       end do
-      do n = 1, size(list%group)
-         if (list%group(n)%name == "dam") call check_polyline(list%group(n), error)
+      groups = typed(list, "dam")
+      do n = 1, size(groups)
+         call check_polyline(groups(n), error)
+         if (.not. allocated(error)) call need(groups(n), "height", "without a layer that has it", error)
          if (allocated(error)) return
       end do
    end subroutine read_lines
+
+   !> Groups of a name whose coordinates are typed.
+   pure function typed(list, name) result(groups)
+      type(namelist_t), intent(in) :: list
+      character(len=*), intent(in) :: name
+      type(group_t), allocatable :: groups(:)
+      integer :: g
+
+      groups = pack(list%group, [(list%group(g)%name == name .and. .not. has_key(list%group(g), "file"), &
+                                  g=1, size(list%group))])
+   end function typed
+
+   !> Lines, barriers and dams of layers. Their coordinates are read elsewhere, and checked as if they were typed.
+   pure subroutine check_layers(list, case, error)
+      type(namelist_t), intent(in) :: list
+      type(case_t), intent(inout) :: case
+      type(error_t), allocatable, intent(out) :: error
+      integer :: g
+
+      case%unread = ""
+      do g = 1, size(list%group)
+         associate (group => list%group(g))
+            if (all(group%name /= [character(len=7) :: "line", "barrier", "dam"])) cycle
+            call check_layer(group, error)
+            if (allocated(error)) return
+            if (has_key(group, "file")) case%unread = about(group, "file")//" = '"//text_of(group, "file")//"'"
+         end associate
+      end do
+   end subroutine check_layers
+
+   pure subroutine check_layer(group, error)
+      type(group_t), intent(in) :: group
+      type(error_t), allocatable, intent(inout) :: error
+      logical :: points
+
+      points = has_key(group, "x") .or. has_key(group, "y")
+      if (has_key(group, "file") .eqv. points) then
+         call fail(error, about(group, "x, y")//": give these, or file with lines in a layer")
+      else if (points .and. has_key(group, "layer")) then
+         call refuse(group, "layer", "has no meaning without file", error)
+      else if (points .and. has_key(group, "field")) then
+         call refuse(group, "field", "has no meaning without file", error)
+      else if (has_key(group, "name") .and. has_key(group, "field")) then
+         call refuse(group, "field", "has no meaning where name is given", error)
+      else if (has_key(group, "capacity") .and. has_key(group, "class")) then
+         call fail(error, about(group, "capacity, class")//": give one of the two")
+      end if
+   end subroutine check_layer
 
    !> The last of some lines.
    pure subroutine read_line(group, lines, error)
@@ -794,6 +907,7 @@ contains
       integer :: k
 
       call check_polyline(group, error)
+      if (.not. allocated(error)) call need(group, "name", "to tell it from others", error)
       if (allocated(error)) return
       associate (line => lines(size(lines)))
          line%name = text_of(group, "name")
@@ -828,13 +942,15 @@ contains
       type(case_line_t), intent(inout) :: barrier
       type(error_t), allocatable, intent(out) :: error
 
+      call need(group, "height", "without a layer that has it", error)
+      if (allocated(error)) return
       barrier%height = real_of(group, "height")
-      if (has_key(group, "capacity") .eqv. has_key(group, "class")) then
-         call fail(error, about(group, "capacity, class")//": give one of the two")
-      else if (has_key(group, "class")) then
+      if (has_key(group, "class")) then
          barrier%capacity = ead_energy(int(integer_of(group, "class")))
-      else
+      else if (has_key(group, "capacity")) then
          barrier%capacity = 1000*real_of(group, "capacity")
+      else
+         call fail(error, about(group, "capacity, class")//": give one of the two")
       end if
    end subroutine read_barrier
 
@@ -865,6 +981,8 @@ contains
       if (allocated(error)) return
       if (real_of(group, "volume_std_factor") > 1 .and. case%volumes%std <= 0) then
          call refuse(group, "volume_std_factor", "has no meaning without a volume_std", error)
+      else if (real_of(group, "volume_factor") > 1 .and. case%by_source) then
+         call refuse(group, "volume_factor", "has no meaning for volume = 'source'", error)
       else if (real_of(group, "drop_height_factor") > 1 .and. case%drop_height <= 0) then
          call refuse(group, "drop_height_factor", "has no meaning without a drop_height", error)
       end if

@@ -25,7 +25,7 @@ contains
 
    !> Run boulders `first` to `first + size(results) - 1`; add to maps and histogram counts. Those that left
    !> the window of the terrain (status) are in no tally.
-   subroutine run_boulders(scene, first, threads, results, crossings, maps, histogram_counts)
+   subroutine run_boulders(scene, first, threads, results, crossings, maps, histogram_counts, by_ground)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: first
       integer, intent(in) :: threads                         !! as for team_size
@@ -33,23 +33,24 @@ contains
       type(crossing_t), intent(inout) :: crossings(:, :)     !! (lines, boulders)
       type(maps_t), intent(in) :: maps
       integer(i8), intent(inout) :: histogram_counts(:, :)   !! (bins, quantities)
+      integer(i8), intent(inout) :: by_ground(:)             !! rebounds, where the scene has several grounds
 
       !$omp parallel default(none) num_threads(team_size(threads)) &
-      !$omp& shared(scene, first, threads, results, crossings, maps, histogram_counts)
-      call run_thread(scene, first, threads, results, crossings, maps, histogram_counts)
+      !$omp& shared(scene, first, threads, results, crossings, maps, histogram_counts, by_ground)
+      call run_thread(scene, first, threads, results, crossings, maps, histogram_counts, by_ground)
       !$omp end parallel
    end subroutine run_boulders
 
    !> One thread's part of the boulders. A procedure of its own, so that its work space starts as its
    !> type says: a private copy would not.
-   subroutine run_thread(scene, first, threads, results, crossings, maps, histogram_counts)
+   subroutine run_thread(scene, first, threads, results, crossings, maps, histogram_counts, by_ground)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: first
       integer, intent(in) :: threads
       type(boulder_result_t), intent(inout) :: results(:)
       type(crossing_t), intent(inout) :: crossings(:, :)
       type(maps_t), intent(in) :: maps
-      integer(i8), intent(inout) :: histogram_counts(:, :)
+      integer(i8), intent(inout) :: histogram_counts(:, :), by_ground(:)
       type(scratch_t) :: scratch
       integer :: k
 
@@ -70,6 +71,11 @@ contains
          histogram_counts = histogram_counts + scratch%histograms%count
          !$omp end critical
       end if
+      if (allocated(scratch%by_ground)) then
+         !$omp critical
+         by_ground = by_ground + scratch%by_ground
+         !$omp end critical
+      end if
    end subroutine run_thread
 
    !> Trace a boulder and add it to the maps, unless it left the window of the terrain.
@@ -81,12 +87,15 @@ contains
       type(maps_t), intent(in) :: maps
       type(scratch_t), intent(inout) :: scratch
       integer(i8) :: before(bins, quantities)
+      integer(i8), allocatable :: by_ground(:)
 
       if (scene%histograms_requested) before = scratch%histograms%count
+      if (allocated(scratch%by_ground)) by_ground = scratch%by_ground
       call scratch%trace(scene, number, result, scratch)
       if (allocated(scratch%crossings)) crossings = scratch%crossings
       if (result%status == left_window) then
          if (scene%histograms_requested) scratch%histograms%count = before
+         if (allocated(scratch%by_ground)) call move_alloc(by_ground, scratch%by_ground)
          return
       end if
       if (scratch%cells_requested) call add_visits(maps, scratch%visits, result%boulder%mass)
@@ -185,6 +194,7 @@ contains
       if (allocated(scene%barriers)) allocate (scratch%broken(size(scene%barriers)))
       if (cells_requested .or. has_obstacles(scene)) allocate (scratch%spans(scene%dem%nx + scene%dem%ny))
       if (scene%histograms_requested) scratch%histograms = histograms()
+      if (allocated(scene%grounds)) allocate (scratch%by_ground(size(scene%grounds)), source=0_i8)
    end subroutine prepare
 
    !> n*part/of without overflow: the boulders in the first of equal ranges.

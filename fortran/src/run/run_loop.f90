@@ -18,7 +18,7 @@ module rockfall_run_loop
    use rockfall_grid, only: grid_t
    use rockfall_terrain, only: keep_within
    use rockfall_reach, only: block_side, take_minima, reach_box
-   use rockfall_scene, only: check_sources, boulders_of
+   use rockfall_scene, only: check_sources, boulders_of, largest_volumes
    implicit none
    private
    public :: results_t, run_observer_t, run_case, map_tallies
@@ -52,6 +52,7 @@ module rockfall_run_loop
       integer(i4), allocatable :: stamp(:, :, :)         !! as in maps_t, with its `head`
       integer(i8) :: head = 0
       integer(i8) :: histogram(bins, quantities) = 0
+      integer(i8), allocatable :: by_ground(:)           !! rebounds, where the scene has several grounds
       integer :: threads = 1
       real(wp) :: wall = 0.0_wp, cpu = 0.0_wp            !! [s]
    end type results_t
@@ -123,7 +124,7 @@ contains
          side = block_side([dem%nx, dem%ny])
          allocate (minima((dem%nx - 1)/side + 1, (dem%ny - 1)/side + 1), source=huge(1.0_wp))
          call take_minima(dem, 1, dem%ny, minima)
-         call check_tallies(results%plan, case%volumes, case%gravity, head - minval(minima), results%asked, error)
+         call check_tallies(results%plan, largest_volumes(scene), case%gravity, head - minval(minima), results%asked, error)
          if (allocated(error)) error%message = case%file//": "//error%message
          if (allocated(error) .or. case%whole_maps) return
          box = reach_box(dem, minima, head, release%x, release%y)
@@ -145,6 +146,8 @@ contains
 
       rows = 0
       cells = 0
+      allocate (results%by_ground(0))
+      if (allocated(scene%grounds)) results%by_ground = spread(0_i8, 1, size(scene%grounds))
       lines = size(case%lines)
       stacks = stack_layers(results%plan)
       associate (n => results%boulders, nx => results%grid%nx, ny => results%grid%ny, plan => results%plan)
@@ -261,7 +264,7 @@ contains
          return
       end if
       call run_boulders(scene, results%before + results%done + 1, results%threads, fate, crossing, maps, &
-                         results%histogram)
+                         results%histogram, results%by_ground)
       if (any(fate%status == left_window)) then
          call fail(error, case%file//": a boulder went where none can go", our_fault)
       else if (lacks_slots(maps)) then

@@ -11,16 +11,21 @@ module rockfall_scene
    use rockfall_sources, only: last_boulders
    use rockfall_line, only: line
    use rockfall_barrier, only: barrier_t
-   use rockfall_impact, only: impact_set, impact_ratios, fitted
-   use rockfall_direction, only: lateral, by_lab
-   use rockfall_boulder, only: last_of
+   use rockfall_boulder, only: volume_distribution_t, fixed_volume, last_of, max_volume
+   use rockfall_ground, only: ground_t
    use rockfall_forest, only: build_forest
    use rockfall_trajectory, only: scene_t
    use rockfall_case, only: case_t
-   use rockfall_impact_sets, only: coefficients_t, read_sets
+   use rockfall_grounds, only: read_ground, read_stochastic
    implicit none
    private
-   public :: scene_arrays_t, scene_from, check_sources, boulders_of
+   public :: scene_arrays_t, ground_text_t, scene_from, check_sources, boulders_of, largest_volumes
+
+   !> A ground as it comes to the kernel.
+   type :: ground_text_t
+      character(len=:), allocatable :: name
+      character(len=:), allocatable :: text, file  !! as for read_ground; "": the case's impact sets
+   end type ground_text_t
 
    !> What a scene needs beside its case: from Python, or from a scene file. Views stay the caller's.
    type :: scene_arrays_t
@@ -34,11 +39,16 @@ module rockfall_scene
       real(wp), allocatable :: sizes(:, :)                       !! R_m, or Rg70, Rg20, Rg10 (1 or 3, materials) [m]
       real(wp), allocatable :: source_x(:), source_y(:)          !! map coordinates [m]
       real(wp), allocatable :: area_ratio(:)                     !! surface over plan area, where they release by it
+      real(wp), allocatable :: source_volume(:), source_inertia(:)  !! of their boulders, where they say it [m3], [-]
+      real(wp), allocatable :: source_density(:)                 !! and their density [kg/m3]
       real(wp), pointer, contiguous :: tree_x(:) => null(), tree_y(:) => null()  !! stems, map coordinates [m]
       real(wp), pointer, contiguous :: tree_dbh(:) => null()     !! their diameters at breast height, > 0 [cm]
       real(wp), pointer, contiguous :: tree_factor(:) => null()  !! of their species [-]
       character(len=:), allocatable :: sets_text, sets_name      !! the file of impact sets, and its name for messages
       integer :: draw = 0                                        !! of a file with several; 0: it has one only
+      type(ground_text_t), allocatable :: grounds(:)             !! where there are others than the case's impact sets,
+      integer(i1), allocatable :: material_ground(:)             !! and the 1-based one of each material, or
+      integer(i1), pointer, contiguous :: cell_ground(:, :) => null()  !! of each cell; without any, the first
    end type scene_arrays_t
 
 contains
@@ -50,6 +60,10 @@ contains
       type(scene_t), intent(out) :: scene
       type(error_t), allocatable, intent(out) :: error
 
+      if (case%unread /= "") then
+         call fail(error, case%unread//": is a layer; `rockfall prepare` writes its coordinates into the case")
+         return
+      end if
       scene%key = random_key(case%seed)
       scene%table = normal_table()
       if (case%sobol) scene%sobol = sobol_sequence(max_dimensions)
@@ -62,10 +76,12 @@ contains
       scene%volumes = case%volumes
       call set_ground(case, arrays, scene)
       call set_release(case, arrays, scene)
+      call set_boulders(case, arrays, scene)
       call set_lines(case, scene)
       call set_forest(case, arrays, scene)
       call check_number(case, scene, error)
       if (.not. allocated(error)) call set_impacts(case, arrays, scene, error)
+      if (.not. allocated(error)) call set_grounds(case, arrays, scene, error)
    end subroutine scene_from
 
    !> Views of the elevations, and of what lies on them.
@@ -82,6 +98,8 @@ contains
          if (associated(arrays%zone1)) surface%zone1(first(1):, first(2):) => arrays%zone1
          if (associated(arrays%zone2)) surface%zone2(first(1):, first(2):) => arrays%zone2
          if (associated(arrays%values)) surface%values(first(1):, first(2):, 1:) => arrays%values
+         if (allocated(arrays%material_ground)) surface%material_ground = arrays%material_ground
+         if (associated(arrays%cell_ground)) surface%cell_ground(first(1):, first(2):) => arrays%cell_ground
       end associate
    end subroutine set_ground
 
@@ -101,6 +119,20 @@ contains
          release%velocity = case%velocity
       end associate
    end subroutine set_release
+
+   !> What sources say of their boulders.
+   pure subroutine set_boulders(case, arrays, scene)
+      type(case_t), intent(in) :: case
+      type(scene_arrays_t), intent(in) :: arrays
+      type(scene_t), intent(inout) :: scene
+
+      if (.not. case%by_source) return
+      allocate (scene%of_source(size(arrays%source_x)))
+      scene%of_source%volume = arrays%source_volume
+      scene%of_source%inertia = arrays%source_inertia
+      scene%of_source%density = case%volumes%density
+      if (case%source_density) scene%of_source%density = arrays%source_density
+   end subroutine set_boulders
 
    !> Evaluation lines, and the barriers among them.
    pure subroutine set_lines(case, scene)
@@ -151,19 +183,59 @@ contains
       type(scene_arrays_t), intent(in) :: arrays
       type(scene_t), intent(inout) :: scene
       type(error_t), allocatable, intent(out) :: error
-      type(coefficients_t) :: sets
+      type(ground_t) :: usual
+
+      call read_stochastic(arrays%sets_text, arrays%sets_name, case%turning, arrays%draw, usual, error)
+      if (allocated(error)) return
+      scene%sets = usual%sets
+      scene%turning = case%turning
+      if (allocated(usual%lateral)) call move_alloc(usual%lateral, scene%lateral)
+   end subroutine set_impacts
+
+   !> What the rebounds of each place follow, where that is not the case's impact sets alone.
+   subroutine set_grounds(case, arrays, scene, error)
+      type(case_t), intent(in) :: case
+      type(scene_arrays_t), intent(in) :: arrays
+      type(scene_t), intent(inout) :: scene
+      type(error_t), allocatable, intent(out) :: error
+      type(ground_t), allocatable :: grounds(:)
       integer :: k
 
-      call read_sets(arrays%sets_text, arrays%sets_name, case%turning, arrays%draw, sets, error)
-      do k = 1, impact_ratios
-         if (.not. allocated(error)) call impact_set(sets%mean(:, k), sets%covariance(:, :, k), scene%sets(k), error)
+      if (.not. allocated(arrays%grounds)) return
+      allocate (grounds(size(arrays%grounds)))
+      do k = 1, size(grounds)
+         call set_ground_of(arrays%grounds(k), case, scene, grounds(k), error)
          if (allocated(error)) return
-         scene%sets(k)%fitted = fitted(sets%speed_range(:, k), sets%angle_range(:, k))
       end do
-      scene%turning = case%turning
-      if (case%turning /= by_lab) return
-      scene%lateral = [(lateral(sets%incidence(:, k), sets%lateral(:, :, k)), k=1, impact_ratios)]
-   end subroutine set_impacts
+      call move_alloc(grounds, scene%grounds)
+   end subroutine set_grounds
+
+   subroutine set_ground_of(given, case, scene, ground, error)
+      type(ground_text_t), intent(in) :: given
+      type(case_t), intent(in) :: case
+      type(scene_t), intent(in) :: scene
+      type(ground_t), intent(out) :: ground
+      type(error_t), allocatable, intent(out) :: error
+
+      ground%name = given%name
+      if (given%text /= "") then
+         call read_ground(given%text, given%file, case%turning, scene%table, ground, error)
+      else
+         ground%sets = scene%sets
+         if (allocated(scene%lateral)) ground%lateral = scene%lateral
+      end if
+   end subroutine set_ground_of
+
+   !> The volumes of a scene; where its sources say them, the largest and the heaviest rock.
+   pure type(volume_distribution_t) function largest_volumes(scene) result(volumes)
+      type(scene_t), intent(in) :: scene
+
+      volumes = scene%volumes
+      if (.not. allocated(scene%of_source)) return
+      volumes%kind = fixed_volume
+      volumes%mean = max_volume(scene%volumes, scene%table)*maxval(scene%of_source%volume)
+      volumes%density = maxval(scene%of_source%density)
+   end function largest_volumes
 
    !> Boulders of the whole run.
    pure integer(i8) function boulders_of(scene)

@@ -8,12 +8,14 @@ module rockfall_trajectory
                               turn_within_word, obstacle_word, ratio_word
    use rockfall_sobol, only: sobol_t, sobol_word, scrambled, volume_dimension
    use rockfall_terrain, only: terrain_t, patch_t, in_window, locate, height, gradient, cell_of, cell_descent
-   use rockfall_surface, only: surface_t, rock_radius
-   use rockfall_boulder, only: boulder_t, volume_distribution_t, release_t, draw_boulder, source_of, first_of, &
-                               inertia_factor, kinetic_energy
+   use rockfall_surface, only: surface_t, rock_radius, ground_at
+   use rockfall_boulder, only: boulder_t, source_boulder_t, volume_distribution_t, release_t, draw_boulder, boulder_of, &
+                               source_of, first_of, inertia_factor, kinetic_energy
    use rockfall_flight, only: flight_t, landing_t, span_t, fly, end_flight, flight_from, launch_rate, arc_length, never
-   use rockfall_impact, only: impact_set_t, impact_ratios, ratio_class, ratio_between, beyond_fit, rebound_t, rebound, &
-                              twice_energy
+   use rockfall_impact, only: impact_set_t, fitted_t, impact_ratios, ratio_class, ratio_between, beyond_fit, rebound_t, &
+                              rebound, twice_energy
+   use rockfall_classical_rebound, only: absorbs
+   use rockfall_ground, only: ground_t, ground_rebound, is_stochastic
    use rockfall_direction, only: turning_t, lateral_t, past_aspect, by_lab, lateral_angle, new_heading, unit_vector, &
                                  any_heading, rotated
    use rockfall_line, only: line_t, first_crossing, next_crossing
@@ -32,6 +34,7 @@ module rockfall_trajectory
    !> Status, in the order of the table of rockfall_variables; 0 while a boulder is on its way.
    integer, parameter :: stopped = 1, absorbed = 2, left_domain = 3, impact_limit = 4, hit_nodata = 5, &
                          stopped_by_tree = 6, stopped_by_barrier = 7
+   real(wp), parameter :: smooth = 1.0e-9_wp  !! R_m of ground without rocks: to its boulders all rocks are small [m]
    integer, parameter :: left_window = -1  !! the terrain goes on, but is not at hand: to be traced again; in no result
 
    !> What may be recorded besides the boulder's result, if it is requested: nothing; lines and histograms; visits of
@@ -52,7 +55,9 @@ module rockfall_trajectory
       logical :: between_ratios = .false.  !! a ratio between two sets is served by either, at random
       integer :: turning = past_aspect     !! rule of turning_t
       type(lateral_t), allocatable :: lateral(:)  !! of each ratio; only by_lab
+      type(ground_t), allocatable :: grounds(:)   !! only where there are others than `sets`
       type(volume_distribution_t) :: volumes
+      type(source_boulder_t), allocatable :: of_source(:)  !! where sources say it; `volumes` are factors on these
       type(release_t) :: release
       type(line_t), allocatable :: lines(:)        !! evaluation lines, and those of the barriers
       type(barrier_t), allocatable :: barriers(:)
@@ -119,6 +124,7 @@ module rockfall_trajectory
       type(span_t), allocatable :: spans(:)
       type(visits_t) :: visits
       type(histograms_t) :: histograms
+      integer(i8), allocatable :: by_ground(:)   !! rebounds on each of the scene's grounds
       type(crossing_t), allocatable :: crossings(:)
       logical, allocatable :: broken(:)          !! barriers that this boulder broke through
       integer, allocatable :: felled(:)          !! trees that it broke
@@ -180,7 +186,8 @@ contains
       scratch%trace => trace_basic
       if (allocated(scene%lines) .or. scene%histograms_requested) scratch%trace => trace_lines
       if (scratch%cells_requested) scratch%trace => trace_maps
-      if (has_obstacles(scene) .or. scene%energies_requested) scratch%trace => trace_full
+      if (has_obstacles(scene) .or. scene%energies_requested .or. allocated(scene%grounds)) scratch%trace => trace_full
+      if (allocated(scene%of_source)) scratch%trace => trace_full
    end subroutine choose_trace
 
    !> Whether there is anything but the ground to meet.
@@ -217,6 +224,8 @@ contains
       else
          result%boulder = draw_boulder(scene%volumes, scene%table, scene%key, number)
       end if
+      if (level >= with_all .and. allocated(scene%of_source)) &
+         result%boulder = boulder_of(scene%of_source(source_of(scene%release, number)), result%boulder%volume)
       call release(scene, number, flight)
       result%start = [flight%x, flight%y, flight%z]
       if (.not. flight%patch%known) then
@@ -582,9 +591,9 @@ contains
       type(flight_t), intent(inout) :: flight
       type(scratch_t), intent(inout) :: scratch
       integer(i8) :: word(words_per_draw)
-      integer :: at(2), class
-      logical :: outside, fast, steep
-      real(wp) :: radius, ratio, v_in(3), heading(2), g(2), steepness
+      integer :: at(2), class, ground  !! 0: the scene has the case's impact sets alone
+      logical :: outside
+      real(wp) :: radius, obstacle, ratio, v_in(3), heading(2), g(2), steepness
       type(rebound_t) :: out
       type(turning_t) :: turning
 
@@ -596,25 +605,48 @@ contains
          result%status = absorbed
          return
       end if
+      ground = 0
+      if (level >= with_all .and. allocated(scene%grounds)) then
+         ground = ground_at(scene%surface, at)
+         obstacle = radius/scene%surface%size_to_radius
+         if (absorbs(scene%grounds(ground)%classical, obstacle)) then
+            result%status = absorbed
+            return
+         end if
+         radius = max(radius, smooth)
+      end if
       ratio = result%boulder%radius/radius
       call ratio_class(ratio, class, outside)
       if (scene%between_ratios) class = ratio_between(ratio, ratio_uniform(scene%key, number, result%impacts))
       g = gradient(scene%dem, landing%patch, landing%u, landing%w)
       steepness = sqrt(1 + g(1)**2 + g(2)**2)
       call decompose(v, g, steepness, flight%heading, omega_r, v_in, heading)
-      call rebound(scene%sets(class), scene%table, scene%key, number, int(result%impacts, i8), word(1:matrix_words), &
-                   v_in, out)
+      if (level >= with_all .and. ground > 0) then
+         call ground_rebound(scene%grounds(ground), scene%table, scene%key, number, int(result%impacts, i8), &
+                             word(1:matrix_words), result%boulder, obstacle, class, v_in, out)
+         scratch%by_ground(ground) = scratch%by_ground(ground) + 1
+      else
+         call rebound(scene%sets(class), scene%table, scene%key, number, int(result%impacts, i8), word(1:matrix_words), &
+                      v_in, out)
+      end if
       result%rebounds = result%rebounds + 1
       if (out%draws > 1) result%redrawn = result%redrawn + 1
       if (out%forced) result%forced = result%forced + 1
-      if (outside) result%out_of_range = result%out_of_range + 1
-      call beyond_fit(scene%sets(class)%fitted, v_in(1:2), fast, steep)
-      if (fast) result%out_of_speed = result%out_of_speed + 1
-      if (steep) result%out_of_angle = result%out_of_angle + 1
+      if (level < with_all .or. ground == 0) then
+         call count_beyond_fit(scene%sets(class)%fitted, outside, v_in, result)
+      else if (is_stochastic(scene%grounds(ground))) then
+         call count_beyond_fit(scene%grounds(ground)%sets(class)%fitted, outside, v_in, result)
+      else
+         ratio = -1
+      end if
       if (level >= with_lines .and. scene%histograms_requested) call count_rebound(scratch%histograms, v_in, out%v)
       turning = turning_t(scene%turning, uniform(word(turn_class_word)), uniform(word(turn_within_word)), &
                           merge(1.0_wp, -1.0_wp, btest(word(turn_within_word), 0)))
       if (turning%rule == by_lab) turning%lateral = lateral_angle(scene%lateral(class), v_in(1:2), turning%class)
+      if (level >= with_all .and. ground > 0 .and. turning%rule == by_lab) then
+         if (is_stochastic(scene%grounds(ground))) &
+            turning%lateral = lateral_angle(scene%grounds(ground)%lateral(class), v_in(1:2), turning%class)
+      end if
       call outgoing_flight(scene, landing, at, g, steepness, heading, turning, out%v, flight, omega_r)
       if (level >= with_all) then
          call record(scratch, contact_t(landing%x, landing%y, landing%z, result%time, flight%v, v_in, out%v, ratio))
@@ -628,6 +660,20 @@ contains
          result%status = impact_limit
       end if
    end subroutine handle_impact
+
+   !> Count a stochastic rebound that lies beyond what its set was fitted on; `outside`: its ratio R_b/R_m does.
+   pure subroutine count_beyond_fit(fitted, outside, v_in, result)
+      type(fitted_t), intent(in) :: fitted
+      logical, intent(in) :: outside
+      real(wp), intent(in) :: v_in(3)  !! V_t, V_n, W [m/s]
+      type(boulder_result_t), intent(inout) :: result
+      logical :: fast, steep
+
+      if (outside) result%out_of_range = result%out_of_range + 1
+      call beyond_fit(fitted, v_in(1:2), fast, steep)
+      if (fast) result%out_of_speed = result%out_of_speed + 1
+      if (steep) result%out_of_angle = result%out_of_angle + 1
+   end subroutine count_beyond_fit
 
    !> A number in (0, 1) [-] that chooses between two sets, at a contact of a boulder.
    pure real(wp) function ratio_uniform(key, number, impact)

@@ -15,9 +15,10 @@ module rockfall_variables
 
    !> A variable of a result.
    type :: variable_t
-      !> boulder, count (of all boulders), energy (of each boulder, on request), tree (of each, where there are trees),
-      !> line (first crossing), line_vertex, barrier, map, histogram, vertex (of a trajectory), tally (of a cell, in
-      !> part files); or status and outcome, for what the status of a boulder may be, and what a barrier may do with it.
+      !> boulder, count (of all boulders), ground (the same, of each), energy (of each boulder, on request), tree (of
+      !> each, where there are trees), line (first crossing), line_vertex, barrier, map, histogram, vertex (of a
+      !> trajectory), tally (of a cell, in part files); or status and outcome, for what the status of a boulder may be,
+      !> and what a barrier may do with it.
       character(len=11) :: group
       character(len=27) :: name       !! in files line_, trajectory_, tally_ before, _histogram after
       character(len=7) :: kind        !! real, integer, word
@@ -67,6 +68,7 @@ module rockfall_variables
                  "rebounds at incident speeds outside the set's speed_range"), &
       variable_t("count", "rebounds_out_of_angle", "integer", "1", &
                  "rebounds at incidence angles outside the set's angle_range"), &
+      variable_t("ground", "rebounds_by_ground", "integer", "1", "rebounds on the ground"), &
       variable_t("energy", "energy_released", "real", "J", &
                  "kinetic energy at the release, and potential energy from there to the end"), &
       variable_t("energy", "energy_ground", "real", "J", "energy that rebounds took"), &
@@ -192,7 +194,7 @@ module rockfall_variables
                  "V_t after the rebound", "negative when the boulder turns back"), &
       variable_t("vertex", "out_n", "real", "m s-1", "V_n after the rebound"), &
       variable_t("vertex", "out_w", "real", "m s-1", "W after the rebound"), &
-      variable_t("vertex", "ratio", "real", "1", "R_b/R_m of the rebound", "0 without a rebound"), &
+      variable_t("vertex", "ratio", "real", "1", "R_b/R_m of the rebound", "0 without a rebound, -1 of a classical one"), &
       variable_t("tally", "cell", "integer", "1", "index of the cell, by rows from the north-west"), &
       variable_t("tally", "counts", "integer", "1", "counts of the maps, by layer", stored="i4"), &
       variable_t("tally", "sums", "integer", "1", "sums of the maps, by layer"), &

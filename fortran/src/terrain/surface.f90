@@ -6,7 +6,7 @@ module rockfall_surface
    use rockfall_kinds, only: wp, sp, i1, i2
    implicit none
    private
-   public :: surface_t, rock_radius, size_weights, method_a, method_b
+   public :: surface_t, rock_radius, ground_at, size_weights, method_a, method_b
 
    integer, parameter :: method_a = 1, method_b = 2
 
@@ -25,6 +25,9 @@ module rockfall_surface
       integer(i1), pointer, contiguous :: zone1(:, :) => null()   !! (nx, ny) column of `sizes`, or
       integer(i2), pointer, contiguous :: zone2(:, :) => null()   !! of more than 127
       real(sp), pointer, contiguous :: values(:, :, :) => null()  !! (nx, ny, 1 or 3) sizes of each cell [m]
+      !> Where rebounds follow several grounds, the number of that of each material, or of each cell.
+      integer(i1), allocatable :: material_ground(:)
+      integer(i1), pointer, contiguous :: cell_ground(:, :) => null()
    end type surface_t
 
 contains
@@ -55,4 +58,21 @@ contains
       end if
       if (surface%method == method_a) rock_radius = rock_radius*surface%size_to_radius
    end function rock_radius
+
+   !> The ground whose rebounds a raster cell has; the first where there is no other.
+   pure integer function ground_at(surface, at)
+      type(surface_t), intent(in) :: surface
+      integer, intent(in) :: at(2)  !! column, row from the north
+
+      ground_at = 1
+      if (associated(surface%cell_ground)) then
+         ground_at = surface%cell_ground(at(1), at(2))
+      else if (.not. allocated(surface%material_ground)) then
+         return
+      else if (associated(surface%zone1)) then
+         ground_at = surface%material_ground(surface%zone1(at(1), at(2)))
+      else if (associated(surface%zone2)) then
+         ground_at = surface%material_ground(surface%zone2(at(1), at(2)))
+      end if
+   end function ground_at
 end module rockfall_surface

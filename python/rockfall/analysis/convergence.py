@@ -109,7 +109,7 @@ def converge(
         others, again = _sample(scene, many, seed + 1 + many, advance)
         truth, seconds = _numbers(others[:, :, None])[..., 0], (seconds + again) / 2
         del others
-        error = _errors(blocks, truth, of, seconds, case)
+        error = _errors(blocks, truth, of, seconds, scene.case)
         del blocks
         cost = _costs(error, seconds)
         numerical, refused = _terrains(scene, paired, cost, advance)

@@ -21,6 +21,7 @@ from rockfall.io.output_files import ENSEMBLE, ENSEMBLE_TABLE, check_output
 from rockfall.io.tables import write_csv
 from rockfall.quantities import QUANTITIES
 from rockfall.result.dataset import write_result
+from rockfall.scene.lines import with_lines_of
 from rockfall.scene.read import read_scene
 from rockfall.scene.scene import Scene
 from rockfall.scene.sources import refuse_by_area
@@ -136,7 +137,7 @@ def run_ensemble(case: Case, *, progress: bool = False, **arrays: Any) -> xr.Dat
     data = _dataset(base, names, y, indices(y, covariance)) | _drawn(draws, seeds)
     if maps is not None:
         data |= maps.variables()
-    return _with_attributes(data, case, base, inputs)
+    return _with_attributes(data, with_lines_of(case, scene), base, inputs)
 
 
 def _lean(scene: Scene) -> Scene:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from rockfall.quantities import part_of
+from rockfall.result.grounds import stochastic_fraction
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -42,9 +43,9 @@ class Extrapolation(NamedTuple):
 
 
 def fractions_outside(values: Variables) -> dict[str, float]:
-    """Fractions of the rebounds outside what the sets were fitted on: by range (of R_b/R_m), speed
-    and angle; `values` as for `extrapolations`."""
-    rebounds = max(1, _total(values, "rebounds"))
+    """Fractions of the rebounds by impact sets outside what these were fitted on: by range (of
+    R_b/R_m), speed and angle; `values` as for `extrapolations`."""
+    rebounds = max(1.0, _stochastic(values))
     return {what: _total(values, f"rebounds_out_of_{what}") / rebounds for what in OUTSIDE}
 
 
@@ -53,7 +54,7 @@ def extrapolations(values: Variables) -> Iterator[Extrapolation]:
 
     Counts may be sums, or of each boulder.
     """
-    rebounds = _total(values, "rebounds")
+    rebounds = round(_stochastic(values))
     for what, fraction in fractions_outside(values).items():
         if fraction:
             said = part_of(round(fraction * rebounds), rebounds, "rebound")
@@ -78,6 +79,11 @@ def faster_than_observed(values: Variables) -> np.ndarray:
     start, stop, distance, speed = (np.asarray(values[name]) for name in names)
     slope = np.degrees(np.arctan2(start - stop, distance))
     return (slope > 0) & (speed > SPEED_PER_DEGREE * slope)
+
+
+def _stochastic(values: Variables) -> float:
+    """Rebounds by impact sets."""
+    return stochastic_fraction(values) * _total(values, "rebounds")
 
 
 def _total(values: Variables, name: str) -> int:

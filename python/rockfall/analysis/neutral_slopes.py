@@ -43,19 +43,32 @@ class Rocks:
 def rocks_of(scene: Scene) -> Iterator[Rocks]:
     """The zones that some cell has, in the order of their table. Where sizes come as rasters: the
     fifth of the cells with the smallest rocks, that with the largest and those between, by R_m or
-    Rg70, each with the medians of its sizes; cells that absorb left out."""
+    Rg70, each with the medians of its sizes; cells that absorb left out. Ground whose rebounds
+    follow others than the case's impact sets is left out, too."""
     surface, ground = scene.case.surface, scene.ground
     scale = radius_over_rg(scene.case) if surface["method"] == "A" else 1.0
-    tangents = np.concatenate(ground.slopes)
+    usual = _follows_sets(scene)
+    tangents = np.concatenate(ground.slopes)[usual]
     if ground.rocks:
-        yield from _by_size(scale * np.concatenate(ground.rocks), tangents)
+        yield from _by_size(scale * np.concatenate(ground.rocks)[usual], tangents)
         return
     names = [""]
     if "zones" in surface:
         names = [f"zone {zone}" for zone in read_zone_table(scene.case.path(surface["table"]))]
-    material = np.concatenate(ground.materials)
+    material = np.concatenate(ground.materials)[usual]
     for k in sorted(ground.used):
+        if not usual.all() and not (material == k).any():
+            continue
         yield Rocks(names[k], scale * ground.sizes[k], tangents[material == k])
+
+
+def _follows_sets(scene: Scene) -> np.ndarray:
+    """Whose rebounds follow the case's impact sets, of the cells that were looked at."""
+    numbers = np.concatenate(scene.ground.numbers)
+    if not scene.grounds:
+        return np.ones(numbers.size, bool)
+    usual = [k for k, one in enumerate(scene.grounds, start=1) if not one.text]
+    return np.isin(numbers, usual)
 
 
 def _by_size(radii: np.ndarray, tangents: np.ndarray) -> Iterator[Rocks]:

@@ -33,7 +33,7 @@ def _add(commands: _Commands, module: str, name: str, does: str, what: str = "")
     one = commands.add_parser(name, help=does, description=does[0].upper() + does[1:] + ".")
     if what:
         one.add_argument(what.lower(), metavar=what, type=Path)
-    one.set_defaults(command=_command(module, name))
+    one.set_defaults(command=_command(module, name.replace("-", "_")))
     return one
 
 
@@ -75,6 +75,9 @@ def _add_runs(commands: _Commands) -> None:
     about = "make a case that rockfall-batch reads without Python"
     prepare = _add(commands, "run", "prepare", about, "CASE")
     prepare.add_argument("folder", metavar="DIR", type=Path, help="is made; for the prepared files")
+    about = "make a case of a folder of Rockyfor3D, whose files stay where they are"
+    rocky = _add(commands, "imports", "import-rockyfor3d", about, "DIR")
+    rocky.add_argument("-o", "--output", metavar="CASEDIR", type=Path, required=True)
     about = "write a Slurm job array for a case, with its merge job"
     slurm = _add(commands, "run", "slurm", about, "CASE")
     slurm.add_argument("folder", metavar="DIR", type=Path, help="is made; jobs, parts and result")

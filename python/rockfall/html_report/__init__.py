@@ -25,6 +25,7 @@ from rockfall.html_report.maps import data_uri, map_section
 from rockfall.html_report.summary import summary
 from rockfall.html_report.tables import (
     design_tables,
+    ground_table,
     level_table,
     line_tables,
     precision_table,
@@ -104,6 +105,7 @@ def report(result: xr.Dataset, terrain: Terrain | None = None, observed: Any = N
         lines=[*line_tables(rows), level_table(levels)] if rows else [],
         design=list(design_tables(sheet)) if sheet else [],
         factors=list(factor_lines(sheet)) if sheet else [],
+        grounds=[ground_table(result)] if "rebounds_by_ground" in result else [],
         has_clusters=sources(result).max() > 0,
         convergence=list(_convergence(result, rows)),
         comparison="" if observed is None else text(compare(result, observed)),

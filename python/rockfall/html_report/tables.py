@@ -15,6 +15,7 @@ from rockfall.case import FROM_ARRAY, case_of
 from rockfall.html_report.convergence import NUMBERS, TARGETS, needed
 from rockfall.html_report.intervals import STATISTICS, in_unit, interval
 from rockfall.quantities import QUANTITIES, number, percent
+from rockfall.result.grounds import rebounds_by_ground
 from rockfall.text.design import CHECKED, check_row, demand_rows, load_rows
 
 if TYPE_CHECKING:
@@ -53,6 +54,16 @@ def line_tables(rows: Rows) -> Iterator[Table]:
 def _statistics(quantity: str, row: Row) -> tuple[str, ...]:
     cells = (f"{in_unit(row[n], quantity)}\n{interval(row, n, quantity)}" for n in STATISTICS)
     return QUANTITIES[quantity].title, *cells, in_unit(row["max"], quantity)
+
+
+def ground_table(result: xr.Dataset) -> Table:
+    """What the rebounds followed."""
+    grounds = rebounds_by_ground(result)
+    rows = [
+        (name, model.replace("_", " "), f"{rebounds:,}", percent(fraction))
+        for name, model, rebounds, fraction in grounds
+    ]
+    return Table("Rebounds by ground", ("ground", "model", "rebounds", "fraction"), rows)
 
 
 def level_table(levels: pd.DataFrame) -> Table:

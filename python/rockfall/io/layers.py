@@ -35,7 +35,8 @@ _SHAPES = (b"\0\0\x27\x0a", b"fgb\x03fgb")  # of shapefiles and FlatGeobuf
 _GEOPACKAGE = (b"GPKG", b"GP10", b"GP11")  # what a database says it is, from byte 68
 _CRS_NAME = re.compile(r"(urn:ogc:def:crs:)?(EPSG|OGC):[0-9.]*:?(CRS84|[0-9]{1,7})", re.IGNORECASE)
 _POLYGONS = {"Polygon", "MultiPolygon"}
-_FEATURES = {"Point", "LineString", "MultiLineString", *_POLYGONS}
+_LINES = {"LineString", "MultiLineString"}
+_FEATURES = {"Point", *_LINES, *_POLYGONS}
 _INDEX = re.compile(r'CREATE\s+VIRTUAL\s+TABLE\s+("[^"]*"|\w+)\s+USING\s+rtree\b', re.IGNORECASE)
 
 
@@ -95,6 +96,27 @@ def read_features(
     return _on_terrain(str(path), None, _FEATURES, what, grid, remarks)[:2]
 
 
+def read_lines(
+    path: str | Path, layer: str | None, grid: Grid, remarks: list[str]
+) -> tuple[list[list[np.ndarray]], dict[str, np.ndarray]]:
+    """The lines of a layer (of the only one, for None) and all their attributes by name. A line is
+    a list of its parts, (n, 2) coordinates [m]; parts that join are one."""
+    shapes, values, _ = _on_terrain(
+        str(path), None, _LINES, "lines", grid, remarks, layer=layer, key="layer"
+    )
+    return [_parts(shape) for shape in shapes], values
+
+
+def _parts(shape: Any) -> list[np.ndarray]:
+    import shapely
+
+    parts = shapely.get_parts(shape)
+    merged = shapely.get_parts(shapely.line_merge(shape))
+    if len(merged) < len(parts):  # else as they were drawn
+        parts = merged
+    return [shapely.get_coordinates(part) for part in parts]
+
+
 def read_points(
     path: str | Path, grid: Grid, fields: tuple[str, ...], remarks: list[str]
 ) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
@@ -115,10 +137,14 @@ def _on_terrain(
     what: str,
     grid: Grid,
     remarks: list[str],
+    *,
+    layer: str | None = None,
+    key: str = "",
 ) -> tuple[np.ndarray, dict[str, np.ndarray], np.ndarray]:
     """Sound shapes of some kinds (a plural, for messages) in coordinates of the terrain, these
-    attributes or all, and (west, south, east, north)."""
-    about, shapes, values = _read(path, columns, what)
+    attributes or all, and (west, south, east, north); of a `layer`, or of the only one. `key` says
+    in messages how the case names a layer."""
+    about, shapes, values = _read(path, columns, what, layer, key)
     bounds = _check_shapes(path, shapes, kinds, what)
     crs = _crs_of(about, bounds, grid)
     _check_crs(path, crs, grid)
@@ -133,7 +159,7 @@ def extent(west: float, south: float, east: float, north: float) -> str:
 
 
 def _read(
-    path: str, columns: list[str] | None, what: str
+    path: str, columns: list[str] | None, what: str, layer: str | None, key: str
 ) -> tuple[dict[str, Any], np.ndarray, dict[str, np.ndarray]]:
     """(what the layer says of itself, its shapes, these attributes or all)."""
     need(f"{what} need", "vector", "pyogrio", "shapely")
@@ -142,7 +168,7 @@ def _read(
 
     file = _plain_layer(path)
     try:
-        layer = _only_layer(path, pyogrio.list_layers(file))
+        layer = _layer(path, pyogrio.list_layers(file), what, layer, key)
         about = pyogrio.read_info(file, layer=layer, force_feature_count=True)
         if about["driver"] not in _DRIVERS:
             raise RockfallError(f"{path}: is read by {about['driver']}: must be {_DRIVERS}")
@@ -161,16 +187,18 @@ def _read(
     return about, shapes, dict(zip(about_read["fields"], values, strict=True))
 
 
-def _only_layer(path: str, layers: np.ndarray) -> str:
-    """The name of the one layer with shapes (GeoPackages keep styles in tables without any)."""
+def _layer(path: str, layers: np.ndarray, what: str, asked: str | None, key: str) -> str:
+    """The name of the layer that is asked for, or of the only one with shapes (GeoPackages keep
+    styles in tables without any)."""
     names = [name for name, shape in layers if shape is not None]
     if not names:
-        raise RockfallError(f"{path}: has no layer with polygons")
-    if len(names) > 1:
-        raise RockfallError(
-            f"{path}: has {len(names)} layers ({', '.join(names)}); keep one layer in the file"
-        )
-    return names[0]
+        raise RockfallError(f"{path}: has no layer with {what}")
+    if asked is not None and asked not in names:
+        raise RockfallError(f"{path}: no layer {asked}; has: {', '.join(names)}")
+    if asked is None and len(names) > 1:
+        advice = f"name one by {key}" if key else "keep one layer in the file"
+        raise RockfallError(f"{path}: has {len(names)} layers ({', '.join(names)}); {advice}")
+    return asked or names[0]
 
 
 def _check_shapes(path: str, shapes: np.ndarray, kinds: set[str], what: str) -> np.ndarray:
@@ -286,7 +314,7 @@ def _plain_geojson(path: str) -> bytes:
     check_text_file(path)
     try:
         data = json.loads(Path(path).read_bytes().decode("utf-8-sig"), parse_constant=_no_number)
-        plain = _collection(data)
+        plain = _collection(data) | {"name": Path(path).stem}
         text = json.dumps(plain, allow_nan=False)
     except (ValueError, RecursionError, AttributeError) as error:
         raise RockfallError(f"{path}: not a vector layer that can be read ({error})") from error
@@ -304,13 +332,13 @@ def _collection(data: Any) -> dict[str, Any]:
         features = data.get("features")
         if not isinstance(features, list):
             raise ValueError("features: must be a list")
-    elif kind in ("Polygon", "MultiPolygon"):
+    elif str(kind) in _FEATURES:
         features = [{"type": "Feature", "properties": {}, "geometry": data}]
     elif kind == "Feature":
         features = [data]
     else:
         raise ValueError(f"type = {str(kind)[:40]}: must be FeatureCollection, Feature or Polygon")
-    plain: dict[str, Any] = {"type": "FeatureCollection", "name": "polygons"}
+    plain: dict[str, Any] = {"type": "FeatureCollection"}
     plain["features"] = [_feature(one) for one in features]
     if "crs" in data:
         plain["crs"] = _crs(data["crs"])

@@ -8,6 +8,7 @@ import re
 from collections.abc import Iterable
 from itertools import islice
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,25 +22,34 @@ RADII = ("mean_radius", "rg70", "rg20", "rg10")
 _INTEGER = re.compile(r"[+-]?[0-9]+")
 
 
-def read_zone_table(path: str | Path) -> dict[int, tuple[float, ...]]:
-    """Zone id -> (mean_radius, rg70, rg20, rg10) [m], in the order of the file.
+class Zone(NamedTuple):
+    """A row of a table of zones."""
 
-    NaN where a column is absent, Inf where a zone absorbs. Commas or semicolons separate; other
-    columns are free text.
+    sizes: tuple[float, ...]  # in the order of RADII [m]; NaN: not given, Inf: it absorbs
+    ground: str = ""  # what its rebounds follow; "": the case's
+    where: str = ""  # the row, for messages
+
+
+def read_zone_table(path: str | Path) -> dict[int, Zone]:
+    """The rows by zone id, in the order of the file.
+
+    Commas or semicolons separate; columns that are not known are free text. A zone with a ground of
+    its own may have no rocks: sizes that are left out, or zero.
     """
     where, columns, rows = read_table(path)
-    known = ("zone", *RADII)
+    known = ("zone", *RADII, "ground")
     if "zone" not in columns:
         raise RockfallError(f"{where}: no column zone; has: {', '.join(columns)}")
-    if set(RADII).isdisjoint(columns):
+    if set(known[1:]).isdisjoint(columns):
         raise RockfallError(f"{where}: none of the columns {', '.join(RADII)}")
     check_columns(where, [name for name in columns if name in known], known)
-    zones: dict[int, tuple[float, ...]] = {}
+    zones: dict[int, Zone] = {}
     for row in rows:
         zone = _zone(row)
         if zone in zones:
             raise RockfallError(f"{row.where}: zone {zone}: is in the table twice")
-        zones[zone] = tuple(_radius(row, name) if name in columns else math.nan for name in RADII)
+        sizes = tuple(_radius(row, name) if name in columns else math.nan for name in RADII)
+        zones[zone] = Zone(sizes, row.cells.get("ground", ""), row.where)
     return zones
 
 
@@ -51,13 +61,14 @@ def index_blocks(
     valid: np.ndarray | None = None,
     path: str = "zones",
     table: str = "table",
+    what: str = "zone",
 ) -> np.ndarray:
     """The row of the table (int8 or int16, counted from 1) of each cell; 0 where the terrain is not
     valid.
 
     `blocks` are zone ids by rows, `NO_ID` in cells without a zone, which take `default_zone`.
     `valid` is a mask, or the elevations themselves (NaN = not valid). `path` and `table` are names
-    for messages.
+    for messages, `what` is what they call an id.
     """
     if len(table_ids) > np.iinfo(np.int16).max:
         raise RockfallError(f"{table}: {len(table_ids)} zones: at most {np.iinfo(np.int16).max}")
@@ -81,7 +92,7 @@ def index_blocks(
         for zone, cells in zip(*np.unique(block[~found], return_counts=True), strict=True):
             unknown[int(zone)] = unknown.get(int(zone), 0) + int(cells)
     if unknown:
-        raise RockfallError(_without_row(unknown, path, table))
+        raise RockfallError(_without_row(unknown, path, table, what))
     return index
 
 
@@ -95,10 +106,12 @@ def _zone(row: Row) -> int:
 
 
 def _radius(row: Row, name: str) -> float:
-    text = row.cells[name]
+    text, may_have_none = row.cells[name], bool(row.cells.get("ground"))
+    if may_have_none and not text:
+        return math.nan
     spelled = text.lower().lstrip("+-") in ("inf", "infinity", "nan")
     value = float(text) if spelled else row.number(name)
-    if not value > 0:
+    if not value > 0 and not (may_have_none and value == 0):
         row.refuse(name, "must be > 0 (Inf absorbs)")
     return value
 
@@ -107,14 +120,14 @@ def _is_valid(block: np.ndarray) -> np.ndarray:
     return block if block.dtype == bool else ~np.isnan(block)
 
 
-def _without_row(unknown: dict[int, int], path: str, table: str) -> str:
+def _without_row(unknown: dict[int, int], path: str, table: str, what: str) -> str:
     """What to say of cells whose zone is not in the table, or that have none."""
     if NO_ID in unknown:
         return (
             f"{path}: {unknown[NO_ID]} cells of the terrain have no zone; "
             "give them one, or set &surface default_zone"
         )
-    zones = [f"zone {zone} ({unknown[zone]} cells)" for zone in islice(sorted(unknown), 10)]
+    zones = [f"{what} {zone} ({unknown[zone]} cells)" for zone in islice(sorted(unknown), 10)]
     if len(unknown) > len(zones):
         zones.append(f"{len(unknown) - len(zones)} more")
     verb = "has" if len(unknown) == 1 else "have"

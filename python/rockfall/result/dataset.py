@@ -17,7 +17,7 @@ from rockfall.io.files import atomic_write, check_netcdf
 from rockfall.io.grid import row_blocks
 from rockfall.io.output_files import RESULT, check_output
 from rockfall.limits import PIECE
-from rockfall.result.validate import check_result, check_values
+from rockfall.result.validate import TEXTS, check_result, check_values
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -104,8 +104,9 @@ def read_result(path: str | Path) -> xr.Dataset:
     check_values(result, path)
     for variable in result.variables.values():
         variable.attrs.pop("_FillValue", None)
-    if "line" in result:
-        result["line"] = result["line"].astype(str).astype(object)
+    for name in TEXTS:
+        if name in result.variables:
+            result[name] = result[name].astype(str).astype(object)
     return result
 
 

@@ -27,6 +27,7 @@ NUMBERS = (  # and those of them that are numbers
     "seed", "boulder_first", "boulder_last", "boulders_asked", "complete", "threads",
     "wall_seconds", "cpu_seconds",
 )  # fmt: skip
+TEXTS = ("line", "ground", "ground_model")  # variables that hold no numbers
 #: Along these every value is a number; at lines NaN says that a boulder did not cross.
 FINITE = ("x", "y", "boulder", "line_vertex", "trajectory_vertex")
 
@@ -84,6 +85,8 @@ def _groups() -> Iterator[_Group]:
     at_lines = {f"line_{name}": ("line", "boulder") for name in variables.LINE}
     vertices = {f"line_vertex_{name}": ("line_vertex",) for name in variables.LINE_VERTEX}
     yield {"line": ("line",), **at_lines, **vertices}
+    on_grounds = ("ground", "ground_model", *variables.GROUND)
+    yield {name: ("ground",) for name in on_grounds}
     yield {name: ("boulder",) for name in variables.ENERGY}
     yield {name: ("boulder",) for name in variables.TREE}
     yield {
@@ -103,7 +106,7 @@ def _check_variable(
 ) -> None:
     if variable.dims != dims:
         raise RockfallError(f"{path}: {name}: is not along {', '.join(dims)}")
-    if variable.dtype.kind not in "iuf" and name != "line":
+    if variable.dtype.kind not in "iuf" and name not in TEXTS:
         raise RockfallError(f"{path}: {name}: holds no numbers")
     if name == "status":
         values = np.atleast_1d(variable.attrs.get("flag_values", []))

@@ -13,6 +13,7 @@ while _text := _core.variable(sum(map(len, _TABLE.values())) + 1).decode().strip
 
 BOULDER = _TABLE["boulder"]
 COUNT = _TABLE["count"]  # over all boulders
+GROUND = _TABLE["ground"]  # the same, on each ground
 ENERGY = _TABLE["energy"]  # of each boulder, on request
 TREE = _TABLE["tree"]  # of each boulder, where there are trees
 LINE = _TABLE["line"]  # in files line_x, ...

@@ -29,9 +29,14 @@ class Digest:
         """Rows `first` to `stop` - 1 of the raster, all columns; the window holds them."""
         layers = [window.z] if window.zone is None else [window.z, window.zone]
         layers += [] if window.values is None else list(window.values)
+        layers += [] if window.cell_ground is None else [window.cell_ground]
         if first == 0:
             self.layers = [hashlib.sha256(layer.dtype.str.encode()) for layer in layers]
             self.sizes = hashlib.sha256(np.ascontiguousarray(window.sizes).data)
+            for ground in window.grounds:
+                self.sizes.update(f"{ground.name}\n{len(ground.text)}\n".encode() + ground.text)
+            if window.material_ground is not None:
+                self.sizes.update(window.material_ground.data)
         rows = slice(first - window.at[0], stop - window.at[0])
         for known, layer in zip(self.layers, layers, strict=True):
             known.update(np.ascontiguousarray(layer[rows]))
@@ -45,6 +50,8 @@ class Digest:
             self.sizes.update(layer.digest())
         sources = hashlib.sha256(b"" if scene.area is None else scene.area.data)
         sources.update(np.concatenate((scene.x, scene.y)).data)
+        for values in scene.source_boulders or ():
+            sources.update(b"" if values is None else np.ascontiguousarray(values).data)
         found = {"dem": dem, "surface": self.sizes, "sources": sources}
         if scene.trees is not None:
             found["trees"] = hashlib.sha256()

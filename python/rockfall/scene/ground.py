@@ -55,6 +55,7 @@ class Ground:
     spans: int = 0  # of so many places
     slopes: list[np.ndarray] = field(default_factory=list)  # tangents, of SAMPLES cells
     materials: list[np.ndarray] = field(default_factory=list)  # of these: rows of `sizes`, -1: none
+    numbers: list[np.ndarray] = field(default_factory=list)  # and of the scene's grounds, from 1
     rocks: list[np.ndarray] = field(default_factory=list)  # or their sizes (n, 1 or 3) [m]
     source_z: list[np.ndarray] = field(default_factory=list)  # of the sources: elevations [m]
     source_slopes: list[np.ndarray] = field(default_factory=list)  # and tangents
@@ -88,6 +89,7 @@ class Ground:
         else:
             zero = np.zeros(row.size, int)
             self.materials.append(zero if band.zone is None else band.zone[at].astype(int) - 1)
+        self.numbers.append(_ground_numbers(band, at))
 
     def _take_elevations(self, z: np.ndarray) -> None:
         self.low.take(z)
@@ -143,6 +145,15 @@ def _slopes(band: Scene, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     if not x.size:
         return np.empty(0)
     return np.sqrt(np.maximum(area_ratios(band, x, y) ** 2 - 1, 0.0))
+
+
+def _ground_numbers(band: Scene, at: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+    """What the rebounds of cells follow: the numbers of the scene's grounds."""
+    if band.cell_ground is not None:
+        return band.cell_ground[at]
+    if band.material_ground is None or band.zone is None:
+        return np.ones(at[0].size, int)
+    return np.append(0, band.material_ground)[band.zone[at]]
 
 
 def _samples(band: Scene, box: Box) -> tuple[np.ndarray, np.ndarray]:

@@ -18,7 +18,8 @@ if TYPE_CHECKING:
 ABSENT = {  # what the kernel takes for an array that a scene does not have
     "z8": np.zeros((1, 1)), "z4": np.zeros((1, 1), "f4"), "zone1": np.zeros((1, 1), "i1"),
     "zone2": np.zeros((1, 1), "i2"), "values": np.zeros((1, 1, 1), "f4"),
-    "area_ratio": np.zeros(1), "trees": np.zeros(1),
+    "area_ratio": np.zeros(1), "of_sources": np.zeros(1), "trees": np.zeros(1),
+    "material_ground": np.zeros(1, "i1"), "cell_ground": np.zeros((1, 1), "i1"),
 }  # fmt: skip
 
 
@@ -35,8 +36,9 @@ class KernelScene:
             first=(scene.at[1] + 1, scene.at[0] + 1), sizes=np.asfortranarray(scene.sizes.T),
             source_x=scene.x, source_y=scene.y,
             area_ratio=ABSENT["area_ratio"] if scene.area is None else scene.area,
-            **trees(scene), sets_text=scene.sets.text or b"\n", sets_name=scene.sets.name.encode(),
-            draw=scene.sets.draw,
+            **of_sources(scene), **trees(scene),
+            sets_text=scene.sets.text or b"\n", sets_name=scene.sets.name.encode(),
+            draw=scene.sets.draw, **_grounds(scene),
         )  # fmt: skip
         check_kernel(code, message)
         self._box: Box | None = None
@@ -54,6 +56,15 @@ class KernelScene:
     def check(self, code: int, message: bytes) -> None:
         """Raise what a procedure of the kernel says is wrong with the scene."""
         check_kernel(code, message, self.name)
+
+
+def of_sources(scene: Scene) -> dict[str, np.ndarray]:
+    """What the sources of a scene say of their boulders."""
+    found = scene.source_boulders
+    values = (None,) * 3 if found is None else (found.volume, found.inertia, found.density)
+    names = "source_volume", "source_inertia", "source_density"
+    pairs = zip(names, values, strict=True)
+    return {name: ABSENT["of_sources"] if one is None else one for name, one in pairs}
 
 
 def trees(scene: Scene) -> dict[str, np.ndarray]:
@@ -90,13 +101,27 @@ def known_at(scene: Scene, x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 def views(scene: Scene) -> dict[str, Any]:
     """The rasters of a scene as the kernel looks at them: no copies that f2py would throw away."""
-    found = {**elevations(scene), **{name: ABSENT[name] for name in ("zone1", "zone2", "values")}}
+    names = "zone1", "zone2", "values", "cell_ground"
+    found = {**elevations(scene), **{name: ABSENT[name] for name in names}}
     if scene.zone is not None:
         name = f"zone{scene.zone.dtype.itemsize}"
         found[name] = _view(scene.zone, name)
     if scene.values is not None:
         found["values"] = _view(scene.values, "values")
+    if scene.cell_ground is not None:
+        found["cell_ground"] = _view(scene.cell_ground, "cell_ground")
     return found
+
+
+def _grounds(scene: Scene) -> dict[str, Any]:
+    """What rebounds follow: texts one after the other, and their names and files by lines."""
+    material, grounds = scene.material_ground, scene.grounds
+    return {
+        "ground_text": b"".join(one.text for one in grounds) or b"\n",
+        "ground_length": [len(one.text) for one in grounds] or [-1],
+        "ground_names": "\n".join(f"{one.name}\n{one.file}" for one in grounds).encode() or b"\n",
+        "material_ground": ABSENT["material_ground"] if material is None else material,
+    }
 
 
 def _view(raster: np.ndarray, name: str) -> np.ndarray:

@@ -39,6 +39,12 @@ ABOUT = {  # units, long name
     "source_x": ("m", "easting of the release"),
     "source_y": ("m", "northing of the release"),
     "area_ratio": ("1", "surface over plan area of the cell of the source"),
+    "source_volume": ("m3", "volume of the boulders of the source"),
+    "source_inertia": ("1", "their moment of inertia over mass and squared radius"),
+    "source_density": ("kg/m3", "their density"),
+    "ground_length": ("1", "bytes of the text of each ground; 0: the case's impact sets"),
+    "material_ground": ("1", "ground of the material, counted from 1"),
+    "cell_ground": ("1", "ground of the cell, counted from 1; 0: none"),
     "tree_x": ("m", "easting of the stem"),
     "tree_y": ("m", "northing of the stem"),
     "tree_dbh": ("cm", "diameter of the stem at breast height"),
@@ -75,7 +81,9 @@ def _scene_file(scene: Scene) -> xr.Dataset:
         **centre_variables(scene.grid.x, scene.grid.y),
         **_variables("y x", elevation=scene.z),
         **_surface(scene),
+        **_grounds(scene),
         **_variables("source", source_x=scene.x, source_y=scene.y, area_ratio=scene.area),
+        **_variables("source", **_of_sources(scene)),
         **(_variables("tree", **trees(scene)) if scene.trees else {}),
         "impact_sets": (("impact_sets_length",), text, about),
     }
@@ -92,12 +100,34 @@ def _scene_file(scene: Scene) -> xr.Dataset:
     return as_dataset(data, attrs).set_coords(["x", "y"])
 
 
+def _of_sources(scene: Scene) -> dict[str, np.ndarray | None]:
+    """What sources say of their boulders."""
+    found = scene.source_boulders
+    return {} if found is None else {f"source_{name}": one for name, one in found._asdict().items()}
+
+
 def _surface(scene: Scene) -> dict[str, tuple]:
     """What the ground is made of: sizes of each cell, or of materials, with or without zones."""
     if scene.values is not None:
         return _variables("size y x", cell_size=scene.values)
     sizes = _variables("material size", material_size=scene.sizes)
     return sizes | _variables("y x", zone=scene.zone)
+
+
+def _grounds(scene: Scene) -> dict[str, tuple]:
+    """What rebounds follow, where that is not the case's impact sets alone."""
+    if not scene.grounds:
+        return {}
+    text = np.frombuffer(b"".join(one.text for one in scene.grounds), "S1")
+    names = "\n".join(f"{one.name}\n{one.file}" for one in scene.grounds)
+    about = {"long_name": "grounds, one after the other", "names": names}
+    lengths = np.array([len(one.text) for one in scene.grounds], "i4")
+    return {
+        "ground_text": (("ground_text_length",), text, about),
+        **_variables("ground", ground_length=lengths),
+        **_variables("material", material_ground=scene.material_ground),
+        **_variables("y x", cell_ground=scene.cell_ground),
+    }
 
 
 def _variables(dims: str, **values: np.ndarray | None) -> dict[str, tuple]:

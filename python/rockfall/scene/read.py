@@ -20,9 +20,10 @@ from rockfall.scene.coefficients import open_sets
 from rockfall.scene.digest import digest
 from rockfall.scene.forest import read_forest
 from rockfall.scene.layers import LAYERS, array_checksum, file_checksum
+from rockfall.scene.lines import read_lines
 from rockfall.scene.scene import Scene
 from rockfall.scene.sources import read_sources
-from rockfall.scene.surface import cell_bytes, read_surface, size_columns
+from rockfall.scene.surface import cell_bytes, read_grounds, read_surface, size_columns
 from rockfall.scene.windows import Windows, bands
 from rockfall.terrain.dams import with_dam
 
@@ -32,9 +33,9 @@ def read_scene(
 ) -> Scene:
     """Read and check everything that a case names.
 
-    `dem` and `rasters` (zones, mean_radius, rg70, rg20, rg10, cells, stems, dbh_mean, dbh_std,
-    conifers) may be given as arrays: an xarray.DataArray, or NumPy on the cells of the DEM (for the
-    DEM itself with its `transform`).
+    `dem` and `rasters` (zones, mean_radius, rg70, rg20, rg10, ground_map, cells, stems, dbh_mean,
+    dbh_std, conifers) may be given as arrays: an xarray.DataArray, or NumPy on the cells of the DEM
+    (for the DEM itself with its `transform`).
     If rasters in files need more than half of `memory` [bytes], they are read in windows, as they
     are needed: see `rockfall.scene.windows`.
     """
@@ -53,11 +54,13 @@ def read_scene(
             grid, dtype = dem_header(path)
             if (cells := int(memory / 2 / cell_bytes(case, dtype))) < grid.nx * grid.ny:
                 scene = Scene(case, grid, np.empty((0, 0), dtype), np.zeros((1, 1)))
+                read_lines(scene)
                 return _windowed(scene, cells)
         z, grid = read_dem(path)
-    for dam in case.dam:
-        z = with_dam(z, grid, dam, case.name)
     scene = Scene(case, grid, z, np.zeros((1, 1)))
+    read_lines(scene)
+    for dam in scene.case.dam:
+        z = scene.z = with_dam(z, grid, dam, case.name)
     file = case.path(case.terrain["dem"])
     scene.checksums["dem"] = file_checksum(file) if dem is None else array_checksum(z)
     read_surface(scene, grid.box, rasters)
@@ -88,10 +91,8 @@ def _windowed(scene: Scene, cells: int) -> Scene:
             f"{case.name}: &dam: needs the whole terrain in memory, and it does not fit; "
             "raise --memory"
         )
-    for key in file_keys():
-        file = getattr(case, key.group).get(key.name, "")
-        drawn = "layer" in key.file and Path(file).suffix.lower() in LAYERS
-        if drawn or (file and key.file == "layer"):
+    for key, file in case.files():
+        if key.file == "layer" or ("layer" in key.file and Path(file).suffix.lower() in LAYERS):
             raise RockfallError(
                 f"{case.name}: &{key.group} {key.name} = '{file}': polygons need the whole terrain "
                 "in memory, and it does not fit; make a raster of them, or raise --memory"
@@ -103,6 +104,7 @@ def _windowed(scene: Scene, cells: int) -> Scene:
     read_sources(scene, rows, {})
     read_forest(scene, {})
     _read_sets(scene)
+    read_grounds(scene)
     scene.windows = Windows(scene, cells)
     scene.decoded = scene.windows.decoded
     return scene
@@ -126,9 +128,8 @@ def _with_arrays(case: Case, keys: set[str]) -> Case:
 def _check_files(case: Case, arrays: dict[str, Any]) -> None:
     """Every file that the case names and that is to be read is there."""
     unread = {*RADII} - {*size_columns(case)}
-    for key in file_keys():
+    for key, file in case.files():
         if key.file == "sets" or key.name in unread or arrays.get(key.name) is not None:
             continue
-        file = getattr(case, key.group).get(key.name, FROM_ARRAY)
         if file != FROM_ARRAY and not os.path.exists(raster_file(str(case.path(file)))):
             raise RockfallError(f"{case.name}: &{key.group} {key.name} = '{file}': no such file")

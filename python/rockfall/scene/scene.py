@@ -5,12 +5,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from rockfall._core import rockfall_f2py as _core
 from rockfall.case import Case
+from rockfall.grounds import GroundRule
 from rockfall.io.grid import Grid, row_blocks
 from rockfall.scene.coefficients import Coefficients, SetFile
 from rockfall.scene.forest.trees import Trees
@@ -19,6 +20,19 @@ from rockfall.scene.kernel_scene import KernelScene
 
 if TYPE_CHECKING:
     from rockfall.scene.windows import Windows
+
+
+class SourceBoulders(NamedTuple):
+    """What sources say of their boulders."""
+
+    volume: np.ndarray  # [m3]
+    inertia: np.ndarray  # I/(m R**2) [-]
+    density: np.ndarray | None = None  # [kg/m3]; None: the case's
+
+    def of(self, sources: np.ndarray) -> SourceBoulders:
+        """Those of some sources, which are counted from 0."""
+        density = None if self.density is None else self.density[sources]
+        return SourceBoulders(self.volume[sources], self.inertia[sources], density)
 
 
 @dataclass
@@ -34,8 +48,13 @@ class Scene:
     x: np.ndarray = field(default_factory=lambda: np.empty(0))  # of each source [m]
     y: np.ndarray = field(default_factory=lambda: np.empty(0))
     area: np.ndarray | None = None  # surface over plan area of each, where they release by it
+    source_boulders: SourceBoulders | None = None  # where they say what their boulders are
     trees: Trees | None = None
     sets: SetFile = SetFile(b"", "")
+    grounds: tuple[GroundRule, ...] = ()  # only where there are others than the sets
+    material_ground: np.ndarray | None = None  # int8: 1-based one of each row of `sizes`, or
+    cell_ground: np.ndarray | None = None  # int8 (ny, nx): of each cell; neither: the first
+    ground_ids: dict[int, str] = field(default_factory=dict)  # names by id in a raster of grounds
     checksums: dict[str, str] = field(default_factory=dict)  # of the input files
     decoded: dict[str, str] = field(default_factory=dict)  # of what was read of them: see `digest`
     at: tuple[int, int] = (0, 0)  # row and column of the grid where its rasters begin
@@ -89,6 +108,7 @@ class Scene:
         """Give their memory back; the scene cannot be run any more."""
         self.__dict__.pop("kernel", None)
         self.z, self.zone, self.values = np.empty((0, 0), self.z.dtype), None, None
+        self.cell_ground = None
 
 
 def lines_outside(scene: Scene) -> list[str]:

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Sources from the terrain: steep cells, and how many boulders each source releases by its area."""
+"""Sources from the terrain: steep cells, how many boulders each releases by its area, and what it
+says of their size and shape."""
 
 from __future__ import annotations
 
@@ -10,11 +11,17 @@ import numpy as np
 
 from rockfall._core import rockfall_f2py as _core
 from rockfall.errors import RockfallError
-from rockfall.io.grid import Box, row_blocks
+from rockfall.io.grid import NO_ID, Box, row_blocks
 from rockfall.io.layers import burn_polygons
+from rockfall.limits import MAX_REAL
 from rockfall.scene.kernel_scene import area_ratios, on_raster
 from rockfall.scene.layers import file_checksum, layer_blocks
-from rockfall.scene.scene import Scene
+from rockfall.scene.scene import Scene, SourceBoulders
+
+SIDES = ("d1", "d2", "d3")
+SHAPES = int(_core.constant("shapes"))  # numbered from 1
+SPHERE = 3  # where the case names none
+MAX_SIDE = 1e3  # [m]
 
 
 def threshold(scene: Scene) -> float:
@@ -44,10 +51,19 @@ def refuse_by_area(scene: Scene, what: str) -> None:
 
 
 def read_sources(scene: Scene, bands: Iterable[tuple[Scene, Box]], rasters: dict[str, Any]) -> None:
-    """Release points, or the centres of source cells in the order of the raster.
+    """Release points, or the centres of source cells in the order of the raster; and what they say
+    of their boulders.
 
     `bands` are rows of the terrain in order, each in a scene that holds it and what lies about it.
     """
+    _find_sources(scene, bands, rasters)
+    if scene.case.boulder["volume"] == "source":
+        _read_boulders(scene, rasters)
+
+
+def _find_sources(
+    scene: Scene, bands: Iterable[tuple[Scene, Box]], rasters: dict[str, Any]
+) -> None:
     case, release = scene.case, scene.case.release
     if "x" in release:
         scene.x, scene.y = np.asarray(release["x"]), np.asarray(release["y"])
@@ -71,6 +87,64 @@ def read_sources(scene: Scene, bands: Iterable[tuple[Scene, Box]], rasters: dict
         raise RockfallError(f"{path}: no source cells: must have cells above zero")
     if area:
         scene.area = np.concatenate(area)
+
+
+def _read_boulders(scene: Scene, rasters: dict[str, Any]) -> None:
+    """Of the boulders of each source volume, inertia and density; sources of shape 0 have none, and
+    are left out."""
+    boulder = scene.case.boulder
+    if "shape" in boulder:
+        shape = _at_sources(scene, "shape", "shapes", np.int32, rasters)
+        _check(scene, "shape", shape, (shape >= 0) & (shape <= SHAPES), f"0 to {SHAPES}")
+    else:
+        shape = np.full(scene.x.size, SPHERE)
+    some = shape > 0
+    if not some.any():
+        raise RockfallError(
+            f"{scene.case.path(boulder['shape'])}: 0 at all sources: none has boulders"
+        )
+    if not some.all():
+        out = np.count_nonzero(~some)
+        scene.remarks.append(
+            f"&boulder shape: 0 at {out:,} of {some.size:,} sources: no boulders there"
+        )
+    scene.x, scene.y = scene.x[some], scene.y[some]
+    scene.area = None if scene.area is None else scene.area[some]
+    d = np.array([_at_sources(scene, key, "sides", np.float64, rasters) for key in SIDES])
+    for key, side in zip(SIDES, d, strict=True):
+        _check(scene, key, side, (side > 0) & (side <= MAX_SIDE), f"> 0 and at most {MAX_SIDE:g} m")
+    volume, inertia = _core.shape_numbers(shape[some], np.asfortranarray(d))
+    density = None
+    if "rock_density" in boulder:
+        density = _at_sources(scene, "rock_density", "densities", np.float64, rasters)
+        good = (density > 0) & (density <= MAX_REAL)
+        _check(scene, "rock_density", density, good, "> 0 kg/m3")
+    scene.source_boulders = SourceBoulders(volume, inertia, density)
+
+
+def _at_sources(
+    scene: Scene, key: str, what: str, dtype: Any, rasters: dict[str, Any]
+) -> np.ndarray:
+    """A raster at the cells of the sources."""
+    grid, found = scene.grid, np.empty(scene.x.size, dtype)
+    row = ((grid.north - scene.y) / grid.cell).astype(int).clip(0, grid.ny - 1)
+    column = ((scene.x - grid.west) / grid.cell).astype(int).clip(0, grid.nx - 1)
+    for rows, block in layer_blocks(scene, key, what, dtype, rasters):
+        mine = (row >= rows.start) & (row < rows.stop)
+        found[mine] = block[row[mine] - rows.start, column[mine]]
+    return found
+
+
+def _check(scene: Scene, key: str, values: np.ndarray, good: np.ndarray, allowed: str) -> None:
+    """Refuse what the boulder of a source cannot be."""
+    if good.all():
+        return
+    k = np.flatnonzero(~good)[0]
+    value = "no data" if np.isnan(values[k]) or values[k] == NO_ID else f"{values[k]:g}"
+    raise RockfallError(
+        f"{scene.case.path(scene.case.boulder[key])}: {value} at the source {scene.x[k]:.10g}, "
+        f"{scene.y[k]:.10g}: must be {allowed}"
+    )
 
 
 def _cells(scene: Scene, box: Box, rasters: dict[str, Any]) -> Iterator[tuple[slice, np.ndarray]]:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from rockfall.case import Case
 from rockfall.errors import RockfallError, need
 from rockfall.interrupts import interrupts
+from rockfall.result.dataset import provenance
 from rockfall.scene.read import read_scene
 from rockfall.scene.scene import Scene
 from rockfall.simulation.merge import Joined
@@ -60,7 +61,7 @@ def run_on_cluster(
                 advance(part.sizes["boulder"])
                 future.release()
     result = joined.result()
-    result.attrs["case"] = scene.case.text()
+    result.attrs |= {"case": scene.case.text(), **provenance(scene)}
     return result
 
 

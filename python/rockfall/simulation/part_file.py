@@ -19,6 +19,7 @@ import numpy as np
 from rockfall._core import rockfall_f2py as _core
 from rockfall.case import Case, case_in
 from rockfall.errors import RockfallError
+from rockfall.grounds import GroundRule
 from rockfall.io.files import check_netcdf
 from rockfall.io.grid import Box, Grid
 from rockfall.result import variables
@@ -29,6 +30,7 @@ from rockfall.simulation.source_maps import FED, fed_cells, settle
 from rockfall.simulation.tally import Origin
 from rockfall.simulation.tally_dataset import (
     boulder_variables,
+    ground_variables,
     histogram_variables,
     line_variables,
     run_attributes,
@@ -62,7 +64,7 @@ def make_part(tally: Tally) -> xr.Dataset:
         settle(tally, fed, -1)
     grid, box = tally.scene.grid, tally.window
     window = [box.column, box.row, *box.shape[::-1]]
-    data = boulder_variables(tally)
+    data = boulder_variables(tally) | ground_variables(tally)
     if tally.scene.case.lines:
         data |= line_variables(tally)
     data |= {
@@ -139,6 +141,8 @@ class Part:
                 tally.crossing[rows, :, k] = self.arrays[f"line_{name}"].T
         for name in variables.COUNT:
             tally.counted[name] = tally.counted.get(name, 0) + self.arrays[name]
+        for name in variables.GROUND if self.origin.grounds else ():
+            tally.by_ground += self.arrays[name]
         if tally.scene.case.output["rebounds"]:
             for k, name in enumerate(variables.HISTOGRAM):
                 counts = self.arrays[f"{name}_histogram"]
@@ -283,19 +287,29 @@ def _head(attrs: Mapping[str, Any], crs: Mapping[str, Any], name: str) -> Part:
         case = _case(str(attrs["case"]), str(attrs["case_file"]))
         at = "version"
         version = str(attrs[at])
+        at = "grounds"
+        grounds = _grounds(attrs)
         about = {key: one for key, one in crs.items() if key not in ("_FillValue", "GeoTransform")}
     except DAMAGED as error:
         raise RockfallError(f"{name}: is damaged: {at}") from error
     grid, window = Grid(west, north, cell, nx, ny), Box(row, column, row + rows, column + columns)
     checksums, decoded = sums
     boulders = int(attrs["boulders_asked"])
-    origin = Origin(case, boulders, grid, window, checksums, decoded, version)
+    origin = Origin(case, boulders, grid, window, checksums, decoded, version, grounds)
     first, last = int(attrs["boulder_first"]), int(attrs["boulder_last"])
     clocks = {clock: float(attrs[clock]) for clock in CLOCKS}
     part = Part(name, origin, first, last, int(attrs["threads"]), clocks, about)
     if not 1 <= first <= last + 1 <= origin.boulders + 1:
         raise _damaged(part, "boulders")
     return part
+
+
+def _grounds(attrs: Mapping[str, Any]) -> list[GroundRule]:
+    """Names and models of the grounds; none where the scene has no others than its sets."""
+    if "grounds" not in attrs:
+        return []
+    names, models = (str(attrs[name]).split("\n") for name in ("grounds", "ground_models"))
+    return [GroundRule(name, model) for name, model in zip(names, models, strict=True)]
 
 
 @lru_cache(maxsize=8)
@@ -307,6 +321,8 @@ def _expected(part: Part) -> dict[str, tuple[str, tuple[str, ...]]]:
     """Every variable that a part of its case has: type and dimensions."""
     case = part.origin.case
     found = {"crs": ("i4", ())} | _typed("boulder", "", "boulder") | _typed("count", "")
+    if part.origin.grounds:
+        found |= _typed("ground", "", "ground")
     if case.output["energy_balance"]:
         found |= _typed("energy", "", "boulder")
     if case.has_forest:
@@ -346,6 +362,7 @@ def _lengths(part: Part) -> dict[str, int]:
     bins = _core.histogram_bins()[0]
     found |= {f"{name}_bin": n for name, n in zip(variables.HISTOGRAM, bins, strict=True)}
     found |= {"boulder": part.last - part.first + 1, "line": len(case.lines)}
+    found["ground"] = len(part.origin.grounds)
     return found | {"tally_class": plan.bins}
 
 

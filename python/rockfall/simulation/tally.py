@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -11,6 +12,7 @@ import numpy as np
 from rockfall._core import rockfall_f2py as _core
 from rockfall.case import Case
 from rockfall.errors import RockfallError
+from rockfall.grounds import GroundRule
 from rockfall.io.grid import Box, Grid
 from rockfall.result.dataset import georeference
 from rockfall.result.variables import fields
@@ -30,6 +32,7 @@ class Origin:
     checksums: dict[str, str]
     decoded: dict[str, str]
     version: str
+    grounds: Sequence[GroundRule] = ()  # their names and models
 
     def difference(self, other: Origin) -> str:
         """The first thing in which another run differs, "" if it is the same; threads may differ,
@@ -56,6 +59,7 @@ class Tally:
     boulder: np.ndarray  # (boulders, fields)
     count: np.ndarray
     crossing: np.ndarray  # (boulders, lines, fields)
+    by_ground: np.ndarray  # rebounds on each ground of the scene; a single zero where it has none
     energy: np.ndarray  # (boulders, fields), or one row that nobody asked for
     trees_hit: np.ndarray  # (boulders,), or one where there are no trees
     before: int = 0  # boulders of the run before those of this tally
@@ -101,6 +105,7 @@ def empty_tally(scene: Scene | Origin, maps: Maps, numbers: range, threads: int)
         histogram=np.zeros((len(bins), max(bins)), "i8"),
         boulder=np.empty((len(numbers), len(fields(1)))),
         count=np.zeros((len(numbers), len(fields(2))), "i4"),
+        by_ground=np.zeros(max(1, len(scene.grounds)), "i8"),
         energy=np.zeros(
             (len(numbers) if scene.case.output["energy_balance"] else 1, len(fields(5)))
         ),
@@ -126,5 +131,5 @@ def origin_of(tally: Tally) -> Origin:
     scene = tally.scene
     return Origin(
         scene.case, scene.boulders, replace(scene.grid, crs=None), tally.window,
-        scene.checksums, scene.decoded, __version__,
+        scene.checksums, scene.decoded, __version__, scene.grounds,
     )  # fmt: skip

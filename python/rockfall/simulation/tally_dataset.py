@@ -33,6 +33,7 @@ def make_result(tally: Tally, maps: bool = True) -> xr.Dataset:
     data = boulder_variables(tally)
     number = np.arange(tally.before + 1, tally.before + tally.done + 1)
     data["boulder"] = ("boulder", number, {"units": "1", "long_name": "number of the boulder"})
+    data |= _grounds_themselves(tally) | ground_variables(tally)
     if tally.scene.case.lines:
         data |= _line_itself(tally) | line_variables(tally)
     if tally.scene.case.barrier:
@@ -44,7 +45,7 @@ def make_result(tally: Tally, maps: bool = True) -> xr.Dataset:
         data |= _bins() | histogram_variables(tally)
     data |= trajectory_variables(tally)
     bins = (name for name in data if name.endswith("_bin"))
-    names = {"boulder", "line", "threshold", "x", "y", *bins}
+    names = {"boulder", "line", "ground", "ground_model", "threshold", "x", "y", *bins}
     return as_dataset(data, run_attributes(tally)).set_coords(sorted(names & set(data)))
 
 
@@ -72,6 +73,23 @@ def _flags(meanings: dict[str, int]) -> dict[str, Any]:
     return {
         "flag_values": np.array(list(meanings.values()), "i1"),
         "flag_meanings": " ".join(meanings),
+    }
+
+
+def ground_variables(tally: Tally) -> dict[str, Any]:
+    """Rebounds by what they followed, where the scene has several grounds."""
+    if not tally.scene.grounds:
+        return {}
+    return {name: ("ground", tally.by_ground, about) for name, about in variables.GROUND.items()}
+
+
+def _grounds_themselves(tally: Tally) -> dict[str, Any]:
+    """Names and models of the grounds."""
+    words = {"ground": "name of the ground", "ground_model": "what rebounds on the ground follow"}
+    columns = zip(*((one.name, one.model) for one in tally.scene.grounds), strict=True)
+    return {
+        name: ("ground", np.array(column, dtype=object), {"long_name": long_name})
+        for (name, long_name), column in zip(words.items(), columns, strict=False)
     }
 
 
@@ -211,6 +229,14 @@ def trajectory_variables(tally: Tally) -> dict[str, Any]:
     }
 
 
+def _ground_attributes(tally: Tally) -> dict[str, str]:
+    """Names and models of the grounds, a line each."""
+    if not (grounds := tally.scene.grounds):
+        return {}
+    names, models = zip(*((one.name, one.model) for one in grounds), strict=True)
+    return {"grounds": "\n".join(names), "ground_models": "\n".join(models)}
+
+
 def run_attributes(tally: Tally) -> dict[str, Any]:
     """What a result, or a part of one, says of its run."""
     scene = tally.scene
@@ -227,6 +253,7 @@ def run_attributes(tally: Tally) -> dict[str, Any]:
         "boulders_asked": scene.boulders,
         "complete": int(tally.done == scene.boulders),
         "impact_set": scene.case.impact["sets"],
+        **_ground_attributes(tally),
         **provenance(scene),
         "threads": _core.team(tally.threads),
         "wall_seconds": tally.wall,

@@ -4,7 +4,9 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -12,6 +14,8 @@ from rockfall.analysis.extrapolation import extrapolations, fractions_outside
 from rockfall.analysis.neutral_slopes import NeutralSlopes, Rocks, rocks_of
 from rockfall.io.crs import crs_name
 from rockfall.io.grid import row_blocks
+from rockfall.quantities import percent
+from rockfall.result.grounds import rebounds_by_ground
 from rockfall.scene.coefficients import ANY_SPEED
 from rockfall.scene.ground import Ground
 from rockfall.scene.reach import survey
@@ -43,6 +47,7 @@ class Pilot:
     seconds: float  # CPU time of a boulder
     reading: float  # and of the windows of the terrain
     cells: float  # that all boulders of the run would reach
+    density: np.ndarray | float  # of these boulders [kg/m3]
 
 
 def preview(scene: Scene) -> str:
@@ -51,13 +56,20 @@ def preview(scene: Scene) -> str:
     case = scene.case
     check_team(case.case["threads"])
     pilot = _pilot(scene)
-    values = pilot.tally.columns()
+    values: dict[str, Any] = pilot.tally.columns()
+    if scene.grounds:
+        values |= {
+            "ground": [one.name for one in scene.grounds],
+            "ground_model": [one.model for one in scene.grounds],
+            "rebounds_by_ground": pilot.tally.by_ground,
+        }
     rows = [
         ("terrain", _terrain(scene)),
         ("elevations", _elevations(scene.ground)),
         ("slopes", _slopes(scene.ground)),
         ("surface", _surface(scene)),
-        ("sizes", _sizes(case.boulder["density"], values["volume"])),
+        *_grounds(values),
+        ("sizes", _sizes(pilot.density, values["volume"])),
         *(("", line) for line in _rocks(scene, values["volume"])),
         ("impact sets", _sets(scene)),
         ("rebounds", _rebounds(values)),
@@ -88,7 +100,8 @@ def memory(scene: Scene, pilot: Pilot) -> dict[str, float]:
     if scene.windows:
         rasters = scene.windows.bytes + READING
     else:
-        rasters = sum(a.nbytes for a in (scene.z, scene.zone, scene.values) if a is not None)
+        layers_ = scene.z, scene.zone, scene.values, scene.cell_ground
+        rasters = sum(a.nbytes for a in layers_ if a is not None)
     counted = maps.class_counts.size > 1
     return {
         "rasters": rasters,
@@ -118,14 +131,16 @@ def _follow(scene: Scene, number: int) -> Pilot:
         boulders = 1 + (scene.boulders * (drawn + 0.5) / scene.x.size).astype("i8")
         drawn = scene.sources_of(boulders)
     case = scene.case.replace(case={"boulders": 1}, release={"by_area": False}, output=output)
-    one = replace(scene, case=case, x=scene.x[drawn], y=scene.y[drawn], area=None)
+    told = None if scene.source_boulders is None else scene.source_boulders.of(drawn)
+    x, y = scene.x[drawn], scene.y[drawn]
+    one = replace(scene, case=case, x=x, y=y, area=None, source_boulders=told)
     few = start(one, threads=1)
     run_chunks(few, None, lambda: False, lambda _: None)
     cells, few.done, few.cpu = _all_cells(few, scene.boulders), 0, 0.0
     before = one.windows.reading if one.windows else 0.0
     run_chunks(few, None, lambda: False, lambda _: None)
     reading = one.windows.reading - before if one.windows else 0.0
-    return Pilot(few, (few.cpu - reading) / few.done, reading, cells)
+    return Pilot(few, (few.cpu - reading) / few.done, reading, cells, _densities(one))
 
 
 def _all_cells(few: Tally, boulders: int) -> float:
@@ -195,6 +210,14 @@ def _surface(scene: Scene) -> str:
     return f"method {surface['method']}, {how}"
 
 
+def _grounds(values: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    """What rebounds followed in the pilot run."""
+    met = [one for one in rebounds_by_ground(values) if one.rebounds]
+    parts = (f"{percent(one.fraction)} {one.name} ({one.model.replace('_', ' ')})" for one in met)
+    if "ground" in values:
+        yield "grounds", ", ".join(parts) + " of the rebounds of a pilot run"
+
+
 def _boulders(scene: Scene) -> str:
     each, kind = scene.case.case["boulders"], "points"
     if "x" not in scene.case.release:
@@ -205,7 +228,15 @@ def _boulders(scene: Scene) -> str:
     return f"{scene.boulders:,}, {each:,} from {of}; sources: {scene.x.size:,} ({kind})"
 
 
-def _sizes(density: float, volumes: np.ndarray) -> str:
+def _densities(scene: Scene) -> np.ndarray | float:
+    """Of one boulder from each source, or of all."""
+    found = scene.source_boulders
+    if found is None or found.density is None:
+        return scene.case.boulder["density"]
+    return found.density
+
+
+def _sizes(density: np.ndarray | float, volumes: np.ndarray) -> str:
     """Of the pilot's boulders."""
     radii = sphere_radius(volumes)
     masses = density * volumes

@@ -10,7 +10,8 @@ from rockfall.analysis.extrapolation import extrapolations
 from rockfall.analysis.line_statistics import line_numbers, sources
 from rockfall.analysis.run_until import verdicts_of
 from rockfall.protection.barriers import barrier_statistics, barriers_of
-from rockfall.quantities import QUANTITIES, Quantity
+from rockfall.quantities import QUANTITIES, Quantity, percent
+from rockfall.result.grounds import GroundRebounds, rebounds_by_ground
 from rockfall.result.trajectories import ends
 from rockfall.text.table import table
 
@@ -29,6 +30,8 @@ def summary(result: xr.Dataset) -> str:
         lines.append(table(_barriers(result)))
     lines += [f"  until {verdict}" for verdict in verdicts_of(result)]
     lines += _rebounds(result)
+    if grounds := rebounds_by_ground(result):
+        lines.append(table(_grounds(grounds)))
     wall, cpu = (result.attrs[f"{clock}_seconds"] for clock in ("wall", "cpu"))
     lines.append(f"  {wall:.1f} s, {cpu:.1f} s of CPU")
     return "\n".join(lines)
@@ -77,6 +80,13 @@ def _within(numbers: dict[str, float], name: str, about: Quantity) -> str:
         half = about.factor * (numbers[f"{name}_high"] - numbers[f"{name}_low"]) / 2
         text += f" +- {half:.{about.decimals}f}"
     return f"{text} {about.unit}"
+
+
+def _grounds(grounds: list[GroundRebounds]) -> Iterator[list[str]]:
+    """What the rebounds followed."""
+    yield ["  ground", "rebounds", "fraction", "model"]
+    for name, model, rebounds, fraction in grounds:
+        yield [f"  {name}", f"{rebounds:,}", percent(fraction), model.replace("_", " ")]
 
 
 def _rebounds(result: xr.Dataset) -> Iterator[str]:

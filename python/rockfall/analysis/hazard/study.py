@@ -82,6 +82,7 @@ def read_study(
     found = Objects()
     if objects is not None:
         found = read_objects(objects, scene.grid, 1 + len(case.hazard["thresholds"]), remarks)
+    case = case.replace(barrier=scene.case.barrier, dam=scene.case.dam)  # layers are read
     study = Study(case, scene, scenarios_of(scene, found.lines), found)
     for scenario in study.scenarios:
         remarks += implausible(replace(scene, case=scenario.case))

@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Makes a wooded slope above a road: `dem.tif` (m) and `stems.tif` (stems a hectare).
+
+`python cases/forested-slope/make_terrain.py [FOLDER]` writes them beside this script, or to a
+folder. From the north: 16 m of cliff at 60 degrees, a slope that flattens from 38 to 31 degrees, a
+road (a level bench 8 m wide), a meadow. The forest begins below the scree at the foot of the cliff
+and ends above the road; a lane without trees runs down its middle. The slope is made up.
+"""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from rockfall.io.grid import Grid
+from rockfall.io.raster import write_geotiff
+
+CELL, NX, NY = 2.0, 120, 150  # [m]: 240 m along the slope, 300 m down it
+GRID = Grid(0.0, CELL * NY, CELL, NX, NY)
+CLIFF, FOOT, ROAD, END = 16.0, 224.0, 232.0, 300.0  # plan distances from the northern edge [m]
+BOTTOM = 600.0  # elevation of the southern edge [m]
+SEED = 20250716  # of the relief
+RELIEF = 0.2  # its standard deviation [m]
+SMOOTHING = 1.5  # its Gaussian filter [cells]
+FOREST = 60.0, 200.0  # its edges, plan distances from the northern edge [m]
+LANE = 110.0, 130.0  # eastings between which no tree stands [m]
+STEMS = 300.0  # a hectare
+
+
+def south() -> np.ndarray:
+    """Plan distance of the rows from the northern edge, (NY, 1) [m]."""
+    return (GRID.north - GRID.y)[:, None]
+
+
+def natural(steeper: float) -> np.ndarray:
+    """Elevation of the rows without relief, (NY, 1) [m]."""
+    step = np.linspace(0.0, END, 3001)
+    slope = 38.0 - 7.0 * (step - CLIFF) / (FOOT - CLIFF) + steeper
+    angle = np.select([step < CLIFF, step < FOOT, step < ROAD], [60.0, slope, 0.0], 10.0)
+    fall = np.concatenate([[0.0], np.cumsum(np.tan(np.radians(angle[:-1])) * np.diff(step))])
+    return BOTTOM + fall[-1] - np.interp(south(), step, fall)
+
+
+def relief(seed: int) -> np.ndarray:
+    """White noise through a Gaussian filter, (NY, NX) [m]; none on cliff, road and meadow."""
+    margin = 8  # more than five standard deviations of the filter: no edge effects
+    shape = NY + 2 * margin, NX + 2 * margin
+    raw = np.random.Philox(key=seed).random_raw(shape[0] * shape[1])  # in every NumPy
+    noise = raw.reshape(shape) / 2.0**64 - 0.5
+    weight = np.exp(-0.5 * (np.arange(-margin, margin + 1) / SMOOTHING) ** 2)
+    for axis in 0, 1:
+        noise = np.apply_along_axis(np.convolve, axis, noise, weight, mode="valid")
+    on_slope = (south() > CLIFF) & (south() < FOOT - 4.0)
+    return np.where(on_slope, RELIEF * (noise - noise.mean()) / noise.std(), 0.0)
+
+
+def elevation(seed: int = SEED, steeper: float = 0.0) -> np.ndarray:
+    """(NY, NX), north first [m]; another slope by its relief, and steeper by so many degrees."""
+    return (natural(steeper) + relief(seed)).astype("f4")
+
+
+def stems() -> np.ndarray:
+    """Stems a hectare, (NY, NX), north first."""
+    down, x = south(), GRID.x[None, :]
+    wooded = (down > FOREST[0]) & (down < FOREST[1]) & ~((x > LANE[0]) & (x < LANE[1]))
+    return np.where(wooded, STEMS, 0.0).astype("f4")
+
+
+def write(folder: Path, *slope: float) -> None:
+    """The two rasters of the slope, or of another (`elevation`)."""
+    folder.mkdir(parents=True, exist_ok=True)
+    write_geotiff(folder / "dem.tif", elevation(*slope), GRID)
+    write_geotiff(folder / "stems.tif", stems(), GRID)
+
+
+if __name__ == "__main__":
+    write(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent)

@@ -1,0 +1,261 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Rebounds by coefficients of restitution, as practice has them for ground that no rocky set describes: meadow, road,
+!> rock face. Each gives V_t, V_n, W after an impact from those before; W = R_b omega, > 0 for forward rolling, so that
+!> the point of contact slides at V_t - W. Coefficients scatter from rebound to rebound.
+module rockfall_classical_rebound
+   use rockfall_kinds, only: wp, i8
+   use rockfall_math, only: pi, squared_sine, sine_cosine
+   use rockfall_random, only: normal_table_t, normal, uniform, matrix_words, normal_restitution_word, &
+                              tangential_restitution_word, obstacle_spread_word, roughness_word
+   use rockfall_boulder, only: boulder_t, inertia_factor
+   use rockfall_impact, only: rebound_t, is_admissible, limit_rebound
+   implicit none
+   private
+   public :: scatter_t, scatter, drawn, classical_t, classical_rebound, penetration, tangent, absorbs
+   public :: by_sets, rockyfor3d, pfeiffer_bowen, bourrier_hungr, constant, absorbing
+
+   !> What a rebound follows: impact sets, that is rockfall_impact; a model of this module; or the boulder stays.
+   integer, parameter :: by_sets = 1, rockyfor3d = 2, pfeiffer_bowen = 3, bourrier_hungr = 4, constant = 5, &
+                         absorbing = 6
+
+   !> Rockyfor3D marks with such an obstacle what no boulder leaves, such as a lake [m].
+   real(wp), parameter :: absorbing_obstacle = 100.0_wp
+
+   !> Speeds of Pfeiffer and Bowen (1989) [m/s]: 30, 20 and 250 feet a second.
+   real(wp), parameter :: normal_speed = 9.144_wp, friction_speed = 6.096_wp, scaling_speed = 76.2_wp
+   real(wp), parameter :: friction_offset = 1.2_wp  !! of theirs [-]
+
+   !> Of Pichler et al. (2005), as Rockyfor3D has them: shape of the nose of a sphere, and compressibility of soils [-];
+   !> the indentation resistance of ground of R_n = 1 [Pa].
+   real(wp), parameter :: nose = 0.707_wp, compressibility = 1.2_wp, indentation_resistance = 55.0e9_wp
+
+   !> A number drawn anew at each rebound: normal, cut at both ends.
+   type :: scatter_t
+      real(wp) :: mean = 0.0_wp, std = 0.0_wp
+      real(wp) :: first = 0.0_wp, words = 0.0_wp  !! the first random word that gives one within the ends; how many do
+   end type scatter_t
+
+   !> A classical rebound. What its model does not have stays as it is.
+   type :: classical_t
+      integer :: model = by_sets
+      type(scatter_t) :: normal       !! R_n [-]; of bourrier_hungr the speed that halves it [m/s]
+      type(scatter_t) :: tangential   !! R_t [-]; of rockyfor3d it follows from obstacles and penetration
+      real(wp) :: friction = 0.0_wp   !! tangent of the friction angle [-]
+      real(wp) :: soil_density = 0.0_wp      !! [kg/m3]
+      real(wp) :: obstacle_spread = 0.0_wp  !! obstacles differ by up to this fraction [-]
+      real(wp) :: roughness = 0.0_wp  !! by which the ground is tilted at most [rad]
+   end type classical_t
+
+contains
+
+   !> Normal numbers between two ends, which hold the mean. Numbers rise with their random word, so those within the
+   !> ends are those of a range of words: found by halving, without a function of the system's library.
+   pure type(scatter_t) function scatter(table, mean, std, ends) result(this)
+      type(normal_table_t), intent(in) :: table
+      real(wp), intent(in) :: mean, std, ends(2)  !! any unit
+      integer(i8) :: first, beyond
+
+      this%mean = mean
+      this%std = std
+      if (std <= 0) return
+      first = first_word(table, (ends(1) - mean)/std, .true.)
+      beyond = first_word(table, (ends(2) - mean)/std, .false.)
+      this%first = real(first, wp)
+      this%words = real(beyond - first, wp)
+   end function scatter
+
+   !> The first word whose normal number is not below a limit, or is above it; one past the last where there is none.
+   pure integer(i8) function first_word(table, limit, inclusive) result(high)
+      type(normal_table_t), intent(in) :: table
+      real(wp), intent(in) :: limit  !! [-]
+      logical, intent(in) :: inclusive
+      integer(i8) :: low, middle
+      real(wp) :: found
+
+      low = 0
+      high = 2_i8**32
+      do while (low < high)
+         middle = (low + high)/2
+         found = normal(table, middle)
+         if (found > limit .or. (inclusive .and. found >= limit)) then
+            high = middle
+         else
+            low = middle + 1
+         end if
+      end do
+   end function first_word
+
+   !> The number of a random word.
+   pure real(wp) function drawn(this, table, word)
+      type(scatter_t), intent(in) :: this
+      type(normal_table_t), intent(in) :: table
+      integer(i8), intent(in) :: word  !! 0..2**32-1
+
+      drawn = this%mean
+      if (this%words > 0) drawn = this%mean + this%std*normal(table, int(this%first + uniform(word)*this%words, i8))
+   end function drawn
+
+   !> Tangent of an angle of 0 to 89 degrees [-].
+   elemental real(wp) function tangent(degrees)
+      real(wp), intent(in) :: degrees
+      real(wp) :: sine2
+
+      sine2 = squared_sine(degrees)
+      tangent = sqrt(sine2/(1 - sine2))
+   end function tangent
+
+   !> Whether a boulder stays where it lands, among obstacles of a height.
+   pure logical function absorbs(this, obstacle)
+      type(classical_t), intent(in) :: this
+      real(wp), intent(in) :: obstacle  !! [m]
+
+      absorbs = this%model == absorbing .or. (this%model == rockyfor3d .and. obstacle >= absorbing_obstacle)
+   end function absorbs
+
+   !> One rebound. The ground is tilted against the boulder's way by a random angle (Pfeiffer and Bowen 1989; our
+   !> distribution is uniform): on a plane no rebound would else turn speed along the ground into speed away from it,
+   !> and hops would shrink to nothing within a finite way, whatever the slope. One that would gain energy, or not rise,
+   !> is limited as that of rockfall_impact.
+   pure subroutine classical_rebound(this, table, words, boulder, obstacle, v_in, out)
+      type(classical_t), intent(in) :: this
+      type(normal_table_t), intent(in) :: table
+      integer(i8), intent(in) :: words(matrix_words)
+      type(boulder_t), intent(in) :: boulder
+      real(wp), intent(in) :: obstacle  !! height of the obstacles there [m]
+      real(wp), intent(in) :: v_in(3)   !! V_t, V_n, W [m/s]
+      type(rebound_t), intent(out) :: out
+      real(wp) :: s, c, side, met(3)
+
+      call sine_cosine(this%roughness*uniform(words(roughness_word)), s, c)
+      met = tilted(v_in, s, c)
+      side = sign(1.0_wp, met(1))  ! it may come down against its own way upon tilted ground
+      met = restored(this, table, words, boulder, obstacle, met*[side, 1.0_wp, side])
+      out%v = tilted(met*[side, 1.0_wp, side], -s, c)
+      out%forced = .not. is_admissible(v_in, out%v)
+      if (out%forced) call limit_rebound(out%v, v_in)
+   end subroutine classical_rebound
+
+   !> V_t, V_n, W seen from ground that is tilted against the way, by an angle of which sine and cosine are given.
+   pure function tilted(v, s, c)
+      real(wp), intent(in) :: v(3)  !! [m/s]
+      real(wp), intent(in) :: s, c  !! [-]
+      real(wp) :: tilted(3)
+
+      tilted = v
+      if (abs(s) > 0) tilted(:2) = [c*v(1) + s*v(2), c*v(2) - s*v(1)]
+   end function tilted
+
+   !> V_t, V_n, W after an impact, by the model, with its numbers drawn.
+   pure function restored(this, table, words, boulder, obstacle, v_in) result(v)
+      type(classical_t), intent(in) :: this
+      type(normal_table_t), intent(in) :: table
+      integer(i8), intent(in) :: words(matrix_words)
+      type(boulder_t), intent(in) :: boulder
+      real(wp), intent(in) :: obstacle  !! [m]
+      real(wp), intent(in) :: v_in(3)   !! V_t, V_n, W [m/s]
+      real(wp) :: v(3)
+      real(wp) :: normal_drawn, tangential_drawn, height
+
+      normal_drawn = drawn(this%normal, table, words(normal_restitution_word))
+      tangential_drawn = drawn(this%tangential, table, words(tangential_restitution_word))
+      select case (this%model)
+      case (rockyfor3d)
+         height = obstacle*(1 + this%obstacle_spread*(2*uniform(words(obstacle_spread_word)) - 1))
+         v = obstacle_rebound(boulder, height, this%soil_density, normal_drawn, v_in)
+      case (pfeiffer_bowen)
+         v = friction_rebound(normal_drawn, tangential_drawn, v_in)
+      case (bourrier_hungr)
+         v = sliding_rebound(normal_drawn, tangential_drawn, this%friction, v_in)
+      case default
+         v = [tangential_drawn, -normal_drawn, tangential_drawn]*v_in
+      end select
+   end function restored
+
+   !> As Rockyfor3D (Dorren 2016): obstacles MOH and the penetration D_p slow the boulder, of radius R, along the
+   !> ground, R_t = 1/(1 + (MOH + D_p)/R).
+   pure function obstacle_rebound(boulder, height, soil_density, r_n, v_in) result(v)
+      type(boulder_t), intent(in) :: boulder
+      real(wp), intent(in) :: height        !! MOH [m]
+      real(wp), intent(in) :: soil_density  !! [kg/m3]
+      real(wp), intent(in) :: r_n           !! [-]
+      real(wp), intent(in) :: v_in(3)       !! V_t, V_n, W [m/s]
+      real(wp) :: v(3)
+      real(wp) :: depth
+
+      depth = penetration(boulder, soil_density, r_n, v_in(1)*v_in(1) + v_in(2)*v_in(2))
+      v = rolled(1/(1 + (height + depth)/boulder%radius), v_in)
+      v(2) = slowed_normal(r_n, v_in(2))
+   end function obstacle_rebound
+
+   !> Depth D_p [m] to which a boulder of diameter d and mass m penetrates soil (Pichler et al. 2005), at most its
+   !> radius: I = m V**2/(R_soil d**3), N = m/(rho_soil B d**3) without the corrections for blunt cones, and R_soil =
+   !> 55e9 R_n**7 Pa as Rockyfor3D has it. V is the whole speed. Theirs for what goes deeper than 0.707 d is not needed.
+   pure real(wp) function penetration(boulder, soil_density, r_n, speed2) result(depth)
+      type(boulder_t), intent(in) :: boulder
+      real(wp), intent(in) :: soil_density  !! [kg/m3]
+      real(wp), intent(in) :: r_n           !! [-]
+      real(wp), intent(in) :: speed2        !! V**2 [m2/s2]
+      real(wp) :: diameter, r_n2, resistance, packed, impact, mass, eased
+
+      diameter = 2*boulder%radius
+      r_n2 = r_n*r_n
+      resistance = indentation_resistance*(r_n2*r_n2*r_n2*r_n)
+      packed = boulder%mass/(diameter*diameter*diameter)
+      impact = packed*speed2/resistance
+      mass = packed/(soil_density*compressibility)
+      eased = (1 + nose*pi/(4*mass))/(1 + impact/mass)
+      depth = sqrt(eased*(4*nose/pi)*impact)
+      depth = min(depth*diameter, boulder%radius)
+   end function penetration
+
+   !> Pfeiffer and Bowen (1989): the energy along the ground is scaled by how fast the boulder slides and by how hard
+   !> it hits, F_f = R_t + (1 - R_t)/(((V_t - W)/20 ft/s)**2 + 1.2), S_F = R_t/((V_n/(250 ft/s R_n))**2 + 1).
+   pure function friction_rebound(r_n, r_t, v_in) result(v)
+      real(wp), intent(in) :: r_n, r_t  !! [-]
+      real(wp), intent(in) :: v_in(3)   !! V_t, V_n, W [m/s]
+      real(wp) :: v(3)
+      real(wp) :: slip, hit
+
+      slip = (v_in(1) - v_in(3))/friction_speed
+      hit = v_in(2)/(scaling_speed*r_n)
+      v = rolled((r_t + (1 - r_t)/(slip*slip + friction_offset))*(r_t/(hit*hit + 1)), v_in)
+      v(2) = slowed_normal(r_n, v_in(2))
+   end function friction_rebound
+
+   !> The boulder leaves the ground rolling, with a share of its energy along it: V_t' = sqrt(R**2 (I omega**2 + m
+   !> V_t**2) share/(I + m R**2)), W' = V_t' (Pfeiffer and Bowen 1989).
+   pure function rolled(share, v_in) result(v)
+      real(wp), intent(in) :: share    !! [-]
+      real(wp), intent(in) :: v_in(3)  !! V_t, V_n, W [m/s]
+      real(wp) :: v(3)
+
+      v = sqrt((v_in(1)*v_in(1) + inertia_factor*v_in(3)*v_in(3))*share/(1 + inertia_factor))
+   end function rolled
+
+   !> V_n' = -V_n R_n/(1 + (V_n/30 ft/s)**2) (Pfeiffer and Bowen 1989): hard hits crush ground and boulder.
+   pure real(wp) function slowed_normal(r_n, v_n)
+      real(wp), intent(in) :: r_n  !! [-]
+      real(wp), intent(in) :: v_n  !! <= 0 [m/s]
+
+      slowed_normal = -v_n*r_n/(1 + (v_n/normal_speed)*(v_n/normal_speed))
+   end function slowed_normal
+
+   !> Bourrier and Hungr (2011): R_n = v_half/(|V_n| + v_half); the point of contact sticks, and the boulder rolls,
+   !> where friction suffices, |R_t (V_t - W)| 2/7 < tan(phi) (1 + R_n) |V_n|; else it slides, and friction slows V_t
+   !> and turns the sphere. Both meet where they part, as impulse and angular momentum ask.
+   pure function sliding_rebound(v_half, r_t, friction, v_in) result(v)
+      real(wp), intent(in) :: v_half    !! [m/s]
+      real(wp), intent(in) :: r_t       !! [-]
+      real(wp), intent(in) :: friction  !! tan(phi) [-]
+      real(wp), intent(in) :: v_in(3)   !! V_t, V_n, W [m/s]
+      real(wp) :: v(3)
+      real(wp) :: r_n, push, slip, stick
+
+      r_n = v_half/(v_half - v_in(2))
+      slip = r_t*(v_in(1) - v_in(3))
+      stick = slip*inertia_factor/(1 + inertia_factor)  ! the push that stops the sliding: 2/7 of it
+      push = friction*(1 + r_n)*(-v_in(2))
+      push = sign(min(push, abs(stick)), slip)
+      v = [r_t*v_in(1) - push, -r_n*v_in(2), r_t*v_in(3) + push/inertia_factor]
+   end function sliding_rebound
+end module rockfall_classical_rebound

@@ -1,0 +1,49 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> What the rebounds of a place follow: impact sets, or a classical rebound.
+module rockfall_ground
+   use rockfall_kinds, only: wp, i8
+   use rockfall_random, only: random_key_t, normal_table_t, matrix_words
+   use rockfall_boulder, only: boulder_t
+   use rockfall_impact, only: impact_set_t, rebound_t, rebound
+   use rockfall_direction, only: lateral_t
+   use rockfall_classical_rebound, only: classical_t, classical_rebound, by_sets
+   implicit none
+   private
+   public :: ground_t, ground_rebound, is_stochastic
+
+   type :: ground_t
+      character(len=:), allocatable :: name
+      type(classical_t) :: classical              !! its model says whether the impact sets hold instead,
+      type(impact_set_t), allocatable :: sets(:)  !! of R_b/R_m = 1, ..., and
+      type(lateral_t), allocatable :: lateral(:)  !! their lateral deviations, where boulders turn by them
+   end type ground_t
+
+contains
+
+   !> Whether impact sets hold.
+   pure logical function is_stochastic(ground)
+      type(ground_t), intent(in) :: ground
+
+      is_stochastic = ground%classical%model == by_sets
+   end function is_stochastic
+
+   !> One rebound.
+   pure subroutine ground_rebound(ground, table, key, number, impact, words, boulder, obstacle, class, v_in, out)
+      type(ground_t), intent(in) :: ground
+      type(normal_table_t), intent(in) :: table
+      type(random_key_t), intent(in) :: key
+      integer(i8), intent(in) :: number, impact       !! of the boulder, of its contact
+      integer(i8), intent(in) :: words(matrix_words)  !! of the first draw
+      type(boulder_t), intent(in) :: boulder
+      real(wp), intent(in) :: obstacle                !! height of the obstacles there [m]
+      integer, intent(in) :: class                    !! of the impact sets
+      real(wp), intent(in) :: v_in(3)                 !! V_t, V_n, W [m/s]
+      type(rebound_t), intent(out) :: out
+
+      if (is_stochastic(ground)) then
+         call rebound(ground%sets(class), table, key, number, impact, words, v_in, out)
+      else
+         call classical_rebound(ground%classical, table, words, boulder, obstacle, v_in, out)
+      end if
+   end subroutine ground_rebound
+end module rockfall_ground

@@ -1,0 +1,45 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Boulders that are no spheres: what their shape and sides say of volume and inertia.
+module rockfall_shape
+   use rockfall_kinds, only: wp
+   use rockfall_math, only: pi, cube_root
+   implicit none
+   private
+   public :: shape_volume, shape_inertia, shapes
+
+   !> Numbered as in Rockyfor3D, where 0 is a place from which nothing falls.
+   integer, parameter :: rectangular = 1, ellipsoid = 2, sphere = 3, disc = 4, shapes = 4
+
+contains
+
+   !> Volume of a boulder of three sides [m3]; a sphere has the mean of them as its diameter, a disc is an elliptic
+   !> cylinder.
+   pure real(wp) function shape_volume(shape, d) result(volume)
+      integer, intent(in) :: shape  !! 1..4
+      real(wp), intent(in) :: d(3)  !! sides, or axes [m]
+
+      volume = d(1)*d(2)*d(3)
+      select case (shape)
+      case (ellipsoid); volume = pi/6*volume
+      case (sphere); volume = pi/6*((d(1) + d(2) + d(3))/3)**3
+      case (disc); volume = pi/4*volume
+      end select
+   end function shape_volume
+
+   !> Moment of inertia I/(m R**2) [-], R that of the sphere of the same volume. A boulder turns now about this axis and
+   !> now about that: I is the mean of the three principal moments. No shape has less than the sphere, 2/5.
+   pure real(wp) function shape_inertia(shape, d) result(inertia)
+      integer, intent(in) :: shape  !! 1..4
+      real(wp), intent(in) :: d(3)  !! sides, or axes; the shortest is the height of a disc [m]
+      real(wp) :: radius, squares
+
+      radius = cube_root(3*shape_volume(shape, d)/(4*pi))
+      squares = d(1)*d(1) + d(2)*d(2) + d(3)*d(3)
+      select case (shape)
+      case (rectangular); inertia = squares/18/radius**2
+      case (ellipsoid); inertia = squares/30/radius**2
+      case (disc); inertia = (squares/24 + minval(d)**2/72)/radius**2
+      case default; inertia = 0.4_wp
+      end select
+   end function shape_inertia
+end module rockfall_shape

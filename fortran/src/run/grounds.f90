@@ -1,0 +1,211 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> What the rebounds of a place follow, from text: a file of impact sets, or a classical rebound as a row of a table of
+!> grounds has it (docs/grounds.md), `&ground model = 'constant', r_n = 0.4, r_t = 0.9 /`. No text: the case's sets.
+module rockfall_grounds
+   use rockfall_kinds, only: wp
+   use rockfall_error, only: error_t, fail
+   use rockfall_decimal, only: parse_real
+   use rockfall_namelist, only: namelist_t, group_t, parse_namelist
+   use rockfall_values, only: has_key, get_text, get_real, refuse, about, check_names
+   use rockfall_math, only: degree
+   use rockfall_random, only: normal_table_t
+   use rockfall_impact, only: impact_set_t, impact_set, impact_ratios, fitted
+   use rockfall_direction, only: lateral, by_lab
+   use rockfall_classical_rebound, only: classical_t, scatter_t, scatter, tangent, by_sets, rockyfor3d, pfeiffer_bowen, &
+                                         bourrier_hungr, constant, absorbing
+   use rockfall_ground, only: ground_t
+   use rockfall_case, only: key_t, check_key, row_text
+   use rockfall_impact_sets, only: coefficients_t, read_sets
+   implicit none
+   private
+   public :: read_ground, read_stochastic, ground_parameter, model_names, rocks_of_model, no_rocks, any_rocks, some_rocks
+
+   !> The models, in the order of their numbers.
+   character(len=*), parameter :: model_names(*) = [character(len=14) :: "impact_sets", "rockyfor3d", "pfeiffer_bowen", &
+                                                    "bourrier_hungr", "constant", "absorbs"]
+   !> What they must know of the rocks on the ground: nothing; their size, which may be zero; a size above zero.
+   integer, parameter :: no_rocks = 0, any_rocks = 1, some_rocks = 2
+   integer, parameter :: rocks_of_model(size(model_names)) = [some_rocks, any_rocks, no_rocks, no_rocks, no_rocks, no_rocks]
+
+   !> A parameter as a key, and the models that take it.
+   type :: parameter_t
+      type(key_t) :: key
+      character(len=64) :: models
+   end type parameter_t
+
+   character(len=*), parameter :: with_r_n = "rockyfor3d, pfeiffer_bowen, constant", &
+                                  with_r_t = "pfeiffer_bowen, bourrier_hungr, constant", &
+                                  all_classical = "rockyfor3d, pfeiffer_bowen, bourrier_hungr, constant"
+   real(wp), parameter :: min_divisor = 0.01_wp  !! of R_n where a model divides by it, and of half_speed [m/s]
+
+   type(parameter_t), parameter :: table(*) = [ &
+      parameter_t(key_t("ground", "model", "text", 1, "required", &
+                        "rockyfor3d, pfeiffer_bowen, bourrier_hungr, constant, absorbs", "", "of the rebound"), ""), &
+      parameter_t(key_t("ground", "r_n", "real", 1, "required", "0 to 1", "", &
+                        "normal restitution"), with_r_n), &
+      parameter_t(key_t("ground", "r_n_std", "real", 1, "0.0", "0 to 1", "", &
+                        "standard deviation of r_n from rebound to rebound"), with_r_n), &
+      parameter_t(key_t("ground", "r_n_min", "real", 1, "0.0", "0 to 1", "", "no r_n is below it"), with_r_n), &
+      parameter_t(key_t("ground", "r_n_max", "real", 1, "1.0", "0 to 1", "", "or above it"), with_r_n), &
+      parameter_t(key_t("ground", "r_t", "real", 1, "required", "0 to 1", "", "tangential restitution"), with_r_t), &
+      parameter_t(key_t("ground", "r_t_std", "real", 1, "0.0", "0 to 1", "", &
+                        "standard deviation of r_t from rebound to rebound"), with_r_t), &
+      parameter_t(key_t("ground", "r_t_min", "real", 1, "0.0", "0 to 1", "", "no r_t is below it"), with_r_t), &
+      parameter_t(key_t("ground", "r_t_max", "real", 1, "1.0", "0 to 1", "", "or above it"), with_r_t), &
+      parameter_t(key_t("ground", "half_speed", "real", 1, "required", "0.01 to 1000", "m/s", &
+                        "normal speed that halves the normal restitution"), "bourrier_hungr"), &
+      parameter_t(key_t("ground", "half_speed_std", "real", 1, "0.0", "0 to 1000", "m/s", &
+                        "standard deviation of half_speed from rebound to rebound"), "bourrier_hungr"), &
+      parameter_t(key_t("ground", "friction_angle", "real", 1, "required", "0 to 80", "degree", &
+                        "between boulder and ground"), "bourrier_hungr"), &
+      parameter_t(key_t("ground", "soil_density", "real", 1, "1800.0", "100 to 10000", "kg/m3", &
+                        "of the soil that a boulder penetrates"), "rockyfor3d"), &
+      parameter_t(key_t("ground", "obstacle_spread", "real", 1, "0.1", "0 to 1", "", &
+                        "obstacles differ by up to this fraction from their size"), "rockyfor3d"), &
+      parameter_t(key_t("ground", "roughness_angle", "real", 1, "0.0", "0 to 45", "degree", &
+                        "the ground is tilted against the way by up to this angle, at random"), all_classical)]
+
+contains
+
+   !> A row of the table of parameters as text: that of its key, then the models that take it; blank past the end.
+   pure function ground_parameter(k) result(text)
+      integer, intent(in) :: k
+      character(len=:), allocatable :: text
+
+      text = ""
+      if (k >= 1 .and. k <= size(table)) text = row_text(table(k)%key)//"|"//trim(table(k)%models)
+   end function ground_parameter
+
+   !> A ground from its text.
+   subroutine read_ground(text, file, turning, numbers, ground, error)
+      character(len=*), intent(in) :: text
+      character(len=*), intent(in) :: file              !! where it stands, for messages
+      integer, intent(in) :: turning                    !! rule of turning_t
+      type(normal_table_t), intent(in) :: numbers
+      type(ground_t), intent(inout) :: ground
+      type(error_t), allocatable, intent(out) :: error
+      type(namelist_t) :: list
+
+      call parse_namelist(text, file, list, error)
+      if (allocated(error)) return
+      if (size(list%group) /= 1 .or. .not. all(list%group%name == "ground")) then
+         call read_stochastic(text, file, turning, 0, ground, error)
+      else
+         call check_names(list, table%key%group, table%key%name, [""], "", error)
+         if (.not. allocated(error)) call read_classical(list%group(1), numbers, ground%classical, error)
+      end if
+   end subroutine read_ground
+
+   !> Impact sets, factored, and how boulders turn by them.
+   subroutine read_stochastic(text, file, turning, draw, ground, error)
+      character(len=*), intent(in) :: text, file
+      integer, intent(in) :: turning  !! rule of turning_t
+      integer, intent(in) :: draw     !! of a file with several; 0: it has one only
+      type(ground_t), intent(inout) :: ground
+      type(error_t), allocatable, intent(out) :: error
+      type(coefficients_t) :: sets
+      integer :: k
+
+      call read_sets(text, file, turning, draw, sets, error)
+      if (allocated(error)) return
+      allocate (ground%sets(impact_ratios))
+      do k = 1, impact_ratios
+         call impact_set(sets%mean(:, k), sets%covariance(:, :, k), ground%sets(k), error)
+         if (allocated(error)) return
+         ground%sets(k)%fitted = fitted(sets%speed_range(:, k), sets%angle_range(:, k))
+      end do
+      ground%classical%model = by_sets
+      if (turning /= by_lab) return
+      ground%lateral = [(lateral(sets%incidence(:, k), sets%lateral(:, :, k)), k=1, impact_ratios)]
+   end subroutine read_stochastic
+
+   !> The parameters of a model, all that it needs and no others.
+   pure subroutine read_classical(group, numbers, classical, error)
+      type(group_t), intent(in) :: group
+      type(normal_table_t), intent(in) :: numbers
+      type(classical_t), intent(out) :: classical
+      type(error_t), allocatable, intent(out) :: error
+      character(len=:), allocatable :: model
+      integer :: k
+
+      model = ""
+      call check_key(group, table(1)%key, error)
+      if (.not. allocated(error)) call get_text(group, "model", model, error)
+      do k = 2, size(table)
+         if (allocated(error)) return
+         call check_parameter(group, table(k), model, error)
+      end do
+      if (allocated(error)) return
+      classical%model = findloc(model_names == model, .true., dim=1)  ! texts of two lengths confuse gfortran 12
+      select case (classical%model)
+      case (rockyfor3d)
+         call read_scatter(group, "r_n", min_divisor, numbers, classical%normal, error)
+         classical%soil_density = value_of(group, "soil_density")
+         classical%obstacle_spread = value_of(group, "obstacle_spread")
+      case (pfeiffer_bowen)
+         call read_scatter(group, "r_n", min_divisor, numbers, classical%normal, error)
+      case (bourrier_hungr)
+         classical%normal = scatter(numbers, value_of(group, "half_speed"), value_of(group, "half_speed_std"), &
+                                    [min_divisor, huge(1.0_wp)])
+         classical%friction = tangent(value_of(group, "friction_angle"))
+      case (constant)
+         call read_scatter(group, "r_n", 0.0_wp, numbers, classical%normal, error)
+      end select
+      classical%roughness = value_of(group, "roughness_angle")*degree
+      if (allocated(error) .or. any(classical%model == [rockyfor3d, absorbing])) return
+      call read_scatter(group, "r_t", 0.0_wp, numbers, classical%tangential, error)
+   end subroutine read_classical
+
+   !> A parameter is there if its model needs it, within its range, and not there if its model has none such.
+   pure subroutine check_parameter(group, parameter, model, error)
+      type(group_t), intent(in) :: group
+      type(parameter_t), intent(in) :: parameter
+      character(len=*), intent(in) :: model
+      type(error_t), allocatable, intent(out) :: error
+
+      character(len=:), allocatable :: name
+
+      name = trim(parameter%key%name)
+      if (index(", "//trim(parameter%models)//",", ", "//model//",") == 0) then
+         if (has_key(group, name)) call refuse(group, name, "has no meaning for model = '"//model//"'", error)
+      else if (parameter%key%default == "required" .and. .not. has_key(group, name)) then
+         call fail(error, about(group, name)//" is missing: needed for model = '"//model//"'")
+      else
+         call check_key(group, parameter%key, error)
+      end if
+   end subroutine check_parameter
+
+   !> A coefficient, its standard deviation and its ends, which hold it.
+   pure subroutine read_scatter(group, name, least, numbers, found, error)
+      type(group_t), intent(in) :: group
+      character(len=*), intent(in) :: name
+      real(wp), intent(in) :: least  !! that it may be [-]
+      type(normal_table_t), intent(in) :: numbers
+      type(scatter_t), intent(inout) :: found
+      type(error_t), allocatable, intent(out) :: error
+      real(wp) :: mean, ends(2)
+
+      mean = value_of(group, name)
+      ends = [max(least, value_of(group, name//"_min")), value_of(group, name//"_max")]
+      if (mean < least) then
+         call refuse(group, name, "must be at least 0.01 for this model", error)
+      else if (mean < ends(1) .or. mean > ends(2)) then
+         call refuse(group, name, "must lie between "//name//"_min and "//name//"_max", error)
+      else
+         found = scatter(numbers, mean, value_of(group, name//"_std"), ends)
+      end if
+   end subroutine read_scatter
+
+   !> The value of a key, or its default.
+   pure real(wp) function value_of(group, name) result(value)
+      type(group_t), intent(in) :: group
+      character(len=*), intent(in) :: name
+      type(error_t), allocatable :: error
+      integer :: k, status
+
+      value = 0
+      k = findloc(table%key%name == name, .true., dim=1)
+      call parse_real(trim(table(k)%key%default), value, status)
+      call get_real(group, name, value, error)
+   end function value_of
+end module rockfall_grounds

@@ -1,0 +1,237 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Classical rebounds: numbers worked by hand, what each limit must give, and no energy from nowhere.
+program test_classical_rebound
+   use rockfall_kinds, only: wp, i8
+   use rockfall_math, only: degree
+   use rockfall_random, only: normal_table_t, normal_table, matrix_words
+   use rockfall_boulder, only: boulder_t
+   use rockfall_impact, only: rebound_t, twice_energy
+   use rockfall_classical_rebound, only: scatter_t, scatter, drawn, classical_t, classical_rebound, penetration, tangent, &
+      absorbs, rockyfor3d, pfeiffer_bowen, bourrier_hungr, constant, absorbing
+   use check_m, only: check, check_close, finish
+   implicit none
+
+   real(wp), parameter :: near = 1.0e-14_wp
+   !> Of 1 m across and as much per volume of its cube that N = 1 in soil of 1000 kg/m3.
+   type(boulder_t), parameter :: boulder = boulder_t(radius=0.5_wp, mass=1200.0_wp)
+   integer(i8), parameter :: middle(matrix_words) = 2_i8**31  !! random words of no deviation
+   type(normal_table_t) :: table
+
+   call random_init(.true., .false.)
+   table = normal_table()
+   call test_by_hand()
+   call test_sticking_and_sliding()
+   call test_penetration()
+   call test_absorbing()
+   call test_ends_of_restitution()
+   call test_limits()
+   call test_energy()
+   call test_scatter()
+   call test_tangent()
+   call test_roughness()
+   call finish()
+
+contains
+
+   !> A ground without scatter; R_n or the half speed, R_t.
+   pure type(classical_t) function ground(model, normal, tangential)
+      integer, intent(in) :: model
+      real(wp), intent(in) :: normal, tangential
+
+      ground = classical_t(model, scatter(table, normal, 0.0_wp, [0.0_wp, 1.0_wp]), &
+                           scatter(table, tangential, 0.0_wp, [0.0_wp, 1.0_wp]), tangent(30.0_wp), 1000.0_wp, 0.1_wp, &
+                           0.0_wp)
+   end function ground
+
+   !> V_t, V_n, W after it, among obstacles of 0.2 m.
+   function after(this, v_in, forced) result(v)
+      type(classical_t), intent(in) :: this
+      real(wp), intent(in) :: v_in(3)
+      logical, intent(in) :: forced
+      real(wp) :: v(3)
+      type(rebound_t) :: out
+
+      call classical_rebound(this, table, middle, boulder, 0.2_wp, v_in, out)
+      call check("forced, or not", out%forced .eqv. forced)
+      call check("a single draw", out%draws == 1)
+      v = out%v
+   end function after
+
+   subroutine test_by_hand()
+      real(wp), parameter :: v_in(3) = [10.0_wp, -5.0_wp, 8.0_wp]
+
+      call same("rockyfor3d", after(ground(rockyfor3d, 0.38_wp, 0.0_wp), v_in, .false.), &
+                [7.694267072777097_wp, 1.4626663893265701_wp, 7.694267072777097_wp], 1.0e-9_wp)
+      call same("pfeiffer_bowen", after(ground(pfeiffer_bowen, 0.35_wp, 0.8_wp), v_in, .false.), &
+                [8.128476396267287_wp, 1.3471927270113147_wp, 8.128476396267287_wp], near)
+      call same("constant", after(ground(constant, 0.4_wp, 0.9_wp), v_in, .false.), [9.0_wp, 2.0_wp, 7.2_wp], near)
+   end subroutine test_by_hand
+
+   !> Bourrier and Hungr's: the boulder rolls where friction suffices, slides where it does not, and nothing jumps
+   !> between.
+   subroutine test_sticking_and_sliding()
+      type(classical_t) :: this
+      real(wp) :: limit, v(3), w(3)
+
+      this = ground(bourrier_hungr, 5.0_wp, 0.9_wp)
+      call same("sticks", after(this, [10.0_wp, -5.0_wp, 8.0_wp], .false.), [8.485714285714286_wp, 2.5_wp, 8.485714285714286_wp], near)
+      call same("slides", after(this, [10.0_wp, -5.0_wp, -20.0_wp], .false.), &
+                [4.669872981077807_wp, 2.5_wp, -7.174682452694519_wp], near)
+      limit = 10 - this%friction*1.5_wp*5*3.5_wp/0.9_wp  ! of W
+      v = after(this, [10.0_wp, -5.0_wp, limit + 1.0e-9_wp], .false.)
+      w = after(this, [10.0_wp, -5.0_wp, limit - 1.0e-9_wp], .false.)
+      call check("sticking and sliding meet", all(abs(v - w) < 1.0e-8_wp))
+      call same("overspun, it is sped up", after(this, [1.0_wp, -5.0_wp, 30.0_wp], .false.), &
+                [0.9_wp + this%friction*7.5_wp, 2.5_wp, 27 - this%friction*7.5_wp/0.4_wp], near)
+   end subroutine test_sticking_and_sliding
+
+   subroutine test_penetration()
+      call check_close("medium soil", penetration(boulder, 1000.0_wp, 0.38_wp, 125.0_wp), 0.057699663424872524_wp, 1.0e-9_wp)
+      call check_close("soft soil", penetration(boulder, 1000.0_wp, 0.23_wp, 125.0_wp), 0.322220674577689_wp, 1.0e-9_wp)
+      call check_close("at most the radius", penetration(boulder, 1000.0_wp, 0.1_wp, 125.0_wp), 0.5_wp, near)
+      call check_close("at any speed", penetration(boulder, 1000.0_wp, 0.01_wp, 1.0e12_wp), 0.5_wp, near)
+      call check_close("at rest: none", penetration(boulder, 1000.0_wp, 0.38_wp, 0.0_wp), 0.0_wp, near)
+   end subroutine test_penetration
+
+   subroutine test_absorbing()
+      call check("water absorbs", absorbs(classical_t(absorbing), 0.0_wp))
+      call check("so do obstacles of 100 m", absorbs(classical_t(rockyfor3d), 100.0_wp))
+      call check("not lower ones", .not. absorbs(classical_t(rockyfor3d), 99.0_wp))
+      call check("nor where obstacles do not count", .not. absorbs(classical_t(constant), 100.0_wp))
+   end subroutine test_absorbing
+
+   subroutine test_ends_of_restitution()
+      real(wp), parameter :: v_in(3) = [10.0_wp, -5.0_wp, 8.0_wp]
+      real(wp) :: v(3)
+
+      call same("elastic", after(ground(constant, 1.0_wp, 1.0_wp), v_in, .false.), [10.0_wp, 5.0_wp, 8.0_wp], near)
+      v = after(ground(constant, 0.0_wp, 0.9_wp), v_in, .true.)
+      call check_close("without restitution it is lifted at 1 % of its speed", v(2), 0.01_wp*sqrt(125.0_wp), near)
+      v = after(ground(constant, 0.4_wp, 0.0_wp), v_in, .false.)
+      call same("stopped along the ground", v, [0.0_wp, 2.0_wp, 0.0_wp], near)
+      v = after(ground(bourrier_hungr, 1.0e9_wp, 1.0_wp), v_in, .false.)
+      call check_close("hard ground gives V_n back", v(2), 5.0_wp, 1.0e-8_wp)
+   end subroutine test_ends_of_restitution
+
+   !> Very fast and very slow, straight down and along the ground.
+   subroutine test_limits()
+      integer, parameter :: models(4) = [rockyfor3d, pfeiffer_bowen, bourrier_hungr, constant]
+      real(wp), parameter :: speeds(4) = [1.0e-12_wp, 1.0e-3_wp, 1.0e3_wp, 1.0e9_wp]
+      real(wp) :: v(3), v_in(3)
+      type(rebound_t) :: out
+      integer :: k, l
+
+      do k = 1, size(models)
+         do l = 1, size(speeds)
+            v_in = [0.0_wp, -speeds(l), 0.0_wp]
+            call classical_rebound(ground(models(k), 0.4_wp, 0.8_wp), table, middle, boulder, 0.2_wp, v_in, out)
+            call check("straight down it goes straight up", out%v(2) > 0 .and. all(abs(out%v([1, 3])) <= 0))
+            v_in = speeds(l)*[1.0_wp, 0.0_wp, 0.0_wp]
+            call classical_rebound(ground(models(k), 0.4_wp, 0.8_wp), table, middle, boulder, 0.2_wp, v_in, out)
+            call check("along the ground it is lifted", out%forced .and. out%v(2) > 0)
+            call check("without more energy", twice_energy(out%v) <= twice_energy(v_in)*(1 + near))
+         end do
+      end do
+      v = after(ground(pfeiffer_bowen, 0.4_wp, 0.8_wp), [0.0_wp, -9.144_wp, 0.0_wp], .false.)
+      call check_close("30 ft/s halve R_n", v(2), 0.2_wp*9.144_wp, near)
+      v = after(ground(bourrier_hungr, 5.0_wp, 0.8_wp), [0.0_wp, -5.0_wp, 0.0_wp], .false.)
+      call check_close("the half speed halves it, too", v(2), 2.5_wp, near)
+   end subroutine test_limits
+
+   !> Any incoming velocity, any coefficients, any random words.
+   subroutine test_energy()
+      integer, parameter :: models(4) = [rockyfor3d, pfeiffer_bowen, bourrier_hungr, constant]
+      type(classical_t) :: this
+      type(rebound_t) :: out
+      integer(i8) :: words(matrix_words)
+      real(wp) :: u(20), v_in(3)
+      integer :: k, n
+      logical :: kept, rises
+
+      do k = 1, size(models)
+         kept = .true.
+         rises = .true.
+         do n = 1, 20000
+            call random_number(u)
+            words = int(u(:9)*2.0_wp**32, i8)
+            this%model = models(k)
+            this%normal = scatter(table, 0.01_wp + 0.99_wp*u(10), u(11), [0.01_wp, 1.0_wp])
+            this%tangential = scatter(table, u(12), u(13), [0.0_wp, 1.0_wp])
+            this%friction = tangent(80*u(14))
+            this%soil_density = 500 + 2000*u(15)
+            this%obstacle_spread = u(16)
+            this%roughness = 0.78_wp*u(20)*merge(1, 0, mod(n, 2) == 0)
+            v_in = [10**(6*u(17) - 3), -10**(6*u(18) - 3), 40*u(19) - 20]
+            call classical_rebound(this, table, words, boulder, u(20), v_in, out)
+            kept = kept .and. twice_energy(out%v) <= twice_energy(v_in)*(1 + near)
+            rises = rises .and. out%v(2) > 0
+         end do
+         call check("no rebound gains energy", kept)
+         call check("every rebound rises", rises)
+      end do
+   end subroutine test_energy
+
+   !> Drawn numbers are normal, and lie within the ends, which they reach.
+   subroutine test_scatter()
+      type(scatter_t) :: this
+      real(wp) :: mean, square, value, u
+      integer :: n
+      integer, parameter :: many = 200000
+
+      this = scatter(table, 0.38_wp, 0.02_wp, [0.34_wp, 0.42_wp])
+      call check("the first word gives the lower end", abs(drawn(this, table, 0_i8) - 0.34_wp) < 1.0e-9_wp)
+      call check("the last the upper", abs(drawn(this, table, 2_i8**32 - 1) - 0.42_wp) < 1.0e-9_wp)
+      call check("none lies beyond them", drawn(this, table, 0_i8) >= 0.34_wp .and. drawn(this, table, 2_i8**32 - 1) <= 0.42_wp)
+      call check_close("the middle one is the mean", drawn(this, table, 2_i8**31), 0.38_wp, 1.0e-9_wp)
+      mean = 0
+      square = 0
+      do n = 1, many
+         call random_number(u)
+         value = drawn(this, table, int(u*2.0_wp**32, i8))
+         mean = mean + value
+         square = square + (value - 0.38_wp)**2
+      end do
+      ! a normal number cut at two standard deviations has 0.879626 of its standard deviation
+      call check("mean", abs(mean/many - 0.38_wp) < 4*0.0176_wp/sqrt(real(many, wp)))
+      call check_close("standard deviation", sqrt(square/many), 0.02_wp*0.8796256610342398_wp, 0.01_wp)
+      this = scatter(table, 0.5_wp, 1.0e6_wp, [0.0_wp, 1.0_wp])
+      call check_close("a wide one is uniform", drawn(this, table, 2_i8**30), 0.25_wp, 1.0e-3_wp)
+      this = scatter(table, 0.5_wp, 0.1_wp, [0.5_wp, 0.5_wp])
+      call check_close("ends that meet leave one number", drawn(this, table, 7_i8), 0.5_wp, near)
+      this = scatter(table, 0.5_wp, 0.0_wp, [0.0_wp, 1.0_wp])
+      call check_close("so does no deviation", drawn(this, table, 7_i8), 0.5_wp, near)
+   end subroutine test_scatter
+
+   subroutine test_tangent()
+      call check_close("of 30 degrees", tangent(30.0_wp), sqrt(1/3.0_wp), near)
+      call check_close("of 80 degrees", tangent(80.0_wp), 5.671281819617709_wp, 1.0e-13_wp)
+      call check_close("of none", tangent(0.0_wp), 0.0_wp, near)
+   end subroutine test_tangent
+
+   !> A sphere thrown straight down upon ground tilted by half of 20 degrees: it leaves at twice the tilt, against its
+   !> way, if nothing is lost; and what would glide along the ground is thrown off it.
+   subroutine test_roughness()
+      type(classical_t) :: this
+      real(wp), parameter :: tilt = 10*degree
+
+      this = ground(constant, 1.0_wp, 1.0_wp)
+      this%roughness = 2*tilt
+      call same("straight down", after(this, [0.0_wp, -5.0_wp, 0.0_wp], .false.), &
+                [-5*sin(2*tilt), 5*cos(2*tilt), 0.0_wp], 1.0e-9_wp)
+      call same("along the ground", after(this, [5.0_wp, 0.0_wp, 3.0_wp], .false.), &
+                [5*cos(2*tilt), 5*sin(2*tilt), 3.0_wp], 1.0e-9_wp)
+      this = ground(rockyfor3d, 0.38_wp, 0.0_wp)
+      this%roughness = 2*tilt
+      call check("back is back for a model of energies, too", minval(after(this, [0.0_wp, -5.0_wp, 0.0_wp], .false.)) < 0)
+   end subroutine test_roughness
+
+   subroutine same(name, got, want, relative)
+      character(len=*), intent(in) :: name
+      real(wp), intent(in) :: got(3), want(3), relative
+      integer :: k
+
+      do k = 1, 3
+         call check_close(name, got(k), want(k), relative)
+      end do
+   end subroutine same
+end program test_classical_rebound

@@ -1,0 +1,147 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Grounds: what rebounds follow where the case's impact sets are not what they follow, and the
+tables that say so (docs/grounds.md). What a model takes, and what it must be, the kernel says."""
+
+from __future__ import annotations
+
+import importlib.resources
+import re
+from collections.abc import Iterable
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
+
+from rockfall._core import rockfall_f2py as _core
+from rockfall.case import Case
+from rockfall.errors import RockfallError
+from rockfall.impact_sets import find_set, shipped_sets
+from rockfall.io.files import check_text_file
+from rockfall.io.tables import Row, check_columns, read_table
+
+IMPACT_SETS = "impact_sets"  # the model of a ground that is none of a table
+MAX_NAME = 60  # characters
+MAX_GROUNDS = 127  # of a scene: their numbers are bytes
+WORDS = ("name", "id", "model", "meaning", "source")  # columns that hold no number
+
+
+class GroundRule(NamedTuple):
+    """A ground as the kernel takes it."""
+
+    name: str
+    model: str = IMPACT_SETS
+    text: bytes = b""  # a file of impact sets, or a group of parameters; empty: the case's sets
+    file: str = ""  # where that stands, for messages
+
+    @property
+    def rocks(self) -> int:
+        """What must be known of the rocks there: 0 nothing, 1 their size, 2 a size above zero."""
+        return models()[self.model]
+
+
+class Parameter(NamedTuple):
+    """A column of a table of grounds, as a row of the kernel's table."""
+
+    name: str
+    default: str
+    allowed: str
+    unit: str
+    meaning: str
+    models: str
+
+
+@cache
+def models() -> dict[str, int]:
+    """The models of grounds, and what each must know of the rocks there, as `GroundRule.rocks`."""
+    found: dict[str, int] = {}
+    while True:
+        name, rocks = _core.ground_model(len(found) + 1)
+        if not name.strip():
+            return found
+        found[name.decode().strip()] = rocks
+
+
+@cache
+def parameters() -> tuple[Parameter, ...]:
+    """Those of all models, without the model itself."""
+    rows: list[Parameter] = []
+    while text := _core.ground_parameter(len(rows) + 2).decode().strip():
+        _, name, _, _, default, allowed, unit, meaning, _, takers = text.split("|")
+        rows.append(Parameter(name, default, allowed, unit, meaning, takers))
+    return tuple(rows)
+
+
+def shipped_grounds() -> Path:
+    """The table that is shipped with the program."""
+    return Path(str(importlib.resources.files("rockfall") / "data" / "grounds.csv"))
+
+
+def table_path(case: Case) -> Path:
+    """The table of grounds of a case: its own, or that shipped."""
+    own = case.surface.get("ground_table")
+    return case.path(own) if own else shipped_grounds()
+
+
+class GroundTable:
+    """The rows of a table of grounds, by name and by id."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        where, columns, rows = read_table(path)
+        known = (*WORDS, *(one.name for one in parameters()))
+        check_columns(where, columns, known)
+        for needed in "name", "model", "source":
+            if needed not in columns:
+                raise RockfallError(f"{where}: no column {needed}; has: {', '.join(columns)}")
+        self.rows: dict[str, Row] = {}
+        self.names: dict[int, str] = {}  # by id
+        for row in rows:
+            self._take(row)
+
+    def _take(self, row: Row) -> None:
+        name = row.text("name")
+        row.text("source")
+        if len(name) > MAX_NAME or not name.isprintable():
+            row.refuse("name", f"must be at most {MAX_NAME} characters")
+        if name in self.rows:
+            row.refuse("name", "must be another for each ground")
+        self.rows[name] = row
+        if number := row.cells.get("id"):
+            if not re.fullmatch(r"[0-9]{1,9}", number):
+                row.refuse("id", "must be an integer from 0 to 999999999")
+            if int(number) in self.names:
+                row.refuse("id", "must be another for each ground")
+            self.names[int(number)] = name
+
+    def ground(self, name: str) -> GroundRule:
+        """A row of the table. Its numbers are looked at in the kernel."""
+        row = self.rows[name]
+        model = row.choice("model", [one for one in models() if one != IMPACT_SETS])
+        given = [one.name for one in parameters() if row.cells.get(one.name)]
+        for column in given:
+            row.number(column)
+        values = "".join(f" {column} = {row.cells[column]}" for column in given)
+        return GroundRule(name, model, f"&ground model = '{model}'{values} /".encode(), row.where)
+
+
+def find_ground(case: Case, table: GroundTable, name: str, where: str) -> GroundRule:
+    """The ground of a name: a row of the table, or impact sets, shipped or in a file; `where` says
+    who names it."""
+    if name in table.rows:
+        return table.ground(name)
+    path = find_set(case, name)
+    if path is None:
+        known = "; impact sets: ".join(", ".join(one) for one in (table.rows, shipped_sets()))
+        raise RockfallError(
+            f"{where} = '{name}': no ground of {table.path.name}, and no file of impact sets; "
+            f"grounds: {known}"
+        )
+    check_text_file(path)
+    if len(name) > MAX_NAME:
+        raise RockfallError(f"{where} = '{name}': must be at most {MAX_NAME} characters")
+    return GroundRule(name, IMPACT_SETS, path.read_bytes(), str(path))
+
+
+def check_number(grounds: Iterable[GroundRule], where: str) -> None:
+    """Refuse more grounds than a scene can have."""
+    if (number := len(list(grounds))) > MAX_GROUNDS:
+        raise RockfallError(f"{where}: {number} grounds: at most {MAX_GROUNDS}")

@@ -1,0 +1,48 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What the rebounds of a result followed, where its scene had several grounds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from rockfall.grounds import IMPACT_SETS
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from numpy.typing import ArrayLike
+
+    Variables = xr.Dataset | Mapping[str, ArrayLike]
+
+
+class GroundRebounds(NamedTuple):
+    """The rebounds of a ground, and which part of all they are."""
+
+    name: str
+    model: str
+    rebounds: int
+    fraction: float
+
+
+def rebounds_by_ground(values: Variables) -> list[GroundRebounds]:
+    """Those of each ground, in the order of the scene; none where it had the case's sets alone."""
+    if "rebounds_by_ground" not in values:
+        return []
+    names, models, counts = (
+        np.asarray(values[name]) for name in ("ground", "ground_model", "rebounds_by_ground")
+    )
+    total = max(1, int(counts.sum()))
+    return [
+        GroundRebounds(str(name), str(model), int(count), int(count) / total)
+        for name, model, count in zip(names, models, counts, strict=True)
+    ]
+
+
+def stochastic_fraction(values: Variables) -> float:
+    """Which part of the rebounds followed impact sets."""
+    grounds = rebounds_by_ground(values)
+    if not grounds:
+        return 1.0
+    return sum(one.fraction for one in grounds if one.model == IMPACT_SETS)

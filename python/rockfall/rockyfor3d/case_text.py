@@ -1,0 +1,56 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A case with a comment beside what needs one, as its author would write it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import Any, NamedTuple
+
+VALUE_COLUMN = 44  # where comments begin
+
+
+class Entry(NamedTuple):
+    """A key and its value; one that is off stands in a comment."""
+
+    key: str
+    value: Any
+    comment: str = ""
+    on: bool = True
+
+
+class Group(NamedTuple):
+    """A group of a case."""
+
+    name: str
+    entries: list[Entry]
+    comment: str = ""
+
+
+def case_text(head: Iterable[str], groups: Iterable[Group], foot: Iterable[str]) -> str:
+    """The text of a case between comments."""
+    lines = [f"! {one}" for one in head]
+    for group in groups:
+        lines += ["", *_group_lines(group)]
+    foot = [f"! {one}" for one in foot]
+    return "\n".join([*lines, *([""] if foot else []), *foot, ""])
+
+
+def _group_lines(group: Group) -> Iterator[str]:
+    if group.comment:
+        yield f"! {group.comment}"
+    yield f"&{group.name}"
+    for key, value, comment, on in group.entries:
+        line = f"    {'' if on else '! '}{key} = {_literal(value)}"
+        yield f"{line:<{VALUE_COLUMN}} ! {comment}" if comment else line
+    yield "/"
+
+
+def _literal(value: Any) -> str:
+    """A value as a namelist has it."""
+    if isinstance(value, (list, tuple)):
+        return ", ".join(map(_literal, value))
+    if isinstance(value, bool):
+        return ".true." if value else ".false."
+    if isinstance(value, str):
+        return "'" + value.replace("'", "''") + "'"
+    return repr(value)

@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The files of a folder of Rockyfor3D, by the names that it gives them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+
+from rockfall.errors import RockfallError
+from rockfall.io.grid import Grid
+from rockfall.io.raster import aligned_blocks, dem_header
+
+RASTERS = (
+    "dem", "rockdensity", "d1", "d2", "d3", "blshape", "rg70", "rg20", "rg10", "soiltype",
+    "nrtrees", "dbhmean", "dbhstd", "conif_percent", "net_number", "net_energy", "net_height",
+)  # fmt: skip
+NEEDED = ("dem", "rockdensity", "d1", "d2", "d3", "rg70", "rg20", "rg10")
+OUTPUTS = ("e_", "ph_", "nr_", "v_max", "el_angle", "traj_time", "reach_prob", "tree_")
+LISTS = (".txt", ".csv", ".xyz")  # endings of lists of trees
+
+
+class Folder:
+    """What a folder holds."""
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        if not self.path.is_dir():
+            raise RockfallError(f"{self.path}: no such folder")
+        files = sorted(one for one in self.path.iterdir() if one.is_file())
+        by_name = {one.name.lower(): one for one in files}
+        self.rasters = {
+            name: by_name[f"{name}.asc"] for name in RASTERS if f"{name}.asc" in by_name
+        }
+        if missing := self.missing(NEEDED):
+            raise RockfallError(
+                f"{self.path}: no {', '.join(missing)}: a folder of Rockyfor3D needs "
+                f"{', '.join(f'{name}.asc' for name in NEEDED)}"
+            )
+        lists = [one for name, one in by_name.items() if "tree" in name and name.endswith(LISTS)]
+        self.trees = lists[0] if lists else None
+        known = {*self.rasters.values(), self.trees}
+        self.unread = [
+            one.name
+            for one in files
+            if one.suffix.lower() == ".asc"
+            and one not in known
+            and not one.name.lower().startswith(OUTPUTS)
+        ]
+        self.grid: Grid = dem_header(self.rasters["dem"])[0]
+
+    def __contains__(self, name: str) -> bool:
+        return name in self.rasters
+
+    def missing(self, names: Iterable[str]) -> list[str]:
+        """Those of some rasters that are not there, as file names."""
+        return [f"{name}.asc" for name in names if name not in self.rasters]
+
+    def read(self, name: str) -> np.ndarray:
+        """A raster on the cells of the DEM, NaN where it has no data."""
+        found = np.empty(self.grid.shape)
+        for rows, block in aligned_blocks(self.rasters[name], self.grid, f"values of {name}", "f8"):
+            found[rows] = block
+        return found

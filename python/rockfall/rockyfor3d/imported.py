@@ -1,0 +1,215 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""From a folder of Rockyfor3D to a case: it names the files where they are, and converts those only
+that mean something else here."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from rockfall.case import read_case
+from rockfall.errors import RockfallError
+from rockfall.io.files import read_text
+from rockfall.io.output_files import SIGNATURE, atomic_folder, check_folder
+from rockfall.io.raster import write_geotiff
+from rockfall.io.tables import plain_decimal
+from rockfall.rockyfor3d.case_text import Entry, Group, case_text
+from rockfall.rockyfor3d.folder import Folder
+from rockfall.rockyfor3d.nets import NETS, barriers
+
+MARK = "! Made by `rockfall import-rockyfor3d`"  # first words of a case of ours
+CASE, STEMS, SOURCES, TREES = "case.nml", "stems.tif", "sources.tif", "trees.csv"
+FILES = (CASE, STEMS, SOURCES, TREES)  # that an import may write
+HECTARE = 1e4  # [m2]
+BOULDERS = 100  # from each source
+DROP_HEIGHT = 1.0  # [m]
+MAPS = (
+    "passages", "deposits", "reach_probability_by_source", "energy_mean", "energy_q95",
+    "jump_height_mean", "jump_height_q95", "speed_max_map", "energy_line_angle_max",
+    "travel_time_min",
+)  # fmt: skip
+LEFT = (  # what no folder holds, or what has no counterpart here
+    "Numbers that Rockyfor3D asks for when it starts: boulders, drop_height, volume_spread; set "
+    "them above.",
+    "Its heights are normal to the slope; ours are vertical (docs/rockyfor3d.md).",
+    "Its choice of the height at which a tree is hit has no counterpart; see &forest stem_height.",
+)
+
+
+@dataclass
+class Import:
+    """A case in the making."""
+
+    folder: Folder
+    out: Path
+    part: Path  # where the files of `out` are written first
+    notes: list[str] = field(default_factory=list)  # what was not taken over, or is a guess
+
+    def path(self, name: str) -> str:
+        """A raster of the folder as the case names it."""
+        return Path(os.path.relpath(self.folder.rasters[name], self.out.resolve())).as_posix()
+
+
+def import_rockyfor3d(directory: str | Path, out: str | Path) -> list[str]:
+    """Write to the folder `out` a case that runs a folder of Rockyfor3D as it is; returns what
+    could not be taken over, a line each."""
+    folder, out = Folder(directory), Path(out)
+    folder.rasters = {name: path.resolve() for name, path in folder.rasters.items()}
+    inputs = [*folder.rasters.values(), *filter(None, [folder.trees])]
+    with atomic_folder(out, inputs, _former(out), last=CASE) as part:
+        made = Import(folder, out, part)
+        groups = list(_groups(made))
+        made.notes += [f"{name}: not a file that we know; left out" for name in folder.unread]
+        head = [f"{MARK[2:]} from {folder.path.resolve().name}.", "Keys: docs/case.md."]
+        foot = ["Not taken over, or not as there:", *(f"- {one}" for one in [*made.notes, *LEFT])]
+        (part / CASE).write_text(case_text(head, groups, foot), encoding="utf-8")
+        read_case(part / CASE)
+    return [*made.notes, *LEFT]
+
+
+def _former(out: Path) -> list[Path]:
+    """The files of an earlier import."""
+    check_folder(out)
+    case = out / CASE
+    if not (case.is_file() and case.read_bytes().startswith(MARK.encode())):
+        return []
+    return [out / name for name in FILES if (out / name).is_file()]
+
+
+def _groups(made: Import) -> Iterator[Group]:
+    """The groups of the case, in order."""
+    title = f"{made.folder.path.resolve().name}, after Rockyfor3D"
+    yield Group(
+        "case", [Entry("title", title), Entry("boulders", BOULDERS, "from each source cell")]
+    )
+    yield Group("terrain", [Entry("dem", made.path("dem"))])
+    yield _surface(made)
+    yield _boulder(made)
+    yield _release(made)
+    yield from _forest(made)
+    yield from _nets(made)
+    yield Group("output", [Entry("maps", list(MAPS)), Entry("rebounds", True)])
+
+
+def _surface(made: Import) -> Group:
+    entries = [Entry("method", "A", "an obstacle is met at 70, 20 or 10 % of the rebounds")]
+    entries += [Entry(name, made.path(name)) for name in ("rg70", "rg20", "rg10")]
+    if "soiltype" in made.folder:
+        about = "soil types 0 to 7 are grounds 0 to 7: docs/grounds.md"
+        entries.append(Entry("ground_map", made.path("soiltype"), about))
+    else:
+        made.notes.append(
+            "soiltype.asc is not there: all rebounds follow the stochastic impact sets"
+        )
+    return Group("surface", entries)
+
+
+def _boulder(made: Import) -> Group:
+    entries = [Entry("volume", "source", "each source cell has boulders of its own")]
+    entries += [Entry(name, made.path(name)) for name in ("d1", "d2", "d3")]
+    if "blshape" in made.folder:
+        entries.append(Entry("shape", made.path("blshape")))
+    else:
+        made.notes.append("blshape.asc is not there: all boulders are spheres")
+    entries.append(Entry("rock_density", made.path("rockdensity")))
+    entries.append(Entry("volume_spread", 0.1, "for volumes that vary by 10 %", on=False))
+    return Group("boulder", entries)
+
+
+def _release(made: Import) -> Group:
+    density = made.folder.read("rockdensity")
+    if not (density > 0).any():
+        raise RockfallError(
+            f"{made.folder.rasters['rockdensity']}: no source cells: must have cells above zero"
+        )
+    cells = made.path("rockdensity")
+    if (np.rint(density) != density)[
+        ~np.isnan(density)
+    ].any():  # the raster of sources is one of integers
+        cells = SOURCES
+        _write(made, SOURCES, (density > 0).astype("u1"))
+    about = "cells above zero"
+    return Group(
+        "release", [Entry("cells", cells, about), Entry("drop_height", DROP_HEIGHT, "[m]")]
+    )
+
+
+def _forest(made: Import) -> Iterator[Group]:
+    """Trees from a list, or made of what is known of each cell."""
+    folder = made.folder
+    conifers = Entry("uniform_conifers", 100.0, "[%]; conifers stop less than broadleaved trees")
+    if "conif_percent" in folder:
+        conifers = Entry("conifers", made.path("conif_percent"))
+    if folder.trees is not None:
+        _write_trees(made, folder.trees)
+        if "nrtrees" in folder:
+            made.notes.append(f"nrtrees.asc: left out, {folder.trees.name} lists the trees")
+        entries = [Entry("trees", TREES, f"{folder.trees.name} with a head"), conifers]
+    elif "nrtrees" in folder and "dbhmean" in folder:
+        stems = made.folder.read("nrtrees") * (HECTARE / folder.grid.cell**2)
+        if not (stems > 0).any():
+            made.notes.append("nrtrees.asc: no cell has trees")
+            return
+        _write(made, STEMS, stems.astype("f4"))
+        deviation = Entry("uniform_dbh_std", 0.0)
+        if "dbhstd" in folder:
+            deviation = Entry("dbh_std", made.path("dbhstd"))
+        else:
+            made.notes.append("dbhstd.asc is not there: stems of a cell are alike")
+        about = "nrtrees.asc a hectare in place of a cell"
+        entries = [
+            Entry("stems", STEMS, about), Entry("spread", "even", "as many in each cell"),
+            Entry("dbh_mean", made.path("dbhmean")), deviation, conifers,
+        ]  # fmt: skip
+    else:
+        given = [
+            name for name in ("nrtrees", "dbhmean", "dbhstd", "conif_percent") if name in folder
+        ]
+        if given:
+            missing = " and ".join(folder.missing(["nrtrees", "dbhmean"]))
+            made.notes.append(f"{missing}: not there, so there is no forest")
+        return
+    if "conif_percent" not in folder:
+        made.notes.append("conif_percent.asc is not there: all trees are conifers")
+    yield Group("forest", entries)
+
+
+def _nets(made: Import) -> Iterator[Group]:
+    """A barrier for each net."""
+    missing = made.folder.missing(NETS)
+    if len(missing) == len(NETS):
+        return
+    if missing:
+        made.notes.append(f"{' and '.join(missing)}: not there, so there are no nets")
+        return
+    for one in barriers(made.folder):
+        entries = [Entry(key, value) for key, value in one.items()]
+        yield Group("barrier", entries)
+
+
+def _write(made: Import, name: str, values: np.ndarray) -> None:
+    nodata = np.nan if values.dtype.kind == "f" else None
+    write_geotiff(
+        made.part / name, values, made.folder.grid, nodata=nodata, TIFFTAG_SOFTWARE=SIGNATURE
+    )
+
+
+def _write_trees(made: Import, path: Path) -> None:
+    """The list of trees, x, y, DBH by blanks, commas or semicolons, as a table with a head."""
+    rows = ["x,y,dbh"]
+    for line, text in enumerate(read_text(path).splitlines(), start=1):
+        cells = [one for one in re.split(r"[\s,;]+", text.strip()) if one]
+        numbers = [plain_decimal(one) for one in cells[:3]]
+        if not cells or (len(rows) == 1 and np.isnan(numbers).all()):  # blank, or a head
+            continue
+        if len(numbers) < 3 or np.isnan(numbers).any():
+            raise RockfallError(f"{path}: line {line}: must be x, y and DBH [cm]")
+        rows.append(",".join(map(repr, numbers)))
+    if len(rows) == 1:
+        raise RockfallError(f"{path}: lists no trees")
+    (made.part / TREES).write_text("\n".join([*rows, ""]), encoding="utf-8")

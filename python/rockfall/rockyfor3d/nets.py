@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Nets as lines: Rockyfor3D has them as rasters, with the number of a net in each of its cells."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rockfall.errors import RockfallError
+from rockfall.io.grid import Grid
+from rockfall.rockyfor3d.folder import Folder
+
+NETS = ("net_number", "net_energy", "net_height")
+AROUND = np.ones((3, 3), int)  # cells that touch belong together
+DECIMALS = 3  # of coordinates [m]
+
+
+class Cells(NamedTuple):
+    """The cells of a net that hang together."""
+
+    row: np.ndarray
+    column: np.ndarray
+
+
+def barriers(folder: Folder) -> Iterator[dict[str, Any]]:
+    """A barrier for each net, or for each part of one whose cells do not touch."""
+    from scipy.ndimage import label
+
+    number, energy, height = (folder.read(name) for name in NETS)
+    dem = folder.read("dem")
+    for one in np.unique(number[number > 0]):
+        parts, n = label(number == one, AROUND)
+        for part in range(1, n + 1):
+            cells = Cells(*np.nonzero(parts == part))
+            name = f"net {one:g}" + (f" part {part}" if n > 1 else "")
+            x, y = centre_line(cells, folder.grid, dem)
+            yield {
+                "name": name, "x": x, "y": y,
+                "height": _of_net(folder, "net_height", height[cells], name),
+                "capacity": _of_net(folder, "net_energy", energy[cells], name),
+            }  # fmt: skip
+
+
+def _of_net(folder: Folder, raster: str, values: np.ndarray, name: str) -> float:
+    """The least value among the cells of a net."""
+    if not (values > 0).all():  # also of no data
+        raise RockfallError(
+            f"{folder.rasters[raster]}: {name} has cells that are not > 0; give every cell of "
+            "net_number an energy [kJ] and a height [m]"
+        )
+    return float(values.min())
+
+
+def centre_line(cells: Cells, grid: Grid, dem: np.ndarray) -> tuple[list[float], list[float]]:
+    """A line through the cells from end to end, half a cell beyond their centres.
+
+    It is the shortest way from cell to cell between the two that are farthest apart. The line of a
+    net of one cell lies along the contour.
+    """
+    path = _longest_way(np.stack(cells, axis=1))
+    if len(path) == 1:
+        along = _contour(dem, *path[0])
+        path = path + 0.5 * np.array([-along, along])
+    else:
+        path = _corners(_lengthened(path.astype(float)))
+    row, column = path.T
+    x, y = grid.west + (column + 0.5) * grid.cell, grid.north - (row + 0.5) * grid.cell
+    return np.round(x, DECIMALS).tolist(), np.round(y, DECIMALS).tolist()
+
+
+def _longest_way(cells: np.ndarray) -> np.ndarray:
+    """The shortest way (n, row and column) between the two cells that are farthest apart, over
+    cells that touch."""
+    from scipy.sparse.csgraph import dijkstra
+    from scipy.spatial import cKDTree
+
+    near = cKDTree(cells).sparse_distance_matrix(cKDTree(cells), 1.5).tocsr()
+    start = int(np.argmax(dijkstra(near, indices=0)))
+    far, before = dijkstra(near, indices=start, return_predecessors=True)
+    way = [int(np.argmax(far))]
+    while way[-1] != start:
+        way.append(int(before[way[-1]]))
+    return cells[way]
+
+
+def _lengthened(path: np.ndarray) -> np.ndarray:
+    """With both ends moved outwards by half a step."""
+    first, last = path[0] + 0.5 * (path[0] - path[1]), path[-1] + 0.5 * (path[-1] - path[-2])
+    return np.concatenate(([first], path[1:-1], [last]))
+
+
+def _corners(path: np.ndarray) -> np.ndarray:
+    """Without the points that lie straight between those beside them."""
+    step = np.sign(np.diff(path, axis=0))
+    turns = (step[1:] != step[:-1]).any(axis=1)
+    return path[np.concatenate(([True], turns, [True]))]
+
+
+def _contour(dem: np.ndarray, row: int, column: int) -> np.ndarray:
+    """The direction (rows, columns) in which the terrain neither rises nor falls; east where it is
+    flat, or not known."""
+    known = dem[max(0, row - 1) : row + 2, max(0, column - 1) : column + 2]
+    if min(known.shape) < 2 or np.isnan(known).any():
+        return np.array([0.0, 1.0])
+    down, right = (float(one.mean()) for one in np.gradient(known))
+    steep = np.hypot(down, right)
+    return np.array([-right, down]) / steep if steep > 0 else np.array([0.0, 1.0])

@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Lines, barriers and dams of layers: the scene's case has them as if they had been typed."""
+
+from __future__ import annotations
+
+import copy
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from rockfall.case import REPEATABLE, Case, file_keys, key_table
+from rockfall.errors import RockfallError
+from rockfall.io.layers import read_lines as read_layer
+from rockfall.scene.layers import file_checksum
+
+if TYPE_CHECKING:
+    from rockfall.scene.scene import Scene
+
+OF_LAYER = {"name", "x", "y", "file", "layer", "field"}  # keys that are no attributes
+STRENGTH = {"capacity", "class"}  # of which a barrier has one
+
+
+class _Drawn(NamedTuple):
+    """A group as if it had been typed."""
+
+    where: str  # for messages
+    values: dict[str, Any]
+
+
+def read_lines(scene: Scene) -> None:
+    """Put the coordinates of layers into the case of a scene."""
+    groups = _groups()
+    if not any("file" in one for group in groups for one in getattr(scene.case, group)):
+        return
+    drawn = {group: list(_drawn(scene, group)) for group in groups}
+    try:
+        found = {group: [one.values for one in several] for group, several in drawn.items()}
+        scene.case = scene.case.replace(**found)
+    except RockfallError:
+        _blame(scene.case, drawn)
+        raise
+
+
+def with_lines_of(case: Case, scene: Scene) -> Case:
+    """A case with the coordinates that a scene of it has read."""
+    return case.replace(**{group: getattr(scene.case, group) for group in _groups()})
+
+
+def _groups() -> list[str]:
+    """Of which a layer may have several."""
+    return [group for group in REPEATABLE if group in {key.group for key in file_keys()}]
+
+
+def _blame(case: Case, drawn: Mapping[str, list[_Drawn]]) -> None:
+    """Say which feature of a layer the case cannot have, if it is one alone."""
+    for group, several in drawn.items():
+        for one in several:
+            alone = copy.copy(case)
+            alone.name = one.where
+            alone.replace(**(dict.fromkeys(drawn, []) | {group: [one.values]}))
+
+
+def _drawn(scene: Scene, group: str) -> Iterator[_Drawn]:
+    """The groups of a name, each feature of a layer as one."""
+    for one in getattr(scene.case, group):
+        if "file" in one:
+            yield from _features(scene, group, one)
+        else:
+            yield _Drawn(scene.case.name, one)
+
+
+def _features(scene: Scene, group: str, given: Mapping[str, Any]) -> Iterator[_Drawn]:
+    """A group for each line of a layer; what it does not say itself is the feature's."""
+    path = scene.case.path(given["file"])
+    parts, columns = read_layer(path, given.get("layer"), scene.grid, scene.remarks)
+    scene.checksums[f"{group} {given['file']}"] = file_checksum(path)
+    known = {key.name: key.kind for key in key_table() if key.group == group}
+    own = {key: value for key, value in given.items() if key not in OF_LAYER}
+    asked = known.keys() - OF_LAYER - own.keys()
+    if STRENGTH & own.keys():
+        asked -= STRENGTH
+    attributes = {name: column for name, column in _lower(columns).items() if name in asked}
+    names = _names(path, given, columns, [len(of) for of in parts]) if "name" in known else None
+    for k, feature in enumerate(parts):
+        values = {name: _plain(column[k], known[name]) for name, column in attributes.items()}
+        values = {name: value for name, value in values.items() if value is not None} | own
+        for part in feature:
+            name = {} if names is None else {"name": next(names)}
+            x, y = part.T.tolist()
+            yield _Drawn(f"{path}: feature {k + 1}", {**name, "x": x, "y": y, **values})
+
+
+def _names(
+    path: Path, given: Mapping[str, Any], columns: dict[str, np.ndarray], parts: list[int]
+) -> Iterator[str]:
+    """A name for each part of each feature; where several have the same, they are numbered."""
+    usual = given.get("name") or given.get("layer") or path.stem
+    found: list[str | None] = [None] * len(parts)
+    field = given.get("field", "name")
+    column = columns.get(field, _lower(columns).get(field.lower()))
+    if column is None and "field" in given:
+        raise RockfallError(f"{path}: no attribute {field}; has: {', '.join(columns) or 'none'}")
+    if column is not None and "name" not in given:
+        found = [_plain(value, "text") for value in column]
+    names = [str(name or usual) for name, n in zip(found, parts, strict=True) for _ in range(n)]
+    often, count = Counter(names), Counter[str]()
+    for name in names:
+        count[name] += 1
+        yield name if often[name] == 1 else f"{name} {count[name]}"
+
+
+def _lower(columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    return {name.lower(): column for name, column in columns.items()}
+
+
+def _plain(value: Any, kind: str) -> Any:
+    """An attribute as a case has it; None where it is empty. Columns of integers in which some
+    are empty come as reals."""
+    value = value.item() if hasattr(value, "item") else value
+    if value is None or value != value or (isinstance(value, str) and not value.strip()):
+        return None
+    if kind != "real" and isinstance(value, float) and value.is_integer():
+        value = int(value)
+    return str(value).strip() if kind == "text" else value
