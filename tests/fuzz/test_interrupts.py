@@ -95,7 +95,7 @@ def result(place):
 
 def test_an_export_that_is_terminated_leaves_nothing(result, monkeypatch, capsys):
     before = sorted(result.rglob("*"))
-    sent = terminated(monkeypatch, export, "_write_map")
+    sent = terminated(monkeypatch, export, "write_map")
     assert main(["export", "out.nc", "tables"]) == 143 and sent
     assert capsys.readouterr().err == "rockfall: interrupted; no file is half-written\n"
     assert sorted(result.rglob("*")) == before

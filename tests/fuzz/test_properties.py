@@ -544,7 +544,9 @@ def times(value, factor):
 
 
 #: The cube root of a volume is right to an ulp, in each octave another.
-OF_RADIUS = ("trajectory_ratio", "line_omega", "line_passing_height")
+OF_RADIUS = (
+    "trajectory_ratio", "line_omega", "line_passing_height", "line_energy_rotational",
+)  # fmt: skip
 
 
 def scaled(here, there, factors):
