@@ -607,13 +607,8 @@ contains
       end if
       ground = 0
       if (level >= with_all .and. allocated(scene%grounds)) then
-         ground = ground_at(scene%surface, at)
-         obstacle = radius/scene%surface%size_to_radius
-         if (absorbs(scene%grounds(ground)%classical, obstacle)) then
-            result%status = absorbed
-            return
-         end if
-         radius = max(radius, smooth)
+         call meet_ground(scene, at, radius, ground, obstacle, result%status)
+         if (result%status == absorbed) return
       end if
       ratio = result%boulder%radius/radius
       call ratio_class(ratio, class, outside)
@@ -625,24 +620,16 @@ contains
          call ground_rebound(scene%grounds(ground), scene%table, scene%key, number, int(result%impacts, i8), &
                              word(1:matrix_words), result%boulder, inertia_of(scene, number), obstacle, class, &
                              v_in, out)
+         call see_ground_fit(scene%grounds(ground), class, v_in, outside, fast, steep, ratio)
          scratch%by_ground(ground) = scratch%by_ground(ground) + 1
       else
          call rebound(scene%sets(class), scene%table, scene%key, number, int(result%impacts, i8), word(1:matrix_words), &
                       v_in, out)
+         call beyond_fit(scene%sets(class)%fitted, v_in(1:2), fast, steep)
       end if
       result%rebounds = result%rebounds + 1
       if (out%draws > 1) result%redrawn = result%redrawn + 1
       if (out%forced) result%forced = result%forced + 1
-      fast = .false.
-      steep = .false.
-      if (level < with_all .or. ground == 0) then
-         call beyond_fit(scene%sets(class)%fitted, v_in(1:2), fast, steep)
-      else if (is_stochastic(scene%grounds(ground))) then
-         call beyond_fit(scene%grounds(ground)%sets(class)%fitted, v_in(1:2), fast, steep)
-      else
-         outside = .false.
-         ratio = -1
-      end if
       if (outside) result%out_of_range = result%out_of_range + 1
       if (fast) result%out_of_speed = result%out_of_speed + 1
       if (steep) result%out_of_angle = result%out_of_angle + 1
@@ -667,6 +654,40 @@ contains
          result%status = impact_limit
       end if
    end subroutine handle_impact
+
+   !> The ground of a raster cell, the height of obstacles there, and whether it absorbs the boulder.
+   pure subroutine meet_ground(scene, at, radius, ground, obstacle, status)
+      type(scene_t), intent(in) :: scene
+      integer, intent(in) :: at(2)          !! column, row from the north
+      real(wp), intent(inout) :: radius     !! R_m; above zero afterwards [m]
+      integer, intent(out) :: ground
+      real(wp), intent(out) :: obstacle     !! [m]
+      integer, intent(inout) :: status
+
+      ground = ground_at(scene%surface, at)
+      obstacle = radius/scene%surface%size_to_radius
+      if (absorbs(scene%grounds(ground)%classical, obstacle)) status = absorbed
+      radius = max(radius, smooth)
+   end subroutine meet_ground
+
+   !> Whether a rebound lies beyond what its impact set was fitted on; a classical one has none, and no ratio.
+   pure subroutine see_ground_fit(ground, class, v_in, outside, fast, steep, ratio)
+      type(ground_t), intent(in) :: ground
+      integer, intent(in) :: class
+      real(wp), intent(in) :: v_in(3)      !! V_t, V_n, W [m/s]
+      logical, intent(inout) :: outside    !! of the ratios that sets are for
+      logical, intent(out) :: fast, steep
+      real(wp), intent(inout) :: ratio     !! R_b/R_m [-]
+
+      fast = .false.
+      steep = .false.
+      if (is_stochastic(ground)) then
+         call beyond_fit(ground%sets(class)%fitted, v_in(1:2), fast, steep)
+      else
+         outside = .false.
+         ratio = -1
+      end if
+   end subroutine see_ground_fit
 
    !> The moment of inertia of a boulder, I/(m R_b**2) [-].
    pure real(wp) function inertia_of(scene, number)
