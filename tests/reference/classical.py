@@ -36,6 +36,7 @@ class Ground(NamedTuple):
     soil_density: float = 1800.0
     obstacle_spread: float = 0.1
     roughness_angle: float = 0.0  # [degree]
+    min_hop: float = 0.0  # over the boulder's radius
 
 
 class Numbers(NamedTuple):
@@ -117,6 +118,18 @@ def on_even_ground(
     energy = radius**2 * (inertia * spin**2 + mass * v[0] ** 2) * share
     along = (energy / (inertia + mass * radius**2)).sqrt()
     return along, -v[1] * a / (1 + (v[1] / (30 * FOOT)) ** 2), along
+
+
+def thrown(ground: Ground, radius: Decimal, pull: Decimal, v: Triple) -> Triple:
+    """As far as a boulder rolls from obstacle to obstacle, without more energy: V_t V_n = pull
+    length/2 with V_t >= V_n, or as it was where that cannot be or needs not be."""
+    product = pull * exact(ground.min_hop) * radius / 2
+    square = v[0] ** 2 + v[1] ** 2
+    if not product or square <= 2 * product:
+        return v
+    plus, minus = (square + 2 * product).sqrt(), (square - 2 * product).sqrt()
+    along, off = (plus + minus) / 2, (plus - minus) / 2
+    return v if v[1] >= off else (along.copy_sign(v[0]), off, v[2])
 
 
 def _penetration(

@@ -750,6 +750,9 @@ def bounce(
         leaves = doubt.above(v_out[1], energy(v_in).sqrt())
         gains = energy(v_out) > energy(v_in)
         v_out = v_out if leaves and not gains else limited(v_in, v_out)
+        before = v_out
+        v_out = classical.thrown(ground, own[0], exact(world.gravity) / steep, v_out)
+        doubt.above(v_out[1] - before[1] or ONE, v_out[1])
         weight, ratio = CLASSICAL_WEIGHT, Decimal(-1)
 
     downhill, pit = horn(world, column, row) or ((-g[0], -g[1]), False)

@@ -207,7 +207,7 @@ def _ground(given: GroundRule) -> classical.Ground | None:
     normal = scatter("r_n", 0.0 if given.model == "constant" else 0.01)
     if given.model == "bourrier_hungr":
         normal = scatter("half_speed", 0.01, 1e300)
-    names = "friction_angle", "soil_density", "obstacle_spread", "roughness_angle"
+    names = "friction_angle", "soil_density", "obstacle_spread", "roughness_angle", "min_hop"
     rest = {name: values[name] for name in names if name in values}
     return classical.Ground(given.model, normal, scatter("r_t"), **rest)
 

@@ -16,17 +16,17 @@ from rockfall.simulation.simulate import run_scene
 #: A row of each model, with scatter, and one that is hardly there.
 COLUMNS = (
     "name,id,model,r_n,r_n_std,r_n_min,r_n_max,r_t,r_t_std,r_t_min,r_t_max,half_speed,"
-    "half_speed_std,friction_angle,soil_density,obstacle_spread,roughness_angle,source"
+    "half_speed_std,friction_angle,soil_density,obstacle_spread,roughness_angle,min_hop,source"
 )
 TABLE = f"""{COLUMNS}
-soil,3,rockyfor3d,0.38,0.02,0.34,0.42,,,,,,,,1700,0.1,4,test
-soft,4,rockyfor3d,0.13,0.05,,,,,,,,,,,0.5,,test
-dry,5,pfeiffer_bowen,0.33,0.03,,,0.85,0.05,0.8,0.9,,,,,,5,test
-bouncy,6,bourrier_hungr,,,,,0.9,0.1,,,6.0,2.0,25,,,40,test
-sticky,7,bourrier_hungr,,,,,0.9,,,,3.0,,70,,,,test
-road,8,constant,0.4,0.2,0.0,1.0,0.9,0.04,,,,,,,,2,test
-flat,9,constant,0,,,,0.97,,,,,,,,,,test
-lake,10,absorbs,,,,,,,,,,,,,,,test
+soil,3,rockyfor3d,0.38,0.02,0.34,0.42,,,,,,,,1700,0.1,4,1,test
+soft,4,rockyfor3d,0.13,0.05,,,,,,,,,,,0.5,,,test
+dry,5,pfeiffer_bowen,0.33,0.03,,,0.85,0.05,0.8,0.9,,,,,,5,1,test
+bouncy,6,bourrier_hungr,,,,,0.9,0.1,,,6.0,2.0,25,,,40,,test
+sticky,7,bourrier_hungr,,,,,0.9,,,,3.0,,70,,,,0.5,test
+road,8,constant,0.4,0.2,0.0,1.0,0.9,0.04,,,,,,,,2,2,test
+flat,9,constant,0,,,,0.97,,,,,,,,,,,test
+lake,10,absorbs,,,,,,,,,,,,,,,,test
 """
 MODELS = "soil", "soft", "dry", "bouncy", "sticky", "road", "flat"
 BOULDERS = 12
@@ -64,7 +64,7 @@ def judged(folder, z, rocks=None, **groups):
 def test_each_model_contact_by_contact(tmp_path, ground):
     surface = {"uniform_mean_radius": 0.1, "ground": ground}
     z = scenes.rough(gradient=1.0 if ground == "soft" else 0.8)
-    result, contacts = judged(tmp_path, z, surface=surface)
+    result, contacts = judged(tmp_path, z, surface=surface, impact={"impact_limit": 25})
     assert contacts > (40 if ground == "soft" else 150)
     assert result["rebounds_by_ground"].values.tolist() == [int(result["rebounds"])]
     assert (result["rebounds_forced"] == result["rebounds"]) == (ground == "flat")
@@ -87,7 +87,8 @@ def test_a_patchwork_of_all_grounds_and_of_rocks(tmp_path, turning):
     arrays["ground_map"] = np.ma.masked_equal(ids, -5)
     surface = dict.fromkeys([*names, "ground_map"], "given") | {"method": "A"}
     result, contacts = judged(
-        tmp_path, z, arrays, surface=surface, impact={"turning": turning, "ratio": "between"},
+        tmp_path, z, arrays, surface=surface,
+        impact={"turning": turning, "ratio": "between", "impact_limit": 40},
         release={"x": np.linspace(50.2, 240.7, 8), "y": [382.6] * 8,
                  "velocity": [0.0, -15.0, 0.0], "drop_height": 5.0},
     )  # fmt: skip

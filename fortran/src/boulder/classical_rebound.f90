@@ -11,7 +11,7 @@ module rockfall_classical_rebound
    use rockfall_impact, only: rebound_t, is_admissible, limit_rebound
    implicit none
    private
-   public :: scatter_t, scatter, drawn, classical_t, classical_rebound, penetration, tangent, absorbs
+   public :: scatter_t, scatter, drawn, classical_t, classical_rebound, lengthen_hop, penetration, tangent, absorbs
    public :: by_sets, rockyfor3d, pfeiffer_bowen, bourrier_hungr, constant, absorbing
 
    !> What a rebound follows: impact sets, that is rockfall_impact; a model of this module; or the boulder stays.
@@ -44,6 +44,7 @@ module rockfall_classical_rebound
       real(wp) :: soil_density = 0.0_wp      !! [kg/m3]
       real(wp) :: obstacle_spread = 0.0_wp  !! obstacles differ by up to this fraction [-]
       real(wp) :: roughness = 0.0_wp  !! by which the ground is tilted at most [rad]
+      real(wp) :: min_hop = 0.0_wp    !! length of a hop over the boulder's radius [-]
    end type classical_t
 
 contains
@@ -139,6 +140,25 @@ contains
       out%forced = .not. is_admissible(v_in, out%v)
       if (out%forced) call limit_rebound(out%v, v_in)
    end subroutine classical_rebound
+
+   !> A boulder that rolls goes from obstacle to obstacle: in hops of its radius, as Pfeiffer and Bowen (1989) have it.
+   !> They move it there; here it is thrown so far, by a part of its energy, if it has that: hops over even ground have
+   !> the length 2 V_t V_n/pull, but for what gravity adds on the way.
+   pure subroutine lengthen_hop(this, boulder, pull, v)
+      type(classical_t), intent(in) :: this
+      type(boulder_t), intent(in) :: boulder
+      real(wp), intent(in) :: pull     !! gravity along the normal of the ground [m/s2]
+      real(wp), intent(inout) :: v(3)  !! V_t, V_n, W after a rebound [m/s]
+      real(wp) :: speed2, due, normal2
+
+      due = pull*this%min_hop*boulder%radius
+      speed2 = v(1)*v(1) + v(2)*v(2)
+      if (due <= 0 .or. speed2 <= due) return
+      normal2 = due*due/(2*(speed2 + sqrt((speed2 - due)*(speed2 + due))))  ! the smaller root
+      if (v(2)*v(2) >= normal2) return
+      v(1) = sign(sqrt(speed2 - normal2), v(1))
+      v(2) = sqrt(normal2)
+   end subroutine lengthen_hop
 
    !> V_t, V_n, W seen from ground that is tilted against the way, by an angle of which sine and cosine are given.
    pure function tilted(v, s, c)

@@ -6,7 +6,7 @@ module rockfall_ground
    use rockfall_boulder, only: boulder_t
    use rockfall_impact, only: impact_set_t, rebound_t, rebound
    use rockfall_direction, only: lateral_t
-   use rockfall_classical_rebound, only: classical_t, classical_rebound, by_sets
+   use rockfall_classical_rebound, only: classical_t, classical_rebound, lengthen_hop, by_sets
    implicit none
    private
    public :: ground_t, ground_rebound, is_stochastic
@@ -28,7 +28,7 @@ contains
    end function is_stochastic
 
    !> One rebound.
-   pure subroutine ground_rebound(ground, table, key, number, impact, words, boulder, inertia, obstacle, class, &
+   pure subroutine ground_rebound(ground, table, key, number, impact, words, boulder, inertia, obstacle, pull, class, &
                                   v_in, out)
       type(ground_t), intent(in) :: ground
       type(normal_table_t), intent(in) :: table
@@ -38,6 +38,7 @@ contains
       type(boulder_t), intent(in) :: boulder
       real(wp), intent(in) :: inertia                 !! of the boulder, I/(m R**2) [-]
       real(wp), intent(in) :: obstacle                !! height of the obstacles there [m]
+      real(wp), intent(in) :: pull                    !! gravity along the normal of the ground [m/s2]
       integer, intent(in) :: class                    !! of the impact sets
       real(wp), intent(in) :: v_in(3)                 !! V_t, V_n, W [m/s]
       type(rebound_t), intent(out) :: out
@@ -46,6 +47,7 @@ contains
          call rebound(ground%sets(class), table, key, number, impact, words, v_in, out)
       else
          call classical_rebound(ground%classical, table, words, boulder, inertia, obstacle, v_in, out)
+         call lengthen_hop(ground%classical, boulder, pull, out%v)
       end if
    end subroutine ground_rebound
 end module rockfall_ground

@@ -63,7 +63,9 @@ module rockfall_grounds
       parameter_t(key_t("ground", "obstacle_spread", "real", 1, "0.1", "0 to 1", "", &
                         "obstacles differ by up to this fraction from their size"), "rockyfor3d"), &
       parameter_t(key_t("ground", "roughness_angle", "real", 1, "0.0", "0 to 45", "degree", &
-                        "the ground is tilted against the way by up to this angle, at random"), all_classical)]
+                        "the ground is tilted against the way by up to this angle, at random"), all_classical), &
+      parameter_t(key_t("ground", "min_hop", "real", 1, "0.0", "0 to 10", "radii", &
+                        "a boulder that rolls is thrown so far, while it has the energy"), all_classical)]
 
 contains
 
@@ -152,6 +154,7 @@ contains
          call read_scatter(group, "r_n", 0.0_wp, numbers, classical%normal, error)
       end select
       classical%roughness = value_of(group, "roughness_angle")*degree
+      classical%min_hop = value_of(group, "min_hop")
       if (allocated(error) .or. any(classical%model == [rockyfor3d, absorbing])) return
       call read_scatter(group, "r_t", 0.0_wp, numbers, classical%tangential, error)
    end subroutine read_classical

@@ -618,8 +618,8 @@ contains
       call decompose(v, g, steepness, flight%heading, omega_r, v_in, heading)
       if (level >= with_all .and. ground > 0) then
          call ground_rebound(scene%grounds(ground), scene%table, scene%key, number, int(result%impacts, i8), &
-                             word(1:matrix_words), result%boulder, inertia_of(scene, number), obstacle, class, &
-                             v_in, out)
+                             word(1:matrix_words), result%boulder, inertia_of(scene, number), obstacle, &
+                             scene%gravity/steepness, class, v_in, out)
          call see_ground_fit(scene%grounds(ground), class, v_in, outside, fast, steep, ratio)
          scratch%by_ground(ground) = scratch%by_ground(ground) + 1
       else

@@ -6,7 +6,7 @@ program test_classical_rebound
    use rockfall_random, only: normal_table_t, normal_table, matrix_words
    use rockfall_boulder, only: boulder_t, inertia_factor
    use rockfall_impact, only: rebound_t, twice_energy
-   use rockfall_classical_rebound, only: scatter_t, scatter, drawn, classical_t, classical_rebound, penetration, tangent, &
+   use rockfall_classical_rebound, only: lengthen_hop, scatter_t, scatter, drawn, classical_t, classical_rebound, penetration, tangent, &
       absorbs, rockyfor3d, pfeiffer_bowen, bourrier_hungr, constant, absorbing
    use check_m, only: check, check_close, finish
    implicit none
@@ -29,6 +29,7 @@ program test_classical_rebound
    call test_scatter()
    call test_tangent()
    call test_roughness()
+   call test_hops()
    call test_inertia()
    call finish()
 
@@ -41,7 +42,7 @@ contains
 
       ground = classical_t(model, scatter(table, normal, 0.0_wp, [0.0_wp, 1.0_wp]), &
                            scatter(table, tangential, 0.0_wp, [0.0_wp, 1.0_wp]), tangent(30.0_wp), 1000.0_wp, 0.1_wp, &
-                           0.0_wp)
+                           0.0_wp, 0.0_wp)
    end function ground
 
    !> V_t, V_n, W after it, among obstacles of 0.2 m.
@@ -246,6 +247,35 @@ contains
       this%roughness = 2*tilt
       call check("back is back for a model of energies, too", minval(after(this, [0.0_wp, -5.0_wp, 0.0_wp], .false.)) < 0)
    end subroutine test_roughness
+
+   !> A boulder that rolls is thrown its radius far, with the energy that it has; one that is too slow, or hops farther
+   !> by itself, is left alone.
+   subroutine test_hops()
+      type(classical_t) :: this
+      real(wp), parameter :: pull = 8.0_wp
+      real(wp) :: v(3)
+
+      this%min_hop = 1
+      v = [5.0_wp, 0.01_wp, 3.0_wp]
+      call lengthen_hop(this, boulder, pull, v)
+      call check_close("so far", 2*v(1)*v(2)/pull, boulder%radius, near)
+      call check_close("with the same energy", v(1)**2 + v(2)**2, 25 + 0.01_wp**2, near)
+      call check("flat, and not steep", v(2) < v(1))
+      v(1) = -v(1)
+      v(2) = 0
+      call lengthen_hop(this, boulder, pull, v)
+      call check("backwards as well", v(1) < 0 .and. v(2) > 0)
+      v = [5.0_wp, 0.5_wp, 3.0_wp]
+      call lengthen_hop(this, boulder, pull, v)
+      call same("far enough", v, [5.0_wp, 0.5_wp, 3.0_wp], 0.0_wp)
+      v = [1.9_wp, 0.1_wp, 3.0_wp]
+      call lengthen_hop(this, boulder, pull, v)
+      call same("too slow", v, [1.9_wp, 0.1_wp, 3.0_wp], 0.0_wp)
+      this%min_hop = 0
+      v = [5.0_wp, 0.01_wp, 3.0_wp]
+      call lengthen_hop(this, boulder, pull, v)
+      call same("not asked for", v, [5.0_wp, 0.01_wp, 3.0_wp], 0.0_wp)
+   end subroutine test_hops
 
    subroutine same(name, got, want, relative)
       character(len=*), intent(in) :: name

@@ -125,6 +125,12 @@ def _add_studies(commands: _Commands) -> None:
     _add_memory(zone)
     _add_resume(zone, "DIR.scenarioN.checkpoint")
     _add_overrides(zone)
+    about = "run a case by every rebound model, with common random numbers"
+    every = _add(commands, "studies", "models", about, "CASE")
+    every.add_argument("-o", "--output", metavar="DIR", type=Path, help="default: CASE_models")
+    about = "a ground, in place of those that stand for rocks; several: --ground A --ground B"
+    every.add_argument("--ground", metavar="NAME", action="append", default=[], help=about)
+    _add_overrides(every)
     about = "measure how a case's numbers converge, and the cost"
     converge = _add(commands, "studies", "convergence", about, "CASE")
     converge.add_argument(

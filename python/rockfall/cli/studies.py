@@ -5,27 +5,40 @@ from __future__ import annotations
 
 import argparse
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from rockfall.analysis.convergence import Convergence, converge
 from rockfall.analysis.ensemble import check_place, run_ensemble, write_ensemble
+from rockfall.analysis.models import run_models
 from rockfall.case import read_case
 from rockfall.case_files import input_files
 from rockfall.cli.messages import DONE
 from rockfall.cli.run import overridden
 from rockfall.errors import RockfallError, need
-from rockfall.io.output_files import FIGURE, STUDY, atomic_folder, check_folder, check_outputs
+from rockfall.io.output_files import (
+    FIGURE,
+    MODELS,
+    STUDY,
+    atomic_folder,
+    check_folder,
+    check_outputs,
+)
 from rockfall.io.tables import write_csv
 from rockfall.plots.convergence import figure
+from rockfall.plots.models import models_figure
+from rockfall.plots.style import save
 from rockfall.text.convergence import text
 from rockfall.text.ensemble import ensemble_summary
+from rockfall.text.models import models_text
 
 TABLES = ("study", "error", "cost", "numerical")
 FILES = {  # of a study of convergence, and their kinds
     **{f"{table}.csv": STUDY for table in TABLES},
     **{f"convergence.{ending}": FIGURE for ending in ("png", "pdf")},
 }
+
+MODEL_FILES = {"models.csv": MODELS, "models.png": FIGURE}
 
 
 def ensemble_command(arguments: argparse.Namespace) -> int:
@@ -56,6 +69,21 @@ def convergence_command(arguments: argparse.Namespace) -> int:
     return DONE
 
 
+def models_command(arguments: argparse.Namespace) -> int:
+    case = overridden(arguments)
+    folder = arguments.output or Path(f"{arguments.case.stem}_models")
+    inputs = list(input_files(case))
+    _check_folder(folder, MODEL_FILES, "models", inputs)
+    found = run_models(case, arguments.ground, progress=not arguments.quiet)
+    with atomic_folder(folder, inputs) as part:
+        write_csv(found.table, part / "models.csv")
+        save(models_figure(found), part / "models.png", dpi=200)
+    if not arguments.quiet:
+        print(models_text(found))
+    print(*(folder / name for name in MODEL_FILES), sep="\n")
+    return DONE
+
+
 def write_convergence(
     found: Convergence, folder: Path, inputs: Iterable[str | Path] = ()
 ) -> list[Path]:
@@ -72,10 +100,16 @@ def write_convergence(
 
 def check_writable(folder: Path, inputs: Iterable[str | Path] = ()) -> None:
     """Refuse what would keep `write_convergence` from its files, before the runs and not after."""
-    need("convergence needs", "report", "matplotlib")
+    _check_folder(folder, FILES, "convergence", inputs)
+
+
+def _check_folder(
+    folder: Path, files: Mapping[str, str], study: str, inputs: Iterable[str | Path]
+) -> None:
+    need(f"{study} needs", "report", "matplotlib")
     check_folder(folder)
     if not folder.parent.is_dir():
         raise RockfallError(f"{folder}: there is no folder {folder.parent}")
     if not os.access(folder if folder.exists() else folder.parent, os.W_OK):
         raise RockfallError(f"{folder}: is not writable")
-    check_outputs({folder / name: kind for name, kind in FILES.items()}, inputs)
+    check_outputs({folder / name: kind for name, kind in files.items()}, inputs)

@@ -25,6 +25,7 @@ SCENE = "a scene file"
 FIGURE, MAP, LAYERS, PAGE = "a figure", "a map", "layers of a result", "a report"
 ENSEMBLE_TABLE, STUDY = "the table of an ensemble", "a study of convergence"
 LINE_TABLE, LEVEL_TABLE = "a table of line statistics", "a table of return levels"
+MODELS = "a table of rebound models"
 COMPARISON, SETS, JOB = "a comparison", "impact sets of the laboratory", "a Slurm job"
 DESIGN, FACTORS = "a table of a design", "a table of partial factors"
 BOULDER_TABLE, CROSSINGS = "a table of boulders", "a table of crossings"
@@ -37,6 +38,7 @@ SIGNS = (  # how a file of ours begins, what else its head holds, and what it is
     (b"line,quantity,n,fraction,", b"", LINE_TABLE),
     (b"line,quantity,n,max,", b"", LEVEL_TABLE),
     (b"table,line,quantity,", b"", COMPARISON),
+    (b"model,line,quantity,", b"", MODELS),
     (b"table,distance,observed,", b"", COMPARISON),
     (b"table,x,y,reach_probability", b"", COMPARISON),
     (b"result,line,", b"", DESIGN),

@@ -1,0 +1,64 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""One case by every rebound model, side by side."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rockfall.analysis.models import QUANTITIES as AT_LINES
+from rockfall.analysis.models import RUN_OUT, Models
+from rockfall.plots.style import BLUE, GREY, INK, WIDE, new_figure, plain, styled
+from rockfall.quantities import QUANTITIES
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+PANELS = {"boulders": ("fraction", "fraction"), **{name: ("mean", name) for name in AT_LINES}}
+
+
+@styled
+def models_figure(found: Models) -> Figure:
+    """A row of panels for each line, and one for the run-out: numbers with 95 % intervals, a row
+    for each model; bars are means or fractions, open marks 95 % quantiles."""
+    lines = [line for line in dict.fromkeys(found.table["line"]) if line]
+    deep = 0.55 + 0.17 * len(found.names)
+    figure = new_figure(1.35 * WIDE, (deep + 0.35) * (len(lines) + 1))
+    blocks = figure.add_gridspec(len(lines) + 1, 1)
+    for k, line in enumerate(lines):
+        row = blocks[k].subgridspec(1, len(PANELS)).subplots(sharey=True, squeeze=False)[0]
+        for axes, (quantity, (statistic, about)) in zip(row, PANELS.items(), strict=True):
+            _draw(axes, found, line, quantity, statistic, about)
+        row[0].set_title(plain(line))
+    axes = figure.add_subplot(blocks[-1].subgridspec(1, 2)[0])
+    _draw(axes, found, "", RUN_OUT, "mean", RUN_OUT)
+    return figure
+
+
+def _draw(axes: Axes, found: Models, line: str, quantity: str, statistic: str, about: str) -> None:
+    """A quantity of all models; a thin line where the first stands."""
+    shown = QUANTITIES[about]
+    here = found.table[(found.table["line"] == line) & (found.table["quantity"] == quantity)]
+    places = np.arange(len(found.names))
+    for of, colour, face in ((statistic, BLUE, BLUE), ("q95", GREY, "white")):
+        rows = here[here["statistic"] == of].set_index("model").reindex(found.names)
+        if rows["value"].notna().any():
+            value, low, high = (shown.factor * rows[name] for name in ("value", "low", "high"))
+            ends = _ends(value, low, high)
+            about_: dict[str, Any] = {"linestyle": "", "marker": "o", "ms": 3.5, "lw": 1}
+            axes.errorbar(value, places, xerr=ends, color=colour, mfc=face, **about_)
+            if of == statistic:
+                axes.axvline(value.iloc[0], color=INK, lw=0.5, linestyle=(0, (2, 2)))
+    axes.set_yticks(places, [plain(name) for name in found.names])
+    axes.set_ylim(len(places) - 0.5, -0.5)
+    axes.set_xlim(left=0)
+    axes.tick_params(axis="y", length=0)
+    axes.set_xlabel(shown.title)
+
+
+def _ends(value: pd.Series, low: pd.Series, high: pd.Series) -> np.ndarray:
+    """How far intervals go to either side; nothing where there is none."""
+    return np.nan_to_num(np.stack([value - low, high - value])).clip(min=0)
