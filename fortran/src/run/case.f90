@@ -182,7 +182,7 @@ module rockfall_case
       key_t("barrier", "field", "text", 1, "absent", "", "", "attribute with the name; absent: name"), &
       key_t("dam", "x", "real", many, "absent", "", "m", "vertices of the crest, two or more", in_scene), &
       key_t("dam", "y", "real", many, "absent", "", "m", "vertices of the crest, two or more", in_scene), &
-      key_t("dam", "height", "real", 1, "absent", "> 0", "m", "of the crest above the terrain below it", in_scene), &
+      key_t("dam", "height", "real", 1, "absent", "0.001 to 1000", "m", "of the crest above the terrain below it", in_scene), &
       key_t("dam", "crest_width", "real", 1, "0.0", ">= 0", "m", "of its flat top", in_scene), &
       key_t("dam", "slope", "real", 1, "45.0", "1 to 89", "degree", "of its faces", in_scene), &
       key_t("dam", "file", "text", 1, "absent", "", "", &

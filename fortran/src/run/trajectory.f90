@@ -44,6 +44,10 @@ module rockfall_trajectory
    !> What a flight may end at before it meets the ground.
    integer, parameter :: none = 0, barrier = 1, tree = 2
 
+   !> What stands this near to a barrier is behind it, over the width of the terrain [-]: far more than places are
+   !> rounded, and a micrometre on a slope of a kilometre.
+   real(wp), parameter :: beside = 1.0e-9_wp
+
    !> Everything that a boulder needs to know; the same for all boulders of a run.
    type :: scene_t
       type(random_key_t) :: key            !! from the seed
@@ -481,6 +485,7 @@ contains
       if (energy > taken) remains = sqrt((energy - taken)/energy)
       omega_r = remains*omega_r
       flight = flight_from(scene%dem, landing, remains*[turned, v(3)], heading)
+      if (obstacle%kind == barrier .and. remains > 0) call step_back(scene%dem, flight)
       if (taken > 0 .and. square(flight%v) < scene%stop_speed**2) then
          result%status = merge(stopped_by_tree, stopped_by_barrier, obstacle%kind == tree)
       else if (result%trees_hit >= scene%max_impacts) then
@@ -488,6 +493,18 @@ contains
       end if
       call record(scratch, contact_t(landing%x, landing%y, landing%z, result%time, flight%v))
    end subroutine meet_obstacle
+
+   !> Start a flight that goes on behind a barrier a little before it: its place is rounded, and what lies there too,
+   !> such as a line along the barrier, must still be ahead.
+   pure subroutine step_back(dem, flight)
+      type(terrain_t), intent(in) :: dem
+      type(flight_t), intent(inout) :: flight
+      real(wp) :: way(2)
+
+      way = unit_vector(flight%v(1:2))*(beside*dem%cell*max(dem%nx, dem%ny))
+      flight%x = flight%x - way(1)
+      flight%y = flight%y - way(2)
+   end subroutine step_back
 
    !> What a hit of a tree does, and what is to be known of it later.
    pure subroutine hit_tree(scene, number, hit, landing, energy, result, scratch, impact)
