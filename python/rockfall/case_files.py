@@ -3,12 +3,13 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rockfall.case import FROM_ARRAY, Case, case_of
+from rockfall.case import FROM_ARRAY, REPEATABLE, Case, case_of
 from rockfall.errors import RockfallError
 from rockfall.impact_sets import find_set, set_path
 from rockfall.io.raster_file import raster_files
@@ -68,6 +69,10 @@ def files_behind(result: xr.Dataset) -> Iterator[Path]:
         except RockfallError:
             return
         yield from input_files(case)
+        for key in json.loads(result.attrs.get("input_checksums", "{}")):
+            group, _, name = key.partition(" ")
+            if group in REPEATABLE:  # the case has the coordinates of a layer in its place
+                yield from _layer_files(case.path(name))
 
 
 def _layer_files(path: Path) -> Iterator[Path]:

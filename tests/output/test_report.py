@@ -14,6 +14,7 @@ import pandas as pd
 import pytest
 
 import rockfall
+from rockfall.case import case_of
 from rockfall.analysis.line_statistics import fraction_interval
 from rockfall.analysis.run_until import verdicts_of
 from rockfall.cli import main
@@ -146,7 +147,7 @@ def test_each_caution_has_its_number_and_its_weight(result):
     order = [
         "not the epistemic uncertainty",
         "The impact set 'sets.nml' is the user's own",
-        "no trees, nets or dams",
+        "no trees, nets, walls or dams",
         "cliff: 0 boulders passed, fewer than 100",
         "7 of 10 reached cells (70.0 %) saw fewer than 30 boulders",
         "Maxima grow",
@@ -561,3 +562,14 @@ def test_everything_has_a_name_for_those_who_cannot_see(browser, page):
     assert levels[0] == 1 and levels.count(1) == 1 and max(np.diff(levels)) == 1
     unscoped = "return document.querySelectorAll('th:not([scope])').length"
     assert browser.execute_script(unscoped) == 0
+
+
+def test_what_is_left_out_depends_on_the_case(result):
+    """A case with trees, a net and no dam is not said to have none."""
+    stand = {"stems": "stems.tif", "uniform_dbh_mean": 30.0, "uniform_dbh_std": 9.0,
+             "uniform_conifers": 60.0}  # fmt: skip
+    net = {"name": "net", "x": [0.0, 9.0], "y": [5.0, 5.0], "height": 3.0, "class": 2}
+    case = case_of(result).replace(forest=stand, barrier=[net])
+    text = " ".join(warned(result.assign_attrs(case=case.text())))
+    assert "The case has no dams." in text and "no trees" not in text
+    assert "Stems are vertical" in text and "A barrier takes as much" in text

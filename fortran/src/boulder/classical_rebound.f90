@@ -116,21 +116,26 @@ contains
    !> distribution is uniform): on a plane no rebound would else turn speed along the ground into speed away from it,
    !> and hops would shrink to nothing within a finite way, whatever the slope. One that would gain energy, or not rise,
    !> is limited as that of rockfall_impact.
-   pure subroutine classical_rebound(this, table, words, boulder, obstacle, v_in, out)
+   !>
+   !> W is that of a sphere with the energy of the boulder's rotation, as everywhere between rebounds; here the boulder
+   !> turns by its own inertia.
+   pure subroutine classical_rebound(this, table, words, boulder, inertia, obstacle, v_in, out)
       type(classical_t), intent(in) :: this
       type(normal_table_t), intent(in) :: table
       integer(i8), intent(in) :: words(matrix_words)
       type(boulder_t), intent(in) :: boulder
+      real(wp), intent(in) :: inertia   !! I/(m R**2) [-]
       real(wp), intent(in) :: obstacle  !! height of the obstacles there [m]
       real(wp), intent(in) :: v_in(3)   !! V_t, V_n, W [m/s]
       type(rebound_t), intent(out) :: out
-      real(wp) :: s, c, side, met(3)
+      real(wp) :: s, c, side, spin, met(3)
 
       call sine_cosine(this%roughness*uniform(words(roughness_word)), s, c)
       met = tilted(v_in, s, c)
       side = sign(1.0_wp, met(1))  ! it may come down against its own way upon tilted ground
-      met = restored(this, table, words, boulder, obstacle, met*[side, 1.0_wp, side])
-      out%v = tilted(met*[side, 1.0_wp, side], -s, c)
+      spin = sqrt(inertia_factor/inertia)  ! R omega over W
+      met = restored(this, table, words, boulder, inertia, obstacle, met*[side, 1.0_wp, side*spin])
+      out%v = tilted(met*[side, 1.0_wp, side/spin], -s, c)
       out%forced = .not. is_admissible(v_in, out%v)
       if (out%forced) call limit_rebound(out%v, v_in)
    end subroutine classical_rebound
@@ -146,11 +151,12 @@ contains
    end function tilted
 
    !> V_t, V_n, W after an impact, by the model, with its numbers drawn.
-   pure function restored(this, table, words, boulder, obstacle, v_in) result(v)
+   pure function restored(this, table, words, boulder, inertia, obstacle, v_in) result(v)
       type(classical_t), intent(in) :: this
       type(normal_table_t), intent(in) :: table
       integer(i8), intent(in) :: words(matrix_words)
       type(boulder_t), intent(in) :: boulder
+      real(wp), intent(in) :: inertia   !! I/(m R**2) [-]
       real(wp), intent(in) :: obstacle  !! [m]
       real(wp), intent(in) :: v_in(3)   !! V_t, V_n, W [m/s]
       real(wp) :: v(3)
@@ -161,11 +167,11 @@ contains
       select case (this%model)
       case (rockyfor3d)
          height = obstacle*(1 + this%obstacle_spread*(2*uniform(words(obstacle_spread_word)) - 1))
-         v = obstacle_rebound(boulder, height, this%soil_density, normal_drawn, v_in)
+         v = obstacle_rebound(boulder, inertia, height, this%soil_density, normal_drawn, v_in)
       case (pfeiffer_bowen)
-         v = friction_rebound(normal_drawn, tangential_drawn, v_in)
+         v = friction_rebound(normal_drawn, tangential_drawn, inertia, v_in)
       case (bourrier_hungr)
-         v = sliding_rebound(normal_drawn, tangential_drawn, this%friction, v_in)
+         v = sliding_rebound(normal_drawn, tangential_drawn, this%friction, inertia, v_in)
       case default
          v = [tangential_drawn, -normal_drawn, tangential_drawn]*v_in
       end select
@@ -173,8 +179,9 @@ contains
 
    !> As Rockyfor3D (Dorren 2016): obstacles MOH and the penetration D_p slow the boulder, of radius R, along the
    !> ground, R_t = 1/(1 + (MOH + D_p)/R).
-   pure function obstacle_rebound(boulder, height, soil_density, r_n, v_in) result(v)
+   pure function obstacle_rebound(boulder, inertia, height, soil_density, r_n, v_in) result(v)
       type(boulder_t), intent(in) :: boulder
+      real(wp), intent(in) :: inertia       !! I/(m R**2) [-]
       real(wp), intent(in) :: height        !! MOH [m]
       real(wp), intent(in) :: soil_density  !! [kg/m3]
       real(wp), intent(in) :: r_n           !! [-]
@@ -183,7 +190,7 @@ contains
       real(wp) :: depth
 
       depth = penetration(boulder, soil_density, r_n, v_in(1)*v_in(1) + v_in(2)*v_in(2))
-      v = rolled(1/(1 + (height + depth)/boulder%radius), v_in)
+      v = rolled(1/(1 + (height + depth)/boulder%radius), inertia, v_in)
       v(2) = slowed_normal(r_n, v_in(2))
    end function obstacle_rebound
 
@@ -210,26 +217,28 @@ contains
 
    !> Pfeiffer and Bowen (1989): the energy along the ground is scaled by how fast the boulder slides and by how hard
    !> it hits, F_f = R_t + (1 - R_t)/(((V_t - W)/20 ft/s)**2 + 1.2), S_F = R_t/((V_n/(250 ft/s R_n))**2 + 1).
-   pure function friction_rebound(r_n, r_t, v_in) result(v)
+   pure function friction_rebound(r_n, r_t, inertia, v_in) result(v)
       real(wp), intent(in) :: r_n, r_t  !! [-]
+      real(wp), intent(in) :: inertia   !! I/(m R**2) [-]
       real(wp), intent(in) :: v_in(3)   !! V_t, V_n, W [m/s]
       real(wp) :: v(3)
       real(wp) :: slip, hit
 
       slip = (v_in(1) - v_in(3))/friction_speed
       hit = v_in(2)/(scaling_speed*r_n)
-      v = rolled((r_t + (1 - r_t)/(slip*slip + friction_offset))*(r_t/(hit*hit + 1)), v_in)
+      v = rolled((r_t + (1 - r_t)/(slip*slip + friction_offset))*(r_t/(hit*hit + 1)), inertia, v_in)
       v(2) = slowed_normal(r_n, v_in(2))
    end function friction_rebound
 
    !> The boulder leaves the ground rolling, with a share of its energy along it: V_t' = sqrt(R**2 (I omega**2 + m
    !> V_t**2) share/(I + m R**2)), W' = V_t' (Pfeiffer and Bowen 1989).
-   pure function rolled(share, v_in) result(v)
+   pure function rolled(share, inertia, v_in) result(v)
       real(wp), intent(in) :: share    !! [-]
+      real(wp), intent(in) :: inertia  !! I/(m R**2) [-]
       real(wp), intent(in) :: v_in(3)  !! V_t, V_n, W [m/s]
       real(wp) :: v(3)
 
-      v = sqrt((v_in(1)*v_in(1) + inertia_factor*v_in(3)*v_in(3))*share/(1 + inertia_factor))
+      v = sqrt((v_in(1)*v_in(1) + inertia*v_in(3)*v_in(3))*share/(1 + inertia))
    end function rolled
 
    !> V_n' = -V_n R_n/(1 + (V_n/30 ft/s)**2) (Pfeiffer and Bowen 1989): hard hits crush ground and boulder.
@@ -241,21 +250,22 @@ contains
    end function slowed_normal
 
    !> Bourrier and Hungr (2011): R_n = v_half/(|V_n| + v_half); the point of contact sticks, and the boulder rolls,
-   !> where friction suffices, |R_t (V_t - W)| 2/7 < tan(phi) (1 + R_n) |V_n|; else it slides, and friction slows V_t
-   !> and turns the sphere. Both meet where they part, as impulse and angular momentum ask.
-   pure function sliding_rebound(v_half, r_t, friction, v_in) result(v)
+   !> where friction suffices, |R_t (V_t - W)| 2/7 (of a sphere) < tan(phi) (1 + R_n) |V_n|; else it slides, and
+   !> friction slows V_t and turns the boulder. Both meet where they part, as impulse and angular momentum ask.
+   pure function sliding_rebound(v_half, r_t, friction, inertia, v_in) result(v)
       real(wp), intent(in) :: v_half    !! [m/s]
       real(wp), intent(in) :: r_t       !! [-]
       real(wp), intent(in) :: friction  !! tan(phi) [-]
+      real(wp), intent(in) :: inertia   !! I/(m R**2) [-]
       real(wp), intent(in) :: v_in(3)   !! V_t, V_n, W [m/s]
       real(wp) :: v(3)
       real(wp) :: r_n, push, slip, stick
 
       r_n = v_half/(v_half - v_in(2))
       slip = r_t*(v_in(1) - v_in(3))
-      stick = slip*inertia_factor/(1 + inertia_factor)  ! the push that stops the sliding: 2/7 of it
+      stick = slip*inertia/(1 + inertia)  ! the push that stops the sliding: of a sphere 2/7 of it
       push = friction*(1 + r_n)*(-v_in(2))
       push = sign(min(push, abs(stick)), slip)
-      v = [r_t*v_in(1) - push, -r_n*v_in(2), r_t*v_in(3) + push/inertia_factor]
+      v = [r_t*v_in(1) - push, -r_n*v_in(2), r_t*v_in(3) + push/inertia]
    end function sliding_rebound
 end module rockfall_classical_rebound

@@ -28,13 +28,15 @@ contains
    end function is_stochastic
 
    !> One rebound.
-   pure subroutine ground_rebound(ground, table, key, number, impact, words, boulder, obstacle, class, v_in, out)
+   pure subroutine ground_rebound(ground, table, key, number, impact, words, boulder, inertia, obstacle, class, &
+                                  v_in, out)
       type(ground_t), intent(in) :: ground
       type(normal_table_t), intent(in) :: table
       type(random_key_t), intent(in) :: key
       integer(i8), intent(in) :: number, impact       !! of the boulder, of its contact
       integer(i8), intent(in) :: words(matrix_words)  !! of the first draw
       type(boulder_t), intent(in) :: boulder
+      real(wp), intent(in) :: inertia                 !! of the boulder, I/(m R**2) [-]
       real(wp), intent(in) :: obstacle                !! height of the obstacles there [m]
       integer, intent(in) :: class                    !! of the impact sets
       real(wp), intent(in) :: v_in(3)                 !! V_t, V_n, W [m/s]
@@ -43,7 +45,7 @@ contains
       if (is_stochastic(ground)) then
          call rebound(ground%sets(class), table, key, number, impact, words, v_in, out)
       else
-         call classical_rebound(ground%classical, table, words, boulder, obstacle, v_in, out)
+         call classical_rebound(ground%classical, table, words, boulder, inertia, obstacle, v_in, out)
       end if
    end subroutine ground_rebound
 end module rockfall_ground

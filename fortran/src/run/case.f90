@@ -846,7 +846,7 @@ contains
       groups = typed(list, "dam")
       do n = 1, size(groups)
          call check_polyline(groups(n), error)
-         if (.not. allocated(error)) call need(groups(n), "height", "without a layer that has it", error)
+         if (.not. allocated(error)) call need(groups(n), "height", "here, or as attribute of a layer", error)
          if (allocated(error)) return
       end do
    end subroutine read_lines
@@ -942,7 +942,7 @@ contains
       type(case_line_t), intent(inout) :: barrier
       type(error_t), allocatable, intent(out) :: error
 
-      call need(group, "height", "without a layer that has it", error)
+      call need(group, "height", "here, or as attribute of a layer", error)
       if (allocated(error)) return
       barrier%height = real_of(group, "height")
       if (has_key(group, "class")) then

@@ -9,10 +9,10 @@ module rockfall_trajectory
    use rockfall_sobol, only: sobol_t, sobol_word, scrambled, volume_dimension
    use rockfall_terrain, only: terrain_t, patch_t, in_window, locate, height, gradient, cell_of, cell_descent
    use rockfall_surface, only: surface_t, rock_radius, ground_at
-   use rockfall_boulder, only: boulder_t, source_boulder_t, volume_distribution_t, release_t, draw_boulder, boulder_of, &
-                               source_of, first_of, inertia_factor, kinetic_energy
+   use rockfall_boulder, only: boulder_t, source_boulder_t, volume_distribution_t, release_t, draw_boulder, &
+                               boulder_of, source_of, first_of, inertia_factor, kinetic_energy
    use rockfall_flight, only: flight_t, landing_t, span_t, fly, end_flight, flight_from, launch_rate, arc_length, never
-   use rockfall_impact, only: impact_set_t, fitted_t, impact_ratios, ratio_class, ratio_between, beyond_fit, rebound_t, &
+   use rockfall_impact, only: impact_set_t, impact_ratios, ratio_class, ratio_between, beyond_fit, rebound_t, &
                               rebound, twice_energy
    use rockfall_classical_rebound, only: absorbs
    use rockfall_ground, only: ground_t, ground_rebound, is_stochastic
@@ -592,7 +592,7 @@ contains
       type(scratch_t), intent(inout) :: scratch
       integer(i8) :: word(words_per_draw)
       integer :: at(2), class, ground  !! 0: the scene has the case's impact sets alone
-      logical :: outside
+      logical :: outside, fast, steep
       real(wp) :: radius, obstacle, ratio, v_in(3), heading(2), g(2), steepness
       type(rebound_t) :: out
       type(turning_t) :: turning
@@ -623,7 +623,8 @@ contains
       call decompose(v, g, steepness, flight%heading, omega_r, v_in, heading)
       if (level >= with_all .and. ground > 0) then
          call ground_rebound(scene%grounds(ground), scene%table, scene%key, number, int(result%impacts, i8), &
-                             word(1:matrix_words), result%boulder, obstacle, class, v_in, out)
+                             word(1:matrix_words), result%boulder, inertia_of(scene, number), obstacle, class, &
+                             v_in, out)
          scratch%by_ground(ground) = scratch%by_ground(ground) + 1
       else
          call rebound(scene%sets(class), scene%table, scene%key, number, int(result%impacts, i8), word(1:matrix_words), &
@@ -632,13 +633,19 @@ contains
       result%rebounds = result%rebounds + 1
       if (out%draws > 1) result%redrawn = result%redrawn + 1
       if (out%forced) result%forced = result%forced + 1
+      fast = .false.
+      steep = .false.
       if (level < with_all .or. ground == 0) then
-         call count_beyond_fit(scene%sets(class)%fitted, outside, v_in, result)
+         call beyond_fit(scene%sets(class)%fitted, v_in(1:2), fast, steep)
       else if (is_stochastic(scene%grounds(ground))) then
-         call count_beyond_fit(scene%grounds(ground)%sets(class)%fitted, outside, v_in, result)
+         call beyond_fit(scene%grounds(ground)%sets(class)%fitted, v_in(1:2), fast, steep)
       else
+         outside = .false.
          ratio = -1
       end if
+      if (outside) result%out_of_range = result%out_of_range + 1
+      if (fast) result%out_of_speed = result%out_of_speed + 1
+      if (steep) result%out_of_angle = result%out_of_angle + 1
       if (level >= with_lines .and. scene%histograms_requested) call count_rebound(scratch%histograms, v_in, out%v)
       turning = turning_t(scene%turning, uniform(word(turn_class_word)), uniform(word(turn_within_word)), &
                           merge(1.0_wp, -1.0_wp, btest(word(turn_within_word), 0)))
@@ -661,19 +668,14 @@ contains
       end if
    end subroutine handle_impact
 
-   !> Count a stochastic rebound that lies beyond what its set was fitted on; `outside`: its ratio R_b/R_m does.
-   pure subroutine count_beyond_fit(fitted, outside, v_in, result)
-      type(fitted_t), intent(in) :: fitted
-      logical, intent(in) :: outside
-      real(wp), intent(in) :: v_in(3)  !! V_t, V_n, W [m/s]
-      type(boulder_result_t), intent(inout) :: result
-      logical :: fast, steep
+   !> The moment of inertia of a boulder, I/(m R_b**2) [-].
+   pure real(wp) function inertia_of(scene, number)
+      type(scene_t), intent(in) :: scene
+      integer(i8), intent(in) :: number
 
-      if (outside) result%out_of_range = result%out_of_range + 1
-      call beyond_fit(fitted, v_in(1:2), fast, steep)
-      if (fast) result%out_of_speed = result%out_of_speed + 1
-      if (steep) result%out_of_angle = result%out_of_angle + 1
-   end subroutine count_beyond_fit
+      inertia_of = inertia_factor
+      if (allocated(scene%of_source)) inertia_of = scene%of_source(source_of(scene%release, number))%inertia
+   end function inertia_of
 
    !> A number in (0, 1) [-] that chooses between two sets, at a contact of a boulder.
    pure real(wp) function ratio_uniform(key, number, impact)

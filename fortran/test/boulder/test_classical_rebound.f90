@@ -4,7 +4,7 @@ program test_classical_rebound
    use rockfall_kinds, only: wp, i8
    use rockfall_math, only: degree
    use rockfall_random, only: normal_table_t, normal_table, matrix_words
-   use rockfall_boulder, only: boulder_t
+   use rockfall_boulder, only: boulder_t, inertia_factor
    use rockfall_impact, only: rebound_t, twice_energy
    use rockfall_classical_rebound, only: scatter_t, scatter, drawn, classical_t, classical_rebound, penetration, tangent, &
       absorbs, rockyfor3d, pfeiffer_bowen, bourrier_hungr, constant, absorbing
@@ -29,6 +29,7 @@ program test_classical_rebound
    call test_scatter()
    call test_tangent()
    call test_roughness()
+   call test_inertia()
    call finish()
 
 contains
@@ -51,7 +52,7 @@ contains
       real(wp) :: v(3)
       type(rebound_t) :: out
 
-      call classical_rebound(this, table, middle, boulder, 0.2_wp, v_in, out)
+      call classical_rebound(this, table, middle, boulder, inertia_factor, 0.2_wp, v_in, out)
       call check("forced, or not", out%forced .eqv. forced)
       call check("a single draw", out%draws == 1)
       v = out%v
@@ -113,6 +114,25 @@ contains
       call check_close("hard ground gives V_n back", v(2), 5.0_wp, 1.0e-8_wp)
    end subroutine test_ends_of_restitution
 
+   !> A boulder that is no sphere keeps the energy of its rotation where W stands for it, rolls on with R omega = V_t,
+   !> and takes more of the energy into its rotation.
+   subroutine test_inertia()
+      real(wp), parameter :: inertia = 0.6_wp, v_in(3) = [10.0_wp, -5.0_wp, 8.0_wp]
+      real(wp) :: share, sphere(3)
+      type(rebound_t) :: out
+
+      call classical_rebound(ground(constant, 0.5_wp, 1.0_wp), table, middle, boulder, inertia, 0.2_wp, v_in, out)
+      call check_close("nothing is lost along the ground", out%v(1), v_in(1), near)
+      call check_close("nor of the rotation", out%v(3), v_in(3), near)
+      sphere = after(ground(rockyfor3d, 0.38_wp, 0.0_wp), v_in, .false.)
+      call classical_rebound(ground(rockyfor3d, 0.38_wp, 0.0_wp), table, middle, boulder, inertia, 0.2_wp, v_in, out)
+      call check_close("rolls", out%v(3)*sqrt(inertia_factor/inertia), out%v(1), near)
+      share = (sphere(1)**2 + inertia_factor*sphere(3)**2)/(v_in(1)**2 + inertia_factor*v_in(3)**2)
+      call check_close("the same share of the energy is left", out%v(1)**2 + inertia_factor*out%v(3)**2, &
+                       share*(v_in(1)**2 + inertia_factor*v_in(3)**2), near)
+      call check_close("of which more is rotation", out%v(1)**2/sphere(1)**2, (1 + inertia_factor)/(1 + inertia), near)
+   end subroutine test_inertia
+
    !> Very fast and very slow, straight down and along the ground.
    subroutine test_limits()
       integer, parameter :: models(4) = [rockyfor3d, pfeiffer_bowen, bourrier_hungr, constant]
@@ -124,10 +144,12 @@ contains
       do k = 1, size(models)
          do l = 1, size(speeds)
             v_in = [0.0_wp, -speeds(l), 0.0_wp]
-            call classical_rebound(ground(models(k), 0.4_wp, 0.8_wp), table, middle, boulder, 0.2_wp, v_in, out)
+            call classical_rebound(ground(models(k), 0.4_wp, 0.8_wp), table, middle, boulder, inertia_factor, &
+                                   0.2_wp, v_in, out)
             call check("straight down it goes straight up", out%v(2) > 0 .and. all(abs(out%v([1, 3])) <= 0))
             v_in = speeds(l)*[1.0_wp, 0.0_wp, 0.0_wp]
-            call classical_rebound(ground(models(k), 0.4_wp, 0.8_wp), table, middle, boulder, 0.2_wp, v_in, out)
+            call classical_rebound(ground(models(k), 0.4_wp, 0.8_wp), table, middle, boulder, inertia_factor, &
+                                   0.2_wp, v_in, out)
             call check("along the ground it is lifted", out%forced .and. out%v(2) > 0)
             call check("without more energy", twice_energy(out%v) <= twice_energy(v_in)*(1 + near))
          end do
@@ -162,7 +184,7 @@ contains
             this%obstacle_spread = u(16)
             this%roughness = 0.78_wp*u(20)*merge(1, 0, mod(n, 2) == 0)
             v_in = [10**(6*u(17) - 3), -10**(6*u(18) - 3), 40*u(19) - 20]
-            call classical_rebound(this, table, words, boulder, u(20), v_in, out)
+            call classical_rebound(this, table, words, boulder, inertia_factor, u(20), v_in, out)
             kept = kept .and. twice_energy(out%v) <= twice_energy(v_in)*(1 + near)
             rises = rises .and. out%v(2) > 0
          end do

@@ -30,6 +30,7 @@ from rockfall.plots.map_figures import (
     shown_as,
 )
 from rockfall.plots.style import capital
+from rockfall.protection.barriers import barriers_of
 from rockfall.result.trajectories import lines, vertices_of
 
 if TYPE_CHECKING:
@@ -112,6 +113,7 @@ def map_section(result: xr.Dataset, terrain: Terrain | None) -> dict[str, object
             (name, _path([window.place(*line)]), _label(window.place(*line), window))
             for name, *line in lines(result)
         ],
+        "has_barriers": bool(barriers_of(result)),
         "sources": _dots(window.place(*start[:: -(-len(start) // MAX_POINTS)].T)),
         "source_class": "source" if len(start) < FEW_SOURCES else "source many",
         "trajectories": _path(window.place(*one) for one in recorded),

@@ -27,6 +27,8 @@ ENDED = {  # of the statuses whose name does not say it
     "left_domain": "left the terrain model",
     "hit_nodata": "met terrain without elevation",
     "impact_limit": "reached the limit of contacts and were ended there",
+    "stopped_by_tree": "were stopped by trees",
+    "stopped_by_barrier": "were stopped by barriers",
 }
 
 

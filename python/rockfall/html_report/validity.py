@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
+    from rockfall.case import Case
     from rockfall.html_report.intervals import Rows
 
 FEW = 100  # boulders at a line, below which its upper quantiles are hardly known
@@ -33,9 +34,23 @@ SENSITIVE = (
     "fraction that passes EL1 from 81 % to 44 % or 94 %. Vary terrain, ground and volume before "
     "you trust a difference of a few per cent."
 )
-UNKNOWN = (
-    "The model has no trees, nets or dams. A boulder is a sphere that does not break or slide, "
-    "meets no other boulder, and leaves the ground as it was."
+ABSENT = {  # by the group of the case that would bring it
+    "forest": ["trees"],
+    "barrier": ["nets", "walls"],
+    "dam": ["dams"],
+}
+BOULDER = (
+    "A boulder is a sphere that does not break or slide, meets no other boulder, and leaves the "
+    "ground as it was."
+)
+FOREST = (
+    "Stems are vertical and as thick as at breast height. How high on the stem a hit is, crowns, "
+    "lying stems, undergrowth and roots are not modelled, and later boulders find every tree as it "
+    "was. By default a turn at a stem is neutral, not measured."
+)
+BARRIER = (
+    "A barrier takes as much at its edge as in its middle, has no posts and no gap below, and is "
+    "whole for each boulder."
 )
 
 
@@ -81,7 +96,7 @@ def _of_model(result: xr.Dataset) -> Iterator[tuple[float, str]]:
     name = str(result.attrs["impact_set"])
     origin = ORIGIN.get(name, "is the user's own: what it was calibrated on is not known here")
     yield 1.5, f"The impact set '{name}' {origin}. It is for R_b/R_m of 1 to 5."
-    yield 1.2, UNKNOWN
+    yield 1.2, _left_out(result)
     for found in extrapolations(result):
         if not found.is_warning:
             yield found.fraction, f"{found.text}."
@@ -92,6 +107,29 @@ def _of_model(result: xr.Dataset) -> Iterator[tuple[float, str]]:
     ):  # fmt: skip
         if part:
             yield part / rebounds, f"{part_of(part, rebounds, 'rebound')} {text}"
+
+
+def _left_out(result: xr.Dataset) -> str:
+    """What the model of this case does not have; what is not modelled of what it has."""
+    case = case_of(result)
+    absent = [name for group, names in ABSENT.items() if not _has(case, group) for name in names]
+    sentences = [f"The case has no {_either(absent)}."] if absent else []
+    sentences += [FOREST] if _has(case, "forest") else []
+    sentences += [BARRIER] if _has(case, "barrier") else []
+    return " ".join([*sentences, BOULDER])
+
+
+def _has(case: Case, group: str) -> bool:
+    """Whether a case has trees (of &forest some keys have defaults), or a repeated group."""
+    given = getattr(case, group)
+    if group != "forest":
+        return bool(given)
+    return any(given.get(key) is not None for key in ("trees", "stems", "uniform_stems"))
+
+
+def _either(names: list[str]) -> str:
+    """Names with commas, and `or` before the last."""
+    return " or ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
 
 
 def _of_lines(rows: Rows, levels: pd.DataFrame) -> Iterator[tuple[float, str]]:

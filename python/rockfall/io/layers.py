@@ -196,7 +196,7 @@ def _layer(path: str, layers: np.ndarray, what: str, asked: str | None, key: str
     if asked is not None and asked not in names:
         raise RockfallError(f"{path}: no layer {asked}; has: {', '.join(names)}")
     if asked is None and len(names) > 1:
-        advice = f"name one by {key}" if key else "keep one layer in the file"
+        advice = f"name one with {key}" if key else "keep one layer in the file"
         raise RockfallError(f"{path}: has {len(names)} layers ({', '.join(names)}); {advice}")
     return asked or names[0]
 

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from itertools import cycle
 from textwrap import fill
 from typing import TYPE_CHECKING, Any, cast
 
@@ -14,6 +13,7 @@ from rockfall.io.grid import Grid
 from rockfall.plots.extent import PASSED, of_none, reached
 from rockfall.plots.style import (
     BLUE,
+    GREEN,
     INK,
     LINE,
     NARROW,
@@ -42,7 +42,16 @@ MAX_TRAJECTORIES = 200  # drawn
 FEW_SOURCES = 20  # fewer are drawn large
 LIMIT = 0.01  # pass frequency of the outline (paper, Fig. 10)
 TALLEST = 7.2  # of a map [inch]
-MARKERS = (".", VERMILION), ("x", BLUE), ("^", INK), ("s", INK), ("+", INK)  # of each status
+MARKERS = {  # of each status
+    "stopped": (".", VERMILION),
+    "absorbed": ("x", BLUE),
+    "left_domain": ("^", INK),
+    "impact_limit": ("s", INK),
+    "hit_nodata": ("+", INK),
+    "stopped_by_tree": ("v", GREEN),
+    "stopped_by_barrier": ("D", BLUE),
+}
+COUNTED = {"tree_impacts": "hits"}  # maps that count something else than boulders
 PALEST = 0.15  # of the colours: darker than the relief, in grey print too
 
 
@@ -114,7 +123,7 @@ def shown_as(variable: xr.DataArray) -> tuple[str, float]:
     """The unit in which a map is shown, and the factor from that of the result."""
     units = variable.attrs["units"]
     if variable.dtype.kind in "iu" and units == "1":
-        return "boulders", 1.0
+        return COUNTED.get(str(variable.name), "boulders"), 1.0
     return SHOWN.get(units, (units, 1.0))
 
 
@@ -182,8 +191,9 @@ def _draw_trajectories(axes: Axes, result: xr.Dataset) -> None:
 def _draw_stops(axes: Axes, result: xr.Dataset) -> None:
     """Where boulders ended, each status with a marker of its own."""
     size = float(np.clip(90 / np.sqrt(result.sizes["boulder"]), 2, 6))
-    for (name, here), (marker, colour) in zip(ends(result).items(), cycle(MARKERS)):
+    for name, here in ends(result).items():
         if here.any():
+            marker, colour = MARKERS[name]
             x, y = result["stop_x"].values[here], result["stop_y"].values[here]
             about: dict[str, Any] = {"markersize": size * (1 if marker == "." else 1.2)}
             about |= {"markeredgewidth": 0.6 if marker in "x+" else 0}

@@ -30,7 +30,7 @@ BOULDERS = 100  # from each source
 DROP_HEIGHT = 1.0  # [m]
 MAPS = (
     "passages", "deposits", "reach_probability_by_source", "energy_mean", "energy_q95",
-    "jump_height_mean", "jump_height_q95", "speed_max_map", "energy_line_angle_max",
+    "jump_height_mean", "jump_height_q95", "speed_max_map", "energy_line_angle_min",
     "travel_time_min",
 )  # fmt: skip
 LEFT = (  # what no folder holds, or what has no counterpart here
@@ -100,7 +100,7 @@ def _surface(made: Import) -> Group:
     entries = [Entry("method", "A", "an obstacle is met at 70, 20 or 10 % of the rebounds")]
     entries += [Entry(name, made.path(name)) for name in ("rg70", "rg20", "rg10")]
     if "soiltype" in made.folder:
-        about = "soil types 0 to 7 are grounds 0 to 7: docs/grounds.md"
+        about = "soil types 0 to 7 are the shipped grounds 0 to 7"
         entries.append(Entry("ground_map", made.path("soiltype"), about))
     else:
         made.notes.append(

@@ -9,7 +9,10 @@ from rockfall.case import Case
 from rockfall.errors import RockfallError
 from rockfall.scene.scene import Scene
 
-VOLUMES = ("volume", "volume_mean", "volume_std", "volume_min", "volume_max", "volumes")
+VOLUMES = (
+    "volume", "volume_mean", "volume_std", "volume_min", "volume_max", "volumes",
+    "d1", "d2", "d3", "shape", "rock_density", "volume_spread",
+)  # fmt: skip
 OUTPUT: dict[str, Any] = {  # what a hazard looks at
     "maps": [
         "passages", "energy_exceeded",
@@ -53,6 +56,7 @@ def _case(case: Case, scenario: dict[str, Any]) -> Case:
     """The case with boulders of a scenario. One that names a distribution of volumes has all its
     keys; another changes single keys of &boulder."""
     boulder: dict[str, Any] = dict.fromkeys(VOLUMES) if "volume" in scenario else {}
+    boulder |= {"rock_density": None} if "density" in scenario else {}
     boulder |= {key: scenario[key] for key in (*VOLUMES, "density") if key in scenario}
     try:
         return case.replace(boulder=boulder, scenario=[])

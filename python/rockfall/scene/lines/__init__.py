@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from rockfall.scene.scene import Scene
 
 OF_LAYER = {"name", "x", "y", "file", "layer", "field"}  # keys that are no attributes
+SHORT = 10  # letters of an attribute in a shapefile, at most
 STRENGTH = {"capacity", "class"}  # of which a barrier has one
 
 
@@ -82,7 +83,9 @@ def _features(scene: Scene, group: str, given: Mapping[str, Any]) -> Iterator[_D
     asked = known.keys() - OF_LAYER - own.keys()
     if STRENGTH & own.keys():
         asked -= STRENGTH
-    attributes = {name: column for name, column in _lower(columns).items() if name in asked}
+    lower = _lower(columns)
+    found = {key: lower.get(key, lower.get(key[:SHORT])) for key in sorted(asked)}
+    attributes = {key: column for key, column in found.items() if column is not None}
     names = _names(path, given, columns, [len(of) for of in parts]) if "name" in known else None
     for k, feature in enumerate(parts):
         values = {name: _plain(column[k], known[name]) for name, column in attributes.items()}

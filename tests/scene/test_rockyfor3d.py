@@ -1,0 +1,352 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Folders of Rockyfor3D run as they are: each of their files does what it is there for."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import rockfall
+from made import refused, write_ascii
+from programs import everything, find_program, run_program, same_results
+from rockfall.cli import main
+from rockfall.errors import RockfallError
+from rockfall.rockyfor3d import nets
+from rockfall.scene.prepare import prepare
+from rockfall.scene.read import read_scene
+from rockfall.text.preview import preview
+from scenes import grid, status
+
+NY, NX, CELL = 50, 40, 5.0
+#: Row and column of the sources, and what their boulders are: shape, density, sides, volume.
+SOURCES = {
+    (5, 12): (1, 2600.0, (0.5, 0.8, 1.5), 0.5 * 0.8 * 1.5),
+    (5, 27): (2, 2900.0, (1.0, 1.2, 1.4), np.pi / 6 * 1.0 * 1.2 * 1.4),
+}
+BOULDERS = 60  # from each
+
+
+def layers():
+    """The rasters of a folder: a slope of 40 degrees above a flat, soil 4 above soil 3."""
+    y = (np.arange(NY)[::-1] + 0.5) * CELL
+    z = np.repeat(np.interp(y, [0, 60, 250], [95, 100, 260])[:, None], NX, 1)
+    found = {"dem": z, **{name: np.zeros(z.shape) for name in ("rockdensity", "blshape")}}
+    found |= {
+        name: np.full(z.shape, size)
+        for name, size in zip(
+            ("d1", "d2", "d3", "rg70", "rg20", "rg10"), (9.0, 9.0, 9.0, 0.05, 0.1, 0.2), strict=True
+        )
+    }
+    for place, (shape, density, sides, _) in SOURCES.items():
+        found["blshape"][place], found["rockdensity"][place] = shape, density
+        for name, side in zip(("d1", "d2", "d3"), sides, strict=True):
+            found[name][place] = side
+    found["soiltype"] = np.where(np.arange(NY) < 30, 4.0, 3.0)[:, None] + np.zeros(NX)
+    return found
+
+
+def forest():
+    """Two stems in each cell of ten rows."""
+    stems = np.zeros((NY, NX))
+    stems[15:25] = 2
+    return {
+        "nrtrees": stems, "dbhmean": np.full(stems.shape, 12.0),
+        "dbhstd": np.full(stems.shape, 2.0), "conif_percent": np.full(stems.shape, 70.0),
+    }  # fmt: skip
+
+
+def net(energy=5000.0, height=9.0):
+    """A net across the slope."""
+    number = np.zeros((NY, NX))
+    number[35] = 7
+    return {"net_number": number, "net_energy": energy * (number > 0),
+            "net_height": height * (number > 0)}  # fmt: skip
+
+
+def make_folder(path, **rasters):
+    path.mkdir(parents=True)
+    for name, values in (layers() | rasters).items():
+        if values is not None:
+            write_ascii(path / f"{name}.asc", np.asarray(values, float), grid(values, CELL))
+    return path
+
+
+def imported(folder, **rasters):
+    """The case of a folder of such rasters, with some boulders."""
+    rockfall.import_rockyfor3d(make_folder(folder / "rocky", **rasters), folder / "case")
+    case = rockfall.read_case(folder / "case/case.nml")
+    return case.replace(case={"boulders": BOULDERS, "threads": 1})
+
+
+# ---- what the files do
+
+
+def test_each_source_has_boulders_of_its_own(tmp_path):
+    line = [{"name": "L", "x": [0.0, 200.0], "y": [210.0, 210.0]}]
+    result = rockfall.run(imported(tmp_path).replace(line=line, output={"energy_balance": True}))
+    for k, (_, density, _, volume) in enumerate(SOURCES.values()):
+        mine = slice(k * BOULDERS, (k + 1) * BOULDERS)
+        assert np.allclose(result.volume[mine], volume, rtol=1e-14)
+        speed, energy = (
+            result[f"line_{name}"][0, mine] for name in ("speed", "energy_translational")
+        )
+        crossed = speed > 0
+        assert crossed.sum() > 10
+        masses = (2 * energy / speed**2)[crossed]
+        assert np.allclose(masses, density * volume, rtol=1e-12)
+        released = result.energy_released[mine]
+        parts = sum(
+            result[f"energy_{name}"][mine] for name in ("ground", "trees", "barriers", "left")
+        )
+        assert np.allclose(released, parts, rtol=1e-12)
+
+
+def test_the_density_of_the_case_where_no_raster_says_it(tmp_path):
+    case = imported(tmp_path, soiltype=None).replace(output={"energy_balance": True})
+    light, heavy = (
+        rockfall.run(case.replace(boulder={"rock_density": None, "density": density}))
+        for density in (1500.0, 3000.0)
+    )  # by impact sets, mass changes no way
+    assert np.allclose(heavy.energy_released, 2 * light.energy_released, rtol=1e-12)
+
+
+def test_volumes_vary_by_a_fraction(tmp_path):
+    case = imported(tmp_path).replace(boulder={"volume_spread": 0.2}, case={"boulders": 2000})
+    factors = rockfall.run(case.replace(output={"maps": None})).volume.values.reshape(2, -1)
+    factors = factors / np.array([[volume] for *_, volume in SOURCES.values()])
+    assert factors.min() >= 0.8 and factors.max() <= 1.2
+    assert np.allclose(factors.mean(axis=1), 1, atol=4 * 0.4 / np.sqrt(12 * 2000))
+
+
+def test_soil_types_are_grounds(tmp_path):
+    case = imported(tmp_path)
+    assert case.surface["ground_map"] == "../rocky/soiltype.asc"
+    result = rockfall.run(case)
+    counts = dict(zip(result.ground.values, result.rebounds_by_ground.values, strict=True))
+    assert counts["soil_4"] > 0 and counts["soil_3"] > 0
+    assert counts["soil_4"] + counts["soil_3"] == result.rebounds
+
+
+def test_without_soil_types_the_impact_sets_hold(tmp_path):
+    case = imported(tmp_path, soiltype=None)
+    assert "ground_map" not in case.surface
+    assert "ground" not in rockfall.run(case).dims
+
+
+def test_a_river_absorbs(tmp_path):
+    soil = layers()["soiltype"]
+    soil[20] = 0
+    result = rockfall.run(imported(tmp_path, soiltype=soil))
+    assert "absorbed" in status(result)
+
+
+def test_trees_stand_where_and_as_many_as_the_rasters_say(tmp_path):
+    case = imported(tmp_path, **forest())
+    trees = read_scene(case).trees
+    assert trees.x.size == 2 * 10 * NX
+    assert trees.y.min() >= CELL * (NY - 25) and trees.y.max() <= CELL * (NY - 15)
+    assert abs(trees.dbh.mean() - 12) < 4 * 2 / np.sqrt(trees.x.size)
+    assert "stopped_by_tree" in status(rockfall.run(case))
+
+
+def test_a_list_of_trees(tmp_path):
+    folder = make_folder(tmp_path / "rocky", **forest())
+    (folder / "Treefile.txt").write_text("X Y DBH\n62.5\t150.0\t30\n\n137.5;150.5;31.5\n")
+    notes = rockfall.import_rockyfor3d(folder, tmp_path / "case")
+    assert notes[0] == "nrtrees.asc: left out, Treefile.txt lists the trees"
+    trees = read_scene(rockfall.read_case(tmp_path / "case/case.nml")).trees
+    assert np.array_equal([trees.x, trees.y, trees.dbh], [[62.5, 137.5], [150, 150.5], [30, 31.5]])
+
+
+def test_nets_stop_boulders(tmp_path):
+    case = imported(tmp_path, **net())
+    (one,) = case.barrier
+    assert (one["name"], one["height"], one["capacity"]) == ("net 7", 9.0, 5000.0)
+    assert (one["x"], one["y"]) == ([0.0, 200.0], [72.5, 72.5])
+    stopped = status(rockfall.run(case)).count("stopped_by_barrier")
+    assert stopped > BOULDERS / 2
+    weak = imported(tmp_path / "weak", **net(energy=0.001))
+    assert "stopped_by_barrier" not in status(rockfall.run(weak))
+
+
+def test_sources_of_shape_0_have_no_boulders(tmp_path):
+    shape = layers()["blshape"]
+    shape[5, 12] = 0
+    case = imported(tmp_path, blshape=shape)
+    scene = read_scene(case)
+    assert scene.x.tolist() == [27.5 * CELL]
+    assert scene.remarks == ["&boulder shape: 0 at 1 of 2 sources: no boulders there"]
+    assert "mass 2,550 kg" in preview(scene)
+
+
+def test_without_shapes_all_are_spheres(tmp_path):
+    volumes = rockfall.run(imported(tmp_path, blshape=None)).volume.values[[0, -1]]
+    sides = np.array([sides for _, _, sides, _ in SOURCES.values()])
+    assert np.allclose(volumes, np.pi / 6 * sides.mean(axis=1) ** 3, rtol=1e-14)
+
+
+def test_densities_that_are_no_integers(tmp_path):
+    density = layers()["rockdensity"]
+    density[5, 12] = 2600.5
+    case = imported(tmp_path, rockdensity=density)
+    assert case.release["cells"] == "sources.tif"
+    assert read_scene(case).source_boulders.density.tolist() == [2600.5, 2900.0]
+
+
+# ---- nets as lines
+
+
+@pytest.mark.parametrize(
+    ("cells", "x", "y"),
+    [
+        ([(2, 1), (2, 2), (2, 3)], [5, 20], [12.5, 12.5]),
+        ([(1, 2), (2, 2), (3, 2)], [12.5, 12.5], [20, 5]),
+        ([(1, 1), (2, 2), (3, 3)], [5, 20], [20, 5]),
+        ([(3, 1), (3, 2), (2, 3), (1, 4)], [5, 12.5, 25], [7.5, 7.5, 20]),
+        ([(2, 2)], [10, 15], [12.5, 12.5]),
+    ],
+    ids=["row", "column", "diagonal", "bent", "one cell"],
+)  # fmt: skip
+def test_the_line_of_a_net(cells, x, y):
+    dem = np.repeat(np.arange(5.0)[::-1, None], 5, 1)
+    row, column = np.array(cells).T
+    found = np.array(nets.centre_line(nets.Cells(row, column), grid(dem, CELL), dem))
+    if found[0, 0] > found[0, -1] or (x[0] == x[-1] and found[1, 0] < found[1, -1]):
+        found = found[:, ::-1]
+    assert np.allclose(found, [x, y])
+
+
+def test_parts_of_a_net_are_barriers_of_their_own(tmp_path):
+    rasters = net()
+    for values in rasters.values():
+        values[35, 18:22] = 0
+    names = [one["name"] for one in imported(tmp_path, **rasters).barrier]
+    assert names == ["net 7 part 1", "net 7 part 2"]
+
+
+# ---- both programs
+
+
+@pytest.mark.skipif(find_program() is None, reason="the standalone program is not built")
+def test_both_programs_give_the_same_bits(tmp_path):
+    case = imported(tmp_path, **forest(), **net())
+    case = case.replace(boulder={"volume_spread": 0.1}, output={"energy_balance": True})
+    prepare(case, tmp_path / "ready")
+    done = run_program("case.nml", "-o", "part.nc", cwd=tmp_path / "ready")
+    assert done.returncode == 0, done.stderr
+    assert main(["merge", str(tmp_path / "ready/part.nc"), "-o", str(tmp_path / "out.nc")]) == 0
+    same_results(rockfall.read_result(tmp_path / "out.nc"), rockfall.run(case))
+
+
+# ---- the command
+
+
+def test_the_command_says_what_it_left(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    folder = make_folder(
+        tmp_path / "rocky",
+        soiltype=None,
+        other=np.zeros((NY, NX)),
+        **{**forest(), "conif_percent": None, "dbhstd": None},
+    )
+    before = everything(folder)
+    for _ in range(2):  # the second time over the first
+        assert main(["import-rockyfor3d", "rocky", "-o", "case"]) == 0
+        out = capsys.readouterr().out
+    assert everything(folder) == before
+    for words in "soiltype.asc is not there", "dbhstd.asc is not there", "other.asc: not a file", \
+            "conif_percent.asc is not there", "heights are normal":  # fmt: skip
+        assert re.search(rf"^  .*{words}", out, re.M), words
+        assert words in Path("case/case.nml").read_text()
+    assert out.endswith("\ncase/case.nml\n")
+    assert sorted(one.name for one in Path("case").iterdir()) == ["case.nml", "stems.tif"]
+
+
+def test_a_folder_may_hold_its_own_case(tmp_path):
+    folder = make_folder(tmp_path / "rocky")
+    rockfall.import_rockyfor3d(folder, folder)
+    assert rockfall.read_case(folder / "case.nml").terrain["dem"] == "dem.asc"
+
+
+# ---- what is refused
+
+
+NEEDED = "dem.asc, rockdensity.asc, d1.asc, d2.asc, d3.asc, rg70.asc, rg20.asc, rg10.asc"
+
+
+@pytest.mark.parametrize(
+    ("rasters", "words"),
+    [
+        ({"d2": None, "rg10": None}, f"no d2.asc, rg10.asc: a folder of Rockyfor3D needs {NEEDED}"),
+        ({"rockdensity": np.zeros((NY, NX))},
+         "rockdensity.asc: no source cells: must have cells above zero"),
+        (net(height=0.0),
+         "net_height.asc: net 7 has cells that are not > 0; give every cell of net_number an "
+         "energy [kJ] and a height [m]"),
+    ],
+)  # fmt: skip
+def test_folders_that_cannot_be_imported(tmp_path, rasters, words):
+    folder = make_folder(tmp_path / "rocky", **rasters)
+    with pytest.raises(RockfallError) as caught:
+        rockfall.import_rockyfor3d(folder, tmp_path / "case")
+    assert "\n" not in str(caught.value) and str(caught.value).endswith(words)
+    assert not (tmp_path / "case").exists()
+
+
+def test_no_folder(tmp_path):
+    with refused(f"{tmp_path / 'no'}: no such folder"):
+        rockfall.import_rockyfor3d(tmp_path / "no", tmp_path / "case")
+
+
+def test_a_case_of_someone_else_is_not_overwritten(tmp_path):
+    folder = make_folder(tmp_path / "rocky")
+    (folder / "case.nml").write_text("&case /")
+    words = "is there, and not a file that rockfall wrote; it is not overwritten"
+    with refused(f"{folder / 'case.nml'}: {words}"):
+        rockfall.import_rockyfor3d(folder, folder)
+    assert (folder / "case.nml").read_text() == "&case /"
+
+
+def test_a_tree_without_a_diameter(tmp_path):
+    folder = make_folder(tmp_path / "rocky")
+    (folder / "trees.txt").write_text("x y dbh\n1 2 3\n1 2\n")
+    with refused(f"{folder / 'trees.txt'}: line 3: must be x, y and DBH [cm]"):
+        rockfall.import_rockyfor3d(folder, tmp_path / "case")
+
+
+@pytest.mark.parametrize(
+    ("rasters", "words"),
+    [
+        ({"d1": -layers()["d1"]},
+         "d1.asc: -0.5 at the source 62.5, 222.5: must be > 0 and at most 1000 m"),
+        ({"d3": np.full((NY, NX), np.nan)},
+         "d3.asc: no data at the source 62.5, 222.5: must be > 0 and at most 1000 m"),
+        ({"blshape": layers()["blshape"] + 3},
+         "blshape.asc: 5 at the source 137.5, 222.5: must be 0 to 4"),
+        ({"blshape": np.zeros((NY, NX))}, "blshape.asc: 0 at all sources: none has boulders"),
+        ({"soiltype": np.full((NY, NX), 9.0)}, None),
+    ],
+)  # fmt: skip
+def test_values_that_no_boulder_has(tmp_path, rasters, words):
+    with pytest.raises(RockfallError) as caught:
+        rockfall.run(imported(tmp_path, **rasters))
+    assert "\n" not in str(caught.value) and str(caught.value).endswith(words or "")
+
+
+@pytest.mark.parametrize(
+    ("boulder", "words"),
+    [
+        ({"volume": "source"}, "&boulder d1 is missing: needed for volume = 'source'"),
+        ({"volume_mean": 1.0, "d1": "a.tif"},
+         "&boulder d1 = 'a.tif': has no meaning for volume = 'fixed'"),
+        ({"volume_mean": 1.0, "volume_spread": 0.1},
+         "&boulder volume_spread = 0.1: has no meaning for volume = 'fixed'"),
+    ],
+)  # fmt: skip
+def test_keys_that_do_not_go_together(boulder, words):
+    with pytest.raises(RockfallError, match=re.escape(words)):
+        rockfall.Case(
+            case={"boulders": 1}, surface={"uniform_mean_radius": 1.0}, boulder=boulder,
+            release={"x": [0.0], "y": [0.0]},
+        )  # fmt: skip
