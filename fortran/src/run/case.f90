@@ -69,6 +69,7 @@ module rockfall_case
       key_t("surface", "table", "text", 1, "absent", "", "", &
             "CSV with zone, mean_radius, rg70, rg20, rg10", in_scene, "table"), &
       key_t("surface", "zone_field", "text", 1, "'zone'", "", "", "attribute of zone polygons with the id", in_scene), &
+      key_t("surface", "zones_layer", "text", 1, "absent", "", "", "of a GeoPackage with several", in_scene), &
       key_t("surface", "default_zone", "integer", 1, "absent", "-2147483647 to 2147483647", "", &
             "zone of cells that have none", in_scene), &
       key_t("surface", "mean_radius", "text", 1, "absent", "", "", &
@@ -105,6 +106,7 @@ module rockfall_case
             "raster: cells above zero are sources", in_scene, "raster"), &
       key_t("release", "polygons", "text", 1, "absent", "", "", &
             "polygons: cells inside are sources", in_scene, "layer"), &
+      key_t("release", "polygons_layer", "text", 1, "absent", "", "", "of a GeoPackage with several", in_scene), &
       key_t("release", "steep_cells", "logical", 1, ".false.", "", "", &
             "cells as steep as slope_threshold are sources; only those within cells or polygons, if given", in_scene), &
       key_t("release", "slope_threshold", "real", 1, "absent", "1 to 89", "degree", &
@@ -599,6 +601,10 @@ contains
       do k = 1, 3
          case%rg(k) = text_of(group, trim(rasters(k + 1)))
       end do
+      if (has_key(group, "zones_layer") .and. .not. has_key(group, "zones")) then
+         call refuse(group, "zones_layer", "has no meaning without zones", error)
+         return
+      end if
       if (has_key(group, "default_zone")) case%default_zone = int(integer_of(group, "default_zone"))
       zones = has_key(group, "zones") .or. has_key(group, "table") .or. has_key(group, "default_zone")
       by_raster = any([(has_key(group, trim(rasters(k))), k=1, 4)])
@@ -691,6 +697,8 @@ contains
          call refuse(group, "by_area", "has no meaning for points (x, y)", error)
       else if (has_key(group, "slope_threshold") .and. .not. case%steep_cells) then
          call refuse(group, "slope_threshold", "has no meaning without steep_cells = .true.", error)
+      else if (has_key(group, "polygons_layer") .and. .not. has_key(group, "polygons")) then
+         call refuse(group, "polygons_layer", "has no meaning without polygons", error)
       else if (points) then
          call check_points(group, 1, error)
       end if

@@ -49,9 +49,14 @@ def _read_zones(scene: Scene, box: Box, columns: tuple[str, ...], rasters: dict[
     table = read_zone_table(table_path)
     scene.checksums.setdefault("table", file_checksum(table_path))
     if "zones" not in rasters and path.suffix.lower() in LAYERS:
-        ids = burn_polygons(path, scene.grid, surface["zone_field"], scene.remarks)
+        ids = burn_polygons(
+            path, scene.grid, surface["zone_field"], scene.remarks,
+            layer=surface.get("zones_layer"), key="zones_layer",
+        )  # fmt: skip
         blocks = ((rows, ids[rows]) for rows in row_blocks(ids.shape))
         scene.checksums["zones"] = file_checksum(path)
+    elif "zones_layer" in surface:
+        raise RockfallError(f"{case.name}: &surface zones_layer: has no meaning for a raster")
     else:
         blocks = layer_blocks(scene, "zones", "zones", np.int32, rasters, box)
     sizes = np.array(list(table.values()))[:, [RADII.index(column) for column in columns]]
