@@ -797,7 +797,8 @@ contains
       allocate (case%lines(size(groups)))
       do n = 1, size(groups)
          call read_line(groups(n), case%lines(:n), error)
-         if (.not. allocated(error) .and. groups(n)%name == "barrier") call read_barrier(groups(n), case%lines(n), error)
+         if (allocated(error)) return
+         if (groups(n)%name == "barrier") call read_barrier(groups(n), case%lines(n), error)
          if (allocated(error)) return
       end do
       groups = typed(list, "dam")
