@@ -192,7 +192,7 @@ def _windows(
     number = max(1, int(np.ceil(length / width)))
     if number > MAX_WINDOWS:
         raise RockfallError(
-            f"width = {width}: cuts the line into {number:,} windows: must be at most {MAX_WINDOWS:,}"
+            f"width = {width}: makes {number:,} windows of the line, at most {MAX_WINDOWS:,}"
         )
     window = np.minimum((came.position / width).astype(int), number - 1)
     for k in range(number):
