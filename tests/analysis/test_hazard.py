@@ -139,6 +139,21 @@ def test_extremes_are_those_of_all_scenarios(tmp_path):
         np.testing.assert_array_equal(both[name].values, expected)
 
 
+def test_a_wall_takes_the_hazard_behind_it(tmp_path, layer):
+    """And leaves that above it as it was, whatever else is a line."""
+    wall = {"name": "w", "x": [0.0, 300.0], "y": [302.0, 302.0], "height": 99.0, "capacity": 1e9}
+    bare = hazard(make_case(tmp_path), objects=layer(ROAD))
+    case = make_case(tmp_path).replace(barrier=[wall])
+    behind = hazard(case, objects=layer(ROAD))
+    below, above = bare.y.values < 300, bare.y.values > 305
+    assert (bare.passage_frequency.values[below] > 0).any()
+    assert (behind.passage_frequency.values[below] == 0).all()
+    assert (behind.hazard_class.values[below] == 0).all()
+    assert bare.object_frequency.values[0] > 0 == behind.object_frequency.values[0]
+    up, without = (one.scenario_passages.values[0, above] for one in (behind, bare))
+    assert (up <= without).all() and up.sum() > 0.99 * without.sum()  # few come back up
+
+
 # ---- classes
 
 

@@ -14,9 +14,9 @@ import pandas as pd
 import pytest
 
 import rockfall
-from rockfall.case import case_of
 from rockfall.analysis.line_statistics import fraction_interval
 from rockfall.analysis.run_until import verdicts_of
+from rockfall.case import case_of
 from rockfall.cli import main
 from scenes import grid, make_case, rough, sets
 

@@ -148,6 +148,26 @@ def test_bent_barrier_over_and_then_under(tmp_path):
     assert result.barrier_outcome.values[0, 0] == 3  # the first crossing
 
 
+@pytest.mark.parametrize("angle", [0.0, 7.3, -13.1])
+def test_barrier_and_line_along_a_barrier_are_met_behind_it(case, angle):
+    """A weak net, and along the same straight line, with other ends, a line and a strong net."""
+    side = np.tan(np.radians(angle))
+
+    def along(west, east):
+        return {"x": [west, east], "y": [200.0 + side * (x - 150.0) for x in (west, east)]}
+
+    weak = {"name": "weak", "height": 1e3, "capacity": 1e-6} | along(30.0, 270.0)
+    strong = {"name": "strong", "height": 1e3, "capacity": 1e9} | along(5.0, 290.0)
+    line = {"name": "line"} | along(5.0, 290.0)
+    alone = run(case.replace(line=[line], barrier=[weak]))
+    broke = alone.barrier_outcome.sel(line="weak").values == 2
+    assert broke.sum() > 800 and np.isfinite(at(alone, "line", "time"))[broke].all()
+    both = run(case.replace(barrier=[weak, strong]))
+    assert not np.isfinite(at(both, "road", "time")).any()
+    assert np.array_equal(both.barrier_outcome.sel(line="strong").values == 1,
+                          np.isfinite(at(alone, "line", "time")))  # fmt: skip
+
+
 def test_bits_do_not_depend_on_threads_chunks_or_shards(case, caught, tmp_path):
     case = case.replace(barrier=[NET, WALL])
     same(run(case, threads=2, chunk=37), caught)

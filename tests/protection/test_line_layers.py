@@ -158,6 +158,30 @@ def test_what_commands_that_count_lines_see(case):
     assert (case.folder / "a.gpkg-wal") in set(input_files(of_layer))
 
 
+def test_zones_and_sources_name_a_layer(case, capsys):
+    fields = {"zone": [4]}
+    make_layer("site.gpkg", [shapely.box(W, N - 400, W + 300, N)], layer="ground", **fields)
+    make_layer("site.gpkg", [shapely.box(W + 50, N - 40, W + 80, N - 20)], layer="cliff")
+    make_layer("site.gpkg", [line(ROAD)], layer="road")
+    of_site = case.replace(
+        surface={"zones": "site.gpkg", "zones_layer": "ground"},
+        release={"x": None, "y": None, "polygons": "site.gpkg", "polygons_layer": "cliff"},
+    )
+    scene = read_scene(of_site)
+    assert (scene.x.size, set(scene.zone.ravel().tolist())) == (24, {1})
+    for group, key, layer, message in (
+        ("surface", "zones_layer", None, r"site.gpkg: has 3 .*; name one with zones_layer"),
+        ("surface", "zones_layer", "road", "site.gpkg: no attribute zone; has: none"),
+        ("release", "polygons_layer", "none", "site.gpkg: no layer none; has: ground, cliff, road"),
+    ):
+        changed = of_site.replace(**{group: {key: layer}})
+        (case.folder / "case.nml").write_text(changed.text())
+        refuses(["run", "case.nml", "--output", "new.nc"], message, capsys)
+    for group, key in (("surface", "zones_layer"), ("release", "polygons_layer")):
+        with pytest.raises(rockfall.RockfallError, match=f"&{group} {key}.*has no meaning"):
+            read_scene(case.replace(**{group: {key: "ground"}}))
+
+
 def refused_cases():
     other = shapely.LineString([(10.27, 45.14), (10.28, 45.15)])
     make_layer("road.gpkg", [line(ROAD)])
@@ -168,8 +192,10 @@ def refused_cases():
     make_layer("text.gpkg", [line(NET)], height=["high"], capacity=[1.0])
     make_layer("class.gpkg", [line(NET)], height=[2.0], **{"class": [2.5]})
     road, net = {"file": "road.gpkg"}, {"height": 2.0, "capacity": 9.0}
+    two = {"file": "two.gpkg"}
+    either = "give one of the two"
     case = "case.nml: "
-    yield "line", {"file": "two.gpkg"}, r"two.gpkg: has 2 layers \(road, net\); name one with layer"
+    yield "line", two, r"two.gpkg: has 2 layers \(road, net\); name one with layer"
     yield (
         "line",
         {"file": "two.gpkg", "layer": "ground"},
@@ -185,21 +211,21 @@ def refused_cases():
     yield (
         "line",
         typed(ROAD, name="a", layer="b"),
-        f"{case}&line layer .*: has no meaning without file",
+        f"{case}&line layer .*: has no meaning .*",
     )
     yield "line", road | {"name": "x" * 61}, ".*&line name = .*: must be at most 60 characters"
     yield "barrier", road, "road.gpkg: feature 1: .*&barrier height is missing: needed here, .*"
     yield (
         "barrier",
         road | {"height": 2.0},
-        "road.gpkg: feature 1: .*capacity, class: give one of.*",
+        f"road.gpkg: feature 1: .*class: {either}",
     )
     yield "barrier", {"file": "text.gpkg"}, "text.gpkg: feature 1: .*&barrier height = 'high': .*"
     yield "barrier", {"file": "class.gpkg"}, "class.gpkg: feature 1: .*&barrier class = 2.5: .*"
     yield (
         "barrier",
         road | net | {"class": 1},
-        f"{case}&barrier capacity, class: give one of the two",
+        f"{case}&barrier capacity, class: {either}",
     )
     yield "barrier", typed(NET, name="n", capacity=1.0), f"{case}&barrier height is missing: .*"
     yield "dam", road, "road.gpkg: feature 1: .*&dam height is missing: needed here, .*"

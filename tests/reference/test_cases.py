@@ -176,3 +176,14 @@ def test_settlement_is_what_its_readme_says(tmp_path):
     found = run_study(study)
     assert found.object_frequency.values[study.objects.names.index("road")] > 0.1
     assert {*np.unique(found.hazard_class.values)} >= {0, 1, 3, 4}
+
+
+def test_the_forested_slope_is_as_its_readme_says(tmp_path):
+    """Within four standard deviations of one run, of the 40 of the README."""
+    place = CASES / "forested-slope"
+    script(place / "make_terrain.py").write(tmp_path)
+    known = {"bare": (40.9, 0.074), "forest": (5.74, 0.069), "forest-and-net": (0.994, 0.014)}
+    for name, (percent, error) in known.items():
+        case = rockfall.read_case(shutil.copy(place / f"{name}.nml", tmp_path))
+        reached = 100 * np.isfinite(rockfall.run(case)["line_speed"].values[0]).mean()
+        assert reached == pytest.approx(percent, abs=4 * error * np.sqrt(40)), name

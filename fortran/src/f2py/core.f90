@@ -83,8 +83,8 @@ contains
       character(len=*), intent(in) :: sets_text, sets_name       !! of the file of impact sets
       integer(c_int), intent(in) :: draw                         !! of its draws; 0: the only one
       character(len=*), intent(in) :: ground_text                !! of grounds, one after the other,
-      integer(c_int), intent(in) :: ground_length(ng)            !! each so long, 0: the case's impact sets; -1: no grounds
-      character(len=*), intent(in) :: ground_names               !! a line with its name, then one with its file, for each
+      integer(c_int), intent(in) :: ground_length(ng)            !! of each; 0: the case's impact sets; -1: no grounds
+      character(len=*), intent(in) :: ground_names               !! for each a line with its name, one with its file
       integer(c_int8_t), intent(in) :: material_ground(mg)       !! of each material, 0: none such, or
       integer(c_int8_t), intent(in), target :: cell_ground(nxg, nyg)  !! of each cell
       integer(c_intptr_t), intent(out) :: handle                 !! 0 without a scene
@@ -182,7 +182,8 @@ contains
 
    !> Run boulders first .. first + n - 1 of a scene; maps and histograms are added to.
    subroutine run(handle, first, threads, map_at, map_counts, map_sums, map_reals, class_counts, column, &
-                  columns, stamp, head, histogram, by_ground, energy, trees_hit, boulder, counts, crossing, code, message, &
+                  columns, stamp, head, histogram, by_ground, energy, trees_hit, boulder, counts, crossing, code, &
+                     message, &
                   nxc, nyc, nkc, nxs, nys, nks, nxr, nyr, nkr, kc, cc, nxq, nyq, nxt, nyt, nkt, ng, ne, nt, nl, n)
       !f2py threadsafe
       integer(c_int), intent(in) :: nxc, nyc, nkc, nxs, nys, nks, nxr, nyr, nkr, kc, cc, nxq, nyq, nxt, nyt, nkt

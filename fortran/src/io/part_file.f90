@@ -237,7 +237,8 @@ contains
          call pass(file, described("count", boulder_counts(k)), [axis_t ::], results%count(k:k))
       end do
       if (size(results%by_ground) > 0) &
-         call pass(file, described("ground", "rebounds_by_ground"), [axis_t("ground", size(results%by_ground, kind=i8))], &
+         call pass(file, described("ground", "rebounds_by_ground"), [axis_t("ground", size(results%by_ground, &
+            kind=i8))], &
                    results%by_ground)
       line = axis_t("line", size(case%lines, kind=i8))
       do k = 1, size(line_fields)

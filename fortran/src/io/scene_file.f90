@@ -214,7 +214,8 @@ contains
          if (kind_of(file, "material_ground") /= 0 .and. sound(file)) then
             allocate (arrays%material_ground(material(1)%length), source=0_i1)
             call pass(file, about_t("material_ground", nf90_byte), material, arrays%material_ground)
-            if (any(arrays%material_ground < 1 .or. arrays%material_ground > n)) call mark_damaged(file, "material_ground")
+            if (any(arrays%material_ground < 1 .or. arrays%material_ground > n)) call mark_damaged(file, &
+               "material_ground")
          end if
          if (kind_of(file, "cell_ground") == 0 .or. .not. sound(file)) return
          allocate (inputs%cell_ground(arrays%grid%nx, arrays%grid%ny), stat=status)

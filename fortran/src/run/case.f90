@@ -19,7 +19,8 @@ module rockfall_case
    use rockfall_barrier, only: ead_energy
    implicit none
    private
-   public :: case_t, case_line_t, read_case, read_keys, key_t, key_table, n_keys, key_text, row_text, check_key, repeatable
+   public :: case_t, case_line_t, read_case, read_keys, key_t, key_table, n_keys, key_text, row_text, check_key, &
+         repeatable
    public :: map_names, n_maps, turning_rule, radius_of_reading, max_real
 
    integer, parameter :: many = 100000                !! values of a list
@@ -69,6 +70,7 @@ module rockfall_case
       key_t("surface", "table", "text", 1, "absent", "", "", &
             "CSV with zone, mean_radius, rg70, rg20, rg10", in_scene, "table"), &
       key_t("surface", "zone_field", "text", 1, "'zone'", "", "", "attribute of zone polygons with the id", in_scene), &
+      key_t("surface", "zones_layer", "text", 1, "absent", "", "", "of a GeoPackage with several", in_scene), &
       key_t("surface", "default_zone", "integer", 1, "absent", "-2147483647 to 2147483647", "", &
             "zone of cells that have none", in_scene), &
       key_t("surface", "mean_radius", "text", 1, "absent", "", "", &
@@ -121,6 +123,7 @@ module rockfall_case
             "raster: cells above zero are sources", in_scene, "raster"), &
       key_t("release", "polygons", "text", 1, "absent", "", "", &
             "polygons: cells inside are sources", in_scene, "layer"), &
+      key_t("release", "polygons_layer", "text", 1, "absent", "", "", "of a GeoPackage with several", in_scene), &
       key_t("release", "steep_cells", "logical", 1, ".false.", "", "", &
             "cells as steep as slope_threshold are sources; only those within cells or polygons, if given", in_scene), &
       key_t("release", "slope_threshold", "real", 1, "absent", "1 to 89", "degree", &
@@ -182,7 +185,8 @@ module rockfall_case
       key_t("barrier", "field", "text", 1, "absent", "", "", "attribute with the name; absent: name"), &
       key_t("dam", "x", "real", many, "absent", "", "m", "vertices of the crest, two or more", in_scene), &
       key_t("dam", "y", "real", many, "absent", "", "m", "vertices of the crest, two or more", in_scene), &
-      key_t("dam", "height", "real", 1, "absent", "> 0", "m", "of the crest above the terrain below it", in_scene), &
+      key_t("dam", "height", "real", 1, "absent", "0.001 to 1000", "m", "of the crest above the terrain below it", &
+            in_scene), &
       key_t("dam", "crest_width", "real", 1, "0.0", ">= 0", "m", "of its flat top", in_scene), &
       key_t("dam", "slope", "real", 1, "45.0", "1 to 89", "degree", "of its faces", in_scene), &
       key_t("dam", "file", "text", 1, "absent", "", "", &
@@ -211,7 +215,8 @@ module rockfall_case
             "distance at which the correlation of their errors is 1/e"), &
       key_t("ensemble", "source_shift", "real", 1, "0.0", ">= 0", "m", &
             "standard deviation of easting and northing of all sources together"), &
-      key_t("ensemble", "sets", "text", 100, "absent", "", "", "impact sets, each with equal probability", file="sets"), &
+      key_t("ensemble", "sets", "text", 100, "absent", "", "", "impact sets, each with equal probability", &
+            file="sets"), &
       key_t("scenario", "name", "text", 1, "required", "", "", "of a class of boulders, with its frequency"), &
       key_t("scenario", "frequency", "real", 1, "absent", "> 0", "1/year", "how many boulders come loose"), &
       key_t("scenario", "return_period", "real", 1, "absent", "> 0", "year", "instead of frequency: 1/frequency"), &
@@ -230,7 +235,8 @@ module rockfall_case
       key_t("hazard", "return_periods", "real", max_periods, "30.0, 100.0, 300.0", "> 0", "year", &
             "rising: the ends of the classes of frequency"), &
       key_t("hazard", "matrix", "text", (max_thresholds + 1)*max_periods, swiss_matrix, &
-            hazard_classes, "", "hazard of each class of intensity, from the weakest, by return period, from the shortest"), &
+            hazard_classes, "", &
+            "hazard of each class of intensity, from the weakest, by return period, from the shortest"), &
       key_t("hazard", "minimum_area", "real", 1, "0.0", ">= 0", "m2", &
             "of a zone: a smaller patch takes the class of the largest beside it")]
    integer, parameter :: n_keys = size(key_table)
@@ -470,7 +476,8 @@ contains
       call get_integer(group, trim(key%name), value, error)
       if (allocated(error)) return
       range = range_of(key%allowed, [-real(huge(1_i8), wp), real(huge(1_i8), wp)])
-      if (value < range(1) .or. value > range(2)) call refuse(group, trim(key%name), "must be "//trim(key%allowed), error)
+      if (value < range(1) .or. value > range(2)) &
+         call refuse(group, trim(key%name), "must be "//trim(key%allowed), error)
    end subroutine check_integers
 
    pure subroutine check_reals(group, key, error)
@@ -627,6 +634,10 @@ contains
       do k = 1, 3
          case%rg(k) = text_of(group, trim(rasters(k + 1)))
       end do
+      if (has_key(group, "zones_layer") .and. .not. has_key(group, "zones")) then
+         call refuse(group, "zones_layer", "has no meaning without zones", error)
+         return
+      end if
       if (has_key(group, "default_zone")) case%default_zone = int(integer_of(group, "default_zone"))
       zones = has_key(group, "zones") .or. has_key(group, "table") .or. has_key(group, "default_zone")
       by_raster = any([(has_key(group, trim(rasters(k))), k=1, 4)])
@@ -742,6 +753,8 @@ contains
          call refuse(group, "by_area", "has no meaning for points (x, y)", error)
       else if (has_key(group, "slope_threshold") .and. .not. case%steep_cells) then
          call refuse(group, "slope_threshold", "has no meaning without steep_cells = .true.", error)
+      else if (has_key(group, "polygons_layer") .and. .not. has_key(group, "polygons")) then
+         call refuse(group, "polygons_layer", "has no meaning without polygons", error)
       else if (points) then
          call check_points(group, 1, error)
       end if
@@ -840,7 +853,8 @@ contains
       allocate (case%lines(size(groups)))
       do n = 1, size(groups)
          call read_line(groups(n), case%lines(:n), error)
-         if (.not. allocated(error) .and. groups(n)%name == "barrier") call read_barrier(groups(n), case%lines(n), error)
+         if (allocated(error)) return
+         if (groups(n)%name == "barrier") call read_barrier(groups(n), case%lines(n), error)
          if (allocated(error)) return
       end do
       groups = typed(list, "dam")
@@ -1010,7 +1024,8 @@ contains
       real(wp), allocatable :: values(:)
 
       values = reals_of(group, key)
-      if (any(values(2:) <= values(:size(values) - 1))) call refuse(group, key, "each must be above the one before", error)
+      if (any(values(2:) <= values(:size(values) - 1))) &
+         call refuse(group, key, "each must be above the one before", error)
    end subroutine check_rising
 
    !> A class for each intensity and return period, which does not fall where boulders are stronger or more frequent:

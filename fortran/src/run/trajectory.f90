@@ -7,7 +7,8 @@ module rockfall_trajectory
                               for_ratio, for_tree, words_per_draw, words_per_block, matrix_words, turn_class_word, &
                               turn_within_word, obstacle_word, ratio_word
    use rockfall_sobol, only: sobol_t, sobol_word, scrambled, volume_dimension
-   use rockfall_terrain, only: terrain_t, patch_t, in_window, locate, height, gradient, cell_of, cell_descent
+   use rockfall_terrain, only: terrain_t, patch_t, in_window, locate, within, height, gradient, cell_of, &
+                               cell_descent
    use rockfall_surface, only: surface_t, rock_radius, ground_at
    use rockfall_boulder, only: boulder_t, source_boulder_t, volume_distribution_t, release_t, draw_boulder, &
                                boulder_of, source_of, first_of, inertia_factor, kinetic_energy
@@ -43,6 +44,10 @@ module rockfall_trajectory
 
    !> What a flight may end at before it meets the ground.
    integer, parameter :: none = 0, barrier = 1, tree = 2
+
+   !> What stands this near to a barrier is behind it, over the width of the terrain [-]: far more than places are
+   !> rounded, and a micrometre on a slope of a kilometre.
+   real(wp), parameter :: beside = 1.0e-9_wp
 
    !> Everything that a boulder needs to know; the same for all boulders of a run.
    type :: scene_t
@@ -461,6 +466,7 @@ contains
       type(flight_t), intent(inout) :: flight
       type(scratch_t), intent(inout) :: scratch
       type(tree_impact_t) :: impact
+      type(landing_t) :: place
       real(wp) :: energy, taken, remains, turned(2), heading(2)
 
       energy = sum(kinetic_energy(result%boulder, v, omega_r/result%boulder%radius))
@@ -480,7 +486,9 @@ contains
       remains = 0
       if (energy > taken) remains = sqrt((energy - taken)/energy)
       omega_r = remains*omega_r
-      flight = flight_from(scene%dem, landing, remains*[turned, v(3)], heading)
+      place = landing
+      if (obstacle%kind == barrier) place = little_before(scene%dem, landing, v(1:2))
+      flight = flight_from(scene%dem, place, remains*[turned, v(3)], heading)
       if (taken > 0 .and. square(flight%v) < scene%stop_speed**2) then
          result%status = merge(stopped_by_tree, stopped_by_barrier, obstacle%kind == tree)
       else if (result%trees_hit >= scene%max_impacts) then
@@ -488,6 +496,22 @@ contains
       end if
       call record(scratch, contact_t(landing%x, landing%y, landing%z, result%time, flight%v))
    end subroutine meet_obstacle
+
+   !> A place in the air a little before it, on the way there: places are rounded, and what else lies there, such as a
+   !> line along a barrier, must still be ahead of the flight that goes on.
+   pure type(landing_t) function little_before(dem, landing, v) result(place)
+      type(terrain_t), intent(in) :: dem
+      type(landing_t), intent(in) :: landing
+      real(wp), intent(in) :: v(2)  !! in plan [m/s]
+      real(wp) :: way(2)
+
+      place = landing
+      way = unit_vector(v)*(beside*dem%cell*max(dem%nx, dem%ny))
+      place%x = place%x - way(1)
+      place%y = place%y - way(2)
+      place%u = within(dem, place%x, place%patch%i)
+      place%w = within(dem, place%y, place%patch%j)
+   end function little_before
 
    !> What a hit of a tree does, and what is to be known of it later.
    pure subroutine hit_tree(scene, number, hit, landing, energy, result, scratch, impact)
@@ -623,7 +647,8 @@ contains
          call see_ground_fit(scene%grounds(ground), class, v_in, outside, fast, steep, ratio)
          scratch%by_ground(ground) = scratch%by_ground(ground) + 1
       else
-         call rebound(scene%sets(class), scene%table, scene%key, number, int(result%impacts, i8), word(1:matrix_words), &
+         call rebound(scene%sets(class), scene%table, scene%key, number, int(result%impacts, i8), &
+            word(1:matrix_words), &
                       v_in, out)
          call beyond_fit(scene%sets(class)%fitted, v_in(1:2), fast, steep)
       end if

@@ -6,7 +6,8 @@ program test_classical_rebound
    use rockfall_random, only: normal_table_t, normal_table, matrix_words
    use rockfall_boulder, only: boulder_t, inertia_factor
    use rockfall_impact, only: rebound_t, twice_energy
-   use rockfall_classical_rebound, only: lengthen_hop, scatter_t, scatter, drawn, classical_t, classical_rebound, penetration, tangent, &
+   use rockfall_classical_rebound, only: scatter_t, scatter, drawn, classical_t, classical_rebound, lengthen_hop, &
+      penetration, tangent, &
       absorbs, rockyfor3d, pfeiffer_bowen, bourrier_hungr, constant, absorbing
    use check_m, only: check, check_close, finish
    implicit none
@@ -76,7 +77,8 @@ contains
       real(wp) :: limit, v(3), w(3)
 
       this = ground(bourrier_hungr, 5.0_wp, 0.9_wp)
-      call same("sticks", after(this, [10.0_wp, -5.0_wp, 8.0_wp], .false.), [8.485714285714286_wp, 2.5_wp, 8.485714285714286_wp], near)
+      call same("sticks", after(this, [10.0_wp, -5.0_wp, 8.0_wp], .false.), [8.485714285714286_wp, 2.5_wp, &
+            8.485714285714286_wp], near)
       call same("slides", after(this, [10.0_wp, -5.0_wp, -20.0_wp], .false.), &
                 [4.669872981077807_wp, 2.5_wp, -7.174682452694519_wp], near)
       limit = 10 - this%friction*1.5_wp*5*3.5_wp/0.9_wp  ! of W
@@ -88,7 +90,8 @@ contains
    end subroutine test_sticking_and_sliding
 
    subroutine test_penetration()
-      call check_close("medium soil", penetration(boulder, 1000.0_wp, 0.38_wp, 125.0_wp), 0.057699663424872524_wp, 1.0e-9_wp)
+      call check_close("medium soil", penetration(boulder, 1000.0_wp, 0.38_wp, 125.0_wp), 0.057699663424872524_wp, &
+            1.0e-9_wp)
       call check_close("soft soil", penetration(boulder, 1000.0_wp, 0.23_wp, 125.0_wp), 0.322220674577689_wp, 1.0e-9_wp)
       call check_close("at most the radius", penetration(boulder, 1000.0_wp, 0.1_wp, 125.0_wp), 0.5_wp, near)
       call check_close("at any speed", penetration(boulder, 1000.0_wp, 0.01_wp, 1.0e12_wp), 0.5_wp, near)
@@ -204,7 +207,8 @@ contains
       this = scatter(table, 0.38_wp, 0.02_wp, [0.34_wp, 0.42_wp])
       call check("the first word gives the lower end", abs(drawn(this, table, 0_i8) - 0.34_wp) < 1.0e-9_wp)
       call check("the last the upper", abs(drawn(this, table, 2_i8**32 - 1) - 0.42_wp) < 1.0e-9_wp)
-      call check("none lies beyond them", drawn(this, table, 0_i8) >= 0.34_wp .and. drawn(this, table, 2_i8**32 - 1) <= 0.42_wp)
+      call check("none lies beyond them", drawn(this, table, 0_i8) >= 0.34_wp .and. drawn(this, table, &
+            2_i8**32 - 1) <= 0.42_wp)
       call check_close("the middle one is the mean", drawn(this, table, 2_i8**31), 0.38_wp, 1.0e-9_wp)
       mean = 0
       square = 0
@@ -245,7 +249,8 @@ contains
                 [5*cos(2*tilt), 5*sin(2*tilt), 3.0_wp], 1.0e-9_wp)
       this = ground(rockyfor3d, 0.38_wp, 0.0_wp)
       this%roughness = 2*tilt
-      call check("back is back for a model of energies, too", minval(after(this, [0.0_wp, -5.0_wp, 0.0_wp], .false.)) < 0)
+      call check("back is back for a model of energies, too", minval(after(this, [0.0_wp, -5.0_wp, 0.0_wp], &
+            .false.)) < 0)
    end subroutine test_roughness
 
    !> A boulder that rolls is thrown its radius far, with the energy that it has; one that is too slow, or hops farther

@@ -113,7 +113,8 @@ contains
       allocate (visits%time(0))
       call add_travel(maps, visits, dem, [2*cell, (ny - 4)*cell, 12.0_wp])
       drop = 12 - z(6, 8)
-      call check_close("the angle of a triangle", real(steepest_angle(steep(6, 8)), wp), atan(drop/10)/degree, 2.0e-5_wp)
+      call check_close("the angle of a triangle", real(steepest_angle(steep(6, 8)), wp), atan(drop/10)/degree, &
+                       2.0e-5_wp)
       call check_close("from both sides", real(flattest_angle(flat(6, 8)), wp), &
                        real(steepest_angle(steep(6, 8)), wp), 0.0_wp)
       call check("none where it was released", steep(3, 4) <= 0 .and. flat(3, 4) <= 0)

@@ -24,6 +24,7 @@ from rockfall.html_report.intervals import rows_of
 from rockfall.html_report.maps import data_uri, map_section
 from rockfall.html_report.summary import summary
 from rockfall.html_report.tables import (
+    barrier_table,
     design_tables,
     ground_table,
     level_table,
@@ -36,6 +37,7 @@ from rockfall.io.files import atomic_write
 from rockfall.io.output_files import PAGE, SIGNATURE, check_output
 from rockfall.plots.figures import figures
 from rockfall.plots.style import save
+from rockfall.protection.barriers import barriers_of
 from rockfall.protection.design import design
 from rockfall.quantities import count
 from rockfall.result.flat_maps import flat_maps
@@ -103,7 +105,10 @@ def report(result: xr.Dataset, terrain: Terrain | None = None, observed: Any = N
         cautions=cautions(result, rows, levels),
         map_section=map_section(result, terrain),
         lines=[*line_tables(rows), level_table(levels)] if rows else [],
-        design=list(design_tables(sheet)) if sheet else [],
+        design=[
+            *(design_tables(sheet) if sheet else ()),
+            *([barrier_table(result)] if barriers_of(result) else ()),
+        ],
         factors=list(factor_lines(sheet)) if sheet else [],
         grounds=[ground_table(result)] if "rebounds_by_ground" in result else [],
         has_clusters=sources(result).max() > 0,

@@ -14,6 +14,7 @@ from rockfall.analysis.line_statistics import half_width
 from rockfall.case import FROM_ARRAY, case_of
 from rockfall.html_report.convergence import NUMBERS, TARGETS, needed
 from rockfall.html_report.intervals import STATISTICS, in_unit, interval
+from rockfall.protection.barriers import barrier_statistics
 from rockfall.quantities import QUANTITIES, number, percent
 from rockfall.result.grounds import rebounds_by_ground
 from rockfall.text.design import CHECKED, check_row, demand_rows, load_rows
@@ -54,6 +55,19 @@ def line_tables(rows: Rows) -> Iterator[Table]:
 def _statistics(quantity: str, row: Row) -> tuple[str, ...]:
     cells = (f"{in_unit(row[n], quantity)}\n{interval(row, n, quantity)}" for n in STATISTICS)
     return QUANTITIES[quantity].title, *cells, in_unit(row["max"], quantity)
+
+
+def barrier_table(result: xr.Dataset) -> Table:
+    """What each barrier did with the boulders that came to it."""
+    rows = [
+        (row["barrier"], row["outcome"].replace("_", " "), f"{row['n']:,}",
+         f"{percent(row['fraction'])} {interval(row, 'fraction', 'fraction')}")
+        for row in barrier_statistics(result).to_dict("records")
+    ]  # fmt: skip
+    about = (
+        "What barriers did at the first meeting, of all boulders, with 95 % confidence intervals"
+    )
+    return Table(about, ("barrier", "outcome", "boulders", "fraction"), rows)
 
 
 def ground_table(result: xr.Dataset) -> Table:

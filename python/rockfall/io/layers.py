@@ -41,21 +41,29 @@ _INDEX = re.compile(r'CREATE\s+VIRTUAL\s+TABLE\s+("[^"]*"|\w+)\s+USING\s+rtree\b
 
 
 def burn_polygons(
-    path: str | Path, grid: Grid, field: str | None = None, remarks: list[str] | None = None
+    path: str | Path,
+    grid: Grid,
+    field: str | None = None,
+    remarks: list[str] | None = None,
+    *,
+    layer: str | None = None,
+    key: str = "",
 ) -> np.ndarray:
     """Which polygon holds the centre of each cell; the later one where they overlap.
 
     With `field`, its integers (int32, `NO_ID` outside); without, a mask. Coordinates must be those
     of the terrain. A GeoJSON file that names no CRS is in degrees by its standard; where that
     cannot be (the terrain has no CRS, or the numbers are no degrees) they are taken as they are.
-    What is odd but can be read is added to `remarks`.
+    What is odd but can be read is added to `remarks`. `layer` and `key` are as in `_on_terrain`.
     """
     from rasterio.features import rasterize
 
     path = str(path)
     remarks = [] if remarks is None else remarks
     columns = [] if field is None else [field]
-    shapes, values, bounds = _on_terrain(path, columns, _POLYGONS, "polygons", grid, remarks)
+    shapes, values, bounds = _on_terrain(
+        path, columns, _POLYGONS, "polygons", grid, remarks, layer=layer, key=key
+    )
     if field is None:
         numbers = np.ones(len(shapes), np.uint8)
     else:

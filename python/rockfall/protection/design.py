@@ -30,6 +30,7 @@ LOADS = (
     "speed", "energy_total", "energy_translational",
     "passing_height", "upper_edge", "normal_height", "normal_upper_edge",
 )  # fmt: skip
+MAX_WINDOWS = 10_000  # of a line
 DESIGN = ("v_d", "E_d", "h_d", "normal_h_d", "height_needed", "normal_height_needed")
 _WITH_LIMITS = [name + end for name in DESIGN for end in ENDS]
 _LOADS = ["line", "n", "quantity", *with_limits("q95"), *with_limits("q99")]
@@ -189,6 +190,10 @@ def _windows(
 ) -> Iterator[dict[str, float]]:
     """What the standard asks of each window along a line [m]; blank where few boulders come."""
     number = max(1, int(np.ceil(length / width)))
+    if number > MAX_WINDOWS:
+        raise RockfallError(
+            f"width = {width}: makes {number:,} windows of the line, at most {MAX_WINDOWS:,}"
+        )
     window = np.minimum((came.position / width).astype(int), number - 1)
     for k in range(number):
         here = came.where(window == k)

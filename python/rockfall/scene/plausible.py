@@ -206,8 +206,10 @@ def _forest(scene: Scene) -> Iterator[str]:
 
 
 def _lines(scene: Scene) -> Iterator[str]:
+    barriers = {one["name"] for one in scene.case.barrier}
     for name in lines_outside(scene):
-        yield f"&line name = '{name}': no part of it lies over the terrain"
+        group = "barrier" if name in barriers else "line"
+        yield f"&{group} name = '{name}': no part of it lies over the terrain"
 
 
 def _read(scene: Scene) -> Iterator[str]:

@@ -153,7 +153,10 @@ def _cells(scene: Scene, box: Box, rasters: dict[str, Any]) -> Iterator[tuple[sl
     parts = list(row_blocks(box.shape))
     if "polygons" in release:
         path = case.path(release["polygons"])
-        inside = burn_polygons(path, scene.grid, remarks=scene.remarks)
+        inside = burn_polygons(
+            path, scene.grid, remarks=scene.remarks,
+            layer=release.get("polygons_layer"), key="polygons_layer",
+        )  # fmt: skip
         blocks = ((rows, inside[rows] & ~np.isnan(scene.z[rows])) for rows in parts)
         scene.checksums["polygons"] = file_checksum(path)
     elif "cells" in release:

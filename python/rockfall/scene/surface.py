@@ -111,9 +111,14 @@ def _read_zones(
     path, table_path_ = case.path(surface["zones"]), case.path(surface["table"])
     scene.checksums.setdefault("table", file_checksum(table_path_))
     if "zones" not in rasters and path.suffix.lower() in LAYERS:
-        ids = burn_polygons(path, scene.grid, surface["zone_field"], scene.remarks)
+        ids = burn_polygons(
+            path, scene.grid, surface["zone_field"], scene.remarks,
+            layer=surface.get("zones_layer"), key="zones_layer",
+        )  # fmt: skip
         blocks = ((rows, ids[rows]) for rows in row_blocks(ids.shape))
         scene.checksums["zones"] = file_checksum(path)
+    elif "zones_layer" in surface:
+        raise RockfallError(f"{case.name}: &surface zones_layer: has no meaning for a raster")
     else:
         blocks = layer_blocks(scene, "zones", "zones", np.int32, rasters, box)
     scene.zone = index_blocks(
