@@ -180,11 +180,12 @@ Edit = tuple[str, str, str, int]  # file, text, what stands for it, how often it
 _TRAJECTORY, _ENSEMBLE = "run/trajectory.f90", "run/ensemble.f90"
 _CELLS = "if (scratch%cells_requested)"
 _HISTOGRAMS = "if (scene%histograms_requested)"
+_LINES = "level >= with_lines .and. allocated(scene%lines) .and. .not. obstacles"
 NEVER = "if (.false.)"
 #: Where a kernel that never had the option has nothing; the compiler drops what cannot be reached.
 CUTS: dict[str, list[Edit]] = {
     "evaluation lines": [
-        (_TRAJECTORY, "if (level >= with_lines .and. allocated(scene%lines))", NEVER, 1),
+        (_TRAJECTORY, f"if ({_LINES})", NEVER, 1),
         (_TRAJECTORY, "if (level >= with_lines .and. allocated(scratch%crossings))", NEVER, 1),
         (_ENSEMBLE, "if (allocated(scratch%crossings))", NEVER, 1),
         (_ENSEMBLE, "if (allocated(scene%lines))", NEVER, 1),
@@ -195,21 +196,21 @@ CUTS: dict[str, list[Edit]] = {
     ],
     "maps": [
         (_TRAJECTORY, "if (level >= with_maps .and. scratch%cells_requested)", NEVER, 3),
-        (_ENSEMBLE, _CELLS, NEVER, 2),
+        (_ENSEMBLE, _CELLS, NEVER, 1),
         (_ENSEMBLE, "if (counts_sources(maps))", NEVER, 1),
-        (_ENSEMBLE, "if (result%status == stopped .or. result%status == absorbed)", NEVER, 1),
+        (_ENSEMBLE, "if (at_rest(result%status))", NEVER, 1),
         ("boulder/flight.f90", "if (present(spans))", NEVER, 1),
         ("boulder/flight.f90", "if (present(n_spans))", NEVER, 1),
     ],
     "maps by source": [(_ENSEMBLE, "if (counts_sources(maps))", NEVER, 1)],
     "trajectories": [(_TRAJECTORY, "if (.not. allocated(scratch%record))", "if (.true.)", 1)],
     "zones, rasters of radii": [
-        ("terrain/surface.f90", f"associated(surface%{name})", ".false.", 1)
-        for name in ("zone1", "zone2", "values")
+        ("terrain/surface.f90", f"associated(surface%{name})", ".false.", often)
+        for name, often in {"zone1": 2, "zone2": 2, "values": 1}.items()
     ],
     "method A": [("terrain/surface.f90", "surface%method == method_a", ".false.", 2)],
     "elevations in float32": [
-        ("terrain/terrain.f90", "associated(dem%z8)", ".true.", 2)
+        ("terrain/terrain.f90", "associated(dem%z8)", ".true.", 3)
     ],
     "sobol": [
         (_TRAJECTORY, "scene%sobol%dimensions > 0", ".false.", 1),
@@ -223,6 +224,12 @@ CUTS: dict[str, list[Edit]] = {
         (_TRAJECTORY, "departure(scene%dem, landing%patch)", "left_domain", 1),
         (_TRAJECTORY, "if (.not. flight%patch%known)", NEVER, 1),
         (_ENSEMBLE, "if (result%status == left_window)", NEVER, 1),
+    ],
+    "grounds": [
+        (_TRAJECTORY, "if (level >= with_all .and. allocated(scene%grounds))", NEVER, 1),
+        (_TRAJECTORY, "level >= with_all .and. ground > 0", ".false.", 2),
+        (_ENSEMBLE, "if (allocated(scratch%by_ground))", NEVER, 3),
+        (_ENSEMBLE, "if (allocated(scene%grounds))", NEVER, 1),
     ],
     "checkpoints": [
         ("run/run_loop.f90", "call observer%on_chunk(results, error)", "", 1),
