@@ -1,0 +1,183 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What the shipped grounds do on planes: boulders that pass 200 m, their speed and jump height, and
+the slope on which half of them pass.
+
+    python -m benchmarks.accuracy.grounds [--boulders 1000] [-o docs]
+
+For each ground, beside the stochastic impact set, and slopes of 15 to 55 degrees: the share of the
+boulders that pass a line 200 m below the release, in plan; their mean speed there, and the 95 %
+quantile of their jump height. Numbers are means over seeds, with standard errors from how the seeds
+differ. Writes the last section of grounds.md, and figures/grounds.png.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+import rockfall
+from benchmarks.accuracy.planes import ABOVE, DISTANCE, DROP, VOLUME, WIDE, plane
+from benchmarks.machine import ROOT
+from rockfall.analysis.line_statistics import line_numbers, sources
+from rockfall.grounds import GroundTable, shipped_grounds
+from rockfall.io.files import atomic_write
+from rockfall.plots.style import BLUE, GREEN, GREY, INK, VERMILION, new_figure, save, styled
+
+SLOPES = range(15, 56, 5)  # [degree]
+SEEDS = range(1, 6)
+FLATTEST, STEEPEST, NEAR = 2.0, 80.0, 0.1  # where half of them pass [degree]
+OBSTACLES = 0.1  # size of obstacles, which rockyfor3d minds [m]
+RATIOS = (1, 3, 5)  # R_b/R_m of the impact set
+FEW = 20  # boulders at the line, below which no mean is told
+HOW = {"fraction": ("share passing", "%", 1), "speed": ("mean speed", "m/s", 1),
+       "height": ("95 % quantile of the jump height", "m", 2)}  # fmt: skip
+COLOURS = {"impact_sets": INK, "rockyfor3d": BLUE, "pfeiffer_bowen": VERMILION, "constant": GREEN}
+BEGIN = "## On planes\n"
+
+
+class Number(NamedTuple):
+    """A mean over seeds with its standard error; NaN where it is not known."""
+
+    value: float
+    error: float
+
+    @classmethod
+    def of(cls, values: list[float]) -> Number:
+        return cls(float(np.mean(values)), float(np.std(values, ddof=1) / np.sqrt(len(values))))
+
+
+class Kind(NamedTuple):
+    """A ground, and the mean radius of the rocks on it [m]."""
+
+    label: str
+    model: str
+    ground: str
+    radius: float
+
+
+class Measured(NamedTuple):
+    kind: Kind
+    half: Number  # slope on which half of the boulders pass [degree]
+    at_line: dict[int, dict[str, Number]]  # by slope
+
+
+def kinds() -> Iterator[Kind]:
+    """The impact set with rocks of several sizes, then the rows of the shipped table."""
+    own = float(np.cbrt(0.75 / np.pi * VOLUME))
+    for ratio in RATIOS:
+        yield Kind(f"rocky-slope, R_b/R_m = {ratio}", "impact_sets", "rocky-slope", own / ratio)
+    for name, row in GroundTable(shipped_grounds()).rows.items():
+        if row.cells["model"] != "absorbs":
+            yield Kind(name, row.cells["model"], name, OBSTACLES / 2)
+
+
+def run(kind: Kind, slope: float, boulders: int, seed: int) -> dict[str, float]:
+    """What boulders do at the line: HOW -> a number."""
+    z, grid = plane(slope)
+    top = grid.north - ABOVE
+    case = rockfall.Case(
+        case={"boulders": boulders, "seed": seed},
+        surface={"uniform_mean_radius": kind.radius, "ground": kind.ground},
+        boulder={"volume_mean": VOLUME},
+        release={"x": WIDE / 2, "y": top, "drop_height": DROP},
+        line=[{"name": "line", "x": [0.0, WIDE], "y": [top - DISTANCE] * 2}],
+    )
+    result = rockfall.run(case, dem=z, transform=grid)
+    speed, height = (
+        line_numbers(result, 0, name, sources(result)) for name in ("speed", "jump_height")
+    )
+    known = speed["n"] >= FEW
+    return {
+        "fraction": speed["fraction"],
+        "speed": speed["mean"] if known else np.nan,
+        "height": height["q95"] if known else np.nan,
+    }
+
+
+def measure(kind: Kind, slope: float, boulders: int) -> dict[str, Number]:
+    found = [run(kind, slope, boulders, seed) for seed in SEEDS]
+    return {name: Number.of([one[name] for one in found]) for name in HOW}
+
+
+def half_slope(kind: Kind, boulders: int, seed: int) -> float:
+    """The slope on which half of the boulders pass [degree], by halving."""
+    low, high = FLATTEST, STEEPEST
+    while high - low > NEAR:
+        middle = (low + high) / 2
+        passing = run(kind, middle, boulders, seed)["fraction"] > 0.5
+        low, high = (low, middle) if passing else (middle, high)
+    return (low + high) / 2
+
+
+def look(kind: Kind, boulders: int) -> Measured:
+    half = Number.of([half_slope(kind, boulders, seed) for seed in SEEDS])
+    return Measured(kind, half, {slope: measure(kind, slope, boulders) for slope in SLOPES})
+
+
+def text(number: Number, digits: int, scale: float = 1.0) -> str:
+    value, error = number
+    if np.isnan(value):
+        return "-"
+    return f"{scale * value:.{digits}f} ± {scale * error:.{digits}f}"
+
+
+def section(found: list[Measured], boulders: int) -> Iterator[str]:
+    yield BEGIN
+    yield (
+        f"{len(SEEDS)} seeds of {boulders:,} boulders of {VOLUME:g} m3 for each number, released "
+        f"{DROP:g} m above a plane; a line {DISTANCE:g} m further down, in plan. Obstacles are "
+        f"{OBSTACLES:g} m high. ± is the standard error over the seeds; - where too few pass. The "
+        f"slope on which half of them pass is found to {NEAR / 2:g} degrees. "
+        "`python -m benchmarks.accuracy.grounds` writes this section and its figure.\n"
+    )
+    yield "![share passing, mean speed and jump height against the slope](figures/grounds.png)\n"
+    yield "| ground | model | half of the boulders pass from [degree] |\n| --- | --- | --: |"
+    for one in found:
+        yield f"| {one.kind.label} | {one.kind.model.replace('_', ' ')} | {text(one.half, 1)} |"
+    for name, (label, unit, digits) in HOW.items():
+        head = " | ".join(f"{slope} degrees" for slope in SLOPES)
+        yield f"\n| {label} [{unit}] | {head} |\n| --- |" + " --: |" * len(SLOPES)
+        for one in found:
+            scale = 100.0 if unit == "%" else 1.0
+            cells = (text(one.at_line[slope][name], digits, scale) for slope in SLOPES)
+            yield f"| {one.kind.label} | {' | '.join(cells)} |"
+
+
+@styled
+def draw(found: list[Measured]):
+    """A panel for each number, a line for each ground in the colour of its model."""
+    figure = new_figure(9.0, 3.2)
+    panels = figure.subplots(1, len(HOW), squeeze=False)[0]
+    for panel, (name, (label, unit, _)) in zip(panels, HOW.items(), strict=True):
+        scale = 100.0 if unit == "%" else 1.0
+        for one in found:
+            values = [scale * one.at_line[slope][name].value for slope in SLOPES]
+            colour = COLOURS.get(one.kind.model, GREY)
+            panel.plot(SLOPES, values, color=colour, lw=0.9, marker="o", ms=2)
+        panel.set(xlabel="slope [degree]", ylabel=f"{label} [{unit}]")
+    for model, colour in COLOURS.items():
+        panels[0].plot([], [], color=colour, label=model.replace("_", " "))
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
+    return figure
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--boulders", type=int, default=1000)
+    parser.add_argument("-o", metavar="FOLDER", type=Path, dest="folder", default=ROOT / "docs")
+    options = parser.parse_args()
+    found = [look(kind, options.boulders) for kind in kinds()]
+    page = options.folder / "grounds.md"
+    before = page.read_text(encoding="utf-8").split(BEGIN)[0]
+    with atomic_write(page) as part:
+        after = "\n".join(section(found, options.boulders))
+        part.write_text(f"{before}{after}\n", encoding="utf-8")
+    save(draw(found), options.folder / "figures" / "grounds.png", dpi=130)
+
+
+if __name__ == "__main__":
+    main()

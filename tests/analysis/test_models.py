@@ -1,0 +1,147 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""One case by every rebound model: the models are run as they would be alone, and differences are
+those of the same boulders."""
+
+import csv
+
+import numpy as np
+import pytest
+
+import rockfall
+from made import make_raster
+from programs import everything, make_full_case, refuses
+from rockfall.analysis.models import COLUMNS, ROCKS, run_models, with_rocks
+from rockfall.cli import main
+from rockfall.grounds import GroundTable, shipped_grounds
+from rockfall.scene.read import read_scene
+from rockfall.simulation.simulate import run_scene
+
+SHIPPED = GroundTable(shipped_grounds())
+CLASSICAL = [*ROCKS]
+
+
+@pytest.fixture(scope="module")
+def case(tmp_path_factory):
+    """Zones with small and with large rocks, and one that is a road in every model."""
+    folder = tmp_path_factory.mktemp("models")
+    case = make_full_case(folder, case={"boulders": 100})
+    ids = np.tile(np.repeat([4, -2, 5], 2), (80, 10))
+    make_raster(folder / "zones.tif", ids.astype("i2"), crs="EPSG:32632")
+    head = "zone,mean_radius,rg70,rg20,rg10,ground\n"
+    rows = "4,0.02,0.05,0.04,0.03,\n-2,0.3,0.6,0.5,0.7,\n5,,,,,road\n"
+    (folder / "zones.csv").write_text(head + rows)
+    return case
+
+
+@pytest.fixture(scope="module")
+def found(case):
+    return run_models(case)
+
+
+def at(found, model, line, quantity, statistic="mean"):
+    table = found.table.set_index(["model", "line", "quantity", "statistic"])
+    return table.loc[model, line, quantity, statistic]
+
+
+def test_each_model_is_run_as_it_would_be_alone(case, found):
+    assert found.names == ("impact sets, method B", "impact sets, method A", *CLASSICAL)
+    assert list(found.table.columns) == COLUMNS
+    result = rockfall.run(case)
+    mean = result["plan_distance"].values.mean()
+    assert at(found, "impact sets, method B", "", "stopping_distance")["value"] == mean
+    result = rockfall.run(case.replace(surface={"method": "A"}))
+    mean = np.nanmean(result["line_speed"].values[0])
+    row = at(found, "impact sets, method A", "Straße", "speed")
+    assert np.isclose(row["value"], mean, rtol=1e-14) and row["low"] < mean < row["high"]
+
+
+def test_rocks_choose_the_ground_and_named_grounds_stay(case):
+    small, large = (SHIPPED.ground(name) for name in ROCKS["rockyfor3d"])
+    scene = with_rocks(read_scene(case), small, large)
+    assert [one.name for one in scene.grounds] == ["soil_3", "soil_4", "road"]
+    assert scene.material_ground.tolist() == [1, 2, 3]
+    result = run_scene(scene)
+    assert (result["rebounds_by_ground"] > 0).all()
+    one = with_rocks(read_scene(case), large, large)
+    assert [rule.name for rule in one.grounds] == ["soil_4", "road"]
+    assert one.material_ground.tolist() == [1, 1, 2]
+
+
+@pytest.mark.parametrize("way", ["uniform", "raster", "map", "map and raster"])
+def test_sizes_may_come_in_any_way(tmp_path, way):
+    case = make_full_case(tmp_path)
+    surface = {"zones": None, "table": None}
+    radii = np.where(np.arange(60) < 30, 0.03, 0.2) + np.zeros((80, 1))
+    if "raster" in way:
+        make_raster(tmp_path / "rm.tif", radii.astype("f4"), crs="EPSG:32632")
+        surface["mean_radius"] = "rm.tif"
+    else:
+        surface["uniform_mean_radius"] = 0.2
+    if "map" in way:
+        ids = np.where(np.arange(80) < 40, 0, 6)[:, None] + np.zeros((1, 60), int)
+        make_raster(tmp_path / "soil.tif", ids.astype("i2"), nodata=0, crs="EPSG:32632")
+        surface["ground_map"] = "soil.tif"
+    small, large = (SHIPPED.ground(name) for name in ROCKS["pfeiffer_bowen"])
+    scene = with_rocks(read_scene(case.replace(surface=surface)), small, large)
+    names = [one.name for one in scene.grounds]
+    if way == "uniform":
+        assert names == ["pfeiffer_rock"] and scene.cell_ground is None
+    else:
+        here = np.array(names)[scene.cell_ground - 1]
+        wanted = np.where(np.arange(60) < 30, "pfeiffer_talus", "pfeiffer_rock")
+        wanted = wanted if "raster" in way else np.full(60, "pfeiffer_rock")
+        assert (here[10] == wanted).all()
+        assert (here[60] == ("soil_6" if "map" in way else wanted)).all()
+    run_scene(scene)
+
+
+def test_differences_are_those_of_the_same_boulders(case, found):
+    """The first has none. Their intervals are those of a difference boulder by boulder: narrower
+    than two samples would have, and the fraction's is that of how many changed sides."""
+    first = found.table[found.table["model"] == found.names[0]]
+    means = first[first["statistic"] != "q95"].dropna(subset="difference")
+    assert (means[["difference", "difference_low", "difference_high"]] == 0).all(axis=None)
+    a, b = (at(found, name, "", "stopping_distance") for name in found.names[:2])
+    assert np.isclose(b["difference"], b["value"] - a["value"], rtol=1e-12)
+    paired, apart = (
+        (b["difference_high"] - b["difference_low"]) / 2,
+        np.hypot((a["high"] - a["low"]) / 2, (b["high"] - b["low"]) / 2),
+    )
+    assert paired < apart
+    row = at(found, found.names[1], "Straße", "boulders", "fraction")
+    other = at(found, found.names[0], "Straße", "boulders", "fraction")
+    assert np.isclose(row["difference"], row["value"] - other["value"])
+    speed = at(found, found.names[1], "Straße", "speed")
+    alone = at(found, found.names[0], "Straße", "speed")
+    assert np.isclose(speed["difference"], speed["value"] - alone["value"])
+    assert speed["difference_low"] < speed["difference"] < speed["difference_high"]
+
+
+def test_grounds_on_request(case):
+    found = run_models(case.replace(case={"boulders": 5}), ["soil_6", "rocky-slope"])
+    assert found.names[2:] == ("soil_6", "rocky-slope")
+
+
+def test_a_case_with_a_ground_comes_first_as_it_is(case):
+    case = case.replace(surface={"ground": "meadow"}, case={"boulders": 5})
+    found = run_models(case)
+    assert found.names == ("meadow", "impact sets, method B", "impact sets, method A", *CLASSICAL)
+
+
+def test_the_command_writes_a_table_and_a_figure(case, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    command = ["models", case.name, "-o", "out", "--boulders", "20"]
+    assert main(command) == 0
+    out = capsys.readouterr().out
+    assert "impact sets, method A" in out and "run-out in plan" in out and "(+" in out
+    with open("out/models.csv", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [*rows[0]] == COLUMNS and {row["model"] for row in rows} >= {*CLASSICAL}
+    assert (tmp_path / "out/models.png").read_bytes().startswith(b"\x89PNG")
+    before = everything(tmp_path)
+    assert main(command) == 0  # over its own
+    assert everything(tmp_path).keys() == before.keys()
+    (tmp_path / "out/models.csv").write_text("mine")
+    refuses(command, "out.models.csv: is there, and not .*; it is not overwritten", capsys)
+    words = ["models", case.name, "-o", "new", "--ground", "mud"]
+    refuses(words, "--ground = 'mud': no ground of grounds.csv, and no file of .*", capsys)
