@@ -24,7 +24,7 @@ module rockfall_variables
       character(len=7) :: kind        !! real, integer, word
       character(len=7) :: units       !! as CF wants them; of a histogram: those of its bins
       character(len=80) :: long_name
-      character(len=60) :: comment = ""
+      character(len=80) :: comment = ""
       character(len=2) :: stored = "" !! in part files as i1, i4, f4; else as f8, integers as i8
    end type variable_t
 
@@ -194,8 +194,8 @@ module rockfall_variables
                  "V_t after the rebound", "negative when the boulder turns back"), &
       variable_t("vertex", "out_n", "real", "m s-1", "V_n after the rebound"), &
       variable_t("vertex", "out_w", "real", "m s-1", "W after the rebound"), &
-      variable_t("vertex", "ratio", "real", "1", "R_b/R_m of the rebound", "0 without a rebound, &
-            -1 of a classical one"), &
+      variable_t("vertex", "ratio", "real", "1", "R_b/R_m of the rebound", &
+                 "0 without a rebound, -1 of a classical one"), &
       variable_t("tally", "cell", "integer", "1", "index of the cell, by rows from the north-west"), &
       variable_t("tally", "counts", "integer", "1", "counts of the maps, by layer", stored="i4"), &
       variable_t("tally", "sums", "integer", "1", "sums of the maps, by layer"), &
