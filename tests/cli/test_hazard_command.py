@@ -113,7 +113,7 @@ def test_the_file_holds_all_of_it(found):
             else:
                 assert np.array_equal(one, other, equal_nan=one.dtype.kind == "f"), name
             assert TABLE.get(name) is None or file[name].dims == TABLE[name].dims
-        assert file.attrs["Conventions"] == "CF-1.8"
+        assert file.attrs["Conventions"] == "CF-1.11"
         assert "&scenario" in file.attrs["case"]
 
 
