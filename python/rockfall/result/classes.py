@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from rockfall.quantities import SHOWN, number
+from rockfall.quantities import SHOWN
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -49,12 +49,14 @@ class Classes(NamedTuple):
     @property
     def ticks(self) -> tuple[str, ...]:
         """The limits as text."""
-        return tuple(number(limit, 2) for limit in self.limits)
+        return tuple(f"{limit:,g}" for limit in self.limits)
 
     @property
     def labels(self) -> list[str]:
         """Each class in words."""
-        between = [f"{low} to {high}" for low, high in zip(self.ticks, self.ticks[1:], strict=False)]
+        between = [
+            f"{low} to {high}" for low, high in zip(self.ticks, self.ticks[1:], strict=False)
+        ]
         return [f"up to {self.ticks[0]}", *between, f"above {self.ticks[-1]}"]
 
 

@@ -17,9 +17,9 @@ from rockfall.errors import need
 from rockfall.io.arrays import grid_of
 from rockfall.io.output_files import atomic_folder
 from rockfall.io.tables import write_csv
+from rockfall.result.classes import classes_of, shown_as
 from rockfall.result.dataset import put_netcdf
 from rockfall.result.export import crs_wkt, write_geopackage, write_map
-from rockfall.result.classes import classes_of, shown_as
 from rockfall.result.flat_maps import PLAN, flat_maps, shown
 from rockfall.result.qgis_style import write_classes, write_palette
 from rockfall.result.trajectories import flags_of
