@@ -154,7 +154,7 @@ def test_a_style_has_a_colour_for_every_value(exported, name):
     assert len({item.get("color") for item in items}) == len(ends) > 3
     found = classes_of("boulders" if unit == "1" else unit)
     held = np.searchsorted(ends, values)  # QGIS: up to and with the end
-    assert (held == found.index(values.astype(float))).all()
+    assert (held == found.numbers(values.astype(float))).all()
     assert [item.get("color") for item in items] == list(found.colours)
 
 

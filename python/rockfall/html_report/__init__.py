@@ -50,6 +50,7 @@ if TYPE_CHECKING:
 
     from rockfall.html_report.intervals import Rows
     from rockfall.html_report.tables import Table
+    from rockfall.plots.map_figures import Look
     from rockfall.result.trajectories import Terrain
 
 MAX_SVG = 400_000  # bytes; a denser figure becomes dots
@@ -67,11 +68,15 @@ class Picture(NamedTuple):
 
 
 def write_report(
-    result: xr.Dataset, path: str | Path, terrain: Terrain | None = None, observed: Any = None
+    result: xr.Dataset,
+    path: str | Path,
+    terrain: Terrain | None = None,
+    observed: Any = None,
+    look: Look | None = None,
 ) -> None:
     """Write the page of a result to `path`, whole or not at all; the rest is as in `report`."""
     check_page(path, files_behind(result))
-    page = report(result, terrain, observed)
+    page = report(result, terrain, observed, look)
     with atomic_write(path) as part:
         part.write_text(page, encoding="utf-8")
 
@@ -85,25 +90,30 @@ def check_page(path: str | Path, inputs: Iterable[str | Path] = ()) -> None:
     check_output(path, PAGE, inputs)
 
 
-def report(result: xr.Dataset, terrain: Terrain | None = None, observed: Any = None) -> str:
+def report(
+    result: xr.Dataset,
+    terrain: Terrain | None = None,
+    observed: Any = None,
+    look: Look | None = None,
+) -> str:
     """The page of a result as text. The same result gives the same text.
 
     `terrain`, from `rockfall.plots.terrain.terrain_of`, puts relief under maps; `observed`, from
     `rockfall.analysis.observations.read_observed`, is set beside it in the figures and in a
-    comparison.
+    comparison; `look` has limits between classes of maps and a basemap.
     """
     result = flat_maps(result)
     rows, levels = rows_of(result), return_levels(result)
     sheet = design(result) if rows else None
     zoomed = {f"map_{name}" for name in result.data_vars}
-    shown = [one for one in figures(result, terrain, observed) if one.name not in zoomed]
+    shown = [one for one in figures(result, terrain, observed, look) if one.name not in zoomed]
     return _rendered(
         title=str(result.attrs["title"]) or "rockfall",
         boulders=count(result.sizes["boulder"], "boulder"),
         warnings=warnings(result),
         summary=summary(result, rows),
         cautions=cautions(result, rows, levels),
-        map_section=map_section(result, terrain),
+        map_section=map_section(result, terrain, look),
         lines=[*line_tables(rows), level_table(levels)] if rows else [],
         design=[
             *(design_tables(sheet) if sheet else ()),

@@ -71,8 +71,13 @@ def figures(
     if not result.sizes.get("boulder"):
         raise RockfallError("a result without boulders has no figures")
     result = flat_maps(result)
-    return [*_trajectories(result, terrain, look), *_reach(result, terrain, observed, look),
-            *_at_lines(result, observed), *_rebounds(result), *_maps(result, terrain, look)]  # fmt: skip
+    return [
+        *_trajectories(result, terrain, look),
+        *_reach(result, terrain, observed, look),
+        *_at_lines(result, observed),
+        *_rebounds(result),
+        *_maps(result, terrain, look),
+    ]
 
 
 def write_figures(

@@ -42,7 +42,7 @@ class Classes(NamedTuple):
     limits: tuple[float, ...]
     colours: tuple[str, ...]
 
-    def index(self, values: np.ndarray) -> np.ndarray:
+    def numbers(self, values: np.ndarray) -> np.ndarray:
         """The class of each value, from 0; -1 where there is none."""
         return np.where(np.isnan(values), -1, np.digitize(values, self.limits, right=True))
 

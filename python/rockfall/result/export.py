@@ -263,7 +263,10 @@ def _sources(data: xr.Dataset) -> Features:
 
     places = np.column_stack([_stored(data[f"start_{axis}"])[0] for axis in "xy"])
     places, source, boulders = np.unique(places, axis=0, return_inverse=True, return_counts=True)
-    fields = {"source": np.arange(1, len(places) + 1), "boulders": boulders.astype(np.int64)}
+    fields: dict[str, np.ndarray] = {
+        "source": np.arange(1, len(places) + 1),
+        "boulders": boulders.astype(np.int64),
+    }
     if "plan_distance" in data:
         furthest = np.zeros(len(places))
         np.maximum.at(furthest, source, np.nan_to_num(_stored(data["plan_distance"])[0]))

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -59,7 +59,7 @@ def contours_of(terrain: Terrain, extent: Extent) -> Contours:
     interval = next((one for one in INTERVALS if (high - low) / one <= LINES), INTERVALS[-1])
     levels = np.arange(low // interval + 1, high // interval + 1) * interval
     made = contour_generator(grid.x, grid.y, np.ma.masked_invalid(z))
-    curves = {
+    curves: dict[float, Any] = {
         float(level): [one for one in made.lines(level) if len(one) >= SHORTEST]
         for level in (levels if high - low > 1e-3 else ())
     }
@@ -76,5 +76,5 @@ def draw_contours(axes: Axes, contours: Contours) -> None:
 
     for level, curves in contours.curves.items():
         wide = 0.5 if contours.is_index(level) else 0.2
-        about = {"colors": BROWN, "linewidths": wide, "alpha": 0.7}
+        about: dict[str, Any] = {"colors": BROWN, "linewidths": wide, "alpha": 0.7}
         axes.add_collection(LineCollection(curves, **about), autolim=False)

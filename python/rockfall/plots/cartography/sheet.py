@@ -137,7 +137,7 @@ def _draw_frame(sheet: Sheet) -> None:
     """Coordinates along the frame, far enough apart."""
     axes, (west, east, south, north) = sheet.axes, sheet.extent
     step = round_step(sheet.scale * APART)
-    ticks = {"labelsize": SMALL, "length": 2.5, "pad": 2}
+    ticks: dict[str, Any] = {"labelsize": SMALL, "length": 2.5, "pad": 2}
     axes.tick_params(**ticks)
     axes.set_xticks(_inner(west, east, step), [f"{one:.10g}" for one in _inner(west, east, step)])
     axes.set_yticks(
