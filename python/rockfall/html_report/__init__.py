@@ -32,6 +32,7 @@ from rockfall.html_report.tables import (
     precision_table,
     provenance,
 )
+from rockfall.html_report.terrain_view import terrain_view
 from rockfall.html_report.validity import cautions, warnings
 from rockfall.io.files import atomic_write
 from rockfall.io.output_files import PAGE, SIGNATURE, check_output
@@ -55,6 +56,7 @@ if TYPE_CHECKING:
 
 MAX_SVG = 400_000  # bytes; a denser figure becomes dots
 DOTS_PER_INCH = 200
+COLOURS = 128  # of a figure of dots
 
 
 class Picture(NamedTuple):
@@ -73,10 +75,11 @@ def write_report(
     terrain: Terrain | None = None,
     observed: Any = None,
     look: Look | None = None,
+    view: bool = False,
 ) -> None:
     """Write the page of a result to `path`, whole or not at all; the rest is as in `report`."""
     check_page(path, files_behind(result))
-    page = report(result, terrain, observed, look)
+    page = report(result, terrain, observed, look, view)
     with atomic_write(path) as part:
         part.write_text(page, encoding="utf-8")
 
@@ -95,12 +98,14 @@ def report(
     terrain: Terrain | None = None,
     observed: Any = None,
     look: Look | None = None,
+    view: bool = False,
 ) -> str:
     """The page of a result as text. The same result gives the same text.
 
     `terrain`, from `rockfall.plots.terrain.terrain_of`, puts relief under maps; `observed`, from
     `rockfall.analysis.observations.read_observed`, is set beside it in the figures and in a
-    comparison; `look` has limits between classes of maps and a basemap.
+    comparison; `look` has limits between classes of maps and a basemap. With
+    `view` the terrain stands in the page in three dimensions too, which needs `terrain`.
     """
     result = flat_maps(result)
     rows, levels = rows_of(result), return_levels(result)
@@ -114,6 +119,7 @@ def report(
         summary=summary(result, rows),
         cautions=cautions(result, rows, levels),
         map_section=map_section(result, terrain, look),
+        view=terrain_view(result, terrain) if view and terrain is not None else None,
         lines=[*line_tables(rows), level_table(levels)] if rows else [],
         design=[
             *(design_tables(sheet) if sheet else ()),
@@ -156,6 +162,10 @@ def _saved(figure: Figure, ending: str) -> bytes:
     with TemporaryDirectory() as folder:
         path = Path(folder) / f"figure.{ending}"
         save(figure, path, DOTS_PER_INCH)
+        if ending == "png":  # a third of the bytes
+            from PIL import Image
+
+            Image.open(path).convert("RGB").quantize(COLOURS).save(path, optimize=True)
         return path.read_bytes()
 
 

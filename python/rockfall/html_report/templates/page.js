@@ -70,10 +70,14 @@
     const frame = maps[0].getBoundingClientRect();
     const fixed = [...maps[0].parentElement.querySelectorAll(".north, .ruler")];
     const taken = fixed.map((one) => one.getBoundingClientRect());
+    const isFree = (box) => box.left >= frame.left && box.right <= frame.right && box.top >= frame.top && box.bottom <= frame.bottom
+      && !taken.some((one) => box.left < one.right && one.left < box.right && box.top < one.bottom && one.top < box.bottom);
     for (const text of maps[0].querySelectorAll("text")) {
-      const box = text.getBoundingClientRect();
-      const free = box.left >= frame.left && box.right <= frame.right && box.top >= frame.top && box.bottom <= frame.bottom
-        && !taken.some((one) => box.left < one.right && one.left < box.right && box.top < one.bottom && one.top < box.bottom);
+      for (const side of text.classList.contains("name") ? ["-.3em", "1em"] : [text.getAttribute("dy") ?? 0]) {
+        text.setAttribute("dy", side);
+        if (isFree(text.getBoundingClientRect())) break;
+      }
+      const box = text.getBoundingClientRect(), free = isFree(box);
       text.style.visibility = free ? "" : "hidden";
       if (free) taken.push(box);
     }
@@ -92,10 +96,10 @@
   const middle = () => ({ x: view.x + (wide * view.part) / 2, y: view.y + (high * view.part) / 2 });
 
   // The numbers of a map, unpacked when they are first asked for.
-  async function unpack(map) {
-    const bytes = Uint8Array.from(atob(map.dataset.values), (c) => c.charCodeAt(0));
-    const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
-    return new DataView(await new Response(stream).arrayBuffer());
+  const unpack = async (map) => new DataView(await inflated(map.dataset.values).arrayBuffer());
+  function inflated(text) {
+    const bytes = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
+    return new Response(new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate")));
   }
   const numbers = new Map();
 
@@ -165,6 +169,17 @@
   addEventListener("resize", rescale);
   addEventListener("beforeprint", () => zoom(0, middle()));
   rescale();
+
+  const terrain = document.getElementById("terrain");
+  terrain?.querySelector("button").addEventListener("click", async () => {
+    const [code, data] = await Promise.all(["library", "data"].map((name) =>
+      inflated(document.getElementById(`terrain-${name}`).textContent).text()));
+    terrain.replaceChildren();
+    terrain.classList.add("shown");
+    document.head.append(Object.assign(document.createElement("script"), { textContent: code }));
+    const { traces, layout } = JSON.parse(data);
+    window.Plotly.newPlot(terrain, traces, layout, { displayModeBar: false, responsive: true });
+  });
 
   const dialog = document.querySelector("dialog");
   for (const button of document.querySelectorAll(".picture button"))
