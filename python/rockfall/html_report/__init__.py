@@ -22,6 +22,7 @@ from rockfall.errors import RockfallError, need
 from rockfall.html_report.convergence import convergence_figure
 from rockfall.html_report.intervals import rows_of
 from rockfall.html_report.maps import data_uri, map_section
+from rockfall.html_report.pdf import check_pdf, write_pdf
 from rockfall.html_report.summary import summary
 from rockfall.html_report.tables import (
     barrier_table,
@@ -35,7 +36,7 @@ from rockfall.html_report.tables import (
 from rockfall.html_report.terrain_view import terrain_view
 from rockfall.html_report.validity import cautions, warnings
 from rockfall.io.files import atomic_write
-from rockfall.io.output_files import PAGE, SIGNATURE, check_output
+from rockfall.io.output_files import FIGURE, PAGE, SIGNATURE, check_output
 from rockfall.plots.figures import figures
 from rockfall.plots.style import save
 from rockfall.protection.barriers import barriers_of
@@ -54,6 +55,7 @@ if TYPE_CHECKING:
     from rockfall.plots.map_figures import Look
     from rockfall.result.trajectories import Terrain
 
+PDF = ".pdf"
 MAX_SVG = 400_000  # bytes; a denser figure becomes dots
 DOTS_PER_INCH = 200
 COLOURS = 128  # of a figure of dots
@@ -77,8 +79,13 @@ def write_report(
     look: Look | None = None,
     view: bool = False,
 ) -> None:
-    """Write the page of a result to `path`, whole or not at all; the rest is as in `report`."""
+    """Write the page of a result to `path` (.html, or .pdf), whole or not at all; the rest is as in
+    `report`."""
+    path = Path(path)
     check_page(path, files_behind(result))
+    if path.suffix.lower() == PDF:
+        write_pdf(report(result, terrain, observed, look, on_paper=True), path)
+        return
     page = report(result, terrain, observed, look, view)
     with atomic_write(path) as part:
         part.write_text(page, encoding="utf-8")
@@ -88,9 +95,12 @@ def check_page(path: str | Path, inputs: Iterable[str | Path] = ()) -> None:
     """Refuse a page that cannot be made or written, before the work and not after it."""
     path = Path(path)
     need("a report needs", "report", "matplotlib", "PIL", "jinja2")
-    if path.suffix.lower() not in (".html", ".htm"):
-        raise RockfallError(f"{path}: is no name for a page; it must end in .html")
-    check_output(path, PAGE, inputs)
+    ending = path.suffix.lower()
+    if ending not in (".html", ".htm", PDF):
+        raise RockfallError(f"{path}: is no name for a page; it must end in .html or .pdf")
+    if ending == PDF:
+        check_pdf()
+    check_output(path, FIGURE if ending == PDF else PAGE, inputs)
 
 
 def report(
@@ -99,18 +109,20 @@ def report(
     observed: Any = None,
     look: Look | None = None,
     view: bool = False,
+    on_paper: bool = False,
 ) -> str:
     """The page of a result as text. The same result gives the same text.
 
     `terrain`, from `rockfall.plots.terrain.terrain_of`, puts relief under maps; `observed`, from
     `rockfall.analysis.observations.read_observed`, is set beside it in the figures and in a
-    comparison; `look` has limits between classes of maps and a basemap. With
-    `view` the terrain stands in the page in three dimensions too, which needs `terrain`.
+    comparison; `look` has limits between classes of maps and a basemap. With `view` the terrain
+    stands in the page in three dimensions too, which needs `terrain`. `on_paper` all maps are
+    figures.
     """
     result = flat_maps(result)
     rows, levels = rows_of(result), return_levels(result)
     sheet = design(result) if rows else None
-    zoomed = {f"map_{name}" for name in result.data_vars}
+    zoomed = set() if on_paper else {f"map_{name}" for name in result.data_vars}
     shown = [one for one in figures(result, terrain, observed, look) if one.name not in zoomed]
     return _rendered(
         title=str(result.attrs["title"]) or "rockfall",
@@ -118,7 +130,7 @@ def report(
         warnings=warnings(result),
         summary=summary(result, rows),
         cautions=cautions(result, rows, levels),
-        map_section=map_section(result, terrain, look),
+        map_section=None if on_paper else map_section(result, terrain, look),
         view=terrain_view(result, terrain) if view and terrain is not None else None,
         lines=[*line_tables(rows), level_table(levels)] if rows else [],
         design=[

@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from rockfall.errors import RockfallError
 from rockfall.quantities import SHOWN
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterable, Mapping
 
     import xarray as xr
 
@@ -31,6 +32,7 @@ LIMITS = {  # of each unit shown; the Swiss classes of intensity end at 30 and 3
     "s": (5.0, 10.0, 20.0, 30.0, 45.0, 60.0, 90.0),
     "year-1": (0.0001, 0.001, 0.0033, 0.01, 0.033, 0.1, 1.0),
 }
+UNITS = (*LIMITS, "boulders", *COUNTED.values())
 #: Pale to dark, in grey print too, and of no hue that relief or water has.
 RAMP = ("#fff7bc", "#fed976", "#fdae4f", "#f87d3a", "#e6432b", "#bd1b43", "#84115f", "#430b52")
 
@@ -72,6 +74,24 @@ def classes_of(unit: str, limits: Limits | None = None) -> Classes:
     """The classes of maps in a unit, with limits of the user's where there are some."""
     chosen = ((limits or {}).get(unit)) or LIMITS.get(unit, DECADES)
     return Classes(unit, chosen, tuple(ramp(len(chosen) + 1)))
+
+
+def read_limits(texts: Iterable[str]) -> Limits:
+    """Limits of `unit=limit,limit...`, such as kJ=30,300."""
+    found = {}
+    for text in texts:
+        unit, _, numbers = text.partition("=")
+        try:
+            found[unit] = tuple(float(one) for one in numbers.split(","))
+        except ValueError:
+            found[unit] = ()
+        rising = all(low < high for low, high in zip(found[unit], found[unit][1:], strict=False))
+        if unit not in UNITS or not found[unit] or not rising or not np.isfinite(found[unit]).all():
+            raise RockfallError(
+                f"--limits {text}: must be unit=limit,limit... with rising numbers, such as "
+                f"kJ=30,300; units: {', '.join(UNITS)}"
+            )
+    return found
 
 
 def ramp(number: int) -> list[str]:
