@@ -60,8 +60,7 @@ class Labels:
 
 def beside(x: np.ndarray, y: np.ndarray) -> Iterator[Place]:
     """Places for the name of a polyline, from its start on."""
-    along = np.linspace(0, max(x.size - 1, 0), TRIED)
-    for at in along:
+    for at in np.linspace(0, x.size - 1, TRIED) if x.size else ():
         for offset in BESIDE:
             place = (float(np.interp(at, np.arange(x.size), c)) for c in (x, y))
             yield (*place, 0.0, offset)  # type: ignore[misc]

@@ -130,7 +130,7 @@ def _name_contours(sheet: Sheet, contours: Contours) -> None:
             for curve in sorted(curves, key=len, reverse=True)[:2]:
                 length = np.hypot(*np.diff(curve, axis=0).T).sum() / sheet.scale  # [inch]
                 if length > 0.6:
-                    sheet.labels.put(f"{level:g}", along(curve), color=BROWN, fontsize=6)
+                    sheet.labels.put(f"{level:g}", along(curve), color=BROWN, fontsize=SMALL)
 
 
 def _draw_frame(sheet: Sheet) -> None:
