@@ -30,10 +30,11 @@ NET = {"name": "net", "x": [100.0, 200.0], "y": [250.0, 252.0], "height": 3.0, "
 @pytest.fixture(scope="module")
 def crowded(tmp_path_factory):
     """Lines that are too near each other for all of their names."""
-    groups = {"line": CROWDED, "barrier": [NET], "release": {"x": 150.0, "y": 380.0}}
+    groups = {"line": CROWDED, "release": {"x": 150.0, "y": 380.0}}
     output = {"maps": ["passages", "energy_max", "jump_height_max_map"]}
     folder = tmp_path_factory.mktemp("crowded")
     case = make_case(folder, *sets(), terrain={}, output=output, **groups)
+    case = case.replace(barrier=[NET])
     return rockfall.run(case, dem=Z, transform=TERRAIN[1])
 
 
@@ -46,8 +47,9 @@ def texts_of(figure):
     return [(one.get_text(), one.get_window_extent()) for one in seen]
 
 
-@pytest.mark.parametrize("name", ["passages", "energy_max", "stops"])
-@pytest.mark.parametrize("shape", ["upright", "broad"])
+@pytest.mark.parametrize(
+    ("name", "shape"), [("passages", "upright"), ("stops", "upright"), ("energy_max", "broad")]
+)
 def test_no_text_lies_on_another_or_beyond_the_sheet(crowded, name, shape):
     terrain, result = TERRAIN, crowded
     if shape == "broad":  # other sheet, other places
@@ -145,7 +147,7 @@ def reached_all():
 
 
 def test_a_basemap_lies_where_it_lies_in_its_own_crs(tmp_path, monkeypatch, crowded):
-    import rasterio
+    import rasterio.warp
     import xarray as xr
 
     monkeypatch.chdir(tmp_path)

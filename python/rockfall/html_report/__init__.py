@@ -144,6 +144,7 @@ def report(
         comparison="" if observed is None else text(compare(result, observed)),
         figures=[_picture(one.draw(), one.title, one.caption) for one in shown],
         provenance=provenance(result),
+        on_paper=on_paper,
     )
 
 

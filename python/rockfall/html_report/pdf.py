@@ -27,4 +27,5 @@ def write_pdf(page: str, path: Path) -> None:
 
     logging.getLogger("weasyprint").setLevel(logging.ERROR)  # it speaks of CSS that is for screens
     with atomic_write(path) as part:
-        HTML(string=page, url_fetcher=URLFetcher(allowed_protocols=["data"])).write_pdf(part)
+        setter = HTML(string=page, url_fetcher=URLFetcher(allowed_protocols=["data"]))
+        setter.write_pdf(part, pdf_version="1.4")  # later ones hide whose they are in a stream

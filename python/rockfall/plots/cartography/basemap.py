@@ -36,6 +36,7 @@ def read_basemap(path: str | Path, result: xr.Dataset, extent: Extent) -> Basema
     8 bits; anything else is a RockfallError.
     """
     import rasterio
+    from rasterio.io import DatasetReader
 
     crs = result["crs"].attrs.get("crs_wkt") if "crs" in result else None
     if not crs:
@@ -43,7 +44,7 @@ def read_basemap(path: str | Path, result: xr.Dataset, extent: Extent) -> Basema
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", rasterio.errors.NotGeoreferencedWarning)
         try:
-            with rasterio.open(plain_file(path), driver=FORMATS) as source:
+            with DatasetReader(plain_file(path), driver=FORMATS) as source:
                 _check(source, path)
                 return Basemap(_warped(source, crs, extent, path), extent)
         except rasterio.errors.RasterioError as error:
