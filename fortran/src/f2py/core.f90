@@ -182,12 +182,12 @@ contains
 
    !> Run boulders first .. first + n - 1 of a scene; maps and histograms are added to.
    subroutine run(handle, first, threads, map_at, map_counts, map_sums, map_reals, class_counts, column, &
-                  columns, stamp, head, histogram, by_ground, energy, trees_hit, boulder, counts, crossing, code, &
-                     message, &
-                  nxc, nyc, nkc, nxs, nys, nks, nxr, nyr, nkr, kc, cc, nxq, nyq, nxt, nyt, nkt, ng, ne, nt, nl, n)
+                  columns, stamp, head, histogram, by_ground, energy, trees_hit, outcome, boulder, counts, crossing, &
+                  code, message, &
+                  nxc, nyc, nkc, nxs, nys, nks, nxr, nyr, nkr, kc, cc, nxq, nyq, nxt, nyt, nkt, ng, ne, nt, nb, no, nl, n)
       !f2py threadsafe
       integer(c_int), intent(in) :: nxc, nyc, nkc, nxs, nys, nks, nxr, nyr, nkr, kc, cc, nxq, nyq, nxt, nyt, nkt
-      integer(c_int), intent(in) :: ng, ne, nt, nl, n
+      integer(c_int), intent(in) :: ng, ne, nt, nb, no, nl, n
       integer(c_intptr_t), intent(in) :: handle
       integer(c_int64_t), intent(in) :: first
       integer(c_int), intent(in) :: threads
@@ -202,6 +202,7 @@ contains
       integer(c_int64_t), intent(inout) :: by_ground(ng)         !! rebounds, where the scene has several grounds
       real(c_double), intent(inout) :: energy(5, ne)             !! energy_fields, of all boulders or of one
       integer(c_int32_t), intent(inout) :: trees_hit(nt)         !! likewise
+      integer(c_int8_t), intent(inout) :: outcome(nb, no)        !! of barriers, likewise
       real(c_double), intent(out) :: boulder(12, n)              !! boulder_fields
       integer(c_int32_t), intent(out) :: counts(8, n)            !! boulder_counts
       real(c_double), intent(out) :: crossing(12, nl, n)         !! line_fields; one line at least
@@ -234,6 +235,7 @@ contains
             counts(:, k) = boulder_count_row(fates(k))
             if (scene%energies_requested) energy(:, k) = energy_row(fates(k))
             if (allocated(scene%forest)) trees_hit(k) = fates(k)%trees_hit
+            if (allocated(scene%barriers)) outcome(:, k) = crossings(scene%barriers%line, k)%outcome
             do l = 1, size(crossings, 1)
                crossing(:, l, k) = line_row(scene%dem, fates(k), crossings(l, k))
             end do

@@ -19,7 +19,7 @@ module rockfall_scene
    use rockfall_grounds, only: read_ground, read_stochastic
    implicit none
    private
-   public :: scene_arrays_t, ground_text_t, scene_from, check_sources, boulders_of, largest_volumes
+   public :: scene_arrays_t, ground_text_t, scene_from, check_sources, boulders_of, largest_volumes, n_barriers
 
    !> A ground as it comes to the kernel.
    type :: ground_text_t
@@ -244,6 +244,13 @@ contains
       boulders_of = 0
       if (size(scene%release%x) > 0) boulders_of = last_of(scene%release, size(scene%release%x, kind=i8))
    end function boulders_of
+
+   pure integer function n_barriers(scene)
+      type(scene_t), intent(in) :: scene
+
+      n_barriers = 0
+      if (allocated(scene%barriers)) n_barriers = size(scene%barriers)
+   end function n_barriers
 
    !> Sources that start from rows first to last of the raster lie on known terrain, a window of which is at
    !> hand. Raises `head` to the maximum elevation that the energy of a boulder could lift it to.

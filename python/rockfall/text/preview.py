@@ -96,7 +96,7 @@ def memory(scene: Scene, pilot: Pilot) -> dict[str, float]:
     layers = [maps.counts, maps.sums, maps.maxima, maps.column, maps.stamp]
     made = len(names - {*maps.plan.counts, *MAXIMA}) * 4 * np.prod(maps.box.shape)
     row = 8 * len(fields(1)) + 4 * len(fields(2)) + 8 * len(fields(3)) * len(scene.case.lines)
-    row += 4 * scene.case.has_forest
+    row += 4 * scene.case.has_forest + len(scene.case.barrier)
     if scene.windows:
         rasters = scene.windows.bytes + READING
     else:
