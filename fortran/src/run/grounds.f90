@@ -109,9 +109,10 @@ contains
       integer, intent(in) :: draw     !! of a file with several; 0: it has one only
       type(ground_t), intent(inout) :: ground
       type(error_t), allocatable, intent(out) :: error
-      type(coefficients_t) :: sets
+      type(coefficients_t), allocatable :: sets  !! too large for a small stack
       integer :: k
 
+      allocate (sets)
       call read_sets(text, file, turning, draw, sets, error)
       if (allocated(error)) return
       allocate (ground%sets(impact_ratios))

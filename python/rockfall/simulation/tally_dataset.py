@@ -13,7 +13,7 @@ from rockfall.io.grid import row_blocks
 from rockfall.result import variables
 from rockfall.result.dataset import as_dataset, centre_variables, provenance
 from rockfall.result.variables import fields
-from rockfall.simulation.maps import Maps
+from rockfall.simulation.maps import HITS, Maps
 from rockfall.simulation.tally import Tally
 from rockfall.version import __version__
 
@@ -176,6 +176,8 @@ def _map(name: str, maps: Maps, boulders: int, least_passages: int) -> tuple[np.
     """A map, and the passages that a number of it needs."""
     if name in maps.plan.counts:  # as it is: another copy would take memory
         return maps.counts[maps.plan.counts[name] - 1], 0
+    if name == HITS:
+        return maps.sums[maps.plan.sums[name] - 1], 0
     if name in MAXIMA:
         values = maps.maxima[maps.plan.maxima[MAXIMA[name]] - 1]
         for rows in row_blocks(values.shape):
