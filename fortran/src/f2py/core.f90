@@ -34,8 +34,8 @@ module rockfall_f2py
    use rockfall_variables, only: variable_text, boulder_fields, boulder_counts, energy_fields, line_fields, &
                                  vertex_fields, map_fields, scene_layout, part_layout, piece, max_packing
    use rockfall_histogram, only: bin_width, n_bins
-   use rockfall_case, only: case_t, read_case, key_text, n_keys, repeatable, map_names, turning_rule, &
-                            radius_of_reading, max_real
+   use rockfall_case_keys, only: key_text, n_keys, repeatable, map_names, max_real
+   use rockfall_case, only: case_t, read_case, turning_rule, radius_of_reading
    use rockfall_impact_sets, only: coefficients_t, read_impact_sets => read_sets, any_speed
    implicit none
    private

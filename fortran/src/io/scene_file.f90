@@ -14,7 +14,8 @@ module rockfall_scene_file
    use rockfall_terrain, only: max_elevation
    use rockfall_surface, only: method_a
    use rockfall_variables, only: layout => scene_layout
-   use rockfall_case, only: case_t, max_real
+   use rockfall_case_keys, only: max_real
+   use rockfall_case, only: case_t
    use rockfall_case_file, only: differing_key
    use rockfall_trajectory, only: scene_t
    use rockfall_scene, only: scene_arrays_t, grounds_of, scene_from

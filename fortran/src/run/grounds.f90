@@ -15,7 +15,7 @@ module rockfall_grounds
          pfeiffer_bowen, &
                                          bourrier_hungr, constant, absorbing
    use rockfall_ground, only: ground_t
-   use rockfall_case, only: key_t, check_key, row_text
+   use rockfall_case_keys, only: key_t, check_key, row_text
    use rockfall_impact_sets, only: coefficients_t, read_sets
    implicit none
    private

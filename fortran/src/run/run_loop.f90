@@ -14,7 +14,8 @@ module rockfall_run_loop
    use rockfall_result, only: boulder_row, boulder_count_row, energy_row, line_row, vertex_row
    use rockfall_threads, only: team_size
    use rockfall_ensemble, only: run_boulders, trace_boulder, share_of
-   use rockfall_case, only: case_t, map_names
+   use rockfall_case_keys, only: map_names
+   use rockfall_case, only: case_t
    use rockfall_grid, only: grid_t
    use rockfall_terrain, only: keep_within
    use rockfall_reach, only: block_side, take_minima, reach_box
