@@ -168,8 +168,8 @@ contains
    !> Run boulders first .. first + n - 1 of a scene; maps and histograms are added to.
    subroutine run(handle, first, threads, map_at, map_counts, map_sums, map_reals, class_counts, column, &
                   columns, stamp, head, histogram, by_ground, energy, trees_hit, outcome, boulder, counts, crossing, &
-                  code, message, &
-                  nxc, nyc, nkc, nxs, nys, nks, nxr, nyr, nkr, kc, cc, nxq, nyq, nxt, nyt, nkt, ng, ne, nt, nb, no, nl, n)
+                  code, message, nxc, nyc, nkc, nxs, nys, nks, nxr, nyr, nkr, kc, cc, nxq, nyq, nxt, nyt, nkt, &
+                  ng, ne, nt, nb, no, nl, n)
       !f2py threadsafe
       integer(c_int), intent(in) :: nxc, nyc, nkc, nxs, nys, nks, nxr, nyr, nkr, kc, cc, nxq, nyq, nxt, nyt, nkt
       integer(c_int), intent(in) :: ng, ne, nt, nb, no, nl, n

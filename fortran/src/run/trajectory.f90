@@ -191,8 +191,8 @@ contains
       scratch%trace => trace_basic
       if (allocated(scene%lines) .or. scene%histograms_requested) scratch%trace => trace_lines
       if (scratch%cells_requested) scratch%trace => trace_maps
-      if (has_obstacles(scene) .or. scene%energies_requested .or. allocated(scene%grounds)) scratch%trace => trace_full
-      if (allocated(scene%of_source)) scratch%trace => trace_full
+      if (has_obstacles(scene) .or. scene%energies_requested .or. allocated(scene%grounds) &
+          .or. allocated(scene%of_source)) scratch%trace => trace_full
    end subroutine choose_trace
 
    !> Whether there is anything but the ground to meet.
@@ -215,7 +215,7 @@ contains
       integer(i8), intent(in) :: number
       type(boulder_result_t), intent(out) :: result
       type(scratch_t), intent(inout) :: scratch
-      integer, value :: level  !! basic, ..., with_record
+      integer, value :: level  !! basic, ..., with_all
       type(flight_t) :: flight
       type(landing_t) :: landing
       type(obstacle_t) :: obstacle
@@ -665,8 +665,7 @@ contains
          scratch%by_ground(ground) = scratch%by_ground(ground) + 1
       else
          call rebound(scene%sets(class), scene%table, scene%key, number, int(result%impacts, i8), &
-            word(1:matrix_words), &
-                      v_in, out)
+                      word(1:matrix_words), v_in, out)
          call beyond_fit(scene%sets(class)%fitted, v_in(1:2), fast, steep)
       end if
       result%rebounds = result%rebounds + 1
