@@ -210,8 +210,8 @@ def test_densities_that_are_no_integers(tmp_path):
 )  # fmt: skip
 def test_the_line_of_a_net(cells, x, y):
     dem = np.repeat(np.arange(5.0)[::-1, None], 5, 1)
-    row, column = np.array(cells).T
-    found = np.array(nets.centre_line(nets.Cells(row, column), grid(dem, CELL), dem))
+    way = nets.longest_way(np.array(cells))
+    found = np.array(nets.centre_line(way, grid(dem, CELL), dem))
     if found[0, 0] > found[0, -1] or (x[0] == x[-1] and found[1, 0] < found[1, -1]):
         found = found[:, ::-1]
     assert np.allclose(found, [x, y])
@@ -223,6 +223,18 @@ def test_parts_of_a_net_are_barriers_of_their_own(tmp_path):
         values[35, 18:22] = 0
     names = [one["name"] for one in imported(tmp_path, **rasters).barrier]
     assert names == ["net 7 part 1", "net 7 part 2"]
+
+
+def test_branches_of_a_net_are_told(tmp_path):
+    rasters = net()
+    for values in rasters.values():
+        values[36:40, 20] = values[35, 20]  # its first cell touches the line
+    folder = make_folder(tmp_path / "rocky", **rasters)
+    note, *_ = rockfall.import_rockyfor3d(folder, tmp_path / "case")
+    assert note == (
+        "net_number.asc: net 7: 3 cells branch off its line and stop nothing; give them a number of "
+        "their own"
+    )
 
 
 # ---- both programs

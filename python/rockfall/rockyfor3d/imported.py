@@ -187,9 +187,13 @@ def _nets(made: Import) -> Iterator[Group]:
     if missing:
         made.notes.append(f"{' and '.join(missing)}: not there, so there are no nets")
         return
-    for one in barriers(made.folder):
-        entries = [Entry(key, value) for key, value in one.items()]
-        yield Group("barrier", entries)
+    for keys, off in barriers(made.folder):
+        if off:
+            made.notes.append(
+                f"net_number.asc: {keys['name']}: {off} cells branch off its line and stop nothing; "
+                "give them a number of their own"
+            )
+        yield Group("barrier", [Entry(key, value) for key, value in keys.items()])
 
 
 def _write(made: Import, name: str, values: np.ndarray) -> None:
