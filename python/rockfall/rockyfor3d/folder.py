@@ -44,7 +44,7 @@ class Folder:
         self.unread = [
             one.name
             for one in files
-            if one.suffix.lower() == ".asc"
+            if (one.suffix.lower() == ".asc" or one in lists)
             and one not in known
             and not one.name.lower().startswith(OUTPUTS)
         ]
