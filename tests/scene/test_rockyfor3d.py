@@ -356,6 +356,14 @@ def test_values_that_no_boulder_has(tmp_path, rasters, words):
     assert "\n" not in str(caught.value) and str(caught.value).endswith(words or "")
 
 
+@pytest.mark.parametrize("name", ["rockdensity", "d1", "blshape"])
+def test_sizes_of_boulders_are_not_interpolated(tmp_path, name):
+    """The command that would put the raster on the cells of the DEM keeps them."""
+    raster = layers()[name][1:]
+    with pytest.raises(RockfallError, match=r"are not on the cells .* --resampling nearest$"):
+        read_scene(imported(tmp_path, **{name: raster}))
+
+
 @pytest.mark.parametrize(
     ("boulder", "words"),
     [
