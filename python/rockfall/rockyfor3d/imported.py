@@ -104,7 +104,8 @@ def _surface(made: Import) -> Group:
         entries.append(Entry("ground_map", made.path("soiltype"), about))
     else:
         made.notes.append(
-            "soiltype.asc is not there: all rebounds follow the stochastic impact sets"
+            "soiltype.asc is not there: all rebounds follow the stochastic impact sets, by which "
+            "obstacles of 100 m stop nothing"
         )
     return Group("surface", entries)
 
