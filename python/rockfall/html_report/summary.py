@@ -65,7 +65,7 @@ def _run(result: xr.Dataset) -> str:
 
 
 def _line(line: str, numbers: Numbers, boulders: int, is_barrier: bool) -> str:
-    """The fraction that passes a line, or comes to a barrier, and speed, height and energy there."""
+    """The fraction that passes a line or comes to a barrier; speed, height and energy there."""
     one, many = ("comes to it", "come to it") if is_barrier else ("passes", "pass")
     row = numbers["speed"]
     n = int(row["n"])

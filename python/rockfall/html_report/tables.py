@@ -37,7 +37,7 @@ class Table(NamedTuple):
 
 
 def line_tables(rows: Rows) -> Iterator[Table]:
-    """The fractions that pass or, at barriers, come; then each line's mean, deviation, quantiles and maximum."""
+    """Fractions that pass or, at barriers, come; then mean, deviation, quantiles and maximum."""
     passing = []
     for line, numbers in rows.items():
         row = numbers["speed"]

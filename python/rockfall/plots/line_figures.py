@@ -233,8 +233,8 @@ def _draw_rows(axes: Axes, rows: list[Row], deepest: int) -> None:
 
 
 def _passing(result: xr.Dataset, line: int) -> str:
-    """How many boulders pass a line or come to a barrier, and their fraction with its 95 % confidence
-    interval."""
+    """How many boulders pass a line or come to a barrier, and their fraction with its 95 %
+    confidence interval."""
     crossed = np.isfinite(result["line_speed"].values[line])
     fraction, low, high = (100 * f for f in fraction_interval(crossed, sources(result)))
     do = "come" if line in barriers_of(result) else "pass"
