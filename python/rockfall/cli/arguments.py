@@ -122,6 +122,7 @@ def _add_studies(commands: _Commands) -> None:
     zone.add_argument("-o", "--output", metavar="DIR", type=Path, help="default: CASE_hazard")
     about = "points, lines, polygons, with name, vulnerability, exposure, value"
     zone.add_argument("--objects", metavar="LAYER", type=Path, help=about)
+    zone.add_argument("--objects-layer", metavar="NAME", help="of a file with several layers")
     _add_memory(zone)
     _add_resume(zone, "DIR.scenarioN.checkpoint")
     _add_overrides(zone)

@@ -20,6 +20,7 @@ from rockfall.analysis.hazard.classes import (
 )
 from rockfall.analysis.hazard.objects import (
     Objects,
+    beyond_elevations,
     check_room,
     object_counts,
     read_objects,
@@ -58,6 +59,7 @@ def hazard(
     case: Case,
     *,
     objects: str | Path | None = None,
+    objects_layer: str | None = None,
     progress: bool = False,
     threads: int | None = None,
     memory: float | None = None,
@@ -65,23 +67,29 @@ def hazard(
 ) -> xr.Dataset:
     """Run each &scenario of a case and put them together: an xarray.Dataset of annual frequencies
     and classes of hazard, with 95 % intervals, for each cell and each of the `objects` (a layer of
-    points, lines and polygons). docs/hazard.md explains it; the other arguments are as in
-    `rockfall.run`."""
-    study = read_study(case, objects, memory, **arrays)
+    points, lines and polygons; `objects_layer` is its name in a file of several). docs/hazard.md
+    explains it; the other arguments are as in `rockfall.run`."""
+    study = read_study(case, objects, memory, objects_layer, **arrays)
     for line in study.remarks:
         warnings.warn(line, stacklevel=2)
     return run_study(study, progress=progress, threads=threads)
 
 
 def read_study(
-    case: Case, objects: str | Path | None = None, memory: float | None = None, **arrays: Any
+    case: Case,
+    objects: str | Path | None = None,
+    memory: float | None = None,
+    objects_layer: str | None = None,
+    **arrays: Any,
 ) -> Study:
     """Read and check everything that a hazard needs, before anything is run."""
     scene = read_scene(base_case(case), memory=memory or machine_memory(), **arrays)
     remarks: list[str] = []
     found = Objects()
     if objects is not None:
-        found = read_objects(objects, scene.grid, 1 + len(case.hazard["thresholds"]), remarks)
+        intensities = 1 + len(case.hazard["thresholds"])
+        found = read_objects(objects, objects_layer, scene.grid, intensities, remarks)
+        remarks += beyond_elevations(found, scene)
     case = case.replace(barrier=scene.case.barrier, dam=scene.case.dam)  # layers are read
     study = Study(case, scene, scenarios_of(scene, found.lines), found)
     for scenario in study.scenarios:
@@ -116,7 +124,7 @@ class _Run:
         passages, exceeded = result["passages"].values, result["energy_exceeded"].values
         self.counts = np.concatenate([passages[None], exceeded])  # (intensities, y, x)
         self.extremes = {name: result[name].values for name in EXTREMES}
-        self.objects = object_counts(study.objects, result, self.counts)
+        self.objects = object_counts(study.objects, result, study.scene.grid, self.counts)
         self.about = {name: result[name].attrs for name in ("x", "y", "threshold", "crs")}
         self.places = {axis: result[axis].values for axis in ("x", "y", "threshold")}
         self.attrs = result.attrs
