@@ -309,6 +309,35 @@ def test_bad_places_and_layers_are_one_line(hazard_case, capsys):
     refuses([*ARGUMENTS[:5], "other.gpkg"], "other.gpkg: coordinates are in EPSG:2056.*", capsys)
 
 
+def test_scenarios_may_be_run_elsewhere(hazard_case, capsys):
+    """In shards too: the same hazard. The wrong result, or one of other inputs, is refused."""
+    assert main(ARGUMENTS) == 0
+    assert main([*ARGUMENTS[:2], *ARGUMENTS[4:], "--write-cases"]) == 0
+    cases = ["case_scenario1.nml", "case_scenario2.nml"]
+    assert capsys.readouterr().out.split() == cases
+    for shard in "1/2", "2/2":
+        assert main(["run", cases[0], "--shard", shard, "-o", f"{shard[0]}.nc", "--quiet"]) == 0
+    assert main(["merge", "1.nc", "2.nc", "-o", "first.nc"]) == 0
+    assert main(["run", cases[1], "-o", "second.nc", "--quiet"]) == 0
+    elsewhere = [*ARGUMENTS[:2], "-o", "again", *ARGUMENTS[4:], "--results"]
+    assert main([*elsewhere, "first.nc", "second.nc"]) == 0
+    for path in Path("out").iterdir():
+        if path.suffix in (".tif", ".csv"):
+            assert path.read_bytes() == Path("again", path.name).read_bytes()
+    capsys.readouterr()
+    elsewhere[3] = "out"
+    other = "is the result of another case; see --write-cases"
+    refused_as = f"second.nc: scenario 'small': {other}"
+    assert main([*elsewhere, "second.nc", "first.nc"]) == 2
+    assert capsys.readouterr().err == f"rockfall: {refused_as}\n"
+    assert main([*elsewhere, "first.nc"]) == 2
+    said = "results: 1 for 2 scenarios: one is needed for each, in order"
+    assert capsys.readouterr().err == f"rockfall: {said}\n"
+    Path(cases[0]).write_text("mine")
+    assert main([*ARGUMENTS[:2], "--write-cases"]) == 2
+    assert Path(cases[0]).read_text() == "mine"
+
+
 def test_an_earlier_hazard_is_replaced(hazard_case):
     assert main(ARGUMENTS) == 0
     before = Path("out/hazard.nc").stat().st_mtime_ns

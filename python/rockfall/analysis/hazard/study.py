@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import json
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -28,8 +29,9 @@ from rockfall.analysis.hazard.objects import (
 )
 from rockfall.analysis.hazard.scenarios import Scenario, base_case, scenarios_of
 from rockfall.analysis.hazard.variables import CLASS_ENDS, COORDINATES, ENDS, EXTREMES, TABLE
-from rockfall.case import Case
-from rockfall.result.dataset import as_dataset
+from rockfall.case import Case, case_of
+from rockfall.errors import RockfallError
+from rockfall.result.dataset import as_dataset, read_result
 from rockfall.scene.plausible import implausible
 from rockfall.scene.read import read_scene
 from rockfall.scene.scene import Scene
@@ -60,6 +62,7 @@ def hazard(
     *,
     objects: str | Path | None = None,
     objects_layer: str | None = None,
+    results: Sequence[str | Path] = (),
     progress: bool = False,
     threads: int | None = None,
     memory: float | None = None,
@@ -67,12 +70,13 @@ def hazard(
 ) -> xr.Dataset:
     """Run each &scenario of a case and put them together: an xarray.Dataset of annual frequencies
     and classes of hazard, with 95 % intervals, for each cell and each of the `objects` (a layer of
-    points, lines and polygons; `objects_layer` is its name in a file of several). docs/hazard.md
-    explains it; the other arguments are as in `rockfall.run`."""
+    points, lines and polygons; `objects_layer` is its name in a file of several). `results` are
+    those of the scenarios, if they have been run elsewhere. docs/hazard.md explains it; the other
+    arguments are as in `rockfall.run`."""
     study = read_study(case, objects, memory, objects_layer, **arrays)
     for line in study.remarks:
         warnings.warn(line, stacklevel=2)
-    return run_study(study, progress=progress, threads=threads)
+    return run_study(study, results=results, progress=progress, threads=threads)
 
 
 def read_study(
@@ -102,18 +106,42 @@ def read_study(
 def run_study(
     study: Study,
     *,
+    results: Sequence[str | Path] = (),
     progress: bool = False,
     threads: int | None = None,
     checkpoints: Sequence[Checkpoint] = (),
 ) -> xr.Dataset:
-    """Run the scenarios, one after the other; each goes on from its checkpoint."""
+    """Run the scenarios, one after the other; each goes on from its checkpoint, or is taken from
+    its result."""
+    if results and len(results) != len(study.scenarios):
+        many = f"{len(study.scenarios)} scenarios"
+        raise RockfallError(f"results: {len(results)} for {many}: one is needed for each, in order")
     runs = []
     for k, scenario in enumerate(study.scenarios):
+        if results:
+            runs.append(_Run(study, scenario, _read_scenario(study, scenario, results[k])))
+            continue
         scene = replace(study.scene, case=scenario.case)
         checkpoint = checkpoints[k] if checkpoints else None
         result = run_scene(scene, progress=progress, threads=threads, checkpoint=checkpoint)
         runs.append(_Run(study, scenario, result))
     return _dataset(study, runs)
+
+
+def _read_scenario(study: Study, scenario: Scenario, path: str | Path) -> xr.Dataset:
+    """The result of a scenario that was run elsewhere: all of it, with the same inputs."""
+    result = read_result(path)
+    theirs, ours = (
+        one.replace(case={"threads": 0}).text() for one in (case_of(result), scenario.case)
+    )
+    about = f"{path}: scenario '{scenario.name}'"
+    if theirs != ours:
+        raise RockfallError(f"{about}: is the result of another case; see --write-cases")
+    if json.loads(result.attrs["input_checksums"]) != study.scene.checksums:
+        raise RockfallError(f"{about}: was run with other input files")
+    if not result.attrs["complete"]:
+        raise RockfallError(f"{about}: is not complete")
+    return result
 
 
 class _Run:
