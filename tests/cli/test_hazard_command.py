@@ -338,6 +338,14 @@ def test_scenarios_may_be_run_elsewhere(hazard_case, capsys):
     assert Path(cases[0]).read_text() == "mine"
 
 
+def test_too_little_memory_is_said_before_the_runs(hazard_case, capsys):
+    line = (
+        r"case.nml: a hazard of [\d,]+ cells, 2 scenarios and 2 thresholds takes 0.1 MB, of 0.1: "
+        "cut the terrain to the slope, or raise --memory"
+    )
+    refuses([*ARGUMENTS, "--memory", "80KB"], line, capsys)
+
+
 def test_an_earlier_hazard_is_replaced(hazard_case):
     assert main(ARGUMENTS) == 0
     before = Path("out/hazard.nc").stat().st_mtime_ns

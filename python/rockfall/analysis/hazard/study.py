@@ -87,7 +87,9 @@ def read_study(
     **arrays: Any,
 ) -> Study:
     """Read and check everything that a hazard needs, before anything is run."""
-    scene = read_scene(base_case(case), memory=memory or machine_memory(), **arrays)
+    memory = memory or machine_memory()
+    scene = read_scene(base_case(case), memory=memory, **arrays)
+    _check_memory(scene, memory)
     remarks: list[str] = []
     found = Objects()
     if objects is not None:
@@ -101,6 +103,19 @@ def read_study(
     check_room(found, scene.boulders)
     study.remarks = list(dict.fromkeys(remarks))
     return study
+
+
+def _check_memory(scene: Scene, memory: float) -> None:
+    """Refuse maps for which there is too little of it, before anything is run."""
+    levels, scenarios = 1 + len(scene.case.hazard["thresholds"]), len(scene.case.scenario)
+    cells = scene.grid.nx * scene.grid.ny
+    need = cells * (8 * levels * scenarios + 20 * levels + 25)  # as measured
+    if need > memory:
+        raise RockfallError(
+            f"{scene.case.name}: a hazard of {cells:,} cells, {scenarios} scenarios and "
+            f"{levels - 1} thresholds takes {need / 1e6:,.1f} MB, of {memory / 1e6:,.1f}: cut the "
+            "terrain to the slope, or raise --memory"
+        )
 
 
 def run_study(
