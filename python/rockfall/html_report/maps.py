@@ -88,8 +88,8 @@ class Legend(NamedTuple):
 class Line(NamedTuple):
     """An evaluation line or a barrier: path, and where its name stands, if it is in the window."""
 
-    name: str
     kind: str
+    name: str
     path: str
     at: tuple[float, float] | None
 
@@ -130,8 +130,8 @@ def map_section(
         "relief": _relief(terrain, window) if basemap is None else _picture(basemap, window),
         "ground": _ground(terrain, window),
         "maps": list(maps(result, window, limits)),
-        "lines": list(_lines(result, window)),
-        "kinds": {"line": "evaluation line", "barrier": "barrier"},
+        "lines": (placed := list(_lines(result, window))),
+        "kinds": {line.kind for line in placed},
         "sources": path,
         "source_class": place,
         "trajectories": _path(window.place(*one) for one in recorded),
@@ -146,7 +146,7 @@ def _lines(result: xr.Dataset, window: Window) -> Iterator[Line]:
         places = window.place(*line)
         x, y = inside(places[:, 0], places[:, 1], (0, window.nx, 0, window.ny))
         at = (float(x[0]), float(y[0])) if x.size else None
-        yield Line(name, "barrier" if k in nets else "line", _path([places]), at)
+        yield Line("barrier" if k in nets else "line", name, _path([places]), at)
 
 
 def _sources(result: xr.Dataset, window: Window) -> tuple[str, str]:

@@ -96,12 +96,13 @@ def burn_polygons(
 
 
 def read_features(
-    path: str | Path, grid: Grid, remarks: list[str]
+    path: str | Path, layer: str | None, grid: Grid, remarks: list[str]
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Points, lines and polygons, and all their attributes by name, in coordinates of the terrain;
-    what is odd is added to `remarks`, as in `burn_polygons`."""
+    of a `layer`, or of the only one. What is odd is added to `remarks`, as in `burn_polygons`."""
     what = "points, lines or polygons"
-    return _on_terrain(str(path), None, _FEATURES, what, grid, remarks)[:2]
+    key = "--objects-layer"
+    return _on_terrain(str(path), None, _FEATURES, what, grid, remarks, layer=layer, key=key)[:2]
 
 
 def read_lines(

@@ -9,7 +9,7 @@ import numpy as np
 
 from rockfall.plots.cartography.labels import beside
 from rockfall.plots.cartography.rasters import edges, occupied
-from rockfall.plots.style import BLUE, INK, LINE
+from rockfall.plots.style import BARRIER, BLUE, INK, LINE
 from rockfall.protection.barriers import barriers_of
 from rockfall.result.trajectories import lines
 
@@ -24,7 +24,7 @@ FEW_SOURCES = 20  # fewer are drawn one by one
 FINEST = 2.5  # side of a cell of the outline of sources [points]
 ROCK = "#00604a"  # of where boulders start
 SOURCE: dict[str, Any] = {"color": ROCK, "linewidth": 0.8}
-BARRIER: dict[str, Any] = {"color": BLUE, "linewidth": 2.4, "solid_capstyle": "butt"}
+NET: dict[str, Any] = BARRIER | {"color": BLUE, "linewidth": 2.4}  # on colours of classes
 OBJECT: dict[str, Any] = {"color": INK, "linewidth": 1.1}
 CASING = 1.6  # of white about a line [points]
 
@@ -46,7 +46,7 @@ def key_of(result: xr.Dataset) -> list[Any]:
     if len(lines(result)) > len(nets):
         found.append(Line2D([], [], label="evaluation line", **LINE))
     if nets:
-        found.append(Line2D([], [], label="barrier", **BARRIER))
+        found.append(Line2D([], [], label="barrier", **NET))
     return found
 
 
@@ -55,7 +55,7 @@ def draw_marks(sheet: Sheet, result: xr.Dataset) -> None:
     draw_sources(sheet, starts(result))
     nets = barriers_of(result)
     for k, (name, x, y) in enumerate(lines(result)):
-        draw_line(sheet, x, y, BARRIER if k in nets else LINE)
+        draw_line(sheet, x, y, NET if k in nets else LINE)
         sheet.labels.put(name, beside(*inside(x, y, sheet.extent)), weight="bold", fontsize=SMALL)
 
 
