@@ -28,6 +28,7 @@ contains
       if (.not. allocated(error)) call read_case(text, file, case, error)
       if (allocated(error) .or. boulders//seed//threads == "") return
       call parse_namelist(text, file, list, error)
+      if (boulders /= "") call remove(list, "boulders_total")
       call override(list, "boulders", boulders)
       call override(list, "seed", seed)
       call override(list, "threads", threads)
@@ -58,6 +59,21 @@ contains
          end if
       end do
    end subroutine override
+
+   !> Take a key of &case out, for which another stands.
+   pure subroutine remove(list, key)
+      type(namelist_t), intent(inout) :: list
+      character(len=*), intent(in) :: key
+      integer, allocatable :: kept(:)
+      integer :: g, e
+
+      do g = 1, size(list%group)
+         if (list%group(g)%name /= "case") cycle
+         kept = [(e, e=1, size(list%group(g)%entry))]
+         kept = pack(kept, list%group(g)%entry%key /= key)
+         list%group(g)%entry = list%group(g)%entry(kept)
+      end do
+   end subroutine remove
 
    !> Groups and values as the text of a namelist file.
    pure function namelist_text(list) result(text)

@@ -2,6 +2,7 @@
 !> The case file: every group and key, its default and what it may be, in one table that both programs read;
 !> and the rules that tie keys together.
 module rockfall_case
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail
    use rockfall_text, only: integer_text, joined
@@ -20,7 +21,7 @@ module rockfall_case
    implicit none
    private
    public :: case_t, case_line_t, read_case, read_keys, key_t, key_table, n_keys, key_text, row_text, check_key, &
-         repeatable
+         repeatable, broken_rule
    public :: map_names, n_maps, turning_rule, radius_of_reading, max_real
 
    integer, parameter :: many = 100000                !! values of a list
@@ -59,7 +60,9 @@ module rockfall_case
    type(key_t), parameter :: key_table(*) = [ &
       key_t("case", "title", "text", 1, "''", "", "", "what the result is called"), &
       key_t("case", "seed", "integer", 1, "1", ">= 0", "", "of the random numbers"), &
-      key_t("case", "boulders", "integer", 1, "required", "1 to 1e15", "", "released from each source"), &
+      key_t("case", "boulders", "integer", 1, "absent", "1 to 1e15", "", "released from each source"), &
+      key_t("case", "boulders_total", "integer", 1, "absent", "1 to 2147483647", "", &
+            "instead of boulders: released from all sources together, shared evenly or by their weights"), &
       key_t("case", "threads", "integer", 1, "0", "0 to 1024", "", "0 = all cores"), &
       key_t("case", "sampling", "text", 1, "'random'", "random, sobol", "", &
             "sobol: volumes and first rebounds spread evenly"), &
@@ -100,7 +103,7 @@ module rockfall_case
       key_t("impact", "stop_speed", "real", 1, "0.5", "> 0", "m/s", "slower after a rebound: stopped"), &
       key_t("impact", "impact_limit", "integer", 1, "100000", "1 to 2147483647", "", "contacts of a boulder at most"), &
       key_t("boulder", "volume", "text", 1, "'fixed'", "fixed, normal, uniform, lognormal, list, source", "", &
-            "law; source: what rasters say at each source"), &
+            "law; source: what rasters, or attributes of a layer, say at each source"), &
       key_t("boulder", "volume_mean", "real", 1, "absent", "> 0", "m3", "fixed, normal, lognormal"), &
       key_t("boulder", "volume_std", "real", 1, "absent", ">= 0", "m3", "normal (truncated at 0), lognormal"), &
       key_t("boulder", "volume_min", "real", 1, "absent", "> 0", "m3", "uniform"), &
@@ -119,21 +122,31 @@ module rockfall_case
             "source: volumes differ by up to this fraction from that of their source, evenly"), &
       key_t("release", "x", "real", many, "absent", "", "m", "release points", in_scene), &
       key_t("release", "y", "real", many, "absent", "", "m", "release points", in_scene), &
+      key_t("release", "points", "text", 1, "absent", "", "", &
+            "layer of points, or CSV with x, y; their attributes say more: releases.md", in_scene, "points"), &
+      key_t("release", "points_layer", "text", 1, "absent", "", "", "of a GeoPackage with several", in_scene), &
       key_t("release", "cells", "text", 1, "absent", "", "", &
             "raster: cells above zero are sources", in_scene, "raster"), &
       key_t("release", "polygons", "text", 1, "absent", "", "", &
-            "polygons: cells inside are sources", in_scene, "layer"), &
+            "polygons: cells inside are sources; their attributes say more: releases.md", in_scene, "layer"), &
       key_t("release", "polygons_layer", "text", 1, "absent", "", "", "of a GeoPackage with several", in_scene), &
+      key_t("release", "name_field", "text", 1, "absent", "", "", &
+            "attribute of points or polygons with the name; absent: name", in_scene), &
       key_t("release", "steep_cells", "logical", 1, ".false.", "", "", &
             "cells as steep as slope_threshold are sources; only those within cells or polygons, if given", in_scene), &
       key_t("release", "slope_threshold", "real", 1, "absent", "1 to 89", "degree", &
             "of steep_cells; absent: 55 RES**-0.075 for cells of RES m (Dorren 2016)", in_scene), &
       key_t("release", "by_area", "logical", 1, ".false.", "", "", &
-            "a cell releases boulders in proportion to its true surface area, &case boulders if flat", in_scene), &
+            "a cell releases boulders in proportion to its true surface area; &case boulders: if flat", in_scene), &
       key_t("release", "drop_height", "real", 1, "0.0", ">= 0", "m", "above the surface"), &
       key_t("release", "velocity", "real", 3, "3*0.0", "", "m/s", "east, north, up"), &
       key_t("forest", "trees", "text", 1, "absent", "", "", &
             "CSV with x, y, dbh [cm], species; or a layer of points", in_scene, "points"), &
+      key_t("forest", "trees_layer", "text", 1, "absent", "", "", "of a GeoPackage with several", in_scene), &
+      key_t("forest", "dbh_field", "text", 1, "'dbh'", "", "", "attribute of trees with their diameter [cm]", &
+            in_scene), &
+      key_t("forest", "species_field", "text", 1, "'species'", "", "", "attribute of trees with their species", &
+            in_scene), &
       key_t("forest", "stems", "text", 1, "absent", "", "", &
             "raster of stems a hectare, of which trees are made", in_scene, "raster"), &
       key_t("forest", "uniform_stems", "real", 1, "absent", "> 0", "1/ha", "as many everywhere", in_scene), &
@@ -253,7 +266,8 @@ module rockfall_case
    type :: case_t
       character(len=:), allocatable :: file, title, dem, zones, table, zone_field, mean_radius, rg(:), sets, &
                                        cells, polygons, ground, ground_map, ground_table
-      integer(i8) :: seed = 1, boulders = 1
+      integer(i8) :: seed = 1
+      integer(i8) :: boulders = 0, boulders_total = 0  !! from each source, or from all; 0: the other is given
       integer :: threads = 0
       logical :: sobol = .false.                 !! sampling
       integer, allocatable :: default_zone
@@ -266,8 +280,9 @@ module rockfall_case
       logical :: between_ratios = .false.
       type(volume_distribution_t) :: volumes
       logical :: by_source = .false.             !! sources say what their boulders are; volumes are factors
+      logical :: by_feature = .false.            !! the layer of the sources says all volumes
       logical :: source_density = .false.        !! also their density
-      real(wp), allocatable :: x(:), y(:)        !! release points, map coordinates [m]
+      logical :: at_points = .false.             !! the sources are points, not cells
       logical :: forest = .false.                !! there are trees
       type(tree_law_t) :: tree_law
       logical :: steep_cells = .false., by_area = .false.
@@ -298,7 +313,7 @@ contains
       case%file = file
       call read_run(list, case, error)
       if (.not. allocated(error)) call read_surface(group_of(list, "surface"), case, error)
-      if (.not. allocated(error)) call read_boulder(group_of(list, "boulder"), case, error)
+      if (.not. allocated(error)) call read_boulder(group_of(list, "boulder"), group_of(list, "release"), case, error)
       if (.not. allocated(error)) call read_release(group_of(list, "release"), case, error)
       if (.not. allocated(error)) call read_forest(group_of(list, "forest"), case, error)
       if (.not. allocated(error)) call read_lines(list, case, error)
@@ -485,29 +500,41 @@ contains
       type(key_t), intent(in) :: key
       type(error_t), allocatable, intent(out) :: error
       real(wp), allocatable :: values(:)
-      real(wp) :: range(2)
-      character(len=:), allocatable :: unit
-      logical :: positive
+      character(len=:), allocatable :: rule
       integer :: k
 
       call get_real(group, trim(key%name), values, error)
       if (allocated(error)) return
-      unit = ""
-      if (key%unit /= "") unit = " ["//trim(key%unit)//"]"
-      range = range_of(key%allowed, [-max_real, max_real])
-      positive = key%allowed(:2) == "> "
       do k = 1, size(values)
-         if (values(k) < range(1) .or. (positive .and. values(k) <= range(1)) .or. &
-             (values(k) > range(2) .and. range(2) < max_real)) then
-            call refuse(group, trim(key%name), "must be "//trim(key%allowed)//unit, error, k)
-         else if (abs(values(k)) > max_real) then
-            call refuse(group, trim(key%name), "must be at most 1e12"//unit, error, k)
-         else if (positive .and. values(k) < min_positive) then
-            call refuse(group, trim(key%name), "must be at least 1e-12"//unit, error, k)
-         end if
+         rule = broken_rule(key, values(k))
+         if (rule /= "") call refuse(group, trim(key%name), rule, error, k)
          if (allocated(error)) return
       end do
    end subroutine check_reals
+
+   !> What a number of a key must be and is not; "" where all is well.
+   pure function broken_rule(key, value) result(rule)
+      type(key_t), intent(in) :: key
+      real(wp), intent(in) :: value
+      character(len=:), allocatable :: rule
+      real(wp) :: range(2)
+      logical :: positive
+
+      rule = ""
+      range = range_of(key%allowed, [-max_real, max_real])
+      positive = key%allowed(:2) == "> "
+      if (ieee_is_nan(value)) then
+         rule = "must be a number"
+      else if (value < range(1) .or. (positive .and. value <= range(1)) .or. &
+               (value > range(2) .and. range(2) < max_real)) then
+         rule = "must be "//trim(key%allowed)
+      else if (abs(value) > max_real) then
+         rule = "must be at most 1e12"
+      else if (positive .and. value < min_positive) then
+         rule = "must be at least 1e-12"
+      end if
+      if (rule /= "" .and. key%unit /= "") rule = rule//" ["//trim(key%unit)//"]"
+   end function broken_rule
 
    !> The ends of "a to b", "> a" or ">= a"; `outer` gives those that are not told.
    pure function range_of(allowed, outer) result(range)
@@ -576,6 +603,10 @@ contains
       case%title = text_of(group, "title")
       case%seed = integer_of(group, "seed")
       case%boulders = integer_of(group, "boulders")
+      case%boulders_total = integer_of(group, "boulders_total")
+      if (has_key(group, "boulders") .eqv. has_key(group, "boulders_total")) &
+         call fail(error, about(group, "boulders, boulders_total")//": give one of the two: boulders from each source, " &
+                   //"or from all together")
       case%threads = int(integer_of(group, "threads"))
       case%sobol = text_of(group, "sampling") == "sobol"
       if (case%sobol .and. case%boulders > max_points) then
@@ -675,8 +706,8 @@ contains
    end subroutine need
 
    !> The volume law, with the keys that it needs and no others.
-   pure subroutine read_boulder(group, case, error)
-      type(group_t), intent(in) :: group
+   pure subroutine read_boulder(group, release, case, error)
+      type(group_t), intent(in) :: group, release
       type(case_t), intent(inout) :: case
       type(error_t), allocatable, intent(out) :: error
       character(len=*), parameter :: keys(11) = [character(len=13) :: "volume_mean", "volume_std", "volume_min", &
@@ -693,7 +724,11 @@ contains
       case ("lognormal"); case%volumes%kind = lognormal_volume; needs(1:2) = .true.
       case ("uniform"); case%volumes%kind = uniform_volume; needs(3:4) = .true.
       case ("list"); case%volumes%kind = list_volume; needs(5) = .true.
-      case ("source"); case%by_source = .true.; needs(6:8) = .true.
+      case ("source")
+         case%by_feature = (has_key(release, "points") .or. has_key(release, "polygons")) &
+                           .and. .not. any([(has_key(group, trim(keys(k))), k=6, size(keys))])
+         case%by_source = .not. case%by_feature
+         needs(6:8) = case%by_source
       case default; case%volumes%kind = fixed_volume; needs(1) = .true.
       end select
       takes = needs
@@ -743,24 +778,28 @@ contains
       call get_logical(group, "steep_cells", case%steep_cells, error)
       call get_logical(group, "by_area", case%by_area, error)
       points = has_key(group, "x") .or. has_key(group, "y")
-      ways = count([points, has_key(group, "cells"), has_key(group, "polygons")])
+      ways = count([points, has_key(group, "points"), has_key(group, "cells"), has_key(group, "polygons")])
+      points = points .or. has_key(group, "points")
       if (ways > 1 .or. (ways == 0 .and. .not. case%steep_cells)) then
-         call fail(error, group%file//": &release: give one of: points (x, y); cells; polygons; or steep_cells, " &
+         call fail(error, group%file//": &release: give one of: points (x, y, or a layer); cells; polygons; or steep_cells, " &
                    //"alone or with cells or polygons")
       else if (points .and. case%steep_cells) then
-         call refuse(group, "steep_cells", "has no meaning for points (x, y)", error)
+         call refuse(group, "steep_cells", "has no meaning for points", error)
       else if (points .and. case%by_area) then
-         call refuse(group, "by_area", "has no meaning for points (x, y)", error)
+         call refuse(group, "by_area", "has no meaning for points", error)
       else if (has_key(group, "slope_threshold") .and. .not. case%steep_cells) then
          call refuse(group, "slope_threshold", "has no meaning without steep_cells = .true.", error)
       else if (has_key(group, "polygons_layer") .and. .not. has_key(group, "polygons")) then
          call refuse(group, "polygons_layer", "has no meaning without polygons", error)
-      else if (points) then
+      else if (has_key(group, "points_layer") .and. .not. has_key(group, "points")) then
+         call refuse(group, "points_layer", "has no meaning without points", error)
+      else if (has_key(group, "name_field") .and. .not. (has_key(group, "points") .or. has_key(group, "polygons"))) then
+         call refuse(group, "name_field", "has no meaning without points or polygons", error)
+      else if (has_key(group, "x") .or. has_key(group, "y")) then
          call check_points(group, 1, error)
       end if
       if (has_key(group, "slope_threshold")) case%slope_threshold = real_of(group, "slope_threshold")
-      case%x = reals_of(group, "x")
-      case%y = reals_of(group, "y")
+      case%at_points = points
       case%cells = text_of(group, "cells")
       case%polygons = text_of(group, "polygons")
       case%drop_height = real_of(group, "drop_height")
@@ -788,7 +827,9 @@ contains
       call read_either(group, "dbh_std", made, made, error)
       call read_either(group, "conifers", made, case%forest, error)
       if (allocated(error)) return
-      if (has_key(group, "species_table") .and. .not. case%forest) then
+      if (has_key(group, "trees_layer") .and. .not. listed) then
+         call refuse(group, "trees_layer", "has no meaning without trees", error)
+      else if (has_key(group, "species_table") .and. .not. case%forest) then
          call refuse(group, "species_table", "has no meaning without trees or stems", error)
       else if (has_key(group, "stem_height") .and. .not. case%forest) then
          call refuse(group, "stem_height", "has no meaning without trees or stems", error)
@@ -995,7 +1036,7 @@ contains
       if (allocated(error)) return
       if (real_of(group, "volume_std_factor") > 1 .and. case%volumes%std <= 0) then
          call refuse(group, "volume_std_factor", "has no meaning without a volume_std", error)
-      else if (real_of(group, "volume_factor") > 1 .and. case%by_source) then
+      else if (real_of(group, "volume_factor") > 1 .and. (case%by_source .or. case%by_feature)) then
          call refuse(group, "volume_factor", "has no meaning for volume = 'source'", error)
       else if (real_of(group, "drop_height_factor") > 1 .and. case%drop_height <= 0) then
          call refuse(group, "drop_height_factor", "has no meaning without a drop_height", error)
@@ -1071,8 +1112,8 @@ contains
                call refuse(group, "name", "must be at most "//integer_text(max_name)//" characters", error)
             else if (has_key(group, "frequency") .eqv. has_key(group, "return_period")) then
                call fail(error, about(group, "frequency, return_period")//": give one of the two")
-            else if (text_of(group, "frequency_per") == "km2" .and. size(case%x) > 0) then
-               call refuse(group, "frequency_per", "has no meaning for points (x, y), which have no area", error)
+            else if (text_of(group, "frequency_per") == "km2" .and. case%at_points) then
+               call refuse(group, "frequency_per", "has no meaning for points, which have no area", error)
             end if
             if (allocated(error)) return
          end associate
