@@ -52,7 +52,7 @@ def hazard_command(arguments: argparse.Namespace) -> int:
     with locked(folder.resolve(), warn):
         checkpoints = list(_checkpoints(arguments, folder.resolve(), case))
         memory = machine_memory() if arguments.memory is None else read_memory(arguments.memory)
-        study = read_study(case, arguments.objects, memory)
+        study = read_study(case, arguments.objects, memory, arguments.objects_layer)
         for line in study.remarks:
             warn(line)
         return _run_to(folder, study, checkpoints, inputs, not arguments.quiet)

@@ -144,6 +144,9 @@ def _source_points(scene: Scene) -> Iterator[str]:
 def _release(scene: Scene) -> Iterator[str]:
     release = scene.case.release
     drop, speed = release["drop_height"], math.hypot(*release["velocity"])
+    if scene.features is not None and scene.features.value is not None:
+        value = scene.features.value[:, 5:]
+        drop, speed = value[:, 0].max(), np.linalg.norm(value[:, 1:], axis=1).max()
     if not drop and not speed:
         yield "&release has no drop_height and no velocity: boulders stop where they start"
     if drop > DROP:

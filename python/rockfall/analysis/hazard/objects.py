@@ -48,11 +48,13 @@ class Objects:
         return len(self.shapes)
 
 
-def read_objects(path: str | Path, grid: Grid, intensities: int, remarks: list[str]) -> Objects:
+def read_objects(
+    path: str | Path, grid: Grid, intensities: int, remarks: list[str], layer: str | None = None
+) -> Objects:
     """The objects in a layer, with so many intensities to be vulnerable to."""
     import shapely
 
-    shapes, columns = read_features(path, grid, remarks)
+    shapes, columns = read_features(path, grid, remarks, layer, "--objects-layer")
     found = Objects(str(path), shapely.force_2d(shapes))
     columns = {name.lower(): values for name, values in columns.items()}
     numbers = [str(number) for number in range(1, len(shapes) + 1)]

@@ -58,6 +58,7 @@ def hazard(
     case: Case,
     *,
     objects: str | Path | None = None,
+    objects_layer: str | None = None,
     progress: bool = False,
     threads: int | None = None,
     memory: float | None = None,
@@ -65,23 +66,28 @@ def hazard(
 ) -> xr.Dataset:
     """Run each &scenario of a case and put them together: an xarray.Dataset of annual frequencies
     and classes of hazard, with 95 % intervals, for each cell and each of the `objects` (a layer of
-    points, lines and polygons). docs/hazard.md explains it; the other arguments are as in
+    points, lines and polygons, or `objects_layer` of several in a file). docs/hazard.md explains it; the other arguments are as in
     `rockfall.run`."""
-    study = read_study(case, objects, memory, **arrays)
+    study = read_study(case, objects, memory, objects_layer, **arrays)
     for line in study.remarks:
         warnings.warn(line, stacklevel=2)
     return run_study(study, progress=progress, threads=threads)
 
 
 def read_study(
-    case: Case, objects: str | Path | None = None, memory: float | None = None, **arrays: Any
+    case: Case,
+    objects: str | Path | None = None,
+    memory: float | None = None,
+    objects_layer: str | None = None,
+    **arrays: Any,
 ) -> Study:
     """Read and check everything that a hazard needs, before anything is run."""
     scene = read_scene(base_case(case), memory=memory or machine_memory(), **arrays)
     remarks: list[str] = []
     found = Objects()
     if objects is not None:
-        found = read_objects(objects, scene.grid, 1 + len(case.hazard["thresholds"]), remarks)
+        intensities = 1 + len(case.hazard["thresholds"])
+        found = read_objects(objects, scene.grid, intensities, remarks, objects_layer)
     case = case.replace(barrier=scene.case.barrier, dam=scene.case.dam)  # layers are read
     study = Study(case, scene, scenarios_of(scene, found.lines), found)
     for scenario in study.scenarios:
