@@ -82,10 +82,11 @@ def converge(
     """Measure how the numbers at the lines of a case converge, as in `Convergence`.
 
     The study simulates the first boulders of the case itself (as Bourrier et al. 2009 do for
-    their site). Statistical errors are those of blocks out of `reference` boulders from each
-    source (without it a million in all), against as many others; each has seeds of its own. Numerical errors are changes of the numbers of a
-    tenth as many boulders, the same ones on each terrain. What boulders did at the lines is kept in
-    memory, 24 bytes a line and boulder, and nothing else.
+    their site). Statistical errors are those of blocks out of `reference` boulders from each source
+    (a million in all, where it is not given), against as many others; each has seeds of its own.
+    Numerical errors are changes of the numbers of a tenth as many boulders, the same ones on each
+    terrain. What boulders did at the lines is kept in memory, 24 bytes a line and boulder, and
+    nothing else.
     """
     sizes = sorted(set(boulders))
     if not sizes or sizes[0] < 2:

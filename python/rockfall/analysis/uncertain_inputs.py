@@ -64,8 +64,8 @@ class Uncertain:
         told = scene.features is not None and scene.features.law is not None
         for name in {"volume", "drop_height"} & {*self.names} if told else ():
             raise RockfallError(
-                f"{scene.case.name}: &ensemble {name}_factor: has no meaning where the layer of the "
-                "sources says what is released"
+                f"{scene.case.name}: &ensemble {name}_factor: has no meaning where the layer "
+                "of the sources says what is released"
             )
         radii = 1 if scene.values is not None else len(scene.sizes)
         self.ends = np.cumsum([0, *(radii if n is None else n for n in NUMBERS)])

@@ -153,8 +153,9 @@ def provenance(result: xr.Dataset) -> dict[str, Any]:
         ("threads", about["threads"]),
         ("time", "{wall_seconds:.1f} s, {cpu_seconds:.1f} s of CPU".format_map(result.attrs)),
     ]
+    option = "--boulders-total" if total else "--boulders"
     command = (
-        f"rockfall run {shlex.quote(about['case_file'])} --boulders{'-total' if total else ''} {number} "
+        f"rockfall run {shlex.quote(about['case_file'])} {option} {number} "
         f"--seed {about['seed']} -o again.nc"
     )
     return {

@@ -54,7 +54,7 @@ def transformation(crs: CRS, grid: Grid) -> Transformation:
     area = None
     if np.isfinite(corners).all():
         (west, east), (south, north) = corners
-        area = pyproj.aoi.AreaOfInterest(west, south, east, north)
+        area = pyproj.transformer.AreaOfInterest(west, south, east, north)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # by which it says that a grid is missing
         ways = pyproj.transformer.TransformerGroup(one, other, True, area)

@@ -19,7 +19,8 @@ ABSENT = {  # what the kernel takes for an array that a scene does not have
     "z8": np.zeros((1, 1)), "z4": np.zeros((1, 1), "f4"), "zone1": np.zeros((1, 1), "i1"),
     "zone2": np.zeros((1, 1), "i2"), "values": np.zeros((1, 1, 1), "f4"),
     "source_weight": np.zeros(1), "source_feature": np.zeros(1, "i4"),
-    "feature_law": np.full(1, -1, "i4"), "feature_value": np.zeros((1, 9)), "of_sources": np.zeros(1), "trees": np.zeros(1),
+    "feature_law": np.full(1, -1, "i4"), "feature_value": np.zeros((1, 9)),
+    "of_sources": np.zeros(1), "trees": np.zeros(1),
     "material_ground": np.zeros(1, "i1"), "cell_ground": np.zeros((1, 1), "i1"),
 }  # fmt: skip
 

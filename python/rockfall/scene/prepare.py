@@ -43,7 +43,8 @@ ABOUT = {  # units, long name
     "source_feature": ("1", "polygon or point of the layer, counted from 1"),
     "feature_law": ("1", "law of its volumes: fixed, normal, uniform, lognormal; 0: the case's"),
     "feature_value": (
-        "1", "mean, std, min, max of volumes, density, drop height, velocity east, north, up"
+        "1",
+        "mean, std, min, max of volumes, density, drop height, velocity east, north, up",
     ),
     "source_volume": ("m3", "volume of the boulders of the source"),
     "source_inertia": ("1", "their moment of inertia over mass and squared radius"),

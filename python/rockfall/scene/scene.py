@@ -41,7 +41,7 @@ class Features(NamedTuple):
     names: list[str]
     of: np.ndarray  # int32: that of each source, from 1
     law: np.ndarray | None = None  # int32: of volumes, from 1; 0: the case's; None: it says nothing
-    value: np.ndarray | None = None  # (features, 9): what is asked for in `source_attributes`
+    value: np.ndarray | None = None  # (features, 9): what is asked for in `sources.attributes`
 
     def at(self, sources: np.ndarray) -> Features:
         """The same for some sources, which are counted from 0."""

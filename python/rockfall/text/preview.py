@@ -21,8 +21,8 @@ from rockfall.scene.ground import Ground
 from rockfall.scene.reach import survey
 from rockfall.scene.rebound import sphere_radius
 from rockfall.scene.scene import Scene
-from rockfall.scene.source_attributes import DENSITY
 from rockfall.scene.sources import threshold
+from rockfall.scene.sources.attributes import DENSITY
 from rockfall.simulation.memory import machine_memory
 from rockfall.simulation.simulate import check_team, fields, run_chunks, start
 from rockfall.simulation.tally import Tally
@@ -259,9 +259,9 @@ def _attributes(scene: Scene) -> Iterator[tuple[str, str]]:
     found = scene.features
     if found is not None and found.law is not None and found.value is not None:
         what = ["volumes"] if found.law.any() else []
-        about = zip(("density", "drop_height", "velocity"), (4, 5, slice(6, 9)), strict=True)
-        release = {**scene.case.release, **scene.case.boulder}
-        what += [name for name, k in about if (found.value[:, k] != release[name]).any()]
+        release, values = {**scene.case.release, **scene.case.boulder}, found.value.T
+        about = {"density": values[4], "drop_height": values[5], "velocity": values[6:].T}
+        what += [name for name, of in about.items() if (of != release[name]).any()]
         names = ", ".join(dict.fromkeys(found.names[:4])) + (" ..." if len(found.names) > 4 else "")
         if what:
             yield "", f"their layer says {', '.join(what)} of {len(found.names):,}: {names}"

@@ -66,8 +66,8 @@ def hazard(
 ) -> xr.Dataset:
     """Run each &scenario of a case and put them together: an xarray.Dataset of annual frequencies
     and classes of hazard, with 95 % intervals, for each cell and each of the `objects` (a layer of
-    points, lines and polygons, or `objects_layer` of several in a file). docs/hazard.md explains it; the other arguments are as in
-    `rockfall.run`."""
+    points, lines and polygons, or `objects_layer` of several in a file). docs/hazard.md explains
+    it; the other arguments are as in `rockfall.run`."""
     study = read_study(case, objects, memory, objects_layer, **arrays)
     for line in study.remarks:
         warnings.warn(line, stacklevel=2)

@@ -84,12 +84,11 @@ class Table(NamedTuple):
 
 
 def read_attributes(scene: Scene, table: Table, of: np.ndarray) -> tuple[Features, np.ndarray]:
-    """The features of a scene, `of` each source; and their frequencies, NaN where there are none."""
-    for name in ("velocity",):
-        if attribute(table.columns, name) is not None:
-            raise RockfallError(
-                f"{table.path}: attribute {name}: must be {', '.join(VELOCITY)} [m/s]"
-            )
+    """The features of a scene, `of` each source; and their frequencies, NaN where none."""
+    if attribute(table.columns, "velocity") is not None:
+        raise RockfallError(
+            f"{table.path}: attribute velocity: must be {', '.join(VELOCITY)} [m/s]"
+        )
     law, volumes = _laws(scene, table)
     rest = [table.numbers(name) for name in VALUES[len(VOLUMES) :]]
     given = np.array([*volumes, *rest]).T
@@ -158,7 +157,9 @@ def _check_laws(scene: Scene, table: Table, law: np.ndarray, given: np.ndarray) 
     spread = given[3] - given[2]
     if not np.isnan(spread).all():
         some.add(int(np.nanargmin(spread)))
-    own = {key.name: None for key in key_table() if key.group == "boulder" and key.name != "density"}
+    own = {
+        key.name: None for key in key_table() if key.group == "boulder" and key.name != "density"
+    }
     for k in sorted(some):
         values = {n: None if np.isnan(v) else v for n, v in zip(VOLUMES, given[:, k], strict=True)}
         alone = scene.case.replace()
@@ -177,8 +178,8 @@ def _check_source(scene: Scene, table: Table, law: np.ndarray, given: np.ndarray
     if "d1" in boulder and (law.any() or density.any()):
         k = int(np.argmax((law > 0) | density))
         raise RockfallError(
-            f"{table.where(k)}: says what its boulders are, and so do the rasters of &boulder: give "
-            "one of the two"
+            f"{table.where(k)}: says what its boulders are, and so do the rasters of &boulder: "
+            "give one of the two"
         )
     if "d1" not in boulder and not law.all():
         k = int(np.argmin(law))
