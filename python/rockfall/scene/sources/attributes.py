@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 
 import numpy as np
@@ -103,6 +104,7 @@ def read_attributes(scene: Scene, table: Table, of: np.ndarray) -> tuple[Feature
     return Features(names, of, law.astype("i4"), value), frequency
 
 
+@cache
 def _key(name: str) -> tuple[str, str]:
     """Group and name of the key of a case that holds such numbers."""
     name = "velocity" if name in VELOCITY else "volume_mean" if name == "volume" else name
