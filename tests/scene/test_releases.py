@@ -12,6 +12,7 @@ from rockfall.analysis.ensemble import run_ensemble
 from rockfall.cli import main
 from rockfall.scene.prepare import prepare
 from rockfall.scene.read import read_scene
+from rockfall.scene.sources.attributes import values_of
 
 shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
 pytestmark = pytest.mark.filterwarnings("ignore:.*no part of it lies over the terrain")
@@ -112,8 +113,7 @@ def test_attributes_are_those_of_the_feature_or_else_of_the_case(case):
         heights = result["start_z"].values[::2000] - rockfall.run(ground)["start_z"].values
     assert np.allclose(heights, [1.0, 9.0, 5.0, 0.0])
     assert result["feature"].values.tolist() == ["left", "left", "tower", "4"]
-    given = read_scene(case).features.value
-    assert given[:, 4:].tolist() == [
+    assert values_of(read_scene(case)).tolist() == [
         [2600, 1, 0, 0, 0], [2800, 9, 0, 0, 0], [2500, 5, 0, 0, 0], [2800, 0, 2, -3, 0],
     ]  # fmt: skip
 

@@ -60,13 +60,13 @@ contains
 
    !> The scene of the text of a case and of the arrays in `scene_arrays_t`, as a handle.
    subroutine open_scene(text, name, z8, z4, west, north, cell, nodes, first, zone1, zone2, values, sizes, &
-                         source_x, source_y, source_weight, source_volume, source_inertia, source_density, &
-                         source_feature, feature_law, feature_value, tree_x, tree_y, tree_dbh, tree_factor, sets_text, sets_name, draw, ground_text, ground_length, &
+                         source_x, source_y, area_ratio, source_frequency, source_volume, source_inertia, &
+                         source_density, source_feature, feature_law, feature_value, tree_x, tree_y, tree_dbh, tree_factor, sets_text, sets_name, draw, ground_text, ground_length, &
                          ground_names, material_ground, cell_ground, handle, code, message, &
                          nx8, ny8, nx4, ny4, nx1, ny1, nx2, ny2, nxv, nyv, nkv, ks, ms, ns, na, nb, nd, nt, &
-                         ng, mg, nxg, nyg, ne, nf)
+                         ng, mg, nxg, nyg, ne, nf, nw)
       integer(c_int), intent(in) :: nx8, ny8, nx4, ny4, nx1, ny1, nx2, ny2, nxv, nyv, nkv, ks, ms, ns, na, nb, nd, nt
-      integer(c_int), intent(in) :: ng, mg, nxg, nyg, ne, nf
+      integer(c_int), intent(in) :: ng, mg, nxg, nyg, ne, nf, nw
       character(len=*), intent(in) :: text, name                 !! of the case, and what it is called in messages
       real(c_double), intent(in), target :: z8(nx8, ny8)         !! elevations [m], or
       real(c_float), intent(in), target :: z4(nx4, ny4)          !! in single precision
@@ -77,7 +77,7 @@ contains
       real(c_float), intent(in), target :: values(nxv, nyv, nkv) !! sizes of each cell [m]
       real(c_double), intent(in) :: sizes(ks, ms)                !! [m]
       real(c_double), intent(in) :: source_x(ns), source_y(ns)   !! map coordinates [m]
-      real(c_double), intent(in) :: source_weight(na)            !! above zero, or none
+      real(c_double), intent(in) :: area_ratio(na), source_frequency(nw)  !! above zero, or none
       real(c_double), intent(in) :: source_volume(nb), source_inertia(nb), source_density(nd)  !! of their boulders
       integer(c_int), intent(in) :: source_feature(ne), feature_law(nf)  !! feature of each, from 1; 0: none
       real(c_double), intent(in) :: feature_value(9, nf)         !! as in scene_arrays_t
@@ -119,7 +119,8 @@ contains
       if (all(material_ground > 0)) arrays%material_ground = material_ground
       if (size(cell_ground) > 1) arrays%cell_ground => cell_ground
       call read_case(text, name, case, error)
-      if (all(source_weight > 0)) arrays%source_weight = source_weight
+      if (all(area_ratio > 0)) arrays%area_ratio = area_ratio
+      if (all(source_frequency > 0)) arrays%source_frequency = source_frequency
       if (case%by_source) arrays%source_volume = source_volume
       if (case%by_source) arrays%source_inertia = source_inertia
       if (case%source_density) arrays%source_density = source_density

@@ -374,8 +374,9 @@ contains
          if (case%by_source) call read_of_sources(inputs, source, "source_volume", arrays%source_volume)
          if (case%by_source) call read_of_sources(inputs, source, "source_inertia", arrays%source_inertia)
          if (case%source_density) call read_of_sources(inputs, source, "source_density", arrays%source_density)
-         if (case%by_area .or. kind_of(file, "source_weight") /= 0) &
-            call read_of_sources(inputs, source, "source_weight", arrays%source_weight)
+         if (case%by_area) call read_of_sources(inputs, source, "area_ratio", arrays%area_ratio)
+         if (kind_of(file, "source_frequency") /= 0) &
+            call read_of_sources(inputs, source, "source_frequency", arrays%source_frequency)
          if (kind_of(file, "source_feature") /= 0) call read_features(inputs, source)
       end associate
    end subroutine read_sources
@@ -410,9 +411,10 @@ contains
                    arrays%feature_value)
          if (.not. sound(file)) return
          if (any(arrays%feature_law < 0 .or. arrays%feature_law > list_volume)) call mark_damaged(file, "feature_law")
-         if (.not. all(is_place(arrays%feature_value))) call mark_damaged(file, "feature_value")
-         if (.not. sound(file)) return
-         if (any(arrays%feature_value(2:6, :) < 0)) call mark_damaged(file, "feature_value")
+         associate (value => arrays%feature_value)
+            value = merge(value, -1.0_wp, is_place(value) .or. ieee_is_nan(value))
+            if (any(above_zero(-value(:6, :)))) call mark_damaged(file, "feature_value")
+         end associate
       end associate
    end subroutine read_features
 

@@ -1,6 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> From a case and the arrays that it names to the scene that boulders fly over: the one way for both programs.
 module rockfall_scene
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
    use rockfall_kinds, only: wp, sp, i1, i2, i4, i8
    use rockfall_error, only: error_t, fail
    use rockfall_text, only: integer_text
@@ -11,7 +12,7 @@ module rockfall_scene
    use rockfall_sources, only: last_boulders, shared_boulders, share_of
    use rockfall_line, only: line
    use rockfall_barrier, only: barrier_t
-   use rockfall_boulder, only: release_t, volume_distribution_t, fixed_volume, last_of, max_volume
+   use rockfall_boulder, only: release_t, volume_distribution_t, fixed_volume, last_of, max_volume, mean_volume
    use rockfall_ground, only: ground_t
    use rockfall_forest, only: build_forest
    use rockfall_trajectory, only: scene_t
@@ -38,13 +39,14 @@ module rockfall_scene
       real(sp), pointer, contiguous :: values(:, :, :) => null() !! or sizes of each cell (nx, ny, 1 or 3) [m]
       real(wp), allocatable :: sizes(:, :)                       !! R_m, or Rg70, Rg20, Rg10 (1 or 3, materials) [m]
       real(wp), allocatable :: source_x(:), source_y(:)          !! map coordinates [m]
-      real(wp), allocatable :: source_weight(:)                  !! of the number of their boulders, where it differs
+      real(wp), allocatable :: area_ratio(:)                     !! surface over plan area, where they release by it
+      real(wp), allocatable :: source_frequency(:)               !! in any unit, by which they share boulders_total
       real(wp), allocatable :: source_volume(:), source_inertia(:)  !! of their boulders, where they say it [m3], [-]
       real(wp), allocatable :: source_density(:)                 !! and their density [kg/m3]
       integer, allocatable :: source_feature(:)                  !! of a layer, where they come from one, from 1
       integer, allocatable :: feature_law(:)                     !! of volumes, as in rockfall_boulder; 0: the case's
       real(wp), allocatable :: feature_value(:, :)               !! mean, std, min, max of volumes [m3], density [kg/m3],
-      !! drop height [m], velocity [m/s] (9, features)
+      !! drop height [m], velocity [m/s] (9, features); NaN: the case's
       real(wp), pointer, contiguous :: tree_x(:) => null(), tree_y(:) => null()  !! stems, map coordinates [m]
       real(wp), pointer, contiguous :: tree_dbh(:) => null()     !! their diameters at breast height, > 0 [cm]
       real(wp), pointer, contiguous :: tree_factor(:) => null()  !! of their species [-]
@@ -85,7 +87,7 @@ contains
       call set_lines(case, scene)
       call set_forest(case, arrays, scene)
       call check_number(case, scene, error)
-      if (case%by_feature .and. .not. allocated(error)) call check_features(case, arrays, error)
+      if (.not. allocated(error)) call check_features(case, arrays, scene, error)
       if (.not. allocated(error)) call set_impacts(case, arrays, scene, error)
       if (.not. allocated(error)) call set_grounds(case, arrays, scene, error)
    end subroutine scene_from
@@ -126,7 +128,7 @@ contains
       end associate
    end subroutine set_release
 
-   !> How many boulders each source releases: a number from each, or from each unit of its weight; or its part of all.
+   !> How many boulders each source releases: a number from each, or from each unit of its area; or its part of all.
    pure subroutine set_numbers(case, arrays, release)
       type(case_t), intent(in) :: case
       type(scene_arrays_t), intent(in) :: arrays
@@ -134,13 +136,14 @@ contains
       integer(i8) :: sources, k
 
       sources = size(release%x)
-      if (allocated(arrays%source_weight)) then
-         if (case%boulders_total > 0) then
-            release%last = shared_boulders(arrays%source_weight, case%boulders_total)
-         else
-            release%last = last_boulders(arrays%source_weight, case%boulders)
-         end if
-      else if (case%boulders_total > 0) then
+      if (case%boulders_total == 0) then
+         if (case%by_area .and. allocated(arrays%area_ratio)) &
+            release%last = last_boulders(arrays%area_ratio, case%boulders)
+      else if (allocated(arrays%source_frequency)) then
+         release%last = shared_boulders(arrays%source_frequency, case%boulders_total)
+      else if (case%by_area .and. allocated(arrays%area_ratio)) then
+         release%last = shared_boulders(arrays%area_ratio, case%boulders_total)
+      else
          release%boulders_per_source = max(1_i8, case%boulders_total/max(1_i8, sources))
          if (release%boulders_per_source*sources /= case%boulders_total) &
             release%last = [(share_of(case%boulders_total, k, sources), k=1, sources)]
@@ -152,20 +155,23 @@ contains
       type(case_t), intent(in) :: case
       type(scene_arrays_t), intent(in) :: arrays
       type(scene_t), intent(inout) :: scene
+      real(wp) :: usual(9), value(9)
       integer :: k
 
       if (.not. allocated(arrays%feature_law)) return
       allocate (scene%features(size(arrays%feature_law)))
+      associate (law => case%volumes)
+         usual = [law%mean, law%std, law%min, law%max, law%density, case%drop_height, case%velocity]
+      end associate
       do k = 1, size(scene%features)
-         associate (feature => scene%features(k), value => arrays%feature_value(:, k))
+         value = merge(usual, arrays%feature_value(:, k), ieee_is_nan(arrays%feature_value(:, k)))
+         associate (feature => scene%features(k))
             feature%volumes = case%volumes
-            if (arrays%feature_law(k) > 0) then
-               feature%volumes%kind = arrays%feature_law(k)
-               feature%volumes%mean = value(1)
-               feature%volumes%std = value(2)
-               feature%volumes%min = value(3)
-               feature%volumes%max = value(4)
-            end if
+            if (arrays%feature_law(k) > 0) feature%volumes%kind = arrays%feature_law(k)
+            feature%volumes%mean = value(1)
+            feature%volumes%std = value(2)
+            feature%volumes%min = value(3)
+            feature%volumes%max = value(4)
             feature%volumes%density = value(5)
             feature%drop_height = value(6)
             feature%velocity = value(7:9)
@@ -214,16 +220,20 @@ contains
                         arrays%tree_factor, case%tree_law, scene%forest)
    end subroutine set_forest
 
-   !> Every feature says what its volumes are, where the case does not.
-   pure subroutine check_features(case, arrays, error)
+   !> Every feature says what its volumes are, where the case does not; each law has the numbers that it needs.
+   pure subroutine check_features(case, arrays, scene, error)
       type(case_t), intent(in) :: case
       type(scene_arrays_t), intent(in) :: arrays
+      type(scene_t), intent(in) :: scene
       type(error_t), allocatable, intent(out) :: error
       logical :: told
+      integer :: k
 
-      told = allocated(arrays%feature_law)
-      if (told) told = all(arrays%feature_law > 0)
-      if (.not. told) call fail(error, case%file//": &boulder volume = 'source': the layer of sources must say volumes")
+      told = .not. case%by_feature
+      if (allocated(arrays%feature_law)) told = told .or. all(arrays%feature_law > 0)
+      if (allocated(scene%features)) &
+         told = told .and. all([(mean_volume(scene%features(k)%volumes) > 0, k=1, size(scene%features))])
+      if (.not. told) call fail(error, case%file//": &boulder volume: the layer of sources does not say all that it leaves open")
    end subroutine check_features
 
    !> Maps count boulders in 32 bits.

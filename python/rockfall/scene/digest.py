@@ -48,7 +48,8 @@ class Digest:
         dem.update(_place(scene.grid).encode())
         for layer in surface:
             self.sizes.update(layer.digest())
-        sources = hashlib.sha256(b"" if scene.weight is None else scene.weight.data)
+        sources = hashlib.sha256(b"" if scene.area is None else scene.area.data)
+        sources.update(b"" if scene.frequency is None else scene.frequency.data)
         sources.update(np.concatenate((scene.x, scene.y)).data)
         if scene.features is not None:
             sources.update("\n".join(scene.features.names).encode())

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 ABSENT = {  # what the kernel takes for an array that a scene does not have
     "z8": np.zeros((1, 1)), "z4": np.zeros((1, 1), "f4"), "zone1": np.zeros((1, 1), "i1"),
     "zone2": np.zeros((1, 1), "i2"), "values": np.zeros((1, 1, 1), "f4"),
-    "source_weight": np.zeros(1), "source_feature": np.zeros(1, "i4"),
+    "area_ratio": np.zeros(1), "source_frequency": np.zeros(1), "source_feature": np.zeros(1, "i4"),
     "feature_law": np.full(1, -1, "i4"), "feature_value": np.zeros((1, 9)),
     "of_sources": np.zeros(1), "trees": np.zeros(1),
     "material_ground": np.zeros(1, "i1"), "cell_ground": np.zeros((1, 1), "i1"),
@@ -62,8 +62,8 @@ class KernelScene:
 def releases(scene: Scene) -> dict[str, np.ndarray]:
     """How many boulders sources release, and what the features of a layer say of them."""
     found = scene.features or (None,) * 4
-    names = "source_weight", "source_feature", "feature_law", "feature_value"
-    pairs = zip(names, (scene.weight, *found[1:]), strict=True)
+    names = "area_ratio", "source_frequency", "source_feature", "feature_law", "feature_value"
+    pairs = zip(names, (scene.area, scene.frequency, *found[1:]), strict=True)
     given = {name: ABSENT[name] if one is None else one for name, one in pairs}
     return given | {"feature_value": given["feature_value"].T}
 

@@ -17,6 +17,7 @@ from rockfall.case import FROM_ARRAY
 from rockfall.io.crs import crs_name, length_scale
 from rockfall.scene.rebound import sphere_radius
 from rockfall.scene.scene import Scene, lines_outside
+from rockfall.scene.sources.attributes import values_of
 from rockfall.scene.surface import radius_over_rg
 
 LOW, HIGH = -9000.0, 9000.0  # elevations [m]: far below any land, above Everest
@@ -144,9 +145,8 @@ def _source_points(scene: Scene) -> Iterator[str]:
 def _release(scene: Scene) -> Iterator[str]:
     release = scene.case.release
     drop, speed = release["drop_height"], math.hypot(*release["velocity"])
-    if scene.features is not None and scene.features.value is not None:
-        value = scene.features.value[:, 5:]
-        drop, speed = value[:, 0].max(), np.linalg.norm(value[:, 1:], axis=1).max()
+    if (values := values_of(scene)) is not None:
+        drop, speed = values[:, 1].max(), np.linalg.norm(values[:, 2:], axis=1).max()
     if not drop and not speed:
         yield "&release has no drop_height and no velocity: boulders stop where they start"
     if drop > DROP:
@@ -160,8 +160,11 @@ def _release(scene: Scene) -> Iterator[str]:
 
 def _boulders(scene: Scene) -> Iterator[str]:
     boulder, gravity = scene.case.boulder, scene.case.flight["gravity"]
-    density = boulder["density"]
-    if not DENSITY[0] <= density <= DENSITY[1]:
+    values = values_of(scene)
+    densities = [boulder["density"]] if values is None else values[:, 0]
+    for density in (min(densities), max(densities))[: len(set(densities))]:
+        if DENSITY[0] <= density <= DENSITY[1]:
+            continue
         unit = "; was it meant in t/m3?" if 1 <= density <= 4 else ""
         yield f"&boulder density = {density:g} kg/m3: rocks have 2000 to 3200{unit}"
     sizes = {key: boulder.get(key) for key in ("volume_mean", "volume_max", "volumes")}

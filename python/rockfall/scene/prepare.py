@@ -39,7 +39,8 @@ ABOUT = {  # units, long name
     "material_size": ("m", "mean rock radius, or Rg70, Rg20, Rg10; infinite: it absorbs"),
     "source_x": ("m", "easting of the release"),
     "source_y": ("m", "northing of the release"),
-    "source_weight": ("1", "weight of the source in the number of boulders"),
+    "area_ratio": ("1", "surface over plan area of the cell of the source"),
+    "source_frequency": ("1/year", "how often boulders come from the source"),
     "source_feature": ("1", "polygon or point of the layer, counted from 1"),
     "feature_law": ("1", "law of its volumes: fixed, normal, uniform, lognormal; 0: the case's"),
     "feature_value": (
@@ -111,7 +112,7 @@ def _scene_file(scene: Scene) -> xr.Dataset:
 
 def _releases(scene: Scene) -> dict[str, tuple]:
     """How many boulders sources release, and what the features of a layer say of them."""
-    found = _variables("source", source_weight=scene.weight)
+    found = _variables("source", area_ratio=scene.area, source_frequency=scene.frequency)
     if scene.features is not None:
         found |= _variables("source", source_feature=scene.features.of)
         found |= _variables("feature", feature_law=scene.features.law)

@@ -41,7 +41,7 @@ class Features(NamedTuple):
     names: list[str]
     of: np.ndarray  # int32: that of each source, from 1
     law: np.ndarray | None = None  # int32: of volumes, from 1; 0: the case's; None: it says nothing
-    value: np.ndarray | None = None  # (features, 9): what is asked for in `sources.attributes`
+    value: np.ndarray | None = None  # (features, 9): `sources.attributes.VALUES`, or NaN
 
     def at(self, sources: np.ndarray) -> Features:
         """The same for some sources, which are counted from 0."""
@@ -61,7 +61,7 @@ class Scene:
     x: np.ndarray = field(default_factory=lambda: np.empty(0))  # of each source [m]
     y: np.ndarray = field(default_factory=lambda: np.empty(0))
     area: np.ndarray | None = None  # surface over plan area of each, where they release by it
-    frequency: np.ndarray | None = None  # of each, where boulders are shared by it
+    frequency: np.ndarray | None = None  # of each, by which they share boulders_total
     features: Features | None = None  # of a layer from which sources come
     source_boulders: SourceBoulders | None = None  # where they say what their boulders are
     trees: Trees | None = None
@@ -109,7 +109,8 @@ class Scene:
     @property
     def weight(self) -> np.ndarray | None:
         """Of each source in the number of boulders, where it differs."""
-        return self.area if self.frequency is None else self.frequency
+        total = "boulders_total" in self.case.case
+        return self.frequency if total and self.frequency is not None else self.area
 
     def source_of(self, number: int) -> int:
         """The source of a boulder (1..), counted from 0."""

@@ -22,7 +22,7 @@ from rockfall.scene.reach import survey
 from rockfall.scene.rebound import sphere_radius
 from rockfall.scene.scene import Scene
 from rockfall.scene.sources import threshold
-from rockfall.scene.sources.attributes import DENSITY
+from rockfall.scene.sources.attributes import values_of
 from rockfall.simulation.memory import machine_memory
 from rockfall.simulation.simulate import check_team, fields, run_chunks, start
 from rockfall.simulation.tally import Tally
@@ -258,10 +258,9 @@ def _attributes(scene: Scene) -> Iterator[tuple[str, str]]:
     """What a layer says of releases."""
     found = scene.features
     if found is not None and found.law is not None and found.value is not None:
-        what = ["volumes"] if found.law.any() else []
-        release, values = {**scene.case.release, **scene.case.boulder}, found.value.T
-        about = {"density": values[4], "drop_height": values[5], "velocity": values[6:].T}
-        what += [name for name, of in about.items() if (of != release[name]).any()]
+        said = ~np.isnan(found.value).all(axis=0)
+        about = {"density": said[4], "drop height": said[5], "velocity": said[6:].any()}
+        what = ["volumes"] * bool(found.law.any()) + [name for name, one in about.items() if one]
         names = ", ".join(dict.fromkeys(found.names[:4])) + (" ..." if len(found.names) > 4 else "")
         if what:
             yield "", f"their layer says {', '.join(what)} of {len(found.names):,}: {names}"
@@ -272,8 +271,9 @@ def _densities(scene: Scene) -> np.ndarray | float:
     found, features = scene.source_boulders, scene.features
     if found is not None and found.density is not None:
         return found.density
-    if features is not None and features.value is not None:
-        return features.value[features.of - 1, DENSITY]
+    values = values_of(scene)
+    if features is not None and values is not None:
+        return values[features.of - 1, 0]
     return scene.case.boulder["density"]
 
 

@@ -149,7 +149,6 @@ def _take_attributes(scene: Scene, table: Table, of: np.ndarray) -> None:
             f"{table.path}: frequency is not used: &case boulders come from each source; "
             "boulders_total shares a number by it"
         )
-        return
     if not some.all():
         k = int(np.argmin(some))
         raise RockfallError(f"{table.where(k)}: has no frequency: all must have one, or none")

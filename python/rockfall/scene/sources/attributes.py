@@ -97,11 +97,18 @@ def read_attributes(scene: Scene, table: Table, of: np.ndarray) -> tuple[Feature
     names, frequency = _names(scene, table), table.numbers("frequency")
     if not law.any() and np.isnan(given).all():
         return Features(names, of), frequency
+    return Features(names, of, law.astype("i4"), given), frequency
+
+
+def values_of(scene: Scene) -> np.ndarray | None:
+    """Density, drop height and velocity of each feature (features, 5), those of the case where it
+    says none; None where no feature says anything."""
+    if scene.features is None or scene.features.value is None:
+        return None
     boulder, release = scene.case.boulder, scene.case.release
-    usual = [0.0] * len(VOLUMES) + [boulder["density"], release["drop_height"]]
-    usual += release["velocity"]
-    value = np.where(np.isnan(given), usual, given)
-    return Features(names, of, law.astype("i4"), value), frequency
+    usual = [boulder["density"], release["drop_height"], *release["velocity"]]
+    given = scene.features.value[:, len(VOLUMES) :]
+    return np.where(np.isnan(given), usual, given)
 
 
 @cache
@@ -134,11 +141,12 @@ def _laws(scene: Scene, table: Table) -> tuple[np.ndarray, np.ndarray]:
                 table.refuse(k, "volume_class", value, "must be MIN-MAX [m3]")
             law[k] = 1 + LAWS.index("uniform")
             given[2:, k] = [_volume(table, k, "volume_class", decimal(x)) for x in found.groups()]
+    filled = given.copy()
     if boulder["volume"] in LAWS:
-        for row, name in zip(given, VOLUMES, strict=True):
+        for row, name in zip(filled, VOLUMES, strict=True):
             mine = (law == 1 + LAWS.index(boulder["volume"])) & np.isnan(row)
             row[mine] = boulder.get(name, np.nan)
-    _check_laws(scene, table, law, given)
+    _check_laws(scene, table, law, filled)
     return law, given
 
 
