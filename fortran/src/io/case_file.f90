@@ -17,8 +17,8 @@ module rockfall_case_file
 contains
 
    !> The case in a file, with values for keys of &case ("" = as in the file), and its text.
-   subroutine read_case_file(file, boulders, seed, threads, text, case, error)
-      character(len=*), intent(in) :: file, boulders, seed, threads
+   subroutine read_case_file(file, boulders, total, seed, threads, text, case, error)
+      character(len=*), intent(in) :: file, boulders, total, seed, threads
       character(len=:), allocatable, intent(out) :: text
       type(case_t), intent(out) :: case
       type(error_t), allocatable, intent(out) :: error
@@ -26,10 +26,12 @@ contains
 
       call read_text(file, text, error)
       if (.not. allocated(error)) call read_case(text, file, case, error)
-      if (allocated(error) .or. boulders//seed//threads == "") return
+      if (allocated(error) .or. boulders//total//seed//threads == "") return
       call parse_namelist(text, file, list, error)
       if (boulders /= "") call remove(list, "boulders_total")
+      if (total /= "") call remove(list, "boulders")
       call override(list, "boulders", boulders)
+      call override(list, "boulders_total", total)
       call override(list, "seed", seed)
       call override(list, "threads", threads)
       text = namelist_text(list)
