@@ -88,8 +88,8 @@ contains
                                  //integer_text(arguments%shard(2))
       scene = arguments%scene
       if (scene == "") scene = folder_of(arguments%case)//"scene.nc"
-      call read_case_file(arguments%case, arguments%boulders, arguments%total, arguments%seed, arguments%threads, text, &
-                          case, error)
+      call read_case_file(arguments%case, arguments%boulders, arguments%total, arguments%seed, arguments%threads, &
+                          text, case, error)
       if (.not. allocated(error)) call check_team(case%threads, error)
       if (.not. allocated(error)) call check_output(output, arguments%case, scene, error)
       if (.not. allocated(error)) call take_lock(output//".lock", warn, lock, error)

@@ -34,8 +34,8 @@ module rockfall_f2py
    use rockfall_variables, only: variable_text, boulder_fields, boulder_counts, energy_fields, line_fields, &
                                  vertex_fields, map_fields, scene_layout, part_layout, piece, max_packing
    use rockfall_histogram, only: bin_width, n_bins
-   use rockfall_case, only: case_t, read_case, key_text, key_table, broken_rule, n_keys, repeatable, map_names, turning_rule, &
-                            radius_of_reading, max_real
+   use rockfall_case, only: case_t, read_case, key_text, key_table, broken_rule, n_keys, repeatable, map_names, &
+                            turning_rule, radius_of_reading, max_real
    use rockfall_impact_sets, only: coefficients_t, read_impact_sets => read_sets, any_speed
    implicit none
    private
@@ -61,7 +61,8 @@ contains
    !> The scene of the text of a case and of the arrays in `scene_arrays_t`, as a handle.
    subroutine open_scene(text, name, z8, z4, west, north, cell, nodes, first, zone1, zone2, values, sizes, &
                          source_x, source_y, area_ratio, source_frequency, source_volume, source_inertia, &
-                         source_density, source_feature, feature_law, feature_value, tree_x, tree_y, tree_dbh, tree_factor, sets_text, sets_name, draw, ground_text, ground_length, &
+                         source_density, source_feature, feature_law, feature_value, &
+                         tree_x, tree_y, tree_dbh, tree_factor, sets_text, sets_name, draw, ground_text, ground_length, &
                          ground_names, material_ground, cell_ground, handle, code, message, &
                          nx8, ny8, nx4, ny4, nx1, ny1, nx2, ny2, nxv, nyv, nkv, ks, ms, ns, na, nb, nd, nt, &
                          ng, mg, nxg, nyg, ne, nf, nw)

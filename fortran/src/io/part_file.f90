@@ -446,7 +446,8 @@ contains
          if (any(results%trees_hit < 0)) call mark_damaged(file, "trees_hit")
          if (any(results%impacts(:n) < 0)) call mark_damaged(file, "impacts")
          if (any(results%source(:n) < 1)) call mark_damaged(file, "source")
-         if (any(results%feature(:min(n, size(results%feature, kind=i8))) < 1)) call mark_damaged(file, "source_feature")
+         if (any(results%feature(:min(n, size(results%feature, kind=i8))) < 1)) &
+            call mark_damaged(file, "source_feature")
          if (any(results%count < 0)) call mark_damaged(file, "rebounds, or another count")
          if (any(results%histogram < 0)) call mark_damaged(file, "a histogram")
          if (any(results%by_ground < 0)) call mark_damaged(file, "rebounds_by_ground")
