@@ -62,8 +62,8 @@ contains
    subroutine open_scene(text, name, z8, z4, west, north, cell, nodes, first, zone1, zone2, values, sizes, &
                          source_x, source_y, area_ratio, source_frequency, source_volume, source_inertia, &
                          source_density, source_feature, feature_law, feature_value, &
-                         tree_x, tree_y, tree_dbh, tree_factor, sets_text, sets_name, draw, ground_text, ground_length, &
-                         ground_names, material_ground, cell_ground, handle, code, message, &
+                         tree_x, tree_y, tree_dbh, tree_factor, sets_text, sets_name, draw, ground_text, &
+                         ground_length, ground_names, material_ground, cell_ground, handle, code, message, &
                          nx8, ny8, nx4, ny4, nx1, ny1, nx2, ny2, nxv, nyv, nkv, ks, ms, ns, na, nb, nd, nt, &
                          ng, mg, nxg, nyg, ne, nf, nw)
       integer(c_int), intent(in) :: nx8, ny8, nx4, ny4, nx1, ny1, nx2, ny2, nxv, nyv, nkv, ks, ms, ns, na, nb, nd, nt

@@ -45,8 +45,8 @@ module rockfall_scene
       real(wp), allocatable :: source_density(:)                 !! and their density [kg/m3]
       integer, allocatable :: source_feature(:)                  !! of a layer, where they come from one, from 1
       integer, allocatable :: feature_law(:)                     !! of volumes, as in rockfall_boulder; 0: the case's
-      real(wp), allocatable :: feature_value(:, :)               !! mean, std, min, max of volumes [m3], density [kg/m3],
-      !! drop height [m], velocity [m/s] (9, features); NaN: the case's
+      real(wp), allocatable :: feature_value(:, :)               !! mean, std, min, max of volumes [m3],
+      !! density [kg/m3], drop height [m], velocity [m/s] (9, features); NaN: the case's
       real(wp), pointer, contiguous :: tree_x(:) => null(), tree_y(:) => null()  !! stems, map coordinates [m]
       real(wp), pointer, contiguous :: tree_dbh(:) => null()     !! their diameters at breast height, > 0 [cm]
       real(wp), pointer, contiguous :: tree_factor(:) => null()  !! of their species [-]
