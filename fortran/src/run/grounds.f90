@@ -14,7 +14,7 @@ module rockfall_grounds
    use rockfall_classical_rebound, only: classical_t, scatter_t, scatter, tangent, by_sets, rockyfor3d, &
                                          pfeiffer_bowen, bourrier_hungr, constant, absorbing
    use rockfall_ground, only: ground_t
-   use rockfall_case, only: key_t, check_key, row_text
+   use rockfall_case_keys, only: key_t, check_key, row_text
    use rockfall_impact_sets, only: coefficients_t, read_sets
    implicit none
    private
@@ -107,9 +107,10 @@ contains
       integer, intent(in) :: draw     !! of a file with several; 0: it has one only
       type(ground_t), intent(inout) :: ground
       type(error_t), allocatable, intent(out) :: error
-      type(coefficients_t) :: sets
+      type(coefficients_t), allocatable :: sets  !! too large for a small stack
       integer :: k
 
+      allocate (sets)
       call read_sets(text, file, turning, draw, sets, error)
       if (allocated(error)) return
       allocate (ground%sets(impact_ratios))

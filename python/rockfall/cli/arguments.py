@@ -123,8 +123,12 @@ def _add_studies(commands: _Commands) -> None:
     zone = _add(commands, "hazard", "hazard", about, "CASE")
     zone.add_argument("-o", "--output", metavar="DIR", type=Path, help="default: CASE_hazard")
     about = "points, lines, polygons, with name, vulnerability, exposure, value"
-    zone.add_argument("--objects", metavar="FILE", type=Path, help=about)
-    zone.add_argument("--objects-layer", metavar="LAYER", help="of a GeoPackage with several")
+    zone.add_argument("--objects", metavar="LAYER", type=Path, help=about)
+    zone.add_argument("--objects-layer", metavar="NAME", help="of a file with several layers")
+    about = "write each scenario as a case, CASE_scenarioN.nml, and run nothing"
+    zone.add_argument("--write-cases", action="store_true", help=about)
+    about = "of these cases, one for each scenario, in place of running them"
+    zone.add_argument("--results", metavar="OUT.nc", type=Path, nargs="+", default=[], help=about)
     _add_memory(zone)
     _add_resume(zone, "DIR.scenarioN.checkpoint")
     _add_overrides(zone)

@@ -37,17 +37,17 @@ class Table(NamedTuple):
 
 
 def line_tables(rows: Rows) -> Iterator[Table]:
-    """The fractions that pass, then each line's mean, deviation, quantiles and maximum."""
+    """Fractions that pass or, at barriers, come; then mean, deviation, quantiles and maximum."""
     passing = []
     for line, numbers in rows.items():
         row = numbers["speed"]
         fraction = f"{percent(row['fraction'])} {interval(row, 'fraction', 'fraction')}"
         passing.append((line, f"{row['n']:,}", fraction))
-    caption = "Boulders that pass, with 95 % confidence intervals"
+    caption = "Boulders that pass lines and come to barriers, with 95 % confidence intervals"
     yield Table(caption, ("line", "boulders", "fraction"), passing)
     for line, numbers in rows.items():
         if n := numbers["speed"]["n"]:
-            about = f"{line}: boulders that pass, with 95 % confidence intervals"
+            about = f"{line}: boulders that cross it, with 95 % confidence intervals"
             head = ("", *STATISTICS.values(), f"max of {n:,}")
             yield Table(about, head, [_statistics(name, row) for name, row in numbers.items()])
 

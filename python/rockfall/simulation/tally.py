@@ -64,6 +64,7 @@ class Tally:
     energy: np.ndarray  # (boulders, fields), or one row that nobody asked for
     trees_hit: np.ndarray  # (boulders,), or one where there are no trees
     feature: np.ndarray  # (boulders,) of a run of which there are parts alone; or one
+    outcome: np.ndarray  # (boulders, barriers), or one where there are no barriers
     before: int = 0  # boulders of the run before those of this tally
     done: int = 0
     counted: dict[str, Any] = field(default_factory=dict)  # in boulders whose `count` was not kept
@@ -107,7 +108,7 @@ class Tally:
 
 def empty_tally(scene: Scene | Origin, maps: Maps, numbers: range, threads: int) -> Tally:
     """Room for boulders of these numbers, counted from 0."""
-    bins = _core.histogram_bins()[0]
+    bins, barriers = _core.histogram_bins()[0], len(scene.case.barrier)
     return Tally(
         scene,
         maps,
@@ -120,6 +121,7 @@ def empty_tally(scene: Scene | Origin, maps: Maps, numbers: range, threads: int)
         ),
         feature=np.zeros(len(numbers) if isinstance(scene, Origin) and scene.features else 1, "i4"),
         trees_hit=np.zeros(len(numbers) if scene.case.has_forest else 1, "i4"),
+        outcome=np.zeros((len(numbers), barriers) if barriers else (1, 1), "i1"),
         crossing=np.empty((len(numbers), len(scene.case.lines), len(fields(3)))),
         before=numbers.start,
         threads=threads,
