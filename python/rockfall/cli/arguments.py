@@ -106,6 +106,8 @@ def _add_resume(command: argparse.ArgumentParser, place: str) -> None:
 def _add_overrides(command: argparse.ArgumentParser) -> None:
     """What stands in place of the case's own."""
     command.add_argument("--boulders", metavar="N", type=int, help="released from each source")
+    about = "released from all sources together"
+    command.add_argument("--boulders-total", metavar="N", type=int, help=about)
     command.add_argument("--seed", metavar="N", type=int, help="of the random numbers")
     command.add_argument("--threads", metavar="N", type=int, help="0 = all cores")
     command.add_argument("--quiet", action="store_true", help="no progress, no summary")
@@ -141,8 +143,9 @@ def _add_studies(commands: _Commands) -> None:
     converge.add_argument(
         "-o", "--output", metavar="DIR", type=Path, help="default: CASE_convergence"
     )
-    converge.add_argument("--boulders", metavar="N", type=int, nargs="+", help="of the study")
-    converge.add_argument("--reference", metavar="N", type=int, help="boulders; default: 1000000")
+    converge.add_argument("--boulders", metavar="N", type=int, nargs="+", help="from each source")
+    about = "boulders from each source to measure errors; default: 1000000 over all"
+    converge.add_argument("--reference", metavar="N", type=int, help=about)
 
 
 def _add_results(commands: _Commands) -> None:
