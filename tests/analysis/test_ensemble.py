@@ -12,11 +12,11 @@ import xarray as xr
 import rockfall
 from made import make_raster, refused
 from programs import find_program, refuses
-from rockfall.analysis import ensemble
-from rockfall.analysis.ensemble import RESULTS
+from rockfall.analysis.ensemble import study
+from rockfall.analysis.ensemble.study import RESULTS
 from rockfall.analysis.line_statistics import Z, line_numbers, line_values
-from rockfall.analysis.sobol_indices import MIN_CROSSED, deviations, indices, parts
-from rockfall.analysis.uncertain_inputs import Uncertain, drawn_scene, gaussian_field
+from rockfall.analysis.ensemble.sobol_indices import MIN_CROSSED, deviations, indices, parts
+from rockfall.analysis.ensemble.uncertain_inputs import Uncertain, drawn_scene, gaussian_field
 from rockfall.cli import main
 from rockfall.errors import RockfallError
 from rockfall.scene.reach import survey
@@ -120,7 +120,7 @@ def test_chance_of_two_runs_and_what_they_share_are_those_of_other_boulders(tmp_
     scenes[1].z = 0.05 * scenes[1].z + 0.95 * scenes[0].z
     chosen = [RESULTS[name] for name in ("fraction", "speed.mean", "speed.q95")]
     values, covariances = np.empty((250, 3, 2)), np.empty((250, 3, 2, 2))
-    all_ = [ensemble.run_scene(scene)[["line_speed"]] for scene in scenes]
+    all_ = [study.run_scene(scene)[["line_speed"]] for scene in scenes]
     for k, block in enumerate(np.arange(2 * 250 * 150).reshape(2, 250, 150).swapaxes(0, 1)):
         runs = [one.isel(boulder=block.ravel()) for one in all_]
         for i, (quantity, number) in enumerate(chosen):
@@ -484,7 +484,7 @@ def test_an_interrupted_ensemble_writes_nothing(place, capfd, monkeypatch):
             raise KeyboardInterrupt
         return run_scene(*arguments, **more)
 
-    monkeypatch.setattr(ensemble, "run_scene", pressed)
+    monkeypatch.setattr(study, "run_scene", pressed)
     assert main(["ensemble", "case.nml"]) == 130
     assert capfd.readouterr().err == "rockfall: interrupted; no file is half-written\n"
     assert sorted(path.name for path in Path().iterdir()) == ["case.nml", "dem.tif"]

@@ -217,6 +217,8 @@ module rockfall_case
             "standard deviation of easting and northing of all sources together"), &
       key_t("ensemble", "sets", "text", 100, "absent", "", "", "impact sets, each with equal probability", &
             file="sets"), &
+      key_t("ensemble", "draws", "text", 1, "absent", "", "", &
+            "CSV of draws that `rockfall back` wrote, in place of what its columns hold", file="table"), &
       key_t("scenario", "name", "text", 1, "required", "", "", "of a class of boulders, with its frequency"), &
       key_t("scenario", "frequency", "real", 1, "absent", "> 0", "1/year", "how many boulders come loose"), &
       key_t("scenario", "return_period", "real", 1, "absent", "> 0", "year", "instead of frequency: 1/frequency"), &
@@ -990,9 +992,20 @@ contains
       type(group_t), intent(in) :: group
       type(case_t), intent(in) :: case
       type(error_t), allocatable, intent(out) :: error
+      character(len=18), parameter :: drawn(*) = [character(len=18) :: "radius_factor", "volume_factor", &
+                                                  "volume_std_factor", "drop_height_factor"]
+      integer :: k
 
       if (real_of(group, "dem_error") > 0) call need(group, "dem_correlation", "for dem_error", error)
       if (allocated(error)) return
+      if (has_key(group, "draws")) then
+         do k = 1, size(drawn)
+            if (real_of(group, trim(drawn(k))) /= 1) call refuse(group, trim(drawn(k)), "must be 1: draws has it", error)
+            if (allocated(error)) return
+         end do
+         if (real_of(group, "source_shift") > 0) call refuse(group, "source_shift", "must be 0: draws has it", error)
+         if (allocated(error)) return
+      end if
       if (real_of(group, "volume_std_factor") > 1 .and. case%volumes%std <= 0) then
          call refuse(group, "volume_std_factor", "has no meaning without a volume_std", error)
       else if (real_of(group, "volume_factor") > 1 .and. case%by_source) then

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from rockfall.analysis.convergence import Convergence, converge
-from rockfall.analysis.ensemble import check_place, run_ensemble, write_ensemble
+from rockfall.analysis.ensemble.study import check_place, run_ensemble, write_ensemble
 from rockfall.analysis.models import run_models
 from rockfall.case import read_case
 from rockfall.case_files import input_files

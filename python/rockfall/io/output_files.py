@@ -136,7 +136,9 @@ def _netcdf_kind(path: str | Path) -> str | None:
         return HAZARD
     if "case" not in attrs or not str(attrs.get("source", "")).startswith(f"{SIGNATURE} "):
         return None
-    return RESULT if "boulders_asked" in attrs else ENSEMBLE
+    if "ensemble_runs" in attrs:
+        return ENSEMBLE
+    return RESULT if "boulders_asked" in attrs else None
 
 
 def _tiff_kind(path: str | Path) -> str | None:
