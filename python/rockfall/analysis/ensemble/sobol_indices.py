@@ -142,13 +142,13 @@ def indices(y: np.ndarray, covariance: np.ndarray) -> Indices:
 
 
 def limits(value: float, error: float) -> tuple[float, float, float]:
-    """An index with its 95 % interval, within 0 and 1; NaN where it is undecided: where the
-    interval is longer than half of that."""
+    """An index with its 95 % interval, within 0 and 1, about the possible value nearest to the
+    estimate; NaN where it is undecided: where the interval is longer than half of that."""
     half = Z * error
     if not half <= RESOLVED:
         return np.nan, np.nan, np.nan
-    low, value, high = np.clip([value - half, value, value + half], 0.0, 1.0).tolist()
-    return value, low, high
+    value = min(max(value, 0.0), 1.0)
+    return value, max(value - half, 0.0), min(value + half, 1.0)
 
 
 def runs_needed(error: np.ndarray, runs: int) -> int:
