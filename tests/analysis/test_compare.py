@@ -110,10 +110,14 @@ HOSTILE = {
     "no kind": (
         "line,speed\nN,3\n",
         "o.csv: line 1: columns line, speed: must have those of: line, quantity, unit, mean | "
-        "line, quantity, unit, value | line, method, quantity, p | distance, fraction | "
-        "distance, percent | distance, share | x, y | distance",
+        "line, quantity, unit, value | line, method, quantity, p | impact, x, y | "
+        "distance, fraction | distance, percent | distance, share | x, y | distance",
     ),
-    "unknown column": ("x,y,z\n1,2,3\n", "o.csv: line 1: column z: must be x, y, boulder, note"),
+    "column twice": ("x,y,z,z\n1,2,3,3\n", "o.csv: line 1: column z: is there twice"),
+    "half a release": ("x,y,start_x\n1,2,3\n",
+        "o.csv: line 2: start_x = 3: needs start_x and start_y together"),
+    "releases of some": ("x,y,start_x,start_y\n1,2,3,4\n1,2,,\n",
+        "o.csv: line 3: start_x, start_y: must be there in all rows, or in none"),
     "unknown quantity": (
         SAMPLES + "N,velocity,m/s,3\n",
         "o.csv: line 2: quantity = velocity: must be speed, jump_height, passing_height, omega, "
@@ -158,7 +162,8 @@ def test_bad_observations_are_one_line_and_nothing_is_written(name, result, capf
 
 
 ARGUMENTS = {
-    "no observations": (["r.nc"], r".*required: OBSERVED.csv; see rockfall compare --help"),
+    "no observations": (["r.nc"], r"compare needs results \(.nc\) and observations \(CSV\)"),
+    "a result twice": (["r.nc", "r.nc", "o.csv"], r"compare: a result is given twice"),
     "observations missing": (["r.nc", "no.csv"], r"no.csv: no such file or directory"),
     "observations twice": (["r.nc", "o.csv", "./o.csv"], r"o.csv: is given twice"),
     "table over the observations": (["r.nc", "o.csv", "-o", "./o.csv"],

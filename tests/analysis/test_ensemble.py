@@ -13,10 +13,10 @@ import rockfall
 from made import make_raster, refused
 from programs import find_program, refuses
 from rockfall.analysis.ensemble import study
-from rockfall.analysis.ensemble.study import RESULTS
-from rockfall.analysis.line_statistics import Z, line_numbers, line_values
 from rockfall.analysis.ensemble.sobol_indices import MIN_CROSSED, deviations, indices, parts
+from rockfall.analysis.ensemble.study import RESULTS
 from rockfall.analysis.ensemble.uncertain_inputs import Uncertain, drawn_scene, gaussian_field
+from rockfall.analysis.line_statistics import Z, line_numbers, line_values
 from rockfall.cli import main
 from rockfall.errors import RockfallError
 from rockfall.scene.reach import survey

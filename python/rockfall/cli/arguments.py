@@ -146,8 +146,10 @@ def _add_results(commands: _Commands) -> None:
 
     export = result("export", "write a result as GeoTIFF, GeoPackage and CSV")
     export.add_argument("folder", metavar="DIR", type=Path, help="is made if it is missing")
-    compare = result("compare", "compare a result with observations")
-    compare.add_argument("observed", metavar="OBSERVED.csv", type=Path, nargs="+")
+    about = "compare a result with observations; of several results, rank them"
+    compare = _add(commands, "results", "compare", about)
+    about = "one or more results OUT.nc, and observations OBSERVED.csv"
+    compare.add_argument("files", metavar="FILE", type=Path, nargs="+", help=about)
     compare.add_argument("-o", "--output", metavar="TABLE.csv", type=Path, help="all tables as CSV")
     lines = result("lines", "print line statistics with intervals, and return levels")
     lines.add_argument("-o", "--output", metavar="TABLE.csv", type=Path, help="write them, too")

@@ -65,9 +65,9 @@ def range_words(result: xr.Dataset, tables: list[Table]) -> list[str]:
         return []
     runs = 2 * result.sizes["run"]
     words = [
-        f"The inputs that the case calls uncertain ({', '.join(result['input'].values)}) were drawn "
-        f"{runs:,} times. The range of these draws is the epistemic uncertainty: more boulders do "
-        "not make it smaller, better knowledge of the slope does."
+        f"The inputs that the case calls uncertain ({', '.join(result['input'].values)}) were "
+        f"drawn {runs:,} times. The range of these draws is the epistemic uncertainty: more "
+        "boulders do not make it smaller, better knowledge of the slope does."
     ]
     undecided = any(UNDECIDED in str(cell) for one in tables for row in one.rows for cell in row)
     return [*words, f"{more_needed(result).capitalize()}."] if undecided else words

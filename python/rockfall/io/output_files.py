@@ -40,6 +40,8 @@ SIGNS = (  # how a file of ours begins, what else its head holds, and what it is
     (b"table,line,quantity,", b"", COMPARISON),
     (b"model,line,quantity,", b"", MODELS),
     (b"table,distance,observed,", b"", COMPARISON),
+    (b"table,source,statistic,", b"", COMPARISON),
+    (b"measure,result,distance,", b"", COMPARISON),
     (b"table,x,y,reach_probability", b"", COMPARISON),
     (b"result,line,", b"", DESIGN),
     (b"standard,factor,", b"", FACTORS),

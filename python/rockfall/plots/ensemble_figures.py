@@ -40,7 +40,8 @@ def _draw(axes: Axes, at: xr.Dataset, quantity: str, names: list[str]) -> None:
     for k, name in enumerate(names):
         one = at.sel(result=name)
         low, high, value, error = (
-            shown.factor * one[key].item() for key in ("q05", "q95", "case_value", "monte_carlo_std")
+            shown.factor * one[key].item()
+            for key in ("q05", "q95", "case_value", "monte_carlo_std")
         )
         axes.barh(k, high - low, left=low, height=0.5, color=GREY, alpha=0.5, lw=0)
         half = np.nan_to_num(Z * error)

@@ -172,8 +172,8 @@ def _ranges(result: xr.Dataset) -> Iterator[Figure]:
         yield Figure(
             "epistemic",
             "Uncertain inputs and Monte Carlo error",
-            f"Grey: 90 % of {draws} of the uncertain inputs; blue: the case as it is, with the 95 % "
-            "interval of its boulders.",
+            f"Grey: 90 % of {draws} of the uncertain inputs; blue: the case as it is, with the "
+            "95 % interval of its boulders.",
             lambda: ranges_figure(result),
         )
 

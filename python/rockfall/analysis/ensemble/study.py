@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from rockfall.analysis.line_statistics import line_numbers, line_values
 from rockfall.analysis.ensemble.maps import RANGED, MemberMaps
 from rockfall.analysis.ensemble.sobol_indices import Indices, deviations, indices, limits
 from rockfall.analysis.ensemble.uncertain_inputs import Draw, Uncertain, drawn_scene
+from rockfall.analysis.line_statistics import line_numbers, line_values
 from rockfall.case import Case
 from rockfall.case_files import files_behind
 from rockfall.errors import RockfallError
@@ -72,10 +72,10 @@ def run_ensemble(case: Case, *, progress: bool = False, **arrays: Any) -> xr.Dat
     two standard deviations: `monte_carlo_std`, of a run with so many boulders, which more of them
     reduce, and `epistemic_std`, of the uncertain inputs, which they do not; and the fractions of
     the epistemic variance that each input explains (`first_order`, `total`). docs/ensemble.md
-    explains them, `rockfall.analysis.ensemble.sobol_indices` how they are estimated. NaN where too few
-    boulders pass in some run, or where the epistemic variance is not significant. Beside them are
-    the draws, the results of every run, and, where the case asks for passages or reach_probability,
-    maps over the runs. `arrays` are as in `rockfall.run`.
+    explains them, `rockfall.analysis.ensemble.sobol_indices` how they are estimated. NaN where too
+    few boulders pass in some run, or where the epistemic variance is not significant. Beside them
+    are the draws, the results of every run, and, where the case asks for passages or
+    reach_probability, maps over the runs. `arrays` are as in `rockfall.run`.
     """
     read = read_scene(case, **arrays)
     scene = lean(read, "an ensemble", [name for name in RANGED if name in asked(case)])

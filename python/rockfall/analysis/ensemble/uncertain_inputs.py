@@ -35,9 +35,7 @@ class Draw:
 
     def __or__(self, other: Draw) -> Draw:
         """Both, of which neither changes what the other does."""
-        return Draw(
-            self.arrays | other.arrays, self.groups | other.groups, self.kept | other.kept
-        )
+        return Draw(self.arrays | other.arrays, self.groups | other.groups, self.kept | other.kept)
 
 
 def drawn_scene(scene: Scene, draws: Iterable[Draw], seed: int) -> Scene:
