@@ -8,6 +8,7 @@ _MODULES = {  # of each public name
     "Interrupted": "simulation.simulate",
     "RockfallError": "errors",
     "__version__": "version",
+    "back_analysis": "analysis.back.study",
     "barrier_statistics": "protection.barriers",
     "design": "protection.design",
     "ensemble_table": "analysis.ensemble.study",

@@ -95,27 +95,77 @@ def samples(result: xr.Dataset, seen: Observed) -> tuple[Sample, Sample] | None:
     """Stopping distances, and where places are known lateral offsets, of observed and simulated
     boulders; of the result those from sources whose boulders were observed. None where distances
     are not known."""
-    source = sources(result)
-    every = np.column_stack([result[f"start_{axis}"].values for axis in "xy"])
-    _, first = np.unique(source, return_index=True)
-    starts, order = every[first], np.argsort(np.argsort(first))  # sources as the case has them
-    if seen.stops is not None and (seen.starts is not None or len(starts) == 1):
-        given = starts[:1].repeat(len(seen.stops), axis=0) if seen.starts is None else seen.starts
-        nearest = np.hypot(*(given[:, None] - starts[None]).transpose(2, 0, 1)).argmin(axis=1)
-        stops = np.column_stack([result[f"stop_{axis}"].values for axis in "xy"])
-        ways, seen_ways = stops - every, seen.stops - given
-        among = np.isin(source, nearest)
-        across = {s: _across(seen_ways[nearest == s]) for s in np.unique(nearest)}
-        columns = []
-        for way, mine in ((seen_ways, nearest), (ways[among], source[among])):
-            offset = np.array([one @ across[s] for one, s in zip(way, mine, strict=True)])
-            columns.append(Sample(np.column_stack([np.hypot(*way.T), offset]), order[mine]))
-        return columns[0], columns[1]
-    if seen.distances is None:
+    observed = observed_boulders(result, seen)
+    if observed is None:
         return None
-    none = np.zeros(seen.distances.size, int)
-    distance = result["plan_distance"].values[:, None]
-    return Sample(seen.distances[:, None], none), Sample(distance, np.zeros(len(distance), int))
+    found = frames(result, seen)
+    if not found:
+        distance = result["plan_distance"].values[:, None]
+        return observed, Sample(distance, np.zeros(len(distance), int))
+    source = source_order(result)[0]
+    values = np.full((source.size, 2), np.nan)
+    for one, frame in found.items():
+        mine = source == one
+        values[mine] = np.column_stack([way_of(result, frame, one, k)[mine] for k in (0, 1)])
+    among = np.isin(source, [*found])
+    return observed, Sample(values[among], source[among])
+
+
+def source_order(result: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
+    """The number of the source of each boulder, from 0 as the case has them, and the places of the
+    sources (n, 2) [m]."""
+    _, first, source = np.unique(sources(result), return_index=True, return_inverse=True)
+    order = np.argsort(np.argsort(first))
+    places = np.column_stack([result[f"start_{axis}"].values for axis in "xy"])
+    return order[source], places[np.sort(first)]
+
+
+def observed_boulders(result: xr.Dataset, seen: Observed) -> Sample | None:
+    """Observed boulders: stopping distance, and where places are known the lateral offset [m], with
+    the number of the source; None where the distances are not known."""
+    source, places = source_order(result)
+    if seen.stops is None or (seen.starts is None and len(places) > 1):
+        if seen.distances is None:
+            return None
+        return Sample(seen.distances[:, None], np.zeros(seen.distances.size, int))
+    ways, nearest = _observed_ways(seen, places)
+    offsets = np.empty(len(ways))
+    for one in np.unique(nearest):
+        offsets[nearest == one] = ways[nearest == one] @ _across(ways[nearest == one])
+    return Sample(np.column_stack([np.hypot(*ways.T), offsets]), nearest)
+
+
+def _observed_ways(seen: Observed, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """From releases to stopping places, and the nearest source of each."""
+    assert seen.stops is not None
+    given = places[:1].repeat(len(seen.stops), axis=0) if seen.starts is None else seen.starts
+    nearest = np.hypot(*(given[:, None] - places[None]).transpose(2, 0, 1)).argmin(axis=1)
+    return seen.stops - given, nearest
+
+
+class Frame(NamedTuple):
+    """Where boulders of a source started, and the unit vector across their way."""
+
+    place: np.ndarray
+    across: np.ndarray
+
+
+def frames(result: xr.Dataset, seen: Observed) -> dict[int, Frame]:
+    """The frames of the sources whose stopping places were observed."""
+    places = source_order(result)[1]
+    if seen.stops is None or (seen.starts is None and len(places) > 1):
+        return {}
+    ways, nearest = _observed_ways(seen, places)
+    known = np.unique(nearest).tolist()
+    return {one: Frame(places[one], _across(ways[nearest == one])) for one in known}
+
+
+def way_of(result: xr.Dataset, frame: Frame, source: int, column: int) -> np.ndarray:
+    """The distance (column 0) or lateral offset (1) [m] in a frame of each boulder of a result from
+    this source, NaN of others."""
+    ways = np.column_stack([result[f"stop_{axis}"].values for axis in "xy"]) - frame.place
+    found = ways @ frame.across if column else np.hypot(*ways.T)
+    return np.where(source_order(result)[0] == source, found, np.nan)
 
 
 def _across(ways: np.ndarray) -> np.ndarray:

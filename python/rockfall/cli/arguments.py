@@ -117,6 +117,14 @@ def _add_studies(commands: _Commands) -> None:
     vary.add_argument("-o", "--output", metavar="OUT", type=Path, help="OUT.nc, or a table OUT.csv")
     vary.add_argument("--runs", metavar="M", type=int, help="draws of the uncertain inputs")
     _add_overrides(vary)
+    about = "seek the uncertain inputs that make observations likely: a posterior"
+    back = _add(commands, "studies", "back", about, "CASE")
+    back.add_argument("observed", metavar="OBSERVED.csv", type=Path, nargs="+")
+    back.add_argument("-o", "--output", metavar="DIR", type=Path, help="default: CASE_back")
+    back.add_argument("--members", metavar="M", type=int, help="runs at most; default: 1024")
+    about = "members that the posterior must be worth; default: 100"
+    back.add_argument("--effective", metavar="N", type=int, help=about)
+    _add_overrides(back)
     about = "run the scenarios of a case: annual frequencies, zones of hazard, objects at risk"
     zone = _add(commands, "hazard", "hazard", about, "CASE")
     zone.add_argument("-o", "--output", metavar="DIR", type=Path, help="default: CASE_hazard")

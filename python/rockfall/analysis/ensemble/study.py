@@ -77,8 +77,15 @@ def run_ensemble(case: Case, *, progress: bool = False, **arrays: Any) -> xr.Dat
     are the draws, the results of every run, and, where the case asks for passages or
     reach_probability, maps over the runs. `arrays` are as in `rockfall.run`.
     """
+    asked = {*case.output.get("maps", [])}
+    needs_maps = bool({"passages", "reach_probability"} & asked)
+    if not case.lines and not needs_maps:
+        raise RockfallError(
+            f"{case.name}: an ensemble needs a &line, or &output maps = 'reach_probability'"
+        )
     read = read_scene(case, **arrays)
-    scene = lean(read, "an ensemble", [name for name in RANGED if name in asked(case)])
+    kept = ["passages", *(name for name in RANGED if name in asked)]
+    scene = lean(read, "an ensemble", kept if needs_maps else None)
     inputs = Uncertain(scene)
     names, blocks = inputs.names, case.ensemble["runs"]
     maps = MemberMaps(scene) if scene.case.output.get("maps") else None
@@ -107,21 +114,10 @@ def run_ensemble(case: Case, *, progress: bool = False, **arrays: Any) -> xr.Dat
     return _with_attributes(data, with_lines_of(case, scene), base, inputs)
 
 
-def asked(case: Case) -> set[str]:
-    """The maps that a case asks for."""
-    return {*case.output.get("maps", [])}
-
-
-def lean(scene: Scene, what: str, ranged: Iterable[str] = ()) -> Scene:
-    """The scene without outputs that many runs do not look at, but for passages, and these maps,
-    where the case asks for them."""
+def lean(scene: Scene, what: str, maps: list[str] | None) -> Scene:
+    """The scene without outputs that many runs do not look at, but for these maps."""
     case = scene.case
     refuse_by_area(scene, what)
-    maps = ["passages", *ranged] if {"passages", "reach_probability"} & asked(case) else None
-    if not case.lines and not maps:
-        raise RockfallError(
-            f"{case.name}: an ensemble needs a &line, or &output maps = 'reach_probability'"
-        )
     if case.case["sampling"] != "random":
         raise RockfallError(
             f"{case.name}: &case sampling = '{case.case['sampling']}': must be 'random' for "

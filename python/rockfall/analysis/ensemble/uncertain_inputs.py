@@ -149,7 +149,8 @@ class Uncertain:
     def _volume(self, numbers: np.ndarray) -> Draw:
         """A factor on all volumes of the distribution, another on its standard deviation."""
         size = self._factor(numbers[0], "volume_factor")
-        return self._volumes_by(size, self._factor(numbers[1], "volume_std_factor"))
+        spread = self._factor(numbers[1], "volume_std_factor")
+        return self._volumes_by(float(size), float(spread))
 
     def _volumes_by(self, size: float, spread: float) -> Draw:
         boulder = self.scene.case.boulder
@@ -160,7 +161,7 @@ class Uncertain:
         return Draw(groups={"boulder": changed}, kept={"volume": size, "volume_std": spread})
 
     def _drop_height(self, numbers: np.ndarray) -> Draw:
-        return self._height_by(self._factor(numbers[0], "drop_height_factor"))
+        return self._height_by(float(self._factor(numbers[0], "drop_height_factor")))
 
     def _height_by(self, factor: float) -> Draw:
         height = self.scene.case.release["drop_height"] * factor
@@ -220,13 +221,14 @@ class Uncertain:
 def read_draws(path: Path, radii: int, sets: int) -> list[dict[str, float]]:
     """Draws of inputs that belong together, a row each, from a CSV file: factors radius_1 ... (of
     each row of the table of zones), volume and volume_std, drop_height; source_east, source_north
-    [m]; set, from 0. Not all need be there; a group must be there whole."""
+    [m]; set, from 0; draw, a number that is not read. Not all need be there; a group must be there
+    whole."""
     groups = (
         [f"radius_{i + 1}" for i in range(radii)], ["volume", "volume_std"], ["drop_height"],
         ["source_east", "source_north"], ["set"],
     )  # fmt: skip
     where, columns, rows = read_table(path)
-    check_columns(where, columns, [name for group in groups for name in group])
+    check_columns(where, columns, ["draw", *(name for group in groups for name in group)])
     for group in groups:
         if 0 < len({*group} & {*columns}) < len(group):
             missing = ", ".join(name for name in group if name not in columns)
@@ -236,7 +238,7 @@ def read_draws(path: Path, radii: int, sets: int) -> list[dict[str, float]]:
     found = []
     for row in rows:
         limits = {name: (0.01, 100.0) for name in columns if not name.startswith("source")}
-        limits["set"] = (0.0, sets - 1.0)
+        limits |= {"set": (0.0, sets - 1.0), "draw": (1.0,)}
         found.append({name: row.number(name, *limits.get(name, ())) for name in columns})
         if found[-1].get("set", 0.0) % 1:
             row.refuse("set", "must be an integer")
