@@ -11,6 +11,11 @@ Dirichlet-multinomial probability
 which holds the Monte Carlo noise of the run: few boulders make it flat. Of a printed mean and
 standard deviation the probabilities are normal, with the sampling errors of both numbers.
 
+What is drawn anew in each member and not sought, such as errors of the terrain, makes runs of the
+same inputs differ by more than their boulders do. Replicates tell by how much: as if there were
+fewer boulders, S'. A member and the field each have such a deviation, so that the s_k count as
+1/(2/S' - 1/S) boulders.
+
 Sets of data that hang together, as speed and energy do, count less: each with the inverse of the
 sum of its squared rank correlations with all, itself included, among the simulated boulders.
 """
@@ -36,7 +41,7 @@ if TYPE_CHECKING:
 
 MIN_CROSSED = 20  # simulated boulders, below which a run does not explain that some were observed
 PRIOR = 0.5  # Jeffreys', of each bin
-MAX_BINS = 12
+MAX_BINS = 6
 REPLICATES = 1000
 MIN_PRINTED = 2  # boulders behind a printed mean
 
@@ -55,6 +60,7 @@ class Counted:
     take: Take
     edges: np.ndarray = field(init=False)
     counts: np.ndarray = field(init=False)
+    worth: float = 1.0  # of a simulated boulder, less where runs of the same inputs differ
 
     def __post_init__(self) -> None:
         bins = int(np.clip(round(2 * self.n**0.4), 2, MAX_BINS))
@@ -69,8 +75,8 @@ class Counted:
     def _in_bins(self, values: np.ndarray) -> np.ndarray:
         """Boulders in each bin; one on an edge is half in either."""
         sides = [np.searchsorted(self.edges, values, side) for side in ("left", "right")]
-        both: np.ndarray = sum(np.bincount(one, minlength=self.edges.size + 1) for one in sides)
-        return both / 2
+        both = [np.bincount(one, minlength=self.edges.size + 1) for one in sides]
+        return (both[0] + both[1]) / 2
 
     def counted(self, values: np.ndarray) -> np.ndarray:
         return self._in_bins(values[~np.isnan(values)])
@@ -78,16 +84,30 @@ class Counted:
     def log_likelihood(self, runs: np.ndarray) -> np.ndarray:
         from scipy.special import gammaln
 
-        known = runs + PRIOR
+        known = self.worth * runs + PRIOR
         found = (gammaln(known + self.counts) - gammaln(known)).sum(axis=1)
         total = known.sum(axis=1)
         found -= gammaln(total + self.counts.sum()) - gammaln(total)
         return np.where(runs.sum(axis=1) >= MIN_CROSSED, found, -np.inf)
 
+    def learn_noise(self, runs: np.ndarray) -> None:
+        """What a simulated boulder is worth, by runs of the same inputs."""
+        size = runs.sum(axis=1).mean()
+        if not size:
+            return
+        part = runs / runs.sum(axis=1, keepdims=True)
+        mean = part.mean(axis=0)
+        times = size * part.var(axis=0, ddof=1).sum() / (mean * (1 - mean)).sum()  # of binomial
+        self.worth = 1 / (2 * max(times, 1.0) - 1)
+
+    def noise(self, boulders: float) -> float:
+        """The variance of the log-likelihood by the boulders of a run, to first order."""
+        return (self.counts.size - 1) * self.n / (self.worth * boulders + self.n)
+
     def discrepancy(
         self, runs: np.ndarray, picked: np.ndarray, weight: np.ndarray, random: np.random.Generator
     ) -> tuple[float, np.ndarray]:
-        known = runs + PRIOR
+        known = self.worth * runs + PRIOR
         expected = self.n * (weight @ (known / known.sum(axis=1, keepdims=True)))
         again = [random.multinomial(self.n, random.dirichlet(one)) for one in known[picked]]
         far = ((np.array([self.counts, *again]) - expected) ** 2 / expected).sum(axis=1)
@@ -98,7 +118,7 @@ class Passing(Counted):
     """Fractions of a number of boulders that come at least so far."""
 
     def __init__(self, name: str, distance: np.ndarray, fraction: np.ndarray, n: int, take: Take):
-        self.name, self.take, self.edges = name, take, distance
+        self.name, self.take, self.edges, self.worth = name, take, distance, 1.0
         self.counts = -np.diff(np.array([1.0, *fraction, 0.0])) * n
         self.values = np.full(n, np.nan)
 
@@ -112,6 +132,7 @@ class Printed:
     std: float
     n: int
     take: Take
+    worth: float = 1.0
 
     def counted(self, values: np.ndarray) -> np.ndarray:
         values = values[~np.isnan(values)]
@@ -121,11 +142,21 @@ class Printed:
         std = values.std(ddof=1)
         return np.array([values.size, values.mean(), std, (apart**4).mean() / std**4])
 
+    def learn_noise(self, runs: np.ndarray) -> None:
+        """What a simulated boulder is worth, by runs of the same inputs."""
+        size, mean, std, _ = runs.T
+        times = mean.var(ddof=1) / (std**2 / size).mean()
+        self.worth = 1 / (2 * max(times, 1.0) - 1) if np.isfinite(times) else 1.0
+
+    def noise(self, boulders: float) -> float:
+        """The variance of the log-likelihood by the boulders of a run, to first order."""
+        return 2 * self.n / (self.worth * boulders + self.n)
+
     def _standing(self, runs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Expected mean and logarithm of the standard deviation (runs, 1 or 2), and the sampling
         errors of those observed and simulated together (Bonett 2006, to first order)."""
         size, mean, std, kurtosis = runs.T
-        fewer = 1 / self.n + 1 / np.maximum(size, 1)
+        fewer = 1 / self.n + 1 / (self.worth * np.maximum(size, 1))
         expected = np.stack([mean, np.log(std)], axis=1)
         error = np.stack([std * np.sqrt(fewer), np.sqrt((kurtosis - 1) / 4 * fewer)], axis=1)
         known = 2 if self.std > 0 and self.n > MIN_PRINTED else 1

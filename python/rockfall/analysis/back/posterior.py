@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 LEVELS = (0.05, 0.5, 0.95)
 KS = 1.36  # of Kolmogorov-Smirnov at 5 %, times the square root of the number
 EDGE = 0.5  # of the posterior beyond the 5 or 95 % that the prior gives either end
+NOISY = 1.0  # variance of the log-likelihood, above which boulders help more than members
 DRAWS = 256  # rows of the file of draws
 TABLE, DRAWN, ALL, CASE = "posterior.csv", "draws.csv", "members.nc", "case.nml"
 MARK = "! Made by `rockfall back`"
@@ -80,7 +81,8 @@ def _zones(found: Back) -> list[str]:
 
 def posterior_table(found: Back) -> pd.DataFrame:
     """A row for each parameter: parameter, units, case (its value there), 5, 50 and 95 % quantiles
-    of prior and posterior, ratio (of the posterior's 5-95 % range to the prior's), moved
+    of prior and posterior, ratio (of the posterior's 5-95 % range to the prior's, of logarithms
+    where it is a factor), moved
     (Kolmogorov-Smirnov distance of the two) and verdict. Of the impact sets ratio is the effective
     number (exp of the entropy) over that of the prior, and set_best the likeliest, from 0.
     """
@@ -95,16 +97,20 @@ def posterior_table(found: Back) -> pd.DataFrame:
 
 
 def _row(found: Back, one: Parameter) -> dict[str, Any]:
+    from scipy.special import ndtri
+
     values = found.members[one.column].to_numpy()
     scale = 1.0 if one.scale is None else one.scale
-    prior = _prior_quantiles(found, one)
-    mine = np.array([weighted_quantile(values, found.weight, level) for level in LEVELS])
-    moved = _moved(found, one, values)
-    ratio = float((mine[2] - mine[0]) / (prior[2] - prior[0]))
+    shift, spread = one.column.startswith("source"), _spread(found, one)
+    scores = (values if shift else np.log(values)) / spread
+    mine = np.array([weighted_quantile(scores, found.weight, level) for level in LEVELS])
+    prior, ends = ndtri(LEVELS), (scores < ndtri(LEVELS[0]), scores > ndtri(LEVELS[2]))
+    moved = _moved(found.weight, scores)
     verdict = "not informed" if moved < KS / np.sqrt(found.effective) else "informed"
-    for beyond in (values < prior[0], values > prior[2]):
-        if found.weight @ beyond > EDGE:
-            verdict = "at the edge of the prior"
+    if any(found.weight @ beyond > EDGE for beyond in ends):
+        verdict = "at the edge of the prior"
+    ratio = float((mine[2] - mine[0]) / (prior[2] - prior[0]))
+    prior, mine = (spread * of if shift else np.exp(spread * of) for of in (prior, mine))
     names = ("q05", "median", "q95")
     return {
         "parameter": one.label, "units": one.units, "case": scale if one.scale else 0.0,
@@ -114,29 +120,22 @@ def _row(found: Back, one: Parameter) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _prior_quantiles(found: Back, one: Parameter) -> np.ndarray:
-    """Those of the log-normal factor, or of the normal shift."""
-    from scipy.special import ndtri
-
+def _spread(found: Back, one: Parameter) -> float:
+    """The standard deviation of a shift, or of the logarithm of a factor, by the prior."""
     given = found.inputs.given
     if one.column.startswith("source"):
-        return given["source_shift"] * ndtri(LEVELS)
+        return given["source_shift"]
     key = "radius_factor" if one.column.startswith("radius") else f"{one.column}_factor"
-    return given[key] ** ndtri(LEVELS)
+    return float(np.log(given[key]))
 
 
-def _moved(found: Back, one: Parameter, values: np.ndarray) -> float:
+def _moved(weight: np.ndarray, scores: np.ndarray) -> float:
     """The Kolmogorov-Smirnov distance of the posterior from the prior."""
-    from scipy.special import ndtr, ndtri
+    from scipy.special import ndtr
 
-    low, _, high = (float(q) for q in _prior_quantiles(found, one))
-    if one.column.startswith("source"):
-        scores = values / (high / ndtri(LEVELS[2]))
-    else:
-        scores = np.log(values) / (np.log(high / low) / (2 * ndtri(LEVELS[2])))
     order = np.argsort(scores)
-    reached, prior = np.cumsum(found.weight[order]), ndtr(scores[order])
-    return float(np.maximum(reached - prior, prior - reached + found.weight[order]).max())
+    reached, prior = np.cumsum(weight[order]), ndtr(scores[order])
+    return float(np.maximum(reached - prior, prior - reached + weight[order]).max())
 
 
 def _set_row(found: Back) -> dict[str, Any]:
@@ -167,9 +166,10 @@ def weighted_quantile(values: np.ndarray, weight: np.ndarray, level: float) -> f
 def warnings(found: Back) -> Iterator[str]:
     """What keeps the posterior from being believed."""
     if found.effective < found.asked:
+        more = "--boulders" if found.noise > NOISY else "--members"
         yield (
-            f"undecided: {found.effective:.0f} effective members, {found.asked} were asked for: "
-            "more --members or more --boulders; the ranges may be too narrow"
+            f"undecided: {found.effective:.0f} effective members, {found.asked} were asked for; "
+            f"the ranges may be too narrow: more {more}"
         )
     limit = CONTRADICTED / len(found.data)
     for row in found.data.to_dict("records"):

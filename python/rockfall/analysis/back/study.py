@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
 MEMBERS, EFFECTIVE = 1024, 100
 ROUND = 128  # members; twice as many in the first
+REPLICATES = 24  # of the case as it is, with what is not sought drawn anew
+NOT_MEMBERS = 2**30  # numbers of draws, from here on
 STREAM = 1  # of random numbers beside those of the ensemble
 
 
@@ -47,6 +49,7 @@ class Back:
     data: pd.DataFrame
     notes: tuple[str, ...]
     asked: int  # effective members
+    noise: float  # variance of the log-likelihood by the boulders of a member
     boulders: int
 
     @property
@@ -88,6 +91,8 @@ def back_analysis(
     scene = replace(scene, case=scene.case.replace(output={"maps": None}))
     data, notes = evidence(base, seen)
     counts = shares(data, base)
+    if "dem" in inputs.names:
+        _learn_noise(scene, inputs, data)
     sought = _sought(inputs, base)
     cube = inputs.design.reshape(-1, inputs.design.shape[-1])
     sampler = Sampler(_normal_scores(cube[:, sought]))
@@ -128,8 +133,19 @@ def back_analysis(
         as_record(one, count, predictive_p(one, np.array(of), weight, random))
         for one, count, of in zip(data, counts, runs, strict=True)
     ]
+    noise = sum(c * one.noise(scene.boulders) for c, one in zip(counts, data, strict=True))
     return Back(case, inputs, sought, cube, table, pd.DataFrame(found), tuple(notes), enough,
-                scene.boulders)  # fmt: skip
+                float(noise), scene.boulders)  # fmt: skip
+
+
+def _learn_noise(scene: Scene, inputs: Uncertain, data: list[Evidence]) -> None:
+    """How much runs differ of which all is the same but what is not sought."""
+    results = []
+    for k in range(REPLICATES):
+        draw = inputs.at("dem", inputs.design[0, 0], NOT_MEMBERS + k)
+        results.append(run_scene(drawn_scene(scene, [draw], inputs.boulders_seed(NOT_MEMBERS + k))))
+    for one in data:
+        one.learn_noise(np.array([one.counted(one.take(result)) for result in results]))
 
 
 def _member(

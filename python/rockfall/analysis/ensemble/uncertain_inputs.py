@@ -238,7 +238,7 @@ def read_draws(path: Path, radii: int, sets: int) -> list[dict[str, float]]:
     found = []
     for row in rows:
         limits = {name: (0.01, 100.0) for name in columns if not name.startswith("source")}
-        limits |= {"set": (0.0, sets - 1.0), "draw": (1.0,)}
+        limits |= {"set": (0.0, sets - 1.0), "draw": (1.0, 1e9)}
         found.append({name: row.number(name, *limits.get(name, ())) for name in columns})
         if found[-1].get("set", 0.0) % 1:
             row.refuse("set", "must be an integer")
