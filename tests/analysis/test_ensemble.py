@@ -12,8 +12,16 @@ import xarray as xr
 import rockfall
 from made import make_raster, refused
 from programs import find_program, refuses
+from rockfall import html_report
 from rockfall.analysis.ensemble import study
-from rockfall.analysis.ensemble.sobol_indices import MIN_CROSSED, deviations, indices, parts
+from rockfall.analysis.ensemble.sobol_indices import (
+    MIN_CROSSED,
+    deviations,
+    indices,
+    limits,
+    parts,
+    runs_needed,
+)
 from rockfall.analysis.ensemble.study import RESULTS
 from rockfall.analysis.ensemble.uncertain_inputs import Uncertain, drawn_scene, gaussian_field
 from rockfall.analysis.line_statistics import Z, line_numbers, line_values
@@ -325,6 +333,37 @@ def test_a_line_that_some_runs_do_not_reach_has_a_share_and_nothing_else(tmp_pat
     assert at["too_few"] == 24
     unknown = ("mean", "monte_carlo_std", "epistemic_std", "total")
     assert all(np.isnan(at[name]).all() for name in unknown)
+
+
+def test_an_index_that_is_not_known_is_undecided_and_others_stay_within_all_and_nothing():
+    assert np.isnan(limits(3.58, 1.17)).all() and np.isnan(limits(np.nan, np.nan)).all()
+    assert limits(-0.1, 0.1) == pytest.approx((0.0, 0.0, 0.196), abs=1e-3)
+    assert limits(1.05, 0.1) == pytest.approx((1.0, 0.804, 1.0), abs=1e-3)
+    assert limits(0.4, 0.05) == pytest.approx((0.4, 0.302, 0.498), abs=1e-3)
+    assert runs_needed(np.array([0.1, 0.5]), 16) == 246  # 16 (1.96 0.5 / 0.25)^2
+
+
+def test_an_ensemble_is_a_result(place, capsys, monkeypatch):
+    """The file holds the run of the case as it is, to the last bit; every command reads it."""
+    monkeypatch.setattr(html_report, "figures", lambda *_: [])  # they take long
+    text = Path("case.nml").read_text() + "&output maps = 'passages', 'energy_max' /\n"
+    Path("case.nml").write_text(text)
+    assert main(["ensemble", "case.nml", "-o", "all.nc", "--quiet"]) == 0
+    found, run = rockfall.read_result("all.nc"), rockfall.run(rockfall.read_case("case.nml"))
+    assert all(run[name].equals(found[name]) for name in run if "y" not in run[name].dims)
+    low, high = (found[f"energy_max_{name}"].values for name in ("q05", "q95"))
+    assert (low <= high).all() and high.max() > 0
+    assert np.array_equal(found["reach_probability_q95"] > 0, high > 0)
+    for words in (["lines", "all.nc"], ["export", "all.nc", "out"], ["report", "all.nc"]):
+        assert main(words) == 0
+    assert "epistemic, std" in capsys.readouterr().out
+    assert {"reached_runs.tif", "energy_max_q95.tif", "boulders.csv"} <= {
+        path.name for path in Path("out").iterdir()
+    }
+    page = Path("all.html").read_text()
+    first = page[page.index('id="summary"') : page.index('id="limits-of-validity"')]
+    assert "uncertain inputs, 90 % of the draws" in first and "Sobol" in first
+    assert "rockfall ensemble case.nml" in page
 
 
 # ---- what is drawn

@@ -106,7 +106,7 @@ def _row(found: Back, one: Parameter) -> dict[str, Any]:
     mine = np.array([weighted_quantile(scores, found.weight, level) for level in LEVELS])
     prior, ends = ndtri(LEVELS), (scores < ndtri(LEVELS[0]), scores > ndtri(LEVELS[2]))
     moved = _moved(found.weight, scores)
-    verdict = "not informed" if moved < KS / np.sqrt(found.effective) else "informed"
+    verdict = _informed(found, moved > KS / np.sqrt(found.effective))
     if any(found.weight @ beyond > EDGE for beyond in ends):
         verdict = "at the edge of the prior"
     ratio = float((mine[2] - mine[0]) / (prior[2] - prior[0]))
@@ -118,6 +118,11 @@ def _row(found: Back, one: Parameter) -> dict[str, Any]:
         **{name: scale * value for name, value in zip(names, mine, strict=True)},
         "ratio": ratio, "moved": moved, "verdict": verdict,
     }  # fmt: skip
+
+
+def _informed(found: Back, moved: bool) -> str:
+    """What it means that a posterior is, or is not, told apart from the prior."""
+    return "informed" if moved else "not informed" if found.is_enough else "undecided"
 
 
 def _spread(found: Back, one: Parameter) -> float:
@@ -151,7 +156,7 @@ def _set_row(found: Back) -> dict[str, Any]:
     return {
         "parameter": f"impact set, of {chance.size}", "units": "1", "ratio": number / chance.size,
         "moved": float(np.abs(chance - expected).sum() / 2),
-        "verdict": "informed" if informed else "not informed", "set_best": int(chance.argmax()),
+        "verdict": _informed(found, bool(informed)), "set_best": int(chance.argmax()),
     }  # fmt: skip
 
 
@@ -165,7 +170,7 @@ def weighted_quantile(values: np.ndarray, weight: np.ndarray, level: float) -> f
 
 def warnings(found: Back) -> Iterator[str]:
     """What keeps the posterior from being believed."""
-    if found.effective < found.asked:
+    if not found.is_enough:
         more = "--boulders" if found.noise > NOISY else "--members"
         yield (
             f"undecided: {found.effective:.0f} effective members, {found.asked} were asked for; "

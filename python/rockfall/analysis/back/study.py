@@ -60,6 +60,10 @@ class Back:
     def effective(self) -> float:
         return effective(self.weight)
 
+    @property
+    def is_enough(self) -> bool:
+        return self.effective >= self.asked
+
 
 def back_analysis(
     case: Case,
