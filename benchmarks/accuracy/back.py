@@ -52,13 +52,10 @@ def case_of(folder: Path, boulders: int, seed: int) -> rockfall.Case:
     )
 
 
-def observe(case: rockfall.Case, n: int, stretch: float) -> tuple[Observed, dict[str, float]]:
+def observe(inputs: Uncertain, k: int, stretch: float) -> tuple[Observed, dict[str, float]]:
     """Boulders of a truth that is a draw of the prior, and that draw."""
-    z, grid = slope()
-    inputs = Uncertain(read_scene(case, dem=z, transform=grid))
-    draws = [inputs.draw(name, 0, 0) for name in inputs.names]
-    result = run_scene(drawn_scene(inputs.scene, draws, inputs.boulders_seed(0)))
-    result = result.isel(boulder=slice(n))
+    draws = [inputs.draw(name, k, 0) for name in inputs.names]
+    result = run_scene(drawn_scene(inputs.scene, draws, inputs.boulders_seed(k)))
     stops = np.column_stack([result["stop_x"], result["stop_y"]])
     speed = result["line_speed"].values[0]
     seen = replace(
@@ -92,9 +89,11 @@ def main() -> None:
     with TemporaryDirectory() as folder:
         for stretch, truths in ((1.0, told.truths), (told.stretch, told.truths // 4)):
             rows, worth, contradicted = [], [], 0
+            made = case_of(Path(folder), told.observed, 10_000)
+            made = made.replace(ensemble={"runs": max(8, truths)})  # evenly spread over the prior
+            of_prior = Uncertain(read_scene(made, dem=z, transform=grid))
             for k in range(truths):
-                made = case_of(Path(folder), told.observed, 10_000 + k)
-                seen, truth = observe(made, told.observed, stretch)
+                seen, truth = observe(of_prior, k, stretch)
                 case = case_of(Path(folder), told.boulders, k)
                 found = back_analysis(case, seen, members=told.members, dem=z, transform=grid)
                 names = [one.label for one in parameters(found)]
