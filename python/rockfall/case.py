@@ -208,6 +208,7 @@ def _parse(text: str) -> dict[str, Any]:
     return groups
 
 
+@cache
 def _defaults() -> dict[str, dict[str, Any]]:
     """The defaults of each group."""
     texts: dict[str, str] = {}

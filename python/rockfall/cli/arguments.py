@@ -119,6 +119,14 @@ def _add_studies(commands: _Commands) -> None:
     vary.add_argument("-o", "--output", metavar="OUT", type=Path, help="OUT.nc, or a table OUT.csv")
     vary.add_argument("--runs", metavar="M", type=int, help="draws of the uncertain inputs")
     _add_overrides(vary)
+    about = "seek the uncertain inputs that make observations likely: a posterior"
+    back = _add(commands, "studies", "back", about, "CASE")
+    back.add_argument("observed", metavar="OBSERVED.csv", type=Path, nargs="+")
+    back.add_argument("-o", "--output", metavar="DIR", type=Path, help="default: CASE_back")
+    back.add_argument("--members", metavar="M", type=int, help="runs at most; default: 1024")
+    about = "members that the posterior must be worth; default: 100"
+    back.add_argument("--effective", metavar="N", type=int, help=about)
+    _add_overrides(back)
     about = "run the scenarios of a case: annual frequencies, zones of hazard, objects at risk"
     zone = _add(commands, "hazard", "hazard", about, "CASE")
     zone.add_argument("-o", "--output", metavar="DIR", type=Path, help="default: CASE_hazard")
@@ -154,8 +162,10 @@ def _add_results(commands: _Commands) -> None:
 
     export = result("export", "write a result as GeoTIFF, GeoPackage and CSV")
     export.add_argument("folder", metavar="DIR", type=Path, help="is made if it is missing")
-    compare = result("compare", "compare a result with observations")
-    compare.add_argument("observed", metavar="OBSERVED.csv", type=Path, nargs="+")
+    about = "compare a result with observations; of several results, rank them"
+    compare = _add(commands, "results", "compare", about)
+    about = "one or more results OUT.nc, and observations OBSERVED.csv"
+    compare.add_argument("files", metavar="FILE", type=Path, nargs="+", help=about)
     compare.add_argument("-o", "--output", metavar="TABLE.csv", type=Path, help="all tables as CSV")
     lines = result("lines", "print line statistics with intervals, and return levels")
     lines.add_argument("-o", "--output", metavar="TABLE.csv", type=Path, help="write them, too")

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from rockfall.analysis.compare import compare, write_comparison
 from rockfall.analysis.observations import read_observed
+from rockfall.analysis.ranks import rank_results
 from rockfall.case_files import files_behind
 from rockfall.cli.messages import DONE, warn
 from rockfall.errors import RockfallError
@@ -25,7 +26,7 @@ from rockfall.plots.terrain import terrain_of
 from rockfall.result.classes import read_limits
 from rockfall.result.dataset import read_result
 from rockfall.result.export import export
-from rockfall.text.comparison import text
+from rockfall.text.comparison import ranks_text, text
 from rockfall.text.line_tables import print_lines
 
 if TYPE_CHECKING:
@@ -40,12 +41,25 @@ def export_command(arguments: argparse.Namespace) -> int:
 
 
 def compare_command(arguments: argparse.Namespace) -> int:
-    path, sources = _path(arguments), arguments.observed
-    result = read_result(path)
-    found = compare(result, *sources)
+    paths = [path for path in arguments.files if path.suffix == ".nc"]
+    sources = [path for path in arguments.files if path.suffix != ".nc"]
+    if not paths or not sources:
+        raise RockfallError("compare needs results (.nc) and observations (CSV)")
+    results = {str(path): read_result(path) for path in paths}
+    if len(results) < len(paths):
+        raise RockfallError("compare: a result is given twice")
+    seen = read_observed(*sources)
+    if len(results) == 1:
+        (result,) = results.values()
+        found = compare(result, seen)
+        table, said = found.table(), text(found)
+    else:
+        table = rank_results(results, seen)
+        said = ranks_text(table)
     if arguments.output:
-        write_comparison(found, arguments.output, keep=(path, *sources, *files_behind(result)))
-    print(text(found))
+        behind = (path for result in results.values() for path in files_behind(result))
+        write_comparison(table, arguments.output, keep=(*arguments.files, *behind))
+    print(said)
     return DONE
 
 

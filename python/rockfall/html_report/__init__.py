@@ -20,6 +20,7 @@ from rockfall.analysis.return_levels import return_levels
 from rockfall.case_files import files_behind
 from rockfall.errors import RockfallError, need
 from rockfall.html_report.convergence import convergence_figure
+from rockfall.html_report.ensemble import range_tables, range_words
 from rockfall.html_report.intervals import rows_of
 from rockfall.html_report.maps import data_uri, map_section
 from rockfall.html_report.pdf import check_pdf, write_pdf
@@ -122,13 +123,15 @@ def report(
     result = flat_maps(result)
     rows, levels = rows_of(result), return_levels(result)
     sheet = design(result) if rows else None
+    ranges = range_tables(result, rows)
     zoomed = set() if on_paper else {f"map_{name}" for name in result.data_vars}
     shown = [one for one in figures(result, terrain, observed, look) if one.name not in zoomed]
     return _rendered(
         title=str(result.attrs["title"]) or "rockfall",
         boulders=count(result.sizes["boulder"], "boulder"),
         warnings=warnings(result),
-        summary=summary(result, rows),
+        summary=[*summary(result, rows), *range_words(result, ranges)],
+        ranges=ranges,
         cautions=cautions(result, rows, levels),
         map_section=None if on_paper else map_section(result, terrain, look),
         view=terrain_view(result, terrain) if view and terrain is not None else None,
