@@ -22,7 +22,8 @@ import numpy as np
 import rockfall
 from benchmarks.accuracy.planes import ABOVE, DISTANCE, DROP, VOLUME, WIDE, plane
 from benchmarks.machine import ROOT
-from rockfall.analysis.line_statistics import line_numbers, sources
+from rockfall.analysis.line_statistics import line_numbers
+from rockfall.analysis.precision.intervals import sources
 from rockfall.grounds import GroundTable, shipped_grounds
 from rockfall.io.files import atomic_write
 from rockfall.plots.style import BLUE, GREEN, GREY, INK, VERMILION, new_figure, save, styled

@@ -9,7 +9,8 @@ import pytest
 import rockfall
 from known_law import lognormal, made, stages, theory
 from rockfall.analysis import run_until as until
-from rockfall.analysis.line_statistics import line_numbers, sources
+from rockfall.analysis.line_statistics import line_numbers
+from rockfall.analysis.precision.intervals import sources
 from rockfall.analysis.run_until import (
     CROSSED,
     FIRST,

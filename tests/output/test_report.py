@@ -14,7 +14,7 @@ import pandas as pd
 import pytest
 
 import rockfall
-from rockfall.analysis.line_statistics import fraction_interval
+from rockfall.analysis.precision.intervals import fraction_interval
 from rockfall.analysis.run_until import verdicts_of
 from rockfall.case import case_of
 from rockfall.cli import main

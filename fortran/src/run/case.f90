@@ -130,6 +130,8 @@ module rockfall_case
             "of steep_cells; absent: 55 RES**-0.075 for cells of RES m (Dorren 2016)", in_scene), &
       key_t("release", "by_area", "logical", 1, ".false.", "", "", &
             "a cell releases boulders in proportion to its true surface area, &case boulders if flat", in_scene), &
+      key_t("release", "sources", "text", 1, "'all'", "all, sample", "", &
+            "what confidence intervals take the sources for: all there are, or a sample of others like them"), &
       key_t("release", "drop_height", "real", 1, "0.0", ">= 0", "m", "above the surface"), &
       key_t("release", "velocity", "real", 3, "3*0.0", "", "m/s", "east, north, up"), &
       key_t("forest", "trees", "text", 1, "absent", "", "", &

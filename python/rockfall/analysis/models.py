@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rockfall.analysis.line_statistics import line_numbers, line_values, sample_numbers, sources
+from rockfall.analysis.line_statistics import line_numbers, line_values, sample_numbers
+from rockfall.analysis.precision.intervals import Sources, sources
 from rockfall.case import Case
 from rockfall.errors import RockfallError
 from rockfall.grounds import GroundRule, GroundTable, find_ground, shipped_grounds, table_path
@@ -179,7 +180,7 @@ def _row(numbers: dict[str, float], statistic: str) -> dict[str, float]:
     return {"n": numbers["n"], **found}
 
 
-def _difference(each: np.ndarray, source: np.ndarray) -> dict[str, float]:
+def _difference(each: np.ndarray, source: Sources) -> dict[str, float]:
     """The mean of a difference of each boulder, with its interval; of the first model itself, 0."""
     mean = float(each.mean())
     if each.size < 2 or not each.any():
@@ -189,7 +190,7 @@ def _difference(each: np.ndarray, source: np.ndarray) -> dict[str, float]:
     return dict(zip(COLUMNS[-3:], (mean, *limits), strict=True))
 
 
-def _mean_difference(value: np.ndarray, other: np.ndarray, source: np.ndarray) -> dict[str, float]:
+def _mean_difference(value: np.ndarray, other: np.ndarray, source: Sources) -> dict[str, float]:
     """That of the means over the boulders that crossed by either model. Each mean is a ratio of
     means over all boulders; the interval is that of their difference, linearised (Cochran 1977)."""
     if np.isnan(value).all() or np.isnan(other).all():

@@ -15,7 +15,7 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rockfall.analysis.compare import compare
-from rockfall.analysis.line_statistics import sources
+from rockfall.analysis.precision.intervals import sources
 from rockfall.analysis.return_levels import return_levels
 from rockfall.case_files import files_behind
 from rockfall.errors import RockfallError, need
