@@ -202,7 +202,7 @@ module rockfall_case
       key_t("output", "rebounds", "logical", 1, ".false.", "", "", "histograms over all rebounds"), &
       key_t("output", "energy_balance", "logical", 1, ".false.", "", "", &
             "what became of the energy of each boulder: ground, trees, barriers, left"), &
-      key_t("output", "trajectories", "integer", 1, "0", "0 to 2147483647", "", "record the first n boulders"), &
+      key_t("output", "trajectories", "integer", 1, "0", "0 to 2147483647", "", "record n boulders, the first of each source in proportion to what it releases"), &
       key_t("ensemble", "runs", "integer", 1, "64", "8 to 65536", "", "draws of all that is uncertain"), &
       key_t("ensemble", "radius_factor", "real", 1, "1.0", "1 to 10", "", &
             "geometric standard deviation of R_m or Rg, zone by zone"), &

@@ -58,7 +58,7 @@ def _run(result: xr.Dataset) -> str:
     was, each = ("were", "each") if boulders > 1 else ("was", "it")
     return (
         f"{count(boulders, 'boulder')} of {size} {was} released from "
-        f"{count(sources(result).max() + 1, 'source')}, {start}, and followed until {each} ended."
+        f"{count(sources(result).count, 'source')}, {start}, and followed until {each} ended."
     )
 
 
@@ -145,10 +145,11 @@ def _precision(result: xr.Dataset, rows: Rows) -> Iterator[str]:
         yield f"Too few boulders pass for a confidence interval of the {_joined(unknown)}."
     source = sources(result)
     if source.count > 1:
+        of = f"{source.count:,} sources"
         yield (
-            f"The {source.count:,} sources are taken for a sample of others like them."
+            f"The {of} are taken for a sample of others like them."
             if source.sampled
-            else f"The intervals are for as many other boulders from the same {source.count:,} sources."
+            else f"The intervals are for as many other boulders from the same {of}."
         )
     if case_of(result).case["sampling"] == "sobol":
         yield (

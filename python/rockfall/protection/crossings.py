@@ -37,7 +37,8 @@ class Crossings(NamedTuple):
         return self.volume.size
 
     def where(self, chosen: np.ndarray) -> Crossings:
-        return Crossings(*(values[chosen] for values in self))
+        first, *others = self
+        return Crossings(first[chosen], *(values[chosen] for values in others))
 
 
 def crossings(result: xr.Dataset, line: int) -> Crossings:

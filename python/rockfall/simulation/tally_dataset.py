@@ -216,13 +216,13 @@ def histogram_variables(tally: Tally) -> dict[str, Any]:
 
 
 def trajectory_variables(tally: Tally) -> dict[str, Any]:
-    """Vertices of the first boulders, where they were kept."""
+    """Vertices of boulders, where they were kept."""
     if not tally.trajectories:
         return {}
-    vertices = np.concatenate(tally.trajectories)
+    vertices = np.concatenate([*tally.trajectories.values()])
     columns = dict(zip(fields(4), vertices.T, strict=True))
-    lengths = [len(one) for one in tally.trajectories]
-    columns["boulder"] = tally.before + np.repeat(np.arange(1, len(lengths) + 1), lengths)
+    lengths = [len(one) for one in tally.trajectories.values()]
+    columns["boulder"] = np.repeat([*tally.trajectories], lengths)
     return {
         f"trajectory_{name}": ("trajectory_vertex", columns[name], about)
         for name, about in variables.VERTEX.items()

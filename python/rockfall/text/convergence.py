@@ -110,8 +110,8 @@ def _cost_says(found: Convergence) -> Iterator[str]:
         one, more = (number(cost.loc[key, name], 2) for name in (percent, tenth))
         yield f"{_rule(key)} to 1 % costs {one} s of CPU; one more digit costs 100 times, {more} s."
     yield (
-        "Errors are root mean squares; half an interval of 95 %, as --until and reports promise it, is "
-        "twice as wide: boulders for +- 2 % are for such intervals, over all sources."
+        "Errors are root mean squares; half an interval of 95 %, as of --until and reports, is "
+        "twice as wide: boulders for +- 2 % are for such an interval, over all sources."
     )
     if found.sources > 1:
         yield "The sources are as given: what they differ by is not in these errors."
