@@ -25,7 +25,8 @@ module rockfall_f2py
    use rockfall_random, only: random_key
    use rockfall_sources, only: usual_threshold, keep_steep, surface_ratios
    use rockfall_maps, only: maps_t
-   use rockfall_map_values, only: map_plan_t, plan_maps => map_plan, stack_layers, map_views, map_row, map_min_count, &
+   use rockfall_map_values, only: map_plan_t, plan_maps => map_plan, stack_layers, map_views, map_row, &
+                                  map_min_count, map_thin_below, &
                                   fraction_limit, z_95, max_columns, halvings
    use rockfall_limits, only: check_tallies
    use rockfall_threads, only: team_size, check_team, release_team
@@ -388,7 +389,7 @@ contains
    !> A map of reals, of the tallies of `run` for maps of these names; `fewest`: passages for which a cell has a
    !> number.
    subroutine map_values(name, boulders, least, names, map_counts, map_sums, map_reals, class_counts, column, columns, &
-                         values, fewest, nxc, nyc, nkc, nxs, nys, nks, nxr, nyr, nkr, kc, cc, nxq, nyq, nx, ny)
+                         values, fewest, thin, nxc, nyc, nkc, nxs, nys, nks, nxr, nyr, nkr, kc, cc, nxq, nyq, nx, ny)
       !f2py threadsafe
       integer(c_int), intent(in) :: nxc, nyc, nkc, nxs, nys, nks, nxr, nyr, nkr, kc, cc, nxq, nyq, nx, ny
       character(len=*), intent(in) :: name, names
@@ -399,13 +400,14 @@ contains
       integer(c_int64_t), intent(in), target :: map_sums(nxs, nys, nks)
       real(c_float), intent(in), target :: map_reals(nxr, nyr, nkr)
       real(c_float), intent(inout) :: values(nx, ny)
-      integer(c_int), intent(out) :: fewest
+      integer(c_int), intent(out) :: fewest, thin
       type(maps_t) :: maps
       integer :: j
 
       maps = map_views(plan_of(names, 0), [real(c_double) ::], [1, 1], map_counts, map_sums, map_reals, class_counts, &
                        column, columns(1))
       fewest = map_min_count(name, least)
+      thin = map_thin_below(name)
       do j = 1, ny
          call map_row(maps, name, j, boulders, least, values(:, j))
       end do

@@ -197,12 +197,13 @@ module rockfall_case
       key_t("output", "maps", "text", n_maps, "absent", "as in result.md", "", "rasters of results"), &
       key_t("output", "map_extent", "text", 1, "'reach'", "reach, terrain", "", &
             "reach: the cells that boulders can reach; terrain: all"), &
-      key_t("output", "least_passages", "integer", 1, "10", "1 to 2147483647", "", &
+      key_t("output", "least_passages", "integer", 1, "1", "1 to 2147483647", "", &
             "cells with fewer show no mean and no quantile"), &
       key_t("output", "rebounds", "logical", 1, ".false.", "", "", "histograms over all rebounds"), &
       key_t("output", "energy_balance", "logical", 1, ".false.", "", "", &
             "what became of the energy of each boulder: ground, trees, barriers, left"), &
-      key_t("output", "trajectories", "integer", 1, "0", "0 to 2147483647", "", "record n boulders, the first of each source in proportion to what it releases"), &
+      key_t("output", "trajectories", "integer", 1, "0", "0 to 2147483647", "", &
+            "record so many boulders, the first of each source in proportion to what it releases"), &
       key_t("ensemble", "runs", "integer", 1, "64", "8 to 65536", "", "draws of all that is uncertain"), &
       key_t("ensemble", "radius_factor", "real", 1, "1.0", "1 to 10", "", &
             "geometric standard deviation of R_m or Rg, zone by zone"), &
@@ -278,7 +279,7 @@ module rockfall_case
       character(len=:), allocatable :: unread    !! a layer with more of them or dams, for messages; "": none
       logical :: map(n_maps) = .false.           !! which of map_names
       logical :: whole_maps = .false.            !! also where no boulder can come
-      integer :: least_passages = 10             !! for a mean or a quantile in a cell
+      integer :: least_passages = 1              !! for a mean or a quantile in a cell
       logical :: rebounds = .false.
       logical :: energy_balance = .false.
       integer :: trajectories = 0

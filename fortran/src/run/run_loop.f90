@@ -316,7 +316,8 @@ contains
       if (status == 0) n = sum(int(vertices, i8))
       if (status == 0) allocate (results%vertex(n, size(vertex_fields)), results%vertex_boulder(n), stat=status)
       if (status /= 0) then
-         call fail(error, case%file//": &output trajectories = "//integer_text(size(number, kind=i8))//": do not fit in memory")
+         call fail(error, case%file//": &output trajectories = " &
+                   //integer_text(size(number, kind=i8))//": do not fit in memory")
          return
       end if
       n = 0

@@ -97,7 +97,7 @@ def _trajectories(result: xr.Dataset, terrain: Terrain | None) -> Iterator[Figur
         return  # none recorded, or none that moved
     recorded = np.unique(result["trajectory_boulder"].values).size
     drawn = count(min(recorded, MAX_TRAJECTORIES), "boulder")
-    of = f"the first {drawn} of {result.sizes['boulder']:,}"
+    of = f"{drawn} of {result.sizes['boulder']:,}, from all sources"
     yield Figure(
         "trajectories",
         "Trajectories in plan",
