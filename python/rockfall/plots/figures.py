@@ -26,6 +26,7 @@ from rockfall.plots.map_figures import (
     map_figure,
     map_note,
     stops_figure,
+    thin_cells,
     trajectories_figure,
 )
 from rockfall.plots.profile_figures import profile_figure
@@ -211,6 +212,7 @@ def _maps(result: xr.Dataset, terrain: Terrain | None) -> Iterator[Figure]:
             continue
         title = capital(variable.attrs["long_name"])
         notes = ["outline: 1 %" if is_fraction(name) else "", map_note(result, name)]
+        notes += ["" if thin_cells(result, name) is None else "hatched there"]
         said = "".join(f"; {note}" for note in notes if note)
         yield Figure(
             f"map_{name}",

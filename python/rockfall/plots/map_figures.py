@@ -114,8 +114,8 @@ def map_note(result: xr.Dataset, name: str) -> str:
     notes = [str(about["comment"])] if "comment" in about else []
     if "least_passages" in about:
         notes.append(f"blank where fewer than {about['least_passages']:,} boulders passed")
-    if thin_cells(result, name) is not None:
-        notes.append(f"hatched where fewer than {about['thin_below']:,} did: hardly known there")
+    if "thin_below" in about:
+        notes.append(f"hardly known where fewer than {about['thin_below']:,} boulders passed")
     elif of_none(result, name):
         notes.append(f"blank where none passed; it is {100 * of_none(result, name):.2g} % there")
     return "; ".join(notes)
@@ -192,7 +192,7 @@ def _draw_map(axes: Axes, result: xr.Dataset, name: str, extent: Extent) -> None
         thin = thin_cells(result, name)
         if thin is not None:
             part, grid = cropped(thin, *grid_of(result[name]), extent, np.logical_and)
-            _hatch(axes, part & np.isfinite(values), grid)
+            _hatch(axes, (part > 0) & np.isfinite(values), grid)
 
 
 def _draw_trajectories(axes: Axes, result: xr.Dataset) -> None:
