@@ -38,7 +38,7 @@ module rockfall_run_loop
       real(wp), allocatable :: energy(:, :)              !! (boulders, energy_fields), or no boulders
       integer(i4), allocatable :: trees_hit(:)           !! of each boulder, or of none
       real(wp), allocatable :: line(:, :, :)             !! (boulders, lines, line_fields)
-      real(wp), allocatable :: vertex(:, :)              !! (vertices, vertex_fields) of the first boulders of the run
+      real(wp), allocatable :: vertex(:, :)              !! (vertices, vertex_fields) of recorded boulders
       integer(i8), allocatable :: vertex_boulder(:)
       type(grid_t) :: grid                               !! of maps: the cells that boulders can reach
       integer :: at(2) = 1                               !! its first column and row
