@@ -131,7 +131,8 @@ def scatter(case: rockfall.Case, arrays: dict, seeds: int) -> None:
         std, sd = value.std(ddof=1), half.mean() / Z
         error = std / np.sqrt(2 * (seeds - 1))
         ratio = f"{sd / std:.2f} +- {sd / std * error / std:.2f}"
-        print(f"{rule:28}{value.mean():10.4g}  {f'{std:.3g} +- {error:.1g}':>18}{sd:10.3g}{ratio:>16}"
+        spread = f"{std:.3g} +- {error:.1g}"
+        print(f"{rule:28}{value.mean():10.4g}{spread:>20}{sd:10.3g}{ratio:>16}"
               f"{sample.mean() / Z:10.3g}")  # fmt: skip
 
 
