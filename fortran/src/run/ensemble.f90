@@ -6,6 +6,7 @@ module rockfall_ensemble
    use rockfall_threads, only: team_size
    use rockfall_trajectory, only: scene_t, boulder_result_t, crossing_t, scratch_t, trace_full, choose_trace, &
                                   has_obstacles, at_rest, left_window
+   use rockfall_sources, only: share_of
    use rockfall_boulder, only: release_t, source_of, first_of, last_of, released_by
    use rockfall_maps, only: maps_t, needs_visits, visits_t, start_visits, add_visits, add_deposit
    use rockfall_travel_maps, only: needs_times, needs_travel, add_travel
@@ -14,7 +15,7 @@ module rockfall_ensemble
    use rockfall_histogram, only: histograms, bins, quantities
    implicit none
    private
-   public :: run_boulders, trace_boulder
+   public :: run_boulders, trace_boulder, recorded_boulders
 
    integer, parameter :: batch = 16        !! boulders that a thread takes at a time
    !> Boulders of a source up to which one thread runs it alone, in a call of few boulders; in larger calls so many
@@ -195,4 +196,31 @@ contains
       if (scene%histograms_requested) scratch%histograms = histograms()
       if (allocated(scene%grounds)) allocate (scratch%by_ground(size(scene%grounds)), source=0_i8)
    end subroutine prepare
+
+   !> Of the boulders first..last those whose trajectories are recorded: `wanted` of all, from each source as many
+   !> as its part of the boulders, the first of it. Which they are does not depend on the range.
+   pure function recorded_boulders(release, wanted, first, last) result(number)
+      type(release_t), intent(in) :: release
+      integer(i8), intent(in) :: wanted, first, last
+      integer(i8), allocatable :: number(:)
+      integer(i8) :: all, own, k, n, of, source
+      integer :: turn
+
+      all = last_of(release, size(release%x, kind=i8))
+      of = min(wanted, all)
+      do turn = 1, 2  ! count them, then note them
+         n = 0
+         if (last >= first) then
+            do source = source_of(release, first), source_of(release, last)
+               own = first_of(release, source)
+               do k = max(first, own), min(last, own - 1 + share_of(of, last_of(release, source), all) &
+                                           - share_of(of, own - 1, all))
+                  n = n + 1
+                  if (turn == 2) number(n) = k
+               end do
+            end do
+         end if
+         if (turn == 1) allocate (number(n))
+      end do
+   end function recorded_boulders
 end module rockfall_ensemble

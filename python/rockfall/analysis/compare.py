@@ -12,15 +12,9 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 
 from rockfall.analysis.contacts import REACH, contacts_table, stops_table
-from rockfall.analysis.line_statistics import (
-    fraction_interval,
-    line_numbers,
-    line_values,
-    sample_numbers,
-    sources,
-    student,
-)
+from rockfall.analysis.line_statistics import line_numbers, line_values, sample_numbers
 from rockfall.analysis.observations import UNITS, Observed, read_observed
+from rockfall.analysis.precision.intervals import Sources, fraction_interval, sources, student
 from rockfall.analysis.run_out import run_out
 from rockfall.case import case_of
 from rockfall.errors import RockfallError
@@ -110,7 +104,7 @@ def write_comparison(
 
 
 def _errors(
-    result: xr.Dataset, seen: Observed, method: str, source: np.ndarray, names: list[str]
+    result: xr.Dataset, seen: Observed, method: str, source: Sources, names: list[str]
 ) -> pd.DataFrame:
     """Relative errors of mean, standard deviation and maximum (paper, table 3)."""
     import pandas as pd
@@ -162,7 +156,7 @@ def _summary_of(sample: tuple[tuple[str, str], np.ndarray]) -> dict:
     """The same of a sample."""
     (line, quantity), v = sample
     about = {"line": line, "quantity": quantity, "method": "sample", "n": v.size}
-    return _with_interval({**about, **sample_numbers(v, np.zeros(v.size, int))})
+    return _with_interval({**about, **sample_numbers(v, Sources.alone(v.size))})
 
 
 def _verdicts(
@@ -225,7 +219,7 @@ def _test(observed: np.ndarray, simulated: np.ndarray) -> tuple[int, int, float,
 
 
 def _observed_distances(
-    result: xr.Dataset, seen: Observed, source: np.ndarray
+    result: xr.Dataset, seen: Observed, source: Sources
 ) -> tuple[np.ndarray | None, list[str]]:
     """Plan distances of observed boulders, from stopping places too where all have one release."""
     if seen.stops is None:
@@ -234,8 +228,8 @@ def _observed_distances(
         return seen.distances, ["Distances are those given, not those of the stopping places."]
     if seen.starts is not None:
         return np.sort(np.hypot(*(seen.stops - seen.starts).T)), []
-    if source.max() > 0:
-        about = f"which of the {source.max() + 1} sources a boulder found came from is not known"
+    if source.count > 1:
+        about = f"which of the {source.count} sources a boulder found came from is not known"
         about += " (columns start_x, start_y would say it)"
         return None, [f"Stopping places give no distances: {about}."]
     x, y = (seen.stops[:, k] - result[f"start_{axis}"].values[0] for k, axis in enumerate("xy"))
@@ -243,7 +237,7 @@ def _observed_distances(
 
 
 def _passing(
-    result: xr.Dataset, seen: Observed, distances: np.ndarray | None, source: np.ndarray
+    result: xr.Dataset, seen: Observed, distances: np.ndarray | None, source: Sources
 ) -> pd.DataFrame:
     """Fraction of the boulders that come at least as far as those observed (paper, Fig. 9)."""
     import pandas as pd
@@ -251,7 +245,7 @@ def _passing(
     rows = []
     ours = result["plan_distance"].values
     if distances is not None:
-        one_source = np.zeros(distances.size, int)
+        one_source = Sources.alone(distances.size)
         for d in np.unique(distances):
             rows.append([d, *fraction_interval(distances >= d, one_source)])
     if seen.passing is not None:
@@ -264,7 +258,7 @@ def _passing(
     return table.astype(_VERDICTS)
 
 
-def _notes(result: xr.Dataset, seen: Observed, source: np.ndarray) -> Iterator[str]:
+def _notes(result: xr.Dataset, seen: Observed, source: Sources) -> Iterator[str]:
     """What the tables leave unsaid."""
     if not {*REACH} & set(result):
         for where, places in (("stopping places", seen.stops), ("impacts", seen.contacts)):
@@ -278,8 +272,8 @@ def _notes(result: xr.Dataset, seen: Observed, source: np.ndarray) -> Iterator[s
         yield f"{count:,} boulders never came to rest; they count with the distance they reached."
     if len(seen.tests) and not seen.samples:
         yield "The printed p are those of other runs; one of this run needs samples."
-    if source.max() > 0 and (seen.samples or seen.distances is not None):
+    if source.count > 1 and (seen.samples or seen.distances is not None):
         yield (
             "Kolmogorov-Smirnov takes boulders as independent; those of one of the "
-            f"{source.max() + 1} sources are not, so p tends to be too small."
+            f"{source.count} sources are not, so p tends to be too small."
         )

@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rockfall.analysis.line_statistics import line_values, sources
+from rockfall.analysis.line_statistics import line_values
 from rockfall.analysis.observations import Observed
+from rockfall.analysis.precision.intervals import sources
 from rockfall.analysis.run_out import (
     LIMITS,
     RESAMPLES,
@@ -65,7 +66,7 @@ def _distances(result: xr.Dataset, seen: Observed) -> Iterator[tuple[str, np.nda
     if found is not None:
         yield "stopping_distance", _resampled(*found)
     names = [str(name) for name in result["line"].values] if "line" in result else []
-    source = sources(result)
+    source = sources(result).number
     for (line, quantity), values in seen.samples.items():
         if line in names:
             made = line_values(result, quantity, names.index(line))

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from rockfall.analysis.line_statistics import sources
 from rockfall.analysis.observations import Observed
+from rockfall.analysis.precision.intervals import sources
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -112,12 +112,11 @@ def samples(result: xr.Dataset, seen: Observed) -> tuple[Sample, Sample] | None:
 
 
 def source_order(result: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
-    """The number of the source of each boulder, from 0 as the case has them, and the places of the
+    """The number of the source of each boulder, from 0 as they come, and the places of the
     sources (n, 2) [m]."""
-    _, first, source = np.unique(sources(result), return_index=True, return_inverse=True)
-    order = np.argsort(np.argsort(first))
-    places = np.column_stack([result[f"start_{axis}"].values for axis in "xy"])
-    return order[source], places[np.sort(first)]
+    number = sources(result).number
+    first = np.unique(number, return_index=True)[1]
+    return number, np.column_stack([result[f"start_{axis}"].values[first] for axis in "xy"])
 
 
 def observed_boulders(result: xr.Dataset, seen: Observed) -> Sample | None:

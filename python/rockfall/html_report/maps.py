@@ -25,7 +25,7 @@ from rockfall.plots.map_figures import MAX_TRAJECTORIES, map_note
 from rockfall.plots.style import capital
 from rockfall.protection.barriers import barriers_of
 from rockfall.result.classes import Classes, classes_of, shown_as
-from rockfall.result.trajectories import lines, vertices_of
+from rockfall.result.trajectories import lines, spread, vertices_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -122,7 +122,7 @@ def map_section(
     window = window_of(result)
     every = -(-result.sizes["boulder"] // MAX_POINTS)
     x, y = result["stop_x"].values[::every], result["stop_y"].values[::every]
-    recorded = vertices_of(result, "x", "y")[:MAX_TRAJECTORIES]
+    recorded = spread(vertices_of(result, "x", "y"), MAX_TRAJECTORIES)
     limits, basemap = look or (None, None)
     place, path = _sources(result, window)
     return {

@@ -12,7 +12,7 @@ from rockfall.io.arrays import grid_of
 from rockfall.plots.cartography.marks import draw_marks, key_of
 from rockfall.plots.cartography.rasters import cropped, draw_image, edges
 from rockfall.plots.cartography.sheet import SMALL, Sheet, finish, new_sheet
-from rockfall.plots.extent import PASSED, of_none, reached
+from rockfall.plots.extent import PASSED, of_none, passed_map, reached
 from rockfall.plots.style import BLUE, GREEN, INK, OBSERVED, VERMILION, styled
 from rockfall.quantities import with_unit
 from rockfall.result.classes import Classes, classes_of, shown_as
@@ -121,6 +121,8 @@ def map_note(result: xr.Dataset, name: str) -> str:
     notes = [str(about["comment"])] if "comment" in about else []
     if "least_passages" in about:
         notes.append(f"blank where fewer than {about['least_passages']:,} boulders passed")
+    if "thin_below" in about:
+        notes.append(f"hardly known where fewer than {about['thin_below']:,} boulders passed")
     elif of_none(result, name):
         notes.append(f"blank where none passed; it is {100 * of_none(result, name):.2g} % there")
     return "; ".join(notes)
@@ -135,6 +137,16 @@ def map_values(result: xr.Dataset, name: str) -> tuple[np.ndarray, str]:
     return factor * values, unit
 
 
+def thin_cells(result: xr.Dataset, name: str) -> np.ndarray | None:
+    """Where (y, x) too few boulders passed for a number of a map to be well known; none if the map
+    has no such cells, or the result does not count who passed."""
+    fewest, passed = result[name].attrs.get("thin_below", 0), passed_map(result)
+    if not fewest or passed is None:
+        return None
+    count = result[passed].values * (1 if passed == "passages" else result.sizes["boulder"])
+    return np.isfinite(result[name].values) & (count < fewest - 0.5)
+
+
 def _draw_map(sheet: Sheet, result: xr.Dataset, name: str, limits: Limits | None) -> None:
     """A map variable in the colours of its classes, with their scale below."""
     values, unit = map_values(result, name)
@@ -146,6 +158,10 @@ def _draw_map(sheet: Sheet, result: xr.Dataset, name: str, limits: Limits | None
         label += f"; blank: fewer than {fewest} passed"
     label += "; outline: 1 %" if is_fraction(name) else ""
     _draw_classes(sheet, values, grid, classes, fill(label, 60))
+    thin = thin_cells(result, name)
+    if thin is not None:
+        part, _ = cropped(thin, *grid_of(result[name]), sheet.extent, np.logical_and)
+        _hatch(sheet.axes, (part > 0) & np.isfinite(values), grid)
     if is_fraction(name):
         _draw_outline(sheet.axes, np.nan_to_num(values) >= 100 * LIMIT, grid)
 
@@ -173,7 +189,7 @@ def _draw_classes(
 
 
 def _draw_trajectories(axes: Axes, result: xr.Dataset) -> None:
-    """Recorded trajectories in plan, the first of very many."""
+    """Recorded trajectories in plan, some of very many."""
     from matplotlib.collections import LineCollection
 
     curves = [np.column_stack([one.x, one.y]) for one in trajectories(result, MAX_TRAJECTORIES)]
@@ -219,6 +235,15 @@ def _draw_outline(axes: Axes, inside: np.ndarray, grid: Grid) -> None:
     about: dict[str, Any] = {"colors": INK, "linewidths": 0.9, "capstyle": "round"}
     outline = LineCollection(list(edges(inside, grid)), rasterized=True, **about)
     axes.add_collection(outline, autolim=False)
+
+
+def _hatch(axes: Axes, cells: np.ndarray, grid: Grid) -> None:
+    """Lines over cells whose numbers are hardly known."""
+    from matplotlib import rc_context
+
+    if cells.any():
+        with rc_context({"hatch.linewidth": 0.4, "hatch.color": INK}):
+            axes.contourf(grid.x, grid.y, cells, [0.5, 1], colors="none", hatches=["//////"])
 
 
 def _observed_key(stops: np.ndarray | None) -> list[Any]:
