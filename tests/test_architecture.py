@@ -17,7 +17,7 @@ LEVELS = [
     ["scene"],
     ["simulation"],
     ["analysis"],
-    ["protection", "rockyfor3d"],
+    ["draft", "protection", "rockyfor3d"],
     ["__init__"],
     ["lab"],
     ["plots", "text"],
