@@ -26,7 +26,7 @@ def without_holes(z: np.ndarray, far: float) -> np.ndarray:
     base = np.nanmin(z)  # GDAL has single precision
     known = np.where(missing, 0.0, z - base).astype(np.float32)
     found = fillnodata(known, mask=~missing, max_search_distance=far)
-    reached = fillnodata(np.ones_like(known), mask=~missing, max_search_distance=far) > 0
+    reached = fillnodata((~missing).astype(np.float32), mask=~missing, max_search_distance=far) > 0
     done = z.copy()
     done[holes & reached] = (found + base)[holes & reached]
     return done
