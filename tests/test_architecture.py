@@ -13,7 +13,7 @@ LEVELS = [
     ["errors", "interrupts", "limits", "version"],
     ["io"],
     ["terrain"],
-    ["case", "case_files", "grounds", "impact_sets", "quantities", "result"],
+    ["case", "case_files", "case_text", "grounds", "impact_sets", "quantities", "result"],
     ["scene"],
     ["simulation"],
     ["analysis"],

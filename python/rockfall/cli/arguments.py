@@ -68,6 +68,11 @@ def make_parser() -> argparse.ArgumentParser:
 
 
 def _add_draft(commands: _Commands) -> None:
+    about = "write a commented case for a DEM and layers of zones, sources, lines, barriers, trees"
+    new = _add(commands, "draft", "new", about, "DEM")
+    about = "GeoPackage, GeoJSON, shapefile: each layer is known by shapes, attributes and name"
+    new.add_argument("layers", metavar="LAYER", type=Path, nargs="*", help=about)
+    new.add_argument("-o", "--output", metavar="CASE.nml", type=Path, required=True)
     about = "make a DEM of surveyed points, or edit one: edits in the order in which they are given"
     dem = _add(commands, "draft", "dem", about)
     dem.add_argument("input", metavar="FILE", type=Path, help="points.csv with x, y, z; or a DEM")

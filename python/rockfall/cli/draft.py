@@ -10,17 +10,21 @@ from pathlib import Path
 import numpy as np
 
 from rockfall.cli.messages import DONE, warn
-from rockfall.draft.dem import (
-    Dem,
-    check_place,
-    dem_of_points,
-    edited,
-    read_source,
-    write_dem,
-)
+from rockfall.draft.dem import Dem, check_place, dem_of_points, edited, read_source, write_dem
+from rockfall.draft.new_case import new_case
 from rockfall.errors import RockfallError
 
 OF_POINTS = ("cell", "power", "neighbours", "within", "crs")
+
+
+def new_command(arguments: argparse.Namespace) -> int:
+    new = new_case(arguments.dem, arguments.layers, arguments.output)
+    for line in new.remarks:
+        warn(line)
+    print(*new.notes, sep="\n", end="\n" if new.notes else "")
+    print(f"{new.sources:,} sources, {new.boulders:,} boulders from each")
+    print(arguments.output)
+    return DONE
 
 
 def dem_command(arguments: argparse.Namespace) -> int:

@@ -95,13 +95,25 @@ def burn_polygons(
     return cells
 
 
+def layer_names(path: str | Path) -> list[str]:
+    """The layers of a file that have shapes."""
+    need("layers need", "vector", "pyogrio", "shapely")
+    import pyogrio
+
+    try:
+        layers = pyogrio.list_layers(_plain_layer(str(path)))
+    except (RuntimeError, UnicodeDecodeError) as error:  # GDAL's
+        raise RockfallError(f"{path}: not a vector layer that can be read ({error})") from error
+    return [str(name) for name, shape in layers if shape is not None]
+
+
 def read_features(
-    path: str | Path, grid: Grid, remarks: list[str]
+    path: str | Path, grid: Grid, remarks: list[str], layer: str | None = None
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Points, lines and polygons, and all their attributes by name, in coordinates of the terrain;
     what is odd is added to `remarks`, as in `burn_polygons`."""
     what = "points, lines or polygons"
-    return _on_terrain(str(path), None, _FEATURES, what, grid, remarks)[:2]
+    return _on_terrain(str(path), None, _FEATURES, what, grid, remarks, layer=layer)[:2]
 
 
 def read_lines(

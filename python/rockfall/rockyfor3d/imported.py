@@ -18,7 +18,7 @@ from rockfall.io.files import read_text
 from rockfall.io.output_files import SIGNATURE, atomic_folder, check_folder
 from rockfall.io.raster import write_geotiff
 from rockfall.io.tables import plain_decimal
-from rockfall.rockyfor3d.case_text import Entry, Group, case_text
+from rockfall.case_text import Entry, Group, case_text
 from rockfall.rockyfor3d.folder import Folder
 from rockfall.rockyfor3d.nets import NETS, barriers
 
