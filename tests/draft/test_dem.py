@@ -46,9 +46,7 @@ def test_cells_are_the_mean_of_the_formula(weights):
 def test_points_keep_their_elevation_and_a_level_stays_level():
     grid = scenes.grid(np.empty((16, 20)), 5.0)
     points = np.array([[grid.x[i], grid.y[j], 7.1 * i - j] for i in range(20) for j in range(16)])
-    np.testing.assert_array_equal(
-        interpolated(points, grid, NEAR), points[:, 2].reshape(20, 16).T
-    )
+    np.testing.assert_array_equal(interpolated(points, grid, NEAR), points[:, 2].reshape(20, 16).T)
     points = survey()
     points[:, 2] = 1234.1
     assert (interpolated(points, grid, NEAR) == 1234.1).all()

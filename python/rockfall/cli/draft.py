@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 
@@ -36,7 +35,9 @@ def dem_command(arguments: argparse.Namespace) -> int:
         warn(line)
     write_dem(dem, arguments.output, source, _options(arguments))
     known = np.count_nonzero(~np.isnan(dem.z))
-    print(f"{dem.grid.nx} x {dem.grid.ny} cells of {dem.grid.cell:g} m, {known:,} with an elevation")
+    print(
+        f"{dem.grid.nx} x {dem.grid.ny} cells of {dem.grid.cell:g} m, {known:,} with an elevation"
+    )
     print(arguments.output)
     return DONE
 

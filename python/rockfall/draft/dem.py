@@ -76,7 +76,9 @@ def dem_of_points(
     low, high = points.min(axis=0), points.max(axis=0)
     spacing = math.sqrt(np.prod((high - low)[:2]) / len(points))
     if not spacing and (cell is None or within is None):
-        raise RockfallError(f"{path}: all points lie on a line along an axis: give --cell, --within")
+        raise RockfallError(
+            f"{path}: all points lie on a line along an axis: give --cell, --within"
+        )
     cell = _nice(spacing) if cell is None else cell
     weights = Weights(power, neighbours, FAR * spacing if within is None else within)
     for name, value in (("cell", cell), *weights._asdict().items()):
@@ -230,5 +232,3 @@ def _attribute(path: Path, columns: dict[str, np.ndarray], name: str, k: int) ->
 EDITS: dict[str, Callable[[Dem, Any, list[str]], np.ndarray]] = {
     "fill": _fill, "pits": _pits, "smooth": _smooth, "dam": _dam, "cut": _cut,
 }  # fmt: skip
-
-

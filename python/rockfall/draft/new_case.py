@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A first case for a DEM and layers: it runs as it is, and says of each choice what else there is.
-"""
+"""A first case for a DEM and layers, which runs as it is and says what else there is."""
 
 from __future__ import annotations
 

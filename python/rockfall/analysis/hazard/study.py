@@ -6,7 +6,6 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -29,6 +28,7 @@ from rockfall.analysis.hazard.scenarios import Scenario, base_case, scenarios_of
 from rockfall.analysis.hazard.variables import CLASS_ENDS, COORDINATES, ENDS, EXTREMES, TABLE
 from rockfall.case import Case
 from rockfall.result.dataset import as_dataset
+from rockfall.scene.frames import frame_files, is_frame, of_frames
 from rockfall.scene.plausible import implausible
 from rockfall.scene.read import read_scene
 from rockfall.scene.scene import Scene
@@ -57,7 +57,7 @@ class Study:
 def hazard(
     case: Case,
     *,
-    objects: str | Path | None = None,
+    objects: Any = None,
     progress: bool = False,
     threads: int | None = None,
     memory: float | None = None,
@@ -65,8 +65,8 @@ def hazard(
 ) -> xr.Dataset:
     """Run each &scenario of a case and put them together: an xarray.Dataset of annual frequencies
     and classes of hazard, with 95 % intervals, for each cell and each of the `objects` (a layer of
-    points, lines and polygons). docs/hazard.md explains it; the other arguments are as in
-    `rockfall.run`."""
+    points, lines and polygons, or a GeoDataFrame). docs/hazard.md explains it; the other arguments
+    are as in `rockfall.run`."""
     study = read_study(case, objects, memory, **arrays)
     for line in study.remarks:
         warnings.warn(line, stacklevel=2)
@@ -74,14 +74,19 @@ def hazard(
 
 
 def read_study(
-    case: Case, objects: str | Path | None = None, memory: float | None = None, **arrays: Any
+    case: Case, objects: Any = None, memory: float | None = None, **arrays: Any
 ) -> Study:
     """Read and check everything that a hazard needs, before anything is run."""
     scene = read_scene(base_case(case), memory=memory or machine_memory(), **arrays)
     remarks: list[str] = []
     found = Objects()
     if objects is not None:
-        found = read_objects(objects, scene.grid, 1 + len(case.hazard["thresholds"]), remarks)
+        number = 1 + len(case.hazard["thresholds"])
+        with frame_files({"objects": objects} if is_frame(objects) else {}) as files:
+            path = files.get("objects", objects)
+            found = read_objects(path, scene.grid, number, remarks)
+        found.path = of_frames(found.path, files)
+        remarks = [of_frames(one, files) for one in remarks]
     case = case.replace(barrier=scene.case.barrier, dam=scene.case.dam)  # layers are read
     study = Study(case, scene, scenarios_of(scene, found.lines), found)
     for scenario in study.scenarios:
