@@ -22,6 +22,7 @@ LEVELS = [
     ["lab"],
     ["plots", "text"],
     ["html_report"],
+    ["products"],
     ["cli", "__main__"],
 ]
 LEVEL = {room: level for level, rooms in enumerate(LEVELS) for room in rooms}

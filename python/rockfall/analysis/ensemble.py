@@ -110,6 +110,13 @@ def run_ensemble(case: Case, *, progress: bool = False, **arrays: Any) -> xr.Dat
     boulders pass in some run, or where the epistemic variance is not significant. Beside them are
     the draws, the results of every run, and, where the case asks for passages or reach_probability,
     maps over the runs. `arrays` are as in `rockfall.run`.
+
+    >>> import rockfall
+    >>> case = rockfall.read_case("case.nml")
+    >>> case = case.replace(ensemble={"runs": 8, "radius_factor": 1.2})
+    >>> found = rockfall.ensemble(case)
+    >>> print(found["monte_carlo_std"].dims)
+    ('line', 'result')
     """
     scene = _lean(read_scene(case, **arrays))
     inputs = Uncertain(scene)
@@ -270,7 +277,13 @@ def _with_attributes(data: dict[str, Any], case: Case, base: _Run, inputs: Uncer
 
 
 def ensemble_table(found: xr.Dataset) -> pd.DataFrame:
-    """One row for each line and result: its numbers, then the fractions of each input."""
+    """One row for each line and result: its numbers, then the fractions of each input.
+
+    >>> import rockfall
+    >>> case = rockfall.read_case("case.nml")
+    >>> case = case.replace(ensemble={"runs": 8, "radius_factor": 1.2})
+    >>> table = rockfall.ensemble_table(rockfall.ensemble(case))
+    """
     import pandas as pd
 
     names = ("case_value", "mean", "q05", "q95", "monte_carlo_std", "epistemic_std")

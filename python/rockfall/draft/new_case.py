@@ -24,7 +24,13 @@ TOTAL = 100_000  # boulders of a first run, about
 
 def new_case(dem: str | Path, layers: Iterable[str | Path], out: str | Path) -> New:
     """Write a commented case for a DEM and the layers of some files, with a table of zones beside
-    it where there are some, over nothing that is there; returns what it was made of."""
+    it where there are some, over nothing that is there; returns what it was made of.
+
+    >>> import rockfall
+    >>> new = rockfall.new_case("dem.tif", ["cliff.gpkg"], "new.nml")
+    >>> new.sources
+    4
+    """
     dem, out, files = Path(dem), Path(out), [Path(one) for one in layers]
     if out.suffix.lower() != ".nml":
         raise RockfallError(f"{out}: is no name for a case; it must end in .nml")

@@ -66,7 +66,13 @@ def hazard(
     """Run each &scenario of a case and put them together: an xarray.Dataset of annual frequencies
     and classes of hazard, with 95 % intervals, for each cell and each of the `objects` (a layer of
     points, lines and polygons, or a GeoDataFrame). docs/hazard.md explains it; the other arguments
-    are as in `rockfall.run`."""
+    are as in `rockfall.run`.
+
+    >>> import rockfall
+    >>> case = rockfall.read_case("case.nml")
+    >>> case = case.replace(scenario=[{"name": "small", "return_period": 10.0}])
+    >>> found = rockfall.hazard(case)
+    """
     study = read_study(case, objects, memory, **arrays)
     for line in study.remarks:
         warnings.warn(line, stacklevel=2)
