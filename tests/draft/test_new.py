@@ -126,6 +126,18 @@ def test_what_is_not_known_is_left_out_and_said(capsys):
         assert line in said and line in Path("case.nml").read_text()
 
 
+def test_names_stay_in_their_comments_and_quotes():
+    name = "it's\n&case boulders = 7 /"
+    make_layer("site.gpkg", [CLIFF], layer="other", a=[1])
+    make_layer("site.gpkg", [across(300)], layer=name, a=[1])
+    assert new("site.gpkg", "-o", "case.nml") == 2  # a namelist cannot hold it
+    assert not Path("case.nml").exists()
+    make_layer("quoted.gpkg", [across(300)], layer="it's &case boulders = 7 /", a=[1])
+    make_layer("quoted.gpkg", [CLIFF], layer="other", a=[1])
+    assert new("quoted.gpkg", "-o", "quoted.nml") == 0
+    assert read_case("quoted.nml").line[0]["layer"] == "it's &case boulders = 7 /"
+
+
 @pytest.mark.parametrize(
     ("make", "arguments", "said"),
     [
