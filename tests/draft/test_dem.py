@@ -198,6 +198,15 @@ def test_what_cannot_be_is_refused_in_one_line(text, options, said, tmp_path, mo
     assert [one.name for one in tmp_path.iterdir()] == ["points.csv"]
 
 
+def test_points_cannot_be_cut(tmp_path, capsys):
+    shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
+    make_raster(tmp_path / "dem.tif", hill())
+    make_layer(tmp_path / "a.gpkg", [shapely.Point(W + 9, N - 9)], depth=[1.0], width=[9.0])
+    cut = ["--cut", str(tmp_path / "a.gpkg")]
+    assert main(["dem", str(tmp_path / "dem.tif"), "-o", str(tmp_path / "o.tif"), *cut]) == 2
+    assert "is a point, lines or polygons are needed" in capsys.readouterr().err
+
+
 def test_nothing_is_written_over_that_is_not_ours(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     make_raster("dem.tif", hill())

@@ -210,6 +210,10 @@ def _cut(dem: Dem, path: Path, remarks: list[str]) -> np.ndarray:
             raise RockfallError(f"{path}: feature {k + 1}: must have one of depth and level [m]")
         if depth < 0:
             raise RockfallError(f"{path}: feature {k + 1}: depth = {depth:g}: must be > 0 [m]")
+        if "Point" in shape.geom_type:
+            raise RockfallError(
+                f"{path}: feature {k + 1}: is a point, lines or polygons are needed"
+            )
         if "Polygon" not in shape.geom_type:
             if not width > 0:
                 raise RockfallError(f"{path}: feature {k + 1}: a line must have a width > 0 [m]")
