@@ -88,6 +88,19 @@ def test_zones_of_a_frame_take_the_place_of_a_raster(case):
     assert scene.case.surface["zones"] == "(array)"
 
 
+def test_objects_of_a_frame_are_those_of_a_layer(case):
+    case = case.replace(
+        scenario=[{"name": "all", "return_period": 10.0}], output={"trajectories": 0}
+    )
+    shapes, names = [across(151), CLIFF], ["road", "cliff"]
+    make_layer("objects.gpkg", shapes, name=names)
+    one = rockfall.hazard(case, objects="objects.gpkg")
+    other = rockfall.hazard(case, objects=frame(shapes, name=names))
+    assert one["object_passages"].values.any()
+    for name in one.data_vars:
+        np.testing.assert_array_equal(one[name], other[name])
+
+
 def test_what_cannot_be_is_said_of_the_frame(case):
     with refused("lines = (GeoDataFrame): feature 1: is a Point, lines are needed"):
         read_scene(case, lines=frame([shapely.Point(W, N)]))

@@ -115,8 +115,8 @@ def run_ensemble(case: Case, *, progress: bool = False, **arrays: Any) -> xr.Dat
     >>> case = rockfall.read_case("case.nml")
     >>> case = case.replace(ensemble={"runs": 8, "radius_factor": 1.2})
     >>> found = rockfall.ensemble(case)
-    >>> print(found["monte_carlo_std"].dims)
-    ('line', 'result')
+    >>> rockfall.ensemble_table(found)["line"].iloc[0]
+    'L'
     """
     scene = _lean(read_scene(case, **arrays))
     inputs = Uncertain(scene)
@@ -278,11 +278,7 @@ def _with_attributes(data: dict[str, Any], case: Case, base: _Run, inputs: Uncer
 
 def ensemble_table(found: xr.Dataset) -> pd.DataFrame:
     """One row for each line and result: its numbers, then the fractions of each input.
-
-    >>> import rockfall
-    >>> case = rockfall.read_case("case.nml")
-    >>> case = case.replace(ensemble={"runs": 8, "radius_factor": 1.2})
-    >>> table = rockfall.ensemble_table(rockfall.ensemble(case))
+    `help(rockfall.ensemble)` has an example.
     """
     import pandas as pd
 
