@@ -19,10 +19,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-import rockfall
-from benchmarks.accuracy.planes import ABOVE, DISTANCE, DROP, VOLUME, WIDE, plane
+from benchmarks.accuracy.planes import (
+    DISTANCE,
+    DROP,
+    FEW,
+    HOW,
+    RADIUS,
+    VOLUME,
+    Number,
+    at_line,
+    text,
+)
 from benchmarks.machine import ROOT
-from rockfall.analysis.line_statistics import line_numbers, sources
 from rockfall.grounds import GroundTable, shipped_grounds
 from rockfall.io.files import atomic_write
 from rockfall.plots.style import BLUE, GREEN, GREY, INK, VERMILION, new_figure, save, styled
@@ -32,22 +40,13 @@ SEEDS = range(1, 6)
 FLATTEST, STEEPEST, NEAR = 2.0, 80.0, 0.1  # where half of them pass [degree]
 OBSTACLES = 0.1  # size of obstacles, which rockyfor3d minds [m]
 RATIOS = (1, 3, 5)  # R_b/R_m of the impact set
-FEW = 20  # boulders at the line, below which no mean is told
-HOW = {"fraction": ("share passing", "%", 1), "speed": ("mean speed", "m/s", 1),
-       "height": ("95 % quantile of the jump height", "m", 2)}  # fmt: skip
 COLOURS = {"impact_sets": INK, "rockyfor3d": BLUE, "pfeiffer_bowen": VERMILION, "constant": GREEN}
 BEGIN = "## On planes\n"
 
 
-class Number(NamedTuple):
-    """A mean over seeds with its standard error; NaN where it is not known."""
-
-    value: float
-    error: float
-
-    @classmethod
-    def of(cls, values: list[float]) -> Number:
-        return cls(float(np.mean(values)), float(np.std(values, ddof=1) / np.sqrt(len(values))))
+def mean(values: list[float]) -> Number:
+    """Of several seeds, with its standard error; NaN where it is not known."""
+    return Number(float(np.mean(values)), float(np.std(values, ddof=1) / np.sqrt(len(values))))
 
 
 class Kind(NamedTuple):
@@ -67,9 +66,8 @@ class Measured(NamedTuple):
 
 def kinds() -> Iterator[Kind]:
     """The impact set with rocks of several sizes, then the rows of the shipped table."""
-    own = float(np.cbrt(0.75 / np.pi * VOLUME))
     for ratio in RATIOS:
-        yield Kind(f"rocky-slope, R_b/R_m = {ratio}", "impact_sets", "rocky-slope", own / ratio)
+        yield Kind(f"rocky-slope, R_b/R_m = {ratio}", "impact_sets", "rocky-slope", RADIUS / ratio)
     for name, row in GroundTable(shipped_grounds()).rows.items():
         if row.cells["model"] != "absorbs":
             yield Kind(name, row.cells["model"], name, OBSTACLES / 2)
@@ -77,19 +75,8 @@ def kinds() -> Iterator[Kind]:
 
 def run(kind: Kind, slope: float, boulders: int, seed: int) -> dict[str, float]:
     """What boulders do at the line: HOW -> a number."""
-    z, grid = plane(slope)
-    top = grid.north - ABOVE
-    case = rockfall.Case(
-        case={"boulders": boulders, "seed": seed},
-        surface={"uniform_mean_radius": kind.radius, "ground": kind.ground},
-        boulder={"volume_mean": VOLUME},
-        release={"x": WIDE / 2, "y": top, "drop_height": DROP},
-        line=[{"name": "line", "x": [0.0, WIDE], "y": [top - DISTANCE] * 2}],
-    )
-    result = rockfall.run(case, dem=z, transform=grid)
-    speed, height = (
-        line_numbers(result, 0, name, sources(result)) for name in ("speed", "jump_height")
-    )
+    surface = {"uniform_mean_radius": kind.radius, "ground": kind.ground}
+    speed, height = at_line(slope, boulders, seed, surface=surface)
     known = speed["n"] >= FEW
     return {
         "fraction": speed["fraction"],
@@ -100,7 +87,7 @@ def run(kind: Kind, slope: float, boulders: int, seed: int) -> dict[str, float]:
 
 def measure(kind: Kind, slope: float, boulders: int) -> dict[str, Number]:
     found = [run(kind, slope, boulders, seed) for seed in SEEDS]
-    return {name: Number.of([one[name] for one in found]) for name in HOW}
+    return {name: mean([one[name] for one in found]) for name in HOW}
 
 
 def half_slope(kind: Kind, boulders: int, seed: int) -> float:
@@ -114,15 +101,8 @@ def half_slope(kind: Kind, boulders: int, seed: int) -> float:
 
 
 def look(kind: Kind, boulders: int) -> Measured:
-    half = Number.of([half_slope(kind, boulders, seed) for seed in SEEDS])
+    half = mean([half_slope(kind, boulders, seed) for seed in SEEDS])
     return Measured(kind, half, {slope: measure(kind, slope, boulders) for slope in SLOPES})
-
-
-def text(number: Number, digits: int, scale: float = 1.0) -> str:
-    value, error = number
-    if np.isnan(value):
-        return "-"
-    return f"{scale * value:.{digits}f} ± {scale * error:.{digits}f}"
 
 
 def section(found: list[Measured], boulders: int) -> Iterator[str]:

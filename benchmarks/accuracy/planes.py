@@ -14,7 +14,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -34,6 +34,7 @@ RATIOS = range(1, 6)
 DISTANCE = 200.0  # from the release to the line [m]
 CELL, WIDE, ABOVE, BELOW = 8.0, 1200.0, 120.0, 40.0  # [m] the plane, about release and line
 VOLUME = 1.0  # [m3]
+RADIUS = float(np.cbrt(0.75 / np.pi * VOLUME))  # [m]
 DROP = 5.0  # [m]
 SEEDS = range(1, 6)  # of neutral slopes, for their errors
 FLOWN = 1000  # boulders, straight down for their neutral slope
@@ -60,23 +61,28 @@ def plane(slope: float) -> tuple[np.ndarray, Grid]:
     return z, Grid(0.0, ny * CELL, CELL, nx, ny)
 
 
-def measure(path: Path, slope: float, ratio: float, boulders: int) -> dict[str, Number]:
-    """What boulders do at the line: HOW -> a number with its standard error."""
+def at_line(
+    slope: float, boulders: int, seed: int, **groups: dict[str, Any]
+) -> tuple[dict[str, float], dict[str, float]]:
+    """What is known of the speed and of the jump height of boulders at the line."""
     z, grid = plane(slope)
-    radius = np.cbrt(0.75 / np.pi * VOLUME)
     top = grid.north - ABOVE
     case = rockfall.Case(
-        case={"boulders": boulders, "seed": 1},
-        surface={"uniform_mean_radius": float(radius / ratio)},
-        impact={"sets": str(path)},
+        case={"boulders": boulders, "seed": seed},
         boulder={"volume_mean": VOLUME},
         release={"x": WIDE / 2, "y": top, "drop_height": DROP},
         line=[{"name": "line", "x": [0.0, WIDE], "y": [top - DISTANCE] * 2}],
+        **groups,
     )
     result = rockfall.run(case, dem=z, transform=grid)
-    speed, height = (
-        line_numbers(result, 0, name, sources(result)) for name in ("speed", "jump_height")
-    )
+    source = sources(result)
+    return line_numbers(result, 0, "speed", source), line_numbers(result, 0, "jump_height", source)
+
+
+def measure(path: Path, slope: float, ratio: float, boulders: int) -> dict[str, Number]:
+    """What boulders do at the line: HOW -> a number with its standard error."""
+    rocks = {"uniform_mean_radius": RADIUS / ratio}
+    speed, height = at_line(slope, boulders, 1, surface=rocks, impact={"sets": str(path)})
     n, share = speed["n"], speed["fraction"]
     found = {"fraction": Number(share, np.sqrt(share * (1 - share) / boulders))}
     none = Number(np.nan)
@@ -98,10 +104,9 @@ def growth_flown(path: Path, ratio: int, slope: float) -> float:
     """Mean logarithm of the growth of the speed in a bounce, of boulders that the program flies
     straight down a plane ('to_aspect'); slow ones, as speed does not matter and planes end."""
     z, grid = plane(slope)
-    radius = np.cbrt(0.75 / np.pi * VOLUME)
     case = rockfall.Case(
         case={"boulders": FLOWN, "seed": 7},
-        surface={"uniform_mean_radius": float(radius / ratio)},
+        surface={"uniform_mean_radius": RADIUS / ratio},
         impact={
             "sets": str(path), "turning": "to_aspect", "stop_speed": 1e-12, "impact_limit": LAST,
         },

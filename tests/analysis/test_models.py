@@ -12,6 +12,7 @@ from made import make_raster
 from programs import everything, make_full_case, refuses
 from rockfall.analysis.models import COLUMNS, ROCKS, run_models, with_rocks
 from rockfall.cli import main
+from rockfall.errors import RockfallError
 from rockfall.grounds import GroundTable, shipped_grounds
 from rockfall.scene.read import read_scene
 from rockfall.simulation.simulate import run_scene
@@ -46,6 +47,7 @@ def at(found, model, line, quantity, statistic="mean"):
 def test_each_model_is_run_as_it_would_be_alone(case, found):
     assert found.names == ("impact sets, method B", "impact sets, method A", *CLASSICAL)
     assert list(found.table.columns) == COLUMNS
+    assert "33.3 % of the terrain has a ground by name, the same in all" in found.notes
     result = rockfall.run(case)
     mean = result["plan_distance"].values.mean()
     assert at(found, "impact sets, method B", "", "stopping_distance")["value"] == mean
@@ -115,6 +117,34 @@ def test_differences_are_those_of_the_same_boulders(case, found):
     alone = at(found, found.names[0], "Straße", "speed")
     assert np.isclose(speed["difference"], speed["value"] - alone["value"])
     assert speed["difference_low"] < speed["difference"] < speed["difference_high"]
+
+
+def test_intervals_of_differences_that_no_normal_distribution_has(case):
+    """One boulder has none. Where boulders change sides one way only, it is that of the fraction
+    that does, by Wilson (1927): on a lake all of them stop."""
+    case = case.replace(release={"x": [600152.0], "y": [4999980.0]})
+    one = run_models(case.replace(case={"boulders": 1}), ["soil_0"])
+    row = at(one, "soil_0", "", "stopping_distance")
+    assert row["difference"] < 0 and np.isnan(row["difference_low"])
+    found = run_models(case.replace(case={"boulders": 20}), ["soil_0", "soil_0"])
+    first, lake = (at(found, name, "Straße", "boulders", "fraction") for name in found.names[::2])
+    p, n, z = first["value"], 20, 1.959964
+    assert p > 0 and lake["value"] == 0
+    middle = (p + z**2 / (2 * n)) / (1 + z**2 / n)
+    half = z / (1 + z**2 / n) * np.sqrt(p * (1 - p) / n + z**2 / (4 * n**2))
+    limits = lake[["difference_low", "difference", "difference_high"]]
+    assert np.allclose(limits, [-middle - half, -p, half - middle], rtol=1e-6)
+    outside = at(found, "soil_0", "apart", "boulders", "fraction")
+    assert outside["difference"] == 0 and outside["difference_high"] == outside["high"] > 0
+
+
+def test_no_models_where_every_place_has_a_ground_by_name(case):
+    zones = case.path(case.surface["table"])
+    by_name = zones.with_name("named.csv")
+    by_name.write_text("zone,rg70,rg20,rg10,ground\n4,,,,road\n-2,,,,meadow\n5,,,,road\n")
+    words = "case.nml: a ground is named for every place, by zones or &surface ground_map: models"
+    with pytest.raises(RockfallError, match=words):
+        run_models(case.replace(surface={"table": by_name.name}))
 
 
 def test_grounds_on_request(case):

@@ -43,7 +43,7 @@ def ran(command, prefix="", env=None, **options):
     ("prefix", "env", "message"),
     [
         ("", {"OMP_NUM_THREADS": "100000"}, MANY),
-        ("ulimit -s 192;", {}, STACK),
+        ("ulimit -s 128;", {}, STACK),
         ("", {"OMP_STACKSIZE": "64k", "OMP_NUM_THREADS": "2"}, STACK),
         ("ulimit -v 4000000;", {"OMP_STACKSIZE": "8M", "OMP_NUM_THREADS": "1000"}, MEMORY),
     ],

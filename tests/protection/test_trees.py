@@ -104,7 +104,7 @@ def test_the_energy_balance_closes(wooded):
 
 
 def test_maps_add_up_to_the_boulders(wooded):
-    assert wooded.tree_impacts.dtype == np.int32
+    assert wooded.tree_impacts.dtype == np.int64
     hits = wooded.tree_impacts.values
     assert hits.sum() == wooded.trees_hit.sum()
     taken = np.nansum(wooded.tree_energy.values.astype(float))

@@ -145,6 +145,19 @@ def put(group, **keys):
     return lambda site: site.set(group, **keys)
 
 
+def of_sources(density):
+    """Boulders that their source describes."""
+
+    def change(site):
+        sides = dict.fromkeys(("d1", "d2", "d3"), "side.tif")
+        make_raster(site.folder / "side.tif", np.ones((NY, NX), "f4"))
+        make_raster(site.folder / "density.tif", np.full((NY, NX), density, "f4"))
+        told = {"volume": "source", "rock_density": "density.tif"}
+        site.set("boulder", volume_mean=None, **sides, **told)
+
+    return change
+
+
 def radii(radius):
     return lambda site: (site.folder / "zones.csv").write_text(TABLE.replace("0.2", radius))
 
@@ -162,6 +175,8 @@ MISTAKES = {
     "R_m in cm": (radii("20"), "a mean radius of 20 m: .* was it meant in cm"),
     "density in t": (put("boulder", density=2.8),
         "density = 2.8 kg/m3: rocks have 2000 to 3200; was it meant in t/m3?"),
+    "density of sources in t": (of_sources(2.75),
+        "rock_density: 2.75 kg/m3 at a source: rocks have 2000 to 3200; was it meant in t/m3?"),
     "gravity": (put("flight", gravity=981.0), r"981 m/s2: the Earth has 9.81; was it meant in cm"),
     "drop": (put("release", drop_height=300.0), "start 300 m above the ground: was it meant in c"),
     "speed": (put("release", velocity=[0.0, -80.0, 0.0]), "80 m/s, 288 km/h: was it meant in km/"),

@@ -152,11 +152,18 @@ def test_trees_stand_where_and_as_many_as_the_rasters_say(tmp_path):
 
 def test_a_list_of_trees(tmp_path):
     folder = make_folder(tmp_path / "rocky", **forest())
-    (folder / "Treefile.txt").write_text("X Y DBH\n62.5\t150.0\t30\n\n137.5;150.5;31.5\n")
+    rows = "X Y DBH\n62.5\t150.0\t30\n\n137.5;150.5;31.5\n9,8.5,7, fir\n"
+    (folder / "Treefile.txt").write_text(rows)
+    (folder / "trees_2010.csv").write_text("1 2 3\n")
     notes = rockfall.import_rockyfor3d(folder, tmp_path / "case")
-    assert notes[0] == "nrtrees.asc: left out, Treefile.txt lists the trees"
+    assert notes[:3] == [
+        "Treefile.txt: columns after x, y and DBH are left out",
+        "nrtrees.asc: left out, Treefile.txt lists the trees",
+        "trees_2010.csv: not a file that we know; left out",
+    ]
     trees = read_scene(rockfall.read_case(tmp_path / "case/case.nml")).trees
-    assert np.array_equal([trees.x, trees.y, trees.dbh], [[62.5, 137.5], [150, 150.5], [30, 31.5]])
+    found = [[62.5, 137.5, 9], [150, 150.5, 8.5], [30, 31.5, 7]]
+    assert np.array_equal([trees.x, trees.y, trees.dbh], found)
 
 
 def test_nets_stop_boulders(tmp_path):
@@ -210,8 +217,8 @@ def test_densities_that_are_no_integers(tmp_path):
 )  # fmt: skip
 def test_the_line_of_a_net(cells, x, y):
     dem = np.repeat(np.arange(5.0)[::-1, None], 5, 1)
-    row, column = np.array(cells).T
-    found = np.array(nets.centre_line(nets.Cells(row, column), grid(dem, CELL), dem))
+    way = nets.longest_way(np.array(cells))
+    found = np.array(nets.centre_line(way, grid(dem, CELL), dem))
     if found[0, 0] > found[0, -1] or (x[0] == x[-1] and found[1, 0] < found[1, -1]):
         found = found[:, ::-1]
     assert np.allclose(found, [x, y])
@@ -223,6 +230,18 @@ def test_parts_of_a_net_are_barriers_of_their_own(tmp_path):
         values[35, 18:22] = 0
     names = [one["name"] for one in imported(tmp_path, **rasters).barrier]
     assert names == ["net 7 part 1", "net 7 part 2"]
+
+
+def test_branches_of_a_net_are_told(tmp_path):
+    rasters = net()
+    for values in rasters.values():
+        values[36:40, 20] = values[35, 20]  # its first cell touches the line
+    folder = make_folder(tmp_path / "rocky", **rasters)
+    note, *_ = rockfall.import_rockyfor3d(folder, tmp_path / "case")
+    assert note == (
+        "net_number.asc: net 7: 3 cells branch off its line and stop nothing; "
+        "give them a number of their own"
+    )
 
 
 # ---- both programs
@@ -308,10 +327,13 @@ def test_a_case_of_someone_else_is_not_overwritten(tmp_path):
     assert (folder / "case.nml").read_text() == "&case /"
 
 
-def test_a_tree_without_a_diameter(tmp_path):
+@pytest.mark.parametrize("row", ["1 2", "1,5;2,5;30", "1,5 2,5 30,5", "1 2 nan"])
+def test_rows_that_are_no_trees(tmp_path, row):
+    """Decimal commas would part a number in two."""
     folder = make_folder(tmp_path / "rocky")
-    (folder / "trees.txt").write_text("x y dbh\n1 2 3\n1 2\n")
-    with refused(f"{folder / 'trees.txt'}: line 3: must be x, y and DBH [cm]"):
+    (folder / "trees.txt").write_text(f"x y dbh\n{row}\n")
+    words = "line 2: must be x, y and DBH [cm], with decimal points"
+    with refused(f"{folder / 'trees.txt'}: {words}"):
         rockfall.import_rockyfor3d(folder, tmp_path / "case")
 
 
@@ -332,6 +354,14 @@ def test_values_that_no_boulder_has(tmp_path, rasters, words):
     with pytest.raises(RockfallError) as caught:
         rockfall.run(imported(tmp_path, **rasters))
     assert "\n" not in str(caught.value) and str(caught.value).endswith(words or "")
+
+
+@pytest.mark.parametrize("name", ["rockdensity", "d1", "blshape"])
+def test_sizes_of_boulders_are_not_interpolated(tmp_path, name):
+    """The command that would put the raster on the cells of the DEM keeps them."""
+    raster = layers()[name][1:]
+    with pytest.raises(RockfallError, match=r"are not on the cells .* --resampling nearest$"):
+        read_scene(imported(tmp_path, **{name: raster}))
 
 
 @pytest.mark.parametrize(

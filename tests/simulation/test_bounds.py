@@ -62,6 +62,18 @@ def test_sums_of_other_quantities(tmp_path, name):
     check(scene_of(tmp_path, maps=["passages", "energy_q95"], **high))  # no sum, no maximum
 
 
+def test_sums_over_hits_of_trees(tmp_path):
+    """A boulder may hit as many in a cell as it may have contacts; hits alone have room."""
+    stand = {"uniform_stems": 9.0, "uniform_dbh_mean": 30.0, "uniform_dbh_std": 9.0}
+    stand["uniform_conifers"] = 50.0
+    wood = {"forest": stand, "boulders": 2 * 10**9}
+    check(scene_of(tmp_path, maps=["tree_impacts"], **wood, impact={"impact_limit": 2**31 - 1}))
+    few = {"maps": ["tree_impact_height_mean"], "impact": {"impact_limit": 1000}}
+    check(scene_of(tmp_path, **few, **wood))
+    with pytest.raises(rockfall.RockfallError, match="impact_height_mean.* or a lower &impact"):
+        check(scene_of(tmp_path, maps=["tree_impact_height_mean"], **wood))
+
+
 def test_maxima_are_of_single_precision(tmp_path):
     heavy = {
         "boulder": {"volume_mean": 1e12, "density": 1e12},

@@ -6,7 +6,8 @@ module rockfall_barrier
    private
    public :: barrier_t, barrier_outcome, ead_energy, stopped_there, broken_through, passed_over
 
-   !> What a barrier did with a boulder.
+   !> What a barrier did with a boulder. Of all crossings, the one that mattered: a boulder that came to rest there was
+   !> stopped, one that went through it once broke through, though it passed over it before or after.
    integer, parameter :: stopped_there = 1, broken_through = 2, passed_over = 3
 
    !> Energy classes of EAD 340059-00-0106, falling rock protection kits: maximum energy level of classes 0 to 7 [J].

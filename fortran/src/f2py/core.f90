@@ -9,7 +9,7 @@ module rockfall_f2py
    use iso_c_binding, only: c_double, c_float, c_int, c_int8_t, c_int16_t, c_int32_t, c_int64_t, c_intptr_t, c_ptr, &
                             c_loc, c_f_pointer
    use rockfall_error, only: error_t, give_error
-   use rockfall_text, only: joined, line_of, max_text
+   use rockfall_text, only: joined, max_text
    use rockfall_grid, only: grid_t, is_outside
    use rockfall_terrain, only: terrain_t, terrain, keep_within, is_known_at, max_elevation
    use rockfall_boulder, only: first_of, last_of, source_of, inertia_factor
@@ -18,7 +18,7 @@ module rockfall_f2py
    use rockfall_barrier, only: barrier_outcome, ead_energy
    use rockfall_impact, only: ratio_weights, ratio_class, is_admissible, limit_rebound, max_draws, min_normal
    use rockfall_trajectory, only: scene_t, boulder_result_t, crossing_t, scratch_t, left_window
-   use rockfall_scene, only: scene_arrays_t, scene_from, check_sources, boulders_of, largest_volumes
+   use rockfall_scene, only: scene_arrays_t, grounds_of, scene_from, check_sources, boulders_of, largest_volumes
    use rockfall_grounds, only: parameter_of_ground => ground_parameter, model_names, rocks_of_model
    use rockfall_reach, only: block_side, take_minima, reach_box
    use rockfall_stand, only: stems_in_cell, stem_numbers
@@ -34,8 +34,8 @@ module rockfall_f2py
    use rockfall_variables, only: variable_text, boulder_fields, boulder_counts, energy_fields, line_fields, &
                                  vertex_fields, map_fields, scene_layout, part_layout, piece, max_packing
    use rockfall_histogram, only: bin_width, n_bins
-   use rockfall_case, only: case_t, read_case, key_text, n_keys, repeatable, map_names, turning_rule, &
-                            radius_of_reading, max_real
+   use rockfall_case_keys, only: key_text, n_keys, repeatable, map_names, max_real
+   use rockfall_case, only: case_t, read_case, turning_rule, radius_of_reading
    use rockfall_impact_sets, only: coefficients_t, read_impact_sets => read_sets, any_speed
    implicit none
    private
@@ -113,7 +113,8 @@ contains
       arrays%sets_text = sets_text
       arrays%sets_name = sets_name
       arrays%draw = draw
-      if (ground_length(1) >= 0) call set_grounds(ground_text, ground_length, ground_names, arrays)
+      if (ground_length(1) >= 0) arrays%grounds = grounds_of(ground_text, ground_length, &
+                                                                   ground_names)
       if (all(material_ground > 0)) arrays%material_ground = material_ground
       if (size(cell_ground) > 1) arrays%cell_ground => cell_ground
       call read_case(text, name, case, error)
@@ -132,22 +133,6 @@ contains
       end if
       call give_error(error, code, message)
    end subroutine open_scene
-
-   subroutine set_grounds(text, length, names, arrays)
-      character(len=*), intent(in) :: text, names
-      integer(c_int), intent(in) :: length(:)
-      type(scene_arrays_t), intent(inout) :: arrays
-      integer :: k, first
-
-      allocate (arrays%grounds(size(length)))
-      first = 1
-      do k = 1, size(length)
-         arrays%grounds(k)%name = line_of(names, 2*k - 1)
-         arrays%grounds(k)%file = line_of(names, 2*k)
-         arrays%grounds(k)%text = text(first:first + length(k) - 1)
-         first = first + length(k)
-      end do
-   end subroutine set_grounds
 
    !> Keep boulders to these columns and rows, those of the maps: the same for all runs of a scene, and before them.
    subroutine limit_terrain(handle, map_at, map_last)
@@ -182,12 +167,12 @@ contains
 
    !> Run boulders first .. first + n - 1 of a scene; maps and histograms are added to.
    subroutine run(handle, first, threads, map_at, map_counts, map_sums, map_reals, class_counts, column, &
-                  columns, stamp, head, histogram, by_ground, energy, trees_hit, boulder, counts, crossing, code, &
-                     message, &
-                  nxc, nyc, nkc, nxs, nys, nks, nxr, nyr, nkr, kc, cc, nxq, nyq, nxt, nyt, nkt, ng, ne, nt, nl, n)
+                  columns, stamp, head, histogram, by_ground, energy, trees_hit, outcome, boulder, counts, crossing, &
+                  code, message, nxc, nyc, nkc, nxs, nys, nks, nxr, nyr, nkr, kc, cc, nxq, nyq, nxt, nyt, nkt, &
+                  ng, ne, nt, nb, no, nl, n)
       !f2py threadsafe
       integer(c_int), intent(in) :: nxc, nyc, nkc, nxs, nys, nks, nxr, nyr, nkr, kc, cc, nxq, nyq, nxt, nyt, nkt
-      integer(c_int), intent(in) :: ng, ne, nt, nl, n
+      integer(c_int), intent(in) :: ng, ne, nt, nb, no, nl, n
       integer(c_intptr_t), intent(in) :: handle
       integer(c_int64_t), intent(in) :: first
       integer(c_int), intent(in) :: threads
@@ -202,6 +187,7 @@ contains
       integer(c_int64_t), intent(inout) :: by_ground(ng)         !! rebounds, where the scene has several grounds
       real(c_double), intent(inout) :: energy(5, ne)             !! energy_fields, of all boulders or of one
       integer(c_int32_t), intent(inout) :: trees_hit(nt)         !! likewise
+      integer(c_int8_t), intent(inout) :: outcome(nb, no)        !! of barriers, likewise
       real(c_double), intent(out) :: boulder(12, n)              !! boulder_fields
       integer(c_int32_t), intent(out) :: counts(8, n)            !! boulder_counts
       real(c_double), intent(out) :: crossing(12, nl, n)         !! line_fields; one line at least
@@ -234,6 +220,7 @@ contains
             counts(:, k) = boulder_count_row(fates(k))
             if (scene%energies_requested) energy(:, k) = energy_row(fates(k))
             if (allocated(scene%forest)) trees_hit(k) = fates(k)%trees_hit
+            if (allocated(scene%barriers)) outcome(:, k) = crossings(scene%barriers%line, k)%outcome
             do l = 1, size(crossings, 1)
                crossing(:, l, k) = line_row(scene%dem, fates(k), crossings(l, k))
             end do
@@ -337,7 +324,7 @@ contains
    subroutine map_plan(names, thresholds, counts, sums, maxima, bins, layers)
       character(len=*), intent(in) :: names     !! of maps, separated by blanks
       integer(c_int), intent(in) :: thresholds  !! how many
-      integer(c_int), intent(out) :: counts(6), sums(5), maxima(4), bins, layers(3)
+      integer(c_int), intent(out) :: counts(5), sums(6), maxima(4), bins, layers(3)
       type(map_plan_t) :: plan
 
       plan = plan_of(names, thresholds)
@@ -380,7 +367,8 @@ contains
 
       opened => scene_of(handle)
       associate (scene => opened%scene)
-         call check_tallies(opened%plan, largest_volumes(scene), scene%gravity, fall, boulders_of(scene), error)
+         call check_tallies(opened%plan, largest_volumes(scene), scene%gravity, fall, boulders_of(scene), &
+                            scene%max_impacts, error)
       end associate
       call give_error(error, code, message)
    end subroutine check_maps

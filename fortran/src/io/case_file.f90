@@ -7,7 +7,8 @@ module rockfall_case_file
    use rockfall_text_file, only: read_text
    use rockfall_namelist, only: namelist_t, group_t, entry_t, value_t, parse_namelist
    use rockfall_values, only: has_key, get_text, get_integer, get_real, get_logical
-   use rockfall_case, only: case_t, read_case, read_keys, key_t, key_table
+   use rockfall_case_keys, only: read_keys, key_t, key_table
+   use rockfall_case, only: case_t, read_case
    implicit none
    private
    public :: read_case_file, differing_key

@@ -20,6 +20,7 @@ module rockfall_part_file
    use rockfall_maps, only: maps_t
    use rockfall_source_maps, only: contributing_t, contributing_cells, partial_sources, settle
    use rockfall_boulder, only: first_of, last_of
+   use rockfall_barrier, only: passed_over
    use rockfall_ground, only: ground_t
    use rockfall_grounds, only: model_names
    use rockfall_case, only: case_t
@@ -199,7 +200,7 @@ contains
       end do
       about = about_t(name, kinds(findloc(types, stored_as(row), dim=1)), row%units, row%long_name, row%comment)
       select case (group)
-      case ("line", "tally"); about%name = trim(group)//"_"//name
+      case ("line", "barrier", "tally"); about%name = trim(group)//"_"//name
       case ("vertex"); about%name = "trajectory_"//name
       case ("histogram")
          about%name = trim(name)//"_histogram"
@@ -245,6 +246,10 @@ contains
          do l = 1, size(case%lines)
             call pass(file, described("line", line_fields(k)), [boulder, line], results%line(:n, l, k), l)
          end do
+      end do
+      line = axis_t("barrier", size(results%outcome, 2, i8))
+      do l = 1, size(results%outcome, 2)
+         call pass(file, described("barrier", "outcome"), [boulder, line], results%outcome(:n, l), l)
       end do
       if (.not. case%rebounds) return
       do k = 1, size(histogram_fields)
@@ -439,6 +444,8 @@ contains
          if (.not. all(ieee_is_finite(results%energy))) call mark_damaged(file, "energy_released, or another energy")
          if (any(results%status(:n) < 1 .or. results%status(:n) > size(statuses))) call mark_damaged(file, "status")
          if (any(results%trees_hit < 0)) call mark_damaged(file, "trees_hit")
+         if (any(results%outcome(:n, :) < 0 .or. results%outcome(:n, :) > passed_over)) &
+            call mark_damaged(file, "barrier_outcome")
          if (any(results%impacts(:n) < 0)) call mark_damaged(file, "impacts")
          if (any(results%count < 0)) call mark_damaged(file, "rebounds, or another count")
          if (any(results%histogram < 0)) call mark_damaged(file, "a histogram")

@@ -7,17 +7,18 @@ module rockfall_scene_file
                      nf90_double
    use rockfall_kinds, only: wp, sp, i1, i2, i8
    use rockfall_error, only: error_t, fail
-   use rockfall_text, only: integer_text, line_of, max_text
+   use rockfall_text, only: integer_text, max_text
    use rockfall_netcdf_file, only: netcdf_file_t, axis_t, about_t, open_netcdf, keep, sound, mark_damaged, &
                                    fail_damaged, check_shape, pass, length_of, kind_of, text_of, integers_of
    use rockfall_interrupts, only: end_reading
    use rockfall_terrain, only: max_elevation
    use rockfall_surface, only: method_a
    use rockfall_variables, only: layout => scene_layout
-   use rockfall_case, only: case_t, max_real
+   use rockfall_case_keys, only: max_real
+   use rockfall_case, only: case_t
    use rockfall_case_file, only: differing_key
    use rockfall_trajectory, only: scene_t
-   use rockfall_scene, only: scene_arrays_t, scene_from
+   use rockfall_scene, only: scene_arrays_t, grounds_of, scene_from
    implicit none
    private
    public :: inputs_t, read_scene
@@ -234,21 +235,13 @@ contains
       type(inputs_t), intent(inout) :: inputs
       integer, intent(in) :: length(:)
       character(len=:), allocatable :: text, names
-      integer :: k, first
 
       associate (file => inputs%file, arrays => inputs%arrays)
          call read_letters(file, "ground_text", text, names, "names")
          if (.not. sound(file)) return
          if (any(length < 0) .or. sum(int(length, i8)) /= len(text)) call mark_damaged(file, "ground_length")
          if (.not. sound(file)) return
-         allocate (arrays%grounds(size(length)))
-         first = 1
-         do k = 1, size(length)
-            arrays%grounds(k)%name = line_of(names, 2*k - 1)
-            arrays%grounds(k)%file = line_of(names, 2*k)
-            arrays%grounds(k)%text = text(first:first + length(k) - 1)
-            first = first + length(k)
-         end do
+         arrays%grounds = grounds_of(text, length, names)
       end associate
    end subroutine take_texts
 

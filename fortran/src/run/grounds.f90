@@ -12,24 +12,22 @@ module rockfall_grounds
    use rockfall_impact, only: impact_set_t, impact_set, impact_ratios, fitted
    use rockfall_direction, only: lateral, by_lab
    use rockfall_classical_rebound, only: classical_t, scatter_t, scatter, tangent, by_sets, rockyfor3d, &
-         pfeiffer_bowen, &
-                                         bourrier_hungr, constant, absorbing
+                                         pfeiffer_bowen, bourrier_hungr, constant, absorbing
    use rockfall_ground, only: ground_t
-   use rockfall_case, only: key_t, check_key, row_text
+   use rockfall_case_keys, only: key_t, check_key, row_text
    use rockfall_impact_sets, only: coefficients_t, read_sets
    implicit none
    private
-   public :: read_ground, read_stochastic, ground_parameter, model_names, rocks_of_model, no_rocks, any_rocks, &
-         some_rocks
+   public :: read_ground, read_stochastic, ground_parameter, model_names
+   public :: rocks_of_model, no_rocks, any_rocks, some_rocks
 
    !> The models, in the order of their numbers.
    character(len=*), parameter :: model_names(*) = [character(len=14) :: "impact_sets", "rockyfor3d", &
-         "pfeiffer_bowen", &
-                                                    "bourrier_hungr", "constant", "absorbs"]
+                                                    "pfeiffer_bowen", "bourrier_hungr", "constant", "absorbs"]
    !> What they must know of the rocks on the ground: nothing; their size, which may be zero; a size above zero.
    integer, parameter :: no_rocks = 0, any_rocks = 1, some_rocks = 2
-   integer, parameter :: rocks_of_model(size(model_names)) = [some_rocks, any_rocks, no_rocks, no_rocks, no_rocks, &
-         no_rocks]
+   integer, parameter :: rocks_of_model(size(model_names)) = &
+                         [some_rocks, any_rocks, no_rocks, no_rocks, no_rocks, no_rocks]
 
    !> A parameter as a key, and the models that take it.
    type :: parameter_t
@@ -109,9 +107,10 @@ contains
       integer, intent(in) :: draw     !! of a file with several; 0: it has one only
       type(ground_t), intent(inout) :: ground
       type(error_t), allocatable, intent(out) :: error
-      type(coefficients_t) :: sets
+      type(coefficients_t), allocatable :: sets  !! too large for a small stack
       integer :: k
 
+      allocate (sets)
       call read_sets(text, file, turning, draw, sets, error)
       if (allocated(error)) return
       allocate (ground%sets(impact_ratios))

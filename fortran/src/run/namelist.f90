@@ -65,13 +65,13 @@ contains
       type(namelist_t), intent(out) :: list
       type(error_t), allocatable, intent(out) :: error
       type(group_t), allocatable :: groups(:)
-      type(entry_t) :: entries(most_keys + 1)
+      type(entry_t), allocatable :: entries(:)  !! too large for a small stack
       type(cursor_t) :: at
       integer :: n
 
       call check_text(text, file, error)
       if (allocated(error)) return
-      allocate (groups(4))
+      allocate (groups(4), entries(most_keys + 1))
       n = 0
       at%pos = after_mark(text)
       do

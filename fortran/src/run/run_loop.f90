@@ -14,11 +14,12 @@ module rockfall_run_loop
    use rockfall_result, only: boulder_row, boulder_count_row, energy_row, line_row, vertex_row
    use rockfall_threads, only: team_size
    use rockfall_ensemble, only: run_boulders, trace_boulder, share_of
-   use rockfall_case, only: case_t, map_names
+   use rockfall_case_keys, only: map_names
+   use rockfall_case, only: case_t
    use rockfall_grid, only: grid_t
    use rockfall_terrain, only: keep_within
    use rockfall_reach, only: block_side, take_minima, reach_box
-   use rockfall_scene, only: check_sources, boulders_of, largest_volumes
+   use rockfall_scene, only: check_sources, boulders_of, largest_volumes, n_barriers
    implicit none
    private
    public :: results_t, run_observer_t, run_case, map_tallies
@@ -38,6 +39,7 @@ module rockfall_run_loop
       real(wp), allocatable :: energy(:, :)              !! (boulders, energy_fields), or no boulders
       integer(i4), allocatable :: trees_hit(:)           !! of each boulder, or of none
       real(wp), allocatable :: line(:, :, :)             !! (boulders, lines, line_fields)
+      integer(i1), allocatable :: outcome(:, :)          !! (boulders, barriers), as in crossing_t
       real(wp), allocatable :: vertex(:, :)              !! (vertices, vertex_fields) of the first boulders of the run
       integer(i8), allocatable :: vertex_boulder(:)
       type(grid_t) :: grid                               !! of maps: the cells that boulders can reach
@@ -125,7 +127,7 @@ contains
          allocate (minima((dem%nx - 1)/side + 1, (dem%ny - 1)/side + 1), source=huge(1.0_wp))
          call take_minima(dem, 1, dem%ny, minima)
          call check_tallies(results%plan, largest_volumes(scene), case%gravity, head - minval(minima), results%asked, &
-                            error)
+                            case%impact_limit, error)
          if (allocated(error)) error%message = case%file//": "//error%message
          if (allocated(error) .or. case%whole_maps) return
          box = reach_box(dem, minima, head, release%x, release%y)
@@ -157,7 +159,8 @@ contains
          if (all(rows == 0)) &
             allocate (results%energy(merge(n, 0_i8, case%energy_balance), size(energy_fields)), &
                       results%trees_hit(merge(n, 0_i8, case%forest)), stat=rows(2))
-         if (all(rows == 0)) allocate (results%line(n, lines, size(line_fields)), stat=rows(3))
+         if (all(rows == 0)) allocate (results%line(n, lines, size(line_fields)), &
+                                        results%outcome(n, n_barriers(scene)), stat=rows(3))
          allocate (results%counts(nx, ny, stacks(1)), source=0_i4, stat=cells(1))
          allocate (results%sums(nx, ny, stacks(2)), source=0_i8, stat=cells(2))
          allocate (results%maxima(nx, ny, stacks(3)), source=0.0_sp, stat=cells(3))
@@ -286,6 +289,7 @@ contains
          do line = 1, size(case%lines)
             results%line(row, line, :) = line_row(scene%dem, fate(k), crossing(line, k))
          end do
+         if (allocated(scene%barriers)) results%outcome(row, :) = crossing(scene%barriers%line, k)%outcome
       end do
       results%done = results%done + n
    end subroutine follow_some

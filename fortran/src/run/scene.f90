@@ -3,7 +3,7 @@
 module rockfall_scene
    use rockfall_kinds, only: wp, sp, i1, i2, i4, i8
    use rockfall_error, only: error_t, fail
-   use rockfall_text, only: integer_text
+   use rockfall_text, only: integer_text, line_of
    use rockfall_random, only: random_key, normal_table
    use rockfall_sobol, only: sobol_sequence, max_dimensions
    use rockfall_grid, only: grid_t
@@ -19,7 +19,7 @@ module rockfall_scene
    use rockfall_grounds, only: read_ground, read_stochastic
    implicit none
    private
-   public :: scene_arrays_t, ground_text_t, scene_from, check_sources, boulders_of, largest_volumes
+   public :: scene_arrays_t, grounds_of, scene_from, check_sources, boulders_of, largest_volumes, n_barriers
 
    !> A ground as it comes to the kernel.
    type :: ground_text_t
@@ -83,6 +83,22 @@ contains
       if (.not. allocated(error)) call set_impacts(case, arrays, scene, error)
       if (.not. allocated(error)) call set_grounds(case, arrays, scene, error)
    end subroutine scene_from
+
+   !> Grounds as they come: their texts one after the other, and for each a line with its name and one with its file.
+   pure function grounds_of(text, length, names) result(grounds)
+      character(len=*), intent(in) :: text, names
+      integer, intent(in) :: length(:)  !! of each text
+      type(ground_text_t) :: grounds(size(length))
+      integer :: k, first
+
+      first = 1
+      do k = 1, size(length)
+         grounds(k)%name = line_of(names, 2*k - 1)
+         grounds(k)%file = line_of(names, 2*k)
+         grounds(k)%text = text(first:first + length(k) - 1)
+         first = first + length(k)
+      end do
+   end function grounds_of
 
    !> Views of the elevations, and of what lies on them.
    subroutine set_ground(case, arrays, scene)
@@ -244,6 +260,13 @@ contains
       boulders_of = 0
       if (size(scene%release%x) > 0) boulders_of = last_of(scene%release, size(scene%release%x, kind=i8))
    end function boulders_of
+
+   pure integer function n_barriers(scene)
+      type(scene_t), intent(in) :: scene
+
+      n_barriers = 0
+      if (allocated(scene%barriers)) n_barriers = size(scene%barriers)
+   end function n_barriers
 
    !> Sources that start from rows first to last of the raster lie on known terrain, a window of which is at
    !> hand. Raises `head` to the maximum elevation that the energy of a boulder could lift it to.

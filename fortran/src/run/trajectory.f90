@@ -2,7 +2,7 @@
 !> One boulder from release to rest: fly, land, look up what the slope is made of, rebound, turn, fly again.
 !> A pure function of the scene and the boulder's number.
 module rockfall_trajectory
-   use rockfall_kinds, only: wp, i8
+   use rockfall_kinds, only: wp, i1, i8
    use rockfall_random, only: random_key_t, normal_table_t, random_words, four_words, uniform, for_impact, &
                               for_ratio, for_tree, words_per_draw, words_per_block, matrix_words, turn_class_word, &
                               turn_within_word, obstacle_word, ratio_word
@@ -20,7 +20,7 @@ module rockfall_trajectory
    use rockfall_direction, only: turning_t, lateral_t, past_aspect, by_lab, lateral_angle, new_heading, unit_vector, &
                                  any_heading, rotated
    use rockfall_line, only: line_t, first_crossing, next_crossing
-   use rockfall_barrier, only: barrier_t, barrier_outcome, passed_over
+   use rockfall_barrier, only: barrier_t, barrier_outcome, stopped_there, broken_through, passed_over
    use rockfall_forest, only: forest_t, tree_hit_t, tree_impact_t, first_hit, tree_impact
    use rockfall_maps, only: visits_t, start_visits, visit_spans, visit_cell
    use rockfall_travel_maps, only: time_visits
@@ -109,6 +109,7 @@ module rockfall_trajectory
    !> First crossing of an evaluation line.
    type :: crossing_t
       logical :: crossed = .false.
+      integer(i1) :: outcome = 0       !! what the barrier there did, in all (rockfall_barrier); 0: it was not met
       real(wp) :: x = 0, y = 0, time = 0  !! local coordinates [m], since release [s]
       real(wp) :: v(3) = 0, omega = 0  !! [m/s], [rad/s]
       real(wp) :: jump_height = 0      !! point above the surface [m]
@@ -131,7 +132,6 @@ module rockfall_trajectory
       type(histograms_t) :: histograms
       integer(i8), allocatable :: by_ground(:)   !! rebounds on each of the scene's grounds
       type(crossing_t), allocatable :: crossings(:)
-      logical, allocatable :: broken(:)          !! barriers that this boulder broke through
       integer, allocatable :: felled(:)          !! trees that it broke
       logical :: tree_hits_requested = .false.   !! by maps
       type(tree_hits_t) :: tree_hits
@@ -191,8 +191,8 @@ contains
       scratch%trace => trace_basic
       if (allocated(scene%lines) .or. scene%histograms_requested) scratch%trace => trace_lines
       if (scratch%cells_requested) scratch%trace => trace_maps
-      if (has_obstacles(scene) .or. scene%energies_requested .or. allocated(scene%grounds)) scratch%trace => trace_full
-      if (allocated(scene%of_source)) scratch%trace => trace_full
+      if (has_obstacles(scene) .or. scene%energies_requested .or. allocated(scene%grounds) &
+          .or. allocated(scene%of_source)) scratch%trace => trace_full
    end subroutine choose_trace
 
    !> Whether there is anything but the ground to meet.
@@ -215,7 +215,7 @@ contains
       integer(i8), intent(in) :: number
       type(boulder_result_t), intent(out) :: result
       type(scratch_t), intent(inout) :: scratch
-      integer, value :: level  !! basic, ..., with_record
+      integer, value :: level  !! basic, ..., with_all
       type(flight_t) :: flight
       type(landing_t) :: landing
       type(obstacle_t) :: obstacle
@@ -247,7 +247,7 @@ contains
       if (level >= with_all) then
          call record(scratch, contact_t(flight%x, flight%y, flight%z, 0.0_wp, flight%v))
          obstacles = has_obstacles(scene)
-         if (allocated(scratch%broken)) scratch%broken = .false.
+         if (allocated(scene%barriers)) scratch%crossings%outcome = 0
          if (allocated(scene%forest)) scratch%felled = [integer ::]
          scratch%tree_hits%n = 0
          result%energy%released = sum(kinetic_energy(result%boulder, flight%v, 0.0_wp)) &
@@ -286,6 +286,7 @@ contains
             flight%v = v_in
          end if
          call close_balance(scene, landing%z, flight%v, omega_r, result)
+         if (allocated(scene%barriers)) call note_passed_over(scene, result, scratch%crossings)
       end if
       result%speed_max = sqrt(result%speed_max)
       result%stop = [landing%x, landing%y, landing%z]
@@ -391,7 +392,7 @@ contains
 
       call fly(scene%dem, scene%gravity, flight, landing, scratch%spans, n)
       if (allocated(scene%barriers)) &
-         call find_barrier(scene, result, flight, landing, omega_r, scratch%broken, obstacle)
+         call find_barrier(scene, result, flight, landing, omega_r, scratch%crossings, obstacle)
       if (allocated(scene%forest)) &
          call find_tree(scene%forest, result%boulder%radius, flight, scratch%spans(:n), scratch%felled, obstacle)
       if (allocated(scene%lines)) &
@@ -403,19 +404,19 @@ contains
    end subroutine fly_to_obstacle
 
    !> The first barrier that stands in the way of a flight, if it does before the obstacle.
-   pure subroutine find_barrier(scene, result, flight, landing, omega_r, broken, obstacle)
+   pure subroutine find_barrier(scene, result, flight, landing, omega_r, crossings, obstacle)
       type(scene_t), intent(in) :: scene
       type(boulder_result_t), intent(in) :: result
       type(flight_t), intent(in) :: flight
       type(landing_t), intent(in) :: landing
       real(wp), intent(in) :: omega_r    !! W [m/s]
-      logical, intent(in) :: broken(:)
+      type(crossing_t), intent(in) :: crossings(:)
       type(obstacle_t), intent(inout) :: obstacle
       real(wp) :: fraction, time
       integer :: k
 
       do k = 1, size(scene%barriers)
-         if (broken(k)) cycle
+         if (crossings(scene%barriers(k)%line)%outcome == broken_through) cycle
          fraction = -1
          do  ! a bent barrier may be crossed several times
             fraction = next_crossing(scene%lines(scene%barriers(k)%line), [flight%x, flight%y], &
@@ -439,6 +440,21 @@ contains
       stands_in_way = passed_over /= barrier_outcome(this%height, this%capacity, crossing%passing_height, &
                                                      sum(kinetic_energy(result%boulder, crossing%v, crossing%omega)))
    end function stands_in_way
+
+   !> Barriers that a boulder crossed and that never stood in its way: it passed over them.
+   pure subroutine note_passed_over(scene, result, crossings)
+      type(scene_t), intent(in) :: scene
+      type(boulder_result_t), intent(in) :: result
+      type(crossing_t), intent(inout) :: crossings(:)
+      integer :: k
+
+      do k = 1, size(scene%barriers)
+         associate (at => crossings(scene%barriers(k)%line))
+            if (.not. at%crossed .or. at%outcome /= 0) cycle
+            if (.not. stands_in_way(scene%barriers(k), result, at)) at%outcome = passed_over
+         end associate
+      end do
+   end subroutine note_passed_over
 
    !> The first tree on the way of a flight, if it is hit before the obstacle.
    pure subroutine find_tree(forest, radius, flight, spans, felled, obstacle)
@@ -480,7 +496,6 @@ contains
          heading = rotated(heading, impact%sine, impact%cosine)
       else
          taken = min(energy, scene%barriers(obstacle%number)%capacity)
-         scratch%broken(obstacle%number) = .true.
          result%energy%barriers = result%energy%barriers + taken
       end if
       remains = 0
@@ -494,6 +509,8 @@ contains
       else if (result%trees_hit >= scene%max_impacts) then
          result%status = impact_limit
       end if
+      if (obstacle%kind == barrier) scratch%crossings(scene%barriers(obstacle%number)%line)%outcome = &
+         int(merge(stopped_there, broken_through, result%status == stopped_by_barrier), i1)
       call record(scratch, contact_t(landing%x, landing%y, landing%z, result%time, flight%v))
    end subroutine meet_obstacle
 
@@ -648,8 +665,7 @@ contains
          scratch%by_ground(ground) = scratch%by_ground(ground) + 1
       else
          call rebound(scene%sets(class), scene%table, scene%key, number, int(result%impacts, i8), &
-            word(1:matrix_words), &
-                      v_in, out)
+                      word(1:matrix_words), v_in, out)
          call beyond_fit(scene%sets(class)%fitted, v_in(1:2), fast, steep)
       end if
       result%rebounds = result%rebounds + 1

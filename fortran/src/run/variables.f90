@@ -97,7 +97,8 @@ module rockfall_variables
       variable_t("line_vertex", "y", "real", "m", "northing"), &
       variable_t("barrier", "height", "real", "m", "height of the top edge above the ground"), &
       variable_t("barrier", "capacity", "real", "J", "energy that the barrier takes at most"), &
-      variable_t("barrier", "outcome", "integer", "1", "what the barrier did at the first crossing"), &
+      variable_t("barrier", "outcome", "integer", "1", "what the barrier did", &
+                 "of several crossings the one that mattered: stopped, broken_through, passed_over", "i1"), &
       variable_t("map", "passages", "integer", "1", &
                  "boulders that passed the cell, each counted once"), &
       variable_t("map", "reach_probability", "real", "1", &
@@ -212,9 +213,10 @@ module rockfall_variables
       variable_t("status", "hit_nodata", "word", "", "met terrain without elevation"), &
       variable_t("status", "stopped_by_tree", "word", "", "lost its energy at a tree"), &
       variable_t("status", "stopped_by_barrier", "word", "", "lost its energy at a barrier"), &
-      variable_t("outcome", "stopped", "word", "", "the barrier took all energy"), &
+      variable_t("outcome", "stopped", "word", "", &
+                 "came to rest there: the barrier took all energy, or left less than the stop speed"), &
       variable_t("outcome", "broken_through", "word", "", "went on with what the barrier did not take"), &
-      variable_t("outcome", "passed_over", "word", "", "its centre was above the top edge")]
+      variable_t("outcome", "passed_over", "word", "", "its centre was above the top edge each time")]
 
    character(len=27), parameter :: boulder_fields(*) = pack(variable_table%name, &
       variable_table%group == "boulder" .and. variable_table%kind == "real")

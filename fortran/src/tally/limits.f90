@@ -16,38 +16,43 @@ module rockfall_limits
 
    !> [J], [mm/s], [mm]: below 2**63 by more than rounding to whole units can add.
    real(wp), parameter :: max_sum = 9.0e18_wp
-   !> Maps that show the sums of a plan, and of which quantity a boulder's part of each is at most.
+   real(wp), parameter :: rounding = 0.5_wp  !! of each hit of a tree [J], [mm]; hits alone pass no 63 bits
+   !> Maps that show the sums of a plan.
    character(len=*), parameter :: names(5) = [character(len=23) :: "energy_mean", "speed_mean", "jump_height_mean", &
                                               "tree_impact_height_mean", "tree_energy"]
-   integer, parameter :: of(5) = [energy, speed, jump_height, jump_height, energy]
-   character(len=*), parameter :: units(3) = [character(len=4) :: "J", "mm/s", "mm"]
+   character(len=*), parameter :: units(5) = [character(len=4) :: "J", "mm/s", "mm", "mm", "J"]
 
 contains
 
    !> Refuse what the maps of a plan cannot hold.
-   pure subroutine check_tallies(plan, distribution, gravity, fall, boulders, error)
+   pure subroutine check_tallies(plan, distribution, gravity, fall, boulders, max_hits, error)
       type(map_plan_t), intent(in) :: plan
       type(volume_distribution_t), intent(in) :: distribution
       real(wp), intent(in) :: gravity        !! [m/s2]
       real(wp), intent(in) :: fall           !! from the highest energy head to the lowest elevation [m]
       integer(i8), intent(in) :: boulders    !! of the whole run: all may pass one cell
+      integer, intent(in) :: max_hits        !! of trees, by a boulder: all may be in one cell
       type(error_t), allocatable, intent(out) :: error
-      real(wp) :: one(3), together(3), volume
-      integer :: k, q
+      real(wp) :: one(3), together(size(names)), volume, hits
+      character(len=:), allocatable :: advice
+      integer :: k
 
       volume = max_volume(distribution, normal_table())
       one(energy) = distribution%density*volume*gravity*fall
       one(speed) = sqrt(2*gravity*fall)
       one(jump_height) = fall
-      together = boulders*one*per_unit
+      hits = real(boulders, wp)*max_hits
+      together(:3) = boulders*one*per_unit
       together(energy) = min(together(energy), &
                              distribution%density*gravity*fall*sum_of_many(boulders, mean_volume(distribution), volume))
+      together(4:) = [hits*(one(jump_height)*per_unit(jump_height) + rounding), together(energy) + hits*rounding]
+      advice = ""
       do k = 1, size(names)
-         q = of(k)
-         if (plan%sum(k) > 0 .and. together(q) > max_sum) then
+         if (k > size(one)) advice = ", or a lower &impact impact_limit"
+         if (plan%sum(k) > 0 .and. together(k) > max_sum) then
             call fail(error, "&output maps: "//trim(names(k))//": the sum of "//integer_text(boulders) &
-                      //" boulders can come to "//short(together(q))//" "//trim(units(q))//about(volume, fall) &
-                      //": must be at most 9e18; take fewer or smaller boulders")
+                      //" boulders can come to "//short(together(k))//" "//trim(units(k))//about(volume, fall) &
+                      //": must be at most 9e18; take fewer or smaller boulders"//advice)
             return
          end if
       end do

@@ -17,9 +17,9 @@ module rockfall_map_values
 
    !> Where each tally stands in its stack of layers; 0 = not requested.
    type :: map_plan_t
-      integer :: count(5) = 0  !! passages, deposits, contributing sources, boulders of these, hits of trees
-      integer :: sum(5) = 0    !! of energy, speed, jump height; of the heights of these hits, and what trees took
-      integer :: max(4) = 0    !! the same without the last
+      integer :: count(4) = 0  !! passages, deposits, contributing sources, boulders of these
+      integer :: sum(6) = 0    !! of energy, speed, jump height; of the heights of hits of trees, what these took, hits
+      integer :: max(4) = 0    !! the same without the last two
       integer :: travel(3) = 0     !! steepest and flattest energy line, shortest time; among the maxima
       integer :: exceeded = 0      !! the first of the layers for thresholds of energy, the last among the counts
       integer :: thresholds = 0    !! how many
@@ -34,7 +34,7 @@ module rockfall_map_values
    end enum
 
    !> Where the numbers of trees stand in a plan.
-   integer, parameter :: tree_impacts = 5, tree_height = 4, tree_energy = 5
+   integer, parameter :: tree_height = 4, tree_energy = 5, tree_impacts = 6
 
    !> What a map is, from its name.
    type :: kind_t
@@ -79,7 +79,7 @@ contains
       character(len=*), intent(in) :: names(:)
       integer, intent(in) :: thresholds  !! of energy
       type(kind_t) :: kind
-      logical :: count(5), sum(5), max(4), bins(3), travel(3)
+      logical :: count(4), sum(6), max(4), bins(3), travel(3)
       integer :: k
 
       count = .false.
@@ -92,7 +92,7 @@ contains
          select case (kind%is)
          case (a_count)
             count(:3) = count(:3) .or. names(k) == [character(len=8) :: "passages", "deposits", "sources"]
-            count(tree_impacts) = count(tree_impacts) .or. names(k) == "tree_impacts"
+            sum(tree_impacts) = sum(tree_impacts) .or. names(k) == "tree_impacts"
          case (a_source_fraction); count([1, 4]) = .true.
          case (a_maximum); max(kind%quantity) = .true.
          case (a_mean); sum(kind%quantity) = .true.
@@ -108,7 +108,7 @@ contains
          end select
       end do
       count(1) = count(1) .or. any(sum(:3))
-      count(tree_impacts) = count(tree_impacts) .or. sum(tree_height)
+      sum(tree_impacts) = sum(tree_impacts) .or. sum(tree_height)
       plan%count = places(count)
       plan%sum = places(sum)
       plan%max = places(max)
@@ -169,7 +169,7 @@ contains
       if (plan%travel(1) > 0) maps%steepest(at(1):, at(2):) => maxima(:, :, plan%travel(1))
       if (plan%travel(2) > 0) maps%flattest(at(1):, at(2):) => maxima(:, :, plan%travel(2))
       if (plan%travel(3) > 0) maps%shortest(at(1):, at(2):) => maxima(:, :, plan%travel(3))
-      if (plan%count(tree_impacts) > 0) maps%tree_impacts(at(1):, at(2):) => counts(:, :, plan%count(tree_impacts))
+      if (plan%sum(tree_impacts) > 0) maps%tree_impacts(at(1):, at(2):) => sums(:, :, plan%sum(tree_impacts))
       if (plan%sum(tree_height) > 0) maps%tree_height%sum(at(1):, at(2):) => sums(:, :, plan%sum(tree_height))
       if (plan%max(tree_height) > 0) maps%tree_height%max(at(1):, at(2):) => maxima(:, :, plan%max(tree_height))
       if (plan%sum(tree_energy) > 0) maps%tree_energy(at(1):, at(2):) => sums(:, :, plan%sum(tree_energy))
@@ -236,7 +236,7 @@ contains
          end associate
       case (a_tree_mean)
          associate (total => maps%tree_height%sum(:, j), n => maps%tree_impacts(:, j))
-            where (n >= min_count) row = real(total/(per_unit(jump_height)*max(1, n)), sp)
+            where (n >= min_count) row = real(total/(per_unit(jump_height)*max(1_i8, n)), sp)
          end associate
       case (a_tree_sum)
          associate (total => maps%tree_energy(:, j))

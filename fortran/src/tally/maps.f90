@@ -40,7 +40,7 @@ module rockfall_maps
       !> How boulders came there, as rockfall_travel_maps keeps it: the steepest and the flattest energy line, the
       !> shortest time.
       real(sp), pointer, contiguous :: steepest(:, :) => null(), flattest(:, :) => null(), shortest(:, :) => null()
-      integer(i4), pointer, contiguous :: tree_impacts(:, :) => null()  !! hits of trees, several of a boulder if so
+      integer(i8), pointer, contiguous :: tree_impacts(:, :) => null()  !! hits of trees, several of a boulder if so
       type(layer_t) :: tree_height                                      !! of the boulder's point at each
       integer(i8), pointer, contiguous :: tree_energy(:, :) => null()   !! that trees took [J]
       !> Counts of bins (bins, slots): a cell gets a slot, and with it memory, when the first boulder passes

@@ -10,7 +10,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rockfall.analysis.line_statistics import line_numbers, line_values, sample_numbers, sources
+from rockfall.analysis.line_statistics import (
+    fraction_interval,
+    line_numbers,
+    line_values,
+    sample_numbers,
+    sources,
+)
 from rockfall.case import Case
 from rockfall.errors import RockfallError
 from rockfall.grounds import GroundRule, GroundTable, find_ground, shipped_grounds, table_path
@@ -39,6 +45,7 @@ QUANTITIES = ("speed", "passing_height", "energy_total")
 RUN_OUT = "stopping_distance"
 COLUMNS = ["model", "line", "quantity", "statistic", "n", "value", "low", "high",
            "difference", "difference_low", "difference_high"]  # fmt: skip
+NO_DIFFERENCE = dict.fromkeys(COLUMNS[-3:], 0.0)
 
 
 @dataclass(frozen=True)
@@ -80,6 +87,8 @@ def run_models(case: Case, grounds: Sequence[str] = (), progress: bool = False) 
             rows += [{"model": name, **row} for row in _rows(result, first)]
             if (gone := left_terrain(result).mean()) > 0:
                 notes.append(f"{name}: {percent(gone)} left the terrain, where run-out ends")
+    if (named := 1 - _own_share(next(iter(scenes.values())))) > 0:
+        notes.append(f"{percent(named)} of the terrain has a ground by name, the same in all")
     table = pd.DataFrame(rows, columns=COLUMNS)
     title = case.case["title"] or case.name
     return Models(title, next(iter(scenes.values())).boulders, tuple(scenes), table, tuple(notes))
@@ -88,6 +97,11 @@ def run_models(case: Case, grounds: Sequence[str] = (), progress: bool = False) 
 def _variants(case: Case, grounds: Sequence[str]) -> Iterator[tuple[str, Scene]]:
     """Scenes by the name of their model, the case's own first."""
     own = read_scene(case)
+    if not _own_share(own):
+        raise RockfallError(
+            f"{case.name}: a ground is named for every place, by zones or &surface ground_map: "
+            "models would not differ"
+        )
     table = GroundTable(table_path(case))
     chosen = [find_ground(case, table, name, "--ground") for name in grounds]
     if "ground" in case.surface:
@@ -105,6 +119,18 @@ def _variants(case: Case, grounds: Sequence[str]) -> Iterator[tuple[str, Scene]]
     shipped = GroundTable(shipped_grounds())
     for model, (small, large) in ROCKS.items():
         yield model, with_rocks(own, shipped.ground(small), shipped.ground(large))
+
+
+def _own_share(scene: Scene) -> float:
+    """Of the terrain, where no zone and no cell names a ground [-]."""
+    usual = scene.case.surface.get("ground", scene.case.impact["sets"])
+    own = np.array([0, *(one.name == usual for one in scene.grounds)], bool)
+    known = ~np.isnan(scene.z)
+    if scene.cell_ground is not None:
+        return float(own[scene.cell_ground][known].mean())
+    if scene.material_ground is None or scene.zone is None:
+        return 1.0
+    return float(np.append(False, own[scene.material_ground])[scene.zone][known].mean())
 
 
 def with_rocks(scene: Scene, small: GroundRule, large: GroundRule) -> Scene:
@@ -152,11 +178,14 @@ def _rows(result: xr.Dataset, first: xr.Dataset) -> Iterator[dict[str, Any]]:
     source = sources(result)
     for k, line in enumerate(result["line"].values if "line" in result else []):
         found = line_numbers(result, k, "speed", source)
-        crossed = [np.isfinite(one["line_time"].values[k]).astype(float) for one in (result, first)]
+        crossed, before = (np.isfinite(one["line_time"].values[k]) for one in (result, first))
+        apart = NO_DIFFERENCE
+        if result is not first:
+            apart = _fraction_difference(crossed, before, source)
         yield {
             "line": line, "quantity": "boulders", "statistic": "fraction",
             **_row(found, "fraction"),
-            **_difference(crossed[0] - crossed[1], source),
+            **apart,
         }  # fmt: skip
         for quantity in QUANTITIES:
             numbers = line_numbers(result, k, quantity, source)
@@ -180,25 +209,42 @@ def _row(numbers: dict[str, float], statistic: str) -> dict[str, float]:
 
 
 def _difference(each: np.ndarray, source: np.ndarray) -> dict[str, float]:
-    """The mean of a difference of each boulder, with its interval; of the first model itself, 0."""
-    mean = float(each.mean())
-    if each.size < 2 or not each.any():
-        return {name: mean for name in COLUMNS[-3:]}
+    """The mean of a difference of each boulder, with its interval; one boulder has none."""
+    if not each.any():
+        return NO_DIFFERENCE
     numbers = sample_numbers(each, source)
-    limits = numbers["mean_low"], numbers["mean_high"]
-    return dict(zip(COLUMNS[-3:], (mean, *limits), strict=True))
+    limits = (numbers.get(f"mean_{end}", np.nan) for end in ("low", "high"))
+    return dict(zip(COLUMNS[-3:], (float(each.mean()), *limits), strict=True))
+
+
+def _fraction_difference(
+    crossed: np.ndarray, other: np.ndarray, source: np.ndarray
+) -> dict[str, float]:
+    """That of the fractions of boulders that crossed. Where boulders change sides one way only, it
+    is the fraction that does: normal distributions know no end at 0 and 1, this interval does."""
+    gained, lost = crossed & ~other, other & ~crossed
+    if gained.any() and lost.any():
+        return _difference(crossed * 1.0 - other, source)
+    moved, low, high = fraction_interval(gained | lost, source)
+    ends = (moved, low, high) if gained.any() else (-moved, -high, -low)
+    return dict(zip(COLUMNS[-3:], ends if moved else (0.0, -high, high), strict=True))
 
 
 def _mean_difference(value: np.ndarray, other: np.ndarray, source: np.ndarray) -> dict[str, float]:
     """That of the means over the boulders that crossed by either model. Each mean is a ratio of
     means over all boulders; the interval is that of their difference, linearised (Cochran 1977)."""
-    if np.isnan(value).all() or np.isnan(other).all():
+    fewest = min(np.isfinite(one).sum() for one in (value, other))
+    if not fewest:
         return dict.fromkeys(COLUMNS[-3:], np.nan)
+    if np.array_equal(value, other, equal_nan=True):
+        return NO_DIFFERENCE
     parts, means = [], []
     for one in (value, other):
         crossed = ~np.isnan(one)
         means.append(float(one[crossed].mean()))
         parts.append(np.where(crossed, one - means[-1], 0.0) / crossed.mean())
+    if fewest < 2:
+        return dict(zip(COLUMNS[-3:], (means[0] - means[1], np.nan, np.nan), strict=True))
     apart = _difference(parts[0] - parts[1], source)
     difference = means[0] - means[1]
     return {name: difference + one - apart["difference"] for name, one in apart.items()}

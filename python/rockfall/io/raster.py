@@ -56,17 +56,25 @@ def read_elevations(path: str | Path, box: Box) -> np.ndarray:
 
 
 def aligned_blocks(
-    path: str | Path, grid: Grid, what: str, dtype: Any, box: Box | None = None
+    path: str | Path,
+    grid: Grid,
+    what: str,
+    dtype: Any,
+    box: Box | None = None,
+    smooth: bool = True,
 ) -> Iterator[tuple[slice, np.ndarray]]:
     """A raster of `what` (a plural, for messages) that must lie on the cells of `grid`, in blocks
-    of rows: (which rows, values good until the next). Of a box, its rows count from 0.
+    of rows: (which rows, values good until the next). Of a box, its rows count from 0. `smooth`:
+    numbers between two cells mean something, unless they are integers.
 
     Where the file has no data: NaN, or `NO_ID` when `dtype` is an integer (of 32 bits or more).
     """
     dtype = np.dtype(dtype)
     store = np.empty((0, 0), dtype)
     with open_raster(path) as raster:
-        _check_aligned(raster, grid, what, "bilinear" if dtype.kind == "f" else "nearest")
+        _check_aligned(
+            raster, grid, what, "bilinear" if smooth and dtype.kind == "f" else "nearest"
+        )
         if dtype.kind == "f":
             _check_unit(raster, what)
         for rows, block, valid in raster.blocks(box):

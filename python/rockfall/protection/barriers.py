@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 
 
 def barrier_statistics(result: xr.Dataset) -> pd.DataFrame:
-    """One row for each barrier and outcome: n and fraction of all boulders of which the barrier's
-    first meeting ended so, with the limits of its 95 % confidence interval (as line_statistics).
+    """One row for each barrier and outcome: n and fraction of all boulders with which the barrier
+    dealt so, with the limits of its 95 % confidence interval (as line_statistics).
 
     Outcomes are stopped, broken_through and passed_over; the fraction that none of them holds never
     came to the barrier. `height` [m] and `capacity` [J] are the barrier's.

@@ -75,7 +75,7 @@ def quantile(values: np.ndarray, level: float, source: np.ndarray) -> tuple[floa
 
 def passes(came: Crossings, height: float, capacity: float) -> np.ndarray:
     """Which boulders a barrier of this height [m] and capacity [J] lets pass, over it or through
-    it, when they first come to it: the kernel's own rule."""
+    it, when they first come to it: the kernel's own rule, without its stop speed."""
     if not came.n:
         return np.zeros(0, bool)
     outcome = barrier_outcomes(height, capacity, came.passing_height, came.energy_total)

@@ -170,16 +170,17 @@ def _check_of(
     """Whether a barrier is what the standard asks, and what it let pass in the run."""
     came = crossings(result, k)
     height, capacity = (float(result[f"barrier_{name}"][k]) for name in ("height", "capacity"))
-    outcome, flags = result["barrier_outcome"].values[k], flags_of(result["barrier_outcome"])
+    flags = flags_of(result["barrier_outcome"])
+    outcome = result["barrier_outcome"].values[k][~np.isnan(result["line_speed"].values[k])]
+    over, through = (outcome == flags[name] for name in ("passed_over", "broken_through"))
     allowed = usable(capacity, factors)
     holds = height >= asked["height_needed"], asked["E_d"] < allowed
-    left = zip(with_limits("residual"), residual_of(came, height, capacity), strict=True)
+    left = zip(with_limits("residual"), residual_of(over | through, came.source), strict=True)
     return {
         "line": asked["line"], "n": came.n, "height": height,
         "capacity": capacity, "height_needed": asked["height_needed"], "height_holds": holds[0],
         "E_d": asked["E_d"], "energy_allowed": allowed, "energy_holds": holds[1],
-        "holds": all(holds), "over": int((outcome == flags["passed_over"]).sum()),
-        "through": int((outcome == flags["broken_through"]).sum()), **dict(left),
+        "holds": all(holds), "over": int(over.sum()), "through": int(through.sum()), **dict(left),
     }  # fmt: skip
 
 

@@ -38,7 +38,9 @@ def choices(
     for k, capacity in enumerate(EAD_ENERGY):
         height = height_for(came, capacity, residual)
         row: dict[str, float | bool] = {"ead_class": k, "capacity": capacity, "height": height}
-        left = residual_of(came, height, capacity) if height == height else (math.nan,) * 3
+        left = (math.nan,) * 3
+        if height == height:
+            left = residual_of(passes(came, height, capacity), came.source)
         row |= zip(("residual", "residual_low", "residual_high"), left, strict=True)
         rows.append(row | {"cost": _cost(k, height, costs), "cheapest": False})
     known = [row for row in rows if not math.isnan(row["cost"])]
@@ -47,11 +49,12 @@ def choices(
     return rows
 
 
-def residual_of(came: Crossings, height: float, capacity: float) -> tuple[float, float, float]:
-    """Fraction of the boulders that come which a barrier lets pass, and its 95 % interval."""
-    if not came.n:
+def residual_of(passing: np.ndarray, source: np.ndarray) -> tuple[float, float, float]:
+    """Fraction of the boulders that come, of these sources, that pass a barrier, and its 95 %
+    interval."""
+    if not passing.size:
         return math.nan, math.nan, math.nan
-    return fraction_interval(passes(came, height, capacity), came.source)
+    return fraction_interval(passing, source)
 
 
 def _cost(ead_class: int, height: float, costs: Costs | None) -> float:

@@ -44,7 +44,7 @@ class Folder:
         self.unread = [
             one.name
             for one in files
-            if one.suffix.lower() == ".asc"
+            if (one.suffix.lower() == ".asc" or one in lists)
             and one not in known
             and not one.name.lower().startswith(OUTPUTS)
         ]
@@ -60,6 +60,7 @@ class Folder:
     def read(self, name: str) -> np.ndarray:
         """A raster on the cells of the DEM, NaN where it has no data."""
         found = np.empty(self.grid.shape)
-        for rows, block in aligned_blocks(self.rasters[name], self.grid, f"values of {name}", "f8"):
+        path, what = self.rasters[name], f"values of {name}"
+        for rows, block in aligned_blocks(path, self.grid, what, "f8", smooth=False):
             found[rows] = block
         return found

@@ -104,7 +104,8 @@ def _surface(made: Import) -> Group:
         entries.append(Entry("ground_map", made.path("soiltype"), about))
     else:
         made.notes.append(
-            "soiltype.asc is not there: all rebounds follow the stochastic impact sets"
+            "soiltype.asc is not there: all rebounds follow the stochastic impact sets, by which "
+            "obstacles of 100 m stop nothing"
         )
     return Group("surface", entries)
 
@@ -187,9 +188,13 @@ def _nets(made: Import) -> Iterator[Group]:
     if missing:
         made.notes.append(f"{' and '.join(missing)}: not there, so there are no nets")
         return
-    for one in barriers(made.folder):
-        entries = [Entry(key, value) for key, value in one.items()]
-        yield Group("barrier", entries)
+    for keys, off in barriers(made.folder):
+        if off:
+            made.notes.append(
+                f"net_number.asc: {keys['name']}: {off} cells branch off its line and "
+                "stop nothing; give them a number of their own"
+            )
+        yield Group("barrier", [Entry(key, value) for key, value in keys.items()])
 
 
 def _write(made: Import, name: str, values: np.ndarray) -> None:
@@ -202,14 +207,29 @@ def _write(made: Import, name: str, values: np.ndarray) -> None:
 def _write_trees(made: Import, path: Path) -> None:
     """The list of trees, x, y, DBH by blanks, commas or semicolons, as a table with a head."""
     rows = ["x,y,dbh"]
+    more = False
     for line, text in enumerate(read_text(path).splitlines(), start=1):
-        cells = [one for one in re.split(r"[\s,;]+", text.strip()) if one]
+        cells = _cells(text)
         numbers = [plain_decimal(one) for one in cells[:3]]
-        if not cells or (len(rows) == 1 and np.isnan(numbers).all()):  # blank, or a head
+        head = len(rows) == 1 and np.isnan(numbers).all()
+        if not cells or (head and not cells[0][0].isdigit()):
             continue
         if len(numbers) < 3 or np.isnan(numbers).any():
-            raise RockfallError(f"{path}: line {line}: must be x, y and DBH [cm]")
+            raise RockfallError(
+                f"{path}: line {line}: must be x, y and DBH [cm], with decimal points"
+            )
+        more |= len(cells) > 3
         rows.append(",".join(map(repr, numbers)))
     if len(rows) == 1:
         raise RockfallError(f"{path}: lists no trees")
+    if more:
+        made.notes.append(f"{path.name}: columns after x, y and DBH are left out")
     (made.part / TREES).write_text("\n".join([*rows, ""]), encoding="utf-8")
+
+
+def _cells(text: str) -> list[str]:
+    """Those of a line: parted by commas where blanks and semicolons do not part it, since commas
+    may be of decimals."""
+    cells = [one.strip(",") for one in re.split(r"[\s;]+", text)]
+    cells = [one for one in cells if one]
+    return cells if len(cells) > 2 else [one for one in re.split(r"[\s,;]+", text) if one]

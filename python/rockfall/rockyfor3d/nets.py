@@ -14,17 +14,18 @@ from rockfall.rockyfor3d.folder import Folder
 
 NETS = ("net_number", "net_energy", "net_height")
 AROUND = np.ones((3, 3), int)  # cells that touch belong together
+TOUCH = 1.5  # centres of cells that touch, by a corner too, are nearer [cells]
 DECIMALS = 3  # of coordinates [m]
 
 
-class Cells(NamedTuple):
-    """The cells of a net that hang together."""
+class Net(NamedTuple):
+    """A barrier, and how many of its cells lie off its line: those of a branch, or of a loop."""
 
-    row: np.ndarray
-    column: np.ndarray
+    keys: dict[str, Any]
+    off: int
 
 
-def barriers(folder: Folder) -> Iterator[dict[str, Any]]:
+def barriers(folder: Folder) -> Iterator[Net]:
     """A barrier for each net, or for each part of one whose cells do not touch."""
     from scipy.ndimage import label
 
@@ -33,14 +34,17 @@ def barriers(folder: Folder) -> Iterator[dict[str, Any]]:
     for one in np.unique(number[number > 0]):
         parts, n = label(number == one, AROUND)
         for part in range(1, n + 1):
-            cells = Cells(*np.nonzero(parts == part))
+            here = parts == part
+            cells = np.argwhere(here)
+            way = longest_way(cells)
             name = f"net {one:g}" + (f" part {part}" if n > 1 else "")
-            x, y = centre_line(cells, folder.grid, dem)
-            yield {
+            x, y = centre_line(way, folder.grid, dem)
+            keys = {
                 "name": name, "x": x, "y": y,
-                "height": _of_net(folder, "net_height", height[cells], name),
-                "capacity": _of_net(folder, "net_energy", energy[cells], name),
+                "height": _of_net(folder, "net_height", height[here], name),
+                "capacity": _of_net(folder, "net_energy", energy[here], name),
             }  # fmt: skip
+            yield Net(keys, _off(cells, way))
 
 
 def _of_net(folder: Folder, raster: str, values: np.ndarray, name: str) -> float:
@@ -53,13 +57,9 @@ def _of_net(folder: Folder, raster: str, values: np.ndarray, name: str) -> float
     return float(values.min())
 
 
-def centre_line(cells: Cells, grid: Grid, dem: np.ndarray) -> tuple[list[float], list[float]]:
-    """A line through the cells from end to end, half a cell beyond their centres.
-
-    It is the shortest way from cell to cell between the two that are farthest apart. The line of a
-    net of one cell lies along the contour.
-    """
-    path = _longest_way(np.stack(cells, axis=1))
+def centre_line(path: np.ndarray, grid: Grid, dem: np.ndarray) -> tuple[list[float], list[float]]:
+    """A line through cells from end to end, half a cell beyond their centres. That of one cell lies
+    along the contour."""
     if len(path) == 1:
         along = _contour(dem, *path[0])
         path = path + 0.5 * np.array([-along, along])
@@ -70,19 +70,26 @@ def centre_line(cells: Cells, grid: Grid, dem: np.ndarray) -> tuple[list[float],
     return np.round(x, DECIMALS).tolist(), np.round(y, DECIMALS).tolist()
 
 
-def _longest_way(cells: np.ndarray) -> np.ndarray:
+def longest_way(cells: np.ndarray) -> np.ndarray:
     """The shortest way (n, row and column) between the two cells that are farthest apart, over
     cells that touch."""
     from scipy.sparse.csgraph import dijkstra
     from scipy.spatial import cKDTree
 
-    near = cKDTree(cells).sparse_distance_matrix(cKDTree(cells), 1.5).tocsr()
+    near = cKDTree(cells).sparse_distance_matrix(cKDTree(cells), TOUCH).tocsr()
     start = int(np.argmax(dijkstra(near, indices=0)))
     far, before = dijkstra(near, indices=start, return_predecessors=True)
     way = [int(np.argmax(far))]
     while way[-1] != start:
         way.append(int(before[way[-1]]))
     return cells[way]
+
+
+def _off(cells: np.ndarray, way: np.ndarray) -> int:
+    """How many cells do not touch the way."""
+    from scipy.spatial import cKDTree
+
+    return int((cKDTree(way).query(cells)[0] > TOUCH).sum())
 
 
 def _lengthened(path: np.ndarray) -> np.ndarray:

@@ -26,11 +26,17 @@ LAYERS = {".gpkg", ".geojson", ".json", ".shp", ".fgb"}  # endings of layers of 
 
 
 def layer_blocks(
-    scene: Scene, key: str, what: str, dtype: Any, rasters: dict[str, Any], box: Box | None = None
+    scene: Scene,
+    key: str,
+    what: str,
+    dtype: Any,
+    rasters: dict[str, Any],
+    box: Box | None = None,
+    smooth: bool = True,
 ) -> Iterator[tuple[slice, np.ndarray]]:
     """A raster on the cells of the DEM, as blocks of rows in any order.
 
-    It is the array given for it, or the file that the case names.
+    It is the array given for it, or the file that the case names; `smooth` as of aligned_blocks.
     """
     given = rasters.pop(key, None)
     if given is None:
@@ -38,7 +44,7 @@ def layer_blocks(
         path = scene.case.path(getattr(scene.case, group)[key])
         if key not in scene.checksums:
             scene.checksums[key] = file_checksum(path)
-        yield from aligned_blocks(path, scene.grid, what, dtype, box)
+        yield from aligned_blocks(path, scene.grid, what, dtype, box, smooth)
         return
     given = _on_cells(scene.grid, key, given)
     scene.checksums[key] = array_checksum(given)

@@ -157,10 +157,12 @@ def _release(scene: Scene) -> Iterator[str]:
 
 def _boulders(scene: Scene) -> Iterator[str]:
     boulder, gravity = scene.case.boulder, scene.case.flight["gravity"]
-    density = boulder["density"]
-    if not DENSITY[0] <= density <= DENSITY[1]:
-        unit = "; was it meant in t/m3?" if 1 <= density <= 4 else ""
-        yield f"&boulder density = {density:g} kg/m3: rocks have 2000 to 3200{unit}"
+    told = scene.source_boulders
+    if told is None or told.density is None:
+        yield from _density("density = {:g} kg/m3", boulder["density"])
+    else:
+        for density in dict.fromkeys((told.density.min(), told.density.max())):
+            yield from _density("rock_density: {:g} kg/m3 at a source", density)
     sizes = {key: boulder.get(key) for key in ("volume_mean", "volume_max", "volumes")}
     for key, value in sizes.items():
         if value is not None and np.max(value) > VOLUME:
@@ -172,6 +174,12 @@ def _boulders(scene: Scene) -> Iterator[str]:
     if not GRAVITY[0] <= gravity <= GRAVITY[1]:
         unit = "; was it meant in cm/s2?" if 900 < gravity < 1000 else ""
         yield f"&flight gravity = {gravity:g} m/s2: the Earth has 9.81{unit}"
+
+
+def _density(about: str, density: float) -> Iterator[str]:
+    if not DENSITY[0] <= density <= DENSITY[1]:
+        unit = "; was it meant in t/m3?" if 1 <= density <= 4 else ""
+        yield f"&boulder {about.format(density)}: rocks have 2000 to 3200{unit}"
 
 
 def _rocks(scene: Scene) -> Iterator[str]:

@@ -129,7 +129,7 @@ def _at_sources(
     grid, found = scene.grid, np.empty(scene.x.size, dtype)
     row = ((grid.north - scene.y) / grid.cell).astype(int).clip(0, grid.ny - 1)
     column = ((scene.x - grid.west) / grid.cell).astype(int).clip(0, grid.nx - 1)
-    for rows, block in layer_blocks(scene, key, what, dtype, rasters):
+    for rows, block in layer_blocks(scene, key, what, dtype, rasters, smooth=False):
         mine = (row >= rows.start) & (row < rows.stop)
         found[mine] = block[row[mine] - rows.start, column[mine]]
     return found

@@ -14,16 +14,17 @@ from rockfall.io.grid import Box
 
 MAX_ROWS = int(_core.constant("max_columns"))  # of class_counts, and one more can be counted
 ALL = Box(0, 0, 2**31 - 1, 2**31 - 1)  # any cells
+HITS = "tree_impacts"  # a map of counts; they are among the sums, which hold more
 HALVINGS = int(_core.constant("halvings"))  # of these rows, before they are too few to begin with
 
 
 class Plan(NamedTuple):
     """The tallies that some maps need: layers by name, from 1 in their stacks; 0: none."""
 
-    #: passages, deposits, sources; released: boulders of these sources; tree_impacts;
-    #: energy_exceeded: the first of those for thresholds
+    #: passages, deposits, sources; released: boulders of these sources; energy_exceeded: the first
+    #: of those for thresholds
     counts: dict[str, int]
-    sums: dict[str, int]  # energy, speed, jump_height; tree_height, tree_energy
+    sums: dict[str, int]  # energy, speed, jump_height; tree_height, tree_energy, tree_impacts
     maxima: dict[str, int]
     bins: int  # of counts for quantiles
     layers: dict[str, int]  # of each stack (counts, sums, maxima)
@@ -33,8 +34,8 @@ def plan_of(case: Case) -> Plan:
     """That of the maps of a case."""
     names = " ".join(case.output.get("maps", []))
     counts, sums, maxima, bins, layers = _core.map_plan(names, len(case.hazard["thresholds"]))
-    quantities = "energy", "speed", "jump_height", "tree_height", "tree_energy"
-    kinds = "passages", "deposits", "sources", "released", "tree_impacts", "energy_exceeded"
+    quantities = "energy", "speed", "jump_height", "tree_height", "tree_energy", HITS
+    kinds = "passages", "deposits", "sources", "released", "energy_exceeded"
     return Plan(
         dict(zip(kinds, counts.tolist(), strict=True)),
         dict(zip(quantities, sums.tolist(), strict=True)),

@@ -33,6 +33,7 @@ from rockfall.simulation.tally_dataset import (
     ground_variables,
     histogram_variables,
     line_variables,
+    outcome_variable,
     run_attributes,
     trajectory_variables,
 )
@@ -66,7 +67,7 @@ def make_part(tally: Tally) -> xr.Dataset:
     window = [box.column, box.row, *box.shape[::-1]]
     data = boulder_variables(tally) | ground_variables(tally)
     if tally.scene.case.lines:
-        data |= line_variables(tally)
+        data |= line_variables(tally) | outcome_variable(tally)
     data |= {
         BEFORE + name: (_dimensions(name), values, variables.TALLY[name])
         for name, values in found.items()
@@ -139,6 +140,8 @@ class Part:
         if tally.scene.case.lines:
             for k, name in enumerate(variables.fields(3)):
                 tally.crossing[rows, :, k] = self.arrays[f"line_{name}"].T
+        if tally.scene.case.barrier:
+            tally.outcome[rows] = self.arrays["barrier_outcome"].T
         for name in variables.COUNT:
             tally.counted[name] = tally.counted.get(name, 0) + self.arrays[name]
         for name in variables.GROUND if self.origin.grounds else ():
@@ -329,6 +332,8 @@ def _expected(part: Part) -> dict[str, tuple[str, tuple[str, ...]]]:
         found |= _typed("tree", "", "boulder")
     if case.lines:
         found |= _typed("line", "line_", "line", "boulder")
+    if case.barrier:
+        found["barrier_outcome"] = variables.TYPES["barrier"]["outcome"], ("barrier", "boulder")
     if case.output["rebounds"]:
         for name, kind in variables.TYPES["histogram"].items():
             found[f"{name}_histogram"] = kind, (f"{name}_bin",)
@@ -362,7 +367,7 @@ def _lengths(part: Part) -> dict[str, int]:
     bins = _core.histogram_bins()[0]
     found |= {f"{name}_bin": n for name, n in zip(variables.HISTOGRAM, bins, strict=True)}
     found |= {"boulder": part.last - part.first + 1, "line": len(case.lines)}
-    found["ground"] = len(part.origin.grounds)
+    found |= {"ground": len(part.origin.grounds), "barrier": len(case.barrier)}
     return found | {"tally_class": plan.bins}
 
 
@@ -411,6 +416,8 @@ def _possible(name: str, values: np.ndarray, times: np.ndarray | None, cells: in
         return are_crossings(values, times)
     if name == "status":
         return bool(np.isin(values, list(variables.STATUS.values())).all())
+    if name == "barrier_outcome":
+        return bool(np.isin(values, [0, *variables.OUTCOME.values()]).all())
     if name == f"{BEFORE}cell":
         return bool((np.diff(values, prepend=-1) > 0).all() and (values < cells).all())
     if name == f"{BEFORE}fed_cell":

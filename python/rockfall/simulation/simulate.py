@@ -205,10 +205,11 @@ def _call(tally: Tally, scene: Scene, first: int, size: int) -> np.ndarray:
     done = slice(first - 1 - tally.before, first - 1 - tally.before + size)
     energy = tally.energy[done] if tally.scene.case.output["energy_balance"] else tally.energy
     trees_hit = tally.trees_hit[done] if tally.scene.case.has_forest else tally.trees_hit
+    outcome = tally.outcome[done] if tally.scene.case.barrier else tally.outcome
     boulder, count, crossing, code, message = _core.run(
         scene.kernel.handle, first, tally.threads, **tally.maps.arguments(),
         **tally.maps.run_arguments(), histogram=tally.histogram.T, by_ground=tally.by_ground,
-        energy=energy.T, trees_hit=trees_hit, nl=max(1, lines), n=size,
+        energy=energy.T, trees_hit=trees_hit, outcome=outcome.T, nl=max(1, lines), n=size,
     )  # fmt: skip
     scene.kernel.check(code, message)
     if tally.maps.columns[0] > len(tally.maps.class_counts):

@@ -62,6 +62,7 @@ class Tally:
     by_ground: np.ndarray  # rebounds on each ground of the scene; a single zero where it has none
     energy: np.ndarray  # (boulders, fields), or one row that nobody asked for
     trees_hit: np.ndarray  # (boulders,), or one where there are no trees
+    outcome: np.ndarray  # (boulders, barriers), or one where there are no barriers
     before: int = 0  # boulders of the run before those of this tally
     done: int = 0
     counted: dict[str, Any] = field(default_factory=dict)  # in boulders whose `count` was not kept
@@ -98,7 +99,7 @@ class Tally:
 
 def empty_tally(scene: Scene | Origin, maps: Maps, numbers: range, threads: int) -> Tally:
     """Room for boulders of these numbers, counted from 0."""
-    bins = _core.histogram_bins()[0]
+    bins, barriers = _core.histogram_bins()[0], len(scene.case.barrier)
     return Tally(
         scene,
         maps,
@@ -110,6 +111,7 @@ def empty_tally(scene: Scene | Origin, maps: Maps, numbers: range, threads: int)
             (len(numbers) if scene.case.output["energy_balance"] else 1, len(fields(5)))
         ),
         trees_hit=np.zeros(len(numbers) if scene.case.has_forest else 1, "i4"),
+        outcome=np.zeros((len(numbers), barriers) if barriers else (1, 1), "i1"),
         crossing=np.empty((len(numbers), len(scene.case.lines), len(fields(3)))),
         before=numbers.start,
         threads=threads,

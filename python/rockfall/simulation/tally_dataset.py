@@ -13,7 +13,7 @@ from rockfall.io.grid import row_blocks
 from rockfall.result import variables
 from rockfall.result.dataset import as_dataset, centre_variables, provenance
 from rockfall.result.variables import fields
-from rockfall.simulation.maps import Maps
+from rockfall.simulation.maps import HITS, Maps
 from rockfall.simulation.tally import Tally
 from rockfall.version import __version__
 
@@ -119,19 +119,11 @@ def line_variables(tally: Tally) -> dict[str, Any]:
 
 
 def _barrier_variables(tally: Tally) -> dict[str, Any]:
-    """Of the lines that are barriers, what they are, and what they did at the first crossing."""
+    """Of the lines that are barriers, what they are, and what they did."""
     case = tally.scene.case
     height, capacity = _core.barriers(case.text().encode(), len(case.lines))
     outcome = np.zeros((len(height), tally.done), "i1")
-    columns = dict(zip(fields(3), tally.crossing[: tally.done].transpose(2, 1, 0), strict=True))
-    for k in np.flatnonzero(height):
-        crossed = np.flatnonzero(~np.isnan(columns["time"][k]))
-        if not crossed.size:  # f2py has no empty arrays
-            continue
-        energy = columns["energy_translational"][k] + columns["energy_rotational"][k]
-        outcome[k, crossed] = _core.barrier_outcomes(
-            height[k], capacity[k], columns["passing_height"][k, crossed], energy[crossed]
-        )
+    outcome[height > 0] = tally.outcome[: tally.done].T
     height[capacity == 0] = capacity[capacity == 0] = np.nan
     about = {**variables.BARRIER}
     about["outcome"] = about["outcome"] | _flags({"not_met": 0, **variables.OUTCOME})
@@ -140,6 +132,14 @@ def _barrier_variables(tally: Tally) -> dict[str, Any]:
         "barrier_capacity": ("line", capacity, about["capacity"]),
         "barrier_outcome": (("line", "boulder"), outcome, about["outcome"]),
     }
+
+
+def outcome_variable(tally: Tally) -> dict[str, Any]:
+    """What barriers did, as parts have it; {} without barriers."""
+    if not tally.scene.case.barrier:
+        return {}
+    values = tally.outcome[: tally.done].T
+    return {"barrier_outcome": (("barrier", "boulder"), values, variables.BARRIER["outcome"])}
 
 
 def _add_maps(data: dict[str, Any], tally: Tally) -> None:
@@ -176,6 +176,8 @@ def _map(name: str, maps: Maps, boulders: int, least_passages: int) -> tuple[np.
     """A map, and the passages that a number of it needs."""
     if name in maps.plan.counts:  # as it is: another copy would take memory
         return maps.counts[maps.plan.counts[name] - 1], 0
+    if name == HITS:
+        return maps.sums[maps.plan.sums[name] - 1], 0
     if name in MAXIMA:
         values = maps.maxima[maps.plan.maxima[MAXIMA[name]] - 1]
         for rows in row_blocks(values.shape):

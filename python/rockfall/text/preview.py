@@ -22,6 +22,7 @@ from rockfall.scene.reach import survey
 from rockfall.scene.rebound import sphere_radius
 from rockfall.scene.scene import Scene
 from rockfall.scene.sources import threshold
+from rockfall.simulation.maps import HITS
 from rockfall.simulation.memory import machine_memory
 from rockfall.simulation.simulate import check_team, fields, run_chunks, start
 from rockfall.simulation.tally import Tally
@@ -94,9 +95,9 @@ def memory(scene: Scene, pilot: Pilot) -> dict[str, float]:
     tally = start(scene, threads=1)
     maps = tally.maps
     layers = [maps.counts, maps.sums, maps.maxima, maps.column, maps.stamp]
-    made = len(names - {*maps.plan.counts, *MAXIMA}) * 4 * np.prod(maps.box.shape)
+    made = len(names - {*maps.plan.counts, *MAXIMA, HITS}) * 4 * np.prod(maps.box.shape)
     row = 8 * len(fields(1)) + 4 * len(fields(2)) + 8 * len(fields(3)) * len(scene.case.lines)
-    row += 4 * scene.case.has_forest
+    row += 4 * scene.case.has_forest + len(scene.case.barrier)
     if scene.windows:
         rasters = scene.windows.bytes + READING
     else:

@@ -1,0 +1,443 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The keys of a case file: every group and key, its default and what it may be, in one table that both programs read.
+module rockfall_case_keys
+   use rockfall_kinds, only: wp, i8
+   use rockfall_error, only: error_t, fail
+   use rockfall_text, only: integer_text, joined
+   use rockfall_namelist, only: namelist_t, group_t, parse_namelist
+   use rockfall_values, only: has_key, value_count, get_text, get_integer, get_real, get_logical, refuse, &
+                              about, check_names
+   use rockfall_variables, only: map_fields
+   use rockfall_decimal, only: parse_real
+   implicit none
+   private
+   public :: key_t, key_table, n_keys, key_text, row_text, read_keys, check_key, repeatable
+   public :: map_names, n_maps, max_thresholds, max_periods, hazard_classes, many, text_length, max_name, max_real
+
+   integer, parameter :: many = 100000                !! values of a list
+   integer, parameter :: text_length = 4096           !! characters of a text
+   integer, parameter :: max_name = 60                !! of that of a line or scenario
+   real(wp), parameter :: max_real = 1.0e12_wp        !! of any number, so that no product overflows
+   real(wp), parameter :: min_positive = 1.0e-12_wp   !! of a number that must be > 0
+
+   !> A key of the case file.
+   type :: key_t
+      character(len=8) :: group
+      character(len=20) :: name
+      character(len=7) :: kind      !! text, integer, real, logical
+      integer :: most               !! values
+      character(len=90) :: default  !! as written in a case; "required", or "absent"
+      character(len=100) :: allowed  !! "", a range ("> 0", ">= 0", "1 to 10"), or words ("A, B")
+      character(len=6) :: unit
+      character(len=100) :: meaning
+      logical :: of_scene = .false.  !! decides what stands in a scene file
+      character(len=12) :: file = ""  !! that it names: raster, layer, raster layer (either), points, table, sets
+   end type key_t
+
+   logical, parameter :: in_scene = .true.  !! for rows of the table
+
+   character(len=*), parameter :: map_names(*) = map_fields
+   integer, parameter :: n_maps = size(map_names)
+
+   integer, parameter :: max_thresholds = 8, max_periods = 8  !! between classes of intensity, of frequency
+   character(len=*), parameter :: hazard_classes = "residual, low, moderate, high"  !! rising
+   !> Below 30 kJ, 30 to 300 kJ, above 300 kJ, each up to 30, 100 and 300 years (docs/hazard.md says whence).
+   character(len=*), parameter :: swiss_matrix = "'moderate', 2*'low', 'high', 2*'moderate', 3*'high'"
+
+   !> Groups of which a case may have several.
+   character(len=*), parameter :: repeatable(*) = [character(len=8) :: "line", "barrier", "dam", "scenario"]
+
+   type(key_t), parameter :: key_table(*) = [ &
+      key_t("case", "title", "text", 1, "''", "", "", "what the result is called"), &
+      key_t("case", "seed", "integer", 1, "1", ">= 0", "", "of the random numbers"), &
+      key_t("case", "boulders", "integer", 1, "required", "1 to 1e15", "", "released from each source"), &
+      key_t("case", "threads", "integer", 1, "0", "0 to 1024", "", "0 = all cores"), &
+      key_t("case", "sampling", "text", 1, "'random'", "random, sobol", "", &
+            "sobol: volumes and first rebounds spread evenly"), &
+      key_t("terrain", "dem", "text", 1, "required", "", "", &
+            "elevation raster, square cells in metres", in_scene, "raster"), &
+      key_t("surface", "zones", "text", 1, "absent", "", "", &
+            "raster of zone ids, or polygons", in_scene, "raster layer"), &
+      key_t("surface", "table", "text", 1, "absent", "", "", &
+            "CSV with zone, mean_radius, rg70, rg20, rg10, ground", in_scene, "table"), &
+      key_t("surface", "zone_field", "text", 1, "'zone'", "", "", "attribute of zone polygons with the id", in_scene), &
+      key_t("surface", "zones_layer", "text", 1, "absent", "", "", "of a GeoPackage with several", in_scene), &
+      key_t("surface", "default_zone", "integer", 1, "absent", "-2147483647 to 2147483647", "", &
+            "zone of cells that have none", in_scene), &
+      key_t("surface", "mean_radius", "text", 1, "absent", "", "", &
+            "raster of mean rock radii [m]", in_scene, "raster"), &
+      key_t("surface", "rg70", "text", 1, "absent", "", "", &
+            "raster of obstacle sizes met at 70 % [m]", in_scene, "raster"), &
+      key_t("surface", "rg20", "text", 1, "absent", "", "", &
+            "raster of obstacle sizes met at 20 % [m]", in_scene, "raster"), &
+      key_t("surface", "rg10", "text", 1, "absent", "", "", &
+            "raster of obstacle sizes met at 10 % [m]", in_scene, "raster"), &
+      key_t("surface", "uniform_mean_radius", "real", 1, "absent", "> 0", "m", &
+            "one mean rock radius everywhere", in_scene), &
+      key_t("surface", "uniform_rg", "real", 3, "absent", "> 0", "m", "Rg70, Rg20, Rg10 everywhere", in_scene), &
+      key_t("surface", "method", "text", 1, "'B'", "A, B", "", &
+            "A: three obstacle sizes, B: one mean radius", in_scene), &
+      key_t("surface", "rg_reading", "text", 1, "'diameter'", "diameter, radius", "", "what Rg measures"), &
+      key_t("surface", "ground", "text", 1, "absent", "", "", &
+            "what rebounds follow where nothing else is said: a ground of the table, or an impact set", in_scene), &
+      key_t("surface", "ground_map", "text", 1, "absent", "", "", "raster of ids of grounds", in_scene, "raster"), &
+      key_t("surface", "ground_table", "text", 1, "absent", "", "", &
+            "CSV of grounds in place of those shipped", in_scene, "table"), &
+      key_t("impact", "sets", "text", 1, "'rocky-slope'", "", "", "shipped impact set, or a file", in_scene, "sets"), &
+      key_t("impact", "turning", "text", 1, "'past_aspect'", "past_aspect, to_aspect, lab", "", &
+            "by a random angle, past the cell's aspect or at most to it; or as in the laboratory: impact_sets.md"), &
+      key_t("impact", "ratio", "text", 1, "'nearest'", "nearest, between", "", &
+            "which set serves R_b/R_m: the nearest, or either of the two beside it, the nearer more often"), &
+      key_t("impact", "stop_speed", "real", 1, "0.5", "> 0", "m/s", "slower after a rebound: stopped"), &
+      key_t("impact", "impact_limit", "integer", 1, "100000", "1 to 2147483647", "", "contacts of a boulder at most"), &
+      key_t("boulder", "volume", "text", 1, "'fixed'", "fixed, normal, uniform, lognormal, list, source", "", &
+            "law; source: what rasters say at each source"), &
+      key_t("boulder", "volume_mean", "real", 1, "absent", "> 0", "m3", "fixed, normal, lognormal"), &
+      key_t("boulder", "volume_std", "real", 1, "absent", ">= 0", "m3", "normal (truncated at 0), lognormal"), &
+      key_t("boulder", "volume_min", "real", 1, "absent", "> 0", "m3", "uniform"), &
+      key_t("boulder", "volume_max", "real", 1, "absent", "> 0", "m3", "uniform"), &
+      key_t("boulder", "volumes", "real", many, "absent", "> 0", "m3", "list: each with equal probability"), &
+      key_t("boulder", "density", "real", 1, "2800.0", "> 0", "kg/m3", "of the boulders"), &
+      key_t("boulder", "d1", "text", 1, "absent", "", "", &
+            "source: raster of one of the three sides of boulders [m]", in_scene, "raster"), &
+      key_t("boulder", "d2", "text", 1, "absent", "", "", "of the second [m]", in_scene, "raster"), &
+      key_t("boulder", "d3", "text", 1, "absent", "", "", "of the third [m]", in_scene, "raster"), &
+      key_t("boulder", "shape", "text", 1, "absent", "", "", &
+            "raster: 0 none, 1 rectangular, 2 ellipsoid, 3 sphere, 4 disc; absent: spheres", in_scene, "raster"), &
+      key_t("boulder", "rock_density", "text", 1, "absent", "", "", &
+            "raster, in place of density [kg/m3]", in_scene, "raster"), &
+      key_t("boulder", "volume_spread", "real", 1, "absent", "0 to 0.9", "", &
+            "source: volumes differ by up to this fraction from that of their source, evenly"), &
+      key_t("release", "x", "real", many, "absent", "", "m", "release points", in_scene), &
+      key_t("release", "y", "real", many, "absent", "", "m", "release points", in_scene), &
+      key_t("release", "cells", "text", 1, "absent", "", "", &
+            "raster: cells above zero are sources", in_scene, "raster"), &
+      key_t("release", "polygons", "text", 1, "absent", "", "", &
+            "polygons: cells inside are sources", in_scene, "layer"), &
+      key_t("release", "polygons_layer", "text", 1, "absent", "", "", "of a GeoPackage with several", in_scene), &
+      key_t("release", "steep_cells", "logical", 1, ".false.", "", "", &
+            "cells as steep as slope_threshold are sources; only those within cells or polygons, if given", in_scene), &
+      key_t("release", "slope_threshold", "real", 1, "absent", "1 to 89", "degree", &
+            "of steep_cells; absent: 55 RES**-0.075 for cells of RES m (Dorren 2016)", in_scene), &
+      key_t("release", "by_area", "logical", 1, ".false.", "", "", &
+            "a cell releases boulders in proportion to its true surface area, &case boulders if flat", in_scene), &
+      key_t("release", "drop_height", "real", 1, "0.0", ">= 0", "m", "above the surface"), &
+      key_t("release", "velocity", "real", 3, "3*0.0", "", "m/s", "east, north, up"), &
+      key_t("forest", "trees", "text", 1, "absent", "", "", &
+            "CSV with x, y, dbh [cm], species; or a layer of points", in_scene, "points"), &
+      key_t("forest", "stems", "text", 1, "absent", "", "", &
+            "raster of stems a hectare, of which trees are made", in_scene, "raster"), &
+      key_t("forest", "uniform_stems", "real", 1, "absent", "> 0", "1/ha", "as many everywhere", in_scene), &
+      key_t("forest", "dbh_mean", "text", 1, "absent", "", "", &
+            "raster of mean diameters at breast height [cm]", in_scene, "raster"), &
+      key_t("forest", "uniform_dbh_mean", "real", 1, "absent", "> 0", "cm", &
+            "one mean diameter everywhere", in_scene), &
+      key_t("forest", "dbh_std", "text", 1, "absent", "", "", &
+            "raster of their standard deviations [cm]", in_scene, "raster"), &
+      key_t("forest", "uniform_dbh_std", "real", 1, "absent", ">= 0", "cm", &
+            "one standard deviation everywhere", in_scene), &
+      key_t("forest", "conifers", "text", 1, "absent", "", "", &
+            "raster of the percentage of conifers among stems", in_scene, "raster"), &
+      key_t("forest", "uniform_conifers", "real", 1, "absent", "0 to 100", "%", &
+            "one percentage everywhere", in_scene), &
+      key_t("forest", "spread", "text", 1, "'random'", "random, even", "", &
+            "random: stems anywhere; even: each cell has as many as its raster says", in_scene), &
+      key_t("forest", "seed", "integer", 1, "1", ">= 0", "", "of the trees that are made", in_scene), &
+      key_t("forest", "species_table", "text", 1, "absent", "", "", &
+            "CSV with species, genus, factor; absent: as shipped", in_scene, "table"), &
+      key_t("forest", "stem_height", "real", 1, "absent", "> 0", "m", &
+            "boulders that are higher pass over; absent: none does"), &
+      key_t("forest", "lateral_from", "real", 1, "0.58", "0 to 1", "", &
+            "place on the stem from which a hit is lateral"), &
+      key_t("forest", "scratch_from", "real", 1, "0.75", "0 to 1", "", &
+            "place on the stem from which a hit is a scratch"), &
+      key_t("forest", "turn_frontal", "real", 3, "22.5, 45.0, 8.5", ">= 0", "", &
+            "how often a frontal hit turns by 0-22.5, 22.5-67.5, 67.5-76 degrees, in any unit"), &
+      key_t("forest", "turn_lateral", "real", 3, "22.5, 45.0, 8.5", ">= 0", "", "the same of a lateral hit"), &
+      key_t("forest", "turn_scratch", "real", 3, "22.5, 45.0, 8.5", ">= 0", "", "the same of a scratch"), &
+      key_t("flight", "gravity", "real", 1, "9.81", "> 0", "m/s2", "acceleration of gravity"), &
+      key_t("line", "name", "text", 1, "absent", "", "", "of an evaluation line"), &
+      key_t("line", "x", "real", many, "absent", "", "m", "vertices, two or more"), &
+      key_t("line", "y", "real", many, "absent", "", "m", "vertices, two or more"), &
+      key_t("line", "file", "text", 1, "absent", "", "", "in place of x and y: lines, one or more", file="layer"), &
+      key_t("line", "layer", "text", 1, "absent", "", "", "of a GeoPackage with several"), &
+      key_t("line", "field", "text", 1, "absent", "", "", "attribute with the name; absent: name"), &
+      key_t("barrier", "name", "text", 1, "absent", "", "", "of a net or wall, which is an evaluation line too"), &
+      key_t("barrier", "x", "real", many, "absent", "", "m", "vertices, two or more"), &
+      key_t("barrier", "y", "real", many, "absent", "", "m", "vertices, two or more"), &
+      key_t("barrier", "height", "real", 1, "absent", "> 0", "m", &
+            "vertical, of the top edge above the ground; a boulder whose centre is above it passes over"), &
+      key_t("barrier", "capacity", "real", 1, "absent", "> 0", "kJ", "kinetic energy that it takes at most"), &
+      key_t("barrier", "class", "integer", 1, "absent", "0 to 7", "", &
+            "instead of capacity: of EAD 340059, by its maximum energy level"), &
+      key_t("barrier", "file", "text", 1, "absent", "", "", &
+            "in place of x and y: lines, whose attributes give what the group does not", file="layer"), &
+      key_t("barrier", "layer", "text", 1, "absent", "", "", "of a GeoPackage with several"), &
+      key_t("barrier", "field", "text", 1, "absent", "", "", "attribute with the name; absent: name"), &
+      key_t("dam", "x", "real", many, "absent", "", "m", "vertices of the crest, two or more", in_scene), &
+      key_t("dam", "y", "real", many, "absent", "", "m", "vertices of the crest, two or more", in_scene), &
+      key_t("dam", "height", "real", 1, "absent", "0.001 to 1000", "m", "of the crest above the terrain below it", &
+            in_scene), &
+      key_t("dam", "crest_width", "real", 1, "0.0", ">= 0", "m", "of its flat top", in_scene), &
+      key_t("dam", "slope", "real", 1, "45.0", "1 to 89", "degree", "of its faces", in_scene), &
+      key_t("dam", "file", "text", 1, "absent", "", "", &
+            "in place of x and y: lines, whose attributes give what the group does not", in_scene, "layer"), &
+      key_t("dam", "layer", "text", 1, "absent", "", "", "of a GeoPackage with several", in_scene), &
+      key_t("output", "maps", "text", n_maps, "absent", "as in result.md", "", "rasters of results"), &
+      key_t("output", "map_extent", "text", 1, "'reach'", "reach, terrain", "", &
+            "reach: the cells that boulders can reach; terrain: all"), &
+      key_t("output", "least_passages", "integer", 1, "10", "1 to 2147483647", "", &
+            "cells with fewer show no mean and no quantile"), &
+      key_t("output", "rebounds", "logical", 1, ".false.", "", "", "histograms over all rebounds"), &
+      key_t("output", "energy_balance", "logical", 1, ".false.", "", "", &
+            "what became of the energy of each boulder: ground, trees, barriers, left"), &
+      key_t("output", "trajectories", "integer", 1, "0", "0 to 2147483647", "", "record the first n boulders"), &
+      key_t("ensemble", "runs", "integer", 1, "64", "8 to 65536", "", "draws of all that is uncertain"), &
+      key_t("ensemble", "radius_factor", "real", 1, "1.0", "1 to 10", "", &
+            "geometric standard deviation of R_m or Rg, zone by zone"), &
+      key_t("ensemble", "volume_factor", "real", 1, "1.0", "1 to 10", "", &
+            "geometric standard deviation of all volumes together"), &
+      key_t("ensemble", "volume_std_factor", "real", 1, "1.0", "1 to 10", "", &
+            "geometric standard deviation of volume_std"), &
+      key_t("ensemble", "drop_height_factor", "real", 1, "1.0", "1 to 10", "", &
+            "geometric standard deviation of drop_height"), &
+      key_t("ensemble", "dem_error", "real", 1, "0.0", ">= 0", "m", "standard deviation of elevations"), &
+      key_t("ensemble", "dem_correlation", "real", 1, "absent", "> 0", "m", &
+            "distance at which the correlation of their errors is 1/e"), &
+      key_t("ensemble", "source_shift", "real", 1, "0.0", ">= 0", "m", &
+            "standard deviation of easting and northing of all sources together"), &
+      key_t("ensemble", "sets", "text", 100, "absent", "", "", "impact sets, each with equal probability", &
+            file="sets"), &
+      key_t("scenario", "name", "text", 1, "required", "", "", "of a class of boulders, with its frequency"), &
+      key_t("scenario", "frequency", "real", 1, "absent", "> 0", "1/year", "how many boulders come loose"), &
+      key_t("scenario", "return_period", "real", 1, "absent", "> 0", "year", "instead of frequency: 1/frequency"), &
+      key_t("scenario", "frequency_per", "text", 1, "'year'", "year, source, km2", "", &
+            "year: of all sources together; source: of each; km2: of so much surface of source cells"), &
+      key_t("scenario", "volume", "text", 1, "absent", "fixed, normal, uniform, lognormal, list", "", &
+            "with its own keys, in place of all volume keys of &boulder"), &
+      key_t("scenario", "volume_mean", "real", 1, "absent", "> 0", "m3", "in place of that of &boulder"), &
+      key_t("scenario", "volume_std", "real", 1, "absent", ">= 0", "m3", "in place of that of &boulder"), &
+      key_t("scenario", "volume_min", "real", 1, "absent", "> 0", "m3", "in place of that of &boulder"), &
+      key_t("scenario", "volume_max", "real", 1, "absent", "> 0", "m3", "in place of that of &boulder"), &
+      key_t("scenario", "volumes", "real", many, "absent", "> 0", "m3", "in place of those of &boulder"), &
+      key_t("scenario", "density", "real", 1, "absent", "> 0", "kg/m3", "in place of that of &boulder"), &
+      key_t("hazard", "thresholds", "real", max_thresholds, "30.0, 300.0", ">= 0", "kJ", &
+            "of energy, rising: of the map energy_exceeded, and between classes of intensity"), &
+      key_t("hazard", "return_periods", "real", max_periods, "30.0, 100.0, 300.0", "> 0", "year", &
+            "rising: the ends of the classes of frequency"), &
+      key_t("hazard", "matrix", "text", (max_thresholds + 1)*max_periods, swiss_matrix, &
+            hazard_classes, "", &
+            "hazard of each class of intensity, from the weakest, by return period, from the shortest"), &
+      key_t("hazard", "minimum_area", "real", 1, "0.0", ">= 0", "m2", &
+            "of a zone: a smaller patch takes the class of the largest beside it")]
+   integer, parameter :: n_keys = size(key_table)
+
+contains
+
+   !> All groups and keys of a case with their values as written, those that are absent with their defaults; each is as
+   !> the table wants it.
+   pure subroutine read_keys(text, file, list, error)
+      character(len=*), intent(in) :: text
+      character(len=*), intent(in) :: file  !! its name, for messages
+      type(namelist_t), intent(out) :: list
+      type(error_t), allocatable, intent(out) :: error
+
+      call parse_namelist(text, file, list, error)
+      if (.not. allocated(error)) call check_names(list, key_table%group, key_table%name, repeatable, &
+                                                   "a case has one such group; only &" &
+                                                   //joined(repeatable, ", &")//" may repeat", error)
+      if (.not. allocated(error)) call complete(list, file)
+      if (.not. allocated(error)) call check_keys(list, error)
+   end subroutine read_keys
+
+   !> A row of the table as text.
+   pure function key_text(k) result(text)
+      integer, intent(in) :: k
+      character(len=:), allocatable :: text
+
+      text = row_text(key_table(k))
+   end function key_text
+
+   !> A key as text: group|key|kind|most|default|allowed|unit|meaning|file.
+   pure function row_text(key) result(text)
+      type(key_t), intent(in) :: key
+      character(len=:), allocatable :: text
+
+      text = trim(key%group)//"|"//trim(key%name)//"|"//trim(key%kind)//"|"//integer_text(key%most)//"|" &
+             //trim(key%default)//"|"//trim(key%allowed)//"|"//trim(key%unit)//"|"//trim(key%meaning) &
+             //"|"//trim(key%file)
+   end function row_text
+
+   !> Add the groups that are absent and the defaults of keys that are absent.
+   pure subroutine complete(list, file)
+      type(namelist_t), intent(inout) :: list
+      character(len=*), intent(in) :: file
+      type(namelist_t) :: defaults
+      type(error_t), allocatable :: error
+      integer :: d, e, g
+
+      call parse_namelist(default_case(), file, defaults, error)
+      do d = 1, size(defaults%group)
+         associate (default => defaults%group(d))
+            if (.not. any([repeatable == default%name, list%group%name == default%name])) then
+               list%group = [list%group, default]
+               cycle
+            end if
+            do g = 1, size(list%group)
+               if (list%group(g)%name /= default%name) cycle
+               do e = 1, size(default%entry)
+                  if (has_key(list%group(g), trim(default%entry(e)%key))) cycle
+                  list%group(g)%entry = [list%group(g)%entry, default%entry(e)]
+               end do
+            end do
+         end associate
+      end do
+   end subroutine complete
+
+   !> The defaults of the table as the text of a case.
+   pure function default_case() result(text)
+      character(len=:), allocatable :: text
+      type(key_t) :: key
+      character(len=len(key%group)) :: group
+      integer :: k
+
+      text = ""
+      group = ""
+      do k = 1, n_keys
+         key = key_table(k)
+         if (key%group /= group) then
+            if (k > 1) text = text//" / "
+            text = text//"&"//trim(key%group)
+            group = key%group
+         end if
+         if (key%default == "required" .or. key%default == "absent") cycle
+         text = text//" "//trim(key%name)//" = "//trim(key%default)
+      end do
+      text = text//" /"
+   end function default_case
+
+   !> Every value is of the kind, number and range that the table says.
+   pure subroutine check_keys(list, error)
+      type(namelist_t), intent(in) :: list
+      type(error_t), allocatable, intent(out) :: error
+      integer :: g, k
+
+      do g = 1, size(list%group)
+         do k = 1, n_keys
+            if (key_table(k)%group /= list%group(g)%name) cycle
+            call check_key(list%group(g), key_table(k), error)
+            if (allocated(error)) return
+         end do
+      end do
+   end subroutine check_keys
+
+   pure subroutine check_key(group, key, error)
+      type(group_t), intent(in) :: group
+      type(key_t), intent(in) :: key
+      type(error_t), allocatable, intent(out) :: error
+      character(len=:), allocatable :: name
+      logical :: switch
+      integer :: n
+
+      name = trim(key%name)
+      n = value_count(group, name)
+      if (n == 0) then
+         if (key%default == "required") call fail(error, about(group, name)//" is missing: " &
+                                                  //trim(key%kind)//", "//trim(key%meaning))
+      else if (n > key%most .or. (key%most == 3 .and. n < 3)) then
+         if (key%most == 1) call refuse(group, name, "must be one value", error)
+         if (key%most == 3) call refuse(group, name, "must be three values", error)
+         if (key%most > 3) call refuse(group, name, "must be at most "//integer_text(key%most)//" values", error)
+      else
+         select case (key%kind)
+         case ("text"); call check_texts(group, key, error)
+         case ("integer"); call check_integers(group, key, error)
+         case ("real"); call check_reals(group, key, error)
+         case default; call get_logical(group, name, switch, error)
+         end select
+      end if
+   end subroutine check_key
+
+   pure subroutine check_texts(group, key, error)
+      type(group_t), intent(in) :: group
+      type(key_t), intent(in) :: key
+      type(error_t), allocatable, intent(out) :: error
+      character(len=text_length), allocatable :: values(:)
+      character(len=:), allocatable :: words
+      integer :: k
+
+      words = trim(key%allowed)
+      if (key%name == "maps") words = joined(map_names, ", ")
+      allocate (values(0))
+      call get_text(group, trim(key%name), values, error)
+      if (allocated(error)) return
+      do k = 1, size(values)
+         if (len_trim(values(k)) == 0 .and. key%name /= "title") then
+            call refuse(group, trim(key%name), "must not be empty", error, k)
+         else if (words /= "" .and. index(", "//words//",", ", "//trim(values(k))//",") == 0) then
+            call refuse(group, trim(key%name), "must be one of: "//words, error, k)
+         end if
+         if (allocated(error)) return
+      end do
+   end subroutine check_texts
+
+   pure subroutine check_integers(group, key, error)
+      type(group_t), intent(in) :: group
+      type(key_t), intent(in) :: key
+      type(error_t), allocatable, intent(out) :: error
+      integer(i8) :: value
+      real(wp) :: range(2)
+
+      call get_integer(group, trim(key%name), value, error)
+      if (allocated(error)) return
+      range = range_of(key%allowed, [-real(huge(1_i8), wp), real(huge(1_i8), wp)])
+      if (value < range(1) .or. value > range(2)) &
+         call refuse(group, trim(key%name), "must be "//trim(key%allowed), error)
+   end subroutine check_integers
+
+   pure subroutine check_reals(group, key, error)
+      type(group_t), intent(in) :: group
+      type(key_t), intent(in) :: key
+      type(error_t), allocatable, intent(out) :: error
+      real(wp), allocatable :: values(:)
+      real(wp) :: range(2)
+      character(len=:), allocatable :: unit
+      logical :: positive
+      integer :: k
+
+      call get_real(group, trim(key%name), values, error)
+      if (allocated(error)) return
+      unit = ""
+      if (key%unit /= "") unit = " ["//trim(key%unit)//"]"
+      range = range_of(key%allowed, [-max_real, max_real])
+      positive = key%allowed(:2) == "> "
+      do k = 1, size(values)
+         if (values(k) < range(1) .or. (positive .and. values(k) <= range(1)) .or. &
+             (values(k) > range(2) .and. range(2) < max_real)) then
+            call refuse(group, trim(key%name), "must be "//trim(key%allowed)//unit, error, k)
+         else if (abs(values(k)) > max_real) then
+            call refuse(group, trim(key%name), "must be at most 1e12"//unit, error, k)
+         else if (positive .and. values(k) < min_positive) then
+            call refuse(group, trim(key%name), "must be at least 1e-12"//unit, error, k)
+         end if
+         if (allocated(error)) return
+      end do
+   end subroutine check_reals
+
+   !> The ends of "a to b", "> a" or ">= a"; `outer` gives those that are not told.
+   pure function range_of(allowed, outer) result(range)
+      character(len=*), intent(in) :: allowed
+      real(wp), intent(in) :: outer(2)
+      real(wp) :: range(2)
+      integer :: to, status
+
+      range = outer
+      to = index(allowed, " to ")
+      if (to > 0) then
+         call parse_real(allowed(:to - 1), range(1), status)
+         call parse_real(trim(allowed(to + 4:)), range(2), status)
+      else if (allowed(:1) == ">") then
+         call parse_real(trim(allowed(index(allowed, " ") + 1:)), range(1), status)
+      end if
+   end function range_of
+end module rockfall_case_keys
