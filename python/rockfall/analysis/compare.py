@@ -65,6 +65,12 @@ def compare(result: xr.Dataset, *observed: str | Path | Observed) -> Comparison:
     """Set a result beside observations: CSV files (docs/observed.md), or one `Observed`.
 
     Of printed numbers those observed are used, and those of the method, A or B, of the result.
+
+    >>> import rockfall
+    >>> result = rockfall.run(rockfall.read_case("case.nml"))
+    >>> found = rockfall.compare(result, "observed.csv")
+    >>> found.errors["statistic"].tolist()
+    ['mean', 'std', 'max']
     """
     if len(observed) == 1 and isinstance(observed[0], Observed):
         seen = observed[0]

@@ -7,7 +7,7 @@ import argparse
 from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from rockfall.errors import RockfallError
 
@@ -18,6 +18,14 @@ _RULES = "'speed.mean@EL1<2%%, energy_total.q95@EL1<5%%, fraction@EL1<3%%'"
 class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         raise RockfallError(f"{message}; see {self.prog} --help")
+
+
+class _Step(argparse.Action):
+    """An edit, kept with the others in the order of the command line."""
+
+    def __call__(self, parser: Any, namespace: Any, value: Any, option: str | None = None) -> None:
+        steps = [*(getattr(namespace, self.dest) or []), (str(option).lstrip("-"), value)]
+        setattr(namespace, self.dest, steps)
 
 
 class _Version(argparse.Action):
@@ -51,11 +59,45 @@ def make_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action=_Version, nargs=0, help="print the version")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    _add_draft(commands)
     _add_runs(commands)
     _add_studies(commands)
     _add_results(commands)
     _add_lab(commands)
     return parser
+
+
+def _add_draft(commands: _Commands) -> None:
+    about = "write a commented case for a DEM and layers of zones, sources, lines, barriers, trees"
+    new = _add(commands, "draft", "new", about, "DEM")
+    about = "GeoPackage, GeoJSON, shapefile: each layer is known by shapes, attributes and name"
+    new.add_argument("layers", metavar="LAYER", type=Path, nargs="*", help=about)
+    new.add_argument("-o", "--output", metavar="CASE.nml", type=Path, required=True)
+    about = "make a DEM of surveyed points, or edit one: edits in the order in which they are given"
+    dem = _add(commands, "draft", "dem", about)
+    dem.add_argument("input", metavar="FILE", type=Path, help="points.csv with x, y, z; or a DEM")
+    dem.add_argument("-o", "--output", metavar="DEM.tif", type=Path, required=True)
+    points = dem.add_argument_group("points")
+    about = "side of a cell; default: 1, 2, 5, 10..., at most the mean spacing of the points"
+    points.add_argument("--cell", metavar="M", type=float, help=about)
+    about = "points weigh 1/distance**P; default: 2"
+    points.add_argument("--power", metavar="P", type=float, help=about)
+    about = "points of which a cell is made, at most; default: 12"
+    points.add_argument("--neighbours", metavar="N", type=int, help=about)
+    about = "nodata beyond; default: three times the mean spacing"
+    points.add_argument("--within", metavar="M", type=float, help=about)
+    points.add_argument("--crs", metavar="CODE", help="of the points, such as EPSG:2056")
+    edits = dem.add_argument_group("edits")
+    for name, metavar, kind, does in (
+        ("fill", "M", float, "fill holes, as far as M from their edges"),
+        ("pits", "M", float, "fill pits that are at most M deep up to where they run over"),
+        ("smooth", "M", float, "by a Gaussian of this standard deviation"),
+        ("dam", "LAYER", Path, "lines with height, crest_width, slope, as &dam has them"),
+        ("cut", "LAYER", Path, "lower by depth or to level: polygons, or lines with a width"),
+    ):
+        edits.add_argument(
+            f"--{name}", metavar=metavar, type=kind, action=_Step, dest="steps", help=does
+        )
 
 
 def _add_runs(commands: _Commands) -> None:

@@ -77,6 +77,13 @@ def run_ensemble(case: Case, *, progress: bool = False, **arrays: Any) -> xr.Dat
     few boulders pass in some run, or where the epistemic variance is not significant. Beside them
     are the draws, the results of every run, and, where the case asks for passages or
     reach_probability, maps over the runs. `arrays` are as in `rockfall.run`.
+
+    >>> import rockfall
+    >>> case = rockfall.read_case("case.nml")
+    >>> case = case.replace(ensemble={"runs": 8, "radius_factor": 1.2})
+    >>> found = rockfall.ensemble(case)
+    >>> rockfall.ensemble_table(found)["line"].iloc[0]
+    'L'
     """
     asked = {*case.output.get("maps", [])}
     needs_maps = bool({"passages", "reach_probability"} & asked)
@@ -246,7 +253,8 @@ def is_ensemble(result: xr.Dataset) -> bool:
 
 def ensemble_table(found: xr.Dataset) -> pd.DataFrame:
     """One row for each line and result: its numbers, then the fractions of each input with 95 %
-    intervals, NaN where they are undecided."""
+    intervals, NaN where they are undecided. `help(rockfall.ensemble)` has an example.
+    """
     import pandas as pd
 
     names = ("case_value", "mean", "q05", "q95", "monte_carlo_std", "epistemic_std")
