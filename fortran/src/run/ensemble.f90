@@ -14,7 +14,7 @@ module rockfall_ensemble
    use rockfall_histogram, only: histograms, bins, quantities
    implicit none
    private
-   public :: run_boulders, trace_boulder, share_of
+   public :: run_boulders, trace_boulder
 
    integer, parameter :: batch = 16        !! boulders that a thread takes at a time
    !> Boulders of a source up to which one thread runs it alone, in a call of few boulders; in larger calls so many
@@ -195,11 +195,4 @@ contains
       if (scene%histograms_requested) scratch%histograms = histograms()
       if (allocated(scene%grounds)) allocate (scratch%by_ground(size(scene%grounds)), source=0_i8)
    end subroutine prepare
-
-   !> n*part/of without overflow: the boulders in the first of equal ranges.
-   pure integer(i8) function share_of(n, part, of)
-      integer(i8), intent(in) :: n, part, of
-
-      share_of = n/of*part + mod(n, of)*part/of
-   end function share_of
 end module rockfall_ensemble

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
     from rockfall.io.grid import Grid
 
+CONVENTIONS = "CF-1.11"
 NO_COUNT = -1  # fill value of counts
 #: What netCDF4 and xarray raise of a file that is damaged.
 DAMAGED = (
@@ -72,6 +73,11 @@ def provenance(scene: Any) -> dict[str, str]:
         "input_checksums": json.dumps(scene.checksums, sort_keys=True),
         "decoded_checksums": json.dumps(scene.decoded, sort_keys=True),
     }
+
+
+def feature_names(scene: Any) -> dict[str, str]:
+    """Of the layer from which sources come, a line each; nothing where there is none."""
+    return {"source_features": "\n".join(scene.features.names)} if scene.features else {}
 
 
 def open_result(path: str | Path) -> xr.Dataset:
@@ -146,6 +152,8 @@ def _attached(result: xr.Dataset, name: str) -> dict[str, Any]:
         if other not in result.dims and {*coordinate.dims} <= {*variable.dims}
     ]  # fmt: skip
     found: dict[str, Any] = {"coordinates": " ".join(map(str, beside))} if beside else {}
+    if name.endswith("_bounds"):  # CF: of them nothing is said but by their parents
+        return found
     if variable.dtype.kind == "f":
         found["_FillValue"] = np.nan
     elif variable.dtype.kind == "i":

@@ -11,7 +11,13 @@ from rockfall._core import rockfall_f2py as _core
 from rockfall.case import Case
 from rockfall.io.grid import row_blocks
 from rockfall.result import variables
-from rockfall.result.dataset import as_dataset, centre_variables, provenance
+from rockfall.result.dataset import (
+    CONVENTIONS,
+    as_dataset,
+    centre_variables,
+    feature_names,
+    provenance,
+)
 from rockfall.result.variables import fields
 from rockfall.simulation.maps import HITS, Maps
 from rockfall.simulation.tally import Tally
@@ -34,6 +40,9 @@ def make_result(tally: Tally, maps: bool = True) -> xr.Dataset:
     number = np.arange(tally.before + 1, tally.before + tally.done + 1)
     data["boulder"] = ("boulder", number, {"units": "1", "long_name": "number of the boulder"})
     data |= _grounds_themselves(tally) | ground_variables(tally)
+    if tally.scene.features is not None:
+        names = np.array(tally.scene.features.names, dtype=object)
+        data["feature"] = ("feature", names, {"long_name": "polygon or point of sources"})
     if tally.scene.case.lines:
         data |= _line_itself(tally) | line_variables(tally)
     if tally.scene.case.barrier:
@@ -45,8 +54,9 @@ def make_result(tally: Tally, maps: bool = True) -> xr.Dataset:
         data |= _bins() | histogram_variables(tally)
     data |= trajectory_variables(tally)
     bins = (name for name in data if name.endswith("_bin"))
-    names = {"boulder", "line", "ground", "ground_model", "threshold", "x", "y", *bins}
-    return as_dataset(data, run_attributes(tally)).set_coords(sorted(names & set(data)))
+    names = {"boulder", "line", "feature", "ground", "ground_model", "threshold", "x", "y", *bins}
+    history = {"history": f"rockfall {__version__}: run of {tally.scene.case.name}"}
+    return as_dataset(data, run_attributes(tally) | history).set_coords(sorted(names & set(data)))
 
 
 def boulder_variables(tally: Tally) -> dict[str, Any]:
@@ -63,6 +73,9 @@ def boulder_variables(tally: Tally) -> dict[str, Any]:
     if tally.scene.case.output["energy_balance"]:
         for name, values in zip(fields(5), tally.energy[: tally.done].T, strict=True):
             data[name] = ("boulder", values, variables.ENERGY[name])
+    if tally.scene.features is not None:
+        feature = tally.feature_of(columns["source"])
+        data["source_feature"] = ("boulder", feature, variables.FEATURE["source_feature"])
     if tally.scene.case.has_forest:
         data["trees_hit"] = ("boulder", tally.trees_hit[: tally.done], variables.TREE["trees_hit"])
     return data
@@ -199,12 +212,8 @@ def _bins() -> dict[str, Any]:
         edges = np.round(np.arange(n + 1) * widths[k], 10)
         about = {key: quantity[key] for key in ("units", "long_name")}
         data[dim] = (dim, (edges[:-1] + edges[1:]) / 2, about | {"bounds": f"{dim}_bounds"})
-        about = {"units": quantity["units"], "long_name": f"edges of the bins of {name}"}
-        data[f"{dim}_bounds"] = (
-            (dim, "bound"),
-            np.stack([edges[:-1], edges[1:]], axis=1),
-            about,
-        )
+        pairs = np.stack([edges[:-1], edges[1:]], axis=1)  # CF: what they are, their bins say
+        data[f"{dim}_bounds"] = ((dim, "bound"), pairs, {})
     return data
 
 
@@ -243,7 +252,7 @@ def run_attributes(tally: Tally) -> dict[str, Any]:
     """What a result, or a part of one, says of its run."""
     scene = tally.scene
     return {
-        "Conventions": "CF-1.8",
+        "Conventions": CONVENTIONS,
         "title": scene.case.case["title"],
         "source": f"rockfall {__version__}, stochastic impact model of Bourrier et al. (2009)",
         "version": __version__,
@@ -256,6 +265,7 @@ def run_attributes(tally: Tally) -> dict[str, Any]:
         "complete": int(tally.done == scene.boulders),
         "impact_set": scene.case.impact["sets"],
         **_ground_attributes(tally),
+        **feature_names(scene),
         **provenance(scene),
         "threads": _core.team(tally.threads),
         "wall_seconds": tally.wall,

@@ -72,6 +72,12 @@ class Uncertain:
                 "volume_factor, volume_std_factor, drop_height_factor, dem_error, source_shift "
                 "or two sets"
             )
+        told = scene.features is not None and scene.features.law is not None
+        for name in {"volume", "drop_height"} & {*self.names} if told else ():
+            raise RockfallError(
+                f"{scene.case.name}: &ensemble {name}_factor: has no meaning where the layer "
+                "of the sources says what is released"
+            )
         self.ends = np.cumsum([0, *NUMBERS, self.radii, int("draws" in self.names)])
         self.design = self._design()
         longest = max(scene.grid.shape) * scene.grid.cell
