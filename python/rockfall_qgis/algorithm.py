@@ -42,9 +42,7 @@ def _number(kind, least):
 
 def _file(one):
     (ending,) = one.choices
-    return QgsProcessingParameterFile(
-        one.name, one.label, extension=ending, optional=one.optional
-    )  # fmt: skip
+    return QgsProcessingParameterFile(one.name, one.label, extension=ending, optional=one.optional)
 
 
 def _choice(one):
@@ -222,24 +220,24 @@ class RunAlgorithm(CommandAlgorithm):
 
     def _draft(self, folder, parameters, context, feedback):
         """A case of elevations and layers, in the folder."""
-        case, layers = folder / "case.nml", folder / "layers.gpkg"
+        case, layers, before = folder / "case.nml", folder / "layers.gpkg", {*folder.iterdir()}
         for path in case, layers:
-            if path.exists():
+            if path in before:
                 raise QgsProcessingException(
                     f"{path}: is there; it is not overwritten: run it as a case, or take "
                     "another folder"
                 )
         given = [one for one in DRAFTS if parameters.get(one.name) not in (None, "")]
-        for one in given:
-            source = self.parameterAsSource(parameters, one.name, context)
-            write_layer(source, layers, one.name.lower(), context, feedback)
         dem = _raster_file(self.parameterAsRasterLayer(parameters, "DEM", context))
         words = ["new", dem, *([str(layers)] if given else []), "-o", str(case)]
         try:
+            for one in given:
+                source = self.parameterAsSource(parameters, one.name, context)
+                write_layer(source, layers, one.name.lower(), context, feedback)
             _check_taken(given, self._program(feedback, *words))
-        except (Refused, QgsProcessingException):
-            for path in case, layers, *folder.glob("case_zones.*"):
-                path.unlink(missing_ok=True)
+        except (Refused, Interrupted, QgsProcessingException):
+            for path in {*folder.iterdir()} - before:
+                path.unlink()
             raise
         return str(case)
 
@@ -249,7 +247,7 @@ def _check_taken(given, said):
     for one in given:
         name = one.name.lower()
         for line in said:
-            found = re.search(rf"layer {name}: (\w+)", line)
+            found = re.search(rf"(?:, layer {name}|layers\.gpkg): (\w+)", line)
             kinds = {name, "barriers", "dams"} if name == "lines" else {name}
             if found and found[1] not in kinds:
                 raise QgsProcessingException(line)
