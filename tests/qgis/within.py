@@ -76,7 +76,7 @@ cliff = memory_layer("my faces", boxes)
 bare = memory_layer("no radius", [(W, N - 390, W + 300, N)], "&field=colour:string", "red")
 Path("refused").mkdir()
 answers = {}
-ProcessingConfig.setSettingValue(PROGRAM, "/no/such/program")
+ProcessingConfig.setSettingValue(PROGRAM, dem)
 answers["setting"] = program_path()
 answers["no program"] = run("check", CASE="case.nml")
 ProcessingConfig.setSettingValue(PROGRAM, program)
