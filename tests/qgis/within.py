@@ -89,5 +89,5 @@ how = {"DEM": dem, "SOURCES": cliff, "BOULDERS": 3, "SEED": 7, "THREADS": 1}
 answers["run"] = run("run", **how, FOLDER="project")
 answers["again"] = run("run", **how, FOLDER="project")
 answers["check"] = run("check", CASE="project/case.nml")
-print(json.dumps(answers))
-app.exitQgis()
+print(json.dumps(answers), flush=True)
+os._exit(0)  # PyQGIS may crash while it is taken down
