@@ -33,6 +33,8 @@ RESULT = Option("RESULT", "Result of a run", "file", optional=False, choices=("n
 FOLDER = Option("FOLDER", "Folder of the results", "folder", "-o", optional=False)
 RUNS = (
     Option("BOULDERS", "Boulders from each source (empty: the case's)", "count", "--boulders"),
+    Option("BOULDERS_TOTAL", "or: boulders from all sources together", "count",
+           "--boulders-total"),
     Option("SEED", "Seed of the random numbers (empty: the case's)", "number", "--seed"),
     Option("THREADS", "Threads (0: all cores; empty: the case's)", "number", "--threads",
            advanced=True),
