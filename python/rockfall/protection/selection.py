@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rockfall.analysis.line_statistics import fraction_interval
+from rockfall.analysis.precision.intervals import fraction_interval
 from rockfall.errors import RockfallError
 from rockfall.io.tables import check_columns, read_table
 from rockfall.limits import EAD_ENERGY
