@@ -21,6 +21,7 @@ from rockfall.io.arrays import grid_of
 
 FOLDER = Path(__file__).parents[2] / "cases/settlement"
 FEW = 20  # boulders from each source of a small run
+NEAR = 1.6  # factor from a bound of the matrix, of frequencies at the edge of a zone
 RARE = 1e-4  # [1/year] of the frequencies that are looked at, the least
 
 
@@ -40,10 +41,11 @@ def main() -> None:
     held, right = [], []
     for seed in range(given.small):
         found = run(small, 1000 + seed)
-        held.append(list(held_in(found, truth)))
+        held.append(list(held_in(found, truth, matrix)))
         right.append(right_in(found, truth, matrix))
     print(f"{given.small} seeds, {int(found.boulders[0]):,} boulders in each scenario")
-    levels = ("passages", "above 30 kJ", "above 300 kJ")
+    levels = ["passages", "above 30 kJ", "above 300 kJ"]
+    levels += [f"{level}, at the edge of a zone" for level in levels]
     for level, parts in zip(levels, np.transpose(held), strict=True):
         print(f"  intervals of {level}: {np.mean(parts):.3f} hold the frequency")
     certain, same = np.mean(right, axis=0)
@@ -77,15 +79,18 @@ def frequency_of(runs: list) -> np.ndarray:
     return np.concatenate([np.mean(passing, axis=0)[None], np.mean(parts, axis=0)])
 
 
-def held_in(found, truth: np.ndarray) -> Iterator[float]:
-    """The fraction of the cells whose intervals hold the frequency, for each level."""
+def held_in(found, truth: np.ndarray, matrix: Matrix) -> Iterator[float]:
+    """The fraction of the cells whose intervals hold the frequency, for each level; the same of
+    those at the edge of a zone."""
     ends = []
     for end in ("_low", "_high"):
         passing = found[f"passage_frequency{end}"].values
         ends.append(np.concatenate([passing[None], found[f"exceedance_frequency{end}"].values]))
-    for level, low, high in zip(truth, *ends, strict=True):
-        seen = level >= RARE
-        yield float(((low <= level) & (level <= high))[seen].mean())
+    held = (ends[0] <= truth) & (truth <= ends[1])
+    ratio = truth[..., None] * matrix.periods
+    at_edge = ((ratio > 1 / NEAR) & (ratio < NEAR)).any(axis=-1)
+    for cells in truth >= RARE, at_edge:
+        yield from (float(level[of].mean()) for level, of in zip(held, cells, strict=True))
 
 
 def right_in(found, truth: np.ndarray, matrix: Matrix) -> tuple[float, float]:

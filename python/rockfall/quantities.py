@@ -86,15 +86,19 @@ def with_unit(label: str, unit: str) -> str:
     return f"{label} [{unit}]" if unit else label
 
 
-def number(value: float, digits: int = 3) -> str:
-    """So many significant digits, thousands set apart, no exponent; "-" for what is not known."""
+def number(value: float, digits: int = 3, *, up: bool = False) -> str:
+    """So many significant digits, thousands set apart, no exponent; "-" for what is not known. `up`
+    never shows less than the value: for what is at least needed."""
     value = float(value)
     if not math.isfinite(value):
         return "-"
     if not value:
         return "0"
     beyond = digits - 1 - math.floor(math.log10(abs(float(f"{value:.{digits - 1}e}"))))
-    return f"{round(value, beyond):,.{min(max(0, beyond), 6)}f}"
+    beyond, near = min(beyond, 6), round(value, min(beyond, 6))
+    if up and near < value * (1 - 1e-12):
+        near = round(near + 10.0**-beyond, beyond)
+    return f"{near:,.{max(0, beyond)}f}"
 
 
 def count(number: int, one: str, many: str | None = None) -> str:

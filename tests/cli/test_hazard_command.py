@@ -15,11 +15,14 @@ import rasterio
 import rockfall
 from made import UTM, make_layer, refused
 from programs import Killed, killed_after, refuses, wait_until_busy
+from rockfall import quantities
+from rockfall.analysis.hazard.classes import CLASSES
 from rockfall.analysis.hazard.files import object_table
 from rockfall.analysis.hazard.variables import TABLE, map_names
 from rockfall.cli import main
 from rockfall.result.flat_maps import flat_maps
 from rockfall.simulation import simulate
+from rockfall.text.hazard import hazard_warnings
 from slope_case import CASE as SLOPE
 
 pyogrio = pytest.importorskip("pyogrio", reason="the vector extra is not installed")
@@ -156,6 +159,47 @@ def test_small_patches_go_to_their_neighbours(hazard_case):
         assert Path("few", name).read_bytes() == Path("all", name).read_bytes()
 
 
+def test_a_class_that_small_patches_lose_is_not_forgotten(hazard_case):
+    """Each zone has the highest class of its cells, and a warning says how much went lower."""
+    text = Path("case.nml").read_text() + "&hazard minimum_area = 500.0 /\n"
+    Path("case.nml").write_text(text)
+    found = rockfall.hazard(rockfall.read_case("case.nml"))
+    rockfall.write_hazard(found, "few")
+    _, _, wkb, (number, highest) = pyogrio.raw.read(
+        "few/hazard.gpkg", layer="zones", columns=["class", "highest"]
+    )
+    classes, shown = found.hazard_class.values, np.zeros(found.hazard_class.shape, int)
+    for shape, of, word in zip(shapely.from_wkb(wkb), number, highest, strict=True):
+        inside = shapely.contains_xy(shape, *np.meshgrid(found.x.values, found.y.values))
+        shown[inside] = of
+        assert word == CLASSES[classes[inside].max()]
+    *_, warning = hazard_warnings(found)
+    lost = classes[shown < classes]
+    assert lost.max() > 1
+    for k in np.unique(lost):
+        assert f"{quantities.number(25.0 * (lost == k).sum())} m2 {CLASSES[k]}" in warning
+    case = rockfall.read_case("case.nml").replace(hazard={"minimum_area": 0.0})
+    assert not any("minimum_area" in one for one in hazard_warnings(rockfall.hazard(case)))
+
+
+def test_an_object_beyond_the_elevations_is_said(hazard_case, capsys):
+    """And one of several layers can be named; a point on the edge is in the last cell."""
+    beyond = shapely.LineString([(599000, 4999905), (600020, 4999910)])
+    bounds = rasterio.open("dem.tif").bounds
+    corner = shapely.Point(bounds.right, bounds.bottom)
+    make_layer(
+        "several.gpkg", [beyond, ROAD, corner], layer="objects", name=["far", "road", "pole"]
+    )
+    make_layer("several.gpkg", [HOUSE], layer="houses", name=["house"])
+    words = [*ARGUMENTS[:5], "several.gpkg", "--quiet"]
+    refuses(words, r"several.gpkg: has 2 layers \(objects, houses\); name one with "
+            "--objects-layer", capsys)  # fmt: skip
+    assert main([*words, "--objects-layer", "objects"]) == 0
+    said = capsys.readouterr().err
+    line = "rockfall: warning: several.gpkg: far: beyond the elevations of the terrain no boulder"
+    assert said == f"{line} meets them\n"
+
+
 def test_objects_are_a_layer_and_a_table(found):
     table = object_table(found)
     assert Path("out/objects.csv").read_text() == table.to_csv(index=False)
@@ -263,6 +307,43 @@ def test_bad_places_and_layers_are_one_line(hazard_case, capsys):
     Path("out/hazard_class.qml").unlink()
     make_layer("other.gpkg", [ROAD], crs="EPSG:2056", name=["a"])
     refuses([*ARGUMENTS[:5], "other.gpkg"], "other.gpkg: coordinates are in EPSG:2056.*", capsys)
+
+
+def test_scenarios_may_be_run_elsewhere(hazard_case, capsys):
+    """In shards too: the same hazard. The wrong result, or one of other inputs, is refused."""
+    assert main(ARGUMENTS) == 0
+    assert main([*ARGUMENTS[:2], *ARGUMENTS[4:], "--write-cases"]) == 0
+    cases = ["case_scenario1.nml", "case_scenario2.nml"]
+    assert capsys.readouterr().out.split() == cases
+    for shard in "1/2", "2/2":
+        assert main(["run", cases[0], "--shard", shard, "-o", f"{shard[0]}.nc", "--quiet"]) == 0
+    assert main(["merge", "1.nc", "2.nc", "-o", "first.nc"]) == 0
+    assert main(["run", cases[1], "-o", "second.nc", "--quiet"]) == 0
+    elsewhere = [*ARGUMENTS[:2], "-o", "again", *ARGUMENTS[4:], "--results"]
+    assert main([*elsewhere, "first.nc", "second.nc"]) == 0
+    for path in Path("out").iterdir():
+        if path.suffix in (".tif", ".csv"):
+            assert path.read_bytes() == Path("again", path.name).read_bytes()
+    capsys.readouterr()
+    elsewhere[3] = "out"
+    other = "is the result of another case; see --write-cases"
+    refused_as = f"second.nc: scenario 'small': {other}"
+    assert main([*elsewhere, "second.nc", "first.nc"]) == 2
+    assert capsys.readouterr().err == f"rockfall: {refused_as}\n"
+    assert main([*elsewhere, "first.nc"]) == 2
+    said = "results: 1 for 2 scenarios: one is needed for each, in order"
+    assert capsys.readouterr().err == f"rockfall: {said}\n"
+    Path(cases[0]).write_text("mine")
+    assert main([*ARGUMENTS[:2], "--write-cases"]) == 2
+    assert Path(cases[0]).read_text() == "mine"
+
+
+def test_too_little_memory_is_said_before_the_runs(hazard_case, capsys):
+    line = (
+        r"case.nml: a hazard of [\d,]+ cells, 2 scenarios and 2 thresholds takes 0.1 MB, of 0.1: "
+        "cut the terrain to the slope, or raise --memory"
+    )
+    refuses([*ARGUMENTS, "--memory", "80KB"], line, capsys)
 
 
 def test_an_earlier_hazard_is_replaced(hazard_case):

@@ -121,6 +121,20 @@ def test_a_result_has_the_figures_that_it_can_feed(tmp_path, line, groups, names
         assert min(sizes) >= 7 and max(sizes) <= 9, one.name
 
 
+def test_a_barrier_is_no_dashed_line(full):
+    for result, dashes in ((full, "--"), (full.assign(barrier_height=("line", [3.0])), "-")):
+        for name in "stops", "profile":
+            (drawn,) = (
+                one
+                for axes in draw(result, name).axes[:1]
+                for one in axes.lines
+                if one.get_color() == style.INK and len(one.get_xdata()) == 2
+            )
+            assert drawn.get_linestyle() == dashes, name
+    barrier = draw(full.assign(barrier_height=("line", [3.0])), "line_speed")
+    assert " come, " in barrier.axes[0].get_title() + barrier.axes[0].get_title("left")
+
+
 def test_no_terrain_no_ground(full):
     assert len(draw(full, "profile", TERRAIN).axes) == 3
     assert len(draw(full, "profile").axes) == 2

@@ -34,6 +34,7 @@ from rockfall.html_report.maps import (  # noqa: E402
     MAX_CELLS,
     Window,
     blocks_max,
+    map_section,
     maps,
     window_of,
 )
@@ -109,6 +110,18 @@ def test_the_summary_says_the_numbers_of_the_line_table(result):
                     strict=True))  # fmt: skip
     assert f"{ends['stopped']:,} ({100 * ends['stopped'] / 300:.1f} %) came to rest" in text
     assert "300 boulders of 0.800 m³ were released from 1 source, 5 m above the surface" in text
+
+
+def test_boulders_come_to_a_barrier_and_do_not_pass_it(result):
+    """In words and on the map, where it is no dashed line."""
+    heights = [3.0, np.nan]
+    net = result.assign(barrier_height=("line", heights))
+    text = words(net)
+    assert re.search(r"road <b>: \d+ of 300 boulders come to it, ", text)
+    assert "cliff: no boulder of 300 passes; " in text
+    section = map_section(net, None)
+    assert [kind for kind, *_ in section["lines"]] == ["barrier", "line"]
+    assert map_section(result, None)["kinds"] == {"line"}
 
 
 def test_one_boulder_is_spoken_of_as_one(tmp_path):

@@ -2,6 +2,7 @@
 """The design sheet: its arithmetic by hand, and a barrier that does what it says."""
 
 import math
+import re
 
 import numpy as np
 import pandas as pd
@@ -17,6 +18,8 @@ from rockfall.protection.crossings import Crossings, crossings, passes, quantile
 from rockfall.protection.demand import ABOVE, class_for, demand
 from rockfall.protection.factors import NEEDED, Conditions, read_factors, shipped
 from rockfall.protection.selection import choices, height_for, read_costs
+from rockfall.quantities import number
+from rockfall.text.design import check_row, choice_rows, demand_rows
 from scenes import grid, make_case, rough, sets
 
 WELL_KNOWN = {"survey": "good", "blocks": "good", "calibration": "back-analysed"}
@@ -194,6 +197,49 @@ def test_checks_say_what_fails(result, tmp_path):
     assert not checks.loc["low", "height_holds"] and checks.loc["low", "energy_holds"]
     assert checks.loc["weak", "height_holds"] and not checks.loc["weak", "energy_holds"]
     assert not checks["holds"].any()
+
+
+def test_a_check_that_the_interval_straddles_is_undecided(result, tmp_path):
+    """Whether 600 boulders tell depends on how near the barrier is to what is asked."""
+    asked = rockfall.design(result).demand.iloc[0]
+    low, value, high = (asked[f"height_needed{end}"] for end in ("_low", "", "_high"))
+    assert low < value < high
+    heights = 0.9 * low, (low + value) / 2, (value + high) / 2, 1.1 * high
+    for height, holds, certain in zip(heights, "nnyy", "ynny", strict=True):
+        net = run(tmp_path, line=[], barrier=[LINE | {"height": height, "class": 7}])
+        row = rockfall.design(net).checks.iloc[0]
+        assert (row["height_holds"], row["height_certain"]) == (holds == "y", certain == "y")
+        verdict = check_row(row.to_dict())[-1]
+        assert verdict.startswith("yes" if holds == "y" else "no: height")
+        assert ("undecided: height" in verdict) == (certain == "n")
+        assert row["energy_certain"] == (asked["E_d_high"] < row["energy_allowed"])
+
+
+def test_what_is_needed_is_never_shown_as_less(result):
+    sheet = rockfall.design(result, residual=0.02)
+    asked, chosen = sheet.demand.iloc[0].to_dict(), sheet.choices.to_dict("records")
+    rows = {row[0].strip(): row[1] for row in demand_rows(asked, "UNI")}
+    for title, name, factor in (
+        ("height needed, vertical [m]", "height_needed", 1.0), ("E_d [kJ]", "E_d", 1e-3)
+    ):  # fmt: skip
+        value, low, *high = map(float, re.findall(r"[\d.]+", rows[title].replace(",", "")))
+        assert factor * asked[name] <= value <= 1.01 * factor * asked[name]
+        assert low < value and all(one >= factor * asked[f"{name}_high"] for one in high)
+    came = crossings(result, 0)
+    for row, cells in zip(chosen, [*choice_rows(chosen, 0.02)][1:], strict=True):
+        if row["height"] == row["height"]:
+            assert passes(came, float(cells[1]), row["capacity"]).mean() <= 0.02
+
+
+@pytest.mark.parametrize(
+    ("value", "plain", "up"),
+    [(6.491, "6.49", "6.50"), (6.49, "6.49", "6.49"), (999.6, "1,000", "1,000"),
+     (9.001, "9.00", "9.01"),
+     (1234.0, "1,230", "1,240"), (0.1 + 0.2, "0.300", "0.300"),
+     (math.nan, "-", "-"), (0, "0", "0")],
+)  # fmt: skip
+def test_rounding_up(value, plain, up):
+    assert (number(value), number(value, up=True)) == (plain, up)
 
 
 def test_windows_cover_the_line_and_are_blank_where_few_come(result):

@@ -169,7 +169,7 @@ def _design(a: list[Draw], b: list[Draw]) -> Iterator[list[Draw]]:
 
 
 def _run(scene: Scene) -> _Run:
-    result, per_source = run_scene(scene), scene.case.case["boulders"]
+    result, per_source = run_scene(scene), scene.boulders // scene.x.size
     values, deviates = [], []
     alone = Sources.alone(scene.boulders)  # the intervals are not looked at
     for k in range(len(scene.case.lines)):

@@ -137,7 +137,8 @@ def run_scene_until(
 
 
 def _with_boulders(scene: Scene, n: int) -> Scene:
-    return replace(scene, case=scene.case.replace(case={"boulders": n}))
+    numbers = {"boulders": n, "boulders_total": None}
+    return replace(scene, case=scene.case.replace(case=numbers))
 
 
 def _next_tally(scene: Scene, last: Tally | None) -> Tally:

@@ -61,6 +61,12 @@ class Uncertain:
                 "volume_factor, volume_std_factor, drop_height_factor, dem_error, source_shift "
                 "or two sets"
             )
+        told = scene.features is not None and scene.features.law is not None
+        for name in {"volume", "drop_height"} & {*self.names} if told else ():
+            raise RockfallError(
+                f"{scene.case.name}: &ensemble {name}_factor: has no meaning where the layer "
+                "of the sources says what is released"
+            )
         radii = 1 if scene.values is not None else len(scene.sizes)
         self.ends = np.cumsum([0, *(radii if n is None else n for n in NUMBERS)])
         self.design = self._design()

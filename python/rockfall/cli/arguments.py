@@ -106,6 +106,8 @@ def _add_resume(command: argparse.ArgumentParser, place: str) -> None:
 def _add_overrides(command: argparse.ArgumentParser) -> None:
     """What stands in place of the case's own."""
     command.add_argument("--boulders", metavar="N", type=int, help="released from each source")
+    about = "released from all sources together"
+    command.add_argument("--boulders-total", metavar="N", type=int, help=about)
     command.add_argument("--seed", metavar="N", type=int, help="of the random numbers")
     command.add_argument("--threads", metavar="N", type=int, help="0 = all cores")
     command.add_argument("--quiet", action="store_true", help="no progress, no summary")
@@ -122,6 +124,11 @@ def _add_studies(commands: _Commands) -> None:
     zone.add_argument("-o", "--output", metavar="DIR", type=Path, help="default: CASE_hazard")
     about = "points, lines, polygons, with name, vulnerability, exposure, value"
     zone.add_argument("--objects", metavar="LAYER", type=Path, help=about)
+    zone.add_argument("--objects-layer", metavar="NAME", help="of a file with several layers")
+    about = "write each scenario as a case, CASE_scenarioN.nml, and run nothing"
+    zone.add_argument("--write-cases", action="store_true", help=about)
+    about = "of these cases, one for each scenario, in place of running them"
+    zone.add_argument("--results", metavar="OUT.nc", type=Path, nargs="+", default=[], help=about)
     _add_memory(zone)
     _add_resume(zone, "DIR.scenarioN.checkpoint")
     _add_overrides(zone)
@@ -136,8 +143,9 @@ def _add_studies(commands: _Commands) -> None:
     converge.add_argument(
         "-o", "--output", metavar="DIR", type=Path, help="default: CASE_convergence"
     )
-    converge.add_argument("--boulders", metavar="N", type=int, nargs="+", help="of the study")
-    converge.add_argument("--reference", metavar="N", type=int, help="boulders; default: 1000000")
+    converge.add_argument("--boulders", metavar="N", type=int, nargs="+", help="from each source")
+    about = "boulders from each source to measure errors; default: 1000000 over all"
+    converge.add_argument("--reference", metavar="N", type=int, help=about)
 
 
 def _add_results(commands: _Commands) -> None:

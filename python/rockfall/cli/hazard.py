@@ -18,15 +18,19 @@ from rockfall.cli.messages import DONE, say, warn
 from rockfall.cli.run import overridden
 from rockfall.errors import RockfallError, need
 from rockfall.interrupts import exit_status, interrupts
+from rockfall.io.files import atomic_write
 from rockfall.io.output_files import (
+    BY_HAZARD,
     FIGURE,
     HAZARD,
     LAYERS,
     MAP,
     OBJECT_TABLE,
+    SCENARIO,
     STYLE,
     atomic_folder,
     check_folder,
+    check_output,
     check_outputs,
 )
 from rockfall.plots.hazard_figures import hazard_figures
@@ -48,22 +52,46 @@ def hazard_command(arguments: argparse.Namespace) -> int:
     base_case(case)  # refuses what cannot be run, before a file is looked at
     folder = arguments.output or Path(f"{arguments.case.stem}_hazard")
     inputs = [*input_files(case), *([arguments.objects] if arguments.objects else [])]
+    if arguments.write_cases:
+        return _write_cases(arguments, case, inputs)
+    inputs += arguments.results
     _check_place(folder, case, inputs)
     with locked(folder.resolve(), warn):
         checkpoints = list(_checkpoints(arguments, folder.resolve(), case))
         memory = machine_memory() if arguments.memory is None else read_memory(arguments.memory)
-        study = read_study(case, arguments.objects, memory)
+        study = read_study(case, arguments.objects, memory, arguments.objects_layer)
         for line in study.remarks:
             warn(line)
-        return _run_to(folder, study, checkpoints, inputs, not arguments.quiet)
+        return _run_to(arguments, folder, study, checkpoints, inputs)
+
+
+def _write_cases(arguments: argparse.Namespace, case: Case, inputs: list[Path]) -> int:
+    """Each scenario as a case of its own, beside the case: for runs elsewhere."""
+    study = read_study(case, arguments.objects, objects_layer=arguments.objects_layer)
+    stem = arguments.case.with_suffix("")
+    cases = {Path(f"{stem}_scenario{k}.nml"): one for k, one in enumerate(study.scenarios, start=1)}
+    for path in cases:
+        check_output(path, SCENARIO, inputs)
+    for path, scenario in cases.items():
+        with atomic_write(path) as part:
+            part.write_text(f"{BY_HAZARD}\n{scenario.case.text()}", encoding="utf-8")
+    print(*cases, sep="\n")
+    return DONE
 
 
 def _run_to(
-    folder: Path, study: Study, checkpoints: list[Checkpoint], inputs: list[Path], shown: bool
+    arguments: argparse.Namespace,
+    folder: Path,
+    study: Study,
+    checkpoints: list[Checkpoint],
+    inputs: list[Path],
 ) -> int:
+    shown = not arguments.quiet
     with interrupts():  # what has been done is kept
         try:
-            found = run_study(study, progress=shown, checkpoints=checkpoints)
+            found = run_study(
+                study, results=arguments.results, progress=shown, checkpoints=checkpoints
+            )
         except Interrupted:
             return _interrupted(checkpoints)
         scene = study.scene

@@ -105,15 +105,17 @@ def map_section(result: xr.Dataset, terrain: Terrain | None) -> dict[str, object
     every = -(-result.sizes["boulder"] // MAX_POINTS)
     x, y = result["stop_x"].values[::every], result["stop_y"].values[::every]
     recorded = spread(vertices_of(result, "x", "y"), MAX_TRAJECTORIES)
+    barriers = barriers_of(result)
+    kinds = ["barrier" if k in barriers else "line" for k in range(result.sizes.get("line", 0))]
     return {
         "window": window,
         "relief": _relief(terrain, window),
         "maps": list(maps(result, window)),
         "lines": [
-            (name, _path([window.place(*line)]), _label(window.place(*line), window))
-            for name, *line in lines(result)
+            (kinds[k], name, _path([window.place(*line)]), _label(window.place(*line), window))
+            for k, (name, *line) in enumerate(lines(result))
         ],
-        "has_barriers": bool(barriers_of(result)),
+        "kinds": {*kinds},
         "sources": _dots(window.place(*start[:: -(-len(start) // MAX_POINTS)].T)),
         "source_class": "source" if len(start) < FEW_SOURCES else "source many",
         "trajectories": _path(window.place(*one) for one in recorded),

@@ -12,6 +12,7 @@ from rockfall.analysis.precision.intervals import half_width, sources
 from rockfall.analysis.run_until import verdicts_of
 from rockfall.case import case_of
 from rockfall.html_report.intervals import in_unit, interval
+from rockfall.protection.barriers import barriers_of
 from rockfall.quantities import QUANTITIES, count, number, percent
 from rockfall.result.trajectories import ends
 
@@ -33,11 +34,12 @@ ENDED = {  # of the statuses whose name does not say it
 
 
 def summary(result: xr.Dataset, rows: Rows) -> list[str]:
-    """Paragraphs: what was run, what passes each line, how boulders ended, how precise this is."""
+    """Paragraphs: what was run, what crosses each line, how boulders ended, how precise this is."""
     boulders = result.sizes["boulder"]
+    barriers = {str(result["line"].values[k]) for k in barriers_of(result)}
     return [
         _run(result),
-        *(_line(line, numbers, boulders) for line, numbers in rows.items()),
+        *(_line(line, rows[line], boulders, line in barriers) for line in rows),
         *([] if rows else ["The case has no evaluation lines."]),
         " ".join(_ends(result)),
         " ".join(_precision(result, rows)) if boulders > 1 else "One boulder has no spread.",
@@ -62,17 +64,17 @@ def _run(result: xr.Dataset) -> str:
     )
 
 
-def _line(line: str, numbers: Numbers, boulders: int) -> str:
-    """The fraction that passes a line, and speed, height and energy there."""
+def _line(line: str, numbers: Numbers, boulders: int, is_barrier: bool) -> str:
+    """The fraction that passes a line or comes to a barrier; speed, height and energy there."""
+    one, many = ("comes to it", "come to it") if is_barrier else ("passes", "pass")
     row = numbers["speed"]
     n = int(row["n"])
     if not n:
         high = in_unit(row["fraction_high"], "fraction")
-        text = f"the upper 95 % confidence limit of the fraction that passes is {high} %"
-        return f"{line}: no boulder of {boulders:,} passes; {text}."
+        text = f"the upper 95 % confidence limit of the fraction that {one} is {high} %"
+        return f"{line}: no boulder of {boulders:,} {one}; {text}."
     fraction = f"{percent(row['fraction'])} {interval(row, 'fraction', 'fraction')}".strip()
-    passes = "passes" if n == 1 else "pass"
-    text = f"{line}: {n:,} of {count(boulders, 'boulder')} {passes}, {fraction}. "
+    text = f"{line}: {n:,} of {count(boulders, 'boulder')} {one if n == 1 else many}, {fraction}. "
     if n == 1:
         speed, height, energy = (_known(numbers[name], name, "mean") for name in SHOWN)
         return text + (

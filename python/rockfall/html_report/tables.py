@@ -42,17 +42,17 @@ class Table(NamedTuple):
 
 
 def line_tables(rows: Rows) -> Iterator[Table]:
-    """The fractions that pass, then each line's mean, deviation, quantiles and maximum."""
+    """Fractions that pass or, at barriers, come; then mean, deviation, quantiles and maximum."""
     passing = []
     for line, numbers in rows.items():
         row = numbers["speed"]
         fraction = f"{percent(row['fraction'])} {interval(row, 'fraction', 'fraction')}"
         passing.append((line, f"{row['n']:,}", fraction))
-    caption = "Boulders that pass, with 95 % confidence intervals"
+    caption = "Boulders that pass lines and come to barriers, with 95 % confidence intervals"
     yield Table(caption, ("line", "boulders", "fraction"), passing)
     for line, numbers in rows.items():
         if n := numbers["speed"]["n"]:
-            about = f"{line}: boulders that pass, with 95 % confidence intervals"
+            about = f"{line}: boulders that cross it, with 95 % confidence intervals"
             head = ("", *STATISTICS.values(), f"max of {n:,}")
             yield Table(about, head, [_statistics(name, row) for name, row in numbers.items()])
 
@@ -141,22 +141,27 @@ def provenance(result: xr.Dataset) -> dict[str, Any]:
     """What a result was made of, and the command that makes it again, if a command can."""
     about = {key: str(value) for key, value in result.attrs.items()}
     case, is_complete = case_of(result), bool(result.attrs["complete"])
-    per_source, requested = case.case["boulders"], int(about["boulders_asked"])
+    requested = int(about["boulders_asked"])
+    total = "boulders_total" in case.case
+    number = case.case["boulders_total" if total else "boulders"]
     of = "a flat source cell, more by area" if case.release["by_area"] else "each source"
+    if total:
+        of = "all sources together"
     state = "complete" if is_complete else f"interrupted, {requested:,} were requested"
     rows = [
         ("program", about["source"]),
         ("case file", about["case_file"]),
         ("seed", about["seed"]),
         ("boulders", f"{about['boulder_first']} to {about['boulder_last']}, {state}"),
-        (f"boulders of {of}", f"{per_source:,}"),
+        (f"boulders of {of}", f"{number:,}"),
         ("impact set", f"{about['impact_set']}, SHA-256 {about['impact_set_checksum']}"),
         *((f"SHA-256 of {key}", sha) for key, sha in json.loads(about["input_checksums"]).items()),
         ("threads", about["threads"]),
         ("time", "{wall_seconds:.1f} s, {cpu_seconds:.1f} s of CPU".format_map(result.attrs)),
     ]
+    option = "--boulders-total" if total else "--boulders"
     command = (
-        f"rockfall run {shlex.quote(about['case_file'])} --boulders {per_source} "
+        f"rockfall run {shlex.quote(about['case_file'])} {option} {number} "
         f"--seed {about['seed']} -o again.nc"
     )
     return {

@@ -75,7 +75,7 @@ def _of_run(result: xr.Dataset) -> Iterator[tuple[float, str]]:
             f"The run was interrupted after {boulders:,} of {count(requested, 'boulder')}; "
             f"{percent(1 - boulders / requested)} are missing. All numbers are of those done."
         )
-        if requested > case.case["boulders"]:
+        if requested > case.case.get("boulders", 1):
             text += " Sources are run one after the other: the last ones are missing."
         yield 3.0, text
     if boulders == 1:

@@ -80,6 +80,11 @@ class Grid:
 
         return Affine(self.cell, 0.0, self.west, 0.0, -self.cell, self.north)
 
+    def cells(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Row and column of the cells of places [m] in it; what is on its edge is in the last."""
+        row = np.floor((self.north - y) / self.cell).astype(int).clip(0, self.ny - 1)
+        return row, np.floor((x - self.west) / self.cell).astype(int).clip(0, self.nx - 1)
+
     def matches(self, other: Grid) -> bool:
         """Whether both have the same cells, up to `TOLERANCE` of a cell; CRS apart."""
         near = TOLERANCE * self.cell

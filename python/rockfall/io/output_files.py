@@ -21,7 +21,7 @@ from rockfall.io.files import NETCDF, SQLITE, TIFF, check_netcdf
 
 RESULT, ENSEMBLE, IMPACTS = "a result of a run", "an ensemble", "impacts of the laboratory"
 HAZARD, STYLE, OBJECT_TABLE = "a hazard", "a style for QGIS", "a table of objects at risk"
-SCENE = "a scene file"
+SCENE, SCENARIO = "a scene file", "a case of a scenario"
 FIGURE, MAP, LAYERS, PAGE = "a figure", "a map", "layers of a result", "a report"
 ENSEMBLE_TABLE, STUDY = "the table of an ensemble", "a study of convergence"
 LINE_TABLE, LEVEL_TABLE = "a table of line statistics", "a table of return levels"
@@ -32,6 +32,7 @@ BOULDER_TABLE, CROSSINGS = "a table of boulders", "a table of crossings"
 
 SIGNATURE = "rockfall"  # the software that a figure, a map and a layer of ours name
 BY_SLURM = "# Written by `rockfall slurm`."
+BY_HAZARD = "! Written by `rockfall hazard`."
 SIGNS = (  # how a file of ours begins, what else its head holds, and what it is
     (b"line,result,units,", b"", ENSEMBLE_TABLE),
     (b"line,quantity,statistic,", b"", STUDY),
@@ -48,6 +49,7 @@ SIGNS = (  # how a file of ours begins, what else its head holds, and what it is
     (b"object,geometry,frequency,", b"", OBJECT_TABLE),
     (b"<!DOCTYPE qgis", f"<!-- {SIGNATURE} -->".encode(), STYLE),
     (b"#!/bin/sh\n", BY_SLURM.encode(), JOB),
+    (BY_HAZARD.encode(), b"", SCENARIO),
     (b"! ", b"; `rockfall lab remake FILE` makes it again.", SETS),
     (b"<!DOCTYPE html>", f'<meta name="generator" content="{SIGNATURE}">'.encode(), PAGE),
     (b"<?xml", f"<dc:title>{SIGNATURE}</dc:title>".encode(), FIGURE),  # SVG

@@ -12,6 +12,7 @@ import numpy as np
 from rockfall.analysis.line_statistics import line_values
 from rockfall.analysis.precision.intervals import fraction_interval, sources
 from rockfall.plots.style import (
+    BARRIER,
     BLUE,
     GREY,
     INK,
@@ -25,6 +26,7 @@ from rockfall.plots.style import (
     round_step,
     styled,
 )
+from rockfall.protection.barriers import barriers_of
 from rockfall.quantities import QUANTITIES, count
 from rockfall.result.trajectories import from_start, left_terrain, lines, stop_distances
 
@@ -148,6 +150,7 @@ def passing(
 
 def mark_lines(panels: Iterable[Axes], result: xr.Dataset, labels: Axes) -> None:
     """The lines in all panels, where half of the boulders that cross them do so nearer."""
+    barriers = barriers_of(result)
     for k, (name, _, _) in enumerate(lines(result)):
         distance = _finite(
             from_start(result, result["line_x"].values[k], result["line_y"].values[k])
@@ -156,7 +159,7 @@ def mark_lines(panels: Iterable[Axes], result: xr.Dataset, labels: Axes) -> None
             continue
         where = np.median(distance)
         for axes in panels:
-            axes.axvline(where, **LINE)
+            axes.axvline(where, **(BARRIER if k in barriers else LINE))
         high = 0.02 + 0.08 * (k % 4)  # lines may be near each other
         about: dict[str, Any] = {"transform": labels.get_xaxis_transform(), "clip_on": True}
         labels.text(where, high, f" {plain(name)}", **about)
@@ -231,7 +234,9 @@ def _draw_rows(axes: Axes, rows: list[Row], deepest: int) -> None:
 
 
 def _passing(result: xr.Dataset, line: int) -> str:
-    """How many boulders pass a line, and their fraction with its 95 % confidence interval."""
+    """How many boulders pass a line or come to a barrier, and their fraction with its 95 %
+    confidence interval."""
     crossed = np.isfinite(result["line_speed"].values[line])
     fraction, low, high = (100 * f for f in fraction_interval(crossed, sources(result)))
-    return f"{crossed.sum():,} pass, {fraction:.1f} % [{low:.1f}, {high:.1f}]"
+    do = "come" if line in barriers_of(result) else "pass"
+    return f"{crossed.sum():,} {do}, {fraction:.1f} % [{low:.1f}, {high:.1f}]"

@@ -12,6 +12,7 @@ from rockfall.io.arrays import grid_of
 from rockfall.io.grid import Grid
 from rockfall.plots.extent import PASSED, of_none, passed_map, reached
 from rockfall.plots.style import (
+    BARRIER,
     BLUE,
     GREEN,
     INK,
@@ -25,6 +26,7 @@ from rockfall.plots.style import (
     round_step,
     styled,
 )
+from rockfall.protection.barriers import barriers_of
 from rockfall.quantities import SHOWN, with_unit
 from rockfall.result.trajectories import ends, lines, trajectories
 
@@ -344,7 +346,7 @@ def _draw_observed(axes: Axes, stops: np.ndarray | None) -> None:
 
 
 def _draw_marks(axes: Axes, result: xr.Dataset, extent: Extent) -> None:
-    """Where boulders start, the evaluation lines, and the frame of a map."""
+    """Where boulders start, evaluation lines and barriers, and the frame of a map."""
     from matplotlib.patheffects import withStroke
 
     start = np.unique(np.stack([result["start_x"].values, result["start_y"].values]), axis=1)
@@ -353,8 +355,9 @@ def _draw_marks(axes: Axes, result: xr.Dataset, extent: Extent) -> None:
     else:  # markers would hide each other and the map
         axes.plot(*start, ".", ms=1.2, mew=0, color=INK, alpha=0.6, rasterized=True)
     halo = [withStroke(linewidth=2, foreground="white")]
-    for name, x, y in lines(result):
-        axes.plot(x, y, **LINE)
+    barriers = barriers_of(result)
+    for k, (name, x, y) in enumerate(lines(result)):
+        axes.plot(x, y, **(BARRIER if k in barriers else LINE))
         at = first_inside(x, y, extent)
         if at is not None:
             about: dict[str, Any] = {"path_effects": halo, "clip_on": True}

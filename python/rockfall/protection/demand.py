@@ -31,8 +31,7 @@ def demand(came: Crossings, factors: Factors, density: float, volume: float | No
     for name in "height_needed", "normal_height_needed":
         for end in ENDS:
             row[f"{name}{end}"] = row[f"{name.replace('height_needed', 'h_d')}{end}"] + free
-    row["ead_class"] = class_for(row["E_d"], factors)
-    return row
+    return row | {f"ead_class{end}": class_for(row[f"E_d{end}"], factors) for end in ENDS}
 
 
 def class_for(energy: float, factors: Factors) -> float:

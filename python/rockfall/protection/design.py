@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -35,10 +35,11 @@ DESIGN = ("v_d", "E_d", "h_d", "normal_h_d", "height_needed", "normal_height_nee
 _WITH_LIMITS = [name + end for name in DESIGN for end in ENDS]
 _LOADS = ["line", "n", "quantity", *with_limits("q95"), *with_limits("q99")]
 _LOADS += [name for N in LEVELS for name in with_limits(f"level_{N}")]
-_DEMAND = ["n", "volume", "m_d", *_WITH_LIMITS, "f_min", "ead_class"]
+_DEMAND = ["n", "volume", "m_d", *_WITH_LIMITS, "f_min", *with_limits("ead_class")]
 _CHECKS = [
-    "line", "n", "height", "capacity", "height_needed", "height_holds", "E_d", "energy_allowed",
-    "energy_holds", "holds", "over", "through", *with_limits("residual"),
+    "line", "n", "height", "capacity", "height_needed", "height_holds", "height_certain", "E_d",
+    "energy_allowed", "energy_holds", "energy_certain", "holds", "over", "through",
+    *with_limits("residual"),
 ]  # fmt: skip
 _CHOICES = ["line", "n", "ead_class", "capacity", "height", *with_limits("residual")]
 _CHOICES += ["cost", "cheapest"]
@@ -170,14 +171,29 @@ def _check_of(
     outcome = result["barrier_outcome"].values[k][~np.isnan(result["line_speed"].values[k])]
     over, through = (outcome == flags[name] for name in ("passed_over", "broken_through"))
     allowed = usable(capacity, factors)
-    holds = height >= asked["height_needed"], asked["E_d"] < allowed
+    high, high_certain = _verdict(asked, "height_needed", lambda needed: height >= needed)
+    strong, strong_certain = _verdict(asked, "E_d", lambda energy: energy < allowed)
     left = zip(with_limits("residual"), residual_of(over | through, came.source), strict=True)
     return {
-        "line": asked["line"], "n": came.n, "height": height,
-        "capacity": capacity, "height_needed": asked["height_needed"], "height_holds": holds[0],
-        "E_d": asked["E_d"], "energy_allowed": allowed, "energy_holds": holds[1],
-        "holds": all(holds), "over": int(over.sum()), "through": int(through.sum()), **dict(left),
+        "line": asked["line"], "n": came.n, "height": height, "capacity": capacity,
+        "height_needed": asked["height_needed"],
+        "height_holds": high, "height_certain": high_certain,
+        "E_d": asked["E_d"], "energy_allowed": allowed,
+        "energy_holds": strong, "energy_certain": strong_certain,
+        "holds": high and strong, "over": int(over.sum()), "through": int(through.sum()),
+        **dict(left),
     }  # fmt: skip
+
+
+def _verdict(
+    asked: dict[str, Any], name: str, suffices: Callable[[float], bool]
+) -> tuple[bool, bool]:
+    """Whether a barrier has what is asked, and whether all of the interval says the same; an end
+    that is not known says nothing."""
+    value, low, high = (asked[f"{name}{end}"] for end in ENDS)
+    if suffices(value):
+        return True, suffices(high)
+    return False, not suffices(low) and not np.isnan(low)
 
 
 def _length(result: xr.Dataset, line: str) -> float:

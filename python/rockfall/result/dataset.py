@@ -74,6 +74,11 @@ def provenance(scene: Any) -> dict[str, str]:
     }
 
 
+def feature_names(scene: Any) -> dict[str, str]:
+    """Of the layer from which sources come, a line each; nothing where there is none."""
+    return {"source_features": "\n".join(scene.features.names)} if scene.features else {}
+
+
 def open_result(path: str | Path) -> xr.Dataset:
     """Open a netCDF result as it is stored: counts stay integers, seconds stay numbers."""
     import xarray as xr

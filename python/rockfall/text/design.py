@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rockfall.protection.demand import ABOVE
+from rockfall.protection.demand import ABOVE, ENDS
 from rockfall.protection.design import Design
 from rockfall.quantities import DESIGN, number
 from rockfall.text.table import table as aligned
@@ -60,7 +60,7 @@ def load_rows(loads: Iterable[Mapping[str, Any]]) -> Iterator[list[str]]:
 def demand_rows(asked: Mapping[str, Any], standard: str) -> Iterator[list[str]]:
     """What the standard asks."""
     yield [f"  {standard}", "design value"]
-    yield ["  m_d [t]", number(asked["m_d"] / 1000)]
+    yield ["  m_d [t]", number(asked["m_d"] / 1000, up=True)]
     for name, title, factor in (
         ("v_d", "v_d [m/s]", 1.0),
         ("E_d", "E_d [kJ]", 1e-3),
@@ -68,8 +68,8 @@ def demand_rows(asked: Mapping[str, Any], standard: str) -> Iterator[list[str]]:
         ("height_needed", "height needed, vertical [m]", 1.0),
         ("normal_height_needed", "height needed, normal [m]", 1.0),
     ):
-        yield [f"  {title}", shown(asked, name, factor)]
-    yield ["  EAD 340059 class", class_name(asked["ead_class"])]
+        yield [f"  {title}", needed(asked, name, factor)]
+    yield ["  EAD 340059 class", class_name(asked)]
 
 
 def choice_rows(choices: Iterable[Mapping[str, Any]], residual: float) -> Iterator[list[str]]:
@@ -77,7 +77,7 @@ def choice_rows(choices: Iterable[Mapping[str, Any]], residual: float) -> Iterat
     yield [f"  at most {100 * residual:g} % pass", "height [m]", "passing [%]", "cost of 1 m"]
     for row in choices:
         energy = f"{row['capacity'] / 1000:,.0f} kJ"
-        cells = [number(row["height"]), shown(row, "residual", 100.0), number(row["cost"])]
+        cells = [number(row["height"], up=True), shown(row, "residual", 100.0), number(row["cost"])]
         mark = "  <- cheapest" if row["cheapest"] else ""
         yield [f"  class {row['ead_class']}, {energy}", *cells[:-1], cells[-1] + mark]
 
@@ -93,10 +93,13 @@ def check_row(row: Mapping[str, Any]) -> list[str]:
     if not row["n"]:
         return [f"  {row['line']}", number(row["height"]), "-", "-", "-", "-", "no boulder comes"]
     failed = [what for what in ("height", "energy") if not row[f"{what}_holds"]]
+    unsure = [what for what in ("height", "energy") if not row[f"{what}_certain"]]
+    verdict = f"no: {', '.join(failed)}" if failed else "yes"
     return [
-        f"  {row['line']}", number(row["height"]), number(row["height_needed"]),
-        number(row["energy_allowed"] / 1000), number(row["E_d"] / 1000),
-        shown(row, "residual", 100.0), f"no: {', '.join(failed)}" if failed else "yes",
+        f"  {row['line']}", number(row["height"]), number(row["height_needed"], up=True),
+        number(row["energy_allowed"] / 1000), number(row["E_d"] / 1000, up=True),
+        shown(row, "residual", 100.0),
+        verdict + (f"; undecided: {', '.join(unsure)}" if unsure else ""),
     ]  # fmt: skip
 
 
@@ -107,8 +110,8 @@ def _along(along: pd.DataFrame) -> Iterator[list[str]]:
         if np.isnan(row["E_d"]):
             yield [place, f"{row['n']:,}", "", "", ""]
             continue
-        energy, height = shown(row, "E_d", 1e-3), shown(row, "height_needed")
-        yield [place, f"{row['n']:,}", energy, height, class_name(row["ead_class"])]
+        energy, height = needed(row, "E_d", 1e-3), needed(row, "height_needed")
+        yield [place, f"{row['n']:,}", energy, height, class_name(row)]
 
 
 def factor_lines(found: Design) -> Iterator[str]:
@@ -120,13 +123,21 @@ def factor_lines(found: Design) -> Iterator[str]:
         yield f"Unconfirmed, to be set from the standard (--factors): {names}"
 
 
-def shown(row: Mapping[str, Any], name: str, factor: float = 1.0) -> str:
+def shown(row: Mapping[str, Any], name: str, factor: float = 1.0, *, up: bool = False) -> str:
     """A number with its interval, where it has one."""
     value, low, high = (factor * row.get(name + end, np.nan) for end in ("", "_low", "_high"))
     if np.isnan(low) and np.isnan(high):
-        return number(value)
-    return f"{number(value)} ({number(low)} to {number(high)})"
+        return number(value, up=up)
+    return f"{number(value, up=up)} ({number(low)} to {number(high, up=up)})"
 
 
-def class_name(ead_class: float) -> str:
-    return f"{ead_class:.0f}" + (" (declared by its maker)" if ead_class == ABOVE else "")
+def needed(row: Mapping[str, Any], name: str, factor: float = 1.0) -> str:
+    """What a standard asks, never shown as less."""
+    return shown(row, name, factor, up=True)
+
+
+def class_name(row: Mapping[str, Any]) -> str:
+    """The class that suffices, and those at the ends of its interval where they are others."""
+    value, low, high = (row[f"ead_class{end}"] for end in ENDS)
+    text = f"{value:.0f}" + (" (declared by its maker)" if value == ABOVE else "")
+    return text if low == value == high else f"{text} ({number(low, 1)} to {number(high, 1)})"

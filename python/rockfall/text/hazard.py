@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rockfall.analysis.hazard.classes import CLASSES, boulders_needed, unseen
+from rockfall.analysis.hazard.classes import CLASSES, RESIDUAL, boulders_needed, unseen
 from rockfall.analysis.hazard.files import object_table
+from rockfall.analysis.hazard.zones import lowered_area
+from rockfall.case import case_in
 from rockfall.io.arrays import grid_of
 from rockfall.quantities import count, number, percent
 from rockfall.result.flat_maps import shown
@@ -38,7 +40,8 @@ def hazard_summary(found: xr.Dataset) -> str:
 
 
 def hazard_warnings(found: xr.Dataset) -> Iterator[str]:
-    """Where there are too few boulders to tell cells that are safe."""
+    """Where there are too few boulders to tell cells that are safe, and where zones say less than
+    the map."""
     yearly, longest = float(found["frequency"].sum()), float(found["return_period"].max())
     parts = zip(found["boulders"].values.tolist(), found["frequency"].values, strict=True)
     if (limit := unseen(parts)) >= 1 / longest:
@@ -46,6 +49,14 @@ def hazard_warnings(found: xr.Dataset) -> Iterator[str]:
         yield (
             f"where none of the boulders passed one may still come every {number(1 / limit, 2)} "
             f"years: to tell {longest:g} years take {needed:,} boulders or more in each scenario"
+        )
+    minimum_area = case_in(found.attrs).hazard["minimum_area"]
+    lowered = lowered_area(found, minimum_area)
+    parts = [f"{number(lowered[k])} m2 {CLASSES[k]}" for k in range(len(CLASSES)) if lowered[k]]
+    if lowered[RESIDUAL + 1 :].any():
+        yield (
+            f"in zones, minimum_area = {minimum_area:g} m2 gives a lower class to "
+            f"{', '.join(reversed(parts))}: their attribute `highest`, and the map, keep it"
         )
 
 

@@ -11,7 +11,13 @@ from xml.etree import ElementTree
 import numpy as np
 
 from rockfall.analysis.hazard.classes import CLASSES
-from rockfall.analysis.hazard.zones import Zones, certain_fractions, uncertain_of, zones_of
+from rockfall.analysis.hazard.zones import (
+    Zones,
+    certain_fractions,
+    highest_classes,
+    uncertain_of,
+    zones_of,
+)
 from rockfall.case import case_in
 from rockfall.case_files import files_behind
 from rockfall.errors import need
@@ -119,6 +125,7 @@ def _layers(found: xr.Dataset) -> Iterator[tuple[str, tuple]]:
         about = {
             "hazard": words[zones.number], "class": zones.number, "area": area(zones),
             "certain": certain_fractions(zones, found),
+            "highest": words[highest_classes(zones, found)],
         }  # fmt: skip
         yield "zones", ("Polygon", [(zones.shapes, about)])
     if doubtful.shapes.size:

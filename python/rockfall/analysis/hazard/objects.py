@@ -23,10 +23,13 @@ from rockfall.simulation.memory import machine_memory
 if TYPE_CHECKING:
     import xarray as xr
 
+    from rockfall.scene.scene import Scene
+
 VULNERABILITY = "vulnerability"  # an attribute for all intensities, or with _1, _2, ... for each
 FRACTIONS = (VULNERABILITY, "exposure")
 BYTES = 8 * len(LINE)  # of a boulder at a line
 ROOM = 0.5  # of the memory
+MAX_NAMED = 5  # of objects in a remark
 
 
 @dataclass
@@ -48,11 +51,14 @@ class Objects:
         return len(self.shapes)
 
 
-def read_objects(path: str | Path, grid: Grid, intensities: int, remarks: list[str]) -> Objects:
-    """The objects in a layer, with so many intensities to be vulnerable to."""
+def read_objects(
+    path: str | Path, layer: str | None, grid: Grid, intensities: int, remarks: list[str]
+) -> Objects:
+    """The objects in a layer, of the only one for None, with so many intensities to be vulnerable
+    to."""
     import shapely
 
-    shapes, columns = read_features(path, grid, remarks)
+    shapes, columns = read_features(path, grid, remarks, layer, "--objects-layer")
     found = Objects(str(path), shapely.force_2d(shapes))
     columns = {name.lower(): values for name, values in columns.items()}
     numbers = [str(number) for number in range(1, len(shapes) + 1)]
@@ -61,6 +67,27 @@ def read_objects(path: str | Path, grid: Grid, intensities: int, remarks: list[s
         _place(found, number, shape, grid)
     _take_values(found, columns, intensities)
     return found
+
+
+def beyond_elevations(objects: Objects, scene: Scene) -> list[str]:
+    """A remark, where objects reach to where no boulder can come for want of elevations."""
+    import shapely
+
+    grid, names = scene.grid, []
+    for name, shape in zip(objects.names, objects.shapes, strict=True):
+        x, y = shapely.get_coordinates(shape).T
+        inside = (grid.west <= x) & (x <= grid.east) & (grid.south <= y) & (y <= grid.north)
+        row, column = (one - begin for one, begin in zip(grid.cells(x, y), scene.at, strict=True))
+        known = (0 <= row) & (row < scene.z.shape[0]) & (0 <= column) & (column < scene.z.shape[1])
+        if not inside.all() or np.isnan(scene.z[row[known], column[known]]).any():
+            names.append(name)
+    if not names:
+        return []
+    more = f" and {len(names) - MAX_NAMED} more" if len(names) > MAX_NAMED else ""
+    return [
+        f"{objects.path}: {', '.join(names[:MAX_NAMED])}{more}: beyond the elevations of the "
+        "terrain no boulder meets them"
+    ]
 
 
 def check_room(objects: Objects, boulders: int) -> None:
@@ -137,17 +164,13 @@ def _numbers(
     return values.astype(float)
 
 
-def object_counts(objects: Objects, result: xr.Dataset, maps: np.ndarray) -> np.ndarray:
+def object_counts(objects: Objects, result: xr.Dataset, grid: Grid, maps: np.ndarray) -> np.ndarray:
     """Boulders of a run that meet each object, and those with more energy than each threshold
     (intensities, objects); `maps` are the same counts by cell (intensities, y, x)."""
     thresholds = result["threshold"].values
     counts = np.zeros((1 + thresholds.size, len(objects)), "i4")
-    transform = map(float, result["crs"].attrs["GeoTransform"].split())
-    west, cell, _, north, _, _ = transform
-    for number, (x, y) in zip(objects.point, objects.places, strict=True):
-        row, column = int((north - y) // cell), int((x - west) // cell)
-        if 0 <= row < maps.shape[1] and 0 <= column < maps.shape[2]:
-            counts[:, number] = maps[:, row, column]
+    rows, columns = grid.cells(*objects.places.T)
+    counts[:, objects.point] = maps[:, rows, columns]
     for number in np.unique(objects.owner):
         energy = np.full(result.sizes["boulder"], np.nan)
         for line in np.flatnonzero(objects.owner == number):

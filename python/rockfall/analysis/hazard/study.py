@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import json
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -20,6 +21,7 @@ from rockfall.analysis.hazard.classes import (
 )
 from rockfall.analysis.hazard.objects import (
     Objects,
+    beyond_elevations,
     check_room,
     object_counts,
     read_objects,
@@ -27,8 +29,9 @@ from rockfall.analysis.hazard.objects import (
 )
 from rockfall.analysis.hazard.scenarios import Scenario, base_case, scenarios_of
 from rockfall.analysis.hazard.variables import CLASS_ENDS, COORDINATES, ENDS, EXTREMES, TABLE
-from rockfall.case import Case
-from rockfall.result.dataset import as_dataset
+from rockfall.case import Case, case_of
+from rockfall.errors import RockfallError
+from rockfall.result.dataset import as_dataset, read_result
 from rockfall.scene.plausible import implausible
 from rockfall.scene.read import read_scene
 from rockfall.scene.scene import Scene
@@ -58,6 +61,8 @@ def hazard(
     case: Case,
     *,
     objects: str | Path | None = None,
+    objects_layer: str | None = None,
+    results: Sequence[str | Path] = (),
     progress: bool = False,
     threads: int | None = None,
     memory: float | None = None,
@@ -65,23 +70,32 @@ def hazard(
 ) -> xr.Dataset:
     """Run each &scenario of a case and put them together: an xarray.Dataset of annual frequencies
     and classes of hazard, with 95 % intervals, for each cell and each of the `objects` (a layer of
-    points, lines and polygons). docs/hazard.md explains it; the other arguments are as in
-    `rockfall.run`."""
-    study = read_study(case, objects, memory, **arrays)
+    points, lines and polygons; `objects_layer` is its name in a file of several). `results` are
+    those of the scenarios, if they have been run elsewhere. docs/hazard.md explains it; the other
+    arguments are as in `rockfall.run`."""
+    study = read_study(case, objects, memory, objects_layer, **arrays)
     for line in study.remarks:
         warnings.warn(line, stacklevel=2)
-    return run_study(study, progress=progress, threads=threads)
+    return run_study(study, results=results, progress=progress, threads=threads)
 
 
 def read_study(
-    case: Case, objects: str | Path | None = None, memory: float | None = None, **arrays: Any
+    case: Case,
+    objects: str | Path | None = None,
+    memory: float | None = None,
+    objects_layer: str | None = None,
+    **arrays: Any,
 ) -> Study:
     """Read and check everything that a hazard needs, before anything is run."""
-    scene = read_scene(base_case(case), memory=memory or machine_memory(), **arrays)
+    memory = memory or machine_memory()
+    scene = read_scene(base_case(case), memory=memory, **arrays)
+    _check_memory(scene, memory)
     remarks: list[str] = []
     found = Objects()
     if objects is not None:
-        found = read_objects(objects, scene.grid, 1 + len(case.hazard["thresholds"]), remarks)
+        intensities = 1 + len(case.hazard["thresholds"])
+        found = read_objects(objects, objects_layer, scene.grid, intensities, remarks)
+        remarks += beyond_elevations(found, scene)
     case = case.replace(barrier=scene.case.barrier, dam=scene.case.dam)  # layers are read
     study = Study(case, scene, scenarios_of(scene, found.lines), found)
     for scenario in study.scenarios:
@@ -91,21 +105,58 @@ def read_study(
     return study
 
 
+def _check_memory(scene: Scene, memory: float) -> None:
+    """Refuse maps for which there is too little of it, before anything is run."""
+    levels, scenarios = 1 + len(scene.case.hazard["thresholds"]), len(scene.case.scenario)
+    cells = scene.grid.nx * scene.grid.ny
+    need = cells * (8 * levels * scenarios + 20 * levels + 25)  # as measured
+    if need > memory:
+        raise RockfallError(
+            f"{scene.case.name}: a hazard of {cells:,} cells, {scenarios} scenarios and "
+            f"{levels - 1} thresholds takes {need / 1e6:,.1f} MB, of {memory / 1e6:,.1f}: cut the "
+            "terrain to the slope, or raise --memory"
+        )
+
+
 def run_study(
     study: Study,
     *,
+    results: Sequence[str | Path] = (),
     progress: bool = False,
     threads: int | None = None,
     checkpoints: Sequence[Checkpoint] = (),
 ) -> xr.Dataset:
-    """Run the scenarios, one after the other; each goes on from its checkpoint."""
+    """Run the scenarios, one after the other; each goes on from its checkpoint, or is taken from
+    its result."""
+    if results and len(results) != len(study.scenarios):
+        many = f"{len(study.scenarios)} scenarios"
+        raise RockfallError(f"results: {len(results)} for {many}: one is needed for each, in order")
     runs = []
     for k, scenario in enumerate(study.scenarios):
+        if results:
+            runs.append(_Run(study, scenario, _read_scenario(study, scenario, results[k])))
+            continue
         scene = replace(study.scene, case=scenario.case)
         checkpoint = checkpoints[k] if checkpoints else None
         result = run_scene(scene, progress=progress, threads=threads, checkpoint=checkpoint)
         runs.append(_Run(study, scenario, result))
     return _dataset(study, runs)
+
+
+def _read_scenario(study: Study, scenario: Scenario, path: str | Path) -> xr.Dataset:
+    """The result of a scenario that was run elsewhere: all of it, with the same inputs."""
+    result = read_result(path)
+    theirs, ours = (
+        one.replace(case={"threads": 0}).text() for one in (case_of(result), scenario.case)
+    )
+    about = f"{path}: scenario '{scenario.name}'"
+    if theirs != ours:
+        raise RockfallError(f"{about}: is the result of another case; see --write-cases")
+    if json.loads(result.attrs["input_checksums"]) != study.scene.checksums:
+        raise RockfallError(f"{about}: was run with other input files")
+    if not result.attrs["complete"]:
+        raise RockfallError(f"{about}: is not complete")
+    return result
 
 
 class _Run:
@@ -116,7 +167,7 @@ class _Run:
         passages, exceeded = result["passages"].values, result["energy_exceeded"].values
         self.counts = np.concatenate([passages[None], exceeded])  # (intensities, y, x)
         self.extremes = {name: result[name].values for name in EXTREMES}
-        self.objects = object_counts(study.objects, result, self.counts)
+        self.objects = object_counts(study.objects, result, study.scene.grid, self.counts)
         self.about = {name: result[name].attrs for name in ("x", "y", "threshold", "crs")}
         self.places = {axis: result[axis].values for axis in ("x", "y", "threshold")}
         self.attrs = result.attrs

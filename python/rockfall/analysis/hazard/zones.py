@@ -35,6 +35,22 @@ def zones_of(found: xr.Dataset, minimum_area: float) -> Zones:
     return _patches(sieve(numbers, size, connectivity=4) if size > 1 else numbers, grid)
 
 
+def highest_classes(zones: Zones, found: xr.Dataset) -> np.ndarray:
+    """The highest class on the map within each zone: what a small patch had before it joined."""
+    numbers, _ = _north_up(found["hazard_class"])
+    highest = np.zeros(len(zones.cells) + 1, "u1")
+    np.maximum.at(highest, zones.patch, numbers)
+    return highest[1:]
+
+
+def lowered_area(found: xr.Dataset, minimum_area: float) -> np.ndarray:
+    """Of each class, the area [m2] that zones show as a lower one, or as none."""
+    numbers, grid = _north_up(found["hazard_class"])
+    zones = zones_of(found, minimum_area)
+    shown = np.concatenate([[0], zones.number])[zones.patch]
+    return np.bincount(numbers[shown < numbers], minlength=len(CLASSES)) * grid.cell**2
+
+
 def uncertain_of(found: xr.Dataset) -> Zones:
     """Patches of cells whose class is not certain: their number is that of the lowest class, times
     the number of classes, plus that of the highest."""
