@@ -13,6 +13,7 @@ _MODULES = {  # of each public name
     "ensemble_table": "analysis.ensemble",
     "hazard": "analysis.hazard.study",
     "import_rockyfor3d": "rockyfor3d.imported",
+    "line_profile": "analysis.lines.profile",
     "line_statistics": "analysis.line_statistics",
     "merge": "simulation.merge",
     "read_case": "case",

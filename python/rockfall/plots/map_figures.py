@@ -23,11 +23,10 @@ from rockfall.plots.style import (
     WIDE,
     new_figure,
     plain,
-    round_step,
     styled,
 )
 from rockfall.protection.barriers import barriers_of
-from rockfall.quantities import SHOWN, with_unit
+from rockfall.quantities import SHOWN, round_step, with_unit
 from rockfall.result.trajectories import ends, lines, trajectories
 
 if TYPE_CHECKING:

@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Figures along a line: how many boulders pass where, with which energy and how high."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rockfall.plots.style import BLUE, WIDE, new_figure, plain, styled
+from rockfall.quantities import DESIGN, with_unit
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+POSITION = "position along the line [m]"
+PER_METRE = "passing a metre [%]"
+ENDS = "", "_low", "_high"
+
+
+@styled
+def line_profile_figure(profile: pd.DataFrame) -> Figure:
+    """A `rockfall.line_profile`: fraction of all boulders that pass each metre of the line, 95 %
+    quantiles of the total energy and of the passing height of those that do, with 95 % bands."""
+    figure = new_figure(WIDE, 5.2)
+    panels = figure.subplots(3, 1, sharex=True)
+    draw_windows(panels[0], profile, "per_metre", 100.0)
+    panels[0].set(ylabel=PER_METRE)
+    panels[0].set_title(plain(str(profile["line"].iloc[0])))
+    for axes, quantity in zip(panels[1:], ("energy_total", "passing_height"), strict=True):
+        about = DESIGN[quantity]
+        draw_windows(axes, profile, f"{quantity}_q95", about.factor)
+        axes.set(ylabel=with_unit(about.label.replace(", ", ",\n"), about.unit) + ", q95")
+    panels[-1].set(xlim=(profile["start"].iloc[0], profile["end"].iloc[-1]), xlabel=POSITION)
+    figure.align_ylabels()
+    return figure
+
+
+def draw_windows(axes: Axes, along: pd.DataFrame, name: str, factor: float) -> None:
+    """Steps of a number and its band, hatched upwards where too few boulders bound it."""
+    edges = np.append(along["start"], along["end"].iloc[-1])
+    value, low, high = (factor * along[name + end].to_numpy() for end in ENDS)
+    known = np.append(value, high)[np.isfinite(np.append(value, high))]
+    top = 1.1 * known.max(initial=0.0) or 1.0
+    low = np.where(np.isnan(low), 0.0, low)
+    about: dict[str, Any] = {"fill": True, "color": BLUE, "alpha": 0.25}
+    axes.stairs(np.where(np.isnan(high), value, high), edges, baseline=low, **about)
+    if (open_ended := np.isnan(high) & np.isfinite(value)).any():
+        beyond = np.where(open_ended, top, np.nan)
+        about = {"fill": True, "facecolor": "none", "edgecolor": BLUE, "alpha": 0.4, "lw": 0}
+        label = "too few boulders for an upper limit"
+        axes.stairs(beyond, edges, baseline=value, hatch="////", label=label, **about)
+        axes.legend(loc="lower left", bbox_to_anchor=(0.45, 1.0), borderaxespad=0)
+    axes.stairs(value, edges, baseline=None, color=BLUE, lw=1.2)
+    axes.set_ylim(0, top)
