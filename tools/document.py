@@ -87,8 +87,8 @@ and 99 %, which then lack a limit of their 95 % interval. Figures hatch such cel
 counts `passages`. The limits are maps of their own, such as `energy_q95_low` and
 `energy_q95_high`: order statistics as at the lines, NaN where the cell has too few boulders.
 Quantiles come from counts of classes (64 J to 8.6 GJ, 0.25 to 256 m/s, 0.06 to 512 m), four an
-octave, straight within a class: so they add up over parts of a run. On `cases/vaujany` they stand 0 to 2 % above those of the
-boulders themselves (up to 6 % where values are alike in a test), with a scatter of 2 to 5 % for 100
+octave, straight within a class: so they add up over parts of a run. On `cases/vaujany` they stand
+0 to 2 % above those of the boulders themselves (up to 6 % where values are alike in a test), with a scatter of 2 to 5 % for 100
 boulders (r.m.s.); a q99 may exceed the greatest value, by a class (25 %) at most. They take 440,
 168 and 216 bytes in each cell that a boulder reaches, for energy, speed and jump height; where the
 system has no more, the run ends with a line that says so. The limits of cells

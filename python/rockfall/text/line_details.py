@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -61,10 +61,7 @@ def _groups(statistics: pd.DataFrame, by: str) -> Iterator[str]:
     """A table for each line, a row for each group."""
     yield ABOUT
     for line, rows in statistics.groupby("line", sort=False):
-        titles = [
-            with_unit(f"{DESIGN[name].name}, {of}", DESIGN[name].unit) for name, of in NUMBERS
-        ]
-        cells = [[f"  {by}", "boulders", "pass", "fraction [%]", *titles]]
+        cells = [[f"  {by}", "boulders", "pass", "fraction [%]", *_titles(NUMBERS)]]
         for group, one in rows.groupby(by, sort=False):
             row = {f"{about['quantity']}": about for about in one.to_dict("records")}
             about = row["speed"]
@@ -76,12 +73,15 @@ def _groups(statistics: pd.DataFrame, by: str) -> Iterator[str]:
 
 def _along(profile: pd.DataFrame) -> Iterator[list[str]]:
     numbers = (("energy_total", "mean"), ("energy_total", "q95"), ("passing_height", "q95"))
-    titles = [with_unit(f"{DESIGN[name].name}, {of}", DESIGN[name].unit) for name, of in numbers]
-    yield ["  from [m]", "to [m]", "pass", "passing a metre [%]", *titles]
+    yield ["  from [m]", "to [m]", "pass", "passing a metre [%]", *_titles(numbers)]
     for row in profile.to_dict("records"):
         shown = (_shown(row, f"{name}_{of}", QUANTITIES[name].factor) for name, of in numbers)
         ends = f"  {number(row['start'], 4)}", number(row["end"], 4)
         yield [*ends, f"{row['n']:,}", _shown(row, "per_metre", 100.0), *shown]
+
+
+def _titles(numbers: Iterable[tuple[str, str]]) -> list[str]:
+    return [with_unit(f"{DESIGN[name].name}, {of}", DESIGN[name].unit) for name, of in numbers]
 
 
 def _shown(row: Mapping[Any, Any], name: str, factor: float) -> str:
