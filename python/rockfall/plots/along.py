@@ -32,7 +32,7 @@ def line_profile_figure(profile: pd.DataFrame) -> Figure:
     for axes, quantity in zip(panels[1:], ("energy_total", "passing_height"), strict=True):
         about = DESIGN[quantity]
         draw_windows(axes, profile, f"{quantity}_q95", about.factor)
-        axes.set(ylabel=with_unit(about.label.replace(", ", ",\n"), about.unit) + ", q95")
+        axes.set(ylabel=with_unit(about.name.replace(", ", ",\n"), about.unit) + ", q95")
     panels[-1].set(xlim=(profile["start"].iloc[0], profile["end"].iloc[-1]), xlabel=POSITION)
     figure.align_ylabels()
     return figure
