@@ -154,6 +154,9 @@ def promised(case: rockfall.Case, arrays: dict) -> None:
         until = evaluate([rule], result)[0].need * where.count
         end = rockfall.run_until(case, rule.text, cap=100_000, **arrays).sizes["boulder"]
         quantity = "boulders" if rule.statistic == "fraction" else rule.quantity
+        if ("road", quantity, rule.statistic) not in cost.index:  # too few in a block
+            print(f"{rule.text:28}{until:10,.0f}{report:10,.0f}{end:10,}{'-':>20}")
+            continue
         error = found.error.set_index(KEYS).loc[[("road", quantity, rule.statistic)]]
         measured = cost.loc[
             ("road", quantity, rule.statistic), f"boulders_{100 * rule.limit:g}_percent"

@@ -10,7 +10,7 @@ import rockfall
 from made import make_layer, make_raster, refused
 from programs import refuses
 from rockfall.analysis.convergence import converge
-from rockfall.analysis.ensemble import run_ensemble
+from rockfall.analysis.ensemble.study import run_ensemble
 from rockfall.analysis.run_until import run_until
 from rockfall.cli import main
 from rockfall.scene.read import read_scene

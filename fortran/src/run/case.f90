@@ -580,6 +580,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
 
       if (real_of(group, "dem_error") > 0) call need(group, "dem_correlation", "for dem_error", error)
+      if (.not. allocated(error) .and. has_key(group, "draws")) call check_draws(group, error)
       if (allocated(error)) return
       if (real_of(group, "volume_std_factor") > 1 .and. this%volumes%std <= 0) then
          call refuse(group, "volume_std_factor", "has no meaning without a volume_std", error)
@@ -589,6 +590,22 @@ contains
          call refuse(group, "drop_height_factor", "has no meaning without a drop_height", error)
       end if
    end subroutine check_ensemble
+
+   !> What a file of draws may hold is not uncertain besides.
+   pure subroutine check_draws(group, error)
+      type(group_t), intent(in) :: group
+      type(error_t), allocatable, intent(out) :: error
+      character(len=*), parameter :: factors(*) = [character(len=18) :: "radius_factor", "volume_factor", &
+                                                   "volume_std_factor", "drop_height_factor"]
+      integer :: k
+
+      if (real_of(group, "source_shift") > 0) call refuse(group, "source_shift", "must be 0: draws has it", error)
+      do k = 1, size(factors)
+         if (allocated(error)) return
+         if (real_of(group, trim(factors(k))) <= 1) cycle
+         call refuse(group, trim(factors(k)), "must be 1: draws has it", error)
+      end do
+   end subroutine check_draws
 
    !> Thresholds for a map; the rest is for `rockfall hazard`, and a run takes no notice of it.
    pure subroutine read_hazard(group, list, this, error)

@@ -224,6 +224,8 @@ module rockfall_case_keys
             "standard deviation of easting and northing of all sources together"), &
       key_t("ensemble", "sets", "text", 100, "absent", "", "", "impact sets, each with equal probability", &
             file="sets"), &
+      key_t("ensemble", "draws", "text", 1, "absent", "", "", &
+            "CSV of draws that `rockfall back` wrote, in place of what its columns hold", file="table"), &
       key_t("scenario", "name", "text", 1, "required", "", "", "of a class of boulders, with its frequency"), &
       key_t("scenario", "frequency", "real", 1, "absent", "> 0", "1/year", "how many boulders come loose"), &
       key_t("scenario", "return_period", "real", 1, "absent", "> 0", "year", "instead of frequency: 1/frequency"), &

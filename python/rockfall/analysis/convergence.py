@@ -90,6 +90,12 @@ def converge(
     Numerical errors are changes of the numbers of a tenth as many boulders, the same ones on each
     terrain. What boulders did at the lines is kept in memory, 24 bytes a line and boulder, and
     nothing else.
+
+    >>> import rockfall
+    >>> case = rockfall.read_case("case.nml")
+    >>> found = rockfall.convergence(case, [10, 100], reference=20_000)
+    >>> sorted(set(found.study["boulders"]))
+    [10, 100]
     """
     sizes = sorted(set(boulders))
     if not sizes or sizes[0] < 2:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from rockfall.analysis.ensemble.study import is_ensemble
 from rockfall.analysis.precision.intervals import (
     TARGETS,
     boulders_needed,
@@ -160,8 +161,9 @@ def provenance(result: xr.Dataset) -> dict[str, Any]:
         ("time", "{wall_seconds:.1f} s, {cpu_seconds:.1f} s of CPU".format_map(result.attrs)),
     ]
     option = "--boulders-total" if total else "--boulders"
+    verb = "ensemble" if is_ensemble(result) else "run"
     command = (
-        f"rockfall run {shlex.quote(about['case_file'])} {option} {number} "
+        f"rockfall {verb} {shlex.quote(about['case_file'])} {option} {number} "
         f"--seed {about['seed']} -o again.nc"
     )
     return {

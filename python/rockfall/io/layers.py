@@ -69,6 +69,18 @@ def burn_polygons(
     return cells
 
 
+def layer_names(path: str | Path) -> list[str]:
+    """The layers of a file that have shapes."""
+    need("layers need", "vector", "pyogrio", "shapely")
+    import pyogrio
+
+    try:
+        layers = pyogrio.list_layers(_plain_layer(str(path)))
+    except (RuntimeError, UnicodeDecodeError) as error:  # GDAL's
+        raise RockfallError(f"{path}: not a vector layer that can be read ({error})") from error
+    return [str(name) for name, shape in layers if shape is not None]
+
+
 def numbered_polygons(
     path: str | Path, grid: Grid, remarks: list[str], layer: str | None = None, key: str = ""
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
     from rockfall.io.grid import Grid
 
+CONVENTIONS = "CF-1.11"
 NO_COUNT = -1  # fill value of counts
 #: What netCDF4 and xarray raise of a file that is damaged.
 DAMAGED = (
@@ -99,7 +100,13 @@ def open_result(path: str | Path) -> xr.Dataset:
 
 
 def read_result(path: str | Path) -> xr.Dataset:
-    """The result of a run from its netCDF file, in memory, as `rockfall.run` returned it."""
+    """The result of a run from its netCDF file, in memory, as `rockfall.run` returned it.
+
+    >>> import rockfall
+    >>> rockfall.write_result(rockfall.run(rockfall.read_case("case.nml")), "result.nc")
+    >>> rockfall.read_result("result.nc").sizes["boulder"]
+    20
+    """
     with open_result(path) as data:
         check_result(data, path)
         try:
@@ -116,7 +123,11 @@ def read_result(path: str | Path) -> xr.Dataset:
 
 
 def write_result(result: xr.Dataset, path: str | Path, kind: str = RESULT) -> None:
-    """Write a result as netCDF, whole or not at all, and over no file that its case reads."""
+    """Write a result as netCDF, whole or not at all, and over no file that its case reads.
+
+    >>> import rockfall
+    >>> rockfall.write_result(rockfall.run(rockfall.read_case("case.nml")), "other.nc")
+    """
     check_output(path, kind, files_behind(result))
     with atomic_write(path) as part:
         put_netcdf(result, part, path)
@@ -151,6 +162,8 @@ def _attached(result: xr.Dataset, name: str) -> dict[str, Any]:
         if other not in result.dims and {*coordinate.dims} <= {*variable.dims}
     ]  # fmt: skip
     found: dict[str, Any] = {"coordinates": " ".join(map(str, beside))} if beside else {}
+    if name.endswith("_bounds"):  # CF: of them nothing is said but by their parents
+        return found
     if variable.dtype.kind == "f":
         found["_FillValue"] = np.nan
     elif variable.dtype.kind == "i":

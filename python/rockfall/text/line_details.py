@@ -12,7 +12,7 @@ import numpy as np
 from rockfall.analysis.line_statistics import line_statistics
 from rockfall.analysis.lines.profile import line_profile
 from rockfall.io.output_files import FIGURE, GROUP_TABLE, PROFILE
-from rockfall.plots.along import line_profile_figure
+from rockfall.plots.along_figures import line_profile_figure
 from rockfall.plots.style import save
 from rockfall.quantities import DESIGN, QUANTITIES, number, with_unit
 from rockfall.text.line_tables import ENDS, open_lines, write_tables

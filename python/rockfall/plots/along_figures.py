@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Figures along a line: how many boulders pass where, with which energy and how high."""
+"""Figures along a line: how many boulders pass where, with which energy and how high; and what a
+barrier there must be."""
 
 from __future__ import annotations
 
@@ -7,7 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rockfall.plots.style import BLUE, WIDE, new_figure, plain, styled
+from rockfall.limits import EAD_ENERGY
+from rockfall.plots.style import BLUE, GREY, WIDE, new_figure, plain, styled
+from rockfall.protection.demand import ENDS, usable
 from rockfall.quantities import DESIGN, with_unit
 
 if TYPE_CHECKING:
@@ -15,9 +18,10 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from rockfall.protection.design import Design
+
 POSITION = "position along the line [m]"
 PER_METRE = "passing a metre [%]"
-ENDS = "", "_low", "_high"
 
 
 @styled
@@ -26,19 +30,41 @@ def line_profile_figure(profile: pd.DataFrame) -> Figure:
     quantiles of the total energy and of the passing height of those that do, with 95 % bands."""
     figure = new_figure(WIDE, 5.2)
     panels = figure.subplots(3, 1, sharex=True)
-    draw_windows(panels[0], profile, "per_metre", 100.0)
+    _draw_windows(panels[0], profile, "per_metre", 100.0)
     panels[0].set(ylabel=PER_METRE)
     panels[0].set_title(plain(str(profile["line"].iloc[0])))
     for axes, quantity in zip(panels[1:], ("energy_total", "passing_height"), strict=True):
         about = DESIGN[quantity]
-        draw_windows(axes, profile, f"{quantity}_q95", about.factor)
+        _draw_windows(axes, profile, f"{quantity}_q95", about.factor)
         axes.set(ylabel=with_unit(about.name.replace(", ", ",\n"), about.unit) + ", q95")
     panels[-1].set(xlim=(profile["start"].iloc[0], profile["end"].iloc[-1]), xlabel=POSITION)
     figure.align_ylabels()
     return figure
 
 
-def draw_windows(axes: Axes, along: pd.DataFrame, name: str, factor: float) -> None:
+@styled
+def along_figure(found: Design) -> Figure:
+    """Height needed and design energy along a line, with 95 % bands, and the energies that EAD
+    classes may be asked to take; windows with few boulders are blank."""
+    along = found.along
+    assert along is not None
+    figure = new_figure(WIDE, 4.2)
+    upper, lower = figure.subplots(2, 1, sharex=True)
+    _draw_windows(upper, along, "height_needed", 1.0)
+    _draw_windows(lower, along, "E_d", 1e-3)
+    for k, capacity in enumerate(EAD_ENERGY):
+        allowed = usable(capacity, found.factors) / 1000
+        if allowed < lower.get_ylim()[1]:
+            lower.axhline(allowed, color=GREY, lw=0.6, linestyle=(0, (5, 2)))
+            lower.text(along["end"].iloc[-1], allowed, f"class {k}", ha="right", va="bottom")
+    upper.set_title(f"{plain(along['line'][0])}, {found.factors.conditions.standard}")
+    upper.set(ylabel="height needed, vertical [m]")
+    ends = along["start"].iloc[0], along["end"].iloc[-1]
+    lower.set(ylabel="E_d [kJ]", xlim=ends, xlabel=POSITION)
+    return figure
+
+
+def _draw_windows(axes: Axes, along: pd.DataFrame, name: str, factor: float) -> None:
     """Steps of a number and its band, hatched upwards where too few boulders bound it."""
     edges = np.append(along["start"], along["end"].iloc[-1])
     value, low, high = (factor * along[name + end].to_numpy() for end in ENDS)
