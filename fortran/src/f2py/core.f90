@@ -379,7 +379,7 @@ contains
 
       opened => scene_of(handle)
       associate (scene => opened%scene)
-         call check_tallies(opened%plan, largest_volumes(scene), scene%gravity, fall, scene%dem%cell, boulders_of(scene), &
+         call check_tallies(opened%plan, largest_volumes(scene), scene%gravity, fall, boulders_of(scene), &
                             scene%max_impacts, error)
       end associate
       call give_error(error, code, message)

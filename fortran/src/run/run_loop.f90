@@ -130,8 +130,7 @@ contains
          side = block_side([dem%nx, dem%ny])
          allocate (minima((dem%nx - 1)/side + 1, (dem%ny - 1)/side + 1), source=huge(1.0_wp))
          call take_minima(dem, 1, dem%ny, minima)
-         call check_tallies(results%plan, largest_volumes(scene), case%gravity, head - minval(minima), dem%cell, &
-                            results%asked, &
+         call check_tallies(results%plan, largest_volumes(scene), case%gravity, head - minval(minima), results%asked, &
                             case%impact_limit, error)
          if (allocated(error)) error%message = case%file//": "//error%message
          if (allocated(error) .or. case%whole_maps) return

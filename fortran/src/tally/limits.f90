@@ -7,9 +7,9 @@ module rockfall_limits
    use rockfall_text, only: integer_text
    use rockfall_random, only: normal_table
    use rockfall_boulder, only: volume_distribution_t, max_volume, mean_volume
-   use rockfall_terrain, only: max_elevation
    use rockfall_bins, only: energy, speed, jump_height, passing_height
    use rockfall_maps, only: per_unit, square_base
+   use rockfall_passing_maps, only: steepest
    use rockfall_map_values, only: map_plan_t
    implicit none
    private
@@ -28,12 +28,11 @@ module rockfall_limits
 contains
 
    !> Refuse what the maps of a plan cannot hold.
-   pure subroutine check_tallies(plan, distribution, gravity, fall, cell, boulders, max_hits, error)
+   pure subroutine check_tallies(plan, distribution, gravity, fall, boulders, max_hits, error)
       type(map_plan_t), intent(in) :: plan
       type(volume_distribution_t), intent(in) :: distribution
       real(wp), intent(in) :: gravity        !! [m/s2]
       real(wp), intent(in) :: fall           !! from the highest energy head to the lowest elevation [m]
-      real(wp), intent(in) :: cell           !! of the terrain [m]
       integer(i8), intent(in) :: boulders    !! of the whole run: all may pass one cell
       integer, intent(in) :: max_hits        !! of trees, by a boulder: all may be in one cell
       type(error_t), allocatable, intent(out) :: error
@@ -45,7 +44,7 @@ contains
       one(energy) = distribution%density*volume*gravity*fall
       one(speed) = sqrt(2*gravity*fall)
       one(jump_height) = fall
-      one(passing_height) = fall + volume**(1/3.0_wp)*(1 + 4*max_elevation/cell)  ! R / cos of the steepest slope
+      one(passing_height) = fall + volume**(1/3.0_wp)*steepest  ! a radius is below the side of a cube
       hits = real(boulders, wp)*max_hits
       together(:4) = boulders*one*per_unit
       together(energy) = min(together(energy), &

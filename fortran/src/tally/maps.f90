@@ -362,45 +362,36 @@ contains
       integer, intent(in) :: i, r
       real(wp), intent(in) :: values(3)  !! [J], [m/s], [m]
       integer(i4) :: slot
-      integer :: k
+      integer :: k, bin
 
-      slot = slot_of(maps, i, r)
+      !$omp atomic read seq_cst
+      slot = maps%slot(i, r)
+      if (slot == 0) call assign_slot(maps, i, r, slot)
       if (slot == 0) return
       do k = 1, 3
-         if (maps%layer(k)%bin_offset >= 0) call count_in(maps, maps%layer(k)%bin_offset + log_bin(k, values(k)), slot)
+         if (maps%layer(k)%bin_offset < 0) cycle
+         bin = maps%layer(k)%bin_offset + log_bin(k, values(k))
+         !$omp atomic update
+         maps%bin_counts(bin, slot) = maps%bin_counts(bin, slot) + 1
       end do
    end subroutine count_bins
 
-   !> Count a boulder in the bin of one quantity, if that has any.
+   !> Count a boulder in a cell that `count_bins` gave a slot, in the bin of one more quantity, if that has any.
    subroutine count_bin(maps, quantity, i, r, value)
       type(maps_t), intent(in) :: maps
       integer, intent(in) :: quantity, i, r
       real(wp), intent(in) :: value  !! [J], [m/s] or [m]
       integer(i4) :: slot
+      integer :: bin
 
       if (maps%layer(quantity)%bin_offset < 0) return
-      slot = slot_of(maps, i, r)
-      if (slot > 0) call count_in(maps, maps%layer(quantity)%bin_offset + log_bin(quantity, value), slot)
-   end subroutine count_bin
-
-   subroutine count_in(maps, bin, slot)
-      type(maps_t), intent(in) :: maps
-      integer, intent(in) :: bin
-      integer(i4), intent(in) :: slot
-
-      !$omp atomic update
-      maps%bin_counts(bin, slot) = maps%bin_counts(bin, slot) + 1
-   end subroutine count_in
-
-   !> A cell's slot of counts; 0 when there is none left.
-   integer(i4) function slot_of(maps, i, r) result(slot)
-      type(maps_t), intent(in) :: maps
-      integer, intent(in) :: i, r
-
       !$omp atomic read seq_cst
       slot = maps%slot(i, r)
-      if (slot == 0) call assign_slot(maps, i, r, slot)
-   end function slot_of
+      if (slot == 0) return  ! there was none left
+      bin = maps%layer(quantity)%bin_offset + log_bin(quantity, value)
+      !$omp atomic update
+      maps%bin_counts(bin, slot) = maps%bin_counts(bin, slot) + 1
+   end subroutine count_bin
 
    !> A cell's slot of counts, from now on; 0 when there is none left. Memory that was never touched
    !> may hold anything.

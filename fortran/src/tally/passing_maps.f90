@@ -10,7 +10,9 @@ module rockfall_passing_maps
    use rockfall_maps, only: maps_t, visits_t, per_unit, add_value, count_bin, keeps
    implicit none
    private
-   public :: needs_passing, add_passing
+   public :: needs_passing, add_passing, steepest
+
+   real(wp), parameter :: steepest = 1.0e3_wp  !! 1/cos(slope) of a cell [-], 89.94 degrees; steeper ones count as that
 
 contains
 
@@ -33,7 +35,7 @@ contains
       do k = 1, visits%n
          associate (visit => visits%entry(visits%used(k)))
             ratio = surface_ratios(dem, [(visit%at(1) - 1)*dem%cell], [(dem%ny - visit%at(2))*dem%cell])
-            height = visit%max(3) + radius*ratio(1)
+            height = visit%max(3) + radius*min(steepest, ratio(1))
             call add_value(maps%layer(passing_height), visit%at(1), visit%at(2), height, per_unit(passing_height))
             call count_bin(maps, passing_height, visit%at(1), visit%at(2), height)
          end associate
