@@ -24,7 +24,7 @@ from rockfall.scene.prepare import prepare
 from same import same_numbers
 
 DEEPER = int(os.environ.get("ROCKFALL_EXAMPLES", "0"))
-#: The squares of energies of 10,000 m3 that fall 16 km are refused: tests/simulation/test_bounds.py.
+#: Squares of energies of 10,000 m3 that fall 16 km are refused: tests/simulation/test_bounds.py.
 MAPS = [name for name in variables.MAP if name != "energy_std"]
 BY_SOURCE = ["sources", "reach_probability_by_source"]
 STOPPED, ABSORBED, LEFT, LIMIT, NODATA = 1, 2, 3, 4, 5
