@@ -13,7 +13,7 @@ import rockfall
 from made import make_layer
 from slope_case import CASE
 
-OBSERVED = "line,quantity,unit,mean\nL,speed,m/s,9.5\n"
+OBSERVED = "line,quantity,unit,mean,std,n\nL,speed,m/s,9.5,2.5,40\n"
 NO_EXAMPLE = {"__version__", "Interrupted", "RockfallError", "import_rockyfor3d"}
 SAME = {"run_ensemble", "ensemble_table"}  # in the example of ensemble
 

@@ -152,8 +152,8 @@ contains
       this%boulders = integer_of(group, "boulders")
       this%boulders_total = integer_of(group, "boulders_total")
       if (has_key(group, "boulders") .eqv. has_key(group, "boulders_total")) &
-         call fail(error, about(group, "boulders, boulders_total")//": give one of the two: boulders from each source, " &
-                   //"or from all together")
+         call fail(error, about(group, "boulders, boulders_total")// &
+                   ": give one of the two: boulders from each source, or from all together")
       this%threads = int(integer_of(group, "threads"))
       this%sobol = text_of(group, "sampling") == "sobol"
       if (this%sobol .and. this%boulders > max_points) then
@@ -328,8 +328,8 @@ contains
       ways = count([points, has_key(group, "points"), has_key(group, "cells"), has_key(group, "polygons")])
       points = points .or. has_key(group, "points")
       if (ways > 1 .or. (ways == 0 .and. .not. this%steep_cells)) then
-         call fail(error, group%file//": &release: give one of: points (x, y, or a layer); cells; polygons; or steep_cells, " &
-                   //"alone or with cells or polygons")
+         call fail(error, group%file//": &release: give one of: points (x, y, or a layer); cells; polygons; "// &
+                   "or steep_cells, alone or with cells or polygons")
       else if (points .and. this%steep_cells) then
          call refuse(group, "steep_cells", "has no meaning for points", error)
       else if (points .and. this%by_area) then

@@ -249,7 +249,8 @@ contains
       if (allocated(arrays%feature_law)) told = told .or. all(arrays%feature_law > 0)
       if (allocated(scene%features)) &
          told = told .and. all([(mean_volume(scene%features(k)%volumes) > 0, k=1, size(scene%features))])
-      if (.not. told) call fail(error, case%file//": &boulder volume: the layer of sources does not say all that it leaves open")
+      if (.not. told) &
+         call fail(error, case%file//": &boulder volume: the layer of sources does not say all that it leaves open")
    end subroutine check_features
 
    !> Maps count boulders in 32 bits.
