@@ -12,12 +12,19 @@ from rockfall.limits import Z
 SHARE, SIGMA = 0.6, 0.4  # of a made law: boulders that cross, and their lognormal speeds
 
 
-def made(values, source=None):
+SAMPLE = {  # the attributes of a result whose sources stand for others
+    "case": "&case boulders = 1 / &terrain dem = 'd' / &surface uniform_mean_radius = 1.0 / "
+    "&boulder volume_mean = 1.0 / &release x = 0.0, y = 0.0, sources = 'sample' / &impact /",
+    "case_file": "made",
+}
+
+
+def made(values, source=None, attrs=None):
     """A result of one line where boulders had these speeds, NaN where they did not cross."""
     start = np.zeros(values.size) if source is None else source.astype(float)
     data = {f"line_{name}": (("line", "boulder"), values[None]) for name in QUANTITIES[:6]}
     data |= {"start_x": ("boulder", start), "start_y": ("boulder", 0 * start)}
-    return xr.Dataset(data, {"line": ["L"]})
+    return xr.Dataset(data, {"line": ["L"]}, attrs)
 
 
 def lognormal(random, n):

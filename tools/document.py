@@ -80,16 +80,21 @@ Maps cover the rectangle of cells that boulders can reach from the sources: no r
 so terrain higher than the energy at the release could lift a boulder to bounds their way. With
 `&output map_extent = 'terrain'` they cover all of the terrain.
 
-A mean is shown where at least `&output least_passages` boulders passed, a quantile where also as
-many did as both limits of its own 95 % interval need: 6, 36, 72, 183, 368 for 50, 90, 95, 98, 99 %.
-The number stands in the attribute `least_passages` of the map. Quantiles come from counts of
-classes (64 J to 8.6 GJ, 0.25 to 256 m/s, 0.06 to 512 m), four an octave, straight within a class:
-so they add up over parts of a run. On `cases/vaujany` they stand 0 to 2 % above those of the
+A mean and a quantile are shown wherever a boulder passed, or where at least `&output
+least_passages` did (an attribute of the map then). The attribute `thin_below` says below how many
+passages they are hardly known: 10 for a mean; 6, 45, 92, 236, 476 for quantiles of 50, 90, 95, 98
+and 99 %, which then lack a limit of their 95 % interval. Figures hatch such cells where the result
+counts `passages`. The limits are maps of their own, such as `energy_q95_low` and
+`energy_q95_high`: order statistics as at the lines, NaN where the cell has too few boulders.
+Quantiles come from counts of classes (64 J to 8.6 GJ, 0.25 to 256 m/s, 0.06 to 512 m), four an
+octave, straight within a class: so they add up over parts of a run. On `cases/vaujany` they stand
+0 to 2 % above those of the
 boulders themselves (up to 6 % where values are alike in a test), with a scatter of 2 to 5 % for 100
 boulders (r.m.s.); a q99 may exceed the greatest value, by a class (25 %) at most. They take 440,
 168 and 216 bytes in each cell that a boulder reaches, for energy, speed and jump height; where the
-system has no more, the run ends with a line that says so. The limits of `reach_probability` hold
-for the given sources.
+system has no more, the run ends with a line that says so. The limits of cells
+are those of boulders from anywhere: for the given sources they are at most too wide, for a sample
+of sources (`&release sources`) too narrow.
 
 A source feeds a cell when one of its boulders passed it; `sources` counts them.
 `reach_probability_by_source` is the passages over the boulders of these sources only, as
@@ -115,7 +120,7 @@ KINDS = {
     ),
     "Maps: dimensions `y`, `x`": ("", variables.MAP),
     "Counts over all boulders": ("", variables.COUNT),
-    "Trajectories of the first boulders: dimension `trajectory_vertex`": (
+    "Trajectories: dimension `trajectory_vertex`": (
         "trajectory_",
         variables.VERTEX,
     ),

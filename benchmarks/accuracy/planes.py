@@ -20,8 +20,9 @@ import numpy as np
 
 import rockfall
 from benchmarks.machine import ROOT
-from rockfall.analysis.line_statistics import Z, line_numbers, sources
+from rockfall.analysis.line_statistics import Z, line_numbers
 from rockfall.analysis.plane_bounce import neutral_slope, set_rebound
+from rockfall.analysis.precision.intervals import sources
 from rockfall.errors import RockfallError
 from rockfall.impact_sets import shipped_sets
 from rockfall.io.files import atomic_write

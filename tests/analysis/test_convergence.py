@@ -53,7 +53,7 @@ def test_errors_of_independent_normal_values_are_those_of_theory():
     values[:, :, random.random(1_000_000) < 0.3] = np.nan
     exact = np.array([[0.7, *3 * [10, 2, 10 + 1.644854 * 2]]])
     error = _errors(values, exact, 1, 1e-5, rockfall.Case(line=LINES[:1], **MINIMAL))
-    cost = _costs(error, 1e-5).set_index(KEYS)
+    cost = _costs(error, 1e-5, {"L": 0.7}).set_index(KEYS)
     assert np.abs(cost["slope"] + 0.5).max() < 0.05
     assert (np.abs(cost["slope"] + 0.5) < 3 * cost["slope_error"]).all()
     for key, theory in (
@@ -66,6 +66,9 @@ def test_errors_of_independent_normal_values_are_those_of_theory():
         # n = 10,000 (error / 1 %)^2, at 10 microseconds each
         seconds = 0.1 * (row["error_10000"] / 0.01) ** 2
         assert row["cpu_seconds_1_percent"] == pytest.approx(seconds, rel=1e-9)
+        crossed = 0.0 if key[2] == "fraction" else 500 / 0.7  # past the line, to be believed
+        boulders = max(1e4 * (1.959964 * row["error_10000"] / 0.02) ** 2, crossed)
+        assert row["boulders_2_percent"] == pytest.approx(boulders, rel=1e-9)
         assert row["cpu_seconds_0.1_percent"] == pytest.approx(100 * seconds, rel=1e-9)
 
 

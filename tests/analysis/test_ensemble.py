@@ -15,6 +15,7 @@ from programs import find_program, refuses
 from rockfall.analysis import ensemble
 from rockfall.analysis.ensemble import RESULTS
 from rockfall.analysis.line_statistics import Z, line_numbers, line_values
+from rockfall.analysis.precision.intervals import Sources
 from rockfall.analysis.sobol_indices import MIN_CROSSED, deviations, indices, parts
 from rockfall.analysis.uncertain_inputs import Uncertain, drawn_scene, gaussian_field
 from rockfall.cli import main
@@ -124,7 +125,7 @@ def test_chance_of_two_runs_and_what_they_share_are_those_of_other_boulders(tmp_
     for k, block in enumerate(np.arange(2 * 250 * 150).reshape(2, 250, 150).swapaxes(0, 1)):
         runs = [one.isel(boulder=block.ravel()) for one in all_]
         for i, (quantity, number) in enumerate(chosen):
-            rows = [line_numbers(run, 0, quantity, np.zeros(300, int)) for run in runs]
+            rows = [line_numbers(run, 0, quantity, Sources.alone(300)) for run in runs]
             values[k, i] = [row[number] for row in rows]
             of = np.array([
                 deviations(line_values(run, quantity, 0), number, row, 150)

@@ -6,13 +6,8 @@ import pytest
 import xarray as xr
 
 import rockfall
-from rockfall.analysis.line_statistics import (
-    QUANTITIES,
-    fraction_interval,
-    line_numbers,
-    line_values,
-    sample_numbers,
-)
+from rockfall.analysis.line_statistics import QUANTITIES, line_numbers, line_values, sample_numbers
+from rockfall.analysis.precision.intervals import Sources, fraction_interval
 from rockfall.limits import fraction_limits
 from scenes import grid, make_case, rough, sets
 
@@ -29,6 +24,11 @@ def long_run(tmp_path_factory):
     return rockfall.run(case, dem=rough(), transform=grid(rough()))
 
 
+def a_sample(number):
+    """Sources that stand for others: &release sources = 'sample'."""
+    return Sources.of(number, sampled=True)
+
+
 def of_speed(result):
     table = rockfall.line_statistics(result).set_index("quantity")
     return table.loc["speed"]
@@ -37,7 +37,7 @@ def of_speed(result):
 def test_95_percent_intervals_hold_the_long_runs_value_95_times_in_100(long_run):
     truth, speed = of_speed(long_run), long_run[["line_speed"]]
     parts = [
-        line_numbers(speed.isel(boulder=slice(k, k + 200)), 0, "speed", np.zeros(200, int))
+        line_numbers(speed.isel(boulder=slice(k, k + 200)), 0, "speed", Sources.alone(200))
         for k in range(0, 100_000, 200)
     ]  # 500 repetitions with boulders of their own
     for name in ("mean", "q50", "q95", "fraction", "std"):
@@ -110,7 +110,7 @@ def test_boulders_of_a_source_count_as_one_where_they_do_the_same():
     """Each value 50 times over: the interval is that of the sources, not of the boulders."""
     stats = pytest.importorskip("scipy.stats")
     value = np.random.default_rng(1).normal(size=40)
-    row = sample_numbers(np.repeat(value, 50), np.repeat(np.arange(40), 50))
+    row = sample_numbers(np.repeat(value, 50), a_sample(np.repeat(np.arange(40), 50)))
     expected = stats.t.interval(0.95, 39, value.mean(), stats.sem(value))
     assert (row["mean_low"], row["mean_high"]) == pytest.approx(expected, rel=1e-6)
 
@@ -124,8 +124,8 @@ def test_intervals_hold_for_few_sources(sources):
         held = []
         for _ in range(500):
             v = random.normal(0, apart, sources)[source] + random.normal(0, 1, source.size)
-            row = sample_numbers(v, source)
-            _, low, high = fraction_interval(v > 0, source)
+            row = sample_numbers(v, a_sample(source))
+            _, low, high = fraction_interval(v > 0, a_sample(source))
             held.append((row["mean_low"] <= 0 <= row["mean_high"], low <= 0.5 <= high))
         assert (np.mean(held, axis=0) >= 0.93).all()
         assert apart == 0 or (np.mean(held, axis=0) <= 0.98).all()
@@ -136,7 +136,8 @@ def test_sources_that_happen_to_agree_know_no_more_than_their_boulders():
     v = random.normal(10, 1, 200)
     v[100:] += v[:100].mean() - v[100:].mean()
     alone, apart = (
-        sample_numbers(v, source) for source in (np.zeros(200, int), np.arange(200) // 100)
+        sample_numbers(v, source)
+        for source in (Sources.alone(200), a_sample(np.arange(200) // 100))
     )
     assert apart["mean_low"] == alone["mean_low"] and apart["std_high"] >= alone["std_high"]
 
@@ -144,13 +145,13 @@ def test_sources_that_happen_to_agree_know_no_more_than_their_boulders():
 def test_intervals_hold_for_few_boulders():
     random = np.random.default_rng(2)
     for n in (2, 3, 5, 10):
-        rows = [sample_numbers(random.normal(10, 1, n), np.zeros(n, int)) for _ in range(1000)]
+        rows = [sample_numbers(random.normal(10, 1, n), Sources.alone(n)) for _ in range(1000)]
         held = [row["mean_low"] <= 10 <= row["mean_high"] for row in rows]
         assert 0.93 <= np.mean(held) <= 0.97
         if n > 2:
             assert np.mean([row["std_low"] <= 1 <= row["std_high"] for row in rows]) >= 0.9
-    assert "std" in sample_numbers(np.array([1.0, 2.0]), np.zeros(2, int))
-    assert "std_low" not in sample_numbers(np.array([1.0, 2.0]), np.zeros(2, int))
+    assert "std" in sample_numbers(np.array([1.0, 2.0]), Sources.alone(2))
+    assert "std_low" not in sample_numbers(np.array([1.0, 2.0]), Sources.alone(2))
 
 
 def test_a_quantile_beyond_the_sample_has_no_upper_limit():

@@ -10,7 +10,9 @@ import xarray as xr
 from scipy import stats
 
 import rockfall
+from known_law import SAMPLE
 from programs import refuses
+from rockfall.analysis.precision.intervals import Sources
 from rockfall.analysis.return_levels import QUANTITIES, _fit, _profiled, tail
 from rockfall.cli import main
 from rockfall.quantities import QUANTITIES as SHOWN
@@ -153,16 +155,25 @@ def test_a_level_that_may_be_anything_is_refused():
     assert found.refused is None and found.levels[14_000].refused == "may be 3 times as high"
 
 
+def of_each(number):
+    """Five boulders of each of a sample of sources."""
+    return Sources.of(np.repeat(np.arange(number), 5), sampled=True)
+
+
 def test_boulders_of_a_source_count_as_one_where_they_do_the_same():
     """Each value five times over: five times the boulders, and no more known."""
     values = TAILS["exponential"].rvs(3000, random_state=1)
     alone = tail(values, levels=(10_000,))
-    many = tail(np.repeat(values, 5), np.repeat(np.arange(3000), 5), levels=(10_000,))
+    many = tail(
+        np.repeat(values, 5),
+        of_each(3000),
+        levels=(10_000,),
+    )
     assert many.independent == pytest.approx(3000, rel=0.01)
     assert many.levels[10_000].refused is None
     width = [found.levels[10_000].high - found.levels[10_000].low for found in (alone, many)]
     assert width[1] == pytest.approx(width[0], rel=0.35)
-    few = tail(np.repeat(values[:600], 5), np.repeat(np.arange(600), 5))
+    few = tail(np.repeat(values[:600], 5), of_each(600))
     assert few.refused == "30 independent boulders in the upper 5 %, 50 needed"
 
 
@@ -202,12 +213,12 @@ def test_the_table_has_the_tail_of_each_quantity(result):
         rockfall.return_levels(result, levels=(0.5,))
 
 
-def test_sources_of_a_result_are_clusters():
+def test_sources_that_are_a_sample_are_clusters():
     """100 boulders of each of 60 sources, which all do the same."""
     speed = np.repeat(TAILS["exponential"].rvs(60, random_state=1), 100)
     names = {f"line_{name}": (("line", "boulder"), speed[None]) for name in QUANTITIES[:-1]}
     start = {f"start_{axis}": ("boulder", np.repeat(np.arange(60.0), 100)) for axis in "xy"}
-    table = rockfall.return_levels(xr.Dataset({**names, **start}, {"line": ["L"]}))
+    table = rockfall.return_levels(xr.Dataset({**names, **start}, {"line": ["L"]}, SAMPLE))
     assert set(table["refused"]) == {"3 independent boulders in the upper 5 %, 50 needed"}
 
 

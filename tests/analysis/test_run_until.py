@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 import rockfall
-from known_law import lognormal, made, stages, theory
+from known_law import SAMPLE, lognormal, made, stages, theory
 from rockfall.analysis import run_until as until
-from rockfall.analysis.line_statistics import line_numbers, sources
+from rockfall.analysis.line_statistics import line_numbers
+from rockfall.analysis.precision.intervals import sources
 from rockfall.analysis.run_until import (
     CROSSED,
     FIRST,
@@ -85,20 +86,23 @@ def test_equal_values_are_met_at_once_and_nobody_never():
     assert all("too few boulders cross" in str(one) for one in evaluate(rules, nobody))
 
 
-def test_sources_that_differ_stop_a_run_that_more_boulders_do_not_help():
-    """20 sources, speeds 10 +- 3 among them and +- 1 within: 13 % is as sure as it gets."""
+def test_a_sample_of_sources_that_differ_stops_a_run_that_more_boulders_do_not_help():
+    """20 sources, speeds 10 +- 3 among them and +- 1 within: 13 % is as sure as it gets of others;
+    of these, 2 % is soon known."""
     random = np.random.default_rng(3)
     place = random.normal(10, 3, 20)
 
     def result(n):
         source = np.repeat(np.arange(20), n)
-        return made(place[source] + random.normal(0, 1, source.size), source)
+        return made(place[source] + random.normal(0, 1, source.size), source, SAMPLE)
 
     rules = read_rules("speed.mean@L<2%", ["L"])
     assert next_stage(evaluate(rules, result(50)), 50, 10**6) > 50  # not yet plain
     (verdict,) = evaluate(rules, result(2000))
     assert verdict.need == np.inf and "do not help" in str(verdict)
     assert next_stage([verdict], 2000, 10**6) == 2000
+    (verdict,) = evaluate(rules, result(50).drop_attrs())
+    assert verdict.met
     (verdict,) = evaluate(read_rules("speed.mean@L<20%", ["L"]), result(50))
     assert verdict.met
 

@@ -260,14 +260,19 @@ def test_the_upper_limit_is_blank_where_none_passed(tmp_path):
 
 
 def test_captions_and_scales_say_where_a_number_needs_more_boulders(tmp_path):
-    names = ["energy_mean", "speed_q50", "energy_max"]
+    names = ["energy_mean", "speed_q50", "energy_max", "passages"]
     result = run(tmp_path, release=POINT, output={"maps": names, "least_passages": 4})
     shown = {one.name: one for one in figures(result)}
-    for name, fewest in (("energy_mean", 4), ("speed_q50", 6)):
+    for name, thin in (("energy_mean", 10), ("speed_q50", 6)):
         one = shown[f"map_{name}"]
-        assert f"blank where fewer than {fewest} boulders passed" in one.caption
-        scale = one.draw().axes[1].get_xlabel().replace("\n", " ")
-        assert scale.endswith(f"blank: fewer than {fewest} passed")
+        assert "blank where fewer than 4 boulders passed" in one.caption
+        assert f"where fewer than {thin} boulders passed; hatched there" in one.caption
+        drawn = one.draw().axes
+        assert drawn[1].get_xlabel().replace("\n", " ").endswith("blank: fewer than 4 passed")
+        hatched = [c for c in drawn[0].collections if getattr(c, "hatches", None)]
+        assert len(hatched) == 1
+        passed, cells = result["passages"].values, mapfigures.thin_cells(result, name)
+        assert np.array_equal(cells, (passed >= 4) & (passed < thin)) and cells.any()
     assert "blank" not in shown["map_energy_max"].caption
 
 

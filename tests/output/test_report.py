@@ -14,7 +14,13 @@ import pandas as pd
 import pytest
 
 import rockfall
-from rockfall.analysis.line_statistics import fraction_interval
+from rockfall.analysis.precision.intervals import (
+    Sources,
+    boulders_needed,
+    fraction_interval,
+    rounded_up,
+    sources,
+)
 from rockfall.analysis.run_until import verdicts_of
 from rockfall.case import case_of
 from rockfall.cli import main
@@ -22,7 +28,7 @@ from scenes import grid, make_case, rough, sets
 
 pytest.importorskip("matplotlib", reason="the report extra is not installed")
 from rockfall.html_report import report, write_report  # noqa: E402
-from rockfall.html_report.convergence import by_turns, history, needed, sizes  # noqa: E402
+from rockfall.html_report.convergence import history, known_of, mixed, sizes  # noqa: E402
 from rockfall.html_report.intervals import rows_of  # noqa: E402
 from rockfall.html_report.maps import (  # noqa: E402
     MAX_CELLS,
@@ -214,29 +220,57 @@ def test_an_interrupted_run_says_so_first(tmp_path):
 # ---- convergence
 
 
-def test_boulders_of_several_sources_come_in_by_turns():
-    source = np.repeat([0, 1, 2], [3, 3, 1])  # the last one was interrupted
-    assert by_turns(source).tolist() == [0, 3, 6, 1, 4, 2, 5]
-    assert by_turns(np.zeros(5, int)).tolist() == [0, 1, 2, 3, 4]
+def test_the_first_boulders_are_a_sample_of_all_sources():
+    """In turns, the sources in one random order; as often as they release boulders."""
+    source = Sources.of(np.repeat(np.arange(50), 4))
+    turns = source.number[mixed(source)].reshape(4, 50)
+    assert (turns == turns[0]).all() and (np.sort(turns[0]) == np.arange(50)).all()
+    assert 0.25 < np.mean(turns[0, :20] < 25) < 0.75  # not those in the west first
+    apart = Sources.of(np.repeat(np.arange(100), np.arange(100) // 10 + 1))
+    first = np.bincount(apart.number[mixed(apart)][:275], minlength=100)
+    assert np.abs(first - apart.released / 2).max() <= 1
+    assert mixed(Sources.alone(5)).tolist() == [0, 1, 2, 3, 4]
+    assert known_of(source.number[mixed(source)][:30], source).released.tolist() == [30]
+    assert known_of(source.number[mixed(source)][:100], source).released.tolist() == [2] * 50
+
+
+def test_the_band_holds_the_final_number_along_its_way():
+    """400 unlike sources, 300 repetitions: of few boulders, of whole turns, and of all."""
+    random, held = np.random.default_rng(1), []
+    passes = np.sin(np.arange(400) / 60) > 0.3  # a gully: neighbours do alike
+    source = Sources.of(np.repeat(np.arange(400), 10))
+    order = mixed(source)
+    for _ in range(300):
+        chance = np.where(passes, 0.9, 0.1)[source.number]
+        crossed = (random.random(4000) < chance)[order]
+        number = source.number[order]
+        limits = [
+            fraction_interval(crossed[:n], known_of(number[:n], source))
+            for n in (100, 400, 1200, 4000)
+        ]
+        held.append([low <= chance.mean() <= high for _, low, high in limits])
+    assert (np.abs(np.mean(held, axis=0)[1:] - 0.95) < 0.035).all()
+    # the order is one: of few boulders it happens to be a better or a worse sample
+    assert np.mean(held, axis=0)[0] > 0.9
 
 
 def test_the_history_ends_with_the_numbers_of_all(tmp_path, result):
     for run_ in (result, run(tmp_path, release=SOURCES, boulders=50)):
-        found, last = history(run_, 0), rows_of(run_)["road <b>"]
-        assert sizes(run_.sizes["boulder"])[-1] == run_.sizes["boulder"]
+        n = sizes(sources(run_))
+        found, last = history(run_, 0, n), rows_of(run_)["road <b>"]
+        assert n[-1] == run_.sizes["boulder"]
         for quantity, steps in found.items():
             for name in ("fraction", "mean", "std", "q95_low"):
                 assert steps[-1][name] == pytest.approx(last[quantity][name], rel=1e-12), name
-    first = sizes(300)[0]
-    speed = result["line_speed"].values[0, :first]
-    assert history(result, 0)["speed"][0]["mean"] == np.nanmean(speed)
+    (first,) = history(result, 0, [30])["speed"]
+    assert first["mean"] == np.nanmean(result["line_speed"].values[0, :30])
 
 
 def test_boulders_needed_follow_the_square_root_law():
-    assert needed(10_000, 0.02, 0.02) == 10_000
-    assert needed(10_000, 0.02, 0.01) == 40_000
-    assert needed(10_000, 0.0731, 0.01) == 540_000  # 534,361, rounded up to two digits
-    assert needed(100, 0.001, 0.05) == 1
+    assert boulders_needed(10_000, 0.02, 0.01) == 40_000
+    assert boulders_needed(10_000, 0.02, 0.1, crossed=100) == 50_000  # 500 past the line
+    assert boulders_needed(10_000, 0.02, 0.01, crossed=9000) == 40_000
+    assert rounded_up(534_361.0) == 540_000 and rounded_up(0.4) == 1
 
 
 # ---- maps
@@ -286,9 +320,9 @@ def test_the_picture_of_a_large_raster_is_bounded(result, monkeypatch):
 def test_a_map_says_why_it_is_blank(tmp_path):
     some = run(tmp_path, output={"maps": ["reach_probability_high", "energy_q95"]})
     found = maps_of(some)
-    assert "blank where fewer than 72 boulders passed" in found["energy_q95"][0].notes
+    assert "hardly known where fewer than 92 boulders passed" in found["energy_q95"][0].notes
     upper, shown = found["reach_probability_high"]
-    none = 100 * fraction_interval(np.zeros(300, bool), np.zeros(300, int))[2]
+    none = 100 * fraction_interval(np.zeros(300, bool), Sources.alone(300))[2]
     assert f"blank where none passed; it is {none:.2g} % there" in upper.notes
     window = window_of(some)
     passed = run(tmp_path)["passages"].values[window.row :, window.column :]

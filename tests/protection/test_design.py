@@ -11,6 +11,7 @@ import pytest
 import rockfall
 from made import refused
 from rockfall.analysis.line_statistics import sample_numbers
+from rockfall.analysis.precision.intervals import Sources
 from rockfall.cli import main
 from rockfall.limits import EAD_ENERGY
 from rockfall.protection.crossings import Crossings, crossings, passes, quantile
@@ -56,7 +57,7 @@ def equal(n=100, **values):
              "energy_translational": 4e5, "passing_height": 3.0, "upper_edge": 3.6,
              "normal_height": 2.5, "normal_upper_edge": 3.1}  # fmt: skip
     columns = {name: np.full(n, value) for name, value in (usual | values).items()}
-    return Crossings(source=np.zeros(n, int), **columns)
+    return Crossings(source=Sources.alone(n), **columns)
 
 
 def drawn(n, seed=3):

@@ -192,7 +192,15 @@ def test_boulders_by_area_are_the_same_however_they_are_flown(tmp_path):
     parts = [rockfall.run(case, **arrays, shard=(k, 9), threads=2) for k in range(1, 10)]
     same(rockfall.merge(parts), whole)
     first = np.flatnonzero(np.diff(whole["trajectory_boulder"].values, prepend=0))
-    assert np.array_equal(whole["trajectory_x"].values[first], whole["start_x"].values[:200])
+    number = whole["trajectory_boulder"].values[first]
+    assert np.array_equal(whole["trajectory_x"].values[first], whole["start_x"].values[number - 1])
+    begins = np.cumsum(each) - each
+    wanted = np.cumsum(each) * 200 // each.sum()  # of the sources up to each
+    expected = [
+        np.arange(start, start + n)
+        for start, n in zip(begins, np.diff(wanted, prepend=0), strict=True)
+    ]
+    assert np.array_equal(number - 1, np.concatenate(expected)) and number.size == 200
     flat = rockfall.run(case.replace(release={"by_area": False}), **arrays)
     assert flat.sizes["boulder"] == 3 * each.size < whole.sizes["boulder"]
     assert np.array_equal(flat["volume"].values[:3], whole["volume"].values[:3])

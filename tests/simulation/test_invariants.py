@@ -9,6 +9,7 @@ import pytest
 import rockfall
 import scenes
 from made import refused
+from rockfall.analysis.precision.intervals import between_ranks
 from rockfall.result import variables
 from rockfall.scene.read import read_scene
 from rockfall.simulation import maps, simulate
@@ -145,6 +146,24 @@ def test_limits_of_the_reach_probability_are_wilsons(crowd):
     assert (low[never] == 0).all() and (high[never] > 0).all()
 
 
+def _limits_are_those_of_the_lines(result, alone, name):
+    """Between order statistics, within a bin of them; none where these have none, and both from
+    `thin_below` passages on."""
+    level, lowest = int(name[-2:]) / 100, {"e": 64, "s": 0.25, "j": 0.0625}[name[0]]
+    low, high = (result[f"{name}_{end}"].values for end in ("low", "high"))
+    count = (~np.isnan(alone)).sum(axis=0)
+    assert np.array_equal(count >= result[name].attrs["thin_below"], np.isfinite(low + high))
+    for cell in zip(*np.nonzero(count), strict=True):
+        ordered = np.sort(alone[:, *cell][~np.isnan(alone[:, *cell])])
+        for map_, limit in zip(
+            (low, high), between_ranks(ordered, level, count[cell]), strict=True
+        ):
+            assert np.isnan(map_[cell]) == np.isnan(limit)
+            if np.isfinite(limit):
+                below, above = ordered[ordered <= limit][-1], ordered[ordered >= limit][0]
+                assert 0.8 * below - lowest <= map_[cell] <= 1.25 * above + lowest
+
+
 def test_means_and_quantiles_of_cells_are_those_of_their_boulders(folder):
     """Each boulder alone gives its greatest values in each cell."""
     case = make_case(folder, 400, scatter=1.0, output={"maps": MAPS})
@@ -163,15 +182,15 @@ def test_means_and_quantiles_of_cells_are_those_of_their_boulders(folder):
     seen = set()
     for k, quantity in enumerate(("energy", "speed", "jump_height")):
         mean = result[f"{quantity}_mean"]
-        shown = count >= 10
-        assert np.array_equal(shown, ~np.isnan(mean)) and mean.attrs["least_passages"] == 10
+        shown = count > 0
+        assert np.array_equal(shown, ~np.isnan(mean)) and mean.attrs["thin_below"] == 10
         expected = np.nanmean(alone[:, k][:, shown], axis=0)
         assert mean.values[shown] == pytest.approx(expected, rel=1e-5, abs=1e-3)
-        for percent, least in ((50, 10), (90, 36), (95, 72), (98, 183), (99, 368)):
+        for percent in (50, 90, 95, 98, 99):
             about = result[f"{quantity}_q{percent}"]
-            shown = count >= least
-            assert about.attrs["least_passages"] == least
-            assert np.array_equal(shown, ~np.isnan(about)) and shown.any()
+            assert np.array_equal(count > 0, ~np.isnan(about))
+            _limits_are_those_of_the_lines(result, alone[:, k], f"{quantity}_q{percent}")
+            shown = count >= (10 if percent == 50 else about.attrs["thin_below"])
             values = alone[:, k][:, shown]
             below, above = (
                 np.nanquantile(values, percent / 100, axis=0, method=method)

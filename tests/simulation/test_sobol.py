@@ -8,6 +8,7 @@ from scipy.stats import kstest, norm
 import rockfall
 from made import refused
 from rockfall.analysis.line_statistics import line_numbers
+from rockfall.analysis.precision.intervals import Sources
 from same import same_numbers
 from scenes import grid, make_case, rough, sets
 
@@ -136,9 +137,9 @@ def test_intervals_hold_at_least_as_often_as_they_say(tmp_path):
     case = sobol_case(tmp_path, 64, sources=400, law="lognormal", line=LINE)
     result, random = run(case), run(case.replace(case={"sampling": "random"}))
     for quantity in ("speed", "energy_translational"):
-        truth = line_numbers(random, 0, quantity, np.zeros(25600, int))
+        truth = line_numbers(random, 0, quantity, Sources.alone(25600))
         samples = [
-            line_numbers(result.isel(boulder=slice(k, k + 64)), 0, quantity, np.zeros(64, int))
+            line_numbers(result.isel(boulder=slice(k, k + 64)), 0, quantity, Sources.alone(64))
             for k in range(0, 25600, 64)
         ]
         for name in ("fraction", "mean", "q50"):

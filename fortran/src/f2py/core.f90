@@ -25,11 +25,12 @@ module rockfall_f2py
    use rockfall_random, only: random_key
    use rockfall_sources, only: usual_threshold, keep_steep, surface_ratios
    use rockfall_maps, only: maps_t
-   use rockfall_map_values, only: map_plan_t, plan_maps => map_plan, stack_layers, map_views, map_row, map_min_count, &
+   use rockfall_map_values, only: map_plan_t, plan_maps => map_plan, stack_layers, map_views, map_row, &
+                                  map_min_count, map_thin_below, &
                                   fraction_limit, z_95, max_columns, halvings
    use rockfall_limits, only: check_tallies
    use rockfall_threads, only: team_size, check_team, release_team
-   use rockfall_ensemble, only: run_boulders, trace_boulder, share_of
+   use rockfall_ensemble, only: run_boulders, trace_boulder, share_of, recorded_boulders
    use rockfall_result, only: boulder_row, boulder_count_row, energy_row, line_row, vertex_row
    use rockfall_variables, only: variable_text, boulder_fields, boulder_counts, energy_fields, line_fields, &
                                  vertex_fields, map_fields, scene_layout, part_layout, piece, max_packing
@@ -43,7 +44,7 @@ module rockfall_f2py
    public :: check_maps, map_values, count_limits, check_case, case_key, repeatable_groups, variable, read_sets, fields
    public :: histogram_bins, team
    public :: team_fits, end_team, slope_threshold, steep_cells, area_ratios, known_at, outside, boulders
-   public :: boulders_of_source, sources_of_boulders, weights_of_sets, weights_of_sizes, ratio_classes
+   public :: boulders_of_source, recorded, sources_of_boulders, weights_of_sets, weights_of_sizes, ratio_classes
    public :: stand_counts, stand_numbers, shape_numbers
    public :: admissible_rebounds, limit_rebounds, size_to_radius, constant, share, fraction_limits
    public :: ground_parameter, ground_model, barriers, barrier_outcomes, ead_energies
@@ -376,7 +377,7 @@ contains
    !> A map of reals, of the tallies of `run` for maps of these names; `fewest`: passages for which a cell has a
    !> number.
    subroutine map_values(name, boulders, least, names, map_counts, map_sums, map_reals, class_counts, column, columns, &
-                         values, fewest, nxc, nyc, nkc, nxs, nys, nks, nxr, nyr, nkr, kc, cc, nxq, nyq, nx, ny)
+                         values, fewest, thin, nxc, nyc, nkc, nxs, nys, nks, nxr, nyr, nkr, kc, cc, nxq, nyq, nx, ny)
       !f2py threadsafe
       integer(c_int), intent(in) :: nxc, nyc, nkc, nxs, nys, nks, nxr, nyr, nkr, kc, cc, nxq, nyq, nx, ny
       character(len=*), intent(in) :: name, names
@@ -387,13 +388,14 @@ contains
       integer(c_int64_t), intent(in), target :: map_sums(nxs, nys, nks)
       real(c_float), intent(in), target :: map_reals(nxr, nyr, nkr)
       real(c_float), intent(inout) :: values(nx, ny)
-      integer(c_int), intent(out) :: fewest
+      integer(c_int), intent(out) :: fewest, thin
       type(maps_t) :: maps
       integer :: j
 
       maps = map_views(plan_of(names, 0), [real(c_double) ::], [1, 1], map_counts, map_sums, map_reals, class_counts, &
                        column, columns(1))
       fewest = map_min_count(name, least)
+      thin = map_thin_below(name)
       do j = 1, ny
          call map_row(maps, name, j, boulders, least, values(:, j))
       end do
@@ -534,6 +536,23 @@ contains
       first = first_of(opened%scene%release, source)
       last = last_of(opened%scene%release, source)
    end subroutine boulders_of_source
+
+   !> Of the boulders first..last those, n, whose trajectories are recorded where `room` of all are.
+   subroutine recorded(handle, first, last, number, n, room)
+      integer(c_intptr_t), intent(in) :: handle
+      integer(c_int64_t), intent(in) :: first, last
+      integer, intent(in) :: room
+      integer(c_int64_t), intent(out) :: number(room)
+      integer(c_int), intent(out) :: n
+      type(open_scene_t), pointer :: opened
+
+      opened => scene_of(handle)
+      associate (found => recorded_boulders(opened%scene%release, int(room, c_int64_t), first, last))
+         n = size(found)
+         number = 0
+         number(:n) = found
+      end associate
+   end subroutine recorded
 
    !> Boulders in the first parts of a run of n.
    subroutine share(n, part, of, boulders)

@@ -55,7 +55,7 @@ module rockfall_case
       character(len=:), allocatable :: unread    !! a layer with more of them or dams, for messages; "": none
       logical :: map(n_maps) = .false.           !! which of map_names
       logical :: whole_maps = .false.            !! also where no boulder can come
-      integer :: least_passages = 10             !! for a mean or a quantile in a cell
+      integer :: least_passages = 1              !! for a mean or a quantile in a cell
       logical :: rebounds = .false.
       logical :: energy_balance = .false.
       integer :: trajectories = 0

@@ -121,6 +121,8 @@ module rockfall_case_keys
             "of steep_cells; absent: 55 RES**-0.075 for cells of RES m (Dorren 2016)", in_scene), &
       key_t("release", "by_area", "logical", 1, ".false.", "", "", &
             "a cell releases boulders in proportion to its true surface area, &case boulders if flat", in_scene), &
+      key_t("release", "sources", "text", 1, "'all'", "all, sample", "", &
+            "what confidence intervals take the sources for: all there are, or a sample of others like them"), &
       key_t("release", "drop_height", "real", 1, "0.0", ">= 0", "m", "above the surface"), &
       key_t("release", "velocity", "real", 3, "3*0.0", "", "m/s", "east, north, up"), &
       key_t("forest", "trees", "text", 1, "absent", "", "", &
@@ -186,12 +188,13 @@ module rockfall_case_keys
       key_t("output", "maps", "text", n_maps, "absent", "as in result.md", "", "rasters of results"), &
       key_t("output", "map_extent", "text", 1, "'reach'", "reach, terrain", "", &
             "reach: the cells that boulders can reach; terrain: all"), &
-      key_t("output", "least_passages", "integer", 1, "10", "1 to 2147483647", "", &
+      key_t("output", "least_passages", "integer", 1, "1", "1 to 2147483647", "", &
             "cells with fewer show no mean and no quantile"), &
       key_t("output", "rebounds", "logical", 1, ".false.", "", "", "histograms over all rebounds"), &
       key_t("output", "energy_balance", "logical", 1, ".false.", "", "", &
             "what became of the energy of each boulder: ground, trees, barriers, left"), &
-      key_t("output", "trajectories", "integer", 1, "0", "0 to 2147483647", "", "record the first n boulders"), &
+      key_t("output", "trajectories", "integer", 1, "0", "0 to 2147483647", "", &
+            "record so many boulders, the first of each source in proportion to what it releases"), &
       key_t("ensemble", "runs", "integer", 1, "64", "8 to 65536", "", "draws of all that is uncertain"), &
       key_t("ensemble", "radius_factor", "real", 1, "1.0", "1 to 10", "", &
             "geometric standard deviation of R_m or Rg, zone by zone"), &

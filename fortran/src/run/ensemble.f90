@@ -14,7 +14,7 @@ module rockfall_ensemble
    use rockfall_histogram, only: histograms, bins, quantities
    implicit none
    private
-   public :: run_boulders, trace_boulder, share_of
+   public :: run_boulders, trace_boulder, share_of, recorded_boulders
 
    integer, parameter :: batch = 16        !! boulders that a thread takes at a time
    !> Boulders of a source up to which one thread runs it alone, in a call of few boulders; in larger calls so many
@@ -195,6 +195,33 @@ contains
       if (scene%histograms_requested) scratch%histograms = histograms()
       if (allocated(scene%grounds)) allocate (scratch%by_ground(size(scene%grounds)), source=0_i8)
    end subroutine prepare
+
+   !> Of the boulders first..last those whose trajectories are recorded: `wanted` of all, from each source as many
+   !> as its part of the boulders, the first of it. Which they are does not depend on the range.
+   pure function recorded_boulders(release, wanted, first, last) result(number)
+      type(release_t), intent(in) :: release
+      integer(i8), intent(in) :: wanted, first, last
+      integer(i8), allocatable :: number(:)
+      integer(i8) :: all, own, k, n, of, source
+      integer :: turn
+
+      all = last_of(release, size(release%x, kind=i8))
+      of = min(wanted, all)
+      do turn = 1, 2  ! count them, then note them
+         n = 0
+         if (last >= first) then
+            do source = source_of(release, first), source_of(release, last)
+               own = first_of(release, source)
+               do k = max(first, own), min(last, own - 1 + share_of(of, last_of(release, source), all) &
+                                           - share_of(of, own - 1, all))
+                  n = n + 1
+                  if (turn == 2) number(n) = k
+               end do
+            end do
+         end if
+         if (turn == 1) allocate (number(n))
+      end do
+   end function recorded_boulders
 
    !> n*part/of without overflow: the boulders in the first of equal ranges.
    pure integer(i8) function share_of(n, part, of)

@@ -13,7 +13,7 @@ module rockfall_run_loop
    use rockfall_variables, only: boulder_fields, boulder_counts, energy_fields, line_fields, vertex_fields
    use rockfall_result, only: boulder_row, boulder_count_row, energy_row, line_row, vertex_row
    use rockfall_threads, only: team_size
-   use rockfall_ensemble, only: run_boulders, trace_boulder, share_of
+   use rockfall_ensemble, only: run_boulders, trace_boulder, share_of, recorded_boulders
    use rockfall_case_keys, only: map_names
    use rockfall_case, only: case_t
    use rockfall_grid, only: grid_t
@@ -40,7 +40,7 @@ module rockfall_run_loop
       integer(i4), allocatable :: trees_hit(:)           !! of each boulder, or of none
       real(wp), allocatable :: line(:, :, :)             !! (boulders, lines, line_fields)
       integer(i1), allocatable :: outcome(:, :)          !! (boulders, barriers), as in crossing_t
-      real(wp), allocatable :: vertex(:, :)              !! (vertices, vertex_fields) of the first boulders of the run
+      real(wp), allocatable :: vertex(:, :)              !! (vertices, vertex_fields) of recorded boulders
       integer(i8), allocatable :: vertex_boulder(:)
       type(grid_t) :: grid                               !! of maps: the cells that boulders can reach
       integer :: at(2) = 1                               !! its first column and row
@@ -294,7 +294,7 @@ contains
       results%done = results%done + n
    end subroutine follow_some
 
-   !> Follow the first boulders of the run once more, each alone, and keep their trajectories: first to count the
+   !> Follow some boulders of the run once more, each alone, and keep their trajectories: first to count the
    !> vertices, then to keep them.
    subroutine trace(case, scene, results, error)
       type(case_t), intent(in) :: case
@@ -303,31 +303,34 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(boulder_result_t) :: fate
       type(scratch_t) :: scratch
-      integer(i8) :: boulders, k, n
+      integer(i8), allocatable :: number(:)
+      integer(i8) :: k, n
       integer, allocatable :: vertices(:)
       integer :: j, status
 
-      boulders = max(0_i8, min(int(case%trajectories, i8) - results%before, results%boulders))
-      allocate (vertices(boulders), stat=status)
-      do k = 1, boulders
+      number = recorded_boulders(scene%release, int(case%trajectories, i8), results%before + 1, &
+                                 results%before + results%boulders)
+      allocate (vertices(size(number)), stat=status)
+      do k = 1, size(number)
          if (status /= 0) exit
-         call trace_boulder(scene, results%before + k, 0, fate, scratch)
+         call trace_boulder(scene, number(k), 0, fate, scratch)
          vertices(k) = scratch%recorded
       end do
       n = 0
       if (status == 0) n = sum(int(vertices, i8))
       if (status == 0) allocate (results%vertex(n, size(vertex_fields)), results%vertex_boulder(n), stat=status)
       if (status /= 0) then
-         call fail(error, case%file//": &output trajectories = "//integer_text(boulders)//": do not fit in memory")
+         call fail(error, case%file//": &output trajectories = " &
+                   //integer_text(size(number, kind=i8))//": do not fit in memory")
          return
       end if
       n = 0
-      do k = 1, boulders
-         call trace_boulder(scene, results%before + k, vertices(k), fate, scratch)
+      do k = 1, size(number)
+         call trace_boulder(scene, number(k), vertices(k), fate, scratch)
          do j = 1, vertices(k)
             results%vertex(n + j, :) = vertex_row(scene%dem, scratch%record(j))
          end do
-         results%vertex_boulder(n + 1:n + vertices(k)) = results%before + k
+         results%vertex_boulder(n + 1:n + vertices(k)) = number(k)
          n = n + vertices(k)
       end do
    end subroutine trace

@@ -30,6 +30,9 @@ module rockfall_variables
 
    character(len=*), parameter :: ends = "the first and the last bin also hold what lies beyond"
    character(len=*), parameter :: in_classes = "from counts of classes 14 to 25 % wide"
+   character(len=*), parameter :: order_statistics = "between passing boulders; none where the cell has too few"
+   character(len=*), parameter :: lower = "lower limit of the 95 % interval of "
+   character(len=*), parameter :: upper = "upper limit of the 95 % interval of "
    character(len=*), parameter :: to_middle = "below the horizontal, to the ground in the middle of the cell"
    character(len=*), parameter :: given_sources = "Wilson (1927): Monte Carlo error, given the sources"
 
@@ -119,14 +122,24 @@ module rockfall_variables
                  "mean of the passing boulders' maximum energies"), &
       variable_t("map", "energy_q50", "real", "J", &
                  "median of the passing boulders' maximum energies", in_classes), &
+      variable_t("map", "energy_q50_low", "real", "J", lower//"energy_q50", order_statistics), &
+      variable_t("map", "energy_q50_high", "real", "J", upper//"energy_q50", order_statistics), &
       variable_t("map", "energy_q90", "real", "J", &
                  "90 % quantile of the passing boulders' maximum energies", in_classes), &
+      variable_t("map", "energy_q90_low", "real", "J", lower//"energy_q90", order_statistics), &
+      variable_t("map", "energy_q90_high", "real", "J", upper//"energy_q90", order_statistics), &
       variable_t("map", "energy_q95", "real", "J", &
                  "95 % quantile of the passing boulders' maximum energies", in_classes), &
+      variable_t("map", "energy_q95_low", "real", "J", lower//"energy_q95", order_statistics), &
+      variable_t("map", "energy_q95_high", "real", "J", upper//"energy_q95", order_statistics), &
       variable_t("map", "energy_q98", "real", "J", &
                  "98 % quantile of the passing boulders' maximum energies", in_classes), &
+      variable_t("map", "energy_q98_low", "real", "J", lower//"energy_q98", order_statistics), &
+      variable_t("map", "energy_q98_high", "real", "J", upper//"energy_q98", order_statistics), &
       variable_t("map", "energy_q99", "real", "J", &
                  "99 % quantile of the passing boulders' maximum energies", in_classes), &
+      variable_t("map", "energy_q99_low", "real", "J", lower//"energy_q99", order_statistics), &
+      variable_t("map", "energy_q99_high", "real", "J", upper//"energy_q99", order_statistics), &
       variable_t("map", "energy_exceeded", "integer", "1", &
                  "boulders whose maximum energy in the cell exceeds a threshold"), &
       variable_t("map", "speed_max_map", "real", "m s-1", "maximum speed"), &
@@ -134,28 +147,48 @@ module rockfall_variables
                  "mean of the passing boulders' maximum speeds"), &
       variable_t("map", "speed_q50", "real", "m s-1", &
                  "median of the passing boulders' maximum speeds", in_classes), &
+      variable_t("map", "speed_q50_low", "real", "m s-1", lower//"speed_q50", order_statistics), &
+      variable_t("map", "speed_q50_high", "real", "m s-1", upper//"speed_q50", order_statistics), &
       variable_t("map", "speed_q90", "real", "m s-1", &
                  "90 % quantile of the passing boulders' maximum speeds", in_classes), &
+      variable_t("map", "speed_q90_low", "real", "m s-1", lower//"speed_q90", order_statistics), &
+      variable_t("map", "speed_q90_high", "real", "m s-1", upper//"speed_q90", order_statistics), &
       variable_t("map", "speed_q95", "real", "m s-1", &
                  "95 % quantile of the passing boulders' maximum speeds", in_classes), &
+      variable_t("map", "speed_q95_low", "real", "m s-1", lower//"speed_q95", order_statistics), &
+      variable_t("map", "speed_q95_high", "real", "m s-1", upper//"speed_q95", order_statistics), &
       variable_t("map", "speed_q98", "real", "m s-1", &
                  "98 % quantile of the passing boulders' maximum speeds", in_classes), &
+      variable_t("map", "speed_q98_low", "real", "m s-1", lower//"speed_q98", order_statistics), &
+      variable_t("map", "speed_q98_high", "real", "m s-1", upper//"speed_q98", order_statistics), &
       variable_t("map", "speed_q99", "real", "m s-1", &
                  "99 % quantile of the passing boulders' maximum speeds", in_classes), &
+      variable_t("map", "speed_q99_low", "real", "m s-1", lower//"speed_q99", order_statistics), &
+      variable_t("map", "speed_q99_high", "real", "m s-1", upper//"speed_q99", order_statistics), &
       variable_t("map", "jump_height_max_map", "real", "m", &
                  "maximum height of a boulder's point above the surface"), &
       variable_t("map", "jump_height_mean", "real", "m", &
                  "mean of the passing boulders' maximum jump heights"), &
       variable_t("map", "jump_height_q50", "real", "m", &
                  "median of the passing boulders' maximum jump heights", in_classes), &
+      variable_t("map", "jump_height_q50_low", "real", "m", lower//"jump_height_q50", order_statistics), &
+      variable_t("map", "jump_height_q50_high", "real", "m", upper//"jump_height_q50", order_statistics), &
       variable_t("map", "jump_height_q90", "real", "m", &
                  "90 % quantile of the passing boulders' maximum jump heights", in_classes), &
+      variable_t("map", "jump_height_q90_low", "real", "m", lower//"jump_height_q90", order_statistics), &
+      variable_t("map", "jump_height_q90_high", "real", "m", upper//"jump_height_q90", order_statistics), &
       variable_t("map", "jump_height_q95", "real", "m", &
                  "95 % quantile of the passing boulders' maximum jump heights", in_classes), &
+      variable_t("map", "jump_height_q95_low", "real", "m", lower//"jump_height_q95", order_statistics), &
+      variable_t("map", "jump_height_q95_high", "real", "m", upper//"jump_height_q95", order_statistics), &
       variable_t("map", "jump_height_q98", "real", "m", &
                  "98 % quantile of the passing boulders' maximum jump heights", in_classes), &
+      variable_t("map", "jump_height_q98_low", "real", "m", lower//"jump_height_q98", order_statistics), &
+      variable_t("map", "jump_height_q98_high", "real", "m", upper//"jump_height_q98", order_statistics), &
       variable_t("map", "jump_height_q99", "real", "m", &
                  "99 % quantile of the passing boulders' maximum jump heights", in_classes), &
+      variable_t("map", "jump_height_q99_low", "real", "m", lower//"jump_height_q99", order_statistics), &
+      variable_t("map", "jump_height_q99_high", "real", "m", upper//"jump_height_q99", order_statistics), &
       variable_t("map", "energy_line_angle_max", "real", "degree", &
                  "steepest line from the release of a boulder that passed", to_middle), &
       variable_t("map", "energy_line_angle_min", "real", "degree", &

@@ -5,7 +5,7 @@ module rockfall_bins
    use rockfall_kinds, only: wp, i4, i8
    implicit none
    private
-   public :: n_log_bins, log_bin, log_bin_edge, log_bin_quantile, min_count_for
+   public :: n_log_bins, log_bin, log_bin_edge, log_bin_quantile, log_bin_value
    public :: energy, speed, jump_height
 
    integer, parameter :: energy = 1, speed = 2, jump_height = 3  !! quantities [J], [m/s], [m]
@@ -50,11 +50,19 @@ contains
       integer, intent(in) :: quantity
       integer(i4), intent(in) :: counts(:)  !! of each bin; at least one number
       real(wp), intent(in) :: p             !! probability, 0..1 [-]
+
+      x = log_bin_value(quantity, counts, 0.5_wp + p*(sum(int(counts, i8)) - 1))
+   end function log_bin_quantile
+
+   !> The number that so many of the counted ones lie below, in the unit of the quantity: the k-th is that of k - 1/2.
+   pure real(wp) function log_bin_value(quantity, counts, rank) result(x)
+      integer, intent(in) :: quantity
+      integer(i4), intent(in) :: counts(:)  !! of each bin; at least one number
+      real(wp), intent(in) :: rank
       integer(i8) :: before
-      real(wp) :: rank, low
+      real(wp) :: low
       integer :: k
 
-      rank = 0.5_wp + p*(sum(int(counts, i8)) - 1)
       before = 0
       do k = 1, size(counts) - 1
          if (real(before + counts(k), wp) >= rank .and. counts(k) > 0) exit
@@ -63,20 +71,5 @@ contains
       low = log_bin_edge(quantity, k)
       x = low
       if (counts(k) > 0) x = low + (log_bin_edge(quantity, k + 1) - low)*(rank - before)/counts(k)
-   end function log_bin_quantile
-
-   !> How many numbers it takes for order statistics to enclose the quantile p from both sides with 95 %
-   !> confidence: p**n <= 0.025 (and the same of 1 - p).
-   pure integer function min_count_for(p)
-      real(wp), intent(in) :: p  !! 0 < p < 1 [-]
-      real(wp), parameter :: one_sided = 0.025_wp
-      real(wp) :: probability  !! that all lie on one side of it
-
-      min_count_for = 0
-      probability = 1
-      do while (probability > one_sided)
-         probability = probability*max(p, 1 - p)
-         min_count_for = min_count_for + 1
-      end do
-   end function min_count_for
+   end function log_bin_value
 end module rockfall_bins

@@ -3,15 +3,16 @@
 module rockfall_map_values
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use rockfall_kinds, only: wp, sp, i4, i8
-   use rockfall_bins, only: energy, speed, jump_height, n_log_bins, log_bin_quantile, min_count_for
+   use rockfall_bins, only: energy, speed, jump_height, n_log_bins, log_bin_quantile, log_bin_value
    use rockfall_maps, only: maps_t, per_unit
    use rockfall_travel_maps, only: steepest_angle, flattest_angle, shortest_time
    implicit none
    private
-   public :: map_plan_t, map_plan, stack_layers, map_views, map_row, map_min_count, fraction_limit, z_95, max_columns, &
-             halvings
+   public :: map_plan_t, map_plan, stack_layers, map_views, map_row, map_min_count, map_thin_below, fraction_limit
+   public :: z_95, max_columns, halvings
 
    real(wp), parameter :: z_95 = 1.959964_wp  !! standard normal quantile of 0.975: 95 % lie within it [-]
+   integer, parameter :: few = 10  !! passages below which a mean is hardly known
    integer(i8), parameter :: max_columns = 2_i8**31 - 2       !! of counts of bins, and one more can be counted
    integer, parameter :: halvings = 5  !! of the columns, before they are too few to begin with
 
@@ -41,11 +42,12 @@ module rockfall_map_values
       integer :: is = a_count
       integer :: quantity = energy
       real(wp) :: probability = 0.0_wp  !! of a quantile [-]
+      integer :: side = 0               !! the quantile itself, -1 the lower limit of its interval, 1 the upper one
    end type kind_t
 
 contains
 
-   !> Names that are not listed say it: quantity_max, quantity_mean, quantity_q95.
+   !> Names that are not listed say it: quantity_max, quantity_mean, quantity_q95, quantity_q95_low.
    pure type(kind_t) function kind_of(name) result(kind)
       character(len=*), intent(in) :: name  !! one of map_fields of rockfall_variables
       integer :: q, percent
@@ -70,6 +72,7 @@ contains
       q = index(name, "_q", back=.true.)
       if (q == 0) return
       kind%is = a_quantile
+      kind%side = merge(1, 0, index(name, "_high") > 0) - merge(1, 0, index(name, "_low") > 0)
       read (name(q + 2:q + 3), "(i2)") percent
       kind%probability = percent/100.0_wp
    end function kind_of
@@ -180,7 +183,6 @@ contains
    end function map_views
 
    !> The minimum of passages for which a cell of a map shows a number; 0 for maps that show all.
-   !> A quantile needs as many as both limits of its own 95 % interval do.
    pure integer function map_min_count(name, min_passages)
       character(len=*), intent(in) :: name
       integer, intent(in) :: min_passages  !! requested by the case
@@ -188,9 +190,25 @@ contains
 
       kind = kind_of(name)
       map_min_count = 0
-      if (kind%is == a_mean .or. kind%is == a_tree_mean) map_min_count = min_passages
-      if (kind%is == a_quantile) map_min_count = max(min_passages, min_count_for(kind%probability))
+      if (any(kind%is == [a_mean, a_tree_mean, a_quantile])) map_min_count = min_passages
    end function map_min_count
+
+   !> The passages below which a number of a map is hardly known; 0 for maps that know all. A quantile needs as many
+   !> as both limits of its interval do.
+   pure integer function map_thin_below(name) result(n)
+      character(len=*), intent(in) :: name
+      type(kind_t) :: kind
+
+      kind = kind_of(name)
+      n = 0
+      if (kind%is == a_mean) n = few
+      if (kind%is /= a_quantile .or. kind%side /= 0) return
+      n = 1
+      do while (.not. (has_limit(kind%probability, int(n, i8), -1) .and. has_limit(kind%probability, int(n, i8), 1)))
+         n = n + 1
+      end do
+   end function map_thin_below
+
 
    !> Row j of a map of reals; NaN where too few boulders passed.
    pure subroutine map_row(maps, name, j, boulders, min_passages, row)
@@ -247,12 +265,33 @@ contains
       end select
    end subroutine map_row
 
-   !> Row j of a quantile of the passing boulders' maxima.
+   !> How many of n numbers lie below a limit of the 95 % interval of their quantile p, about which as many do as in a
+   !> binomial distribution: the line statistics' rule for independent boulders. Below the first or above
+   !> the last of them there is no limit.
+   pure real(wp) function limit_rank(p, n, side)
+      real(wp), intent(in) :: p    !! [-]
+      integer(i8), intent(in) :: n
+      integer, intent(in) :: side  !! -1 lower, 1 upper
+
+      limit_rank = n*p + side*z_95*sqrt(n*p*(1 - p))
+   end function limit_rank
+
+   !> Whether it lies within the numbers.
+   pure logical function has_limit(p, n, side)
+      real(wp), intent(in) :: p    !! [-]
+      integer(i8), intent(in) :: n
+      integer, intent(in) :: side  !! as of limit_rank
+
+      has_limit = abs(limit_rank(p, n, side) - 0.5_wp*n) <= 0.5_wp*(n - 1)
+   end function has_limit
+
+   !> Row j of a quantile of the passing boulders' maxima, or of a limit of its interval.
    pure subroutine quantile_row(maps, kind, j, min_count, row)
       type(maps_t), intent(in) :: maps
       type(kind_t), intent(in) :: kind
       integer, intent(in) :: j, min_count
       real(sp), intent(inout) :: row(:)  !! in the unit of the quantity
+      integer(i8) :: n
       integer :: i, first, last
 
       first = maps%layer(kind%quantity)%bin_offset + 1
@@ -260,8 +299,12 @@ contains
       do i = 1, size(row)
          if (maps%slot(i, j) == 0) cycle
          associate (counts => maps%bin_counts(first:last, maps%slot(i, j)))
-            if (sum(int(counts, i8)) < min_count) cycle
-            row(i) = real(log_bin_quantile(kind%quantity, counts, kind%probability), sp)
+            n = sum(int(counts, i8))
+            if (n < min_count) cycle
+            if (kind%side == 0) row(i) = real(log_bin_quantile(kind%quantity, counts, kind%probability), sp)
+            if (kind%side == 0) cycle
+            if (has_limit(kind%probability, n, kind%side)) &
+               row(i) = real(log_bin_value(kind%quantity, counts, limit_rank(kind%probability, n, kind%side)), sp)
          end associate
       end do
    end subroutine quantile_row

@@ -4,7 +4,7 @@
 program test_bins
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_positive_inf
    use rockfall_kinds, only: wp, i4
-   use rockfall_bins, only: n_log_bins, log_bin, log_bin_edge, log_bin_quantile, min_count_for, energy, speed, &
+   use rockfall_bins, only: n_log_bins, log_bin, log_bin_edge, log_bin_quantile, log_bin_value, energy, speed, &
       jump_height
    use check_m, only: check, check_close, finish
    implicit none
@@ -12,7 +12,6 @@ program test_bins
    call random_init(.true., .false.)
    call test_edges()
    call test_quantiles()
-   call test_fewest()
    call finish()
 
 contains
@@ -80,14 +79,8 @@ contains
                        10 + 1/7.0_wp, 1.0e-14_wp)
       call check_close("and of its last", log_bin_quantile(speed, counts, 1.0_wp), 12 - 1/7.0_wp, 1.0e-14_wp)
       call check_close("the second of seven", log_bin_quantile(speed, counts, 1/6.0_wp), 10 + 3/7.0_wp, 1.0e-14_wp)
+      call check_close("that the third lies at", log_bin_value(speed, counts, 2.5_wp), 10 + 5/7.0_wp, 1.0e-14_wp)
       counts(n_log_bins(speed)) = 7
       call check_close("beyond all bins: where they end", log_bin_quantile(speed, counts, 0.95_wp), 256.0_wp, 0.0_wp)
    end subroutine test_quantiles
-
-   !> 0.5**6 and 0.9**36 are the first powers up to 0.025, and so on.
-   subroutine test_fewest()
-      call check("numbers that an interval needs", all([min_count_for(0.5_wp), &
-         min_count_for(0.9_wp), min_count_for(0.1_wp), &
-         min_count_for(0.95_wp), min_count_for(0.98_wp), min_count_for(0.99_wp)] == [6, 36, 36, 72, 183, 368]))
-   end subroutine test_fewest
 end program test_bins

@@ -11,15 +11,9 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
-from rockfall.analysis.line_statistics import (
-    fraction_interval,
-    line_numbers,
-    line_values,
-    sample_numbers,
-    sources,
-    student,
-)
+from rockfall.analysis.line_statistics import line_numbers, line_values, sample_numbers
 from rockfall.analysis.observations import UNITS, Observed, read_observed
+from rockfall.analysis.precision.intervals import Sources, fraction_interval, sources, student
 from rockfall.case import case_of
 from rockfall.errors import RockfallError
 from rockfall.io.arrays import grid_of
@@ -103,7 +97,7 @@ def write_comparison(
 
 
 def _errors(
-    result: xr.Dataset, seen: Observed, method: str, source: np.ndarray, names: list[str]
+    result: xr.Dataset, seen: Observed, method: str, source: Sources, names: list[str]
 ) -> pd.DataFrame:
     """Relative errors of mean, standard deviation and maximum (paper, table 3)."""
     import pandas as pd
@@ -155,7 +149,7 @@ def _summary_of(sample: tuple[tuple[str, str], np.ndarray]) -> dict:
     """The same of a sample."""
     (line, quantity), v = sample
     about = {"line": line, "quantity": quantity, "method": "sample", "n": v.size}
-    return _with_interval({**about, **sample_numbers(v, np.zeros(v.size, int))})
+    return _with_interval({**about, **sample_numbers(v, Sources.alone(v.size))})
 
 
 def _verdicts(
@@ -218,22 +212,22 @@ def _test(observed: np.ndarray, simulated: np.ndarray) -> tuple[int, int, float,
 
 
 def _observed_distances(
-    result: xr.Dataset, seen: Observed, source: np.ndarray
+    result: xr.Dataset, seen: Observed, source: Sources
 ) -> tuple[np.ndarray | None, list[str]]:
     """Plan distances of observed boulders, from stopping places too where all have one release."""
     if seen.stops is None:
         return seen.distances, []
     if seen.distances is not None:
         return seen.distances, ["Distances are those given, not those of the stopping places."]
-    if source.max() > 0:
-        about = f"which of the {source.max() + 1} sources a boulder found came from is not known"
+    if source.count > 1:
+        about = f"which of the {source.count} sources a boulder found came from is not known"
         return None, [f"Stopping places give no distances: {about}."]
     x, y = (seen.stops[:, k] - result[f"start_{axis}"].values[0] for k, axis in enumerate("xy"))
     return np.sort(np.hypot(x, y)), []
 
 
 def _passing(
-    result: xr.Dataset, seen: Observed, distances: np.ndarray | None, source: np.ndarray
+    result: xr.Dataset, seen: Observed, distances: np.ndarray | None, source: Sources
 ) -> pd.DataFrame:
     """Fraction of the boulders that come at least as far as those observed (paper, Fig. 9)."""
     import pandas as pd
@@ -241,7 +235,7 @@ def _passing(
     rows = []
     ours = result["plan_distance"].values
     if distances is not None:
-        one_source = np.zeros(distances.size, int)
+        one_source = Sources.alone(distances.size)
         for d in np.unique(distances):
             rows.append([d, *fraction_interval(distances >= d, one_source)])
     if seen.passing is not None:
@@ -274,7 +268,7 @@ def _stops(result: xr.Dataset, seen: Observed) -> pd.DataFrame:
     return pd.DataFrame(np.column_stack([x, y, reach]), columns=columns)
 
 
-def _notes(result: xr.Dataset, seen: Observed, source: np.ndarray) -> Iterator[str]:
+def _notes(result: xr.Dataset, seen: Observed, source: Sources) -> Iterator[str]:
     """What the tables leave unsaid."""
     if seen.stops is not None and not {"passages", "reach_probability"} & set(result):
         yield "Reach at stopping places needs a map: &output maps = 'passages'."
@@ -283,8 +277,8 @@ def _notes(result: xr.Dataset, seen: Observed, source: np.ndarray) -> Iterator[s
         yield f"{count:,} boulders never came to rest; they count with the distance they reached."
     if len(seen.tests) and not seen.samples:
         yield "The printed p are those of other runs; one of this run needs samples."
-    if source.max() > 0 and (seen.samples or seen.distances is not None):
+    if source.count > 1 and (seen.samples or seen.distances is not None):
         yield (
             "Kolmogorov-Smirnov takes boulders as independent; those of one of the "
-            f"{source.max() + 1} sources are not, so p tends to be too small."
+            f"{source.count} sources are not, so p tends to be too small."
         )

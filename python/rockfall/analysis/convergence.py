@@ -5,17 +5,19 @@ their accuracy costs."""
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import count
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rockfall.analysis.line_statistics import line_numbers, line_values, sources, with_limits
+from rockfall.analysis.line_statistics import line_numbers, line_values, with_limits
+from rockfall.analysis.precision.intervals import TARGETS, boulders_needed, sources
 from rockfall.analysis.terrain_variants import larger_cells, other_digits
 from rockfall.case import Case
 from rockfall.errors import RockfallError
+from rockfall.limits import Z
 from rockfall.scene.read import read_scene
 from rockfall.scene.scene import Scene
 from rockfall.scene.sources import refuse_by_area
@@ -55,7 +57,8 @@ class Convergence:
     - error: boulders over all sources, their cpu_seconds, relative error (root mean square over so
       many blocks).
     - cost: slope of log error over log boulders and its standard error; relative error of 10,000
-      boulders (one standard deviation); CPU seconds for 10, 1 and 0.1 %.
+      boulders (one standard deviation); CPU seconds for 10, 1 and 0.1 %; boulders over all sources
+      for half a 95 % interval of 5, 2 and 1 %, the numbers that `--until` and reports promise too.
     - numerical: variant of the terrain; relative change and its standard error; statistical_error
       of 10,000 boulders, from cost; CPU seconds of 10,000 boulders.
     """
@@ -111,7 +114,8 @@ def converge(
         del others
         error = _errors(blocks, truth, of, seconds, scene.case)
         del blocks
-        cost = _costs(error, seconds)
+        passed = dict(zip((line["name"] for line in case.lines), truth[:, 0], strict=True))
+        cost = _costs(error, seconds, passed)
         numerical, refused = _terrains(scene, paired, cost, advance)
     return Convergence(
         case.name, study, error, cost, numerical, of, of * many, of * paired, seconds, refused
@@ -219,8 +223,9 @@ def _errors(
     return pd.DataFrame(rows, columns=columns).drop_duplicates([*KEYS, "boulders"])
 
 
-def _costs(error: pd.DataFrame, seconds: float) -> pd.DataFrame:
-    """Slopes, and the boulders' number and CPU time for an error, by error = c / sqrt(n)."""
+def _costs(error: pd.DataFrame, seconds: float, passed: Mapping[str, float]) -> pd.DataFrame:
+    """Slopes, and the CPU time and number of boulders for an error, by error = c / sqrt(n);
+    `passed` is the fraction that crosses each line."""
     import pandas as pd
 
     rows = []
@@ -236,8 +241,12 @@ def _costs(error: pd.DataFrame, seconds: float) -> pd.DataFrame:
             spread = np.linalg.inv(line.T @ precision @ line)
             slope, slope_error = (spread @ line.T @ precision @ log_error)[0], spread[0, 0] ** 0.5
         costs = (seconds * (c / error) ** 2 for error in ERRORS)
-        rows.append((*key, slope, slope_error, c / np.sqrt(SIZE), *costs))
+        crossed = np.inf if key[2] == "fraction" else SIZE * passed[key[0]]
+        at = c / np.sqrt(SIZE)
+        needs = (boulders_needed(SIZE, Z * at, target, crossed) for target in TARGETS)
+        rows.append((*key, slope, slope_error, at, *costs, *needs))
     named = [f"cpu_seconds_{100 * error:g}_percent" for error in ERRORS]
+    named += [f"boulders_{100 * target:g}_percent" for target in TARGETS]
     return pd.DataFrame(rows, columns=[*KEYS, "slope", "slope_error", "error_10000", *named])
 
 

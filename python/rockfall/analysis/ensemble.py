@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from rockfall.analysis.line_statistics import line_numbers, line_values
+from rockfall.analysis.precision.intervals import Sources
 from rockfall.analysis.sobol_indices import Indices, deviations, indices
 from rockfall.analysis.uncertain_inputs import Draw, Uncertain, drawn_scene
 from rockfall.case import Case
@@ -170,7 +171,7 @@ def _design(a: list[Draw], b: list[Draw]) -> Iterator[list[Draw]]:
 def _run(scene: Scene) -> _Run:
     result, per_source = run_scene(scene), scene.case.case["boulders"]
     values, deviates = [], []
-    alone = np.zeros(scene.boulders, int)  # the intervals are not looked at
+    alone = Sources.alone(scene.boulders)  # the intervals are not looked at
     for k in range(len(scene.case.lines)):
         at_line = {q: line_values(result, q, k) for q, _ in RESULTS.values()}
         rows = {q: line_numbers(result, k, q, alone) for q in at_line}

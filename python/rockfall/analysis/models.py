@@ -10,13 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rockfall.analysis.line_statistics import (
-    fraction_interval,
-    line_numbers,
-    line_values,
-    sample_numbers,
-    sources,
-)
+from rockfall.analysis.line_statistics import line_numbers, line_values, sample_numbers
+from rockfall.analysis.precision.intervals import Sources, fraction_interval, sources
 from rockfall.case import Case
 from rockfall.errors import RockfallError
 from rockfall.grounds import GroundRule, GroundTable, find_ground, shipped_grounds, table_path
@@ -208,7 +203,7 @@ def _row(numbers: dict[str, float], statistic: str) -> dict[str, float]:
     return {"n": numbers["n"], **found}
 
 
-def _difference(each: np.ndarray, source: np.ndarray) -> dict[str, float]:
+def _difference(each: np.ndarray, source: Sources) -> dict[str, float]:
     """The mean of a difference of each boulder, with its interval; one boulder has none."""
     if not each.any():
         return NO_DIFFERENCE
@@ -218,7 +213,7 @@ def _difference(each: np.ndarray, source: np.ndarray) -> dict[str, float]:
 
 
 def _fraction_difference(
-    crossed: np.ndarray, other: np.ndarray, source: np.ndarray
+    crossed: np.ndarray, other: np.ndarray, source: Sources
 ) -> dict[str, float]:
     """That of the fractions of boulders that crossed. Where boulders change sides one way only, it
     is the fraction that does: normal distributions know no end at 0 and 1, this interval does."""
@@ -230,7 +225,7 @@ def _fraction_difference(
     return dict(zip(COLUMNS[-3:], ends if moved else (0.0, -high, high), strict=True))
 
 
-def _mean_difference(value: np.ndarray, other: np.ndarray, source: np.ndarray) -> dict[str, float]:
+def _mean_difference(value: np.ndarray, other: np.ndarray, source: Sources) -> dict[str, float]:
     """That of the means over the boulders that crossed by either model. Each mean is a ratio of
     means over all boulders; the interval is that of their difference, linearised (Cochran 1977)."""
     fewest = min(np.isfinite(one).sum() for one in (value, other))

@@ -18,13 +18,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from rockfall.analysis.line_statistics import (
-    between_ranks,
-    effective_number,
-    line_values,
-    sources,
-    with_limits,
-)
+from rockfall.analysis.line_statistics import line_values, with_limits
+from rockfall.analysis.precision.intervals import Sources, between_ranks, effective_number, sources
 from rockfall.errors import RockfallError
 from rockfall.limits import Z
 
@@ -138,18 +133,16 @@ def _row(values: np.ndarray, found: Tail) -> dict[str, float | str]:
     return row
 
 
-def tail(
-    values: np.ndarray, source: np.ndarray | None = None, levels: Sequence[int] = LEVELS
-) -> Tail:
+def tail(values: np.ndarray, source: Sources | None = None, levels: Sequence[int] = LEVELS) -> Tail:
     """The upper tail of the values (>= 0) of boulders; `source` is that of each, as from
-    `line_statistics.sources`, none = one source."""
+    `rockfall.analysis.precision.intervals.sources`, none = one source."""
     _check(levels)
-    source = np.zeros(values.size, int) if source is None else source
+    source = Sources.alone(values.size) if source is None else source
     n, ordered = values.size, np.sort(values)
     independent = 0.0
     if n:
         above = values > np.quantile(ordered, 1 - UPPER)
-        independent = effective_number(above.astype(float), source)
+        independent = min(n, effective_number(above.astype(float), source))
     tried = tuple(_tried(ordered, independent))
     fit = _chosen(tried)
     refused = _refusal(tried, fit, independent)

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from rockfall.analysis.line_statistics import (
-    QUANTILES,
-    QUANTITIES,
+from rockfall.analysis.line_statistics import QUANTILES, QUANTITIES, line_numbers, quantile_name
+from rockfall.analysis.precision.intervals import (
+    CROSSED,
+    Sources,
+    boulders_needed,
     half_width,
-    line_numbers,
-    quantile_name,
     sources,
 )
 from rockfall.case import Case
@@ -36,7 +36,6 @@ if TYPE_CHECKING:
     import xarray as xr
 
 FIRST = 1000  # boulders of the first stage, over all sources
-CROSSED = 500  # boulders past the line before the interval of anything but a fraction is used
 CAP = 1_000_000  # boulders over all sources, where no cap is given
 
 # From the boulders of a stage to those of the next: min, max; what is within one stage.
@@ -185,27 +184,25 @@ def evaluate(rules: list[Rule], result: xr.Dataset) -> list[Verdict]:
     return [_verdict(rule, result, source) for rule in rules]
 
 
-def _verdict(rule: Rule, result: xr.Dataset, source: np.ndarray) -> Verdict:
-    """The need follows from the width: squared it is a part that falls as 1/n, the error of the
-    boulders, and one that does not, the differences of the sources."""
-    of = source.max(initial=0) + 1
-    n = source.size / of
+def _verdict(rule: Rule, result: xr.Dataset, source: Sources) -> Verdict:
+    """The need follows from the width. Where the sources are a sample of others, a part of it does
+    not fall with their boulders: what they differ by."""
+    n = source.number.size / max(source.count, 1)
     row = line_numbers(result, rule.line, rule.quantity, source)
     width = half_width(row, rule.statistic)
-    short = 0.0 if rule.statistic == "fraction" else CROSSED / max(row["n"], 1)
-    if width <= rule.limit and short <= 1:
+    crossed = np.inf if rule.statistic == "fraction" else row["n"]
+    if width <= rule.limit and crossed >= CROSSED:
         return Verdict(rule, True, width, n)
     if not row["n"] or not np.isfinite(width):
         return Verdict(rule, False, width, np.nan)
-    error = width**2
-    if of > 1:
-        alone = line_numbers(result, rule.line, rule.quantity, np.zeros_like(source))
-        error = half_width(alone, rule.statistic) ** 2
-    left = rule.limit**2 - max(0.0, width**2 - error)
-    if left > 0:
-        return Verdict(rule, False, width, n * max(short, error / left))
-    useless = error < (USELESS * rule.limit) ** 2
-    return Verdict(rule, False, width, np.inf if useless else np.nan)
+    error, limit = width, rule.limit
+    if source.sampled and source.count > 1:
+        alone = line_numbers(result, rule.line, rule.quantity, replace(source, sampled=False))
+        error = half_width(alone, rule.statistic)
+        limit = math.sqrt(max(0.0, limit**2 - max(0.0, width**2 - error**2)))
+    if limit > 0:
+        return Verdict(rule, False, width, boulders_needed(n, error, limit, crossed))
+    return Verdict(rule, False, width, np.inf if error < USELESS * rule.limit else np.nan)
 
 
 def read_rules(text: str, lines: list[str]) -> list[Rule]:

@@ -15,7 +15,7 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rockfall.analysis.compare import compare
-from rockfall.analysis.line_statistics import sources
+from rockfall.analysis.precision.intervals import sources
 from rockfall.analysis.return_levels import return_levels
 from rockfall.case_files import files_behind
 from rockfall.errors import RockfallError, need
@@ -111,7 +111,7 @@ def report(result: xr.Dataset, terrain: Terrain | None = None, observed: Any = N
         ],
         factors=list(factor_lines(sheet)) if sheet else [],
         grounds=[ground_table(result)] if "rebounds_by_ground" in result else [],
-        has_clusters=sources(result).max() > 0,
+        has_clusters=sources(result).sampled,
         convergence=list(_convergence(result, rows)),
         comparison="" if observed is None else text(compare(result, observed)),
         figures=[_picture(one.draw(), one.title, one.caption) for one in shown],
@@ -124,7 +124,7 @@ def _convergence(
 ) -> Iterator[tuple[str, Picture | None, Table | None]]:
     """Each line with its figure and table of convergence; neither where no boulder passes."""
     caption = "Numbers after so many boulders, with their 95 % band"
-    caption += "; one of each source is taken in turn." if sources(result).max() else "."
+    caption += "; the sources take turns, in a random order." if sources(result).count > 1 else "."
     for k, (line, numbers) in enumerate(rows.items()):
         if numbers["speed"]["n"]:
             figure = _picture(convergence_figure(result, k), f"Convergence at {line}", caption)

@@ -3,12 +3,12 @@
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rockfall.analysis.line_statistics import line_numbers, sources
+from rockfall.analysis.line_statistics import line_numbers
+from rockfall.analysis.precision.intervals import Sources, sources
 from rockfall.html_report.intervals import STATISTICS
 from rockfall.plots.style import BLUE, INK, VERMILION, WIDE, capital, new_figure, styled
 from rockfall.quantities import QUANTITIES
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
 SHOWN = ("speed", "passing_height", "energy_total")
 NUMBERS = [("fraction", "fraction"), *((q, name) for q in SHOWN for name in ("mean", "std", "q95"))]
-TARGETS = (0.05, 0.02, 0.01)  # half widths of an interval, relative to the number
 FIRST = 30  # boulders from which numbers are shown
 STEPS = 24  # sizes at which they are taken
 LOOKS = {  # colour and dashes
@@ -33,48 +32,57 @@ LOOKS = {  # colour and dashes
 }
 
 
-def sizes(boulders: int) -> list[int]:
-    """Numbers of boulders, evenly apart in their logarithm, up to all."""
-    first = min(FIRST, boulders)
-    return sorted(set(np.geomspace(first, boulders, STEPS).round().astype(int).tolist()))
+def sizes(source: Sources) -> list[int]:
+    """Numbers of boulders, evenly apart in their logarithm, up to all; whole turns of the sources
+    where these are enough."""
+    of, boulders = source.count, source.number.size
+    n = np.geomspace(min(FIRST, boulders), boulders, STEPS).round().astype(int)
+    n = np.where(n > of, n // of * of, n)
+    return sorted({*n.tolist(), boulders})
 
 
-def by_turns(source: np.ndarray) -> np.ndarray:
-    """The order of boulders that takes one of each source in turn; of one source: as they are."""
-    by_source = np.argsort(source, kind="stable")
-    first = np.searchsorted(source[by_source], source[by_source])
-    turn = np.empty(source.size, int)
-    turn[by_source] = np.arange(source.size) - first
-    return np.lexsort((source, turn))
+def mixed(source: Sources) -> np.ndarray:
+    """An order of boulders whose first ones are always a sample of all: the sources take turns, in
+    a random order that is the same in each turn, and come as often as they release boulders. Those
+    of one source stay as they are."""
+    by_source = np.argsort(source.number, kind="stable")
+    boulders = np.bincount(source.number)
+    first = np.cumsum(boulders) - boulders
+    number = source.number[by_source]
+    turn = np.arange(number.size) - first[number]
+    late = np.random.default_rng(0).random(boulders.size)
+    return by_source[np.argsort((turn + late[number]) / boulders[number], kind="stable")]
 
 
-def history(result: xr.Dataset, line: int) -> History:
-    """Numbers at the line of this index after each of `sizes` boulders."""
+def known_of(number: np.ndarray, source: Sources) -> Sources:
+    """What the first boulders of `mixed` know of their sources: strata only where all sources have
+    as many boulders; before, which ones have some is a matter of chance."""
+    whole = number.size == source.number.size
+    if source.sampled or whole or not np.ptp(np.bincount(number, minlength=source.count)):
+        return Sources.of(number, source.sampled)
+    return Sources.alone(number.size)
+
+
+def history(result: xr.Dataset, line: int, n: list[int]) -> History:
+    """Numbers at the line of this index after each of `n` boulders."""
     names = ["start_x", "start_y", *(n for n in result if result[n].dims == ("line", "boulder"))]
     one = result[names].isel(line=[line])  # copies of all lines would take memory
     source = sources(result)
-    order = by_turns(source)
-    ordered, source = one.isel(boulder=order), source[order]
+    order = mixed(source)
+    ordered, number = one.isel(boulder=order), source.number[order]
     found: History = {quantity: [] for quantity in SHOWN}
-    for n in sizes(order.size):
-        part = ordered.isel(boulder=slice(n))
+    for size in n:
+        part, known = ordered.isel(boulder=slice(size)), known_of(number[:size], source)
         for quantity in SHOWN:
-            found[quantity].append(line_numbers(part, 0, quantity, source[:n]))
+            found[quantity].append(line_numbers(part, 0, quantity, known))
     return found
-
-
-def needed(boulders: int, half: float, target: float) -> int:
-    """Boulders with which an interval of this half width has that of `target`, both relative
-    to the number: it falls as 1/sqrt(n). Rounded up to two digits."""
-    exact = boulders * (half / target) ** 2
-    step = 10 ** max(0, math.floor(math.log10(max(exact, 1.0))) - 1)
-    return math.ceil(exact / step - 1e-9) * step
 
 
 @styled
 def convergence_figure(result: xr.Dataset, line: int) -> Figure:
     """Fraction, speed, passing height and energy at a line against the number of boulders."""
-    found, n = history(result, line), sizes(result.sizes["boulder"])
+    n = sizes(sources(result))
+    found = history(result, line, n)
     figure = new_figure(WIDE, 4.6)
     axes = figure.subplots(2, 2, sharex=True)
     panels = dict(zip(("fraction", *SHOWN), axes.flat, strict=True))

@@ -31,7 +31,7 @@ from rockfall.plots.map_figures import (
 )
 from rockfall.plots.style import capital
 from rockfall.protection.barriers import barriers_of
-from rockfall.result.trajectories import lines, vertices_of
+from rockfall.result.trajectories import lines, spread, vertices_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -104,7 +104,7 @@ def map_section(result: xr.Dataset, terrain: Terrain | None) -> dict[str, object
     start = np.unique(np.column_stack([result["start_x"], result["start_y"]]), axis=0)
     every = -(-result.sizes["boulder"] // MAX_POINTS)
     x, y = result["stop_x"].values[::every], result["stop_y"].values[::every]
-    recorded = vertices_of(result, "x", "y")[:MAX_TRAJECTORIES]
+    recorded = spread(vertices_of(result, "x", "y"), MAX_TRAJECTORIES)
     barriers = barriers_of(result)
     kinds = ["barrier" if k in barriers else "line" for k in range(result.sizes.get("line", 0))]
     return {

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rockfall.analysis.line_statistics import half_width, sources
+from rockfall.analysis.precision.intervals import half_width, sources
 from rockfall.analysis.run_until import verdicts_of
 from rockfall.case import case_of
 from rockfall.html_report.intervals import in_unit, interval
@@ -60,7 +60,7 @@ def _run(result: xr.Dataset) -> str:
     was, each = ("were", "each") if boulders > 1 else ("was", "it")
     return (
         f"{count(boulders, 'boulder')} of {size} {was} released from "
-        f"{count(sources(result).max() + 1, 'source')}, {start}, and followed until {each} ended."
+        f"{count(sources(result).count, 'source')}, {start}, and followed until {each} ended."
     )
 
 
@@ -145,8 +145,14 @@ def _precision(result: xr.Dataset, rows: Rows) -> Iterator[str]:
         yield f"Monte Carlo error (95 %, relative{where}): {_joined(known)}."
     if unknown:
         yield f"Too few boulders pass for a confidence interval of the {_joined(unknown)}."
-    if sources(result).max() > 0:
-        yield "Boulders of one source count as a cluster, since they are not independent."
+    source = sources(result)
+    if source.count > 1:
+        of = f"{source.count:,} sources"
+        yield (
+            f"The {of} are taken for a sample of others like them."
+            if source.sampled
+            else f"The intervals are for as many other boulders from the same {of}."
+        )
     if case_of(result).case["sampling"] == "sobol":
         yield (
             "Sobol' points spread the boulders more evenly than random numbers do: the intervals "

@@ -10,9 +10,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from rockfall.analysis.line_statistics import half_width
+from rockfall.analysis.precision.intervals import (
+    TARGETS,
+    boulders_needed,
+    half_width,
+    rounded_up,
+)
 from rockfall.case import FROM_ARRAY, case_of
-from rockfall.html_report.convergence import NUMBERS, TARGETS, needed
+from rockfall.html_report.convergence import NUMBERS
 from rockfall.html_report.intervals import STATISTICS, in_unit, interval
 from rockfall.protection.barriers import barrier_statistics
 from rockfall.quantities import QUANTITIES, number, percent
@@ -106,9 +111,10 @@ def precision_table(line: str, numbers: Numbers, boulders: int) -> Table:
         about, half = QUANTITIES[quantity], half_width(row, name)
         label = f"{about.label}, {STATISTICS[name]}" if name in STATISTICS else about.label
         cells = ["-"] * (1 + len(TARGETS))
+        crossed = np.inf if name == "fraction" else row["n"]
         if np.isfinite(half):
-            more = (f"{needed(boulders, half, target):,}" for target in TARGETS)
-            cells = [f"± {percent(half)}", *more]
+            more = (boulders_needed(boulders, half, target, crossed) for target in TARGETS)
+            cells = [f"± {percent(half)}", *(f"{rounded_up(one):,}" for one in more)]
         shown.append((label, f"{in_unit(row.get(name, np.nan), quantity)} {about.unit}", *cells))
     targets = (f"boulders for ± {100 * target:g} %" for target in TARGETS)
     caption = f"{line}: half widths of the 95 % confidence intervals"

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rockfall.analysis.line_statistics import fraction_interval
+from rockfall.limits import fraction_limits
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -69,8 +69,7 @@ def of_none(result: xr.Dataset, name: str) -> float:
     """The maximum of a map where no boulder passed: 0, but for the upper limit of a fraction."""
     if name != "reach_probability_high":
         return 0.0
-    none = np.zeros(result.sizes["boulder"], int)
-    return 1.001 * fraction_interval(none > 0, none)[2]  # maps have seven digits
+    return 1.001 * fraction_limits(0.0, result.sizes["boulder"])[1]  # maps have seven digits
 
 
 def cell_of(result: xr.Dataset) -> float:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rockfall.analysis.line_statistics import fraction_interval, sources
+from rockfall.analysis.precision.intervals import fraction_interval, sources
 from rockfall.case import case_of
 from rockfall.errors import RockfallError, need
 from rockfall.impact_sets import set_path
@@ -26,6 +26,7 @@ from rockfall.plots.map_figures import (
     map_figure,
     map_note,
     stops_figure,
+    thin_cells,
     trajectories_figure,
 )
 from rockfall.plots.profile_figures import profile_figure
@@ -97,7 +98,7 @@ def _trajectories(result: xr.Dataset, terrain: Terrain | None) -> Iterator[Figur
         return  # none recorded, or none that moved
     recorded = np.unique(result["trajectory_boulder"].values).size
     drawn = count(min(recorded, MAX_TRAJECTORIES), "boulder")
-    of = f"the first {drawn} of {result.sizes['boulder']:,}"
+    of = f"{drawn} of {result.sizes['boulder']:,}, from all sources"
     yield Figure(
         "trajectories",
         "Trajectories in plan",
@@ -211,6 +212,7 @@ def _maps(result: xr.Dataset, terrain: Terrain | None) -> Iterator[Figure]:
             continue
         title = capital(variable.attrs["long_name"])
         notes = ["outline: 1 %" if is_fraction(name) else "", map_note(result, name)]
+        notes += ["" if thin_cells(result, name) is None else "hatched there"]
         said = "".join(f"; {note}" for note in notes if note)
         yield Figure(
             f"map_{name}",

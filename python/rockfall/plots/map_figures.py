@@ -10,7 +10,7 @@ import numpy as np
 
 from rockfall.io.arrays import grid_of
 from rockfall.io.grid import Grid
-from rockfall.plots.extent import PASSED, of_none, reached
+from rockfall.plots.extent import PASSED, of_none, passed_map, reached
 from rockfall.plots.style import (
     BARRIER,
     BLUE,
@@ -116,9 +116,21 @@ def map_note(result: xr.Dataset, name: str) -> str:
     notes = [str(about["comment"])] if "comment" in about else []
     if "least_passages" in about:
         notes.append(f"blank where fewer than {about['least_passages']:,} boulders passed")
+    if "thin_below" in about:
+        notes.append(f"hardly known where fewer than {about['thin_below']:,} boulders passed")
     elif of_none(result, name):
         notes.append(f"blank where none passed; it is {100 * of_none(result, name):.2g} % there")
     return "; ".join(notes)
+
+
+def thin_cells(result: xr.Dataset, name: str) -> np.ndarray | None:
+    """Where (y, x) too few boulders passed for a number of a map to be well known; none if the map
+    has no such cells, or the result does not count who passed."""
+    fewest, passed = result[name].attrs.get("thin_below", 0), passed_map(result)
+    if not fewest or passed is None:
+        return None
+    count = result[passed].values * (1 if passed == "passages" else result.sizes["boulder"])
+    return np.isfinite(result[name].values) & (count < fewest - 0.5)
 
 
 def shown_as(variable: xr.DataArray) -> tuple[str, float]:
@@ -179,10 +191,14 @@ def _draw_map(axes: Axes, result: xr.Dataset, name: str, extent: Extent) -> None
         blank = f"; blank: fewer than {fewest} passed" if fewest else ""
         label = fill(with_unit(about["long_name"], unit) + blank, 46)
         _draw_values(axes, factor * values, grid, norm_of(factor * values), label)
+        thin = thin_cells(result, name)
+        if thin is not None:
+            part, grid = cropped(thin, *grid_of(result[name]), extent, np.logical_and)
+            _hatch(axes, (part > 0) & np.isfinite(values), grid)
 
 
 def _draw_trajectories(axes: Axes, result: xr.Dataset) -> None:
-    """Recorded trajectories in plan, the first of very many."""
+    """Recorded trajectories in plan, some of very many."""
     from matplotlib.collections import LineCollection
 
     curves = [np.column_stack([one.x, one.y]) for one in trajectories(result, MAX_TRAJECTORIES)]
@@ -293,6 +309,15 @@ def _draw_outline(axes: Axes, inside: np.ndarray, grid: Grid) -> None:
         LineCollection(list(places), colors=INK, linewidths=0.9, capstyle="round", rasterized=True),
         autolim=False,
     )
+
+
+def _hatch(axes: Axes, cells: np.ndarray, grid: Grid) -> None:
+    """Lines over cells whose numbers are hardly known."""
+    from matplotlib import rc_context
+
+    if cells.any():
+        with rc_context({"hatch.linewidth": 0.4, "hatch.color": INK}):
+            axes.contourf(grid.x, grid.y, cells, [0.5, 1], colors="none", hatches=["//////"])
 
 
 def _draw_values(axes: Axes, values: np.ndarray, grid: Grid, norm: Normalize, label: str) -> Any:

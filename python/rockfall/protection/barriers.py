@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rockfall.analysis.line_statistics import fraction_interval, sources
+from rockfall.analysis.precision.intervals import fraction_interval, sources
 from rockfall.result.trajectories import flags_of
 
 if TYPE_CHECKING:

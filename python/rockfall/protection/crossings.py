@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from rockfall.analysis.line_statistics import between_ranks, effective_number, line_values, sources
+from rockfall.analysis.line_statistics import line_values
+from rockfall.analysis.precision.intervals import Sources, between_ranks, effective_number, sources
 from rockfall.limits import barrier_outcomes
 from rockfall.result.variables import OUTCOME
 from rockfall.scene.rebound import sphere_radius
@@ -20,7 +21,7 @@ class Crossings(NamedTuple):
     """Of each boulder that crossed a line: its source and volume [m3], where along the line [m],
     speed [m/s], energies [J], heights above the ground [m]."""
 
-    source: np.ndarray
+    source: Sources
     volume: np.ndarray
     position: np.ndarray
     speed: np.ndarray
@@ -33,10 +34,11 @@ class Crossings(NamedTuple):
 
     @property
     def n(self) -> int:
-        return self.source.size
+        return self.volume.size
 
     def where(self, chosen: np.ndarray) -> Crossings:
-        return Crossings(*(values[chosen] for values in self))
+        first, *others = self
+        return Crossings(first[chosen], *(values[chosen] for values in others))
 
 
 def crossings(result: xr.Dataset, line: int) -> Crossings:
@@ -62,7 +64,7 @@ def crossings(result: xr.Dataset, line: int) -> Crossings:
     )  # fmt: skip
 
 
-def quantile(values: np.ndarray, level: float, source: np.ndarray) -> tuple[float, float, float]:
+def quantile(values: np.ndarray, level: float, source: Sources) -> tuple[float, float, float]:
     """A quantile and the limits of its 95 % interval, as line statistics have them; NaN of none."""
     if not values.size:
         return np.nan, np.nan, np.nan

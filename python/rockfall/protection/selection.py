@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rockfall.analysis.line_statistics import fraction_interval
+from rockfall.analysis.precision.intervals import Sources, fraction_interval
 from rockfall.errors import RockfallError
 from rockfall.io.tables import check_columns, read_table
 from rockfall.limits import EAD_ENERGY
@@ -49,7 +49,7 @@ def choices(
     return rows
 
 
-def residual_of(passing: np.ndarray, source: np.ndarray) -> tuple[float, float, float]:
+def residual_of(passing: np.ndarray, source: Sources) -> tuple[float, float, float]:
     """Fraction of the boulders that come, of these sources, that pass a barrier, and its 95 %
     interval."""
     if not passing.size:

@@ -36,13 +36,21 @@ def vertices_of(result: xr.Dataset, *names: str) -> list[np.ndarray]:
     return np.split(columns, cuts, axis=1)
 
 
-def trajectories(result: xr.Dataset, first: int | None = None) -> list[Trajectory]:
-    """The `first` recorded trajectories, or all, with the parabolas between their contacts.
+def trajectories(result: xr.Dataset, number: int | None = None) -> list[Trajectory]:
+    """The recorded trajectories, at most `number` of them, evenly over all, with the parabolas
+    between their contacts.
 
     The velocity after a contact, the time and the next contact fix a parabola; gravity follows.
     """
     names = ("x", "y", "z", "time", "velocity_x", "velocity_y", "velocity_z")
-    return [_curve(*vertices) for vertices in vertices_of(result, *names)[:first]]
+    return [_curve(*vertices) for vertices in spread(vertices_of(result, *names), number)]
+
+
+def spread(recorded: list[np.ndarray], number: int | None) -> list[np.ndarray]:
+    """At most so many of the recorded trajectories, evenly over all: they come by source."""
+    if number is None or len(recorded) <= number:
+        return recorded
+    return [recorded[k * len(recorded) // number] for k in range(number)]
 
 
 def _curve(x, y, z, time, velocity_x, velocity_y, velocity_z) -> Trajectory:

@@ -66,13 +66,13 @@ class Joined:
         _check_whole(sorted(self.ranges), tally)
         numbers = sorted(self.trajectories)
         wanted = min(tally.boulders, tally.scene.case.output["trajectories"])
-        if numbers != list(range(1, wanted + 1)):
+        if len(numbers) != wanted:
             raise RockfallError(
                 "merge: trajectories are missing: a run that was stopped ends with --resume"
             )
         join_sources(tally.maps, self.fed)
         tally.done = tally.boulders
-        tally.trajectories = [self.trajectories[number] for number in numbers]
+        tally.trajectories = {number: self.trajectories[number] for number in numbers}
         result = make_result(tally)
         result.attrs["threads"] = tally.threads
         return result

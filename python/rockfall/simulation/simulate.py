@@ -218,12 +218,17 @@ def _call(tally: Tally, scene: Scene, first: int, size: int) -> np.ndarray:
 
 
 def trace(tally: Tally) -> None:
-    """Simulate the first boulders once more, each alone, and keep their trajectories."""
+    """Simulate some boulders once more, each alone, and keep their trajectories."""
     wall, cpu = time.perf_counter(), time.process_time()
-    last = min(tally.scene.case.output["trajectories"], tally.before + tally.done)
-    assert isinstance(tally.scene, Scene)
-    for number in range(tally.before + 1, last + 1):
-        tally.trajectories.append(trajectory(tally.scene, number))
+    scene = tally.scene
+    assert isinstance(scene, Scene)
+    wanted = min(scene.case.output["trajectories"], scene.boulders)
+    if not wanted:
+        return
+    ends = tally.before + 1, tally.before + tally.done
+    numbers, n = _core.recorded(scene.kernel.handle, *ends, wanted)
+    for number in numbers[:n].tolist():
+        tally.trajectories[number] = trajectory(scene, number)
     tally.wall += time.perf_counter() - wall
     tally.cpu += time.process_time() - cpu
 

@@ -66,7 +66,9 @@ class Tally:
     before: int = 0  # boulders of the run before those of this tally
     done: int = 0
     counted: dict[str, Any] = field(default_factory=dict)  # in boulders whose `count` was not kept
-    trajectories: list[np.ndarray] = field(default_factory=list)  # (vertices, fields) each
+    trajectories: dict[int, np.ndarray] = field(
+        default_factory=dict
+    )  # (vertices, fields) by boulder
     wall: float = 0.0
     cpu: float = 0.0
     threads: int = 0

@@ -165,29 +165,30 @@ def map_variable(name: str, maps: Maps, boulders: int, least_passages: int) -> t
     """A map of the tallies of so many boulders, NaN where it has no number; the tallies themselves
     are used up."""
     if name == variables.EXCEEDED:
-        values, fewest = maps.counts[maps.plan.counts[name] - 1 :], 0
+        values, fewest, thin = maps.counts[maps.plan.counts[name] - 1 :], 0, 0
     else:
-        values, fewest = _map(name, maps, boulders, least_passages)
-    masked = {"least_passages": np.int32(fewest)} if fewest else {}
-    return variables.map_dims(name), values, variables.MAP[name] | masked | {"grid_mapping": "crs"}
+        values, fewest, thin = _map(name, maps, boulders, least_passages)
+    known = {"least_passages": fewest if fewest > 1 else 0, "thin_below": thin}
+    about = {key: np.int32(n) for key, n in known.items() if n}
+    return variables.map_dims(name), values, variables.MAP[name] | about | {"grid_mapping": "crs"}
 
 
-def _map(name: str, maps: Maps, boulders: int, least_passages: int) -> tuple[np.ndarray, int]:
-    """A map, and the passages that a number of it needs."""
+def _map(name: str, maps: Maps, boulders: int, least_passages: int) -> tuple[np.ndarray, int, int]:
+    """A map, the passages that a number of it needs, and those below which it is hardly known."""
     if name in maps.plan.counts:  # as it is: another copy would take memory
-        return maps.counts[maps.plan.counts[name] - 1], 0
+        return maps.counts[maps.plan.counts[name] - 1], 0, 0
     if name == HITS:
-        return maps.sums[maps.plan.sums[name] - 1], 0
+        return maps.sums[maps.plan.sums[name] - 1], 0, 0
     if name in MAXIMA:
         values = maps.maxima[maps.plan.maxima[MAXIMA[name]] - 1]
         for rows in row_blocks(values.shape):
             values[rows][values[rows] == 0] = np.nan
-        return values, 0
+        return values, 0, 0
     values = np.empty(maps.box.shape, "f4")
-    fewest = _core.map_values(
+    fewest, thin = _core.map_values(
         name, boulders, least_passages, maps.names, **maps.arguments(), values=values.T
     )
-    return values, fewest
+    return values, fewest, thin
 
 
 def _bins() -> dict[str, Any]:
@@ -218,13 +219,13 @@ def histogram_variables(tally: Tally) -> dict[str, Any]:
 
 
 def trajectory_variables(tally: Tally) -> dict[str, Any]:
-    """Vertices of the first boulders, where they were kept."""
+    """Vertices of boulders, where they were kept."""
     if not tally.trajectories:
         return {}
-    vertices = np.concatenate(tally.trajectories)
+    vertices = np.concatenate([*tally.trajectories.values()])
     columns = dict(zip(fields(4), vertices.T, strict=True))
-    lengths = [len(one) for one in tally.trajectories]
-    columns["boulder"] = tally.before + np.repeat(np.arange(1, len(lengths) + 1), lengths)
+    lengths = [len(one) for one in tally.trajectories.values()]
+    columns["boulder"] = np.repeat([*tally.trajectories], lengths)
     return {
         f"trajectory_{name}": ("trajectory_vertex", columns[name], about)
         for name, about in variables.VERTEX.items()

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rockfall.analysis.convergence import AS_GIVEN, ERRORS, KEYS, SIZE, Convergence
+from rockfall.analysis.precision.intervals import TARGETS, rounded_up
 from rockfall.quantities import QUANTITIES, number
 from rockfall.text.table import table
 
@@ -85,23 +86,33 @@ def _rule(key: tuple[str, str, str]) -> str:
 
 
 def _cost(cost: pd.DataFrame) -> Iterator[list[str]]:
-    yield ["", "slope", f"at {SIZE:,}", *(f"CPU s for {100 * error:.3g} %" for error in ERRORS)]
+    head = [f"boulders for +- {100 * target:g} %" for target in TARGETS]
+    yield ["", "slope", f"at {SIZE:,}", "CPU s for 1 %", *head]
     for row in cost.itertuples(index=False):
         slope = _changed(row.slope, row.slope_error, ".2f")
-        seconds = (number(one, 2) for one in row[-len(ERRORS) :])
-        yield [_label(row[:3]), slope, f"{row.error_10000:.2%}", *seconds]
+        needs = (f"{rounded_up(one):,}" for one in row[-len(TARGETS) :])
+        yield [
+            _label(row[:3]),
+            slope,
+            f"{row.error_10000:.2%}",
+            number(row[cost.columns.get_loc("cpu_seconds_1_percent")], 2),
+            *needs,
+        ]
 
 
 def _cost_says(found: Convergence) -> Iterator[str]:
     if found.cost.empty:
         yield "Too few boulders cross a line to measure errors there."
         return
-    percent, tenth = found.cost.columns[-2:]
+    percent, tenth = (f"cpu_seconds_{100 * error:g}_percent" for error in ERRORS[-2:])
     cost = found.cost.set_index(KEYS)
     for key in (cost[percent].idxmin(), cost[percent].idxmax()):
         one, more = (number(cost.loc[key, name], 2) for name in (percent, tenth))
         yield f"{_rule(key)} to 1 % costs {one} s of CPU; one more digit costs 100 times, {more} s."
-    yield "Errors are root mean squares; half an interval of 95 % is twice as wide."
+    yield (
+        "Errors are root mean squares; half an interval of 95 %, as of --until and reports, is "
+        "twice as wide: boulders for +- 2 % are for such an interval, over all sources."
+    )
     if found.sources > 1:
         yield "The sources are as given: what they differ by is not in these errors."
 

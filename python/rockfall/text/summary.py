@@ -7,7 +7,8 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from rockfall.analysis.extrapolation import extrapolations
-from rockfall.analysis.line_statistics import line_numbers, sources
+from rockfall.analysis.line_statistics import line_numbers
+from rockfall.analysis.precision.intervals import sources
 from rockfall.analysis.run_until import verdicts_of
 from rockfall.protection.barriers import barrier_statistics, barriers_of
 from rockfall.quantities import QUANTITIES, Quantity, percent

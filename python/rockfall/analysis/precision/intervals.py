@@ -1,0 +1,184 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""95 % confidence intervals of what boulders from given sources did, and the boulders they need.
+
+The sources of a case are all there are: other boulders would come from the same ones, so many from
+each. Boulders are then a stratified sample (Cochran 1977, chapter 5), and intervals hold what
+differs within the sources alone. With &release sources = 'sample' the sources are some of many: the
+boulders of each are a cluster, and few sources tell little of what others would do (Student's
+distribution; of two the intervals are 6.5 times as long as a normal distribution would have them).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rockfall.case import case_of
+from rockfall.limits import Z, fraction_limits
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+TARGETS = (0.05, 0.02, 0.01)  # half widths of an interval, relative to the number, to plan for
+CROSSED = 500  # boulders past the line before the interval of anything but a fraction is used
+
+
+@dataclass(frozen=True)
+class Sources:
+    """Where boulders come from. Of some of them (`sources[which]`) it still knows how many were
+    released: how many of those come is a matter of chance too."""
+
+    number: np.ndarray  # source of each boulder, from 0
+    stratum: np.ndarray  # the same, where sources of a single boulder share one with another
+    released: np.ndarray  # boulders of each stratum
+    sampled: bool = False  # the sources are a sample of others
+
+    @classmethod
+    def of(cls, number: np.ndarray, sampled: bool = False) -> Sources:
+        """Boulders of these sources; those of a single boulder are taken in pairs, neighbours by
+        number, so that what a pair differs by counts as chance (collapsed strata: Cochran 1977,
+        section 5A.12)."""
+        boulders = np.bincount(number)
+        of = np.arange(boulders.size)
+        single = np.flatnonzero(boulders == 1)
+        of[single[1::2]] = single[: single[1::2].size * 2 : 2]
+        if single.size % 2 and boulders.size > 1:
+            last = single[-1]
+            of[last] = of[last - 1] if last else of[1]
+        stratum = of[number]
+        return cls(number, stratum, np.bincount(stratum, minlength=boulders.size), sampled)
+
+    @classmethod
+    def alone(cls, boulders: int) -> Sources:
+        """So many boulders of one source."""
+        return cls.of(np.zeros(boulders, int))
+
+    def __getitem__(self, which: np.ndarray | slice) -> Sources:
+        return Sources(self.number[which], self.stratum[which], self.released, self.sampled)
+
+    @property
+    def count(self) -> int:
+        """Of the sources of the boulders."""
+        return int(self.number.max(initial=-1)) + 1
+
+
+def sources(result: xr.Dataset) -> Sources:
+    """Those of the boulders of a result, numbered as they come; boulders of a source start at one
+    place."""
+    start = result["start_x"].values + 1j * result["start_y"].values
+    _, first, number = np.unique(start, return_index=True, return_inverse=True)
+    rank = np.empty(first.size, int)
+    rank[np.argsort(first)] = np.arange(first.size)
+    sampled = "case" in result.attrs and case_of(result).release["sources"] == "sample"
+    return Sources.of(rank[number], sampled)
+
+
+def fraction_interval(holds: np.ndarray, source: Sources) -> tuple[float, float, float]:
+    """Fraction of the boulders of which something holds, and the limits of its 95 % interval
+    (Wilson 1927)."""
+    fraction = float(holds.mean())
+    return fraction, *fraction_limits(fraction, effective_number(holds.astype(float), source))
+
+
+def half_of_mean(v: np.ndarray, source: Sources) -> float:
+    """Half the interval of the mean of values of two boulders or more."""
+    if source.sampled:  # sources that happen to agree know no more than their boulders
+        alone = student(v.size - 1) * v.std(ddof=1) / np.sqrt(v.size)
+        return max(alone, _half_of_clusters(v, source.number))
+    within = _within(v - v.mean(), source)
+    total = within.sum()
+    if not total:
+        return 0.0
+    few = np.maximum(np.bincount(source.stratum, minlength=within.size) - 1, 1)
+    freedom = total**2 / (within**2 / few).sum()  # Satterthwaite 1946
+    return student(freedom) * math.sqrt(total / (v.size * (v.size - 1)))
+
+
+def effective_number(indicator: np.ndarray, source: Sources) -> float:
+    """As many independent boulders would know the fraction of an indicator as well (Korn and
+    Graubard 1998).
+
+    Where few boulders speak, sources in which all did the same seem surer than they are: the
+    variance is that of Z**2 more boulders which might have done otherwise, and at most that of
+    boulders from anywhere, which no stratified sample exceeds.
+    """
+    n, fraction = indicator.size, indicator.mean()
+    if source.sampled:
+        half = _half_of_clusters(indicator, source.number)
+        return min(float(n), Z**2 * fraction * (1 - fraction) / half**2) if half else float(n)
+    anywhere = n * fraction * (1 - fraction)
+    if not anywhere:
+        return float(n)
+    return n * anywhere / min(anywhere, _within(indicator - fraction, source).sum() + Z**2)
+
+
+def _within(residual: np.ndarray, source: Sources) -> np.ndarray:
+    """What each stratum adds to the variance of the sum of residuals; boulders that were released
+    and are not among these add none (a domain: Cochran 1977, section 5A.14)."""
+    n = source.released
+    total, squares = (np.bincount(source.stratum, v, n.size) for v in (residual, residual**2))
+    scatter = np.maximum(squares - total**2 / np.maximum(n, 1), 0)
+    return scatter * (n / np.maximum(n - 1, 1)) * (1 - 1 / n.sum())
+
+
+def _half_of_clusters(v: np.ndarray, cluster: np.ndarray) -> float:
+    """Half the interval of a mean as the clusters differ (linearised; Cochran 1977); 0 where there
+    is but one. Few clusters hardly know how much: Student's distribution has their number less
+    one."""
+    sums = np.bincount(cluster, v - v.mean())[np.bincount(cluster) > 0]
+    if sums.size == 1:  # one source: its boulders are independent
+        return 0.0
+    error = np.sqrt((sums**2).sum() * sums.size / (sums.size - 1)) / v.size
+    return student(sums.size - 1) * error
+
+
+def student(freedom: float) -> float:
+    """Student's t that 97.5 % do not exceed."""
+    from scipy.special import stdtrit
+
+    return float(stdtrit(freedom, 0.975))
+
+
+def between_ranks(ordered: np.ndarray, level: float, effective: float) -> tuple[float, float]:
+    """The order statistics that enclose a quantile, interpolated between ranks, without which a
+    small sample's intervals would hold too much; NaN where the sample ends before them. (SciPy's
+    quantile_test does not interpolate, and knows no sources.)"""
+    half = Z * np.sqrt(level * (1 - level) / effective)
+    n = ordered.size
+    low, high = np.interp(
+        n * np.array([level - half, level + half]) + 0.5,
+        np.arange(1, n + 1),
+        ordered,
+        np.nan,
+        np.nan,
+    )
+    return low, high
+
+
+def half_width(row: Mapping[str, float], name: str) -> float:
+    """Half the length of a confidence interval, relative to its number: 0 of equal values, inf of
+    the number 0, NaN without an interval."""
+    value = row.get(name, np.nan)
+    if name == "std" and value == 0:
+        return 0.0
+    half = (row.get(f"{name}_high", np.nan) - row.get(f"{name}_low", np.nan)) / 2
+    if half == 0 or np.isnan(half):
+        return half
+    return half / abs(value) if value else np.inf
+
+
+def boulders_needed(boulders: float, width: float, limit: float, crossed: float = np.inf) -> float:
+    """How many boulders make an interval as narrow as `limit` that has `width` with so many of
+    them: it falls as 1/sqrt(n). Where `crossed` is given, the boulders past the line, the interval
+    is believed from `CROSSED` on."""
+    return boulders * max((width / limit) ** 2, CROSSED / crossed if crossed else np.inf)
+
+
+def rounded_up(boulders: float) -> int:
+    """To two digits: a number of boulders is a forecast."""
+    step = 10 ** max(0, math.floor(math.log10(max(boulders, 1.0))) - 1)
+    return math.ceil(boulders / step - 1e-9) * step
