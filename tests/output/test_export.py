@@ -5,6 +5,7 @@ import csv
 import subprocess
 import sys
 import warnings
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ import rockfall
 from made import make_raster
 from rockfall.errors import RockfallError
 from rockfall.io.grid import Grid
+from rockfall.result.classes import classes_of
 from rockfall.result.export import export
 from scenes import make_case, rough, sets
 
@@ -23,6 +25,7 @@ shapely = pytest.importorskip("shapely", reason="the vector extra is not install
 
 GRID = Grid(600000.0, 5000000.0, 2.5, nx=7, ny=5)
 FILL = -2147483647
+CASE = "&case\n    title = 'A'\n/\n"
 STATUS = {
     "flag_values": np.array([1, 2, 3, 4], "i1"),
     "flag_meanings": "stopped absorbed left_domain impact_limit",
@@ -34,7 +37,10 @@ def lines_of(names):
     time = np.full((2, 5), np.nan)
     time[0, [1, 3]] = 10.25, 12.5
     return {
+        "line_x": (("line", "boulder"), 600000.0 + time, {"units": "m"}),
+        "line_y": (("line", "boulder"), 4999990.0 + 0 * time, {"units": "m"}),
         "line_time": (("line", "boulder"), time, {"units": "s"}),
+        "line_energy_translational": (("line", "boulder"), 1e4 * time, {"units": "J"}),
         "line_speed": (("line", "boulder"), (2 * time).astype("f4"), {"units": "m s-1"}),
         "line_vertex_line": ("line_vertex", np.array([0, 0, 1, 1, 1], "i4")),
         "line_vertex_x": ("line_vertex", [600000.0, 600010.0, 600000.0, 600005.0, 600010.0]),
@@ -55,6 +61,9 @@ def made():
     stop_x[4] = np.nan
     boulders = {
         "volume": ("boulder", np.linspace(0.1, 0.9, 5).astype("f4"), {"units": "m3"}),
+        "start_x": ("boulder", [600001.0, 600001.0, 600002.0, 600002.0, 600002.0]),
+        "start_y": ("boulder", np.full(5, 4999999.0)),
+        "plan_distance": ("boulder", [10.0, 30.0, 20.0, 5.0, np.nan], {"units": "m"}),
         "stop_x": ("boulder", stop_x),
         "stop_y": ("boulder", np.full(5, 4999995.0)),
         "stop_z": ("boulder", np.arange(5.0)),
@@ -74,6 +83,7 @@ def made():
     return xr.Dataset(
         {**maps, **boulders, **lines, **vertices},
         coords={"x": GRID.x, "y": GRID.y, **line_names},
+        attrs={"seed": 7, "case": CASE},
     )
 
 
@@ -108,30 +118,51 @@ def exported(request, tmp_path_factory):
 
 
 def test_all_files_are_there_and_no_others(exported):
-    names = "boulders.csv energy_max.tif line_EL1.csv line_EL_1_x.csv passages.tif rockfall.gpkg"
+    names = "boulders.csv energy_max_kJ.qml energy_max_kJ.tif line_EL1.csv line_EL_1_x.csv"
+    names += " passages.qml passages.tif rockfall.gpkg"
     assert sorted(path.name for path in exported.iterdir()) == names.split()
 
 
 def test_maps_keep_values_place_and_crs(exported, result):
     with rasterio.open(exported / "passages.tif") as file:
-        assert (file.read(1) == result.passages.values).all()
-        assert file.dtypes == ("int64",)
+        values = result.passages.values
+        assert (file.read(1) == np.where(values, values, -1)).all()  # none passed: no data
+        assert file.dtypes == ("int64",) and file.nodata == -1
         assert file.transform == GRID.transform
         assert file.crs.to_epsg() == 32632
         assert file.descriptions == ("boulders that passed",)
         assert file.tags()["long_name"] == "boulders that passed"
-    with rasterio.open(exported / "energy_max.tif") as file:
-        np.testing.assert_array_equal(file.read(1), result.energy_max.values)
+        assert file.tags()["seed"] == "7" and file.tags()["case"] == CASE  # where it comes from
+        assert file.tags(ns="IMAGE_STRUCTURE")["LAYOUT"] == "COG"
+    with rasterio.open(exported / "energy_max_kJ.tif") as file:
+        in_kj = result.energy_max.values * np.float32(1e-3)
+        np.testing.assert_array_equal(file.read(1), np.where(values, in_kj, np.nan))
         assert np.isnan(file.nodata)
         assert file.dtypes == ("float32",)
-        assert file.units == ("J",)
+        assert file.units == ("kJ",)
+
+
+@pytest.mark.parametrize("name", ["energy_max_kJ", "passages"])
+def test_a_style_has_a_colour_for_every_value(exported, name):
+    with rasterio.open(exported / f"{name}.tif") as file:
+        values, unit = file.read(1, masked=True).compressed(), file.units[0]
+    root = ElementTree.parse(exported / f"{name}.qml").getroot()
+    items = list(root.iter("item"))
+    ends = [float(item.get("value")) for item in items]
+    assert ends == sorted(ends) and values.max() < ends[-1] == np.inf
+    assert unit == "1" or {30.0, 300.0} < set(ends)
+    assert len({item.get("color") for item in items}) == len(ends) > 3
+    found = classes_of("boulders" if unit == "1" else unit)
+    held = np.searchsorted(ends, values)  # QGIS: up to and with the end
+    assert (held == found.numbers(values.astype(float))).all()
+    assert [item.get("color") for item in items] == list(found.colours)
 
 
 def test_maps_with_y_upwards_are_turned(result, tmp_path):
     export(result.isel(y=slice(None, None, -1)), tmp_path)
     with rasterio.open(tmp_path / "passages.tif") as file:
         assert file.transform == GRID.transform
-        assert (file.read(1) == result.passages.values).all()
+        assert (file.read(1)[1:] == result.passages.values[1:]).all()
 
 
 def test_boulders_come_back_to_the_last_digit(exported, result):
@@ -147,10 +178,27 @@ def test_boulders_come_back_to_the_last_digit(exported, result):
 
 def test_line_tables_have_those_who_crossed(exported):
     assert table(exported / "line_EL1.csv") == [
-        {"boulder": "2", "time": "10.25", "speed": "20.5"},
-        {"boulder": "4", "time": "12.5", "speed": "25.0"},
-    ]
-    assert (exported / "line_EL_1_x.csv").read_text() == "boulder,time,speed\n"
+        {"boulder": boulder, "x": x, "y": "4999990.0", "time": time, "energy_translational": energy,
+         "speed": speed}
+        for boulder, x, time, energy, speed in (
+            ("2", "600010.25", "10.25", "102500.0", "20.5"),
+            ("4", "600012.5", "12.5", "125000.0", "25.0"),
+        )
+    ]  # fmt: skip
+    empty = (exported / "line_EL_1_x.csv").read_text()
+    assert empty == "boulder,x,y,time,energy_translational,speed\n"
+
+
+def test_crossings_and_sources_are_points(exported):
+    _, points, columns = layer(exported, "crossings")
+    assert [point.coords[0] for point in points] == [(600010.25, 4999990), (600012.5, 4999990)]
+    assert columns["line"].tolist() == ["EL1", "EL1"] and columns["boulder"].tolist() == [2, 4]
+    assert columns["energy_translational_kJ"].tolist() == [102.5, 125.0]
+    assert columns["speed_m_s"].tolist() == [20.5, 25.0]
+    _, points, columns = layer(exported, "sources")
+    assert [point.coords[0] for point in points] == [(600001, 4999999), (600002, 4999999)]
+    assert columns["boulders"].tolist() == [2, 3]
+    assert columns["plan_distance_max_m"].tolist() == [30.0, 20.0]
 
 
 def test_stops_are_points_with_all_that_is_known(exported, result):
@@ -163,9 +211,10 @@ def test_stops_are_points_with_all_that_is_known(exported, result):
     assert points[4] is None
     assert columns["boulder"].tolist() == [1, 2, 3, 4, 5]
     assert columns["status"].tolist()[3] == "left_domain"
-    assert columns["travel_time"].tolist() == [0.0, 1.0, 2.0, 3.0, 4.0]
+    assert columns["travel_time_s"].tolist() == [0.0, 1.0, 2.0, 3.0, 4.0]
+    units = {"travel_time": "_s", "volume": "_m3", "plan_distance": "_m"}
     assert set(columns) == {"boulder"} | {
-        name for name in result.data_vars if result[name].dims == ("boulder",)
+        name + units.get(name, "") for name in result.data_vars if result[name].dims == ("boulder",)
     }
 
 
@@ -261,6 +310,7 @@ def test_without_the_vector_extra_one_line_and_nothing_written(
 DISK_FULL = """
 import resource, signal, sys, xarray as xr
 from rockfall.errors import RockfallError
+from rockfall.result.classes import classes_of
 from rockfall.result.export import export
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 data = xr.load_dataset("out.nc", mask_and_scale=False, decode_times=False)

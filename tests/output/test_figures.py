@@ -21,6 +21,7 @@ from rockfall.io.grid import Grid
 from rockfall.plots import extent, style, terrain
 from rockfall.plots import map_figures as mapfigures
 from rockfall.plots import rebound_figures as reboundfigures
+from rockfall.plots.cartography import rasters
 from rockfall.plots.figures import figures, write_figures
 from rockfall.plots.terrain import terrain_of
 from rockfall.result import trajectories
@@ -128,7 +129,7 @@ def test_a_barrier_is_no_dashed_line(full):
                 one
                 for axes in draw(result, name).axes[:1]
                 for one in axes.lines
-                if one.get_color() == style.INK and len(one.get_xdata()) == 2
+                if one.get_color() in (style.INK, style.BLUE) and len(one.get_xdata()) == 2
             )
             assert drawn.get_linestyle() == dashes, name
     barrier = draw(full.assign(barrier_height=("line", [3.0])), "line_speed")
@@ -308,18 +309,18 @@ def test_a_part_of_a_raster_keeps_its_place(flipped):
     whole = Grid(100.0, 220.0, 5.0, 12, 9)
     values = 1000 * whole.y[:, None] + whole.x
     stored = values[::-1] if flipped else values
-    part, cells = mapfigures.cropped(stored, whole, flipped, (112.0, 139.0, 183.0, 201.0), np.fmax)
+    part, cells = rasters.cropped(stored, whole, flipped, (112.0, 139.0, 183.0, 201.0), np.fmax)
     assert (part == 1000 * cells.y[:, None] + cells.x).all()
     assert (cells.west, cells.east, cells.south, cells.north) == (110.0, 140.0, 180.0, 205.0)
 
 
 def test_a_thinned_raster_keeps_its_edges(monkeypatch):
-    monkeypatch.setattr(mapfigures, "DOTS", 4)
+    monkeypatch.setattr(rasters, "DOTS", 4)
     whole = Grid(0.0, 50.0, 5.0, 7, 10)
     values = np.arange(70.0).reshape(10, 7)
-    most, cells = mapfigures.cropped(values, whole, False, (0.0, 35.0, 0.0, 50.0), np.fmax)
+    most, cells = rasters.cropped(values, whole, False, (0.0, 35.0, 0.0, 50.0), np.fmax)
     assert most.max() == 69 and most.shape == (4, 3) and cells.cell == 15
-    mean, _ = mapfigures.cropped(values, whole, False, (0.0, 35.0, 0.0, 50.0), np.add)
+    mean, _ = rasters.cropped(values, whole, False, (0.0, 35.0, 0.0, 50.0), np.add)
     assert mean[0, 0] == values[:3, :3].mean() and mean[-1, -1] == 69
 
 

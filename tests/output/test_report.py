@@ -1,12 +1,15 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The report: its sentences and tables say what the result holds, and a browser can show it."""
 
+import hashlib
+import json
 import re
 import shutil
 import sys
 import zlib
-from base64 import b64decode
+from base64 import b64decode, b64encode
 from html import unescape
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +27,7 @@ from rockfall.analysis.precision.intervals import (
 from rockfall.analysis.run_until import verdicts_of
 from rockfall.case import case_of
 from rockfall.cli import main
+from rockfall.io.output_files import FIGURE, kind_of
 from scenes import grid, make_case, rough, sets
 
 pytest.importorskip("matplotlib", reason="the report extra is not installed")
@@ -39,6 +43,7 @@ from rockfall.html_report.maps import (  # noqa: E402
     window_of,
 )
 from rockfall.html_report.summary import summary  # noqa: E402
+from rockfall.html_report.terrain_view import VERTICES, traces  # noqa: E402
 from rockfall.html_report.validity import ORIGIN, cautions, warnings  # noqa: E402
 from rockfall.plots.figures import figures  # noqa: E402
 from rockfall.quantities import number, percent  # noqa: E402
@@ -501,8 +506,19 @@ def test_a_browser_shows_all_of_it(browser, page, width):
     assert not [one for one in browser.execute_script(requests) if not one.startswith("data:")]
     assert browser.title == EVIL
     assert browser.get_log("browser") == []
+    boxes = browser.execute_script(NAMES)
+    assert len(boxes) > 4
+    for (a, b, c, d), (e, f, g, h) in combinations(boxes, 2):
+        assert c <= e or g <= a or d <= f or h <= b  # no name lies on another
 
 
+NAMES = """
+const map = document.querySelector("figure.map");
+return [...map.querySelectorAll("#marks text, .north, .ruler")]
+  .filter((one) => getComputedStyle(one).visibility === "visible")
+  .map((one) => one.getBoundingClientRect())
+  .map((box) => [box.left, box.top, box.right, box.bottom]);
+"""
 BOX = "return document.querySelectorAll('.map svg[tabindex]')[{}].getAttribute('viewBox')"
 
 
@@ -583,6 +599,59 @@ def test_the_pointer_tells_place_and_value(browser, page, result):
     WebDriverWait(browser, 5).until(lambda _: output.text)
     x, y = float(result.x[column]), float(result.y[row])
     assert output.text == f"x {x:.1f} m, y {y:.1f} m: {int(result['passages'].max())} boulders"
+
+
+def test_the_view_has_ground_lines_and_trajectories_over_it(result):
+    z, cells = rough(), grid(rough())
+    surface, *rest = traces(result, (z, cells))
+    assert len(surface["z"]) <= VERTICES and len(surface["z"][0]) == len(surface["x"])
+    assert np.nanmax(np.array(surface["z"], float)) <= z.max() + 0.1
+    assert [one["name"] for one in rest[: result.sizes["line"]]] == list(result["line"].values)
+    paths = [one for one in rest if one["name"] == "trajectories"]
+    recorded = "trajectory_x" in result and result.sizes["trajectory_vertex"] > 0
+    assert len(paths) == recorded
+    json.dumps([surface, *rest], allow_nan=False)  # JSON has no NaN
+
+
+def test_a_page_with_a_view_carries_its_library(result, monkeypatch):
+    plotly = pytest.importorskip("plotly.offline", reason="the view extra is not installed")
+    monkeypatch.setattr("rockfall.html_report.figures", lambda *_: [])
+    page = report(result, (rough(), grid(rough())), view=True)
+    packed = re.search(r'id="terrain-library">([^<]+)<', page)[1]
+    library = zlib.decompress(b64decode(packed))
+    assert library.decode() == plotly.get_plotlyjs()
+    checksum = b64encode(hashlib.sha256(library).digest()).decode()
+    assert f"'sha256-{checksum}'" in page and len(page) < 4_000_000
+
+
+def test_the_report_on_paper(result, monkeypatch, tmp_path):
+    pytest.importorskip("weasyprint", reason="the pdf extra is not installed")
+    monkeypatch.setattr("rockfall.html_report.figures", lambda *_: [])
+    path = tmp_path / "report.pdf"
+    write_report(result, path)
+    assert path.read_bytes().startswith(b"%PDF") and kind_of(path) == FIGURE
+    write_report(result, path)  # over its own
+
+
+@pytest.mark.parametrize(
+    ("arguments", "package", "message"),
+    [
+        (["--pdf"], "weasyprint", "a PDF needs the pdf extra"),
+        (["--3d"], "plotly", "a view in three dimensions needs the view extra"),
+        (["--pdf", "-o", "a.html"], "", "a.html: is no name for a PDF; it must end in .pdf"),
+        (["--limits", "kJ=3,1"], "", "--limits kJ=3,1: must be unit=limit"),
+        (["--basemap", "o.tif"], "", "o.tif: a basemap needs a result whose terrain has a CRS"),
+    ],
+)
+def test_what_a_report_lacks_is_said_in_one_line(stored, capsys, monkeypatch, arguments, package,
+                                                 message):  # fmt: skip
+    if package:
+        monkeypatch.setitem(sys.modules, package, None)
+    before = sorted(stored.iterdir())
+    assert main(["report", "out.nc", *arguments]) == 2
+    said = capsys.readouterr().err.splitlines()
+    assert message in said[-1] and not said[-1].startswith("Traceback")
+    assert sorted(stored.iterdir()) == before
 
 
 def test_a_figure_opens_large_and_closes_by_key(browser, page):

@@ -101,7 +101,7 @@ contains
       end do
       whole = merge(1, 0, results%done == results%asked)
       associate (grid => inputs%arrays%grid, last => results%before + results%done)
-         call keep(file, nf90_put_att(file%id, nf90_global, "Conventions", "CF-1.8"))
+         call keep(file, nf90_put_att(file%id, nf90_global, "Conventions", "CF-1.11"))
          call keep(file, nf90_put_att(file%id, nf90_global, "part_layout", layout))
          call keep(file, nf90_put_att(file%id, nf90_global, "title", case%title))
          call keep(file, nf90_put_att(file%id, nf90_global, "source", "rockfall "//version &

@@ -255,7 +255,7 @@ def _with_attributes(data: dict[str, Any], case: Case, base: _Run, inputs: Uncer
     import xarray as xr
 
     run = base.result
-    names = ("Conventions", "title", "source", "case_file", "seed")
+    names = ("Conventions", "history", "title", "source", "case_file", "seed")
     attrs = {name: run.attrs[name] for name in names}
     checksums = json.loads(run.attrs["input_checksums"])
     checksums |= {f"ensemble sets {name}": one for name, one in inputs.set_checksums.items()}

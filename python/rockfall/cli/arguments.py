@@ -159,12 +159,20 @@ def _add_results(commands: _Commands) -> None:
     figures = result("figures", "draw every figure of a result, those of the paper too")
     figures.add_argument("folder", metavar="DIR", type=Path, help="is made if it is missing")
     figures.add_argument("--format", default="png", help="png (default), pdf or svg")
-    report = result("report", "write a result as one HTML page, to be read offline")
+    report = result("report", "write a result as one HTML page, to be read offline, or as PDF")
     report.add_argument("-o", "--output", metavar="FILE", type=Path, help="default: OUT.html")
+    report.add_argument("--pdf", action="store_true", help="a PDF in place of the page")
+    report.add_argument(
+        "--3d", dest="view", action="store_true", help="the terrain in three dimensions, too"
+    )
     _add_design(commands)
     for one in figures, report:
         one.add_argument("--dem", metavar="FILE", type=Path, help="default: the case's, if found")
         one.add_argument("--observed", metavar="CSV", type=Path, nargs="+", help="drawn beside it")
+        one.add_argument("--basemap", metavar="FILE", type=Path, help="a picture below the maps")
+        one.add_argument(
+            "--limits", metavar="UNIT=LIMITS", nargs="+", help="of classes: kJ=30,300 m=1,5"
+        )
 
 
 def _add_design(commands: _Commands) -> None:

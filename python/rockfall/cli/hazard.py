@@ -143,10 +143,8 @@ def _check_place(folder: Path, case: Case, inputs: Iterable[str | Path]) -> None
         "hazard.gpkg": LAYERS,
         "objects.csv": OBJECT_TABLE,
     }
-    for name, variable in map_names(case):
-        kinds[f"{name}.tif"] = MAP
-        if variable.words:
-            kinds[f"{name}.qml"] = STYLE
+    for name, _ in map_names(case):
+        kinds |= {f"{name}.tif": MAP, f"{name}.qml": STYLE}
     periods = (shown("return_period", one) for one in case.hazard["return_periods"])
     for name in ("hazard_class", *(f"intensity_{period}" for period in periods)):
         kinds[f"{name}.png"] = FIGURE

@@ -22,6 +22,7 @@ from rockfall.errors import RockfallError, need
 from rockfall.html_report.convergence import convergence_figure
 from rockfall.html_report.intervals import rows_of
 from rockfall.html_report.maps import data_uri, map_section
+from rockfall.html_report.pdf import check_pdf, write_pdf
 from rockfall.html_report.summary import summary
 from rockfall.html_report.tables import (
     barrier_table,
@@ -32,9 +33,10 @@ from rockfall.html_report.tables import (
     precision_table,
     provenance,
 )
+from rockfall.html_report.terrain_view import terrain_view
 from rockfall.html_report.validity import cautions, warnings
 from rockfall.io.files import atomic_write
-from rockfall.io.output_files import PAGE, SIGNATURE, check_output
+from rockfall.io.output_files import FIGURE, PAGE, SIGNATURE, check_output
 from rockfall.plots.figures import figures
 from rockfall.plots.style import save
 from rockfall.protection.barriers import barriers_of
@@ -50,10 +52,13 @@ if TYPE_CHECKING:
 
     from rockfall.html_report.intervals import Rows
     from rockfall.html_report.tables import Table
+    from rockfall.plots.map_figures import Look
     from rockfall.result.trajectories import Terrain
 
+PDF = ".pdf"
 MAX_SVG = 400_000  # bytes; a denser figure becomes dots
 DOTS_PER_INCH = 200
+COLOURS = 128  # of a figure of dots
 
 
 class Picture(NamedTuple):
@@ -67,11 +72,21 @@ class Picture(NamedTuple):
 
 
 def write_report(
-    result: xr.Dataset, path: str | Path, terrain: Terrain | None = None, observed: Any = None
+    result: xr.Dataset,
+    path: str | Path,
+    terrain: Terrain | None = None,
+    observed: Any = None,
+    look: Look | None = None,
+    view: bool = False,
 ) -> None:
-    """Write the page of a result to `path`, whole or not at all; the rest is as in `report`."""
+    """Write the page of a result to `path` (.html, or .pdf), whole or not at all; the rest is as in
+    `report`."""
+    path = Path(path)
     check_page(path, files_behind(result))
-    page = report(result, terrain, observed)
+    if path.suffix.lower() == PDF:
+        write_pdf(report(result, terrain, observed, look, on_paper=True), path)
+        return
+    page = report(result, terrain, observed, look, view)
     with atomic_write(path) as part:
         part.write_text(page, encoding="utf-8")
 
@@ -80,30 +95,43 @@ def check_page(path: str | Path, inputs: Iterable[str | Path] = ()) -> None:
     """Refuse a page that cannot be made or written, before the work and not after it."""
     path = Path(path)
     need("a report needs", "report", "matplotlib", "PIL", "jinja2")
-    if path.suffix.lower() not in (".html", ".htm"):
-        raise RockfallError(f"{path}: is no name for a page; it must end in .html")
-    check_output(path, PAGE, inputs)
+    ending = path.suffix.lower()
+    if ending not in (".html", ".htm", PDF):
+        raise RockfallError(f"{path}: is no name for a page; it must end in .html or .pdf")
+    if ending == PDF:
+        check_pdf()
+    check_output(path, FIGURE if ending == PDF else PAGE, inputs)
 
 
-def report(result: xr.Dataset, terrain: Terrain | None = None, observed: Any = None) -> str:
+def report(
+    result: xr.Dataset,
+    terrain: Terrain | None = None,
+    observed: Any = None,
+    look: Look | None = None,
+    view: bool = False,
+    on_paper: bool = False,
+) -> str:
     """The page of a result as text. The same result gives the same text.
 
     `terrain`, from `rockfall.plots.terrain.terrain_of`, puts relief under maps; `observed`, from
     `rockfall.analysis.observations.read_observed`, is set beside it in the figures and in a
-    comparison.
+    comparison; `look` has limits between classes of maps and a basemap. With `view` the terrain
+    stands in the page in three dimensions too, which needs `terrain`. `on_paper` all maps are
+    figures.
     """
     result = flat_maps(result)
     rows, levels = rows_of(result), return_levels(result)
     sheet = design(result) if rows else None
-    zoomed = {f"map_{name}" for name in result.data_vars}
-    shown = [one for one in figures(result, terrain, observed) if one.name not in zoomed]
+    zoomed = set() if on_paper else {f"map_{name}" for name in result.data_vars}
+    shown = [one for one in figures(result, terrain, observed, look) if one.name not in zoomed]
     return _rendered(
         title=str(result.attrs["title"]) or "rockfall",
         boulders=count(result.sizes["boulder"], "boulder"),
         warnings=warnings(result),
         summary=summary(result, rows),
         cautions=cautions(result, rows, levels),
-        map_section=map_section(result, terrain),
+        map_section=None if on_paper else map_section(result, terrain, look),
+        view=terrain_view(result, terrain) if view and terrain is not None else None,
         lines=[*line_tables(rows), level_table(levels)] if rows else [],
         design=[
             *(design_tables(sheet) if sheet else ()),
@@ -116,6 +144,7 @@ def report(result: xr.Dataset, terrain: Terrain | None = None, observed: Any = N
         comparison="" if observed is None else text(compare(result, observed)),
         figures=[_picture(one.draw(), one.title, one.caption) for one in shown],
         provenance=provenance(result),
+        on_paper=on_paper,
     )
 
 
@@ -146,6 +175,10 @@ def _saved(figure: Figure, ending: str) -> bytes:
     with TemporaryDirectory() as folder:
         path = Path(folder) / f"figure.{ending}"
         save(figure, path, DOTS_PER_INCH)
+        if ending == "png":  # a third of the bytes
+            from PIL import Image
+
+            Image.open(path).convert("RGB").quantize(COLOURS).save(path, optimize=True)
         return path.read_bytes()
 
 

@@ -16,32 +16,29 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from rockfall.plots.cartography.labels import along
+from rockfall.plots.cartography.marks import FEW_SOURCES, inside, outlined, starts
+from rockfall.plots.cartography.rasters import cropped, edges, merged
+from rockfall.plots.cartography.relief import contours_of, shade
 from rockfall.plots.extent import of_none, reached
-from rockfall.plots.map_figures import (
-    FEW_SOURCES,
-    MAX_TRAJECTORIES,
-    colours,
-    cropped,
-    first_inside,
-    map_note,
-    merged,
-    norm_of,
-    shade,
-    shown_as,
-)
+from rockfall.plots.map_figures import MAX_TRAJECTORIES, map_note
 from rockfall.plots.style import capital
 from rockfall.protection.barriers import barriers_of
+from rockfall.result.classes import Classes, classes_of, shown_as
 from rockfall.result.trajectories import lines, spread, vertices_of
 
 if TYPE_CHECKING:
     import xarray as xr
-    from matplotlib.colors import Normalize
 
+    from rockfall.plots.cartography.basemap import Basemap
     from rockfall.plots.extent import Extent
+    from rockfall.plots.map_figures import Look
+    from rockfall.result.classes import Limits
     from rockfall.result.trajectories import Terrain
 
 MAX_CELLS = 4_000_000  # of the pictures of all maps: a page has a few MB, however many there are
-MAX_POINTS = 3000  # sources and stops that are drawn
+MAX_POINTS = 3000  # stops that are drawn
+FINEST = 1 / 400  # side of a cell of the outline of sources, of the longer side of the window
 
 
 class Window(NamedTuple):
@@ -81,10 +78,30 @@ class Image(NamedTuple):
 
 
 class Legend(NamedTuple):
-    """Colours of a colour bar from its left to its right, and its ticks: place [%] -> text."""
+    """The colour of each class from left to right, with where it begins and ends [%], and the
+    limits between them: place [%] -> text."""
 
-    colours: list[str]
+    colours: list[tuple[str, float, float]]
     ticks: dict[float, str]
+
+
+class Line(NamedTuple):
+    """An evaluation line or a barrier: path, and where its name stands, if it is in the window."""
+
+    kind: str
+    name: str
+    path: str
+    at: tuple[float, float] | None
+
+
+class Ground(NamedTuple):
+    """Contours: their interval [m], thin and bold ones as paths, and the numbers of the latter: x,
+    y [cells], angle [degree], elevation."""
+
+    interval: float
+    thin: str
+    bold: str
+    numbers: list[tuple[float, float, float, str]]
 
 
 class Map(NamedTuple):
@@ -98,30 +115,65 @@ class Map(NamedTuple):
     legend: Legend | None = None
 
 
-def map_section(result: xr.Dataset, terrain: Terrain | None) -> dict[str, object]:
-    """All that the template of the maps needs; of many sources and stops some are drawn."""
+def map_section(
+    result: xr.Dataset, terrain: Terrain | None, look: Look | None = None
+) -> dict[str, object]:
+    """All that the template of the maps needs; of many stops some are drawn."""
     window = window_of(result)
-    start = np.unique(np.column_stack([result["start_x"], result["start_y"]]), axis=0)
     every = -(-result.sizes["boulder"] // MAX_POINTS)
     x, y = result["stop_x"].values[::every], result["stop_y"].values[::every]
     recorded = spread(vertices_of(result, "x", "y"), MAX_TRAJECTORIES)
-    barriers = barriers_of(result)
-    kinds = ["barrier" if k in barriers else "line" for k in range(result.sizes.get("line", 0))]
+    limits, basemap = look or (None, None)
+    place, path = _sources(result, window)
     return {
         "window": window,
-        "relief": _relief(terrain, window),
-        "maps": list(maps(result, window)),
-        "lines": [
-            (kinds[k], name, _path([window.place(*line)]), _label(window.place(*line), window))
-            for k, (name, *line) in enumerate(lines(result))
-        ],
-        "kinds": {*kinds},
-        "sources": _dots(window.place(*start[:: -(-len(start) // MAX_POINTS)].T)),
-        "source_class": "source" if len(start) < FEW_SOURCES else "source many",
+        "relief": _relief(terrain, window) if basemap is None else _picture(basemap, window),
+        "ground": _ground(terrain, window),
+        "maps": list(maps(result, window, limits)),
+        "lines": (placed := list(_lines(result, window))),
+        "kinds": {line.kind for line in placed},
+        "sources": path,
+        "source_class": place,
         "trajectories": _path(window.place(*one) for one in recorded),
         "stops": _dots(window.place(x, y)),
         "every": every,
     }
+
+
+def _lines(result: xr.Dataset, window: Window) -> Iterator[Line]:
+    nets = barriers_of(result)
+    for k, (name, *line) in enumerate(lines(result)):
+        places = window.place(*line)
+        x, y = inside(places[:, 0], places[:, 1], (0, window.nx, 0, window.ny))
+        at = (float(x[0]), float(y[0])) if x.size else None
+        yield Line("barrier" if k in nets else "line", name, _path([places]), at)
+
+
+def _sources(result: xr.Dataset, window: Window) -> tuple[str, str]:
+    """Few sources as points, many as the outline of the cells that they are in: class and path."""
+    places = starts(result)
+    if len(places) < FEW_SOURCES:
+        return "source", _dots(window.place(*places.T))
+    finest = max(window.nx, window.ny) * FINEST * window.cell
+    sides = edges(*outlined(places, finest))
+    return "area", _path(window.place(*side.T) for side in sides)
+
+
+def _ground(terrain: Terrain | None, window: Window) -> Ground | None:
+    """Contours, and where their numbers may stand."""
+    if terrain is None:
+        return None
+    found = contours_of(terrain, window.extent)
+    thin: list[np.ndarray] = []
+    bold: list[np.ndarray] = []
+    numbers = []
+    for level, curves in found.curves.items():
+        placed = [window.place(*curve.T) for curve in curves]
+        (bold if found.is_index(level) else thin).extend(placed)
+        for curve in placed if found.is_index(level) else ():
+            x, y, angle, _ = next(along(curve))
+            numbers.append((x, y, angle, f"{level:g}"))
+    return Ground(found.interval, _path(thin, 1), _path(bold, 1), numbers)
 
 
 def window_of(result: xr.Dataset) -> Window:
@@ -143,7 +195,7 @@ def _names(result: xr.Dataset) -> list[str]:
     return [str(name) for name, variable in result.data_vars.items() if variable.dims == ("y", "x")]
 
 
-def maps(result: xr.Dataset, window: Window) -> Iterator[Map]:
+def maps(result: xr.Dataset, window: Window, limits: Limits | None = None) -> Iterator[Map]:
     """Every map variable of a result; nothing is drawn where no boulder passed."""
     for name in _names(result):
         unit, factor = shown_as(result[name])
@@ -152,7 +204,9 @@ def maps(result: xr.Dataset, window: Window) -> Iterator[Map]:
         values *= np.float32(factor)
         title = capital(result[name].attrs["long_name"])
         found = Map(title, unit, _packed(values), map_note(result, name))
-        yield found if np.isnan(values).all() else found._replace(**_coloured(values, window))
+        if not np.isnan(values).all():
+            found = found._replace(**_coloured(values, window, classes_of(unit, limits)))
+        yield found
 
 
 def blocks_max(values: np.ndarray, window: Window) -> np.ndarray:
@@ -162,27 +216,14 @@ def blocks_max(values: np.ndarray, window: Window) -> np.ndarray:
     return merged(part, step, np.fmax).astype("f4")
 
 
-def _coloured(values: np.ndarray, window: Window) -> dict[str, Any]:
+def _coloured(values: np.ndarray, window: Window, classes: Classes) -> dict[str, Any]:
     """Layer and legend of the values of a map."""
-    norm = norm_of(values)
-    table = (colours(255)[:, :3] * 255).round().astype("u1")
-    index = np.where(np.isfinite(values), 1 + 254 * np.clip(norm(values).filled(0), 0, 1), 0)
-    content = _png(index.astype("u1"), np.vstack([[[255, 255, 255]], table]).astype("u1"))
-    ticks = {round(100 * float(norm(tick)), 1): f"{tick:,g}" for tick in _ticks(norm)}
-    legend = Legend(["#" + bytes(c).hex() for c in table[:: len(table) // 12]], ticks)
+    table = np.array([list(bytes.fromhex(one[1:])) for one in ("#ffffff", *classes.colours)], "u1")
+    content = _png((1 + classes.numbers(values)).astype("u1"), table)
+    places = np.linspace(0, 100, len(classes.colours) + 1).round(2).tolist()
+    colours = list(zip(classes.colours, places, places[1:], strict=False))
+    legend = Legend(colours, dict(zip(places[1:], classes.ticks, strict=False)))
     return {"layer": Image(content, 0, 0, window.nx, window.ny), "legend": legend}
-
-
-def _ticks(norm: Normalize) -> list[float]:
-    """Round numbers for a legend."""
-    from matplotlib.colors import LogNorm
-    from matplotlib.ticker import LogLocator, MaxNLocator
-
-    locator = LogLocator(numticks=5) if isinstance(norm, LogNorm) else MaxNLocator(4)
-    low, high = norm.vmin, norm.vmax
-    assert low is not None and high is not None
-    found = np.asarray(locator.tick_values(low, high)).tolist()
-    return [tick for tick in found if low <= tick <= 1.0001 * high]
 
 
 def _packed(values: np.ndarray) -> str:
@@ -203,6 +244,18 @@ def _relief(terrain: Terrain | None, window: Window) -> Image | None:
     return Image(_png((255 * shade(z, grid.cell)).astype("u1")), *corner, *size)
 
 
+def _picture(basemap: Basemap, window: Window) -> Image:
+    """The picture of the user's, as JPEG."""
+    from PIL import Image as Picture
+
+    buffer = io.BytesIO()
+    Picture.fromarray(basemap.colours).save(buffer, "JPEG", quality=80)
+    west, east, south, north = basemap.extent
+    (corner,) = window.place(np.array([west]), np.array([north]))
+    size = np.array([east - west, north - south]) / window.cell
+    return Image(data_uri(buffer.getvalue(), "image/jpeg"), *corner, *size)
+
+
 def _png(index: np.ndarray, table: np.ndarray | None = None) -> str:
     """A picture of grey levels, or of colours by number, of which number 0 is clear."""
     from PIL import Image as Picture
@@ -220,18 +273,13 @@ def data_uri(content: bytes, kind: str) -> str:
     return f"data:{kind};base64,{base64.b64encode(content).decode()}"
 
 
-def _path(curves: Iterable[np.ndarray]) -> str:
-    """Polylines (n, 2) as one SVG path of two decimals."""
-    return "".join("M" + "L".join(f"{x:.2f} {y:.2f}" for x, y in curve) for curve in curves)
+def _path(curves: Iterable[np.ndarray], decimals: int = 2) -> str:
+    """Polylines (n, 2) as one SVG path."""
+    return "".join(
+        "M" + "L".join(f"{x:.{decimals}f} {y:.{decimals}f}" for x, y in curve) for curve in curves
+    )
 
 
 def _dots(points: np.ndarray) -> str:
     """Points (n, 2) as one SVG path of strokes without length."""
     return "".join(f"M{x:.2f} {y:.2f}h0" for x, y in points)
-
-
-def _label(line: np.ndarray, window: Window) -> tuple[float, float, bool] | None:
-    """Where the name of a line stands, and whether below it, as near the upper edge."""
-    x, y = line.T
-    at = first_inside(x, y, (0, window.nx, 0, window.ny))
-    return at and (*at, at[1] <= 0.05 * window.ny)

@@ -99,11 +99,12 @@ def aligned_blocks(
 def write_geotiff(
     path: str | Path, array: np.ndarray, grid: Grid, nodata: float | None = None, **tags: Any
 ) -> None:
-    """Write a map: tiled, compressed, with its CRS and `tags`; whole or not at all.
+    """Write a map as cloud-optimised GeoTIFF, with its CRS and `tags`; whole or not at all.
 
     The tags `units` and `long_name` also become the unit and the description of the band.
     """
     from rasterio.io import MemoryFile
+    from rasterio.shutil import copy
     from rasterio.windows import Window
 
     if array.shape != grid.shape:
@@ -112,19 +113,25 @@ def write_geotiff(
         array = array.view(np.uint8)
     profile = {
         "driver": "GTiff", "width": grid.nx, "height": grid.ny, "count": 1, "crs": grid.crs,
-        "dtype": array.dtype.name, "transform": grid.transform, "nodata": nodata, "tiled": True,
-        "blockxsize": _TILE, "blockysize": _TILE, "compress": "deflate", "bigtiff": "IF_SAFER",
-        "predictor": 3 if array.dtype.kind == "f" else 2 if array.dtype.itemsize < 8 else 1,
+        "dtype": array.dtype.name, "transform": grid.transform, "nodata": nodata,
+        "bigtiff": "IF_SAFER",
+    }  # fmt: skip
+    packed = {
+        "driver": "COG", "blocksize": _TILE, "compress": "deflate", "bigtiff": "IF_SAFER",
+        "resampling": "nearest",  # of overviews
+        "predictor": "yes" if array.dtype.kind == "f" or array.dtype.itemsize < 8 else "no",
     }  # fmt: skip
     # GDAL does not tell when the disk is full while it closes a file, so Python writes the bytes.
-    with MemoryFile() as memory, atomic_write(path) as part:
-        with memory.open(**profile) as file:
+    with MemoryFile() as plain, MemoryFile() as memory, atomic_write(path) as part:
+        with plain.open(**profile) as file:
             for rows in row_blocks(grid.shape, _TILE):
                 window = Window(0, rows.start, grid.nx, rows.stop - rows.start)
                 file.write(array[rows], 1, window=window)
             file.update_tags(**tags)
             file.units = [str(tags.get("units", ""))]
             file.set_band_description(1, str(tags.get("long_name", "")))
+        with plain.open() as file:
+            copy(file, memory.name, **packed)
         part.write_bytes(memory.getbuffer())
 
 

@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from matplotlib import figure
 
     from rockfall.lab.sets import Sets
+    from rockfall.plots.map_figures import Look
     from rockfall.result.trajectories import Terrain
 
 
@@ -56,20 +57,28 @@ class Figure:
 
 
 def figures(
-    result: xr.Dataset, terrain: Terrain | None = None, observed: Any = None
+    result: xr.Dataset,
+    terrain: Terrain | None = None,
+    observed: Any = None,
+    look: Look | None = None,
 ) -> list[Figure]:
     """The figures of a result, in the order in which they are read.
 
     `terrain`, from `rockfall.plots.terrain.terrain_of`, puts relief under maps and ground under
     profiles. `observed` is what `rockfall.analysis.observations.read_observed` gives: its summaries
     and samples come beside the distributions at the lines, its distances and fractions beside the
-    curve of passing, its stops on the maps.
+    curve of passing, its stops on the maps. `look` has limits between classes and a basemap.
     """
     if not result.sizes.get("boulder"):
         raise RockfallError("a result without boulders has no figures")
     result = flat_maps(result)
-    return [*_trajectories(result, terrain), *_reach(result, terrain, observed),
-            *_at_lines(result, observed), *_rebounds(result), *_maps(result, terrain)]  # fmt: skip
+    return [
+        *_trajectories(result, terrain, look),
+        *_reach(result, terrain, observed, look),
+        *_at_lines(result, observed),
+        *_rebounds(result),
+        *_maps(result, terrain, look),
+    ]
 
 
 def write_figures(
@@ -92,7 +101,9 @@ def write_figures(
     return [Path(folder) / name for name in files]
 
 
-def _trajectories(result: xr.Dataset, terrain: Terrain | None) -> Iterator[Figure]:
+def _trajectories(
+    result: xr.Dataset, terrain: Terrain | None, look: Look | None
+) -> Iterator[Figure]:
     """Recorded trajectories (paper, Fig. 4)."""
     if not any(np.ptp(one.z) > 0 for one in trajectories(result, MAX_TRAJECTORIES)):
         return  # none recorded, or none that moved
@@ -103,7 +114,7 @@ def _trajectories(result: xr.Dataset, terrain: Terrain | None) -> Iterator[Figur
         "trajectories",
         "Trajectories in plan",
         f"Trajectories of {of}.",
-        lambda: trajectories_figure(result, terrain),
+        lambda: trajectories_figure(result, terrain, look),
     )
     yield Figure(
         "profile",
@@ -114,7 +125,9 @@ def _trajectories(result: xr.Dataset, terrain: Terrain | None) -> Iterator[Figur
     )
 
 
-def _reach(result: xr.Dataset, terrain: Terrain | None, observed: Any) -> Iterator[Figure]:
+def _reach(
+    result: xr.Dataset, terrain: Terrain | None, observed: Any, look: Look | None
+) -> Iterator[Figure]:
     """How far boulders come, and where (paper, Figs 9 and 10)."""
     boulders = count(result.sizes["boulder"], "boulder")
     gone = int(left_terrain(result).sum())
@@ -132,14 +145,14 @@ def _reach(result: xr.Dataset, terrain: Terrain | None, observed: Any) -> Iterat
         "stops",
         "Stopping points",
         f"Stopping points of {boulders}, by status{also}.",
-        lambda: stops_figure(result, terrain, stops),
+        lambda: stops_figure(result, terrain, stops, look),
     )
     if name := passed_map(result):
         yield Figure(
             "pass_frequency",
             "Pass frequency",
             f"Fraction of {boulders} that pass each cell; outline: 1 %{also}.",
-            lambda: map_figure(result, name, terrain, stops),
+            lambda: map_figure(result, name, terrain, stops, look),
         )
 
 
@@ -203,7 +216,7 @@ def set_of(result: xr.Dataset) -> Sets | None:
         return None
 
 
-def _maps(result: xr.Dataset, terrain: Terrain | None) -> Iterator[Figure]:
+def _maps(result: xr.Dataset, terrain: Terrain | None, look: Look | None) -> Iterator[Figure]:
     """Every map that is not drawn already, in the order of the result."""
     boulders = count(result.sizes["boulder"], "boulder")
     for name in map(str, result.data_vars):
@@ -218,5 +231,5 @@ def _maps(result: xr.Dataset, terrain: Terrain | None) -> Iterator[Figure]:
             f"map_{name}",
             title,
             f"{title} in each cell, of {boulders}{said}.",
-            partial(map_figure, result, name, terrain),
+            partial(map_figure, result, name, terrain, look=look),
         )

@@ -12,10 +12,13 @@ from rockfall.analysis.hazard.files import DOUBTFUL, colours_of
 from rockfall.analysis.hazard.zones import Zones, uncertain_of, zones_of
 from rockfall.case import case_in
 from rockfall.io.arrays import grid_of
+from rockfall.plots.cartography.labels import beside
+from rockfall.plots.cartography.marks import OBJECT, draw_line
+from rockfall.plots.cartography.rasters import draw_image
+from rockfall.plots.cartography.sheet import Sheet, finish, new_sheet
 from rockfall.plots.extent import around
 from rockfall.plots.figures import Figure
-from rockfall.plots.map_figures import draw_frame, draw_image, new_map
-from rockfall.plots.style import INK, plain, styled
+from rockfall.plots.style import styled
 from rockfall.result.flat_maps import layers
 from rockfall.result.trajectories import flags_of
 
@@ -24,12 +27,9 @@ if TYPE_CHECKING:
     from matplotlib import figure
     from matplotlib.axes import Axes
 
-    from rockfall.plots.extent import Extent
     from rockfall.result.trajectories import Terrain
 
 OPAQUE = 0.7  # classes let the relief through
-OBJECT: dict[str, Any] = {"color": INK, "linewidth": 1.1}
-KEY = 1.3  # room for the key below a map [inch]
 
 
 def hazard_figures(found: xr.Dataset, terrain: Terrain | None = None) -> list[Figure]:
@@ -57,33 +57,30 @@ def _zones_figure(found: xr.Dataset, zones: Zones, terrain: Terrain | None) -> f
     from matplotlib.patches import Patch
 
     data = found["hazard_class"]
-    drawing, axes, extent = _begun(found, terrain)
-    grid, _ = grid_of(data)
+    sheet = _begun(found, terrain, [*_key(data), Patch(color=DOUBTFUL, label="class not certain")])
+    axes, (grid, _) = sheet.axes, grid_of(data)
     numbers = np.concatenate([[0], zones.number])[zones.patch]
     _draw_classes(axes, numbers, grid, data)
     doubtful = uncertain_of(found).patch > 0
     colour, about = [DOUBTFUL], {"vmin": 0, "vmax": 1, "alpha": 0.8}
     draw_image(axes, np.where(doubtful, 1.0, np.nan), grid, cmap=_listed(colour), **about)
-    _draw_objects(axes, found)
-    draw_frame(axes, extent)
-    key = [*_key(data), Patch(color=DOUBTFUL, label="class not certain")]
-    drawing.legend(handles=key, loc="outside lower center", ncols=3, handlelength=1.2)
-    return drawing
+    _draw_objects(sheet, found)
+    finish(sheet)
+    return sheet.figure
 
 
 @styled
 def _map_figure(found: xr.Dataset, data: xr.DataArray, terrain: Terrain | None) -> figure.Figure:
-    drawing, axes, extent = _begun(found, terrain)
+    sheet = _begun(found, terrain, _key(data))
     grid, flipped = grid_of(data)
     values = data.values[::-1] if flipped else data.values
-    _draw_classes(axes, values, grid, data)
-    _draw_objects(axes, found)
-    draw_frame(axes, extent)
-    drawing.legend(handles=_key(data), loc="outside lower center", ncols=2, handlelength=1.2)
-    return drawing
+    _draw_classes(sheet.axes, values, grid, data)
+    _draw_objects(sheet, found)
+    finish(sheet)
+    return sheet.figure
 
 
-def _begun(found: xr.Dataset, terrain: Terrain | None) -> tuple[figure.Figure, Axes, Extent]:
+def _begun(found: xr.Dataset, terrain: Terrain | None, key: list[Any]) -> Sheet:
     """A map of all that boulders reached, and of the objects."""
     import shapely
 
@@ -94,7 +91,7 @@ def _begun(found: xr.Dataset, terrain: Terrain | None) -> tuple[figure.Figure, A
         west, south, east, north = shapely.total_bounds(shapes)
         x, y = np.append(x, [west, east]), np.append(y, [south, north])
     extent = around(x, y, grid_of(found["hazard_class"])[0].cell, terrain)
-    return *new_map(extent, terrain, KEY), extent
+    return new_sheet(extent, terrain, key)
 
 
 def _listed(colours: list[str]) -> Any:
@@ -122,7 +119,7 @@ def _key(data: xr.DataArray) -> list[Any]:
     ]
 
 
-def _draw_objects(axes: Axes, found: xr.Dataset) -> None:
+def _draw_objects(sheet: Sheet, found: xr.Dataset) -> None:
     """Outlines, lines and points, with their names."""
     import shapely
 
@@ -133,6 +130,6 @@ def _draw_objects(axes: Axes, found: xr.Dataset) -> None:
         for part in getattr(shape, "geoms", [shape]):
             curve = part.exterior if part.geom_type == "Polygon" else part
             x, y = np.array(curve.coords).T
-            axes.plot(x, y, **OBJECT | ({"marker": "+"} if x.size == 1 else {}))
-        at = shape.representative_point()
-        axes.annotate(plain(str(name)), (at.x, at.y), (4, 3), textcoords="offset points")
+            draw_line(sheet, x, y, OBJECT | ({"marker": "+"} if x.size == 1 else {}))
+        ring = shapely.get_coordinates(shape).T
+        sheet.labels.put(str(name), beside(*ring))

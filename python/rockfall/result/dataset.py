@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
     from rockfall.io.grid import Grid
 
+CONVENTIONS = "CF-1.11"
 NO_COUNT = -1  # fill value of counts
 #: What netCDF4 and xarray raise of a file that is damaged.
 DAMAGED = (
@@ -146,6 +147,8 @@ def _attached(result: xr.Dataset, name: str) -> dict[str, Any]:
         if other not in result.dims and {*coordinate.dims} <= {*variable.dims}
     ]  # fmt: skip
     found: dict[str, Any] = {"coordinates": " ".join(map(str, beside))} if beside else {}
+    if name.endswith("_bounds"):  # CF: of them nothing is said but by their parents
+        return found
     if variable.dtype.kind == "f":
         found["_FillValue"] = np.nan
     elif variable.dtype.kind == "i":

@@ -22,8 +22,11 @@ from rockfall.io.files import atomic_write
 from rockfall.io.output_files import SIGNATURE, atomic_folder
 from rockfall.io.raster import write_geotiff
 from rockfall.io.tables import spreadsheet_text
-from rockfall.result.dataset import open_result
-from rockfall.result.flat_maps import flat_maps
+from rockfall.quantities import SHOWN
+from rockfall.result.classes import classes_of, shown_as
+from rockfall.result.dataset import NO_COUNT, open_result
+from rockfall.result.flat_maps import PLAN, flat_maps
+from rockfall.result.qgis_style import write_classes
 from rockfall.result.trajectories import flags_of
 from rockfall.result.validate import check_dimensions
 
@@ -36,13 +39,16 @@ if TYPE_CHECKING:
     Layers = dict[str, tuple[str, Iterable[Features]]]
 
 _ROWS = 100_000  # boulders in memory at a time
+UNIT_NAMES = {"m s-1": "m_s", "rad s-1": "rad_s", "degree": "deg"}  # in names of files and fields
 
 
 def export(result: xr.Dataset | str | Path, folder: str | Path) -> list[Path]:
     """Write a result (a Dataset, or its netCDF file) to `folder`; returns the files written.
 
-    <map>.tif for each variable on (y, x); rockfall.gpkg with the layers stops, lines and
-    trajectories, as far as the result has them; boulders.csv; line_<name>.csv for each line.
+    <map>_<unit>.tif for each variable on (y, x), energies in kJ, nodata where no boulder passed,
+    with a style for QGIS (.qml) beside it; rockfall.gpkg with the layers sources, stops, lines,
+    crossings and trajectories, as far as the result has them, energies in kJ; in SI
+    boulders.csv, and line_<name>.csv for each line.
     All of them or, with a RockfallError, none; over nothing but files of an earlier export.
     """
     folder = Path(folder)
@@ -63,13 +69,42 @@ def export(result: xr.Dataset | str | Path, folder: str | Path) -> list[Path]:
 
 def _export(data: xr.Dataset, layers: Layers, folder: Path) -> Iterator[Path]:
     for name, variable in data.data_vars.items():
-        if variable.dims == ("y", "x"):
-            yield write_map(folder / f"{name}.tif", data[name])
+        if variable.dims == PLAN:
+            yield from _put_map(folder, data, str(name))
     if "boulder" in data.dims:
         yield _write_table(folder / "boulders.csv", map(_columns, _boulders(data)))
         yield from _write_lines(folder, data)
     if layers:
         yield write_geopackage(folder / "rockfall.gpkg", layers, crs_wkt(data))
+
+
+def _put_map(folder: Path, data: xr.Dataset, name: str) -> Iterator[Path]:
+    """A map in the unit in which it is shown, fractions as they are, and its style."""
+    variable, (unit, factor) = data[name], shown_as(data[name])
+    stem, scale = _exported(name.removesuffix("_map"), variable.attrs.get("units", "1"))
+    values, _ = _stored(variable)
+    if values.dtype.kind == "f":
+        blank, values = np.nan, values * values.dtype.type(scale)
+    else:
+        blank = NO_COUNT
+    values = np.where(_passed(data, values), values, values.dtype.type(blank))
+    about = {str(key): text for key, text in data.attrs.items()} | variable.attrs
+    about |= {"_FillValue": blank} | ({"units": unit} if scale != 1 else {})
+    path = folder / f"{stem}.tif"
+    yield write_map(path, variable.copy(data=values).assign_attrs(about))
+    yield write_classes(path, classes_of(unit), scale / factor)
+
+
+def _passed(data: xr.Dataset, values: np.ndarray) -> np.ndarray:
+    """Where boulders passed: so says the map of it, or without one where a map is above zero."""
+    known = [name for name in ("passages", "reach_probability") if name in data]
+    return (_stored(data[known[0]])[0] if known else values) > 0
+
+
+def _exported(name: str, units: str) -> tuple[str, float]:
+    """The name of a map or a field, which says its unit, and the factor to it: energies in kJ."""
+    unit, factor = SHOWN["J"] if units == "J" else (units, 1.0)
+    return name + (f"_{UNIT_NAMES.get(unit, unit)}" if unit != "1" else ""), factor
 
 
 def write_map(path: Path, data: xr.DataArray) -> Path:
@@ -196,12 +231,17 @@ def _texts(column: xr.DataArray) -> list[str]:
 def _layers(data: xr.Dataset) -> Layers:
     """The layers that the result has."""
     layers: Layers = {}
+    has_crossings = "line" in data.dims and "line_x" in data
     if "stop_x" in data or {"line_vertex", "trajectory_vertex"} & set(data.dims):
         need("GeoPackages need", "vector", "pyogrio", "shapely")
+    if "start_x" in data:
+        layers["sources"] = "Point", [_sources(data)]
     if "stop_x" in data:
         layers["stops"] = "Point Z", map(_stops, _boulders(data))
     if "line_vertex" in data.dims:
         layers["lines"] = "LineString", [_lines(data)]
+    if has_crossings:
+        layers["crossings"] = "Point", _crossing_points(data)
     if data.sizes.get("trajectory_vertex"):
         layers["trajectories"] = "LineString Z", [_trajectories(data)]
     return layers
@@ -214,14 +254,45 @@ def _stops(data: xr.Dataset) -> Features:
     places = [_stored(data[f"stop_{axis}"])[0].astype(np.float64) for axis in "xyz"]
     points = shapely.points(*places)
     points[np.isnan(places).any(axis=0)] = None
-    return points, {name: _field(column) for name, column in _columns(data).items()}
+    return points, dict(_field(*column) for column in _columns(data).items())
 
 
-def _field(column: xr.DataArray) -> np.ndarray:
-    """A column in a type that a GeoPackage has."""
+def _sources(data: xr.Dataset) -> Features:
+    """Where boulders start, with how many of them, and how far they came at most."""
+    import shapely
+
+    places = np.column_stack([_stored(data[f"start_{axis}"])[0] for axis in "xy"])
+    places, source, boulders = np.unique(places, axis=0, return_inverse=True, return_counts=True)
+    fields: dict[str, np.ndarray] = {
+        "source": np.arange(1, len(places) + 1),
+        "boulders": boulders.astype(np.int64),
+    }
+    if "plan_distance" in data:
+        furthest = np.zeros(len(places))
+        np.maximum.at(furthest, source, np.nan_to_num(_stored(data["plan_distance"])[0]))
+        fields["plan_distance_max_m"] = furthest
+    return shapely.points(places), fields
+
+
+def _crossing_points(data: xr.Dataset) -> Iterator[Features]:
+    """Where boulders first crossed each line, with everything known of it."""
+    import shapely
+
+    for k, name in enumerate(_line_names(data)):
+        for some in _boulders(data):
+            columns = _crossings(some, k)
+            points = shapely.points(columns["x"].values, columns["y"].values)
+            line = {"line": np.full(points.size, name, dtype=object)}
+            yield points, line | dict(_field(*column) for column in columns.items())
+
+
+def _field(name: str, column: xr.DataArray) -> tuple[str, np.ndarray]:
+    """A column in a type that a GeoPackage has, energies in kJ, and its name with the unit."""
     values, _ = _stored(_words(column))
     kind = {"i": np.int64, "u": np.int64, "b": np.int64, "f": np.float64}
-    return values.astype(kind.get(values.dtype.kind, object))
+    name, factor = _exported(name, column.attrs.get("units", "1"))
+    values = values.astype(kind.get(values.dtype.kind, object))
+    return name, values if factor == 1 else values * factor
 
 
 def _lines(data: xr.Dataset) -> Features:

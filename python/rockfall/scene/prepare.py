@@ -14,6 +14,7 @@ from rockfall.case_files import input_files
 from rockfall.errors import RockfallError
 from rockfall.io.output_files import SCENE, atomic_folder, check_folder, check_outputs, kind_of
 from rockfall.result.dataset import (
+    CONVENTIONS,
     as_dataset,
     centre_variables,
     georeference,
@@ -88,7 +89,7 @@ def _scene_file(scene: Scene) -> xr.Dataset:
         "impact_sets": (("impact_sets_length",), text, about),
     }
     attrs = {
-        "Conventions": "CF-1.8",
+        "Conventions": CONVENTIONS,
         "scene_layout": LAYOUT,
         "title": scene.case.case["title"],
         "source": f"rockfall {__version__}",

@@ -11,7 +11,7 @@ from rockfall._core import rockfall_f2py as _core
 from rockfall.case import Case
 from rockfall.io.grid import row_blocks
 from rockfall.result import variables
-from rockfall.result.dataset import as_dataset, centre_variables, provenance
+from rockfall.result.dataset import CONVENTIONS, as_dataset, centre_variables, provenance
 from rockfall.result.variables import fields
 from rockfall.simulation.maps import HITS, Maps
 from rockfall.simulation.tally import Tally
@@ -46,7 +46,8 @@ def make_result(tally: Tally, maps: bool = True) -> xr.Dataset:
     data |= trajectory_variables(tally)
     bins = (name for name in data if name.endswith("_bin"))
     names = {"boulder", "line", "ground", "ground_model", "threshold", "x", "y", *bins}
-    return as_dataset(data, run_attributes(tally)).set_coords(sorted(names & set(data)))
+    history = {"history": f"rockfall {__version__}: run of {tally.scene.case.name}"}
+    return as_dataset(data, run_attributes(tally) | history).set_coords(sorted(names & set(data)))
 
 
 def boulder_variables(tally: Tally) -> dict[str, Any]:
@@ -200,12 +201,8 @@ def _bins() -> dict[str, Any]:
         edges = np.round(np.arange(n + 1) * widths[k], 10)
         about = {key: quantity[key] for key in ("units", "long_name")}
         data[dim] = (dim, (edges[:-1] + edges[1:]) / 2, about | {"bounds": f"{dim}_bounds"})
-        about = {"units": quantity["units"], "long_name": f"edges of the bins of {name}"}
-        data[f"{dim}_bounds"] = (
-            (dim, "bound"),
-            np.stack([edges[:-1], edges[1:]], axis=1),
-            about,
-        )
+        pairs = np.stack([edges[:-1], edges[1:]], axis=1)  # CF: what they are, their bins say
+        data[f"{dim}_bounds"] = ((dim, "bound"), pairs, {})
     return data
 
 
@@ -244,7 +241,7 @@ def run_attributes(tally: Tally) -> dict[str, Any]:
     """What a result, or a part of one, says of its run."""
     scene = tally.scene
     return {
-        "Conventions": "CF-1.8",
+        "Conventions": CONVENTIONS,
         "title": scene.case.case["title"],
         "source": f"rockfall {__version__}, stochastic impact model of Bourrier et al. (2009)",
         "version": __version__,

@@ -6,7 +6,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
-from xml.etree import ElementTree
 
 import numpy as np
 
@@ -22,11 +21,13 @@ from rockfall.case import case_in
 from rockfall.case_files import files_behind
 from rockfall.errors import need
 from rockfall.io.arrays import grid_of
-from rockfall.io.output_files import SIGNATURE, atomic_folder
+from rockfall.io.output_files import atomic_folder
 from rockfall.io.tables import write_csv
+from rockfall.result.classes import classes_of, shown_as
 from rockfall.result.dataset import put_netcdf
 from rockfall.result.export import crs_wkt, write_geopackage, write_map
 from rockfall.result.flat_maps import PLAN, flat_maps, shown
+from rockfall.result.qgis_style import write_classes, write_palette
 from rockfall.result.trajectories import flags_of
 
 if TYPE_CHECKING:
@@ -48,7 +49,7 @@ NO_CELL = 255  # in a raster of yes and no
 
 def write_hazard(found: xr.Dataset, folder: str | Path) -> list[Path]:
     """Write a hazard to a folder: hazard.nc, a GeoTIFF for each map, with a QGIS style (.qml)
-    beside those of classes, hazard.gpkg with zones and objects, objects.csv. All of them or, with a
+    beside each, hazard.gpkg with zones and objects, objects.csv. All of them or, with a
     RockfallError, none; over nothing but files of an earlier hazard."""
     folder = Path(folder)
     with atomic_folder(folder, files_behind(found)) as part:
@@ -87,29 +88,13 @@ def _put_maps(found: xr.Dataset, folder: Path) -> Iterator[Path]:
         path = folder / f"{name}.tif"
         if "flag_meanings" not in data.attrs:
             yield write_map(path, data)
+            unit, factor = shown_as(data)
+            yield write_classes(path, classes_of(unit), 1 / factor)
             continue
         blank = NO_CELL if str(name).endswith("certain") else 0
         yield write_map(path, data.astype("u1").assign_attrs(_FillValue=blank))
-        style = path.with_suffix(".qml")
-        style.write_text(_style(data), encoding="utf-8")
-        yield style
-
-
-def _style(data: xr.DataArray) -> str:
-    """How QGIS draws a map of classes: a colour and a word for each."""
-    root = ElementTree.Element("qgis", version="3.16", styleCategories="Symbology")
-    pipe = ElementTree.SubElement(root, "pipe")
-    about = {"type": "paletted", "band": "1", "alphaBand": "-1", "opacity": "0.7"}
-    renderer = ElementTree.SubElement(pipe, "rasterrenderer", about)
-    ElementTree.SubElement(renderer, "rasterTransparency")
-    palette = ElementTree.SubElement(renderer, "colorPalette")
-    words = {number: word.replace("_", " ") for word, number in flags_of(data).items()}
-    for number, colour in colours_of(data).items():
-        entry = {"value": str(number), "label": words[number], "color": colour, "alpha": "255"}
-        ElementTree.SubElement(palette, "paletteEntry", entry)
-    ElementTree.indent(root)
-    head = "<!DOCTYPE qgis PUBLIC 'http://mrcc.com/qgis.dtd' 'SYSTEM'>"
-    return f"{head}\n<!-- {SIGNATURE} -->\n{ElementTree.tostring(root, encoding='unicode')}\n"
+        words = {number: word.replace("_", " ") for word, number in flags_of(data).items()}
+        yield write_palette(path, words, colours_of(data))
 
 
 def _layers(found: xr.Dataset) -> Iterator[tuple[str, tuple]]:

@@ -256,7 +256,7 @@ def _objects(study: Study, runs: list[_Run], matrix: Matrix) -> dict[str, np.nda
 
 def _attributes(study: Study, runs: list[_Run]) -> dict[str, Any]:
     first = runs[0].attrs
-    kept = ("Conventions", "source", "version", "case_file", "seed", "impact_set")
+    kept = ("Conventions", "history", "source", "version", "case_file", "seed", "impact_set")
     kept += ("impact_set_checksum", "input_checksums", "decoded_checksums", "threads")
     clocks = ("wall_seconds", "cpu_seconds")
     return {

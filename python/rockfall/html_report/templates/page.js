@@ -18,11 +18,68 @@
     rescale();
   }
 
-  // Texts keep their size on the screen.
+  // Texts keep their size on the screen; coordinates and rulers are round numbers at any zoom.
   function rescale() {
     for (const map of maps) {
       const matrix = map.getScreenCTM();
-      if (matrix && matrix.a) map.style.setProperty("--scale", 1 / matrix.a);
+      if (!matrix || !matrix.a) continue;
+      map.style.setProperty("--scale", 1 / matrix.a);
+      const dot = map.dataset.cell / matrix.a; // metres
+      const length = round(60 * dot), ruler = map.parentElement.querySelector(".ruler");
+      ruler.style.width = `${length / dot}px`;
+      ruler.textContent = `${length} m`;
+    }
+    if (!maps.length) return;
+    coordinates();
+    part();
+  }
+
+  function round(rough) {
+    const power = 10 ** Math.floor(Math.log10(rough));
+    return power * [1, 2, 5, 10].find((step) => step * power >= rough);
+  }
+
+  function drawn(name, attributes, text = "") {
+    const one = document.createElementNS("http://www.w3.org/2000/svg", name);
+    for (const [key, value] of Object.entries(attributes)) one.setAttribute(key, value);
+    one.textContent = text;
+    return one;
+  }
+
+  // Along the lower and the left edge of what is shown.
+  function coordinates() {
+    const matrix = maps[0].getScreenCTM(), { west, north, cell: size } = maps[0].dataset;
+    if (!matrix || !matrix.a) return;
+    const step = round((110 * size) / matrix.a), tick = 6 / matrix.a;
+    const bottom = view.y + high * view.part, right = view.x + wide * view.part, all = [];
+    for (let e = Math.ceil((+west + view.x * size) / step) * step; e < +west + right * size; e += step) {
+      const x = (e - west) / size;
+      all.push(drawn("path", { class: "tick", d: `M${x} ${bottom}v${-tick}` }));
+      all.push(drawn("text", { class: "coordinate", x, y: bottom - 1.4 * tick, "text-anchor": "middle" }, e.toFixed(0)));
+    }
+    for (let n = Math.ceil((north - bottom * size) / step) * step; n < north - view.y * size; n += step) {
+      const y = (north - n) / size;
+      all.push(drawn("path", { class: "tick", d: `M${view.x} ${y}h${tick}` }));
+      all.push(drawn("text", { class: "coordinate", x: view.x + 1.4 * tick, y, dy: ".35em" }, n.toFixed(0)));
+    }
+    document.getElementById("coordinates").replaceChildren(...all);
+  }
+
+  // A text that would lie on another, or on the frame, is left out.
+  function part() {
+    const frame = maps[0].getBoundingClientRect();
+    const fixed = [...maps[0].parentElement.querySelectorAll(".north, .ruler")];
+    const taken = fixed.map((one) => one.getBoundingClientRect());
+    const isFree = (box) => box.left >= frame.left && box.right <= frame.right && box.top >= frame.top && box.bottom <= frame.bottom
+      && !taken.some((one) => box.left < one.right && one.left < box.right && box.top < one.bottom && one.top < box.bottom);
+    for (const text of maps[0].querySelectorAll("text")) {
+      for (const side of text.classList.contains("name") ? ["-.3em", "1em"] : [text.getAttribute("dy") ?? 0]) {
+        text.setAttribute("dy", side);
+        if (isFree(text.getBoundingClientRect())) break;
+      }
+      const box = text.getBoundingClientRect(), free = isFree(box);
+      text.style.visibility = free ? "" : "hidden";
+      if (free) taken.push(box);
     }
   }
 
@@ -39,10 +96,10 @@
   const middle = () => ({ x: view.x + (wide * view.part) / 2, y: view.y + (high * view.part) / 2 });
 
   // The numbers of a map, unpacked when they are first asked for.
-  async function unpack(map) {
-    const bytes = Uint8Array.from(atob(map.dataset.values), (c) => c.charCodeAt(0));
-    const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
-    return new DataView(await new Response(stream).arrayBuffer());
+  const unpack = async (map) => new DataView(await inflated(map.dataset.values).arrayBuffer());
+  function inflated(text) {
+    const bytes = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
+    return new Response(new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate")));
   }
   const numbers = new Map();
 
@@ -112,6 +169,17 @@
   addEventListener("resize", rescale);
   addEventListener("beforeprint", () => zoom(0, middle()));
   rescale();
+
+  const terrain = document.getElementById("terrain");
+  terrain?.querySelector("button").addEventListener("click", async () => {
+    const [code, data] = await Promise.all(["library", "data"].map((name) =>
+      inflated(document.getElementById(`terrain-${name}`).textContent).text()));
+    terrain.replaceChildren();
+    terrain.classList.add("shown");
+    document.head.append(Object.assign(document.createElement("script"), { textContent: code }));
+    const { traces, layout } = JSON.parse(data);
+    window.Plotly.newPlot(terrain, traces, layout, { displayModeBar: false, responsive: true });
+  });
 
   const dialog = document.querySelector("dialog");
   for (const button of document.querySelectorAll(".picture button"))

@@ -1,0 +1,31 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The report on paper: the same page, with maps as figures, set by WeasyPrint."""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+
+from rockfall.errors import RockfallError, need
+from rockfall.io.files import atomic_write
+
+PANGO = "libpango-1.0-0 libpangoft2-1.0-0 libharfbuzz-subset0"  # packages of Debian
+
+
+def check_pdf() -> None:
+    """Refuse what cannot be set here, before the work and not after it."""
+    try:
+        need("a PDF needs", "pdf", "weasyprint")
+    except OSError:  # of its library in C
+        raise RockfallError(f"a PDF needs Pango, as root: apt-get install {PANGO}") from None
+
+
+def write_pdf(page: str, path: Path) -> None:
+    """Set a page of HTML, whole or not at all; nothing is asked of the network."""
+    from weasyprint import HTML
+    from weasyprint.urls import URLFetcher
+
+    logging.getLogger("weasyprint").setLevel(logging.ERROR)  # it speaks of CSS that is for screens
+    with atomic_write(path) as part:
+        setter = HTML(string=page, url_fetcher=URLFetcher(allowed_protocols=["data"]))
+        setter.write_pdf(part, pdf_version="1.4")  # later ones hide whose they are in a stream

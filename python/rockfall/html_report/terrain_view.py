@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The terrain with trajectories in three dimensions, drawn by plotly.js in the page itself.
+
+Library and data are packed in the page and unpacked when the reader asks: no network is needed, and
+who does not ask waits for nothing.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import zlib
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from rockfall.errors import need
+from rockfall.plots.cartography.marks import inside
+from rockfall.plots.cartography.rasters import cropped
+from rockfall.plots.cartography.relief import shade
+from rockfall.plots.extent import reached
+from rockfall.plots.style import BLUE, INK, VERMILION
+from rockfall.protection.barriers import barriers_of
+from rockfall.result.trajectories import lines, trajectories
+from rockfall.terrain.height import height
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from rockfall.result.trajectories import Terrain
+
+    Trace = dict[str, Any]
+
+VERTICES = 160  # of the terrain along its longer side
+SHOWN = 100  # trajectories
+EVERY = 6  # points of a parabola, of those in a figure
+AWAY = 1.2  # of the eye from the middle, in sides of the scene
+ABOVE = 2.0  # of a line above the ground, not to sink into it [m]
+
+
+class View(NamedTuple):
+    """Packed library and data, and the hash by which the page lets the library run."""
+
+    library: str
+    data: str
+    library_hash: str
+
+
+def check_view() -> None:
+    need("a view in three dimensions needs", "view", "plotly")
+
+
+def terrain_view(result: xr.Dataset, terrain: Terrain) -> View:
+    """The view of a result over its terrain; the same result gives the same view."""
+    from plotly.offline import get_plotlyjs
+
+    library = get_plotlyjs().encode()
+    found = json.dumps({"traces": traces(result, terrain), "layout": _layout(result)})
+    checksum = base64.b64encode(hashlib.sha256(library).digest()).decode()
+    return View(_packed(library), _packed(found.encode()), checksum)
+
+
+def _packed(content: bytes) -> str:
+    return base64.b64encode(zlib.compress(content, 9)).decode()
+
+
+def traces(result: xr.Dataset, terrain: Terrain) -> list[Trace]:
+    """Surface, lines and trajectories in metres from the south-western corner of what is shown."""
+    extent = reached(result, terrain)
+    corner = np.array([extent[0], extent[2]])
+    z, grid = cropped(*terrain, False, extent, np.add, VERTICES)
+    surface: Trace = {
+        "type": "surface", "x": _numbers(grid.x - corner[0]), "y": _numbers(grid.y - corner[1]),
+        "z": [_numbers(row) for row in z],
+        "surfacecolor": [_numbers(row, 2) for row in shade(z, grid.cell)],
+        "colorscale": [[0, "#4a4a42"], [1, "#f4f1e6"]], "cmin": 0, "cmax": 1, "showscale": False,
+        "lighting": {"ambient": 1, "diffuse": 0, "specular": 0}, "hoverinfo": "z",
+        "contours": {axis: {"highlight": False} for axis in "xyz"},
+    }  # fmt: skip
+    found, nets = [surface], barriers_of(result)
+    for k, (name, x, y) in enumerate(lines(result)):
+        x, y = inside(x, y, extent)
+        look = {"color": BLUE if k in nets else INK, "width": 6}
+        found.append(_curve(name, [(x, y, height(*terrain, x, y) + ABOVE)], corner, look))
+    curves = [(c.x[::EVERY], c.y[::EVERY], c.z[::EVERY]) for c in trajectories(result, SHOWN)]
+    if curves:
+        found.append(_curve("trajectories", curves, corner, {"color": VERMILION, "width": 2}))
+    return found
+
+
+def _curve(name: str, curves: list[Any], corner: np.ndarray, look: dict[str, Any]) -> Trace:
+    """Curves (x, y, z) [m] as one trace, with gaps between them."""
+    gaps = [np.column_stack([*one]) for one in curves]
+    parts = [part for one in gaps for part in (one, np.full((1, 3), np.nan))]
+    x, y, z = (np.concatenate(parts) - [*corner, 0.0]).T
+    about = {"type": "scatter3d", "mode": "lines", "name": name, "hoverinfo": "name", "line": look}
+    return about | {axis: _numbers(c) for axis, c in zip("xyz", (x, y, z), strict=True)}
+
+
+def _numbers(values: np.ndarray, decimals: int = 1) -> list[float | None]:
+    """For JSON, which has no NaN."""
+    rounded = np.round(np.asarray(values, float), decimals).tolist()
+    return [value if value == value else None for value in rounded]
+
+
+def _layout(result: xr.Dataset) -> dict[str, Any]:
+    """Seen from where boulders went, uphill."""
+    went = [np.nanmean(result[f"stop_{c}"].values - result[f"start_{c}"].values) for c in "xy"]
+    east, north = AWAY * np.array(went) / max(np.hypot(*went), 1e-9)
+    axis = {"visible": False, "showspikes": False}
+    scene = {f"{name}axis": axis for name in "xyz"}
+    camera = {"eye": {"x": east, "y": north, "z": AWAY / 2}}
+    return {
+        "scene": scene | {"aspectmode": "data", "camera": camera, "dragmode": "turntable"},
+        "margin": dict.fromkeys("lrtb", 0), "showlegend": True,
+        "legend": {"x": 0, "y": 1, "bgcolor": "rgba(255,255,255,0.7)"},
+    }  # fmt: skip

@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A picture of the user's, such as an orthophoto, in place of the relief."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from rockfall.errors import RockfallError
+from rockfall.io.gdal_files import plain_file
+from rockfall.plots.cartography.rasters import DOTS
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from rockfall.plots.extent import Extent
+
+FORMATS = ["GTiff", "JPEG", "PNG", "HFA"]
+BYTE = "uint8"
+
+
+class Basemap(NamedTuple):
+    """Colours (ny, nx, 3), 0 to 255, white where the picture has none, and where they lie [m]."""
+
+    colours: np.ndarray
+    extent: Extent
+
+
+def read_basemap(path: str | Path, result: xr.Dataset, extent: Extent) -> Basemap:
+    """The part of a picture within an extent, in the CRS of the result.
+
+    GeoTIFF, JPEG or PNG with georeference and CRS, one band (grey, or with a palette) or three of
+    8 bits; anything else is a RockfallError.
+    """
+    import rasterio
+    from rasterio.io import DatasetReader
+
+    crs = result["crs"].attrs.get("crs_wkt") if "crs" in result else None
+    if not crs:
+        raise RockfallError(f"{path}: a basemap needs a result whose terrain has a CRS")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", rasterio.errors.NotGeoreferencedWarning)
+        try:
+            with DatasetReader(plain_file(path), driver=FORMATS) as source:
+                _check(source, path)
+                return Basemap(_warped(source, crs, extent, path), extent)
+        except rasterio.errors.RasterioError as error:
+            raise RockfallError(f"{path}: cannot be read as a picture: {error}") from error
+
+
+def _check(source: Any, path: str | Path) -> None:
+    if source.crs is None:
+        raise RockfallError(f"{path}: has no CRS; a basemap needs one")
+    if {*source.dtypes} != {BYTE}:
+        raise RockfallError(f"{path}: a basemap has bands of 8 bits, not of {source.dtypes[0]}")
+
+
+def _warped(source: Any, crs: str, extent: Extent, path: str | Path) -> np.ndarray:
+    from rasterio.enums import ColorInterp, Resampling
+    from rasterio.transform import from_bounds
+    from rasterio.vrt import WarpedVRT
+
+    west, east, south, north = extent
+    dot = max(east - west, north - south) / DOTS
+    nx, ny = (max(2, round(side / dot)) for side in (east - west, north - south))
+    about = {"crs": crs, "transform": from_bounds(west, south, east, north, nx, ny)}
+    palette = source.colorinterp[0] == ColorInterp.palette
+    how = Resampling.nearest if palette else Resampling.bilinear
+    with WarpedVRT(source, width=nx, height=ny, resampling=how, add_alpha=True, **about) as warped:
+        bands = warped.read([1, 2, 3] if warped.count > 3 else [1, 1, 1])
+        seen = warped.dataset_mask() > 0
+    if not seen.any():
+        raise RockfallError(f"{path}: lies apart from what the boulders reached")
+    if palette:
+        table = source.colormap(1)
+        bands = np.array([table[k][:3] for k in range(256)], "u1")[bands[0]].transpose(2, 0, 1)
+    return np.where(seen, bands, 255).astype("u1").transpose(1, 2, 0)

@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Names on a map that keep apart from each other and within its frame."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rockfall.plots.style import INK, plain
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    #: x, y [m], the angle of the text [degree], and where it hangs on its place [points].
+    Place = tuple[float, float, float, tuple[float, float]]
+
+FREE = 2.0  # between two texts [dots]
+TRIED = 24  # places along a curve
+BESIDE = ((0.0, 4.0), (0.0, -4.0), (4.0, 0.0), (-4.0, 0.0))  # of a name, in turn [points]
+
+
+class Labels:
+    """The texts of a map, which must have its scale already."""
+
+    def __init__(self, axes: Axes) -> None:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+        self.axes = axes
+        self.boxes: list[Any] = []
+        self.renderer = FigureCanvasAgg(axes.figure).get_renderer()  # type: ignore[arg-type]
+
+    def put(self, text: str, places: Iterable[Place], **about: Any) -> bool:
+        """Write a text at the first place that is free; nothing where there is none."""
+        from matplotlib.patheffects import withStroke
+
+        halo = [withStroke(linewidth=2, foreground="white")]
+        about = {"color": INK, "path_effects": halo, "rotation_mode": "anchor"} | about
+        for x, y, angle, (right, up) in places:
+            ha = "center" if not right else "left" if right > 0 else "right"
+            va = "center" if not up else "bottom" if up > 0 else "top"
+            note = self.axes.annotate(
+                plain(text), (x, y), (right, up), textcoords="offset points",
+                rotation=angle, ha=ha, va=va, **about,
+            )  # fmt: skip
+            box = note.get_window_extent(self.renderer).padded(FREE)
+            if self._is_inside(box) and not box.count_overlaps(self.boxes):
+                self.boxes.append(box)
+                return True
+            note.remove()
+        return False
+
+    def _is_inside(self, box: Any) -> bool:
+        frame = self.axes.get_window_extent(self.renderer)
+        return bool(
+            frame.x0 <= box.x0 and box.x1 <= frame.x1 and frame.y0 <= box.y0 and box.y1 <= frame.y1
+        )
+
+
+def beside(x: np.ndarray, y: np.ndarray) -> Iterator[Place]:
+    """Places for the name of a polyline, from its start on."""
+    for at in np.linspace(0, x.size - 1, TRIED) if x.size else ():
+        for offset in BESIDE:
+            place = (float(np.interp(at, np.arange(x.size), c)) for c in (x, y))
+            yield (*place, 0.0, offset)  # type: ignore[misc]
+
+
+def along(curve: np.ndarray) -> Iterator[Place]:
+    """Places for a number on a contour, from its middle to its ends."""
+    inner = np.linspace(0.08, 0.92, TRIED)
+    for part in sorted(inner, key=lambda one: abs(one - 0.5)):
+        k = int(part * (len(curve) - 1))
+        before, after = curve[max(k - 2, 0)], curve[min(k + 2, len(curve) - 1)]
+        angle = np.degrees(np.arctan2(*(after - before)[::-1]))
+        yield float(curve[k, 0]), float(curve[k, 1]), (angle + 90) % 180 - 90, (0.0, 0.0)

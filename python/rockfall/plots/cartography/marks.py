@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What stands on a map beside its values: sources, evaluation lines, barriers, objects."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rockfall.plots.cartography.labels import beside
+from rockfall.plots.cartography.rasters import edges, occupied
+from rockfall.plots.style import BARRIER, BLUE, INK, LINE
+from rockfall.protection.barriers import barriers_of
+from rockfall.result.trajectories import lines
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from rockfall.plots.cartography.sheet import Sheet
+    from rockfall.plots.extent import Extent
+
+SMALL = 7  # size of names
+FEW_SOURCES = 20  # fewer are drawn one by one
+FINEST = 2.5  # side of a cell of the outline of sources [points]
+ROCK = "#00604a"  # of where boulders start
+SOURCE: dict[str, Any] = {"color": ROCK, "linewidth": 0.8}
+NET: dict[str, Any] = BARRIER | {"color": BLUE, "linewidth": 2.4}  # on colours of classes
+OBJECT: dict[str, Any] = {"color": INK, "linewidth": 1.1}
+CASING = 1.6  # of white about a line [points]
+
+
+def starts(result: xr.Dataset) -> np.ndarray:
+    """Where boulders start (n, 2) [m], each place once."""
+    return np.unique(np.column_stack([result["start_x"], result["start_y"]]), axis=0)
+
+
+def key_of(result: xr.Dataset) -> list[Any]:
+    """Handles of a key to the marks of a result."""
+    from matplotlib.lines import Line2D
+
+    few = len(starts(result)) < FEW_SOURCES
+    source: dict[str, Any] = {"marker": "^", "ls": "", "mfc": "white", "mec": INK, "ms": 5}
+    source = source if few else {"marker": "s", "ls": "", "mfc": "none", "mec": ROCK, "ms": 5}
+    found = [Line2D([], [], mew=0.7, label="release", **source)]
+    nets = barriers_of(result)
+    if len(lines(result)) > len(nets):
+        found.append(Line2D([], [], label="evaluation line", **LINE))
+    if nets:
+        found.append(Line2D([], [], label="barrier", **NET))
+    return found
+
+
+def draw_marks(sheet: Sheet, result: xr.Dataset) -> None:
+    """Sources, and lines and barriers with their names."""
+    draw_sources(sheet, starts(result))
+    nets = barriers_of(result)
+    for k, (name, x, y) in enumerate(lines(result)):
+        draw_line(sheet, x, y, NET if k in nets else LINE)
+        sheet.labels.put(name, beside(*inside(x, y, sheet.extent)), weight="bold", fontsize=SMALL)
+
+
+def draw_line(sheet: Sheet, x: np.ndarray, y: np.ndarray, look: dict[str, Any]) -> None:
+    """A polyline with a casing that parts it from the map."""
+    from matplotlib.patheffects import Normal, withStroke
+
+    casing = withStroke(linewidth=look["linewidth"] + CASING, foreground="white", alpha=0.8)
+    sheet.axes.plot(x, y, path_effects=[casing, Normal()], **look)
+
+
+def draw_sources(sheet: Sheet, places: np.ndarray) -> None:
+    """Few one by one, many by the outline of the cells that they are in."""
+    from matplotlib.collections import LineCollection
+
+    if len(places) < FEW_SOURCES:
+        sheet.axes.plot(*places.T, "^", ms=5, mfc="white", mec=INK, mew=0.8)
+        return
+    sides = list(edges(*outlined(places, FINEST * sheet.dots)))
+    about: dict[str, Any] = {"colors": ROCK, "linewidths": SOURCE["linewidth"], "rasterized": True}
+    sheet.axes.add_collection(LineCollection(sides, capstyle="round", **about), autolim=False)
+
+
+def outlined(places: np.ndarray, finest: float) -> tuple[Any, Any]:
+    """The cells that hold sources, no smaller than the distance between these or than `finest`
+    [m]."""
+    apart = [np.diff(np.unique(c.round(3))) for c in places.T]
+    spacing = float(np.median(np.concatenate(apart))) if any(map(len, apart)) else finest
+    return occupied(places, max(spacing, finest))
+
+
+def inside(x: np.ndarray, y: np.ndarray, extent: Extent) -> tuple[np.ndarray, np.ndarray]:
+    """The places along a polyline that lie within an extent, in their order."""
+    along = np.linspace(0, x.size - 1, 200 * (x.size - 1) + 1)
+    x, y = (np.interp(along, np.arange(c.size), c) for c in (x, y))
+    here = (x >= extent[0]) & (x <= extent[1]) & (y >= extent[2]) & (y <= extent[3])
+    return x[here], y[here]

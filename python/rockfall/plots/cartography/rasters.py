@@ -1,0 +1,73 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Rasters as pictures: cut, thinned, outlined."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rockfall.io.grid import Grid
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from rockfall.plots.extent import Extent
+
+DOTS = 1500  # along the longer side of a map; its picture has fewer
+
+
+def cropped(
+    values: np.ndarray, grid: Grid, flipped: bool, extent: Extent, merge: np.ufunc, dots: int = 0
+) -> tuple[np.ndarray, Grid]:
+    """The part of a raster within an extent, of no more `dots` than a picture has: where several
+    cells make one, `merge` says how (np.add: their mean)."""
+    values = values[::-1] if flipped else values
+    west, east, south, north = extent
+    columns = _span(west - grid.west, east - grid.west, grid.cell, grid.nx)
+    rows = _span(grid.north - north, grid.north - south, grid.cell, grid.ny)
+    part = values[rows, columns]
+    step = int(max(part.shape) / (dots or DOTS)) + 1
+    sizes = merged(np.ones_like(part), step, np.add) if merge is np.add else 1
+    part = merged(part, step, merge) / sizes
+    west, north = grid.west + columns.start * grid.cell, grid.north - rows.start * grid.cell
+    return part, Grid(west, north, grid.cell * step, part.shape[1], part.shape[0])
+
+
+def merged(values: np.ndarray, step: int, merge: np.ufunc) -> np.ndarray:
+    """A raster with `step` x `step` cells merged to one, fewer at its southern and eastern edge."""
+    for axis in (0, 1) if step > 1 else ():
+        values = merge.reduceat(values, np.arange(0, values.shape[axis], step), axis=axis)
+    return values
+
+
+def _span(first: float, last: float, cell: float, size: int) -> slice:
+    """Cells between two distances [m] from the edge of a raster, at least two of them."""
+    start = int(np.clip(first // cell, 0, size - 2))
+    return slice(start, int(np.clip(np.ceil(last / cell), start + 2, size)))
+
+
+def draw_image(axes: Axes, values: np.ndarray, grid: Grid, **about: Any) -> None:
+    """A raster where its cells lie."""
+    extent = (grid.west, grid.east, grid.south, grid.north)
+    axes.imshow(values, extent=extent, interpolation="nearest", **about)
+
+
+def edges(inside: np.ndarray, grid: Grid) -> np.ndarray:
+    """The sides (n, 2, 2) [m] between cells that are inside and cells that are not."""
+    inside = np.pad(inside, 1)
+    row, column = np.nonzero(inside[:, 1:] != inside[:, :-1])
+    upright = np.stack([[column, row - 1], [column, row]])
+    row, column = np.nonzero(inside[1:] != inside[:-1])
+    level = np.stack([[column - 1, row], [column, row]])
+    found = np.concatenate([upright, level], axis=2).transpose(2, 0, 1)  # (sides, ends, x and y)
+    return (grid.west, grid.north) + found * (grid.cell, -grid.cell)
+
+
+def occupied(points: np.ndarray, cell: float) -> tuple[np.ndarray, Grid]:
+    """Which cells of this side have one of the points (n, 2) in them, and their grid."""
+    west, south = np.floor(points.min(axis=0) / cell) * cell
+    column, row = np.floor((points - (west, south)) / cell).astype(int).T
+    inside = np.zeros((row.max() + 1, column.max() + 1), bool)
+    inside[row.max() - row, column] = True
+    return inside, Grid(west, south + cell * len(inside), cell, inside.shape[1], len(inside))

@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a map lies on: shaded relief or a picture of the user's, and contours."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from rockfall.plots.cartography.rasters import cropped, draw_image
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from rockfall.plots.extent import Extent
+    from rockfall.result.trajectories import Terrain
+
+BROWN = "#5f4426"
+DARKEST = 0.35
+LIGHTS = ((315.0, 0.5), (0.0, 0.2), (270.0, 0.2), (45.0, 0.1))  # azimuth [degree], its part
+INTERVALS = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0)  # [m], as maps have them
+INDEX = 5  # each fifth contour is drawn bold and bears its elevation
+LINES = 60  # contours of a map, about
+CONTOUR_DOTS = 400  # of the terrain under contours: finer ones tremble
+SHORTEST = 12  # vertices of a contour that is drawn
+
+
+class Contours(NamedTuple):
+    """Their interval [m], and the curves (n, 2) [m] of each level."""
+
+    interval: float
+    curves: dict[float, list[np.ndarray]]
+
+    def is_index(self, level: float) -> bool:
+        return round(level / self.interval) % INDEX == 0
+
+
+def shade(z: np.ndarray, cell: float) -> np.ndarray:
+    """Brightness of a terrain, most of its light from the north-west, steep ground darker; nodata
+    is white."""
+    down, right = np.gradient(z, cell)
+    length = np.sqrt(1 + right**2 + down**2)
+    light = np.zeros_like(length)
+    for azimuth, part in LIGHTS:
+        angle = np.radians(azimuth)
+        light += part * np.clip((1 - right * np.sin(angle) + down * np.cos(angle)) / length, 0, 9)
+    light += 0.5 / length
+    dark, bright = np.nanpercentile(light, [1, 99]) if np.isfinite(light).any() else (0, 1)
+    shade = DARKEST + (1 - DARKEST) * np.clip((light - dark) / max(bright - dark, 1e-9), 0, 1)
+    return np.where(np.isnan(shade), 1, shade)
+
+
+def contours_of(terrain: Terrain, extent: Extent) -> Contours:
+    """Contours within an extent, at an interval that leaves room between them."""
+    from contourpy import contour_generator
+
+    z, grid = cropped(*terrain, False, extent, np.add, CONTOUR_DOTS)
+    low, high = (np.nanmin(z), np.nanmax(z)) if np.isfinite(z).any() else (0.0, 0.0)
+    interval = next((one for one in INTERVALS if (high - low) / one <= LINES), INTERVALS[-1])
+    levels = np.arange(low // interval + 1, high // interval + 1) * interval
+    made = contour_generator(grid.x, grid.y, np.ma.masked_invalid(z))
+    curves: dict[float, Any] = {
+        float(level): [one for one in made.lines(level) if len(one) >= SHORTEST]
+        for level in (levels if high - low > 1e-3 else ())
+    }
+    return Contours(interval, {level: some for level, some in curves.items() if some})
+
+
+def draw_relief(axes: Axes, terrain: Terrain, extent: Extent) -> None:
+    z, grid = cropped(*terrain, False, extent, np.add)
+    draw_image(axes, shade(z, grid.cell), grid, cmap="gray", vmin=0, vmax=1)
+
+
+def draw_contours(axes: Axes, contours: Contours) -> None:
+    from matplotlib.collections import LineCollection
+
+    for level, curves in contours.curves.items():
+        wide = 0.5 if contours.is_index(level) else 0.2
+        about: dict[str, Any] = {"colors": BROWN, "linewidths": wide, "alpha": 0.7}
+        axes.add_collection(LineCollection(curves, **about), autolim=False)

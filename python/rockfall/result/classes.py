@@ -1,0 +1,102 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Classes of maps: limits that people use, the same for every result, and their colours.
+
+A value belongs to the class up to and including a limit: above 300 kJ is above 300 kJ.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from rockfall.errors import RockfallError
+from rockfall.quantities import SHOWN
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+    import xarray as xr
+
+    #: Of a unit that is shown: limits between classes, instead of those below.
+    Limits = Mapping[str, tuple[float, ...]]
+
+COUNTED = {"tree_impacts": "hits", "sources": "sources"}  # maps that count no boulders
+DECADES = (1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)
+LIMITS = {  # of each unit shown; the Swiss classes of intensity end at 30 and 300 kJ
+    "kJ": (10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0, 10000.0),
+    "m": (0.5, 1.0, 2.0, 3.0, 5.0, 10.0, 20.0),
+    "m/s": (5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 40.0),
+    "%": (0.01, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0),
+    "degree": (20.0, 25.0, 28.0, 30.0, 32.0, 35.0, 40.0),
+    "s": (5.0, 10.0, 20.0, 30.0, 45.0, 60.0, 90.0),
+    "year-1": (0.0001, 0.001, 0.0033, 0.01, 0.033, 0.1, 1.0),
+}
+UNITS = (*LIMITS, "boulders", *COUNTED.values())
+#: Pale to dark, in grey print too, and of no hue that relief or water has.
+RAMP = ("#fff7bc", "#fed976", "#fdae4f", "#f87d3a", "#e6432b", "#bd1b43", "#84115f", "#430b52")
+
+
+class Classes(NamedTuple):
+    """The classes of a map: their unit, the limits between them, a colour for each."""
+
+    unit: str
+    limits: tuple[float, ...]
+    colours: tuple[str, ...]
+
+    def numbers(self, values: np.ndarray) -> np.ndarray:
+        """The class of each value, from 0; -1 where there is none."""
+        return np.where(np.isnan(values), -1, np.digitize(values, self.limits, right=True))
+
+    @property
+    def ticks(self) -> tuple[str, ...]:
+        """The limits as text."""
+        return tuple(f"{limit:,g}" for limit in self.limits)
+
+    @property
+    def labels(self) -> list[str]:
+        """Each class in words."""
+        between = [
+            f"{low} to {high}" for low, high in zip(self.ticks, self.ticks[1:], strict=False)
+        ]
+        return [f"up to {self.ticks[0]}", *between, f"above {self.ticks[-1]}"]
+
+
+def shown_as(variable: xr.DataArray) -> tuple[str, float]:
+    """The unit in which a map is shown, and the factor from that of the result."""
+    units = variable.attrs.get("units", "1")
+    if variable.dtype.kind in "iu" and units == "1":
+        return COUNTED.get(str(variable.name), "boulders"), 1.0
+    return SHOWN.get(units, (units, 1.0))
+
+
+def classes_of(unit: str, limits: Limits | None = None) -> Classes:
+    """The classes of maps in a unit, with limits of the user's where there are some."""
+    chosen = ((limits or {}).get(unit)) or LIMITS.get(unit, DECADES)
+    return Classes(unit, chosen, tuple(ramp(len(chosen) + 1)))
+
+
+def read_limits(texts: Iterable[str]) -> Limits:
+    """Limits of `unit=limit,limit...`, such as kJ=30,300."""
+    found = {}
+    for text in texts:
+        unit, _, numbers = text.partition("=")
+        try:
+            found[unit] = tuple(float(one) for one in numbers.split(","))
+        except ValueError:
+            found[unit] = ()
+        rising = all(low < high for low, high in zip(found[unit], found[unit][1:], strict=False))
+        if unit not in UNITS or not found[unit] or not rising or not np.isfinite(found[unit]).all():
+            raise RockfallError(
+                f"--limits {text}: must be unit=limit,limit... with rising numbers, such as "
+                f"kJ=30,300; units: {', '.join(UNITS)}"
+            )
+    return found
+
+
+def ramp(number: int) -> list[str]:
+    """So many colours of the ramp."""
+    table = np.array([[int(one[k : k + 2], 16) for k in (1, 3, 5)] for one in RAMP], float)
+    places = np.linspace(0, len(RAMP) - 1, number)
+    mixed = np.column_stack([np.interp(places, range(len(RAMP)), part) for part in table.T])
+    return ["#" + bytes(one).hex() for one in mixed.round().astype(int).tolist()]
