@@ -10,11 +10,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rockfall.analysis.compare import compare, write_comparison
+from rockfall.analysis.hazard.files import read_hazard
 from rockfall.analysis.observations import read_observed
 from rockfall.case_files import files_behind
 from rockfall.cli.messages import DONE, warn
 from rockfall.errors import RockfallError
 from rockfall.html_report import check_page, write_report
+from rockfall.html_report.inputs import Parties
+from rockfall.html_report.language import catalogue
 from rockfall.html_report.terrain_view import check_view
 from rockfall.io.raster_file import raster_files
 from rockfall.plots.cartography.basemap import read_basemap
@@ -72,11 +75,16 @@ def report_command(arguments: argparse.Namespace) -> int:
     if arguments.pdf and path.suffix.lower() != ending:
         raise RockfallError(f"{path}: is no name for a PDF; it must end in .pdf")
     check_page(path, _given(arguments))
+    catalogue(arguments.language)
     if arguments.view:
         check_view()
     result, terrain, observed = _shown(arguments)
     look = _look(arguments, result, terrain)
-    write_report(result, path, terrain, observed, look, arguments.view)
+    parties = Parties(arguments.project, arguments.client, arguments.author, arguments.dem_date)
+    hazard = read_hazard(arguments.hazard) if arguments.hazard else None
+    write_report(
+        result, path, terrain, observed, look, arguments.view, arguments.language, parties, hazard
+    )
     print(path)
     return DONE
 
@@ -92,6 +100,8 @@ def _given(arguments: argparse.Namespace) -> Iterator[str | Path]:
     yield from arguments.observed or ()
     if arguments.basemap:
         yield arguments.basemap
+    if getattr(arguments, "hazard", None):
+        yield arguments.hazard
     if arguments.dem:
         yield from raster_files(arguments.dem)
 
