@@ -25,12 +25,12 @@ if TYPE_CHECKING:
 LANGUAGES = ("en", "de", "fr", "it")
 #: Thousands and decimals (ISO 80000-1 outside English).
 MARKS = {"en": (",", "."), "de": ("\u202f", ","), "fr": ("\u202f", ","), "it": ("\u202f", ",")}
-NUMBER = re.compile(r"(?<![\w.])(?:[<>] )?\d+(?:,\d{3})*(?:\.\d+)?(?!\w)")
+NUMBER = re.compile(r"(?<![\w.])(?:[<>] )?\d+(?:,\d{3})*(?:\.\d+)?(?=kJ|years|\W|_?$)")
 #: Symbols and units, the same in all languages.
 SYMBOL = re.compile(
     r"(?<!\w)(?:[A-Za-z]+_[\w,]+|k?m[23²³]?|k?J|kg|rad|[stxyzpDnN]|UNI|ONR|EAD|SHA|CPU)(?!\w)"
 )
-BREAKS = ("\n", ". ", "; ", ": ", ", ")  # part a text that the catalogue lacks as a whole
+BREAKS = ("\n", ". ", "; ", ": ")  # part a text that the catalogue lacks as a whole
 log = logging.getLogger(__name__)
 
 
@@ -52,7 +52,7 @@ class Speaker:
         self.thousands, self.decimal = MARKS[language]
         known = sorted({name for name in names if name.strip()}, key=len, reverse=True)
         either = "|".join(map(re.escape, known)) or "(?!)"
-        self.name = re.compile(rf"(?<!\w)(?:{either})(?!\w)")
+        self.name = re.compile(rf"(?<!\w)(?:{either}|[a-z]+(?:_[a-z]+)+\d*)(?!\w)")
 
     def __call__(self, text: object) -> str:
         """A text in this language; what the catalogue lacks stays as it is, and is logged."""

@@ -138,7 +138,7 @@ def hazard_tables(found: xr.Dataset) -> Iterator[Table]:
         parts["Objects, with 95 % confidence intervals"] = object_rows
     for caption, rows_of_part in parts.items():
         head, *rows = rows_of_part(found)
-        yield Table(caption, head, rows)
+        yield Table(caption, head, [[cell.replace(" (", "\n(") for cell in row] for row in rows])
 
 
 def words_of_hazard(found: xr.Dataset) -> Iterator[str]:
@@ -161,7 +161,10 @@ def provenance(result: xr.Dataset) -> dict[str, Any]:
         ("boulders", f"{about['boulder_first']} to {about['boulder_last']}, {state}"),
         (f"boulders of {of}", f"{per_source:,}"),
         ("impact set", f"{about['impact_set']}, SHA-256 {about['impact_set_checksum']}"),
-        *((f"SHA-256 of {key}", sha) for key, sha in json.loads(about["input_checksums"]).items()),
+        *(
+            ("checksum (SHA-256)", f"{key}: {sha}")
+            for key, sha in json.loads(about["input_checksums"]).items()
+        ),
         ("threads", about["threads"]),
         ("time", "{wall_seconds:.1f} s, {cpu_seconds:.1f} s of CPU".format_map(result.attrs)),
     ]

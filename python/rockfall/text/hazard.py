@@ -55,8 +55,8 @@ def hazard_warnings(found: xr.Dataset) -> Iterator[str]:
     parts = [f"{number(lowered[k])} m2 {CLASSES[k]}" for k in range(len(CLASSES)) if lowered[k]]
     if lowered[RESIDUAL + 1 :].any():
         yield (
-            f"in zones, minimum_area = {minimum_area:g} m2 gives a lower class to "
-            f"{', '.join(reversed(parts))}: their attribute `highest`, and the map, keep it"
+            f"in zones, minimum_area = {minimum_area:g} m2 gives a lower class to: "
+            f"{'; '.join(reversed(parts))}; their attribute `highest`, and the map, keep it"
         )
 
 
