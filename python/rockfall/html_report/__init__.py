@@ -9,6 +9,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import importlib.resources
+import re
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -80,6 +81,7 @@ NOBODY = Parties()
 MAX_SVG = 400_000  # bytes; a denser figure becomes dots
 DOTS_PER_INCH = 200
 GROUNDS = "Grounds: radii of their rocks"
+UNIT = re.compile(r"(?<=\d) (?=(?:%|kJ|m|m/s|m2|m³|kg/m³)(?!\w))")  # stays with its number
 COLOURS = 128  # of a figure of dots
 
 
@@ -158,14 +160,15 @@ def report(
     zoomed = set() if on_paper else {f"map_{name}" for name in result.data_vars}
     shown = [one for one in figures(result, terrain, observed, look) if one.name not in zoomed]
     grounds = ground_figure(result, terrain)
+    endangered = [] if hazard is None else list(hazard_tables(hazard))
     outside = warnings(result)
     return _rendered(
         say,
         title=str(result.attrs["title"]) or "rockfall",
         parties=parties,
-        question=question(rows),
+        question=question(rows, hazard is not None),
         answers=answers(result, rows),
-        headline=headline(rows) if rows else None,
+        headline=[*([headline(rows)] if rows else ()), *(endangered[:1])],
         warnings=outside,
         certainty=list(certainty(result, rows, not outside)),
         inputs=[input_table(result, parties), *zone_table(result)],
@@ -181,7 +184,7 @@ def report(
             *([barrier_table(result)] if barriers_of(result) else ()),
         ],
         factors=list(factor_lines(sheet)) if sheet else [],
-        hazard=[] if hazard is None else list(hazard_tables(hazard)),
+        hazard=endangered[1:],
         hazard_warnings=[] if hazard is None else list(hazard_warnings(hazard)),
         hazard_figures=[
             _picture(one.draw(), one.title, one.caption, say)
@@ -248,7 +251,7 @@ def _rendered(say: Speaker, **content: Any) -> str:
         loader=jinja2.FunctionLoader(read), autoescape=True, undefined=jinja2.StrictUndefined,
         trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True,
     )  # fmt: skip
-    environment.filters["say"] = environment.globals["say"] = say
+    environment.filters["say"] = lambda text: UNIT.sub("\u00a0", say(text))
     return environment.get_template("page.html.j2").render(
         signature=SIGNATURE,
         language=say.language,

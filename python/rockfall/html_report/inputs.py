@@ -129,8 +129,9 @@ def words_of(result: xr.Dataset) -> Iterator[str]:
     yield from (str(result.attrs["impact_set"]), str(result.attrs["title"]), case.terrain["dem"])
     yield from (str(value) for key, value in result["crs"].attrs.items() if key.endswith("_name"))
     for one in zone_table(result):
-        if "description" in one.head or "ground" in one.head:
-            yield from (str(cell) for row in one.rows for cell in row[1:] if cell != "absorbs")
+        for k, name in enumerate(one.head):
+            if name in ("description", "ground"):
+                yield from (str(row[k]) for row in one.rows)
 
 
 def ground_figure(result: xr.Dataset, terrain: Terrain | None) -> Figure | None:

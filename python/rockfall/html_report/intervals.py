@@ -55,7 +55,7 @@ def estimate(row: Row, name: str, quantity: str) -> tuple[str, str]:
         for one in (value, low, high)
     )
     if math.isnan(high):
-        return value_, f"(from {low_}; too few boulders for an upper limit)"
+        return value_, f"(from {low_})"
     if math.isnan(low):
-        return value_, f"(to {high_}; too few boulders for a lower limit)"
+        return value_, f"(up to {high_})"
     return value_, f"({low_} to {high_})"

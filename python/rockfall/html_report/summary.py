@@ -39,8 +39,10 @@ ENDED = {  # of the statuses
 }
 
 
-def question(rows: Rows) -> str:
+def question(rows: Rows, has_hazard: bool) -> str:
     """What the report is to answer."""
+    if has_hazard:
+        return "Which areas and objects are endangered, how much, and how certain is that?"
     if rows:
         return (
             "How many of the released boulders reach the lines and barriers, and with which "
@@ -105,6 +107,7 @@ def run_out(result: xr.Dataset) -> Iterator[str]:
 def certainty(result: xr.Dataset, rows: Rows, is_inside: bool) -> Iterator[str]:
     """How sure the answer is: the Monte Carlo error, and what it leaves out."""
     boulders, source = result.sizes["boulder"], sources(result)
+    shown = [map(str, row) for row in headline(rows).rows]
     if boulders == 1:
         yield "One boulder is an example: it has no spread, and no intervals."
     else:
@@ -113,6 +116,8 @@ def certainty(result: xr.Dataset, rows: Rows, is_inside: bool) -> Iterator[str]:
             f"{boulders:,} boulders from {of} were simulated. Brackets are 95 % confidence "
             "intervals of the Monte Carlo error: what more boulders would change."
         )
+        if any("(from" in cell or "(up to" in cell for row in shown for cell in row):
+            yield "Where only one limit is given, too few boulders pass for the other."
         if source.sampled:
             yield "The sources are taken for a sample of others like them."
     crossed = [numbers["speed"] for numbers in rows.values() if numbers["speed"]["n"]]

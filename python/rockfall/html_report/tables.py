@@ -132,10 +132,11 @@ def design_tables(found: Design) -> Iterator[Table]:
 
 
 def hazard_tables(found: xr.Dataset) -> Iterator[Table]:
-    """Scenarios, areas of the classes, objects at risk."""
-    parts = {"Scenarios": scenario_rows, "Classes of hazard": class_rows}
+    """Areas of the classes, objects at risk, scenarios."""
+    parts = {"Classes of hazard": class_rows}
     if "object" in found.dims:
         parts["Objects, with 95 % confidence intervals"] = object_rows
+    parts["Scenarios"] = scenario_rows
     for caption, rows_of_part in parts.items():
         head, *rows = rows_of_part(found)
         yield Table(caption, head, [[cell.replace(" (", "\n(") for cell in row] for row in rows])
