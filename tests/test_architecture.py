@@ -13,15 +13,16 @@ LEVELS = [
     ["errors", "interrupts", "limits", "version"],
     ["io"],
     ["terrain"],
-    ["case", "case_files", "grounds", "impact_sets", "quantities", "result"],
+    ["case", "case_files", "case_text", "grounds", "impact_sets", "quantities", "result"],
     ["scene"],
     ["simulation"],
     ["analysis"],
-    ["protection", "rockyfor3d"],
+    ["draft", "protection", "rockyfor3d"],
     ["__init__"],
     ["lab"],
     ["plots", "text"],
     ["html_report"],
+    ["products"],
     ["cli", "__main__"],
 ]
 LEVEL = {room: level for level, rooms in enumerate(LEVELS) for room in rooms}

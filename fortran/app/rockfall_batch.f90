@@ -88,7 +88,8 @@ contains
                                  //integer_text(arguments%shard(2))
       scene = arguments%scene
       if (scene == "") scene = folder_of(arguments%case)//"scene.nc"
-      call read_case_file(arguments%case, arguments%boulders, arguments%seed, arguments%threads, text, case, error)
+      call read_case_file(arguments%case, arguments%boulders, arguments%total, arguments%seed, arguments%threads, &
+                          text, case, error)
       if (.not. allocated(error)) call check_team(case%threads, error)
       if (.not. allocated(error)) call check_output(output, arguments%case, scene, error)
       if (.not. allocated(error)) call take_lock(output//".lock", warn, lock, error)
@@ -138,6 +139,7 @@ contains
          "  --scene FILE         default: scene.nc beside the case", &
          "  -o, --output PART    default: name of the case, .partIofN, here", &
          "  --boulders N         released from each source", &
+         "  --boulders-total N   released from all sources together", &
          "  --seed N             of the random numbers", &
          "  --threads N          0 = all cores", &
          "  --shard I/N          the I-th of N parts", &

@@ -3,23 +3,31 @@
 
 from importlib import import_module
 
-_MODULES = {  # of each public name
+_MODULES = {  # of each public name, and the name there if it is another
     "Case": "case",
     "Interrupted": "simulation.simulate",
     "RockfallError": "errors",
     "__version__": "version",
+    "back_analysis": "analysis.back.study",
     "barrier_statistics": "protection.barriers",
+    "compare": "analysis.compare",
+    "convergence": "analysis.convergence:converge",
     "design": "protection.design",
-    "ensemble_table": "analysis.ensemble",
+    "ensemble": "analysis.ensemble.study:run_ensemble",
+    "ensemble_table": "analysis.ensemble.study",
+    "export": "result.export",
+    "figures": "products",
     "hazard": "analysis.hazard.study",
     "import_rockyfor3d": "rockyfor3d.imported",
     "line_statistics": "analysis.line_statistics",
     "merge": "simulation.merge",
+    "new_case": "draft.new_case",
     "read_case": "case",
     "read_result": "result.dataset",
+    "report": "products",
     "return_levels": "analysis.return_levels",
     "run": "simulation.simulate",
-    "run_ensemble": "analysis.ensemble",
+    "run_ensemble": "analysis.ensemble.study",
     "run_until": "analysis.run_until",
     "write_hazard": "analysis.hazard.files",
     "write_result": "result.dataset",
@@ -31,7 +39,8 @@ def __getattr__(name: str) -> object:
     """A public name, imported when it is first used: `rockfall --help` needs no NumPy (PEP 562)."""
     if name not in _MODULES:
         raise AttributeError(f"module 'rockfall' has no attribute {name!r}")
-    globals()[name] = found = getattr(import_module(f"rockfall.{_MODULES[name]}"), name)
+    module, _, own = _MODULES[name].partition(":")
+    globals()[name] = found = getattr(import_module(f"rockfall.{module}"), own or name)
     return found
 
 

@@ -50,7 +50,12 @@ def file_keys() -> list[Key]:
 
 
 def read_case(path: str | Path) -> Case:
-    """The case in a namelist file. A RockfallError names file, group, key, value and the rule."""
+    """The case in a namelist file. A RockfallError names file, group, key, value and the rule.
+
+    >>> import rockfall
+    >>> rockfall.read_case("case.nml").boulder["density"]
+    2800.0
+    """
     path = Path(path)
     check_text_file(path)
     try:
@@ -82,6 +87,17 @@ class Case:
 
     Keys that are not given have their default, or are absent. File names are relative to `folder`.
     Groups that may be repeated (`REPEATABLE`) are lists.
+
+    >>> import rockfall
+    >>> case = rockfall.Case(
+    ...     case={"boulders": 100},
+    ...     terrain={"dem": "dem.tif"},
+    ...     surface={"uniform_mean_radius": 0.3},
+    ...     boulder={"volume_mean": 1.0},
+    ...     release={"steep_cells": True, "slope_threshold": 30.0},
+    ... )
+    >>> case.replace(case={"boulders": 50}).release["drop_height"]
+    0.0
     """
 
     line: list[dict[str, Any]]
@@ -208,6 +224,7 @@ def _parse(text: str) -> dict[str, Any]:
     return groups
 
 
+@cache
 def _defaults() -> dict[str, dict[str, Any]]:
     """The defaults of each group."""
     texts: dict[str, str] = {}

@@ -14,7 +14,9 @@ import rockfall
 from programs import refuses
 from rockfall.analysis.compare import compare
 from rockfall.analysis.observations import read_observed
+from rockfall.analysis.ranks import rank_results
 from rockfall.cli import main
+from rockfall.text.comparison import ranks_text
 from rockfall.text.comparison import text as as_text
 from scenes import grid, make_case, rough, sets, status
 
@@ -110,10 +112,14 @@ HOSTILE = {
     "no kind": (
         "line,speed\nN,3\n",
         "o.csv: line 1: columns line, speed: must have those of: line, quantity, unit, mean | "
-        "line, quantity, unit, value | line, method, quantity, p | distance, fraction | "
-        "distance, percent | distance, share | x, y | distance",
+        "line, quantity, unit, value | line, method, quantity, p | impact, x, y | "
+        "distance, fraction | distance, percent | distance, share | x, y | distance",
     ),
-    "unknown column": ("x,y,z\n1,2,3\n", "o.csv: line 1: column z: must be x, y, boulder, note"),
+    "column twice": ("x,y,z,z\n1,2,3,3\n", "o.csv: line 1: column z: is there twice"),
+    "half a release": ("x,y,start_x\n1,2,3\n",
+        "o.csv: line 2: start_x = 3: needs start_x and start_y together"),
+    "releases of some": ("x,y,start_x,start_y\n1,2,3,4\n1,2,,\n",
+        "o.csv: line 3: start_x, start_y: must be there in all rows, or in none"),
     "unknown quantity": (
         SAMPLES + "N,velocity,m/s,3\n",
         "o.csv: line 2: quantity = velocity: must be speed, jump_height, passing_height, omega, "
@@ -158,7 +164,8 @@ def test_bad_observations_are_one_line_and_nothing_is_written(name, result, capf
 
 
 ARGUMENTS = {
-    "no observations": (["r.nc"], r".*required: OBSERVED.csv; see rockfall compare --help"),
+    "no observations": (["r.nc"], r"compare needs results \(.nc\) and observations \(CSV\)"),
+    "a result twice": (["r.nc", "r.nc", "o.csv"], r"compare: a result is given twice"),
     "observations missing": (["r.nc", "no.csv"], r"no.csv: no such file or directory"),
     "observations twice": (["r.nc", "o.csv", "./o.csv"], r"o.csv: is given twice"),
     "table over the observations": (["r.nc", "o.csv", "-o", "./o.csv"],
@@ -365,6 +372,101 @@ def test_few_observed_boulders_leave_much_to_chance(result):
     for one in (samples(speed=np.array([0.1])), file(NUMBERS + "N,speed,m/s,0.1,,,1,observed\n")):
         found = compare(result, one)
         assert pd.isna(found.errors["consistent"][0]) and "significant" not in as_text(found)
+
+
+# ---- run-out, impacts, ranks
+
+
+def made_stops(result, n, stretch=1.0, first=0):
+    """Stopping places of boulders of a result, so much farther from their release."""
+    some = result.isel(boulder=slice(first, first + n))
+    start, stop = (
+        np.column_stack([some[f"{of}_{axis}"] for axis in "xy"]) for of in ("start", "stop")
+    )
+    return replace(read_observed(), stops=start + stretch * (stop - start), starts=start)
+
+
+def test_run_out_has_the_numbers_of_numpy_and_scipy(result):
+    table = compare(result, made_stops(result, 40)).run_out.set_index("statistic")
+    ours, theirs = result["plan_distance"].values, result["plan_distance"].values[:40]
+    mean, std, far = (table.loc[name] for name in ("mean", "std", "wasserstein"))
+    assert mean["difference"] == pytest.approx(ours.mean() - theirs.mean(), abs=0.01)
+    assert std["observed"] == pytest.approx(theirs.std(ddof=1), abs=0.01)
+    assert far["difference"] == pytest.approx(stats.wasserstein_distance(theirs, ours), abs=0.01)
+    half = 1.96 * np.hypot(theirs.std() / np.sqrt(40), ours.std() / np.sqrt(2000))
+    width = mean["difference_high"] - mean["difference_low"]
+    assert width == pytest.approx(2 * half, rel=0.25)
+    low, value, high = (table[f"difference{end}"] for end in ("_low", "", "_high"))
+    assert (low <= value).all() and (value <= high).all()
+
+
+def test_offsets_are_across_the_way_to_the_mean_stop(result):
+    seen = made_stops(result, 200)
+    way = seen.stops - seen.starts
+    along = way.mean(axis=0) / np.hypot(*way.mean(axis=0))
+    offset = way @ np.array([-along[1], along[0]])
+    table = compare(result, seen).run_out.set_index("statistic")
+    assert table.loc["lateral_spread", "observed"] == pytest.approx(offset.std(ddof=1))
+    assert table.loc["lateral_offset", "observed"] == pytest.approx(0, abs=1e-9)
+
+
+def test_what_chance_can_do_is_undecided_and_more_is_not(result):
+    same = compare(result, made_stops(result, 60)).run_out.set_index("statistic")["verdict"]
+    far = compare(result, made_stops(result, 60, 1.5)).run_out.set_index("statistic")["verdict"]
+    assert same["mean"] == same["wasserstein"] == "undecided"
+    assert far["mean"] == "smaller" and far["wasserstein"] == "differs"
+
+
+def test_sources_are_compared_each_with_its_own(of_two):
+    """Of the boulders of the second source, none is of the first; all weigh as observed."""
+    seen = made_stops(of_two, 60, first=470)
+    assert (np.unique(seen.starts, axis=0, return_counts=True)[1] == 30).all()
+    table = compare(of_two, seen).run_out.set_index(["source", "statistic"])
+    distance = of_two["plan_distance"].values
+    for name, own in (("1", distance[:500]), ("2", distance[500:])):
+        assert table.loc[(name, "mean"), "simulated"] == pytest.approx(own.mean())
+        assert table.loc[(name, "mean"), "n_simulated"] == 500
+    one = made_stops(of_two, 30, first=470)
+    table = compare(of_two, one).run_out.set_index(["source", "statistic"])
+    assert table.loc[("all", "mean"), "simulated"] == pytest.approx(distance[:500].mean())
+
+
+def test_impacts_stand_beside_what_passes_their_cells(tmp_path):
+    output = {"maps": ["passages", "speed_max_map", "speed_mean"]}
+    result = make_run(tmp_path, 500, output=output)
+    row, column = np.unravel_index(result["passages"].values.argmax(), result["passages"].shape)
+    x, y = 5.0 * column + 2.5, 400 - 5.0 * row - 2.5
+    text = f"impact,x,y,speed,tree\n1,{x},{y},99,fir\n2,1,1,,\n"
+    found = compare(result, file(text))
+    assert found.contacts["speed_max_map"][0] == result["speed_max_map"].values[row, column] < 99
+    assert found.contacts["reach_probability"][1] == 0
+    assert found.contacts["tree"].to_list() == ["fir", ""]
+    said = " ".join(as_text(found).split())
+    assert "speed above the maximum of all that pass, of 1 known 1" in said
+    assert "Columns that are kept, not read: tree." in said
+
+
+def test_ranks_know_the_nearer_and_do_not_part_the_same(result, tmp_path):
+    slow = result.assign(plan_distance=0.5 * result["plan_distance"])
+    seen = replace(read_observed(), distances=np.sort(result["plan_distance"].values[:50]))
+    table = rank_results({"slow": slow, "own": result, "again": result}, seen)
+    table = table.set_index("result")
+    assert table.loc["slow", ["rank", "rank_low", "rank_high"]].to_list() == [3, 3, 3]
+    for name in ("own", "again"):
+        assert table.loc[name, ["rank_low", "rank_high"]].to_list() == [1, 2]
+    assert "undecided: 1 to 2" in ranks_text(table.reset_index())
+
+
+def test_several_results_are_ranked_by_the_command(result, capsys):
+    rockfall.write_result(result, "a.nc")
+    rockfall.write_result(result.isel(boulder=slice(500)), "b.nc")
+    file(SAMPLES + "".join(f"N,speed,m/s,{v}\n" for v in at(result, "speed")[:30]))
+    assert main(["compare", "a.nc", "b.nc", "o.csv", "-o", "ranks.csv"]) == 0
+    assert main(["compare", "a.nc", "b.nc", "o.csv", "-o", "ranks.csv"]) == 0
+    table = pd.read_csv("ranks.csv")
+    assert table["measure"].to_list() == ["N.speed"] * 2 and "N.speed" in capsys.readouterr().out
+    theirs = stats.wasserstein_distance(at(result, "speed")[:30], at(result, "speed"))
+    assert table.set_index("result").loc["a.nc", "distance"] == pytest.approx(theirs, rel=1e-4)
 
 
 # ---- the command

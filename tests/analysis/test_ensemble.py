@@ -12,12 +12,20 @@ import xarray as xr
 import rockfall
 from made import make_raster, refused
 from programs import find_program, refuses
-from rockfall.analysis import ensemble
-from rockfall.analysis.ensemble import RESULTS
+from rockfall import html_report
+from rockfall.analysis.ensemble import study
+from rockfall.analysis.ensemble.sobol_indices import (
+    MIN_CROSSED,
+    deviations,
+    indices,
+    limits,
+    parts,
+    runs_needed,
+)
+from rockfall.analysis.ensemble.study import RESULTS
+from rockfall.analysis.ensemble.uncertain_inputs import Uncertain, drawn_scene, gaussian_field
 from rockfall.analysis.line_statistics import Z, line_numbers, line_values
 from rockfall.analysis.precision.intervals import Sources
-from rockfall.analysis.sobol_indices import MIN_CROSSED, deviations, indices, parts
-from rockfall.analysis.uncertain_inputs import Uncertain, drawn_scene, gaussian_field
 from rockfall.cli import main
 from rockfall.errors import RockfallError
 from rockfall.scene.reach import survey
@@ -121,7 +129,7 @@ def test_chance_of_two_runs_and_what_they_share_are_those_of_other_boulders(tmp_
     scenes[1].z = 0.05 * scenes[1].z + 0.95 * scenes[0].z
     chosen = [RESULTS[name] for name in ("fraction", "speed.mean", "speed.q95")]
     values, covariances = np.empty((250, 3, 2)), np.empty((250, 3, 2, 2))
-    all_ = [ensemble.run_scene(scene)[["line_speed"]] for scene in scenes]
+    all_ = [study.run_scene(scene)[["line_speed"]] for scene in scenes]
     for k, block in enumerate(np.arange(2 * 250 * 150).reshape(2, 250, 150).swapaxes(0, 1)):
         runs = [one.isel(boulder=block.ravel()) for one in all_]
         for i, (quantity, number) in enumerate(chosen):
@@ -328,6 +336,36 @@ def test_a_line_that_some_runs_do_not_reach_has_a_share_and_nothing_else(tmp_pat
     assert all(np.isnan(at[name]).all() for name in unknown)
 
 
+def test_an_index_that_is_not_known_is_undecided_and_others_stay_within_all_and_nothing():
+    assert np.isnan(limits(3.58, 1.17)).all() and np.isnan(limits(np.nan, np.nan)).all()
+    assert limits(-0.1, 0.1) == pytest.approx((0.0, 0.0, 0.196), abs=1e-3)
+    assert limits(1.05, 0.1) == pytest.approx((1.0, 0.804, 1.0), abs=1e-3)
+    assert limits(0.4, 0.05) == pytest.approx((0.4, 0.302, 0.498), abs=1e-3)
+    assert runs_needed(np.array([0.1, 0.5]), 16) == 246  # 16 (1.96 0.5 / 0.25)^2
+
+
+def test_an_ensemble_is_a_result(place, capsys, monkeypatch):
+    """The file holds the run of the case as it is, to the last bit; every command reads it."""
+    monkeypatch.setattr(html_report, "figures", lambda *_: [])  # they take long
+    text = Path("case.nml").read_text() + "&output maps = 'passages', 'energy_max' /\n"
+    Path("case.nml").write_text(text)
+    assert main(["ensemble", "case.nml", "-o", "all.nc", "--quiet"]) == 0
+    found, run = rockfall.read_result("all.nc"), rockfall.run(rockfall.read_case("case.nml"))
+    assert all(run[name].equals(found[name]) for name in run if "y" not in run[name].dims)
+    low, high = (found[f"energy_max_{name}"].values for name in ("q05", "q95"))
+    assert (low <= high).all() and high.max() > 0
+    assert np.array_equal(found["reach_probability_q95"] > 0, high > 0)
+    for words in (["lines", "all.nc"], ["export", "all.nc", "out"], ["report", "all.nc"]):
+        assert main(words) == 0
+    assert "epistemic, std" in capsys.readouterr().out
+    names = " ".join(path.name for path in Path("out").glob("*.tif"))
+    assert "reached_runs" in names and "energy_max_q95" in names
+    page = Path("all.html").read_text()
+    first = page[page.index('id="summary"') : page.index('id="limits-of-validity"')]
+    assert "uncertain inputs, 90 % of the draws" in first and "Sobol" in first
+    assert "rockfall ensemble case.nml" in page
+
+
 # ---- what is drawn
 
 
@@ -485,7 +523,7 @@ def test_an_interrupted_ensemble_writes_nothing(place, capfd, monkeypatch):
             raise KeyboardInterrupt
         return run_scene(*arguments, **more)
 
-    monkeypatch.setattr(ensemble, "run_scene", pressed)
+    monkeypatch.setattr(study, "run_scene", pressed)
     assert main(["ensemble", "case.nml"]) == 130
     assert capfd.readouterr().err == "rockfall: interrupted; no file is half-written\n"
     assert sorted(path.name for path in Path().iterdir()) == ["case.nml", "dem.tif"]

@@ -376,7 +376,7 @@ def test_objects_that_cannot_be_are_refused(tmp_path, layer):
         ([ONE | {"frequency": -1.0}], {}, "&scenario frequency = -1.0: must be > 0 [1/year]"),
         ([ONE | {"frequency": 0.0}], {}, "&scenario frequency = 0.0: must be > 0 [1/year]"),
         ([ONE | {"frequency_per": "km2"}], {},
-         "&scenario frequency_per = 'km2': has no meaning for points (x, y), which have no area"),
+         "&scenario frequency_per = 'km2': has no meaning for points, which have no area"),
         ([ONE | {"frequency_per": "m"}], {},
          "&scenario frequency_per = 'm': must be one of: year, source, km2"),
         ([ONE, ONE], {}, "line 33: &scenario name = 'one': must be another for each scenario"),

@@ -102,7 +102,7 @@ HOSTILE = {
         r"case.nml: line 1: &case: a case has one such group; only "
         "&line, &barrier, &dam, &scenario may repeat"),
     "case missing": (remove("case.nml"), r"case.nml: cannot be read: No such file or directory"),
-    "case empty": (write("case.nml", b""), r"case.nml: &case boulders is missing: .*"),
+    "case empty": (write("case.nml", b""), r"case.nml: &terrain dem is missing: .*"),
     "case of bytes": (write("case.nml", CASE.replace("Slope", "Hänge").encode("latin-1")),
         r"case.nml: line 1: character code 228 is not text \(UTF-8 is due\)"),
     "DEM missing": (remove("dem.tif"), r"case.nml: &terrain dem = 'dem.tif': no such file"),
@@ -135,7 +135,7 @@ HOSTILE = {
     "no boulders": (change("boulders = 20", "boulders = 0"),
         r"case.nml: &case boulders = 0: must be 1 to 1e15"),
     "number of boulders missing": (change("boulders = 20, ", ""),
-        r"case.nml: &case boulders is missing: integer, released from each source"),
+        r"case.nml: &case boulders, boulders_total: give one of the two: .*"),
     "no source cells": (several(CELLS, raster("cells.tif", 0 * zones())),
         r"cells.tif: no source cells: must have cells above zero"),
     "more boulders than memory": (change("boulders = 20", "boulders = 2000000000"),
@@ -143,7 +143,7 @@ HOSTILE = {
     "more boulders than cells count": (
         change("boulders = 20", "boulders = 1000000000000"),
         r"case.nml: &case boulders = 1000000000000 from each of 1 sources: must be at most "
-        r"2147483647 together",
+        r"2147483647 together; boulders_total shares a number over all",
     ),
 }  # fmt: skip
 

@@ -56,7 +56,7 @@ def place(ready, tmp_path, monkeypatch):
     shutil.copytree(ready, tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
     drawn = [Drawing(name, name, name, Figure) for name in ("passing", "profile", "stops")]
-    monkeypatch.setattr("rockfall.cli.results.figures", lambda *_: drawn)
+    monkeypatch.setattr("rockfall.products.figures_of", lambda *_: drawn)
     monkeypatch.setattr("rockfall.html_report.figures", lambda *_: drawn)
     return tmp_path
 

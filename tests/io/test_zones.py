@@ -17,7 +17,7 @@ from made import make_layer, refused
 from rockfall.errors import RockfallError
 from rockfall.io import grid as grid_module
 from rockfall.io.grid import NO_ID, Grid, row_blocks
-from rockfall.io.layers import burn_polygons
+from rockfall.io.layers import burn_polygons, numbered_polygons
 from rockfall.io.zone_table import index_blocks, read_zone_table
 
 
@@ -203,9 +203,9 @@ def test_a_cell_belongs_to_the_polygon_over_its_centre(path):
     cells = burn_polygons(path, utm_grid(), "zone")
     assert cells.dtype == "int32"
     assert cells.tolist() == [row, row, row, low]
-    mask = burn_polygons(path, utm_grid())
-    assert mask.dtype == bool
-    assert (mask == (cells != NO_ID)).all()
+    numbers, columns = numbered_polygons(path, utm_grid(), [])
+    assert numbers.dtype == "uint8" and columns["zone"].tolist() == [4, 9, -2]
+    assert np.array_equal(np.array([NO_ID, 4, 9, -2])[numbers], cells)
 
 
 def test_the_later_polygon_wins_and_holes_are_holes():
@@ -219,6 +219,11 @@ def test_the_later_polygon_wins_and_holes_are_holes():
         [1, 1, NO_ID, NO_ID, 1, 1],
         [2, 1, 1, 1, 1, 1],
     ]
+
+
+def inside(path, grid):
+    """The cells that a polygon holds."""
+    return numbered_polygons(path, grid, [])[0] > 0
 
 
 def plain_geojson(x0=600000, y0=4999960, size=20):
@@ -258,7 +263,7 @@ def test_no_layer_reaches_the_network(name, text):
             f"{name}: not a vector layer that can be read (no GeoPackage, GeoJSON, shapefile or "
             "FlatGeobuf)"
         ):
-            burn_polygons(name, utm_grid())
+            inside(name, utm_grid())
         with pytest.raises(BlockingIOError):
             server.accept()
 
@@ -285,32 +290,60 @@ def test_geojson_of_one_feature_or_shape():
     path = Path(plain_geojson())
     feature = json.loads(path.read_text())["features"][0]
     path.write_text(json.dumps(feature))
-    assert (burn_polygons(path, utm_grid(), "zone") == 5).sum() == 4
+    local = Grid(600000.0, 5000000.0, 10.0, nx=6, ny=4)
+    assert (burn_polygons(path, local, "zone") == 5).sum() == 4
     path.write_text(json.dumps(feature["geometry"]))
-    assert burn_polygons(path, utm_grid()).sum() == 4
+    assert inside(path, local).sum() == 4
 
 
-def test_geojson_in_metres_is_taken_as_it_is():
-    assert (burn_polygons(plain_geojson(), utm_grid(), "zone") == 5).sum() == 4
-    assert burn_polygons(plain_geojson(), GRID).sum() == 4
-    local = Grid(0.0, 40.0, 10.0, nx=6, ny=4)  # small numbers, but the terrain has no CRS
-    assert burn_polygons(plain_geojson(0, 0), local).sum() == 4
+def test_geojson_without_a_crs_is_in_degrees_or_refused():
+    """On a terrain without a CRS nothing is asked."""
+    with pytest.raises(RockfallError) as caught:
+        inside(plain_geojson(), utm_grid())
+    assert str(caught.value) == (
+        "a.geojson: names no CRS, and its coordinates are not the degrees that GeoJSON then has: "
+        "x 600000 to 600020, y 4999960 to 4999980; if they are in that of the DEM: "
+        "ogr2ogr -a_srs EPSG:32632 a_with_crs.gpkg a.geojson"
+    )
+    assert inside(plain_geojson(), GRID).sum() == 4
+    local = Grid(0.0, 40.0, 10.0, nx=6, ny=4)  # small numbers, which could be degrees
+    assert inside(plain_geojson(0, 0), local).sum() == 4
 
 
-def test_geojson_in_degrees_is_refused_where_the_terrain_is_in_metres():
-    path = plain_geojson(10.27, 45.14, 0.01)
-    with pytest.raises(RockfallError, match=r"^a.geojson: coordinates are in EPSG:4326, those of "):
-        burn_polygons(path, utm_grid())
+@pytest.mark.parametrize("crs", ["EPSG:4326", "EPSG:25833", "EPSG:3857", "EPSG:32632+5773"])
+def test_reprojected_polygons_are_those_of_the_terrain(crs):
+    """And a remark says so, once; heights do not matter."""
+    import pyproj
+    import shapely
+
+    way = pyproj.Transformer.from_crs("EPSG:32632", crs.partition("+5773")[0], always_xy=True)
+    shapes = [box(4, 4, 24.9, 37), box(25.1, 0, 44, 40)]
+    there = shapely.transform(np.array(shapes), lambda xy: np.column_stack(way.transform(*xy.T)))
+    make_layer("own.gpkg", shapes, zone=[4, 9])
+    make_layer("other.gpkg", list(there), crs, zone=[4, 9])
+    remarks = []
+    for _ in range(2):
+        cells = burn_polygons("other.gpkg", utm_grid(), "zone", remarks)
+    assert np.array_equal(cells, burn_polygons("own.gpkg", utm_grid(), "zone"))
+    said = [f"other.gpkg: reprojected from {crs} to EPSG:32632"] * ("+" not in crs)
+    assert [one.partition(";")[0] for one in remarks] == said
 
 
-def test_another_crs_and_the_command_that_mends_it():
-    shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
-    make_layer("my zones.gpkg", [shapely.box(10.27, 45.14, 10.28, 45.15)], "EPSG:4326", zone=[3])
+def test_coordinates_that_are_nowhere_in_the_crs_of_the_dem():
+    make_layer("a.gpkg", [box(0, 0, 9, 9)], "EPSG:4326", zone=[3])
+    with pytest.raises(RockfallError, match=r"^a.gpkg: feature 1: EPSG:4326 has no such place "):
+        inside("a.gpkg", utm_grid())
+
+
+def test_a_layer_without_a_crs_is_refused():
+    with pytest.warns(UserWarning, match="crs"):
+        make_layer("my zones.gpkg", [box(0, 0, 9, 9)], None, zone=[3])
     with refused(
-        "my zones.gpkg: coordinates are in EPSG:4326, those of the terrain in EPSG:32632; reproject"
-        " with: ogr2ogr -t_srs EPSG:32632 'my zones_on_dem.gpkg' 'my zones.gpkg'"
+        "my zones.gpkg: names no CRS; if it is that of the DEM: "
+        "ogr2ogr -a_srs EPSG:32632 'my zones_with_crs.gpkg' 'my zones.gpkg'"
     ):
-        burn_polygons("my zones.gpkg", utm_grid(), "zone")
+        inside("my zones.gpkg", utm_grid())
+    assert inside("my zones.gpkg", GRID).sum() == 1
 
 
 def lines_and_points():
@@ -369,10 +402,10 @@ def test_several_layers():
         file.execute("CREATE TABLE layer_styles (id INTEGER PRIMARY KEY, qml TEXT)")
         columns = "gpkg_contents (table_name, data_type)"
         file.execute(f"INSERT INTO {columns} VALUES ('layer_styles', 'attributes')")
-    assert burn_polygons("a.gpkg", utm_grid()).sum() == 1
+    assert inside("a.gpkg", utm_grid()).sum() == 1
     make_layer("a.gpkg", [box(0, 0, 9, 9)], layer="roads", zone=[1])
     with refused("a.gpkg: has 2 layers (zones, roads); keep one layer in the file"):
-        burn_polygons("a.gpkg", utm_grid())
+        inside("a.gpkg", utm_grid())
 
 
 def test_polygons_elsewhere():
@@ -381,15 +414,15 @@ def test_polygons_elsewhere():
         "a.gpkg: no polygon holds the centre of a cell: x 601000 to 601010, y 4999960 to 4999970; "
         "the terrain: x 600000 to 600060, y 4999960 to 5000000"
     ):
-        burn_polygons("a.gpkg", utm_grid())
+        inside("a.gpkg", utm_grid())
 
 
 def test_a_file_that_is_no_layer():
     with refused("a.gpkg: no such file"):
-        burn_polygons("a.gpkg", GRID)
+        inside("a.gpkg", GRID)
     Path("a.gpkg").write_bytes(b"hello")
     with pytest.raises(RockfallError) as caught:
-        burn_polygons("a.gpkg", GRID)
+        inside("a.gpkg", GRID)
     assert re.fullmatch(r"a\.gpkg: not a vector layer that can be read \(.*\)", str(caught.value))
     assert caught.value.code == 2
 
@@ -397,4 +430,4 @@ def test_a_file_that_is_no_layer():
 def test_without_the_vector_extra_one_line(monkeypatch):
     monkeypatch.setitem(sys.modules, "pyogrio", None)
     with refused("polygons need the vector extra: pip install 'rockfall[vector]'"):
-        burn_polygons("a.gpkg", GRID)
+        inside("a.gpkg", GRID)

@@ -49,7 +49,7 @@ def test_memory_is_that_of_the_arrays(tmp_path):
     assert 4 * box * 2 <= need["maps"] <= 4 * Z.size * 2  # passages, columns of counts
     assert need["made"] - preview.PACKAGES <= 4 * Z.size  # the quantile
     assert need["classes"] == 1000 * 440  # bytes of the counts of energy in a cell
-    assert need["results"] == 500 * (12 * 8 + 8 * 4) + 50 * 16
+    assert need["results"] == 500 * (12 * 8 + 9 * 4) + 50 * 16
 
 
 def test_what_is_not_asked_for_takes_nothing(tmp_path):

@@ -10,7 +10,7 @@ import rockfall
 from made import make_layer, make_raster, refused
 from programs import refuses
 from rockfall.analysis.convergence import converge
-from rockfall.analysis.ensemble import run_ensemble
+from rockfall.analysis.ensemble.study import run_ensemble
 from rockfall.analysis.run_until import run_until
 from rockfall.cli import main
 from rockfall.scene.read import read_scene
@@ -119,15 +119,14 @@ def test_only_steep_cells_within_cells_or_polygons(tmp_path):
 
 REFUSED = {
     "steep_cells = .true., x = 1.0, y = 2.0": "&release steep_cells = .true.: has no meaning for "
-    "points (x, y)",
-    "by_area = .true., x = 1.0, y = 2.0": "&release by_area = .true.: has no meaning for points "
-    "(x, y)",
+    "points",
+    "by_area = .true., x = 1.0, y = 2.0": "&release by_area = .true.: has no meaning for points",
     "cells = 'a', slope_threshold = 40.0": "&release slope_threshold = 40.0: has no meaning "
     "without steep_cells = .true.",
     "steep_cells = .true., slope_threshold = 90": "&release slope_threshold = 90: must be 1 to 89 "
     "[degree]",
-    "steep_cells = .false.": "&release: give one of: points (x, y); cells; polygons; or "
-    "steep_cells, alone or with cells or polygons",
+    "steep_cells = .false.": "&release: give one of: points (x, y, or a layer); cells; polygons; "
+    "or steep_cells, alone or with cells or polygons",
 }
 
 

@@ -8,8 +8,8 @@ module rockfall_boulder
                               words_per_draw, volume_word
    implicit none
    private
-   public :: boulder_t, source_boulder_t, volume_distribution_t, release_t, draw_boulder, boulder_of, max_volume, &
-             mean_volume
+   public :: boulder_t, source_boulder_t, feature_t, volume_distribution_t, release_t, draw_boulder, boulder_of
+   public :: max_volume, mean_volume, feature_of
    public :: source_of, first_of, last_of, released_by, inertia_factor, kinetic_energy
    public :: fixed_volume, normal_volume, uniform_volume, lognormal_volume, list_volume
 
@@ -41,6 +41,13 @@ module rockfall_boulder
       real(wp) :: inertia = inertia_factor  !! I/(m R_b**2), R_b of the sphere of its volume [-]
    end type source_boulder_t
 
+   !> What a layer says of the releases of some sources: those in a polygon, or that at a point.
+   type :: feature_t
+      type(volume_distribution_t) :: volumes
+      real(wp) :: drop_height = 0.0_wp       !! above the surface [m]
+      real(wp) :: velocity(3) = 0.0_wp       !! east, north, up [m/s]
+   end type feature_t
+
    !> Boulders are numbered source by source. Every source releases the same number of them, boulder b has
    !> source (b-1)/n + 1; or each its own, up to boulder `last` of it.
    type :: release_t
@@ -49,6 +56,7 @@ module rockfall_boulder
       integer(i8), allocatable :: last(:)    !! of each source, never less than that before it
       real(wp) :: drop_height = 0.0_wp       !! above the surface [m]
       real(wp) :: velocity(3) = 0.0_wp       !! east, north, up [m/s]
+      integer, allocatable :: feature(:)     !! of each source, where they come from a layer
    end type release_t
 
 contains
@@ -95,6 +103,15 @@ contains
          last_of = source*release%boulders_per_source
       end if
    end function last_of
+
+   !> What the layer says of the releases of a source.
+   pure integer function feature_of(release, source)
+      type(release_t), intent(in) :: release
+      integer(i8), intent(in) :: source  !! 1..
+
+      feature_of = 0
+      if (allocated(release%feature)) feature_of = release%feature(source)
+   end function feature_of
 
    !> How many boulders a source releases.
    pure integer(i8) function released_by(release, source)

@@ -23,19 +23,19 @@ module rockfall_f2py
    use rockfall_reach, only: block_side, take_minima, reach_box
    use rockfall_stand, only: stems_in_cell, stem_numbers
    use rockfall_random, only: random_key
-   use rockfall_sources, only: usual_threshold, keep_steep, surface_ratios
+   use rockfall_sources, only: usual_threshold, keep_steep, surface_ratios, share_of
    use rockfall_maps, only: maps_t
    use rockfall_map_values, only: map_plan_t, plan_maps => map_plan, stack_layers, map_views, map_row, &
                                   map_min_count, map_thin_below, &
                                   fraction_limit, z_95, max_columns, halvings
    use rockfall_limits, only: check_tallies
    use rockfall_threads, only: team_size, check_team, release_team
-   use rockfall_ensemble, only: run_boulders, trace_boulder, share_of, recorded_boulders
+   use rockfall_ensemble, only: run_boulders, trace_boulder, recorded_boulders
    use rockfall_result, only: boulder_row, boulder_count_row, energy_row, line_row, vertex_row
    use rockfall_variables, only: variable_text, boulder_fields, boulder_counts, energy_fields, line_fields, &
                                  vertex_fields, map_fields, scene_layout, part_layout, piece, max_packing
    use rockfall_histogram, only: bin_width, n_bins
-   use rockfall_case_keys, only: key_text, n_keys, repeatable, map_names, max_real
+   use rockfall_case_keys, only: key_text, key_table, broken_rule, n_keys, repeatable, map_names, max_real
    use rockfall_case, only: case_t, read_case, turning_rule, radius_of_reading
    use rockfall_impact_sets, only: coefficients_t, read_impact_sets => read_sets, any_speed
    implicit none
@@ -47,7 +47,7 @@ module rockfall_f2py
    public :: boulders_of_source, recorded, sources_of_boulders, weights_of_sets, weights_of_sizes, ratio_classes
    public :: stand_counts, stand_numbers, shape_numbers
    public :: admissible_rebounds, limit_rebounds, size_to_radius, constant, share, fraction_limits
-   public :: ground_parameter, ground_model, barriers, barrier_outcomes, ead_energies
+   public :: check_numbers, ground_parameter, ground_model, barriers, barrier_outcomes, ead_energies
 
    !> What a handle stands for.
    type :: open_scene_t
@@ -61,13 +61,14 @@ contains
 
    !> The scene of the text of a case and of the arrays in `scene_arrays_t`, as a handle.
    subroutine open_scene(text, name, z8, z4, west, north, cell, nodes, first, zone1, zone2, values, sizes, &
-                         source_x, source_y, area_ratio, source_volume, source_inertia, source_density, tree_x, &
-                         tree_y, tree_dbh, tree_factor, sets_text, sets_name, draw, ground_text, ground_length, &
-                         ground_names, material_ground, cell_ground, handle, code, message, &
+                         source_x, source_y, area_ratio, source_frequency, source_volume, source_inertia, &
+                         source_density, source_feature, feature_law, feature_value, &
+                         tree_x, tree_y, tree_dbh, tree_factor, sets_text, sets_name, draw, ground_text, &
+                         ground_length, ground_names, material_ground, cell_ground, handle, code, message, &
                          nx8, ny8, nx4, ny4, nx1, ny1, nx2, ny2, nxv, nyv, nkv, ks, ms, ns, na, nb, nd, nt, &
-                         ng, mg, nxg, nyg)
+                         ng, mg, nxg, nyg, ne, nf, nw)
       integer(c_int), intent(in) :: nx8, ny8, nx4, ny4, nx1, ny1, nx2, ny2, nxv, nyv, nkv, ks, ms, ns, na, nb, nd, nt
-      integer(c_int), intent(in) :: ng, mg, nxg, nyg
+      integer(c_int), intent(in) :: ng, mg, nxg, nyg, ne, nf, nw
       character(len=*), intent(in) :: text, name                 !! of the case, and what it is called in messages
       real(c_double), intent(in), target :: z8(nx8, ny8)         !! elevations [m], or
       real(c_float), intent(in), target :: z4(nx4, ny4)          !! in single precision
@@ -78,8 +79,10 @@ contains
       real(c_float), intent(in), target :: values(nxv, nyv, nkv) !! sizes of each cell [m]
       real(c_double), intent(in) :: sizes(ks, ms)                !! [m]
       real(c_double), intent(in) :: source_x(ns), source_y(ns)   !! map coordinates [m]
-      real(c_double), intent(in) :: area_ratio(na)
+      real(c_double), intent(in) :: area_ratio(na), source_frequency(nw)  !! above zero, or none
       real(c_double), intent(in) :: source_volume(nb), source_inertia(nb), source_density(nd)  !! of their boulders
+      integer(c_int), intent(in) :: source_feature(ne), feature_law(nf)  !! feature of each, from 1; 0: none
+      real(c_double), intent(in) :: feature_value(9, nf)         !! as in scene_arrays_t
       real(c_double), intent(in), target :: tree_x(nt), tree_y(nt), tree_dbh(nt), tree_factor(nt)  !! stems
       character(len=*), intent(in) :: sets_text, sets_name       !! of the file of impact sets
       integer(c_int), intent(in) :: draw                         !! of its draws; 0: the only one
@@ -119,10 +122,18 @@ contains
       if (all(material_ground > 0)) arrays%material_ground = material_ground
       if (size(cell_ground) > 1) arrays%cell_ground => cell_ground
       call read_case(text, name, case, error)
-      if (case%by_area .and. .not. allocated(error)) arrays%area_ratio = area_ratio
+      if (all(area_ratio > 0)) arrays%area_ratio = area_ratio
+      if (all(source_frequency > 0)) arrays%source_frequency = source_frequency
       if (case%by_source) arrays%source_volume = source_volume
       if (case%by_source) arrays%source_inertia = source_inertia
       if (case%source_density) arrays%source_density = source_density
+      if (all(source_feature > 0)) then
+         arrays%source_feature = source_feature
+         if (all(feature_law >= 0)) then
+            arrays%feature_law = feature_law
+            arrays%feature_value = feature_value
+         end if
+      end if
       if (.not. allocated(error)) then
          allocate (opened)
          call scene_from(case, arrays, opened%scene, error)
@@ -190,7 +201,7 @@ contains
       integer(c_int32_t), intent(inout) :: trees_hit(nt)         !! likewise
       integer(c_int8_t), intent(inout) :: outcome(nb, no)        !! of barriers, likewise
       real(c_double), intent(out) :: boulder(12, n)              !! boulder_fields
-      integer(c_int32_t), intent(out) :: counts(8, n)            !! boulder_counts
+      integer(c_int32_t), intent(out) :: counts(9, n)            !! boulder_counts
       real(c_double), intent(out) :: crossing(12, nl, n)         !! line_fields; one line at least
       integer(c_int), intent(out) :: code                        !! 0 = success
       character(len=1024), intent(out) :: message
@@ -245,7 +256,7 @@ contains
       real(c_double), intent(inout) :: vertex(14, room)          !! vertex_fields
       integer(c_int), intent(out) :: recorded
       real(c_double), intent(out) :: boulder(12)                 !! boulder_fields
-      integer(c_int32_t), intent(out) :: counts(8)               !! boulder_counts
+      integer(c_int32_t), intent(out) :: counts(9)               !! boulder_counts
       type(open_scene_t), pointer :: opened
       type(boulder_result_t) :: fate
       type(scratch_t) :: scratch
@@ -583,6 +594,25 @@ contains
       opened => scene_of(handle)
       source = [(source_of(opened%scene%release, boulder(k)), k=1, n)]
    end subroutine sources_of_boulders
+
+   !> The first of some numbers that a key of the case may not have, from 1, and what it must be; 0: none.
+   subroutine check_numbers(group, name, values, first, rule, n)
+      integer(c_int), intent(in) :: n
+      character(len=*), intent(in) :: group, name
+      real(c_double), intent(in) :: values(n)
+      integer(c_int), intent(out) :: first
+      character(len=120), intent(out) :: rule
+      integer :: key
+
+      do key = 1, n_keys
+         if (key_table(key)%group == group .and. key_table(key)%name == name) exit
+      end do
+      do first = 1, n
+         rule = broken_rule(key_table(key), values(first))
+         if (rule /= "") return
+      end do
+      first = 0
+   end subroutine check_numbers
 
    !> Check the text of a case: code 0, or one line that says what is wrong.
    subroutine check_case(text, name, code, message)

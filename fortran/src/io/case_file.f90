@@ -18,8 +18,8 @@ module rockfall_case_file
 contains
 
    !> The case in a file, with values for keys of &case ("" = as in the file), and its text.
-   subroutine read_case_file(file, boulders, seed, threads, text, case, error)
-      character(len=*), intent(in) :: file, boulders, seed, threads
+   subroutine read_case_file(file, boulders, total, seed, threads, text, case, error)
+      character(len=*), intent(in) :: file, boulders, total, seed, threads
       character(len=:), allocatable, intent(out) :: text
       type(case_t), intent(out) :: case
       type(error_t), allocatable, intent(out) :: error
@@ -27,9 +27,12 @@ contains
 
       call read_text(file, text, error)
       if (.not. allocated(error)) call read_case(text, file, case, error)
-      if (allocated(error) .or. boulders//seed//threads == "") return
+      if (allocated(error) .or. boulders//total//seed//threads == "") return
       call parse_namelist(text, file, list, error)
+      if (boulders /= "") call remove(list, "boulders_total")
+      if (total /= "") call remove(list, "boulders")
       call override(list, "boulders", boulders)
+      call override(list, "boulders_total", total)
       call override(list, "seed", seed)
       call override(list, "threads", threads)
       text = namelist_text(list)
@@ -59,6 +62,21 @@ contains
          end if
       end do
    end subroutine override
+
+   !> Take a key of &case out, for which another stands.
+   pure subroutine remove(list, key)
+      type(namelist_t), intent(inout) :: list
+      character(len=*), intent(in) :: key
+      integer, allocatable :: kept(:)
+      integer :: g, e
+
+      do g = 1, size(list%group)
+         if (list%group(g)%name /= "case") cycle
+         kept = [(e, e=1, size(list%group(g)%entry))]
+         kept = pack(kept, list%group(g)%entry%key /= key)
+         list%group(g)%entry = list%group(g)%entry(kept)
+      end do
+   end subroutine remove
 
    !> Groups and values as the text of a namelist file.
    pure function namelist_text(list) result(text)

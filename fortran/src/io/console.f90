@@ -12,13 +12,13 @@ module rockfall_console
    public :: arguments_t, read_arguments, stem, one_line, decimal
 
    character(len=*), parameter :: see_help = "; see rockfall-batch --help"
-   character(len=*), parameter :: names(*) = [character(len=10) :: "output", "scene", "boulders", "seed", "threads", &
-                                              "shard", "checkpoint"]  !! of options with a value
+   character(len=*), parameter :: names(*) = [character(len=14) :: "output", "scene", "boulders", "boulders-total", &
+                                              "seed", "threads", "shard", "checkpoint"]  !! of options with a value
 
    type :: arguments_t
       character(len=:), allocatable :: case                     !! the case file
       character(len=:), allocatable :: output, scene            !! "" if not given
-      character(len=:), allocatable :: boulders, seed, threads  !! the same; integers
+      character(len=:), allocatable :: boulders, total, seed, threads  !! the same; integers
       integer(i8) :: shard(2) = 1                               !! [1, 1]: all of it
       real(wp) :: checkpoint = 60.0_wp                          !! from one to the next [s]; 0 = never
       logical :: resume = .false., quiet = .false.
@@ -38,6 +38,7 @@ contains
       arguments%output = ""
       arguments%scene = ""
       arguments%boulders = ""
+      arguments%total = ""
       arguments%seed = ""
       arguments%threads = ""
       k = 1
@@ -110,6 +111,7 @@ contains
       case ("output"); arguments%output = value
       case ("scene"); arguments%scene = value
       case ("boulders"); arguments%boulders = value
+      case ("boulders-total"); arguments%total = value
       case ("seed"); arguments%seed = value
       case ("threads"); arguments%threads = value
       case ("shard")
@@ -129,7 +131,7 @@ contains
       end select
       if (value == "") then
          call fail(error, "--"//name//": a value is missing"//see_help)
-      else if (any(name == [character(len=8) :: "boulders", "seed", "threads"])) then
+      else if (any(name == [character(len=14) :: "boulders", "boulders-total", "seed", "threads"])) then
          call parse_integer(value, number, status)
          if (status /= decimal_ok) call fail(error, "--"//name//" "//excerpt(value)//": must be an integer")
       end if

@@ -123,6 +123,8 @@ contains
          call keep(file, nf90_put_att(file%id, nf90_global, "cpu_seconds", results%cpu))
          call keep(file, nf90_put_att(file%id, nf90_global, "terrain_cells", [grid%nx, grid%ny]))
          call keep(file, nf90_put_att(file%id, nf90_global, "map_window", window_of(results)))
+         if (inputs%feature_names /= "") &
+            call keep(file, nf90_put_att(file%id, nf90_global, "source_features", inputs%feature_names))
          if (allocated(inputs%scene%grounds)) call describe_grounds(file, inputs%scene%grounds)
       end associate
    end subroutine describe
@@ -228,13 +230,16 @@ contains
          call keep(file, nf90_put_att(file%id, id, "flag_meanings", joined(statuses, " ")))
       end if
       call pass(file, described("boulder", "impacts"), [boulder], results%impacts(:n))
+      call pass(file, described("boulder", "source"), [boulder], results%source(:n))
+      if (size(results%feature) > 0) &
+         call pass(file, described("feature", "source_feature"), [boulder], results%feature(:n))
       if (case%energy_balance) then
          do k = 1, size(energy_fields)
             call pass(file, described("energy", energy_fields(k)), [boulder], results%energy(:n, k))
          end do
       end if
       if (case%forest) call pass(file, described("tree", "trees_hit"), [boulder], results%trees_hit(:n))
-      do k = 3, size(boulder_counts)
+      do k = 4, size(boulder_counts)
          call pass(file, described("count", boulder_counts(k)), [axis_t ::], results%count(k:k))
       end do
       if (size(results%by_ground) > 0) &
@@ -447,6 +452,9 @@ contains
          if (any(results%outcome(:n, :) < 0 .or. results%outcome(:n, :) > passed_over)) &
             call mark_damaged(file, "barrier_outcome")
          if (any(results%impacts(:n) < 0)) call mark_damaged(file, "impacts")
+         if (any(results%source(:n) < 1)) call mark_damaged(file, "source")
+         if (any(results%feature(:min(n, size(results%feature, kind=i8))) < 1)) &
+            call mark_damaged(file, "source_feature")
          if (any(results%count < 0)) call mark_damaged(file, "rebounds, or another count")
          if (any(results%histogram < 0)) call mark_damaged(file, "a histogram")
          if (any(results%by_ground < 0)) call mark_damaged(file, "rebounds_by_ground")

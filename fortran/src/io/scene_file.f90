@@ -13,6 +13,7 @@ module rockfall_scene_file
    use rockfall_interrupts, only: end_reading
    use rockfall_terrain, only: max_elevation
    use rockfall_surface, only: method_a
+   use rockfall_boulder, only: list_volume
    use rockfall_variables, only: layout => scene_layout
    use rockfall_case_keys, only: max_real
    use rockfall_case, only: case_t
@@ -31,6 +32,7 @@ module rockfall_scene_file
       integer :: crs = -1                      !! number of that variable
       type(axis_t) :: cells(2)                 !! x, y
       character(len=:), allocatable :: case_file, impact_set_checksum, input_checksums, decoded_checksums
+      character(len=:), allocatable :: feature_names  !! of the layer of sources, a line each
       real(wp), allocatable :: z8(:, :)
       real(sp), allocatable :: z4(:, :)
       integer(i1), allocatable :: zone1(:, :)
@@ -89,6 +91,7 @@ contains
          if (key /= "") call fail(error, case%file//": "//key//": is not as in the case that "//file%name &
                                   //" was made of; prepare again")
          inputs%case_file = text_of(file, nf90_global, "case_file")
+         inputs%feature_names = ""
          inputs%impact_set_checksum = text_of(file, nf90_global, "impact_set_checksum")
          inputs%input_checksums = text_of(file, nf90_global, "input_checksums")
          inputs%decoded_checksums = text_of(file, nf90_global, "decoded_checksums")
@@ -355,22 +358,58 @@ contains
          call check_shape(file, about_t("source_x", nf90_double), source)
          if (.not. sound(file)) return
          allocate (arrays%source_x(n), arrays%source_y(n), stat=status)
-         if (status == 0 .and. case%by_area) allocate (arrays%area_ratio(n), stat=status)
          if (status /= 0) call mark_damaged(file, "(no memory) source_x")
          call pass(file, about_t("source_x", nf90_double), source, arrays%source_x)
          call pass(file, about_t("source_y", nf90_double), source, arrays%source_y)
-         if (case%by_area) call pass(file, about_t("area_ratio", nf90_double), source, arrays%area_ratio)
          if (.not. sound(file)) return
          if (.not. all(is_place(arrays%source_x) .and. is_place(arrays%source_y))) &
             call mark_damaged(file, "source_x, or source_y,")
          if (case%by_source) call read_of_sources(inputs, source, "source_volume", arrays%source_volume)
          if (case%by_source) call read_of_sources(inputs, source, "source_inertia", arrays%source_inertia)
          if (case%source_density) call read_of_sources(inputs, source, "source_density", arrays%source_density)
-         if (.not. case%by_area) return
-         if (.not. all(ieee_is_finite(arrays%area_ratio) .and. above_zero(arrays%area_ratio))) &
-            call mark_damaged(file, "area_ratio")
+         if (case%by_area) call read_of_sources(inputs, source, "area_ratio", arrays%area_ratio)
+         if (kind_of(file, "source_frequency") /= 0) &
+            call read_of_sources(inputs, source, "source_frequency", arrays%source_frequency)
+         if (kind_of(file, "source_feature") /= 0) call read_features(inputs, source)
       end associate
    end subroutine read_sources
+
+   !> The feature of each source, and what a layer says of these.
+   subroutine read_features(inputs, source)
+      type(inputs_t), intent(inout) :: inputs
+      type(axis_t), intent(in) :: source(1)
+      type(axis_t) :: feature(1)
+      integer :: n, status
+
+      associate (file => inputs%file, arrays => inputs%arrays)
+         if (.not. sound(file)) return
+         inputs%feature_names = text_of(file, nf90_global, "source_features")
+         n = length_of(file, "feature")
+         feature = [axis_t("feature", int(n, i8))]
+         if (kind_of(file, "feature_law") == 0) n = huge(1)
+         if (n < 1) call mark_damaged(file, "its number of features")
+         if (.not. sound(file)) return
+         allocate (arrays%source_feature(source(1)%length), stat=status)
+         if (status /= 0) call mark_damaged(file, "(no memory) source_feature")
+         call pass(file, about_t("source_feature", nf90_int), source, arrays%source_feature)
+         if (.not. sound(file)) return
+         if (any(arrays%source_feature < 1 .or. arrays%source_feature > n)) call mark_damaged(file, "source_feature")
+         if (kind_of(file, "feature_law") == 0 .or. .not. sound(file)) return
+         call check_shape(file, about_t("feature_law", nf90_int), feature)
+         if (.not. sound(file)) return
+         allocate (arrays%feature_law(n), arrays%feature_value(9, n), stat=status)
+         if (status /= 0) call mark_damaged(file, "(no memory) feature_law")
+         call pass(file, about_t("feature_law", nf90_int), feature, arrays%feature_law)
+         call pass(file, about_t("feature_value", nf90_double), [axis_t("feature_field", 9_i8), feature], &
+                   arrays%feature_value)
+         if (.not. sound(file)) return
+         if (any(arrays%feature_law < 0 .or. arrays%feature_law > list_volume)) call mark_damaged(file, "feature_law")
+         associate (value => arrays%feature_value)
+            value = merge(value, -1.0_wp, is_place(value) .or. ieee_is_nan(value))
+            if (any(above_zero(-value(:6, :)))) call mark_damaged(file, "feature_value")
+         end associate
+      end associate
+   end subroutine read_features
 
    !> What sources say of their boulders: numbers above zero.
    subroutine read_of_sources(inputs, source, name, values)

@@ -32,7 +32,8 @@ module rockfall_case
    type :: case_t
       character(len=:), allocatable :: file, title, dem, zones, table, zone_field, mean_radius, rg(:), sets, &
                                        cells, polygons, ground, ground_map, ground_table
-      integer(i8) :: seed = 1, boulders = 1
+      integer(i8) :: seed = 1
+      integer(i8) :: boulders = 0, boulders_total = 0  !! from each source, or from all; 0: the other is given
       integer :: threads = 0
       logical :: sobol = .false.                 !! sampling
       integer, allocatable :: default_zone
@@ -45,8 +46,9 @@ module rockfall_case
       logical :: between_ratios = .false.
       type(volume_distribution_t) :: volumes
       logical :: by_source = .false.             !! sources say what their boulders are; volumes are factors
+      logical :: by_feature = .false.            !! the layer of the sources says all volumes
       logical :: source_density = .false.        !! also their density
-      real(wp), allocatable :: x(:), y(:)        !! release points, map coordinates [m]
+      logical :: at_points = .false.             !! the sources are points, not cells
       logical :: forest = .false.                !! there are trees
       type(tree_law_t) :: tree_law
       logical :: steep_cells = .false., by_area = .false.
@@ -77,7 +79,7 @@ contains
       this%file = file
       call read_run(list, this, error)
       if (.not. allocated(error)) call read_surface(group_of(list, "surface"), this, error)
-      if (.not. allocated(error)) call read_boulder(group_of(list, "boulder"), this, error)
+      if (.not. allocated(error)) call read_boulder(group_of(list, "boulder"), group_of(list, "release"), this, error)
       if (.not. allocated(error)) call read_release(group_of(list, "release"), this, error)
       if (.not. allocated(error)) call read_forest(group_of(list, "forest"), this, error)
       if (.not. allocated(error)) call read_lines(list, this, error)
@@ -148,6 +150,10 @@ contains
       this%title = text_of(group, "title")
       this%seed = integer_of(group, "seed")
       this%boulders = integer_of(group, "boulders")
+      this%boulders_total = integer_of(group, "boulders_total")
+      if (has_key(group, "boulders") .eqv. has_key(group, "boulders_total")) &
+         call fail(error, about(group, "boulders, boulders_total")//": give one of the two: boulders from each source, " &
+                   //"or from all together")
       this%threads = int(integer_of(group, "threads"))
       this%sobol = text_of(group, "sampling") == "sobol"
       if (this%sobol .and. this%boulders > max_points) then
@@ -247,8 +253,8 @@ contains
    end subroutine need
 
    !> The volume law, with the keys that it needs and no others.
-   pure subroutine read_boulder(group, this, error)
-      type(group_t), intent(in) :: group
+   pure subroutine read_boulder(group, release, this, error)
+      type(group_t), intent(in) :: group, release
       type(case_t), intent(inout) :: this
       type(error_t), allocatable, intent(out) :: error
       character(len=*), parameter :: keys(11) = [character(len=13) :: "volume_mean", "volume_std", "volume_min", &
@@ -265,7 +271,11 @@ contains
       case ("lognormal"); this%volumes%kind = lognormal_volume; needs(1:2) = .true.
       case ("uniform"); this%volumes%kind = uniform_volume; needs(3:4) = .true.
       case ("list"); this%volumes%kind = list_volume; needs(5) = .true.
-      case ("source"); this%by_source = .true.; needs(6:8) = .true.
+      case ("source")
+         this%by_feature = (has_key(release, "points") .or. has_key(release, "polygons")) &
+                           .and. .not. any([(has_key(group, trim(keys(k))), k=6, size(keys))])
+         this%by_source = .not. this%by_feature
+         needs(6:8) = this%by_source
       case default; this%volumes%kind = fixed_volume; needs(1) = .true.
       end select
       takes = needs
@@ -315,24 +325,28 @@ contains
       call get_logical(group, "steep_cells", this%steep_cells, error)
       call get_logical(group, "by_area", this%by_area, error)
       points = has_key(group, "x") .or. has_key(group, "y")
-      ways = count([points, has_key(group, "cells"), has_key(group, "polygons")])
+      ways = count([points, has_key(group, "points"), has_key(group, "cells"), has_key(group, "polygons")])
+      points = points .or. has_key(group, "points")
       if (ways > 1 .or. (ways == 0 .and. .not. this%steep_cells)) then
-         call fail(error, group%file//": &release: give one of: points (x, y); cells; polygons; or steep_cells, " &
+         call fail(error, group%file//": &release: give one of: points (x, y, or a layer); cells; polygons; or steep_cells, " &
                    //"alone or with cells or polygons")
       else if (points .and. this%steep_cells) then
-         call refuse(group, "steep_cells", "has no meaning for points (x, y)", error)
+         call refuse(group, "steep_cells", "has no meaning for points", error)
       else if (points .and. this%by_area) then
-         call refuse(group, "by_area", "has no meaning for points (x, y)", error)
+         call refuse(group, "by_area", "has no meaning for points", error)
       else if (has_key(group, "slope_threshold") .and. .not. this%steep_cells) then
          call refuse(group, "slope_threshold", "has no meaning without steep_cells = .true.", error)
       else if (has_key(group, "polygons_layer") .and. .not. has_key(group, "polygons")) then
          call refuse(group, "polygons_layer", "has no meaning without polygons", error)
-      else if (points) then
+      else if (has_key(group, "points_layer") .and. .not. has_key(group, "points")) then
+         call refuse(group, "points_layer", "has no meaning without points", error)
+      else if (has_key(group, "name_field") .and. .not. (has_key(group, "points") .or. has_key(group, "polygons"))) then
+         call refuse(group, "name_field", "has no meaning without points or polygons", error)
+      else if (has_key(group, "x") .or. has_key(group, "y")) then
          call check_points(group, 1, error)
       end if
       if (has_key(group, "slope_threshold")) this%slope_threshold = real_of(group, "slope_threshold")
-      this%x = reals_of(group, "x")
-      this%y = reals_of(group, "y")
+      this%at_points = points
       this%cells = text_of(group, "cells")
       this%polygons = text_of(group, "polygons")
       this%drop_height = real_of(group, "drop_height")
@@ -360,7 +374,9 @@ contains
       call read_either(group, "dbh_std", made, made, error)
       call read_either(group, "conifers", made, this%forest, error)
       if (allocated(error)) return
-      if (has_key(group, "species_table") .and. .not. this%forest) then
+      if (has_key(group, "trees_layer") .and. .not. listed) then
+         call refuse(group, "trees_layer", "has no meaning without trees", error)
+      else if (has_key(group, "species_table") .and. .not. this%forest) then
          call refuse(group, "species_table", "has no meaning without trees or stems", error)
       else if (has_key(group, "stem_height") .and. .not. this%forest) then
          call refuse(group, "stem_height", "has no meaning without trees or stems", error)
@@ -564,15 +580,32 @@ contains
       type(error_t), allocatable, intent(out) :: error
 
       if (real_of(group, "dem_error") > 0) call need(group, "dem_correlation", "for dem_error", error)
+      if (.not. allocated(error) .and. has_key(group, "draws")) call check_draws(group, error)
       if (allocated(error)) return
       if (real_of(group, "volume_std_factor") > 1 .and. this%volumes%std <= 0) then
          call refuse(group, "volume_std_factor", "has no meaning without a volume_std", error)
-      else if (real_of(group, "volume_factor") > 1 .and. this%by_source) then
+      else if (real_of(group, "volume_factor") > 1 .and. (this%by_source .or. this%by_feature)) then
          call refuse(group, "volume_factor", "has no meaning for volume = 'source'", error)
       else if (real_of(group, "drop_height_factor") > 1 .and. this%drop_height <= 0) then
          call refuse(group, "drop_height_factor", "has no meaning without a drop_height", error)
       end if
    end subroutine check_ensemble
+
+   !> What a file of draws may hold is not uncertain besides.
+   pure subroutine check_draws(group, error)
+      type(group_t), intent(in) :: group
+      type(error_t), allocatable, intent(out) :: error
+      character(len=*), parameter :: factors(*) = [character(len=18) :: "radius_factor", "volume_factor", &
+                                                   "volume_std_factor", "drop_height_factor"]
+      integer :: k
+
+      if (real_of(group, "source_shift") > 0) call refuse(group, "source_shift", "must be 0: draws has it", error)
+      do k = 1, size(factors)
+         if (allocated(error)) return
+         if (real_of(group, trim(factors(k))) <= 1) cycle
+         call refuse(group, trim(factors(k)), "must be 1: draws has it", error)
+      end do
+   end subroutine check_draws
 
    !> Thresholds for a map; the rest is for `rockfall hazard`, and a run takes no notice of it.
    pure subroutine read_hazard(group, list, this, error)
@@ -643,8 +676,8 @@ contains
                call refuse(group, "name", "must be at most "//integer_text(max_name)//" characters", error)
             else if (has_key(group, "frequency") .eqv. has_key(group, "return_period")) then
                call fail(error, about(group, "frequency, return_period")//": give one of the two")
-            else if (text_of(group, "frequency_per") == "km2" .and. size(this%x) > 0) then
-               call refuse(group, "frequency_per", "has no meaning for points (x, y), which have no area", error)
+            else if (text_of(group, "frequency_per") == "km2" .and. this%at_points) then
+               call refuse(group, "frequency_per", "has no meaning for points, which have no area", error)
             end if
             if (allocated(error)) return
          end associate

@@ -1,6 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> The keys of a case file: every group and key, its default and what it may be, in one table that both programs read.
 module rockfall_case_keys
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail
    use rockfall_text, only: integer_text, joined
@@ -11,7 +12,7 @@ module rockfall_case_keys
    use rockfall_decimal, only: parse_real
    implicit none
    private
-   public :: key_t, key_table, n_keys, key_text, row_text, read_keys, check_key, repeatable
+   public :: key_t, key_table, n_keys, key_text, row_text, read_keys, check_key, repeatable, broken_rule
    public :: map_names, n_maps, max_thresholds, max_periods, hazard_classes, many, text_length, max_name, max_real
 
    integer, parameter :: many = 100000                !! values of a list
@@ -50,7 +51,9 @@ module rockfall_case_keys
    type(key_t), parameter :: key_table(*) = [ &
       key_t("case", "title", "text", 1, "''", "", "", "what the result is called"), &
       key_t("case", "seed", "integer", 1, "1", ">= 0", "", "of the random numbers"), &
-      key_t("case", "boulders", "integer", 1, "required", "1 to 1e15", "", "released from each source"), &
+      key_t("case", "boulders", "integer", 1, "absent", "1 to 1e15", "", "released from each source"), &
+      key_t("case", "boulders_total", "integer", 1, "absent", "1 to 2147483647", "", &
+            "instead of boulders: released from all sources together, shared evenly or by their weights"), &
       key_t("case", "threads", "integer", 1, "0", "0 to 1024", "", "0 = all cores"), &
       key_t("case", "sampling", "text", 1, "'random'", "random, sobol", "", &
             "sobol: volumes and first rebounds spread evenly"), &
@@ -91,7 +94,7 @@ module rockfall_case_keys
       key_t("impact", "stop_speed", "real", 1, "0.5", "> 0", "m/s", "slower after a rebound: stopped"), &
       key_t("impact", "impact_limit", "integer", 1, "100000", "1 to 2147483647", "", "contacts of a boulder at most"), &
       key_t("boulder", "volume", "text", 1, "'fixed'", "fixed, normal, uniform, lognormal, list, source", "", &
-            "law; source: what rasters say at each source"), &
+            "law; source: what rasters, or attributes of a layer, say at each source"), &
       key_t("boulder", "volume_mean", "real", 1, "absent", "> 0", "m3", "fixed, normal, lognormal"), &
       key_t("boulder", "volume_std", "real", 1, "absent", ">= 0", "m3", "normal (truncated at 0), lognormal"), &
       key_t("boulder", "volume_min", "real", 1, "absent", "> 0", "m3", "uniform"), &
@@ -110,23 +113,33 @@ module rockfall_case_keys
             "source: volumes differ by up to this fraction from that of their source, evenly"), &
       key_t("release", "x", "real", many, "absent", "", "m", "release points", in_scene), &
       key_t("release", "y", "real", many, "absent", "", "m", "release points", in_scene), &
+      key_t("release", "points", "text", 1, "absent", "", "", &
+            "layer of points, or CSV with x, y; their attributes say more: releases.md", in_scene, "points"), &
+      key_t("release", "points_layer", "text", 1, "absent", "", "", "of a GeoPackage with several", in_scene), &
       key_t("release", "cells", "text", 1, "absent", "", "", &
             "raster: cells above zero are sources", in_scene, "raster"), &
       key_t("release", "polygons", "text", 1, "absent", "", "", &
-            "polygons: cells inside are sources", in_scene, "layer"), &
+            "polygons: cells inside are sources; their attributes say more: releases.md", in_scene, "layer"), &
       key_t("release", "polygons_layer", "text", 1, "absent", "", "", "of a GeoPackage with several", in_scene), &
+      key_t("release", "name_field", "text", 1, "absent", "", "", &
+            "attribute of points or polygons with the name; absent: name", in_scene), &
       key_t("release", "steep_cells", "logical", 1, ".false.", "", "", &
             "cells as steep as slope_threshold are sources; only those within cells or polygons, if given", in_scene), &
       key_t("release", "slope_threshold", "real", 1, "absent", "1 to 89", "degree", &
             "of steep_cells; absent: 55 RES**-0.075 for cells of RES m (Dorren 2016)", in_scene), &
       key_t("release", "by_area", "logical", 1, ".false.", "", "", &
-            "a cell releases boulders in proportion to its true surface area, &case boulders if flat", in_scene), &
+            "a cell releases boulders in proportion to its true surface area; &case boulders: if flat", in_scene), &
       key_t("release", "sources", "text", 1, "'all'", "all, sample", "", &
             "what confidence intervals take the sources for: all there are, or a sample of others like them"), &
       key_t("release", "drop_height", "real", 1, "0.0", ">= 0", "m", "above the surface"), &
       key_t("release", "velocity", "real", 3, "3*0.0", "", "m/s", "east, north, up"), &
       key_t("forest", "trees", "text", 1, "absent", "", "", &
             "CSV with x, y, dbh [cm], species; or a layer of points", in_scene, "points"), &
+      key_t("forest", "trees_layer", "text", 1, "absent", "", "", "of a GeoPackage with several", in_scene), &
+      key_t("forest", "dbh_field", "text", 1, "'dbh'", "", "", "attribute of trees with their diameter [cm]", &
+            in_scene), &
+      key_t("forest", "species_field", "text", 1, "'species'", "", "", "attribute of trees with their species", &
+            in_scene), &
       key_t("forest", "stems", "text", 1, "absent", "", "", &
             "raster of stems a hectare, of which trees are made", in_scene, "raster"), &
       key_t("forest", "uniform_stems", "real", 1, "absent", "> 0", "1/ha", "as many everywhere", in_scene), &
@@ -211,6 +224,8 @@ module rockfall_case_keys
             "standard deviation of easting and northing of all sources together"), &
       key_t("ensemble", "sets", "text", 100, "absent", "", "", "impact sets, each with equal probability", &
             file="sets"), &
+      key_t("ensemble", "draws", "text", 1, "absent", "", "", &
+            "CSV of draws that `rockfall back` wrote, in place of what its columns hold", file="table"), &
       key_t("scenario", "name", "text", 1, "required", "", "", "of a class of boulders, with its frequency"), &
       key_t("scenario", "frequency", "real", 1, "absent", "> 0", "1/year", "how many boulders come loose"), &
       key_t("scenario", "return_period", "real", 1, "absent", "> 0", "year", "instead of frequency: 1/frequency"), &
@@ -403,29 +418,41 @@ contains
       type(key_t), intent(in) :: key
       type(error_t), allocatable, intent(out) :: error
       real(wp), allocatable :: values(:)
-      real(wp) :: range(2)
-      character(len=:), allocatable :: unit
-      logical :: positive
+      character(len=:), allocatable :: rule
       integer :: k
 
       call get_real(group, trim(key%name), values, error)
       if (allocated(error)) return
-      unit = ""
-      if (key%unit /= "") unit = " ["//trim(key%unit)//"]"
-      range = range_of(key%allowed, [-max_real, max_real])
-      positive = key%allowed(:2) == "> "
       do k = 1, size(values)
-         if (values(k) < range(1) .or. (positive .and. values(k) <= range(1)) .or. &
-             (values(k) > range(2) .and. range(2) < max_real)) then
-            call refuse(group, trim(key%name), "must be "//trim(key%allowed)//unit, error, k)
-         else if (abs(values(k)) > max_real) then
-            call refuse(group, trim(key%name), "must be at most 1e12"//unit, error, k)
-         else if (positive .and. values(k) < min_positive) then
-            call refuse(group, trim(key%name), "must be at least 1e-12"//unit, error, k)
-         end if
+         rule = broken_rule(key, values(k))
+         if (rule /= "") call refuse(group, trim(key%name), rule, error, k)
          if (allocated(error)) return
       end do
    end subroutine check_reals
+
+   !> What a number of a key must be and is not; "" where all is well.
+   pure function broken_rule(key, value) result(rule)
+      type(key_t), intent(in) :: key
+      real(wp), intent(in) :: value
+      character(len=:), allocatable :: rule
+      real(wp) :: range(2)
+      logical :: positive
+
+      rule = ""
+      range = range_of(key%allowed, [-max_real, max_real])
+      positive = key%allowed(:2) == "> "
+      if (ieee_is_nan(value)) then
+         rule = "must be a number"
+      else if (value < range(1) .or. (positive .and. value <= range(1)) .or. &
+               (value > range(2) .and. range(2) < max_real)) then
+         rule = "must be "//trim(key%allowed)
+      else if (abs(value) > max_real) then
+         rule = "must be at most 1e12"
+      else if (positive .and. value < min_positive) then
+         rule = "must be at least 1e-12"
+      end if
+      if (rule /= "" .and. key%unit /= "") rule = rule//" ["//trim(key%unit)//"]"
+   end function broken_rule
 
    !> The ends of "a to b", "> a" or ">= a"; `outer` gives those that are not told.
    pure function range_of(allowed, outer) result(range)

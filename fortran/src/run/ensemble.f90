@@ -6,6 +6,7 @@ module rockfall_ensemble
    use rockfall_threads, only: team_size
    use rockfall_trajectory, only: scene_t, boulder_result_t, crossing_t, scratch_t, trace_full, choose_trace, &
                                   has_obstacles, at_rest, left_window
+   use rockfall_sources, only: share_of
    use rockfall_boulder, only: release_t, source_of, first_of, last_of, released_by
    use rockfall_maps, only: maps_t, needs_visits, visits_t, start_visits, add_visits, add_deposit
    use rockfall_travel_maps, only: needs_times, needs_travel, add_travel
@@ -14,7 +15,7 @@ module rockfall_ensemble
    use rockfall_histogram, only: histograms, bins, quantities
    implicit none
    private
-   public :: run_boulders, trace_boulder, share_of, recorded_boulders
+   public :: run_boulders, trace_boulder, recorded_boulders
 
    integer, parameter :: batch = 16        !! boulders that a thread takes at a time
    !> Boulders of a source up to which one thread runs it alone, in a call of few boulders; in larger calls so many
@@ -222,11 +223,4 @@ contains
          if (turn == 1) allocate (number(n))
       end do
    end function recorded_boulders
-
-   !> n*part/of without overflow: the boulders in the first of equal ranges.
-   pure integer(i8) function share_of(n, part, of)
-      integer(i8), intent(in) :: n, part, of
-
-      share_of = n/of*part + mod(n, of)*part/of
-   end function share_of
 end module rockfall_ensemble

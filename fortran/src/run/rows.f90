@@ -31,7 +31,7 @@ contains
       type(boulder_result_t), intent(in) :: fate
       integer :: row(size(boulder_counts))
 
-      row = [fate%status, fate%impacts, fate%rebounds, fate%redrawn, fate%forced, fate%out_of_range, &
+      row = [fate%status, fate%impacts, fate%source, fate%rebounds, fate%redrawn, fate%forced, fate%out_of_range, &
              fate%out_of_speed, fate%out_of_angle]
    end function boulder_count_row
 

@@ -13,7 +13,9 @@ module rockfall_run_loop
    use rockfall_variables, only: boulder_fields, boulder_counts, energy_fields, line_fields, vertex_fields
    use rockfall_result, only: boulder_row, boulder_count_row, energy_row, line_row, vertex_row
    use rockfall_threads, only: team_size
-   use rockfall_ensemble, only: run_boulders, trace_boulder, share_of, recorded_boulders
+   use rockfall_ensemble, only: run_boulders, trace_boulder, recorded_boulders
+   use rockfall_sources, only: share_of
+   use rockfall_boulder, only: feature_of
    use rockfall_case_keys, only: map_names
    use rockfall_case, only: case_t
    use rockfall_grid, only: grid_t
@@ -35,8 +37,10 @@ module rockfall_run_loop
       real(wp), allocatable :: boulder(:, :)             !! (boulders, boulder_fields)
       integer(i1), allocatable :: status(:)              !! the first of boulder_counts,
       integer(i4), allocatable :: impacts(:)             !! the second,
+      integer(i4), allocatable :: source(:)              !! the third,
       integer(i8) :: count(size(boulder_counts)) = 0     !! and of all boulders done, the others
       real(wp), allocatable :: energy(:, :)              !! (boulders, energy_fields), or no boulders
+      integer(i4), allocatable :: feature(:)             !! of the source of each boulder, or of none
       integer(i4), allocatable :: trees_hit(:)           !! of each boulder, or of none
       real(wp), allocatable :: line(:, :, :)             !! (boulders, lines, line_fields)
       integer(i1), allocatable :: outcome(:, :)          !! (boulders, barriers), as in crossing_t
@@ -155,9 +159,10 @@ contains
       stacks = stack_layers(results%plan)
       associate (n => results%boulders, nx => results%grid%nx, ny => results%grid%ny, plan => results%plan)
          allocate (results%boulder(n, size(boulder_fields)), stat=rows(1))
-         if (rows(1) == 0) allocate (results%status(n), results%impacts(n), stat=rows(2))
+         if (rows(1) == 0) allocate (results%status(n), results%impacts(n), results%source(n), stat=rows(2))
          if (all(rows == 0)) &
             allocate (results%energy(merge(n, 0_i8, case%energy_balance), size(energy_fields)), &
+                      results%feature(merge(n, 0_i8, allocated(scene%release%feature))), &
                       results%trees_hit(merge(n, 0_i8, case%forest)), stat=rows(2))
          if (all(rows == 0)) allocate (results%line(n, lines, size(line_fields)), &
                                         results%outcome(n, n_barriers(scene)), stat=rows(3))
@@ -283,8 +288,10 @@ contains
          count = boulder_count_row(fate(k))
          results%status(row) = int(count(1), i1)
          results%impacts(row) = count(2)
+         results%source(row) = count(3)
          results%count = results%count + count
          if (case%energy_balance) results%energy(row, :) = energy_row(fate(k))
+         if (size(results%feature) > 0) results%feature(row) = feature_of(scene%release, int(fate(k)%source, i8))
          if (case%forest) results%trees_hit(row) = fate(k)%trees_hit
          do line = 1, size(case%lines)
             results%line(row, line, :) = line_row(scene%dem, fate(k), crossing(line, k))

@@ -1,6 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> From a case and the arrays that it names to the scene that boulders fly over: the one way for both programs.
 module rockfall_scene
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
    use rockfall_kinds, only: wp, sp, i1, i2, i4, i8
    use rockfall_error, only: error_t, fail
    use rockfall_text, only: integer_text, line_of
@@ -8,10 +9,10 @@ module rockfall_scene
    use rockfall_sobol, only: sobol_sequence, max_dimensions
    use rockfall_grid, only: grid_t
    use rockfall_terrain, only: terrain, patch_t, locate, height, on_terrain
-   use rockfall_sources, only: last_boulders
+   use rockfall_sources, only: last_boulders, shared_boulders, share_of
    use rockfall_line, only: line
    use rockfall_barrier, only: barrier_t
-   use rockfall_boulder, only: volume_distribution_t, fixed_volume, last_of, max_volume
+   use rockfall_boulder, only: release_t, volume_distribution_t, fixed_volume, last_of, max_volume, mean_volume
    use rockfall_ground, only: ground_t
    use rockfall_forest, only: build_forest
    use rockfall_trajectory, only: scene_t
@@ -39,8 +40,13 @@ module rockfall_scene
       real(wp), allocatable :: sizes(:, :)                       !! R_m, or Rg70, Rg20, Rg10 (1 or 3, materials) [m]
       real(wp), allocatable :: source_x(:), source_y(:)          !! map coordinates [m]
       real(wp), allocatable :: area_ratio(:)                     !! surface over plan area, where they release by it
+      real(wp), allocatable :: source_frequency(:)               !! in any unit, by which they share boulders_total
       real(wp), allocatable :: source_volume(:), source_inertia(:)  !! of their boulders, where they say it [m3], [-]
       real(wp), allocatable :: source_density(:)                 !! and their density [kg/m3]
+      integer, allocatable :: source_feature(:)                  !! of a layer, where they come from one, from 1
+      integer, allocatable :: feature_law(:)                     !! of volumes, as in rockfall_boulder; 0: the case's
+      real(wp), allocatable :: feature_value(:, :)               !! mean, std, min, max of volumes [m3],
+      !! density [kg/m3], drop height [m], velocity [m/s] (9, features); NaN: the case's
       real(wp), pointer, contiguous :: tree_x(:) => null(), tree_y(:) => null()  !! stems, map coordinates [m]
       real(wp), pointer, contiguous :: tree_dbh(:) => null()     !! their diameters at breast height, > 0 [cm]
       real(wp), pointer, contiguous :: tree_factor(:) => null()  !! of their species [-]
@@ -77,9 +83,11 @@ contains
       call set_ground(case, arrays, scene)
       call set_release(case, arrays, scene)
       call set_boulders(case, arrays, scene)
+      call set_features(case, arrays, scene)
       call set_lines(case, scene)
       call set_forest(case, arrays, scene)
       call check_number(case, scene, error)
+      if (.not. allocated(error)) call check_features(case, arrays, scene, error)
       if (.not. allocated(error)) call set_impacts(case, arrays, scene, error)
       if (.not. allocated(error)) call set_grounds(case, arrays, scene, error)
    end subroutine scene_from
@@ -129,12 +137,63 @@ contains
          release%x = arrays%source_x - scene%dem%x0
          release%y = arrays%source_y - scene%dem%y0
          release%boulders_per_source = case%boulders
-         if (case%by_area .and. allocated(arrays%area_ratio)) &
-            release%last = last_boulders(arrays%area_ratio, case%boulders)
+         call set_numbers(case, arrays, release)
+         if (allocated(arrays%source_feature)) release%feature = arrays%source_feature
          release%drop_height = case%drop_height
          release%velocity = case%velocity
       end associate
    end subroutine set_release
+
+   !> How many boulders each source releases: a number from each, or from each unit of its area; or its part of all.
+   pure subroutine set_numbers(case, arrays, release)
+      type(case_t), intent(in) :: case
+      type(scene_arrays_t), intent(in) :: arrays
+      type(release_t), intent(inout) :: release
+      integer(i8) :: sources, k
+
+      sources = size(release%x)
+      if (case%boulders_total == 0) then
+         if (case%by_area .and. allocated(arrays%area_ratio)) &
+            release%last = last_boulders(arrays%area_ratio, case%boulders)
+      else if (allocated(arrays%source_frequency)) then
+         release%last = shared_boulders(arrays%source_frequency, case%boulders_total)
+      else if (case%by_area .and. allocated(arrays%area_ratio)) then
+         release%last = shared_boulders(arrays%area_ratio, case%boulders_total)
+      else
+         release%boulders_per_source = max(1_i8, case%boulders_total/max(1_i8, sources))
+         if (release%boulders_per_source*sources /= case%boulders_total) &
+            release%last = [(share_of(case%boulders_total, k, sources), k=1, sources)]
+      end if
+   end subroutine set_numbers
+
+   !> What a layer says of the boulders of its features, and of how they are released.
+   pure subroutine set_features(case, arrays, scene)
+      type(case_t), intent(in) :: case
+      type(scene_arrays_t), intent(in) :: arrays
+      type(scene_t), intent(inout) :: scene
+      real(wp) :: usual(9), value(9)
+      integer :: k
+
+      if (.not. allocated(arrays%feature_law)) return
+      allocate (scene%features(size(arrays%feature_law)))
+      associate (law => case%volumes)
+         usual = [law%mean, law%std, law%min, law%max, law%density, case%drop_height, case%velocity]
+      end associate
+      do k = 1, size(scene%features)
+         value = merge(usual, arrays%feature_value(:, k), ieee_is_nan(arrays%feature_value(:, k)))
+         associate (feature => scene%features(k))
+            feature%volumes = case%volumes
+            if (arrays%feature_law(k) > 0) feature%volumes%kind = arrays%feature_law(k)
+            feature%volumes%mean = value(1)
+            feature%volumes%std = value(2)
+            feature%volumes%min = value(3)
+            feature%volumes%max = value(4)
+            feature%volumes%density = value(5)
+            feature%drop_height = value(6)
+            feature%velocity = value(7:9)
+         end associate
+      end do
+   end subroutine set_features
 
    !> What sources say of their boulders.
    pure subroutine set_boulders(case, arrays, scene)
@@ -177,6 +236,22 @@ contains
                         arrays%tree_factor, case%tree_law, scene%forest)
    end subroutine set_forest
 
+   !> Every feature says what its volumes are, where the case does not; each law has the numbers that it needs.
+   pure subroutine check_features(case, arrays, scene, error)
+      type(case_t), intent(in) :: case
+      type(scene_arrays_t), intent(in) :: arrays
+      type(scene_t), intent(in) :: scene
+      type(error_t), allocatable, intent(out) :: error
+      logical :: told
+      integer :: k
+
+      told = .not. case%by_feature
+      if (allocated(arrays%feature_law)) told = told .or. all(arrays%feature_law > 0)
+      if (allocated(scene%features)) &
+         told = told .and. all([(mean_volume(scene%features(k)%volumes) > 0, k=1, size(scene%features))])
+      if (.not. told) call fail(error, case%file//": &boulder volume: the layer of sources does not say all that it leaves open")
+   end subroutine check_features
+
    !> Maps count boulders in 32 bits.
    pure subroutine check_number(case, scene, error)
       type(case_t), intent(in) :: case
@@ -185,12 +260,13 @@ contains
       integer(i8) :: sources
 
       sources = size(scene%release%x)
-      if (sources == 0) return
+      if (sources == 0 .or. case%boulders_total > 0) return
       if (case%boulders <= huge(1_i4)/sources) then
          if (last_of(scene%release, sources) <= huge(1_i4)) return
       end if
       call fail(error, case%file//": &case boulders = "//integer_text(case%boulders)//" from each of " &
-                //integer_text(sources)//" sources: must be at most "//integer_text(huge(1_i4))//" together")
+                //integer_text(sources)//" sources: must be at most "//integer_text(huge(1_i4))//" together; " &
+                //"boulders_total shares a number over all")
    end subroutine check_number
 
    !> The impact sets, factored, and how boulders turn.
@@ -245,11 +321,17 @@ contains
    !> The volumes of a scene; where its sources say them, the largest and the heaviest rock.
    pure type(volume_distribution_t) function largest_volumes(scene) result(volumes)
       type(scene_t), intent(in) :: scene
+      integer :: k
 
       volumes = scene%volumes
+      if (allocated(scene%features)) then
+         volumes%kind = fixed_volume
+         volumes%mean = maxval([(max_volume(scene%features(k)%volumes, scene%table), k=1, size(scene%features))])
+         volumes%density = maxval([(scene%features(k)%volumes%density, k=1, size(scene%features))])
+      end if
       if (.not. allocated(scene%of_source)) return
+      volumes%mean = max_volume(volumes, scene%table)*maxval(scene%of_source%volume)
       volumes%kind = fixed_volume
-      volumes%mean = max_volume(scene%volumes, scene%table)*maxval(scene%of_source%volume)
       volumes%density = maxval(scene%of_source%density)
    end function largest_volumes
 
@@ -261,6 +343,20 @@ contains
       if (size(scene%release%x) > 0) boulders_of = last_of(scene%release, size(scene%release%x, kind=i8))
    end function boulders_of
 
+   !> The height [m] above the ground of a source that the energy of its boulders at the start stands for.
+   pure real(wp) function lift_of(scene, source)
+      type(scene_t), intent(in) :: scene
+      integer, intent(in) :: source  !! 1..
+      real(wp) :: v(3)
+
+      lift_of = scene%release%drop_height
+      v = scene%release%velocity
+      if (allocated(scene%features)) then
+         lift_of = scene%features(scene%release%feature(source))%drop_height
+         v = scene%features(scene%release%feature(source))%velocity
+      end if
+      lift_of = lift_of + dot_product(v, v)/(2*scene%gravity)
+   end function lift_of
    pure integer function n_barriers(scene)
       type(scene_t), intent(in) :: scene
 
@@ -277,10 +373,9 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(patch_t) :: patch
       character(len=300) :: text
-      real(wp) :: u, w, lift
+      real(wp) :: u, w
       integer :: k, row
 
-      lift = scene%release%drop_height + dot_product(scene%release%velocity, scene%release%velocity)/(2*scene%gravity)
       associate (dem => scene%dem, x => scene%release%x, y => scene%release%y)
          do k = 1, size(x)
             row = dem%ny - int(max(0.0_wp, min(dem%ny - 1.0_wp, y(k)*dem%per_cell)))
@@ -299,7 +394,7 @@ contains
                call fail(error, trim(text))
                return
             end if
-            head = max(head, height(patch, u, w) + lift)
+            head = max(head, height(patch, u, w) + lift_of(scene, k))
          end do
       end associate
    end subroutine check_sources

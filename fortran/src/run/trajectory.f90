@@ -10,7 +10,7 @@ module rockfall_trajectory
    use rockfall_terrain, only: terrain_t, patch_t, in_window, locate, within, height, gradient, cell_of, &
                                cell_descent
    use rockfall_surface, only: surface_t, rock_radius, ground_at
-   use rockfall_boulder, only: boulder_t, source_boulder_t, volume_distribution_t, release_t, draw_boulder, &
+   use rockfall_boulder, only: boulder_t, source_boulder_t, feature_t, volume_distribution_t, release_t, draw_boulder, &
                                boulder_of, source_of, first_of, inertia_factor, kinetic_energy
    use rockfall_flight, only: flight_t, landing_t, span_t, fly, end_flight, flight_from, launch_rate, arc_length, never
    use rockfall_impact, only: impact_set_t, impact_ratios, ratio_class, ratio_between, beyond_fit, rebound_t, &
@@ -63,6 +63,7 @@ module rockfall_trajectory
       type(ground_t), allocatable :: grounds(:)   !! only where there are others than `sets`
       type(volume_distribution_t) :: volumes
       type(source_boulder_t), allocatable :: of_source(:)  !! where sources say it; `volumes` are factors on these
+      type(feature_t), allocatable :: features(:)          !! where a layer says more of releases than where they are
       type(release_t) :: release
       type(line_t), allocatable :: lines(:)        !! evaluation lines, and those of the barriers
       type(barrier_t), allocatable :: barriers(:)
@@ -94,6 +95,7 @@ module rockfall_trajectory
       type(boulder_t) :: boulder
       integer :: status = 0
       integer :: impacts = 0               !! contacts with the slope
+      integer :: source = 0                !! 1..
       real(wp) :: start(3) = 0.0_wp, stop(3) = 0.0_wp  !! local coordinates [m]
       integer :: stop_cell(2) = 0          !! column, row; only with a contact
       real(wp) :: path_length = 0.0_wp     !! along the flights [m]
@@ -192,7 +194,7 @@ contains
       if (allocated(scene%lines) .or. scene%histograms_requested) scratch%trace => trace_lines
       if (scratch%cells_requested) scratch%trace => trace_maps
       if (has_obstacles(scene) .or. scene%energies_requested .or. allocated(scene%grounds) &
-          .or. allocated(scene%of_source)) scratch%trace => trace_full
+          .or. allocated(scene%of_source) .or. allocated(scene%features)) scratch%trace => trace_full
    end subroutine choose_trace
 
    !> Whether there is anything but the ground to meet.
@@ -223,15 +225,15 @@ contains
       real(wp) :: v_in(3)  !! velocity at the end of a flight [m/s]
       logical :: obstacles
 
-      if (scene%sobol%dimensions > 0) then
-         result%boulder = draw_boulder(scene%volumes, scene%table, scene%key, number, &
-                                       scrambled_word(scene, number, volume_dimension))
+      result%source = int(source_of(scene%release, number))
+      if (level >= with_all .and. allocated(scene%features)) then
+         result%boulder = drawn(scene, scene%features(scene%release%feature(result%source))%volumes, number)
       else
-         result%boulder = draw_boulder(scene%volumes, scene%table, scene%key, number)
+         result%boulder = drawn(scene, scene%volumes, number)
       end if
       if (level >= with_all .and. allocated(scene%of_source)) &
-         result%boulder = boulder_of(scene%of_source(source_of(scene%release, number)), result%boulder%volume)
-      call release(scene, number, flight)
+         result%boulder = boulder_of(scene%of_source(result%source), result%boulder%volume)
+      call release(scene, result%source, flight)
       result%start = [flight%x, flight%y, flight%z]
       if (.not. flight%patch%known) then
          result%status = left_window
@@ -330,22 +332,38 @@ contains
       end do
    end function scrambled_words
 
-   !> The start of the first flight: above the source, at rest or with the velocity of the release.
-   pure subroutine release(scene, number, flight)
+   !> The boulder of a number, of a distribution of volumes.
+   pure type(boulder_t) function drawn(scene, volumes, number) result(boulder)
       type(scene_t), intent(in) :: scene
+      type(volume_distribution_t), intent(in) :: volumes
       integer(i8), intent(in) :: number
+
+      if (scene%sobol%dimensions > 0) then
+         boulder = draw_boulder(volumes, scene%table, scene%key, number, &
+                                scrambled_word(scene, number, volume_dimension))
+      else
+         boulder = draw_boulder(volumes, scene%table, scene%key, number)
+      end if
+   end function drawn
+
+   !> The start of the first flight: above the source, at rest or with the velocity of the release.
+   pure subroutine release(scene, source, flight)
+      type(scene_t), intent(in) :: scene
+      integer, intent(in) :: source
       type(flight_t), intent(out) :: flight
-      integer(i8) :: source
       real(wp) :: u, w
 
-      source = source_of(scene%release, number)
       flight%x = scene%release%x(source)
       flight%y = scene%release%y(source)
       associate (dem => scene%dem)
          call locate(dem, flight%x, flight%y, flight%patch, u, w)
          flight%above = scene%release%drop_height
-         flight%z = height(flight%patch, u, w) + flight%above
          flight%v = scene%release%velocity
+         if (allocated(scene%features)) then
+            flight%above = scene%features(scene%release%feature(source))%drop_height
+            flight%v = scene%features(scene%release%feature(source))%velocity
+         end if
+         flight%z = height(flight%patch, u, w) + flight%above
          flight%rate = launch_rate(dem, flight%patch, u, w, flight%v)
       end associate
    end subroutine release

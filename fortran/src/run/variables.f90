@@ -9,7 +9,7 @@ module rockfall_variables
    public :: scene_layout, part_layout, piece, max_packing
 
    ! Of scene and part files.
-   integer(i8), parameter :: scene_layout = 1, part_layout = 1
+   integer(i8), parameter :: scene_layout = 2, part_layout = 2
    integer(i8), parameter :: piece = 2_i8**17    !! values that share a checksum
    integer(i8), parameter :: max_packing = 1100  !! zlib packs no closer than this
 
@@ -60,6 +60,7 @@ module rockfall_variables
                  "maximum height of the boulder's point above the surface"), &
       variable_t("boulder", "status", "integer", "1", "why the boulder ended", stored="i1"), &
       variable_t("boulder", "impacts", "integer", "1", "contacts with the slope", stored="i4"), &
+      variable_t("boulder", "source", "integer", "1", "number of the source", "counts from 1", "i4"), &
       variable_t("count", "rebounds", "integer", "1", "rebounds of all boulders"), &
       variable_t("count", "rebounds_redrawn", "integer", "1", &
                  "rebounds whose matrix was drawn more than once"), &
@@ -78,6 +79,8 @@ module rockfall_variables
       variable_t("energy", "energy_trees", "real", "J", "energy that trees took"), &
       variable_t("energy", "energy_barriers", "real", "J", "energy that barriers took"), &
       variable_t("energy", "energy_left", "real", "J", "kinetic energy at the end"), &
+      variable_t("feature", "source_feature", "integer", "1", "number of the feature that the source is of", &
+                 "counts from 1", "i4"), &
       variable_t("tree", "trees_hit", "integer", "1", "hits of trees", "each counts", "i4"), &
       variable_t("line", "x", "real", "m", "easting of the first crossing"), &
       variable_t("line", "y", "real", "m", "northing of the first crossing"), &

@@ -8,7 +8,7 @@ module rockfall_sources
    use rockfall_terrain, only: terrain_t, patch_t, locate, read_patch, gradient, cell_of, cell_descent
    implicit none
    private
-   public :: usual_threshold, tangent, keep_steep, surface_ratios, last_boulders
+   public :: usual_threshold, tangent, keep_steep, surface_ratios, last_boulders, shared_boulders, share_of
 
 contains
 
@@ -99,4 +99,31 @@ contains
          last(k) = int(min(n*total, 0.5_wp*huge(1_i8)), i8)  ! too many are refused, not wrapped
       end do
    end function last_boulders
+
+   !> The last boulder of each source where n of them are shared in proportion to weights: the first n*w of them,
+   !> rounded down, where w is the fraction of all weights that the sources up to this one have.
+   pure function shared_boulders(weight, n) result(last)
+      real(wp), intent(in) :: weight(:)  !! > 0
+      integer(i8), intent(in) :: n
+      integer(i8) :: last(size(weight))
+      real(wp) :: total, part
+      integer :: k
+
+      total = 0
+      do k = 1, size(weight)
+         total = total + weight(k)
+      end do
+      part = 0
+      do k = 1, size(weight)
+         part = part + weight(k)
+         last(k) = int(n*(part/total), i8)
+      end do
+   end function shared_boulders
+
+   !> n*part/of without overflow: the boulders in the first of equal ranges.
+   pure integer(i8) function share_of(n, part, of)
+      integer(i8), intent(in) :: n, part, of
+
+      share_of = n/of*part + mod(n, of)*part/of
+   end function share_of
 end module rockfall_sources

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A result beside what was observed: errors, tests of distributions, run-out and reach."""
+"""A result beside what was observed: errors, tests, run-out, stopping places and impacts."""
 
 from __future__ import annotations
 
@@ -11,12 +11,13 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
+from rockfall.analysis.contacts import REACH, contacts_table, stops_table
 from rockfall.analysis.line_statistics import line_numbers, line_values, sample_numbers
 from rockfall.analysis.observations import UNITS, Observed, read_observed
 from rockfall.analysis.precision.intervals import Sources, fraction_interval, sources, student
+from rockfall.analysis.run_out import run_out
 from rockfall.case import case_of
 from rockfall.errors import RockfallError
-from rockfall.io.arrays import grid_of
 from rockfall.io.output_files import COMPARISON, check_output
 from rockfall.io.tables import write_csv
 from rockfall.result.trajectories import ends, left_terrain
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
+TABLES = ("errors", "ks", "passing", "run_out", "stops", "contacts")
 STATISTICS = ("mean", "std", "max")
 MIN_OBSERVED = {"mean": 2, "std": 30}  # boulders, for a verdict
 STOPPING = "stopping_distance"
@@ -45,14 +47,16 @@ class Comparison:
     errors: pd.DataFrame  # mean, std, max at the lines; printed_error: of a paper's own method
     ks: pd.DataFrame  # Kolmogorov-Smirnov of two samples; printed_p: that of a paper
     passing: pd.DataFrame  # fraction of boulders that come at least so far [m] from their release
+    run_out: pd.DataFrame  # stopping distances and lateral spread, as in `run_out`
     stops: pd.DataFrame  # fraction of boulders that pass the cell in which one was found
+    contacts: pd.DataFrame  # the same of impacts, with their speeds and heights
     notes: tuple[str, ...]  # what a reader of the tables must know
 
     def table(self) -> pd.DataFrame:
         """All tables below each other; the column `table` tells them apart."""
         import pandas as pd
 
-        parts = {name: getattr(self, name) for name in ("errors", "ks", "passing", "stops")}
+        parts = {name: getattr(self, name) for name in TABLES}
         parts = {name: part for name, part in parts.items() if len(part)}
         return pd.concat(parts, names=["table"]).reset_index(level="table").reset_index(drop=True)
 
@@ -61,6 +65,12 @@ def compare(result: xr.Dataset, *observed: str | Path | Observed) -> Comparison:
     """Set a result beside observations: CSV files (docs/observed.md), or one `Observed`.
 
     Of printed numbers those observed are used, and those of the method, A or B, of the result.
+
+    >>> import rockfall
+    >>> result = rockfall.run(rockfall.read_case("case.nml"))
+    >>> found = rockfall.compare(result, "observed.csv")
+    >>> found.errors["statistic"].tolist()
+    ['mean', 'std', 'max']
     """
     if len(observed) == 1 and isinstance(observed[0], Observed):
         seen = observed[0]
@@ -79,21 +89,24 @@ def compare(result: xr.Dataset, *observed: str | Path | Observed) -> Comparison:
         errors=_errors(result, seen, method, source, names),
         ks=_ks(result, seen, method, distances, names),
         passing=_passing(result, seen, distances, source),
-        stops=_stops(result, seen),
+        run_out=run_out(result, seen),
+        stops=stops_table(result, seen),
+        contacts=contacts_table(result, seen),
         notes=(*notes, *_notes(result, seen, source)),
     )
-    if not any(map(len, (done.errors, done.ks, done.passing, done.stops))):
+    if not any(len(getattr(done, name)) for name in TABLES):
         about = f"nothing to compare: no row is observed, or of the result's method {method}."
         raise RockfallError(" ".join([about, *done.notes]))
     return done
 
 
 def write_comparison(
-    comparison: Comparison, path: str | Path, keep: Iterable[str | Path] = ()
+    table: pd.DataFrame, path: str | Path, keep: Iterable[str | Path] = ()
 ) -> None:
-    """Write `Comparison.table` as CSV, whole or not at all, and over none of the files to keep."""
+    """Write `Comparison.table`, or ranks, as CSV, whole or not at all, and over none of the files
+    to keep."""
     check_output(path, COMPARISON, keep)
-    write_csv(comparison.table(), path)
+    write_csv(table, path)
 
 
 def _errors(
@@ -219,8 +232,11 @@ def _observed_distances(
         return seen.distances, []
     if seen.distances is not None:
         return seen.distances, ["Distances are those given, not those of the stopping places."]
+    if seen.starts is not None:
+        return np.sort(np.hypot(*(seen.stops - seen.starts).T)), []
     if source.count > 1:
         about = f"which of the {source.count} sources a boulder found came from is not known"
+        about += " (columns start_x, start_y would say it)"
         return None, [f"Stopping places give no distances: {about}."]
     x, y = (seen.stops[:, k] - result[f"start_{axis}"].values[0] for k, axis in enumerate("xy"))
     return np.sort(np.hypot(x, y)), []
@@ -248,30 +264,15 @@ def _passing(
     return table.astype(_VERDICTS)
 
 
-def _stops(result: xr.Dataset, seen: Observed) -> pd.DataFrame:
-    """Reach probability of the cells in which boulders were found; NaN outside of the map."""
-    import pandas as pd
-
-    columns = ["x", "y", "reach_probability"]
-    name = next((name for name in ("passages", "reach_probability") if name in result), None)
-    if seen.stops is None or name is None:
-        return pd.DataFrame(columns=columns)
-    grid, flipped = grid_of(result[name])
-    x, y = seen.stops.T
-    column, row = (x - grid.west) / grid.cell, (grid.north - y) / grid.cell
-    inside = (column >= 0) & (column < grid.nx) & (row >= 0) & (row < grid.ny)
-    values = result[name].values[::-1] if flipped else result[name].values
-    reach = np.full(x.size, np.nan)
-    reach[inside] = values[row[inside].astype(int), column[inside].astype(int)]
-    if name == "passages":
-        reach /= result.sizes["boulder"]
-    return pd.DataFrame(np.column_stack([x, y, reach]), columns=columns)
-
-
 def _notes(result: xr.Dataset, seen: Observed, source: Sources) -> Iterator[str]:
     """What the tables leave unsaid."""
-    if seen.stops is not None and not {"passages", "reach_probability"} & set(result):
-        yield "Reach at stopping places needs a map: &output maps = 'passages'."
+    if not {*REACH} & set(result):
+        for where, places in (("stopping places", seen.stops), ("impacts", seen.contacts)):
+            if places is not None:
+                yield f"Reach at {where} needs a map: &output maps = 'passages'."
+    names = sorted({str(name) for one in seen.kept.values() for name in one.columns})
+    if names:
+        yield f"Columns that are kept, not read: {', '.join(names)}."
     count = (left_terrain(result) | ends(result)["impact_limit"]).sum()
     if count and any(one is not None for one in (seen.passing, seen.distances, seen.stops)):
         yield f"{count:,} boulders never came to rest; they count with the distance they reached."

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     Advance = Callable[..., None]
 
 BOULDERS = (100, 1000, 2000, 5000, 10_000)  # from each source, as in the paper
-REFERENCE, MIN_REFERENCE = 1_000_000, 20_000  # boulders over all sources
+REFERENCE, MIN_REFERENCE = 1_000_000, 20_000  # boulders over all sources; one has all of them
 QUANTITIES = ("speed", "passing_height", "energy_total")
 STATISTICS = ("mean", "std", "q95")
 #: The numbers of a line, the fraction of the boulders that cross it first.
@@ -78,33 +78,42 @@ class Convergence:
 def converge(
     case: Case,
     boulders: Sequence[int] = BOULDERS,
-    reference: int = REFERENCE,
+    reference: int | None = None,
     *,
     progress: bool = False,
 ) -> Convergence:
     """Measure how the numbers at the lines of a case converge, as in `Convergence`.
 
     The study simulates the first boulders of the case itself (as Bourrier et al. 2009 do for
-    their site). Statistical errors are those of blocks out of `reference` boulders, against
-    as many others; each has seeds of its own. Numerical errors are changes of the numbers of a
-    tenth as many boulders, the same ones on each terrain. What boulders did at the lines is kept in
-    memory, 24 bytes a line and boulder, and nothing else.
+    their site). Statistical errors are those of blocks out of `reference` boulders from each source
+    (a million in all, where it is not given), against as many others; each has seeds of its own.
+    Numerical errors are changes of the numbers of a tenth as many boulders, the same ones on each
+    terrain. What boulders did at the lines is kept in memory, 24 bytes a line and boulder, and
+    nothing else.
+
+    >>> import rockfall
+    >>> case = rockfall.read_case("case.nml")
+    >>> found = rockfall.convergence(case, [10, 100], reference=20_000)
+    >>> sorted(set(found.study["boulders"]))
+    [10, 100]
     """
     sizes = sorted(set(boulders))
     if not sizes or sizes[0] < 2:
         raise RockfallError(f"boulders = {min(sizes, default='')}: must be at least 2")
-    if reference < MIN_REFERENCE:
-        raise RockfallError(f"reference = {reference}: must be at least {MIN_REFERENCE} boulders")
     if not case.lines:
         raise RockfallError(f"{case.name}: has no &line; it is their numbers that converge")
     nothing = {"maps": None, "rebounds": False, "trajectories": 0}
     scene = read_scene(case.replace(output=nothing))
     refuse_by_area(scene, "a study of convergence")
     of = scene.x.size
-    if reference < MIN_TURNS * of:
-        needed = f"{MIN_TURNS} from each of {of:,} sources, {MIN_TURNS * of}"
-        raise RockfallError(f"reference = {reference}: must be at least {needed} boulders")
-    many, paired = (-(-n // of) for n in (reference, reference // 10))  # from each source
+    fewest = max(MIN_TURNS, -(-MIN_REFERENCE // of))
+    many = max(fewest, -(-REFERENCE // of)) if reference is None else reference
+    if many < fewest:
+        raise RockfallError(
+            f"reference = {many}: must be at least {fewest} boulders from each source; there are "
+            f"{of:,}"
+        )
+    paired = -(-many // 10)
     seed = case.case["seed"]
     with progress_bar(of * (sizes[-1] + 2 * many + 4 * paired), shown=progress) as advance:
         study = _study(scene, sizes, advance)
@@ -123,7 +132,8 @@ def converge(
 
 
 def _run(scene: Scene, boulders: int, seed: int, advance: Advance) -> xr.Dataset:
-    case = scene.case.replace(case={"boulders": boulders, "seed": seed})
+    numbers = {"boulders": boulders, "boulders_total": None, "seed": seed}
+    case = scene.case.replace(case=numbers)
     result = run_scene(replace(scene, case=case))
     advance(result.sizes["boulder"])
     return result

@@ -53,6 +53,12 @@ def line_statistics(result: xr.Dataset) -> pd.DataFrame:
     Boulders of &case sampling = 'sobol' are spread more evenly than random ones, and the intervals
     do not know it: they are those of as many random boulders, and too wide
     (docs/validation/benchmarks.md).
+
+    >>> import rockfall
+    >>> result = rockfall.run(rockfall.read_case("case.nml"))
+    >>> table = rockfall.line_statistics(result)
+    >>> table[["line", "quantity"]].iloc[0].tolist()
+    ['L', 'speed']
     """
     import pandas as pd
 

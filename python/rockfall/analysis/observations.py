@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -30,8 +30,9 @@ UNITS = {  # quantity -> unit -> its value in SI units
     "energy_total": _ENERGY,
     "rotational_share": {"-": 1.0},
 }
+CONTACT = ("x", "y", "speed", "height")  # of an impact [m, m/s]
+START = ("start_x", "start_y")  # where a boulder that was found came from [m]
 PASSING = {"fraction": 1.0, "percent": 100.0, "share": 1.0}  # columns, old one last: of all
-FREE = ("boulder", "note")  # columns that any file may have, and nobody reads
 
 
 @dataclass(frozen=True)
@@ -45,6 +46,10 @@ class Observed:
     distances: np.ndarray | None  # plan distances [m] from release to rest, sorted
     passing: pd.DataFrame | None  # distance [m], fraction of boulders that come at least so far
     lines: dict[str, str]  # name of each line -> file and row that name it first
+    starts: np.ndarray | None = None  # (n, 2): x, y [m] where those of `stops` were released
+    contacts: pd.DataFrame | None = None  # x, y, and where known speed, height: impacts
+    kept: dict[str, pd.DataFrame] = field(default_factory=dict)  # further columns of each kind
+    passing_n: float = np.nan  # boulders behind `passing`
 
 
 def read_observed(*paths: str | Path) -> Observed:
@@ -59,9 +64,14 @@ def read_observed(*paths: str | Path) -> Observed:
         if real.count(one) > 1:
             raise RockfallError(f"{path}: is given twice")
     found: dict[str, list[dict]] = {kind.name: [] for kind in KINDS}
+    kept: dict[str, list[dict]] = {kind.name: [] for kind in KINDS}
     for path in paths:
         kind, rows = _read(str(path))
-        found[kind.name] += [{"where": row.where, **kind.record(row)} for row in rows]
+        for row in rows:
+            found[kind.name].append({"where": row.where, **kind.record(row)})
+            kept[kind.name].append(
+                {name: one for name, one in row.cells.items() if name not in kind.columns}
+            )
     lines: dict[str, str] = {}
     samples: dict[tuple[str, str], list[float]] = {}
     for name in "summaries", "samples", "tests":
@@ -77,6 +87,13 @@ def read_observed(*paths: str | Path) -> Observed:
     def frame(kind: str, *columns: str) -> pd.DataFrame:
         return pd.DataFrame(found[kind], columns=columns)
 
+    starts = frame("stops", "start_x", "start_y").to_numpy(float)
+    if 0 < np.isnan(starts).any(axis=1).sum() < len(starts):
+        where = found["stops"][int(np.isnan(starts).any(axis=1).argmax())]["where"]
+        raise RockfallError(f"{where}: {', '.join(START)}: must be there in all rows, or in none")
+    counts = frame("passing", "n")["n"].dropna().unique()
+    if counts.size > 1:
+        raise RockfallError(f"{found['passing'][0]['where']}: n: must be one number in all rows")
     distances = frame("distances", "distance")["distance"].to_numpy(float)
     passing = frame("passing", "distance", "fraction").sort_values("distance", ignore_index=True)
     return Observed(
@@ -87,6 +104,10 @@ def read_observed(*paths: str | Path) -> Observed:
         distances=np.sort(distances) if found["distances"] else None,
         passing=passing if found["passing"] else None,
         lines=lines,
+        starts=starts if starts.size and not np.isnan(starts).any() else None,
+        contacts=frame("contacts", *CONTACT) if found["contacts"] else None,
+        kept={name: pd.DataFrame(rows) for name, rows in kept.items() if any(rows)},
+        passing_n=float(counts[0]) if counts.size else np.nan,
     )
 
 
@@ -127,7 +148,23 @@ def _test(row: Row) -> dict:
 def _passing(row: Row) -> dict:
     column = next(name for name in PASSING if name in row.cells)
     fraction = row.number(column, 0.0, PASSING[column]) / PASSING[column]
-    return {"distance": row.number("distance", 0.0), "fraction": fraction}
+    n = row.maybe("n", 1.0)
+    if n % 1 > 0:
+        row.refuse("n", "must be an integer")
+    return {"distance": row.number("distance", 0.0), "fraction": fraction, "n": n}
+
+
+def _stop(row: Row) -> dict:
+    given = [name for name in START if row.cells.get(name)]
+    if len(given) == 1:
+        row.refuse(given[0], f"needs {' and '.join(START)} together")
+    places = {name: row.maybe(name) for name in START}
+    return {"x": row.number("x"), "y": row.number("y"), **places}
+
+
+def _contact(row: Row) -> dict:
+    place = {name: row.number(name) for name in ("x", "y")}
+    return place | {name: row.maybe(name, 0.0) for name in CONTACT[2:]}
 
 
 class _Kind(NamedTuple):
@@ -138,6 +175,11 @@ class _Kind(NamedTuple):
     optional: tuple[str, ...]
     record: Callable[[Row], dict]
 
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Those that are read; others are kept as they are."""
+        return (*self.needed, *self.optional)
+
 
 KINDS = (  # those with more columns come first: a header may hold the columns of another
     _Kind(
@@ -145,8 +187,9 @@ KINDS = (  # those with more columns come first: a header may hold the columns o
     ),
     _Kind("samples", ("line", "quantity", "unit", "value"), (), _sample),
     _Kind("tests", ("line", "method", "quantity", "p"), (), _test),
-    *(_Kind("passing", ("distance", name), (), _passing) for name in PASSING),
-    _Kind("stops", ("x", "y"), (), lambda row: {"x": row.number("x"), "y": row.number("y")}),
+    _Kind("contacts", ("impact", "x", "y"), CONTACT[2:], _contact),
+    *(_Kind("passing", ("distance", name), ("n",), _passing) for name in PASSING),
+    _Kind("stops", ("x", "y"), START, _stop),
     _Kind("distances", ("distance",), (), lambda row: {"distance": row.number("distance", 0.0)}),
 )
 
@@ -158,7 +201,7 @@ def _read(path: str) -> tuple[_Kind, Iterator[Row]]:
     if kind is None:
         kinds = " | ".join(", ".join(kind.needed) for kind in KINDS)
         raise RockfallError(f"{where}: columns {', '.join(columns)}: must have those of: {kinds}")
-    check_columns(where, columns, (*kind.needed, *kind.optional, *FREE))
+    check_columns(where, columns, columns)
     return kind, rows
 
 

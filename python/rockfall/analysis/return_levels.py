@@ -98,6 +98,10 @@ def return_levels(result: xr.Dataset, levels: Sequence[int] = LEVELS) -> pd.Data
     of the tail and its upper limit); NaN where refused, for the reason in `refused`, else empty.
 
     Levels that at least 25 boulders exceed are quantiles of the sample.
+
+    >>> import rockfall
+    >>> result = rockfall.run(rockfall.read_case("case.nml"))
+    >>> table = rockfall.return_levels(result, levels=[10, 100])
     """
     import pandas as pd
 

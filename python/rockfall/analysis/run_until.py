@@ -92,6 +92,12 @@ def run_until(
     result is that of `run` with the number of boulders found, which stands in place of the case's
     own; its attributes `until` and `until_met` hold the rules, and whether all are met (1) or not
     (0). Without a `cap` all sources together give a million boulders at most.
+
+    >>> import rockfall
+    >>> case = rockfall.read_case("case.nml")
+    >>> result = rockfall.run_until(case, "speed.mean@L<20%")
+    >>> result.attrs["until_met"]
+    1
     """
     scene = read_scene(case, **arrays)
     warn_of(scene)
@@ -137,7 +143,8 @@ def run_scene_until(
 
 
 def _with_boulders(scene: Scene, n: int) -> Scene:
-    return replace(scene, case=scene.case.replace(case={"boulders": n}))
+    numbers = {"boulders": n, "boulders_total": None}
+    return replace(scene, case=scene.case.replace(case=numbers))
 
 
 def _next_tally(scene: Scene, last: Tally | None) -> Tally:

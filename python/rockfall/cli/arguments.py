@@ -7,7 +7,7 @@ import argparse
 from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from rockfall.errors import RockfallError
 
@@ -18,6 +18,14 @@ _RULES = "'speed.mean@EL1<2%%, energy_total.q95@EL1<5%%, fraction@EL1<3%%'"
 class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         raise RockfallError(f"{message}; see {self.prog} --help")
+
+
+class _Step(argparse.Action):
+    """An edit, kept with the others in the order of the command line."""
+
+    def __call__(self, parser: Any, namespace: Any, value: Any, option: str | None = None) -> None:
+        steps = [*(getattr(namespace, self.dest) or []), (str(option).lstrip("-"), value)]
+        setattr(namespace, self.dest, steps)
 
 
 class _Version(argparse.Action):
@@ -51,11 +59,45 @@ def make_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action=_Version, nargs=0, help="print the version")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    _add_draft(commands)
     _add_runs(commands)
     _add_studies(commands)
     _add_results(commands)
     _add_lab(commands)
     return parser
+
+
+def _add_draft(commands: _Commands) -> None:
+    about = "write a commented case for a DEM and layers of zones, sources, lines, barriers, trees"
+    new = _add(commands, "draft", "new", about, "DEM")
+    about = "GeoPackage, GeoJSON, shapefile: each layer is known by shapes, attributes and name"
+    new.add_argument("layers", metavar="LAYER", type=Path, nargs="*", help=about)
+    new.add_argument("-o", "--output", metavar="CASE.nml", type=Path, required=True)
+    about = "make a DEM of surveyed points, or edit one: edits in the order in which they are given"
+    dem = _add(commands, "draft", "dem", about)
+    dem.add_argument("input", metavar="FILE", type=Path, help="points.csv with x, y, z; or a DEM")
+    dem.add_argument("-o", "--output", metavar="DEM.tif", type=Path, required=True)
+    points = dem.add_argument_group("points")
+    about = "side of a cell; default: 1, 2, 5, 10..., at most the mean spacing of the points"
+    points.add_argument("--cell", metavar="M", type=float, help=about)
+    about = "points weigh 1/distance**P; default: 2"
+    points.add_argument("--power", metavar="P", type=float, help=about)
+    about = "points of which a cell is made, at most; default: 12"
+    points.add_argument("--neighbours", metavar="N", type=int, help=about)
+    about = "nodata beyond; default: three times the mean spacing"
+    points.add_argument("--within", metavar="M", type=float, help=about)
+    points.add_argument("--crs", metavar="CODE", help="of the points, such as EPSG:2056")
+    edits = dem.add_argument_group("edits")
+    for name, metavar, kind, does in (
+        ("fill", "M", float, "fill holes, as far as M from their edges"),
+        ("pits", "M", float, "fill pits that are at most M deep up to where they run over"),
+        ("smooth", "M", float, "by a Gaussian of this standard deviation"),
+        ("dam", "LAYER", Path, "lines with height, crest_width, slope, as &dam has them"),
+        ("cut", "LAYER", Path, "lower by depth or to level: polygons, or lines with a width"),
+    ):
+        edits.add_argument(
+            f"--{name}", metavar=metavar, type=kind, action=_Step, dest="steps", help=does
+        )
 
 
 def _add_runs(commands: _Commands) -> None:
@@ -106,6 +148,8 @@ def _add_resume(command: argparse.ArgumentParser, place: str) -> None:
 def _add_overrides(command: argparse.ArgumentParser) -> None:
     """What stands in place of the case's own."""
     command.add_argument("--boulders", metavar="N", type=int, help="released from each source")
+    about = "released from all sources together"
+    command.add_argument("--boulders-total", metavar="N", type=int, help=about)
     command.add_argument("--seed", metavar="N", type=int, help="of the random numbers")
     command.add_argument("--threads", metavar="N", type=int, help="0 = all cores")
     command.add_argument("--quiet", action="store_true", help="no progress, no summary")
@@ -117,6 +161,14 @@ def _add_studies(commands: _Commands) -> None:
     vary.add_argument("-o", "--output", metavar="OUT", type=Path, help="OUT.nc, or a table OUT.csv")
     vary.add_argument("--runs", metavar="M", type=int, help="draws of the uncertain inputs")
     _add_overrides(vary)
+    about = "seek the uncertain inputs that make observations likely: a posterior"
+    back = _add(commands, "studies", "back", about, "CASE")
+    back.add_argument("observed", metavar="OBSERVED.csv", type=Path, nargs="+")
+    back.add_argument("-o", "--output", metavar="DIR", type=Path, help="default: CASE_back")
+    back.add_argument("--members", metavar="M", type=int, help="runs at most; default: 1024")
+    about = "members that the posterior must be worth; default: 100"
+    back.add_argument("--effective", metavar="N", type=int, help=about)
+    _add_overrides(back)
     about = "run the scenarios of a case: annual frequencies, zones of hazard, objects at risk"
     zone = _add(commands, "hazard", "hazard", about, "CASE")
     zone.add_argument("-o", "--output", metavar="DIR", type=Path, help="default: CASE_hazard")
@@ -141,8 +193,9 @@ def _add_studies(commands: _Commands) -> None:
     converge.add_argument(
         "-o", "--output", metavar="DIR", type=Path, help="default: CASE_convergence"
     )
-    converge.add_argument("--boulders", metavar="N", type=int, nargs="+", help="of the study")
-    converge.add_argument("--reference", metavar="N", type=int, help="boulders; default: 1000000")
+    converge.add_argument("--boulders", metavar="N", type=int, nargs="+", help="from each source")
+    about = "boulders from each source to measure errors; default: 1000000 over all"
+    converge.add_argument("--reference", metavar="N", type=int, help=about)
 
 
 def _add_results(commands: _Commands) -> None:
@@ -151,8 +204,10 @@ def _add_results(commands: _Commands) -> None:
 
     export = result("export", "write a result as GeoTIFF, GeoPackage and CSV")
     export.add_argument("folder", metavar="DIR", type=Path, help="is made if it is missing")
-    compare = result("compare", "compare a result with observations")
-    compare.add_argument("observed", metavar="OBSERVED.csv", type=Path, nargs="+")
+    about = "compare a result with observations; of several results, rank them"
+    compare = _add(commands, "results", "compare", about)
+    about = "one or more results OUT.nc, and observations OBSERVED.csv"
+    compare.add_argument("files", metavar="FILE", type=Path, nargs="+", help=about)
     compare.add_argument("-o", "--output", metavar="TABLE.csv", type=Path, help="all tables as CSV")
     lines = result("lines", "print line statistics with intervals, and return levels")
     lines.add_argument("-o", "--output", metavar="TABLE.csv", type=Path, help="write them, too")

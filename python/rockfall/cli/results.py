@@ -6,35 +6,23 @@ from __future__ import annotations
 import argparse
 import warnings
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 from rockfall.analysis.compare import compare, write_comparison
-from rockfall.analysis.hazard.files import read_hazard
 from rockfall.analysis.observations import read_observed
+from rockfall.analysis.ranks import rank_results
 from rockfall.case_files import files_behind
 from rockfall.cli.messages import DONE, warn
 from rockfall.errors import RockfallError
-from rockfall.html_report import check_page, write_report
-from rockfall.html_report.inputs import Parties
-from rockfall.html_report.language import catalogue
-from rockfall.html_report.terrain_view import check_view
-from rockfall.io.raster_file import raster_files
-from rockfall.plots.cartography.basemap import read_basemap
-from rockfall.plots.extent import reached
-from rockfall.plots.figures import figures, write_figures
-from rockfall.plots.map_figures import Look
-from rockfall.plots.terrain import terrain_of
-from rockfall.result.classes import read_limits
+from rockfall.products import figures, report
 from rockfall.result.dataset import read_result
 from rockfall.result.export import export
-from rockfall.text.comparison import text
+from rockfall.text.comparison import ranks_text, text
 from rockfall.text.line_tables import print_lines
 
-if TYPE_CHECKING:
-    import xarray as xr
-
-    from rockfall.result.trajectories import Terrain
+REPORTED = ("language", "project", "client", "author", "dem_date", "hazard")  # in a report
 
 
 def export_command(arguments: argparse.Namespace) -> int:
@@ -43,12 +31,25 @@ def export_command(arguments: argparse.Namespace) -> int:
 
 
 def compare_command(arguments: argparse.Namespace) -> int:
-    path, sources = _path(arguments), arguments.observed
-    result = read_result(path)
-    found = compare(result, *sources)
+    paths = [path for path in arguments.files if path.suffix == ".nc"]
+    sources = [path for path in arguments.files if path.suffix != ".nc"]
+    if not paths or not sources:
+        raise RockfallError("compare needs results (.nc) and observations (CSV)")
+    results = {str(path): read_result(path) for path in paths}
+    if len(results) < len(paths):
+        raise RockfallError("compare: a result is given twice")
+    seen = read_observed(*sources)
+    if len(results) == 1:
+        (result,) = results.values()
+        found = compare(result, seen)
+        table, said = found.table(), text(found)
+    else:
+        table = rank_results(results, seen)
+        said = ranks_text(table)
     if arguments.output:
-        write_comparison(found, arguments.output, keep=(path, *sources, *files_behind(result)))
-    print(text(found))
+        behind = (path for result in results.values() for path in files_behind(result))
+        write_comparison(table, arguments.output, keep=(*arguments.files, *behind))
+    print(said)
     return DONE
 
 
@@ -58,13 +59,11 @@ def lines_command(arguments: argparse.Namespace) -> int:
 
 
 def figures_command(arguments: argparse.Namespace) -> int:
-    result, terrain, observed = _shown(arguments)
-    look = _look(arguments, result, terrain)
-    shown, inputs = (
-        figures(result, terrain, observed, look),
-        [*_given(arguments), *files_behind(result)],
-    )
-    print(*write_figures(shown, arguments.folder, arguments.format, inputs), sep="\n")
+    with _warnings_told():
+        files = figures(
+            _path(arguments), arguments.folder, format=arguments.format, **_beside(arguments)
+        )
+    print(*files, sep="\n")
     return DONE
 
 
@@ -74,18 +73,9 @@ def report_command(arguments: argparse.Namespace) -> int:
     path = arguments.output or given.with_name(f"{given.name.removesuffix('.nc')}{ending}")
     if arguments.pdf and path.suffix.lower() != ending:
         raise RockfallError(f"{path}: is no name for a PDF; it must end in .pdf")
-    check_page(path, _given(arguments))
-    catalogue(arguments.language)
-    if arguments.view:
-        check_view()
-    result, terrain, observed = _shown(arguments)
-    look = _look(arguments, result, terrain)
-    parties = Parties(arguments.project, arguments.client, arguments.author, arguments.dem_date)
-    hazard = read_hazard(arguments.hazard) if arguments.hazard else None
-    write_report(
-        result, path, terrain, observed, look, arguments.view, arguments.language, parties, hazard
-    )
-    print(path)
+    with _warnings_told():
+        named = {key: getattr(arguments, key) for key in REPORTED}
+        print(report(given, path, view=arguments.view, **named, **_beside(arguments)))
     return DONE
 
 
@@ -94,32 +84,21 @@ def _path(arguments: argparse.Namespace) -> Path:
     return getattr(arguments, "out.nc")
 
 
-def _given(arguments: argparse.Namespace) -> Iterator[str | Path]:
-    """The files that a command which draws a result is given."""
-    yield _path(arguments)
-    yield from arguments.observed or ()
-    if arguments.basemap:
-        yield arguments.basemap
-    if getattr(arguments, "hazard", None):
-        yield arguments.hazard
-    if arguments.dem:
-        yield from raster_files(arguments.dem)
+def _beside(arguments: argparse.Namespace) -> dict[str, Any]:
+    """What is drawn with a result."""
+    return {
+        "dem": arguments.dem,
+        "observed": arguments.observed or (),
+        "basemap": arguments.basemap,
+        "limits": arguments.limits or (),
+    }
 
 
-def _look(arguments: argparse.Namespace, result: xr.Dataset, terrain: Terrain | None) -> Look:
-    """What the user chooses of maps."""
-    basemap, limits = arguments.basemap, read_limits(arguments.limits or ())
-    extent = reached(result, terrain)
-    return Look(limits, read_basemap(basemap, result, extent) if basemap else None)
-
-
-def _shown(arguments: argparse.Namespace) -> tuple:
-    """The result, its terrain and the observations that a command is to draw."""
-    result = read_result(_path(arguments))
-    observed = read_observed(*arguments.observed) if arguments.observed else None
+@contextmanager
+def _warnings_told() -> Iterator[None]:
     with warnings.catch_warnings(record=True) as said:
-        warnings.simplefilter("always", UserWarning)
-        terrain = terrain_of(result, arguments.dem)
+        warnings.simplefilter("ignore")  # of the packages below us
+        warnings.filterwarnings("always", module=r"rockfall\.products")
+        yield
     for warning in said:
         warn(str(warning.message))
-    return result, terrain, observed

@@ -73,14 +73,20 @@ def slurm_command(arguments: argparse.Namespace) -> int:
 def overridden(arguments: argparse.Namespace) -> Case:
     """The case with what the command line has in place of its own."""
     case = read_case(arguments.case)
-    given = {key: getattr(arguments, key) for key in ("boulders", "seed", "threads")}
+    keys = ("boulders", "boulders_total", "seed", "threads")
+    given = {key: getattr(arguments, key) for key in keys}
     given = {key: value for key, value in given.items() if value is not None}
+    for key, other in (("boulders", "boulders_total"), ("boulders_total", "boulders")):
+        if key in given:
+            given.setdefault(other, None)
     return case.replace(case=given) if given else case
 
 
 def _refuse_contradictions(arguments: argparse.Namespace) -> None:
-    if arguments.until is not None and arguments.boulders is not None:
-        raise RockfallError("--boulders: --until finds their number; limit it with --cap")
+    for word in "boulders", "boulders_total":
+        if arguments.until is not None and getattr(arguments, word) is not None:
+            option = word.replace("_", "-")
+            raise RockfallError(f"--{option}: --until finds their number; limit it with --cap")
     if arguments.until is None and arguments.cap is not None:
         raise RockfallError("--cap: is of use with --until only")
     for word in "shard", "resume", "dask":

@@ -8,9 +8,12 @@ import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
+from rockfall.analysis.back.posterior import check_back, write_back
+from rockfall.analysis.back.study import back_analysis
 from rockfall.analysis.convergence import Convergence, converge
-from rockfall.analysis.ensemble import check_place, run_ensemble, write_ensemble
+from rockfall.analysis.ensemble.study import check_place, run_ensemble, write_ensemble
 from rockfall.analysis.models import run_models
+from rockfall.analysis.observations import read_observed
 from rockfall.case import read_case
 from rockfall.case_files import input_files
 from rockfall.cli.messages import DONE
@@ -28,6 +31,7 @@ from rockfall.io.tables import write_csv
 from rockfall.plots.convergence import figure
 from rockfall.plots.models import models_figure
 from rockfall.plots.style import save
+from rockfall.text.back import back_text
 from rockfall.text.convergence import text
 from rockfall.text.ensemble import ensemble_summary
 from rockfall.text.models import models_text
@@ -52,6 +56,21 @@ def ensemble_command(arguments: argparse.Namespace) -> int:
     if not arguments.quiet:
         print(ensemble_summary(found))
         print(path)
+    return DONE
+
+
+def back_command(arguments: argparse.Namespace) -> int:
+    case = overridden(arguments)
+    folder = arguments.output or Path(f"{arguments.case.stem}_back")
+    seen = read_observed(*arguments.observed)
+    check_back(folder, [*input_files(case), *arguments.observed])
+    how = {"members": arguments.members, "enough": arguments.effective}
+    given = {name: value for name, value in how.items() if value is not None}
+    found = back_analysis(case, seen, progress=not arguments.quiet, **given)
+    paths = write_back(found, folder, arguments.observed)
+    if not arguments.quiet:
+        print(back_text(found))
+        print(*paths, sep="\n")
     return DONE
 
 

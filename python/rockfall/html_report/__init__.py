@@ -21,6 +21,7 @@ from rockfall.analysis.return_levels import return_levels
 from rockfall.case_files import files_behind
 from rockfall.errors import RockfallError, need
 from rockfall.html_report.convergence import convergence_figure
+from rockfall.html_report.ensemble import PER_LINE, range_tables, range_words
 from rockfall.html_report.inputs import (
     Parties,
     ground_figure,
@@ -157,6 +158,7 @@ def report(
     say = Speaker(language, words)
     rows, levels = rows_of(result), return_levels(result)
     sheet = design(result) if rows else None
+    ranges = range_tables(result, rows)
     zoomed = set() if on_paper else {f"map_{name}" for name in result.data_vars}
     shown = [one for one in figures(result, terrain, observed, look) if one.name not in zoomed]
     grounds = ground_figure(result, terrain)
@@ -168,9 +170,10 @@ def report(
         parties=parties,
         question=question(rows, hazard is not None),
         answers=answers(result, rows),
-        headline=[*([headline(rows)] if rows else ()), *(endangered[:1])],
+        headline=[*([headline(rows)] if rows else ()), *endangered[:1], *ranges[::PER_LINE]],
         warnings=outside,
-        certainty=list(certainty(result, rows, not outside)),
+        certainty=[*certainty(result, rows, not outside), *range_words(result, ranges)],
+        indices=[one for k, one in enumerate(ranges) if k % PER_LINE],
         inputs=[input_table(result, parties), *zone_table(result)],
         ground_map=_picture(grounds, GROUNDS, "", say) if grounds else None,
         ends=[ends_table(result)],

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from rockfall.analysis.ensemble.study import is_ensemble
 from rockfall.analysis.precision.intervals import (
     TARGETS,
     boulders_needed,
@@ -152,15 +153,19 @@ def provenance(result: xr.Dataset) -> dict[str, Any]:
     """What a result was made of, and the command that makes it again, if a command can."""
     about = {key: str(value) for key, value in result.attrs.items()}
     case, is_complete = case_of(result), bool(result.attrs["complete"])
-    per_source, requested = case.case["boulders"], int(about["boulders_asked"])
+    requested = int(about["boulders_asked"])
+    total = "boulders_total" in case.case
+    number = case.case["boulders_total" if total else "boulders"]
     of = "a flat source cell, more by area" if case.release["by_area"] else "each source"
+    if total:
+        of = "all sources together"
     state = "complete" if is_complete else f"interrupted, {requested:,} were requested"
     rows = [
         ("program", about["source"]),
         ("case file", about["case_file"]),
         ("seed", about["seed"]),
         ("boulders", f"{about['boulder_first']} to {about['boulder_last']}, {state}"),
-        (f"boulders of {of}", f"{per_source:,}"),
+        (f"boulders of {of}", f"{number:,}"),
         ("impact set", f"{about['impact_set']}, SHA-256 {about['impact_set_checksum']}"),
         *(
             ("checksum (SHA-256)", f"{key}: {sha}")
@@ -169,8 +174,10 @@ def provenance(result: xr.Dataset) -> dict[str, Any]:
         ("threads", about["threads"]),
         ("time", "{wall_seconds:.1f} s, {cpu_seconds:.1f} s of CPU".format_map(result.attrs)),
     ]
+    option = "--boulders-total" if total else "--boulders"
+    verb = "ensemble" if is_ensemble(result) else "run"
     command = (
-        f"rockfall run {shlex.quote(about['case_file'])} --boulders {per_source} "
+        f"rockfall {verb} {shlex.quote(about['case_file'])} {option} {number} "
         f"--seed {about['seed']} -o again.nc"
     )
     return {

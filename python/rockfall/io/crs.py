@@ -8,7 +8,9 @@ import json
 import math
 import warnings
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
 
 from rockfall.errors import RockfallError
 
@@ -33,6 +35,32 @@ def same_crs(a: CRS | None, b: CRS | None) -> bool:
         return True
     a, b = _in_plan(a), _in_plan(b)
     return a == b or (a.to_epsg() is not None and a.to_epsg() == b.to_epsg())
+
+
+class Transformation(NamedTuple):
+    """A way from one system to another."""
+
+    transform: Callable[..., tuple[Any, Any]]  # x and y to x and y, infinite where there is none
+    is_best: bool  # of all that PROJ knows there; not where one needs a grid that is not installed
+
+
+def transformation(crs: CRS, grid: Grid) -> Transformation:
+    """The way from a system to that of a raster, in plan."""
+    import pyproj
+
+    assert grid.crs is not None
+    one, other = _pyproj(_in_plan(crs)), _pyproj(_in_plan(grid.crs))
+    corners = _degrees(grid.crs, [grid.west, grid.east], [grid.south, grid.north])
+    area = None
+    if np.isfinite(corners).all():
+        (west, east), (south, north) = corners
+        area = pyproj.transformer.AreaOfInterest(west, south, east, north)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # by which it says that a grid is missing
+        ways = pyproj.transformer.TransformerGroup(one, other, True, area)
+    if not ways.transformers:
+        raise RockfallError(f"no way is known from {crs_name(crs)} to {crs_name(grid.crs)}")
+    return Transformation(ways.transformers[0].transform, ways.best_available)
 
 
 def is_metre(unit: str | None) -> bool:

@@ -16,13 +16,13 @@ import shlex
 import sqlite3
 from contextlib import closing
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 from urllib.parse import quote
 
 import numpy as np
 
 from rockfall.errors import RockfallError, need
-from rockfall.io.crs import crs_name, same_crs
+from rockfall.io.crs import crs_name, same_crs, transformation
 from rockfall.io.files import SQLITE, check_text_file
 from rockfall.io.gdal_files import plain_file, start_of
 from rockfall.io.grid import NO_ID, Grid
@@ -36,58 +36,32 @@ _GEOPACKAGE = (b"GPKG", b"GP10", b"GP11")  # what a database says it is, from by
 _CRS_NAME = re.compile(r"(urn:ogc:def:crs:)?(EPSG|OGC):[0-9.]*:?(CRS84|[0-9]{1,7})", re.IGNORECASE)
 _POLYGONS = {"Polygon", "MultiPolygon"}
 _LINES = {"LineString", "MultiLineString"}
+_POINTS = {"Point", "MultiPoint"}
 _FEATURES = {"Point", *_LINES, *_POLYGONS}
+_TYPES = (  # in the order of their numbers
+    "Point", "LineString", "LinearRing", "Polygon", "MultiPoint", "MultiLineString", "MultiPolygon"
+)  # fmt: skip
+SHORT = 10  # letters of an attribute in a shapefile, at most
+REPROJECTED = "reprojected from"
 _INDEX = re.compile(r'CREATE\s+VIRTUAL\s+TABLE\s+("[^"]*"|\w+)\s+USING\s+rtree\b', re.IGNORECASE)
 
 
 def burn_polygons(
     path: str | Path,
     grid: Grid,
-    field: str | None = None,
+    field: str,
     remarks: list[str] | None = None,
     *,
     layer: str | None = None,
     key: str = "",
 ) -> np.ndarray:
-    """Which polygon holds the centre of each cell; the later one where they overlap.
-
-    With `field`, its integers (int32, `NO_ID` outside); without, a mask. Coordinates must be those
-    of the terrain. A GeoJSON file that names no CRS is in degrees by its standard; where that
-    cannot be (the terrain has no CRS, or the numbers are no degrees) they are taken as they are.
-    What is odd but can be read is added to `remarks`. `layer` and `key` are as in `_on_terrain`.
-    """
-    from rasterio.features import rasterize
-
-    path = str(path)
+    """The integer `field` of the polygon that holds the centre of each cell (int32, `NO_ID`
+    outside); of the later one where they overlap. The rest is as in `_on_terrain`."""
     remarks = [] if remarks is None else remarks
-    columns = [] if field is None else [field]
-    shapes, values, bounds = _on_terrain(
-        path, columns, _POLYGONS, "polygons", grid, remarks, layer=layer, key=key
-    )
-    if field is None:
-        numbers = np.ones(len(shapes), np.uint8)
-    else:
-        numbers = _integers(path, field, values[field])
-    outside = 0 if field is None else NO_ID
-
-    def burnt(order: int) -> np.ndarray:
-        return rasterize(
-            zip(shapes[::order], numbers[::order].tolist(), strict=True),
-            out_shape=grid.shape,
-            transform=grid.transform,
-            fill=outside,
-            dtype=numbers.dtype.name,
-        )
-
-    cells = burnt(1)
-    if (cells == outside).all():
-        raise RockfallError(
-            f"{path}: no polygon holds the centre of a cell: {extent(*bounds)}; "
-            f"the terrain: {extent(grid.west, grid.south, grid.east, grid.north)}"
-        )
-    if field is None:
-        return cells.view(bool)
-    if twice := np.count_nonzero(cells != burnt(-1)):
+    found = _on_terrain(path, [field], _POLYGONS, "polygons", grid, remarks, layer, key)
+    numbers = _integers(str(path), field, found.values[field])
+    cells = _burnt(found, grid, numbers, NO_ID)
+    if twice := np.count_nonzero(cells != _burnt(found, grid, numbers, NO_ID, -1)):
         remarks.append(
             f"{path}: polygons of different {field} overlap in {twice:,} cells: the later polygon "
             "counts there"
@@ -95,14 +69,56 @@ def burn_polygons(
     return cells
 
 
-def read_features(
-    path: str | Path, layer: str | None, grid: Grid, remarks: list[str]
+def layer_names(path: str | Path) -> list[str]:
+    """The layers of a file that have shapes."""
+    need("layers need", "vector", "pyogrio", "shapely")
+    import pyogrio
+
+    try:
+        layers = pyogrio.list_layers(_plain_layer(str(path)))
+    except (RuntimeError, UnicodeDecodeError) as error:  # GDAL's
+        raise RockfallError(f"{path}: not a vector layer that can be read ({error})") from error
+    return [str(name) for name, shape in layers if shape is not None]
+
+
+def numbered_polygons(
+    path: str | Path, grid: Grid, remarks: list[str], layer: str | None = None, key: str = ""
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Points, lines and polygons, and all their attributes by name, in coordinates of the terrain;
-    of a `layer`, or of the only one. What is odd is added to `remarks`, as in `burn_polygons`."""
+    """Which polygon, counted from 1, holds the centre of each cell (0: none), the later one where
+    they overlap; and the attributes of all. The rest is as in `_on_terrain`."""
+    found = _on_terrain(path, None, _POLYGONS, "polygons", grid, remarks, layer, key)
+    size = len(found.shapes)
+    kind = np.uint8 if size < 2**8 else np.int32
+    return _burnt(found, grid, np.arange(1, size + 1, dtype=kind), 0), found.values
+
+
+def _burnt(
+    found: _Found, grid: Grid, numbers: np.ndarray, outside: int, order: int = 1
+) -> np.ndarray:
+    """The number of the last polygon (of the first, for order -1) that holds each cell."""
+    from rasterio.features import rasterize
+
+    cells = rasterize(
+        zip(found.shapes[::order], numbers[::order].tolist(), strict=True),
+        out_shape=grid.shape,
+        transform=grid.transform,
+        fill=outside,
+        dtype=numbers.dtype.name,
+    )
+    if (cells == outside).all():
+        raise RockfallError(
+            f"{found.path}: no polygon holds the centre of a cell: {extent(*found.bounds)}; "
+            f"the terrain: {extent(grid.west, grid.south, grid.east, grid.north)}"
+        )
+    return cells
+
+
+def read_features(
+    path: str | Path, grid: Grid, remarks: list[str], layer: str | None = None, key: str = ""
+) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Points, lines and polygons, and all their attributes by name, as in `_on_terrain`."""
     what = "points, lines or polygons"
-    key = "--objects-layer"
-    return _on_terrain(str(path), None, _FEATURES, what, grid, remarks, layer=layer, key=key)[:2]
+    return _on_terrain(path, None, _FEATURES, what, grid, remarks, layer, key)[1:3]
 
 
 def read_lines(
@@ -110,10 +126,8 @@ def read_lines(
 ) -> tuple[list[list[np.ndarray]], dict[str, np.ndarray]]:
     """The lines of a layer (of the only one, for None) and all their attributes by name. A line is
     a list of its parts, (n, 2) coordinates [m]; parts that join are one."""
-    shapes, values, _ = _on_terrain(
-        str(path), None, _LINES, "lines", grid, remarks, layer=layer, key="layer"
-    )
-    return [_parts(shape) for shape in shapes], values
+    found = _on_terrain(path, None, _LINES, "lines", grid, remarks, layer, "layer")
+    return [_parts(shape) for shape in found.shapes], found.values
 
 
 def _parts(shape: Any) -> list[np.ndarray]:
@@ -126,41 +140,108 @@ def _parts(shape: Any) -> list[np.ndarray]:
     return [shapely.get_coordinates(part) for part in parts]
 
 
+class Points(NamedTuple):
+    """The points of a layer; those of a multipoint have its attributes each."""
+
+    x: np.ndarray  # [m]
+    y: np.ndarray
+    values: dict[str, np.ndarray]  # attributes by name
+    feature: np.ndarray  # of each point, counted from 1
+
+
 def read_points(
-    path: str | Path, grid: Grid, fields: tuple[str, ...], remarks: list[str]
-) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
-    """x and y [m] of the points of a layer, and those of these attributes that it has, whether
-    their names are in small or large letters."""
+    path: str | Path, grid: Grid, remarks: list[str], layer: str | None = None, key: str = ""
+) -> Points:
+    """All points of a layer, as in `_on_terrain`."""
     import shapely
 
-    shapes, values, _ = _on_terrain(str(path), None, {"Point"}, "points", grid, remarks)
-    own = {name if name in fields else name.lower(): name for name in values}
-    found = {field: values[own[field]] for field in fields if field in own}
-    return shapely.get_x(shapes), shapely.get_y(shapes), found
+    found = _on_terrain(path, None, _POINTS, "points", grid, remarks, layer, key)
+    points, feature = shapely.get_parts(found.shapes, return_index=True)
+    values = {name: column[feature] for name, column in found.values.items()}
+    return Points(shapely.get_x(points), shapely.get_y(points), values, feature + 1)
+
+
+def attribute(columns: dict[str, np.ndarray], name: str) -> np.ndarray | None:
+    """The column of a name in small or large letters, also where a shapefile has cut it."""
+    lower = {own.lower(): column for own, column in columns.items()}
+    return columns.get(name, lower.get(name.lower(), lower.get(name[:SHORT].lower())))
+
+
+def named_attribute(path: str | Path, columns: dict[str, np.ndarray], name: str) -> np.ndarray:
+    """The column of a name that a case gives."""
+    if (found := attribute(columns, name)) is None:
+        has = ", ".join(columns) or "none"
+        raise RockfallError(f"{path}: no attribute {name}; has: {has}")
+    return found
+
+
+def plain(value: Any) -> Any:
+    """An attribute of a feature as Python has it; None where it is empty."""
+    value = value.item() if hasattr(value, "item") else value
+    if value is None or value != value or (isinstance(value, str) and not value.strip()):
+        return None
+    return value
+
+
+class _Found(NamedTuple):
+    """A layer in coordinates of the terrain."""
+
+    path: str
+    shapes: np.ndarray
+    values: dict[str, np.ndarray]  # attributes by name
+    bounds: np.ndarray  # west, south, east, north [m]
 
 
 def _on_terrain(
-    path: str,
+    path: str | Path,
     columns: list[str] | None,
     kinds: set[str],
     what: str,
     grid: Grid,
     remarks: list[str],
-    *,
-    layer: str | None = None,
-    key: str = "",
-) -> tuple[np.ndarray, dict[str, np.ndarray], np.ndarray]:
-    """Sound shapes of some kinds (a plural, for messages) in coordinates of the terrain, these
-    attributes or all, and (west, south, east, north); of a `layer`, or of the only one. `key` says
-    in messages how the case names a layer."""
+    layer: str | None,
+    key: str,
+) -> _Found:
+    """The way in for every layer: sound shapes of some kinds (`what`: a plural, for messages) with
+    these attributes, or all (None); of a `layer`, or of the only one. `key` says in messages how a
+    case names a layer.
+
+    Coordinates in another CRS than the terrain's are reprojected, vertex by vertex, and `remarks`
+    says so; a layer without a CRS is refused. On a terrain without a CRS they are taken as they
+    are, whatever the layer says of them.
+    """
+    path = str(path)
     about, shapes, values = _read(path, columns, what, layer, key)
     bounds = _check_shapes(path, shapes, kinds, what)
-    crs = _crs_of(about, bounds, grid)
-    _check_crs(path, crs, grid)
-    if crs is None and grid.crs is not None:
-        dem = crs_name(grid.crs)
-        remarks.append(f"{path}: names no CRS: taken to be in that of the DEM, {dem}")
-    return shapes, values, bounds
+    if grid.crs is None:
+        return _Found(path, shapes, values, bounds)
+    crs = _crs_of(path, about, bounds, crs_name(grid.crs))
+    if same_crs(crs, grid.crs):
+        return _Found(path, shapes, values, bounds)
+    shapes = _reprojected(path, shapes, crs, grid, remarks)
+    return _Found(path, shapes, values, _bounds(shapes))
+
+
+def _reprojected(
+    path: str, shapes: np.ndarray, crs: CRS, grid: Grid, remarks: list[str]
+) -> np.ndarray:
+    """Shapes in the CRS of the terrain."""
+    import shapely
+
+    assert grid.crs is not None
+    way = transformation(crs, grid)
+    shapes = shapely.transform(shapes, lambda xy: np.column_stack(way.transform(*xy.T)))
+    for number in np.flatnonzero(~np.isfinite(shapely.bounds(shapes)).all(axis=1))[:1]:
+        raise RockfallError(
+            f"{path}: feature {number + 1}: {crs_name(crs)} has no such place in "
+            f"{crs_name(grid.crs)}, the CRS of the DEM"
+        )
+    remark = f"{path}: {REPROJECTED} {crs_name(crs)} to {crs_name(grid.crs)}"
+    if not way.is_best:
+        remark += "; PROJ lacks a grid here for the most accurate way"
+    if remark not in remarks:
+        remarks.append(remark)
+    return shapes
 
 
 def extent(west: float, south: float, east: float, north: float) -> str:
@@ -214,44 +295,43 @@ def _check_shapes(path: str, shapes: np.ndarray, kinds: set[str], what: str) -> 
     """Refuse what is not a sound shape of these kinds; returns (west, south, east, north)."""
     import shapely
 
-    for number, shape in enumerate(shapes, start=1):
-        where = f"{path}: feature {number}"
+    good = ~(shapely.is_missing(shapes) | shapely.is_empty(shapes)) & shapely.is_valid(shapes)
+    good &= np.isfinite(shapely.bounds(shapes)).all(axis=1)
+    types = [number for number, name in enumerate(_TYPES) if name in kinds]
+    good &= np.isin(shapely.get_type_id(shapes), types)
+    for number in np.flatnonzero(~good)[:1]:
+        shape, where = shapes[number], f"{path}: feature {number + 1}"
         if shape is None or shape.is_empty:
             raise RockfallError(f"{where}: has no geometry")
         if shape.geom_type not in kinds:
             raise RockfallError(f"{where}: is a {shape.geom_type}, {what} are needed")
         if not np.isfinite(shape.bounds).all():
             raise RockfallError(f"{where}: has coordinates that are not finite")
-        if not shape.is_valid:
-            kind = "polygon" if shape.geom_type in _POLYGONS else "line"
-            raise RockfallError(f"{where}: invalid {kind}: {shapely.is_valid_reason(shape)}")
+        kind = "polygon" if shape.geom_type in _POLYGONS else "line"
+        raise RockfallError(f"{where}: invalid {kind}: {shapely.is_valid_reason(shape)}")
+    return _bounds(shapes)
+
+
+def _bounds(shapes: np.ndarray) -> np.ndarray:
+    import shapely
+
     return shapely.total_bounds(shapes)
 
 
-def _check_crs(path: str, crs: CRS | None, grid: Grid) -> None:
-    if same_crs(crs, grid.crs):
-        return
-    assert grid.crs is not None
-    terrain = crs_name(grid.crs)
-    target = terrain if terrain.startswith("EPSG:") else grid.crs.to_wkt()
-    out = str(Path(path).with_name(f"{Path(path).stem}_on_dem.gpkg"))
-    raise RockfallError(
-        f"{path}: coordinates are in {crs_name(crs)}, those of the terrain in {terrain}; "
-        f"reproject with: ogr2ogr -t_srs {shlex.join([target, out, path])}"
-    )
-
-
-def _crs_of(about: dict[str, Any], bounds: np.ndarray, grid: Grid) -> CRS | None:
-    """The CRS of a layer; None for a GeoJSON whose coordinates cannot be the degrees it implies."""
+def _crs_of(path: str, about: dict[str, Any], bounds: np.ndarray, dem: str) -> CRS:
+    """The CRS of a layer. A GeoJSON file that names none is in degrees by its standard."""
     from rasterio.crs import CRS
 
+    cure = f"ogr2ogr -a_srs {shlex.join([dem, f'{Path(path).stem}_with_crs.gpkg', path])}"
     if not about["crs"]:
-        return None
+        raise RockfallError(f"{path}: names no CRS; if it is that of the DEM: {cure}")
     crs = CRS.from_user_input(about["crs"])
     if about["driver"] == "GeoJSON" and crs.is_geographic:
-        degrees = np.all(np.abs(bounds) <= (180.0, 90.0, 180.0, 90.0))
-        if grid.crs is None or not degrees:
-            return None
+        if not np.all(np.abs(bounds) <= (180.0, 90.0, 180.0, 90.0)):
+            raise RockfallError(
+                f"{path}: names no CRS, and its coordinates are not the degrees that GeoJSON "
+                f"then has: {extent(*bounds)}; if they are in that of the DEM: {cure}"
+            )
     return crs
 
 

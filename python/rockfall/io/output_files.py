@@ -28,6 +28,7 @@ LINE_TABLE, LEVEL_TABLE = "a table of line statistics", "a table of return level
 MODELS = "a table of rebound models"
 COMPARISON, SETS, JOB = "a comparison", "impact sets of the laboratory", "a Slurm job"
 DESIGN, FACTORS = "a table of a design", "a table of partial factors"
+POSTERIOR = "a back-analysis"
 BOULDER_TABLE, CROSSINGS = "a table of boulders", "a table of crossings"
 
 SIGNATURE = "rockfall"  # the software that a figure, a map and a layer of ours name
@@ -41,9 +42,14 @@ SIGNS = (  # how a file of ours begins, what else its head holds, and what it is
     (b"table,line,quantity,", b"", COMPARISON),
     (b"model,line,quantity,", b"", MODELS),
     (b"table,distance,observed,", b"", COMPARISON),
+    (b"table,source,statistic,", b"", COMPARISON),
+    (b"measure,result,distance,", b"", COMPARISON),
     (b"table,x,y,reach_probability", b"", COMPARISON),
     (b"result,line,", b"", DESIGN),
     (b"standard,factor,", b"", FACTORS),
+    (b"parameter,units,case,", b"", POSTERIOR),
+    (b"draw,", b"", POSTERIOR),
+    (b"! Made by `rockfall back`", b"", POSTERIOR),
     (b"boulder,volume,", b"", BOULDER_TABLE),
     (b"boulder,x,y,time,", b"", CROSSINGS),
     (b"object,geometry,frequency,", b"", OBJECT_TABLE),
@@ -138,7 +144,8 @@ def _netcdf_kind(path: str | Path) -> str | None:
         return HAZARD
     if "case" not in attrs or not str(attrs.get("source", "")).startswith(f"{SIGNATURE} "):
         return None
-    return RESULT if "boulders_asked" in attrs else ENSEMBLE
+    signs = {"back_layout": POSTERIOR, "ensemble_runs": ENSEMBLE, "boulders_asked": RESULT}
+    return next((kind for sign, kind in signs.items() if sign in attrs), None)
 
 
 def _tiff_kind(path: str | Path) -> str | None:

@@ -10,6 +10,8 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, NoReturn
 
+import numpy as np
+
 from rockfall.errors import RockfallError
 from rockfall.io.files import atomic_write, check_text_file
 
@@ -101,6 +103,20 @@ def read_table(path: str | Path) -> tuple[str, list[str], Iterator[Row]]:
     if not columns:
         raise RockfallError(f"{path}: is empty")
     return f"{path}: line {number}", columns, _rows(path, columns, lines)
+
+
+def read_columns(
+    path: str | Path, needed: Iterable[str]
+) -> tuple[list[str], dict[str, np.ndarray]]:
+    """Where each row of a table stands, and its texts by column (objects)."""
+    where, columns, rows = read_table(path)
+    for column in needed:
+        if column not in columns:
+            raise RockfallError(f"{where}: no column {column}; has: {', '.join(columns)}")
+    check_columns(where, columns, columns)
+    found = list(rows)
+    values = {name: np.array([row.cells[name] for row in found], object) for name in columns}
+    return [row.where for row in found], values
 
 
 def check_columns(where: str, columns: list[str], allowed: Iterable[str]) -> None:

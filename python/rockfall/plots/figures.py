@@ -11,12 +11,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rockfall.analysis.ensemble.study import is_ensemble
 from rockfall.analysis.precision.intervals import fraction_interval, sources
 from rockfall.case import case_of
 from rockfall.errors import RockfallError, need
 from rockfall.impact_sets import set_path
 from rockfall.io.output_files import FIGURE, atomic_folder, check_outputs
 from rockfall.lab.sets import read_sets
+from rockfall.plots.ensemble_figures import ranges_figure
 from rockfall.plots.extent import PASSED, passed_map
 from rockfall.plots.lab import draw_restitution
 from rockfall.plots.line_figures import DRAWN, distribution_figure, passing_figure
@@ -76,6 +78,7 @@ def figures(
         *_trajectories(result, terrain, look),
         *_reach(result, terrain, observed, look),
         *_at_lines(result, observed),
+        *_ranges(result),
         *_rebounds(result),
         *_maps(result, terrain, look),
     ]
@@ -173,6 +176,19 @@ def _at_lines(result: xr.Dataset, observed: Any) -> Iterator[Figure]:
             f"Distribution of {label} among the boulders that pass: {'; '.join(passed)}; below: "
             "mean ± one standard deviation; one in 500 lies beyond the axis.",
             partial(distribution_figure, result, name, observed),
+        )
+
+
+def _ranges(result: xr.Dataset) -> Iterator[Figure]:
+    """Of an ensemble."""
+    if is_ensemble(result) and lines(result):
+        draws = count(2 * result.sizes["run"], "draw")
+        yield Figure(
+            "epistemic",
+            "Uncertain inputs and Monte Carlo error",
+            f"Grey: 90 % of {draws} of the uncertain inputs; blue: the case as it is, with the "
+            "95 % interval of its boulders.",
+            lambda: ranges_figure(result),
         )
 
 

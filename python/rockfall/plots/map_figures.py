@@ -128,6 +128,15 @@ def map_note(result: xr.Dataset, name: str) -> str:
     return "; ".join(notes)
 
 
+def map_values(result: xr.Dataset, name: str) -> tuple[np.ndarray, str]:
+    """A map in the unit shown, NaN where no boulder passed; passages as a percentage."""
+    values = np.where(result[name].values > of_none(result, name), result[name].values, np.nan)
+    if name == "passages":
+        return 100 * values / result.sizes["boulder"], "%"
+    unit, factor = shown_as(result[name])
+    return factor * values, unit
+
+
 def thin_cells(result: xr.Dataset, name: str) -> np.ndarray | None:
     """Where (y, x) too few boulders passed for a number of a map to be well known; none if the map
     has no such cells, or the result does not count who passed."""
@@ -136,15 +145,6 @@ def thin_cells(result: xr.Dataset, name: str) -> np.ndarray | None:
         return None
     count = result[passed].values * (1 if passed == "passages" else result.sizes["boulder"])
     return np.isfinite(result[name].values) & (count < fewest - 0.5)
-
-
-def map_values(result: xr.Dataset, name: str) -> tuple[np.ndarray, str]:
-    """A map in the unit shown, NaN where no boulder passed; passages as a percentage."""
-    values = np.where(result[name].values > of_none(result, name), result[name].values, np.nan)
-    if name == "passages":
-        return 100 * values / result.sizes["boulder"], "%"
-    unit, factor = shown_as(result[name])
-    return factor * values, unit
 
 
 def _draw_map(sheet: Sheet, result: xr.Dataset, name: str, limits: Limits | None) -> None:
@@ -158,6 +158,10 @@ def _draw_map(sheet: Sheet, result: xr.Dataset, name: str, limits: Limits | None
         label += f"; blank: fewer than {fewest} passed"
     label += "; outline: 1 %" if is_fraction(name) else ""
     _draw_classes(sheet, values, grid, classes, fill(label, 60))
+    thin = thin_cells(result, name)
+    if thin is not None:
+        part, _ = cropped(thin, *grid_of(result[name]), sheet.extent, np.logical_and)
+        _hatch(sheet.axes, (part > 0) & np.isfinite(values), grid)
     if is_fraction(name):
         _draw_outline(sheet.axes, np.nan_to_num(values) >= 100 * LIMIT, grid)
     thin = thin_cells(result, name)

@@ -21,6 +21,13 @@ def barrier_statistics(result: xr.Dataset) -> pd.DataFrame:
 
     Outcomes are stopped, broken_through and passed_over; the fraction that none of them holds never
     came to the barrier. `height` [m] and `capacity` [J] are the barrier's.
+
+    >>> import rockfall
+    >>> case = rockfall.read_case("case.nml")
+    >>> net = {"name": "net", "x": [600000.0, 600120.0], "y": [4999950.0, 4999950.0]}
+    >>> case = case.replace(barrier=[{**net, "height": 3.0, "class": 4}])
+    >>> rockfall.barrier_statistics(rockfall.run(case))["outcome"].tolist()
+    ['stopped', 'broken_through', 'passed_over']
     """
     import pandas as pd
 

@@ -82,6 +82,10 @@ def design(
     boulders come is blank. `residual` is the fraction of the boulders that may pass, `volume` [m3]
     the design block, `factors` and `costs` are tables in place of the shipped ones, and
     `conditions` are those of `rockfall.protection.factors.Conditions`.
+
+    >>> import rockfall
+    >>> result = rockfall.run(rockfall.read_case("case.nml"))
+    >>> sheet = rockfall.design(result, survey="good")
     """
     _check(result, along, width, least, residual, volume)
     known = read_factors(_conditions(conditions), factors)

@@ -75,6 +75,11 @@ def provenance(scene: Any) -> dict[str, str]:
     }
 
 
+def feature_names(scene: Any) -> dict[str, str]:
+    """Of the layer from which sources come, a line each; nothing where there is none."""
+    return {"source_features": "\n".join(scene.features.names)} if scene.features else {}
+
+
 def open_result(path: str | Path) -> xr.Dataset:
     """Open a netCDF result as it is stored: counts stay integers, seconds stay numbers."""
     import xarray as xr
@@ -95,7 +100,13 @@ def open_result(path: str | Path) -> xr.Dataset:
 
 
 def read_result(path: str | Path) -> xr.Dataset:
-    """The result of a run from its netCDF file, in memory, as `rockfall.run` returned it."""
+    """The result of a run from its netCDF file, in memory, as `rockfall.run` returned it.
+
+    >>> import rockfall
+    >>> rockfall.write_result(rockfall.run(rockfall.read_case("case.nml")), "result.nc")
+    >>> rockfall.read_result("result.nc").sizes["boulder"]
+    20
+    """
     with open_result(path) as data:
         check_result(data, path)
         try:
@@ -112,7 +123,11 @@ def read_result(path: str | Path) -> xr.Dataset:
 
 
 def write_result(result: xr.Dataset, path: str | Path, kind: str = RESULT) -> None:
-    """Write a result as netCDF, whole or not at all, and over no file that its case reads."""
+    """Write a result as netCDF, whole or not at all, and over no file that its case reads.
+
+    >>> import rockfall
+    >>> rockfall.write_result(rockfall.run(rockfall.read_case("case.nml")), "other.nc")
+    """
     check_output(path, kind, files_behind(result))
     with atomic_write(path) as part:
         put_netcdf(result, part, path)

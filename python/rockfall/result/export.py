@@ -50,6 +50,11 @@ def export(result: xr.Dataset | str | Path, folder: str | Path) -> list[Path]:
     crossings and trajectories, as far as the result has them, energies in kJ; in SI
     boulders.csv, and line_<name>.csv for each line.
     All of them or, with a RockfallError, none; over nothing but files of an earlier export.
+
+    >>> import rockfall
+    >>> result = rockfall.run(rockfall.read_case("case.nml"))
+    >>> sorted(path.name for path in rockfall.export(result, "gis"))[0]
+    'boulders.csv'
     """
     folder = Path(folder)
     files = [result] if isinstance(result, str | Path) else []

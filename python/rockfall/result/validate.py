@@ -27,7 +27,7 @@ NUMBERS = (  # and those of them that are numbers
     "seed", "boulder_first", "boulder_last", "boulders_asked", "complete", "threads",
     "wall_seconds", "cpu_seconds",
 )  # fmt: skip
-TEXTS = ("line", "ground", "ground_model")  # variables that hold no numbers
+TEXTS = ("line", "feature", "ground", "ground_model")  # variables that hold no numbers
 #: Along these every value is a number; at lines NaN says that a boulder did not cross.
 FINITE = ("x", "y", "boulder", "line_vertex", "trajectory_vertex")
 
@@ -89,6 +89,8 @@ def _groups() -> Iterator[_Group]:
     yield {name: ("ground",) for name in on_grounds}
     yield {name: ("boulder",) for name in variables.ENERGY}
     yield {name: ("boulder",) for name in variables.TREE}
+    of_boulders: _Group = {name: ("boulder",) for name in variables.FEATURE}
+    yield of_boulders | {"feature": ("feature",)}
     yield {
         "barrier_height": ("line",), "barrier_capacity": ("line",),
         "barrier_outcome": ("line", "boulder"),

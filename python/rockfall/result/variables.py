@@ -15,6 +15,7 @@ BOULDER = _TABLE["boulder"]
 COUNT = _TABLE["count"]  # over all boulders
 GROUND = _TABLE["ground"]  # the same, on each ground
 ENERGY = _TABLE["energy"]  # of each boulder, on request
+FEATURE = _TABLE["feature"]  # of each boulder, where its source comes from a layer
 TREE = _TABLE["tree"]  # of each boulder, where there are trees
 LINE = _TABLE["line"]  # in files line_x, ...
 LINE_VERTEX = _TABLE["line_vertex"]

@@ -13,12 +13,12 @@ from pathlib import Path
 import numpy as np
 
 from rockfall.case import read_case
+from rockfall.case_text import Entry, Group, case_text
 from rockfall.errors import RockfallError
 from rockfall.io.files import read_text
 from rockfall.io.output_files import SIGNATURE, atomic_folder, check_folder
 from rockfall.io.raster import write_geotiff
 from rockfall.io.tables import plain_decimal
-from rockfall.rockyfor3d.case_text import Entry, Group, case_text
 from rockfall.rockyfor3d.folder import Folder
 from rockfall.rockyfor3d.nets import NETS, barriers
 

@@ -49,8 +49,12 @@ class Digest:
         for layer in surface:
             self.sizes.update(layer.digest())
         sources = hashlib.sha256(b"" if scene.area is None else scene.area.data)
+        sources.update(b"" if scene.frequency is None else scene.frequency.data)
         sources.update(np.concatenate((scene.x, scene.y)).data)
-        for values in scene.source_boulders or ():
+        if scene.features is not None:
+            sources.update("\n".join(scene.features.names).encode())
+        of_features = scene.features[1:] if scene.features else ()
+        for values in (*(scene.source_boulders or ()), *of_features):
             sources.update(b"" if values is None else np.ascontiguousarray(values).data)
         found = {"dem": dem, "surface": self.sizes, "sources": sources}
         if scene.trees is not None:

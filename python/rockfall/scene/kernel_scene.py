@@ -18,7 +18,9 @@ if TYPE_CHECKING:
 ABSENT = {  # what the kernel takes for an array that a scene does not have
     "z8": np.zeros((1, 1)), "z4": np.zeros((1, 1), "f4"), "zone1": np.zeros((1, 1), "i1"),
     "zone2": np.zeros((1, 1), "i2"), "values": np.zeros((1, 1, 1), "f4"),
-    "area_ratio": np.zeros(1), "of_sources": np.zeros(1), "trees": np.zeros(1),
+    "area_ratio": np.zeros(1), "source_frequency": np.zeros(1), "source_feature": np.zeros(1, "i4"),
+    "feature_law": np.full(1, -1, "i4"), "feature_value": np.zeros((1, 9)),
+    "of_sources": np.zeros(1), "trees": np.zeros(1),
     "material_ground": np.zeros(1, "i1"), "cell_ground": np.zeros((1, 1), "i1"),
 }  # fmt: skip
 
@@ -35,8 +37,7 @@ class KernelScene:
             west=grid.west, north=grid.north, cell=grid.cell, nodes=(grid.nx, grid.ny),
             first=(scene.at[1] + 1, scene.at[0] + 1), sizes=np.asfortranarray(scene.sizes.T),
             source_x=scene.x, source_y=scene.y,
-            area_ratio=ABSENT["area_ratio"] if scene.area is None else scene.area,
-            **of_sources(scene), **trees(scene),
+            **releases(scene), **of_sources(scene), **trees(scene),
             sets_text=scene.sets.text or b"\n", sets_name=scene.sets.name.encode(),
             draw=scene.sets.draw, **_grounds(scene),
         )  # fmt: skip
@@ -56,6 +57,15 @@ class KernelScene:
     def check(self, code: int, message: bytes) -> None:
         """Raise what a procedure of the kernel says is wrong with the scene."""
         check_kernel(code, message, self.name)
+
+
+def releases(scene: Scene) -> dict[str, np.ndarray]:
+    """How many boulders sources release, and what the features of a layer say of them."""
+    found = scene.features or (None,) * 4
+    names = "area_ratio", "source_frequency", "source_feature", "feature_law", "feature_value"
+    pairs = zip(names, (scene.area, scene.frequency, *found[1:]), strict=True)
+    given = {name: ABSENT[name] if one is None else one for name, one in pairs}
+    return given | {"feature_value": given["feature_value"].T}
 
 
 def of_sources(scene: Scene) -> dict[str, np.ndarray]:

@@ -17,6 +17,7 @@ from rockfall.case import FROM_ARRAY
 from rockfall.io.crs import crs_name, length_scale
 from rockfall.scene.rebound import sphere_radius
 from rockfall.scene.scene import Scene, lines_outside
+from rockfall.scene.sources.attributes import values_of
 from rockfall.scene.surface import radius_over_rg
 
 LOW, HIGH = -9000.0, 9000.0  # elevations [m]: far below any land, above Everest
@@ -144,6 +145,8 @@ def _source_points(scene: Scene) -> Iterator[str]:
 def _release(scene: Scene) -> Iterator[str]:
     release = scene.case.release
     drop, speed = release["drop_height"], math.hypot(*release["velocity"])
+    if (values := values_of(scene)) is not None:
+        drop, speed = values[:, 1].max(), np.linalg.norm(values[:, 2:], axis=1).max()
     if not drop and not speed:
         yield "&release has no drop_height and no velocity: boulders stop where they start"
     if drop > DROP:
@@ -157,9 +160,11 @@ def _release(scene: Scene) -> Iterator[str]:
 
 def _boulders(scene: Scene) -> Iterator[str]:
     boulder, gravity = scene.case.boulder, scene.case.flight["gravity"]
-    told = scene.source_boulders
+    told, values = scene.source_boulders, values_of(scene)
     if told is None or told.density is None:
-        yield from _density("density = {:g} kg/m3", boulder["density"])
+        densities = np.array([boulder["density"]]) if values is None else values[:, 0]
+        for density in dict.fromkeys((densities.min(), densities.max())):
+            yield from _density("density = {:g} kg/m3", density)
     else:
         for density in dict.fromkeys((told.density.min(), told.density.max())):
             yield from _density("rock_density: {:g} kg/m3 at a source", density)

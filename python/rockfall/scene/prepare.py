@@ -17,6 +17,7 @@ from rockfall.result.dataset import (
     CONVENTIONS,
     as_dataset,
     centre_variables,
+    feature_names,
     georeference,
     provenance,
     put_netcdf,
@@ -40,6 +41,13 @@ ABOUT = {  # units, long name
     "source_x": ("m", "easting of the release"),
     "source_y": ("m", "northing of the release"),
     "area_ratio": ("1", "surface over plan area of the cell of the source"),
+    "source_frequency": ("1/year", "how often boulders come from the source"),
+    "source_feature": ("1", "polygon or point of the layer, counted from 1"),
+    "feature_law": ("1", "law of its volumes: fixed, normal, uniform, lognormal; 0: the case's"),
+    "feature_value": (
+        "1",
+        "mean, std, min, max of volumes, density, drop height, velocity east, north, up",
+    ),
     "source_volume": ("m3", "volume of the boulders of the source"),
     "source_inertia": ("1", "their moment of inertia over mass and squared radius"),
     "source_density": ("kg/m3", "their density"),
@@ -83,7 +91,8 @@ def _scene_file(scene: Scene) -> xr.Dataset:
         **_variables("y x", elevation=scene.z),
         **_surface(scene),
         **_grounds(scene),
-        **_variables("source", source_x=scene.x, source_y=scene.y, area_ratio=scene.area),
+        **_variables("source", source_x=scene.x, source_y=scene.y),
+        **_releases(scene),
         **_variables("source", **_of_sources(scene)),
         **(_variables("tree", **trees(scene)) if scene.trees else {}),
         "impact_sets": (("impact_sets_length",), text, about),
@@ -97,8 +106,19 @@ def _scene_file(scene: Scene) -> xr.Dataset:
         "case": scene.case.text(),
         "case_file": scene.case.name,
         **provenance(scene),
+        **feature_names(scene),
     }
     return as_dataset(data, attrs).set_coords(["x", "y"])
+
+
+def _releases(scene: Scene) -> dict[str, tuple]:
+    """How many boulders sources release, and what the features of a layer say of them."""
+    found = _variables("source", area_ratio=scene.area, source_frequency=scene.frequency)
+    if scene.features is not None:
+        found |= _variables("source", source_feature=scene.features.of)
+        found |= _variables("feature", feature_law=scene.features.law)
+        found |= _variables("feature feature_field", feature_value=scene.features.value)
+    return found
 
 
 def _of_sources(scene: Scene) -> dict[str, np.ndarray | None]:

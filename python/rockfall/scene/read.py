@@ -19,6 +19,7 @@ from rockfall.io.zone_table import RADII
 from rockfall.scene.coefficients import open_sets
 from rockfall.scene.digest import digest
 from rockfall.scene.forest import read_forest
+from rockfall.scene.frames import is_frame, with_frames
 from rockfall.scene.layers import LAYERS, array_checksum, file_checksum
 from rockfall.scene.lines import read_lines
 from rockfall.scene.scene import Scene
@@ -35,10 +36,17 @@ def read_scene(
 
     `dem` and `rasters` (zones, mean_radius, rg70, rg20, rg10, ground_map, cells, stems, dbh_mean,
     dbh_std, conifers) may be given as arrays: an xarray.DataArray, or NumPy on the cells of the DEM
-    (for the DEM itself with its `transform`).
+    (for the DEM itself with its `transform`). Layers (lines, barriers, dams, zones, sources, trees)
+    may be given as GeoDataFrames: lines, barriers and dams beside those of the case.
     If rasters in files need more than half of `memory` [bytes], they are read in windows, as they
     are needed: see `rockfall.scene.windows`.
     """
+    frames = {name: one for name, one in rasters.items() if is_frame(one)}
+    if frames:
+        rasters = {name: one for name, one in rasters.items() if name not in frames}
+        return with_frames(
+            frames, case, lambda named: read_scene(named, dem, transform, memory, **rasters)
+        )
     arrays = {"dem": dem, **rasters}
     case = _with_arrays(case, {key for key, array in arrays.items() if array is not None})
     _check_files(case, arrays)

@@ -35,6 +35,19 @@ class SourceBoulders(NamedTuple):
         return SourceBoulders(self.volume[sources], self.inertia[sources], density)
 
 
+class Features(NamedTuple):
+    """The polygons or points of a layer from which sources come, and what it says of releases."""
+
+    names: list[str]
+    of: np.ndarray  # int32: that of each source, from 1
+    law: np.ndarray | None = None  # int32: of volumes, from 1; 0: the case's; None: it says nothing
+    value: np.ndarray | None = None  # (features, 9): `sources.attributes.VALUES`, or NaN
+
+    def at(self, sources: np.ndarray) -> Features:
+        """The same for some sources, which are counted from 0."""
+        return self._replace(of=self.of[sources])
+
+
 @dataclass
 class Scene:
     """What a run needs, read and checked. Rasters are (ny, nx), row 0 the northernmost."""
@@ -48,6 +61,8 @@ class Scene:
     x: np.ndarray = field(default_factory=lambda: np.empty(0))  # of each source [m]
     y: np.ndarray = field(default_factory=lambda: np.empty(0))
     area: np.ndarray | None = None  # surface over plan area of each, where they release by it
+    frequency: np.ndarray | None = None  # of each, by which they share boulders_total
+    features: Features | None = None  # of a layer from which sources come
     source_boulders: SourceBoulders | None = None  # where they say what their boulders are
     trees: Trees | None = None
     sets: SetFile = SetFile(b"", "")
@@ -90,6 +105,12 @@ class Scene:
     def ground(self) -> Ground:
         """What its terrain is like."""
         return self.windows.ground if self.windows else ground_of(self)
+
+    @property
+    def weight(self) -> np.ndarray | None:
+        """Of each source in the number of boulders, where it differs."""
+        total = "boulders_total" in self.case.case
+        return self.frequency if total and self.frequency is not None else self.area
 
     def source_of(self, number: int) -> int:
         """The source of a boulder (1..), counted from 0."""

@@ -16,7 +16,7 @@ from rockfall.io.grid import NO_ID, Box, row_blocks
 from rockfall.io.layers import burn_polygons
 from rockfall.io.raster import read_elevations
 from rockfall.io.zone_table import RADII, Zone, index_blocks, read_zone_table
-from rockfall.scene.layers import LAYERS, file_checksum, layer_blocks
+from rockfall.scene.layers import LAYERS, file_checksum, layer_blocks, note_layer
 from rockfall.scene.scene import Scene, used_zones
 
 
@@ -116,7 +116,7 @@ def _read_zones(
             layer=surface.get("zones_layer"), key="zones_layer",
         )  # fmt: skip
         blocks = ((rows, ids[rows]) for rows in row_blocks(ids.shape))
-        scene.checksums["zones"] = file_checksum(path)
+        note_layer(scene, "zones", path)
     elif "zones_layer" in surface:
         raise RockfallError(f"{case.name}: &surface zones_layer: has no meaning for a raster")
     else:

@@ -25,6 +25,12 @@ def merge(parts: Sequence[xr.Dataset | str | Path]) -> xr.Dataset:
     in one piece; only times and threads are their own.
 
     A RockfallError names parts of another run, and boulders that are missing or there twice.
+
+    >>> import rockfall
+    >>> case = rockfall.read_case("case.nml")
+    >>> parts = [rockfall.run(case, shard=(k, 2)) for k in (1, 2)]
+    >>> rockfall.merge(parts).sizes["boulder"]
+    20
     """
     joined = Joined()
     for part in parts:

@@ -25,6 +25,7 @@ from rockfall.io.grid import Box, Grid
 from rockfall.result import variables
 from rockfall.result.dataset import DAMAGED, as_dataset, georeference
 from rockfall.result.validate import are_crossings
+from rockfall.scene.scene import Features
 from rockfall.simulation.maps import Maps, plan_of
 from rockfall.simulation.source_maps import FED, fed_cells, settle
 from rockfall.simulation.tally import Origin
@@ -135,6 +136,8 @@ class Part:
         if tally.scene.case.output["energy_balance"]:
             for k, name in enumerate(variables.fields(5)):
                 tally.energy[rows, k] = self.arrays[name]
+        if self.origin.features is not None and isinstance(tally.scene, Origin):
+            tally.feature[rows] = self.arrays["source_feature"]
         if tally.scene.case.has_forest:
             tally.trees_hit[rows] = self.arrays["trees_hit"]
         if tally.scene.case.lines:
@@ -290,6 +293,10 @@ def _head(attrs: Mapping[str, Any], crs: Mapping[str, Any], name: str) -> Part:
         case = _case(str(attrs["case"]), str(attrs["case_file"]))
         at = "version"
         version = str(attrs[at])
+        at = "source_features"
+        features = None
+        if at in attrs:
+            features = Features(str(attrs[at]).split("\n"), np.zeros(0, "i4"))
         at = "grounds"
         grounds = _grounds(attrs)
         about = {key: one for key, one in crs.items() if key not in ("_FillValue", "GeoTransform")}
@@ -298,7 +305,7 @@ def _head(attrs: Mapping[str, Any], crs: Mapping[str, Any], name: str) -> Part:
     grid, window = Grid(west, north, cell, nx, ny), Box(row, column, row + rows, column + columns)
     checksums, decoded = sums
     boulders = int(attrs["boulders_asked"])
-    origin = Origin(case, boulders, grid, window, checksums, decoded, version, grounds)
+    origin = Origin(case, boulders, grid, window, checksums, decoded, version, grounds, features)
     first, last = int(attrs["boulder_first"]), int(attrs["boulder_last"])
     clocks = {clock: float(attrs[clock]) for clock in CLOCKS}
     part = Part(name, origin, first, last, int(attrs["threads"]), clocks, about)
@@ -328,6 +335,8 @@ def _expected(part: Part) -> dict[str, tuple[str, tuple[str, ...]]]:
         found |= _typed("ground", "", "ground")
     if case.output["energy_balance"]:
         found |= _typed("energy", "", "boulder")
+    if part.origin.features is not None:
+        found |= _typed("feature", "", "boulder")
     if case.has_forest:
         found |= _typed("tree", "", "boulder")
     if case.lines:
@@ -422,6 +431,6 @@ def _possible(name: str, values: np.ndarray, times: np.ndarray | None, cells: in
         return bool(((values >= 0) & (values < cells)).all())
     if values.dtype.kind == "f" and not np.isfinite(values).all():
         return False
-    minimum = int(name == f"{BEFORE}fed_source")
+    minimum = int(name in ("source", "source_feature", f"{BEFORE}fed_source"))
     counts = values.dtype.kind == "i" or name.startswith(BEFORE)
     return not counts or bool((values >= minimum).all())

@@ -68,6 +68,12 @@ def run(
     boulders: a part for `rockfall.merge`, without maps. Ctrl-C raises `Interrupted`, which holds
     the boulders done. Rasters that need more than half of `memory` [bytes] (default: that of the
     machine) are read in windows. What is likely a mistake in the case is a UserWarning.
+
+    >>> import rockfall
+    >>> case = rockfall.read_case("case.nml")
+    >>> slower = rockfall.run(case.replace(boulder={"density": 2600.0}))
+    >>> slower.sizes["boulder"]
+    20
     """
     scene = read_scene(case, memory=memory or machine_memory(), **arrays)
     warn_of(scene)

@@ -82,7 +82,8 @@ def write_jobs(
     if not 2 <= shards <= MAX_SHARDS:
         raise RockfallError(f"--shards {shards}: must be 2 to {MAX_SHARDS}")
     if "x" in case.release and shards > (
-        boulders := case.case["boulders"] * len(case.release["x"])
+        boulders := case.case.get("boulders_total")
+        or case.case["boulders"] * len(case.release["x"])
     ):
         raise RockfallError(f"--shards {shards}: must be at most {boulders}, one boulder each")
     if not re.fullmatch(TIME, time):

@@ -16,7 +16,7 @@ from rockfall.grounds import GroundRule
 from rockfall.io.grid import Box, Grid
 from rockfall.result.dataset import georeference
 from rockfall.result.variables import fields
-from rockfall.scene.scene import Scene
+from rockfall.scene.scene import Features, Scene
 from rockfall.simulation.maps import Maps
 from rockfall.version import __version__
 
@@ -33,6 +33,7 @@ class Origin:
     decoded: dict[str, str]
     version: str
     grounds: Sequence[GroundRule] = ()  # their names and models
+    features: Features | None = None  # their names
 
     def difference(self, other: Origin) -> str:
         """The first thing in which another run differs, "" if it is the same; threads may differ,
@@ -62,6 +63,7 @@ class Tally:
     by_ground: np.ndarray  # rebounds on each ground of the scene; a single zero where it has none
     energy: np.ndarray  # (boulders, fields), or one row that nobody asked for
     trees_hit: np.ndarray  # (boulders,), or one where there are no trees
+    feature: np.ndarray  # (boulders,) of a run of which there are parts alone; or one
     outcome: np.ndarray  # (boulders, barriers), or one where there are no barriers
     before: int = 0  # boulders of the run before those of this tally
     done: int = 0
@@ -83,6 +85,13 @@ class Tally:
         """The kernel's numbers of each of the boulders done, by name."""
         names, rows = fields(1) + fields(2), (*self.boulder.T, *self.count.T)
         return {name: row[: self.done] for name, row in zip(names, rows, strict=True)}
+
+    def feature_of(self, source: np.ndarray) -> np.ndarray:
+        """The feature of the source of each boulder done."""
+        if isinstance(self.scene, Origin):
+            return self.feature[: self.done]
+        assert self.scene.features is not None
+        return self.scene.features.of[source - 1]
 
     @property
     def window(self) -> Box:
@@ -112,6 +121,7 @@ def empty_tally(scene: Scene | Origin, maps: Maps, numbers: range, threads: int)
         energy=np.zeros(
             (len(numbers) if scene.case.output["energy_balance"] else 1, len(fields(5)))
         ),
+        feature=np.zeros(len(numbers) if isinstance(scene, Origin) and scene.features else 1, "i4"),
         trees_hit=np.zeros(len(numbers) if scene.case.has_forest else 1, "i4"),
         outcome=np.zeros((len(numbers), barriers) if barriers else (1, 1), "i1"),
         crossing=np.empty((len(numbers), len(scene.case.lines), len(fields(3)))),
@@ -135,5 +145,5 @@ def origin_of(tally: Tally) -> Origin:
     scene = tally.scene
     return Origin(
         scene.case, scene.boulders, replace(scene.grid, crs=None), tally.window,
-        scene.checksums, scene.decoded, __version__, scene.grounds,
+        scene.checksums, scene.decoded, __version__, scene.grounds, scene.features,
     )  # fmt: skip

@@ -11,7 +11,13 @@ from rockfall._core import rockfall_f2py as _core
 from rockfall.case import Case
 from rockfall.io.grid import row_blocks
 from rockfall.result import variables
-from rockfall.result.dataset import CONVENTIONS, as_dataset, centre_variables, provenance
+from rockfall.result.dataset import (
+    CONVENTIONS,
+    as_dataset,
+    centre_variables,
+    feature_names,
+    provenance,
+)
 from rockfall.result.variables import fields
 from rockfall.simulation.maps import HITS, Maps
 from rockfall.simulation.tally import Tally
@@ -34,6 +40,9 @@ def make_result(tally: Tally, maps: bool = True) -> xr.Dataset:
     number = np.arange(tally.before + 1, tally.before + tally.done + 1)
     data["boulder"] = ("boulder", number, {"units": "1", "long_name": "number of the boulder"})
     data |= _grounds_themselves(tally) | ground_variables(tally)
+    if tally.scene.features is not None:
+        names = np.array(tally.scene.features.names, dtype=object)
+        data["feature"] = ("feature", names, {"long_name": "polygon or point of sources"})
     if tally.scene.case.lines:
         data |= _line_itself(tally) | line_variables(tally)
     if tally.scene.case.barrier:
@@ -45,7 +54,7 @@ def make_result(tally: Tally, maps: bool = True) -> xr.Dataset:
         data |= _bins() | histogram_variables(tally)
     data |= trajectory_variables(tally)
     bins = (name for name in data if name.endswith("_bin"))
-    names = {"boulder", "line", "ground", "ground_model", "threshold", "x", "y", *bins}
+    names = {"boulder", "line", "feature", "ground", "ground_model", "threshold", "x", "y", *bins}
     history = {"history": f"rockfall {__version__}: run of {tally.scene.case.name}"}
     return as_dataset(data, run_attributes(tally) | history).set_coords(sorted(names & set(data)))
 
@@ -64,6 +73,9 @@ def boulder_variables(tally: Tally) -> dict[str, Any]:
     if tally.scene.case.output["energy_balance"]:
         for name, values in zip(fields(5), tally.energy[: tally.done].T, strict=True):
             data[name] = ("boulder", values, variables.ENERGY[name])
+    if tally.scene.features is not None:
+        feature = tally.feature_of(columns["source"])
+        data["source_feature"] = ("boulder", feature, variables.FEATURE["source_feature"])
     if tally.scene.case.has_forest:
         data["trees_hit"] = ("boulder", tally.trees_hit[: tally.done], variables.TREE["trees_hit"])
     return data
@@ -254,6 +266,7 @@ def run_attributes(tally: Tally) -> dict[str, Any]:
         "complete": int(tally.done == scene.boulders),
         "impact_set": scene.case.impact["sets"],
         **_ground_attributes(tally),
+        **feature_names(scene),
         **provenance(scene),
         "threads": _core.team(tally.threads),
         "wall_seconds": tally.wall,

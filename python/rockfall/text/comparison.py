@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rockfall.analysis.compare import STATISTICS, Comparison
-from rockfall.quantities import QUANTITIES
+from rockfall.analysis.contacts import VALUES
+from rockfall.quantities import QUANTITIES, number
 from rockfall.text.table import table as aligned
 
 if TYPE_CHECKING:
@@ -29,7 +30,9 @@ def text(comparison: Comparison) -> str:
         (errors[errors["printed_error_percent"].notna()], _printed_errors),
         (comparison.ks, _ks),
         (comparison.passing, _passing),
+        (comparison.run_out, _run_out),
         (comparison.stops, _stops),
+        (comparison.contacts, _contacts),
     ):
         if len(table):
             parts.append(aligned(rows(table)))
@@ -118,10 +121,70 @@ def _passing(table: pd.DataFrame) -> Iterable[list[str]]:
         yield [f"({chosen.size} of {len(table)} distances)"]
 
 
-def _stops(table: pd.DataFrame) -> Iterable[list[str]]:
-    """Observed stopping places by the fraction of the boulders that reach their cell."""
+LABELS = {
+    "mean": "mean stopping distance [m]",
+    "std": "its standard deviation [m]",
+    "wasserstein": "Wasserstein distance [m]",
+    "lateral_spread": "lateral spread, std [m]",
+    "lateral_offset": "lateral offset, mean [m]",
+}
+
+
+def _run_out(table: pd.DataFrame) -> Iterable[list[str]]:
+    several = table["source"].nunique() > 1
+    yield ["run-out", "n observed", "n this run", "observed", "this run", "difference", "verdict"]
+    for row in table.to_dict("records"):
+        name = LABELS[row["statistic"]]
+        name = f"source {row['source']}: {name}" if several else name
+        sizes = [_number(row[f"n_{whose}"], ",d") for whose in ("observed", "simulated")]
+        three = [_within(row, whose) for whose in ("observed", "simulated", "difference")]
+        verdict = row["verdict"]
+        if np.isfinite(row["by_chance"]):
+            verdict += f" (up to {row['by_chance']:.1f} by chance)"
+        yield [name, *sizes, *three, verdict]
+
+
+def _within(row: Mapping[str, Any], name: str) -> str:
+    """A number with its interval."""
+    value, low, high = (row[f"{name}{end}"] for end in ("", "_low", "_high"))
+    return "-" if np.isnan(value) else f"{value:.1f} ({low:.1f} to {high:.1f})"
+
+
+def ranks_text(table: pd.DataFrame) -> str:
+    """Results by their distance from what was observed."""
+    return aligned(_ranks(table))
+
+
+def _ranks(table: pd.DataFrame) -> Iterable[list[str]]:
+    yield ["distance from what was observed", "result", "distance", "95 % interval", "rank"]
+    shown = ""
+    for row in table.to_dict("records"):
+        value, low, high = (number(row[f"distance{end}"]) for end in ("", "_low", "_high"))
+        first, last = row["rank_low"], row["rank_high"]
+        rank = str(row["rank"]) if first == last else f"undecided: {first} to {last}"
+        measure = "" if row["measure"] == shown else row["measure"]
+        yield [measure, row["result"], value, f"{low} to {high}", rank]
+        shown = row["measure"]
+
+
+def _contacts(table: pd.DataFrame) -> Iterable[list[str]]:
+    """Observed impacts by reach; speeds and heights beside the maxima of their cells."""
+    yield from _stops(table, "observed impacts in cells that")
+    for name, maps in VALUES.items():
+        maximum = maps[-1]
+        if {name, maximum} <= {*table.columns}:
+            known = table[table[name].notna() & (table["reach_probability"] > 0)]
+            above = (known[name] > known[maximum]).sum()
+            label = f"{name} above the maximum of all that pass, of {len(known):,} known"
+            yield [label, f"{above:,}"]
+
+
+def _stops(
+    table: pd.DataFrame, title: str = "observed stopping places in cells that"
+) -> Iterable[list[str]]:
+    """Observed places by the fraction of the boulders that reach their cell."""
     reach = table["reach_probability"].to_numpy(float)
-    yield ["observed stopping places in cells that", "places"]
+    yield [title, "places"]
     for label, inside in (
         ("10 % of the boulders or more pass", reach >= 0.1),
         ("1 to 10 % pass", (reach >= 0.01) & (reach < 0.1)),

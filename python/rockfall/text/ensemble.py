@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rockfall.limits import Z
+from rockfall.analysis.ensemble.sobol_indices import limits, runs_needed
 from rockfall.quantities import SHOWN, number
 from rockfall.text.table import table
 
@@ -24,7 +24,11 @@ NUMBERS = {  # as printed
     "epistemic, std": "epistemic_std",
     "too few pass, in runs": "too_few",
 }
-KINDS = {"total": "with all that an input does", "first_order": "of an input alone"}
+INDICES = {
+    "first_order": "of an input alone (first-order Sobol' index)",
+    "total": "with all that an input does (total Sobol' index)",
+}
+UNDECIDED = "undecided"
 
 
 def ensemble_summary(found: xr.Dataset) -> str:
@@ -32,14 +36,24 @@ def ensemble_summary(found: xr.Dataset) -> str:
     blocks, variants = found.sizes["run"], found.sizes["variant"]
     text = [
         f"{found.attrs['title'] or 'rockfall'}: {blocks} draws of {variants} runs, "
-        f"{found.attrs['boulders']:,} boulders each"
+        f"{found.sizes['boulder']:,} boulders each"
     ]
-    for line in found["line"].values:
+    for line in found["line"].values if "line" in found else []:
         text.append(table(_line_block(found.sel(line=line), str(line))))
     if "drawn_source_redrawn" in found and found["drawn_source_redrawn"].any():
         redrawn = int(found["drawn_source_redrawn"].sum())
         text.append(f"  shifts drawn again, as a source left the terrain: {redrawn:,}")
+    if any(UNDECIDED in one for one in text):
+        text.append(f"  {more_needed(found)}")
     return "\n".join(text)
+
+
+def more_needed(found: xr.Dataset) -> str:
+    """What would decide the indices that are undecided."""
+    errors = np.stack([found[f"{kind}_error"].values for kind in INDICES])
+    runs = runs_needed(errors, found.sizes["run"])
+    about = f"{UNDECIDED}: the 95 % interval is longer than half of all that is possible; "
+    return about + f"some {number(runs, 1)} draws would decide (--runs)"
 
 
 def _line_block(at: xr.Dataset, line: str) -> Iterator[Iterable[str]]:
@@ -54,19 +68,25 @@ def _line_block(at: xr.Dataset, line: str) -> Iterator[Iterable[str]]:
             yield f"  {label}", *map(number, values * factors)
         elif values.any():
             yield f"  {label}", *(f"{n:,}" for n in values)
-    for kind, label in KINDS.items():
-        yield (f"  fraction of the epistemic variance {label} [%], +- 95 %",)
-        for name in _sorted_inputs(at):
-            one = at.sel(input=name)
-            pairs = zip(one[kind].values, one[f"{kind}_error"].values, strict=True)
-            yield f"    {name}", *(_fraction(*pair) for pair in pairs)
+    for kind, label in INDICES.items():
+        yield (f"  fraction of the epistemic variance {label} [%], 95 % interval",)
+        for name in sorted_inputs(at):
+            yield f"    {name}", *indices_of(at.sel(input=name), kind)
 
 
-def _sorted_inputs(at: xr.Dataset) -> list[str]:
+def sorted_inputs(at: xr.Dataset) -> list[str]:
     """Names of the inputs, the one with the largest fraction over all results first."""
-    order = np.argsort(-np.nansum(at["total"].values, axis=1), kind="stable")
+    total = np.nan_to_num(at["total"].values).clip(0, 1)
+    order = np.argsort(-total.sum(axis=1), kind="stable")
     return [str(name) for name in at["input"].values[order]]
 
 
-def _fraction(value: float, error: float) -> str:
-    return "-" if np.isnan(value) else f"{100 * value:.0f} +- {100 * Z * error:.0f}"
+def indices_of(one: xr.Dataset, kind: str) -> Iterator[str]:
+    """The indices of an input, for each result, with their intervals [%]; "-" where there is no
+    epistemic variance to be explained."""
+    for value, error in zip(one[kind].values, one[f"{kind}_error"].values, strict=True):
+        index, low, high = (100 * limit for limit in limits(value, error))
+        if np.isnan(value):
+            yield "-"
+        else:
+            yield UNDECIDED if np.isnan(index) else f"{index:.0f} ({low:.0f} to {high:.0f})"

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rockfall.analysis.ensemble.study import is_ensemble
 from rockfall.analysis.line_statistics import QUANTILES, line_statistics, quantile_name
 from rockfall.analysis.return_levels import LEVELS, return_levels
 from rockfall.case_files import files_behind
@@ -17,6 +18,7 @@ from rockfall.io.output_files import LEVEL_TABLE, LINE_TABLE, atomic_folder, che
 from rockfall.io.tables import write_csv
 from rockfall.quantities import QUANTITIES, number
 from rockfall.result.dataset import read_result
+from rockfall.text.ensemble import ensemble_summary
 from rockfall.text.table import table as aligned
 
 if TYPE_CHECKING:
@@ -50,6 +52,8 @@ def print_lines(path: str | Path, table: str | Path | None = None) -> None:
             write_csv(statistics, part / table.name)
             write_csv(levels, part / beside.name)
     print("\n".join(_text(statistics, levels, result.sizes["boulder"])))
+    if is_ensemble(result):
+        print("", ensemble_summary(result), sep="\n")
     if table:
         print(table, beside, sep="\n")
 

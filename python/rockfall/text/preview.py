@@ -22,6 +22,7 @@ from rockfall.scene.reach import survey
 from rockfall.scene.rebound import sphere_radius
 from rockfall.scene.scene import Scene
 from rockfall.scene.sources import threshold
+from rockfall.scene.sources.attributes import values_of
 from rockfall.simulation.maps import HITS
 from rockfall.simulation.memory import machine_memory
 from rockfall.simulation.simulate import check_team, fields, run_chunks, start
@@ -76,6 +77,7 @@ def preview(scene: Scene) -> str:
         ("rebounds", _rebounds(values)),
         *_forest(scene),
         ("boulders", _boulders(scene)),
+        *_attributes(scene),
         ("speed", _speed(scene)),
         ("lines", ", ".join(line["name"] for line in case.lines) or "none"),
         ("maps", ", ".join(case.output.get("maps", [])) or "none"),
@@ -128,13 +130,19 @@ def _follow(scene: Scene, number: int) -> Pilot:
     maps = scene.case.output.get("maps", [])
     output = {"maps": list(dict.fromkeys([*maps, "passages"])) if maps else None}
     drawn = np.sort(np.random.default_rng(0).integers(scene.x.size, size=number))
-    if scene.area is not None:  # steeper cells release more
+    if scene.weight is not None:  # some release more
         boulders = 1 + (scene.boulders * (drawn + 0.5) / scene.x.size).astype("i8")
         drawn = scene.sources_of(boulders)
-    case = scene.case.replace(case={"boulders": 1}, release={"by_area": False}, output=output)
+    case = scene.case.replace(
+        case={"boulders": 1, "boulders_total": None}, release={"by_area": False}, output=output
+    )
     told = None if scene.source_boulders is None else scene.source_boulders.of(drawn)
     x, y = scene.x[drawn], scene.y[drawn]
-    one = replace(scene, case=case, x=x, y=y, area=None, source_boulders=told)
+    features = scene.features and scene.features.at(drawn)
+    one = replace(
+        scene, case=case, x=x, y=y, area=None, frequency=None, source_boulders=told,
+        features=features,
+    )  # fmt: skip
     few = start(one, threads=1)
     run_chunks(few, None, lambda: False, lambda _: None)
     cells, few.done, few.cpu = _all_cells(few, scene.boulders), 0, 0.0
@@ -220,21 +228,54 @@ def _grounds(values: dict[str, Any]) -> Iterator[tuple[str, str]]:
 
 
 def _boulders(scene: Scene) -> str:
-    each, kind = scene.case.case["boulders"], "points"
-    if "x" not in scene.case.release:
-        kind = "cells within polygons" if "polygons" in scene.case.release else "cells"
+    kind, release = "points", scene.case.release
+    if not {"x", "points"} & release.keys():
+        kind = "cells within polygons" if "polygons" in release else "cells"
     if scene.case.release["steep_cells"]:
         kind += f" of {threshold(scene):.1f} degrees or more"
+    sources = f"sources: {scene.x.size:,} ({kind})"
+    if "boulders_total" in scene.case.case:
+        fewest, most = _released(scene)
+        each = f"{fewest:,}" if fewest == most else f"{fewest:,} to {most:,}"
+        by = "" if scene.weight is None else ", by " + weighing(scene)
+        return f"{scene.boulders:,} of all sources together, {each} from each{by}; {sources}"
     of = "each source" if scene.area is None else "a flat cell, more by area"
-    return f"{scene.boulders:,}, {each:,} from {of}; sources: {scene.x.size:,} ({kind})"
+    return f"{scene.boulders:,}, {scene.case.case['boulders']:,} from {of}; {sources}"
+
+
+def weighing(scene: Scene) -> str:
+    """By what sources share boulders."""
+    return "true surface area" if scene.frequency is None else "frequency"
+
+
+def _released(scene: Scene) -> tuple[int, int]:
+    """The fewest and the most boulders that a source releases."""
+    numbers = scene.sources_of(np.arange(1, scene.boulders + 1))
+    counts = np.bincount(numbers, minlength=scene.x.size)
+    return int(counts.min()), int(counts.max())
+
+
+def _attributes(scene: Scene) -> Iterator[tuple[str, str]]:
+    """What a layer says of releases."""
+    found = scene.features
+    if found is not None and found.law is not None and found.value is not None:
+        said = ~np.isnan(found.value).all(axis=0)
+        about = {"density": said[4], "drop height": said[5], "velocity": said[6:].any()}
+        what = ["volumes"] * bool(found.law.any()) + [name for name, one in about.items() if one]
+        names = ", ".join(dict.fromkeys(found.names[:4])) + (" ..." if len(found.names) > 4 else "")
+        if what:
+            yield "", f"their layer says {', '.join(what)} of {len(found.names):,}: {names}"
 
 
 def _densities(scene: Scene) -> np.ndarray | float:
     """Of one boulder from each source, or of all."""
-    found = scene.source_boulders
-    if found is None or found.density is None:
-        return scene.case.boulder["density"]
-    return found.density
+    found, features = scene.source_boulders, scene.features
+    if found is not None and found.density is not None:
+        return found.density
+    values = values_of(scene)
+    if features is not None and values is not None:
+        return values[features.of - 1, 0]
+    return scene.case.boulder["density"]
 
 
 def _sizes(density: np.ndarray | float, volumes: np.ndarray) -> str:

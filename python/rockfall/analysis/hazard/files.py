@@ -50,7 +50,13 @@ NO_CELL = 255  # in a raster of yes and no
 def write_hazard(found: xr.Dataset, folder: str | Path) -> list[Path]:
     """Write a hazard to a folder: hazard.nc, a GeoTIFF for each map, with a QGIS style (.qml)
     beside each, hazard.gpkg with zones and objects, objects.csv. All of them or, with a
-    RockfallError, none; over nothing but files of an earlier hazard."""
+    RockfallError, none; over nothing but files of an earlier hazard.
+
+    >>> import rockfall
+    >>> case = rockfall.read_case("case.nml")
+    >>> case = case.replace(scenario=[{"name": "small", "return_period": 10.0}])
+    >>> files = rockfall.write_hazard(rockfall.hazard(case), "zones")
+    """
     folder = Path(folder)
     with atomic_folder(folder, files_behind(found)) as part:
         return [folder / path.name for path in put_hazard(found, part)]

@@ -58,7 +58,7 @@ def read_objects(
     to."""
     import shapely
 
-    shapes, columns = read_features(path, layer, grid, remarks)
+    shapes, columns = read_features(path, grid, remarks, layer, "--objects-layer")
     found = Objects(str(path), shapely.force_2d(shapes))
     columns = {name.lower(): values for name, values in columns.items()}
     numbers = [str(number) for number in range(1, len(shapes) + 1)]

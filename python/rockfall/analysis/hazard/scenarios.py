@@ -46,6 +46,13 @@ def base_case(case: Case) -> Case:
 def scenarios_of(scene: Scene, lines: list[dict[str, Any]]) -> list[Scenario]:
     """Those of the scene of a base case, with evaluation lines."""
     case = scene.case.replace(line=lines)
+    if scene.features is not None and scene.features.law is not None:
+        for one in case.scenario:
+            if {*VOLUMES, "density"} & one.keys():
+                raise RockfallError(
+                    f"{case.name}: &scenario name = '{one['name']}': says what boulders are, and "
+                    "so does the layer of the sources: give one of the two"
+                )
     return [
         Scenario(one["name"], _frequency(one, scene), _case(case, one))
         for one in scene.case.scenario

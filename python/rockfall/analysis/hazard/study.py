@@ -32,6 +32,7 @@ from rockfall.analysis.hazard.variables import CLASS_ENDS, COORDINATES, ENDS, EX
 from rockfall.case import Case, case_of
 from rockfall.errors import RockfallError
 from rockfall.result.dataset import as_dataset, read_result
+from rockfall.scene.frames import frame_files, is_frame, of_frames
 from rockfall.scene.plausible import implausible
 from rockfall.scene.read import read_scene
 from rockfall.scene.scene import Scene
@@ -60,7 +61,7 @@ class Study:
 def hazard(
     case: Case,
     *,
-    objects: str | Path | None = None,
+    objects: Any = None,
     objects_layer: str | None = None,
     results: Sequence[str | Path] = (),
     progress: bool = False,
@@ -70,9 +71,15 @@ def hazard(
 ) -> xr.Dataset:
     """Run each &scenario of a case and put them together: an xarray.Dataset of annual frequencies
     and classes of hazard, with 95 % intervals, for each cell and each of the `objects` (a layer of
-    points, lines and polygons; `objects_layer` is its name in a file of several). `results` are
-    those of the scenarios, if they have been run elsewhere. docs/hazard.md explains it; the other
-    arguments are as in `rockfall.run`."""
+    points, lines and polygons, or a GeoDataFrame; `objects_layer` is its name in a file of
+    several). `results` are those of the scenarios, if they have been run elsewhere. docs/hazard.md
+    explains it; the other arguments are as in `rockfall.run`.
+
+    >>> import rockfall
+    >>> case = rockfall.read_case("case.nml")
+    >>> case = case.replace(scenario=[{"name": "small", "return_period": 10.0}])
+    >>> found = rockfall.hazard(case)
+    """
     study = read_study(case, objects, memory, objects_layer, **arrays)
     for line in study.remarks:
         warnings.warn(line, stacklevel=2)
@@ -81,7 +88,7 @@ def hazard(
 
 def read_study(
     case: Case,
-    objects: str | Path | None = None,
+    objects: Any = None,
     memory: float | None = None,
     objects_layer: str | None = None,
     **arrays: Any,
@@ -93,9 +100,13 @@ def read_study(
     remarks: list[str] = []
     found = Objects()
     if objects is not None:
-        intensities = 1 + len(case.hazard["thresholds"])
-        found = read_objects(objects, objects_layer, scene.grid, intensities, remarks)
-        remarks += beyond_elevations(found, scene)
+        number = 1 + len(case.hazard["thresholds"])
+        with frame_files({"objects": objects} if is_frame(objects) else {}) as files:
+            path = files.get("objects", objects)
+            found = read_objects(path, objects_layer, scene.grid, number, remarks)
+            remarks += beyond_elevations(found, scene)
+        found.path = of_frames(found.path, files)
+        remarks = [of_frames(one, files) for one in remarks]
     case = case.replace(barrier=scene.case.barrier, dam=scene.case.dam)  # layers are read
     study = Study(case, scene, scenarios_of(scene, found.lines), found)
     for scenario in study.scenarios:

@@ -12,13 +12,13 @@ import numpy as np
 
 from rockfall._core import rockfall_f2py as _core
 from rockfall.errors import RockfallError
-from rockfall.io.layers import extent, read_points
+from rockfall.io.layers import attribute, extent, named_attribute, read_points
 from rockfall.io.tables import read_table
 from rockfall.limits import MAX_REAL
 from rockfall.scene.forest.made import Cells, conifer_shares
 from rockfall.scene.forest.species import BROADLEAF, CONIFER, Species, read_species
 from rockfall.scene.forest.trees import MAX_DBH, Trees
-from rockfall.scene.layers import LAYERS, file_checksum
+from rockfall.scene.layers import LAYERS, note_layer
 
 if TYPE_CHECKING:
     from rockfall.scene.scene import Scene
@@ -41,9 +41,11 @@ def listed_trees(scene: Scene, rasters: dict[str, Any]) -> Trees:
     path, grid = scene.case.path(scene.case.forest["trees"]), scene.grid
     if path.suffix.lower() in LAYERS:
         found = _from_layer(path, scene)
+    elif "trees_layer" in scene.case.forest:
+        raise RockfallError(f"{scene.case.name}: &forest trees_layer: has no meaning for a table")
     else:
         found = _from_table(path)
-    scene.checksums["trees"] = file_checksum(path)
+    note_layer(scene, "trees", path)
     x, y = found.x, found.y
     inside = (x >= grid.west) & (x < grid.east) & (y > grid.south) & (y <= grid.north)
     if not inside.any():
@@ -83,20 +85,28 @@ def _from_table(path: Path) -> Listed:
 
 def _from_layer(path: Path, scene: Scene) -> Listed:
     """Those of a layer of points with the attributes dbh and species."""
-    x, y, columns = read_points(path, scene.grid, ("dbh", "species"), scene.remarks)
-    if "dbh" not in columns or columns["dbh"].dtype.kind not in "iuf":
-        raise RockfallError(f"{path}: no attribute dbh that is a number")
-    dbh = columns["dbh"].astype(float)
+    forest = scene.case.forest
+    x, y, columns, feature = read_points(
+        path, scene.grid, scene.remarks, forest.get("trees_layer"), "trees_layer"
+    )
+    field = forest["dbh_field"]
+    column = named_attribute(path, columns, field)
+    if column.dtype.kind not in "iuf":
+        raise RockfallError(f"{path}: attribute {field}: must be a number [cm]")
+    dbh = column.astype(float)
     for k in np.flatnonzero(~((dbh > 0) & (dbh <= MAX_DBH)))[:1]:
         raise RockfallError(
-            f"{path}: feature {k + 1}: dbh = {dbh[k]:g}: must be > 0 and at most {MAX_DBH:g} [cm]"
+            f"{path}: feature {feature[k]}: {field} = {dbh[k]:g}: must be > 0 and at most "
+            f"{MAX_DBH:g} [cm]"
         )
-    if "species" not in columns:
+    field = forest["species_field"]
+    names = attribute(columns, field)
+    if names is None and field == "species":
         return Listed(x, y, dbh, None)
-    species = columns["species"].tolist()
-    for k, name in enumerate(species, start=1):
+    species = named_attribute(path, columns, field).tolist()
+    for k, name in zip(feature, species, strict=True):
         if not isinstance(name, str) or not name.strip():
-            raise RockfallError(f"{path}: feature {k}: has no species")
+            raise RockfallError(f"{path}: feature {k}: has no {field}")
     return Listed(x, y, dbh, species)
 
 

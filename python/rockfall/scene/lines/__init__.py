@@ -13,14 +13,14 @@ import numpy as np
 
 from rockfall.case import REPEATABLE, Case, file_keys, key_table
 from rockfall.errors import RockfallError
+from rockfall.io.layers import attribute, named_attribute, plain
 from rockfall.io.layers import read_lines as read_layer
-from rockfall.scene.layers import file_checksum
+from rockfall.scene.layers import note_layer
 
 if TYPE_CHECKING:
     from rockfall.scene.scene import Scene
 
 OF_LAYER = {"name", "x", "y", "file", "layer", "field"}  # keys that are no attributes
-SHORT = 10  # letters of an attribute in a shapefile, at most
 STRENGTH = {"capacity", "class"}  # of which a barrier has one
 
 
@@ -77,14 +77,13 @@ def _features(scene: Scene, group: str, given: Mapping[str, Any]) -> Iterator[_D
     """A group for each line of a layer; what it does not say itself is the feature's."""
     path = scene.case.path(given["file"])
     parts, columns = read_layer(path, given.get("layer"), scene.grid, scene.remarks)
-    scene.checksums[f"{group} {given['file']}"] = file_checksum(path)
+    note_layer(scene, f"{group} {given['file']}", path)
     known = {key.name: key.kind for key in key_table() if key.group == group}
     own = {key: value for key, value in given.items() if key not in OF_LAYER}
     asked = known.keys() - OF_LAYER - own.keys()
     if STRENGTH & own.keys():
         asked -= STRENGTH
-    lower = _lower(columns)
-    found = {key: lower.get(key, lower.get(key[:SHORT])) for key in sorted(asked)}
+    found = {key: attribute(columns, key) for key in sorted(asked)}
     attributes = {key: column for key, column in found.items() if column is not None}
     names = _names(path, given, columns, [len(of) for of in parts]) if "name" in known else None
     for k, feature in enumerate(parts):
@@ -102,10 +101,9 @@ def _names(
     """A name for each part of each feature; where several have the same, they are numbered."""
     usual = given.get("name") or given.get("layer") or path.stem
     found: list[str | None] = [None] * len(parts)
-    field = given.get("field", "name")
-    column = columns.get(field, _lower(columns).get(field.lower()))
-    if column is None and "field" in given:
-        raise RockfallError(f"{path}: no attribute {field}; has: {', '.join(columns) or 'none'}")
+    column = attribute(columns, "name")
+    if "field" in given:
+        column = named_attribute(path, columns, given["field"])
     if column is not None and "name" not in given:
         found = [_plain(value, "text") for value in column]
     names = [str(name or usual) for name, n in zip(found, parts, strict=True) for _ in range(n)]
@@ -115,15 +113,10 @@ def _names(
         yield name if often[name] == 1 else f"{name} {count[name]}"
 
 
-def _lower(columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    return {name.lower(): column for name, column in columns.items()}
-
-
 def _plain(value: Any, kind: str) -> Any:
     """An attribute as a case has it; None where it is empty. Columns of integers in which some
     are empty come as reals."""
-    value = value.item() if hasattr(value, "item") else value
-    if value is None or value != value or (isinstance(value, str) and not value.strip()):
+    if (value := plain(value)) is None:
         return None
     if kind != "real" and isinstance(value, float) and value.is_integer():
         value = int(value)

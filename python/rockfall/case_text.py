@@ -28,20 +28,25 @@ class Group(NamedTuple):
 
 def case_text(head: Iterable[str], groups: Iterable[Group], foot: Iterable[str]) -> str:
     """The text of a case between comments."""
-    lines = [f"! {one}" for one in head]
+    lines = [_comment(one) for one in head]
     for group in groups:
         lines += ["", *_group_lines(group)]
-    foot = [f"! {one}" for one in foot]
+    foot = [_comment(one) for one in foot]
     return "\n".join([*lines, *([""] if foot else []), *foot, ""])
+
+
+def _comment(text: str) -> str:
+    """On one line, whatever names of files and layers are in it."""
+    return f"! {' '.join(text.splitlines())}"
 
 
 def _group_lines(group: Group) -> Iterator[str]:
     if group.comment:
-        yield f"! {group.comment}"
+        yield _comment(group.comment)
     yield f"&{group.name}"
     for key, value, comment, on in group.entries:
         line = f"    {'' if on else '! '}{key} = {_literal(value)}"
-        yield f"{line:<{VALUE_COLUMN}} ! {comment}" if comment else line
+        yield f"{line:<{VALUE_COLUMN}} {_comment(comment)}" if comment else line
     yield "/"
 
 

@@ -29,6 +29,7 @@ from rockfall.limits import Z
 MIN_CROSSED = 20  # boulders at a line, below which their mean is not a number
 MIN_ABOVE = 5  # boulders above a quantile, below which it is not a number
 RESAMPLES = 500  # of the blocks, for the errors
+RESOLVED = 0.25  # half of the 95 % interval of an index that says something: half of all there is
 
 
 def deviations(values: np.ndarray, name: str, row: dict[str, float], per_source: int) -> np.ndarray:
@@ -138,3 +139,18 @@ def indices(y: np.ndarray, covariance: np.ndarray) -> Indices:
         part = np.array([getattr(one, name) for one in again])
         both += [index, (part - index * epistemic[:, None]).std(axis=0) / known]
     return Indices(found, error, *both)
+
+
+def limits(value: float, error: float) -> tuple[float, float, float]:
+    """An index with its 95 % interval, within 0 and 1, about the possible value nearest to the
+    estimate; NaN where it is undecided: where the interval is longer than half of that."""
+    half = Z * error
+    if not half <= RESOLVED:
+        return np.nan, np.nan, np.nan
+    value = min(max(value, 0.0), 1.0)
+    return value, max(value - half, 0.0), min(value + half, 1.0)
+
+
+def runs_needed(error: np.ndarray, runs: int) -> int:
+    """Draws that would decide the least known of indices with these errors."""
+    return int(np.ceil(runs * (Z * np.nanmax(error) / RESOLVED) ** 2))

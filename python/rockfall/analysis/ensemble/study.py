@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from rockfall.analysis.ensemble.maps import RANGED, MemberMaps
+from rockfall.analysis.ensemble.sobol_indices import Indices, deviations, indices, limits
+from rockfall.analysis.ensemble.uncertain_inputs import Draw, Uncertain, drawn_scene
 from rockfall.analysis.line_statistics import line_numbers, line_values
 from rockfall.analysis.precision.intervals import Sources
-from rockfall.analysis.sobol_indices import Indices, deviations, indices
-from rockfall.analysis.uncertain_inputs import Draw, Uncertain, drawn_scene
 from rockfall.case import Case
 from rockfall.case_files import files_behind
 from rockfall.errors import RockfallError
@@ -42,7 +43,7 @@ RESULTS = {
         for number in ("mean", "q95")
     },
 }
-REACHED = 0.01  # fraction of the boulders: the outline of a hazard map
+KINDS = ("first_order", "total")  # Sobol' indices
 KEPT = {  # of the draws: units, meaning
     "radius": ("1", "factor on the sizes of the rocks in each row of the table of zones"),
     "volume": ("1", "factor on all volumes"),
@@ -51,6 +52,7 @@ KEPT = {  # of the draws: units, meaning
     "source_east": ("m", "shift of the sources eastwards"),
     "source_north": ("m", "shift of the sources northwards"),
     "source_redrawn": ("1", "shifts drawn before, which left a source off the terrain"),
+    "draw": ("1", "row of the file of draws, from 0"),
     "set": ("1", "draw of the impact sets, by its place in all files of the case, from 0"),
 }
 
@@ -63,60 +65,39 @@ class _Run(NamedTuple):
     result: xr.Dataset
 
 
-class _Maps:
-    """Sums over runs of the boulders that passed each cell: integers, exact in any order."""
-
-    def __init__(self, shape: tuple[int, int]) -> None:
-        self.runs, self.boulders = 0, 0
-        self.sum, self.squares = np.zeros(shape, "i8"), np.zeros(shape, "i8")
-        self.reached = np.zeros(shape, "i4")
-
-    def add(self, result: xr.Dataset) -> None:
-        passed = result["passages"].values.astype("i8")
-        self.runs, self.boulders = self.runs + 1, result.sizes["boulder"]
-        self.sum += passed
-        self.squares += passed**2
-        self.reached += passed > REACHED * self.boulders
-
-    def variables(self) -> dict[str, Any]:
-        mean = self.sum / self.runs
-        variance = np.maximum(self.squares / self.runs - mean**2, 0.0)
-        deviation = np.sqrt(variance * self.runs / (self.runs - 1))
-        maps = {
-            "reach_probability_mean": (mean / self.boulders, "mean over the runs"),
-            "reach_probability_std": (
-                deviation / self.boulders,
-                "standard deviation over the runs, Monte Carlo error included",
-            ),
-            "reached_runs": (
-                self.reached / self.runs,
-                f"fraction of the runs in which more than {REACHED:.0%} of the boulders passed",
-            ),
-        }
-        about = {"units": "1", "grid_mapping": "crs"}
-        return {
-            name: (("y", "x"), values.astype("f4"), about | {"long_name": long_name})
-            for name, (values, long_name) in maps.items()
-        }
-
-
 def run_ensemble(case: Case, *, progress: bool = False, **arrays: Any) -> xr.Dataset:
-    """Run a case over what its group &ensemble calls uncertain: an xarray.Dataset.
+    """Run a case over what its group &ensemble calls uncertain: an xarray.Dataset, which is the
+    result of the case as it is, and more.
 
     For each line and result it holds the value of the case as it is, the mean over the runs, and
     two standard deviations: `monte_carlo_std`, of a run with so many boulders, which more of them
     reduce, and `epistemic_std`, of the uncertain inputs, which they do not; and the fractions of
     the epistemic variance that each input explains (`first_order`, `total`). docs/ensemble.md
-    explains them, `rockfall.analysis.sobol_indices` how they are estimated. NaN where too few
-    boulders pass in some run, or where the epistemic variance is not significant. Beside them are
-    the draws, the results of every run, and, where the case asks for passages or reach_probability,
-    maps over the runs. `arrays` are as in `rockfall.run`.
+    explains them, `rockfall.analysis.ensemble.sobol_indices` how they are estimated. NaN where too
+    few boulders pass in some run, or where the epistemic variance is not significant. Beside them
+    are the draws, the results of every run, and, where the case asks for passages or
+    reach_probability, maps over the runs. `arrays` are as in `rockfall.run`.
+
+    >>> import rockfall
+    >>> case = rockfall.read_case("case.nml")
+    >>> case = case.replace(ensemble={"runs": 8, "radius_factor": 1.2})
+    >>> found = rockfall.ensemble(case)
+    >>> rockfall.ensemble_table(found)["line"].iloc[0]
+    'L'
     """
-    scene = _lean(read_scene(case, **arrays))
+    asked = {*case.output.get("maps", [])}
+    needs_maps = bool({"passages", "reach_probability"} & asked)
+    if not case.lines and not needs_maps:
+        raise RockfallError(
+            f"{case.name}: an ensemble needs a &line, or &output maps = 'reach_probability'"
+        )
+    read = read_scene(case, **arrays)
+    kept = ["passages", *(name for name in RANGED if name in asked)]
+    scene = lean(read, "an ensemble", kept if needs_maps else None)
     inputs = Uncertain(scene)
     names, blocks = inputs.names, case.ensemble["runs"]
-    maps = _Maps(scene.grid.shape) if scene.case.output.get("maps") else None
-    base = _run(scene)
+    maps = MemberMaps(scene) if scene.case.output.get("maps") else None
+    base = _run(replace(read, case=read.case.replace(output={"map_extent": "terrain"})))
     size = (blocks, 2 + len(names), base.values.size)
     y, covariance = np.empty(size), np.empty((*size[:2], *size[1:]))
     draws, seeds = [], []
@@ -141,22 +122,17 @@ def run_ensemble(case: Case, *, progress: bool = False, **arrays: Any) -> xr.Dat
     return _with_attributes(data, with_lines_of(case, scene), base, inputs)
 
 
-def _lean(scene: Scene) -> Scene:
-    """The scene without outputs that an ensemble does not look at."""
+def lean(scene: Scene, what: str, maps: list[str] | None) -> Scene:
+    """The scene without outputs that many runs do not look at, but for these maps."""
     case = scene.case
-    refuse_by_area(scene, "an ensemble")
-    maps = {"passages", "reach_probability"} & set(case.output.get("maps", []))
-    if not case.lines and not maps:
-        raise RockfallError(
-            f"{case.name}: an ensemble needs a &line, or &output maps = 'reach_probability'"
-        )
+    refuse_by_area(scene, what)
     if case.case["sampling"] != "random":
         raise RockfallError(
-            f"{case.name}: &case sampling = '{case.case['sampling']}': must be 'random' for an "
-            "ensemble: the Monte Carlo error is not known"
+            f"{case.name}: &case sampling = '{case.case['sampling']}': must be 'random' for "
+            f"{what}: the Monte Carlo error is not known"
         )
-    output: dict[str, Any] = {"maps": ["passages"] if maps else None, "map_extent": "terrain"}
-    output |= {"rebounds": False, "trajectories": 0}
+    output: dict[str, Any] = {"maps": maps, "map_extent": "terrain"}
+    output |= {"rebounds": False, "trajectories": 0, "energy_balance": False}
     return replace(scene, case=case.replace(output=output))
 
 
@@ -169,7 +145,7 @@ def _design(a: list[Draw], b: list[Draw]) -> Iterator[list[Draw]]:
 
 
 def _run(scene: Scene) -> _Run:
-    result, per_source = run_scene(scene), scene.case.case["boulders"]
+    result, per_source = run_scene(scene), scene.boulders // scene.x.size
     values, deviates = [], []
     alone = Sources.alone(scene.boulders)  # the intervals are not looked at
     for k in range(len(scene.case.lines)):
@@ -255,37 +231,46 @@ def _with_attributes(data: dict[str, Any], case: Case, base: _Run, inputs: Uncer
     import xarray as xr
 
     run = base.result
-    names = ("Conventions", "history", "title", "source", "case_file", "seed")
-    attrs = {name: run.attrs[name] for name in names}
+    attrs = dict(run.attrs)
     checksums = json.loads(run.attrs["input_checksums"])
     checksums |= {f"ensemble sets {name}": one for name, one in inputs.set_checksums.items()}
     attrs |= {
         "case": case.text(),
-        "boulders": inputs.scene.boulders,
+        "ensemble_runs": inputs.given["runs"],
         "input_checksums": json.dumps(checksums, sort_keys=True),
     }
-    if "reach_probability_mean" in data:
-        data |= {name: run[name].variable for name in ("x", "y", "crs")}
-    texts = {"line", "result", "input", "variant", "side", "result_units", "x", "y"}
-    return xr.Dataset(data, attrs=attrs).set_coords(sorted(texts & set(data)))
+    texts = {"result", "input", "variant", "side", "result_units"}
+    data = {name: one for name, one in data.items() if name not in run.variables}
+    own = xr.Dataset(data).set_coords(sorted(texts & set(data)))
+    own = own if case.lines else own.drop_dims("line")
+    return run.assign_coords(own.coords).assign(own.data_vars).assign_attrs(attrs)
+
+
+def is_ensemble(result: xr.Dataset) -> bool:
+    """Whether a result is that of an ensemble, with the case as it is in it."""
+    return "ensemble_runs" in result.attrs
 
 
 def ensemble_table(found: xr.Dataset) -> pd.DataFrame:
-    """One row for each line and result: its numbers, then the fractions of each input."""
+    """One row for each line and result: its numbers, then the fractions of each input with 95 %
+    intervals, NaN where they are undecided. `help(rockfall.ensemble)` has an example.
+    """
     import pandas as pd
 
     names = ("case_value", "mean", "q05", "q95", "monte_carlo_std", "epistemic_std")
     names += ("too_few",)
     rows = []
-    for line in found["line"].values:
+    for line in found["line"].values if "line" in found else []:
         for result in found["result"].values:
             at = found.sel(line=line, result=result)
             row = {"line": line, "result": result, "units": at["result_units"].item()}
             row |= {name: at[name].item() for name in names}
             for name in found["input"].values:
-                for kind in ("first_order", "total"):
-                    row[f"{name}_{kind}"] = at[kind].sel(input=name).item()
-                    row[f"{name}_{kind}_error"] = at[f"{kind}_error"].sel(input=name).item()
+                for kind in KINDS:
+                    one = at.sel(input=name)
+                    found_ = limits(one[kind].item(), one[f"{kind}_error"].item())
+                    ends = (f"{name}_{kind}{end}" for end in ("", "_low", "_high"))
+                    row |= dict(zip(ends, found_, strict=True))
             rows.append(row)
     return pd.DataFrame(rows)
 

@@ -12,11 +12,13 @@ import numpy as np
 from rockfall._core import rockfall_f2py as _core
 from rockfall.errors import RockfallError
 from rockfall.io.grid import NO_ID, Box, row_blocks
-from rockfall.io.layers import burn_polygons
+from rockfall.io.layers import numbered_polygons, read_points
+from rockfall.io.tables import read_columns
 from rockfall.limits import MAX_REAL
 from rockfall.scene.kernel_scene import area_ratios, on_raster
-from rockfall.scene.layers import file_checksum, layer_blocks
+from rockfall.scene.layers import LAYERS, layer_blocks, note_layer
 from rockfall.scene.scene import Scene, SourceBoulders
+from rockfall.scene.sources.attributes import Table, read_attributes
 
 SIDES = ("d1", "d2", "d3")
 SHAPES = int(_core.constant("shapes"))  # numbered from 1
@@ -43,6 +45,10 @@ def steep_blocks(
 
 def refuse_by_area(scene: Scene, what: str) -> None:
     """Refuse what needs the same number of boulders from each source."""
+    if scene.frequency is not None:
+        raise RockfallError(
+            f"{scene.case.name}: sources have a frequency: {what} needs as many boulders from each"
+        )
     if scene.case.release["by_area"]:
         raise RockfallError(
             f"{scene.case.name}: &release by_area = .true.: {what} needs as many boulders from "
@@ -57,7 +63,7 @@ def read_sources(scene: Scene, bands: Iterable[tuple[Scene, Box]], rasters: dict
     `bands` are rows of the terrain in order, each in a scene that holds it and what lies about it.
     """
     _find_sources(scene, bands, rasters)
-    if scene.case.boulder["volume"] == "source":
+    if "d1" in scene.case.boulder:
         _read_boulders(scene, rasters)
 
 
@@ -68,12 +74,19 @@ def _find_sources(
     if "x" in release:
         scene.x, scene.y = np.asarray(release["x"]), np.asarray(release["y"])
         return
+    if "points" in release:
+        _find_points(scene)
+        return
     found, area = [], []
+    polygons, table = _polygons(scene)
+    of: list[np.ndarray] = []
     for band, box in bands:
-        blocks = {rows.start: np.argwhere(block > 0) for rows, block in _cells(band, box, rasters)}
+        parts = _cells(band, box, rasters, polygons)
+        blocks = {rows.start: np.argwhere(block > 0) for rows, block in parts}
         cells = [blocks[start] + (start, 0) for start in sorted(blocks)]
         row, column = np.concatenate(cells).T
         found.append((scene.grid.x[column], scene.grid.y[row]))
+        of += [] if polygons is None else [polygons[row, column].astype("i4")]
         if release["by_area"] and row.size:
             area.append(area_ratios(band, *found[-1]))
     scene.x, scene.y = (np.concatenate(axis) for axis in zip(*found, strict=True))
@@ -87,6 +100,61 @@ def _find_sources(
         raise RockfallError(f"{path}: no source cells: must have cells above zero")
     if area:
         scene.area = np.concatenate(area)
+    if table is not None:
+        _take_attributes(scene, table, np.concatenate(of))
+
+
+def _polygons(scene: Scene) -> tuple[np.ndarray | None, Table | None]:
+    """The polygon that holds each cell, from 1, and their attributes; None without a layer."""
+    case, release = scene.case, scene.case.release
+    if "polygons" not in release:
+        return None, None
+    path = case.path(release["polygons"])
+    layer = release.get("polygons_layer")
+    cells, columns = numbered_polygons(path, scene.grid, scene.remarks, layer, "polygons_layer")
+    note_layer(scene, "polygons", path)
+    size = max([int(cells.max()), *map(len, columns.values())])
+    return cells, Table(str(path), columns, size, lambda k: f"{path}: feature {k + 1}")
+
+
+def _find_points(scene: Scene) -> None:
+    """Sources at the points of a layer or a table."""
+    case, release = scene.case, scene.case.release
+    path = case.path(release["points"])
+    if path.suffix.lower() in LAYERS:
+        layer = release.get("points_layer")
+        scene.x, scene.y, columns, feature = read_points(
+            path, scene.grid, scene.remarks, layer, "points_layer"
+        )
+        table = Table(str(path), columns, feature.size, lambda k: f"{path}: feature {feature[k]}")
+    elif "points_layer" in release:
+        raise RockfallError(f"{case.name}: &release points_layer: has no meaning for a table")
+    else:
+        lines, columns = read_columns(path, ("x", "y"))
+        table = Table(str(path), columns, len(lines), lambda k: lines[k], is_text=True)
+        places = [table.places(axis) for axis in "xy"]
+        scene.x, scene.y = places
+    note_layer(scene, "points", path)
+    _take_attributes(scene, table, np.arange(1, scene.x.size + 1, dtype="i4"))
+
+
+def _take_attributes(scene: Scene, table: Table, of: np.ndarray) -> None:
+    """What features say of the releases of their sources; that of each source is given."""
+    scene.features, frequency = read_attributes(scene, table, of)
+    some = ~np.isnan(frequency)
+    if not some.any():
+        return
+    if "boulders" in scene.case.case:
+        scene.remarks.append(
+            f"{table.path}: frequency is not used: &case boulders come from each source; "
+            "boulders_total shares a number by it"
+        )
+    if not some.all():
+        k = int(np.argmin(some))
+        raise RockfallError(f"{table.where(k)}: has no frequency: all must have one, or none")
+    own = np.ones(of.size) if scene.area is None else scene.area
+    together = np.bincount(of, own, minlength=table.size + 1)
+    scene.frequency = frequency[of - 1] * own / together[of]
 
 
 def _read_boulders(scene: Scene, rasters: dict[str, Any]) -> None:
@@ -110,6 +178,8 @@ def _read_boulders(scene: Scene, rasters: dict[str, Any]) -> None:
         )
     scene.x, scene.y = scene.x[some], scene.y[some]
     scene.area = None if scene.area is None else scene.area[some]
+    scene.frequency = None if scene.frequency is None else scene.frequency[some]
+    scene.features = scene.features and scene.features.at(some)
     d = np.array([_at_sources(scene, key, "sides", np.float64, rasters) for key in SIDES])
     for key, side in zip(SIDES, d, strict=True):
         _check(scene, key, side, (side > 0) & (side <= MAX_SIDE), f"> 0 and at most {MAX_SIDE:g} m")
@@ -147,18 +217,14 @@ def _check(scene: Scene, key: str, values: np.ndarray, good: np.ndarray, allowed
     )
 
 
-def _cells(scene: Scene, box: Box, rasters: dict[str, Any]) -> Iterator[tuple[slice, np.ndarray]]:
+def _cells(
+    scene: Scene, box: Box, rasters: dict[str, Any], polygons: np.ndarray | None
+) -> Iterator[tuple[slice, np.ndarray]]:
     """Blocks of rows of a box, with what is above zero in source cells."""
-    case, release = scene.case, scene.case.release
+    release = scene.case.release
     parts = list(row_blocks(box.shape))
-    if "polygons" in release:
-        path = case.path(release["polygons"])
-        inside = burn_polygons(
-            path, scene.grid, remarks=scene.remarks,
-            layer=release.get("polygons_layer"), key="polygons_layer",
-        )  # fmt: skip
-        blocks = ((rows, inside[rows] & ~np.isnan(scene.z[rows])) for rows in parts)
-        scene.checksums["polygons"] = file_checksum(path)
+    if polygons is not None:
+        blocks = ((rows, (polygons[rows] > 0) & ~np.isnan(scene.z[rows])) for rows in parts)
     elif "cells" in release:
         blocks = _noted(scene, layer_blocks(scene, "cells", "source cells", np.int32, rasters, box))
     else:

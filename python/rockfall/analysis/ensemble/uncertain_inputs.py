@@ -5,18 +5,20 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from rockfall.errors import RockfallError
 from rockfall.impact_sets import set_path
+from rockfall.io.tables import check_columns, read_table
 from rockfall.scene.coefficients import SetFile, draws_in
 from rockfall.scene.kernel_scene import known_at
 from rockfall.scene.scene import Scene
 
-INPUTS = ("volume", "drop_height", "source", "sets", "dem", "radius")
-NUMBERS = (2, 1, 2, 1, 0, None)  # that an input needs in a draw; radius: one for each zone
+INPUTS = ("volume", "drop_height", "source", "sets", "dem", "radius", "draws")
+NUMBERS = (2, 1, 2, 1, 0)  # that an input needs in a draw; radius: one for each zone
 STREAMS = ("boulders", "design", "dem", "source")  # of random numbers; a new one goes to the end
 REACH = 6  # correlation lengths; exp(-6) is a quarter of a per cent
 BITS = 30  # of a number of the design
@@ -30,6 +32,10 @@ class Draw:
     arrays: dict[str, Any] = field(default_factory=dict)  # by names of Scene
     groups: dict[str, dict[str, Any]] = field(default_factory=dict)  # as in Case.replace
     kept: dict[str, Any] = field(default_factory=dict)
+
+    def __or__(self, other: Draw) -> Draw:
+        """Both, of which neither changes what the other does."""
+        return Draw(self.arrays | other.arrays, self.groups | other.groups, self.kept | other.kept)
 
 
 def drawn_scene(scene: Scene, draws: Iterable[Draw], seed: int) -> Scene:
@@ -54,6 +60,11 @@ class Uncertain:
             draws = draws_in(path, scene.case.impact["turning"])
             self.set_checksums[name] = draws[0].checksum
             self.sets += draws
+        self.radii = 1 if scene.values is not None else len(scene.sizes)
+        self.rows: list[dict[str, float]] = []
+        if "draws" in self.given:
+            path = scene.case.path(self.given["draws"])
+            self.rows = read_draws(path, self.radii, len(self.sets))
         self.names = [name for name in INPUTS if self._varies(name)]
         if not self.names:
             raise RockfallError(
@@ -61,8 +72,13 @@ class Uncertain:
                 "volume_factor, volume_std_factor, drop_height_factor, dem_error, source_shift "
                 "or two sets"
             )
-        radii = 1 if scene.values is not None else len(scene.sizes)
-        self.ends = np.cumsum([0, *(radii if n is None else n for n in NUMBERS)])
+        told = scene.features is not None and scene.features.law is not None
+        for name in {"volume", "drop_height"} & {*self.names} if told else ():
+            raise RockfallError(
+                f"{scene.case.name}: &ensemble {name}_factor: has no meaning where the layer "
+                "of the sources says what is released"
+            )
+        self.ends = np.cumsum([0, *NUMBERS, self.radii, int("draws" in self.names)])
         self.design = self._design()
         longest = max(scene.grid.shape) * scene.grid.cell
         if self.given["dem_error"] > 0 and self.given["dem_correlation"] > longest:
@@ -73,8 +89,10 @@ class Uncertain:
             )
 
     def _varies(self, name: str) -> bool:
+        if name == "draws":
+            return bool(self.rows)
         if name == "sets":
-            return len(self.sets) > 1
+            return len(self.sets) > 1 and not any("set" in row for row in self.rows[:1])
         if name in ("dem", "source"):
             return self.given["dem_error" if name == "dem" else "source_shift"] > 0
         keys = [f"{name}_factor"] + ["volume_std_factor"] * (name == "volume")
@@ -100,10 +118,15 @@ class Uncertain:
     def draw(self, name: str, run: int, side: int) -> Draw:
         """An input of a run, as in A (side 0) or B (side 1). It depends on the seed of the case, on
         the input, run and side; not on how many runs there are, nor on what else is uncertain."""
+        return self.at(name, self.design[run, side], 2 * run + side)
+
+    def at(self, name: str, point: np.ndarray, number: int) -> Draw:
+        """An input at a point of the unit cube: uniform numbers of all inputs. `number` tells apart
+        what the point leaves open: errors of the terrain, shifts that are drawn again."""
         k = INPUTS.index(name)
-        numbers = self.design[run, side, self.ends[k] : self.ends[k + 1]]
+        numbers = point[self.ends[k] : self.ends[k + 1]]
         if name in STREAMS:
-            random = np.random.default_rng(self._sequence(name, 2 * run + side))
+            random = np.random.default_rng(self._sequence(name, number))
             return getattr(self, f"_{name}")(numbers, random)
         return getattr(self, f"_{name}")(numbers)
 
@@ -121,17 +144,22 @@ class Uncertain:
     def _radius(self, numbers: np.ndarray) -> Draw:
         """One factor for each row of the table of zones, on R_m or on its three Rg; one factor
         everywhere, where rasters or one value give the sizes."""
+        return self._radii_by(self._factor(numbers, "radius_factor"))
+
+    def _radii_by(self, factor: np.ndarray) -> Draw:
         scene = self.scene
-        factor = self._factor(numbers, "radius_factor")
         if scene.values is not None:
             return Draw({"values": scene.values * np.float32(factor)}, kept={"radius": factor})
         return Draw({"sizes": scene.sizes * factor[:, None]}, kept={"radius": factor})
 
     def _volume(self, numbers: np.ndarray) -> Draw:
         """A factor on all volumes of the distribution, another on its standard deviation."""
-        boulder = self.scene.case.boulder
         size = self._factor(numbers[0], "volume_factor")
         spread = self._factor(numbers[1], "volume_std_factor")
+        return self._volumes_by(float(size), float(spread))
+
+    def _volumes_by(self, size: float, spread: float) -> Draw:
+        boulder = self.scene.case.boulder
         keys = ("volume_mean", "volume_std", "volume_min", "volume_max", "volumes")
         changed = {key: np.asarray(boulder[key]) * size for key in keys if key in boulder}
         if "volume_std" in boulder:
@@ -139,9 +167,31 @@ class Uncertain:
         return Draw(groups={"boulder": changed}, kept={"volume": size, "volume_std": spread})
 
     def _drop_height(self, numbers: np.ndarray) -> Draw:
-        factor = self._factor(numbers[0], "drop_height_factor")
+        return self._height_by(float(self._factor(numbers[0], "drop_height_factor")))
+
+    def _height_by(self, factor: float) -> Draw:
         height = self.scene.case.release["drop_height"] * factor
         return Draw(groups={"release": {"drop_height": height}}, kept={"drop_height": factor})
+
+    def _draws(self, numbers: np.ndarray) -> Draw:
+        """A row of the file of draws: inputs that belong together."""
+        k = int(numbers[0] * len(self.rows))
+        row, found = self.rows[k], Draw(kept={"draw": k})
+        if "radius_1" in row:
+            found |= self._radii_by(np.array([row[f"radius_{i + 1}"] for i in range(self.radii)]))
+        if "volume" in row:
+            found |= self._volumes_by(row["volume"], row["volume_std"])
+        if "drop_height" in row:
+            found |= self._height_by(row["drop_height"])
+        if "source_east" in row:
+            moved = self._shifted(row["source_east"], row["source_north"])
+            if moved is None:
+                where = self.scene.case.path(self.given["draws"])
+                raise RockfallError(f"{where}: draw {k + 1}: takes a source off the terrain")
+            found |= moved
+        if "set" in row:
+            found |= self._set(int(row["set"]))
+        return found
 
     def _dem(self, _: np.ndarray, random: np.random.Generator) -> Draw:
         z, cells = self.scene.z, self.given["dem_correlation"] / self.scene.grid.cell
@@ -152,19 +202,53 @@ class Uncertain:
         """One shift for all sources, drawn again until all of them lie on known terrain."""
         deviation = self.given["source_shift"]
         for tried in range(TRIES):
-            east, north = deviation * (random.standard_normal(2) if tried else _normal(numbers))
-            x, y = self.scene.x + east, self.scene.y + north
-            if known_at(self.scene, x, y).all():
-                kept = {"source_east": east, "source_north": north, "source_redrawn": tried}
-                return Draw({"x": x, "y": y}, kept=kept)
+            shift = deviation * (random.standard_normal(2) if tried else _normal(numbers))
+            if moved := self._shifted(*shift):
+                return moved | Draw(kept={"source_redrawn": tried})
         raise RockfallError(
             f"{self.scene.case.name}: &ensemble source_shift = {deviation:g}: none of {TRIES} "
             "shifts leaves all sources on known terrain: must be smaller"
         )
 
+    def _shifted(self, east: float, north: float) -> Draw | None:
+        """None where a source would leave the known terrain."""
+        x, y = self.scene.x + east, self.scene.y + north
+        if not known_at(self.scene, x, y).all():
+            return None
+        return Draw({"x": x, "y": y}, kept={"source_east": east, "source_north": north})
+
     def _sets(self, numbers: np.ndarray) -> Draw:
-        which = int(numbers[0] * len(self.sets))
+        return self._set(int(numbers[0] * len(self.sets)))
+
+    def _set(self, which: int) -> Draw:
         return Draw({"sets": self.sets[which]}, kept={"set": which})
+
+
+def read_draws(path: Path, radii: int, sets: int) -> list[dict[str, float]]:
+    """Draws of inputs that belong together, a row each, from a CSV file: factors radius_1 ... (of
+    each row of the table of zones), volume and volume_std, drop_height; source_east, source_north
+    [m]; set, from 0; draw, a number that is not read. Not all need be there; a group must be there
+    whole."""
+    groups = (
+        [f"radius_{i + 1}" for i in range(radii)], ["volume", "volume_std"], ["drop_height"],
+        ["source_east", "source_north"], ["set"],
+    )  # fmt: skip
+    where, columns, rows = read_table(path)
+    check_columns(where, columns, ["draw", *(name for group in groups for name in group)])
+    for group in groups:
+        if 0 < len({*group} & {*columns}) < len(group):
+            missing = ", ".join(name for name in group if name not in columns)
+            raise RockfallError(f"{where}: {missing}: missing beside the others")
+    if "set" in columns and not sets:
+        raise RockfallError(f"{where}: column set: the case has no &ensemble sets")
+    found = []
+    for row in rows:
+        limits = {name: (0.01, 100.0) for name in columns if not name.startswith("source")}
+        limits |= {"set": (0.0, sets - 1.0), "draw": (1.0, 1e9)}
+        found.append({name: row.number(name, *limits.get(name, ())) for name in columns})
+        if found[-1].get("set", 0.0) % 1:
+            row.refuse("set", "must be an integer")
+    return found
 
 
 def _normal(uniform: np.ndarray) -> np.ndarray:

@@ -1,0 +1,278 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""How likely observations are by the boulders of a run, and whether any run explains them.
+
+Quantiles of the observed boulders part the simulated ones into bins. Of S simulated boulders s_k
+are in bin k, of the observed ones c_k. The frequencies of the bins are not known but from the
+simulated boulders, so with Jeffreys' prior (1/2 for each bin) the counts observed have the
+Dirichlet-multinomial probability
+
+    p(c | s) ~ B(c + s + 1/2) / B(s + 1/2),    B(a) = prod Gamma(a_k) / Gamma(sum a_k)
+
+which holds the Monte Carlo noise of the run: few boulders make it flat. Of a printed mean and
+standard deviation the probabilities are normal, with the sampling errors of both numbers.
+
+What is drawn anew in each member and not sought, such as errors of the terrain, makes runs of the
+same inputs differ by more than their boulders do. Replicates tell by how much: as if there were
+fewer boulders, S'. A member and the field each have such a deviation, so that the s_k count as
+1/(2/S' - 1/S) boulders.
+
+Sets of data that hang together, as speed and energy do, count less: each with the inverse of the
+sum of its squared rank correlations with all, itself included, among the simulated boulders.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rockfall.analysis.line_statistics import line_values
+from rockfall.analysis.observations import Observed
+from rockfall.analysis.run_out import Frame, frames, observed_boulders, way_of
+from rockfall.errors import RockfallError
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    #: A value of each boulder of a result, NaN of those that have none.
+    Take = Callable[[xr.Dataset], np.ndarray]
+
+MIN_CROSSED = 20  # simulated boulders, below which a run does not explain that some were observed
+PRIOR = 0.5  # Jeffreys', of each bin
+MAX_BINS = 6
+REPLICATES = 1000
+MIN_PRINTED = 2  # boulders behind a printed mean
+
+
+@dataclass
+class Counted:
+    """Boulders, each with a value: counts in bins.
+
+    Methods: `counted` is what is kept of the values of a run, `log_likelihood` is that of each run
+    (runs, numbers kept), `discrepancy` how far the data are from what all runs with their weights
+    predict, and as many boulders of runs that were picked.
+    """
+
+    name: str
+    values: np.ndarray
+    take: Take
+    edges: np.ndarray = field(init=False)
+    counts: np.ndarray = field(init=False)
+    worth: float = 1.0  # of a simulated boulder, less where runs of the same inputs differ
+
+    def __post_init__(self) -> None:
+        bins = int(np.clip(round(2 * self.n**0.4), 2, MAX_BINS))
+        levels = np.arange(1, bins) / bins
+        self.edges = np.unique(np.quantile(self.values, levels, method="hazen"))
+        self.counts = self._in_bins(self.values)
+
+    @property
+    def n(self) -> int:
+        return self.values.size
+
+    def _in_bins(self, values: np.ndarray) -> np.ndarray:
+        """Boulders in each bin; one on an edge is half in either."""
+        sides = [np.searchsorted(self.edges, values, side) for side in ("left", "right")]
+        both = [np.bincount(one, minlength=self.edges.size + 1) for one in sides]
+        return (both[0] + both[1]) / 2
+
+    def counted(self, values: np.ndarray) -> np.ndarray:
+        return self._in_bins(values[~np.isnan(values)])
+
+    def log_likelihood(self, runs: np.ndarray) -> np.ndarray:
+        from scipy.special import gammaln
+
+        known = self.worth * runs + PRIOR
+        found = (gammaln(known + self.counts) - gammaln(known)).sum(axis=1)
+        total = known.sum(axis=1)
+        found -= gammaln(total + self.counts.sum()) - gammaln(total)
+        return np.where(runs.sum(axis=1) >= MIN_CROSSED, found, -np.inf)
+
+    def learn_noise(self, runs: np.ndarray) -> None:
+        """What a simulated boulder is worth, by runs of the same inputs."""
+        size = runs.sum(axis=1).mean()
+        if not size:
+            return
+        part = runs / runs.sum(axis=1, keepdims=True)
+        mean = part.mean(axis=0)
+        times = size * part.var(axis=0, ddof=1).sum() / (mean * (1 - mean)).sum()  # of binomial
+        self.worth = 1 / (2 * max(times, 1.0) - 1)
+
+    def noise(self, boulders: float) -> float:
+        """The variance of the log-likelihood by the boulders of a run, to first order."""
+        return (self.counts.size - 1) * self.n / (self.worth * boulders + self.n)
+
+    def discrepancy(
+        self, runs: np.ndarray, picked: np.ndarray, weight: np.ndarray, random: np.random.Generator
+    ) -> tuple[float, np.ndarray]:
+        known = self.worth * runs + PRIOR
+        expected = self.n * (weight @ (known / known.sum(axis=1, keepdims=True)))
+        again = [random.multinomial(self.n, random.dirichlet(one)) for one in known[picked]]
+        far = ((np.array([self.counts, *again]) - expected) ** 2 / expected).sum(axis=1)
+        return far[0], far[1:]
+
+
+class Passing(Counted):
+    """Fractions of a number of boulders that come at least so far."""
+
+    def __init__(self, name: str, distance: np.ndarray, fraction: np.ndarray, n: int, take: Take):
+        self.name, self.take, self.edges, self.worth = name, take, distance, 1.0
+        self.counts = -np.diff(np.array([1.0, *fraction, 0.0])) * n
+        self.values = np.full(n, np.nan)
+
+
+@dataclass
+class Printed:
+    """A mean, and a standard deviation where it is known, of so many boulders; see `Counted`."""
+
+    name: str
+    mean: float
+    std: float
+    n: int
+    take: Take
+    worth: float = 1.0
+
+    def counted(self, values: np.ndarray) -> np.ndarray:
+        values = values[~np.isnan(values)]
+        if values.size < MIN_CROSSED or not np.ptp(values):
+            return np.array([values.size, np.nan, np.nan, np.nan])
+        apart = values - values.mean()
+        std = values.std(ddof=1)
+        return np.array([values.size, values.mean(), std, (apart**4).mean() / std**4])
+
+    def learn_noise(self, runs: np.ndarray) -> None:
+        """What a simulated boulder is worth, by runs of the same inputs."""
+        size, mean, std, _ = runs.T
+        times = mean.var(ddof=1) / (std**2 / size).mean()
+        self.worth = 1 / (2 * max(times, 1.0) - 1) if np.isfinite(times) else 1.0
+
+    def noise(self, boulders: float) -> float:
+        """The variance of the log-likelihood by the boulders of a run, to first order."""
+        return 2 * self.n / (self.worth * boulders + self.n)
+
+    def _standing(self, runs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Expected mean and logarithm of the standard deviation (runs, 1 or 2), and the sampling
+        errors of those observed and simulated together (Bonett 2006, to first order)."""
+        size, mean, std, kurtosis = runs.T
+        fewer = 1 / self.n + 1 / (self.worth * np.maximum(size, 1))
+        expected = np.stack([mean, np.log(std)], axis=1)
+        error = np.stack([std * np.sqrt(fewer), np.sqrt((kurtosis - 1) / 4 * fewer)], axis=1)
+        known = 2 if self.std > 0 and self.n > MIN_PRINTED else 1
+        return expected[:, :known], error[:, :known]
+
+    def _observed(self, known: int) -> np.ndarray:
+        return np.array([self.mean, np.log(self.std) if known > 1 else 0.0])[:known]
+
+    def log_likelihood(self, runs: np.ndarray) -> np.ndarray:
+        expected, error = self._standing(runs)
+        apart = (self._observed(expected.shape[1]) - expected) / error
+        return np.nan_to_num(-(apart**2 / 2 + np.log(error)).sum(axis=1), nan=-np.inf)
+
+    def discrepancy(
+        self, runs: np.ndarray, picked: np.ndarray, weight: np.ndarray, random: np.random.Generator
+    ) -> tuple[float, np.ndarray]:
+        expected, error = self._standing(runs)
+        some = weight > 0
+        centre = weight[some] @ expected[some]
+        scale = np.sqrt(weight[some] @ (error[some] ** 2 + (expected[some] - centre) ** 2))
+        again = random.normal(expected[picked], error[picked])
+        observed = self._observed(expected.shape[1])
+        far = (((np.array([observed, *again]) - centre) / scale) ** 2).sum(axis=1)
+        return far[0], far[1:]
+
+
+Evidence = Counted | Printed
+
+
+def evidence(result: xr.Dataset, seen: Observed) -> tuple[list[Evidence], list[str]]:
+    """The sets of data that a back-analysis can use, and notes on those that it cannot; `result` is
+    a run of the case."""
+    notes: list[str] = []
+    found = [*_of_stops(result, seen, notes), *_of_lines(result, seen, notes)]
+    if seen.contacts is not None:
+        notes.append("Impacts are not used: what was left unseen is not known.")
+    if not found:
+        raise RockfallError(" ".join(["nothing observed that a back-analysis can use.", *notes]))
+    return found, notes
+
+
+def _of_stops(result: xr.Dataset, seen: Observed, notes: list[str]) -> Iterator[Evidence]:
+    known, several = observed_boulders(result, seen), len(frames(result, seen)) > 1
+    if known is not None and not frames(result, seen):
+        yield Counted("stopping distance", known.values[:, 0], _distance)
+    elif known is not None:
+        for source, frame in frames(result, seen).items():
+            mine = known.of(source).values
+            name = f", source {source + 1}" if several else ""
+            for column, label in enumerate(("stopping distance", "lateral offset")):
+                yield Counted(f"{label}{name}", mine[:, column], _way(frame, source, column))
+    elif seen.stops is not None:
+        notes.append("Stopping places are not used: start_x, start_y would say where from.")
+    if seen.passing is not None and known is None:
+        if np.isnan(seen.passing_n):
+            notes.append("Fractions that come so far are not used: column n, of how many?")
+        else:
+            table = seen.passing[seen.passing["distance"] > 0]
+            distance, fraction = (table[name].to_numpy(float) for name in ("distance", "fraction"))
+            yield Passing("run-out", distance, fraction, int(seen.passing_n), _distance)
+
+
+def _distance(result: xr.Dataset) -> np.ndarray:
+    return result["plan_distance"].values
+
+
+def _way(frame: Frame, source: int, column: int) -> Take:
+    return lambda result: way_of(result, frame, source, column)
+
+
+def _of_lines(result: xr.Dataset, seen: Observed, notes: list[str]) -> Iterator[Evidence]:
+    names = [str(name) for name in result["line"].values] if "line" in result else []
+    for line, where in seen.lines.items():
+        if line not in names:
+            has = ", ".join(names) or "no lines"
+            raise RockfallError(f"{where}: line {line}: is not in the case, which has {has}")
+    for (line, quantity), values in seen.samples.items():
+        yield Counted(f"{quantity} at {line}", values, _at_line(names.index(line), quantity))
+    for one in seen.summaries[seen.summaries["method"] == "observed"].to_dict("records"):
+        name = f"{one['quantity']} at {one['line']}"
+        if (one["line"], one["quantity"]) in seen.samples:
+            continue
+        if not (one["n"] >= MIN_PRINTED and np.isfinite(one["mean"])):
+            notes.append(f"The printed {name} is not used: mean and n are needed.")
+            continue
+        take = _at_line(names.index(one["line"]), one["quantity"])
+        yield Printed(name, one["mean"], one["std"], int(one["n"]), take)
+
+
+def _at_line(line: int, quantity: str) -> Take:
+    return lambda result: line_values(result, quantity, line)
+
+
+def shares(data: list[Evidence], result: xr.Dataset) -> np.ndarray:
+    """What each set of data counts."""
+    from scipy.stats import spearmanr
+
+    values = [one.take(result) for one in data]
+    squares = np.eye(len(data))
+    for i, a in enumerate(values):
+        for j, b in enumerate(values[:i]):
+            both = ~(np.isnan(a) | np.isnan(b))
+            if both.sum() >= MIN_CROSSED and np.ptp(a[both]) and np.ptp(b[both]):
+                squares[i, j] = squares[j, i] = spearmanr(a[both], b[both]).statistic ** 2
+    return 1 / squares.sum(axis=1)
+
+
+def predictive_p(
+    one: Evidence, runs: np.ndarray, weight: np.ndarray, random: np.random.Generator
+) -> float:
+    """The posterior predictive probability that as many boulders of the posterior are as far from
+    what it predicts as those observed (Gelman, Meng and Stern 1996)."""
+    picked = random.choice(weight.size, REPLICATES, p=weight)
+    observed, again = one.discrepancy(runs, picked, weight, random)
+    return (1 + int(np.count_nonzero(again >= observed))) / (1 + REPLICATES)
+
+
+def as_record(one: Evidence, share: float, p: float) -> dict[str, Any]:
+    return {"data": one.name, "n": one.n, "counts": share, "predictive_p": p}

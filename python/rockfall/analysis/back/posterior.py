@@ -1,0 +1,281 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a back-analysis says of each parameter, and its files: a table, all members, draws of the
+posterior, and a case whose ensemble takes these in place of the prior."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from rockfall.analysis.back.study import Back
+from rockfall.case import FROM_ARRAY, REPEATABLE, Case, file_keys
+from rockfall.case_files import input_files
+from rockfall.io.output_files import POSTERIOR, atomic_folder, check_folder, check_outputs, kind_of
+from rockfall.io.tables import write_csv
+from rockfall.io.zone_table import read_zone_table
+from rockfall.result.dataset import as_dataset, put_netcdf
+from rockfall.version import __version__
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+LEVELS = (0.05, 0.5, 0.95)
+KS = 1.36  # of Kolmogorov-Smirnov at 5 %, times the square root of the number
+EDGE = 0.5  # of the posterior beyond the 5 or 95 % that the prior gives either end
+NOISY = 1.0  # variance of the log-likelihood, above which boulders help more than members
+DRAWS = 256  # rows of the file of draws
+TABLE, DRAWN, ALL, CASE = "posterior.csv", "draws.csv", "members.nc", "case.nml"
+MARK = "! Made by `rockfall back`"
+CONTRADICTED = 0.05  # of all sets of data together
+
+
+class Parameter(NamedTuple):
+    """Something sought: its column among the members, what it is called, its units, and its value
+    in the case, of which it is a factor, or None."""
+
+    column: str
+    label: str
+    units: str
+    scale: float | None
+
+
+def parameters(found: Back) -> Iterator[Parameter]:
+    """What was sought, in the order of the columns of the cube; the impact set is not among them,
+    since sets have no order."""
+    inputs, case = found.inputs, found.case
+    sought = set(found.sought.tolist())
+    volume, drop, source, sets, _, first, _ = inputs.ends[:7].tolist()
+    if volume in sought:
+        mean = case.boulder.get("volume_mean")
+        yield Parameter("volume", "volume, mean", "m3", mean)
+    if volume + 1 in sought:
+        std = case.boulder.get("volume_std")
+        yield Parameter("volume_std", "volume, standard deviation", "m3", std)
+    if drop in sought:
+        yield Parameter("drop_height", "drop height", "m", case.release["drop_height"])
+    if source in sought:
+        yield Parameter("source_east", "source, eastwards", "m", None)
+        yield Parameter("source_north", "source, northwards", "m", None)
+    names = _zones(found)
+    for row in range(inputs.radii):
+        if first + row in sought:
+            column = f"radius_{row + 1}"
+            if inputs.scene.values is not None or case.surface["method"] == "A":
+                yield Parameter(column, f"factor on rock sizes{names[row]}", "1", 1.0)
+            else:
+                size = float(inputs.scene.sizes[row, 0])
+                yield Parameter(column, f"R_m{names[row]}", "m", size)
+
+
+def _zones(found: Back) -> list[str]:
+    surface = found.case.surface
+    if found.inputs.radii == 1 or "table" not in surface:
+        return [""] * found.inputs.radii
+    return [f", zone {zone}" for zone in read_zone_table(found.case.path(surface["table"]))]
+
+
+def posterior_table(found: Back) -> pd.DataFrame:
+    """A row for each parameter: parameter, units, case (its value there), 5, 50 and 95 % quantiles
+    of prior and posterior, ratio (of the posterior's 5-95 % range to the prior's, of logarithms
+    where it is a factor), moved
+    (Kolmogorov-Smirnov distance of the two) and verdict. Of the impact sets ratio is the effective
+    number (exp of the entropy) over that of the prior, and set_best the likeliest, from 0.
+    """
+    import pandas as pd
+
+    rows = [_row(found, one) for one in parameters(found)]
+    if "sets" in found.inputs.names:
+        rows.append(_set_row(found))
+    columns = ["parameter", "units", "case", *(f"{of}{name}" for of in ("prior_", "")
+               for name in ("q05", "median", "q95")), "ratio", "moved", "verdict"]  # fmt: skip
+    return pd.DataFrame(rows, columns=[*columns, "set_best"])
+
+
+def _row(found: Back, one: Parameter) -> dict[str, Any]:
+    from scipy.special import ndtri
+
+    values = found.members[one.column].to_numpy()
+    scale = 1.0 if one.scale is None else one.scale
+    shift, spread = one.column.startswith("source"), _spread(found, one)
+    scores = (values if shift else np.log(values)) / spread
+    mine = np.array([weighted_quantile(scores, found.weight, level) for level in LEVELS])
+    prior, ends = ndtri(LEVELS), (scores < ndtri(LEVELS[0]), scores > ndtri(LEVELS[2]))
+    moved = _moved(found.weight, scores)
+    verdict = _informed(found, moved > KS / np.sqrt(found.effective))
+    if any(found.weight @ beyond > EDGE for beyond in ends):
+        verdict = "at the edge of the prior"
+    ratio = float((mine[2] - mine[0]) / (prior[2] - prior[0]))
+    prior, mine = (spread * of if shift else np.exp(spread * of) for of in (prior, mine))
+    names = ("q05", "median", "q95")
+    return {
+        "parameter": one.label, "units": one.units, "case": scale if one.scale else 0.0,
+        **{f"prior_{name}": scale * value for name, value in zip(names, prior, strict=True)},
+        **{name: scale * value for name, value in zip(names, mine, strict=True)},
+        "ratio": ratio, "moved": moved, "verdict": verdict,
+    }  # fmt: skip
+
+
+def _informed(found: Back, moved: bool) -> str:
+    """What it means that a posterior is, or is not, told apart from the prior."""
+    return "informed" if moved else "not informed" if found.is_enough else "undecided"
+
+
+def _spread(found: Back, one: Parameter) -> float:
+    """The standard deviation of a shift, or of the logarithm of a factor, by the prior."""
+    given = found.inputs.given
+    if one.column.startswith("source"):
+        return given["source_shift"]
+    key = "radius_factor" if one.column.startswith("radius") else f"{one.column}_factor"
+    return float(np.log(given[key]))
+
+
+def _moved(weight: np.ndarray, scores: np.ndarray) -> float:
+    """The Kolmogorov-Smirnov distance of the posterior from the prior."""
+    from scipy.special import ndtr
+
+    order = np.argsort(scores)
+    reached, prior = np.cumsum(weight[order]), ndtr(scores[order])
+    return float(np.maximum(reached - prior, prior - reached + weight[order]).max())
+
+
+def _set_row(found: Back) -> dict[str, Any]:
+    which = found.members["set"].to_numpy(int)
+    chance = np.bincount(which, found.weight, len(found.inputs.sets))
+    known = chance[chance > 0]
+    number = float(np.exp(-(known * np.log(known)).sum()))
+    expected, total = 1 / chance.size, found.effective
+    chi2 = total * ((chance - expected) ** 2 / expected).sum()
+    from scipy.stats import chi2 as distribution
+
+    informed = distribution.sf(chi2, chance.size - 1) < CONTRADICTED
+    return {
+        "parameter": f"impact set, of {chance.size}", "units": "1", "ratio": number / chance.size,
+        "moved": float(np.abs(chance - expected).sum() / 2),
+        "verdict": _informed(found, bool(informed)), "set_best": int(chance.argmax()),
+    }  # fmt: skip
+
+
+def weighted_quantile(values: np.ndarray, weight: np.ndarray, level: float) -> float:
+    """The value that a part of the weight does not exceed, interpolated between the middles of
+    their steps."""
+    order = np.argsort(values)
+    values, weight = values[order], weight[order]
+    return float(np.interp(level, np.cumsum(weight) - weight / 2, values))
+
+
+def warnings(found: Back) -> Iterator[str]:
+    """What keeps the posterior from being believed."""
+    if not found.is_enough:
+        more = "--boulders" if found.noise > NOISY else "--members"
+        yield (
+            f"undecided: {found.effective:.0f} effective members, {found.asked} were asked for; "
+            f"the ranges may be too narrow: more {more}"
+        )
+    limit = CONTRADICTED / len(found.data)
+    for row in found.data.to_dict("records"):
+        if row["predictive_p"] < limit:
+            yield (
+                f"the model does not explain the {row['data']}: of its posterior only "
+                f"{row['predictive_p']:.1%} of samples are as far off as what was observed"
+            )
+    edge = [row["parameter"] for row in posterior_table(found).to_dict("records")
+            if row["verdict"].startswith("at the edge")]  # fmt: skip
+    if edge:
+        yield f"the data pull beyond the prior, which may be too narrow: {', '.join(edge)}"
+
+
+def draws_table(found: Back) -> pd.DataFrame:
+    """Draws of the posterior, each with equal probability (systematic resampling), as `&ensemble
+    draws` reads them."""
+    columns = [name for name in found.members if name.startswith(
+        ("radius_", "volume", "drop_height", "source_east", "source_north", "set"))]  # fmt: skip
+    random = np.random.default_rng((found.case.case["seed"], DRAWS))
+    steps = (np.arange(DRAWS) + random.random()) / DRAWS
+    picked = np.searchsorted(np.cumsum(found.weight), steps).clip(max=len(found.weight) - 1)
+    table = found.members.iloc[picked][columns].reset_index(drop=True)
+    if "set" in table:
+        table["set"] = table["set"].astype(int)
+    table.insert(0, "draw", np.arange(1, DRAWS + 1))
+    return table
+
+
+def write_back(found: Back, folder: str | Path, inputs: Iterable[str | Path] = ()) -> list[Path]:
+    """Write TABLE, DRAWN, ALL and CASE to a folder, all of them or none, over nothing but an
+    earlier back-analysis."""
+    folder = Path(folder)
+    inputs = [*inputs, *input_files(found.case)]
+    former = check_back(folder, inputs)
+    with atomic_folder(folder, inputs, former, last=CASE) as part:
+        write_csv(posterior_table(found), part / TABLE)
+        write_csv(draws_table(found), part / DRAWN)
+        put_netcdf(_dataset(found), part / ALL, folder / ALL)
+        (part / CASE).write_text(_case_text(found, folder), encoding="utf-8")
+    return [folder / name for name in (TABLE, DRAWN, ALL, CASE)]
+
+
+def check_back(folder: Path, inputs: Iterable[str | Path]) -> list[Path]:
+    """Refuse a folder in which something else lies, before the work and not after it; the files of
+    an earlier back-analysis."""
+    check_folder(folder)
+    names = [folder / name for name in (TABLE, DRAWN, ALL, CASE)]
+    former = [path for path in names if kind_of(path) == POSTERIOR]
+    check_outputs(dict.fromkeys(names, POSTERIOR), inputs, former)
+    return former
+
+
+def _dataset(found: Back) -> xr.Dataset:
+    members, data = found.members, found.data
+    about = {"log_likelihood": "of what was observed, dependent data counted less",
+             "weight": "of the member in the posterior"}  # fmt: skip
+    variables: dict[str, tuple] = {
+        str(name): ("member", members[name].to_numpy(float),
+                    {"units": "1", "long_name": about.get(str(name), f"drawn: {name}")})
+        for name in members
+    }  # fmt: skip
+    variables["data"] = ("data", data["data"].to_numpy(object), {"long_name": "set of data"})
+    for name, what in (("n", "boulders"), ("counts", "what it counts, since data hang together"),
+                       ("predictive_p", "posterior predictive probability")):  # fmt: skip
+        one = {"units": "1", "long_name": what}
+        variables[f"data_{name}"] = ("data", data[name].to_numpy(float), one)
+    attrs = {
+        "title": found.case.case["title"], "source": f"rockfall {__version__}",
+        "case": found.case.text(), "case_file": found.case.name, "back_layout": 1,
+        "boulders": found.boulders, "effective_members": found.effective,
+        "asked_members": found.asked,
+    }  # fmt: skip
+    return as_dataset(variables, attrs).set_coords("data")
+
+
+def _case_text(found: Back, folder: Path) -> str:
+    """The case with the posterior as its uncertain inputs, and files as seen from a folder."""
+    known = {"source_shift": 0.0, "draws": DRAWN}
+    known |= {key: 1.0 for key in found.case.ensemble if key.endswith("_factor")}
+    case = _seen_from(folder, found.case).replace(ensemble=known)
+    head = f"{MARK} from {case.name}: &ensemble draws has the posterior, for `rockfall ensemble`."
+    return f"{' '.join(head.splitlines())}\n{case.text()}"
+
+
+def _seen_from(folder: Path, case: Case) -> Case:
+    """The case with the names of files that are there relative to a folder."""
+
+    def moved(name: str) -> str:
+        path = case.path(name)
+        return os.path.relpath(path, folder) if name != FROM_ARRAY and path.exists() else name
+
+    groups: dict[str, Any] = {}
+    for key in file_keys():
+        several = key.group in REPEATABLE
+        held = groups.get(key.group, getattr(case, key.group))
+        changed = [dict(one) for one in held] if several else [dict(held)]
+        for one in changed:
+            if key.name in one:
+                named = one[key.name]
+                is_list = isinstance(named, list)
+                one[key.name] = [*map(moved, named)] if is_list else moved(named)
+        groups[key.group] = changed if several else changed[0]
+    return case.replace(**groups)

@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Adaptive importance sampling (Cornuet et al. 2012) in the space of normal scores, where the prior
+is normal with mean 0 and variance 1 in each direction.
+
+The first points are those of the prior. The next come from a mixture: a fifth from the prior, so
+that no weight is unbounded; the others from normal kernels about the points that there are, as
+their weights say (West 1993). Every point is weighted by prior times likelihood over the density of
+all the mixtures together that the points came from (Owen and Zhou 2000). Where few points carry the
+weight, the likelihood is tempered for the kernels, and for these alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+DEFENSIVE = 0.2  # fraction of the points from the prior
+WIDEST = 0.9  # of a kernel, by the standard deviation of all
+
+
+class Sampler:
+    """Points of which the likelihood is asked for, and their weights."""
+
+    def __init__(self, first: np.ndarray) -> None:
+        self.points = first  # (n, dimensions), of the prior
+        self.log_likelihood = np.empty(0)
+        self.sizes = [len(first)]
+        self.densities = [_log_prior(first)]  # of each mixture, at all points
+        self.mixtures: list[_Mixture] = []
+
+    def learn(self, log_likelihood: np.ndarray) -> None:
+        """What the last points are worth."""
+        self.log_likelihood = np.append(self.log_likelihood, log_likelihood)
+
+    def log_weights(self) -> np.ndarray:
+        shares = np.log(np.array(self.sizes) / sum(self.sizes))[:, None]
+        mixed = np.logaddexp.reduce(np.array(self.densities) + shares, axis=0)
+        return _log_prior(self.points) + self.log_likelihood - mixed
+
+    def weights(self) -> np.ndarray:
+        """They add up to 1; all 0 where nothing is likely."""
+        return normalised(self.log_weights())
+
+    def propose(self, n: int, random: np.random.Generator) -> np.ndarray:
+        """More points, likely ones more often."""
+        weight = self._tempered()
+        mixture = _Mixture(self.points, weight)
+        new = mixture.draw(n, random)
+        self.mixtures.append(mixture)
+        self.points = np.concatenate([self.points, new])
+        self.sizes.append(n)
+        self.densities = [one(self.points) for one in self._all()]
+        return new
+
+    def more_of_prior(self, points: np.ndarray) -> None:
+        """More points of the prior, where nothing is likely so far."""
+        self.points = np.concatenate([self.points, points])
+        self.sizes[0] += len(points)
+        self.densities = [one(self.points) for one in self._all()]
+
+    def _all(self) -> list[Callable[[np.ndarray], np.ndarray]]:
+        return [_log_prior, *(one.log_density for one in self.mixtures)]
+
+    def _tempered(self) -> np.ndarray:
+        """Weights with as much of the likelihood as leaves enough points for the kernels."""
+        enough = min(len(self.points) / 4, 5.0 * (self.points.shape[1] + 1))
+        logs = self.log_weights()
+        part, step = 1.0, 0.5
+        found = normalised(logs)
+        if effective(found) >= enough:
+            return found
+        part = 0.0
+        for _ in range(20):
+            trial = normalised(np.where(np.isfinite(logs), (part + step) * logs, -np.inf))
+            if effective(trial) >= enough:
+                part += step
+            step /= 2
+        return normalised(np.where(np.isfinite(logs), part * logs, -np.inf))
+
+
+class _Mixture:
+    """Normal kernels, and a part from the prior."""
+
+    def __init__(self, points: np.ndarray, weight: np.ndarray) -> None:
+        some = weight > 0
+        self.weight, dimensions = weight[some], points.shape[1]
+        centre = self.weight @ points[some]
+        apart = points[some] - centre
+        spread = (self.weight[:, None] * apart).T @ apart
+        n = effective(weight)
+        spread += np.diag(np.full(dimensions, 1 / n + 1e-6))  # few points say little of it
+        width = min(WIDEST, (4 / ((dimensions + 2) * n)) ** (1 / (dimensions + 4)))
+        self.centres = centre + np.sqrt(1 - width**2) * apart
+        self.factor = width * np.linalg.cholesky(spread)
+
+    def draw(self, n: int, random: np.random.Generator) -> np.ndarray:
+        found = random.standard_normal((n, self.centres.shape[1]))
+        picked = random.choice(self.weight.size, n, p=self.weight)
+        own = random.random(n) >= DEFENSIVE
+        found[own] = self.centres[picked[own]] + found[own] @ self.factor.T
+        return found
+
+    def log_density(self, points: np.ndarray) -> np.ndarray:
+        from scipy.linalg import solve_triangular
+        from scipy.spatial.distance import cdist
+        from scipy.special import logsumexp
+
+        scaled, centres = (
+            solve_triangular(self.factor, of.T, lower=True).T for of in (points, self.centres)
+        )
+        squares = cdist(scaled, centres, "sqeuclidean")
+        volume = np.log(np.diag(self.factor)).sum() + points.shape[1] / 2 * np.log(2 * np.pi)
+        kernels = logsumexp(-squares / 2, axis=1, b=self.weight) - volume
+        return np.logaddexp(np.log(DEFENSIVE) + _log_prior(points), np.log(1 - DEFENSIVE) + kernels)
+
+
+def _log_prior(points: np.ndarray) -> np.ndarray:
+    return -(points**2).sum(axis=1) / 2 - points.shape[1] / 2 * np.log(2 * np.pi)
+
+
+def normalised(logs: np.ndarray) -> np.ndarray:
+    """Weights that add up to 1, of their logarithms; all 0 where none is finite."""
+    if not np.isfinite(logs).any():
+        return np.zeros(logs.size)
+    found = np.exp(logs - logs[np.isfinite(logs)].max())
+    return found / found.sum()
+
+
+def effective(weight: np.ndarray) -> float:
+    """As many points of equal weight would know as much (Kong 1992)."""
+    return float(1 / (weight**2).sum()) if weight.any() else 0.0

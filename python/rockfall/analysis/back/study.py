@@ -1,0 +1,208 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Back-analysis of a case: members of its ensemble, weighted by how likely they make what was
+observed, more of them where that is likely."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rockfall.analysis.back.evidence import Evidence, as_record, evidence, predictive_p, shares
+from rockfall.analysis.back.sampling import Sampler, effective
+from rockfall.analysis.ensemble.study import lean
+from rockfall.analysis.ensemble.uncertain_inputs import INPUTS, Uncertain, drawn_scene
+from rockfall.analysis.observations import Observed
+from rockfall.case import Case
+from rockfall.errors import RockfallError
+from rockfall.scene.read import read_scene
+from rockfall.scene.scene import Scene
+from rockfall.simulation.progress import progress_bar
+from rockfall.simulation.simulate import run_scene
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+MEMBERS, EFFECTIVE = 1024, 100
+ROUND = 128  # members; twice as many in the first
+REPLICATES = 24  # of the case as it is, with what is not sought drawn anew
+NOT_MEMBERS = 2**30  # numbers of draws, from here on
+STREAM = 1  # of random numbers beside those of the ensemble
+
+
+@dataclass(frozen=True)
+class Back:
+    """What a back-analysis found.
+
+    `members` has a row for each run: the numbers drawn, in the order of `inputs.kept_names`, its
+    `log_likelihood` and `weight`; `data` one for each set of data: n, what it counts, and the
+    posterior predictive p. `effective`: members of equal weight that would know as much.
+    """
+
+    case: Case
+    inputs: Uncertain
+    sought: np.ndarray  # columns of the cube that are sought; others are drawn and integrated over
+    points: np.ndarray  # (members, numbers) of the cube
+    members: pd.DataFrame
+    data: pd.DataFrame
+    notes: tuple[str, ...]
+    asked: int  # effective members
+    noise: float  # variance of the log-likelihood by the boulders of a member
+    boulders: int
+
+    @property
+    def weight(self) -> np.ndarray:
+        return self.members["weight"].to_numpy()
+
+    @property
+    def effective(self) -> float:
+        return effective(self.weight)
+
+    @property
+    def is_enough(self) -> bool:
+        return self.effective >= self.asked
+
+
+def back_analysis(
+    case: Case,
+    seen: Observed,
+    *,
+    members: int = MEMBERS,
+    enough: int = EFFECTIVE,
+    progress: bool = False,
+    **arrays: Any,
+) -> Back:
+    """The posterior of what the group &ensemble of a case calls uncertain, by observations.
+
+    Members are drawn and run until `enough` of them are effective, or there are `members`. The
+    prior is that of the ensemble; errors of the terrain, and rocks where no boulder comes, are
+    drawn anew for each member and not sought. docs/ensemble.md, "Back-analysis", explains it.
+    """
+    import pandas as pd
+
+    if members < 2 * ROUND:
+        raise RockfallError(f"--members {members}: must be at least {2 * ROUND}")
+    if not 2 <= enough <= members:
+        raise RockfallError(f"--effective {enough}: must be 2 to --members {members}")
+    case = case.replace(ensemble={"runs": ROUND})
+    if "draws" in case.ensemble:
+        raise RockfallError(f"{case.name}: &ensemble draws: must be absent: they have no density")
+    scene = lean(read_scene(case, **arrays), "a back-analysis", ["passages"])
+    inputs = Uncertain(scene)
+    base = run_scene(scene)
+    scene = replace(scene, case=scene.case.replace(output={"maps": None}))
+    data, notes = evidence(base, seen)
+    counts = shares(data, base)
+    if "dem" in inputs.names:
+        _learn_noise(scene, inputs, data)
+    sought = _sought(inputs, base)
+    cube = inputs.design.reshape(-1, inputs.design.shape[-1])
+    sampler = Sampler(_normal_scores(cube[:, sought]))
+    random = np.random.default_rng((case.case["seed"], STREAM))
+    kept: list[dict[str, float]] = []
+    runs: list[list[np.ndarray]] = [[] for _ in data]
+    with progress_bar(members, progress, "members") as advance:
+        while True:
+            for k in range(len(kept), len(cube)):
+                row, values = _member(scene, inputs, cube[k], k, data)
+                kept.append(row)
+                for one, value in zip(runs, values, strict=True):
+                    one.append(value)
+                advance(1)
+            new = slice(sampler.log_likelihood.size, None)
+            known = [one.log_likelihood(np.array(of)[new])
+                     for one, of in zip(data, runs, strict=True)]  # fmt: skip
+            off = np.array([row.get("source_redrawn", 0) > 0 for row in kept[new]])
+            sampler.learn(np.where(off, -np.inf, counts @ np.array(known)))
+            weight = sampler.weights()
+            if effective(weight) >= enough or len(cube) + ROUND > members:
+                break
+            points = np.random.default_rng((case.case["seed"], STREAM, len(cube))).random(
+                (ROUND, cube.shape[1])
+            )
+            if weight.any():
+                points[:, sought] = _uniform(sampler.propose(ROUND, random))
+            else:
+                sampler.more_of_prior(_normal_scores(points[:, sought]))
+            cube = np.concatenate([cube, points])
+    if not weight.any():
+        raise RockfallError(
+            f"{case.name}: in none of {len(cube)} members as many as 20 boulders come to where "
+            "some were observed: the case, the prior or the number of boulders is wrong"
+        )
+    table = pd.DataFrame(kept).assign(log_likelihood=sampler.log_likelihood, weight=weight)
+    found = [
+        as_record(one, count, predictive_p(one, np.array(of), weight, random))
+        for one, count, of in zip(data, counts, runs, strict=True)
+    ]
+    noise = sum(c * one.noise(scene.boulders) for c, one in zip(counts, data, strict=True))
+    return Back(case, inputs, sought, cube, table, pd.DataFrame(found), tuple(notes), enough,
+                float(noise), scene.boulders)  # fmt: skip
+
+
+def _learn_noise(scene: Scene, inputs: Uncertain, data: list[Evidence]) -> None:
+    """How much runs differ of which all is the same but what is not sought."""
+    results = []
+    for k in range(REPLICATES):
+        draw = inputs.at("dem", inputs.design[0, 0], NOT_MEMBERS + k)
+        results.append(run_scene(drawn_scene(scene, [draw], inputs.boulders_seed(NOT_MEMBERS + k))))
+    for one in data:
+        one.learn_noise(np.array([one.counted(one.take(result)) for result in results]))
+
+
+def _member(
+    scene: Scene, inputs: Uncertain, point: np.ndarray, number: int, data: list[Evidence]
+) -> tuple[dict[str, float], list[np.ndarray]]:
+    """Numbers drawn, and what is kept of a run for each set of data."""
+    draws = [inputs.at(name, point, number) for name in inputs.names]
+    result = run_scene(drawn_scene(scene, draws, inputs.boulders_seed(number)))
+    row: dict[str, float] = {}
+    for draw in draws:
+        for name, value in draw.kept.items():
+            if name == "radius":
+                row |= {f"radius_{i + 1}": float(one) for i, one in enumerate(value)}
+            else:
+                row[name] = float(value)
+    return row, [one.counted(one.take(result)) for one in data]
+
+
+def _sought(inputs: Uncertain, base: xr.Dataset) -> np.ndarray:
+    """Columns of the cube that what is uncertain depends on; of the sizes of rocks those where
+    boulders come."""
+    found: list[int] = []
+    for name in inputs.names:
+        k = INPUTS.index(name)
+        columns = range(inputs.ends[k], inputs.ends[k + 1])
+        if name == "radius":
+            rows = _reached_materials(inputs.scene, base)
+            columns = [column for i, column in enumerate(columns) if i in rows]
+        if name == "volume":
+            given = [inputs.given[key] > 1 for key in ("volume_factor", "volume_std_factor")]
+            columns = [column for column, is_given in zip(columns, given, strict=True) if is_given]
+        found += columns
+    if not found:
+        raise RockfallError(f"{inputs.scene.case.name}: &ensemble: nothing that can be sought")
+    return np.array(found)
+
+
+def _reached_materials(scene: Scene, base: xr.Dataset) -> set[int]:
+    """Rows of the sizes of rocks, where these are finite, that boulders come to."""
+    if scene.zone is None:
+        return {0}
+    passed = base["passages"].values > 0
+    rows = set((np.unique(scene.zone[passed]) - 1).tolist())
+    return {row for row in rows if row >= 0 and np.isfinite(scene.sizes[row]).all()}
+
+
+def _normal_scores(uniform: np.ndarray) -> np.ndarray:
+    from scipy.special import ndtri
+
+    return ndtri(uniform)
+
+
+def _uniform(scores: np.ndarray) -> np.ndarray:
+    from scipy.special import ndtr
+
+    return np.clip(ndtr(scores), 1e-12, 1 - 1e-12)

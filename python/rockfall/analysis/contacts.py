@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Places that boulders were seen at, found or left marks at, beside the maps of a result."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rockfall.analysis.observations import Observed
+from rockfall.io.arrays import grid_of
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+REACH = ("passages", "reach_probability")  # maps, either of which tells it
+VALUES = {  # observed -> maps of what passes a cell, the maximum last
+    "speed": ("speed_mean", "speed_q50", "speed_q95", "speed_max_map"),
+    "height": ("jump_height_mean", "jump_height_q50", "jump_height_q95", "jump_height_max_map"),
+}
+
+
+def at_places(result: xr.Dataset, name: str, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """A map in the cells of places [m]; NaN outside of it."""
+    grid, flipped = grid_of(result[name])
+    column, row = (x - grid.west) / grid.cell, (grid.north - y) / grid.cell
+    inside = (column >= 0) & (column < grid.nx) & (row >= 0) & (row < grid.ny)
+    values = result[name].values[::-1] if flipped else result[name].values
+    found = np.full(x.size, np.nan)
+    found[inside] = values[row[inside].astype(int), column[inside].astype(int)]
+    return found
+
+
+def reach_at(result: xr.Dataset, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Reach probability of the cells of places, from the map that has it; NaN outside of it."""
+    name = next(name for name in REACH if name in result)
+    reach = at_places(result, name, x, y)
+    return reach / result.sizes["boulder"] if name == "passages" else reach
+
+
+def stops_table(result: xr.Dataset, seen: Observed) -> pd.DataFrame:
+    """x, y, reach_probability where boulders were found, and what else the file says of them."""
+    import pandas as pd
+
+    if seen.stops is None or not {*REACH} & set(result):
+        return pd.DataFrame(columns=["x", "y", REACH[1]])
+    x, y = seen.stops.T
+    table = pd.DataFrame({"x": x, "y": y, REACH[1]: reach_at(result, x, y)})
+    return _with_kept(table, seen, "stops")
+
+
+def contacts_table(result: xr.Dataset, seen: Observed) -> pd.DataFrame:
+    """x, y, reach_probability of impacts; speed and height [m/s, m] where known, beside the maps
+    of these that the result has; and what else the file says of them."""
+    import pandas as pd
+
+    if seen.contacts is None or not {*REACH} & set(result):
+        return pd.DataFrame(columns=["x", "y", REACH[1]])
+    x, y = (seen.contacts[axis].to_numpy(float) for axis in "xy")
+    columns = {"x": x, "y": y, REACH[1]: reach_at(result, x, y)}
+    for name, maps in VALUES.items():
+        if seen.contacts[name].notna().any():
+            columns[name] = seen.contacts[name].to_numpy(float)
+            columns |= {one: at_places(result, one, x, y) for one in maps if one in result}
+    return _with_kept(pd.DataFrame(columns), seen, "contacts")
+
+
+def _with_kept(table: pd.DataFrame, seen: Observed, kind: str) -> pd.DataFrame:
+    """A table with the further columns of its file; one that has a name of ours as given_NAME."""
+    if kind not in seen.kept:
+        return table
+    ours = {*table.columns, "table", *VALUES}
+    kept = seen.kept[kind].rename(columns=lambda name: f"given_{name}" if name in ours else name)
+    return table.assign(**{str(name): one for name, one in kept.items()})

@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Maps of how runs over uncertain inputs differ."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from rockfall.scene.scene import Scene
+
+REACHED = 0.01  # fraction of the boulders: the outline of a hazard map
+RANGED = ("energy_mean", "energy_max")  # maps of the case whose quantiles over the runs are kept
+LEVELS = {"q05": 0.05, "q95": 0.95}
+AT_ONCE = 2**22  # numbers in memory while maps are made
+
+
+class MemberMaps:
+    """Maps of the members, of which those cells are kept that boulders reached."""
+
+    def __init__(self, scene: Scene) -> None:
+        self.shape, self.boulders = scene.grid.shape, scene.boulders
+        self.names = scene.case.output["maps"]
+        self.cells: list[np.ndarray] = []  # of each member
+        self.values: dict[str, list[np.ndarray]] = {name: [] for name in self.names}
+        self.about: dict[str, Any] = {}
+
+    def add(self, result: xr.Dataset) -> None:
+        cells = np.flatnonzero(result["passages"].values > 0)
+        self.cells.append(cells)
+        for name in self.names:
+            self.about[name] = result[name].attrs
+            self.values[name].append(result[name].values.ravel()[cells])
+
+    def variables(self) -> dict[str, Any]:
+        """Variables (y, x) by name."""
+        some = np.unique(np.concatenate(self.cells))
+        size = max(1, AT_ONCE // len(self.cells))
+        parts = [some[k : k + size] for k in range(0, some.size, size)]
+        found: dict[str, Any] = {}
+        for name in self.names:
+            for part in parts or [some]:
+                for label, (values, long_name, units) in self._maps(name, part).items():
+                    about = {"units": units, "long_name": long_name, "grid_mapping": "crs"}
+                    empty = np.zeros(self.shape, "f4")
+                    one = found.setdefault(label, (("y", "x"), empty, about))
+                    one[1].ravel()[part] = values
+        return found
+
+    def _maps(self, name: str, part: np.ndarray) -> dict[str, tuple[np.ndarray, str, str]]:
+        """Values, meaning and units of the maps made of one, in some cells."""
+        members = self._dense(name, part)
+        if name != "passages":
+            about = self.about[name]
+            return dict(self._quantiles(name, members, about["long_name"], about["units"]))
+        members /= self.boulders
+        spread = "standard deviation over the runs, Monte Carlo error included"
+        reached = f"fraction of the runs in which more than {REACHED:.0%} of the boulders passed"
+        return {
+            "reach_probability_mean": (members.mean(axis=0), "mean over the runs", "1"),
+            "reach_probability_std": (members.std(axis=0, ddof=1), spread, "1"),
+            "reached_runs": ((members > REACHED).mean(axis=0), reached, "1"),
+            **dict(self._quantiles("reach_probability", members, "reach probability", "1")),
+        }
+
+    def _quantiles(
+        self, name: str, members: np.ndarray, long_name: str, units: str
+    ) -> Iterator[tuple[str, tuple[np.ndarray, str, str]]]:
+        """Of no boulder there is no energy: 0."""
+        for label, level in LEVELS.items():
+            about = f"{long_name}, {level:.0%} quantile over the runs"
+            yield f"{name}_{label}", (np.quantile(members, level, axis=0), about, units)
+
+    def _dense(self, name: str, part: np.ndarray) -> np.ndarray:
+        """A map of all members in these cells (members, cells), 0 where no boulder passed."""
+        found = np.zeros((len(self.cells), part.size))
+        for row, cells, values in zip(found, self.cells, self.values[name], strict=True):
+            place = np.searchsorted(part, cells)
+            inside = place < part.size
+            inside[inside] = part[place[inside]] == cells[inside]
+            row[place[inside]] = np.nan_to_num(values[inside])
+        return found

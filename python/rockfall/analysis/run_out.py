@@ -1,0 +1,245 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""How far and how wide boulders came, in the field and in a result; distances of distributions.
+
+Intervals are those of resampled boulders (Efron 1979), observed and simulated ones, each within its
+source. That of the Wasserstein distance is mirrored (the pivotal one), since chance makes the
+distance of two samples larger; `by_chance` is what 95 % of as many boulders of the result itself do
+not exceed: below it, the difference may be one of chance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from rockfall.analysis.observations import Observed
+from rockfall.analysis.precision.intervals import sources
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+RESAMPLES = 200
+LIMITS = (0.025, 0.975)
+FARTHEST = 1e9  # [m]; beyond it squares and sums are no numbers
+MIN_BOULDERS = 2  # of a source, for its numbers
+UNDECIDED, DIFFERS = "undecided", "differs"
+ENDS = ("", "_low", "_high")
+COLUMNS = ["source", "statistic", "n_observed", "n_simulated"] + [
+    f"{whose}{end}" for whose in ("observed", "simulated", "difference") for end in ENDS
+]  # fmt: skip
+COLUMNS += ["by_chance", "verdict"]
+
+
+class Sample(NamedTuple):
+    """Values of boulders, in one or more columns (n, columns), and the source of each."""
+
+    values: np.ndarray
+    source: np.ndarray
+
+    def of(self, source: int) -> Sample:
+        mine = self.source == source
+        return Sample(self.values[mine], self.source[mine])
+
+
+def resampled(sample: Sample, random: np.random.Generator) -> np.ndarray:
+    """How often each boulder is in another sample of as many from each source."""
+    counts = np.zeros(len(sample.source), int)
+    for source in np.unique(sample.source):
+        mine = np.flatnonzero(sample.source == source)
+        counts[mine] = np.bincount(random.integers(mine.size, size=mine.size), minlength=mine.size)
+    return counts
+
+
+class Distance:
+    """The Wasserstein distance of two weighted samples of one quantity: the area between their
+    distribution functions. (SciPy's would sort both anew for each of the weights.)"""
+
+    def __init__(self, seen: np.ndarray, made: np.ndarray) -> None:
+        both = np.concatenate([seen, made])
+        self.order = np.argsort(both, kind="stable")
+        self.gaps = np.diff(both[self.order])
+
+    def __call__(self, seen: np.ndarray, made: np.ndarray) -> float:
+        apart = np.concatenate([seen / seen.sum(), -made / made.sum()])
+        return float(np.abs(np.cumsum(apart[self.order])[:-1]) @ self.gaps)
+
+
+def run_out(result: xr.Dataset, seen: Observed) -> pd.DataFrame:
+    """COLUMNS: for each source, and for all, mean and standard deviation of the stopping distance,
+    the Wasserstein distance, lateral spread and offset [m]; empty where nothing of it was observed.
+
+    Lateral is across the way from the release to the mean of the observed stopping places; the
+    spread is the standard deviation, the offset the mean. Of several sources the boulders of the
+    result weigh as many of each were observed.
+    """
+    import pandas as pd
+
+    rows: list[list] = []
+    found = samples(result, seen)
+    if found is not None and found[0].values.max() < FARTHEST:
+        observed, simulated = found
+        known = [s for s in np.unique(observed.source)
+                 if (observed.source == s).sum() >= MIN_BOULDERS]  # fmt: skip
+        if len(np.unique(observed.source)) > 1:
+            for source in known:
+                rows += _rows(str(source + 1), observed.of(source), simulated.of(source))
+        if len(observed.source) >= MIN_BOULDERS:
+            rows += _rows("all", observed, simulated)
+    return pd.DataFrame(rows, columns=COLUMNS)
+
+
+def samples(result: xr.Dataset, seen: Observed) -> tuple[Sample, Sample] | None:
+    """Stopping distances, and where places are known lateral offsets, of observed and simulated
+    boulders; of the result those from sources whose boulders were observed. None where distances
+    are not known."""
+    observed = observed_boulders(result, seen)
+    if observed is None:
+        return None
+    found = frames(result, seen)
+    if not found:
+        distance = result["plan_distance"].values[:, None]
+        return observed, Sample(distance, np.zeros(len(distance), int))
+    source = source_order(result)[0]
+    values = np.full((source.size, 2), np.nan)
+    for one, frame in found.items():
+        mine = source == one
+        values[mine] = np.column_stack([way_of(result, frame, one, k)[mine] for k in (0, 1)])
+    among = np.isin(source, [*found])
+    return observed, Sample(values[among], source[among])
+
+
+def source_order(result: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
+    """The number of the source of each boulder, from 0 as they come, and the places of the
+    sources (n, 2) [m]."""
+    number = sources(result).number
+    first = np.unique(number, return_index=True)[1]
+    return number, np.column_stack([result[f"start_{axis}"].values[first] for axis in "xy"])
+
+
+def observed_boulders(result: xr.Dataset, seen: Observed) -> Sample | None:
+    """Observed boulders: stopping distance, and where places are known the lateral offset [m], with
+    the number of the source; None where the distances are not known."""
+    source, places = source_order(result)
+    if seen.stops is None or (seen.starts is None and len(places) > 1):
+        if seen.distances is None:
+            return None
+        return Sample(seen.distances[:, None], np.zeros(seen.distances.size, int))
+    ways, nearest = _observed_ways(seen, places)
+    offsets = np.empty(len(ways))
+    for one in np.unique(nearest):
+        offsets[nearest == one] = ways[nearest == one] @ _across(ways[nearest == one])
+    return Sample(np.column_stack([np.hypot(*ways.T), offsets]), nearest)
+
+
+def _observed_ways(seen: Observed, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """From releases to stopping places, and the nearest source of each."""
+    assert seen.stops is not None
+    given = places[:1].repeat(len(seen.stops), axis=0) if seen.starts is None else seen.starts
+    nearest = np.hypot(*(given[:, None] - places[None]).transpose(2, 0, 1)).argmin(axis=1)
+    return seen.stops - given, nearest
+
+
+class Frame(NamedTuple):
+    """Where boulders of a source started, and the unit vector across their way."""
+
+    place: np.ndarray
+    across: np.ndarray
+
+
+def frames(result: xr.Dataset, seen: Observed) -> dict[int, Frame]:
+    """The frames of the sources whose stopping places were observed."""
+    places = source_order(result)[1]
+    if seen.stops is None or (seen.starts is None and len(places) > 1):
+        return {}
+    ways, nearest = _observed_ways(seen, places)
+    known = np.unique(nearest).tolist()
+    return {one: Frame(places[one], _across(ways[nearest == one])) for one in known}
+
+
+def way_of(result: xr.Dataset, frame: Frame, source: int, column: int) -> np.ndarray:
+    """The distance (column 0) or lateral offset (1) [m] in a frame of each boulder of a result from
+    this source, NaN of others."""
+    ways = np.column_stack([result[f"stop_{axis}"].values for axis in "xy"]) - frame.place
+    found = ways @ frame.across if column else np.hypot(*ways.T)
+    return np.where(source_order(result)[0] == source, found, np.nan)
+
+
+def _across(ways: np.ndarray) -> np.ndarray:
+    """The unit vector to the left of the mean way."""
+    x, y = ways.mean(axis=0)
+    return np.array([-y, x]) / (np.hypot(x, y) or 1.0)
+
+
+def _rows(name: str, seen: Sample, made: Sample) -> Iterator[list]:
+    random = np.random.default_rng(0)
+    share = weights(seen, made)
+    distance = Distance(seen.values[:, 0], made.values[:, 0])
+    counts = [(resampled(seen, random), resampled(made, random)) for _ in range(RESAMPLES)]
+    one, sizes = np.ones(len(seen.source)), [len(seen.source), len(made.source)]
+
+    def row(label: str, column: int, statistic: int) -> list:
+        values = [
+            [moments(of.values[:, column], w)[statistic] for w in weights_]
+            for of, weights_ in (
+                (seen, [one, *(a for a, _ in counts)]),
+                (made, [share, *(share * b for _, b in counts)]),
+            )
+        ]
+        observed, simulated = np.array(values)
+        apart = simulated - observed
+        numbers = [one for of in (observed, simulated, apart) for one in _limits(of)]
+        low, high = numbers[-2:]
+        verdict = UNDECIDED if low <= 0 <= high else "larger" if low > 0 else "smaller"
+        return [name, label, *sizes, *numbers, np.nan, verdict]
+
+    yield row("mean", 0, 0)
+    yield row("std", 0, 1)
+    value = distance(one, share)
+    again = np.array([distance(a, share * b) for a, b in counts])
+    high, low = 2 * value - np.quantile(again, LIMITS)
+    chance = by_chance(seen, made, share, random)
+    verdict = DIFFERS if value > chance else UNDECIDED
+    unknown = 6 * [np.nan]
+    limits = [value, max(low, 0.0), max(high, value)]
+    yield [name, "wasserstein", *sizes, *unknown, *limits, chance, verdict]
+    if seen.values.shape[1] > 1:
+        yield row("lateral_spread", 1, 1)
+        yield row("lateral_offset", 1, 0)
+
+
+def _limits(values: np.ndarray) -> list[float]:
+    """The first value, and the limits of the others."""
+    return [float(values[0]), *np.quantile(values[1:], LIMITS).tolist()]
+
+
+def weights(seen: Sample, made: Sample) -> np.ndarray:
+    """Of simulated boulders, so that each source counts as often as it was observed."""
+    observed = np.bincount(seen.source, minlength=made.source.max() + 1)
+    share = (observed / np.maximum(np.bincount(made.source), 1))[made.source]
+    return share / share.mean()
+
+
+def moments(values: np.ndarray, weight: np.ndarray) -> tuple[float, float]:
+    """Weighted mean and standard deviation (n - 1)."""
+    n = weight.sum()
+    mean = weight @ values / n
+    squares = weight @ (values - mean) ** 2
+    return float(mean), float(np.sqrt(squares / max(n - 1, 1.0)))
+
+
+def by_chance(seen: Sample, made: Sample, share: np.ndarray, random: np.random.Generator) -> float:
+    """The Wasserstein distance that 95 % of as many boulders of the result, from the same sources,
+    do not exceed."""
+    values, found = made.values[:, 0], []
+    places = {s: np.flatnonzero(made.source == s) for s in np.unique(seen.source)}
+    distance = Distance(values, values)
+    for _ in range(RESAMPLES):
+        counts = np.zeros(values.size, int)
+        for source, n in zip(*np.unique(seen.source, return_counts=True), strict=True):
+            picked = random.integers(places[source].size, size=n)
+            counts[places[source]] += np.bincount(picked, minlength=places[source].size)
+        found.append(distance(counts, share))
+    return float(np.quantile(found, 0.95))

@@ -1,0 +1,73 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The first inputs of a project: `rockfall dem` and `rockfall new`."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+
+import numpy as np
+
+from rockfall.cli.messages import DONE, warn
+from rockfall.draft.dem import Dem, check_place, dem_of_points, edited, read_source, write_dem
+from rockfall.draft.new_case import new_case
+from rockfall.errors import RockfallError
+
+OF_POINTS = ("cell", "power", "neighbours", "within", "crs")
+
+
+def new_command(arguments: argparse.Namespace) -> int:
+    new = new_case(arguments.dem, arguments.layers, arguments.output)
+    for line in new.remarks:
+        warn(line)
+    print(*new.notes, sep="\n", end="\n" if new.notes else "")
+    print(f"{new.sources:,} sources, {new.boulders:,} boulders from each")
+    print(arguments.output)
+    return DONE
+
+
+def dem_command(arguments: argparse.Namespace) -> int:
+    source, steps = arguments.input, arguments.steps or []
+    check_place(arguments.output, source, steps)
+    remarks: list[str] = []
+    dem = edited(_source(arguments), steps, remarks)
+    for line in remarks:
+        warn(line)
+    write_dem(dem, arguments.output, source, _options(arguments))
+    known = np.count_nonzero(~np.isnan(dem.z))
+    print(
+        f"{dem.grid.nx} x {dem.grid.ny} cells of {dem.grid.cell:g} m, {known:,} with an elevation"
+    )
+    print(arguments.output)
+    return DONE
+
+
+def _source(arguments: argparse.Namespace) -> Dem:
+    """A raster, or the points of a CSV file, with what is to be known of them."""
+    given = {key: getattr(arguments, key) for key in OF_POINTS}
+    given = {key: value for key, value in given.items() if value is not None}
+    if arguments.input.suffix.lower() not in (".csv", ".txt"):
+        for key in given:
+            raise RockfallError(f"--{key}: is for points (.csv), {arguments.input} is a raster")
+        if not arguments.steps:
+            raise RockfallError(f"{arguments.input}: no edit; see rockfall dem --help")
+        return read_source(arguments.input)
+    dem, survey = dem_of_points(arguments.input, **given)
+    print(f"{survey.points:,} points, {survey.spacing:.3g} m apart")
+    if np.isnan(survey.errors).all():
+        print("standard error: not known, no point has another that is near enough")
+    else:
+        print(
+            f"standard error, each point left out: {survey.standard_error:.3g} m "
+            f"(bias {np.nanmean(survey.errors):+.3g} m, max {np.nanmax(abs(survey.errors)):.3g} m)"
+        )
+    return dem
+
+
+def _options(arguments: argparse.Namespace) -> Iterator[str]:
+    """What was said on the command line, for the history of the file."""
+    for key in OF_POINTS:
+        if (value := getattr(arguments, key)) is not None:
+            yield from (f"--{key}", str(value))
+    for name, value in arguments.steps or ():
+        yield from (f"--{name}", str(value))

@@ -1,0 +1,238 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Elevation models: of surveyed points, and edits of those that are there."""
+
+from __future__ import annotations
+
+import math
+import shlex
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rockfall.case import Case
+from rockfall.errors import RockfallError
+from rockfall.io.arrays import check_elevations
+from rockfall.io.crs import check_metres
+from rockfall.io.grid import Grid
+from rockfall.io.layers import read_features
+from rockfall.io.output_files import MAP, SIGNATURE, check_output
+from rockfall.io.raster import read_dem, write_geotiff
+from rockfall.io.raster_file import open_raster, raster_files
+from rockfall.io.tables import read_table
+from rockfall.limits import MAX_ELEVATION, MAX_REAL
+from rockfall.scene.layers import file_checksum
+from rockfall.scene.lines import read_lines
+from rockfall.scene.scene import Scene
+from rockfall.terrain.dams import with_dam
+from rockfall.terrain.inverse_distance import Weights, interpolated, left_out
+from rockfall.terrain.repairs import lowered, smoothed, without_holes, without_pits
+from rockfall.version import __version__
+
+MAX_CELLS = 400_000_000
+FAR = 3.0  # spacings of points, beyond which nothing is known
+NICE = (1.0, 2.0, 5.0, 10.0)  # sides of cells
+NODATA = -9999.0
+SURFACE = {"uniform_mean_radius": 1.0}  # of cases that are read for their dams only
+
+
+class Dem(NamedTuple):
+    """Elevations (ny, nx) [m], where they lie, and what marks that there are none in a file."""
+
+    z: np.ndarray
+    grid: Grid
+    nodata: float = math.nan
+
+
+class Survey(NamedTuple):
+    """What is said of a DEM of points."""
+
+    points: int
+    spacing: float  # [m]
+    errors: np.ndarray  # of leaving out one point after the other [m]; NaN: no other is near
+
+    @property
+    def standard_error(self) -> float:
+        """Root of the mean square [m]."""
+        return float(np.sqrt(np.nanmean(self.errors**2)))
+
+
+def dem_of_points(
+    path: str | Path,
+    *,
+    cell: float | None = None,
+    power: float = 2.0,
+    neighbours: int = 12,
+    within: float | None = None,
+    crs: str | None = None,
+) -> tuple[Dem, Survey]:
+    """A DEM of the points of a CSV file (columns x, y, z [m]) by inverse distance to a power, of
+    the nearest points, none farther than `within` [m] (default: three spacings of the points).
+
+    The default of `cell` [m] is 1, 2 or 5 times a power of ten, at most the mean spacing.
+    """
+    points = _read_points(path)
+    low, high = points.min(axis=0), points.max(axis=0)
+    spacing = math.sqrt(np.prod((high - low)[:2]) / len(points))
+    if not spacing and (cell is None or within is None):
+        raise RockfallError(
+            f"{path}: all points lie on a line along an axis: give --cell, --within"
+        )
+    cell = _nice(spacing) if cell is None else cell
+    weights = Weights(power, neighbours, FAR * spacing if within is None else within)
+    for name, value in (("cell", cell), *weights._asdict().items()):
+        if not 0 < value < math.inf:
+            raise RockfallError(f"--{name} {value:g}: must be > 0")
+    west, north = math.floor(low[0] / cell) * cell, (math.floor(high[1] / cell) + 1) * cell
+    nx, ny = (high[0] - west) // cell + 1, (north - low[1]) // cell + 1
+    if not nx * ny <= MAX_CELLS:
+        raise RockfallError(
+            f"--cell {cell:g}: {nx:,.0f} x {ny:,.0f} cells: must be at most {MAX_CELLS:,}"
+        )
+    grid = Grid(west, north, cell, max(2, int(nx)), max(2, int(ny)), _crs(crs))
+    check_metres(grid, str(path))
+    z = interpolated(points, grid, weights).astype(np.float32)
+    check_elevations(str(path), z)
+    return Dem(z, grid, NODATA), Survey(len(points), spacing, left_out(points, weights))
+
+
+def read_source(path: str | Path) -> Dem:
+    """The DEM in a raster file."""
+    z, grid = read_dem(path)
+    with open_raster(path) as raster:
+        nodata = raster.source.nodata
+    return Dem(z, grid, math.nan if nodata is None else float(nodata))
+
+
+def edited(dem: Dem, steps: Iterable[tuple[str, Any]], remarks: list[str]) -> Dem:
+    """After some EDITS, one after the other: (name, what it takes); what is odd in a layer is added
+    to `remarks`."""
+    for name, given in steps:
+        dem = dem._replace(z=EDITS[name](dem, given, remarks))
+    return dem
+
+
+def write_dem(
+    dem: Dem, path: str | Path, made_from: str | Path, options: Iterable[str] = ()
+) -> None:
+    """A DEM as GeoTIFF, whole or not at all, with what it was made from."""
+    made = shlex.join(["dem", str(made_from), *options])
+    tags = {
+        "TIFFTAG_SOFTWARE": SIGNATURE, "units": "m", "long_name": "elevation",
+        "history": f"{SIGNATURE} {__version__}: {made}",
+        "source_sha256": file_checksum(Path(made_from)),
+    }  # fmt: skip
+    z = dem.z if math.isnan(dem.nodata) else np.where(np.isnan(dem.z), dem.nodata, dem.z)
+    write_geotiff(Path(path), z.astype(dem.z.dtype), dem.grid, nodata=dem.nodata, **tags)
+
+
+def check_place(path: str | Path, source: str | Path, steps: Iterable[tuple[str, Any]]) -> None:
+    """Refuse a place for a DEM before the work."""
+    if Path(path).suffix.lower() not in (".tif", ".tiff"):
+        raise RockfallError(f"{path}: is no name for a GeoTIFF; it must end in .tif")
+    layers = [given for _, given in steps if isinstance(given, Path)]
+    check_output(path, MAP, [*raster_files(source), *layers])
+
+
+def _read_points(path: str | Path) -> np.ndarray:
+    """x, y and z of each row of a table."""
+    where, columns, rows = read_table(path)
+    for axis in "xyz":
+        if columns.count(axis) != 1:
+            raise RockfallError(f"{where}: must have one column {axis}; has: {', '.join(columns)}")
+    limits = {"x": MAX_REAL, "y": MAX_REAL, "z": MAX_ELEVATION}
+    return np.array([[row.number(axis, -far, far) for axis, far in limits.items()] for row in rows])
+
+
+def _nice(spacing: float) -> float:
+    """1, 2 or 5 times a power of ten, at most so much."""
+    unit = 10.0 ** math.floor(math.log10(spacing))
+    return max(factor * unit for factor in NICE if factor * unit <= spacing)
+
+
+def _crs(text: str | None) -> Any:
+    from rasterio.crs import CRS
+    from rasterio.errors import CRSError
+
+    try:
+        return None if text is None else CRS.from_user_input(text)
+    except CRSError as error:
+        raise RockfallError(f"--crs {text}: is not known; such as EPSG:2056") from error
+
+
+def _positive(option: str, value: float) -> float:
+    if not 0 < value < math.inf:
+        raise RockfallError(f"--{option} {value:g}: must be > 0 [m]")
+    return value
+
+
+def _fill(dem: Dem, far: float, _: list[str]) -> np.ndarray:
+    return without_holes(dem.z, _positive("fill", far) / dem.grid.cell)
+
+
+def _pits(dem: Dem, deepest: float, _: list[str]) -> np.ndarray:
+    return without_pits(dem.z, _positive("pits", deepest))
+
+
+def _smooth(dem: Dem, std: float, _: list[str]) -> np.ndarray:
+    cells = _positive("smooth", std) / dem.grid.cell
+    if cells > max(dem.grid.shape):
+        raise RockfallError(f"--smooth {std:g}: must be at most the size of the terrain [m]")
+    return smoothed(dem.z, cells)
+
+
+def _dam(dem: Dem, path: Path, remarks: list[str]) -> np.ndarray:
+    """With the dams of a layer, as &dam file has them: a case of them alone checks their keys."""
+    x, y = [float(dem.grid.x[0])], [float(dem.grid.y[0])]
+    case = Case(
+        name=str(path), case={"boulders": 1}, surface=SURFACE, boulder={"volume_mean": 1.0},
+        release={"x": x, "y": y}, dam=[{"file": str(path)}],
+    )  # fmt: skip
+    scene = Scene(case, dem.grid, dem.z, np.zeros((1, 1)), remarks=remarks)
+    read_lines(scene)
+    z = dem.z
+    for dam in scene.case.dam:
+        z = with_dam(z, dem.grid, dam, str(path))
+    return z
+
+
+def _cut(dem: Dem, path: Path, remarks: list[str]) -> np.ndarray:
+    """Lowered within polygons, or beside lines: by `depth` or to `level` [m]."""
+    shapes, columns = read_features(path, dem.grid, remarks)
+    columns = {name.lower(): values for name, values in columns.items()}
+    z = dem.z
+    for k, shape in enumerate(shapes):
+        depth, level, width = (
+            _attribute(path, columns, name, k) for name in ("depth", "level", "width")
+        )
+        if math.isnan(depth) == math.isnan(level):
+            raise RockfallError(f"{path}: feature {k + 1}: must have one of depth and level [m]")
+        if depth < 0:
+            raise RockfallError(f"{path}: feature {k + 1}: depth = {depth:g}: must be > 0 [m]")
+        if "Point" in shape.geom_type:
+            raise RockfallError(
+                f"{path}: feature {k + 1}: is a point, lines or polygons are needed"
+            )
+        if "Polygon" not in shape.geom_type:
+            if not width > 0:
+                raise RockfallError(f"{path}: feature {k + 1}: a line must have a width > 0 [m]")
+            shape = shape.buffer(width / 2, cap_style="flat")
+        z = lowered(z, dem.grid, shape, depth, level)
+    if np.array_equal(z, dem.z, equal_nan=True):
+        raise RockfallError(f"{path}: lowers no cell of the terrain")
+    return z
+
+
+def _attribute(path: Path, columns: dict[str, np.ndarray], name: str, k: int) -> float:
+    """A number of a feature; NaN where it has none."""
+    if name not in columns:
+        return math.nan
+    if columns[name].dtype.kind not in "iuf":
+        raise RockfallError(f"{path}: attribute {name} is not a number")
+    return float(columns[name][k])
+
+
+EDITS: dict[str, Callable[[Dem, Any, list[str]], np.ndarray]] = {
+    "fill": _fill, "pits": _pits, "smooth": _smooth, "dam": _dam, "cut": _cut,
+}  # fmt: skip

@@ -1,0 +1,195 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The text of a first case: each value with why it is so, and what else is allowed."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from rockfall.case import key_table
+from rockfall.case_text import Entry, Group, case_text
+from rockfall.draft.recognise import LINES, NAMES, SEVERAL, SOURCES, TREES, ZONES, Layer
+from rockfall.draft.zones import Zones
+from rockfall.io.grid import Grid
+
+VOLUME = 1.0  # [m3]
+RADIUS = 0.25  # [m]: with VOLUME, R_b/R_m is 2.5, within what impact sets hold
+MAPS = ("passages", "deposits", "reach_probability", "energy_mean", "energy_q95", "jump_height_q95")
+TRAJECTORIES = 200
+
+
+@dataclass
+class New:
+    """A case in the making."""
+
+    dem: Path
+    out: Path
+    grid: Grid
+    used: dict[str, list[Layer]] = field(default_factory=dict)  # by what they are for
+    zones: Zones | None = None
+    notes: list[str] = field(default_factory=list)  # what each layer was taken for
+    remarks: list[str] = field(default_factory=list)  # what is odd
+    sources: int = 0  # how many there are, once that is known
+    boulders: int = 1  # from each
+    threshold: float = 1.0  # of steep cells [degree]
+
+    @staticmethod
+    def has_key(group: str, name: str) -> bool:
+        """Whether a case knows a key."""
+        return any((key.group, key.name) == (group, name) for key in key_table())
+
+
+def new_text(new: New, place: Path) -> str:
+    """The case as it stands in a folder."""
+    groups = [
+        _case(new), Group("terrain", [_entry("terrain", "dem", _name(new.dem, place))]),
+        _surface(new, place),
+        Group("impact", [_entry("impact", "sets", "rocky-slope", "As it is on rocky slopes")]),
+        _boulder(), _release(new, place), *_forest(new, place), *_drawn(new, place), _output(),
+    ]  # fmt: skip
+    return case_text(_head(new), groups, _foot(new))
+
+
+def _entry(group: str, key: str, value: Any, why: str = "", on: bool = True) -> Entry:
+    """A key with what was chosen, and what the table of keys says of it."""
+    about = next(one for one in key_table() if (one.group, one.name) == (group, key))
+    unit = f" [{about.unit}]" if about.unit else ""
+    parts = why, f"{about.meaning}{unit}", about.allowed
+    return Entry(key, value, " | ".join(filter(None, parts)), on)
+
+
+def _name(file: Path, place: Path) -> str:
+    """A file as a case in a folder names it."""
+    return Path(os.path.relpath(file.resolve(), place.resolve())).as_posix()
+
+
+def _layer(layer: Layer, group: str, key: str) -> Iterator[Entry]:
+    """Which layer of a file, where it has several."""
+    if not layer.alone:
+        yield _entry(group, key, layer.name)
+
+
+def _head(new: New) -> Iterator[str]:
+    yield f"A first case for {new.dem.name}, by `rockfall new`. It runs as it is; what is marked"
+    yield "CHOOSE is a guess that only you can better. Keys in comments are off. All keys:"
+    yield "docs/case.md, or `rockfall check` for what this case says."
+    yield from (f"- {one}" for one in new.notes)
+
+
+def _foot(new: New) -> Iterator[str]:
+    if LINES in new.used:
+        return
+    west, east, y = (f"{one:.10g}" for one in (new.grid.west, new.grid.east, new.grid.y.mean()))
+    yield "No lines were given. What passes a road is recorded at one, such as:"
+    yield f"&line name = 'road', x = {west}, {east}, y = {y}, {y} /"
+    yield "&line file = 'site.gpkg', layer = 'road', field = 'name' /"
+
+
+def _case(new: New) -> Group:
+    total = f"CHOOSE: {new.sources:,} sources, {new.boulders * new.sources:,} boulders in all"
+    return Group(
+        "case",
+        [
+            _entry("case", "title", new.out.stem),
+            _entry("case", "boulders", new.boulders, total),
+            _entry("case", "seed", 1),
+        ],
+    )
+
+
+def _surface(new: New, place: Path) -> Group:
+    if new.zones is None:
+        why = "CHOOSE; or zones and table, or mean_radius = 'raster.tif'"
+        ground = "A classical one, in place of impact sets (docs/grounds.md)"
+        return Group(
+            "surface",
+            [
+                _entry("surface", "uniform_mean_radius", RADIUS, why),
+                _entry("surface", "ground", "soil_4", ground, on=False),
+            ],
+        )
+    zones, layer = new.zones, new.used[ZONES][0]
+    named = [_entry("surface", "zones", _name(layer.path, place))]
+    named += _layer(layer, "surface", "zones_layer")
+    if zones.copy:
+        why = "A copy of the polygons, with ids"
+        named = [_entry("surface", "zones", zones.copy.name, why)]
+    rest = []
+    if zones.rest is not None:
+        why = f"CHOOSE: {zones.outside:,} cells lie in no polygon, this is the commonest"
+        rest = [_entry("surface", "default_zone", zones.rest, why)]
+    return Group(
+        "surface",
+        [
+            *named,
+            _entry("surface", "zone_field", zones.field),
+            _entry("surface", "table", zones.table.name, "From the attributes of the polygons"),
+            _entry("surface", "method", zones.method),
+            *rest,
+        ],
+    )
+
+
+def _boulder() -> Group:
+    return Group(
+        "boulder",
+        [
+            _entry("boulder", "volume", "fixed", "CHOOSE"),
+            _entry("boulder", "volume_mean", VOLUME, "CHOOSE, from blocks on the slope"),
+            _entry("boulder", "volume_std", VOLUME / 5, on=False),
+            _entry("boulder", "density", 2800.0, "CHOOSE"),
+        ],
+    )
+
+
+def _release(new: New, place: Path) -> Group:
+    drop = _entry("release", "drop_height", 1.0, "CHOOSE")
+    slope = _entry("release", "slope_threshold", round(new.threshold, 2), on=False)
+    if SOURCES not in new.used:
+        why = "CHOOSE; none were given: or polygons = 'cliff.gpkg', cells = 'raster.tif', x and y"
+        return Group("release", [_entry("release", "steep_cells", True, why), slope, drop])
+    layer = new.used[SOURCES][0]
+    if layer.shape == "Point":
+        points = layer.points()
+        entries = [_entry("release", axis, one) for axis, one in zip("xy", points, strict=True)]
+        return Group("release", [*entries, drop])
+    entries = [_entry("release", "polygons", _name(layer.path, place))]
+    entries += _layer(layer, "release", "polygons_layer")
+    steep = _entry("release", "steep_cells", True, on=False)
+    return Group("release", [*entries, steep, slope, drop])
+
+
+def _forest(new: New, place: Path) -> Iterator[Group]:
+    for layer in new.used.get(TREES, ()):
+        entries = [_entry("forest", "trees", _name(layer.path, place))]
+        entries += _layer(layer, "forest", "trees_layer")
+        if "species" not in layer.columns:
+            why = "CHOOSE: the layer has no species, and conifers stop less"
+            entries.append(_entry("forest", "uniform_conifers", 100.0, why))
+        yield Group("forest", entries)
+
+
+def _drawn(new: New, place: Path) -> Iterator[Group]:
+    """Lines, barriers and dams: what a group does not say, the attributes do."""
+    for kind, group in SEVERAL.items():
+        for layer in new.used.get(kind, ()):
+            entries = [_entry(group, "file", _name(layer.path, place))]
+            entries += _layer(layer, group, "layer")
+            field = next((one for one in NAMES if one in layer.columns), None)
+            if field and new.has_key(group, "field"):
+                entries.append(_entry(group, "field", layer.own_names[field]))
+            yield Group(group, entries)
+
+
+def _output() -> Group:
+    return Group(
+        "output",
+        [
+            Entry("maps", list(MAPS), "CHOOSE from docs/result.md"),
+            _entry("output", "rebounds", True),
+            _entry("output", "trajectories", TRAJECTORIES),
+        ],
+    )

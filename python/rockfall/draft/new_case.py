@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A first case for a DEM and layers, which runs as it is and says what else there is."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from pathlib import Path
+
+from rockfall.case import read_case
+from rockfall.draft.groups import New, new_text
+from rockfall.draft.recognise import OBJECTS, SEVERAL, TREES, ZONES, Layer, kind_of, read_layers
+from rockfall.draft.zones import zones_of
+from rockfall.errors import RockfallError
+from rockfall.io.output_files import atomic_folder
+from rockfall.io.raster import read_dem
+from rockfall.scene.plausible import implausible
+from rockfall.scene.read import read_scene
+from rockfall.scene.sources import threshold
+from rockfall.simulation.memory import machine_memory
+
+TOTAL = 100_000  # boulders of a first run, about
+
+
+def new_case(dem: str | Path, layers: Iterable[str | Path], out: str | Path) -> New:
+    """Write a commented case for a DEM and the layers of some files, with a table of zones beside
+    it where there are some, over nothing that is there; returns what it was made of.
+
+    >>> import rockfall
+    >>> new = rockfall.new_case("dem.tif", ["cliff.gpkg"], "new.nml")
+    >>> new.sources
+    4
+    """
+    dem, out, files = Path(dem), Path(out), [Path(one) for one in layers]
+    if out.suffix.lower() != ".nml":
+        raise RockfallError(f"{out}: is no name for a case; it must end in .nml")
+    if os.path.lexists(out):
+        raise RockfallError(f"{out}: is there; it is not overwritten")
+    z, grid = read_dem(dem)
+    new = New(dem, out, grid)
+    for file in files:
+        for layer in read_layers(file, grid, new.remarks):
+            _take(new, layer)
+    with atomic_folder(out.parent, [dem, *files], last=out.name) as place:
+        if ZONES in new.used:
+            new.zones = zones_of(new.used[ZONES][0], grid, z, out.stem, place)
+        _write(new, place)
+    return new
+
+
+def _take(new: New, layer: Layer) -> None:
+    """Note what a layer is for; of zones, sources and trees there can be one."""
+    kind, why = kind_of(layer)
+    if kind in new.used and kind not in SEVERAL:
+        kind, why = "", f"{kind} are already those of {new.used[kind][0]}"
+    if kind == TREES and not layer.alone and not new.has_key("forest", "trees_layer"):
+        kind, why = "", "trees must be alone in their file"
+    if kind and kind != OBJECTS:
+        new.used.setdefault(kind, []).append(layer)
+    new.notes.append(f"{layer}: {kind or 'left out'} ({why})")
+
+
+def _write(new: New, place: Path) -> None:
+    """Write the case to a folder, and read all that it names. How many boulders a source releases
+    follows from their number: it is written twice."""
+    path = place / new.out.name
+    path.write_text(new_text(new, place), encoding="utf-8")
+    try:
+        scene = read_scene(read_case(path), memory=machine_memory())
+    except RockfallError as error:
+        if new.zones and str(new.zones.table) in str(error):
+            raise RockfallError(f"{error} (made of {new.used[ZONES][0]})") from error
+        raise
+    new.sources, new.threshold = scene.x.size, threshold(scene)
+    new.boulders = max(1, round(TOTAL / new.sources))
+    new.remarks += [one for one in implausible(scene) if one not in new.remarks]
+    path.write_text(new_text(new, new.out.parent), encoding="utf-8")
+    read_case(path)

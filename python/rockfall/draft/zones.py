@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Zones of polygons that say themselves what they are made of: the table that a case wants."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from rockfall.draft.recognise import OF_ZONES, Layer
+from rockfall.errors import RockfallError
+from rockfall.io.grid import NO_ID, Grid
+from rockfall.io.layers import burn_polygons
+from rockfall.io.tables import spreadsheet_text
+from rockfall.result.export import write_geopackage
+
+ID = "zone"  # the attribute with the id
+
+
+class Zones(NamedTuple):
+    """How a case names zones."""
+
+    copy: Path | None  # of the polygons with ids, where their own will not do
+    field: str  # attribute with the id
+    table: Path
+    method: str
+    rest: int | None  # zone of cells in no polygon: the commonest; None where there are none
+    outside: int  # how many those cells are
+
+
+def zones_of(layer: Layer, grid: Grid, z: np.ndarray, stem: str, place: Path) -> Zones:
+    """Write the table of the zones of a layer to a folder and, where polygons have no ids that tell
+    them apart, the polygons with ids."""
+    columns = [one for one in OF_ZONES if layer.attribute(one)]
+    rows = [_row(layer, columns, k) for k in range(len(layer.shapes))]
+    ids = _own_ids(layer, rows)
+    copy, field = None, layer.own_names.get(ID, ID)
+    if ids is None:
+        numbers = {row: number for number, row in enumerate(dict.fromkeys(rows), start=1)}
+        ids, field = [numbers[row] for row in rows], ID
+        copy = place / f"{stem}_zones.gpkg"
+        parts = [(layer.shapes, {ID: np.array(ids)})]
+        write_geopackage(
+            copy, {"zones": ("Unknown", parts)}, grid.crs.to_wkt() if grid.crs else None
+        )
+    table = place / f"{stem}_zones.csv"
+    with open(table, "w", encoding="utf-8", newline="") as file:
+        of_ids = dict(zip(ids, rows, strict=True))
+        csv.writer(file, lineterminator="\n").writerows(
+            [(ID, *columns), *((number, *of_ids[number]) for number in sorted(of_ids))]
+        )
+    rest, outside = _rest(layer, grid, z, copy, field)
+    method = "A" if "rg70" in columns and "mean_radius" not in columns else "B"
+    return Zones(copy, field, table, method, rest, outside)
+
+
+def _row(layer: Layer, columns: list[str], k: int) -> tuple[str, ...]:
+    """What a polygon is made of, as a table has it."""
+    cells = []
+    for column in columns:
+        value = layer.columns[str(layer.attribute(column))][k]
+        empty = value is None or value != value
+        text = "" if empty else str(value.item() if hasattr(value, "item") else value).strip()
+        cells.append(spreadsheet_text(text) if column == "ground" else text)
+    if not any(cells):
+        raise RockfallError(f"{layer}: feature {k + 1}: must have {' or '.join(columns)}")
+    return tuple(cells)
+
+
+def _own_ids(layer: Layer, rows: list[tuple[str, ...]]) -> list[int] | None:
+    """The ids that polygons have, if none stands for different rows."""
+    values = layer.columns.get(ID)
+    if values is None or values.dtype.kind not in "iu":
+        return None
+    ids = [int(value) for value in values]
+    return ids if len(set(zip(ids, rows, strict=True))) == len(set(ids)) else None
+
+
+def _rest(
+    layer: Layer, grid: Grid, z: np.ndarray, copy: Path | None, field: str
+) -> tuple[int | None, int]:
+    """The commonest zone, for cells in no polygon, and how many those are."""
+    name = None if copy else layer.name
+    found = burn_polygons(copy or layer.path, grid, field, [], layer=name)[~np.isnan(z)]
+    zones, cells = np.unique(found[found != NO_ID], return_counts=True)
+    outside = int(np.count_nonzero(found == NO_ID))
+    if not zones.size:
+        raise RockfallError(f"{layer}: no polygon holds a cell with an elevation")
+    return (int(zones[cells.argmax()]), outside) if outside else (None, 0)

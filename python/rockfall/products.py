@@ -1,0 +1,133 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What is drawn of a result: the page, and figures as files."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+from rockfall.analysis.hazard.files import read_hazard
+from rockfall.analysis.observations import Observed, read_observed
+from rockfall.case_files import files_behind
+from rockfall.html_report import check_page, write_report
+from rockfall.html_report.inputs import Parties
+from rockfall.html_report.language import catalogue
+from rockfall.html_report.terrain_view import check_view
+from rockfall.io.raster_file import raster_files
+from rockfall.plots.cartography.basemap import read_basemap
+from rockfall.plots.extent import reached
+from rockfall.plots.figures import figures as figures_of
+from rockfall.plots.figures import write_figures
+from rockfall.plots.map_figures import Look
+from rockfall.plots.terrain import terrain_of
+from rockfall.result.classes import read_limits
+from rockfall.result.dataset import read_result
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from rockfall.result.trajectories import Terrain
+
+    Result = xr.Dataset | str | Path
+    Place = str | Path | None
+    Files = Sequence[str | Path]
+
+
+class _Drawn(NamedTuple):
+    """What figures and pages are drawn of, in the order of their arguments."""
+
+    result: xr.Dataset
+    terrain: Terrain | None
+    observed: Observed | None
+    look: Look
+
+
+def report(
+    result: Result,
+    path: str | Path,
+    *,
+    dem: Place = None,
+    observed: Files = (),
+    basemap: Place = None,
+    limits: Sequence[str] = (),
+    view: bool = False,
+    language: str = "en",
+    project: str = "",
+    client: str = "",
+    author: str = "",
+    dem_date: str = "",
+    hazard: Place = None,
+) -> Path:
+    """Write a result (a Dataset, or its netCDF file) as one HTML page, to be read offline, or as a
+    PDF, as the name of `path` ends.
+
+    `dem` is the terrain under maps (default: the case's, if it is there), `observed` are CSV files
+    of observations that are drawn beside the result, `basemap` is a raster picture under maps,
+    `limits` are those of classes ("kJ=30,300"), and `view` puts the terrain with trajectories into
+    the page. It is in `language` (en, de, fr or it), names `project`, `client` and `author`, and
+    the date `dem_date` of the survey of the terrain; `hazard`, a file hazard.nc, adds its zones.
+    Returns the path of the page. What cannot be drawn or written is a RockfallError,
+    missing terrain a UserWarning.
+
+    >>> import rockfall
+    >>> result = rockfall.run(rockfall.read_case("case.nml"))
+    >>> rockfall.report(result, "report.html").name
+    'report.html'
+    """
+    path = Path(path)
+    check_page(path, [*_given(result, dem, observed, basemap), *([hazard] if hazard else [])])
+    catalogue(language)
+    zones = None if hazard is None else read_hazard(hazard)
+    if view:
+        check_view()
+    drawn = _drawn(result, dem, observed, basemap, limits)
+    parties = Parties(project, client, author, dem_date)
+    write_report(drawn.result, path, *drawn[1:], view, language, parties, zones)
+    return path
+
+
+def figures(
+    result: Result,
+    folder: str | Path,
+    *,
+    format: str = "png",
+    dem: Place = None,
+    observed: Files = (),
+    basemap: Place = None,
+    limits: Sequence[str] = (),
+) -> list[Path]:
+    """Write every figure that a result can feed to a folder, as png, pdf or svg; returns the files.
+    The rest is as in `report`.
+
+    >>> import rockfall
+    >>> result = rockfall.run(rockfall.read_case("case.nml"))
+    >>> files = rockfall.figures(result, "figures", format="svg")
+    >>> "passing.svg" in [path.name for path in files]
+    True
+    """
+    drawn = _drawn(result, dem, observed, basemap, limits)
+    inputs = [*_given(result, dem, observed, basemap), *files_behind(drawn.result)]
+    return write_figures(figures_of(*drawn), folder, format, inputs)
+
+
+def _drawn(
+    result: Result, dem: Place, observed: Files, basemap: Place, limits: Sequence[str]
+) -> _Drawn:
+    """All that is asked for, read."""
+    data = read_result(result) if isinstance(result, str | Path) else result
+    seen = read_observed(*observed) if observed else None
+    terrain = terrain_of(data, dem)
+    picture = None if basemap is None else read_basemap(basemap, data, reached(data, terrain))
+    return _Drawn(data, terrain, seen, Look(read_limits(limits), picture))
+
+
+def _given(result: Result, dem: Place, observed: Files, basemap: Place) -> Iterator[str | Path]:
+    """The files that are read."""
+    if isinstance(result, str | Path):
+        yield result
+    yield from observed
+    if basemap is not None:
+        yield basemap
+    if dem is not None:
+        yield from raster_files(dem)

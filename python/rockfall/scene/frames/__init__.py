@@ -1,0 +1,124 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Layers given as GeoDataFrames, or what looks like them: a `geometry` of shapely's, a `crs`, and
+columns. They become files for as long as a scene is read, so that what holds of files holds of
+them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from rockfall.case import FROM_ARRAY, Case, key_table
+from rockfall.errors import RockfallError, need
+from rockfall.scene.scene import Scene
+
+GROUPS = {"lines": "line", "barriers": "barrier", "dams": "dam"}  # a group more, of its features
+KEYS = {"zones": ("surface", "zones"), "trees": ("forest", "trees")}
+PLACES = {"x", "y", "cells", "polygons", "polygons_layer", "points", "points_layer"}
+SOURCES = {"Polygon": ("release", "polygons"), "Point": ("release", "points")}
+
+
+def is_frame(given: Any) -> bool:
+    """Whether something is a GeoDataFrame, or like one."""
+    return hasattr(given, "geometry") and hasattr(given, "columns")
+
+
+@contextmanager
+def frame_files(frames: Mapping[str, Any]) -> Iterator[dict[str, Path]]:
+    """Frames as files, by name, until the block ends; who reads them names the frames in errors."""
+    with TemporaryDirectory() as folder:
+        files = {name: _write(frame, name, Path(folder)) for name, frame in frames.items()}
+        try:
+            yield files
+        except RockfallError as error:
+            raise RockfallError(of_frames(str(error), files), error.code) from error
+
+
+def of_frames(text: str, files: Mapping[str, Path]) -> str:
+    """A text in which frames are called what they are, not their files."""
+    for name, file in files.items():
+        text = text.replace(str(file), f"{name} = (GeoDataFrame)")
+    return text
+
+
+def with_frames(frames: Mapping[str, Any], case: Case, read: Callable[[Case], Scene]) -> Scene:
+    """The scene of a case that has the layers of frames, by name: those of GROUPS beside its own,
+    the others (zones, trees, sources) in their place."""
+    keys = {name: _key(name, frame) for name, frame in frames.items() if name not in GROUPS}
+    with frame_files(frames) as files:
+        scene = read(_naming(case, files, keys))
+    changes: dict[str, dict[str, Any]] = {}
+    for group, key in keys.values():
+        changes.setdefault(group, {})[key] = FROM_ARRAY
+    scene.case = scene.case.replace(**changes)
+    scene.remarks = [of_frames(one, files) for one in scene.remarks]
+    scene.checksums = {of_frames(key, files): one for key, one in scene.checksums.items()}
+    return scene
+
+
+def _write(frame: Any, name: str, folder: Path) -> Path:
+    """A frame as a FlatGeobuf, in the order of its rows; the bytes depend on nothing else."""
+    need("GeoDataFrames need", "vector", "pyogrio", "shapely")
+    import pyogrio
+    import shapely
+
+    path, crs = folder / f"{name}.fgb", frame.crs
+    columns = [k for k, one in enumerate(frame.columns) if one != frame.geometry.name]
+    try:
+        shapes = np.array([*map(shapely.to_wkb, frame.geometry)], object)
+        if not len(shapes):
+            raise RockfallError(f"{name}: the GeoDataFrame is empty")
+        pyogrio.raw.write(
+            path, shapes, [_column(frame.iloc[:, k]) for k in columns],
+            [str(frame.columns[k]) for k in columns], geometry_type="Unknown",
+            crs=None if crs is None else crs.to_wkt(), driver="FlatGeobuf", SPATIAL_INDEX="NO",
+        )  # fmt: skip
+    except (TypeError, ValueError, RuntimeError, AttributeError) as error:
+        if isinstance(error, RockfallError):
+            raise
+        raise RockfallError(f"{name}: not a GeoDataFrame that can be read ({error})") from error
+    return path
+
+
+def _column(column: Any) -> np.ndarray:
+    """A column as a file may have it: numbers (NaN: none), or texts (None: none)."""
+    if column.dtype.kind in "iu" and not column.isna().any():
+        return column.to_numpy(np.int64)
+    if column.dtype.kind in "iuf":
+        return column.to_numpy(np.float64, na_value=np.nan)
+    return np.array([None if one is None or one != one else str(one) for one in column], object)
+
+
+def _key(name: str, frame: Any) -> tuple[str, str]:
+    """Group and key of a case that name such a layer."""
+    if name in KEYS:
+        return KEYS[name]
+    if name != "sources":
+        raise RockfallError(f"{name}: no layer; those are {', '.join([*GROUPS, *KEYS, 'sources'])}")
+    known = {(key.group, key.name) for key in key_table()}
+    kinds = {one.geom_type.removeprefix("Multi") for one in frame.geometry if one is not None}
+    found = SOURCES.get(kinds.pop()) if len(kinds) == 1 else None
+    if found not in known:
+        allowed = " or ".join(f"{kind}s" for kind, key in SOURCES.items() if key in known)
+        raise RockfallError(f"sources: must be {allowed}")
+    return found
+
+
+def _naming(case: Case, files: Mapping[str, Path], keys: Mapping[str, tuple[str, str]]) -> Case:
+    """The case that names files in place of frames; what picks a layer of its own file goes."""
+    groups: dict[str, Any] = {}
+    if "sources" in files:
+        groups["release"] = dict.fromkeys(PLACES & case.release.keys())
+    for name, file in files.items():
+        if name in GROUPS:
+            groups[GROUPS[name]] = [*getattr(case, GROUPS[name]), {"file": str(file)}]
+        else:
+            group, key = keys[name]
+            own = {f"{key}_layer": None} if f"{key}_layer" in getattr(case, group) else {}
+            groups.setdefault(group, {}).update({**own, key: str(file)})
+    return case.replace(**groups)

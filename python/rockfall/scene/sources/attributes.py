@@ -1,0 +1,207 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a layer, or a table, says of the releases of its polygons or points: attributes by the names
+that docs/releases.md lists. Others are left alone; what a feature does not say, the case says."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from functools import cache
+from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
+
+import numpy as np
+
+from rockfall._core import rockfall_f2py as _core
+from rockfall.case import key_table
+from rockfall.errors import RockfallError
+from rockfall.io.layers import attribute, named_attribute, plain
+from rockfall.io.tables import decimal
+from rockfall.scene.scene import Features
+
+if TYPE_CHECKING:
+    from rockfall.scene.scene import Scene
+
+VOLUMES = ("volume_mean", "volume_std", "volume_min", "volume_max")
+VELOCITY = ("velocity_x", "velocity_y", "velocity_z")
+VALUES = (*VOLUMES, "density", "drop_height", *VELOCITY)  # in the kernel's order
+DENSITY = VALUES.index("density")
+LAWS = ("fixed", "normal", "uniform", "lognormal")  # numbered from 1, as in rockfall_boulder
+RANGE = re.compile(r"\s*([0-9.eE+]+)\s*(?:-|to)\s*([0-9.eE+]+)\s*")  # a class of volumes [m3]
+NO_ENSEMBLE = {"volume_factor": None, "volume_std_factor": None}  # that the case may ask for
+
+
+class Table(NamedTuple):
+    """Attributes of features, counted from 0."""
+
+    path: str
+    columns: dict[str, np.ndarray]
+    size: int
+    where: Callable[[int], str]  # is a feature, for messages
+    is_text: bool = False  # numbers are spelled, as in CSV
+
+    def refuse(self, k: int, name: str, value: Any, rule: str) -> NoReturn:
+        raise RockfallError(f"{self.where(k)}: {name} = {value!r}: {rule}")
+
+    def values(self, name: str) -> list[Any]:
+        """Of an attribute; None where it is empty, or not there at all."""
+        column = attribute(self.columns, name)
+        return [None] * self.size if column is None else [*map(plain, column)]
+
+    def numbers(self, name: str) -> np.ndarray:
+        """Those of an attribute that a key of the case may have too; NaN where there is none."""
+        column = attribute(self.columns, name)
+        if column is None:
+            return np.full(self.size, np.nan)
+        if column.dtype.kind in "iuf":
+            found = column.astype(float)
+        else:
+            found = np.array([self.number(k, name, one) for k, one in enumerate(self.values(name))])
+        some = np.flatnonzero(~np.isnan(found))
+        if some.size:
+            first, rule = _core.check_numbers(*_key(name), found[some])
+            if first:
+                k = some[first - 1]
+                raise RockfallError(
+                    f"{self.where(k)}: {name} = {found[k]:.10g}: {rule.decode().strip()}"
+                )
+        return found
+
+    def places(self, axis: str) -> np.ndarray:
+        """Coordinates [m] of all features."""
+        found = self.numbers(axis)
+        for k in np.flatnonzero(np.isnan(found))[:1]:
+            self.refuse(int(k), axis, "", "must be a number")
+        return found
+
+    def number(self, k: int, name: str, value: Any) -> float:
+        """A number as it stands in a column that may hold anything."""
+        if value is None:
+            return np.nan
+        if self.is_text and np.isfinite(number := decimal(value)):
+            return number
+        if isinstance(value, bool | str) or not isinstance(value, int | float):
+            self.refuse(k, name, value, "must be a number")
+        return float(value)
+
+
+def read_attributes(scene: Scene, table: Table, of: np.ndarray) -> tuple[Features, np.ndarray]:
+    """The features of a scene, `of` each source; and their frequencies, NaN where none."""
+    if attribute(table.columns, "velocity") is not None:
+        raise RockfallError(
+            f"{table.path}: attribute velocity: must be {', '.join(VELOCITY)} [m/s]"
+        )
+    law, volumes = _laws(scene, table)
+    rest = [table.numbers(name) for name in VALUES[len(VOLUMES) :]]
+    given = np.array([*volumes, *rest]).T
+    _check_source(scene, table, law, given)
+    names, frequency = _names(scene, table), table.numbers("frequency")
+    if not law.any() and np.isnan(given).all():
+        return Features(names, of), frequency
+    return Features(names, of, law.astype("i4"), given), frequency
+
+
+def values_of(scene: Scene) -> np.ndarray | None:
+    """Density, drop height and velocity of each feature (features, 5), those of the case where it
+    says none; None where no feature says anything."""
+    if scene.features is None or scene.features.value is None:
+        return None
+    boulder, release = scene.case.boulder, scene.case.release
+    usual = [boulder["density"], release["drop_height"], *release["velocity"]]
+    given = scene.features.value[:, len(VOLUMES) :]
+    return np.where(np.isnan(given), usual, given)
+
+
+@cache
+def _key(name: str) -> tuple[str, str]:
+    """Group and name of the key of a case that holds such numbers."""
+    name = "velocity" if name in VELOCITY else "volume_mean" if name == "volume" else name
+    groups = ("boulder", "release", "scenario")
+    return next((g, k.name) for g in groups for k in key_table() if (k.group, k.name) == (g, name))
+
+
+def _laws(scene: Scene, table: Table) -> tuple[np.ndarray, np.ndarray]:
+    """The law of the volumes of each feature, 0 where that is the case's; and mean, std, min, max
+    (4, features), NaN where there are none."""
+    boulder, law = scene.case.boulder, np.zeros(table.size, int)
+    given = np.array([table.numbers(name) for name in VOLUMES])
+    usual = boulder["volume"] if boulder["volume"] in LAWS else "fixed"
+    law[~np.isnan(given).all(axis=0)] = 1 + LAWS.index(usual)
+    law[~np.isnan(given[2:]).all(axis=0)] = 1 + LAWS.index("uniform")
+    for k, value in enumerate(table.values("volume")):
+        if isinstance(value, str) and value.strip() in LAWS:
+            law[k] = 1 + LAWS.index(value.strip())
+        elif value is not None:
+            if isinstance(value, str) and not (table.is_text and np.isfinite(decimal(value))):
+                table.refuse(k, "volume", value, f"must be a number [m3], or {', '.join(LAWS)}")
+            law[k], given[0, k] = 1, _volume(table, k, "volume", value)
+    for k, value in enumerate(table.values("volume_class")):
+        if value is not None:
+            found = RANGE.fullmatch(str(value))
+            if not found:
+                table.refuse(k, "volume_class", value, "must be MIN-MAX [m3]")
+            law[k] = 1 + LAWS.index("uniform")
+            given[2:, k] = [_volume(table, k, "volume_class", decimal(x)) for x in found.groups()]
+    filled = given.copy()
+    if boulder["volume"] in LAWS:
+        for row, name in zip(filled, VOLUMES, strict=True):
+            mine = (law == 1 + LAWS.index(boulder["volume"])) & np.isnan(row)
+            row[mine] = boulder.get(name, np.nan)
+    _check_laws(scene, table, law, filled)
+    return law, given
+
+
+def _volume(table: Table, k: int, name: str, value: Any) -> float:
+    number = table.number(k, name, value)
+    first, rule = _core.check_numbers(*_key("volume"), [number])
+    if first:
+        table.refuse(k, name, value, rule.decode().strip())
+    return number
+
+
+def _check_laws(scene: Scene, table: Table, law: np.ndarray, given: np.ndarray) -> None:
+    """Each law has the numbers that it needs and no others: what &boulder might not say is refused.
+    Features that say the same things are alike in this, but for the smallest range of volumes."""
+    patterns = np.vstack([law, ~np.isnan(given)]).T
+    firsts = np.unique(patterns[law > 0], axis=0, return_index=True)[1]
+    some = set(np.flatnonzero(law > 0)[firsts].tolist())
+    spread = given[3] - given[2]
+    if not np.isnan(spread).all():
+        some.add(int(np.nanargmin(spread)))
+    own = {
+        key.name: None for key in key_table() if key.group == "boulder" and key.name != "density"
+    }
+    for k in sorted(some):
+        values = {n: None if np.isnan(v) else v for n, v in zip(VOLUMES, given[:, k], strict=True)}
+        alone = scene.case.replace()
+        alone.name = table.where(k)
+        alone.replace(
+            boulder=own | {"volume": LAWS[law[k] - 1], **values}, ensemble=NO_ENSEMBLE
+        )  # refuses
+
+
+def _check_source(scene: Scene, table: Table, law: np.ndarray, given: np.ndarray) -> None:
+    """One place says what the boulders of a source are."""
+    boulder = scene.case.boulder
+    if boulder["volume"] != "source":
+        return
+    density = ~np.isnan(given[:, DENSITY])
+    if "d1" in boulder and (law.any() or density.any()):
+        k = int(np.argmax((law > 0) | density))
+        raise RockfallError(
+            f"{table.where(k)}: says what its boulders are, and so do the rasters of &boulder: "
+            "give one of the two"
+        )
+    if "d1" not in boulder and not law.all():
+        k = int(np.argmin(law))
+        raise RockfallError(
+            f"{table.where(k)}: has no volume: needed for &boulder volume = 'source'"
+        )
+
+
+def _names(scene: Scene, table: Table) -> list[str]:
+    """The names of the features; their numbers where they have none."""
+    names = table.values("name")
+    if field := scene.case.release.get("name_field"):
+        names = [*map(plain, named_attribute(table.path, table.columns, field))]
+    texts = (str(k if name is None else name) for k, name in enumerate(names, start=1))
+    return [" ".join(text.split()) for text in texts]

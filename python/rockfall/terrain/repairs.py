@@ -1,0 +1,106 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Edits of elevations (ny, nx) [m], NaN where there are none: holes, pits, noise, excavations."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from rockfall.io.grid import Grid
+
+AROUND = np.ones((3, 3), bool)
+HALF = ((0, 1), (1, 0), (1, 1), (1, -1))  # of the steps to the cells about one
+
+
+def without_holes(z: np.ndarray, far: float) -> np.ndarray:
+    """Holes, which the terrain surrounds, filled from what lies about them, as far as so many
+    cells from an edge (by GDAL). Beyond the terrain nothing is made up."""
+    from rasterio.fill import fillnodata
+    from scipy.ndimage import label
+
+    missing = np.isnan(z)
+    parts, _ = label(missing)
+    outside = np.unique(np.concatenate([parts[0], parts[-1], parts[:, 0], parts[:, -1]]))
+    holes = missing & ~np.isin(parts, outside)
+    base = np.nanmin(z)  # GDAL has single precision
+    known = np.where(missing, 0.0, z - base).astype(np.float32)
+    found = fillnodata(known, mask=~missing, max_search_distance=far)
+    reached = fillnodata((~missing).astype(np.float32), mask=~missing, max_search_distance=far) > 0
+    done = z.copy()
+    done[holes & reached] = (found + base)[holes & reached]
+    return done
+
+
+def without_pits(z: np.ndarray, deepest: float) -> np.ndarray:
+    """Pits no deeper than this [m] filled up to where they run over; deeper ones, such as ditches
+    and quarries, stay."""
+    from scipy.ndimage import label, maximum
+
+    level = _spill(z)
+    parts, n = label(level > z, AROUND)
+    if not n:
+        return z.copy()
+    deep = maximum(level - z, parts, np.arange(n + 1))
+    return np.where((parts > 0) & (deep[parts] <= deepest), level, z)
+
+
+def _spill(z: np.ndarray) -> np.ndarray:
+    """The lowest level at which water leaves each cell for where the terrain ends [m]: along a
+    minimum spanning tree of the cells, whose ways have the lowest passes."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
+
+    known = ~np.isnan(z)
+    height = np.concatenate([[0.0], z[known] - np.nanmin(z)])  # 0: outside
+    i, j = _pairs(np.where(known, np.cumsum(known).reshape(z.shape), 0))
+    pass_ = np.maximum(height[i], height[j]) + 1.0  # zero would be no pair
+    tree = minimum_spanning_tree(coo_array((pass_, (i, j)), shape=(height.size,) * 2).tocsr())
+    order, before = breadth_first_order(tree, 0, directed=False)
+    level, before_ = height.tolist(), before.tolist()
+    for cell in order[1:].tolist():
+        level[cell] = max(level[cell], level[before_[cell]])
+    raised = np.array(level) > height
+    found = z.copy()
+    found[known] = np.where(raised[1:], np.array(level)[1:] + np.nanmin(z), z[known])
+    return found
+
+
+def _pairs(number: np.ndarray) -> np.ndarray:
+    """The numbers of cells that touch (2, n), each pair once; 0 is all that lies outside."""
+    padded, pairs = np.pad(number, 1), []
+    ny, nx = padded.shape
+    for down, right in HALF:
+        left = max(0, -right)
+        here = padded[: ny - down, left : nx - max(0, right)]
+        there = padded[down:, left + right : nx - max(0, right) + right]
+        pairs.append(np.sort(np.stack([here.ravel(), there.ravel()]), axis=0))
+    i, j = np.concatenate(pairs, axis=1)
+    inner = i > 0
+    rim = np.unique(j[(i == 0) & (j > 0)])
+    return np.concatenate([[i[inner], j[inner]], [np.zeros_like(rim), rim]], axis=1)
+
+
+def smoothed(z: np.ndarray, std: float) -> np.ndarray:
+    """Weighted by a Gaussian of this standard deviation [cells] over the cells that are known;
+    what has no elevation keeps none."""
+    from scipy.ndimage import gaussian_filter
+
+    known, base = ~np.isnan(z), np.nanmin(z)
+    heights = gaussian_filter(np.where(known, z - base, 0.0), std, mode="constant")
+    share = gaussian_filter(known.astype(float), std, mode="constant")
+    found = z.copy()
+    found[known] = heights[known] / share[known] + base
+    return found
+
+
+def lowered(z: np.ndarray, grid: Grid, shape: Any, depth: float, floor: float) -> np.ndarray:
+    """Cells whose centres lie within a polygon, lowered by a depth [m] and then to a floor [m], at
+    least; NaN for what is not given."""
+    from rasterio.features import geometry_mask
+
+    inside = geometry_mask([shape], out_shape=z.shape, transform=grid.transform, invert=True)
+    done = z.copy()
+    done[inside] -= 0.0 if np.isnan(depth) else depth
+    done[inside] = np.fmin(done[inside], np.where(np.isnan(z[inside]), np.nan, floor))
+    return done

@@ -1,0 +1,50 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A back-analysis in words and tables."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from rockfall.analysis.back.posterior import posterior_table, warnings
+from rockfall.analysis.back.study import Back
+from rockfall.quantities import count, number
+from rockfall.text.table import table
+
+
+def back_text(found: Back) -> str:
+    """What was sought and found, what each set of data says, and what keeps it from being sure."""
+    members = count(len(found.members), "member")
+    text = [
+        f"{found.case.case['title'] or 'rockfall'}: {members} of {found.boulders:,} boulders, "
+        f"worth {found.effective:.0f} of the posterior",
+        table(_parameters(found)),
+        table(_data(found)),
+    ]
+    return "\n".join([*text, *(f"  {one}" for one in (*warnings(found), *found.notes))])
+
+
+def _parameters(found: Back) -> Iterator[list[str]]:
+    yield ["  sought", "the case", "prior: median", "5 to 95 %", "posterior: median", "5 to 95 %",
+           "of the prior's range", "verdict"]  # fmt: skip
+    for row in posterior_table(found).to_dict("records"):
+        unit = f" [{row['units']}]" if row["units"] != "1" else ""
+        name, width = f"  {row['parameter']}{unit}", f"{100 * row['ratio']:.0f} %"
+        verdict = row["verdict"]
+        if np.isfinite(row["set_best"]):
+            verdict += f"; the likeliest: {row['set_best']:.0f}, from 0"
+            yield [name, "", "", "", "", "", width, verdict]
+            continue
+        ranges = []
+        for of in ("prior_", ""):
+            low, middle, high = (number(row[f"{of}{name}"]) for name in ("q05", "median", "q95"))
+            ranges += [middle, f"{low} to {high}"]
+        yield [name, number(row["case"]), *ranges, width, verdict]
+
+
+def _data(found: Back) -> Iterator[list[str]]:
+    yield ["  observed", "boulders", "counts", "as far off or farther, of samples"]
+    for row in found.data.to_dict("records"):
+        p = row["predictive_p"]
+        yield [f"  {row['data']}", f"{row['n']:,}", f"{row['counts']:.2f}", f"{100 * p:.1f} %"]

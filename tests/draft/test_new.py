@@ -1,0 +1,174 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""`rockfall new`: layers are known for what they are, and the case runs as it was written."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import rockfall
+import scenes
+from made import make_layer, make_raster
+from rockfall.case import read_case
+from rockfall.cli import main
+from rockfall.scene.read import read_scene
+
+shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
+
+W, N = 600000.0, 5000000.0
+BOX = shapely.box
+
+
+def across(y, x=0.0):
+    return shapely.LineString([(W + x, N - y), (W + 300 - x, N - y)])
+
+
+CLIFF = BOX(W + 100, N - 60, W + 200, N - 30)
+HALVES = [BOX(W, N - 200, W + 300, N), BOX(W, N - 390, W + 300, N - 200)]
+TREES = [shapely.Point(W + 150, N - 150), shapely.Point(W + 160, N - 170)]
+
+
+@pytest.fixture(autouse=True)
+def slope(tmp_path, monkeypatch):
+    """dem.tif in the current folder."""
+    monkeypatch.chdir(tmp_path)
+    z = scenes.rough(60, 80, 5.0, gradient=0.8, relief=8, dtype="f4")
+    make_raster("dem.tif", z, nodata=-9999)
+
+
+def new(*arguments):
+    return main(["new", "dem.tif", *map(str, arguments)])
+
+
+def test_a_site_of_every_layer_runs_from_new_to_lines(capsys):
+    make_layer("site.gpkg", HALVES, layer="ground", mean_radius=[0.3, 0.1], ground=[None, "soil_4"])
+    make_layer("site.gpkg", [CLIFF], layer="Felswand", id=[1])
+    make_layer("site.gpkg", [across(300)], layer="road", Name=["B12"])
+    make_layer("site.gpkg", [across(150)], layer="nets", height=[4.0], capacity=[500.0])
+    make_layer("site.gpkg", [across(280, 50)], layer="dam", height=[2.0])
+    make_layer("site.gpkg", [BOX(W, N - 320, W + 9, N - 310)], layer="houses", value=[1.0])
+    make_layer("trees.geojson", TREES, dbh=[30.0, 40.0], species=["spruce", "beech"])
+    assert new("site.gpkg", "trees.geojson", "-o", "out/case.nml") == 0
+    said = capsys.readouterr().out
+    kinds = dict(re.findall(r"(?:layer )?(\S+): (\w+) \(", said))
+    assert kinds == {
+        "ground": "zones", "Felswand": "sources", "road": "lines", "nets": "barriers",
+        "dam": "dams", "houses": "objects", "trees.geojson": "trees",
+    }  # fmt: skip
+    text = Path("out/case.nml").read_text()
+    assert all(f"! - ../{line}" in text or f"! - {line}" in text for line in said.splitlines()[:7])
+    assert main(["check", "out/case.nml"]) == 0
+    scene = read_scene(case := read_case("out/case.nml"))
+    assert [one["name"] for one in scene.case.lines] == ["B12", "nets"]
+    assert len(scene.case.dam) == 1 and len(scene.trees.x) == 2
+    rows = ((N - scene.y) / 5).astype(int)
+    assert rows.min() == 6 and rows.max() == 11 and scene.x.size == 120
+    assert 120 * case.case["boulders"] == pytest.approx(100_000, rel=0.01)
+    assert scene.sizes[:, 0].tolist() == [0.3, 0.1]
+    assert "default_zone = 1" in text and "120 cells lie in no polygon" in text
+    result = rockfall.run(case.replace(case={"boulders": 3}))
+    assert result.sizes["boulder"] == 360
+
+
+def test_a_terrain_alone_has_steep_sources(capsys):
+    assert new("-o", "case.nml") == 0
+    case = read_case("case.nml")
+    assert case.release["steep_cells"] and main(["check", "case.nml"]) == 0
+    off = re.findall(r"^    ! (\w+) = (\S+)", Path("case.nml").read_text(), re.MULTILINE)
+    threshold = dict(off)["slope_threshold"]
+    assert float(threshold) == pytest.approx(55 * 5**-0.075, abs=0.005)
+    # what is off and stands beside what is on may be turned on
+    text = Path("case.nml").read_text()
+    for key in ("slope_threshold", "ground"):
+        text = text.replace(f"    ! {key}", f"    {key}")
+    Path("all.nml").write_text(text)
+    assert main(["check", "all.nml"]) == 0
+    capsys.readouterr()
+    make_raster("dem.tif", np.full((20, 20), 5.0))
+    assert new("-o", "flat.nml") == 2
+    assert "no cell is as steep as 48.7 degrees" in capsys.readouterr().err
+    assert not Path("flat.nml").exists()
+
+
+def test_ids_of_polygons_are_kept_where_they_tell_them_apart():
+    make_layer("zones.shp", HALVES, zone=[7, 3], rg70=[0.1, 0.2], rg20=[0.2, 0.3], rg10=[0.3, 0.4])
+    make_layer("cliff.gpkg", [shapely.Point(W + 150, N - 42), shapely.Point(W + 190, N - 42)])
+    assert new("zones.shp", "cliff.gpkg", "-o", "case.nml") == 0
+    table = Path("case_zones.csv").read_text()
+    assert table == "zone,rg70,rg20,rg10\n3,0.2,0.3,0.4\n7,0.1,0.2,0.3\n"
+    assert not Path("case_zones.gpkg").exists()
+    case = read_case("case.nml")
+    assert case.surface["method"] == "A" and case.surface["zones"] == "zones.shp"
+    assert case.release["x"] == [W + 150, W + 190]
+    # the same zone of two materials has to become two
+    make_layer("other.gpkg", HALVES, zone=[7, 7], mean_radius=[0.1, 0.2])
+    assert new("other.gpkg", "-o", "other.nml") == 0
+    assert Path("other_zones.csv").read_text() == "zone,mean_radius\n1,0.1\n2,0.2\n"
+    assert sorted(read_scene(read_case("other.nml")).sizes[:, 0]) == [0.1, 0.2]
+
+
+def test_what_is_not_known_is_left_out_and_said(capsys):
+    make_layer("plots.gpkg", [CLIFF], owner=["me"])
+    make_layer("fence.gpkg", [across(300)], height=[3.0])
+    make_layer("points.gpkg", TREES, of=[1, 2])
+    make_layer("cliff.gpkg", [CLIFF])
+    make_layer("cliff_2.gpkg", [CLIFF])
+    files = ("plots.gpkg", "fence.gpkg", "points.gpkg", "cliff.gpkg", "cliff_2.gpkg")
+    assert new(*files, "-o", "case.nml") == 0
+    said = capsys.readouterr().out
+    for line in (
+        "plots.gpkg: left out (polygons with mean_radius",
+        "fence.gpkg: lines (for barriers they need attributes height [m], and capacity",
+        "points.gpkg: left out (points with dbh are trees",
+        "cliff_2.gpkg: left out (sources are already those of cliff.gpkg)",
+    ):
+        assert line in said and line in Path("case.nml").read_text()
+
+
+def test_names_stay_in_their_comments_and_quotes():
+    name = "it's\n&case boulders = 7 /"
+    make_layer("site.gpkg", [CLIFF], layer="other", a=[1])
+    make_layer("site.gpkg", [across(300)], layer=name, a=[1])
+    assert new("site.gpkg", "-o", "case.nml") == 2  # a namelist cannot hold it
+    assert not Path("case.nml").exists()
+    make_layer("quoted.gpkg", [across(300)], layer="it's &case boulders = 7 /", a=[1])
+    make_layer("quoted.gpkg", [CLIFF], layer="other", a=[1])
+    assert new("quoted.gpkg", "-o", "quoted.nml") == 0
+    assert read_case("quoted.nml").line[0]["layer"] == "it's &case boulders = 7 /"
+
+
+@pytest.mark.parametrize(
+    ("make", "arguments", "said"),
+    [
+        (None, ["none.gpkg", "-o", "case.nml"], "none.gpkg: "),
+        (None, ["dem.tif", "-o", "case.nml"], "dem.tif: is no layer: must end in"),
+        (None, ["-o", "case.txt"], "case.txt: is no name for a case; it must end in .nml"),
+        (None, ["-o", "there.nml"], "there.nml: is there; it is not overwritten"),
+        (
+            lambda: make_layer("a.gpkg", HALVES, mean_radius=[0.1, None]),
+            ["a.gpkg", "-o", "case.nml"],
+            "a.gpkg: feature 2: must have mean_radius",
+        ),
+        (
+            lambda: make_layer("a.gpkg", HALVES, ground=["soil_0", "gravel"]),
+            ["a.gpkg", "-o", "case.nml"],
+            "ground = 'gravel'",
+        ),
+        (
+            lambda: make_layer("cliff.gpkg", [shapely.box(0, 0, 1, 1)]),
+            ["cliff.gpkg", "-o", "case.nml"],
+            "no polygon holds the centre of a cell",
+        ),
+    ],
+)
+def test_what_cannot_be_is_refused_in_one_line(make, arguments, said, tmp_path, capsys):
+    Path("there.nml").write_text("mine")
+    if make:
+        make()
+    before = sorted(path.name for path in tmp_path.iterdir())
+    assert new(*arguments) == 2
+    line = capsys.readouterr().err
+    assert said in line and line.count("\n") == 1 and "new/" not in line
+    assert sorted(path.name for path in tmp_path.iterdir()) == before
+    assert Path("there.nml").read_text() == "mine"

@@ -1,0 +1,114 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Layers given as GeoDataFrames are those of files: the same scene, the same refusals."""
+
+import os
+
+import numpy as np
+import pandas as pd
+import pytest
+from rasterio.crs import CRS
+
+import rockfall
+from made import make_layer, refused
+from programs import make_full_case
+from rockfall.scene.read import read_scene
+
+shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
+
+W, N = 600000.0, 5000000.0
+
+
+class Frame(pd.DataFrame):
+    """What rockfall wants of a GeoDataFrame; geopandas need not be there."""
+
+    _metadata = ["crs"]
+
+    @property
+    def geometry(self):
+        return pd.Series(list(self["geom"]), name="geom")
+
+
+def frame(shapes, crs="EPSG:32632", **columns):
+    made = Frame({"geom": shapes, **columns}, index=[f"row {k}" for k in range(len(shapes))])
+    made.crs = CRS.from_user_input(crs) if crs else None
+    return made
+
+
+def across(y, x=0.0):
+    return shapely.LineString([(W + x, N - y), (W + 300 - x, N - y)])
+
+
+CLIFF = shapely.box(W + 60, N - 60, W + 120, N - 40)
+LAYERS = {
+    "lines": ([across(131), across(151)], {"name": ["B 12", None]}),
+    "barriers": ([across(90)], {"height": [4.0], "class": pd.array([3], "Int64")}),
+    "dams": ([across(141, 10)], {"height": [2]}),
+    "sources": ([CLIFF], {}),
+    "trees": ([shapely.Point(W + 90, N - 100)], {"dbh": [30.0], "species": ["spruce"]}),
+}
+
+
+@pytest.fixture
+def case(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return make_full_case(tmp_path, case={"boulders": 5}).replace(line=[])
+
+
+def test_frames_give_the_bits_of_files(case):
+    case = case.replace(forest=dict.fromkeys(case.forest, None))
+    for name, (shapes, columns) in LAYERS.items():
+        plain = {key: [*column] for key, column in columns.items()}
+        make_layer(f"{name}.gpkg", shapes, **plain)
+    files = case.replace(
+        line=[{"file": "lines.gpkg"}],
+        barrier=[{"file": "barriers.gpkg"}],
+        dam=[{"file": "dams.gpkg"}],
+        release={"x": None, "y": None, "cells": None, "polygons": "sources.gpkg"},
+        forest={"trees": "trees.gpkg"},
+    )
+    frames = {name: frame(shapes, **columns) for name, (shapes, columns) in LAYERS.items()}
+    one, other = rockfall.run(files), rockfall.run(case, **frames)
+    assert one["line"].values.tolist() == other["line"].values.tolist()
+    for name, values in one.data_vars.items():
+        np.testing.assert_array_equal(values, other[name])
+    again = rockfall.run(case, **frames)
+    assert again.attrs["input_checksums"] == other.attrs["input_checksums"]
+    assert not [key for key in other.attrs if ".fgb" in str(other.attrs[key])]
+    assert "polygons = '(array)'" in other.attrs["case"] and not os.path.exists("(array)")
+
+
+def test_zones_of_a_frame_take_the_place_of_a_raster(case):
+    halves = [shapely.box(W, N - 200, W + 150, N), shapely.box(W + 150, N - 200, W + 900, N)]
+    zones = frame(halves, zone=pd.array([-2, 77], "Int64"))
+    scene = read_scene(case.replace(surface={"default_zone": 4}), zones=zones)
+    for cells, row in (
+        (scene.zone[:40, :30], 2), (scene.zone[:40, 30:], 3), (scene.zone[40:], 1)
+    ):  # fmt: skip
+        assert (cells == row).all()
+    assert scene.case.surface["zones"] == "(array)"
+
+
+def test_objects_of_a_frame_are_those_of_a_layer(case):
+    case = case.replace(
+        scenario=[{"name": "all", "return_period": 10.0}], output={"trajectories": 0}
+    )
+    shapes, names = [across(151), CLIFF], ["road", "cliff"]
+    make_layer("objects.gpkg", shapes, name=names)
+    one = rockfall.hazard(case, objects="objects.gpkg")
+    other = rockfall.hazard(case, objects=frame(shapes, name=names))
+    assert one["object_passages"].values.any()
+    for name in one.data_vars:
+        np.testing.assert_array_equal(one[name], other[name])
+
+
+def test_what_cannot_be_is_said_of_the_frame(case):
+    with refused("lines = (GeoDataFrame): feature 1: is a Point, lines are needed"):
+        read_scene(case, lines=frame([shapely.Point(W, N)]))
+    with refused("lines: the GeoDataFrame is empty"):
+        read_scene(case, lines=frame([]))
+    with refused("roads: no layer; those are lines, barriers, dams, zones, trees, sources"):
+        read_scene(case, roads=frame([across(9)]))
+    with pytest.raises(rockfall.RockfallError, match=r"^lines: not a GeoDataFrame that can be"):
+        read_scene(case, lines=frame(["LINESTRING (0 0, 1 1)"]))
+    with pytest.raises(rockfall.RockfallError, match=r"^sources: must be Polygons"):
+        read_scene(case, sources=frame([across(9)]))

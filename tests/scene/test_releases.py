@@ -1,0 +1,309 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Sources of layers and tables: where they are, what they say of their releases, how they share
+boulders, and that results know them."""
+
+import numpy as np
+import pytest
+
+import rockfall
+from made import make_layer
+from programs import find_program, make_full_case, refuses, run_program, same_results
+from rockfall.analysis.ensemble import run_ensemble
+from rockfall.cli import main
+from rockfall.scene.prepare import prepare
+from rockfall.scene.read import read_scene
+from rockfall.scene.sources.attributes import values_of
+
+shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
+pytestmark = pytest.mark.filterwarnings("ignore:.*no part of it lies over the terrain")
+
+W, N = 600000.0, 5000000.0
+X, Y = np.array([120.0, 130.0, 140.0, 180.0]) + W, np.full(4, N - 20.0)
+POINTS = [shapely.Point(*xy) for xy in zip(X, Y, strict=True)]
+#: Of each of the points.
+ABOUT = {
+    "name": ["left", "left", "tower", None], "volume": ["lognormal", None, None, None],
+    "volume_mean": [1.5, None, 2.0, None], "volume_std": [0.3, None, None, None],
+    "volume_class": [None, "0.5-1.5", None, None],
+    "density": [2600.0, None, 2500.0, None], "drop_height": [1.0, 9.0, None, 0.0],
+    "velocity_x": [None, None, None, 2.0], "velocity_y": [None, None, None, -3.0],
+    "remark": ["a", "b", "c", "d"],
+}  # fmt: skip
+CLIFFS = [
+    shapely.box(W + 50, N - 40, W + 80, N - 20),
+    shapely.box(W + 100, N - 45, W + 115, N - 20),
+]
+
+
+@pytest.fixture
+def case(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    output = {"maps": ["passages", "sources"], "rebounds": False, "trajectories": 10}
+    return make_full_case(tmp_path, case={"boulders": 20}, output=output)
+
+
+def at(case, file="p.gpkg", **release):
+    kind = "polygons" if file.startswith("cliff") else "points"
+    return case.replace(release={"x": None, "y": None, kind: file, **release})
+
+
+def total(case, n):
+    return case.replace(case={"boulders": None, "boulders_total": n})
+
+
+def only(result):
+    """A result without what says from where it has its sources."""
+    names = [name for name in ("source_feature", "feature") if name in result.variables]
+    attrs = {"input_checksums": "", "source_features": "", "decoded_checksums": ""}
+    return result.drop_vars(names).assign_attrs(attrs)
+
+
+def csv(path, **columns):
+    names = ["x", "y", *columns]
+    rows = zip(X, Y, *columns.values(), strict=True)
+    lines = [",".join("" if v is None else str(v) for v in row) for row in rows]
+    path.write_text("\n".join([",".join(names), *lines]) + "\n")
+
+
+@pytest.mark.parametrize("name", ["p.gpkg", "p.shp", "p.geojson", "p.csv", "q.gpkg"])
+def test_points_of_layers_give_the_bits_of_typed_ones(case, name):
+    if name == "p.csv":
+        csv(case.folder / name)
+    elif name == "q.gpkg":
+        make_layer(name, [shapely.MultiPoint(POINTS[:3]), POINTS[3]], layer="a")
+        make_layer(name, CLIFFS, layer="b")
+    else:
+        make_layer(name, POINTS)
+    layer = {"points_layer": "a"} if name == "q.gpkg" else {}
+    one, other = rockfall.run(case), rockfall.run(at(case, name, **layer))
+    same_results(only(other), only(one))
+    assert other["source"].values.tolist() == np.repeat([1, 2, 3, 4], 20).tolist()
+    assert np.array_equal(other["source_feature"], other["source"])
+
+
+def test_a_reprojected_layer_is_its_own_within_a_millimetre_and_the_result_says_so(case, capsys):
+    import pyproj
+
+    to = pyproj.Transformer.from_crs("EPSG:32632", "EPSG:25833", always_xy=True)
+    make_layer("p.gpkg", [shapely.Point(*to.transform(*xy)) for xy in zip(X, Y, strict=True)],
+               "EPSG:25833")  # fmt: skip
+    scene = read_scene(at(case))
+    assert np.hypot(scene.x - X, scene.y - Y).max() < 1e-3
+    (case.folder / "case.nml").write_text(at(case).text())
+    assert main(["run", "case.nml", "-o", "out.nc", "--quiet"]) == 0
+    said = "reprojected from EPSG:25833 to EPSG:32632"
+    assert capsys.readouterr().err.count(said) == 1
+    assert f", {said}" in rockfall.read_result("out.nc").attrs["input_checksums"]
+
+
+def test_attributes_are_those_of_the_feature_or_else_of_the_case(case):
+    make_layer("p.gpkg", POINTS, **ABOUT)
+    case = at(case.replace(case={"boulders": 2000}, output={"maps": None, "trajectories": 0}))
+    result = rockfall.run(case)
+    volume = result["volume"].values.reshape(4, -1)
+    mean, std = [1.5, 1.0, 2.0, 0.8], [0.3, 1 / np.sqrt(12), 0.2, 0.2]
+    error = np.array(std) / np.sqrt(volume.shape[1])
+    assert (abs(volume.mean(axis=1) - mean) < 4 * error).all()
+    assert np.allclose(volume.std(axis=1), std, rtol=0.15)
+    assert 0.5 < volume[1].min() < 0.51 and 1.49 < volume[1].max() < 1.5
+    ground = case.replace(
+        release={"points": None, "x": X, "y": Y, "drop_height": 0.0}, case={"boulders": 1}
+    )
+    with pytest.warns(UserWarning, match="boulders stop where they start"):
+        heights = result["start_z"].values[::2000] - rockfall.run(ground)["start_z"].values
+    assert np.allclose(heights, [1.0, 9.0, 5.0, 0.0])
+    assert result["feature"].values.tolist() == ["left", "left", "tower", "4"]
+    assert values_of(read_scene(case)).tolist() == [
+        [2600, 1, 0, 0, 0], [2800, 9, 0, 0, 0], [2500, 5, 0, 0, 0], [2800, 0, 2, -3, 0],
+    ]  # fmt: skip
+
+
+def test_one_law_for_all_features_is_that_of_the_case(case):
+    """As if the case had said it, to the bit: also where volumes follow Sobol' points."""
+    said = {"volume": ["normal"] * 4, "volume_mean": [1.5] * 4, "volume_std": [0.3] * 4}
+    make_layer("p.gpkg", POINTS, density=[2500.0] * 4, drop_height=[3.0] * 4, **said)
+    law = {"volume": "normal", "volume_mean": 1.5, "volume_std": 0.3, "density": 2500.0}
+    for sampling in "random", "sobol":
+        case = case.replace(case={"sampling": sampling})
+        of_case = case.replace(boulder=law, release={"drop_height": 3.0})
+        one, other = only(rockfall.run(of_case)), only(rockfall.run(at(case)))
+        same_results(other, one)
+    source = dict.fromkeys(("volume_mean", "volume_std")) | {"volume": "source"}
+    again = only(rockfall.run(at(case).replace(boulder=source)))
+    same_results(again, other)
+
+
+def test_both_programs_and_parts_know_the_sources(case):
+    if not find_program():
+        pytest.skip("no rockfall-batch")
+    frequency = [0.5, 0.5, 2.0, 1.0]
+    make_layer("p.gpkg", POINTS, frequency=frequency, **ABOUT)
+    make_layer("cliff.gpkg", CLIFFS, name=["west", "east"], drop_height=[4.0, 7.0])
+    for scene in total(at(case), 203), total(at(case, "cliff.gpkg", by_area=True), 203):
+        whole = rockfall.run(scene)
+        parts = [rockfall.run(scene, shard=(k, 3), threads=2) for k in (3, 1, 2)]
+        same_results(rockfall.merge(parts), whole)
+        prepare(scene, "ready")
+        done = run_program("ready/case.nml", "--output", "part.nc", "--quiet", cwd=".")
+        assert done.returncode == 0, done.stderr
+        same_results(rockfall.merge(["part.nc"]), whole)
+    assert set(whole["source_feature"].values) == {1, 2}
+    assert whole["feature"].values.tolist() == ["west", "east"]
+    rockfall.write_result(whole, "out.nc")
+    assert rockfall.read_result("out.nc")["feature"].values.tolist() == ["west", "east"]
+
+
+def test_a_cell_is_of_the_later_polygon_and_results_say_which(case):
+    make_layer(
+        "cliff.gpkg", [*CLIFFS, shapely.box(W + 65, N - 40, W + 80, N)], name=["a", "b", "c"]
+    )
+    result = rockfall.run(at(case, "cliff.gpkg"))
+    places = zip(result["start_x"].values - W, result["source_feature"].values, strict=True)
+    assert all(k == (1 if x < 65 else 3 if x < 80 else 2) for x, k in places)
+
+
+def released(scene):
+    return np.array([len(scene.numbers_of(k)) for k in range(scene.x.size)])
+
+
+@pytest.mark.parametrize("n", [1, 3, 4, 10, 80, 203])
+def test_a_total_is_shared_evenly_or_by_frequency(case, n):
+    each = released(read_scene(total(case, n)))
+    assert each.sum() == n and np.ptp(each) <= 1
+    frequency = np.array([1.0, 2.0, 3.0, 0.1])
+    make_layer("p.gpkg", POINTS, frequency=frequency.tolist())
+    each = released(read_scene(total(at(case), n)))
+    assert each.sum() == n
+    assert (abs(np.cumsum(each) - n * np.cumsum(frequency) / frequency.sum()) < 1).all()
+
+
+def test_a_total_that_each_source_divides_is_the_number_from_each(case):
+    one, other = (only(rockfall.run(of)) for of in (case, total(case, 80)))
+    same_results(other.assign_attrs(case=""), one.assign_attrs(case=""))
+
+
+def test_a_polygon_shares_its_frequency_among_its_cells_by_area_if_asked(case):
+    make_layer("cliff.gpkg", CLIFFS, frequency=[3.0, 1.0])
+    for by_area in False, True:
+        scene = read_scene(total(at(case, "cliff.gpkg", by_area=by_area), 10_000))
+        of = np.bincount(scene.features.of, released(scene))[1:]
+        assert np.allclose(of, [7500, 2500], atol=scene.x.size)
+        west = released(scene)[scene.features.of == 1]
+        assert (np.ptp(west) > 1) == by_area
+    with pytest.warns(UserWarning, match="frequency is not used: &case boulders come from each"):
+        rockfall.run(at(case.replace(case={"boulders": 1}), "cliff.gpkg"))
+
+
+def test_check_and_options_say_which_number_is_meant(case, capsys):
+    (case.folder / "case.nml").write_text(case.replace(line=[]).text())
+    assert main(["check", "case.nml"]) == 0
+    assert "80, 20 from each source; sources: 4 (points)" in capsys.readouterr().out
+    words = ["--boulders-total", "10", "-o", "out.nc", "--quiet"]
+    assert main(["run", "case.nml", *words]) == 0
+    (case.folder / "again.nml").write_text(rockfall.read_result("out.nc").attrs["case"])
+    assert main(["check", "again.nml"]) == 0
+    said = "10 of all sources together, 2 to 3 from each; sources: 4 (points)"
+    assert said in capsys.readouterr().out
+    words = ["--boulders", "7", "-o", "new.nc", "--quiet"]
+    assert main(["run", "again.nml", *words]) == 0
+    assert rockfall.read_result("new.nc").sizes["boulder"] == 28
+    if find_program():
+        prepare(total(case.replace(line=[]), 10), "ready")
+        words = ("--boulders", "5", "--output", "p.nc", "--quiet")
+        assert run_program("ready/case.nml", *words, cwd=".").returncode == 0
+        assert rockfall.merge(["p.nc"]).sizes["boulder"] == 20
+
+
+def test_a_hundred_thousand_points(case):
+    n = 100_000
+    x, y = np.random.default_rng(1).uniform(20, 280, (2, n))
+    shapes, volume = shapely.points(W + x, N - 10 - y / 4), np.linspace(0.1, 9.0, n)
+    make_layer("p.fgb", list(shapes), volume=volume, name=[f"block {k}" for k in range(n)])
+    scene = read_scene(at(case, "p.fgb").replace(case={"boulders": 1}))
+    assert scene.boulders == n and np.unique(scene.features.value[:, 0]).size == n
+    assert np.array_equal(np.sort(scene.x), np.sort(W + x))  # FlatGeobuf sorts as it likes
+
+
+def test_many_names_are_kept(case):
+    """More than a netCDF-4 attribute holds by itself (64 KiB)."""
+    n = 8000
+    make_layer("p.gpkg", POINTS[:1] * n, name=[f"block number {k}" for k in range(n)])
+    case = at(case).replace(case={"boulders": 1}, output={"maps": None}, impact={"impact_limit": 1})
+    rockfall.write_result(rockfall.run(case), "out.nc")
+    assert rockfall.read_result("out.nc")["feature"].values[-1] == f"block number {n - 1}"
+
+
+def refused_cases():
+    def points(file="p.gpkg", **columns):
+        path = f"{len(points.made)}{file}"
+        points.made.append(path)
+        make_layer(path, POINTS[: len(next(iter(columns.values()), POINTS))], **columns)
+        return path
+
+    points.made = []
+    where = r"\d+p.gpkg: feature 2: "
+    for columns, message in (
+        ({"drop_height": [1.0, -2.0]}, r"drop_height = -2: must be >= 0 \[m\]"),
+        ({"density": ["2600", "heavy"]}, "density = '2600': must be a number"),
+        ({"volume_mean": [1.0, 0.0]}, r"volume_mean = 0: must be > 0 \[m3\]"),
+        ({"volume": [1.0, -1.0]}, r"volume = -1.0: must be > 0 \[m3\]"),
+        ({"volume": ["fixed", "large"]}, "volume = 'large': must be a number .*"),
+        ({"volume_class": ["1-2", "2-1"]}, "&boulder volume_max = 1.0: must not be below .*"),
+        ({"volume_class": ["1-2", "big"]}, r"volume_class = 'big': must be MIN-MAX \[m3\]"),
+        ({"volume": [None, "normal"]}, "&boulder volume_mean is missing: needed for .*"),
+        ({"volume": [None, "normal"], "volume_min": [None, 1.0]}, "&boulder volume_.*"),
+        ({"frequency": [1.0, None]}, "has no frequency: all must have one, or none"),
+        ({"frequency": [1.0, 0.0]}, "frequency = 0: must be > 0 .*"),
+        ({"drop_height": [1.0, np.inf]}, "drop_height = inf: must be at most 1e12 .*"),
+    ):  # fmt: skip
+        at_feature = where.replace("2: ", "1: ") if "density" in columns else where
+        yield {"points": points(**columns)}, at_feature + message
+    many = points(velocity=[1.0, 2.0])
+    yield {"points": many}, r".*attribute velocity: must be velocity_x, velocity_y, velocity_z .*"
+    plain = points()
+    yield {"points": plain, "name_field": "id"}, f"{plain}: no attribute id; has: none"
+    yield {"points": plain, "points_layer": "b"}, f"{plain}: no layer b; has: .*"
+    yield {"points": plain, "polygons": plain}, "case.nml: &release: give one of: points .*"
+    yield (
+        {"points": plain, "by_area": True},
+        ".*&release by_area = .true.: has no meaning for points",
+    )
+    yield {"polygons": plain}, f"{plain}: feature 1: is a Point, polygons are needed"
+    yield {"points": "none.gpkg"}, "case.nml: &release points = 'none.gpkg': no such file"
+    make_layer("mixed.gpkg", [POINTS[0], CLIFFS[0]])
+    yield {"points": "mixed.gpkg"}, "mixed.gpkg: feature 2: is a Polygon, points are needed"
+    make_layer("empty.gpkg", [])
+    yield {"points": "empty.gpkg"}, "empty.gpkg: the layer is empty, points are needed"
+    make_layer("off.gpkg", [shapely.Point(W - 9, N)])
+    yield {"points": "off.gpkg"}, ".*source 1 .* lies outside the terrain .*"
+    with open("a.csv", "w") as file:
+        file.write("x,y,drop_height\n600120,4999980,1\n600130,4999980,high\n")
+    yield {"points": "a.csv"}, "a.csv: line 3: drop_height = 'high': must be a number"
+    yield {"points": "a.csv", "points_layer": "b"}, ".*points_layer: has no meaning for a table"
+    with open("b.csv", "w") as file:
+        file.write("x,z\n600120,1\n")
+    yield {"points": "b.csv"}, "b.csv: line 1: no column y; has: x, z"
+    with open("c.csv", "w") as file:
+        file.write("x,y\n600120,\n")
+    yield {"points": "c.csv"}, "c.csv: line 2: y = '': must be a number"
+
+
+def test_what_cannot_be_is_refused_in_one_line(case, capsys):
+    case = total(case.replace(line=[]), 8)
+    text = "".join(f"{line}\n" for line in case.text().splitlines() if " x = " not in line)
+    text = "".join(f"{line}\n" for line in text.splitlines() if " y = " not in line)
+    for release, message in refused_cases():
+        says = {"by_area = .false.": "by_area = .true."} if release.pop("by_area", 0) else {}
+        keys = "".join(f"    {key} = '{value}'\n" for key, value in release.items())
+        now = text.replace("&release\n", f"&release\n{keys}")
+        for old, new in says.items():
+            now = now.replace(old, new)
+        (case.folder / "case.nml").write_text(now)
+        refuses(["run", "case.nml", "--output", "new.nc"], message, capsys)
+    both = case.text().replace("&case\n", "&case\n    boulders = 4\n")
+    (case.folder / "case.nml").write_text(both)
+    either = r"case.nml: &case boulders, boulders_total: give one of the two: .*"
+    refuses(["run", "case.nml", "--output", "new.nc"], either, capsys)
+    make_layer("f.gpkg", POINTS, frequency=[1.0, 2.0, 3.0, 4.0])
+    with pytest.raises(rockfall.RockfallError, match="sources have a frequency: an ensemble needs"):
+        run_ensemble(at(case, "f.gpkg"))
