@@ -68,8 +68,8 @@ def range_words(result: xr.Dataset, tables: list[Table]) -> list[str]:
     runs = 2 * result.sizes["run"]
     words = [
         f"The inputs that the case calls uncertain were drawn {runs:,} times: "
-        f"{'; '.join(result['input'].values)}. The range of these draws is the epistemic uncertainty: more "
-        "boulders do not make it smaller, better knowledge of the slope does."
+        f"{'; '.join(result['input'].values)}. The range of these draws is the epistemic "
+        "uncertainty: more boulders do not make it smaller, better knowledge of the slope does."
     ]
     undecided = any(UNDECIDED in str(cell) for one in tables for row in one.rows for cell in row)
     return [*words, f"{more_needed(result).capitalize()}."] if undecided else words
