@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from rockfall.analysis.ensemble.study import RESULTS, is_ensemble
 from rockfall.html_report.intervals import STATISTICS, in_unit, interval
 from rockfall.html_report.tables import Table
-from rockfall.quantities import QUANTITIES
+from rockfall.quantities import QUANTITIES, with_unit
 from rockfall.text.ensemble import INDICES, UNDECIDED, indices_of, more_needed, sorted_inputs
 
 if TYPE_CHECKING:
@@ -58,7 +58,8 @@ def _label(name: str) -> str:
     quantity, number = RESULTS[name]
     if number == "fraction":
         return QUANTITIES["fraction"].title
-    return f"{QUANTITIES[quantity].title}, {STATISTICS[number]}"
+    about = QUANTITIES[quantity]
+    return with_unit(f"{about.label}, {STATISTICS[number]}", about.unit)
 
 
 def range_words(result: xr.Dataset, tables: list[Table]) -> list[str]:

@@ -131,7 +131,7 @@ class Speaker:
         }
         for one in figure.findobj(Text):
             text = one.get_text()
-            if text and id(one) not in ticks:
+            if text and id(one) not in ticks and not text.startswith("$\\math"):
                 said = self(text.replace("\n", " "))
                 width = max(map(len, text.split("\n")))
                 one.set_text(fill(said, width) if "\n" in text else said)
