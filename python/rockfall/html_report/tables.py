@@ -159,12 +159,11 @@ def provenance(result: xr.Dataset) -> dict[str, Any]:
     of = "a flat source cell, more by area" if case.release["by_area"] else "each source"
     if total:
         of = "all sources together"
-    state = "complete" if is_complete else f"interrupted, {requested:,} were requested"
     rows = [
         ("program", about["source"]),
         ("case file", about["case_file"]),
         ("seed", about["seed"]),
-        ("boulders", f"{about['boulder_first']} to {about['boulder_last']}, {state}"),
+        ("boulders", f"{about['boulder_first']} – {about['boulder_last']} / {requested}"),
         (f"boulders of {of}", f"{number:,}"),
         ("impact set", f"{about['impact_set']}, SHA-256 {about['impact_set_checksum']}"),
         *(
@@ -172,7 +171,7 @@ def provenance(result: xr.Dataset) -> dict[str, Any]:
             for key, sha in json.loads(about["input_checksums"]).items()
         ),
         ("threads", about["threads"]),
-        ("time", "{wall_seconds:.1f} s, {cpu_seconds:.1f} s of CPU".format_map(result.attrs)),
+        ("time", "{wall_seconds:.1f} s, CPU {cpu_seconds:.1f} s".format_map(result.attrs)),
     ]
     option = "--boulders-total" if total else "--boulders"
     verb = "ensemble" if is_ensemble(result) else "run"

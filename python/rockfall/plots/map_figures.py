@@ -164,10 +164,6 @@ def _draw_map(sheet: Sheet, result: xr.Dataset, name: str, limits: Limits | None
         _hatch(sheet.axes, (part > 0) & np.isfinite(values), grid)
     if is_fraction(name):
         _draw_outline(sheet.axes, np.nan_to_num(values) >= 100 * LIMIT, grid)
-    thin = thin_cells(result, name)
-    if thin is not None:
-        part, grid = cropped(thin, *grid_of(result[name]), sheet.extent, np.logical_and)
-        _hatch(sheet.axes, (part > 0) & np.isfinite(values), grid)
 
 
 def _draw_classes(
