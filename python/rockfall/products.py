@@ -7,9 +7,12 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+from rockfall.analysis.hazard.files import read_hazard
 from rockfall.analysis.observations import Observed, read_observed
 from rockfall.case_files import files_behind
 from rockfall.html_report import check_page, write_report
+from rockfall.html_report.inputs import Parties
+from rockfall.html_report.language import catalogue
 from rockfall.html_report.terrain_view import check_view
 from rockfall.io.raster_file import raster_files
 from rockfall.plots.cartography.basemap import read_basemap
@@ -49,6 +52,12 @@ def report(
     basemap: Place = None,
     limits: Sequence[str] = (),
     view: bool = False,
+    language: str = "en",
+    project: str = "",
+    client: str = "",
+    author: str = "",
+    dem_date: str = "",
+    hazard: Place = None,
 ) -> Path:
     """Write a result (a Dataset, or its netCDF file) as one HTML page, to be read offline, or as a
     PDF, as the name of `path` ends.
@@ -56,7 +65,9 @@ def report(
     `dem` is the terrain under maps (default: the case's, if it is there), `observed` are CSV files
     of observations that are drawn beside the result, `basemap` is a raster picture under maps,
     `limits` are those of classes ("kJ=30,300"), and `view` puts the terrain with trajectories into
-    the page. Returns the path of the page. What cannot be drawn or written is a RockfallError,
+    the page. It is in `language` (en, de, fr or it), names `project`, `client` and `author`, and
+    the date `dem_date` of the survey of the terrain; `hazard`, a file hazard.nc, adds its zones.
+    Returns the path of the page. What cannot be drawn or written is a RockfallError,
     missing terrain a UserWarning.
 
     >>> import rockfall
@@ -65,11 +76,14 @@ def report(
     'report.html'
     """
     path = Path(path)
-    check_page(path, _given(result, dem, observed, basemap))
+    check_page(path, [*_given(result, dem, observed, basemap), *([hazard] if hazard else [])])
+    catalogue(language)
+    zones = None if hazard is None else read_hazard(hazard)
     if view:
         check_view()
     drawn = _drawn(result, dem, observed, basemap, limits)
-    write_report(drawn.result, path, drawn.terrain, drawn.observed, drawn.look, view)
+    parties = Parties(project, client, author, dem_date)
+    write_report(drawn.result, path, *drawn[1:], view, language, parties, zones)
     return path
 
 

@@ -116,7 +116,7 @@ def percent(fraction: float) -> str:
     """A fraction as a percentage, never rounded to all or nothing."""
     shown = f"{100 * fraction:.1f}"
     if 0 < fraction < 1 and shown in ("0.0", "100.0"):
-        return "less than 0.1 %" if fraction < 0.5 else "more than 99.9 %"
+        return "< 0.1 %" if fraction < 0.5 else "> 99.9 %"
     return f"{shown.removesuffix('.0')} %" if fraction in (0, 1) else f"{shown} %"
 
 

@@ -228,6 +228,10 @@ def _add_results(commands: _Commands) -> None:
     report.add_argument(
         "--3d", dest="view", action="store_true", help="the terrain in three dimensions, too"
     )
+    report.add_argument("--language", metavar="XX", default="en", help="en (default), de, fr or it")
+    for name in ("project", "client", "author", "dem-date"):
+        report.add_argument(f"--{name}", metavar="TEXT", default="", help="named on page 1")
+    report.add_argument("--hazard", metavar="HAZARD.nc", type=Path, help="its zones, too")
     _add_design(commands)
     for one in figures, report:
         one.add_argument("--dem", metavar="FILE", type=Path, help="default: the case's, if found")

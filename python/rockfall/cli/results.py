@@ -23,6 +23,8 @@ from rockfall.text.comparison import ranks_text, text
 from rockfall.text.line_details import print_groups, print_profile
 from rockfall.text.line_tables import print_lines
 
+REPORTED = ("language", "project", "client", "author", "dem_date", "hazard")  # in a report
+
 
 def export_command(arguments: argparse.Namespace) -> int:
     print(*export(_path(arguments), arguments.folder), sep="\n")
@@ -97,7 +99,8 @@ def report_command(arguments: argparse.Namespace) -> int:
     if arguments.pdf and path.suffix.lower() != ending:
         raise RockfallError(f"{path}: is no name for a PDF; it must end in .pdf")
     with _warnings_told():
-        print(report(given, path, view=arguments.view, **_beside(arguments)))
+        named = {key: getattr(arguments, key) for key in REPORTED}
+        print(report(given, path, view=arguments.view, **named, **_beside(arguments)))
     return DONE
 
 

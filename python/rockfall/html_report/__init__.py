@@ -9,6 +9,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import importlib.resources
+import re
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -20,32 +21,52 @@ from rockfall.analysis.return_levels import return_levels
 from rockfall.case_files import files_behind
 from rockfall.errors import RockfallError, need
 from rockfall.html_report.convergence import convergence_figure
-from rockfall.html_report.ensemble import range_tables, range_words
+from rockfall.html_report.ensemble import PER_LINE, range_tables, range_words
+from rockfall.html_report.inputs import (
+    Parties,
+    ground_figure,
+    input_table,
+    words_of,
+    zone_table,
+)
 from rockfall.html_report.intervals import rows_of
+from rockfall.html_report.language import Speaker
 from rockfall.html_report.maps import data_uri, map_section
 from rockfall.html_report.pdf import check_pdf, write_pdf
-from rockfall.html_report.summary import summary
+from rockfall.html_report.summary import (
+    angle,
+    answers,
+    certainty,
+    ends_table,
+    headline,
+    question,
+    requested,
+    technical,
+)
 from rockfall.html_report.tables import (
     barrier_table,
     design_tables,
     ground_table,
+    hazard_tables,
     level_table,
     line_tables,
     precision_table,
     provenance,
+    words_of_hazard,
 )
 from rockfall.html_report.terrain_view import terrain_view
 from rockfall.html_report.validity import cautions, warnings
 from rockfall.io.files import atomic_write
 from rockfall.io.output_files import FIGURE, PAGE, SIGNATURE, check_output
 from rockfall.plots.figures import figures
+from rockfall.plots.hazard_figures import hazard_figures
 from rockfall.plots.style import save
 from rockfall.protection.barriers import barriers_of
 from rockfall.protection.design import design
-from rockfall.quantities import count
 from rockfall.result.flat_maps import flat_maps
 from rockfall.text.comparison import text
 from rockfall.text.design import factor_lines
+from rockfall.text.hazard import hazard_warnings
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -57,8 +78,11 @@ if TYPE_CHECKING:
     from rockfall.result.trajectories import Terrain
 
 PDF = ".pdf"
+NOBODY = Parties()
 MAX_SVG = 400_000  # bytes; a denser figure becomes dots
 DOTS_PER_INCH = 200
+GROUNDS = "Grounds: radii of their rocks"
+UNIT = re.compile(r"(?<=\d) (?=(?:%|kJ|m|m/s|m2|m³|kg/m³)(?!\w))")  # stays with its number
 COLOURS = 128  # of a figure of dots
 
 
@@ -79,15 +103,21 @@ def write_report(
     observed: Any = None,
     look: Look | None = None,
     view: bool = False,
+    language: str = "en",
+    parties: Parties = NOBODY,
+    hazard: xr.Dataset | None = None,
 ) -> None:
     """Write the page of a result to `path` (.html, or .pdf), whole or not at all; the rest is as in
     `report`."""
     path = Path(path)
     check_page(path, files_behind(result))
-    if path.suffix.lower() == PDF:
-        write_pdf(report(result, terrain, observed, look, on_paper=True), path)
+    on_paper = path.suffix.lower() == PDF
+    page = report(
+        result, terrain, observed, look, view and not on_paper, on_paper, language, parties, hazard
+    )
+    if on_paper:
+        write_pdf(page, path)
         return
-    page = report(result, terrain, observed, look, view)
     with atomic_write(path) as part:
         part.write_text(page, encoding="utf-8")
 
@@ -111,6 +141,9 @@ def report(
     look: Look | None = None,
     view: bool = False,
     on_paper: bool = False,
+    language: str = "en",
+    parties: Parties = NOBODY,
+    hazard: xr.Dataset | None = None,
 ) -> str:
     """The page of a result as text. The same result gives the same text.
 
@@ -118,20 +151,33 @@ def report(
     `rockfall.analysis.observations.read_observed`, is set beside it in the figures and in a
     comparison; `look` has limits between classes of maps and a basemap. With `view` the terrain
     stands in the page in three dimensions too, which needs `terrain`. `on_paper` all maps are
-    figures.
+    figures. `language` is en, de, fr or it; `hazard`, from `rockfall.hazard`, adds its zones.
     """
     result = flat_maps(result)
+    words = [*words_of(result), *(words_of_hazard(hazard) if hazard is not None else ())]
+    say = Speaker(language, words)
     rows, levels = rows_of(result), return_levels(result)
     sheet = design(result) if rows else None
     ranges = range_tables(result, rows)
     zoomed = set() if on_paper else {f"map_{name}" for name in result.data_vars}
     shown = [one for one in figures(result, terrain, observed, look) if one.name not in zoomed]
+    grounds = ground_figure(result, terrain)
+    endangered = [] if hazard is None else list(hazard_tables(hazard))
+    outside = warnings(result)
     return _rendered(
+        say,
         title=str(result.attrs["title"]) or "rockfall",
-        boulders=count(result.sizes["boulder"], "boulder"),
-        warnings=warnings(result),
-        summary=[*summary(result, rows), *range_words(result, ranges)],
-        ranges=ranges,
+        parties=parties,
+        question=question(rows, hazard is not None),
+        answers=answers(result, rows),
+        headline=[*([headline(rows)] if rows else ()), *endangered[:1], *ranges[::PER_LINE]],
+        warnings=outside,
+        certainty=[*certainty(result, rows, not outside), *range_words(result, ranges)],
+        indices=[one for k, one in enumerate(ranges) if k % PER_LINE],
+        inputs=[input_table(result, parties), *zone_table(result)],
+        ground_map=_picture(grounds, GROUNDS, "", say) if grounds else None,
+        ends=[ends_table(result)],
+        angle=list(angle(result)),
         cautions=cautions(result, rows, levels),
         map_section=None if on_paper else map_section(result, terrain, look),
         view=terrain_view(result, terrain) if view and terrain is not None else None,
@@ -141,37 +187,45 @@ def report(
             *([barrier_table(result)] if barriers_of(result) else ()),
         ],
         factors=list(factor_lines(sheet)) if sheet else [],
+        hazard=endangered[1:],
+        hazard_warnings=[] if hazard is None else list(hazard_warnings(hazard)),
+        hazard_figures=[
+            _picture(one.draw(), one.title, one.caption, say)
+            for one in ([] if hazard is None else hazard_figures(hazard, terrain))
+        ],
         grounds=[ground_table(result)] if "rebounds_by_ground" in result else [],
         has_clusters=sources(result).sampled,
-        convergence=list(_convergence(result, rows)),
+        convergence=list(_convergence(result, rows, say)),
         comparison="" if observed is None else text(compare(result, observed)),
-        figures=[_picture(one.draw(), one.title, one.caption) for one in shown],
+        figures=[_picture(one.draw(), one.title, one.caption, say) for one in shown],
+        technical=[*technical(result), *requested(result)],
         provenance=provenance(result),
-        on_paper=on_paper,
     )
 
 
 def _convergence(
-    result: xr.Dataset, rows: Rows
+    result: xr.Dataset, rows: Rows, say: Speaker
 ) -> Iterator[tuple[str, Picture | None, Table | None]]:
     """Each line with its figure and table of convergence; neither where no boulder passes."""
     caption = "Numbers after so many boulders, with their 95 % band"
     caption += "; the sources take turns, in a random order." if sources(result).count > 1 else "."
     for k, (line, numbers) in enumerate(rows.items()):
         if numbers["speed"]["n"]:
-            figure = _picture(convergence_figure(result, k), f"Convergence at {line}", caption)
+            drawn = convergence_figure(result, k)
+            figure = _picture(drawn, f"Convergence at {line}", caption, say)
             yield line, figure, precision_table(line, numbers, result.sizes["boulder"])
         else:
             yield line, None, None
 
 
-def _picture(figure: Figure, title: str, caption: str) -> Picture:
+def _picture(figure: Figure, title: str, caption: str, say: Speaker) -> Picture:
     """Lines stay lines (SVG) unless there are too many. The same figure gives the same bytes."""
+    say.figure(figure)
     wide, high = (round(96 * inch) for inch in figure.get_size_inches())
     content, kind = _saved(figure, "svg"), "image/svg+xml"
     if len(content) > MAX_SVG:
         content, kind = _saved(figure, "png"), "image/png"
-    return Picture(title, caption, data_uri(content, kind), wide, high)
+    return Picture(say(title), say(caption), data_uri(content, kind), wide, high)
 
 
 def _saved(figure: Figure, ending: str) -> bytes:
@@ -185,7 +239,7 @@ def _saved(figure: Figure, ending: str) -> bytes:
         return path.read_bytes()
 
 
-def _rendered(**content: Any) -> str:
+def _rendered(say: Speaker, **content: Any) -> str:
     """The page of this content. Every text is escaped; no script but ours may run in it."""
     import jinja2
     from markupsafe import Markup
@@ -200,8 +254,10 @@ def _rendered(**content: Any) -> str:
         loader=jinja2.FunctionLoader(read), autoescape=True, undefined=jinja2.StrictUndefined,
         trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True,
     )  # fmt: skip
+    environment.filters["say"] = lambda text: UNIT.sub("\u00a0", say(text))
     return environment.get_template("page.html.j2").render(
         signature=SIGNATURE,
+        language=say.language,
         style=Markup(read("page.css")),
         script=Markup(script),
         script_hash=base64.b64encode(hashlib.sha256(script.encode()).digest()).decode(),

@@ -9,13 +9,15 @@ from typing import TYPE_CHECKING
 from rockfall.analysis.ensemble.study import RESULTS, is_ensemble
 from rockfall.html_report.intervals import STATISTICS, in_unit, interval
 from rockfall.html_report.tables import Table
-from rockfall.quantities import QUANTITIES
+from rockfall.quantities import QUANTITIES, with_unit
 from rockfall.text.ensemble import INDICES, UNDECIDED, indices_of, more_needed, sorted_inputs
 
 if TYPE_CHECKING:
     import xarray as xr
 
     from rockfall.html_report.intervals import Rows
+
+PER_LINE = 1 + len(INDICES)  # tables
 
 
 def range_tables(result: xr.Dataset, rows: Rows) -> list[Table]:
@@ -37,8 +39,8 @@ def range_tables(result: xr.Dataset, rows: Rows) -> list[Table]:
                 in_unit(one[key].item(), about)
                 for key in ("case_value", "q05", "q95", "monte_carlo_std", "epistemic_std")
             )
-            limits = interval(numbers[quantity], number, about).strip("()")
-            shown.append((_label(name), value, limits, f"{low} to {high}", chance, epistemic))
+            limits = interval(numbers[quantity], number, about)
+            shown.append((_label(name), value, limits, f"({low} to {high})", chance, epistemic))
         caption = f"{line}: what more boulders would make certain, and what they would not"
         found += [Table(caption, head, shown), *_indices(at, line)]
     return found
@@ -56,7 +58,8 @@ def _label(name: str) -> str:
     quantity, number = RESULTS[name]
     if number == "fraction":
         return QUANTITIES["fraction"].title
-    return f"{QUANTITIES[quantity].title}, {STATISTICS[number]}"
+    about = QUANTITIES[quantity]
+    return with_unit(f"{about.label}, {STATISTICS[number]}", about.unit)
 
 
 def range_words(result: xr.Dataset, tables: list[Table]) -> list[str]:
@@ -65,9 +68,9 @@ def range_words(result: xr.Dataset, tables: list[Table]) -> list[str]:
         return []
     runs = 2 * result.sizes["run"]
     words = [
-        f"The inputs that the case calls uncertain ({', '.join(result['input'].values)}) were "
-        f"drawn {runs:,} times. The range of these draws is the epistemic uncertainty: more "
-        "boulders do not make it smaller, better knowledge of the slope does."
+        f"The inputs that the case calls uncertain were drawn {runs:,} times: "
+        f"{'; '.join(result['input'].values)}. The range of these draws is the epistemic "
+        "uncertainty: more boulders do not make it smaller, better knowledge of the slope does."
     ]
     undecided = any(UNDECIDED in str(cell) for one in tables for row in one.rows for cell in row)
     return [*words, f"{more_needed(result).capitalize()}."] if undecided else words

@@ -36,11 +36,26 @@ def in_unit(value: float, quantity: str) -> str:
 
 def interval(row: Row, name: str, quantity: str) -> str:
     """The confidence interval of a number in brackets; empty where it has none."""
-    low, high = (row.get(f"{name}_{end}", math.nan) for end in ("low", "high"))
+    return estimate(row, name, quantity)[1]
+
+
+def estimate(row: Row, name: str, quantity: str) -> tuple[str, str]:
+    """A number in the unit shown and its interval in brackets, with the digits that this supports:
+    the last one stands for a twentieth to a half of the interval's half width."""
+    value, low, high = (
+        QUANTITIES[quantity].factor * row.get(f"{name}{end}", math.nan)
+        for end in ("", "_low", "_high")
+    )
     if math.isnan(low) and math.isnan(high):
-        return ""
+        return number(value), ""
+    half = max(abs(value - end) for end in (low, high) if not math.isnan(end))
+    decimals = min(4, -math.floor(math.log10(half / 2))) if half else 2
+    value_, low_, high_ = (
+        "-" if math.isnan(one) else f"{round(one, decimals):,.{max(decimals, 0)}f}"
+        for one in (value, low, high)
+    )
     if math.isnan(high):
-        return f"(from {in_unit(low, quantity)}; too few boulders for an upper limit)"
+        return value_, f"(from {low_})"
     if math.isnan(low):
-        return f"(to {in_unit(high, quantity)}; too few boulders for a lower limit)"
-    return f"({in_unit(low, quantity)} to {in_unit(high, quantity)})"
+        return value_, f"(up to {high_})"
+    return value_, f"({low_} to {high_})"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A result in sentences, each made from its numbers: what happened, and how precise it is."""
+"""Page 1 of a report: the question, the answer from the numbers at the lines, how sure it is."""
 
 from __future__ import annotations
 
@@ -11,18 +11,24 @@ import numpy as np
 from rockfall.analysis.precision.intervals import half_width, sources
 from rockfall.analysis.run_until import verdicts_of
 from rockfall.case import case_of
-from rockfall.html_report.intervals import in_unit, interval
+from rockfall.html_report.intervals import estimate, in_unit
+from rockfall.html_report.tables import Table
 from rockfall.protection.barriers import barriers_of
-from rockfall.quantities import QUANTITIES, count, number, percent
+from rockfall.quantities import count, number, percent
 from rockfall.result.trajectories import ends
 
 if TYPE_CHECKING:
     import xarray as xr
 
-    from rockfall.html_report.intervals import Numbers, Row, Rows
+    from rockfall.html_report.intervals import Numbers, Rows
 
-SHOWN = ("speed", "passing_height", "energy_total")
-ENDED = {  # of the statuses whose name does not say it
+HEADLINE = {  # of the table on page 1: quantity and number
+    "boulders that pass [%]": ("fraction", "fraction"),
+    "total kinetic energy, 95 % quantile [kJ]": ("energy_total", "q95"),
+    "passing height, 95 % quantile [m]": ("passing_height", "q95"),
+    "speed, 95 % quantile [m/s]": ("speed", "q95"),
+}
+ENDED = {  # of the statuses
     "stopped": "came to rest on the slope",
     "absorbed": "ended where the ground absorbs boulders",
     "left_domain": "left the terrain model",
@@ -33,134 +39,139 @@ ENDED = {  # of the statuses whose name does not say it
 }
 
 
-def summary(result: xr.Dataset, rows: Rows) -> list[str]:
-    """Paragraphs: what was run, what crosses each line, how boulders ended, how precise this is."""
-    boulders = result.sizes["boulder"]
-    barriers = {str(result["line"].values[k]) for k in barriers_of(result)}
-    return [
-        _run(result),
-        *(_line(line, rows[line], boulders, line in barriers) for line in rows),
-        *([] if rows else ["The case has no evaluation lines."]),
-        " ".join(_ends(result)),
-        " ".join(_precision(result, rows)) if boulders > 1 else "One boulder has no spread.",
-    ]
-
-
-def _run(result: xr.Dataset) -> str:
-    """Which boulders were released, where and how."""
-    boulders, volume = result.sizes["boulder"], result["volume"].values
-    low, mean, high = (number(v) for v in (volume.min(), volume.mean(), volume.max()))
-    size = f"{low} m³" if low == high else f"{low} to {high} m³ ({mean} on average)"
-    release = case_of(result).release
-    drop, velocity = release["drop_height"], release["velocity"]
-    start = f"{drop:g} m above the surface" if drop else "on the surface"
-    if any(velocity):
-        start += " with a velocity of " + ", ".join(f"{v:g}" for v in velocity)
-        start += " m/s to the east, to the north and upwards"
-    was, each = ("were", "each") if boulders > 1 else ("was", "it")
-    return (
-        f"{count(boulders, 'boulder')} of {size} {was} released from "
-        f"{count(sources(result).count, 'source')}, {start}, and followed until {each} ended."
-    )
-
-
-def _line(line: str, numbers: Numbers, boulders: int, is_barrier: bool) -> str:
-    """The fraction that passes a line or comes to a barrier; speed, height and energy there."""
-    one, many = ("comes to it", "come to it") if is_barrier else ("passes", "pass")
-    row = numbers["speed"]
-    n = int(row["n"])
-    if not n:
-        high = in_unit(row["fraction_high"], "fraction")
-        text = f"the upper 95 % confidence limit of the fraction that {one} is {high} %"
-        return f"{line}: no boulder of {boulders:,} {one}; {text}."
-    fraction = f"{percent(row['fraction'])} {interval(row, 'fraction', 'fraction')}".strip()
-    text = f"{line}: {n:,} of {count(boulders, 'boulder')} {one if n == 1 else many}, {fraction}. "
-    if n == 1:
-        speed, height, energy = (_known(numbers[name], name, "mean") for name in SHOWN)
-        return text + (
-            f"Its speed is {speed}, its passing height {height} and its total kinetic energy "
-            f"{energy}. One boulder has no spread."
+def question(rows: Rows, has_hazard: bool) -> str:
+    """What the report is to answer."""
+    if has_hazard:
+        return "Which areas and objects are endangered, how much, and how certain is that?"
+    if rows:
+        return (
+            "How many of the released boulders reach the lines and barriers, and with which "
+            "energy, height and speed?"
         )
-    means, high = (
-        [f"{QUANTITIES[name].label} {_known(numbers[name], name, of)}" for name in SHOWN]
-        for of in ("mean", "q95")
+    return "How far do the released boulders come?"
+
+
+def answers(result: xr.Dataset, rows: Rows) -> list[str]:
+    """A sentence for each line; how far boulders come where there is none."""
+    nets = {str(result["line"].values[k]) for k in barriers_of(result)}
+    return [*(_line(line, rows[line], line in nets) for line in rows), *run_out(result)]
+
+
+def _line(line: str, numbers: Numbers, is_barrier: bool) -> str:
+    """What passes a line, or comes to a barrier."""
+    row = numbers["speed"]
+    one, many = ("comes to it", "come to it") if is_barrier else ("passes", "pass")
+    if not row["n"]:
+        high = in_unit(row["fraction_high"], "fraction")
+        return f"{line}: no boulder {one}; the fraction is below {high} %, with 95 % confidence."
+    text = f"{line}: {estimate(row, 'fraction', 'fraction')[0]} % of the boulders {many}"
+    energy, height = (
+        estimate(numbers[of], "q95", of)[0] for of in ("energy_total", "passing_height")
     )
-    return text + f"Means: {_joined(means)}. 95 % quantiles: {_joined(high)}."
+    if row["n"] == 1 or "-" in (energy, height):
+        return f"{text}."
+    return (
+        f"{text}; of these one in 20 has more than {energy} kJ, and one in 20 is higher than "
+        f"{height} m above the ground."
+    )
 
 
-def _known(row: Row, quantity: str, name: str) -> str:
-    """A number with its unit and its interval."""
-    shown = f"{in_unit(row[name], quantity)} {QUANTITIES[quantity].unit}"
-    return f"{shown} {interval(row, name, quantity)}".strip()
+def headline(rows: Rows) -> Table:
+    """The numbers at the lines on which a decision rests, with their intervals."""
+    shown = []
+    for line, numbers in rows.items():
+        cells = []
+        for quantity, name in HEADLINE.values():
+            row = numbers["speed" if quantity == "fraction" else quantity]
+            cells.append("\n".join(estimate(row, name, quantity)).strip())
+        shown.append((line, *cells))
+    caption = "Boulders at the lines and barriers, with 95 % confidence intervals"
+    return Table(caption, ("line or barrier", *HEADLINE), shown)
 
 
-def _ends(result: xr.Dataset) -> Iterator[str]:
-    """How boulders ended, how far they came and at which angle below their release."""
-    boulders = result.sizes["boulder"]
-    parts = [
-        f"{of.sum():,} ({percent(of.mean())}) {ENDED.get(name, 'ended: ' + name.replace('_', ' '))}"
+def run_out(result: xr.Dataset) -> Iterator[str]:
+    """How far boulders came in plan."""
+    distance = result["plan_distance"].values
+    if not distance.any():
+        yield "No boulder left its place."
+    elif distance.size == 1:
+        yield f"The run-out of the boulder in plan is {number(distance[0])} m."
+    else:
+        half, far = (number(one) for one in np.quantile(distance, [0.5, 0.95]))
+        yield (
+            f"Run-out in plan: half of the boulders come farther than {half} m, one in 20 farther "
+            f"than {far} m, the farthest {number(distance.max())} m."
+        )
+
+
+def certainty(result: xr.Dataset, rows: Rows, is_inside: bool) -> Iterator[str]:
+    """How sure the answer is: the Monte Carlo error, and what it leaves out."""
+    boulders, source = result.sizes["boulder"], sources(result)
+    shown = [map(str, row) for row in headline(rows).rows]
+    if boulders == 1:
+        yield "One boulder is an example: it has no spread, and no intervals."
+    else:
+        of = count(source.count, "source")
+        yield (
+            f"{boulders:,} boulders from {of} were simulated. Brackets are 95 % confidence "
+            "intervals of the Monte Carlo error: what more boulders would change."
+        )
+        if any("(from" in cell or "(up to" in cell for row in shown for cell in row):
+            yield "Where only one limit is given, too few boulders pass for the other."
+        if source.sampled:
+            yield "The sources are taken for a sample of others like them."
+    crossed = [numbers["speed"] for numbers in rows.values() if numbers["speed"]["n"]]
+    widths = [half_width(row, "fraction") for row in crossed]
+    if widths and np.isfinite(worst := max(widths)) and boulders > 1:
+        yield f"The fractions that pass are known to ± {percent(worst)} of themselves or better."
+    yield "The brackets hold no error of the terrain, the ground, the volumes or the model."
+    if is_inside:
+        yield "No large part of the run lies outside the range of the model."
+
+
+def ends_table(result: xr.Dataset) -> Table:
+    """How boulders ended."""
+    rows = [
+        (ENDED[name], f"{of.sum():,}", percent(of.mean()))
         for name, of in ends(result).items()
         if of.any()
     ]
-    yield f"Of {count(boulders, 'boulder')} {_joined(parts)}."
-    distance = result["plan_distance"].values
-    if not distance.any():
-        yield "None left its place."
-        return
+    return Table("How boulders ended", ("", "boulders", "fraction"), rows)
+
+
+def angle(result: xr.Dataset) -> Iterator[str]:
+    """How steep the straight lines from release to end are."""
     drop = result["start_z"].values - result["stop_z"].values
-    if boulders == 1:
-        yield f"Its run-out in plan is {number(distance[0])} m, its drop {number(drop[0])} m."
-        return
-    half, far = np.quantile(distance, [0.5, 0.95])
+    distance = result["plan_distance"].values
     moved = distance > 0
-    angle = np.degrees(np.arctan2(drop[moved], distance[moved]))
-    yield (
-        f"Run-out in plan: median {number(half)} m, 95 % quantile {number(far)} m, max "
-        f"{number(distance.max())} m. The straight line from release to end falls by "
-        f"{number(np.median(angle))} degrees in the median and by {number(angle.min())} at min."
-    )
-
-
-def _joined(parts: list[str]) -> str:
-    return " and ".join([", ".join(parts[:-1]), parts[-1]] if len(parts) > 1 else parts)
-
-
-def _precision(result: xr.Dataset, rows: Rows) -> Iterator[str]:
-    """The Monte Carlo error of the numbers above."""
-    crossed = [numbers for numbers in rows.values() if numbers["speed"]["n"]]
-    if not crossed:
-        only = "Only the fractions that pass have" if rows else "No number has"
-        yield f"{only} a confidence interval."
-        return
-    widths = {
-        "fractions passing": [half_width(numbers["speed"], "fraction") for numbers in crossed],
-        "mean speeds": [half_width(numbers["speed"], "mean") for numbers in crossed],
-        "95 % quantiles of the energy": [half_width(n["energy_total"], "q95") for n in crossed],
-    }
-    worst = {name: np.max(width) for name, width in widths.items()}  # NaN where one is unknown
-    known = [f"± {percent(w)} for the {name}" for name, w in worst.items() if np.isfinite(w)]
-    unknown = [name for name, w in worst.items() if not np.isfinite(w)]
-    if known:
-        where = "" if len(crossed) == 1 else ", at the line where it is largest"
-        yield f"Monte Carlo error (95 %, relative{where}): {_joined(known)}."
-    if unknown:
-        yield f"Too few boulders pass for a confidence interval of the {_joined(unknown)}."
-    source = sources(result)
-    if source.count > 1:
-        of = f"{source.count:,} sources"
+    if moved.any():
+        angles = np.degrees(np.arctan2(drop[moved], distance[moved]))
         yield (
-            f"The {of} are taken for a sample of others like them."
-            if source.sampled
-            else f"The intervals are for as many other boulders from the same {of}."
+            f"The straight line from release to end falls by {number(np.median(angles))} degrees "
+            f"in the median and by {number(angles.min())} degrees at least."
         )
+
+
+def technical(result: xr.Dataset) -> Iterator[str]:
+    """How the run drew its numbers, for who repeats it."""
     if case_of(result).case["sampling"] == "sobol":
         yield (
             "Sobol' points spread the boulders more evenly than random numbers do: the intervals "
             "are those of as many random boulders, and too wide."
         )
-    for verdict in verdicts_of(result):
-        yield f"Requested: {verdict}."
-    yield (
-        "Brackets are 95 % confidence intervals. They hold the Monte Carlo error alone, and no "
-        "error of the terrain, the ground or the model."
-    )
+    rebounds, redrawn, forced = (int(result[f"rebounds{of}"]) for of in ("", "_redrawn", "_forced"))
+    if redrawn:
+        yield (
+            f"{redrawn:,} of {count(rebounds, 'rebound')} ({percent(redrawn / rebounds)}) needed "
+            "more than one draw, since the first gained energy or did not rise."
+        )
+    if forced:
+        yield (
+            f"{forced:,} of {count(rebounds, 'rebound')} ({percent(forced / rebounds)}) had no "
+            "admissible draw in 32: the last one was limited so as to be admissible."
+        )
+
+
+def requested(result: xr.Dataset) -> list[str]:
+    """What was to be reached, and whether it was: `run --until`."""
+    return [str(verdict) for verdict in verdicts_of(result)]

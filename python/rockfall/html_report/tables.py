@@ -19,11 +19,12 @@ from rockfall.analysis.precision.intervals import (
 )
 from rockfall.case import FROM_ARRAY, case_of
 from rockfall.html_report.convergence import NUMBERS
-from rockfall.html_report.intervals import STATISTICS, in_unit, interval
+from rockfall.html_report.intervals import STATISTICS, estimate, in_unit
 from rockfall.protection.barriers import barrier_statistics
 from rockfall.quantities import QUANTITIES, number, percent
 from rockfall.result.grounds import rebounds_by_ground
 from rockfall.text.design import CHECKED, check_row, demand_rows, load_rows
+from rockfall.text.hazard import class_rows, object_rows, scenario_rows
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -43,23 +44,16 @@ class Table(NamedTuple):
 
 
 def line_tables(rows: Rows) -> Iterator[Table]:
-    """Fractions that pass or, at barriers, come; then mean, deviation, quantiles and maximum."""
-    passing = []
-    for line, numbers in rows.items():
-        row = numbers["speed"]
-        fraction = f"{percent(row['fraction'])} {interval(row, 'fraction', 'fraction')}"
-        passing.append((line, f"{row['n']:,}", fraction))
-    caption = "Boulders that pass lines and come to barriers, with 95 % confidence intervals"
-    yield Table(caption, ("line", "boulders", "fraction"), passing)
+    """Each line's mean, deviation, quantiles and maximum."""
     for line, numbers in rows.items():
         if n := numbers["speed"]["n"]:
-            about = f"{line}: boulders that cross it, with 95 % confidence intervals"
+            about = f"{line}: {n:,} boulders cross it; in brackets 95 % confidence intervals"
             head = ("", *STATISTICS.values(), f"max of {n:,}")
             yield Table(about, head, [_statistics(name, row) for name, row in numbers.items()])
 
 
 def _statistics(quantity: str, row: Row) -> tuple[str, ...]:
-    cells = (f"{in_unit(row[n], quantity)}\n{interval(row, n, quantity)}" for n in STATISTICS)
+    cells = ("\n".join(estimate(row, n, quantity)) for n in STATISTICS)
     return QUANTITIES[quantity].title, *cells, in_unit(row["max"], quantity)
 
 
@@ -67,13 +61,13 @@ def barrier_table(result: xr.Dataset) -> Table:
     """What each barrier did with the boulders that came to it."""
     rows = [
         (row["barrier"], row["outcome"].replace("_", " "), f"{row['n']:,}",
-         f"{percent(row['fraction'])} {interval(row, 'fraction', 'fraction')}")
+         " ".join(estimate(row, "fraction", "fraction")))
         for row in barrier_statistics(result).to_dict("records")
     ]  # fmt: skip
     about = (
         "What barriers did at the first meeting, of all boulders, with 95 % confidence intervals"
     )
-    return Table(about, ("barrier", "outcome", "boulders", "fraction"), rows)
+    return Table(about, ("barrier", "outcome", "boulders", "fraction [%]"), rows)
 
 
 def ground_table(result: xr.Dataset) -> Table:
@@ -92,7 +86,7 @@ def level_table(levels: pd.DataFrame) -> Table:
     shown = []
     for _, row in levels[levels["n"] > 0].iterrows():
         quantity = row["quantity"]
-        cells = (f"{in_unit(row[n], quantity)}\n{interval(row, n, quantity)}" for n in names)
+        cells = ("\n".join(estimate(row, n, quantity)) for n in names)
         over = f"{in_unit(row['threshold'], quantity)}\n({row['exceedances']:,.0f} above)"
         tail = (over, number(row["shape"])) if np.isfinite(row["shape"]) else ("-", "-")
         shown.append(
@@ -138,6 +132,23 @@ def design_tables(found: Design) -> Iterator[Table]:
         yield Table(f"Barriers beside what {standard} asks", CHECKED, rows)
 
 
+def hazard_tables(found: xr.Dataset) -> Iterator[Table]:
+    """Areas of the classes, objects at risk, scenarios."""
+    parts = {"Classes of hazard": class_rows}
+    if "object" in found.dims:
+        parts["Objects, with 95 % confidence intervals"] = object_rows
+    parts["Scenarios"] = scenario_rows
+    for caption, rows_of_part in parts.items():
+        head, *rows = rows_of_part(found)
+        yield Table(caption, head, [[cell.replace(" (", "\n(") for cell in row] for row in rows])
+
+
+def words_of_hazard(found: xr.Dataset) -> Iterator[str]:
+    """Names in a hazard, which no page translates."""
+    for name in ("scenario", "object"):
+        yield from map(str, found[name].values) if name in found.dims else ()
+
+
 def provenance(result: xr.Dataset) -> dict[str, Any]:
     """What a result was made of, and the command that makes it again, if a command can."""
     about = {key: str(value) for key, value in result.attrs.items()}
@@ -148,17 +159,19 @@ def provenance(result: xr.Dataset) -> dict[str, Any]:
     of = "a flat source cell, more by area" if case.release["by_area"] else "each source"
     if total:
         of = "all sources together"
-    state = "complete" if is_complete else f"interrupted, {requested:,} were requested"
     rows = [
         ("program", about["source"]),
         ("case file", about["case_file"]),
         ("seed", about["seed"]),
-        ("boulders", f"{about['boulder_first']} to {about['boulder_last']}, {state}"),
+        ("boulders", f"{about['boulder_first']} – {about['boulder_last']} / {requested}"),
         (f"boulders of {of}", f"{number:,}"),
         ("impact set", f"{about['impact_set']}, SHA-256 {about['impact_set_checksum']}"),
-        *((f"SHA-256 of {key}", sha) for key, sha in json.loads(about["input_checksums"]).items()),
+        *(
+            ("checksum (SHA-256)", f"{key}: {sha}")
+            for key, sha in json.loads(about["input_checksums"]).items()
+        ),
         ("threads", about["threads"]),
-        ("time", "{wall_seconds:.1f} s, {cpu_seconds:.1f} s of CPU".format_map(result.attrs)),
+        ("time", "{wall_seconds:.1f} s, CPU {cpu_seconds:.1f} s".format_map(result.attrs)),
     ]
     option = "--boulders-total" if total else "--boulders"
     verb = "ensemble" if is_ensemble(result) else "run"

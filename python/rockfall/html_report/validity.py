@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What limits the validity of a result, each limit in a sentence made from its numbers."""
+"""What limits the validity of a result on its slope, each limit in a sentence from its numbers."""
 
 from __future__ import annotations
 
@@ -22,31 +22,27 @@ if TYPE_CHECKING:
 
 FEW = 100  # boulders at a line, below which its upper quantiles are hardly known
 FEW_IN_CELL = 30  # boulders through a cell, below which its numbers are mostly Monte Carlo error
-ORIGIN = {  # of the shipped impact sets: docs/validation/lab.md
-    "rocky-slope": "comes from simulated impacts of spheres on layers of spheres, whose contact "
-    "parameters were calibrated to numbers printed for one site, on a terrain rebuilt from its "
-    "description",
+SHIPPED = {  # impact sets: docs/validation/lab.md
+    "rocky-slope": "The rebound comes from simulated impacts of spheres on layers of spheres; it "
+    "was not calibrated on this slope.",
 }
-SENSITIVE = (
-    "The confidence intervals hold the Monte Carlo error of one model with one set of inputs, not "
-    "the epistemic uncertainty. Slopes near neutral, where a bounce loses about what the next "
-    "flight gains, are sensitive: in cases/vaujany 2 degrees less or more than 38 move the "
-    "fraction that passes EL1 from 81 % to 44 % or 94 %. Vary terrain, ground and volume before "
-    "you trust a difference of a few per cent."
+OWN = "The impact set is the user's own: what it was calibrated on is not known here."
+AS_GIVEN = (
+    "Terrain, ground, sources and volumes are taken as given. Where a bounce loses about what the "
+    "next flight gains, small changes of slope or ground change the run-out much."
 )
 ABSENT = {  # by the group of the case that would bring it
-    "forest": ["trees"],
-    "barrier": ["nets", "walls"],
-    "dam": ["dams"],
+    "forest": "The case has no trees.",
+    "barrier": "The case has no nets or walls.",
+    "dam": "The case has no dams.",
 }
 BOULDER = (
     "A boulder is a sphere that does not break or slide, meets no other boulder, and leaves the "
     "ground as it was."
 )
 FOREST = (
-    "Stems are vertical and as thick as at breast height. How high on the stem a hit is, crowns, "
-    "lying stems, undergrowth and roots are not modelled, and later boulders find every tree as it "
-    "was. By default a turn at a stem is neutral, not measured."
+    "Stems are vertical and as thick as at breast height. Crowns, lying stems, undergrowth and "
+    "roots are not modelled, and later boulders find every tree as it was."
 )
 BARRIER = (
     "A barrier takes as much at its edge as in its middle, has no posts and no gap below, and is "
@@ -55,71 +51,70 @@ BARRIER = (
 
 
 def warnings(result: xr.Dataset) -> list[str]:
-    """Where so much of a run lies outside what its model was made from that it comes first."""
-    return [f"{found.text}." for found in extrapolations(result) if found.is_warning]
+    """What comes first: boulders that are missing, and where so much of a run lies outside what its
+    model was made from."""
+    return [
+        *_missing(result),
+        *(f"{one.text}." for one in extrapolations(result) if one.is_warning),
+    ]
 
 
 def cautions(result: xr.Dataset, rows: Rows, levels: pd.DataFrame) -> list[str]:
-    """The limits, the weightiest first. The weight is the fraction of boulders, rebounds, cells or
-    numbers that a limit concerns; above 1 it concerns the whole."""
-    found = [*_of_run(result), *_of_model(result), *_of_lines(rows, levels), *_of_cells(result)]
-    return [text for _, text in sorted(found, key=lambda one: -one[0])]
+    """The limits, in the order in which they matter to a decision: what was not seen, what lies at
+    the edge of the model, what was taken as given, what the model leaves out."""
+    return [
+        *_few(rows),
+        *_ended(result),
+        *(f"{one.text}." for one in extrapolations(result) if not one.is_warning),
+        AS_GIVEN,
+        SHIPPED.get(str(result.attrs["impact_set"]), OWN),
+        *_left_out(case_of(result)),
+        *_extremes(rows, levels),
+        *_of_cells(result),
+    ]
 
 
-def _of_run(result: xr.Dataset) -> Iterator[tuple[float, str]]:
-    """Boulders that are missing, that left, or that were ended."""
+def _missing(result: xr.Dataset) -> Iterator[str]:
     boulders, requested = result.sizes["boulder"], int(result.attrs["boulders_asked"])
-    case = case_of(result)
     if not result.attrs["complete"]:
-        text = (
+        yield (
             f"The run was interrupted after {boulders:,} of {count(requested, 'boulder')}; "
             f"{percent(1 - boulders / requested)} are missing. All numbers are of those done."
         )
-        if requested > case.case.get("boulders", 1):
-            text += " Sources are run one after the other: the last ones are missing."
-        yield 3.0, text
+        if requested > case_of(result).case.get("boulders", 1):
+            yield "Sources are run one after the other: the last ones are missing."
+
+
+def _few(rows: Rows) -> Iterator[str]:
+    """Lines that few boulders cross."""
+    for line, numbers in rows.items():
+        if (n := int(numbers["speed"]["n"])) < FEW:
+            unknown = "high quantiles there are hardly known" if n else "no speed there is known"
+            yield f"{line}: {count(n, 'boulder')} passed, fewer than {FEW}: {unknown}."
+
+
+def _ended(result: xr.Dataset) -> Iterator[str]:
+    """Boulders that left, or that were ended."""
+    boulders, limit = result.sizes["boulder"], int(ends(result)["impact_limit"].sum())
     if boulders == 1:
-        yield 2.5, "1 boulder is an example. Fractions and quantiles need at least some hundred."
-    ended = ends(result)
+        yield "1 boulder is an example. Fractions and quantiles need at least some hundred."
     if left := int(left_terrain(result).sum()):
         text = "left the terrain model: their trajectory beyond it is not known and not counted."
-        yield left / boulders, f"{part_of(left, boulders, 'boulder')} {text}"
-    if limit := int(ended["impact_limit"].sum()):
-        of = f"{case.impact['impact_limit']:,} contacts (impact_limit)"
-        text = f"reached the limit of {of} while moving: where they come to rest is not known."
-        yield limit / boulders, f"{part_of(limit, boulders, 'boulder')} {text}"
+        yield f"{part_of(left, boulders, 'boulder')} {text}"
+    if limit:
+        text = "reached the limit of contacts while moving: where they come to rest is not known."
+        yield f"{part_of(limit, boulders, 'boulder')} {text}"
 
 
-def _of_model(result: xr.Dataset) -> Iterator[tuple[float, str]]:
-    """What the model leaves out, and rebounds for which it is not made."""
-    yield 2.0, SENSITIVE
-    name = str(result.attrs["impact_set"])
-    origin = ORIGIN.get(name, "is the user's own: what it was calibrated on is not known here")
-    yield 1.5, f"The impact set '{name}' {origin}. It is for R_b/R_m of 1 to 5."
-    yield 1.2, _left_out(result)
-    for found in extrapolations(result):
-        if not found.is_warning:
-            yield found.fraction, f"{found.text}."
-    rebounds, redrawn, forced = (int(result[f"rebounds{of}"]) for of in ("", "_redrawn", "_forced"))
-    for part, text in (
-        (forced, "had no admissible draw in 32: the last one was limited so as to be admissible."),
-        (redrawn, "needed more than one draw, since the first gained energy or did not rise."),
-    ):  # fmt: skip
-        if part:
-            yield part / rebounds, f"{part_of(part, rebounds, 'rebound')} {text}"
-
-
-def _left_out(result: xr.Dataset) -> str:
+def _left_out(case: Case) -> Iterator[str]:
     """What the model of this case does not have; what is not modelled of what it has."""
-    case = case_of(result)
-    absent = [name for group, names in ABSENT.items() if not _has(case, group) for name in names]
-    sentences = [f"The case has no {_either(absent)}."] if absent else []
-    sentences += [FOREST] if _has(case, "forest") else []
-    sentences += [BARRIER] if _has(case, "barrier") else []
-    return " ".join([*sentences, BOULDER])
+    yield from (text for group, text in ABSENT.items() if not has(case, group))
+    yield from [FOREST] if has(case, "forest") else []
+    yield from [BARRIER] if has(case, "barrier") else []
+    yield BOULDER
 
 
-def _has(case: Case, group: str) -> bool:
+def has(case: Case, group: str) -> bool:
     """Whether a case has trees (of &forest some keys have defaults), or a repeated group."""
     given = getattr(case, group)
     if group != "forest":
@@ -127,33 +122,18 @@ def _has(case: Case, group: str) -> bool:
     return any(given.get(key) is not None for key in ("trees", "stems", "uniform_stems"))
 
 
-def _either(names: list[str]) -> str:
-    """Names with commas, and `or` before the last."""
-    return " or ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
-
-
-def _of_lines(rows: Rows, levels: pd.DataFrame) -> Iterator[tuple[float, str]]:
-    """Lines that few boulders pass, and the extremes there."""
-    passed = {line: int(numbers["speed"]["n"]) for line, numbers in rows.items()}
-    for line, n in passed.items():
-        if n < FEW:
-            unknown = "high quantiles there are hardly known" if n else "no speed there is known"
-            yield 1 - n / FEW, f"{line}: {count(n, 'boulder')} passed, fewer than {FEW}: {unknown}."
-    if not any(passed.values()):
+def _extremes(rows: Rows, levels: pd.DataFrame) -> Iterator[str]:
+    """How far maxima and return levels may be trusted."""
+    if not any(numbers["speed"]["n"] for numbers in rows.values()):
         return
-    largest = f"at a line up to {max(passed.values()):,}"
-    yield 0.3, f"Maxima grow with the number of boulders ({largest}): they are no bounds."
+    yield "Maxima grow with the number of boulders: they are no bounds."
     wanted = levels.filter(regex="^level_[0-9]+$")[levels["n"] > 0]
-    refused = int(wanted.isna().to_numpy().sum())
-    if refused:
-        text = "refused, since the data do not support them; the table says why."
-        yield 0.2, f"Return levels: {refused} of {wanted.size} are {text}"
-    if given := wanted.size - refused:
+    if given := wanted.size - int(wanted.isna().to_numpy().sum()):
         text = "given. They extrapolate the tail, which has no physical limit."
-        yield 0.1, f"Return levels: {given} of {wanted.size} are {text}"
+        yield f"Return levels: {given} of {wanted.size} are {text}"
 
 
-def _of_cells(result: xr.Dataset) -> Iterator[tuple[float, str]]:
+def _of_cells(result: xr.Dataset) -> Iterator[str]:
     """Cells that so few boulders passed that Monte Carlo error rules there."""
     if "passages" in result:
         passed = result["passages"].values
@@ -164,4 +144,4 @@ def _of_cells(result: xr.Dataset) -> Iterator[tuple[float, str]]:
     reached, few = int((passed > 0).sum()), int(((passed > 0) & (passed < FEW_IN_CELL)).sum())
     if few:
         text = f"saw fewer than {FEW_IN_CELL} boulders: mostly Monte Carlo error."
-        yield few / reached, f"{part_of(few, reached, 'reached cell')} {text}"
+        yield f"{part_of(few, reached, 'reached cell')} {text}"

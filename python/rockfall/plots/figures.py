@@ -173,7 +173,7 @@ def _at_lines(result: xr.Dataset, observed: Any) -> Iterator[Figure]:
         yield Figure(
             f"line_{name}",
             f"{capital(label)} at the lines",
-            f"Distribution of {label} among the boulders that pass, {'; '.join(passed)}; below: "
+            f"Distribution of {label} among the boulders that pass: {'; '.join(passed)}; below: "
             "mean ± one standard deviation; one in 500 lies beyond the axis.",
             partial(distribution_figure, result, name, observed),
         )

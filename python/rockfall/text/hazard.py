@@ -27,10 +27,10 @@ def hazard_summary(found: xr.Dataset) -> str:
     """The scenarios, the area of each class and how much of it is certain, and the objects."""
     scenarios = count(found.sizes["scenario"], "scenario")
     lines = [f"{found.attrs['title'] or 'rockfall'}: {scenarios}"]
-    lines.append(table(_scenarios(found)))
-    lines.append(table(_classes(found)))
+    lines.append(table(scenario_rows(found)))
+    lines.append(table(class_rows(found)))
     if "object" in found.dims:
-        lines.append(table(_objects(found)))
+        lines.append(table(object_rows(found)))
         if (more := found.sizes["object"] - MAX_OBJECTS) > 0:
             lines.append(f"  and {count(more, 'more object')}, in objects.csv")
     lines += [f"  warning: {text}" for text in hazard_warnings(found)]
@@ -55,19 +55,19 @@ def hazard_warnings(found: xr.Dataset) -> Iterator[str]:
     parts = [f"{number(lowered[k])} m2 {CLASSES[k]}" for k in range(len(CLASSES)) if lowered[k]]
     if lowered[RESIDUAL + 1 :].any():
         yield (
-            f"in zones, minimum_area = {minimum_area:g} m2 gives a lower class to "
-            f"{', '.join(reversed(parts))}: their attribute `highest`, and the map, keep it"
+            f"in zones, minimum_area = {minimum_area:g} m2 gives a lower class to: "
+            f"{'; '.join(reversed(parts))}; their attribute `highest`, and the map, keep it"
         )
 
 
-def _scenarios(found: xr.Dataset) -> Iterator[list[str]]:
+def scenario_rows(found: xr.Dataset) -> Iterator[list[str]]:
     yield ["  scenario", "a year", "years from one to the next", "simulated"]
     columns = (found[name].values for name in ("scenario", "frequency", "boulders"))
     for name, yearly, boulders in zip(*columns, strict=True):
         yield [f"  {name}", number(yearly), number(1 / yearly), f"{boulders:,}"]
 
 
-def _classes(found: xr.Dataset) -> Iterator[list[str]]:
+def class_rows(found: xr.Dataset) -> Iterator[list[str]]:
     """Cells and area of each class that there is, the highest first."""
     classes, cell = found["hazard_class"].values, grid_of(found["hazard_class"])[0].cell
     certain = found["hazard_class_certain"].values > 0
@@ -78,7 +78,7 @@ def _classes(found: xr.Dataset) -> Iterator[list[str]]:
             yield [f"  {CLASSES[k]}", f"{here.sum():,}", area, percent(certain[here].mean())]
 
 
-def _objects(found: xr.Dataset) -> Iterator[list[str]]:
+def object_rows(found: xr.Dataset) -> Iterator[list[str]]:
     """Objects, those met most often first; or of the highest risk, where there is one."""
     rows = object_table(found)
     key = "risk" if "risk" in rows else "frequency"

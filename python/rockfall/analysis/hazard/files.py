@@ -19,7 +19,7 @@ from rockfall.analysis.hazard.zones import (
 )
 from rockfall.case import case_in
 from rockfall.case_files import files_behind
-from rockfall.errors import need
+from rockfall.errors import RockfallError, need
 from rockfall.io.arrays import grid_of
 from rockfall.io.output_files import atomic_folder
 from rockfall.io.tables import write_csv
@@ -60,6 +60,19 @@ def write_hazard(found: xr.Dataset, folder: str | Path) -> list[Path]:
     folder = Path(folder)
     with atomic_folder(folder, files_behind(found)) as part:
         return [folder / path.name for path in put_hazard(found, part)]
+
+
+def read_hazard(path: str | Path) -> xr.Dataset:
+    """The hazard of a file hazard.nc; a RockfallError where it is none."""
+    import xarray as xr
+
+    try:
+        found = xr.load_dataset(path, mask_and_scale=False, decode_times=False, engine="netcdf4")
+    except OSError as error:
+        raise RockfallError(f"{path}: cannot be read as a hazard: {error.strerror}") from error
+    if "hazard_class" not in found:
+        raise RockfallError(f"{path}: is no hazard: it has no hazard_class")
+    return found
 
 
 def put_hazard(found: xr.Dataset, folder: Path) -> Iterator[Path]:

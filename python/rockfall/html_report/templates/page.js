@@ -112,8 +112,8 @@
     if (values && window.DecompressionStream && column >= 0 && row >= 0 && column < wide && row < high) {
       if (!numbers.has(map)) numbers.set(map, unpack(map));
       const value = (await numbers.get(map)).getFloat32(4 * (row * wide + column), true);
-      const known = value.toLocaleString("en", { maximumSignificantDigits: value < 1000 ? 3 : 5 });
-      text += Number.isNaN(value) ? ": none" : `: ${known} ${unit}`;
+      const known = value.toLocaleString(document.documentElement.lang, { maximumSignificantDigits: value < 1000 ? 3 : 5, useGrouping: false });
+      text += Number.isNaN(value) ? `: ${map.dataset.none}` : `: ${known} ${unit}`;
     }
     output.textContent = text;
   }

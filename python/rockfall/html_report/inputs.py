@@ -1,0 +1,174 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a result rests on: terrain, grounds, sources, boulders, obstacles; and who asked whom."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from rockfall.analysis.precision.intervals import sources
+from rockfall.case import FROM_ARRAY, Case, case_of
+from rockfall.errors import RockfallError
+from rockfall.html_report.tables import Table
+from rockfall.html_report.validity import has
+from rockfall.io.tables import read_table
+from rockfall.plots.cartography.rasters import cropped, draw_image
+from rockfall.plots.cartography.sheet import finish, new_sheet
+from rockfall.plots.extent import reached
+from rockfall.plots.style import styled
+from rockfall.protection.barriers import barriers_of
+from rockfall.quantities import number
+from rockfall.scene.read import read_scene
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.figure import Figure
+
+    from rockfall.plots.extent import Extent
+    from rockfall.result.trajectories import Terrain
+    from rockfall.scene.scene import Scene
+
+RADII = {
+    "mean_radius": "R_m [m]",
+    "rg70": "Rg70 [m]",
+    "rg20": "Rg20 [m]",
+    "rg10": "Rg10 [m]",
+}
+MATERIALS = 12  # drawn with a colour each
+
+
+class Parties(NamedTuple):
+    """What a report says of itself, in words of its user's."""
+
+    project: str = ""
+    client: str = ""
+    author: str = ""
+    dem_date: str = ""
+
+
+def input_table(result: xr.Dataset, parties: Parties) -> Table:
+    """What was given to the run."""
+    case = case_of(result)
+    west, cell, _, north, _, _ = map(float, result["crs"].attrs["GeoTransform"].split())
+    names = (result["crs"].attrs.get(key) for key in ("projected_crs_name", "geographic_crs_name"))
+    trees = "trees stand on the slope" if has(case, "forest") else "none"
+    nets = ", ".join(str(result["line"].values[k]) for k in barriers_of(result)) or "none"
+    lines = ", ".join(map(str, result["line"].values)) if "line" in result else ""
+    rows = [
+        ("terrain model", _file(case.terrain["dem"])),
+        ("cell size [m]", f"{cell:g}"),
+        ("coordinate system", next(filter(None, names), "none is given")),
+        ("date of the survey", parties.dem_date or "not stated"),
+        ("sources", f"{sources(result).count:,}"),
+        ("release", _release(case)),
+        ("boulders", f"{result.sizes['boulder']:,}"),
+        ("volume [m³]", _range(result["volume"].values)),
+        ("density [kg/m³]", number(case.boulder["density"], 4)),
+        ("impact set", str(result.attrs["impact_set"])),
+        ("evaluation lines and barriers", lines or "none"),
+        ("barriers", nets),
+        ("dams", f"{len(case.dam)}" if case.dam else "none"),
+        ("trees", trees),
+    ]
+    return Table("What the run was given", ("", "value"), rows, "inputs")
+
+
+def _file(name: str) -> str:
+    return "given as an array" if name == FROM_ARRAY else name
+
+
+def _release(case: Case) -> str:
+    drop, velocity = case.release["drop_height"], case.release["velocity"]
+    text = f"{drop:g} m above the surface" if drop else "on the surface"
+    if any(velocity):
+        east, north, up = (f"{v:g}" for v in velocity)
+        text += f"; velocity to the east {east} m/s; to the north {north} m/s; upwards {up} m/s"
+    return text
+
+
+def _range(values: np.ndarray) -> str:
+    low, mean, high = (number(v) for v in (values.min(), values.mean(), values.max()))
+    return low if low == high else f"{low} to {high}; {mean} on average"
+
+
+def zone_table(result: xr.Dataset) -> Iterator[Table]:
+    """The sizes of the rocks on the slope; of zones, where their table is still there."""
+    case = case_of(result)
+    surface = case.surface
+    if "table" in surface and surface["table"] != FROM_ARRAY:
+        try:
+            _, columns, rows = read_table(case.path(surface["table"]))
+            yield _zones([name for name in columns if name], [row.cells for row in rows])
+        except RockfallError:
+            return
+    elif any(key.startswith("uniform") for key in surface):
+        sizes = np.ravel(surface.get("uniform_mean_radius", surface.get("uniform_rg", [])))
+        heads = list(RADII.values())[slice(0, 1) if sizes.size == 1 else slice(1, 4)]
+        values = [number(one) for one in sizes]
+        yield Table("Grounds and radii of their rocks", ("", *heads), [("everywhere", *values)])
+
+
+def _zones(columns: list[str], cells: list[dict[str, str]]) -> Table:
+    shown = [name for name in ("zone", *RADII, "ground", "description") if name in columns]
+    heads = [RADII.get(name, name) for name in shown]
+    rows = [tuple(_size(row.get(name, ""), name) for name in shown) for row in cells]
+    return Table("Grounds and radii of their rocks", heads, rows, "noted")
+
+
+def _size(text: str, name: str) -> str:
+    return "absorbs" if name in RADII and text.strip().lower() in ("inf", "infinity") else text
+
+
+def words_of(result: xr.Dataset) -> Iterator[str]:
+    """Names and texts of the user's, which no page translates."""
+    case = case_of(result)
+    yield from (str(name) for name in result["line"].values) if "line" in result else ()
+    yield from (str(name) for name in result["ground"].values) if "ground" in result else ()
+    yield from (str(result.attrs["impact_set"]), str(result.attrs["title"]), case.terrain["dem"])
+    yield from (str(value) for key, value in result["crs"].attrs.items() if key.endswith("_name"))
+    for one in zone_table(result):
+        for k, name in enumerate(one.head):
+            if name in ("description", "ground"):
+                yield from (str(row[k]) for row in one.rows)
+
+
+def ground_figure(result: xr.Dataset, terrain: Terrain | None) -> Figure | None:
+    """The map of the grounds; none where all is one, or where the files of the run are gone."""
+    case = case_of(result)
+    if FROM_ARRAY in result.attrs["case"] or "zones" not in case.surface:
+        return None
+    try:
+        scene = read_scene(case)
+    except RockfallError:
+        return None
+    if scene.zone is None or scene.windows or not 1 < len(scene.sizes) <= MATERIALS:
+        return None
+    return _drawn(scene, reached(result, terrain), terrain)
+
+
+@styled
+def _drawn(scene: Scene, extent: Extent, terrain: Terrain | None) -> Figure:
+    from matplotlib import colormaps
+    from matplotlib.colors import BoundaryNorm, ListedColormap
+    from matplotlib.patches import Patch
+
+    assert scene.zone is not None
+    zone, grid = cropped(scene.zone, scene.grid, False, extent, np.maximum)
+    there = [k for k in range(1, len(scene.sizes) + 1) if (zone == k).any()]
+    colours = colormaps["Set3"](np.arange(MATERIALS))
+    key = [Patch(color=colours[k - 1], label=_radius(scene.sizes[k - 1])) for k in there]
+    sheet = new_sheet(extent, terrain, key)
+    norm = BoundaryNorm(np.arange(0.5, MATERIALS + 1), MATERIALS)
+    shown = np.where(zone > 0, zone, np.nan).astype(float)
+    draw_image(sheet.axes, shown, grid, norm=norm, cmap=ListedColormap(colours), alpha=0.7)
+    finish(sheet)
+    return sheet.figure
+
+
+def _radius(sizes: np.ndarray) -> str:
+    name = "R_m" if sizes.size == 1 else "Rg70, Rg20, Rg10"
+    if np.isinf(sizes).any():
+        return f"{name} [m]: absorbs"
+    return f"{name} [m]: {', '.join(number(one) for one in sizes)}"

@@ -1,0 +1,137 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The language of a page: every text through one catalogue, numbers with the marks of the language.
+
+Texts are written in English where they arise, on terminals too. On their way to a page their
+numbers become `#`, names of the case `@`; what is left is looked up in data/report_texts.csv, and
+takes the numbers and names again, in their order.
+"""
+
+from __future__ import annotations
+
+import csv
+import importlib.resources
+import logging
+import re
+from collections.abc import Iterable
+from functools import cache
+from textwrap import fill
+from typing import TYPE_CHECKING
+
+from rockfall.errors import RockfallError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+LANGUAGES = ("en", "de", "fr", "it")
+#: Thousands and decimals (ISO 80000-1 outside English).
+MARKS = {"en": (",", "."), "de": ("\u202f", ","), "fr": ("\u202f", ","), "it": ("\u202f", ",")}
+NUMBER = re.compile(r"(?<![\w.])(?:[<>] )?\d+(?:,\d{3})*(?:\.\d+)?(?=kJ|years|\W|_?$)")
+#: Symbols and units, the same in all languages.
+SYMBOL = re.compile(
+    r"(?<!\w)(?:[A-Za-z]+_[\w,]+|k?m[23²³]?|k?J|kg|rad|[stxyzpDnN]|UNI|ONR|EAD|SHA|CPU)(?!\w)"
+)
+BREAKS = ("\n", ". ", "; ", ": ")  # part a text that the catalogue lacks as a whole
+log = logging.getLogger(__name__)
+
+
+@cache
+def catalogue(language: str) -> dict[str, str]:
+    """English texts and those of a language; a RockfallError where there is no such language."""
+    if language not in LANGUAGES:
+        raise RockfallError(f"language = '{language}': must be one of {', '.join(LANGUAGES)}")
+    path = importlib.resources.files("rockfall") / "data" / "report_texts.csv"
+    rows = csv.DictReader(path.read_text(encoding="utf-8").splitlines())
+    return {row["en"]: row[language] for row in rows}
+
+
+class Speaker:
+    """Says texts in a language; `names`, of the case, stay as they are."""
+
+    def __init__(self, language: str = "en", names: Iterable[str] = ()) -> None:
+        self.language, self.texts = language, catalogue(language)
+        self.thousands, self.decimal = MARKS[language]
+        known = sorted({name for name in names if name.strip()}, key=len, reverse=True)
+        either = "|".join(map(re.escape, known)) or "(?!)"
+        self.name = re.compile(rf"(?<!\w)(?:{either}|[a-z]+(?:_[a-z]+)+\d*)(?!\w)")
+
+    def __call__(self, text: object) -> str:
+        """A text in this language; what the catalogue lacks stays as it is, and is logged."""
+        said = str(text)
+        inner = said.strip()
+        return said if self.language == "en" else said.replace(inner, self._said(inner), 1)
+
+    def _said(self, text: str) -> str:
+        if self.name.fullmatch(text):
+            return text
+        found = self._found(text)
+        if found is not None:
+            return found
+        for one in BREAKS:
+            if one in text:
+                joint = re.sub("([;:])", "\u202f\\1", one) if self.language == "fr" else one
+                return joint.join(map(self._said, text.split(one)))
+        if titled := re.fullmatch(r"(.+?) \[(.+)\](.*)", text):
+            label, unit, rest = map(self._said, titled.groups())
+            return f"{label} [{unit}]{rest}"
+        log.warning("%s: no text for '%s'", self.language, text)
+        return self._marked(text)
+
+    def _found(self, text: str) -> str | None:
+        """The text of the catalogue, masks filled: as it is, or with names of the case in it."""
+        for names in ([], self.name.findall(text)[:1], self.name.findall(text)):
+            masked = self.name.sub("@", text, count=len(names)) if names else text
+            key = NUMBER.sub("#", " ".join(masked.split()))
+            if not re.search("[^\\W\\d_]", SYMBOL.sub("", key)):
+                return self._marked(text)
+            capital = key not in self.texts
+            if capital:
+                key = key[:1].lower() + key[1:]
+            if key in self.texts:
+                found = self.texts[key]
+                found = found[:1].upper() + found[1:] if capital else found
+                return self._filled(found, NUMBER.findall(masked), names)
+        return None
+
+    def _filled(self, text: str, numbers: list[str], names: list[str]) -> str:
+        fillings = {"#": map(self._marked, numbers), "@": iter(names)}
+        return re.sub("[#@]", lambda mask: next(fillings[mask[0]]), text)
+
+    def _marked(self, text: str) -> str:
+        """Its numbers with the marks of the language."""
+        marks = {",": self.thousands, ".": self.decimal}
+        return NUMBER.sub(
+            lambda number: re.sub("[,.]", lambda mark: marks[mark[0]], number[0]), text
+        )
+
+    def figure(self, figure: Figure) -> None:
+        """Say all texts of a figure, and the numbers at its axes."""
+        from matplotlib.text import Text
+        from matplotlib.ticker import FixedFormatter, ScalarFormatter
+
+        if self.language == "en":
+            return
+        speaker = self
+
+        class Marked(ScalarFormatter):
+            def __call__(self, x: float, pos: int | None = None) -> str:
+                return speaker._marked(super().__call__(x, pos))
+
+        for axes in figure.axes:
+            for axis in (axes.xaxis, axes.yaxis):
+                formatter = axis.get_major_formatter()
+                if type(formatter) is ScalarFormatter:
+                    axis.set_major_formatter(Marked(useOffset=False))
+                elif isinstance(formatter, FixedFormatter):
+                    axis.set_major_formatter(FixedFormatter([*map(self, formatter.seq)]))
+        ticks = {
+            id(label)
+            for axes in figure.axes
+            for axis in (axes.xaxis, axes.yaxis)
+            for label in axis.get_ticklabels(which="both")
+        }
+        for one in figure.findobj(Text):
+            text = one.get_text()
+            if text and id(one) not in ticks and not text.startswith("$\\math"):
+                said = self(text.replace("\n", " "))
+                width = max(map(len, text.split("\n")))
+                one.set_text(fill(said, width) if "\n" in text else said)
