@@ -54,6 +54,8 @@ def _run(result: xr.Dataset) -> str:
     release = case_of(result).release
     drop, velocity = release["drop_height"], release["velocity"]
     start = f"{drop:g} m above the surface" if drop else "on the surface"
+    if "source_feature" in result:
+        start += " where their layer does not say otherwise"
     if any(velocity):
         start += " with a velocity of " + ", ".join(f"{v:g}" for v in velocity)
         start += " m/s to the east, to the north and upwards"
