@@ -24,6 +24,7 @@ def made(values, source=None, attrs=None):
     start = np.zeros(values.size) if source is None else source.astype(float)
     data = {f"line_{name}": (("line", "boulder"), values[None]) for name in QUANTITIES[:6]}
     data |= {"start_x": ("boulder", start), "start_y": ("boulder", 0 * start)}
+    data["volume"] = "boulder", np.ones(values.size)
     return xr.Dataset(data, {"line": ["L"]}, attrs)
 
 

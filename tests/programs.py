@@ -26,6 +26,7 @@ MANY = 1500  # the same of a run that is to be stopped
 OWN = (
     "case",
     "case_file",
+    "history",
     "threads",
     "wall_seconds",
     "cpu_seconds",

@@ -133,6 +133,14 @@ def test_the_kernel_is_called_by_few():
     )
 
 
+def test_the_plugin_for_qgis_imports_nothing_of_the_package():
+    report(
+        f"{path.relative_to(ROOT)}:{line} imports {module}"
+        for path in sorted((ROOT / "python/rockfall_qgis").glob("*.py"))
+        for line, module, *_ in imports(path)
+    )
+
+
 def test_no_test_imports_another():
     report(
         f"{path.relative_to(ROOT)} imports {found}"

@@ -86,15 +86,17 @@ passages they are hardly known: 10 for a mean; 6, 45, 92, 236, 476 for quantiles
 and 99 %, which then lack a limit of their 95 % interval. Figures hatch such cells where the result
 counts `passages`. The limits are maps of their own, such as `energy_q95_low` and
 `energy_q95_high`: order statistics as at the lines, NaN where the cell has too few boulders.
-Quantiles come from counts of classes (64 J to 8.6 GJ, 0.25 to 256 m/s, 0.06 to 512 m), four an
-octave, straight within a class: so they add up over parts of a run. On `cases/vaujany` they stand
-0 to 2 % above those of the
-boulders themselves (up to 6 % where values are alike in a test), with a scatter of 2 to 5 % for 100
-boulders (r.m.s.); a q99 may exceed the greatest value, by a class (25 %) at most. They take 440,
-168 and 216 bytes in each cell that a boulder reaches, for energy, speed and jump height; where the
-system has no more, the run ends with a line that says so. The limits of cells
-are those of boulders from anywhere: for the given sources they are at most too wide, for a sample
-of sources (`&release sources`) too narrow.
+Standard deviations (n - 1) come from exact sums of squares, and need two boulders. Passing heights
+are those of the centre, vertical: jump height + R / cos(slope), as at the lines, but with the
+slope of the cell (Horn 1981) in place of that under the boulder. Quantiles come from counts of
+classes (64 J to 8.6 GJ, 0.25 to 256 m/s, heights 0.06 to 512 m), four an octave, straight within a
+class: so they add up over parts of a run. On `cases/vaujany` they stand 0 to 2 % above those of
+the boulders themselves (up to 6 % where values are alike in a test), with a scatter of 2 to 5 %
+for 100 boulders (r.m.s.); a q99 may exceed the greatest value, by a class (25 %) at most. They
+take 440, 168 and 216 bytes in each cell that a boulder reaches, for energy, speed and each of the
+heights, a standard deviation 24; where the system has no more, the run ends with a line that says
+so. The limits of cells are those of boulders from anywhere: for the given sources they are at most
+too wide, for a sample of sources (`&release sources`) too narrow.
 
 A source feeds a cell when one of its boulders passed it; `sources` counts them.
 `reach_probability_by_source` is the passages over the boulders of these sources only, as

@@ -19,6 +19,7 @@ _MODULES = {  # of each public name, and the name there if it is another
     "figures": "products",
     "hazard": "analysis.hazard.study",
     "import_rockyfor3d": "rockyfor3d.imported",
+    "line_profile": "analysis.lines.profile",
     "line_statistics": "analysis.line_statistics",
     "merge": "simulation.merge",
     "new_case": "draft.new_case",

@@ -60,15 +60,15 @@ QUANTITIES = {
     "energy_rotational": _of_line("energy_rotational", "rotational energy", 0, "E_rot"),
     "energy_total": _of_line("energy_translational", "total kinetic energy", 0, "E_tot"),
     "rotational_share": Quantity("rotational fraction of the energy", "1", 1, "E_rot / E_tot"),
+    "upper_edge": Quantity("height of the upper edge, vertical", "m", 2, "upper edge"),
+    "normal_height": Quantity("height of the centre, normal", "m", 2, "centre, normal"),
+    "normal_upper_edge": Quantity("height of the upper edge, normal", "m", 2, "edge, normal"),
     "position": Quantity("position along the line", "m", 1, "along the line"),
     "stopping_distance": Quantity("stopping distance", "m", 1),
 }
 DESIGN = {  # of loads on a barrier; heights above the ground
-    **{name: QUANTITIES[name] for name in ("speed", "energy_total", "energy_translational")},
+    **QUANTITIES,
     "passing_height": _of_line("passing_height", "height of the centre, vertical", 2),
-    "upper_edge": Quantity("height of the upper edge, vertical", "m", 2),
-    "normal_height": Quantity("height of the centre, normal", "m", 2),
-    "normal_upper_edge": Quantity("height of the upper edge, normal", "m", 2),
 }
 REBOUND = {  # of histograms over all rebounds
     "tangential_share": Quantity("tangential fraction of the energy", "1", 1),
@@ -99,6 +99,12 @@ def number(value: float, digits: int = 3, *, up: bool = False) -> str:
     if up and near < value * (1 - 1e-12):
         near = round(near + 10.0**-beyond, beyond)
     return f"{near:,.{max(0, beyond)}f}"
+
+
+def round_step(rough: float) -> float:
+    """1, 2, 2.5 or 5 times a power of ten, the next above `rough`."""
+    power = 10.0 ** math.floor(math.log10(max(rough, 1e-6)))
+    return power * next(step for step in (1, 2, 2.5, 5, 10) if step * power >= 0.999 * rough)
 
 
 def count(number: int, one: str, many: str | None = None) -> str:

@@ -85,7 +85,8 @@ def test_the_lateral_spread_is_the_deviation_along_a_bent_line():
         for name, of in zip("xy", vertices.T, strict=True)
     }
     ends["line_vertex_line"] = ("line_vertex", np.zeros(5, int))
-    start = {f"start_{name}": ("boulder", np.zeros(crossed.size)) for name in "xy"}
+    zero = "boulder", np.zeros(crossed.size)
+    start = {"start_x": zero, "start_y": zero, "volume": ("boulder", np.ones(crossed.size))}
     result = xr.Dataset({**values, **ends, **start}, {"line": ["L"]})
     assert line_values(result, "position", 0)[:-1] == pytest.approx(place, abs=1e-7)
     row = rockfall.line_statistics(result).set_index("quantity").loc["position"]
@@ -157,7 +158,7 @@ def test_intervals_hold_for_few_boulders():
 def test_a_quantile_beyond_the_sample_has_no_upper_limit():
     speed = np.arange(1.0, 21.0)
     names = {f"line_{name}": (("line", "boulder"), speed[None]) for name in QUANTITIES[:6]}
-    start = {"start_x": ("boulder", np.zeros(20)), "start_y": ("boulder", np.zeros(20))}
+    start = dict.fromkeys(("start_x", "start_y", "volume"), ("boulder", np.zeros(20)))
     line = {f"line_vertex_{name}": ("line_vertex", [0, 0]) for name in ("line", "x", "y")}
     names |= {"line_x": names["line_speed"], "line_y": names["line_speed"]}
     row = of_speed(xr.Dataset({**names, **start, **line}, {"line": ["L"]}))

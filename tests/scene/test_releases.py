@@ -8,7 +8,7 @@ import pytest
 import rockfall
 from made import make_layer
 from programs import find_program, make_full_case, refuses, run_program, same_results
-from rockfall.analysis.ensemble import run_ensemble
+from rockfall.analysis.ensemble.study import run_ensemble
 from rockfall.cli import main
 from rockfall.scene.prepare import prepare
 from rockfall.scene.read import read_scene

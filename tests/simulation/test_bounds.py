@@ -52,6 +52,14 @@ def test_the_bound_is_that_of_63_bits(tmp_path):
             start(scene, threads=1)
 
 
+def test_squares_have_126_bits(tmp_path):
+    """What needs more is refused; of a billion boulders of 10 m3 no number does."""
+    maps = {"maps": [f"{name}_std" for name in ("energy", "speed", "passing_height")]}
+    check(scene_of(tmp_path, boulders=10**9, boulder={"volume_mean": 10.0}, **maps))
+    with pytest.raises(rockfall.RockfallError, match="energy_std: the sum of 1000000000 .* J2 "):
+        check(scene_of(tmp_path, boulders=10**9, boulder={"volume_mean": 1e3}, **maps))
+
+
 @pytest.mark.parametrize("name", ["speed", "jump_height"])
 def test_sums_of_other_quantities(tmp_path, name):
     many = {"maps": [f"{name}_mean"], "boulders": 2 * 10**9}

@@ -19,6 +19,7 @@ CELL, SHAPE = 5.0, (80, 60)
 WIDTH, HEIGHT = SHAPE[1] * CELL, SHAPE[0] * CELL
 START = (152.25, 385.125)  # eighths: sums with large offsets are exact
 MAPS = list(variables.MAP)
+QUANTITIES = ("energy", "speed", "jump_height", "passing_height")  # in the order of the maxima
 LINES = [
     {"name": "low", "x": [5.0, 295.0], "y": [200.0, 200.0]},
     {"name": "bent", "x": [5.0, 150.0, 295.0], "y": [300.0, 310.0, 290.0]},
@@ -149,7 +150,7 @@ def test_limits_of_the_reach_probability_are_wilsons(crowd):
 def _limits_are_those_of_the_lines(result, alone, name):
     """Between order statistics, within a bin of them; none where these have none, and both from
     `thin_below` passages on."""
-    level, lowest = int(name[-2:]) / 100, {"e": 64, "s": 0.25, "j": 0.0625}[name[0]]
+    level, lowest = int(name[-2:]) / 100, {"e": 64, "s": 0.25, "j": 0.0625, "p": 0.0625}[name[0]]
     low, high = (result[f"{name}_{end}"].values for end in ("low", "high"))
     count = (~np.isnan(alone)).sum(axis=0)
     assert np.array_equal(count >= result[name].attrs["thin_below"], np.isfinite(low + high))
@@ -180,12 +181,16 @@ def test_means_and_quantiles_of_cells_are_those_of_their_boulders(folder):
     count = (~np.isnan(alone[:, 0])).sum(axis=0)
     assert np.array_equal(count, result.passages)
     seen = set()
-    for k, quantity in enumerate(("energy", "speed", "jump_height")):
+    for k, quantity in enumerate(QUANTITIES):
         mean = result[f"{quantity}_mean"]
         shown = count > 0
         assert np.array_equal(shown, ~np.isnan(mean)) and mean.attrs["thin_below"] == 10
         expected = np.nanmean(alone[:, k][:, shown], axis=0)
         assert mean.values[shown] == pytest.approx(expected, rel=1e-5, abs=1e-3)
+        std, several = result[f"{quantity}_std"].values, count > 1
+        assert np.array_equal(several, ~np.isnan(std))
+        expected = np.nanstd(alone[:, k][:, several], axis=0, ddof=1)
+        assert std[several] == pytest.approx(expected, rel=1e-5, abs=1e-3 * (1 + 999 * (k == 0)))
         for percent in (50, 90, 95, 98, 99):
             about = result[f"{quantity}_q{percent}"]
             assert np.array_equal(count > 0, ~np.isnan(about))
@@ -196,7 +201,7 @@ def test_means_and_quantiles_of_cells_are_those_of_their_boulders(folder):
                 np.nanquantile(values, percent / 100, axis=0, method=method)
                 for method in ("lower", "higher")
             )
-            lowest = {"energy": 64, "speed": 0.25, "jump_height": 0.0625}[quantity]
+            lowest = {"energy": 64, "speed": 0.25}.get(quantity, 0.0625)
             assert (about.values[shown] >= 0.8 * below - lowest).all()
             assert (about.values[shown] <= 1.25 * above + lowest).all()
             linear = np.nanquantile(values, percent / 100, axis=0)  # as at the lines
@@ -204,7 +209,7 @@ def test_means_and_quantiles_of_cells_are_those_of_their_boulders(folder):
             if off.size > 20:  # of fewer cells a mean says little
                 assert abs(off.mean()) < 0.07 and np.sqrt((off**2).mean()) < 0.09
                 seen.add(quantity)
-    assert len(seen) == 3
+    assert len(seen) == 4
 
 
 def test_quantiles_need_room_for_the_cells_that_boulders_reach(folder, monkeypatch):
@@ -217,7 +222,7 @@ def test_quantiles_need_room_for_the_cells_that_boulders_reach(folder, monkeypat
     empty, refusals = np.empty, []
 
     def grant(shape, *about):
-        if np.prod(shape) > 206 * cells // 2:
+        if np.prod(shape) > 260 * cells // 2:
             refusals.append(shape)
             raise MemoryError
         return empty(shape, *about)
@@ -225,7 +230,7 @@ def test_quantiles_need_room_for_the_cells_that_boulders_reach(folder, monkeypat
     with monkeypatch.context() as less:
         less.setattr(np, "empty", grant)
         same_numbers(simulate.run_scene(scene), whole)
-    assert refusals == [(cells, 206)]
+    assert refusals == [(cells, 260)]
     monkeypatch.setattr(maps, "MAX_ROWS", reached)
     same_numbers(simulate.run_scene(scene, threads=4), whole)
     monkeypatch.setattr(maps, "MAX_ROWS", reached - 1)

@@ -4,7 +4,7 @@ module rockfall_kinds
    use, intrinsic :: iso_fortran_env, only: int8, int16, int32, int64, real32, real64
    implicit none
    private
-   public :: wp, sp, i1, i2, i4, i8
+   public :: wp, sp, i1, i2, i4, i8, i16
 
    integer, parameter :: wp = real64  !! working precision: all physics
    integer, parameter :: sp = real32  !! rasters that come in single precision
@@ -12,4 +12,5 @@ module rockfall_kinds
    integer, parameter :: i2 = int16   !! zone indices of a cell
    integer, parameter :: i4 = int32   !! counts of a cell
    integer, parameter :: i8 = int64   !! boulder numbers, random words, sums
+   integer, parameter :: i16 = selected_int_kind(38)  !! products of sums
 end module rockfall_kinds

@@ -336,7 +336,7 @@ contains
    subroutine map_plan(names, thresholds, counts, sums, maxima, bins, layers)
       character(len=*), intent(in) :: names     !! of maps, separated by blanks
       integer(c_int), intent(in) :: thresholds  !! how many
-      integer(c_int), intent(out) :: counts(5), sums(6), maxima(4), bins, layers(3)
+      integer(c_int), intent(out) :: counts(5), sums(7), maxima(5), bins, layers(3)
       type(map_plan_t) :: plan
 
       plan = plan_of(names, thresholds)

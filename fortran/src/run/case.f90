@@ -602,7 +602,8 @@ contains
       if (real_of(group, "source_shift") > 0) call refuse(group, "source_shift", "must be 0: draws has it", error)
       do k = 1, size(factors)
          if (allocated(error)) return
-         if (real_of(group, trim(factors(k))) > 1) call refuse(group, trim(factors(k)), "must be 1: draws has it", error)
+         if (real_of(group, trim(factors(k))) <= 1) cycle
+         call refuse(group, trim(factors(k)), "must be 1: draws has it", error)
       end do
    end subroutine check_draws
 

@@ -10,7 +10,9 @@ module rockfall_ensemble
    use rockfall_boulder, only: release_t, source_of, first_of, last_of, released_by
    use rockfall_maps, only: maps_t, needs_visits, visits_t, start_visits, add_visits, add_deposit
    use rockfall_travel_maps, only: needs_times, needs_travel, add_travel
+   use rockfall_passing_maps, only: needs_passing, add_passing
    use rockfall_tree_maps, only: needs_tree_hits, add_tree_hits
+   use rockfall_sources, only: share_of
    use rockfall_source_maps, only: counts_sources, gather, add_source, add_source_of_boulder
    use rockfall_histogram, only: histograms, bins, quantities
    implicit none
@@ -100,6 +102,7 @@ contains
          return
       end if
       if (scratch%cells_requested) call add_visits(maps, scratch%visits, result%boulder%mass)
+      if (needs_passing(maps)) call add_passing(maps, scratch%visits, scene%dem, result%boulder%radius)
       if (needs_travel(maps)) call add_travel(maps, scratch%visits, scene%dem, result%start)
       if (scratch%tree_hits_requested) call add_tree_hits(maps, scratch%tree_hits)
       if (at_rest(result%status)) call add_deposit(maps, result%stop_cell)

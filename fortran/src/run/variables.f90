@@ -33,6 +33,7 @@ module rockfall_variables
    character(len=*), parameter :: order_statistics = "between passing boulders; none where the cell has too few"
    character(len=*), parameter :: lower = "lower limit of the 95 % interval of "
    character(len=*), parameter :: upper = "upper limit of the 95 % interval of "
+   character(len=*), parameter :: by_cell = "jump height + R / cos(slope of the cell)"
    character(len=*), parameter :: to_middle = "below the horizontal, to the ground in the middle of the cell"
    character(len=*), parameter :: given_sources = "Wilson (1927): Monte Carlo error, given the sources"
 
@@ -123,6 +124,8 @@ module rockfall_variables
                  "maximum kinetic energy, translational and rotational"), &
       variable_t("map", "energy_mean", "real", "J", &
                  "mean of the passing boulders' maximum energies"), &
+      variable_t("map", "energy_std", "real", "J", &
+                 "standard deviation (n - 1) of the passing boulders' maximum energies"), &
       variable_t("map", "energy_q50", "real", "J", &
                  "median of the passing boulders' maximum energies", in_classes), &
       variable_t("map", "energy_q50_low", "real", "J", lower//"energy_q50", order_statistics), &
@@ -148,6 +151,8 @@ module rockfall_variables
       variable_t("map", "speed_max_map", "real", "m s-1", "maximum speed"), &
       variable_t("map", "speed_mean", "real", "m s-1", &
                  "mean of the passing boulders' maximum speeds"), &
+      variable_t("map", "speed_std", "real", "m s-1", &
+                 "standard deviation (n - 1) of the passing boulders' maximum speeds"), &
       variable_t("map", "speed_q50", "real", "m s-1", &
                  "median of the passing boulders' maximum speeds", in_classes), &
       variable_t("map", "speed_q50_low", "real", "m s-1", lower//"speed_q50", order_statistics), &
@@ -172,6 +177,8 @@ module rockfall_variables
                  "maximum height of a boulder's point above the surface"), &
       variable_t("map", "jump_height_mean", "real", "m", &
                  "mean of the passing boulders' maximum jump heights"), &
+      variable_t("map", "jump_height_std", "real", "m", &
+                 "standard deviation (n - 1) of the passing boulders' maximum jump heights"), &
       variable_t("map", "jump_height_q50", "real", "m", &
                  "median of the passing boulders' maximum jump heights", in_classes), &
       variable_t("map", "jump_height_q50_low", "real", "m", lower//"jump_height_q50", order_statistics), &
@@ -192,6 +199,32 @@ module rockfall_variables
                  "99 % quantile of the passing boulders' maximum jump heights", in_classes), &
       variable_t("map", "jump_height_q99_low", "real", "m", lower//"jump_height_q99", order_statistics), &
       variable_t("map", "jump_height_q99_high", "real", "m", upper//"jump_height_q99", order_statistics), &
+      variable_t("map", "passing_height_max", "real", "m", &
+                 "maximum height of a boulder's centre above the surface, vertical", by_cell), &
+      variable_t("map", "passing_height_mean", "real", "m", &
+                 "mean of the passing boulders' maximum passing heights"), &
+      variable_t("map", "passing_height_std", "real", "m", &
+                 "standard deviation (n - 1) of the passing boulders' maximum passing heights"), &
+      variable_t("map", "passing_height_q50", "real", "m", &
+                 "median of the passing boulders' maximum passing heights", in_classes), &
+      variable_t("map", "passing_height_q50_low", "real", "m", lower//"passing_height_q50", order_statistics), &
+      variable_t("map", "passing_height_q50_high", "real", "m", upper//"passing_height_q50", order_statistics), &
+      variable_t("map", "passing_height_q90", "real", "m", &
+                 "90 % quantile of the passing boulders' maximum passing heights", in_classes), &
+      variable_t("map", "passing_height_q90_low", "real", "m", lower//"passing_height_q90", order_statistics), &
+      variable_t("map", "passing_height_q90_high", "real", "m", upper//"passing_height_q90", order_statistics), &
+      variable_t("map", "passing_height_q95", "real", "m", &
+                 "95 % quantile of the passing boulders' maximum passing heights", in_classes), &
+      variable_t("map", "passing_height_q95_low", "real", "m", lower//"passing_height_q95", order_statistics), &
+      variable_t("map", "passing_height_q95_high", "real", "m", upper//"passing_height_q95", order_statistics), &
+      variable_t("map", "passing_height_q98", "real", "m", &
+                 "98 % quantile of the passing boulders' maximum passing heights", in_classes), &
+      variable_t("map", "passing_height_q98_low", "real", "m", lower//"passing_height_q98", order_statistics), &
+      variable_t("map", "passing_height_q98_high", "real", "m", upper//"passing_height_q98", order_statistics), &
+      variable_t("map", "passing_height_q99", "real", "m", &
+                 "99 % quantile of the passing boulders' maximum passing heights", in_classes), &
+      variable_t("map", "passing_height_q99_low", "real", "m", lower//"passing_height_q99", order_statistics), &
+      variable_t("map", "passing_height_q99_high", "real", "m", upper//"passing_height_q99", order_statistics), &
       variable_t("map", "energy_line_angle_max", "real", "degree", &
                  "steepest line from the release of a boulder that passed", to_middle), &
       variable_t("map", "energy_line_angle_min", "real", "degree", &

@@ -6,16 +6,16 @@ module rockfall_bins
    implicit none
    private
    public :: n_log_bins, log_bin, log_bin_edge, log_bin_quantile, log_bin_value
-   public :: energy, speed, jump_height
+   public :: energy, speed, jump_height, passing_height
 
-   integer, parameter :: energy = 1, speed = 2, jump_height = 3  !! quantities [J], [m/s], [m]
-   !> Bins reach from 2**first for so many octaves: 64 J to 8.6 GJ, 0.25 to 256 m/s, 0.06 to 512 m.
-   integer, parameter :: first(3) = [6, -2, -4], octaves(3) = [27, 10, 13]
+   integer, parameter :: energy = 1, speed = 2, jump_height = 3, passing_height = 4  !! quantities [J], [m/s], [m]
+   !> Bins reach from 2**first for so many octaves: 64 J to 8.6 GJ, 0.25 to 256 m/s, heights 0.06 to 512 m.
+   integer, parameter :: first(4) = [6, -2, -4, -4], octaves(4) = [27, 10, 13, 13]
    integer, parameter :: per_octave = 4
    !> Bits of a double below those of exponent and bin: 52 of the fraction less log2(per_octave).
    integer, parameter :: bits_below = 50, exponent_bias = 1023
    !> The first bin holds what lies below, the last one what lies above.
-   integer, parameter :: n_log_bins(3) = per_octave*octaves + 2
+   integer, parameter :: n_log_bins(4) = per_octave*octaves + 2
 
 contains
 

@@ -7,8 +7,9 @@ module rockfall_limits
    use rockfall_text, only: integer_text
    use rockfall_random, only: normal_table
    use rockfall_boulder, only: volume_distribution_t, max_volume, mean_volume
-   use rockfall_bins, only: energy, speed, jump_height
-   use rockfall_maps, only: per_unit
+   use rockfall_bins, only: energy, speed, jump_height, passing_height
+   use rockfall_maps, only: per_unit, square_base
+   use rockfall_passing_maps, only: steepest
    use rockfall_map_values, only: map_plan_t
    implicit none
    private
@@ -18,9 +19,11 @@ module rockfall_limits
    real(wp), parameter :: max_sum = 9.0e18_wp
    real(wp), parameter :: rounding = 0.5_wp  !! of each hit of a tree [J], [mm]; hits alone pass no 63 bits
    !> Maps that show the sums of a plan.
-   character(len=*), parameter :: names(5) = [character(len=23) :: "energy_mean", "speed_mean", "jump_height_mean", &
-                                              "tree_impact_height_mean", "tree_energy"]
-   character(len=*), parameter :: units(5) = [character(len=4) :: "J", "mm/s", "mm", "mm", "J"]
+   character(len=*), parameter :: names(10) = [character(len=23) :: "energy_mean", "speed_mean", "jump_height_mean", &
+                                               "passing_height_mean", "tree_impact_height_mean", "tree_energy", &
+                                               "energy_std", "speed_std", "jump_height_std", "passing_height_std"]
+   character(len=*), parameter :: units(10) = [character(len=6) :: "J", "mm/s", "mm", "mm", "mm", "J", &
+                                               "J2", "mm2/s2", "mm2", "mm2"]
 
 contains
 
@@ -33,26 +36,31 @@ contains
       integer(i8), intent(in) :: boulders    !! of the whole run: all may pass one cell
       integer, intent(in) :: max_hits        !! of trees, by a boulder: all may be in one cell
       type(error_t), allocatable, intent(out) :: error
-      real(wp) :: one(3), together(size(names)), volume, hits
+      real(wp) :: one(4), together(size(names)), limit(size(names)), volume, hits
       character(len=:), allocatable :: advice
-      integer :: k
+      integer :: k, place(size(names))
 
       volume = max_volume(distribution, normal_table())
       one(energy) = distribution%density*volume*gravity*fall
       one(speed) = sqrt(2*gravity*fall)
       one(jump_height) = fall
+      one(passing_height) = fall + volume**(1/3.0_wp)*steepest  ! a radius is below the side of a cube
       hits = real(boulders, wp)*max_hits
-      together(:3) = boulders*one*per_unit
+      together(:4) = boulders*one*per_unit
       together(energy) = min(together(energy), &
                              distribution%density*gravity*fall*sum_of_many(boulders, mean_volume(distribution), volume))
-      together(4:) = [hits*(one(jump_height)*per_unit(jump_height) + rounding), together(energy) + hits*rounding]
-      advice = ""
+      together(5:6) = [hits*(one(jump_height)*per_unit(jump_height) + rounding), together(energy) + hits*rounding]
+      together(7:) = together(:4)*one*per_unit
+      limit = max_sum
+      limit(7:) = max_sum*square_base
+      place = [plan%sum(:6), plan%square]
       do k = 1, size(names)
-         if (k > size(one)) advice = ", or a lower &impact impact_limit"
-         if (plan%sum(k) > 0 .and. together(k) > max_sum) then
+         advice = ""
+         if (k == 5 .or. k == 6) advice = ", or a lower &impact impact_limit"
+         if (place(k) > 0 .and. together(k) > limit(k)) then
             call fail(error, "&output maps: "//trim(names(k))//": the sum of "//integer_text(boulders) &
                       //" boulders can come to "//short(together(k))//" "//trim(units(k))//about(volume, fall) &
-                      //": must be at most 9e18; take fewer or smaller boulders"//advice)
+                      //": must be at most "//short(limit(k))//"; take fewer or smaller boulders"//advice)
             return
          end if
       end do

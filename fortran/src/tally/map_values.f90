@@ -2,9 +2,9 @@
 !> What a map shows: which tallies it needs, and how a row of it is made of them.
 module rockfall_map_values
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
-   use rockfall_kinds, only: wp, sp, i4, i8
-   use rockfall_bins, only: energy, speed, jump_height, n_log_bins, log_bin_quantile, log_bin_value
-   use rockfall_maps, only: maps_t, per_unit
+   use rockfall_kinds, only: wp, sp, i4, i8, i16
+   use rockfall_bins, only: energy, speed, jump_height, passing_height, n_log_bins, log_bin_quantile, log_bin_value
+   use rockfall_maps, only: maps_t, per_unit, square_base
    use rockfall_travel_maps, only: steepest_angle, flattest_angle, shortest_time
    implicit none
    private
@@ -19,23 +19,25 @@ module rockfall_map_values
    !> Where each tally stands in its stack of layers; 0 = not requested.
    type :: map_plan_t
       integer :: count(4) = 0  !! passages, deposits, contributing sources, boulders of these
-      integer :: sum(6) = 0    !! of energy, speed, jump height; of the heights of hits of trees, what these took, hits
-      integer :: max(4) = 0    !! the same without the last two
+      !> Of energy, speed, jump height, passing height; of the heights of hits of trees, what these took, hits.
+      integer :: sum(7) = 0
+      integer :: square(4) = 0 !! the first of two layers for the squares of a quantity, among the sums
+      integer :: max(5) = 0    !! as `sum` without the last two
       integer :: travel(3) = 0     !! steepest and flattest energy line, shortest time; among the maxima
       integer :: exceeded = 0      !! the first of the layers for thresholds of energy, the last among the counts
       integer :: thresholds = 0    !! how many
-      integer :: bins(3) = 0   !! the first row of its counts
+      integer :: bins(4) = 0   !! the first row of its counts
       integer :: rows = 0      !! of counts of bins
    end type map_plan_t
 
    enum, bind(c)
       enumerator :: a_count, a_fraction, a_source_fraction, a_lower_limit, an_upper_limit, a_maximum, a_mean, &
-                    a_quantile, an_exceedance, a_steepest, a_flattest, a_shortest, a_tree_maximum, a_tree_mean, &
+                    a_std, a_quantile, an_exceedance, a_steepest, a_flattest, a_shortest, a_tree_maximum, a_tree_mean, &
                     a_tree_sum
    end enum
 
    !> Where the numbers of trees stand in a plan.
-   integer, parameter :: tree_height = 4, tree_energy = 5, tree_impacts = 6
+   integer, parameter :: tree_height = 5, tree_energy = 6, tree_impacts = 7
 
    !> What a map is, from its name.
    type :: kind_t
@@ -47,7 +49,7 @@ module rockfall_map_values
 
 contains
 
-   !> Names that are not listed say it: quantity_max, quantity_mean, quantity_q95, quantity_q95_low.
+   !> Names that are not listed say it: quantity_max, quantity_mean, quantity_std, quantity_q95, quantity_q95_low.
    pure type(kind_t) function kind_of(name) result(kind)
       character(len=*), intent(in) :: name  !! one of map_fields of rockfall_variables
       integer :: q, percent
@@ -68,7 +70,9 @@ contains
       end select
       if (index(name, "speed") == 1) kind%quantity = speed
       if (index(name, "jump_height") == 1) kind%quantity = jump_height
+      if (index(name, "passing_height") == 1) kind%quantity = passing_height
       kind%is = merge(a_maximum, a_mean, index(name, "_max") > 0)
+      if (index(name, "_std") > 0) kind%is = a_std
       q = index(name, "_q", back=.true.)
       if (q == 0) return
       kind%is = a_quantile
@@ -82,11 +86,12 @@ contains
       character(len=*), intent(in) :: names(:)
       integer, intent(in) :: thresholds  !! of energy
       type(kind_t) :: kind
-      logical :: count(4), sum(6), max(4), bins(3), travel(3)
+      logical :: count(4), sum(7), square(4), max(5), bins(4), travel(3)
       integer :: k
 
       count = .false.
       sum = .false.
+      square = .false.
       max = .false.
       bins = .false.
       travel = .false.
@@ -99,6 +104,7 @@ contains
          case (a_source_fraction); count([1, 4]) = .true.
          case (a_maximum); max(kind%quantity) = .true.
          case (a_mean); sum(kind%quantity) = .true.
+         case (a_std); square(kind%quantity) = .true.
          case (a_quantile); bins(kind%quantity) = .true.
          case (an_exceedance); plan%thresholds = thresholds
          case (a_steepest); travel(1) = .true.
@@ -110,14 +116,16 @@ contains
          case default; count(1) = .true.
          end select
       end do
-      count(1) = count(1) .or. any(sum(:3))
+      sum(:4) = sum(:4) .or. square
+      count(1) = count(1) .or. any(sum(:4))
       sum(tree_impacts) = sum(tree_impacts) .or. sum(tree_height)
       plan%count = places(count)
       plan%sum = places(sum)
+      plan%square = merge(2*places(square) - 1 + maxval(plan%sum), 0, square)
       plan%max = places(max)
       plan%travel = merge(places(travel) + maxval(plan%max), 0, travel)
       if (plan%thresholds > 0) plan%exceeded = maxval(plan%count) + 1
-      do k = 1, 3
+      do k = 1, size(bins)
          if (.not. bins(k)) cycle
          plan%bins(k) = plan%rows + 1
          plan%rows = plan%rows + n_log_bins(k)
@@ -129,7 +137,8 @@ contains
       type(map_plan_t), intent(in) :: plan
       integer :: layers(3)
 
-      layers = [maxval(plan%count) + plan%thresholds, maxval(plan%sum), maxval([plan%max, plan%travel])]
+      layers = [maxval(plan%count) + plan%thresholds, maxval(plan%sum) + 2*count(plan%square > 0), &
+                maxval([plan%max, plan%travel])]
    end function stack_layers
 
    !> 1, 2, ... for what is requested, in order.
@@ -160,8 +169,9 @@ contains
       if (plan%count(2) > 0) maps%deposits(at(1):, at(2):) => counts(:, :, plan%count(2))
       if (plan%count(3) > 0) maps%sources(at(1):, at(2):) => counts(:, :, plan%count(3))
       if (plan%count(4) > 0) maps%released(at(1):, at(2):) => counts(:, :, plan%count(4))
-      do k = 1, 3
+      do k = 1, size(maps%layer)
          if (plan%sum(k) > 0) maps%layer(k)%sum(at(1):, at(2):) => sums(:, :, plan%sum(k))
+         if (plan%square(k) > 0) maps%layer(k)%square(at(1):, at(2):, 1:) => sums(:, :, plan%square(k):)
          if (plan%max(k) > 0) maps%layer(k)%max(at(1):, at(2):) => maxima(:, :, plan%max(k))
          maps%layer(k)%bin_offset = plan%bins(k) - 1
       end do
@@ -191,6 +201,7 @@ contains
       kind = kind_of(name)
       map_min_count = 0
       if (any(kind%is == [a_mean, a_tree_mean, a_quantile])) map_min_count = min_passages
+      if (kind%is == a_std) map_min_count = max(2, min_passages)
    end function map_min_count
 
    !> The passages below which a number of a map is hardly known; 0 for maps that know all. A quantile needs as many
@@ -201,7 +212,7 @@ contains
 
       kind = kind_of(name)
       n = 0
-      if (kind%is == a_mean) n = few
+      if (any(kind%is == [a_mean, a_std])) n = few
       if (kind%is /= a_quantile .or. kind%side /= 0) return
       n = 1
       do while (.not. (has_limit(kind%probability, int(n, i8), -1) .and. has_limit(kind%probability, int(n, i8), 1)))
@@ -248,6 +259,11 @@ contains
          associate (total => maps%layer(kind%quantity)%sum(:, j), n => maps%passages(:, j))
             where (n >= min_count) row = real(total/(per_unit(kind%quantity)*max(1, n)), sp)
          end associate
+      case (a_std)
+         associate (layer => maps%layer(kind%quantity), n => maps%passages(:, j))
+            where (n >= min_count) row = real(spread_of(layer%sum(:, j), layer%square(:, j, 1), layer%square(:, j, 2), &
+                                                        max(2, n))/per_unit(kind%quantity), sp)
+         end associate
       case (a_tree_maximum)
          associate (maximum => maps%tree_height%max(:, j))
             where (maximum > 0) row = maximum
@@ -264,6 +280,17 @@ contains
          call quantile_row(maps, kind, j, min_count, row)
       end select
    end subroutine map_row
+
+   !> Standard deviation (n - 1) of n whole numbers, from their sum and the two digits of that of their squares; exact
+   !> but for the last steps, so that equal numbers have none.
+   elemental real(wp) function spread_of(total, high, low, n) result(std)
+      integer(i8), intent(in) :: total, high, low
+      integer(i4), intent(in) :: n
+      integer(i16) :: squares
+
+      squares = int(high, i16)*square_base + low
+      std = sqrt(real(n*squares - int(total, i16)**2, wp)/(real(n, wp)*(n - 1)))
+   end function spread_of
 
    !> How many of n numbers lie below a limit of the 95 % interval of their quantile p, about which as many do as in a
    !> binomial distribution: the line statistics' rule for independent boulders. Below the first or above

@@ -9,17 +9,20 @@ module rockfall_maps
    implicit none
    private
    public :: maps_t, layer_t, per_unit, visits_t, needs_visits, start_visits, visit_spans, visit_cell, add_visits
-   public :: add_deposit, add_value, lacks_slots, raise_cell
+   public :: add_deposit, add_value, count_bin, keeps, lacks_slots, raise_cell, square_base
 
-   real(wp), parameter :: per_unit(3) = [1.0_wp, 1000.0_wp, 1000.0_wp]  !! sums are of whole J, mm/s, mm
+   real(wp), parameter :: per_unit(4) = [1.0_wp, 1000.0_wp, 1000.0_wp, 1000.0_wp]  !! sums are of whole J, mm/s, mm
+   integer(i8), parameter :: square_base = 2_i8**31  !! sums of squares have two digits to this base
    integer, parameter :: first_entries = 1024  !! of a table of visits to begin with; a power of two
    !> Factor of the row in the hash of a cell: neighbours fall into different entries.
    integer, parameter :: row_factor = 33
 
-   !> What is kept of one quantity: energy (translational and rotational) [J], speed [m/s] or jump height
-   !> [m], of each boulder the maximum in the cell.
+   !> What is kept of one quantity: energy (translational and rotational) [J], speed [m/s], jump height or
+   !> passing height [m], of each boulder the maximum in the cell.
    type :: layer_t
       integer(i8), pointer, contiguous :: sum(:, :) => null()  !! [J], [mm/s], [mm]
+      !> Of their squares (nx, ny, 2): the sum of the high digits, that of the low ones.
+      integer(i8), pointer, contiguous :: square(:, :, :) => null()
       real(sp), pointer, contiguous :: max(:, :) => null()     !! [J], [m/s], [m]
       integer :: bin_offset = -1  !! its counts stand after this row of `bin_counts`; -1: not counted
    end type layer_t
@@ -33,7 +36,7 @@ module rockfall_maps
       !> The last source that was counted here boulder by boulder (nx, ny, layers); see rockfall_source_maps.
       integer(i4), pointer, contiguous :: last_source(:, :, :) => null()
       integer(i8) :: first_partial = 0  !! a source that has the second layer to itself
-      type(layer_t) :: layer(3)
+      type(layer_t) :: layer(4)
       !> Boulders whose maximum energy exceeds each of `threshold` (nx, ny, thresholds).
       integer(i4), pointer, contiguous :: exceeded(:, :, :) => null()
       real(wp), allocatable :: threshold(:)  !! rising [J]
@@ -272,9 +275,16 @@ contains
 
       has_layers = associated(maps%bin_counts) .or. associated(maps%exceeded)
       do k = 1, size(maps%layer)
-         has_layers = has_layers .or. associated(maps%layer(k)%sum) .or. associated(maps%layer(k)%max)
+         has_layers = has_layers .or. keeps(maps%layer(k))
       end do
    end function has_layers
+
+   !> True if anything is kept of a quantity.
+   pure logical function keeps(layer)
+      type(layer_t), intent(in) :: layer
+
+      keeps = associated(layer%sum) .or. associated(layer%max) .or. layer%bin_offset >= 0
+   end function keeps
 
    !> Energy E = m (v**2 + (I/m R_b**2) W**2)/2 (eqs 1-3), speed and jump height of a visit.
    pure function values_of(visit, mass) result(values)
@@ -319,13 +329,33 @@ contains
       integer, intent(in) :: i, r
       real(wp), intent(in) :: value  !! [J], [m/s] or [m]
       real(wp), intent(in) :: units  !! of `sum` in one of the value [-]
+      integer(i8) :: whole
 
       if (associated(layer%sum)) then
+         whole = nint(units*value, i8)
          !$omp atomic update
-         layer%sum(i, r) = layer%sum(i, r) + nint(units*value, i8)
+         layer%sum(i, r) = layer%sum(i, r) + whole
+         if (associated(layer%square)) call add_square(layer%square, i, r, whole)
       end if
       if (associated(layer%max)) call raise_cell(layer%max(i, r), real(value, sp))
    end subroutine add_value
+
+   !> Add the square of a number, which has more digits than an integer holds: with n = a*base + b it is
+   !> (a*a*base + 2*a*b)*base + b*b.
+   subroutine add_square(square, i, r, n)
+      integer(i8), intent(in), pointer, contiguous :: square(:, :, :)  !! as in layer_t
+      integer, intent(in) :: i, r
+      integer(i8), intent(in) :: n                   !! [J], [mm/s], [mm]
+      integer(i8) :: a, b, digits(2)
+
+      a = n/square_base
+      b = mod(n, square_base)
+      digits = [a*a*square_base + 2*a*b + b*b/square_base, mod(b*b, square_base)]
+      !$omp atomic update
+      square(i, r, 1) = square(i, r, 1) + digits(1)
+      !$omp atomic update
+      square(i, r, 2) = square(i, r, 2) + digits(2)
+   end subroutine add_square
 
    subroutine count_bins(maps, i, r, values)
       type(maps_t), intent(in) :: maps
@@ -345,6 +375,23 @@ contains
          maps%bin_counts(bin, slot) = maps%bin_counts(bin, slot) + 1
       end do
    end subroutine count_bins
+
+   !> Count a boulder in a cell that `count_bins` gave a slot, in the bin of one more quantity, if that has any.
+   subroutine count_bin(maps, quantity, i, r, value)
+      type(maps_t), intent(in) :: maps
+      integer, intent(in) :: quantity, i, r
+      real(wp), intent(in) :: value  !! [J], [m/s] or [m]
+      integer(i4) :: slot
+      integer :: bin
+
+      if (maps%layer(quantity)%bin_offset < 0) return
+      !$omp atomic read seq_cst
+      slot = maps%slot(i, r)
+      if (slot == 0) return  ! there was none left
+      bin = maps%layer(quantity)%bin_offset + log_bin(quantity, value)
+      !$omp atomic update
+      maps%bin_counts(bin, slot) = maps%bin_counts(bin, slot) + 1
+   end subroutine count_bin
 
    !> A cell's slot of counts, from now on; 0 when there is none left. Memory that was never touched
    !> may hold anything.

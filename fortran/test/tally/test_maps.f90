@@ -2,12 +2,14 @@
 !> Maps: a flight visits the cells under its path, each boulder counts once a cell, and maxima are those
 !> of a fine sampling.
 program test_map
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
    use rockfall_kinds, only: wp, sp, i4, i8
    use rockfall_terrain, only: terrain_t, terrain, locate, height
    use rockfall_flight, only: flight_t, landing_t, span_t, fly, launch_rate
    use rockfall_bins, only: energy, speed, jump_height, n_log_bins, log_bin
    use rockfall_maps, only: maps_t, visits_t, needs_visits, start_visits, visit_spans, &
       visit_cell, add_visits, add_deposit, lacks_slots
+   use rockfall_map_values, only: map_plan_t, map_plan, stack_layers, map_views, map_row
    use check_m, only: check, check_close, finish
    implicit none
 
@@ -36,6 +38,7 @@ program test_map
    call test_many_cells()
    call test_what_is_asked()
    call test_bins_of_cells()
+   call test_spread()
    call test_threads()
    call finish()
 
@@ -314,6 +317,37 @@ contains
       call check("none is given that is not there", slots == 4 .and. maxval(slot) == 3 &
                  .and. all(counts(:, 0) == 99))
    end subroutine test_bins_of_cells
+
+   !> Standard deviations of numbers whose squares no integer holds: none of equal ones, and 1e5 J of a - 1e5 J, a,
+   !> a + 1e5 J; not known of one.
+   subroutine test_spread()
+      real(wp), parameter :: a = 5.0e9_wp, d = 1.0e5_wp  !! [J]
+      integer(i4), target :: counts(nx, ny, 1), bin_counts(1, 1), slot(1, 1), slots
+      integer(i8), target :: sums(nx, ny, 3)
+      real(sp), target :: maxima(1, 1, 1)
+      real(sp) :: row(nx)
+      type(map_plan_t) :: plan
+      type(maps_t) :: some
+      type(visits_t) :: visits
+      integer(i8) :: b
+
+      plan = map_plan(["energy_std"], 0)
+      call check("a count, a sum, two digits of squares", all(stack_layers(plan) == [1, 3, 0]))
+      counts = 0
+      sums = 0
+      some = map_views(plan, [real(wp) ::], [1, 1], counts, sums, maxima, bin_counts, slot, slots)
+      do b = 1, 3
+         call start_visits(visits, b)
+         call visit_cell(visits, [1, 9], a, 0.0_wp, 0.0_wp)
+         call visit_cell(visits, [2, 9], a + (b - 2)*d, 0.0_wp, 0.0_wp)
+         if (b == 1) call visit_cell(visits, [3, 9], a, 0.0_wp, 0.0_wp)
+         call add_visits(some, visits, 2.0_wp)
+      end do
+      call map_row(some, "energy_std", 9, 3_i8, 1, row)
+      call check("equal numbers have no spread", .not. abs(row(1)) > 0)
+      call check_close("the spread of three", real(row(2), wp), d, 0.0_wp)
+      call check("that of one is not known", all(ieee_is_nan(row(3:))))
+   end subroutine test_spread
 
    !> Threads that meet in the same cells lose nothing: what they leave there is what one would.
    subroutine test_threads()

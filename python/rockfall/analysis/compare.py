@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -72,10 +72,7 @@ def compare(result: xr.Dataset, *observed: str | Path | Observed) -> Comparison:
     >>> found.errors["statistic"].tolist()
     ['mean', 'std', 'max']
     """
-    if len(observed) == 1 and isinstance(observed[0], Observed):
-        seen = observed[0]
-    else:
-        seen = read_observed(*cast("tuple[str | Path, ...]", observed))
+    seen = read_observed(*observed)
     names = [str(name) for name in result["line"].values] if "line" in result else []
     for line, where in seen.lines.items():
         if line not in names:

@@ -85,8 +85,9 @@ def converge(
     """Measure how the numbers at the lines of a case converge, as in `Convergence`.
 
     The study simulates the first boulders of the case itself (as Bourrier et al. 2009 do for
-    their site; by default as many from each source, or as a million in all allow). Statistical errors are those of blocks out of `reference` boulders from each source
-    (a million in all, where it is not given), against as many others; each has seeds of its own.
+    their site; by default as many from each source, or as a million in all allow). Statistical
+    errors are those of blocks out of `reference` boulders from each source (a million in all, where
+    it is not given), against as many others; each has seeds of its own.
     Numerical errors are changes of the numbers of a tenth as many boulders, the same ones on each
     terrain. What boulders did at the lines is kept in memory, 24 bytes a line and boulder, and
     nothing else.

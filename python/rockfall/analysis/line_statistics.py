@@ -7,10 +7,13 @@ Every interval is a 95 % confidence interval for as many other boulders, as
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rockfall.analysis.lines.groups import groups
+from rockfall.analysis.lines.heights import HEIGHTS, height
 from rockfall.analysis.precision.intervals import (
     Sources,
     between_ranks,
@@ -36,19 +39,29 @@ QUANTITIES = (
     "energy_rotational",
     "energy_total",
     "rotational_share",
+    *HEIGHTS,
     "position",
 )
 
 
-def line_statistics(result: xr.Dataset) -> pd.DataFrame:
+def line_statistics(
+    result: xr.Dataset, by: str | None = None, classes: Sequence[float] | None = None
+) -> pd.DataFrame:
     """One row for each line and quantity: n and fraction of the boulders that crossed, then mean,
     standard deviation (n - 1), quantiles and maximum, in the units of the result; NaN where none
     crossed. `NAME_low` and `NAME_high` are the limits of the 95 % confidence interval of fraction
     (Wilson 1927), mean, std and quantiles (order statistics). The maximum has none: it grows with
     n.
 
+    by = 'source' or 'volume' has these rows for each group of boulders, named in a column of that
+    name beside `boulders`, how many were released, of which `fraction` is then; `classes` are the
+    edges between classes of volume [m3] (see `rockfall.analysis.lines.groups.groups`). Raises
+    RockfallError for another `by`, or edges that do not rise.
+
     energy_total is E_trans + E_rot, rotational_share is E_rot / E_total; position is how far along
-    the line from its first vertex a boulder crossed [m]: its std is the lateral spread.
+    the line from its first vertex a boulder crossed [m]: its std is the lateral spread. jump_height
+    is that of the boulder's point, passing_height of its centre, upper_edge of its highest point,
+    all vertical; normal_height and normal_upper_edge are those normal to the slope.
 
     Boulders of &case sampling = 'sobol' are spread more evenly than random ones, and the intervals
     do not know it: they are those of as many random boulders, and too wide
@@ -63,12 +76,17 @@ def line_statistics(result: xr.Dataset) -> pd.DataFrame:
     import pandas as pd
 
     source = sources(result)
+    parts = groups(result, by, classes) if by else [("", np.full(source.number.size, True))]
     rows = []
     for k, line in enumerate(result["line"].values if "line" in result else []):
-        for quantity in QUANTITIES:
-            numbers = line_numbers(result, k, quantity, source)
-            rows.append({"line": line, "quantity": quantity, **numbers})
-    return pd.DataFrame(rows, columns=["line", "quantity", *_COLUMNS])
+        values = {quantity: line_values(result, quantity, k) for quantity in QUANTITIES}
+        for name, chosen in parts:
+            about = {"line": line} | ({by: name, "boulders": int(chosen.sum())} if by else {})
+            for quantity in QUANTITIES:
+                numbers = _numbers(values[quantity][chosen], source[chosen])
+                rows.append({**about, "quantity": quantity, **numbers})
+    split = [by, "boulders"] if by else []
+    return pd.DataFrame(rows, columns=["line", *split, "quantity", *_COLUMNS])
 
 
 def line_values(result: xr.Dataset, quantity: str, line: int) -> np.ndarray:
@@ -86,6 +104,9 @@ def line_values(result: xr.Dataset, quantity: str, line: int) -> np.ndarray:
             return total
         with np.errstate(invalid="ignore"):
             return np.where(total > 0, rotation / total, np.where(np.isnan(total), np.nan, 0.0))
+    if quantity in HEIGHTS:
+        volume = result["volume"].values
+        return height(quantity, at_line("jump_height"), at_line("passing_height"), volume)
     return at_line(quantity)
 
 
@@ -100,7 +121,11 @@ def _along(result: xr.Dataset, line: int) -> np.ndarray:
 def line_numbers(result: xr.Dataset, line: int, quantity: str, source: Sources) -> dict[str, float]:
     """A row of `line_statistics`: what is known of a quantity at the line of this index; `source`
     is that of each boulder."""
-    values = line_values(result, quantity, line)
+    return _numbers(line_values(result, quantity, line), source)
+
+
+def _numbers(values: np.ndarray, source: Sources) -> dict[str, float]:
+    """Those of a quantity of boulders from these sources, NaN where they did not cross."""
     crossed = ~np.isnan(values)
     n, all_n = int(crossed.sum()), values.size
     row: dict[str, float] = {"n": n, "fraction": n / max(1, all_n)}

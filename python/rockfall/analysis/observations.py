@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, cast
 
 import numpy as np
 
@@ -52,13 +52,16 @@ class Observed:
     passing_n: float = np.nan  # boulders behind `passing`
 
 
-def read_observed(*paths: str | Path) -> Observed:
-    """Observations from CSV files, each of a kind that its header tells.
+def read_observed(*given: str | Path | Observed) -> Observed:
+    """Observations from CSV files, each of a kind that its header tells; or those given as such.
 
     A RockfallError names file, line, column, value and what is allowed.
     """
     import pandas as pd
 
+    if len(given) == 1 and isinstance(given[0], Observed):
+        return given[0]
+    paths = cast("tuple[str | Path, ...]", given)
     real = [os.path.realpath(path) for path in paths]
     for path, one in zip(paths, real, strict=True):
         if real.count(one) > 1:

@@ -215,6 +215,14 @@ def _add_results(commands: _Commands) -> None:
     compare.add_argument("-o", "--output", metavar="TABLE.csv", type=Path, help="all tables as CSV")
     lines = result("lines", "print line statistics with intervals, and return levels")
     lines.add_argument("-o", "--output", metavar="TABLE.csv", type=Path, help="write them, too")
+    about = "split them: source or volume"
+    lines.add_argument("--by", metavar="WHAT", help=about)
+    about = "edges between classes of volume [m3], as 0.1,0.5,1; default: quarters of the boulders"
+    lines.add_argument("--classes", metavar="V,V", help=about)
+    about = "what passes where on this line; with -o TABLE.csv also the figure TABLE.png"
+    lines.add_argument("--along", metavar="LINE", help=about)
+    about = "of windows along the line; default: a round one, for about 40"
+    lines.add_argument("--width", metavar="M", type=float, help=about)
     figures = result("figures", "draw every figure of a result, those of the paper too")
     figures.add_argument("folder", metavar="DIR", type=Path, help="is made if it is missing")
     figures.add_argument("--format", default="png", help="png (default), pdf or svg")

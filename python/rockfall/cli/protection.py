@@ -21,7 +21,7 @@ from rockfall.io.output_files import (
     check_outputs,
 )
 from rockfall.io.tables import write_csv
-from rockfall.plots.design_figures import along_figure
+from rockfall.plots.along_figures import along_figure
 from rockfall.plots.style import save
 from rockfall.protection.design import Design, design
 from rockfall.protection.factors import COLUMNS, DECIDES, Conditions

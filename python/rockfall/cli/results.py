@@ -20,6 +20,7 @@ from rockfall.products import figures, report
 from rockfall.result.dataset import read_result
 from rockfall.result.export import export
 from rockfall.text.comparison import ranks_text, text
+from rockfall.text.line_details import print_groups, print_profile
 from rockfall.text.line_tables import print_lines
 
 
@@ -52,8 +53,32 @@ def compare_command(arguments: argparse.Namespace) -> int:
 
 
 def lines_command(arguments: argparse.Namespace) -> int:
-    print_lines(_path(arguments), arguments.output)
+    path, by, along, table = _path(arguments), arguments.by, arguments.along, arguments.output
+    for option, value, needed in (
+        ("--classes", arguments.classes, by == "volume" or "--by volume"),
+        ("--width", arguments.width, along is not None or "--along"),
+        ("--by", by, along is None or "to be without --along"),
+    ):
+        if value is not None and needed is not True:
+            raise RockfallError(f"{option}: needs {needed}")
+    if by is not None:
+        print_groups(path, by, _edges(arguments.classes), table)
+    elif along is not None:
+        print_profile(path, along, arguments.width, table)
+    else:
+        print_lines(path, table)
     return DONE
+
+
+def _edges(given: str | None) -> list[float] | None:
+    """Numbers between commas."""
+    if given is None:
+        return None
+    try:
+        return [float(one) for one in given.split(",")]
+    except ValueError as error:
+        what = "must be volumes [m3] between commas, as 0.1,0.5,1"
+        raise RockfallError(f"--classes {given}: {what}") from error
 
 
 def figures_command(arguments: argparse.Namespace) -> int:

@@ -25,6 +25,7 @@ SCENE, SCENARIO = "a scene file", "a case of a scenario"
 FIGURE, MAP, LAYERS, PAGE = "a figure", "a map", "layers of a result", "a report"
 ENSEMBLE_TABLE, STUDY = "the table of an ensemble", "a study of convergence"
 LINE_TABLE, LEVEL_TABLE = "a table of line statistics", "a table of return levels"
+GROUP_TABLE, PROFILE = "line statistics of groups", "a profile along a line"
 MODELS = "a table of rebound models"
 COMPARISON, SETS, JOB = "a comparison", "impact sets of the laboratory", "a Slurm job"
 DESIGN, FACTORS = "a table of a design", "a table of partial factors"
@@ -38,6 +39,9 @@ SIGNS = (  # how a file of ours begins, what else its head holds, and what it is
     (b"line,result,units,", b"", ENSEMBLE_TABLE),
     (b"line,quantity,statistic,", b"", STUDY),
     (b"line,quantity,n,fraction,", b"", LINE_TABLE),
+    (b"line,source,boulders,", b"", GROUP_TABLE),
+    (b"line,volume,boulders,", b"", GROUP_TABLE),
+    (b"line,start,end,n,", b"", PROFILE),
     (b"line,quantity,n,max,", b"", LEVEL_TABLE),
     (b"table,line,quantity,", b"", COMPARISON),
     (b"model,line,quantity,", b"", MODELS),

@@ -23,11 +23,10 @@ from rockfall.plots.style import (
     draw_bars,
     new_figure,
     plain,
-    round_step,
     styled,
 )
 from rockfall.protection.barriers import barriers_of
-from rockfall.quantities import QUANTITIES, count
+from rockfall.quantities import QUANTITIES, count, round_step
 from rockfall.result.trajectories import from_start, left_terrain, lines, stop_distances
 
 if TYPE_CHECKING:

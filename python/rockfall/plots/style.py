@@ -95,9 +95,3 @@ def plain(text: str) -> str:
 def capital(text: str) -> str:
     """With a capital first letter, the others as they are."""
     return text[:1].upper() + text[1:]
-
-
-def round_step(rough: float) -> float:
-    """1, 2, 2.5 or 5 times a power of ten, the next above `rough`."""
-    power = 10.0 ** np.floor(np.log10(max(rough, 1e-6)))
-    return power * next(step for step in (1, 2, 2.5, 5, 10) if step * power >= 0.999 * rough)

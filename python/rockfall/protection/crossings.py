@@ -11,7 +11,6 @@ from rockfall.analysis.line_statistics import line_values
 from rockfall.analysis.precision.intervals import Sources, between_ranks, effective_number, sources
 from rockfall.limits import barrier_outcomes
 from rockfall.result.variables import OUTCOME
-from rockfall.scene.rebound import sphere_radius
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -42,26 +41,14 @@ class Crossings(NamedTuple):
 
 
 def crossings(result: xr.Dataset, line: int) -> Crossings:
-    """Those at the line of this index.
-
-    A boulder that touches the ground has its centre R / cos(slope) above it, vertically, and R
-    normal to it; so has one that flies, above the place of its jump height.
-    """
+    """Those at the line of this index."""
     came = ~np.isnan(result["line_speed"].values[line])
 
     def at_line(quantity: str) -> np.ndarray:
         return line_values(result, quantity, line)[came]
 
-    volume = result["volume"].values[came]
-    radius = sphere_radius(volume)
-    jump, passing = at_line("jump_height"), at_line("passing_height")
-    cosine = np.minimum(1.0, radius / (passing - jump))
-    normal = jump * cosine + radius
-    return Crossings(
-        sources(result)[came], volume, at_line("position"), at_line("speed"),
-        at_line("energy_total"), at_line("energy_translational"),
-        passing, passing + radius, normal, normal + radius,
-    )  # fmt: skip
+    numbers = (at_line(name) for name in Crossings._fields[2:])
+    return Crossings(sources(result)[came], result["volume"].values[came], *numbers)
 
 
 def quantile(values: np.ndarray, level: float, source: Sources) -> tuple[float, float, float]:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rockfall.analysis.line_statistics import sample_numbers, with_limits
+from rockfall.analysis.lines.profile import line_number, windows
 from rockfall.analysis.return_levels import LEVELS, tail
 from rockfall.case import case_of
 from rockfall.errors import RockfallError
@@ -19,8 +21,7 @@ from rockfall.protection.crossings import Crossings, crossings
 from rockfall.protection.demand import ENDS, demand, usable
 from rockfall.protection.factors import Conditions, Factors, read_factors
 from rockfall.protection.selection import choices, read_costs, residual_of
-from rockfall.result.trajectories import flags_of, lines
-from rockfall.terrain.polyline import lengths
+from rockfall.result.trajectories import flags_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -30,7 +31,6 @@ LOADS = (
     "speed", "energy_total", "energy_translational",
     "passing_height", "upper_edge", "normal_height", "normal_upper_edge",
 )  # fmt: skip
-MAX_WINDOWS = 10_000  # of a line
 DESIGN = ("v_d", "E_d", "h_d", "normal_h_d", "height_needed", "normal_height_needed")
 _WITH_LIMITS = [name + end for name in DESIGN for end in ENDS]
 _LOADS = ["line", "n", "quantity", *with_limits("q95"), *with_limits("q99")]
@@ -99,10 +99,9 @@ def design(
         for name, one in came.items()
         for row in choices(one, residual, prices)
     ]
-    windows = None
+    parts = None
     if along is not None:
-        parts = _windows(came[along], _length(result, along), width, least, *how)
-        windows = _table([{"line": along} | one for one in parts], _ALONG)
+        parts = _table([*_along(result, along, came[along], width, least, *how)], _ALONG)
     loads = [row for name, one in came.items() for row in _loads(name, one)]
     return Design(
         known,
@@ -111,7 +110,7 @@ def design(
         demand=_table(asked, ["line", *_DEMAND]),
         checks=_table(barriers, _CHECKS),
         choices=_table(chosen, _CHOICES),
-        along=windows,
+        along=parts,
     )
 
 
@@ -141,8 +140,8 @@ def _check(
         raise RockfallError("design: the result has no evaluation lines and no barriers")
     if not result.sizes["boulder"]:
         raise RockfallError("design: the result has no boulders")
-    if along is not None and along not in names:
-        raise RockfallError(f"along = '{along}': no such line; lines: {', '.join(names)}")
+    if along is not None:
+        line_number(result, along)
     if not 0 <= residual < 1:
         raise RockfallError(f"residual = {residual}: must be >= 0 and < 1")
     if not 0 < width < np.inf:
@@ -200,24 +199,13 @@ def _verdict(
     return False, not suffices(low) and not np.isnan(low)
 
 
-def _length(result: xr.Dataset, line: str) -> float:
-    """Of a line [m]."""
-    x, y = next((x, y) for name, x, y in lines(result) if name == line)
-    return float(lengths(x + 1j * y)[-1])
-
-
-def _windows(
-    came: Crossings, length: float, width: float, least: int, *how: Any
-) -> Iterator[dict[str, float]]:
-    """What the standard asks of each window along a line [m]; blank where few boulders come."""
-    number = max(1, int(np.ceil(length / width)))
-    if number > MAX_WINDOWS:
-        raise RockfallError(
-            f"width = {width}: makes {number:,} windows of the line, at most {MAX_WINDOWS:,}"
-        )
-    window = np.minimum((came.position / width).astype(int), number - 1)
-    for k in range(number):
+def _along(
+    result: xr.Dataset, line: str, came: Crossings, width: float, least: int, *how: Any
+) -> Iterator[dict[str, Any]]:
+    """What the standard asks of each window along a line; blank where few boulders come."""
+    edges, window = windows(result, line_number(result, line), width)
+    window = window[window >= 0]
+    for k, (start, end) in enumerate(itertools.pairwise(edges)):
         here = came.where(window == k)
-        row: dict[str, float] = {"start": k * width, "end": min((k + 1) * width, length)}
-        row |= demand(here, *how) if here.n >= least else {"n": here.n}
-        yield row
+        row: dict[str, Any] = {"line": line, "start": start, "end": end}
+        yield row | (demand(here, *how) if here.n >= least else {"n": here.n})

@@ -24,7 +24,7 @@ class Plan(NamedTuple):
     #: passages, deposits, sources; released: boulders of these sources; energy_exceeded: the first
     #: of those for thresholds
     counts: dict[str, int]
-    sums: dict[str, int]  # energy, speed, jump_height; tree_height, tree_energy, tree_impacts
+    sums: dict[str, int]  # of the quantities below, by name; squares stand behind them
     maxima: dict[str, int]
     bins: int  # of counts for quantiles
     layers: dict[str, int]  # of each stack (counts, sums, maxima)
@@ -34,12 +34,14 @@ def plan_of(case: Case) -> Plan:
     """That of the maps of a case."""
     names = " ".join(case.output.get("maps", []))
     counts, sums, maxima, bins, layers = _core.map_plan(names, len(case.hazard["thresholds"]))
-    quantities = "energy", "speed", "jump_height", "tree_height", "tree_energy", HITS
+    quantities = (
+        "energy", "speed", "jump_height", "passing_height", "tree_height", "tree_energy", HITS,
+    )  # fmt: skip
     kinds = "passages", "deposits", "sources", "released", "energy_exceeded"
     return Plan(
         dict(zip(kinds, counts.tolist(), strict=True)),
         dict(zip(quantities, sums.tolist(), strict=True)),
-        dict(zip(quantities[:4], maxima.tolist(), strict=True)),
+        dict(zip(quantities[:5], maxima.tolist(), strict=True)),
         int(bins),
         dict(zip(("counts", "sums", "maxima"), layers.tolist(), strict=True)),
     )

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A progress bar on a terminal: fraction done, rate, time left."""
+"""A progress bar on a terminal: fraction done, rate, time left; or lines for another program."""
 
+import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -10,8 +11,11 @@ from contextlib import contextmanager
 def progress_bar(total: int, shown: bool, what: str = "boulders") -> Iterator[Callable[..., None]]:
     """A function that advances the bar by a number done, and may change the total.
 
-    Silent unless stderr is a terminal.
+    Silent unless stderr is a terminal, or ROCKFALL_PROGRESS=lines asks for lines.
     """
+    if shown and os.environ.get("ROCKFALL_PROGRESS") == "lines":
+        yield _lines(total, what)
+        return
     if not (shown and sys.stderr.isatty()):
         yield lambda *_: None
         return
@@ -30,3 +34,15 @@ def progress_bar(total: int, shown: bool, what: str = "boulders") -> Iterator[Ca
             bar.update(task, advance=done, total=total, rate=f"{speed:,.0f}/s" if speed else "")
 
         yield advance
+
+
+def _lines(total: int, what: str) -> Callable[..., None]:
+    """A function that says on stderr how much is done, for a program that shows it."""
+    made = 0
+
+    def advance(done: int, of: int | None = None) -> None:
+        nonlocal made, total
+        made, total = made + done, total if of is None else of
+        print(f"rockfall: {made} of {total} {what}", file=sys.stderr, flush=True)
+
+    return advance

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 #: Maps that are maxima of the kernel themselves, and of which quantity; so are counts.
 MAXIMA = {
     "energy_max": "energy", "speed_max_map": "speed", "jump_height_max_map": "jump_height",
-    "tree_impact_height_max": "tree_height",
+    "passing_height_max": "passing_height", "tree_impact_height_max": "tree_height",
 }  # fmt: skip
 
 

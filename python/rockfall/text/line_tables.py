@@ -3,9 +3,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from rockfall.text.table import table as aligned
 
 if TYPE_CHECKING:
     import pandas as pd
+    import xarray as xr
 
 ABOUT = """\
 Below each number its 95 % confidence interval. The std of the position along the line is the
@@ -37,25 +38,40 @@ ENDS = "", "_low", "_high"
 def print_lines(path: str | Path, table: str | Path | None = None) -> None:
     """Print both tables of a result; with `table`, a CSV file, write line_statistics there and
     return_levels beside it as NAME_levels.csv, in the units of the result."""
-    table = table and _csv(Path(table))
-    result = read_result(path)
-    if "line" not in result:
-        raise RockfallError(f"{path}: has no evaluation lines")
-    if table:
-        beside = table.with_name(f"{table.stem}_levels.csv")
-        inputs = [Path(path), *files_behind(result)]
-        for name, kind in ((table, LINE_TABLE), (beside, LEVEL_TABLE)):
-            check_output(name, kind, inputs)
+    kinds = {"": LINE_TABLE, "_levels.csv": LEVEL_TABLE}
+    result, places = open_lines(path, table, kinds)
     statistics, levels = line_statistics(result), return_levels(result)
-    if table:
-        with atomic_folder(table.parent, inputs) as part:
-            write_csv(statistics, part / table.name)
-            write_csv(levels, part / beside.name)
     print("\n".join(_text(statistics, levels, result.sizes["boulder"])))
     if is_ensemble(result):
         print("", ensemble_summary(result), sep="\n")
-    if table:
-        print(table, beside, sep="\n")
+    write_tables(path, result, dict(zip(places, [statistics, levels], strict=False)))
+
+
+def open_lines(
+    path: str | Path, table: str | Path | None, kinds: Mapping[str, str]
+) -> tuple[xr.Dataset, list[Path]]:
+    """A result with lines, and where files of these kinds go: `table`, and what is called as it
+    with other ends; refused before the work if they may not. Nowhere without `table`."""
+    first = table and _csv(Path(table))
+    result = read_result(path)
+    if "line" not in result:
+        raise RockfallError(f"{path}: has no evaluation lines")
+    if not first:
+        return result, []
+    places = {first.with_name(first.stem + (end or first.suffix)): of for end, of in kinds.items()}
+    for place, kind in places.items():
+        check_output(place, kind, [Path(path), *files_behind(result)])
+    return result, list(places)
+
+
+def write_tables(path: str | Path, result: xr.Dataset, made: Mapping[Path, Any]) -> None:
+    """Write tables, or what writes itself to a path, all or none, and say where."""
+    if not made:
+        return
+    with atomic_folder(next(iter(made)).parent, [Path(path), *files_behind(result)]) as part:
+        for place, one in made.items():
+            one(part / place.name) if callable(one) else write_csv(one, part / place.name)
+    print(*made, sep="\n")
 
 
 def _csv(path: Path) -> Path:

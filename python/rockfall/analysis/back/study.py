@@ -5,6 +5,7 @@ observed, more of them where that is likely."""
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from rockfall.analysis.back.evidence import Evidence, as_record, evidence, predi
 from rockfall.analysis.back.sampling import Sampler, effective
 from rockfall.analysis.ensemble.study import lean
 from rockfall.analysis.ensemble.uncertain_inputs import INPUTS, Uncertain, drawn_scene
-from rockfall.analysis.observations import Observed
+from rockfall.analysis.observations import Observed, read_observed
 from rockfall.case import Case
 from rockfall.errors import RockfallError
 from rockfall.scene.read import read_scene
@@ -67,18 +68,25 @@ class Back:
 
 def back_analysis(
     case: Case,
-    seen: Observed,
-    *,
+    *observed: str | Path | Observed,
     members: int = MEMBERS,
     enough: int = EFFECTIVE,
     progress: bool = False,
     **arrays: Any,
 ) -> Back:
-    """The posterior of what the group &ensemble of a case calls uncertain, by observations.
+    """The posterior of what the group &ensemble of a case calls uncertain, by observations: CSV
+    files (docs/observed.md), or one `Observed`.
 
     Members are drawn and run until `enough` of them are effective, or there are `members`. The
     prior is that of the ensemble; errors of the terrain, and rocks where no boulder comes, are
     drawn anew for each member and not sought. docs/ensemble.md, "Back-analysis", explains it.
+
+    >>> import rockfall
+    >>> case = rockfall.read_case("case.nml")
+    >>> case = case.replace(ensemble={"radius_factor": 1.2})
+    >>> found = rockfall.back_analysis(case, "observed.csv", members=256)
+    >>> len(found.members)
+    256
     """
     import pandas as pd
 
@@ -93,7 +101,7 @@ def back_analysis(
     inputs = Uncertain(scene)
     base = run_scene(scene)
     scene = replace(scene, case=scene.case.replace(output={"maps": None}))
-    data, notes = evidence(base, seen)
+    data, notes = evidence(base, read_observed(*observed))
     counts = shares(data, base)
     if "dem" in inputs.names:
         _learn_noise(scene, inputs, data)

@@ -20,7 +20,8 @@ from rockfall.plots.cartography.relief import (
     draw_contours,
     draw_relief,
 )
-from rockfall.plots.style import INK, NARROW, WIDE, round_step
+from rockfall.plots.style import INK, NARROW, WIDE
+from rockfall.quantities import round_step
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The figure of a design: what a barrier along a line must be, metre by metre."""
+"""Figures along a line: how many boulders pass where, with which energy and how high; and what a
+barrier there must be."""
 
 from __future__ import annotations
 
@@ -10,6 +11,7 @@ import numpy as np
 from rockfall.limits import EAD_ENERGY
 from rockfall.plots.style import BLUE, GREY, WIDE, new_figure, plain, styled
 from rockfall.protection.demand import ENDS, usable
+from rockfall.quantities import DESIGN, with_unit
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -17,6 +19,27 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from rockfall.protection.design import Design
+
+POSITION = "position along the line [m]"
+PER_METRE = "passing a metre [%]"
+
+
+@styled
+def line_profile_figure(profile: pd.DataFrame) -> Figure:
+    """A `rockfall.line_profile`: fraction of all boulders that pass each metre of the line, 95 %
+    quantiles of the total energy and of the passing height of those that do, with 95 % bands."""
+    figure = new_figure(WIDE, 5.2)
+    panels = figure.subplots(3, 1, sharex=True)
+    _draw_windows(panels[0], profile, "per_metre", 100.0)
+    panels[0].set(ylabel=PER_METRE)
+    panels[0].set_title(plain(str(profile["line"].iloc[0])))
+    for axes, quantity in zip(panels[1:], ("energy_total", "passing_height"), strict=True):
+        about = DESIGN[quantity]
+        _draw_windows(axes, profile, f"{quantity}_q95", about.factor)
+        axes.set(ylabel=with_unit(about.name.replace(", ", ",\n"), about.unit) + ", q95")
+    panels[-1].set(xlim=(profile["start"].iloc[0], profile["end"].iloc[-1]), xlabel=POSITION)
+    figure.align_ylabels()
+    return figure
 
 
 @styled
@@ -37,7 +60,7 @@ def along_figure(found: Design) -> Figure:
     upper.set_title(f"{plain(along['line'][0])}, {found.factors.conditions.standard}")
     upper.set(ylabel="height needed, vertical [m]")
     ends = along["start"].iloc[0], along["end"].iloc[-1]
-    lower.set(ylabel="E_d [kJ]", xlim=ends, xlabel="position along the line [m]")
+    lower.set(ylabel="E_d [kJ]", xlim=ends, xlabel=POSITION)
     return figure
 
 

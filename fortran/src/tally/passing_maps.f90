@@ -1,0 +1,44 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Maps of how high the centres of boulders passed a cell, vertically above the surface. A boulder whose point is at
+!> height h over a slope has its centre at h + R / cos(slope), as at the lines; the slope is that of the cell
+!> (Horn 1981).
+module rockfall_passing_maps
+   use rockfall_kinds, only: wp
+   use rockfall_terrain, only: terrain_t
+   use rockfall_sources, only: surface_ratios
+   use rockfall_bins, only: passing_height
+   use rockfall_maps, only: maps_t, visits_t, per_unit, add_value, count_bin, keeps
+   implicit none
+   private
+   public :: needs_passing, add_passing, steepest
+
+   real(wp), parameter :: steepest = 1.0e3_wp  !! 1/cos(slope) of a cell [-], 89.94 degrees; steeper ones count as that
+
+contains
+
+   !> True if any map is of passing heights.
+   pure logical function needs_passing(maps)
+      type(maps_t), intent(in) :: maps
+
+      needs_passing = keeps(maps%layer(passing_height))
+   end function needs_passing
+
+   !> Add the maximum heights of a boulder's centre in the cells that it visited; many threads may do so at once.
+   subroutine add_passing(maps, visits, dem, radius)
+      type(maps_t), intent(in) :: maps
+      type(visits_t), intent(in) :: visits
+      type(terrain_t), intent(in) :: dem
+      real(wp), intent(in) :: radius  !! of the boulder [m]
+      real(wp) :: ratio(1), height
+      integer :: k
+
+      do k = 1, visits%n
+         associate (visit => visits%entry(visits%used(k)))
+            ratio = surface_ratios(dem, [(visit%at(1) - 1)*dem%cell], [(dem%ny - visit%at(2))*dem%cell])
+            height = visit%max(3) + radius*min(steepest, ratio(1))
+            call add_value(maps%layer(passing_height), visit%at(1), visit%at(2), height, per_unit(passing_height))
+            call count_bin(maps, passing_height, visit%at(1), visit%at(2), height)
+         end associate
+      end do
+   end subroutine add_passing
+end module rockfall_passing_maps

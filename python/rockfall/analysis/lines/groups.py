@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The boulders of a result in groups: by source, or by class of volume."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rockfall.errors import RockfallError
+from rockfall.quantities import number
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+BY = ("source", "volume")
+MAX_SOURCES = 50  # of more, neighbours by number share a group
+RANGES = 20  # of which there are then so many
+MAX_VOLUMES = 6  # that are classes of their own
+
+Group = tuple[str, np.ndarray]  # its name, and which boulders are of it
+
+
+def groups(result: xr.Dataset, by: str, classes: Sequence[float] | None = None) -> list[Group]:
+    """Every boulder is of one group, and no group is empty.
+
+    by = 'source': the polygons or points of the layer of sources, by their names; without a layer
+    the sources, by number. by = 'volume': `classes` are the edges between classes [m3]; by default
+    the few volumes there are, or quarters of the boulders. An edge is of the class above it.
+    """
+    if by not in BY:
+        raise RockfallError(f"by = '{by}': must be {' or '.join(BY)}")
+    if classes is not None and by != "volume":
+        raise RockfallError(f"classes: are of volumes, not by = '{by}'")
+    found = _by_source(result) if by == "source" else _by_volume(result["volume"].values, classes)
+    return [(name, chosen) for name, chosen in found if chosen.any()]
+
+
+def _by_source(result: xr.Dataset) -> Iterator[Group]:
+    layer = "source_feature" in result
+    of = result["source_feature" if layer else "source"].values
+    present = np.unique(of)
+    if present.size > MAX_SOURCES:
+        for some in np.array_split(present, RANGES):
+            yield f"{some[0]} to {some[-1]}", (of >= some[0]) & (of <= some[-1])
+        return
+    names = [str(name) for name in result["feature"].values] if layer else []
+    for k in present:
+        name = names[k - 1] if layer else str(k)
+        yield f"{name} ({k})" if names.count(name) > 1 else name, of == k
+
+
+def _by_volume(volume: np.ndarray, classes: Sequence[float] | None) -> Iterator[Group]:
+    edges = np.asarray(classes if classes is not None else (), float)
+    if classes is not None and not (edges.size and np.isfinite(edges).all() and edges[0] > 0):
+        raise RockfallError("classes: must be volumes > 0 m3")
+    if (np.diff(edges) <= 0).any():
+        raise RockfallError(f"classes = {', '.join(f'{edge:g}' for edge in edges)}: must rise")
+    if classes is None:
+        known = np.unique(volume)
+        if known.size <= MAX_VOLUMES:
+            yield from ((f"{number(one)} m3", volume == one) for one in known)
+            return
+        quarters = np.quantile(volume, [0.25, 0.5, 0.75])
+        edges = np.unique([float(f"{edge:.2g}") for edge in quarters])
+    names = [f"below {edges[0]:g} m3"]
+    names += [f"{low:g} to {high:g} m3" for low, high in itertools.pairwise(edges)]
+    of = np.searchsorted(edges, volume, side="right")
+    for k, name in enumerate([*names, f"{edges[-1]:g} m3 and more"]):
+        yield name, of == k

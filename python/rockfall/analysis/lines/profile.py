@@ -1,0 +1,88 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Where on a line boulders pass, with which energy and how high: numbers of windows along it."""
+
+from __future__ import annotations
+
+import itertools
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rockfall.analysis.line_statistics import line_values, sample_numbers, with_limits
+from rockfall.analysis.precision.intervals import fraction_interval, sources
+from rockfall.errors import RockfallError
+from rockfall.quantities import round_step
+from rockfall.result.trajectories import lines
+from rockfall.terrain.polyline import lengths
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+MAX_WINDOWS = 10_000  # of a line
+ROUNDING = 1e-9  # of lengths: no window is of nothing else
+WINDOWS = 40  # of a line, about, where no width is given
+SHOWN = {"energy_total": ("mean", "q95"), "passing_height": ("mean", "q95")}
+_NUMBERS = [f"{name}_{number}" for name, numbers in SHOWN.items() for number in numbers]
+_COLUMNS = ["line", "start", "end", "n"]
+_COLUMNS += [one for name in ("fraction", "per_metre", *_NUMBERS) for one in with_limits(name)]
+
+
+def line_profile(result: xr.Dataset, line: str, width: float | None = None) -> pd.DataFrame:
+    """One row for each window of `width` [m] along a line, from its first vertex; the last may be
+    shorter. By default a round width, of which the line has about 40.
+
+    `start` and `end` [m]; `n` and `fraction` of all boulders that first cross the line there;
+    `per_metre` is that fraction over the length of the window [1/m]; mean and 95 % quantile of the
+    total energy [J] and of the passing height (centre, vertical) [m] of those that cross. `..._low`
+    and `..._high` are the limits of 95 % confidence intervals, as in `line_statistics`; NaN where
+    too few cross. Raises RockfallError for a line that is not there, and for a width that is not
+    above 0 or makes more than 10,000 windows.
+    """
+    import pandas as pd
+
+    number = line_number(result, line)
+    values = {name: line_values(result, name, number) for name in ("position", *SHOWN)}
+    edges, window = windows(result, number, width)
+    source, rows = sources(result), []
+    for k, (start, end) in enumerate(itertools.pairwise(edges)):
+        here = window == k
+        row: dict[str, Any] = {"line": line, "start": start, "end": end, "n": int(here.sum())}
+        found = np.array(fraction_interval(here, source))
+        row |= zip(with_limits("fraction"), found, strict=True)
+        row |= zip(with_limits("per_metre"), found / (end - start), strict=True)
+        for name in SHOWN if row["n"] else ():
+            numbers = sample_numbers(values[name][here], source[here])
+            row |= {f"{name}_{one}": value for one, value in numbers.items()}
+        rows.append(row)
+    return pd.DataFrame(rows, columns=_COLUMNS)
+
+
+def line_number(result: xr.Dataset, line: str) -> int:
+    """The index of a line of this name."""
+    names = [str(name) for name in result["line"].values] if "line" in result else []
+    if not names or not result.sizes.get("boulder"):
+        raise RockfallError("the result has no evaluation lines, or no boulders")
+    if line not in names:
+        raise RockfallError(f"along = '{line}': no such line; lines: {', '.join(names)}")
+    return names.index(line)
+
+
+def windows(
+    result: xr.Dataset, line: int, width: float | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Edges of windows along a line [m], and the window in which each boulder crosses it, -1 where
+    it does not."""
+    _, x, y = lines(result)[line]
+    length = float(lengths(x + 1j * y)[-1])
+    width = round_step(length / WINDOWS) if width is None else width
+    if not 0 < width < np.inf:
+        raise RockfallError(f"width = {width}: must be > 0 m")
+    number = max(1, int(np.ceil(length / width * (1 - ROUNDING))))
+    if number > MAX_WINDOWS:
+        raise RockfallError(
+            f"width = {width}: makes {number:,} windows of the line, at most {MAX_WINDOWS:,}"
+        )
+    position = line_values(result, "position", line)
+    window = np.where(np.isnan(position), -1, np.minimum(position // width, number - 1))
+    return np.append(width * np.arange(number), length), window.astype(int)

@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What passed lines by source, by class of volume, and along a line, as text and as files."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rockfall.analysis.line_statistics import line_statistics
+from rockfall.analysis.lines.profile import line_profile
+from rockfall.io.output_files import FIGURE, GROUP_TABLE, PROFILE
+from rockfall.plots.along_figures import line_profile_figure
+from rockfall.plots.style import save
+from rockfall.quantities import DESIGN, QUANTITIES, number, with_unit
+from rockfall.text.line_tables import ENDS, open_lines, write_tables
+from rockfall.text.table import table as aligned
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+ABOUT = "In brackets 95 % confidence intervals; fractions are of the boulders of the group."
+ALONG = """\
+In brackets 95 % confidence intervals. Fractions are of all boulders; each counts where it first
+crosses the line."""
+NUMBERS = (
+    ("speed", "mean"), ("energy_total", "mean"), ("energy_total", "q95"),
+    ("passing_height", "q95"), ("upper_edge", "q95"), ("normal_height", "q95"),
+)  # fmt: skip
+
+
+def print_groups(
+    path: str | Path,
+    by: str,
+    classes: Sequence[float] | None = None,
+    table: str | Path | None = None,
+) -> None:
+    """Print what passed the lines of a result by source or by class of volume; with `table`, a CSV
+    file, write line_statistics of these groups there."""
+    result, places = open_lines(path, table, {"": GROUP_TABLE})
+    statistics = line_statistics(result, by, classes)
+    print("\n".join(_groups(statistics, by)))
+    write_tables(path, result, dict(zip(places, [statistics], strict=False)))
+
+
+def print_profile(
+    path: str | Path, line: str, width: float | None = None, table: str | Path | None = None
+) -> None:
+    """Print what passes each window of a line of a result; with `table`, a CSV file, write it
+    there, and its figure beside it as NAME.png."""
+    result, places = open_lines(path, table, {"": PROFILE, ".png": FIGURE})
+    profile = line_profile(result, line, width)
+    print("\n".join([ALONG, "", line, aligned(_along(profile))]))
+    made = [profile, lambda part: save(line_profile_figure(profile), part)]
+    write_tables(path, result, dict(zip(places, made, strict=False)))
+
+
+def _groups(statistics: pd.DataFrame, by: str) -> Iterator[str]:
+    """A table for each line, a row for each group."""
+    yield ABOUT
+    for line, rows in statistics.groupby("line", sort=False):
+        cells = [[f"  {by}", "boulders", "pass", "fraction [%]", *_titles(NUMBERS)]]
+        for group, one in rows.groupby(by, sort=False):
+            row = {f"{about['quantity']}": about for about in one.to_dict("records")}
+            about = row["speed"]
+            shown = (_shown(row[name], of, QUANTITIES[name].factor) for name, of in NUMBERS)
+            cells.append([f"  {group}", f"{about['boulders']:,}", f"{about['n']:,}",
+                          _shown(about, "fraction", 100.0), *shown])  # fmt: skip
+        yield from ("", str(line), aligned(cells))
+
+
+def _along(profile: pd.DataFrame) -> Iterator[list[str]]:
+    numbers = (("energy_total", "mean"), ("energy_total", "q95"), ("passing_height", "q95"))
+    yield ["  from [m]", "to [m]", "pass", "passing a metre [%]", *_titles(numbers)]
+    for row in profile.to_dict("records"):
+        shown = (_shown(row, f"{name}_{of}", QUANTITIES[name].factor) for name, of in numbers)
+        ends = f"  {number(row['start'], 4)}", number(row["end"], 4)
+        yield [*ends, f"{row['n']:,}", _shown(row, "per_metre", 100.0), *shown]
+
+
+def _titles(numbers: Iterable[tuple[str, str]]) -> list[str]:
+    return [with_unit(f"{DESIGN[name].name}, {of}", DESIGN[name].unit) for name, of in numbers]
+
+
+def _shown(row: Mapping[Any, Any], name: str, factor: float) -> str:
+    """A number with its interval, where it has one."""
+    value, low, high = (factor * row[f"{name}{end}"] for end in ENDS)
+    known = np.isfinite([low, high]).any()
+    return number(value) + (f" ({number(low)} to {number(high)})" if known else "")

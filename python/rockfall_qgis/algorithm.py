@@ -1,0 +1,253 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""One algorithm for every command: its parameters become words of a command line."""
+
+import re
+from pathlib import Path
+
+from qgis.core import (
+    QgsProcessing,
+    QgsProcessingAlgorithm,
+    QgsProcessingException,
+    QgsProcessingOutputMultipleLayers,
+    QgsProcessingOutputString,
+    QgsProcessingParameterBoolean,
+    QgsProcessingParameterDefinition,
+    QgsProcessingParameterEnum,
+    QgsProcessingParameterFeatureSource,
+    QgsProcessingParameterFile,
+    QgsProcessingParameterFileDestination,
+    QgsProcessingParameterFolderDestination,
+    QgsProcessingParameterNumber,
+    QgsProcessingParameterRasterLayer,
+    QgsProcessingParameterString,
+    QgsProcessingUtils,
+)
+
+from rockfall_qgis.commands import DRAFTS, LINE, POINT, POLYGON
+from rockfall_qgis.layers import load_results, write_layer
+from rockfall_qgis.program import Interrupted, Refused, call
+
+SHAPES = {
+    POINT: QgsProcessing.TypeVectorPoint,
+    LINE: QgsProcessing.TypeVectorLine,
+    POLYGON: QgsProcessing.TypeVectorPolygon,
+}
+
+
+def _number(kind, least):
+    return lambda one: QgsProcessingParameterNumber(
+        one.name, one.label, kind, optional=one.optional, minValue=least
+    )
+
+
+def _file(one):
+    (ending,) = one.choices
+    return QgsProcessingParameterFile(one.name, one.label, extension=ending, optional=one.optional)
+
+
+def _choice(one):
+    return QgsProcessingParameterEnum(
+        one.name, one.label, list(one.choices), optional=one.optional, usesStaticStrings=True
+    )
+
+
+def _layer(one):
+    shapes = [SHAPES[shape] for shape in one.choices]
+    return QgsProcessingParameterFeatureSource(one.name, one.label, shapes, optional=one.optional)
+
+
+#: How a parameter is made, by the kind of the option.
+MAKERS = {
+    "count": _number(QgsProcessingParameterNumber.Integer, 1),
+    "number": _number(QgsProcessingParameterNumber.Integer, 0),
+    "real": _number(QgsProcessingParameterNumber.Double, 0.0),
+    "file": _file,
+    "choice": _choice,
+    "layer": _layer,
+    "text": lambda one: QgsProcessingParameterString(one.name, one.label, optional=one.optional),
+    "yes": lambda one: QgsProcessingParameterBoolean(one.name, one.label, False),
+    "raster": lambda one: QgsProcessingParameterRasterLayer(
+        one.name, one.label, optional=one.optional
+    ),
+    "folder": lambda one: QgsProcessingParameterFolderDestination(one.name, one.label),
+    "page": lambda one: QgsProcessingParameterFileDestination(
+        one.name, one.label, "HTML (*.html);;PDF (*.pdf)"
+    ),
+}
+
+
+class CommandAlgorithm(QgsProcessingAlgorithm):
+    """A command of the program."""
+
+    def __init__(self, command, program_path):
+        super().__init__()
+        self.command = command
+        self.program_path = program_path
+
+    def createInstance(self):
+        return type(self)(self.command, self.program_path)
+
+    def name(self):
+        return self.command.name
+
+    def displayName(self):
+        return self.command.title
+
+    def shortHelpString(self):
+        return self.command.about
+
+    def canExecute(self):
+        there = bool(self.program_path())
+        return there, "" if there else "The program rockfall is not on the PATH: say where it is " \
+            "in Settings, Options, Processing, Providers, Rockfall"  # fmt: skip
+
+    def initAlgorithm(self, configuration=None):
+        for one in self.command.options:
+            parameter = MAKERS[one.kind](one)
+            if one.advanced:
+                advanced = QgsProcessingParameterDefinition.FlagAdvanced
+                parameter.setFlags(parameter.flags() | advanced)
+            self.addParameter(parameter)
+        self.addOutput(QgsProcessingOutputString("TEXT", "What the program says"))
+        if self._is_loaded():
+            self.addOutput(QgsProcessingOutputMultipleLayers("LAYERS", "Maps and layers"))
+
+    def processAlgorithm(self, parameters, context, feedback):
+        able, why = self.canExecute()
+        if not able:
+            raise QgsProcessingException(why)
+        results = self._places(parameters, context)
+        try:
+            results["TEXT"] = "\n".join(self._called(parameters, context, feedback))
+        except Refused as error:
+            raise QgsProcessingException(str(error)) from error
+        except Interrupted as error:
+            feedback.pushWarning(str(error))
+            return results
+        if self._is_loaded():
+            results["LAYERS"] = load_results(self._maps(parameters, context), context)
+        return results
+
+    def _is_loaded(self):
+        return self.command.name in ("run", "export", "hazard")
+
+    def _places(self, parameters, context):
+        """Where files and folders go."""
+        kinds = {"folder", "page"}
+        return {
+            one.name: self.parameterAsString(parameters, one.name, context)
+            for one in self.command.options
+            if one.kind in kinds
+        }
+
+    def _maps(self, parameters, context):
+        """The folder of what is loaded."""
+        return self.parameterAsString(parameters, "FOLDER", context)
+
+    def _called(self, parameters, context, feedback):
+        """What the program says."""
+        words = self._words(self.command.options, parameters, context, feedback)
+        return self._program(feedback, self.command.name, *words)
+
+    def _program(self, feedback, *words):
+        return call([self.program_path(), *words], feedback)
+
+    def _words(self, options, parameters, context, feedback):
+        """The command line that parameters stand for."""
+        for one in options:
+            if parameters.get(one.name) in (None, ""):
+                continue
+            value = self._value(one, parameters, context, feedback)
+            if one.kind == "yes":
+                yield from [one.flag] if value else []
+                continue
+            yield from [one.flag, value] if one.flag else [value]
+            if one.kind == "page" and value.lower().endswith(".pdf"):
+                yield "--pdf"
+
+    def _value(self, one, parameters, context, feedback):
+        if one.kind == "raster":
+            return _raster_file(self.parameterAsRasterLayer(parameters, one.name, context))
+        if one.kind == "layer":
+            path = QgsProcessingUtils.generateTempFilename(f"{one.name.lower()}.gpkg")
+            source = self.parameterAsSource(parameters, one.name, context)
+            write_layer(source, path, one.name.lower(), context, feedback)
+            return path
+        if one.kind in ("count", "number"):
+            return str(self.parameterAsInt(parameters, one.name, context))
+        if one.kind == "real":
+            return repr(self.parameterAsDouble(parameters, one.name, context))
+        if one.kind == "yes":
+            return self.parameterAsBool(parameters, one.name, context)
+        if one.kind == "choice":
+            return self.parameterAsEnumString(parameters, one.name, context)
+        return self.parameterAsString(parameters, one.name, context)
+
+
+def _raster_file(layer):
+    """The file of a raster layer."""
+    if layer is None or layer.dataProvider().name() != "gdal":
+        raise QgsProcessingException("elevations must be a raster in a file")
+    return layer.source()
+
+
+class RunAlgorithm(CommandAlgorithm):
+    """`rockfall run`, of a case or of layers that `rockfall new` makes one of; then the maps."""
+
+    def checkParameterValues(self, parameters, context):
+        given = {name for name, value in parameters.items() if value not in (None, "")}
+        drafts = {one.name for one in DRAFTS}
+        if len(given & {"CASE", "DEM"}) != 1:
+            return False, "Give either a case, or elevations (and layers that go with them)"
+        if "CASE" in given and given & drafts:
+            return False, "A case names its own layers: sources, zones and lines go with elevations"
+        return super().checkParameterValues(parameters, context)
+
+    def _maps(self, parameters, context):
+        return str(Path(super()._maps(parameters, context)) / "maps")
+
+    def _called(self, parameters, context, feedback):
+        folder = Path(self.parameterAsString(parameters, "FOLDER", context))
+        folder.mkdir(parents=True, exist_ok=True)
+        case = self.parameterAsString(parameters, "CASE", context)
+        case = case or self._draft(folder, parameters, context, feedback)
+        result = str(folder / "result.nc")
+        options = [one for one in self.command.options if one.flag and one.name != "FOLDER"]
+        words = self._words(options, parameters, context, feedback)
+        said = self._program(feedback, "run", case, "-o", result, *words)
+        self._program(feedback, "export", result, self._maps(parameters, context))
+        return said
+
+    def _draft(self, folder, parameters, context, feedback):
+        """A case of elevations and layers, in the folder."""
+        case, layers, before = folder / "case.nml", folder / "layers.gpkg", {*folder.iterdir()}
+        for path in case, layers:
+            if path in before:
+                raise QgsProcessingException(
+                    f"{path}: is there; it is not overwritten: run it as a case, or take "
+                    "another folder"
+                )
+        given = [one for one in DRAFTS if parameters.get(one.name) not in (None, "")]
+        dem = _raster_file(self.parameterAsRasterLayer(parameters, "DEM", context))
+        words = ["new", dem, *([str(layers)] if given else []), "-o", str(case)]
+        try:
+            for one in given:
+                source = self.parameterAsSource(parameters, one.name, context)
+                write_layer(source, layers, one.name.lower(), context, feedback)
+            _check_taken(given, self._program(feedback, *words))
+        except (Refused, Interrupted, QgsProcessingException):
+            for path in {*folder.iterdir()} - before:
+                path.unlink()
+            raise
+        return str(case)
+
+
+def _check_taken(given, said):
+    """Refuse what `rockfall new` has taken for something else than it was given for."""
+    for one in given:
+        name = one.name.lower()
+        for line in said:
+            found = re.search(rf"(?:, layer {name}|layers\.gpkg): (\w+)", line)
+            kinds = {name, "barriers", "dams"} if name == "lines" else {name}
+            if found and found[1] not in kinds:
+                raise QgsProcessingException(line)

@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What the toolbox offers: the commands of the program, and which parameter becomes which word of
+a command line. Plain data."""
+
+from dataclasses import dataclass
+
+POINT, LINE, POLYGON = "point", "line", "polygon"
+
+
+@dataclass(frozen=True)
+class Option:
+    """A parameter of a command; `kind` is a key of `algorithm.MAKERS`."""
+
+    name: str
+    label: str
+    kind: str
+    flag: str = ""  #: "" stands before its value without a word
+    optional: bool = True
+    advanced: bool = False
+    choices: tuple[str, ...] = ()  #: texts of a choice, shapes of a layer, endings of a file
+
+
+@dataclass(frozen=True)
+class Command:
+    name: str
+    title: str
+    about: str
+    options: tuple[Option, ...]
+
+
+CASE = Option("CASE", "Case", "file", optional=False, choices=("nml",))
+RESULT = Option("RESULT", "Result of a run", "file", optional=False, choices=("nc",))
+FOLDER = Option("FOLDER", "Folder of the results", "folder", "-o", optional=False)
+RUNS = (
+    Option("BOULDERS", "Boulders from each source (empty: the case's)", "count", "--boulders"),
+    Option("BOULDERS_TOTAL", "or: boulders from all sources together", "count",
+           "--boulders-total"),
+    Option("SEED", "Seed of the random numbers (empty: the case's)", "number", "--seed"),
+    Option("THREADS", "Threads (0: all cores; empty: the case's)", "number", "--threads",
+           advanced=True),
+    Option("RESUME", "Go on with a run that was stopped", "yes", "--resume", advanced=True),
+)  # fmt: skip
+#: Of the layers of a project that `rockfall new` makes a case of; each is named so in its file.
+DRAFTS = (
+    Option("SOURCES", "Sources (default: steep cells)", "layer", choices=(POINT, POLYGON)),
+    Option("ZONES", "Zones with mean_radius, rg70 to rg10 or ground", "layer", choices=(POLYGON,)),
+    Option("LINES", "Lines: where crossings are recorded, or barriers with height and capacity",
+           "layer", choices=(LINE,)),
+)  # fmt: skip
+
+COMMANDS = (
+    Command(
+        "check",
+        "Check a case",
+        "Reads and checks everything that a case names, simulates a few boulders, and says what "
+        "would run and how long it would take.",
+        (CASE,),
+    ),
+    Command(
+        "run",
+        "Run a case, or layers of the project",
+        "Runs a case file. Or, of a DEM and layers of the project, first writes case.nml into the "
+        "folder, with comments that say what to choose, and runs it; edit it there, and run it "
+        "again as a case. The folder then has result.nc, and in maps GeoTIFF, GeoPackage and CSV, "
+        "which are loaded with their styles. When it is cancelled it keeps what has been done.",
+        (
+            Option("CASE", "Case", "file", choices=("nml",)),
+            Option("DEM", "or: elevations (DEM)", "raster"),
+            *DRAFTS,
+            *RUNS,
+            Option("UNTIL", "Until intervals are narrow enough, as 'fraction@road<3%'", "text",
+                   "--until", advanced=True),
+            FOLDER,
+        ),
+    ),
+    Command(
+        "export",
+        "Load a result",
+        "Writes a result as GeoTIFF, GeoPackage and CSV, and loads them with their styles.",
+        (RESULT, Option("FOLDER", "Folder of the maps", "folder", optional=False)),
+    ),
+    Command(
+        "report",
+        "Write a report",
+        "Writes a result as one page, to be read offline.",
+        (
+            RESULT,
+            Option("DEM", "Elevations (default: the case's)", "raster", "--dem", advanced=True),
+            Option("OBSERVED", "Observations", "file", "--observed", choices=("csv",)),
+            Option("VIEW", "With a view in three dimensions", "yes", "--3d"),
+            Option("PAGE", "Page", "page", "-o", optional=False),
+        ),
+    ),
+    Command(
+        "hazard",
+        "Hazard zones",
+        "Runs the scenarios of a case: annual frequencies, zones of hazard, objects at risk.",
+        (
+            CASE,
+            Option("OBJECTS", "Objects at risk", "layer", "--objects",
+                   choices=(POINT, LINE, POLYGON)),
+            *RUNS,
+            FOLDER,
+        ),
+    ),
+    Command(
+        "design",
+        "Design of barriers",
+        "What barriers at the lines of a result must be, and whether its own are that.",
+        (
+            RESULT,
+            Option("ALONG", "Line to be followed metre by metre", "text", "--along"),
+            Option("STANDARD", "Standard", "choice", "--standard", choices=("UNI", "ONR")),
+            Option("SURVEY", "Survey of the topography", "choice", "--survey",
+                   choices=("poor", "good")),
+            Option("BLOCKS", "Survey of the blocks", "choice", "--blocks",
+                   choices=("poor", "good")),
+            Option("CALIBRATION", "Calibration of the rebound", "choice", "--calibration",
+                   choices=("literature", "back-analysed")),
+            Option("LIMIT_STATE", "Limit state", "choice", "--limit-state",
+                   choices=("MEL", "SEL")),
+            Option("CONSEQUENCE", "Consequence of a failure (ONR)", "choice", "--consequence",
+                   choices=("CC1", "CC2", "CC3")),
+            Option("RESIDUAL", "Fraction that may pass", "real", "--residual"),
+            Option("VOLUME", "Volume of the design block [m3]", "real", "--volume"),
+            Option("FACTORS", "Table of factors", "file", "--factors", advanced=True,
+                   choices=("csv",)),
+            Option("COSTS", "Table of costs", "file", "--costs", advanced=True, choices=("csv",)),
+            FOLDER,
+        ),
+    ),
+)  # fmt: skip

@@ -1,0 +1,52 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Layers of the project to files for the program, and its files to layers with their styles."""
+
+from pathlib import Path
+
+from qgis.core import (
+    QgsFeatureRequest,
+    QgsProcessingContext,
+    QgsProcessingException,
+    QgsProviderRegistry,
+    QgsRasterLayer,
+    QgsVectorFileWriter,
+    QgsVectorLayer,
+)
+
+
+def write_layer(source, path, name, context, feedback):
+    """Write the features of a source (any layer, or what is selected of it) to a GeoPackage."""
+    layer = source.materialize(QgsFeatureRequest(), feedback)
+    fields = layer.fields()
+    options = QgsVectorFileWriter.SaveVectorOptions()
+    options.layerName = name
+    options.driverName = "GPKG"
+    # GeoPackages number their features themselves
+    options.attributes = [k for k in range(fields.count()) if fields.at(k).name().lower() != "fid"]
+    options.skipAttributeCreation = not options.attributes
+    if Path(path).exists():
+        options.actionOnExistingFile = QgsVectorFileWriter.CreateOrOverwriteLayer
+    code, message, *_ = QgsVectorFileWriter.writeAsVectorFormatV3(
+        layer, str(path), context.transformContext(), options
+    )
+    if code != QgsVectorFileWriter.NoError:
+        raise QgsProcessingException(f"layer {source.sourceName()}: cannot be written: {message}")
+
+
+def load_results(folder, context):
+    """Have QGIS show every map and layer in a folder; returns what they are called by.
+
+    Processing loads files without the styles beside them, so they are loaded here.
+    """
+    found = [QgsRasterLayer(str(path), path.stem) for path in sorted(Path(folder).glob("*.tif"))]
+    for path in sorted(Path(folder).glob("*.gpkg")):
+        metadata = QgsProviderRegistry.instance().providerMetadata("ogr")
+        for one in metadata.querySublayers(str(path)):
+            found.append(QgsVectorLayer(one.uri(), one.name(), "ogr"))
+    for layer in found:
+        if not layer.isValid():
+            raise QgsProcessingException(f"{layer.source()}: cannot be loaded")
+        context.temporaryLayerStore().addMapLayer(layer)
+        details = QgsProcessingContext.LayerDetails(layer.name(), context.project())
+        context.addLayerToLoadOnCompletion(layer.id(), details)
+    return [layer.source() for layer in found]

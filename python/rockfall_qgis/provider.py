@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The provider of Processing, and its one setting: where the program is."""
+
+import shutil
+
+from processing.core.ProcessingConfig import ProcessingConfig, Setting
+from qgis.core import QgsApplication, QgsProcessingProvider
+
+from rockfall_qgis.algorithm import CommandAlgorithm, RunAlgorithm
+from rockfall_qgis.commands import COMMANDS
+
+PROGRAM = "ROCKFALL_PROGRAM"
+
+
+def program_path():
+    """The program by the setting, or else on the PATH; "" where there is none."""
+    return ProcessingConfig.getSetting(PROGRAM) or shutil.which("rockfall") or ""
+
+
+class Provider(QgsProcessingProvider):
+    def id(self):
+        return "rockfall"
+
+    def name(self):
+        return "Rockfall"
+
+    def load(self):
+        about = "Path of the program rockfall (empty: the one on the PATH)"
+        setting = Setting(self.name(), PROGRAM, about, "", valuetype=Setting.FILE)
+        ProcessingConfig.settingIcons[self.name()] = self.icon()
+        ProcessingConfig.addSetting(setting)
+        ProcessingConfig.readSettings()
+        self.refreshAlgorithms()
+        return True
+
+    def unload(self):
+        ProcessingConfig.removeSetting(PROGRAM)
+
+    def loadAlgorithms(self):
+        for command in COMMANDS:
+            kind = RunAlgorithm if command.name == "run" else CommandAlgorithm
+            self.addAlgorithm(kind(command, program_path))
+
+
+class Plugin:
+    """What QGIS starts and stops."""
+
+    def __init__(self):
+        self.provider = None
+
+    def initProcessing(self):
+        self.provider = Provider()
+        QgsApplication.processingRegistry().addProvider(self.provider)
+
+    def initGui(self):
+        self.initProcessing()
+
+    def unload(self):
+        QgsApplication.processingRegistry().removeProvider(self.provider)

@@ -1,0 +1,178 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Numbers at the lines by source, by volume and along the line, of results that tests make."""
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import rockfall
+from made import refused
+from rockfall.analysis.line_statistics import line_values
+from rockfall.analysis.lines.groups import groups
+from rockfall.cli import main
+from scenes import grid, make_case, rough, sets
+
+LIMITS = ["fraction", "fraction_low", "fraction_high", "mean", "mean_low", "q95_high"]
+
+
+def made(n=3000, sources=3, names=None, volume=None):
+    """Boulders of each source in turn; the later the source, the further along a line of 95 m of
+    two sides and the faster they come, and the fewer."""
+    random = np.random.default_rng(5)
+    source = np.repeat(np.arange(1, sources + 1), n // sources)
+    place = random.beta(2, 2, source.size) * 95 * source / sources
+    came = random.random(source.size) < 0.9 - 0.2 * source / sources
+    speed = 10.0 * source + random.normal(0, 1, source.size)
+    volume = random.uniform(0.1, 2, source.size) if volume is None else volume
+    at_line = {
+        "x": np.minimum(place, 50), "y": np.maximum(place - 50, 0), "speed": speed,
+        "jump_height": 0 * speed + 1.0, "passing_height": 1 + np.cbrt(volume), "omega": speed,
+        "energy_translational": speed**2, "energy_rotational": 0.1 * speed**2,
+    }  # fmt: skip
+    data = {
+        f"line_{name}": (("line", "boulder"), np.where(came, values, np.nan)[None])
+        for name, values in at_line.items()
+    }
+    of_boulder = {"source": source, "start_x": source * 1.0, "start_y": 0.0 * source}
+    if names:
+        of_boulder["source_feature"] = source
+        data["feature"] = "feature", np.array(names, object)
+    data |= {key: ("boulder", of) for key, of in (of_boulder | {"volume": volume}).items()}
+    data |= {"line_vertex_x": ("line_vertex", [0.0, 50.0, 50.0])}
+    data |= {"line_vertex_y": ("line_vertex", [0.0, 0.0, 45.0])}
+    data |= {"line_vertex_line": ("line_vertex", [0, 0, 0])}
+    return xr.Dataset(data, {"line": ["road"]})
+
+
+@pytest.mark.parametrize(("by", "classes"), [("source", None), ("volume", [0.5, 1.0])])
+def test_a_group_has_the_numbers_of_its_boulders_and_the_groups_are_all(by, classes):
+    result = made(names=["north", "south", "north"])
+    whole = rockfall.line_statistics(result).set_index("quantity")
+    table = rockfall.line_statistics(result, by, classes).set_index([by, "quantity"])
+    speed = table.xs("speed", level=1)
+    assert speed["n"].sum() == whole.loc["speed", "n"] and speed["boulders"].sum() == 3000
+    assert (speed["fraction"] * speed["boulders"]).sum() == pytest.approx(speed["n"].sum())
+    names = {"source": ["north (1)", "south", "north (3)"],
+             "volume": ["below 0.5 m3", "0.5 to 1 m3", "1 m3 and more"]}  # fmt: skip
+    assert speed.index.tolist() == names[by]
+    for name, chosen in groups(result, by, classes):
+        alone = rockfall.line_statistics(result.isel(boulder=chosen)).set_index("quantity")
+        for quantity in ("speed", "upper_edge", "position"):
+            row = table.loc[(name, quantity)]
+            if by == "source":  # with intervals: a stratum knows nothing of others
+                assert row[LIMITS].tolist() == pytest.approx(alone.loc[quantity, LIMITS], rel=1e-3)
+            assert row["std"] == alone.loc[quantity, "std"]
+            assert row["fraction"] == alone.loc[quantity, "fraction"]
+
+
+def test_intervals_of_groups_are_those_of_strata():
+    """Sources differ by ten standard deviations. A mean knows how many were released at each, not
+    how many of them would be of the class and come."""
+    speed = rockfall.line_statistics(made(), "volume", [1.0]).set_index("quantity").loc["speed"]
+    half = (speed["mean_high"] - speed["mean_low"]) / 2
+    n = speed["n"].to_numpy()
+    as_from_anywhere = 1.96 * speed["std"] / np.sqrt(n)
+    assert (half < 0.9 * as_from_anywhere).all() and (half > 1.96 / np.sqrt(n)).all()
+
+
+def test_default_classes_are_the_few_volumes_or_quarters():
+    few = made(volume=np.tile([0.5, 2.0, 7.5], 1000))
+    assert [name for name, _ in groups(few, "volume")] == ["0.500 m3", "2.00 m3", "7.50 m3"]
+    sizes = [chosen.sum() for _, chosen in groups(made(), "volume")]
+    assert sum(sizes) == 3000 and len(sizes) == 4 and min(sizes) > 600
+    edge = made(volume=np.repeat([1.0, 2.0], 1500))
+    assert [(name, of.sum()) for name, of in groups(edge, "volume", [2.0])] == [
+        ("below 2 m3", 1500), ("2 m3 and more", 1500)
+    ]  # fmt: skip
+
+
+def test_hundreds_of_sources_share_groups():
+    found = groups(made(sources=300), "source")
+    assert len(found) == 20 and found[0][0] == "1 to 15" and found[-1][0] == "286 to 300"
+    assert (np.sum([of for _, of in found], axis=0) == 1).all()
+
+
+def test_windows_add_up_to_the_line():
+    result = made()
+    row = rockfall.line_statistics(result).set_index("quantity").loc["energy_total"]
+    place, energy = (line_values(result, name, 0) for name in ("position", "energy_total"))
+    for width, windows in ((10.0, 10), (2.5, 38), (500.0, 1), (None, 38)):
+        profile = rockfall.line_profile(result, "road", width)
+        assert len(profile) == windows and profile["end"].iloc[-1] == 95
+        assert (profile["start"].to_numpy()[1:] == profile["end"].to_numpy()[:-1]).all()
+        length = profile["end"] - profile["start"]
+        assert profile["n"].sum() == row["n"]
+        assert (profile["per_metre"] * length).sum() == pytest.approx(row["fraction"])
+        mean = (profile["energy_total_mean"] * profile["n"]).sum() / row["n"]
+        assert mean == pytest.approx(row["mean"])
+        here = (place >= profile["start"][0]) & (place < profile["end"][0])
+        assert profile["energy_total_q95"][0] == np.quantile(energy[here], 0.95)
+        assert (profile["fraction_low"] <= profile["fraction"]).all()
+        assert (profile["per_metre_high"] * length).to_list() == pytest.approx(
+            profile["fraction_high"].to_list()
+        )
+
+
+def test_heights_of_a_sphere_on_a_slope_of_60_degrees():
+    """R = 1 m, its point 3 m above the slope, vertically: 1.5 m normal to it."""
+    result = made(volume=np.full(3000, 4 / 3 * np.pi))
+    result["line_jump_height"] = 0 * result["line_speed"] + 3.0
+    result["line_passing_height"] = 0 * result["line_speed"] + 3.0 + 2.0
+    table = rockfall.line_statistics(result).set_index("quantity")
+    expected = {"upper_edge": 6.0, "normal_height": 2.5, "normal_upper_edge": 3.5}
+    for name, height in expected.items():
+        assert table.loc[name, ["mean", "max", "q95"]].tolist() == pytest.approx([height] * 3)
+
+
+def test_what_makes_no_sense_is_refused():
+    result = made()
+    with refused("by = 'zone': must be source or volume"):
+        rockfall.line_statistics(result, "zone")
+    with refused("classes = 1, 0.5: must rise"):
+        rockfall.line_statistics(result, "volume", [1.0, 0.5])
+    for edges in ([], [0.0, 1.0], [1.0, np.nan]):
+        with refused("classes: must be volumes > 0 m3"):
+            rockfall.line_statistics(result, "volume", edges)
+    with refused("classes: are of volumes, not by = 'source'"):
+        rockfall.line_statistics(result, "source", [1.0])
+    with refused("along = 'rail': no such line; lines: road"):
+        rockfall.line_profile(result, "rail")
+    with refused("width = 0.001: makes 95,000 windows of the line, at most 10,000"):
+        rockfall.line_profile(result, "road", 0.001)
+    for width in (0.0, -1.0, np.nan, np.inf):
+        with refused(f"width = {width}: must be > 0 m"):
+            rockfall.line_profile(result, "road", width)
+
+
+def test_the_command_prints_what_it_writes(tmp_path, capsys):
+    line = [{"name": "road", "x": [0.0, 300.0], "y": [280.0, 280.0]}]
+    release = {"x": [140.0, 160.0], "y": [380.0, 380.0]}
+    case = make_case(tmp_path, *sets(), line=line, case={"boulders": 100}, terrain={},
+                     release=release)  # fmt: skip
+    result = rockfall.run(case, dem=rough(), transform=grid(rough()))
+    rockfall.write_result(result, path := tmp_path / "out.nc")
+
+    def command(*words):
+        code = main(["lines", str(path), *map(str, words)])
+        return code, *capsys.readouterr()
+
+    n = int(np.isfinite(result["line_speed"]).sum())
+    table = tmp_path / "t.csv"
+    code, said, _ = command("--by", "source", "-o", table)
+    assert code == 0 and said.endswith(f"{table}\n") and "  2 " in said
+    lines = table.read_text().splitlines()
+    assert lines[0].startswith("line,source,boulders,quantity,n,") and len(lines) == 1 + 2 * 12
+    assert command("--by", "volume", "--classes", "0.1,1", "-o", table)[0] == 0  # over one of ours
+    code, said, _ = command("--along", "road", "--width", "50", "-o", tmp_path / "p.csv")
+    assert code == 0 and said.endswith("p.png\n")
+    rows = np.genfromtxt(tmp_path / "p.csv", delimiter=",", names=True)
+    assert rows["n"].sum() == n and rows["end"][-1] == 300
+    assert (tmp_path / "p.png").read_bytes()[:4] == b"\x89PNG"
+    for words, error in (
+        (["--width", "5"], "--width: needs --along"),
+        (["--classes", "1"], "--classes: needs --by volume"),
+        (["--by", "source", "--along", "road"], "--by: needs to be without --along"),
+        (["--by", "volume", "--classes", "1,x"], "--classes 1,x: must be volumes [m3] between "
+         "commas, as 0.1,0.5,1"),
+    ):  # fmt: skip
+        assert command(*words) == (2, "", f"rockfall: {error}\n")

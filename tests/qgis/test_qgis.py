@@ -1,0 +1,198 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The provider of Processing: in QGIS the program gives what it gives without, and says the same.
+Tests that need QGIS are left out where there is none: `./run qgis` installs it."""
+
+import importlib.util
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+import rasterio
+
+import rockfall
+import scenes
+from made import make_layer, make_raster
+from rockfall.cli import main
+from rockfall.cli.arguments import make_parser
+
+shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
+
+ROOT = Path(__file__).parents[2]
+PLUGIN = ROOT / "python/rockfall_qgis"
+# Debian's wrapper hands on an option of the desktop's that 3.22 refuses
+PROCESS = shutil.which("qgis_process.bin") or shutil.which("qgis_process")
+PYTHON = "/usr/bin/python3"  # for which the distribution has PyQGIS
+W, N = 600000.0, 5000000.0
+needs_qgis = pytest.mark.skipif(PROCESS is None, reason="no QGIS: see ./run qgis")
+
+
+def load(path):
+    """A module of a file: the plugin is no part of the package."""
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    module = sys.modules[path.stem] = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    """A folder with dem.tif, site.gpkg, and bin/rockfall: this package as a program."""
+    folder = tmp_path_factory.mktemp("site")
+    z = scenes.rough(60, 80, 5.0, gradient=0.8, relief=8, dtype="f4")
+    make_raster(folder / "dem.tif", z, nodata=-9999)
+    site, box = folder / "site.gpkg", shapely.box
+    make_layer(site, [box(W + 100, N - 60, W + 200, N - 30)], layer="sources", id=[1])
+    halves = [box(W, N - 200, W + 300, N), box(W, N - 390, W + 300, N - 200)]
+    make_layer(site, halves, layer="zones", mean_radius=[0.3, 0.1])
+    road = [shapely.LineString([(W, N - 45), (W + 300, N - 45)])]
+    make_layer(site, road, layer="lines", name=["road"])
+    program = folder / "bin/rockfall"
+    program.parent.mkdir()
+    where = Path(rockfall.__file__).parents[1]
+    program.write_text(f'#!/bin/sh\nPYTHONPATH={where} exec {sys.executable} -m rockfall "$@"\n')
+    program.chmod(0o755)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def qgis(site):
+    """Run a program of QGIS with a profile of its own; returns what it prints."""
+    plugins = site / "profile/profiles/default/python/plugins"
+    plugins.mkdir(parents=True)
+    (plugins / PLUGIN.name).symlink_to(PLUGIN)
+    settings = plugins.parents[1] / "QGIS/QGIS3.ini"
+    settings.parent.mkdir()
+    settings.write_text("[PythonPlugins]\nrockfall_qgis=true\n")
+    (site / "runtime").mkdir(mode=0o700)
+    env = {
+        "HOME": str(site), "XDG_RUNTIME_DIR": str(site / "runtime"), "QT_QPA_PLATFORM": "offscreen",
+        "QGIS_CUSTOM_CONFIG_PATH": str(site / "profile"), "PYTHONDONTWRITEBYTECODE": "1",
+        "PATH": f"{site / 'bin'}:/usr/bin:/bin",
+    }  # fmt: skip
+
+    def run(*words, cwd=site):
+        done = subprocess.run(
+            [*map(str, words)], cwd=cwd, env=env, capture_output=True, text=True, timeout=120
+        )
+        assert done.returncode == 0, done.stdout + done.stderr
+        return done.stdout
+
+    return run
+
+
+@pytest.fixture(scope="module")
+def within(site, qgis):
+    """What tests/qgis/within.py has seen."""
+    folder = site / "within"
+    folder.mkdir()
+    words = [Path(__file__).with_name("within.py"), PLUGIN.parent, site / "dem.tif"]
+    said = qgis(PYTHON, *words, site / "bin/rockfall", cwd=folder)
+    return json.loads(said.splitlines()[-1])
+
+
+@needs_qgis
+def test_qgis_process_gives_the_maps_of_the_command_line(site, qgis, monkeypatch):
+    layers = [f"{name.upper()}={site / 'site.gpkg'}|layername={name}" for name in
+              ("sources", "zones", "lines")]  # fmt: skip
+    words = ["DEM=dem.tif", *layers, "BOULDERS=20", "SEED=7", "FOLDER=gis"]
+    said = qgis(PROCESS, "--json", "run", "rockfall:run", "--", *words)
+    monkeypatch.chdir(site)
+    assert main(["new", "dem.tif", "site.gpkg", "-o", "own/case.nml"]) == 0
+    assert main("run own/case.nml --boulders 20 --seed 7 -o own/result.nc".split()) == 0
+    assert main(["export", "own/result.nc", "own/maps"]) == 0
+    mine, own = site / "gis/maps", site / "own/maps"
+    assert sorted(os.listdir(mine)) == sorted(os.listdir(own))
+    maps = [path for path in sorted(own.iterdir()) if path.suffix == ".tif"]
+    assert len(maps) >= 5
+    for path in maps:
+        with rasterio.open(path) as one, rasterio.open(mine / path.name) as other:
+            assert one.read().tobytes() == other.read().tobytes(), path.name
+            assert one.transform == other.transform and one.crs == other.crs
+    for path in own.glob("*.[cq][sm][vl]"):  # tables, styles
+        assert path.read_bytes() == (mine / path.name).read_bytes(), path.name
+    assert (own / "line_road.csv").read_text().count("\n") > 10
+    loaded = json.loads(said[said.index("{") :])["results"]["LAYERS"]
+    names = {re.sub(r".*layername=|.*/", "", one) for one in loaded}
+    assert names >= {path.name for path in maps} | {"sources", "stops", "lines", "crossings"}
+
+
+@needs_qgis
+def test_layers_in_memory_run_and_results_load_with_their_styles(within):
+    loaded = within["run"]["loaded"]
+    energy = loaded["energy_q95_kJ"]
+    assert energy[0] == "singlebandpseudocolor"
+    assert "30" in " ".join(energy[1:]) and all("kJ" in label for label in energy[1:])
+    assert all(len(one) > 2 for one in loaded.values() if isinstance(one, list))
+    assert (loaded["sources"], loaded["stops"]) == (120, 360)
+    assert "60 x 80 cells" in within["check"]["found"]["TEXT"]
+
+
+@needs_qgis
+@pytest.mark.parametrize(
+    "what, line",
+    [
+        ("no program", r".*dem\.tif: cannot be started: Permission denied"),
+        ("bad case", r"rockfall: bad\.nml: line 2: &cse: unknown group.*"),
+        ("both", "Unable to execute algorithm\nGive either a case, or elevations .*"),
+        ("neither", "Unable to execute algorithm\nGive either a case, or elevations .*"),
+        ("not zones", r".*layer zones: left out \(.*mean_radius.*\)"),
+        ("again", r".*case\.nml: is there; it is not overwritten.*"),
+    ],
+)
+def test_what_is_wrong_is_one_line_and_leaves_nothing(within, what, line):
+    assert re.fullmatch(line, within[what]["refused"]), within[what]
+    assert within[what]["left"] == []
+
+
+@needs_qgis
+def test_the_program_is_a_setting(within):
+    assert within["setting"].endswith("/dem.tif")
+
+
+class Feedback:
+    """As QGIS's: cancelled as soon as something is done."""
+
+    def __init__(self):
+        self.progress, self.said = [], []
+        self.pushInfo = self.pushWarning = self.said.append
+        self.setProgress = self.progress.append
+
+    def isCanceled(self):
+        return any(0 < one < 100 for one in self.progress)
+
+
+def test_a_cancelled_run_keeps_what_is_done(site, monkeypatch):
+    monkeypatch.chdir(site)
+    program = load(PLUGIN / "program.py")
+    assert main(["new", "dem.tif", "site.gpkg", "-o", "long/case.nml"]) == 0
+    words = [str(site / "bin/rockfall"), "run", "long/case.nml", "-o", "long/result.nc"]
+    with pytest.raises(program.Interrupted, match="holds the first .* is a valid result"):
+        program.call([*words, "--boulders", "1000000", "--threads", "1"], Feedback())
+    result = rockfall.read_result(site / "long/result.nc")
+    assert 0 < result.sizes["boulder"] < 120_000_000
+
+
+def test_every_option_of_the_plugin_is_one_of_the_program():
+    parser = make_parser()
+    (commands,) = [one for one in parser._actions if one.choices and "run" in one.choices]
+    for command in load(PLUGIN / "commands.py").COMMANDS:
+        known = commands.choices[command.name]._option_string_actions
+        assert {one.flag for one in command.options} - {""} <= {*known}, command.name
+
+
+def test_the_zip_is_what_qgis_installs(tmp_path):
+    tool = load(ROOT / "tools/qgis_plugin.py")
+    with zipfile.ZipFile(tool.write_zip(tmp_path / "plugin.zip")) as file:
+        names = set(file.namelist())
+        metadata = file.read("rockfall_qgis/metadata.txt").decode()
+    assert names == {f"rockfall_qgis/{path.name}" for path in PLUGIN.glob("*.*")} | {
+        "rockfall_qgis/LICENSE"
+    }
+    version = re.search(r"version: '(.*?)'", (ROOT / "meson.build").read_text())[1]
+    assert f"\nversion={version}\n" in metadata and "hasProcessingProvider=yes" in metadata
