@@ -77,7 +77,7 @@ class Convergence:
 
 def converge(
     case: Case,
-    boulders: Sequence[int] = BOULDERS,
+    boulders: Sequence[int] | None = None,
     reference: int | None = None,
     *,
     progress: bool = False,
@@ -85,8 +85,9 @@ def converge(
     """Measure how the numbers at the lines of a case converge, as in `Convergence`.
 
     The study simulates the first boulders of the case itself (as Bourrier et al. 2009 do for
-    their site). Statistical errors are those of blocks out of `reference` boulders from each source
-    (a million in all, where it is not given), against as many others; each has seeds of its own.
+    their site; by default as many from each source, or as a million in all allow). Statistical
+    errors are those of blocks out of `reference` boulders from each source (a million in all, where
+    it is not given), against as many others; each has seeds of its own.
     Numerical errors are changes of the numbers of a tenth as many boulders, the same ones on each
     terrain. What boulders did at the lines is kept in memory, 24 bytes a line and boulder, and
     nothing else.
@@ -97,15 +98,15 @@ def converge(
     >>> sorted(set(found.study["boulders"]))
     [10, 100]
     """
-    sizes = sorted(set(boulders))
-    if not sizes or sizes[0] < 2:
-        raise RockfallError(f"boulders = {min(sizes, default='')}: must be at least 2")
+    if boulders is not None and min(boulders, default=0) < 2:
+        raise RockfallError(f"boulders = {min(boulders, default='')}: must be at least 2")
     if not case.lines:
         raise RockfallError(f"{case.name}: has no &line; it is their numbers that converge")
     nothing = {"maps": None, "rebounds": False, "trajectories": 0}
     scene = read_scene(case.replace(output=nothing))
     refuse_by_area(scene, "a study of convergence")
     of = scene.x.size
+    sizes = sorted(set(_sizes(of) if boulders is None else boulders))
     fewest = max(MIN_TURNS, -(-MIN_REFERENCE // of))
     many = max(fewest, -(-REFERENCE // of)) if reference is None else reference
     if many < fewest:
@@ -123,12 +124,18 @@ def converge(
         del others
         error = _errors(blocks, truth, of, seconds, scene.case)
         del blocks
-        passed = dict(zip((line["name"] for line in case.lines), truth[:, 0], strict=True))
+        passed = dict(zip((line["name"] for line in scene.case.lines), truth[:, 0], strict=True))
         cost = _costs(error, seconds, passed)
         numerical, refused = _terrains(scene, paired, cost, advance)
     return Convergence(
         case.name, study, error, cost, numerical, of, of * many, of * paired, seconds, refused
     )
+
+
+def _sizes(of: int) -> list[int]:
+    """BOULDERS, or fewer in the same proportions where there are many sources."""
+    most = min(BOULDERS[-1], max(2, REFERENCE // of))
+    return [max(2, size * most // BOULDERS[-1]) for size in BOULDERS]
 
 
 def _run(scene: Scene, boulders: int, seed: int, advance: Advance) -> xr.Dataset:

@@ -86,7 +86,11 @@ def _add_draft(commands: _Commands) -> None:
     points.add_argument("--neighbours", metavar="N", type=int, help=about)
     about = "nodata beyond; default: three times the mean spacing"
     points.add_argument("--within", metavar="M", type=float, help=about)
-    points.add_argument("--crs", metavar="CODE", help="of the points, such as EPSG:2056")
+    points.add_argument(
+        "--crs",
+        metavar="CODE",
+        help="of the points, or of a DEM that names none, such as EPSG:2056",
+    )
     edits = dem.add_argument_group("edits")
     for name, metavar, kind, does in (
         ("fill", "M", float, "fill holes, as far as M from their edges"),

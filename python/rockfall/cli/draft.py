@@ -47,11 +47,12 @@ def _source(arguments: argparse.Namespace) -> Dem:
     given = {key: getattr(arguments, key) for key in OF_POINTS}
     given = {key: value for key, value in given.items() if value is not None}
     if arguments.input.suffix.lower() not in (".csv", ".txt"):
+        crs = given.pop("crs", None)
         for key in given:
             raise RockfallError(f"--{key}: is for points (.csv), {arguments.input} is a raster")
-        if not arguments.steps:
+        if not arguments.steps and crs is None:
             raise RockfallError(f"{arguments.input}: no edit; see rockfall dem --help")
-        return read_source(arguments.input)
+        return read_source(arguments.input, crs)
     dem, survey = dem_of_points(arguments.input, **given)
     print(f"{survey.points:,} points, {survey.spacing:.3g} m apart")
     if np.isnan(survey.errors).all():

@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 import shlex
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,7 +15,7 @@ import numpy as np
 from rockfall.case import Case
 from rockfall.errors import RockfallError
 from rockfall.io.arrays import check_elevations
-from rockfall.io.crs import check_metres
+from rockfall.io.crs import check_metres, crs_name
 from rockfall.io.grid import Grid
 from rockfall.io.layers import read_features
 from rockfall.io.output_files import MAP, SIGNATURE, check_output
@@ -97,9 +98,14 @@ def dem_of_points(
     return Dem(z, grid, NODATA), Survey(len(points), spacing, left_out(points, weights))
 
 
-def read_source(path: str | Path) -> Dem:
-    """The DEM in a raster file."""
+def read_source(path: str | Path, crs: str | None = None) -> Dem:
+    """The DEM in a raster file, with a CRS where the file names none."""
     z, grid = read_dem(path)
+    if crs is not None:
+        if grid.crs is not None:
+            raise RockfallError(f"--crs {crs}: {path} names its own, {crs_name(grid.crs)}")
+        grid = replace(grid, crs=_crs(crs))
+        check_metres(grid, str(path))
     with open_raster(path) as raster:
         nodata = raster.source.nodata
     return Dem(z, grid, math.nan if nodata is None else float(nodata))

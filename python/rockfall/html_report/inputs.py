@@ -62,7 +62,7 @@ def input_table(result: xr.Dataset, parties: Parties) -> Table:
         ("coordinate system", next(filter(None, names), "none is given")),
         ("date of the survey", parties.dem_date or "not stated"),
         ("sources", f"{sources(result).count:,}"),
-        ("release", _release(case)),
+        ("release", _release(case, "source_feature" in result)),
         ("boulders", f"{result.sizes['boulder']:,}"),
         ("volume [m³]", _range(result["volume"].values)),
         ("density [kg/m³]", number(case.boulder["density"], 4)),
@@ -79,13 +79,13 @@ def _file(name: str) -> str:
     return "given as an array" if name == FROM_ARRAY else name
 
 
-def _release(case: Case) -> str:
+def _release(case: Case, layer_says_more: bool) -> str:
     drop, velocity = case.release["drop_height"], case.release["velocity"]
     text = f"{drop:g} m above the surface" if drop else "on the surface"
     if any(velocity):
         east, north, up = (f"{v:g}" for v in velocity)
         text += f"; velocity to the east {east} m/s; to the north {north} m/s; upwards {up} m/s"
-    return text
+    return f"{text}; the layer of sources may say otherwise" if layer_says_more else text
 
 
 def _range(values: np.ndarray) -> str:

@@ -218,12 +218,17 @@ def _on_terrain(
     crs = _crs_of(path, about, bounds, crs_name(grid.crs))
     if same_crs(crs, grid.crs):
         return _Found(path, shapes, values, bounds)
-    shapes = _reprojected(path, shapes, crs, grid, remarks)
+    shapes = _reprojected(name_of(path, layer), shapes, crs, grid, remarks)
     return _Found(path, shapes, values, _bounds(shapes))
 
 
+def name_of(path: str | Path, layer: str | None) -> str:
+    """A file, and which of its layers, in a remark."""
+    return f"{path}, layer {layer}" if layer else str(path)
+
+
 def _reprojected(
-    path: str, shapes: np.ndarray, crs: CRS, grid: Grid, remarks: list[str]
+    where: str, shapes: np.ndarray, crs: CRS, grid: Grid, remarks: list[str]
 ) -> np.ndarray:
     """Shapes in the CRS of the terrain."""
     import shapely
@@ -233,10 +238,10 @@ def _reprojected(
     shapes = shapely.transform(shapes, lambda xy: np.column_stack(way.transform(*xy.T)))
     for number in np.flatnonzero(~np.isfinite(shapely.bounds(shapes)).all(axis=1))[:1]:
         raise RockfallError(
-            f"{path}: feature {number + 1}: {crs_name(crs)} has no such place in "
+            f"{where}: feature {number + 1}: {crs_name(crs)} has no such place in "
             f"{crs_name(grid.crs)}, the CRS of the DEM"
         )
-    remark = f"{path}: {REPROJECTED} {crs_name(crs)} to {crs_name(grid.crs)}"
+    remark = f"{where}: {REPROJECTED} {crs_name(crs)} to {crs_name(grid.crs)}"
     if not way.is_best:
         remark += "; PROJ lacks a grid here for the most accurate way"
     if remark not in remarks:

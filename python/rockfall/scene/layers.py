@@ -16,7 +16,7 @@ from rockfall.io.arrays import as_plan, grid_of
 from rockfall.io.crs import crs_name, same_crs
 from rockfall.io.files import check_regular
 from rockfall.io.grid import NO_ID, Box, Grid, row_blocks
-from rockfall.io.layers import REPROJECTED
+from rockfall.io.layers import REPROJECTED, name_of
 from rockfall.io.raster import aligned_blocks
 from rockfall.io.raster_file import raster_file
 
@@ -96,12 +96,13 @@ def array_checksum(array: np.ndarray) -> str:
     return found.hexdigest()
 
 
-def note_layer(scene: Scene, name: str, path: Path) -> None:
+def note_layer(scene: Scene, name: str, path: Path, layer: str | None = None) -> None:
     """Note the checksum of a layer that was read, and from which CRS it was reprojected."""
     scene.checksums[name] = file_checksum(path)
+    where = name_of(path, layer)
     for remark in scene.remarks:
-        if remark.startswith(f"{path}: {REPROJECTED} "):
-            scene.checksums[name] += remark.removeprefix(str(path)).replace(":", ",", 1)
+        if remark.startswith(f"{where}: {REPROJECTED} "):
+            scene.checksums[name] += remark.removeprefix(where).replace(":", ",", 1)
 
 
 def file_checksum(path: Path) -> str:

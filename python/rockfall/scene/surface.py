@@ -116,7 +116,7 @@ def _read_zones(
             layer=surface.get("zones_layer"), key="zones_layer",
         )  # fmt: skip
         blocks = ((rows, ids[rows]) for rows in row_blocks(ids.shape))
-        note_layer(scene, "zones", path)
+        note_layer(scene, "zones", path, surface.get("zones_layer"))
     elif "zones_layer" in surface:
         raise RockfallError(f"{case.name}: &surface zones_layer: has no meaning for a raster")
     else:

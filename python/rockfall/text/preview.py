@@ -264,7 +264,7 @@ def _attributes(scene: Scene) -> Iterator[tuple[str, str]]:
         what = ["volumes"] * bool(found.law.any()) + [name for name, one in about.items() if one]
         names = ", ".join(dict.fromkeys(found.names[:4])) + (" ..." if len(found.names) > 4 else "")
         if what:
-            yield "", f"their layer says {', '.join(what)} of {len(found.names):,}: {names}"
+            yield "", f"their layer says {', '.join(what)}; {len(found.names):,} features: {names}"
 
 
 def _densities(scene: Scene) -> np.ndarray | float:

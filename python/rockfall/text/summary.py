@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
@@ -76,11 +77,13 @@ def _barriers(result: xr.Dataset) -> Iterator[list[str]]:
 
 def _within(numbers: dict[str, float], name: str, about: Quantity) -> str:
     """A number and half the length of its interval, where it has one."""
-    text = f"{about.factor * numbers[name]:.{about.decimals}f}"
-    if f"{name}_low" in numbers:
-        half = about.factor * (numbers[f"{name}_high"] - numbers[f"{name}_low"]) / 2
-        text += f" +- {half:.{about.decimals}f}"
-    return f"{text} {about.unit}"
+    value, decimals = about.factor * numbers[name], about.decimals
+    if f"{name}_low" not in numbers:
+        return f"{value:.{decimals}f} {about.unit}"
+    half = about.factor * (numbers[f"{name}_high"] - numbers[f"{name}_low"]) / 2
+    if 0 < half < 10**-decimals:  # two digits in place of +- 0.0
+        decimals = 1 - math.floor(math.log10(half))
+    return f"{value:.{decimals}f} +- {half:.{decimals}f} {about.unit}"
 
 
 def _grounds(grounds: list[GroundRebounds]) -> Iterator[list[str]]:

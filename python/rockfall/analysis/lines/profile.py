@@ -38,6 +38,11 @@ def line_profile(result: xr.Dataset, line: str, width: float | None = None) -> p
     and `..._high` are the limits of 95 % confidence intervals, as in `line_statistics`; NaN where
     too few cross. Raises RockfallError for a line that is not there, and for a width that is not
     above 0 or makes more than 10,000 windows.
+
+    >>> import rockfall
+    >>> result = rockfall.run(rockfall.read_case("case.nml"))
+    >>> rockfall.line_profile(result, "L", width=60.0)["start"].tolist()
+    [0.0, 60.0]
     """
     import pandas as pd
 

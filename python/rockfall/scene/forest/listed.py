@@ -45,7 +45,7 @@ def listed_trees(scene: Scene, rasters: dict[str, Any]) -> Trees:
         raise RockfallError(f"{scene.case.name}: &forest trees_layer: has no meaning for a table")
     else:
         found = _from_table(path)
-    note_layer(scene, "trees", path)
+    note_layer(scene, "trees", path, scene.case.forest.get("trees_layer"))
     x, y = found.x, found.y
     inside = (x >= grid.west) & (x < grid.east) & (y > grid.south) & (y <= grid.north)
     if not inside.any():

@@ -112,7 +112,7 @@ def _polygons(scene: Scene) -> tuple[np.ndarray | None, Table | None]:
     path = case.path(release["polygons"])
     layer = release.get("polygons_layer")
     cells, columns = numbered_polygons(path, scene.grid, scene.remarks, layer, "polygons_layer")
-    note_layer(scene, "polygons", path)
+    note_layer(scene, "polygons", path, layer)
     size = max([int(cells.max()), *map(len, columns.values())])
     return cells, Table(str(path), columns, size, lambda k: f"{path}: feature {k + 1}")
 
@@ -134,7 +134,7 @@ def _find_points(scene: Scene) -> None:
         table = Table(str(path), columns, len(lines), lambda k: lines[k], is_text=True)
         places = [table.places(axis) for axis in "xy"]
         scene.x, scene.y = places
-    note_layer(scene, "points", path)
+    note_layer(scene, "points", path, release.get("points_layer"))
     _take_attributes(scene, table, np.arange(1, scene.x.size + 1, dtype="i4"))
 
 

@@ -1,0 +1,136 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A project from layers to the report in a dozen commands; its numbers agree everywhere."""
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import rockfall
+import scenes
+from made import make_layer, make_raster
+from rockfall.cli import main
+
+shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
+pyproj = pytest.importorskip("pyproj", reason="the vector extra is not installed")
+
+W, N = 600000.0, 5000000.0
+BOX = shapely.box
+CLIFFS = [BOX(W + 60, N - 60, W + 140, N - 30), BOX(W + 160, N - 60, W + 240, N - 30)]
+HALVES = [(0, 150, 0, 150), (150, 300, 0, 150), (0, 150, 150, 400), (150, 300, 150, 400)]
+
+
+def line(y, left=0, right=300):
+    return shapely.LineString([(W + left, N - y), (W + right, N - y)])
+
+
+def in_other_crs(shape):
+    way = pyproj.Transformer.from_crs("EPSG:32632", "EPSG:25833", always_xy=True)
+    return shapely.transform(shape, lambda xy: np.column_stack(way.transform(*xy.T)))
+
+
+def draw_site():
+    """Terrain and layers as people have them; the zones in another CRS than the rest."""
+    z = scenes.rough(60, 80, 5.0, gradient=0.8, relief=8, dtype="f4")
+    make_raster("dem.tif", z, nodata=-9999)
+    zones = [in_other_crs(BOX(W + a, N - d, W + b, N - c)) for a, b, c, d in HALVES]
+    make_layer(
+        "site.gpkg", zones, crs="EPSG:25833", layer="Böden", mean_radius=[0.3, 0.2, 0.25, 0.15]
+    )
+    make_layer(
+        "site.gpkg", CLIFFS, layer="cliff", name=["Nordwand", "<b>Süd</b>"], drop_height=[2.0, 5.0]
+    )
+    make_layer("site.gpkg", [line(110)], layer="road", name=["L 214"])
+    make_layer(
+        "site.gpkg",
+        [line(280, 60, 200)],
+        layer="nets",
+        name=["net"],
+        height=[4.0],
+        capacity=[1000.0],
+    )
+    houses = [BOX(W + 100, N - 350, W + 115, N - 340)]
+    make_layer("site.gpkg", houses, layer="houses", name=["Hof"], value=[1e5], vulnerability=[0.5])
+    trees = [shapely.Point(W + x, N - 200) for x in range(20, 280, 20)]
+    make_layer("trees.gpkg", trees, dbh=[30.0] * len(trees), species=["spruce"] * len(trees))
+    Path("stops.csv").write_text(f"x,y\n{W + 100},{N - 350}\n{W + 200},{N - 300}\n")
+
+
+@pytest.fixture
+def rockfall_says(capsys):
+    """A command that must succeed; what it printed, its complaints."""
+
+    def run(*words):
+        capsys.readouterr()
+        assert main(list(map(str, words))) == 0, capsys.readouterr().err
+        return capsys.readouterr()
+
+    return run
+
+
+def test_a_project_in_a_dozen_commands(tmp_path, monkeypatch, rockfall_says):
+    monkeypatch.chdir(tmp_path)
+    draw_site()
+    said = rockfall_says("new", "dem.tif", "site.gpkg", "trees.gpkg", "-o", "case.nml")
+    assert said.err.count("\n") == 1
+    assert "site.gpkg, layer Böden: reprojected from EPSG:25833 to EPSG:32632" in said.err
+    text = re.sub(r"boulders = \d+ ", "boulders_total = 2000 ", Path("case.nml").read_text())
+    text += "&ensemble runs = 8, radius_factor = 1.2 /\n&scenario name = 'a', frequency = 2.0 /\n"
+    Path("case.nml").write_text(text)
+
+    said = rockfall_says("check", "case.nml").out
+    assert "2,000 of all sources together" in said and "Nordwand, <b>Süd</b>" in said
+    summary = rockfall_says("run", "case.nml", "-o", "case.nc", "--threads", "1").out
+    lines = rockfall_says("lines", "case.nc").out
+    rockfall_says("report", "case.nc")
+    rockfall_says("export", "case.nc", "maps")
+    rockfall_says("design", "case.nc", "-o", "design")
+    hazard = rockfall_says(
+        "hazard", "case.nml", "--objects", "site.gpkg", "--objects-layer", "houses"
+    )  # fmt: skip
+    assert "Hof" in hazard.out and not hazard.err
+    rockfall_says("compare", "case.nc", "stops.csv")
+    rockfall_says("ensemble", "case.nml", "--boulders-total", "300", "-o", "ensemble.nc")
+
+    # one number, and one interval, wherever it is said
+    result = rockfall.read_result("case.nc")
+    row = rockfall.line_statistics(result).query("line == 'L 214' and quantity == 'speed'").iloc[0]
+    fraction, low, high = (row[name] for name in ("fraction", "fraction_low", "fraction_high"))
+    assert 0.02 < fraction < 0.98
+    half = 50 * (high - low)
+    assert re.search(rf"L 214 +{row['n']:,.0f} +{100 * fraction:.1f} \+- {half:.1f} %", summary)
+    assert f"{100 * fraction:.4g} % ({100 * low:.4g} to {100 * high:.4g} %)" in lines
+    page = Path("case.html").read_text()
+    assert f"L 214: {row['n']:,.0f} of 2,000 boulders" in page
+    assert re.search(rf"\({100 * low:.3g}\d* to {100 * high:.3g}", page)
+    # sources by name, and nothing of a layer runs in a page
+    assert result["feature"].values.tolist() == ["Nordwand", "<b>Süd</b>"]
+    assert set(np.unique(result["source_feature"])) == {1, 2} and "<b>Süd" not in page
+    assert json.loads(result.attrs["input_checksums"])["zones"]
+
+
+def test_a_layer_is_reprojected_and_not_its_neighbours_in_the_file(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    draw_site()
+    make_layer("roads.gpkg", [in_other_crs(line(330))], crs="EPSG:25833", layer="far", name=["L"])
+    make_layer("roads.gpkg", CLIFFS, layer="cliff", name=["a", "b"])
+    Path("case.nml").write_text(
+        "&case boulders = 1 /\n&terrain dem = 'dem.tif' /\n"
+        "&surface uniform_mean_radius = 0.2 /\n&boulder volume_mean = 1.0 /\n"
+        "&release polygons = 'roads.gpkg', polygons_layer = 'cliff' /\n"
+        "&line file = 'roads.gpkg', layer = 'far' /\n"
+    )
+    noted = json.loads(rockfall.run(rockfall.read_case("case.nml")).attrs["input_checksums"])
+    assert "reprojected" in noted["line roads.gpkg"] and "reprojected" not in noted["polygons"]
+
+
+def test_a_grid_without_a_crs_gets_one(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    make_raster("none.tif", scenes.rough(6, 8, 5.0, dtype="f4"), crs=None)
+    assert main(["dem", "none.tif", "-o", "dem.tif", "--crs", "EPSG:31254"]) == 0
+    assert main(["dem", "dem.tif", "-o", "again.tif", "--crs", "EPSG:2056"]) == 2
+    assert "dem.tif names its own, EPSG:31254" in capsys.readouterr().err
+    assert main(["dem", "none.tif", "-o", "again.tif", "--crs", "EPSG:4326"]) == 2
+    assert not Path("again.tif").exists()
