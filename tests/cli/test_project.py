@@ -42,7 +42,7 @@ def draw_site():
     make_layer(
         "site.gpkg", CLIFFS, layer="cliff", name=["Nordwand", "<b>Süd</b>"], drop_height=[2.0, 5.0]
     )
-    make_layer("site.gpkg", [line(110)], layer="road", name=["L 214"])
+    make_layer("site.gpkg", [line(45)], layer="road", name=["L 214"])
     make_layer(
         "site.gpkg",
         [line(280, 60, 200)],
