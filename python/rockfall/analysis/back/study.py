@@ -83,10 +83,10 @@ def back_analysis(
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")
-    >>> case = case.replace(ensemble={"radius_factor": 1.2})
-    >>> found = rockfall.back_analysis(case, "observed.csv", members=256)
-    >>> len(found.members)
-    256
+    >>> case = case.replace(case={"boulders": 200}, ensemble={"radius_factor": 1.2})
+    >>> found = rockfall.back_analysis(case, "observed.csv", members=256, enough=5)
+    >>> found.effective > 1
+    True
     """
     import pandas as pd
 
