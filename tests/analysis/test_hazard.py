@@ -92,6 +92,9 @@ def test_frequencies_of_sources_and_of_area_are_those_of_all(tmp_path):
     """Of points; of cells that release alike, by plan area; of cells by their true surface."""
     each = {"name": "one", "frequency": 0.25, "frequency_per": "source"}
     assert hazard(make_case(tmp_path, each)).frequency.values == 0.5
+    cliff = {"name": "one", "frequency": 0.01, "frequency_per": "m", "cliff_length": 80.0}
+    found = read_study(make_case(tmp_path, cliff), dem=Z, transform=GRID)
+    assert found.scenarios[0].frequency == 0.8
     cells = np.zeros(Z.shape, "i4")
     cells[5:7, 20:30] = 1
     area = {"name": "one", "frequency": 100.0, "frequency_per": "km2"}
@@ -378,7 +381,9 @@ def test_objects_that_cannot_be_are_refused(tmp_path, layer):
         ([ONE | {"frequency_per": "km2"}], {},
          "&scenario frequency_per = 'km2': has no meaning for points, which have no area"),
         ([ONE | {"frequency_per": "m"}], {},
-         "&scenario frequency_per = 'm': must be one of: year, source, km2"),
+         "&scenario frequency_per, cliff_length: 'm' and the length need each other"),
+        ([ONE | {"cliff_length": 80.0}], {},
+         "&scenario frequency_per, cliff_length: 'm' and the length need each other"),
         ([ONE, ONE], {}, "line 33: &scenario name = 'one': must be another for each scenario"),
         ([ONE], {"hazard": {"matrix": ["extreme"] * 9}},
          "&hazard matrix (value 1) = 'extreme': must be one of: residual, low, moderate, high"),

@@ -678,6 +678,8 @@ contains
                call fail(error, about(group, "frequency, return_period")//": give one of the two")
             else if (text_of(group, "frequency_per") == "km2" .and. this%at_points) then
                call refuse(group, "frequency_per", "has no meaning for points, which have no area", error)
+            else if ((text_of(group, "frequency_per") == "m") .neqv. has_key(group, "cliff_length")) then
+               call fail(error, about(group, "frequency_per, cliff_length")//": 'm' and the length need each other")
             end if
             if (allocated(error)) return
          end associate

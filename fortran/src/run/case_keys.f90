@@ -229,8 +229,10 @@ module rockfall_case_keys
       key_t("scenario", "name", "text", 1, "required", "", "", "of a class of boulders, with its frequency"), &
       key_t("scenario", "frequency", "real", 1, "absent", "> 0", "1/year", "how many boulders come loose"), &
       key_t("scenario", "return_period", "real", 1, "absent", "> 0", "year", "instead of frequency: 1/frequency"), &
-      key_t("scenario", "frequency_per", "text", 1, "'year'", "year, source, km2", "", &
-            "year: of all sources together; source: of each; km2: of so much surface of source cells"), &
+      key_t("scenario", "frequency_per", "text", 1, "'year'", "year, source, km2, m", "", &
+            "year: of all sources together; source: of each; km2: of source cells; m: of cliff_length"), &
+      key_t("scenario", "cliff_length", "real", 1, "absent", "> 0", "m", &
+            "of all cliffs together, for frequency_per = 'm'"), &
       key_t("scenario", "volume", "text", 1, "absent", "fixed, normal, uniform, lognormal, list", "", &
             "with its own keys, in place of all volume keys of &boulder"), &
       key_t("scenario", "volume_mean", "real", 1, "absent", "> 0", "m3", "in place of that of &boulder"), &

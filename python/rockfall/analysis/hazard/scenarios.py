@@ -75,7 +75,12 @@ def _case(case: Case, scenario: dict[str, Any]) -> Case:
 def _frequency(scenario: dict[str, Any], scene: Scene) -> float:
     """Boulders of all sources together [1/year]."""
     given = scenario.get("frequency") or 1 / scenario["return_period"]
-    of = {"year": 1.0, "source": scene.x.size, "km2": source_area(scene) / KM2}
+    of = {
+        "year": 1.0,
+        "source": scene.x.size,
+        "km2": source_area(scene) / KM2,
+        "m": scenario.get("cliff_length"),
+    }
     return given * of[scenario["frequency_per"]]
 
 
