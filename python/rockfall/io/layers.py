@@ -34,6 +34,7 @@ _DRIVERS = {"GPKG", "GeoJSON", "ESRI Shapefile", "FlatGeobuf"}
 _SHAPES = (b"\0\0\x27\x0a", b"fgb\x03fgb")  # of shapefiles and FlatGeobuf
 _GEOPACKAGE = (b"GPKG", b"GP10", b"GP11")  # what a database says it is, from byte 68
 _CRS_NAME = re.compile(r"(urn:ogc:def:crs:)?(EPSG|OGC):[0-9.]*:?(CRS84|[0-9]{1,7})", re.IGNORECASE)
+_UNDEFINED = re.compile(r'\["Undefined (geographic |Cartesian )?SRS"', re.IGNORECASE)  # of GeoPackage
 _POLYGONS = {"Polygon", "MultiPolygon"}
 _LINES = {"LineString", "MultiLineString"}
 _POINTS = {"Point", "MultiPoint"}
@@ -328,7 +329,7 @@ def _crs_of(path: str, about: dict[str, Any], bounds: np.ndarray, dem: str) -> C
     from rasterio.crs import CRS
 
     cure = f"ogr2ogr -a_srs {shlex.join([dem, f'{Path(path).stem}_with_crs.gpkg', path])}"
-    if not about["crs"]:
+    if not about["crs"] or _UNDEFINED.search(about["crs"]):
         raise RockfallError(f"{path}: names no CRS; if it is that of the DEM: {cure}")
     crs = CRS.from_user_input(about["crs"])
     if about["driver"] == "GeoJSON" and crs.is_geographic:
