@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Zones: every cell of the terrain has a row of the table, or one line says why not."""
 
-import contextlib
 import json
 import math
 import re
@@ -350,7 +349,7 @@ def test_a_layer_without_a_crs_is_refused():
 @pytest.mark.parametrize("number", [0, -1])
 def test_an_undefined_crs_of_a_geopackage_is_none(number):
     make_layer("a.gpkg", [box(0, 0, 9, 9)], zone=[3])
-    with contextlib.closing(sqlite3.connect("a.gpkg")) as database, database:
+    with closing(sqlite3.connect("a.gpkg")) as database, database:
         for table in "gpkg_contents", "gpkg_geometry_columns":
             database.execute(f"update {table} set srs_id = {number}")
     with pytest.raises(RockfallError, match=r"^a.gpkg: names no CRS; "):
