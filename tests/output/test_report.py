@@ -32,6 +32,7 @@ from rockfall.io.output_files import FIGURE, kind_of
 from scenes import grid, make_case, rough, sets
 
 pytest.importorskip("matplotlib", reason="the report extra is not installed")
+from rockfall.grounds import IMPACT_SETS, models  # noqa: E402
 from rockfall.html_report import report, write_report  # noqa: E402
 from rockfall.html_report.convergence import history, known_of, mixed, sizes  # noqa: E402
 from rockfall.html_report.inputs import Parties  # noqa: E402
@@ -45,6 +46,7 @@ from rockfall.html_report.maps import (  # noqa: E402
     window_of,
 )
 from rockfall.html_report.summary import (  # noqa: E402
+    ENDED,  # noqa: E402
     answers,
     certainty,
     ends_table,
@@ -55,7 +57,11 @@ from rockfall.html_report.summary import (  # noqa: E402
 from rockfall.html_report.terrain_view import VERTICES, traces  # noqa: E402
 from rockfall.html_report.validity import SHIPPED, cautions, warnings  # noqa: E402
 from rockfall.plots.figures import figures  # noqa: E402
-from rockfall.quantities import number, percent  # noqa: E402
+from rockfall.quantities import (  # noqa: E402
+    QUANTITIES,  # noqa: E402
+    number,
+    percent,
+)
 
 EVIL = "<script>document.title = 'run'</script> & \"x\" <img src=x onerror=alert(1)>"
 LINES = [
@@ -396,6 +402,20 @@ def test_no_english_is_left_on_a_page(pages):
     assert english & set(re.findall(r"\w+", text.lower())) == set()
     whole = (folder / "de.html").read_text()
     assert "A. B." in whole and "Gemeinde" in whole and "P 17" in whole
+
+
+@pytest.mark.parametrize("language", LANGUAGES[1:])
+def test_rare_words_of_tables_have_texts(language, monkeypatch):
+    """What the pages of these tests do not say: models of grounds, quantities, ends."""
+    missing = []
+    monkeypatch.setattr(
+        "rockfall.html_report.language.log.warning", lambda *of: missing.append(of[-1])
+    )
+    words = [name.replace("_", " ") for name in (*models(), IMPACT_SETS)]
+    words += ["Rebounds by ground", "ground", "model", *(one.title for one in QUANTITIES.values())]
+    for word in [*words, *ENDED.values()]:
+        Speaker(language)(word)
+    assert missing == []
 
 
 def test_numbers_and_names_stay_what_they_are():

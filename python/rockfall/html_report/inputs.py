@@ -36,6 +36,7 @@ RADII = {
     "rg20": "Rg20 [m]",
     "rg10": "Rg10 [m]",
 }
+OTHERWISE = "; the layer of sources may say otherwise"
 MATERIALS = 12  # drawn with a colour each
 
 
@@ -65,7 +66,7 @@ def input_table(result: xr.Dataset, parties: Parties) -> Table:
         ("release", _release(case, "source_feature" in result)),
         ("boulders", f"{result.sizes['boulder']:,}"),
         ("volume [m³]", _range(result["volume"].values)),
-        ("density [kg/m³]", number(case.boulder["density"], 4)),
+        ("density [kg/m³]", _density(case, "source_feature" in result)),
         ("impact set", str(result.attrs["impact_set"])),
         ("evaluation lines and barriers", lines or "none"),
         ("barriers", nets),
@@ -85,7 +86,13 @@ def _release(case: Case, layer_says_more: bool) -> str:
     if any(velocity):
         east, north, up = (f"{v:g}" for v in velocity)
         text += f"; velocity to the east {east} m/s; to the north {north} m/s; upwards {up} m/s"
-    return f"{text}; the layer of sources may say otherwise" if layer_says_more else text
+    return f"{text}{OTHERWISE}" if layer_says_more else text
+
+
+def _density(case: Case, layer_says_more: bool) -> str:
+    if "rock_density" in case.boulder:
+        return "of each source"
+    return number(case.boulder["density"], 4) + (OTHERWISE if layer_says_more else "")
 
 
 def _range(values: np.ndarray) -> str:
