@@ -158,7 +158,12 @@ def test_names_stay_in_their_comments_and_quotes():
         (
             lambda: make_layer("cliff.gpkg", [shapely.box(0, 0, 1, 1)]),
             ["cliff.gpkg", "-o", "case.nml"],
-            "no polygon holds the centre of a cell",
+            "cliff.gpkg: no polygon holds the centre of a cell",
+        ),
+        (
+            lambda: make_layer("a.gpkg", [shapely.box(0, 0, 1, 1)], mean_radius=[0.3]),
+            ["a.gpkg", "-o", "case.nml"],
+            "a.gpkg: no polygon holds the centre of a cell",
         ),
     ],
 )

@@ -82,8 +82,11 @@ def _rest(
     layer: Layer, grid: Grid, z: np.ndarray, copy: Path | None, field: str
 ) -> tuple[int | None, int]:
     """The commonest zone, for cells in no polygon, and how many those are."""
-    name = None if copy else layer.name
-    found = burn_polygons(copy or layer.path, grid, field, [], layer=name)[~np.isnan(z)]
+    name, path = (None, copy) if copy else (layer.name, layer.path)
+    try:
+        found = burn_polygons(path, grid, field, [], layer=name)[~np.isnan(z)]
+    except RockfallError as error:  # the copy goes again
+        raise RockfallError(str(error).replace(str(path), str(layer))) from error
     zones, cells = np.unique(found[found != NO_ID], return_counts=True)
     outside = int(np.count_nonzero(found == NO_ID))
     if not zones.size:
