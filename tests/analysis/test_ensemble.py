@@ -69,7 +69,8 @@ def from_boulders(values):
     y, n = values.mean(axis=2), values.shape[2]
     known = {"n": MIN_CROSSED, "fraction": 1.0}
     apart = np.array([
-        [deviations(v, "mean", {**known, "mean": v.mean()}, n) for v in block] for block in values
+        [deviations(v, "mean", {**known, "mean": v.mean()}, Sources.alone(n)) for v in block]
+        for block in values
     ])  # fmt: skip
     return y[..., None], (apart @ apart.transpose(0, 2, 1))[..., None]
 
@@ -115,7 +116,7 @@ def test_chance_is_that_of_the_intervals_at_a_line(tmp_path):
     table = rockfall.line_statistics(result).set_index("quantity")
     for quantity, number in RESULTS.values():
         row = table.loc[quantity]
-        of = deviations(line_values(result, quantity, 0), number, row, 2000)
+        of = deviations(line_values(result, quantity, 0), number, row, Sources.alone(2000))
         width = row[f"{number}_high"] - row[f"{number}_low"]
         close = 0.5 if number == "q95" else 0.01  # the density of fewer boulders
         assert 2 * Z * np.sqrt(of @ of) == pytest.approx(width, rel=close)
@@ -129,6 +130,7 @@ def test_chance_of_two_runs_and_what_they_share_are_those_of_other_boulders(tmp_
     scenes[1].z = 0.05 * scenes[1].z + 0.95 * scenes[0].z
     chosen = [RESULTS[name] for name in ("fraction", "speed.mean", "speed.q95")]
     values, covariances = np.empty((250, 3, 2)), np.empty((250, 3, 2, 2))
+    two = Sources.of(np.repeat([0, 1], 150))
     all_ = [study.run_scene(scene)[["line_speed"]] for scene in scenes]
     for k, block in enumerate(np.arange(2 * 250 * 150).reshape(2, 250, 150).swapaxes(0, 1)):
         runs = [one.isel(boulder=block.ravel()) for one in all_]
@@ -136,7 +138,7 @@ def test_chance_of_two_runs_and_what_they_share_are_those_of_other_boulders(tmp_
             rows = [line_numbers(run, 0, quantity, Sources.alone(300)) for run in runs]
             values[k, i] = [row[number] for row in rows]
             of = np.array([
-                deviations(line_values(run, quantity, 0), number, row, 150)
+                deviations(line_values(run, quantity, 0), number, row, two)
                 for run, row in zip(runs, rows, strict=True)
             ])  # fmt: skip
             covariances[k, i] = of @ of.T
@@ -152,19 +154,25 @@ def test_chance_of_two_runs_and_what_they_share_are_those_of_other_boulders(tmp_
 
 def test_what_sets_sources_apart_is_no_chance():
     row = {"n": 200, "fraction": 1.0, "mean": 1.5}
-    for per_source, chance in ((100, 0.0), (1, 0.25 / 199)):
-        of = deviations(np.repeat([1.0, 2.0], 100), "mean", row, per_source)
-        assert of @ of == pytest.approx(chance, abs=1e-15)
+    two, uneven = np.repeat([0, 1], 100), np.repeat([0, 1, 2], [100, 33, 67])
+    single = np.arange(200)  # neighbours share a stratum
+    known = [(np.repeat([1.0, 2.0], 100), number) for number in (two, uneven, single)]
+    for values, number in known:
+        of = deviations(values, "mean", row, Sources.of(number))
+        assert of @ of == pytest.approx(0.0, abs=1e-15)
+    of = deviations(np.tile([1.0, 2.0], 100), "mean", row, Sources.of(single))
+    assert of @ of == pytest.approx(0.0025)
 
 
 def test_few_boulders_at_a_line_make_no_number():
     speed = np.r_[np.arange(MIN_CROSSED - 1.0), np.full(81, np.nan)]
     row = {"n": MIN_CROSSED - 1, "fraction": 0.19, "mean": 9.0}
-    assert np.isnan(deviations(speed, "mean", row, 100)).all()
-    assert np.isfinite(deviations(speed, "fraction", row, 100)).all()
+    assert np.isnan(deviations(speed, "mean", row, Sources.alone(100))).all()
+    assert np.isfinite(deviations(speed, "fraction", row, Sources.alone(100))).all()
     row = {"n": 99, "fraction": 1.0, "q95": 93.1}
-    assert np.isnan(deviations(np.arange(99.0), "q95", row, 99)).all()
-    assert np.isfinite(deviations(np.arange(100.0), "q95", row | {"n": 100}, 100)).all()
+    assert np.isnan(deviations(np.arange(99.0), "q95", row, Sources.alone(99))).all()
+    row |= {"n": 100}
+    assert np.isfinite(deviations(np.arange(100.0), "q95", row, Sources.alone(100))).all()
 
 
 # ---- ensembles

@@ -24,6 +24,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from rockfall.analysis.precision.intervals import Sources
 from rockfall.limits import Z
 
 MIN_CROSSED = 20  # boulders at a line, below which their mean is not a number
@@ -32,7 +33,7 @@ RESAMPLES = 500  # of the blocks, for the errors
 RESOLVED = 0.25  # half of the 95 % interval of an index that says something: half of all there is
 
 
-def deviations(values: np.ndarray, name: str, row: dict[str, float], per_source: int) -> np.ndarray:
+def deviations(values: np.ndarray, name: str, row: dict[str, float], source: Sources) -> np.ndarray:
     """A vector whose product with that of another run of the same boulders is the covariance of the
     errors of the two, and with itself the variance. NaN where too few boulders crossed.
 
@@ -40,8 +41,7 @@ def deviations(values: np.ndarray, name: str, row: dict[str, float], per_source:
     `line_numbers` says of them, `name` is fraction, mean or a quantile such as q95.
 
     A result deviates, to first order, by the mean of an influence of each boulder (Hampel 1974).
-    The boulders of a source are a stratum: other boulders would come from the same sources. (With
-    one boulder a source all are one stratum, and differences of sources count as Monte Carlo.)
+    The boulders of a source are a stratum: other boulders would come from the same sources.
     """
     crossed = ~np.isnan(values)
     if name == "fraction":
@@ -49,7 +49,7 @@ def deviations(values: np.ndarray, name: str, row: dict[str, float], per_source:
     else:
         fraction = row["fraction"] or np.nan
         influence = np.where(crossed, _conditional(values, name, row), 0.0) / fraction
-    return _apart(influence.reshape(-1, per_source if per_source > 1 else values.size))
+    return _apart(influence, source)
 
 
 def _conditional(values: np.ndarray, name: str, row: dict[str, float]) -> np.ndarray | float:
@@ -68,12 +68,13 @@ def _conditional(values: np.ndarray, name: str, row: dict[str, float]) -> np.nda
     return (level - (values <= row[name])) * (high - low) / (2 * error)
 
 
-def _apart(strata: np.ndarray) -> np.ndarray:
-    """Numbers (strata, n) less the mean of their stratum, so that their squares sum up to the
-    variance of the mean of all."""
-    n = strata.shape[1]
-    apart = strata - strata.mean(axis=1, keepdims=True)
-    return apart.ravel() / strata.size * (np.sqrt(n / (n - 1)) if n > 1 else np.nan)
+def _apart(numbers: np.ndarray, source: Sources) -> np.ndarray:
+    """Numbers less the mean of their stratum, so that their squares sum up to the variance of the
+    mean of all; NaN of a boulder alone."""
+    n = source.released
+    mean = np.bincount(source.stratum, numbers, n.size) / np.maximum(n, 1)
+    few = np.where(n > 1, np.sqrt(n / np.maximum(n - 1, 1)), np.nan)
+    return (numbers - mean[source.stratum]) * few[source.stratum] / numbers.size
 
 
 class Parts(NamedTuple):

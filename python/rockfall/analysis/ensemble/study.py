@@ -145,15 +145,15 @@ def _design(a: list[Draw], b: list[Draw]) -> Iterator[list[Draw]]:
 
 
 def _run(scene: Scene) -> _Run:
-    result, per_source = run_scene(scene), scene.boulders // scene.x.size
-    values, deviates = [], []
+    result = run_scene(scene)
+    source, values, deviates = Sources.of(result["source"].values - 1), [], []
     alone = Sources.alone(scene.boulders)  # the intervals are not looked at
     for k in range(len(scene.case.lines)):
         at_line = {q: line_values(result, q, k) for q, _ in RESULTS.values()}
         rows = {q: line_numbers(result, k, q, alone) for q in at_line}
         for quantity, number in RESULTS.values():
             row = rows[quantity]
-            deviates.append(deviations(at_line[quantity], number, row, per_source))
+            deviates.append(deviations(at_line[quantity], number, row, source))
             values.append(row[number] if np.isfinite(deviates[-1]).all() else np.nan)
     return _Run(np.array(values), deviates, result)
 
