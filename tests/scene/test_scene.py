@@ -69,3 +69,10 @@ def test_a_scene_gives_its_memory_back(rasters, tmp_path):
     scene.forget_rasters()
     assert scene.z.size == 0 and scene.zone is None and scene.values is None
     assert scene.boulders == boulders
+
+
+def test_a_path_is_no_case():
+    with pytest.raises(
+        rockfall.RockfallError, match=r"^case = 'case.nml': must be a Case; rockfall.read_"
+    ):
+        rockfall.run("case.nml")

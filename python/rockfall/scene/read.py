@@ -41,6 +41,8 @@ def read_scene(
     If rasters in files need more than half of `memory` [bytes], they are read in windows, as they
     are needed: see `rockfall.scene.windows`.
     """
+    if not isinstance(case, Case):
+        raise RockfallError(f"case = {case!r}: must be a Case; rockfall.read_case(path) reads one")
     frames = {name: one for name, one in rasters.items() if is_frame(one)}
     if frames:
         rasters = {name: one for name, one in rasters.items() if name not in frames}
