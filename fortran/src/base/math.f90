@@ -5,7 +5,7 @@ module rockfall_math
    use rockfall_kinds, only: wp, i8
    implicit none
    private
-   public :: pi, degree, logarithm, exponential, cube_root, sine_cosine, squared_sine, arcsine
+   public :: pi, degree, real_of, logarithm, exponential, cube_root, sine_cosine, squared_sine, arcsine
 
    real(wp), parameter :: pi = 3.14159265358979323846_wp
    real(wp), parameter :: degree = pi/180.0_wp  !! [rad]
@@ -15,19 +15,29 @@ module rockfall_math
    integer(i8), parameter :: fraction_mask = int(z"000FFFFFFFFFFFFF", i8)
    integer(i8), parameter :: bits_of_one = int(z"3FF0000000000000", i8)
    real(wp), parameter :: sqrt2 = 1.4142135623730951_wp
+   real(wp), parameter :: first_whole = 2.0_wp**fraction_bits  !! from here to twice it doubles are the whole numbers
+   integer(i8), parameter :: bits_of_whole = int(z"4330000000000000", i8)
 
 contains
+
+   !> A whole number 0..2**52 - 1 as a real, exactly: no machine but the newest converts several 64-bit integers at a
+   !> time, and this every one does.
+   elemental real(wp) function real_of(n)
+      integer(i8), intent(in) :: n
+
+      real_of = transfer(ior(n, bits_of_whole), real_of) - first_whole
+   end function real_of
 
    !> Natural logarithm of a positive normal number, within 5 units in the last place.
    elemental real(wp) function logarithm(x)
       real(wp), intent(in) :: x  !! > 0 [-]
-      integer(i8) :: bits, e
-      real(wp) :: m, s, q, q2, q4
+      integer(i8) :: bits
+      real(wp) :: e, m, s, q, q2, q4
       real(wp), parameter :: r(9) = [1.0_wp/3, 1.0_wp/5, 1.0_wp/7, 1.0_wp/9, 1.0_wp/11, 1.0_wp/13, &
                                      1.0_wp/15, 1.0_wp/17, 1.0_wp/19]
 
       bits = transfer(x, bits)
-      e = shiftr(bits, fraction_bits) - exponent_bias  ! x = m 2**e, 1 <= m < 2
+      e = real_of(shiftr(bits, fraction_bits)) - exponent_bias  ! x = m 2**e, 1 <= m < 2
       m = transfer(ior(iand(bits, fraction_mask), bits_of_one), m)
       if (m > sqrt2) then
          m = 0.5_wp*m

@@ -3,10 +3,10 @@
 !> is the same alone or in a crowd, on any thread, in any shard, after any restart.
 module rockfall_random
    use rockfall_kinds, only: wp, i8
-   use rockfall_math, only: logarithm
+   use rockfall_math, only: logarithm, real_of
    implicit none
    private
-   public :: random_key_t, random_key, philox4x32, random_words, uniform
+   public :: random_key_t, random_key, philox4x32, philox, random_words, uniform
    public :: normal_table_t, normal_table, normal, normal_quantile
    public :: for_release, for_impact, for_scramble, for_ground, for_forest, for_tree, purpose_bit
    public :: words_per_block
@@ -75,24 +75,32 @@ contains
       integer(i8), intent(in) :: counter(words_per_block)
       type(random_key_t), intent(in) :: key
       integer(i8) :: x(words_per_block)
+
+      x = counter
+      call philox(key, x(1), x(2), x(3), x(4))
+   end function philox4x32
+
+   !> The same of four scalars, which are the counter before and the words after.
+   elemental subroutine philox(key, c0, c1, c2, c3)
+      type(random_key_t), intent(in) :: key
+      integer(i8), intent(inout) :: c0, c1, c2, c3
       ! M*c overflows int64; (M - 2**32)*c does not, has the same low word, and a high word lower by c.
       integer(i8), parameter :: m0 = int(z"D2511F53", i8) - low32 - 1, m1 = int(z"CD9E8D57", i8) - low32 - 1
-      integer(i8) :: c0, c1, c2, c3, p0, p1
+      integer(i8) :: p0, p1
       integer :: k
 
-      c0 = counter(1); c1 = counter(2); c2 = counter(3); c3 = counter(4)
+      !GCC$ unroll 10
       do k = 1, rounds
          p0 = m0*c0
          p1 = m1*c2
-         c1 = ieor(ieor(shifta(p1, 32) + c2, c1), key%round(1, k))
-         c3 = ieor(ieor(shifta(p0, 32) + c0, c3), key%round(2, k))
+         c1 = ieor(ieor(iand(shiftr(p1, 32) + c2, low32), c1), key%round(1, k))
+         c3 = ieor(ieor(iand(shiftr(p0, 32) + c0, low32), c3), key%round(2, k))
          c0 = c1
          c2 = c3
          c1 = iand(p1, low32)
          c3 = iand(p0, low32)
       end do
-      x = [c0, c1, c2, c3]
-   end function philox4x32
+   end subroutine philox
 
    !> The words of draw `draw` (0, 1, ...) for a boulder's impact (impact 0: its release).
    pure function random_words(key, purpose, boulder, impact, draw) result(x)
@@ -108,23 +116,22 @@ contains
    elemental real(wp) function uniform(word)
       integer(i8), intent(in) :: word  !! 0..2**32-1
 
-      uniform = (real(word, wp) + 0.5_wp)*2.0_wp**(-32)
+      uniform = (real_of(word) + 0.5_wp)*2.0_wp**(-32)
    end function uniform
 
    !> A standard normal number [-] from a word, by inversion: one word, no rejection, no branch, monotone.
    elemental real(wp) function normal(table, word)
       type(normal_table_t), intent(in) :: table
       integer(i8), intent(in) :: word  !! 0..2**32-1
-      integer(i8) :: bits
-      integer :: piece
+      integer(i8) :: bits, piece
       real(wp) :: side, x
 
-      side = real(2*word + 1 - 2_i8**32, wp)
+      side = 2*real_of(word) + (1 - 2.0_wp**32)
       bits = transfer(2.0_wp**32 - abs(side), bits)  ! tail probability * 2**33, 1 .. 2**32 - 1
-      piece = int(shiftr(bits, within_bits)) - first_piece
+      piece = shiftr(bits, within_bits) - first_piece
       x = transfer(ior(iand(bits, within_mask), bits_of_one), x) - middle
-      associate (c => table%c(:, piece))
-         normal = c(1) + x*(c(2) + x*(c(3) + x*(c(4) + x*(c(5) + x*c(6)))))
+      associate (c => table%c)
+         normal = c(1, piece) + x*(c(2, piece) + x*(c(3, piece) + x*(c(4, piece) + x*(c(5, piece) + x*c(6, piece)))))
       end associate
       normal = sign(normal, side)
    end function normal

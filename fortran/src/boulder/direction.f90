@@ -9,10 +9,15 @@ module rockfall_direction
    private
    public :: turning_t, lateral_t, lateral, lateral_classes, lateral_quantiles
    public :: past_aspect, to_aspect, by_lab, turn_angle, lateral_angle, new_heading, unit_vector, any_heading, rotated
+   public :: turn_past_aspect, divide_by_length, shortest
 
    !> How boulders turn: by the printed classes, past the aspect where the angle is the larger (as the paper is
    !> written) or ending at it; or as in the laboratory.
    integer, parameter :: past_aspect = 1, to_aspect = 2, by_lab = 3
+
+   !> A vector as short as this is divided by its length only with care [-]: far above the root of the smallest normal
+   !> number, 1.5e-154.
+   real(wp), parameter :: shortest = 1.0e-150_wp
 
    !> A heading this near to the aspect [rad] lies along it: on a plane only rounding parts them, and its sign must
    !> not choose a side for all boulders. Elevations in double precision make some 1e-12 of it.
@@ -79,7 +84,7 @@ contains
 
    !> The angle of a turn [rad] (section 3.3), by inversion of its distribution: 0-22.5 degrees with probability 0.72,
    !> 22.5-45 with 0.24, 45-50 with 0.04; uniform inside a class, our choice (model, section 5).
-   pure real(wp) function turn_angle(u)
+   elemental real(wp) function turn_angle(u)
       real(wp), intent(in) :: u  !! uniform in (0, 1) [-]
 
       if (u < second_class) then
@@ -107,6 +112,11 @@ contains
       after = heading
       if (pit) return
       aspect = unit_vector(descent)
+      if (turning%rule == past_aspect) then
+         call turn_past_aspect(turning%u, turning%side, heading(1), heading(2), g(1), g(2), aspect(1), aspect(2), &
+                               after(1), after(2))
+         return
+      end if
       across = heading(1)*aspect(2) - heading(2)*aspect(1)
       ! Angles count towards the descent: then a mirrored scene has mirrored trajectories.
       side = sign(1.0_wp, across)
@@ -119,15 +129,39 @@ contains
          after = rotated_on_patch(heading, g, side*turning%lateral)
       else if (any(abs(aspect) > 0)) then
          call sine_cosine(turn_angle(turning%u), s, c)
-         if (turning%rule == past_aspect) then
-            after = rotated(heading, merge(turning%side, side, along)*s, c)
-         else if (dot_product(heading, aspect) >= c) then
+         if (dot_product(heading, aspect) >= c) then
             after = aspect
          else
             after = rotated(heading, side*s, c)
          end if
       end if
    end function new_heading
+
+   !> The heading after a rebound by the rule past_aspect outside of a pit. One angle and one turn, whichever they are:
+   !> then many boulders turn at a time.
+   elemental subroutine turn_past_aspect(u, free_side, east, north, g_east, g_north, aspect_east, aspect_north, &
+                                         after_east, after_north)
+      real(wp), intent(in) :: u, free_side               !! as in turning_t [-]
+      real(wp), intent(in) :: east, north                !! heading before, unit [-]
+      real(wp), intent(in) :: g_east, g_north            !! gradient of the patch [-]
+      real(wp), intent(in) :: aspect_east, aspect_north  !! of the cell; unit, or zero [-]
+      real(wp), intent(out) :: after_east, after_north   !! [-]
+      real(wp) :: across, side, angle, s, c
+
+      across = east*aspect_north - north*aspect_east
+      side = sign(1.0_wp, across)
+      if (abs(across) <= along_aspect) side = free_side
+      angle = turn_angle(u)
+      if (abs(aspect_east) + abs(aspect_north) <= 0) angle = 0
+      if (g_east*east + g_north*north > 0) then
+         angle = (2*u - 1)*sector*degree
+         side = sign(1.0_wp, across)
+      end if
+      call sine_cosine(angle, s, c)
+      s = side*s
+      after_east = c*east - s*north
+      after_north = s*east + c*north
+   end subroutine turn_past_aspect
 
    !> The plan heading of the tangent over a heading, turned in the plane of the patch, as in the laboratory.
    pure function rotated_on_patch(heading, g, angle) result(after)
@@ -159,15 +193,26 @@ contains
       real(wp) :: unit(2)
       real(wp) :: length
 
-      length = sqrt(v(1)*v(1) + v(2)*v(2))
-      if (length > 1.0e-150_wp) then  ! far above the root of the smallest normal number, 1.5e-154
-         unit = v*(1/length)
-      else  ! the squares of such numbers are zero or lose digits: first to order one
+      call divide_by_length(v(1), v(2), unit(1), unit(2), length)
+      if (.not. length > shortest) then  ! the squares of such numbers are zero or lose digits: first to order one
          unit = 0
          if (any(abs(v) > 0)) unit = v/maxval(abs(v))
          if (any(abs(v) > 0)) unit = unit/sqrt(unit(1)**2 + unit(2)**2)
       end if
    end function unit_vector
+
+   !> v divided by its length, if that is more than `shortest`.
+   elemental subroutine divide_by_length(x, y, unit_x, unit_y, length)
+      real(wp), intent(in) :: x, y             !! any unit
+      real(wp), intent(out) :: unit_x, unit_y  !! [-]
+      real(wp), intent(out) :: length          !! as x, y
+      real(wp) :: inverse
+
+      length = sqrt(x*x + y*y)
+      inverse = 1/max(length, shortest)
+      unit_x = x*inverse
+      unit_y = y*inverse
+   end subroutine divide_by_length
 
    !> A heading anywhere on the circle, for a vertical impact where nothing descends: an angle within 45 degrees of
    !> east, where the series of sine and cosine hold, then quarter turns.

@@ -7,7 +7,7 @@ module rockfall_flight
    use rockfall_terrain, only: terrain_t, patch_t, read_patch, height, gradient, within
    implicit none
    private
-   public :: flight_t, landing_t, span_t, fly, end_flight, flight_from, launch_rate, arc_length, never
+   public :: flight_t, landing_t, span_t, fly, end_flight, flight_from, launch_rate, arc_length, parabola_length, never
 
    real(wp), parameter :: never = 1.0e30_wp  !! [s] longer than any flight; its square does not overflow
    real(wp), parameter :: at_rest = 1.0e-200_wp  !! [m2/s2] a plan speed squared that adds nothing to a length
@@ -227,18 +227,26 @@ contains
       real(wp), intent(in) :: v(3)     !! at the start [m/s]
       real(wp), intent(in) :: gravity  !! [m/s2]
       real(wp), intent(in) :: time     !! of flight [s]
-      real(wp) :: plan2, fall, v1, s0, s1, both
 
-      plan2 = v(1)*v(1) + v(2)*v(2)
+      arc_length = parabola_length(v(1)*v(1) + v(2)*v(2), v(3), gravity, time)
+   end function arc_length
+
+   !> The same of the squared plan speed and the vertical speed.
+   elemental real(wp) function parabola_length(plan2, v3, gravity, time) result(length)
+      real(wp), intent(in) :: plan2    !! [m2/s2]
+      real(wp), intent(in) :: v3       !! at the start [m/s]
+      real(wp), intent(in) :: gravity  !! [m/s2]
+      real(wp), intent(in) :: time     !! of flight [s]
+      real(wp) :: fall, v1, s0, s1, both, area
+
       fall = gravity*time
-      v1 = v(3) - fall
-      s0 = sqrt(plan2 + v(3)*v(3))
+      v1 = v3 - fall
+      s0 = sqrt(plan2 + v3*v3)
       s1 = sqrt(plan2 + v1*v1)
       both = s0 + s1
-      arc_length = v(3)*s0 - v1*s1
       ! A difference that rounding takes away belongs to a plan2 that adds nothing.
-      if (plan2 > at_rest) arc_length = arc_length &
-         + plan2*logarithm((both + fall)/max(both - fall, epsilon(both)*both))
-      arc_length = max(0.0_wp, 0.5_wp*arc_length/gravity)  ! of a hop the terms cancel
-   end function arc_length
+      area = plan2*logarithm((both + fall)/max(both - fall, epsilon(both)*both))
+      if (.not. plan2 > at_rest) area = 0
+      length = max(0.0_wp, 0.5_wp*(v3*s0 - v1*s1 + area)/gravity)  ! of a hop the terms cancel
+   end function parabola_length
 end module rockfall_flight

@@ -14,7 +14,7 @@ module rockfall_impact
    public :: impact_set_t, impact_set, check_covariance, with_noise, fitted_t, fitted, beyond_fit
    public :: velocity_law_t, law_of, drawn
    public :: max_draws, min_normal, impact_ratios, ratio_class, ratio_between, ratio_weights, rebound_t, rebound
-   public :: is_admissible, limit_rebound, twice_energy
+   public :: is_admissible, limit_rebound, twice_energy, draw_again, draw_velocity, energy_of
 
    integer, parameter :: impact_ratios = 5  !! sets for R_b/R_m = 1, 2, 3, 4, 5
    integer, parameter :: max_draws = 32    !! draws of A before the last is limited; our choice (model, section 4)
@@ -50,9 +50,9 @@ module rockfall_impact
    !> The distribution of V_out = A V_in for one V_in: normal, of the covariance S = F D F^T with the unit lower
    !> triangular F and the diagonal D.
    type :: velocity_law_t
-      real(wp) :: mean(3)    !! of V_t, V_n, W [m/s]
-      real(wp) :: std(3)     !! sqrt(D) [m/s]
-      real(wp) :: factor(3)  !! F: 21, 31, 32 [-]
+      real(wp) :: mean_t, mean_n, mean_w        !! [m/s]
+      real(wp) :: std_t, std_n, std_w           !! sqrt(D) [m/s]
+      real(wp) :: factor21, factor31, factor32  !! F [-]
    end type velocity_law_t
 
    !> What one rebound did.
@@ -314,76 +314,125 @@ contains
       integer(i8), intent(in) :: words(rebound_words)  !! of the first draw
       real(wp), intent(in) :: v_in(3)                  !! V_t, V_n, W [m/s]
       type(rebound_t), intent(out) :: out
+
+      out%v = drawn(law_of(set, v_in(1), v_in(2), v_in(3)), normal(table, words))
+      if (.not. admissible(out%v, twice_energy(v_in))) call draw_again(set, table, key, boulder, impact, v_in, out)
+   end subroutine rebound
+
+   !> The draws after a first one that was not admissible.
+   pure subroutine draw_again(set, table, key, boulder, impact, v_in, out)
+      type(impact_set_t), intent(in) :: set
+      type(normal_table_t), intent(in) :: table
+      type(random_key_t), intent(in) :: key
+      integer(i8), intent(in) :: boulder, impact
+      real(wp), intent(in) :: v_in(3)       !! V_t, V_n, W [m/s]
+      type(rebound_t), intent(inout) :: out
       type(velocity_law_t) :: law
       integer(i8) :: again(words_per_block)
       real(wp) :: energy_in
       integer :: draw
 
       energy_in = twice_energy(v_in)
-      law = law_of(set, v_in)
-      out%v = drawn(law, normal(table, words))
+      law = law_of(set, v_in(1), v_in(2), v_in(3))
       do draw = 1, max_draws - 1
-         if (admissible(out%v, energy_in)) return
          again = random_words(key, for_impact, boulder, impact, int(draw, i8))
          out%v = drawn(law, normal(table, again(:rebound_words)))
          out%draws = out%draws + 1
+         if (admissible(out%v, energy_in)) return
       end do
-      out%forced = .not. admissible(out%v, energy_in)
-      if (out%forced) call limit_rebound(out%v, v_in)
-   end subroutine rebound
+      out%forced = .true.
+      call limit_rebound(out%v, v_in)
+   end subroutine draw_again
 
    !> The distribution of A V_in: a linear function of the normal A, so normal itself, with the mean m V_in and the
    !> covariance S of `set_covariance` (eqs 4, 5; model, section 4). Three normal numbers draw from it what nine would
    !> through A.
-   pure type(velocity_law_t) function law_of(set, v_in) result(law)
+   elemental type(velocity_law_t) function law_of(set, t, n, w) result(law)
       type(impact_set_t), intent(in) :: set
-      real(wp), intent(in) :: v_in(3)  !! V_t, V_n, W [m/s]
-      real(wp) :: products(6), s(6), zero(3), d(3), s32
+      real(wp), intent(in) :: t, n, w  !! V_t, V_n, W before it [m/s]
+      real(wp) :: tt, nn, ww, nt, wt, wn, s11, s21, s31, s22, s32, s33, d1, d2, d3, sum2, zero1, zero2, zero3
 
-      products = [v_in(1)*v_in(1), v_in(2)*v_in(2), v_in(3)*v_in(3), v_in(2)*v_in(1), v_in(3)*v_in(1), v_in(3)*v_in(2)]
+      tt = t*t; nn = n*n; ww = w*w; nt = n*t; wt = w*t; wn = w*n
       associate (c => set%covariance, m => set%mean)
-         s = c(:, 1)*products(1) + c(:, 2)*products(2) + c(:, 3)*products(3) &
-             + c(:, 4)*products(4) + c(:, 5)*products(5) + c(:, 6)*products(6)
-         law%mean = [m(1)*v_in(1) + m(2)*v_in(2) + m(3)*v_in(3), &
-                     m(4)*v_in(1) + m(5)*v_in(2) + m(6)*v_in(3), &
-                     m(7)*v_in(1) + m(8)*v_in(2) + m(9)*v_in(3)]
+         s11 = c(1, 1)*tt + c(1, 2)*nn + c(1, 3)*ww + c(1, 4)*nt + c(1, 5)*wt + c(1, 6)*wn
+         s21 = c(2, 1)*tt + c(2, 2)*nn + c(2, 3)*ww + c(2, 4)*nt + c(2, 5)*wt + c(2, 6)*wn
+         s31 = c(3, 1)*tt + c(3, 2)*nn + c(3, 3)*ww + c(3, 4)*nt + c(3, 5)*wt + c(3, 6)*wn
+         s22 = c(4, 1)*tt + c(4, 2)*nn + c(4, 3)*ww + c(4, 4)*nt + c(4, 5)*wt + c(4, 6)*wn
+         s32 = c(5, 1)*tt + c(5, 2)*nn + c(5, 3)*ww + c(5, 4)*nt + c(5, 5)*wt + c(5, 6)*wn
+         s33 = c(6, 1)*tt + c(6, 2)*nn + c(6, 3)*ww + c(6, 4)*nt + c(6, 5)*wt + c(6, 6)*wn
+         law%mean_t = m(1)*t + m(2)*n + m(3)*w
+         law%mean_n = m(4)*t + m(5)*n + m(6)*w
+         law%mean_w = m(7)*t + m(8)*n + m(9)*w
       end associate
-      zero = set%rounding*(products(1) + products(2) + products(3))
-      d(1) = s(1)
-      law%factor(1:2) = s(2:3)*inverse(d(1), zero(1))
-      d(2) = s(4) - law%factor(1)*s(2)
-      s32 = s(5) - law%factor(2)*s(2)
-      law%factor(3) = s32*inverse(d(2), zero(2))
-      d(3) = s(6) - law%factor(2)*s(3) - law%factor(3)*s32
-      law%std = sqrt(merge(d, 0.0_wp, d > zero))
+      sum2 = tt + nn + ww
+      zero1 = set%rounding(1)*sum2
+      zero2 = set%rounding(2)*sum2
+      zero3 = set%rounding(3)*sum2
+      d1 = s11
+      law%factor21 = s21*inverse(d1, zero1)
+      law%factor31 = s31*inverse(d1, zero1)
+      d2 = s22 - law%factor21*s21
+      s32 = s32 - law%factor31*s21
+      law%factor32 = s32*inverse(d2, zero2)
+      d3 = s33 - law%factor31*s31 - law%factor32*s32
+      law%std_t = root_above(d1, zero1)
+      law%std_n = root_above(d2, zero2)
+      law%std_w = root_above(d3, zero3)
    end function law_of
 
    !> 1/x, or 0 for an x that is zero but for rounding.
-   pure real(wp) function inverse(x, zero)
+   elemental real(wp) function inverse(x, zero)
       real(wp), intent(in) :: x, zero  !! any unit
 
-      inverse = 0
-      if (x > zero) inverse = 1/x
+      inverse = 1/x
+      if (.not. x > zero) inverse = 0
    end function inverse
 
+   !> The root of x, or 0 likewise.
+   elemental real(wp) function root_above(x, zero)
+      real(wp), intent(in) :: x, zero  !! any unit
+
+      root_above = 0
+      if (x > zero) root_above = x
+      root_above = sqrt(root_above)
+   end function root_above
+
    !> V_out [m/s] of three normal numbers.
+   elemental subroutine draw_velocity(law, z1, z2, z3, t, n, w)
+      type(velocity_law_t), intent(in) :: law
+      real(wp), intent(in) :: z1, z2, z3  !! independent standard normals [-]
+      real(wp), intent(out) :: t, n, w    !! V_t, V_n, W after it [m/s]
+      real(wp) :: x1, x2
+
+      x1 = law%std_t*z1
+      x2 = law%std_n*z2
+      t = law%mean_t + x1
+      n = law%mean_n + law%factor21*x1 + x2
+      w = law%mean_w + law%factor31*x1 + law%factor32*x2 + law%std_w*z3
+   end subroutine draw_velocity
+
+   !> The same of arrays.
    pure function drawn(law, z) result(v)
       type(velocity_law_t), intent(in) :: law
       real(wp), intent(in) :: z(3)  !! independent standard normals [-]
-      real(wp) :: v(3), x(3)
+      real(wp) :: v(3)              !! V_t, V_n, W after it [m/s]
 
-      x = law%std*z
-      v(1) = law%mean(1) + x(1)
-      v(2) = law%mean(2) + law%factor(1)*x(1) + x(2)
-      v(3) = law%mean(3) + law%factor(2)*x(1) + law%factor(3)*x(2) + x(3)
+      call draw_velocity(law, z(1), z(2), z(3), v(1), v(2), v(3))
    end function drawn
 
    !> Twice the kinetic energy per mass [m2/s2]: V_t**2 + V_n**2 + I omega**2/m, I = 2/5 m R_b**2.
    pure real(wp) function twice_energy(v)
       real(wp), intent(in) :: v(3)  !! V_t, V_n, W [m/s]
 
-      twice_energy = v(1)*v(1) + v(2)*v(2) + inertia_factor*v(3)*v(3)
+      twice_energy = energy_of(v(1), v(2), v(3))
    end function twice_energy
+
+   !> The same of scalars.
+   elemental real(wp) function energy_of(t, n, w)
+      real(wp), intent(in) :: t, n, w  !! V_t, V_n, W [m/s]
+
+      energy_of = t*t + n*n + inertia_factor*w*w
+   end function energy_of
 
    !> Whether a boulder may rebound so (model, section 4).
    pure logical function admissible(v, energy_in)

@@ -8,6 +8,9 @@ module rockfall_ensemble
                                   has_obstacles, at_rest, left_window
    use rockfall_sources, only: share_of
    use rockfall_boulder, only: release_t, source_of, first_of, last_of, released_by
+   use rockfall_lanes, only: run_in_lanes
+   use rockfall_wide_lanes, only: run_in_wide_lanes => run_in_lanes
+   use, intrinsic :: iso_c_binding, only: c_int
    use rockfall_maps, only: maps_t, needs_visits, visits_t, start_visits, add_visits, add_deposit
    use rockfall_travel_maps, only: needs_times, needs_travel, add_travel
    use rockfall_passing_maps, only: needs_passing, add_passing
@@ -24,6 +27,13 @@ module rockfall_ensemble
    !> that each thread has some `turns` sources of that size.
    integer, parameter :: small = 256, turns = 8
 
+   interface
+      !> 0 scalar, 1 lanes, 2 wide
+      integer(c_int) function lanes_here() bind(c, name="rockfall_lanes_here")
+         import :: c_int
+      end function lanes_here
+   end interface
+
 contains
 
    !> Run boulders `first` to `first + size(results) - 1`; add to maps and histogram counts. Those that left
@@ -38,15 +48,18 @@ contains
       integer(i8), intent(inout) :: histogram_counts(:, :)   !! (bins, quantities)
       integer(i8), intent(inout) :: by_ground(:)             !! rebounds, where the scene has several grounds
 
+      integer :: next
+
+      next = 1
       !$omp parallel default(none) num_threads(team_size(threads)) &
-      !$omp& shared(scene, first, threads, results, crossings, maps, histogram_counts, by_ground)
-      call run_thread(scene, first, threads, results, crossings, maps, histogram_counts, by_ground)
+      !$omp& shared(scene, first, threads, results, crossings, maps, histogram_counts, by_ground, next)
+      call run_thread(scene, first, threads, results, crossings, maps, histogram_counts, by_ground, next)
       !$omp end parallel
    end subroutine run_boulders
 
    !> One thread's part of the boulders. A procedure of its own, so that its work space starts as its
    !> type says: a private copy would not.
-   subroutine run_thread(scene, first, threads, results, crossings, maps, histogram_counts, by_ground)
+   subroutine run_thread(scene, first, threads, results, crossings, maps, histogram_counts, by_ground, next)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: first
       integer, intent(in) :: threads
@@ -54,6 +67,7 @@ contains
       type(crossing_t), intent(inout) :: crossings(:, :)
       type(maps_t), intent(in) :: maps
       integer(i8), intent(inout) :: histogram_counts(:, :), by_ground(:)
+      integer, intent(inout) :: next
       type(scratch_t) :: scratch
       integer :: k
 
@@ -62,6 +76,10 @@ contains
       scratch%tree_hits_requested = allocated(scene%forest) .and. needs_tree_hits(maps)
       if (counts_sources(maps)) then
          call run_by_source(scene, first, threads, results, crossings, maps, scratch)
+      else if (scratch%in_lanes .and. lanes_here() == 2) then
+         call run_in_wide_lanes(scene, first, results, crossings, next, scratch)
+      else if (scratch%in_lanes .and. lanes_here() == 1) then
+         call run_in_lanes(scene, first, results, crossings, next, scratch)
       else
          !$omp do schedule(dynamic, batch)
          do k = 1, size(results)

@@ -29,7 +29,9 @@ module rockfall_trajectory
    implicit none
    private
    public :: scene_t, boulder_result_t, crossing_t, contact_t, scratch_t, trace_full, choose_trace
-   public :: has_obstacles, at_rest
+   public :: has_obstacles, at_rest, start_boulder, end_boulder, departure, record_crossings, handle_impact, find_rocks
+   public :: in_local_frame, rolled_before, launch_velocity, trace_basic, trace_lines, basic
+   public :: square, find_class, count_outcome, close_impact, start_from
    public :: stopped, absorbed, left_domain, impact_limit, hit_nodata, stopped_by_tree, stopped_by_barrier, left_window
 
    !> Status, in the order of the table of rockfall_variables; 0 while a boulder is on its way.
@@ -140,6 +142,7 @@ module rockfall_trajectory
       type(tree_hits_t) :: tree_hits
       type(contact_t), allocatable :: record(:)  !! allocated by who requests the trajectory
       integer :: recorded = 0                    !! vertices there were, also beyond size(record)
+      logical :: in_lanes = .false.
       procedure(trace_full), pointer, nopass :: trace => null()  !! what the scene needs of `trace_full`
    end type scratch_t
 
@@ -196,6 +199,8 @@ contains
       if (scratch%cells_requested) scratch%trace => trace_maps
       if (has_obstacles(scene) .or. scene%energies_requested .or. allocated(scene%grounds) &
           .or. allocated(scene%of_source) .or. allocated(scene%features)) scratch%trace => trace_full
+      scratch%in_lanes = (associated(scratch%trace, trace_basic) .or. associated(scratch%trace, trace_lines)) &
+         .and. .not. scene%histograms_requested .and. scene%turning == past_aspect
    end subroutine choose_trace
 
    !> Whether there is anything but the ground to meet.
@@ -226,22 +231,8 @@ contains
       real(wp) :: v_in(3)  !! velocity at the end of a flight [m/s]
       logical :: obstacles
 
-      result%source = int(source_of(scene%release, number))
-      if (level >= with_all .and. allocated(scene%features)) then
-         result%boulder = drawn(scene, scene%features(scene%release%feature(result%source))%volumes, number)
-      else
-         result%boulder = drawn(scene, scene%volumes, number)
-      end if
-      if (level >= with_all .and. allocated(scene%of_source)) &
-         result%boulder = boulder_of(scene%of_source(result%source), result%boulder%volume)
-      call release(scene, result%source, flight)
-      result%start = [flight%x, flight%y, flight%z]
-      if (.not. flight%patch%known) then
-         result%status = left_window
-         result%stop = result%start
-         return
-      end if
-      result%speed_max = square(flight%v)  ! the root is taken at the end
+      call start_boulder(scene, number, level, result, flight)
+      if (result%status /= 0) return
       omega_r = 0
       if (level >= with_maps .and. scratch%cells_requested) call start_visits(scratch%visits, number)
       if (level >= with_lines .and. allocated(scratch%crossings)) scratch%crossings%crossed = .false.
@@ -291,14 +282,48 @@ contains
          call close_balance(scene, landing%z, flight%v, omega_r, result)
          if (allocated(scene%barriers)) call note_passed_over(scene, result, scratch%crossings)
       end if
-      result%speed_max = sqrt(result%speed_max)
-      result%stop = [landing%x, landing%y, landing%z]
+      call end_boulder(scene, landing, result)
       if (.not. (landing%contact .or. at_rest(result%status))) return
-      result%stop_cell = cell_of(scene%dem, landing%patch, landing%u, landing%w)
       if (level >= with_maps .and. scratch%cells_requested) then
          call visit_cell(scratch%visits, result%stop_cell, 0.0_wp, 0.0_wp, 0.0_wp)
       end if
    end subroutine trace
+
+   !> What a boulder is, and the start of its first flight.
+   pure subroutine start_boulder(scene, number, level, result, flight)
+      type(scene_t), intent(in) :: scene
+      integer(i8), intent(in) :: number
+      integer, value :: level  !! as in trace
+      type(boulder_result_t), intent(out) :: result
+      type(flight_t), intent(out) :: flight
+
+      result%source = int(source_of(scene%release, number))
+      if (level >= with_all .and. allocated(scene%features)) then
+         result%boulder = drawn(scene, scene%features(scene%release%feature(result%source))%volumes, number)
+      else
+         result%boulder = drawn(scene, scene%volumes, number)
+      end if
+      if (level >= with_all .and. allocated(scene%of_source)) &
+         result%boulder = boulder_of(scene%of_source(result%source), result%boulder%volume)
+      call release(scene, result%source, flight)
+      result%start = [flight%x, flight%y, flight%z]
+      result%speed_max = square(flight%v)  ! the root is taken at the end
+      if (flight%patch%known) return
+      result%status = left_window
+      result%stop = result%start
+   end subroutine start_boulder
+
+   !> What is left to say of a boulder at its end.
+   pure subroutine end_boulder(scene, landing, result)
+      type(scene_t), intent(in) :: scene
+      type(landing_t), intent(in) :: landing
+      type(boulder_result_t), intent(inout) :: result
+
+      result%speed_max = sqrt(result%speed_max)
+      result%stop = [landing%x, landing%y, landing%z]
+      if (landing%contact .or. at_rest(result%status)) &
+         result%stop_cell = cell_of(scene%dem, landing%patch, landing%u, landing%w)
+   end subroutine end_boulder
 
    !> Why a boulder goes no further at a patch that is not known.
    pure integer function departure(dem, patch) result(status)
@@ -661,9 +686,7 @@ contains
       word = random_words(scene%key, for_impact, number, int(result%impacts, i8), 0_i8)
       if (result%impacts == 1 .and. scene%sobol%dimensions > 1) word = scrambled_words(scene, number)
       at = cell_of(scene%dem, landing%patch, landing%u, landing%w)
-      u_ground = 0
-      if (scene%ground_drawn) u_ground = ground_uniforms(scene, number, result%impacts)
-      radius = rock_radius(scene%surface, at, u_ground(obstacle_word))
+      call find_rocks(scene, number, result%impacts, at, radius, u_ground)
       if (radius > huge(radius)) then
          result%status = absorbed
          return
@@ -674,8 +697,7 @@ contains
          if (result%status == absorbed) return
       end if
       ratio = result%boulder%radius/radius
-      call ratio_class(ratio, class, outside)
-      if (scene%between_ratios) class = ratio_between(ratio, u_ground(ratio_word))
+      call find_class(scene, ratio, u_ground, class, outside)
       g = gradient(scene%dem, landing%patch, landing%u, landing%w)
       steepness = sqrt(1 + g(1)**2 + g(2)**2)
       call decompose(v, g, steepness, flight%heading, omega_r, v_in, heading)
@@ -690,12 +712,7 @@ contains
                       word(:rebound_words), v_in, out)
          call beyond_fit(scene%sets(class)%fitted, v_in(1:2), fast, steep)
       end if
-      result%rebounds = result%rebounds + 1
-      if (out%draws > 1) result%redrawn = result%redrawn + 1
-      if (out%forced) result%forced = result%forced + 1
-      if (outside) result%out_of_range = result%out_of_range + 1
-      if (fast) result%out_of_speed = result%out_of_speed + 1
-      if (steep) result%out_of_angle = result%out_of_angle + 1
+      call count_outcome(out, outside, fast, steep, result)
       if (level >= with_lines .and. scene%histograms_requested) call count_rebound(scratch%histograms, v_in, out%v)
       turning = turning_t(scene%turning, uniform(word(turn_word)), merge(1.0_wp, -1.0_wp, btest(word(turn_word), 0)))
       if (turning%rule == by_lab) turning%lateral = lateral_angle(scene%lateral(class), v_in(1:2), turning%u)
@@ -709,13 +726,59 @@ contains
          result%energy%ground = result%energy%ground &
                                 + 0.5_wp*result%boulder%mass*(twice_energy(v_in) - twice_energy(out%v))
       end if
-      result%speed_max = max(result%speed_max, square(flight%v))
-      if (square(flight%v) < scene%stop_speed**2) then
+      call close_impact(scene, square(flight%v), result)
+   end subroutine handle_impact
+
+   !> The radius of the rocks at a raster cell [m], and the random numbers of what a boulder meets there.
+   pure subroutine find_rocks(scene, number, impact, at, radius, u_ground)
+      type(scene_t), intent(in) :: scene
+      integer(i8), intent(in) :: number
+      integer, intent(in) :: impact, at(2)
+      real(wp), intent(out) :: radius, u_ground(words_per_block)
+
+      u_ground = 0
+      if (scene%ground_drawn) u_ground = ground_uniforms(scene, number, impact)
+      radius = rock_radius(scene%surface, at, u_ground(obstacle_word))
+   end subroutine find_rocks
+
+   !> The impact set that serves a ratio R_b/R_m.
+   pure subroutine find_class(scene, ratio, u_ground, class, outside)
+      type(scene_t), intent(in) :: scene
+      real(wp), intent(in) :: ratio, u_ground(words_per_block)
+      integer, intent(out) :: class
+      logical, intent(out) :: outside  !! of the ratios that sets are for
+
+      call ratio_class(ratio, class, outside)
+      if (scene%between_ratios) class = ratio_between(ratio, u_ground(ratio_word))
+   end subroutine find_class
+
+   !> Count a rebound, and what was odd about it.
+   pure subroutine count_outcome(out, outside, fast, steep, result)
+      type(rebound_t), intent(in) :: out
+      logical, intent(in) :: outside, fast, steep
+      type(boulder_result_t), intent(inout) :: result
+
+      result%rebounds = result%rebounds + 1
+      if (out%draws > 1) result%redrawn = result%redrawn + 1
+      if (out%forced) result%forced = result%forced + 1
+      if (outside) result%out_of_range = result%out_of_range + 1
+      if (fast) result%out_of_speed = result%out_of_speed + 1
+      if (steep) result%out_of_angle = result%out_of_angle + 1
+   end subroutine count_outcome
+
+   !> Whether a boulder goes on after an impact.
+   pure subroutine close_impact(scene, speed2, result)
+      type(scene_t), intent(in) :: scene
+      real(wp), intent(in) :: speed2  !! after it, |v|**2 [m2/s2]
+      type(boulder_result_t), intent(inout) :: result
+
+      result%speed_max = max(result%speed_max, speed2)
+      if (speed2 < scene%stop_speed**2) then
          result%status = stopped
       else if (result%impacts >= scene%max_impacts) then
          result%status = impact_limit
       end if
-   end subroutine handle_impact
+   end subroutine close_impact
 
    !> The ground of a raster cell, the height of obstacles there, and whether it absorbs the boulder.
    pure subroutine meet_ground(scene, at, radius, ground, obstacle, status)
@@ -785,18 +848,43 @@ contains
       real(wp), intent(in) :: omega_r      !! W with respect to it [m/s]
       real(wp), intent(out) :: v_in(3)     !! V_t, V_n, W [m/s]
       real(wp), intent(out) :: heading(2)  !! unit, or zero [-]
-      real(wp) :: normal(3), tangential(3)
+      real(wp) :: plan(2)
 
-      normal = [-g(1), -g(2), 1.0_wp]*(1/steepness)
-      v_in(2) = dot_product(v, normal)
-      tangential = v - v_in(2)*normal
-      v_in(1) = sqrt(square(tangential))
-      v_in(2) = min(0.0_wp, v_in(2))
-      heading = unit_vector(tangential(1:2))
-      ! What rolled forward seen from the heading before rolls backward seen from an opposite one.
-      v_in(3) = omega_r
-      if (before(1)*heading(1) + before(2)*heading(2) < 0) v_in(3) = -omega_r
+      call in_local_frame(v(1), v(2), v(3), g(1), g(2), steepness, v_in(1), v_in(2), plan(1), plan(2))
+      heading = unit_vector(plan)
+      v_in(3) = rolled_before(omega_r, before(1), before(2), heading(1), heading(2))
    end subroutine decompose
+
+   !> V_t and V_n of a velocity, and the tangential part of it in plan.
+   elemental subroutine in_local_frame(v1, v2, v3, g1, g2, steepness, tangential, normal, plan1, plan2)
+      real(wp), intent(in) :: v1, v2, v3           !! [m/s]
+      real(wp), intent(in) :: g1, g2               !! gradient of the patch [-]
+      real(wp), intent(in) :: steepness            !! sqrt(1 + |g|**2) [-]
+      real(wp), intent(out) :: tangential, normal  !! V_t, V_n [m/s]
+      real(wp), intent(out) :: plan1, plan2        !! [m/s]
+      real(wp) :: n1, n2, n3, t3
+
+      n3 = 1/steepness
+      n1 = -g1*n3
+      n2 = -g2*n3
+      normal = v1*n1 + v2*n2 + v3*n3
+      plan1 = v1 - normal*n1
+      plan2 = v2 - normal*n2
+      t3 = v3 - normal*n3
+      tangential = sqrt(plan1*plan1 + plan2*plan2 + t3*t3)
+      normal = min(0.0_wp, normal)
+   end subroutine in_local_frame
+
+   !> W before an impact [m/s]: what rolled forward seen from the heading before rolls backward seen from an opposite
+   !> one.
+   elemental real(wp) function rolled_before(omega_r, before1, before2, heading1, heading2) result(w)
+      real(wp), intent(in) :: omega_r             !! W with respect to the heading before [m/s]
+      real(wp), intent(in) :: before1, before2    !! heading after the last rebound [-]
+      real(wp), intent(in) :: heading1, heading2  !! now [-]
+
+      w = omega_r
+      if (before1*heading1 + before2*heading2 < 0) w = -omega_r
+   end function rolled_before
 
    !> The next flight: V_t_out in the tangent plane over the new heading h, along (h, g.h)/sqrt(1 + (g.h)**2), V_n_out
    !> along the normal. A negative V_t_out turns the heading round first. The height above the patch grows at
@@ -812,7 +900,7 @@ contains
       real(wp), intent(in) :: v_out(3)        !! V_t, V_n, W [m/s]
       type(flight_t), intent(inout) :: flight
       real(wp), intent(out) :: omega_r        !! W [m/s]
-      real(wp) :: heading(2), descent(2), along
+      real(wp) :: heading(2), descent(2)
       logical :: pit
 
       call cell_descent(scene%dem, at, g, descent, pit)
@@ -825,17 +913,41 @@ contains
          omega_r = -omega_r
       end if
       heading = new_heading(turning, heading, g, descent, pit)
-      along = dot_product(g, heading)
-      flight%v = (abs(v_out(1))/sqrt(1 + along**2))*[heading(1), heading(2), along] &
-                 + (v_out(2)/steepness)*[-g(1), -g(2), 1.0_wp]
+      call launch_velocity(v_out(1), v_out(2), heading(1), heading(2), g(1), g(2), steepness, &
+                           flight%v(1), flight%v(2), flight%v(3))
       flight%rate = v_out(2)*steepness
       flight%heading = heading
+      call start_from(landing, flight)
+   end subroutine outgoing_flight
+
+   !> The velocity after an impact from V_t, of either sign, over a heading, and V_n.
+   elemental subroutine launch_velocity(tangential, normal, heading1, heading2, g1, g2, steepness, v1, v2, v3)
+      real(wp), intent(in) :: tangential, normal  !! V_t, V_n [m/s]
+      real(wp), intent(in) :: heading1, heading2  !! unit [-]
+      real(wp), intent(in) :: g1, g2              !! gradient of the patch [-]
+      real(wp), intent(in) :: steepness           !! sqrt(1 + |g|**2) [-]
+      real(wp), intent(out) :: v1, v2, v3         !! [m/s]
+      real(wp) :: along, forward, up
+
+      along = g1*heading1 + g2*heading2
+      forward = abs(tangential)/sqrt(1 + along*along)
+      up = normal/steepness
+      v1 = forward*heading1 - up*g1
+      v2 = forward*heading2 - up*g2
+      v3 = forward*along + up
+   end subroutine launch_velocity
+
+   !> Start a flight on the ground, where the last one landed.
+   pure subroutine start_from(landing, flight)
+      type(landing_t), intent(in) :: landing
+      type(flight_t), intent(inout) :: flight
+
       flight%above = 0
       flight%x = landing%x
       flight%y = landing%y
       flight%z = landing%z
       flight%patch = landing%patch
-   end subroutine outgoing_flight
+   end subroutine start_from
 
    !> |v|**2 [m2/s2].
    pure real(wp) function square(v)

@@ -7,7 +7,7 @@ module rockfall_terrain
    implicit none
    private
    public :: terrain_t, patch_t, terrain, keep_within, in_window, locate, within, on_terrain, is_known_at, read_patch
-   public :: height, node_height, gradient, cell_of, cell_descent, max_elevation
+   public :: height, node_height, gradient, cell_of, cell_descent, read_window, horn, max_elevation
 
    real(wp), parameter :: max_elevation = 1.0e7_wp  !! [m] above or below zero; more is nodata that is not declared
 
@@ -230,23 +230,50 @@ contains
       real(wp), intent(in) :: patch_gradient(2) !! [-]
       real(wp), intent(out) :: descent(2)       !! [-]
       logical, intent(out) :: pit
-      real(wp) :: z(-1:1, -1:1)  !! columns west to east, rows north to south
-      real(wp) :: gx, gy
-      integer :: i, r
+      real(wp) :: z(3, 3), horns(2), lowest
+      logical :: complete
 
       descent = -patch_gradient
       pit = .false.
+      call read_window(dem, at, z, complete)
+      if (.not. complete) return
+      call horn(z(1, 1), z(2, 1), z(3, 1), z(1, 2), z(3, 2), z(1, 3), z(2, 3), z(3, 3), dem%per_cell, &
+                horns(1), horns(2), lowest)
+      if (horns(1) + horns(2) /= horns(1) + horns(2)) return
+      descent = horns
+      pit = lowest >= z(2, 2)
+   end subroutine cell_descent
+
+   !> Elevations of a raster cell and its eight neighbours [m]; none beside an edge of the raster.
+   pure subroutine read_window(dem, at, z, complete)
+      type(terrain_t), intent(in) :: dem
+      integer, intent(in) :: at(2)         !! as from cell_of
+      real(wp), intent(out) :: z(3, 3)     !! columns west to east, rows north to south
+      logical, intent(out) :: complete
+      integer :: i, r
+
       i = at(1); r = at(2)
-      if (i < 2 .or. r < 2 .or. i >= dem%nx .or. r >= dem%ny) return
+      complete = .not. (i < 2 .or. r < 2 .or. i >= dem%nx .or. r >= dem%ny)
+      z = 0
+      if (.not. complete) return
       if (associated(dem%z8)) then
          z = dem%z8(i - 1:i + 1, r - 1:r + 1)
       else
          z = dem%z4(i - 1:i + 1, r - 1:r + 1)
       end if
-      gx = (z(1, -1) - z(-1, -1)) + 2*(z(1, 0) - z(-1, 0)) + (z(1, 1) - z(-1, 1))
-      gy = (z(-1, -1) - z(-1, 1)) + 2*(z(0, -1) - z(0, 1)) + (z(1, -1) - z(1, 1))
-      if (gx + gy /= gx + gy) return
-      descent = [-gx, -gy]*(0.125_wp*dem%per_cell)  ! the weights 1, 2, 1 on both sides, two cells apart: 8 cells
-      pit = minval(z) >= z(0, 0)
-   end subroutine cell_descent
+   end subroutine read_window
+
+   !> The downhill vector by the eight neighbours of a cell, named by where they lie, and the lowest of them.
+   elemental subroutine horn(nw, n, ne, w, e, sw, s, se, per_cell, east, north, lowest)
+      real(wp), intent(in) :: nw, n, ne, w, e, sw, s, se  !! [m]
+      real(wp), intent(in) :: per_cell                    !! [1/m]
+      real(wp), intent(out) :: east, north                !! [-]
+      real(wp), intent(out) :: lowest                     !! [m]
+      real(wp) :: per_eight
+
+      per_eight = 0.125_wp*per_cell  ! the weights 1, 2, 1 on both sides, two cells apart: 8 cells
+      east = -((ne - nw) + 2*(e - w) + (se - sw))*per_eight
+      north = -((nw - sw) + 2*(n - s) + (ne - se))*per_eight
+      lowest = min(min(min(nw, n), min(ne, w)), min(min(e, sw), min(s, se)))
+   end subroutine horn
 end module rockfall_terrain

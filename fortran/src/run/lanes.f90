@@ -1,0 +1,417 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Boulders in lanes: a thread carries a pool of them on from contact to contact. Flights are flown one by one; what
+!> comes after is the same for all and is computed for several at a time, in loops over the contacts of the pool.
+!> Each lane does what `trace` does, in the same order, so the bits are the same.
+!>
+!> The file is compiled once for each kind of processor, as the module LANES.
+module LANES
+   use rockfall_kinds, only: wp, i8
+   use rockfall_math, only: real_of
+   use rockfall_random, only: philox, for_impact, words_per_block, purpose_bit, normal, uniform
+   use rockfall_terrain, only: gradient, cell_of, read_window, horn
+   use rockfall_flight, only: flight_t, landing_t, fly, parabola_length
+   use rockfall_impact, only: impact_set_t, impact_ratios, rebound_t, velocity_law_t, law_of, draw_velocity, &
+                              draw_again, energy_of, &
+                              beyond_fit
+   use rockfall_direction, only: turn_past_aspect, divide_by_length, shortest
+   use rockfall_trajectory, only: scene_t, boulder_result_t, crossing_t, scratch_t, start_boulder, end_boulder, &
+                                  departure, record_crossings, handle_impact, find_rocks, find_class, &
+                                  count_outcome, close_impact, start_from, in_local_frame, rolled_before, &
+                                  launch_velocity, basic, absorbed
+   implicit none
+   private
+   public :: run_in_lanes
+
+   integer, parameter :: lanes = 64  !! boulders of a pool
+   integer, parameter :: batch = 16  !! boulders that a thread takes at a time
+
+   !> A boulder on its way.
+   type :: lane_t
+      integer :: place              !! in the results
+      type(flight_t) :: flight
+      type(landing_t) :: landing
+      real(wp) :: omega_r = 0.0_wp  !! W = R_b omega [m/s]
+      integer :: at(2)              !! raster cell of the contact
+      integer :: class              !! of the impact sets; 0 without a contact
+      logical :: outside            !! of the ratios that sets are for
+   end type lane_t
+
+   !> The contacts of the pool, in the order of their impact sets.
+   type :: contacts_t
+      integer :: n = 0
+      integer :: first(impact_ratios + 1)                !! of each set
+      integer :: lane(lanes)
+      integer(i8), dimension(lanes) :: number, impact
+      real(wp), dimension(lanes) :: v1, v2, v3           !! of the flight at its start, at its end, and of the next [m/s]
+      real(wp), dimension(lanes) :: time                 !! of the flight [s]
+      real(wp), dimension(lanes) :: length               !! of it [m]
+      real(wp), dimension(lanes) :: speed2_in, speed2    !! at its end, of the next [m2/s2]
+      integer :: draws(lanes)
+      logical :: forced(lanes)
+      real(wp), dimension(lanes) :: w                    !! W = R_b omega [m/s]
+      real(wp), dimension(lanes) :: heading1, heading2   !! [-]
+      real(wp), dimension(lanes) :: g1, g2, steepness    !! of the patch [-]
+      real(wp), dimension(lanes) :: tangential, normal   !! V_t, V_n before it [m/s]
+      real(wp), dimension(lanes) :: out1, out2, out3     !! V_t, V_n, W after it [m/s]
+      real(wp), dimension(lanes) :: rate                 !! of the next flight [m/s]
+      real(wp), dimension(lanes) :: admissible, usual    !! 1 or 0
+      real(wp), dimension(lanes) :: z1, z2, u, side      !! random numbers [-]
+      real(wp), dimension(lanes) :: z3
+      real(wp), dimension(lanes, 9) :: z                 !! elevations of the cell and its neighbours [m]
+   end type contacts_t
+
+contains
+
+   !> One thread's part of the boulders: as many as it gets of `next`, which all threads share.
+   subroutine run_in_lanes(scene, first, results, crossings, next, scratch)
+      type(scene_t), intent(in) :: scene
+      integer(i8), intent(in) :: first                    !! number of the first boulder
+      type(boulder_result_t), intent(inout) :: results(:)
+      type(crossing_t), intent(inout) :: crossings(:, :)  !! (lines, boulders)
+      integer, intent(inout) :: next                      !! place of the next boulder
+      type(scratch_t), intent(inout) :: scratch
+      type(lane_t) :: lane(lanes)
+      type(contacts_t) :: contacts
+      integer :: n, from, to
+      !GCC$ ATTRIBUTES NOINLINE :: run_in_lanes
+
+      n = 0
+      from = 1
+      to = 0
+      do
+         call refill(scene, first, results, crossings, next, from, to, lane, n)
+         if (n == 0) exit
+         call fly_all(scene, first, results, crossings, lane(:n))
+         call gather(scene, first, results, lane(:n), contacts)
+         call land(contacts, scene%gravity)
+         call meet(contacts)
+         call draw(scene, contacts)
+         call redraw(scene, contacts)
+         call turn(contacts, scene%dem%per_cell)
+         call go_on(scene, first, results, lane, contacts, scratch)
+         call take_out(scene, results, lane, n)
+      end do
+   end subroutine run_in_lanes
+
+   !> Fill the pool with the next boulders.
+   subroutine refill(scene, first, results, crossings, next, from, to, lane, n)
+      type(scene_t), intent(in) :: scene
+      integer(i8), intent(in) :: first
+      type(boulder_result_t), intent(inout) :: results(:)
+      type(crossing_t), intent(inout) :: crossings(:, :)
+      integer, intent(inout) :: next, from, to  !! from..to are this thread's
+      type(lane_t), intent(inout) :: lane(:)
+      integer, intent(inout) :: n
+
+      do while (n < size(lane))
+         if (from > to) then
+            !$omp atomic capture
+            from = next
+            next = next + batch
+            !$omp end atomic
+            to = min(from + batch - 1, size(results))
+            if (from > to) return
+         end if
+         n = n + 1
+         lane(n)%place = from
+         lane(n)%omega_r = 0
+         if (allocated(scene%lines)) crossings(:, from)%crossed = .false.
+         call start_boulder(scene, first + from - 1, basic, results(from), lane(n)%flight)
+         if (results(from)%status /= 0) n = n - 1
+         from = from + 1
+      end do
+   end subroutine refill
+
+   !> Fly each boulder to its next contact, or out of the terrain, and look up the impact set there.
+   subroutine fly_all(scene, first, results, crossings, lane)
+      type(scene_t), intent(in) :: scene
+      integer(i8), intent(in) :: first
+      type(boulder_result_t), intent(inout) :: results(:)
+      type(crossing_t), intent(inout) :: crossings(:, :)
+      type(lane_t), intent(inout) :: lane(:)
+      real(wp) :: radius, u_ground(words_per_block)
+      integer :: k, p
+
+      do k = 1, size(lane)
+         call fly(scene%dem, scene%gravity, lane(k)%flight, lane(k)%landing)
+      end do
+      do k = 1, size(lane)
+         p = lane(k)%place
+         lane(k)%class = 0
+         associate (result => results(p), landing => lane(k)%landing)
+            if (allocated(scene%lines)) &
+               call record_crossings(scene, result, lane(k)%flight, landing, lane(k)%omega_r, crossings(:, p))
+            if (.not. landing%contact) then
+               result%status = departure(scene%dem, landing%patch)
+               cycle
+            end if
+            result%impacts = result%impacts + 1
+            lane(k)%at = cell_of(scene%dem, landing%patch, landing%u, landing%w)
+            call find_rocks(scene, first + p - 1, result%impacts, lane(k)%at, radius, u_ground)
+            if (radius > huge(radius)) then
+               result%status = absorbed
+            else
+               call find_class(scene, result%boulder%radius/radius, u_ground, lane(k)%class, lane(k)%outside)
+            end if
+         end associate
+      end do
+   end subroutine fly_all
+
+   !> The lanes in the order of their impact sets; those without one at the end.
+   subroutine gather(scene, first, results, lane, c)
+      type(scene_t), intent(in) :: scene
+      integer(i8), intent(in) :: first
+      type(boulder_result_t), intent(in) :: results(:)
+      type(lane_t), intent(in) :: lane(:)
+      type(contacts_t), intent(inout) :: c
+      integer :: set, k, n
+      integer :: count(0:impact_ratios), slot(0:impact_ratios)
+
+      count = 0
+      do k = 1, size(lane)
+         count(lane(k)%class) = count(lane(k)%class) + 1
+      end do
+      n = 1
+      do set = 1, impact_ratios
+         slot(set) = n
+         c%first(set) = n
+         n = n + count(set)
+      end do
+      c%first(impact_ratios + 1) = n
+      slot(0) = n
+      do k = 1, size(lane)
+         n = slot(lane(k)%class)
+         slot(lane(k)%class) = n + 1
+         c%lane(n) = k
+         call load(scene, first, results(lane(k)%place), lane(k), c, n)
+      end do
+      c%n = size(lane)
+   end subroutine gather
+
+   !> What the loops need of a lane.
+   subroutine load(scene, first, result, lane, c, n)
+      type(scene_t), intent(in) :: scene
+      integer(i8), intent(in) :: first
+      type(boulder_result_t), intent(in) :: result
+      type(lane_t), intent(in) :: lane
+      type(contacts_t), intent(inout) :: c
+      integer, intent(in) :: n
+      real(wp) :: z(3, 3), g(2)
+      logical :: complete
+
+      c%number(n) = first + lane%place - 1
+      c%impact(n) = result%impacts
+      c%v1(n) = lane%flight%v(1)
+      c%v2(n) = lane%flight%v(2)
+      c%v3(n) = lane%flight%v(3)
+      c%time(n) = lane%landing%time
+      c%w(n) = lane%omega_r
+      c%heading1(n) = lane%flight%heading(1)
+      c%heading2(n) = lane%flight%heading(2)
+      if (lane%class == 0) return
+      g = gradient(scene%dem, lane%landing%patch, lane%landing%u, lane%landing%w)
+      c%g1(n) = g(1)
+      c%g2(n) = g(2)
+      call read_window(scene%dem, lane%at, z, complete)
+      if (result%impacts == 1 .and. scene%sobol%dimensions > 1) z = 0  ! a flat cell is no usual one: see `turn`
+      c%z(n, :) = reshape(z, [9])
+   end subroutine load
+
+   !> The ends of the flights.
+   subroutine land(c, gravity)
+      type(contacts_t), intent(inout) :: c
+      real(wp), intent(in) :: gravity  !! [m/s2]
+      integer :: k
+
+      !$omp simd
+      do k = 1, c%n
+         c%length(k) = parabola_length(c%v1(k)*c%v1(k) + c%v2(k)*c%v2(k), c%v3(k), gravity, c%time(k))
+         c%v3(k) = c%v3(k) - gravity*c%time(k)
+         c%speed2_in(k) = c%v1(k)*c%v1(k) + c%v2(k)*c%v2(k) + c%v3(k)*c%v3(k)
+      end do
+   end subroutine land
+
+   !> The velocities in the local frames.
+   subroutine meet(c)
+      type(contacts_t), intent(inout) :: c
+      real(wp) :: plan1, plan2, unit1, unit2, length
+      integer :: k
+
+      !$omp simd private(plan1, plan2, unit1, unit2, length)
+      do k = 1, c%first(impact_ratios + 1) - 1
+         c%steepness(k) = sqrt(1 + c%g1(k)*c%g1(k) + c%g2(k)*c%g2(k))
+         call in_local_frame(c%v1(k), c%v2(k), c%v3(k), c%g1(k), c%g2(k), c%steepness(k), &
+                             c%tangential(k), c%normal(k), plan1, plan2)
+         call divide_by_length(plan1, plan2, unit1, unit2, length)
+         c%w(k) = rolled_before(c%w(k), c%heading1(k), c%heading2(k), unit1, unit2)
+         c%heading1(k) = unit1
+         c%heading2(k) = unit2
+         c%usual(k) = merge(1.0_wp, 0.0_wp, length > shortest)
+      end do
+   end subroutine meet
+
+   !> The random numbers of the contacts, and the velocities after them, by impact set.
+   subroutine draw(scene, c)
+      type(scene_t), intent(in) :: scene
+      type(contacts_t), intent(inout) :: c
+      integer(i8) :: w1, w2, w3, w4, word(lanes, 4)
+      integer(i8), parameter :: low32 = 2_i8**32 - 1
+      integer :: k, set
+
+      !$omp simd private(w1, w2, w3, w4)
+      do k = 1, c%first(impact_ratios + 1) - 1
+         w1 = iand(c%number(k), low32)
+         w2 = shiftr(c%number(k), 32)
+         w3 = iand(c%impact(k), low32)
+         w4 = shiftl(for_impact, purpose_bit)
+         call philox(scene%key, w1, w2, w3, w4)
+         word(k, 1) = w1
+         word(k, 2) = w2
+         word(k, 3) = w3
+         word(k, 4) = w4
+      end do
+      !$omp simd
+      do k = 1, c%first(impact_ratios + 1) - 1
+         c%z1(k) = normal(scene%table, word(k, 1))
+         c%z2(k) = normal(scene%table, word(k, 2))
+         c%z3(k) = normal(scene%table, word(k, 3))
+      end do
+      !$omp simd
+      do k = 1, c%first(impact_ratios + 1) - 1
+         c%u(k) = uniform(word(k, 4))
+         c%side(k) = 2*real_of(iand(word(k, 4), 1_i8)) - 1
+      end do
+      do set = 1, impact_ratios
+         call draw_of_set(scene%sets(set), c, c%first(set), c%first(set + 1) - 1)
+      end do
+   end subroutine draw
+
+   !> Velocities after the contacts first..last.
+   subroutine draw_of_set(set, c, first, last)
+      type(impact_set_t), intent(in) :: set
+      type(contacts_t), intent(inout) :: c
+      integer, intent(in) :: first, last
+      type(velocity_law_t) :: law
+      real(wp) :: leaves
+      integer :: k
+
+      !$omp simd private(law, leaves)
+      do k = first, last
+         law = law_of(set, c%tangential(k), c%normal(k), c%w(k))
+         call draw_velocity(law, c%z1(k), c%z2(k), c%z3(k), c%out1(k), c%out2(k), c%out3(k))
+         leaves = merge(1.0_wp, 0.0_wp, c%out2(k) > 0)
+         c%admissible(k) = merge(leaves, 0.0_wp, energy_of(c%out1(k), c%out2(k), c%out3(k)) &
+                                                 <= energy_of(c%tangential(k), c%normal(k), c%w(k)))
+      end do
+   end subroutine draw_of_set
+
+   !> The next flights. What is not usual (a cell that is flat or has not all its neighbours, a vertical impact) is left
+   !> to the scalar procedures.
+   subroutine turn(c, per_cell)
+      type(contacts_t), intent(inout) :: c
+      real(wp), intent(in) :: per_cell  !! [1/m]
+      real(wp) :: d1, d2, a1, a2, h1, h2, lowest, length, forward, before1, before2, u, side, usual, middle
+      integer :: k
+
+      !$omp simd private(d1, d2, a1, a2, h1, h2, lowest, length, forward, before1, before2, u, side, usual, middle)
+      do k = 1, c%first(impact_ratios + 1) - 1
+         call horn(c%z(k, 1), c%z(k, 2), c%z(k, 3), c%z(k, 4), c%z(k, 6), c%z(k, 7), c%z(k, 8), c%z(k, 9), per_cell, &
+                   d1, d2, lowest)
+         call divide_by_length(d1, d2, a1, a2, length)
+         usual = c%usual(k)
+         c%usual(k) = merge(usual, 0.0_wp, length > shortest)
+         forward = merge(-1.0_wp, 1.0_wp, c%out1(k) < 0)
+         before1 = forward*c%heading1(k)
+         before2 = forward*c%heading2(k)
+         c%w(k) = forward*c%out3(k)
+         u = c%u(k)
+         side = c%side(k)
+         call turn_past_aspect(u, side, before1, before2, c%g1(k), c%g2(k), a1, a2, h1, h2)
+         middle = c%z(k, 5)
+         c%heading1(k) = merge(before1, h1, lowest >= middle)
+         c%heading2(k) = merge(before2, h2, lowest >= middle)
+         call launch_velocity(c%out1(k), c%out2(k), c%heading1(k), c%heading2(k), c%g1(k), c%g2(k), &
+                              c%steepness(k), c%v1(k), c%v2(k), c%v3(k))
+         c%rate(k) = c%out2(k)*c%steepness(k)
+         c%speed2(k) = c%v1(k)*c%v1(k) + c%v2(k)*c%v2(k) + c%v3(k)*c%v3(k)
+      end do
+   end subroutine turn
+
+   !> Draw again what was not admissible.
+   subroutine redraw(scene, c)
+      type(scene_t), intent(in) :: scene
+      type(contacts_t), intent(inout) :: c
+      type(rebound_t) :: out
+      integer :: k, set
+
+      do set = 1, impact_ratios
+         do k = c%first(set), c%first(set + 1) - 1
+            c%draws(k) = 1
+            c%forced(k) = .false.
+            if (c%admissible(k) > 0) cycle
+            out = rebound_t([c%out1(k), c%out2(k), c%out3(k)])
+            call draw_again(scene%sets(set), scene%table, scene%key, c%number(k), c%impact(k), &
+                            [c%tangential(k), c%normal(k), c%w(k)], out)
+            c%out1(k) = out%v(1)
+            c%out2(k) = out%v(2)
+            c%out3(k) = out%v(3)
+            c%draws(k) = out%draws
+            c%forced(k) = out%forced
+         end do
+      end do
+   end subroutine redraw
+
+   !> Each boulder after its contact: on its next flight, or at its end.
+   subroutine go_on(scene, first, results, lane, c, scratch)
+      type(scene_t), intent(in) :: scene
+      integer(i8), intent(in) :: first
+      type(boulder_result_t), intent(inout) :: results(:)
+      type(lane_t), intent(inout) :: lane(:)
+      type(contacts_t), intent(in) :: c
+      type(scratch_t), intent(inout) :: scratch
+      logical :: fast, steep
+      integer :: k
+
+      do k = 1, c%n
+         associate (this => lane(c%lane(k)), result => results(lane(c%lane(k))%place))
+            result%path_length = result%path_length + c%length(k)
+            result%time = result%time + c%time(k)
+            result%speed_max = max(result%speed_max, c%speed2_in(k))
+            result%jump_height_max = max(result%jump_height_max, this%landing%jump_height)
+            if (result%status /= 0) cycle
+            if (c%usual(k) > 0) then
+               call beyond_fit(scene%sets(this%class)%fitted, [c%tangential(k), c%normal(k)], fast, steep)
+               call count_outcome(rebound_t([0.0_wp, 0.0_wp, 0.0_wp], c%draws(k), c%forced(k)), this%outside, fast, &
+                                  steep, result)
+               this%flight%v = [c%v1(k), c%v2(k), c%v3(k)]
+               this%flight%rate = c%rate(k)
+               this%flight%heading = [c%heading1(k), c%heading2(k)]
+               this%omega_r = c%w(k)
+               call start_from(this%landing, this%flight)
+               call close_impact(scene, c%speed2(k), result)
+            else
+               call handle_impact(scene, c%number(k), this%landing, &
+                                  [this%flight%v(1), this%flight%v(2), &
+                                   this%flight%v(3) - scene%gravity*this%landing%time], this%omega_r, basic, result, &
+                                  this%flight, scratch)
+            end if
+         end associate
+      end do
+   end subroutine go_on
+
+   !> Take boulders that have come to their end out of the pool.
+   subroutine take_out(scene, results, lane, n)
+      type(scene_t), intent(in) :: scene
+      type(boulder_result_t), intent(inout) :: results(:)
+      type(lane_t), intent(inout) :: lane(:)
+      integer, intent(inout) :: n
+      integer :: k
+
+      do k = n, 1, -1
+         if (results(lane(k)%place)%status == 0) cycle
+         call end_boulder(scene, lane(k)%landing, results(lane(k)%place))
+         if (k < n) lane(k) = lane(n)
+         n = n - 1
+      end do
+   end subroutine take_out
+end module LANES
