@@ -9,7 +9,7 @@ module rockfall_ensemble
    use rockfall_sources, only: share_of
    use rockfall_boulder, only: release_t, source_of, first_of, last_of, released_by
    use rockfall_lanes, only: run_in_lanes
-   use rockfall_wide_lanes, only: run_in_wide_lanes => run_in_lanes
+   use rockfall_wide_lanes, only: run_in_wide_lanes
    use, intrinsic :: iso_c_binding, only: c_int
    use rockfall_maps, only: maps_t, needs_visits, visits_t, start_visits, add_visits, add_deposit
    use rockfall_travel_maps, only: needs_times, needs_travel, add_travel

@@ -3,8 +3,8 @@
 !> comes after is the same for all and is computed for several at a time, in loops over the contacts of the pool.
 !> Each lane does what `trace` does, in the same order, so the bits are the same.
 !>
-!> The file is compiled once for each kind of processor, as the module LANES.
-module LANES
+!> The file is compiled twice: once more by wide_lanes.f90.
+module rockfall_lanes
    use rockfall_kinds, only: wp, i8
    use rockfall_math, only: real_of
    use rockfall_random, only: philox, for_impact, words_per_block, purpose_bit, normal, uniform
@@ -73,7 +73,6 @@ contains
       type(lane_t) :: lane(lanes)
       type(contacts_t) :: contacts
       integer :: n, from, to
-      !GCC$ ATTRIBUTES NOINLINE :: run_in_lanes
 
       n = 0
       from = 1
@@ -414,4 +413,4 @@ contains
          n = n - 1
       end do
    end subroutine take_out
-end module LANES
+end module rockfall_lanes
