@@ -14,7 +14,7 @@ module rockfall_impact
    public :: impact_set_t, impact_set, check_covariance, with_noise, fitted_t, fitted, beyond_fit
    public :: velocity_law_t, law_of, drawn
    public :: max_draws, min_normal, impact_ratios, ratio_class, ratio_between, ratio_weights, rebound_t, rebound
-   public :: is_admissible, limit_rebound, twice_energy, draw_again, draw_velocity, energy_of
+   public :: is_admissible, limit_rebound, twice_energy, draw_again, first_draw, energy_of
 
    integer, parameter :: impact_ratios = 5  !! sets for R_b/R_m = 1, 2, 3, 4, 5
    integer, parameter :: max_draws = 32    !! draws of A before the last is limited; our choice (model, section 4)
@@ -315,9 +315,20 @@ contains
       real(wp), intent(in) :: v_in(3)                  !! V_t, V_n, W [m/s]
       type(rebound_t), intent(out) :: out
 
-      out%v = drawn(law_of(set, v_in(1), v_in(2), v_in(3)), normal(table, words))
+      call first_draw(set, v_in(1), v_in(2), v_in(3), normal(table, words(1)), normal(table, words(2)), &
+                      normal(table, words(3)), out%v(1), out%v(2), out%v(3))
       if (.not. admissible(out%v, twice_energy(v_in))) call draw_again(set, table, key, boulder, impact, v_in, out)
    end subroutine rebound
+
+   !> V_out of V_in and three independent standard normals.
+   elemental subroutine first_draw(set, t_in, n_in, w_in, z1, z2, z3, t, n, w)
+      type(impact_set_t), intent(in) :: set
+      real(wp), intent(in) :: t_in, n_in, w_in  !! V_t, V_n, W before it [m/s]
+      real(wp), intent(in) :: z1, z2, z3        !! [-]
+      real(wp), intent(out) :: t, n, w          !! after it [m/s]
+
+      call draw_velocity(law_of(set, t_in, n_in, w_in), z1, z2, z3, t, n, w)
+   end subroutine first_draw
 
    !> The draws after a first one that was not admissible.
    pure subroutine draw_again(set, table, key, boulder, impact, v_in, out)
@@ -336,7 +347,7 @@ contains
       law = law_of(set, v_in(1), v_in(2), v_in(3))
       do draw = 1, max_draws - 1
          again = random_words(key, for_impact, boulder, impact, int(draw, i8))
-         out%v = drawn(law, normal(table, again(:rebound_words)))
+         out%v = drawn(law, [normal(table, again(1)), normal(table, again(2)), normal(table, again(3))])
          out%draws = out%draws + 1
          if (admissible(out%v, energy_in)) return
       end do

@@ -40,7 +40,7 @@ module rockfall_f2py
    use rockfall_impact_sets, only: coefficients_t, read_impact_sets => read_sets, any_speed
    implicit none
    private
-   public :: open_scene, limit_terrain, close_scene, run, trajectory, survey, reach, block_of, map_plan
+   public :: open_scene, limit_terrain, close_scene, carry_in_lanes, run, trajectory, survey, reach, block_of, map_plan
    public :: check_maps, map_values, count_limits, check_case, case_key, repeatable_groups, variable, read_sets, fields
    public :: histogram_bins, team
    public :: team_fits, end_team, slope_threshold, steep_cells, area_ratios, known_at, outside, boulders
@@ -167,6 +167,16 @@ contains
       opened => scene_of(handle)
       deallocate (opened)
    end subroutine close_scene
+
+   !> How boulders are carried on, as in rockfall_trajectory; no bit depends on it, which tests hold.
+   subroutine carry_in_lanes(handle, lanes)
+      integer(c_intptr_t), intent(in) :: handle
+      integer(c_int), intent(in) :: lanes
+      type(open_scene_t), pointer :: opened
+
+      opened => scene_of(handle)
+      opened%scene%lanes = lanes
+   end subroutine carry_in_lanes
 
    function scene_of(handle) result(opened)
       integer(c_intptr_t), intent(in) :: handle

@@ -2,15 +2,15 @@
 !> Many boulders. The only file in which they share threads: boulders are independent, results have a place of their
 !> own, and tallies are exact, so threads and chunks cannot change a bit.
 module rockfall_ensemble
+   use, intrinsic :: iso_c_binding, only: c_int
    use rockfall_kinds, only: i8
    use rockfall_threads, only: team_size
    use rockfall_trajectory, only: scene_t, boulder_result_t, crossing_t, scratch_t, trace_full, choose_trace, &
-                                  has_obstacles, at_rest, left_window
+                                  has_obstacles, at_rest, left_window, narrow_lanes, wide_lanes
    use rockfall_sources, only: share_of
    use rockfall_boulder, only: release_t, source_of, first_of, last_of, released_by
    use rockfall_lanes, only: run_in_lanes
-   use rockfall_wide_lanes, only: run_in_wide_lanes
-   use, intrinsic :: iso_c_binding, only: c_int
+   use rockfall_wide_lanes, only: run_in_wide_lanes => run_in_lanes
    use rockfall_maps, only: maps_t, needs_visits, visits_t, start_visits, add_visits, add_deposit
    use rockfall_travel_maps, only: needs_times, needs_travel, add_travel
    use rockfall_passing_maps, only: needs_passing, add_passing
@@ -28,10 +28,10 @@ module rockfall_ensemble
    integer, parameter :: small = 256, turns = 8
 
    interface
-      !> 0 scalar, 1 lanes, 2 wide
-      integer(c_int) function lanes_here() bind(c, name="rockfall_lanes_here")
+      !> Whether the processor has what the wide lanes were compiled for: 0 or 1.
+      integer(c_int) function is_wide() bind(c, name="rockfall_is_wide")
          import :: c_int
-      end function lanes_here
+      end function is_wide
    end interface
 
 contains
@@ -76,9 +76,9 @@ contains
       scratch%tree_hits_requested = allocated(scene%forest) .and. needs_tree_hits(maps)
       if (counts_sources(maps)) then
          call run_by_source(scene, first, threads, results, crossings, maps, scratch)
-      else if (scratch%in_lanes .and. lanes_here() == 2) then
+      else if (scratch%lanes == wide_lanes) then
          call run_in_wide_lanes(scene, first, results, crossings, next, scratch)
-      else if (scratch%in_lanes .and. lanes_here() == 1) then
+      else if (scratch%lanes == narrow_lanes) then
          call run_in_lanes(scene, first, results, crossings, next, scratch)
       else
          !$omp do schedule(dynamic, batch)
@@ -212,6 +212,7 @@ contains
 
       scratch%cells_requested = cells_requested
       call choose_trace(scene, scratch)
+      if (is_wide() == 0) scratch%lanes = min(scratch%lanes, narrow_lanes)
       if (allocated(scene%lines)) allocate (scratch%crossings(size(scene%lines)))
       if (cells_requested .or. has_obstacles(scene)) allocate (scratch%spans(scene%dem%nx + scene%dem%ny))
       if (scene%histograms_requested) scratch%histograms = histograms()

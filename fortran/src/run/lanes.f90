@@ -3,15 +3,14 @@
 !> comes after is the same for all and is computed for several at a time, in loops over the contacts of the pool.
 !> Each lane does what `trace` does, in the same order, so the bits are the same.
 !>
-!> The file is compiled twice: once more by wide_lanes.f90.
+!> The file is compiled twice, the second time for processors with AVX2, as the module rockfall_wide_lanes.
 module rockfall_lanes
    use rockfall_kinds, only: wp, i8
    use rockfall_math, only: real_of
    use rockfall_random, only: philox, for_impact, words_per_block, purpose_bit, normal, uniform
    use rockfall_terrain, only: gradient, cell_of, read_window, horn
    use rockfall_flight, only: flight_t, landing_t, fly, parabola_length
-   use rockfall_impact, only: impact_set_t, impact_ratios, rebound_t, velocity_law_t, law_of, draw_velocity, &
-                              draw_again, energy_of, &
+   use rockfall_impact, only: impact_set_t, impact_ratios, rebound_t, first_draw, draw_again, energy_of, &
                               beyond_fit
    use rockfall_direction, only: turn_past_aspect, divide_by_length, shortest
    use rockfall_trajectory, only: scene_t, boulder_result_t, crossing_t, scratch_t, start_boulder, end_boulder, &
@@ -196,6 +195,7 @@ contains
       type(contacts_t), intent(inout) :: c
       integer, intent(in) :: n
       real(wp) :: z(3, 3), g(2)
+      integer :: row
       logical :: complete
 
       c%number(n) = first + lane%place - 1
@@ -213,7 +213,11 @@ contains
       c%g2(n) = g(2)
       call read_window(scene%dem, lane%at, z, complete)
       if (result%impacts == 1 .and. scene%sobol%dimensions > 1) z = 0  ! a flat cell is no usual one: see `turn`
-      c%z(n, :) = reshape(z, [9])
+      do row = 1, 3
+         c%z(n, 3*row - 2) = z(1, row)
+         c%z(n, 3*row - 1) = z(2, row)
+         c%z(n, 3*row) = z(3, row)
+      end do
    end subroutine load
 
    !> The ends of the flights.
@@ -290,14 +294,13 @@ contains
       type(impact_set_t), intent(in) :: set
       type(contacts_t), intent(inout) :: c
       integer, intent(in) :: first, last
-      type(velocity_law_t) :: law
       real(wp) :: leaves
       integer :: k
 
-      !$omp simd private(law, leaves)
+      !$omp simd private(leaves)
       do k = first, last
-         law = law_of(set, c%tangential(k), c%normal(k), c%w(k))
-         call draw_velocity(law, c%z1(k), c%z2(k), c%z3(k), c%out1(k), c%out2(k), c%out3(k))
+         call first_draw(set, c%tangential(k), c%normal(k), c%w(k), c%z1(k), c%z2(k), c%z3(k), &
+                         c%out1(k), c%out2(k), c%out3(k))
          leaves = merge(1.0_wp, 0.0_wp, c%out2(k) > 0)
          c%admissible(k) = merge(leaves, 0.0_wp, energy_of(c%out1(k), c%out2(k), c%out3(k)) &
                                                  <= energy_of(c%tangential(k), c%normal(k), c%w(k)))

@@ -1,11 +1,11 @@
-#include <stdlib.h>
-int rockfall_lanes_here(void) {
-  const char *s = getenv("LANES");
-  if (s) return atoi(s);
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* Whether the processor has what meson.build compiles the wide lanes for. */
+int rockfall_is_wide(void)
+{
 #if defined(__x86_64__)
-  __builtin_cpu_init();
-  return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("bmi2") ? 2 : 1;
+    __builtin_cpu_init();
+    return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("bmi") && __builtin_cpu_supports("bmi2");
 #else
-  return 1;
+    return 0;
 #endif
 }

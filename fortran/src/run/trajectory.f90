@@ -30,7 +30,7 @@ module rockfall_trajectory
    private
    public :: scene_t, boulder_result_t, crossing_t, contact_t, scratch_t, trace_full, choose_trace
    public :: has_obstacles, at_rest, start_boulder, end_boulder, departure, record_crossings, handle_impact, find_rocks
-   public :: in_local_frame, rolled_before, launch_velocity, trace_basic, trace_lines, basic
+   public :: in_local_frame, rolled_before, launch_velocity, basic, one_by_one, narrow_lanes, wide_lanes
    public :: square, find_class, count_outcome, close_impact, start_from
    public :: stopped, absorbed, left_domain, impact_limit, hit_nodata, stopped_by_tree, stopped_by_barrier, left_window
 
@@ -43,6 +43,9 @@ module rockfall_trajectory
    !> What may be recorded besides the boulder's result, if it is requested: nothing; lines and histograms; visits of
    !> raster cells too; and all that the rest may ask for: vertices of the trajectory, obstacles, the energy balance.
    integer, parameter :: basic = 0, with_lines = 1, with_maps = 2, with_all = 3
+
+   !> How boulders are carried on: each alone; several at a time; more of them, where the processor can.
+   integer, parameter :: one_by_one = 0, narrow_lanes = 1, wide_lanes = 2
 
    !> What a flight may end at before it meets the ground.
    integer, parameter :: none = 0, barrier = 1, tree = 2
@@ -76,6 +79,7 @@ module rockfall_trajectory
       integer :: max_impacts = 100000      !! contacts, after which a boulder ends
       logical :: histograms_requested = .false.
       logical :: energies_requested = .false.
+      integer :: lanes = wide_lanes        !! or less, where the processor or what is requested has none
    end type scene_t
 
    !> What became of the energy of a boulder: released = ground + trees + barriers + left [J].
@@ -142,7 +146,7 @@ module rockfall_trajectory
       type(tree_hits_t) :: tree_hits
       type(contact_t), allocatable :: record(:)  !! allocated by who requests the trajectory
       integer :: recorded = 0                    !! vertices there were, also beyond size(record)
-      logical :: in_lanes = .false.
+      integer :: lanes = one_by_one
       procedure(trace_full), pointer, nopass :: trace => null()  !! what the scene needs of `trace_full`
    end type scratch_t
 
@@ -199,8 +203,8 @@ contains
       if (scratch%cells_requested) scratch%trace => trace_maps
       if (has_obstacles(scene) .or. scene%energies_requested .or. allocated(scene%grounds) &
           .or. allocated(scene%of_source) .or. allocated(scene%features)) scratch%trace => trace_full
-      scratch%in_lanes = (associated(scratch%trace, trace_basic) .or. associated(scratch%trace, trace_lines)) &
-         .and. .not. scene%histograms_requested .and. scene%turning == past_aspect
+      if ((associated(scratch%trace, trace_basic) .or. associated(scratch%trace, trace_lines)) &
+          .and. .not. scene%histograms_requested .and. scene%turning == past_aspect) scratch%lanes = scene%lanes
    end subroutine choose_trace
 
    !> Whether there is anything but the ground to meet.
