@@ -87,13 +87,9 @@ contains
    elemental real(wp) function turn_angle(u)
       real(wp), intent(in) :: u  !! uniform in (0, 1) [-]
 
-      if (u < second_class) then
-         turn_angle = in_first*u
-      else if (u < third_class) then
-         turn_angle = sector*degree + in_second*(u - second_class)
-      else
-         turn_angle = 2*sector*degree + in_third*(u - third_class)
-      end if
+      turn_angle = in_first*u
+      if (u >= second_class) turn_angle = sector*degree + in_second*(u - second_class)
+      if (u >= third_class) turn_angle = 2*sector*degree + in_third*(u - third_class)
    end function turn_angle
 
    !> The heading after a rebound (section 3.3; model, section 5).
@@ -146,17 +142,14 @@ contains
       real(wp), intent(in) :: g_east, g_north            !! gradient of the patch [-]
       real(wp), intent(in) :: aspect_east, aspect_north  !! of the cell; unit, or zero [-]
       real(wp), intent(out) :: after_east, after_north   !! [-]
-      real(wp) :: across, side, angle, s, c
+      real(wp) :: across, up, side, angle, s, c
 
       across = east*aspect_north - north*aspect_east
-      side = sign(1.0_wp, across)
-      if (abs(across) <= along_aspect) side = free_side
-      angle = turn_angle(u)
-      if (abs(aspect_east) + abs(aspect_north) <= 0) angle = 0
-      if (g_east*east + g_north*north > 0) then
-         angle = (2*u - 1)*sector*degree
-         side = sign(1.0_wp, across)
-      end if
+      up = g_east*east + g_north*north
+      side = merge(free_side, sign(1.0_wp, across), abs(across) <= along_aspect)
+      side = merge(sign(1.0_wp, across), side, up > 0)
+      angle = merge(turn_angle(u), 0.0_wp, abs(aspect_east) + abs(aspect_north) > 0)
+      angle = merge((2*u - 1)*sector*degree, angle, up > 0)
       call sine_cosine(angle, s, c)
       s = side*s
       after_east = c*east - s*north

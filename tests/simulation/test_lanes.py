@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Boulders in lanes are what they are one by one: every number of every result, whatever the processor,
+threads and chunks."""
+
+import numpy as np
+import pytest
+
+from benchmarks.stability import extremes
+from rockfall._core import rockfall_f2py as _core
+from rockfall.scene.read import read_scene
+from rockfall.simulation.simulate import run_scene
+from same import same_numbers
+from scenes import grid, make_case, rough, sets, status
+
+ONE_BY_ONE, NARROW, WIDE = 0, 1, 2  # as in rockfall_trajectory
+BARE = {"maps": None, "rebounds": False, "trajectories": 0}
+LINES = [
+    {"name": "low", "x": [5.0, 295.0], "y": [200.0, 200.0]},
+    {"name": "bent", "x": [5.0, 150.0, 295.0], "y": [300.0, 310.0, 290.0]},
+]
+EXTREMES = {scene.name: scene for scene in extremes.scenes()}
+
+
+def carried(scene, lanes, **how):
+    _core.carry_in_lanes(scene.kernel.handle, lanes)
+    return run_scene(scene, keep=True, **how)
+
+
+def slope(folder, line=LINES, **groups):
+    """Rough ground of 0.8, with a hole of nodata and an edge that boulders cross."""
+    z = rough()
+    z[60:64, 25:28] = np.nan
+    sources = {"x": [60.0, 150.0, 293.0], "y": [380.0] * 3, "drop_height": 5.0}
+    usual = {"case": {"boulders": 60}, "terrain": {}, "release": sources, "output": BARE}
+    case = make_case(folder, *sets(2.0), line=line, **(usual | groups))
+    return read_scene(case, dem=z, transform=grid(z))
+
+
+@pytest.mark.parametrize("lanes", [NARROW, WIDE])
+@pytest.mark.parametrize(
+    "how", [{"threads": 1}, {"threads": 4}, {"threads": 1, "chunk": 7}, {"threads": 4, "chunk": 65}]
+)
+def test_no_number_depends_on_lanes(tmp_path, lanes, how):
+    scene = slope(tmp_path)
+    alone = carried(scene, ONE_BY_ONE, threads=1)
+    assert {"stopped", "left_domain", "hit_nodata"} <= set(status(alone))
+    assert alone["rebounds_redrawn"] > 0
+    same_numbers(carried(scene, lanes, **how), alone)
+
+
+@pytest.mark.parametrize(
+    "groups",
+    [
+        {
+            "case": {"boulders": 60, "sampling": "sobol"},
+            "boulder": {"volume": "lognormal", "volume_mean": 1.0, "volume_std": 1.0},
+        },
+        {"line": []},
+        {"impact": {"sets": "sets.nml", "impact_limit": 3}},
+    ],
+    ids=["sobol", "no lines", "impact limit"],
+)
+def test_what_is_rare_is_the_same_in_lanes(tmp_path, groups):
+    scene = slope(tmp_path, **groups)
+    alone = carried(scene, ONE_BY_ONE)
+    for lanes in (NARROW, WIDE):
+        same_numbers(carried(scene, lanes), alone)
+
+
+@pytest.mark.parametrize("name", EXTREMES)
+def test_extreme_scenes_are_the_same_in_lanes(name, tmp_path):
+    extreme = EXTREMES[name]
+    scene = read_scene(extreme.case(tmp_path, 150), **extreme.arrays())
+    alone = carried(scene, ONE_BY_ONE)
+    assert alone.impacts.sum() > 20
+    for lanes in (NARROW, WIDE):
+        same_numbers(carried(scene, lanes), alone)
