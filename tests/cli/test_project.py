@@ -101,7 +101,10 @@ def test_a_project_in_a_dozen_commands(tmp_path, monkeypatch, rockfall_says):
     assert 0.02 < fraction < 0.98
     half = 50 * (high - low)
     assert re.search(rf"L 214 +{row['n']:,.0f} +{100 * fraction:.1f} \+- {half:.1f} %", summary)
-    assert f"{100 * fraction:.4g} % ({100 * low:.4g} to {100 * high:.4g} %)" in lines
+    said = re.search(r"L 214: [\d,]+ of [\d,]+ boulders, (\S+) % \((\S+) to (\S+) %\)", lines)
+    assert [float(one) for one in said.groups()] == pytest.approx(
+        [100 * fraction, 100 * low, 100 * high], rel=1e-3
+    )
     page = Path("case.html").read_text()
     assert f"L 214: {row['n']:,.0f} boulders cross it" in page
     assert f"({100 * low:.3g} to {100 * high:.3g})" in page

@@ -316,16 +316,18 @@ contains
       type(rebound_t), intent(out) :: out
       type(velocity_law_t) :: law
       integer(i8) :: again(words_per_block)
-      real(wp) :: energy_in
+      real(wp) :: energy_in, z(rebound_words)
       integer :: draw
 
       energy_in = twice_energy(v_in)
       law = law_of(set, v_in)
-      out%v = drawn(law, normal(table, words))
+      z = normal(table, words)
+      out%v = drawn(law, z)
       do draw = 1, max_draws - 1
          if (admissible(out%v, energy_in)) return
          again = random_words(key, for_impact, boulder, impact, int(draw, i8))
-         out%v = drawn(law, normal(table, again(:rebound_words)))
+         z = normal(table, again(:rebound_words))
+         out%v = drawn(law, z)
          out%draws = out%draws + 1
       end do
       out%forced = .not. admissible(out%v, energy_in)
