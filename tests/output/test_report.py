@@ -284,7 +284,9 @@ def test_the_history_ends_with_the_numbers_of_all(tmp_path, result):
             for name in ("fraction", "mean", "std", "q95_low"):
                 assert steps[-1][name] == pytest.approx(last[quantity][name], rel=1e-12), name
     (first,) = history(result, 0, [30])["speed"]
-    assert first["mean"] == pytest.approx(np.nanmean(result["line_speed"].values[0, :30]), rel=1e-12)
+    assert first["mean"] == pytest.approx(
+        np.nanmean(result["line_speed"].values[0, :30]), rel=1e-12
+    )
 
 
 def test_boulders_needed_follow_the_square_root_law():
