@@ -8,7 +8,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rockfall.analysis.run_until import run_scene_until, verdicts_of
+from rockfall.analysis.run_until import simulate_until, verdicts_of
 from rockfall.case import Case, read_case
 from rockfall.case_files import input_files
 from rockfall.cli.messages import DONE, say, warn
@@ -24,14 +24,14 @@ from rockfall.simulation.checkpoint import Checkpoint
 from rockfall.simulation.dask import run_on_cluster
 from rockfall.simulation.lock import locked
 from rockfall.simulation.memory import machine_memory, read_memory
-from rockfall.simulation.merge import merge
-from rockfall.simulation.simulate import Interrupted, run_scene
+from rockfall.simulation.merge import join
+from rockfall.simulation.simulate import Interrupted, simulate
 from rockfall.simulation.slurm import write_jobs
 from rockfall.text.preview import preview
 from rockfall.text.summary import summary
 
 if TYPE_CHECKING:
-    import xarray as xr
+    from rockfall.result.contents import Contents
 
 
 def check_command(arguments: argparse.Namespace) -> int:
@@ -52,7 +52,7 @@ def run_command(arguments: argparse.Namespace) -> int:
 
 def merge_command(arguments: argparse.Namespace) -> int:
     check_output(arguments.output, RESULT, arguments.parts)
-    result = merge(arguments.parts)
+    result = join(arguments.parts)
     write_result(result, arguments.output)
     print(summary(result))
     print(arguments.output)
@@ -139,7 +139,7 @@ def _run_to(
         try:
             result = _simulate(scene, arguments, shard, checkpoint)
         except Interrupted as stop:
-            return _keep(stop.result, path, checkpoint)
+            return _keep(stop.contents, path, checkpoint)
         write_result(result, path)
     if checkpoint:
         checkpoint.remove()
@@ -157,17 +157,17 @@ def _simulate(
     arguments: argparse.Namespace,
     shard: tuple[int, int],
     checkpoint: Checkpoint | None,
-) -> xr.Dataset:
+) -> Contents:
     """As many boulders as the case says, or as the rules of `--until` need."""
     shown = not arguments.quiet
     if arguments.dask is not None:
         return run_on_cluster(scene, arguments.dask, progress=shown)
     if arguments.until is None:
-        return run_scene(scene, shard=shard, checkpoint=checkpoint, progress=shown, keep=False)
-    return run_scene_until(scene, arguments.until, arguments.cap, progress=shown, keep=False)
+        return simulate(scene, shard=shard, checkpoint=checkpoint, progress=shown, keep=False)
+    return simulate_until(scene, arguments.until, arguments.cap, progress=shown, keep=False)
 
 
-def _keep(result: xr.Dataset, path: Path, checkpoint: Checkpoint | None) -> int:
+def _keep(result: Contents, path: Path, checkpoint: Checkpoint | None) -> int:
     """Write what was done before Ctrl-C."""
     done, requested = result.sizes["boulder"], result.attrs["boulders_asked"]
     if not done:

@@ -21,7 +21,7 @@ from rockfall.case import case_of
 from rockfall.limits import Z, fraction_limits
 
 if TYPE_CHECKING:
-    import xarray as xr
+    from rockfall.result.contents import Held
 
 TARGETS = (0.05, 0.02, 0.01)  # half widths of an interval, relative to the number, to plan for
 CROSSED = 500  # boulders past the line before the interval of anything but a fraction is used
@@ -66,7 +66,7 @@ class Sources:
         return int(self.number.max(initial=-1)) + 1
 
 
-def sources(result: xr.Dataset) -> Sources:
+def sources(result: Held) -> Sources:
     """Those of the boulders of a result, numbered as they come; boulders of a source start at one
     place."""
     start = result["start_x"].values + 1j * result["start_y"].values
