@@ -1,20 +1,19 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a file of ours holds, before there is a file: the netCDF file and the xarray.Dataset are both
-made of it. xarray with pandas takes longer to import than a small case to run, so commands go
-without."""
+"""What a result holds, before it is a netCDF file or an xarray.Dataset: both are made of it. A small
+case runs faster than xarray is imported, so what only writes a file goes without."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
 if TYPE_CHECKING:
     import xarray as xr
 
-    Held = xr.Dataset | Contents  # what is read of either by the same names
-    HeldVariable = xr.Variable | xr.DataArray | Variable
+    Held: TypeAlias = "xr.Dataset | Contents"  # what is read of either by the same names
+    HeldVariable: TypeAlias = "xr.Variable | xr.DataArray | Variable"
 
 
 class Variable:
@@ -39,14 +38,9 @@ class Contents:
         self.variables = {name: Variable(*one) for name, one in data.items()}
         self.attrs, named = dict(attrs), {*coords}
         self.coords = {name: one for name, one in self.variables.items() if name in named}
-
-    @property
-    def sizes(self) -> dict[str, int]:
-        """The length of each dimension."""
-        found: dict[str, int] = {}
+        self.sizes: dict[str, int] = {}  # of each dimension, its length
         for one in self.variables.values():
-            found |= zip(one.dims, one.shape, strict=True)
-        return found
+            self.sizes |= zip(one.dims, one.shape, strict=True)
 
     def __contains__(self, name: object) -> bool:
         return name in self.variables

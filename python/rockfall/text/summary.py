@@ -95,7 +95,9 @@ def _grounds(grounds: list[GroundRebounds]) -> Iterator[list[str]]:
 
 def _rebounds(result: Held) -> Iterator[str]:
     """How the draws of the impact model fared, and where it does not hold."""
-    rebounds, redrawn, forced = (int(result[f"rebounds{of}"].values) for of in ("", "_redrawn", "_forced"))
+    rebounds, redrawn, forced = (
+        int(result[f"rebounds{of}"].values) for of in ("", "_redrawn", "_forced")
+    )
     yield f"  {rebounds:,} rebounds" + (f", {redrawn / rebounds:.1%} redrawn" if redrawn else "")
     if forced:
         yield f"  forced rebounds: {forced:,} (none of 32 draws was admissible)"

@@ -23,7 +23,6 @@ from rockfall.version import __version__
 
 if TYPE_CHECKING:
     import pandas as pd
-    import xarray as xr
 
 LEVELS = (0.05, 0.5, 0.95)
 KS = 1.36  # of Kolmogorov-Smirnov at 5 %, times the square root of the number
