@@ -184,7 +184,7 @@ def open_raster(path: str | Path) -> Iterator[RasterFile]:
             _check_packing(raster)
             _check_size(raster)
             yield raster
-        except (*_faults(), UnicodeDecodeError) as error:
+        except _faults() as error:
             raise RockfallError(
                 f"{path}: cannot be read as a raster (unknown format, truncated or damaged): "
                 f"{error.__cause__ or error}"
@@ -201,16 +201,16 @@ def raster_files(path: str | Path) -> set[str]:
             with ExitStack() as stack:
                 files = _opened(file, stack).source.files  # a tile has files beside it, too
                 waiting |= set(filter(os.path.exists, files)) - found
-        except (RockfallError, *_faults()):
+        except _faults(RockfallError):
             pass
     return found
 
 
-def _faults() -> tuple[type[Exception], ...]:
-    """What GDAL and netCDF raise of a file that they cannot read."""
+def _faults(*others: type[Exception]) -> tuple[type[Exception], ...]:
+    """What GDAL and netCDF raise of a file that they cannot read; looked up when something is."""
     from rasterio.errors import RasterioError
 
-    return RasterioError, OSError, RuntimeError
+    return RasterioError, OSError, RuntimeError, UnicodeDecodeError, *others
 
 
 def raster_file(path: str) -> str:

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a result holds, before it is a netCDF file or an xarray.Dataset: both are made of it. A small
-case runs faster than xarray is imported, so what only writes a file goes without."""
+"""What a result holds, before it is a netCDF file or an xarray.Dataset: both are made of it. A
+small case runs faster than xarray is imported, so what only writes a file goes without."""
 
 from __future__ import annotations
 
