@@ -6,8 +6,9 @@
 Commands on a small case with an ESRI ASCII terrain, and on that of `cases/vaujany` (GeoTIFF), with
 100 boulders each; least and median of `--repeat` starts. A TREE is the folder `python` of another
 version, with its compiled modules: trees take turns, so that what else the machine does is shared.
-Below, the least of five by -X importtime: what the imports of each package take, the interpreter,
-and the rest, which is the command's own work. importtime itself takes some of it.
+The first start of each, which compiles Python, does not count. Below, the least of five by -X
+importtime: what the imports of each package take, the interpreter, and the rest, which is the
+command's own work; importtime itself takes some of it.
 """
 
 from __future__ import annotations
@@ -50,11 +51,13 @@ IMPORT = re.compile(r"import time:\s+(\d+) \|\s+\d+ \|\s+(\w+)")
 
 def start(tree: Path, folder: Path, words: list[str]) -> tuple[float, float, str]:
     """Wall and CPU seconds of a Python that imports from a tree, and what it says on stderr."""
+    place = {"PYTHONPATH": str(tree), "PYTHONPYCACHEPREFIX": str(folder / "cache")}
+    place["PYTHONDONTWRITEBYTECODE"] = ""
     begun = time.perf_counter()
     with tempfile.TemporaryFile("w+") as said:
         child = subprocess.Popen(
             [sys.executable, *words], cwd=folder, stdout=subprocess.DEVNULL, stderr=said,
-            env=os.environ | {"PYTHONPATH": str(tree)},
+            env=os.environ | place,
         )  # fmt: skip
         _, status, usage = os.wait4(child.pid, 0)
         wall = time.perf_counter() - begun
@@ -101,11 +104,11 @@ def main() -> None:
         print(f"\n{'seconds, least and median':24}{'wall':>14}{'CPU':>16}   tree")
         for what, command in COMMANDS.items():
             took: dict[Path, list] = {tree: [] for tree in trees}
-            for _ in range(given.repeat):
+            for _ in range(1 + given.repeat):
                 for tree in trees:
                     took[tree].append(start(tree, folder, words_of(command))[:2])
             for tree, seconds in took.items():
-                columns = [sorted(column) for column in zip(*seconds, strict=True)]
+                columns = [sorted(column) for column in zip(*seconds[1:], strict=True)]
                 shown = (f"{one[0]:8.3f}{one[len(one) // 2]:8.3f}" for one in columns)
                 print(f"{what:22}{''.join(shown)}   {tree}", flush=True)
         for what, command in COMMANDS.items():
