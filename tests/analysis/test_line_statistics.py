@@ -4,10 +4,11 @@
 import numpy as np
 import pytest
 import xarray as xr
+from scipy.special import stdtrit
 
 import rockfall
 from rockfall.analysis.line_statistics import QUANTITIES, line_numbers, line_values, sample_numbers
-from rockfall.analysis.precision.intervals import Sources, fraction_interval
+from rockfall.analysis.precision.intervals import Sources, fraction_interval, student
 from rockfall.limits import fraction_limits
 from scenes import grid, make_case, rough, sets
 
@@ -140,7 +141,13 @@ def test_sources_that_happen_to_agree_know_no_more_than_their_boulders():
         sample_numbers(v, source)
         for source in (Sources.alone(200), a_sample(np.arange(200) // 100))
     )
-    assert apart["mean_low"] == alone["mean_low"] and apart["std_high"] >= alone["std_high"]
+    assert apart["mean_low"] == pytest.approx(alone["mean_low"], rel=1e-12)
+    assert apart["std_high"] >= alone["std_high"]
+
+
+def test_students_t_is_that_of_scipy():
+    freedom = np.r_[1.0, 1.1, 1.5, 2, 3.7, 10, 100.5, 1e4, 1e7]
+    np.testing.assert_allclose([*map(student, freedom)], stdtrit(freedom, 0.975), rtol=2e-8)
 
 
 def test_intervals_hold_for_few_boulders():

@@ -29,6 +29,8 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
+    from rockfall.result.contents import Held
+
 QUANTILES = (0.50, 0.90, 0.95, 0.98, 0.99)
 QUANTITIES = (
     "speed",
@@ -89,7 +91,7 @@ def line_statistics(
     return pd.DataFrame(rows, columns=["line", *split, "quantity", *_COLUMNS])
 
 
-def line_values(result: xr.Dataset, quantity: str, line: int) -> np.ndarray:
+def line_values(result: Held, quantity: str, line: int) -> np.ndarray:
     """A quantity of each boulder at a line; NaN where it did not cross."""
     if quantity == "position":
         return _along(result, line)
@@ -110,7 +112,7 @@ def line_values(result: xr.Dataset, quantity: str, line: int) -> np.ndarray:
     return at_line(quantity)
 
 
-def _along(result: xr.Dataset, line: int) -> np.ndarray:
+def _along(result: Held, line: int) -> np.ndarray:
     """How far from the first vertex of a line, along it, each boulder crossed."""
     mine = result["line_vertex_line"].values == line
     vertices = (result["line_vertex_x"].values + 1j * result["line_vertex_y"].values)[mine]
@@ -118,7 +120,7 @@ def _along(result: xr.Dataset, line: int) -> np.ndarray:
     return beside(at, vertices)[1]
 
 
-def line_numbers(result: xr.Dataset, line: int, quantity: str, source: Sources) -> dict[str, float]:
+def line_numbers(result: Held, line: int, quantity: str, source: Sources) -> dict[str, float]:
     """A row of `line_statistics`: what is known of a quantity at the line of this index; `source`
     is that of each boulder."""
     return _numbers(line_values(result, quantity, line), source)

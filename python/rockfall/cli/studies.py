@@ -16,8 +16,8 @@ from rockfall.analysis.models import run_models
 from rockfall.analysis.observations import read_observed
 from rockfall.case import read_case
 from rockfall.case_files import input_files
+from rockfall.cli.given import overridden
 from rockfall.cli.messages import DONE
-from rockfall.cli.run import overridden
 from rockfall.errors import RockfallError, need
 from rockfall.io.output_files import (
     FIGURE,

@@ -20,7 +20,7 @@ from rockfall.analysis.precision.intervals import (
 from rockfall.case import FROM_ARRAY, case_of
 from rockfall.html_report.convergence import NUMBERS
 from rockfall.html_report.intervals import STATISTICS, estimate, in_unit
-from rockfall.protection.barriers import barrier_statistics
+from rockfall.protection.barriers import barrier_rows
 from rockfall.quantities import QUANTITIES, number, percent
 from rockfall.result.grounds import rebounds_by_ground
 from rockfall.text.design import CHECKED, check_row, demand_rows, load_rows
@@ -62,7 +62,7 @@ def barrier_table(result: xr.Dataset) -> Table:
     rows = [
         (row["barrier"], row["outcome"].replace("_", " "), f"{row['n']:,}",
          " ".join(estimate(row, "fraction", "fraction")))
-        for row in barrier_statistics(result).to_dict("records")
+        for row in barrier_rows(result)
     ]  # fmt: skip
     about = (
         "What barriers did at the first meeting, of all boulders, with 95 % confidence intervals"

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -11,20 +11,12 @@ from rockfall._core import rockfall_f2py as _core
 from rockfall.case import Case
 from rockfall.io.grid import row_blocks
 from rockfall.result import variables
-from rockfall.result.dataset import (
-    CONVENTIONS,
-    as_dataset,
-    centre_variables,
-    feature_names,
-    provenance,
-)
+from rockfall.result.contents import Contents
+from rockfall.result.dataset import CONVENTIONS, centre_variables, feature_names, provenance
 from rockfall.result.variables import fields
 from rockfall.simulation.maps import HITS, Maps
 from rockfall.simulation.tally import Tally
 from rockfall.version import __version__
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 #: Maps that are maxima of the kernel themselves, and of which quantity; so are counts.
 MAXIMA = {
@@ -33,7 +25,7 @@ MAXIMA = {
 }  # fmt: skip
 
 
-def make_result(tally: Tally, maps: bool = True) -> xr.Dataset:
+def make_result(tally: Tally, maps: bool = True) -> Contents:
     """Everything that a run found, as interface names of `variables`; with or without its maps,
     whose tallies are used up (`settle` comes before)."""
     data = boulder_variables(tally)
@@ -56,7 +48,7 @@ def make_result(tally: Tally, maps: bool = True) -> xr.Dataset:
     bins = (name for name in data if name.endswith("_bin"))
     names = {"boulder", "line", "feature", "ground", "ground_model", "threshold", "x", "y", *bins}
     history = {"history": f"rockfall {__version__}: run of {tally.scene.case.name}"}
-    return as_dataset(data, run_attributes(tally) | history).set_coords(sorted(names & set(data)))
+    return Contents(data, run_attributes(tally) | history, names)
 
 
 def boulder_variables(tally: Tally) -> dict[str, Any]:

@@ -17,12 +17,12 @@ from rockfall.case_files import input_files
 from rockfall.io.output_files import POSTERIOR, atomic_folder, check_folder, check_outputs, kind_of
 from rockfall.io.tables import write_csv
 from rockfall.io.zone_table import read_zone_table
-from rockfall.result.dataset import as_dataset, put_netcdf
+from rockfall.result.contents import Contents
+from rockfall.result.dataset import put_netcdf
 from rockfall.version import __version__
 
 if TYPE_CHECKING:
     import pandas as pd
-    import xarray as xr
 
 LEVELS = (0.05, 0.5, 0.95)
 KS = 1.36  # of Kolmogorov-Smirnov at 5 %, times the square root of the number
@@ -213,7 +213,7 @@ def write_back(found: Back, folder: str | Path, inputs: Iterable[str | Path] = (
     with atomic_folder(folder, inputs, former, last=CASE) as part:
         write_csv(posterior_table(found), part / TABLE)
         write_csv(draws_table(found), part / DRAWN)
-        put_netcdf(_dataset(found), part / ALL, folder / ALL)
+        put_netcdf(_contents(found), part / ALL, folder / ALL)
         (part / CASE).write_text(_case_text(found, folder), encoding="utf-8")
     return [folder / name for name in (TABLE, DRAWN, ALL, CASE)]
 
@@ -228,7 +228,7 @@ def check_back(folder: Path, inputs: Iterable[str | Path]) -> list[Path]:
     return former
 
 
-def _dataset(found: Back) -> xr.Dataset:
+def _contents(found: Back) -> Contents:
     members, data = found.members, found.data
     about = {"log_likelihood": "of what was observed, dependent data counted less",
              "weight": "of the member in the posterior"}  # fmt: skip
@@ -248,7 +248,7 @@ def _dataset(found: Back) -> xr.Dataset:
         "boulders": found.boulders, "effective_members": found.effective,
         "asked_members": found.asked,
     }  # fmt: skip
-    return as_dataset(variables, attrs).set_coords("data")
+    return Contents(variables, attrs, ("data",))
 
 
 def _case_text(found: Back, folder: Path) -> str:

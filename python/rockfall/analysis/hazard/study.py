@@ -31,7 +31,8 @@ from rockfall.analysis.hazard.scenarios import Scenario, base_case, scenarios_of
 from rockfall.analysis.hazard.variables import CLASS_ENDS, COORDINATES, ENDS, EXTREMES, TABLE
 from rockfall.case import Case, case_of
 from rockfall.errors import RockfallError
-from rockfall.result.dataset import as_dataset, read_result
+from rockfall.result.contents import Contents
+from rockfall.result.dataset import read_result
 from rockfall.scene.frames import frame_files, is_frame, of_frames
 from rockfall.scene.plausible import implausible
 from rockfall.scene.read import read_scene
@@ -200,7 +201,7 @@ def _dataset(study: Study, runs: list[_Run]) -> xr.Dataset:
     for name, variable in TABLE.items():
         if name in values:
             data[name] = (variable.dims, values[name], variable.about(case))
-    return as_dataset(data, _attributes(study, runs)).set_coords(sorted({*COORDINATES} & {*data}))
+    return Contents(data, _attributes(study, runs), COORDINATES).dataset()
 
 
 def _places(study: Study, run: _Run, matrix: Matrix) -> dict[str, tuple]:
