@@ -86,7 +86,7 @@ def test_the_lateral_spread_is_the_deviation_along_a_bent_line():
     }
     ends["line_vertex_line"] = ("line_vertex", np.zeros(5, int))
     zero = "boulder", np.zeros(crossed.size)
-    start = {"start_x": zero, "start_y": zero, "volume": ("boulder", np.ones(crossed.size))}
+    start = {"source": zero, "volume": ("boulder", np.ones(crossed.size))}
     result = xr.Dataset({**values, **ends, **start}, {"line": ["L"]})
     assert line_values(result, "position", 0)[:-1] == pytest.approx(place, abs=1e-7)
     row = rockfall.line_statistics(result).set_index("quantity").loc["position"]
@@ -132,6 +132,16 @@ def test_intervals_hold_for_few_sources(sources):
         assert apart == 0 or (np.mean(held, axis=0) <= 0.98).all()
 
 
+def test_sources_at_one_place_are_a_stratum_each_and_of_a_sample_one():
+    """Sources of blocks of 1 and of 10 m3 at each of two places."""
+    source = np.repeat([0, 1, 2, 3], 5)
+    given = made(source + 1.0, source).assign_coords(boulder=np.arange(20))
+    given["start_x"] = "boulder", np.repeat([0.0, 7.0], 10)
+    assert sources(given).released.tolist() == [5, 5, 5, 5]
+    assert sources(given.assign_attrs(SAMPLE)).released.tolist() == [10, 10]
+    assert sources(given.isel(boulder=slice(5, 15))).released.tolist() == [5, 5]
+
+
 def test_sources_that_happen_to_agree_know_no_more_than_their_boulders():
     random = np.random.default_rng(1)
     v = random.normal(10, 1, 200)
@@ -158,7 +168,7 @@ def test_intervals_hold_for_few_boulders():
 def test_a_quantile_beyond_the_sample_has_no_upper_limit():
     speed = np.arange(1.0, 21.0)
     names = {f"line_{name}": (("line", "boulder"), speed[None]) for name in QUANTITIES[:6]}
-    start = dict.fromkeys(("start_x", "start_y", "volume"), ("boulder", np.zeros(20)))
+    start = dict.fromkeys(("source", "volume"), ("boulder", np.zeros(20)))
     line = {f"line_vertex_{name}": ("line_vertex", [0, 0]) for name in ("line", "x", "y")}
     names |= {"line_x": names["line_speed"], "line_y": names["line_speed"]}
     row = of_speed(xr.Dataset({**names, **start, **line}, {"line": ["L"]}))
