@@ -81,7 +81,7 @@ so terrain higher than the energy at the release could lift a boulder to bounds 
 `&output map_extent = 'terrain'` they cover all of the terrain.
 
 A mean and a quantile are shown wherever a boulder passed, or where at least `&output
-least_passages` did (an attribute of the map then). The attribute `thin_below` says below how many
+min_passages` did (an attribute of the map then). The attribute `thin_below` says below how many
 passages they are hardly known: 10 for a mean; 6, 45, 92, 236, 476 for quantiles of 50, 90, 95, 98
 and 99 %, which then lack a limit of their 95 % interval. Figures hatch such cells where the result
 counts `passages`. The limits are maps of their own, such as `energy_q95_low` and

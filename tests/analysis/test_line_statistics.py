@@ -7,8 +7,9 @@ import xarray as xr
 
 import rockfall
 from rockfall.analysis.line_statistics import QUANTITIES, line_numbers, line_values, sample_numbers
-from rockfall.analysis.precision.intervals import Sources, fraction_interval
+from rockfall.analysis.precision.intervals import Sources, fraction_interval, sources
 from rockfall.limits import fraction_limits
+from known_law import SAMPLE, made
 from scenes import grid, make_case, rough, sets
 
 
@@ -163,6 +164,12 @@ def test_intervals_hold_for_few_boulders():
             assert np.mean([row["std_low"] <= 1 <= row["std_high"] for row in rows]) >= 0.9
     assert "std" in sample_numbers(np.array([1.0, 2.0]), Sources.alone(2))
     assert "std_low" not in sample_numbers(np.array([1.0, 2.0]), Sources.alone(2))
+
+
+def test_no_mean_of_what_is_not_below_0_has_an_interval_below_0():
+    v, alone = np.array([0.1, 5.0, 0.3]), Sources.alone(3)
+    row, signed = sample_numbers(v, alone), sample_numbers(v, alone, signed=True)
+    assert signed["mean_low"] < 0 == row["mean_low"] and row["mean_high"] == signed["mean_high"]
 
 
 def test_a_quantile_beyond_the_sample_has_no_upper_limit():

@@ -389,14 +389,14 @@ contains
 
    !> A map of reals, of the tallies of `run` for maps of these names; `fewest`: passages for which a cell has a
    !> number.
-   subroutine map_values(name, boulders, per_cluster, least, names, map_counts, map_sums, map_reals, class_counts, &
-                         column, columns, values, fewest, thin, nxc, nyc, nkc, nxs, nys, nks, nxr, nyr, nkr, kc, cc, &
-                         nxq, nyq, nx, ny)
+   subroutine map_values(name, boulders, per_cluster, min_passages, names, map_counts, map_sums, map_reals, &
+                         class_counts, column, columns, values, fewest, thin, nxc, nyc, nkc, nxs, nys, nks, &
+                         nxr, nyr, nkr, kc, cc, nxq, nyq, nx, ny)
       !f2py threadsafe
       integer(c_int), intent(in) :: nxc, nyc, nkc, nxs, nys, nks, nxr, nyr, nkr, kc, cc, nxq, nyq, nx, ny
       character(len=*), intent(in) :: name, names
       integer(c_int64_t), intent(in) :: boulders, per_cluster  !! of the run; of a cluster, 1: they are independent
-      integer(c_int), intent(in) :: least
+      integer(c_int), intent(in) :: min_passages
       integer(c_int32_t), intent(in), target :: map_counts(nxc, nyc, nkc), class_counts(kc, cc), column(nxq, nyq), &
                                                 columns(1)
       integer(c_int64_t), intent(in), target :: map_sums(nxs, nys, nks)
@@ -408,10 +408,10 @@ contains
 
       maps = map_views(plan_of(names, 0), [real(c_double) ::], [1, 1], map_counts, map_sums, map_reals, class_counts, &
                        column, columns(1))
-      fewest = map_min_count(name, least)
+      fewest = map_min_count(name, min_passages)
       thin = map_thin_below(name, per_cluster)
       do j = 1, ny
-         call map_row(maps, name, j, boulders, per_cluster, least, values(:, j))
+         call map_row(maps, name, j, boulders, per_cluster, min_passages, values(:, j))
       end do
    end subroutine map_values
 

@@ -201,7 +201,7 @@ module rockfall_case_keys
       key_t("output", "maps", "text", n_maps, "absent", "as in result.md", "", "rasters of results"), &
       key_t("output", "map_extent", "text", 1, "'reach'", "reach, terrain", "", &
             "reach: the cells that boulders can reach; terrain: all"), &
-      key_t("output", "least_passages", "integer", 1, "1", "1 to 2147483647", "", &
+      key_t("output", "min_passages", "integer", 1, "1", "1 to 2147483647", "", &
             "cells with fewer show no mean and no quantile"), &
       key_t("output", "rebounds", "logical", 1, ".false.", "", "", "histograms over all rebounds"), &
       key_t("output", "energy_balance", "logical", 1, ".false.", "", "", &

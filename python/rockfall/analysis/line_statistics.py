@@ -83,7 +83,7 @@ def line_statistics(
         for name, chosen in parts:
             about = {"line": line} | ({by: name, "boulders": int(chosen.sum())} if by else {})
             for quantity in QUANTITIES:
-                numbers = _numbers(values[quantity][chosen], source[chosen])
+                numbers = _numbers(values[quantity][chosen], source[chosen], quantity)
                 rows.append({**about, "quantity": quantity, **numbers})
     split = [by, "boulders"] if by else []
     return pd.DataFrame(rows, columns=["line", *split, "quantity", *_COLUMNS])
@@ -121,22 +121,25 @@ def _along(result: xr.Dataset, line: int) -> np.ndarray:
 def line_numbers(result: xr.Dataset, line: int, quantity: str, source: Sources) -> dict[str, float]:
     """A row of `line_statistics`: what is known of a quantity at the line of this index; `source`
     is that of each boulder."""
-    return _numbers(line_values(result, quantity, line), source)
+    return _numbers(line_values(result, quantity, line), source, quantity)
 
 
-def _numbers(values: np.ndarray, source: Sources) -> dict[str, float]:
+def _numbers(values: np.ndarray, source: Sources, quantity: str) -> dict[str, float]:
     """Those of a quantity of boulders from these sources, NaN where they did not cross."""
     crossed = ~np.isnan(values)
     n, all_n = int(crossed.sum()), values.size
     row: dict[str, float] = {"n": n, "fraction": n / max(1, all_n)}
     if all_n:
         _, row["fraction_low"], row["fraction_high"] = fraction_interval(crossed, source)
-    return row | (sample_numbers(values[crossed], source[crossed]) if n else {})
+    if not n:
+        return row
+    return row | sample_numbers(values[crossed], source[crossed], signed=quantity == "omega")
 
 
-def sample_numbers(v: np.ndarray, source: Sources) -> dict[str, float]:
+def sample_numbers(v: np.ndarray, source: Sources, signed: bool = False) -> dict[str, float]:
     """Mean, standard deviation, quantiles and maximum of values of boulders from these sources,
-    with their intervals; those that one value cannot have are absent."""
+    with their intervals; those that one value cannot have are absent. Unless they are `signed`, no
+    mean is below 0, and no interval: it holds its mean as often."""
     row = {"mean": v.mean(), "max": v.max()}
     ordered = np.sort(v)
     for level, value in zip(QUANTILES, np.quantile(ordered, QUANTILES), strict=True):
@@ -148,6 +151,8 @@ def sample_numbers(v: np.ndarray, source: Sources) -> dict[str, float]:
         row["std"] = v.std(ddof=1)
         half = half_of_mean(v, source)
         row["mean_low"], row["mean_high"] = v.mean() - half, v.mean() + half
+        if not signed:
+            row["mean_low"] = max(0.0, row["mean_low"])
         if row["std"] > 0 and v.size > 2:  # of the variance, through its logarithm
             half = half_of_mean((v - v.mean()) ** 2, source) / (2 * row["std"] ** 2)
             factor = np.exp(half * v.size / (v.size - Z))  # few hide their tail (Bonett 2006)
