@@ -72,7 +72,9 @@ class Held:
             error = (holds - share * given).std(ddof=1) * np.sqrt(len(found)) / given.sum()
             level = f"{LEVELS[k]:g} to {LEVELS[k + 1]:g}"
             part = 100 * given.sum() / asked.sum()
-            print(f"{about:24}{name:24}{level:>10}{100 * share:9.1f} +- {100 * error:.1f}{part:8.0f}")
+            print(
+                f"{about:24}{name:24}{level:>10}{100 * share:9.1f} +- {100 * error:.1f}{part:8.0f}"
+            )
 
 
 def of_lines(kind: str, repetitions: int, terrain: dict) -> None:
@@ -85,7 +87,10 @@ def of_lines(kind: str, repetitions: int, terrain: dict) -> None:
     own = np.argsort(turn, kind="stable").reshape(repetitions, of * each)
     tables = {
         "by source": (lambda part: line_statistics(part, "source"), ["source", "quantity"]),
-        "by volume": (lambda part: line_statistics(part, "volume", CLASSES), ["volume", "quantity"]),
+        "by volume": (
+            lambda part: line_statistics(part, "volume", CLASSES),
+            ["volume", "quantity"],
+        ),
         "along": (lambda part: line_profile(part, "road", WIDTH), ["start"]),
     }
     for name, (table, keys) in tables.items():

@@ -75,9 +75,9 @@ module rockfall_case_keys
             "raster of obstacle sizes met at 20 % [m]", in_scene, "raster"), &
       key_t("surface", "rg10", "text", 1, "absent", "", "", &
             "raster of obstacle sizes met at 10 % [m]", in_scene, "raster"), &
-      key_t("surface", "uniform_mean_radius", "real", 1, "absent", "> 0", "m", &
+      key_t("surface", "uniform_mean_radius", "real", 1, "absent", ">= 0", "m", &
             "one mean rock radius everywhere", in_scene), &
-      key_t("surface", "uniform_rg", "real", 3, "absent", "> 0", "m", "Rg70, Rg20, Rg10 everywhere", in_scene), &
+      key_t("surface", "uniform_rg", "real", 3, "absent", ">= 0", "m", "Rg70, Rg20, Rg10 everywhere", in_scene), &
       key_t("surface", "method", "text", 1, "'B'", "A, B", "", &
             "A: three obstacle sizes, B: one mean radius", in_scene), &
       key_t("surface", "rg_reading", "text", 1, "'diameter'", "diameter, radius", "", "what Rg measures"), &
