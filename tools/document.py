@@ -96,11 +96,11 @@ for 100 boulders (r.m.s.); a q99 may exceed the greatest value, by a class (25 %
 take 440, 168 and 216 bytes in each cell that a boulder reaches, for energy, speed and each of the
 heights, a standard deviation 24; where the system has no more, the run ends with a line that says
 so. The limits of cells, of the reach probability too, take boulders as independent: maps do not
-know how sources differ. For the given sources they hold 95 % or more, the more the sources differ
-(measured: 95 to 100 %), where the numbers at lines, stratified by source, hold 95 %. For a sample of
-sources (`&release sources`) the boulders of a place count as one (attribute
-`boulders_per_cluster`), as if all of them did the same: the limits hold 95 % or more, and are the
-wider the more alike the sources are; quantiles of cells to which few sources lead have none.
+know how sources differ. For the given sources they hold 95 % or more, the more the sources differ,
+where the intervals at lines, stratified by source, hold 95 %. For a sample of sources (`&release
+sources`) the boulders of a place count as one (attribute `boulders_per_cluster`), as if all of them
+did the same: the limits hold 95 % or more, and are the wider the more alike the sources are;
+quantiles of cells to which few sources lead have none.
 
 A source feeds a cell when one of its boulders passed it; `sources` counts them.
 `reach_probability_by_source` is the passages over the boulders of these sources only, as

@@ -17,7 +17,7 @@ import pandas as pd
 import xarray as xr
 
 import rockfall
-from benchmarks.accuracy.sources import CELL, slope
+from benchmarks.accuracy.sources import slope
 from benchmarks.machine import machine
 from rockfall.analysis.line_statistics import line_statistics
 from rockfall.analysis.lines.profile import line_profile

@@ -6,10 +6,10 @@ import pytest
 import xarray as xr
 
 import rockfall
+from known_law import SAMPLE, made
 from rockfall.analysis.line_statistics import QUANTITIES, line_numbers, line_values, sample_numbers
 from rockfall.analysis.precision.intervals import Sources, fraction_interval, sources
 from rockfall.limits import fraction_limits
-from known_law import SAMPLE, made
 from scenes import grid, make_case, rough, sets
 
 
@@ -112,7 +112,8 @@ def test_boulders_of_a_source_count_as_one_where_they_do_the_same():
     """Each value 50 times over: the interval is that of the sources, not of the boulders."""
     stats = pytest.importorskip("scipy.stats")
     value = np.random.default_rng(1).normal(size=40)
-    row = sample_numbers(np.repeat(value, 50), a_sample(np.repeat(np.arange(40), 50)))
+    source = a_sample(np.repeat(np.arange(40), 50))
+    row = sample_numbers(np.repeat(value, 50), source, signed=True)
     expected = stats.t.interval(0.95, 39, value.mean(), stats.sem(value))
     assert (row["mean_low"], row["mean_high"]) == pytest.approx(expected, rel=1e-6)
 

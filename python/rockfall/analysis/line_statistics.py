@@ -7,6 +7,7 @@ Every interval is a 95 % confidence interval for as many other boulders, as
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -154,10 +155,18 @@ def sample_numbers(v: np.ndarray, source: Sources, signed: bool = False) -> dict
         if not signed:
             row["mean_low"] = max(0.0, row["mean_low"])
         if row["std"] > 0 and v.size > 2:  # of the variance, through its logarithm
-            half = half_of_mean((v - v.mean()) ** 2, source) / (2 * row["std"] ** 2)
+            half = half_of_mean((v - _middle(ordered)) ** 2, source) / (2 * row["std"] ** 2)
             factor = np.exp(half * v.size / (v.size - Z))  # few hide their tail (Bonett 2006)
             row["std_low"], row["std_high"] = row["std"] / factor, row["std"] * factor
     return row
+
+
+def _middle(ordered: np.ndarray) -> float:
+    """The mean without some of both ends, the fewer the more values there are: about it the tail of
+    a skewed sample weighs as much as in its population (Bonett 2006)."""
+    n = ordered.size
+    cut = min(int(n / (2 * math.sqrt(max(n - 4, 1)))), (n - 1) // 2)
+    return float(ordered[cut : n - cut].mean())
 
 
 def quantile_name(level: float) -> str:
