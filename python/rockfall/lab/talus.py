@@ -48,7 +48,11 @@ class Talus:
         """(NY, NX), north first [m]."""
         s, off_axis = _place()
         depth = np.interp(s, [0, 30, 250, 330], [self.channel / 4, self.channel, self.channel, 0])
-        z = self.profile(s) - depth * np.exp(-((off_axis / 4) ** 2)) + relief(self.seed, (NY, NX), self.relief)
+        z = (
+            self.profile(s)
+            - depth * np.exp(-((off_axis / 4) ** 2))
+            + relief(self.seed, (NY, NX), self.relief)
+        )
         return z.astype("f4")
 
 
