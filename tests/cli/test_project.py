@@ -123,7 +123,8 @@ def test_a_layer_is_reprojected_and_not_its_neighbours_in_the_file(tmp_path, mon
         "&line file = 'roads.gpkg', layer = 'far' /\n"
     )
     noted = json.loads(rockfall.run(rockfall.read_case("case.nml")).attrs["input_checksums"])
-    assert "reprojected" in noted["line roads.gpkg"] and "reprojected" not in noted["polygons"]
+    assert "reprojected" in noted["line roads.gpkg, layer far"]
+    assert "reprojected" not in noted["polygons"]
 
 
 def test_a_grid_without_a_crs_gets_one(tmp_path, monkeypatch, capsys):
