@@ -262,7 +262,7 @@ def test_the_upper_limit_is_blank_where_none_passed(tmp_path):
 
 def test_captions_and_scales_say_where_a_number_needs_more_boulders(tmp_path):
     names = ["energy_mean", "speed_q50", "energy_max", "passages"]
-    result = run(tmp_path, release=POINT, output={"maps": names, "least_passages": 4})
+    result = run(tmp_path, release=POINT, output={"maps": names, "min_passages": 4})
     shown = {one.name: one for one in figures(result)}
     for name, thin in (("energy_mean", 10), ("speed_q50", 6)):
         one = shown[f"map_{name}"]

@@ -271,7 +271,7 @@ def _add_design(commands: _Commands) -> None:
     about = "of windows along the line; default: 10"
     sheet.add_argument("--width", metavar="M", type=float, help=about)
     about = "boulders that a window needs; default: 50"
-    sheet.add_argument("--least", metavar="N", type=int, help=about)
+    sheet.add_argument("--min-boulders", metavar="N", type=int, help=about)
     about = "standard, factor, condition, value, source; default: the shipped table"
     sheet.add_argument("--factors", metavar="CSV", type=Path, help=about)
     about = "class, height, cost of a metre; default: class energy times height"

@@ -119,8 +119,8 @@ def map_note(result: xr.Dataset, name: str) -> str:
     """Where a map is blank though it could say something, and what its numbers rest on."""
     about = result[name].attrs
     notes = [str(about["comment"])] if "comment" in about else []
-    if "least_passages" in about:
-        notes.append(f"blank where fewer than {about['least_passages']:,} boulders passed")
+    if "min_passages" in about:
+        notes.append(f"blank where fewer than {about['min_passages']:,} boulders passed")
     if "thin_below" in about:
         notes.append(f"hardly known where fewer than {about['thin_below']:,} boulders passed")
     elif of_none(result, name):
@@ -154,7 +154,7 @@ def _draw_map(sheet: Sheet, result: xr.Dataset, name: str, limits: Limits | None
     classes = classes_of(unit, limits)
     label = "boulders that pass" if name in PASSED else str(result[name].attrs["long_name"])
     label = with_unit(label, unit)
-    if fewest := result[name].attrs.get("least_passages", 0):
+    if fewest := result[name].attrs.get("min_passages", 0):
         label += f"; blank: fewer than {fewest} passed"
     label += "; outline: 1 %" if is_fraction(name) else ""
     _draw_classes(sheet, values, grid, classes, fill(label, 60))

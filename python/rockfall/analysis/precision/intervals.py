@@ -68,14 +68,13 @@ class Sources:
 
 
 def sources(result: Held) -> Sources:
-    """Those of the boulders of a result, numbered as they come; boulders of a source start at one
-    place."""
-    start = result["start_x"].values + 1j * result["start_y"].values
-    _, first, number = np.unique(start, return_index=True, return_inverse=True)
-    rank = np.empty(first.size, int)
-    rank[np.argsort(first)] = np.arange(first.size)
+    """Those of the boulders of a result, by `source`. In a sample, sources at one place are one:
+    it was the place that was chosen, whatever volumes it releases."""
     sampled = "case" in result.attrs and case_of(result).release["sources"] == "sample"
-    return Sources.of(rank[number], sampled)
+    of = result["source"].values
+    if sampled:
+        of = result["start_x"].values + 1j * result["start_y"].values
+    return Sources.of(np.unique(of, return_inverse=True)[1], sampled)
 
 
 def fraction_interval(holds: np.ndarray, source: Sources) -> tuple[float, float, float]:
