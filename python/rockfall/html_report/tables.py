@@ -23,6 +23,8 @@ from rockfall.html_report.intervals import STATISTICS, estimate, in_unit
 from rockfall.protection.barriers import barrier_statistics
 from rockfall.quantities import QUANTITIES, number, percent
 from rockfall.result.grounds import rebounds_by_ground
+from rockfall.text.comparison import notes
+from rockfall.text.comparison import tables as comparison_tables
 from rockfall.text.design import CHECKED, check_row, demand_rows, load_rows
 from rockfall.text.hazard import class_rows, object_rows, scenario_rows
 
@@ -30,6 +32,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
+    from rockfall.analysis.compare import Comparison
     from rockfall.html_report.intervals import Numbers, Row, Rows
     from rockfall.protection.design import Design
 
@@ -141,6 +144,19 @@ def hazard_tables(found: xr.Dataset) -> Iterator[Table]:
     for caption, rows_of_part in parts.items():
         head, *rows = rows_of_part(found)
         yield Table(caption, head, [[cell.replace(" (", "\n(") for cell in row] for row in rows])
+
+
+class Compared(NamedTuple):
+    """What a result is beside observations: tables and notes."""
+
+    tables: list[Table]
+    notes: list[str]
+
+
+def compared(found: Comparison) -> Compared:
+    """The tables of a comparison, and what a reader must know of them."""
+    shown = [Table(caption, head, rows) for caption, (head, *rows) in comparison_tables(found)]
+    return Compared(shown, notes(found))
 
 
 def words_of_hazard(found: xr.Dataset) -> Iterator[str]:

@@ -52,12 +52,13 @@ def alike(symbol: Symbol) -> Style:
     return Style("", [("", "", symbol)], "singleSymbol")
 
 
-def marker(colour: str, shape: str = ".", size: float = 1.6) -> Symbol:
+def marker(colour: str, shape: str = ".", size: float = 1.2) -> Symbol:
     """A point of a size [mm]."""
     name, angle = SHAPES[shape]
     return Symbol({"name": name, "angle": angle, "color": rgba(colour), "size": size,
-                   "outline_color": rgba(INK if name == "circle" else colour),
-                   "outline_width": 0.1 if name == "circle" else 0.3})  # fmt: skip
+                   "outline_color": rgba(colour),
+                   "outline_width": 0.3 if angle or name != "circle" else 0.0,
+                   "outline_style": "no" if name == "circle" else "solid"})  # fmt: skip
 
 
 def fill(colour: str, pattern: str = "solid") -> Symbol:
