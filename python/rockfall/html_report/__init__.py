@@ -201,7 +201,7 @@ def report(
         comparison=None if observed is None else compared(compare(result, observed)),
         figures=[_picture(one.draw(), one.title, one.caption, say) for one in shown],
         technical=[*technical(result), *requested(result)],
-        provenance=provenance(result),
+        provenance=provenance(result, say),
     )
 
 

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 LANGUAGES = ("en", "de", "fr", "it")
 #: Thousands and decimals (ISO 80000-1 outside English).
 MARKS = {"en": (",", "."), "de": ("\u202f", ","), "fr": ("\u202f", ","), "it": ("\u202f", ",")}
-NUMBER = re.compile(r"(?<![\w.])(?:[<>] )?\d+(?:,\d{3})*(?:\.\d+)?(?=kJ|years|\W|_?$)")
+NUMBER = re.compile(r"(?<![\w.])(?:[<>] |[-+](?=\d))?\d+(?:,\d{3})*(?:\.\d+)?(?=kJ|years|\W|_?$)")
 #: Symbols and units, the same in all languages.
 SYMBOL = re.compile(
     r"(?<!\w)(?:[A-Za-z]+_[\w,]+|k?m[23²³]?|k?J|kg|rad|[stxyzpDnN]|UNI|ONR|EAD|SHA|CPU)(?!\w)"
@@ -70,9 +70,9 @@ class Speaker:
             if one in text:
                 joint = re.sub("([;:])", "\u202f\\1", one) if self.language == "fr" else one
                 return joint.join(map(self._said, text.split(one)))
-        if titled := re.fullmatch(r"(.+?) \[(.+)\](.*)", text):
-            label, unit, rest = map(self._said, titled.groups())
-            return f"{label} [{unit}]{rest}"
+        if titled := re.fullmatch(r"(.+?) \[(.+)\](,? ?)(.*)", text):
+            label, unit, joint, rest = map(self._said, titled.groups())
+            return f"{label} [{unit}]{joint}{rest}"
         log.warning("%s: no text for '%s'", self.language, text)
         return self._marked(text)
 
