@@ -169,6 +169,7 @@ def report(
     return _rendered(
         say,
         title=str(result.attrs["title"]) or "rockfall",
+        on_paper=on_paper,
         parties=parties,
         question=question(rows, hazard is not None),
         answers=answers(result, rows),

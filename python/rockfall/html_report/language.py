@@ -57,6 +57,8 @@ class Speaker:
     def __call__(self, text: object) -> str:
         """A text in this language; what the catalogue lacks stays as it is, and is logged."""
         said = str(text)
+        if "\n" in said.strip():  # cells of tables have lines
+            return "\n".join(map(self, said.split("\n")))
         inner = said.strip()
         return said if self.language == "en" else said.replace(inner, self._said(inner), 1)
 
@@ -66,6 +68,8 @@ class Speaker:
         found = self._found(text)
         if found is not None:
             return found
+        if text.endswith(".") and (found := self._found(text[:-1])):
+            return f"{found}."
         for one in BREAKS:
             if one in text:
                 joint = re.sub("([;:])", "\u202f\\1", one) if self.language == "fr" else one
@@ -106,7 +110,7 @@ class Speaker:
     def figure(self, figure: Figure) -> None:
         """Say all texts of a figure, and the numbers at its axes."""
         from matplotlib.text import Text
-        from matplotlib.ticker import FixedFormatter, ScalarFormatter
+        from matplotlib.ticker import FixedFormatter, FuncFormatter, ScalarFormatter
 
         if self.language == "en":
             return
@@ -123,6 +127,9 @@ class Speaker:
                     axis.set_major_formatter(Marked(useOffset=False))
                 elif isinstance(formatter, FixedFormatter):
                     axis.set_major_formatter(FixedFormatter([*map(self, formatter.seq)]))
+                elif isinstance(formatter, FuncFormatter):  # of ticks that were given texts
+                    texts = [self(one.get_text()) for one in axis.get_majorticklabels()]
+                    axis.set_ticks(axis.get_majorticklocs(), texts)
         ticks = {
             id(label)
             for axes in figure.axes

@@ -261,6 +261,6 @@ def _maps(result: xr.Dataset, terrain: Terrain | None, look: Look | None) -> Ite
         yield Figure(
             f"map_{name}",
             title,
-            f"{title} in each cell, of {boulders}{said}.",
+            f"In each cell, of {boulders}{said}.",
             partial(map_figure, result, name, terrain, look=look),
         )
