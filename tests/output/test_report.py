@@ -793,7 +793,7 @@ def test_the_pointer_tells_place_and_value(browser, page, result):
 
 def test_the_view_has_ground_lines_and_trajectories_over_it(result):
     z, cells = rough(), grid(rough())
-    surface, *rest = traces(result, (z, cells))
+    surface, *rest = traces(result, (z, cells), Speaker())
     assert len(surface["z"]) <= VERTICES and len(surface["z"][0]) == len(surface["x"])
     assert np.nanmax(np.array(surface["z"], float)) <= z.max() + 0.1
     assert [one["name"] for one in rest[: result.sizes["line"]]] == list(result["line"].values)

@@ -120,16 +120,20 @@ class Speaker:
             def __call__(self, x: float, pos: int | None = None) -> str:
                 return speaker._marked(super().__call__(x, pos))
 
+        said_of: list[object] = []  # axes that share their ticks share what formats them
         for axes in figure.axes:
             for axis in (axes.xaxis, axes.yaxis):
                 formatter = axis.get_major_formatter()
+                if formatter in said_of:
+                    continue
                 if type(formatter) is ScalarFormatter:
                     axis.set_major_formatter(Marked(useOffset=False))
                 elif isinstance(formatter, FixedFormatter):
                     axis.set_major_formatter(FixedFormatter([*map(self, formatter.seq)]))
                 elif isinstance(formatter, FuncFormatter):  # of ticks that were given texts
                     texts = [self(one.get_text()) for one in axis.get_majorticklabels()]
-                    axis.set_ticks(axis.get_majorticklocs(), texts)
+                    axis.set_major_formatter(FixedFormatter(texts))
+                said_of.append(axis.get_major_formatter())
         ticks = {
             id(label)
             for axes in figure.axes
