@@ -138,7 +138,8 @@ class Speaker:
             id(label)
             for axes in figure.axes
             for axis in (axes.xaxis, axes.yaxis)
-            for label in axis.get_ticklabels(which="both")
+            for tick in (*axis.get_major_ticks(), *axis.get_minor_ticks())
+            for label in (tick.label1, tick.label2)
         }
         for one in figure.findobj(Text):
             text = one.get_text()
