@@ -93,14 +93,15 @@ def curve(axes, label):
     ("line", "groups", "names"),
     [
         (LINE, {"output": ALL},
-         [*TRAJECTORIES, "passing", "stops", "pass_frequency", *AT_LINES, *REBOUNDS, *MAPS]),
+         [*TRAJECTORIES, "passing", "stops", "pass_frequency", *AT_LINES, "along_1", *REBOUNDS,
+          *MAPS]),
         ((), {}, ["passing", "stops"]),
         (FAR, {"case": {"boulders": 3}, "release": POINT | {"drop_height": 0.0},
                "output": {"rebounds": True, "trajectories": 2, "maps": ["speed_max_map"]}},
          ["passing", "stops", *AT_LINES, "map_speed_max_map"]),
         (LINE + FAR + [LINE[0] | {"name": "again"}],
          {"release": {"x": [100.0, 200.0], "y": [380.0, 390.0]}, "output": {"maps": ["passages"]}},
-         ["passing", "stops", "pass_frequency", *AT_LINES]),
+         ["passing", "stops", "pass_frequency", *AT_LINES, "along_1", "along_2", "along_3"]),
     ],
     ids=["all", "no lines", "none moves", "two sources"],
 )  # fmt: skip

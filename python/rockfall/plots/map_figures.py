@@ -13,9 +13,9 @@ from rockfall.plots.cartography.marks import draw_marks, key_of
 from rockfall.plots.cartography.rasters import cropped, draw_image, edges
 from rockfall.plots.cartography.sheet import SMALL, Sheet, finish, new_sheet
 from rockfall.plots.extent import PASSED, of_none, passed_map, reached
-from rockfall.plots.style import BLUE, GREEN, INK, OBSERVED, VERMILION, styled
+from rockfall.plots.style import INK, OBSERVED, VERMILION, styled
 from rockfall.quantities import with_unit
-from rockfall.result.classes import Classes, classes_of, shown_as
+from rockfall.result.classes import STATUS_MARKERS, Classes, classes_of, shown_as
 from rockfall.result.trajectories import ends, trajectories
 
 if TYPE_CHECKING:
@@ -30,15 +30,6 @@ if TYPE_CHECKING:
 
 MAX_TRAJECTORIES = 200  # drawn
 LIMIT = 0.01  # pass frequency of the outline (paper, Fig. 10)
-MARKERS = {  # of each status
-    "stopped": (".", VERMILION),
-    "absorbed": ("x", BLUE),
-    "left_domain": ("^", INK),
-    "impact_limit": ("s", INK),
-    "hit_nodata": ("+", INK),
-    "stopped_by_tree": ("v", GREEN),
-    "stopped_by_barrier": ("D", BLUE),
-}
 BAR = 0.48  # room for the scale of colours [inch]
 OPAQUE = 0.8  # of colours: they let the relief through
 
@@ -222,7 +213,7 @@ def _ended(name: str, here: np.ndarray) -> str:
 
 
 def _marker(status: str, size: float) -> dict[str, Any]:
-    marker, colour = MARKERS[status]
+    marker, colour = STATUS_MARKERS[status]
     look = {"marker": marker, "linestyle": "", "color": colour}
     wide = {"markeredgewidth": 0.6 if marker in "x+" else 0}
     return look | wide | {"markersize": size * (1 if marker == "." else 1.2)}
