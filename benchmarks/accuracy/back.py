@@ -4,11 +4,11 @@
     python -m benchmarks.accuracy.back truths.csv [--truths 30] [--members 512] [--boulders 150]
 
 So many truths on each of two terrains, a bumpy slope and a channel that both run out, are drawn
-from the prior: the size of the rocks, a factor on the volume, a shift of the source. Of `--observed`
+from the prior: the size of the rocks, a factor on the volume, a shift of the source. Of `observed`
 boulders of each the stopping places and the speeds at a line, or speeds and heights there, or their
 printed means and deviations, or fractions that come so far are observed, in turn. Where the
 posterior is right, its 5-95 % range holds the truth in 90 % of the cases, and the part of it below
-the truth is uniform (Talts et al. 2018). What is in the file is not made again. With `--stretch 1.6`
+the truth is uniform (Talts et al. 2018). What is in the file is not made again. With --stretch 1.6
 stopping places are so much farther: how often is it said that the model does not explain the data?
 """
 
