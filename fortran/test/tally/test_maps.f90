@@ -7,7 +7,7 @@ program test_map
    use rockfall_terrain, only: terrain_t, terrain, locate, height
    use rockfall_flight, only: flight_t, landing_t, span_t, fly, launch_rate
    use rockfall_bins, only: energy, speed, jump_height, n_log_bins, log_bin
-   use rockfall_maps, only: maps_t, visits_t, needs_visits, start_visits, visit_spans, &
+   use rockfall_maps, only: maps_t, visits_t, needs_visits, start_visits, visit_path, &
       visit_cell, add_visits, add_deposit, lacks_slots
    use rockfall_map_values, only: map_plan_t, map_plan, stack_layers, map_views, map_row
    use check_m, only: check, check_close, finish
@@ -74,7 +74,7 @@ contains
       start%rate = launch_rate(dem, start%patch, u, w, v)
       call start_visits(visits, 1_i8)
       call fly(dem, gravity, start, landing, spans, n)
-      call visit_spans(visits, dem, gravity, x, y, v, 7.0_wp, spans(:n))
+      call visit_path(visits, dem, gravity, start, landing%time, 7.0_wp, spans(:n))
       call add_visits(maps, visits, 3.0_wp)
    end subroutine map_flight
 
