@@ -111,9 +111,9 @@ contains
       visits%timed = 0
    end subroutine start_visits
 
-   !> Add the cells under a flight up to a time. A cell reaches half a cell round its node, so on each axis the path goes
-   !> over to the next one in the middle of a patch. Of the vertical speeds over a cell those at its two ends are the
-   !> extremes. Heights are those of the spans, where maps need them.
+   !> Add the cells under a flight up to a time. A cell reaches half a cell round its node, so on each axis the path
+   !> goes over to the next one in the middle of a patch. Of the vertical speeds over a cell those at its two ends are
+   !> the extremes. Heights are those of the spans, where maps need them.
    pure subroutine visit_path(visits, dem, gravity, start, time, spin, spans)
       type(visits_t), intent(inout) :: visits
       type(terrain_t), intent(in) :: dem

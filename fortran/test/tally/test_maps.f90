@@ -76,7 +76,28 @@ contains
       call fly(dem, gravity, start, landing, spans, n)
       call visit_path(visits, dem, gravity, start, landing%time, 7.0_wp, spans(:n))
       call add_visits(maps, visits, 3.0_wp)
+      call check_without_heights(start, landing, visits)
    end subroutine map_flight
+
+   !> Maps without heights have the same cells, in the same order, and the same speeds and energies.
+   subroutine check_without_heights(start, landing, visits)
+      type(flight_t), intent(in) :: start
+      type(landing_t), intent(in) :: landing
+      type(visits_t), intent(in) :: visits
+      type(visits_t) :: alone
+      integer :: k
+      logical :: same
+
+      call start_visits(alone, 1_i8)
+      call visit_path(alone, dem, gravity, start, landing%time, 7.0_wp)
+      same = alone%n == visits%n
+      do k = 1, min(alone%n, visits%n)
+         associate (one => alone%entry(alone%used(k)), other => visits%entry(visits%used(k)))
+            same = same .and. all(one%at == other%at) .and. all(one%max(1:2) == other%max(1:2))
+         end associate
+      end do
+      call check("the same cells and speeds without heights", same)
+   end subroutine check_without_heights
 
    !> Every cell of a fine sampling is visited, its maximum values are those of the sampling, and no
    !> other cell is (but those that the path only cuts by less than a sample).
