@@ -80,8 +80,8 @@ def drawn(scatter: Scatter, word: int, numbers: Numbers) -> Decimal:
 
 
 def outgoing(
-    ground: Ground, words: list[int], tilt: Decimal, radius: Decimal, mass: Decimal, rocks: Decimal, v: Triple,
-    numbers: Numbers,
+    ground: Ground, words: list[int], tilt: Decimal, radius: Decimal, mass: Decimal,
+    rocks: Decimal, v: Triple, numbers: Numbers,
 ) -> Triple:  # fmt: skip
     """On ground tilted against the way: in its own axes, t' and n', and back."""
     degrees = exact(ground.roughness_angle) * tilt

@@ -585,7 +585,7 @@ def energy(v: Triple) -> Decimal:
 
 
 def law_of_outgoing(world: World, k: int, v: Triple) -> tuple[list[Decimal], list[list[Decimal]]]:
-    """Mean of A V for a normal A, and the root of its covariance: sums of C V V over A's columns."""
+    """Mean of A V for a normal A, and the root of its covariance."""
     c = world.covariances[k]
     mean = [dot(world.means[k][i : i + 3], v) for i in (0, 3, 6)]
     return mean, cholesky(

@@ -340,14 +340,15 @@ contains
       type(rebound_t), intent(inout) :: out
       type(velocity_law_t) :: law
       integer(i8) :: again(words_per_block)
-      real(wp) :: energy_in
+      real(wp) :: energy_in, z(rebound_words)
       integer :: draw
 
       energy_in = twice_energy(v_in)
       law = law_of(set, v_in(1), v_in(2), v_in(3))
       do draw = 1, max_draws - 1
          again = random_words(key, for_impact, boulder, impact, int(draw, i8))
-         out%v = drawn(law, [normal(table, again(1)), normal(table, again(2)), normal(table, again(3))])
+         z = normal(table, again(:rebound_words))
+         out%v = drawn(law, z)
          out%draws = out%draws + 1
          if (admissible(out%v, energy_in)) return
       end do

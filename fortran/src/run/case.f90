@@ -57,7 +57,7 @@ module rockfall_case
       character(len=:), allocatable :: unread    !! a layer with more of them or dams, for messages; "": none
       logical :: map(n_maps) = .false.           !! which of map_names
       logical :: whole_maps = .false.            !! also where no boulder can come
-      integer :: least_passages = 1              !! for a mean or a quantile in a cell
+      integer :: min_passages = 1              !! for a mean or a quantile in a cell
       logical :: rebounds = .false.
       logical :: energy_balance = .false.
       integer :: trajectories = 0
@@ -568,7 +568,7 @@ contains
       if (.not. allocated(error)) call get_logical(group, "rebounds", this%rebounds, error)
       if (.not. allocated(error)) call get_logical(group, "energy_balance", this%energy_balance, error)
       this%whole_maps = text_of(group, "map_extent") == "terrain"
-      this%least_passages = int(integer_of(group, "least_passages"))
+      this%min_passages = int(integer_of(group, "min_passages"))
       this%trajectories = int(integer_of(group, "trajectories"))
       this%map = [(any(maps == map_names(k)), k=1, n_maps)]
    end subroutine read_output

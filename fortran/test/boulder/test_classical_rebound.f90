@@ -125,11 +125,13 @@ contains
       real(wp) :: share, sphere(3)
       type(rebound_t) :: out
 
-      call classical_rebound(ground(constant, 0.5_wp, 1.0_wp), table, middle, 0.5_wp, boulder, inertia, 0.2_wp, v_in, out)
+      call classical_rebound(ground(constant, 0.5_wp, 1.0_wp), table, middle, 0.5_wp, boulder, inertia, 0.2_wp, v_in, &
+                             out)
       call check_close("nothing is lost along the ground", out%v(1), v_in(1), near)
       call check_close("nor of the rotation", out%v(3), v_in(3), near)
       sphere = after(ground(rockyfor3d, 0.38_wp, 0.0_wp), v_in, .false.)
-      call classical_rebound(ground(rockyfor3d, 0.38_wp, 0.0_wp), table, middle, 0.5_wp, boulder, inertia, 0.2_wp, v_in, out)
+      call classical_rebound(ground(rockyfor3d, 0.38_wp, 0.0_wp), table, middle, 0.5_wp, boulder, inertia, 0.2_wp, &
+                             v_in, out)
       call check_close("rolls", out%v(3)*sqrt(inertia_factor/inertia), out%v(1), near)
       share = (sphere(1)**2 + inertia_factor*sphere(3)**2)/(v_in(1)**2 + inertia_factor*v_in(3)**2)
       call check_close("the same share of the energy is left", out%v(1)**2 + inertia_factor*out%v(3)**2, &

@@ -165,8 +165,8 @@ contains
       end do
       s = matmul(b, transpose(b))
       law = law_of(set, v_in)
-      call check("the mean of A times V_in", maxval(abs(law%mean - matmul(transpose(reshape(set%mean, [3, 3])), v_in))) &
-                 <= 1.0e-14_wp*norm2(v_in))
+      x = matmul(transpose(reshape(set%mean, [3, 3])), v_in)
+      call check("the mean of A times V_in", maxval(abs(law%mean - x)) <= 1.0e-14_wp*norm2(v_in))
       law%mean = 0
       first = 0
       second = 0

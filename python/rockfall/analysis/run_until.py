@@ -35,6 +35,8 @@ from rockfall.simulation.tally_dataset import make_result
 if TYPE_CHECKING:
     import xarray as xr
 
+    from rockfall.result.contents import Contents, Held
+
 FIRST = 1000  # boulders of the first stage, over all sources
 CAP = 1_000_000  # boulders over all sources, where no cap is given
 
@@ -104,10 +106,15 @@ def run_until(
     return run_scene_until(scene, rules, cap, progress=progress, keep=False)
 
 
-def run_scene_until(
+def run_scene_until(scene: Scene, rules: str, cap: int | None = None, **how: Any) -> xr.Dataset:
+    """Run a scene that has been read; see `run_until`, and `simulate_until` for the arguments."""
+    return simulate_until(scene, rules, cap, **how).dataset()
+
+
+def simulate_until(
     scene: Scene, rules: str, cap: int | None = None, *, progress: bool = False, keep: bool = True
-) -> xr.Dataset:
-    """Run a scene that has been read; see `run_until`. One that need not be kept loses its rasters.
+) -> Contents:
+    """What the run finds; see `run_until`. A scene that need not be kept loses its rasters.
 
     The boulders of one source continue those of the stage before. With several sources each stage
     starts again, for which source a boulder has follows from its number.
@@ -178,20 +185,20 @@ def next_stage(verdicts: list[Verdict], n: int, cap: int) -> int:
     return min(cap, math.ceil(np.clip(target, MIN_GROWTH * n, MAX_GROWTH * n)))
 
 
-def verdicts_of(result: xr.Dataset) -> list[Verdict]:
+def verdicts_of(result: Held) -> list[Verdict]:
     """The verdict of a result on each rule of its `run_until`, none where it has no rules."""
     if "until" not in result.attrs:
         return []
     return evaluate(read_rules(result.attrs["until"], list(result["line"].values)), result)
 
 
-def evaluate(rules: list[Rule], result: xr.Dataset) -> list[Verdict]:
+def evaluate(rules: list[Rule], result: Held) -> list[Verdict]:
     """The verdict of a result on each rule."""
     source = sources(result)
     return [_verdict(rule, result, source) for rule in rules]
 
 
-def _verdict(rule: Rule, result: xr.Dataset, source: Sources) -> Verdict:
+def _verdict(rule: Rule, result: Held, source: Sources) -> Verdict:
     """The need follows from the width. Where the sources are a sample of others, a part of it does
     not fall with their boulders: what they differ by."""
     n = source.number.size / max(source.count, 1)
