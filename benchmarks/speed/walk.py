@@ -78,7 +78,7 @@ def main() -> None:
     options.few = 1
     with tempfile.TemporaryDirectory() as folder:
         for cell in CELLS:
-            case, arrays = on_cells(cell, options.boulders, Path(folder))[::-1]
+            arrays, case = on_cells(cell, options.boulders, Path(folder))
             tell(f"{cell} m", case, options, **arrays)
     vaujany = rockfall.read_case(VAUJANY).replace(case={"boulders": 20_000}, line=[])
     print(f"\n{'cases/vaujany, asked for':28}")
