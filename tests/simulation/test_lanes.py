@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Boulders in lanes are what they are one by one: every number of every result, whatever the processor,
-threads and chunks."""
+"""Boulders in lanes are what they are one by one: every number of every result, whatever the
+processor, threads and chunks."""
 
 import numpy as np
 import pytest
+from rockfall._core import rockfall_f2py as _core
 
 from benchmarks.stability import extremes
-from rockfall._core import rockfall_f2py as _core
 from rockfall.scene.read import read_scene
 from rockfall.simulation.simulate import run_scene
 from same import same_numbers

@@ -245,7 +245,7 @@ contains
       s1 = sqrt(plan2 + v1*v1)
       both = s0 + s1
       ! A difference that rounding takes away belongs to a plan2 that adds nothing.
-      area = plan2*logarithm((both + fall)/max(both - fall, epsilon(both)*both))
+      area = plan2*logarithm((both + fall)/max(both - fall, epsilon(both)*both, tiny(both)))
       if (.not. plan2 > at_rest) area = 0
       length = max(0.0_wp, 0.5_wp*(v3*s0 - v1*s1 + area)/gravity)  ! of a hop the terms cancel
    end function parabola_length

@@ -396,17 +396,15 @@ contains
    elemental real(wp) function inverse(x, zero)
       real(wp), intent(in) :: x, zero  !! any unit
 
-      inverse = 1/x
-      if (.not. x > zero) inverse = 0
+      inverse = 1/merge(x, 1.0_wp, x > zero)
+      inverse = merge(inverse, 0.0_wp, x > zero)
    end function inverse
 
    !> The root of x, or 0 likewise.
    elemental real(wp) function root_above(x, zero)
       real(wp), intent(in) :: x, zero  !! any unit
 
-      root_above = 0
-      if (x > zero) root_above = x
-      root_above = sqrt(root_above)
+      root_above = sqrt(merge(x, 0.0_wp, x > zero))
    end function root_above
 
    !> V_out [m/s] of three normal numbers.

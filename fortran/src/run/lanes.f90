@@ -41,7 +41,7 @@ module rockfall_lanes
       integer :: first(impact_ratios + 1)                !! of each set
       integer :: lane(lanes)
       integer(i8), dimension(lanes) :: number, impact
-      real(wp), dimension(lanes) :: v1, v2, v3           !! of the flight at its start, at its end, and of the next [m/s]
+      real(wp), dimension(lanes) :: v1, v2, v3           !! of the flight: its start, its end, then of the next [m/s]
       real(wp), dimension(lanes) :: time                 !! of the flight [s]
       real(wp), dimension(lanes) :: length               !! of it [m]
       real(wp), dimension(lanes) :: speed2_in, speed2    !! at its end, of the next [m2/s2]
@@ -54,8 +54,7 @@ module rockfall_lanes
       real(wp), dimension(lanes) :: out1, out2, out3     !! V_t, V_n, W after it [m/s]
       real(wp), dimension(lanes) :: rate                 !! of the next flight [m/s]
       real(wp), dimension(lanes) :: admissible, usual    !! 1 or 0
-      real(wp), dimension(lanes) :: z1, z2, u, side      !! random numbers [-]
-      real(wp), dimension(lanes) :: z3
+      real(wp), dimension(lanes) :: z1, z2, z3, u, side  !! random numbers [-]
       real(wp), dimension(lanes, 9) :: z                 !! elevations of the cell and its neighbours [m]
    end type contacts_t
 
