@@ -56,9 +56,10 @@ def test_no_number_depends_on_lanes(tmp_path, lanes, how):
             "boulder": {"volume": "lognormal", "volume_mean": 1.0, "volume_std": 1.0},
         },
         {"line": []},
+        {"output": BARE | {"maps": ["deposits"]}},
         {"impact": {"sets": "sets.nml", "impact_limit": 3}},
     ],
-    ids=["sobol", "no lines", "impact limit"],
+    ids=["sobol", "no lines", "deposits", "impact limit"],
 )
 def test_what_is_rare_is_the_same_in_lanes(tmp_path, groups):
     scene = slope(tmp_path, **groups)

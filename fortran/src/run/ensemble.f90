@@ -77,9 +77,9 @@ contains
       if (counts_sources(maps)) then
          call run_by_source(scene, first, threads, results, crossings, maps, scratch)
       else if (scratch%lanes == wide_lanes) then
-         call run_in_wide_lanes(scene, first, results, crossings, next, scratch)
+         call run_in_wide_lanes(scene, first, results, crossings, maps, next, scratch)
       else if (scratch%lanes == narrow_lanes) then
-         call run_in_lanes(scene, first, results, crossings, next, scratch)
+         call run_in_lanes(scene, first, results, crossings, maps, next, scratch)
       else
          !$omp do schedule(dynamic, batch)
          do k = 1, size(results)

@@ -16,7 +16,8 @@ module rockfall_lanes
    use rockfall_trajectory, only: scene_t, boulder_result_t, crossing_t, scratch_t, start_boulder, end_boulder, &
                                   departure, record_crossings, handle_impact, find_rocks, find_class, &
                                   count_outcome, close_impact, start_from, in_local_frame, rolled_before, &
-                                  launch_velocity, basic, absorbed
+                                  launch_velocity, at_rest, basic, absorbed
+   use rockfall_maps, only: maps_t, add_deposit
    implicit none
    private
    public :: run_in_lanes
@@ -61,11 +62,12 @@ module rockfall_lanes
 contains
 
    !> One thread's part of the boulders: as many as it gets of `next`, which all threads share.
-   subroutine run_in_lanes(scene, first, results, crossings, next, scratch)
+   subroutine run_in_lanes(scene, first, results, crossings, maps, next, scratch)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: first                    !! number of the first boulder
       type(boulder_result_t), intent(inout) :: results(:)
       type(crossing_t), intent(inout) :: crossings(:, :)  !! (lines, boulders)
+      type(maps_t), intent(in) :: maps                    !! none that needs visits
       integer, intent(inout) :: next                      !! place of the next boulder
       type(scratch_t), intent(inout) :: scratch
       type(lane_t) :: lane(lanes)
@@ -86,7 +88,7 @@ contains
          call redraw(scene, contacts)
          call turn(contacts, scene%dem%per_cell)
          call go_on(scene, first, results, lane, contacts, scratch)
-         call take_out(scene, results, lane, n)
+         call take_out(scene, results, maps, lane, n)
       end do
    end subroutine run_in_lanes
 
@@ -401,16 +403,20 @@ contains
    end subroutine go_on
 
    !> Take boulders that have come to their end out of the pool.
-   subroutine take_out(scene, results, lane, n)
+   subroutine take_out(scene, results, maps, lane, n)
       type(scene_t), intent(in) :: scene
       type(boulder_result_t), intent(inout) :: results(:)
+      type(maps_t), intent(in) :: maps
       type(lane_t), intent(inout) :: lane(:)
       integer, intent(inout) :: n
       integer :: k
 
       do k = n, 1, -1
-         if (results(lane(k)%place)%status == 0) cycle
-         call end_boulder(scene, lane(k)%landing, results(lane(k)%place))
+         associate (result => results(lane(k)%place))
+            if (result%status == 0) cycle
+            call end_boulder(scene, lane(k)%landing, result)
+            if (at_rest(result%status)) call add_deposit(maps, result%stop_cell)
+         end associate
          if (k < n) lane(k) = lane(n)
          n = n - 1
       end do

@@ -166,7 +166,8 @@ contains
       s = matmul(b, transpose(b))
       law = law_of(set, v_in(1), v_in(2), v_in(3))
       x = matmul(transpose(reshape(set%mean, [3, 3])), v_in)
-      call check("the mean of A times V_in", maxval(abs([law%mean_t, law%mean_n, law%mean_w] - x)) <= 1.0e-14_wp*norm2(v_in))
+      call check("the mean of A times V_in", &
+                 maxval(abs([law%mean_t, law%mean_n, law%mean_w] - x)) <= 1.0e-14_wp*norm2(v_in))
       law%mean_t = 0
       law%mean_n = 0
       law%mean_w = 0
