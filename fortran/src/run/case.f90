@@ -18,7 +18,9 @@ module rockfall_case
    use rockfall_barrier, only: ead_energy
    implicit none
    private
-   public :: case_t, case_line_t, read_case, turning_rule, radius_of_reading
+   public :: case_t, case_line_t, read_case, turning_rule, radius_of_reading, keeps_all
+
+   integer(i8), parameter :: keeps_all = huge(1_i8)
 
    !> An evaluation line, or a barrier: one that stops boulders.
    type :: case_line_t
@@ -61,6 +63,7 @@ module rockfall_case
       logical :: rebounds = .false.
       logical :: energy_balance = .false.
       integer :: trajectories = 0
+      integer(i8) :: kept = keeps_all            !! boulders whose rows are kept
       real(wp), allocatable :: thresholds(:)     !! of the map energy_exceeded [J]
    end type case_t
 
@@ -570,6 +573,7 @@ contains
       this%whole_maps = text_of(group, "map_extent") == "terrain"
       this%least_passages = int(integer_of(group, "least_passages"))
       this%trajectories = int(integer_of(group, "trajectories"))
+      if (text_of(group, "kept") /= "all") this%kept = integer_of(group, "kept")  ! of 'none': 0
       this%map = [(any(maps == map_names(k)), k=1, n_maps)]
    end subroutine read_output
 

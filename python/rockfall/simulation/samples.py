@@ -1,0 +1,177 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Samples of what boulders did at lines and at their ends, where their own rows are not all kept
+(`&output kept`): counts in narrow bins, exact sums, the largest numbers. Sums over boulders, so
+that parts add up to the whole, bit for bit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rockfall._core import rockfall_f2py as _core
+from rockfall.case import Case
+from rockfall.result import variables
+
+if TYPE_CHECKING:
+    from rockfall.scene.scene import Scene
+
+BINS, COARSE, WORDS, QUANTITIES, TAILS, LARGEST = (
+    int(_core.constant(name))
+    for name in (
+        "sample_bins", "coarse_bins", "sample_words", "sample_quantities", "sample_tails",
+        "sample_largest",
+    )
+)  # fmt: skip
+BASE_BITS = 62  # of the digits of sums, as in the kernel
+
+
+@dataclass
+class Samples:
+    """As in the kernel's samples_t and layout_t; place 0 is the end of boulders, then the lines."""
+
+    bins: np.ndarray  # (places, parts, quantities, bins)
+    groups: np.ndarray  # (places, groups, quantities, coarse bins)
+    sums: np.ndarray  # (places, parts, quantities, words)
+    largest: np.ndarray  # (lines, tails, numbers)
+    ended: np.ndarray  # by status
+    part_last: np.ndarray
+    group_part: np.ndarray
+
+    def variables(self) -> dict[str, np.ndarray]:
+        """Their arrays as files have them: of bins those that are not empty."""
+        found: dict[str, np.ndarray] = {}
+        for name, dense in (("", self.bins), ("group_", self.groups)):
+            flat = dense.reshape(-1)
+            found[f"{name}bin"] = np.flatnonzero(flat)
+            found[f"{name}count"] = flat[found[f"{name}bin"]]
+        for name in ("sums", "ended", "part_last", "group_part"):
+            found[name] = getattr(self, name)
+        found["largest"] = np.sort(self.largest)
+        return {f"sample_{name}": found[name] for name in variables.SAMPLE}
+
+    def add(self, arrays: Mapping[str, np.ndarray]) -> None:
+        """Add those of other boulders of the run, as `variables` has them."""
+        for name, dense in (("", self.bins), ("group_", self.groups)):
+            dense.reshape(-1)[arrays[f"sample_{name}bin"]] += arrays[f"sample_{name}count"]
+        other = arrays["sample_sums"]
+        for digit in (0, 2):
+            self.sums[..., digit : digit + 2] += other[..., digit : digit + 2]
+            self.sums[..., digit] += self.sums[..., digit + 1] >> BASE_BITS
+            self.sums[..., digit + 1] &= (1 << BASE_BITS) - 1
+        np.maximum(self.sums[..., 4], other[..., 4], out=self.sums[..., 4])
+        both = np.concatenate([self.largest, arrays["sample_largest"]], axis=2)
+        both.sort(axis=2)
+        self.largest[...] = both[..., both.shape[2] - self.largest.shape[2] :]
+        self.ended += arrays["sample_ended"]
+
+    def fits(self, arrays: Mapping[str, np.ndarray]) -> bool:
+        """Whether those of other boulders have the same parts and groups."""
+        return all(
+            np.array_equal(getattr(self, name), arrays[f"sample_{name}"])
+            for name in ("part_last", "group_part")
+        )
+
+    def with_room_for(self, boulders: int) -> None:
+        """Make room for the largest of so many boulders."""
+        more = min(boulders, LARGEST) - self.largest.shape[2]
+        self.largest = np.sort(self.largest)
+        self.largest = np.pad(self.largest, ((0, 0), (0, 0), (max(0, more), 0)), constant_values=-1)
+
+
+def rows_kept(case: Case, boulders: int) -> int | None:
+    """Of how many of so many boulders the rows are kept; None: of all, without samples."""
+    kept = case.output["kept"]
+    return None if kept == "all" else 0 if kept == "none" else min(kept, boulders)
+
+
+def empty_samples(scene: Scene) -> Samples:
+    """Of the boulders of a scene."""
+    (parts, groups), _, _ = _core.sample_layout(scene.kernel.handle, 1)
+    _, part_last, group_part = _core.sample_layout(scene.kernel.handle, max(parts, groups))
+    return empty_like(scene.case, scene.boulders, part_last[:parts], group_part[:groups])
+
+
+def empty_like(
+    case: Case, boulders: int, part_last: np.ndarray, group_part: np.ndarray
+) -> Samples:
+    """Of a run of so many boulders, with these parts and groups."""
+    shape = lengths(case, boulders) | {"part": part_last.size, "group": group_part.size}
+    bins, groups, sums, largest, ended = (
+        np.zeros([shape[dim] for dim in dims], kind)
+        for dims, kind in (
+            (("place", "part", "quantity", "fine"), "i4"),
+            (("place", "group", "quantity", "coarse"), "i4"),
+            (DIMS["sums"], "i8"),
+            (DIMS["largest"], "f8"),
+            (DIMS["ended"], "i8"),
+        )
+    )
+    largest -= 1.0
+    return Samples(bins, groups, sums, largest, ended, part_last, group_part)
+
+
+#: Dimensions of arrays in files, after "sample_".
+DIMS: dict[str, tuple[str, ...]] = {
+    "bin": ("entry",), "count": ("entry",),
+    "group_bin": ("group_entry",), "group_count": ("group_entry",),
+    "sums": ("place", "part", "quantity", "word"), "largest": ("line", "tail", "rank"),
+    "ended": ("status",), "part_last": ("part",), "group_part": ("group",),
+}  # fmt: skip
+
+
+def lengths(case: Case, boulders: int) -> dict[str, int]:
+    """Of the dimensions that follow from the case and the boulders of the run."""
+    lines = len(case.lines)
+    return {
+        "place": lines + 1, "line": lines, "quantity": QUANTITIES, "word": WORDS, "tail": TAILS,
+        "rank": min(boulders, LARGEST), "status": len(variables.STATUS),
+        "fine": BINS, "coarse": COARSE,
+    }  # fmt: skip
+
+
+def sample_dims(name: str) -> tuple[str, ...]:
+    """The dimensions of a variable of samples in a file."""
+    return tuple(f"sample_{dim}" for dim in DIMS[name])
+
+
+def sample_variables(samples: Samples | None) -> dict[str, Any]:
+    """Samples as variables of a result or a part; none where all rows are kept."""
+    if samples is None:
+        return {}
+    found = samples.variables()
+    return {
+        f"sample_{name}": (sample_dims(name), found[f"sample_{name}"], about)
+        for name, about in variables.SAMPLE.items()
+    }
+
+
+def possible(arrays: Mapping[str, np.ndarray], shape: Mapping[str, int], boulders: int) -> str:
+    """The first variable of samples whose values no run of so many boulders has; "" if none."""
+    for before, count, of, fine in (
+        ("", "count", "part", "fine"), ("group_", "group_count", "group", "coarse"),
+    ):  # fmt: skip
+        places, counts = arrays[f"sample_{before}bin"], arrays[f"sample_{count}"]
+        of_bins = shape["place"] * shape[of] * QUANTITIES * shape[fine]
+        if places.size and not (
+            places[0] >= 0 and places[-1] < of_bins and (np.diff(places) > 0).all()
+        ):
+            return f"sample_{before}bin"
+        if not ((counts > 0) & (counts <= boulders)).all():
+            return f"sample_{count}"
+    ended, sums = arrays["sample_ended"], arrays["sample_sums"]
+    if not (ended >= 0).all() or ended.sum() != boulders:
+        return "sample_ended"
+    if not ((sums[..., [1, 3]] >> BASE_BITS) == 0).all() or not (sums[..., 2:] >= 0).all():
+        return "sample_sums"
+    largest = arrays["sample_largest"]
+    if not np.isfinite(largest).all() or not ((largest >= 0) | (largest == -1)).all():
+        return "sample_largest"
+    part_last, group_part = arrays["sample_part_last"], arrays["sample_group_part"]
+    if not (np.diff(part_last, prepend=0) > 0).all():
+        return "sample_part_last"
+    if not ((group_part >= 1) & (group_part <= part_last.size)).all():
+        return "sample_group_part"
+    return ""
