@@ -5,7 +5,7 @@ module rockfall_samples
    use rockfall_kinds, only: wp, i4, i8, i16
    implicit none
    private
-   public :: samples_t, add_number, add_tail, sample_bin, sample_edge
+   public :: samples_t, add_number, add_tail, sample_bin, sample_edge, sample_size, sample_sum
    public :: n_sample_bins, n_coarse_bins, bins_per_coarse, n_words, n_largest, largest_unit
 
    !> Bins of whole units: one each below 512, from there 256 an octave, so that none is wider than 0.4 % of its
@@ -81,6 +81,24 @@ contains
       digits(1) = int(shifta(total, base_bits), i8)
       digits(2) = int(iand(total, 2_i16**base_bits - 1), i8)
    end subroutine add_digits
+
+   !> How many numbers a sample has, of all parts.
+   pure integer(i8) function sample_size(samples, quantity, place)
+      type(samples_t), intent(in) :: samples
+      integer, intent(in) :: quantity, place
+
+      sample_size = sum(int(samples%bins(:, quantity, :, place), i8))
+   end function sample_size
+
+   !> Their sum, in units.
+   pure real(wp) function sample_sum(samples, quantity, place)
+      type(samples_t), intent(in) :: samples
+      integer, intent(in) :: quantity, place
+
+      associate (sums => samples%sums(:, quantity, :, place))
+         sample_sum = scale(real(sum(sums(1, :)), wp), base_bits) + sum(real(sums(2, :), wp))
+      end associate
+   end function sample_sum
 
    !> Put a number into a heap of the largest, whose first one is the smallest.
    pure subroutine add_tail(heap, number)
