@@ -6,7 +6,8 @@ import pytest
 import xarray as xr
 
 import rockfall
-from rockfall.analysis.line_statistics import QUANTITIES, line_numbers, line_values, sample_numbers
+from rockfall.analysis.line_statistics import QUANTITIES, line_numbers, sample_numbers
+from rockfall.analysis.lines.values import line_values
 from rockfall.analysis.precision.intervals import Sources, fraction_interval
 from rockfall.limits import fraction_limits
 from scenes import grid, make_case, rough, sets

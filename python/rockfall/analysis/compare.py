@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rockfall.analysis.contacts import REACH, contacts_table, stops_table
-from rockfall.analysis.line_statistics import line_numbers, line_values, sample_numbers
+from rockfall.analysis.line_statistics import line_numbers, sample_numbers
+from rockfall.analysis.lines.values import line_values
 from rockfall.analysis.observations import UNITS, Observed, read_observed
 from rockfall.analysis.precision.intervals import Sources, fraction_interval, sources, student
 from rockfall.analysis.run_out import run_out

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rockfall.analysis.line_statistics import line_numbers, line_values, with_limits
+from rockfall.analysis.line_statistics import line_numbers, with_limits
+from rockfall.analysis.lines.values import line_values
 from rockfall.analysis.precision.intervals import TARGETS, boulders_needed, sources
 from rockfall.analysis.terrain_variants import larger_cells, other_digits
 from rockfall.case import Case

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rockfall.errors import RockfallError
+from rockfall.result.samples import empty_like, rows_kept
 from rockfall.simulation.maps import no_maps
 from rockfall.simulation.part_file import Part, read_part
-from rockfall.simulation.samples import empty_like, rows_kept
 from rockfall.simulation.source_maps import join_sources
 from rockfall.simulation.tally import Tally, empty_tally
 from rockfall.simulation.tally_dataset import make_result

@@ -24,16 +24,16 @@ from rockfall.io.files import check_netcdf
 from rockfall.io.grid import Box, Grid
 from rockfall.result import variables
 from rockfall.result.dataset import DAMAGED, as_dataset, georeference
-from rockfall.result.validate import are_crossings
-from rockfall.scene.scene import Features
-from rockfall.simulation.maps import Maps, plan_of
-from rockfall.simulation.samples import (
+from rockfall.result.samples import (
     lengths,
     possible,
     rows_kept,
     sample_dims,
     sample_variables,
 )
+from rockfall.result.validate import are_crossings
+from rockfall.scene.scene import Features
+from rockfall.simulation.maps import Maps, plan_of
 from rockfall.simulation.source_maps import FED, fed_cells, settle
 from rockfall.simulation.tally import Origin
 from rockfall.simulation.tally_dataset import (

@@ -15,6 +15,7 @@ from rockfall.case import Case
 from rockfall.errors import RockfallError, check_kernel
 from rockfall.interrupts import interrupts
 from rockfall.result import variables
+from rockfall.result.samples import simulated
 from rockfall.result.variables import fields
 from rockfall.scene.plausible import warn_of
 from rockfall.scene.reach import Survey, survey
@@ -25,9 +26,8 @@ from rockfall.simulation.maps import no_maps
 from rockfall.simulation.memory import machine_memory
 from rockfall.simulation.part_file import make_part
 from rockfall.simulation.progress import progress_bar
-from rockfall.simulation.samples import empty_samples
 from rockfall.simulation.source_maps import fed_cells, follow_sources, settle
-from rockfall.simulation.tally import Tally, empty_tally, kept_numbers, shard_range
+from rockfall.simulation.tally import Tally, empty_samples, empty_tally, kept_numbers, shard_range
 from rockfall.simulation.tally_dataset import make_result
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ class Interrupted(KeyboardInterrupt):
     """Ctrl-C came: `result` holds the boulders that were done, whole."""
 
     def __init__(self, result: xr.Dataset) -> None:
-        super().__init__(f"interrupted after {result.sizes['boulder']} boulders")
+        super().__init__(f"interrupted after {simulated(result)} boulders")
         self.result = result
 
 
@@ -145,8 +145,7 @@ def start(scene: Scene, threads: int, shard: tuple[int, int] = (1, 1)) -> Tally:
     check_tallies(scene, found)
     try:
         maps = no_maps(scene.case, found.box())
-        kept = kept_numbers(scene, numbers)
-        samples = None if kept is None else empty_samples(scene)
+        kept, samples = kept_numbers(scene, numbers), empty_samples(scene)
         tally = empty_tally(scene, maps, numbers, threads, kept, samples)
         follow_sources(maps, scene, numbers.start)
         return tally

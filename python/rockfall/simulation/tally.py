@@ -15,10 +15,10 @@ from rockfall.errors import RockfallError
 from rockfall.grounds import GroundRule
 from rockfall.io.grid import Box, Grid
 from rockfall.result.dataset import georeference
+from rockfall.result.samples import Samples, empty_like, rows_kept
 from rockfall.result.variables import fields
 from rockfall.scene.scene import Features, Scene
 from rockfall.simulation.maps import Maps
-from rockfall.simulation.samples import Samples, rows_kept
 from rockfall.version import __version__
 
 
@@ -171,6 +171,15 @@ def kept_numbers(scene: Scene, numbers: range) -> np.ndarray | None:
         return None if kept is None else np.zeros(0, "i8")
     found, n = _core.recorded(scene.kernel.handle, numbers.start + 1, numbers.stop, kept)
     return found[:n].astype("i8")
+
+
+def empty_samples(scene: Scene) -> Samples | None:
+    """Of the boulders of a scene; None where all rows are kept."""
+    if rows_kept(scene.case, scene.boulders) is None:
+        return None
+    (parts, groups), _, _ = _core.sample_layout(scene.kernel.handle, 1)
+    _, part_last, group_part = _core.sample_layout(scene.kernel.handle, max(parts, groups))
+    return empty_like(scene.case, scene.boulders, part_last[:parts], group_part[:groups])
 
 
 def shard_range(scene: Scene, shard: tuple[int, int]) -> range:

@@ -18,9 +18,9 @@ from rockfall.result.dataset import (
     feature_names,
     provenance,
 )
+from rockfall.result.samples import sample_variables
 from rockfall.result.variables import fields
 from rockfall.simulation.maps import HITS, Maps
-from rockfall.simulation.samples import sample_variables
 from rockfall.simulation.tally import Tally
 from rockfall.version import __version__
 

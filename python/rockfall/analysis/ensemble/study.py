@@ -14,7 +14,8 @@ import numpy as np
 from rockfall.analysis.ensemble.maps import RANGED, MemberMaps
 from rockfall.analysis.ensemble.sobol_indices import Indices, deviations, indices, limits
 from rockfall.analysis.ensemble.uncertain_inputs import Draw, Uncertain, drawn_scene
-from rockfall.analysis.line_statistics import line_numbers, line_values
+from rockfall.analysis.line_statistics import line_numbers
+from rockfall.analysis.lines.values import line_values
 from rockfall.analysis.precision.intervals import Sources
 from rockfall.case import Case
 from rockfall.case_files import files_behind

@@ -46,10 +46,25 @@ def _by_source(result: xr.Dataset) -> Iterator[Group]:
         for some in np.array_split(present, RANGES):
             yield f"{some[0]} to {some[-1]}", (of >= some[0]) & (of <= some[-1])
         return
-    names = [str(name) for name in result["feature"].values] if layer else []
-    for k in present:
-        name = names[k - 1] if layer else str(k)
-        yield f"{name} ({k})" if names.count(name) > 1 else name, of == k
+    for k, name in zip(present, _names(result, present), strict=True):
+        yield name, of == k
+
+
+def part_names(result: xr.Dataset) -> list[str]:
+    """Of the parts of samples: features, sources, or ranges of either."""
+    last = result["sample_part_last"].values
+    if last[-1] == last.size:
+        return _names(result, last)
+    return [f"{low + 1} to {high}" for low, high in itertools.pairwise([0, *last])]
+
+
+def _names(result: xr.Dataset, numbers: np.ndarray) -> list[str]:
+    """Of features, or of sources where there are none."""
+    if "feature" not in result:
+        return [str(k) for k in numbers]
+    names = [str(name) for name in result["feature"].values]
+    mine = [(names[k - 1], k) for k in numbers]
+    return [f"{name} ({k})" if names.count(name) > 1 else name for name, k in mine]
 
 
 def _by_volume(volume: np.ndarray, classes: Sequence[float] | None) -> Iterator[Group]:

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rockfall.analysis.line_statistics import line_values, sample_numbers, with_limits
+from rockfall.analysis.line_statistics import sample_numbers, with_limits
+from rockfall.analysis.lines.values import line_values
 from rockfall.analysis.precision.intervals import fraction_interval, sources
 from rockfall.errors import RockfallError
 from rockfall.quantities import round_step

@@ -11,20 +11,21 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rockfall._core import rockfall_f2py as _core
 from rockfall.case import Case
+from rockfall.errors import RockfallError
+from rockfall.limits import (
+    SAMPLE_BINS,
+    SAMPLE_COARSE,
+    SAMPLE_LARGEST,
+    SAMPLE_QUANTITIES,
+    SAMPLE_TAILS,
+    SAMPLE_WORDS,
+)
 from rockfall.result import variables
 
 if TYPE_CHECKING:
-    from rockfall.scene.scene import Scene
+    import xarray as xr
 
-BINS, COARSE, WORDS, QUANTITIES, TAILS, LARGEST = (
-    int(_core.constant(name))
-    for name in (
-        "sample_bins", "coarse_bins", "sample_words", "sample_quantities", "sample_tails",
-        "sample_largest",
-    )
-)  # fmt: skip
 BASE_BITS = 62  # of the digits of sums, as in the kernel
 
 
@@ -76,9 +77,30 @@ class Samples:
 
     def with_room_for(self, boulders: int) -> None:
         """Make room for the largest of so many boulders."""
-        more = min(boulders, LARGEST) - self.largest.shape[2]
+        more = min(boulders, SAMPLE_LARGEST) - self.largest.shape[2]
         self.largest = np.sort(self.largest)
         self.largest = np.pad(self.largest, ((0, 0), (0, 0), (max(0, more), 0)), constant_values=-1)
+
+
+def simulated(result: xr.Dataset) -> int:
+    """How many boulders a result is of; its rows may be of some of them only."""
+    if "sample_ended" in result:
+        return int(result["sample_ended"].sum())
+    return int(result.sizes["boulder"])
+
+
+def has_rows(result: xr.Dataset) -> bool:
+    """Whether a result has rows of boulders, of all or of some."""
+    return bool(result.sizes["boulder"])
+
+
+def check_rows(result: xr.Dataset, what: str) -> None:
+    """Refuse what needs rows of boulders where a run kept none."""
+    if "sample_ended" in result and not has_rows(result):
+        raise RockfallError(
+            f"{what}: needs rows of boulders, and &output kept = 'none' keeps none; run with a "
+            "number of them, or 'all'"
+        )
 
 
 def rows_kept(case: Case, boulders: int) -> int | None:
@@ -87,16 +109,7 @@ def rows_kept(case: Case, boulders: int) -> int | None:
     return None if kept == "all" else 0 if kept == "none" else min(kept, boulders)
 
 
-def empty_samples(scene: Scene) -> Samples:
-    """Of the boulders of a scene."""
-    (parts, groups), _, _ = _core.sample_layout(scene.kernel.handle, 1)
-    _, part_last, group_part = _core.sample_layout(scene.kernel.handle, max(parts, groups))
-    return empty_like(scene.case, scene.boulders, part_last[:parts], group_part[:groups])
-
-
-def empty_like(
-    case: Case, boulders: int, part_last: np.ndarray, group_part: np.ndarray
-) -> Samples:
+def empty_like(case: Case, boulders: int, part_last: np.ndarray, group_part: np.ndarray) -> Samples:
     """Of a run of so many boulders, with these parts and groups."""
     shape = lengths(case, boulders) | {"part": part_last.size, "group": group_part.size}
     bins, groups, sums, largest, ended = (
@@ -126,9 +139,9 @@ def lengths(case: Case, boulders: int) -> dict[str, int]:
     """Of the dimensions that follow from the case and the boulders of the run."""
     lines = len(case.lines)
     return {
-        "place": lines + 1, "line": lines, "quantity": QUANTITIES, "word": WORDS, "tail": TAILS,
-        "rank": min(boulders, LARGEST), "status": len(variables.STATUS),
-        "fine": BINS, "coarse": COARSE,
+        "place": lines + 1, "line": lines, "quantity": SAMPLE_QUANTITIES, "word": SAMPLE_WORDS,
+        "tail": SAMPLE_TAILS, "rank": min(boulders, SAMPLE_LARGEST),
+        "status": len(variables.STATUS), "fine": SAMPLE_BINS, "coarse": SAMPLE_COARSE,
     }  # fmt: skip
 
 
@@ -154,7 +167,7 @@ def possible(arrays: Mapping[str, np.ndarray], shape: Mapping[str, int], boulder
         ("", "count", "part", "fine"), ("group_", "group_count", "group", "coarse"),
     ):  # fmt: skip
         places, counts = arrays[f"sample_{before}bin"], arrays[f"sample_{count}"]
-        of_bins = shape["place"] * shape[of] * QUANTITIES * shape[fine]
+        of_bins = shape["place"] * shape[of] * SAMPLE_QUANTITIES * shape[fine]
         if places.size and not (
             places[0] >= 0 and places[-1] < of_bins and (np.diff(places) > 0).all()
         ):
