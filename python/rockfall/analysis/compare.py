@@ -21,6 +21,7 @@ from rockfall.case import case_of
 from rockfall.errors import RockfallError
 from rockfall.io.output_files import COMPARISON, check_output
 from rockfall.io.tables import write_csv
+from rockfall.result.samples import check_rows
 from rockfall.result.trajectories import ends, left_terrain
 
 if TYPE_CHECKING:
@@ -79,6 +80,7 @@ def compare(result: xr.Dataset, *observed: str | Path | Observed) -> Comparison:
         if line not in names:
             has = ", ".join(names) or "no lines"
             raise RockfallError(f"{where}: line {line}: is not in the result, which has {has}")
+    check_rows(result, "a comparison")
     method = case_of(result).surface["method"]
     source = sources(result)
     distances, notes = _observed_distances(result, seen, source)

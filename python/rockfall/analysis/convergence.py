@@ -103,7 +103,7 @@ def converge(
         raise RockfallError(f"boulders = {min(boulders, default='')}: must be at least 2")
     if not case.lines:
         raise RockfallError(f"{case.name}: has no &line; it is their numbers that converge")
-    nothing = {"maps": None, "rebounds": False, "trajectories": 0}
+    nothing = {"maps": None, "rebounds": False, "trajectories": 0, "kept": "all"}
     scene = read_scene(case.replace(output=nothing))
     refuse_by_area(scene, "a study of convergence")
     of = scene.x.size

@@ -76,7 +76,7 @@ def line_statistics(
             for quantity in QUANTITIES:
                 sample = known.sample(k, quantity, chosen)
                 about = {"line": line} | ({by: name, "boulders": sample.released} if by else {})
-                rows.append({**about, "quantity": quantity, **_numbers(sample)})
+                rows.append({**about, "quantity": quantity, **numbers(sample)})
     split = [by, "boulders"] if by else []
     return pd.DataFrame(rows, columns=["line", *split, "quantity", *_COLUMNS])
 
@@ -86,10 +86,10 @@ def line_numbers(
 ) -> dict[str, float]:
     """A row of `line_statistics`: what is known of a quantity at the line of this index; `source`
     is that of each boulder, where it is not that of the result."""
-    return _numbers(LineSamples(result, source).sample(line, quantity))
+    return numbers(LineSamples(result, source).sample(line, quantity))
 
 
-def _numbers(sample: Sample) -> dict[str, float]:
+def numbers(sample: Sample) -> dict[str, float]:
     """Those of a quantity of boulders."""
     row: dict[str, float] = {"n": sample.n, "fraction": sample.n / max(1, sample.released)}
     if sample.released:

@@ -69,7 +69,7 @@ def run_models(case: Case, grounds: Sequence[str] = (), progress: bool = False) 
     """
     import pandas as pd
 
-    case = case.replace(output={"maps": None, "rebounds": False, "trajectories": 0})
+    case = case.replace(output={"maps": None, "rebounds": False, "trajectories": 0, "kept": "all"})
     scenes = dict(_variants(case, grounds))
     first: xr.Dataset | None = None
     rows: list[dict[str, Any]] = []

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rockfall.analysis.precision.intervals import fraction_interval, sources
+from rockfall.result.samples import check_rows
 from rockfall.result.trajectories import flags_of
 
 if TYPE_CHECKING:
@@ -31,7 +32,9 @@ def barrier_statistics(result: xr.Dataset) -> pd.DataFrame:
     """
     import pandas as pd
 
-    rows = []
+    rows: list[dict] = []
+    if barriers_of(result):
+        check_rows(result, "what barriers did")
     for k in barriers_of(result):
         about = {
             "barrier": str(result["line"].values[k]),

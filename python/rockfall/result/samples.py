@@ -103,6 +103,12 @@ def check_rows(result: xr.Dataset, what: str) -> None:
         )
 
 
+def check_all_rows(result: xr.Dataset, what: str) -> None:
+    """Refuse what needs rows of all boulders where a run did not keep them."""
+    if result.sizes["boulder"] < simulated(result):
+        raise RockfallError(f"{what}: needs rows of all boulders: &output kept = 'all'")
+
+
 def rows_kept(case: Case, boulders: int) -> int | None:
     """Of how many of so many boulders the rows are kept; None: of all, without samples."""
     kept = case.output["kept"]

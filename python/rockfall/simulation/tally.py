@@ -93,6 +93,12 @@ class Tally:
             return np.arange(self.before + 1, self.before + self.done + 1)
         return self.number[: self.rows]
 
+    def samples_bytes(self) -> int:
+        """Bytes that samples take."""
+        if self.samples is None:
+            return 0
+        return sum(array.nbytes for array in vars(self.samples).values())
+
     def sort_rows(self) -> None:
         """Put rows that came in any order into that of their boulders."""
         if self.number is None:

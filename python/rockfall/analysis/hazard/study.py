@@ -32,6 +32,7 @@ from rockfall.analysis.hazard.variables import CLASS_ENDS, COORDINATES, ENDS, EX
 from rockfall.case import Case, case_of
 from rockfall.errors import RockfallError
 from rockfall.result.dataset import as_dataset, read_result
+from rockfall.result.samples import simulated
 from rockfall.scene.frames import frame_files, is_frame, of_frames
 from rockfall.scene.plausible import implausible
 from rockfall.scene.read import read_scene
@@ -174,7 +175,7 @@ class _Run:
     """What is kept of the run of a scenario."""
 
     def __init__(self, study: Study, scenario: Scenario, result: xr.Dataset) -> None:
-        self.boulders, self.yearly = result.sizes["boulder"], scenario.frequency
+        self.boulders, self.yearly = simulated(result), scenario.frequency
         passages, exceeded = result["passages"].values, result["energy_exceeded"].values
         self.counts = np.concatenate([passages[None], exceeded])  # (intensities, y, x)
         self.extremes = {name: result[name].values for name in EXTREMES}

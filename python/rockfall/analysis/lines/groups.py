@@ -30,12 +30,17 @@ def groups(result: xr.Dataset, by: str, classes: Sequence[float] | None = None) 
     the sources, by number. by = 'volume': `classes` are the edges between classes [m3]; by default
     the few volumes there are, or quarters of the boulders. An edge is of the class above it.
     """
+    check_by(by, classes)
+    found = _by_source(result) if by == "source" else _by_volume(result["volume"].values, classes)
+    return [(name, chosen) for name, chosen in found if chosen.any()]
+
+
+def check_by(by: str, classes: Sequence[float] | None) -> None:
+    """Refuse groups that there are not, and classes of anything but volumes."""
     if by not in BY:
         raise RockfallError(f"by = '{by}': must be {' or '.join(BY)}")
     if classes is not None and by != "volume":
         raise RockfallError(f"classes: are of volumes, not by = '{by}'")
-    found = _by_source(result) if by == "source" else _by_volume(result["volume"].values, classes)
-    return [(name, chosen) for name, chosen in found if chosen.any()]
 
 
 def _by_source(result: xr.Dataset) -> Iterator[Group]:

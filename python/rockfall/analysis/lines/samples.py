@@ -9,11 +9,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rockfall.analysis.lines.groups import Group, groups, part_names
-from rockfall.analysis.lines.values import QUANTITIES, line_values
+from rockfall.analysis.lines.groups import Group, check_by, groups, part_names
+from rockfall.analysis.lines.values import line_values
 from rockfall.analysis.precision.intervals import Sources, are_sampled, sources
 from rockfall.analysis.precision.samples import Counts, Sample, Values
-from rockfall.errors import RockfallError
 from rockfall.limits import (
     SAMPLE_BINS,
     SAMPLE_COARSE,
@@ -21,6 +20,7 @@ from rockfall.limits import (
     SAMPLE_TAILS,
     SAMPLE_UNITS,
 )
+from rockfall.result.variables import fields
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -31,24 +31,27 @@ class LineSamples:
 
     def __init__(self, result: xr.Dataset, source: Sources | None = None) -> None:
         """`source` is that of each boulder, where it is not that of the result."""
-        self.result, self._counted = result, "sample_bin" in result
-        if source is not None:
-            self._sampled = source.sampled
-        elif self._counted:
-            self._sampled = are_sampled(result)
-        else:
+        self.result, self._counted = result, result.sizes["boulder"] < simulated(result)
+        if source is None and not self._counted:
             source = sources(result)
         self._source = source
+        self.sampled = are_sampled(result) if source is None else source.sampled
+
+    @property
+    def sources(self) -> int:
+        """How many there are; where boulders are counted, groups of them at most."""
+        if self._source is not None:
+            return self._source.count
+        return int(np.count_nonzero(self._released(None)))
 
     def groups(self, by: str, classes: Sequence[float] | None = None) -> list[Group]:
         """Of boulders, as `rockfall.analysis.lines.groups.groups` has them; where they are counted,
         which parts of the sources are of each."""
         if not self._counted:
             return groups(self.result, by, classes)
+        check_by(by, classes)
         if by != "source":
-            raise RockfallError(
-                f"by = '{by}': needs the rows of all boulders: &output kept = 'all'"
-            )
+            check_all_rows(self.result, f"by = '{by}'")
         names = part_names(self.result)
         chosen = [(name, np.arange(len(names)) == k) for k, name in enumerate(names)]
         return [one for one in chosen if self._released(one[1]).any()]
@@ -63,23 +66,32 @@ class LineSamples:
             return Values(values, source)
         return Values(values[chosen], source[chosen])
 
+    def ends(self, quantity: str) -> Sample:
+        """What is known of the ends of boulders: plan_distance, path_length and so on."""
+        if self._counted:
+            return self._counts(-1, quantity, None)
+        assert self._source is not None
+        return Values(self.result[quantity].values, self._source)
+
     def _counts(self, line: int, quantity: str, parts: np.ndarray | None) -> Counts:
-        result, number = self.result, QUANTITIES.index(quantity)
+        """At the line of this index; -1: the end."""
+        result, kind = self.result, int(line < 0)
+        number = fields(6 + kind).index(quantity)
         all_parts = np.full(result.sizes["sample_part"], True)
         mine = np.flatnonzero(all_parts if parts is None else parts)
         chosen = np.isin(result["sample_group_part"].values - 1, mine)
         where = line + 1, number
         tail = np.zeros(0)
-        if number < SAMPLE_TAILS and mine.size == all_parts.size:
+        if not kind and number < SAMPLE_TAILS and mine.size == all_parts.size:
             tail = result["sample_largest"].values[line, number]
         return Counts(
             self._dense("", *where, mine).sum(axis=0),
             result["sample_sums"].values[line + 1, mine, number],
             self._dense("group_", *where, np.flatnonzero(chosen)),
             self._released(parts),
-            SAMPLE_UNITS[0, number],
+            SAMPLE_UNITS[kind, number],
             tail[tail >= 0],
-            self._sampled,
+            self.sampled,
         )
 
     def _released(self, parts: np.ndarray | None) -> np.ndarray:

@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     import xarray as xr
 
 HEIGHTS = ("upper_edge", "normal_height", "normal_upper_edge")
+HEIGHT_NEEDS = ("jump_height", "passing_height")  # and the volume
+ENERGY_NEEDS = ("energy_translational", "energy_rotational")
 QUANTITIES = fields(6)  # as the kernel numbers them
 
 
@@ -25,9 +27,12 @@ def line_values(result: xr.Dataset, quantity: str, line: int) -> np.ndarray:
         return _along(result, line)
     if f"line_{quantity}" in result:
         return result[f"line_{quantity}"].values[line]
-    rows = np.stack([result[f"line_{name}"].values[line] for name in fields(3)])
-    found = line_quantities(np.asfortranarray(rows), result["volume"].values)
-    return found[QUANTITIES.index(quantity)]
+    needed = HEIGHT_NEEDS if quantity in HEIGHTS else ENERGY_NEEDS
+    rows = np.full((len(fields(3)), result.sizes["boulder"]), np.nan, order="F")
+    for name in needed:
+        rows[fields(3).index(name)] = result[f"line_{name}"].values[line]
+    volume = result["volume"].values if quantity in HEIGHTS else rows[0]
+    return line_quantities(rows, volume)[QUANTITIES.index(quantity)]
 
 
 def _along(result: xr.Dataset, line: int) -> np.ndarray:

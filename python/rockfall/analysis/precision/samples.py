@@ -206,5 +206,7 @@ class Counts(Sample):
         """By stratum; where the sources are a sample, by group."""
         size = self._released.size
         of = np.arange(size) if self._sampled else strata(self._released)
-        added = [np.bincount(of, v, size) for v in (n, total, squares, self._released)]
-        return Sums(*added, self._sampled)
+        n, total, squares, released = (
+            np.bincount(of, v, size) for v in (n, total, squares, self._released)
+        )
+        return Sums(n, total, squares, released, self._sampled)
