@@ -21,7 +21,7 @@ from rockfall.case import case_of
 from rockfall.errors import RockfallError
 from rockfall.io.output_files import COMPARISON, check_output
 from rockfall.io.tables import write_csv
-from rockfall.result.samples import check_rows
+from rockfall.result.samples import check_rows, kept_note
 from rockfall.result.trajectories import ends, left_terrain
 
 if TYPE_CHECKING:
@@ -266,6 +266,8 @@ def _passing(
 
 def _notes(result: xr.Dataset, seen: Observed, source: Sources) -> Iterator[str]:
     """What the tables leave unsaid."""
+    if note := kept_note(result):
+        yield note
     if not {*REACH} & set(result):
         for where, places in (("stopping places", seen.stops), ("impacts", seen.contacts)):
             if places is not None:

@@ -75,7 +75,7 @@ class Samples:
             for name in ("part_last", "group_part")
         )
 
-    def with_room_for(self, boulders: int) -> None:
+    def make_room(self, boulders: int) -> None:
         """Make room for the largest of so many boulders."""
         more = min(boulders, SAMPLE_LARGEST) - self.largest.shape[2]
         self.largest = np.sort(self.largest)
@@ -87,6 +87,12 @@ def simulated(result: xr.Dataset) -> int:
     if "sample_ended" in result:
         return int(result["sample_ended"].sum())
     return int(result.sizes["boulder"])
+
+
+def kept_note(result: xr.Dataset) -> str:
+    """From which boulders numbers are that need their rows; "" where these are all."""
+    rows, boulders = result.sizes["boulder"], simulated(result)
+    return "" if rows == boulders else f"From the {rows:,} of {boulders:,} boulders that were kept."
 
 
 def has_rows(result: xr.Dataset) -> bool:

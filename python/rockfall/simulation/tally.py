@@ -93,6 +93,24 @@ class Tally:
             return np.arange(self.before + 1, self.before + self.done + 1)
         return self.number[: self.rows]
 
+    def go_on(self, scene: Scene) -> None:
+        """Make room for the boulders of a scene that are more of the same."""
+        rows, self.scene, self.boulders = self.rows, scene, scene.boulders
+        self.number = kept_numbers(scene, range(scene.boulders))
+        size = scene.boulders if self.number is None else self.number.size
+        asked = [name for name, is_asked in (
+            ("boulder", True), ("count", True), ("crossing", True),
+            ("energy", scene.case.output["energy_balance"]),
+            ("trees_hit", scene.case.has_forest), ("outcome", bool(scene.case.barrier)),
+        ) if is_asked]  # fmt: skip
+        for name in asked:
+            before = getattr(self, name)
+            more = np.zeros((size, *before.shape[1:]), before.dtype)
+            more[:rows] = before[:rows]
+            setattr(self, name, more)
+        if self.samples is not None:
+            self.samples.make_room(scene.boulders)
+
     def samples_bytes(self) -> int:
         """Bytes that samples take."""
         if self.samples is None:

@@ -5,6 +5,7 @@ rows, or where a run keeps no rows, from its counts and sums."""
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,6 +14,7 @@ from rockfall.analysis.lines.groups import Group, check_by, groups, part_names
 from rockfall.analysis.lines.values import line_values
 from rockfall.analysis.precision.intervals import Sources, are_sampled, sources
 from rockfall.analysis.precision.samples import Counts, Sample, Values
+from rockfall.case import case_of
 from rockfall.limits import (
     SAMPLE_BINS,
     SAMPLE_COARSE,
@@ -20,6 +22,7 @@ from rockfall.limits import (
     SAMPLE_TAILS,
     SAMPLE_UNITS,
 )
+from rockfall.result.samples import check_all_rows, simulated
 from rockfall.result.variables import fields
 
 if TYPE_CHECKING:
@@ -38,11 +41,27 @@ class LineSamples:
         self.sampled = are_sampled(result) if source is None else source.sampled
 
     @property
+    def boulders(self) -> int:
+        """How many are known."""
+        return simulated(self.result) if self._source is None else self._source.number.size
+
+    @property
     def sources(self) -> int:
-        """How many there are; where boulders are counted, groups of them at most."""
+        """How many there are; where boulders are counted and sources release different numbers,
+        groups of them at most."""
         if self._source is not None:
             return self._source.count
+        case = case_of(self.result)
+        if "boulders" in case.case and not case.release["by_area"]:
+            return int(self.result.attrs["boulders_asked"]) // case.case["boulders"]
         return int(np.count_nonzero(self._released(None)))
+
+    def given(self) -> LineSamples:
+        """The same with the sources for all there are."""
+        source = None if self._source is None else replace(self._source, sampled=False)
+        found = LineSamples(self.result, source)
+        found.sampled = False
+        return found
 
     def groups(self, by: str, classes: Sequence[float] | None = None) -> list[Group]:
         """Of boulders, as `rockfall.analysis.lines.groups.groups` has them; where they are counted,
