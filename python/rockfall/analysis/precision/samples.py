@@ -23,9 +23,7 @@ from rockfall.analysis.precision.intervals import (
 from rockfall.limits import SAMPLE_COARSE, SAMPLE_EDGES
 from rockfall.result.samples import BASE_BITS
 
-LOW, WIDTH = SAMPLE_EDGES[:-1], np.diff(SAMPLE_EDGES)  # of bins, in units
-MIDDLE = LOW + WIDTH / 2
-WHOLE = WIDTH == 1  # bins of a single number
+LOW, WIDTH = SAMPLE_EDGES[:-1], np.diff(SAMPLE_EDGES)  # of bins, in units; 1: of one number
 
 
 class Sample(ABC):
@@ -128,9 +126,12 @@ class Counts(Sample):
     ) -> None:
         """Counts in bins; words (parts, 5) of sums; counts in coarse bins of each group, which
         released so many; units in one of the quantity; the largest values, none without a tail."""
-        self._bins, self._groups, self._unit, self._sampled = bins, groups, unit, sampled
+        used = np.flatnonzero(bins)
+        self._bins, self._low, self._width = bins[used], LOW[used], WIDTH[used]
+        self._coarse = used // (bins.size // SAMPLE_COARSE)
+        self._groups, self._unit, self._sampled = groups, unit, sampled
         self._released, self._tail = released, tail
-        self._before = np.cumsum(bins) - bins
+        self._before = np.cumsum(self._bins) - self._bins
         self.n, self.released = int(bins.sum()), int(released.sum())
         high_, low_, high, low = (int(word) for word in words[:, :4].sum(axis=0, dtype=object))
         self._sum, self._squares = (high_ << BASE_BITS) + low_, (high << BASE_BITS) + low
@@ -167,8 +168,9 @@ class Counts(Sample):
     def _ranked(self, rank: np.ndarray) -> np.ndarray:
         """The values of whole ranks: of the largest themselves, of others as if evenly in bins."""
         k = np.searchsorted(self._before + self._bins, rank, side="right")
-        within = np.where(WHOLE[k], 0.5, (rank - self._before[k] + 0.5) / self._bins[k])
-        found = (LOW[k] + WIDTH[k] * within) / self._unit
+        alone = self._width[k] == 1
+        within = np.where(alone, 0.5, (rank - self._before[k] + 0.5) / self._bins[k])
+        found = (self._low[k] + self._width[k] * within) / self._unit
         if not self._tail.size:
             return found
         place = rank - (self.n - self._tail.size)
@@ -183,23 +185,25 @@ class Counts(Sample):
         return self._sums(self._released, total, squares).effective_number(fraction)
 
     def effective_below(self, value: float) -> float:
-        at = value * self._unit
-        share = np.where(WHOLE, at + 1e-6 >= MIDDLE, np.clip((at - LOW) / WIDTH, 0, 1))
+        above = value * self._unit - self._low
+        share = np.where(self._width == 1, above + 1e-6 >= 0.5, np.clip(above / self._width, 0, 1))
         fraction = float(self._bins @ share) / self.n
         squares = share * (1 - fraction) ** 2 + (1 - share) * fraction**2
         return self._by_group(share - fraction, squares).effective_number(fraction)
 
     def half_of_mean(self, power: int = 1) -> float:
-        values = MIDDLE / self._unit
+        values = (self._low + self._width / 2) / self._unit
         numbers = (values - self._bins @ values / self.n) ** power
         numbers -= self._bins @ numbers / self.n
         return self._by_group(numbers, numbers**2).half_of_mean()
 
     def _by_group(self, numbers: np.ndarray, squares: np.ndarray) -> Sums:
         """Of a variable and its square in each bin."""
-        coarse = self._bins.reshape(SAMPLE_COARSE, -1)
-        n = np.maximum(coarse.sum(axis=1), 1)
-        means = [(coarse * v.reshape(coarse.shape)).sum(axis=1) / n for v in (numbers, squares)]
+        n, *sums = (
+            np.bincount(self._coarse, self._bins * v, SAMPLE_COARSE)
+            for v in (np.ones(self._bins.size), numbers, squares)
+        )
+        means = (v / np.maximum(n, 1) for v in sums)
         return self._sums(self._groups.sum(axis=1), *(self._groups @ mean for mean in means))
 
     def _sums(self, n: np.ndarray, total: np.ndarray, squares: np.ndarray) -> Sums:
