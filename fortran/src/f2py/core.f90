@@ -925,8 +925,8 @@ contains
       end select
    end subroutine constant
 
-   !> Names of the rows of `run`: 1 boulder, 2 counts, 3 crossing, 4 vertex, 5 energy; of samples: 6 at lines, 7 at ends; blank past the
-   !> end.
+   !> Names of the rows of `run`: 1 boulder, 2 counts, 3 crossing, 4 vertex, 5 energy; of samples: 6 at lines, 7 at
+   !> ends; blank past the end.
    subroutine fields(what, text)
       integer(c_int), intent(in) :: what
       character(len=512), intent(out) :: text

@@ -318,10 +318,17 @@ contains
       integer(i4), intent(in) :: flat(:)
       integer(i8), allocatable, intent(out) :: bin(:)
       integer(i4), allocatable, intent(out) :: counts(:)
-      integer(i8) :: k
+      integer(i8) :: k, n
 
-      bin = pack([(k, k=0, size(flat, kind=i8) - 1)], flat /= 0)
-      counts = flat(bin + 1)
+      n = count(flat /= 0, kind=i8)
+      allocate (bin(n), counts(n))
+      n = 0
+      do k = 1, size(flat, kind=i8)
+         if (flat(k) == 0) cycle
+         n = n + 1
+         bin(n) = k - 1
+         counts(n) = flat(k)
+      end do
    end subroutine gather
 
    !> Put the bins of a file to their places.

@@ -28,8 +28,9 @@ module rockfall_line_samples
       [kilo, kilo, kilo, one, one, one, kilo, mega, kilo, kilo, kilo, kilo, &
        kilo, kilo, kilo, kilo, kilo, mega, one, one, one, one, one, one], [n_quantities, 2])
 
-   integer, parameter :: max_parts = 50, ranges = 20  !! of more features or sources, so many ranges are parts
-   integer, parameter :: max_grouped = 2048           !! groups of sources times places
+   integer, parameter :: max_parts = 50, ranges = 20  !! of more features or sources, so many ranges are parts,
+   integer, parameter :: max_parted = 256             !! or fewer: parts times places, each of 0.6 MB
+   integer, parameter :: max_grouped = 2048           !! groups of sources times places, each of 10 kB
 
    integer, parameter :: volume = findloc(boulder_fields, "volume", dim=1)
    integer, parameter :: status = findloc(boulder_counts, "status", dim=1), &
@@ -50,14 +51,18 @@ contains
       type(release_t), intent(in) :: release
       integer, intent(in) :: places  !! lines and the end
       type(layout_t) :: layout
-      integer :: things, n, each, k, p
+      integer :: things, most, n, each, k, p
       integer, allocatable :: seen(:), among(:)
 
       n = size(release%x)
       things = n
       if (allocated(release%feature)) things = maxval(release%feature)
+      most = max(1, max_parted/places)
       layout%part_last = [(k, k=1, things)]
-      if (things > max_parts) layout%part_last = [(k*(things/ranges) + min(k, mod(things, ranges)), k=1, ranges)]
+      if (things > min(max_parts, most)) then
+         most = min(ranges, most)
+         layout%part_last = [(k*(things/most) + min(k, mod(things, most)), k=1, most)]
+      end if
       allocate (layout%part(n), layout%group(n))
       allocate (seen(size(layout%part_last)), among(size(layout%part_last)), source=0)
       do k = 1, n

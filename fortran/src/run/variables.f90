@@ -17,8 +17,8 @@ module rockfall_variables
    type :: variable_t
       !> boulder, count (of all boulders), ground (the same, of each), energy (of each boulder, on request), tree (of
       !> each, where there are trees), line (first crossing), line_vertex, barrier, map, histogram, vertex (of a
-      !> trajectory), tally (of a cell, in part files), kept and sample (where not all rows are kept); or status and outcome, for what the status of a boulder may be,
-      !> and what a barrier may do with it.
+      !> trajectory), tally (of a cell, in part files), kept and sample (where not all rows are kept); or status and
+      !> outcome, for what the status of a boulder may be, and what a barrier may do with it.
       character(len=11) :: group
       character(len=27) :: name       !! in files line_, trajectory_, tally_ before, _histogram after
       character(len=7) :: kind        !! real, integer, word
