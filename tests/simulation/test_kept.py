@@ -7,9 +7,13 @@ import pytest
 
 import rockfall
 from programs import Killed, killed_after, make_prepared, same_results
+from rockfall.analysis.line_statistics import numbers_of
+from rockfall.analysis.precision.intervals import Sources
+from rockfall.analysis.precision.samples import Counts, Values
 from rockfall.analysis.run_until import run_until
 from rockfall.errors import RockfallError
 from rockfall.html_report import report
+from rockfall.limits import SAMPLE_BINS, SAMPLE_COARSE, SAMPLE_EDGES
 from rockfall.result.samples import simulated
 from rockfall.result.validate import check_values
 from rockfall.scene.read import read_scene
@@ -64,6 +68,27 @@ def test_statistics_are_those_of_the_rows(full, counted):
     assert rockfall.return_levels(full, [10, 100]).equals(
         rockfall.return_levels(counted, [10, 100])
     )
+
+
+def test_counts_with_a_tail_are_values(unit=1000.0):
+    """Of numbers of both signs, more than are kept themselves, from sources that differ."""
+    random = np.random.default_rng(1)
+    source = Sources.of(np.arange(20_000) % 40)
+    values = random.normal(5.0 + source.number / 10, 4.0)
+    whole = np.rint(values * unit).astype("i8")
+    coarse = np.searchsorted(SAMPLE_EDGES, whole) - 1
+    bins = np.bincount(coarse, minlength=SAMPLE_BINS)
+    groups = np.zeros((40, SAMPLE_COARSE), "i8")
+    np.add.at(groups, (source.number, coarse // (SAMPLE_BINS // SAMPLE_COARSE)), 1)
+    sums = [divmod(sum(map(int, numbers)), 2**62) for numbers in (whole, whole**2)]
+    words = np.array([[*sums[0], *sums[1], whole.max()]])
+    tail = np.sort(values)[-100:]
+    counts = Counts(bins, words, groups, np.full(40, 500), unit, tail, False)
+    of_rows, of_counts = (numbers_of(one) for one in (Values(values, source), counts))
+    for name, value in of_rows.items():
+        assert np.isclose(of_counts[name], value, rtol=0.005, atol=2 / unit), name
+    assert counts.between(0.999, 20_000.0) == Values(values, source).between(0.999, 20_000.0)
+    assert np.array_equal(counts.largest(100), tail) and counts.largest(101).size == 100
 
 
 def test_numbers_by_source_are_those_of_the_rows(full, counted):

@@ -63,9 +63,9 @@ class Samples:
             self.sums[..., digit] += self.sums[..., digit + 1] >> BASE_BITS
             self.sums[..., digit + 1] &= (1 << BASE_BITS) - 1
         np.maximum(self.sums[..., 4], other[..., 4], out=self.sums[..., 4])
-        both = np.concatenate([self.largest, arrays["sample_largest"]], axis=2)
-        both.sort(axis=2)
-        self.largest[...] = both[..., both.shape[2] - self.largest.shape[2] :]
+        for mine, its in zip(self.largest, arrays["sample_largest"], strict=True):
+            for one, more in zip(mine, its, strict=True):  # of all together memory has no copies
+                one[:] = np.sort(np.concatenate([one, more]))[more.size :]
         self.ended += arrays["sample_ended"]
 
     def fits(self, arrays: Mapping[str, np.ndarray]) -> bool:

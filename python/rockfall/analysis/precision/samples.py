@@ -174,7 +174,9 @@ class Counts(Sample):
         if not self._tail.size:
             return found
         place = rank - (self.n - self._tail.size)
-        return np.where(place >= 0, self._tail[place], np.minimum(found, self._tail[0]))
+        return np.where(
+            place >= 0, self._tail[np.maximum(place, 0)], np.minimum(found, self._tail[0])
+        )
 
     def effective_passing(self) -> float:
         fraction = self.n / self.released
