@@ -21,10 +21,11 @@ SAMPLE = {  # the attributes of a result whose sources stand for others
 
 def made(values, source=None, attrs=None):
     """A result of one line where boulders had these speeds, NaN where they did not cross."""
-    start = np.zeros(values.size) if source is None else source.astype(float)
+    source = np.zeros(values.size, int) if source is None else source
+    start = source.astype(float)
     data = {f"line_{name}": (("line", "boulder"), values[None]) for name in QUANTITIES[:6]}
     data |= {"start_x": ("boulder", start), "start_y": ("boulder", 0 * start)}
-    data["volume"] = "boulder", np.ones(values.size)
+    data |= {"source": ("boulder", source), "volume": ("boulder", np.ones(values.size))}
     return xr.Dataset(data, {"line": ["L"]}, attrs)
 
 

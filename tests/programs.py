@@ -71,7 +71,7 @@ def make_full_case(folder, **groups):
             "drop_height": 5.0,
         },
         "output": {"maps": list(variables.MAP), "rebounds": True, "trajectories": 70,
-                   "least_passages": 3},
+                   "min_passages": 3},
     }  # fmt: skip
     about = {group: about.get(group, {}) | groups.get(group, {}) for group in {**about, **groups}}
     lines = [

@@ -81,7 +81,7 @@ so terrain higher than the energy at the release could lift a boulder to bounds 
 `&output map_extent = 'terrain'` they cover all of the terrain.
 
 A mean and a quantile are shown wherever a boulder passed, or where at least `&output
-least_passages` did (an attribute of the map then). The attribute `thin_below` says below how many
+min_passages` did (an attribute of the map then). The attribute `thin_below` says below how many
 passages they are hardly known: 10 for a mean; 6, 45, 92, 236, 476 for quantiles of 50, 90, 95, 98
 and 99 %, which then lack a limit of their 95 % interval. Figures hatch such cells where the result
 counts `passages`. The limits are maps of their own, such as `energy_q95_low` and
@@ -95,8 +95,12 @@ the boulders themselves (up to 6 % where values are alike in a test), with a sca
 for 100 boulders (r.m.s.); a q99 may exceed the greatest value, by a class (25 %) at most. They
 take 440, 168 and 216 bytes in each cell that a boulder reaches, for energy, speed and each of the
 heights, a standard deviation 24; where the system has no more, the run ends with a line that says
-so. The limits of cells are those of boulders from anywhere: for the given sources they are at most
-too wide, for a sample of sources (`&release sources`) too narrow.
+so. The limits of cells, of the reach probability too, take boulders as independent: maps do not
+know how sources differ. For the given sources they hold 95 % or more, the more the sources differ,
+where the intervals at lines, stratified by source, hold 95 %. For a sample of sources (`&release
+sources`) the boulders of a place count as one (attribute `boulders_per_cluster`), as if all of them
+did the same: the limits hold 95 % or more, and are the wider the more alike the sources are;
+quantiles of cells to which few sources lead have none.
 
 A source feeds a cell when one of its boulders passed it; `sources` counts them.
 `reach_probability_by_source` is the passages over the boulders of these sources only, as
@@ -127,7 +131,9 @@ and energies at each line are kept themselves; return levels need no others.
 Confidence intervals need to know how sources differ. Each source is a group of its own, counted in
 coarser bins, as long as sources times (lines + 1) are at most 2048; of more, neighbours by number
 share a group, and intervals are as long or longer. Statistics by source are exact for up to 50
-features or sources (256 / (lines + 1) at most); more are 20 ranges. `rockfall merge` adds samples up.
+features or sources (256 / (lines + 1) at most); more are 20 ranges. `rockfall merge` adds samples
+up. With `&release sources = 'sample'`, sources at one place are clusters of their own here, and
+maps, whose limits need all boulders, are refused.
 
 Numbers of other kinds need rows: by volume, along a line, of barriers and design, comparisons,
 distributions and stops in figures and files. They take the boulders that are kept, and say so;

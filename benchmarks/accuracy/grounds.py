@@ -151,9 +151,10 @@ def main() -> None:
     parser.add_argument("-o", metavar="FOLDER", type=Path, dest="folder", default=ROOT / "docs")
     options = parser.parse_args()
     found = [look(kind, options.boulders) for kind in kinds()]
-    page = options.folder / "grounds.md"
+    page = ROOT / "docs" / "grounds.md"
     before = page.read_text(encoding="utf-8").split(BEGIN)[0]
-    with atomic_write(page) as part:
+    (options.folder / "figures").mkdir(parents=True, exist_ok=True)
+    with atomic_write(options.folder / page.name) as part:
         after = "\n".join(section(found, options.boulders))
         part.write_text(f"{before}{after}\n", encoding="utf-8")
     save(draw(found), options.folder / "figures" / "grounds.png", dpi=130)

@@ -14,6 +14,7 @@ import numpy as np
 
 from rockfall.io.grid import Grid
 from rockfall.io.raster import write_geotiff
+from rockfall.lab.talus import relief
 
 CELL, NX, NY = 2.0, 120, 150  # [m]: 240 m along the slope, 300 m down it
 GRID = Grid(0.0, CELL * NY, CELL, NX, NY)
@@ -21,7 +22,6 @@ CLIFF, FOOT, ROAD, END = 16.0, 224.0, 232.0, 300.0  # plan distances from the no
 BOTTOM = 600.0  # elevation of the southern edge [m]
 SEED = 20250716  # of the relief
 RELIEF = 0.2  # its standard deviation [m]
-SMOOTHING = 1.5  # its Gaussian filter [cells]
 FOREST = 60.0, 200.0  # its edges, plan distances from the northern edge [m]
 LANE = 110.0, 130.0  # eastings between which no tree stands [m]
 STEMS = 300.0  # a hectare
@@ -41,22 +41,15 @@ def natural(steeper: float) -> np.ndarray:
     return BOTTOM + fall[-1] - np.interp(south(), step, fall)
 
 
-def relief(seed: int) -> np.ndarray:
-    """White noise through a Gaussian filter, (NY, NX) [m]; none on cliff, road and meadow."""
-    margin = 8  # more than five standard deviations of the filter: no edge effects
-    shape = NY + 2 * margin, NX + 2 * margin
-    raw = np.random.Philox(key=seed).random_raw(shape[0] * shape[1])  # in every NumPy
-    noise = raw.reshape(shape) / 2.0**64 - 0.5
-    weight = np.exp(-0.5 * (np.arange(-margin, margin + 1) / SMOOTHING) ** 2)
-    for axis in 0, 1:
-        noise = np.apply_along_axis(np.convolve, axis, noise, weight, mode="valid")
+def rough(seed: int) -> np.ndarray:
+    """The relief, (NY, NX) [m]; none on cliff, road and meadow."""
     on_slope = (south() > CLIFF) & (south() < FOOT - 4.0)
-    return np.where(on_slope, RELIEF * (noise - noise.mean()) / noise.std(), 0.0)
+    return np.where(on_slope, relief(seed, (NY, NX), RELIEF), 0.0)
 
 
 def elevation(seed: int = SEED, steeper: float = 0.0) -> np.ndarray:
     """(NY, NX), north first [m]; another slope by its relief, and steeper by so many degrees."""
-    return (natural(steeper) + relief(seed)).astype("f4")
+    return (natural(steeper) + rough(seed)).astype("f4")
 
 
 def stems() -> np.ndarray:

@@ -12,12 +12,12 @@ import numpy as np
 
 from rockfall.io.grid import Grid
 from rockfall.io.raster import write_geotiff
+from rockfall.lab.talus import relief
 
 CELL, NX, NY = 4.0, 110, 150  # [m]: 440 m along the slope, 600 m down it
 GRID = Grid(0.0, CELL * NY, CELL, NX, NY)
 SEED = 20250601  # of the relief
 RELIEF = 0.25  # standard deviation [m]
-SMOOTHING = 1.5  # Gaussian filter of the relief [cells]
 BENDS = [0, 40, 80, 100, 300, 380, 440, 600]  # plan distance from the northern edge [m]
 ANGLES = [28, 36, 36, 36, 36, 24, 13, 4]  # of the slope there [degree]
 TOP = 900.0  # elevation of the northern edge [m]
@@ -48,22 +48,10 @@ def natural(s: np.ndarray) -> np.ndarray:
     return TOP - np.interp(s, np.append(0, middle + step / 2), np.append(0, fall))
 
 
-def relief() -> np.ndarray:
-    """White noise through a Gaussian filter, (NY, NX) [m]."""
-    margin = 8  # more than five standard deviations of the filter: no edge effects
-    shape = NY + 2 * margin, NX + 2 * margin
-    raw = np.random.Philox(key=SEED).random_raw(shape[0] * shape[1])  # in every NumPy
-    noise = raw.reshape(shape) / 2.0**64 - 0.5
-    weight = np.exp(-0.5 * (np.arange(-margin, margin + 1) / SMOOTHING) ** 2)
-    for axis in 0, 1:
-        noise = np.apply_along_axis(np.convolve, axis, noise, weight, mode="valid")
-    return RELIEF * (noise - noise.mean()) / noise.std()
-
-
 def elevation() -> np.ndarray:
     """(NY, NX), north first [m]."""
     s, x = place()
-    z = natural(s) + relief()
+    z = natural(s) + relief(SEED, (NY, NX), RELIEF)
     for edges in FACES:  # the rock stands out above the slope, and falls to it at its foot
         across, above = face(s, x, edges)
         z = z + across * edges[-1] * (1 - above)

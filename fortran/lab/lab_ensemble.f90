@@ -7,7 +7,7 @@ module lab_ensemble
    use rockfall_error, only: error_t, fail
    use rockfall_math, only: pi, sine_cosine
    use rockfall_threads, only: team_size
-   use rockfall_random, only: random_key_t, random_words, uniform, words_per_draw
+   use rockfall_random, only: random_key_t, random_words, uniform, words_per_block
    use lab_contact, only: material_t
    use lab_packing, only: packing_t, layer_t, pack_layer
    use lab_impact, only: shot_t, outcome_t, check_shot, fire
@@ -68,7 +68,7 @@ contains
       type(range_t), intent(in) :: range
       type(random_key_t), intent(in) :: key
       type(identity_t), intent(in) :: id
-      integer(i8) :: word(words_per_draw), place
+      integer(i8) :: word(words_per_block), place
       real(wp) :: s, c
       integer :: quarter
 

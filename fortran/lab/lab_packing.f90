@@ -6,7 +6,7 @@ module lab_packing
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail, our_fault
    use rockfall_math, only: pi, logarithm, exponential
-   use rockfall_random, only: random_key_t, random_words, uniform, words_per_draw
+   use rockfall_random, only: random_key_t, random_words, uniform, words_per_block
    use lab_contact, only: material_t
    use lab_bodies, only: bodies_t, bodies
    use lab_neighbours, only: box_t, fold
@@ -172,7 +172,7 @@ contains
       type(bodies_t), intent(out) :: b
       real(wp), allocatable :: x(:, :), r(:), v(:, :)
       real(wp), parameter :: apart = 1.001_wp  ! of bodies in neighbouring rows
-      integer(i8) :: word(words_per_draw)  ! 1: radius; 2 to 4: velocity; 5: gap
+      integer(i8) :: word(words_per_block), gap(words_per_block)  ! 1: radius; 2 to 4: velocity; 1: gap
       real(wp) :: width, volume, goal, corner(3), row, tallest, kick
       integer :: n
 
@@ -189,6 +189,7 @@ contains
       do while (volume < goal)
          n = n + 1
          word = random_words(key, for_layer, number, int(n, i8), 0_i8)
+         gap = random_words(key, for_layer, number, int(n, i8), 1_i8)
          r(n) = draw_radius(packing, uniform(word(1)))
          v(:, n) = kick*(2*uniform(word(2:4)) - 1)
          if (corner(1) + 2*r(n) > width) then
@@ -201,7 +202,7 @@ contains
             tallest = 0
          end if
          x(:, n) = corner + r(n)
-         corner(1) = corner(1) + 2*r(n)*(1 + 0.1_wp*uniform(word(5)))
+         corner(1) = corner(1) + 2*r(n)*(1 + 0.1_wp*uniform(gap(1)))
          row = max(row, 2*apart*r(n))
          tallest = max(tallest, 2*apart*r(n))
          volume = volume + 4.0_wp/3*pi*r(n)**3

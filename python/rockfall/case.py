@@ -14,7 +14,7 @@ from rockfall.errors import RockfallError, check_kernel
 from rockfall.io.files import check_text_file
 
 if TYPE_CHECKING:
-    import xarray as xr
+    from rockfall.result.contents import Held
 
 FROM_ARRAY = "(array)"  # the DEM of a case that gets its elevations from `run(case, dem=...)`
 REPEATABLE = tuple(_core.repeatable_groups().decode().split())  # groups that are lists
@@ -66,7 +66,7 @@ def read_case(path: str | Path) -> Case:
     return _case(text.decode("utf-8-sig"), path)
 
 
-def case_of(result: xr.Dataset) -> Case:
+def case_of(result: Held) -> Case:
     """The case that a result holds; file names are relative to where the run found its case."""
     return case_in(result.attrs)
 

@@ -16,7 +16,7 @@ from rockfall.io.raster_file import raster_files
 from rockfall.io.zone_table import read_zone_table
 
 if TYPE_CHECKING:
-    import xarray as xr
+    from rockfall.result.contents import Held
 
 #: Endings of what may lie beside a layer (GDAL's drivers of shapefiles and GeoPackages).
 BESIDE = (
@@ -60,7 +60,7 @@ def _files_of(case: Case, kind: str, name: str) -> Iterator[Path]:
         yield from map(Path, raster_files(path))
 
 
-def files_behind(result: xr.Dataset) -> Iterator[Path]:
+def files_behind(result: Held) -> Iterator[Path]:
     """The files that the case of a result reads, seen from where it was run; none where it has no
     case that this version reads."""
     if {"case", "case_file"} <= result.attrs.keys():

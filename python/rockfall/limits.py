@@ -1,8 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Limits and rules of the kernel that files and statistics share with it."""
+"""Limits of the machine, and limits and rules of the kernel that files and statistics share."""
+
+import os
 
 from rockfall._core import rockfall_f2py as _core
 
+MACHINE_MEMORY = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")  # bytes
 MAX_TEXT = int(_core.constant("max_text"))  # bytes of a file of text
 MAX_ELEVATION = _core.constant("max_elevation")  # [m]; more is an undeclared nodata value
 MAX_REAL = _core.constant("max_real")  # of a case, and coordinates [m]

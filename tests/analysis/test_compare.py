@@ -356,7 +356,7 @@ def test_a_line_that_nobody_crossed_has_no_numbers(result):
     found = compare(nobody, samples(speed=np.array([3.0, 4.0])))
     assert found.errors["simulated"].isna().all() and found.errors["within_interval"].isna().all()
     assert found.ks["n_simulated"][0] == 0 and np.isnan(found.ks["p"][0])
-    assert "N speed [m/s]" in as_text(found)
+    assert "N: speed [m/s]" in as_text(found)
 
 
 def test_few_observed_boulders_leave_much_to_chance(result):
@@ -481,7 +481,7 @@ def test_command_prints_and_writes_every_table(result, capsys):
     found = compare(rockfall.read_result("r.nc"), "a.csv", "b.csv")
     assert out == f"{as_text(found)}\n" and err == ""
     v = at(result, "speed")
-    row = next(line.split() for line in out.splitlines() if line.startswith("N speed"))
+    row = next(line.split() for line in out.splitlines() if line.startswith("N: speed"))
     half = 1.959964 * v.std(ddof=1) / np.sqrt(v.size)
     assert row[3:8] == [f"{v.mean():.1f}", "+-", f"{half:.1f}", f"{v.std():.1f}", f"{v.max():.1f}"]
     assert row[8:12] == ["observed", "12.5", "5", "30"]

@@ -19,6 +19,7 @@ from rockfall.analysis.hazard.classes import (
     unseen,
 )
 from rockfall.analysis.hazard.study import read_study
+from rockfall.limits import fraction_limits
 
 shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
 
@@ -51,12 +52,20 @@ def run(case):
 # ---- frequencies
 
 
-def test_a_scenario_is_a_run_times_its_frequency(tmp_path):
-    """And its limits those of the run's reach probability."""
-    found = hazard(make_case(tmp_path))
+@pytest.mark.parametrize(("sources", "independent"), [("all", 200), ("sample", 2)])
+def test_a_scenario_is_a_run_times_its_frequency(tmp_path, sources, independent):
+    """And its limits those of the run's reach probability: of a sample of two places, of which each
+    may have its boulders do all the same, those of two boulders."""
+    release = {"release": RELEASE | {"sources": sources}}
+    found = hazard(make_case(tmp_path, **release))
     maps = ["passages", "energy_exceeded", "reach_probability"]
     maps += ["reach_probability_low", "reach_probability_high"]
-    result = run(make_case(tmp_path, output={"maps": maps}))
+    result = run(make_case(tmp_path, output={"maps": maps}, **release))
+    assert int(found.boulders_per_cluster.item()) == 200 // independent
+    places = np.unravel_index(result.passages.values.argmax(), Z.shape)
+    limits = fraction_limits(result.passages.values[places] / 200, independent)
+    for end, limit in zip(("low", "high"), limits, strict=True):
+        assert result[f"reach_probability_{end}"].values[places] == np.float32(limit)
     assert (found.scenario_passages.values[0] == result.passages.values).all()
     assert (found.scenario_energy_exceeded.values[0] == result.energy_exceeded.values).all()
     assert (found.reach_probability.values == result.reach_probability.values).all()

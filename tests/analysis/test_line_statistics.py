@@ -4,11 +4,13 @@
 import numpy as np
 import pytest
 import xarray as xr
+from scipy.special import stdtrit
 
 import rockfall
+from known_law import SAMPLE, made
 from rockfall.analysis.line_statistics import QUANTITIES, line_numbers, sample_numbers
 from rockfall.analysis.lines.values import line_values
-from rockfall.analysis.precision.intervals import Sources, fraction_interval
+from rockfall.analysis.precision.intervals import Sources, fraction_interval, sources, student
 from rockfall.limits import fraction_limits
 from scenes import grid, make_case, rough, sets
 
@@ -87,7 +89,7 @@ def test_the_lateral_spread_is_the_deviation_along_a_bent_line():
     }
     ends["line_vertex_line"] = ("line_vertex", np.zeros(5, int))
     zero = "boulder", np.zeros(crossed.size)
-    start = {"start_x": zero, "start_y": zero, "volume": ("boulder", np.ones(crossed.size))}
+    start = {"source": zero, "volume": ("boulder", np.ones(crossed.size))}
     result = xr.Dataset({**values, **ends, **start}, {"line": ["L"]})
     assert line_values(result, "position", 0)[:-1] == pytest.approx(place, abs=1e-7)
     row = rockfall.line_statistics(result).set_index("quantity").loc["position"]
@@ -112,7 +114,8 @@ def test_boulders_of_a_source_count_as_one_where_they_do_the_same():
     """Each value 50 times over: the interval is that of the sources, not of the boulders."""
     stats = pytest.importorskip("scipy.stats")
     value = np.random.default_rng(1).normal(size=40)
-    row = sample_numbers(np.repeat(value, 50), a_sample(np.repeat(np.arange(40), 50)))
+    source = a_sample(np.repeat(np.arange(40), 50))
+    row = sample_numbers(np.repeat(value, 50), source, signed=True)
     expected = stats.t.interval(0.95, 39, value.mean(), stats.sem(value))
     assert (row["mean_low"], row["mean_high"]) == pytest.approx(expected, rel=1e-6)
 
@@ -133,6 +136,16 @@ def test_intervals_hold_for_few_sources(sources):
         assert apart == 0 or (np.mean(held, axis=0) <= 0.98).all()
 
 
+def test_sources_at_one_place_are_a_stratum_each_and_of_a_sample_one():
+    """Sources of blocks of 1 and of 10 m3 at each of two places."""
+    source = np.repeat([0, 1, 2, 3], 5)
+    given = made(source + 1.0, source).assign_coords(boulder=np.arange(20))
+    given["start_x"] = "boulder", np.repeat([0.0, 7.0], 10)
+    assert sources(given).released.tolist() == [5, 5, 5, 5]
+    assert sources(given.assign_attrs(SAMPLE)).released.tolist() == [10, 10]
+    assert sources(given.isel(boulder=slice(5, 15))).released.tolist() == [5, 5]
+
+
 def test_sources_that_happen_to_agree_know_no_more_than_their_boulders():
     random = np.random.default_rng(1)
     v = random.normal(10, 1, 200)
@@ -141,7 +154,13 @@ def test_sources_that_happen_to_agree_know_no_more_than_their_boulders():
         sample_numbers(v, source)
         for source in (Sources.alone(200), a_sample(np.arange(200) // 100))
     )
-    assert apart["mean_low"] == alone["mean_low"] and apart["std_high"] >= alone["std_high"]
+    assert apart["mean_low"] == pytest.approx(alone["mean_low"], rel=1e-12)
+    assert apart["std_high"] >= alone["std_high"]
+
+
+def test_students_t_is_that_of_scipy():
+    freedom = np.r_[1.0, 1.1, 1.5, 2, 3.7, 10, 100.5, 1e4, 1e7]
+    np.testing.assert_allclose([*map(student, freedom)], stdtrit(freedom, 0.975), rtol=2e-8)
 
 
 def test_intervals_hold_for_few_boulders():
@@ -156,10 +175,16 @@ def test_intervals_hold_for_few_boulders():
     assert "std_low" not in sample_numbers(np.array([1.0, 2.0]), Sources.alone(2))
 
 
+def test_no_mean_of_what_is_not_below_0_has_an_interval_below_0():
+    v, alone = np.array([0.1, 5.0, 0.3]), Sources.alone(3)
+    row, signed = sample_numbers(v, alone), sample_numbers(v, alone, signed=True)
+    assert signed["mean_low"] < 0 == row["mean_low"] and row["mean_high"] == signed["mean_high"]
+
+
 def test_a_quantile_beyond_the_sample_has_no_upper_limit():
     speed = np.arange(1.0, 21.0)
     names = {f"line_{name}": (("line", "boulder"), speed[None]) for name in QUANTITIES[:6]}
-    start = dict.fromkeys(("start_x", "start_y", "volume"), ("boulder", np.zeros(20)))
+    start = dict.fromkeys(("source", "volume"), ("boulder", np.zeros(20)))
     line = {f"line_vertex_{name}": ("line_vertex", [0, 0]) for name in ("line", "x", "y")}
     names |= {"line_x": names["line_speed"], "line_y": names["line_speed"]}
     row = of_speed(xr.Dataset({**names, **start, **line}, {"line": ["L"]}))

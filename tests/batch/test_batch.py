@@ -256,7 +256,7 @@ def test_quantile_maps_take_memory_where_boulders_pass(batch, tmp_path):
     case = rockfall.Case(
         case={"boulders": 8, "threads": 1}, surface={"uniform_mean_radius": 0.1}, terrain={},
         boulder={"volume_mean": 0.1}, release={"x": [500.0], "y": [990.0], "drop_height": 5.0},
-        output={"maps": maps, "least_passages": 6}, folder=tmp_path,
+        output={"maps": maps, "min_passages": 6}, folder=tmp_path,
     )  # fmt: skip
     prepare(case, tmp_path / "ready", dem=z, transform=grid)
     limit = 500 * 10**6

@@ -331,7 +331,7 @@ def test_a_fault_of_ours_is_one_line(place, capsys, monkeypatch):
     def broken(*_, **__):
         raise ZeroDivisionError("oh\nno")
 
-    monkeypatch.setattr("rockfall.cli.run.read_scene", broken)
+    monkeypatch.setattr("rockfall.cli.given.read_scene", broken)
     assert main(["run", "case.nml"]) == 1
     assert capsys.readouterr().err == (
         "rockfall: internal error: ZeroDivisionError: oh no "
@@ -377,7 +377,7 @@ def test_ctrl_c_before_the_first_boulder_writes_nothing(place, capsys, monkeypat
         raise KeyboardInterrupt
 
     before = files(place)
-    monkeypatch.setattr("rockfall.cli.run.read_scene", pressed)
+    monkeypatch.setattr("rockfall.cli.given.read_scene", pressed)
     assert main(["run", "case.nml"]) == 130
     assert capsys.readouterr().err == "rockfall: interrupted; no file is half-written\n"
     assert files(place) == before

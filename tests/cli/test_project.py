@@ -6,11 +6,14 @@ import re
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import rockfall
 import scenes
 from made import make_layer, make_raster
+from rockfall.analysis import convergence
+from rockfall.analysis.back import study as study_of_back
 from rockfall.cli import main
 
 shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
@@ -18,8 +21,10 @@ pyproj = pytest.importorskip("pyproj", reason="the vector extra is not installed
 
 W, N = 600000.0, 5000000.0
 BOX = shapely.box
-CLIFFS = [BOX(W + 60, N - 60, W + 140, N - 30), BOX(W + 160, N - 60, W + 240, N - 30)]
+CLIFFS = [BOX(W + 80, N - 55, W + 120, N - 35), BOX(W + 160, N - 60, W + 200, N - 40)]
 HALVES = [(0, 150, 0, 150), (150, 300, 0, 150), (0, 150, 150, 400), (150, 300, 150, 400)]
+
+SPEEDS = "line,quantity,unit,value\n" + "".join(f"L 214,speed,m/s,{v}\n" for v in range(4, 12))
 
 
 def line(y, left=0, right=300):
@@ -55,6 +60,7 @@ def draw_site():
     make_layer("site.gpkg", houses, layer="houses", name=["Hof"], value=[1e5], vulnerability=[0.5])
     trees = [shapely.Point(W + x, N - 200) for x in range(20, 280, 20)]
     make_layer("trees.gpkg", trees, dbh=[30.0] * len(trees), species=["spruce"] * len(trees))
+    Path("speeds.csv").write_text(SPEEDS)
     Path("stops.csv").write_text(f"x,y\n{W + 100},{N - 350}\n{W + 200},{N - 300}\n")
 
 
@@ -72,11 +78,16 @@ def rockfall_says(capsys):
 
 def test_a_project_in_a_dozen_commands(tmp_path, monkeypatch, rockfall_says):
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(study_of_back, "ROUND", 8)
+    monkeypatch.setattr(convergence, "REFERENCE", 20_000)
     draw_site()
     said = rockfall_says("new", "dem.tif", "site.gpkg", "trees.gpkg", "-o", "case.nml")
     assert said.err.count("\n") == 1
     assert "site.gpkg, layer Böden: reprojected from EPSG:25833 to EPSG:32632" in said.err
-    text = re.sub(r"boulders = \d+ ", "boulders_total = 2000 ", Path("case.nml").read_text())
+    text = re.sub(r"boulders_total = \d+", "boulders_total = 2000", Path("case.nml").read_text())
+    text = re.sub("maps = .*|rebounds = .*", "", text).replace(
+        "&output", "&output maps = 'passages'"
+    )
     text += "&ensemble runs = 8, radius_factor = 1.2 /\n&scenario name = 'a', frequency = 2.0 /\n"
     Path("case.nml").write_text(text)
 
@@ -92,7 +103,10 @@ def test_a_project_in_a_dozen_commands(tmp_path, monkeypatch, rockfall_says):
     )  # fmt: skip
     assert "Hof" in hazard.out and not hazard.err
     rockfall_says("compare", "case.nc", "stops.csv")
-    rockfall_says("ensemble", "case.nml", "--boulders-total", "300", "-o", "ensemble.nc")
+    rockfall_says("ensemble", "case.nml", "--boulders-total", "200", "-o", "ensemble.nc")
+    few = "--members 16 --effective 2 --boulders-total 200".split()
+    sought = rockfall_says("back", "case.nml", "speeds.csv", *few).out
+    converged = rockfall_says("convergence", "case.nml").out
 
     # one number, and one interval, wherever it is said
     result = rockfall.read_result("case.nc")
@@ -101,10 +115,19 @@ def test_a_project_in_a_dozen_commands(tmp_path, monkeypatch, rockfall_says):
     assert 0.02 < fraction < 0.98
     half = 50 * (high - low)
     assert re.search(rf"L 214 +{row['n']:,.0f} +{100 * fraction:.1f} \+- {half:.1f} %", summary)
-    assert f"{100 * fraction:.4g} % ({100 * low:.4g} to {100 * high:.4g} %)" in lines
+    assert f"{100 * fraction:#.4g} % ({100 * low:#.4g} to {100 * high:#.4g} %)" in lines
     page = Path("case.html").read_text()
     assert f"L 214: {row['n']:,.0f} boulders cross it" in page
-    assert f"({100 * low:.3g} to {100 * high:.3g})" in page
+    assert f"({100 * low:#.3g} to {100 * high:#.3g})" in page
+    assert re.search(r"speed at L 214 +8 ", sought) and "case_back/posterior.csv" in sought
+    sizes = re.search(r"from each of (\d+) sources:\s+(?:\d+ +){4}(\d+)\n", converged)
+    assert int(sizes[1]) == np.unique(result["source"]).size
+    assert int(sizes[2]) == convergence.REFERENCE // int(sizes[1])
+    study = pd.read_csv("case_convergence/study.csv").query(
+        "line == 'L 214' and statistic == 'fraction'"
+    )
+    assert study["value"].iloc[-1] == pytest.approx(fraction, abs=6 * half / 100)
+    assert "inf" not in converged
     # sources by name, and nothing of a layer runs in a page
     assert result["feature"].values.tolist() == ["Nordwand", "<b>Süd</b>"]
     assert set(np.unique(result["source_feature"])) == {1, 2} and "<b>Süd" not in page
@@ -123,7 +146,8 @@ def test_a_layer_is_reprojected_and_not_its_neighbours_in_the_file(tmp_path, mon
         "&line file = 'roads.gpkg', layer = 'far' /\n"
     )
     noted = json.loads(rockfall.run(rockfall.read_case("case.nml")).attrs["input_checksums"])
-    assert "reprojected" in noted["line roads.gpkg"] and "reprojected" not in noted["polygons"]
+    assert "reprojected" in noted["line roads.gpkg, layer far"]
+    assert "reprojected" not in noted["polygons"]
 
 
 def test_a_grid_without_a_crs_gets_one(tmp_path, monkeypatch, capsys):

@@ -64,10 +64,10 @@ def test_a_site_of_every_layer_runs_from_new_to_lines(capsys):
     assert len(scene.case.dam) == 1 and len(scene.trees.x) == 2
     rows = ((N - scene.y) / 5).astype(int)
     assert rows.min() == 6 and rows.max() == 11 and scene.x.size == 120
-    assert 120 * case.case["boulders"] == pytest.approx(100_000, rel=0.01)
+    assert case.case["boulders_total"] == 100_000
     assert scene.sizes[:, 0].tolist() == [0.3, 0.1]
     assert "default_zone = 1" in text and "120 cells lie in no polygon" in text
-    result = rockfall.run(case.replace(case={"boulders": 3}))
+    result = rockfall.run(case.replace(case={"boulders_total": 360}))
     assert result.sizes["boulder"] == 360
 
 
@@ -93,14 +93,16 @@ def test_a_terrain_alone_has_steep_sources(capsys):
 
 def test_ids_of_polygons_are_kept_where_they_tell_them_apart():
     make_layer("zones.shp", HALVES, zone=[7, 3], rg70=[0.1, 0.2], rg20=[0.2, 0.3], rg10=[0.3, 0.4])
-    make_layer("cliff.gpkg", [shapely.Point(W + 150, N - 42), shapely.Point(W + 190, N - 42)])
+    points = [shapely.Point(W + 150, N - 42), shapely.Point(W + 190, N - 42)]
+    make_layer("cliff.gpkg", points, volume_mean=[0.5, 2.0])
     assert new("zones.shp", "cliff.gpkg", "-o", "case.nml") == 0
     table = Path("case_zones.csv").read_text()
     assert table == "zone,rg70,rg20,rg10\n3,0.2,0.3,0.4\n7,0.1,0.2,0.3\n"
     assert not Path("case_zones.gpkg").exists()
     case = read_case("case.nml")
     assert case.surface["method"] == "A" and case.surface["zones"] == "zones.shp"
-    assert case.release["x"] == [W + 150, W + 190]
+    assert read_scene(case).x.tolist() == [W + 150, W + 190]
+    assert case.release["points"] == "cliff.gpkg" and case.boulder["volume"] == "source"
     # the same zone of two materials has to become two
     make_layer("other.gpkg", HALVES, zone=[7, 7], mean_radius=[0.1, 0.2])
     assert new("other.gpkg", "-o", "other.nml") == 0

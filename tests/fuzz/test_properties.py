@@ -214,7 +214,7 @@ def scenes_of(draw, generic=False):
         "boulder": draw(st.sampled_from(LAWS)),
         "release": release,
         "flight": {"gravity": draw(st.sampled_from([9.81, 0.1, 100.0]))},
-        "output": {"maps": MAPS, "rebounds": True, "trajectories": 100, "least_passages": 1},
+        "output": {"maps": MAPS, "rebounds": True, "trajectories": 100, "min_passages": 1},
     }
     return Scene(z, cell, draw(impact_sets()), groups, line, cells | rasters)
 

@@ -93,14 +93,15 @@ def curve(axes, label):
     ("line", "groups", "names"),
     [
         (LINE, {"output": ALL},
-         [*TRAJECTORIES, "passing", "stops", "pass_frequency", *AT_LINES, *REBOUNDS, *MAPS]),
+         [*TRAJECTORIES, "passing", "stops", "pass_frequency", *AT_LINES, "along_1", *REBOUNDS,
+          *MAPS]),
         ((), {}, ["passing", "stops"]),
         (FAR, {"case": {"boulders": 3}, "release": POINT | {"drop_height": 0.0},
                "output": {"rebounds": True, "trajectories": 2, "maps": ["speed_max_map"]}},
          ["passing", "stops", *AT_LINES, "map_speed_max_map"]),
         (LINE + FAR + [LINE[0] | {"name": "again"}],
          {"release": {"x": [100.0, 200.0], "y": [380.0, 390.0]}, "output": {"maps": ["passages"]}},
-         ["passing", "stops", "pass_frequency", *AT_LINES]),
+         ["passing", "stops", "pass_frequency", *AT_LINES, "along_1", "along_2", "along_3"]),
     ],
     ids=["all", "no lines", "none moves", "two sources"],
 )  # fmt: skip
@@ -262,7 +263,7 @@ def test_the_upper_limit_is_blank_where_none_passed(tmp_path):
 
 def test_captions_and_scales_say_where_a_number_needs_more_boulders(tmp_path):
     names = ["energy_mean", "speed_q50", "energy_max", "passages"]
-    result = run(tmp_path, release=POINT, output={"maps": names, "least_passages": 4})
+    result = run(tmp_path, release=POINT, output={"maps": names, "min_passages": 4})
     shown = {one.name: one for one in figures(result)}
     for name, thin in (("energy_mean", 10), ("speed_q50", 6)):
         one = shown[f"map_{name}"]

@@ -243,7 +243,7 @@ def test_rounding_up(value, plain, up):
 
 
 def test_windows_cover_the_line_and_are_blank_where_few_come(result):
-    sheet = rockfall.design(result, along="road", width=40.0, least=50)
+    sheet = rockfall.design(result, along="road", width=40.0, min_boulders=50)
     along = sheet.along
     assert along["start"].tolist() == [0, 40, 80, 120, 160, 200, 240, 280]
     assert along["end"].iloc[-1] == 300

@@ -87,7 +87,9 @@ def test_standalone_program_takes_what_was_prepared(case):
     prepare(case, "ready")
     done = run_program("ready/case.nml", "--output", "part.nc", "--quiet", cwd=".")
     assert done.returncode == 0, done.stderr
-    same_results(rockfall.merge(["part.nc"]), rockfall.run(case))
+    same_results(rockfall.merge(["part.nc"]), found := rockfall.run(case))
+    for of in ("line site.gpkg, layer lines", "barrier site.gpkg, layer nets"):
+        assert of in found.attrs["input_checksums"]
 
     text = read_case("ready/case.nml").replace(line=[{"file": "../site.gpkg"}]).text()
     (case.folder / "ready/case.nml").write_text(text)

@@ -32,7 +32,7 @@ def case(tmp_path_factory):
         case={"boulders": 400}, release={"x": [150.0, 80.0], "y": [380.0, 375.0]},
         surface={"uniform_mean_radius": 0.3},
         output={"energy_balance": True, "maps": ["passages", "deposits", "energy_max", *MAPS],
-                "rebounds": True, "least_passages": 1, "trajectories": 9},
+                "rebounds": True, "min_passages": 1, "trajectories": 9},
     )  # fmt: skip
 
 

@@ -129,7 +129,12 @@ def test_layers_in_memory_run_and_results_load_with_their_styles(within):
     assert energy[0] == "singlebandpseudocolor"
     assert "30" in " ".join(energy[1:]) and all("kJ" in label for label in energy[1:])
     assert all(len(one) > 2 for one in loaded.values() if isinstance(one, list))
-    assert (loaded["sources"], loaded["stops"]) == (120, 360)
+    shapes = {name: one["shapes"] for name, one in loaded.items() if isinstance(one, dict)}
+    assert (shapes["sources"], shapes["stops"]) == (120, 360)
+    styles = {name: loaded[name]["type"] for name in shapes}
+    assert styles["sources"] == styles["trajectories"] == "singleSymbol"
+    assert styles["stops"] == "categorizedSymbol"
+    assert {"stopped", "left domain"} < set(loaded["stops"]["labels"])
     assert "60 x 80 cells" in within["check"]["found"]["TEXT"]
 
 

@@ -63,9 +63,11 @@ def run(name, **parameters):
 
 
 def looks(layer):
-    """Features of a layer, or labels of the classes in which a raster is drawn."""
+    """How a layer is drawn: labels of its classes; of shapes also how many there are."""
     if not isinstance(layer, QgsRasterLayer):
-        return layer.featureCount()
+        renderer = layer.renderer()
+        labels = [item.label() for item in renderer.legendSymbolItems()]
+        return {"shapes": layer.featureCount(), "type": renderer.type(), "labels": labels}
     renderer = layer.renderer()
     return [renderer.type(), *(label for label, _ in renderer.legendSymbologyItems())]
 

@@ -80,11 +80,11 @@ def drawn(scatter: Scatter, word: int, numbers: Numbers) -> Decimal:
 
 
 def outgoing(
-    ground: Ground, words: list[int], radius: Decimal, mass: Decimal, rocks: Decimal, v: Triple,
-    numbers: Numbers,
+    ground: Ground, words: list[int], tilt: Decimal, radius: Decimal, mass: Decimal,
+    rocks: Decimal, v: Triple, numbers: Numbers,
 ) -> Triple:  # fmt: skip
     """On ground tilted against the way: in its own axes, t' and n', and back."""
-    degrees = exact(ground.roughness_angle) * numbers.uniform(words[3])
+    degrees = exact(ground.roughness_angle) * tilt
     c, s = numbers.cosine_sine(degrees * PI / 180)
     t, n = (c, s), (-s, c)  # along V_t and V_n
     along, off = (axis[0] * v[0] + axis[1] * v[1] for axis in (t, n))

@@ -26,7 +26,7 @@ import numpy as np
 import classical
 
 decimal.getcontext().prec = 50  # of all that this module reckons
-RELEASE, IMPACT, SCRAMBLE, BETWEEN = 1, 2, 3, 5  # purposes of random words
+RELEASE, IMPACT, SCRAMBLE, GROUND = 1, 2, 3, 5  # purposes of random words
 INERTIA = Decimal("0.4")  # of a sphere, over m R**2
 PI = Decimal("3.14159265358979323846264338327950288419716939937510582097494")
 LOW = 2**32 - 1
@@ -70,13 +70,15 @@ class World:
     ground: np.ndarray | None = None  # (ny, nx): index of these, where there are any
     density: float = 2800.0
     folded: np.ndarray = field(init=False)  # (5, 9, 9): the covariances with the noise
-    roots: list[list[list[Decimal]]] = field(init=False)  # of these
+    covariances: list[list[list[Decimal]]] = field(init=False)  # the same
+    means: list[list[Decimal]] = field(init=False)
     last: list[int] = field(init=False)  # boulder of each source
 
     def __post_init__(self) -> None:
         noise = np.zeros((5, 3, 3)) if self.noise is None else self.noise
         self.folded = self.covariance + [np.kron(s, np.eye(3)) for s in noise]
-        self.roots = [cholesky(c) for c in self.folded]
+        self.covariances = [[list(map(exact, row)) for row in c] for c in self.folded]
+        self.means = [list(map(exact, mean)) for mean in self.mean]
         self.last = last_boulders(self)
 
 
@@ -150,7 +152,7 @@ class Rebound(NamedTuple):
     spin: Decimal  # W with respect to the heading
     heading: Pair
     ratio: Decimal
-    weight: float  # greatest sum over a row of A of |m| + |L| |z|: scale of its rounding errors
+    weight: float  # how much outgoing changes with incoming, at most: scale of its rounding errors
 
 
 class Contact(NamedTuple):
@@ -239,15 +241,14 @@ def normal(word: int) -> Decimal:
     return value if side > 0 else -value
 
 
-def cholesky(c: np.ndarray) -> list[list[Decimal]]:
-    """Lower triangular L with L L^T = c."""
-    size = len(c)
-    root = [[ZERO] * size for _ in range(size)]
-    if not c.any():
+def cholesky(c: list[list[Decimal]]) -> list[list[Decimal]]:
+    """Lower triangular L with L L^T = c, which is definite or zero."""
+    root = [[ZERO] * len(c) for _ in c]
+    if not any(map(any, c)):
         return root
-    for i in range(size):
+    for i in range(len(c)):
         for j in range(i + 1):
-            left = exact(c[i, j]) - dot(root[i][:j], root[j][:j])
+            left = c[i][j] - dot(root[i][:j], root[j][:j])
             root[i][j] = left.sqrt() if i == j else left / root[j][j]
     return root
 
@@ -266,30 +267,30 @@ def philox(counter: list[int], seed: int) -> list[int]:
 
 
 def words(world: World, purpose: int, boulder: int, impact: int, draw: int) -> list[int]:
-    """The twelve random words of a draw; the first ones are the boulder's Sobol' point."""
-    found = []
-    for block in range(3):
-        counter = [boulder & LOW, boulder >> 32, impact, purpose << 24 | 3 * draw + block]
-        found += philox(counter, world.seed)
+    """The four random words of a draw; the first ones are the boulder's Sobol' point."""
+    found = philox([boulder & LOW, boulder >> 32, impact, purpose << 24 | draw], world.seed)
     if world.sobol and draw == 0:
         if purpose == RELEASE:
             found[0] = sobol_point(world, boulder)[0]
-        elif impact == 1:
-            found = sobol_point(world, boulder)[1:]
+        elif purpose == IMPACT and impact == 1:
+            found = sobol_point(world, boulder)[1:5]
+        elif purpose == GROUND and impact == 1:
+            found[0] = sobol_point(world, boulder)[5]
     return found
 
 
 @functools.cache
 def sobol_points(power: int) -> np.ndarray:
-    """The first 2**power points in 13 dimensions (Joe and Kuo 2008), as words."""
+    """The first 2**power points in six dimensions (Joe and Kuo 2008), as words."""
     from scipy.stats import qmc
 
-    points = qmc.Sobol(13, scramble=False, bits=32).random_base2(power)
+    points = qmc.Sobol(6, scramble=False, bits=32).random_base2(power)
     return (points * 2**32).astype(np.int64)
 
 
 def sobol_point(world: World, boulder: int) -> list[int]:
-    """The thirteen words of a boulder's point: its volume, then those of its first rebound."""
+    """The six words of a boulder's point: its volume, those of its first rebound, and the rocks
+    that it meets there."""
     source, index = source_of(world, boulder)
     point = sobol_points(max(6, index.bit_length()))[index]
     return [scrambled(world.seed, int(word), source + 1, d) for d, word in enumerate(point, 1)]
@@ -583,22 +584,44 @@ def energy(v: Triple) -> Decimal:
     return v[0] ** 2 + v[1] ** 2 + INERTIA * v[2] ** 2
 
 
-@functools.lru_cache(4096)
-def matrix(world: World, k: int, number: int, hit: int, draw: int) -> tuple[list[Decimal], float]:
-    """A by rows, and the greatest sum over a row of |m| + |L| |z|."""
-    z = [normal(word) for word in words(world, IMPACT, number, hit, draw)[:9]]
-    terms = [
-        [exact(m)] + [factor * one for factor, one in zip(row, z, strict=True)]
-        for m, row in zip(world.mean[k], world.roots[k], strict=True)
+def law_of_outgoing(world: World, k: int, v: Triple) -> tuple[list[Decimal], list[list[Decimal]]]:
+    """Mean of A V for a normal A, and the root of its covariance."""
+    c = world.covariances[k]
+    mean = [dot(world.means[k][i : i + 3], v) for i in (0, 3, 6)]
+    return mean, cholesky(
+        [
+            [dot(v, [dot(row[j : j + 3], v) for row in c[i : i + 3]]) for j in (0, 3, 6)]
+            for i in (0, 3, 6)
+        ]
+    )
+
+
+def draw_outgoing(world: World, k: int, v: Triple, z: list[Decimal]) -> Triple:
+    """A V of three normal numbers."""
+    mean, root = law_of_outgoing(world, k, v)
+    return tuple(m + dot(row, z) for m, row in zip(mean, root, strict=True))
+
+
+def growth(world: World, k: int, v: Triple, z: list[Decimal]) -> float:
+    """How much A V changes with V at most, and its own size."""
+    mean, root = law_of_outgoing(world, k, v)
+    scale = max(map(abs, v)) or ONE
+    small = scale * Decimal("1e-20")
+    out = draw_outgoing(world, k, v, z)
+    rows = [
+        (abs(m) + sum(abs(a) * (1 + abs(b)) for a, b in zip(row, z, strict=True))) / scale
+        for m, row in zip(mean, root, strict=True)
     ]
-    weights = [float(sum(map(abs, row))) for row in terms]
-    return [sum(row) for row in terms], max(sum(weights[i : i + 3]) for i in (0, 3, 6))
+    for i in range(3):
+        moved = draw_outgoing(world, k, (*v[:i], v[i] + small, *v[i + 1 :]), z)
+        rows = [row + abs(a - b) / small for row, a, b in zip(rows, moved, out, strict=True)]
+    return float(max(rows))
 
 
 def set_of(world: World, number: int, hit: int, ratio: Decimal, doubt: Doubt) -> int:
     """The set that serves a ratio R_b/R_m, from 0."""
     if world.between:
-        word = philox([number & LOW, number >> 32, hit, BETWEEN << 24], world.seed)[0]
+        word = words(world, GROUND, number, hit, 0)[1]
         lower = min(Decimal(5), max(ONE, ratio)) // 1
         upper = doubt.above(min(Decimal(5), ratio) - lower - uniform(word), ONE)
         return int(lower) - 1 + upper
@@ -609,16 +632,16 @@ def set_of(world: World, number: int, hit: int, ratio: Decimal, doubt: Doubt) ->
 def impact(
     world: World, number: int, hit: int, k: int, v_in: Triple, doubt: Doubt
 ) -> tuple[Triple, float]:
-    """(V_t, V_n, W) after the stochastic impact by set k, and the weight of its matrix."""
+    """(V_t, V_n, W) after the stochastic impact by set k, and how it grows with the incoming."""
     before = energy(v_in)
     for draw in range(DRAWS):
-        a, weight = matrix(world, k, number, hit, draw)
-        v = tuple(dot(a[i : i + 3], v_in) for i in (0, 3, 6))
+        z = [normal(word) for word in words(world, IMPACT, number, hit, draw)[:3]]
+        v = draw_outgoing(world, k, v_in, z)
         leaves = doubt.above(v[1], before.sqrt())
         gains = doubt.above(energy(v) - before, before)
         if leaves and not gains:
-            return v, weight
-    return limited(v_in, v), weight
+            return v, growth(world, k, v_in, z)
+    return limited(v_in, v), growth(world, k, v_in, z)
 
 
 def limited(v_in: Triple, v: Triple) -> Triple:
@@ -630,14 +653,13 @@ def limited(v_in: Triple, v: Triple) -> Triple:
     return v
 
 
-def turn(class_: Decimal, within: Decimal) -> Decimal:
-    """By how many degrees a boulder turns: the printed classes."""
-    low, high = Decimal(0), Decimal("22.5")
-    if class_ >= Decimal("0.96"):
-        low, high = Decimal(45), Decimal(50)
-    elif class_ >= Decimal("0.72"):
-        low, high = Decimal("22.5"), Decimal(45)
-    return low + (high - low) * within
+def turn(u: Decimal) -> Decimal:
+    """By how many degrees a boulder turns: the printed classes, each even."""
+    for below, above, low, high in (("0.96", 1, 45, 50), ("0.72", "0.96", "22.5", 45)):
+        if u >= Decimal(below):
+            within = (u - Decimal(below)) / (Decimal(above) - Decimal(below))
+            return Decimal(low) + (Decimal(high) - Decimal(low)) * within
+    return Decimal("22.5") * u / Decimal("0.72")
 
 
 def lateral_deviation(world: World, k: int, v_in: Triple, u: Decimal, doubt: Doubt) -> Decimal:
@@ -718,7 +740,7 @@ def bounce(
     u, w = landing.x / cell - at.i, landing.y / cell - at.j
     column, row = nearest_cell(world, at, u, w, doubt)
     word = words(world, IMPACT, number, hit, 0)
-    rock = rock_radius(world, column, row, word[11])
+    rock = rock_radius(world, column, row, words(world, GROUND, number, hit, 0)[0])
     if rock.is_infinite():
         return None
     ground = None if world.ground is None else world.grounds[world.ground[row, column]]
@@ -746,7 +768,8 @@ def bounce(
     else:
         mass = exact(world.density) * volume(world, number)
         own = radius(world, number), mass, obstacle
-        v_out = classical.outgoing(ground, word, *own, v_in, NUMBERS)
+        tilt = uniform(words(world, GROUND, number, hit, 0)[2])
+        v_out = classical.outgoing(ground, word, tilt, *own, v_in, NUMBERS)
         leaves = doubt.above(v_out[1], energy(v_in).sqrt())
         gains = energy(v_out) > energy(v_in)
         v_out = v_out if leaves and not gains else limited(v_in, v_out)
@@ -757,7 +780,7 @@ def bounce(
 
     downhill, pit = horn(world, column, row) or ((-g[0], -g[1]), False)
     if not any(heading):
-        heading = any_heading(uniform(word[10]))
+        heading = any_heading(uniform(word[3]))
         if any(downhill):
             heading = tuple(d / length(downhill) for d in downhill)
     spin = v_out[2]
@@ -765,14 +788,14 @@ def bounce(
         heading, spin = (-heading[0], -heading[1]), -spin
     rising = doubt.above(dot(g, heading), steep) if any(g) else False
     if rising and not pit:
-        heading = wandered(heading, downhill, uniform(word[10]), doubt)
+        heading = wandered(heading, downhill, uniform(word[3]), doubt)
     elif world.turning == "lab" and not pit:
-        degrees = lateral_deviation(world, k, v_in, uniform(word[9]), doubt)
-        heading = deviated(heading, downhill, up, degrees, word[10] & 1, doubt)
+        degrees = lateral_deviation(world, k, v_in, uniform(word[3]), doubt)
+        heading = deviated(heading, downhill, up, degrees, word[3] & 1, doubt)
     elif any(downhill) and not pit:
-        degrees = turn(uniform(word[9]), uniform(word[10]))
+        degrees = turn(uniform(word[3]))
         past = world.turning == "past_aspect"
-        heading = turned(heading, downhill, degrees, past, word[10] & 1, doubt)
+        heading = turned(heading, downhill, degrees, past, word[3] & 1, doubt)
     climb = dot(g, heading)
     ahead = abs(v_out[0]) / (1 + climb**2).sqrt()
     forward = (*heading, climb)

@@ -97,7 +97,7 @@ def test_no_flight_goes_through_a_barrier_that_stands_in_its_way(result):
                 if here:
                     met += 1
                     broken.add(b)
-                    at = v - [0, 0, G * t]
+                    at = v - [0, 0, G * time]
                     energy = mass / 2 * (at @ at + 0.4 * spin**2)
                     part = min(1.0, CAPACITY[b] / energy)
                     taken[boulder - 1] += part * energy

@@ -77,6 +77,15 @@ def test_frames_give_the_bits_of_files(case):
     assert "polygons = '(array)'" in other.attrs["case"] and not os.path.exists("(array)")
 
 
+def test_points_of_a_frame_are_those_of_a_layer(case):
+    points, about = [shapely.Point(W + x, N - 20) for x in (120, 180)], {"name": ["left", None]}
+    make_layer("points.gpkg", points, **about)
+    files = case.replace(release={"x": None, "y": None, "cells": None, "points": "points.gpkg"})
+    one, other = read_scene(files), read_scene(case, sources=frame(points, **about))
+    assert one.x.tolist() == other.x.tolist() == [W + 120, W + 180]
+    assert one.features.names == other.features.names == ["left", "2"]
+
+
 def test_zones_of_a_frame_take_the_place_of_a_raster(case):
     halves = [shapely.box(W, N - 200, W + 150, N), shapely.box(W + 150, N - 200, W + 900, N)]
     zones = frame(halves, zone=pd.array([-2, 77], "Int64"))

@@ -102,6 +102,15 @@ def test_zones_that_all_name_theirs_leave_no_place_for_the_cases(tmp_path):
     assert scene.material_ground.tolist() == [1, 2, 1]
 
 
+def test_rocks_of_no_size_are_for_grounds_that_need_none(tmp_path):
+    z = rough()
+    case = case_with(tmp_path, uniform_mean_radius=0.0, ground="road")
+    assert read(case).sizes.tolist() == [[0.0]]
+    for ground, name in (("rocky-slope", "rocky-slope"), (None, "sets.nml")):
+        with pytest.raises(rockfall.RockfallError, match=f"ground '{name}' needs mean_radius > 0"):
+            rockfall.run(case.replace(surface={"ground": ground}), dem=z, transform=grid(z))
+
+
 def test_zones_without_a_name_have_the_ground_of_the_surface(tmp_path):
     arrays, surface = zones(tmp_path, "1,,\n2,,road\n3,,\n", "zone,rg70,ground\n".replace(
         "rg70", "note"))  # fmt: skip

@@ -34,7 +34,7 @@ def scene(few_boulders):
 
 
 def test_the_result_is_that_of_a_run_here(workers, scene):
-    found = run_on_cluster(scene, workers[0])
+    found = run_on_cluster(scene, workers[0]).dataset()
     here = rockfall.run(scene.case)
     assert found.equals(here)
     for name in ("case", "boulder_last", "boulders_asked", "complete", "input_checksums"):
@@ -53,7 +53,7 @@ def test_a_worker_that_dies_in_the_middle_is_done_without(workers, scene, monkey
             killed.append(pid)
 
     monkeypatch.setattr(cluster.Joined, "add", add_and_kill)
-    found = run_on_cluster(scene, address, parts=40)
+    found = run_on_cluster(scene, address, parts=40).dataset()
     assert len(killed) == 1
     assert found.equals(rockfall.run(scene.case))
 
@@ -69,7 +69,7 @@ def test_the_command(few_boulders, tmp_path, monkeypatch, workers):
 
 def test_one_boulder_needs_no_cluster(few_boulders, workers):
     case = rockfall.read_case(few_boulders).replace(case={"boulders": 1})
-    assert run_on_cluster(read_scene(case), workers[0]).equals(rockfall.run(case))
+    assert run_on_cluster(read_scene(case), workers[0]).dataset().equals(rockfall.run(case))
 
 
 @pytest.mark.parametrize("where", ["local:0", "local:x"])

@@ -6,35 +6,35 @@ module rockfall_random
    use rockfall_math, only: logarithm
    implicit none
    private
-   public :: random_key_t, random_key, philox4x32, random_words, four_words, uniform
+   public :: random_key_t, random_key, philox4x32, random_words, uniform
    public :: normal_table_t, normal_table, normal, normal_quantile
-   public :: for_release, for_impact, for_scramble, for_ratio, for_forest, for_tree, purpose_bit
-   public :: words_per_draw, words_per_block
-   public :: volume_word, matrix_words, turn_class_word, turn_within_word, obstacle_word, ratio_word
-   public :: normal_restitution_word, tangential_restitution_word, obstacle_spread_word, roughness_word
+   public :: for_release, for_impact, for_scramble, for_ground, for_forest, for_tree, purpose_bit
+   public :: words_per_block
+   public :: volume_word, rebound_words, turn_word, obstacle_word, ratio_word, roughness_word
+   public :: normal_restitution_word, tangential_restitution_word, obstacle_spread_word
    public :: tree_class_word, tree_within_word
 
    !> Purposes: separate streams. The laboratory has those from 65 on.
-   integer(i8), parameter :: for_release = 1, for_impact = 2, for_scramble = 3, for_ratio = 5
+   integer(i8), parameter :: for_release = 1, for_impact = 2, for_scramble = 3
+   integer(i8), parameter :: for_ground = 5   !! what a boulder meets at an impact
    integer(i8), parameter :: for_forest = 11  !! counter: cell, stem; stem 0: how many there are
    integer(i8), parameter :: for_tree = 12    !! counter: boulder, trees hit so far and this one
    integer, parameter :: purpose_bit = 24  !! of the counter's last word; below it are the blocks of a purpose
 
    !> Where in a draw stands the word for what: another order gives other results.
    integer, parameter :: volume_word = 1        !! for_release: volume
-   integer, parameter :: matrix_words = 9       !! for_impact: words 1 to 9 are the normals of a1..a9
-   integer, parameter :: normal_restitution_word = 1      !! for_impact, where a classical rebound draws no matrix: R_n,
+   integer, parameter :: rebound_words = 3      !! for_impact: words 1 to 3 are the normals of V_t, V_n, W
+   integer, parameter :: normal_restitution_word = 1      !! for_impact, where a classical rebound draws instead: R_n,
    integer, parameter :: tangential_restitution_word = 2  !! R_t,
-   integer, parameter :: obstacle_spread_word = 3         !! the height of obstacles about that of their size,
-   integer, parameter :: roughness_word = 4               !! and how the ground is tilted
-   integer, parameter :: turn_class_word = 10   !! for_impact: class of the turn, or its quantile by_lab
-   integer, parameter :: turn_within_word = 11  !! for_impact: place within the class; its last bit is the side
-   integer, parameter :: obstacle_word = 12     !! for_impact: obstacle size of method A
-   integer, parameter :: ratio_word = 1         !! for_ratio: which of two impact sets
+   integer, parameter :: obstacle_spread_word = 3         !! and the height of obstacles about that of their size
+   integer, parameter :: turn_word = 4          !! for_impact: quantile of the turn; its last bit is the side
+   integer, parameter :: obstacle_word = 1      !! for_ground: obstacle size of method A
+   integer, parameter :: ratio_word = 2         !! for_ground: which of two impact sets
+   integer, parameter :: roughness_word = 3     !! for_ground: how it is tilted, to a classical rebound
    integer, parameter :: tree_class_word = 1    !! for_tree: class of the turn
    integer, parameter :: tree_within_word = 2   !! for_tree: place within the class; its last bit is the side
 
-   integer, parameter :: words_per_block = 4, blocks_per_draw = 3, words_per_draw = words_per_block*blocks_per_draw
+   integer, parameter :: words_per_block = 4
    integer, parameter :: rounds = 10  !! of Philox, as recommended: the fewest that pass all tests are 7
    integer(i8), parameter :: low32 = int(z"FFFFFFFF", i8)
 
@@ -98,27 +98,11 @@ contains
    pure function random_words(key, purpose, boulder, impact, draw) result(x)
       type(random_key_t), intent(in) :: key
       integer(i8), intent(in) :: purpose, boulder, impact, draw
-      integer(i8) :: x(words_per_draw)
-      integer(i8) :: counter(words_per_block)
-      integer :: k
-
-      counter = [iand(boulder, low32), shiftr(boulder, 32), iand(impact, low32), &
-                 ior(shiftl(purpose, purpose_bit), blocks_per_draw*draw)]
-      do k = 1, words_per_draw, words_per_block
-         x(k:k + words_per_block - 1) = philox4x32(counter, key)
-         counter(4) = counter(4) + 1
-      end do
-   end function random_words
-
-   !> Four words: for what needs no more.
-   pure function four_words(key, purpose, boulder, impact, draw) result(x)
-      type(random_key_t), intent(in) :: key
-      integer(i8), intent(in) :: purpose, boulder, impact, draw
       integer(i8) :: x(words_per_block)
 
       x = philox4x32([iand(boulder, low32), shiftr(boulder, 32), iand(impact, low32), &
                       ior(shiftl(purpose, purpose_bit), draw)], key)
-   end function four_words
+   end function random_words
 
    !> A number in (0, 1) from a word: the middle of its 2**-32, so that neither end occurs.
    elemental real(wp) function uniform(word)

@@ -3,14 +3,16 @@
 !> a pure function of (seed, source, dimension, index).
 module rockfall_sobol
    use rockfall_kinds, only: i8
-   use rockfall_random, only: random_key_t, philox4x32, for_scramble, purpose_bit, words_per_draw
+   use rockfall_random, only: random_key_t, philox4x32, for_scramble, purpose_bit, words_per_block
    implicit none
    private
-   public :: sobol_t, sobol_sequence, sobol_word, scrambled, volume_dimension, max_dimensions, max_points
+   public :: sobol_t, sobol_sequence, sobol_word, scrambled, max_points
+   public :: volume_dimension, obstacle_dimension, max_dimensions
 
    integer, parameter :: bits = 32                     !! of a word
-   integer, parameter :: volume_dimension = 1          !! a boulder's volume; the words of its first draw follow
-   integer, parameter :: max_dimensions = volume_dimension + words_per_draw
+   integer, parameter :: volume_dimension = 1          !! a boulder's volume; the words of its first rebound follow,
+   integer, parameter :: obstacle_dimension = volume_dimension + words_per_block + 1  !! and what it meets there
+   integer, parameter :: max_dimensions = obstacle_dimension
    integer(i8), parameter :: max_points = 2_i8**bits
    integer, parameter :: levels = 7, trees = 5         !! a tree of seven levels has 127 nodes: a block of Philox
 
@@ -25,12 +27,10 @@ contains
    !> The sequence of Joe and Kuo (2008, doi:10.1137/070709359), direction numbers of new-joe-kuo-6.
    pure type(sobol_t) function sobol_sequence(dimensions) result(sobol)
       integer, intent(in) :: dimensions  !! 0 .. max_dimensions
-      integer, parameter :: degree(2:max_dimensions) = [1, 2, 3, 3, 4, 4, 5, 5, 5, 5, 5, 5]
-      integer, parameter :: polynomial(2:max_dimensions) = [0, 1, 1, 2, 1, 4, 2, 4, 7, 11, 13, 14]
-      integer, parameter :: first(5, 2:max_dimensions) = reshape([ &
-         1, 0, 0, 0, 0, 1, 3, 0, 0, 0, 1, 3, 1, 0, 0, 1, 1, 1, 0, 0, 1, 1, 3, 3, 0, 1, 3, 5, 13, 0, &
-         1, 1, 5, 5, 17, 1, 1, 5, 5, 5, 1, 1, 7, 11, 19, 1, 1, 5, 1, 1, 1, 1, 1, 3, 11, 1, 3, 5, 5, 31], &
-         [5, max_dimensions - 1])
+      integer, parameter :: degree(2:max_dimensions) = [1, 2, 3, 3, 4]
+      integer, parameter :: polynomial(2:max_dimensions) = [0, 1, 1, 2, 1]
+      integer, parameter :: first(4, 2:max_dimensions) = reshape([ &
+         1, 0, 0, 0, 1, 3, 0, 0, 1, 3, 1, 0, 1, 1, 1, 0, 1, 1, 3, 3], [4, max_dimensions - 1])
       integer :: d, j, k
 
       sobol%dimensions = dimensions

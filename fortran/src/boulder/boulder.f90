@@ -5,7 +5,7 @@ module rockfall_boulder
    use rockfall_kinds, only: wp, i8
    use rockfall_math, only: pi, logarithm, exponential, cube_root
    use rockfall_random, only: random_key_t, random_words, uniform, normal, normal_table_t, for_release, &
-                              words_per_draw, volume_word
+                              words_per_block, volume_word
    implicit none
    private
    public :: boulder_t, source_boulder_t, feature_t, volume_distribution_t, release_t, draw_boulder, boulder_of
@@ -128,7 +128,7 @@ contains
       type(random_key_t), intent(in) :: key
       integer(i8), intent(in) :: number
       integer(i8), intent(in), optional :: first  !! word of the first draw, in place of the usual one
-      integer(i8) :: word(words_per_draw)
+      integer(i8) :: word(words_per_block)
 
       word = random_words(key, for_release, number, 0_i8, 0_i8)
       if (present(first)) word(volume_word) = first
@@ -204,7 +204,7 @@ contains
       type(random_key_t), intent(in) :: key
       integer(i8), intent(in) :: number
       integer(i8), intent(in) :: first  !! word of the first draw
-      integer(i8) :: draw, word(words_per_draw)
+      integer(i8) :: draw, word(words_per_block)
 
       volume = distribution%mean + distribution%std*normal(table, first)
       draw = 0

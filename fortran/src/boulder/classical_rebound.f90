@@ -5,8 +5,8 @@
 module rockfall_classical_rebound
    use rockfall_kinds, only: wp, i8
    use rockfall_math, only: pi, squared_sine, sine_cosine
-   use rockfall_random, only: normal_table_t, normal, uniform, matrix_words, normal_restitution_word, &
-                              tangential_restitution_word, obstacle_spread_word, roughness_word
+   use rockfall_random, only: normal_table_t, normal, uniform, rebound_words, normal_restitution_word, &
+                              tangential_restitution_word, obstacle_spread_word
    use rockfall_boulder, only: boulder_t, inertia_factor
    use rockfall_impact, only: rebound_t, is_admissible, limit_rebound
    implicit none
@@ -120,10 +120,11 @@ contains
    !>
    !> W is that of a sphere with the energy of the boulder's rotation, as everywhere between rebounds; here the boulder
    !> turns by its own inertia.
-   pure subroutine classical_rebound(this, table, words, boulder, inertia, obstacle, v_in, out)
+   pure subroutine classical_rebound(this, table, words, tilt, boulder, inertia, obstacle, v_in, out)
       type(classical_t), intent(in) :: this
       type(normal_table_t), intent(in) :: table
-      integer(i8), intent(in) :: words(matrix_words)
+      integer(i8), intent(in) :: words(rebound_words)
+      real(wp), intent(in) :: tilt      !! of the ground, over its roughness, 0 to 1 [-]
       type(boulder_t), intent(in) :: boulder
       real(wp), intent(in) :: inertia   !! I/(m R**2) [-]
       real(wp), intent(in) :: obstacle  !! height of the obstacles there [m]
@@ -131,7 +132,7 @@ contains
       type(rebound_t), intent(out) :: out
       real(wp) :: s, c, side, spin, met(3)
 
-      call sine_cosine(this%roughness*uniform(words(roughness_word)), s, c)
+      call sine_cosine(this%roughness*tilt, s, c)
       met = tilted(v_in, s, c)
       side = sign(1.0_wp, met(1))  ! it may come down against its own way upon tilted ground
       spin = sqrt(inertia_factor/inertia)  ! R omega over W
@@ -174,7 +175,7 @@ contains
    pure function restored(this, table, words, boulder, inertia, obstacle, v_in) result(v)
       type(classical_t), intent(in) :: this
       type(normal_table_t), intent(in) :: table
-      integer(i8), intent(in) :: words(matrix_words)
+      integer(i8), intent(in) :: words(rebound_words)
       type(boulder_t), intent(in) :: boulder
       real(wp), intent(in) :: inertia   !! I/(m R**2) [-]
       real(wp), intent(in) :: obstacle  !! [m]

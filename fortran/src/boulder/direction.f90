@@ -22,6 +22,10 @@ module rockfall_direction
    !> the first two, and that of the third [degree].
    real(wp), parameter :: second_class = 0.72_wp, third_class = 0.96_wp
    real(wp), parameter :: sector = 22.5_wp, last_sector = 5.0_wp
+   !> How fast the quantile of the turn rises within each class [rad].
+   real(wp), parameter :: in_first = sector*degree/second_class, &
+                          in_second = sector*degree/(third_class - second_class), &
+                          in_third = last_sector*degree/(1 - third_class)
 
    integer, parameter :: lateral_classes = 9  !! of incidence, at most
    !> Probabilities of the quantiles of a class: tenths, then the tail.
@@ -39,9 +43,9 @@ module rockfall_direction
    !> The rule and the random numbers of a turn.
    type :: turning_t
       integer :: rule = past_aspect
-      real(wp) :: class = 0.0_wp, within = 0.0_wp  !! uniform in (0, 1) [-]
-      real(wp) :: side = 1.0_wp                    !! 1 or -1: where there is no side to turn to [-]
-      real(wp) :: lateral = 0.0_wp                 !! by_lab: how far [rad]
+      real(wp) :: u = 0.0_wp        !! how far, uniform in (0, 1) [-]
+      real(wp) :: side = 1.0_wp     !! 1 or -1: where there is no side to turn to [-]
+      real(wp) :: lateral = 0.0_wp  !! by_lab: how far [rad]
    end type turning_t
 
 contains
@@ -73,19 +77,18 @@ contains
       end associate
    end function lateral_angle
 
-   !> The angle of a turn [rad] (section 3.3): 0-22.5 degrees with probability 0.72, 22.5-45 with 0.24, 45-50 with
-   !> 0.04; uniform inside a class, our choice (model, section 5).
-   pure real(wp) function turn_angle(class, within)
-      real(wp), intent(in) :: class, within  !! uniform in (0, 1) [-]
+   !> The angle of a turn [rad] (section 3.3), by inversion of its distribution: 0-22.5 degrees with probability 0.72,
+   !> 22.5-45 with 0.24, 45-50 with 0.04; uniform inside a class, our choice (model, section 5).
+   pure real(wp) function turn_angle(u)
+      real(wp), intent(in) :: u  !! uniform in (0, 1) [-]
 
-      if (class < second_class) then
-         turn_angle = sector*within
-      else if (class < third_class) then
-         turn_angle = sector + sector*within
+      if (u < second_class) then
+         turn_angle = in_first*u
+      else if (u < third_class) then
+         turn_angle = sector*degree + in_second*(u - second_class)
       else
-         turn_angle = 2*sector + last_sector*within
+         turn_angle = 2*sector*degree + in_third*(u - third_class)
       end if
-      turn_angle = turn_angle*degree
    end function turn_angle
 
    !> The heading after a rebound (section 3.3; model, section 5).
@@ -109,13 +112,13 @@ contains
       side = sign(1.0_wp, across)
       along = abs(across) <= along_aspect
       if (dot_product(g, heading) > 0) then
-         call sine_cosine((2*turning%within - 1)*sector*degree, s, c)
+         call sine_cosine((2*turning%u - 1)*sector*degree, s, c)
          after = rotated(heading, side*s, c)
       else if (turning%rule == by_lab) then
          side = turning%side*merge(1.0_wp, side, along)
          after = rotated_on_patch(heading, g, side*turning%lateral)
       else if (any(abs(aspect) > 0)) then
-         call sine_cosine(turn_angle(turning%class, turning%within), s, c)
+         call sine_cosine(turn_angle(turning%u), s, c)
          if (turning%rule == past_aspect) then
             after = rotated(heading, merge(turning%side, side, along)*s, c)
          else if (dot_product(heading, aspect) >= c) then

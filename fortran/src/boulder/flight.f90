@@ -221,31 +221,24 @@ contains
    end subroutine put_on_surface
 
    !> Length [m] of a parabola flown for a time: with the plan speed h and the vertical one w = v3 - g t, the integral
-   !> of sqrt(h**2 + w**2) dt is (F(w0) - F(w1))/(2 g), F(w) = w sqrt(h**2 + w**2) + h**2 ln(w + sqrt(h**2 + w**2)).
+   !> of s = sqrt(h**2 + w**2) over dt is (F(w0) - F(w1))/(2 g), F(w) = w s + h**2 ln(w + s). And since
+   !> (w + s)(s - w) = h**2 at both ends, (w0 + s0)/(w1 + s1) = (s0 + s1 + g t)/(s0 + s1 - g t).
    pure real(wp) function arc_length(v, gravity, time)
       real(wp), intent(in) :: v(3)     !! at the start [m/s]
       real(wp), intent(in) :: gravity  !! [m/s2]
       real(wp), intent(in) :: time     !! of flight [s]
-      real(wp) :: plan2, v0, v1, s0, s1
+      real(wp) :: plan2, fall, v1, s0, s1, both
 
       plan2 = v(1)*v(1) + v(2)*v(2)
-      v0 = v(3)
-      v1 = v(3) - gravity*time
-      s0 = sqrt(plan2 + v0*v0)
+      fall = gravity*time
+      v1 = v(3) - fall
+      s0 = sqrt(plan2 + v(3)*v(3))
       s1 = sqrt(plan2 + v1*v1)
-      arc_length = v0*s0 - v1*s1
-      if (plan2 > at_rest) arc_length = arc_length + plan2*logarithm(rise(v0, s0)/rise(v1, s1))
+      both = s0 + s1
+      arc_length = v(3)*s0 - v1*s1
+      ! A difference that rounding takes away belongs to a plan2 that adds nothing.
+      if (plan2 > at_rest) arc_length = arc_length &
+         + plan2*logarithm((both + fall)/max(both - fall, epsilon(both)*both))
       arc_length = max(0.0_wp, 0.5_wp*arc_length/gravity)  ! of a hop the terms cancel
-   contains
-      !> v + s [m/s] without cancellation, s = sqrt(plan2 + v**2).
-      pure real(wp) function rise(v, s)
-         real(wp), intent(in) :: v, s  !! [m/s]
-
-         if (v >= 0) then
-            rise = v + s
-         else
-            rise = plan2/(s - v)
-         end if
-      end function rise
    end function arc_length
 end module rockfall_flight

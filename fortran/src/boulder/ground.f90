@@ -2,7 +2,7 @@
 !> What the rebounds of a place follow: impact sets, or a classical rebound.
 module rockfall_ground
    use rockfall_kinds, only: wp, i8
-   use rockfall_random, only: random_key_t, normal_table_t, matrix_words
+   use rockfall_random, only: random_key_t, normal_table_t, rebound_words
    use rockfall_boulder, only: boulder_t
    use rockfall_impact, only: impact_set_t, rebound_t, rebound
    use rockfall_direction, only: lateral_t
@@ -28,13 +28,14 @@ contains
    end function is_stochastic
 
    !> One rebound.
-   pure subroutine ground_rebound(ground, table, key, number, impact, words, boulder, inertia, obstacle, pull, class, &
-                                  v_in, out)
+   pure subroutine ground_rebound(ground, table, key, number, impact, words, tilt, boulder, inertia, obstacle, pull, &
+                                  class, v_in, out)
       type(ground_t), intent(in) :: ground
       type(normal_table_t), intent(in) :: table
       type(random_key_t), intent(in) :: key
       integer(i8), intent(in) :: number, impact       !! of the boulder, of its contact
-      integer(i8), intent(in) :: words(matrix_words)  !! of the first draw
+      integer(i8), intent(in) :: words(rebound_words)  !! of the first draw
+      real(wp), intent(in) :: tilt                    !! of the ground, over its roughness, 0 to 1 [-]
       type(boulder_t), intent(in) :: boulder
       real(wp), intent(in) :: inertia                 !! of the boulder, I/(m R**2) [-]
       real(wp), intent(in) :: obstacle                !! height of the obstacles there [m]
@@ -46,7 +47,7 @@ contains
       if (is_stochastic(ground)) then
          call rebound(ground%sets(class), table, key, number, impact, words, v_in, out)
       else
-         call classical_rebound(ground%classical, table, words, boulder, inertia, obstacle, v_in, out)
+         call classical_rebound(ground%classical, table, words, tilt, boulder, inertia, obstacle, v_in, out)
          call lengthen_hop(ground%classical, boulder, pull, out%v)
       end if
    end subroutine ground_rebound

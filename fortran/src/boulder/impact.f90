@@ -5,13 +5,14 @@
 module rockfall_impact
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail, our_fault
-   use rockfall_random, only: random_key_t, normal_table_t, normal, random_words, for_impact, words_per_draw, &
-                              matrix_words
+   use rockfall_random, only: random_key_t, normal_table_t, normal, random_words, for_impact, words_per_block, &
+                              rebound_words
    use rockfall_boulder, only: inertia_factor
    use rockfall_math, only: squared_sine
    implicit none
    private
    public :: impact_set_t, impact_set, check_covariance, with_noise, fitted_t, fitted, beyond_fit
+   public :: velocity_law_t, law_of, drawn
    public :: max_draws, min_normal, impact_ratios, ratio_class, ratio_between, ratio_weights, rebound_t, rebound
    public :: is_admissible, limit_rebound, twice_energy
 
@@ -23,6 +24,8 @@ module rockfall_impact
    !> What an eigenvalue of a semidefinite matrix printed with seven digits may fall below zero, over the largest
    !> entry [-].
    real(wp), parameter :: definite_tolerance = 1.0e-6_wp
+   !> Below it, over its scale, a pivot is what rounding leaves of zero [-].
+   real(wp), parameter :: pivot_tolerance = 64*epsilon(1.0_wp)
    integer, parameter :: lapack_work = 90  !! of dsyev (at least 3n - 1) and dgelqf (at least n), n = 9
 
    !> The incident speeds, and angles from the surface, that a set was fitted on: squares of both ends, since these
@@ -32,12 +35,25 @@ module rockfall_impact
       real(wp) :: sine2(2) = [0.0_wp, 1.0_wp]           !! [-]
    end type fitted_t
 
-   !> Mean m and root L of the covariance C = L L^T of (a1..a9), A by rows; L is lower triangular. All [-].
+   !> The distribution of (a1..a9), A by rows: A = m + L z with the mean m and the root L of its covariance C = L L^T,
+   !> lower triangular, and nine normal numbers z. And what follows from it for V_out = A V_in. All [-].
    type :: impact_set_t
-      real(wp) :: mean(10) = 0.0_wp     !! and a tenth row of zeros, because
-      real(wp) :: root(10, 9) = 0.0_wp  !! processors work in pairs
+      real(wp) :: mean(9) = 0.0_wp
+      !> The covariances of V_out (11, 21, 31, 22, 32, 33), in the rows, are those of A times the products of
+      !> V_in (11, 22, 33, 21, 31, 32), in the columns.
+      real(wp) :: covariance(6, 6) = 0.0_wp
+      real(wp) :: rounding(3) = 0.0_wp  !! of a variance of V_out, over |V_in|**2
       type(fitted_t) :: fitted
+      real(wp) :: root(9, 9) = 0.0_wp
    end type impact_set_t
+
+   !> The distribution of V_out = A V_in for one V_in: normal, of the covariance S = F D F^T with the unit lower
+   !> triangular F and the diagonal D.
+   type :: velocity_law_t
+      real(wp) :: mean(3)    !! of V_t, V_n, W [m/s]
+      real(wp) :: std(3)     !! sqrt(D) [m/s]
+      real(wp) :: factor(3)  !! F: 21, 31, 32 [-]
+   end type velocity_law_t
 
    !> What one rebound did.
    type :: rebound_t
@@ -94,14 +110,53 @@ contains
 
       call check_covariance("covariance", covariance, error)
       if (allocated(error)) return
-      set%mean(:9) = mean
+      set%mean = mean
       root = covariance
       call dpotrf("L", 9, root, 9, info)
       if (info /= 0) call semidefinite_root(covariance, root)
       do k = 1, 9
-         set%root(k:9, k) = root(k:9, k)
+         set%root(k:, k) = root(k:, k)
       end do
+      if (info == 0) then
+         call set_covariance(set, covariance)
+      else  ! what rounding has made indefinite has no root: that of L is as near
+         call set_covariance(set, product_of(set%root))
+      end if
    end subroutine impact_set
+
+   !> What `law_of` needs of the covariance C of A: S_ij = sum over k, l of C(3(i-1)+k, 3(j-1)+l) V_k V_l.
+   pure subroutine set_covariance(set, c)
+      type(impact_set_t), intent(inout) :: set
+      real(wp), intent(in) :: c(9, 9)  !! [-]
+      integer, parameter :: row(6) = [1, 2, 3, 2, 3, 3], column(6) = [1, 1, 1, 2, 2, 3]
+      integer, parameter :: low(6) = [1, 2, 3, 1, 1, 2], high(6) = [1, 2, 3, 2, 3, 3]
+      integer :: n, m
+
+      do m = 1, 6
+         do n = 1, 6
+            associate (i => 3*row(n) - 3, j => 3*column(n) - 3, k => low(m), l => high(m))
+               set%covariance(n, m) = c(i + k, j + l)
+               if (k /= l) set%covariance(n, m) = set%covariance(n, m) + c(i + l, j + k)
+            end associate
+         end do
+      end do
+      do n = 1, 3
+         set%rounding(n) = pivot_tolerance*(c(3*n - 2, 3*n - 2) + c(3*n - 1, 3*n - 1) + c(3*n, 3*n))
+      end do
+   end subroutine set_covariance
+
+   !> L L^T, summed in one order on every machine.
+   pure function product_of(root) result(c)
+      real(wp), intent(in) :: root(9, 9)  !! [-]
+      real(wp) :: c(9, 9)
+      integer :: i, j
+
+      do j = 1, 9
+         do i = 1, 9
+            c(i, j) = dot_product(root(i, :), root(j, :))
+         end do
+      end do
+   end function product_of
 
    !> The covariance of A that gives V_out = A V_in the distribution of A V_in + |V_in| e, |V|**2 = V_t**2 + V_n**2 +
    !> W**2, e normal with covariance S (model, section 4). A and e are drawn anew together, and |V_in| e is distributed
@@ -256,42 +311,74 @@ contains
       type(normal_table_t), intent(in) :: table
       type(random_key_t), intent(in) :: key
       integer(i8), intent(in) :: boulder, impact
-      integer(i8), intent(in) :: words(matrix_words)  !! of the first draw
-      real(wp), intent(in) :: v_in(3)          !! V_t, V_n, W [m/s]
+      integer(i8), intent(in) :: words(rebound_words)  !! of the first draw
+      real(wp), intent(in) :: v_in(3)                  !! V_t, V_n, W [m/s]
       type(rebound_t), intent(out) :: out
-      integer(i8) :: again(words_per_draw)
-      real(wp) :: energy_in, z(matrix_words)
+      type(velocity_law_t) :: law
+      integer(i8) :: again(words_per_block)
+      real(wp) :: energy_in, z(rebound_words)
       integer :: draw
 
       energy_in = twice_energy(v_in)
+      law = law_of(set, v_in)
       z = normal(table, words)
-      out%v = product_with(set, z, v_in)
+      out%v = drawn(law, z)
       do draw = 1, max_draws - 1
          if (admissible(out%v, energy_in)) return
          again = random_words(key, for_impact, boulder, impact, int(draw, i8))
-         z = normal(table, again(1:matrix_words))
-         out%v = product_with(set, z, v_in)
+         z = normal(table, again(:rebound_words))
+         out%v = drawn(law, z)
          out%draws = out%draws + 1
       end do
       out%forced = .not. admissible(out%v, energy_in)
       if (out%forced) call limit_rebound(out%v, v_in)
    end subroutine rebound
 
-   !> A V_in [m/s] for A = m + L z (eqs 4, 5).
-   pure function product_with(set, z, v_in) result(v)
+   !> The distribution of A V_in: a linear function of the normal A, so normal itself, with the mean m V_in and the
+   !> covariance S of `set_covariance` (eqs 4, 5; model, section 4). Three normal numbers draw from it what nine would
+   !> through A.
+   pure type(velocity_law_t) function law_of(set, v_in) result(law)
       type(impact_set_t), intent(in) :: set
-      real(wp), intent(in) :: z(matrix_words)  !! independent standard normals [-]
-      real(wp), intent(in) :: v_in(3)          !! V_t, V_n, W [m/s]
-      real(wp) :: v(3), a(10)
+      real(wp), intent(in) :: v_in(3)  !! V_t, V_n, W [m/s]
+      real(wp) :: products(6), s(6), zero(3), d(3), s32
 
-      associate (m => set%mean, l => set%root)
-         a = m + l(:, 1)*z(1) + l(:, 2)*z(2) + l(:, 3)*z(3) + l(:, 4)*z(4) + l(:, 5)*z(5) &
-             + l(:, 6)*z(6) + l(:, 7)*z(7) + l(:, 8)*z(8) + l(:, 9)*z(9)
+      products = [v_in(1)*v_in(1), v_in(2)*v_in(2), v_in(3)*v_in(3), v_in(2)*v_in(1), v_in(3)*v_in(1), v_in(3)*v_in(2)]
+      associate (c => set%covariance, m => set%mean)
+         s = c(:, 1)*products(1) + c(:, 2)*products(2) + c(:, 3)*products(3) &
+             + c(:, 4)*products(4) + c(:, 5)*products(5) + c(:, 6)*products(6)
+         law%mean = [m(1)*v_in(1) + m(2)*v_in(2) + m(3)*v_in(3), &
+                     m(4)*v_in(1) + m(5)*v_in(2) + m(6)*v_in(3), &
+                     m(7)*v_in(1) + m(8)*v_in(2) + m(9)*v_in(3)]
       end associate
-      v(1) = a(1)*v_in(1) + a(2)*v_in(2) + a(3)*v_in(3)
-      v(2) = a(4)*v_in(1) + a(5)*v_in(2) + a(6)*v_in(3)
-      v(3) = a(7)*v_in(1) + a(8)*v_in(2) + a(9)*v_in(3)
-   end function product_with
+      zero = set%rounding*(products(1) + products(2) + products(3))
+      d(1) = s(1)
+      law%factor(1:2) = s(2:3)*inverse(d(1), zero(1))
+      d(2) = s(4) - law%factor(1)*s(2)
+      s32 = s(5) - law%factor(2)*s(2)
+      law%factor(3) = s32*inverse(d(2), zero(2))
+      d(3) = s(6) - law%factor(2)*s(3) - law%factor(3)*s32
+      law%std = sqrt(merge(d, 0.0_wp, d > zero))
+   end function law_of
+
+   !> 1/x, or 0 for an x that is zero but for rounding.
+   pure real(wp) function inverse(x, zero)
+      real(wp), intent(in) :: x, zero  !! any unit
+
+      inverse = 0
+      if (x > zero) inverse = 1/x
+   end function inverse
+
+   !> V_out [m/s] of three normal numbers.
+   pure function drawn(law, z) result(v)
+      type(velocity_law_t), intent(in) :: law
+      real(wp), intent(in) :: z(3)  !! independent standard normals [-]
+      real(wp) :: v(3), x(3)
+
+      x = law%std*z
+      v(1) = law%mean(1) + x(1)
+      v(2) = law%mean(2) + law%factor(1)*x(1) + x(2)
+      v(3) = law%mean(3) + law%factor(2)*x(1) + law%factor(3)*x(2) + x(3)
+   end function drawn
 
    !> Twice the kinetic energy per mass [m2/s2]: V_t**2 + V_n**2 + I omega**2/m, I = 2/5 m R_b**2.
    pure real(wp) function twice_energy(v)

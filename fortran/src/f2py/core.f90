@@ -465,15 +465,17 @@ contains
                                           k=1, size(map_fields))]), thresholds)
    end function plan_of
 
-   !> The limits of the 95 % intervals of fractions of the boulders of a run.
-   subroutine count_limits(counts, boulders, low, high, n)
+   !> The limits of the 95 % intervals of fractions of the boulders of a run; those of a cluster may all do the same.
+   subroutine count_limits(counts, boulders, per_cluster, low, high, n)
       integer(c_int), intent(in) :: n
       integer(c_int32_t), intent(in) :: counts(n)
-      integer(c_int64_t), intent(in) :: boulders
+      integer(c_int64_t), intent(in) :: boulders, per_cluster
       real(c_double), intent(out) :: low(n), high(n)
+      real(c_double) :: all
 
-      low = fraction_limit(counts/real(boulders, c_double), real(boulders, c_double), -1)
-      high = fraction_limit(counts/real(boulders, c_double), real(boulders, c_double), 1)
+      all = real(boulders, c_double)
+      low = fraction_limit(counts/all, all/per_cluster, -1)
+      high = fraction_limit(counts/all, all/per_cluster, 1)
    end subroutine count_limits
 
    !> Refuse a run whose maps its tallies cannot hold; `fall` is from the maximum energy head to the lowest
@@ -496,13 +498,14 @@ contains
 
    !> A map of reals, of the tallies of `run` for maps of these names; `fewest`: passages for which a cell has a
    !> number.
-   subroutine map_values(name, boulders, least, names, map_counts, map_sums, map_reals, class_counts, column, columns, &
-                         values, fewest, thin, nxc, nyc, nkc, nxs, nys, nks, nxr, nyr, nkr, kc, cc, nxq, nyq, nx, ny)
+   subroutine map_values(name, boulders, per_cluster, min_passages, names, map_counts, map_sums, map_reals, &
+                         class_counts, column, columns, values, fewest, thin, nxc, nyc, nkc, nxs, nys, nks, &
+                         nxr, nyr, nkr, kc, cc, nxq, nyq, nx, ny)
       !f2py threadsafe
       integer(c_int), intent(in) :: nxc, nyc, nkc, nxs, nys, nks, nxr, nyr, nkr, kc, cc, nxq, nyq, nx, ny
       character(len=*), intent(in) :: name, names
-      integer(c_int64_t), intent(in) :: boulders
-      integer(c_int), intent(in) :: least
+      integer(c_int64_t), intent(in) :: boulders, per_cluster  !! of the run; of a cluster, 1: they are independent
+      integer(c_int), intent(in) :: min_passages
       integer(c_int32_t), intent(in), target :: map_counts(nxc, nyc, nkc), class_counts(kc, cc), column(nxq, nyq), &
                                                 columns(1)
       integer(c_int64_t), intent(in), target :: map_sums(nxs, nys, nks)
@@ -514,10 +517,10 @@ contains
 
       maps = map_views(plan_of(names, 0), [real(c_double) ::], [1, 1], map_counts, map_sums, map_reals, class_counts, &
                        column, columns(1))
-      fewest = map_min_count(name, least)
-      thin = map_thin_below(name)
+      fewest = map_min_count(name, min_passages)
+      thin = map_thin_below(name, per_cluster)
       do j = 1, ny
-         call map_row(maps, name, j, boulders, least, values(:, j))
+         call map_row(maps, name, j, boulders, per_cluster, min_passages, values(:, j))
       end do
    end subroutine map_values
 

@@ -75,9 +75,9 @@ module rockfall_case_keys
             "raster of obstacle sizes met at 20 % [m]", in_scene, "raster"), &
       key_t("surface", "rg10", "text", 1, "absent", "", "", &
             "raster of obstacle sizes met at 10 % [m]", in_scene, "raster"), &
-      key_t("surface", "uniform_mean_radius", "real", 1, "absent", "> 0", "m", &
+      key_t("surface", "uniform_mean_radius", "real", 1, "absent", ">= 0", "m", &
             "one mean rock radius everywhere", in_scene), &
-      key_t("surface", "uniform_rg", "real", 3, "absent", "> 0", "m", "Rg70, Rg20, Rg10 everywhere", in_scene), &
+      key_t("surface", "uniform_rg", "real", 3, "absent", ">= 0", "m", "Rg70, Rg20, Rg10 everywhere", in_scene), &
       key_t("surface", "method", "text", 1, "'B'", "A, B", "", &
             "A: three obstacle sizes, B: one mean radius", in_scene), &
       key_t("surface", "rg_reading", "text", 1, "'diameter'", "diameter, radius", "", "what Rg measures"), &
@@ -201,7 +201,7 @@ module rockfall_case_keys
       key_t("output", "maps", "text", n_maps, "absent", "as in result.md", "", "rasters of results"), &
       key_t("output", "map_extent", "text", 1, "'reach'", "reach, terrain", "", &
             "reach: the cells that boulders can reach; terrain: all"), &
-      key_t("output", "least_passages", "integer", 1, "1", "1 to 2147483647", "", &
+      key_t("output", "min_passages", "integer", 1, "1", "1 to 2147483647", "", &
             "cells with fewer show no mean and no quantile"), &
       key_t("output", "rebounds", "logical", 1, ".false.", "", "", "histograms over all rebounds"), &
       key_t("output", "energy_balance", "logical", 1, ".false.", "", "", &

@@ -9,6 +9,7 @@ module rockfall_scene
    use rockfall_sobol, only: sobol_sequence, max_dimensions
    use rockfall_grid, only: grid_t
    use rockfall_terrain, only: terrain, patch_t, locate, height, on_terrain
+   use rockfall_surface, only: method_a
    use rockfall_sources, only: last_boulders, shared_boulders, share_of
    use rockfall_line, only: line
    use rockfall_barrier, only: barrier_t
@@ -76,6 +77,7 @@ contains
       scene%gravity = case%gravity
       scene%stop_speed = case%stop_speed
       scene%between_ratios = case%between_ratios
+      scene%ground_drawn = case%method == method_a .or. case%between_ratios
       scene%max_impacts = case%impact_limit
       scene%histograms_requested = case%rebounds
       scene%energies_requested = case%energy_balance
@@ -300,6 +302,7 @@ contains
          call set_ground_of(arrays%grounds(k), case, scene, grounds(k), error)
          if (allocated(error)) return
       end do
+      scene%ground_drawn = scene%ground_drawn .or. any(grounds%classical%roughness > 0)
       call move_alloc(grounds, scene%grounds)
    end subroutine set_grounds
 

@@ -3,10 +3,10 @@
 !> A pure function of the scene and the boulder's number.
 module rockfall_trajectory
    use rockfall_kinds, only: wp, i1, i8
-   use rockfall_random, only: random_key_t, normal_table_t, random_words, four_words, uniform, for_impact, &
-                              for_ratio, for_tree, words_per_draw, words_per_block, matrix_words, turn_class_word, &
-                              turn_within_word, obstacle_word, ratio_word
-   use rockfall_sobol, only: sobol_t, sobol_word, scrambled, volume_dimension
+   use rockfall_random, only: random_key_t, normal_table_t, random_words, uniform, for_impact, for_ground, &
+                              for_tree, words_per_block, rebound_words, turn_word, obstacle_word, ratio_word, &
+                              roughness_word
+   use rockfall_sobol, only: sobol_t, sobol_word, scrambled, volume_dimension, obstacle_dimension
    use rockfall_terrain, only: terrain_t, patch_t, in_window, locate, within, height, gradient, cell_of, &
                                cell_descent
    use rockfall_surface, only: surface_t, rock_radius, ground_at
@@ -58,6 +58,7 @@ module rockfall_trajectory
       type(surface_t) :: surface
       type(impact_set_t) :: sets(impact_ratios)
       logical :: between_ratios = .false.  !! a ratio between two sets is served by either, at random
+      logical :: ground_drawn = .false.    !! it or something else of the ground is random: more words an impact
       integer :: turning = past_aspect     !! rule of turning_t
       type(lateral_t), allocatable :: lateral(:)  !! of each ratio; only by_lab
       type(ground_t), allocatable :: grounds(:)   !! only where there are others than `sets`
@@ -308,7 +309,7 @@ contains
       if (in_window(dem, patch%i, patch%j)) status = hit_nodata
    end function departure
 
-   !> A word of the boulder's scrambled Sobol' point: its volume, then the words of its first draw of A.
+   !> A word of the boulder's scrambled Sobol' point: its volume, then the words of its first rebound.
    pure integer(i8) function scrambled_word(scene, number, dimension)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: number
@@ -320,11 +321,11 @@ contains
       scrambled_word = scrambled(sobol_word(scene%sobol, index, dimension), scene%key, source, dimension)
    end function scrambled_word
 
-   !> Those of the first draw of A. All at once: an index that varies would keep the usual words in memory.
+   !> Those of the first rebound. All at once: an index that varies would keep the usual words in memory.
    pure function scrambled_words(scene, number) result(word)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: number
-      integer(i8) :: word(words_per_draw)
+      integer(i8) :: word(words_per_block)
       integer :: k
 
       do k = 1, size(word)
@@ -561,7 +562,7 @@ contains
 
       result%trees_hit = result%trees_hit + 1
       impact = tree_impact(scene%forest%law, scene%forest%stem(hit%tree), hit%offset, result%boulder%radius, energy, &
-                           four_words(scene%key, for_tree, number, int(result%trees_hit, i8), 0_i8))
+                           random_words(scene%key, for_tree, number, int(result%trees_hit, i8), 0_i8))
       if (impact%breaks) scratch%felled = [scratch%felled, hit%tree]
       if (.not. scratch%tree_hits_requested) return
       call gather_tree_hit(scratch%tree_hits, cell_of(scene%dem, landing%patch, landing%u, landing%w), hit%height, &
@@ -649,17 +650,20 @@ contains
       type(boulder_result_t), intent(inout) :: result
       type(flight_t), intent(inout) :: flight
       type(scratch_t), intent(inout) :: scratch
-      integer(i8) :: word(words_per_draw)
+      integer(i8) :: word(words_per_block)
       integer :: at(2), class, ground  !! 0: the scene has the case's impact sets alone
       logical :: outside, fast, steep
       real(wp) :: radius, obstacle, ratio, v_in(3), heading(2), g(2), steepness
+      real(wp) :: u_ground(words_per_block)
       type(rebound_t) :: out
       type(turning_t) :: turning
 
       word = random_words(scene%key, for_impact, number, int(result%impacts, i8), 0_i8)
       if (result%impacts == 1 .and. scene%sobol%dimensions > 1) word = scrambled_words(scene, number)
       at = cell_of(scene%dem, landing%patch, landing%u, landing%w)
-      radius = rock_radius(scene%surface, at, uniform(word(obstacle_word)))
+      u_ground = 0
+      if (scene%ground_drawn) u_ground = ground_uniforms(scene, number, result%impacts)
+      radius = rock_radius(scene%surface, at, u_ground(obstacle_word))
       if (radius > huge(radius)) then
          result%status = absorbed
          return
@@ -671,19 +675,19 @@ contains
       end if
       ratio = result%boulder%radius/radius
       call ratio_class(ratio, class, outside)
-      if (scene%between_ratios) class = ratio_between(ratio, ratio_uniform(scene%key, number, result%impacts))
+      if (scene%between_ratios) class = ratio_between(ratio, u_ground(ratio_word))
       g = gradient(scene%dem, landing%patch, landing%u, landing%w)
       steepness = sqrt(1 + g(1)**2 + g(2)**2)
       call decompose(v, g, steepness, flight%heading, omega_r, v_in, heading)
       if (level >= with_all .and. ground > 0) then
          call ground_rebound(scene%grounds(ground), scene%table, scene%key, number, int(result%impacts, i8), &
-                             word(1:matrix_words), result%boulder, inertia_of(scene, number), obstacle, &
-                             scene%gravity/steepness, class, v_in, out)
+                             word(:rebound_words), u_ground(roughness_word), result%boulder, &
+                             inertia_of(scene, number), obstacle, scene%gravity/steepness, class, v_in, out)
          call see_ground_fit(scene%grounds(ground), class, v_in, outside, fast, steep, ratio)
          scratch%by_ground(ground) = scratch%by_ground(ground) + 1
       else
          call rebound(scene%sets(class), scene%table, scene%key, number, int(result%impacts, i8), &
-                      word(1:matrix_words), v_in, out)
+                      word(:rebound_words), v_in, out)
          call beyond_fit(scene%sets(class)%fitted, v_in(1:2), fast, steep)
       end if
       result%rebounds = result%rebounds + 1
@@ -693,12 +697,11 @@ contains
       if (fast) result%out_of_speed = result%out_of_speed + 1
       if (steep) result%out_of_angle = result%out_of_angle + 1
       if (level >= with_lines .and. scene%histograms_requested) call count_rebound(scratch%histograms, v_in, out%v)
-      turning = turning_t(scene%turning, uniform(word(turn_class_word)), uniform(word(turn_within_word)), &
-                          merge(1.0_wp, -1.0_wp, btest(word(turn_within_word), 0)))
-      if (turning%rule == by_lab) turning%lateral = lateral_angle(scene%lateral(class), v_in(1:2), turning%class)
+      turning = turning_t(scene%turning, uniform(word(turn_word)), merge(1.0_wp, -1.0_wp, btest(word(turn_word), 0)))
+      if (turning%rule == by_lab) turning%lateral = lateral_angle(scene%lateral(class), v_in(1:2), turning%u)
       if (level >= with_all .and. ground > 0 .and. turning%rule == by_lab) then
          if (is_stochastic(scene%grounds(ground))) &
-            turning%lateral = lateral_angle(scene%grounds(ground)%lateral(class), v_in(1:2), turning%class)
+            turning%lateral = lateral_angle(scene%grounds(ground)%lateral(class), v_in(1:2), turning%u)
       end if
       call outgoing_flight(scene, landing, at, g, steepness, heading, turning, out%v, flight, omega_r)
       if (level >= with_all) then
@@ -757,16 +760,19 @@ contains
       if (allocated(scene%of_source)) inertia_of = scene%of_source(source_of(scene%release, number))%inertia
    end function inertia_of
 
-   !> A number in (0, 1) [-] that chooses between two sets, at a contact of a boulder.
-   pure real(wp) function ratio_uniform(key, number, impact)
-      type(random_key_t), intent(in) :: key
+   !> Numbers in (0, 1) [-] for what a boulder meets at a contact.
+   pure function ground_uniforms(scene, number, impact) result(u)
+      type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: number
       integer, intent(in) :: impact
       integer(i8) :: word(words_per_block)
+      real(wp) :: u(words_per_block)
 
-      word = four_words(key, for_ratio, number, int(impact, i8), 0_i8)
-      ratio_uniform = uniform(word(ratio_word))
-   end function ratio_uniform
+      word = random_words(scene%key, for_ground, number, int(impact, i8), 0_i8)
+      if (impact == 1 .and. scene%sobol%dimensions > 1) &
+         word(obstacle_word) = scrambled_word(scene, number, obstacle_dimension)
+      u = uniform(word)
+   end function ground_uniforms
 
    !> The incoming velocity in the local frame of the impact (Bourrier et al. 2009, eqs 4, 5; model, section 4): the
    !> plane of the surface normal n = (-g, 1)/sqrt(1 + |g|**2) and the tangential direction of travel t. So
@@ -812,7 +818,7 @@ contains
       call cell_descent(scene%dem, at, g, descent, pit)
       heading = before
       if (all(heading == 0)) heading = unit_vector(descent)
-      if (all(heading == 0)) heading = any_heading(turning%within)
+      if (all(heading == 0)) heading = any_heading(turning%u)
       omega_r = v_out(3)
       if (v_out(1) < 0) then
          heading = -heading

@@ -30,12 +30,14 @@ module rockfall_variables
 
    character(len=*), parameter :: ends = "the first and the last bin also hold what lies beyond"
    character(len=*), parameter :: in_classes = "from counts of classes 14 to 25 % wide"
-   character(len=*), parameter :: order_statistics = "between passing boulders; none where the cell has too few"
+   character(len=*), parameter :: order_statistics = &
+      "of independent boulders; holds 95 % or more for given sources; none if too few"
    character(len=*), parameter :: lower = "lower limit of the 95 % interval of "
    character(len=*), parameter :: upper = "upper limit of the 95 % interval of "
    character(len=*), parameter :: by_cell = "jump height + R / cos(slope of the cell)"
    character(len=*), parameter :: to_middle = "below the horizontal, to the ground in the middle of the cell"
-   character(len=*), parameter :: given_sources = "Wilson (1927): Monte Carlo error, given the sources"
+   character(len=*), parameter :: given_sources = &
+      "Wilson (1927): of independent boulders; holds 95 % or more for given sources"
 
    character(len=*), parameter :: energies = " of the passing boulders' maximum energies"
    character(len=*), parameter :: speeds = " of the passing boulders' maximum speeds"

@@ -206,8 +206,9 @@ contains
 
    !> The passages below which a number of a map is hardly known; 0 for maps that know all. A quantile needs as many
    !> as both limits of its interval do.
-   pure integer function map_thin_below(name) result(n)
+   pure integer function map_thin_below(name, per_cluster) result(n)
       character(len=*), intent(in) :: name
+      integer(i8), intent(in) :: per_cluster  !! as for limit_rank
       type(kind_t) :: kind
 
       kind = kind_of(name)
@@ -215,26 +216,28 @@ contains
       if (any(kind%is == [a_mean, a_std])) n = few
       if (kind%is /= a_quantile .or. kind%side /= 0) return
       n = 1
-      do while (.not. (has_limit(kind%probability, int(n, i8), -1) .and. has_limit(kind%probability, int(n, i8), 1)))
+      do while (.not. (has_limit(kind%probability, int(n, i8), per_cluster, -1) &
+                       .and. has_limit(kind%probability, int(n, i8), per_cluster, 1)))
          n = n + 1
       end do
    end function map_thin_below
 
-
    !> Row j of a map of reals; NaN where too few boulders passed.
-   pure subroutine map_row(maps, name, j, boulders, min_passages, row)
+   pure subroutine map_row(maps, name, j, boulders, per_cluster, min_passages, row)
       type(maps_t), intent(in) :: maps
       character(len=*), intent(in) :: name
       integer, intent(in) :: j
-      integer(i8), intent(in) :: boulders  !! of the run
-      integer, intent(in) :: min_passages  !! as for map_min_count
-      real(sp), intent(out) :: row(:)      !! in the unit of the map
+      integer(i8), intent(in) :: boulders     !! of the run
+      integer(i8), intent(in) :: per_cluster  !! as for limit_rank
+      integer, intent(in) :: min_passages     !! as for map_min_count
+      real(sp), intent(out) :: row(:)         !! in the unit of the map
       type(kind_t) :: kind
-      real(wp) :: all
+      real(wp) :: all, clusters
       integer :: min_count
 
       kind = kind_of(name)
       all = real(boulders, wp)
+      clusters = all/per_cluster
       min_count = max(1, map_min_count(name, min_passages))
       row = ieee_value(1.0_sp, ieee_quiet_nan)
       select case (kind%is)
@@ -243,8 +246,8 @@ contains
          associate (n => maps%passages(:, j), of => maps%released(:, j))
             where (of > 0) row = real(n/real(max(1, of), wp), sp)
          end associate
-      case (a_lower_limit); row = real(fraction_limit(maps%passages(:, j)/all, all, -1), sp)
-      case (an_upper_limit); row = real(fraction_limit(maps%passages(:, j)/all, all, 1), sp)
+      case (a_lower_limit); row = real(fraction_limit(maps%passages(:, j)/all, clusters, -1), sp)
+      case (an_upper_limit); row = real(fraction_limit(maps%passages(:, j)/all, clusters, 1), sp)
       case (a_maximum)
          associate (maximum => maps%layer(kind%quantity)%max(:, j))
             where (maximum > 0) row = maximum
@@ -277,7 +280,7 @@ contains
             where (total > 0) row = real(total, sp)
          end associate
       case (a_quantile)
-         call quantile_row(maps, kind, j, min_count, row)
+         call quantile_row(maps, kind, j, per_cluster, min_count, row)
       end select
    end subroutine map_row
 
@@ -294,30 +297,33 @@ contains
 
    !> How many of n numbers lie below a limit of the 95 % interval of their quantile p, about which as many do as in a
    !> binomial distribution: the line statistics' rule for independent boulders. Below the first or above
-   !> the last of them there is no limit.
-   pure real(wp) function limit_rank(p, n, side)
+   !> the last of them there is no limit. Boulders of a cluster may all do the same, which makes the variance so many
+   !> times that of independent ones at most.
+   pure real(wp) function limit_rank(p, n, per_cluster, side)
       real(wp), intent(in) :: p    !! [-]
       integer(i8), intent(in) :: n
+      integer(i8), intent(in) :: per_cluster  !! boulders of a cluster; 1: they are independent
       integer, intent(in) :: side  !! -1 lower, 1 upper
 
-      limit_rank = n*p + side*z_95*sqrt(n*p*(1 - p))
+      limit_rank = n*p + side*z_95*sqrt(n*per_cluster*p*(1 - p))
    end function limit_rank
 
    !> Whether it lies within the numbers.
-   pure logical function has_limit(p, n, side)
+   pure logical function has_limit(p, n, per_cluster, side)
       real(wp), intent(in) :: p    !! [-]
-      integer(i8), intent(in) :: n
+      integer(i8), intent(in) :: n, per_cluster
       integer, intent(in) :: side  !! as of limit_rank
 
-      has_limit = abs(limit_rank(p, n, side) - 0.5_wp*n) <= 0.5_wp*(n - 1)
+      has_limit = abs(limit_rank(p, n, per_cluster, side) - 0.5_wp*n) <= 0.5_wp*(n - 1)
    end function has_limit
 
    !> Row j of a quantile of the passing boulders' maxima, or of a limit of its interval.
-   pure subroutine quantile_row(maps, kind, j, min_count, row)
+   pure subroutine quantile_row(maps, kind, j, per_cluster, min_count, row)
       type(maps_t), intent(in) :: maps
       type(kind_t), intent(in) :: kind
       integer, intent(in) :: j, min_count
-      real(sp), intent(inout) :: row(:)  !! in the unit of the quantity
+      integer(i8), intent(in) :: per_cluster  !! as for limit_rank
+      real(sp), intent(inout) :: row(:)       !! in the unit of the quantity
       integer(i8) :: n
       integer :: i, first, last
 
@@ -330,8 +336,9 @@ contains
             if (n < min_count) cycle
             if (kind%side == 0) row(i) = real(log_bin_quantile(kind%quantity, counts, kind%probability), sp)
             if (kind%side == 0) cycle
-            if (has_limit(kind%probability, n, kind%side)) &
-               row(i) = real(log_bin_value(kind%quantity, counts, limit_rank(kind%probability, n, kind%side)), sp)
+            if (has_limit(kind%probability, n, per_cluster, kind%side)) &
+               row(i) = real(log_bin_value(kind%quantity, counts, &
+                                           limit_rank(kind%probability, n, per_cluster, kind%side)), sp)
          end associate
       end do
    end subroutine quantile_row

@@ -4,7 +4,7 @@
 module rockfall_stand
    use rockfall_kinds, only: wp, i8
    use rockfall_math, only: exponential
-   use rockfall_random, only: random_key_t, four_words, uniform, for_forest, words_per_block
+   use rockfall_random, only: random_key_t, random_words, uniform, for_forest, words_per_block
    implicit none
    private
    public :: stems_in_cell, stem_numbers
@@ -40,7 +40,7 @@ contains
       integer, intent(in) :: k
       integer(i8) :: word(words_per_block)
 
-      word = four_words(key, for_forest, cell, 0_i8, int((k - 1)/words_per_block, i8))
+      word = random_words(key, for_forest, cell, 0_i8, int((k - 1)/words_per_block, i8))
       count_word = word(mod(k - 1, words_per_block) + 1)
    end function count_word
 
@@ -68,6 +68,6 @@ contains
       integer, intent(in) :: stem
       real(wp) :: u(words_per_block)
 
-      u = uniform(four_words(key, for_forest, cell, int(stem, i8), 0_i8))
+      u = uniform(random_words(key, for_forest, cell, int(stem, i8), 0_i8))
    end function stem_numbers
 end module rockfall_stand

@@ -3,7 +3,7 @@
 program test_classical_rebound
    use rockfall_kinds, only: wp, i8
    use rockfall_math, only: degree
-   use rockfall_random, only: normal_table_t, normal_table, matrix_words
+   use rockfall_random, only: normal_table_t, normal_table, rebound_words
    use rockfall_boulder, only: boulder_t, inertia_factor
    use rockfall_impact, only: rebound_t, twice_energy
    use rockfall_classical_rebound, only: scatter_t, scatter, drawn, classical_t, classical_rebound, lengthen_hop, &
@@ -15,7 +15,7 @@ program test_classical_rebound
    real(wp), parameter :: near = 1.0e-14_wp
    !> Of 1 m across and as much per volume of its cube that N = 1 in soil of 1000 kg/m3.
    type(boulder_t), parameter :: boulder = boulder_t(radius=0.5_wp, mass=1200.0_wp)
-   integer(i8), parameter :: middle(matrix_words) = 2_i8**31  !! random words of no deviation
+   integer(i8), parameter :: middle(rebound_words) = 2_i8**31  !! random words of no deviation
    type(normal_table_t) :: table
 
    call random_init(.true., .false.)
@@ -54,7 +54,7 @@ contains
       real(wp) :: v(3)
       type(rebound_t) :: out
 
-      call classical_rebound(this, table, middle, boulder, inertia_factor, 0.2_wp, v_in, out)
+      call classical_rebound(this, table, middle, 0.5_wp, boulder, inertia_factor, 0.2_wp, v_in, out)
       call check("forced, or not", out%forced .eqv. forced)
       call check("a single draw", out%draws == 1)
       v = out%v
@@ -125,11 +125,13 @@ contains
       real(wp) :: share, sphere(3)
       type(rebound_t) :: out
 
-      call classical_rebound(ground(constant, 0.5_wp, 1.0_wp), table, middle, boulder, inertia, 0.2_wp, v_in, out)
+      call classical_rebound(ground(constant, 0.5_wp, 1.0_wp), table, middle, 0.5_wp, boulder, inertia, 0.2_wp, v_in, &
+                             out)
       call check_close("nothing is lost along the ground", out%v(1), v_in(1), near)
       call check_close("nor of the rotation", out%v(3), v_in(3), near)
       sphere = after(ground(rockyfor3d, 0.38_wp, 0.0_wp), v_in, .false.)
-      call classical_rebound(ground(rockyfor3d, 0.38_wp, 0.0_wp), table, middle, boulder, inertia, 0.2_wp, v_in, out)
+      call classical_rebound(ground(rockyfor3d, 0.38_wp, 0.0_wp), table, middle, 0.5_wp, boulder, inertia, 0.2_wp, &
+                             v_in, out)
       call check_close("rolls", out%v(3)*sqrt(inertia_factor/inertia), out%v(1), near)
       share = (sphere(1)**2 + inertia_factor*sphere(3)**2)/(v_in(1)**2 + inertia_factor*v_in(3)**2)
       call check_close("the same share of the energy is left", out%v(1)**2 + inertia_factor*out%v(3)**2, &
@@ -148,11 +150,11 @@ contains
       do k = 1, size(models)
          do l = 1, size(speeds)
             v_in = [0.0_wp, -speeds(l), 0.0_wp]
-            call classical_rebound(ground(models(k), 0.4_wp, 0.8_wp), table, middle, boulder, inertia_factor, &
+            call classical_rebound(ground(models(k), 0.4_wp, 0.8_wp), table, middle, 0.5_wp, boulder, inertia_factor, &
                                    0.2_wp, v_in, out)
             call check("straight down it goes straight up", out%v(2) > 0 .and. all(abs(out%v([1, 3])) <= 0))
             v_in = speeds(l)*[1.0_wp, 0.0_wp, 0.0_wp]
-            call classical_rebound(ground(models(k), 0.4_wp, 0.8_wp), table, middle, boulder, inertia_factor, &
+            call classical_rebound(ground(models(k), 0.4_wp, 0.8_wp), table, middle, 0.5_wp, boulder, inertia_factor, &
                                    0.2_wp, v_in, out)
             call check("along the ground it is lifted", out%forced .and. out%v(2) > 0)
             call check("without more energy", twice_energy(out%v) <= twice_energy(v_in)*(1 + near))
@@ -169,7 +171,7 @@ contains
       integer, parameter :: models(4) = [rockyfor3d, pfeiffer_bowen, bourrier_hungr, constant]
       type(classical_t) :: this
       type(rebound_t) :: out
-      integer(i8) :: words(matrix_words)
+      integer(i8) :: words(rebound_words)
       real(wp) :: u(20), v_in(3)
       integer :: k, n
       logical :: kept, rises
@@ -179,7 +181,7 @@ contains
          rises = .true.
          do n = 1, 20000
             call random_number(u)
-            words = int(u(:9)*2.0_wp**32, i8)
+            words = int(u(:3)*2.0_wp**32, i8)
             this%model = models(k)
             this%normal = scatter(table, 0.01_wp + 0.99_wp*u(10), u(11), [0.01_wp, 1.0_wp])
             this%tangential = scatter(table, u(12), u(13), [0.0_wp, 1.0_wp])
@@ -188,7 +190,7 @@ contains
             this%obstacle_spread = u(16)
             this%roughness = 0.78_wp*u(20)*merge(1, 0, mod(n, 2) == 0)
             v_in = [10**(6*u(17) - 3), -10**(6*u(18) - 3), 40*u(19) - 20]
-            call classical_rebound(this, table, words, boulder, inertia_factor, u(20), v_in, out)
+            call classical_rebound(this, table, words, u(4), boulder, inertia_factor, u(20), v_in, out)
             kept = kept .and. twice_energy(out%v) <= twice_energy(v_in)*(1 + near)
             rises = rises .and. out%v(2) > 0
          end do

@@ -416,6 +416,13 @@ contains
          call check_close("length of an arc", arc_length(v, gravity, time), sum*time/(3*n), &
                           1.0e-8_wp)
       end do
+      do k = 1, 10000  ! from almost vertical to almost level, from hops to long falls
+         v = 30*[between(-1.0_wp, 1.0_wp), between(-1.0_wp, 1.0_wp), between(-1.0_wp, 1.0_wp)]
+         v(1:2) = v(1:2)*10.0_wp**between(-12.0_wp, 0.0_wp)
+         time = 6*10.0_wp**between(-9.0_wp, 0.0_wp)
+         call check("to rounding", abs(arc_length(v, gravity, time) - exact_arc_length(v, time)) &
+                    <= 8*epsilon(time)*(speed(v, 0.0_wp)**2 + speed(v, time)**2)/gravity)
+      end do
       call check("of no hop below zero", all([(arc_length(v, gravity, scale(0.1_wp, -n)), n=1, 60)] >= 0))
       call check_close("of a fall", arc_length([0.0_wp, 0.0_wp, 0.0_wp], gravity, 2.0_wp), &
                        2*gravity, 1.0e-14_wp)
@@ -426,6 +433,18 @@ contains
       call check_close("of no time", arc_length([3.0_wp, 4.0_wp, -5.0_wp], gravity, 0.0_wp), &
                        0.0_wp, 0.0_wp)
    end subroutine test_arc_length
+
+   !> The closed form as in a textbook, in 33 digits.
+   pure real(wp) function exact_arc_length(v, time) result(length)
+      real(wp), intent(in) :: v(3), time
+      integer, parameter :: qp = selected_real_kind(33)
+      real(qp) :: plan, w(2), s(2)
+
+      plan = sqrt(real(v(1), qp)**2 + real(v(2), qp)**2)
+      w = [real(v(3), qp), real(v(3), qp) - real(gravity, qp)*real(time, qp)]
+      s = w*sqrt(plan**2 + w**2) + plan**2*asinh(w/plan)
+      length = real((s(1) - s(2))/(2*real(gravity, qp)), wp)
+   end function exact_arc_length
 
    pure real(wp) function speed(v, t)
       real(wp), intent(in) :: v(3), t

@@ -3,7 +3,7 @@
 program test_forest
    use rockfall_kinds, only: wp, i8
    use rockfall_math, only: degree
-   use rockfall_random, only: random_key, four_words, for_tree
+   use rockfall_random, only: random_key, random_words, for_tree
    use rockfall_flight, only: span_t
    use rockfall_forest, only: forest_t, stem_t, tree_law_t, tree_hit_t, tree_impact_t, build_forest, first_hit, &
                               tree_impact, max_stem_energy, energy_share, hit_type, frontal, lateral, scratch
@@ -361,7 +361,7 @@ contains
       integer, intent(in) :: k
       integer(i8) :: words(4)
 
-      words = four_words(random_key(3_i8), for_tree, int(k, i8), 1_i8, 0_i8)
+      words = random_words(random_key(3_i8), for_tree, int(k, i8), 1_i8, 0_i8)
    end function words
 
    !> Turns follow the weights of the type of hit; by default any angle up to 76 degrees is as likely as another.

@@ -45,10 +45,11 @@ contains
       type(bodies_t) :: b
       type(material_t) :: material
       real(wp) :: x(3, n), radius(n), v(6, n), u(12), momentum(3), after(3), scale, dt, x0
+      integer(i8) :: draw
       integer :: k, steps, missed, met, renewals
 
       do k = 1, n
-         u = uniform(random_words(random_key(3_i8), 1_i8, int(k, i8), 0_i8, 0_i8))
+         u = uniform([(random_words(random_key(3_i8), 1_i8, int(k, i8), 0_i8, draw), draw=0, 2)])
          x(:, k) = [1.5_wp*mod(k - 1, 8), 1.5_wp*mod((k - 1)/8, 8), 5.5_wp + 1.2_wp*((k - 1)/64)] + 0.3_wp*u(1:3)
          radius(k) = 0.1_wp + 0.3_wp*u(4)
          v(:, k) = 20*(u(5:10) - 0.5_wp)

@@ -343,7 +343,7 @@ contains
          if (b == 1) call visit_cell(visits, [3, 9], a, 0.0_wp, 0.0_wp)
          call add_visits(some, visits, 2.0_wp)
       end do
-      call map_row(some, "energy_std", 9, 3_i8, 1, row)
+      call map_row(some, "energy_std", 9, 3_i8, 1_i8, 1, row)
       call check("equal numbers have no spread", .not. abs(row(1)) > 0)
       call check_close("the spread of three", real(row(2), wp), d, 0.0_wp)
       call check("that of one is not known", all(ieee_is_nan(row(3:))))

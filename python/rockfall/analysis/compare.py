@@ -155,7 +155,9 @@ def _with_interval(printed: dict) -> dict:
     half = np.nan
     if printed["n"] > 1:
         half = student(int(printed["n"]) - 1) * printed["std"] / np.sqrt(printed["n"])
-    return {**printed, "mean_low": printed["mean"] - half, "mean_high": printed["mean"] + half}
+    lowest = -np.inf if printed["quantity"] == "omega" else 0.0
+    low, high = np.maximum(lowest, printed["mean"] - half), printed["mean"] + half
+    return {**printed, "mean_low": low, "mean_high": high}
 
 
 def _summary_of(sample: tuple[tuple[str, str], np.ndarray]) -> dict:

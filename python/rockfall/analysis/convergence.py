@@ -317,6 +317,7 @@ def _changes(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Relative changes of the numbers, and their standard errors, to (lines, numbers) `overall` and
     their blocks `each`, from what the same boulders did on another terrain."""
+    overall = np.where(overall == 0, np.nan, overall)  # a change from nothing is in no percent
     with np.errstate(invalid="ignore"), warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Degrees of freedom")  # nobody crossed
         change = _numbers(values[:, :, None])[..., 0] / overall - 1

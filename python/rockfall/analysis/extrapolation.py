@@ -16,10 +16,11 @@ from rockfall.quantities import part_of
 from rockfall.result.grounds import stochastic_fraction
 
 if TYPE_CHECKING:
-    import xarray as xr
     from numpy.typing import ArrayLike
 
-    Variables = xr.Dataset | Mapping[str, ArrayLike]
+    from rockfall.result.contents import Held
+
+    Variables = Held | Mapping[str, ArrayLike]
 
 MAX_OUTSIDE = 0.2  # of the rebounds, before it is a warning
 MAX_FAST = 0.05  # of the boulders

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
+    from rockfall.result.contents import Held
+
 QUANTILES = (0.50, 0.90, 0.95, 0.98, 0.99)
 QUANTITIES = (
     "speed",
@@ -44,7 +46,8 @@ def line_statistics(
     standard deviation (n - 1), quantiles and maximum, in the units of the result; NaN where none
     crossed. `NAME_low` and `NAME_high` are the limits of the 95 % confidence interval of fraction
     (Wilson 1927), mean, std and quantiles (order statistics). The maximum has none: it grows with
-    n.
+    n. Where tails are heavy, those of the mean hold less than 93 % below 50 boulders, those of std
+    below 200 (docs/validation/benchmarks.md).
 
     by = 'source' or 'volume' has these rows for each group of boulders, named in a column of that
     name beside `boulders`, how many were released, of which `fraction` is then; `classes` are the
@@ -76,36 +79,37 @@ def line_statistics(
             for quantity in QUANTITIES:
                 sample = known.sample(k, quantity, chosen)
                 about = {"line": line} | ({by: name, "boulders": sample.released} if by else {})
-                rows.append({**about, "quantity": quantity, **numbers(sample)})
+                rows.append({**about, "quantity": quantity, **numbers(sample, quantity)})
     split = [by, "boulders"] if by else []
     return pd.DataFrame(rows, columns=["line", *split, "quantity", *_COLUMNS])
 
 
 def line_numbers(
-    result: xr.Dataset, line: int, quantity: str, source: Sources | None = None
+    result: Held, line: int, quantity: str, source: Sources | None = None
 ) -> dict[str, float]:
     """A row of `line_statistics`: what is known of a quantity at the line of this index; `source`
     is that of each boulder, where it is not that of the result."""
-    return numbers(LineSamples(result, source).sample(line, quantity))
+    return numbers(LineSamples(result, source).sample(line, quantity), quantity)
 
 
-def numbers(sample: Sample) -> dict[str, float]:
+def numbers(sample: Sample, quantity: str) -> dict[str, float]:
     """Those of a quantity of boulders."""
     row: dict[str, float] = {"n": sample.n, "fraction": sample.n / max(1, sample.released)}
     if sample.released:
         row["fraction_low"], row["fraction_high"] = fraction_limits(
             row["fraction"], sample.effective_passing()
         )
-    return row | (numbers_of(sample) if sample.n else {})
+    return row | (numbers_of(sample, quantity == "omega") if sample.n else {})
 
 
-def sample_numbers(v: np.ndarray, source: Sources) -> dict[str, float]:
+def sample_numbers(v: np.ndarray, source: Sources, signed: bool = False) -> dict[str, float]:
     """Mean, standard deviation, quantiles and maximum of values of boulders from these sources,
-    with their intervals; those that one value cannot have are absent."""
-    return numbers_of(Values(v, source))
+    with their intervals; those that one value cannot have are absent. Unless they are `signed`, no
+    mean is below 0, and no interval: it holds its mean as often."""
+    return numbers_of(Values(v, source), signed)
 
 
-def numbers_of(sample: Sample) -> dict[str, float]:
+def numbers_of(sample: Sample, signed: bool = False) -> dict[str, float]:
     """The same of a sample that has values."""
     row = {"mean": sample.mean(), "max": sample.max()}
     for level, value in zip(QUANTILES, sample.quantile(QUANTILES), strict=True):
@@ -117,8 +121,10 @@ def numbers_of(sample: Sample) -> dict[str, float]:
         row["std"] = sample.std()
         half = sample.half_of_mean()
         row["mean_low"], row["mean_high"] = row["mean"] - half, row["mean"] + half
+        if not signed:
+            row["mean_low"] = max(0.0, row["mean_low"])
         if row["std"] > 0 and sample.n > 2:  # of the variance, through its logarithm
-            half = sample.half_of_mean(2) / (2 * row["std"] ** 2)
+            half = sample.half_of_squares() / (2 * row["std"] ** 2)
             factor = np.exp(half * sample.n / (sample.n - Z))  # few hide their tail (Bonett 2006)
             row["std_low"], row["std_high"] = row["std"] / factor, row["std"] * factor
     return row

@@ -208,7 +208,7 @@ def _difference(each: np.ndarray, source: Sources) -> dict[str, float]:
     """The mean of a difference of each boulder, with its interval; one boulder has none."""
     if not each.any():
         return NO_DIFFERENCE
-    numbers = sample_numbers(each, source)
+    numbers = sample_numbers(each, source, signed=True)
     limits = (numbers.get(f"mean_{end}", np.nan) for end in ("low", "high"))
     return dict(zip(COLUMNS[-3:], (float(each.mean()), *limits), strict=True))
 

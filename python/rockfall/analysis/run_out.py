@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from rockfall.analysis.observations import Observed
-from rockfall.analysis.precision.intervals import sources
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -102,7 +101,7 @@ def samples(result: xr.Dataset, seen: Observed) -> tuple[Sample, Sample] | None:
     if not found:
         distance = result["plan_distance"].values[:, None]
         return observed, Sample(distance, np.zeros(len(distance), int))
-    source = source_order(result)[0]
+    source = start_order(result)[0]
     values = np.full((source.size, 2), np.nan)
     for one, frame in found.items():
         mine = source == one
@@ -111,18 +110,19 @@ def samples(result: xr.Dataset, seen: Observed) -> tuple[Sample, Sample] | None:
     return observed, Sample(values[among], source[among])
 
 
-def source_order(result: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
-    """The number of the source of each boulder, from 0 as they come, and the places of the
-    sources (n, 2) [m]."""
-    number = sources(result).number
-    first = np.unique(number, return_index=True)[1]
-    return number, np.column_stack([result[f"start_{axis}"].values[first] for axis in "xy"])
+def start_order(result: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
+    """The place from which each boulder started, from 0 as they come, and these places (n, 2) [m]:
+    observed boulders tell no more of their source."""
+    import pandas as pd
+
+    number, place = pd.factorize(result["start_x"].values + 1j * result["start_y"].values)
+    return number, np.column_stack([place.real, place.imag])
 
 
 def observed_boulders(result: xr.Dataset, seen: Observed) -> Sample | None:
     """Observed boulders: stopping distance, and where places are known the lateral offset [m], with
     the number of the source; None where the distances are not known."""
-    source, places = source_order(result)
+    source, places = start_order(result)
     if seen.stops is None or (seen.starts is None and len(places) > 1):
         if seen.distances is None:
             return None
@@ -151,7 +151,7 @@ class Frame(NamedTuple):
 
 def frames(result: xr.Dataset, seen: Observed) -> dict[int, Frame]:
     """The frames of the sources whose stopping places were observed."""
-    places = source_order(result)[1]
+    places = start_order(result)[1]
     if seen.stops is None or (seen.starts is None and len(places) > 1):
         return {}
     ways, nearest = _observed_ways(seen, places)
@@ -164,7 +164,7 @@ def way_of(result: xr.Dataset, frame: Frame, source: int, column: int) -> np.nda
     this source, NaN of others."""
     ways = np.column_stack([result[f"stop_{axis}"].values for axis in "xy"]) - frame.place
     found = ways @ frame.across if column else np.hypot(*ways.T)
-    return np.where(source_order(result)[0] == source, found, np.nan)
+    return np.where(start_order(result)[0] == source, found, np.nan)
 
 
 def _across(ways: np.ndarray) -> np.ndarray:

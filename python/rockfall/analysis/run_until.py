@@ -30,6 +30,8 @@ from rockfall.simulation.tally_dataset import make_result
 if TYPE_CHECKING:
     import xarray as xr
 
+    from rockfall.result.contents import Contents, Held
+
 FIRST = 1000  # boulders of the first stage, over all sources
 CAP = 1_000_000  # boulders over all sources, where no cap is given
 
@@ -99,10 +101,15 @@ def run_until(
     return run_scene_until(scene, rules, cap, progress=progress, keep=False)
 
 
-def run_scene_until(
+def run_scene_until(scene: Scene, rules: str, cap: int | None = None, **how: Any) -> xr.Dataset:
+    """Run a scene that has been read; see `run_until`, and `simulate_until` for the arguments."""
+    return simulate_until(scene, rules, cap, **how).dataset()
+
+
+def simulate_until(
     scene: Scene, rules: str, cap: int | None = None, *, progress: bool = False, keep: bool = True
-) -> xr.Dataset:
-    """Run a scene that has been read; see `run_until`. One that need not be kept loses its rasters.
+) -> Contents:
+    """What the run finds; see `run_until`. A scene that need not be kept loses its rasters.
 
     The boulders of one source continue those of the stage before. With several sources each stage
     starts again, for which source a boulder has follows from its number.
@@ -168,14 +175,14 @@ def next_stage(verdicts: list[Verdict], n: int, cap: int) -> int:
     return min(cap, math.ceil(np.clip(target, MIN_GROWTH * n, MAX_GROWTH * n)))
 
 
-def verdicts_of(result: xr.Dataset) -> list[Verdict]:
+def verdicts_of(result: Held) -> list[Verdict]:
     """The verdict of a result on each rule of its `run_until`, none where it has no rules."""
     if "until" not in result.attrs:
         return []
     return evaluate(read_rules(result.attrs["until"], list(result["line"].values)), result)
 
 
-def evaluate(rules: list[Rule], result: xr.Dataset) -> list[Verdict]:
+def evaluate(rules: list[Rule], result: Held) -> list[Verdict]:
     """The verdict of a result on each rule."""
     known = LineSamples(result)
     return [_verdict(rule, known) for rule in rules]
@@ -185,7 +192,7 @@ def _verdict(rule: Rule, known: LineSamples) -> Verdict:
     """The need follows from the width. Where the sources are a sample of others, a part of it does
     not fall with their boulders: what they differ by."""
     n = known.boulders / max(known.sources, 1)
-    row = numbers(known.sample(rule.line, rule.quantity))
+    row = numbers(known.sample(rule.line, rule.quantity), rule.quantity)
     width = half_width(row, rule.statistic)
     crossed = np.inf if rule.statistic == "fraction" else row["n"]
     if width <= rule.limit and crossed >= CROSSED:
@@ -194,7 +201,7 @@ def _verdict(rule: Rule, known: LineSamples) -> Verdict:
         return Verdict(rule, False, width, np.nan)
     error, limit = width, rule.limit
     if known.sampled and known.sources > 1:
-        alone = numbers(known.given().sample(rule.line, rule.quantity))
+        alone = numbers(known.given().sample(rule.line, rule.quantity), rule.quantity)
         error = half_width(alone, rule.statistic)
         limit = math.sqrt(max(0.0, limit**2 - max(0.0, width**2 - error**2)))
     if limit > 0:

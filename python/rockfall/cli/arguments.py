@@ -106,7 +106,7 @@ def _add_draft(commands: _Commands) -> None:
 
 def _add_runs(commands: _Commands) -> None:
     about = "read and check everything, simulate a few boulders, estimate time and memory"
-    check = _add(commands, "run", "check", about, "CASE")
+    check = _add(commands, "check", "check", about, "CASE")
     run = _add(commands, "run", "run", "run a case and write its result as netCDF", "CASE")
     for one in check, run:
         _add_memory(one)
@@ -119,20 +119,20 @@ def _add_runs(commands: _Commands) -> None:
     _add_resume(run, "OUT.nc.checkpoint")
     _add_overrides(run)
     about = "make a case that rockfall-batch reads without Python"
-    prepare = _add(commands, "run", "prepare", about, "CASE")
+    prepare = _add(commands, "parts", "prepare", about, "CASE")
     prepare.add_argument("folder", metavar="DIR", type=Path, help="is made; for the prepared files")
     about = "make a case of a folder of Rockyfor3D, whose files stay where they are"
     rocky = _add(commands, "imports", "import-rockyfor3d", about, "DIR")
     rocky.add_argument("-o", "--output", metavar="CASEDIR", type=Path, required=True)
     about = "write a Slurm job array for a case, with its merge job"
-    slurm = _add(commands, "run", "slurm", about, "CASE")
+    slurm = _add(commands, "parts", "slurm", about, "CASE")
     slurm.add_argument("folder", metavar="DIR", type=Path, help="is made; jobs, parts and result")
     slurm.add_argument("--shards", metavar="N", type=int, required=True, help="jobs of the array")
     slurm.add_argument("--program", default="python", help="python (default), or batch")
     slurm.add_argument("--threads", metavar="N", type=int, default=4, help="of each job; default 4")
     slurm.add_argument("--time", default="24:00:00", help="of each job; default 24:00:00")
     about = "merge the parts of a run; the result is that of a run in one piece, bit for bit"
-    merge = _add(commands, "run", "merge", about)
+    merge = _add(commands, "parts", "merge", about)
     merge.add_argument("parts", metavar="PART.nc", type=Path, nargs="+")
     merge.add_argument("-o", "--output", metavar="OUT.nc", type=Path, required=True)
 
@@ -271,7 +271,7 @@ def _add_design(commands: _Commands) -> None:
     about = "of windows along the line; default: 10"
     sheet.add_argument("--width", metavar="M", type=float, help=about)
     about = "boulders that a window needs; default: 50"
-    sheet.add_argument("--least", metavar="N", type=int, help=about)
+    sheet.add_argument("--min-boulders", metavar="N", type=int, help=about)
     about = "standard, factor, condition, value, source; default: the shipped table"
     sheet.add_argument("--factors", metavar="CSV", type=Path, help=about)
     about = "class, height, cost of a metre; default: class energy times height"

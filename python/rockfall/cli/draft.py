@@ -21,7 +21,7 @@ def new_command(arguments: argparse.Namespace) -> int:
     for line in new.remarks:
         warn(line)
     print(*new.notes, sep="\n", end="\n" if new.notes else "")
-    print(f"{new.sources:,} sources, {new.boulders:,} boulders from each")
+    print(f"{new.sources:,} sources, {new.boulders:,} boulders from all of them together")
     print(arguments.output)
     return DONE
 

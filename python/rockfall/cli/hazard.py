@@ -14,8 +14,8 @@ from rockfall.analysis.hazard.study import Study, read_study, run_study
 from rockfall.analysis.hazard.variables import map_names
 from rockfall.case import Case
 from rockfall.case_files import input_files
+from rockfall.cli.given import overridden
 from rockfall.cli.messages import DONE, say, warn
-from rockfall.cli.run import overridden
 from rockfall.errors import RockfallError, need
 from rockfall.interrupts import exit_status, interrupts
 from rockfall.io.files import atomic_write

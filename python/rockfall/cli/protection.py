@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 TABLES = ("loads", "demand", "checks", "choices", "along")
-OPTIONS = ("along", "width", "least", "residual", "volume", "factors", "costs")
+OPTIONS = ("along", "width", "min_boulders", "residual", "volume", "factors", "costs")
 
 
 def design_command(arguments: argparse.Namespace) -> int:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""From a case to its result: check, run, merge, and cases for other machines: prepare, slurm."""
+"""From a case to its result."""
 
 from __future__ import annotations
 
@@ -8,36 +8,25 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rockfall.analysis.run_until import run_scene_until, verdicts_of
-from rockfall.case import Case, read_case
+from rockfall.analysis.run_until import simulate_until, verdicts_of
+from rockfall.case import Case
 from rockfall.case_files import input_files
+from rockfall.cli.given import overridden, scene_of
 from rockfall.cli.messages import DONE, say, warn
 from rockfall.errors import RockfallError
 from rockfall.interrupts import exit_status, interrupts
 from rockfall.io.output_files import RESULT, check_output
 from rockfall.result.dataset import write_result
 from rockfall.result.samples import simulated
-from rockfall.scene.plausible import implausible
-from rockfall.scene.prepare import prepare
-from rockfall.scene.read import read_scene
 from rockfall.scene.scene import Scene
 from rockfall.simulation.checkpoint import Checkpoint
 from rockfall.simulation.dask import run_on_cluster
 from rockfall.simulation.lock import locked
-from rockfall.simulation.memory import machine_memory, read_memory
-from rockfall.simulation.merge import merge
-from rockfall.simulation.simulate import Interrupted, run_scene
-from rockfall.simulation.slurm import write_jobs
-from rockfall.text.preview import preview
+from rockfall.simulation.simulate import Interrupted, simulate
 from rockfall.text.summary import summary
 
 if TYPE_CHECKING:
-    import xarray as xr
-
-
-def check_command(arguments: argparse.Namespace) -> int:
-    print(preview(_scene(read_case(arguments.case), arguments)))
-    return DONE
+    from rockfall.result.contents import Contents
 
 
 def run_command(arguments: argparse.Namespace) -> int:
@@ -49,38 +38,6 @@ def run_command(arguments: argparse.Namespace) -> int:
     check_output(path, RESULT, input_files(case))
     with locked(path, warn):
         return _run_to(path, case, arguments, shard, _checkpoint(arguments, path))
-
-
-def merge_command(arguments: argparse.Namespace) -> int:
-    check_output(arguments.output, RESULT, arguments.parts)
-    result = merge(arguments.parts)
-    write_result(result, arguments.output)
-    print(summary(result))
-    print(arguments.output)
-    return DONE
-
-
-def prepare_command(arguments: argparse.Namespace) -> int:
-    print(*prepare(read_case(arguments.case), arguments.folder), sep="\n")
-    return DONE
-
-
-def slurm_command(arguments: argparse.Namespace) -> int:
-    how = {key: getattr(arguments, key) for key in ("program", "threads", "time")}
-    print(*write_jobs(arguments.case, arguments.folder, arguments.shards, **how), sep="\n")
-    return DONE
-
-
-def overridden(arguments: argparse.Namespace) -> Case:
-    """The case with what the command line has in place of its own."""
-    case = read_case(arguments.case)
-    keys = ("boulders", "boulders_total", "seed", "threads")
-    given = {key: getattr(arguments, key) for key in keys}
-    given = {key: value for key, value in given.items() if value is not None}
-    for key, other in (("boulders", "boulders_total"), ("boulders_total", "boulders")):
-        if key in given:
-            given.setdefault(other, None)
-    return case.replace(case=given) if given else case
 
 
 def _refuse_contradictions(arguments: argparse.Namespace) -> None:
@@ -106,15 +63,6 @@ def _shard(text: str) -> tuple[int, int]:
     return int(which), int(of)
 
 
-def _scene(case: Case, arguments: argparse.Namespace) -> Scene:
-    """The scene of a case, with warnings of what is doubtful in it."""
-    memory = machine_memory() if arguments.memory is None else read_memory(arguments.memory)
-    scene = read_scene(case, memory=memory)
-    for line in implausible(scene):
-        warn(line)
-    return scene
-
-
 def _checkpoint(arguments: argparse.Namespace, path: Path) -> Checkpoint | None:
     """Where a run saves its work; one that is there is not overwritten unasked."""
     if arguments.until is not None or arguments.dask is not None:
@@ -135,12 +83,12 @@ def _run_to(
     shard: tuple[int, int],
     checkpoint: Checkpoint | None,
 ) -> int:
-    scene = _scene(case, arguments)
+    scene = scene_of(case, arguments)
     with interrupts():  # what has been done is also written
         try:
             result = _simulate(scene, arguments, shard, checkpoint)
         except Interrupted as stop:
-            return _keep(stop.result, path, checkpoint)
+            return _keep(stop.contents, path, checkpoint)
         write_result(result, path)
     if checkpoint:
         checkpoint.remove()
@@ -158,17 +106,17 @@ def _simulate(
     arguments: argparse.Namespace,
     shard: tuple[int, int],
     checkpoint: Checkpoint | None,
-) -> xr.Dataset:
+) -> Contents:
     """As many boulders as the case says, or as the rules of `--until` need."""
     shown = not arguments.quiet
     if arguments.dask is not None:
         return run_on_cluster(scene, arguments.dask, progress=shown)
     if arguments.until is None:
-        return run_scene(scene, shard=shard, checkpoint=checkpoint, progress=shown, keep=False)
-    return run_scene_until(scene, arguments.until, arguments.cap, progress=shown, keep=False)
+        return simulate(scene, shard=shard, checkpoint=checkpoint, progress=shown, keep=False)
+    return simulate_until(scene, arguments.until, arguments.cap, progress=shown, keep=False)
 
 
-def _keep(result: xr.Dataset, path: Path, checkpoint: Checkpoint | None) -> int:
+def _keep(result: Contents, path: Path, checkpoint: Checkpoint | None) -> int:
     """Write what was done before Ctrl-C."""
     done, requested = simulated(result), result.attrs["boulders_asked"]
     if not done:

@@ -9,15 +9,15 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from rockfall.analysis.back.posterior import check_back, write_back
-from rockfall.analysis.back.study import back_analysis
+from rockfall.analysis.back.study import Back, back_analysis
 from rockfall.analysis.convergence import Convergence, converge
 from rockfall.analysis.ensemble.study import check_place, run_ensemble, write_ensemble
 from rockfall.analysis.models import run_models
 from rockfall.analysis.observations import read_observed
 from rockfall.case import read_case
 from rockfall.case_files import input_files
+from rockfall.cli.given import overridden
 from rockfall.cli.messages import DONE
-from rockfall.cli.run import overridden
 from rockfall.errors import RockfallError, need
 from rockfall.io.output_files import (
     FIGURE,
@@ -29,6 +29,7 @@ from rockfall.io.output_files import (
 )
 from rockfall.io.tables import write_csv
 from rockfall.plots.convergence import figure
+from rockfall.plots.ensemble_figures import posterior_figure
 from rockfall.plots.models import models_figure
 from rockfall.plots.style import save
 from rockfall.text.back import back_text
@@ -62,16 +63,21 @@ def ensemble_command(arguments: argparse.Namespace) -> int:
 def back_command(arguments: argparse.Namespace) -> int:
     case = overridden(arguments)
     folder = arguments.output or Path(f"{arguments.case.stem}_back")
+    need("back needs", "report", "matplotlib")
     seen = read_observed(*arguments.observed)
     check_back(folder, [*input_files(case), *arguments.observed])
     how = {"members": arguments.members, "enough": arguments.effective}
     given = {name: value for name, value in how.items() if value is not None}
     found = back_analysis(case, seen, progress=not arguments.quiet, **given)
-    paths = write_back(found, folder, arguments.observed)
+    paths = write_back(found, folder, arguments.observed, _draw_posterior)
     if not arguments.quiet:
         print(back_text(found))
         print(*paths, sep="\n")
     return DONE
+
+
+def _draw_posterior(found: Back, path: Path) -> None:
+    save(posterior_figure(found), path, dpi=200)
 
 
 def convergence_command(arguments: argparse.Namespace) -> int:

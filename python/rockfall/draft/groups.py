@@ -33,8 +33,9 @@ class New:
     notes: list[str] = field(default_factory=list)  # what each layer was taken for
     remarks: list[str] = field(default_factory=list)  # what is odd
     sources: int = 0  # how many there are, once that is known
-    boulders: int = 1  # from each
+    boulders: int = 1  # of all of them
     threshold: float = 1.0  # of steep cells [degree]
+    volumes: int = 0  # of sources whose layer says the volume of their boulders
 
     @staticmethod
     def has_key(group: str, name: str) -> bool:
@@ -48,7 +49,7 @@ def new_text(new: New, place: Path) -> str:
         _case(new), Group("terrain", [_entry("terrain", "dem", _name(new.dem, place))]),
         _surface(new, place),
         Group("impact", [_entry("impact", "sets", "rocky-slope", "As it is on rocky slopes")]),
-        _boulder(), _release(new, place), *_forest(new, place), *_drawn(new, place), _output(),
+        _boulder(new), _release(new, place), *_forest(new, place), *_drawn(new, place), _output(),
     ]  # fmt: skip
     return case_text(_head(new), groups, _foot(new))
 
@@ -89,12 +90,12 @@ def _foot(new: New) -> Iterator[str]:
 
 
 def _case(new: New) -> Group:
-    total = f"CHOOSE: {new.sources:,} sources, {new.boulders * new.sources:,} boulders in all"
+    total = f"CHOOSE, or boulders, from each of the {new.sources:,} sources"
     return Group(
         "case",
         [
             _entry("case", "title", new.out.stem),
-            _entry("case", "boulders", new.boulders, total),
+            _entry("case", "boulders_total", new.boulders, total),
             _entry("case", "seed", 1),
         ],
     )
@@ -133,14 +134,19 @@ def _surface(new: New, place: Path) -> Group:
     )
 
 
-def _boulder() -> Group:
+def _boulder(new: New) -> Group:
+    density = _entry("boulder", "density", 2800.0, "CHOOSE")
+    if new.volumes and new.volumes == new.sources:
+        why = f"As the attributes of {new.used[SOURCES][0]} say"
+        return Group("boulder", [_entry("boulder", "volume", "source", why), density])
+    of = f", of {new.sources - new.volumes:,} sources that do not say it" if new.volumes else ""
     return Group(
         "boulder",
         [
-            _entry("boulder", "volume", "fixed", "CHOOSE"),
+            _entry("boulder", "volume", "fixed", f"CHOOSE{of}"),
             _entry("boulder", "volume_mean", VOLUME, "CHOOSE, from blocks on the slope"),
             _entry("boulder", "volume_std", VOLUME / 5, on=False),
-            _entry("boulder", "density", 2800.0, "CHOOSE"),
+            density,
         ],
     )
 
@@ -152,12 +158,11 @@ def _release(new: New, place: Path) -> Group:
         why = "CHOOSE; none were given: or polygons = 'cliff.gpkg', cells = 'raster.tif', x and y"
         return Group("release", [_entry("release", "steep_cells", True, why), slope, drop])
     layer = new.used[SOURCES][0]
-    if layer.shape == "Point":
-        points = layer.points()
-        entries = [_entry("release", axis, one) for axis, one in zip("xy", points, strict=True)]
+    key = "points" if layer.shape == "Point" else "polygons"
+    entries = [_entry("release", key, _name(layer.path, place))]
+    entries += _layer(layer, "release", f"{key}_layer")
+    if key == "points":
         return Group("release", [*entries, drop])
-    entries = [_entry("release", "polygons", _name(layer.path, place))]
-    entries += _layer(layer, "release", "polygons_layer")
     steep = _entry("release", "steep_cells", True, on=False)
     return Group("release", [*entries, steep, slope, drop])
 

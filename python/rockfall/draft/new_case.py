@@ -7,6 +7,8 @@ import os
 from collections.abc import Iterable
 from pathlib import Path
 
+import numpy as np
+
 from rockfall.case import read_case
 from rockfall.draft.groups import New, new_text
 from rockfall.draft.recognise import OBJECTS, SEVERAL, TREES, ZONES, Layer, kind_of, read_layers
@@ -19,7 +21,7 @@ from rockfall.scene.read import read_scene
 from rockfall.scene.sources import threshold
 from rockfall.simulation.memory import machine_memory
 
-TOTAL = 100_000  # boulders of a first run, about
+TOTAL = 100_000  # boulders of a first run
 
 
 def new_case(dem: str | Path, layers: Iterable[str | Path], out: str | Path) -> New:
@@ -61,8 +63,8 @@ def _take(new: New, layer: Layer) -> None:
 
 
 def _write(new: New, place: Path) -> None:
-    """Write the case to a folder, and read all that it names. How many boulders a source releases
-    follows from their number: it is written twice."""
+    """Write the case to a folder, and read all that it names. What it says of the sources follows
+    from them: it is written twice."""
     path = place / new.out.name
     path.write_text(new_text(new, place), encoding="utf-8")
     try:
@@ -72,7 +74,9 @@ def _write(new: New, place: Path) -> None:
             raise RockfallError(f"{error} (made of {new.used[ZONES][0]})") from error
         raise
     new.sources, new.threshold = scene.x.size, threshold(scene)
-    new.boulders = max(1, round(TOTAL / new.sources))
+    new.boulders = max(TOTAL, new.sources)
+    if scene.features is not None and scene.features.law is not None:
+        new.volumes = int(np.count_nonzero(scene.features.law[scene.features.of - 1]))
     new.remarks += [one for one in implausible(scene) if one not in new.remarks]
     path.write_text(new_text(new, new.out.parent), encoding="utf-8")
     read_case(path)

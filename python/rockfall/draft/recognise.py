@@ -54,12 +54,6 @@ class Layer:
         kinds = {one.geom_type.removeprefix("Multi").removesuffix("String") for one in self.shapes}
         return kinds.pop() if len(kinds) == 1 else ""
 
-    def points(self) -> list[list[float]]:
-        """x and y of points [m]."""
-        import shapely
-
-        return shapely.get_coordinates(self.shapes).T.tolist()
-
     def attribute(self, key: str) -> str | None:
         """The attribute that gives a key, by its name there."""
         return next((name for name in (key, key[:SHORT]) if name in self.columns), None)

@@ -45,6 +45,7 @@ from rockfall.html_report.summary import (
 )
 from rockfall.html_report.tables import (
     barrier_table,
+    compared,
     design_tables,
     ground_table,
     hazard_tables,
@@ -65,7 +66,6 @@ from rockfall.protection.barriers import barriers_of
 from rockfall.protection.design import design
 from rockfall.result.flat_maps import flat_maps
 from rockfall.result.samples import has_rows, simulated
-from rockfall.text.comparison import text
 from rockfall.text.design import factor_lines
 from rockfall.text.hazard import hazard_warnings
 
@@ -156,6 +156,8 @@ def report(
     """
     result = flat_maps(result)
     words = [*words_of(result), *(words_of_hazard(hazard) if hazard is not None else ())]
+    kept = [] if observed is None else observed.kept.values()
+    words += [str(name) for one in kept for name in one.columns]
     say = Speaker(language, words)
     rows, levels = rows_of(result), return_levels(result)
     sheet = design(result) if rows and has_rows(result) else None
@@ -168,6 +170,7 @@ def report(
     return _rendered(
         say,
         title=str(result.attrs["title"]) or "rockfall",
+        on_paper=on_paper,
         parties=parties,
         question=question(rows, hazard is not None),
         answers=answers(result, rows),
@@ -181,7 +184,7 @@ def report(
         angle=list(angle(result)),
         cautions=cautions(result, rows, levels),
         map_section=None if on_paper else map_section(result, terrain, look),
-        view=terrain_view(result, terrain) if view and terrain is not None else None,
+        view=terrain_view(result, terrain, say) if view and terrain is not None else None,
         lines=[*line_tables(rows), level_table(levels)] if rows else [],
         design=[
             *(design_tables(sheet) if sheet else ()),
@@ -197,10 +200,10 @@ def report(
         grounds=[ground_table(result)] if "rebounds_by_ground" in result else [],
         has_clusters=LineSamples(result).sampled,
         convergence=list(_convergence(result, rows, say)),
-        comparison="" if observed is None else text(compare(result, observed)),
+        comparison=None if observed is None else compared(compare(result, observed)),
         figures=[_picture(one.draw(), one.title, one.caption, say) for one in shown],
         technical=[*technical(result), *requested(result)],
-        provenance=provenance(result),
+        provenance=provenance(result, say),
     )
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from rockfall.analysis.lines.samples import LineSamples
+from rockfall.analysis.run_until import verdicts_of
 from rockfall.case import FROM_ARRAY, Case, case_of
 from rockfall.errors import RockfallError
 from rockfall.html_report.tables import Table
@@ -135,6 +136,7 @@ def words_of(result: xr.Dataset) -> Iterator[str]:
     yield from (str(name) for name in result["line"].values) if "line" in result else ()
     yield from (str(name) for name in result["ground"].values) if "ground" in result else ()
     yield from (str(result.attrs["impact_set"]), str(result.attrs["title"]), case.terrain["dem"])
+    yield from (one.rule.text for one in verdicts_of(result))
     yield from (str(value) for key, value in result["crs"].attrs.items() if key.endswith("_name"))
     for one in zone_table(result):
         for k, name in enumerate(one.head):

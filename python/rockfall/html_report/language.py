@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 LANGUAGES = ("en", "de", "fr", "it")
 #: Thousands and decimals (ISO 80000-1 outside English).
 MARKS = {"en": (",", "."), "de": ("\u202f", ","), "fr": ("\u202f", ","), "it": ("\u202f", ",")}
-NUMBER = re.compile(r"(?<![\w.])(?:[<>] )?\d+(?:,\d{3})*(?:\.\d+)?(?=kJ|years|\W|_?$)")
+NUMBER = re.compile(r"(?<![\w.])(?:[<>] |[-+](?=\d))?\d+(?:,\d{3})*(?:\.\d+)?(?=kJ|years|\W|_?$)")
 #: Symbols and units, the same in all languages.
 SYMBOL = re.compile(
     r"(?<!\w)(?:[A-Za-z]+_[\w,]+|k?m[23²³]?|k?J|kg|rad|[stxyzpDnN]|UNI|ONR|EAD|SHA|CPU)(?!\w)"
@@ -57,6 +57,8 @@ class Speaker:
     def __call__(self, text: object) -> str:
         """A text in this language; what the catalogue lacks stays as it is, and is logged."""
         said = str(text)
+        if "\n" in said.strip():  # cells of tables have lines
+            return "\n".join(map(self, said.split("\n")))
         inner = said.strip()
         return said if self.language == "en" else said.replace(inner, self._said(inner), 1)
 
@@ -66,13 +68,15 @@ class Speaker:
         found = self._found(text)
         if found is not None:
             return found
+        if text.endswith(".") and (found := self._found(text[:-1])):
+            return f"{found}."
         for one in BREAKS:
             if one in text:
                 joint = re.sub("([;:])", "\u202f\\1", one) if self.language == "fr" else one
                 return joint.join(map(self._said, text.split(one)))
-        if titled := re.fullmatch(r"(.+?) \[(.+)\](.*)", text):
-            label, unit, rest = map(self._said, titled.groups())
-            return f"{label} [{unit}]{rest}"
+        if titled := re.fullmatch(r"(.+?) \[(.+)\](,? ?)(.*)", text):
+            label, unit, joint, rest = map(self._said, titled.groups())
+            return f"{label} [{unit}]{joint}{rest}"
         log.warning("%s: no text for '%s'", self.language, text)
         return self._marked(text)
 
@@ -106,7 +110,7 @@ class Speaker:
     def figure(self, figure: Figure) -> None:
         """Say all texts of a figure, and the numbers at its axes."""
         from matplotlib.text import Text
-        from matplotlib.ticker import FixedFormatter, ScalarFormatter
+        from matplotlib.ticker import FixedFormatter, FuncFormatter, ScalarFormatter
 
         if self.language == "en":
             return
@@ -116,18 +120,26 @@ class Speaker:
             def __call__(self, x: float, pos: int | None = None) -> str:
                 return speaker._marked(super().__call__(x, pos))
 
+        said_of: list[object] = []  # axes that share their ticks share what formats them
         for axes in figure.axes:
             for axis in (axes.xaxis, axes.yaxis):
                 formatter = axis.get_major_formatter()
+                if formatter in said_of:
+                    continue
                 if type(formatter) is ScalarFormatter:
                     axis.set_major_formatter(Marked(useOffset=False))
                 elif isinstance(formatter, FixedFormatter):
                     axis.set_major_formatter(FixedFormatter([*map(self, formatter.seq)]))
+                elif isinstance(formatter, FuncFormatter):  # of ticks that were given texts
+                    texts = [self(one.get_text()) for one in axis.get_majorticklabels()]
+                    axis.set_major_formatter(FixedFormatter(texts))
+                said_of.append(axis.get_major_formatter())
         ticks = {
             id(label)
             for axes in figure.axes
             for axis in (axes.xaxis, axes.yaxis)
-            for label in axis.get_ticklabels(which="both")
+            for tick in (*axis.get_major_ticks(), *axis.get_minor_ticks())
+            for label in (tick.label1, tick.label2)
         }
         for one in figure.findobj(Text):
             text = one.get_text()

@@ -21,7 +21,7 @@ from rockfall.plots.cartography.marks import FEW_SOURCES, inside, outlined, star
 from rockfall.plots.cartography.rasters import cropped, edges, merged
 from rockfall.plots.cartography.relief import contours_of, shade
 from rockfall.plots.extent import of_none, reached
-from rockfall.plots.map_figures import MAX_TRAJECTORIES, map_note
+from rockfall.plots.map_figures import MAX_TRAJECTORIES, map_note, thin_cells
 from rockfall.plots.style import capital
 from rockfall.protection.barriers import barriers_of
 from rockfall.result.classes import Classes, classes_of, shown_as
@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from rockfall.result.trajectories import Terrain
 
 MAX_CELLS = 4_000_000  # of the pictures of all maps: a page has a few MB, however many there are
+NAME_DEPTH = 6  # of halvings of a line, whose ends are places of its name
 MAX_POINTS = 3000  # stops that are drawn
 FINEST = 1 / 400  # side of a cell of the outline of sources, of the longer side of the window
 
@@ -86,12 +87,12 @@ class Legend(NamedTuple):
 
 
 class Line(NamedTuple):
-    """An evaluation line or a barrier: path, and where its name stands, if it is in the window."""
+    """An evaluation line or a barrier: path, and where its name may stand, in the window."""
 
     kind: str
     name: str
     path: str
-    at: tuple[float, float] | None
+    places: str
 
 
 class Ground(NamedTuple):
@@ -112,6 +113,7 @@ class Map(NamedTuple):
     values: str
     notes: str
     layer: Image | None = None
+    thin: Image | None = None
     legend: Legend | None = None
 
 
@@ -145,8 +147,18 @@ def _lines(result: xr.Dataset, window: Window) -> Iterator[Line]:
     for k, (name, *line) in enumerate(lines(result)):
         places = window.place(*line)
         x, y = inside(places[:, 0], places[:, 1], (0, window.nx, 0, window.ny))
-        at = (float(x[0]), float(y[0])) if x.size else None
-        yield Line("barrier" if k in nets else "line", name, _path([places]), at)
+        some = _spread(x.size)
+        may = " ".join(f"{a:.2f} {b:.2f}" for a, b in zip(x[some], y[some], strict=True))
+        yield Line("barrier" if k in nets else "line", name, _path([places]), may)
+
+
+def _spread(size: int) -> np.ndarray:
+    """So many of a sequence as names have places, the middle first, then those between."""
+    if not size:
+        return np.array([], int)
+    order = [(2 * k + 1) / 2**depth for depth in range(1, 1 + NAME_DEPTH)
+             for k in range(2 ** (depth - 1))]  # fmt: skip
+    return (np.array(order) * size).astype(int)
 
 
 def _sources(result: xr.Dataset, window: Window) -> tuple[str, str]:
@@ -206,14 +218,33 @@ def maps(result: xr.Dataset, window: Window, limits: Limits | None = None) -> It
         found = Map(title, unit, _packed(values), map_note(result, name))
         if not np.isnan(values).all():
             found = found._replace(**_coloured(values, window, classes_of(unit, limits)))
+            thin = _thin(result, name, window, np.isfinite(values))
+            notes = f"{found.notes}; hatched there" if thin else found.notes
+            found = found._replace(thin=thin, notes=notes)
         yield found
 
 
 def blocks_max(values: np.ndarray, window: Window) -> np.ndarray:
     """The raster in cells of the picture: the maximum of each block, NaN where there is none."""
+    return _blocks(values, window, np.fmax).astype("f4")
+
+
+def _blocks(values: np.ndarray, window: Window, merge: np.ufunc) -> np.ndarray:
     step = window.step
     part = values[window.row :, window.column :][: window.ny * step, : window.nx * step]
-    return merged(part, step, np.fmax).astype("f4")
+    return merged(part, step, merge)
+
+
+def _thin(result: xr.Dataset, name: str, window: Window, shown: np.ndarray) -> Image | None:
+    """Where a map is hatched: white, where its numbers are hardly known; none where all are."""
+    thin = thin_cells(result, name)
+    if thin is None:
+        return None
+    cells = _blocks(thin, window, np.logical_and) & shown
+    if not cells.any():
+        return None
+    white = np.array([[0, 0, 0], [255, 255, 255]], "u1")
+    return Image(_png(cells.astype("u1"), white), 0, 0, window.nx, window.ny)
 
 
 def _coloured(values: np.ndarray, window: Window, classes: Classes) -> dict[str, Any]:

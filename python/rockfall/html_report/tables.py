@@ -20,9 +20,12 @@ from rockfall.analysis.precision.intervals import (
 from rockfall.case import FROM_ARRAY, case_of
 from rockfall.html_report.convergence import NUMBERS
 from rockfall.html_report.intervals import STATISTICS, estimate, in_unit
-from rockfall.protection.barriers import barrier_statistics
+from rockfall.io.layers import REPROJECTED
+from rockfall.protection.barriers import barrier_rows
 from rockfall.quantities import QUANTITIES, number, percent
 from rockfall.result.grounds import rebounds_by_ground
+from rockfall.text.comparison import notes
+from rockfall.text.comparison import tables as comparison_tables
 from rockfall.text.design import CHECKED, check_row, demand_rows, load_rows
 from rockfall.text.hazard import class_rows, object_rows, scenario_rows
 
@@ -30,7 +33,9 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
+    from rockfall.analysis.compare import Comparison
     from rockfall.html_report.intervals import Numbers, Row, Rows
+    from rockfall.html_report.language import Speaker
     from rockfall.protection.design import Design
 
 
@@ -62,7 +67,7 @@ def barrier_table(result: xr.Dataset) -> Table:
     rows = [
         (row["barrier"], row["outcome"].replace("_", " "), f"{row['n']:,}",
          " ".join(estimate(row, "fraction", "fraction")))
-        for row in barrier_statistics(result).to_dict("records")
+        for row in barrier_rows(result)
     ]  # fmt: skip
     about = (
         "What barriers did at the first meeting, of all boulders, with 95 % confidence intervals"
@@ -143,16 +148,30 @@ def hazard_tables(found: xr.Dataset) -> Iterator[Table]:
         yield Table(caption, head, [[cell.replace(" (", "\n(") for cell in row] for row in rows])
 
 
+class Compared(NamedTuple):
+    """What a result is beside observations: tables and notes."""
+
+    tables: list[Table]
+    notes: list[str]
+
+
+def compared(found: Comparison) -> Compared:
+    """The tables of a comparison, and what a reader must know of them."""
+    shown = [Table(caption, head, rows) for caption, (head, *rows) in comparison_tables(found)]
+    return Compared(shown, notes(found))
+
+
 def words_of_hazard(found: xr.Dataset) -> Iterator[str]:
     """Names in a hazard, which no page translates."""
     for name in ("scenario", "object"):
         yield from map(str, found[name].values) if name in found.dims else ()
 
 
-def provenance(result: xr.Dataset) -> dict[str, Any]:
+def provenance(result: xr.Dataset, say: Speaker) -> dict[str, Any]:
     """What a result was made of, and the command that makes it again, if a command can."""
     about = {key: str(value) for key, value in result.attrs.items()}
     case, is_complete = case_of(result), bool(result.attrs["complete"])
+    program, _, model = about["source"].partition(", ")
     requested = int(about["boulders_asked"])
     total = "boulders_total" in case.case
     number = case.case["boulders_total" if total else "boulders"]
@@ -160,18 +179,18 @@ def provenance(result: xr.Dataset) -> dict[str, Any]:
     if total:
         of = "all sources together"
     rows = [
-        ("program", about["source"]),
+        ("program", f"{program}, {say(model)}"),
         ("case file", about["case_file"]),
         ("seed", about["seed"]),
         ("boulders", f"{about['boulder_first']} – {about['boulder_last']} / {requested}"),
         (f"boulders of {of}", f"{number:,}"),
         ("impact set", f"{about['impact_set']}, SHA-256 {about['impact_set_checksum']}"),
         *(
-            ("checksum (SHA-256)", f"{key}: {sha}")
-            for key, sha in json.loads(about["input_checksums"]).items()
+            ("checksum (SHA-256)", f"{key}: {_noted(noted, say)}")
+            for key, noted in json.loads(about["input_checksums"]).items()
         ),
         ("threads", about["threads"]),
-        ("time", "{wall_seconds:.1f} s, CPU {cpu_seconds:.1f} s".format_map(result.attrs)),
+        ("time", say("{wall_seconds:.1f} s, CPU {cpu_seconds:.1f} s".format_map(result.attrs))),
     ]
     option = "--boulders-total" if total else "--boulders"
     verb = "ensemble" if is_ensemble(result) else "run"
@@ -185,3 +204,13 @@ def provenance(result: xr.Dataset) -> dict[str, Any]:
         "is_complete": is_complete,
         "case": about["case"],
     }
+
+
+def _noted(noted: str, say: Speaker) -> str:
+    """The checksum of a file, and what was noted of its CRS."""
+    checksum, _, remark = noted.partition(f", {REPROJECTED} ")
+    if not remark:
+        return checksum
+    crs, _, more = remark.partition("; ")
+    parts = [checksum, f"{say('reprojected')}: {' → '.join(crs.split(' to '))}"]
+    return "; ".join([*parts, say(more)] if more else parts)

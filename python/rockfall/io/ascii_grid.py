@@ -12,17 +12,14 @@ import os
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, BinaryIO
+from typing import BinaryIO
 
 import numpy as np
 
 from rockfall.errors import RockfallError
-from rockfall.io.grid import Box
+from rockfall.io.grid import Box, Transform
 from rockfall.io.tables import plain_decimal
 from rockfall.limits import MAX_REAL
-
-if TYPE_CHECKING:
-    from affine import Affine
 
 _KEYS = (
     "ncols", "nrows", "xllcorner", "yllcorner", "xllcenter", "yllcenter", "cellsize", "dx", "dy",
@@ -38,21 +35,23 @@ class AsciiCells:
 
     path: str
     shape: tuple[int, int]
-    transform: Affine
-    nodata: float
+    transform: Transform
+    nodata: float | None  #: as the header says
     start: tuple[int, int]  #: where the numbers begin: byte, and line
     dtype = np.dtype(np.float64)
     packing = 1.0, 0.0
 
     def rows(self, box: Box) -> Iterator[tuple[slice, np.ndarray, np.ndarray]]:
         """Blocks of the rows of a box: (rows in the file, values, where they are data)."""
+        # -9999 is what the format means when it does not say.
+        nodata = -9999.0 if self.nodata is None else self.nodata
         for rows, block in self._whole_rows():
             if rows.start >= box.stop_row and box.stop_row < self.shape[0]:
                 return  # a whole file is read to its end, which may be wrong
             first, stop = max(rows.start, box.row), min(rows.stop, box.stop_row)
             if first < stop:
                 block = block[first - rows.start : stop - rows.start, box.columns]
-                yield slice(first, stop), block, block != self.nodata
+                yield slice(first, stop), block, block != nodata
 
     def _whole_rows(self) -> Iterator[tuple[slice, np.ndarray]]:
         """Blocks of whole rows from the north: (which rows, float64 of shape (n, nx)).
@@ -104,9 +103,7 @@ def open_ascii(path: str) -> AsciiCells:
         raise RockfallError(
             f"{path}: too short for ncols x nrows = {nx} x {ny} numbers: truncated or damaged"
         )
-    # -9999 is what the format means when it does not say.
-    nodata = values.get("nodata_value", -9999.0)
-    return AsciiCells(path, (ny, nx), _place(values), nodata, (start, line))
+    return AsciiCells(path, (ny, nx), _place(values), values.get("nodata_value"), (start, line))
 
 
 def _header_line(line: bytes) -> list[str]:
@@ -148,16 +145,14 @@ def _check_keys(path: str, values: dict[str, float]) -> None:
         raise RockfallError(f"{path}: the header must have cellsize, or else dx and dy")
 
 
-def _place(values: dict[str, float]) -> Affine:
+def _place(values: dict[str, float]) -> Transform:
     """From columns and rows to coordinates, by the expressions of GDAL, to the same bits."""
-    from affine import Affine
-
     width, height = (values.get("cellsize", values.get(key, 0.0)) for key in ("dx", "dy"))
     if "xllcorner" in values:
         west, south = values["xllcorner"], values["yllcorner"]
     else:
         west, south = values["xllcenter"] - 0.5 * width, values["yllcenter"] - 0.5 * height
-    return Affine(width, 0.0, west, 0.0, -height, south + values["nrows"] * height)
+    return Transform(width, 0.0, west, 0.0, -height, south + values["nrows"] * height)
 
 
 def _numbers(file: BinaryIO, path: str, line: int) -> Iterator[np.ndarray]:

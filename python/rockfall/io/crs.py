@@ -139,10 +139,10 @@ def length_scale(grid: Grid) -> float:
 
     `pyproj.Proj.get_factors` is 0.2 % off in the Mercator projection of web maps.
     """
-    import pyproj
-
     if grid.crs is None or not grid.crs.is_projected:
         return 1.0
+    import pyproj
+
     x, y = _middle(grid)
     step = 100.0  # [m]: long beside the rounding of degrees, short beside the Earth
     longitude, latitude = _degrees(grid.crs, [x, x + step, x], [y, y, y + step])

@@ -79,7 +79,7 @@ def plain_file(path: str | Path) -> str:
     check_regular(path)
     if os.path.getsize(path) == 0:
         raise RockfallError(f"{path}: is empty")
-    for companion in _companions(Path(path)):
+    for companion in companions(Path(path)):
         check_regular(companion)
         is_mask = companion.suffix.lower() in _MASKS
         if is_mask and not start_of(companion).startswith(TIFF):
@@ -135,7 +135,7 @@ def start_of(path: str | Path) -> bytes:
         raise RockfallError(f"{path}: cannot be read: {error.strerror}") from error
 
 
-def _companions(path: Path) -> list[Path]:
+def companions(path: Path) -> list[Path]:
     """What lies beside a file and is named after it, as masks, world files and tables are."""
     stem, folder = f"{path.stem}.".lower(), path.parent
     names = [name for name in os.listdir(folder) if name.lower().startswith(stem)]

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -20,6 +20,17 @@ NO_ID = int(np.iinfo(np.int32).min)
 TOLERANCE = 1e-6
 
 _BLOCK = 1_000_000  # cells
+
+
+class Transform(NamedTuple):
+    """From (column, row) to (x, y), by the names of `affine.Affine`, whose import takes long."""
+
+    a: float
+    b: float
+    c: float
+    d: float
+    e: float
+    f: float
 
 
 @dataclass(frozen=True)
@@ -130,7 +141,7 @@ class Box:
         }
 
 
-def flaw_of(transform: Affine, far: int) -> str:
+def flaw_of(transform: Affine | Transform, far: int) -> str:
     """Why cells cannot be those of a grid with sides of up to `far` cells; empty when they can."""
     t = transform
     if not 0 < abs(t.a) < np.inf:

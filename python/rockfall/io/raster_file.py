@@ -23,13 +23,15 @@ from rockfall.io.gdal_files import (
     IMAGINE,
     check_imagine,
     check_nodata,
+    companions,
     is_vrt,
     plain_file,
     plain_vrt,
     start_of,
 )
-from rockfall.io.grid import Box, Grid, flaw_of, row_blocks
+from rockfall.io.grid import Box, Grid, Transform, flaw_of, row_blocks
 from rockfall.io.netcdf_grid import cells_of, open_netcdf
+from rockfall.limits import MACHINE_MEMORY
 
 if TYPE_CHECKING:
     from affine import Affine
@@ -84,14 +86,26 @@ class GdalCells:
             yield slice(first, stop), block, self.source.read_masks(1, window=window) != 0
 
 
+class Alone:
+    """What GDAL says of an ESRI ASCII grid with no file beside it, by its names. It is not asked:
+    to import it takes longer than to read a small grid."""
+
+    crs, units, dtypes = None, (None,), ("float64",)
+
+    def __init__(self, file: str, cells: AsciiCells) -> None:
+        self.files, self.nodata, self.transform = [file], cells.nodata, cells.transform
+        self.height, self.width = self.shape = cells.shape
+        self.block_shapes = [(1, self.width)]
+
+
 @dataclass(frozen=True)
 class RasterFile:
     """An open raster file, and where its cells lie."""
 
     path: str
-    source: DatasetReader
+    source: DatasetReader | Alone
     cells: Cells
-    transform: Affine
+    transform: Affine | Transform
     grid: Grid
 
     @property
@@ -163,17 +177,14 @@ def open_raster(path: str | Path) -> Iterator[RasterFile]:
 
     Whatever GDAL or netCDF have to say against it, now or while it is read, comes as one line.
     """
-    import rasterio
-
     path = str(path)
-    with rasterio.Env(GDAL_CACHEMAX=_CACHE), warnings.catch_warnings(), ExitStack() as stack:
-        warnings.simplefilter("ignore", rasterio.errors.NotGeoreferencedWarning)
+    with ExitStack() as stack:
         try:
             raster = _opened(path, stack)
             _check_packing(raster)
             _check_size(raster)
             yield raster
-        except (rasterio.errors.RasterioError, OSError, RuntimeError, UnicodeDecodeError) as error:
+        except _faults() as error:
             raise RockfallError(
                 f"{path}: cannot be read as a raster (unknown format, truncated or damaged): "
                 f"{error.__cause__ or error}"
@@ -183,20 +194,23 @@ def open_raster(path: str | Path) -> Iterator[RasterFile]:
 def raster_files(path: str | Path) -> set[str]:
     """Every file that a raster is read from: its own, those beside it, the tiles of a mosaic. What
     cannot be opened has its own alone; who reads it says what is wrong."""
-    import rasterio
-
     found, waiting = set(), {raster_file(str(path))}
-    with rasterio.Env(), warnings.catch_warnings():  # what GDAL says goes nowhere
-        warnings.simplefilter("ignore", rasterio.errors.NotGeoreferencedWarning)
-        while waiting:
-            found.add(file := waiting.pop())
-            try:
-                with ExitStack() as stack:
-                    files = _opened(file, stack).source.files  # a tile has files beside it, too
-                    waiting |= set(filter(os.path.exists, files)) - found
-            except (RockfallError, rasterio.errors.RasterioError, OSError, RuntimeError):
-                pass
+    while waiting:
+        found.add(file := waiting.pop())
+        try:
+            with ExitStack() as stack:
+                files = _opened(file, stack).source.files  # a tile has files beside it, too
+                waiting |= set(filter(os.path.exists, files)) - found
+        except _faults(RockfallError):
+            pass
     return found
+
+
+def _faults(*others: type[Exception]) -> tuple[type[Exception], ...]:
+    """What GDAL and netCDF raise of a file that they cannot read; looked up when something is."""
+    from rasterio.errors import RasterioError
+
+    return RasterioError, OSError, RuntimeError, UnicodeDecodeError, *others
 
 
 def raster_file(path: str) -> str:
@@ -220,6 +234,8 @@ def _opened(path: str, stack: ExitStack) -> RasterFile:
         raise RockfallError(f"{path}: {file} is not a netCDF file")
     if is_ascii(start):
         cells = open_ascii(file)
+        if not companions(Path(file)):
+            return _raster(path, Alone(file, cells), cells)
         return _raster(path, _dataset(path, name, ("AAIGrid",), stack), cells)
     if start.startswith(TIFF):
         check_nodata(file)
@@ -234,15 +250,19 @@ def _opened(path: str, stack: ExitStack) -> RasterFile:
 
 def _dataset(path: str, name: str, drivers: tuple[str, ...], stack: ExitStack) -> DatasetReader:
     """What GDAL opens by one of some drivers; one band that lies somewhere."""
+    import rasterio
     from rasterio.io import DatasetReader
 
+    stack.enter_context(rasterio.Env(GDAL_CACHEMAX=_CACHE))  # what GDAL says goes nowhere
+    stack.enter_context(warnings.catch_warnings())
+    warnings.simplefilter("ignore", rasterio.errors.NotGeoreferencedWarning)
     source = stack.enter_context(DatasetReader(name, driver=list(drivers)))
     _check_band(path, source)
     _check_place(path, source)
     return source
 
 
-def _raster(path: str, source: DatasetReader, cells: Cells) -> RasterFile:
+def _raster(path: str, source: DatasetReader | Alone, cells: Cells) -> RasterFile:
     t = cells.transform if isinstance(cells, AsciiCells) else source.transform
     if (source.height, source.width) != getattr(cells, "shape", source.shape):
         raise RockfallError(f"{path}: GDAL reads another header: malformed")
@@ -289,11 +309,9 @@ def _check_packing(raster: RasterFile) -> None:
 
 def _check_size(raster: RasterFile) -> None:
     """Refuse a header that promises more than the machine can hold."""
-    import psutil
-
     ny, nx = raster.grid.shape
     need = 4e-9 * nx * ny
-    have = 1e-9 * psutil.virtual_memory().total
+    have = 1e-9 * MACHINE_MEMORY
     if need > have:
         raise RockfallError(
             f"{raster.path}: {nx} x {ny} cells need {need:.0f} GB of memory, "

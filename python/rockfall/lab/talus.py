@@ -44,23 +44,29 @@ class Talus:
             z = np.where(np.abs(s - axis) < width / 2, level + (1 - self.roads) * (z - level), z)
         return z
 
-    def rough(self) -> np.ndarray:
-        """The relief: white noise through a Gaussian filter, (NY, NX) [m]."""
-        margin = 8  # more than five standard deviations of the filter: no edge effects
-        shape = NY + 2 * margin, NX + 2 * margin
-        raw = np.random.Philox(key=self.seed).random_raw(shape[0] * shape[1])  # in every NumPy
-        noise = raw.reshape(shape) / 2.0**64 - 0.5
-        weight = np.exp(-0.5 * (np.arange(-margin, margin + 1) / SMOOTHING) ** 2)
-        for axis in 0, 1:
-            noise = np.apply_along_axis(np.convolve, axis, noise, weight, mode="valid")
-        return self.relief * (noise - noise.mean()) / noise.std()
-
     def elevation(self) -> np.ndarray:
         """(NY, NX), north first [m]."""
         s, off_axis = _place()
         depth = np.interp(s, [0, 30, 250, 330], [self.channel / 4, self.channel, self.channel, 0])
-        z = self.profile(s) - depth * np.exp(-((off_axis / 4) ** 2)) + self.rough()
+        z = (
+            self.profile(s)
+            - depth * np.exp(-((off_axis / 4) ** 2))
+            + relief(self.seed, (NY, NX), self.relief)
+        )
         return z.astype("f4")
+
+
+def relief(seed: int, cells: tuple[int, int], std: float) -> np.ndarray:
+    """White noise through a Gaussian filter, of so many rows and columns [m]: the same in every
+    NumPy. Slopes of cases that are made up have it too."""
+    margin = 8  # more than five standard deviations of the filter: no edge effects
+    shape = cells[0] + 2 * margin, cells[1] + 2 * margin
+    raw = np.random.Philox(key=seed).random_raw(shape[0] * shape[1])
+    noise = raw.reshape(shape) / 2.0**64 - 0.5
+    weight = np.exp(-0.5 * (np.arange(-margin, margin + 1) / SMOOTHING) ** 2)
+    for axis in 0, 1:
+        noise = np.apply_along_axis(np.convolve, axis, noise, weight, mode="valid")
+    return std * (noise - noise.mean()) / noise.std()
 
 
 def zones() -> np.ndarray:

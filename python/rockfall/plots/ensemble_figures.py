@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What uncertain inputs do to the numbers at the lines, beside the Monte Carlo error."""
+"""What uncertain inputs do to the numbers at the lines, beside the Monte Carlo error; and what a
+back-analysis leaves open of them."""
 
 from __future__ import annotations
 
@@ -7,11 +8,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rockfall.analysis.back.posterior import draws_table, parameters, posterior_table
+from rockfall.analysis.back.study import Back
 from rockfall.limits import Z
-from rockfall.plots.style import BLUE, GREY, WIDE, new_figure, plain, styled
+from rockfall.plots.style import BLUE, GREY, INK, WIDE, capital, new_figure, plain, styled
 from rockfall.quantities import QUANTITIES
 
 if TYPE_CHECKING:
+    import pandas as pd
     import xarray as xr
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -19,6 +23,9 @@ if TYPE_CHECKING:
 NUMBERS = {"fraction": ["fraction"]} | {
     name: [f"{name}.mean", f"{name}.q95"] for name in ("speed", "passing_height", "energy_total")
 }
+
+
+PANEL, BINS = 1.5, 16  # of a posterior: each panel [inch], and of its densities
 
 
 @styled
@@ -51,3 +58,39 @@ def _draw(axes: Axes, at: xr.Dataset, quantity: str, names: list[str]) -> None:
     axes.set_xlim(left=0)
     axes.tick_params(axis="y", length=0)
     axes.set_xlabel(shown.title)
+
+
+@styled
+def posterior_figure(found: Back) -> Figure:
+    """A column and a row for each parameter. On the diagonal densities: grey the prior, blue the
+    posterior, lines at its 5, 50 and 95 % quantiles; below it draws of both. Impact sets, which
+    have no order, are not shown."""
+    shown, table = list(parameters(found)), posterior_table(found)
+    first = found.members.iloc[: found.inputs.design[..., 0].size]
+    prior, draws = ([of[one.column] * (one.scale or 1.0) for one in shown]
+                    for of in (first, draws_table(found)))  # fmt: skip
+    figure = new_figure(PANEL * max(len(shown), 2), PANEL * max(len(shown), 1.3))
+    panels = figure.add_gridspec(max(len(shown), 1), max(len(shown), 1))
+    for i, one in enumerate(shown):
+        for j in range(i):
+            axes = figure.add_subplot(panels[i, j])
+            for of, colour in ((prior, GREY), (draws, BLUE)):
+                axes.plot(of[j], of[i], ".", ms=1.5, alpha=0.6, color=colour)
+        axes = figure.add_subplot(panels[i, i])
+        _densities(axes, prior[i], draws[i])
+        for end in table.loc[i, ["q05", "median", "q95"]]:
+            axes.axvline(end, color=INK, lw=0.7, linestyle=(0, (2, 2)))
+        unit = f" [{one.units}]" if one.units != "1" else ""
+        axes.set_title(plain(capital(one.label) + unit), fontsize=6.5)
+    for axes in figure.axes:
+        axes.tick_params(labelsize=5)
+    return figure
+
+
+def _densities(axes: Axes, prior: pd.Series, draws: pd.Series) -> None:
+    low, high = min(prior.min(), draws.min()), max(prior.max(), draws.max())
+    edges = np.linspace(low, high, BINS + 1)
+    for of, colour in ((prior, GREY), (draws, BLUE)):
+        axes.stairs(np.histogram(of, edges, density=True)[0], edges, fill=True, color=colour,
+                    alpha=0.5)  # fmt: skip
+    axes.set_yticks([])

@@ -72,7 +72,8 @@ def of_none(result: xr.Dataset, name: str) -> float:
     """The maximum of a map where no boulder passed: 0, but for the upper limit of a fraction."""
     if name != "reach_probability_high":
         return 0.0
-    return 1.001 * fraction_limits(0.0, simulated(result))[1]  # maps have seven digits
+    clusters = simulated(result) / result[name].attrs.get("boulders_per_cluster", 1)
+    return 1.001 * fraction_limits(0.0, clusters)[1]  # maps have seven digits
 
 
 def cell_of(result: xr.Dataset) -> float:

@@ -12,12 +12,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rockfall.analysis.ensemble.study import is_ensemble
+from rockfall.analysis.lines.profile import line_profile
 from rockfall.analysis.precision.intervals import fraction_interval, sources
 from rockfall.case import case_of
 from rockfall.errors import RockfallError, need
 from rockfall.impact_sets import set_path
 from rockfall.io.output_files import FIGURE, atomic_folder, check_outputs
 from rockfall.lab.sets import read_sets
+from rockfall.plots.along_figures import line_profile_figure
 from rockfall.plots.ensemble_figures import ranges_figure
 from rockfall.plots.extent import PASSED, passed_map
 from rockfall.plots.lab import draw_restitution
@@ -178,6 +180,19 @@ def _at_lines(result: xr.Dataset, observed: Any) -> Iterator[Figure]:
             "mean ± one standard deviation; one in 500 lies beyond the axis.",
             partial(distribution_figure, result, name, observed),
         )
+    for k, name in enumerate(map(str, result["line"].values)):
+        if np.isfinite(result["line_x"].values[k]).any():
+            yield Figure(
+                f"along_{k + 1}",
+                f"Along {name}",
+                "Fraction of all boulders that pass a metre of the line, and 95 % quantiles of the "
+                "energy and height of those that do, with 95 % bands.",
+                partial(_along, result, name),
+            )
+
+
+def _along(result: xr.Dataset, line: str) -> figure.Figure:
+    return line_profile_figure(line_profile(result, line))
 
 
 def _ranges(result: xr.Dataset) -> Iterator[Figure]:
@@ -247,6 +262,6 @@ def _maps(result: xr.Dataset, terrain: Terrain | None, look: Look | None) -> Ite
         yield Figure(
             f"map_{name}",
             title,
-            f"{title} in each cell, of {boulders}{said}.",
+            f"In each cell, of {boulders}{said}.",
             partial(map_figure, result, name, terrain, look=look),
         )

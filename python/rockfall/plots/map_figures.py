@@ -13,9 +13,9 @@ from rockfall.plots.cartography.marks import draw_marks, key_of
 from rockfall.plots.cartography.rasters import cropped, draw_image, edges
 from rockfall.plots.cartography.sheet import SMALL, Sheet, finish, new_sheet
 from rockfall.plots.extent import PASSED, of_none, passed_map, reached
-from rockfall.plots.style import BLUE, GREEN, INK, OBSERVED, VERMILION, styled
+from rockfall.plots.style import INK, OBSERVED, VERMILION, styled
 from rockfall.quantities import with_unit
-from rockfall.result.classes import Classes, classes_of, shown_as
+from rockfall.result.classes import STATUS_MARKERS, Classes, classes_of, shown_as
 from rockfall.result.samples import simulated
 from rockfall.result.trajectories import ends, trajectories
 
@@ -31,15 +31,6 @@ if TYPE_CHECKING:
 
 MAX_TRAJECTORIES = 200  # drawn
 LIMIT = 0.01  # pass frequency of the outline (paper, Fig. 10)
-MARKERS = {  # of each status
-    "stopped": (".", VERMILION),
-    "absorbed": ("x", BLUE),
-    "left_domain": ("^", INK),
-    "impact_limit": ("s", INK),
-    "hit_nodata": ("+", INK),
-    "stopped_by_tree": ("v", GREEN),
-    "stopped_by_barrier": ("D", BLUE),
-}
 BAR = 0.48  # room for the scale of colours [inch]
 OPAQUE = 0.8  # of colours: they let the relief through
 
@@ -120,8 +111,8 @@ def map_note(result: xr.Dataset, name: str) -> str:
     """Where a map is blank though it could say something, and what its numbers rest on."""
     about = result[name].attrs
     notes = [str(about["comment"])] if "comment" in about else []
-    if "least_passages" in about:
-        notes.append(f"blank where fewer than {about['least_passages']:,} boulders passed")
+    if "min_passages" in about:
+        notes.append(f"blank where fewer than {about['min_passages']:,} boulders passed")
     if "thin_below" in about:
         notes.append(f"hardly known where fewer than {about['thin_below']:,} boulders passed")
     elif of_none(result, name):
@@ -155,7 +146,7 @@ def _draw_map(sheet: Sheet, result: xr.Dataset, name: str, limits: Limits | None
     classes = classes_of(unit, limits)
     label = "boulders that pass" if name in PASSED else str(result[name].attrs["long_name"])
     label = with_unit(label, unit)
-    if fewest := result[name].attrs.get("least_passages", 0):
+    if fewest := result[name].attrs.get("min_passages", 0):
         label += f"; blank: fewer than {fewest} passed"
     label += "; outline: 1 %" if is_fraction(name) else ""
     _draw_classes(sheet, values, grid, classes, fill(label, 60))
@@ -223,7 +214,7 @@ def _ended(name: str, here: np.ndarray) -> str:
 
 
 def _marker(status: str, size: float) -> dict[str, Any]:
-    marker, colour = MARKERS[status]
+    marker, colour = STATUS_MARKERS[status]
     look = {"marker": marker, "linestyle": "", "color": colour}
     wide = {"markeredgewidth": 0.6 if marker in "x+" else 0}
     return look | wide | {"markersize": size * (1 if marker == "." else 1.2)}

@@ -3,10 +3,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rockfall.analysis.line_statistics import with_limits
 from rockfall.analysis.precision.intervals import fraction_interval, sources
 from rockfall.result.samples import check_rows
 from rockfall.result.trajectories import flags_of
@@ -14,6 +16,11 @@ from rockfall.result.trajectories import flags_of
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
+
+    from rockfall.result.contents import Held
+
+COLUMNS = ["barrier", "height", "capacity", "outcome", "n"]
+COLUMNS += with_limits("fraction")
 
 
 def barrier_statistics(result: xr.Dataset) -> pd.DataFrame:
@@ -32,29 +39,29 @@ def barrier_statistics(result: xr.Dataset) -> pd.DataFrame:
     """
     import pandas as pd
 
-    rows: list[dict] = []
+    return pd.DataFrame(barrier_rows(result), columns=COLUMNS)
+
+
+def barrier_rows(result: Held) -> Iterator[dict[str, Any]]:
+    """The rows of `barrier_statistics`."""
     if barriers_of(result):
         check_rows(result, "what barriers did")
     for k in barriers_of(result):
         about = {
             "barrier": str(result["line"].values[k]),
-            "height": float(result["barrier_height"][k]),
-            "capacity": float(result["barrier_capacity"][k]),
+            "height": float(result["barrier_height"].values[k]),
+            "capacity": float(result["barrier_capacity"].values[k]),
         }
         outcome = result["barrier_outcome"].values[k]
         for name, number in flags_of(result["barrier_outcome"]).items():
             if number:
                 hit = outcome == number
-                fraction, low, high = fraction_interval(hit, sources(result))
-                numbers = {"n": int(hit.sum()), "fraction": fraction}
-                rows.append({**about, "outcome": name, **numbers, "low": low, "high": high})
-    columns = ["barrier", "height", "capacity", "outcome", "n", "fraction", "low", "high"]
-    return pd.DataFrame(rows, columns=columns).rename(
-        columns={"low": "fraction_low", "high": "fraction_high"}
-    )
+                interval = fraction_interval(hit, sources(result))
+                numbers = dict(zip(with_limits("fraction"), interval, strict=True))
+                yield {**about, "outcome": name, "n": int(hit.sum()), **numbers}
 
 
-def barriers_of(result: xr.Dataset) -> list[int]:
+def barriers_of(result: Held) -> list[int]:
     """Which lines of a result are barriers."""
     if "barrier_height" not in result:
         return []

@@ -70,7 +70,7 @@ def design(
     *,
     along: str | None = None,
     width: float = 10.0,
-    least: int = 50,
+    min_boulders: int = 50,
     residual: float = 0.01,
     volume: float | None = None,
     factors: str | Path | None = None,
@@ -79,7 +79,8 @@ def design(
 ) -> Design:
     """What a barrier on each line of a result must be, and whether its barriers are that.
 
-    `along` names a line to be cut into windows of `width` [m]; one to which fewer than `least`
+    `along` names a line to be cut into windows of `width` [m]; one to which fewer than
+    `min_boulders`
     boulders come is blank. `residual` is the fraction of the boulders that may pass, `volume` [m3]
     the design block, `factors` and `costs` are tables in place of the shipped ones, and
     `conditions` are those of `rockfall.protection.factors.Conditions`.
@@ -88,7 +89,7 @@ def design(
     >>> result = rockfall.run(rockfall.read_case("case.nml"))
     >>> sheet = rockfall.design(result, survey="good")
     """
-    _check(result, along, width, least, residual, volume)
+    _check(result, along, width, min_boulders, residual, volume)
     known = read_factors(_conditions(conditions), factors)
     prices = read_costs(costs) if costs is not None else None
     how = known, case_of(result).boulder["density"], volume
@@ -102,7 +103,7 @@ def design(
     ]
     parts = None
     if along is not None:
-        parts = _table([*_along(result, along, came[along], width, least, *how)], _ALONG)
+        parts = _table([*_along(result, along, came[along], width, min_boulders, *how)], _ALONG)
     loads = [row for name, one in came.items() for row in _loads(name, one)]
     return Design(
         known,
@@ -132,7 +133,7 @@ def _check(
     result: xr.Dataset,
     along: str | None,
     width: float,
-    least: int,
+    min_boulders: int,
     residual: float,
     volume: float | None,
 ) -> None:
@@ -148,8 +149,8 @@ def _check(
         raise RockfallError(f"residual = {residual}: must be >= 0 and < 1")
     if not 0 < width < np.inf:
         raise RockfallError(f"width = {width}: must be > 0 m")
-    if least < 1:
-        raise RockfallError(f"least = {least}: must be >= 1")
+    if min_boulders < 1:
+        raise RockfallError(f"min_boulders = {min_boulders}: must be >= 1")
     if volume is not None and not 0 < volume < np.inf:
         raise RockfallError(f"volume = {volume}: must be > 0 m3")
 
@@ -202,7 +203,7 @@ def _verdict(
 
 
 def _along(
-    result: xr.Dataset, line: str, came: Crossings, width: float, least: int, *how: Any
+    result: xr.Dataset, line: str, came: Crossings, width: float, min_boulders: int, *how: Any
 ) -> Iterator[dict[str, Any]]:
     """What the standard asks of each window along a line; blank where few boulders come."""
     edges, window = windows(result, line_number(result, line), width)
@@ -210,4 +211,4 @@ def _along(
     for k, (start, end) in enumerate(itertools.pairwise(edges)):
         here = came.where(window == k)
         row: dict[str, Any] = {"line": line, "start": start, "end": end}
-        yield row | (demand(here, *how) if here.n >= least else {"n": here.n})
+        yield row | (demand(here, *how) if here.n >= min_boulders else {"n": here.n})

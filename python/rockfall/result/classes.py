@@ -35,6 +35,15 @@ LIMITS = {  # of each unit shown; the Swiss classes of intensity end at 30 and 3
 UNITS = (*LIMITS, "boulders", *COUNTED.values())
 #: Pale to dark, in grey print too, and of no hue that relief or water has.
 RAMP = ("#fff7bc", "#fed976", "#fdae4f", "#f87d3a", "#e6432b", "#bd1b43", "#84115f", "#430b52")
+STATUS_MARKERS = {  # of each status of a boulder: shape, by Matplotlib's names, and colour
+    "stopped": (".", "#d55e00"),
+    "absorbed": ("x", "#0072b2"),
+    "left_domain": ("^", "#222222"),
+    "impact_limit": ("s", "#222222"),
+    "hit_nodata": ("+", "#222222"),
+    "stopped_by_tree": ("v", "#009e73"),
+    "stopped_by_barrier": ("D", "#0072b2"),
+}
 
 
 class Classes(NamedTuple):

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,6 +22,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from rockfall.io.grid import Grid
+    from rockfall.result.contents import Held, HeldVariable
 
 CONVENTIONS = "CF-1.11"
 NO_COUNT = -1  # fill value of counts
@@ -31,20 +31,6 @@ DAMAGED = (
     OSError, ValueError, TypeError, LookupError, RuntimeError, AttributeError, OverflowError,
 )  # fmt: skip
 TILE = 256  # cells of a map that are compressed together, either way
-
-
-def as_dataset(data: Mapping[str, tuple], attrs: Mapping[str, Any]) -> xr.Dataset:
-    """Of (dimensions, values, attributes) by name. Were variables left to xarray, it would load
-    Dask, wherever that is installed, to see whether the values are of Dask: half a second."""
-    import xarray as xr
-
-    return xr.Dataset(
-        {
-            name: xr.Variable(dims, np.asarray(values), about, fastpath=True)
-            for name, (dims, values, about) in data.items()
-        },
-        attrs=attrs,
-    )
 
 
 def centre_variables(x: np.ndarray, y: np.ndarray) -> dict[str, tuple]:
@@ -122,7 +108,7 @@ def read_result(path: str | Path) -> xr.Dataset:
     return result
 
 
-def write_result(result: xr.Dataset, path: str | Path, kind: str = RESULT) -> None:
+def write_result(result: Held, path: str | Path, kind: str = RESULT) -> None:
     """Write a result as netCDF, whole or not at all, and over no file that its case reads.
 
     >>> import rockfall
@@ -133,7 +119,7 @@ def write_result(result: xr.Dataset, path: str | Path, kind: str = RESULT) -> No
         put_netcdf(result, part, path)
 
 
-def put_netcdf(data: xr.Dataset, path: str | Path, name: str | Path) -> None:
+def put_netcdf(data: Held, path: str | Path, name: str | Path) -> None:
     """Put all of it into a new file; `name` is for messages. By netCDF4 itself: xarray would copy
     maps whole, and load Dask wherever it is installed, which takes longer than the writing."""
     import netCDF4
@@ -151,7 +137,7 @@ def put_netcdf(data: xr.Dataset, path: str | Path, name: str | Path) -> None:
         raise RockfallError(f"{name}: cannot be written: {error}; disk full?") from error
 
 
-def _attached(result: xr.Dataset, name: str) -> dict[str, Any]:
+def _attached(result: Held, name: str) -> dict[str, Any]:
     """What is said of a variable in the file alone: its missing value, and the coordinates that it
     has beside those of its dimensions (CF). Coordinates and texts have none missing."""
     variable = result.variables[name]
@@ -159,7 +145,7 @@ def _attached(result: xr.Dataset, name: str) -> dict[str, Any]:
         return {}
     beside = [
         other for other, coordinate in result.coords.items()
-        if other not in result.dims and {*coordinate.dims} <= {*variable.dims}
+        if other not in result.sizes and {*coordinate.dims} <= {*variable.dims}
     ]  # fmt: skip
     found: dict[str, Any] = {"coordinates": " ".join(map(str, beside))} if beside else {}
     if name.endswith("_bounds"):  # CF: of them nothing is said but by their parents
@@ -171,7 +157,7 @@ def _attached(result: xr.Dataset, name: str) -> dict[str, Any]:
     return found
 
 
-def _storage(variable: xr.Variable, checksums: Any) -> dict[str, Any]:
+def _storage(variable: HeldVariable, checksums: Any) -> dict[str, Any]:
     """How a file holds a variable: rasters are compressed in tiles, and what another run goes on
     from has checksums (Fletcher, by HDF5)."""
     how: dict[str, Any] = {}
@@ -188,7 +174,7 @@ def _storage(variable: xr.Variable, checksums: Any) -> dict[str, Any]:
 
 
 def _write_variable(
-    file: Any, name: str, variable: xr.Variable, how: dict[str, Any], attached: dict[str, Any]
+    file: Any, name: str, variable: HeldVariable, how: dict[str, Any], attached: dict[str, Any]
 ) -> None:
     """Rasters are written in blocks of rows."""
     text, is_map = variable.dtype.kind in "OU", variable.dims == ("y", "x")

@@ -7,7 +7,7 @@ import csv
 import re
 import sqlite3
 import warnings
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import closing, nullcontext
 from itertools import chain
 from pathlib import Path
@@ -29,6 +29,7 @@ from rockfall.result.flat_maps import PLAN, flat_maps
 from rockfall.result.qgis_style import write_classes
 from rockfall.result.trajectories import flags_of
 from rockfall.result.validate import check_dimensions
+from rockfall.result.vector_style import STYLES, Style, put_styles
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -47,8 +48,8 @@ def export(result: xr.Dataset | str | Path, folder: str | Path) -> list[Path]:
 
     <map>_<unit>.tif for each variable on (y, x), energies in kJ, nodata where no boulder passed,
     with a style for QGIS (.qml) beside it; rockfall.gpkg with the layers sources, stops, lines,
-    crossings and trajectories, as far as the result has them, energies in kJ; in SI
-    boulders.csv, and line_<name>.csv for each line.
+    crossings and trajectories, as far as the result has them, energies in kJ, and their styles; in
+    SI boulders.csv, and line_<name>.csv for each line.
     All of them or, with a RockfallError, none; over nothing but files of an earlier export.
 
     >>> import rockfall
@@ -80,7 +81,7 @@ def _export(data: xr.Dataset, layers: Layers, folder: Path) -> Iterator[Path]:
         yield _write_table(folder / "boulders.csv", map(_columns, _boulders(data)))
         yield from _write_lines(folder, data)
     if layers:
-        yield write_geopackage(folder / "rockfall.gpkg", layers, crs_wkt(data))
+        yield write_geopackage(folder / "rockfall.gpkg", layers, crs_wkt(data), STYLES)
 
 
 def _put_map(folder: Path, data: xr.Dataset, name: str) -> Iterator[Path]:
@@ -343,8 +344,10 @@ def crs_wkt(data: xr.Dataset) -> str | None:
     return data["crs"].attrs.get("crs_wkt") or None if "crs" in data.variables else None
 
 
-def write_geopackage(path: Path, layers: Layers, crs: str | None) -> Path:
-    """Layers as one file, whole or not at all."""
+def write_geopackage(
+    path: Path, layers: Layers, crs: str | None, styles: Mapping[str, Style] | None = None
+) -> Path:
+    """Layers as one file, with styles for QGIS where there are some, whole or not at all."""
     import pyogrio
     import shapely
 
@@ -361,6 +364,8 @@ def write_geopackage(path: Path, layers: Layers, crs: str | None) -> Path:
                     )  # fmt: skip
                     features += len(shapes)
                 _check_arrived(part, layer, features)
+            if styles:
+                put_styles(part, {layer: kind for layer, (kind, _) in layers.items()}, styles)
         except (pyogrio.errors.DataSourceError, pyogrio.errors.DataLayerError) as error:
             raise RockfallError(f"{path}: cannot be written: {error}") from error
         except sqlite3.Error as error:

@@ -11,10 +11,11 @@ import numpy as np
 from rockfall.grounds import IMPACT_SETS
 
 if TYPE_CHECKING:
-    import xarray as xr
     from numpy.typing import ArrayLike
 
-    Variables = xr.Dataset | Mapping[str, ArrayLike]
+    from rockfall.result.contents import Held
+
+    Variables = Held | Mapping[str, ArrayLike]
 
 
 class GroundRebounds(NamedTuple):

@@ -24,7 +24,7 @@ from rockfall.limits import (
 from rockfall.result import variables
 
 if TYPE_CHECKING:
-    import xarray as xr
+    from rockfall.result.contents import Held
 
 BASE_BITS = 62  # of the digits of sums, as in the kernel
 
@@ -82,25 +82,25 @@ class Samples:
         self.largest = np.pad(self.largest, ((0, 0), (0, 0), (max(0, more), 0)), constant_values=-1)
 
 
-def simulated(result: xr.Dataset) -> int:
+def simulated(result: Held) -> int:
     """How many boulders a result is of; its rows may be of some of them only."""
     if "sample_ended" in result:
-        return int(result["sample_ended"].sum())
+        return int(result["sample_ended"].values.sum())
     return int(result.sizes["boulder"])
 
 
-def kept_note(result: xr.Dataset) -> str:
+def kept_note(result: Held) -> str:
     """From which boulders numbers are that need their rows; "" where these are all."""
     rows, boulders = result.sizes["boulder"], simulated(result)
     return "" if rows == boulders else f"From the {rows:,} of {boulders:,} boulders that were kept."
 
 
-def has_rows(result: xr.Dataset) -> bool:
+def has_rows(result: Held) -> bool:
     """Whether a result has rows of boulders, of all or of some."""
     return bool(result.sizes["boulder"])
 
 
-def check_rows(result: xr.Dataset, what: str) -> None:
+def check_rows(result: Held, what: str) -> None:
     """Refuse what needs rows of boulders where a run kept none."""
     if "sample_ended" in result and not has_rows(result):
         raise RockfallError(
@@ -109,7 +109,7 @@ def check_rows(result: xr.Dataset, what: str) -> None:
         )
 
 
-def check_all_rows(result: xr.Dataset, what: str) -> None:
+def check_all_rows(result: Held, what: str) -> None:
     """Refuse what needs rows of all boulders where a run did not keep them."""
     if result.sizes["boulder"] < simulated(result):
         raise RockfallError(f"{what}: needs rows of all boulders: &output kept = 'all'")

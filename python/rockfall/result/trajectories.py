@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from rockfall.io.grid import Grid
+    from rockfall.result.contents import Held, HeldVariable
 
     Terrain = tuple[np.ndarray, Grid]  # elevations (ny, nx) [m], and where their cells lie
 
@@ -92,20 +93,20 @@ def stop_distances(result: xr.Dataset) -> np.ndarray:
     return from_start(result, result["stop_x"].values, result["stop_y"].values)
 
 
-def ends(result: xr.Dataset) -> dict[str, np.ndarray]:
+def ends(result: Held) -> dict[str, np.ndarray]:
     """Each status by name, and which boulders ended so."""
     status = result["status"]
     return {name: status.values == flag for name, flag in flags_of(status).items()}
 
 
-def ended(result: xr.Dataset) -> dict[str, int]:
+def ended(result: Held) -> dict[str, int]:
     """Each status by name, and how many boulders ended so, with rows or without."""
     if "sample_ended" in result:
         return dict(zip(ends(result), result["sample_ended"].values.tolist(), strict=True))
     return {name: int(of.sum()) for name, of in ends(result).items()}
 
 
-def gone(result: xr.Dataset) -> int:
+def gone(result: Held) -> int:
     """How many boulders left the known terrain, as `left_terrain` has them."""
     of = ended(result)
     return of["left_domain"] + of["hit_nodata"]
@@ -118,7 +119,7 @@ def left_terrain(result: xr.Dataset) -> np.ndarray:
     return ended["left_domain"] | ended["hit_nodata"]
 
 
-def flags_of(variable: xr.DataArray) -> dict[str, int]:
+def flags_of(variable: HeldVariable) -> dict[str, int]:
     """The numbers of a CF flag variable by name."""
     values = np.atleast_1d(variable.attrs["flag_values"]).tolist()
     return dict(zip(variable.attrs["flag_meanings"].split(), values, strict=True))

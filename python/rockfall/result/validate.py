@@ -52,7 +52,7 @@ def check_result(data: xr.Dataset, path: str | Path) -> None:
     for name in (name for name in ours if name in data.variables):
         about = data.variables[name].attrs
         words = [about.get(word) for word in ("units", "long_name")]
-        fewest = np.asarray(about.get("least_passages", 0))  # of a map that is blank below it
+        fewest = np.asarray(about.get("min_passages", 0))  # of a map that is blank below it
         if not all(isinstance(word, str) for word in words) or fewest.dtype.kind not in "iu":
             raise RockfallError(f"{path}: {name}: does not say what it is")
 

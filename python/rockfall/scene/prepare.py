@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -13,9 +13,9 @@ from rockfall.case import Case
 from rockfall.case_files import input_files
 from rockfall.errors import RockfallError
 from rockfall.io.output_files import SCENE, atomic_folder, check_folder, check_outputs, kind_of
+from rockfall.result.contents import Contents
 from rockfall.result.dataset import (
     CONVENTIONS,
-    as_dataset,
     centre_variables,
     feature_names,
     georeference,
@@ -27,9 +27,6 @@ from rockfall.scene.reach import survey
 from rockfall.scene.read import read_scene
 from rockfall.scene.scene import Scene
 from rockfall.version import __version__
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 LAYOUT = int(_core.constant("scene_layout"))  # of the file
 MARK = "! Prepared by rockfall"  # first words of a prepared case.nml
@@ -81,7 +78,7 @@ def prepare(case: Case, folder: str | Path, **arrays: Any) -> list[Path]:
     return [folder / "scene.nc", folder / "case.nml"]
 
 
-def _scene_file(scene: Scene) -> xr.Dataset:
+def _scene_file(scene: Scene) -> Contents:
     """What the kernel takes beside the case."""
     text = np.frombuffer(scene.sets.text, "S1")
     about = {"long_name": "file of impact sets", "file": scene.sets.name}
@@ -108,7 +105,7 @@ def _scene_file(scene: Scene) -> xr.Dataset:
         **provenance(scene),
         **feature_names(scene),
     }
-    return as_dataset(data, attrs).set_coords(["x", "y"])
+    return Contents(data, attrs, ("x", "y"))
 
 
 def _releases(scene: Scene) -> dict[str, tuple]:

@@ -41,6 +41,7 @@ def read_surface(scene: Scene, box: Box, rasters: dict[str, Any]) -> None:
         _read_cell_grounds(scene, box, rasters)
     if uniform is not None:
         scene.sizes = np.atleast_2d(np.asarray(uniform, dtype=float))
+        _check_sizes(scene, columns, f"{scene.case.name}: &surface", [""])
     elif "zones" in surface:
         _read_zones(scene, box, columns, zones, rasters)
     elif set(columns).isdisjoint(surface):
@@ -142,7 +143,8 @@ def _check_sizes(scene: Scene, columns: tuple[str, ...], where: str, names: list
                 f"{where}{names[k]}: {', '.join(columns)} needed for method {method}"
             )
         if need and (missing or (need == 2 and not scene.sizes[k].all())):
-            about = f"ground '{scene.grounds[ground].name}' needs {', '.join(columns)}"
+            name = scene.grounds[ground].name if scene.grounds else scene.case.impact["sets"]
+            about = f"ground '{name}' needs {', '.join(columns)}"
             raise RockfallError(f"{where}{names[k]}: {about}{' > 0' if need == 2 else ''}")
     if scene.grounds:
         scene.sizes = np.where(np.isnan(scene.sizes), 0.0, scene.sizes)

@@ -19,10 +19,10 @@ from rockfall.scene.read import read_scene
 from rockfall.scene.scene import Scene
 from rockfall.simulation.merge import Joined
 from rockfall.simulation.progress import progress_bar
-from rockfall.simulation.simulate import run_scene
+from rockfall.simulation.simulate import simulate
 
 if TYPE_CHECKING:
-    import xarray as xr
+    from rockfall.result.contents import Contents
 
 PARTS = 16  # for each thread of the cluster: workers end together, and little is lost with one
 SECONDS = 20  # to reach a scheduler
@@ -31,12 +31,12 @@ WINDOWS = threading.Lock()  # of the terrain on this worker
 
 def run_on_cluster(
     scene: Scene, where: str, *, parts: int | None = None, progress: bool = False
-) -> xr.Dataset:
+) -> Contents:
     """Run a scene on the Dask cluster at an address, or on `local:N` processes of this machine.
 
     Each worker reads the rasters once, from the files that the case names: it must find them under
     the same paths. A part whose worker dies is flown again by another. The result is that of
-    `run_scene`, bit for bit.
+    `simulate`, bit for bit.
     """
     need("a Dask cluster needs", "cluster", "distributed")
     from distributed import as_completed
@@ -48,7 +48,7 @@ def run_on_cluster(
         of = parts or PARTS * max(1, sum(client.nthreads().values()))
         of = max(2, min(of, scene.boulders))
         if scene.boulders < 2:
-            return run_scene(scene)
+            return simulate(scene)
         parts = range(1, of + 1)
         futures = [client.submit(_part, case, memory, k, of, pure=False, retries=2) for k in parts]
         joined = Joined()
@@ -99,7 +99,7 @@ def _straight(address: str) -> dict[str, Any]:
     return {"set_as_default": False, "direct_to_workers": here}
 
 
-def _result(future: Any) -> xr.Dataset:
+def _result(future: Any) -> Contents:
     from distributed import KilledWorker
 
     try:
@@ -108,11 +108,11 @@ def _result(future: Any) -> xr.Dataset:
         raise RockfallError(f"workers died again and again: {error}", code=1) from error
 
 
-def _part(case: Case, memory: float | None, which: int, of: int) -> xr.Dataset:
+def _part(case: Case, memory: float | None, which: int, of: int) -> Contents:
     """On a worker: a part of the run. Windows of the terrain move, so one thread has them."""
     scene = _scene(case, memory)
     with WINDOWS if scene.windows else nullcontext():
-        return run_scene(scene, shard=(which, of))
+        return simulate(scene, shard=(which, of))
 
 
 @lru_cache(maxsize=1)

@@ -97,9 +97,22 @@ def no_maps(case: Case, box: Box = ALL) -> Maps:
     )  # fmt: skip
 
 
-def count_limits(counts: np.ndarray, boulders: int) -> tuple[np.ndarray, np.ndarray]:
+def boulders_per_cluster(case: Case, x: np.ndarray, y: np.ndarray) -> int:
+    """How many boulders that started at these places count as one in intervals of cells: where
+    sources are a sample, those of a place may all do the same, and maps do not know how they
+    differ; so all of them, of the place that released the most. Given sources: 1."""
+    if case.release["sources"] != "sample" or not len(x):
+        return 1
+    import pandas as pd
+
+    return int(np.bincount(pd.factorize(x + 1j * y)[0]).max())
+
+
+def count_limits(
+    counts: np.ndarray, boulders: int, per_cluster: int
+) -> tuple[np.ndarray, np.ndarray]:
     """The limits of the 95 % intervals of fractions of the boulders, as the kernel has them."""
-    low, high = _core.count_limits(np.ravel(counts), boulders)
+    low, high = _core.count_limits(np.ravel(counts), boulders, per_cluster)
     return low.reshape(np.shape(counts)), high.reshape(np.shape(counts))
 
 

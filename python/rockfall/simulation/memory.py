@@ -9,15 +9,14 @@ from contextlib import suppress
 from pathlib import Path
 
 from rockfall.errors import RockfallError
+from rockfall.limits import MACHINE_MEMORY
 
 UNITS = {"": 1, "k": 1e3, "m": 1e6, "g": 1e9, "t": 1e12}
 
 
 def machine_memory() -> float:
     """Bytes that this process may use: of the machine, of its job (control group), of its shell."""
-    import psutil  # which does not know the other limits
-
-    limits = [psutil.virtual_memory().total]
+    limits = [MACHINE_MEMORY]
     limits += [limit for limit in resource.getrlimit(resource.RLIMIT_AS)[:1] if limit > 0]
     with suppress(OSError):
         for file in limit_files(Path("/proc/self/cgroup").read_text()):

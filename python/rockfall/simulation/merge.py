@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,6 +20,8 @@ from rockfall.simulation.tally_dataset import make_result
 if TYPE_CHECKING:
     import xarray as xr
 
+    from rockfall.result.contents import Contents, Held
+
 
 def merge(parts: Sequence[xr.Dataset | str | Path]) -> xr.Dataset:
     """The result of a whole run from its parts (results, or their files), bit for bit that of a run
@@ -33,6 +35,11 @@ def merge(parts: Sequence[xr.Dataset | str | Path]) -> xr.Dataset:
     >>> rockfall.merge(parts).sizes["boulder"]
     20
     """
+    return join(parts).dataset()
+
+
+def join(parts: Iterable[Held | str | Path]) -> Contents:
+    """What `merge` makes."""
     joined = Joined()
     for part in parts:
         joined.add(part)
@@ -49,7 +56,7 @@ class Joined:
         self.fed: list[dict[str, np.ndarray]] = []  # by sources that a part cuts
         self.trajectories: dict[int, np.ndarray] = {}  # by boulder
 
-    def add(self, part: xr.Dataset | str | Path) -> None:
+    def add(self, part: Held | str | Path) -> None:
         """Add a part, or its file."""
         part = read_part(part)
         if self.first is None or self.tally is None:
@@ -68,7 +75,7 @@ class Joined:
         self.ranges.append((part.first, part.last, part.name))
         part.arrays = {}
 
-    def result(self) -> xr.Dataset:
+    def result(self) -> Contents:
         """That of the whole run; the parts are used up."""
         tally = self.tally
         if tally is None:

@@ -23,7 +23,8 @@ from rockfall.grounds import GroundRule
 from rockfall.io.files import check_netcdf
 from rockfall.io.grid import Box, Grid
 from rockfall.result import variables
-from rockfall.result.dataset import DAMAGED, as_dataset, georeference
+from rockfall.result.contents import Contents
+from rockfall.result.dataset import DAMAGED, georeference
 from rockfall.result.samples import (
     lengths,
     possible,
@@ -47,8 +48,7 @@ from rockfall.simulation.tally_dataset import (
 )
 
 if TYPE_CHECKING:
-    import xarray as xr
-
+    from rockfall.result.contents import Held
     from rockfall.simulation.tally import Tally
 
 LAYOUT = int(_core.constant("part_layout"))  # of the file
@@ -64,7 +64,7 @@ PACKING = int(_core.constant("max_packing"))  # zlib packs no closer than this
 # ---- from a tally
 
 
-def make_part(tally: Tally) -> xr.Dataset:
+def make_part(tally: Tally) -> Contents:
     """The boulders done of a tally, which may go on."""
     fed = fed_cells(tally)
     settle(tally, fed)
@@ -91,7 +91,7 @@ def make_part(tally: Tally) -> xr.Dataset:
         "terrain_cells": np.array([grid.nx, grid.ny], "i4"),
         "map_window": np.array(window, "i4"),
     }
-    return as_dataset(data, {"part_layout": LAYOUT} | run_attributes(tally) | places)
+    return Contents(data, {"part_layout": LAYOUT} | run_attributes(tally) | places)
 
 
 def tallies(maps: Maps) -> dict[str, np.ndarray]:
@@ -238,7 +238,7 @@ def boulders_in(path: Path) -> int | None:
         return None
 
 
-def read_part(part: xr.Dataset | str | Path) -> Part:
+def read_part(part: Held | str | Path) -> Part:
     """A part, a Dataset or its file, whose every value is checked; one that is none, or is damaged,
     is a RockfallError. Files are read as they are: xarray would take several times as long."""
     if not isinstance(part, str | Path):

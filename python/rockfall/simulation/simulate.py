@@ -6,6 +6,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -33,6 +34,7 @@ from rockfall.simulation.tally_dataset import make_result
 if TYPE_CHECKING:
     import xarray as xr
 
+    from rockfall.result.contents import Contents
     from rockfall.simulation.checkpoint import Checkpoint
 
 # A child of a fork would wait for ever for the threads that a run leaves waiting in its parent.
@@ -49,9 +51,13 @@ LEFT_WINDOW = int(_core.constant("left_window"))  # status: to be flown again in
 class Interrupted(KeyboardInterrupt):
     """Ctrl-C came: `result` holds the boulders that were done, whole."""
 
-    def __init__(self, result: xr.Dataset) -> None:
-        super().__init__(f"interrupted after {simulated(result)} boulders")
-        self.result = result
+    def __init__(self, contents: Contents) -> None:
+        super().__init__(f"interrupted after {simulated(contents)} boulders")
+        self.contents = contents
+
+    @cached_property
+    def result(self) -> xr.Dataset:
+        return self.contents.dataset()
 
 
 def run(
@@ -85,7 +91,14 @@ def run(
     return run_scene(scene, keep=False, **how)
 
 
-def run_scene(
+def run_scene(scene: Scene, **how: Any) -> xr.Dataset:
+    """Run a scene that has been read; see `run`, and `simulate` for the arguments."""
+    import xarray  # noqa: F401  before the run: there may be no memory for it
+
+    return simulate(scene, **how).dataset()
+
+
+def simulate(
     scene: Scene,
     *,
     progress: bool = False,
@@ -94,14 +107,13 @@ def run_scene(
     shard: tuple[int, int] = (1, 1),
     checkpoint: Checkpoint | None = None,
     keep: bool = True,
-) -> xr.Dataset:
-    """Run a scene that has been read; see `run`.
+) -> Contents:
+    """What the run of a scene finds; see `run`.
 
     It goes on from `checkpoint`, and writes it now and then. A scene that need not be kept loses
     its rasters before the result is made, to save memory.
     """
-    import netCDF4  # noqa: F401  what makes the result, before the run: there may be no memory for it
-    import xarray  # noqa: F401
+    import netCDF4  # noqa: F401  what writes the result, before the run: there may be no memory
 
     if threads is None:
         threads = scene.case.case["threads"]

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -11,21 +11,13 @@ from rockfall._core import rockfall_f2py as _core
 from rockfall.case import Case
 from rockfall.io.grid import row_blocks
 from rockfall.result import variables
-from rockfall.result.dataset import (
-    CONVENTIONS,
-    as_dataset,
-    centre_variables,
-    feature_names,
-    provenance,
-)
+from rockfall.result.contents import Contents
+from rockfall.result.dataset import CONVENTIONS, centre_variables, feature_names, provenance
 from rockfall.result.samples import sample_variables
 from rockfall.result.variables import fields
-from rockfall.simulation.maps import HITS, Maps
+from rockfall.simulation.maps import HITS, Maps, boulders_per_cluster
 from rockfall.simulation.tally import Tally
 from rockfall.version import __version__
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 #: Maps that are maxima of the kernel themselves, and of which quantity; so are counts.
 MAXIMA = {
@@ -34,7 +26,7 @@ MAXIMA = {
 }  # fmt: skip
 
 
-def make_result(tally: Tally, maps: bool = True) -> xr.Dataset:
+def make_result(tally: Tally, maps: bool = True) -> Contents:
     """Everything that a run found, as interface names of `variables`; with or without its maps,
     whose tallies are used up (`settle` comes before)."""
     data = boulder_variables(tally)
@@ -57,7 +49,7 @@ def make_result(tally: Tally, maps: bool = True) -> xr.Dataset:
     bins = (name for name in data if name.endswith("_bin"))
     names = {"boulder", "line", "feature", "ground", "ground_model", "threshold", "x", "y", *bins}
     history = {"history": f"rockfall {__version__}: run of {tally.scene.case.name}"}
-    return as_dataset(data, run_attributes(tally) | history).set_coords(sorted(names & set(data)))
+    return Contents(data, run_attributes(tally) | history, names)
 
 
 def boulder_variables(tally: Tally) -> dict[str, Any]:
@@ -161,12 +153,13 @@ def _add_maps(data: dict[str, Any], tally: Tally) -> None:
     requested = tally.scene.case.output["maps"]
     # the same bits as of the whole grid
     data |= centre_variables(grid.x[box.columns], grid.y[box.rows])
-    least_passages = tally.scene.case.output["least_passages"]
+    min_passages, columns = tally.scene.case.output["min_passages"], tally.columns()
+    per_cluster = boulders_per_cluster(tally.scene.case, columns["start_x"], columns["start_y"])
     if variables.EXCEEDED in requested:
         data |= threshold_variable(tally.scene.case)
     for name in variables.MAP:
         if name in requested:
-            data[name] = map_variable(name, tally.maps, tally.done, least_passages)
+            data[name] = map_variable(name, tally.maps, tally.done, per_cluster, min_passages)
 
 
 def threshold_variable(case: Case) -> dict[str, tuple]:
@@ -175,19 +168,25 @@ def threshold_variable(case: Case) -> dict[str, tuple]:
     return {"threshold": ("threshold", values, {"units": "J", "long_name": "threshold of energy"})}
 
 
-def map_variable(name: str, maps: Maps, boulders: int, least_passages: int) -> tuple:
+def map_variable(
+    name: str, maps: Maps, boulders: int, per_cluster: int, min_passages: int
+) -> tuple:
     """A map of the tallies of so many boulders, NaN where it has no number; the tallies themselves
-    are used up."""
+    are used up. `per_cluster` is that of `boulders_per_cluster`."""
     if name == variables.EXCEEDED:
         values, fewest, thin = maps.counts[maps.plan.counts[name] - 1 :], 0, 0
     else:
-        values, fewest, thin = _map(name, maps, boulders, least_passages)
-    known = {"least_passages": fewest if fewest > 1 else 0, "thin_below": thin}
+        values, fewest, thin = _map(name, maps, boulders, per_cluster, min_passages)
+    known = {"min_passages": fewest if fewest > 1 else 0, "thin_below": thin}
+    if name.endswith(("_low", "_high")) and per_cluster > 1:
+        known["boulders_per_cluster"] = per_cluster
     about = {key: np.int32(n) for key, n in known.items() if n}
     return variables.map_dims(name), values, variables.MAP[name] | about | {"grid_mapping": "crs"}
 
 
-def _map(name: str, maps: Maps, boulders: int, least_passages: int) -> tuple[np.ndarray, int, int]:
+def _map(
+    name: str, maps: Maps, boulders: int, per_cluster: int, min_passages: int
+) -> tuple[np.ndarray, int, int]:
     """A map, the passages that a number of it needs, and those below which it is hardly known."""
     if name in maps.plan.counts:  # as it is: another copy would take memory
         return maps.counts[maps.plan.counts[name] - 1], 0, 0
@@ -200,7 +199,7 @@ def _map(name: str, maps: Maps, boulders: int, least_passages: int) -> tuple[np.
         return values, 0, 0
     values = np.empty(maps.box.shape, "f4")
     fewest, thin = _core.map_values(
-        name, boulders, least_passages, maps.names, **maps.arguments(), values=values.T
+        name, boulders, per_cluster, min_passages, maps.names, **maps.arguments(), values=values.T
     )
     return values, fewest, thin
 

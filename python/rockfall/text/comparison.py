@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,23 +23,31 @@ EXACT = "* significant at 5 %; a printed number without n is taken as exact"
 
 def text(comparison: Comparison) -> str:
     """Title, the tables that are not empty, notes."""
-    parts = [comparison.title]
+    parts = [aligned(rows) for _, rows in tables(comparison)]
+    return "\n\n".join([comparison.title, *parts, *notes(comparison)])
+
+
+def tables(comparison: Comparison) -> Iterator[tuple[str, list[list[str]]]]:
+    """The tables that are not empty: a caption, and rows, the first of which is the head."""
     errors = comparison.errors
-    for table, rows in (
-        (errors, _errors),
-        (errors[errors["printed_error_percent"].notna()], _printed_errors),
-        (comparison.ks, _ks),
-        (comparison.passing, _passing),
-        (comparison.run_out, _run_out),
-        (comparison.stops, _stops),
-        (comparison.contacts, _contacts),
+    for caption, table, rows in (
+        ("Numbers at the lines", errors, _errors),
+        ("Errors as printed", errors[errors["printed_error_percent"].notna()], _printed_errors),
+        ("Samples at the lines", comparison.ks, _ks),
+        ("Boulders that pass a distance", comparison.passing, _passing),
+        ("Run-out", comparison.run_out, _run_out),
+        ("Stopping places", comparison.stops, _stops),
+        ("Impacts", comparison.contacts, _contacts),
     ):
         if len(table):
-            parts.append(aligned(rows(table)))
+            yield caption, list(rows(table))
+
+
+def notes(comparison: Comparison) -> list[str]:
+    """What a reader of the tables must know."""
     judged = comparison.errors["consistent"], comparison.passing["consistent"]
-    if any(consistent.eq(False).any() for consistent in judged):
-        parts.append(EXACT)
-    return "\n\n".join([*parts, *comparison.notes])
+    marked = any(consistent.eq(False).any() for consistent in judged)
+    return [*([EXACT] if marked else []), *comparison.notes]
 
 
 def _errors(table: pd.DataFrame) -> Iterable[list[str]]:
@@ -202,7 +210,8 @@ def _rounded(value: float, digits: int, whose: str) -> str:
 
 
 def _name(line: str, quantity: str) -> str:
-    return f"{line} {QUANTITIES[quantity].short}".strip()
+    short = QUANTITIES[quantity].short
+    return f"{line}: {short}" if line else short
 
 
 def _number(value: float, digits: str) -> str:

@@ -43,7 +43,8 @@ def hazard_warnings(found: xr.Dataset) -> Iterator[str]:
     """Where there are too few boulders to tell cells that are safe, and where zones say less than
     the map."""
     yearly, longest = float(found["frequency"].sum()), float(found["return_period"].max())
-    parts = zip(found["boulders"].values.tolist(), found["frequency"].values, strict=True)
+    clusters = (found["boulders"] / found["boulders_per_cluster"]).values.tolist()
+    parts = zip(clusters, found["frequency"].values, strict=True)
     if (limit := unseen(parts)) >= 1 / longest:
         needed = boulders_needed(yearly, longest)
         yield (

@@ -11,7 +11,7 @@ from rockfall.analysis.extrapolation import extrapolations
 from rockfall.analysis.line_statistics import numbers
 from rockfall.analysis.lines.samples import LineSamples
 from rockfall.analysis.run_until import verdicts_of
-from rockfall.protection.barriers import barrier_statistics, barriers_of
+from rockfall.protection.barriers import barrier_rows, barriers_of
 from rockfall.quantities import QUANTITIES, Quantity, percent
 from rockfall.result.grounds import GroundRebounds, rebounds_by_ground
 from rockfall.result.samples import simulated
@@ -19,10 +19,10 @@ from rockfall.result.trajectories import ended
 from rockfall.text.table import table
 
 if TYPE_CHECKING:
-    import xarray as xr
+    from rockfall.result.contents import Held
 
 
-def summary(result: xr.Dataset) -> str:
+def summary(result: Held) -> str:
     """How many boulders, how they ended, how they passed the lines, and warnings."""
     boulders, rows = simulated(result), result.sizes["boulder"]
     lines = [f"{result.attrs['title'] or 'rockfall'}: {boulders:,} boulders"]
@@ -42,7 +42,7 @@ def summary(result: xr.Dataset) -> str:
     return "\n".join(lines)
 
 
-def _ends(result: xr.Dataset) -> Iterator[list[str]]:
+def _ends(result: Held) -> Iterator[list[str]]:
     """The fraction of the boulders that ended with each status."""
     boulders = simulated(result)
     for word, n in ended(result).items():
@@ -50,7 +50,7 @@ def _ends(result: xr.Dataset) -> Iterator[list[str]]:
             yield [f"  {word.replace('_', ' ')}", f"{n:,}", f"{n / boulders:.1%}"]
 
 
-def _passages(result: xr.Dataset) -> Iterator[list[str]]:
+def _passages(result: Held) -> Iterator[list[str]]:
     """Boulders at each line, their mean speed and passing height, with 95 % intervals."""
     shown = "speed", "passing_height"
     yield [
@@ -61,7 +61,7 @@ def _passages(result: xr.Dataset) -> Iterator[list[str]]:
     ]
     known = LineSamples(result)
     for k, name in enumerate(result["line"].values):
-        rows = {key: numbers(known.sample(k, key)) for key in shown}
+        rows = {key: numbers(known.sample(k, key), key) for key in shown}
         passed = rows["speed"]
         if not passed["n"]:
             yield [f"  {name}", "0", f"0 to {100 * passed['fraction_high']:.2g} %", "", ""]
@@ -71,10 +71,10 @@ def _passages(result: xr.Dataset) -> Iterator[list[str]]:
         yield [f"  {name}", f"{passed['n']:,}", fraction, *means]
 
 
-def _barriers(result: xr.Dataset) -> Iterator[list[str]]:
+def _barriers(result: Held) -> Iterator[list[str]]:
     """What each barrier did with the boulders that came to it, with 95 % intervals."""
     yield ["  barrier (95 %)", "outcome", "boulders", "fraction"]
-    for row in barrier_statistics(result).to_dict("records"):
+    for row in barrier_rows(result):
         outcome, fraction = row["outcome"].replace("_", " "), QUANTITIES["fraction"]
         yield [f"  {row['barrier']}", outcome, f"{row['n']:,}", _within(row, "fraction", fraction)]
 
@@ -97,9 +97,11 @@ def _grounds(grounds: list[GroundRebounds]) -> Iterator[list[str]]:
         yield [f"  {name}", f"{rebounds:,}", percent(fraction), model.replace("_", " ")]
 
 
-def _rebounds(result: xr.Dataset) -> Iterator[str]:
+def _rebounds(result: Held) -> Iterator[str]:
     """How the draws of the impact model fared, and where it does not hold."""
-    rebounds, redrawn, forced = (int(result[f"rebounds{of}"]) for of in ("", "_redrawn", "_forced"))
+    rebounds, redrawn, forced = (
+        int(result[f"rebounds{of}"].values) for of in ("", "_redrawn", "_forced")
+    )
     yield f"  {rebounds:,} rebounds" + (f", {redrawn / rebounds:.1%} redrawn" if redrawn else "")
     if forced:
         yield f"  forced rebounds: {forced:,} (none of 32 draws was admissible)"

@@ -5,31 +5,42 @@ posterior, and a case whose ensemble takes these in place of the prior."""
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from rockfall.analysis.back.sampling import effective
 from rockfall.analysis.back.study import Back
 from rockfall.case import FROM_ARRAY, REPEATABLE, Case, file_keys
 from rockfall.case_files import input_files
-from rockfall.io.output_files import POSTERIOR, atomic_folder, check_folder, check_outputs, kind_of
+from rockfall.io.output_files import (
+    FIGURE,
+    POSTERIOR,
+    atomic_folder,
+    check_folder,
+    check_outputs,
+    kind_of,
+)
 from rockfall.io.tables import write_csv
 from rockfall.io.zone_table import read_zone_table
-from rockfall.result.dataset import as_dataset, put_netcdf
+from rockfall.result.contents import Contents
+from rockfall.result.dataset import put_netcdf
 from rockfall.version import __version__
 
 if TYPE_CHECKING:
     import pandas as pd
-    import xarray as xr
+
+    Draw = Callable[[Back, Path], None]
 
 LEVELS = (0.05, 0.5, 0.95)
-KS = 1.36  # of Kolmogorov-Smirnov at 5 %, times the square root of the number
+KS = 1.63  # of Kolmogorov-Smirnov at 1 %, since smoothing has errors too; times root n
 EDGE = 0.5  # of the posterior beyond the 5 or 95 % that the prior gives either end
 NOISY = 1.0  # variance of the log-likelihood, above which boulders help more than members
 DRAWS = 256  # rows of the file of draws
 TABLE, DRAWN, ALL, CASE = "posterior.csv", "draws.csv", "members.nc", "case.nml"
+DRAWING = "posterior.png"
 MARK = "! Made by `rockfall back`"
 CONTRADICTED = 0.05  # of all sets of data together
 
@@ -162,9 +173,12 @@ def _set_row(found: Back) -> dict[str, Any]:
 
 def weighted_quantile(values: np.ndarray, weight: np.ndarray, level: float) -> float:
     """The value that a part of the weight does not exceed, interpolated between the middles of
-    their steps."""
+    their steps. Of n effective draws level (n + 1) are below it (Weibull 1939), so that the next
+    one, as the truth, is so with this probability; ranges are wider where n is small."""
     order = np.argsort(values)
     values, weight = values[order], weight[order]
+    n = effective(weight)
+    level = (level * (n + 1) - 0.5) / n
     return float(np.interp(level, np.cumsum(weight) - weight / 2, values))
 
 
@@ -174,7 +188,7 @@ def warnings(found: Back) -> Iterator[str]:
         more = "--boulders" if found.noise > NOISY else "--members"
         yield (
             f"undecided: {found.effective:.0f} effective members, {found.asked} were asked for; "
-            f"the ranges may be too narrow: more {more}"
+            f"the ranges are those of few: more {more}"
         )
     limit = CONTRADICTED / len(found.data)
     for row in found.data.to_dict("records"):
@@ -204,33 +218,39 @@ def draws_table(found: Back) -> pd.DataFrame:
     return table
 
 
-def write_back(found: Back, folder: str | Path, inputs: Iterable[str | Path] = ()) -> list[Path]:
-    """Write TABLE, DRAWN, ALL and CASE to a folder, all of them or none, over nothing but an
-    earlier back-analysis."""
+def write_back(
+    found: Back, folder: str | Path, inputs: Iterable[str | Path] = (), draw: Draw | None = None
+) -> list[Path]:
+    """Write TABLE, DRAWN, ALL and CASE to a folder, and DRAWING where it is told how to `draw`, all
+    of them or none, over nothing but an earlier back-analysis."""
     folder = Path(folder)
     inputs = [*inputs, *input_files(found.case)]
     former = check_back(folder, inputs)
     with atomic_folder(folder, inputs, former, last=CASE) as part:
         write_csv(posterior_table(found), part / TABLE)
         write_csv(draws_table(found), part / DRAWN)
-        put_netcdf(_dataset(found), part / ALL, folder / ALL)
+        put_netcdf(_contents(found), part / ALL, folder / ALL)
+        if draw:
+            draw(found, part / DRAWING)
         (part / CASE).write_text(_case_text(found, folder), encoding="utf-8")
-    return [folder / name for name in (TABLE, DRAWN, ALL, CASE)]
+    return [folder / name for name in (TABLE, DRAWN, ALL, *[DRAWING] * bool(draw), CASE)]
 
 
 def check_back(folder: Path, inputs: Iterable[str | Path]) -> list[Path]:
     """Refuse a folder in which something else lies, before the work and not after it; the files of
     an earlier back-analysis."""
     check_folder(folder)
-    names = [folder / name for name in (TABLE, DRAWN, ALL, CASE)]
-    former = [path for path in names if kind_of(path) == POSTERIOR]
-    check_outputs(dict.fromkeys(names, POSTERIOR), inputs, former)
+    kinds = dict.fromkeys([folder / name for name in (TABLE, DRAWN, ALL, CASE)], POSTERIOR)
+    kinds[folder / DRAWING] = FIGURE
+    former = [path for path, kind in kinds.items() if kind_of(path) == kind]
+    check_outputs(kinds, inputs, former)
     return former
 
 
-def _dataset(found: Back) -> xr.Dataset:
+def _contents(found: Back) -> Contents:
     members, data = found.members, found.data
     about = {"log_likelihood": "of what was observed, dependent data counted less",
+             "smooth": "log_likelihood without the noise of the runs",
              "weight": "of the member in the posterior"}  # fmt: skip
     variables: dict[str, tuple] = {
         str(name): ("member", members[name].to_numpy(float),
@@ -248,7 +268,7 @@ def _dataset(found: Back) -> xr.Dataset:
         "boulders": found.boulders, "effective_members": found.effective,
         "asked_members": found.asked,
     }  # fmt: skip
-    return as_dataset(variables, attrs).set_coords("data")
+    return Contents(variables, attrs, ("data",))
 
 
 def _case_text(found: Back, folder: Path) -> str:

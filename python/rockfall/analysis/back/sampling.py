@@ -5,8 +5,9 @@ is normal with mean 0 and variance 1 in each direction.
 The first points are those of the prior. The next come from a mixture: a fifth from the prior, so
 that no weight is unbounded; the others from normal kernels about the points that there are, as
 their weights say (West 1993). Every point is weighted by prior times likelihood over the density of
-all the mixtures together that the points came from (Owen and Zhou 2000). Where few points carry the
-weight, the likelihood is tempered for the kernels, and for these alone.
+all the mixtures together that the points came from (Owen and Zhou 2000), the likelihood smoothed
+over all points: otherwise those with luck would weigh most. Where few points carry the weight, the
+likelihood is tempered for the kernels, and for these alone.
 """
 
 from __future__ import annotations
@@ -15,16 +16,20 @@ from collections.abc import Callable
 
 import numpy as np
 
+from rockfall.analysis.back.smoothing import smoothed
+
 DEFENSIVE = 0.2  # fraction of the points from the prior
 WIDEST = 0.9  # of a kernel, by the standard deviation of all
 
 
 class Sampler:
-    """Points of which the likelihood is asked for, and their weights."""
+    """Points of which the likelihood is asked for, and their weights. Of a direction without order
+    `levels` is how many values it has, otherwise 0."""
 
-    def __init__(self, first: np.ndarray) -> None:
-        self.points = first  # (n, dimensions), of the prior
-        self.log_likelihood = np.empty(0)
+    def __init__(self, first: np.ndarray, levels: np.ndarray) -> None:
+        self.points, self.levels = first, levels  # (n, dimensions), of the prior
+        self.log_likelihood = np.empty(0)  # as the runs are
+        self.smooth = np.empty(0)
         self.sizes = [len(first)]
         self.densities = [_log_prior(first)]  # of each mixture, at all points
         self.mixtures: list[_Mixture] = []
@@ -32,11 +37,12 @@ class Sampler:
     def learn(self, log_likelihood: np.ndarray) -> None:
         """What the last points are worth."""
         self.log_likelihood = np.append(self.log_likelihood, log_likelihood)
+        self.smooth = smoothed(self.points, self.levels, self.log_likelihood)
 
     def log_weights(self) -> np.ndarray:
         shares = np.log(np.array(self.sizes) / sum(self.sizes))[:, None]
         mixed = np.logaddexp.reduce(np.array(self.densities) + shares, axis=0)
-        return _log_prior(self.points) + self.log_likelihood - mixed
+        return _log_prior(self.points) + self.smooth - mixed
 
     def weights(self) -> np.ndarray:
         """They add up to 1; all 0 where nothing is likely."""

@@ -38,8 +38,9 @@ class Back:
     """What a back-analysis found.
 
     `members` has a row for each run: the numbers drawn, in the order of `inputs.kept_names`, its
-    `log_likelihood` and `weight`; `data` one for each set of data: n, what it counts, and the
-    posterior predictive p. `effective`: members of equal weight that would know as much.
+    `log_likelihood`, that `smooth` over members, and `weight`; `data` one for each set of data: n,
+    what it counts, and the posterior predictive p. `effective`: members of equal weight that would
+    know as much.
     """
 
     case: Case
@@ -107,7 +108,8 @@ def back_analysis(
         _learn_noise(scene, inputs, data)
     sought = _sought(inputs, base)
     cube = inputs.design.reshape(-1, inputs.design.shape[-1])
-    sampler = Sampler(_normal_scores(cube[:, sought]))
+    levels = np.where(sought == inputs.ends[INPUTS.index("sets")], len(inputs.sets), 0)
+    sampler = Sampler(_normal_scores(cube[:, sought]), levels)
     random = np.random.default_rng((case.case["seed"], STREAM))
     kept: list[dict[str, float]] = []
     runs: list[list[np.ndarray]] = [[] for _ in data]
@@ -140,7 +142,9 @@ def back_analysis(
             f"{case.name}: in none of {len(cube)} members as many as 20 boulders come to where "
             "some were observed: the case, the prior or the number of boulders is wrong"
         )
-    table = pd.DataFrame(kept).assign(log_likelihood=sampler.log_likelihood, weight=weight)
+    table = pd.DataFrame(kept).assign(
+        log_likelihood=sampler.log_likelihood, smooth=sampler.smooth, weight=weight
+    )
     found = [
         as_record(one, count, predictive_p(one, np.array(of), weight, random))
         for one, count, of in zip(data, counts, runs, strict=True)

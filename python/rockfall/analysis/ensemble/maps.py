@@ -72,7 +72,7 @@ class MemberMaps:
     ) -> Iterator[tuple[str, tuple[np.ndarray, str, str]]]:
         """Of no boulder there is no energy: 0."""
         for label, level in LEVELS.items():
-            about = f"{long_name}, {level:.0%} quantile over the runs"
+            about = f"{long_name}: {level:.0%} quantile over the runs"
             yield f"{name}_{label}", (np.quantile(members, level, axis=0), about, units)
 
     def _dense(self, name: str, part: np.ndarray) -> np.ndarray:

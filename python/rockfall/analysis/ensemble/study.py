@@ -16,7 +16,7 @@ from rockfall.analysis.ensemble.sobol_indices import Indices, deviations, indice
 from rockfall.analysis.ensemble.uncertain_inputs import Draw, Uncertain, drawn_scene
 from rockfall.analysis.line_statistics import line_numbers
 from rockfall.analysis.lines.values import line_values
-from rockfall.analysis.precision.intervals import Sources
+from rockfall.analysis.precision.intervals import Sources, sources
 from rockfall.case import Case
 from rockfall.case_files import files_behind
 from rockfall.errors import RockfallError
@@ -149,7 +149,7 @@ def _design(a: list[Draw], b: list[Draw]) -> Iterator[list[Draw]]:
 
 def _run(scene: Scene) -> _Run:
     result = run_scene(scene)
-    source, values, deviates = Sources.of(result["source"].values - 1), [], []
+    source, values, deviates = sources(result), [], []
     alone = Sources.alone(scene.boulders)  # the intervals are not looked at
     for k in range(len(scene.case.lines)):
         at_line = {q: line_values(result, q, k) for q, _ in RESULTS.values()}

@@ -40,15 +40,16 @@ class Matrix(NamedTuple):
         return cls(periods, np.vstack([np.zeros_like(rows[:1]), rows]))
 
 
-def frequencies(parts: Iterable[tuple[np.ndarray, int, float]]) -> Frequencies:
-    """Of scenarios: counts, of so many boulders, which come so often a year.
+def frequencies(parts: Iterable[tuple[np.ndarray, int, int, float]]) -> Frequencies:
+    """Of scenarios: counts, of so many boulders, of which so many count as one
+    (`boulders_per_cluster`), and how often a year they come.
 
     The limits are sums of those of the scenarios (Wilson's). Scenarios share random numbers, so
     their errors may go the same way: other rules would be too narrow then.
     """
     value = low = high = np.zeros(())
-    for counts, boulders, yearly in parts:
-        lower, upper = count_limits(counts, boulders)
+    for counts, boulders, per_cluster, yearly in parts:
+        lower, upper = count_limits(counts, boulders, per_cluster)
         value = value + yearly * (counts / boulders)
         low, high = low + yearly * lower, high + yearly * upper
     return Frequencies(value, low, high)
@@ -101,7 +102,7 @@ def unseen(parts: Iterable[tuple[int, float]]) -> float:
     """How often [1/year] what none of the boulders did may still come, of scenarios of so many
     boulders that come so often."""
     none = np.zeros(1, "i4")
-    return float(frequencies((none, boulders, yearly) for boulders, yearly in parts).high[0])
+    return float(frequencies((none, boulders, 1, yearly) for boulders, yearly in parts).high[0])
 
 
 def boulders_needed(yearly: float, period: float) -> int:

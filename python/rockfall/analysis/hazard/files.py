@@ -29,6 +29,7 @@ from rockfall.result.export import crs_wkt, write_geopackage, write_map
 from rockfall.result.flat_maps import PLAN, flat_maps, shown
 from rockfall.result.qgis_style import write_classes, write_palette
 from rockfall.result.trajectories import flags_of
+from rockfall.result.vector_style import Style, alike, fill, marker, plain_type, thick
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -82,7 +83,8 @@ def put_hazard(found: xr.Dataset, folder: Path) -> Iterator[Path]:
     yield folder / "hazard.nc"
     yield from _put_maps(found, folder)
     if layers := dict(_layers(found)):
-        yield write_geopackage(folder / "hazard.gpkg", layers, crs_wkt(found))
+        styles = _styles({name: kind for name, (kind, _) in layers.items()})
+        yield write_geopackage(folder / "hazard.gpkg", layers, crs_wkt(found), styles)
     if "object" in found.dims:
         write_csv(object_table(found), folder / "objects.csv")
         yield folder / "objects.csv"
@@ -141,6 +143,17 @@ def _layers(found: xr.Dataset) -> Iterator[tuple[str, tuple]]:
         yield "uncertain", ("Polygon", [(doubtful.shapes, about)])
     if "object" in found.dims:
         yield "objects", _object_layer(found)
+
+
+def _styles(kinds: dict[str, str]) -> dict[str, Style]:
+    """Zones and objects by their class, what is not certain hatched."""
+    colours = dict(zip(CLASSES, HAZARD_COLOURS, strict=True))
+    drawn = {"Point": marker, "LineString": thick, "Polygon": fill}
+    found = {"uncertain": alike(fill(DOUBTFUL, "f_diagonal"))}
+    for layer in ("zones", "objects"):
+        if symbol := drawn.get(plain_type(kinds.get(layer, ""))):
+            found[layer] = Style("hazard", [(c, c, symbol(colours[c])) for c in CLASSES])
+    return found
 
 
 def _object_layer(found: xr.Dataset) -> tuple:

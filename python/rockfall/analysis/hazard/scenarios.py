@@ -51,7 +51,9 @@ def scenarios_of(scene: Scene, lines: list[dict[str, Any]]) -> list[Scenario]:
             if {*VOLUMES, "density"} & one.keys():
                 raise RockfallError(
                     f"{case.name}: &scenario name = '{one['name']}': says what boulders are, and "
-                    "so does the layer of the sources: give one of the two"
+                    "so does the layer of the sources: give one of the two. A scenario without "
+                    "volumes has those of the layer; one with volumes needs a layer without them, "
+                    "or x and y, cells or steep_cells in its place"
                 )
     return [
         Scenario(one["name"], _frequency(one, scene), _case(case, one))

@@ -31,12 +31,14 @@ from rockfall.analysis.hazard.scenarios import Scenario, base_case, scenarios_of
 from rockfall.analysis.hazard.variables import CLASS_ENDS, COORDINATES, ENDS, EXTREMES, TABLE
 from rockfall.case import Case, case_of
 from rockfall.errors import RockfallError
-from rockfall.result.dataset import as_dataset, read_result
+from rockfall.result.contents import Contents
+from rockfall.result.dataset import read_result
 from rockfall.result.samples import simulated
 from rockfall.scene.frames import frame_files, is_frame, of_frames
 from rockfall.scene.plausible import implausible
 from rockfall.scene.read import read_scene
 from rockfall.scene.scene import Scene
+from rockfall.simulation.maps import boulders_per_cluster
 from rockfall.simulation.memory import machine_memory
 from rockfall.simulation.simulate import run_scene
 
@@ -176,6 +178,9 @@ class _Run:
 
     def __init__(self, study: Study, scenario: Scenario, result: xr.Dataset) -> None:
         self.boulders, self.yearly = simulated(result), scenario.frequency
+        starts = (result[f"start_{axis}"].values for axis in "xy")
+        self.per_cluster = boulders_per_cluster(study.case, *starts)
+        self.sample = self.boulders, self.per_cluster, self.yearly
         passages, exceeded = result["passages"].values, result["energy_exceeded"].values
         self.counts = np.concatenate([passages[None], exceeded])  # (intensities, y, x)
         self.extremes = {name: result[name].values for name in EXTREMES}
@@ -188,7 +193,7 @@ class _Run:
 def _dataset(study: Study, runs: list[_Run]) -> xr.Dataset:
     matrix, case = Matrix.of(study.case), study.case
     values = _scenarios(study, runs)
-    found = frequencies((run.counts, run.boulders, run.yearly) for run in runs)
+    found = frequencies((run.counts, *run.sample) for run in runs)
     values |= _frequencies(found, sum(run.yearly for run in runs))
     values |= _classes("", found, matrix)
     for name, extreme in EXTREMES.items():
@@ -201,7 +206,7 @@ def _dataset(study: Study, runs: list[_Run]) -> xr.Dataset:
     for name, variable in TABLE.items():
         if name in values:
             data[name] = (variable.dims, values[name], variable.about(case))
-    return as_dataset(data, _attributes(study, runs)).set_coords(sorted({*COORDINATES} & {*data}))
+    return Contents(data, _attributes(study, runs), COORDINATES).dataset()
 
 
 def _places(study: Study, run: _Run, matrix: Matrix) -> dict[str, tuple]:
@@ -221,6 +226,7 @@ def _scenarios(study: Study, runs: list[_Run]) -> dict[str, np.ndarray]:
     return {
         "frequency": np.array([run.yearly for run in runs]),
         "boulders": np.array([run.boulders for run in runs]),
+        "boulders_per_cluster": np.array([run.per_cluster for run in runs]),
         "scenario_passages": np.stack([run.counts[0] for run in runs]),
         "scenario_energy_exceeded": np.stack([run.counts[1:] for run in runs]),
     }
@@ -251,7 +257,7 @@ def _classes(prefix: str, found: Frequencies, matrix: Matrix) -> dict[str, np.nd
 
 
 def _objects(study: Study, runs: list[_Run], matrix: Matrix) -> dict[str, np.ndarray]:
-    found = frequencies((run.objects, run.boulders, run.yearly) for run in runs)
+    found = frequencies((run.objects, *run.sample) for run in runs)
     values = {
         "object_geometry": np.array([one.wkt for one in study.objects.shapes], dtype=object),
         "object_passages": np.stack([run.objects[0] for run in runs]),

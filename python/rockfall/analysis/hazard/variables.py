@@ -91,6 +91,8 @@ def _table() -> Iterator[tuple[str, Variable]]:
         yield name, Variable(each, about["units"], about["long_name"], comment=comment)
     yield "frequency", Variable(("scenario",), YEARLY, "boulders that come loose, of all sources")
     yield "boulders", Variable(("scenario",), PART, "boulders that were simulated")
+    what = "boulders that count as one in the intervals: those of a place of a sample of sources"
+    yield "boulders_per_cluster", Variable(("scenario",), PART, what)
     what = "simulated boulders that passed"
     yield "scenario_passages", Variable(("scenario", *each), PART, what)
     what = f"simulated boulders {energy}"

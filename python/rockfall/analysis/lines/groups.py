@@ -13,7 +13,7 @@ from rockfall.errors import RockfallError
 from rockfall.quantities import number
 
 if TYPE_CHECKING:
-    import xarray as xr
+    from rockfall.result.contents import Held
 
 BY = ("source", "volume")
 MAX_SOURCES = 50  # of more, neighbours by number share a group
@@ -23,7 +23,7 @@ MAX_VOLUMES = 6  # that are classes of their own
 Group = tuple[str, np.ndarray]  # its name, and which boulders are of it
 
 
-def groups(result: xr.Dataset, by: str, classes: Sequence[float] | None = None) -> list[Group]:
+def groups(result: Held, by: str, classes: Sequence[float] | None = None) -> list[Group]:
     """Every boulder is of one group, and no group is empty.
 
     by = 'source': the polygons or points of the layer of sources, by their names; without a layer
@@ -43,7 +43,7 @@ def check_by(by: str, classes: Sequence[float] | None) -> None:
         raise RockfallError(f"classes: are of volumes, not by = '{by}'")
 
 
-def _by_source(result: xr.Dataset) -> Iterator[Group]:
+def _by_source(result: Held) -> Iterator[Group]:
     layer = "source_feature" in result
     of = result["source_feature" if layer else "source"].values
     present = np.unique(of)
@@ -55,7 +55,7 @@ def _by_source(result: xr.Dataset) -> Iterator[Group]:
         yield name, of == k
 
 
-def part_names(result: xr.Dataset) -> list[str]:
+def part_names(result: Held) -> list[str]:
     """Of the parts of samples: features, sources, or ranges of either."""
     last = result["sample_part_last"].values
     if last[-1] == last.size:
@@ -63,7 +63,7 @@ def part_names(result: xr.Dataset) -> list[str]:
     return [f"{low + 1} to {high}" for low, high in itertools.pairwise([0, *last])]
 
 
-def _names(result: xr.Dataset, numbers: np.ndarray) -> list[str]:
+def _names(result: Held, numbers: np.ndarray) -> list[str]:
     """Of features, or of sources where there are none."""
     if "feature" not in result:
         return [str(k) for k in numbers]

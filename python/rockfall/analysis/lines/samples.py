@@ -26,13 +26,13 @@ from rockfall.result.samples import check_all_rows, simulated
 from rockfall.result.variables import fields
 
 if TYPE_CHECKING:
-    import xarray as xr
+    from rockfall.result.contents import Held
 
 
 class LineSamples:
     """What is known of the quantities at the lines of a result."""
 
-    def __init__(self, result: xr.Dataset, source: Sources | None = None) -> None:
+    def __init__(self, result: Held, source: Sources | None = None) -> None:
         """`source` is that of each boulder, where it is not that of the result."""
         self.result, self._counted = result, result.sizes["boulder"] < simulated(result)
         if source is None and not self._counted:

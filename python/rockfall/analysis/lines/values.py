@@ -12,7 +12,7 @@ from rockfall.result.samples import check_rows
 from rockfall.result.variables import fields
 
 if TYPE_CHECKING:
-    import xarray as xr
+    from rockfall.result.contents import Held
 
 HEIGHTS = ("upper_edge", "normal_height", "normal_upper_edge")
 HEIGHT_NEEDS = ("jump_height", "passing_height")  # and the volume
@@ -20,7 +20,7 @@ ENERGY_NEEDS = ("energy_translational", "energy_rotational")
 QUANTITIES = fields(6)  # as the kernel numbers them
 
 
-def line_values(result: xr.Dataset, quantity: str, line: int) -> np.ndarray:
+def line_values(result: Held, quantity: str, line: int) -> np.ndarray:
     """A quantity of each boulder at a line; NaN where it did not cross."""
     check_rows(result, "a quantity of each boulder at a line")
     if quantity == "position":
@@ -35,7 +35,7 @@ def line_values(result: xr.Dataset, quantity: str, line: int) -> np.ndarray:
     return line_quantities(rows, volume)[QUANTITIES.index(quantity)]
 
 
-def _along(result: xr.Dataset, line: int) -> np.ndarray:
+def _along(result: Held, line: int) -> np.ndarray:
     """How far from the first vertex of a line, along it, each boulder crossed."""
     mine = result["line_vertex_line"].values == line
     vertices = (result[f"line_vertex_{axis}"].values[mine] for axis in "xy")

@@ -21,9 +21,10 @@ from rockfall.case import case_of
 from rockfall.limits import Z, fraction_limits
 
 if TYPE_CHECKING:
-    import xarray as xr
+    from rockfall.result.contents import Held
 
 TARGETS = (0.05, 0.02, 0.01)  # half widths of an interval, relative to the number, to plan for
+SIMPSON = np.r_[1, np.tile([4, 2], 199), 4, 1] / 1200.0  # weights of 401 values
 CROSSED = 500  # boulders past the line before the interval of anything but a fraction is used
 
 
@@ -144,17 +145,16 @@ class Sums:
         return student(sums.size - 1) * error
 
 
-def sources(result: xr.Dataset) -> Sources:
-    """Those of the boulders of a result, numbered as they come; boulders of a source start at one
-    place."""
-    start = result["start_x"].values + 1j * result["start_y"].values
-    _, first, number = np.unique(start, return_index=True, return_inverse=True)
-    rank = np.empty(first.size, int)
-    rank[np.argsort(first)] = np.arange(first.size)
-    return Sources.of(rank[number], are_sampled(result))
+def sources(result: Held) -> Sources:
+    """Those of the boulders of a result, by `source`. In a sample, sources at one place are one:
+    it was the place that was chosen, whatever volumes it releases."""
+    of, sampled = result["source"].values, are_sampled(result)
+    if sampled:
+        of = result["start_x"].values + 1j * result["start_y"].values
+    return Sources.of(np.unique(of, return_inverse=True)[1], sampled)
 
 
-def are_sampled(result: xr.Dataset) -> bool:
+def are_sampled(result: Held) -> bool:
     """Whether the sources of a result are a sample of others."""
     return "case" in result.attrs and case_of(result).release["sources"] == "sample"
 
@@ -178,10 +178,16 @@ def effective_number(indicator: np.ndarray, source: Sources) -> float:
 
 
 def student(freedom: float) -> float:
-    """Student's t that 97.5 % do not exceed."""
-    from scipy.special import stdtrit
-
-    return float(stdtrit(freedom, 0.975))
+    """Student's t that 97.5 % do not exceed, for n >= 1: of t = sqrt(n) tan(a) the density is
+    cos(a)**(n - 1), which is integrated (Simpson), and the limit found by Newton's method, from
+    below. To import scipy.special takes as long as a small run."""
+    half = freedom / 2
+    density = math.exp(math.lgamma(half + 0.5) - math.lgamma(half)) / math.sqrt(math.pi)
+    angle = math.atan(Z / math.sqrt(freedom))
+    for _ in range(8):
+        values = density * np.cos(np.linspace(0.0, angle, SIMPSON.size)) ** (freedom - 1)
+        angle += (0.475 - angle * (SIMPSON @ values)) / values[-1]
+    return math.sqrt(freedom) * math.tan(angle)
 
 
 def between_ranks(ordered: np.ndarray, level: float, effective: float) -> tuple[float, float]:

@@ -65,8 +65,19 @@ class Sample(ABC):
         """The same of the values that are at most this."""
 
     @abstractmethod
-    def half_of_mean(self, power: int = 1) -> float:
-        """Half the interval of the mean, of deviations from it to this power."""
+    def half_of_mean(self) -> float:
+        """Half the interval of the mean."""
+
+    @abstractmethod
+    def half_of_squares(self) -> float:
+        """The same of squared deviations from the middle: the mean without some of both ends, the
+        fewer the more values there are, about which the tail of a skewed sample weighs as much as
+        in its population (Bonett 2006)."""
+
+    @property
+    def _cut(self) -> int:
+        """Values that this leaves out at either end."""
+        return min(int(self.n / (2 * math.sqrt(max(self.n - 4, 1)))), (self.n - 1) // 2)
 
 
 class Values(Sample):
@@ -105,8 +116,12 @@ class Values(Sample):
     def effective_below(self, value: float) -> float:
         return effective_number((self._values <= value).astype(float), self._source)
 
-    def half_of_mean(self, power: int = 1) -> float:
-        return half_of_mean((self._values - self.mean()) ** power, self._source)
+    def half_of_mean(self) -> float:
+        return half_of_mean(self._values, self._source)
+
+    def half_of_squares(self) -> float:
+        middle = float(self._ordered[self._cut : self.n - self._cut].mean())
+        return half_of_mean((self._values - middle) ** 2, self._source)
 
 
 class Counts(Sample):
@@ -193,10 +208,18 @@ class Counts(Sample):
         squares = share * (1 - fraction) ** 2 + (1 - share) * fraction**2
         return self._by_group(share - fraction, squares).effective_number(fraction)
 
-    def half_of_mean(self, power: int = 1) -> float:
+    def half_of_mean(self) -> float:
+        return self._half_of((self._low + self._width / 2) / self._unit)
+
+    def half_of_squares(self) -> float:
         values = (self._low + self._width / 2) / self._unit
-        numbers = (values - self._bins @ values / self.n) ** power
-        numbers -= self._bins @ numbers / self.n
+        ends = np.clip([self._before, self._before + self._bins], self._cut, self.n - self._cut)
+        within = ends[1] - ends[0]
+        return self._half_of((values - within @ values / within.sum()) ** 2)
+
+    def _half_of(self, numbers: np.ndarray) -> float:
+        """Half the interval of the mean of a variable, of which each bin has a number."""
+        numbers = numbers - self._bins @ numbers / self.n
         return self._by_group(numbers, numbers**2).half_of_mean()
 
     def _by_group(self, numbers: np.ndarray, squares: np.ndarray) -> Sums:

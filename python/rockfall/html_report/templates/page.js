@@ -30,6 +30,8 @@
       ruler.textContent = `${length} m`;
     }
     if (!maps.length) return;
+    const matrix = maps[0].getScreenCTM();
+    if (matrix && matrix.a) document.getElementById("hatch").setAttribute("patternTransform", `scale(${1 / matrix.a}) rotate(-45)`);
     coordinates();
     part();
   }
@@ -65,6 +67,12 @@
     document.getElementById("coordinates").replaceChildren(...all);
   }
 
+  // Above and below each place that a name may have.
+  function* places(text) {
+    const numbers = text.dataset.places.split(" ");
+    for (let k = 0; k < numbers.length; k += 2) for (const side of ["-.3em", "1em"]) yield [numbers[k], numbers[k + 1], side];
+  }
+
   // A text that would lie on another, or on the frame, is left out.
   function part() {
     const frame = maps[0].getBoundingClientRect();
@@ -73,8 +81,8 @@
     const isFree = (box) => box.left >= frame.left && box.right <= frame.right && box.top >= frame.top && box.bottom <= frame.bottom
       && !taken.some((one) => box.left < one.right && one.left < box.right && box.top < one.bottom && one.top < box.bottom);
     for (const text of maps[0].querySelectorAll("text")) {
-      for (const side of text.classList.contains("name") ? ["-.3em", "1em"] : [text.getAttribute("dy") ?? 0]) {
-        text.setAttribute("dy", side);
+      for (const [x, y, side] of text.dataset.places ? places(text) : []) {
+        for (const [name, value] of [["x", x], ["y", y], ["dy", side]]) text.setAttribute(name, value);
         if (isFree(text.getBoundingClientRect())) break;
       }
       const box = text.getBoundingClientRect(), free = isFree(box);

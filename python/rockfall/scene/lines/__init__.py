@@ -13,7 +13,7 @@ import numpy as np
 
 from rockfall.case import REPEATABLE, Case, file_keys, key_table
 from rockfall.errors import RockfallError
-from rockfall.io.layers import attribute, named_attribute, plain
+from rockfall.io.layers import attribute, name_of, named_attribute, plain
 from rockfall.io.layers import read_lines as read_layer
 from rockfall.scene.layers import note_layer
 
@@ -77,7 +77,9 @@ def _features(scene: Scene, group: str, given: Mapping[str, Any]) -> Iterator[_D
     """A group for each line of a layer; what it does not say itself is the feature's."""
     path = scene.case.path(given["file"])
     parts, columns = read_layer(path, given.get("layer"), scene.grid, scene.remarks)
-    note_layer(scene, f"{group} {given['file']}", path, given.get("layer"))
+    note_layer(
+        scene, f"{group} {name_of(given['file'], given.get('layer'))}", path, given.get("layer")
+    )
     known = {key.name: key.kind for key in key_table() if key.group == group}
     own = {key: value for key, value in given.items() if key not in OF_LAYER}
     asked = known.keys() - OF_LAYER - own.keys()

@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The log-likelihood of members without the noise of their runs: a Gaussian process through all of
+them (Rasmussen and Williams 2006, chapter 2; Järvenpää et al. 2021).
+
+A quadratic in each direction, and what departs from it: a Matérn process of roughness 5/2 with a
+length in each direction. The deficit t below the largest has a noise of variance a + b t, since far
+from what was observed a boulder more or less matters more. Lengths, amplitude, a and b are the
+likeliest. Members have boulders of their own: were these the same in all, their noise would be too.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+FAR = 10.0  # a deficit that no posterior depends on; beyond it grows with the logarithm
+FITTED = 200  # members that the numbers are learned from
+TREND = 100.0  # variance of the coefficients of the quadratic: any
+LENGTH, AMPLITUDE, NOISE, SLOPE = (0.1, 30.0), (0.1, 100.0), (1e-3, 30.0), (1e-3, 3.0)
+FIRST = (2.0, 5.0, 1.0, 0.3)  # of each, to begin with
+
+
+def smoothed(points: np.ndarray, levels: np.ndarray, log_likelihood: np.ndarray) -> np.ndarray:
+    """Smooth log-likelihoods of points (n, dimensions), -inf where they are; a direction with
+    `levels`, as impact sets are, has values without order."""
+    known = np.isfinite(log_likelihood)
+    found = np.full(known.size, -np.inf)
+    if not known.any():
+        return found
+    points, deficit = points[known], log_likelihood[known].max() - log_likelihood[known]
+    y = -np.where(deficit < FAR, deficit, FAR * (1 + np.log(np.maximum(deficit, FAR) / FAR)))
+    some = np.unique(np.linspace(0, y.size - 1, FITTED).astype(int))
+    numbers = _process(points[some], levels, y[some]).likeliest()
+    found[known] = _process(points, levels, y).mean(numbers)
+    return found
+
+
+def _process(points: np.ndarray, levels: np.ndarray, y: np.ndarray) -> _Process:
+    from scipy.special import ndtr
+
+    ordered = points[:, levels == 0]
+    which = np.floor(levels * ndtr(points))
+    squares = [
+        (a[:, None] - a) ** 2 if not of else 1.0 * (b[:, None] != b)
+        for a, b, of in zip(points.T, which.T, levels, strict=True)
+    ]
+    trend = np.column_stack([np.ones(len(points)), ordered, ordered**2])
+    return _Process(y, squares, TREND * trend @ trend.T)
+
+
+@dataclass
+class _Process:
+    """Values, squared distances in each direction, and the covariance of the quadratic. `numbers`
+    are logarithms: lengths, amplitude, a, b."""
+
+    y: np.ndarray
+    squares: list[np.ndarray]
+    trend: np.ndarray
+
+    def likeliest(self) -> np.ndarray:
+        from scipy.optimize import minimize
+
+        k = len(self.squares)
+        first, bounds = [FIRST[0]] * k + [*FIRST[1:]], [LENGTH] * k + [AMPLITUDE, NOISE, SLOPE]
+        limits, most = np.log(bounds), {"maxiter": 60}
+        return minimize(self._cost, np.log(first), jac=True, bounds=limits, options=most).x
+
+    def mean(self, numbers: np.ndarray) -> np.ndarray:
+        """What is expected without the noise."""
+        from scipy.linalg import cho_solve
+
+        smooth = self._matern(numbers)[0] + self.trend
+        return smooth @ cho_solve(self._factor(smooth, numbers), self.y)
+
+    def _factor(self, smooth: np.ndarray, numbers: np.ndarray) -> tuple[np.ndarray, bool]:
+        from scipy.linalg import cho_factor
+
+        noise, slope = np.exp(numbers[-2:])
+        return cho_factor(smooth + np.diag(noise - slope * self.y), lower=True)
+
+    def _matern(self, numbers: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
+        """The covariance, and its derivatives by the logarithms of the lengths."""
+        *lengths, amplitude = np.exp(numbers[:-2])
+        parts = [of / length**2 for of, length in zip(self.squares, lengths, strict=True)]
+        r = np.sqrt(5 * sum(parts))
+        near = amplitude**2 * np.exp(-r)
+        return near * (1 + r + r**2 / 3), [near * 5 / 3 * (1 + r) * of for of in parts]
+
+    def _cost(self, numbers: np.ndarray) -> tuple[float, np.ndarray]:
+        """Minus the logarithm of the marginal likelihood, and its gradient."""
+        from scipy.linalg import cho_solve
+
+        matern, by_length = self._matern(numbers)
+        factor = self._factor(matern + self.trend, numbers)
+        inverse = cho_solve(factor, np.eye(self.y.size))
+        pulled = inverse @ self.y
+        cost = self.y @ pulled / 2 + np.log(np.diag(factor[0])).sum()
+        open_ = inverse - np.outer(pulled, pulled)
+        noise, slope = np.exp(numbers[-2:])
+        of_noise = [noise * np.trace(open_), -slope * np.diag(open_) @ self.y]
+        gradient = [*((open_ * of).sum() for of in (*by_length, 2 * matern)), *of_noise]
+        return float(cost), np.array(gradient) / 2

@@ -1,0 +1,34 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The case that a command is given, and its scene."""
+
+from __future__ import annotations
+
+import argparse
+
+from rockfall.case import Case, read_case
+from rockfall.cli.messages import warn
+from rockfall.scene.plausible import implausible
+from rockfall.scene.read import read_scene
+from rockfall.scene.scene import Scene
+from rockfall.simulation.memory import machine_memory, read_memory
+
+
+def overridden(arguments: argparse.Namespace) -> Case:
+    """The case with what the command line has in place of its own."""
+    case = read_case(arguments.case)
+    keys = ("boulders", "boulders_total", "seed", "threads")
+    given = {key: getattr(arguments, key) for key in keys}
+    given = {key: value for key, value in given.items() if value is not None}
+    for key, other in (("boulders", "boulders_total"), ("boulders_total", "boulders")):
+        if key in given:
+            given.setdefault(other, None)
+    return case.replace(case=given) if given else case
+
+
+def scene_of(case: Case, arguments: argparse.Namespace) -> Scene:
+    """The scene of a case, with warnings of what is doubtful in it."""
+    memory = machine_memory() if arguments.memory is None else read_memory(arguments.memory)
+    scene = read_scene(case, memory=memory)
+    for line in implausible(scene):
+        warn(line)
+    return scene

@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a result holds, before it is a netCDF file or an xarray.Dataset: both are made of it. A
+small case runs faster than xarray is imported, so what only writes a file goes without."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    Held: TypeAlias = "xr.Dataset | Contents"  # what is read of either by the same names
+    HeldVariable: TypeAlias = "xr.Variable | xr.DataArray | Variable"
+
+
+class Variable:
+    """Values along named dimensions, with attributes."""
+
+    def __init__(self, dims: str | tuple[str, ...], values: Any, attrs: Mapping[str, Any]) -> None:
+        self.dims = (dims,) if isinstance(dims, str) else dims
+        self.values, self.attrs = np.asarray(values), dict(attrs)
+        self.dtype, self.shape, self.ndim = self.values.dtype, self.values.shape, self.values.ndim
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
+        return np.array(self.values, dtype, copy=copy)
+
+
+class Contents:
+    """Variables by name, some of them coordinates of the others; read like an xarray.Dataset."""
+
+    def __init__(
+        self, data: Mapping[str, tuple], attrs: Mapping[str, Any], coords: Iterable[str] = ()
+    ) -> None:
+        """`data` is (dimensions, values, attributes) by name; `coords` may name more than it."""
+        self.variables = {name: Variable(*one) for name, one in data.items()}
+        self.attrs, named = dict(attrs), {*coords}
+        self.coords = {name: one for name, one in self.variables.items() if name in named}
+        self.sizes: dict[str, int] = {}  # of each dimension, its length
+        for one in self.variables.values():
+            self.sizes |= zip(one.dims, one.shape, strict=True)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.variables
+
+    def __getitem__(self, name: str) -> Variable:
+        return self.variables[name]
+
+    def dataset(self) -> xr.Dataset:
+        """The same values as xarray has them. Were variables left to xarray, it would load Dask,
+        wherever that is installed, to see whether the values are of Dask: half a second."""
+        import xarray as xr
+
+        data = {
+            name: xr.Variable(one.dims, one.values, one.attrs, fastpath=True)
+            for name, one in self.variables.items()
+        }
+        return xr.Dataset(data, attrs=self.attrs).set_coords([*self.coords])

@@ -1,0 +1,149 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""How QGIS draws the layers of a GeoPackage: styles in its table `layer_styles`, where QGIS looks
+as it loads a layer."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Iterable, Mapping
+from contextlib import closing
+from pathlib import Path
+from typing import NamedTuple
+from xml.etree import ElementTree
+
+from rockfall.io.output_files import SIGNATURE
+from rockfall.result.classes import STATUS_MARKERS, classes_of
+
+TABLE = "layer_styles"
+INK, BLUE = "#222222", "#0072b2"
+COLUMNS = (
+    "f_table_catalog TEXT, f_table_schema TEXT, f_table_name TEXT, f_geometry_column TEXT, "
+    "styleName TEXT, styleQML TEXT, styleSLD TEXT, useAsDefault BOOLEAN, description TEXT, "
+    "owner TEXT, ui TEXT, update_time DATETIME DEFAULT (strftime('%Y-%m-%dT%H:%M:%fZ','now'))"
+)
+#: Types of symbols and of their only layer.
+KINDS = {"Point": ("marker", "SimpleMarker"), "LineString": ("line", "SimpleLine"),
+         "Polygon": ("fill", "SimpleFill")}  # fmt: skip
+#: Shapes of markers, and by how much they are turned, of those of figures.
+SHAPES = {
+    ".": ("circle", 0), "x": ("cross2", 0), "^": ("triangle", 0), "s": ("square", 0),
+    "+": ("cross", 0), "v": ("triangle", 180), "D": ("diamond", 0),
+}  # fmt: skip
+
+
+class Symbol(NamedTuple):
+    """A symbol: properties of its only layer by QGIS's names, opacity."""
+
+    about: Mapping[str, object]
+    opacity: float = 1.0
+
+
+class Style(NamedTuple):
+    """How the features of a layer are drawn: all alike, or by the values of a field, or by where an
+    expression lies between limits; each with a label and a symbol."""
+
+    of: str
+    symbols: Iterable[tuple[object, str, Symbol]]
+    kind: str = "categorizedSymbol"
+
+
+def alike(symbol: Symbol) -> Style:
+    """All features alike."""
+    return Style("", [("", "", symbol)], "singleSymbol")
+
+
+def marker(colour: str, shape: str = ".", size: float = 1.2) -> Symbol:
+    """A point of a size [mm]."""
+    name, angle = SHAPES[shape]
+    return Symbol({"name": name, "angle": angle, "color": rgba(colour), "size": size,
+                   "outline_color": rgba(colour),
+                   "outline_width": 0.3 if angle or name != "circle" else 0.0,
+                   "outline_style": "no" if name == "circle" else "solid"})  # fmt: skip
+
+
+def fill(colour: str, pattern: str = "solid") -> Symbol:
+    """An area with a thin outline."""
+    return Symbol({"color": rgba(colour), "style": pattern, "outline_color": rgba(INK),
+                   "outline_width": 0.1}, 0.7)  # fmt: skip
+
+
+def thick(colour: str) -> Symbol:
+    """A broad line."""
+    return Symbol({"line_color": rgba(colour), "line_width": 0.8})
+
+
+def plain_type(geometry: str) -> str:
+    """A type of geometry without its third dimension and its many parts."""
+    return geometry.removesuffix(" Z").removeprefix("Multi")
+
+
+def rgba(colour: str) -> str:
+    """A colour as QGIS writes it."""
+    return ",".join(str(int(colour[k : k + 2], 16)) for k in (1, 3, 5)) + ",255"
+
+
+def _crossings() -> Style:
+    """By classes of the total energy."""
+    classes = classes_of("kJ")
+    ends = [0.0, *classes.limits, 1e12]
+    symbols = [
+        (ends[k : k + 2], f"{label} kJ", marker(colour))
+        for k, (label, colour) in enumerate(zip(classes.labels, classes.colours, strict=True))
+    ]
+    total = '"energy_translational_kJ" + "energy_rotational_kJ"'
+    return Style(total, symbols, "graduatedSymbol")
+
+
+#: Of the layers of an exported result.
+STYLES = {
+    "sources": alike(marker(INK, "^", 1.4)),
+    "stops": Style("status", [(name, name.replace("_", " "), marker(colour, shape))
+                              for name, (shape, colour) in STATUS_MARKERS.items()]),
+    "lines": alike(Symbol({"line_color": rgba(INK), "line_style": "dash", "line_width": 0.5})),
+    "crossings": _crossings(),
+    "trajectories": alike(Symbol({"line_color": rgba(BLUE), "line_width": 0.15}, 0.6)),
+}  # fmt: skip
+
+
+def put_styles(path: Path, layers: Mapping[str, str], styles: Mapping[str, Style]) -> None:
+    """Write styles of layers, of which the types of geometry are given, into their GeoPackage."""
+    kinds = {name: KINDS.get(plain_type(kind)) for name, kind in layers.items()}
+    texts = {name: qml(styles[name], *kind) for name, kind in kinds.items()
+             if kind and name in styles}  # fmt: skip
+    with closing(sqlite3.connect(path)) as database, database:
+        database.execute(
+            f"CREATE TABLE {TABLE} (id INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL, {COLUMNS})"
+        )
+        database.execute(
+            "INSERT INTO gpkg_contents (table_name, data_type, identifier, description) "
+            "VALUES (?, 'attributes', ?, ?)", [TABLE, TABLE, SIGNATURE]
+        )  # fmt: skip
+        database.executemany(
+            f"INSERT INTO {TABLE} (f_table_catalog, f_table_schema, f_table_name, "
+            "f_geometry_column, styleName, styleQML, styleSLD, useAsDefault, description, owner) "
+            "VALUES ('', '', ?, 'geom', 'rockfall', ?, '', 1, ?, '')",
+            [(name, text, SIGNATURE) for name, text in texts.items()],
+        )
+
+
+def qml(style: Style, kind: str, layer: str) -> str:
+    """A style as QGIS writes it, of symbols of a type with a layer of a type."""
+    root = ElementTree.Element("qgis", version="3.16", styleCategories="Symbology")
+    about = {"type": style.kind, "attr": style.of} if style.of else {"type": style.kind}
+    renderer = ElementTree.SubElement(root, "renderer-v2", about)
+    rules = ElementTree.SubElement(renderer, "ranges" if "grad" in style.kind else "categories")
+    symbols = ElementTree.SubElement(renderer, "symbols")
+    for k, (value, label, symbol) in enumerate(style.symbols):
+        number = {"symbol": str(k), "label": label, "render": "true"}
+        if style.kind == "graduatedSymbol":
+            low, high = map(str, value)  # type: ignore[call-overload]
+            ElementTree.SubElement(rules, "range", number | {"lower": low, "upper": high})
+        elif style.of:
+            ElementTree.SubElement(rules, "category", number | {"value": str(value)})
+        drawn = {"name": str(k), "type": kind, "alpha": str(symbol.opacity)}
+        one = ElementTree.SubElement(symbols, "symbol", drawn)
+        one = ElementTree.SubElement(one, "layer", {"class": layer, "enabled": "1"})
+        one = ElementTree.SubElement(one, "Option", type="Map")
+        for name, text in symbol.about.items():
+            ElementTree.SubElement(one, "Option", type="QString", name=name, value=str(text))
+    return ElementTree.tostring(root, encoding="unicode")

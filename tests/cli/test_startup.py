@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Commands import what they use, so that a small case does not wait for what it has no use for."""
+
+import subprocess
+import sys
+
+import netCDF4
+import numpy as np
+
+import rockfall
+from made import write_ascii
+from rockfall.result import variables
+from scenes import case_in, grid, place, rough
+
+HEAVY = {
+    "xarray", "pandas", "dask", "rasterio", "pyproj", "affine", "matplotlib", "jinja2", "scipy",
+    "shapely", "pyogrio", "rich.console", "importlib.metadata",
+}  # fmt: skip
+COMMANDS = """
+import sys
+from rockfall.cli import main
+for words in sys.argv[1:]:
+    assert main(words.split()) == 0, words
+print("modules", *sys.modules)
+"""
+
+
+def case_of_files(folder, maps, **groups):
+    """A case in files, with these maps, a line, histograms and trajectories."""
+    output = {"maps": maps, "rebounds": True, "trajectories": 3, "energy_balance": True}
+    groups["hazard"] = {"thresholds": [30.0, 300.0]}
+    z = rough()
+    write_ascii(folder / "dem.asc", z, grid(z))
+    case = case_in(folder, case={"boulders": 20}, output=output, **groups, **place())
+    (folder / "case.nml").write_text(case.replace(terrain={"dem": "dem.asc"}).text())
+
+
+def modules(*commands, cwd):
+    """What is imported when a process has run these commands."""
+    words = [sys.executable, "-W", "error", "-c", COMMANDS, *commands]
+    done = subprocess.run(words, cwd=cwd, check=True, capture_output=True, text=True)
+    return set(done.stdout.splitlines()[-1].split())
+
+
+def described(path):
+    """All that a file holds but values and times: dimensions, types, storage, attributes."""
+    clocks = ("wall_seconds", "cpu_seconds")
+    with netCDF4.Dataset(path) as file:
+        yield {dim: one.size for dim, one in file.dimensions.items()}
+        yield [(name, file.getncattr(name)) for name in file.ncattrs() if name not in clocks]
+        for name, one in file.variables.items():
+            about = [(key, repr(one.getncattr(key))) for key in one.ncattrs()]
+            yield name, one.dtype, one.dimensions, one.chunking(), one.filters(), about
+
+
+def test_a_small_case_waits_for_no_package_that_it_does_not_use(tmp_path):
+    case_of_files(tmp_path, [name for name in variables.MAP if "tree" not in name])
+    part = "run case.nml --quiet --shard {}/2 -o part{}of2"
+    found = modules(
+        "check case.nml", "run case.nml -o whole.nc", part.format(1, 1), part.format(2, 2),
+        "merge part1of2 part2of2 -o merged.nc", "prepare case.nml prepared", cwd=tmp_path,
+    )  # fmt: skip
+    assert "netCDF4" in found
+    assert HEAVY & found == set()
+
+
+def test_help_and_version_need_no_numpy(tmp_path):
+    found = modules("--help", "--version", "run --help", cwd=tmp_path)
+    assert (HEAVY | {"numpy"}) & found == set()
+
+
+def test_command_and_function_write_the_same_file(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    forest = {"uniform_stems": 300.0, "uniform_dbh_mean": 30.0, "uniform_dbh_std": 8.0}
+    case_of_files(tmp_path, [*variables.MAP], forest={**forest, "uniform_conifers": 50.0})
+    modules("run case.nml --quiet -o command.nc", cwd=tmp_path)
+    rockfall.write_result(rockfall.run(rockfall.read_case("case.nml")), "function.nc")
+    assert [*described("command.nc")] == [*described("function.nc")]
+    with netCDF4.Dataset("command.nc") as one, netCDF4.Dataset("function.nc") as other:
+        for name in one.variables:
+            np.testing.assert_array_equal(one[name][...], other[name][...], err_msg=name)
