@@ -168,9 +168,10 @@ def _rebounds(part: Path) -> int:
         return int(file["rebounds"][...])
 
 
-def per_rebound(program: Path, case: Path) -> float:
+def per_rebound(program: Path, case: Path, few_boulders: int = FEW) -> float:
     """Instructions of a rebound, of what a run costs for each boulder more."""
-    (few, before), (many, after) = (instructions(program, case, n) for n in (FEW, MANY))
+    numbers = few_boulders, few_boulders * MANY // FEW
+    (few, before), (many, after) = (instructions(program, case, n) for n in numbers)
     return (many - few) / (after - before)
 
 

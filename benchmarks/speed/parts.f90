@@ -9,7 +9,7 @@ program parts
    use rockfall_flight, only: flight_t, landing_t, span_t, fly, launch_rate, arc_length
    use rockfall_impact, only: impact_set_t, impact_set, rebound_t, rebound
    use rockfall_direction, only: turning_t, past_aspect, new_heading
-   use rockfall_maps, only: visits_t, start_visits, visit_spans
+   use rockfall_maps, only: visits_t, start_visits, visit_path
    implicit none
    integer, parameter :: times = 1000000, nx = 400
    real(wp), parameter :: cell = 2.5_wp
@@ -171,7 +171,7 @@ contains
          if (mod(k, 90) == 1) call start_visits(visits, int(k, i8))
          call launch(flight)
          call fly(dem, 9.81_wp, flight, landing, spans, n)
-         call visit_spans(visits, dem, 9.81_wp, flight%x, flight%y, flight%v, 1.0_wp, spans(:n))
+         call visit_path(visits, dem, 9.81_wp, flight, landing%time, 1.0_wp, spans(:n))
          total = total + visits%n
       end do
       call tell("the flight with the cells under it")

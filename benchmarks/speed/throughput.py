@@ -16,6 +16,7 @@ import rockfall
 from benchmarks.machine import NOTHING, ROOT, VAUJANY, machine
 from rockfall.result import variables
 from rockfall.scene.read import read_scene
+from rockfall.scene.scene import Scene
 from rockfall.simulation.simulate import run_scene
 
 MAPS = ["passages", "reach_probability", "deposits", "energy_max", "energy_mean"]
@@ -32,9 +33,8 @@ OPTIONS = {
 }
 
 
-def measure(case: rockfall.Case, threads: int, repeat: int) -> tuple[float, float, int, int]:
+def measure(scene: Scene, threads: int, repeat: int) -> tuple[float, float, int, int]:
     """Least CPU and wall seconds of some runs; rebounds and boulders of one."""
-    scene = read_scene(case)
     runs = [run_scene(scene, threads=threads) for _ in range(repeat)]
     cpu, wall = (min(run.attrs[key] for run in runs) for key in ("cpu_seconds", "wall_seconds"))
     return cpu, wall, int(runs[0]["rebounds"]), runs[0].sizes["boulder"]
@@ -64,11 +64,11 @@ def main() -> None:
 
     print(f"{'cases/vaujany, one thread':28}{'ns/rebound':>12}{'boulders/CPU s':>16}")
     for name, change in OPTIONS.items():
-        cpu, _, rebounds, boulders = measure(vaujany.replace(**change), 1, options.repeat)
+        cpu, _, rebounds, boulders = measure(read_scene(vaujany.replace(**change)), 1, options.repeat)
         print(f"{name:28}{1e9 * cpu / rebounds:12.0f}{boulders / cpu:16.0f}")
 
     print(f"\n{'threads, lines only':28}{'wall, 1 thread = 1':>20}{'CPU, 1 thread = 1':>20}")
-    bare = vaujany.replace(output=NOTHING)
+    bare = read_scene(vaujany.replace(output=NOTHING))
     first = None
     for threads in (n for n in (1, 2, 4, 8, 16, 32, 64) if n <= os.cpu_count()):
         cpu, wall, _, _ = measure(bare, threads, options.repeat)

@@ -37,14 +37,16 @@ SAME = {
 }
 
 
-def relief(side: int, random: np.random.Generator, widest: float = VALLEYS) -> np.ndarray:
+def relief(
+    side: int, random: np.random.Generator, widest: float = VALLEYS, cell: float = CELL
+) -> np.ndarray:
     """Elevations [m] of a fractal relief that goes on at its edges: amplitudes fall with the power
     2.6 of the wave number, so that slopes are those of the hills more than of single cells."""
-    ky, kx = np.fft.fftfreq(side, CELL)[:, None], np.fft.rfftfreq(side, CELL)[None]
+    ky, kx = np.fft.fftfreq(side, cell)[:, None], np.fft.rfftfreq(side, cell)[None]
     k2 = kx**2 + ky**2
     wave = random.normal(size=k2.shape) + 1j * random.normal(size=k2.shape)
     z = np.fft.irfft2(wave * (k2 + widest**-2.0) ** -1.3, s=(side, side))
-    gradient = np.mean([np.mean(np.diff(z, axis=axis) ** 2) for axis in (0, 1)]) * 2 / CELL**2
+    gradient = np.mean([np.mean(np.diff(z, axis=axis) ** 2) for axis in (0, 1)]) * 2 / cell**2
     return (2000.0 + (z - z.mean()) * STEEP / np.sqrt(gradient)).astype("f4")
 
 

@@ -223,6 +223,7 @@ def test_sources_that_are_a_sample_are_clusters():
     speed = np.repeat(TAILS["exponential"].rvs(60, random_state=1), 100)
     names = {f"line_{name}": (("line", "boulder"), speed[None]) for name in QUANTITIES[:-1]}
     start = {f"start_{axis}": ("boulder", np.repeat(np.arange(60.0), 100)) for axis in "xy"}
+    start["source"] = ("boulder", np.repeat(np.arange(1, 61), 100))
     table = rockfall.return_levels(xr.Dataset({**names, **start}, {"line": ["L"]}, SAMPLE))
     assert set(table["refused"]) == {"3 independent boulders in the upper 5 %, 50 needed"}
 
@@ -231,7 +232,7 @@ def test_a_table_says_what_was_refused_where_some_is_and_some_is_not():
     """pandas 3 makes NaN of a None among texts, pandas 2 does not: every row has a text."""
     values = np.stack([TAILS["exponential"].rvs(3000, random_state=1), np.full(3000, 2.0)])
     names = {f"line_{name}": (("line", "boulder"), values) for name in QUANTITIES[:-1]}
-    start = {f"start_{axis}": ("boulder", np.zeros(3000)) for axis in "xy"}
+    start = {"source": ("boulder", np.ones(3000, int))}
     result = xr.Dataset({**names, **start}, {"line": ["L", "M"]})
     table = rockfall.return_levels(result, levels=(1000,))
     assert set(table["refused"]) == {"", (reason := "ties leave no 50 boulders above a threshold")}

@@ -34,7 +34,7 @@ module rockfall_flight
 
    !> A flight over one patch: height above it = d0 + d1 s + d2 s**2 for s = t - t0 in 0..t1-t0.
    type :: span_t
-      type(patch_t) :: patch
+      integer :: i, j         !! of the patch
       real(wp) :: t0, t1      !! since the start of the flight [s]
       real(wp) :: d0, d1, d2  !! [m], [m/s], [m/s2]
    end type span_t
@@ -93,7 +93,7 @@ contains
          landing%jump_height = max(landing%jump_height, highest(d0, d1, d2, s))
          if (present(spans)) then
             n_spans = n_spans + 1
-            spans(n_spans) = span_t(patch, t0, t0 + s, d0, d1, d2)
+            spans(n_spans) = span_t(patch%i, patch%j, t0, t0 + s, d0, d1, d2)
          end if
          if (contact) exit
          t0 = t1
@@ -137,7 +137,7 @@ contains
       landing%x = start%x + start%v(1)*time
       landing%y = start%y + start%v(2)*time
       landing%z = start%z + time*(start%v(3) - 0.5_wp*gravity*time)
-      landing%patch = spans(n)%patch
+      call read_patch(dem, spans(n)%i, spans(n)%j, landing%patch)
       landing%u = within(dem, landing%x, landing%patch%i)
       landing%w = within(dem, landing%y, landing%patch%j)
       landing%jump_height = 0

@@ -8,7 +8,7 @@ module rockfall_ensemble
                                   has_obstacles, at_rest, left_window
    use rockfall_sources, only: share_of
    use rockfall_boulder, only: release_t, source_of, first_of, last_of, released_by
-   use rockfall_maps, only: maps_t, needs_visits, visits_t, start_visits, add_visits, add_deposit
+   use rockfall_maps, only: maps_t, needs_visits, needs_heights, visits_t, start_visits, add_visits, add_deposit
    use rockfall_travel_maps, only: needs_times, needs_travel, add_travel
    use rockfall_passing_maps, only: needs_passing, add_passing
    use rockfall_tree_maps, only: needs_tree_hits, add_tree_hits
@@ -57,7 +57,7 @@ contains
       type(scratch_t) :: scratch
       integer :: k
 
-      call prepare(scene, needs_visits(maps), scratch)
+      call prepare(scene, needs_visits(maps), needs_heights(maps), scratch)
       if (needs_times(maps)) allocate (scratch%visits%time(0))
       scratch%tree_hits_requested = allocated(scene%forest) .and. needs_tree_hits(maps)
       if (counts_sources(maps)) then
@@ -181,21 +181,22 @@ contains
       type(boulder_result_t), intent(out) :: result
       type(scratch_t), intent(out) :: scratch
 
-      call prepare(scene, .false., scratch)
+      call prepare(scene, .false., .false., scratch)
       allocate (scratch%record(room))
       call trace_full(scene, number, result, scratch)
    end subroutine trace_boulder
 
    !> Work space for what is requested.
-   subroutine prepare(scene, cells_requested, scratch)
+   subroutine prepare(scene, cells_requested, heights_requested, scratch)
       type(scene_t), intent(in) :: scene
-      logical, intent(in) :: cells_requested  !! visits of raster cells
+      logical, intent(in) :: cells_requested, heights_requested  !! visits of raster cells, and heights over them
       type(scratch_t), intent(inout) :: scratch
 
       scratch%cells_requested = cells_requested
+      scratch%heights_requested = heights_requested
       call choose_trace(scene, scratch)
       if (allocated(scene%lines)) allocate (scratch%crossings(size(scene%lines)))
-      if (cells_requested .or. has_obstacles(scene)) allocate (scratch%spans(scene%dem%nx + scene%dem%ny))
+      if (heights_requested .or. has_obstacles(scene)) allocate (scratch%spans(scene%dem%nx + scene%dem%ny))
       if (scene%histograms_requested) scratch%histograms = histograms()
       if (allocated(scene%grounds)) allocate (scratch%by_ground(size(scene%grounds)), source=0_i8)
    end subroutine prepare

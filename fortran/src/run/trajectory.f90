@@ -22,7 +22,7 @@ module rockfall_trajectory
    use rockfall_line, only: line_t, first_crossing, next_crossing
    use rockfall_barrier, only: barrier_t, barrier_outcome, stopped_there, broken_through, passed_over
    use rockfall_forest, only: forest_t, tree_hit_t, tree_impact_t, first_hit, tree_impact
-   use rockfall_maps, only: visits_t, start_visits, visit_spans, visit_cell
+   use rockfall_maps, only: visits_t, start_visits, visit_path, visit_cell
    use rockfall_travel_maps, only: time_visits
    use rockfall_tree_maps, only: tree_hits_t, gather_tree_hit
    use rockfall_histogram, only: histograms_t, count_rebound
@@ -130,6 +130,7 @@ module rockfall_trajectory
    !> A thread's work space; what a scene does not ask for is not allocated.
    type :: scratch_t
       logical :: cells_requested = .false.       !! maps need visits of raster cells
+      logical :: heights_requested = .false.     !! and the heights over them
       type(span_t), allocatable :: spans(:)
       type(visits_t) :: visits
       type(histograms_t) :: histograms
@@ -379,23 +380,33 @@ contains
       type(scratch_t), intent(inout) :: scratch
       integer :: n
 
-      call fly(scene%dem, scene%gravity, flight, landing, scratch%spans, n)
-      call visit_cells(scene, flight, omega_r, begun, landing%time, scratch%spans(:n), scratch%visits)
+      if (scratch%heights_requested) then
+         call fly(scene%dem, scene%gravity, flight, landing, scratch%spans, n)
+      else
+         call fly(scene%dem, scene%gravity, flight, landing)
+      end if
+      call visit_cells(scene, flight, omega_r, begun, landing%time, n, scratch)
    end subroutine fly_over_cells
 
    !> Record the raster cells under a flight.
-   pure subroutine visit_cells(scene, flight, omega_r, begun, time, spans, visits)
+   pure subroutine visit_cells(scene, flight, omega_r, begun, time, n, scratch)
       type(scene_t), intent(in) :: scene
       type(flight_t), intent(in) :: flight
       real(wp), intent(in) :: omega_r  !! W [m/s]
       real(wp), intent(in) :: begun    !! since the release [s]
       real(wp), intent(in) :: time     !! of the flight [s]
-      type(span_t), intent(in) :: spans(:)
-      type(visits_t), intent(inout) :: visits
+      integer, intent(in) :: n         !! its spans
+      type(scratch_t), intent(inout) :: scratch
 
-      call visit_spans(visits, scene%dem, scene%gravity, flight%x, flight%y, flight%v, inertia_factor*omega_r**2, spans)
-      if (allocated(visits%time)) &
-         call time_visits(visits, scene%dem, [flight%x, flight%y], flight%v(:2), begun, time)
+      associate (visits => scratch%visits, spin => inertia_factor*omega_r**2)
+         if (scratch%heights_requested) then
+            call visit_path(visits, scene%dem, scene%gravity, flight, time, spin, scratch%spans(:n))
+         else
+            call visit_path(visits, scene%dem, scene%gravity, flight, time, spin)
+         end if
+         if (allocated(visits%time)) &
+            call time_visits(visits, scene%dem, [flight%x, flight%y], flight%v(:2), begun, time)
+      end associate
    end subroutine visit_cells
 
    !> Fly to the ground or to the first obstacle on the way there, and record the lines and cells up to there.
@@ -419,7 +430,7 @@ contains
       if (obstacle%kind /= none) &
          call end_flight(scene%dem, scene%gravity, flight, obstacle%time, scratch%spans, n, landing)
       if (scratch%cells_requested) &
-         call visit_cells(scene, flight, omega_r, result%time, landing%time, scratch%spans(:n), scratch%visits)
+         call visit_cells(scene, flight, omega_r, result%time, landing%time, n, scratch)
    end subroutine fly_to_obstacle
 
    !> The first barrier that stands in the way of a flight, if it does before the obstacle.

@@ -9,7 +9,7 @@ module rockfall_variables
    public :: scene_layout, part_layout, piece, max_packing
 
    ! Of scene and part files.
-   integer(i8), parameter :: scene_layout = 2, part_layout = 2
+   integer(i8), parameter :: scene_layout = 2, part_layout = 3
    integer(i8), parameter :: piece = 2_i8**17    !! values that share a checksum
    integer(i8), parameter :: max_packing = 1100  !! zlib packs no closer than this
 

@@ -4,12 +4,12 @@
 module rockfall_maps
    use rockfall_kinds, only: wp, sp, i4, i8
    use rockfall_terrain, only: terrain_t
-   use rockfall_flight, only: span_t, never
-   use rockfall_bins, only: energy, speed, jump_height, log_bin
+   use rockfall_flight, only: flight_t, span_t, never
+   use rockfall_bins, only: energy, speed, jump_height, passing_height, log_bin
    implicit none
    private
-   public :: maps_t, layer_t, per_unit, visits_t, needs_visits, start_visits, visit_spans, visit_cell, add_visits
-   public :: add_deposit, add_value, count_bin, keeps, lacks_slots, raise_cell, square_base
+   public :: maps_t, layer_t, per_unit, visits_t, needs_visits, needs_heights, start_visits, visit_path, visit_cell
+   public :: add_visits, add_deposit, add_value, count_bin, keeps, lacks_slots, raise_cell, square_base
 
    real(wp), parameter :: per_unit(4) = [1.0_wp, 1000.0_wp, 1000.0_wp, 1000.0_wp]  !! sums are of whole J, mm/s, mm
    integer(i8), parameter :: square_base = 2_i8**31  !! sums of squares have two digits to this base
@@ -67,10 +67,19 @@ module rockfall_maps
       integer :: n = 0
       integer, allocatable :: used(:)         !! entries, in order of the first visit
       type(visit_t), allocatable :: entry(:)  !! 0-based; a power of two of them
-      integer :: last = -1                    !! entry of the last visit
+      integer :: entries = 0
+      integer :: last = -1                    !! entry of the last visit; -1 before the first
       real(wp), allocatable :: time(:)        !! of the first visits, in their order [s]; only for a map of times
       integer :: timed = 0                    !! how many of them are known
    end type visits_t
+
+   !> The cells under a straight path, on one axis.
+   type :: axis_t
+      integer :: cell = 0, step = 1       !! the one that it is over; to the next: 1 or -1
+      real(wp) :: cut = never             !! when it leaves it, since the start of the path [s]
+      real(wp) :: x = 0.0_wp, size = 1.0_wp, inverse = 0.0_wp  !! start, side of a cell [m], 1/v [s/m], 0 at rest
+      real(wp) :: idle = never            !! at rest, else 0 [s]
+   end type axis_t
 
 contains
 
@@ -82,6 +91,13 @@ contains
                       .or. has_layers(maps) .or. associated(maps%steepest) .or. associated(maps%flattest) &
                       .or. associated(maps%shortest)
    end function needs_visits
+
+   !> True if a map needs heights in these cells, too.
+   pure logical function needs_heights(maps)
+      type(maps_t), intent(in) :: maps
+
+      needs_heights = keeps(maps%layer(jump_height)) .or. keeps(maps%layer(passing_height))
+   end function needs_heights
 
    !> Begin the visits of a boulder (numbers count from 1).
    pure subroutine start_visits(visits, boulder)
@@ -95,140 +111,149 @@ contains
       visits%timed = 0
    end subroutine start_visits
 
-   !> Add the cells under a flight. A cell reaches half a cell round its node, so a patch is met in
-   !> up to three quarters, each of another cell.
-   pure subroutine visit_spans(visits, dem, gravity, x, y, v, spin, spans)
+   !> Add the cells under a flight up to a time. A cell reaches half a cell round its node, so on each axis the path
+   !> goes over to the next one in the middle of a patch. Of the vertical speeds over a cell those at its two ends are
+   !> the extremes. Heights are those of the spans, where maps need them.
+   pure subroutine visit_path(visits, dem, gravity, start, time, spin, spans)
       type(visits_t), intent(inout) :: visits
       type(terrain_t), intent(in) :: dem
       real(wp), intent(in) :: gravity    !! [m/s2]
-      real(wp), intent(in) :: x, y       !! start of the flight [m]
-      real(wp), intent(in) :: v(3)       !! velocity there [m/s]
+      type(flight_t), intent(in) :: start
+      real(wp), intent(in) :: time       !! since the start [s]
       real(wp), intent(in) :: spin       !! twice the rotational energy per mass [m2/s2]
-      type(span_t), intent(in) :: spans(:)
-      real(wp) :: plan2, inverse(2), cut(2), t, next, d(2), w(2)
-      integer :: k, cell(2), step(2)
+      type(span_t), intent(in), contiguous, optional :: spans(:)
+      type(axis_t) :: east, north
+      real(wp) :: plan2, next, w(2), t, top
+      integer :: k
+      logical :: eastward
 
-      plan2 = v(1)*v(1) + v(2)*v(2)
-      step = merge(1, -1, v(1:2) > 0)
-      inverse = 0
-      if (abs(v(1))*never > dem%cell) inverse(1) = 1/v(1)
-      if (abs(v(2))*never > dem%cell) inverse(2) = 1/v(2)
-      do k = 1, size(spans)
-         associate (s => spans(k))
-            call enter((s%patch%i - 0.5_wp)*dem%cell - x, inverse(1), step(1), s%patch%i, s%t0, cut(1), cell(1))
-            call enter((s%patch%j - 0.5_wp)*dem%cell - y, inverse(2), step(2), s%patch%j, s%t0, cut(2), cell(2))
-            t = s%t0
-            d(1) = s%d0
-            w(1) = v(3) - gravity*t
-            do
-               next = min(cut(1), cut(2), s%t1)
-               d(2) = s%d0 + (next - s%t0)*(s%d1 + (next - s%t0)*s%d2)
-               w(2) = v(3) - gravity*next
-               call visit_cell(visits, [cell(1), dem%ny + 1 - cell(2)], plan2 + max(w(1)*w(1), w(2)*w(2)), spin, &
-                               highest(s, t, next, d))
-               if (next >= s%t1) exit
-               if (cut(1) <= cut(2)) then
-                  cell(1) = cell(1) + step(1)
-                  cut(1) = never
-               else
-                  cell(2) = cell(2) + step(2)
-                  cut(2) = never
-               end if
-               t = next
-               d(1) = d(2)
-               w(1) = w(2)
-            end do
-         end associate
+      plan2 = start%v(1)*start%v(1) + start%v(2)*start%v(2)
+      east = axis(start%x, start%v(1), dem%cell, start%patch%i)
+      north = axis(start%y, start%v(2), dem%cell, start%patch%j)
+      w(1) = start%v(3)
+      t = 0
+      k = 1
+      top = 0
+      do
+         call enter(visits, [east%cell, dem%ny + 1 - north%cell])
+         next = min(east%cut, north%cut, time)
+         w(2) = start%v(3) - gravity*next
+         if (present(spans)) call climb(spans, next, k, t, top)
+         call raise(visits, plan2 + max(w(1)*w(1), w(2)*w(2)), spin, top)
+         if (next >= time) exit
+         eastward = east%cut <= north%cut
+         call go_over(east, eastward)
+         call go_over(north, .not. eastward)
+         w(1) = w(2)
       end do
-   end subroutine visit_spans
+   end subroutine visit_path
 
-   !> On one axis: the cell over which a path enters patch interval i at time t0, and when it passes
-   !> to the next cell in the middle of the patch.
-   pure subroutine enter(middle, inverse, step, i, t0, cut, cell)
-      real(wp), intent(in) :: middle   !! of the patch, from the start of the flight [m]
-      real(wp), intent(in) :: inverse  !! 1/v [s/m]; 0 at rest
-      integer, intent(in) :: step      !! 1 or -1, its direction
-      integer, intent(in) :: i
-      real(wp), intent(in) :: t0       !! [s]
-      real(wp), intent(out) :: cut     !! [s]; `never` when it does not
-      integer, intent(out) :: cell     !! i or i + 1
-      logical :: before
+   !> The maximum height [m] from time t of span k up to another time; then k and t say where to go on.
+   pure subroutine climb(spans, until, k, t, top)
+      type(span_t), intent(in), contiguous :: spans(:)
+      real(wp), intent(in) :: until    !! since the start of the flight [s]
+      integer, intent(inout) :: k
+      real(wp), intent(inout) :: t     !! likewise
+      real(wp), intent(out) :: top
 
-      cut = never
-      before = middle > 0
-      if (abs(inverse) > 0) then
-         cut = middle*inverse
-         before = cut > t0 .eqv. step > 0
-         if (cut <= t0) cut = never
-      end if
-      cell = i + merge(0, 1, before)
-   end subroutine enter
+      top = 0
+      do
+         top = max(top, highest(spans(k), t, min(until, spans(k)%t1)))
+         t = until
+         if (until < spans(k)%t1 .or. k == size(spans)) exit
+         k = k + 1
+         t = spans(k)%t0
+         if (until <= t) exit
+      end do
+   end subroutine climb
 
    !> Maximum height above the patch within t0..t1 of a span [m].
-   pure real(wp) function highest(s, t0, t1, d)
+   pure real(wp) function highest(s, t0, t1)
       type(span_t), intent(in) :: s
       real(wp), intent(in) :: t0, t1  !! since the start of the flight [s]
-      real(wp), intent(in) :: d(2)    !! heights at both [m]
+      real(wp) :: from, to
 
-      highest = max(0.0_wp, d(1), d(2))
-      if (s%d1 > -2*s%d2*(t0 - s%t0) .and. s%d1 < -2*s%d2*(t1 - s%t0)) highest = s%d0 - s%d1*s%d1/(4*s%d2)
+      from = t0 - s%t0
+      to = t1 - s%t0
+      if (s%d1 > -2*s%d2*from .and. s%d1 < -2*s%d2*to) then
+         highest = s%d0 - s%d1*s%d1/(4*s%d2)
+      else
+         highest = max(s%d0 + from*(s%d1 + from*s%d2), s%d0 + to*(s%d1 + to*s%d2))
+      end if
    end function highest
+
+   !> A path at its start, over patch interval i, on one axis.
+   pure type(axis_t) function axis(x, v, size, i)
+      real(wp), intent(in) :: x, v     !! its start [m], velocity [m/s]
+      real(wp), intent(in) :: size     !! of a cell [m]
+      integer, intent(in) :: i
+
+      axis%x = x
+      axis%size = size
+      axis%step = merge(1, -1, v > 0)
+      axis%cell = i + merge(0, 1, (i - 0.5_wp)*size > x)
+      if (abs(v)*never > size) then
+         axis%inverse = 1/v
+         axis%idle = 0
+      end if
+      call go_over(axis, .false.)
+      if (axis%cut <= 0) call go_over(axis, .true.)  ! it starts between two cells
+   end function axis
+
+   !> Go over to the next cell, if so, and foresee when the path leaves the one that it is over.
+   pure subroutine go_over(axis, so)
+      type(axis_t), intent(inout) :: axis
+      logical, intent(in) :: so
+
+      axis%cell = axis%cell + axis%step*merge(1, 0, so)  ! a product, not a branch: either comes half of the time
+      axis%cut = ((axis%cell + (axis%step - 1)/2 - 0.5_wp)*axis%size - axis%x)*axis%inverse + axis%idle
+   end subroutine go_over
 
    !> Add one visit: raises the boulder's values in that cell.
    pure subroutine visit_cell(visits, at, speed2, spin, jump_height)
       type(visits_t), intent(inout) :: visits
       integer, intent(in) :: at(2)                !! column, row
-      real(wp), intent(in) :: speed2, spin        !! as in visit_spans [m2/s2]
+      real(wp), intent(in) :: speed2, spin        !! as in visit_path [m2/s2]
       real(wp), intent(in) :: jump_height         !! [m]
 
-      call raise_visit(visits, at, [speed2, speed2 + spin, jump_height])
+      call enter(visits, at)
+      call raise(visits, speed2, spin, jump_height)
    end subroutine visit_cell
 
-   !> Raise the values of a cell, of which the boulder may have no visit yet.
-   pure subroutine raise_visit(visits, at, values)
+   !> Raise the values of the cell that the boulder is over.
+   pure subroutine raise(visits, speed2, spin, jump_height)
       type(visits_t), intent(inout) :: visits
-      integer, intent(in) :: at(2)
-      real(wp), intent(in) :: values(3)  !! as in visit_t [m2/s2], [m]
+      real(wp), intent(in) :: speed2, spin, jump_height  !! as in visit_cell
 
-      if (visits%last >= 0) then  ! most visits go on in the same cell
-         if (all(visits%entry(visits%last)%at == at)) then
-            call raise(visits%entry(visits%last)%max, values)
-            return
-         end if
-      end if
-      if (2*visits%n >= size(visits%entry)) call make_room(visits, 2*size(visits%entry))  ! half empty: short searches
-      visits%last = find(visits, at)
       associate (visit => visits%entry(visits%last))
-         if (visit%boulder == visits%boulder) then
-            call raise(visit%max, values)
-         else
-            visit = visit_t(visits%boulder, at, values)
-            visits%n = visits%n + 1
-            visits%used(visits%n) = visits%last
-         end if
+         visit%max(1) = max(visit%max(1), speed2)
+         visit%max(2) = max(visit%max(2), speed2 + spin)
+         visit%max(3) = max(visit%max(3), jump_height)
       end associate
-   end subroutine raise_visit
-
-   pure subroutine raise(maxima, values)
-      real(wp), intent(inout) :: maxima(3)  !! as in visit_t [m2/s2], [m]
-      real(wp), intent(in) :: values(3)     !! likewise
-
-      maxima = max(maxima, values)
    end subroutine raise
 
-   !> The entry of a cell: its own, or the free one where it belongs (open addressing).
-   pure integer function find(visits, at) result(k)
-      type(visits_t), intent(in) :: visits
-      integer, intent(in) :: at(2)
-      integer :: mask
+   !> Go to a cell, of which the boulder may have no visit yet: its own entry, or the free one where it belongs (open
+   !> addressing).
+   pure subroutine enter(visits, at)
+      type(visits_t), intent(inout) :: visits
+      integer, intent(in) :: at(2)  !! column, row
+      integer :: k
 
-      mask = size(visits%entry) - 1
-      k = iand(at(1) + row_factor*at(2), mask)
+      if (visits%last >= 0) then  ! most flights start in the cell where the last one ended
+         if (all(visits%entry(visits%last)%at == at)) return
+      end if
+      if (2*visits%n >= visits%entries) call make_room(visits, 2*visits%entries)  ! half empty: short searches
+      k = iand(at(1) + row_factor*at(2), visits%entries - 1)
       do while (visits%entry(k)%boulder == visits%boulder)
-         if (all(visits%entry(k)%at == at)) return
-         k = iand(k + 1, mask)
+         if (all(visits%entry(k)%at == at)) exit
+         k = iand(k + 1, visits%entries - 1)
       end do
-   end function find
+      visits%last = k
+      if (visits%entry(k)%boulder == visits%boulder) return
+      visits%entry(k) = visit_t(visits%boulder, at)
+      visits%n = visits%n + 1
+      visits%used(visits%n) = k
+   end subroutine enter
 
    !> A table of so many entries with the same visits.
    pure subroutine make_room(visits, entries)
@@ -238,14 +263,15 @@ contains
       integer :: k
 
       allocate (larger%entry(0:entries - 1), larger%used(entries))
+      larger%entries = entries
       larger%boulder = visits%boulder
       do k = 1, visits%n
-         associate (visit => visits%entry(visits%used(k)))
-            call raise_visit(larger, visit%at, visit%max)
-         end associate
+         call enter(larger, visits%entry(visits%used(k))%at)
+         larger%entry(larger%last) = visits%entry(visits%used(k))
       end do
       call move_alloc(larger%entry, visits%entry)
       call move_alloc(larger%used, visits%used)
+      visits%entries = entries
       visits%last = larger%last
    end subroutine make_room
 

@@ -7,7 +7,7 @@ program test_map
    use rockfall_terrain, only: terrain_t, terrain, locate, height
    use rockfall_flight, only: flight_t, landing_t, span_t, fly, launch_rate
    use rockfall_bins, only: energy, speed, jump_height, n_log_bins, log_bin
-   use rockfall_maps, only: maps_t, visits_t, needs_visits, start_visits, visit_spans, &
+   use rockfall_maps, only: maps_t, visits_t, needs_visits, start_visits, visit_path, &
       visit_cell, add_visits, add_deposit, lacks_slots
    use rockfall_map_values, only: map_plan_t, map_plan, stack_layers, map_views, map_row
    use check_m, only: check, check_close, finish
@@ -74,9 +74,30 @@ contains
       start%rate = launch_rate(dem, start%patch, u, w, v)
       call start_visits(visits, 1_i8)
       call fly(dem, gravity, start, landing, spans, n)
-      call visit_spans(visits, dem, gravity, x, y, v, 7.0_wp, spans(:n))
+      call visit_path(visits, dem, gravity, start, landing%time, 7.0_wp, spans(:n))
       call add_visits(maps, visits, 3.0_wp)
+      call check_without_heights(start, landing, visits)
    end subroutine map_flight
+
+   !> Maps without heights have the same cells, in the same order, and the same speeds and energies.
+   subroutine check_without_heights(start, landing, visits)
+      type(flight_t), intent(in) :: start
+      type(landing_t), intent(in) :: landing
+      type(visits_t), intent(in) :: visits
+      type(visits_t) :: alone
+      integer :: k
+      logical :: same
+
+      call start_visits(alone, 1_i8)
+      call visit_path(alone, dem, gravity, start, landing%time, 7.0_wp)
+      same = alone%n == visits%n
+      do k = 1, min(alone%n, visits%n)
+         associate (one => alone%entry(alone%used(k)), other => visits%entry(visits%used(k)))
+            same = same .and. all(one%at == other%at) .and. all(one%max(1:2) == other%max(1:2))
+         end associate
+      end do
+      call check("the same cells and speeds without heights", same)
+   end subroutine check_without_heights
 
    !> Every cell of a fine sampling is visited, its maximum values are those of the sampling, and no
    !> other cell is (but those that the path only cuts by less than a sample).

@@ -5,7 +5,7 @@ program test_travel_maps
    use rockfall_kinds, only: wp, sp, i4, i8
    use rockfall_terrain, only: terrain_t, terrain, locate, height
    use rockfall_flight, only: flight_t, landing_t, span_t, fly, launch_rate
-   use rockfall_maps, only: maps_t, visits_t, needs_visits, start_visits, visit_spans, visit_cell, add_visits
+   use rockfall_maps, only: maps_t, visits_t, needs_visits, start_visits, visit_path, visit_cell, add_visits
    use rockfall_travel_maps, only: needs_times, needs_travel, time_visits, add_travel, steepest_angle, flattest_angle, &
       shortest_time
    use check_m, only: check, check_close, finish
@@ -78,7 +78,7 @@ contains
          allocate (visits%time(0))
          call start_visits(visits, int(turn, i8))
          call fly(dem, gravity, start, landing, spans, n)
-         call visit_spans(visits, dem, gravity, start%x, start%y, start%v, 0.0_wp, spans(:n))
+         call visit_path(visits, dem, gravity, start, landing%time, 0.0_wp, spans(:n))
          call time_visits(visits, dem, [start%x, start%y], start%v(:2), begun, landing%time)
          call add_travel(maps, visits, dem, [start%x, start%y, start%z])
          first = -1

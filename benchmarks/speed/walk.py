@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What the walk over the patches of the terrain costs a rebound: by size of cells, and by maps.
+
+    python -m benchmarks.speed.walk [--boulders 100] [--repeat 5] [--program rockfall-batch]
+
+One steep relief, known every half metre; coarser cells are every second node of it, every fifth and
+so on. Then `cases/vaujany` with maps, on one thread and on two. CPU time is the least of `--repeat`
+runs on one thread; instructions are of rockfall-batch under callgrind, as in `costs.py`.
+"""
+
+import argparse
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from affine import Affine
+
+import rockfall
+from benchmarks.machine import NOTHING, ROOT, VAUJANY, machine
+from benchmarks.speed.costs import per_rebound
+from benchmarks.speed.throughput import EVERY_MAP, MAPS, measure
+from benchmarks.speed.valley import SAME, relief
+from rockfall.scene.prepare import prepare
+from rockfall.scene.read import read_scene
+
+FINEST, SIDE = 0.5, 2401  # [m], nodes each way
+STEEPER = 1.4  # than the valley: gradients of 48 degrees, root mean square
+CELLS = (10.0, 5.0, 2.5, 1.0, 0.5)  # [m]
+SOURCES = 100
+ASKED = {"nothing": None, "passages": ["passages"], "seven maps": MAPS, "every map": EVERY_MAP}
+
+
+def ground() -> tuple[np.ndarray, np.ndarray]:
+    """Elevations of the finest nodes, and the nodes (row, column) of sources: of the steepest fifth
+    of those that all cells have, away from the edges."""
+    random = np.random.default_rng(1)
+    z = STEEPER * relief(SIDE, random, cell=FINEST)
+    shared = round(max(CELLS) / FINEST)
+    steep = np.hypot(*np.gradient(z[::shared, ::shared]))[10:-10, 10:-10]
+    places = np.argwhere(steep > np.quantile(steep, 0.8)) + 10
+    return z, shared * random.choice(places, SOURCES, replace=False)
+
+
+def on_cells(cell: float, each: int, folder: Path) -> tuple[dict, rockfall.Case]:
+    """The arrays and the case of the same ground in cells of this size."""
+    z, nodes = ground()
+    step = round(cell / FINEST)
+    z = z[::step, ::step]
+    x, y = nodes[:, 1] * FINEST, ((SIDE - 1) - nodes[:, 0]) * FINEST
+    case = rockfall.Case(
+        case={"boulders": each, "title": f"cells of {cell} m"},
+        release={"x": x.tolist(), "y": y.tolist(), "drop_height": 2.0},
+        output=NOTHING,
+        folder=folder,
+        **SAME,
+    )
+    north = (SIDE - 1) * FINEST + cell / 2
+    return {"dem": z, "transform": Affine(cell, 0, -cell / 2, 0, -cell, north)}, case
+
+
+def tell(name: str, case: rockfall.Case, options: argparse.Namespace, **arrays: object) -> None:
+    """One line: CPU nanoseconds and instructions a rebound, impacts a boulder."""
+    cpu, _, rebounds, boulders = measure(read_scene(case, **arrays), 1, options.repeat)
+    with tempfile.TemporaryDirectory() as folder:
+        prepare(case, Path(folder) / "case", **arrays)
+        counted = per_rebound(options.program, Path(folder) / "case/case.nml", options.few)
+    print(f"{name:28}{1e9 * cpu / rebounds:12.0f}{counted:14.0f}{rebounds / boulders:12.1f}")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--boulders", type=int, default=100, help="from each source of the relief")
+    parser.add_argument("--repeat", type=int, default=5)
+    parser.add_argument("--program", type=Path, default=ROOT / "build/fortran/rockfall-batch")
+    options = parser.parse_args()
+    print(machine(), "\n")
+    print(f"{'relief, cells of':28}{'ns/rebound':>12}{'instructions':>14}{'rebounds':>12}")
+    options.few = 1
+    with tempfile.TemporaryDirectory() as folder:
+        for cell in CELLS:
+            case, arrays = on_cells(cell, options.boulders, Path(folder))[::-1]
+            tell(f"{cell} m", case, options, **arrays)
+    vaujany = rockfall.read_case(VAUJANY).replace(case={"boulders": 20_000}, line=[])
+    print(f"\n{'cases/vaujany, asked for':28}")
+    options.few = 100
+    for name, maps in ASKED.items():
+        tell(name, vaujany.replace(output=NOTHING | {"maps": maps}), options)
+    print(f"\n{'two threads, one = 1':28}{'wall':>12}{'CPU':>14}")
+    for name, maps in ASKED.items():
+        scene = read_scene(vaujany.replace(output=NOTHING | {"maps": maps}))
+        one, two = (measure(scene, threads, options.repeat) for threads in (1, 2))
+        print(f"{name:28}{one[1] / two[1]:10.2f} x{two[0] / one[0]:14.2f}")
+
+
+if __name__ == "__main__":
+    main()
