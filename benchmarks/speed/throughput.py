@@ -64,7 +64,9 @@ def main() -> None:
 
     print(f"{'cases/vaujany, one thread':28}{'ns/rebound':>12}{'boulders/CPU s':>16}")
     for name, change in OPTIONS.items():
-        cpu, _, rebounds, boulders = measure(read_scene(vaujany.replace(**change)), 1, options.repeat)
+        cpu, _, rebounds, boulders = measure(
+            read_scene(vaujany.replace(**change)), 1, options.repeat
+        )
         print(f"{name:28}{1e9 * cpu / rebounds:12.0f}{boulders / cpu:16.0f}")
 
     print(f"\n{'threads, lines only':28}{'wall, 1 thread = 1':>20}{'CPU, 1 thread = 1':>20}")

@@ -11,6 +11,7 @@ runs on one thread; instructions are of rockfall-batch under callgrind, as in `c
 import argparse
 import tempfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from affine import Affine
@@ -41,7 +42,7 @@ def ground() -> tuple[np.ndarray, np.ndarray]:
     return z, shared * random.choice(places, SOURCES, replace=False)
 
 
-def on_cells(cell: float, each: int, folder: Path) -> tuple[dict, rockfall.Case]:
+def on_cells(cell: float, each: int, folder: Path) -> tuple[dict[str, Any], rockfall.Case]:
     """The arrays and the case of the same ground in cells of this size."""
     z, nodes = ground()
     step = round(cell / FINEST)
@@ -58,7 +59,7 @@ def on_cells(cell: float, each: int, folder: Path) -> tuple[dict, rockfall.Case]
     return {"dem": z, "transform": Affine(cell, 0, -cell / 2, 0, -cell, north)}, case
 
 
-def tell(name: str, case: rockfall.Case, options: argparse.Namespace, **arrays: object) -> None:
+def tell(name: str, case: rockfall.Case, options: argparse.Namespace, **arrays: Any) -> None:
     """One line: CPU nanoseconds and instructions a rebound, impacts a boulder."""
     cpu, _, rebounds, boulders = measure(read_scene(case, **arrays), 1, options.repeat)
     with tempfile.TemporaryDirectory() as folder:
@@ -78,7 +79,7 @@ def main() -> None:
     options.few = 1
     with tempfile.TemporaryDirectory() as folder:
         for cell in CELLS:
-            case, arrays = on_cells(cell, options.boulders, Path(folder))[::-1]
+            arrays, case = on_cells(cell, options.boulders, Path(folder))
             tell(f"{cell} m", case, options, **arrays)
     vaujany = rockfall.read_case(VAUJANY).replace(case={"boulders": 20_000}, line=[])
     print(f"\n{'cases/vaujany, asked for':28}")
