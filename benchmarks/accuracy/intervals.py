@@ -18,7 +18,8 @@ import rockfall
 from benchmarks.machine import NOTHING, VAUJANY, machine
 from known_law import stages, theory
 from rockfall.analysis import return_levels as tails
-from rockfall.analysis.line_statistics import QUANTITIES, line_numbers, line_values
+from rockfall.analysis.line_statistics import QUANTITIES, line_numbers
+from rockfall.analysis.lines.values import line_values
 from rockfall.analysis.precision.intervals import sources
 from rockfall.analysis.run_until import read_rules
 

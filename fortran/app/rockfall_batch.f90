@@ -38,6 +38,8 @@ program rockfall_batch
    use rockfall_part_file, only: write_part, is_result
    use rockfall_checkpoint, only: checkpoint_t, check_checkpoint, remove_checkpoint
    use rockfall_run_loop, only: results_t, run_case
+   use rockfall_samples, only: sample_size, sample_sum
+   use rockfall_line_samples, only: line_quantity, units_of
    use rockfall_variables, only: statuses, line_fields
    use warnings, only: warn
    implicit none
@@ -195,20 +197,22 @@ contains
    subroutine summary(case, results)
       type(case_t), intent(in) :: case
       type(results_t), intent(in) :: results
+      integer(i8) :: ended(size(statuses))
       integer :: k
 
+      ended = [(count(results%status == k, kind=i8), k=1, size(statuses))]
+      if (allocated(results%number)) ended = results%samples%ended
       if (case%title /= "") write (output_unit, "(a)") case%title
       write (output_unit, "(i0,a,*(4a))") results%boulders, " boulders", &
-         (merge(": ", ", ", k == 1), percent(count(results%status == k, kind=i8), results%boulders), " ", &
-          trim(statuses(k)), k=1, size(statuses))
+         (merge(": ", ", ", k == 1), percent(ended(k), results%boulders), " ", trim(statuses(k)), k=1, size(statuses))
       do k = 1, size(case%lines)
          call line_summary(case%lines(k)%name, k, results)
       end do
-      associate (counts => results%count)
-         write (output_unit, "(i0,a,5(i0,a))") counts(3), " rebounds; ", counts(4), " redrawn, ", &
-            counts(5), " forced, ", counts(6), &
-            " with R_b/R_m outside 0.5 to 5.5, where no set is calibrated; ", counts(7), &
-            " at speeds, ", counts(8), " at angles outside those that the set was fitted on"
+      associate (counts => results%count(size(results%count) - 5:))  ! the last six
+         write (output_unit, "(i0,a,5(i0,a))") counts(1), " rebounds; ", counts(2), " redrawn, ", &
+            counts(3), " forced, ", counts(4), &
+            " with R_b/R_m outside 0.5 to 5.5, where no set is calibrated; ", counts(5), &
+            " at speeds, ", counts(6), " at angles outside those that the set was fitted on"
       end associate
       write (output_unit, "(4a,i0,a)") decimal(results%wall, 2), " s (", decimal(results%cpu, 2), &
          " s of CPU, ", results%threads, " threads)"
@@ -237,19 +241,29 @@ contains
       character(len=*), intent(in) :: name
       integer, intent(in) :: k
       type(results_t), intent(in) :: results
-      integer, parameter :: speed = findloc(line_fields, "speed", dim=1), &
-                            height = findloc(line_fields, "passing_height", dim=1)
-      logical :: crossed(results%boulders)
+      integer, parameter :: speed = findloc(line_fields, "speed", dim=1)
+      integer, parameter :: field(2) = [speed, findloc(line_fields, "passing_height", dim=1)]
+      integer, parameter :: quantity(2) = [findloc(line_quantity, "speed", dim=1), &
+                                           findloc(line_quantity, "passing_height", dim=1)]
+      logical :: crossed(size(results%line, 1))
+      real(wp) :: total(2)
       integer(i8) :: n
+      integer :: q
 
-      crossed = .not. ieee_is_nan(results%line(:, k, speed))
-      n = count(crossed, kind=i8)
+      if (allocated(results%number)) then
+         n = sample_size(results%samples, 1, k + 1)
+         total = [(sample_sum(results%samples, quantity(q), k + 1)/units_of(quantity(q), 1), q=1, 2)]
+      else
+         crossed = .not. ieee_is_nan(results%line(:, k, speed))
+         n = count(crossed, kind=i8)
+         total = [(sum(results%line(:, k, field(q)), crossed), q=1, 2)]
+      end if
       if (n == 0) then
          write (output_unit, "(3a)") "line ", name, ": no boulder"
       else
          write (output_unit, "(3a,i0,7a)") "line ", name, ": ", n, " boulders (", percent(n, results%boulders), &
-            "), mean speed ", decimal(sum(results%line(:, k, speed), crossed)/n, 2), " m/s, mean passing height ", &
-            decimal(sum(results%line(:, k, height), crossed)/n, 2), " m"
+            "), mean speed ", decimal(total(1)/n, 2), " m/s, mean passing height ", &
+            decimal(total(2)/n, 2), " m"
       end if
    end subroutine line_summary
 end program rockfall_batch

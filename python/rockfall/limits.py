@@ -14,3 +14,14 @@ Z = _core.constant("z_95")  # of a normal distribution, 95 % within
 fraction_limits = _core.fraction_limits  # of the 95 % interval of a fraction of n (Wilson 1927)
 EAD_ENERGY = tuple(_core.ead_energies().tolist())  # of barriers of classes 0 to 7 [J]
 barrier_outcomes = _core.barrier_outcomes  # of a barrier with boulders that come to it
+line_quantities = _core.line_quantities  # of rows at a line (fields, n), and volumes
+places_along = _core.places_along  # a line, of points
+# Of samples (rockfall_samples):
+SAMPLE_BINS = int(_core.constant("sample_bins"))
+SAMPLE_COARSE = int(_core.constant("coarse_bins"))
+SAMPLE_WORDS = int(_core.constant("sample_words"))
+SAMPLE_QUANTITIES = int(_core.constant("sample_quantities"))
+SAMPLE_TAILS = int(_core.constant("sample_tails"))
+SAMPLE_LARGEST = int(_core.constant("sample_largest"))
+SAMPLE_EDGES = _core.sample_edges()  # of bins, in units
+SAMPLE_UNITS = _core.sample_units().T  # in one of the quantity: (at lines, at ends; quantities)

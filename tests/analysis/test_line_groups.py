@@ -7,8 +7,8 @@ import xarray as xr
 
 import rockfall
 from made import refused
-from rockfall.analysis.line_statistics import line_values
 from rockfall.analysis.lines.groups import groups
+from rockfall.analysis.lines.values import line_values
 from rockfall.cli import main
 from scenes import grid, make_case, rough, sets
 

@@ -8,7 +8,8 @@ from scipy.special import stdtrit
 
 import rockfall
 from known_law import SAMPLE, made
-from rockfall.analysis.line_statistics import QUANTITIES, line_numbers, line_values, sample_numbers
+from rockfall.analysis.line_statistics import QUANTITIES, line_numbers, sample_numbers
+from rockfall.analysis.lines.values import line_values
 from rockfall.analysis.precision.intervals import Sources, fraction_interval, sources, student
 from rockfall.limits import fraction_limits
 from scenes import grid, make_case, rough, sets

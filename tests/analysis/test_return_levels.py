@@ -13,6 +13,7 @@ import rockfall
 from known_law import SAMPLE
 from programs import refuses
 from rockfall.analysis.precision.intervals import Sources
+from rockfall.analysis.precision.samples import Values
 from rockfall.analysis.return_levels import QUANTITIES, _fit, _profiled, tail
 from rockfall.cli import main
 from rockfall.quantities import QUANTITIES as SHOWN
@@ -71,8 +72,12 @@ def test_intervals_hold_the_levels_of_known_distributions():
 def test_the_interval_encloses_that_of_the_highest_threshold():
     values = np.sort(TAILS["exponential"].rvs(10_000, random_state=5))
     found = tail(values, levels=(20_000,))
-    highest = _profiled(20_000, values, found.independent, found.tried[-1])
-    alone = _profiled(20_000, values, found.independent, found.fit)
+    highest = _profiled(
+        20_000, Values(values, Sources.alone(values.size)), found.independent, found.tried[-1]
+    )
+    alone = _profiled(
+        20_000, Values(values, Sources.alone(values.size)), found.independent, found.fit
+    )
     level = found.levels[20_000]
     assert found.fit != found.tried[-1] and level.value == alone.value
     assert (level.low, level.high) == (

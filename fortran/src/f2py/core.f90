@@ -32,11 +32,16 @@ module rockfall_f2py
    use rockfall_threads, only: team_size, check_team, release_team
    use rockfall_ensemble, only: run_boulders, trace_boulder, recorded_boulders
    use rockfall_result, only: boulder_row, boulder_count_row, energy_row, line_row, vertex_row
+   use rockfall_samples, only: samples_t, sample_edge, n_sample_bins, n_coarse_bins, n_words, n_largest
+   use rockfall_line_samples, only: layout_t, layout_of, add_line_samples => add_samples, all_quantities => &
+                                    line_quantities, place_along, line_quantity, end_quantity, units_of, n_quantities, &
+                                    n_tails => tails
+   use rockfall_line, only: line_t, new_line => line
    use rockfall_variables, only: variable_text, boulder_fields, boulder_counts, energy_fields, line_fields, &
                                  vertex_fields, map_fields, scene_layout, part_layout, piece, max_packing
    use rockfall_histogram, only: bin_width, n_bins
    use rockfall_case_keys, only: key_text, key_table, broken_rule, n_keys, repeatable, map_names, max_real
-   use rockfall_case, only: case_t, read_case, turning_rule, radius_of_reading
+   use rockfall_case, only: case_t, read_case, turning_rule, radius_of_reading, keeps_all
    use rockfall_impact_sets, only: coefficients_t, read_impact_sets => read_sets, any_speed
    implicit none
    private
@@ -47,6 +52,7 @@ module rockfall_f2py
    public :: boulders_of_source, recorded, sources_of_boulders, weights_of_sets, weights_of_sizes, ratio_classes
    public :: stand_counts, stand_numbers, shape_numbers
    public :: admissible_rebounds, limit_rebounds, size_to_radius, constant, share, fraction_limits
+   public :: sample_layout, sample_edges, sample_units, add_samples, line_quantities, places_along
    public :: check_numbers, ground_parameter, ground_model, barriers, barrier_outcomes, ead_energies
 
    !> What a handle stands for.
@@ -55,6 +61,7 @@ module rockfall_f2py
       type(terrain_t) :: dem    !! its terrain, as far as the arrays reach
       type(map_plan_t) :: plan  !! of the maps that the case asks for
       real(c_double), allocatable :: thresholds(:)  !! of energy [J]
+      type(layout_t), allocatable :: layout         !! of samples, where not all rows are kept
    end type open_scene_t
 
 contains
@@ -141,7 +148,11 @@ contains
          opened%thresholds = case%thresholds
          opened%plan = plan_maps(pack(map_names, case%map), size(case%thresholds))
          handle = transfer(c_loc(opened), handle)
-         if (allocated(error)) call close_scene(handle)
+         if (allocated(error)) then
+            call close_scene(handle)
+         else if (case%kept /= keeps_all) then
+            opened%layout = layout_of(opened%scene%release, n_lines(opened%scene) + 1)
+         end if
       end if
       call give_error(error, code, message)
    end subroutine open_scene
@@ -256,6 +267,104 @@ contains
       n_lines = 0
       if (allocated(scene%lines)) n_lines = size(scene%lines)
    end function n_lines
+
+   !> How many parts and groups the samples of a scene have, and where there is room for as many of either: the last
+   !> feature or source of each part, and the part of each group.
+   subroutine sample_layout(handle, size_of, part_last, group_part, room)
+      integer(c_int), intent(in) :: room
+      integer(c_intptr_t), intent(in) :: handle
+      integer(c_int), intent(out) :: size_of(2)
+      integer(c_int32_t), intent(out) :: part_last(room), group_part(room)
+      type(open_scene_t), pointer :: opened
+
+      opened => scene_of(handle)
+      part_last = 0
+      group_part = 0
+      associate (layout => opened%layout)
+         size_of = [size(layout%part_last), size(layout%group_part)]
+         if (room < maxval(size_of)) return
+         part_last(:size_of(1)) = layout%part_last
+         group_part(:size_of(2)) = layout%group_part
+      end associate
+   end subroutine sample_layout
+
+   !> Add boulders, from the rows that `run` gave, to samples, as in samples_t.
+   subroutine add_samples(handle, boulder, counts, crossing, bins, sums, groups, largest, ended, nl, n, np, ng, nq, k)
+      !f2py threadsafe
+      integer(c_int), intent(in) :: nl, n, np, ng, nq, k
+      integer(c_intptr_t), intent(in) :: handle
+      real(c_double), intent(in) :: boulder(12, n)         !! boulder_fields
+      integer(c_int32_t), intent(in) :: counts(9, n)       !! boulder_counts
+      real(c_double), intent(in) :: crossing(12, nl, n)    !! line_fields; one line at least
+      integer(c_int32_t), intent(inout), target :: bins(13056, 12, np, nq), groups(204, 12, ng, nq)
+      integer(c_int64_t), intent(inout), target :: sums(5, 12, np, nq), ended(7)
+      real(c_double), intent(inout), target :: largest(k, 6, nl)
+      type(open_scene_t), pointer :: opened
+      type(samples_t) :: samples
+      type(line_t) :: none(0)
+      integer :: b
+
+      opened => scene_of(handle)
+      samples%bins => bins
+      samples%groups => groups
+      samples%sums => sums
+      samples%largest => largest
+      samples%ended => ended
+      associate (scene => opened%scene, layout => opened%layout)
+         do b = 1, n
+            if (allocated(scene%lines)) then
+               call add_line_samples(samples, layout, scene%lines, [scene%dem%x0, scene%dem%y0], boulder(:, b), &
+                                     counts(:, b), crossing(:, :, b))
+            else
+               call add_line_samples(samples, layout, none, [scene%dem%x0, scene%dem%y0], boulder(:, b), &
+                                     counts(:, b), crossing(:, :0, b))
+            end if
+         end do
+      end associate
+   end subroutine add_samples
+
+   !> The edges of the bins of samples, in units.
+   subroutine sample_edges(edges)
+      real(c_double), intent(out) :: edges(13057)
+      integer :: k
+
+      edges = [(sample_edge(k), k=1, size(edges))]
+   end subroutine sample_edges
+
+   !> Units of the quantities of samples, at lines and at ends, in one of their own.
+   subroutine sample_units(units)
+      real(c_double), intent(out) :: units(12, 2)
+
+      units = units_of
+   end subroutine sample_units
+
+   !> The quantities at a line but the last, of boulders with these rows.
+   subroutine line_quantities(crossing, volume, found, n)
+      integer(c_int), intent(in) :: n
+      real(c_double), intent(in) :: crossing(12, n)  !! line_fields
+      real(c_double), intent(in) :: volume(n)        !! [m3]
+      real(c_double), intent(out) :: found(11, n)
+      integer :: k
+
+      do k = 1, n
+         found(:, k) = all_quantities(crossing(:, k), volume(k))
+      end do
+   end subroutine line_quantities
+
+   !> How far along a line [m] the places are that are nearest to these; NaN of NaN.
+   subroutine places_along(line_x, line_y, x, y, along, nv, n)
+      integer(c_int), intent(in) :: nv, n
+      real(c_double), intent(in) :: line_x(nv), line_y(nv), x(n), y(n)  !! [m]
+      real(c_double), intent(out) :: along(n)
+      type(line_t) :: line
+      integer :: k
+
+      line = new_line(line_x, line_y)
+      do k = 1, n
+         along(k) = x(k)
+         if (x(k) == x(k)) along(k) = place_along(line, [x(k), y(k)])
+      end do
+   end subroutine places_along
 
    !> Run one boulder alone and keep the vertices of its trajectory, up to `room` of `recorded`; nothing is tallied.
    subroutine trajectory(handle, number, vertex, recorded, boulder, counts, room)
@@ -817,13 +926,20 @@ contains
       case ("part_layout"); value = part_layout
       case ("piece"); value = piece                  ! values that share a checksum
       case ("max_packing"); value = max_packing
+      case ("sample_bins"); value = n_sample_bins
+      case ("coarse_bins"); value = n_coarse_bins
+      case ("sample_words"); value = n_words         ! of a sum, one of squares, and the maximum
+      case ("sample_largest"); value = n_largest     ! numbers of a tail that are kept themselves
+      case ("sample_tails"); value = n_tails         ! quantities at lines that have tails: the first
+      case ("sample_quantities"); value = n_quantities
       case ("max_columns"); value = max_columns      ! of counts of bins
       case ("halvings"); value = halvings            ! of them, where memory is short
       case default; value = ieee_value(value, ieee_quiet_nan)
       end select
    end subroutine constant
 
-   !> Names of the rows of `run`: 1 boulder, 2 counts, 3 crossing, 4 vertex, 5 energy; blank past the end.
+   !> Names of the rows of `run`: 1 boulder, 2 counts, 3 crossing, 4 vertex, 5 energy; of samples: 6 at lines, 7 at
+   !> ends; blank past the end.
    subroutine fields(what, text)
       integer(c_int), intent(in) :: what
       character(len=512), intent(out) :: text
@@ -834,6 +950,8 @@ contains
       case (3); text = joined(line_fields, " ")
       case (4); text = joined(vertex_fields, " ")
       case (5); text = joined(energy_fields, " ")
+      case (6); text = joined(line_quantity, " ")
+      case (7); text = joined(end_quantity, " ")
       case default; text = ""
       end select
    end subroutine fields

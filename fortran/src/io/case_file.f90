@@ -177,6 +177,14 @@ contains
          call get_real(group, trim(key%name), numbers, error)
          text = repeat(" ", 25*size(numbers))
          write (text, "(*(es25.16e3))") numbers + 0.0_wp  ! no zero below zero
+      case ("count")
+         call get_text(group, trim(key%name), words, error)
+         if (.not. allocated(error)) then
+            text = joined(words, achar(10))
+         else
+            call get_integer(group, trim(key%name), whole, error)
+            text = integer_text(whole)
+         end if
       case default
          call get_logical(group, trim(key%name), switch, error)
          text = merge("yes", "no ", switch)

@@ -26,6 +26,7 @@ module rockfall_part_file
    use rockfall_case, only: case_t
    use rockfall_case_file, only: differing_key
    use rockfall_scene_file, only: inputs_t
+   use rockfall_line_samples, only: layout_t
    use rockfall_run_loop, only: results_t, map_tallies
    implicit none
    private
@@ -62,6 +63,7 @@ contains
       if (sound(file)) then
          call describe(file, case, text, inputs, results)
          call pass_rows(file, case, results)
+         if (allocated(results%number)) call write_samples(file, results)
          call settle(maps, inputs%scene%release, tally%fed, 1)
          call pass_tallies(file, results, tally)
          call settle(maps, inputs%scene%release, tally%fed, -1)
@@ -202,7 +204,7 @@ contains
       end do
       about = about_t(name, kinds(findloc(types, stored_as(row), dim=1)), row%units, row%long_name, row%comment)
       select case (group)
-      case ("line", "barrier", "tally"); about%name = trim(group)//"_"//name
+      case ("line", "barrier", "tally", "sample"); about%name = trim(group)//"_"//name
       case ("vertex"); about%name = "trajectory_"//name
       case ("histogram")
          about%name = trim(name)//"_histogram"
@@ -219,8 +221,9 @@ contains
       type(axis_t) :: boulder, line
       integer :: id, k, l, n
 
-      n = int(results%done)
-      boulder = axis_t("boulder", results%done)
+      n = int(results%rows)
+      boulder = axis_t("boulder", results%rows)
+      if (allocated(results%number)) call pass(file, described("kept", "boulder"), [boulder], results%number(:n))
       do k = 1, size(boulder_fields)
          call pass(file, described("boulder", boulder_fields(k)), [boulder], results%boulder(:n, k))
       end do
@@ -262,6 +265,138 @@ contains
                    [axis_t(trim(histogram_fields(k))//"_bin", int(n_bins(k), i8))], results%histogram(:n_bins(k), k))
       end do
    end subroutine pass_rows
+
+   pure integer(i8) function last_done(results)
+      type(results_t), intent(in) :: results
+
+      last_done = results%before + results%done
+   end function last_done
+
+   !> Samples: of bins those that are not empty.
+   subroutine write_samples(file, results)
+      type(netcdf_file_t), intent(inout) :: file
+      type(results_t), intent(inout), target :: results
+      integer(i4), pointer, contiguous :: flat(:)
+      integer(i8), allocatable :: bin(:)
+      integer(i4), allocatable :: count(:)
+
+      flat(1:size(results%samples%bins, kind=i8)) => results%samples%bins
+      call gather(flat, bin, count)
+      call pass_bins(file, "", bin, count)
+      flat(1:size(results%samples%groups, kind=i8)) => results%samples%groups
+      call gather(flat, bin, count)
+      call pass_bins(file, "group_", bin, count)
+      call pass_sums(file, results)
+   end subroutine write_samples
+
+   !> Read what was written, and check it.
+   subroutine read_samples(file, results)
+      type(netcdf_file_t), intent(inout) :: file
+      type(results_t), intent(inout), target :: results
+      integer(i4), pointer, contiguous :: flat(:)
+      type(layout_t) :: layout
+
+      flat(1:size(results%samples%bins, kind=i8)) => results%samples%bins
+      call scatter(file, "", flat)
+      flat(1:size(results%samples%groups, kind=i8)) => results%samples%groups
+      call scatter(file, "group_", flat)
+      layout = results%layout
+      call pass_sums(file, results)
+      if (.not. sound(file)) return
+      if (any(layout%part_last /= results%layout%part_last)) call mark_damaged(file, "sample_part_last")
+      if (any(layout%group_part /= results%layout%group_part)) call mark_damaged(file, "sample_group_part")
+      associate (sums => results%samples%sums, ended => results%samples%ended)
+         if (any(sums(2:, :, :, :) < 0) .or. any(shiftr(sums(2:4:2, :, :, :), 62) /= 0)) &
+            call mark_damaged(file, "sample_sums")
+         if (any(ended < 0) .or. sum(ended) /= results%done) call mark_damaged(file, "sample_ended")
+      end associate
+      if (.not. are_heaps(results%samples%largest)) call mark_damaged(file, "sample_largest")
+   end subroutine read_samples
+
+   !> Bins that are not empty, counted from 0, and what is in them.
+   pure subroutine gather(flat, bin, counts)
+      integer(i4), intent(in) :: flat(:)
+      integer(i8), allocatable, intent(out) :: bin(:)
+      integer(i4), allocatable, intent(out) :: counts(:)
+      integer(i8) :: k, n
+
+      n = count(flat /= 0, kind=i8)
+      allocate (bin(n), counts(n))
+      n = 0
+      do k = 1, size(flat, kind=i8)
+         if (flat(k) == 0) cycle
+         n = n + 1
+         bin(n) = k - 1
+         counts(n) = flat(k)
+      end do
+   end subroutine gather
+
+   !> Put the bins of a file to their places.
+   subroutine scatter(file, before, flat)
+      type(netcdf_file_t), intent(inout) :: file
+      character(len=*), intent(in) :: before
+      integer(i4), intent(inout) :: flat(:)
+      integer(i8), allocatable :: bin(:)
+      integer(i4), allocatable :: counts(:)
+      integer :: n, status
+
+      n = length_of(file, "sample_"//before//"entry")
+      status = merge(1, 0, n < 0 .or. n > size(flat, kind=i8))
+      if (status == 0) allocate (bin(n), counts(n), stat=status)
+      if (status /= 0) call mark_damaged(file, "sample_"//before//"bin")
+      if (.not. sound(file)) return
+      call pass_bins(file, before, bin, counts)
+      if (any(bin < 0 .or. bin >= size(flat, kind=i8)) .or. any(counts < 1) .or. any(bin(2:) <= bin(:n - 1))) &
+         call mark_damaged(file, "sample_"//before//"bin")
+      if (sound(file)) flat(bin + 1) = counts
+   end subroutine scatter
+
+   subroutine pass_bins(file, before, bin, counts)
+      type(netcdf_file_t), intent(inout) :: file
+      character(len=*), intent(in) :: before
+      integer(i8), intent(inout) :: bin(:)
+      integer(i4), intent(inout) :: counts(:)
+      type(axis_t) :: entry
+
+      entry = axis_t("sample_"//before//"entry", size(bin, kind=i8))
+      call pass(file, described("sample", before//"bin"), [entry], bin)
+      call pass(file, described("sample", before//"count"), [entry], counts)
+   end subroutine pass_bins
+
+   !> Sums, tails and layout.
+   subroutine pass_sums(file, results)
+      type(netcdf_file_t), intent(inout) :: file
+      type(results_t), intent(inout), target :: results
+      type(axis_t) :: place, part, group, quantity
+
+      associate (samples => results%samples, layout => results%layout)
+         place = axis_t("sample_place", size(samples%sums, 4, i8))
+         part = axis_t("sample_part", size(layout%part_last, kind=i8))
+         group = axis_t("sample_group", size(layout%group_part, kind=i8))
+         quantity = axis_t("sample_quantity", size(samples%sums, 2, i8))
+         call pass(file, described("sample", "sums"), [axis_t("sample_word", size(samples%sums, 1, i8)), quantity, &
+                                                       part, place], samples%sums)
+         call pass(file, described("sample", "largest"), [axis_t("sample_rank", size(samples%largest, 1, i8)), &
+                                                          axis_t("sample_tail", size(samples%largest, 2, i8)), &
+                                                          axis_t("sample_line", size(samples%largest, 3, i8))], &
+                   samples%largest)
+         call pass(file, described("sample", "ended"), [axis_t("sample_status", size(samples%ended, kind=i8))], &
+                   samples%ended)
+         call pass(file, described("sample", "part_last"), [part], layout%part_last)
+         call pass(file, described("sample", "group_part"), [group], layout%group_part)
+      end associate
+   end subroutine pass_sums
+
+   !> Whether each column is a heap of numbers, -1 for none; sorted ones are.
+   pure logical function are_heaps(largest)
+      real(wp), intent(in) :: largest(:, :, :)
+      integer :: k
+
+      are_heaps = all(ieee_is_finite(largest)) .and. all(largest >= 0 .or. largest <= -1)
+      do k = 2, size(largest, 1)
+         are_heaps = are_heaps .and. all(largest(k, :, :) >= largest(k/2, :, :))
+      end do
+   end function are_heaps
 
    !> The tallies of the cells that boulders reached.
    subroutine pass_tallies(file, results, tally)
@@ -380,11 +515,19 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(netcdf_file_t) :: file
       type(tally_t) :: tally
+      integer(i8), allocatable :: number(:)
 
       call open_netcdf(name, file, error)
       if (.not. allocated(error)) call check_run(file, text, inputs, results, error)
       if (allocated(error)) return
+      results%rows = results%done
+      if (allocated(results%number)) results%rows = count(results%number <= last_done(results), kind=i8)
+      if (allocated(results%number)) number = results%number
       call pass_rows(file, case, results)
+      if (allocated(number)) then
+         if (any(number /= results%number)) call mark_damaged(file, "boulder")
+      end if
+      if (sound(file) .and. allocated(number)) call read_samples(file, results)
       if (sound(file)) call check_rows(file, results)
       call make_room(file, results, tally)
       if (sound(file)) call pass_tallies(file, results, tally)
@@ -442,7 +585,7 @@ contains
       integer, parameter :: time = findloc(line_fields, "time", dim=1)
       integer :: k
 
-      associate (n => results%done)
+      associate (n => results%rows)
          do k = 1, size(boulder_fields)
             if (.not. all(ieee_is_finite(results%boulder(:n, k)))) call mark_damaged(file, trim(boulder_fields(k)))
          end do

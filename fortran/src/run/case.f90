@@ -18,7 +18,9 @@ module rockfall_case
    use rockfall_barrier, only: ead_energy
    implicit none
    private
-   public :: case_t, case_line_t, read_case, turning_rule, radius_of_reading
+   public :: case_t, case_line_t, read_case, turning_rule, radius_of_reading, keeps_all
+
+   integer(i8), parameter :: keeps_all = huge(1_i8)
 
    !> An evaluation line, or a barrier: one that stops boulders.
    type :: case_line_t
@@ -61,6 +63,7 @@ module rockfall_case
       logical :: rebounds = .false.
       logical :: energy_balance = .false.
       integer :: trajectories = 0
+      integer(i8) :: kept = keeps_all            !! boulders whose rows are kept
       real(wp), allocatable :: thresholds(:)     !! of the map energy_exceeded [J]
    end type case_t
 
@@ -83,7 +86,8 @@ contains
       if (.not. allocated(error)) call read_release(group_of(list, "release"), this, error)
       if (.not. allocated(error)) call read_forest(group_of(list, "forest"), this, error)
       if (.not. allocated(error)) call read_lines(list, this, error)
-      if (.not. allocated(error)) call read_output(group_of(list, "output"), this, error)
+      if (.not. allocated(error)) call read_output(group_of(list, "output"), group_of(list, "release"), &
+                                                      this, error)
       if (.not. allocated(error)) call check_ensemble(group_of(list, "ensemble"), this, error)
       if (.not. allocated(error)) call read_hazard(group_of(list, "hazard"), list, this, error)
       if (.not. allocated(error)) call check_scenarios(list, this, error)
@@ -556,8 +560,8 @@ contains
       end if
    end subroutine read_barrier
 
-   pure subroutine read_output(group, this, error)
-      type(group_t), intent(in) :: group
+   pure subroutine read_output(group, release, this, error)
+      type(group_t), intent(in) :: group, release
       type(case_t), intent(inout) :: this
       type(error_t), allocatable, intent(out) :: error
       character(len=len(map_names)), allocatable :: maps(:)
@@ -570,7 +574,12 @@ contains
       this%whole_maps = text_of(group, "map_extent") == "terrain"
       this%min_passages = int(integer_of(group, "min_passages"))
       this%trajectories = int(integer_of(group, "trajectories"))
+      if (text_of(group, "kept") /= "all") this%kept = integer_of(group, "kept")  ! of 'none': 0
       this%map = [(any(maps == map_names(k)), k=1, n_maps)]
+      if (allocated(error) .or. this%kept == keeps_all .or. .not. any(this%map)) return
+      if (text_of(release, "sources") == "sample") &
+         call refuse(group, "kept", "must be 'all' for maps where &release sources = 'sample': limits of cells need " &
+                     //"the boulders of each place", error)
    end subroutine read_output
 
    !> What `rockfall ensemble` varies; a run takes no notice of it.

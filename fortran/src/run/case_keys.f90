@@ -25,7 +25,7 @@ module rockfall_case_keys
    type :: key_t
       character(len=8) :: group
       character(len=20) :: name
-      character(len=7) :: kind      !! text, integer, real, logical
+      character(len=7) :: kind      !! text, integer, real, logical, or count: words or an integer
       integer :: most               !! values
       character(len=90) :: default  !! as written in a case; "required", or "absent"
       character(len=100) :: allowed  !! "", a range ("> 0", ">= 0", "1 to 10"), or words ("A, B")
@@ -208,6 +208,8 @@ module rockfall_case_keys
             "what became of the energy of each boulder: ground, trees, barriers, left"), &
       key_t("output", "trajectories", "integer", 1, "0", "0 to 2147483647", "", &
             "record so many boulders, the first of each source in proportion to what it releases"), &
+      key_t("output", "kept", "count", 1, "'all'", "all, none, 1 to 2147483647", "", &
+            "boulders whose own numbers are kept; without all, statistics at lines are from sums and counts"), &
       key_t("ensemble", "runs", "integer", 1, "64", "8 to 65536", "", "draws of all that is uncertain"), &
       key_t("ensemble", "radius_factor", "real", 1, "1.0", "1 to 10", "", &
             "geometric standard deviation of R_m or Rg, zone by zone"), &
@@ -373,6 +375,7 @@ contains
          case ("text"); call check_texts(group, key, error)
          case ("integer"); call check_integers(group, key, error)
          case ("real"); call check_reals(group, key, error)
+         case ("count"); call check_count(group, key, error)
          case default; call get_logical(group, name, switch, error)
          end select
       end if
@@ -414,6 +417,31 @@ contains
       if (value < range(1) .or. value > range(2)) &
          call refuse(group, trim(key%name), "must be "//trim(key%allowed), error)
    end subroutine check_integers
+
+   !> Words, or an integer in a range.
+   pure subroutine check_count(group, key, error)
+      type(group_t), intent(in) :: group
+      type(key_t), intent(in) :: key
+      type(error_t), allocatable, intent(out) :: error
+      character(len=text_length), allocatable :: words(:)
+      type(key_t) :: number
+      type(error_t), allocatable :: other
+      integer :: cut
+
+      cut = index(key%allowed, ", ", back=.true.)
+      number = key
+      number%allowed = key%allowed(cut + 2:)
+      allocate (words(0))
+      call get_text(group, trim(key%name), words, error)
+      if (.not. allocated(error)) then
+         if (index(", "//key%allowed(:cut), ", "//trim(words(1))//",") > 0) return
+      else
+         deallocate (error)
+         call check_integers(group, number, other)
+         if (.not. allocated(other)) return
+      end if
+      call refuse(group, trim(key%name), "must be one of: "//trim(key%allowed), error)
+   end subroutine check_count
 
    pure subroutine check_reals(group, key, error)
       type(group_t), intent(in) :: group

@@ -17,7 +17,10 @@ module rockfall_run_loop
    use rockfall_sources, only: share_of
    use rockfall_boulder, only: feature_of
    use rockfall_case_keys, only: map_names
-   use rockfall_case, only: case_t
+   use rockfall_case, only: case_t, keeps_all
+   use rockfall_samples, only: samples_t
+   use rockfall_line, only: line_t
+   use rockfall_line_samples, only: layout_t, layout_of, make_samples, add_samples
    use rockfall_grid, only: grid_t
    use rockfall_terrain, only: keep_within
    use rockfall_reach, only: block_side, take_minima, reach_box
@@ -31,10 +34,14 @@ module rockfall_run_loop
 
    !> What a run found, as rows of numbers in map coordinates. Maps that nobody asked for have no cells.
    type :: results_t
-      integer(i8) :: boulders = 0                        !! of which there is room here
+      integer(i8) :: boulders = 0                        !! that are to be done here
       integer(i8) :: done = 0                            !! of them
       integer(i8) :: before = 0, asked = 0               !! those before them in the run, all of the run
-      real(wp), allocatable :: boulder(:, :)             !! (boulders, boulder_fields)
+      integer(i8) :: rows = 0                            !! of boulders done: all, or those with a `number`
+      integer(i8), allocatable :: number(:)              !! of the boulders that have rows, where not all have,
+      type(layout_t) :: layout                           !! and then all are in samples
+      type(samples_t) :: samples
+      real(wp), allocatable :: boulder(:, :)             !! (rows, boulder_fields)
       integer(i1), allocatable :: status(:)              !! the first of boulder_counts,
       integer(i4), allocatable :: impacts(:)             !! the second,
       integer(i4), allocatable :: source(:)              !! the third,
@@ -42,8 +49,8 @@ module rockfall_run_loop
       real(wp), allocatable :: energy(:, :)              !! (boulders, energy_fields), or no boulders
       integer(i4), allocatable :: feature(:)             !! of the source of each boulder, or of none
       integer(i4), allocatable :: trees_hit(:)           !! of each boulder, or of none
-      real(wp), allocatable :: line(:, :, :)             !! (boulders, lines, line_fields)
-      integer(i1), allocatable :: outcome(:, :)          !! (boulders, barriers), as in crossing_t
+      real(wp), allocatable :: line(:, :, :)             !! (rows, lines, line_fields)
+      integer(i1), allocatable :: outcome(:, :)          !! (rows, barriers), as in crossing_t
       real(wp), allocatable :: vertex(:, :)              !! (vertices, vertex_fields) of recorded boulders
       integer(i8), allocatable :: vertex_boulder(:)
       type(grid_t) :: grid                               !! of maps: the cells that boulders can reach
@@ -150,6 +157,7 @@ contains
       type(results_t), intent(inout) :: results
       type(error_t), allocatable, intent(out) :: error
       integer :: rows(3), cells(6), stacks(3), layers, lines
+      integer(i8) :: n
 
       rows = 0
       cells = 0
@@ -157,8 +165,15 @@ contains
       if (allocated(scene%grounds)) results%by_ground = spread(0_i8, 1, size(scene%grounds))
       lines = size(case%lines)
       stacks = stack_layers(results%plan)
-      associate (n => results%boulders, nx => results%grid%nx, ny => results%grid%ny, plan => results%plan)
-         allocate (results%boulder(n, size(boulder_fields)), stat=rows(1))
+      n = results%boulders
+      if (case%kept /= keeps_all) then
+         results%number = recorded_boulders(scene%release, case%kept, results%before + 1, results%before + n)
+         n = size(results%number, kind=i8)
+         results%layout = layout_of(scene%release, lines + 1)
+         call make_samples(results%layout, lines, results%asked, results%samples, rows(1))
+      end if
+      associate (nx => results%grid%nx, ny => results%grid%ny, plan => results%plan)
+         if (rows(1) == 0) allocate (results%boulder(n, size(boulder_fields)), stat=rows(1))
          if (rows(1) == 0) allocate (results%status(n), results%impacts(n), results%source(n), stat=rows(2))
          if (all(rows == 0)) &
             allocate (results%energy(merge(n, 0_i8, case%energy_balance), size(energy_fields)), &
@@ -182,7 +197,7 @@ contains
          end if
          allocate (results%stamp(nx, ny, layers), source=0_i4, stat=cells(6))
          if (any(rows /= 0)) then
-            call fail(error, case%file//": "//integer_text(n)//" boulders do not fit in memory")
+            call fail(error, case%file//": "//integer_text(results%boulders)//" boulders do not fit in memory")
          else if (any(cells /= 0)) then
             call fail(error, case%file//": &output maps do not fit in memory")
          end if
@@ -264,8 +279,8 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(boulder_result_t), allocatable :: fate(:)
       type(crossing_t), allocatable :: crossing(:, :)
-      integer :: count(size(boulder_counts)), line, status
-      integer(i8) :: k, row
+      integer :: status
+      integer(i8) :: k
 
       allocate (fate(n), crossing(size(case%lines), n), stat=status)
       if (status /= 0) then
@@ -283,23 +298,63 @@ contains
       end if
       if (allocated(error)) return
       do k = 1, n
-         row = results%done + k
-         results%boulder(row, :) = boulder_row(scene%dem, fate(k))
-         count = boulder_count_row(fate(k))
-         results%status(row) = int(count(1), i1)
-         results%impacts(row) = count(2)
-         results%source(row) = count(3)
-         results%count = results%count + count
-         if (case%energy_balance) results%energy(row, :) = energy_row(fate(k))
-         if (size(results%feature) > 0) results%feature(row) = feature_of(scene%release, int(fate(k)%source, i8))
-         if (case%forest) results%trees_hit(row) = fate(k)%trees_hit
-         do line = 1, size(case%lines)
-            results%line(row, line, :) = line_row(scene%dem, fate(k), crossing(line, k))
-         end do
-         if (allocated(scene%barriers)) results%outcome(row, :) = crossing(scene%barriers%line, k)%outcome
+         results%count = results%count + boulder_count_row(fate(k))
+         if (allocated(results%number)) then
+            call sample_one(scene, fate(k), crossing(:, k), results)
+            if (results%rows == size(results%number, kind=i8)) cycle
+            if (results%number(results%rows + 1) /= results%before + results%done + k) cycle
+         end if
+         results%rows = results%rows + 1
+         call keep_row(case, scene, fate(k), crossing(:, k), results%rows, results)
       end do
       results%done = results%done + n
    end subroutine follow_some
+
+   !> The rows of a boulder, to their place.
+   subroutine keep_row(case, scene, fate, crossing, row, results)
+      type(case_t), intent(in) :: case
+      type(scene_t), intent(in) :: scene
+      type(boulder_result_t), intent(in) :: fate
+      type(crossing_t), intent(in) :: crossing(:)
+      integer(i8), intent(in) :: row
+      type(results_t), intent(inout) :: results
+      integer :: count(size(boulder_counts)), line
+
+      results%boulder(row, :) = boulder_row(scene%dem, fate)
+      count = boulder_count_row(fate)
+      results%status(row) = int(count(1), i1)
+      results%impacts(row) = count(2)
+      results%source(row) = count(3)
+      if (case%energy_balance) results%energy(row, :) = energy_row(fate)
+      if (size(results%feature) > 0) results%feature(row) = feature_of(scene%release, int(fate%source, i8))
+      if (case%forest) results%trees_hit(row) = fate%trees_hit
+      do line = 1, size(case%lines)
+         results%line(row, line, :) = line_row(scene%dem, fate, crossing(line))
+      end do
+      if (allocated(scene%barriers)) results%outcome(row, :) = crossing(scene%barriers%line)%outcome
+   end subroutine keep_row
+
+   !> Add a boulder to the samples.
+   subroutine sample_one(scene, fate, crossing, results)
+      type(scene_t), intent(in) :: scene
+      type(boulder_result_t), intent(in) :: fate
+      type(crossing_t), intent(in) :: crossing(:)
+      type(results_t), intent(inout) :: results
+      real(wp) :: rows(size(line_fields), size(crossing))
+      type(line_t) :: none(0)
+      integer :: k
+
+      do k = 1, size(crossing)
+         rows(:, k) = line_row(scene%dem, fate, crossing(k))
+      end do
+      associate (origin => [scene%dem%x0, scene%dem%y0], row => boulder_row(scene%dem, fate))
+         if (allocated(scene%lines)) then
+            call add_samples(results%samples, results%layout, scene%lines, origin, row, boulder_count_row(fate), rows)
+         else
+            call add_samples(results%samples, results%layout, none, origin, row, boulder_count_row(fate), rows)
+         end if
+      end associate
+   end subroutine sample_one
 
    !> Follow some boulders of the run once more, each alone, and keep their trajectories: first to count the
    !> vertices, then to keep them.

@@ -17,8 +17,8 @@ module rockfall_variables
    type :: variable_t
       !> boulder, count (of all boulders), ground (the same, of each), energy (of each boulder, on request), tree (of
       !> each, where there are trees), line (first crossing), line_vertex, barrier, map, histogram, vertex (of a
-      !> trajectory), tally (of a cell, in part files); or status and outcome, for what the status of a boulder may be,
-      !> and what a barrier may do with it.
+      !> trajectory), tally (of a cell, in part files), kept and sample (where not all rows are kept); or status and
+      !> outcome, for what the status of a boulder may be, and what a barrier may do with it.
       character(len=11) :: group
       character(len=27) :: name       !! in files line_, trajectory_, tally_ before, _histogram after
       character(len=7) :: kind        !! real, integer, word
@@ -276,6 +276,16 @@ module rockfall_variables
       variable_t("tally", "fed_cell", "integer", "1", "cell to which a source contributes that the part cuts"), &
       variable_t("tally", "fed_source", "integer", "1", "number of that source", stored="i4"), &
       variable_t("tally", "fed_boulders", "integer", "1", "its boulders in the part", stored="i4"), &
+      variable_t("kept", "boulder", "integer", "1", "number of the boulder"), &
+      variable_t("sample", "bin", "integer", "1", "bin of place, part, quantity that is not empty"), &
+      variable_t("sample", "count", "integer", "1", "boulders in the bin", stored="i4"), &
+      variable_t("sample", "group_bin", "integer", "1", "coarse bin of place, group, quantity that is not empty"), &
+      variable_t("sample", "group_count", "integer", "1", "boulders in the coarse bin", stored="i4"), &
+      variable_t("sample", "sums", "integer", "1", "sums, sums of squares, maxima, in units"), &
+      variable_t("sample", "largest", "real", "1", "largest numbers at lines", "-1: none"), &
+      variable_t("sample", "ended", "integer", "1", "boulders by status"), &
+      variable_t("sample", "part_last", "integer", "1", "last feature or source of each part", stored="i4"), &
+      variable_t("sample", "group_part", "integer", "1", "part of each group of sources", stored="i4"), &
       variable_t("status", "stopped", "word", "", "slower than the stop speed after a rebound"), &
       variable_t("status", "absorbed", "word", "", "met material that absorbs"), &
       variable_t("status", "left_domain", "word", "", "left the terrain between its outer cell centres"), &

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rockfall.analysis.contacts import REACH, contacts_table, stops_table
-from rockfall.analysis.line_statistics import line_numbers, line_values, sample_numbers
+from rockfall.analysis.line_statistics import line_numbers, sample_numbers
+from rockfall.analysis.lines.values import line_values
 from rockfall.analysis.observations import UNITS, Observed, read_observed
 from rockfall.analysis.precision.intervals import Sources, fraction_interval, sources, student
 from rockfall.analysis.run_out import run_out
@@ -20,6 +21,7 @@ from rockfall.case import case_of
 from rockfall.errors import RockfallError
 from rockfall.io.output_files import COMPARISON, check_output
 from rockfall.io.tables import write_csv
+from rockfall.result.samples import check_rows, kept_note
 from rockfall.result.trajectories import ends, left_terrain
 
 if TYPE_CHECKING:
@@ -78,6 +80,7 @@ def compare(result: xr.Dataset, *observed: str | Path | Observed) -> Comparison:
         if line not in names:
             has = ", ".join(names) or "no lines"
             raise RockfallError(f"{where}: line {line}: is not in the result, which has {has}")
+    check_rows(result, "a comparison")
     method = case_of(result).surface["method"]
     source = sources(result)
     distances, notes = _observed_distances(result, seen, source)
@@ -265,6 +268,8 @@ def _passing(
 
 def _notes(result: xr.Dataset, seen: Observed, source: Sources) -> Iterator[str]:
     """What the tables leave unsaid."""
+    if note := kept_note(result):
+        yield note
     if not {*REACH} & set(result):
         for where, places in (("stopping places", seen.stops), ("impacts", seen.contacts)):
             if places is not None:

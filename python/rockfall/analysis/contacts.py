@@ -9,6 +9,7 @@ import numpy as np
 
 from rockfall.analysis.observations import Observed
 from rockfall.io.arrays import grid_of
+from rockfall.result.samples import simulated
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -36,7 +37,7 @@ def reach_at(result: xr.Dataset, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Reach probability of the cells of places, from the map that has it; NaN outside of it."""
     name = next(name for name in REACH if name in result)
     reach = at_places(result, name, x, y)
-    return reach / result.sizes["boulder"] if name == "passages" else reach
+    return reach / simulated(result) if name == "passages" else reach
 
 
 def stops_table(result: xr.Dataset, seen: Observed) -> pd.DataFrame:

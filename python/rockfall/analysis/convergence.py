@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rockfall.analysis.line_statistics import line_numbers, line_values, with_limits
+from rockfall.analysis.line_statistics import line_numbers, with_limits
+from rockfall.analysis.lines.values import line_values
 from rockfall.analysis.precision.intervals import TARGETS, boulders_needed, sources
 from rockfall.analysis.terrain_variants import larger_cells, other_digits
 from rockfall.case import Case
@@ -102,7 +103,7 @@ def converge(
         raise RockfallError(f"boulders = {min(boulders, default='')}: must be at least 2")
     if not case.lines:
         raise RockfallError(f"{case.name}: has no &line; it is their numbers that converge")
-    nothing = {"maps": None, "rebounds": False, "trajectories": 0}
+    nothing = {"maps": None, "rebounds": False, "trajectories": 0, "kept": "all"}
     scene = read_scene(case.replace(output=nothing))
     refuse_by_area(scene, "a study of convergence")
     of = scene.x.size

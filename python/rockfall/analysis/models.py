@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rockfall.analysis.line_statistics import line_numbers, line_values, sample_numbers
+from rockfall.analysis.line_statistics import line_numbers, sample_numbers
+from rockfall.analysis.lines.values import line_values
 from rockfall.analysis.precision.intervals import Sources, fraction_interval, sources
 from rockfall.case import Case
 from rockfall.errors import RockfallError
@@ -68,7 +69,7 @@ def run_models(case: Case, grounds: Sequence[str] = (), progress: bool = False) 
     """
     import pandas as pd
 
-    case = case.replace(output={"maps": None, "rebounds": False, "trajectories": 0})
+    case = case.replace(output={"maps": None, "rebounds": False, "trajectories": 0, "kept": "all"})
     scenes = dict(_variants(case, grounds))
     first: xr.Dataset | None = None
     rows: list[dict[str, Any]] = []

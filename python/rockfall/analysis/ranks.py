@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rockfall.analysis.line_statistics import line_values
+from rockfall.analysis.lines.values import line_values
 from rockfall.analysis.observations import Observed
 from rockfall.analysis.precision.intervals import sources
 from rockfall.analysis.run_out import (

@@ -18,8 +18,10 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from rockfall.analysis.line_statistics import line_values, with_limits
-from rockfall.analysis.precision.intervals import Sources, between_ranks, effective_number, sources
+from rockfall.analysis.line_statistics import with_limits
+from rockfall.analysis.lines.samples import LineSamples
+from rockfall.analysis.precision.intervals import Sources
+from rockfall.analysis.precision.samples import Sample, Values
 from rockfall.errors import RockfallError
 from rockfall.limits import Z
 
@@ -106,13 +108,12 @@ def return_levels(result: xr.Dataset, levels: Sequence[int] = LEVELS) -> pd.Data
     import pandas as pd
 
     _check(levels)
-    source = sources(result)
+    known = LineSamples(result)
     rows = []
     for k, line in enumerate(result["line"].values if "line" in result else []):
         for quantity in QUANTITIES:
-            values = line_values(result, quantity, k)
-            crossed = ~np.isnan(values)
-            row = _row(values[crossed], tail(values[crossed], source[crossed], levels))
+            sample = known.sample(k, quantity)
+            row = _row(sample, tail_of(sample, levels))
             rows.append({"line": line, "quantity": quantity, **row})
     limits = [name for N in levels for name in with_limits(f"level_{N}")]
     return pd.DataFrame(rows, columns=["line", "quantity", "n", "max", *limits, *_FIT, "refused"])
@@ -121,10 +122,10 @@ def return_levels(result: xr.Dataset, levels: Sequence[int] = LEVELS) -> pd.Data
 _FIT = ["threshold", "exceedances", *with_limits("shape"), "scale", "p_value", "end", "end_high"]
 
 
-def _row(values: np.ndarray, found: Tail) -> dict[str, float | str]:
+def _row(sample: Sample, found: Tail) -> dict[str, float | str]:
     """A row of `return_levels`."""
     row: dict[str, float | str] = {"n": found.n}
-    row["max"] = values.max() if found.n else np.nan
+    row["max"] = sample.max() if found.n else np.nan
     for N, level in found.levels.items():
         row |= zip(with_limits(f"level_{N}"), level[:3], strict=True)
     if found.fit:
@@ -140,30 +141,36 @@ def _row(values: np.ndarray, found: Tail) -> dict[str, float | str]:
 def tail(values: np.ndarray, source: Sources | None = None, levels: Sequence[int] = LEVELS) -> Tail:
     """The upper tail of the values (>= 0) of boulders; `source` is that of each, as from
     `rockfall.analysis.precision.intervals.sources`, none = one source."""
+    return tail_of(Values(values, Sources.alone(values.size) if source is None else source), levels)
+
+
+def tail_of(sample: Sample, levels: Sequence[int] = LEVELS) -> Tail:
+    """The same of a sample."""
     _check(levels)
-    source = Sources.alone(values.size) if source is None else source
-    n, ordered = values.size, np.sort(values)
-    independent = 0.0
+    n, independent = sample.n, 0.0
     if n:
-        above = values > np.quantile(ordered, 1 - UPPER)
-        independent = min(n, effective_number(above.astype(float), source))
-    tried = tuple(_tried(ordered, independent))
+        upper = sample.quantile([1 - UPPER])[0]
+        independent = min(n, sample.effective_below(upper))
+    tried = tuple(_tried(sample, independent))
     fit = _chosen(tried)
     refused = _refusal(tried, fit, independent)
-    made = {N: _level(N, ordered, independent, tried, fit, refused) for N in levels}
+    made = {N: _level(N, sample, independent, tried, fit, refused) for N in levels}
     end = (np.inf, np.inf)
     if fit and not refused:
-        end = _end(ordered[n - fit.exceedances :] - fit.threshold, fit, independent / n)
+        end = _end(sample.largest(fit.exceedances) - fit.threshold, fit, independent / n)
     return Tail(n, independent, tried, fit, refused, made, end)
 
 
-def _tried(ordered: np.ndarray, independent: float) -> Iterator[Fit]:
-    """Fits above rising thresholds, by falling numbers of exceedances."""
-    n, known = ordered.size, UPPER * independent
+def _tried(sample: Sample, independent: float) -> Iterator[Fit]:
+    """Fits above rising thresholds, by falling numbers of exceedances; of few independent boulders
+    among many a sample may not know the values above the lowest."""
+    n, known = sample.n, UPPER * independent
     if known < MIN_ABOVE:
         return
     numbers = np.geomspace(min(known, MAX_ABOVE), MIN_ABOVE, THRESHOLDS) * n / independent
-    for threshold in np.unique(ordered[n - 1 - np.round(numbers).astype(int)]):
+    places = np.round(numbers).astype(int)
+    ordered = sample.largest(int(places[0]) + 1)
+    for threshold in np.unique(ordered[ordered.size - 1 - places[places < ordered.size]]):
         excess = ordered[ordered > threshold] - threshold
         if excess.size * independent >= MIN_ABOVE * n * 0.99:
             yield _fit(excess, threshold, independent / n)
@@ -273,7 +280,7 @@ def _refusal(tried: Sequence[Fit], fit: Fit | None, independent: float) -> str |
 
 def _level(
     N: int,
-    ordered: np.ndarray,
+    sample: Sample,
     independent: float,
     tried: Sequence[Fit],
     fit: Fit | None,
@@ -285,30 +292,30 @@ def _level(
     intervals held without, 93 % with)."""
     below = 1 - 1 / N
     if independent >= ENOUGH * N:
-        return Level(np.quantile(ordered, below), *between_ranks(ordered, below, independent))
+        return Level(sample.quantile([below])[0], *sample.between(below, independent))
     if refused:
         return Level(refused=refused)
     if N > MAX_PERIOD * independent:
         return Level(refused=f"more than {MAX_PERIOD} times the boulders")
     assert fit is not None  # or it would be refused
-    level = _profiled(N, ordered, independent, fit)
+    level = _profiled(N, sample, independent, fit)
     if tried[-1].shape > -MAX_SHAPE:
-        other = _profiled(N, ordered, independent, tried[-1])
+        other = _profiled(N, sample, independent, tried[-1])
         level = Level(level.value, min(level.low, other.low), max(level.high, other.high))
     if level.high > MAX_HIGH * level.value:
         return Level(refused=f"may be {MAX_HIGH} times as high")
     return level
 
 
-def _profiled(N: int, ordered: np.ndarray, independent: float, fit: Fit) -> Level:
+def _profiled(N: int, sample: Sample, independent: float, fit: Fit) -> Level:
     """The level of a GPD and where its profile likelihood has fallen to that of 95 % (Coles 2001,
     section 4.3.3), the fraction above the threshold being uncertain too (binomial). The likelihood
     counts as that of the independent boulders (Chandler and Bate 2007). Bartlett's factor, measured
     on GPD samples, is for few values: without it intervals from 50 hold 92 to 94 %."""
     from scipy.optimize import brentq, minimize
 
-    n, k = ordered.size, fit.exceedances
-    excess = ordered[n - k :] - fit.threshold
+    n, k = sample.n, fit.exceedances
+    excess = sample.largest(k) - fit.threshold
     further = np.log(N * k / n)  # 1 in N beyond the level, this much in logarithm above it
     value = fit.threshold + fit.scale * np.expm1(fit.shape * further) / fit.shape
 

@@ -10,14 +10,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from rockfall.analysis.line_statistics import QUANTILES, QUANTITIES, line_numbers, quantile_name
-from rockfall.analysis.precision.intervals import (
-    CROSSED,
-    Sources,
-    boulders_needed,
-    half_width,
-    sources,
-)
+from rockfall.analysis.line_statistics import QUANTILES, QUANTITIES, numbers, quantile_name
+from rockfall.analysis.lines.samples import LineSamples
+from rockfall.analysis.precision.intervals import CROSSED, boulders_needed, half_width
 from rockfall.case import Case
 from rockfall.errors import RockfallError
 from rockfall.interrupts import interrupts
@@ -162,12 +157,7 @@ def _next_tally(scene: Scene, last: Tally | None) -> Tally:
             tally.wall, tally.cpu = last.wall, last.cpu
         return tally
     check_tallies(scene, survey(scene))
-    last.scene = scene
-    for name in ("boulder", "count", "crossing"):
-        rows = getattr(last, name)
-        more = np.empty((scene.boulders, *rows.shape[1:]), rows.dtype)
-        more[: last.done] = rows
-        setattr(last, name, more)
+    last.go_on(scene)
     return last
 
 
@@ -194,15 +184,15 @@ def verdicts_of(result: Held) -> list[Verdict]:
 
 def evaluate(rules: list[Rule], result: Held) -> list[Verdict]:
     """The verdict of a result on each rule."""
-    source = sources(result)
-    return [_verdict(rule, result, source) for rule in rules]
+    known = LineSamples(result)
+    return [_verdict(rule, known) for rule in rules]
 
 
-def _verdict(rule: Rule, result: Held, source: Sources) -> Verdict:
+def _verdict(rule: Rule, known: LineSamples) -> Verdict:
     """The need follows from the width. Where the sources are a sample of others, a part of it does
     not fall with their boulders: what they differ by."""
-    n = source.number.size / max(source.count, 1)
-    row = line_numbers(result, rule.line, rule.quantity, source)
+    n = known.boulders / max(known.sources, 1)
+    row = numbers(known.sample(rule.line, rule.quantity), rule.quantity)
     width = half_width(row, rule.statistic)
     crossed = np.inf if rule.statistic == "fraction" else row["n"]
     if width <= rule.limit and crossed >= CROSSED:
@@ -210,8 +200,8 @@ def _verdict(rule: Rule, result: Held, source: Sources) -> Verdict:
     if not row["n"] or not np.isfinite(width):
         return Verdict(rule, False, width, np.nan)
     error, limit = width, rule.limit
-    if source.sampled and source.count > 1:
-        alone = line_numbers(result, rule.line, rule.quantity, replace(source, sampled=False))
+    if known.sampled and known.sources > 1:
+        alone = numbers(known.given().sample(rule.line, rule.quantity), rule.quantity)
         error = half_width(alone, rule.statistic)
         limit = math.sqrt(max(0.0, limit**2 - max(0.0, width**2 - error**2)))
     if limit > 0:

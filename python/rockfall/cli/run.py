@@ -17,6 +17,7 @@ from rockfall.errors import RockfallError
 from rockfall.interrupts import exit_status, interrupts
 from rockfall.io.output_files import RESULT, check_output
 from rockfall.result.dataset import write_result
+from rockfall.result.samples import simulated
 from rockfall.scene.scene import Scene
 from rockfall.simulation.checkpoint import Checkpoint
 from rockfall.simulation.dask import run_on_cluster
@@ -117,7 +118,7 @@ def _simulate(
 
 def _keep(result: Contents, path: Path, checkpoint: Checkpoint | None) -> int:
     """Write what was done before Ctrl-C."""
-    done, requested = result.sizes["boulder"], result.attrs["boulders_asked"]
+    done, requested = simulated(result), result.attrs["boulders_asked"]
     if not done:
         raise KeyboardInterrupt
     write_result(result, path)

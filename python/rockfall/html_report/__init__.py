@@ -16,7 +16,7 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rockfall.analysis.compare import compare
-from rockfall.analysis.precision.intervals import sources
+from rockfall.analysis.lines.samples import LineSamples
 from rockfall.analysis.return_levels import return_levels
 from rockfall.case_files import files_behind
 from rockfall.errors import RockfallError, need
@@ -65,6 +65,7 @@ from rockfall.plots.style import save
 from rockfall.protection.barriers import barriers_of
 from rockfall.protection.design import design
 from rockfall.result.flat_maps import flat_maps
+from rockfall.result.samples import has_rows, simulated
 from rockfall.text.design import factor_lines
 from rockfall.text.hazard import hazard_warnings
 
@@ -159,7 +160,7 @@ def report(
     words += [str(name) for one in kept for name in one.columns]
     say = Speaker(language, words)
     rows, levels = rows_of(result), return_levels(result)
-    sheet = design(result) if rows else None
+    sheet = design(result) if rows and has_rows(result) else None
     ranges = range_tables(result, rows)
     zoomed = set() if on_paper else {f"map_{name}" for name in result.data_vars}
     shown = [one for one in figures(result, terrain, observed, look) if one.name not in zoomed]
@@ -187,7 +188,7 @@ def report(
         lines=[*line_tables(rows), level_table(levels)] if rows else [],
         design=[
             *(design_tables(sheet) if sheet else ()),
-            *([barrier_table(result)] if barriers_of(result) else ()),
+            *([barrier_table(result)] if barriers_of(result) and has_rows(result) else ()),
         ],
         factors=list(factor_lines(sheet)) if sheet else [],
         hazard=endangered[1:],
@@ -197,7 +198,7 @@ def report(
             for one in ([] if hazard is None else hazard_figures(hazard, terrain))
         ],
         grounds=[ground_table(result)] if "rebounds_by_ground" in result else [],
-        has_clusters=sources(result).sampled,
+        has_clusters=LineSamples(result).sampled,
         convergence=list(_convergence(result, rows, say)),
         comparison=None if observed is None else compared(compare(result, observed)),
         figures=[_picture(one.draw(), one.title, one.caption, say) for one in shown],
@@ -211,12 +212,16 @@ def _convergence(
 ) -> Iterator[tuple[str, Picture | None, Table | None]]:
     """Each line with its figure and table of convergence; neither where no boulder passes."""
     caption = "Numbers after so many boulders, with their 95 % band"
-    caption += "; the sources take turns, in a random order." if sources(result).count > 1 else "."
+    caption += (
+        "; the sources take turns, in a random order." if LineSamples(result).sources > 1 else "."
+    )
     for k, (line, numbers) in enumerate(rows.items()):
         if numbers["speed"]["n"]:
-            drawn = convergence_figure(result, k)
-            figure = _picture(drawn, f"Convergence at {line}", caption, say)
-            yield line, figure, precision_table(line, numbers, result.sizes["boulder"])
+            figure = None
+            if has_rows(result):
+                drawn = convergence_figure(result, k)
+                figure = _picture(drawn, f"Convergence at {line}", caption, say)
+            yield line, figure, precision_table(line, numbers, simulated(result))
         else:
             yield line, None, None
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from rockfall.analysis.precision.intervals import sources
+from rockfall.analysis.lines.samples import LineSamples
 from rockfall.analysis.run_until import verdicts_of
 from rockfall.case import FROM_ARRAY, Case, case_of
 from rockfall.errors import RockfallError
@@ -21,6 +21,7 @@ from rockfall.plots.extent import reached
 from rockfall.plots.style import styled
 from rockfall.protection.barriers import barriers_of
 from rockfall.quantities import number
+from rockfall.result.samples import has_rows, simulated
 from rockfall.scene.read import read_scene
 
 if TYPE_CHECKING:
@@ -63,10 +64,10 @@ def input_table(result: xr.Dataset, parties: Parties) -> Table:
         ("cell size [m]", f"{cell:g}"),
         ("coordinate system", next(filter(None, names), "none is given")),
         ("date of the survey", parties.dem_date or "not stated"),
-        ("sources", f"{sources(result).count:,}"),
+        ("sources", f"{LineSamples(result).sources:,}"),
         ("release", _release(case, "source_feature" in result)),
-        ("boulders", f"{result.sizes['boulder']:,}"),
-        ("volume [m³]", _range(result["volume"].values)),
+        ("boulders", f"{simulated(result):,}"),
+        ("volume [m³]", _range(result["volume"].values) if has_rows(result) else "not kept"),
         ("density [kg/m³]", _density(case, "source_feature" in result)),
         ("impact set", str(result.attrs["impact_set"])),
         ("evaluation lines and barriers", lines or "none"),

@@ -122,7 +122,7 @@ def map_section(
 ) -> dict[str, object]:
     """All that the template of the maps needs; of many stops some are drawn."""
     window = window_of(result)
-    every = -(-result.sizes["boulder"] // MAX_POINTS)
+    every = max(1, -(-result.sizes["boulder"] // MAX_POINTS))
     x, y = result["stop_x"].values[::every], result["stop_y"].values[::every]
     recorded = spread(vertices_of(result, "x", "y"), MAX_TRAJECTORIES)
     limits, basemap = look or (None, None)

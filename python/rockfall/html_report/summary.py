@@ -8,14 +8,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rockfall.analysis.precision.intervals import half_width, sources
+from rockfall.analysis.lines.samples import LineSamples
+from rockfall.analysis.precision.intervals import half_width
 from rockfall.analysis.run_until import verdicts_of
 from rockfall.case import case_of
 from rockfall.html_report.intervals import estimate, in_unit
 from rockfall.html_report.tables import Table
 from rockfall.protection.barriers import barriers_of
 from rockfall.quantities import count, number, percent
-from rockfall.result.trajectories import ends
+from rockfall.result.samples import has_rows, simulated
+from rockfall.result.trajectories import ended
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -91,13 +93,13 @@ def headline(rows: Rows) -> Table:
 
 def run_out(result: xr.Dataset) -> Iterator[str]:
     """How far boulders came in plan."""
-    distance = result["plan_distance"].values
-    if not distance.any():
+    distance = LineSamples(result).ends("plan_distance")
+    if not distance.max():
         yield "No boulder left its place."
-    elif distance.size == 1:
-        yield f"The run-out of the boulder in plan is {number(distance[0])} m."
+    elif distance.n == 1:
+        yield f"The run-out of the boulder in plan is {number(distance.max())} m."
     else:
-        half, far = (number(one) for one in np.quantile(distance, [0.5, 0.95]))
+        half, far = (number(one) for one in distance.quantile([0.5, 0.95]))
         yield (
             f"Run-out in plan: half of the boulders come farther than {half} m, one in 20 farther "
             f"than {far} m, the farthest {number(distance.max())} m."
@@ -106,19 +108,19 @@ def run_out(result: xr.Dataset) -> Iterator[str]:
 
 def certainty(result: xr.Dataset, rows: Rows, is_inside: bool) -> Iterator[str]:
     """How sure the answer is: the Monte Carlo error, and what it leaves out."""
-    boulders, source = result.sizes["boulder"], sources(result)
+    boulders, known = simulated(result), LineSamples(result)
     shown = [map(str, row) for row in headline(rows).rows]
     if boulders == 1:
         yield "One boulder is an example: it has no spread, and no intervals."
     else:
-        of = count(source.count, "source")
+        of = count(known.sources, "source")
         yield (
             f"{boulders:,} boulders from {of} were simulated. Brackets are 95 % confidence "
             "intervals of the Monte Carlo error: what more boulders would change."
         )
         if any("(from" in cell or "(up to" in cell for row in shown for cell in row):
             yield "Where only one limit is given, too few boulders pass for the other."
-        if source.sampled:
+        if known.sampled:
             yield "The sources are taken for a sample of others like them."
     crossed = [numbers["speed"] for numbers in rows.values() if numbers["speed"]["n"]]
     widths = [half_width(row, "fraction") for row in crossed]
@@ -131,16 +133,17 @@ def certainty(result: xr.Dataset, rows: Rows, is_inside: bool) -> Iterator[str]:
 
 def ends_table(result: xr.Dataset) -> Table:
     """How boulders ended."""
+    boulders = simulated(result)
     rows = [
-        (ENDED[name], f"{of.sum():,}", percent(of.mean()))
-        for name, of in ends(result).items()
-        if of.any()
+        (ENDED[name], f"{n:,}", percent(n / boulders)) for name, n in ended(result).items() if n
     ]
     return Table("How boulders ended", ("", "boulders", "fraction"), rows)
 
 
 def angle(result: xr.Dataset) -> Iterator[str]:
     """How steep the straight lines from release to end are."""
+    if not has_rows(result):
+        return
     drop = result["start_z"].values - result["stop_z"].values
     distance = result["plan_distance"].values
     moved = distance > 0

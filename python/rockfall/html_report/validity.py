@@ -11,7 +11,8 @@ import numpy as np
 from rockfall.analysis.extrapolation import extrapolations
 from rockfall.case import case_of
 from rockfall.quantities import count, part_of, percent
-from rockfall.result.trajectories import ends, left_terrain
+from rockfall.result.samples import simulated
+from rockfall.result.trajectories import ended, gone
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -75,7 +76,7 @@ def cautions(result: xr.Dataset, rows: Rows, levels: pd.DataFrame) -> list[str]:
 
 
 def _missing(result: xr.Dataset) -> Iterator[str]:
-    boulders, requested = result.sizes["boulder"], int(result.attrs["boulders_asked"])
+    boulders, requested = simulated(result), int(result.attrs["boulders_asked"])
     if not result.attrs["complete"]:
         yield (
             f"The run was interrupted after {boulders:,} of {count(requested, 'boulder')}; "
@@ -95,10 +96,10 @@ def _few(rows: Rows) -> Iterator[str]:
 
 def _ended(result: xr.Dataset) -> Iterator[str]:
     """Boulders that left, or that were ended."""
-    boulders, limit = result.sizes["boulder"], int(ends(result)["impact_limit"].sum())
+    boulders, limit = simulated(result), ended(result)["impact_limit"]
     if boulders == 1:
         yield "1 boulder is an example. Fractions and quantiles need at least some hundred."
-    if left := int(left_terrain(result).sum()):
+    if left := gone(result):
         text = "left the terrain model: their trajectory beyond it is not known and not counted."
         yield f"{part_of(left, boulders, 'boulder')} {text}"
     if limit:
@@ -138,7 +139,7 @@ def _of_cells(result: xr.Dataset) -> Iterator[str]:
     if "passages" in result:
         passed = result["passages"].values
     elif "reach_probability" in result:
-        passed = np.rint(result["reach_probability"].values * result.sizes["boulder"])
+        passed = np.rint(result["reach_probability"].values * simulated(result))
     else:
         return
     reached, few = int((passed > 0).sum()), int(((passed > 0) & (passed < FEW_IN_CELL)).sum())

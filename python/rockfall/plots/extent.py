@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rockfall.limits import fraction_limits
+from rockfall.result.samples import simulated
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -42,6 +43,8 @@ def reached(result: xr.Dataset, terrain: Terrain | None = None, *places: Any) ->
     for place in places:
         if place is not None and len(place):
             x, y = [*x, place[:, 0]], [*y, place[:, 1]]
+    if not sum(map(len, x)):  # no rows, no maps: the lines
+        x, y = ([result[f"line_vertex_{axis}"].values] for axis in "xy")
     return around(np.concatenate(x), np.concatenate(y), cell_of(result), terrain)
 
 
@@ -69,7 +72,7 @@ def of_none(result: xr.Dataset, name: str) -> float:
     """The maximum of a map where no boulder passed: 0, but for the upper limit of a fraction."""
     if name != "reach_probability_high":
         return 0.0
-    clusters = result.sizes["boulder"] / result[name].attrs.get("boulders_per_cluster", 1)
+    clusters = simulated(result) / result[name].attrs.get("boulders_per_cluster", 1)
     return 1.001 * fraction_limits(0.0, clusters)[1]  # maps have seven digits
 
 

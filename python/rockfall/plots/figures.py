@@ -38,6 +38,7 @@ from rockfall.plots.rebound_figures import ENERGY, RESTITUTION, histogram, histo
 from rockfall.plots.style import FORMATS, capital, save
 from rockfall.quantities import QUANTITIES, count
 from rockfall.result.flat_maps import flat_maps
+from rockfall.result.samples import has_rows, simulated
 from rockfall.result.trajectories import left_terrain, lines, trajectories
 from rockfall.scene.coefficients import open_sets
 
@@ -73,13 +74,13 @@ def figures(
     and samples come beside the distributions at the lines, its distances and fractions beside the
     curve of passing, its stops on the maps. `look` has limits between classes and a basemap.
     """
-    if not result.sizes.get("boulder"):
+    if "boulder" not in result.sizes or not simulated(result):
         raise RockfallError("a result without boulders has no figures")
-    result = flat_maps(result)
+    result, rows = flat_maps(result), has_rows(result)
     return [
         *_trajectories(result, terrain, look),
-        *_reach(result, terrain, observed, look),
-        *_at_lines(result, observed),
+        *(_reach(result, terrain, observed, look) if rows else ()),
+        *(_at_lines(result, observed) if rows else ()),
         *_ranges(result),
         *_rebounds(result),
         *_maps(result, terrain, look),
@@ -114,7 +115,7 @@ def _trajectories(
         return  # none recorded, or none that moved
     recorded = np.unique(result["trajectory_boulder"].values).size
     drawn = count(min(recorded, MAX_TRAJECTORIES), "boulder")
-    of = f"{drawn} of {result.sizes['boulder']:,}, from all sources"
+    of = f"{drawn} of {simulated(result):,}, from all sources"
     yield Figure(
         "trajectories",
         "Trajectories in plan",
@@ -249,7 +250,7 @@ def set_of(result: xr.Dataset) -> Sets | None:
 
 def _maps(result: xr.Dataset, terrain: Terrain | None, look: Look | None) -> Iterator[Figure]:
     """Every map that is not drawn already, in the order of the result."""
-    boulders = count(result.sizes["boulder"], "boulder")
+    boulders = count(simulated(result), "boulder")
     for name in map(str, result.data_vars):
         variable = result[name]
         if variable.dims != ("y", "x") or name in PASSED:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from rockfall.analysis.line_statistics import line_values
+from rockfall.analysis.lines.values import line_values
 from rockfall.analysis.precision.intervals import fraction_interval, sources
 from rockfall.plots.style import (
     BARRIER,

@@ -16,6 +16,7 @@ from rockfall.plots.extent import PASSED, of_none, passed_map, reached
 from rockfall.plots.style import INK, OBSERVED, VERMILION, styled
 from rockfall.quantities import with_unit
 from rockfall.result.classes import STATUS_MARKERS, Classes, classes_of, shown_as
+from rockfall.result.samples import simulated
 from rockfall.result.trajectories import ends, trajectories
 
 if TYPE_CHECKING:
@@ -123,7 +124,7 @@ def map_values(result: xr.Dataset, name: str) -> tuple[np.ndarray, str]:
     """A map in the unit shown, NaN where no boulder passed; passages as a percentage."""
     values = np.where(result[name].values > of_none(result, name), result[name].values, np.nan)
     if name == "passages":
-        return 100 * values / result.sizes["boulder"], "%"
+        return 100 * values / simulated(result), "%"
     unit, factor = shown_as(result[name])
     return factor * values, unit
 
@@ -134,7 +135,7 @@ def thin_cells(result: xr.Dataset, name: str) -> np.ndarray | None:
     fewest, passed = result[name].attrs.get("thin_below", 0), passed_map(result)
     if not fewest or passed is None:
         return None
-    count = result[passed].values * (1 if passed == "passages" else result.sizes["boulder"])
+    count = result[passed].values * (1 if passed == "passages" else simulated(result))
     return np.isfinite(result[name].values) & (count < fewest - 0.5)
 
 

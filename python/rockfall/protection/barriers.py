@@ -10,6 +10,7 @@ import numpy as np
 
 from rockfall.analysis.line_statistics import with_limits
 from rockfall.analysis.precision.intervals import fraction_interval, sources
+from rockfall.result.samples import check_rows
 from rockfall.result.trajectories import flags_of
 
 if TYPE_CHECKING:
@@ -43,6 +44,8 @@ def barrier_statistics(result: xr.Dataset) -> pd.DataFrame:
 
 def barrier_rows(result: Held) -> Iterator[dict[str, Any]]:
     """The rows of `barrier_statistics`."""
+    if barriers_of(result):
+        check_rows(result, "what barriers did")
     for k in barriers_of(result):
         about = {
             "barrier": str(result["line"].values[k]),

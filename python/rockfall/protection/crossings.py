@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from rockfall.analysis.line_statistics import line_values
+from rockfall.analysis.lines.values import line_values
 from rockfall.analysis.precision.intervals import Sources, between_ranks, effective_number, sources
 from rockfall.limits import barrier_outcomes
 from rockfall.result.variables import OUTCOME

@@ -21,6 +21,7 @@ from rockfall.protection.crossings import Crossings, crossings
 from rockfall.protection.demand import ENDS, demand, usable
 from rockfall.protection.factors import Conditions, Factors, read_factors
 from rockfall.protection.selection import choices, read_costs, residual_of
+from rockfall.result.samples import check_rows
 from rockfall.result.trajectories import flags_of
 
 if TYPE_CHECKING:
@@ -139,6 +140,7 @@ def _check(
     names = [str(name) for name in result["line"].values] if "line" in result else []
     if not names:
         raise RockfallError("design: the result has no evaluation lines and no barriers")
+    check_rows(result, "design")
     if not result.sizes["boulder"]:
         raise RockfallError("design: the result has no boulders")
     if along is not None:

@@ -77,7 +77,7 @@ def _export(data: xr.Dataset, layers: Layers, folder: Path) -> Iterator[Path]:
     for name, variable in data.data_vars.items():
         if variable.dims == PLAN:
             yield from _put_map(folder, data, str(name))
-    if "boulder" in data.dims:
+    if data.sizes.get("boulder"):
         yield _write_table(folder / "boulders.csv", map(_columns, _boulders(data)))
         yield from _write_lines(folder, data)
     if layers:
@@ -237,12 +237,13 @@ def _texts(column: xr.DataArray) -> list[str]:
 def _layers(data: xr.Dataset) -> Layers:
     """The layers that the result has."""
     layers: Layers = {}
-    has_crossings = "line" in data.dims and "line_x" in data
+    has_rows = data.sizes.get("boulder", 1) > 0
+    has_crossings = has_rows and "line" in data.dims and "line_x" in data
     if "stop_x" in data or {"line_vertex", "trajectory_vertex"} & set(data.dims):
         need("GeoPackages need", "vector", "pyogrio", "shapely")
-    if "start_x" in data:
+    if "start_x" in data and has_rows:
         layers["sources"] = "Point", [_sources(data)]
-    if "stop_x" in data:
+    if "stop_x" in data and has_rows:
         layers["stops"] = "Point Z", map(_stops, _boulders(data))
     if "line_vertex" in data.dims:
         layers["lines"] = "LineString", [_lines(data)]

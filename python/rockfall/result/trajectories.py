@@ -99,6 +99,19 @@ def ends(result: Held) -> dict[str, np.ndarray]:
     return {name: status.values == flag for name, flag in flags_of(status).items()}
 
 
+def ended(result: Held) -> dict[str, int]:
+    """Each status by name, and how many boulders ended so, with rows or without."""
+    if "sample_ended" in result:
+        return dict(zip(ends(result), result["sample_ended"].values.tolist(), strict=True))
+    return {name: int(of.sum()) for name, of in ends(result).items()}
+
+
+def gone(result: Held) -> int:
+    """How many boulders left the known terrain, as `left_terrain` has them."""
+    of = ended(result)
+    return of["left_domain"] + of["hit_nodata"]
+
+
 def left_terrain(result: xr.Dataset) -> np.ndarray:
     """Boulders that left the known terrain, over its edge or into cells without elevation: how far
     they would have come is not known."""

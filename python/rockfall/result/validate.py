@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rockfall.case import case_of
 from rockfall.errors import RockfallError
 from rockfall.result import variables
+from rockfall.result.samples import lengths, possible, sample_dims
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -28,6 +30,7 @@ NUMBERS = (  # and those of them that are numbers
     "wall_seconds", "cpu_seconds",
 )  # fmt: skip
 TEXTS = ("line", "feature", "ground", "ground_model")  # variables that hold no numbers
+FIXED = ("place", "line", "quantity", "word", "tail", "rank", "status")  # dimensions of samples
 #: Along these every value is a number; at lines NaN says that a boulder did not cross.
 FINITE = ("x", "y", "boulder", "line_vertex", "trajectory_vertex")
 
@@ -96,6 +99,7 @@ def _groups() -> Iterator[_Group]:
         "barrier_outcome": ("line", "boulder"),
     }  # fmt: skip
     yield {f"trajectory_{name}": ("trajectory_vertex",) for name in variables.VERTEX}
+    yield {f"sample_{name}": sample_dims(name) for name in variables.SAMPLE}
     yield {axis: (axis,) for axis in ("x", "y")}
     yield {"threshold": ("threshold",), variables.EXCEEDED: ("threshold", "y", "x")}
     for name in variables.HISTOGRAM:
@@ -119,6 +123,7 @@ def _check_variable(
 
 def check_values(data: xr.Dataset, path: str | Path) -> None:
     """Refuse values that are no numbers where a result always has some, and bins without width."""
+    check_samples(data, path)
     for name, dims in _known().items():
         if name not in data.variables:
             continue
@@ -131,6 +136,22 @@ def check_values(data: xr.Dataset, path: str | Path) -> None:
             raise RockfallError(f"{path}: {name}: must be a number where a boulder crossed a line")
         if name.endswith("_bin_bounds") and not _are_edges(values):
             raise RockfallError(f"{path}: {name}: must be the edges of bins, each above the last")
+
+
+def check_samples(data: xr.Dataset, path: str | Path) -> None:
+    """Refuse samples that no run has."""
+    if "sample_ended" not in data:
+        return
+    names = [f"sample_{name}" for name in variables.SAMPLE]
+    arrays = {name: data.variables[name].values for name in names}
+    case = case_of(data)
+    shape = lengths(case, int(data.attrs["boulders_asked"]))
+    sizes = {dim: data.sizes[f"sample_{dim}"] for dim in FIXED}
+    done = int(data.attrs["boulder_last"]) - int(data.attrs["boulder_first"]) + 1
+    shape |= {dim: int(data.sizes[f"sample_{dim}"]) for dim in ("part", "group")}
+    wrong = next((f"sample_{dim}" for dim in FIXED if sizes[dim] != shape[dim]), "")
+    if wrong := wrong or possible(arrays, shape, done):
+        raise RockfallError(f"{path}: {wrong}: holds what no run has")
 
 
 def are_crossings(values: np.ndarray, times: np.ndarray) -> bool:

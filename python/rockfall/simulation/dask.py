@@ -58,7 +58,7 @@ def run_on_cluster(
                 if interrupted():
                     raise KeyboardInterrupt
                 joined.add(part)
-                advance(part.sizes["boulder"])
+                advance(int(part.attrs["boulder_last"]) - int(part.attrs["boulder_first"]) + 1)
                 future.release()
     result = joined.result()
     result.attrs |= {"case": scene.case.text(), **provenance(scene)}

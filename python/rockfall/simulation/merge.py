@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rockfall.errors import RockfallError
+from rockfall.result.samples import empty_like, rows_kept
 from rockfall.simulation.maps import no_maps
 from rockfall.simulation.part_file import Part, read_part
 from rockfall.simulation.source_maps import join_sources
@@ -60,7 +61,10 @@ class Joined:
         part = read_part(part)
         if self.first is None or self.tally is None:
             self.first, self.tally = part, _tally_for(part)
-        if what := self.first.origin.difference(part.origin):
+        what = self.first.origin.difference(part.origin)
+        if not what and (samples := self.tally.samples) and not samples.fits(part.arrays):
+            what = "sources"
+        if what:
             raise RockfallError(
                 f"{part.name}: is of another run than {self.first.name}: its {what} differs"
             )
@@ -85,6 +89,7 @@ class Joined:
             )
         join_sources(tally.maps, self.fed)
         tally.done = tally.boulders
+        tally.sort_rows()
         tally.trajectories = {number: self.trajectories[number] for number in numbers}
         result = make_result(tally)
         result.attrs["threads"] = tally.threads
@@ -96,7 +101,12 @@ def _tally_for(part: Part) -> Tally:
     origin = part.origin
     try:
         maps = no_maps(origin.case, origin.window)
-        tally = empty_tally(origin, maps, range(origin.boulders), 0)
+        kept, samples = rows_kept(origin.case, origin.boulders), None
+        if kept is not None:
+            layout = (part.arrays[f"sample_{name}"] for name in ("part_last", "group_part"))
+            samples = empty_like(origin.case, origin.boulders, *layout)
+        number = None if kept is None else np.zeros(kept, "i8")
+        tally = empty_tally(origin, maps, range(origin.boulders), 0, number, samples)
     except (MemoryError, ValueError) as error:
         raise RockfallError(f"merge: {origin.boulders} boulders do not fit in memory") from error
     tally.crs = part.crs

@@ -25,6 +25,13 @@ from rockfall.io.grid import Box, Grid
 from rockfall.result import variables
 from rockfall.result.contents import Contents
 from rockfall.result.dataset import DAMAGED, georeference
+from rockfall.result.samples import (
+    lengths,
+    possible,
+    rows_kept,
+    sample_dims,
+    sample_variables,
+)
 from rockfall.result.validate import are_crossings
 from rockfall.scene.scene import Features
 from rockfall.simulation.maps import Maps, plan_of
@@ -49,6 +56,7 @@ STACKS = ("counts", "sums", "maxima")  # of maps, by layer
 BEFORE = "tally_"  # the names of tallies
 CLOCKS = ("wall_seconds", "cpu_seconds")
 NUMBERS = ("boulders_asked", "boulder_first", "boulder_last", "threads")
+LAYOUT_OF = {"part": "sample_part_last", "group": "sample_group_part"}  # of samples
 SUMS = ("input_checksums", "decoded_checksums")
 PACKING = int(_core.constant("max_packing"))  # zlib packs no closer than this
 
@@ -66,7 +74,9 @@ def make_part(tally: Tally) -> Contents:
         settle(tally, fed, -1)
     grid, box = tally.scene.grid, tally.window
     window = [box.column, box.row, *box.shape[::-1]]
-    data = boulder_variables(tally) | ground_variables(tally)
+    data = boulder_variables(tally) | ground_variables(tally) | sample_variables(tally.samples)
+    if tally.number is not None:
+        data["boulder"] = ("boulder", tally.numbers(), variables.KEPT["boulder"])
     if tally.scene.case.lines:
         data |= line_variables(tally) | outcome_variable(tally)
     data |= {
@@ -128,7 +138,9 @@ class Part:
     def add_to(self, tally: Tally) -> None:
         """Put rows to their places and add counts and tallies; those of sources that the part cuts
         are still to be joined, or gone on with."""
-        rows = slice(self.first - 1 - tally.before, self.last - tally.before)
+        rows = self._rows_in(tally)
+        if tally.samples is not None:
+            tally.samples.add(self.arrays)
         for what, table in (1, tally.boulder), (2, tally.count):
             for k, name in enumerate(variables.fields(what)):
                 if name in variables.BOULDER:
@@ -156,6 +168,25 @@ class Part:
         _add_cells(tally.maps, self.arrays)
         tally.wall += self.clocks["wall_seconds"]
         tally.cpu += self.clocks["cpu_seconds"]
+
+    def _rows_in(self, tally: Tally) -> slice:
+        """The places of its rows; where not all are kept, of those with its numbers, or of a run in
+        parts, which come in any order, the next that are free (0)."""
+        if tally.number is None:
+            return slice(self.first - 1 - tally.before, self.last - tally.before)
+        numbers = self.arrays["boulder"]
+        if isinstance(tally.scene, Origin):
+            begin = int(np.count_nonzero(tally.number))
+            rows = slice(begin, begin + numbers.size)
+            if rows.stop > tally.number.size:
+                raise _damaged(self, "boulder")
+            tally.number[rows] = numbers
+            return rows
+        begin = int(np.searchsorted(tally.number, self.first))
+        rows = slice(begin, begin + numbers.size)
+        if not np.array_equal(tally.number[rows], numbers):
+            raise _damaged(self, "boulder")
+        return rows
 
     def fed(self) -> dict[str, np.ndarray]:
         """The cells to which sources contribute that the part cuts; {} where no map asks."""
@@ -331,6 +362,10 @@ def _expected(part: Part) -> dict[str, tuple[str, tuple[str, ...]]]:
     """Every variable that a part of its case has: type and dimensions."""
     case = part.origin.case
     found = {"crs": ("i4", ())} | _typed("boulder", "", "boulder") | _typed("count", "")
+    if rows_kept(case, part.origin.boulders) is not None:
+        found |= _typed("kept", "", "boulder")
+        for name, kind in variables.TYPES["sample"].items():
+            found[f"sample_{name}"] = kind, sample_dims(name)
     if part.origin.grounds:
         found |= _typed("ground", "", "ground")
     if case.output["energy_balance"]:
@@ -376,6 +411,9 @@ def _lengths(part: Part) -> dict[str, int]:
     bins = _core.histogram_bins()[0]
     found |= {f"{name}_bin": n for name, n in zip(variables.HISTOGRAM, bins, strict=True)}
     found |= {"boulder": part.last - part.first + 1, "line": len(case.lines)}
+    if rows_kept(case, part.origin.boulders) is not None:
+        found |= {f"sample_{dim}": n for dim, n in lengths(case, part.origin.boulders).items()}
+        del found["boulder"]  # they are numbered
     found |= {"ground": len(part.origin.grounds), "barrier": len(case.barrier)}
     return found | {"tally_class": plan.bins}
 
@@ -407,7 +445,17 @@ def _check_values(part: Part) -> None:
     """Values are such as a run can have."""
     arrays, window = part.arrays, part.origin.window
     cells = window.shape[0] * window.shape[1]
+    boulders = part.last - part.first + 1
+    if "sample_bin" in arrays:
+        shape = lengths(part.origin.case, part.origin.boulders)
+        shape |= {of: arrays[name].size for of, name in LAYOUT_OF.items()}
+        if damaged := possible(arrays, shape, boulders):
+            raise _damaged(part, damaged)
+        if not are_numbers(arrays["boulder"], part.first, part.last):
+            raise _damaged(part, "boulder")
     for name, values in arrays.items():
+        if name.startswith("sample_"):
+            continue
         if not _possible(name, values, arrays.get("line_time"), cells):
             raise _damaged(part, name)
     if "trajectory_boulder" in arrays:
@@ -415,6 +463,12 @@ def _check_values(part: Part) -> None:
         inside = (numbers >= part.first) & (numbers <= part.last)
         if not (np.diff(numbers) >= 0).all() or not inside.all():
             raise _damaged(part, "trajectory_boulder")
+
+
+def are_numbers(numbers: np.ndarray, first: int, last: int) -> bool:
+    """Rising numbers of boulders from the first to the last."""
+    rising = bool((np.diff(numbers) > 0).all())
+    return rising and (not numbers.size or first <= numbers[0] <= numbers[-1] <= last)
 
 
 def _possible(name: str, values: np.ndarray, times: np.ndarray | None, cells: int) -> bool:

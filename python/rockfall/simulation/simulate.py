@@ -15,6 +15,8 @@ from rockfall._core import rockfall_f2py as _core
 from rockfall.case import Case
 from rockfall.errors import RockfallError, check_kernel
 from rockfall.interrupts import interrupts
+from rockfall.result import variables
+from rockfall.result.samples import simulated
 from rockfall.result.variables import fields
 from rockfall.scene.plausible import warn_of
 from rockfall.scene.reach import Survey, survey
@@ -26,7 +28,7 @@ from rockfall.simulation.memory import machine_memory
 from rockfall.simulation.part_file import make_part
 from rockfall.simulation.progress import progress_bar
 from rockfall.simulation.source_maps import fed_cells, follow_sources, settle
-from rockfall.simulation.tally import Tally, empty_tally, shard_range
+from rockfall.simulation.tally import Tally, empty_samples, empty_tally, kept_numbers, shard_range
 from rockfall.simulation.tally_dataset import make_result
 
 if TYPE_CHECKING:
@@ -41,6 +43,8 @@ os.register_at_fork(before=_core.end_team)
 CHUNK_SECONDS = 0.25  # between calls of the kernel: progress, Ctrl-C
 FIRST_CHUNK = 64  # boulders
 STATUS = fields(2).index("status")  # row of the kernel's integers
+COUNTED = len(fields(2)) - len(variables.COUNT)  # from this row on they are summed
+STOP = [fields(1).index(name) for name in ("stop_x", "stop_y")]  # of its reals
 LEFT_WINDOW = int(_core.constant("left_window"))  # status: to be flown again in a larger window
 
 
@@ -48,7 +52,7 @@ class Interrupted(KeyboardInterrupt):
     """Ctrl-C came: `result` holds the boulders that were done, whole."""
 
     def __init__(self, contents: Contents) -> None:
-        super().__init__(f"interrupted after {contents.sizes['boulder']} boulders")
+        super().__init__(f"interrupted after {simulated(contents)} boulders")
         self.contents = contents
 
     @cached_property
@@ -153,7 +157,8 @@ def start(scene: Scene, threads: int, shard: tuple[int, int] = (1, 1)) -> Tally:
     check_tallies(scene, found)
     try:
         maps = no_maps(scene.case, found.box())
-        tally = empty_tally(scene, maps, numbers, threads)
+        kept, samples = kept_numbers(scene, numbers), empty_samples(scene)
+        tally = empty_tally(scene, maps, numbers, threads, kept, samples)
         follow_sources(maps, scene, numbers.start)
         return tally
     except (MemoryError, ValueError) as error:  # NumPy has the latter for sizes past all bounds
@@ -195,13 +200,12 @@ def _fly(tally: Tally, first: int, size: int) -> int:
     windows = scene.windows
     if windows:
         scene, size = windows.around(scene, first, size)
-    left = _call(tally, scene, first, size)
+    left, stop = _call(tally, scene, first, size)
     del scene  # no window stays while another is read
     if left.size:
         if windows is None:
             raise RockfallError(f"boulder {left[0]} went where none can go", code=1)
-        stop = tally.boulder[left - tally.before - 1]
-        windows.widen(stop[:, fields(1).index("stop_x")], stop[:, fields(1).index("stop_y")])
+        windows.widen(*stop)
         for start_, n in groups(left):
             done = 0
             while done < n:
@@ -209,15 +213,12 @@ def _fly(tally: Tally, first: int, size: int) -> int:
     return size
 
 
-def _call(tally: Tally, scene: Scene, first: int, size: int) -> np.ndarray:
+def _call(tally: Tally, scene: Scene, first: int, size: int) -> tuple[np.ndarray, np.ndarray]:
     """Boulders `first` to `first + size - 1`, into their places. Returns the numbers of those that
-    left the window, which are in no tally."""
+    left the window, which are in no tally, and where (2, n)."""
     lines = len(tally.scene.case.lines)
     scene.kernel.keep_within(tally.maps.box)
-    done = slice(first - 1 - tally.before, first - 1 - tally.before + size)
-    energy = tally.energy[done] if tally.scene.case.output["energy_balance"] else tally.energy
-    trees_hit = tally.trees_hit[done] if tally.scene.case.has_forest else tally.trees_hit
-    outcome = tally.outcome[done] if tally.scene.case.barrier else tally.outcome
+    energy, trees_hit, outcome = _rooms(tally, first, size)
     boulder, count, crossing, code, message = _core.run(
         scene.kernel.handle, first, tally.threads, **tally.maps.arguments(),
         **tally.maps.run_arguments(), histogram=tally.histogram.T, by_ground=tally.by_ground,
@@ -230,9 +231,61 @@ def _call(tally: Tally, scene: Scene, first: int, size: int) -> np.ndarray:
             f"{len(tally.maps.class_counts)} cells; the counts of quantile maps in more do not fit "
             "in memory"
         )
-    tally.boulder[done], tally.count[done] = boulder.T, count.T
-    tally.crossing[done] = crossing.T[:, :lines]
-    return first + np.flatnonzero(count[STATUS] == LEFT_WINDOW)
+    left = np.flatnonzero(count[STATUS] == LEFT_WINDOW)
+    if tally.number is None:
+        rows, done = slice(None), _places(tally, first, size)
+    else:
+        _add_samples(tally, scene, boulder, count, crossing)
+        done = slice(*np.searchsorted(tally.number, [first, first + size]).tolist())
+        rows = tally.number[done] - first
+        for whole, some in (
+            (tally.energy, energy), (tally.trees_hit, trees_hit), (tally.outcome, outcome),
+        ):  # fmt: skip
+            if some is not whole:
+                whole[done] = some[rows]
+    tally.boulder[done], tally.count[done] = boulder.T[rows], count.T[rows]
+    if tally.number is not None:
+        tally.count[done, COUNTED:] = 0
+    tally.crossing[done] = crossing.T[rows, :lines]
+    return first + left, boulder[STOP][:, left]
+
+
+def _places(tally: Tally, first: int, size: int) -> slice:
+    return slice(first - 1 - tally.before, first - 1 - tally.before + size)
+
+
+def _rooms(tally: Tally, first: int, size: int) -> tuple[np.ndarray, ...]:
+    """Where the kernel puts energies, hits of trees and outcomes of barriers, as far as there are
+    any: their places, or room of their own where not all rows are kept."""
+    case, asked = tally.scene.case, []
+    for array, is_asked in (
+        (tally.energy, case.output["energy_balance"]),
+        (tally.trees_hit, case.has_forest),
+        (tally.outcome, bool(case.barrier)),
+    ):
+        if not is_asked:
+            asked.append(array)
+        elif tally.number is None:
+            asked.append(array[_places(tally, first, size)])
+        else:
+            asked.append(np.zeros((size, *array.shape[1:]), array.dtype))
+    return tuple(asked)
+
+
+def _add_samples(
+    tally: Tally, scene: Scene, boulder: np.ndarray, count: np.ndarray, crossing: np.ndarray
+) -> None:
+    """Rows of a chunk to samples, and their counts to those of all boulders."""
+    samples = tally.samples
+    assert samples is not None
+    _core.add_samples(
+        scene.kernel.handle, boulder, count, crossing, samples.bins.T, samples.sums.T,
+        samples.groups.T, samples.largest.T, samples.ended,
+    )  # fmt: skip
+    sums = count[:, count[STATUS] != LEFT_WINDOW].sum(axis=1, dtype="i8")
+    for name, total in zip(fields(2), sums, strict=True):
+        if name in variables.COUNT:
+            tally.counted[name] = tally.counted.get(name, 0) + total
 
 
 def trace(tally: Tally) -> None:
@@ -270,6 +323,5 @@ def _fly_alone(
     while recorded > len(vertex):
         vertex = np.empty((recorded, len(fields(4))))
         recorded, boulder, count = _core.trajectory(scene.kernel.handle, number, vertex.T)
-    place = boulder[[fields(1).index(name) for name in ("stop_x", "stop_y")]]
-    left = tuple(place) if count[STATUS] == LEFT_WINDOW else None
+    left = tuple(boulder[STOP]) if count[STATUS] == LEFT_WINDOW else None
     return vertex[:recorded], left

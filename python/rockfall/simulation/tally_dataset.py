@@ -13,6 +13,7 @@ from rockfall.io.grid import row_blocks
 from rockfall.result import variables
 from rockfall.result.contents import Contents
 from rockfall.result.dataset import CONVENTIONS, centre_variables, feature_names, provenance
+from rockfall.result.samples import sample_variables
 from rockfall.result.variables import fields
 from rockfall.simulation.maps import HITS, Maps, boulders_per_cluster
 from rockfall.simulation.tally import Tally
@@ -29,8 +30,8 @@ def make_result(tally: Tally, maps: bool = True) -> Contents:
     """Everything that a run found, as interface names of `variables`; with or without its maps,
     whose tallies are used up (`settle` comes before)."""
     data = boulder_variables(tally)
-    number = np.arange(tally.before + 1, tally.before + tally.done + 1)
-    data["boulder"] = ("boulder", number, {"units": "1", "long_name": "number of the boulder"})
+    data["boulder"] = ("boulder", tally.numbers(), variables.KEPT["boulder"])
+    data |= sample_variables(tally.samples)
     data |= _grounds_themselves(tally) | ground_variables(tally)
     if tally.scene.features is not None:
         names = np.array(tally.scene.features.names, dtype=object)
@@ -52,7 +53,7 @@ def make_result(tally: Tally, maps: bool = True) -> Contents:
 
 
 def boulder_variables(tally: Tally) -> dict[str, Any]:
-    """Of each boulder done, and counts over all of them."""
+    """Of each row, and counts over all boulders done."""
     data: dict[str, tuple] = {}
     columns = tally.columns()
     for name, about in variables.BOULDER.items():
@@ -63,13 +64,13 @@ def boulder_variables(tally: Tally) -> dict[str, Any]:
         before = tally.counted.get(name, np.int64(0))
         data[name] = ((), before + columns[name].sum(dtype="i8"), about)
     if tally.scene.case.output["energy_balance"]:
-        for name, values in zip(fields(5), tally.energy[: tally.done].T, strict=True):
+        for name, values in zip(fields(5), tally.energy[: tally.rows].T, strict=True):
             data[name] = ("boulder", values, variables.ENERGY[name])
     if tally.scene.features is not None:
         feature = tally.feature_of(columns["source"])
         data["source_feature"] = ("boulder", feature, variables.FEATURE["source_feature"])
     if tally.scene.case.has_forest:
-        data["trees_hit"] = ("boulder", tally.trees_hit[: tally.done], variables.TREE["trees_hit"])
+        data["trees_hit"] = ("boulder", tally.trees_hit[: tally.rows], variables.TREE["trees_hit"])
     return data
 
 
@@ -117,7 +118,7 @@ def line_variables(tally: Tally) -> dict[str, Any]:
     """First crossings of the evaluation lines."""
     return {
         f"line_{name}": (
-            ("line", "boulder"), tally.crossing[: tally.done, :, k].T, variables.LINE[name]
+            ("line", "boulder"), tally.crossing[: tally.rows, :, k].T, variables.LINE[name]
         )
         for k, name in enumerate(fields(3))
     }  # fmt: skip
@@ -127,8 +128,8 @@ def _barrier_variables(tally: Tally) -> dict[str, Any]:
     """Of the lines that are barriers, what they are, and what they did."""
     case = tally.scene.case
     height, capacity = _core.barriers(case.text().encode(), len(case.lines))
-    outcome = np.zeros((len(height), tally.done), "i1")
-    outcome[height > 0] = tally.outcome[: tally.done].T
+    outcome = np.zeros((len(height), tally.rows), "i1")
+    outcome[height > 0] = tally.outcome[: tally.rows].T
     height[capacity == 0] = capacity[capacity == 0] = np.nan
     about = {**variables.BARRIER}
     about["outcome"] = about["outcome"] | _flags({"not_met": 0, **variables.OUTCOME})
@@ -143,7 +144,7 @@ def outcome_variable(tally: Tally) -> dict[str, Any]:
     """What barriers did, as parts have it; {} without barriers."""
     if not tally.scene.case.barrier:
         return {}
-    values = tally.outcome[: tally.done].T
+    values = tally.outcome[: tally.rows].T
     return {"barrier_outcome": (("barrier", "boulder"), values, variables.BARRIER["outcome"])}
 
 

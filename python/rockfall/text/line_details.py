@@ -15,6 +15,7 @@ from rockfall.io.output_files import FIGURE, GROUP_TABLE, PROFILE
 from rockfall.plots.along_figures import line_profile_figure
 from rockfall.plots.style import save
 from rockfall.quantities import DESIGN, QUANTITIES, number, with_unit
+from rockfall.result.samples import kept_note
 from rockfall.text.line_tables import ENDS, open_lines, write_tables
 from rockfall.text.table import table as aligned
 
@@ -52,7 +53,8 @@ def print_profile(
     there, and its figure beside it as NAME.png."""
     result, places = open_lines(path, table, {"": PROFILE, ".png": FIGURE})
     profile = line_profile(result, line, width)
-    print("\n".join([ALONG, "", line, aligned(_along(profile))]))
+    about = [ALONG, *filter(None, [kept_note(result)])]
+    print("\n".join([*about, "", line, aligned(_along(profile))]))
     made = [profile, lambda part: save(line_profile_figure(profile), part)]
     write_tables(path, result, dict(zip(places, made, strict=False)))
 

@@ -18,6 +18,7 @@ from rockfall.io.output_files import LEVEL_TABLE, LINE_TABLE, atomic_folder, che
 from rockfall.io.tables import write_csv
 from rockfall.quantities import QUANTITIES, number
 from rockfall.result.dataset import read_result
+from rockfall.result.samples import simulated
 from rockfall.text.ensemble import ensemble_summary
 from rockfall.text.table import table as aligned
 
@@ -41,7 +42,7 @@ def print_lines(path: str | Path, table: str | Path | None = None) -> None:
     kinds = {"": LINE_TABLE, "_levels.csv": LEVEL_TABLE}
     result, places = open_lines(path, table, kinds)
     statistics, levels = line_statistics(result), return_levels(result)
-    print("\n".join(_text(statistics, levels, result.sizes["boulder"])))
+    print("\n".join(_text(statistics, levels, simulated(result))))
     if is_ensemble(result):
         print("", ensemble_summary(result), sep="\n")
     write_tables(path, result, dict(zip(places, [statistics, levels], strict=False)))

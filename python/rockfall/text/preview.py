@@ -111,7 +111,10 @@ def memory(scene: Scene, pilot: Pilot) -> dict[str, float]:
         "maps": sum(layer.nbytes for layer in layers if layer.size > 1),
         "classes": 4 * maps.class_counts.shape[1] * pilot.cells if counted else 0,
         "trees": 0 if scene.trees is None else scene.trees.bytes,
-        "results": row * scene.boulders + scene.x.nbytes + scene.y.nbytes,
+        "results": row * len(tally.boulder)
+        + tally.samples_bytes()
+        + scene.x.nbytes
+        + scene.y.nbytes,
         "program": PROGRAM,
         "made": PACKAGES + made,
     }
@@ -134,7 +137,9 @@ def _follow(scene: Scene, number: int) -> Pilot:
         boulders = 1 + (scene.boulders * (drawn + 0.5) / scene.x.size).astype("i8")
         drawn = scene.sources_of(boulders)
     case = scene.case.replace(
-        case={"boulders": 1, "boulders_total": None}, release={"by_area": False}, output=output
+        case={"boulders": 1, "boulders_total": None},
+        release={"by_area": False},
+        output=output | {"kept": "all"},
     )
     told = None if scene.source_boulders is None else scene.source_boulders.of(drawn)
     x, y = scene.x[drawn], scene.y[drawn]

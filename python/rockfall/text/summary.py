@@ -8,13 +8,14 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from rockfall.analysis.extrapolation import extrapolations
-from rockfall.analysis.line_statistics import line_numbers
-from rockfall.analysis.precision.intervals import sources
+from rockfall.analysis.line_statistics import numbers
+from rockfall.analysis.lines.samples import LineSamples
 from rockfall.analysis.run_until import verdicts_of
 from rockfall.protection.barriers import barrier_rows, barriers_of
 from rockfall.quantities import QUANTITIES, Quantity, percent
 from rockfall.result.grounds import GroundRebounds, rebounds_by_ground
-from rockfall.result.trajectories import ends
+from rockfall.result.samples import simulated
+from rockfall.result.trajectories import ended
 from rockfall.text.table import table
 
 if TYPE_CHECKING:
@@ -23,12 +24,14 @@ if TYPE_CHECKING:
 
 def summary(result: Held) -> str:
     """How many boulders, how they ended, how they passed the lines, and warnings."""
-    boulders = result.sizes["boulder"]
+    boulders, rows = simulated(result), result.sizes["boulder"]
     lines = [f"{result.attrs['title'] or 'rockfall'}: {boulders:,} boulders"]
+    if rows < boulders:
+        lines[0] += f", rows of {rows:,} kept"
     lines.append(table(_ends(result)))
     if "line" in result:
         lines.append(table(_passages(result)))
-    if barriers_of(result):
+    if barriers_of(result) and rows:
         lines.append(table(_barriers(result)))
     lines += [f"  until {verdict}" for verdict in verdicts_of(result)]
     lines += _rebounds(result)
@@ -41,9 +44,10 @@ def summary(result: Held) -> str:
 
 def _ends(result: Held) -> Iterator[list[str]]:
     """The fraction of the boulders that ended with each status."""
-    for word, ended in ends(result).items():
-        if ended.any():
-            yield [f"  {word.replace('_', ' ')}", f"{ended.sum():,}", f"{ended.mean():.1%}"]
+    boulders = simulated(result)
+    for word, n in ended(result).items():
+        if n:
+            yield [f"  {word.replace('_', ' ')}", f"{n:,}", f"{n / boulders:.1%}"]
 
 
 def _passages(result: Held) -> Iterator[list[str]]:
@@ -55,9 +59,9 @@ def _passages(result: Held) -> Iterator[list[str]]:
         "fraction",
         *(f"mean {key.replace('_', ' ')}" for key in shown),
     ]
-    source = sources(result)
+    known = LineSamples(result)
     for k, name in enumerate(result["line"].values):
-        rows = {key: line_numbers(result, k, key, source) for key in shown}
+        rows = {key: numbers(known.sample(k, key), key) for key in shown}
         passed = rows["speed"]
         if not passed["n"]:
             yield [f"  {name}", "0", f"0 to {100 * passed['fraction_high']:.2g} %", "", ""]
@@ -75,12 +79,12 @@ def _barriers(result: Held) -> Iterator[list[str]]:
         yield [f"  {row['barrier']}", outcome, f"{row['n']:,}", _within(row, "fraction", fraction)]
 
 
-def _within(numbers: dict[str, float], name: str, about: Quantity) -> str:
+def _within(row: dict[str, float], name: str, about: Quantity) -> str:
     """A number and half the length of its interval, where it has one."""
-    value, decimals = about.factor * numbers[name], about.decimals
-    if f"{name}_low" not in numbers:
+    value, decimals = about.factor * row[name], about.decimals
+    if f"{name}_low" not in row:
         return f"{value:.{decimals}f} {about.unit}"
-    half = about.factor * (numbers[f"{name}_high"] - numbers[f"{name}_low"]) / 2
+    half = about.factor * (row[f"{name}_high"] - row[f"{name}_low"]) / 2
     if 0 < half < 10**-decimals:  # two digits in place of +- 0.0
         decimals = 1 - math.floor(math.log10(half))
     return f"{value:.{decimals}f} +- {half:.{decimals}f} {about.unit}"

@@ -28,7 +28,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rockfall.analysis.line_statistics import line_values
+from rockfall.analysis.lines.values import line_values
 from rockfall.analysis.observations import Observed
 from rockfall.analysis.run_out import Frame, frames, observed_boulders, way_of
 from rockfall.errors import RockfallError

@@ -14,7 +14,8 @@ import numpy as np
 from rockfall.analysis.ensemble.maps import RANGED, MemberMaps
 from rockfall.analysis.ensemble.sobol_indices import Indices, deviations, indices, limits
 from rockfall.analysis.ensemble.uncertain_inputs import Draw, Uncertain, drawn_scene
-from rockfall.analysis.line_statistics import line_numbers, line_values
+from rockfall.analysis.line_statistics import line_numbers
+from rockfall.analysis.lines.values import line_values
 from rockfall.analysis.precision.intervals import Sources, sources
 from rockfall.case import Case
 from rockfall.case_files import files_behind
@@ -97,7 +98,9 @@ def run_ensemble(case: Case, *, progress: bool = False, **arrays: Any) -> xr.Dat
     inputs = Uncertain(scene)
     names, blocks = inputs.names, case.ensemble["runs"]
     maps = MemberMaps(scene) if scene.case.output.get("maps") else None
-    base = _run(replace(read, case=read.case.replace(output={"map_extent": "terrain"})))
+    base = _run(
+        replace(read, case=read.case.replace(output={"map_extent": "terrain", "kept": "all"}))
+    )
     size = (blocks, 2 + len(names), base.values.size)
     y, covariance = np.empty(size), np.empty((*size[:2], *size[1:]))
     draws, seeds = [], []
@@ -132,7 +135,7 @@ def lean(scene: Scene, what: str, maps: list[str] | None) -> Scene:
             f"{what}: the Monte Carlo error is not known"
         )
     output: dict[str, Any] = {"maps": maps, "map_extent": "terrain"}
-    output |= {"rebounds": False, "trajectories": 0, "energy_balance": False}
+    output |= {"rebounds": False, "trajectories": 0, "energy_balance": False, "kept": "all"}
     return replace(scene, case=case.replace(output=output))
 
 

@@ -17,6 +17,7 @@ from rockfall.analysis.hazard.classes import Frequencies
 from rockfall.errors import RockfallError
 from rockfall.io.grid import Grid
 from rockfall.io.layers import read_features
+from rockfall.result.samples import check_all_rows
 from rockfall.result.variables import LINE
 from rockfall.simulation.memory import machine_memory
 
@@ -172,6 +173,7 @@ def object_counts(objects: Objects, result: xr.Dataset, grid: Grid, maps: np.nda
     rows, columns = grid.cells(*objects.places.T)
     counts[:, objects.point] = maps[:, rows, columns]
     for number in np.unique(objects.owner):
+        check_all_rows(result, "an object that is a line")
         energy = np.full(result.sizes["boulder"], np.nan)
         for line in np.flatnonzero(objects.owner == number):
             parts = (f"line_energy_{kind}" for kind in ("translational", "rotational"))

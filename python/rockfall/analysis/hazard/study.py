@@ -33,6 +33,7 @@ from rockfall.case import Case, case_of
 from rockfall.errors import RockfallError
 from rockfall.result.contents import Contents
 from rockfall.result.dataset import read_result
+from rockfall.result.samples import simulated
 from rockfall.scene.frames import frame_files, is_frame, of_frames
 from rockfall.scene.plausible import implausible
 from rockfall.scene.read import read_scene
@@ -176,7 +177,7 @@ class _Run:
     """What is kept of the run of a scenario."""
 
     def __init__(self, study: Study, scenario: Scenario, result: xr.Dataset) -> None:
-        self.boulders, self.yearly = result.sizes["boulder"], scenario.frequency
+        self.boulders, self.yearly = simulated(result), scenario.frequency
         starts = (result[f"start_{axis}"].values for axis in "xy")
         self.per_cluster = boulders_per_cluster(study.case, *starts)
         self.sample = self.boulders, self.per_cluster, self.yearly

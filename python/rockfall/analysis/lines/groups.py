@@ -13,7 +13,7 @@ from rockfall.errors import RockfallError
 from rockfall.quantities import number
 
 if TYPE_CHECKING:
-    import xarray as xr
+    from rockfall.result.contents import Held
 
 BY = ("source", "volume")
 MAX_SOURCES = 50  # of more, neighbours by number share a group
@@ -23,22 +23,27 @@ MAX_VOLUMES = 6  # that are classes of their own
 Group = tuple[str, np.ndarray]  # its name, and which boulders are of it
 
 
-def groups(result: xr.Dataset, by: str, classes: Sequence[float] | None = None) -> list[Group]:
+def groups(result: Held, by: str, classes: Sequence[float] | None = None) -> list[Group]:
     """Every boulder is of one group, and no group is empty.
 
     by = 'source': the polygons or points of the layer of sources, by their names; without a layer
     the sources, by number. by = 'volume': `classes` are the edges between classes [m3]; by default
     the few volumes there are, or quarters of the boulders. An edge is of the class above it.
     """
-    if by not in BY:
-        raise RockfallError(f"by = '{by}': must be {' or '.join(BY)}")
-    if classes is not None and by != "volume":
-        raise RockfallError(f"classes: are of volumes, not by = '{by}'")
+    check_by(by, classes)
     found = _by_source(result) if by == "source" else _by_volume(result["volume"].values, classes)
     return [(name, chosen) for name, chosen in found if chosen.any()]
 
 
-def _by_source(result: xr.Dataset) -> Iterator[Group]:
+def check_by(by: str, classes: Sequence[float] | None) -> None:
+    """Refuse groups that there are not, and classes of anything but volumes."""
+    if by not in BY:
+        raise RockfallError(f"by = '{by}': must be {' or '.join(BY)}")
+    if classes is not None and by != "volume":
+        raise RockfallError(f"classes: are of volumes, not by = '{by}'")
+
+
+def _by_source(result: Held) -> Iterator[Group]:
     layer = "source_feature" in result
     of = result["source_feature" if layer else "source"].values
     present = np.unique(of)
@@ -46,10 +51,25 @@ def _by_source(result: xr.Dataset) -> Iterator[Group]:
         for some in np.array_split(present, RANGES):
             yield f"{some[0]} to {some[-1]}", (of >= some[0]) & (of <= some[-1])
         return
-    names = [str(name) for name in result["feature"].values] if layer else []
-    for k in present:
-        name = names[k - 1] if layer else str(k)
-        yield f"{name} ({k})" if names.count(name) > 1 else name, of == k
+    for k, name in zip(present, _names(result, present), strict=True):
+        yield name, of == k
+
+
+def part_names(result: Held) -> list[str]:
+    """Of the parts of samples: features, sources, or ranges of either."""
+    last = result["sample_part_last"].values
+    if last[-1] == last.size:
+        return _names(result, last)
+    return [f"{low + 1} to {high}" for low, high in itertools.pairwise([0, *last])]
+
+
+def _names(result: Held, numbers: np.ndarray) -> list[str]:
+    """Of features, or of sources where there are none."""
+    if "feature" not in result:
+        return [str(k) for k in numbers]
+    names = [str(name) for name in result["feature"].values]
+    mine = [(names[k - 1], k) for k in numbers]
+    return [f"{name} ({k})" if names.count(name) > 1 else name for name, k in mine]
 
 
 def _by_volume(volume: np.ndarray, classes: Sequence[float] | None) -> Iterator[Group]:

@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rockfall.analysis.line_statistics import line_values, sample_numbers, with_limits
+from rockfall.analysis.line_statistics import sample_numbers, with_limits
+from rockfall.analysis.lines.values import line_values
 from rockfall.analysis.precision.intervals import fraction_interval, sources
 from rockfall.errors import RockfallError
 from rockfall.quantities import round_step
+from rockfall.result.samples import check_rows
 from rockfall.result.trajectories import lines
 from rockfall.terrain.polyline import lengths
 
@@ -66,6 +68,7 @@ def line_profile(result: xr.Dataset, line: str, width: float | None = None) -> p
 def line_number(result: xr.Dataset, line: str) -> int:
     """The index of a line of this name."""
     names = [str(name) for name in result["line"].values] if "line" in result else []
+    check_rows(result, "places along a line")
     if not names or not result.sizes.get("boulder"):
         raise RockfallError("the result has no evaluation lines, or no boulders")
     if line not in names:

@@ -44,13 +44,7 @@ class Sources:
         number, so that what a pair differs by counts as chance (collapsed strata: Cochran 1977,
         section 5A.12)."""
         boulders = np.bincount(number)
-        of = np.arange(boulders.size)
-        single = np.flatnonzero(boulders == 1)
-        of[single[1::2]] = single[: single[1::2].size * 2 : 2]
-        if single.size % 2 and boulders.size > 1:
-            last = single[-1]
-            of[last] = of[last - 1] if last else of[1]
-        stratum = of[number]
+        stratum = strata(boulders)[number]
         return cls(number, stratum, np.bincount(stratum, minlength=boulders.size), sampled)
 
     @classmethod
@@ -66,15 +60,103 @@ class Sources:
         """Of the sources of the boulders."""
         return int(self.number.max(initial=-1)) + 1
 
+    def sums(self, residual: np.ndarray) -> Sums:
+        """Those of a variable of the boulders, less its mean."""
+        of, size = self.number if self.sampled else self.stratum, self.released.size
+        n, total, squares = (
+            np.bincount(of, v, size) for v in (np.ones(of.size), residual, residual**2)
+        )
+        return Sums(n, total, squares, self.released, self.sampled)
+
+
+def strata(boulders: np.ndarray) -> np.ndarray:
+    """The stratum of each source that released so many boulders."""
+    of = np.arange(boulders.size)
+    single = np.flatnonzero(boulders == 1)
+    of[single[1::2]] = single[: single[1::2].size * 2 : 2]
+    if single.size % 2 and boulders.size > 1:
+        last = single[-1]
+        of[last] = of[last - 1] if last else of[1]
+    return of
+
+
+@dataclass(frozen=True)
+class Sums:
+    """What the boulders of each stratum, or of each source where these are a sample, add to a
+    variable less its mean: all that its interval needs to know."""
+
+    n: np.ndarray  # boulders
+    total: np.ndarray
+    squares: np.ndarray
+    released: np.ndarray  # boulders, of which the others have no value
+    sampled: bool
+
+    @property
+    def size(self) -> int:
+        """Boulders in all."""
+        return int(self.n.sum())
+
+    def half_of_mean(self) -> float:
+        """Half the interval of the mean of values of two boulders or more."""
+        n = self.size
+        if self.sampled:  # sources that happen to agree know no more than their boulders
+            alone = student(n - 1) * math.sqrt(self.squares.sum() / (n - 1) / n)
+            return max(alone, self._half_of_clusters())
+        within = self._within()
+        total = within.sum()
+        if not total:
+            return 0.0
+        few = np.maximum(self.n - 1, 1)
+        freedom = total**2 / (within**2 / few).sum()  # Satterthwaite 1946
+        return student(freedom) * math.sqrt(total / (n * (n - 1)))
+
+    def effective_number(self, fraction: float) -> float:
+        """As many independent boulders would know the fraction of an indicator as well (Korn and
+        Graubard 1998).
+
+        Where few boulders speak, sources in which all did the same seem surer than they are: the
+        variance is that of Z**2 more boulders which might have done otherwise, and at most that of
+        boulders from anywhere, which no stratified sample exceeds.
+        """
+        n = self.size
+        if self.sampled:
+            half = self._half_of_clusters()
+            return min(float(n), Z**2 * fraction * (1 - fraction) / half**2) if half else float(n)
+        anywhere = n * fraction * (1 - fraction)
+        if not anywhere:
+            return float(n)
+        return n * anywhere / min(anywhere, self._within().sum() + Z**2)
+
+    def _within(self) -> np.ndarray:
+        """What each stratum adds to the variance of the sum; boulders that were released and are
+        not among these add none (a domain: Cochran 1977, section 5A.14)."""
+        n = self.released
+        scatter = np.maximum(self.squares - self.total**2 / np.maximum(n, 1), 0)
+        return scatter * (n / np.maximum(n - 1, 1)) * (1 - 1 / n.sum())
+
+    def _half_of_clusters(self) -> float:
+        """Half the interval of a mean as the clusters differ (linearised; Cochran 1977); 0 where
+        there is but one. Few clusters hardly know how much: Student's distribution has their number
+        less one."""
+        sums = self.total[self.n > 0]
+        if sums.size == 1:  # one source: its boulders are independent
+            return 0.0
+        error = np.sqrt((sums**2).sum() * sums.size / (sums.size - 1)) / self.size
+        return student(sums.size - 1) * error
+
 
 def sources(result: Held) -> Sources:
     """Those of the boulders of a result, by `source`. In a sample, sources at one place are one:
     it was the place that was chosen, whatever volumes it releases."""
-    sampled = "case" in result.attrs and case_of(result).release["sources"] == "sample"
-    of = result["source"].values
+    of, sampled = result["source"].values, are_sampled(result)
     if sampled:
         of = result["start_x"].values + 1j * result["start_y"].values
     return Sources.of(np.unique(of, return_inverse=True)[1], sampled)
+
+
+def are_sampled(result: Held) -> bool:
+    """Whether the sources of a result are a sample of others."""
+    return "case" in result.attrs and case_of(result).release["sources"] == "sample"
 
 
 def fraction_interval(holds: np.ndarray, source: Sources) -> tuple[float, float, float]:
@@ -86,54 +168,13 @@ def fraction_interval(holds: np.ndarray, source: Sources) -> tuple[float, float,
 
 def half_of_mean(v: np.ndarray, source: Sources) -> float:
     """Half the interval of the mean of values of two boulders or more."""
-    if source.sampled:  # sources that happen to agree know no more than their boulders
-        alone = student(v.size - 1) * v.std(ddof=1) / np.sqrt(v.size)
-        return max(alone, _half_of_clusters(v, source.number))
-    within = _within(v - v.mean(), source)
-    total = within.sum()
-    if not total:
-        return 0.0
-    few = np.maximum(np.bincount(source.stratum, minlength=within.size) - 1, 1)
-    freedom = total**2 / (within**2 / few).sum()  # Satterthwaite 1946
-    return student(freedom) * math.sqrt(total / (v.size * (v.size - 1)))
+    return source.sums(v - v.mean()).half_of_mean()
 
 
 def effective_number(indicator: np.ndarray, source: Sources) -> float:
-    """As many independent boulders would know the fraction of an indicator as well (Korn and
-    Graubard 1998).
-
-    Where few boulders speak, sources in which all did the same seem surer than they are: the
-    variance is that of Z**2 more boulders which might have done otherwise, and at most that of
-    boulders from anywhere, which no stratified sample exceeds.
-    """
-    n, fraction = indicator.size, indicator.mean()
-    if source.sampled:
-        half = _half_of_clusters(indicator, source.number)
-        return min(float(n), Z**2 * fraction * (1 - fraction) / half**2) if half else float(n)
-    anywhere = n * fraction * (1 - fraction)
-    if not anywhere:
-        return float(n)
-    return n * anywhere / min(anywhere, _within(indicator - fraction, source).sum() + Z**2)
-
-
-def _within(residual: np.ndarray, source: Sources) -> np.ndarray:
-    """What each stratum adds to the variance of the sum of residuals; boulders that were released
-    and are not among these add none (a domain: Cochran 1977, section 5A.14)."""
-    n = source.released
-    total, squares = (np.bincount(source.stratum, v, n.size) for v in (residual, residual**2))
-    scatter = np.maximum(squares - total**2 / np.maximum(n, 1), 0)
-    return scatter * (n / np.maximum(n - 1, 1)) * (1 - 1 / n.sum())
-
-
-def _half_of_clusters(v: np.ndarray, cluster: np.ndarray) -> float:
-    """Half the interval of a mean as the clusters differ (linearised; Cochran 1977); 0 where there
-    is but one. Few clusters hardly know how much: Student's distribution has their number less
-    one."""
-    sums = np.bincount(cluster, v - v.mean())[np.bincount(cluster) > 0]
-    if sums.size == 1:  # one source: its boulders are independent
-        return 0.0
-    error = np.sqrt((sums**2).sum() * sums.size / (sums.size - 1)) / v.size
-    return student(sums.size - 1) * error
+    """As many independent boulders would know the fraction of an indicator as well."""
+    fraction = indicator.mean()
+    return source.sums(indicator - fraction).effective_number(fraction)
 
 
 def student(freedom: float) -> float:
@@ -153,16 +194,17 @@ def between_ranks(ordered: np.ndarray, level: float, effective: float) -> tuple[
     """The order statistics that enclose a quantile, interpolated between ranks, without which a
     small sample's intervals would hold too much; NaN where the sample ends before them. (SciPy's
     quantile_test does not interpolate, and knows no sources.)"""
-    half = Z * np.sqrt(level * (1 - level) / effective)
     n = ordered.size
     low, high = np.interp(
-        n * np.array([level - half, level + half]) + 0.5,
-        np.arange(1, n + 1),
-        ordered,
-        np.nan,
-        np.nan,
+        ranks_around(n, level, effective), np.arange(1, n + 1), ordered, np.nan, np.nan
     )
     return low, high
+
+
+def ranks_around(n: int, level: float, effective: float) -> np.ndarray:
+    """The ranks, from 1, between which a quantile of n values lies."""
+    half = Z * np.sqrt(level * (1 - level) / effective)
+    return n * np.array([level - half, level + half]) + 0.5
 
 
 def half_width(row: Mapping[str, float], name: str) -> float:

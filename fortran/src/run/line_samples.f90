@@ -1,0 +1,204 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> What is kept of boulders whose rows are not: samples of what they did at each line and at their ends, in all, by
+!> part (the features or sources that statistics name), and coarsely by group of sources, for confidence intervals.
+module rockfall_line_samples
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
+   use rockfall_kinds, only: wp, i4, i8
+   use rockfall_math, only: pi, cube_root
+   use rockfall_line, only: line_t
+   use rockfall_boulder, only: release_t, feature_of
+   use rockfall_samples, only: samples_t, add_number, add_tail, n_sample_bins, n_coarse_bins, n_words, n_largest, &
+                               largest_unit
+   use rockfall_variables, only: boulder_fields, boulder_counts, line_fields, statuses
+   implicit none
+   private
+   public :: layout_t, layout_of, make_samples, add_samples, line_quantities, place_along
+   public :: line_quantity, end_quantity, units_of, n_quantities, tails
+
+   !> At a line; the first ones may have a tail that is looked at. At the end of a boulder.
+   character(len=20), parameter :: line_quantity(*) = [character(len=20) :: &
+      "speed", "jump_height", "passing_height", "energy_translational", "energy_rotational", "energy_total", "omega", &
+      "rotational_share", "upper_edge", "normal_height", "normal_upper_edge", "position"]
+   character(len=20), parameter :: end_quantity(*) = [character(len=20) :: &
+      "plan_distance", "path_length", "travel_time", "speed_max", "jump_height_max", "volume", "impacts"]
+   integer, parameter :: n_quantities = size(line_quantity), tails = 6
+   !> Units in one m/s, m, J, rad/s or 1: mm/s, mm, J, mrad/s, millionths; of ends mm, ms, mm/s, cm3, 1.
+   real(wp), parameter :: mega = 1.0e6_wp, kilo = 1.0e3_wp, one = 1.0_wp
+   real(wp), parameter :: units_of(n_quantities, 2) = reshape( &
+      [kilo, kilo, kilo, one, one, one, kilo, mega, kilo, kilo, kilo, kilo, &
+       kilo, kilo, kilo, kilo, kilo, mega, one, one, one, one, one, one], [n_quantities, 2])
+
+   integer, parameter :: max_parts = 50, ranges = 20  !! of more features or sources, so many ranges are parts,
+   integer, parameter :: max_parted = 256             !! or fewer: parts times places, each of 0.6 MB
+   integer, parameter :: max_grouped = 2048           !! groups of sources times places, each of 10 kB
+
+   integer, parameter :: volume = findloc(boulder_fields, "volume", dim=1)
+   integer, parameter :: status = findloc(boulder_counts, "status", dim=1), &
+                         impacts = findloc(boulder_counts, "impacts", dim=1), &
+                         source = findloc(boulder_counts, "source", dim=1)
+
+   !> Which sources are of which part and group; a group is within a part.
+   type :: layout_t
+      integer(i4), allocatable :: part(:), group(:)  !! of each source
+      integer(i4), allocatable :: part_last(:)       !! the last feature or source of each part
+      integer(i4), allocatable :: group_part(:)      !! the part of each group
+   end type layout_t
+
+contains
+
+   !> Each source is a group as long as places times sources are few; else neighbours by number share one.
+   pure function layout_of(release, places) result(layout)
+      type(release_t), intent(in) :: release
+      integer, intent(in) :: places  !! lines and the end
+      type(layout_t) :: layout
+      integer :: things, most, n, each, k, p
+      integer, allocatable :: seen(:), among(:)
+
+      n = size(release%x)
+      things = n
+      if (allocated(release%feature)) things = maxval(release%feature)
+      most = max(1, max_parted/places)
+      layout%part_last = [(k, k=1, things)]
+      if (things > min(max_parts, most)) then
+         most = min(ranges, most)
+         layout%part_last = [(k*(things/most) + min(k, mod(things, most)), k=1, most)]
+      end if
+      allocate (layout%part(n), layout%group(n))
+      allocate (seen(size(layout%part_last)), among(size(layout%part_last)), source=0)
+      do k = 1, n
+         p = k
+         if (allocated(release%feature)) p = feature_of(release, int(k, i8))
+         layout%part(k) = count(layout%part_last < p) + 1
+         among(layout%part(k)) = among(layout%part(k)) + 1
+      end do
+      if (n*int(places, i8) <= max_grouped) then
+         layout%group = [(k, k=1, n)]
+         layout%group_part = layout%part
+         return
+      end if
+      each = max(1, max_grouped/(places*size(among)))
+      do k = 1, n
+         p = layout%part(k)
+         layout%group(k) = (p - 1)*each + 1 + int(seen(p)*int(each, i8)/among(p))
+         seen(p) = seen(p) + 1
+      end do
+      layout%group_part = [((p, k=1, each), p=1, size(among))]
+   end function layout_of
+
+   !> Empty samples of a run of so many boulders.
+   subroutine make_samples(layout, lines, boulders, samples, status)
+      type(layout_t), intent(in) :: layout
+      integer, intent(in) :: lines
+      integer(i8), intent(in) :: boulders
+      type(samples_t), intent(out) :: samples
+      integer, intent(out) :: status  !! 0 = there was memory
+
+      associate (parts => size(layout%part_last), groups => size(layout%group_part))
+         allocate (samples%bins(n_sample_bins, n_quantities, parts, lines + 1), stat=status)
+         if (status == 0) allocate (samples%groups(n_coarse_bins, n_quantities, groups, lines + 1), stat=status)
+         if (status == 0) allocate (samples%sums(n_words, n_quantities, parts, lines + 1), stat=status)
+         if (status == 0) allocate (samples%largest(min(boulders, int(n_largest, i8)), tails, lines), stat=status)
+         if (status /= 0) return
+         allocate (samples%ended(size(statuses)), source=0_i8)
+      end associate
+      samples%bins = 0
+      samples%groups = 0
+      samples%sums = 0
+      samples%largest = -1
+   end subroutine make_samples
+
+   !> Add a boulder, from its rows. One that left the window of the terrain has no status, and is in no sample.
+   pure subroutine add_samples(samples, layout, lines, origin, boulder, counts, crossing)
+      type(samples_t), intent(inout) :: samples
+      type(layout_t), intent(in) :: layout
+      type(line_t), intent(in) :: lines(:)
+      real(wp), intent(in) :: origin(2)       !! of local coordinates [m]
+      real(wp), intent(in) :: boulder(:)      !! boulder_fields
+      integer, intent(in) :: counts(:)        !! boulder_counts
+      real(wp), intent(in) :: crossing(:, :)  !! (line_fields, lines)
+      real(wp) :: found(n_quantities)
+      integer :: k, q
+
+      if (counts(status) < 1) return
+      samples%ended(counts(status)) = samples%ended(counts(status)) + 1
+      found(:size(end_quantity)) = [boulder(findloc(boulder_fields, "plan_distance", dim=1)), &
+                                    boulder(findloc(boulder_fields, "path_length", dim=1)), &
+                                    boulder(findloc(boulder_fields, "travel_time", dim=1)), &
+                                    boulder(findloc(boulder_fields, "speed_max", dim=1)), &
+                                    boulder(findloc(boulder_fields, "jump_height_max", dim=1)), &
+                                    boulder(volume), real(counts(impacts), wp)]
+      call add_all(samples, layout, counts(source), found(:size(end_quantity)), 2, 1)
+      do k = 1, size(lines)
+         if (ieee_is_nan(crossing(1, k))) cycle
+         found(:n_quantities - 1) = line_quantities(crossing(:, k), boulder(volume))
+         found(n_quantities) = place_along(lines(k), crossing(:2, k) - origin)
+         call add_all(samples, layout, counts(source), found, 1, k + 1)
+         do q = 1, tails
+            call add_tail(samples%largest(:, q, k), found(q))
+         end do
+      end do
+   end subroutine add_samples
+
+   !> Add what a boulder from a source did at a place.
+   pure subroutine add_all(samples, layout, from, values, kind, place)
+      type(samples_t), intent(inout) :: samples
+      type(layout_t), intent(in) :: layout
+      integer, intent(in) :: from         !! source
+      real(wp), intent(in) :: values(:)
+      integer, intent(in) :: kind, place  !! 1 of lines, 2 of ends
+      real(wp), parameter :: limit = real(largest_unit, wp)
+      integer :: q
+
+      do q = 1, size(values)
+         call add_number(samples, nint(max(-limit, min(limit, values(q)*units_of(q, kind))), i8), q, &
+                         layout%part(from), layout%group(from), place)
+      end do
+   end subroutine add_all
+
+   !> The quantities at a line but the last, from its row; NaN where there is none. A boulder that touches the ground
+   !> has its centre R / cos(slope) above it, vertically, and R normal to it; so has one that flies, above the place of
+   !> its jump height.
+   pure function line_quantities(row, boulder_volume) result(q)
+      real(wp), intent(in) :: row(:)          !! line_fields
+      real(wp), intent(in) :: boulder_volume  !! [m3]
+      real(wp) :: q(n_quantities - 1)
+      real(wp) :: radius, share, normal
+
+      radius = cube_root(3*boulder_volume/(4*pi))
+      associate (speed => row(findloc(line_fields, "speed", dim=1)), &
+                 jump => row(findloc(line_fields, "jump_height", dim=1)), &
+                 passing => row(findloc(line_fields, "passing_height", dim=1)), &
+                 omega => row(findloc(line_fields, "omega", dim=1)), &
+                 forward => row(findloc(line_fields, "energy_translational", dim=1)), &
+                 turning => row(findloc(line_fields, "energy_rotational", dim=1)))
+         share = turning
+         if (forward + turning > 0) share = turning/(forward + turning)
+         normal = jump*min(1.0_wp, radius/(passing - jump)) + radius
+         q = [speed, jump, passing, forward, turning, forward + turning, omega, share, passing + radius, normal, &
+              normal + radius]
+      end associate
+   end function line_quantities
+
+   !> How far along a line from its first vertex the place on it is that is nearest to a point [m].
+   pure real(wp) function place_along(line, point) result(along)
+      type(line_t), intent(in) :: line
+      real(wp), intent(in) :: point(2)  !! [m]
+      real(wp) :: start(2), side(2), length, here, off, nearest, before
+      integer :: k
+
+      along = 0
+      before = 0
+      nearest = huge(nearest)
+      do k = 1, size(line%x) - 1
+         start = [line%x(k), line%y(k)]
+         side = [line%x(k + 1), line%y(k + 1)] - start
+         length = sqrt(dot_product(side, side))
+         if (length <= 0) cycle
+         here = max(0.0_wp, min(length, dot_product(point - start, side)/length))
+         off = sum((point - start - here*side/length)**2)
+         if (off < nearest) along = before + here
+         nearest = min(nearest, off)
+         before = before + length
+      end do
+   end function place_along
+end module rockfall_line_samples

@@ -1,0 +1,122 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Samples of numbers that are not kept: counts in narrow bins, exact sums, and the largest of them. All are integers,
+!> or a set of the largest, so neither the order nor the parts in which numbers come can change a bit.
+module rockfall_samples
+   use rockfall_kinds, only: wp, i4, i8, i16
+   implicit none
+   private
+   public :: samples_t, add_number, add_tail, sample_bin, sample_edge, sample_size, sample_sum
+   public :: n_sample_bins, n_coarse_bins, bins_per_coarse, n_words, n_largest, largest_unit
+
+   !> Bins of whole units: one each below 512, from there 256 an octave, so that none is wider than 0.4 % of its
+   !> numbers; up to 2**45, and down to -2**20.
+   integer, parameter :: per_octave = 256, first_octave = 8
+   integer, parameter :: below_zero = 3328, from_zero = 9728
+   integer, parameter :: n_sample_bins = below_zero + from_zero
+   integer, parameter :: bins_per_coarse = 64, n_coarse_bins = n_sample_bins/bins_per_coarse
+   integer(i8), parameter :: largest_unit = 2_i8**45  !! larger numbers count as this
+   !> Of a sum, and of one of squares, two digits to the base 2**62; then the maximum.
+   integer, parameter :: n_words = 5, base_bits = 62
+   integer, parameter :: n_largest = 100000  !! numbers of a tail that are kept themselves
+
+   !> Samples of `places` (the ends of boulders, then each line), of `quantities` at each.
+   type :: samples_t
+      integer(i4), pointer, contiguous :: bins(:, :, :, :) => null()    !! (bins, quantities, parts, places)
+      integer(i8), pointer, contiguous :: sums(:, :, :, :) => null()    !! (words, quantities, parts, places)
+      integer(i4), pointer, contiguous :: groups(:, :, :, :) => null()  !! (coarse bins, quantities, groups, places)
+      real(wp), pointer, contiguous :: largest(:, :, :) => null()       !! heaps, -1 = none (numbers, tails, lines)
+      integer(i8), pointer, contiguous :: ended(:) => null()            !! boulders by status
+   end type samples_t
+
+contains
+
+   !> The bin of a whole number of units, from 1.
+   pure integer function sample_bin(number) result(bin)
+      integer(i8), intent(in) :: number
+      integer(i8) :: size
+      integer :: octave
+
+      size = min(abs(number), largest_unit - 1)
+      octave = max(0, int(bit_size(size)) - 1 - leadz(size) - first_octave)
+      bin = per_octave*octave + int(shiftr(size, octave))
+      bin = below_zero + 1 + merge(bin, -min(bin, below_zero), number >= 0)
+   end function sample_bin
+
+   !> The lower edge of a bin, in units; numbers were rounded to whole ones. Of the one past the last: its upper.
+   pure real(wp) function sample_edge(bin) result(edge)
+      integer, intent(in) :: bin
+      integer :: place, octave
+
+      place = abs(bin - below_zero - 1)
+      if (bin <= below_zero) place = place + 1
+      octave = max(0, place/per_octave - 1)
+      edge = scale(real(place - per_octave*octave, wp), octave) - 0.5_wp
+      if (bin <= below_zero) edge = -edge
+   end function sample_edge
+
+   !> Add a number to a sample.
+   pure subroutine add_number(samples, number, quantity, part, group, place)
+      type(samples_t), intent(inout) :: samples
+      integer(i8), intent(in) :: number  !! of units
+      integer, intent(in) :: quantity, part, group, place
+      integer :: bin, coarse
+
+      bin = sample_bin(number)
+      coarse = (bin - 1)/bins_per_coarse + 1
+      samples%bins(bin, quantity, part, place) = samples%bins(bin, quantity, part, place) + 1
+      samples%groups(coarse, quantity, group, place) = samples%groups(coarse, quantity, group, place) + 1
+      associate (words => samples%sums(:, quantity, part, place))
+         call add_digits(words(1:2), int(number, i16))
+         call add_digits(words(3:4), int(number, i16)**2)
+         words(5) = max(words(5), number)
+      end associate
+   end subroutine add_number
+
+   pure subroutine add_digits(digits, number)
+      integer(i8), intent(inout) :: digits(2)
+      integer(i16), intent(in) :: number
+      integer(i16) :: total
+
+      total = shiftl(int(digits(1), i16), base_bits) + digits(2) + number
+      digits(1) = int(shifta(total, base_bits), i8)
+      digits(2) = int(iand(total, 2_i16**base_bits - 1), i8)
+   end subroutine add_digits
+
+   !> How many numbers a sample has, of all parts.
+   pure integer(i8) function sample_size(samples, quantity, place)
+      type(samples_t), intent(in) :: samples
+      integer, intent(in) :: quantity, place
+
+      sample_size = sum(int(samples%bins(:, quantity, :, place), i8))
+   end function sample_size
+
+   !> Their sum, in units.
+   pure real(wp) function sample_sum(samples, quantity, place)
+      type(samples_t), intent(in) :: samples
+      integer, intent(in) :: quantity, place
+
+      associate (sums => samples%sums(:, quantity, :, place))
+         sample_sum = scale(real(sum(sums(1, :)), wp), base_bits) + sum(real(sums(2, :), wp))
+      end associate
+   end function sample_sum
+
+   !> Put a number into a heap of the largest, whose first one is the smallest.
+   pure subroutine add_tail(heap, number)
+      real(wp), intent(inout) :: heap(:)
+      real(wp), intent(in) :: number  !! >= 0
+      integer :: here, next
+
+      if (size(heap) == 0) return
+      if (number <= heap(1)) return
+      here = 1
+      do
+         next = 2*here
+         if (next > size(heap)) exit
+         if (next < size(heap)) next = next + merge(1, 0, heap(min(next + 1, size(heap))) < heap(next))
+         if (heap(next) >= number) exit
+         heap(here) = heap(next)
+         here = next
+      end do
+      heap(here) = number
+   end subroutine add_tail
+end module rockfall_samples

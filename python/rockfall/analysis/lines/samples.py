@@ -1,0 +1,133 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Samples of the quantities at lines, of all boulders of a result or of groups of them: from their
+rows, or where a run keeps no rows, from its counts and sums."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rockfall.analysis.lines.groups import Group, check_by, groups, part_names
+from rockfall.analysis.lines.values import line_values
+from rockfall.analysis.precision.intervals import Sources, are_sampled, sources
+from rockfall.analysis.precision.samples import Counts, Sample, Values
+from rockfall.case import case_of
+from rockfall.limits import (
+    SAMPLE_BINS,
+    SAMPLE_COARSE,
+    SAMPLE_QUANTITIES,
+    SAMPLE_TAILS,
+    SAMPLE_UNITS,
+)
+from rockfall.result.samples import check_all_rows, simulated
+from rockfall.result.variables import fields
+
+if TYPE_CHECKING:
+    from rockfall.result.contents import Held
+
+
+class LineSamples:
+    """What is known of the quantities at the lines of a result."""
+
+    def __init__(self, result: Held, source: Sources | None = None) -> None:
+        """`source` is that of each boulder, where it is not that of the result."""
+        self.result, self._counted = result, result.sizes["boulder"] < simulated(result)
+        if source is None and not self._counted:
+            source = sources(result)
+        self._source = source
+        self.sampled = are_sampled(result) if source is None else source.sampled
+
+    @property
+    def boulders(self) -> int:
+        """How many are known."""
+        return simulated(self.result) if self._source is None else self._source.number.size
+
+    @property
+    def sources(self) -> int:
+        """How many there are; where boulders are counted and sources release different numbers,
+        groups of them at most."""
+        if self._source is not None:
+            return self._source.count
+        case = case_of(self.result)
+        if "boulders" in case.case and not case.release["by_area"]:
+            return int(self.result.attrs["boulders_asked"]) // case.case["boulders"]
+        return int(np.count_nonzero(self._released(None)))
+
+    def given(self) -> LineSamples:
+        """The same with the sources for all there are."""
+        source = None if self._source is None else replace(self._source, sampled=False)
+        found = LineSamples(self.result, source)
+        found.sampled = False
+        return found
+
+    def groups(self, by: str, classes: Sequence[float] | None = None) -> list[Group]:
+        """Of boulders, as `rockfall.analysis.lines.groups.groups` has them; where they are counted,
+        which parts of the sources are of each."""
+        if not self._counted:
+            return groups(self.result, by, classes)
+        check_by(by, classes)
+        if by != "source":
+            check_all_rows(self.result, f"by = '{by}'")
+        names = part_names(self.result)
+        chosen = [(name, np.arange(len(names)) == k) for k, name in enumerate(names)]
+        return [one for one in chosen if self._released(one[1]).any()]
+
+    def sample(self, line: int, quantity: str, chosen: np.ndarray | None = None) -> Sample:
+        """A quantity at the line of this index, of all boulders or of a group."""
+        if self._counted:
+            return self._counts(line, quantity, chosen)
+        values, source = line_values(self.result, quantity, line), self._source
+        assert source is not None
+        if chosen is None:
+            return Values(values, source)
+        return Values(values[chosen], source[chosen])
+
+    def ends(self, quantity: str) -> Sample:
+        """What is known of the ends of boulders: plan_distance, path_length and so on."""
+        if self._counted:
+            return self._counts(-1, quantity, None)
+        assert self._source is not None
+        return Values(self.result[quantity].values, self._source)
+
+    def _counts(self, line: int, quantity: str, parts: np.ndarray | None) -> Counts:
+        """At the line of this index; -1: the end."""
+        result, kind = self.result, int(line < 0)
+        number = fields(6 + kind).index(quantity)
+        all_parts = np.full(result.sizes["sample_part"], True)
+        mine = np.flatnonzero(all_parts if parts is None else parts)
+        chosen = np.isin(result["sample_group_part"].values - 1, mine)
+        where = line + 1, number
+        tail = np.zeros(0)
+        if not kind and number < SAMPLE_TAILS and mine.size == all_parts.size:
+            tail = result["sample_largest"].values[line, number]
+        return Counts(
+            self._dense("", *where, mine).sum(axis=0),
+            result["sample_sums"].values[line + 1, mine, number],
+            self._dense("group_", *where, np.flatnonzero(chosen)),
+            self._released(parts),
+            SAMPLE_UNITS[kind, number],
+            tail[tail >= 0],
+            self.sampled,
+        )
+
+    def _released(self, parts: np.ndarray | None) -> np.ndarray:
+        """Boulders of each group of sources of these parts: all of them have an end."""
+        of = self.result["sample_group_part"].values - 1
+        chosen = np.full(of.size, True) if parts is None else parts[of]
+        return self._dense("group_", 0, 0, np.flatnonzero(chosen)).sum(axis=1)
+
+    def _dense(self, kind: str, place: int, quantity: int, of: np.ndarray) -> np.ndarray:
+        """Counts (of, bins) of these parts, or groups, with the empty ones."""
+        bins = self.result[f"sample_{kind}bin"].values
+        counts = self.result[f"sample_{kind}count"].values
+        n = self.result.sizes["sample_group" if kind else "sample_part"]
+        size = SAMPLE_COARSE if kind else SAMPLE_BINS
+        found = np.zeros((of.size, size), "i8")
+        for row, one in enumerate(of):
+            first = ((place * n + one) * SAMPLE_QUANTITIES + quantity) * size
+            ends = slice(*np.searchsorted(bins, [first, first + size]))
+            found[row, bins[ends] - first] = counts[ends]
+        return found

@@ -1,0 +1,42 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Quantities of each boulder at a line, by the kernel's own rules."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rockfall.limits import line_quantities, places_along
+from rockfall.result.samples import check_rows
+from rockfall.result.variables import fields
+
+if TYPE_CHECKING:
+    from rockfall.result.contents import Held
+
+HEIGHTS = ("upper_edge", "normal_height", "normal_upper_edge")
+HEIGHT_NEEDS = ("jump_height", "passing_height")  # and the volume
+ENERGY_NEEDS = ("energy_translational", "energy_rotational")
+QUANTITIES = fields(6)  # as the kernel numbers them
+
+
+def line_values(result: Held, quantity: str, line: int) -> np.ndarray:
+    """A quantity of each boulder at a line; NaN where it did not cross."""
+    check_rows(result, "a quantity of each boulder at a line")
+    if quantity == "position":
+        return _along(result, line)
+    if f"line_{quantity}" in result:
+        return result[f"line_{quantity}"].values[line]
+    needed = HEIGHT_NEEDS if quantity in HEIGHTS else ENERGY_NEEDS
+    rows = np.full((len(fields(3)), result.sizes["boulder"]), np.nan, order="F")
+    for name in needed:
+        rows[fields(3).index(name)] = result[f"line_{name}"].values[line]
+    volume = result["volume"].values if quantity in HEIGHTS else rows[0]
+    return line_quantities(rows, volume)[QUANTITIES.index(quantity)]
+
+
+def _along(result: Held, line: int) -> np.ndarray:
+    """How far from the first vertex of a line, along it, each boulder crossed."""
+    mine = result["line_vertex_line"].values == line
+    vertices = (result[f"line_vertex_{axis}"].values[mine] for axis in "xy")
+    return places_along(*vertices, *(result[f"line_{axis}"].values[line] for axis in "xy"))

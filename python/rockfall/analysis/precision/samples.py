@@ -1,0 +1,241 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What statistics ask of the numbers of boulders, wherever they come from: values of each boulder,
+or the bins, sums and largest values that a run keeps in their place (rockfall.result.samples)."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from functools import cached_property
+
+import numpy as np
+
+from rockfall.analysis.precision.intervals import (
+    Sources,
+    Sums,
+    between_ranks,
+    effective_number,
+    half_of_mean,
+    ranks_around,
+    strata,
+)
+from rockfall.limits import SAMPLE_COARSE, SAMPLE_EDGES
+from rockfall.result.samples import BASE_BITS
+
+LOW, WIDTH = SAMPLE_EDGES[:-1], np.diff(SAMPLE_EDGES)  # of bins, in units; 1: of one number
+
+
+class Sample(ABC):
+    """The values of n boulders, of those that were released."""
+
+    n: int
+    released: int
+
+    @abstractmethod
+    def mean(self) -> float:
+        """Of one value or more."""
+
+    @abstractmethod
+    def std(self) -> float:
+        """With n - 1."""
+
+    @abstractmethod
+    def max(self) -> float:
+        """Of one value or more."""
+
+    @abstractmethod
+    def quantile(self, levels: Sequence[float]) -> np.ndarray:
+        """Type 7 of Hyndman and Fan (1996)."""
+
+    @abstractmethod
+    def between(self, level: float, effective: float) -> tuple[float, float]:
+        """The order statistics that enclose a quantile, as `between_ranks` has them."""
+
+    @abstractmethod
+    def largest(self, n: int) -> np.ndarray:
+        """So many of the largest values, rising; all there are, where fewer are known."""
+
+    @abstractmethod
+    def effective_passing(self) -> float:
+        """As many independent boulders would know as well which fraction has a value."""
+
+    @abstractmethod
+    def effective_below(self, value: float) -> float:
+        """The same of the values that are at most this."""
+
+    @abstractmethod
+    def half_of_mean(self) -> float:
+        """Half the interval of the mean."""
+
+    @abstractmethod
+    def half_of_squares(self) -> float:
+        """The same of squared deviations from the middle: the mean without some of both ends, the
+        fewer the more values there are, about which the tail of a skewed sample weighs as much as
+        in its population (Bonett 2006)."""
+
+    @property
+    def _cut(self) -> int:
+        """Values that this leaves out at either end."""
+        return min(int(self.n / (2 * math.sqrt(max(self.n - 4, 1)))), (self.n - 1) // 2)
+
+
+class Values(Sample):
+    """Values of boulders from these sources, NaN of those that have none."""
+
+    def __init__(self, values: np.ndarray, source: Sources) -> None:
+        self._has, self._all = ~np.isnan(values), source
+        self._values, self._source = values[self._has], source[self._has]
+        self.n, self.released = self._values.size, values.size
+
+    @cached_property
+    def _ordered(self) -> np.ndarray:
+        return np.sort(self._values)
+
+    def mean(self) -> float:
+        return self._values.mean()
+
+    def std(self) -> float:
+        return self._values.std(ddof=1)
+
+    def max(self) -> float:
+        return self._values.max()
+
+    def quantile(self, levels: Sequence[float]) -> np.ndarray:
+        return np.quantile(self._ordered, levels)
+
+    def between(self, level: float, effective: float) -> tuple[float, float]:
+        return between_ranks(self._ordered, level, effective)
+
+    def largest(self, n: int) -> np.ndarray:
+        return self._ordered[max(0, self.n - n) :]
+
+    def effective_passing(self) -> float:
+        return effective_number(self._has.astype(float), self._all)
+
+    def effective_below(self, value: float) -> float:
+        return effective_number((self._values <= value).astype(float), self._source)
+
+    def half_of_mean(self) -> float:
+        return half_of_mean(self._values, self._source)
+
+    def half_of_squares(self) -> float:
+        middle = float(self._ordered[self._cut : self.n - self._cut].mean())
+        return half_of_mean((self._values - middle) ** 2, self._source)
+
+
+class Counts(Sample):
+    """What is kept of boulders in place of their values. Mean, standard deviation and maximum are
+    those of values in whole units, quantiles lie within their bin (0.4 % of them). Intervals know
+    the boulders of each group of sources in coarse bins, within which they lie as all do."""
+
+    def __init__(
+        self,
+        bins: np.ndarray,
+        words: np.ndarray,
+        groups: np.ndarray,
+        released: np.ndarray,
+        unit: float,
+        tail: np.ndarray,
+        sampled: bool,
+    ) -> None:
+        """Counts in bins; words (parts, 5) of sums; counts in coarse bins of each group, which
+        released so many; units in one of the quantity; the largest values, none without a tail."""
+        used = np.flatnonzero(bins)
+        self._bins, self._low, self._width = bins[used], LOW[used], WIDTH[used]
+        self._coarse = used // (bins.size // SAMPLE_COARSE)
+        self._groups, self._unit, self._sampled = groups, unit, sampled
+        self._released, self._tail = released, tail
+        self._before = np.cumsum(self._bins) - self._bins
+        self.n, self.released = int(bins.sum()), int(released.sum())
+        high_, low_, high, low = (int(word) for word in words[:, :4].sum(axis=0, dtype=object))
+        self._sum, self._squares = (high_ << BASE_BITS) + low_, (high << BASE_BITS) + low
+        self._max = words[:, 4].max() / unit
+
+    def mean(self) -> float:
+        return self._sum / self.n / self._unit
+
+    def std(self) -> float:
+        squares = self.n * self._squares - self._sum**2
+        return math.sqrt(squares / (self.n * (self.n - 1))) / self._unit
+
+    def max(self) -> float:
+        return float(self._tail[-1]) if self._tail.size else self._max
+
+    def quantile(self, levels: Sequence[float]) -> np.ndarray:
+        return self._at(np.asarray(levels) * (self.n - 1))
+
+    def between(self, level: float, effective: float) -> tuple[float, float]:
+        ranks = ranks_around(self.n, level, effective) - 1
+        known = (ranks >= 0) & (ranks <= self.n - 1)
+        low, high = np.where(known, self._at(np.clip(ranks, 0, self.n - 1)), np.nan)
+        return low, high
+
+    def largest(self, n: int) -> np.ndarray:
+        return self._tail[max(0, self._tail.size - n) :]
+
+    def _at(self, ranks: np.ndarray) -> np.ndarray:
+        """The values of ranks from 0, between which it is interpolated."""
+        below = np.floor(ranks).astype(int)
+        low, high = self._ranked(below), self._ranked(np.minimum(below + 1, self.n - 1))
+        return low + (high - low) * (ranks - below)
+
+    def _ranked(self, rank: np.ndarray) -> np.ndarray:
+        """The values of whole ranks: of the largest themselves, of others as if evenly in bins."""
+        k = np.searchsorted(self._before + self._bins, rank, side="right")
+        alone = self._width[k] == 1
+        within = np.where(alone, 0.5, (rank - self._before[k] + 0.5) / self._bins[k])
+        found = (self._low[k] + self._width[k] * within) / self._unit
+        if not self._tail.size:
+            return found
+        place = rank - (self.n - self._tail.size)
+        return np.where(
+            place >= 0, self._tail[np.maximum(place, 0)], np.minimum(found, self._tail[0])
+        )
+
+    def effective_passing(self) -> float:
+        fraction = self.n / self.released
+        passed = self._groups.sum(axis=1)
+        missed = self._released - passed
+        total = passed * (1 - fraction) - missed * fraction
+        squares = passed * (1 - fraction) ** 2 + missed * fraction**2
+        return self._sums(self._released, total, squares).effective_number(fraction)
+
+    def effective_below(self, value: float) -> float:
+        above = value * self._unit - self._low
+        share = np.where(self._width == 1, above + 1e-6 >= 0.5, np.clip(above / self._width, 0, 1))
+        fraction = float(self._bins @ share) / self.n
+        squares = share * (1 - fraction) ** 2 + (1 - share) * fraction**2
+        return self._by_group(share - fraction, squares).effective_number(fraction)
+
+    def half_of_mean(self) -> float:
+        return self._half_of((self._low + self._width / 2) / self._unit)
+
+    def half_of_squares(self) -> float:
+        values = (self._low + self._width / 2) / self._unit
+        ends = np.clip([self._before, self._before + self._bins], self._cut, self.n - self._cut)
+        within = ends[1] - ends[0]
+        return self._half_of((values - within @ values / within.sum()) ** 2)
+
+    def _half_of(self, numbers: np.ndarray) -> float:
+        """Half the interval of the mean of a variable, of which each bin has a number."""
+        numbers = numbers - self._bins @ numbers / self.n
+        return self._by_group(numbers, numbers**2).half_of_mean()
+
+    def _by_group(self, numbers: np.ndarray, squares: np.ndarray) -> Sums:
+        """Of a variable and its square in each bin."""
+        n, *sums = (
+            np.bincount(self._coarse, self._bins * v, SAMPLE_COARSE)
+            for v in (np.ones(self._bins.size), numbers, squares)
+        )
+        means = (v / np.maximum(n, 1) for v in sums)
+        return self._sums(self._groups.sum(axis=1), *(self._groups @ mean for mean in means))
+
+    def _sums(self, n: np.ndarray, total: np.ndarray, squares: np.ndarray) -> Sums:
+        """By stratum; where the sources are a sample, by group."""
+        size = self._released.size
+        of = np.arange(size) if self._sampled else strata(self._released)
+        n, total, squares, released = (
+            np.bincount(of, v, size) for v in (n, total, squares, self._released)
+        )
+        return Sums(n, total, squares, released, self._sampled)

@@ -1,0 +1,202 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Samples of what boulders did at lines and at their ends, where their own rows are not all kept
+(`&output kept`): counts in narrow bins, exact sums, the largest numbers. Sums over boulders, so
+that parts add up to the whole, bit for bit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rockfall.case import Case
+from rockfall.errors import RockfallError
+from rockfall.limits import (
+    SAMPLE_BINS,
+    SAMPLE_COARSE,
+    SAMPLE_LARGEST,
+    SAMPLE_QUANTITIES,
+    SAMPLE_TAILS,
+    SAMPLE_WORDS,
+)
+from rockfall.result import variables
+
+if TYPE_CHECKING:
+    from rockfall.result.contents import Held
+
+BASE_BITS = 62  # of the digits of sums, as in the kernel
+
+
+@dataclass
+class Samples:
+    """As in the kernel's samples_t and layout_t; place 0 is the end of boulders, then the lines."""
+
+    bins: np.ndarray  # (places, parts, quantities, bins)
+    groups: np.ndarray  # (places, groups, quantities, coarse bins)
+    sums: np.ndarray  # (places, parts, quantities, words)
+    largest: np.ndarray  # (lines, tails, numbers)
+    ended: np.ndarray  # by status
+    part_last: np.ndarray
+    group_part: np.ndarray
+
+    def variables(self) -> dict[str, np.ndarray]:
+        """Their arrays as files have them: of bins those that are not empty."""
+        found: dict[str, np.ndarray] = {}
+        for name, dense in (("", self.bins), ("group_", self.groups)):
+            flat = dense.reshape(-1)
+            found[f"{name}bin"] = np.flatnonzero(flat)
+            found[f"{name}count"] = flat[found[f"{name}bin"]]
+        for name in ("sums", "ended", "part_last", "group_part"):
+            found[name] = getattr(self, name)
+        found["largest"] = np.sort(self.largest)
+        return {f"sample_{name}": found[name] for name in variables.SAMPLE}
+
+    def add(self, arrays: Mapping[str, np.ndarray]) -> None:
+        """Add those of other boulders of the run, as `variables` has them."""
+        for name, dense in (("", self.bins), ("group_", self.groups)):
+            dense.reshape(-1)[arrays[f"sample_{name}bin"]] += arrays[f"sample_{name}count"]
+        other = arrays["sample_sums"]
+        for digit in (0, 2):
+            self.sums[..., digit : digit + 2] += other[..., digit : digit + 2]
+            self.sums[..., digit] += self.sums[..., digit + 1] >> BASE_BITS
+            self.sums[..., digit + 1] &= (1 << BASE_BITS) - 1
+        np.maximum(self.sums[..., 4], other[..., 4], out=self.sums[..., 4])
+        for mine, its in zip(self.largest, arrays["sample_largest"], strict=True):
+            for one, more in zip(mine, its, strict=True):  # of all together memory has no copies
+                one[:] = np.sort(np.concatenate([one, more]))[more.size :]
+        self.ended += arrays["sample_ended"]
+
+    def fits(self, arrays: Mapping[str, np.ndarray]) -> bool:
+        """Whether those of other boulders have the same parts and groups."""
+        return all(
+            np.array_equal(getattr(self, name), arrays[f"sample_{name}"])
+            for name in ("part_last", "group_part")
+        )
+
+    def make_room(self, boulders: int) -> None:
+        """Make room for the largest of so many boulders."""
+        more = min(boulders, SAMPLE_LARGEST) - self.largest.shape[2]
+        self.largest = np.sort(self.largest)
+        self.largest = np.pad(self.largest, ((0, 0), (0, 0), (max(0, more), 0)), constant_values=-1)
+
+
+def simulated(result: Held) -> int:
+    """How many boulders a result is of; its rows may be of some of them only."""
+    if "sample_ended" in result:
+        return int(result["sample_ended"].values.sum())
+    return int(result.sizes["boulder"])
+
+
+def kept_note(result: Held) -> str:
+    """From which boulders numbers are that need their rows; "" where these are all."""
+    rows, boulders = result.sizes["boulder"], simulated(result)
+    return "" if rows == boulders else f"From the {rows:,} of {boulders:,} boulders that were kept."
+
+
+def has_rows(result: Held) -> bool:
+    """Whether a result has rows of boulders, of all or of some."""
+    return bool(result.sizes["boulder"])
+
+
+def check_rows(result: Held, what: str) -> None:
+    """Refuse what needs rows of boulders where a run kept none."""
+    if "sample_ended" in result and not has_rows(result):
+        raise RockfallError(
+            f"{what}: needs rows of boulders, and &output kept = 'none' keeps none; run with a "
+            "number of them, or 'all'"
+        )
+
+
+def check_all_rows(result: Held, what: str) -> None:
+    """Refuse what needs rows of all boulders where a run did not keep them."""
+    if result.sizes["boulder"] < simulated(result):
+        raise RockfallError(f"{what}: needs rows of all boulders: &output kept = 'all'")
+
+
+def rows_kept(case: Case, boulders: int) -> int | None:
+    """Of how many of so many boulders the rows are kept; None: of all, without samples."""
+    kept = case.output["kept"]
+    return None if kept == "all" else 0 if kept == "none" else min(kept, boulders)
+
+
+def empty_like(case: Case, boulders: int, part_last: np.ndarray, group_part: np.ndarray) -> Samples:
+    """Of a run of so many boulders, with these parts and groups."""
+    shape = lengths(case, boulders) | {"part": part_last.size, "group": group_part.size}
+    bins, groups, sums, largest, ended = (
+        np.zeros([shape[dim] for dim in dims], kind)
+        for dims, kind in (
+            (("place", "part", "quantity", "fine"), "i4"),
+            (("place", "group", "quantity", "coarse"), "i4"),
+            (DIMS["sums"], "i8"),
+            (DIMS["largest"], "f8"),
+            (DIMS["ended"], "i8"),
+        )
+    )
+    largest -= 1.0
+    return Samples(bins, groups, sums, largest, ended, part_last, group_part)
+
+
+#: Dimensions of arrays in files, after "sample_".
+DIMS: dict[str, tuple[str, ...]] = {
+    "bin": ("entry",), "count": ("entry",),
+    "group_bin": ("group_entry",), "group_count": ("group_entry",),
+    "sums": ("place", "part", "quantity", "word"), "largest": ("line", "tail", "rank"),
+    "ended": ("status",), "part_last": ("part",), "group_part": ("group",),
+}  # fmt: skip
+
+
+def lengths(case: Case, boulders: int) -> dict[str, int]:
+    """Of the dimensions that follow from the case and the boulders of the run."""
+    lines = len(case.lines)
+    return {
+        "place": lines + 1, "line": lines, "quantity": SAMPLE_QUANTITIES, "word": SAMPLE_WORDS,
+        "tail": SAMPLE_TAILS, "rank": min(boulders, SAMPLE_LARGEST),
+        "status": len(variables.STATUS), "fine": SAMPLE_BINS, "coarse": SAMPLE_COARSE,
+    }  # fmt: skip
+
+
+def sample_dims(name: str) -> tuple[str, ...]:
+    """The dimensions of a variable of samples in a file."""
+    return tuple(f"sample_{dim}" for dim in DIMS[name])
+
+
+def sample_variables(samples: Samples | None) -> dict[str, Any]:
+    """Samples as variables of a result or a part; none where all rows are kept."""
+    if samples is None:
+        return {}
+    found = samples.variables()
+    return {
+        f"sample_{name}": (sample_dims(name), found[f"sample_{name}"], about)
+        for name, about in variables.SAMPLE.items()
+    }
+
+
+def possible(arrays: Mapping[str, np.ndarray], shape: Mapping[str, int], boulders: int) -> str:
+    """The first variable of samples whose values no run of so many boulders has; "" if none."""
+    for before, count, of, fine in (
+        ("", "count", "part", "fine"), ("group_", "group_count", "group", "coarse"),
+    ):  # fmt: skip
+        places, counts = arrays[f"sample_{before}bin"], arrays[f"sample_{count}"]
+        of_bins = shape["place"] * shape[of] * SAMPLE_QUANTITIES * shape[fine]
+        if places.size and not (
+            places[0] >= 0 and places[-1] < of_bins and (np.diff(places) > 0).all()
+        ):
+            return f"sample_{before}bin"
+        if not ((counts > 0) & (counts <= boulders)).all():
+            return f"sample_{count}"
+    ended, sums = arrays["sample_ended"], arrays["sample_sums"]
+    if not (ended >= 0).all() or ended.sum() != boulders:
+        return "sample_ended"
+    if not ((sums[..., [1, 3]] >> BASE_BITS) == 0).all() or not (sums[..., 2:] >= 0).all():
+        return "sample_sums"
+    largest = arrays["sample_largest"]
+    if not np.isfinite(largest).all() or not ((largest >= 0) | (largest == -1)).all():
+        return "sample_largest"
+    part_last, group_part = arrays["sample_part_last"], arrays["sample_group_part"]
+    if not (np.diff(part_last, prepend=0) > 0).all():
+        return "sample_part_last"
+    if not ((group_part >= 1) & (group_part <= part_last.size)).all():
+        return "sample_group_part"
+    return ""

@@ -1,0 +1,223 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""`&output kept`: statistics of boulders whose rows are not kept are those of the rows, and parts,
+threads, kills and the standalone program change no bit of them."""
+
+import numpy as np
+import pytest
+
+import rockfall
+from programs import Killed, killed_after, make_prepared, same_results
+from rockfall.analysis.line_statistics import numbers_of
+from rockfall.analysis.precision.intervals import Sources
+from rockfall.analysis.precision.samples import Counts, Values
+from rockfall.analysis.run_until import run_until
+from rockfall.errors import RockfallError
+from rockfall.html_report import report
+from rockfall.limits import SAMPLE_BINS, SAMPLE_COARSE, SAMPLE_EDGES
+from rockfall.result.samples import simulated
+from rockfall.result.validate import check_values
+from rockfall.scene.read import read_scene
+from rockfall.simulation.checkpoint import Checkpoint
+from rockfall.simulation.simulate import run_scene
+from rockfall.text.summary import summary
+from same import same, same_numbers
+from scenes import case_in, grid, rough
+
+SOURCES = 60  # more than are parts of their own
+UNIT = 1e-3  # [m], [m/s], [rad/s]; of energies 1 J, of shares 1e-6
+Z = rough()
+
+
+def run(case, **how):
+    return rockfall.run(case, dem=Z, transform=grid(Z), **how)
+
+
+@pytest.fixture(scope="module")
+def case(tmp_path_factory):
+    x = np.linspace(100.0, 200.0, SOURCES)
+    release = {"x": x, "y": np.full(SOURCES, 380.0), "drop_height": 5.0}
+    output = {"maps": ["passages"], "trajectories": 3}
+    return case_in(tmp_path_factory.mktemp("kept"), case={"boulders": 50}, release=release,
+                   output=output)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def full(case):
+    return run(case)
+
+
+@pytest.fixture(scope="module")
+def counted(case):
+    return run(case.replace(output={"kept": "none"}))
+
+
+def test_statistics_are_those_of_the_rows(full, counted):
+    of_rows, of_counts = map(rockfall.line_statistics, (full, counted))
+    assert (of_rows[["line", "quantity", "n"]] == of_counts[["line", "quantity", "n"]]).all(
+        axis=None
+    )
+    unit = np.where(of_rows["quantity"].str.startswith("energy"), 1.0, UNIT)
+    for name in ("mean", "std", "max"):
+        assert ((of_rows[name] - of_counts[name]).abs() <= unit).all(), name
+    for name in (name for name in of_rows if name[0] == "q" and name[1:].isdigit()):
+        apart = (of_rows[name] - of_counts[name]).abs()
+        assert (apart <= unit + 0.005 * of_rows[name].abs()).all(), name
+    for name in ("fraction", "mean", "std", "q50", "q95"):  # lengths of intervals
+        lengths = [table[f"{name}_high"] - table[f"{name}_low"] for table in (of_rows, of_counts)]
+        alike = of_rows["quantity"] != "position"  # this depends on the source within coarse bins
+        assert np.allclose(*(one[alike] for one in lengths), rtol=0.02, atol=2 * UNIT), name
+        assert (lengths[1] / lengths[0]).between(0.95, 1.2).all(), name
+    assert rockfall.return_levels(full, [10, 100]).equals(
+        rockfall.return_levels(counted, [10, 100])
+    )
+
+
+def test_counts_with_a_tail_are_values(unit=1000.0):
+    """Of numbers of both signs, more than are kept themselves, from sources that differ."""
+    random = np.random.default_rng(1)
+    source = Sources.of(np.arange(20_000) % 40)
+    values = random.normal(5.0 + source.number / 10, 4.0)
+    whole = np.rint(values * unit).astype("i8")
+    coarse = np.searchsorted(SAMPLE_EDGES, whole) - 1
+    bins = np.bincount(coarse, minlength=SAMPLE_BINS)
+    groups = np.zeros((40, SAMPLE_COARSE), "i8")
+    np.add.at(groups, (source.number, coarse // (SAMPLE_BINS // SAMPLE_COARSE)), 1)
+    sums = [divmod(sum(map(int, numbers)), 2**62) for numbers in (whole, whole**2)]
+    words = np.array([[*sums[0], *sums[1], whole.max()]])
+    tail = np.sort(values)[-100:]
+    counts = Counts(bins, words, groups, np.full(40, 500), unit, tail, False)
+    of_rows, of_counts = (numbers_of(one) for one in (Values(values, source), counts))
+    for name, value in of_rows.items():
+        assert np.isclose(of_counts[name], value, rtol=0.005, atol=2 / unit), name
+    assert counts.between(0.999, 20_000.0) == Values(values, source).between(0.999, 20_000.0)
+    assert np.array_equal(counts.largest(100), tail) and counts.largest(101).size == 100
+
+
+def test_numbers_by_source_are_those_of_the_rows(full, counted):
+    of_rows, of_counts = (rockfall.line_statistics(one, "source") for one in (full, counted))
+    same = ["line", "source", "boulders", "quantity", "n"]
+    assert (of_rows[same] == of_counts[same]).all(axis=None) and of_rows["source"].nunique() == 20
+    speed = of_rows["quantity"] == "speed"
+    for name in ("mean", "q95"):
+        assert np.allclose(of_rows[name][speed], of_counts[name][speed], rtol=0.005, equal_nan=True)
+
+
+def test_rows_kept_are_those_of_all_and_the_rest_of_the_result_is_the_same(case, full, counted):
+    some = run(case.replace(output={"kept": 70}))
+    kept = some["boulder"].values - 1
+    assert kept.size == 70 and np.unique(full["source"].values[kept]).size == SOURCES
+    same_numbers(full.isel(boulder=kept), some, [
+        name for name in full.variables if name != "crs"
+    ])  # fmt: skip
+    assert counted.sizes["boulder"] == 0 and simulated(counted) == SOURCES * 50
+    for name in counted.variables:
+        if "boulder" not in counted[name].dims:
+            assert np.array_equal(counted[name].values, some[name].values), name
+    assert np.array_equal(counted["sample_ended"], np.bincount(full["status"], minlength=8)[1:])
+    many = run(case.replace(output={"kept": 10**6}))
+    assert rockfall.line_statistics(many).equals(rockfall.line_statistics(full))
+
+
+def test_neither_chunks_threads_nor_parts_change_a_bit(case):
+    case = case.replace(output={"kept": 70})
+    whole = run(case)
+    same(run(case, chunk=370, threads=2), whole)
+    parts = [run(case, shard=(k, 4), threads=2) for k in (3, 1, 4, 2)]
+    same(rockfall.merge(parts), whole)
+
+
+def test_a_run_that_is_killed_goes_on(tmp_path, monkeypatch, case):
+    case = case.replace(output={"kept": 70})
+    scene = read_scene(case, dem=Z, transform=grid(Z))
+    with monkeypatch.context() as patch:
+        killed_after(patch, 3)
+        with pytest.raises(Killed):
+            run_scene(scene, chunk=500, checkpoint=Checkpoint(tmp_path / "a.nc", 0.0))
+    state = Checkpoint(tmp_path / "a.nc", np.inf)
+    assert 500 <= state.found() <= 1500
+    same(run_scene(scene, checkpoint=state), run(case))
+
+
+@pytest.mark.parametrize("kept", ["none", 33])
+def test_the_standalone_program_gives_the_same_bits_and_goes_on_with_a_part(batch, tmp_path, kept):
+    output = {"maps": ["passages"], "trajectories": 0, "kept": kept, "energy_balance": True}
+    case = make_prepared(tmp_path, output=output)
+    scene, whole = read_scene(case), rockfall.run(case)
+    begun = Checkpoint(tmp_path / "ready/a.checkpoint.nc", 0.0)
+    begun.path = tmp_path / "ready/b.part.checkpoint"
+    with pytest.MonkeyPatch.context() as patch:
+        killed_after(patch, 2)
+        with pytest.raises(Killed):
+            run_scene(scene, chunk=45, checkpoint=begun)
+    assert 45 <= begun.found() <= 90
+    for words in (("-o", "a.part"), ("-o", "b.part", "--resume")):
+        done = batch("case.nml", *words, cwd=tmp_path / "ready")
+        assert done.returncode == 0, done.stderr
+        assert "boulders" in done.stdout
+        same_results(rockfall.merge([tmp_path / "ready" / words[1]]), whole)
+
+
+def test_sources_that_are_many_share_groups_and_intervals_are_no_shorter(tmp_path):
+    """Neighbours share a stratum, which holds what they differ by, too."""
+    x = np.linspace(100.0, 200.0, 1500)
+    release = {"x": x, "y": np.full(x.size, 380.0), "drop_height": 5.0}
+    case = case_in(tmp_path, case={"boulders": 2}, release=release, output={})
+    full, counted = run(case), run(case.replace(output={"kept": "none"}))
+    assert counted.sizes["sample_group"] < 1100
+    of_rows, of_counts = (
+        rockfall.line_statistics(one).set_index("quantity") for one in (full, counted)
+    )
+    half = [table["mean_high"] - table["mean_low"] for table in (of_rows, of_counts)]
+    assert (half[1] / half[0]).between(0.9, 1.6).all()
+    assert (of_rows["n"] == of_counts["n"]).all()
+
+
+def test_until_finds_as_many_boulders_without_rows(tmp_path):
+    case = case_in(tmp_path, release={"x": [150.0], "y": [380.0], "drop_height": 5.0}, output={})
+    how = {"rules": "speed.mean@L<4%", "dem": Z, "transform": grid(Z)}
+    full, counted = (run_until(case.replace(output={"kept": kept}), **how) for kept in ("all", 20))
+    assert full.sizes["boulder"] == simulated(counted) >= 1000
+    assert counted.attrs["until_met"] == 1 and counted.sizes["boulder"] == 20
+    again = run(case.replace(case={"boulders": simulated(counted)}, output={"kept": 20}))
+    same(counted, again.assign_attrs(counted.attrs))
+
+
+def test_what_needs_rows_says_so_and_the_rest_works(counted, tmp_path):
+    assert "3,000 boulders, rows of 0 kept" in summary(counted)
+    page = report(counted)
+    assert "3,000" in page and "jump height" in page
+    rockfall.write_result(counted, tmp_path / "a.nc")
+    assert rockfall.line_statistics(rockfall.read_result(tmp_path / "a.nc")).equals(
+        rockfall.line_statistics(counted)
+    )
+    rockfall.export(counted, tmp_path / "gis")
+    for ask in (
+        lambda: rockfall.line_profile(counted, "L"),
+        lambda: rockfall.design(counted),
+        lambda: rockfall.line_statistics(counted, "volume"),
+    ):
+        with pytest.raises(RockfallError, match="needs rows of"):
+            ask()
+
+
+@pytest.mark.parametrize("kept", ["some", "'10'", 0, -3, 1.5, 2**31, "'1 to 2147483647'"])
+def test_other_words_and_numbers_are_refused(case, kept):
+    with pytest.raises(RockfallError, match="&output kept = .*: must be one of: all, none, 1 to"):
+        case.replace(output={"kept": kept})
+
+
+def test_limits_of_cells_of_sampled_sources_need_rows(case):
+    with pytest.raises(RockfallError, match="&output kept = 'none'?: must be 'all' for maps where"):
+        case.replace(release={"sources": "sample"}, output={"kept": "none"})
+
+
+@pytest.mark.parametrize(
+    "name, place, value",
+    [("bin", -1, 2**40), ("count", 0, 0), ("group_bin", 0, -1), ("ended", 0, -1),
+     ("largest", (0, 0, 0), np.nan), ("sums", (0, 0, 0, 1), -1), ("group_part", 0, 99)],
+)  # fmt: skip
+def test_a_damaged_sample_is_refused(counted, name, place, value):
+    damaged = counted.copy(deep=True)
+    damaged[f"sample_{name}"].values[place] = value
+    with pytest.raises(RockfallError, match=f"a.nc: sample_{name}"):
+        check_values(damaged, "a.nc")
