@@ -239,12 +239,11 @@ contains
       if (.not. complete) return
       call horn(z(1, 1), z(2, 1), z(3, 1), z(1, 2), z(3, 2), z(1, 3), z(2, 3), z(3, 3), dem%per_cell, &
                 horns(1), horns(2), lowest)
-      if (horns(1) + horns(2) /= horns(1) + horns(2)) return
       descent = horns
       pit = lowest >= z(2, 2)
    end subroutine cell_descent
 
-   !> Elevations of a raster cell and its eight neighbours [m]; none beside an edge of the raster.
+   !> Elevations of a raster cell and its eight neighbours [m]; all zero beside an edge of the raster or nodata.
    pure subroutine read_window(dem, at, z, complete)
       type(terrain_t), intent(in) :: dem
       integer, intent(in) :: at(2)         !! as from cell_of
@@ -253,14 +252,16 @@ contains
       integer :: i, r
 
       i = at(1); r = at(2)
-      complete = .not. (i < 2 .or. r < 2 .or. i >= dem%nx .or. r >= dem%ny)
       z = 0
+      complete = .not. (i < 2 .or. r < 2 .or. i >= dem%nx .or. r >= dem%ny)
       if (.not. complete) return
       if (associated(dem%z8)) then
          z = dem%z8(i - 1:i + 1, r - 1:r + 1)
       else
          z = dem%z4(i - 1:i + 1, r - 1:r + 1)
       end if
+      complete = sum(z) == sum(z)  ! a NaN equals nothing
+      if (.not. complete) z = 0
    end subroutine read_window
 
    !> The downhill vector by the eight neighbours of a cell, named by where they lie, and the lowest of them.

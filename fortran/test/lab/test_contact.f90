@@ -526,7 +526,7 @@ contains
 
    pure function uniform3(k) result(u)
       integer, intent(in) :: k
-      real(wp) :: u(3), all(12)
+      real(wp) :: u(3), all(4)
 
       all = uniform(random_words(random_key(8_i8), 1_i8, 1_i8, int(k, i8), 0_i8))
       u = all(:3)
@@ -595,8 +595,9 @@ contains
       type(material_t) :: material
       type(law_t) :: law
       type(touch_t) :: touch, before
-      real(wp) :: d, d_before, normal, normal_before, slip(3), turn(3), loss, lowest, scale, u(12)
+      real(wp) :: d, d_before, normal, normal_before, slip(3), turn(3), loss, lowest, scale, u(8)
       real(wp), parameter :: dt = 1.0e-6_wp
+      integer(i8) :: draw
       integer :: k
 
       material = material_t(friction=0.4_wp)
@@ -609,7 +610,7 @@ contains
       touch%root = sqrt(d)
       do k = 0, 40000
          if (mod(k, 50) == 0) &
-            u = uniform(random_words(random_key(7_i8), 1_i8, 1_i8, int(k, i8), 0_i8))
+            u = uniform([(random_words(random_key(7_i8), 1_i8, 1_i8, int(k, i8), draw), draw=0, 1)])
          before = touch
          d_before = d
          normal_before = normal
