@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a rebound costs: CPU nanoseconds by option, wall time by threads, and where the time goes.
+"""What a rebound costs: CPU nanoseconds by option and by instruction set, wall time by threads, and
+where the time goes.
 
     python -m benchmarks.speed.throughput [--boulders 20000] [--repeat 5]
 
@@ -11,6 +12,8 @@ import argparse
 import os
 import shutil
 import subprocess
+
+from rockfall._core import rockfall_f2py as _core
 
 import rockfall
 from benchmarks.machine import NOTHING, ROOT, VAUJANY, machine
@@ -68,6 +71,16 @@ def main() -> None:
             read_scene(vaujany.replace(**change)), 1, options.repeat
         )
         print(f"{name:28}{1e9 * cpu / rebounds:12.0f}{boulders / cpu:16.0f}")
+
+    print(f"\n{'ns/rebound':28}{'one by one':>12}{'any processor':>16}{'with AVX2':>12}")
+    for name in ("nothing asked for", "two evaluation lines"):
+        scene = read_scene(vaujany.replace(**OPTIONS[name]))
+        row = f"{name:28}"
+        for lanes, width in enumerate((12, 16, 12)):  # as in rockfall_trajectory
+            _core.carry_in_lanes(scene.kernel.handle, lanes)
+            cpu, _, rebounds, _ = measure(scene, 1, options.repeat)
+            row += f"{1e9 * cpu / rebounds:{width}.0f}"
+        print(row)
 
     print(f"\n{'threads, lines only':28}{'wall, 1 thread = 1':>20}{'CPU, 1 thread = 1':>20}")
     bare = read_scene(vaujany.replace(output=NOTHING))
