@@ -589,9 +589,10 @@ contains
          do k = 1, size(boulder_fields)
             if (.not. all(ieee_is_finite(results%boulder(:n, k)))) call mark_damaged(file, trim(boulder_fields(k)))
          end do
-         if (.not. all(ieee_is_finite(results%energy))) call mark_damaged(file, "energy_released, or another energy")
+         if (.not. all(ieee_is_finite(results%energy(:min(n, size(results%energy, 1, kind=i8)), :)))) &
+            call mark_damaged(file, "energy_released, or another energy")
          if (any(results%status(:n) < 1 .or. results%status(:n) > size(statuses))) call mark_damaged(file, "status")
-         if (any(results%trees_hit < 0)) call mark_damaged(file, "trees_hit")
+         if (any(results%trees_hit(:min(n, size(results%trees_hit, kind=i8))) < 0)) call mark_damaged(file, "trees_hit")
          if (any(results%outcome(:n, :) < 0 .or. results%outcome(:n, :) > passed_over)) &
             call mark_damaged(file, "barrier_outcome")
          if (any(results%impacts(:n) < 0)) call mark_damaged(file, "impacts")
