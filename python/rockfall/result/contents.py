@@ -25,7 +25,8 @@ class Variable:
         self.dtype, self.shape, self.ndim = self.values.dtype, self.values.shape, self.values.ndim
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
-        return np.array(self.values, dtype, copy=copy)
+        found = np.asarray(self.values, dtype)  # NumPy 1 knows no copy but always and never
+        return found.copy() if copy and found is self.values else found
 
 
 class Contents:
