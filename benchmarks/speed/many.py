@@ -4,7 +4,7 @@
     python -m benchmarks.speed.many [--boulders 100000000] [--kept none] [--shards 16] [--threads 0]
 
 Runs a tenth of the boulders and all of them, and prints the peak memory of each (VmHWM): it must be
-the same. All of them are killed once, half-way, and go on. Then they are run as shards, which are
+the same. They are killed once on their way, and go on. Then they are run as shards, which are
 merged: every bit must be that of the run in one piece. Numbers of a tenth of the boulders, but
 a million at most, are set beside those of a run that keeps all rows.
 """
@@ -42,7 +42,7 @@ def command(kept: str, boulders: int, threads: int, output: str) -> list[str]:
     return [*ROCKFALL, "run", f"{kept}.nml", *map(str, about)]
 
 
-def kill_half_way(folder: Path, words: list[str], seconds: float) -> None:
+def kill_on_the_way(folder: Path, words: list[str], seconds: float) -> None:
     """A run that keeps its work every second is killed after so many, or when it has kept some."""
     process = subprocess.Popen([*words, "--checkpoint", "1"], cwd=folder)
     time.sleep(seconds)
@@ -100,8 +100,8 @@ def main() -> None:
             (folder / f"{kept}.nml").write_text(one.text())
         begun = time.perf_counter()
         few = run(folder, given.kept, n // 10, threads, "tenth.nc")
-        seconds = 5 * (time.perf_counter() - begun)
-        kill_half_way(folder, command(given.kept, n, threads, "whole.nc"), seconds)
+        seconds = 3 * (time.perf_counter() - begun)
+        kill_on_the_way(folder, command(given.kept, n, threads, "whole.nc"), seconds)
         peak = run(folder, given.kept, n, threads, "whole.nc", "--resume")
         print(f"peak memory: {peak / few:.2f} times that of a tenth of the boulders")
         parts = [f"part{k}.nc" for k in range(1, given.shards + 1)]
