@@ -108,7 +108,7 @@ contains
       after = heading
       if (pit) return
       aspect = unit_vector(descent)
-      if (turning%rule == past_aspect) then
+      if (turning%rule == past_aspect .or. dot_product(g, heading) > 0) then  ! upslope all rules are one
          call turn_past_aspect(turning%u, turning%side, heading(1), heading(2), g(1), g(2), aspect(1), aspect(2), &
                                after(1), after(2))
          return
@@ -117,10 +117,7 @@ contains
       ! Angles count towards the descent: then a mirrored scene has mirrored trajectories.
       side = sign(1.0_wp, across)
       along = abs(across) <= along_aspect
-      if (dot_product(g, heading) > 0) then
-         call sine_cosine((2*turning%u - 1)*sector*degree, s, c)
-         after = rotated(heading, side*s, c)
-      else if (turning%rule == by_lab) then
+      if (turning%rule == by_lab) then
          side = turning%side*merge(1.0_wp, side, along)
          after = rotated_on_patch(heading, g, side*turning%lateral)
       else if (any(abs(aspect) > 0)) then

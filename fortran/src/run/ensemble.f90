@@ -15,7 +15,6 @@ module rockfall_ensemble
    use rockfall_travel_maps, only: needs_times, needs_travel, add_travel
    use rockfall_passing_maps, only: needs_passing, add_passing
    use rockfall_tree_maps, only: needs_tree_hits, add_tree_hits
-   use rockfall_sources, only: share_of
    use rockfall_source_maps, only: counts_sources, gather, add_source, add_source_of_boulder
    use rockfall_histogram, only: histograms, bins, quantities
    implicit none
