@@ -18,6 +18,14 @@ LINES = [
     {"name": "low", "x": [5.0, 295.0], "y": [200.0, 200.0]},
     {"name": "bent", "x": [5.0, 150.0, 295.0], "y": [300.0, 310.0, 290.0]},
 ]
+MAPS = [
+    "passages",
+    "energy_mean",
+    "energy_q95",
+    "passing_height_max",
+    "energy_line_angle_max",
+    "travel_time_min",
+]
 EXTREMES = {scene.name: scene for scene in extremes.scenes()}
 
 
@@ -57,11 +65,22 @@ def test_no_number_depends_on_lanes(tmp_path, lanes, how):
         },
         {"line": []},
         {"output": BARE | {"maps": ["deposits"]}},
+        {"output": BARE | {"maps": MAPS, "rebounds": True}},
+        {"line": [], "output": BARE | {"maps": ["passages"], "rebounds": True}},
+        {"surface": {"method": "A", "uniform_rg": [0.5, 0.9, 2.0]}},
         {"impact": {"sets": "sets.nml", "impact_limit": 3}},
     ],
-    ids=["sobol", "no lines", "deposits", "impact limit"],
+    ids=[
+        "sobol",
+        "no lines",
+        "deposits",
+        "maps and histograms",
+        "passages",
+        "method A",
+        "impact limit",
+    ],
 )
-def test_what_is_rare_is_the_same_in_lanes(tmp_path, groups):
+def test_what_is_asked_for_is_the_same_in_lanes(tmp_path, groups):
     scene = slope(tmp_path, **groups)
     alone = carried(scene, ONE_BY_ONE)
     for lanes in (NARROW, WIDE):

@@ -152,7 +152,7 @@ contains
    !> reach of the path while the row does, which follow each other in `stem`.
    pure subroutine first_hit(this, spans, x, y, v, radius, broken, hit)
       type(forest_t), intent(in) :: this
-      type(span_t), intent(in) :: spans(:)    !! of the flight
+      type(span_t), intent(in), contiguous :: spans(:)    !! of the flight
       real(wp), intent(in) :: x, y            !! its start [m]
       real(wp), intent(in) :: v(2)            !! plan velocity [m/s]
       real(wp), intent(in) :: radius          !! of the boulder [m]
@@ -191,7 +191,7 @@ contains
       type(stem_t), intent(in) :: stem
       integer, intent(in) :: number
       real(wp), intent(in) :: stem_height     !! [m]
-      type(span_t), intent(in) :: spans(:)
+      type(span_t), intent(in), contiguous :: spans(:)
       real(wp), intent(in) :: x, y            !! start of the flight [m]
       real(wp), intent(in) :: heading(2)      !! unit [-]
       real(wp), intent(in) :: speed, radius   !! in plan [m/s]; of the boulder [m]
@@ -217,7 +217,7 @@ contains
 
    !> Height above the ground at a time of a flight [m].
    pure real(wp) function height_in(spans, time) result(height)
-      type(span_t), intent(in) :: spans(:)
+      type(span_t), intent(in), contiguous :: spans(:)
       real(wp), intent(in) :: time  !! since its start [s]
       integer :: k
 

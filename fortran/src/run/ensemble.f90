@@ -5,18 +5,16 @@ module rockfall_ensemble
    use, intrinsic :: iso_c_binding, only: c_int
    use rockfall_kinds, only: i8
    use rockfall_threads, only: team_size
+   use rockfall_flight, only: span_t
    use rockfall_trajectory, only: scene_t, boulder_result_t, crossing_t, scratch_t, trace_full, choose_trace, &
-                                  has_obstacles, at_rest, left_window, narrow_lanes, wide_lanes
+                                  goes_in_lanes, has_obstacles, one_by_one, narrow_lanes, wide_lanes
    use rockfall_sources, only: share_of
    use rockfall_boulder, only: release_t, source_of, first_of, last_of, released_by
+   use rockfall_tallies, only: totals_t, prepare, add_boulder
    use rockfall_lanes, only: run_in_lanes
    use rockfall_wide_lanes, only: run_in_wide_lanes => run_in_lanes
-   use rockfall_maps, only: maps_t, needs_visits, needs_heights, visits_t, start_visits, add_visits, add_deposit
-   use rockfall_travel_maps, only: needs_times, needs_travel, add_travel
-   use rockfall_passing_maps, only: needs_passing, add_passing
-   use rockfall_tree_maps, only: needs_tree_hits, add_tree_hits
+   use rockfall_maps, only: maps_t, needs_visits, needs_heights, visits_t, start_visits
    use rockfall_source_maps, only: counts_sources, gather, add_source, add_source_of_boulder
-   use rockfall_histogram, only: histograms, bins, quantities
    implicit none
    private
    public :: run_boulders, trace_boulder, recorded_boulders
@@ -25,6 +23,14 @@ module rockfall_ensemble
    !> Boulders of a source up to which one thread runs it alone, in a call of few boulders; in larger calls so many
    !> that each thread has some `turns` sources of that size.
    integer, parameter :: small = 256, turns = 8
+
+   !> What a thread works with.
+   type :: worker_t
+      procedure(trace_full), pointer, nopass :: trace => null()  !! where they go one by one
+      type(scratch_t) :: scratch
+      type(span_t), allocatable :: spans(:)  !! of the flight
+      type(totals_t) :: totals
+   end type worker_t
 
    interface
       !> Whether the processor has what the wide lanes were compiled for: 0 or 1.
@@ -67,75 +73,62 @@ contains
       type(maps_t), intent(in) :: maps
       integer(i8), intent(inout) :: histogram_counts(:, :), by_ground(:)
       integer, intent(inout) :: next
-      type(scratch_t) :: scratch
-      integer :: k
+      type(worker_t) :: worker
+      integer :: k, lanes
 
-      call prepare(scene, needs_visits(maps), needs_heights(maps), scratch)
-      if (needs_times(maps)) allocate (scratch%visits%time(0))
-      scratch%tree_hits_requested = allocated(scene%forest) .and. needs_tree_hits(maps)
-      if (counts_sources(maps)) then
-         call run_by_source(scene, first, threads, results, crossings, maps, scratch)
-      else if (scratch%lanes == wide_lanes) then
-         call run_in_wide_lanes(scene, first, results, crossings, maps, next, scratch)
-      else if (scratch%lanes == narrow_lanes) then
-         call run_in_lanes(scene, first, results, crossings, maps, next, scratch)
+      lanes = one_by_one
+      if (goes_in_lanes(scene) .and. .not. counts_sources(maps)) lanes = scene%lanes
+      if (is_wide() == 0) lanes = min(lanes, narrow_lanes)
+      allocate (worker%spans(merge(scene%dem%nx + scene%dem%ny, 0, needs_heights(maps) .or. has_obstacles(scene))))
+      if (allocated(scene%grounds)) allocate (worker%totals%by_ground(size(scene%grounds)), source=0_i8)
+      if (lanes == wide_lanes) then
+         call run_in_wide_lanes(scene, first, results, crossings, maps, next, worker%spans, worker%totals)
+      else if (lanes == narrow_lanes) then
+         call run_in_lanes(scene, first, results, crossings, maps, next, worker%spans, worker%totals)
       else
-         !$omp do schedule(dynamic, batch)
-         do k = 1, size(results)
-            call run_one(scene, first + k - 1, results(k), crossings(:, k), maps, scratch)
-         end do
-         !$omp end do
+         call choose_trace(scene, needs_visits(maps), worker%trace)
+         call prepare(scene, maps, worker%scratch)
+         if (counts_sources(maps)) then
+            call run_by_source(scene, first, threads, results, crossings, maps, worker)
+         else
+            !$omp do schedule(dynamic, batch)
+            do k = 1, size(results)
+               call run_one(scene, first + k - 1, results(k), crossings(:, k), maps, worker)
+            end do
+            !$omp end do
+         end if
       end if
-      if (scene%histograms_requested) then
-         !$omp critical
-         histogram_counts = histogram_counts + scratch%histograms%count
-         !$omp end critical
-      end if
-      if (allocated(scratch%by_ground)) then
-         !$omp critical
-         by_ground = by_ground + scratch%by_ground
-         !$omp end critical
-      end if
+      !$omp critical
+      if (scene%histograms_requested) histogram_counts = histogram_counts + worker%totals%histogram
+      if (allocated(scene%grounds)) by_ground = by_ground + worker%totals%by_ground
+      !$omp end critical
    end subroutine run_thread
 
-   !> Trace a boulder and add it to the maps, unless it left the window of the terrain.
-   subroutine run_one(scene, number, result, crossings, maps, scratch)
+   !> Trace a boulder and add it to the tallies.
+   subroutine run_one(scene, number, result, crossings, maps, worker)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: number
       type(boulder_result_t), intent(inout) :: result
       type(crossing_t), intent(inout) :: crossings(:)
       type(maps_t), intent(in) :: maps
-      type(scratch_t), intent(inout) :: scratch
-      integer(i8) :: before(bins, quantities)
-      integer(i8), allocatable :: by_ground(:)
+      type(worker_t), intent(inout) :: worker
 
-      if (scene%histograms_requested) before = scratch%histograms%count
-      if (allocated(scratch%by_ground)) by_ground = scratch%by_ground
-      call scratch%trace(scene, number, result, scratch)
-      if (allocated(scratch%crossings)) crossings = scratch%crossings
-      if (result%status == left_window) then
-         if (scene%histograms_requested) scratch%histograms%count = before
-         if (allocated(scratch%by_ground)) call move_alloc(by_ground, scratch%by_ground)
-         return
-      end if
-      if (scratch%cells_requested) call add_visits(maps, scratch%visits, result%boulder%mass)
-      if (needs_passing(maps)) call add_passing(maps, scratch%visits, scene%dem, result%boulder%radius)
-      if (needs_travel(maps)) call add_travel(maps, scratch%visits, scene%dem, result%start)
-      if (scratch%tree_hits_requested) call add_tree_hits(maps, scratch%tree_hits)
-      if (at_rest(result%status)) call add_deposit(maps, result%stop_cell)
+      call worker%trace(scene, number, result, worker%scratch, worker%spans)
+      if (allocated(worker%scratch%crossings)) crossings = worker%scratch%crossings
+      call add_boulder(scene, maps, result, worker%scratch, worker%totals)
    end subroutine run_one
 
    !> One thread's part where maps count sources. All threads walk through the sources of the call in
    !> step: small ones that are here as a whole they share out, each to a thread; the boulders of another
    !> source they share, and wait for each other at its end, because the next one marks the same cells as its own.
-   subroutine run_by_source(scene, first, threads, results, crossings, maps, scratch)
+   subroutine run_by_source(scene, first, threads, results, crossings, maps, worker)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: first
       integer, intent(in) :: threads
       type(boulder_result_t), intent(inout) :: results(:)
       type(crossing_t), intent(inout) :: crossings(:, :)
       type(maps_t), intent(in) :: maps
-      type(scratch_t), intent(inout) :: scratch
+      type(worker_t), intent(inout) :: worker
       type(visits_t) :: cells
       integer(i8) :: last, next, source, to, s, b, max_small
       integer :: k, sources
@@ -150,8 +143,8 @@ contains
             !$omp do schedule(dynamic, batch)
             do b = next, min(last, last_of(scene%release, source))
                k = int(b - first) + 1
-               call run_one(scene, b, results(k), crossings(:, k), maps, scratch)
-               call add_source_of_boulder(maps, scratch%visits, source, released_by(scene%release, source))
+               call run_one(scene, b, results(k), crossings(:, k), maps, worker)
+               call add_source_of_boulder(maps, worker%scratch%visits, source, released_by(scene%release, source))
             end do
             !$omp end do
             to = source
@@ -163,8 +156,8 @@ contains
                call start_visits(cells, s)
                do b = first_of(scene%release, s), last_of(scene%release, s)
                   k = int(b - first) + 1
-                  call run_one(scene, b, results(k), crossings(:, k), maps, scratch)
-                  call gather(cells, scratch%visits)
+                  call run_one(scene, b, results(k), crossings(:, k), maps, worker)
+                  call gather(cells, worker%scratch%visits)
                end do
                call add_source(maps, cells, released_by(scene%release, s))
             end do
@@ -198,26 +191,14 @@ contains
       type(boulder_result_t), intent(out) :: result
       type(scratch_t), intent(out) :: scratch
 
-      call prepare(scene, .false., .false., scratch)
+      type(span_t), allocatable :: spans(:)
+      type(maps_t) :: none
+
+      allocate (spans(merge(scene%dem%nx + scene%dem%ny, 0, has_obstacles(scene))))
+      call prepare(scene, none, scratch)
       allocate (scratch%record(room))
-      call trace_full(scene, number, result, scratch)
+      call trace_full(scene, number, result, scratch, spans)
    end subroutine trace_boulder
-
-   !> Work space for what is requested.
-   subroutine prepare(scene, cells_requested, heights_requested, scratch)
-      type(scene_t), intent(in) :: scene
-      logical, intent(in) :: cells_requested, heights_requested  !! visits of raster cells, and heights over them
-      type(scratch_t), intent(inout) :: scratch
-
-      scratch%cells_requested = cells_requested
-      scratch%heights_requested = heights_requested
-      call choose_trace(scene, scratch)
-      if (is_wide() == 0) scratch%lanes = min(scratch%lanes, narrow_lanes)
-      if (allocated(scene%lines)) allocate (scratch%crossings(size(scene%lines)))
-      if (heights_requested .or. has_obstacles(scene)) allocate (scratch%spans(scene%dem%nx + scene%dem%ny))
-      if (scene%histograms_requested) scratch%histograms = histograms()
-      if (allocated(scene%grounds)) allocate (scratch%by_ground(size(scene%grounds)), source=0_i8)
-   end subroutine prepare
 
    !> Of the boulders first..last those whose trajectories are recorded: `wanted` of all, from each source as many
    !> as its part of the boulders, the first of it. Which they are does not depend on the range.

@@ -9,25 +9,28 @@ module rockfall_lanes
    use rockfall_math, only: real_of
    use rockfall_random, only: philox, for_impact, words_per_block, purpose_bit, normal, uniform
    use rockfall_terrain, only: gradient, cell_of, read_window, horn
-   use rockfall_flight, only: flight_t, landing_t, fly, parabola_length
+   use rockfall_flight, only: flight_t, landing_t, span_t, fly, parabola_length
    use rockfall_impact, only: impact_set_t, impact_ratios, rebound_t, first_draw, draw_again, energy_of, &
                               beyond_fit
    use rockfall_direction, only: turn_past_aspect, divide_by_length, shortest
    use rockfall_trajectory, only: scene_t, boulder_result_t, crossing_t, scratch_t, start_boulder, end_boulder, &
-                                  departure, record_crossings, handle_impact, find_rocks, find_class, &
-                                  count_outcome, close_impact, start_from, in_local_frame, rolled_before, &
-                                  launch_velocity, at_rest, basic, absorbed
-   use rockfall_maps, only: maps_t, add_deposit
+                                  clear, departure, fly_over_cells, record_crossings, handle_impact, find_rocks, &
+                                  find_class, count_outcome, close_impact, start_from, in_local_frame, rolled_before, &
+                                  launch_velocity, with_maps, with_all, absorbed
+   use rockfall_tallies, only: totals_t, prepare, add_boulder
+   use rockfall_maps, only: maps_t
+   use rockfall_histogram, only: count_rebound
    implicit none
    private
    public :: run_in_lanes
 
-   integer, parameter :: lanes = 64  !! boulders of a pool
+   integer, parameter :: lanes = 32  !! boulders of a pool; with more of them, their cells leave the cache
    integer, parameter :: batch = 16  !! boulders that a thread takes at a time
 
    !> A boulder on its way.
    type :: lane_t
       integer :: place              !! in the results
+      integer :: scratch            !! its work space
       type(flight_t) :: flight
       type(landing_t) :: landing
       real(wp) :: omega_r = 0.0_wp  !! W = R_b omega [m/s]
@@ -48,7 +51,7 @@ module rockfall_lanes
       real(wp), dimension(lanes) :: speed2_in, speed2    !! at its end, of the next [m2/s2]
       integer :: draws(lanes)
       logical :: forced(lanes)
-      real(wp), dimension(lanes) :: w                    !! W = R_b omega [m/s]
+      real(wp), dimension(lanes) :: w, next_w            !! W = R_b omega before it, of the next [m/s]
       real(wp), dimension(lanes) :: heading1, heading2   !! [-]
       real(wp), dimension(lanes) :: g1, g2, steepness    !! of the patch [-]
       real(wp), dimension(lanes) :: tangential, normal   !! V_t, V_n before it [m/s]
@@ -62,44 +65,52 @@ module rockfall_lanes
 contains
 
    !> One thread's part of the boulders: as many as it gets of `next`, which all threads share.
-   subroutine run_in_lanes(scene, first, results, crossings, maps, next, scratch)
+   subroutine run_in_lanes(scene, first, results, crossings, maps, next, spans, totals)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: first                    !! number of the first boulder
       type(boulder_result_t), intent(inout) :: results(:)
       type(crossing_t), intent(inout) :: crossings(:, :)  !! (lines, boulders)
-      type(maps_t), intent(in) :: maps                    !! none that needs visits
+      type(maps_t), intent(in) :: maps                    !! none by source
       integer, intent(inout) :: next                      !! place of the next boulder
-      type(scratch_t), intent(inout) :: scratch
+      type(span_t), intent(inout), contiguous :: spans(:)             !! of a flight
+      type(totals_t), intent(inout) :: totals
       type(lane_t) :: lane(lanes)
+      type(scratch_t), allocatable :: scratch(:)
       type(contacts_t) :: contacts
-      integer :: n, from, to
+      integer :: n, from, to, k
 
+      allocate (scratch(lanes))
+      do k = 1, lanes
+         call prepare(scene, maps, scratch(k))
+         lane(k)%scratch = k
+      end do
       n = 0
       from = 1
       to = 0
       do
-         call refill(scene, first, results, crossings, next, from, to, lane, n)
+         call refill(scene, first, results, next, from, to, lane, scratch, n)
          if (n == 0) exit
-         call fly_all(scene, first, results, crossings, lane(:n))
+         call fly_all(scene, results, lane(:n), scratch, spans)
+         call land_all(scene, first, results, lane(:n), scratch)
          call gather(scene, first, results, lane(:n), contacts)
          call land(contacts, scene%gravity)
          call meet(contacts)
          call draw(scene, contacts)
          call redraw(scene, contacts)
          call turn(contacts, scene%dem%per_cell)
-         call go_on(scene, first, results, lane, contacts, scratch)
-         call take_out(scene, results, maps, lane, n)
+         call go_on(scene, results, lane, contacts, scratch)
+         call take_out(scene, results, crossings, maps, lane, scratch, totals, n)
       end do
    end subroutine run_in_lanes
 
    !> Fill the pool with the next boulders.
-   subroutine refill(scene, first, results, crossings, next, from, to, lane, n)
+   subroutine refill(scene, first, results, next, from, to, lane, scratch, n)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: first
       type(boulder_result_t), intent(inout) :: results(:)
-      type(crossing_t), intent(inout) :: crossings(:, :)
       integer, intent(inout) :: next, from, to  !! from..to are this thread's
       type(lane_t), intent(inout) :: lane(:)
+      type(scratch_t), intent(inout) :: scratch(:)
       integer, intent(inout) :: n
 
       do while (n < size(lane))
@@ -114,32 +125,50 @@ contains
          n = n + 1
          lane(n)%place = from
          lane(n)%omega_r = 0
-         if (allocated(scene%lines)) crossings(:, from)%crossed = .false.
-         call start_boulder(scene, first + from - 1, basic, results(from), lane(n)%flight)
+         call start_boulder(scene, first + from - 1, with_all, results(from), lane(n)%flight)
+         call clear(scene, first + from - 1, with_maps, scratch(lane(n)%scratch))
          if (results(from)%status /= 0) n = n - 1
          from = from + 1
       end do
    end subroutine refill
 
-   !> Fly each boulder to its next contact, or out of the terrain, and look up the impact set there.
-   subroutine fly_all(scene, first, results, crossings, lane)
+   !> Fly each boulder to its next contact, or out of the terrain.
+   subroutine fly_all(scene, results, lane, scratch, spans)
+      type(scene_t), intent(in) :: scene
+      type(boulder_result_t), intent(in) :: results(:)
+      type(lane_t), intent(inout) :: lane(:)
+      type(scratch_t), intent(inout) :: scratch(:)
+      type(span_t), intent(inout), contiguous :: spans(:)
+      integer :: k
+
+      if (scratch(1)%cells_requested) then
+         do k = 1, size(lane)
+            call fly_over_cells(scene, lane(k)%flight, lane(k)%omega_r, results(lane(k)%place)%time, lane(k)%landing, &
+                                scratch(lane(k)%scratch), spans)
+         end do
+      else
+         do k = 1, size(lane)
+            call fly(scene%dem, scene%gravity, lane(k)%flight, lane(k)%landing)
+         end do
+      end if
+   end subroutine fly_all
+
+   !> Record the lines that they crossed, and look up the impact sets where they landed.
+   subroutine land_all(scene, first, results, lane, scratch)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: first
       type(boulder_result_t), intent(inout) :: results(:)
-      type(crossing_t), intent(inout) :: crossings(:, :)
       type(lane_t), intent(inout) :: lane(:)
+      type(scratch_t), intent(inout) :: scratch(:)
       real(wp) :: radius, u_ground(words_per_block)
       integer :: k, p
 
       do k = 1, size(lane)
-         call fly(scene%dem, scene%gravity, lane(k)%flight, lane(k)%landing)
-      end do
-      do k = 1, size(lane)
          p = lane(k)%place
          lane(k)%class = 0
          associate (result => results(p), landing => lane(k)%landing)
-            if (allocated(scene%lines)) &
-               call record_crossings(scene, result, lane(k)%flight, landing, lane(k)%omega_r, crossings(:, p))
+            if (allocated(scene%lines)) call record_crossings(scene, result, lane(k)%flight, landing, lane(k)%omega_r, &
+                                                              scratch(lane(k)%scratch)%crossings)
             if (.not. landing%contact) then
                result%status = departure(scene%dem, landing%patch)
                cycle
@@ -154,7 +183,7 @@ contains
             end if
          end associate
       end do
-   end subroutine fly_all
+   end subroutine land_all
 
    !> The lanes in the order of their impact sets; those without one at the end.
    subroutine gather(scene, first, results, lane, c)
@@ -326,7 +355,7 @@ contains
          forward = merge(-1.0_wp, 1.0_wp, c%out1(k) < 0)
          before1 = forward*c%heading1(k)
          before2 = forward*c%heading2(k)
-         c%w(k) = forward*c%out3(k)
+         c%next_w(k) = forward*c%out3(k)
          u = c%u(k)
          side = c%side(k)
          call turn_past_aspect(u, side, before1, before2, c%g1(k), c%g2(k), a1, a2, h1, h2)
@@ -365,13 +394,12 @@ contains
    end subroutine redraw
 
    !> Each boulder after its contact: on its next flight, or at its end.
-   subroutine go_on(scene, first, results, lane, c, scratch)
+   subroutine go_on(scene, results, lane, c, scratch)
       type(scene_t), intent(in) :: scene
-      integer(i8), intent(in) :: first
       type(boulder_result_t), intent(inout) :: results(:)
       type(lane_t), intent(inout) :: lane(:)
       type(contacts_t), intent(in) :: c
-      type(scratch_t), intent(inout) :: scratch
+      type(scratch_t), intent(inout) :: scratch(:)
       logical :: fast, steep
       integer :: k
 
@@ -386,38 +414,48 @@ contains
                call beyond_fit(scene%sets(this%class)%fitted, [c%tangential(k), c%normal(k)], fast, steep)
                call count_outcome(rebound_t([0.0_wp, 0.0_wp, 0.0_wp], c%draws(k), c%forced(k)), this%outside, fast, &
                                   steep, result)
+               if (scene%histograms_requested) &
+                  call count_rebound(scratch(this%scratch)%histograms, [c%tangential(k), c%normal(k), c%w(k)], &
+                                     [c%out1(k), c%out2(k), c%out3(k)])
                this%flight%v = [c%v1(k), c%v2(k), c%v3(k)]
                this%flight%rate = c%rate(k)
                this%flight%heading = [c%heading1(k), c%heading2(k)]
-               this%omega_r = c%w(k)
+               this%omega_r = c%next_w(k)
                call start_from(this%landing, this%flight)
                call close_impact(scene, c%speed2(k), result)
             else
                call handle_impact(scene, c%number(k), this%landing, &
                                   [this%flight%v(1), this%flight%v(2), &
-                                   this%flight%v(3) - scene%gravity*this%landing%time], this%omega_r, basic, result, &
-                                  this%flight, scratch)
+                                   this%flight%v(3) - scene%gravity*this%landing%time], this%omega_r, with_maps, &
+                                  result, this%flight, scratch(this%scratch))
             end if
          end associate
       end do
    end subroutine go_on
 
    !> Take boulders that have come to their end out of the pool.
-   subroutine take_out(scene, results, maps, lane, n)
+   subroutine take_out(scene, results, crossings, maps, lane, scratch, totals, n)
       type(scene_t), intent(in) :: scene
       type(boulder_result_t), intent(inout) :: results(:)
+      type(crossing_t), intent(inout) :: crossings(:, :)
       type(maps_t), intent(in) :: maps
       type(lane_t), intent(inout) :: lane(:)
+      type(scratch_t), intent(inout) :: scratch(:)
+      type(totals_t), intent(inout) :: totals
       integer, intent(inout) :: n
+      type(lane_t) :: ended
       integer :: k
 
       do k = n, 1, -1
-         associate (result => results(lane(k)%place))
+         associate (result => results(lane(k)%place), own => scratch(lane(k)%scratch))
             if (result%status == 0) cycle
-            call end_boulder(scene, lane(k)%landing, result)
-            if (at_rest(result%status)) call add_deposit(maps, result%stop_cell)
+            call end_boulder(scene, lane(k)%landing, with_maps, result, own)
+            if (allocated(own%crossings)) crossings(:, lane(k)%place) = own%crossings
+            call add_boulder(scene, maps, result, own, totals)
          end associate
-         if (k < n) lane(k) = lane(n)
+         ended = lane(k)
+         lane(k) = lane(n)
+         lane(n) = ended
          n = n - 1
       end do
    end subroutine take_out

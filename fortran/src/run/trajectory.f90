@@ -28,10 +28,10 @@ module rockfall_trajectory
    use rockfall_histogram, only: histograms_t, count_rebound
    implicit none
    private
-   public :: scene_t, boulder_result_t, crossing_t, contact_t, scratch_t, trace_full, choose_trace
+   public :: scene_t, boulder_result_t, crossing_t, contact_t, scratch_t, trace_full, choose_trace, goes_in_lanes
    public :: has_obstacles, at_rest, start_boulder, end_boulder, departure, record_crossings, handle_impact, find_rocks
-   public :: in_local_frame, rolled_before, launch_velocity, basic, one_by_one, narrow_lanes, wide_lanes
-   public :: square, find_class, count_outcome, close_impact, start_from
+   public :: in_local_frame, rolled_before, launch_velocity, clear, fly_over_cells, find_class, count_outcome
+   public :: close_impact, start_from, with_maps, with_all, one_by_one, narrow_lanes, wide_lanes
    public :: stopped, absorbed, left_domain, impact_limit, hit_nodata, stopped_by_tree, stopped_by_barrier, left_window
 
    !> Status, in the order of the table of rockfall_variables; 0 while a boulder is on its way.
@@ -133,11 +133,10 @@ module rockfall_trajectory
       real(wp) :: ratio = 0            !! R_b/R_m; 0 without a rebound
    end type contact_t
 
-   !> A thread's work space; what a scene does not ask for is not allocated.
+   !> A boulder's work space; what a scene does not ask for is not allocated.
    type :: scratch_t
       logical :: cells_requested = .false.       !! maps need visits of raster cells
       logical :: heights_requested = .false.     !! and the heights over them
-      type(span_t), allocatable :: spans(:)
       type(visits_t) :: visits
       type(histograms_t) :: histograms
       integer(i8), allocatable :: by_ground(:)   !! rebounds on each of the scene's grounds
@@ -147,66 +146,75 @@ module rockfall_trajectory
       type(tree_hits_t) :: tree_hits
       type(contact_t), allocatable :: record(:)  !! allocated by who requests the trajectory
       integer :: recorded = 0                    !! vertices there were, also beyond size(record)
-      integer :: lanes = one_by_one
-      procedure(trace_full), pointer, nopass :: trace => null()  !! what the scene needs of `trace_full`
    end type scratch_t
 
 contains
 
    !> Trace boulder `number` (1..) from release to its end, and record all that is requested.
-   pure subroutine trace_full(scene, number, result, scratch)
+   pure subroutine trace_full(scene, number, result, scratch, spans)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: number
       type(boulder_result_t), intent(out) :: result
       type(scratch_t), intent(inout) :: scratch
+      type(span_t), intent(inout), contiguous :: spans(:)
 
-      call trace(scene, number, result, scratch, with_all)
+      call trace(scene, number, result, scratch, spans, with_all)
    end subroutine trace_full
 
    !> The same without a record of the trajectory, obstacles, and energies.
-   pure subroutine trace_maps(scene, number, result, scratch)
+   pure subroutine trace_maps(scene, number, result, scratch, spans)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: number
       type(boulder_result_t), intent(out) :: result
       type(scratch_t), intent(inout) :: scratch
+      type(span_t), intent(inout), contiguous :: spans(:)
 
-      call trace(scene, number, result, scratch, with_maps)
+      call trace(scene, number, result, scratch, spans, with_maps)
    end subroutine trace_maps
 
    !> The same without maps either.
-   pure subroutine trace_lines(scene, number, result, scratch)
+   pure subroutine trace_lines(scene, number, result, scratch, spans)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: number
       type(boulder_result_t), intent(out) :: result
       type(scratch_t), intent(inout) :: scratch
+      type(span_t), intent(inout), contiguous :: spans(:)
 
-      call trace(scene, number, result, scratch, with_lines)
+      call trace(scene, number, result, scratch, spans, with_lines)
    end subroutine trace_lines
 
    !> The same when only the boulder's result is requested.
-   pure subroutine trace_basic(scene, number, result, scratch)
+   pure subroutine trace_basic(scene, number, result, scratch, spans)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: number
       type(boulder_result_t), intent(out) :: result
       type(scratch_t), intent(inout) :: scratch
+      type(span_t), intent(inout), contiguous :: spans(:)
 
-      call trace(scene, number, result, scratch, basic)
+      call trace(scene, number, result, scratch, spans, basic)
    end subroutine trace_basic
 
    !> Choose, once a run, the copy of `trace` in which the compiler has left out what the scene does not need. Tests
    !> alone would not do: beside code that may run, the compiler does not keep a flight in registers.
-   subroutine choose_trace(scene, scratch)
+   subroutine choose_trace(scene, cells_requested, trace)
       type(scene_t), intent(in) :: scene
-      type(scratch_t), intent(inout) :: scratch
+      logical, intent(in) :: cells_requested
+      procedure(trace_full), pointer, intent(out) :: trace  !! what the scene needs of `trace_full`
 
-      scratch%trace => trace_basic
-      if (allocated(scene%lines) .or. scene%histograms_requested) scratch%trace => trace_lines
-      if (scratch%cells_requested) scratch%trace => trace_maps
+      trace => trace_basic
+      if (allocated(scene%lines) .or. scene%histograms_requested) trace => trace_lines
+      if (cells_requested) trace => trace_maps
       if (has_obstacles(scene) .or. scene%energies_requested .or. allocated(scene%grounds) &
-          .or. allocated(scene%of_source) .or. allocated(scene%features)) scratch%trace => trace_full
-      if ((associated(scratch%trace, trace_basic) .or. associated(scratch%trace, trace_lines)) &
-          .and. .not. scene%histograms_requested .and. scene%turning == past_aspect) scratch%lanes = scene%lanes
+          .or. allocated(scene%of_source) .or. allocated(scene%features)) trace => trace_full
    end subroutine choose_trace
+
+   !> Whether several boulders may be carried on at a time: all contacts are with the ground, and follow the same law.
+   pure logical function goes_in_lanes(scene)
+      type(scene_t), intent(in) :: scene
+
+      goes_in_lanes = .not. (has_obstacles(scene) .or. scene%energies_requested .or. allocated(scene%grounds)) &
+                      .and. scene%turning == past_aspect
+   end function goes_in_lanes
 
    !> Whether there is anything but the ground to meet.
    pure logical function has_obstacles(scene)
@@ -223,11 +231,12 @@ contains
    end function at_rest
 
    !> All that `trace_full` is. Wherever it is called `level` is a constant, so that each gets a copy of its own.
-   pure subroutine trace(scene, number, result, scratch, level)
+   pure subroutine trace(scene, number, result, scratch, spans, level)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: number
       type(boulder_result_t), intent(out) :: result
       type(scratch_t), intent(inout) :: scratch
+      type(span_t), intent(inout), contiguous :: spans(:)
       integer, value :: level  !! basic, ..., with_all
       type(flight_t) :: flight
       type(landing_t) :: landing
@@ -239,24 +248,19 @@ contains
       call start_boulder(scene, number, level, result, flight)
       if (result%status /= 0) return
       omega_r = 0
-      if (level >= with_maps .and. scratch%cells_requested) call start_visits(scratch%visits, number)
-      if (level >= with_lines .and. allocated(scratch%crossings)) scratch%crossings%crossed = .false.
-      scratch%recorded = 0
+      call clear(scene, number, level, scratch)
       obstacles = .false.
       if (level >= with_all) then
          call record(scratch, contact_t(flight%x, flight%y, flight%z, 0.0_wp, flight%v))
          obstacles = has_obstacles(scene)
-         if (allocated(scene%barriers)) scratch%crossings%outcome = 0
-         if (allocated(scene%forest)) scratch%felled = [integer ::]
-         scratch%tree_hits%n = 0
          result%energy%released = sum(kinetic_energy(result%boulder, flight%v, 0.0_wp)) &
                                   + result%boulder%mass*scene%gravity*flight%z
       end if
       do
          if (level >= with_all .and. obstacles) then
-            call fly_to_obstacle(scene, result, flight, omega_r, landing, obstacle, scratch)
+            call fly_to_obstacle(scene, result, flight, omega_r, landing, obstacle, scratch, spans)
          else if (level >= with_maps .and. scratch%cells_requested) then
-            call fly_over_cells(scene, flight, omega_r, result%time, landing, scratch)
+            call fly_over_cells(scene, flight, omega_r, result%time, landing, scratch, spans)
          else
             call fly(scene%dem, scene%gravity, flight, landing)
          end if
@@ -287,12 +291,29 @@ contains
          call close_balance(scene, landing%z, flight%v, omega_r, result)
          if (allocated(scene%barriers)) call note_passed_over(scene, result, scratch%crossings)
       end if
-      call end_boulder(scene, landing, result)
-      if (.not. (landing%contact .or. at_rest(result%status))) return
-      if (level >= with_maps .and. scratch%cells_requested) then
-         call visit_cell(scratch%visits, result%stop_cell, 0.0_wp, 0.0_wp, 0.0_wp)
-      end if
+      call end_boulder(scene, landing, level, result, scratch)
    end subroutine trace
+
+   !> The work space as a boulder finds it.
+   pure subroutine clear(scene, number, level, scratch)
+      type(scene_t), intent(in) :: scene
+      integer(i8), intent(in) :: number
+      integer, value :: level  !! as in trace
+      type(scratch_t), intent(inout) :: scratch
+
+      scratch%recorded = 0
+      if (level >= with_lines) then
+         if (allocated(scratch%crossings)) scratch%crossings%crossed = .false.
+         if (scene%histograms_requested) scratch%histograms%count = 0
+      end if
+      if (level >= with_maps .and. scratch%cells_requested) call start_visits(scratch%visits, number)
+      if (level >= with_all) then
+         if (allocated(scene%barriers)) scratch%crossings%outcome = 0
+         if (allocated(scratch%by_ground)) scratch%by_ground = 0
+         if (allocated(scene%forest)) scratch%felled = [integer ::]
+         scratch%tree_hits%n = 0
+      end if
+   end subroutine clear
 
    !> What a boulder is, and the start of its first flight.
    pure subroutine start_boulder(scene, number, level, result, flight)
@@ -319,15 +340,19 @@ contains
    end subroutine start_boulder
 
    !> What is left to say of a boulder at its end.
-   pure subroutine end_boulder(scene, landing, result)
+   pure subroutine end_boulder(scene, landing, level, result, scratch)
       type(scene_t), intent(in) :: scene
       type(landing_t), intent(in) :: landing
+      integer, value :: level  !! as in trace
       type(boulder_result_t), intent(inout) :: result
+      type(scratch_t), intent(inout) :: scratch
 
       result%speed_max = sqrt(result%speed_max)
       result%stop = [landing%x, landing%y, landing%z]
-      if (landing%contact .or. at_rest(result%status)) &
-         result%stop_cell = cell_of(scene%dem, landing%patch, landing%u, landing%w)
+      if (.not. (landing%contact .or. at_rest(result%status))) return
+      result%stop_cell = cell_of(scene%dem, landing%patch, landing%u, landing%w)
+      if (level >= with_maps .and. scratch%cells_requested) &
+         call visit_cell(scratch%visits, result%stop_cell, 0.0_wp, 0.0_wp, 0.0_wp)
    end subroutine end_boulder
 
    !> Why a boulder goes no further at a patch that is not known.
@@ -400,36 +425,38 @@ contains
    end subroutine release
 
    !> Fly, and record the visits of raster cells.
-   pure subroutine fly_over_cells(scene, flight, omega_r, begun, landing, scratch)
+   pure subroutine fly_over_cells(scene, flight, omega_r, begun, landing, scratch, spans)
       type(scene_t), intent(in) :: scene
       type(flight_t), intent(in) :: flight
       real(wp), intent(in) :: omega_r  !! W [m/s]
       real(wp), intent(in) :: begun    !! since the release [s]
       type(landing_t), intent(out) :: landing
       type(scratch_t), intent(inout) :: scratch
+      type(span_t), intent(inout), contiguous :: spans(:)
       integer :: n
 
+      n = 0
       if (scratch%heights_requested) then
-         call fly(scene%dem, scene%gravity, flight, landing, scratch%spans, n)
+         call fly(scene%dem, scene%gravity, flight, landing, spans, n)
       else
          call fly(scene%dem, scene%gravity, flight, landing)
       end if
-      call visit_cells(scene, flight, omega_r, begun, landing%time, n, scratch)
+      call visit_cells(scene, flight, omega_r, begun, landing%time, spans(:n), scratch)
    end subroutine fly_over_cells
 
    !> Record the raster cells under a flight.
-   pure subroutine visit_cells(scene, flight, omega_r, begun, time, n, scratch)
+   pure subroutine visit_cells(scene, flight, omega_r, begun, time, spans, scratch)
       type(scene_t), intent(in) :: scene
       type(flight_t), intent(in) :: flight
       real(wp), intent(in) :: omega_r  !! W [m/s]
       real(wp), intent(in) :: begun    !! since the release [s]
       real(wp), intent(in) :: time     !! of the flight [s]
-      integer, intent(in) :: n         !! its spans
+      type(span_t), intent(in), contiguous :: spans(:)  !! of it
       type(scratch_t), intent(inout) :: scratch
 
       associate (visits => scratch%visits, spin => inertia_factor*omega_r**2)
          if (scratch%heights_requested) then
-            call visit_path(visits, scene%dem, scene%gravity, flight, time, spin, scratch%spans(:n))
+            call visit_path(visits, scene%dem, scene%gravity, flight, time, spin, spans)
          else
             call visit_path(visits, scene%dem, scene%gravity, flight, time, spin)
          end if
@@ -439,7 +466,7 @@ contains
    end subroutine visit_cells
 
    !> Fly to the ground or to the first obstacle on the way there, and record the lines and cells up to there.
-   pure subroutine fly_to_obstacle(scene, result, flight, omega_r, landing, obstacle, scratch)
+   pure subroutine fly_to_obstacle(scene, result, flight, omega_r, landing, obstacle, scratch, spans)
       type(scene_t), intent(in) :: scene
       type(boulder_result_t), intent(in) :: result
       type(flight_t), intent(in) :: flight
@@ -447,19 +474,20 @@ contains
       type(landing_t), intent(out) :: landing
       type(obstacle_t), intent(out) :: obstacle
       type(scratch_t), intent(inout) :: scratch
+      type(span_t), intent(inout), contiguous :: spans(:)
       integer :: n
 
-      call fly(scene%dem, scene%gravity, flight, landing, scratch%spans, n)
+      call fly(scene%dem, scene%gravity, flight, landing, spans, n)
       if (allocated(scene%barriers)) &
          call find_barrier(scene, result, flight, landing, omega_r, scratch%crossings, obstacle)
       if (allocated(scene%forest)) &
-         call find_tree(scene%forest, result%boulder%radius, flight, scratch%spans(:n), scratch%felled, obstacle)
+         call find_tree(scene%forest, result%boulder%radius, flight, spans(:n), scratch%felled, obstacle)
       if (allocated(scene%lines)) &
          call record_crossings(scene, result, flight, landing, omega_r, scratch%crossings, obstacle%time)
       if (obstacle%kind /= none) &
-         call end_flight(scene%dem, scene%gravity, flight, obstacle%time, scratch%spans, n, landing)
+         call end_flight(scene%dem, scene%gravity, flight, obstacle%time, spans, n, landing)
       if (scratch%cells_requested) &
-         call visit_cells(scene, flight, omega_r, result%time, landing%time, n, scratch)
+         call visit_cells(scene, flight, omega_r, result%time, landing%time, spans(:n), scratch)
    end subroutine fly_to_obstacle
 
    !> The first barrier that stands in the way of a flight, if it does before the obstacle.
@@ -520,7 +548,7 @@ contains
       type(forest_t), intent(in) :: forest
       real(wp), intent(in) :: radius  !! of the boulder [m]
       type(flight_t), intent(in) :: flight
-      type(span_t), intent(in) :: spans(:)
+      type(span_t), intent(in), contiguous :: spans(:)
       integer, intent(in) :: felled(:)
       type(obstacle_t), intent(inout) :: obstacle
       type(tree_hit_t) :: hit

@@ -1,0 +1,56 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> What a boulder adds to the tallies of a run when it has come to its end. One that left the window of the terrain
+!> adds nothing: it is traced again.
+module rockfall_tallies
+   use rockfall_kinds, only: i8
+   use rockfall_trajectory, only: scene_t, boulder_result_t, scratch_t, at_rest, left_window
+   use rockfall_maps, only: maps_t, needs_visits, needs_heights, add_visits, add_deposit
+   use rockfall_travel_maps, only: needs_times, needs_travel, add_travel
+   use rockfall_passing_maps, only: needs_passing, add_passing
+   use rockfall_tree_maps, only: needs_tree_hits, add_tree_hits
+   use rockfall_histogram, only: histograms, bins, quantities
+   implicit none
+   private
+   public :: totals_t, prepare, add_boulder
+
+   !> Of the boulders of one thread.
+   type :: totals_t
+      integer(i8) :: histogram(bins, quantities) = 0
+      integer(i8), allocatable :: by_ground(:)  !! rebounds, where the scene has several grounds
+   end type totals_t
+
+contains
+
+   !> A boulder's work space, with room for what a run requests of it.
+   subroutine prepare(scene, maps, scratch)
+      type(scene_t), intent(in) :: scene
+      type(maps_t), intent(in) :: maps
+      type(scratch_t), intent(inout) :: scratch
+
+      scratch%cells_requested = needs_visits(maps)
+      scratch%heights_requested = needs_heights(maps)
+      if (needs_times(maps)) allocate (scratch%visits%time(0))
+      scratch%tree_hits_requested = allocated(scene%forest) .and. needs_tree_hits(maps)
+      if (allocated(scene%lines)) allocate (scratch%crossings(size(scene%lines)))
+      if (scene%histograms_requested) scratch%histograms = histograms()
+      if (allocated(scene%grounds)) allocate (scratch%by_ground(size(scene%grounds)), source=0_i8)
+   end subroutine prepare
+
+   !> Add a boulder; many threads may do so at once, each to totals of its own.
+   subroutine add_boulder(scene, maps, result, scratch, totals)
+      type(scene_t), intent(in) :: scene
+      type(maps_t), intent(in) :: maps
+      type(boulder_result_t), intent(in) :: result
+      type(scratch_t), intent(in) :: scratch
+      type(totals_t), intent(inout) :: totals
+
+      if (result%status == left_window) return
+      if (scene%histograms_requested) totals%histogram = totals%histogram + scratch%histograms%count
+      if (allocated(scratch%by_ground)) totals%by_ground = totals%by_ground + scratch%by_ground
+      if (scratch%cells_requested) call add_visits(maps, scratch%visits, result%boulder%mass)
+      if (needs_passing(maps)) call add_passing(maps, scratch%visits, scene%dem, result%boulder%radius)
+      if (needs_travel(maps)) call add_travel(maps, scratch%visits, scene%dem, result%start)
+      if (scratch%tree_hits_requested) call add_tree_hits(maps, scratch%tree_hits)
+      if (at_rest(result%status)) call add_deposit(maps, result%stop_cell)
+   end subroutine add_boulder
+end module rockfall_tallies
