@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The theory manual: its equations are numbered, have a source, and name code that exists."""
+
+import ast
+import re
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+MANUAL = ROOT / "docs/theory"
+REFERENCES = MANUAL / "15-references.md"
+CHAPTERS = sorted(path for path in MANUAL.glob("*.md") if path != REFERENCES)
+EQUATION = re.compile(r'<a id="eq-([\w-]+)"></a>\n\n\$\$\n(.+?)\n\$\$\n\n(.+?)\n\n', re.DOTALL)
+NUMBER = re.compile(r"(\d+)\.(\d+)([a-z]?)")
+ANCHOR = re.compile(r'<a id="([\w-]+)"></a>')
+LINK = re.compile(r"\[([^\]]*)\]\(([^)\s]*)\)")
+
+
+def text_of(path):
+    return path.read_text(encoding="utf-8") + "\n"
+
+
+def equations(path):
+    """Anchor, formula, and the paragraph after it."""
+    return EQUATION.findall(text_of(path))
+
+
+@cache
+def defined(path):
+    """Names of the procedures in a file; of Python also classes and Class.method."""
+    text = path.read_text(encoding="utf-8")
+    if path.suffix == ".f90":
+        return {*re.findall(r"^[^!'\"\n]*\b(?:function|subroutine)\s+(\w+)", text, re.MULTILINE)}
+    found = set()
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            found.add(node.name)
+        if isinstance(node, ast.ClassDef):
+            body = [one.name for one in node.body if isinstance(one, ast.FunctionDef)]
+            found |= {f"{node.name}.{name}" for name in body}
+    return found
+
+
+@pytest.mark.parametrize("path", CHAPTERS, ids=lambda path: path.stem)
+def test_equations_are_numbered(path):
+    found = equations(path)
+    text = text_of(path)
+    assert len(found) == text.count("$$") / 2 == text.count(r"\tag{"), "one tag, anchor and source"
+    places = []
+    for anchor, formula, _ in found:
+        (tag,) = re.findall(r"\\tag\{(.+?)\}", formula)
+        chapter, number, letter = NUMBER.fullmatch(tag).groups()
+        assert int(chapter) == int(path.stem[:2]), f"({tag}) is of another chapter"
+        assert anchor == tag.replace(".", "-"), f"the anchor of ({tag}) is eq-{anchor}"
+        places.append((int(number), letter))
+    assert places == sorted({*places}), "numbers are unique and in order"
+
+
+@pytest.mark.parametrize("path", CHAPTERS, ids=lambda path: path.stem)
+def test_equations_name_source_and_code(path):
+    for anchor, _, about in equations(path):
+        source, code = re.fullmatch(
+            r"\*Source\*: (.+) \*Code\*: (.+)\.", " ".join(about.split())
+        ).groups()
+        assert len(source) > 4, anchor
+        for part in code.split("; "):
+            file, *names = re.findall(r"`([^`]+)`", part)
+            assert names, f"({anchor}) names no procedure of {file}"
+            missing = {*names} - defined(ROOT / file)
+            assert not missing, f"({anchor}): {file} has no {missing}"
+
+
+@pytest.mark.parametrize("path", [*CHAPTERS, REFERENCES], ids=lambda path: path.stem)
+def test_references_lead_somewhere(path):
+    for label, target in LINK.findall(text_of(path)):
+        file, _, anchor = target.partition("#")
+        page = (path.parent / file).resolve() if file else path
+        assert page.is_file(), f"[{label}]({target})"
+        if page.parent == MANUAL and anchor:
+            assert anchor in ANCHOR.findall(text_of(page)), f"[{label}]({target})"
+        if anchor.startswith("eq-"):
+            assert label == f"({anchor[3:].replace('-', '.')})", f"[{label}]({target})"
+
+
+def test_files_named_in_the_text_exist():
+    for path in CHAPTERS:
+        for file in re.findall(r"`((?:fortran|python)/[\w./]+)`", text_of(path)):
+            assert (ROOT / file).is_file(), f"{path.name}: {file}"
+
+
+def test_every_reference_is_cited():
+    cited = {
+        anchor
+        for path in CHAPTERS
+        for anchor in re.findall(r"15-references\.md#(\w+)", text_of(path))
+    }
+    assert cited == {*ANCHOR.findall(text_of(REFERENCES))}
