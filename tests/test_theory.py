@@ -11,6 +11,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 MANUAL = ROOT / "docs/theory"
 REFERENCES = MANUAL / "15-references.md"
+PAGES = sorted((ROOT / "docs").rglob("*.md"))
 CHAPTERS = sorted(path for path in MANUAL.glob("*.md") if path != REFERENCES)
 EQUATION = re.compile(r'<a id="eq-([\w-]+)"></a>\n\n\$\$\n(.+?)\n\$\$\n\n(.+?)\n\n', re.DOTALL)
 NUMBER = re.compile(r"(\d+)\.(\d+)([a-z]?)")
@@ -72,22 +73,26 @@ def test_equations_name_source_and_code(path):
             assert not missing, f"({anchor}): {file} has no {missing}"
 
 
-@pytest.mark.parametrize("path", [*CHAPTERS, REFERENCES], ids=lambda path: path.stem)
-def test_references_lead_somewhere(path):
-    for label, target in LINK.findall(text_of(path)):
+@pytest.mark.parametrize("path", PAGES, ids=lambda path: str(path.relative_to(ROOT / "docs")))
+def test_links_lead_somewhere(path):
+    prose = re.sub(r"```.*?```|`[^`\n]*`", "", text_of(path), flags=re.DOTALL)
+    for label, target in LINK.findall(prose):
         file, _, anchor = target.partition("#")
+        if "://" in file:
+            continue
         page = (path.parent / file).resolve() if file else path
-        assert page.is_file(), f"[{label}]({target})"
-        if page.parent == MANUAL and anchor:
-            assert anchor in ANCHOR.findall(text_of(page)), f"[{label}]({target})"
-        if anchor.startswith("eq-"):
-            assert label == f"({anchor[3:].replace('-', '.')})", f"[{label}]({target})"
+        assert page.exists(), f"[{label}]({target})"
+        if page == REFERENCES or anchor.startswith("eq-"):
+            assert not anchor or anchor in ANCHOR.findall(text_of(page)), f"[{label}]({target})"
+        if NUMBER.fullmatch(label.strip("()")):
+            assert f"eq-{label.strip('()').replace('.', '-')}" == anchor, f"[{label}]({target})"
 
 
 def test_files_named_in_the_text_exist():
-    for path in CHAPTERS:
-        for file in re.findall(r"`((?:fortran|python)/[\w./]+)`", text_of(path)):
-            assert (ROOT / file).is_file(), f"{path.name}: {file}"
+    file = re.compile(r"`((?:fortran|python|tests)/[\w./]+)`")
+    for path in [*CHAPTERS, *(ROOT / "docs/validation").glob("*.md")]:
+        for name in file.findall(text_of(path)):
+            assert (ROOT / name).exists(), f"{path.name}: {name}"
 
 
 def test_every_reference_is_cited():
