@@ -14,6 +14,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator
 from pathlib import Path
+from textwrap import wrap
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -184,14 +185,21 @@ def page(found: list[Measured], boulders: int) -> str:
     lines = [
         "# Shipped impact sets on planes",
         "",
-        f"{boulders:,} boulders for each number, released {DROP:g} m above a plane; a line "
-        f"{DISTANCE:g} m further down, in plan. R_b/R_m is the same everywhere, boulders turn past "
-        "the aspect. This page and its figure are written by `benchmarks/accuracy/planes.py`.",
+        *wrap(
+            f"{boulders:,} boulders for each number, released {DROP:g} m above a plane; a line "
+            f"{DISTANCE:g} m further down, in plan. R_b/R_m is the same everywhere, boulders turn "
+            "past the aspect. This page and its figure are written by "
+            "`benchmarks/accuracy/planes.py`.",
+            100,
+        ),
         "",
-        "± is the standard error; - where too few pass to know the number. On the **neutral "
-        "slope** boulders that go straight down neither gain nor lose speed in the long run; those "
-        "that turn go down a flatter way. There is no terminal velocity: what is steeper makes "
-        "them faster without end.",
+        *wrap(
+            "± is the standard error; - where too few pass to know the number. On the **neutral "
+            "slope** boulders that go straight down neither gain nor lose speed in the long run; "
+            "those that turn go down a flatter way. There is no terminal velocity: what is steeper "
+            "makes them faster without end.",
+            100,
+        ),
         "",
         "![share passing, mean speed and jump height against the slope](figures/planes.png)",
         "",

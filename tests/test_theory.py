@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The theory manual: its equations are numbered, have a source, and name code that exists."""
+
+import ast
+import re
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+MANUAL = ROOT / "docs/theory"
+REFERENCES = MANUAL / "15-references.md"
+PAGES = sorted((ROOT / "docs").rglob("*.md"))
+CHAPTERS = sorted(path for path in MANUAL.glob("*.md") if path != REFERENCES)
+EQUATION = re.compile(r'<a id="eq-([\w-]+)"></a>\n\n\$\$\n(.+?)\n\$\$\n\n(.+?)\n\n', re.DOTALL)
+NUMBER = re.compile(r"(\d+)\.(\d+)([a-z]?)")
+ANCHOR = re.compile(r'<a id="([\w-]+)"></a>')
+LINK = re.compile(r"\[([^\]]*)\]\(([^)\s]*)\)")
+
+
+def text_of(path):
+    return path.read_text(encoding="utf-8") + "\n"
+
+
+def equations(path):
+    """Anchor, formula, and the paragraph after it."""
+    return EQUATION.findall(text_of(path))
+
+
+@cache
+def defined(path):
+    """Names of the procedures in a file; of Python also classes and Class.method."""
+    text = path.read_text(encoding="utf-8")
+    if path.suffix == ".f90":
+        return {*re.findall(r"^[^!'\"\n]*\b(?:function|subroutine)\s+(\w+)", text, re.MULTILINE)}
+    found = set()
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            found.add(node.name)
+        if isinstance(node, ast.ClassDef):
+            body = [one.name for one in node.body if isinstance(one, ast.FunctionDef)]
+            found |= {f"{node.name}.{name}" for name in body}
+    return found
+
+
+@pytest.mark.parametrize("path", CHAPTERS, ids=lambda path: path.stem)
+def test_equations_are_numbered(path):
+    found = equations(path)
+    text = text_of(path)
+    assert len(found) == text.count("$$") / 2 == text.count(r"\tag{"), "one tag, anchor and source"
+    places = []
+    for anchor, formula, _ in found:
+        (tag,) = re.findall(r"\\tag\{(.+?)\}", formula)
+        chapter, number, letter = NUMBER.fullmatch(tag).groups()
+        assert int(chapter) == int(path.stem[:2]), f"({tag}) is of another chapter"
+        assert anchor == tag.replace(".", "-"), f"the anchor of ({tag}) is eq-{anchor}"
+        places.append((int(number), letter))
+    assert places == sorted({*places}), "numbers are unique and in order"
+
+
+@pytest.mark.parametrize("path", CHAPTERS, ids=lambda path: path.stem)
+def test_equations_name_source_and_code(path):
+    for anchor, _, about in equations(path):
+        source, code = re.fullmatch(
+            r"\*Source\*: (.+) \*Code\*: (.+)\.", " ".join(about.split())
+        ).groups()
+        assert len(source) > 4, anchor
+        for part in code.split("; "):
+            file, *names = re.findall(r"`([^`]+)`", part)
+            assert names, f"({anchor}) names no procedure of {file}"
+            missing = {*names} - defined(ROOT / file)
+            assert not missing, f"({anchor}): {file} has no {missing}"
+
+
+@pytest.mark.parametrize("path", PAGES, ids=lambda path: str(path.relative_to(ROOT / "docs")))
+def test_links_lead_somewhere(path):
+    prose = re.sub(r"```.*?```|`[^`\n]*`", "", text_of(path), flags=re.DOTALL)
+    for label, target in LINK.findall(prose):
+        file, _, anchor = target.partition("#")
+        if "://" in file:
+            continue
+        page = (path.parent / file).resolve() if file else path
+        assert page.exists(), f"[{label}]({target})"
+        if page == REFERENCES or anchor.startswith("eq-"):
+            assert not anchor or anchor in ANCHOR.findall(text_of(page)), f"[{label}]({target})"
+        if NUMBER.fullmatch(label.strip("()")):
+            assert f"eq-{label.strip('()').replace('.', '-')}" == anchor, f"[{label}]({target})"
+
+
+def test_files_named_in_the_text_exist():
+    file = re.compile(r"`((?:fortran|python|tests)/[\w./]+)`")
+    for path in [*CHAPTERS, *(ROOT / "docs/validation").glob("*.md")]:
+        for name in file.findall(text_of(path)):
+            assert (ROOT / name).exists(), f"{path.name}: {name}"
+
+
+def test_every_reference_is_cited():
+    cited = {
+        anchor
+        for path in CHAPTERS
+        for anchor in re.findall(r"15-references\.md#(\w+)", text_of(path))
+    }
+    assert cited == {*ANCHOR.findall(text_of(REFERENCES))}
+
+
+def test_the_page_on_validation_counts_as_the_comparison_does():
+    """docs/validation/vaujany.md is written by a benchmark, index.md by hand."""
+    compared = text_of(ROOT / "docs/validation/vaujany.md")
+    said = " ".join(text_of(ROOT / "docs/validation/index.md").split())
+    for section in ("What the calibration was given", "Held out of the calibration"):
+        table = compared.partition(f"## {section}")[2].partition("\n## ")[0]
+        shipped = [line.split("|")[4].split()[-1] for line in table.splitlines()[4:] if line]
+        n, (met, open_, off) = len(shipped), map(shipped.count, ("met", "undecided", "NOT"))
+        assert n == met + open_ + off
+        assert f"of {n} numbers {met} are met, {open_} undecided, {off} not met" in said
