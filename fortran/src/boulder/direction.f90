@@ -83,7 +83,7 @@ contains
    end function lateral_angle
 
    !> The angle of a turn [rad] (section 3.3), by inversion of its distribution: 0-22.5 degrees with probability 0.72,
-   !> 22.5-45 with 0.24, 45-50 with 0.04; uniform inside a class, our choice (model, section 5).
+   !> 22.5-45 with 0.24, 45-50 with 0.04; uniform inside a class, our choice (theory, chapter 6).
    elemental real(wp) function turn_angle(u)
       real(wp), intent(in) :: u  !! uniform in (0, 1) [-]
 
@@ -92,7 +92,7 @@ contains
       if (u >= third_class) turn_angle = 2*sector*degree + in_third*(u - third_class)
    end function turn_angle
 
-   !> The heading after a rebound (section 3.3; model, section 5).
+   !> The heading after a rebound (section 3.3; theory, chapter 6).
    !> In a pit: unchanged. Upslope: uniform within 22.5 degrees of the heading before. Else as the rule says; by the
    !> printed classes only where the cell has a descent.
    pure function new_heading(turning, heading, g, descent, pit) result(after)

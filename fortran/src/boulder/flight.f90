@@ -59,7 +59,7 @@ contains
    !>
    !> Over the patch z00 + a u + b w + c u w the path has u = u0 + p t, w = w0 + q t [cells], so the height above it,
    !> z(t) - z_patch(u(t), w(t)), is d0 + d1 s + d2 s**2 with d1 = vz - (a + c w) p - (b + c u) q and
-   !> d2 = -g/2 - c p q (model, section 3).
+   !> d2 = -g/2 - c p q (theory, chapter 4).
    pure subroutine fly(dem, gravity, start, landing, spans, n_spans)
       type(terrain_t), intent(in) :: dem
       real(wp), intent(in) :: gravity                       !! [m/s2]

@@ -17,7 +17,7 @@ module rockfall_impact
    public :: is_admissible, limit_rebound, twice_energy, draw_again, first_draw, energy_of
 
    integer, parameter :: impact_ratios = 5  !! sets for R_b/R_m = 1, 2, 3, 4, 5
-   integer, parameter :: max_draws = 32    !! draws of A before the last is limited; our choice (model, section 4)
+   integer, parameter :: max_draws = 32    !! draws of A before the last is limited; our choice (theory, chapter 5)
    !> V_n of a limited rebound that did not leave the surface, over the incoming speed [-]; likewise.
    real(wp), parameter :: min_normal = 0.01_wp
    real(wp), parameter :: symmetry_tolerance = 1.0e-12_wp  !! of two entries, over the largest [-]
@@ -159,7 +159,7 @@ contains
    end function product_of
 
    !> The covariance of A that gives V_out = A V_in the distribution of A V_in + |V_in| e, |V|**2 = V_t**2 + V_n**2 +
-   !> W**2, e normal with covariance S (model, section 4). A and e are drawn anew together, and |V_in| e is distributed
+   !> W**2, e normal with covariance S (theory, chapter 5). A and e are drawn anew together, and |V_in| e is distributed
    !> as E V_in, where E has independent columns of covariance S: so C + S (x) I.
    pure function with_noise(c, s) result(folded)
       real(wp), intent(in) :: c(9, 9), s(3, 3)  !! [-]
@@ -259,7 +259,7 @@ contains
       angle = normal2 < this%sine2(1)*speed2 .or. normal2 > this%sine2(2)*speed2
    end subroutine beyond_fit
 
-   !> The set that serves a ratio R_b/R_m: rounded, within 1..5 (model, section 4); `outside`: beyond 0.5..5.5,
+   !> The set that serves a ratio R_b/R_m: rounded, within 1..5 (theory, chapter 5); `outside`: beyond 0.5..5.5,
    !> where no set is calibrated.
    pure subroutine ratio_class(ratio, number, outside)
       real(wp), intent(in) :: ratio  !! R_b/R_m [-]
@@ -304,7 +304,7 @@ contains
    !>
    !> The local frame: t along the tangential velocity before the impact, so V_t_in >= 0; n the surface normal, away
    !> from the ground, so V_n_in <= 0; W = R_b omega, > 0 for forward rolling. With W all three are velocities, so A has
-   !> no dimension and a set serves boulders of any size (our choice; model, section 4).
+   !> no dimension and a set serves boulders of any size (our choice; theory, chapter 5).
    !> R_t = V_t_out/V_t_in and R_n = -V_n_out/V_n_in (eqs 6, 7) follow from A, they do not go in.
    pure subroutine rebound(set, table, key, boulder, impact, words, v_in, out)
       type(impact_set_t), intent(in) :: set
@@ -357,7 +357,7 @@ contains
    end subroutine draw_again
 
    !> The distribution of A V_in: a linear function of the normal A, so normal itself, with the mean m V_in and the
-   !> covariance S of `set_covariance` (eqs 4, 5; model, section 4). Three normal numbers draw from it what nine would
+   !> covariance S of `set_covariance` (eqs 4, 5; theory, chapter 5). Three normal numbers draw from it what nine would
    !> through A.
    elemental type(velocity_law_t) function law_of(set, t, n, w) result(law)
       type(impact_set_t), intent(in) :: set
@@ -444,7 +444,7 @@ contains
       energy_of = t*t + n*n + inertia_factor*w*w
    end function energy_of
 
-   !> Whether a boulder may rebound so (model, section 4).
+   !> Whether a boulder may rebound so (theory, chapter 5).
    pure logical function admissible(v, energy_in)
       real(wp), intent(in) :: v(3)       !! V_t, V_n, W after it [m/s]
       real(wp), intent(in) :: energy_in  !! as of twice_energy, before it [m2/s2]

@@ -97,7 +97,7 @@ module rockfall_trajectory
       type(tree_hit_t) :: hit       !! of a tree
    end type obstacle_t
 
-   !> What became of a boulder (model, section 9).
+   !> What became of a boulder (theory, chapter 10).
    type :: boulder_result_t
       type(boulder_t) :: boulder
       integer :: status = 0
@@ -683,7 +683,7 @@ contains
    !>
    !> The passing height is that of the centre of the sphere (the paper measures from it). A sphere on a slope touches
    !> it along the normal, so its centre lies R_b sqrt(1 + |g|**2) = R_b/cos(slope) above the surface, vertically; and
-   !> higher by the jump height where it flies (model, section 9).
+   !> higher by the jump height where it flies (theory, chapter 10).
    pure type(crossing_t) function crossing(scene, result, flight, t, omega_r) result(c)
       type(scene_t), intent(in) :: scene
       type(boulder_result_t), intent(in) :: result
@@ -880,7 +880,7 @@ contains
       u = uniform(word)
    end function ground_uniforms
 
-   !> The incoming velocity in the local frame of the impact (Bourrier et al. 2009, eqs 4, 5; model, section 4): the
+   !> The incoming velocity in the local frame of the impact (Bourrier et al. 2009, eqs 4, 5; theory, chapter 5): the
    !> plane of the surface normal n = (-g, 1)/sqrt(1 + |g|**2) and the tangential direction of travel t. So
    !> V_n = v.n <= 0 and V_t = |v - V_n n| >= 0. Also the plan heading of t; zero when there is none.
    pure subroutine decompose(v, g, steepness, before, omega_r, v_in, heading)
@@ -931,7 +931,7 @@ contains
 
    !> The next flight: V_t_out in the tangent plane over the new heading h, along (h, g.h)/sqrt(1 + (g.h)**2), V_n_out
    !> along the normal. A negative V_t_out turns the heading round first. The height above the patch grows at
-   !> v.(-g, 1) = V_n_out sqrt(1 + |g|**2) (model, sections 4 and 5).
+   !> v.(-g, 1) = V_n_out sqrt(1 + |g|**2) (theory, chapters 5 and 6).
    pure subroutine outgoing_flight(scene, landing, at, g, steepness, before, turning, v_out, flight, omega_r)
       type(scene_t), intent(in) :: scene
       type(landing_t), intent(in) :: landing

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> What the sums and maxima of maps can come to, so that a run whose numbers they cannot hold is refused before it
-!> begins. No rebound adds energy (model, section 4): the release and the lowest elevation bound all speeds.
+!> begins. No rebound adds energy (theory, chapter 5): the release and the lowest elevation bound all speeds.
 module rockfall_limits
    use rockfall_kinds, only: wp, sp, i8
    use rockfall_error, only: error_t, fail

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Where boulders can come at all. No rebound adds energy (model, section 4), so a boulder never rises above
+!> Where boulders can come at all. No rebound adds energy (theory, chapter 5), so a boulder never rises above
 !> the elevation that its energy at the release could lift it to, and never passes terrain that is higher.
 module rockfall_reach
    use rockfall_kinds, only: wp

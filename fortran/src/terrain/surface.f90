@@ -32,7 +32,7 @@ module rockfall_surface
 
 contains
 
-   !> R_m [m] at a raster cell for one rebound; `u` draws the obstacle size of method A (model, section 6).
+   !> R_m [m] at a raster cell for one rebound; `u` draws the obstacle size of method A (theory, chapter 7).
    pure real(wp) function rock_radius(surface, at, u)
       type(surface_t), intent(in) :: surface
       integer, intent(in) :: at(2)  !! column, row from the north

@@ -96,7 +96,7 @@ def restitution(
 ) -> tuple[np.ndarray, np.ndarray]:
     """R_t and R_n (draws,) of one set at an incidence angle [degrees] without spin.
 
-    Only admissible draws: V_n_out > 0, no energy gained (model, section 4). At 90 degrees R_t is
+    Only admissible draws: V_n_out > 0, no energy gained (theory, chapter 5). At 90 degrees R_t is
     NaN.
     """
     generator = np.random.Generator(np.random.PCG64(seed))

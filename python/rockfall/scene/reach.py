@@ -31,7 +31,7 @@ class Survey:
 
     def box(self) -> Box:
         """Every cell that a boulder can reach: no rebound adds energy, so no boulder passes terrain
-        higher than what its energy at the release could lift it to (model, section 4)."""
+        higher than what its energy at the release could lift it to (theory, chapter 5)."""
         scene, grid = self.scene, self.scene.grid
         output = scene.case.output
         if "maps" not in output or output["map_extent"] == "terrain":

@@ -32,7 +32,7 @@ def ratio_class(ratio: np.ndarray) -> np.ndarray:
 
 
 def admissible(v_in: np.ndarray, v_out: np.ndarray) -> np.ndarray:
-    """Which rebounds leave the surface and do not gain energy, (n,) (model, section 4)."""
+    """Which rebounds leave the surface and do not gain energy, (n,) (theory, chapter 5)."""
     v_in, v_out = np.broadcast_arrays(v_in, v_out)
     return _core.admissible_rebounds(v_in.T, v_out.T).astype(bool)
 
