@@ -4,6 +4,7 @@ up; and what holds of every classical rebound."""
 
 import numpy as np
 import pytest
+from rockfall._core import rockfall_f2py as _core
 
 import rockfall
 from made import make_raster
@@ -43,6 +44,14 @@ def terrain():
 def whole(tmp_path_factory):
     case = mixed(tmp_path_factory.mktemp("whole"))
     return case, rockfall.run(case, **terrain())
+
+
+@pytest.mark.parametrize("lanes", [0, 1])
+def test_no_bit_depends_on_lanes(whole, lanes):
+    case, result = whole
+    scene = read_scene(case, **terrain())
+    _core.carry_in_lanes(scene.kernel.handle, lanes)
+    same(run_scene(scene), result)
 
 
 def test_each_ground_has_its_rebounds(whole):

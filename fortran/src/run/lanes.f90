@@ -16,7 +16,8 @@ module rockfall_lanes
    use rockfall_trajectory, only: scene_t, boulder_result_t, crossing_t, scratch_t, start_boulder, end_boulder, &
                                   clear, departure, fly_over_cells, record_crossings, handle_impact, find_rocks, &
                                   find_class, count_outcome, close_impact, start_from, in_local_frame, rolled_before, &
-                                  launch_velocity, with_maps, with_all, absorbed
+                                  launch_velocity, meet_ground, count_ground, with_all, absorbed
+   use rockfall_ground, only: is_stochastic
    use rockfall_tallies, only: totals_t, prepare, add_boulder
    use rockfall_maps, only: maps_t
    use rockfall_histogram, only: count_rebound
@@ -35,14 +36,22 @@ module rockfall_lanes
       type(landing_t) :: landing
       real(wp) :: omega_r = 0.0_wp  !! W = R_b omega [m/s]
       integer :: at(2)              !! raster cell of the contact
-      integer :: class              !! of the impact sets; 0 without a contact
+      integer :: ground             !! of the scene, where it has several
+      integer :: set                !! of all its impact sets; 0: none, for there is no contact, or a classical one
       logical :: outside            !! of the ratios that sets are for
    end type lane_t
+
+   !> All impact sets of a scene, those of a ground one after the other.
+   type :: laws_t
+      type(impact_set_t), allocatable :: set(:)
+      integer, allocatable :: before(:)  !! sets before those of each ground; -1: it has none
+   end type laws_t
 
    !> The contacts of the pool, in the order of their impact sets.
    type :: contacts_t
       integer :: n = 0
-      integer :: first(impact_ratios + 1)                !! of each set
+      integer :: met = 0                                 !! those that follow an impact set
+      integer, allocatable :: first(:)                   !! of each set, and of none
       integer :: lane(lanes)
       integer(i8), dimension(lanes) :: number, impact
       real(wp), dimension(lanes) :: v1, v2, v3           !! of the flight: its start, its end, then of the next [m/s]
@@ -77,9 +86,11 @@ contains
       type(lane_t) :: lane(lanes)
       type(scratch_t), allocatable :: scratch(:)
       type(contacts_t) :: contacts
+      type(laws_t) :: laws
       integer :: n, from, to, k
 
-      allocate (scratch(lanes))
+      laws = laws_of(scene)
+      allocate (scratch(lanes), contacts%first(size(laws%set) + 1))
       do k = 1, lanes
          call prepare(scene, maps, scratch(k))
          lane(k)%scratch = k
@@ -91,17 +102,41 @@ contains
          call refill(scene, first, results, next, from, to, lane, scratch, n)
          if (n == 0) exit
          call fly_all(scene, results, lane(:n), scratch, spans)
-         call land_all(scene, first, results, lane(:n), scratch)
+         call land_all(scene, laws, first, results, lane(:n), scratch)
          call gather(scene, first, results, lane(:n), contacts)
          call land(contacts, scene%gravity)
          call meet(contacts)
-         call draw(scene, contacts)
-         call redraw(scene, contacts)
+         call draw(scene, laws, contacts)
+         call redraw(scene, laws, contacts)
          call turn(contacts, scene%dem%per_cell)
-         call go_on(scene, results, lane, contacts, scratch)
+         call go_on(scene, laws, results, lane, contacts, scratch)
          call take_out(scene, results, crossings, maps, lane, scratch, totals, n)
       end do
    end subroutine run_in_lanes
+
+   !> The impact sets of the scene: the case's, or those of its grounds.
+   pure type(laws_t) function laws_of(scene) result(laws)
+      type(scene_t), intent(in) :: scene
+      integer :: ground, n
+
+      if (.not. allocated(scene%grounds)) then
+         laws%set = scene%sets
+         laws%before = [0]
+         return
+      end if
+      allocate (laws%before(size(scene%grounds)), source=-1)
+      n = 0
+      do ground = 1, size(scene%grounds)
+         if (.not. is_stochastic(scene%grounds(ground))) cycle
+         laws%before(ground) = n
+         n = n + impact_ratios
+      end do
+      allocate (laws%set(n))
+      do ground = 1, size(scene%grounds)
+         n = laws%before(ground)
+         if (n >= 0) laws%set(n + 1:n + impact_ratios) = scene%grounds(ground)%sets
+      end do
+   end function laws_of
 
    !> Fill the pool with the next boulders.
    subroutine refill(scene, first, results, next, from, to, lane, scratch, n)
@@ -126,7 +161,7 @@ contains
          lane(n)%place = from
          lane(n)%omega_r = 0
          call start_boulder(scene, first + from - 1, with_all, results(from), lane(n)%flight)
-         call clear(scene, first + from - 1, with_maps, scratch(lane(n)%scratch))
+         call clear(scene, first + from - 1, with_all, scratch(lane(n)%scratch))
          if (results(from)%status /= 0) n = n - 1
          from = from + 1
       end do
@@ -154,18 +189,20 @@ contains
    end subroutine fly_all
 
    !> Record the lines that they crossed, and look up the impact sets where they landed.
-   subroutine land_all(scene, first, results, lane, scratch)
+   subroutine land_all(scene, laws, first, results, lane, scratch)
       type(scene_t), intent(in) :: scene
+      type(laws_t), intent(in) :: laws
       integer(i8), intent(in) :: first
       type(boulder_result_t), intent(inout) :: results(:)
       type(lane_t), intent(inout) :: lane(:)
       type(scratch_t), intent(inout) :: scratch(:)
-      real(wp) :: radius, u_ground(words_per_block)
-      integer :: k, p
+      real(wp) :: radius, obstacle, u_ground(words_per_block)
+      integer :: k, p, class
 
       do k = 1, size(lane)
          p = lane(k)%place
-         lane(k)%class = 0
+         lane(k)%ground = 1
+         lane(k)%set = 0
          associate (result => results(p), landing => lane(k)%landing)
             if (allocated(scene%lines)) call record_crossings(scene, result, lane(k)%flight, landing, lane(k)%omega_r, &
                                                               scratch(lane(k)%scratch)%crossings)
@@ -178,9 +215,12 @@ contains
             call find_rocks(scene, first + p - 1, result%impacts, lane(k)%at, radius, u_ground)
             if (radius > huge(radius)) then
                result%status = absorbed
-            else
-               call find_class(scene, result%boulder%radius/radius, u_ground, lane(k)%class, lane(k)%outside)
+            else if (allocated(scene%grounds)) then
+               call meet_ground(scene, lane(k)%at, radius, lane(k)%ground, obstacle, result%status)
             end if
+            if (result%status == absorbed .or. laws%before(lane(k)%ground) < 0) cycle
+            call find_class(scene, result%boulder%radius/radius, u_ground, class, lane(k)%outside)
+            lane(k)%set = laws%before(lane(k)%ground) + class
          end associate
       end do
    end subroutine land_all
@@ -192,24 +232,26 @@ contains
       type(boulder_result_t), intent(in) :: results(:)
       type(lane_t), intent(in) :: lane(:)
       type(contacts_t), intent(inout) :: c
-      integer :: set, k, n
-      integer :: count(0:impact_ratios), slot(0:impact_ratios)
+      integer :: count(size(c%first)), slot(size(c%first))
+      integer :: none, set, k, n
 
+      none = size(c%first)
       count = 0
       do k = 1, size(lane)
-         count(lane(k)%class) = count(lane(k)%class) + 1
+         set = merge(lane(k)%set, none, lane(k)%set > 0)
+         count(set) = count(set) + 1
       end do
       n = 1
-      do set = 1, impact_ratios
-         slot(set) = n
+      do set = 1, none
          c%first(set) = n
          n = n + count(set)
       end do
-      c%first(impact_ratios + 1) = n
-      slot(0) = n
+      c%met = c%first(none) - 1
+      slot = c%first
       do k = 1, size(lane)
-         n = slot(lane(k)%class)
-         slot(lane(k)%class) = n + 1
+         set = merge(lane(k)%set, none, lane(k)%set > 0)
+         n = slot(set)
+         slot(set) = n + 1
          c%lane(n) = k
          call load(scene, first, results(lane(k)%place), lane(k), c, n)
       end do
@@ -237,7 +279,8 @@ contains
       c%w(n) = lane%omega_r
       c%heading1(n) = lane%flight%heading(1)
       c%heading2(n) = lane%flight%heading(2)
-      if (lane%class == 0) return
+      c%usual(n) = 0
+      if (lane%set == 0) return
       g = gradient(scene%dem, lane%landing%patch, lane%landing%u, lane%landing%w)
       c%g1(n) = g(1)
       c%g2(n) = g(2)
@@ -271,7 +314,7 @@ contains
       integer :: k
 
       !$omp simd private(plan1, plan2, unit1, unit2, length)
-      do k = 1, c%first(impact_ratios + 1) - 1
+      do k = 1, c%met
          c%steepness(k) = sqrt(1 + c%g1(k)*c%g1(k) + c%g2(k)*c%g2(k))
          call in_local_frame(c%v1(k), c%v2(k), c%v3(k), c%g1(k), c%g2(k), c%steepness(k), &
                              c%tangential(k), c%normal(k), plan1, plan2)
@@ -284,15 +327,16 @@ contains
    end subroutine meet
 
    !> The random numbers of the contacts, and the velocities after them, by impact set.
-   subroutine draw(scene, c)
+   subroutine draw(scene, laws, c)
       type(scene_t), intent(in) :: scene
+      type(laws_t), intent(in) :: laws
       type(contacts_t), intent(inout) :: c
       integer(i8) :: w1, w2, w3, w4, word(lanes, 4)
       integer(i8), parameter :: low32 = 2_i8**32 - 1
       integer :: k, set
 
       !$omp simd private(w1, w2, w3, w4)
-      do k = 1, c%first(impact_ratios + 1) - 1
+      do k = 1, c%met
          w1 = iand(c%number(k), low32)
          w2 = shiftr(c%number(k), 32)
          w3 = iand(c%impact(k), low32)
@@ -304,18 +348,18 @@ contains
          word(k, 4) = w4
       end do
       !$omp simd
-      do k = 1, c%first(impact_ratios + 1) - 1
+      do k = 1, c%met
          c%z1(k) = normal(scene%table, word(k, 1))
          c%z2(k) = normal(scene%table, word(k, 2))
          c%z3(k) = normal(scene%table, word(k, 3))
       end do
       !$omp simd
-      do k = 1, c%first(impact_ratios + 1) - 1
+      do k = 1, c%met
          c%u(k) = uniform(word(k, 4))
          c%side(k) = 2*real_of(iand(word(k, 4), 1_i8)) - 1
       end do
-      do set = 1, impact_ratios
-         call draw_of_set(scene%sets(set), c, c%first(set), c%first(set + 1) - 1)
+      do set = 1, size(laws%set)
+         call draw_of_set(laws%set(set), c, c%first(set), c%first(set + 1) - 1)
       end do
    end subroutine draw
 
@@ -346,7 +390,7 @@ contains
       integer :: k
 
       !$omp simd private(d1, d2, a1, a2, h1, h2, lowest, length, forward, before1, before2, u, side, usual, middle)
-      do k = 1, c%first(impact_ratios + 1) - 1
+      do k = 1, c%met
          call horn(c%z(k, 1), c%z(k, 2), c%z(k, 3), c%z(k, 4), c%z(k, 6), c%z(k, 7), c%z(k, 8), c%z(k, 9), per_cell, &
                    d1, d2, lowest)
          call divide_by_length(d1, d2, a1, a2, length)
@@ -370,19 +414,20 @@ contains
    end subroutine turn
 
    !> Draw again what was not admissible.
-   subroutine redraw(scene, c)
+   subroutine redraw(scene, laws, c)
       type(scene_t), intent(in) :: scene
+      type(laws_t), intent(in) :: laws
       type(contacts_t), intent(inout) :: c
       type(rebound_t) :: out
       integer :: k, set
 
-      do set = 1, impact_ratios
+      do set = 1, size(laws%set)
          do k = c%first(set), c%first(set + 1) - 1
             c%draws(k) = 1
             c%forced(k) = .false.
             if (c%admissible(k) > 0) cycle
             out = rebound_t([c%out1(k), c%out2(k), c%out3(k)])
-            call draw_again(scene%sets(set), scene%table, scene%key, c%number(k), c%impact(k), &
+            call draw_again(laws%set(set), scene%table, scene%key, c%number(k), c%impact(k), &
                             [c%tangential(k), c%normal(k), c%w(k)], out)
             c%out1(k) = out%v(1)
             c%out2(k) = out%v(2)
@@ -394,8 +439,9 @@ contains
    end subroutine redraw
 
    !> Each boulder after its contact: on its next flight, or at its end.
-   subroutine go_on(scene, results, lane, c, scratch)
+   subroutine go_on(scene, laws, results, lane, c, scratch)
       type(scene_t), intent(in) :: scene
+      type(laws_t), intent(in) :: laws
       type(boulder_result_t), intent(inout) :: results(:)
       type(lane_t), intent(inout) :: lane(:)
       type(contacts_t), intent(in) :: c
@@ -411,9 +457,10 @@ contains
             result%jump_height_max = max(result%jump_height_max, this%landing%jump_height)
             if (result%status /= 0) cycle
             if (c%usual(k) > 0) then
-               call beyond_fit(scene%sets(this%class)%fitted, [c%tangential(k), c%normal(k)], fast, steep)
+               call beyond_fit(laws%set(this%set)%fitted, [c%tangential(k), c%normal(k)], fast, steep)
                call count_outcome(rebound_t([0.0_wp, 0.0_wp, 0.0_wp], c%draws(k), c%forced(k)), this%outside, fast, &
                                   steep, result)
+               if (allocated(scene%grounds)) call count_ground(this%ground, scratch(this%scratch))
                if (scene%histograms_requested) &
                   call count_rebound(scratch(this%scratch)%histograms, [c%tangential(k), c%normal(k), c%w(k)], &
                                      [c%out1(k), c%out2(k), c%out3(k)])
@@ -426,7 +473,7 @@ contains
             else
                call handle_impact(scene, c%number(k), this%landing, &
                                   [this%flight%v(1), this%flight%v(2), &
-                                   this%flight%v(3) - scene%gravity*this%landing%time], this%omega_r, with_maps, &
+                                   this%flight%v(3) - scene%gravity*this%landing%time], this%omega_r, with_all, &
                                   result, this%flight, scratch(this%scratch))
             end if
          end associate
@@ -449,7 +496,7 @@ contains
       do k = n, 1, -1
          associate (result => results(lane(k)%place), own => scratch(lane(k)%scratch))
             if (result%status == 0) cycle
-            call end_boulder(scene, lane(k)%landing, with_maps, result, own)
+            call end_boulder(scene, lane(k)%landing, with_all, result, own)
             if (allocated(own%crossings)) crossings(:, lane(k)%place) = own%crossings
             call add_boulder(scene, maps, result, own, totals)
          end associate

@@ -31,7 +31,7 @@ module rockfall_trajectory
    public :: scene_t, boulder_result_t, crossing_t, contact_t, scratch_t, trace_full, choose_trace, goes_in_lanes
    public :: has_obstacles, at_rest, start_boulder, end_boulder, departure, record_crossings, handle_impact, find_rocks
    public :: in_local_frame, rolled_before, launch_velocity, clear, fly_over_cells, find_class, count_outcome
-   public :: close_impact, start_from, with_maps, with_all, one_by_one, narrow_lanes, wide_lanes
+   public :: close_impact, start_from, meet_ground, count_ground, with_all, one_by_one, narrow_lanes, wide_lanes
    public :: stopped, absorbed, left_domain, impact_limit, hit_nodata, stopped_by_tree, stopped_by_barrier, left_window
 
    !> Status, in the order of the table of rockfall_variables; 0 while a boulder is on its way.
@@ -208,12 +208,11 @@ contains
           .or. allocated(scene%of_source) .or. allocated(scene%features)) trace => trace_full
    end subroutine choose_trace
 
-   !> Whether several boulders may be carried on at a time: all contacts are with the ground, and follow the same law.
+   !> Whether several boulders may be carried on at a time: they meet nothing but the ground, and turn past the aspect.
    pure logical function goes_in_lanes(scene)
       type(scene_t), intent(in) :: scene
 
-      goes_in_lanes = .not. (has_obstacles(scene) .or. scene%energies_requested .or. allocated(scene%grounds)) &
-                      .and. scene%turning == past_aspect
+      goes_in_lanes = .not. (has_obstacles(scene) .or. scene%energies_requested) .and. scene%turning == past_aspect
    end function goes_in_lanes
 
    !> Whether there is anything but the ground to meet.
@@ -749,7 +748,7 @@ contains
                              word(:rebound_words), u_ground(roughness_word), result%boulder, &
                              inertia_of(scene, number), obstacle, scene%gravity/steepness, class, v_in, out)
          call see_ground_fit(scene%grounds(ground), class, v_in, outside, fast, steep, ratio)
-         scratch%by_ground(ground) = scratch%by_ground(ground) + 1
+         call count_ground(ground, scratch)
       else
          call rebound(scene%sets(class), scene%table, scene%key, number, int(result%impacts, i8), &
                       word(:rebound_words), v_in, out)
@@ -808,6 +807,14 @@ contains
       if (fast) result%out_of_speed = result%out_of_speed + 1
       if (steep) result%out_of_angle = result%out_of_angle + 1
    end subroutine count_outcome
+
+   !> Count a rebound on a ground.
+   pure subroutine count_ground(ground, scratch)
+      integer, intent(in) :: ground
+      type(scratch_t), intent(inout) :: scratch
+
+      scratch%by_ground(ground) = scratch%by_ground(ground) + 1
+   end subroutine count_ground
 
    !> Whether a boulder goes on after an impact.
    pure subroutine close_impact(scene, speed2, result)
