@@ -278,9 +278,10 @@ def _add_samples(
     """Rows of a chunk to samples, and their counts to those of all boulders."""
     samples = tally.samples
     assert samples is not None
+    largest = samples.largest if samples.largest.size else np.zeros((1, 6, 1))  # f2py takes no 0
     _core.add_samples(
         scene.kernel.handle, boulder, count, crossing, samples.bins.T, samples.sums.T,
-        samples.groups.T, samples.largest.T, samples.ended,
+        samples.groups.T, largest.T, samples.ended,
     )  # fmt: skip
     sums = count[:, count[STATUS] != LEFT_WINDOW].sum(axis=1, dtype="i8")
     for name, total in zip(fields(2), sums, strict=True):
