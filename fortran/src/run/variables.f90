@@ -9,7 +9,7 @@ module rockfall_variables
    public :: scene_layout, part_layout, piece, max_packing
 
    ! Of scene and part files.
-   integer(i8), parameter :: scene_layout = 2, part_layout = 3
+   integer(i8), parameter :: scene_layout = 2, part_layout = 4
    integer(i8), parameter :: piece = 2_i8**17    !! values that share a checksum
    integer(i8), parameter :: max_packing = 1100  !! zlib packs no closer than this
 
@@ -272,10 +272,10 @@ module rockfall_variables
       variable_t("tally", "counts", "integer", "1", "counts of the maps, by layer", stored="i4"), &
       variable_t("tally", "sums", "integer", "1", "sums of the maps, by layer"), &
       variable_t("tally", "maxima", "real", "1", "maxima of the maps, by layer", stored="f4"), &
-      variable_t("tally", "classes", "integer", "1", "counts of classes", stored="i4"), &
-      variable_t("tally", "fed_cell", "integer", "1", "cell to which a source contributes that the part cuts"), &
-      variable_t("tally", "fed_source", "integer", "1", "number of that source", stored="i4"), &
-      variable_t("tally", "fed_boulders", "integer", "1", "its boulders in the part", stored="i4"), &
+      variable_t("tally", "bin_counts", "integer", "1", "counts of classes", stored="i4"), &
+      variable_t("tally", "shared_cell", "integer", "1", "cell to which a source contributes that the part cuts"), &
+      variable_t("tally", "shared_source", "integer", "1", "number of that source", stored="i4"), &
+      variable_t("tally", "shared_boulders", "integer", "1", "its boulders in the part", stored="i4"), &
       variable_t("kept", "boulder", "integer", "1", "number of the boulder"), &
       variable_t("sample", "bin", "integer", "1", "bin of place, part, quantity that is not empty"), &
       variable_t("sample", "count", "integer", "1", "boulders in the bin", stored="i4"), &

@@ -148,7 +148,7 @@ def _netcdf_kind(path: str | Path) -> str | None:
         return HAZARD
     if "case" not in attrs or not str(attrs.get("source", "")).startswith(f"{SIGNATURE} "):
         return None
-    signs = {"back_layout": POSTERIOR, "ensemble_runs": ENSEMBLE, "boulders_asked": RESULT}
+    signs = {"back_layout": POSTERIOR, "ensemble_runs": ENSEMBLE, "boulders_requested": RESULT}
     return next((kind for sign, kind in signs.items() if sign in attrs), None)
 
 

@@ -27,7 +27,7 @@ from rockfall.simulation.maps import no_maps
 from rockfall.simulation.memory import machine_memory
 from rockfall.simulation.part_file import make_part
 from rockfall.simulation.progress import progress_bar
-from rockfall.simulation.source_maps import fed_cells, follow_sources, settle
+from rockfall.simulation.source_maps import follow_sources, settle, shared_cells
 from rockfall.simulation.tally import Tally, empty_samples, empty_tally, kept_numbers, shard_range
 from rockfall.simulation.tally_dataset import make_result
 
@@ -139,7 +139,7 @@ def simulate(
         if tally.boulders < scene.boulders:
             result = make_part(tally)
         else:
-            settle(tally, fed_cells(tally))
+            settle(tally, shared_cells(tally))
             result = make_result(tally)
     if interrupted():
         raise Interrupted(result)
