@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The job array in a real Slurm of one node. Left out unless asked for: `./run slurm` installs it,
-`ROCKFALL_SLURM=1 python -m pytest tests/cluster` runs these."""
+"""The job array in a real Slurm of one node. Left out unless asked for: `./run slurm-test`."""
 
 import getpass
 import os
@@ -48,7 +47,7 @@ PartitionName=all Nodes=ALL Default=YES State=UP
 """
 
 if not os.environ.get("ROCKFALL_SLURM"):
-    pytest.skip("ROCKFALL_SLURM is not set: see ./run slurm", allow_module_level=True)
+    pytest.skip("ROCKFALL_SLURM is not set: see ./run slurm-test", allow_module_level=True)
 
 
 @pytest.fixture(scope="module")
