@@ -111,7 +111,7 @@ module rockfall_variables
       variable_t("map", "passages", "integer", "1", &
                  "boulders that passed the cell, each counted once"), &
       variable_t("map", "reach_probability", "real", "1", &
-                 "share of all boulders that passed the cell"), &
+                 "fraction of all boulders that passed the cell"), &
       variable_t("map", "reach_probability_by_source", "real", "1", &
                  "passages over the boulders of the sources that feed the cell"), &
       variable_t("map", "reach_probability_low", "real", "1", &
@@ -242,11 +242,11 @@ module rockfall_variables
       variable_t("histogram", "incidence_angle", "integer", "degree", &
                  "incidence angle from the surface, 90 = vertical", ends), &
       variable_t("histogram", "tangential_share", "integer", "1", &
-                 "tangential share of the incident energy", ends), &
+                 "tangential fraction of the incident energy", ends), &
       variable_t("histogram", "normal_share", "integer", "1", &
-                 "normal share of the incident energy", ends), &
+                 "normal fraction of the incident energy", ends), &
       variable_t("histogram", "rotational_share", "integer", "1", &
-                 "rotational share of the incident energy", ends), &
+                 "rotational fraction of the incident energy", ends), &
       variable_t("histogram", "restitution_tangential", "integer", "1", &
                  "R_t = V_t_out / V_t_in", ends), &
       variable_t("histogram", "restitution_normal", "integer", "1", &
