@@ -56,8 +56,16 @@ class Interrupted(KeyboardInterrupt):
         self.contents = contents
 
     @cached_property
-    def result(self) -> xr.Dataset:
+    def result(self) -> Any:
         return self.contents.dataset()
+
+
+class StudyInterrupted(Interrupted):
+    """The same of a study of many runs: `result` is the study of those that were done."""
+
+    def __init__(self, study: Any, runs: int) -> None:
+        KeyboardInterrupt.__init__(self, f"interrupted after {runs} runs")
+        self.result, self.runs = study, runs
 
 
 def run(
