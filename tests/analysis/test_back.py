@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Back-analysis: posteriors that are known, data that no run explains, and the command."""
 
+import os
+import signal
 from dataclasses import replace
 from pathlib import Path
 
@@ -213,6 +215,25 @@ def test_the_posterior_is_what_an_ensemble_draws(place, capsys):
     which = found["drawn_draw"].values.astype(int)
     assert np.allclose(found["drawn_radius"].values[..., 0], draws["radius_1"][which])
     assert np.allclose(found["drawn_source_east"], draws["source_east"][which])
+
+
+def test_a_back_analysis_that_is_stopped_keeps_its_whole_rounds(place, capfd, monkeypatch):
+    words = ["back", "case.nml", "seen.csv", "--effective", "40", "--members", "48", "--quiet"]
+    members, member = iter(range(100)), study._member
+
+    def pressed(*arguments):  # in the third round
+        if next(members) == 2 * study.ROUND + 3:
+            os.kill(os.getpid(), signal.SIGINT)
+        return member(*arguments)
+
+    monkeypatch.setattr(study, "_member", pressed)
+    assert main([*words, "-o", "some"]) == 130
+    said = "rockfall: interrupted: some holds the posterior of the first 32 members\n"
+    assert capfd.readouterr().err == said
+    monkeypatch.setattr(study, "_member", member)
+    assert main([*words[:-2], "32", "--effective", "30", "-o", "whole", "--quiet"]) == 0
+    some, whole = (Path(folder, "draws.csv").read_text() for folder in ("some", "whole"))
+    assert some == whole
 
 
 HOSTILE = {

@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Chance and ignorance: parts of the variance, what is drawn, and the command."""
 
+import os
 import re
+import signal
 import subprocess
 from pathlib import Path
 
@@ -535,6 +537,27 @@ def test_an_interrupted_ensemble_writes_nothing(place, capfd, monkeypatch):
     assert main(["ensemble", "case.nml"]) == 130
     assert capfd.readouterr().err == "rockfall: interrupted; no file is half-written\n"
     assert sorted(path.name for path in Path().iterdir()) == ["case.nml", "dem.tif"]
+
+
+def test_an_ensemble_that_is_stopped_keeps_what_was_done(place, capfd, monkeypatch):
+    text = Path("case.nml").read_text()
+    Path("case.nml").write_text(text + "&output maps = 'passages' /\n")
+    names = Uncertain(read_scene(rockfall.read_case("case.nml"))).names
+    runs = iter(range(1000))
+
+    def pressed(*arguments, **more):  # in the second run of the tenth draw, after the case's own
+        if next(runs) == 1 + 9 * (2 + len(names)) + 1:
+            os.kill(os.getpid(), signal.SIGINT)
+        return run_scene(*arguments, **more)
+
+    monkeypatch.setattr(study, "run_scene", pressed)
+    assert main(["ensemble", "case.nml", "--runs", "12", "-o", "some.nc", "--quiet"]) == 130
+    said = "rockfall: interrupted: some.nc holds the first 9 of 12 draws, as --runs 9 has them\n"
+    assert capfd.readouterr().err == said
+    monkeypatch.setattr(study, "run_scene", run_scene)
+    assert main(["ensemble", "case.nml", "--runs", "9", "-o", "nine.nc", "--quiet"]) == 0
+    some, nine = (rockfall.read_result(f"{name}.nc") for name in ("some", "nine"))
+    assert some.equals(nine) and some.attrs["case"] == nine.attrs["case"]
 
 
 # ---- the command

@@ -122,7 +122,7 @@ def test_the_result_is_that_of_run_with_as_many_boulders(tmp_path, x):
     case = slope_case(tmp_path, x, maps=maps, rebounds=True, trajectories=3)
     rule = "speed.mean@L<0.9%" if len(x) == 1 else "speed.q50@L<2%"
     found = rockfall.run_until(case, rule, **terrain(), cap=5000)
-    n = found.attrs["boulders_asked"] // len(x)
+    n = found.attrs["boulders_requested"] // len(x)
     assert n not in (case.case["boulders"], 5000, -(-FIRST // len(x)))  # several stages
     plain = rockfall.run(case.replace(case={"boulders": n}), **terrain())
     assert found.equals(plain)

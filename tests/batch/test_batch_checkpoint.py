@@ -132,7 +132,7 @@ def test_what_cannot_be_read_is_refused(stopped):
 
 def test_values_that_no_run_has_are_refused(stopped):
     good = (stopped / "a.nc.checkpoint").read_bytes()
-    wrong = {"status": 9, "tally_cell": 10**9, "tally_fed_source": 10**9, "line_speed": np.inf}
+    wrong = {"status": 9, "tally_cell": 10**9, "tally_shared_source": 10**9, "line_speed": np.inf}
     for name, value in wrong.items():
         (stopped / "a.nc.checkpoint").write_bytes(good)
         with netCDF4.Dataset(stopped / "a.nc.checkpoint", "r+") as file:

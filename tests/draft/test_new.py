@@ -179,3 +179,20 @@ def test_what_cannot_be_is_refused_in_one_line(make, arguments, said, tmp_path, 
     assert said in line and line.count("\n") == 1 and "new/" not in line
     assert sorted(path.name for path in tmp_path.iterdir()) == before
     assert Path("there.nml").read_text() == "mine"
+
+
+def test_a_case_that_was_deleted_is_made_again_beside_its_own_files():
+    make_layer("zones.gpkg", HALVES, R_m=[0.1, 0.2])  # the symbol of the mean radius
+    assert new("zones.gpkg", "-o", "case.nml") == 0
+    made = {path: path.read_bytes() for path in Path().glob("case*")}
+    table = Path("case_zones.csv")
+    assert table.read_text() == "zone,mean_radius\n1,0.1\n2,0.2\n"
+    Path("case.nml").unlink()
+    assert new("zones.gpkg", "-o", "case.nml") == 0
+    assert Path("case.nml").read_bytes() == made[Path("case.nml")]
+    # a table that somebody has edited is his
+    Path("case.nml").unlink()
+    table.write_text("zone,mean_radius\n1,0.15\n2,0.2\n")
+    assert new("zones.gpkg", "-o", "case.nml") == 2
+    assert table.read_text() == "zone,mean_radius\n1,0.15\n2,0.2\n"
+    assert not Path("case.nml").exists()

@@ -133,7 +133,7 @@ def parts(made, files):
     ("name", "value", "said"),
     [
         ("tally_cell", 10**9, "2.nc: is damaged: tally_cell"),
-        ("tally_fed_cell", 10**9, "2.nc: is damaged: tally_fed_cell"),
+        ("tally_shared_cell", 10**9, "2.nc: is damaged: tally_shared_cell"),
         ("line_x", np.inf, "2.nc: is damaged: line_x"),
         ("line_speed", np.nan, "2.nc: is damaged: line_speed"),
     ],
@@ -155,7 +155,7 @@ def test_a_part_without_what_it_says_of_itself_is_none(parts, name):
 
 
 @pytest.mark.parametrize(
-    ("name", "value"), [("threads", "9" * 400), ("boulders_asked", -1), ("case", "\x01")]
+    ("name", "value"), [("threads", "9" * 400), ("boulders_requested", -1), ("case", "\x01")]
 )
 def test_a_part_of_numbers_past_all_bounds_is_refused(parts, name, value):
     with netCDF4.Dataset(parts[1], "a") as file:
@@ -213,7 +213,7 @@ def test_one_turned_bit_of_a_value_in_a_checkpoint_is_found(half):
     [("boulder_last", 41, "boulders"), ("threads", "many", "threads"),
      ("wall_seconds", float("nan"), "wall_seconds"), ("map_window", [0, 0, 9**9, 1], "map_window"),
      ("input_checksums", "[" * 100_000, "input_checksums"),
-     ("decoded_checksums", "[1]", "decoded_checksums"), ("boulders_asked", 39, "boulder")],
+     ("decoded_checksums", "[1]", "decoded_checksums"), ("boulders_requested", 39, "boulder")],
 )  # fmt: skip
 def test_what_a_checkpoint_cannot_say_is_refused(half, key, value, said):
     scene, path = half

@@ -37,7 +37,7 @@ def test_the_result_is_that_of_a_run_here(workers, scene):
     found = run_on_cluster(scene, workers[0]).dataset()
     here = rockfall.run(scene.case)
     assert found.equals(here)
-    for name in ("case", "boulder_last", "boulders_asked", "complete", "input_checksums"):
+    for name in ("case", "boulder_last", "boulders_requested", "complete", "input_checksums"):
         assert found.attrs[name] == here.attrs[name]
 
 

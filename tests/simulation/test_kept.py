@@ -221,3 +221,10 @@ def test_a_damaged_sample_is_refused(counted, name, place, value):
     damaged[f"sample_{name}"].values[place] = value
     with pytest.raises(RockfallError, match=f"a.nc: sample_{name}"):
         check_values(damaged, "a.nc")
+
+
+def test_boulders_are_counted_where_there_are_no_lines(case, full):
+    result = run(case.replace(output={"kept": "none"}, line=[]))
+    assert simulated(result) == full.sizes["boulder"]
+    assert result["rebounds"] == full["rebounds"]
+    assert result["sample_ended"].sum() == full.sizes["boulder"]

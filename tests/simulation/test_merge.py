@@ -59,7 +59,7 @@ def test_a_part_holds_its_boulders_and_tallies_and_no_maps(case):
     assert (part.attrs["boulder_first"], part.attrs["boulder_last"]) == (
         BOULDERS // 3 + 1, 2 * BOULDERS // 3
     )  # fmt: skip
-    assert part.attrs["complete"] == 0 and part.attrs["boulders_asked"] == BOULDERS
+    assert part.attrs["complete"] == 0 and part.attrs["boulders_requested"] == BOULDERS
     mine = slice(BOULDERS // 3, 2 * BOULDERS // 3)
     for name in ("stop_x", "line_speed"):
         assert np.array_equal(part[name], whole[name].isel(boulder=mine), equal_nan=True)

@@ -38,7 +38,7 @@ module rockfall_part_file
    !> The tallies of cells, gathered: where they were reached, and what partial sources contribute.
    type :: tally_t
       integer(i8), allocatable :: cell(:)  !! counted from 0
-      type(contributing_t) :: fed
+      type(contributing_t) :: shared
    end type tally_t
 
 contains
@@ -57,16 +57,16 @@ contains
       logical :: done
 
       maps = map_tallies(results, [1, 1])
-      tally%fed = contributing_cells(maps, inputs%scene%release, results%before + 1, results%before + results%done)
+      tally%shared = contributing_cells(maps, inputs%scene%release, results%before + 1, results%before + results%done)
       tally%cell = reached_cells(results)
       call create_netcdf(part, file)
       if (sound(file)) then
          call describe(file, case, text, inputs, results)
          call pass_rows(file, case, results)
          if (allocated(results%number)) call write_samples(file, results)
-         call settle(maps, inputs%scene%release, tally%fed, 1)
+         call settle(maps, inputs%scene%release, tally%shared, 1)
          call pass_tallies(file, results, tally)
-         call settle(maps, inputs%scene%release, tally%fed, -1)
+         call settle(maps, inputs%scene%release, tally%shared, -1)
          call write_trajectories(file, results)
       end if
       call close_netcdf(file)
@@ -118,7 +118,7 @@ contains
          call keep(file, nf90_put_att(file%id, nf90_global, "seed", case%seed))
          call keep(file, nf90_put_att(file%id, nf90_global, "boulder_first", results%before + 1))
          call keep(file, nf90_put_att(file%id, nf90_global, "boulder_last", last))
-         call keep(file, nf90_put_att(file%id, nf90_global, "boulders_asked", results%asked))
+         call keep(file, nf90_put_att(file%id, nf90_global, "boulders_requested", results%asked))
          call keep(file, nf90_put_att(file%id, nf90_global, "complete", whole))
          call keep(file, nf90_put_att(file%id, nf90_global, "threads", int(results%threads, i8)))
          call keep(file, nf90_put_att(file%id, nf90_global, "wall_seconds", results%wall))
@@ -403,7 +403,7 @@ contains
       type(netcdf_file_t), intent(inout) :: file
       type(results_t), intent(inout), target :: results
       type(tally_t), intent(inout) :: tally
-      type(axis_t) :: cells, fed
+      type(axis_t) :: cells, shared
 
       cells = axis_t("tally", size(tally%cell, kind=i8))
       call pass(file, described("tally", "cell"), [cells], tally%cell)
@@ -413,10 +413,10 @@ contains
       call pass_stack("maxima", results%maxima, 1, size(results%maxima, 3))
       if (size(results%column) > 0) call pass_classes(file, results, tally%cell, cells)
       if (size(results%stamp) == 0) return
-      fed = axis_t("tally_fed", size(tally%fed%cell, kind=i8))
-      call pass(file, described("tally", "fed_cell"), [fed], tally%fed%cell)
-      call pass(file, described("tally", "fed_source"), [fed], tally%fed%source)
-      call pass(file, described("tally", "fed_boulders"), [fed], tally%fed%boulders)
+      shared = axis_t("tally_shared", size(tally%shared%cell, kind=i8))
+      call pass(file, described("tally", "shared_cell"), [shared], tally%shared%cell)
+      call pass(file, described("tally", "shared_source"), [shared], tally%shared%source)
+      call pass(file, described("tally", "shared_boulders"), [shared], tally%shared%boulders)
 
    contains
 
@@ -454,13 +454,14 @@ contains
       column(1:size(results%column)) => results%column
       allocate (counts(results%plan%rows, size(cell)), source=0_i4, stat=status)
       if (status /= 0 .or. size(cell) > size(results%bin_counts, 2)) then
-         call mark_damaged(file, "(no memory) tally_classes")
+         call mark_damaged(file, "(no memory) tally_bin_counts")
          return
       end if
       do k = 1, size(cell)
          if (column(cell(k) + 1) > 0) counts(:, k) = results%bin_counts(:, column(cell(k) + 1))
       end do
-      call pass(file, described("tally", "classes"), [axis_t("tally_class", int(results%plan%rows, i8)), cells], counts)
+      call pass(file, described("tally", "bin_counts"), &
+                [axis_t("tally_bin", int(results%plan%rows, i8)), cells], counts)
       if (file%writes .or. .not. sound(file)) return
       results%bin_counts(:, :size(cell)) = counts
       column(cell + 1) = [(int(k, i4), k=1, size(cell))]
@@ -493,7 +494,7 @@ contains
       is_result = .not. allocated(error)
       if (.not. is_result) return
       is_result = index(text_of(file, nf90_global, "source"), "rockfall ") == 1
-      if (is_result) is_result = integer_of(file, "boulders_asked") >= 0
+      if (is_result) is_result = integer_of(file, "boulders_requested") >= 0
       call close_netcdf(file)
    end function is_result
 
@@ -532,7 +533,7 @@ contains
       call make_room(file, results, tally)
       if (sound(file)) call pass_tallies(file, results, tally)
       if (sound(file)) call check_tallies(file, results)
-      if (sound(file) .and. size(results%stamp) > 0) call restore_sources(file, inputs, results, tally%fed)
+      if (sound(file) .and. size(results%stamp) > 0) call restore_sources(file, inputs, results, tally%shared)
       if (.not. sound(file)) then
          call fail_damaged(file, error)
          error%message = error%message//"; remove it to begin anew"
@@ -552,7 +553,7 @@ contains
 
       first = integer_of(file, "boulder_first")
       last = integer_of(file, "boulder_last")
-      asked = integer_of(file, "boulders_asked")
+      asked = integer_of(file, "boulders_requested")
       key = differing_key(text_of(file, nf90_global, "case"), text, of_arrays=.false.)
       what = ""
       if (any(integers_of(file, "map_window", 4) /= window_of(results))) what = "window"
@@ -617,15 +618,16 @@ contains
       type(results_t), intent(in) :: results
       type(tally_t), intent(out) :: tally
       integer(i8) :: cells
-      integer :: n, fed, status
+      integer :: n, shared, status
 
       cells = cells_of(results)
       n = length_of(file, "tally")
-      fed = merge(length_of(file, "tally_fed"), 0, size(results%stamp) > 0)
+      shared = merge(length_of(file, "tally_shared"), 0, size(results%stamp) > 0)
       if (n < 0 .or. n > cells) call mark_damaged(file, "tally_cell")
-      if (fed < 0 .or. fed > 2*cells) call mark_damaged(file, "tally_fed_cell")
+      if (shared < 0 .or. shared > 2*cells) call mark_damaged(file, "tally_shared_cell")
       if (.not. sound(file)) return
-      allocate (tally%cell(n), tally%fed%cell(fed), tally%fed%source(fed), tally%fed%boulders(fed), stat=status)
+      allocate (tally%cell(n), tally%shared%cell(shared), tally%shared%source(shared), &
+                tally%shared%boulders(shared), stat=status)
       if (status /= 0) call mark_damaged(file, "(no memory) tally_cell")
    end subroutine make_room
 
@@ -647,16 +649,16 @@ contains
       if (any(results%counts < 0)) call mark_damaged(file, "tally_counts")
       if (any(results%sums < 0)) call mark_damaged(file, "tally_sums")
       if (.not. all(ieee_is_finite(results%maxima))) call mark_damaged(file, "tally_maxima")
-      if (any(results%bin_counts(:, :results%columns) < 0)) call mark_damaged(file, "tally_classes")
+      if (any(results%bin_counts(:, :results%columns) < 0)) call mark_damaged(file, "tally_bin_counts")
    end subroutine check_tallies
 
    !> The marks of partial sources, which go on to be counted. They must be sources that the boulders done cut, with as
    !> many boulders as they have among them, each with its cells in order.
-   subroutine restore_sources(file, inputs, results, fed)
+   subroutine restore_sources(file, inputs, results, shared)
       type(netcdf_file_t), intent(inout) :: file
       type(inputs_t), intent(in) :: inputs
       type(results_t), intent(inout), target :: results
-      type(contributing_t), intent(in) :: fed
+      type(contributing_t), intent(in) :: shared
       type(maps_t) :: maps
       integer(i8) :: first, last, own
       integer(i8), allocatable :: sources(:)
@@ -666,24 +668,25 @@ contains
       first = results%before + 1
       last = results%before + results%done
       sources = partial_sources(inputs%scene%release, first, last)
-      n = size(fed%cell)
-      good = all(fed%cell >= 0 .and. fed%cell < cells_of(results))
-      good = good .and. all(fed%source(2:) > fed%source(:n - 1) &
-                            .or. (fed%source(2:) == fed%source(:n - 1) .and. fed%cell(2:) > fed%cell(:n - 1)))
+      n = size(shared%cell)
+      good = all(shared%cell >= 0 .and. shared%cell < cells_of(results))
+      good = good .and. all(shared%source(2:) > shared%source(:n - 1) &
+                            .or. (shared%source(2:) == shared%source(:n - 1) &
+                                  .and. shared%cell(2:) > shared%cell(:n - 1)))
       left = n
       do k = 1, size(sources)
          associate (release => inputs%scene%release, source => sources(k))
             own = min(last, last_of(release, source)) - max(first, first_of(release, source)) + 1
          end associate
-         left = left - count(fed%source == sources(k) .and. fed%boulders == own)
+         left = left - count(shared%source == sources(k) .and. shared%boulders == own)
       end do
-      if (.not. good .or. left /= 0) call mark_damaged(file, "tally_fed_cell")
+      if (.not. good .or. left /= 0) call mark_damaged(file, "tally_shared_cell")
       if (.not. sound(file)) return
       maps = map_tallies(results, [1, 1])
-      call settle(maps, inputs%scene%release, fed, -1)
+      call settle(maps, inputs%scene%release, shared, -1)
       do k = 1, n
-         associate (layer => merge(2, 1, fed%source(k) == results%head), nx => size(results%stamp, 1, i8))
-            results%stamp(mod(fed%cell(k), nx) + 1, fed%cell(k)/nx + 1, layer) = fed%source(k)
+         associate (layer => merge(2, 1, shared%source(k) == results%head), nx => size(results%stamp, 1, i8))
+            results%stamp(mod(shared%cell(k), nx) + 1, shared%cell(k)/nx + 1, layer) = shared%source(k)
          end associate
       end do
    end subroutine restore_sources

@@ -9,7 +9,7 @@ module rockfall_variables
    public :: scene_layout, part_layout, piece, max_packing
 
    ! Of scene and part files.
-   integer(i8), parameter :: scene_layout = 2, part_layout = 3
+   integer(i8), parameter :: scene_layout = 2, part_layout = 4
    integer(i8), parameter :: piece = 2_i8**17    !! values that share a checksum
    integer(i8), parameter :: max_packing = 1100  !! zlib packs no closer than this
 
@@ -111,7 +111,7 @@ module rockfall_variables
       variable_t("map", "passages", "integer", "1", &
                  "boulders that passed the cell, each counted once"), &
       variable_t("map", "reach_probability", "real", "1", &
-                 "share of all boulders that passed the cell"), &
+                 "fraction of all boulders that passed the cell"), &
       variable_t("map", "reach_probability_by_source", "real", "1", &
                  "passages over the boulders of the sources that feed the cell"), &
       variable_t("map", "reach_probability_low", "real", "1", &
@@ -242,11 +242,11 @@ module rockfall_variables
       variable_t("histogram", "incidence_angle", "integer", "degree", &
                  "incidence angle from the surface, 90 = vertical", ends), &
       variable_t("histogram", "tangential_share", "integer", "1", &
-                 "tangential share of the incident energy", ends), &
+                 "tangential fraction of the incident energy", ends), &
       variable_t("histogram", "normal_share", "integer", "1", &
-                 "normal share of the incident energy", ends), &
+                 "normal fraction of the incident energy", ends), &
       variable_t("histogram", "rotational_share", "integer", "1", &
-                 "rotational share of the incident energy", ends), &
+                 "rotational fraction of the incident energy", ends), &
       variable_t("histogram", "restitution_tangential", "integer", "1", &
                  "R_t = V_t_out / V_t_in", ends), &
       variable_t("histogram", "restitution_normal", "integer", "1", &
@@ -272,10 +272,10 @@ module rockfall_variables
       variable_t("tally", "counts", "integer", "1", "counts of the maps, by layer", stored="i4"), &
       variable_t("tally", "sums", "integer", "1", "sums of the maps, by layer"), &
       variable_t("tally", "maxima", "real", "1", "maxima of the maps, by layer", stored="f4"), &
-      variable_t("tally", "classes", "integer", "1", "counts of classes", stored="i4"), &
-      variable_t("tally", "fed_cell", "integer", "1", "cell to which a source contributes that the part cuts"), &
-      variable_t("tally", "fed_source", "integer", "1", "number of that source", stored="i4"), &
-      variable_t("tally", "fed_boulders", "integer", "1", "its boulders in the part", stored="i4"), &
+      variable_t("tally", "bin_counts", "integer", "1", "counts of classes", stored="i4"), &
+      variable_t("tally", "shared_cell", "integer", "1", "cell to which a source contributes that the part cuts"), &
+      variable_t("tally", "shared_source", "integer", "1", "number of that source", stored="i4"), &
+      variable_t("tally", "shared_boulders", "integer", "1", "its boulders in the part", stored="i4"), &
       variable_t("kept", "boulder", "integer", "1", "number of the boulder"), &
       variable_t("sample", "bin", "integer", "1", "bin of place, part, quantity that is not empty"), &
       variable_t("sample", "count", "integer", "1", "boulders in the bin", stored="i4"), &

@@ -81,7 +81,7 @@ def line_statistics(
                 about = {"line": line} | ({by: name, "boulders": sample.released} if by else {})
                 rows.append({**about, "quantity": quantity, **numbers(sample, quantity)})
     split = [by, "boulders"] if by else []
-    return pd.DataFrame(rows, columns=["line", *split, "quantity", *_COLUMNS])
+    return pd.DataFrame(rows, columns=["line", *split, "quantity", *COLUMNS])
 
 
 def line_numbers(
@@ -138,5 +138,5 @@ def with_limits(name: str) -> list[str]:
     return [name, f"{name}_low", f"{name}_high"]
 
 
-_COLUMNS = ["n", *with_limits("fraction"), *with_limits("mean"), *with_limits("std"), "max"]
-_COLUMNS += [name for level in QUANTILES for name in with_limits(quantile_name(level))]
+COLUMNS = ["n", *with_limits("fraction"), *with_limits("mean"), *with_limits("std"), "max"]
+COLUMNS += [name for level in QUANTILES for name in with_limits(quantile_name(level))]

@@ -23,7 +23,7 @@ from rockfall.scene.scene import Scene
 from rockfall.scene.sources import refuse_by_area
 from rockfall.simulation.progress import progress_bar
 from rockfall.simulation.simulate import Interrupted, check_tallies, run_chunks, start, trace
-from rockfall.simulation.source_maps import fed_cells, settle, tells_sources
+from rockfall.simulation.source_maps import settle, shared_cells, tells_sources
 from rockfall.simulation.tally import Tally
 from rockfall.simulation.tally_dataset import make_result
 
@@ -136,7 +136,7 @@ def simulate_until(
             scene.forget_rasters()
             assert isinstance(tally.scene, Scene)
             tally.scene.forget_rasters()
-        settle(tally, fed_cells(tally))
+        settle(tally, shared_cells(tally))
         result = make_result(tally)
     result.attrs |= {"until": rules, "until_met": int(all(one.met for one in verdicts))}
     if interrupted():

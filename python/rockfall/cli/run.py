@@ -118,7 +118,7 @@ def _simulate(
 
 def _keep(result: Contents, path: Path, checkpoint: Checkpoint | None) -> int:
     """Write what was done before Ctrl-C."""
-    done, requested = simulated(result), result.attrs["boulders_asked"]
+    done, requested = simulated(result), result.attrs["boulders_requested"]
     if not done:
         raise KeyboardInterrupt
     write_result(result, path)

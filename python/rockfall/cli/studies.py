@@ -17,8 +17,9 @@ from rockfall.analysis.observations import read_observed
 from rockfall.case import read_case
 from rockfall.case_files import input_files
 from rockfall.cli.given import overridden
-from rockfall.cli.messages import DONE
+from rockfall.cli.messages import DONE, say
 from rockfall.errors import RockfallError, need
+from rockfall.interrupts import exit_status
 from rockfall.io.output_files import (
     FIGURE,
     MODELS,
@@ -32,6 +33,7 @@ from rockfall.plots.convergence import figure
 from rockfall.plots.ensemble_figures import posterior_figure
 from rockfall.plots.models import models_figure
 from rockfall.plots.style import save
+from rockfall.simulation.simulate import StudyInterrupted
 from rockfall.text.back import back_text
 from rockfall.text.convergence import text
 from rockfall.text.ensemble import ensemble_summary
@@ -52,7 +54,13 @@ def ensemble_command(arguments: argparse.Namespace) -> int:
         case = case.replace(ensemble={"runs": arguments.runs})
     path = arguments.output or Path(f"{arguments.case.stem}-ensemble.nc")
     check_place(path, len(case.lines), input_files(case))
-    found = run_ensemble(case, progress=not arguments.quiet)
+    try:
+        found = run_ensemble(case, progress=not arguments.quiet)
+    except StudyInterrupted as stop:
+        write_ensemble(stop.result, path)
+        of = case.ensemble["runs"]
+        holds = f"{path} holds the first {stop.runs} of {of} draws, as --runs {stop.runs} has them"
+        return say(f"interrupted: {holds}", exit_status())
     write_ensemble(found, path)
     if not arguments.quiet:
         print(ensemble_summary(found))
@@ -68,7 +76,12 @@ def back_command(arguments: argparse.Namespace) -> int:
     check_back(folder, [*input_files(case), *arguments.observed])
     how = {"members": arguments.members, "enough": arguments.effective}
     given = {name: value for name, value in how.items() if value is not None}
-    found = back_analysis(case, seen, progress=not arguments.quiet, **given)
+    try:
+        found = back_analysis(case, seen, progress=not arguments.quiet, **given)
+    except StudyInterrupted as stop:
+        write_back(stop.result, folder, arguments.observed, _draw_posterior)
+        holds = f"{folder} holds the posterior of the first {stop.runs} members"
+        return say(f"interrupted: {holds}", exit_status())
     paths = write_back(found, folder, arguments.observed, _draw_posterior)
     if not arguments.quiet:
         print(back_text(found))

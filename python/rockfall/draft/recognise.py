@@ -20,6 +20,7 @@ ZONES, SOURCES, LINES = "zones", "sources", "lines"
 BARRIERS, DAMS, TREES, OBJECTS = "barriers", "dams", "trees", "objects"
 SEVERAL = {LINES: "line", BARRIERS: "barrier", DAMS: "dam"}  # groups of which there may be several
 OF_ZONES = (*RADII, "ground")  # attributes, of which zones have one
+SYMBOLS = {"mean_radius": "r_m"}  # by which the field writes them, too
 WORDS = {  # with which names begin: English, German, French, Italian
     SOURCES: ("source", "cliff", "release", "scarp", "quelle", "fels", "wand", "ausbruch", "anriss",
               "falaise", "depart", "parete", "distacco", "sorgent"),
@@ -56,7 +57,8 @@ class Layer:
 
     def attribute(self, key: str) -> str | None:
         """The attribute that gives a key, by its name there."""
-        return next((name for name in (key, key[:SHORT]) if name in self.columns), None)
+        names = (key, key[:SHORT], SYMBOLS.get(key))
+        return next((name for name in names if name in self.columns), None)
 
     def has(self, key: str) -> bool:
         """Whether each feature has a number for a key."""

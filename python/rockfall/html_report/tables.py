@@ -172,7 +172,7 @@ def provenance(result: xr.Dataset, say: Speaker) -> dict[str, Any]:
     about = {key: str(value) for key, value in result.attrs.items()}
     case, is_complete = case_of(result), bool(result.attrs["complete"])
     program, _, model = about["source"].partition(", ")
-    requested = int(about["boulders_asked"])
+    requested = int(about["boulders_requested"])
     total = "boulders_total" in case.case
     number = case.case["boulders_total" if total else "boulders"]
     of = "a flat source cell, more by area" if case.release["by_area"] else "each source"

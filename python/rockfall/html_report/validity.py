@@ -76,7 +76,7 @@ def cautions(result: xr.Dataset, rows: Rows, levels: pd.DataFrame) -> list[str]:
 
 
 def _missing(result: xr.Dataset) -> Iterator[str]:
-    boulders, requested = simulated(result), int(result.attrs["boulders_asked"])
+    boulders, requested = simulated(result), int(result.attrs["boulders_requested"])
     if not result.attrs["complete"]:
         yield (
             f"The run was interrupted after {boulders:,} of {count(requested, 'boulder')}; "

@@ -22,11 +22,11 @@ if TYPE_CHECKING:
 
 ALWAYS = (  # attributes that every result has
     "title", "source", "case", "case_file", "seed", "boulder_first", "boulder_last",
-    "boulders_asked", "complete", "impact_set", "impact_set_checksum", "input_checksums",
+    "boulders_requested", "complete", "impact_set", "impact_set_checksum", "input_checksums",
     "threads", "wall_seconds", "cpu_seconds",
 )  # fmt: skip
 NUMBERS = (  # and those of them that are numbers
-    "seed", "boulder_first", "boulder_last", "boulders_asked", "complete", "threads",
+    "seed", "boulder_first", "boulder_last", "boulders_requested", "complete", "threads",
     "wall_seconds", "cpu_seconds",
 )  # fmt: skip
 TEXTS = ("line", "feature", "ground", "ground_model")  # variables that hold no numbers
@@ -59,7 +59,7 @@ def check_result(data: xr.Dataset, path: str | Path) -> None:
 
 def check_dimensions(data: xr.Dataset, path: str | Path) -> None:
     """Each variable of those that a result may have is of numbers along its dimensions."""
-    for name, dims in _known().items():
+    for name, dims in known_variables().items():
         if name in data.variables:
             _check_variable(data.variables[name], name, dims, path)
 
@@ -73,7 +73,7 @@ def _check_groups(data: xr.Dataset, path: str | Path) -> None:
                     raise RockfallError(f"{path}: is not a whole result of rockfall: has no {name}")
 
 
-def _known() -> _Group:
+def known_variables() -> _Group:
     """Every variable of ours; a result may have others, of which nothing is asked."""
     found: _Group = {name: ("boulder",) for name in variables.BOULDER}
     found |= {name: () for name in variables.COUNT}
@@ -124,7 +124,7 @@ def _check_variable(
 def check_values(data: xr.Dataset, path: str | Path) -> None:
     """Refuse values that are no numbers where a result always has some, and bins without width."""
     check_samples(data, path)
-    for name, dims in _known().items():
+    for name, dims in known_variables().items():
         if name not in data.variables:
             continue
         values = data.variables[name].values
@@ -145,7 +145,7 @@ def check_samples(data: xr.Dataset, path: str | Path) -> None:
     names = [f"sample_{name}" for name in variables.SAMPLE]
     arrays = {name: data.variables[name].values for name in names}
     case = case_of(data)
-    shape = lengths(case, int(data.attrs["boulders_asked"]))
+    shape = lengths(case, int(data.attrs["boulders_requested"]))
     sizes = {dim: data.sizes[f"sample_{dim}"] for dim in FIXED}
     done = int(data.attrs["boulder_last"]) - int(data.attrs["boulder_first"]) + 1
     shape |= {dim: int(data.sizes[f"sample_{dim}"]) for dim in ("part", "group")}

@@ -53,7 +53,7 @@ class Joined:
         self.first: Part | None = None  # that came, without its values
         self.ranges: list[tuple[int, int, str]] = []  # first and last boulder, name
         self.tally: Tally | None = None
-        self.fed: list[dict[str, np.ndarray]] = []  # by sources that a part cuts
+        self.shared: list[dict[str, np.ndarray]] = []  # by sources that a part cuts
         self.trajectories: dict[int, np.ndarray] = {}  # by boulder
 
     def add(self, part: Held | str | Path) -> None:
@@ -70,7 +70,7 @@ class Joined:
             )
         part.add_to(self.tally)
         self.tally.threads = max(self.tally.threads, part.threads)
-        self.fed += [part.fed()] if part.fed() else []
+        self.shared += [part.shared()] if part.shared() else []
         self.trajectories |= part.trajectories()
         self.ranges.append((part.first, part.last, part.name))
         part.arrays = {}
@@ -87,7 +87,7 @@ class Joined:
             raise RockfallError(
                 "merge: trajectories are missing: a run that was stopped ends with --resume"
             )
-        join_sources(tally.maps, self.fed)
+        join_sources(tally.maps, self.shared)
         tally.done = tally.boulders
         tally.sort_rows()
         tally.trajectories = {number: self.trajectories[number] for number in numbers}

@@ -35,7 +35,7 @@ from rockfall.result.samples import (
 from rockfall.result.validate import are_crossings
 from rockfall.scene.scene import Features
 from rockfall.simulation.maps import Maps, plan_of
-from rockfall.simulation.source_maps import FED, fed_cells, settle
+from rockfall.simulation.source_maps import SHARED, settle, shared_cells
 from rockfall.simulation.tally import Origin
 from rockfall.simulation.tally_dataset import (
     boulder_variables,
@@ -55,7 +55,7 @@ LAYOUT = int(_core.constant("part_layout"))  # of the file
 STACKS = ("counts", "sums", "maxima")  # of maps, by layer
 BEFORE = "tally_"  # the names of tallies
 CLOCKS = ("wall_seconds", "cpu_seconds")
-NUMBERS = ("boulders_asked", "boulder_first", "boulder_last", "threads")
+NUMBERS = ("boulders_requested", "boulder_first", "boulder_last", "threads")
 LAYOUT_OF = {"part": "sample_part_last", "group": "sample_group_part"}  # of samples
 SUMS = ("input_checksums", "decoded_checksums")
 PACKING = int(_core.constant("max_packing"))  # zlib packs no closer than this
@@ -66,12 +66,12 @@ PACKING = int(_core.constant("max_packing"))  # zlib packs no closer than this
 
 def make_part(tally: Tally) -> Contents:
     """The boulders done of a tally, which may go on."""
-    fed = fed_cells(tally)
-    settle(tally, fed)
+    shared = shared_cells(tally)
+    settle(tally, shared)
     try:
-        found = tallies(tally.maps) | fed
+        found = tallies(tally.maps) | shared
     finally:
-        settle(tally, fed, -1)
+        settle(tally, shared, -1)
     grid, box = tally.scene.grid, tally.window
     window = [box.column, box.row, *box.shape[::-1]]
     data = boulder_variables(tally) | ground_variables(tally) | sample_variables(tally.samples)
@@ -96,7 +96,7 @@ def make_part(tally: Tally) -> Contents:
 
 def tallies(maps: Maps) -> dict[str, np.ndarray]:
     """The tallies of the cells that boulders reached, which are `cell`: `counts`, `sums`, `maxima`
-    (layers, cells) and `classes` (cells, classes), as far as there are any."""
+    (layers, cells) and `bin_counts` (cells, classes), as far as there are any."""
     cells = _reached(maps)
     arrays = {"cell": cells}
     for name in STACKS:
@@ -105,7 +105,7 @@ def tallies(maps: Maps) -> dict[str, np.ndarray]:
             arrays[name] = stack.reshape(len(stack), -1)[:, cells]
     if maps.column.size > 1:
         column = maps.column.ravel()[cells]
-        arrays["classes"] = np.where(column[:, None] > 0, maps.class_counts[column - 1], 0)
+        arrays["bin_counts"] = np.where(column[:, None] > 0, maps.class_counts[column - 1], 0)
     return arrays
 
 
@@ -188,11 +188,11 @@ class Part:
             raise _damaged(self, "boulder")
         return rows
 
-    def fed(self) -> dict[str, np.ndarray]:
+    def shared(self) -> dict[str, np.ndarray]:
         """The cells to which sources contribute that the part cuts; {} where no map asks."""
-        if f"{BEFORE}fed_cell" not in self.arrays:
+        if f"{BEFORE}shared_cell" not in self.arrays:
             return {}
-        return {name: self.arrays[BEFORE + name] for name in FED}
+        return {name: self.arrays[BEFORE + name] for name in SHARED}
 
     def trajectories(self) -> dict[int, np.ndarray]:
         """Vertices by number of the boulder."""
@@ -212,7 +212,7 @@ def _add_cells(maps: Maps, arrays: Mapping[str, np.ndarray]) -> None:
             flat = stack.reshape(len(stack), -1)
             join = np.maximum if name == "maxima" else np.add
             flat[:, cells] = join(flat[:, cells], arrays[BEFORE + name])
-    if f"{BEFORE}classes" in arrays:
+    if f"{BEFORE}bin_counts" in arrays:
         column = maps.column.ravel()
         new = cells[column[cells] == 0]
         used = int(maps.columns[0])
@@ -221,7 +221,7 @@ def _add_cells(maps: Maps, arrays: Mapping[str, np.ndarray]) -> None:
         column[new] = np.arange(used + 1, used + new.size + 1)
         maps.class_counts[used : used + new.size] = 0
         maps.columns[0] += new.size
-        maps.class_counts[column[cells] - 1] += arrays[f"{BEFORE}classes"]
+        maps.class_counts[column[cells] - 1] += arrays[f"{BEFORE}bin_counts"]
 
 
 # ---- from a file
@@ -335,7 +335,7 @@ def _head(attrs: Mapping[str, Any], crs: Mapping[str, Any], name: str) -> Part:
         raise RockfallError(f"{name}: is damaged: {at}") from error
     grid, window = Grid(west, north, cell, nx, ny), Box(row, column, row + rows, column + columns)
     checksums, decoded = sums
-    boulders = int(attrs["boulders_asked"])
+    boulders = int(attrs["boulders_requested"])
     origin = Origin(case, boulders, grid, window, checksums, decoded, version, grounds, features)
     first, last = int(attrs["boulder_first"]), int(attrs["boulder_last"])
     clocks = {clock: float(attrs[clock]) for clock in CLOCKS}
@@ -384,7 +384,7 @@ def _expected(part: Part) -> dict[str, tuple[str, tuple[str, ...]]]:
     plan = plan_of(case)
     by_source = plan.counts["sources"] or plan.counts["released"]
     wanted: dict[str, Any] = {name: plan.layers[name] for name in STACKS}
-    wanted |= {"cell": True, "classes": plan.bins} | dict.fromkeys(FED, by_source)
+    wanted |= {"cell": True, "bin_counts": plan.bins} | dict.fromkeys(SHARED, by_source)
     for name, kind in variables.TYPES["tally"].items():
         if wanted[name]:
             found[BEFORE + name] = kind, _dimensions(name)
@@ -400,7 +400,7 @@ def _dimensions(tally: str) -> tuple[str, ...]:
     """Of a tally; those of stacks have a layer each."""
     if tally in STACKS:
         return f"tally_{tally}_layer", "tally"
-    return {"cell": ("tally",), "classes": ("tally", "tally_class")}.get(tally, ("tally_fed",))
+    return {"cell": ("tally",), "bin_counts": ("tally", "tally_bin")}.get(tally, ("tally_shared",))
 
 
 def _lengths(part: Part) -> dict[str, int]:
@@ -415,7 +415,7 @@ def _lengths(part: Part) -> dict[str, int]:
         found |= {f"sample_{dim}": n for dim, n in lengths(case, part.origin.boulders).items()}
         del found["boulder"]  # they are numbered
     found |= {"ground": len(part.origin.grounds), "barrier": len(case.barrier)}
-    return found | {"tally_class": plan.bins}
+    return found | {"tally_bin": plan.bins}
 
 
 def _check_shapes(
@@ -481,10 +481,10 @@ def _possible(name: str, values: np.ndarray, times: np.ndarray | None, cells: in
         return bool(np.isin(values, [0, *variables.OUTCOME.values()]).all())
     if name == f"{BEFORE}cell":
         return bool((np.diff(values, prepend=-1) > 0).all() and (values < cells).all())
-    if name == f"{BEFORE}fed_cell":
+    if name == f"{BEFORE}shared_cell":
         return bool(((values >= 0) & (values < cells)).all())
     if values.dtype.kind == "f" and not np.isfinite(values).all():
         return False
-    minimum = int(name in ("source", "source_feature", f"{BEFORE}fed_source"))
+    minimum = int(name in ("source", "source_feature", f"{BEFORE}shared_source"))
     counts = values.dtype.kind == "i" or name.startswith(BEFORE)
     return not counts or bool((values >= minimum).all())

@@ -27,7 +27,7 @@ from rockfall.simulation.maps import no_maps
 from rockfall.simulation.memory import machine_memory
 from rockfall.simulation.part_file import make_part
 from rockfall.simulation.progress import progress_bar
-from rockfall.simulation.source_maps import fed_cells, follow_sources, settle
+from rockfall.simulation.source_maps import follow_sources, settle, shared_cells
 from rockfall.simulation.tally import Tally, empty_samples, empty_tally, kept_numbers, shard_range
 from rockfall.simulation.tally_dataset import make_result
 
@@ -56,8 +56,16 @@ class Interrupted(KeyboardInterrupt):
         self.contents = contents
 
     @cached_property
-    def result(self) -> xr.Dataset:
+    def result(self) -> Any:
         return self.contents.dataset()
+
+
+class StudyInterrupted(Interrupted):
+    """The same of a study of many runs: `result` is the study of those that were done."""
+
+    def __init__(self, study: Any, runs: int) -> None:
+        KeyboardInterrupt.__init__(self, f"interrupted after {runs} runs")
+        self.result, self.runs = study, runs
 
 
 def run(
@@ -139,7 +147,7 @@ def simulate(
         if tally.boulders < scene.boulders:
             result = make_part(tally)
         else:
-            settle(tally, fed_cells(tally))
+            settle(tally, shared_cells(tally))
             result = make_result(tally)
     if interrupted():
         raise Interrupted(result)
@@ -278,9 +286,10 @@ def _add_samples(
     """Rows of a chunk to samples, and their counts to those of all boulders."""
     samples = tally.samples
     assert samples is not None
+    largest = samples.largest if samples.largest.size else np.zeros((1, 6, 1))  # f2py takes no 0
     _core.add_samples(
         scene.kernel.handle, boulder, count, crossing, samples.bins.T, samples.sums.T,
-        samples.groups.T, samples.largest.T, samples.ended,
+        samples.groups.T, largest.T, samples.ended,
     )  # fmt: skip
     sums = count[:, count[STATUS] != LEFT_WINDOW].sum(axis=1, dtype="i8")
     for name, total in zip(fields(2), sums, strict=True):

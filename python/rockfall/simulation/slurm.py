@@ -27,6 +27,8 @@ RUN = Template(
 #SBATCH --cpus-per-task=$threads
 #SBATCH --time=$time
 #SBATCH --output=$folder/%a.log
+#SBATCH --open-mode=append
+#SBATCH --requeue
 # One part of the run for each job of the array; a job that is started again goes on.
 set -eu
 mkdir -p $folder/parts

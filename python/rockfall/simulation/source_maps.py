@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from rockfall.simulation.maps import Maps
     from rockfall.simulation.tally import Tally
 
-FED = ("fed_cell", "fed_source", "fed_boulders")  # of the sources that a range cuts
+SHARED = ("shared_cell", "shared_source", "shared_boulders")  # of the sources that a range cuts
 
 
 def tells_sources(maps: Maps) -> bool:
@@ -35,7 +35,7 @@ def follow_sources(maps: Maps, scene: Scene, before: int) -> None:
     maps.stamp = np.zeros((2 if maps.head else 1, *maps.box.shape), "i4")
 
 
-def fed_cells(tally: Tally) -> dict[str, np.ndarray]:
+def shared_cells(tally: Tally) -> dict[str, np.ndarray]:
     """The cells that the sources feed which the boulders done cut, by source: index of the cell,
     number of the source, and its boulders among those done; {} where no map asks."""
     if not tells_sources(tally.maps):
@@ -50,7 +50,7 @@ def fed_cells(tally: Tally) -> dict[str, np.ndarray]:
         numbers = (np.full(cell.size, n, "i4") for n in (source + 1, boulders))
         columns.append((cell, *numbers))
     empty = (np.empty(0, "i8"), np.empty(0, "i4"), np.empty(0, "i4"))
-    return dict(zip(FED, map(np.concatenate, zip(empty, *columns, strict=True)), strict=True))
+    return dict(zip(SHARED, map(np.concatenate, zip(empty, *columns, strict=True)), strict=True))
 
 
 def _cut_sources(scene: Scene, numbers: range) -> list[int]:
@@ -62,24 +62,26 @@ def _cut_sources(scene: Scene, numbers: range) -> list[int]:
     return [s for s in ends if own[s][0] not in numbers or own[s][-1] not in numbers]
 
 
-def restore_stamps(maps: Maps, fed: Mapping[str, np.ndarray]) -> None:
-    """Go on from what `fed_cells` gave."""
-    for layer, mine in enumerate((fed["fed_source"] != maps.head, fed["fed_source"] == maps.head)):
+def restore_stamps(maps: Maps, shared: Mapping[str, np.ndarray]) -> None:
+    """Go on from what `shared_cells` gave."""
+    source = shared["shared_source"]
+    for layer, mine in enumerate((source != maps.head, source == maps.head)):
         if mine.any():
             stamp = maps.stamp[layer].reshape(-1)
-            stamp[fed["fed_cell"][mine]] = fed["fed_source"][mine]
+            stamp[shared["shared_cell"][mine]] = source[mine]
 
 
-def settle(tally: Tally, fed: Mapping[str, np.ndarray], sign: int = 1) -> None:
-    """Leave only the boulders done of cut sources in the cells that they feed (`fed`, as
-    `fed_cells` gives it), as a part has it; with sign -1 all of them again, as a run that goes
+def settle(tally: Tally, shared: Mapping[str, np.ndarray], sign: int = 1) -> None:
+    """Leave only the boulders done of cut sources in the cells that they feed (`shared`, as
+    `shared_cells` gives it), as a part has it; with sign -1 all of them again, as a run that goes
     on."""
-    if fed and tally.maps.plan.counts["released"]:
+    if shared and tally.maps.plan.counts["released"]:
         assert isinstance(tally.scene, Scene)
         released = _layer(tally.maps, "released")
-        all_of = {s: len(tally.scene.numbers_of(s - 1)) for s in np.unique(fed["fed_source"])}
-        missing = np.array([all_of[s] for s in fed["fed_source"]], "i4") - fed["fed_boulders"]
-        np.subtract.at(released, fed["fed_cell"], sign * missing)
+        source = shared["shared_source"]
+        all_of = {s: len(tally.scene.numbers_of(s - 1)) for s in np.unique(source)}
+        missing = np.array([all_of[s] for s in source], "i4") - shared["shared_boulders"]
+        np.subtract.at(released, shared["shared_cell"], sign * missing)
 
 
 def join_sources(maps: Maps, parts: Sequence[Mapping[str, np.ndarray]]) -> None:
@@ -87,7 +89,7 @@ def join_sources(maps: Maps, parts: Sequence[Mapping[str, np.ndarray]]) -> None:
     counted of them is taken out, and put back once."""
     if not parts or not tells_sources(maps):
         return
-    cell, source, boulders = (np.concatenate([part[name] for part in parts]) for name in FED)
+    cell, source, boulders = (np.concatenate([part[name] for part in parts]) for name in SHARED)
     cells = maps.counts[0].size
     once_source, once_cell = np.divmod(np.unique(source * np.int64(cells) + cell), cells)
     if maps.plan.counts["sources"]:
@@ -105,8 +107,8 @@ def _boulders_of(parts: Sequence[Mapping[str, np.ndarray]]) -> tuple[np.ndarray,
     """Numbers of the cut sources, and the boulders of each over all parts."""
     rows = []
     for part in parts:
-        source, first = np.unique(part["fed_source"], return_index=True)
-        rows.append((source, part["fed_boulders"][first]))
+        source, first = np.unique(part["shared_source"], return_index=True)
+        rows.append((source, part["shared_boulders"][first]))
     source, boulders = (np.concatenate(column) for column in zip(*rows, strict=True))
     numbers, which = np.unique(source, return_inverse=True)
     total = np.zeros(numbers.size, "i4")

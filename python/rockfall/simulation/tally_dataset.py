@@ -262,7 +262,7 @@ def run_attributes(tally: Tally) -> dict[str, Any]:
         "seed": scene.case.case["seed"],
         "boulder_first": tally.before + 1,
         "boulder_last": tally.before + tally.done,
-        "boulders_asked": scene.boulders,
+        "boulders_requested": scene.boulders,
         "complete": int(tally.done == scene.boulders),
         "impact_set": scene.case.impact["sets"],
         **_ground_attributes(tally),

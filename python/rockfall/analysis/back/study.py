@@ -17,10 +17,11 @@ from rockfall.analysis.ensemble.uncertain_inputs import INPUTS, Uncertain, drawn
 from rockfall.analysis.observations import Observed, read_observed
 from rockfall.case import Case
 from rockfall.errors import RockfallError
+from rockfall.interrupts import interrupts
 from rockfall.scene.read import read_scene
 from rockfall.scene.scene import Scene
 from rockfall.simulation.progress import progress_bar
-from rockfall.simulation.simulate import run_scene
+from rockfall.simulation.simulate import Interrupted, StudyInterrupted, run_scene
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -80,7 +81,8 @@ def back_analysis(
 
     Members are drawn and run until `enough` of them are effective, or there are `members`. The
     prior is that of the ensemble; errors of the terrain, and rocks where no boulder comes, are
-    drawn anew for each member and not sought. docs/ensemble.md, "Back-analysis", explains it.
+    drawn anew for each member and not sought. docs/ensemble.md, "Back-analysis", explains it. On
+    Ctrl-C it raises `Interrupted`, whose `result` is the posterior of the rounds that were done.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")
@@ -113,14 +115,21 @@ def back_analysis(
     random = np.random.default_rng((case.case["seed"], STREAM))
     kept: list[dict[str, float]] = []
     runs: list[list[np.ndarray]] = [[] for _ in data]
-    with progress_bar(members, progress, "members") as advance:
+    stopped = False
+    with interrupts(), progress_bar(members, progress, "members") as advance:
         while True:
             for k in range(len(kept), len(cube)):
-                row, values = _member(scene, inputs, cube[k], k, data)
+                try:
+                    row, values = _member(scene, inputs, cube[k], k, data)
+                except Interrupted:
+                    stopped = True
+                    break
                 kept.append(row)
                 for one, value in zip(runs, values, strict=True):
                     one.append(value)
                 advance(1)
+            if stopped:
+                break
             new = slice(sampler.log_likelihood.size, None)
             known = [one.log_likelihood(np.array(of)[new])
                      for one, of in zip(data, runs, strict=True)]  # fmt: skip
@@ -137,6 +146,9 @@ def back_analysis(
             else:
                 sampler.more_of_prior(_normal_scores(points[:, sought]))
             cube = np.concatenate([cube, points])
+    if not (done := sampler.log_likelihood.size):
+        raise KeyboardInterrupt
+    cube, kept, runs = cube[:done], kept[:done], [of[:done] for of in runs]  # in whole rounds
     if not weight.any():
         raise RockfallError(
             f"{case.name}: in none of {len(cube)} members as many as 20 boulders come to where "
@@ -150,8 +162,11 @@ def back_analysis(
         for one, count, of in zip(data, counts, runs, strict=True)
     ]
     noise = sum(c * one.noise(scene.boulders) for c, one in zip(counts, data, strict=True))
-    return Back(case, inputs, sought, cube, table, pd.DataFrame(found), tuple(notes), enough,
+    back = Back(case, inputs, sought, cube, table, pd.DataFrame(found), tuple(notes), enough,
                 float(noise), scene.boulders)  # fmt: skip
+    if stopped:
+        raise StudyInterrupted(back, done)
+    return back
 
 
 def _learn_noise(scene: Scene, inputs: Uncertain, data: list[Evidence]) -> None:

@@ -20,6 +20,7 @@ from rockfall.analysis.precision.intervals import Sources, sources
 from rockfall.case import Case
 from rockfall.case_files import files_behind
 from rockfall.errors import RockfallError
+from rockfall.interrupts import interrupts
 from rockfall.io.output_files import ENSEMBLE, ENSEMBLE_TABLE, check_output
 from rockfall.io.tables import write_csv
 from rockfall.quantities import QUANTITIES
@@ -29,7 +30,7 @@ from rockfall.scene.read import read_scene
 from rockfall.scene.scene import Scene
 from rockfall.scene.sources import refuse_by_area
 from rockfall.simulation.progress import progress_bar
-from rockfall.simulation.simulate import run_scene
+from rockfall.simulation.simulate import Interrupted, StudyInterrupted, run_scene
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -77,7 +78,8 @@ def run_ensemble(case: Case, *, progress: bool = False, **arrays: Any) -> xr.Dat
     explains them, `rockfall.analysis.ensemble.sobol_indices` how they are estimated. NaN where too
     few boulders pass in some run, or where the epistemic variance is not significant. Beside them
     are the draws, the results of every run, and, where the case asks for passages or
-    reach_probability, maps over the runs. `arrays` are as in `rockfall.run`.
+    reach_probability, maps over the runs. `arrays` are as in `rockfall.run`. On Ctrl-C it raises
+    `Interrupted`, whose `result` is the ensemble of the draws that were done, if these are enough.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")
@@ -103,26 +105,42 @@ def run_ensemble(case: Case, *, progress: bool = False, **arrays: Any) -> xr.Dat
     )
     size = (blocks, 2 + len(names), base.values.size)
     y, covariance = np.empty(size), np.empty((*size[:2], *size[1:]))
-    draws, seeds = [], []
-    with progress_bar(blocks * size[1], progress, "runs") as advance:
+    draws: list[list[Draw]] = []
+    seeds: list[int] = []
+    with interrupts(), progress_bar(blocks * size[1], progress, "runs") as advance:
         for k in range(blocks):
-            seeds.append(inputs.boulders_seed(k))
+            seed = inputs.boulders_seed(k)
             a, b = ([inputs.draw(name, k, side) for name in names] for side in (0, 1))
-            draws += [a, b]
-            by_run = []
-            for j, drawn in enumerate(_design(a, b)):
-                run = _run(drawn_scene(scene, drawn, seeds[-1]))
-                y[k, j] = run.values
-                by_run.append(run.deviations)
-                if maps is not None and j < 2:
-                    maps.add(run.result)
-                advance(1)
+            by_run, shown = [], []
+            try:
+                for j, drawn in enumerate(_design(a, b)):
+                    run = _run(drawn_scene(scene, drawn, seed))
+                    y[k, j] = run.values
+                    by_run.append(run.deviations)
+                    shown += [run.result] if maps is not None and j < 2 else []
+                    advance(1)
+            except Interrupted:
+                break
             for i, of in enumerate(map(np.array, zip(*by_run, strict=True))):
                 covariance[k, :, :, i] = of @ of.T
-    data = _dataset(base, names, y, indices(y, covariance)) | _drawn(draws, seeds)
+            for result in shown:
+                assert maps is not None
+                maps.add(result)
+            draws += [a, b]
+            seeds.append(seed)
+    done = len(seeds)
+    try:
+        case = case.replace(ensemble={"runs": done})
+    except RockfallError:  # so few are no ensemble
+        raise KeyboardInterrupt from None
+    data = _dataset(base, names, y[:done], indices(y[:done], covariance[:done]))
+    data |= _drawn(draws, seeds)
     if maps is not None:
         data |= maps.variables()
-    return _with_attributes(data, with_lines_of(case, scene), base, inputs)
+    found = _with_attributes(data, with_lines_of(case, scene), base, inputs)
+    if done < blocks:
+        raise StudyInterrupted(found, done)
+    return found
 
 
 def lean(scene: Scene, what: str, maps: list[str] | None) -> Scene:
@@ -239,7 +257,7 @@ def _with_attributes(data: dict[str, Any], case: Case, base: _Run, inputs: Uncer
     checksums |= {f"ensemble sets {name}": one for name, one in inputs.set_checksums.items()}
     attrs |= {
         "case": case.text(),
-        "ensemble_runs": inputs.given["runs"],
+        "ensemble_runs": case.ensemble["runs"],
         "input_checksums": json.dumps(checksums, sort_keys=True),
     }
     texts = {"result", "input", "variant", "side", "result_units"}

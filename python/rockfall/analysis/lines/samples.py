@@ -53,7 +53,7 @@ class LineSamples:
             return self._source.count
         case = case_of(self.result)
         if "boulders" in case.case and not case.release["by_area"]:
-            return int(self.result.attrs["boulders_asked"]) // case.case["boulders"]
+            return int(self.result.attrs["boulders_requested"]) // case.case["boulders"]
         return int(np.count_nonzero(self._released(None)))
 
     def given(self) -> LineSamples:

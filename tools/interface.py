@@ -1,0 +1,172 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Write tests/interface.txt: the names that docs/stability_policy.md promises, one a line. A test
+holds the list beside the program; what it says is renewed on purpose, and reviewed as a change.
+
+python tools/interface.py           writes it
+python tools/interface.py --check   says what differs (exit status 0 or 1)
+"""
+
+import argparse
+import difflib
+import inspect
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from shutil import which
+
+import rockfall
+from rockfall.analysis.hazard.study import LAYOUT as HAZARD_LAYOUT
+from rockfall.analysis.hazard.variables import TABLE as HAZARD
+from rockfall.analysis.line_statistics import COLUMNS
+from rockfall.case import REPEATABLE, key_table
+from rockfall.cli.arguments import make_parser
+from rockfall.cli.messages import DONE, FAULT, REFUSED
+from rockfall.grounds import models, parameters, shipped_grounds
+from rockfall.impact_sets import shipped_sets
+from rockfall.quantities import QUANTITIES
+from rockfall.result import variables
+from rockfall.result.validate import ALWAYS, known_variables
+from rockfall.scene.prepare import LAYOUT as SCENE_LAYOUT
+from rockfall.simulation.part_file import LAYOUT as PART_LAYOUT
+
+LIST = Path(__file__).resolve().parents[1] / "tests/interface.txt"
+
+
+def listed() -> str:
+    """The list of this program."""
+    parts = {
+        "keys of a case: type, number of values, default, what is allowed, unit": _keys(),
+        "commands of rockfall, their arguments: number, default, choices": _commands(),
+        "options of rockfall-batch": _program(),
+        "exit statuses": iter(
+            [f"{DONE} done", f"{FAULT} fault", f"{REFUSED} refused", "130 SIGINT", "143 SIGTERM"]
+        ),
+        "variables of a result: dimensions, unit": _variables(),
+        "attributes of a result": iter(ALWAYS),
+        "statuses and outcomes": _words(),
+        "variables of a hazard: dimensions, unit": _hazard(),
+        "columns of line statistics, and quantities with units": _statistics(),
+        "names in Python": _names(),
+        "impact sets that are shipped": iter(shipped_sets()),
+        "models of grounds, columns of their table, rows that are shipped": _grounds(),
+        "layouts of files": iter(
+            [f"scene {SCENE_LAYOUT}", f"part {PART_LAYOUT}", f"hazard {HAZARD_LAYOUT}"]
+        ),
+    }
+    blocks = ["\n".join([f"# {title}", *lines]) for title, lines in parts.items()]
+    return "\n\n".join(blocks) + "\n"
+
+
+def _keys() -> Iterator[str]:
+    for key in key_table():
+        several = "" if key.most == 1 else f"({key.most})" if key.most == 3 else "(:)"
+        again = " repeatable" if key.group in REPEATABLE else ""
+        about = f"{key.kind}{several}{again} | {key.default} | {key.allowed} | {key.unit}"
+        yield f"&{key.group} {key.name} | {about}".rstrip(" |")
+
+
+def _commands() -> Iterator[str]:
+    yield from _arguments("rockfall", make_parser())
+
+
+def _arguments(name: str, parser: argparse.ArgumentParser) -> Iterator[str]:
+    yield name
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            for verb, below in action.choices.items():
+                yield from _arguments(f"{name} {verb}", below)
+        elif not isinstance(action, argparse._HelpAction):
+            words = "/".join(action.option_strings) or action.dest.upper()
+            kind = getattr(action.type, "__name__", "" if action.nargs == 0 else "str")
+            default = "" if action.default in (None, False, argparse.SUPPRESS) else action.default
+            needed = "required" if action.required and action.option_strings else ""
+            number = "" if action.nargs in (None, 0) else f"({action.nargs})"
+            yield f"{name} {words} | {kind}{number} | {default} | {needed}".rstrip(" |")
+
+
+def _program() -> Iterator[str]:
+    program = which("rockfall-batch")
+    if not program:
+        sys.exit("no rockfall-batch on the PATH")
+    done = subprocess.run([program, "--help"], capture_output=True, text=True, check=True)
+    for line in done.stdout.splitlines():
+        if line.startswith("  -"):
+            yield line[:23].strip()  # what it does stands beside it
+
+
+def _variables() -> Iterator[str]:
+    units = _units()
+    for name, dims in known_variables().items():
+        yield f"{name} ({', '.join(dims)}) | {units.get(name, '')}".rstrip(" |")
+
+
+def _units() -> dict[str, str]:
+    """Of the variables of a result, as far as the tables have them."""
+    tables = {
+        "": (variables.BOULDER, variables.COUNT, variables.GROUND, variables.ENERGY,
+             variables.TREE, variables.FEATURE, variables.MAP),
+        "line_": (variables.LINE,), "line_vertex_": (variables.LINE_VERTEX,),
+        "barrier_": (variables.BARRIER,), "trajectory_": (variables.VERTEX,),
+        "sample_": (variables.SAMPLE,),
+    }  # fmt: skip
+    found = {
+        prefix + name: about.get("units", "")
+        for prefix, groups in tables.items()
+        for group in groups
+        for name, about in group.items()
+    }
+    for name, about in variables.HISTOGRAM.items():
+        found |= {f"{name}_bin": about["units"], f"{name}_histogram": "1"}
+    return found
+
+
+def _words() -> Iterator[str]:
+    yield from (f"status {number} {name}" for name, number in variables.STATUS.items())
+    yield from (f"barrier_outcome {number} {name}" for name, number in variables.OUTCOME.items())
+
+
+def _hazard() -> Iterator[str]:
+    for name, about in HAZARD.items():
+        yield f"{name} ({', '.join(about.dims)}) | {about.units}".rstrip(" |")
+
+
+def _statistics() -> Iterator[str]:
+    yield " ".join(["line", "quantity", *COLUMNS])
+    yield from (f"{name} | {about.units}" for name, about in QUANTITIES.items())
+
+
+def _grounds() -> Iterator[str]:
+    yield " ".join(models())
+    yield " ".join(one.name for one in parameters())
+    rows = shipped_grounds().read_text(encoding="utf-8").splitlines()
+    yield from (row.split(",")[0] for row in rows[1:])
+
+
+def _names() -> Iterator[str]:
+    for name in sorted(rockfall.__all__):
+        thing = getattr(rockfall, name)
+        yield f"rockfall.{name}{inspect.signature(thing) if callable(thing) else ''}"
+    for name, method in inspect.getmembers(rockfall.Case):
+        if not name.startswith("_"):
+            is_method = inspect.isfunction(method)
+            yield f"rockfall.Case.{name}{inspect.signature(method) if is_method else ''}"
+
+
+def main() -> int:
+    text = listed()
+    if "--check" not in sys.argv:
+        LIST.write_text(text, encoding="utf-8")
+        return 0
+    old = LIST.read_text(encoding="utf-8")
+    sys.stdout.writelines(
+        f"{line}\n"
+        for line in difflib.unified_diff(
+            old.splitlines(), text.splitlines(), "promised", "is", lineterm="", n=0
+        )
+    )
+    return int(text != old)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
