@@ -110,6 +110,29 @@ def test_ids_of_polygons_are_kept_where_they_tell_them_apart():
     assert sorted(read_scene(read_case("other.nml")).sizes[:, 0]) == [0.1, 0.2]
 
 
+def test_the_table_of_zones_says_what_they_are_called():
+    named = {"name": ["=scree", "pasture, wet"], "mean_radius": [0.3, 0.1]}
+    make_layer("site.gpkg", HALVES, layer="ground", **named)
+    assert new("site.gpkg", "-o", "case.nml") == 0
+    table = Path("case_zones.csv").read_text()
+    assert table == "zone,mean_radius,name\n1,0.3,'=scree\n2,0.1,\"pasture, wet\"\n"
+    assert read_scene(read_case("case.nml")).sizes[:, 0].tolist() == [0.3, 0.1]
+    make_layer("one.gpkg", HALVES, mean_radius=[0.3, 0.3], name=["scree", "talus"])
+    assert new("one.gpkg", "-o", "one.nml") == 0  # one zone of two names
+    assert Path("one_zones.csv").read_text() == "zone,mean_radius\n1,0.3\n"
+
+
+def test_the_command_for_objects_names_their_layer(capsys):
+    house = BOX(W + 90, N - 320, W + 120, N - 300)
+    make_layer("site.gpkg", [CLIFF], layer="cliff", id=[1])
+    make_layer("site.gpkg", [house], layer="houses", id=[1])
+    make_layer("casa.gpkg", [house], id=[1])
+    assert new("site.gpkg", "casa.gpkg", "-o", "case.nml") == 0
+    said = capsys.readouterr().out
+    assert "`rockfall hazard --objects site.gpkg --objects-layer houses`" in said
+    assert "`rockfall hazard --objects casa.gpkg`" in said
+
+
 def test_what_is_not_known_is_left_out_and_said(capsys):
     make_layer("plots.gpkg", [CLIFF], owner=["me"])
     make_layer("fence.gpkg", [across(300)], height=[3.0])

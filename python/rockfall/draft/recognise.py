@@ -131,5 +131,6 @@ def _lines(layer: Layer) -> tuple[str, str]:
 
 def _other(layer: Layer, rule: str) -> tuple[str, str]:
     if layer.is_called(OBJECTS):
-        return OBJECTS, f"for `rockfall hazard --objects {layer.path}`: no part of a case"
+        name = "" if layer.alone else f" --objects-layer {layer.name}"
+        return OBJECTS, f"for `rockfall hazard --objects {layer.path}{name}`: no part of a case"
     return "", rule

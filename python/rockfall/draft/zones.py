@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rockfall.draft.recognise import OF_ZONES, Layer
+from rockfall.draft.recognise import NAMES, OF_ZONES, Layer
 from rockfall.errors import RockfallError
 from rockfall.io.grid import NO_ID, Grid
 from rockfall.io.layers import burn_polygons
@@ -48,8 +48,15 @@ def zones_of(layer: Layer, grid: Grid, z: np.ndarray, stem: str, place: Path) ->
     table = place / f"{stem}_zones.csv"
     with open(table, "w", encoding="utf-8", newline="") as file:
         of_ids = dict(zip(ids, rows, strict=True))
+        names = _names(layer, ids)
         csv.writer(file, lineterminator="\n").writerows(
-            [(ID, *columns), *((number, *of_ids[number]) for number in sorted(of_ids))]
+            [
+                (ID, *columns, *(["name"] if names else [])),
+                *(
+                    (number, *of_ids[number], *([names[number]] if names else []))
+                    for number in sorted(of_ids)
+                ),
+            ]
         )
     rest, outside = _rest(layer, grid, z, copy, field)
     method = "A" if "rg70" in columns and "mean_radius" not in columns else "B"
@@ -67,6 +74,17 @@ def _row(layer: Layer, columns: list[str], k: int) -> tuple[str, ...]:
     if not any(cells):
         raise RockfallError(f"{layer}: feature {k + 1}: must have {' or '.join(columns)}")
     return tuple(cells)
+
+
+def _names(layer: Layer, ids: list[int]) -> dict[int, str]:
+    """What each zone is called, where the layer says it and none has two names."""
+    column = next((layer.columns[name] for name in NAMES if name in layer.columns), None)
+    if column is None:
+        return {}
+    called = {(number, name) for number, name in zip(ids, column, strict=True)}
+    said = [(number, name) for number, name in called if isinstance(name, str)]
+    texts = {number: spreadsheet_text(name) for number, name in said if name.isprintable()}
+    return texts if len(texts) == len(called) == len(set(ids)) else {}
 
 
 def _own_ids(layer: Layer, rows: list[tuple[str, ...]]) -> list[int] | None:

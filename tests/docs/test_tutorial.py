@@ -1,0 +1,58 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Who follows the tutorial sees what it says."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from tools import tutorial
+
+pytest.importorskip("pyogrio", reason="the vector extra is not installed")
+pytest.importorskip("jinja2", reason="the report extra is not installed")
+
+
+@pytest.fixture(autouse=True)
+def blank_figures(monkeypatch):
+    """Those of the report and of a result are drawn by other tests."""
+    figure = pytest.importorskip("matplotlib.figure", reason="the report extra is not installed")
+    save = figure.Figure.savefig
+    monkeypatch.setattr(
+        figure.Figure, "savefig", lambda _, path, **how: save(figure.Figure((1, 1)), path)
+    )
+    monkeypatch.setattr("rockfall.html_report.figures", lambda *_: [])
+    monkeypatch.setattr("rockfall.plots.figures.DRAWN", ("speed",))
+
+
+def test_each_step_prints_what_the_page_says(tmp_path, monkeypatch):
+    """The ensemble with an eighth of its draws: `tools/figures.py` follows all of it."""
+    follow_command = tutorial.run
+    monkeypatch.setattr(
+        tutorial, "run", lambda command: follow_command(command.replace("--runs 64", "--runs 8"))
+    )
+    pages = []
+    for page, said, printed in tutorial.follow(tmp_path):
+        pages.append(page)
+        if page.startswith("09"):
+            assert printed.startswith("Valley road: 8 draws")
+        else:
+            assert tutorial.agree(said, printed), f"{page} says\n{said}, not\n{printed}"
+    assert len(dict.fromkeys(pages)) == 10
+
+
+def test_the_notebook_runs(tmp_path, monkeypatch):
+    path = tutorial.PAGES / "tutorial.ipynb"
+    cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
+    code = [cell for cell in cells if cell["cell_type"] == "code"]
+    assert code and not any(cell["outputs"] or cell["execution_count"] for cell in code)
+    monkeypatch.chdir(tmp_path)
+    plt = pytest.importorskip("matplotlib.pyplot")
+    monkeypatch.setattr(plt, "show", lambda: plt.close("all"))
+    plt.switch_backend("agg")
+    Path("make_layers.py").write_bytes(tutorial.LAYERS.read_bytes())
+    names = {}
+    for cell in code:
+        exec("".join(cell["source"]).replace("20_000", "4_000"), names)  # boulders
+    assert names["result"].sizes["boulder"] == 4000
+    assert names["bare"] > names["with_net"] > 0
+    assert Path("case.html").exists() and Path("gis/rockfall.gpkg").exists()

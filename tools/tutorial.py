@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Follows the tutorial to the letter: its commands, its edits, and what it says they print.
+
+`python tools/tutorial.py FOLDER` does all of it in an empty folder and says where a page differs
+from the program. On a page of docs/tutorial a block of
+
+    sh                                 is commands, run in the folder of the reader
+    text                               is what those before it print; "..." stands for anything
+    fortran title="case.nml"           is keys to set in that file, and groups to add to it
+    csv title="case_zones.csv"         is that file
+"""
+
+import contextlib
+import io
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from doctest import ELLIPSIS, OutputChecker
+from pathlib import Path
+
+from rockfall.cli import main
+
+ROOT = Path(__file__).parents[1]
+PAGES = ROOT / "docs/tutorial"
+LAYERS = ROOT / "cases/tutorial/make_layers.py"
+BLOCK = re.compile(r'^```(\w+)(?: title="(.+?)")?\n(.*?)^```$', re.MULTILINE | re.DOTALL)
+GROUP = re.compile(r"^&(\w+)(.*?)(?<=[\s'])/ *$", re.MULTILINE | re.DOTALL)
+KEY = re.compile(r"^ *(\w+) = ([^!\n]*?) *$", re.MULTILINE)
+
+
+def follow(folder: Path) -> Iterator[tuple[str, str, str]]:
+    """Of each block of output: the page, what it says, and what the commands before it printed."""
+    shutil.copy(LAYERS, folder)
+    with contextlib.chdir(folder):
+        for page in sorted(PAGES.glob("[0-9]*.md")):
+            printed = ""
+            for kind, title, block in BLOCK.findall(page.read_text(encoding="utf-8")):
+                if kind == "sh":
+                    printed = "".join(run(command) for command in block.splitlines())
+                elif kind == "text":
+                    yield page.name, block, printed
+                elif kind == "fortran":
+                    Path(title).write_text(edited(Path(title).read_text(), block))
+                elif kind == "csv":
+                    Path(title).write_text(block)
+                else:
+                    raise ValueError(f"{page}: a block of {kind}")
+
+
+def run(command: str) -> str:
+    """What a command prints, without spaces at the ends of lines."""
+    name, *arguments = shlex.split(command, comments=True) or [""]
+    printed = io.StringIO()
+    with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(printed):
+        if name == "rockfall":
+            if main(arguments) != 0:
+                raise RuntimeError(f"{command}: {printed.getvalue()}")
+        elif name == "python":
+            subprocess.run([sys.executable, *arguments], check=True)
+        elif name == "cp":
+            shutil.copy(*arguments)
+        elif name:
+            raise ValueError(f"{command}: no command of the tutorial")
+    return re.sub(r" +$", "", printed.getvalue(), flags=re.MULTILINE)
+
+
+def edited(case: str, block: str) -> str:
+    """A case with the keys of a block set in the groups that it has, and with the others added."""
+    had = set(re.findall(r"^&(\w+)", case, re.MULTILINE))
+    for group in GROUP.finditer(block):
+        name, keys = group.groups()
+        if name not in had:
+            case += f"\n{group[0]}\n"
+            continue
+        found = re.search(rf"^&{name}\n.*?^/$", case, re.MULTILINE | re.DOTALL)
+        assert found, f"&{name} has lines of its own in a case by rockfall new"
+        text = found[0]
+        for key, value in KEY.findall(keys):
+            text, count = re.subn(
+                rf"^( *)(?:! )?{key} = [^!\n]*",
+                lambda old, new=f"{key} = {value}": f"{old[1]}{new}  ",
+                text,
+                flags=re.MULTILINE,
+            )
+            if count != 1:
+                raise ValueError(f"&{name}: {key} is there {count} times")
+        case = case[: found.start()] + text + case[found.end() :]
+    return case
+
+
+def agree(said: str, printed: str) -> bool:
+    """Whether a page says what the program printed."""
+    return OutputChecker().check_output(said, printed, ELLIPSIS)
+
+
+if __name__ == "__main__":
+    wrong = 0
+    for page, said, printed in follow(Path(sys.argv[1]).resolve()):
+        if not agree(said, printed):
+            wrong += 1
+            print(f"--- {page} says\n{said}--- rockfall prints\n{printed}")
+    sys.exit(bool(wrong))
