@@ -2,10 +2,14 @@
 """The pages of the command line and of the Python interface, for tools/document.py."""
 
 import argparse
+import ast
+import inspect
 import os
+import re
 import shutil
 import subprocess
 import sys
+import textwrap
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -68,6 +72,30 @@ def cli_page(table) -> str:
     return page + f"## rockfall-batch\n\n```text\n{said}```\n"
 
 
+def spaced(arguments: str) -> str:
+    return re.sub(r"(: [^=,:]+)=", r"\1 = ", arguments)
+
+
+def signature(name: str) -> str:
+    """As the source has it, an argument a line where it is long."""
+    found = getattr(rockfall, name)
+    made = found.__init__ if inspect.isclass(found) else found
+    [node] = ast.parse(textwrap.dedent(inspect.getsource(made))).body
+    node.args.args = [one for one in node.args.args if one.arg != "self"]
+    node.name, node.body, node.decorator_list = f"rockfall.{name}", [ast.Pass()], []
+    if inspect.isclass(found):
+        node.returns = None
+    for default in [*node.args.defaults, *filter(None, node.args.kw_defaults)]:
+        if isinstance(default, ast.Name):  # a constant of its module, here as its number
+            default.id = repr(getattr(sys.modules[found.__module__], default.id))
+    text = spaced(ast.unparse(node).removeprefix("def ").partition(":\n")[0])
+    if len(text) <= 90:
+        return text
+    arguments = spaced(ast.unparse(node.args))
+    every = re.split(r", (?=[*\w]+(?:: | = |,|$)|/)(?![^\[(]*[\])])", arguments)
+    return text.replace(f"({arguments})", "(\n" + "".join(f"    {one},\n" for one in every) + ")")
+
+
 def api_page() -> str:
     page = API
     for name, module in sorted(rockfall._MODULES.items(), key=lambda one: one[0].lower()):
@@ -77,6 +105,7 @@ def api_page() -> str:
         if own and own in rockfall.__all__:
             page += f"## {name}\n\nAnother name of [{own}](#{own}).\n\n"
             continue
-        page += f"## {name}\n\n::: rockfall.{module}.{own or name}\n"
+        page += f"## {name}\n\n```text\n{signature(name)}\n```\n\n"
+        page += f"::: rockfall.{module}.{own or name}\n"
         page += "    options: { show_root_heading: false, show_root_toc_entry: false }\n\n"
     return page.rstrip() + "\n"

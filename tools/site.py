@@ -148,4 +148,6 @@ def bundle_bootstrap(folder: Path) -> None:
         text = path.read_text(encoding="utf-8")
         here = posixpath.relpath(folder, path.parent)
         text = re.sub(r"https://cdn\.jsdelivr\.net/npm/bootstrap@[\d.]+/dist", here, text)
-        path.write_text(re.sub(r"<script[^>]*mathjax[^>]*></script>", "", text), encoding="utf-8")
+        text = re.sub(r"<script[^>]*mathjax[^>]*></script>", "", text, flags=re.IGNORECASE)
+        text = re.sub(r"\s(?:integrity|crossorigin)=\"[^\"]*\"", "", text)
+        path.write_text(text, encoding="utf-8")
