@@ -8,6 +8,7 @@ python tools/document.py --check   says whether they are up to date (exit status
 
 import csv
 import sys
+import textwrap
 from itertools import groupby
 from pathlib import Path
 
@@ -86,7 +87,7 @@ is made from `python/rockfall/data/grounds.csv`.
 """
 
 STATUSES = ", ".join(f"{k} {name}" for name, k in variables.STATUS.items())
-STATUS = f"\n`status` is one of: {STATUSES}.\n"
+STATUS = "\n" + textwrap.fill(f"`status` is one of: {STATUSES}.", 100) + "\n"
 
 MAPS = """
 Maps cover the rectangle of cells that boulders can reach from the sources: no rebound adds energy,
@@ -178,7 +179,9 @@ def table(head: list[str], rows: list[list[str]]) -> str:
 
 
 def case_page() -> str:
-    page = CASE.replace("REPEATABLE", "Only " + ", ".join(f"`&{one}`" for one in REPEATABLE))
+    repeatable = "Only " + ", ".join(f"`&{one}`" for one in REPEATABLE)
+    head, about = CASE.replace("REPEATABLE", repeatable).split("\n\n")
+    page = f"{head}\n\n{textwrap.fill(about, 100, break_on_hyphens=False)}\n"
     for group, keys in groupby(key_table(), key=lambda key: key.group):
         rows = []
         for key in keys:

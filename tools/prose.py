@@ -25,20 +25,17 @@ WORDS = {
     r"(?:rock|boulder)s?' fates?|its fate": "its end",
     r"the boulder's way|its way down": "its trajectory",
     r"law of volumes|volume law": "distribution of volumes",
-    r"share passing|share of (?:all|the) boulders": "fraction of the boulders",
     r"ignorance": "epistemic uncertainty",
     r"door 1|door 2": "Python interface, standalone program",
     r"spoiled": "malformed",
-    r"greatest|least (?:height|speed|energy)": "maximum, minimum",
-    r"mended": "repaired",
-    r"confidence limits?": "limits of the confidence interval",
+    r"mended(?!\.)": "repaired",
     r"runout": "run-out",
-    r"blocks? of stone": "block, boulder",
 }
 ODD = [(re.compile(rf"\b(?:{word})\b", re.IGNORECASE), said) for word, said in WORDS.items()]
 FENCE = re.compile(r"^\s*(```|~~~|\$\$)")
 FIXED = re.compile(r"^(\||#|<|:::|!\[|\[[^\]]+\]:|&nbsp;|    |---)")  # these keep their lines
 ITEM = re.compile(r"^( *(?:[-*+]|\d+\.) +|> ?)")
+WORD = re.compile(r"(?:`[^`]{1,60}`|\S)+")  # code within a line stays together
 LONG = re.compile(r"\S{60,}|\]\(\S{40,}")  # links and paths, which cannot be broken
 
 
@@ -93,7 +90,8 @@ def fill(block: list[str]) -> list[str]:
     item = ITEM.match(block[0])
     first = item[0] if item else re.match(" *", block[0])[0]  # type: ignore[index]
     rest = " " * len(first) if not first.startswith(">") else first
-    words = " ".join([block[0][len(first) :], *(line.strip() for line in block[1:])]).split()
+    text = " ".join([block[0][len(first) :], *(line.strip() for line in block[1:])])
+    words = WORD.findall(text)
     lines, now = [], first
     for k, word in enumerate(words):
         begins = re.fullmatch(r"[-+*>|#]+|\d+\.", words[k + 1]) if k + 1 < len(words) else None
