@@ -56,7 +56,7 @@ def wrong(path: Path) -> Iterator[str]:
     for number, line, prose in lines_of(path.read_text(encoding="utf-8")):
         if len(line) > COLUMNS and not line.lstrip().startswith("|") and not LONG.search(line):
             yield f"{place}:{number}: {len(line)} columns"
-        if prose or line.startswith(("|", "#")):
+        if path.name != "CHANGELOG.md" and (prose or line.startswith(("|", "#"))):  # old names
             for word, said in ODD:
                 if found := word.search(line):
                     yield f"{place}:{number}: '{found[0]}': {said}"
