@@ -187,7 +187,7 @@ def test_physics_sees_no_file_and_never_stops():
 
 
 def test_folders_are_small():
-    tops = ["fortran", "python", "tests", "benchmarks", "cases", "tools"]  # pages have an index
+    tops = ["fortran", "python", "tests", "benchmarks", "cases", "tools"]  # docs: .nav.yml
     folders = [path for top in tops for path in [ROOT / top, *(ROOT / top).rglob("*/")]]
     counts = {
         folder: sum(path.is_file() and path.suffix != ".so" for path in folder.iterdir())

@@ -1,18 +1,25 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Write docs/case.md and docs/result.md from the tables in the program, so that they cannot differ.
+"""Write pages of reference from the program's own tables and parsers, so that they cannot differ:
+docs/case.md, result.md, cli.md, api.md and ground_table.md.
 
-python tools/document.py           writes both
-python tools/document.py --check   says whether they are as they should be (exit status 0 or 1)
+python tools/document.py           writes them
+python tools/document.py --check   says whether they are up to date (exit status 0 or 1)
 """
 
+import csv
 import sys
+import textwrap
 from itertools import groupby
 from pathlib import Path
+
+from document_interfaces import api_page, cli_page
 
 from rockfall.case import REPEATABLE, key_table
 from rockfall.result import variables
 
-DOCS = Path(__file__).resolve().parents[1] / "docs"
+ROOT = Path(__file__).resolve().parents[1]
+DOCS = ROOT / "docs"
+GROUND_TABLE = ROOT / "python/rockfall/data/grounds.csv"
 
 CASE = """# The case file
 
@@ -72,8 +79,15 @@ of all that lies beside them: elevations and their place (`dem`), the radius of 
 (`surface`), the `sources`. Parts and checkpoints ([files.md](files.md)) must agree in both.
 """
 
+GROUNDS = """# The shipped table of grounds
+
+Each row is a classical rebound; [grounds.md](grounds.md) explains models and parameters, names
+their units, says how far these values are confirmed, and how to use a table of your own. This page
+is made from `python/rockfall/data/grounds.csv`.
+"""
+
 STATUSES = ", ".join(f"{k} {name}" for name, k in variables.STATUS.items())
-STATUS = f"\n`status` is one of: {STATUSES}.\n"
+STATUS = "\n" + textwrap.fill(f"`status` is one of: {STATUSES}.", 100) + "\n"
 
 MAPS = """
 Maps cover the rectangle of cells that boulders can reach from the sources: no rebound adds energy,
@@ -165,7 +179,9 @@ def table(head: list[str], rows: list[list[str]]) -> str:
 
 
 def case_page() -> str:
-    page = CASE.replace("REPEATABLE", "Only " + ", ".join(f"`&{one}`" for one in REPEATABLE))
+    repeatable = "Only " + ", ".join(f"`&{one}`" for one in REPEATABLE)
+    head, about = CASE.replace("REPEATABLE", repeatable).split("\n\n")
+    page = f"{head}\n\n{textwrap.fill(about, 100, break_on_hyphens=False)}\n"
     for group, keys in groupby(key_table(), key=lambda key: key.group):
         rows = []
         for key in keys:
@@ -196,10 +212,34 @@ def result_page() -> str:
     return page + STATUS
 
 
+def ground_page() -> str:
+    page = GROUNDS
+    with GROUND_TABLE.open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    about = {"name", "id", "model", "meaning", "source"}
+    for model, alike in groupby(rows, key=lambda row: row["model"]):
+        alike = list(alike)
+        given = [key for key in alike[0] if key not in about and any(row[key] for row in alike)]
+        named = [[f"`{row['name']}`", row["id"], *(row[key] for key in given)] for row in alike]
+        said = [[f"`{row['name']}`", row["meaning"], row["source"]] for row in alike]
+        page += f"\n## {model}\n\n"
+        if given:
+            page += table(["name", "id", *(f"`{key}`" for key in given)], named) + "\n"
+        page += table(["name", "meaning", "source"], said)
+    return page
+
+
 def main() -> int:
-    pages = {DOCS / "case.md": case_page(), DOCS / "result.md": result_page()}
+    pages = {
+        DOCS / "case.md": case_page(),
+        DOCS / "result.md": result_page(),
+        DOCS / "cli.md": cli_page(table),
+        DOCS / "api.md": api_page(),
+        DOCS / "ground_table.md": ground_page(),
+    }
     if "--check" in sys.argv:
-        stale = [path.name for path, text in pages.items() if path.read_text() != text]
+        now = {path: path.read_text() if path.exists() else "" for path in pages}
+        stale = [path.name for path, text in pages.items() if now[path] != text]
         if stale:
             print(f"not up to date: {', '.join(stale)}; run python tools/document.py")
         return int(bool(stale))

@@ -73,7 +73,7 @@ def main() -> None:
         print(f"{name:28}{1e9 * cpu / rebounds:12.0f}{boulders / cpu:16.0f}")
 
     print(f"\n{'ns/rebound':28}{'one by one':>12}{'any processor':>16}{'with AVX2':>12}")
-    for name in ("nothing asked for", "two evaluation lines"):
+    for name in list(OPTIONS)[:5]:
         scene = read_scene(vaujany.replace(**OPTIONS[name]))
         row = f"{name:28}"
         for lanes, width in enumerate((12, 16, 12)):  # as in rockfall_trajectory

@@ -22,17 +22,17 @@ module rockfall_random
    integer, parameter :: purpose_bit = 24  !! of the counter's last word; below it are the blocks of a purpose
 
    !> Where in a draw stands the word for what: another order gives other results.
-   integer, parameter :: volume_word = 1        !! for_release: volume
-   integer, parameter :: rebound_words = 3      !! for_impact: words 1 to 3 are the normals of V_t, V_n, W
-   integer, parameter :: normal_restitution_word = 1      !! for_impact, where a classical rebound draws instead: R_n,
+   integer, parameter :: volume_word = 1        !! of for_release: volume
+   integer, parameter :: rebound_words = 3      !! of for_impact: words 1 to 3 are the normals of V_t, V_n, W
+   integer, parameter :: normal_restitution_word = 1      !! of for_impact, where a classical rebound draws instead: R_n,
    integer, parameter :: tangential_restitution_word = 2  !! R_t,
    integer, parameter :: obstacle_spread_word = 3         !! and the height of obstacles about that of their size
-   integer, parameter :: turn_word = 4          !! for_impact: quantile of the turn; its last bit is the side
-   integer, parameter :: obstacle_word = 1      !! for_ground: obstacle size of method A
-   integer, parameter :: ratio_word = 2         !! for_ground: which of two impact sets
-   integer, parameter :: roughness_word = 3     !! for_ground: how it is tilted, to a classical rebound
-   integer, parameter :: tree_class_word = 1    !! for_tree: class of the turn
-   integer, parameter :: tree_within_word = 2   !! for_tree: place within the class; its last bit is the side
+   integer, parameter :: turn_word = 4          !! of for_impact: quantile of the turn; its last bit is the side
+   integer, parameter :: obstacle_word = 1      !! of for_ground: obstacle size of method A
+   integer, parameter :: ratio_word = 2         !! of for_ground: which of two impact sets
+   integer, parameter :: roughness_word = 3     !! of for_ground: how it is tilted, to a classical rebound
+   integer, parameter :: tree_class_word = 1    !! of for_tree: class of the turn
+   integer, parameter :: tree_within_word = 2   !! of for_tree: place within the class; its last bit is the side
 
    integer, parameter :: words_per_block = 4
    integer, parameter :: rounds = 10  !! of Philox, as recommended: the fewest that pass all tests are 7

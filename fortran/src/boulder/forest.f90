@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Trees: which stem a flight hits first, what energy the stem takes, and how far the boulder turns. In plan a stem is
+!> Trees. Which stem a flight hits first, what energy the stem takes, and how far the boulder turns. In plan a stem is
 !> a disc and the boulder another, so the boulder's centre meets a disc whose radius is the sum of both.
 module rockfall_forest
    use rockfall_kinds, only: wp, i8

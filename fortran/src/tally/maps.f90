@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Maps: what boulders did in each raster cell, as counts, sums of integers, and maxima, so that no order
+!> Maps. What boulders did in each raster cell, as counts, sums of integers, and maxima, so that no order
 !> of boulders changes a bit. A boulder counts once a cell: it gathers its own visits first.
 module rockfall_maps
    use rockfall_kinds, only: wp, sp, i4, i8

@@ -1,0 +1,261 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Every block of code on every page runs, on a small site with the files that the pages name.
+
+A block of
+
+    sh                    is commands, of rockfall with few boulders
+    python                runs after those before it on its page; `case` and `result` are there
+    fortran               is groups of a case that reads its files, with those of case.nml that lack
+    csv                   is a table: as many columns in every row
+    fortran, csv, python  with title="FILE" is that file, for what comes after it
+    text                  is what a program prints, or a drawing
+
+and what cannot be run here has a line `<!-- not run: REASON -->` before it. The tutorial has a test
+of its own, which also compares what is printed.
+"""
+
+import contextlib
+import csv
+import glob
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from affine import Affine
+
+import rockfall
+import scenes
+from made import make_layer, make_raster, write_ascii
+from programs import ROOT, find_program
+from rockfall.cli import main
+from rockfall.scene.read import read_scene
+
+PAGES = sorted(
+    path.relative_to(ROOT)
+    for pattern in ("*.md", "docs/**/*.md", "cases/*/README.md", "benchmarks/**/*.md")
+    for path in ROOT.glob(pattern)
+    if path.parent != ROOT / "docs/tutorial"
+)
+BLOCK = re.compile(
+    r"(?:^<!-- not run: (?P<reason>[^\n]+) -->\n)?"
+    r"^(?P<indent> *)```(?P<kind>\w*)(?: title=\"(?P<title>.+?)\")?[^\n]*\n(?P<code>.*?)^ *```$",
+    re.MULTILINE | re.DOTALL,
+)
+KINDS = {"sh", "python", "fortran", "csv", "text"}
+PLACE = Affine(5.0, 0.0, 0.0, 0.0, -5.0, 600.0)
+NY, NX = 120, 48
+CASE = """&case title = 'Slope', boulders = 20, seed = 7 /
+&terrain dem = 'dem.tif' /
+&surface zones = 'zones.tif', table = 'zones.csv' /
+&boulder volume = 'fixed', volume_mean = 0.8, density = 2800.0 /
+&release polygons = 'site.gpkg', polygons_layer = 'cliff', drop_height = 2.0 /
+&line name = 'road', x = 0.0, 235.0, y = 300.0, 300.0 /
+&line name = 'EL1', x = 0.0, 235.0, y = 441.7, 441.7 /
+&barrier name = 'net', x = 0.0, 235.0, y = 200.0, 200.0, height = 5.0, class = 4 /
+&scenario name = 'blocks', return_period = 10.0 /
+&ensemble runs = 8, radius_factor = 1.3, volume_factor = 1.1 /
+&output maps = 'passages', 'reach_probability', 'energy_max', rebounds = .true., trajectories = 5 /
+"""
+#: Programs that a test cannot run, and why.
+ELSEWHERE = {
+    "./run": "sets a machine up; that it knows the command is tested",
+    ".ci/run": "runs the tests",
+    ".venv/bin/pre-commit": "changes the repository",
+    "meson": "builds all from scratch",
+    "jobs/submit.sh": "needs Slurm",
+    "sbatch": "needs Slurm",
+    "scancel": "needs Slurm",
+    "scontrol": "needs Slurm",
+    "qgis_process": "needs QGIS; tests/qgis runs the plugin there",
+}
+#: What a page may say of places of another site: this one has them elsewhere.
+APART = "must lie between the outer cell centres of the DEM"
+#: After the arguments of a page: few boulders.
+SMALL = {
+    "until": ["--cap", "200"],
+    "run": ["--boulders", "5"],
+    "hazard": ["--boulders", "5"],
+    "models": ["--boulders", "5"],
+    "ensemble": ["--boulders", "5", "--runs", "8"],
+    "back": ["--boulders", "20", "--members", "64", "--effective", "2"],
+    "convergence": ["--boulders", "10", "40", "--reference", "5000"],
+}
+
+
+def blocks(page):
+    return list(BLOCK.finditer((ROOT / page).read_text(encoding="utf-8")))
+
+
+@pytest.fixture(scope="session")
+def site(tmp_path_factory):
+    """A folder with every file that a page names."""
+    shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
+    folder, before = tmp_path_factory.mktemp("site"), Path.cwd()
+    os.chdir(folder)
+    down = np.minimum(np.arange(NY), 90)[:, None] * 5.0
+    raster = {"transform": PLACE, "nodata": -9999}
+    ones = np.ones((NY, NX))
+    make_raster("dem.tif", (1100 - 0.75 * down + 0 * ones).astype("f4"), **raster)
+    make_raster("zones.tif", (ones + (np.arange(NX) > 24)).astype("i4"), **raster)
+    for name, value in (("stems", 400), ("dbh", 30), ("dbh_std", 5), ("conifers", 60)):
+        make_raster(f"{name}.tif", (value * ones).astype("f4"), **raster)
+    box, line = shapely.box, lambda *at: shapely.LineString(at)
+    across = line((0, 300), (235, 300))
+    make_layer("site.gpkg", [box(95, 575, 105, 585)], layer="cliff", name=["wall"])
+    make_layer("site.gpkg", [across], layer="road", road_name=["Road 214"])
+    make_layer("site.gpkg", [box(90, 150, 100, 160)], layer="houses", value=[1e6])
+    make_layer("net.gpkg", [line((0, 200), (235, 200))], layer="net", height=[5.0], capacity=[1e3])
+    make_layer("nets.shp", [line((0, 200), (235, 200))], height=[4.0])
+    make_layer("dam.gpkg", [line((40, 250), (200, 250))], height=[4.0])
+    make_layer("ditch.gpkg", [box(40, 255, 200, 262)], depth=[2.0])
+    make_layer("houses.gpkg", [box(90, 150, 100, 160)], name=["house"])
+    for name in ("trees.geojson", "forest.gpkg"):
+        make_layer(name, shapely.points([[90, 400], [100, 390]]), dbh=[30.0, 40.0])
+    files = {
+        "zones.csv": "zone,mean_radius\n1,0.3\n2,0.2\n",
+        "case.nml": CASE,
+        "trees.csv": "x,y,dbh,species\n100,400,35,Picea abies\n",
+        "points.csv": "x,y,z\n"
+        + "".join(f"{x},{y},{y}\n" for x in range(0, 250, 12) for y in range(0, 610, 12)),
+        "stops.csv": "x,y\n100,180\n110,170\n120,175\n",
+        "speeds.csv": "line,quantity,unit,value\nEL1,speed,m/s,12.5\nEL1,speed,m/s,14.1\n",
+        "seen.csv": "line,quantity,unit,mean,std,n\nEL1,speed,m/s,12.5,5.2,80\n",
+        "sets.nml": scenes.CALM_SETS,
+    }
+    for name, text in files.items():
+        Path(name).write_text(text)
+    rocky = {"dem": 1100 - 0.75 * down + 0 * ones, "soiltype": 4 * ones}
+    rocky |= dict.fromkeys(("rg70", "rg20", "rg10"), 0.1 * ones)
+    source = np.zeros((NY, NX))
+    source[5, 20:28] = 1
+    rocky |= {name: source for name in ("d1", "d2", "d3", "blshape")}
+    Path("DIR").mkdir()
+    for name, values in (rocky | {"rockdensity": 2700 * source}).items():
+        write_ascii(f"DIR/{name}.asc", values, scenes.grid(values, 5.0))
+    for copy, name in (("observed", "seen"), ("a", "seen"), ("b", "stops")):
+        shutil.copy(f"{name}.csv", f"{copy}.csv")
+    case = rockfall.read_case("case.nml").replace(case={"boulders": 5})
+    result = rockfall.run(case)
+    for name in ("prior", "bare", "ensemble", "hazard"):
+        shutil.copy("case.nml", f"{name}.nml")
+    for name in ("result", "one", "other", "case", "bare"):
+        rockfall.write_result(result, f"{name}.nc")
+    rockfall.write_hazard(rockfall.hazard(case), "hazard")
+    shutil.copytree(ROOT / "cases", "cases")
+    for path in Path("cases").rglob("*.nml"):
+        few = re.sub(r"(boulders(?:_total)?) = \d+", r"\1 = 5", path.read_text(encoding="utf-8"))
+        path.write_text(few, encoding="utf-8")
+    os.chdir(before)
+    return folder
+
+
+@pytest.fixture
+def page_site(site, tmp_path, monkeypatch):
+    """A copy of it, made the current folder, in which few figures are drawn, and blank."""
+    figure = pytest.importorskip("matplotlib.figure", reason="the report extra is not installed")
+    save = figure.Figure.savefig
+
+    def blank(_, path, dpi=None, **how):
+        save(figure.Figure(figsize=(1, 1)), path, dpi=20, **how)
+
+    folder = shutil.copytree(site, tmp_path / "site")
+    monkeypatch.chdir(folder)
+    monkeypatch.setattr(figure.Figure, "savefig", blank)
+    monkeypatch.setattr("rockfall.html_report.figures", lambda *_: [])
+    monkeypatch.setattr("rockfall.plots.figures.DRAWN", ("speed",))
+    monkeypatch.setattr("rockfall.analysis.back.study.ROUND", 16)
+    return folder
+
+
+def test_every_block_says_what_it_is():
+    wrong = [
+        f"{page}: a block of {block['kind'] or 'nothing'}: {block['code'].splitlines()[0]}"
+        for page in PAGES
+        for block in blocks(page)
+        if block["kind"] not in KINDS and not block["reason"]
+    ]
+    assert not wrong, "\n".join(wrong)
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")
+@pytest.mark.parametrize(
+    "page", [str(page) for page in PAGES if any(one["kind"] != "text" for one in blocks(page))]
+)
+def test_blocks_run(page, page_site, capfd):
+    names = {"rockfall": rockfall}
+    names["case"] = rockfall.read_case("case.nml")
+    names["result"] = rockfall.read_result("result.nc")
+    for block in blocks(page):
+        if block["reason"] or block["kind"] == "text":
+            continue
+        code = re.sub(rf"^{block['indent']}", "", block["code"], flags=re.MULTILINE)
+        if block["title"]:
+            write(block["title"], code, block["kind"])
+        elif block["kind"] == "sh":
+            for line in code.replace("\\\n", " ").splitlines():
+                for command in line.split(" && "):
+                    execute(command, capfd)
+        elif block["kind"] == "python":
+            exec(compile(code, page, "exec"), names)
+        elif block["kind"] == "csv":
+            columns = {len(row) for row in csv.reader(code.splitlines())}
+            assert len(columns) == 1, f"rows of {columns} columns"
+        else:
+            write("block.nml", code, "fortran")
+
+
+def write(name, code, kind):
+    Path(name).write_text(whole(code) if kind == "fortran" else code)
+    if kind == "fortran":
+        try:
+            read_scene(rockfall.read_case(name))
+        except rockfall.RockfallError as error:
+            if APART not in str(error):
+                raise
+
+
+def whole(code):
+    """A case of the groups of a block, and of those of case.nml that it lacks."""
+    has = re.findall(r"^\s*&(\w+)", code, re.MULTILINE)
+    rest = [line for line in CASE.splitlines() if line[1:].partition(" ")[0] not in has]
+    return "\n".join([*rest, code])
+
+
+@contextlib.contextmanager
+def away(words):
+    """What `new` and `dem` would not overwrite; a file of the site stands in for what they made."""
+    path = Path(words[words.index("-o") + 1]) if words[0] in ("new", "dem") else Path()
+    before = path.read_bytes() if path.is_file() else b""
+    if before:
+        path.unlink()
+    yield
+    if before:
+        path.write_bytes(before)
+
+
+def execute(command, capfd):
+    """A command as a shell has it, without its substitutions."""
+    words = shlex.split(command, comments=True)
+    words = [found for one in words for found in (sorted(glob.glob(one)) or [one])]
+    if not words:
+        return
+    program, *rest = words
+    if program == "cd":
+        os.chdir(rest[0])
+    elif program in ELSEWHERE:
+        known = (ROOT / "run").read_text(encoding="utf-8")
+        assert program != "./run" or f"./run {rest[0]} " in known, f"{command}: no such command"
+    elif program == "rockfall":
+        few = "until" if "--until" in rest else "shard" if "--shard" in rest else rest[0]
+        with away(rest):
+            assert main([*rest, *SMALL.get(few, [])]) == 0, f"{command}\n{capfd.readouterr().err}"
+    else:
+        own = {"python": sys.executable, "rockfall-batch": find_program()}
+        done = subprocess.run([own.get(program, program), *rest], capture_output=True, text=True)
+        assert done.returncode == 0, f"{command}\n{done.stderr}"

@@ -1,0 +1,41 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The messages that docs/faq.md explains are those of the program."""
+
+import ast
+import re
+
+import pytest
+
+from programs import ROOT
+
+MESSAGES = re.findall(r"^### `(.+)`$", (ROOT / "docs/faq.md").read_text("utf-8"), re.MULTILINE)
+
+
+def texts():
+    """The texts of the program: those of Python one by one, those of a Fortran file together."""
+    for path in (ROOT / "python/rockfall").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.JoinedStr):
+                parts = [part.value for part in node.values]
+                yield "".join(part if isinstance(part, str) else "\0" for part in parts)
+            elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+                yield node.value
+    for path in (ROOT / "fortran/src").rglob("*.f90"):
+        code = re.sub(r'" *(//)? *&\s*(//)? *&?"', "", path.read_text(encoding="utf-8"))
+        yield "\0".join(re.findall(r'"([^"\n]*)"', code))
+
+
+@pytest.fixture(scope="module")
+def said():
+    return list(texts())
+
+
+def test_there_are_messages():
+    assert len(MESSAGES) >= 30 and len(set(MESSAGES)) == len(MESSAGES)
+
+
+@pytest.mark.parametrize("message", MESSAGES)
+def test_message_is_in_the_source(message, said):
+    parts = [re.escape(part.strip()) for part in message.split("...") if part.strip()]
+    pattern = re.compile(r".*?".join(parts), re.DOTALL)
+    assert any(pattern.search(one) for one in said), f"nothing says: {message}"

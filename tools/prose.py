@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Style of the documents: lines of at most 100 columns, and the field's words in place of ours.
+
+python tools/prose.py           says what is not so (exit status 0 or 1); spelling is codespell's
+python tools/prose.py --wrap    wraps what is too long
+"""
+
+import re
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGES = sorted(
+    path
+    for pattern in ("*.md", "docs/**/*.md", "cases/*/README.md", "fortran/*.md")
+    for path in ROOT.glob(pattern)
+)
+COLUMNS = 100
+#: A word that must not stand on a page, and what the field has for it.
+WORDS = {
+    r"foretold|foretell": "predicted",
+    r"foreseen": "estimated",
+    r"hopeless": "cannot be met",
+    r"(?:rock|boulder)s?' fates?|its fate": "its end",
+    r"the boulder's way|its way down": "its trajectory",
+    r"law of volumes|volume law": "distribution of volumes",
+    r"ignorance": "epistemic uncertainty",
+    r"door 1|door 2": "Python interface, standalone program",
+    r"spoiled": "malformed",
+    r"mended(?!\.)": "repaired",
+    r"runout": "run-out",
+}
+ODD = [(re.compile(rf"\b(?:{word})\b", re.IGNORECASE), said) for word, said in WORDS.items()]
+FENCE = re.compile(r"^\s*(```|~~~|\$\$)")
+FIXED = re.compile(r"^(\||#|<|:::|!\[|\[[^\]]+\]:|&nbsp;|    |---)")  # these keep their lines
+ITEM = re.compile(r"^( *(?:[-*+]|\d+\.) +|> ?)")
+WORD = re.compile(r"(?:`[^`]{1,60}`|\S)+")  # code within a line stays together
+LONG = re.compile(r"\S{60,}|\]\(\S{40,}")  # links and paths, which cannot be broken
+
+
+def lines_of(text: str) -> Iterator[tuple[int, str, bool]]:
+    """Number and text of each line, and whether it is prose."""
+    fence = ""
+    for number, line in enumerate(text.splitlines(), 1):
+        mark = FENCE.match(line)
+        within = bool(fence)
+        if mark and (not fence or mark[1] == fence):
+            one_line = mark[1] == "$$" and line.count("$$") == 2
+            fence = "" if fence or one_line else mark[1]
+        yield number, line, not within and not mark and not FIXED.match(line)
+
+
+def wrong(path: Path) -> Iterator[str]:
+    place = path.relative_to(ROOT)
+    for number, line, prose in lines_of(path.read_text(encoding="utf-8")):
+        if len(line) > COLUMNS and not line.lstrip().startswith("|") and not LONG.search(line):
+            yield f"{place}:{number}: {len(line)} columns"
+        if path.name != "CHANGELOG.md" and (prose or line.startswith(("|", "#"))):  # old names
+            for word, said in ODD:
+                if found := word.search(line):
+                    yield f"{place}:{number}: '{found[0]}': {said}"
+
+
+def wrapped(text: str) -> str:
+    """Paragraphs and items with too long a line are filled anew; all else stays as it is."""
+    out: list[str] = []
+    block: list[str] = []
+
+    def flush() -> None:
+        if any(len(line) > COLUMNS for line in block):
+            out.extend(fill(block))
+        else:
+            out.extend(block)
+        block.clear()
+
+    for _, line, prose in lines_of(text):
+        if not prose or not line.strip():
+            flush()
+            out.append(line)
+            continue
+        if ITEM.match(line):
+            flush()
+        block.append(line)
+    flush()
+    return "\n".join(out) + "\n"
+
+
+def fill(block: list[str]) -> list[str]:
+    item = ITEM.match(block[0])
+    first = item[0] if item else re.match(" *", block[0])[0]  # type: ignore[index]
+    rest = " " * len(first) if not first.startswith(">") else first
+    text = " ".join([block[0][len(first) :], *(line.strip() for line in block[1:])])
+    words = WORD.findall(text)
+    lines, now = [], first
+    for k, word in enumerate(words):
+        begins = re.fullmatch(r"[-+*>|#]+|\d+\.", words[k + 1]) if k + 1 < len(words) else None
+        together = f"{word} {words[k + 1]}" if begins else word  # else it would begin a list
+        if now.strip() and len(now) + 1 + len(together) > COLUMNS and now not in (first, rest):
+            lines.append(now)
+            now = rest + word
+        else:
+            now += word if now in (first, rest) else f" {word}"
+    return [*lines, now]
+
+
+def main() -> int:
+    if "--wrap" in sys.argv:
+        for path in PAGES:
+            path.write_text(wrapped(path.read_text(encoding="utf-8")), encoding="utf-8")
+    found = [line for path in PAGES for line in wrong(path)]
+    print("\n".join(found), end="\n" if found else "")
+    return int(bool(found))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
