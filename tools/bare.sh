@@ -51,7 +51,7 @@ within sh -euc "
    rockfall --version
    rockfall check case/case.nml
    rockfall $run
-   rockfall lines case/result.nc"
+   rockfall lines case/result.nc >case/lines.txt"
 seconds=$(($(date +%s) - start))
 say "$wheel in $suite: installed and run in $seconds s, $(du -sm "$root/srv/python" | cut -f1) MB"
 [ "$seconds" -le "${MOST-120}" ] || fail "that is more than ${MOST-120} s"

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Add the licences of what a wheel carries to a source tree, the current folder, before it is built.
+"""Add the licences of what a wheel carries to the source tree in this folder, before it is built.
 
-A wheel holds libgfortran, libgomp and libquadmath of GCC and, linked into its extensions, LAPACK and
-BLAS. Their licences ask to go with them. They are taken from the machine that builds.
+A wheel holds libgfortran, libgomp and libquadmath of GCC and, linked into its extensions, LAPACK
+and BLAS. Their licences ask to go with them. They are taken from the machine that builds.
 """
 
 import shutil

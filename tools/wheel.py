@@ -3,7 +3,7 @@
 
 usage: wheel.py [--once] [PYTHON...]   a wheel for each of these interpreters, or for this one
 
-The second build is in another folder, time zone and umask; it must give the same bytes.
+The second build is in another folder and another time zone; it must give the same bytes.
 """
 
 import hashlib
@@ -31,6 +31,7 @@ def main(words: list[str]) -> str | None:
     if changed := output("git", "status", "--porcelain", "--untracked-files=no"):
         print(f"wheel: made of the last commit, without changes in\n{changed}", file=sys.stderr)
     os.environ["SOURCE_DATE_EPOCH"] = output("git", "log", "-1", "--format=%ct")
+    os.umask(0o022)  # a wheel keeps the modes of its files
     DIST.mkdir(exist_ok=True)
     with tempfile.TemporaryDirectory(prefix="rockfall-") as folder:
         for number, python in enumerate(pythons):
@@ -38,12 +39,12 @@ def main(words: list[str]) -> str | None:
             if number == 0:
                 source = make_source(tools)
                 print(f"{digest(source)}  {source.relative_to(ROOT)}")
-            wheel = make_wheel(tools, source, Path(folder) / f"a{number}", zone="UTC", mask=0o022)
+            wheel = make_wheel(tools, source, Path(folder) / f"a{number}", zone="UTC")
             if wrong := check(wheel, folder):
                 return f"{wheel.name}: {wrong}"
             if not once:
                 other = Path(folder) / f"another-folder-{number}" / "below"
-                again = make_wheel(tools, source, other, zone="Asia/Kolkata", mask=0o077)
+                again = make_wheel(tools, source, other, zone="Asia/Kolkata")
                 if wheel.read_bytes() != again.read_bytes():
                     shutil.copy(again, DIST / f"{again.name}.again")
                     return f"{wheel.name}: a second build differs; it is kept as dist/*.again"
@@ -78,9 +79,8 @@ def make_source(tools: Path) -> Path:
     return DIST / done.stdout.splitlines()[-1]
 
 
-def make_wheel(tools: Path, source: Path, folder: Path, zone: str, mask: int) -> Path:
+def make_wheel(tools: Path, source: Path, folder: Path, zone: str) -> Path:
     """A wheel from the source distribution, repaired, in a folder of its own."""
-    before = os.umask(mask)
     folder.mkdir(parents=True)
     with tarfile.open(source) as archive:
         archive.extractall(folder, filter="data")
@@ -99,7 +99,6 @@ def make_wheel(tools: Path, source: Path, folder: Path, zone: str, mask: int) ->
         [tools / "auditwheel", "repair", "--plat", "auto", "-w", folder / "repaired", plain],
         cwd=tree, env=env, check=True, stderr=subprocess.DEVNULL,
     )  # fmt: skip
-    os.umask(before)
     (wheel,) = (folder / "repaired").iterdir()
     return wheel
 
