@@ -5,24 +5,28 @@ A wheel holds libgfortran, libgomp and libquadmath of GCC and, linked into its e
 and BLAS. Their licences ask to go with them. They are taken from the machine that builds.
 """
 
+import os
 import shutil
 import sys
 from glob import glob
 from pathlib import Path
 
 BREW = "/opt/homebrew/opt", "/usr/local/opt"
-PLACES = {  # of each: where Debian, Fedora and Homebrew keep its licence
+MSYS2 = f"{os.environ.get('RUNNER_TEMP', '')}/msys64/ucrt64/share/licenses"
+PLACES = {  # of each: where Debian, Fedora, Homebrew and MSYS2 keep its licence
     "gcc": [
         "/usr/share/doc/libgfortran5/copyright",
         "/usr/share/common-licenses/GPL-3",
         "/usr/share/common-licenses/LGPL-2.1",
         "/usr/share/licenses/libgcc/COPYING*",
         *(f"{folder}/gcc/COPYING*" for folder in BREW),
+        f"{MSYS2}/gcc-libs/*",
     ],
     "lapack": [
         "/usr/share/doc/liblapack-dev/copyright",
         "/usr/share/licenses/lapack*/LICENSE*",
         *(f"{folder}/lapack/LICENSE*" for folder in BREW),
+        f"{MSYS2}/lapack/*",
     ],
 }
 OWN = 'license-files = ["LICENSE"]'
