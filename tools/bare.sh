@@ -5,6 +5,7 @@
 # The system stays in build/bare/SUITE for the next time. MOST: seconds that installation and run may take.
 set -eu
 cd -P "$(dirname "$0")/.."
+PATH=$PATH:/usr/sbin:/sbin
 
 suite=${1-bookworm}
 root=$PWD/build/bare/$suite
@@ -26,6 +27,7 @@ if [ ! -e "$root/srv/made" ]; then
 fi
 
 # Nothing there that compiles, and nothing that the wheel must bring.
+within true
 for program in cc gcc gfortran meson; do
    ! within sh -c "command -v $program" || fail "$root is not bare: it has $program"
 done
@@ -34,7 +36,8 @@ for library in libgfortran libgomp libquadmath liblapack libblas; do
 done
 
 tag=$(within python3 -c 'import sys; print("cp%d%d" % sys.version_info[:2])')
-wheel=$(ls dist/rockfall-*-"$tag"-*manylinux*.whl 2>/dev/null) || fail "dist/ has no wheel for $tag: ./run wheel"
+wheel=$(ls -t dist/rockfall-*-"$tag"-*manylinux*.whl 2>/dev/null | head -n 1)
+[ -n "$wheel" ] || fail "dist/ has no wheel for $tag: ./run wheel"
 rm -rf "$root/srv/case" "$root/srv/python" "$root/srv/"*.whl
 cp "$wheel" "$root/srv/"
 cp -r cases/vaujany "$root/srv/case"
