@@ -6,6 +6,8 @@ import os
 from rockfall._core import rockfall_f2py as _core
 
 MACHINE_MEMORY = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")  # bytes
+#: Of the machine that this process may use; macOS does not say it of a process.
+CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 MAX_TEXT = int(_core.constant("max_text"))  # bytes of a file of text
 MAX_ELEVATION = _core.constant("max_elevation")  # [m]; more is an undeclared nodata value
 MAX_REAL = _core.constant("max_real")  # of a case, and coordinates [m]

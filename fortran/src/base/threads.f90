@@ -2,7 +2,7 @@
 !> How many threads a run uses, and whether the process has room for them: a thread that overruns its
 !> stack, or cannot be made, ends the process.
 module rockfall_threads
-   use, intrinsic :: iso_c_binding, only: c_int, c_intptr_t, c_long, c_null_ptr, c_ptr, c_size_t
+   use, intrinsic :: iso_c_binding, only: c_int, c_int64_t
    use rockfall_error, only: error_t, fail
    use rockfall_text, only: integer_text
    implicit none
@@ -10,40 +10,17 @@ module rockfall_threads
    public :: team_size, check_team, release_team, max_threads
 
    integer, parameter :: max_threads = 1024  !! far beyond the cores of a machine: more is a mistake
-   integer(c_size_t), parameter :: kilobyte = 1024
-   integer(c_size_t), parameter :: min_stack = 500*kilobyte  !! [bytes] "ulimit -s 512" is enough
-   integer(c_int), parameter :: private_anonymous_unreserved = int(z'4022', c_int)  !! MAP_... of Linux
+   integer(c_int64_t), parameter :: kilobyte = 1024
+   integer(c_int64_t), parameter :: min_stack = 500*kilobyte  !! [bytes] "ulimit -s 512" is enough
 
-   interface
-      integer(c_long) function c_self() bind(c, name="pthread_self")
-         import :: c_long
-      end function c_self
-      integer(c_int) function c_attributes(thread, attributes) bind(c, name="pthread_getattr_np")
-         import :: c_int, c_long
-         integer(c_long), value :: thread
-         integer(c_long), intent(out) :: attributes(*)
-      end function c_attributes
-      integer(c_int) function c_stack_size(attributes, bytes) bind(c, name="pthread_attr_getstacksize")
-         import :: c_int, c_long, c_size_t
-         integer(c_long), intent(in) :: attributes(*)
-         integer(c_size_t), intent(out) :: bytes
-      end function c_stack_size
-      integer(c_int) function c_forget(attributes) bind(c, name="pthread_attr_destroy")
-         import :: c_int, c_long
-         integer(c_long), intent(inout) :: attributes(*)
-      end function c_forget
-      integer(c_intptr_t) function c_map(at, bytes, access, flags, file, offset) bind(c, name="mmap")
-         import :: c_int, c_intptr_t, c_long, c_ptr, c_size_t
-         type(c_ptr), value :: at
-         integer(c_size_t), value :: bytes
-         integer(c_int), value :: access, flags, file
-         integer(c_long), value :: offset
-      end function c_map
-      integer(c_int) function c_unmap(at, bytes) bind(c, name="munmap")
-         import :: c_int, c_intptr_t, c_size_t
-         integer(c_intptr_t), value :: at
-         integer(c_size_t), value :: bytes
-      end function c_unmap
+   interface  ! room.c
+      integer(c_int64_t) function c_stack() bind(c, name="rockfall_stack")
+         import :: c_int64_t
+      end function c_stack
+      integer(c_int) function c_fits(bytes) bind(c, name="rockfall_fits")
+         import :: c_int, c_int64_t
+         integer(c_int64_t), value :: bytes
+      end function c_fits
    end interface
 
 contains
@@ -63,7 +40,7 @@ contains
    subroutine check_team(threads, error)
       integer, intent(in) :: threads                  !! as for team_size
       type(error_t), allocatable, intent(out) :: error
-      integer(c_size_t) :: stack, stacks
+      integer(c_int64_t) :: stack, stacks
 
       if (threads < 0 .or. threads > max_threads) then
          call fail(error, "threads = "//integer_text(threads)//": must be 0 (all cores) to "//integer_text(max_threads))
@@ -102,25 +79,17 @@ contains
    end subroutine release_team
 
    !> Bytes of the stack of the calling thread; very many where it is not known, or without limit.
-   integer(c_size_t) function stack_of_this() result(bytes)
-      integer(c_long) :: attributes(64)  ! no pthread_attr_t is as large
-
-      bytes = huge(bytes)/max_threads
-      if (c_attributes(c_self(), attributes) /= 0) return
-      if (c_stack_size(attributes, bytes) /= 0 .or. bytes < 0) bytes = huge(bytes)
+   integer(c_int64_t) function stack_of_this() result(bytes)
+      bytes = c_stack()
+      if (bytes == 0) bytes = huge(bytes)
       bytes = min(bytes, huge(bytes)/max_threads)
-      if (c_forget(attributes) /= 0) return
    end function stack_of_this
 
    !> Whether the process may have so many bytes more; they are not taken.
    logical function fits(bytes)
-      integer(c_size_t), intent(in) :: bytes
-      integer(c_intptr_t) :: at
+      integer(c_int64_t), intent(in) :: bytes
 
       fits = bytes == 0
-      if (fits) return
-      at = c_map(c_null_ptr, bytes, 0_c_int, private_anonymous_unreserved, -1_c_int, 0_c_long)
-      fits = at /= -1
-      if (fits) fits = c_unmap(at, bytes) == 0
+      if (.not. fits) fits = c_fits(bytes) /= 0
    end function fits
 end module rockfall_threads

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
@@ -14,6 +13,7 @@ from rockfall.analysis.extrapolation import extrapolations, fractions_outside
 from rockfall.analysis.neutral_slopes import NeutralSlopes, Rocks, rocks_of
 from rockfall.io.crs import crs_name
 from rockfall.io.grid import row_blocks
+from rockfall.limits import CORES
 from rockfall.quantities import percent
 from rockfall.result.grounds import rebounds_by_ground
 from rockfall.scene.coefficients import ANY_SPEED
@@ -380,7 +380,7 @@ def _time(scene: Scene, pilot: Pilot) -> str:
     flight, maps = pilot.seconds * scene.boulders, len(scene.case.output.get("maps", []))
     cells = maps * np.prod(pilot.tally.maps.box.shape) if maps else 0
     rest = START + ROW * scene.boulders + VALUE * cells + pilot.reading
-    threads = scene.case.case["threads"] or len(os.sched_getaffinity(0))
+    threads = scene.case.case["threads"] or CORES
     return (
         f"about {_duration(flight + rest)} of CPU, {_duration(flight / threads + rest)} on "
         f"{threads} cores (estimated from {pilot.tally.done:,} boulders)"

@@ -1,0 +1,33 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* What a thread and the process have room for, as Linux and macOS say it. */
+#define _GNU_SOURCE
+#include <pthread.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <sys/mman.h>
+
+/* Bytes of the stack of the calling thread; 0 where it is not known. */
+int64_t rockfall_stack(void)
+{
+#if defined(__APPLE__)
+    return (int64_t)pthread_get_stacksize_np(pthread_self());
+#else
+    pthread_attr_t attributes;
+    size_t bytes = 0;
+
+    if (pthread_getattr_np(pthread_self(), &attributes) != 0)
+        return 0;
+    if (pthread_attr_getstacksize(&attributes, &bytes) != 0)
+        bytes = 0;
+    pthread_attr_destroy(&attributes);
+    return bytes > INT64_MAX ? INT64_MAX : (int64_t)bytes;
+#endif
+}
+
+/* Whether the address space of the process has so many bytes more; they are not taken. */
+int rockfall_fits(int64_t bytes)
+{
+    void *at = mmap(NULL, (size_t)bytes, PROT_NONE, MAP_PRIVATE | MAP_ANON | MAP_NORESERVE, -1, 0);
+
+    return at != MAP_FAILED && munmap(at, (size_t)bytes) == 0;
+}

@@ -1,0 +1,76 @@
+#!/bin/sh
+# SPDX-License-Identifier: BSD-3-Clause
+# The wheel of dist/ in a bare Debian that has Python and no compiler, as root: installed with pip, and a case run.
+# usage: bare.sh [SUITE]   bookworm (Python 3.11), trixie (3.13), sid (3.14)
+# The system stays in build/bare/SUITE for the next time. MOST: seconds that installation and run may take.
+set -eu
+cd -P "$(dirname "$0")/.."
+PATH=$PATH:/usr/sbin:/sbin
+
+suite=${1-bookworm}
+root=$PWD/build/bare/$suite
+inside="env -i HOME=/root PATH=/usr/sbin:/usr/bin:/sbin:/bin LC_ALL=C.UTF-8 PIP_DISABLE_PIP_VERSION_CHECK=1"
+[ -z "${PIP_CERT-}" ] || inside="$inside PIP_CERT=/srv/certificates.pem"
+within() { chroot "$root" $inside "$@"; }
+say() { printf 'bare: %s\n' "$*" >&2; }
+fail() { say "$*"; exit 1; }
+
+[ "$(id -u)" = 0 ] || fail "only root can make a bare system"
+if [ ! -e "$root/srv/made" ]; then
+   command -v debootstrap >/dev/null || fail "debootstrap is missing: apt-get install debootstrap"
+   say "making $root"
+   rm -rf "$root"
+   mkdir -p "$root"
+   debootstrap --variant=minbase --include=python3,python3-venv "$suite" "$root" >"$root.log" 2>&1 ||
+      fail "debootstrap has failed: $root.log"
+   touch "$root/srv/made"
+fi
+
+# Nothing there that compiles, and nothing that the wheel must bring.
+within true
+for program in cc gcc gfortran meson; do
+   ! within sh -c "command -v $program" || fail "$root is not bare: it has $program"
+done
+for library in libgfortran libgomp libquadmath liblapack libblas; do
+   [ -z "$(find "$root/usr/lib" -name "$library*")" ] || fail "$root is not bare: it has $library"
+done
+
+tag=$(within python3 -c 'import sys; print("cp%d%d" % sys.version_info[:2])')
+wheel=$(ls -t dist/rockfall-*-"$tag"-*manylinux*.whl 2>/dev/null | head -n 1)
+[ -n "$wheel" ] || fail "dist/ has no wheel for $tag: ./run wheel"
+rm -rf "$root/srv/case" "$root/srv/python" "$root/srv/"*.whl
+cp "$wheel" "$root/srv/"
+cp -r cases/vaujany "$root/srv/case"
+cp /etc/resolv.conf "$root/etc/resolv.conf"
+[ -z "${PIP_CERT-}" ] || cp "$PIP_CERT" "$root/srv/certificates.pem"
+
+run="run case/case.nml --boulders 500 --quiet -o case/result.nc"
+start=$(date +%s)
+within sh -euc "
+   cd /srv
+   python3 -m venv python
+   python/bin/pip install --quiet --no-cache-dir --only-binary :all: $(basename "$wheel")
+   PATH=/srv/python/bin:\$PATH
+   rockfall --version
+   rockfall check case/case.nml
+   rockfall $run
+   rockfall lines case/result.nc >case/lines.txt"
+seconds=$(($(date +%s) - start))
+say "$wheel in $suite: installed and run in $seconds s, $(du -sm "$root/srv/python" | cut -f1) MB"
+[ "$seconds" -le "${MOST-120}" ] || fail "that is more than ${MOST-120} s"
+
+# The same bits as those of the build from source, where there is one.
+if [ -x .venv/bin/rockfall ]; then
+   rm -rf build/bare/case
+   cp -r cases/vaujany build/bare/case
+   (cd build/bare && ../../.venv/bin/rockfall $run)
+   PYTHONPATH=tests .venv/bin/python - "$root/srv/case/result.nc" build/bare/case/result.nc <<'PY'
+import sys
+import rockfall
+from same import same_numbers
+one, other = map(rockfall.read_result, sys.argv[1:])
+assert {*one.variables} == {*other.variables}
+same_numbers(one, other)
+print(f"bare: {len(one.variables)} variables have the bits of the build from source")
+PY
+fi

@@ -1,0 +1,53 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Add the licences of what a wheel carries to the source tree in this folder, before it is built.
+
+A wheel holds libgfortran, libgomp and libquadmath of GCC and, linked into its extensions, LAPACK
+and BLAS. Their licences ask to go with them. They are taken from the machine that builds.
+"""
+
+import os
+import shutil
+import sys
+from glob import glob
+from pathlib import Path
+
+BREW = "/opt/homebrew/opt", "/usr/local/opt"
+MSYS2 = f"{os.environ.get('RUNNER_TEMP', '')}/msys64/ucrt64/share/licenses"
+PLACES = {  # of each: where Debian, Fedora, Homebrew and MSYS2 keep its licence
+    "gcc": [
+        "/usr/share/doc/libgfortran5/copyright",
+        "/usr/share/common-licenses/GPL-3",
+        "/usr/share/common-licenses/LGPL-2.1",
+        "/usr/share/licenses/libgcc/COPYING*",
+        *(f"{folder}/gcc/COPYING*" for folder in BREW),
+        f"{MSYS2}/gcc-libs/*",
+    ],
+    "lapack": [
+        "/usr/share/doc/liblapack-dev/copyright",
+        "/usr/share/licenses/lapack*/LICENSE*",
+        *(f"{folder}/lapack/LICENSE*" for folder in BREW),
+        f"{MSYS2}/lapack/*",
+    ],
+}
+OWN = 'license-files = ["LICENSE"]'
+
+
+def main() -> str | None:
+    """Copy them to `licences`, and name them in pyproject.toml; returns what is wrong."""
+    project = Path("pyproject.toml")
+    text = project.read_text("utf-8")
+    if OWN not in text:
+        return f"pyproject.toml has no line {OWN}"
+    for name, places in PLACES.items():
+        found = [path for place in places for path in sorted(glob(place))]
+        if not found:
+            return f"no licence of {name} on this machine: a wheel must not go without"
+        (Path("licences") / name).mkdir(parents=True)
+        for path in found:
+            shutil.copyfile(path, Path("licences") / name / Path(path).name)
+    project.write_text(text.replace(OWN, OWN.replace("]", ', "licences/*/*"]')), "utf-8")
+    return None
+
+
+if __name__ == "__main__":
+    sys.exit(main())
