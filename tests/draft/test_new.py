@@ -115,7 +115,7 @@ def test_the_table_of_zones_says_what_they_are_called():
     make_layer("site.gpkg", HALVES, layer="ground", **named)
     assert new("site.gpkg", "-o", "case.nml") == 0
     table = Path("case_zones.csv").read_text()
-    assert table == "zone,mean_radius,name\n1,0.3,'=scree\n2,0.1,\"pasture, wet\"\n"
+    assert table == 'zone,mean_radius,name\n1,0.3,\'=scree\n2,0.1,"pasture, wet"\n'
     assert read_scene(read_case("case.nml")).sizes[:, 0].tolist() == [0.3, 0.1]
     make_layer("one.gpkg", HALVES, mean_radius=[0.3, 0.3], name=["scree", "talus"])
     assert new("one.gpkg", "-o", "one.nml") == 0  # one zone of two names
