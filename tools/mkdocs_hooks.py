@@ -25,6 +25,7 @@ from mkdocs.structure.pages import Page
 
 ROOT = Path(__file__).resolve().parents[1]
 FORTRAN = ROOT / "out/fortran"
+SHIPPED: dict[str, str] = {}  # of files from elsewhere in the repository: where they stand there
 FRONT = {"README.md": "docs/index.md"}  # of the repository, and of the site
 CODE = re.compile(r"^(```|~~~).*?^\1|`+[^`]+`+", re.DOTALL | re.MULTILINE)
 LINK = re.compile(r"(?<=\]\()([^)\s#]+)(?=[)#])")
@@ -51,10 +52,13 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
         page = left.pop()
         text = Path(page.abs_src_path).read_text(encoding="utf-8")
         for link in LINK.findall(CODE.sub("", text)):
-            uri = site_path(page.src_uri, link)
-            if uri is None or files.get_file_from_path(uri) or not (ROOT / uri).is_file():
+            path = target(page.src_uri, link)
+            if path is None or files.get_file_from_path(site_path(path)):
                 continue
-            file = File.generated(config, uri, abs_src_path=str(ROOT / uri))
+            if not (ROOT / path).is_file():
+                continue
+            file = File.generated(config, site_path(path), abs_src_path=str(ROOT / path))
+            SHIPPED[file.src_uri] = path
             files.append(file)
             if uri.endswith(".md"):
                 left.append(file)
@@ -63,23 +67,27 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 def in_repository(uri: str) -> str:
     """Where a file of the site stands in the repository."""
-    return f"docs/{uri}" if (ROOT / "docs" / uri).exists() else uri
+    return SHIPPED.get(uri, f"docs/{uri}")
 
 
-def site_path(page: str, link: str) -> str | None:
-    """The path within the site of what a page links to, if it is a file of the repository."""
+def target(page: str, link: str) -> str | None:
+    """The path within the repository of what a page links to; none for an address."""
     if ":" in link or link.startswith("/"):
         return None
-    path = posixpath.normpath(posixpath.join(posixpath.dirname(in_repository(page)), link))
-    return FRONT.get(path, path).removeprefix("docs/")
+    return posixpath.normpath(posixpath.join(posixpath.dirname(in_repository(page)), link))
+
+
+def site_path(path: str) -> str:
+    """The path within the site of a file of the repository; a site has no hidden folders."""
+    return FRONT.get(path, path).removeprefix("docs/").lstrip(".")
 
 
 def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
     folder = posixpath.dirname(page.file.src_uri)
 
     def link(found: re.Match) -> str:
-        uri = site_path(page.file.src_uri, found[1])
-        return posixpath.relpath(uri, folder or ".") if uri else found[1]
+        path = target(page.file.src_uri, found[1])
+        return posixpath.relpath(site_path(path), folder or ".") if path else found[1]
 
     done, text = 0, ""
     for code in CODE.finditer(markdown):
