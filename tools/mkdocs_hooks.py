@@ -60,7 +60,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
             file = File.generated(config, site_path(path), abs_src_path=str(ROOT / path))
             SHIPPED[file.src_uri] = path
             files.append(file)
-            if uri.endswith(".md"):
+            if file.src_uri.endswith(".md"):
                 left.append(file)
     return files
 
