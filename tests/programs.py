@@ -116,6 +116,7 @@ def refused_in_one_line(done, words):
 
 def refuses(words, message, capture):
     """`rockfall` must end with status 2 and one line that matches, and write nothing."""
+    assert Path.cwd() != ROOT
     before = everything(Path())
     capture.readouterr()
     assert main([*map(str, words)]) == 2

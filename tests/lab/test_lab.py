@@ -594,7 +594,8 @@ NO_IMPACTS = {
 
 
 @pytest.mark.parametrize("name", NO_IMPACTS)
-def test_what_holds_no_impacts_is_refused(impacts, tmp_path, capfd, name):
+def test_what_holds_no_impacts_is_refused(impacts, tmp_path, monkeypatch, capfd, name):
+    monkeypatch.chdir(tmp_path)
     make, message = NO_IMPACTS[name]
     path = tmp_path / f"{name.replace(' ', '_')}.nc"  # HDF5 remembers names
     make(path, impacts)
