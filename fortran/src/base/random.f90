@@ -24,7 +24,7 @@ module rockfall_random
    !> Where in a draw stands the word for what: another order gives other results.
    integer, parameter :: volume_word = 1        !! of for_release: volume
    integer, parameter :: rebound_words = 3      !! of for_impact: words 1 to 3 are the normals of V_t, V_n, W
-   integer, parameter :: normal_restitution_word = 1      !! of for_impact, where a classical rebound draws instead: R_n,
+   integer, parameter :: normal_restitution_word = 1      !! of for_impact, where a classical rebound draws: R_n,
    integer, parameter :: tangential_restitution_word = 2  !! R_t,
    integer, parameter :: obstacle_spread_word = 3         !! and the height of obstacles about that of their size
    integer, parameter :: turn_word = 4          !! of for_impact: quantile of the turn; its last bit is the side

@@ -19,13 +19,14 @@ module rockfall_lanes
                                   launch_velocity, meet_ground, count_ground, with_all, absorbed
    use rockfall_ground, only: is_stochastic
    use rockfall_tallies, only: totals_t, prepare, add_boulder
-   use rockfall_maps, only: maps_t
+   use rockfall_maps, only: maps_t, needs_visits
    use rockfall_histogram, only: count_rebound
    implicit none
    private
    public :: run_in_lanes
 
-   integer, parameter :: lanes = 32  !! boulders of a pool; with more of them, their cells leave the cache
+   integer, parameter :: lanes = 64  !! boulders of a pool
+   integer, parameter :: lanes_over_cells = 16  !! where cells are noted: those of more boulders leave the cache
    integer, parameter :: batch = 16  !! boulders that a thread takes at a time
 
    !> A boulder on its way.
@@ -37,7 +38,7 @@ module rockfall_lanes
       real(wp) :: omega_r = 0.0_wp  !! W = R_b omega [m/s]
       integer :: at(2)              !! raster cell of the contact
       integer :: ground             !! of the scene, where it has several
-      integer :: set                !! of all its impact sets; 0: none, for there is no contact, or a classical one
+      integer :: set                !! of all its impact sets; past them: no contact, or a classical one
       logical :: outside            !! of the ratios that sets are for
    end type lane_t
 
@@ -87,11 +88,12 @@ contains
       type(scratch_t), allocatable :: scratch(:)
       type(contacts_t) :: contacts
       type(laws_t) :: laws
-      integer :: n, from, to, k
+      integer :: n, from, to, k, room
 
       laws = laws_of(scene)
-      allocate (scratch(lanes), contacts%first(size(laws%set) + 1))
-      do k = 1, lanes
+      room = merge(lanes_over_cells, lanes, needs_visits(maps))
+      allocate (scratch(room), contacts%first(size(laws%set) + 1))
+      do k = 1, room
          call prepare(scene, maps, scratch(k))
          lane(k)%scratch = k
       end do
@@ -99,7 +101,7 @@ contains
       from = 1
       to = 0
       do
-         call refill(scene, first, results, next, from, to, lane, scratch, n)
+         call refill(scene, first, results, next, from, to, lane(:room), scratch, n)
          if (n == 0) exit
          call fly_all(scene, results, lane(:n), scratch, spans)
          call land_all(scene, laws, first, results, lane(:n), scratch)
@@ -197,12 +199,13 @@ contains
       type(lane_t), intent(inout) :: lane(:)
       type(scratch_t), intent(inout) :: scratch(:)
       real(wp) :: radius, obstacle, u_ground(words_per_block)
-      integer :: k, p, class
+      integer :: k, p, class, none
 
+      none = size(laws%set) + 1
       do k = 1, size(lane)
          p = lane(k)%place
          lane(k)%ground = 1
-         lane(k)%set = 0
+         lane(k)%set = none
          associate (result => results(p), landing => lane(k)%landing)
             if (allocated(scene%lines)) call record_crossings(scene, result, lane(k)%flight, landing, lane(k)%omega_r, &
                                                               scratch(lane(k)%scratch)%crossings)
@@ -238,8 +241,7 @@ contains
       none = size(c%first)
       count = 0
       do k = 1, size(lane)
-         set = merge(lane(k)%set, none, lane(k)%set > 0)
-         count(set) = count(set) + 1
+         count(lane(k)%set) = count(lane(k)%set) + 1
       end do
       n = 1
       do set = 1, none
@@ -249,9 +251,8 @@ contains
       c%met = c%first(none) - 1
       slot = c%first
       do k = 1, size(lane)
-         set = merge(lane(k)%set, none, lane(k)%set > 0)
-         n = slot(set)
-         slot(set) = n + 1
+         n = slot(lane(k)%set)
+         slot(lane(k)%set) = n + 1
          c%lane(n) = k
          call load(scene, first, results(lane(k)%place), lane(k), c, n)
       end do
@@ -279,8 +280,10 @@ contains
       c%w(n) = lane%omega_r
       c%heading1(n) = lane%flight%heading(1)
       c%heading2(n) = lane%flight%heading(2)
-      c%usual(n) = 0
-      if (lane%set == 0) return
+      if (lane%set == size(c%first)) then
+         c%usual(n) = 0
+         return
+      end if
       g = gradient(scene%dem, lane%landing%patch, lane%landing%u, lane%landing%w)
       c%g1(n) = g(1)
       c%g2(n) = g(2)
