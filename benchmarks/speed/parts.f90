@@ -168,7 +168,7 @@ contains
 
       call cpu_time(start)
       do k = 1, times
-         if (mod(k, 90) == 1) call start_visits(visits, int(k, i8))
+         if (mod(k, 90) == 1) call start_visits(visits)
          call launch(flight)
          call fly(dem, 9.81_wp, flight, landing, spans, n)
          call visit_path(visits, dem, 9.81_wp, flight, landing%time, 1.0_wp, spans(:n))

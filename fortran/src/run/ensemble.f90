@@ -153,7 +153,7 @@ contains
             sources = int(max(1_i8, batch*(to - source + 1)/max(1_i8, last_of(scene%release, to) - next + 1)))
             !$omp do schedule(dynamic, sources)
             do s = source, to
-               call start_visits(cells, s)
+               call start_visits(cells)
                do b = first_of(scene%release, s), last_of(scene%release, s)
                   k = int(b - first) + 1
                   call run_one(scene, b, results(k), crossings(:, k), maps, worker)

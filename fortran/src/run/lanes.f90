@@ -163,7 +163,7 @@ contains
          lane(n)%place = from
          lane(n)%omega_r = 0
          call start_boulder(scene, first + from - 1, with_all, results(from), lane(n)%flight)
-         call clear(scene, first + from - 1, with_all, scratch(lane(n)%scratch))
+         call clear(scene, with_all, scratch(lane(n)%scratch))
          if (results(from)%status /= 0) n = n - 1
          from = from + 1
       end do

@@ -247,7 +247,7 @@ contains
       call start_boulder(scene, number, level, result, flight)
       if (result%status /= 0) return
       omega_r = 0
-      call clear(scene, number, level, scratch)
+      call clear(scene, level, scratch)
       obstacles = .false.
       if (level >= with_all) then
          call record(scratch, contact_t(flight%x, flight%y, flight%z, 0.0_wp, flight%v))
@@ -294,9 +294,8 @@ contains
    end subroutine trace
 
    !> The work space as a boulder finds it.
-   pure subroutine clear(scene, number, level, scratch)
+   pure subroutine clear(scene, level, scratch)
       type(scene_t), intent(in) :: scene
-      integer(i8), intent(in) :: number
       integer, value :: level  !! as in trace
       type(scratch_t), intent(inout) :: scratch
 
@@ -305,7 +304,7 @@ contains
          if (allocated(scratch%crossings)) scratch%crossings%crossed = .false.
          if (scene%histograms_requested) scratch%histograms%count = 0
       end if
-      if (level >= with_maps .and. scratch%cells_requested) call start_visits(scratch%visits, number)
+      if (level >= with_maps .and. scratch%cells_requested) call start_visits(scratch%visits)
       if (level >= with_all) then
          if (allocated(scene%barriers)) scratch%crossings%outcome = 0
          if (allocated(scratch%by_ground)) scratch%by_ground = 0

@@ -55,20 +55,18 @@ module rockfall_maps
 
    !> One boulder's maxima in one cell.
    type :: visit_t
-      integer(i8) :: boulder = 0    !! whose visit this entry holds
       integer :: at(2) = 0          !! column, row
+      integer :: entry = 0          !! of the table, where its number stands
       real(wp) :: max(3) = 0.0_wp   !! speed**2, twice the energy per mass [m2/s2]; jump height [m]
    end type visit_t
 
-   !> The cells that one boulder visited: a hash table that is never cleared, because an entry of
-   !> another boulder counts as free.
+   !> The cells that one boulder visited, close together, and a hash table of their numbers.
    type :: visits_t
-      integer(i8) :: boulder = 0
       integer :: n = 0
-      integer, allocatable :: used(:)         !! entries, in order of the first visit
-      type(visit_t), allocatable :: entry(:)  !! 0-based; a power of two of them
+      type(visit_t), allocatable :: visit(:)  !! in order of the first visit; room for half as many as entries
+      integer, allocatable :: entry(:)        !! 0-based; a power of two of them; 0: free
       integer :: entries = 0
-      integer :: last = -1                    !! entry of the last visit; -1 before the first
+      integer :: last = 0                     !! the cell that it is over; 0 before the first
       real(wp), allocatable :: time(:)        !! of the first visits, in their order [s]; only for a map of times
       integer :: timed = 0                    !! how many of them are known
    end type visits_t
@@ -99,15 +97,17 @@ contains
       needs_heights = keeps(maps%layer(jump_height)) .or. keeps(maps%layer(passing_height))
    end function needs_heights
 
-   !> Begin the visits of a boulder (numbers count from 1).
-   pure subroutine start_visits(visits, boulder)
+   !> Begin the visits of a boulder.
+   pure subroutine start_visits(visits)
       type(visits_t), intent(inout) :: visits
-      integer(i8), intent(in) :: boulder
+      integer :: k
 
       if (.not. allocated(visits%entry)) call make_room(visits, first_entries)
-      visits%boulder = boulder
+      do k = 1, visits%n
+         visits%entry(visits%visit(k)%entry) = 0
+      end do
       visits%n = 0
-      visits%last = -1
+      visits%last = 0
       visits%timed = 0
    end subroutine start_visits
 
@@ -225,34 +225,34 @@ contains
       type(visits_t), intent(inout) :: visits
       real(wp), intent(in) :: speed2, spin, jump_height  !! as in visit_cell
 
-      associate (visit => visits%entry(visits%last))
+      associate (visit => visits%visit(visits%last))
          visit%max(1) = max(visit%max(1), speed2)
          visit%max(2) = max(visit%max(2), speed2 + spin)
          visit%max(3) = max(visit%max(3), jump_height)
       end associate
    end subroutine raise
 
-   !> Go to a cell, of which the boulder may have no visit yet: its own entry, or the free one where it belongs (open
-   !> addressing).
+   !> Go to a cell, of which the boulder may have no visit yet: then it gets the next number, in the free entry where
+   !> it belongs (open addressing).
    pure subroutine enter(visits, at)
       type(visits_t), intent(inout) :: visits
       integer, intent(in) :: at(2)  !! column, row
       integer :: k
 
-      if (visits%last >= 0) then  ! most flights start in the cell where the last one ended
-         if (all(visits%entry(visits%last)%at == at)) return
+      if (visits%last > 0) then  ! most flights start in the cell where the last one ended
+         if (all(visits%visit(visits%last)%at == at)) return
       end if
-      if (2*visits%n >= visits%entries) call make_room(visits, 2*visits%entries)  ! half empty: short searches
+      if (visits%n == size(visits%visit)) call make_room(visits, 2*visits%entries)  ! half empty: short searches
       k = iand(at(1) + row_factor*at(2), visits%entries - 1)
-      do while (visits%entry(k)%boulder == visits%boulder)
-         if (all(visits%entry(k)%at == at)) exit
+      do while (visits%entry(k) > 0)
+         visits%last = visits%entry(k)
+         if (all(visits%visit(visits%last)%at == at)) return
          k = iand(k + 1, visits%entries - 1)
       end do
-      visits%last = k
-      if (visits%entry(k)%boulder == visits%boulder) return
-      visits%entry(k) = visit_t(visits%boulder, at)
       visits%n = visits%n + 1
-      visits%used(visits%n) = k
+      visits%last = visits%n
+      visits%entry(k) = visits%n
+      visits%visit(visits%n) = visit_t(at, k)
    end subroutine enter
 
    !> A table of so many entries with the same visits.
@@ -262,17 +262,16 @@ contains
       type(visits_t) :: larger
       integer :: k
 
-      allocate (larger%entry(0:entries - 1), larger%used(entries))
+      allocate (larger%entry(0:entries - 1), source=0)
+      allocate (larger%visit(entries/2))
       larger%entries = entries
-      larger%boulder = visits%boulder
       do k = 1, visits%n
-         call enter(larger, visits%entry(visits%used(k))%at)
-         larger%entry(larger%last) = visits%entry(visits%used(k))
+         call enter(larger, visits%visit(k)%at)
+         larger%visit(k)%max = visits%visit(k)%max
       end do
       call move_alloc(larger%entry, visits%entry)
-      call move_alloc(larger%used, visits%used)
+      call move_alloc(larger%visit, visits%visit)
       visits%entries = entries
-      visits%last = larger%last
    end subroutine make_room
 
    !> Add a boulder's visits to the maps; many threads may do so at once.
@@ -285,7 +284,7 @@ contains
 
       values_requested = has_layers(maps)
       do k = 1, visits%n
-         associate (visit => visits%entry(visits%used(k)))
+         associate (visit => visits%visit(k))
             if (associated(maps%passages)) then
                !$omp atomic update
                maps%passages(visit%at(1), visit%at(2)) = maps%passages(visit%at(1), visit%at(2)) + 1

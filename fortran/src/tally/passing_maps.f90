@@ -33,7 +33,7 @@ contains
       integer :: k
 
       do k = 1, visits%n
-         associate (visit => visits%entry(visits%used(k)))
+         associate (visit => visits%visit(k))
             ratio = surface_ratios(dem, [(visit%at(1) - 1)*dem%cell], [(dem%ny - visit%at(2))*dem%cell])
             height = visit%max(3) + radius*min(steepest, ratio(1))
             call add_value(maps%layer(passing_height), visit%at(1), visit%at(2), height, per_unit(passing_height))

@@ -37,7 +37,7 @@ contains
       integer :: k
 
       do k = 1, visits%n
-         call visit_cell(cells, visits%entry(visits%used(k))%at, 0.0_wp, 0.0_wp, 0.0_wp)
+         call visit_cell(cells, visits%visit(k)%at, 0.0_wp, 0.0_wp, 0.0_wp)
       end do
    end subroutine gather
 
@@ -49,7 +49,7 @@ contains
       integer :: k
 
       do k = 1, cells%n
-         call count_in(maps, cells%entry(cells%used(k))%at, int(boulders, i4))
+         call count_in(maps, cells%visit(k)%at, int(boulders, i4))
       end do
    end subroutine add_source
 
@@ -65,7 +65,7 @@ contains
       number = int(source, i4)
       layer = layer_of(maps, source)
       do k = 1, visits%n
-         associate (at => visits%entry(visits%used(k))%at)
+         associate (at => visits%visit(k)%at)
             !$omp atomic read
             before = maps%last_source(at(1), at(2), layer)
             if (before == number) cycle

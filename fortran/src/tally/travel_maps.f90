@@ -40,9 +40,9 @@ contains
       real(wp) :: t(2)
       integer :: k
 
-      if (visits%n > size(visits%time)) visits%time = [visits%time, spread(0.0_wp, 1, size(visits%used))]
+      if (visits%n > size(visits%time)) visits%time = [visits%time, spread(0.0_wp, 1, size(visits%visit))]
       do k = visits%timed + 1, visits%n
-         associate (at => visits%entry(visits%used(k))%at)
+         associate (at => visits%visit(k)%at)
             t(1) = arrival((at(1) - 1)*dem%cell - start(1), dem%cell, v(1))
             t(2) = arrival((dem%ny - at(2))*dem%cell - start(2), dem%cell, v(2))
             visits%time(k) = begun + min(duration, max(0.0_wp, t(1), t(2)))
@@ -72,7 +72,7 @@ contains
       integer :: k
 
       do k = 1, visits%n
-         associate (at => visits%entry(visits%used(k))%at)
+         associate (at => visits%visit(k)%at)
             if (k > 1) then
                sine = sine_of_line(dem, start, at)
                if (associated(maps%steepest)) call raise_cell(maps%steepest(at(1), at(2)), real(offset + sine, sp))

@@ -72,7 +72,7 @@ contains
       start%above = 0.5_wp
       start%z = height(start%patch, u, w) + start%above
       start%rate = launch_rate(dem, start%patch, u, w, v)
-      call start_visits(visits, 1_i8)
+      call start_visits(visits)
       call fly(dem, gravity, start, landing, spans, n)
       call visit_path(visits, dem, gravity, start, landing%time, 7.0_wp, spans(:n))
       call add_visits(maps, visits, 3.0_wp)
@@ -88,11 +88,11 @@ contains
       integer :: k
       logical :: same
 
-      call start_visits(alone, 1_i8)
+      call start_visits(alone)
       call visit_path(alone, dem, gravity, start, landing%time, 7.0_wp)
       same = alone%n == visits%n
       do k = 1, min(alone%n, visits%n)
-         associate (one => alone%entry(alone%used(k)), other => visits%entry(visits%used(k)))
+         associate (one => alone%visit(k), other => visits%visit(k))
             same = same .and. all(one%at == other%at) .and. all(one%max(1:2) == other%max(1:2))
          end associate
       end do
@@ -221,7 +221,7 @@ contains
       type(visits_t) :: visits
 
       call clear()
-      call start_visits(visits, 1_i8)
+      call start_visits(visits)
       call visit_cell(visits, [5, 6], 9.0_wp, 2.0_wp, 3.0_wp)
       call visit_cell(visits, [6, 6], 1.0_wp, 0.0_wp, 0.5_wp)
       call visit_cell(visits, [5, 6], 4.0_wp, 20.0_wp, 1.0_wp)
@@ -242,7 +242,7 @@ contains
 
       call clear()
       do b = 1, 10
-         call start_visits(visits, b)
+         call start_visits(visits)
          call visit_cell(visits, [int(b), 1], 1.0_wp, 0.0_wp, 0.0_wp)
          call visit_cell(visits, [20, 20], real(merge(b, 11 - b, b > 5)**2, wp), 0.0_wp, 0.1_wp*b)
          call add_visits(maps, visits, 2.0_wp)
@@ -263,7 +263,7 @@ contains
 
       call clear()
       do turn = 1, 2  ! the second boulder finds the slots of the first
-         call start_visits(visits, int(turn, i8))
+         call start_visits(visits)
          do k = 0, 3*nx*ny - 1
             associate (c => mod(7919*k, nx*ny))
                call visit_cell(visits, [1 + mod(c, nx), 1 + c/nx], real(k + 1, wp), 0.0_wp, 0.0_wp)
@@ -288,7 +288,7 @@ contains
       call check("deposits need no visits", .not. needs_visits(some))
       some%layer(speed)%max => speed_max
       call check("a speed does", needs_visits(some))
-      call start_visits(visits, 1_i8)
+      call start_visits(visits)
       call visit_cell(visits, [3, 3], 4.0_wp, 0.0_wp, 0.0_wp)
       call add_visits(some, visits, 1.0_wp)
       call check("the asked map is written", abs(speed_max(3, 3) - 2) <= 0)
@@ -316,7 +316,7 @@ contains
       some%layer(jump_height)%bin_offset = n_log_bins(speed)
       call check("bins need visits", needs_visits(some))
       do b = 1, 6
-         call start_visits(visits, b)
+         call start_visits(visits)
          call visit_cell(visits, [4, 7], real(b*b, wp), 0.0_wp, 2.0_wp)
          if (b > 4) call visit_cell(visits, [5, 7], 1.0_wp, 0.0_wp, 0.0_wp)
          call add_visits(some, visits, 1.0_wp)
@@ -358,7 +358,7 @@ contains
       sums = 0
       some = map_views(plan, [real(wp) ::], [1, 1], counts, sums, maxima, bin_counts, slot, slots)
       do b = 1, 3
-         call start_visits(visits, b)
+         call start_visits(visits)
          call visit_cell(visits, [1, 9], a, 0.0_wp, 0.0_wp)
          call visit_cell(visits, [2, 9], a + (b - 2)*d, 0.0_wp, 0.0_wp)
          if (b == 1) call visit_cell(visits, [3, 9], a, 0.0_wp, 0.0_wp)
@@ -415,7 +415,7 @@ contains
       type(visits_t) :: visits
       integer :: i, r
 
-      call start_visits(visits, b)
+      call start_visits(visits)
       do r = 1, ny
          do i = 1, nx
             call visit_cell(visits, [i, r], real(b, wp), 0.0_wp, 0.0_wp)

@@ -43,7 +43,7 @@ contains
       integer :: b, i, r
 
       b = int(mod(number - 1, 10_i8)) + 1
-      call start_visits(visits, number)
+      call start_visits(visits)
       do r = 1, ny
          do i = b, b + 5
             call visit_cell(visits, [i, r], 0.0_wp, 0.0_wp, 0.0_wp)
@@ -70,7 +70,7 @@ contains
       type(visits_t) :: visits, cells
       integer(i8) :: b
 
-      call start_visits(cells, source)
+      call start_visits(cells)
       do b = 10*source - 9, 10*source
          call pass(visits, b)
          call gather(cells, visits)

@@ -76,7 +76,7 @@ contains
          call clear()
          if (allocated(visits%time)) deallocate (visits%time)
          allocate (visits%time(0))
-         call start_visits(visits, int(turn, i8))
+         call start_visits(visits)
          call fly(dem, gravity, start, landing, spans, n)
          call visit_path(visits, dem, gravity, start, landing%time, 0.0_wp, spans(:n))
          call time_visits(visits, dem, [start%x, start%y], start%v(:2), begun, landing%time)
@@ -107,7 +107,7 @@ contains
       real(wp) :: drop
 
       call clear()
-      call start_visits(visits, 1_i8)
+      call start_visits(visits)
       call visit_cell(visits, [3, 4], 1.0_wp, 0.0_wp, 0.0_wp)
       call visit_cell(visits, [6, 8], 1.0_wp, 0.0_wp, 0.0_wp)  ! 6 m east, 8 m south
       allocate (visits%time(0))
@@ -134,7 +134,7 @@ contains
       high = [30, 90, 50, 20, 60, 70, 10, 80, 40]
       time = [8, 3, 9, 2, 7, 4, 6, 1, 5]
       do k = 1, 9
-         call start_visits(visits, int(k, i8))
+         call start_visits(visits)
          call visit_cell(visits, [1, 1], 1.0_wp, 0.0_wp, 0.0_wp)
          call visit_cell(visits, [11, 1], 1.0_wp, 0.0_wp, 0.0_wp)
          visits%time = [0.0_wp, time(k)]
@@ -163,7 +163,7 @@ contains
       counts%exceeded => exceeded
       counts%threshold = [0.0_wp, 8.0_wp, 32.0_wp]
       do k = 1, 6
-         call start_visits(visits, int(100 + k, i8))
+         call start_visits(visits)
          call visit_cell(visits, [2, 3], 1.0_wp*k**2, 0.0_wp, 0.0_wp)
          call visit_cell(visits, [2, 3], 0.5_wp, 0.0_wp, 0.0_wp)
          call visit_cell(visits, [9, 9], 0.0_wp, 0.0_wp, 0.0_wp)
