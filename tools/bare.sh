@@ -1,6 +1,7 @@
 #!/bin/sh
 # SPDX-License-Identifier: BSD-3-Clause
-# The wheel of dist/ in a bare Debian that has Python and no compiler, as root: installed with pip, and a case run.
+# The wheel of dist/ in a bare Debian that has Python and no compiler, as root: installed with pip, and the first
+# steps of the tutorial run.
 # usage: bare.sh [SUITE]   bookworm (Python 3.11), trixie (3.13), sid (3.14)
 # The system stays in build/bare/SUITE for the next time. MOST: seconds that installation and run may take.
 set -eu
@@ -40,21 +41,25 @@ wheel=$(ls -t dist/rockfall-*-"$tag"-*manylinux*.whl 2>/dev/null | head -n 1)
 [ -n "$wheel" ] || fail "dist/ has no wheel for $tag: ./run wheel"
 rm -rf "$root/srv/case" "$root/srv/python" "$root/srv/"*.whl
 cp "$wheel" "$root/srv/"
-cp -r cases/vaujany "$root/srv/case"
+mkdir "$root/srv/case"
+cp cases/tutorial/make_layers.py "$root/srv/case"
 cp /etc/resolv.conf "$root/etc/resolv.conf"
 [ -z "${PIP_CERT-}" ] || cp "$PIP_CERT" "$root/srv/certificates.pem"
 
-run="run case/case.nml --boulders 500 --quiet -o case/result.nc"
+steps="python make_layers.py
+   rockfall new dem.tif site.gpkg -o case.nml
+   rockfall check case.nml
+   rockfall run case.nml --boulders-total 20000 --quiet -o result.nc
+   rockfall lines result.nc"
 start=$(date +%s)
 within sh -euc "
    cd /srv
    python3 -m venv python
-   python/bin/pip install --quiet --no-cache-dir --only-binary :all: $(basename "$wheel")
+   python/bin/pip install --quiet --no-cache-dir --only-binary :all: '$(basename "$wheel")[vector]'
    PATH=/srv/python/bin:\$PATH
    rockfall --version
-   rockfall check case/case.nml
-   rockfall $run
-   rockfall lines case/result.nc >case/lines.txt"
+   cd case
+   $steps"
 seconds=$(($(date +%s) - start))
 say "$wheel in $suite: installed and run in $seconds s, $(du -sm "$root/srv/python" | cut -f1) MB"
 [ "$seconds" -le "${MOST-120}" ] || fail "that is more than ${MOST-120} s"
@@ -62,8 +67,9 @@ say "$wheel in $suite: installed and run in $seconds s, $(du -sm "$root/srv/pyth
 # The same bits as those of the build from source, where there is one.
 if [ -x .venv/bin/rockfall ]; then
    rm -rf build/bare/case
-   cp -r cases/vaujany build/bare/case
-   (cd build/bare && ../../.venv/bin/rockfall $run)
+   mkdir build/bare/case
+   cp cases/tutorial/make_layers.py build/bare/case
+   (PATH=$PWD/.venv/bin:$PATH && cd build/bare/case && sh -euc "$steps" >/dev/null)
    PYTHONPATH=tests .venv/bin/python - "$root/srv/case/result.nc" build/bare/case/result.nc <<'PY'
 import sys
 import rockfall
