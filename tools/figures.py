@@ -15,7 +15,7 @@ import pyogrio
 import rasterio
 import shapely
 from matplotlib.colors import LightSource
-from tutorial import agree, follow
+from tutorial import differences
 
 OF_THE_TUTORIAL = (
     "case.html",
@@ -36,9 +36,8 @@ def tutorial(out: Path) -> None:
     """Figures and page of the tutorial."""
     out.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as folder:
-        for page, said, printed in follow(Path(folder)):
-            if not agree(said, printed):
-                sys.exit(f"docs/tutorial/{page} says\n{said}but the program prints\n{printed}")
+        for difference in differences(Path(folder)):
+            sys.exit(difference)
         for name in OF_THE_TUTORIAL:
             shutil.copy(Path(folder) / name, out)
         site(Path(folder), out / "site.png")

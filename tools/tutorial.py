@@ -96,10 +96,16 @@ def agree(said: str, printed: str) -> bool:
     return OutputChecker().check_output(said, printed, ELLIPSIS)
 
 
+def differences(folder: Path) -> Iterator[str]:
+    """Where a page differs from the program."""
+    for page, said, printed in follow(folder):
+        if not agree(said, printed):
+            yield f"docs/tutorial/{page} says\n{said}but the program prints\n{printed}"
+
+
 if __name__ == "__main__":
     wrong = 0
-    for page, said, printed in follow(Path(sys.argv[1]).resolve()):
-        if not agree(said, printed):
-            wrong += 1
-            print(f"--- {page} says\n{said}--- rockfall prints\n{printed}")
+    for difference in differences(Path(sys.argv[1]).resolve()):
+        wrong += 1
+        print(difference)
     sys.exit(bool(wrong))

@@ -65,7 +65,7 @@ contains
       real(wp), intent(in) :: gravity                       !! [m/s2]
       type(flight_t), intent(in) :: start
       type(landing_t), intent(out) :: landing
-      type(span_t), intent(inout), contiguous, optional :: spans(:)     !! at least nx + ny
+      type(span_t), intent(inout), contiguous, optional :: spans(:)  !! at least nx + ny
       integer, intent(out), optional :: n_spans
       type(patch_t) :: patch
       real(wp) :: inverse(2), p, q, u, w, t0, t1, tx, ty, s, d0, d1, d2
