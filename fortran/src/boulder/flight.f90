@@ -4,10 +4,11 @@
 module rockfall_flight
    use rockfall_kinds, only: wp
    use rockfall_math, only: logarithm
-   use rockfall_terrain, only: terrain_t, patch_t, read_patch, height, gradient, within
+   use rockfall_terrain, only: terrain_t, patch_t, read_patch, height, height_at, gradient, within, fraction_of
    implicit none
    private
    public :: flight_t, landing_t, span_t, fly, end_flight, flight_from, launch_rate, arc_length, parabola_length, never
+   public :: find_place, inverse_speed, exit_time, strikes, strike_time, highest, enter_patch
 
    real(wp), parameter :: never = 1.0e30_wp  !! [s] longer than any flight; its square does not overflow
    real(wp), parameter :: at_rest = 1.0e-200_wp  !! [m2/s2] a plan speed squared that adds nothing to a length
@@ -68,15 +69,13 @@ contains
       type(span_t), intent(inout), contiguous, optional :: spans(:)  !! at least nx + ny
       integer, intent(out), optional :: n_spans
       type(patch_t) :: patch
-      real(wp) :: inverse(2), p, q, u, w, t0, t1, tx, ty, s, d0, d1, d2
+      real(wp) :: inverse(2), p, q, t0, t1, tx, ty, s, d0, d1, d2
       integer :: step(2), i, j
       logical :: contact
 
       patch = start%patch
       step = merge(1, -1, start%v(1:2) > 0)
-      inverse = 0
-      if (abs(start%v(1))*never > dem%cell) inverse(1) = 1/start%v(1)
-      if (abs(start%v(2))*never > dem%cell) inverse(2) = 1/start%v(2)
+      inverse = inverse_speed(start%v(1:2), dem%cell)
       p = start%v(1)*dem%per_cell
       q = start%v(2)*dem%per_cell
       t0 = 0
@@ -85,11 +84,13 @@ contains
       landing%jump_height = 0
       if (present(n_spans)) n_spans = 0
       do
-         tx = exit_time(start%x, patch%i, step(1), dem%cell, inverse(1))
-         ty = exit_time(start%y, patch%j, step(2), dem%cell, inverse(2))
+         tx = exit_time(start%x, real(patch%i + min(step(1), 0), wp), dem%cell, inverse(1))
+         ty = exit_time(start%y, real(patch%j + min(step(2), 0), wp), dem%cell, inverse(2))
          t1 = max(t0, min(tx, ty))
          d2 = -0.5_wp*gravity - patch%c*p*q
-         call first_root(d0, d1, d2, t1 - t0, contact, s)
+         contact = strikes(d0, d1, d2, t1 - t0) > 0
+         s = t1 - t0
+         if (contact) s = strike_time(d0, d1, d2, t1 - t0)
          landing%jump_height = max(landing%jump_height, highest(d0, d1, d2, s))
          if (present(spans)) then
             n_spans = n_spans + 1
@@ -101,20 +102,28 @@ contains
          j = patch%j + merge(0, step(2), tx <= ty)
          call read_patch(dem, i, j, patch)
          if (.not. patch%known) exit
-         u = within(dem, start%x + start%v(1)*t0, patch%i)
-         w = within(dem, start%y + start%v(2)*t0, patch%j)
-         d0 = max(0.0_wp, start%z + t0*(start%v(3) - 0.5_wp*gravity*t0) - height(patch, u, w))
-         d1 = (start%v(3) - gravity*t0) - ((patch%a + patch%c*w)*p + (patch%b + patch%c*u)*q)
+         call enter_patch(start%x, start%y, start%z, start%v(1), start%v(2), start%v(3), gravity, dem%per_cell, t0, &
+                          real(patch%i, wp), real(patch%j, wp), patch%z00, patch%a, patch%b, patch%c, d0, d1)
       end do
       landing%contact = contact
       landing%patch = patch
       landing%time = t0
       if (contact) landing%time = t0 + s
+      call find_place(dem, gravity, start, landing)
+   end subroutine fly
+
+   !> Where a flight of a known time landed, or left the terrain.
+   pure subroutine find_place(dem, gravity, start, landing)
+      type(terrain_t), intent(in) :: dem
+      real(wp), intent(in) :: gravity     !! [m/s2]
+      type(flight_t), intent(in) :: start
+      type(landing_t), intent(inout) :: landing
+
       landing%x = start%x + start%v(1)*landing%time
       landing%y = start%y + start%v(2)*landing%time
       landing%z = start%z + landing%time*(start%v(3) - 0.5_wp*gravity*landing%time)
-      if (contact) call put_on_surface(dem, landing)
-   end subroutine fly
+      if (landing%contact) call put_on_surface(dem, landing)
+   end subroutine find_place
 
    !> End a flight over the first n spans in the air, at a time within it.
    pure subroutine end_flight(dem, gravity, start, time, spans, n, landing)
@@ -165,48 +174,78 @@ contains
       flight%heading = heading
    end function flight_from
 
-   !> Time at which a coordinate leaves patch interval i [s].
-   pure real(wp) function exit_time(x, i, step, cell, inverse)
-      real(wp), intent(in) :: x, cell  !! at the start, size of a cell [m]
-      integer, intent(in) :: i, step   !! step: 1 when it grows, else -1
-      real(wp), intent(in) :: inverse  !! 1/v [s/m], 0 at rest
+   !> One over a speed [s/m]; 0 where a boulder is as good as at rest.
+   elemental real(wp) function inverse_speed(v, cell)
+      real(wp), intent(in) :: v     !! [m/s]
+      real(wp), intent(in) :: cell  !! its size [m]
 
-      exit_time = never
-      if (abs(inverse) > 0) exit_time = ((i + (step - 1)/2)*cell - x)*inverse
+      inverse_speed = 1/merge(v, 1.0_wp, abs(v)*never > cell)
+      inverse_speed = merge(inverse_speed, 0.0_wp, abs(v)*never > cell)
+   end function inverse_speed
+
+   !> Time at which a coordinate comes to an edge between patches [s].
+   elemental real(wp) function exit_time(x, edge, cell, inverse)
+      real(wp), intent(in) :: x, cell  !! at the start, size of a cell [m]
+      real(wp), intent(in) :: edge     !! its number, 0.. [-]
+      real(wp), intent(in) :: inverse  !! as from inverse_speed [s/m]
+
+      exit_time = (edge*cell - x)*inverse
+      exit_time = merge(exit_time, never, abs(inverse) > 0)
    end function exit_time
 
-   !> First root of d0 + d1 s + d2 s**2 in 0..length, d0 >= 0, where it goes below zero; without one, s = length.
-   !> Of both forms of a root the one without cancellation is taken.
-   pure subroutine first_root(d0, d1, d2, length, contact, s)
+   !> Whether d0 + d1 s + d2 s**2, d0 >= 0, goes below zero in 0..length: 1 or 0, of which a processor can take several
+   !> at a time.
+   elemental real(wp) function strikes(d0, d1, d2, length)
       real(wp), intent(in) :: d0, d1, d2  !! [m], [m/s], [m/s2]
       real(wp), intent(in) :: length      !! of the span [s]
-      logical, intent(out) :: contact
-      real(wp), intent(out) :: s          !! [s]
-      real(wp) :: root
+      real(wp) :: dips  ! between two ends above the ground
 
-      s = length
-      contact = d0 + length*(d1 + length*d2) < 0
-      if (.not. contact .and. d2 > 0 .and. d1 < 0) then  ! a dip between two ends above the ground
-         contact = -d1 < 2*d2*length .and. d1*d1 >= 4*d2*d0
-      end if
-      if (.not. contact) return
+      dips = merge(1.0_wp, 0.0_wp, d1*d1 >= 4*d2*d0)
+      dips = merge(dips, 0.0_wp, -d1 < 2*d2*length)
+      dips = merge(dips, 0.0_wp, d1 < 0)
+      dips = merge(dips, 0.0_wp, d2 > 0)
+      strikes = merge(1.0_wp, dips, d0 + length*(d1 + length*d2) < 0)
+   end function strikes
+
+   !> When it does so first [s], if it does. Of both forms of a root the one without cancellation is taken.
+   elemental real(wp) function strike_time(d0, d1, d2, length) result(s)
+      real(wp), intent(in) :: d0, d1, d2  !! as in strikes
+      real(wp), intent(in) :: length      !! likewise
+      real(wp) :: root, numerator, denominator
+
       root = sqrt(max(0.0_wp, d1*d1 - 4*d2*d0))
-      if (d1 < 0) then
-         s = 2*d0/(root - d1)
-      else
-         s = (d1 + root)/(-2*d2)
-      end if
-      s = min(s, length)
-   end subroutine first_root
+      numerator = merge(2*d0, d1 + root, d1 < 0)
+      denominator = merge(root - d1, merge(-2*d2, 1.0_wp, d2 < 0), d1 < 0)
+      s = min(numerator/denominator, length)
+   end function strike_time
 
    !> Maximum of d0 + d1 s + d2 s**2 in 0..length [m]: at an end, or at the vertex s = -d1/(2 d2).
-   pure real(wp) function highest(d0, d1, d2, length)
+   elemental real(wp) function highest(d0, d1, d2, length)
       real(wp), intent(in) :: d0, d1, d2  !! [m], [m/s], [m/s2]
       real(wp), intent(in) :: length      !! of the span [s]
+      real(wp) :: within  ! 1 or 0
 
+      within = merge(1.0_wp, 0.0_wp, d1 < -2*d2*length)
+      within = merge(within, 0.0_wp, d1 > 0)
       highest = max(d0, d0 + length*(d1 + length*d2))
-      if (d1 > 0 .and. d1 < -2*d2*length) highest = d0 - d1*d1/(4*d2)
+      highest = merge(d0 - d1*d1/merge(4*d2, 1.0_wp, within > 0), highest, within > 0)
    end function highest
+
+   !> The height above a patch that a flight enters, and its rate of change.
+   elemental subroutine enter_patch(x, y, z, v1, v2, v3, gravity, per_cell, t, i, j, z00, a, b, c, d0, d1)
+      real(wp), intent(in) :: x, y, z, v1, v2, v3  !! the start of the flight [m], [m/s]
+      real(wp), intent(in) :: gravity              !! [m/s2]
+      real(wp), intent(in) :: per_cell             !! [1/m]
+      real(wp), intent(in) :: t                    !! since the start [s]
+      real(wp), intent(in) :: i, j, z00, a, b, c   !! as in patch_t [-], [m]
+      real(wp), intent(out) :: d0, d1              !! [m], [m/s]
+      real(wp) :: u, w
+
+      u = fraction_of(per_cell, x + v1*t, i)
+      w = fraction_of(per_cell, y + v2*t, j)
+      d0 = max(0.0_wp, z + t*(v3 - 0.5_wp*gravity*t) - height_at(z00, a, b, c, u, w))
+      d1 = (v3 - gravity*t) - ((a + c*w)*(v1*per_cell) + (b + c*u)*(v2*per_cell))
+   end subroutine enter_patch
 
    !> Put a contact exactly on its patch, so that rounding does not add up over thousands of rebounds.
    pure subroutine put_on_surface(dem, landing)

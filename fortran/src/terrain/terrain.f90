@@ -7,7 +7,7 @@ module rockfall_terrain
    implicit none
    private
    public :: terrain_t, patch_t, terrain, keep_within, in_window, locate, within, on_terrain, is_known_at, read_patch
-   public :: height, node_height, gradient, cell_of, cell_descent, read_window, horn, max_elevation
+   public :: fraction_of, height, height_at, node_height, gradient, cell_of, cell_descent, read_window, horn, max_elevation
 
    real(wp), parameter :: max_elevation = 1.0e7_wp  !! [m] above or below zero; more is nodata that is not declared
 
@@ -125,8 +125,17 @@ contains
       real(wp), intent(in) :: x  !! [m]
       integer, intent(in) :: k
 
-      within = max(0.0_wp, min(1.0_wp, x*dem%per_cell - (k - 1)))
+      within = fraction_of(dem%per_cell, x, real(k, wp))
    end function within
+
+   !> The same of scalars.
+   elemental real(wp) function fraction_of(per_cell, x, k)
+      real(wp), intent(in) :: per_cell  !! [1/m]
+      real(wp), intent(in) :: x         !! [m]
+      real(wp), intent(in) :: k         !! a whole number [-]
+
+      fraction_of = max(0.0_wp, min(1.0_wp, x*per_cell - (k - 1)))
+   end function fraction_of
 
    !> True inside the hull of the cell centres (nodata apart), or on its edge.
    pure logical function on_terrain(dem, x, y)
@@ -181,8 +190,16 @@ contains
       type(patch_t), intent(in) :: patch
       real(wp), intent(in) :: u, w  !! 0..1 [cells]
 
-      height = patch%z00 + patch%a*u + w*(patch%b + patch%c*u)
+      height = height_at(patch%z00, patch%a, patch%b, patch%c, u, w)
    end function height
+
+   !> The same of scalars.
+   elemental real(wp) function height_at(z00, a, b, c, u, w)
+      real(wp), intent(in) :: z00, a, b, c  !! as in patch_t [m]
+      real(wp), intent(in) :: u, w          !! 0..1 [cells]
+
+      height_at = z00 + a*u + w*(b + c*u)
+   end function height_at
 
    !> Elevation of a raster cell (node) in the window [m].
    pure real(wp) function node_height(dem, at)

@@ -1,0 +1,348 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Flights of several boulders at a time. In each round all that are in the air cross the patch that they are over;
+!> those that met the ground there drop out, and the others close up. Each does what `fly` does, in the same order, so
+!> the bits are the same.
+!>
+!> Compiled twice, like rockfall_lanes.
+module rockfall_flights
+   use rockfall_kinds, only: wp
+   use rockfall_terrain, only: terrain_t, patch_t, read_patch, fraction_of, height_at
+   use rockfall_flight, only: flight_t, landing_t, inverse_speed, exit_time, strikes, strike_time, highest, enter_patch
+   implicit none
+   private
+   public :: flights_t, landings_t, take_off, take_off_again, start_of, fly_on, end_at, touch_down, flight_of, landing_of, lanes, filled
+
+   integer, parameter :: lanes = 64  !! flights at a time
+   integer, parameter :: width = 4   !! of them at a time are computed by the widest instructions
+   integer, parameter :: few = 12    !! in the air: others may join them before they fly on
+
+   !> Those that are in the air. What a lane held before is left in it.
+   type :: flights_t
+      integer :: n = 0
+      integer :: lane(lanes) = 0                                      !! of the boulder
+      real(wp), dimension(lanes) :: x = 0, y = 0, z = 0               !! at the start [m]
+      real(wp), dimension(lanes) :: v1 = 0, v2 = 0, v3 = 0            !! likewise [m/s]
+      real(wp), dimension(lanes) :: inverse1 = 0, inverse2 = 0        !! of the speeds [s/m]
+      real(wp), dimension(lanes) :: i = 0, j = 0                      !! the patch [-]
+      real(wp), dimension(lanes) :: z00 = 0, a = 0, b = 0, c = 0      !! as in patch_t [m]
+      real(wp), dimension(lanes) :: t = 0, d0 = 0, d1 = 0             !! since the start [s]; height [m], its rate [m/s]
+      real(wp), dimension(lanes) :: jump_height = 0                   !! so far [m]
+      real(wp), dimension(lanes) :: next_i = 0, next_j = 0            !! the next patch [-]
+      real(wp), dimension(lanes) :: next_t = 0                        !! when it is entered, or the ground met [s]
+      real(wp), dimension(lanes) :: contact = 0                       !! 1 or 0
+   end type flights_t
+
+   !> Those that ended.
+   type :: landings_t
+      integer :: n = 0
+      integer :: lane(lanes) = 0
+      real(wp), dimension(lanes) :: x0 = 0, y0 = 0, z0 = 0            !! where they began [m]
+      real(wp), dimension(lanes) :: v1 = 0, v2 = 0, v3 = 0            !! likewise [m/s]
+      real(wp), dimension(lanes) :: x = 0, y = 0, z = 0               !! where they ended [m]
+      real(wp), dimension(lanes) :: time = 0                          !! of flight [s]
+      real(wp), dimension(lanes) :: i = 0, j = 0                      !! the patch [-]
+      real(wp), dimension(lanes) :: z00 = 0, a = 0, b = 0, c = 0      !! as in patch_t; 0 without a contact [m]
+      real(wp), dimension(lanes) :: u = 0, w = 0                      !! place in it, 0..1 [cells]
+      real(wp), dimension(lanes) :: jump_height = 0                   !! maximum [m]
+      real(wp), dimension(lanes) :: contact = 0                       !! 1, or 0: left the domain
+   end type landings_t
+
+contains
+
+   !> As many lanes as loops go over: computing the last few of a full width costs less than leaving them out.
+   pure integer function filled(n)
+      integer, intent(in) :: n
+
+      filled = (n + width - 1)/width*width
+   end function filled
+
+   !> One more flight.
+   subroutine take_off(f, lane, start, cell)
+      type(flights_t), intent(inout) :: f
+      integer, intent(in) :: lane
+      type(flight_t), intent(in) :: start
+      real(wp), intent(in) :: cell  !! its size [m]
+      integer :: n
+
+      n = f%n + 1
+      f%n = n
+      f%lane(n) = lane
+      f%x(n) = start%x
+      f%y(n) = start%y
+      f%z(n) = start%z
+      f%v1(n) = start%v(1)
+      f%v2(n) = start%v(2)
+      f%v3(n) = start%v(3)
+      f%inverse1(n) = inverse_speed(start%v(1), cell)
+      f%inverse2(n) = inverse_speed(start%v(2), cell)
+      f%d0(n) = start%above
+      f%d1(n) = start%rate
+      f%t(n) = 0
+      f%jump_height(n) = 0
+      call lie_over(f, n, start%patch)
+   end subroutine take_off
+
+   !> The next flight, from where the last one landed.
+   subroutine take_off_again(f, l, k, v1, v2, v3, rate, cell)
+      type(flights_t), intent(inout) :: f
+      type(landings_t), intent(in) :: l
+      integer, intent(in) :: k
+      real(wp), intent(in) :: v1, v2, v3, rate  !! [m/s]
+      real(wp), intent(in) :: cell              !! its size [m]
+      integer :: n
+
+      n = f%n + 1
+      f%n = n
+      f%lane(n) = l%lane(k)
+      f%x(n) = l%x(k)
+      f%y(n) = l%y(k)
+      f%z(n) = l%z(k)
+      f%v1(n) = v1
+      f%v2(n) = v2
+      f%v3(n) = v3
+      f%inverse1(n) = inverse_speed(v1, cell)
+      f%inverse2(n) = inverse_speed(v2, cell)
+      f%d0(n) = 0
+      f%d1(n) = rate
+      f%t(n) = 0
+      f%jump_height(n) = 0
+      f%i(n) = l%i(k)
+      f%j(n) = l%j(k)
+      f%z00(n) = l%z00(k)
+      f%a(n) = l%a(k)
+      f%b(n) = l%b(k)
+      f%c(n) = l%c(k)
+   end subroutine take_off_again
+
+   !> The patch that a flight is over.
+   subroutine lie_over(f, k, patch)
+      type(flights_t), intent(inout) :: f
+      integer, intent(in) :: k
+      type(patch_t), intent(in) :: patch
+
+      f%i(k) = patch%i
+      f%j(k) = patch%j
+      f%z00(k) = patch%z00
+      f%a(k) = patch%a
+      f%b(k) = patch%b
+      f%c(k) = patch%c
+   end subroutine lie_over
+
+   !> Fly until most have met the ground, or left the known terrain.
+   subroutine fly_on(dem, gravity, f, l)
+      type(terrain_t), intent(in) :: dem
+      real(wp), intent(in) :: gravity  !! [m/s2]
+      type(flights_t), intent(inout) :: f
+      type(landings_t), intent(inout) :: l
+
+      l%n = 0
+      do while (f%n > 0 .and. (l%n == 0 .or. f%n > few))
+         call cross(f, gravity, dem%cell, dem%per_cell)
+         call part(dem, f, l)
+         call enter(f, gravity, dem%per_cell)
+      end do
+      call touch_down(l, gravity, dem%cell, dem%per_cell)
+   end subroutine fly_on
+
+   !> The start of a flight that has just taken off; without where it heads.
+   pure type(flight_t) function start_of(f, k) result(flight)
+      type(flights_t), intent(in) :: f
+      integer, intent(in) :: k
+
+      flight%patch = patch_t(int(f%i(k)), int(f%j(k)), f%z00(k), f%a(k), f%b(k), f%c(k), .true.)
+      flight%x = f%x(k)
+      flight%y = f%y(k)
+      flight%z = f%z(k)
+      flight%v = [f%v1(k), f%v2(k), f%v3(k)]
+      flight%above = f%d0(k)
+      flight%rate = f%d1(k)
+   end function start_of
+
+   !> End a flight where `fly` says.
+   subroutine end_at(f, k, landing, l)
+      type(flights_t), intent(inout) :: f
+      integer, intent(in) :: k
+      type(landing_t), intent(in) :: landing
+      type(landings_t), intent(inout) :: l
+
+      f%next_t(k) = landing%time
+      f%jump_height(k) = landing%jump_height
+      call lie_over(f, k, landing%patch)
+      if (.not. landing%contact) call lie_over(f, k, patch_t(landing%patch%i, landing%patch%j))
+      call set_landing(f, k, merge(1.0_wp, 0.0_wp, landing%contact), l)
+   end subroutine end_at
+
+   !> Cross a patch, or meet the ground on it.
+   subroutine cross(f, gravity, cell, per_cell)
+      type(flights_t), intent(inout) :: f
+      real(wp), intent(in) :: gravity, cell, per_cell  !! [m/s2], [m], [1/m]
+      real(wp) :: tx, ty, d0, d1, d2, t, next, length, s, east, north, contact
+      integer :: k
+
+      !$omp simd private(tx, ty, d0, d1, d2, t, next, length, s, east, north, contact)
+      do k = 1, filled(f%n)
+         east = merge(1.0_wp, -1.0_wp, f%v1(k) > 0)
+         north = merge(1.0_wp, -1.0_wp, f%v2(k) > 0)
+         tx = exit_time(f%x(k), f%i(k) + min(east, 0.0_wp), cell, f%inverse1(k))
+         ty = exit_time(f%y(k), f%j(k) + min(north, 0.0_wp), cell, f%inverse2(k))
+         t = f%t(k)
+         next = max(t, min(tx, ty))
+         length = next - t
+         d0 = f%d0(k)
+         d1 = f%d1(k)
+         d2 = -0.5_wp*gravity - f%c(k)*(f%v1(k)*per_cell)*(f%v2(k)*per_cell)
+         contact = strikes(d0, d1, d2, length)
+         s = strike_time(d0, d1, d2, length)
+         s = merge(s, length, contact > 0)
+         f%jump_height(k) = max(f%jump_height(k), highest(d0, d1, d2, s))
+         s = t + s
+         f%next_t(k) = merge(s, next, contact > 0)
+         east = merge(east, 0.0_wp, tx <= ty)
+         north = merge(0.0_wp, north, tx <= ty)
+         f%next_i(k) = f%i(k) + east
+         f%next_j(k) = f%j(k) + north
+         f%contact(k) = contact
+      end do
+   end subroutine cross
+
+   !> Part those that met the ground, or left the known terrain, from those that fly on.
+   subroutine part(dem, f, l)
+      type(terrain_t), intent(in) :: dem
+      type(flights_t), intent(inout) :: f
+      type(landings_t), intent(inout) :: l
+      type(patch_t) :: patch
+      integer :: ended(lanes + 1), on(lanes + 1), n_ended, n_on, k, m, n
+
+      n_ended = 0
+      n_on = 0
+      do k = 1, f%n  ! without a branch: either comes half of the time
+         ended(n_ended + 1) = k
+         on(n_on + 1) = k
+         n = int(f%contact(k))
+         n_ended = n_ended + n
+         n_on = n_on + 1 - n
+      end do
+      do m = 1, n_ended
+         call set_landing(f, ended(m), 1.0_wp, l)
+      end do
+      n = 0
+      do m = 1, n_on
+         k = on(m)
+         call read_patch(dem, int(f%next_i(k)), int(f%next_j(k)), patch)
+         if (.not. patch%known) then
+            call lie_over(f, k, patch_t(patch%i, patch%j))
+            call set_landing(f, k, 0.0_wp, l)
+            cycle
+         end if
+         n = n + 1
+         f%lane(n) = f%lane(k)
+         f%x(n) = f%x(k)
+         f%y(n) = f%y(k)
+         f%z(n) = f%z(k)
+         f%v1(n) = f%v1(k)
+         f%v2(n) = f%v2(k)
+         f%v3(n) = f%v3(k)
+         f%inverse1(n) = f%inverse1(k)
+         f%inverse2(n) = f%inverse2(k)
+         f%jump_height(n) = f%jump_height(k)
+         f%t(n) = f%next_t(k)
+         call lie_over(f, n, patch)
+      end do
+      f%n = n
+   end subroutine part
+
+   !> A flight at its end.
+   subroutine set_landing(f, k, contact, l)
+      type(flights_t), intent(in) :: f
+      integer, intent(in) :: k
+      real(wp), intent(in) :: contact  !! as in landings_t
+      type(landings_t), intent(inout) :: l
+      integer :: n
+
+      n = l%n + 1
+      l%n = n
+      l%lane(n) = f%lane(k)
+      l%x0(n) = f%x(k)
+      l%y0(n) = f%y(k)
+      l%z0(n) = f%z(k)
+      l%v1(n) = f%v1(k)
+      l%v2(n) = f%v2(k)
+      l%v3(n) = f%v3(k)
+      l%time(n) = f%next_t(k)
+      l%i(n) = f%i(k)
+      l%j(n) = f%j(k)
+      l%z00(n) = f%z00(k)
+      l%a(n) = f%a(k)
+      l%b(n) = f%b(k)
+      l%c(n) = f%c(k)
+      l%jump_height(n) = f%jump_height(k)
+      l%contact(n) = contact
+   end subroutine set_landing
+
+   !> The heights over the patches that they enter.
+   subroutine enter(f, gravity, per_cell)
+      type(flights_t), intent(inout) :: f
+      real(wp), intent(in) :: gravity, per_cell  !! [m/s2], [1/m]
+      integer :: k
+
+      !$omp simd
+      do k = 1, filled(f%n)
+         call enter_patch(f%x(k), f%y(k), f%z(k), f%v1(k), f%v2(k), f%v3(k), gravity, per_cell, f%t(k), f%i(k), f%j(k), &
+                          f%z00(k), f%a(k), f%b(k), f%c(k), f%d0(k), f%d1(k))
+      end do
+   end subroutine enter
+
+   !> Where they landed: exactly on the patch.
+   subroutine touch_down(l, gravity, cell, per_cell)
+      type(landings_t), intent(inout) :: l
+      real(wp), intent(in) :: gravity, cell, per_cell  !! [m/s2], [m], [1/m]
+      real(wp) :: x, y, z, t, u, w, contact, x_on, y_on, z_on
+      integer :: k
+
+      !$omp simd private(x, y, z, t, u, w, contact, x_on, y_on, z_on)
+      do k = 1, filled(l%n)
+         t = l%time(k)
+         x = l%x0(k) + l%v1(k)*t
+         y = l%y0(k) + l%v2(k)*t
+         z = l%z0(k) + t*(l%v3(k) - 0.5_wp*gravity*t)
+         u = fraction_of(per_cell, x, l%i(k))
+         w = fraction_of(per_cell, y, l%j(k))
+         x_on = (l%i(k) - 1 + u)*cell
+         y_on = (l%j(k) - 1 + w)*cell
+         z_on = height_at(l%z00(k), l%a(k), l%b(k), l%c(k), u, w)
+         contact = l%contact(k)
+         l%u(k) = u
+         l%w(k) = w
+         l%x(k) = merge(x_on, x, contact > 0)
+         l%y(k) = merge(y_on, y, contact > 0)
+         l%z(k) = merge(z_on, z, contact > 0)
+      end do
+   end subroutine touch_down
+
+   !> A flight that ended, at its start; without its height above the ground there, and where it headed.
+   pure type(flight_t) function flight_of(l, k) result(flight)
+      type(landings_t), intent(in) :: l
+      integer, intent(in) :: k
+
+      flight%x = l%x0(k)
+      flight%y = l%y0(k)
+      flight%z = l%z0(k)
+      flight%v = [l%v1(k), l%v2(k), l%v3(k)]
+   end function flight_of
+
+   !> The same at its end.
+   pure type(landing_t) function landing_of(l, k) result(landing)
+      type(landings_t), intent(in) :: l
+      integer, intent(in) :: k
+
+      landing%contact = l%contact(k) > 0
+      landing%time = l%time(k)
+      landing%x = l%x(k)
+      landing%y = l%y(k)
+      landing%z = l%z(k)
+      landing%patch = patch_t(int(l%i(k)), int(l%j(k)), l%z00(k), l%a(k), l%b(k), l%c(k), landing%contact)
+      landing%u = l%u(k)
+      landing%w = l%w(k)
+      landing%jump_height = l%jump_height(k)
+   end function landing_of
+end module rockfall_flights

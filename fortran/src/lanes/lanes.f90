@@ -1,0 +1,549 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Boulders in lanes: a thread carries a pool of them on from contact to contact, several at a time. Those that have
+!> landed are taken together, and what is the same for all is computed in loops over them; then they join those that
+!> are still in the air. Each does what `trace` does, in the same order, so the bits are the same.
+!>
+!> Compiled twice, the second time for processors with AVX2, as the module rockfall_wide_lanes.
+module rockfall_lanes
+   use rockfall_kinds, only: wp, i8
+   use rockfall_math, only: real_of
+   use rockfall_random, only: philox, for_impact, words_per_block, purpose_bit, normal, uniform
+   use rockfall_terrain, only: patch_t, cell_of, read_window, horn
+   use rockfall_flight, only: flight_t, landing_t, span_t, parabola_length
+   use rockfall_flights, only: flights_t, landings_t, take_off, take_off_again, start_of, fly_on, end_at, &
+                               touch_down, flight_of, landing_of, lanes, filled
+   use rockfall_impact, only: impact_set_t, impact_ratios, rebound_t, first_draw, draw_again, energy_of, &
+                              beyond_fit
+   use rockfall_direction, only: turn_past_aspect, divide_by_length, shortest
+   use rockfall_trajectory, only: scene_t, boulder_result_t, crossing_t, scratch_t, start_boulder, end_boulder, &
+                                  clear, departure, fly_over_cells, record_crossings, handle_impact, find_rocks, &
+                                  find_class, count_outcome, close_impact, in_local_frame, rolled_before, &
+                                  launch_velocity, meet_ground, count_ground, with_all, absorbed
+   use rockfall_ground, only: is_stochastic
+   use rockfall_tallies, only: totals_t, prepare, add_boulder
+   use rockfall_maps, only: maps_t, needs_visits
+   use rockfall_histogram, only: count_rebound
+   implicit none
+   private
+   public :: run_in_lanes
+
+   integer, parameter :: lanes_over_cells = 16  !! where cells are noted: those of more boulders leave the cache
+   integer, parameter :: batch = 16  !! boulders that a thread takes at a time
+
+   !> The boulders of a thread, each in a lane of its own until it ends.
+   type :: pool_t
+      integer :: place(lanes) = 0                       !! in the results
+      real(wp) :: heading1(lanes) = 0, heading2(lanes) = 0  !! after the last rebound [-]
+      real(wp) :: w(lanes) = 0                          !! W = R_b omega [m/s]
+      integer :: free(lanes) = 0, n_free = 0            !! lanes without a boulder
+      integer :: from = 1, to = 0                       !! places of boulders that are the thread's, but not yet here
+   end type pool_t
+
+   !> All impact sets of a scene, those of a ground one after the other.
+   type :: laws_t
+      type(impact_set_t), allocatable :: set(:)
+      integer, allocatable :: before(:)  !! sets before those of each ground; -1: it has none
+   end type laws_t
+
+   !> The contacts of those that have landed, in their order.
+   type :: contacts_t
+      integer :: set(lanes)                                      !! of all; past them: no contact, or a classical one
+      integer :: ground(lanes)                                   !! of the scene, where it has several
+      logical :: outside(lanes)                                  !! of the ratios that sets are for
+      integer(i8), dimension(lanes) :: number = 0, impact = 0
+      real(wp), dimension(lanes) :: length = 0                   !! of the flight [m]
+      real(wp), dimension(lanes) :: speed2_in = 0, speed2 = 0    !! at its end, of the next [m2/s2]
+      integer :: draws(lanes)
+      logical :: forced(lanes)
+      real(wp), dimension(lanes) :: w = 0, next_w = 0            !! W = R_b omega before it, of the next [m/s]
+      real(wp), dimension(lanes) :: heading1 = 0, heading2 = 0   !! [-]
+      real(wp), dimension(lanes) :: g1 = 0, g2 = 0, steepness = 0  !! of the patch [-]
+      real(wp), dimension(lanes) :: tangential = 0, normal = 0   !! V_t, V_n before it [m/s]
+      real(wp), dimension(lanes) :: out1 = 0, out2 = 0, out3 = 0 !! V_t, V_n, W after it [m/s]
+      real(wp), dimension(lanes) :: v1 = 0, v2 = 0, v3 = 0       !! of the next flight [m/s]
+      real(wp), dimension(lanes) :: rate = 0                     !! likewise [m/s]
+      real(wp), dimension(lanes) :: usual = 0                    !! 1 or 0
+      real(wp), dimension(lanes) :: z1 = 0, z2 = 0, z3 = 0, u = 0, side = 0  !! random numbers [-]
+      real(wp), dimension(lanes, 9) :: z = 0                     !! elevations of the cell and its neighbours [m]
+   end type contacts_t
+
+   !> The draws of V_out, in the order of their impact sets.
+   type :: draws_t
+      integer :: n = 0
+      integer :: contact(lanes) = 0                              !! of each
+      real(wp), dimension(lanes) :: tangential = 0, normal = 0, w = 0  !! V_t, V_n, W before it [m/s]
+      real(wp), dimension(lanes) :: z1 = 0, z2 = 0, z3 = 0       !! standard normal numbers [-]
+      real(wp), dimension(lanes) :: out1 = 0, out2 = 0, out3 = 0 !! V_t, V_n, W after it [m/s]
+      real(wp), dimension(lanes) :: admissible = 0               !! 1 or 0
+   end type draws_t
+
+contains
+
+   !> One thread's part of the boulders: as many as it gets of `next`, which all threads share.
+   subroutine run_in_lanes(scene, first, results, crossings, maps, next, spans, totals)
+      type(scene_t), intent(in) :: scene
+      integer(i8), intent(in) :: first                    !! number of the first boulder
+      type(boulder_result_t), intent(inout) :: results(:)
+      type(crossing_t), intent(inout) :: crossings(:, :)  !! (lines, boulders)
+      type(maps_t), intent(in) :: maps                    !! none by source
+      integer, intent(inout) :: next                      !! place of the next boulder
+      type(span_t), intent(inout), contiguous :: spans(:)             !! of a flight
+      type(totals_t), intent(inout) :: totals
+      type(pool_t) :: pool
+      type(scratch_t), allocatable :: scratch(:)          !! of each lane
+      type(flights_t) :: flights
+      type(landings_t) :: landings
+      type(contacts_t) :: contacts
+      type(laws_t) :: laws
+      integer :: k
+
+      laws = laws_of(scene)
+      pool%n_free = merge(lanes_over_cells, lanes, needs_visits(maps))
+      allocate (scratch(pool%n_free))
+      do k = 1, pool%n_free
+         call prepare(scene, maps, scratch(k))
+         pool%free(k) = k
+      end do
+      do
+         call refill(scene, first, results, next, pool, scratch, flights)
+         if (flights%n == 0) exit
+         if (scratch(1)%cells_requested) then
+            call fly_one_by_one(scene, results, pool, flights, landings, scratch, spans)
+         else
+            call fly_on(scene%dem, scene%gravity, flights, landings)
+         end if
+         call look_up(scene, laws, first, results, pool, landings, scratch, contacts)
+         call meet(landings, scene%gravity, scene%dem%per_cell, contacts)
+         call draw_numbers(scene, landings%n, contacts)
+         call draw(scene, laws, landings%n, contacts)
+         call turn(landings%n, scene%dem%per_cell, contacts)
+         call go_on(scene, laws, results, pool, landings, contacts, flights, scratch)
+         call take_out(scene, results, crossings, maps, landings, pool, scratch, totals)
+      end do
+   end subroutine run_in_lanes
+
+   !> The impact sets of the scene: the case's, or those of its grounds.
+   pure type(laws_t) function laws_of(scene) result(laws)
+      type(scene_t), intent(in) :: scene
+      integer :: ground, n
+
+      if (.not. allocated(scene%grounds)) then
+         laws%set = scene%sets
+         laws%before = [0]
+         return
+      end if
+      allocate (laws%before(size(scene%grounds)), source=-1)
+      n = 0
+      do ground = 1, size(scene%grounds)
+         if (.not. is_stochastic(scene%grounds(ground))) cycle
+         laws%before(ground) = n
+         n = n + impact_ratios
+      end do
+      allocate (laws%set(n))
+      do ground = 1, size(scene%grounds)
+         n = laws%before(ground)
+         if (n >= 0) laws%set(n + 1:n + impact_ratios) = scene%grounds(ground)%sets
+      end do
+   end function laws_of
+
+   !> Fill the free lanes with the next boulders.
+   subroutine refill(scene, first, results, next, pool, scratch, flights)
+      type(scene_t), intent(in) :: scene
+      integer(i8), intent(in) :: first
+      type(boulder_result_t), intent(inout) :: results(:)
+      integer, intent(inout) :: next
+      type(pool_t), intent(inout) :: pool
+      type(scratch_t), intent(inout) :: scratch(:)
+      type(flights_t), intent(inout) :: flights
+      type(flight_t) :: flight
+      integer :: lane
+
+      do while (pool%n_free > 0)
+         if (pool%from > pool%to) then
+            !$omp atomic capture
+            pool%from = next
+            next = next + batch
+            !$omp end atomic
+            pool%to = min(pool%from + batch - 1, size(results))
+            if (pool%from > pool%to) return
+         end if
+         lane = pool%free(pool%n_free)
+         pool%place(lane) = pool%from
+         pool%from = pool%from + 1
+         associate (result => results(pool%place(lane)))
+            call start_boulder(scene, first + pool%place(lane) - 1, with_all, result, flight)
+            if (result%status /= 0) cycle
+         end associate
+         call clear(scene, with_all, scratch(lane))
+         call set_out(pool, lane, flight%heading(1), flight%heading(2), 0.0_wp)
+         call take_off(flights, lane, flight, scene%dem%cell)
+         pool%n_free = pool%n_free - 1
+      end do
+   end subroutine refill
+
+   !> Where a boulder heads, and how it rotates.
+   subroutine set_out(pool, lane, heading1, heading2, w)
+      type(pool_t), intent(inout) :: pool
+      integer, intent(in) :: lane
+      real(wp), intent(in) :: heading1, heading2  !! [-]
+      real(wp), intent(in) :: w                   !! [m/s]
+
+      pool%heading1(lane) = heading1
+      pool%heading2(lane) = heading2
+      pool%w(lane) = w
+   end subroutine set_out
+
+   !> Fly to the ground or out of the terrain, and note the cells on the way.
+   subroutine fly_one_by_one(scene, results, pool, flights, landings, scratch, spans)
+      type(scene_t), intent(in) :: scene
+      type(boulder_result_t), intent(in) :: results(:)
+      type(pool_t), intent(in) :: pool
+      type(flights_t), intent(inout) :: flights
+      type(landings_t), intent(inout) :: landings
+      type(scratch_t), intent(inout) :: scratch(:)
+      type(span_t), intent(inout), contiguous :: spans(:)
+      type(landing_t) :: landing
+      integer :: k, lane
+
+      landings%n = 0
+      do k = 1, flights%n
+         lane = flights%lane(k)
+         call fly_over_cells(scene, start_of(flights, k), pool%w(lane), results(pool%place(lane))%time, landing, &
+                             scratch(lane), spans)
+         call end_at(flights, k, landing, landings)
+      end do
+      flights%n = 0
+      call touch_down(landings, scene%gravity, scene%dem%cell, scene%dem%per_cell)
+   end subroutine fly_one_by_one
+
+   !> Record the lines that they crossed, and look up what lies where they landed.
+   subroutine look_up(scene, laws, first, results, pool, l, scratch, c)
+      type(scene_t), intent(in) :: scene
+      type(laws_t), intent(in) :: laws
+      integer(i8), intent(in) :: first
+      type(boulder_result_t), intent(inout) :: results(:)
+      type(pool_t), intent(in) :: pool
+      type(landings_t), intent(in) :: l
+      type(scratch_t), intent(inout) :: scratch(:)
+      type(contacts_t), intent(inout) :: c
+      type(patch_t) :: patch
+      real(wp) :: radius, obstacle, u_ground(words_per_block), z(3, 3)
+      integer :: at(2), k, lane, class, row
+      logical :: complete
+
+      do k = 1, l%n
+         lane = l%lane(k)
+         c%ground(k) = 1
+         c%set(k) = size(laws%set) + 1
+         c%number(k) = first + pool%place(lane) - 1
+         c%w(k) = pool%w(lane)
+         c%heading1(k) = pool%heading1(lane)
+         c%heading2(k) = pool%heading2(lane)
+         associate (result => results(pool%place(lane)))
+            if (allocated(scene%lines)) call record_crossings(scene, result, flight_of(l, k), landing_of(l, k), &
+                                                              pool%w(lane), scratch(lane)%crossings)
+            patch%i = int(l%i(k))
+            patch%j = int(l%j(k))
+            if (.not. l%contact(k) > 0) then
+               result%status = departure(scene%dem, patch)
+               cycle
+            end if
+            result%impacts = result%impacts + 1
+            c%impact(k) = result%impacts
+            at = cell_of(scene%dem, patch, l%u(k), l%w(k))
+            call find_rocks(scene, c%number(k), result%impacts, at, radius, u_ground)
+            if (radius > huge(radius)) then
+               result%status = absorbed
+            else if (allocated(scene%grounds)) then
+               call meet_ground(scene, at, radius, c%ground(k), obstacle, result%status)
+            end if
+            if (result%status == absorbed .or. laws%before(c%ground(k)) < 0) cycle
+            call find_class(scene, result%boulder%radius/radius, u_ground, class, c%outside(k))
+            c%set(k) = laws%before(c%ground(k)) + class
+            call read_window(scene%dem, at, z, complete)
+            if (result%impacts == 1 .and. scene%sobol%dimensions > 1) z = 0  ! a flat cell is no usual one: see `turn`
+            do row = 1, 3
+               c%z(k, 3*row - 2) = z(1, row)
+               c%z(k, 3*row - 1) = z(2, row)
+               c%z(k, 3*row) = z(3, row)
+            end do
+         end associate
+      end do
+   end subroutine look_up
+
+   !> The ends of the flights, and the velocities there in the local frames.
+   subroutine meet(l, gravity, per_cell, c)
+      type(landings_t), intent(in) :: l
+      real(wp), intent(in) :: gravity, per_cell  !! [m/s2], [1/m]
+      type(contacts_t), intent(inout) :: c
+      real(wp) :: v3, plan1, plan2, unit1, unit2, length
+      integer :: k
+
+      !$omp simd private(v3, plan1, plan2, unit1, unit2, length)
+      do k = 1, filled(l%n)
+         c%length(k) = parabola_length(l%v1(k)*l%v1(k) + l%v2(k)*l%v2(k), l%v3(k), gravity, l%time(k))
+         v3 = l%v3(k) - gravity*l%time(k)
+         c%speed2_in(k) = l%v1(k)*l%v1(k) + l%v2(k)*l%v2(k) + v3*v3
+         c%g1(k) = (l%a(k) + l%c(k)*l%w(k))*per_cell
+         c%g2(k) = (l%b(k) + l%c(k)*l%u(k))*per_cell
+         c%steepness(k) = sqrt(1 + c%g1(k)*c%g1(k) + c%g2(k)*c%g2(k))
+         call in_local_frame(l%v1(k), l%v2(k), v3, c%g1(k), c%g2(k), c%steepness(k), &
+                             c%tangential(k), c%normal(k), plan1, plan2)
+         call divide_by_length(plan1, plan2, unit1, unit2, length)
+         c%w(k) = rolled_before(c%w(k), c%heading1(k), c%heading2(k), unit1, unit2)
+         c%heading1(k) = unit1
+         c%heading2(k) = unit2
+         c%usual(k) = merge(1.0_wp, 0.0_wp, length > shortest)
+      end do
+   end subroutine meet
+
+   !> The random numbers of the contacts.
+   subroutine draw_numbers(scene, n, c)
+      type(scene_t), intent(in) :: scene
+      integer, intent(in) :: n
+      type(contacts_t), intent(inout) :: c
+      integer(i8) :: w1, w2, w3, w4, word(lanes, 4)
+      integer(i8), parameter :: low32 = 2_i8**32 - 1
+      integer :: k
+
+      !$omp simd private(w1, w2, w3, w4)
+      do k = 1, filled(n)
+         w1 = iand(c%number(k), low32)
+         w2 = shiftr(c%number(k), 32)
+         w3 = iand(c%impact(k), low32)
+         w4 = shiftl(for_impact, purpose_bit)
+         call philox(scene%key, w1, w2, w3, w4)
+         word(k, 1) = w1
+         word(k, 2) = w2
+         word(k, 3) = w3
+         word(k, 4) = w4
+      end do
+      !$omp simd
+      do k = 1, filled(n)
+         c%z1(k) = normal(scene%table, word(k, 1))
+         c%z2(k) = normal(scene%table, word(k, 2))
+         c%z3(k) = normal(scene%table, word(k, 3))
+      end do
+      !$omp simd
+      do k = 1, filled(n)
+         c%u(k) = uniform(word(k, 4))
+         c%side(k) = 2*real_of(iand(word(k, 4), 1_i8)) - 1
+      end do
+   end subroutine draw_numbers
+
+   !> The velocities after the contacts, by impact set.
+   subroutine draw(scene, laws, n, c)
+      type(scene_t), intent(in) :: scene
+      type(laws_t), intent(in) :: laws
+      integer, intent(in) :: n
+      type(contacts_t), intent(inout) :: c
+      type(draws_t) :: d
+      integer :: first(size(laws%set) + 2)  ! of each set, and past them all
+      integer :: set, k, m
+
+      call sort(laws, n, c, first, d)
+      do set = 1, size(laws%set)
+         call draw_of_set(laws%set(set), d, first(set), first(set + 1) - 1)
+      end do
+      do m = 1, d%n
+         k = d%contact(m)
+         c%out1(k) = d%out1(m)
+         c%out2(k) = d%out2(m)
+         c%out3(k) = d%out3(m)
+         c%draws(k) = 1
+         c%forced(k) = .false.
+      end do
+      do m = 1, d%n
+         if (.not. d%admissible(m) > 0) call redraw(scene, laws, d%contact(m), c)
+      end do
+   end subroutine draw
+
+   !> The draws in the order of their impact sets.
+   subroutine sort(laws, n, c, first, d)
+      type(laws_t), intent(in) :: laws
+      integer, intent(in) :: n
+      type(contacts_t), intent(in) :: c
+      integer, intent(out) :: first(:)
+      type(draws_t), intent(inout) :: d
+      integer :: slot(size(first)), set, k, m
+
+      slot = 0
+      do k = 1, n
+         slot(c%set(k)) = slot(c%set(k)) + 1
+      end do
+      m = 1
+      do set = 1, size(laws%set) + 1
+         first(set) = m
+         m = m + slot(set)
+      end do
+      slot = first
+      d%n = first(size(laws%set) + 1) - 1
+      do k = 1, n
+         m = slot(c%set(k))
+         slot(c%set(k)) = m + 1
+         d%contact(m) = k
+         d%tangential(m) = c%tangential(k)
+         d%normal(m) = c%normal(k)
+         d%w(m) = c%w(k)
+         d%z1(m) = c%z1(k)
+         d%z2(m) = c%z2(k)
+         d%z3(m) = c%z3(k)
+      end do
+   end subroutine sort
+
+   !> Draws first..last.
+   subroutine draw_of_set(set, d, first, last)
+      type(impact_set_t), intent(in) :: set
+      type(draws_t), intent(inout) :: d
+      integer, intent(in) :: first, last
+      real(wp) :: leaves
+      integer :: k
+
+      !$omp simd private(leaves)
+      do k = first, last
+         call first_draw(set, d%tangential(k), d%normal(k), d%w(k), d%z1(k), d%z2(k), d%z3(k), &
+                         d%out1(k), d%out2(k), d%out3(k))
+         leaves = merge(1.0_wp, 0.0_wp, d%out2(k) > 0)
+         d%admissible(k) = merge(leaves, 0.0_wp, energy_of(d%out1(k), d%out2(k), d%out3(k)) &
+                                                 <= energy_of(d%tangential(k), d%normal(k), d%w(k)))
+      end do
+   end subroutine draw_of_set
+
+   !> Draw again what was not admissible.
+   subroutine redraw(scene, laws, k, c)
+      type(scene_t), intent(in) :: scene
+      type(laws_t), intent(in) :: laws
+      integer, intent(in) :: k
+      type(contacts_t), intent(inout) :: c
+      type(rebound_t) :: out
+
+      out = rebound_t([c%out1(k), c%out2(k), c%out3(k)])
+      call draw_again(laws%set(c%set(k)), scene%table, scene%key, c%number(k), c%impact(k), &
+                      [c%tangential(k), c%normal(k), c%w(k)], out)
+      c%out1(k) = out%v(1)
+      c%out2(k) = out%v(2)
+      c%out3(k) = out%v(3)
+      c%draws(k) = out%draws
+      c%forced(k) = out%forced
+   end subroutine redraw
+
+   !> The next flights. What is not usual (a cell that is flat or has not all its neighbours, a vertical impact) is left
+   !> to the scalar procedures.
+   subroutine turn(n, per_cell, c)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: per_cell  !! [1/m]
+      type(contacts_t), intent(inout) :: c
+      real(wp) :: d1, d2, a1, a2, h1, h2, lowest, length, forward, before1, before2, u, side, usual, middle
+      integer :: k
+
+      !$omp simd private(d1, d2, a1, a2, h1, h2, lowest, length, forward, before1, before2, u, side, usual, middle)
+      do k = 1, filled(n)
+         call horn(c%z(k, 1), c%z(k, 2), c%z(k, 3), c%z(k, 4), c%z(k, 6), c%z(k, 7), c%z(k, 8), c%z(k, 9), per_cell, &
+                   d1, d2, lowest)
+         call divide_by_length(d1, d2, a1, a2, length)
+         usual = c%usual(k)
+         c%usual(k) = merge(usual, 0.0_wp, length > shortest)
+         forward = merge(-1.0_wp, 1.0_wp, c%out1(k) < 0)
+         before1 = forward*c%heading1(k)
+         before2 = forward*c%heading2(k)
+         c%next_w(k) = forward*c%out3(k)
+         u = c%u(k)
+         side = c%side(k)
+         call turn_past_aspect(u, side, before1, before2, c%g1(k), c%g2(k), a1, a2, h1, h2)
+         middle = c%z(k, 5)
+         c%heading1(k) = merge(before1, h1, lowest >= middle)
+         c%heading2(k) = merge(before2, h2, lowest >= middle)
+         call launch_velocity(c%out1(k), c%out2(k), c%heading1(k), c%heading2(k), c%g1(k), c%g2(k), &
+                              c%steepness(k), c%v1(k), c%v2(k), c%v3(k))
+         c%rate(k) = c%out2(k)*c%steepness(k)
+         c%speed2(k) = c%v1(k)*c%v1(k) + c%v2(k)*c%v2(k) + c%v3(k)*c%v3(k)
+      end do
+   end subroutine turn
+
+   !> Each boulder after its contact: on its next flight, or at its end.
+   subroutine go_on(scene, laws, results, pool, l, c, flights, scratch)
+      type(scene_t), intent(in) :: scene
+      type(laws_t), intent(in) :: laws
+      type(boulder_result_t), intent(inout) :: results(:)
+      type(pool_t), intent(inout) :: pool
+      type(landings_t), intent(in) :: l
+      type(contacts_t), intent(in) :: c
+      type(flights_t), intent(inout) :: flights
+      type(scratch_t), intent(inout) :: scratch(:)
+      logical :: fast, steep
+      integer :: k, lane
+
+      do k = 1, l%n
+         lane = l%lane(k)
+         associate (result => results(pool%place(lane)))
+            result%path_length = result%path_length + c%length(k)
+            result%time = result%time + l%time(k)
+            result%speed_max = max(result%speed_max, c%speed2_in(k))
+            result%jump_height_max = max(result%jump_height_max, l%jump_height(k))
+            if (result%status /= 0) cycle
+            if (c%set(k) > size(laws%set) .or. .not. c%usual(k) > 0) then
+               call rebound_alone(scene, c%number(k), l, k, pool, result, flights, scratch(lane))
+               cycle
+            end if
+            call beyond_fit(laws%set(c%set(k))%fitted, [c%tangential(k), c%normal(k)], fast, steep)
+            call count_outcome(rebound_t([0.0_wp, 0.0_wp, 0.0_wp], c%draws(k), c%forced(k)), c%outside(k), fast, &
+                               steep, result)
+            if (allocated(scene%grounds)) call count_ground(c%ground(k), scratch(lane))
+            if (scene%histograms_requested) &
+               call count_rebound(scratch(lane)%histograms, [c%tangential(k), c%normal(k), c%w(k)], &
+                                  [c%out1(k), c%out2(k), c%out3(k)])
+            call close_impact(scene, c%speed2(k), result)
+            if (result%status /= 0) cycle
+            call set_out(pool, lane, c%heading1(k), c%heading2(k), c%next_w(k))
+            call take_off_again(flights, l, k, c%v1(k), c%v2(k), c%v3(k), c%rate(k), scene%dem%cell)
+         end associate
+      end do
+   end subroutine go_on
+
+   !> A rebound that is not one of many, and the next flight.
+   subroutine rebound_alone(scene, number, l, k, pool, result, flights, scratch)
+      type(scene_t), intent(in) :: scene
+      integer(i8), intent(in) :: number
+      type(landings_t), intent(in) :: l
+      integer, intent(in) :: k
+      type(pool_t), intent(inout) :: pool
+      type(boulder_result_t), intent(inout) :: result
+      type(flights_t), intent(inout) :: flights
+      type(scratch_t), intent(inout) :: scratch
+      type(flight_t) :: flight
+      integer :: lane
+
+      lane = l%lane(k)
+      flight = flight_of(l, k)
+      flight%heading = [pool%heading1(lane), pool%heading2(lane)]
+      call handle_impact(scene, number, landing_of(l, k), [l%v1(k), l%v2(k), l%v3(k) - scene%gravity*l%time(k)], &
+                         pool%w(lane), with_all, result, flight, scratch)
+      call set_out(pool, lane, flight%heading(1), flight%heading(2), pool%w(lane))
+      if (result%status == 0) call take_off(flights, lane, flight, scene%dem%cell)
+   end subroutine rebound_alone
+
+   !> Take boulders that have come to their end out of the pool.
+   subroutine take_out(scene, results, crossings, maps, l, pool, scratch, totals)
+      type(scene_t), intent(in) :: scene
+      type(boulder_result_t), intent(inout) :: results(:)
+      type(crossing_t), intent(inout) :: crossings(:, :)
+      type(maps_t), intent(in) :: maps
+      type(landings_t), intent(in) :: l
+      type(pool_t), intent(inout) :: pool
+      type(scratch_t), intent(inout) :: scratch(:)
+      type(totals_t), intent(inout) :: totals
+      integer :: k, lane
+
+      do k = 1, l%n
+         lane = l%lane(k)
+         associate (result => results(pool%place(lane)), own => scratch(lane))
+            if (result%status == 0) cycle
+            call end_boulder(scene, landing_of(l, k), with_all, result, own)
+            if (allocated(own%crossings)) crossings(:, pool%place(lane)) = own%crossings
+            call add_boulder(scene, maps, result, own, totals)
+         end associate
+         pool%n_free = pool%n_free + 1
+         pool%free(pool%n_free) = lane
+      end do
+   end subroutine take_out
+end module rockfall_lanes
