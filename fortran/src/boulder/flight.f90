@@ -91,7 +91,7 @@ contains
          contact = strikes(d0, d1, d2, t1 - t0) > 0
          s = t1 - t0
          if (contact) s = strike_time(d0, d1, d2, t1 - t0)
-         landing%jump_height = max(landing%jump_height, highest(d0, d1, d2, s))
+         landing%jump_height = max(landing%jump_height, highest(d0, d1, d2, 0.0_wp, s))
          if (present(spans)) then
             n_spans = n_spans + 1
             spans(n_spans) = span_t(patch%i, patch%j, t0, t0 + s, d0, d1, d2)
@@ -152,7 +152,7 @@ contains
       landing%jump_height = 0
       do k = 1, n
          associate (s => spans(k))
-            landing%jump_height = max(landing%jump_height, highest(s%d0, s%d1, s%d2, s%t1 - s%t0))
+            landing%jump_height = max(landing%jump_height, highest(s%d0, s%d1, s%d2, 0.0_wp, s%t1 - s%t0))
          end associate
       end do
    end subroutine end_flight
@@ -219,16 +219,17 @@ contains
       s = min(numerator/denominator, length)
    end function strike_time
 
-   !> Maximum of d0 + d1 s + d2 s**2 in 0..length [m]: at an end, or at the vertex s = -d1/(2 d2).
-   elemental real(wp) function highest(d0, d1, d2, length)
+   !> Maximum of d0 + d1 s + d2 s**2 in from..to [m]: at an end, or at the vertex s = -d1/(2 d2).
+   elemental real(wp) function highest(d0, d1, d2, from, to)
       real(wp), intent(in) :: d0, d1, d2  !! [m], [m/s], [m/s2]
-      real(wp), intent(in) :: length      !! of the span [s]
-      real(wp) :: within  ! 1 or 0
+      real(wp), intent(in) :: from, to    !! 0 <= from <= to [s]
+      real(wp) :: vertex, within  ! whether it lies there: 1 or 0
 
-      within = merge(1.0_wp, 0.0_wp, d1 < -2*d2*length)
-      within = merge(within, 0.0_wp, d1 > 0)
-      highest = max(d0, d0 + length*(d1 + length*d2))
-      highest = merge(d0 - d1*d1/merge(4*d2, 1.0_wp, within > 0), highest, within > 0)
+      vertex = d0 - d1*d1/merge(4*d2, 1.0_wp, d2 < 0)
+      within = merge(1.0_wp, 0.0_wp, d1 < -2*d2*to)
+      within = merge(within, 0.0_wp, d1 > -2*d2*from)
+      highest = max(d0 + from*(d1 + from*d2), d0 + to*(d1 + to*d2))
+      highest = merge(vertex, highest, within > 0)
    end function highest
 
    !> The height above a patch that a flight enters, and its rate of change.

@@ -8,17 +8,30 @@ module rockfall_flights
    use rockfall_kinds, only: wp
    use rockfall_terrain, only: terrain_t, patch_t, read_patch, fraction_of, height_at
    use rockfall_flight, only: flight_t, landing_t, inverse_speed, exit_time, strikes, strike_time, highest, enter_patch
+   use rockfall_boulder, only: inertia_factor
+   use rockfall_maps, only: visit_cell, first_cell, leaving_time
+   use rockfall_trajectory, only: scratch_t
    implicit none
    private
-   public :: flights_t, landings_t, take_off, take_off_again, start_of, fly_on, end_at, touch_down, flight_of, landing_of, lanes, filled
+   public :: flights_t, landings_t, take_off, take_off_again, fly_on, flight_of, landing_of, lanes, filled
 
    integer, parameter :: lanes = 64  !! flights at a time
    integer, parameter :: width = 4   !! of them at a time are computed by the widest instructions
    integer, parameter :: few = 12    !! in the air: others may join them before they fly on
 
+   !> A cell of each flight, that it leaves.
+   type :: cell_t
+      real(wp), dimension(lanes) :: i = 0, j = 0     !! as in axis_t [-]
+      real(wp), dimension(lanes) :: so = 0           !! 1 or 0
+      real(wp), dimension(lanes) :: until = 0        !! when, if so [s]
+      real(wp), dimension(lanes) :: speed2 = 0       !! the greatest over it, squared [m2/s2]
+      real(wp), dimension(lanes) :: top = 0          !! greatest height over it [m]
+   end type cell_t
+
    !> Those that are in the air. What a lane held before is left in it.
    type :: flights_t
       integer :: n = 0
+      integer :: begun = 0                                            !! those that did not just take off
       integer :: lane(lanes) = 0                                      !! of the boulder
       real(wp), dimension(lanes) :: x = 0, y = 0, z = 0               !! at the start [m]
       real(wp), dimension(lanes) :: v1 = 0, v2 = 0, v3 = 0            !! likewise [m/s]
@@ -30,6 +43,13 @@ module rockfall_flights
       real(wp), dimension(lanes) :: next_i = 0, next_j = 0            !! the next patch [-]
       real(wp), dimension(lanes) :: next_t = 0                        !! when it is entered, or the ground met [s]
       real(wp), dimension(lanes) :: contact = 0                       !! 1 or 0
+      ! Only where cells are noted:
+      real(wp), dimension(lanes) :: d2 = 0, end = 0                   !! [m/s2]; of the span over the patch [s]
+      real(wp), dimension(lanes) :: cell_i = 0, cell_j = 0            !! the cell, as in axis_t [-]
+      real(wp), dimension(lanes) :: v3_in = 0                         !! vertical speed on entering it [m/s]
+      real(wp), dimension(lanes) :: top = 0                           !! greatest height over it so far [m]
+      type(cell_t) :: left(2)                                         !! up to two that it leaves over the patch
+      real(wp), dimension(lanes) :: speed2 = 0                        !! as in cell_t, of the one that it is over then
    end type flights_t
 
    !> Those that ended.
@@ -57,11 +77,10 @@ contains
    end function filled
 
    !> One more flight.
-   subroutine take_off(f, lane, start, cell)
+   subroutine take_off(f, lane, start)
       type(flights_t), intent(inout) :: f
       integer, intent(in) :: lane
       type(flight_t), intent(in) :: start
-      real(wp), intent(in) :: cell  !! its size [m]
       integer :: n
 
       n = f%n + 1
@@ -73,22 +92,17 @@ contains
       f%v1(n) = start%v(1)
       f%v2(n) = start%v(2)
       f%v3(n) = start%v(3)
-      f%inverse1(n) = inverse_speed(start%v(1), cell)
-      f%inverse2(n) = inverse_speed(start%v(2), cell)
       f%d0(n) = start%above
       f%d1(n) = start%rate
-      f%t(n) = 0
-      f%jump_height(n) = 0
       call lie_over(f, n, start%patch)
    end subroutine take_off
 
    !> The next flight, from where the last one landed.
-   subroutine take_off_again(f, l, k, v1, v2, v3, rate, cell)
+   subroutine take_off_again(f, l, k, v1, v2, v3, rate)
       type(flights_t), intent(inout) :: f
       type(landings_t), intent(in) :: l
       integer, intent(in) :: k
       real(wp), intent(in) :: v1, v2, v3, rate  !! [m/s]
-      real(wp), intent(in) :: cell              !! its size [m]
       integer :: n
 
       n = f%n + 1
@@ -100,12 +114,8 @@ contains
       f%v1(n) = v1
       f%v2(n) = v2
       f%v3(n) = v3
-      f%inverse1(n) = inverse_speed(v1, cell)
-      f%inverse2(n) = inverse_speed(v2, cell)
       f%d0(n) = 0
       f%d1(n) = rate
-      f%t(n) = 0
-      f%jump_height(n) = 0
       f%i(n) = l%i(k)
       f%j(n) = l%j(k)
       f%z00(n) = l%z00(k)
@@ -128,49 +138,72 @@ contains
       f%c(k) = patch%c
    end subroutine lie_over
 
-   !> Fly until most have met the ground, or left the known terrain.
-   subroutine fly_on(dem, gravity, f, l)
+   !> Fly until most have met the ground, or left the known terrain; and note the cells on the way, if maps need them.
+   subroutine fly_on(dem, gravity, w, f, l, scratch)
       type(terrain_t), intent(in) :: dem
-      real(wp), intent(in) :: gravity  !! [m/s2]
+      real(wp), intent(in) :: gravity                 !! [m/s2]
+      real(wp), intent(in) :: w(:)                    !! W of each lane [m/s]
       type(flights_t), intent(inout) :: f
       type(landings_t), intent(inout) :: l
+      type(scratch_t), intent(inout) :: scratch(:)    !! of each lane
 
-      l%n = 0
-      do while (f%n > 0 .and. (l%n == 0 .or. f%n > few))
-         call cross(f, gravity, dem%cell, dem%per_cell)
-         call part(dem, f, l)
-         call enter(f, gravity, dem%per_cell)
-      end do
+      if (scratch(1)%heights_requested) then
+         call fly_rounds(dem, gravity, w, f, l, scratch, .true., .true.)
+      else if (scratch(1)%cells_requested) then
+         call fly_rounds(dem, gravity, w, f, l, scratch, .true., .false.)
+      else
+         call fly_rounds(dem, gravity, w, f, l, scratch, .false., .false.)
+      end if
       call touch_down(l, gravity, dem%cell, dem%per_cell)
    end subroutine fly_on
 
-   !> The start of a flight that has just taken off; without where it heads.
-   pure type(flight_t) function start_of(f, k) result(flight)
-      type(flights_t), intent(in) :: f
-      integer, intent(in) :: k
-
-      flight%patch = patch_t(int(f%i(k)), int(f%j(k)), f%z00(k), f%a(k), f%b(k), f%c(k), .true.)
-      flight%x = f%x(k)
-      flight%y = f%y(k)
-      flight%z = f%z(k)
-      flight%v = [f%v1(k), f%v2(k), f%v3(k)]
-      flight%above = f%d0(k)
-      flight%rate = f%d1(k)
-   end function start_of
-
-   !> End a flight where `fly` says.
-   subroutine end_at(f, k, landing, l)
+   !> Patch by patch. Wherever it is called, what it notes is a constant, so that each gets a copy of its own.
+   subroutine fly_rounds(dem, gravity, w, f, l, scratch, cells, heights)
+      type(terrain_t), intent(in) :: dem
+      real(wp), intent(in) :: gravity, w(:)
       type(flights_t), intent(inout) :: f
-      integer, intent(in) :: k
-      type(landing_t), intent(in) :: landing
       type(landings_t), intent(inout) :: l
+      type(scratch_t), intent(inout) :: scratch(:)
+      logical, value :: cells, heights  !! whether to note the cells, and the heights over them
 
-      f%next_t(k) = landing%time
-      f%jump_height(k) = landing%jump_height
-      call lie_over(f, k, landing%patch)
-      if (.not. landing%contact) call lie_over(f, k, patch_t(landing%patch%i, landing%patch%j))
-      call set_landing(f, k, merge(1.0_wp, 0.0_wp, landing%contact), l)
-   end subroutine end_at
+      call begin(f, dem%cell, cells)
+      l%n = 0
+      do while (f%n > 0 .and. (l%n == 0 .or. f%n > few))
+         call cross(f, gravity, dem%cell, dem%per_cell)
+         if (cells) then
+            call leave_cells(f, gravity, dem%cell, heights)
+            call note_cells(f%left(1), f, dem%ny, w, scratch)
+            call note_cells(f%left(2), f, dem%ny, w, scratch)
+         end if
+         call part(dem, gravity, w, f, l, scratch, cells)
+         call enter(f, gravity, dem%per_cell)
+      end do
+      f%begun = f%n
+   end subroutine fly_rounds
+
+   !> Begin the flights that have just taken off.
+   subroutine begin(f, cell, cells)
+      type(flights_t), intent(inout) :: f
+      real(wp), intent(in) :: cell  !! its size [m]
+      logical, intent(in) :: cells  !! as in fly_rounds
+      integer :: k
+
+      !$omp simd
+      do k = f%begun + 1, f%n
+         f%inverse1(k) = inverse_speed(f%v1(k), cell)
+         f%inverse2(k) = inverse_speed(f%v2(k), cell)
+         f%t(k) = 0
+         f%jump_height(k) = 0
+      end do
+      if (.not. cells) return
+      !$omp simd
+      do k = f%begun + 1, f%n
+         f%cell_i(k) = first_cell(f%x(k), f%inverse1(k), cell, f%i(k))
+         f%cell_j(k) = first_cell(f%y(k), f%inverse2(k), cell, f%j(k))
+         f%v3_in(k) = f%v3(k)
+         f%top(k) = 0
+      end do
+   end subroutine begin
 
    !> Cross a patch, or meet the ground on it.
    subroutine cross(f, gravity, cell, per_cell)
@@ -194,8 +227,10 @@ contains
          contact = strikes(d0, d1, d2, length)
          s = strike_time(d0, d1, d2, length)
          s = merge(s, length, contact > 0)
-         f%jump_height(k) = max(f%jump_height(k), highest(d0, d1, d2, s))
+         f%jump_height(k) = max(f%jump_height(k), highest(d0, d1, d2, 0.0_wp, s))
          s = t + s
+         f%d2(k) = d2
+         f%end(k) = s
          f%next_t(k) = merge(s, next, contact > 0)
          east = merge(east, 0.0_wp, tx <= ty)
          north = merge(0.0_wp, north, tx <= ty)
@@ -205,11 +240,147 @@ contains
       end do
    end subroutine cross
 
-   !> Part those that met the ground, or left the known terrain, from those that fly on.
-   subroutine part(dem, f, l)
+   !> Leave up to two cells over the patch: each axis has one middle of a patch. What is known of the cells is what
+   !> `visit_path` notes.
+   subroutine leave_cells(f, gravity, cell, heights)
+      type(flights_t), intent(inout) :: f
+      real(wp), intent(in) :: gravity, cell  !! [m/s2], [m]
+      logical, intent(in) :: heights         !! as in fly_rounds
+      real(wp) :: plan2, v3, before, t, end, i, j, first, second, east, north, one, two, last, top, top1, top2, top3
+      integer :: k
+
+      !$omp simd private(plan2, v3, before, t, end, i, j, first, second, east, north, one, two, last)
+      do k = 1, filled(f%n)
+         plan2 = f%v1(k)*f%v1(k) + f%v2(k)*f%v2(k)
+         v3 = f%v3(k)
+         before = f%v3_in(k)
+         end = f%end(k)
+         i = f%cell_i(k)
+         j = f%cell_j(k)
+         f%left(1)%i(k) = i
+         f%left(1)%j(k) = j
+         call next_cell(f%x(k), f%y(k), f%inverse1(k), f%inverse2(k), cell, i, j, first, east, north)
+         one = merge(1.0_wp, 0.0_wp, first < end)
+         last = v3 - gravity*first
+         f%left(1)%so(k) = one
+         f%left(1)%until(k) = first
+         f%left(1)%speed2(k) = plan2 + max(before*before, last*last)
+         before = merge(last, before, one > 0)
+         i = i + one*east
+         j = j + one*north
+         f%left(2)%i(k) = i
+         f%left(2)%j(k) = j
+         call next_cell(f%x(k), f%y(k), f%inverse1(k), f%inverse2(k), cell, i, j, second, east, north)
+         two = merge(one, 0.0_wp, second < end)
+         last = v3 - gravity*second
+         f%left(2)%so(k) = two
+         f%left(2)%until(k) = second
+         f%left(2)%speed2(k) = plan2 + max(before*before, last*last)
+         before = merge(last, before, two > 0)
+         i = i + two*east
+         j = j + two*north
+         f%cell_i(k) = i
+         f%cell_j(k) = j
+         f%v3_in(k) = before
+         last = v3 - gravity*f%next_t(k)
+         f%speed2(k) = plan2 + max(before*before, last*last)
+      end do
+      if (.not. heights) return
+      !$omp simd private(t, end, first, second, one, two, top, top1, top2, top3)
+      do k = 1, filled(f%n)
+         t = f%t(k)
+         end = f%end(k)
+         first = f%left(1)%until(k)
+         second = f%left(2)%until(k)
+         one = f%left(1)%so(k)
+         two = f%left(2)%so(k)
+         top = f%top(k)
+         top1 = max(top, highest(f%d0(k), f%d1(k), f%d2(k), 0.0_wp, min(first, end) - t))
+         top1 = merge(top1, top, first > t)  ! else it had left the cell at the end of the patch before
+         top2 = max(0.0_wp, highest(f%d0(k), f%d1(k), f%d2(k), max(first, t) - t, min(second, end) - t))
+         top3 = max(0.0_wp, highest(f%d0(k), f%d1(k), f%d2(k), max(second, t) - t, end - t))
+         f%left(1)%top(k) = top1
+         f%left(2)%top(k) = top2
+         top = merge(top2, top1, one > 0)
+         f%top(k) = merge(top3, top, two > 0)
+      end do
+   end subroutine leave_cells
+
+   !> When a flight leaves the cell that it is over, and where to.
+   elemental subroutine next_cell(x, y, inverse1, inverse2, cell, i, j, time, east, north)
+      real(wp), intent(in) :: x, y                !! its start [m]
+      real(wp), intent(in) :: inverse1, inverse2  !! of its speeds [s/m]
+      real(wp), intent(in) :: cell                !! the size [m]
+      real(wp), intent(in) :: i, j                !! as in axis_t [-]
+      real(wp), intent(out) :: time               !! since the start [s]
+      real(wp), intent(out) :: east, north        !! -1, 0 or 1 cells [-]
+      real(wp) :: tx, ty
+
+      tx = leaving_time(x, inverse1, cell, i)
+      ty = leaving_time(y, inverse2, cell, j)
+      time = min(tx, ty)
+      east = merge(1.0_wp, -1.0_wp, inverse1 > 0)
+      north = merge(1.0_wp, -1.0_wp, inverse2 > 0)
+      east = merge(east, 0.0_wp, tx <= ty)
+      north = merge(0.0_wp, north, tx <= ty)
+   end subroutine next_cell
+
+   !> Note the cells that were left.
+   subroutine note_cells(left, f, ny, w, scratch)
+      type(cell_t), intent(in) :: left
+      type(flights_t), intent(in) :: f
+      integer, intent(in) :: ny        !! rows of the raster
+      real(wp), intent(in) :: w(:)     !! W of each lane [m/s]
+      type(scratch_t), intent(inout) :: scratch(:)
+      integer :: which(lanes + 1), n, k, m
+
+      n = 0
+      do k = 1, f%n  ! without a branch, as in `part`
+         which(n + 1) = k
+         n = n + int(left%so(k))
+      end do
+      do m = 1, n
+         k = which(m)
+         call visit_cell(scratch(f%lane(k))%visits, [int(left%i(k)), ny + 1 - int(left%j(k))], left%speed2(k), &
+                         inertia_factor*w(f%lane(k))**2, left%top(k))
+      end do
+   end subroutine note_cells
+
+   !> Note the cell where a flight ends.
+   subroutine note_last(f, k, dem, gravity, w, scratch)
+      type(flights_t), intent(inout) :: f
+      integer, intent(in) :: k
       type(terrain_t), intent(in) :: dem
+      real(wp), intent(in) :: gravity  !! [m/s2]
+      real(wp), intent(in) :: w        !! W [m/s]
+      type(scratch_t), intent(inout) :: scratch
+      real(wp) :: time, east, north, plan2, last
+
+      plan2 = f%v1(k)*f%v1(k) + f%v2(k)*f%v2(k)
+      do  ! it has left cells that take it no time
+         call next_cell(f%x(k), f%y(k), f%inverse1(k), f%inverse2(k), dem%cell, f%cell_i(k), f%cell_j(k), &
+                        time, east, north)
+         if (time >= f%next_t(k)) exit
+         last = f%v3(k) - gravity*time
+         call visit_cell(scratch%visits, [int(f%cell_i(k)), dem%ny + 1 - int(f%cell_j(k))], &
+                         plan2 + max(f%v3_in(k)**2, last*last), inertia_factor*w**2, f%top(k))
+         f%v3_in(k) = last
+         f%top(k) = 0
+         f%cell_i(k) = f%cell_i(k) + east
+         f%cell_j(k) = f%cell_j(k) + north
+      end do
+      call visit_cell(scratch%visits, [int(f%cell_i(k)), dem%ny + 1 - int(f%cell_j(k))], f%speed2(k), &
+                      inertia_factor*w**2, f%top(k))
+   end subroutine note_last
+
+   !> Part those that met the ground, or left the known terrain, from those that fly on.
+   subroutine part(dem, gravity, w, f, l, scratch, cells)
+      type(terrain_t), intent(in) :: dem
+      real(wp), intent(in) :: gravity, w(:)
       type(flights_t), intent(inout) :: f
       type(landings_t), intent(inout) :: l
+      type(scratch_t), intent(inout) :: scratch(:)
+      logical, intent(in) :: cells  !! as in fly_rounds
       type(patch_t) :: patch
       integer :: ended(lanes + 1), on(lanes + 1), n_ended, n_on, k, m, n
 
@@ -223,7 +394,9 @@ contains
          n_on = n_on + 1 - n
       end do
       do m = 1, n_ended
-         call set_landing(f, ended(m), 1.0_wp, l)
+         k = ended(m)
+         call set_landing(f, k, 1.0_wp, l)
+         if (cells) call note_last(f, k, dem, gravity, w(f%lane(k)), scratch(f%lane(k)))
       end do
       n = 0
       do m = 1, n_on
@@ -232,6 +405,7 @@ contains
          if (.not. patch%known) then
             call lie_over(f, k, patch_t(patch%i, patch%j))
             call set_landing(f, k, 0.0_wp, l)
+            if (cells) call note_last(f, k, dem, gravity, w(f%lane(k)), scratch(f%lane(k)))
             cycle
          end if
          n = n + 1
@@ -247,6 +421,11 @@ contains
          f%jump_height(n) = f%jump_height(k)
          f%t(n) = f%next_t(k)
          call lie_over(f, n, patch)
+         if (.not. cells) cycle
+         f%cell_i(n) = f%cell_i(k)
+         f%cell_j(n) = f%cell_j(k)
+         f%v3_in(n) = f%v3_in(k)
+         f%top(n) = f%top(k)
       end do
       f%n = n
    end subroutine part

@@ -9,25 +9,26 @@ module rockfall_lanes
    use rockfall_math, only: real_of
    use rockfall_random, only: philox, for_impact, words_per_block, purpose_bit, normal, uniform
    use rockfall_terrain, only: patch_t, cell_of, read_window, horn
-   use rockfall_flight, only: flight_t, landing_t, span_t, parabola_length
-   use rockfall_flights, only: flights_t, landings_t, take_off, take_off_again, start_of, fly_on, end_at, &
-                               touch_down, flight_of, landing_of, lanes, filled
+   use rockfall_flight, only: flight_t, parabola_length
+   use rockfall_flights, only: flights_t, landings_t, take_off, take_off_again, fly_on, flight_of, landing_of, &
+                               lanes, filled
    use rockfall_impact, only: impact_set_t, impact_ratios, rebound_t, first_draw, draw_again, energy_of, &
                               beyond_fit
    use rockfall_direction, only: turn_past_aspect, divide_by_length, shortest
    use rockfall_trajectory, only: scene_t, boulder_result_t, crossing_t, scratch_t, start_boulder, end_boulder, &
-                                  clear, departure, fly_over_cells, record_crossings, handle_impact, find_rocks, &
+                                  clear, departure, record_crossings, handle_impact, find_rocks, &
                                   find_class, count_outcome, close_impact, in_local_frame, rolled_before, &
                                   launch_velocity, meet_ground, count_ground, with_all, absorbed
    use rockfall_ground, only: is_stochastic
    use rockfall_tallies, only: totals_t, prepare, add_boulder
    use rockfall_maps, only: maps_t, needs_visits
+   use rockfall_travel_maps, only: time_visits
    use rockfall_histogram, only: count_rebound
    implicit none
    private
    public :: run_in_lanes
 
-   integer, parameter :: lanes_over_cells = 16  !! where cells are noted: those of more boulders leave the cache
+   integer, parameter :: lanes_over_cells = 64  !! where cells are noted: those of more boulders leave the cache
    integer, parameter :: batch = 16  !! boulders that a thread takes at a time
 
    !> The boulders of a thread, each in a lane of its own until it ends.
@@ -80,20 +81,20 @@ module rockfall_lanes
 contains
 
    !> One thread's part of the boulders: as many as it gets of `next`, which all threads share.
-   subroutine run_in_lanes(scene, first, results, crossings, maps, next, spans, totals)
+   subroutine run_in_lanes(scene, first, results, crossings, maps, next, totals)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: first                    !! number of the first boulder
       type(boulder_result_t), intent(inout) :: results(:)
       type(crossing_t), intent(inout) :: crossings(:, :)  !! (lines, boulders)
       type(maps_t), intent(in) :: maps                    !! none by source
       integer, intent(inout) :: next                      !! place of the next boulder
-      type(span_t), intent(inout), contiguous :: spans(:)             !! of a flight
       type(totals_t), intent(inout) :: totals
       type(pool_t) :: pool
       type(scratch_t), allocatable :: scratch(:)          !! of each lane
       type(flights_t) :: flights
       type(landings_t) :: landings
       type(contacts_t) :: contacts
+      type(draws_t) :: draws
       type(laws_t) :: laws
       integer :: k
 
@@ -107,15 +108,11 @@ contains
       do
          call refill(scene, first, results, next, pool, scratch, flights)
          if (flights%n == 0) exit
-         if (scratch(1)%cells_requested) then
-            call fly_one_by_one(scene, results, pool, flights, landings, scratch, spans)
-         else
-            call fly_on(scene%dem, scene%gravity, flights, landings)
-         end if
+         call fly_on(scene%dem, scene%gravity, pool%w, flights, landings, scratch)
          call look_up(scene, laws, first, results, pool, landings, scratch, contacts)
          call meet(landings, scene%gravity, scene%dem%per_cell, contacts)
          call draw_numbers(scene, landings%n, contacts)
-         call draw(scene, laws, landings%n, contacts)
+         call draw(scene, laws, landings%n, contacts, draws)
          call turn(landings%n, scene%dem%per_cell, contacts)
          call go_on(scene, laws, results, pool, landings, contacts, flights, scratch)
          call take_out(scene, results, crossings, maps, landings, pool, scratch, totals)
@@ -176,7 +173,7 @@ contains
          end associate
          call clear(scene, with_all, scratch(lane))
          call set_out(pool, lane, flight%heading(1), flight%heading(2), 0.0_wp)
-         call take_off(flights, lane, flight, scene%dem%cell)
+         call take_off(flights, lane, flight)
          pool%n_free = pool%n_free - 1
       end do
    end subroutine refill
@@ -192,29 +189,6 @@ contains
       pool%heading2(lane) = heading2
       pool%w(lane) = w
    end subroutine set_out
-
-   !> Fly to the ground or out of the terrain, and note the cells on the way.
-   subroutine fly_one_by_one(scene, results, pool, flights, landings, scratch, spans)
-      type(scene_t), intent(in) :: scene
-      type(boulder_result_t), intent(in) :: results(:)
-      type(pool_t), intent(in) :: pool
-      type(flights_t), intent(inout) :: flights
-      type(landings_t), intent(inout) :: landings
-      type(scratch_t), intent(inout) :: scratch(:)
-      type(span_t), intent(inout), contiguous :: spans(:)
-      type(landing_t) :: landing
-      integer :: k, lane
-
-      landings%n = 0
-      do k = 1, flights%n
-         lane = flights%lane(k)
-         call fly_over_cells(scene, start_of(flights, k), pool%w(lane), results(pool%place(lane))%time, landing, &
-                             scratch(lane), spans)
-         call end_at(flights, k, landing, landings)
-      end do
-      flights%n = 0
-      call touch_down(landings, scene%gravity, scene%dem%cell, scene%dem%per_cell)
-   end subroutine fly_one_by_one
 
    !> Record the lines that they crossed, and look up what lies where they landed.
    subroutine look_up(scene, laws, first, results, pool, l, scratch, c)
@@ -240,6 +214,9 @@ contains
          c%heading1(k) = pool%heading1(lane)
          c%heading2(k) = pool%heading2(lane)
          associate (result => results(pool%place(lane)))
+            if (allocated(scratch(lane)%visits%time)) &
+               call time_visits(scratch(lane)%visits, scene%dem, [l%x0(k), l%y0(k)], [l%v1(k), l%v2(k)], result%time, &
+                                l%time(k))
             if (allocated(scene%lines)) call record_crossings(scene, result, flight_of(l, k), landing_of(l, k), &
                                                               pool%w(lane), scratch(lane)%crossings)
             patch%i = int(l%i(k))
@@ -332,12 +309,12 @@ contains
    end subroutine draw_numbers
 
    !> The velocities after the contacts, by impact set.
-   subroutine draw(scene, laws, n, c)
+   subroutine draw(scene, laws, n, c, d)
       type(scene_t), intent(in) :: scene
       type(laws_t), intent(in) :: laws
       integer, intent(in) :: n
       type(contacts_t), intent(inout) :: c
-      type(draws_t) :: d
+      type(draws_t), intent(inout) :: d
       integer :: first(size(laws%set) + 2)  ! of each set, and past them all
       integer :: set, k, m
 
@@ -495,7 +472,7 @@ contains
             call close_impact(scene, c%speed2(k), result)
             if (result%status /= 0) cycle
             call set_out(pool, lane, c%heading1(k), c%heading2(k), c%next_w(k))
-            call take_off_again(flights, l, k, c%v1(k), c%v2(k), c%v3(k), c%rate(k), scene%dem%cell)
+            call take_off_again(flights, l, k, c%v1(k), c%v2(k), c%v3(k), c%rate(k))
          end associate
       end do
    end subroutine go_on
@@ -519,7 +496,7 @@ contains
       call handle_impact(scene, number, landing_of(l, k), [l%v1(k), l%v2(k), l%v3(k) - scene%gravity*l%time(k)], &
                          pool%w(lane), with_all, result, flight, scratch)
       call set_out(pool, lane, flight%heading(1), flight%heading(2), pool%w(lane))
-      if (result%status == 0) call take_off(flights, lane, flight, scene%dem%cell)
+      if (result%status == 0) call take_off(flights, lane, flight)
    end subroutine rebound_alone
 
    !> Take boulders that have come to their end out of the pool.

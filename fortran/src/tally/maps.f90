@@ -4,11 +4,11 @@
 module rockfall_maps
    use rockfall_kinds, only: wp, sp, i4, i8
    use rockfall_terrain, only: terrain_t
-   use rockfall_flight, only: flight_t, span_t, never
+   use rockfall_flight, only: flight_t, span_t, never, inverse_speed, exit_time, highest
    use rockfall_bins, only: energy, speed, jump_height, passing_height, log_bin
    implicit none
    private
-   public :: maps_t, layer_t, per_unit, visits_t, needs_visits, needs_heights, start_visits, visit_path, visit_cell
+   public :: maps_t, layer_t, per_unit, visits_t, needs_visits, needs_heights, start_visits, visit_path, visit_cell, first_cell, leaving_time
    public :: add_visits, add_deposit, add_value, count_bin, keeps, lacks_slots, raise_cell, square_base
 
    real(wp), parameter :: per_unit(4) = [1.0_wp, 1000.0_wp, 1000.0_wp, 1000.0_wp]  !! sums are of whole J, mm/s, mm
@@ -76,7 +76,6 @@ module rockfall_maps
       integer :: cell = 0, step = 1       !! the one that it is over; to the next: 1 or -1
       real(wp) :: cut = never             !! when it leaves it, since the start of the path [s]
       real(wp) :: x = 0.0_wp, size = 1.0_wp, inverse = 0.0_wp  !! start, side of a cell [m], 1/v [s/m], 0 at rest
-      real(wp) :: idle = never            !! at rest, else 0 [s]
    end type axis_t
 
 contains
@@ -158,7 +157,9 @@ contains
 
       top = 0
       do
-         top = max(top, highest(spans(k), t, min(until, spans(k)%t1)))
+         associate (s => spans(k))
+            top = max(top, highest(s%d0, s%d1, s%d2, t - s%t0, min(until, s%t1) - s%t0))
+         end associate
          t = until
          if (until < spans(k)%t1 .or. k == size(spans)) exit
          k = k + 1
@@ -166,21 +167,6 @@ contains
          if (until <= t) exit
       end do
    end subroutine climb
-
-   !> Maximum height above the patch within t0..t1 of a span [m].
-   pure real(wp) function highest(s, t0, t1)
-      type(span_t), intent(in) :: s
-      real(wp), intent(in) :: t0, t1  !! since the start of the flight [s]
-      real(wp) :: from, to
-
-      from = t0 - s%t0
-      to = t1 - s%t0
-      if (s%d1 > -2*s%d2*from .and. s%d1 < -2*s%d2*to) then
-         highest = s%d0 - s%d1*s%d1/(4*s%d2)
-      else
-         highest = max(s%d0 + from*(s%d1 + from*s%d2), s%d0 + to*(s%d1 + to*s%d2))
-      end if
-   end function highest
 
    !> A path at its start, over patch interval i, on one axis.
    pure type(axis_t) function axis(x, v, size, i)
@@ -191,14 +177,34 @@ contains
       axis%x = x
       axis%size = size
       axis%step = merge(1, -1, v > 0)
-      axis%cell = i + merge(0, 1, (i - 0.5_wp)*size > x)
-      if (abs(v)*never > size) then
-         axis%inverse = 1/v
-         axis%idle = 0
-      end if
+      axis%inverse = inverse_speed(v, size)
+      axis%cell = int(first_cell(x, axis%inverse, size, real(i, wp)))
       call go_over(axis, .false.)
-      if (axis%cut <= 0) call go_over(axis, .true.)  ! it starts between two cells
    end function axis
+
+   !> The cell that a path is over when it starts.
+   elemental real(wp) function first_cell(x, inverse, size, i) result(cell)
+      real(wp), intent(in) :: x        !! its start [m]
+      real(wp), intent(in) :: inverse  !! as from inverse_speed [s/m]
+      real(wp), intent(in) :: size     !! of a cell [m]
+      real(wp), intent(in) :: i        !! of the patch, a whole number [-]
+      real(wp) :: cut, step
+
+      cell = i + merge(0.0_wp, 1.0_wp, (i - 0.5_wp)*size > x)
+      cut = leaving_time(x, inverse, size, cell)
+      step = merge(1.0_wp, -1.0_wp, inverse > 0)
+      cell = cell + merge(step, 0.0_wp, cut <= 0)  ! it starts between two cells
+   end function first_cell
+
+   !> When a path leaves the cell that it is over [s].
+   elemental real(wp) function leaving_time(x, inverse, size, cell)
+      real(wp), intent(in) :: x        !! its start [m]
+      real(wp), intent(in) :: inverse  !! as from inverse_speed [s/m]
+      real(wp), intent(in) :: size     !! of a cell [m]
+      real(wp), intent(in) :: cell     !! a whole number [-]
+
+      leaving_time = exit_time(x, cell + merge(-0.5_wp, -1.5_wp, inverse > 0), size, inverse)
+   end function leaving_time
 
    !> Go over to the next cell, if so, and foresee when the path leaves the one that it is over.
    pure subroutine go_over(axis, so)
@@ -206,7 +212,7 @@ contains
       logical, intent(in) :: so
 
       axis%cell = axis%cell + axis%step*merge(1, 0, so)  ! a product, not a branch: either comes half of the time
-      axis%cut = ((axis%cell + (axis%step - 1)/2 - 0.5_wp)*axis%size - axis%x)*axis%inverse + axis%idle
+      axis%cut = leaving_time(axis%x, axis%inverse, axis%size, real(axis%cell, wp))
    end subroutine go_over
 
    !> Add one visit: raises the boulder's values in that cell.
