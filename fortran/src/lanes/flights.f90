@@ -9,7 +9,7 @@ module rockfall_flights
    use rockfall_terrain, only: terrain_t, patch_t, read_patch, fraction_of, height_at
    use rockfall_flight, only: flight_t, landing_t, inverse_speed, exit_time, strikes, strike_time, highest, enter_patch
    use rockfall_boulder, only: inertia_factor
-   use rockfall_maps, only: visit_cell, first_cell, leaving_time
+   use rockfall_maps, only: enter_cell, enter_other_cell, raise_values, first_cell, leaving_time
    use rockfall_trajectory, only: scratch_t
    implicit none
    private
@@ -166,14 +166,14 @@ contains
       type(scratch_t), intent(inout) :: scratch(:)
       logical, value :: cells, heights  !! whether to note the cells, and the heights over them
 
-      call begin(f, dem%cell, cells)
+      call begin(f, dem, scratch, cells)
       l%n = 0
       do while (f%n > 0 .and. (l%n == 0 .or. f%n > few))
          call cross(f, gravity, dem%cell, dem%per_cell)
          if (cells) then
             call leave_cells(f, gravity, dem%cell, heights)
-            call note_cells(f%left(1), f, dem%ny, w, scratch)
-            call note_cells(f%left(2), f, dem%ny, w, scratch)
+            call note_cells(f%left(1), f%left(2)%i, f%left(2)%j, f, dem%ny, w, scratch)
+            call note_cells(f%left(2), f%cell_i, f%cell_j, f, dem%ny, w, scratch)
          end if
          call part(dem, gravity, w, f, l, scratch, cells)
          call enter(f, gravity, dem%per_cell)
@@ -182,26 +182,30 @@ contains
    end subroutine fly_rounds
 
    !> Begin the flights that have just taken off.
-   subroutine begin(f, cell, cells)
+   subroutine begin(f, dem, scratch, cells)
       type(flights_t), intent(inout) :: f
-      real(wp), intent(in) :: cell  !! its size [m]
+      type(terrain_t), intent(in) :: dem
+      type(scratch_t), intent(inout) :: scratch(:)
       logical, intent(in) :: cells  !! as in fly_rounds
       integer :: k
 
       !$omp simd
       do k = f%begun + 1, f%n
-         f%inverse1(k) = inverse_speed(f%v1(k), cell)
-         f%inverse2(k) = inverse_speed(f%v2(k), cell)
+         f%inverse1(k) = inverse_speed(f%v1(k), dem%cell)
+         f%inverse2(k) = inverse_speed(f%v2(k), dem%cell)
          f%t(k) = 0
          f%jump_height(k) = 0
       end do
       if (.not. cells) return
       !$omp simd
       do k = f%begun + 1, f%n
-         f%cell_i(k) = first_cell(f%x(k), f%inverse1(k), cell, f%i(k))
-         f%cell_j(k) = first_cell(f%y(k), f%inverse2(k), cell, f%j(k))
+         f%cell_i(k) = first_cell(f%x(k), f%inverse1(k), dem%cell, f%i(k))
+         f%cell_j(k) = first_cell(f%y(k), f%inverse2(k), dem%cell, f%j(k))
          f%v3_in(k) = f%v3(k)
          f%top(k) = 0
+      end do
+      do k = f%begun + 1, f%n
+         call enter_cell(scratch(f%lane(k))%visits, [int(f%cell_i(k)), dem%ny + 1 - int(f%cell_j(k))])
       end do
    end subroutine begin
 
@@ -325,12 +329,13 @@ contains
       north = merge(0.0_wp, north, tx <= ty)
    end subroutine next_cell
 
-   !> Note the cells that were left.
-   subroutine note_cells(left, f, ny, w, scratch)
+   !> Note the cells that were left for others.
+   subroutine note_cells(left, i, j, f, ny, w, scratch)
       type(cell_t), intent(in) :: left
+      real(wp), intent(in) :: i(:), j(:)  !! the others, as in axis_t [-]
       type(flights_t), intent(in) :: f
-      integer, intent(in) :: ny        !! rows of the raster
-      real(wp), intent(in) :: w(:)     !! W of each lane [m/s]
+      integer, intent(in) :: ny           !! rows of the raster
+      real(wp), intent(in) :: w(:)        !! W of each lane [m/s]
       type(scratch_t), intent(inout) :: scratch(:)
       integer :: which(lanes + 1), n, k, m
 
@@ -341,8 +346,10 @@ contains
       end do
       do m = 1, n
          k = which(m)
-         call visit_cell(scratch(f%lane(k))%visits, [int(left%i(k)), ny + 1 - int(left%j(k))], left%speed2(k), &
-                         inertia_factor*w(f%lane(k))**2, left%top(k))
+         associate (visits => scratch(f%lane(k))%visits)
+            call raise_values(visits, left%speed2(k), inertia_factor*w(f%lane(k))**2, left%top(k))
+            call enter_other_cell(visits, [int(i(k)), ny + 1 - int(j(k))])
+         end associate
       end do
    end subroutine note_cells
 
@@ -362,15 +369,14 @@ contains
                         time, east, north)
          if (time >= f%next_t(k)) exit
          last = f%v3(k) - gravity*time
-         call visit_cell(scratch%visits, [int(f%cell_i(k)), dem%ny + 1 - int(f%cell_j(k))], &
-                         plan2 + max(f%v3_in(k)**2, last*last), inertia_factor*w**2, f%top(k))
+         call raise_values(scratch%visits, plan2 + max(f%v3_in(k)**2, last*last), inertia_factor*w**2, f%top(k))
          f%v3_in(k) = last
          f%top(k) = 0
          f%cell_i(k) = f%cell_i(k) + east
          f%cell_j(k) = f%cell_j(k) + north
+         call enter_other_cell(scratch%visits, [int(f%cell_i(k)), dem%ny + 1 - int(f%cell_j(k))])
       end do
-      call visit_cell(scratch%visits, [int(f%cell_i(k)), dem%ny + 1 - int(f%cell_j(k))], f%speed2(k), &
-                      inertia_factor*w**2, f%top(k))
+      call raise_values(scratch%visits, f%speed2(k), inertia_factor*w**2, f%top(k))
    end subroutine note_last
 
    !> Part those that met the ground, or left the known terrain, from those that fly on.

@@ -13,7 +13,7 @@ module rockfall_ensemble
    use rockfall_tallies, only: totals_t, prepare, add_boulder
    use rockfall_lanes, only: run_in_lanes
    use rockfall_wide_lanes, only: run_in_wide_lanes => run_in_lanes
-   use rockfall_maps, only: maps_t, needs_visits, needs_heights, visits_t, start_visits
+   use rockfall_maps, only: maps_t, share, unshare, needs_visits, needs_heights, visits_t, start_visits
    use rockfall_source_maps, only: counts_sources, gather, add_source, add_source_of_boulder
    implicit none
    private
@@ -53,13 +53,17 @@ contains
       integer(i8), intent(inout) :: histogram_counts(:, :)   !! (bins, quantities)
       integer(i8), intent(inout) :: by_ground(:)             !! rebounds, where the scene has several grounds
 
+      type(maps_t) :: shared_maps
       integer :: next
 
+      shared_maps = maps
+      if (team_size(threads) > 1) call share(shared_maps, scene%dem%ny)
       next = 1
       !$omp parallel default(none) num_threads(team_size(threads)) &
-      !$omp& shared(scene, first, threads, results, crossings, maps, histogram_counts, by_ground, next)
-      call run_thread(scene, first, threads, results, crossings, maps, histogram_counts, by_ground, next)
+      !$omp& shared(scene, first, threads, results, crossings, shared_maps, histogram_counts, by_ground, next)
+      call run_thread(scene, first, threads, results, crossings, shared_maps, histogram_counts, by_ground, next)
       !$omp end parallel
+      if (team_size(threads) > 1) call unshare(shared_maps)
    end subroutine run_boulders
 
    !> One thread's part of the boulders. A procedure of its own, so that its work space starts as its

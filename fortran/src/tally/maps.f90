@@ -1,18 +1,25 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Maps. What boulders did in each raster cell, as counts, sums of integers, and maxima, so that no order
 !> of boulders changes a bit. A boulder counts once a cell: it gathers its own visits first.
+!>
+!> Threads that add to the same maps hold bands of rows, one at a time. A boulder's cells are neighbours, so it holds a
+!> band for many of them, which costs less than a locked instruction for each number.
 module rockfall_maps
+   use omp_lib, only: omp_lock_kind, omp_init_lock, omp_set_lock, omp_unset_lock, omp_destroy_lock
    use rockfall_kinds, only: wp, sp, i4, i8
    use rockfall_terrain, only: terrain_t
    use rockfall_flight, only: flight_t, span_t, never, inverse_speed, exit_time, highest
    use rockfall_bins, only: energy, speed, jump_height, passing_height, log_bin
    implicit none
    private
-   public :: maps_t, layer_t, per_unit, visits_t, needs_visits, needs_heights, start_visits, visit_path, visit_cell, first_cell, leaving_time
+   public :: maps_t, layer_t, per_unit, visits_t, needs_visits, needs_heights, start_visits, visit_path, visit_cell, enter_cell, enter_other_cell
+   public :: raise_values, first_cell, leaving_time
    public :: add_visits, add_deposit, add_value, count_bin, keeps, lacks_slots, raise_cell, square_base
+   public :: share, unshare, hold, let_go
 
    real(wp), parameter :: per_unit(4) = [1.0_wp, 1000.0_wp, 1000.0_wp, 1000.0_wp]  !! sums are of whole J, mm/s, mm
    integer(i8), parameter :: square_base = 2_i8**31  !! sums of squares have two digits to this base
+   integer, parameter :: band_rows = 16  !! of a band
    integer, parameter :: first_entries = 1024  !! of a table of visits to begin with; a power of two
    !> Factor of the row in the hash of a cell: neighbours fall into different entries.
    integer, parameter :: row_factor = 33
@@ -51,6 +58,8 @@ module rockfall_maps
       integer(i4), pointer, contiguous :: bin_counts(:, :) => null()
       integer(i4), pointer, contiguous :: slot(:, :) => null()        !! of each cell; 0: none yet
       integer(i4), pointer :: slots => null()  !! assigned; one more than there are when they were too few
+      !> Locks of bands of rows, 0-based; not associated where one thread adds alone.
+      integer(omp_lock_kind), pointer, contiguous :: band(:) => null()
    end type maps_t
 
    !> One boulder's maxima in one cell.
@@ -79,6 +88,52 @@ module rockfall_maps
    end type axis_t
 
 contains
+
+   !> From now on several threads add to the maps of a raster of so many rows.
+   subroutine share(maps, rows)
+      type(maps_t), intent(inout) :: maps
+      integer, intent(in) :: rows
+      integer :: k
+
+      allocate (maps%band(0:rows/band_rows))
+      do k = 0, ubound(maps%band, 1)
+         call omp_init_lock(maps%band(k))
+      end do
+   end subroutine share
+
+   !> No longer.
+   subroutine unshare(maps)
+      type(maps_t), intent(inout) :: maps
+      integer :: k
+
+      do k = 0, ubound(maps%band, 1)
+         call omp_destroy_lock(maps%band(k))
+      end do
+      deallocate (maps%band)
+   end subroutine unshare
+
+   !> Hold the band of a row, and no other. To begin with none is held: -1.
+   subroutine hold(maps, row, held)
+      type(maps_t), intent(in) :: maps
+      integer, intent(in) :: row
+      integer, intent(inout) :: held
+
+      if (.not. associated(maps%band)) return
+      if (row/band_rows == held) return
+      call let_go(maps, held)
+      held = row/band_rows
+      call omp_set_lock(maps%band(held))
+   end subroutine hold
+
+   !> Hold none.
+   subroutine let_go(maps, held)
+      type(maps_t), intent(in) :: maps
+      integer, intent(inout) :: held
+
+      if (held < 0) return
+      call omp_unset_lock(maps%band(held))
+      held = -1
+   end subroutine let_go
 
    !> True if a map needs the cells along the trajectories.
    pure logical function needs_visits(maps)
@@ -133,16 +188,17 @@ contains
       t = 0
       k = 1
       top = 0
+      call enter_cell(visits, [east%cell, dem%ny + 1 - north%cell])
       do
-         call enter(visits, [east%cell, dem%ny + 1 - north%cell])
          next = min(east%cut, north%cut, time)
          w(2) = start%v(3) - gravity*next
          if (present(spans)) call climb(spans, next, k, t, top)
-         call raise(visits, plan2 + max(w(1)*w(1), w(2)*w(2)), spin, top)
+         call raise_values(visits, plan2 + max(w(1)*w(1), w(2)*w(2)), spin, top)
          if (next >= time) exit
          eastward = east%cut <= north%cut
          call go_over(east, eastward)
          call go_over(north, .not. eastward)
+         call enter_other_cell(visits, [east%cell, dem%ny + 1 - north%cell])
          w(1) = w(2)
       end do
    end subroutine visit_path
@@ -222,12 +278,12 @@ contains
       real(wp), intent(in) :: speed2, spin        !! as in visit_path [m2/s2]
       real(wp), intent(in) :: jump_height         !! [m]
 
-      call enter(visits, at)
-      call raise(visits, speed2, spin, jump_height)
+      call enter_cell(visits, at)
+      call raise_values(visits, speed2, spin, jump_height)
    end subroutine visit_cell
 
    !> Raise the values of the cell that the boulder is over.
-   pure subroutine raise(visits, speed2, spin, jump_height)
+   pure subroutine raise_values(visits, speed2, spin, jump_height)
       type(visits_t), intent(inout) :: visits
       real(wp), intent(in) :: speed2, spin, jump_height  !! as in visit_cell
 
@@ -236,18 +292,26 @@ contains
          visit%max(2) = max(visit%max(2), speed2 + spin)
          visit%max(3) = max(visit%max(3), jump_height)
       end associate
-   end subroutine raise
+   end subroutine raise_values
 
-   !> Go to a cell, of which the boulder may have no visit yet: then it gets the next number, in the free entry where
-   !> it belongs (open addressing).
-   pure subroutine enter(visits, at)
+   !> Go to a cell, mostly the one that it is over: most flights start where the last one ended.
+   pure subroutine enter_cell(visits, at)
+      type(visits_t), intent(inout) :: visits
+      integer, intent(in) :: at(2)  !! column, row
+
+      if (visits%last > 0) then
+         if (all(visits%visit(visits%last)%at == at)) return
+      end if
+      call enter_other_cell(visits, at)
+   end subroutine enter_cell
+
+   !> Go to another cell, of which the boulder may have no visit yet: then it gets the next number, in the free entry
+   !> where it belongs (open addressing).
+   pure subroutine enter_other_cell(visits, at)
       type(visits_t), intent(inout) :: visits
       integer, intent(in) :: at(2)  !! column, row
       integer :: k
 
-      if (visits%last > 0) then  ! most flights start in the cell where the last one ended
-         if (all(visits%visit(visits%last)%at == at)) return
-      end if
       if (visits%n == size(visits%visit)) call make_room(visits, 2*visits%entries)  ! half empty: short searches
       k = iand(at(1) + row_factor*at(2), visits%entries - 1)
       do while (visits%entry(k) > 0)
@@ -259,7 +323,7 @@ contains
       visits%last = visits%n
       visits%entry(k) = visits%n
       visits%visit(visits%n) = visit_t(at, k)
-   end subroutine enter
+   end subroutine enter_other_cell
 
    !> A table of so many entries with the same visits.
    pure subroutine make_room(visits, entries)
@@ -272,7 +336,7 @@ contains
       allocate (larger%visit(entries/2))
       larger%entries = entries
       do k = 1, visits%n
-         call enter(larger, visits%visit(k)%at)
+         call enter_cell(larger, visits%visit(k)%at)
          larger%visit(k)%max = visits%visit(k)%max
       end do
       call move_alloc(larger%entry, visits%entry)
@@ -286,18 +350,19 @@ contains
       type(visits_t), intent(in) :: visits
       real(wp), intent(in) :: mass  !! of the boulder [kg]
       logical :: values_requested
-      integer :: k
+      integer :: k, held
 
       values_requested = has_layers(maps)
+      held = -1
       do k = 1, visits%n
          associate (visit => visits%visit(k))
-            if (associated(maps%passages)) then
-               !$omp atomic update
+            call hold(maps, visit%at(2), held)
+            if (associated(maps%passages)) &
                maps%passages(visit%at(1), visit%at(2)) = maps%passages(visit%at(1), visit%at(2)) + 1
-            end if
             if (values_requested) call add_values(maps, visit%at(1), visit%at(2), values_of(visit, mass))
          end associate
       end do
+      call let_go(maps, held)
    end subroutine add_visits
 
    pure logical function has_layers(maps)
@@ -350,7 +415,6 @@ contains
 
       do k = 1, size(maps%threshold)
          if (value <= maps%threshold(k)) return
-         !$omp atomic update
          maps%exceeded(i, r, k) = maps%exceeded(i, r, k) + 1
       end do
    end subroutine count_exceeded
@@ -364,7 +428,6 @@ contains
 
       if (associated(layer%sum)) then
          whole = nint(units*value, i8)
-         !$omp atomic update
          layer%sum(i, r) = layer%sum(i, r) + whole
          if (associated(layer%square)) call add_square(layer%square, i, r, whole)
       end if
@@ -382,9 +445,7 @@ contains
       a = n/square_base
       b = mod(n, square_base)
       digits = [a*a*square_base + 2*a*b + b*b/square_base, mod(b*b, square_base)]
-      !$omp atomic update
       square(i, r, 1) = square(i, r, 1) + digits(1)
-      !$omp atomic update
       square(i, r, 2) = square(i, r, 2) + digits(2)
    end subroutine add_square
 
@@ -395,14 +456,12 @@ contains
       integer(i4) :: slot
       integer :: k, bin
 
-      !$omp atomic read seq_cst
       slot = maps%slot(i, r)
       if (slot == 0) call assign_slot(maps, i, r, slot)
       if (slot == 0) return
       do k = 1, 3
          if (maps%layer(k)%bin_offset < 0) cycle
          bin = maps%layer(k)%bin_offset + log_bin(k, values(k))
-         !$omp atomic update
          maps%bin_counts(bin, slot) = maps%bin_counts(bin, slot) + 1
       end do
    end subroutine count_bins
@@ -416,11 +475,9 @@ contains
       integer :: bin
 
       if (maps%layer(quantity)%bin_offset < 0) return
-      !$omp atomic read seq_cst
       slot = maps%slot(i, r)
       if (slot == 0) return  ! there was none left
       bin = maps%layer(quantity)%bin_offset + log_bin(quantity, value)
-      !$omp atomic update
       maps%bin_counts(bin, slot) = maps%bin_counts(bin, slot) + 1
    end subroutine count_bin
 
@@ -431,16 +488,14 @@ contains
       integer, intent(in) :: i, r
       integer(i4), intent(out) :: slot
 
+      slot = 0
       !$omp critical (slots_of_cells)
-      slot = maps%slot(i, r)
-      if (slot == 0) maps%slots = min(maps%slots, size(maps%bin_counts, 2)) + 1
-      if (slot == 0 .and. .not. lacks_slots(maps)) then
-         slot = maps%slots
-         maps%bin_counts(:, slot) = 0
-         !$omp atomic write seq_cst
-         maps%slot(i, r) = slot
-      end if
+      maps%slots = min(maps%slots, size(maps%bin_counts, 2)) + 1
+      if (.not. lacks_slots(maps)) slot = maps%slots
       !$omp end critical (slots_of_cells)
+      if (slot == 0) return
+      maps%bin_counts(:, slot) = 0
+      maps%slot(i, r) = slot
    end subroutine assign_slot
 
    !> True if boulders passed more cells than there are slots: then the counts are of no use.
@@ -451,26 +506,24 @@ contains
       if (associated(maps%slots)) lacks_slots = maps%slots > size(maps%bin_counts, 2)
    end function lacks_slots
 
-   !> Raise a shared maximum; most visits do not, and then only read it.
-   subroutine raise_cell(maximum, value)
+   !> Raise a maximum; most visits do not, and then only read it.
+   elemental subroutine raise_cell(maximum, value)
       real(sp), intent(inout) :: maximum  !! [J], [m/s], [m], or of rockfall_travel_maps
       real(sp), intent(in) :: value       !! likewise
-      real(sp) :: now
 
-      !$omp atomic read
-      now = maximum
-      if (value <= now) return
-      !$omp atomic update
-      maximum = max(maximum, value)
+      if (value > maximum) maximum = value
    end subroutine raise_cell
 
-   !> Count a boulder that came to rest in a cell.
+   !> Count a boulder that came to rest in a cell; many threads may do so at once.
    subroutine add_deposit(maps, at)
       type(maps_t), intent(in) :: maps
       integer, intent(in) :: at(2)  !! column, row
+      integer :: held
 
       if (.not. associated(maps%deposits)) return
-      !$omp atomic update
+      held = -1
+      call hold(maps, at(2), held)
       maps%deposits(at(1), at(2)) = maps%deposits(at(1), at(2)) + 1
+      call let_go(maps, held)
    end subroutine add_deposit
 end module rockfall_maps

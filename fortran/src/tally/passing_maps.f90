@@ -7,7 +7,7 @@ module rockfall_passing_maps
    use rockfall_terrain, only: terrain_t
    use rockfall_sources, only: surface_ratios
    use rockfall_bins, only: passing_height
-   use rockfall_maps, only: maps_t, visits_t, per_unit, add_value, count_bin, keeps
+   use rockfall_maps, only: maps_t, visits_t, per_unit, add_value, count_bin, keeps, hold, let_go
    implicit none
    private
    public :: needs_passing, add_passing, steepest
@@ -30,15 +30,18 @@ contains
       type(terrain_t), intent(in) :: dem
       real(wp), intent(in) :: radius  !! of the boulder [m]
       real(wp) :: ratio(1), height
-      integer :: k
+      integer :: k, held
 
+      held = -1
       do k = 1, visits%n
          associate (visit => visits%visit(k))
             ratio = surface_ratios(dem, [(visit%at(1) - 1)*dem%cell], [(dem%ny - visit%at(2))*dem%cell])
             height = visit%max(3) + radius*min(steepest, ratio(1))
+            call hold(maps, visit%at(2), held)
             call add_value(maps%layer(passing_height), visit%at(1), visit%at(2), height, per_unit(passing_height))
             call count_bin(maps, passing_height, visit%at(1), visit%at(2), height)
          end associate
       end do
+      call let_go(maps, held)
    end subroutine add_passing
 end module rockfall_passing_maps

@@ -5,7 +5,7 @@ module rockfall_travel_maps
    use rockfall_kinds, only: wp, sp
    use rockfall_math, only: degree, arcsine
    use rockfall_terrain, only: terrain_t, node_height
-   use rockfall_maps, only: maps_t, visits_t, raise_cell
+   use rockfall_maps, only: maps_t, visits_t, raise_cell, hold, let_go
    implicit none
    private
    public :: needs_times, needs_travel, time_visits, add_travel, steepest_angle, flattest_angle, shortest_time
@@ -69,10 +69,12 @@ contains
       type(terrain_t), intent(in) :: dem
       real(wp), intent(in) :: start(3)  !! of the boulder [m]
       real(wp) :: sine
-      integer :: k
+      integer :: k, held
 
+      held = -1
       do k = 1, visits%n
          associate (at => visits%visit(k)%at)
+            call hold(maps, at(2), held)
             if (k > 1) then
                sine = sine_of_line(dem, start, at)
                if (associated(maps%steepest)) call raise_cell(maps%steepest(at(1), at(2)), real(offset + sine, sp))
@@ -82,6 +84,7 @@ contains
                call raise_cell(maps%shortest(at(1), at(2)), real(1/(1 + visits%time(k)), sp))
          end associate
       end do
+      call let_go(maps, held)
    end subroutine add_travel
 
    !> Sine of the angle below the horizontal of the line from a release to the ground in the middle of a cell [-].

@@ -3,7 +3,7 @@
 !> they are counts, sums of integers, and maxima; a boulder gathers its hits first.
 module rockfall_tree_maps
    use rockfall_kinds, only: wp, sp, i8
-   use rockfall_maps, only: maps_t, per_unit, add_value
+   use rockfall_maps, only: maps_t, per_unit, add_value, hold, let_go
    use rockfall_bins, only: jump_height
    implicit none
    private
@@ -54,20 +54,18 @@ contains
    subroutine add_tree_hits(maps, hits)
       type(maps_t), intent(in) :: maps
       type(tree_hits_t), intent(in) :: hits
-      integer :: k
+      integer :: k, held
 
+      held = -1
       do k = 1, hits%n
          associate (i => hits%hit(k)%at(1), r => hits%hit(k)%at(2))
-            if (associated(maps%tree_impacts)) then
-               !$omp atomic update
-               maps%tree_impacts(i, r) = maps%tree_impacts(i, r) + 1
-            end if
-            if (associated(maps%tree_energy)) then
-               !$omp atomic update
+            call hold(maps, r, held)
+            if (associated(maps%tree_impacts)) maps%tree_impacts(i, r) = maps%tree_impacts(i, r) + 1
+            if (associated(maps%tree_energy)) &
                maps%tree_energy(i, r) = maps%tree_energy(i, r) + nint(hits%hit(k)%taken, i8)
-            end if
             call add_value(maps%tree_height, i, r, hits%hit(k)%height, per_unit(jump_height))
          end associate
       end do
+      call let_go(maps, held)
    end subroutine add_tree_hits
 end module rockfall_tree_maps
