@@ -26,6 +26,13 @@ def replace(file: Path, old: str, new: str, times: int = 1) -> None:
     file.write_text(text.replace(old, new))
 
 
+def go_one_by_one(folder: Path) -> None:
+    """No boulders in lanes, whose flights are not those of the procedure `fly`."""
+    lanes = "integer :: lanes = "
+    trajectory = folder / "fortran/src/trace/trajectory.f90"
+    replace(trajectory, f"{lanes}wide_lanes", f"{lanes}one_by_one")
+
+
 def build(folder: Path, *targets: str) -> list[Path]:
     """Build the changed sources with the product's flags; returns the programs."""
     path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])

@@ -35,7 +35,7 @@ MODULES = {
     ".".join(path.relative_to(PACKAGE).with_suffix("").parts).removesuffix(".__init__"): path
     for path in sorted(PACKAGE.rglob("*.py"))
 }
-FORTRAN = ["base", "terrain", "boulder", "tally", "run", "io", "f2py"]
+FORTRAN = ["base", "terrain", "boulder", "tally", "trace", "run", "io", "f2py"]
 FILES = 15  # of a folder
 
 

@@ -83,6 +83,7 @@ class Run(NamedTuple):
 def build(folder: Path) -> Path:
     """Build the kernel with flights in steps; returns the program."""
     variant.copy_sources(folder)
+    variant.go_one_by_one(folder)
     source = folder / "fortran/src"
     exact = (source / "boulder/flight.f90").rename(source / "exact_flight.f90")
     variant.replace(exact, "module rockfall_flight", "module exact_flight", 2)

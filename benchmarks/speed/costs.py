@@ -178,7 +178,7 @@ def per_rebound(program: Path, case: Path, few_boulders: int = FEW) -> float:
 # The same kernel without an option
 
 Edit = tuple[str, str, str, int]  # file, text, what stands for it, how often it is there
-_TRAJECTORY, _ENSEMBLE = "run/trajectory.f90", "run/ensemble.f90"
+_TRAJECTORY, _ENSEMBLE = "trace/trajectory.f90", "trace/ensemble.f90"
 _CELLS = "if (scratch%cells_requested)"
 _HISTOGRAMS = "if (scene%histograms_requested)"
 _LINES = "level >= with_lines .and. allocated(scene%lines) .and. .not. obstacles"

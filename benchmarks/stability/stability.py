@@ -136,7 +136,8 @@ def build(folder: Path) -> tuple[Path, Path]:
     variant.copy_sources(folder)
     used = "span_t, fly, end_flight, flight_from, launch_rate, arc_length"
     ours = used.replace(" fly,", "") + "\n   use audited_flight, only: fly"
-    variant.replace(folder / "fortran/src/run/trajectory.f90", used, ours)
+    variant.replace(folder / "fortran/src/trace/trajectory.f90", used, ours)
+    variant.go_one_by_one(folder)
     flight = "'src/boulder/flight.f90',"
     audited = f"{flight} '../benchmarks/stability/audited_flight.f90',"
     variant.replace(folder / "fortran/meson.build", flight, audited)

@@ -8,7 +8,7 @@ module rockfall_flight
    implicit none
    private
    public :: flight_t, landing_t, span_t, fly, end_flight, flight_from, launch_rate, arc_length, parabola_length, never
-   public :: find_place, inverse_speed, exit_time, strikes, strike_time, highest, enter_patch
+   public :: inverse_speed, exit_time, strikes, strike_time, highest, enter_patch
 
    real(wp), parameter :: never = 1.0e30_wp  !! [s] longer than any flight; its square does not overflow
    real(wp), parameter :: at_rest = 1.0e-200_wp  !! [m2/s2] a plan speed squared that adds nothing to a length
@@ -109,21 +109,11 @@ contains
       landing%patch = patch
       landing%time = t0
       if (contact) landing%time = t0 + s
-      call find_place(dem, gravity, start, landing)
-   end subroutine fly
-
-   !> Where a flight of a known time landed, or left the terrain.
-   pure subroutine find_place(dem, gravity, start, landing)
-      type(terrain_t), intent(in) :: dem
-      real(wp), intent(in) :: gravity     !! [m/s2]
-      type(flight_t), intent(in) :: start
-      type(landing_t), intent(inout) :: landing
-
       landing%x = start%x + start%v(1)*landing%time
       landing%y = start%y + start%v(2)*landing%time
       landing%z = start%z + landing%time*(start%v(3) - 0.5_wp*gravity*landing%time)
-      if (landing%contact) call put_on_surface(dem, landing)
-   end subroutine find_place
+      if (contact) call put_on_surface(dem, landing)
+   end subroutine fly
 
    !> End a flight over the first n spans in the air, at a time within it.
    pure subroutine end_flight(dem, gravity, start, time, spans, n, landing)

@@ -4,7 +4,7 @@ module rockfall_line
    use rockfall_kinds, only: wp
    implicit none
    private
-   public :: line_t, line, first_crossing, next_crossing
+   public :: line_t, line, first_crossing, next_crossing, comes_near
 
    !> A polyline.
    type :: line_t
@@ -43,7 +43,7 @@ contains
       integer :: k
 
       fraction = 2
-      if (any(min(a, b) > this%high) .or. any(max(a, b) < this%low)) return
+      if (.not. comes_near(this%low(1), this%low(2), this%high(1), this%high(2), a(1), a(2), b(1), b(2)) > 0) return
       do k = 1, size(this%x) - 1
          p = [this%x(k), this%y(k)]
          q = [this%x(k + 1), this%y(k + 1)]
@@ -55,6 +55,18 @@ contains
          if (at > after) fraction = min(fraction, at)
       end do
    end function next_crossing
+
+   !> Whether the bounding boxes of a line and of a path from a to b touch: 1 or 0, of which a processor can take several
+   !> at a time. Otherwise the line is not crossed.
+   elemental real(wp) function comes_near(low1, low2, high1, high2, a1, a2, b1, b2) result(near)
+      real(wp), intent(in) :: low1, low2, high1, high2  !! of the line [m]
+      real(wp), intent(in) :: a1, a2, b1, b2            !! [m]
+
+      near = merge(1.0_wp, 0.0_wp, min(a1, b1) <= high1)
+      near = merge(near, 0.0_wp, min(a2, b2) <= high2)
+      near = merge(near, 0.0_wp, max(a1, b1) >= low1)
+      near = merge(near, 0.0_wp, max(a2, b2) >= low2)
+   end function comes_near
 
    !> Vertical component of a x b [m2]: twice the area of the triangle they span, > 0 where b is left of a.
    pure real(wp) function cross(a, b)

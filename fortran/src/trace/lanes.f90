@@ -19,6 +19,7 @@ module rockfall_lanes
                                   clear, departure, record_crossings, handle_impact, find_rocks, &
                                   find_class, count_outcome, close_impact, in_local_frame, rolled_before, &
                                   launch_velocity, meet_ground, count_ground, with_all, absorbed
+   use rockfall_line, only: comes_near
    use rockfall_ground, only: is_stochastic
    use rockfall_tallies, only: totals_t, prepare, add_boulder
    use rockfall_maps, only: maps_t, needs_visits
@@ -109,6 +110,7 @@ contains
          call refill(scene, first, results, next, pool, scratch, flights)
          if (flights%n == 0) exit
          call fly_on(scene%dem, scene%gravity, pool%w, flights, landings, scratch)
+         if (allocated(scene%lines)) call cross_lines(scene, results, pool, landings, scratch)
          call look_up(scene, laws, first, results, pool, landings, scratch, contacts)
          call meet(landings, scene%gravity, scene%dem%per_cell, contacts)
          call draw_numbers(scene, landings%n, contacts)
@@ -190,7 +192,36 @@ contains
       pool%w(lane) = w
    end subroutine set_out
 
-   !> Record the lines that they crossed, and look up what lies where they landed.
+   !> Record the lines that they crossed.
+   subroutine cross_lines(scene, results, pool, l, scratch)
+      type(scene_t), intent(in) :: scene
+      type(boulder_result_t), intent(in) :: results(:)
+      type(pool_t), intent(in) :: pool
+      type(landings_t), intent(in) :: l
+      type(scratch_t), intent(inout) :: scratch(:)
+      real(wp) :: near(lanes), low1, low2, high1, high2
+      integer :: line, k, lane
+
+      near = 0
+      do line = 1, size(scene%lines)
+         low1 = scene%lines(line)%low(1)
+         low2 = scene%lines(line)%low(2)
+         high1 = scene%lines(line)%high(1)
+         high2 = scene%lines(line)%high(2)
+         !$omp simd
+         do k = 1, filled(l%n)
+            near(k) = max(near(k), comes_near(low1, low2, high1, high2, l%x0(k), l%y0(k), l%x(k), l%y(k)))
+         end do
+      end do
+      do k = 1, l%n
+         if (.not. near(k) > 0) cycle
+         lane = l%lane(k)
+         call record_crossings(scene, results(pool%place(lane)), flight_of(l, k), landing_of(l, k), pool%w(lane), &
+                               scratch(lane)%crossings)
+      end do
+   end subroutine cross_lines
+
+   !> Look up what lies where they landed.
    subroutine look_up(scene, laws, first, results, pool, l, scratch, c)
       type(scene_t), intent(in) :: scene
       type(laws_t), intent(in) :: laws
@@ -217,8 +248,6 @@ contains
             if (allocated(scratch(lane)%visits%time)) &
                call time_visits(scratch(lane)%visits, scene%dem, [l%x0(k), l%y0(k)], [l%v1(k), l%v2(k)], result%time, &
                                 l%time(k))
-            if (allocated(scene%lines)) call record_crossings(scene, result, flight_of(l, k), landing_of(l, k), &
-                                                              pool%w(lane), scratch(lane)%crossings)
             patch%i = int(l%i(k))
             patch%j = int(l%j(k))
             if (.not. l%contact(k) > 0) then
