@@ -183,8 +183,8 @@ contains
       exit_time = merge(exit_time, never, abs(inverse) > 0)
    end function exit_time
 
-   !> Whether d0 + d1 s + d2 s**2, d0 >= 0, goes below zero in 0..length: 1 or 0, of which a processor can take several
-   !> at a time.
+   !> Whether d0 + d1 s + d2 s**2, d0 >= 0, goes below zero in 0..length, 1 or 0; as a number so that several can be
+   !> computed at a time.
    elemental real(wp) function strikes(d0, d1, d2, length)
       real(wp), intent(in) :: d0, d1, d2  !! [m], [m/s], [m/s2]
       real(wp), intent(in) :: length      !! of the span [s]

@@ -56,8 +56,8 @@ contains
       end do
    end function next_crossing
 
-   !> Whether the bounding boxes of a line and of a path from a to b touch: 1 or 0, of which a processor can take several
-   !> at a time. Otherwise the line is not crossed.
+   !> Whether the bounding boxes of a line and of a path from a to b touch, 1 or 0, as a number so that several can be
+   !> computed at a time; otherwise the path does not cross the line.
    elemental real(wp) function comes_near(low1, low2, high1, high2, a1, a2, b1, b2) result(near)
       real(wp), intent(in) :: low1, low2, high1, high2  !! of the line [m]
       real(wp), intent(in) :: a1, a2, b1, b2            !! [m]

@@ -12,8 +12,8 @@ module rockfall_maps
    use rockfall_bins, only: energy, speed, jump_height, passing_height, log_bin
    implicit none
    private
-   public :: maps_t, layer_t, per_unit, visits_t, needs_visits, needs_heights, start_visits, visit_path, visit_cell, enter_cell, enter_other_cell
-   public :: raise_values, first_cell, leaving_time
+   public :: maps_t, layer_t, per_unit, visits_t, needs_visits, needs_heights, start_visits, visit_path, visit_cell
+   public :: enter_cell, enter_other_cell, raise_values, first_cell, leaving_time
    public :: add_visits, add_deposit, add_value, count_bin, keeps, lacks_slots, raise_cell, square_base
    public :: share, unshare, hold, let_go
 

@@ -7,7 +7,8 @@ module rockfall_terrain
    implicit none
    private
    public :: terrain_t, patch_t, terrain, keep_within, in_window, locate, within, on_terrain, is_known_at, read_patch
-   public :: fraction_of, height, height_at, node_height, gradient, cell_of, cell_descent, read_window, horn, max_elevation
+   public :: fraction_of, height, height_at, node_height, gradient, cell_of, cell_descent, read_window, horn
+   public :: max_elevation
 
    real(wp), parameter :: max_elevation = 1.0e7_wp  !! [m] above or below zero; more is nodata that is not declared
 

@@ -83,13 +83,13 @@ contains
       lanes = one_by_one
       if (goes_in_lanes(scene) .and. .not. counts_sources(maps)) lanes = scene%lanes
       if (is_wide() == 0) lanes = min(lanes, narrow_lanes)
-      allocate (worker%spans(merge(scene%dem%nx + scene%dem%ny, 0, needs_heights(maps) .or. has_obstacles(scene))))
       if (allocated(scene%grounds)) allocate (worker%totals%by_ground(size(scene%grounds)), source=0_i8)
       if (lanes == wide_lanes) then
          call run_in_wide_lanes(scene, first, results, crossings, maps, next, worker%totals)
       else if (lanes == narrow_lanes) then
          call run_in_lanes(scene, first, results, crossings, maps, next, worker%totals)
       else
+         allocate (worker%spans(merge(scene%dem%nx + scene%dem%ny, 0, needs_heights(maps) .or. has_obstacles(scene))))
          call choose_trace(scene, needs_visits(maps), worker%trace)
          call prepare(scene, maps, worker%scratch)
          if (counts_sources(maps)) then

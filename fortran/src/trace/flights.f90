@@ -472,8 +472,8 @@ contains
 
       !$omp simd
       do k = 1, filled(f%n)
-         call enter_patch(f%x(k), f%y(k), f%z(k), f%v1(k), f%v2(k), f%v3(k), gravity, per_cell, f%t(k), f%i(k), f%j(k), &
-                          f%z00(k), f%a(k), f%b(k), f%c(k), f%d0(k), f%d1(k))
+         call enter_patch(f%x(k), f%y(k), f%z(k), f%v1(k), f%v2(k), f%v3(k), gravity, per_cell, f%t(k), &
+                          f%i(k), f%j(k), f%z00(k), f%a(k), f%b(k), f%c(k), f%d0(k), f%d1(k))
       end do
    end subroutine enter
 

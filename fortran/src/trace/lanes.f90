@@ -22,14 +22,13 @@ module rockfall_lanes
    use rockfall_line, only: comes_near
    use rockfall_ground, only: is_stochastic
    use rockfall_tallies, only: totals_t, prepare, add_boulder
-   use rockfall_maps, only: maps_t, needs_visits
+   use rockfall_maps, only: maps_t
    use rockfall_travel_maps, only: time_visits
    use rockfall_histogram, only: count_rebound
    implicit none
    private
    public :: run_in_lanes
 
-   integer, parameter :: lanes_over_cells = 64  !! where cells are noted: those of more boulders leave the cache
    integer, parameter :: batch = 16  !! boulders that a thread takes at a time
 
    !> The boulders of a thread, each in a lane of its own until it ends.
@@ -100,9 +99,9 @@ contains
       integer :: k
 
       laws = laws_of(scene)
-      pool%n_free = merge(lanes_over_cells, lanes, needs_visits(maps))
-      allocate (scratch(pool%n_free))
-      do k = 1, pool%n_free
+      pool%n_free = lanes
+      allocate (scratch(lanes))
+      do k = 1, lanes
          call prepare(scene, maps, scratch(k))
          pool%free(k) = k
       end do
