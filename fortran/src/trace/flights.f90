@@ -15,9 +15,9 @@ module rockfall_flights
    private
    public :: flights_t, landings_t, take_off, take_off_again, fly_on, flight_of, landing_of, lanes, filled
 
-   integer, parameter :: lanes = 64  !! flights at a time
+   integer, parameter :: lanes = 64  !! flights at a time; a multiple of `width`
    integer, parameter :: width = 4   !! of them at a time are computed by the widest instructions
-   integer, parameter :: few = 12    !! in the air: others may join them before they fly on
+   integer, parameter :: few = 12    !! in the air: worth waiting for others to join them
 
    !> A cell of each flight, that it leaves.
    type :: cell_t
