@@ -59,7 +59,7 @@ contains
          call fail(error, "needs a scheme and a step above 0; see the head of stepping.f90")
          return
       end if
-      call read_case_file(word(1), "", "", "1", text, case, error)
+      call read_case_file(word(1), "", "", "", "1", text, case, error)
       if (.not. allocated(error)) call read_scene(word(2), case, text, inputs, error)
       if (allocated(error)) return
       none%name = part//".checkpoint"

@@ -134,7 +134,7 @@ def energy_gain(scene: Scene, case: rockfall.Case, result: xr.Dataset) -> tuple[
 def build(folder: Path) -> tuple[Path, Path]:
     """Build `factors` and a rockfall-batch whose flights are audited; returns both programs."""
     variant.copy_sources(folder)
-    used = "span_t, fly, end_flight, flight_from, launch_rate, arc_length"
+    used = "span_t, fly, end_flight, flight_from, launch_rate, arc_length, never"
     ours = used.replace(" fly,", "") + "\n   use audited_flight, only: fly"
     variant.replace(folder / "fortran/src/trace/trajectory.f90", used, ours)
     variant.go_one_by_one(folder)
