@@ -8,7 +8,7 @@ module rockfall_flight
    implicit none
    private
    public :: flight_t, landing_t, span_t, fly, end_flight, flight_from, launch_rate, arc_length, parabola_length, never
-   public :: inverse_speed, exit_time, strikes, strike_time, highest, enter_patch
+   public :: inverse_speed, exit_time, strikes, strike_time, highest, enter_patch, place_on_patch
 
    real(wp), parameter :: never = 1.0e30_wp  !! [s] longer than any flight; its square does not overflow
    real(wp), parameter :: at_rest = 1.0e-200_wp  !! [m2/s2] a plan speed squared that adds nothing to a length
@@ -243,12 +243,30 @@ contains
       type(terrain_t), intent(in) :: dem
       type(landing_t), intent(inout) :: landing
 
-      landing%u = within(dem, landing%x, landing%patch%i)
-      landing%w = within(dem, landing%y, landing%patch%j)
-      landing%x = (landing%patch%i - 1 + landing%u)*dem%cell
-      landing%y = (landing%patch%j - 1 + landing%w)*dem%cell
-      landing%z = height(landing%patch, landing%u, landing%w)
+      real(wp) :: x, y
+
+      x = landing%x
+      y = landing%y
+      associate (p => landing%patch)
+         call place_on_patch(x, y, dem%cell, dem%per_cell, real(p%i, wp), real(p%j, wp), p%z00, p%a, p%b, p%c, &
+                             landing%u, landing%w, landing%x, landing%y, landing%z)
+      end associate
    end subroutine put_on_surface
+
+   !> The place on a patch that is nearest in plan, as fractions of its sides and as coordinates.
+   elemental subroutine place_on_patch(x, y, cell, per_cell, i, j, z00, a, b, c, u, w, x_on, y_on, z_on)
+      real(wp), intent(in) :: x, y                !! [m]
+      real(wp), intent(in) :: cell, per_cell      !! size of a cell, its inverse [m], [1/m]
+      real(wp), intent(in) :: i, j, z00, a, b, c  !! as in patch_t [-], [m]
+      real(wp), intent(out) :: u, w               !! 0..1 [cells]
+      real(wp), intent(out) :: x_on, y_on, z_on   !! [m]
+
+      u = fraction_of(per_cell, x, i)
+      w = fraction_of(per_cell, y, j)
+      x_on = (i - 1 + u)*cell
+      y_on = (j - 1 + w)*cell
+      z_on = height_at(z00, a, b, c, u, w)
+   end subroutine place_on_patch
 
    !> Length [m] of a parabola flown for a time: with the plan speed h and the vertical one w = v3 - g t, the integral
    !> of s = sqrt(h**2 + w**2) over dt is (F(w0) - F(w1))/(2 g), F(w) = w s + h**2 ln(w + s). And since

@@ -7,7 +7,7 @@ module rockfall_terrain
    implicit none
    private
    public :: terrain_t, patch_t, terrain, keep_within, in_window, locate, within, on_terrain, is_known_at, read_patch
-   public :: fraction_of, height, height_at, node_height, gradient, cell_of, cell_descent, read_window, horn
+   public :: fraction_of, height, height_at, node_height, gradient, slope_at, cell_of, cell_descent, read_window, horn
    public :: max_elevation
 
    real(wp), parameter :: max_elevation = 1.0e7_wp  !! [m] above or below zero; more is nodata that is not declared
@@ -221,9 +221,18 @@ contains
       real(wp), intent(in) :: u, w  !! 0..1 [cells]
       real(wp) :: g(2)
 
-      g(1) = (patch%a + patch%c*w)*dem%per_cell
-      g(2) = (patch%b + patch%c*u)*dem%per_cell
+      g(1) = slope_at(patch%a, patch%c, w, dem%per_cell)
+      g(2) = slope_at(patch%b, patch%c, u, dem%per_cell)
    end function gradient
+
+   !> The same along one axis, of scalars: dz/dx with a and w, dz/dy with b and u [-].
+   elemental real(wp) function slope_at(rise, twist, across, per_cell)
+      real(wp), intent(in) :: rise, twist  !! a or b, and c, as in patch_t [m]
+      real(wp), intent(in) :: across       !! w or u, 0..1 [cells]
+      real(wp), intent(in) :: per_cell     !! [1/m]
+
+      slope_at = (rise + twist*across)*per_cell
+   end function slope_at
 
    !> The raster cell (node) nearest to a place in a patch: column from the west, row from the north.
    pure function cell_of(dem, patch, u, w) result(at)

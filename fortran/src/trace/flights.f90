@@ -6,8 +6,9 @@
 !> Compiled twice, like rockfall_lanes.
 module rockfall_flights
    use rockfall_kinds, only: wp
-   use rockfall_terrain, only: terrain_t, patch_t, read_patch, fraction_of, height_at
-   use rockfall_flight, only: flight_t, landing_t, inverse_speed, exit_time, strikes, strike_time, highest, enter_patch
+   use rockfall_terrain, only: terrain_t, patch_t, read_patch
+   use rockfall_flight, only: flight_t, landing_t, inverse_speed, exit_time, strikes, strike_time, highest, &
+                              enter_patch, place_on_patch
    use rockfall_boulder, only: inertia_factor
    use rockfall_maps, only: enter_cell, enter_other_cell, raise_values, first_cell, leaving_time
    use rockfall_trajectory, only: scratch_t
@@ -21,7 +22,7 @@ module rockfall_flights
 
    !> A cell of each flight, that it leaves.
    type :: cell_t
-      real(wp), dimension(lanes) :: i = 0, j = 0     !! as in axis_t [-]
+      real(wp), dimension(lanes) :: i = 0, j = 0     !! the next one, as in axis_t [-]
       real(wp), dimension(lanes) :: so = 0           !! 1 or 0
       real(wp), dimension(lanes) :: until = 0        !! when, if so [s]
       real(wp), dimension(lanes) :: speed2 = 0       !! the greatest over it, squared [m2/s2]
@@ -172,8 +173,8 @@ contains
          call cross(f, gravity, dem%cell, dem%per_cell)
          if (cells) then
             call leave_cells(f, gravity, dem%cell, heights)
-            call note_cells(f%left(1), f%left(2)%i, f%left(2)%j, f, dem%ny, w, scratch)
-            call note_cells(f%left(2), f%cell_i, f%cell_j, f, dem%ny, w, scratch)
+            call note_cells(f%left(1), f, dem%ny, w, scratch)
+            call note_cells(f%left(2), f, dem%ny, w, scratch)
          end if
          call part(dem, gravity, w, f, l, scratch, cells)
          call enter(f, gravity, dem%per_cell)
@@ -250,10 +251,10 @@ contains
       type(flights_t), intent(inout) :: f
       real(wp), intent(in) :: gravity, cell  !! [m/s2], [m]
       logical, intent(in) :: heights         !! as in fly_rounds
-      real(wp) :: plan2, v3, before, t, end, i, j, first, second, east, north, one, two, last, top, top1, top2, top3
+      real(wp) :: plan2, v3, before, t, end, i, j, so, first, second, one, two, last, top, top1, top2, top3
       integer :: k
 
-      !$omp simd private(plan2, v3, before, t, end, i, j, first, second, east, north, one, two, last)
+      !$omp simd private(plan2, v3, before, end, i, j, so, last)
       do k = 1, filled(f%n)
          plan2 = f%v1(k)*f%v1(k) + f%v2(k)*f%v2(k)
          v3 = f%v3(k)
@@ -261,28 +262,17 @@ contains
          end = f%end(k)
          i = f%cell_i(k)
          j = f%cell_j(k)
+         so = 1
+         call leave_cell(f%x(k), f%y(k), f%inverse1(k), f%inverse2(k), cell, plan2, v3, gravity, end, i, j, before, &
+                         so, f%left(1)%until(k), f%left(1)%speed2(k))
+         f%left(1)%so(k) = so
          f%left(1)%i(k) = i
          f%left(1)%j(k) = j
-         call next_cell(f%x(k), f%y(k), f%inverse1(k), f%inverse2(k), cell, i, j, first, east, north)
-         one = merge(1.0_wp, 0.0_wp, first < end)
-         last = v3 - gravity*first
-         f%left(1)%so(k) = one
-         f%left(1)%until(k) = first
-         f%left(1)%speed2(k) = plan2 + max(before*before, last*last)
-         before = merge(last, before, one > 0)
-         i = i + one*east
-         j = j + one*north
+         call leave_cell(f%x(k), f%y(k), f%inverse1(k), f%inverse2(k), cell, plan2, v3, gravity, end, i, j, before, &
+                         so, f%left(2)%until(k), f%left(2)%speed2(k))
+         f%left(2)%so(k) = so
          f%left(2)%i(k) = i
          f%left(2)%j(k) = j
-         call next_cell(f%x(k), f%y(k), f%inverse1(k), f%inverse2(k), cell, i, j, second, east, north)
-         two = merge(one, 0.0_wp, second < end)
-         last = v3 - gravity*second
-         f%left(2)%so(k) = two
-         f%left(2)%until(k) = second
-         f%left(2)%speed2(k) = plan2 + max(before*before, last*last)
-         before = merge(last, before, two > 0)
-         i = i + two*east
-         j = j + two*north
          f%cell_i(k) = i
          f%cell_j(k) = j
          f%v3_in(k) = before
@@ -310,32 +300,44 @@ contains
       end do
    end subroutine leave_cells
 
-   !> When a flight leaves the cell that it is over, and where to.
-   elemental subroutine next_cell(x, y, inverse1, inverse2, cell, i, j, time, east, north)
+   !> Leave the cell that a flight is over, if that is so before a time.
+   elemental subroutine leave_cell(x, y, inverse1, inverse2, cell, plan2, v3, gravity, end, i, j, v3_in, so, &
+                                   until, speed2)
       real(wp), intent(in) :: x, y                !! its start [m]
       real(wp), intent(in) :: inverse1, inverse2  !! of its speeds [s/m]
       real(wp), intent(in) :: cell                !! the size [m]
-      real(wp), intent(in) :: i, j                !! as in axis_t [-]
-      real(wp), intent(out) :: time               !! since the start [s]
-      real(wp), intent(out) :: east, north        !! -1, 0 or 1 cells [-]
-      real(wp) :: tx, ty
+      real(wp), intent(in) :: plan2               !! squared speed in plan [m2/s2]
+      real(wp), intent(in) :: v3                  !! vertical speed at the start [m/s]
+      real(wp), intent(in) :: gravity             !! [m/s2]
+      real(wp), intent(in) :: end                 !! since the start [s]
+      real(wp), intent(inout) :: i, j             !! the cell, as in axis_t [-]
+      real(wp), intent(inout) :: v3_in            !! vertical speed on entering it [m/s]
+      real(wp), intent(inout) :: so               !! 1, or 0: it does not
+      real(wp), intent(out) :: until              !! when, since the start [s]
+      real(wp), intent(out) :: speed2             !! the greatest over it, squared [m2/s2]
+      real(wp) :: tx, ty, east, north, v3_out
 
       tx = leaving_time(x, inverse1, cell, i)
       ty = leaving_time(y, inverse2, cell, j)
-      time = min(tx, ty)
+      until = min(tx, ty)
+      v3_out = v3 - gravity*until
+      speed2 = plan2 + max(v3_in*v3_in, v3_out*v3_out)
+      so = merge(so, 0.0_wp, until < end)
+      v3_in = merge(v3_out, v3_in, so > 0)
       east = merge(1.0_wp, -1.0_wp, inverse1 > 0)
       north = merge(1.0_wp, -1.0_wp, inverse2 > 0)
       east = merge(east, 0.0_wp, tx <= ty)
       north = merge(0.0_wp, north, tx <= ty)
-   end subroutine next_cell
+      i = i + so*east
+      j = j + so*north
+   end subroutine leave_cell
 
    !> Note the cells that were left for others.
-   subroutine note_cells(left, i, j, f, ny, w, scratch)
+   subroutine note_cells(left, f, ny, w, scratch)
       type(cell_t), intent(in) :: left
-      real(wp), intent(in) :: i(:), j(:)  !! the others, as in axis_t [-]
       type(flights_t), intent(in) :: f
-      integer, intent(in) :: ny           !! rows of the raster
-      real(wp), intent(in) :: w(:)        !! W of each lane [m/s]
+      integer, intent(in) :: ny        !! rows of the raster
+      real(wp), intent(in) :: w(:)     !! W of each lane [m/s]
       type(scratch_t), intent(inout) :: scratch(:)
       integer :: which(lanes + 1), n, k, m
 
@@ -348,7 +350,7 @@ contains
          k = which(m)
          associate (visits => scratch(f%lane(k))%visits)
             call raise_values(visits, left%speed2(k), inertia_factor*w(f%lane(k))**2, left%top(k))
-            call enter_other_cell(visits, [int(i(k)), ny + 1 - int(j(k))])
+            call enter_other_cell(visits, [int(left%i(k)), ny + 1 - int(left%j(k))])
          end associate
       end do
    end subroutine note_cells
@@ -361,19 +363,16 @@ contains
       real(wp), intent(in) :: gravity  !! [m/s2]
       real(wp), intent(in) :: w        !! W [m/s]
       type(scratch_t), intent(inout) :: scratch
-      real(wp) :: time, east, north, plan2, last
+      real(wp) :: plan2, so, until, speed2
 
       plan2 = f%v1(k)*f%v1(k) + f%v2(k)*f%v2(k)
-      do  ! it has left cells that take it no time
-         call next_cell(f%x(k), f%y(k), f%inverse1(k), f%inverse2(k), dem%cell, f%cell_i(k), f%cell_j(k), &
-                        time, east, north)
-         if (time >= f%next_t(k)) exit
-         last = f%v3(k) - gravity*time
-         call raise_values(scratch%visits, plan2 + max(f%v3_in(k)**2, last*last), inertia_factor*w**2, f%top(k))
-         f%v3_in(k) = last
+      do  ! it may have left cells that take it no time
+         so = 1
+         call leave_cell(f%x(k), f%y(k), f%inverse1(k), f%inverse2(k), dem%cell, plan2, f%v3(k), gravity, f%next_t(k), &
+                         f%cell_i(k), f%cell_j(k), f%v3_in(k), so, until, speed2)
+         if (.not. so > 0) exit
+         call raise_values(scratch%visits, speed2, inertia_factor*w**2, f%top(k))
          f%top(k) = 0
-         f%cell_i(k) = f%cell_i(k) + east
-         f%cell_j(k) = f%cell_j(k) + north
          call enter_other_cell(scratch%visits, [int(f%cell_i(k)), dem%ny + 1 - int(f%cell_j(k))])
       end do
       call raise_values(scratch%visits, f%speed2(k), inertia_factor*w**2, f%top(k))
@@ -481,23 +480,18 @@ contains
    subroutine touch_down(l, gravity, cell, per_cell)
       type(landings_t), intent(inout) :: l
       real(wp), intent(in) :: gravity, cell, per_cell  !! [m/s2], [m], [1/m]
-      real(wp) :: x, y, z, t, u, w, contact, x_on, y_on, z_on
+      real(wp) :: x, y, z, t, contact, x_on, y_on, z_on
       integer :: k
 
-      !$omp simd private(x, y, z, t, u, w, contact, x_on, y_on, z_on)
+      !$omp simd private(x, y, z, t, contact, x_on, y_on, z_on)
       do k = 1, filled(l%n)
          t = l%time(k)
          x = l%x0(k) + l%v1(k)*t
          y = l%y0(k) + l%v2(k)*t
          z = l%z0(k) + t*(l%v3(k) - 0.5_wp*gravity*t)
-         u = fraction_of(per_cell, x, l%i(k))
-         w = fraction_of(per_cell, y, l%j(k))
-         x_on = (l%i(k) - 1 + u)*cell
-         y_on = (l%j(k) - 1 + w)*cell
-         z_on = height_at(l%z00(k), l%a(k), l%b(k), l%c(k), u, w)
+         call place_on_patch(x, y, cell, per_cell, l%i(k), l%j(k), l%z00(k), l%a(k), l%b(k), l%c(k), l%u(k), l%w(k), &
+                             x_on, y_on, z_on)
          contact = l%contact(k)
-         l%u(k) = u
-         l%w(k) = w
          l%x(k) = merge(x_on, x, contact > 0)
          l%y(k) = merge(y_on, y, contact > 0)
          l%z(k) = merge(z_on, z, contact > 0)

@@ -8,7 +8,7 @@ module rockfall_lanes
    use rockfall_kinds, only: wp, i8
    use rockfall_math, only: real_of
    use rockfall_random, only: philox, for_impact, words_per_block, purpose_bit, normal, uniform
-   use rockfall_terrain, only: patch_t, cell_of, read_window, horn
+   use rockfall_terrain, only: patch_t, slope_at, cell_of, read_window, horn
    use rockfall_flight, only: flight_t, parabola_length
    use rockfall_flights, only: flights_t, landings_t, take_off, take_off_again, fly_on, flight_of, landing_of, &
                                lanes, filled
@@ -289,8 +289,8 @@ contains
          c%length(k) = parabola_length(l%v1(k)*l%v1(k) + l%v2(k)*l%v2(k), l%v3(k), gravity, l%time(k))
          v3 = l%v3(k) - gravity*l%time(k)
          c%speed2_in(k) = l%v1(k)*l%v1(k) + l%v2(k)*l%v2(k) + v3*v3
-         c%g1(k) = (l%a(k) + l%c(k)*l%w(k))*per_cell
-         c%g2(k) = (l%b(k) + l%c(k)*l%u(k))*per_cell
+         c%g1(k) = slope_at(l%a(k), l%c(k), l%w(k), per_cell)
+         c%g2(k) = slope_at(l%b(k), l%c(k), l%u(k), per_cell)
          c%steepness(k) = sqrt(1 + c%g1(k)*c%g1(k) + c%g2(k)*c%g2(k))
          call in_local_frame(l%v1(k), l%v2(k), v3, c%g1(k), c%g2(k), c%steepness(k), &
                              c%tangential(k), c%normal(k), plan1, plan2)
