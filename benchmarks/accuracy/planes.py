@@ -84,7 +84,8 @@ def at_line(
 def measure(path: Path, slope: float, ratio: float, boulders: int) -> dict[str, Number]:
     """What boulders do at the line: HOW -> a number with its standard error."""
     rocks = {"uniform_mean_radius": RADIUS / ratio}
-    speed, height = at_line(slope, boulders, 1, surface=rocks, impact={"sets": str(path)})
+    impact = {"sets": str(path), "rest_angle": 90.0}  # the set alone: who is slow rests
+    speed, height = at_line(slope, boulders, 1, surface=rocks, impact=impact)
     n, share = speed["n"], speed["fraction"]
     found = {"fraction": Number(share, np.sqrt(share * (1 - share) / boulders))}
     none = Number(np.nan)

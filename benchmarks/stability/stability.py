@@ -117,8 +117,11 @@ def not_numbers(result: xr.Dataset) -> int:
 def energy_gain(scene: Scene, case: rockfall.Case, result: xr.Dataset) -> tuple[float, float]:
     """The greatest energy of a boulder at a contact above that at its release, and its bound, both
     per mass [J/kg]; of all contacts the one nearest to its bound."""
-    ways = {name: result[f"trajectory_{name}"].values for name in ("boulder", "z", "out_w")}
+    names = "boulder", "z", "ratio", "out_t", "out_n", "out_w"
+    ways = {name: result[f"trajectory_{name}"].values for name in names}
     speed2 = sum(result[f"trajectory_velocity_{axis}"].values ** 2 for axis in "xyz")
+    # who rolls on leaves a contact at the mean speed of the roll
+    speed2 = np.where(ways["ratio"] != 0, ways["out_t"] ** 2 + ways["out_n"] ** 2, speed2)
     energy = scene.gravity * ways["z"] + (speed2 + 0.4 * ways["out_w"] ** 2) / 2
     first = np.searchsorted(ways["boulder"], ways["boulder"])  # its release
     contacts = np.maximum(1, np.arange(first.size) - first)

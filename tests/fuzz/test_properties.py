@@ -208,6 +208,7 @@ def scenes_of(draw, generic=False):
         "impact": {
             "impact_limit": draw(st.sampled_from([40, 1, 3, 400])),
             "stop_speed": draw(st.sampled_from([0.5, 1e-6, 5.0])),
+            "rest_angle": draw(st.sampled_from([30.0, 0.0, 50.0, 90.0])),
             "ratio": draw(st.sampled_from(["nearest", "between"])),
             "turning": draw(st.sampled_from(["past_aspect", "to_aspect", "lab"])),
         },
@@ -278,6 +279,14 @@ def lowest(z, cell, gravity, start, velocity, time):
     return np.nanmin(np.concatenate([above.min(axis=1), bottom]))
 
 
+def rolls(way, gravity):
+    """Which legs of a trajectory are rolls: they end without a rebound, and are straight at their mean
+    speed, where a flight falls by g t**2/2 from its tangent."""
+    time = np.diff(way["time"])
+    sag = np.abs(np.diff(way["z"]) - way["velocity_z"][:-1] * time)
+    return (way["ratio"][1:] == 0) & (sag < 0.25 * gravity * time**2)
+
+
 def size_of(scene, way):
     """The size of the numbers that make the heights of a way, for what rounding may do."""
     z = scene.z[~np.isnan(scene.z)].astype("f8")
@@ -298,10 +307,14 @@ def test_never_below_the_ground(folder, scene):
         places = np.stack([way[axis] for axis in "xyz"], axis=1)
         velocities = np.stack([way[f"velocity_{axis}"] for axis in "xyz"], axis=1)
         allowed = ROUNDING * size_of(scene, way)
+        rolled = rolls(way, gravity)
         for k, time in enumerate(np.diff(way["time"])):
+            if rolled[k]:
+                continue
             flight = (places[k], velocities[k], time)
             assert lowest(scene.z, scene.cell, gravity, *flight) >= -allowed, (number, k)
         contacts = way["ratio"] > 0
+        contacts[1:-1] |= rolled[:-1]
         p, q = (places[contacts, k : k + 1] / scene.cell - 0.5 for k in (0, 1))
         if contacts.any():
             off = places[contacts, 2:] - heights(scene.z, p, q)
@@ -329,14 +342,20 @@ def test_no_rebound_and_no_flight_gains_energy(folder, scene):
         assert (way["in_t"][hit] >= 0).all() and (way["in_n"][hit] <= 0).all()
         assert (way["out_n"][hit] >= 0).all() and (way["out_n"][hit & (way["in_n"] < 0)] > 0).all()
         kept = way["out_t"][hit] ** 2 + way["out_n"][hit] ** 2
-        assert flown[hit] == pytest.approx(kept, rel=1e-12)
+        rolled = rolls(way, gravity)
+        flies, rolling = ~np.append(rolled, False), np.append(False, rolled)
+        assert flown[hit & flies] == pytest.approx(kept[flies[hit]], rel=1e-12)
         fallen = -np.diff(way["z"])
+        # a roll: no more than what it began with and what it fell, to rounding
+        before = energy_out[:-1] + 2 * gravity * fallen
+        assert ((1 + SPIN) * flown[1:] <= before * (1 + 1e-9) + 1e-12)[rolled & hit[:-1]].all()
         head = flown[:-1] + 2 * gravity * fallen
         arrived = (way["in_t"] ** 2 + way["in_n"] ** 2)[1:]
         off = ROUNDING * gravity * size_of(scene, way) + 1e-12 * (flown[:-1] + arrived)
         off = off + 1e-12 * (gravity * way["time"][1:]) ** 2
         assert (arrived <= head + off)[hit[1:]].all(), number
-        assert (np.abs(way["in_w"][1:]) == np.abs(way["out_w"][:-1]))[hit[1:]].all(), number
+        flown_to = hit[1:] & ~rolling[:-1]
+        assert (np.abs(way["in_w"][1:]) == np.abs(way["out_w"][:-1]))[flown_to].all(), number
 
 
 # ---- every boulder ends, and totals add up
@@ -361,8 +380,8 @@ def test_every_boulder_ends_for_a_reason(folder, scene):
     for number, way in ways(result):
         k = number - 1
         speed = np.sqrt(sum(way[f"velocity_{axis}"][-1] ** 2 for axis in "xyz"))
-        if status[k] in (STOPPED, LIMIT):
-            assert (speed < slow) == (status[k] == STOPPED), number
+        if status[k] == STOPPED:
+            assert speed < slow, number
         assert way["time"][-1] == result.travel_time[k] and (np.diff(way["time"]) >= 0).all()
         assert [way[axis][-1] for axis in "xyz"] == [result[f"stop_{axis}"][k] for axis in "xyz"]
         if status[k] in (LEFT, NODATA):
@@ -508,8 +527,11 @@ def test_gravity_changes_speeds_but_no_place(folder, scene, factor):
 def test_a_larger_scene_has_the_same_boulders_larger(folder, scene, factor):
     """All lengths and gravity times a power of two: times are the same."""
     assume("table" not in scene.groups["surface"])  # its sizes are in a file
-    here, f = started(scene, folder, changes=WHOLE), factor
+    # a roll is a radius long, and the cube root of a volume is right to an ulp only
+    flying = WHOLE | {"impact": {"rest_angle": 90.0}}
+    here, f = started(scene, folder, changes=flying), factor
     changes = WHOLE | speeds_times(scene, f, gravity=f)
+    changes["impact"] |= flying["impact"]
     for group, power in (("release", 1), ("surface", 1), ("boulder", 3)):
         lengths = ("x", "y", "drop", "uniform", "volume_", "volumes")
         values = {key: times(value, f**power) for key, value in scene.groups[group].items()
@@ -522,7 +544,11 @@ def test_a_larger_scene_has_the_same_boulders_larger(folder, scene, factor):
         rasters={key: raster if raster.dtype.kind == "i" else times(raster, f)
                  for key, raster in scene.rasters.items()},
     )  # fmt: skip
-    there = larger.run(folder, changes=changes)
+    try:
+        there = larger.run(folder, changes=changes)
+    except RockfallError as error:
+        assume("must be at most" not in str(error))  # sums of energies have an end
+        raise
     scaled(here, there, {"m": f, "m s-1": f, "m3": f**3, "J": f**5})
 
 

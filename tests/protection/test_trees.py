@@ -149,19 +149,21 @@ def test_windows_of_the_terrain_change_nothing(case, tmp_path, memory):
     same_numbers(rockfall.run(wood), rockfall.run(wood, memory=memory))
 
 
-def test_who_flies_above_the_stems_passes_over(case, bare, wooded):
+def test_who_flies_above_the_stems_passes_over(case, wooded):
     low = run(case.replace(forest=STAND | {"stem_height": 2.0}))
+    flying = case.replace(impact={"rest_angle": 90.0})  # who rolls hits every stem
     assert np.nanmax(low.tree_impact_height_max.values) < 2.0
     assert 0 < low.trees_hit.sum() < wooded.trees_hit.sum()
-    none = run(case.replace(forest=STAND | {"stem_height": 1e-12}))
+    none = run(flying.replace(forest=STAND | {"stem_height": 1e-12}))
     assert none.trees_hit.sum() == 0
-    same_numbers(bare, none)
+    same_numbers(run(flying), none)
 
 
 def test_trees_that_take_nothing_turn_boulders_and_never_stop_them(case):
     table = "species,genus,factor\nconifer,,1e-9\nbroadleaf,,1e-9\n"
     (case.folder / "weak.csv").write_text(table)
-    weak = run(case.replace(forest=STAND | {"species_table": "weak.csv"}))
+    flying = case.replace(impact={"rest_angle": 90.0})  # who rolls is slower than stop_speed
+    weak = run(flying.replace(forest=STAND | {"species_table": "weak.csv"}))
     assert "stopped_by_tree" not in status(weak)
     assert weak.trees_hit.sum() > 400
     assert (weak.energy_trees < 1e-3 * weak.energy_released).all()

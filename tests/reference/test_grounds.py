@@ -40,6 +40,7 @@ def judged(folder, z, rocks=None, **groups):
     groups["release"] = {"x": [149.8], "y": [382.6]} | groups.get("release", {})
     groups["boulder"] = {"volume": "normal", "volume_mean": 0.8, "volume_std": 0.15}
     groups["surface"]["ground_table"] = "grounds.csv"
+    groups["impact"] = {"rest_angle": 90.0} | groups.get("impact", {})  # no rolls
     case = scenes.make_case(folder, *scenes.sets(), **groups)
     scene = read_scene(case, dem=z, transform=scenes.grid(z, 5.0, -2.5, -2.5), **(rocks or {}))
     scene = replay.at_origin(scene)

@@ -31,6 +31,7 @@ def result(tmp_path_factory):
         tmp_path_factory.mktemp("reference"), *sets(),
         case={"boulders": 120}, release={"x": [150.0, 90.0], "y": [380.0, 370.0]},
         surface={"uniform_mean_radius": 0.3}, boulder={"volume_mean": 0.5},
+        impact={"rest_angle": 90.0},  # flights only
         output={"trajectories": 240, "energy_balance": True},
     )  # fmt: skip
     place = from_origin(0.0, 80 * CELL, CELL, CELL)

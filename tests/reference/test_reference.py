@@ -22,6 +22,7 @@ from rockfall.simulation.simulate import run_scene
 
 BOULDERS = 25
 VAUJANY = Path(__file__).parents[2] / "cases/vaujany"
+NO_ROLLS = {"rest_angle": 90.0}  # their own tests: test_rolling.py
 NORMAL = {"volume": "normal", "volume_mean": 0.8, "volume_std": 0.15}
 
 
@@ -57,6 +58,7 @@ def both(folder, z, start, *, cell=5.0, scatter=1.0, sets=None, arrays=None, **g
     if start is not None:
         place = {"x": [start[0]], "y": [start[1]]}
         groups["release"] = place | groups.get("release", {})
+    groups["impact"] = NO_ROLLS | groups.get("impact", {})
     mean, covariance = sets or scenes.sets(scatter)
     case = scenes.make_case(folder, mean, covariance, **groups)
     grid = scenes.grid(z, cell, -cell / 2, -cell / 2)
@@ -98,7 +100,7 @@ def test_the_numbers_of_the_reference():
 def test_an_error_that_is_hardly_there_is_seen(tmp_path, field, off):
     z = scenes.rough()
     case = scenes.make_case(
-        tmp_path, *scenes.sets(), case={"boulders": 1}, boulder=NORMAL,
+        tmp_path, *scenes.sets(), case={"boulders": 1}, boulder=NORMAL, impact=NO_ROLLS,
         release={"x": [149.8], "y": [382.6]}, output={"trajectories": 1},
     )  # fmt: skip
     scene = read_scene(case, dem=z, transform=scenes.grid(z, 5.0, -2.5, -2.5))
@@ -251,7 +253,7 @@ def test_whole_ways_part_no_faster_than_roundings_grow(tmp_path):
     """From the release by itself, the reference stays beside the kernel for fifteen contacts, and
     boulders end for the same reasons after as many contacts."""
     case = scenes.make_case(
-        tmp_path, *scenes.sets(), case={"boulders": BOULDERS}, boulder=NORMAL,
+        tmp_path, *scenes.sets(), case={"boulders": BOULDERS}, boulder=NORMAL, impact=NO_ROLLS,
         release={"x": [149.8], "y": [382.6]}, output={"trajectories": BOULDERS},
     )  # fmt: skip
     z = scenes.rough()

@@ -117,8 +117,9 @@ class Boulder:
 def flown(folder, forest, impact=None):
     """Forty boulders through a forest: the result, its world, and the trees."""
     z = scenes.rough()
+    impact = {"rest_angle": 90.0} | (impact or {})  # flights only
     case = scenes.make_case(
-        folder, *scenes.sets(), case={"boulders": 40, "seed": 2**40 + 7}, impact=impact or {},
+        folder, *scenes.sets(), case={"boulders": 40, "seed": 2**40 + 7}, impact=impact,
         boulder={"volume": "normal", "volume_mean": 0.8, "volume_std": 0.15}, forest=forest,
         release={"x": [149.8], "y": [382.6], "drop_height": 5.0},
         output={"trajectories": 40, "energy_balance": True},

@@ -5,7 +5,7 @@ module rockfall_math
    use rockfall_kinds, only: wp, i8
    implicit none
    private
-   public :: pi, degree, real_of, logarithm, exponential, cube_root, sine_cosine, squared_sine, arcsine
+   public :: pi, degree, real_of, logarithm, exponential, cube_root, sine_cosine, squared_sine, tangent, arcsine
 
    real(wp), parameter :: pi = 3.14159265358979323846_wp
    real(wp), parameter :: degree = pi/180.0_wp  !! [rad]
@@ -122,4 +122,18 @@ contains
       call sine_cosine(min(degrees, 90 - degrees)*degree, s, c)
       squared_sine = merge(s, c, degrees <= 45)**2
    end function squared_sine
+
+   !> Tangent [-] of an angle from 0 to less than 90 degrees, without libm; 1 for 45 degrees to the last bit.
+   elemental real(wp) function tangent(degrees)
+      real(wp), intent(in) :: degrees
+      real(wp) :: s, c
+
+      if (degrees < 22.5_wp) then
+         call sine_cosine(degrees*degree, s, c)
+         tangent = s/c
+      else  ! tan(45 + b) = (cos b + sin b)/(cos b - sin b)
+         call sine_cosine((degrees - 45)*degree, s, c)
+         tangent = (c + s)/(c - s)
+      end if
+   end function tangent
 end module rockfall_math

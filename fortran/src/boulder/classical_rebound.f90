@@ -4,14 +4,14 @@
 !> the point of contact slides at V_t - W. Coefficients scatter from rebound to rebound.
 module rockfall_classical_rebound
    use rockfall_kinds, only: wp, i8
-   use rockfall_math, only: pi, squared_sine, sine_cosine
+   use rockfall_math, only: pi, sine_cosine
    use rockfall_random, only: normal_table_t, normal, uniform, rebound_words, normal_restitution_word, &
                               tangential_restitution_word, obstacle_spread_word
    use rockfall_boulder, only: boulder_t, inertia_factor
    use rockfall_impact, only: rebound_t, is_admissible, limit_rebound
    implicit none
    private
-   public :: scatter_t, scatter, drawn, classical_t, classical_rebound, lengthen_hop, penetration, tangent, absorbs
+   public :: scatter_t, scatter, drawn, classical_t, classical_rebound, lengthen_hop, penetration, absorbs
    public :: by_sets, rockyfor3d, pfeiffer_bowen, bourrier_hungr, constant, absorbing
 
    !> What a rebound follows: impact sets, that is rockfall_impact; a model of this module; or the boulder stays.
@@ -95,15 +95,6 @@ contains
       drawn = this%mean
       if (this%words > 0) drawn = this%mean + this%std*normal(table, int(this%first + uniform(word)*this%words, i8))
    end function drawn
-
-   !> Tangent of an angle of 0 to 89 degrees [-].
-   elemental real(wp) function tangent(degrees)
-      real(wp), intent(in) :: degrees
-      real(wp) :: sine2
-
-      sine2 = squared_sine(degrees)
-      tangent = sqrt(sine2/(1 - sine2))
-   end function tangent
 
    !> Whether a boulder stays where it lands, among obstacles of a height.
    pure logical function absorbs(this, obstacle)

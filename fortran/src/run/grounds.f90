@@ -7,11 +7,11 @@ module rockfall_grounds
    use rockfall_decimal, only: parse_real
    use rockfall_namelist, only: namelist_t, group_t, parse_namelist
    use rockfall_values, only: has_key, get_text, get_real, refuse, about, check_names
-   use rockfall_math, only: degree
+   use rockfall_math, only: degree, tangent
    use rockfall_random, only: normal_table_t
    use rockfall_impact, only: impact_set_t, impact_set, impact_ratios, fitted
    use rockfall_direction, only: lateral, by_lab
-   use rockfall_classical_rebound, only: classical_t, scatter_t, scatter, tangent, by_sets, rockyfor3d, &
+   use rockfall_classical_rebound, only: classical_t, scatter_t, scatter, by_sets, rockyfor3d, &
                                          pfeiffer_bowen, bourrier_hungr, constant, absorbing
    use rockfall_ground, only: ground_t
    use rockfall_case_keys, only: key_t, check_key, row_text

@@ -5,6 +5,7 @@ module rockfall_scene
    use rockfall_kinds, only: wp, sp, i1, i2, i4, i8
    use rockfall_error, only: error_t, fail
    use rockfall_text, only: integer_text, line_of
+   use rockfall_math, only: tangent
    use rockfall_random, only: random_key, normal_table
    use rockfall_sobol, only: sobol_sequence, max_dimensions
    use rockfall_grid, only: grid_t
@@ -76,6 +77,7 @@ contains
       if (case%sobol) scene%sobol = sobol_sequence(max_dimensions)
       scene%gravity = case%gravity
       scene%stop_speed = case%stop_speed
+      if (case%rest_angle < 90) scene%rest_slope = tangent(case%rest_angle)
       scene%between_ratios = case%between_ratios
       scene%ground_drawn = case%method == method_a .or. case%between_ratios
       scene%max_impacts = case%impact_limit

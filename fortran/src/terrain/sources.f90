@@ -4,11 +4,11 @@
 module rockfall_sources
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_value, ieee_quiet_nan
    use rockfall_kinds, only: wp, i2, i8
-   use rockfall_math, only: degree, logarithm, exponential, sine_cosine
+   use rockfall_math, only: exponential, logarithm, tangent
    use rockfall_terrain, only: terrain_t, patch_t, locate, read_patch, gradient, cell_of, cell_descent
    implicit none
    private
-   public :: usual_threshold, tangent, keep_steep, surface_ratios, last_boulders, shared_boulders, share_of
+   public :: usual_threshold, keep_steep, surface_ratios, last_boulders, shared_boulders, share_of
 
 contains
 
@@ -19,20 +19,6 @@ contains
 
       slope = 55*exponential(-0.075_wp*logarithm(cell))
    end function usual_threshold
-
-   !> Tangent [-] of a slope of 0 to 89 degrees, without libm; 1 for 45 degrees to the last bit.
-   pure real(wp) function tangent(slope)
-      real(wp), intent(in) :: slope  !! [degree]
-      real(wp) :: s, c
-
-      if (slope < 22.5_wp) then
-         call sine_cosine(slope*degree, s, c)
-         tangent = s/c
-      else  ! tan(45 + b) = (cos b + sin b)/(cos b - sin b)
-         call sine_cosine((slope - 45)*degree, s, c)
-         tangent = (c + s)/(c - s)
-      end if
-   end function tangent
 
    !> Of the cells above zero, set those to zero that are flatter than a threshold (Horn 1981), or whose 3x3
    !> window is incomplete. Rows `first` and following.

@@ -14,7 +14,7 @@ module rockfall_flights
    use rockfall_trajectory, only: scratch_t
    implicit none
    private
-   public :: flights_t, landings_t, take_off, take_off_again, fly_on, flight_of, landing_of, lanes, filled
+   public :: flights_t, landings_t, take_off, take_off_again, fly_on, flight_of, landing_of, replace_landing, lanes, filled
 
    integer, parameter :: lanes = 64  !! flights at a time; a multiple of `width`
    integer, parameter :: width = 4   !! of them at a time are computed by the widest instructions
@@ -524,4 +524,26 @@ contains
       landing%w = l%w(k)
       landing%jump_height = l%jump_height(k)
    end function landing_of
+
+   !> Replace the landing of a lane by the end of a roll.
+   pure subroutine replace_landing(l, k, landing)
+      type(landings_t), intent(inout) :: l
+      integer, intent(in) :: k
+      type(landing_t), intent(in) :: landing
+
+      l%contact(k) = merge(1.0_wp, 0.0_wp, landing%contact)
+      l%time(k) = landing%time
+      l%x(k) = landing%x
+      l%y(k) = landing%y
+      l%z(k) = landing%z
+      l%i(k) = landing%patch%i
+      l%j(k) = landing%patch%j
+      l%z00(k) = landing%patch%z00
+      l%a(k) = landing%patch%a
+      l%b(k) = landing%patch%b
+      l%c(k) = landing%patch%c
+      l%u(k) = landing%u
+      l%w(k) = landing%w
+      l%jump_height(k) = landing%jump_height
+   end subroutine replace_landing
 end module rockfall_flights

@@ -9,16 +9,18 @@ module rockfall_lanes
    use rockfall_math, only: real_of
    use rockfall_random, only: philox, for_impact, words_per_block, purpose_bit, normal, uniform
    use rockfall_terrain, only: patch_t, slope_at, cell_of, read_window, horn
-   use rockfall_flight, only: flight_t, parabola_length
+   use rockfall_flight, only: flight_t, landing_t, parabola_length
+   use rockfall_rolling, only: roll_t
    use rockfall_flights, only: flights_t, landings_t, take_off, take_off_again, fly_on, flight_of, landing_of, &
-                               lanes, filled
+                               replace_landing, lanes, filled
    use rockfall_impact, only: impact_set_t, impact_ratios, rebound_t, first_draw, draw_again, energy_of, &
                               beyond_fit
    use rockfall_direction, only: turn_past_aspect, divide_by_length, shortest
    use rockfall_trajectory, only: scene_t, boulder_result_t, crossing_t, scratch_t, start_boulder, end_boulder, &
                                   clear, departure, record_crossings, handle_impact, find_rocks, &
                                   find_class, count_outcome, close_impact, in_local_frame, rolled_before, &
-                                  launch_velocity, meet_ground, count_ground, with_all, absorbed
+                                  launch_velocity, meet_ground, count_ground, rest_or_roll, roll_on, with_all, absorbed, &
+                                  obstacle_t
    use rockfall_line, only: comes_near
    use rockfall_ground, only: is_stochastic
    use rockfall_tallies, only: totals_t, prepare, add_boulder
@@ -215,8 +217,8 @@ contains
       do k = 1, l%n
          if (.not. near(k) > 0) cycle
          lane = l%lane(k)
-         call record_crossings(scene, results(pool%place(lane)), flight_of(l, k), landing_of(l, k), pool%w(lane), &
-                               scratch(lane)%crossings)
+         call record_crossings(scene, scene%gravity, results(pool%place(lane)), flight_of(l, k), landing_of(l, k), &
+                               pool%w(lane), scratch(lane)%crossings)
       end do
    end subroutine cross_lines
 
@@ -472,11 +474,13 @@ contains
       type(laws_t), intent(in) :: laws
       type(boulder_result_t), intent(inout) :: results(:)
       type(pool_t), intent(inout) :: pool
-      type(landings_t), intent(in) :: l
+      type(landings_t), intent(inout) :: l
       type(contacts_t), intent(in) :: c
       type(flights_t), intent(inout) :: flights
       type(scratch_t), intent(inout) :: scratch(:)
-      logical :: fast, steep
+      type(flight_t) :: flight
+      type(roll_t) :: roll
+      logical :: fast, steep, slow
       integer :: k, lane
 
       do k = 1, l%n
@@ -498,9 +502,16 @@ contains
             if (scene%histograms_requested) &
                call count_rebound(scratch(lane)%histograms, [c%tangential(k), c%normal(k), c%w(k)], &
                                   [c%out1(k), c%out2(k), c%out3(k)])
-            call close_impact(scene, c%speed2(k), result)
-            if (result%status /= 0) cycle
+            call close_impact(scene, c%speed2(k), result, slow)
             call set_out(pool, lane, c%heading1(k), c%heading2(k), c%next_w(k))
+            if (slow) then
+               call rest_or_roll(scene, landing_of(l, k), c%speed2(k), c%next_w(k), result, roll)
+               flight%v = [c%v1(k), c%v2(k), c%v3(k)]
+               if (result%status == 0) &
+                  call roll_alone(scene, l, k, pool, result, flight, roll, flights, scratch(lane))
+               cycle
+            end if
+            if (result%status /= 0) cycle
             call take_off_again(flights, l, k, c%v1(k), c%v2(k), c%v3(k), c%rate(k))
          end associate
       end do
@@ -510,23 +521,55 @@ contains
    subroutine rebound_alone(scene, number, l, k, pool, result, flights, scratch)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: number
-      type(landings_t), intent(in) :: l
+      type(landings_t), intent(inout) :: l
       integer, intent(in) :: k
       type(pool_t), intent(inout) :: pool
       type(boulder_result_t), intent(inout) :: result
       type(flights_t), intent(inout) :: flights
       type(scratch_t), intent(inout) :: scratch
       type(flight_t) :: flight
+      type(roll_t) :: roll
       integer :: lane
 
       lane = l%lane(k)
       flight = flight_of(l, k)
       flight%heading = [pool%heading1(lane), pool%heading2(lane)]
       call handle_impact(scene, number, landing_of(l, k), [l%v1(k), l%v2(k), l%v3(k) - scene%gravity*l%time(k)], &
-                         pool%w(lane), with_all, result, flight, scratch)
+                         pool%w(lane), with_all, result, flight, roll, scratch)
+      if (roll%rolls .and. result%status == 0) then
+         call roll_alone(scene, l, k, pool, result, flight, roll, flights, scratch)
+         return
+      end if
       call set_out(pool, lane, flight%heading(1), flight%heading(2), pool%w(lane))
       if (result%status == 0) call take_off(flights, lane, flight)
    end subroutine rebound_alone
+
+   !> A roll, and the next flight.
+   subroutine roll_alone(scene, l, k, pool, result, flight, roll, flights, scratch)
+      type(scene_t), intent(in) :: scene
+      type(landings_t), intent(inout) :: l
+      integer, intent(in) :: k
+      type(pool_t), intent(inout) :: pool
+      type(boulder_result_t), intent(inout) :: result
+      type(flight_t), intent(inout) :: flight  !! with the velocity after the rebound
+      type(roll_t), intent(inout) :: roll
+      type(flights_t), intent(inout) :: flights
+      type(scratch_t), intent(inout) :: scratch
+      type(landing_t) :: landing
+      type(obstacle_t) :: no_obstacle
+      real(wp) :: v(3)
+      integer :: lane
+
+      lane = l%lane(k)
+      call roll_on(scene, with_all, roll, result, flight, pool%w(lane), landing, v, no_obstacle, scratch)
+      if (landing%contact) then
+         call set_out(pool, lane, flight%heading(1), flight%heading(2), pool%w(lane))
+         call take_off(flights, lane, flight)
+      else
+         result%status = departure(scene%dem, landing%patch)
+         call replace_landing(l, k, landing)
+      end if
+   end subroutine roll_alone
 
    !> Take boulders that have come to their end out of the pool.
    subroutine take_out(scene, results, crossings, maps, l, pool, scratch, totals)

@@ -13,6 +13,7 @@ module rockfall_trajectory
    use rockfall_boulder, only: boulder_t, source_boulder_t, feature_t, volume_distribution_t, release_t, draw_boulder, &
                                boulder_of, source_of, first_of, inertia_factor, kinetic_energy
    use rockfall_flight, only: flight_t, landing_t, span_t, fly, end_flight, flight_from, launch_rate, arc_length, never
+   use rockfall_rolling, only: roll_t, find_roll, speed_within, cut_roll
    use rockfall_impact, only: impact_set_t, impact_ratios, ratio_class, ratio_between, beyond_fit, rebound_t, &
                               rebound, twice_energy
    use rockfall_classical_rebound, only: absorbs
@@ -28,10 +29,10 @@ module rockfall_trajectory
    use rockfall_histogram, only: histograms_t, count_rebound
    implicit none
    private
-   public :: scene_t, boulder_result_t, crossing_t, contact_t, scratch_t, trace_full, choose_trace, goes_in_lanes
+   public :: scene_t, boulder_result_t, crossing_t, contact_t, scratch_t, obstacle_t, trace_full, choose_trace, goes_in_lanes
    public :: has_obstacles, at_rest, start_boulder, end_boulder, departure, record_crossings, handle_impact, find_rocks
    public :: in_local_frame, rolled_before, launch_velocity, clear, find_class, count_outcome
-   public :: close_impact, meet_ground, count_ground, with_all, one_by_one, narrow_lanes, wide_lanes
+   public :: close_impact, rest_or_roll, roll_on, meet_ground, count_ground, with_all, one_by_one, narrow_lanes, wide_lanes
    public :: stopped, absorbed, left_domain, impact_limit, hit_nodata, stopped_by_tree, stopped_by_barrier, left_window
 
    !> Status, in the order of the table of rockfall_variables; 0 while a boulder is on its way.
@@ -75,7 +76,8 @@ module rockfall_trajectory
       type(barrier_t), allocatable :: barriers(:)
       type(forest_t), allocatable :: forest
       real(wp) :: gravity = 9.81_wp        !! [m/s2]
-      real(wp) :: stop_speed = 0.5_wp      !! after a rebound [m/s]
+      real(wp) :: stop_speed = 0.5_wp      !! slower after a rebound: it rests, or rolls on [m/s]
+      real(wp) :: rest_slope = 1.0e30_wp     !! tangent of the rest angle: on steeper ground it rolls on [-]
       integer :: max_impacts = 100000      !! contacts, after which a boulder ends
       logical :: histograms_requested = .false.
       logical :: energies_requested = .false.
@@ -242,6 +244,7 @@ contains
       type(obstacle_t) :: obstacle
       real(wp) :: omega_r  !! W = R_b omega [m/s]
       real(wp) :: v_in(3)  !! velocity at the end of a flight [m/s]
+      type(roll_t) :: roll
       logical :: obstacles
 
       call start_boulder(scene, number, level, result, flight)
@@ -256,29 +259,34 @@ contains
                                   + result%boulder%mass*scene%gravity*flight%z
       end if
       do
-         if (level >= with_all .and. obstacles) then
-            call fly_to_obstacle(scene, result, flight, omega_r, landing, obstacle, scratch, spans)
-         else if (level >= with_maps .and. scratch%cells_requested) then
-            call fly_over_cells(scene, flight, omega_r, result%time, landing, scratch, spans)
+         if (roll%rolls) then
+            call roll_on(scene, level, roll, result, flight, omega_r, landing, v_in, obstacle, scratch)
+            if (landing%contact) cycle
          else
-            call fly(scene%dem, scene%gravity, flight, landing)
+            if (level >= with_all .and. obstacles) then
+               call fly_to_obstacle(scene, result, flight, omega_r, landing, obstacle, scratch, spans)
+            else if (level >= with_maps .and. scratch%cells_requested) then
+               call fly_over_cells(scene, flight, omega_r, result%time, landing, scratch, spans)
+            else
+               call fly(scene%dem, scene%gravity, flight, landing)
+            end if
+            if (level >= with_lines .and. allocated(scene%lines) .and. .not. obstacles) then
+               call record_crossings(scene, scene%gravity, result, flight, landing, omega_r, scratch%crossings)
+            end if
+            v_in = flight%v
+            v_in(3) = v_in(3) - scene%gravity*landing%time
+            result%path_length = result%path_length + arc_length(flight%v, scene%gravity, landing%time)
+            result%time = result%time + landing%time
+            result%speed_max = max(result%speed_max, square(v_in))
+            result%jump_height_max = max(result%jump_height_max, landing%jump_height)
          end if
-         if (level >= with_lines .and. allocated(scene%lines) .and. .not. obstacles) then
-            call record_crossings(scene, result, flight, landing, omega_r, scratch%crossings)
-         end if
-         v_in = flight%v
-         v_in(3) = v_in(3) - scene%gravity*landing%time
-         result%path_length = result%path_length + arc_length(flight%v, scene%gravity, landing%time)
-         result%time = result%time + landing%time
-         result%speed_max = max(result%speed_max, square(v_in))
-         result%jump_height_max = max(result%jump_height_max, landing%jump_height)
          if (level >= with_all .and. obstacle%kind /= none) then
             call meet_obstacle(scene, number, obstacle, landing, v_in, omega_r, result, flight, scratch)
          else if (.not. landing%contact) then
             result%status = departure(scene%dem, landing%patch)
          else
             result%impacts = result%impacts + 1
-            call handle_impact(scene, number, landing, v_in, omega_r, level, result, flight, scratch)
+            call handle_impact(scene, number, landing, v_in, omega_r, level, result, flight, roll, scratch)
          end if
          if (result%status /= 0) exit
       end do
@@ -439,12 +447,13 @@ contains
       else
          call fly(scene%dem, scene%gravity, flight, landing)
       end if
-      call visit_cells(scene, flight, omega_r, begun, landing%time, spans(:n), scratch)
+      call visit_cells(scene, scene%gravity, flight, omega_r, begun, landing%time, spans(:n), scratch)
    end subroutine fly_over_cells
 
-   !> Record the raster cells under a flight.
-   pure subroutine visit_cells(scene, flight, omega_r, begun, time, spans, scratch)
+   !> Record the raster cells under a flight, or along a roll, whose path has no gravity.
+   pure subroutine visit_cells(scene, gravity, flight, omega_r, begun, time, spans, scratch)
       type(scene_t), intent(in) :: scene
+      real(wp), intent(in) :: gravity  !! of the path [m/s2]
       type(flight_t), intent(in) :: flight
       real(wp), intent(in) :: omega_r  !! W [m/s]
       real(wp), intent(in) :: begun    !! since the release [s]
@@ -454,9 +463,9 @@ contains
 
       associate (visits => scratch%visits, spin => inertia_factor*omega_r**2)
          if (scratch%heights_requested) then
-            call visit_path(visits, scene%dem, scene%gravity, flight, time, spin, spans)
+            call visit_path(visits, scene%dem, gravity, flight, time, spin, spans)
          else
-            call visit_path(visits, scene%dem, scene%gravity, flight, time, spin)
+            call visit_path(visits, scene%dem, gravity, flight, time, spin)
          end if
          if (allocated(visits%time)) &
             call time_visits(visits, scene%dem, [flight%x, flight%y], flight%v(:2), begun, time)
@@ -476,21 +485,95 @@ contains
       integer :: n
 
       call fly(scene%dem, scene%gravity, flight, landing, spans, n)
-      if (allocated(scene%barriers)) &
-         call find_barrier(scene, result, flight, landing, omega_r, scratch%crossings, obstacle)
-      if (allocated(scene%forest)) &
-         call find_tree(scene%forest, result%boulder%radius, flight, spans(:n), scratch%felled, obstacle)
-      if (allocated(scene%lines)) &
-         call record_crossings(scene, result, flight, landing, omega_r, scratch%crossings, obstacle%time)
+      call find_obstacle(scene, scene%gravity, result, flight, landing, omega_r, spans(:n), scratch, obstacle)
       if (obstacle%kind /= none) &
          call end_flight(scene%dem, scene%gravity, flight, obstacle%time, spans, n, landing)
       if (scratch%cells_requested) &
-         call visit_cells(scene, flight, omega_r, result%time, landing%time, spans(:n), scratch)
+         call visit_cells(scene, scene%gravity, flight, omega_r, result%time, landing%time, spans(:n), scratch)
    end subroutine fly_to_obstacle
 
-   !> The first barrier that stands in the way of a flight, if it does before the obstacle.
-   pure subroutine find_barrier(scene, result, flight, landing, omega_r, crossings, obstacle)
+   !> The first obstacle on a path, and the lines that are crossed up to there.
+   pure subroutine find_obstacle(scene, gravity, result, flight, landing, omega_r, spans, scratch, obstacle)
       type(scene_t), intent(in) :: scene
+      real(wp), intent(in) :: gravity  !! of the path [m/s2]
+      type(boulder_result_t), intent(in) :: result
+      type(flight_t), intent(in) :: flight
+      type(landing_t), intent(in) :: landing
+      real(wp), intent(in) :: omega_r  !! W [m/s]
+      type(span_t), intent(in), contiguous :: spans(:)
+      type(scratch_t), intent(inout) :: scratch
+      type(obstacle_t), intent(out) :: obstacle
+
+      if (allocated(scene%barriers)) &
+         call find_barrier(scene, gravity, result, flight, landing, omega_r, scratch%crossings, obstacle)
+      if (allocated(scene%forest)) &
+         call find_tree(scene%forest, result%boulder%radius, flight, spans, scratch%felled, obstacle)
+      if (allocated(scene%lines)) &
+         call record_crossings(scene, gravity, result, flight, landing, omega_r, scratch%crossings, obstacle%time)
+   end subroutine find_obstacle
+
+   !> Roll to the end of the roll, from where the boulder flies on, or to the first obstacle on the way there. Lines and
+   !> cells as on a flight; they get the mean speed, the end gets the exact one.
+   pure subroutine roll_on(scene, level, roll, result, flight, omega_r, landing, v, obstacle, scratch)
+      type(scene_t), intent(in) :: scene
+      integer, value :: level                 !! as in trace
+      type(roll_t), intent(inout) :: roll     !! none afterwards
+      type(boulder_result_t), intent(inout) :: result
+      type(flight_t), intent(inout) :: flight !! with the velocity after the rebound; then the next, if it goes on
+      real(wp), intent(inout) :: omega_r      !! W: after the rebound, and at the end [m/s]
+      type(landing_t), intent(out) :: landing
+      real(wp), intent(out) :: v(3)           !! velocity at the end [m/s]
+      type(obstacle_t), intent(out) :: obstacle
+      type(scratch_t), intent(inout) :: scratch
+      real(wp), parameter :: no_gravity = 0.0_wp
+      type(span_t) :: span(1)
+      real(wp) :: before, mean, fraction
+
+      before = square(flight%v) + inertia_factor*omega_r*omega_r
+      flight = roll%path
+      landing = roll%landing
+      roll%rolls = .false.
+      mean = sqrt(square(flight%v))
+      if (level >= with_all) call replace_velocity(scratch, flight%v)
+      span = span_t(flight%patch%i, flight%patch%j, 0.0_wp, landing%time, 0.0_wp, 0.0_wp, 0.0_wp)
+      if (level >= with_all) then
+         call find_obstacle(scene, no_gravity, result, flight, landing, mean, span, scratch, obstacle)
+      else if (level >= with_lines .and. allocated(scene%lines)) then
+         call record_crossings(scene, no_gravity, result, flight, landing, mean, scratch%crossings)
+      end if
+      fraction = 1
+      if (obstacle%kind /= none) then
+         fraction = obstacle%time/landing%time
+         call cut_roll(scene%dem, roll, obstacle%time, landing)
+         span%t1 = landing%time
+      end if
+      if (level >= with_maps .and. scratch%cells_requested) &
+         call visit_cells(scene, no_gravity, flight, mean, result%time, landing%time, span, scratch)
+      omega_r = speed_within(roll, fraction)
+      v = omega_r*roll%direction
+      result%path_length = result%path_length + mean*landing%time
+      result%time = result%time + landing%time
+      result%speed_max = max(result%speed_max, square(v))
+      if (level >= with_all) result%energy%ground = result%energy%ground + result%boulder%mass &
+         *(scene%gravity*(flight%z - landing%z) + 0.5_wp*(before - (1 + inertia_factor)*omega_r*omega_r))
+      if (.not. landing%contact) return
+      flight = flight_from(scene%dem, landing, v, flight%heading)
+      if (level >= with_all) call record(scratch, contact_t(landing%x, landing%y, landing%z, result%time, v))
+   end subroutine roll_on
+
+   !> A boulder leaves the last vertex with another velocity: it rolls.
+   pure subroutine replace_velocity(scratch, v)
+      type(scratch_t), intent(inout) :: scratch
+      real(wp), intent(in) :: v(3)  !! [m/s]
+
+      if (.not. allocated(scratch%record)) return
+      if (scratch%recorded <= size(scratch%record)) scratch%record(scratch%recorded)%v = v
+   end subroutine replace_velocity
+
+   !> The first barrier that stands in the way of a flight, if it does before the obstacle.
+   pure subroutine find_barrier(scene, gravity, result, flight, landing, omega_r, crossings, obstacle)
+      type(scene_t), intent(in) :: scene
+      real(wp), intent(in) :: gravity    !! of the path [m/s2]
       type(boulder_result_t), intent(in) :: result
       type(flight_t), intent(in) :: flight
       type(landing_t), intent(in) :: landing
@@ -508,7 +591,7 @@ contains
                                      [landing%x, landing%y], fraction)
             time = fraction*landing%time
             if (fraction > 1 .or. time >= obstacle%time) exit
-            if (stands_in_way(scene%barriers(k), result, crossing(scene, result, flight, time, omega_r))) then
+            if (stands_in_way(scene%barriers(k), result, crossing(scene, gravity, result, flight, time, omega_r))) then
                obstacle = obstacle_t(barrier, k, time)
                exit
             end if
@@ -656,8 +739,9 @@ contains
    end subroutine close_balance
 
    !> Record the lines that a flight crosses for the first time, up to a time.
-   pure subroutine record_crossings(scene, result, flight, landing, omega_r, crossings, until)
+   pure subroutine record_crossings(scene, gravity, result, flight, landing, omega_r, crossings, until)
       type(scene_t), intent(in) :: scene
+      real(wp), intent(in) :: gravity  !! of the path [m/s2]
       type(boulder_result_t), intent(in) :: result
       type(flight_t), intent(in) :: flight
       type(landing_t), intent(in) :: landing
@@ -673,7 +757,7 @@ contains
          if (present(until)) then
             if (fraction*landing%time > until) cycle
          end if
-         if (fraction <= 1) crossings(k) = crossing(scene, result, flight, fraction*landing%time, omega_r)
+         if (fraction <= 1) crossings(k) = crossing(scene, gravity, result, flight, fraction*landing%time, omega_r)
       end do
    end subroutine record_crossings
 
@@ -682,8 +766,9 @@ contains
    !> The passing height is that of the centre of the sphere (the paper measures from it). A sphere on a slope touches
    !> it along the normal, so its centre lies R_b sqrt(1 + |g|**2) = R_b/cos(slope) above the surface, vertically; and
    !> higher by the jump height where it flies (theory, chapter 10).
-   pure type(crossing_t) function crossing(scene, result, flight, t, omega_r) result(c)
+   pure type(crossing_t) function crossing(scene, gravity, result, flight, t, omega_r) result(c)
       type(scene_t), intent(in) :: scene
+      real(wp), intent(in) :: gravity  !! of the path [m/s2]
       type(boulder_result_t), intent(in) :: result
       type(flight_t), intent(in) :: flight
       real(wp), intent(in) :: t        !! [s]
@@ -695,18 +780,18 @@ contains
       c%time = result%time + t
       c%x = flight%x + flight%v(1)*t
       c%y = flight%y + flight%v(2)*t
-      c%v = [flight%v(1), flight%v(2), flight%v(3) - scene%gravity*t]
+      c%v = [flight%v(1), flight%v(2), flight%v(3) - gravity*t]
       c%omega = omega_r/result%boulder%radius
       associate (dem => scene%dem)
          call locate(dem, c%x, c%y, patch, u, w)
-         c%jump_height = max(0.0_wp, flight%z + t*(flight%v(3) - 0.5_wp*scene%gravity*t) - height(patch, u, w))
+         c%jump_height = max(0.0_wp, flight%z + t*(flight%v(3) - 0.5_wp*gravity*t) - height(patch, u, w))
          g = gradient(dem, patch, u, w)
          c%passing_height = c%jump_height + result%boulder%radius*sqrt(1 + g(1)**2 + g(2)**2)
       end associate
    end function crossing
 
    !> A contact: absorbed, stopped, or off again on the next flight.
-   pure subroutine handle_impact(scene, number, landing, v, omega_r, level, result, flight, scratch)
+   pure subroutine handle_impact(scene, number, landing, v, omega_r, level, result, flight, roll, scratch)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: number
       type(landing_t), intent(in) :: landing
@@ -715,10 +800,11 @@ contains
       integer, value :: level               !! as in trace
       type(boulder_result_t), intent(inout) :: result
       type(flight_t), intent(inout) :: flight
+      type(roll_t), intent(inout) :: roll   !! where it goes on so; else none
       type(scratch_t), intent(inout) :: scratch
       integer(i8) :: word(words_per_block)
       integer :: at(2), class, ground  !! 0: the scene has the case's impact sets alone
-      logical :: outside, fast, steep
+      logical :: outside, fast, steep, slow
       real(wp) :: radius, obstacle, ratio, v_in(3), heading(2), g(2), steepness
       real(wp) :: u_ground(words_per_block)
       type(rebound_t) :: out
@@ -767,7 +853,8 @@ contains
          result%energy%ground = result%energy%ground &
                                 + 0.5_wp*result%boulder%mass*(twice_energy(v_in) - twice_energy(out%v))
       end if
-      call close_impact(scene, square(flight%v), result)
+      call close_impact(scene, square(flight%v), result, slow)
+      if (slow) call rest_or_roll(scene, landing, square(flight%v), omega_r, result, roll)
    end subroutine handle_impact
 
    !> The radius of the rocks at a raster cell [m], and the random numbers of what a boulder meets there.
@@ -815,19 +902,34 @@ contains
       scratch%by_ground(ground) = scratch%by_ground(ground) + 1
    end subroutine count_ground
 
-   !> Whether a boulder goes on after an impact.
-   pure subroutine close_impact(scene, speed2, result)
+   !> Whether a boulder goes on after an impact, or is too slow to fly.
+   pure subroutine close_impact(scene, speed2, result, slow)
       type(scene_t), intent(in) :: scene
       real(wp), intent(in) :: speed2  !! after it, |v|**2 [m2/s2]
       type(boulder_result_t), intent(inout) :: result
+      logical, intent(out) :: slow
 
       result%speed_max = max(result%speed_max, speed2)
-      if (speed2 < scene%stop_speed**2) then
+      slow = speed2 < scene%stop_speed**2
+      if (.not. slow .and. result%impacts >= scene%max_impacts) result%status = impact_limit
+   end subroutine close_impact
+
+   !> Whether a boulder that is too slow to fly rests where it is, or rolls on.
+   pure subroutine rest_or_roll(scene, landing, speed2, omega_r, result, roll)
+      type(scene_t), intent(in) :: scene
+      type(landing_t), intent(in) :: landing
+      real(wp), intent(in) :: speed2   !! as in close_impact
+      real(wp), intent(in) :: omega_r  !! W [m/s]
+      type(boulder_result_t), intent(inout) :: result
+      type(roll_t), intent(inout) :: roll
+
+      call find_roll(scene%dem, scene%gravity, scene%rest_slope, result%boulder%radius, landing, speed2, omega_r, roll)
+      if (.not. roll%rolls) then
          result%status = stopped
       else if (result%impacts >= scene%max_impacts) then
          result%status = impact_limit
       end if
-   end subroutine close_impact
+   end subroutine rest_or_roll
 
    !> The ground of a raster cell, the height of obstacles there, and whether it absorbs the boulder.
    pure subroutine meet_ground(scene, at, radius, ground, obstacle, status)

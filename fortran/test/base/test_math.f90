@@ -3,7 +3,7 @@
 program test_math
    use, intrinsic :: iso_fortran_env, only: real128
    use rockfall_kinds, only: wp
-   use rockfall_math, only: pi, degree, logarithm, exponential, cube_root, sine_cosine, squared_sine, arcsine
+   use rockfall_math, only: pi, degree, logarithm, exponential, cube_root, sine_cosine, squared_sine, tangent, arcsine
    use check_m, only: check, check_close, finish
    implicit none
 
@@ -14,6 +14,7 @@ program test_math
    call test_cube_root()
    call test_sine_cosine()
    call test_squared_sine()
+   call test_tangent()
    call test_arcsine()
    call finish()
 
@@ -26,6 +27,19 @@ contains
 
       units = real(abs(got - want)/spacing(real(want, wp)), wp)
    end function units
+
+   subroutine test_tangent()
+      real(wp) :: slope
+      integer :: k
+
+      do k = 0, 890
+         slope = 0.1_wp*k
+         call check_close("tangent", tangent(slope), tan(slope*degree), 4.0e-15_wp*(1 + 90/(90 - slope)))
+      end do
+      call check("45 degrees", tangent(45.0_wp) >= 1 .and. tangent(45.0_wp) <= 1)
+      call check("0 degrees", abs(tangent(0.0_wp)) <= 0)
+      call check("both ways of the tangent meet", tangent(nearest(22.5_wp, -1.0_wp)) < tangent(22.5_wp + 1.0e-12_wp))
+   end subroutine test_tangent
 
    subroutine test_constants()
       call check_close("pi", pi, acos(-1.0_wp), 0.0_wp)

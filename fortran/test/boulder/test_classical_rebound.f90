@@ -2,12 +2,12 @@
 !> Classical rebounds: numbers worked by hand, what each limit must give, and no energy from nowhere.
 program test_classical_rebound
    use rockfall_kinds, only: wp, i8
-   use rockfall_math, only: degree
+   use rockfall_math, only: degree, tangent
    use rockfall_random, only: normal_table_t, normal_table, rebound_words
    use rockfall_boulder, only: boulder_t, inertia_factor
    use rockfall_impact, only: rebound_t, twice_energy
    use rockfall_classical_rebound, only: scatter_t, scatter, drawn, classical_t, classical_rebound, lengthen_hop, &
-      penetration, tangent, &
+      penetration, &
       absorbs, rockyfor3d, pfeiffer_bowen, bourrier_hungr, constant, absorbing
    use check_m, only: check, check_close, finish
    implicit none
@@ -28,7 +28,6 @@ program test_classical_rebound
    call test_limits()
    call test_energy()
    call test_scatter()
-   call test_tangent()
    call test_roughness()
    call test_hops()
    call test_inertia()
@@ -230,12 +229,6 @@ contains
       this = scatter(table, 0.5_wp, 0.0_wp, [0.0_wp, 1.0_wp])
       call check_close("so does no deviation", drawn(this, table, 7_i8), 0.5_wp, near)
    end subroutine test_scatter
-
-   subroutine test_tangent()
-      call check_close("of 30 degrees", tangent(30.0_wp), sqrt(1/3.0_wp), near)
-      call check_close("of 80 degrees", tangent(80.0_wp), 5.671281819617709_wp, 1.0e-13_wp)
-      call check_close("of none", tangent(0.0_wp), 0.0_wp, near)
-   end subroutine test_tangent
 
    !> A sphere thrown straight down upon ground tilted by half of 20 degrees: it leaves at twice the tilt, against its
    !> way, if nothing is lost; and what would glide along the ground is thrown off it.

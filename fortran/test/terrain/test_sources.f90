@@ -5,14 +5,13 @@ program test_sources
    use rockfall_kinds, only: wp, sp, i2, i8
    use rockfall_terrain, only: terrain_t, terrain
    use rockfall_boulder, only: release_t, source_of, first_of, last_of, released_by
-   use rockfall_sources, only: usual_threshold, tangent, keep_steep, surface_ratios, last_boulders
+   use rockfall_sources, only: usual_threshold, keep_steep, surface_ratios, last_boulders
    use check_m, only: check, check_close, finish
    implicit none
 
    integer, parameter :: nx = 8, ny = 6
    real(wp), parameter :: cell = 2.5_wp, degree = acos(-1.0_wp)/180
 
-   call test_tangent()
    call test_threshold()
    call test_planes()
    call test_windows()
@@ -23,19 +22,6 @@ program test_sources
    call finish()
 
 contains
-
-   subroutine test_tangent()
-      real(wp) :: slope
-      integer :: k
-
-      do k = 0, 890
-         slope = 0.1_wp*k
-         call check_close("tangent", tangent(slope), tan(slope*degree), 4.0e-15_wp*(1 + 90/(90 - slope)))
-      end do
-      call check("45 degrees", tangent(45.0_wp) >= 1 .and. tangent(45.0_wp) <= 1)
-      call check("0 degrees", abs(tangent(0.0_wp)) <= 0)
-      call check("both ways of the tangent meet", tangent(nearest(22.5_wp, -1.0_wp)) < tangent(22.5_wp + 1.0e-12_wp))
-   end subroutine test_tangent
 
    !> 55 RES**-0.075 degrees.
    subroutine test_threshold()

@@ -1,0 +1,148 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Rest, or rolling on: what becomes of a boulder that is too slow after a rebound to fly on.
+!>
+!> It rests where it can rest. One radius ahead, down the steepest descent of its patch, the ground lies lower by the
+!> drop d. Where d is at most the plan distance times the tangent of the rest angle, friction holds the boulder; elsewhere
+!> it rolls there and meets the ground again. The energy is that of a sphere that rolls down a facet (Azzoni, La Barbera,
+!> Zaninetti 1995, Int. J. Rock Mech. Min. Sci. 32, 709-724), v1**2 = v0**2 + 2 g (d - tan(rest angle) l)/(1 + k) with the plan
+!> distance l and k = I/(m R_b**2): closed, without a time step.
+module rockfall_rolling
+   use rockfall_kinds, only: wp
+   use rockfall_boulder, only: inertia_factor
+   use rockfall_terrain, only: terrain_t, patch_t, read_patch, in_window, height, gradient, within
+   use rockfall_flight, only: flight_t, landing_t, inverse_speed, exit_time
+   implicit none
+   private
+   public :: roll_t, find_roll, speed_within, cut_roll
+
+   !> A drop this little above that which friction holds, as a part of it, is held [-]: on a plane at the rest angle
+   !> rounding must not decide.
+   real(wp), parameter :: held = 1.0e-6_wp
+
+   type :: roll_t
+      logical :: rolls = .false.       !! false: the boulder rests
+      real(wp) :: speed2(2) = 0.0_wp   !! squares of the rolling speed at its start and end [m2/s2]
+      real(wp) :: direction(3)         !! from start to end, unit [-]
+      type(flight_t) :: path           !! straight to its end at the mean speed: to be followed without gravity
+      type(landing_t) :: landing       !! where it ends: the next contact, or the edge of the known terrain
+   end type roll_t
+
+contains
+
+   !> Decide whether a boulder rests, and if not, where it rolls.
+   pure subroutine find_roll(dem, gravity, friction, radius, landing, speed2, w, roll)
+      type(terrain_t), intent(in) :: dem
+      real(wp), intent(in) :: gravity         !! [m/s2]
+      real(wp), intent(in) :: friction        !! tangent of the rest angle [-]
+      real(wp), intent(in) :: radius          !! of the boulder [m]
+      type(landing_t), intent(in) :: landing  !! the contact
+      real(wp), intent(in) :: speed2          !! |v|**2 after it [m2/s2]
+      real(wp), intent(in) :: w               !! W = R_b omega after it [m/s]
+      type(roll_t), intent(inout) :: roll
+      real(wp) :: g(2), steepness, length, drop, distance, mean
+
+      roll%rolls = .false.
+      g = gradient(dem, landing%patch, landing%u, landing%w)
+      steepness = sqrt(g(1)*g(1) + g(2)*g(2))
+      if (.not. steepness > 0) return
+      length = radius/sqrt(1 + steepness*steepness)
+      roll%path%heading = -g/steepness
+      call walk(dem, landing, length, roll)
+      drop = landing%z - roll%landing%z
+      if (roll%landing%contact) then
+         roll%rolls = drop > friction*length*(1 + held)
+      else  ! what lies beyond is not known: as steep as the place where it is
+         roll%rolls = steepness > friction*(1 + held) .or. out_of_sight(dem, roll%landing%patch)
+      end if
+      if (.not. roll%rolls) return
+      roll%speed2(1) = (speed2 + inertia_factor*min(w*w, speed2))/(1 + inertia_factor)
+      roll%speed2(2) = roll%speed2(1) + 2*gravity*max(0.0_wp, drop - friction*length)/(1 + inertia_factor)
+      mean = 0.5_wp*(sqrt(roll%speed2(1)) + sqrt(roll%speed2(2)))  ! the acceleration is constant
+      distance = sqrt(length*length + drop*drop)
+      roll%direction = [roll%path%heading, -steepness]/sqrt(1 + steepness*steepness)
+      if (distance > 0) roll%direction = [roll%path%heading*length, -drop]/distance
+      roll%landing%time = distance/max(mean, tiny(mean)/epsilon(mean))
+      roll%path%patch = landing%patch
+      roll%path%x = landing%x
+      roll%path%y = landing%y
+      roll%path%z = landing%z
+      roll%path%v = mean*roll%direction
+      roll%path%above = 0
+      roll%path%rate = 0
+   end subroutine find_roll
+
+   !> Walk a distance along the heading, patch by patch, to its end or to the edge of the known terrain.
+   pure subroutine walk(dem, start, length, roll)
+      type(terrain_t), intent(in) :: dem
+      type(landing_t), intent(in) :: start
+      real(wp), intent(inout) :: length  !! in plan; afterwards as far as it came [m]
+      type(roll_t), intent(inout) :: roll
+      type(patch_t) :: patch, next
+      real(wp) :: inverse(2), tx, ty
+      integer :: step(2)
+
+      patch = start%patch
+      step = merge(1, -1, roll%path%heading > 0)
+      inverse = inverse_speed(roll%path%heading, dem%cell)
+      associate (end => roll%landing)
+         end%contact = .true.
+         do
+            tx = exit_time(start%x, real(patch%i + min(step(1), 0), wp), dem%cell, inverse(1))
+            ty = exit_time(start%y, real(patch%j + min(step(2), 0), wp), dem%cell, inverse(2))
+            if (min(tx, ty) >= length) exit
+            call read_patch(dem, patch%i + merge(step(1), 0, tx <= ty), patch%j + merge(0, step(2), tx <= ty), next)
+            if (.not. next%known) then
+               end%contact = .false.
+               length = max(0.0_wp, min(tx, ty))
+               exit
+            end if
+            patch = next
+         end do
+         end%x = start%x + length*roll%path%heading(1)
+         end%y = start%y + length*roll%path%heading(2)
+         end%u = within(dem, end%x, patch%i)
+         end%w = within(dem, end%y, patch%j)
+         end%z = height(patch, end%u, end%w)
+         end%jump_height = 0
+         end%patch = patch
+         if (.not. end%contact) end%patch = next
+      end associate
+   end subroutine walk
+
+   !> Whether a patch of the terrain lies beyond the window that is at hand. A boulder at its edge then leaves the window
+   !> and is traced again: whether it rests is not known here.
+   pure logical function out_of_sight(dem, patch)
+      type(terrain_t), intent(in) :: dem
+      type(patch_t), intent(in) :: patch
+
+      out_of_sight = patch%i >= 1 .and. patch%j >= 1 .and. patch%i < dem%nx .and. patch%j < dem%ny &
+                     .and. .not. in_window(dem, patch%i, patch%j)
+   end function out_of_sight
+
+   !> The rolling speed [m/s] after a fraction of the way.
+   pure real(wp) function speed_within(roll, fraction)
+      type(roll_t), intent(in) :: roll
+      real(wp), intent(in) :: fraction  !! 0..1 [-]
+
+      speed_within = sqrt(roll%speed2(1) + fraction*(roll%speed2(2) - roll%speed2(1)))
+   end function speed_within
+
+   !> End a roll at an obstacle, at a time of its path.
+   pure subroutine cut_roll(dem, roll, time, landing)
+      type(terrain_t), intent(in) :: dem
+      type(roll_t), intent(in) :: roll
+      real(wp), intent(in) :: time  !! since its start [s]
+      type(landing_t), intent(out) :: landing
+
+      landing = roll%landing
+      landing%contact = .false.
+      landing%time = time
+      landing%x = roll%path%x + time*roll%path%v(1)
+      landing%y = roll%path%y + time*roll%path%v(2)
+      call read_patch(dem, floor(landing%x*dem%per_cell) + 1, floor(landing%y*dem%per_cell) + 1, landing%patch)
+      if (.not. landing%patch%known) landing%patch = roll%path%patch  ! on the edge of the known terrain
+      landing%u = within(dem, landing%x, landing%patch%i)
+      landing%w = within(dem, landing%y, landing%patch%j)
+      landing%z = height(landing%patch, landing%u, landing%w)
+   end subroutine cut_roll
+end module rockfall_rolling
