@@ -280,8 +280,8 @@ def lowest(z, cell, gravity, start, velocity, time):
 
 
 def rolls(way, gravity):
-    """Which legs of a trajectory are rolls: they end without a rebound, and are straight at their mean
-    speed, where a flight falls by g t**2/2 from its tangent."""
+    """Which legs of a trajectory are rolls: they end without a rebound, and are straight at their
+    mean speed, where a flight falls by g t**2/2 from its tangent."""
     time = np.diff(way["time"])
     sag = np.abs(np.diff(way["z"]) - way["velocity_z"][:-1] * time)
     return (way["ratio"][1:] == 0) & (sag < 0.25 * gravity * time**2)
