@@ -3,6 +3,8 @@
 
     python -m benchmarks.accuracy.few_passages [--repetitions 1000] [--boulders 200000]
 
+With `--boulders 0` the known laws alone.
+
 Long runs of `cases/vaujany`, `cases/forested-slope` (with its forest and without) and the road of
 `cases/protected-road`, past lines that many and that few reach: their boulders are the truth. From
 these, runs are drawn whose lines 4, 10, 26, 100 and 300 boulders pass on average: as many from
@@ -43,6 +45,9 @@ LAWS = {  # of n values
     "lognormal, sigma 0.5": lambda random, n: np.exp(0.5 * random.normal(size=n)),
     "lognormal, sigma 1": lambda random, n: np.exp(random.normal(size=n)),
     "half are 0": lambda random, n: random.exponential(size=n) * (random.random(n) < 0.5),
+    "1 of 20 is 10 times": (
+        lambda random, n: random.exponential(size=n) * np.where(random.random(n) < 0.05, 10, 1)
+    ),
     "4 of 5 are 0": lambda random, n: random.exponential(size=n) * (random.random(n) < 0.2),
 }
 SEED = 20261123
@@ -123,7 +128,8 @@ def main() -> None:
     options = parser.parse_args()
     print(machine(), "\n")
     tables = defaultdict(list)
-    for number, found in enumerate((*of_cases(options.boulders), *of_laws(400_000))):
+    cases = of_cases(options.boulders) if options.boulders else ()
+    for number, found in enumerate((*cases, *of_laws(400_000))):
         kind = found.name.split()[0] if found.name.split()[0] in QUANTITIES else found.name
         for passages in PASSAGES:
             rows = judged(found, passages, options.repetitions, SEED + 100 * number + passages)

@@ -109,7 +109,7 @@ def run_out(result: xr.Dataset) -> Iterator[str]:
 def certainty(result: xr.Dataset, rows: Rows, is_inside: bool) -> Iterator[str]:
     """How sure the answer is: the Monte Carlo error, and what it leaves out."""
     boulders, known = simulated(result), LineSamples(result)
-    shown = [map(str, row) for row in headline(rows).rows]
+    shown = [[*map(str, row)] for row in headline(rows).rows]
     if boulders == 1:
         yield "One boulder is an example: it has no spread, and no intervals."
     else:

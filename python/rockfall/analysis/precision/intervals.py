@@ -160,7 +160,7 @@ class Sums:
     def _half_of_clusters(self) -> float:
         """Half the interval of a mean as the clusters differ; 0 where there is but one. Few
         clusters hardly know how much: Student's distribution has their number less one."""
-        clusters = np.count_nonzero(self.n)
+        clusters = int(np.count_nonzero(self.n))
         return student(clusters - 1) * self._error_of_clusters() if clusters > 1 else 0.0
 
     def _error_of_clusters(self) -> float:
