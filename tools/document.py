@@ -96,8 +96,9 @@ so terrain higher than the energy at the release could lift a boulder to bounds 
 
 A mean and a quantile are shown wherever a boulder passed, or where at least `&output
 min_passages` did (an attribute of the map then). The attribute `thin_below` says below how many
-passages they are hardly known: 10 for a mean; 6, 45, 92, 236, 476 for quantiles of 50, 90, 95, 98
-and 99 %, which then lack a limit of their 95 % interval. Figures hatch such cells where the result
+passages they are hardly known: 10 for a mean and 100 for a standard deviation, of which there is no
+95 % interval below; 6, 45, 92, 236, 476 for quantiles of 50, 90, 95, 98 and 99 %, which then lack a
+limit of theirs. Figures hatch such cells where the result
 counts `passages`. The limits are maps of their own, such as `energy_q95_low` and
 `energy_q95_high`: order statistics as at the lines, NaN where the cell has too few boulders.
 Standard deviations (n - 1) come from exact sums of squares, and need two boulders. Passing heights

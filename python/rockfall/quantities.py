@@ -101,6 +101,10 @@ def number(value: float, digits: int = 3, *, up: bool = False) -> str:
     return f"{near:,.{max(0, beyond)}f}"
 
 
+#: In place of an interval, where too few boulders were there for one that holds.
+TOO_FEW = "n too small"
+
+
 def round_step(rough: float) -> float:
     """1, 2, 2.5 or 5 times a power of ten, the next above `rough`."""
     power = 10.0 ** math.floor(math.log10(max(rough, 1e-6)))

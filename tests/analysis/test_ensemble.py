@@ -26,11 +26,12 @@ from rockfall.analysis.ensemble.sobol_indices import (
 )
 from rockfall.analysis.ensemble.study import RESULTS
 from rockfall.analysis.ensemble.uncertain_inputs import Uncertain, drawn_scene, gaussian_field
-from rockfall.analysis.line_statistics import Z, line_numbers
+from rockfall.analysis.line_statistics import line_numbers
 from rockfall.analysis.lines.values import line_values
 from rockfall.analysis.precision.intervals import Sources
 from rockfall.cli import main
 from rockfall.errors import RockfallError
+from rockfall.limits import Z
 from rockfall.scene.reach import survey
 from rockfall.scene.read import read_scene
 from rockfall.simulation.simulate import run_scene

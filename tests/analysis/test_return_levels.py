@@ -272,7 +272,7 @@ def test_the_command_prints_and_writes_both_tables(result, tmp_path, monkeypatch
         ("table", rockfall.line_statistics),
         ("table_levels", rockfall.return_levels),
     ):
-        written = pd.read_csv(f"{name}.csv").fillna({"refused": ""})
+        written = pd.read_csv(f"{name}.csv").fillna({"refused": "", "withheld": ""})
         pd.testing.assert_frame_equal(written, table(result), check_dtype=False, rtol=1e-12)
     row = rockfall.return_levels(result).set_index("quantity").loc["jump_height"].iloc[0]
     shown = rf"^  jump height \[m\] +{row['max']:#.4g} +{row['level_1000']:#.4g} "

@@ -251,10 +251,6 @@ def test_check_says_what_would_run_and_writes_nothing(place, capsys):
     assert re.search(r"of CPU, .* \(estimated from 20 boulders\)", rows["time"])
 
 
-def width(row, name):
-    return row[f"{name}_high"] - row[f"{name}_low"]
-
-
 def test_run_writes_the_result_of_the_api_and_a_summary(place, capsys):
     assert main(["run", "case.nml"]) == 0
     out, err = capsys.readouterr()
@@ -267,9 +263,9 @@ def test_run_writes_the_result_of_the_api_and_a_summary(place, capsys):
     assert lines[0] == "Slope: 20 boulders" and lines[-1] == "case.nc"
     table = rockfall.line_statistics(result).set_index("quantity")
     speed, height = table.loc["speed"], table.loc["passing_height"]
-    row = f"L {speed['n']} {100 * speed['fraction']:.1f} +- {50 * width(speed, 'fraction'):.1f} %"
-    row += f" {speed['mean']:.1f} +- {width(speed, 'mean') / 2:.1f} m/s"
-    row += f" {height['mean']:.2f} +- {width(height, 'mean') / 2:.2f} m"
+    half = 100 * (speed["fraction_high"] - speed["fraction"])  # the longer side
+    row = f"L {speed['n']} {100 * speed['fraction']:.1f} +- {half:.1f} %"
+    row += f" {speed['mean']:.1f} m/s (n too small) {height['mean']:.2f} m (n too small)"  # 3 pass
     assert row.split() in [line.split() for line in lines]
     assert any(line.split() == ["stopped", "20", "100.0%"] for line in lines)
 

@@ -41,7 +41,7 @@ from rockfall.grounds import IMPACT_SETS, models  # noqa: E402
 from rockfall.html_report import Picture, report, write_report  # noqa: E402
 from rockfall.html_report.convergence import history, known_of, mixed, sizes  # noqa: E402
 from rockfall.html_report.inputs import Parties  # noqa: E402
-from rockfall.html_report.intervals import rows_of  # noqa: E402
+from rockfall.html_report.intervals import estimate, rows_of  # noqa: E402
 from rockfall.html_report.language import LANGUAGES, Speaker, catalogue  # noqa: E402
 from rockfall.html_report.maps import (  # noqa: E402
     MAX_CELLS,
@@ -59,11 +59,13 @@ from rockfall.html_report.summary import (  # noqa: E402
     requested,
     technical,
 )
+from rockfall.html_report.tables import line_tables, precision_table  # noqa: E402
 from rockfall.html_report.terrain_view import VERTICES, traces  # noqa: E402
 from rockfall.html_report.validity import SHIPPED, cautions, warnings  # noqa: E402
 from rockfall.plots.figures import figures  # noqa: E402
 from rockfall.quantities import (  # noqa: E402
     DESIGN,
+    TOO_FEW,
     number,
     percent,
 )
@@ -148,6 +150,35 @@ def test_page_1_says_the_numbers_of_the_line_table(result):
     ended = {row[0]: int(row[1]) for row in ends_table(result).rows}
     assert sum(ended.values()) == 300
     assert ended["came to rest on the slope"] == np.count_nonzero(result.status == 1)
+
+
+def test_what_too_few_boulders_know_is_marked_and_not_a_number(result):
+    """12 boulders pass: a dash in brackets where a mean or a deviation has no interval, and what it
+    means, on page 1 and below the tables, in all languages."""
+    few = result.copy(deep=True)
+    passed = np.flatnonzero(np.isfinite(result["line_time"].values[0]))
+    for name in [name for name in few if few[name].dims == ("line", "boulder")]:
+        few[name].values[0, passed[12:]] = np.nan
+    rows = rows_of(few)
+    assert "std, q90" in rows["road <b>"]["speed"]["withheld"]
+    (table,) = line_tables(rows)
+    about, cells = table.caption, dict(zip(table.head, table.rows[0], strict=True))
+    assert cells["standard deviation"].endswith("\n(–)") and " to " in cells["mean"]
+    assert about.endswith("; a dash where too few boulders give no interval that holds")
+    assert "dash" not in next(line_tables(rows_of(result))).caption
+    row = {"q95": 3.0, "q95_low": np.nan, "q95_high": np.nan}
+    assert estimate(row, "q95", "speed") == ("3.00", "(–)")
+    width = {row[0]: row[2] for row in precision_table("road <b>", rows["road <b>"], 300).rows}
+    assert width["speed, standard deviation"] == "-"
+
+
+def test_a_dash_on_page_1_is_explained(result):
+    none = {name: np.nan for name in ("q95_low", "q95_high")}
+    rows = {line: {q: {**row, **none} for q, row in numbers.items()}
+            for line, numbers in rows_of(result).items()}  # fmt: skip
+    text = "A dash in brackets: too few boulders pass for an interval that holds."
+    assert text in list(certainty(result, rows, True))
+    assert text not in words(result)
 
 
 def test_one_boulder_is_spoken_of_as_one(tmp_path):
@@ -431,6 +462,9 @@ def test_rare_words_of_tables_have_texts(language, monkeypatch):
     words += [text for about in MAP.values() for text in
               (about["long_name"], f"{about['long_name']}: 5% quantile over the runs")]  # fmt: skip
     words += [
+        "A dash in brackets: too few boulders pass for an interval that holds.",
+        "a dash where too few boulders give no interval that holds",
+        f"9.5 ({TOO_FEW})",
         "larger",
         "smaller",
         "differs (up to 2.1 by chance)",

@@ -27,7 +27,7 @@ module rockfall_f2py
    use rockfall_maps, only: maps_t
    use rockfall_map_values, only: map_plan_t, plan_maps => map_plan, stack_layers, map_views, map_row, &
                                   map_min_count, map_thin_below, &
-                                  fraction_limit, z_95, max_columns, halvings
+                                  fraction_limit, z_95, min_for_mean, min_for_std, max_columns, halvings
    use rockfall_limits, only: check_tallies
    use rockfall_threads, only: team_size, check_team, release_team
    use rockfall_ensemble, only: run_boulders, trace_boulder, recorded_boulders
@@ -922,6 +922,8 @@ contains
       case ("max_elevation"); value = max_elevation  ! [m]
       case ("max_real"); value = max_real            ! of a case
       case ("z_95"); value = z_95                    ! [-]
+      case ("min_for_mean"); value = min_for_mean    ! boulders, for an interval that holds
+      case ("min_for_std"); value = min_for_std
       case ("scene_layout"); value = scene_layout
       case ("part_layout"); value = part_layout
       case ("piece"); value = piece                  ! values that share a checksum

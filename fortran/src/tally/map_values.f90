@@ -9,10 +9,11 @@ module rockfall_map_values
    implicit none
    private
    public :: map_plan_t, map_plan, stack_layers, map_views, map_row, map_min_count, map_thin_below, fraction_limit
-   public :: z_95, max_columns, halvings
+   public :: z_95, min_for_mean, min_for_std, max_columns, halvings
 
    real(wp), parameter :: z_95 = 1.959964_wp  !! standard normal quantile of 0.975: 95 % lie within it [-]
-   integer, parameter :: few = 10  !! passages below which a mean is hardly known
+   integer, parameter :: min_for_mean = 10  !! passages below which no interval of a mean holds
+   integer, parameter :: min_for_std = 100  !! the same of a standard deviation
    integer(i8), parameter :: max_columns = 2_i8**31 - 2       !! of counts of bins, and one more can be counted
    integer, parameter :: halvings = 5  !! of the columns, before they are too few to begin with
 
@@ -213,7 +214,8 @@ contains
 
       kind = kind_of(name)
       n = 0
-      if (any(kind%is == [a_mean, a_std])) n = few
+      if (kind%is == a_mean) n = min_for_mean
+      if (kind%is == a_std) n = min_for_std
       if (kind%is /= a_quantile .or. kind%side /= 0) return
       n = 1
       do while (.not. (has_limit(kind%probability, int(n, i8), per_cluster, -1) &

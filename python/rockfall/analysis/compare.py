@@ -12,15 +12,21 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rockfall.analysis.contacts import REACH, contacts_table, stops_table
-from rockfall.analysis.line_statistics import line_numbers, sample_numbers
+from rockfall.analysis.line_statistics import SIGNED, line_numbers, sample_numbers
 from rockfall.analysis.lines.values import line_values
 from rockfall.analysis.observations import UNITS, Observed, read_observed
-from rockfall.analysis.precision.intervals import Sources, fraction_interval, sources, student
+from rockfall.analysis.precision.intervals import (
+    Sources,
+    fraction_interval,
+    limits_of_printed,
+    sources,
+)
 from rockfall.analysis.run_out import run_out
 from rockfall.case import case_of
 from rockfall.errors import RockfallError
 from rockfall.io.output_files import COMPARISON, check_output
 from rockfall.io.tables import write_csv
+from rockfall.limits import MIN_FOR_MEAN, MIN_FOR_STD
 from rockfall.result.samples import check_rows, kept_note
 from rockfall.result.trajectories import ends, left_terrain
 
@@ -30,7 +36,7 @@ if TYPE_CHECKING:
 
 TABLES = ("errors", "ks", "passing", "run_out", "stops", "contacts")
 STATISTICS = ("mean", "std", "max")
-MIN_OBSERVED = {"mean": 2, "std": 30}  # boulders, for a verdict
+MIN_OBSERVED = {"mean": MIN_FOR_MEAN, "std": MIN_FOR_STD}  # boulders, for a verdict
 STOPPING = "stopping_distance"
 _VERDICTS = {"within_interval": "boolean", "consistent": "boolean"}  # columns and their types
 _BESIDE = [f"{whose}{end}" for whose in ("observed", "simulated") for end in ("", "_low", "_high")]
@@ -151,20 +157,18 @@ def _error(value: float, reference: float) -> float:
 
 
 def _with_interval(printed: dict) -> dict:
-    """A row of `Observed.summaries` with the interval of its mean, where n is known."""
-    half = np.nan
-    if printed["n"] > 1:
-        half = student(int(printed["n"]) - 1) * printed["std"] / np.sqrt(printed["n"])
-    lowest = -np.inf if printed["quantity"] == "omega" else 0.0
-    low, high = np.maximum(lowest, printed["mean"] - half), printed["mean"] + half
-    return {**printed, "mean_low": low, "mean_high": high}
+    """A row of `Observed.summaries` with the interval of its mean, where n is known and enough."""
+    limits = limits_of_printed(
+        printed["mean"], printed["std"], printed["n"], printed["quantity"] in SIGNED
+    )
+    return {**printed, "mean_low": limits[0], "mean_high": limits[1]}
 
 
 def _summary_of(sample: tuple[tuple[str, str], np.ndarray]) -> dict:
-    """The same of a sample."""
+    """The numbers of a sample with their intervals."""
     (line, quantity), v = sample
     about = {"line": line, "quantity": quantity, "method": "sample", "n": v.size}
-    return _with_interval({**about, **sample_numbers(v, Sources.alone(v.size))})
+    return {**about, **sample_numbers(v, Sources.alone(v.size), quantity in SIGNED)}
 
 
 def _verdicts(

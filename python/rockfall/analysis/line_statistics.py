@@ -7,7 +7,7 @@ Every interval is a 95 % confidence interval for as many other boulders, as
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,7 +16,7 @@ from rockfall.analysis.lines.samples import LineSamples
 from rockfall.analysis.lines.values import HEIGHTS
 from rockfall.analysis.precision.intervals import Sources
 from rockfall.analysis.precision.samples import Sample, Values
-from rockfall.limits import Z, fraction_limits
+from rockfall.limits import fraction_limits
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -38,6 +38,8 @@ QUANTITIES = (
     "position",
 )
 
+SIGNED = ("omega", "position")  # no end of theirs is the lower one
+
 
 def line_statistics(
     result: xr.Dataset, by: str | None = None, classes: Sequence[float] | None = None
@@ -45,9 +47,10 @@ def line_statistics(
     """One row for each line and quantity: n and fraction of the boulders that crossed, then mean,
     standard deviation (n - 1), quantiles and maximum, in the units of the result; NaN where none
     crossed. `NAME_low` and `NAME_high` are the limits of the 95 % confidence interval of fraction
-    (Wilson 1927), mean, std and quantiles (order statistics). The maximum has none: it grows with
-    n. Where tails are heavy, those of the mean hold less than 93 % below 50 boulders, those of std
-    below 200 (docs/validation/benchmarks.md).
+    (Wilson 1927), mean, std (Hall 1992) and quantiles (order statistics). The maximum has none: it
+    grows with n. Too few boulders give no interval that holds: below 10 that of the mean is NaN,
+    below 100 that of std, and quantiles have no limit beyond the values that there are. `withheld`
+    names the numbers that lack one.
 
     by = 'source' or 'volume' has these rows for each group of boulders, named in a column of that
     name beside `boulders`, how many were released, of which `fraction` is then; `classes` are the
@@ -79,7 +82,9 @@ def line_statistics(
             for quantity in QUANTITIES:
                 sample = known.sample(k, quantity, chosen)
                 about = {"line": line} | ({by: name, "boulders": sample.released} if by else {})
-                rows.append({**about, "quantity": quantity, **numbers(sample, quantity)})
+                row = numbers(sample, quantity)
+                about |= {"quantity": quantity, "withheld": ", ".join(withheld(row))}
+                rows.append({**about, **row})
     split = [by, "boulders"] if by else []
     return pd.DataFrame(rows, columns=["line", *split, "quantity", *COLUMNS])
 
@@ -99,13 +104,14 @@ def numbers(sample: Sample, quantity: str) -> dict[str, float]:
         row["fraction_low"], row["fraction_high"] = fraction_limits(
             row["fraction"], sample.effective_passing()
         )
-    return row | (numbers_of(sample, quantity == "omega") if sample.n else {})
+    return row | (numbers_of(sample, quantity in SIGNED) if sample.n else {})
 
 
 def sample_numbers(v: np.ndarray, source: Sources, signed: bool = False) -> dict[str, float]:
     """Mean, standard deviation, quantiles and maximum of values of boulders from these sources,
-    with their intervals; those that one value cannot have are absent. Unless they are `signed`, no
-    mean is below 0, and no interval: it holds its mean as often."""
+    with their intervals; those that one value cannot have are absent, limits that too few cannot
+    have NaN. Unless they are `signed`, no mean is below 0, and no interval: it holds its mean as
+    often."""
     return numbers_of(Values(v, source), signed)
 
 
@@ -117,17 +123,25 @@ def numbers_of(sample: Sample, signed: bool = False) -> dict[str, float]:
         row[name] = value
         effective = sample.effective_below(value)
         row[f"{name}_low"], row[f"{name}_high"] = sample.between(level, effective)
+    low, high = sample.limits_of_mean(signed)
+    row["mean_low"], row["mean_high"] = row["mean"] + low, row["mean"] + high
+    if not signed:
+        row["mean_low"] = np.maximum(0.0, row["mean_low"])  # of NaN NaN
     if sample.n > 1:
         row["std"] = sample.std()
-        half = sample.half_of_mean()
-        row["mean_low"], row["mean_high"] = row["mean"] - half, row["mean"] + half
-        if not signed:
-            row["mean_low"] = max(0.0, row["mean_low"])
-        if row["std"] > 0 and sample.n > 2:  # of the variance, through its logarithm
-            half = sample.half_of_squares() / (2 * row["std"] ** 2)
-            factor = np.exp(half * sample.n / (sample.n - Z))  # few hide their tail (Bonett 2006)
-            row["std_low"], row["std_high"] = row["std"] / factor, row["std"] * factor
+        low, high = np.maximum(0.0, row["std"] ** 2 + np.array(sample.limits_of_variance()))
+        row["std_low"], row["std_high"] = float(np.sqrt(low)), float(np.sqrt(high))
     return row
+
+
+def withheld(row: Mapping[str, float]) -> list[str]:
+    """The numbers of a row that too few boulders know for an interval, or for one of its limits."""
+    return [
+        name
+        for name in ("mean", "std", *map(quantile_name, QUANTILES))
+        if np.isfinite(row.get(name, np.nan))
+        and not np.isfinite([row[f"{name}_low"], row[f"{name}_high"]]).all()
+    ]
 
 
 def quantile_name(level: float) -> str:
@@ -140,3 +154,4 @@ def with_limits(name: str) -> list[str]:
 
 COLUMNS = ["n", *with_limits("fraction"), *with_limits("mean"), *with_limits("std"), "max"]
 COLUMNS += [name for level in QUANTILES for name in with_limits(quantile_name(level))]
+COLUMNS += ["withheld"]

@@ -2,9 +2,10 @@
 """How far and how wide boulders came, in the field and in a result; distances of distributions.
 
 Intervals are those of resampled boulders (Efron 1979), observed and simulated ones, each within its
-source. That of the Wasserstein distance is mirrored (the pivotal one), since chance makes the
-distance of two samples larger; `by_chance` is what 95 % of as many boulders of the result itself do
-not exceed: below it, the difference may be one of chance.
+source; fewer boulders than `rockfall.limits` has for a mean or a standard deviation have none. That
+of the Wasserstein distance is mirrored (the pivotal one), since chance makes the distance of two
+samples larger; `by_chance` is what 95 % of as many boulders of the result itself do not exceed:
+below it, the difference may be one of chance.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from rockfall.analysis.observations import Observed
+from rockfall.limits import MIN_FOR_MEAN, MIN_FOR_STD
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -190,9 +192,14 @@ def _rows(name: str, seen: Sample, made: Sample) -> Iterator[list]:
         ]
         observed, simulated = np.array(values)
         apart = simulated - observed
-        numbers = [one for of in (observed, simulated, apart) for one in _limits(of)]
+        fewest = MIN_FOR_STD if statistic else MIN_FOR_MEAN
+        numbers = [
+            one
+            for of, size in ((observed, sizes[0]), (simulated, sizes[1]), (apart, min(sizes)))
+            for one in _limits(of, size >= fewest)
+        ]
         low, high = numbers[-2:]
-        verdict = UNDECIDED if low <= 0 <= high else "larger" if low > 0 else "smaller"
+        verdict = "larger" if low > 0 else "smaller" if high < 0 else UNDECIDED
         return [name, label, *sizes, *numbers, np.nan, verdict]
 
     yield row("mean", 0, 0)
@@ -210,9 +217,10 @@ def _rows(name: str, seen: Sample, made: Sample) -> Iterator[list]:
         yield row("lateral_offset", 1, 0)
 
 
-def _limits(values: np.ndarray) -> list[float]:
-    """The first value, and the limits of the others."""
-    return [float(values[0]), *np.quantile(values[1:], LIMITS).tolist()]
+def _limits(values: np.ndarray, enough: bool) -> list[float]:
+    """The first value, and the limits of the others: NaN, where too few boulders were resampled."""
+    limits = np.quantile(values[1:], LIMITS).tolist() if enough else [np.nan, np.nan]
+    return [float(values[0]), *limits]
 
 
 def weights(seen: Sample, made: Sample) -> np.ndarray:

@@ -16,6 +16,7 @@ from rockfall.analysis.precision.intervals import CROSSED, boulders_needed, half
 from rockfall.case import Case
 from rockfall.errors import RockfallError
 from rockfall.interrupts import interrupts
+from rockfall.limits import MIN_FOR_MEAN
 from rockfall.scene.plausible import warn_of
 from rockfall.scene.reach import survey
 from rockfall.scene.read import read_scene
@@ -198,7 +199,8 @@ def _verdict(rule: Rule, known: LineSamples) -> Verdict:
     if width <= rule.limit and crossed >= CROSSED:
         return Verdict(rule, True, width, n)
     if not row["n"] or not np.isfinite(width):
-        return Verdict(rule, False, width, np.nan)
+        few = known.sampled and 1 < known.sources < MIN_FOR_MEAN <= row["n"]
+        return Verdict(rule, False, width, np.inf if few else np.nan)
     error, limit = width, rule.limit
     if known.sampled and known.sources > 1:
         alone = numbers(known.given().sample(rule.line, rule.quantity), rule.quantity)

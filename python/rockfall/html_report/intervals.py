@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     Numbers = Mapping[str, Row]  # by quantity
     Rows = Mapping[str, Numbers]  # by line
 
+TOO_FEW = "(–)"
 STATISTICS = {"mean": "mean", "std": "standard deviation"}
 STATISTICS |= {f"q{level}": f"{level} % quantile" for level in (50, 90, 95, 98, 99)}
 
@@ -35,19 +36,20 @@ def in_unit(value: float, quantity: str) -> str:
 
 
 def interval(row: Row, name: str, quantity: str) -> str:
-    """The confidence interval of a number in brackets; empty where it has none."""
+    """The confidence interval of a number in brackets; empty where there is no number."""
     return estimate(row, name, quantity)[1]
 
 
 def estimate(row: Row, name: str, quantity: str) -> tuple[str, str]:
     """A number in the unit shown and its interval in brackets, with the digits that this supports:
-    the last one stands for a twentieth to a half of the interval's half width."""
+    the last one stands for a twentieth to a half of the interval's half width. `TOO_FEW` in its
+    place, where too few boulders give none."""
     value, low, high = (
         QUANTITIES[quantity].factor * row.get(f"{name}{end}", math.nan)
         for end in ("", "_low", "_high")
     )
     if math.isnan(low) and math.isnan(high):
-        return number(value), ""
+        return number(value), "" if math.isnan(value) else TOO_FEW
     half = max(abs(value - end) for end in (low, high) if not math.isnan(end))
     decimals = min(4, -math.floor(math.log10(half / 2))) if half else 2
     value_, low_, high_ = (

@@ -12,7 +12,7 @@ from rockfall.analysis.lines.samples import LineSamples
 from rockfall.analysis.precision.intervals import half_width
 from rockfall.analysis.run_until import verdicts_of
 from rockfall.case import case_of
-from rockfall.html_report.intervals import estimate, in_unit
+from rockfall.html_report.intervals import TOO_FEW, estimate, in_unit
 from rockfall.html_report.tables import Table
 from rockfall.protection.barriers import barriers_of
 from rockfall.quantities import count, number, percent
@@ -109,7 +109,7 @@ def run_out(result: xr.Dataset) -> Iterator[str]:
 def certainty(result: xr.Dataset, rows: Rows, is_inside: bool) -> Iterator[str]:
     """How sure the answer is: the Monte Carlo error, and what it leaves out."""
     boulders, known = simulated(result), LineSamples(result)
-    shown = [map(str, row) for row in headline(rows).rows]
+    shown = [[*map(str, row)] for row in headline(rows).rows]
     if boulders == 1:
         yield "One boulder is an example: it has no spread, and no intervals."
     else:
@@ -120,6 +120,8 @@ def certainty(result: xr.Dataset, rows: Rows, is_inside: bool) -> Iterator[str]:
         )
         if any("(from" in cell or "(up to" in cell for row in shown for cell in row):
             yield "Where only one limit is given, too few boulders pass for the other."
+        if any(TOO_FEW in cell for row in shown for cell in row):
+            yield "A dash in brackets: too few boulders pass for an interval that holds."
         if known.sampled:
             yield "The sources are taken for a sample of others like them."
     crossed = [numbers["speed"] for numbers in rows.values() if numbers["speed"]["n"]]

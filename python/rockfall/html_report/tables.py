@@ -19,7 +19,7 @@ from rockfall.analysis.precision.intervals import (
 )
 from rockfall.case import FROM_ARRAY, case_of
 from rockfall.html_report.convergence import NUMBERS
-from rockfall.html_report.intervals import STATISTICS, estimate, in_unit
+from rockfall.html_report.intervals import STATISTICS, TOO_FEW, estimate, in_unit
 from rockfall.io.layers import REPROJECTED
 from rockfall.protection.barriers import barrier_rows
 from rockfall.quantities import QUANTITIES, number, percent
@@ -54,7 +54,10 @@ def line_tables(rows: Rows) -> Iterator[Table]:
         if n := numbers["speed"]["n"]:
             about = f"{line}: {n:,} boulders cross it; in brackets 95 % confidence intervals"
             head = ("", *STATISTICS.values(), f"max of {n:,}")
-            yield Table(about, head, [_statistics(name, row) for name, row in numbers.items()])
+            shown = [_statistics(name, row) for name, row in numbers.items()]
+            if any(TOO_FEW in cell for row in shown for cell in row):
+                about += "; a dash where too few boulders give no interval that holds"
+            yield Table(about, head, shown)
 
 
 def _statistics(quantity: str, row: Row) -> tuple[str, ...]:

@@ -10,7 +10,8 @@ import numpy as np
 
 from rockfall.analysis.compare import STATISTICS, Comparison
 from rockfall.analysis.contacts import VALUES
-from rockfall.quantities import QUANTITIES, number
+from rockfall.analysis.precision.intervals import longer_side
+from rockfall.quantities import QUANTITIES, TOO_FEW, number
 from rockfall.text.table import table as aligned
 
 if TYPE_CHECKING:
@@ -76,12 +77,16 @@ def _printed_errors(table: pd.DataFrame) -> Iterable[list[str]]:
 
 
 def _three(row: pd.DataFrame, whose: str, quantity: str) -> list[str]:
-    """Mean with half of its interval, standard deviation, maximum."""
+    """Mean with the longer side of its interval, standard deviation, maximum."""
     about = QUANTITIES[quantity]
     numbers = (_rounded(about.factor * value, about.decimals, whose) for value in row[whose])
     mean, *rest = numbers
-    half = about.factor * (row.loc["mean", f"{whose}_high"] - row.loc["mean", f"{whose}_low"]) / 2
-    return [mean if np.isnan(half) else f"{mean} +- {half:.{about.decimals}f}", *rest]
+    half = about.factor * longer_side(row.loc["mean"], whose)
+    if not np.isnan(half):
+        mean += f" +- {half:.{about.decimals}f}"
+    elif whose == "simulated" and mean != "-":
+        mean += f" ({TOO_FEW})"
+    return [mean, *rest]
 
 
 def _error(row: pd.Series) -> str:
@@ -120,7 +125,7 @@ def _passing(table: pd.DataFrame) -> Iterable[list[str]]:
     for row in table.iloc[chosen].to_dict("records"):
         fractions = []
         for whose in "observed", "simulated":
-            half = 50 * (row[f"{whose}_high"] - row[f"{whose}_low"])
+            half = 100 * longer_side(row, whose)
             fraction = f"{100 * row[whose]:.1f}"
             fractions.append(fraction if np.isnan(half) else f"{fraction} +- {half:.1f}")
         difference = f"{row['difference_percent']:+z.1f}{_mark(row)}"
@@ -155,7 +160,9 @@ def _run_out(table: pd.DataFrame) -> Iterable[list[str]]:
 def _within(row: Mapping[str, Any], name: str) -> str:
     """A number with its interval."""
     value, low, high = (row[f"{name}{end}"] for end in ("", "_low", "_high"))
-    return "-" if np.isnan(value) else f"{value:.1f} ({low:.1f} to {high:.1f})"
+    if np.isnan(value):
+        return "-"
+    return f"{value:.1f} ({TOO_FEW if np.isnan(low) else f'{low:.1f} to {high:.1f}'})"
 
 
 def ranks_text(table: pd.DataFrame) -> str:

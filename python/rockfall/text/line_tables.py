@@ -16,7 +16,7 @@ from rockfall.case_files import files_behind
 from rockfall.errors import RockfallError
 from rockfall.io.output_files import LEVEL_TABLE, LINE_TABLE, atomic_folder, check_output
 from rockfall.io.tables import write_csv
-from rockfall.quantities import QUANTITIES, number
+from rockfall.quantities import QUANTITIES, TOO_FEW, number
 from rockfall.result.dataset import read_result
 from rockfall.result.samples import simulated
 from rockfall.text.ensemble import ensemble_summary
@@ -27,7 +27,8 @@ if TYPE_CHECKING:
     import xarray as xr
 
 ABOUT = """\
-Below each number its 95 % confidence interval. The std of the position along the line is the
+Below each number its 95 % confidence interval; "n too small" where too few boulders pass for one
+that holds, "-" for the limit that they cannot give. The std of the position along the line is the
 lateral spread. The maximum grows with the number of boulders. 1 in N: the level that one in N of
 the boulders that pass exceeds, from the sample where 25 or more boulders exceed it, else from a
 generalised Pareto tail of the boulders above the threshold."""
@@ -101,7 +102,7 @@ def _statistics(rows: pd.DataFrame) -> Iterator[list[str]]:
     names = ["mean", "std", *map(quantile_name, QUANTILES)]
     yield ["", *names]
     for _, row in rows.iterrows():
-        yield from _row(row, names)
+        yield from _row(row, names, TOO_FEW)
 
 
 def _levels(tails: pd.DataFrame) -> Iterator[list[str]]:
@@ -111,8 +112,8 @@ def _levels(tails: pd.DataFrame) -> Iterator[list[str]]:
         yield from _row(row, ["max", *names, "threshold", "exceedances", "shape"])
 
 
-def _row(row: pd.Series, names: list[str]) -> Iterator[list[str]]:
-    """The numbers of a quantity; below them their intervals."""
+def _row(row: pd.Series, names: list[str], without: str = "") -> Iterator[list[str]]:
+    """The numbers of a quantity; below them their intervals, or what is said of those without."""
     about = QUANTITIES[row["quantity"]]
     numbers, limits = [f"  {about.short}"], [""]
     for name in names:
@@ -121,7 +122,8 @@ def _row(row: pd.Series, names: list[str]) -> Iterator[list[str]]:
         is_count = name == "exceedances" and np.isfinite(value)
         numbers.append(f"{value:,.0f}" if is_count else number(value, 4))
         known = np.isfinite([low, high]).any()
-        limits.append(f"{number(low, 4)}..{number(high, 4)}" if known else "")
+        absent = without if np.isfinite(value) else ""
+        limits.append(f"{number(low, 4)}..{number(high, 4)}" if known else absent)
     yield numbers
     if any(limits):
         yield limits

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from rockfall.analysis.models import QUANTITIES as AT_LINES
 from rockfall.analysis.models import RUN_OUT, Models
-from rockfall.quantities import QUANTITIES
+from rockfall.quantities import QUANTITIES, TOO_FEW
 from rockfall.text.table import table
 
 if TYPE_CHECKING:
@@ -47,17 +47,15 @@ def _run_out(found: Models) -> Iterator[list[str]]:
 
 
 def _cell(row: pd.Series[Any], quantity: str) -> str:
-    """A number +- half its interval, and the same of its difference."""
+    """A number +- the longer side of its interval, and the same of its difference."""
     about = QUANTITIES[quantity]
 
     def within(name: str, sign: str = "") -> str:
-        ends = (
-            row["low" if name == "value" else "difference_low"],
-            row["high" if name == "value" else "difference_high"],
-        )
-        value, half = about.factor * row[name], about.factor * (ends[1] - ends[0]) / 2
+        low, high = ("low", "high") if name == "value" else (f"{name}_low", f"{name}_high")
+        value = about.factor * row[name]
+        half = about.factor * max(row[high] - row[name], row[name] - row[low])
         shown = f"{value:{sign}.{about.decimals}f}"
-        return f"{shown} +- {half:.{about.decimals}f}" if half == half else shown
+        return f"{shown} +- {half:.{about.decimals}f}" if half == half else f"{shown} ({TOO_FEW})"
 
     if row["value"] != row["value"]:
         return "-"

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING
 from rockfall.analysis.extrapolation import extrapolations
 from rockfall.analysis.line_statistics import numbers
 from rockfall.analysis.lines.samples import LineSamples
+from rockfall.analysis.precision.intervals import longer_side
 from rockfall.analysis.run_until import verdicts_of
 from rockfall.protection.barriers import barrier_rows, barriers_of
-from rockfall.quantities import QUANTITIES, Quantity, percent
+from rockfall.quantities import QUANTITIES, TOO_FEW, Quantity, percent
 from rockfall.result.grounds import GroundRebounds, rebounds_by_ground
 from rockfall.result.samples import simulated
 from rockfall.result.trajectories import ended
@@ -80,11 +81,11 @@ def _barriers(result: Held) -> Iterator[list[str]]:
 
 
 def _within(row: dict[str, float], name: str, about: Quantity) -> str:
-    """A number and half the length of its interval, where it has one."""
+    """A number and the longer side of its interval, or that it has none."""
     value, decimals = about.factor * row[name], about.decimals
-    if f"{name}_low" not in row:
-        return f"{value:.{decimals}f} {about.unit}"
-    half = about.factor * (row[f"{name}_high"] - row[f"{name}_low"]) / 2
+    half = about.factor * longer_side(row, name)
+    if math.isnan(half):
+        return f"{value:.{decimals}f} {about.unit} ({TOO_FEW})"
     if 0 < half < 10**-decimals:  # two digits in place of +- 0.0
         decimals = 1 - math.floor(math.log10(half))
     return f"{value:.{decimals}f} +- {half:.{decimals}f} {about.unit}"

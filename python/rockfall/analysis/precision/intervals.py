@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rockfall.case import case_of
-from rockfall.limits import Z, fraction_limits
+from rockfall.limits import MIN_FOR_MEAN, Z, fraction_limits
 
 if TYPE_CHECKING:
     from rockfall.result.contents import Held
@@ -26,6 +26,11 @@ if TYPE_CHECKING:
 TARGETS = (0.05, 0.02, 0.01)  # half widths of an interval, relative to the number, to plan for
 SIMPSON = np.r_[1, np.tile([4, 2], 199), 4, 1] / 1200.0  # weights of 401 values
 CROSSED = 500  # boulders past the line before the interval of anything but a fraction is used
+#: Skewness over the coefficient of variation: exact for gamma distributions. Few values seldom show
+#: the tail that they come from, so that an upper limit supposes it.
+SKEWED = 2.0
+SKEWED_SQUARES = 3.0  # the same of squared deviations
+WITHHELD = math.nan, math.nan  # limits that too few boulders would give
 
 
 @dataclass(frozen=True)
@@ -96,19 +101,37 @@ class Sums:
         """Boulders in all."""
         return int(self.n.sum())
 
-    def half_of_mean(self) -> float:
-        """Half the interval of the mean of values of two boulders or more."""
+    def limits_of_mean(
+        self,
+        shape: Shape,
+        signed: bool = False,
+        fewest: int = MIN_FOR_MEAN,
+        skewed: float = SKEWED,
+    ) -> tuple[float, float]:
+        """Limits of the interval of the mean, less the mean, of values of this shape; NaN of fewer
+        than `fewest` values, or sources where these are a sample. See `hall` for the others."""
         n = self.size
-        if self.sampled:  # sources that happen to agree know no more than their boulders
-            alone = student(n - 1) * math.sqrt(self.squares.sum() / (n - 1) / n)
-            return max(alone, self._half_of_clusters())
-        within = self._within()
-        total = within.sum()
-        if not total:
-            return 0.0
-        few = np.maximum(self.n - 1, 1)
-        freedom = total**2 / (within**2 / few).sum()  # Satterthwaite 1946
-        return student(freedom) * math.sqrt(total / (n * (n - 1)))
+        if shape.apart < fewest:
+            return WITHHELD
+        if not self.sampled:
+            within = self._within()
+            total = within.sum()
+            if not total:
+                return 0.0, 0.0
+            few = np.maximum(self.n - 1, 1)
+            freedom = total**2 / (within**2 / few).sum()  # Satterthwaite 1946
+            return hall(math.sqrt(total / (n * (n - 1))), freedom, n, shape, signed, skewed)
+        error = math.sqrt(self.squares.sum() / (n - 1) / n)
+        low, high = hall(error, n - 1, n, shape, signed, skewed)
+        sums = self.total[self.n > 0]
+        if sums.size == 1:  # one source: its boulders are independent
+            return low, high
+        clusters, m = Shape.of(sums), sums.size
+        if clusters.apart < fewest:
+            return WITHHELD
+        apart = hall(self._error_of_clusters(), m - 1, m, clusters, signed, skewed)
+        # sources that happen to agree know no more than their boulders
+        return min(low, apart[0]), max(high, apart[1])
 
     def effective_number(self, fraction: float) -> float:
         """As many independent boulders would know the fraction of an indicator as well (Korn and
@@ -135,14 +158,79 @@ class Sums:
         return scatter * (n / np.maximum(n - 1, 1)) * (1 - 1 / n.sum())
 
     def _half_of_clusters(self) -> float:
-        """Half the interval of a mean as the clusters differ (linearised; Cochran 1977); 0 where
-        there is but one. Few clusters hardly know how much: Student's distribution has their number
-        less one."""
+        """Half the interval of a mean as the clusters differ; 0 where there is but one. Few
+        clusters hardly know how much: Student's distribution has their number less one."""
+        clusters = int(np.count_nonzero(self.n))
+        return student(clusters - 1) * self._error_of_clusters() if clusters > 1 else 0.0
+
+    def _error_of_clusters(self) -> float:
+        """Standard error of a mean as two clusters or more differ (linearised; Cochran 1977)."""
         sums = self.total[self.n > 0]
-        if sums.size == 1:  # one source: its boulders are independent
-            return 0.0
-        error = np.sqrt((sums**2).sum() * sums.size / (sums.size - 1)) / self.size
-        return student(sums.size - 1) * error
+        return math.sqrt((sums**2).sum() * sums.size / (sums.size - 1)) / self.size
+
+
+@dataclass(frozen=True)
+class Shape:
+    """What the interval of a mean knows of the values besides their variance."""
+
+    skewness: float
+    below: float  # standard deviations from the mean down to the lowest value
+    above: float  # and up to the highest
+    apart: int  # values other than the median, and one: a value that many share tells of no other
+
+    @classmethod
+    def of(cls, values: np.ndarray, counts: np.ndarray | None = None) -> Shape:
+        """Values, each of which occurs so often; once, if not given."""
+        if counts is None:
+            counts, middle = np.ones(values.size), (values.size - 1) // 2
+            median = np.partition(values, middle)[middle] if values.size else 0.0
+        else:
+            order = np.argsort(values)
+            middle = np.searchsorted(np.cumsum(counts[order]), counts.sum() / 2)
+            median = values[order[middle]]
+        n, apart = float(counts.sum()), int(counts[values != median].sum()) + 1
+        if apart < 3:
+            return cls(0.0, 1.0, 1.0, apart)
+        deviations = values - counts @ values / n
+        second = counts @ deviations**2 / n
+        skewness = counts @ deviations**3 / n / second**1.5 * math.sqrt(n * (n - 1)) / (n - 2)
+        std = math.sqrt(second * n / (n - 1))
+        return cls(skewness, -deviations.min() / std, deviations.max() / std, apart)
+
+
+def hall(
+    error: float, freedom: float, n: int, shape: Shape, signed: bool, skewed: float
+) -> tuple[float, float]:
+    """Limits of the interval of a mean of n values with this standard error, less the mean: those
+    of Student's t, of which Hall's cubic takes the skewness (Hall 1992). The upper one supposes a
+    skewness of `skewed` coefficients of variation at least, those above the lowest value; of
+    `signed` values the lower one does the same, from the highest."""
+    skewness = shape.skewness
+    low = min(skewness, -skewed / shape.above) if signed else skewness
+    high = max(skewness, skewed / shape.below)
+    limit = student(freedom)
+    return (
+        -error * _inverse_of_cubic(limit, low / math.sqrt(n)),
+        -error * _inverse_of_cubic(-limit, high / math.sqrt(n)),
+    )
+
+
+def limits_of_printed(mean: float, std: float, n: float, signed: bool) -> tuple[float, float]:
+    """Limits of the interval of a mean of n values, of which no more is known than their mean and
+    standard deviation; unless they are `signed`, that none is below 0. NaN of too few."""
+    if not n >= MIN_FOR_MEAN:
+        return WITHHELD
+    below = mean / std if std > 0 and mean > 0 and not signed else math.inf
+    shape = Shape(0.0, below, math.inf, int(n))
+    low, high = hall(std / math.sqrt(n), n - 1, int(n), shape, signed, SKEWED)
+    return mean + low if signed else max(0.0, mean + low), mean + high
+
+
+def _inverse_of_cubic(t: float, a: float) -> float:
+    """The w of w + a w**2 / 3 + a**2 w**3 / 27 + a / 6 = t, which rises with w."""
+    if abs(a) < 1e-6:
+        return t
+    return 3 / a * (float(np.cbrt(1 + a * (t - a / 6))) - 1)
 
 
 def sources(result: Held) -> Sources:
@@ -164,11 +252,6 @@ def fraction_interval(holds: np.ndarray, source: Sources) -> tuple[float, float,
     (Wilson 1927)."""
     fraction = float(holds.mean())
     return fraction, *fraction_limits(fraction, effective_number(holds.astype(float), source))
-
-
-def half_of_mean(v: np.ndarray, source: Sources) -> float:
-    """Half the interval of the mean of values of two boulders or more."""
-    return source.sums(v - v.mean()).half_of_mean()
 
 
 def effective_number(indicator: np.ndarray, source: Sources) -> float:
@@ -208,15 +291,22 @@ def ranks_around(n: int, level: float, effective: float) -> np.ndarray:
 
 
 def half_width(row: Mapping[str, float], name: str) -> float:
-    """Half the length of a confidence interval, relative to its number: 0 of equal values, inf of
-    the number 0, NaN without an interval."""
+    """Half the length of a confidence interval, relative to its number: 0 of many equal values, inf
+    of the number 0, NaN without an interval."""
     value = row.get(name, np.nan)
-    if name == "std" and value == 0:
+    if name != "fraction" and row.get("std") == 0 and row["n"] >= CROSSED:
         return 0.0
     half = (row.get(f"{name}_high", np.nan) - row.get(f"{name}_low", np.nan)) / 2
     if half == 0 or np.isnan(half):
         return half
     return half / abs(value) if value else np.inf
+
+
+def longer_side(row: Mapping[str, float], name: str) -> float:
+    """The longer one of the two sides of a number's interval, which as +- errs on none; NaN without
+    one. In a skewed one the truth may lie farther above than half its length."""
+    value, low, high = (row.get(f"{name}{end}", np.nan) for end in ("", "_low", "_high"))
+    return float(np.maximum(high - value, value - low))
 
 
 def boulders_needed(boulders: float, width: float, limit: float, crossed: float = np.inf) -> float:

@@ -8,21 +8,24 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from rockfall.analysis.precision.intervals import (
+    SKEWED_SQUARES,
+    Shape,
     Sources,
     Sums,
     between_ranks,
     effective_number,
-    half_of_mean,
     ranks_around,
     strata,
 )
-from rockfall.limits import SAMPLE_COARSE, SAMPLE_EDGES
+from rockfall.limits import MIN_FOR_STD, SAMPLE_COARSE, SAMPLE_EDGES
 from rockfall.result.samples import BASE_BITS
 
+OF_SQUARES = False, MIN_FOR_STD, SKEWED_SQUARES  # their rule of `Sums.limits_of_mean`
 LOW, WIDTH = SAMPLE_EDGES[:-1], np.diff(SAMPLE_EDGES)  # of bins, in units; 1: of one number
 
 
@@ -65,14 +68,15 @@ class Sample(ABC):
         """The same of the values that are at most this."""
 
     @abstractmethod
-    def half_of_mean(self) -> float:
-        """Half the interval of the mean."""
+    def limits_of_mean(self, signed: bool) -> tuple[float, float]:
+        """Those of the interval of the mean, less the mean; NaN of too few values. Values that are
+        not `signed` have a lower end."""
 
     @abstractmethod
-    def half_of_squares(self) -> float:
-        """The same of squared deviations from the middle: the mean without some of both ends, the
-        fewer the more values there are, about which the tail of a skewed sample weighs as much as
-        in its population (Bonett 2006)."""
+    def limits_of_variance(self) -> tuple[float, float]:
+        """The same of the mean of squared deviations from the middle: the mean without some of both
+        ends, the fewer the more values there are, about which the tail of a skewed sample weighs as
+        much as in its population (Bonett 2006)."""
 
     @property
     def _cut(self) -> int:
@@ -116,12 +120,16 @@ class Values(Sample):
     def effective_below(self, value: float) -> float:
         return effective_number((self._values <= value).astype(float), self._source)
 
-    def half_of_mean(self) -> float:
-        return half_of_mean(self._values, self._source)
+    def limits_of_mean(self, signed: bool) -> tuple[float, float]:
+        return self._limits_of(self._values, signed)
 
-    def half_of_squares(self) -> float:
+    def limits_of_variance(self) -> tuple[float, float]:
         middle = float(self._ordered[self._cut : self.n - self._cut].mean())
-        return half_of_mean((self._values - middle) ** 2, self._source)
+        return self._limits_of((self._values - middle) ** 2, *OF_SQUARES)
+
+    def _limits_of(self, values: np.ndarray, *rule: Any) -> tuple[float, float]:
+        sums = self._source.sums(values - values.mean())
+        return sums.limits_of_mean(Shape.of(values), *rule)
 
 
 class Counts(Sample):
@@ -208,19 +216,21 @@ class Counts(Sample):
         squares = share * (1 - fraction) ** 2 + (1 - share) * fraction**2
         return self._by_group(share - fraction, squares).effective_number(fraction)
 
-    def half_of_mean(self) -> float:
-        return self._half_of((self._low + self._width / 2) / self._unit)
+    def limits_of_mean(self, signed: bool) -> tuple[float, float]:
+        return self._limits_of((self._low + self._width / 2) / self._unit, signed)
 
-    def half_of_squares(self) -> float:
+    def limits_of_variance(self) -> tuple[float, float]:
         values = (self._low + self._width / 2) / self._unit
         ends = np.clip([self._before, self._before + self._bins], self._cut, self.n - self._cut)
         within = ends[1] - ends[0]
-        return self._half_of((values - within @ values / within.sum()) ** 2)
+        middle = within @ values / within.sum()
+        return self._limits_of((values - middle) ** 2, *OF_SQUARES)
 
-    def _half_of(self, numbers: np.ndarray) -> float:
-        """Half the interval of the mean of a variable, of which each bin has a number."""
+    def _limits_of(self, numbers: np.ndarray, *rule: Any) -> tuple[float, float]:
+        """Those of the mean of a variable, of which each bin has a number."""
+        shape = Shape.of(numbers, self._bins)
         numbers = numbers - self._bins @ numbers / self.n
-        return self._by_group(numbers, numbers**2).half_of_mean()
+        return self._by_group(numbers, numbers**2).limits_of_mean(shape, *rule)
 
     def _by_group(self, numbers: np.ndarray, squares: np.ndarray) -> Sums:
         """Of a variable and its square in each bin."""
