@@ -1,11 +1,11 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Rest, or rolling on: what becomes of a boulder that is too slow after a rebound to fly on.
 !>
-!> It rests where it can rest. One radius ahead, down the steepest descent of its patch, the ground lies lower by the
-!> drop d. Where d is at most the plan distance times the tangent of the rest angle, friction holds the boulder; elsewhere
-!> it rolls there and meets the ground again. The energy is that of a sphere that rolls down a facet (Azzoni, La Barbera,
-!> Zaninetti 1995, Int. J. Rock Mech. Min. Sci. 32, 709-724), v1**2 = v0**2 + 2 g (d - tan(rest angle) l)/(1 + k) with the plan
-!> distance l and k = I/(m R_b**2): closed, without a time step.
+!> One radius ahead, down the steepest descent of its patch, the ground lies lower by the drop d. Where d is at most the
+!> plan distance l times the tangent of the rest angle, friction holds the boulder; elsewhere it rolls there and meets
+!> the ground again. The energy is that of a sphere that rolls down a facet (Azzoni, La Barbera, Zaninetti 1995, Int. J.
+!> Rock Mech. Min. Sci. 32, 709-724), v1**2 = v0**2 + 2 g (d - tan(rest angle) l)/(1 + k), k = I/(m R_b**2): closed,
+!> without a time step.
 module rockfall_rolling
    use rockfall_kinds, only: wp
    use rockfall_boulder, only: inertia_factor
@@ -109,8 +109,8 @@ contains
       end associate
    end subroutine walk
 
-   !> Whether a patch of the terrain lies beyond the window that is at hand. A boulder at its edge then leaves the window
-   !> and is traced again: whether it rests is not known here.
+   !> Whether a patch of the terrain lies beyond the window that is at hand. A boulder at its edge then leaves the
+   !> window and is traced again: whether it rests is not known here.
    pure logical function out_of_sight(dem, patch)
       type(terrain_t), intent(in) :: dem
       type(patch_t), intent(in) :: patch

@@ -14,7 +14,8 @@ module rockfall_flights
    use rockfall_trajectory, only: scratch_t
    implicit none
    private
-   public :: flights_t, landings_t, take_off, take_off_again, fly_on, flight_of, landing_of, replace_landing, lanes, filled
+   public :: flights_t, landings_t, take_off, take_off_again, fly_on, flight_of, landing_of, replace_landing
+   public :: lanes, filled
 
    integer, parameter :: lanes = 64  !! flights at a time; a multiple of `width`
    integer, parameter :: width = 4   !! of them at a time are computed by the widest instructions

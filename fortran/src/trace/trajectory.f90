@@ -29,10 +29,12 @@ module rockfall_trajectory
    use rockfall_histogram, only: histograms_t, count_rebound
    implicit none
    private
-   public :: scene_t, boulder_result_t, crossing_t, contact_t, scratch_t, obstacle_t, trace_full, choose_trace, goes_in_lanes
+   public :: scene_t, boulder_result_t, crossing_t, contact_t, scratch_t, obstacle_t, trace_full, choose_trace
+   public :: goes_in_lanes
    public :: has_obstacles, at_rest, start_boulder, end_boulder, departure, record_crossings, handle_impact, find_rocks
    public :: in_local_frame, rolled_before, launch_velocity, clear, find_class, count_outcome
-   public :: close_impact, rest_or_roll, roll_on, meet_ground, count_ground, with_all, one_by_one, narrow_lanes, wide_lanes
+   public :: close_impact, rest_or_roll, roll_on, meet_ground, count_ground, with_all
+   public :: one_by_one, narrow_lanes, wide_lanes
    public :: stopped, absorbed, left_domain, impact_limit, hit_nodata, stopped_by_tree, stopped_by_barrier, left_window
 
    !> Status, in the order of the table of rockfall_variables; 0 while a boulder is on its way.
