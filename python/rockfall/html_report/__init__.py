@@ -21,7 +21,13 @@ from rockfall.analysis.return_levels import return_levels
 from rockfall.case_files import files_behind
 from rockfall.errors import RockfallError, need
 from rockfall.html_report.convergence import convergence_figure
-from rockfall.html_report.ensemble import PER_LINE, range_tables, range_words
+from rockfall.html_report.ensemble import (
+    PER_LINE,
+    range_answers,
+    range_headline,
+    range_tables,
+    range_words,
+)
 from rockfall.html_report.inputs import (
     Parties,
     ground_figure,
@@ -173,8 +179,12 @@ def report(
         on_paper=on_paper,
         parties=parties,
         question=question(rows, hazard is not None),
-        answers=answers(result, rows),
-        headline=[*([headline(rows)] if rows else ()), *endangered[:1], *ranges[::PER_LINE]],
+        answers=range_answers(result) if ranges else answers(result, rows),
+        headline=[
+            *([range_headline(result) if ranges else headline(rows)] if rows else ()),
+            *endangered[:1],
+            *ranges[::PER_LINE],
+        ],
         warnings=outside,
         certainty=[*certainty(result, rows, not outside), *range_words(result, ranges)],
         indices=[one for k, one in enumerate(ranges) if k % PER_LINE],

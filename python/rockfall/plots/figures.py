@@ -198,7 +198,7 @@ def _along(result: xr.Dataset, line: str) -> figure.Figure:
 def _ranges(result: xr.Dataset) -> Iterator[Figure]:
     """Of an ensemble."""
     if is_ensemble(result) and lines(result):
-        draws = count(2 * result.sizes["run"], "draw")
+        draws = count(result.sizes["run"], "draw")
         yield Figure(
             "epistemic",
             "Uncertain inputs and Monte Carlo error",
