@@ -19,6 +19,7 @@ from rockfall.io.files import check_text_file
 from rockfall.io.tables import Row, check_columns, read_table
 
 IMPACT_SETS = "impact_sets"  # the model of a ground that is none of a table
+ABSORBS = "absorbs"  # the model of a ground that has no rebound
 MAX_NAME = 60  # characters
 MAX_GROUNDS = 127  # of a scene: their numbers are bytes
 WORDS = ("name", "id", "model", "meaning", "source")  # columns that hold no number

@@ -8,11 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from rockfall.analysis.hazard.files import read_hazard
+from rockfall.analysis.models import read_models
 from rockfall.analysis.observations import Observed, read_observed
 from rockfall.case_files import files_behind
 from rockfall.html_report import check_page, write_report
 from rockfall.html_report.inputs import Parties
 from rockfall.html_report.language import catalogue
+from rockfall.html_report.spread import check_models
 from rockfall.html_report.terrain_view import check_view
 from rockfall.io.raster_file import raster_files
 from rockfall.plots.cartography.basemap import read_basemap
@@ -23,6 +25,7 @@ from rockfall.plots.map_figures import Look
 from rockfall.plots.terrain import terrain_of
 from rockfall.result.classes import read_limits
 from rockfall.result.dataset import read_result
+from rockfall.result.same_case import check_same_case
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -58,6 +61,7 @@ def report(
     author: str = "",
     dem_date: str = "",
     hazard: Place = None,
+    models: Place = None,
 ) -> Path:
     """Write a result (a Dataset, or its netCDF file) as one HTML page, to be read offline, or as a
     PDF, as the name of `path` ends.
@@ -66,7 +70,8 @@ def report(
     of observations that are drawn beside the result, `basemap` is a raster picture under maps,
     `limits` are those of classes ("kJ=30,300"), and `view` puts the terrain with trajectories into
     the page. It is in `language` (en, de, fr or it), names `project`, `client` and `author`, and
-    the date `dem_date` of the survey of the terrain; `hazard`, a file hazard.nc, adds its zones.
+    the date `dem_date` of the survey of the terrain; `hazard`, a file hazard.nc, adds its zones,
+    `models`, a file models.nc of `rockfall models`, the spread over rebound models.
     Returns the path of the page. What cannot be drawn or written is a RockfallError,
     missing terrain a UserWarning.
 
@@ -76,14 +81,20 @@ def report(
     'report.html'
     """
     path = Path(path)
-    check_page(path, [*_given(result, dem, observed, basemap), *([hazard] if hazard else [])])
+    others = [one for one in (hazard, models) if one is not None]
+    check_page(path, [*_given(result, dem, observed, basemap), *others])
     catalogue(language)
     zones = None if hazard is None else read_hazard(hazard)
+    spread = None if models is None else read_models(models)
     if view:
         check_view()
     drawn = _drawn(result, dem, observed, basemap, limits)
+    if zones is not None:
+        check_same_case(drawn.result, zones, str(hazard))
+    if spread is not None:
+        check_models(drawn.result, spread, str(models))
     parties = Parties(project, client, author, dem_date)
-    write_report(drawn.result, path, *drawn[1:], view, language, parties, zones)
+    write_report(drawn.result, path, *drawn[1:], view, language, parties, zones, spread)
     return path
 
 

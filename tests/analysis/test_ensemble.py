@@ -5,6 +5,7 @@ import os
 import re
 import signal
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -32,10 +33,14 @@ from rockfall.analysis.precision.intervals import Sources
 from rockfall.cli import main
 from rockfall.errors import RockfallError
 from rockfall.limits import Z
+from rockfall.html_report import Picture
+from rockfall.html_report.intervals import in_unit
+from rockfall.html_report.language import Speaker
+from rockfall.plots.figures import figures
 from rockfall.scene.reach import survey
 from rockfall.scene.read import read_scene
 from rockfall.simulation.simulate import run_scene
-from rockfall.text.ensemble import ensemble_summary
+from rockfall.text.ensemble import ensemble_summary, orders_reversed
 from scenes import grid, make_case, rough, sets, write_sets
 
 TERRAIN = rough()
@@ -375,6 +380,81 @@ def test_an_ensemble_is_a_result(place, capsys, monkeypatch):
     first = page[page.index('id="answer"') : page.index('id="validity"')]
     assert "uncertain inputs, 90 % of the draws" in first and "Sobol" in first
     assert "rockfall ensemble case.nml" in page
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory):
+    """Eight draws of two inputs."""
+    ensemble = {"runs": 8, "radius_factor": 1.2, "source_shift": 20.0}
+    return vary(case_of(tmp_path_factory.mktemp("small"), boulders=200, ensemble=ensemble))
+
+
+def first_page(found, monkeypatch, language="en"):
+    """What the page of an ensemble says, and the part before the inputs."""
+    shown = [replace(one, draw=lambda: None) for one in figures(found) if one.name == "epistemic"]
+    monkeypatch.setattr(html_report, "figures", lambda *_: shown)
+    monkeypatch.setattr(
+        html_report, "_picture",
+        lambda figure, title, caption, say: Picture(say(title), say(caption), "data:,", 9, 9),
+    )  # fmt: skip
+    monkeypatch.setattr(html_report, "convergence_figure", lambda *_: None)
+    page = html_report.report(found, language=language).replace("\u00a0", " ")
+    return page, page[page.index('id="answer"') : page.index('id="inputs"')]
+
+
+def test_the_page_of_an_ensemble_has_one_number_of_draws(small, monkeypatch):
+    page, first = first_page(small, monkeypatch)
+    assert "were drawn 8 times" in first and "90 % of 8 draws of the uncertain" in page
+    assert ensemble_summary(small).startswith("rockfall: 8 draws of 4 runs")
+    assert "16" not in re.findall(r"(\d+) (?:draws|times)", page)
+
+
+def test_the_headline_of_an_ensemble_is_its_range(small, monkeypatch):
+    """And nothing on page 1 denies it."""
+    _, first = first_page(small, monkeypatch)
+    at = small.sel(line="L", result="fraction")
+    low, high, case = (
+        in_unit(at[name].item(), "fraction") for name in ("q05", "q95", "case_value")
+    )
+    assert f"L: {low} to {high} % of the boulders pass in 90 % of the draws" in first
+    assert f"{low} to {high}\n({case})" in first
+    assert "The ranges of the draws hold the uncertain inputs" in first
+    for denied in ("The brackets hold no error", "of themselves or better", "Brackets are 95 %"):
+        assert denied not in first
+
+
+def test_an_index_above_its_total_is_remarked(small, monkeypatch):
+    """By no more than both errors allow, or by more; nothing where totals are above."""
+    changed = small.copy(deep=True)
+    for name, value in (("first_order", 0.1), ("total", 0.2), ("total_error", 0.02)):
+        changed[name][...] = value
+    changed["first_order_error"][...] = 0.02
+    assert list(orders_reversed(changed)) == []
+    about = "L: first-order index above the total, which cannot be, by"
+    changed["first_order"].loc[{"input": "radius", "result": "speed.mean"}] = 0.37
+    changed["first_order"].loc[{"input": "source", "result": "speed.mean"}] = 0.22
+    assert list(orders_reversed(changed)) == [
+        f"{about} no more than the errors of both: source (22 and 20 %)",
+        f"{about} more than their errors allow, take neither: radius (37 and 20 %)",
+    ]
+    _, first = first_page(changed, monkeypatch)
+    assert all(f"{one}." in first for one in orders_reversed(changed))
+    assert all(f"  {one}" in ensemble_summary(changed) for one in orders_reversed(changed))
+
+
+@pytest.mark.parametrize("language", ["de", "fr", "it"])
+def test_no_title_of_an_ensemble_stays_english(small, monkeypatch, language):
+    missing = []
+    where = "rockfall.html_report.language.log.warning"
+    monkeypatch.setattr(where, lambda *of: missing.append(of[-1]))
+    changed = small.copy(deep=True)
+    changed["first_order"][...], changed["total"][...] = 0.4, 0.2
+    changed["first_order_error"][...] = changed["total_error"][...] = 0.05
+    first_page(changed, monkeypatch, language)
+    say = Speaker(language)
+    for name in ("reach probability", "Reach probability: 5% quantile over the runs"):
+        say(name)
+    assert missing == []
 
 
 # ---- what is drawn

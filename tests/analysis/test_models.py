@@ -5,14 +5,21 @@ those of the same boulders."""
 import csv
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import rockfall
 from made import make_raster
 from programs import everything, make_full_case, refuses
-from rockfall.analysis.models import COLUMNS, ROCKS, run_models, with_rocks
+from rockfall.analysis.models import (
+    COLUMNS,
+    ROCKS,
+    read_models,
+    run_models,
+    with_rocks,
+    write_models,
+)
 from rockfall.cli import main
-from rockfall.errors import RockfallError
 from rockfall.grounds import GroundTable, shipped_grounds
 from rockfall.scene.read import read_scene
 from rockfall.simulation.simulate import run_scene
@@ -138,13 +145,28 @@ def test_intervals_of_differences_that_no_normal_distribution_has(case):
     assert outside["difference"] == 0 and outside["difference_high"] == outside["high"] > 0
 
 
-def test_no_models_where_every_place_has_a_ground_by_name(case):
-    zones = case.path(case.surface["table"])
-    by_name = zones.with_name("named.csv")
-    by_name.write_text("zone,rg70,rg20,rg10,ground\n4,,,,road\n-2,,,,meadow\n5,,,,road\n")
-    words = "case.nml: a ground is named for every place, by zones or &surface ground_map: models"
-    with pytest.raises(RockfallError, match=words):
-        run_models(case.replace(surface={"table": by_name.name}))
+def test_grounds_that_cover_everything_are_varied(case):
+    """But for those that absorb, and impact sets only where rocks have a size: nowhere here."""
+    by_name = case.path(case.surface["table"]).with_name("named.csv")
+    by_name.write_text("zone,rg70,rg20,rg10,ground\n4,,,,road\n-2,,,,meadow\n5,,,,soil_0\n")
+    case = case.replace(surface={"table": by_name.name}, case={"boulders": 5})
+    found = run_models(case)
+    assert found.names == ("grounds of the case", *CLASSICAL)
+    assert found.notes[0].startswith("no rocks have a size that the impact sets can take")
+    scene = read_scene(case)
+    small, large = (SHIPPED.ground(name) for name in ROCKS["constant"])
+    varied = with_rocks(scene, small, large, {"road", "meadow"})
+    names = [varied.grounds[k - 1].name for k in varied.material_ground]
+    assert names == ["talus", "talus", "soil_0"]
+
+
+def test_models_are_read_as_they_were_written(found, tmp_path):
+    write_models(found, tmp_path / "models.nc")
+    again = read_models(tmp_path / "models.nc")
+    assert again.names == found.names and again.notes == found.notes
+    assert (again.title, again.boulders) == (found.title, found.boulders)
+    pd.testing.assert_frame_equal(again.table, found.table, check_dtype=False)
+    assert again.case.attrs["case"] == found.case.attrs["case"]
 
 
 def test_grounds_on_request(case):

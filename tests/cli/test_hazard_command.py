@@ -17,12 +17,13 @@ from made import UTM, make_layer, refused
 from programs import Killed, killed_after, refuses, wait_until_busy
 from rockfall import quantities
 from rockfall.analysis.hazard.classes import CLASSES
-from rockfall.analysis.hazard.files import object_table
+from rockfall.analysis.hazard.files import object_table, read_hazard
 from rockfall.analysis.hazard.variables import TABLE, map_names
 from rockfall.cli import main
 from rockfall.result.flat_maps import flat_maps
 from rockfall.simulation import simulate
 from rockfall.text.hazard import hazard_warnings
+from scenes import CALM_SETS
 from slope_case import CASE as SLOPE
 
 pyogrio = pytest.importorskip("pyogrio", reason="the vector extra is not installed")
@@ -222,6 +223,35 @@ def test_the_summary_says_what_was_run(hazard_case, capsys):
     assert "take 3,483 boulders" in said  # to tell 300 years: z2 (300 (3 + 1/40) - 1)
     for line in said.splitlines()[-3:]:
         assert Path(line).is_file()
+
+
+def test_a_hazard_says_what_a_run_of_each_scenario_says(hazard_case, capsys):
+    """What holds in one scenario only bears its name; the section of the report has it too."""
+    narrow = CALM_SETS.replace("/\n&", " speed_range = 100, 101 /\n&").replace(
+        "ratio = 5", "ratio = 5, speed_range = 100, 101"
+    )
+    Path("sets.nml").write_text(narrow)
+    stand = "&forest uniform_stems = 1.0, uniform_dbh_mean = 9., uniform_dbh_std = 1., "
+    Path("case.nml").write_text(CASE + SCENARIOS + stand + "uniform_conifers = 50.0 /\n")
+    assert main(["hazard", "case.nml", "--write-cases"]) == 0
+    for k in (1, 2):
+        assert main(["run", f"case_scenario{k}.nml", "-o", f"{k}.nc"]) == 0
+    runs = capsys.readouterr().out
+    said = [line.partition("warning: ")[2] for line in runs.splitlines() if "  warning: " in line]
+    speeds = [text for text in said if "(speed_range)" in text]
+    assert len(speeds) == 2 and speeds[0] != speeds[1]
+    assert main(ARGUMENTS[:-1]) == 0
+    printed = capsys.readouterr().out.splitlines()
+    assert f"  warning: small: {speeds[0]}" in printed
+    assert f"  warning: large: {speeds[1]}" in printed
+    (forest,) = {text for text in said if text.startswith("The forest")}
+    assert printed.count(f"  warning: {forest}") == 1
+    found = read_hazard("out/hazard.nc")
+    assert [f"  warning: {text}" for text in hazard_warnings(found)] == [
+        line for line in printed if "  warning: " in line
+    ]
+    old = found.drop_vars("scenario_warnings")
+    assert "run the hazard again" in next(hazard_warnings(old))
 
 
 def test_a_hazard_that_was_killed_goes_on(hazard_case, monkeypatch, capsys):

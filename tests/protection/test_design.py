@@ -19,7 +19,7 @@ from rockfall.protection.demand import ABOVE, class_for, demand
 from rockfall.protection.factors import NEEDED, Conditions, read_factors, shipped
 from rockfall.protection.selection import choices, height_for, read_costs
 from rockfall.quantities import number
-from rockfall.text.design import check_row, choice_rows, demand_rows
+from rockfall.text.design import check_row, choice_rows, demand_rows, design_text
 from scenes import grid, make_case, rough, sets
 
 WELL_KNOWN = {"survey": "good", "blocks": "good", "calibration": "back-analysed"}
@@ -326,3 +326,36 @@ def test_the_command_prints_and_writes(file, tmp_path, capsys):
     assert "is given twice" in capsys.readouterr().err
     (folder / "design_loads.csv").write_text("mine\n")
     assert main(["design", str(file), "-o", str(folder)]) == 2
+
+
+def test_what_rests_on_unconfirmed_rebounds_is_never_said_to_hold(tmp_path):
+    """Nor on a forest; what fails, fails. Grounds of the user's own are confirmed by who calls the
+    rebound back-analysed."""
+    head = "name,model,r_n,r_t,roughness_angle,min_hop,source\n"
+    (tmp_path / "mine.csv").write_text(f"{head}mine,constant,0.5,0.95,4,1,fitted in 2024\n")
+    size, stand = {"uniform_mean_radius": 0.02}, {
+        "uniform_stems": 20.0, "uniform_dbh_mean": 20.0, "uniform_dbh_std": 1.0,
+        "uniform_conifers": 60.0,
+    }  # fmt: skip
+    quoted = {"surface": size | {"ground": "soil_6"}}
+    own = {"surface": size | {"ground": "mine", "ground_table": "mine.csv"}}
+    nets = [LINE | {"name": "high", "height": 90.0, "class": 7},
+            LINE | {"name": "low", "y": [250.0, 250.0], "height": 0.1, "class": 0}]  # fmt: skip
+    found = {}
+    for name, groups, calibration in (
+        ("sets", {}, "literature"), ("quoted", quoted, "back-analysed"),
+        ("own", own, "literature"), ("fitted", own, "back-analysed"),
+        ("forest", {"forest": stand}, "back-analysed"),
+    ):  # fmt: skip
+        net = run(tmp_path, line=[], barrier=nets, **groups)
+        sheet = rockfall.design(net, calibration=calibration)
+        high, low = (check_row(row)[-1] for row in sheet.checks.to_dict("records"))
+        assert low.startswith("no") or low == "no boulder comes"
+        found[name] = high
+        said = "unconfirmed" in high
+        (_, shown) = [*demand_rows(sheet.demand.to_dict("records")[0], "UNI")][-1]
+        assert ("; unconfirmed: " in shown) == said
+        assert ("Warning: " in design_text(sheet)) >= said
+    assert found["sets"] == found["fitted"] == "yes"
+    assert found["quoted"] == found["own"] == "undecided; unconfirmed: rebounds"
+    assert found["forest"] == "undecided; unconfirmed: forest"

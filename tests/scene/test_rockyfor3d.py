@@ -10,6 +10,7 @@ import pytest
 import rockfall
 from made import refused, write_ascii
 from programs import everything, find_program, run_program, same_results
+from rockfall.analysis.models import run_models
 from rockfall.cli import main
 from rockfall.errors import RockfallError
 from rockfall.rockyfor3d import nets
@@ -242,6 +243,43 @@ def test_branches_of_a_net_are_told(tmp_path):
         "net_number.asc: net 7: 3 cells branch off its line and stop nothing; "
         "give them a number of their own"
     )
+
+
+def test_what_the_model_is_worth_is_said_of_the_case_that_is_made(tmp_path):
+    """On the terminal and in the case; not of a folder without soil types or trees."""
+    folder = make_folder(tmp_path / "rocky", **forest())
+    text = " ".join(rockfall.import_rockyfor3d(folder, tmp_path / "case"))
+    for said in (
+        "rebounds follow the classical model rockyfor3d of the shipped grounds, none the impact",
+        "as commonly quoted, not confirmed; without a fit to observations of the slope, speeds",
+        "The forest is not validated and acts strongly",
+    ):
+        assert said in text and said in (tmp_path / "case/case.nml").read_text()
+    bare = make_folder(tmp_path / "bare", soiltype=None)
+    text = " ".join(rockfall.import_rockyfor3d(bare, tmp_path / "other"))
+    assert "confirmed" not in text and "validated" not in text
+
+
+def test_models_vary_the_soils_that_cover_all_of_an_import(tmp_path):
+    """Impact sets where rocks have a size: smooth ground, and obstacles that stop everything, keep
+    their soil."""
+    rg = np.full((NY, NX), 0.2)
+    rg[:, :8], rg[-3:] = 0.0, 100.0
+    line = [{"name": "L", "x": [0.0, 200.0], "y": [150.0, 150.0]}]
+    case = imported(tmp_path, rg70=rg, rg20=rg, rg10=rg).replace(line=line)
+    found = run_models(case)
+    assert found.names[:3] == ("grounds of the case", "impact sets, method A", "rockyfor3d")
+    assert len(found.names) == 5
+    part = 100 * (NX - 8) * (NY - 3) / (NX * NY)
+    assert f"impact sets: hold on {part:.1f} % of the terrain, its own grounds elsewhere" in (
+        found.notes
+    )
+    table = found.table.set_index(["model", "line", "quantity", "statistic"])["value"]
+    own, by_sets = (table[name, "L", "energy_total", "q95"] for name in found.names[:2])
+    assert own == pytest.approx(
+        rockfall.line_statistics(rockfall.run(case)).set_index("quantity")["q95"]["energy_total"]
+    )
+    assert by_sets > 2 * own  # the spread that the import alone does not show
 
 
 # ---- both programs

@@ -4,8 +4,9 @@ places, with the same random words, so that the models alone make the difference
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,8 +16,18 @@ from rockfall.analysis.lines.values import line_values
 from rockfall.analysis.precision.intervals import Sources, fraction_interval, sources
 from rockfall.case import Case
 from rockfall.errors import RockfallError
-from rockfall.grounds import GroundRule, GroundTable, find_ground, shipped_grounds, table_path
+from rockfall.grounds import (
+    ABSORBS,
+    GroundRule,
+    GroundTable,
+    find_ground,
+    shipped_grounds,
+    table_path,
+)
+from rockfall.io.files import check_netcdf
 from rockfall.quantities import percent
+from rockfall.result.contents import Contents
+from rockfall.result.dataset import put_netcdf
 from rockfall.result.trajectories import left_terrain
 from rockfall.scene.read import read_scene
 from rockfall.scene.surface import radius_over_rg
@@ -37,10 +48,15 @@ ROCKS = {
     "pfeiffer_bowen": ("pfeiffer_talus", "pfeiffer_rock"),
     "constant": ("talus", "rock_ledge"),
 }
+#: Obstacles of this size [m] stop every boulder in Rockyfor3D; impact sets know nothing of that.
+STOPPING = 100.0
+AS_GIVEN = "grounds of the case"
+LAYOUT = 1  # of the file
 QUANTITIES = ("speed", "passing_height", "energy_total")
 RUN_OUT = "stopping_distance"
 COLUMNS = ["model", "line", "quantity", "statistic", "n", "value", "low", "high",
            "difference", "difference_low", "difference_high"]  # fmt: skip
+TEXTS = COLUMNS[:4]  # the others are numbers
 NO_DIFFERENCE = dict.fromkeys(COLUMNS[-3:], 0.0)
 
 
@@ -57,6 +73,7 @@ class Models:
     names: tuple[str, ...]  # of the models
     table: pd.DataFrame  # COLUMNS; the run-out has no line
     notes: tuple[str, ...]
+    case: xr.Dataset  # without boulders: attributes and CRS of the first result, to know it by
 
 
 def run_models(case: Case, grounds: Sequence[str] = (), progress: bool = False) -> Models:
@@ -65,15 +82,16 @@ def run_models(case: Case, grounds: Sequence[str] = (), progress: bool = False) 
 
     Ground that the case gives to zones or cells by name is the same in all; models differ where
     its own impact sets, or its `&surface ground`, hold. There classical models take the shipped
-    grounds that `ROCKS` has for rocks of that size.
+    grounds that `ROCKS` has for rocks of that size. Where every place has a ground by name, all of
+    them are varied but those that absorb.
     """
     import pandas as pd
 
     case = case.replace(output={"maps": None, "rebounds": False, "trajectories": 0, "kept": "all"})
-    scenes = dict(_variants(case, grounds))
+    notes: list[str] = []
+    scenes = dict(_variants(case, grounds, notes))
     first: xr.Dataset | None = None
     rows: list[dict[str, Any]] = []
-    notes: list[str] = []
     total = sum(scene.boulders for scene in scenes.values())
     with progress_bar(total, shown=progress) as advance:
         for name, scene in scenes.items():
@@ -83,23 +101,70 @@ def run_models(case: Case, grounds: Sequence[str] = (), progress: bool = False) 
             rows += [{"model": name, **row} for row in _rows(result, first)]
             if (gone := left_terrain(result).mean()) > 0:
                 notes.append(f"{name}: {percent(gone)} left the terrain, where run-out ends")
-    if (named := 1 - _own_share(next(iter(scenes.values())))) > 0:
+    own = next(iter(scenes.values()))
+    if (named := 1 - _own_share(own)) < 1 and named > 0:
         notes.append(f"{percent(named)} of the terrain has a ground by name, the same in all")
     table = pd.DataFrame(rows, columns=COLUMNS)
     title = case.case["title"] or case.name
-    return Models(title, next(iter(scenes.values())).boulders, tuple(scenes), table, tuple(notes))
+    assert first is not None
+    known = first.drop_vars([name for name in first.variables if name != "crs"])
+    return Models(title, own.boulders, tuple(scenes), table, tuple(notes), known)
 
 
-def _variants(case: Case, grounds: Sequence[str]) -> Iterator[tuple[str, Scene]]:
+def write_models(found: Models, path: str | Path) -> None:
+    """Write models as netCDF, with the case that they are of: what a report takes."""
+    columns: dict[str, tuple] = {
+        name: ("row", found.table[name].to_numpy(object if name in TEXTS else float), {})
+        for name in COLUMNS
+    }
+    crs = {"crs": ((), np.int32(0), found.case["crs"].attrs)}
+    own: dict[str, Any] = {"models_layout": LAYOUT, "model_boulders": found.boulders}
+    own |= {"models": "\n".join(found.names), "notes": "\n".join(found.notes)}
+    put_netcdf(Contents(columns | crs, found.case.attrs | own), path, path)
+
+
+def read_models(path: str | Path) -> Models:
+    """The models of a file that `write_models` wrote."""
+    import xarray as xr
+
+    check_netcdf(path)
+    try:
+        found = xr.load_dataset(path, mask_and_scale=False, decode_times=False, engine="netcdf4")
+    except OSError as error:
+        about = error.strerror or error
+        raise RockfallError(f"{path}: cannot be read as models: {about}") from error
+    if "models_layout" not in found.attrs:
+        raise RockfallError(f"{path}: is no models.nc of `rockfall models`")
+    table = found[COLUMNS].to_dataframe().reset_index(drop=True)[COLUMNS]
+    names, notes = (tuple(str(found.attrs[name]).split("\n")) for name in ("models", "notes"))
+    boulders = int(found.attrs["model_boulders"])
+    title = str(found.attrs["title"]) or str(found.attrs["case_file"])
+    return Models(title, boulders, names, table, tuple(filter(None, notes)), found[["crs"]])
+
+
+def _variants(case: Case, grounds: Sequence[str], notes: list[str]) -> Iterator[tuple[str, Scene]]:
     """Scenes by the name of their model, the case's own first."""
     own = read_scene(case)
-    if not _own_share(own):
-        raise RockfallError(
-            f"{case.name}: a ground is named for every place, by zones or &surface ground_map: "
-            "models would not differ"
-        )
     table = GroundTable(table_path(case))
     chosen = [find_ground(case, table, name, "--ground") for name in grounds]
+    varied = {_usual(own)}
+    if not _own_share(own):
+        varied = {one.name for one in own.grounds if one.model != ABSORBS}
+        yield AS_GIVEN, own
+        yield from _by_sets(own, varied, notes)
+    else:
+        yield from _by_methods(case, own)
+    if chosen:
+        yield from ((rule.name, with_rocks(own, rule, rule, varied)) for rule in chosen)
+        return
+    shipped = GroundTable(shipped_grounds())
+    for model, (small, large) in ROCKS.items():
+        rocks = shipped.ground(small), shipped.ground(large)
+        yield model, with_rocks(own, *rocks, varied)
+
+
+def _by_methods(case: Case, own: Scene) -> Iterator[tuple[str, Scene]]:
+    """The case as it is, and by its impact sets with each method that it has sizes for."""
     if "ground" in case.surface:
         yield case.surface["ground"], own
     method = case.surface["method"]
@@ -109,17 +174,46 @@ def _variants(case: Case, grounds: Sequence[str]) -> Iterator[tuple[str, Scene]]
             yield f"impact sets, method {way}", read_scene(one)
         except RockfallError:  # it has no sizes for them
             continue
-    if chosen:
-        yield from ((rule.name, with_rocks(own, rule, rule)) for rule in chosen)
+
+
+def _by_sets(own: Scene, varied: Collection[str], notes: list[str]) -> Iterator[tuple[str, Scene]]:
+    """The scene with its impact sets in place of grounds, wherever its rocks have a size that these
+    can take; obstacles that stop every boulder, and smooth ground, keep theirs."""
+    rule = GroundRule(own.case.impact["sets"])
+    names = [one.name for one in own.grounds]
+    grounds = own.grounds if rule.name in names else (*own.grounds, rule)
+    number = [one.name for one in grounds].index(rule.name) + 1
+    is_varied = np.array([False, *(one.name in varied for one in grounds)])
+    sizes = own.sizes.T if own.values is None else own.values
+    fits = ((sizes > 0) & (sizes < STOPPING)).all(axis=0)
+    zone = 1 if own.zone is None else own.zone
+    here = np.append(False, fits)[zone] if own.values is None else fits
+    ground = own.cell_ground
+    if ground is None:
+        ground = np.ones((), np.int8)
+        if own.material_ground is not None:
+            ground = np.append(np.int8(0), own.material_ground)[zone]
+    changed = np.broadcast_to(is_varied[ground] & here, own.z.shape) & ~np.isnan(own.z)
+    if not changed.any():
+        notes.append("no rocks have a size that the impact sets can take: none of the models")
         return
-    shipped = GroundTable(shipped_grounds())
-    for model, (small, large) in ROCKS.items():
-        yield model, with_rocks(own, shipped.ground(small), shipped.ground(large))
+    if (part := changed[~np.isnan(own.z)].mean()) < 1:
+        notes.append(
+            f"impact sets: hold on {percent(part)} of the terrain, its own grounds elsewhere"
+        )
+    of_cells = np.where(changed, np.int8(number), ground).astype(np.int8)
+    name = f"impact sets, method {own.case.surface['method']}"
+    yield name, replace(own, grounds=grounds, material_ground=None, cell_ground=of_cells)
+
+
+def _usual(scene: Scene) -> str:
+    """Name of what rebounds follow where no zone and no cell says otherwise."""
+    return str(scene.case.surface.get("ground", scene.case.impact["sets"]))
 
 
 def _own_share(scene: Scene) -> float:
     """Of the terrain, where no zone and no cell names a ground [-]."""
-    usual = scene.case.surface.get("ground", scene.case.impact["sets"])
+    usual = _usual(scene)
     own = np.array([0, *(one.name == usual for one in scene.grounds)], bool)
     known = ~np.isnan(scene.z)
     if scene.cell_ground is not None:
@@ -129,15 +223,17 @@ def _own_share(scene: Scene) -> float:
     return float(np.append(False, own[scene.material_ground])[scene.zone][known].mean())
 
 
-def with_rocks(scene: Scene, small: GroundRule, large: GroundRule) -> Scene:
-    """The scene with these grounds for its small and large rocks, in place of what its rebounds
-    follow where no zone and no cell says otherwise."""
-    usual = scene.case.surface.get("ground", scene.case.impact["sets"])
-    others = [one for one in scene.grounds if one.name != usual]
+def with_rocks(
+    scene: Scene, small: GroundRule, large: GroundRule, varied: Collection[str] = ()
+) -> Scene:
+    """The scene with these grounds for its small and large rocks, in place of the grounds of these
+    names; by default of what rebounds follow where no zone and no cell says otherwise."""
+    varied = varied or {_usual(scene)}
+    others = [one for one in scene.grounds if one.name not in varied]
     rules = dict.fromkeys((small, large))
     number = {one.name: k for k, one in enumerate([*rules, *others], start=1)}
-    names = [one.name for one in scene.grounds] or [usual]
-    kept = np.array([0, *(0 if name == usual else number[name] for name in names)], np.int8)
+    names = [one.name for one in scene.grounds] or [_usual(scene)]
+    kept = np.array([0, *(0 if name in varied else number[name] for name in names)], np.int8)
     sizes = scene.sizes[:, 0] if scene.values is None else scene.values[0]
     of_rocks = _choice(scene, sizes, number[small.name], number[large.name])
     everywhere, of_materials, of_cells = None, None, None

@@ -25,6 +25,7 @@ from rockfall.analysis.run_out import (
     weights,
 )
 from rockfall.errors import RockfallError
+from rockfall.result.same_case import check_same_site
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -41,10 +42,11 @@ def rank_results(results: Mapping[str, xr.Dataset], seen: Observed) -> pd.DataFr
     the mean of the distances, each over the mean of all results.
 
     `rank_low` and `rank_high` are the ranks that a result may have: those of which the 95 %
-    interval of the difference holds 0 are not told apart.
+    interval of the difference holds 0 are not told apart. Results must be of one site, in one CRS.
     """
     import pandas as pd
 
+    check_same_site(results)
     by_measure: dict[str, dict[str, np.ndarray]] = {}
     for name, result in results.items():
         for measure, values in _distances(result, seen):

@@ -238,6 +238,8 @@ def _add_results(commands: _Commands) -> None:
     about = "date of the survey of the DEM"
     report.add_argument("--dem-date", metavar="TEXT", default="", help=about)
     report.add_argument("--hazard", metavar="HAZARD.nc", type=Path, help="its zones, too")
+    about = "of `rockfall models`: the spread over rebound models, on page 1"
+    report.add_argument("--models", metavar="MODELS.nc", type=Path, help=about)
     _add_design(commands)
     for one in figures, report:
         one.add_argument("--dem", metavar="FILE", type=Path, help="default: the case's, if found")

@@ -26,6 +26,7 @@ from rockfall.plots.style import save
 from rockfall.protection.design import Design, design
 from rockfall.protection.factors import COLUMNS, DECIDES, Conditions
 from rockfall.result.dataset import read_result
+from rockfall.result.same_case import check_same_site
 from rockfall.text.design import design_text
 
 if TYPE_CHECKING:
@@ -47,9 +48,11 @@ def design_command(arguments: argparse.Namespace) -> int:
     given = {key: value for key, value in given.items() if value is not None}
     results, found = {}, {}
     for path in paths:
-        if path in found:
+        if path in results:
             raise RockfallError(f"{path}: is given twice")
         results[path] = read_result(path)
+    check_same_site(results)
+    for path in paths:
         try:
             found[path] = design(results[path], **given)
         except RockfallError as error:

@@ -23,7 +23,15 @@ from rockfall.text.comparison import ranks_text, text
 from rockfall.text.line_details import print_groups, print_profile
 from rockfall.text.line_tables import print_lines
 
-REPORTED = ("language", "project", "client", "author", "dem_date", "hazard")  # in a report
+REPORTED = (
+    "language",
+    "project",
+    "client",
+    "author",
+    "dem_date",
+    "hazard",
+    "models",
+)  # in a report
 
 
 def export_command(arguments: argparse.Namespace) -> int:

@@ -12,7 +12,7 @@ from rockfall.analysis.back.posterior import check_back, write_back
 from rockfall.analysis.back.study import Back, back_analysis
 from rockfall.analysis.convergence import Convergence, converge
 from rockfall.analysis.ensemble.study import check_place, run_ensemble, write_ensemble
-from rockfall.analysis.models import run_models
+from rockfall.analysis.models import run_models, write_models
 from rockfall.analysis.observations import read_observed
 from rockfall.case import read_case
 from rockfall.case_files import input_files
@@ -45,7 +45,7 @@ FILES = {  # of a study of convergence, and their kinds
     **{f"convergence.{ending}": FIGURE for ending in ("png", "pdf")},
 }
 
-MODEL_FILES = {"models.csv": MODELS, "models.png": FIGURE}
+MODEL_FILES = {"models.csv": MODELS, "models.png": FIGURE, "models.nc": MODELS}
 
 
 def ensemble_command(arguments: argparse.Namespace) -> int:
@@ -116,6 +116,7 @@ def models_command(arguments: argparse.Namespace) -> int:
     with atomic_folder(folder, inputs) as part:
         write_csv(found.table, part / "models.csv")
         save(models_figure(found), part / "models.png", dpi=200)
+        write_models(found, part / "models.nc")
     if not arguments.quiet:
         print(models_text(found))
     print(*(folder / name for name in MODEL_FILES), sep="\n")

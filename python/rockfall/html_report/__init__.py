@@ -21,7 +21,13 @@ from rockfall.analysis.return_levels import return_levels
 from rockfall.case_files import files_behind
 from rockfall.errors import RockfallError, need
 from rockfall.html_report.convergence import convergence_figure
-from rockfall.html_report.ensemble import PER_LINE, range_tables, range_words
+from rockfall.html_report.ensemble import (
+    PER_LINE,
+    range_answers,
+    range_headline,
+    range_tables,
+    range_words,
+)
 from rockfall.html_report.inputs import (
     Parties,
     ground_figure,
@@ -33,6 +39,12 @@ from rockfall.html_report.intervals import rows_of
 from rockfall.html_report.language import Speaker
 from rockfall.html_report.maps import data_uri, map_section
 from rockfall.html_report.pdf import check_pdf, write_pdf
+from rockfall.html_report.spread import (
+    missing_spread,
+    model_tables,
+    spread_table,
+    spread_words,
+)
 from rockfall.html_report.summary import (
     angle,
     answers,
@@ -73,6 +85,7 @@ if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure
 
+    from rockfall.analysis.models import Models
     from rockfall.html_report.intervals import Rows
     from rockfall.html_report.tables import Table
     from rockfall.plots.map_figures import Look
@@ -107,14 +120,16 @@ def write_report(
     language: str = "en",
     parties: Parties = NOBODY,
     hazard: xr.Dataset | None = None,
+    models: Models | None = None,
 ) -> None:
     """Write the page of a result to `path` (.html, or .pdf), whole or not at all; the rest is as in
     `report`."""
     path = Path(path)
     check_page(path, files_behind(result))
     on_paper = path.suffix.lower() == PDF
+    view = view and not on_paper
     page = report(
-        result, terrain, observed, look, view and not on_paper, on_paper, language, parties, hazard
+        result, terrain, observed, look, view, on_paper, language, parties, hazard, models
     )
     if on_paper:
         write_pdf(page, path)
@@ -145,6 +160,7 @@ def report(
     language: str = "en",
     parties: Parties = NOBODY,
     hazard: xr.Dataset | None = None,
+    models: Models | None = None,
 ) -> str:
     """The page of a result as text. The same result gives the same text.
 
@@ -152,7 +168,8 @@ def report(
     `rockfall.analysis.observations.read_observed`, is set beside it in the figures and in a
     comparison; `look` has limits between classes of maps and a basemap. With `view` the terrain
     stands in the page in three dimensions too, which needs `terrain`. `on_paper` all maps are
-    figures. `language` is en, de, fr or it; `hazard`, from `rockfall.hazard`, adds its zones.
+    figures. `language` is en, de, fr or it; `hazard`, from `rockfall.hazard`, adds its zones;
+    `models`, from `rockfall.analysis.models`, the spread over rebound models.
     """
     result = flat_maps(result)
     words = [*words_of(result), *(words_of_hazard(hazard) if hazard is not None else ())]
@@ -166,17 +183,26 @@ def report(
     shown = [one for one in figures(result, terrain, observed, look) if one.name not in zoomed]
     grounds = ground_figure(result, terrain)
     endangered = [] if hazard is None else list(hazard_tables(hazard))
-    outside = warnings(result)
+    outside = [*warnings(result), *missing_spread(result, models)]
     return _rendered(
         say,
         title=str(result.attrs["title"]) or "rockfall",
         on_paper=on_paper,
         parties=parties,
         question=question(rows, hazard is not None),
-        answers=answers(result, rows),
-        headline=[*([headline(rows)] if rows else ()), *endangered[:1], *ranges[::PER_LINE]],
+        answers=range_answers(result) if ranges else answers(result, rows),
+        headline=[
+            *([range_headline(result) if ranges else headline(rows)] if rows else ()),
+            *spread_table(models),
+            *endangered[:1],
+            *ranges[::PER_LINE],
+        ],
         warnings=outside,
-        certainty=[*certainty(result, rows, not outside), *range_words(result, ranges)],
+        certainty=[
+            *certainty(result, rows, not outside),
+            *range_words(result, ranges),
+            *spread_words(models),
+        ],
         indices=[one for k, one in enumerate(ranges) if k % PER_LINE],
         inputs=[input_table(result, parties), *zone_table(result)],
         ground_map=_picture(grounds, GROUNDS, "", say) if grounds else None,
@@ -197,7 +223,10 @@ def report(
             _picture(one.draw(), one.title, one.caption, say)
             for one in ([] if hazard is None else hazard_figures(hazard, terrain))
         ],
-        grounds=[ground_table(result)] if "rebounds_by_ground" in result else [],
+        grounds=[
+            *([ground_table(result)] if "rebounds_by_ground" in result else ()),
+            *model_tables(models),
+        ],
         has_clusters=LineSamples(result).sampled,
         convergence=list(_convergence(result, rows, say)),
         comparison=None if observed is None else compared(compare(result, observed)),

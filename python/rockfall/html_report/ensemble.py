@@ -8,9 +8,17 @@ from typing import TYPE_CHECKING
 
 from rockfall.analysis.ensemble.study import RESULTS, is_ensemble
 from rockfall.html_report.intervals import STATISTICS, in_unit, interval
+from rockfall.html_report.summary import HEADLINE, run_out
 from rockfall.html_report.tables import Table
 from rockfall.quantities import QUANTITIES, with_unit
-from rockfall.text.ensemble import INDICES, UNDECIDED, indices_of, more_needed, sorted_inputs
+from rockfall.text.ensemble import (
+    INDICES,
+    UNDECIDED,
+    indices_of,
+    more_needed,
+    orders_reversed,
+    sorted_inputs,
+)
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -18,6 +26,48 @@ if TYPE_CHECKING:
     from rockfall.html_report.intervals import Rows
 
 PER_LINE = 1 + len(INDICES)  # tables
+
+
+def range_answers(result: xr.Dataset) -> list[str]:
+    """A sentence for each line: the range of the draws, then the case as it is."""
+    found = []
+    for line in map(str, result["line"].values) if "line" in result else ():
+        ranges, cases = zip(*_headline_numbers(result, line), strict=True)
+        fraction, energy, height, _ = ranges
+        text = f"{line}: {fraction} % of the boulders pass in 90 % of the draws"
+        if "-" not in (fraction, energy, height):
+            text += (
+                f"; of these one in 20 has more than {energy} kJ, and one in 20 is higher than "
+                f"{height} m above the ground; the case as it is has {cases[0]} %, {cases[1]} kJ "
+                f"and {cases[2]} m"
+            )
+        found.append(f"{text}.")
+    return [*found, *run_out(result)]
+
+
+def range_headline(result: xr.Dataset) -> Table:
+    """The ranges of the draws at the lines, in brackets the case as it is."""
+    rows = []
+    for line in map(str, result["line"].values):
+        cells = (f"{of}\n({case})" for of, case in _headline_numbers(result, line))
+        rows.append((line, *cells))
+    caption = (
+        "Boulders at the lines and barriers: 90 % of the draws of the uncertain inputs; in "
+        "brackets the case as it is"
+    )
+    return Table(caption, ("line or barrier", *HEADLINE), rows)
+
+
+def _headline_numbers(result: xr.Dataset, line: str) -> Iterator[tuple[str, str]]:
+    """For each column of the headline the range of the draws, and the case as it is; "-" where too
+    few boulders pass in some draw."""
+    for quantity, number in HEADLINE.values():
+        name = "fraction" if quantity == "fraction" else f"{quantity}.{number}"
+        one = result.sel(line=line, result=name)
+        low, high, case = (
+            in_unit(one[key].item(), quantity) for key in ("q05", "q95", "case_value")
+        )
+        yield ("-" if "-" in (low, high) else f"{low} to {high}"), case
 
 
 def range_tables(result: xr.Dataset, rows: Rows) -> list[Table]:
@@ -66,11 +116,11 @@ def range_words(result: xr.Dataset, tables: list[Table]) -> list[str]:
     """What the tables hold."""
     if not tables:
         return []
-    runs = 2 * result.sizes["run"]
     words = [
-        f"The inputs that the case calls uncertain were drawn {runs:,} times: "
+        f"The inputs that the case calls uncertain were drawn {result.sizes['run']:,} times: "
         f"{'; '.join(result['input'].values)}. The range of these draws is the epistemic "
-        "uncertainty: more boulders do not make it smaller, better knowledge of the slope does."
+        "uncertainty: more boulders do not make it smaller, better knowledge of the slope does.",
+        *(f"{one}." for one in orders_reversed(result)),
     ]
     undecided = any(UNDECIDED in str(cell) for one in tables for row in one.rows for cell in row)
     return [*words, f"{more_needed(result).capitalize()}."] if undecided else words

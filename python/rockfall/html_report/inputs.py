@@ -20,7 +20,8 @@ from rockfall.plots.cartography.sheet import finish, new_sheet
 from rockfall.plots.extent import reached
 from rockfall.plots.style import styled
 from rockfall.protection.barriers import barriers_of
-from rockfall.quantities import number
+from rockfall.quantities import number, percent
+from rockfall.result.grounds import rebounds_by_ground
 from rockfall.result.samples import has_rows, simulated
 from rockfall.scene.read import read_scene
 
@@ -69,13 +70,23 @@ def input_table(result: xr.Dataset, parties: Parties) -> Table:
         ("boulders", f"{simulated(result):,}"),
         ("volume [m³]", _range(result["volume"].values) if has_rows(result) else "not kept"),
         ("density [kg/m³]", _density(case, "source_feature" in result)),
-        ("impact set", str(result.attrs["impact_set"])),
+        ("rebounds", _rebounds(result)),
         ("evaluation lines and barriers", lines or "none"),
         ("barriers", nets),
         ("dams", f"{len(case.dam)}" if case.dam else "none"),
         ("trees", trees),
     ]
     return Table("What the run was given", ("", "value"), rows, "inputs")
+
+
+def _rebounds(result: xr.Dataset) -> str:
+    """What made the rebounds, the most frequent first."""
+    grounds = sorted(rebounds_by_ground(result), key=lambda one: -one.rebounds)
+    if not grounds:
+        return f"impact sets {result.attrs['impact_set']}"
+    made = [one for one in grounds if one.rebounds]
+    parts = [f"{one.name} ({one.model.replace('_', ' ')}) {percent(one.fraction)}" for one in made]
+    return "; ".join(parts) or "none"
 
 
 def _file(name: str) -> str:
@@ -135,7 +146,8 @@ def words_of(result: xr.Dataset) -> Iterator[str]:
     case = case_of(result)
     yield from (str(name) for name in result["line"].values) if "line" in result else ()
     yield from (str(name) for name in result["ground"].values) if "ground" in result else ()
-    yield from (str(result.attrs["impact_set"]), str(result.attrs["title"]), case.terrain["dem"])
+    yield from (str(result.attrs[name]) for name in ("impact_set", "title", "case_file"))
+    yield case.terrain["dem"]
     yield from (one.rule.text for one in verdicts_of(result))
     yield from (str(value) for key, value in result["crs"].attrs.items() if key.endswith("_name"))
     for one in zone_table(result):

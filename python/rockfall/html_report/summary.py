@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rockfall.analysis.ensemble.study import is_ensemble
 from rockfall.analysis.lines.samples import LineSamples
 from rockfall.analysis.precision.intervals import half_width
 from rockfall.analysis.run_until import verdicts_of
@@ -110,6 +111,14 @@ def certainty(result: xr.Dataset, rows: Rows, is_inside: bool) -> Iterator[str]:
     """How sure the answer is: the Monte Carlo error, and what it leaves out."""
     boulders, known = simulated(result), LineSamples(result)
     shown = [[*map(str, row)] for row in headline(rows).rows]
+    if is_ensemble(result):  # whose answer is the range of the draws
+        of = count(known.sources, "source")
+        yield f"{boulders:,} boulders from {of} were simulated in each run."
+        yield (
+            "The ranges of the draws hold the uncertain inputs and the Monte Carlo error, and no "
+            "error of the model."
+        )
+        return
     if boulders == 1:
         yield "One boulder is an example: it has no spread, and no intervals."
     else:

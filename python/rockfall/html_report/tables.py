@@ -23,7 +23,7 @@ from rockfall.html_report.intervals import STATISTICS, TOO_FEW, estimate, in_uni
 from rockfall.io.layers import REPROJECTED
 from rockfall.protection.barriers import barrier_rows
 from rockfall.quantities import QUANTITIES, number, percent
-from rockfall.result.grounds import rebounds_by_ground
+from rockfall.result.grounds import rebounds_by_ground, stochastic_fraction
 from rockfall.text.comparison import notes
 from rockfall.text.comparison import tables as comparison_tables
 from rockfall.text.design import CHECKED, check_row, demand_rows, load_rows
@@ -182,12 +182,12 @@ def provenance(result: xr.Dataset, say: Speaker) -> dict[str, Any]:
     if total:
         of = "all sources together"
     rows = [
-        ("program", f"{program}, {say(model)}"),
+        ("program", f"{program}, {say(model)}" if stochastic_fraction(result) else program),
         ("case file", about["case_file"]),
         ("seed", about["seed"]),
         ("boulders", f"{about['boulder_first']} – {about['boulder_last']} / {requested}"),
         (f"boulders of {of}", f"{number:,}"),
-        ("impact set", f"{about['impact_set']}, SHA-256 {about['impact_set_checksum']}"),
+        *_impact_set(result, say),
         *(
             ("checksum (SHA-256)", f"{key}: {_noted(noted, say)}")
             for key, noted in json.loads(about["input_checksums"]).items()
@@ -207,6 +207,14 @@ def provenance(result: xr.Dataset, say: Speaker) -> dict[str, Any]:
         "is_complete": is_complete,
         "case": about["case"],
     }
+
+
+def _impact_set(result: xr.Dataset, say: Speaker) -> Iterator[tuple[str, str]]:
+    """The file of the case's impact sets, and that it was read in vain where no rebound followed
+    any."""
+    text = f"{result.attrs['impact_set']}, SHA-256 {result.attrs['impact_set_checksum']}"
+    unused = "" if stochastic_fraction(result) else f"; {say('no rebound followed it')}"
+    yield "impact set", text + unused
 
 
 def _noted(noted: str, say: Speaker) -> str:

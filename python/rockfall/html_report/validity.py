@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rockfall.analysis.extrapolation import extrapolations
+from rockfall.analysis.model_limits import model_remarks
 from rockfall.case import case_of
 from rockfall.quantities import count, part_of, percent
+from rockfall.result.grounds import sets_followed
 from rockfall.result.samples import simulated
 from rockfall.result.trajectories import ended, gone
 
@@ -56,7 +57,7 @@ def warnings(result: xr.Dataset) -> list[str]:
     model was made from."""
     return [
         *_missing(result),
-        *(f"{one.text}." for one in extrapolations(result) if one.is_warning),
+        *(f"{one.text}." for one in model_remarks(result, case_of(result)) if one.is_warning),
     ]
 
 
@@ -66,13 +67,18 @@ def cautions(result: xr.Dataset, rows: Rows, levels: pd.DataFrame) -> list[str]:
     return [
         *_few(rows),
         *_ended(result),
-        *(f"{one.text}." for one in extrapolations(result) if not one.is_warning),
+        *(f"{one.text}." for one in model_remarks(result, case_of(result)) if not one.is_warning),
         AS_GIVEN,
-        SHIPPED.get(str(result.attrs["impact_set"]), OWN),
+        *dict.fromkeys(SHIPPED.get(name, OWN) for name in sets_of(result)),
         *_left_out(case_of(result)),
         *_extremes(rows, levels),
         *_of_cells(result),
     ]
+
+
+def sets_of(result: xr.Dataset) -> list[str]:
+    """Names of the impact sets that made rebounds of the run."""
+    return sets_followed(result, str(result.attrs["impact_set"]))
 
 
 def _missing(result: xr.Dataset) -> Iterator[str]:

@@ -154,7 +154,8 @@ def _netcdf_kind(path: str | Path) -> str | None:
         return HAZARD
     if "case" not in attrs or not str(attrs.get("source", "")).startswith(f"{SIGNATURE} "):
         return None
-    signs = {"back_layout": POSTERIOR, "ensemble_runs": ENSEMBLE, "boulders_requested": RESULT}
+    signs = {"models_layout": MODELS, "back_layout": POSTERIOR, "ensemble_runs": ENSEMBLE}
+    signs |= {"boulders_requested": RESULT}  # which the others have too
     return next((kind for sign, kind in signs.items() if sign in attrs), None)
 
 

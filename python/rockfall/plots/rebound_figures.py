@@ -9,6 +9,7 @@ import numpy as np
 
 from rockfall.plots.style import INK, NARROW, WIDE, draw_bars, new_figure, styled
 from rockfall.quantities import REBOUND
+from rockfall.result.grounds import classical_grounds
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -23,10 +24,15 @@ PAPER = {
 }
 
 
+def beside_paper(result: xr.Dataset) -> bool:
+    """Whether values of the paper belong beside the rebounds: its rebounds are by impact sets."""
+    return not classical_grounds(result)
+
+
 @styled
 def histogram_figure(result: xr.Dataset, *names: str) -> Figure:
     """Histograms of the run side by side, each in per cent of its rebounds, with the values of the
-    paper."""
+    paper where these may be compared."""
     figure = new_figure(NARROW if len(names) == 1 else WIDE, 2.3)
     panels = figure.subplots(1, len(names), squeeze=False)[0]
     for axes, name in zip(panels, names, strict=True):
@@ -34,7 +40,7 @@ def histogram_figure(result: xr.Dataset, *names: str) -> Figure:
         about = REBOUND[name]
         draw_bars(axes, frequency, about.factor * edges)
         axes.set(xlim=about.factor * edges[[0, -1]], ylim=(0, None), xlabel=about.title)
-        printed = PAPER.get(name, ())
+        printed = PAPER.get(name, ()) if beside_paper(result) else ()
         if printed:
             axes.set_ylim(0, 1.3 * axes.get_ylim()[1])  # room for words
         for k, (value, words) in enumerate(printed):

@@ -13,14 +13,16 @@ import numpy as np
 
 from rockfall.analysis.line_statistics import sample_numbers, with_limits
 from rockfall.analysis.lines.profile import line_number, windows
+from rockfall.analysis.model_limits import has_own_grounds, model_remarks
 from rockfall.analysis.return_levels import LEVELS, tail
-from rockfall.case import case_of
+from rockfall.case import Case, case_of
 from rockfall.errors import RockfallError
 from rockfall.protection.barriers import barriers_of
 from rockfall.protection.crossings import Crossings, crossings
 from rockfall.protection.demand import ENDS, demand, usable
-from rockfall.protection.factors import Conditions, Factors, read_factors
+from rockfall.protection.factors import BACK_ANALYSED, Conditions, Factors, read_factors
 from rockfall.protection.selection import choices, read_costs, residual_of
+from rockfall.result.grounds import classical_grounds
 from rockfall.result.samples import check_rows
 from rockfall.result.trajectories import flags_of
 
@@ -36,14 +38,14 @@ DESIGN = ("v_d", "E_d", "h_d", "normal_h_d", "height_needed", "normal_height_nee
 _WITH_LIMITS = [name + end for name in DESIGN for end in ENDS]
 _LOADS = ["line", "n", "quantity", *with_limits("q95"), *with_limits("q99")]
 _LOADS += [name for N in LEVELS for name in with_limits(f"level_{N}")]
-_DEMAND = ["n", "volume", "m_d", *_WITH_LIMITS, "f_min", *with_limits("ead_class")]
+_DEMAND = ["n", "volume", "m_d", *_WITH_LIMITS, "f_min", *with_limits("ead_class"), "unconfirmed"]
 _CHECKS = [
     "line", "n", "height", "capacity", "height_needed", "height_holds", "height_certain", "E_d",
     "energy_allowed", "energy_holds", "energy_certain", "holds", "over", "through",
-    *with_limits("residual"),
+    *with_limits("residual"), "unconfirmed",
 ]  # fmt: skip
 _CHOICES = ["line", "n", "ead_class", "capacity", "height", *with_limits("residual")]
-_CHOICES += ["cost", "cheapest"]
+_CHOICES += ["cost", "cheapest", "unconfirmed"]
 _ALONG = ["line", "start", "end", *_DEMAND]
 
 
@@ -53,7 +55,9 @@ class Design:
 
     `loads`: a row for each line and quantity; `demand`: what the standard asks at each line;
     `checks`: of each barrier; `choices`: for each line and EAD class the height that leaves at most
-    `residual`; `along`: as `demand`, for windows of a line; None unless asked for.
+    `residual`; `along`: as `demand`, for windows of a line; None unless asked for. Their column
+    `unconfirmed` names what the loads rest on and nobody confirmed (rebounds, forest): what holds
+    there is not shown. `warnings` is what must be said of the model.
     """
 
     factors: Factors
@@ -63,6 +67,7 @@ class Design:
     checks: pd.DataFrame
     choices: pd.DataFrame
     along: pd.DataFrame | None
+    warnings: tuple[str, ...] = ()
 
 
 def design(
@@ -92,18 +97,21 @@ def design(
     _check(result, along, width, min_boulders, residual, volume)
     known = read_factors(_conditions(conditions), factors)
     prices = read_costs(costs) if costs is not None else None
-    how = known, case_of(result).boulder["density"], volume
+    case = case_of(result)
+    how = known, case.boulder["density"], volume
+    doubts: dict[str, Any] = {"unconfirmed": "; ".join(_unconfirmed(result, case, known))}
     came = {str(name): crossings(result, k) for k, name in enumerate(result["line"].values)}
-    asked = [{"line": name} | demand(one, *how) for name, one in came.items()]
-    barriers = [_check_of(result, k, asked[k], known) for k in barriers_of(result)]
+    asked = [{"line": name, **demand(one, *how), **doubts} for name, one in came.items()]
+    barriers = [_check_of(result, k, asked[k], known) | doubts for k in barriers_of(result)]
     chosen = [
-        {"line": name, "n": one.n} | row
+        {"line": name, "n": one.n} | row | doubts
         for name, one in came.items()
         for row in choices(one, residual, prices)
     ]
     parts = None
     if along is not None:
-        parts = _table([*_along(result, along, came[along], width, min_boulders, *how)], _ALONG)
+        rows = _along(result, along, came[along], width, min_boulders, *how)
+        parts = _table([row | doubts for row in rows], _ALONG)
     loads = [row for name, one in came.items() for row in _loads(name, one)]
     return Design(
         known,
@@ -113,7 +121,18 @@ def design(
         checks=_table(barriers, _CHECKS),
         choices=_table(chosen, _CHOICES),
         along=parts,
+        warnings=tuple(one.text for one in model_remarks(result, case) if one.is_warning),
     )
+
+
+def _unconfirmed(result: xr.Dataset, case: Case, factors: Factors) -> Iterator[str]:
+    """What the loads rest on and nobody confirmed. Grounds of the user's own are confirmed by who
+    calls the rebound back-analysed; shipped ones and the forest by nobody."""
+    is_fitted = has_own_grounds(case) and factors.conditions.calibration == BACK_ANALYSED
+    if classical_grounds(result) and not is_fitted:
+        yield "rebounds"
+    if case.has_forest:
+        yield "forest"
 
 
 def _table(rows: list[dict[str, Any]], columns: list[str]) -> pd.DataFrame:

@@ -14,6 +14,7 @@ from rockfall.io.tables import check_columns, read_table
 
 COLUMNS = ["standard", "factor", "condition", "value", "source"]
 UNCONFIRMED = "unconfirmed"  # in a source
+BACK_ANALYSED = "back-analysed"  # of the rebound: fitted to observations of the slope
 
 #: What decides on the row of a factor; those not named here have one row.
 DECIDES = {

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from rockfall.grounds import IMPACT_SETS
+from rockfall.grounds import ABSORBS, IMPACT_SETS
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -47,3 +47,22 @@ def stochastic_fraction(values: Variables) -> float:
     if not grounds:
         return 1.0
     return sum(one.fraction for one in grounds if one.model == IMPACT_SETS)
+
+
+def classical_grounds(values: Variables) -> list[GroundRebounds]:
+    """The grounds with coefficients of restitution that rebounds followed, the most frequent first;
+    none of those that absorb, which have no coefficients."""
+    found = [
+        one
+        for one in rebounds_by_ground(values)
+        if one.rebounds and one.model not in (IMPACT_SETS, ABSORBS)
+    ]
+    return sorted(found, key=lambda one: -one.rebounds)
+
+
+def sets_followed(values: Variables, case_set: str) -> list[str]:
+    """Names of the impact sets that made rebounds; `case_set` is that of the case."""
+    if "rebounds_by_ground" not in values:
+        return [case_set]
+    grounds = rebounds_by_ground(values)
+    return [one.name for one in grounds if one.rebounds and one.model == IMPACT_SETS]

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from rockfall.analysis.model_limits import QUOTED, UNDERSTATED, forest_text
 from rockfall.case import read_case
 from rockfall.case_text import Entry, Group, case_text
 from rockfall.errors import RockfallError
@@ -49,6 +50,7 @@ class Import:
     out: Path
     part: Path  # where the files of `out` are written first
     notes: list[str] = field(default_factory=list)  # what was not taken over, or is a guess
+    model: list[str] = field(default_factory=list)  # what must be said of the model
 
     def path(self, name: str) -> str:
         """A raster of the folder as the case names it."""
@@ -65,6 +67,7 @@ def import_rockyfor3d(directory: str | Path, out: str | Path) -> list[str]:
         made = Import(folder, out, part)
         groups = list(_groups(made))
         made.notes += [f"{name}: not a file that we know; left out" for name in folder.unread]
+        made.notes += made.model
         head = [f"{MARK[2:]} from {folder.path.resolve().name}.", "Keys: docs/case.md."]
         foot = ["Not taken over, or not as there:", *(f"- {one}" for one in [*made.notes, *LEFT])]
         (part / CASE).write_text(case_text(head, groups, foot), encoding="utf-8")
@@ -102,6 +105,11 @@ def _surface(made: Import) -> Group:
     if "soiltype" in made.folder:
         about = "soil types 0 to 7 are the shipped grounds 0 to 7"
         entries.append(Entry("ground_map", made.path("soiltype"), about))
+        made.model.append(
+            "soiltype.asc: rebounds follow the classical model rockyfor3d of the shipped grounds, "
+            f"none the impact sets; {QUOTED}; {UNDERSTATED}; `rockfall models` sets other rebounds "
+            "beside them"
+        )
     else:
         made.notes.append(
             "soiltype.asc is not there: all rebounds follow the stochastic impact sets, by which "
@@ -177,6 +185,7 @@ def _forest(made: Import) -> Iterator[Group]:
         return
     if "conif_percent" not in folder:
         made.notes.append("conif_percent.asc is not there: all trees are conifers")
+    made.model.append(forest_text())
     yield Group("forest", entries)
 
 

@@ -26,7 +26,7 @@ docs/design.md for what it leaves out."""
 
 def design_text(found: Design) -> str:
     """The tables of a design, line after line."""
-    parts = [ABOUT, *_lines(found)]
+    parts = [ABOUT, *(f"Warning: {text}" for text in found.warnings), *_lines(found)]
     if len(found.checks):
         parts += ["", "Barriers", aligned(_checks(found.checks))]
     if found.along is not None:
@@ -69,7 +69,7 @@ def demand_rows(asked: Mapping[str, Any], standard: str) -> Iterator[list[str]]:
         ("normal_height_needed", "height needed, normal [m]", 1.0),
     ):
         yield [f"  {title}", needed(asked, name, factor)]
-    yield ["  EAD 340059 class", class_name(asked)]
+    yield ["  EAD 340059 class", class_name(asked) + unconfirmed(asked)]
 
 
 def choice_rows(choices: Iterable[Mapping[str, Any]], residual: float) -> Iterator[list[str]]:
@@ -94,13 +94,19 @@ def check_row(row: Mapping[str, Any]) -> list[str]:
         return [f"  {row['line']}", number(row["height"]), "-", "-", "-", "-", "no boulder comes"]
     failed = [what for what in ("height", "energy") if not row[f"{what}_holds"]]
     unsure = [what for what in ("height", "energy") if not row[f"{what}_certain"]]
-    verdict = f"no: {'; '.join(failed)}" if failed else "yes"
+    doubt = unconfirmed(row)
+    verdict = f"no: {'; '.join(failed)}" if failed else f"undecided{doubt}" if doubt else "yes"
     return [
         f"  {row['line']}", number(row["height"]), number(row["height_needed"], up=True),
         number(row["energy_allowed"] / 1000), number(row["E_d"] / 1000, up=True),
         shown(row, "residual", 100.0),
         verdict + (f"; undecided: {'; '.join(unsure)}" if unsure else ""),
     ]  # fmt: skip
+
+
+def unconfirmed(row: Mapping[str, Any]) -> str:
+    """What a verdict rests on and nobody confirmed."""
+    return f"; unconfirmed: {of}" if (of := row.get("unconfirmed")) else ""
 
 
 def _along(along: pd.DataFrame) -> Iterator[list[str]]:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rockfall.analysis.ensemble.sobol_indices import limits, runs_needed
+from rockfall.limits import Z
 from rockfall.quantities import SHOWN, number
 from rockfall.text.table import table
 
@@ -29,6 +30,7 @@ INDICES = {
     "total": "with all that an input does (total Sobol' index)",
 }
 UNDECIDED = "undecided"
+LEAST_EXCESS = 0.005  # of an index above another: what is seen in whole per cent
 
 
 def ensemble_summary(found: xr.Dataset) -> str:
@@ -43,6 +45,7 @@ def ensemble_summary(found: xr.Dataset) -> str:
     if "drawn_source_redrawn" in found and found["drawn_source_redrawn"].any():
         redrawn = int(found["drawn_source_redrawn"].sum())
         text.append(f"  shifts drawn again, as a source left the terrain: {redrawn:,}")
+    text += [f"  {one}" for one in orders_reversed(found)]
     if any(UNDECIDED in one for one in text):
         text.append(f"  {more_needed(found)}")
     return "\n".join(text)
@@ -54,6 +57,30 @@ def more_needed(found: xr.Dataset) -> str:
     runs = runs_needed(errors, found.sizes["run"])
     about = f"{UNDECIDED}: the 95 % interval is longer than half of all that is possible; "
     return about + f"some {number(runs, 1)} draws would decide (--runs)"
+
+
+def orders_reversed(found: xr.Dataset) -> Iterator[str]:
+    """Where a first-order index came out above the total, which it cannot be: whether by more than
+    the errors of the two, of the result in which the two differ most."""
+    for line in map(str, found["line"].values) if "line" in found else ():
+        within: list[str] = []
+        beyond: list[str] = []
+        for name in map(str, found["input"].values):
+            at = found.sel(line=line, input=name)
+            errors = [at[f"{kind}_error"].values for kind in INDICES]
+            first, total = (
+                np.array([limits(*one)[0] for one in zip(at[kind].values, error, strict=True)])
+                for kind, error in zip(INDICES, errors, strict=True)
+            )
+            k = int(np.argmax(excess := np.nan_to_num(first - total)))
+            if excess[k] >= LEAST_EXCESS:
+                kept = within if excess[k] <= Z * np.hypot(*errors)[k] else beyond
+                kept.append(f"{name} ({100 * first[k]:.0f} and {100 * total[k]:.0f} %)")
+        about = f"{line}: first-order index above the total, which cannot be"
+        if within:
+            yield f"{about}, by no more than the errors of both: {'; '.join(within)}"
+        if beyond:
+            yield f"{about}, by more than their errors allow, take neither: {'; '.join(beyond)}"
 
 
 def _line_block(at: xr.Dataset, line: str) -> Iterator[Iterable[str]]:

@@ -40,8 +40,9 @@ def hazard_summary(found: xr.Dataset) -> str:
 
 
 def hazard_warnings(found: xr.Dataset) -> Iterator[str]:
-    """Where there are too few boulders to tell cells that are safe, and where zones say less than
-    the map."""
+    """What `run` would say of the model in each scenario, once where all say the same; where there
+    are too few boulders to tell cells that are safe, and where zones say less than the map."""
+    yield from _of_model(found)
     yearly, longest = float(found["frequency"].sum()), float(found["return_period"].max())
     clusters = (found["boulders"] / found["boulders_per_cluster"]).values.tolist()
     parts = zip(clusters, found["frequency"].values, strict=True)
@@ -59,6 +60,29 @@ def hazard_warnings(found: xr.Dataset) -> Iterator[str]:
             f"in zones, minimum_area = {minimum_area:g} m2 gives a lower class to: "
             f"{'; '.join(reversed(parts))}; their attribute `highest`, and the map, keep it"
         )
+
+
+def _of_model(found: xr.Dataset) -> Iterator[str]:
+    """What is said of all scenarios alike, then what of one."""
+    if "scenario_warnings" not in found:
+        yield (
+            "the file is of an older version, without what must be said of the model: run the "
+            "hazard again"
+        )
+        return
+    texts = {
+        str(name): str(text).splitlines()
+        for name, text in zip(
+            found["scenario"].values, found["scenario_warnings"].values, strict=True
+        )
+    }
+    said = {
+        text: [name for name, own in texts.items() if text in own]
+        for own in texts.values()
+        for text in own
+    }
+    for text, names in said.items():
+        yield text if len(names) == len(texts) else f"{'; '.join(names)}: {text}"
 
 
 def scenario_rows(found: xr.Dataset) -> Iterator[list[str]]:

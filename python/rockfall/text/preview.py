@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from rockfall.analysis.extrapolation import extrapolations, fractions_outside
+from rockfall.analysis.model_limits import fractions_outside, model_remarks
 from rockfall.analysis.neutral_slopes import NeutralSlopes, Rocks, rocks_of
 from rockfall.io.crs import crs_name
 from rockfall.io.grid import row_blocks
 from rockfall.limits import CORES
 from rockfall.quantities import percent
-from rockfall.result.grounds import rebounds_by_ground
+from rockfall.result.grounds import rebounds_by_ground, sets_followed, stochastic_fraction
 from rockfall.scene.coefficients import ANY_SPEED
 from rockfall.scene.ground import Ground
 from rockfall.scene.reach import survey
@@ -73,7 +73,7 @@ def preview(scene: Scene) -> str:
         *_grounds(values),
         ("sizes", _sizes(pilot.density, values["volume"])),
         *(("", line) for line in _rocks(scene, values["volume"])),
-        ("impact sets", _sets(scene)),
+        ("impact sets", _sets(scene, values)),
         ("rebounds", _rebounds(values)),
         *_forest(scene),
         ("boulders", _boulders(scene)),
@@ -85,8 +85,11 @@ def preview(scene: Scene) -> str:
         ("time", _time(scene, pilot)),
     ]
     title = f"{case.name}: {case.case['title']}".removesuffix(": ")
-    beyond = [one.text for one in extrapolations(values) if one.is_warning]
-    rows += [("warning", f"in a pilot run {text}") for text in beyond]
+    rows += [
+        ("warning", f"in a pilot run {one.text}" if one.is_counted else one.text)
+        for one in model_remarks(values, case)
+        if one.is_warning
+    ]
     return "\n".join([title, *(f"  {name:13}{about}" for name, about in rows)])
 
 
@@ -151,6 +154,7 @@ def _follow(scene: Scene, number: int) -> Pilot:
     few = start(one, threads=1)
     run_chunks(few, None, lambda: False, lambda _: None)
     cells, few.done, few.cpu = _all_cells(few, scene.boulders), 0, 0.0
+    few.by_ground[...] = 0  # sums, that the second time would count again
     before = one.windows.reading if one.windows else 0.0
     run_chunks(few, None, lambda: False, lambda _: None)
     reading = one.windows.reading - before if one.windows else 0.0
@@ -293,8 +297,11 @@ def _sizes(density: np.ndarray | float, volumes: np.ndarray) -> str:
     )
 
 
-def _sets(scene: Scene) -> str:
-    """Their name, and what they say they were fitted on."""
+def _sets(scene: Scene, values: dict[str, Any]) -> str:
+    """Their name, and what they say they were fitted on; that no rebound followed them."""
+    name = scene.case.impact["sets"]
+    if name not in sets_followed(values, name):
+        return f"{name}, which no rebound of a pilot run followed"
     speeds, angles = scene.coefficients.speed_range, scene.coefficients.angle_range
     ranges = []
     if speeds.max() < ANY_SPEED:
@@ -302,7 +309,7 @@ def _sets(scene: Scene) -> str:
     if angles.min() > 0 or angles.max() < 90:
         ranges.append(f"{_range(angles.min(), angles.max())} degrees")
     about = " and ".join(ranges) or "speeds and angles that it does not state"
-    return f"{scene.case.impact['sets']}, fitted on {about}"
+    return f"{name}, fitted on {about}"
 
 
 def _forest(scene: Scene) -> list[tuple[str, str]]:
@@ -319,6 +326,8 @@ def _forest(scene: Scene) -> list[tuple[str, str]]:
 
 
 def _rebounds(values: dict[str, np.ndarray]) -> str:
+    if not stochastic_fraction(values):
+        return "none followed impact sets in a pilot run"
     outside = fractions_outside(values)
     return (
         f"outside what the set was fitted on: {outside['range']:.1%} by R_b/R_m, "

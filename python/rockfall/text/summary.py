@@ -7,11 +7,12 @@ import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from rockfall.analysis.extrapolation import extrapolations
 from rockfall.analysis.line_statistics import numbers
 from rockfall.analysis.lines.samples import LineSamples
 from rockfall.analysis.precision.intervals import longer_side
+from rockfall.analysis.model_limits import model_remarks
 from rockfall.analysis.run_until import verdicts_of
+from rockfall.case import case_of
 from rockfall.protection.barriers import barrier_rows, barriers_of
 from rockfall.quantities import QUANTITIES, TOO_FEW, Quantity, percent
 from rockfall.result.grounds import GroundRebounds, rebounds_by_ground
@@ -106,5 +107,5 @@ def _rebounds(result: Held) -> Iterator[str]:
     yield f"  {rebounds:,} rebounds" + (f", {redrawn / rebounds:.1%} redrawn" if redrawn else "")
     if forced:
         yield f"  forced rebounds: {forced:,} (none of 32 draws was admissible)"
-    for found in extrapolations(result):
+    for found in model_remarks(result, case_of(result)):
         yield f"  {'warning: ' if found.is_warning else ''}{found.text}"

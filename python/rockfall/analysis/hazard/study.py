@@ -29,6 +29,7 @@ from rockfall.analysis.hazard.objects import (
 )
 from rockfall.analysis.hazard.scenarios import Scenario, base_case, scenarios_of
 from rockfall.analysis.hazard.variables import CLASS_ENDS, COORDINATES, ENDS, EXTREMES, TABLE
+from rockfall.analysis.model_limits import model_remarks
 from rockfall.case import Case, case_of
 from rockfall.errors import RockfallError
 from rockfall.result.contents import Contents
@@ -188,6 +189,9 @@ class _Run:
         self.about = {name: result[name].attrs for name in ("x", "y", "threshold", "crs")}
         self.places = {axis: result[axis].values for axis in ("x", "y", "threshold")}
         self.attrs = result.attrs
+        self.warnings = [
+            one.text for one in model_remarks(result, case_of(result)) if one.is_warning
+        ]
 
 
 def _dataset(study: Study, runs: list[_Run]) -> xr.Dataset:
@@ -227,6 +231,7 @@ def _scenarios(study: Study, runs: list[_Run]) -> dict[str, np.ndarray]:
         "frequency": np.array([run.yearly for run in runs]),
         "boulders": np.array([run.boulders for run in runs]),
         "boulders_per_cluster": np.array([run.per_cluster for run in runs]),
+        "scenario_warnings": np.array(["\n".join(run.warnings) for run in runs], dtype=object),
         "scenario_passages": np.stack([run.counts[0] for run in runs]),
         "scenario_energy_exceeded": np.stack([run.counts[1:] for run in runs]),
     }

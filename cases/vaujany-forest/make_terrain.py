@@ -1,0 +1,34 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Makes the slope of the forest experiment as a plane: `dem.tif`.
+
+`python cases/vaujany-forest/make_terrain.py [FOLDER]` writes it beside this script, or to a folder.
+38 degrees, falling southwards, with room above the release and below the line that ends the slope.
+"""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from rockfall.io.grid import Grid
+from rockfall.io.raster import write_geotiff
+
+CELL, NX, NY = 2.0, 100, 110  # [m]: 200 m along the slope, 220 m down it, in plan
+GRID = Grid(0.0, CELL * NY, CELL, NX, NY)
+GRADIENT = np.tan(np.radians(38.0))
+BOTTOM = 900.0  # elevation of the southern edge [m]
+
+
+def elevation() -> np.ndarray:
+    """(NY, NX), north first [m]."""
+    return (BOTTOM + GRADIENT * GRID.y[:, None] + np.zeros((1, NX))).astype("f8")
+
+
+def write(folder: Path) -> None:
+    """The raster of the slope."""
+    folder.mkdir(parents=True, exist_ok=True)
+    write_geotiff(folder / "dem.tif", elevation(), GRID)
+
+
+if __name__ == "__main__":
+    write(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent)

@@ -1,0 +1,181 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What must be said of the model of a run: by which rebounds its numbers came about and what these
+are worth, that forest is not validated, where the run leaves what its model was made from.
+
+`rockfall check` says it of its pilot run; `run`, `hazard`, `design` and the report of their
+results, `import-rockyfor3d` of the case that it makes.
+"""
+
+from __future__ import annotations
+
+import importlib.resources
+from collections.abc import Iterator, Mapping
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from rockfall.io.tables import read_table
+from rockfall.quantities import part_of, percent
+from rockfall.result.grounds import classical_grounds, stochastic_fraction
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from rockfall.case import Case
+    from rockfall.result.contents import Held
+
+    Variables = Held | Mapping[str, ArrayLike]
+
+MAX_OUTSIDE = 0.2  # of the rebounds, before it is a warning
+MAX_FAST = 0.05  # of the boulders
+#: Upper envelope of observed maximum speeds [m/s] per degree of the mean slope (Dorren 2015,
+#: Rockyfor3D revealed, ecorisQ; it uses 0.64 to 0.8).
+SPEED_PER_DEGREE = 0.8
+OUTSIDE = {
+    "range": "had R_b/R_m outside 0.5 to 5.5, where the set is not calibrated: the nearest ratio "
+    "stood in",
+    "speed": "were slower or faster than those that the set was fitted on (speed_range)",
+    "angle": "were flatter or steeper than those that the set was fitted on (angle_range)",
+}
+
+QUOTED = "their coefficients are as commonly quoted, not confirmed"
+OWN = "their coefficients are the user's own, and what they rest on is not known here"
+UNDERSTATED = (
+    "without a fit to observations of the slope, speeds, jump heights and energies may be "
+    "understated (docs/grounds.md)"
+)
+
+
+class Remark(NamedTuple):
+    """What must be said of the model of a run."""
+
+    text: str
+    is_warning: bool
+    is_counted: bool = True  # of the boulders of the run
+
+
+def model_remarks(values: Variables, case: Case) -> Iterator[Remark]:
+    """All that must be said of the model, from the variables of a result, or of boulders by name,
+    and the case."""
+    yield from rebound_remarks(values, case)
+    yield from forest_remarks(case)
+    yield from (Remark(one.text, one.is_warning) for one in extrapolations(values))
+
+
+def rebound_remarks(values: Variables, case: Case) -> Iterator[Remark]:
+    """Which classical rebounds made which fraction, and what their coefficients are worth; nothing
+    of a run by impact sets alone."""
+    if not (grounds := classical_grounds(values)):
+        return
+    followed = part_of(
+        sum(one.rebounds for one in grounds),
+        max(1, _total(values, "rebounds_by_ground")),
+        "rebound",
+    )
+    parts = "; ".join(
+        f"{one.name} ({one.model.replace('_', ' ')}) {percent(one.fraction)}" for one in grounds
+    )
+    text = f"{followed} followed classical grounds in place of impact sets: {parts}"
+    yield Remark(f"{text}; {coefficients_remark(case)}", True)
+
+
+def coefficients_remark(case: Case) -> str:
+    """What the coefficients of the classical grounds of a case are worth."""
+    return f"{OWN if has_own_grounds(case) else QUOTED}; {UNDERSTATED}"
+
+
+def has_own_grounds(case: Case) -> bool:
+    """Whether the grounds are rows of a table of the user's, in place of the shipped one."""
+    return bool(case.surface.get("ground_table"))
+
+
+def forest_remarks(case: Case) -> Iterator[Remark]:
+    """That forest is not validated; nothing without trees."""
+    if case.has_forest:
+        yield Remark(forest_text(), True, is_counted=False)
+
+
+def forest_text() -> str:
+    """The experiment beside the program (cases/vaujany-forest), and what follows from it."""
+    known = forest_experiment()
+    there, here = (
+        [f"{known['passing', of][column]:g} %" for of in ("bare", "forest")]
+        for column in ("experiment", "simulated")
+    )
+    return (
+        f"The forest is not validated and acts strongly: in the published experiment {there[0]} of "
+        f"the boulders passed without and {there[1]} with forest, here {here[0]} and {here[1]} "
+        "(cases/vaujany-forest); what it holds back is no protective effect without the same run "
+        "without forest beside it"
+    )
+
+
+@cache
+def forest_experiment() -> dict[tuple[str, str], dict[str, float]]:
+    """What the published forest experiment had and what the program has, by quantity and case
+    (bare, forest); columns experiment, simulated, standard_error. Written by
+    `cases/vaujany-forest/expected.py`."""
+    path = importlib.resources.files("rockfall") / "data" / "forest_experiment.csv"
+    _, columns, rows = read_table(Path(str(path)))
+    return {
+        (row.text("quantity"), row.text("case")): {name: row.number(name) for name in columns[2:]}
+        for row in rows
+    }
+
+
+class Extrapolation(NamedTuple):
+    """A fraction of the rebounds or boulders, in words, and whether it is a warning."""
+
+    fraction: float
+    text: str
+    is_warning: bool
+
+
+def fractions_outside(values: Variables) -> dict[str, float]:
+    """Fractions of the rebounds by impact sets outside what these were fitted on: by range (of
+    R_b/R_m), speed and angle; `values` as for `extrapolations`."""
+    rebounds = max(1.0, _stochastic(values))
+    return {what: _total(values, f"rebounds_out_of_{what}") / rebounds for what in OUTSIDE}
+
+
+def extrapolations(values: Variables) -> Iterator[Extrapolation]:
+    """What there is of them in the variables of a result, or of boulders by name.
+
+    Counts may be sums, or of each boulder.
+    """
+    rebounds = round(_stochastic(values))
+    for what, fraction in fractions_outside(values).items():
+        if fraction:
+            said = part_of(round(fraction * rebounds), rebounds, "rebound")
+            yield Extrapolation(fraction, f"{said} {OUTSIDE[what]}", fraction > MAX_OUTSIDE)
+    is_fast = faster_than_observed(values)
+    if (fast := int(is_fast.sum())) > MAX_FAST * is_fast.size:
+        said = (
+            f"{part_of(fast, is_fast.size, 'boulder')} exceeded {SPEED_PER_DEGREE} m/s "
+            "per degree of the mean slope of their path, the upper limit of what has been observed "
+            "(Dorren 2015): the bounce has no terminal velocity"
+        )
+        yield Extrapolation(fast / is_fast.size, said, True)
+
+
+def faster_than_observed(values: Variables) -> np.ndarray:
+    """Which boulders exceeded the envelope of observed speeds, (boulders,).
+
+    The mean slope is that of the straight line from the release to the end; a boulder that ended no
+    lower has none, and is not counted.
+    """
+    names = ("start_z", "stop_z", "plan_distance", "speed_max")
+    start, stop, distance, speed = (np.asarray(values[name]) for name in names)
+    slope = np.degrees(np.arctan2(start - stop, distance))
+    return (slope > 0) & (speed > SPEED_PER_DEGREE * slope)
+
+
+def _stochastic(values: Variables) -> float:
+    """Rebounds by impact sets."""
+    return stochastic_fraction(values) * _total(values, "rebounds")
+
+
+def _total(values: Variables, name: str) -> int:
+    return int(np.asarray(values[name]).sum(dtype="i8"))

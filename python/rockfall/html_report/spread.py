@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The spread over rebound models on the page: what `rockfall models` found of the same case."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rockfall.analysis.models import RUN_OUT, Models
+from rockfall.case import case_in
+from rockfall.errors import RockfallError
+from rockfall.html_report.intervals import estimate, in_unit
+from rockfall.html_report.summary import HEADLINE
+from rockfall.html_report.tables import Table
+from rockfall.result.grounds import classical_grounds
+from rockfall.result.same_case import check_same_case
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+
+def check_models(result: xr.Dataset, models: Models, what: str) -> None:
+    """Refuse models of another case, or of other lines."""
+    check_same_case(result, models.case, what)
+    ours, theirs = (
+        {line["name"]: (line["x"], line["y"]) for line in case_in(one.attrs).lines}
+        for one in (result, models.case)
+    )
+    if other := [name for name, place in ours.items() if theirs.get(name) != place]:
+        raise RockfallError(
+            f"{what}: has no line '{other[0]}', or elsewhere: run `rockfall models` again"
+        )
+
+
+def missing_spread(result: xr.Dataset, models: Models | None) -> list[str]:
+    """That the spread belongs on the page and is not there."""
+    if models is not None or not classical_grounds(result):
+        return []
+    return [
+        "The spread over rebound models is missing: "
+        f"rockfall models {result.attrs['case_file']} -o models makes it, "
+        "rockfall report --models models/models.nc shows it."
+    ]
+
+
+def spread_table(models: Models | None) -> list[Table]:
+    """For each line the lowest and the highest of all models, in the columns of the headline."""
+    if models is None or not (lines := _lines(models)):
+        return []
+    rows = [(line, *(_ends(_at(models, line, of), of[0]) for of in _columns())) for line in lines]
+    number = len(models.names)
+    about = f"Lowest and highest of {number} rebound models, {models.boulders:,} boulders each"
+    return [Table(about, ("line or barrier", *HEADLINE), rows)]
+
+
+def spread_words(models: Models | None) -> Iterator[str]:
+    """How far boulders come by all models, and what these were."""
+    if models is None:
+        return
+    far = _at(models, "", (RUN_OUT, "q95"))["value"].to_numpy(float)
+    low, high = (in_unit(end, RUN_OUT) for end in (far.min(), far.max()))
+    yield f"Over the rebound models one boulder in 20 comes farther in plan than {low} to {high} m."
+    yield from (f"{note}." for note in models.notes)
+
+
+def model_tables(models: Models | None) -> Iterator[Table]:
+    """For each line a row for each model, with 95 % confidence intervals."""
+    for line in [] if models is None else _lines(models):
+        assert models is not None
+        columns = {of: _at(models, line, of).set_index("model") for of in _columns()}
+        rows = []
+        for name in models.names:
+            cells = ("\n".join(_cell(of, one.loc[name])) for of, one in columns.items())
+            rows.append((name.replace("_", " "), *cells))
+        yield Table(f"{line}: by each rebound model", ("", *HEADLINE), rows)
+
+
+def _columns() -> list[tuple[str, str]]:
+    """Quantity and statistic of the columns of the headline, as models have them."""
+    return [("boulders" if of == "fraction" else of, name) for of, name in HEADLINE.values()]
+
+
+def _lines(models: Models) -> list[str]:
+    return [line for line in dict.fromkeys(models.table["line"]) if line]
+
+
+def _at(models: Models, line: str, of: tuple[str, str]) -> pd.DataFrame:
+    table = models.table
+    here = (table["line"] == line) & (table["quantity"] == of[0]) & (table["statistic"] == of[1])
+    return table[here]
+
+
+def _cell(of: tuple[str, str], row: pd.Series) -> tuple[str, str]:
+    quantity, name = ("fraction", "fraction") if of[0] == "boulders" else of
+    return estimate(
+        {f"{name}{end}": row[f"{end[1:] or 'value'}"] for end in ("", "_low", "_high")},
+        name,
+        quantity,
+    )
+
+
+def _ends(rows: pd.DataFrame, quantity: str) -> str:
+    values = rows["value"].to_numpy(float)
+    if np.isnan(values).all():
+        return "-"
+    about = "fraction" if quantity == "boulders" else quantity
+    return " to ".join(dict.fromkeys(in_unit(end(values), about) for end in (np.nanmin, np.nanmax)))

@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Whether what is put side by side belongs together: the same case, or variants on one site. What
+files say of themselves decides: case, checksums of inputs, CRS, places."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rockfall.case import REPEATABLE, Case, case_in, file_keys
+from rockfall.errors import RockfallError
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+#: What makes a case that of a slope; seeds, numbers of boulders, their volumes, lines and outputs
+#: may differ.
+GROUPS = ("terrain", "surface", "impact", "release", "flight", "forest", "barrier", "dam")
+DECODED = {"dem": "terrain", "surface": "ground", "trees": "trees"}  # checksums, as read
+FILES = {  # checksums of files
+    "sets": "impact sets", "cells": "sources", "polygons": "sources", "points": "sources",
+}  # fmt: skip
+
+
+def check_same_case(first: xr.Dataset, other: xr.Dataset, what: str) -> None:
+    """Refuse what (`what` names it) is not of the case of the first result: another CRS, terrain,
+    ground, forest, sources, impact sets, or keys of its case."""
+    _check_crs(first, other, what)
+    for attribute, about in (("decoded_checksums", DECODED), ("input_checksums", FILES)):
+        ours, theirs = (json.loads(one.attrs[attribute]) for one in (first, other))
+        for key, name in about.items():
+            if ours.get(key) != theirs.get(key):
+                raise RockfallError(f"{what}: belongs to another case: other {name}")
+    for place in _differences(case_in(first.attrs), case_in(other.attrs)):
+        raise RockfallError(f"{what}: belongs to another case: {place} differs")
+
+
+def check_same_site(results: Mapping[str, xr.Dataset]) -> None:
+    """Refuse results, by the names of their files, that are no variants on one site: another CRS,
+    or places apart."""
+    for (name, one), (next_name, other) in pairwise(results.items()):
+        _check_crs(one, other, next_name)
+        if not _overlap(_extent(one), _extent(other)):
+            raise RockfallError(f"{next_name}: lies elsewhere than {name}: no place in common")
+
+
+def _check_crs(first: xr.Dataset, other: xr.Dataset, what: str) -> None:
+    ours, theirs = (one["crs"].attrs.get("crs_wkt", "") for one in (first, other))
+    if ours != theirs:
+        names = (_crs_name(one) for one in (other, first))
+        raise RockfallError(f"{what}: has another coordinate system: {' in place of '.join(names)}")
+
+
+def _crs_name(one: xr.Dataset) -> str:
+    keys = ("projected_crs_name", "geographic_crs_name")
+    about = one["crs"].attrs
+    return str(next((about[key] for key in keys if key in about), about.get("crs_wkt", "none")))
+
+
+def _extent(result: xr.Dataset) -> np.ndarray:
+    """Where its boulders were: the least and the greatest x and y [m], (2, 2)."""
+    if "x" in result.sizes:
+        half = abs(float(result["crs"].attrs["GeoTransform"].split()[1])) / 2
+        ends = [
+            (result[axis].values.min() - half, result[axis].values.max() + half) for axis in "xy"
+        ]
+        return np.array(ends).T
+    found = [[result[f"{end}_{axis}"].values for end in ("start", "stop")] for axis in "xy"]
+    return np.array([[np.nanmin(of), np.nanmax(of)] for of in found]).T
+
+
+def _overlap(one: np.ndarray, other: np.ndarray) -> bool:
+    return bool((one[0] <= other[1]).all() and (other[0] <= one[1]).all())
+
+
+def _differences(first: Case, other: Case) -> Iterator[str]:
+    """Keys in which two cases differ, but for names of files."""
+    files = {(key.group, key.name) for key in file_keys()}
+    for group in GROUPS:
+        ours, theirs = (_values(case, group) for case in (first, other))
+        if len(ours) != len(theirs):
+            yield f"the number of groups &{group}"
+        for one, another in zip(ours, theirs, strict=False):
+            for key in sorted({*one, *another}):
+                if (group, key) not in files and one.get(key) != another.get(key):
+                    yield f"&{group} {key}"
+
+
+def _values(case: Case, group: str) -> list[dict[str, Any]]:
+    found = getattr(case, group)
+    return found if group in REPEATABLE else [found]

@@ -1,0 +1,199 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What must be said of the model is said before a run and after it: by which rebounds it came
+about, that forest is not validated, what lies beyond what the model was made from."""
+
+import numpy as np
+import pytest
+
+from rockfall.analysis.model_limits import (
+    extrapolations,
+    faster_than_observed,
+    forest_experiment,
+    forest_text,
+    model_remarks,
+)
+from rockfall.html_report.validity import warnings
+from rockfall.scene.read import read_scene
+from rockfall.simulation.simulate import run_scene
+from rockfall.text.preview import preview
+from rockfall.text.summary import summary
+from scenes import grid, make_case, rough, sets
+
+
+def values(rebounds=1000, outside=(0, 0, 0), speed=(1.0,) * 100):
+    """Boulders that went 100 m down and 100 m far, 45 degrees, at these greatest speeds."""
+    names = ("range", "speed", "angle")
+    counts = {f"rebounds_out_of_{name}": n for name, n in zip(names, outside, strict=True)}
+    flat = np.full(len(speed), 100.0)
+    return {
+        "rebounds": rebounds, **counts, "start_z": 2 * flat, "stop_z": flat, "plan_distance": flat,
+        "speed_max": np.array(speed),
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("what", [0, 1, 2])
+def test_a_fifth_of_the_rebounds_is_no_warning_yet(what):
+    for outside, said in ((0, []), (200, [False]), (201, [True])):
+        counts = np.roll([outside, 0, 0], what)
+        found = list(extrapolations(values(outside=counts)))
+        assert [one.is_warning for one in found] == said
+        assert all(one.text.startswith(f"{outside} of 1,000 rebounds") for one in found)
+    words = ("R_b/R_m outside 0.5 to 5.5", "speed_range", "angle_range")
+    assert words[what] in found[0].text
+
+
+def test_counts_of_each_boulder_are_summed():
+    each = values(rebounds=np.full(100, 10), outside=np.full((3, 100), 3))
+    assert list(extrapolations(each)) == list(extrapolations(values(outside=(300,) * 3)))
+
+
+def test_a_twentieth_of_the_boulders_may_be_faster_than_observed():
+    slow, fast = 0.8 * 45 - 1e-9, 0.8 * 45 + 1e-9
+    assert list(extrapolations(values(speed=[slow] * 95 + [fast] * 5))) == []
+    (found,) = extrapolations(values(speed=[slow] * 94 + [fast] * 6))
+    assert found.is_warning and found.fraction == 0.06
+    assert "6 of 100 boulders (6.0 %) exceeded 0.8 m/s per degree" in found.text
+    assert "no terminal velocity" in found.text
+
+
+def test_speeds_are_judged_by_the_slope_from_release_to_end():
+    way = {
+        "start_z": [100.0, 100.0, 100.0, 100.0, 100.0],
+        "stop_z": [0.0, 0.0, 100.0, 110.0, 90.0],  # falls, slides, stays level, climbs, drops
+        "plan_distance": [100 / np.tan(np.radians(30)), 1e4, 50.0, 50.0, 0.0],
+        "speed_max": [24.1, 0.4, 30.0, 30.0, 71.0],
+    }
+    assert faster_than_observed(way).tolist() == [True, False, False, False, False]
+
+
+def test_nothing_has_nothing_beyond():
+    assert list(extrapolations(values(rebounds=0, speed=[]))) == []
+
+
+# ---- check, run, report
+
+
+def narrow(ratio):
+    """Sets that were fitted on hardly anything in speed."""
+    return " speed_range = 100, 101\n angle_range = 2, 90\n"
+
+
+@pytest.fixture
+def case(tmp_path):
+    release = {"x": 150.0, "y": 380.0}
+    return make_case(
+        tmp_path, *sets(), more=narrow, terrain={}, case={"boulders": 300}, release=release
+    )
+
+
+def scene_of(case):
+    z = rough()
+    return read_scene(case, dem=z, transform=grid(z))
+
+
+def test_check_summary_and_report_say_the_same(case, monkeypatch):
+    """All boulders of one source are in the pilot run, too."""
+    monkeypatch.setattr("rockfall.text.preview.PILOT_SECONDS", 60.0)
+    page = preview(scene_of(case))
+    result = run_scene(scene_of(case))
+    texts = [text.removesuffix(".") for text in warnings(result)]
+    n = int(result.rebounds)
+    assert texts[0].startswith(f"{n:,} of {n:,} rebounds (100 %) were slower or faster")
+    assert len(texts) == 2 and "exceeded 0.8 m/s per degree" in texts[1]
+    told = [line.strip() for line in page.splitlines()]
+    assert told[-2:] == [f"warning      in a pilot run {text}" for text in texts]
+    said = [line.strip() for line in summary(result).splitlines() if "warning" in line]
+    assert said == [f"warning: {text}" for text in texts]
+    angle = int(result.rebounds_out_of_angle) / n
+    assert 0 < angle < 0.2  # no warning
+    assert f"0.0% by R_b/R_m, 100.0% by speed, {angle:.1%} by angle" in page
+    assert "sets.nml, fitted on 100 to 101 m/s and 2 to 90 degrees\n" in page
+
+
+# ---- which rebounds
+
+
+def on_grounds(folder, surface, **groups):
+    """A run on these grounds; the sets were fitted on nearly all that they meet."""
+    fitted = " speed_range = 0, 1000\n angle_range = 0, 90\n"
+    case = make_case(
+        folder, *sets(), more=lambda _: fitted, terrain={}, case={"boulders": 60},
+        release={"x": 150.0, "y": 380.0}, surface={"uniform_mean_radius": 0.25} | surface, **groups,
+    )  # fmt: skip
+    return case, run_scene(scene_of(case))
+
+
+def remarks(case, result):
+    return [one.text for one in model_remarks(result, case) if one.is_warning]
+
+
+def test_classical_rebounds_are_named_with_what_they_are_worth(tmp_path):
+    case, result = on_grounds(tmp_path, {"ground": "soil_4"})
+    text, *more = remarks(case, result)
+    n = int(result.rebounds)
+    assert text.startswith(
+        f"{n:,} of {n:,} rebounds (100 %) followed classical grounds in place of impact sets: "
+        "soil_4 (rockyfor3d) 100 %; their coefficients are as commonly quoted, not confirmed; "
+        "without a fit to observations of the slope, speeds, jump heights and energies may be "
+    )
+    assert more == []  # the impact sets made nothing that could lie outside of them
+    page = preview(scene_of(case))
+    assert f"warning      in a pilot run {text}" in page
+    assert "sets.nml, which no rebound of a pilot run followed" in page
+    assert "rebounds     none followed impact sets in a pilot run" in page
+    assert f"  warning: {text}\n" in summary(result)
+
+
+def test_grounds_of_the_users_own_are_not_called_quoted(tmp_path):
+    rows = "name,model,r_n,r_t,source\nmine,constant,0.4,0.8,fitted in 2024\n"
+    (tmp_path / "mine.csv").write_text(rows)
+    text, *_ = remarks(*on_grounds(tmp_path, {"ground": "mine", "ground_table": "mine.csv"}))
+    assert (
+        "mine (constant) 100 %; their coefficients are the user's own, and what they rest" in text
+    )
+
+
+def test_each_ground_has_its_fraction_and_what_absorbs_has_none(tmp_path):
+    """Impact sets above, soil 4 below them, then a lake."""
+    row = np.arange(80)[:, None] + np.zeros((1, 60), int)
+    ids = np.ma.masked_less(np.select([row < 25, row < 60], [-1, 4], 0), 0)
+    case = make_case(
+        tmp_path, *sets(), terrain={}, case={"boulders": 200}, release={"x": 150.0, "y": 380.0},
+        surface={"uniform_mean_radius": 0.25, "ground_map": "ids"},
+    )  # fmt: skip
+    z = rough()
+    scene = read_scene(case, dem=z, transform=grid(z), ground_map=ids)
+    result = run_scene(scene)
+    text, *_ = remarks(scene.case, result)
+    counts = dict(zip(result.ground.values, result.rebounds_by_ground.values, strict=True))
+    n, total = counts["soil_4"], sum(counts.values())
+    assert 0 < n < total and counts["sets.nml"] > 0
+    assert text.startswith(f"{n:,} of {total:,} rebounds ({100 * n / total:.1f} %) followed")
+    assert f"sets: soil_4 (rockyfor3d) {100 * n / total:.1f} %; their" in text
+
+
+def test_impact_sets_alone_have_nothing_said_of_grounds(tmp_path):
+    assert not any("classical" in one for one in remarks(*on_grounds(tmp_path, {})))
+
+
+# ---- forest
+
+
+STAND = {"uniform_stems": 300.0, "uniform_dbh_mean": 30.0, "uniform_dbh_std": 9.0,
+         "uniform_conifers": 60.0}  # fmt: skip
+
+
+def test_a_forest_is_said_to_be_unvalidated_wherever_it_is(tmp_path):
+    """The numbers are those that the case of the experiment has written down."""
+    case, result = on_grounds(tmp_path, {}, forest=STAND)
+    text = forest_text()
+    known = forest_experiment()["passing", "forest"]
+    assert known["experiment"] == 34
+    assert f"34 % with forest, here {forest_experiment()['passing', 'bare']['simulated']:g}" in text
+    assert f"and {known['simulated']:g} % (cases/vaujany-forest)" in text
+    assert "no protective effect without the same run without forest" in text
+    assert f"  warning      {text}" in preview(scene_of(case)).splitlines()
+    assert f"  warning: {text}" in summary(result).splitlines()
+    assert f"{text}." in warnings(result)
+    bare, without = on_grounds(tmp_path, {})
+    assert "forest" not in preview(scene_of(bare)) + summary(without)

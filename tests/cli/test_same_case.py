@@ -1,0 +1,157 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Commands that take two files refuse what does not belong together, in one line, with nothing
+written; variants of a site do."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from affine import Affine
+
+from made import PLACE, make_raster
+from programs import everything, refuses
+from rockfall.analysis.models import read_models
+from rockfall.cli import main
+from slope_case import CASE, slope, zones
+
+pytest.importorskip("matplotlib", reason="the report extra is not installed")
+
+ON_GROUND = CASE.replace("table = 'zones.csv'", "table = 'zones.csv', ground = 'soil_4'")
+SCENARIOS = "&scenario name = 'small', frequency = 3.0, volume_mean = 0.1 /\n"
+OBSERVED = "line,quantity,unit,mean\nL,speed,m/s,12.0\n"
+
+
+@pytest.fixture(autouse=True)
+def no_figures(monkeypatch):
+    """Drawing takes longer than all else."""
+    monkeypatch.setattr("rockfall.html_report.figures", lambda *_: [])
+    monkeypatch.setattr("rockfall.html_report.hazard_figures", lambda *_: [])
+    monkeypatch.setattr("rockfall.cli.hazard.hazard_figures", lambda *_: [])
+
+
+def run(text, name):
+    Path("case.nml").write_text(text)
+    assert main(["run", "case.nml", "-o", name, "--quiet"]) == 0
+    return name
+
+
+def elsewhere(transform=None, crs="EPSG:32632", steeper=0.0):
+    """Another DEM for the next run, and zones on its cells."""
+    z = slope() + steeper * np.arange(slope().shape[0])[::-1, None]
+    place = {} if transform is None else {"transform": transform}
+    make_raster("dem.tif", z.astype("f4"), nodata=-9999, crs=crs, **place)
+    make_raster("zones.tif", zones(), nodata=-9999, crs=crs, **place)
+
+
+OTHERS = {  # what changes from the result to the hazard or the models, and what is said of it
+    "nothing": ("", "", None),
+    "seed, boulders, lines' outputs": ("seed = 7", "seed = 8", None),
+    "stop speed": ("&impact", "&impact stop_speed = 0.3,", "&impact stop_speed differs"),
+    "drop height": ("drop_height = 2.0", "drop_height = 3.0", "&release drop_height differs"),
+    "sets": ("sets = 'sets.nml'", "sets = 'rocky-slope'", "other impact sets"),
+    "place": ("x = 600060.0", "x = 600050.0", "&release x differs"),
+    "trees": ("&output", "&forest uniform_stems = 9.0, uniform_dbh_mean = 30.0, uniform_dbh_std ="
+              " 1.0, uniform_conifers = 9.0 /\n&output", "other trees"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("what", ["hazard", "models"])
+@pytest.mark.parametrize("change", OTHERS)
+def test_a_report_takes_hazard_and_models_of_its_own_case_only(place, capsys, what, change):
+    if what == "hazard":
+        pytest.importorskip("shapely", reason="the vector extra is not installed")
+    old, new, said = OTHERS[change]
+    run(CASE, "out.nc")
+    Path("case.nml").write_text(CASE.replace(old, new) + SCENARIOS)
+    assert main([what, "case.nml", "-o", "more", "--quiet"]) == 0
+    words = ["report", "out.nc", f"--{what}", f"more/{what}.nc"]
+    capsys.readouterr()
+    if said is None:
+        assert main(words) == 0
+        return
+    before = everything(place)
+    refuses(words, f"more/{what}.nc: belongs to another case: {said}", capsys)
+    assert everything(place) == before
+
+
+def test_a_report_refuses_what_is_of_another_terrain(place, capsys):
+    run(CASE, "out.nc")
+    elsewhere(steeper=0.1)
+    assert main(["models", "case.nml", "-o", "more", "--quiet"]) == 0
+    words = ["report", "out.nc", "--models", "more/models.nc"]
+    refuses(words, "more/models.nc: belongs to another case: other terrain", capsys)
+    elsewhere(crs="EPSG:32633")
+    assert main(["models", "case.nml", "-o", "more", "--quiet"]) == 0
+    refuses(words, "more/models.nc: has another coordinate system: .*33N in place of .*32N", capsys)
+    refuses([*words[:-1], "out.nc"], "out.nc: is no models.nc of `rockfall models`", capsys)
+    elsewhere()
+    Path("case.nml").write_text(CASE.replace("y = 4999930.0,", "y = 4999935.0,"))
+    assert main(["models", "case.nml", "-o", "more", "--quiet"]) == 0
+    refuses(words, "more/models.nc: has no line 'L', or elsewhere: run .* again", capsys)
+
+
+def test_variants_of_a_site_may_be_compared_and_others_not(place, capsys):
+    """A dam, another volume or ground: yes; another CRS, another place: no."""
+    Path("observed.csv").write_text(OBSERVED)
+    dam = "&dam x = 600020.0, 600100.0, y = 4999940.0, 4999940.0, height = 3.0 /\n"
+    run(CASE, "bare.nc")
+    run(CASE + dam, "dam.nc")
+    run(ON_GROUND.replace("0.8", "2.0"), "large.nc")
+    results = ["bare.nc", "dam.nc", "large.nc"]
+    assert main(["compare", *results, "observed.csv"]) == 0
+    assert main(["design", *results]) == 0
+    elsewhere(crs="EPSG:32633")
+    run(CASE, "crs.nc")
+    elsewhere(Affine.translation(7000.0, 0.0) * PLACE)
+    moved = CASE.replace("6000", "6070").replace("600120", "607120")
+    run(moved, "far.nc")
+    capsys.readouterr()
+    for words in (["compare", "observed.csv"], ["design"]):
+        said = "crs.nc: has another coordinate system: .*33N in place of .*32N"
+        refuses([*words, "bare.nc", "crs.nc"], said, capsys)
+        said = "far.nc: lies elsewhere than bare.nc: no place in common"
+        refuses([*words, "bare.nc", "far.nc"], said, capsys)
+
+
+# ---- page 1
+
+
+@pytest.fixture
+def page(place, capsys):
+    """The page of a run on classical ground, and its first section."""
+
+    def made(*words):
+        assert main(["report", "out.nc", *words]) == 0
+        text = Path("out.html").read_text().replace("\u00a0", " ")
+        return text, text[text.index('id="answer"') : text.index('id="inputs"')]
+
+    return made
+
+
+def test_page_1_of_classical_rebounds_asks_for_the_spread_and_shows_it(page):
+    """In the box at the top; nothing on the page is said of impact sets that made no rebound."""
+    text = ON_GROUND.replace("boulders = 20", "boulders = 200")
+    run(text.replace("&output", "&output rebounds = .true.,"), "out.nc")
+    text, first = page()
+    box = first[: first.index("</aside>")]
+    assert "followed classical grounds in place of impact sets: soil_4 (rockyfor3d) 100 %" in box
+    assert "The spread over rebound models is missing: rockfall models case.nml -o models" in box
+    words = re.sub("<style.*?</style>|<[^>]*>", "", text.split("<pre")[0], flags=re.S)
+    for theirs in ("spheres on layers of spheres", "paper", "stochastic impact model"):
+        assert theirs not in words
+    assert "soil_4 (rockyfor3d) 100 %" in text[text.index('id="inputs"') :]
+    assert "no rebound followed it" in text
+    assert main(["models", "case.nml", "-o", "models", "--quiet"]) == 0
+    text, first = page("--models", "models/models.nc")
+    assert "is missing" not in first and "not confirmed" in first
+    found = read_models("models/models.nc")
+    assert f"Lowest and highest of {len(found.names)} rebound models" in first
+    assert "Over the rebound models one boulder in 20 comes farther" in first
+    assert "L: by each rebound model" in text
+
+
+def test_page_1_of_impact_sets_is_as_it_was(page):
+    run(CASE, "out.nc")
+    text, first = page()
+    assert "classical" not in text and "rebound models" not in text
