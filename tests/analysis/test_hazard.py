@@ -153,7 +153,7 @@ def test_extremes_are_those_of_all_scenarios(tmp_path):
 
 def test_a_wall_takes_the_hazard_behind_it(tmp_path, layer):
     """And leaves that above it as it was, whatever else is a line."""
-    wall = {"name": "w", "x": [0.0, 300.0], "y": [302.0, 302.0], "height": 99.0, "capacity": 1e9}
+    wall = {"name": "w", "x": [0.0, 300.0], "y": [302.0, 302.0], "height": 99.0, "capacity": 1e5}
     bare = hazard(make_case(tmp_path), objects=layer(ROAD))
     case = make_case(tmp_path).replace(barrier=[wall])
     behind = hazard(case, objects=layer(ROAD))

@@ -24,6 +24,7 @@ from rockfall.html_report.convergence import convergence_figure
 from rockfall.html_report.ensemble import PER_LINE, range_tables, range_words
 from rockfall.html_report.inputs import (
     Parties,
+    doubtful_inputs,
     ground_figure,
     input_table,
     words_of,
@@ -46,6 +47,7 @@ from rockfall.html_report.summary import (
 from rockfall.html_report.tables import (
     barrier_table,
     compared,
+    dam_tables,
     design_tables,
     ground_table,
     hazard_tables,
@@ -176,9 +178,10 @@ def report(
         answers=answers(result, rows),
         headline=[*([headline(rows)] if rows else ()), *endangered[:1], *ranges[::PER_LINE]],
         warnings=outside,
+        doubtful_inputs=doubtful_inputs(result),
         certainty=[*certainty(result, rows, not outside), *range_words(result, ranges)],
         indices=[one for k, one in enumerate(ranges) if k % PER_LINE],
-        inputs=[input_table(result, parties), *zone_table(result)],
+        inputs=[input_table(result, parties), *zone_table(result), *dam_tables(result)],
         ground_map=_picture(grounds, GROUNDS, "", say) if grounds else None,
         ends=[ends_table(result)],
         angle=list(angle(result)),

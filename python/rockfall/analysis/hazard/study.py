@@ -112,8 +112,9 @@ def read_study(
         remarks = [of_frames(one, files) for one in remarks]
     case = case.replace(barrier=scene.case.barrier, dam=scene.case.dam)  # layers are read
     study = Study(case, scene, scenarios_of(scene, found.lines), found)
+    remarks += implausible(scene)
     for scenario in study.scenarios:
-        remarks += implausible(replace(scene, case=scenario.case))
+        remarks += implausible(replace(scene, case=scenario.case, warnings=None))
     check_room(found, scene.boulders)
     study.remarks = list(dict.fromkeys(remarks))
     return study
