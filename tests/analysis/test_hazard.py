@@ -2,6 +2,8 @@
 """Hazard: frequencies are counts over boulders times how often they come, classes follow from the
 matrix, intervals enclose them, and what is met by objects is what crosses their lines."""
 
+import json
+
 import numpy as np
 import pytest
 
@@ -80,6 +82,17 @@ def test_a_return_period_is_one_over_a_frequency(tmp_path):
     often = hazard(make_case(tmp_path, {"name": "one", "frequency": 0.05}))
     rare = hazard(make_case(tmp_path, {"name": "one", "return_period": 20.0}))
     assert often.drop_attrs().identical(rare.drop_attrs())
+
+
+def test_doubts_about_inputs_are_said_and_kept(tmp_path):
+    case = make_case(tmp_path, ONE | {"frequency": 100.0}, hazard={"return_periods": [0.5, 1, 3]})
+    with pytest.warns(UserWarning) as caught:
+        found = hazard(case)
+    said = [str(one.message) for one in caught]
+    for words in ("100 boulders in a year: was a return period meant?", "was a frequency meant?"):
+        assert sum(words in line for line in said) == 1
+    kept = [f"case: {where}: {text}" for where, text in json.loads(found.attrs["input_warnings"])]
+    assert kept == said
 
 
 def test_scenarios_add_up(tmp_path):

@@ -182,7 +182,8 @@ module rockfall_case_keys
       key_t("barrier", "y", "real", many, "absent", "", "m", "vertices, two or more"), &
       key_t("barrier", "height", "real", 1, "absent", "0.001 to 100", "m", &
             "vertical, of the top edge above the ground; a boulder whose centre is above it passes over"), &
-      key_t("barrier", "capacity", "real", 1, "absent", "1e-6 to 100000", "kJ", "kinetic energy that it takes at most"), &
+      key_t("barrier", "capacity", "real", 1, "absent", "1e-6 to 100000", "kJ", &
+            "kinetic energy that it takes at most"), &
       key_t("barrier", "class", "integer", 1, "absent", "0 to 7", "", &
             "instead of capacity: of EAD 340059, by its maximum energy level"), &
       key_t("barrier", "file", "text", 1, "absent", "", "", &

@@ -178,7 +178,7 @@ def report(
         answers=answers(result, rows),
         headline=[*([headline(rows)] if rows else ()), *endangered[:1], *ranges[::PER_LINE]],
         warnings=outside,
-        doubtful_inputs=doubtful_inputs(result),
+        doubtful_inputs=doubtful_inputs(result, hazard),
         certainty=[*certainty(result, rows, not outside), *range_words(result, ranges)],
         indices=[one for k, one in enumerate(ranges) if k % PER_LINE],
         inputs=[input_table(result, parties), *zone_table(result), *dam_tables(result)],

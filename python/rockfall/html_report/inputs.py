@@ -104,10 +104,12 @@ def _range(values: np.ndarray) -> str:
     return low if low == high else f"{low} to {high}; {mean} on average"
 
 
-def doubtful_inputs(result: xr.Dataset) -> list[tuple[str, str]]:
-    """Inputs that are likely mistakes, as `check` and `run` print them: where, and what. Layers
-    that were reprojected are listed with the files."""
-    found = json.loads(result.attrs.get("input_warnings", "[]"))
+def doubtful_inputs(result: xr.Dataset, hazard: xr.Dataset | None) -> list[tuple[str, str]]:
+    """Inputs that are likely mistakes, as `check`, `run` and `hazard` print them: where, and what.
+    Layers that were reprojected are listed with the files."""
+    studies = [result] if hazard is None else [result, hazard]
+    texts = (one.attrs.get("input_warnings", "[]") for one in studies)
+    found = dict.fromkeys((where, text) for one in texts for where, text in json.loads(one))
     return [(where, text) for where, text in found if not text.startswith(REPROJECTED)]
 
 

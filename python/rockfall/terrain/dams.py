@@ -15,7 +15,7 @@ from rockfall.io.grid import Grid
 from rockfall.terrain.height import height
 from rockfall.terrain.polyline import beside, lengths
 
-COARSE = 2.0  # cells across a face; on fewer, boulders meet a bump (benchmarks/accuracy/dam_cells)
+COARSE = 2.0  # cells across a face; on fewer, boulders meet a bump (benchmarks/stability/dam_cells)
 FINE = 4.0  # cells from which the boulders that pass change little with the cell
 STATIONS = 400  # profiles across a dam, at most
 PROFILE = 241  # points of a profile across a dam

@@ -22,8 +22,8 @@ FULL_CIRCLE = (-180.0, 360.0, -90.0, 90.0)  # west, east, south, north of degree
 SMALL_CELL = 0.1  # of degrees: 11 km
 WALL = 50.0  # tangent of a slope (89 degrees) that terrain in degrees has, and no other on average
 STEEP = 60.0  # [degree] half of no terrain is steeper; elevations in feet turn 28 degrees into it
-FEET = (48.0, 68.0)  # [degree] median and 90 % quantile of slopes: cliffs alone are so steep, and
-#: mountains of 19 and 37 degrees whose elevations are in feet
+FEET = (52.0, 68.0)  # [degree] median and 90 % quantile of slopes: hardly any 500 m of the Alps are
+#: so steep, but mountains of 21 and 37 degrees whose elevations are in feet
 SCALE = 0.03  # by which lengths of a projection may be off: within its own country none is
 STEPS = 0.05  # of places where whole metres bend to and fro: rounded slopes, not round numbers
 STEP_SLOPE = 2.0  # [degree] that a step of 1 m may turn a cell by: more than slopes are known to

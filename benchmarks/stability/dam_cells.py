@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """How many boulders a dam lets pass, by the cells of the terrain that it is raised on.
 
-    python -m benchmarks.accuracy.dam_cells [--boulders 20000] [--cells 5 2.5 1 0.5 0.25]
+    python -m benchmarks.stability.dam_cells [--boulders 20000] [--cells 5 2.5 1 0.5 0.25]
 
 The slope of cases/protected-road without its relief, so that cells change the dam alone: a cliff, a
 talus slope of 38 to 29 degrees, a road. The dam is 5 m high and stands 20 m above the road, not
