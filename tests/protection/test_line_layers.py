@@ -230,6 +230,12 @@ def refused_cases():
         f"road.gpkg: feature 1: .*class: {either}",
     )
     yield "barrier", {"file": "text.gpkg"}, "text.gpkg: feature 1: .*&barrier height = 'high': .*"
+    make_layer("cm.gpkg", [line(NET)], height=[400.0], capacity=[500.0])
+    yield "barrier", {"file": "cm.gpkg"}, "cm.gpkg: feature 1: &barrier height = 400.0: must be .*"
+    make_layer("joule.gpkg", [line(NET)], height=[4.0], capacity=[5e5])
+    yield "barrier", {"file": "joule.gpkg"}, "joule.gpkg: feature 1: &barrier capacity = 5.*"
+    make_layer("ratio.gpkg", [line(CREST)], height=[4.0], slope=[1.5])
+    yield "dam", {"file": "ratio.gpkg"}, "ratio.gpkg: feature 1: &dam slope = 1.5: must be 5 to .*"
     yield "barrier", {"file": "class.gpkg"}, "class.gpkg: feature 1: .*&barrier class = 2.5: .*"
     yield (
         "barrier",
