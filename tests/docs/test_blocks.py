@@ -224,7 +224,8 @@ def whole(code):
     """A case of the groups of a block, and of those of case.nml that it lacks."""
     has = re.findall(r"^\s*&(\w+)", code, re.MULTILINE)
     rest = [line for line in CASE.splitlines() if line[1:].partition(" ")[0] not in has]
-    return "\n".join([*rest, code])
+    fits = code.replace("&dam\n", "&dam allow_coarse = .true.\n")  # on the cells of the site
+    return "\n".join([*rest, fits])
 
 
 @contextlib.contextmanager
