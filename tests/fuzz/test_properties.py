@@ -524,7 +524,11 @@ def test_a_larger_scene_has_the_same_boulders_larger(folder, scene, factor):
         rasters={key: raster if raster.dtype.kind == "i" else times(raster, f)
                  for key, raster in scene.rasters.items()},
     )  # fmt: skip
-    there = larger.run(folder, changes=changes)
+    try:
+        there = larger.run(folder, changes=changes)
+    except rockfall.RockfallError as error:
+        assume("must be at most 9.00E+18" not in str(error))  # J, more than a tally holds
+        raise
     scaled(here, there, {"m": f, "m s-1": f, "m3": f**3, "J": f**5})
 
 
