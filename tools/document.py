@@ -77,6 +77,9 @@ and none that rockfall did not write. Several files come all together or not at 
 `input_checksums` are SHA-256 of the named files; `decoded_checksums` of what was read of them and
 of all that lies beside them: elevations and their place (`dem`), the radius of each cell
 (`surface`), the `sources`. Parts and checkpoints ([files.md](files.md)) must agree in both.
+`input_warnings` is a JSON list of [inputs that are likely mistakes](start/checks.md), each with its
+place and what may have been meant; `dams` one of dams as they came out on the cells of the terrain,
+by names that `rockfall.terrain.dams.DamShape` explains.
 """
 
 GROUNDS = """# The shipped table of grounds

@@ -16,9 +16,10 @@ HERE = Path(__file__).parent
 CLASS = 3  # of the height for a residual
 
 
-def run(name: str, seed: int):
-    """The result of a case with another seed."""
-    return rockfall.run(rockfall.read_case(HERE / f"{name}.nml").replace(case={"seed": seed}))
+def run(name: str, seed: int, **changes):
+    """The result of a case with another seed, and other changes."""
+    case = rockfall.read_case(HERE / f"{name}.nml")
+    return rockfall.run(case.replace(case={"seed": seed}, **changes))
 
 
 def numbers(seed: int) -> Iterator[tuple[str, float]]:
@@ -31,6 +32,9 @@ def numbers(seed: int) -> Iterator[tuple[str, float]]:
     for name, result in results.items():
         road = np.isfinite(result["line_speed"].values[0])
         yield f"reach the road, {name}.nml [%]", 100 * road.mean()
+    bare_fine = run("dam", seed, dam=[])
+    fraction = np.isfinite(bare_fine["line_speed"].values[0]).mean()
+    yield "reach the road, dam.nml without its dam [%]", 100 * fraction
     for level in "q95", "q99":
         yield f"{level} of the total energy at the net [kJ]", loads[level]["energy_total"] / 1000
         yield f"{level} of the passing height at the net [m]", loads[level]["passing_height"]

@@ -1,9 +1,11 @@
-"""Makes `dem.asc`: a talus slope below a cliff, with a gully, and a road at its foot.
+"""Makes `dem.asc`: a talus slope below a cliff, with a gully, and a road at its foot; and
+`dem_fine.asc`, the same surface on cells that show the faces of a dam.
 
 120 x 180 cells of 2 m. From the north: 20 m of cliff at 60 degrees, a slope that flattens from 38
 to 29 degrees, the road (a level bench 8 m wide), and a meadow of 12 degrees. The gully is up to
 3 m deep and ends above the road. The relief has a standard deviation of 0.2 m and is correlated
-over some 5 m; its seed is fixed. The slope lies at no real place.
+over some 5 m; its seed is fixed. The slope lies at no real place. The fine cells are 0.4 m wide,
+their elevations bilinear between the centres of the others.
 """
 
 from pathlib import Path
@@ -15,6 +17,7 @@ NX, NY, CELL = 120, 180, 2.0
 CLIFF, FOOT, ROAD, END = 20.0, 260.0, 268.0, 360.0  # distances from the northern edge [m]
 BOTTOM = 500.0  # elevation of the southern edge [m]
 GULLY, DEPTH, WIDE = 130.0, 3.0, 12.0  # x of its axis, depth and half width [m]
+FINE = 5  # fine cells to a cell
 RELIEF, SMOOTH, SEED = 0.20, 1.5, 11  # [m], [cells], of the random relief
 
 
@@ -44,12 +47,24 @@ def elevation() -> np.ndarray:
     return profile(south) + gully + np.where(on_slope, rough, 0.0)
 
 
-def write(path: Path) -> None:
+def refined(z: np.ndarray) -> np.ndarray:
+    """The bilinear surface between cell centres, on fine cells; level beyond the outer centres."""
+    for axis, n in enumerate((NY, NX)):
+        place = (np.arange(n * FINE) + 0.5) / FINE - 0.5
+        low = np.clip(np.floor(place).astype(int), 0, n - 2)
+        part = np.expand_dims(np.clip(place - low, 0.0, 1.0), 1 - axis)
+        z = (1 - part) * np.take(z, low, axis) + part * np.take(z, low + 1, axis)
+    return z
+
+
+def write(path: Path, fine: bool = False) -> None:
     """An ESRI ASCII grid, in centimetres."""
-    size = f"ncols {NX}\nnrows {NY}\nxllcorner 0\nyllcorner 0\ncellsize {CELL:g}\n"
-    rows = (" ".join(f"{z:.2f}" for z in row) + "\n" for row in elevation())
+    z, cell = (refined(elevation()), CELL / FINE) if fine else (elevation(), CELL)
+    size = f"ncols {z.shape[1]}\nnrows {z.shape[0]}\nxllcorner 0\nyllcorner 0\ncellsize {cell:g}\n"
+    rows = (" ".join(f"{one:.2f}" for one in row) + "\n" for row in z)
     path.write_text(f"{size}NODATA_value -9999\n{''.join(rows)}")
 
 
 if __name__ == "__main__":
     write(Path(__file__).with_name("dem.asc"))
+    write(Path(__file__).with_name("dem_fine.asc"), fine=True)

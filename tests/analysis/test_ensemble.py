@@ -32,10 +32,10 @@ from rockfall.analysis.lines.values import line_values
 from rockfall.analysis.precision.intervals import Sources
 from rockfall.cli import main
 from rockfall.errors import RockfallError
-from rockfall.limits import Z
 from rockfall.html_report import Picture
 from rockfall.html_report.intervals import in_unit
 from rockfall.html_report.language import Speaker
+from rockfall.limits import Z
 from rockfall.plots.figures import figures
 from rockfall.scene.reach import survey
 from rockfall.scene.read import read_scene
@@ -525,7 +525,7 @@ def test_sources_stay_on_the_terrain_and_shifts_together(tmp_path):
 HOSTILE = {
     "radius_factor = 0.9": r"&ensemble radius_factor = 0.9: must be 1 to 10",
     "volume_std_factor = 2.0": r"&ensemble volume_std_factor = 2.0: .*without a volume_std",
-    "dem_error = -1.0": r"&ensemble dem_error = -1.0: must be >= 0 \[m\]",
+    "dem_error = -1.0": r"&ensemble dem_error = -1.0: must be 0 to 20 \[m\]",
     "dem_error = 1.0": r"&ensemble dem_correlation is missing: needed for dem_error",
     "dem_error = 1.0, dem_correlation = 1e4": r"&ensemble dem_correlation = 10000: .* 150 m.*",
     "source_shift = 1e9": r"&ensemble source_shift = 1e\+09: none of 1000 shifts .*",

@@ -2,6 +2,8 @@
 """Hazard: frequencies are counts over boulders times how often they come, classes follow from the
 matrix, intervals enclose them, and what is met by objects is what crosses their lines."""
 
+import json
+
 import numpy as np
 import pytest
 
@@ -82,6 +84,17 @@ def test_a_return_period_is_one_over_a_frequency(tmp_path):
     assert often.drop_attrs().identical(rare.drop_attrs())
 
 
+def test_doubts_about_inputs_are_said_and_kept(tmp_path):
+    case = make_case(tmp_path, ONE | {"frequency": 100.0}, hazard={"return_periods": [0.5, 1, 3]})
+    with pytest.warns(UserWarning) as caught:
+        found = hazard(case)
+    said = [str(one.message) for one in caught]
+    for words in ("100 boulders in a year: was a return period meant?", "was a frequency meant?"):
+        assert sum(words in line for line in said) == 1
+    kept = [f"case: {where}: {text}" for where, text in json.loads(found.attrs["input_warnings"])]
+    assert kept == said
+
+
 def test_scenarios_add_up(tmp_path):
     """Whether boulders come as one scenario or as two: the same boulders, the same intervals."""
     split = [{"name": "a", "frequency": 0.125}, {"name": "b", "frequency": 0.375}]
@@ -153,7 +166,7 @@ def test_extremes_are_those_of_all_scenarios(tmp_path):
 
 def test_a_wall_takes_the_hazard_behind_it(tmp_path, layer):
     """And leaves that above it as it was, whatever else is a line."""
-    wall = {"name": "w", "x": [0.0, 300.0], "y": [302.0, 302.0], "height": 99.0, "capacity": 1e9}
+    wall = {"name": "w", "x": [0.0, 300.0], "y": [302.0, 302.0], "height": 99.0, "capacity": 1e5}
     bare = hazard(make_case(tmp_path), objects=layer(ROAD))
     case = make_case(tmp_path).replace(barrier=[wall])
     behind = hazard(case, objects=layer(ROAD))

@@ -303,7 +303,7 @@ def test_a_release_at_rest_on_the_ground_is_a_warning(place, capsys):
     change(", drop_height = 2.0", "")()
     assert main(["check", "case.nml"]) == 0
     assert capsys.readouterr().err == (
-        "rockfall: warning: case.nml: &release has no drop_height and no velocity: "
+        "rockfall: warning: case.nml: &release: no drop_height and no velocity: "
         "boulders stop where they start\n"
     )
 

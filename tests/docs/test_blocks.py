@@ -112,7 +112,7 @@ def site(tmp_path_factory):
     make_layer("site.gpkg", [box(90, 150, 100, 160)], layer="houses", value=[1e6])
     make_layer("net.gpkg", [line((0, 200), (235, 200))], layer="net", height=[5.0], capacity=[1e3])
     make_layer("nets.shp", [line((0, 200), (235, 200))], height=[4.0])
-    make_layer("dam.gpkg", [line((40, 250), (200, 250))], height=[4.0])
+    make_layer("dam.gpkg", [line((40, 250), (200, 250))], height=[60.0])
     make_layer("ditch.gpkg", [box(40, 255, 200, 262)], depth=[2.0])
     make_layer("houses.gpkg", [box(90, 150, 100, 160)], name=["house"])
     for name in ("trees.geojson", "forest.gpkg"):
@@ -224,7 +224,8 @@ def whole(code):
     """A case of the groups of a block, and of those of case.nml that it lacks."""
     has = re.findall(r"^\s*&(\w+)", code, re.MULTILINE)
     rest = [line for line in CASE.splitlines() if line[1:].partition(" ")[0] not in has]
-    return "\n".join([*rest, code])
+    fits = code.replace("&dam\n", "&dam allow_coarse = .true.\n")  # on the cells of the site
+    return "\n".join([*rest, fits])
 
 
 @contextlib.contextmanager

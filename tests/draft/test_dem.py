@@ -148,7 +148,9 @@ def test_dams_and_cuts_of_layers_in_the_order_given(tmp_path):
     z[0, 0] = -32768
     make_raster(dem, z, nodata=-32768)
     crest = shapely.LineString([(W + 50, N - 100), (W + 150, N - 100)])
-    make_layer(tmp_path / "dam.gpkg", [crest], height=[6.0], crest_width=[10.0])
+    make_layer(
+        tmp_path / "dam.gpkg", [crest], height=[6.0], crest_width=[10.0], allow_coarse=[True]
+    )
     ditch = shapely.LineString([(W, N - 77.5), (W + 200, N - 77.5)])
     plot = shapely.box(W + 20, N - 40, W + 40, N - 20)
     make_layer(

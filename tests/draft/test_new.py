@@ -46,7 +46,7 @@ def test_a_site_of_every_layer_runs_from_new_to_lines(capsys):
     make_layer("site.gpkg", [CLIFF], layer="Felswand", id=[1])
     make_layer("site.gpkg", [across(300)], layer="road", Name=["B12"])
     make_layer("site.gpkg", [across(150)], layer="nets", height=[4.0], capacity=[500.0])
-    make_layer("site.gpkg", [across(280, 50)], layer="dam", height=[2.0])
+    make_layer("site.gpkg", [across(280, 50)], layer="dam", height=[2.0], allow_coarse=[True])
     make_layer("site.gpkg", [BOX(W, N - 320, W + 9, N - 310)], layer="houses", value=[1.0])
     make_layer("trees.geojson", TREES, dbh=[30.0, 40.0], species=["spruce", "beech"])
     assert new("site.gpkg", "trees.geojson", "-o", "out/case.nml") == 0

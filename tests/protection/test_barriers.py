@@ -123,7 +123,7 @@ def test_second_barrier_behind_the_first(caught):
 
 
 def test_no_boulder_passes_an_endless_strong_barrier(case):
-    result = run(case.replace(barrier=[NET | {"height": 1e6, "capacity": 1e9}]))
+    result = run(case.replace(barrier=[NET | {"height": 100.0, "capacity": 1e5}]))
     assert not (at(result, "road", "time") >= 0).any()
     assert (at(result, "net", "time") > 0).sum() == status(result).count("stopped_by_barrier") > 500
 
@@ -153,7 +153,7 @@ def shot_over(folder, *barriers, **groups):
 
 @pytest.mark.parametrize(
     ("capacity", "second_arm", "outcome"),
-    [(1e6, 48.0, 1), (1e6, 51.0, 1), (0.01, 48.0, 2), (0.01, 51.0, 2), (1e6, 36.0, 3)],
+    [(1e5, 48.0, 1), (1e5, 51.0, 1), (0.01, 48.0, 2), (0.01, 51.0, 2), (1e5, 36.0, 3)],
 )
 def test_bent_barrier_over_and_then_under(tmp_path, capacity, second_arm, outcome):
     """Over the first arm of a hairpin, and not over the second in the same flight or a later one:
@@ -172,7 +172,7 @@ def test_bent_barrier_over_and_then_under(tmp_path, capacity, second_arm, outcom
 @pytest.mark.parametrize(("left", "outcome"), [(0.49, 1), (0.51, 2)])
 def test_who_is_left_with_less_than_the_stop_speed_was_stopped(tmp_path, left, outcome):
     """More energy than the capacity, of which `left` m/s remains; 0.5 m/s is the stop speed."""
-    net = NET | {"x": [40.0, 40.0], "y": [0.0, 100.0], "height": 90.0, "capacity": 1e6}
+    net = NET | {"x": [40.0, 40.0], "y": [0.0, 100.0], "height": 90.0, "capacity": 1e5}
     whole = shot_over(tmp_path, net)
     energy, speed = float(whole.energy_barriers[0]), float(whole.line_speed[0, 0])
     weak = net | {"capacity": energy * (1 - (left / speed) ** 2) / 1e3}
@@ -191,8 +191,8 @@ def test_barrier_and_line_along_a_barrier_are_met_behind_it(case, angle):
     def along(west, east):
         return {"x": [west, east], "y": [200.0 + side * (x - 150.0) for x in (west, east)]}
 
-    weak = {"name": "weak", "height": 1e3, "capacity": 1e-6} | along(30.0, 270.0)
-    strong = {"name": "strong", "height": 1e3, "capacity": 1e9} | along(5.0, 290.0)
+    weak = {"name": "weak", "height": 100.0, "capacity": 1e-6} | along(30.0, 270.0)
+    strong = {"name": "strong", "height": 100.0, "capacity": 1e5} | along(5.0, 290.0)
     line = {"name": "line"} | along(5.0, 290.0)
     alone = run(case.replace(line=[line], barrier=[weak]))
     broke = alone.barrier_outcome.sel(line="weak").values == 2
@@ -241,7 +241,7 @@ def test_either_program_goes_on_to_the_same_bits(tmp_path, monkeypatch):
         ({"capacity": 150.0, "class": 2}, "&barrier capacity, class: give one of the two"),
         ({"capacity": None}, "&barrier capacity, class: give one of the two"),
         ({"capacity": None, "class": 8}, "&barrier class = 8: must be 0 to 7"),
-        ({"height": 0.0}, "&barrier height = 0.0: must be > 0 [m]"),
+        ({"height": 0.0}, "&barrier height = 0.0: must be 0.001 to 100 [m]"),
         ({"name": "road"}, "must be another for each line and barrier"),
         ({"x": [1.0, 1.0], "y": [2.0, 2.0]}, "must have two different points"),
         ({"x": [1.0]}, "must be as many"),
@@ -272,6 +272,7 @@ def test_dam_is_as_high_as_said_and_no_wider(tmp_path):
         "height": 6.0,
         "crest_width": 4.0,
         "slope": 60.0,
+        "allow_coarse": True,
     }
     case = make_case(
         tmp_path, *sets(), terrain={"dem": "dem.tif"}, release={"x": [150.0], "y": [380.0]}
@@ -291,7 +292,7 @@ def test_dam_is_as_high_as_said_and_no_wider(tmp_path):
     assert not added[row + 5 :].any() and not added[: row - 5].any()
 
 
-DAM = {"x": [5.0, 290.0], "y": [120.0, 120.0], "height": 30.0, "slope": 70.0}
+DAM = {"x": [5.0, 290.0], "y": [120.0, 120.0], "height": 30.0, "slope": 60.0}
 
 
 def test_a_dam_stops_boulders(case):

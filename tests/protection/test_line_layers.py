@@ -55,11 +55,18 @@ def lines(case, **groups):
 def test_layers_give_the_bits_of_typed_coordinates(case, name):
     make_layer(f"road{name[4:]}", [line(ROAD)], name=["B 12"])
     make_layer(f"net{name[4:]}", [line(NET)], name=["net"], height=[4.0], capacity=[300.0])
-    make_layer(f"dam{name[4:]}", [line(CREST)], height=[2], crest_width=[1.5], slope=[60])
+    make_layer(
+        f"dam{name[4:]}",
+        [line(CREST)],
+        height=[2],
+        crest_width=[1.5],
+        slope=[60],
+        allow_coarse=[True],
+    )
     by_hand = case.replace(
         line=[typed(ROAD, name="B 12")],
         barrier=[typed(NET, name="net", height=4.0, capacity=300.0)],
-        dam=[typed(CREST, height=2.0, crest_width=1.5, slope=60.0)],
+        dam=[typed(CREST, height=2.0, crest_width=1.5, slope=60.0, allow_coarse=True)],
     )
     of_layers = case.replace(
         line=[{"file": f"road{name[4:]}"}], barrier=[{"file": f"net{name[4:]}"}],
@@ -82,7 +89,7 @@ def test_standalone_program_takes_what_was_prepared(case):
     case = case.replace(
         line=[{"file": "site.gpkg", "layer": "lines"}],
         barrier=[{"file": "site.gpkg", "layer": "nets"}],
-        dam=[{"file": "site.gpkg", "layer": "dams"}],
+        dam=[{"file": "site.gpkg", "layer": "dams", "allow_coarse": True}],
     )
     prepare(case, "ready")
     done = run_program("ready/case.nml", "--output", "part.nc", "--quiet", cwd=".")
@@ -143,7 +150,7 @@ def test_attributes_give_what_the_group_does_not(case):
     assert {(one["height"], one["capacity"], "class" in one) for one in both} == {(7, 100, False)}
 
     make_layer("d.gpkg", [line(CREST), line(CREST)], Crest_Width=[2.0, None], height=[1.0, 2.0])
-    dams = lines(case, dam=[{"file": "d.gpkg", "slope": 50.0}]).dam
+    dams = lines(case, dam=[{"file": "d.gpkg", "slope": 50.0, "allow_coarse": True}]).dam
     assert [(one["height"], one["crest_width"], one["slope"]) for one in dams] == [
         (1.0, 2.0, 50.0), (2.0, 0.0, 50.0),
     ]  # fmt: skip
@@ -223,6 +230,12 @@ def refused_cases():
         f"road.gpkg: feature 1: .*class: {either}",
     )
     yield "barrier", {"file": "text.gpkg"}, "text.gpkg: feature 1: .*&barrier height = 'high': .*"
+    make_layer("cm.gpkg", [line(NET)], height=[400.0], capacity=[500.0])
+    yield "barrier", {"file": "cm.gpkg"}, "cm.gpkg: feature 1: &barrier height = 400.0: must be .*"
+    make_layer("joule.gpkg", [line(NET)], height=[4.0], capacity=[5e5])
+    yield "barrier", {"file": "joule.gpkg"}, "joule.gpkg: feature 1: &barrier capacity = 5.*"
+    make_layer("ratio.gpkg", [line(CREST)], height=[4.0], slope=[1.5])
+    yield "dam", {"file": "ratio.gpkg"}, "ratio.gpkg: feature 1: &dam slope = 1.5: must be 5 to .*"
     yield "barrier", {"file": "class.gpkg"}, "class.gpkg: feature 1: .*&barrier class = 2.5: .*"
     yield (
         "barrier",

@@ -42,7 +42,7 @@ CLIFF = shapely.box(W + 60, N - 60, W + 120, N - 40)
 LAYERS = {
     "lines": ([across(131), across(151)], {"name": ["B 12", None]}),
     "barriers": ([across(90)], {"height": [4.0], "class": pd.array([3], "Int64")}),
-    "dams": ([across(141, 10)], {"height": [2]}),
+    "dams": ([across(141, 10)], {"height": [2], "allow_coarse": [True]}),
     "sources": ([CLIFF], {}),
     "trees": ([shapely.Point(W + 90, N - 100)], {"dbh": [30.0], "species": ["spruce"]}),
 }

@@ -20,8 +20,9 @@ import scenes
 from made import PLACE, UTM, make_raster, refused
 from programs import refuses
 from rockfall.cli import main
+from rockfall.html_report.language import Speaker
 from rockfall.io.raster import read_dem
-from rockfall.scene.plausible import implausible
+from rockfall.scene.plausible import implausible, input_warnings
 from rockfall.scene.read import read_scene
 from rockfall.text.preview import preview
 
@@ -63,7 +64,7 @@ class Site:
         make_raster(self.folder / "cells.tif", array, **about)
 
     def set(self, group, **keys):
-        self.groups[group] = self.groups[group] | keys
+        self.groups[group] = self.groups.get(group, {}) | keys
 
     def by_cells(self):
         self.groups["release"] = {"cells": "cells.tif", "drop_height": 2.0}
@@ -141,6 +142,11 @@ def mask(inside, outside, declared=None):
     return change
 
 
+def lowered(site, by):
+    site.z = site.z - by
+    return site
+
+
 def put(group, **keys):
     return lambda site: site.set(group, **keys)
 
@@ -158,6 +164,90 @@ def of_sources(density):
     return change
 
 
+def spike(site):
+    """One cell, as a bird or a cloud leaves it."""
+    site.z[40, 20] += 400.0
+    site.dem(site.z)
+
+
+def void(site):
+    """A hole that was resampled with its nodata value as an elevation."""
+    site.z[40:44, 20:25] = np.nan
+    site.z[39, 20:25] = [-500.0, -7000.0, -3100.0, -6200.0, -900.0]
+    site.dem(site.z, nodata=np.nan)
+
+
+def half_steep_in_feet(site):
+    """A slope of 22 degrees with steeper parts: no half of it is steeper than 60 degrees."""
+    site.dem(scenes.rough(NX, NY, CELL, gradient=0.35, relief=6.0, dtype="f4") / 0.3048)
+
+
+def packed(site):
+    """A scale and an offset in a file beside the raster, which nothing in the raster tells of."""
+    site.dem((site.z - 1000.0) * 2)
+    (site.folder / "dem.tif.aux.xml").write_text(
+        '<PAMDataset><PAMRasterBand band="1"><Offset>1000</Offset><Scale>0.5</Scale>'
+        "</PAMRasterBand></PAMDataset>"
+    )
+
+
+def points(*rows):
+    """A table of sources, several of them in one place."""
+
+    def change(site):
+        text = "x,y,volume\n" + "".join(f"{EAST + x},{NORTH - y},{v}\n" for x, y, v in rows)
+        (site.folder / "sources.csv").write_text(text)
+        site.groups["release"] = {"points": "sources.csv", "drop_height": 2.0}
+
+    return change
+
+
+def obstacles(*rg):
+    """Rasters of Rg70, Rg20 and Rg10."""
+
+    def change(site):
+        names = ("rg70", "rg20", "rg10")
+        for name, value in zip(names, rg, strict=True):
+            make_raster(site.folder / f"{name}.tif", np.full((NY, NX), value, "f4"))
+        site.groups["surface"] = {"method": "A"} | {name: f"{name}.tif" for name in names}
+
+    return change
+
+
+def trees(*dbh):
+    """A list of stems, spread over the slope."""
+
+    def change(site):
+        places = [(EAST + 30 * (k % 9) + 20, NORTH - 30 * (k // 9) - 100) for k in range(len(dbh))]
+        rows = [f"{x},{y},{d},spruce\n" for (x, y), d in zip(places, dbh, strict=True)]
+        (site.folder / "trees.csv").write_text("x,y,dbh,species\n" + "".join(rows))
+        site.set("forest", trees="trees.csv")
+
+    return change
+
+
+def barrier(**keys):
+    across = {"x": [EAST + 10.0, EAST + 290.0], "y": [NORTH - 200.0] * 2}
+    return put_several("barrier", {"name": "net", **across, "height": 5.0, "class": 3} | keys)
+
+
+def dam(**keys):
+    across = {"x": [EAST + 10.0, EAST + 290.0], "y": [NORTH - 200.0] * 2}
+    return put_several("dam", across | keys)
+
+
+def put_several(group, *members):
+    return lambda site: site.groups.update({group: list(members)})
+
+
+def scenario(**keys):
+    return put_several("scenario", {"name": "blocks"} | keys)
+
+
+def normal(**keys):
+    return put("boulder", volume="normal", **keys)
+
+
 def radii(radius):
     return lambda site: (site.folder / "zones.csv").write_text(TABLE.replace("0.2", radius))
 
@@ -166,7 +256,7 @@ MISTAKES = {
     "-9999": (undeclared(-9999), "elevation -9999 m in 42 cells, 10,9.. m below all others: is"),
     "-32768": (undeclared(-32768), "elevation -32768 m in 42 cells, .* below all others: is it"),
     "0": (undeclared(0), "elevation 0 m in 42 cells, 9.. m below all others: is it a nodata value"),
-    "degrees": (in_degrees, "cells of 6e-05 between x 7.1 and 7.1036, .* look like degrees"),
+    "degrees": (in_degrees, "cells of 0.00006 between x 7.1 and 7.1036, .* look like degrees"),
     "3857": (web_mercator, r"EPSG:3857 draws lengths 2\.00 times as long as they are here"),
     "feet": (in_feet, "half of the terrain is steeper than 69 degrees: are its elevations in metr"),
     "integers": (lambda site: site.dem(np.rint(site.z).astype("i2")), "steps, .* by up to 11 deg"),
@@ -176,11 +266,53 @@ MISTAKES = {
     "density in t": (put("boulder", density=2.8),
         "density = 2.8 kg/m3: rocks have 2000 to 3200; was it meant in t/m3?"),
     "density of sources in t": (of_sources(2.75),
-        "rock_density: 2.75 kg/m3 at a source: rocks have 2000 to 3200; was it meant in t/m3?"),
+        "rock_density = 2.75 kg/m3: rocks have 2000 to 3200; was it meant in t/m3?"),
     "gravity": (put("flight", gravity=981.0), r"981 m/s2: the Earth has 9.81; was it meant in cm"),
     "drop": (put("release", drop_height=300.0), "start 300 m above the ground: was it meant in c"),
     "speed": (put("release", velocity=[0.0, -80.0, 0.0]), "80 m/s, 288 km/h: was it meant in km/"),
     "volume": (put("boulder", volume_mean=8000.0), "8000 m3: a boulder 25 m across: was it meant"),
+    "-99": (undeclared(-99), "elevation -99 m in 42 cells, 1,0.. m below all others: is it a nod"),
+    "-1 near the sea": (lambda site: (undeclared(-1)(lowered(site, 900.0))),
+        "elevation -1 m in 42 cells, .* m below all others: is it a nodata value"),
+    "void": (void, r"5 cells are below -450 m, the lowest at -7,000 m: no land is so low; was"),
+    "spike": (spike, r"from all eight around them like no rock: 1, the most at 600102.5, 4999797"),
+    "feet on a gentler slope": (half_steep_in_feet, "half of the terrain is steeper than 5. deg"),
+    "aux.xml": (packed, r"dem.tif \(dem.tif.aux.xml\): its numbers are multiplied by 0.5, then 10"),
+    "volume in litres": (put("boulder", volume_mean=800.0), "800 m3: a boulder 12 m across: was"),
+    "volume of a source in litres": (points((100, 50, 0.5), (150, 50, 400.0)),
+        "&release source '2' volume_mean = 400 m3: a boulder 9 m across: was it meant in dm3"),
+    "volume of a scenario in litres": (scenario(return_period=10.0, volume_mean=500.0),
+        "scenario name = 'blocks' volume_mean = 500 m3: a boulder 10 m across: was it meant in d"),
+    "wide distribution": (normal(volume_mean=0.8, volume_std=1.0),
+        "volume_std = 1 m3: cut at zero, the normal distribution has a mean of 1.17 m3, not 0.8 "),
+    "std in percent": (normal(volume_mean=4.0, volume_std=15.0),
+        "has a mean of 13.5 m3, not 4 m3; was it meant in percent?"),
+    "Rg in the wrong order": (obstacles(0.9, 0.5, 0.2), "rg70, rg20, rg10: obstacles met at 70 % "
+        "are larger than those met at 10 %, nearly everywhere: are they in the wrong order?"),
+    "points of a table given thrice": (points(*3 * [(150, 50, 0.8)], (170, 50, 0.8)),
+        r"points = 'sources.csv': the source \(600150, 4999950\) is given 3 times: it releases"),
+    "stems for each cell": (put("forest", uniform_stems=0.75, uniform_dbh_mean=30.0,
+        uniform_dbh_std=5.0, uniform_conifers=50.0),
+        "&forest stems: 0.75 stems a hectare at most: were they meant for each cell?"),
+    "DBH in m among cm": (trees(*20 * [35.0], 0.32, 0.41),
+        "2 of 22 stems have diameters below 1.5 cm: are they in m among others in cm?"),
+    "net in dm": (barrier(height=50.0), "height = 50 m: nets are up to 10 m high; was it meant i"),
+    "capacity in J": (barrier(capacity=50_000.0, **{"class": None}),
+        "capacity = 50,000 kJ: the strongest nets take 10,000 kJ; was it meant in J?"),
+    "coarse dam": (dam(height=30.0, slope=60.0),
+        "&dam 1, height = 30, slope = 60: its face is 1. m wide, 2.. cells of 5 m: on fewer than"),
+    "high dam": (dam(height=99.0, slope=60.0), "dams against rockfall are up to 30 m high: was i"),
+    "dam by a ratio": (dam(height=25.0, slope=5.5), "a face of 5.5 degrees is a ramp: was it mea"),
+    "thresholds in J": (put("hazard", thresholds=[30.0, 30_000.0]),
+        "&hazard thresholds: a threshold of 30,000 kJ: no barrier takes so much; was it meant in"),
+    "return periods as frequencies": (put("hazard", return_periods=[0.1, 0.3, 1.0]),
+        "&hazard return_periods: a return period of 0.1 years: was a frequency meant?"),
+    "frequency as a return period": (scenario(frequency=100.0),
+        "&scenario name = 'blocks' frequency = 100, .*: 100 boulders in a year: was a return per"),
+    "return period as a frequency": (scenario(return_period=0.01),
+        "return_period = 0.01, .*: 100 boulders in a year: was a frequency meant?"),
+    "error of the DEM in cm": (put("ensemble", dem_error=15.0, dem_correlation=30.0),
+        "&ensemble dem_error = 15 m: elevations are less certain than a cell of 5 m is wide: was"),
     "source given thrice": (put("release", x=POINT["x"] * 3, y=POINT["y"] * 3),
         r"the source \(600150, 4999950\) is given 3 times: it releases as many times"),
     "overlapping zones": (lambda site: site.polygons((0, 200), (100, 300)),
@@ -191,16 +323,59 @@ MISTAKES = {
 
 
 @pytest.mark.parametrize("what", MISTAKES)
-def test_a_mistake_gives_its_line_and_no_other(site, what):
+def test_a_mistake_gives_its_line_and_no_other(site, what, caplog):
+    """In all languages of reports; how a layer was reprojected stands there with its checksum."""
     change, words = MISTAKES[what]
     change(site)
-    (line,) = lines(site)
-    assert line.startswith("case: &") or "zones.gpkg" in line
+    scene = read_scene(site.case())
+    (line,), ((_, text),) = implausible(scene), input_warnings(scene)
+    assert line.startswith("case: &") or "zones.gpkg" in line or "aux.xml" in line
     assert re.search(words, line), line
     assert "\n" not in line
+    if not text.startswith("reprojected"):
+        assert text not in [Speaker(language)(text) for language in ("de", "fr", "it")]
+    assert not caplog.messages  # of texts that a language lacks
 
 
-WINDOWED = ["-9999", "feet", "integers", "mask of 1 and 255", "R_m in cm"]
+ABSURD = {  # refused at the door
+    "net in cm": (barrier(height=400.0), "&barrier height = 400.0: must be 0.001 to 100 [m]"),
+    "capacity in J": (barrier(capacity=500_000.0, **{"class": None}),
+        "&barrier capacity = 500000.0: must be 1e-6 to 100000 [kJ]"),
+    "dam in cm": (dam(height=400.0), "&dam height = 400.0: must be 0.001 to 100 [m]"),
+    "dam by a ratio": (dam(height=4.0, slope=1.5), "&dam slope = 1.5: must be 5 to 89 [degree]"),
+    "dam on coarse cells": (dam(height=5.0, slope=60.0), "&dam height = 5, slope = 60: its face is "
+        "1.9 m wide, 0.37 cells of 5 m, which makes a bump of it: resample the terrain to cells of "
+        "0.46 m or less, or say allow_coarse = .true."),
+    "thresholds in J": (put("hazard", thresholds=[30_000.0, 300_000.0]),
+        "&hazard thresholds (value 2) = 300000.0: must be 0 to 100000 [kJ]"),
+    "frequencies": (put("hazard", return_periods=[0.0033, 0.01, 0.033]),
+        "&hazard return_periods (value 1) = 0.0033: must be 0.1 to 1e6 [year]"),
+    "std in percent": (normal(volume_mean=0.8, volume_std=15.0), "&boulder volume_std = 15.0: must "
+        "be at most 5 times volume_mean [m3]; it is no percentage"),
+    "error of the DEM in cm": (put("ensemble", dem_error=30.0, dem_correlation=30.0),
+        "&ensemble dem_error = 30.0: must be 0 to 20 [m]"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("what", ABSURD)
+def test_what_cannot_be_meant_is_refused(site, what):
+    change, message = ABSURD[what]
+    change(site)
+    with pytest.raises(rockfall.RockfallError) as error:
+        lines(site)
+    assert str(error.value) == f"case: {message}"
+
+
+WINDOWED = [
+    "-9999",
+    "feet",
+    "integers",
+    "mask of 1 and 255",
+    "R_m in cm",
+    "void",
+    "spike",
+    "aux.xml",
+]
 
 
 @pytest.mark.parametrize("what", WINDOWED)

@@ -252,6 +252,8 @@ def refused_cases():
         ({"volume_class": ["1-2", "big"]}, r"volume_class = 'big': must be MIN-MAX \[m3\]"),
         ({"volume": [None, "normal"]}, "&boulder volume_mean is missing: needed for .*"),
         ({"volume": [None, "normal"], "volume_min": [None, 1.0]}, "&boulder volume_.*"),
+        ({"volume": ["normal"] * 2, "volume_mean": [0.8, 0.8], "volume_std": [0.1, 15.0]},
+         "&boulder volume_std = 15.0: must be at most 5 times volume_mean .*"),
         ({"frequency": [1.0, None]}, "has no frequency: all must have one, or none"),
         ({"frequency": [1.0, 0.0]}, "frequency = 0: must be > 0 .*"),
         ({"drop_height": [1.0, np.inf]}, "drop_height = inf: must be at most 1e12 .*"),

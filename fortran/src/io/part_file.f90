@@ -115,6 +115,9 @@ contains
          call keep(file, nf90_put_att(file%id, nf90_global, "impact_set_checksum", inputs%impact_set_checksum))
          call keep(file, nf90_put_att(file%id, nf90_global, "input_checksums", inputs%input_checksums))
          call keep(file, nf90_put_att(file%id, nf90_global, "decoded_checksums", inputs%decoded_checksums))
+         if (inputs%input_warnings /= "") &
+            call keep(file, nf90_put_att(file%id, nf90_global, "input_warnings", inputs%input_warnings))
+         if (inputs%dams /= "") call keep(file, nf90_put_att(file%id, nf90_global, "dams", inputs%dams))
          call keep(file, nf90_put_att(file%id, nf90_global, "seed", case%seed))
          call keep(file, nf90_put_att(file%id, nf90_global, "boulder_first", results%before + 1))
          call keep(file, nf90_put_att(file%id, nf90_global, "boulder_last", last))

@@ -33,6 +33,7 @@ module rockfall_scene_file
       type(axis_t) :: cells(2)                 !! x, y
       character(len=:), allocatable :: case_file, impact_set_checksum, input_checksums, decoded_checksums
       character(len=:), allocatable :: feature_names  !! of the layer of sources, a line each
+      character(len=:), allocatable :: input_warnings, dams  !! JSON, for the result; "" where the file has none
       real(wp), allocatable :: z8(:, :)
       real(sp), allocatable :: z4(:, :)
       integer(i1), allocatable :: zone1(:, :)
@@ -92,6 +93,8 @@ contains
                                   //" was made of; prepare again")
          inputs%case_file = text_of(file, nf90_global, "case_file")
          inputs%feature_names = ""
+         inputs%input_warnings = text_of(file, nf90_global, "input_warnings")
+         inputs%dams = text_of(file, nf90_global, "dams")
          inputs%impact_set_checksum = text_of(file, nf90_global, "impact_set_checksum")
          inputs%input_checksums = text_of(file, nf90_global, "input_checksums")
          inputs%decoded_checksums = text_of(file, nf90_global, "decoded_checksums")

@@ -21,6 +21,8 @@ module rockfall_case
    public :: case_t, case_line_t, read_case, turning_rule, radius_of_reading, keeps_all
 
    integer(i8), parameter :: keeps_all = huge(1_i8)
+   !> volume_std over volume_mean of a normal distribution: cut at zero it has 4.6 times the mean that was asked for.
+   integer, parameter :: max_spread = 5
 
    !> An evaluation line, or a barrier: one that stops boulders.
    type :: case_line_t
@@ -301,6 +303,9 @@ contains
       this%volumes%density = real_of(group, "density")
       if (this%volumes%max < this%volumes%min) then
          call refuse(group, "volume_max", "must not be below volume_min", error)
+      else if (law == "normal" .and. this%volumes%std > max_spread*this%volumes%mean) then
+         call refuse(group, "volume_std", "must be at most "//integer_text(max_spread)//" times volume_mean [m3]; " &
+                     //"it is no percentage", error)
       end if
       if (this%by_source) call set_factors(group, this)
    end subroutine read_boulder

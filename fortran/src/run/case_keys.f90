@@ -183,9 +183,10 @@ module rockfall_case_keys
       key_t("barrier", "name", "text", 1, "absent", "", "", "of a net or wall, which is an evaluation line too"), &
       key_t("barrier", "x", "real", many, "absent", "", "m", "vertices, two or more"), &
       key_t("barrier", "y", "real", many, "absent", "", "m", "vertices, two or more"), &
-      key_t("barrier", "height", "real", 1, "absent", "> 0", "m", &
+      key_t("barrier", "height", "real", 1, "absent", "0.001 to 100", "m", &
             "vertical, of the top edge above the ground; a boulder whose centre is above it passes over"), &
-      key_t("barrier", "capacity", "real", 1, "absent", "> 0", "kJ", "kinetic energy that it takes at most"), &
+      key_t("barrier", "capacity", "real", 1, "absent", "1e-6 to 100000", "kJ", &
+            "kinetic energy that it takes at most"), &
       key_t("barrier", "class", "integer", 1, "absent", "0 to 7", "", &
             "instead of capacity: of EAD 340059, by its maximum energy level"), &
       key_t("barrier", "file", "text", 1, "absent", "", "", &
@@ -194,10 +195,12 @@ module rockfall_case_keys
       key_t("barrier", "field", "text", 1, "absent", "", "", "attribute with the name; absent: name"), &
       key_t("dam", "x", "real", many, "absent", "", "m", "vertices of the crest, two or more", in_scene), &
       key_t("dam", "y", "real", many, "absent", "", "m", "vertices of the crest, two or more", in_scene), &
-      key_t("dam", "height", "real", 1, "absent", "0.001 to 1000", "m", "of the crest above the terrain below it", &
+      key_t("dam", "height", "real", 1, "absent", "0.001 to 100", "m", "of the crest above the terrain below it", &
             in_scene), &
       key_t("dam", "crest_width", "real", 1, "0.0", ">= 0", "m", "of its flat top", in_scene), &
-      key_t("dam", "slope", "real", 1, "45.0", "1 to 89", "degree", "of its faces", in_scene), &
+      key_t("dam", "slope", "real", 1, "45.0", "5 to 89", "degree", "of its faces", in_scene), &
+      key_t("dam", "allow_coarse", "logical", 1, ".false.", "", "", &
+            "take a dam whose face is narrower than two cells of the raster", in_scene), &
       key_t("dam", "file", "text", 1, "absent", "", "", &
             "in place of x and y: lines, whose attributes give what the group does not", in_scene, "layer"), &
       key_t("dam", "layer", "text", 1, "absent", "", "", "of a GeoPackage with several", in_scene), &
@@ -222,7 +225,7 @@ module rockfall_case_keys
             "geometric standard deviation of volume_std"), &
       key_t("ensemble", "drop_height_factor", "real", 1, "1.0", "1 to 10", "", &
             "geometric standard deviation of drop_height"), &
-      key_t("ensemble", "dem_error", "real", 1, "0.0", ">= 0", "m", "standard deviation of elevations"), &
+      key_t("ensemble", "dem_error", "real", 1, "0.0", "0 to 20", "m", "standard deviation of elevations"), &
       key_t("ensemble", "dem_correlation", "real", 1, "absent", "> 0", "m", &
             "distance at which the correlation of their errors is 1/e"), &
       key_t("ensemble", "source_shift", "real", 1, "0.0", ">= 0", "m", &
@@ -246,9 +249,9 @@ module rockfall_case_keys
       key_t("scenario", "volume_max", "real", 1, "absent", "> 0", "m3", "in place of that of &boulder"), &
       key_t("scenario", "volumes", "real", many, "absent", "> 0", "m3", "in place of those of &boulder"), &
       key_t("scenario", "density", "real", 1, "absent", "> 0", "kg/m3", "in place of that of &boulder"), &
-      key_t("hazard", "thresholds", "real", max_thresholds, "30.0, 300.0", ">= 0", "kJ", &
+      key_t("hazard", "thresholds", "real", max_thresholds, "30.0, 300.0", "0 to 100000", "kJ", &
             "of energy, rising: of the map energy_exceeded, and between classes of intensity"), &
-      key_t("hazard", "return_periods", "real", max_periods, "30.0, 100.0, 300.0", "> 0", "year", &
+      key_t("hazard", "return_periods", "real", max_periods, "30.0, 100.0, 300.0", "0.1 to 1e6", "year", &
             "rising: the ends of the classes of frequency"), &
       key_t("hazard", "matrix", "text", (max_thresholds + 1)*max_periods, swiss_matrix, &
             hazard_classes, "", &

@@ -25,6 +25,7 @@ from rockfall.io.tables import read_table
 from rockfall.limits import MAX_ELEVATION, MAX_REAL
 from rockfall.scene.layers import file_checksum
 from rockfall.scene.lines import read_lines
+from rockfall.scene.rules.protection import dam_rules
 from rockfall.scene.scene import Scene
 from rockfall.terrain.dams import with_dam
 from rockfall.terrain.inverse_distance import Weights, interpolated, left_out
@@ -199,7 +200,9 @@ def _dam(dem: Dem, path: Path, remarks: list[str]) -> np.ndarray:
     read_lines(scene)
     z = dem.z
     for dam in scene.case.dam:
-        z = with_dam(z, dem.grid, dam, str(path))
+        z, shape = with_dam(z, dem.grid, dam, str(path))
+        scene.dams.append(shape)
+    remarks += [f"{path}: {where}: {text}" for where, text in dam_rules(scene)]
     return z
 
 

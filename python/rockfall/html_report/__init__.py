@@ -30,6 +30,7 @@ from rockfall.html_report.ensemble import (
 )
 from rockfall.html_report.inputs import (
     Parties,
+    doubtful_inputs,
     ground_figure,
     input_table,
     words_of,
@@ -58,6 +59,7 @@ from rockfall.html_report.summary import (
 from rockfall.html_report.tables import (
     barrier_table,
     compared,
+    dam_tables,
     design_tables,
     ground_table,
     hazard_tables,
@@ -203,8 +205,9 @@ def report(
             *range_words(result, ranges),
             *spread_words(models),
         ],
+        doubtful_inputs=doubtful_inputs(result, hazard),
         indices=[one for k, one in enumerate(ranges) if k % PER_LINE],
-        inputs=[input_table(result, parties), *zone_table(result)],
+        inputs=[input_table(result, parties), *zone_table(result), *dam_tables(result)],
         ground_map=_picture(grounds, GROUNDS, "", say) if grounds else None,
         ends=[ends_table(result)],
         angle=list(angle(result)),

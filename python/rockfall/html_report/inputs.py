@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -14,6 +15,7 @@ from rockfall.case import FROM_ARRAY, Case, case_of
 from rockfall.errors import RockfallError
 from rockfall.html_report.tables import Table
 from rockfall.html_report.validity import has
+from rockfall.io.layers import REPROJECTED
 from rockfall.io.tables import read_table
 from rockfall.plots.cartography.rasters import cropped, draw_image
 from rockfall.plots.cartography.sheet import finish, new_sheet
@@ -111,6 +113,15 @@ def _density(case: Case, layer_says_more: bool) -> str:
 def _range(values: np.ndarray) -> str:
     low, mean, high = (number(v) for v in (values.min(), values.mean(), values.max()))
     return low if low == high else f"{low} to {high}; {mean} on average"
+
+
+def doubtful_inputs(result: xr.Dataset, hazard: xr.Dataset | None) -> list[tuple[str, str]]:
+    """Inputs that are likely mistakes, as `check`, `run` and `hazard` print them: where, and what.
+    Layers that were reprojected are listed with the files."""
+    studies = [result] if hazard is None else [result, hazard]
+    texts = (one.attrs.get("input_warnings", "[]") for one in studies)
+    found = dict.fromkeys((where, text) for one in texts for where, text in json.loads(one))
+    return [(where, text) for where, text in found if not text.startswith(REPROJECTED)]
 
 
 def zone_table(result: xr.Dataset) -> Iterator[Table]:

@@ -22,6 +22,7 @@ from rockfall.html_report.convergence import NUMBERS
 from rockfall.html_report.intervals import STATISTICS, TOO_FEW, estimate, in_unit
 from rockfall.io.layers import REPROJECTED
 from rockfall.protection.barriers import barrier_rows
+from rockfall.protection.dams import dams_of
 from rockfall.quantities import QUANTITIES, number, percent
 from rockfall.result.grounds import rebounds_by_ground, stochastic_fraction
 from rockfall.text.comparison import notes
@@ -76,6 +77,24 @@ def barrier_table(result: xr.Dataset) -> Table:
         "What barriers did at the first meeting, of all boulders, with 95 % confidence intervals"
     )
     return Table(about, ("barrier", "outcome", "boulders", "fraction [%]"), rows)
+
+
+def dam_tables(result: xr.Dataset) -> Iterator[Table]:
+    """Dams as they came out on the raster; no table without any."""
+    rows = [
+        (f"{number}", f"{one.length:,.0f}",
+         f"{one.height:.1f} ({one.height_min:.1f})\n{one.requested[0]:g} requested",
+         f"{one.slope:.0f}\n{one.requested[2]:g} requested", f"{one.face_cells:.1f}",
+         f"{one.crest_min:,.1f} to {one.crest_max:,.1f}",
+         f"{one.crest_width:.1f}\n{one.requested[1]:g} requested")
+        for number, one in enumerate(dams_of(result), start=1)
+    ]  # fmt: skip
+    if rows:
+        head = (
+            "dam", "length [m]", "height (at its lowest) [m]", "slope of the face [degrees]",
+            "width of the face [cells]", "elevation of the crest [m]", "width of the crest [m]",
+        )  # fmt: skip
+        yield Table("Dams as they came out on the raster", head, rows)
 
 
 def ground_table(result: xr.Dataset) -> Table:

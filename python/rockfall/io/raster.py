@@ -19,7 +19,7 @@ from rockfall.io.arrays import check_elevations
 from rockfall.io.crs import check_metres, crs_name, is_metre, same_crs
 from rockfall.io.files import atomic_write
 from rockfall.io.grid import NO_ID, Box, Grid, row_blocks
-from rockfall.io.raster_file import RasterFile, open_raster
+from rockfall.io.raster_file import GdalCells, RasterFile, open_raster
 
 _TILE = 256  # cells
 
@@ -43,6 +43,21 @@ def dem_header(path: str | Path) -> tuple[Grid, np.dtype]:
         raster.check_cells()
         _check_unit(raster, "elevations")
         return raster.grid, raster.dtype
+
+
+def packing_note(path: str | Path) -> list[str]:
+    """A line where stored numbers are not the values, as a file beside a raster may have it: who
+    looks at the raster alone does not see it. netCDF files are packed openly."""
+    with open_raster(path) as raster:
+        if not isinstance(raster.cells, GdalCells) or raster.cells.packing == (1.0, 0.0):
+            return []
+        scale, offset = raster.cells.packing
+        beside = Path(f"{path}.aux.xml")
+        said_by = f" ({beside.name})" if beside.exists() else ""
+        return [
+            f"{path}{said_by}: its numbers are multiplied by {scale:g}, then {offset:g} is added, "
+            "as its metadata have it: is that so?"
+        ]
 
 
 def read_elevations(path: str | Path, box: Box) -> np.ndarray:

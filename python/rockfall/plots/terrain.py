@@ -40,7 +40,7 @@ def terrain_of(result: xr.Dataset, dem: str | Path | None = None) -> Terrain | N
         z, grid = _read(result, path)
         for dam in case_of(result).dam:
             with contextlib.suppress(RockfallError):  # its crest goes on where no boulder came
-                z = with_dam(z, grid, dam, str(path))
+                z, _ = with_dam(z, grid, dam, str(path))
         return z, grid
     except RockfallError as error:
         if dem is not None:

@@ -58,6 +58,8 @@ def provenance(scene: Any) -> dict[str, str]:
         "impact_set_checksum": scene.checksums.get("sets", ""),
         "input_checksums": json.dumps(scene.checksums, sort_keys=True),
         "decoded_checksums": json.dumps(scene.decoded, sort_keys=True),
+        "input_warnings": json.dumps(scene.warnings or []),
+        "dams": json.dumps([one.rounded() for one in scene.dams]),
     }
 
 

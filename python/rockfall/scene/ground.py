@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 SAMPLES = 100_000  # cells, about, evenly over the terrain, of which the slope is looked at
 QUANTILES = (0.1, 0.5, 0.9)
+LOWEST_LAND = -450.0  # [m] the shore of the Dead Sea is at -430 m
+SPIKE = (10.0, 5.0)  # [m], [cells]: no cell of rock is so much above or below all eight around it
 
 
 @dataclass
@@ -50,6 +52,9 @@ class Ground:
     low: Lowest = field(default_factory=Lowest)  # elevations [m]
     high: Lowest = field(default_factory=Lowest)  # and their negatives [m]
     known: int = 0  # cells with an elevation
+    deep: int = 0  # of them, below LOWEST_LAND
+    spikes: int = 0  # above or below all about them
+    spike: tuple[float, float, float] = (0.0, 0.0, 0.0)  # x, y of the largest, by how much [m]
     integers: bool = True  # all elevations are
     steps: int = 0  # if so: along rows and columns, bends one way and back in the next cell
     spans: int = 0  # of so many places
@@ -61,6 +66,8 @@ class Ground:
     source_slopes: list[np.ndarray] = field(default_factory=list)  # and tangents
     sizes: np.ndarray = field(default_factory=lambda: np.empty(0))  # of materials [m]
     used: set[int] = field(default_factory=set)  # rows of `sizes` that some cell has
+    falling: int = 0  # cells whose Rg70, Rg20, Rg10 fall, where they come as rasters
+    rising: int = 0  # those where they do not, and are not equal
     smallest: float = np.inf  # where sizes come as rasters [m]
     largest: float = 0.0
 
@@ -70,6 +77,7 @@ class Ground:
         z = band.z[inner]
         for rows in row_blocks(z.shape):
             self._take_elevations(z[rows])
+        self._take_spikes(band, inner)
         self._take_samples(band, *_samples(band, box))
         row = ((band.grid.north - band.y) / band.grid.cell).astype(int).clip(0, band.grid.ny - 1)
         mine = (row >= box.row) & (row < box.stop_row)
@@ -96,6 +104,7 @@ class Ground:
         self.high.take(-z)
         known = ~np.isnan(z)
         self.known += int(np.count_nonzero(known))
+        self.deep += int(np.count_nonzero(z < LOWEST_LAND))
         self.integers = self.integers and bool((np.rint(z) == z)[known].all())
         if not self.integers:
             return
@@ -105,6 +114,27 @@ class Ground:
             self.steps += int(np.count_nonzero(back < 0))
             self.spans += int(np.count_nonzero(~np.isnan(back)))
 
+    def _take_spikes(self, band: Scene, rows: slice) -> None:
+        """Cells that lie above or below all that are known around them."""
+        z, grid = band.z, band.grid
+        limit = max(SPIKE[0], SPIKE[1] * grid.cell)
+        for block in row_blocks((rows.stop - rows.start, z.shape[1])):
+            first = rows.start + block.start
+            step = np.diff(z[first : rows.start + block.stop], axis=1)
+            alone = (np.abs(step[:, :-1]) > limit) & (step[:, :-1] * step[:, 1:] < 0)
+            for row, column in np.argwhere(alone & (np.abs(step[:, 1:]) > limit)):
+                i, j = first + row, column + 1
+                around = z[max(0, i - 1) : i + 2, j - 1 : j + 2].astype(float).ravel()
+                apart = z[i, j] - around
+                apart = apart[~np.isnan(apart) & (apart != 0)]
+                above = apart.size and (apart.min() > limit or apart.max() < -limit)
+                if above and apart.size == np.count_nonzero(~np.isnan(around)) - 1:
+                    self.spikes += 1
+                    by = float(apart[np.argmin(abs(apart))])
+                    if abs(by) > abs(self.spike[2]):
+                        x, y = grid.x[j + band.at[1]], grid.y[i + band.at[0]]
+                        self.spike = float(x), float(y), by
+
     def _take_sizes(self, band: Scene, rows: slice) -> None:
         self.sizes = band.sizes
         if band.values is not None:
@@ -112,6 +142,8 @@ class Ground:
                 self.smallest = float(np.fmin.reduce(layer[rows], None, initial=self.smallest))
                 finite = np.isfinite(layer[rows])
                 self.largest = float(np.max(layer[rows], initial=self.largest, where=finite))
+            falling, rising = falls_and_rises(band.values[:, rows])
+            self.falling, self.rising = self.falling + falling, self.rising + rising
         elif band.zone is None:
             self.used = {0}
         else:
@@ -124,6 +156,14 @@ class Ground:
     def source_quantiles(self) -> np.ndarray:
         """Of the slopes at the sources [degree]."""
         return _degrees(self.source_slopes, QUANTILES)
+
+
+def falls_and_rises(sizes: np.ndarray) -> tuple[int, int]:
+    """In how many places sizes (Rg70, Rg20, Rg10 first) fall, and in how many they do otherwise;
+    where they are equal counts for neither."""
+    falls = (sizes[1:] <= sizes[:-1]).all(axis=0) & (sizes[-1] < sizes[0])
+    differ = (sizes[1:] != sizes[:-1]).any(axis=0) & ~np.isnan(sizes).any(axis=0)
+    return int(np.count_nonzero(falls)), int(np.count_nonzero(differ & ~falls))
 
 
 def ground_of(scene: Scene) -> Ground:

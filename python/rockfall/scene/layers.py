@@ -17,7 +17,7 @@ from rockfall.io.crs import crs_name, same_crs
 from rockfall.io.files import check_regular
 from rockfall.io.grid import NO_ID, Box, Grid, row_blocks
 from rockfall.io.layers import REPROJECTED, name_of
-from rockfall.io.raster import aligned_blocks
+from rockfall.io.raster import aligned_blocks, packing_note
 from rockfall.io.raster_file import raster_file
 
 if TYPE_CHECKING:
@@ -45,6 +45,7 @@ def layer_blocks(
         path = scene.case.path(getattr(scene.case, group)[key])
         if key not in scene.checksums:
             scene.checksums[key] = file_checksum(path)
+            scene.remarks += packing_note(path)
         yield from aligned_blocks(path, scene.grid, what, dtype, box, smooth)
         return
     given = _on_cells(scene.grid, key, given)

@@ -23,6 +23,7 @@ from rockfall.result.dataset import (
     put_netcdf,
 )
 from rockfall.scene.kernel_scene import trees
+from rockfall.scene.plausible import input_warnings
 from rockfall.scene.reach import survey
 from rockfall.scene.read import read_scene
 from rockfall.scene.scene import Scene
@@ -70,6 +71,7 @@ def prepare(case: Case, folder: str | Path, **arrays: Any) -> list[Path]:
     check_outputs(dict.fromkeys(former), inputs, former)
     scene = read_scene(case, **arrays)
     survey(scene)
+    input_warnings(scene)
     with atomic_folder(folder, inputs, former, last="case.nml") as part:
         put_netcdf(_scene_file(scene), part / "scene.nc", folder / "scene.nc")
         head = f"{MARK} from {case.name}, for rockfall-batch and the scene file beside it."

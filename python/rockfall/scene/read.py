@@ -13,7 +13,7 @@ from rockfall.case import FROM_ARRAY, Case, file_keys
 from rockfall.errors import RockfallError
 from rockfall.impact_sets import set_path
 from rockfall.io.arrays import from_array
-from rockfall.io.raster import dem_header, read_dem
+from rockfall.io.raster import dem_header, packing_note, read_dem
 from rockfall.io.raster_file import raster_file
 from rockfall.io.zone_table import RADII
 from rockfall.scene.coefficients import open_sets
@@ -70,9 +70,11 @@ def read_scene(
     scene = Scene(case, grid, z, np.zeros((1, 1)))
     read_lines(scene)
     for dam in scene.case.dam:
-        z = scene.z = with_dam(z, grid, dam, case.name)
+        scene.z, shape = with_dam(scene.z, grid, dam, case.name)
+        scene.dams.append(shape)
     file = case.path(case.terrain["dem"])
-    scene.checksums["dem"] = file_checksum(file) if dem is None else array_checksum(z)
+    scene.checksums["dem"] = file_checksum(file) if dem is None else array_checksum(scene.z)
+    scene.remarks += packing_note(file) if dem is None else []
     read_surface(scene, grid.box, rasters)
     read_sources(scene, [(scene, grid.box)], rasters)
     read_forest(scene, rasters)
@@ -108,6 +110,7 @@ def _windowed(scene: Scene, cells: int) -> Scene:
                 "in memory, and it does not fit; make a raster of them, or raise --memory"
             )
     scene.checksums["dem"] = file_checksum(case.path(case.terrain["dem"]))
+    scene.remarks += packing_note(case.path(case.terrain["dem"]))
     release, rows = case.release, [(scene, scene.grid.box)]
     if release["steep_cells"] or release["by_area"]:  # the terrain tells
         rows = bands(scene, cells)

@@ -17,6 +17,7 @@ from rockfall.scene.coefficients import Coefficients, SetFile
 from rockfall.scene.forest.trees import Trees
 from rockfall.scene.ground import Ground, Lowest, ground_of
 from rockfall.scene.kernel_scene import KernelScene
+from rockfall.terrain.dams import DamShape
 
 if TYPE_CHECKING:
     from rockfall.scene.windows import Windows
@@ -48,6 +49,13 @@ class Features(NamedTuple):
         return self._replace(of=self.of[sources])
 
 
+class InputWarning(NamedTuple):
+    """An input that is likely a mistake."""
+
+    where: str  # file, group and key, with names of the case
+    text: str  # what it would mean, and what may have been meant; reports translate it
+
+
 @dataclass
 class Scene:
     """What a run needs, read and checked. Rasters are (ny, nx), row 0 the northernmost."""
@@ -76,11 +84,14 @@ class Scene:
     windows: Windows | None = None  # terrain that is read in windows: no rasters here
     source_values: Lowest = field(default_factory=Lowest)  # the negatives of what source cells hold
     remarks: list[str] = field(default_factory=list)  # what readers found odd, a line each
+    dams: list[DamShape] = field(default_factory=list)  # as they came out on the cells
+    warnings: list[InputWarning] | None = None  # see `plausible.input_warnings`; None: not sought
 
     def __setattr__(self, name: str, value: Any) -> None:
         """What the kernel made of it is of the values before."""
-        self.__dict__.pop("kernel", None)
-        self.__dict__.pop("boulders", None)
+        if name != "warnings":  # of which it knows nothing
+            self.__dict__.pop("kernel", None)
+            self.__dict__.pop("boulders", None)
         self.__dict__[name] = value
 
     def __getstate__(self) -> dict[str, Any]:

@@ -33,7 +33,7 @@ from rockfall.result.samples import (
     sample_variables,
 )
 from rockfall.result.validate import are_crossings
-from rockfall.scene.scene import Features
+from rockfall.scene.scene import Features, InputWarning
 from rockfall.simulation.maps import Maps, plan_of
 from rockfall.simulation.source_maps import SHARED, settle, shared_cells
 from rockfall.simulation.tally import Origin
@@ -46,6 +46,7 @@ from rockfall.simulation.tally_dataset import (
     run_attributes,
     trajectory_variables,
 )
+from rockfall.terrain.dams import DamShape
 
 if TYPE_CHECKING:
     from rockfall.result.contents import Held
@@ -330,13 +331,19 @@ def _head(attrs: Mapping[str, Any], crs: Mapping[str, Any], name: str) -> Part:
             features = Features(str(attrs[at]).split("\n"), np.zeros(0, "i4"))
         at = "grounds"
         grounds = _grounds(attrs)
+        at = "input_warnings"
+        warnings = [InputWarning(*map(str, one)) for one in json.loads(attrs.get(at, "[]"))]
+        at = "dams"
+        dams = [DamShape(**one) for one in json.loads(attrs.get(at, "[]"))]
         about = {key: one for key, one in crs.items() if key not in ("_FillValue", "GeoTransform")}
     except DAMAGED as error:
         raise RockfallError(f"{name}: is damaged: {at}") from error
     grid, window = Grid(west, north, cell, nx, ny), Box(row, column, row + rows, column + columns)
     checksums, decoded = sums
     boulders = int(attrs["boulders_requested"])
-    origin = Origin(case, boulders, grid, window, checksums, decoded, version, grounds, features)
+    origin = Origin(
+        case, boulders, grid, window, checksums, decoded, version, grounds, features, warnings, dams
+    )
     first, last = int(attrs["boulder_first"]), int(attrs["boulder_last"])
     clocks = {clock: float(attrs[clock]) for clock in CLOCKS}
     part = Part(name, origin, first, last, int(attrs["threads"]), clocks, about)

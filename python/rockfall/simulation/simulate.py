@@ -18,7 +18,7 @@ from rockfall.interrupts import interrupts
 from rockfall.result import variables
 from rockfall.result.samples import simulated
 from rockfall.result.variables import fields
-from rockfall.scene.plausible import warn_of
+from rockfall.scene.plausible import input_warnings, warn_of
 from rockfall.scene.reach import Survey, survey
 from rockfall.scene.read import read_scene
 from rockfall.scene.scene import Scene
@@ -126,6 +126,7 @@ def simulate(
     if threads is None:
         threads = scene.case.case["threads"]
     check_team(threads)
+    input_warnings(scene)  # before its rasters may go
     with interrupts() as interrupted:  # no chunk is lost half-way
         tally = start(scene, threads, shard)
         if checkpoint:

@@ -17,8 +17,9 @@ from rockfall.io.grid import Box, Grid
 from rockfall.result.dataset import georeference
 from rockfall.result.samples import Samples, empty_like, rows_kept
 from rockfall.result.variables import fields
-from rockfall.scene.scene import Features, Scene
+from rockfall.scene.scene import Features, InputWarning, Scene
 from rockfall.simulation.maps import Maps
+from rockfall.terrain.dams import DamShape
 from rockfall.version import __version__
 
 
@@ -35,6 +36,8 @@ class Origin:
     version: str
     grounds: Sequence[GroundRule] = ()  # their names and models
     features: Features | None = None  # their names
+    warnings: list[InputWarning] | None = None
+    dams: Sequence[DamShape] = ()
 
     def difference(self, other: Origin) -> str:
         """The first thing in which another run differs, "" if it is the same; threads may differ,
@@ -222,4 +225,5 @@ def origin_of(tally: Tally) -> Origin:
     return Origin(
         scene.case, scene.boulders, replace(scene.grid, crs=None), tally.window,
         scene.checksums, scene.decoded, __version__, scene.grounds, scene.features,
+        scene.warnings, scene.dams,
     )  # fmt: skip

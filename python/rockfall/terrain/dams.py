@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Dams and walls of earth: an edit of the terrain before boulders fly over it."""
+"""Dams and walls of earth: an edit of the terrain before boulders fly over it, and what came of it
+on the cells."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -13,13 +15,42 @@ from rockfall.io.grid import Grid
 from rockfall.terrain.height import height
 from rockfall.terrain.polyline import beside, lengths
 
+COARSE = 2.0  # cells across a face; on fewer, boulders meet a bump (benchmarks/stability/dam_cells)
+FINE = 4.0  # cells from which the boulders that pass change little with the cell
+STATIONS = 400  # profiles across a dam, at most
+PROFILE = 241  # points of a profile across a dam
+NEAR = 0.05  # of the height: so far below its top a crest ends
 
-def with_dam(z: np.ndarray, grid: Grid, dam: Mapping[str, Any], name: str) -> np.ndarray:
-    """Elevations (ny, nx), row 0 the northernmost, with one dam; `name` is for messages.
+
+class DamShape(NamedTuple):
+    """A dam as it came out on the cells of the terrain, from profiles across its line."""
+
+    length: float  # of the line where at least half of the requested height stands [m]
+    height: float  # of the crest above the terrain below the line, in the median [m]
+    height_min: float  # and where it is lowest, the ends left out [m]
+    slope: float  # of the narrower face, from crest to toe, in the median [degree]
+    crest_min: float  # elevation of the crest [m]
+    crest_max: float
+    crest_width: float  # 5 % of the height below its top, in the median [m]
+    face: float  # width in plan of the narrower face, as the keys of the dam would have it [m]
+    face_cells: float  # the same in cells
+    requested: tuple[float, float, float]  # height [m], crest width [m], slope [degree]
+
+    def rounded(self) -> dict[str, Any]:
+        """Its numbers by name, as a result has them: to a millimetre."""
+        return {name: np.round(one, 3).tolist() for name, one in self._asdict().items()}
+
+
+def with_dam(
+    z: np.ndarray, grid: Grid, dam: Mapping[str, Any], name: str
+) -> tuple[np.ndarray, DamShape]:
+    """Return elevations (ny, nx), row 0 the northernmost, with one dam, and the dam as it came out;
+    `name` is for messages.
 
     The crest lies `height` above the terrain below it, is `crest_width` wide and falls off to both
     sides at `slope` until it meets the terrain: max(z, crest - tan(slope) (d - crest_width / 2)) at
-    the distance d from its line. Cells without an elevation stay so.
+    the distance d from its line. Cells without an elevation stay so. A dam whose face is narrower
+    than two cells is refused unless it says `allow_coarse`.
     """
     vertices = np.array(dam["x"]) + 1j * np.array(dam["y"])
     line, crest = _crest(z, grid, vertices, name)
@@ -37,7 +68,119 @@ def with_dam(z: np.ndarray, grid: Grid, dam: Mapping[str, Any], name: str) -> np
     top = np.interp(along, line, crest) - fall * np.maximum(0.0, apart - dam["crest_width"] / 2)
     raised = z.copy()
     raised[rows, columns] = np.maximum(z[rows, columns], top)
-    return raised
+    shape = _shape(z, raised, grid, dam, vertices)
+    if shape.face_cells < COARSE and not dam["allow_coarse"]:
+        raise RockfallError(
+            f"{name}: &dam height = {dam['height']:g}, slope = {dam['slope']:g}: its face is "
+            f"{shape.face:.2g} m wide, {shape.face_cells:.2g} cells of {grid.cell:g} m, which "
+            f"makes a bump of it: resample the terrain to cells of {finer(shape):g} m or less, or "
+            "say allow_coarse = .true."
+        )
+    return raised, shape
+
+
+def finer(shape: DamShape) -> float:
+    """The largest cells of which enough cross the face [m], two digits of them."""
+    cell = max(shape.face, 1e-3) / FINE
+    unit = 10.0 ** (math.floor(math.log10(cell)) - 1)
+    return math.floor(cell / unit) * unit
+
+
+def _shape(
+    z: np.ndarray, raised: np.ndarray, grid: Grid, dam: Mapping[str, Any], vertices: np.ndarray
+) -> DamShape:
+    """What came of a dam, from profiles across it on the surface that boulders meet."""
+    base, wide, fall = dam["height"], dam["crest_width"], np.tan(np.radians(dam["slope"]))
+    places, normal = _stations(vertices)
+    half = wide / 2 + 2 * grid.cell + 3 * base / fall
+    off = np.linspace(-half, half, PROFILE)
+    points = places[:, None] + normal[:, None] * off
+    x, y = _within(points, grid)
+    before, after = height(z, grid, x, y), height(raised, grid, x, y)
+    middle = before[:, PROFILE // 2]
+    added = np.nan_to_num(after - before)
+    own = added > NEAR * base  # what the dam raised, noticeably
+    near = own & (abs(off) <= wide / 2 + grid.cell)
+    top = np.max(np.where(near, after, -np.inf), axis=1)
+    top = np.where(np.isfinite(top), top, after[:, PROFILE // 2])
+    high = top - middle
+    face, side = _face(before, off, middle + base, wide, fall)
+    stands = high >= base / 2
+    if not stands.any():
+        stands = high >= np.nanmax(high)
+    inner = high[1:-1] if len(high) > 2 else high
+    broad = np.count_nonzero(own & (after >= (top - NEAR * high)[:, None]), axis=1)
+    return DamShape(
+        length=float(lengths(vertices)[-1] * np.count_nonzero(stands) / stands.size),
+        height=float(np.median(high)),
+        height_min=float(inner.min()),
+        slope=_slope(after, own, top, off, side),
+        crest_min=float(top[stands].min()),
+        crest_max=float(top[stands].max()),
+        crest_width=float(np.median(broad) * (off[1] - off[0])),
+        face=face,
+        face_cells=face / grid.cell,
+        requested=(float(base), float(wide), float(dam["slope"])),
+    )
+
+
+def _stations(vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Places along a polyline, evenly spaced and off its ends, and unit normals there."""
+    ends = lengths(vertices)
+    line = (np.arange(STATIONS) + 0.5) * ends[-1] / STATIONS
+    sides = np.diff(vertices)
+    which = np.clip(np.searchsorted(ends, line, side="right") - 1, 0, sides.size - 1)
+    places = np.interp(line, ends, vertices.real) + 1j * np.interp(line, ends, vertices.imag)
+    return places, 1j * sides[which] / abs(sides[which])
+
+
+def _within(points: np.ndarray, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
+    """Coordinates of points, moved between the outer cell centres."""
+    margin = grid.cell / 2
+    x = np.clip(points.real, grid.west + margin, grid.east - margin)
+    return x, np.clip(points.imag, grid.south + margin, grid.north - margin)
+
+
+def _face(
+    before: np.ndarray, off: np.ndarray, crest: np.ndarray, wide: float, fall: float
+) -> tuple[float, int]:
+    """Width of the narrower face in plan as its keys have it, from the edge of the crest to where
+    it meets the terrain, in the median [m]; and its side, -1 or 1."""
+    above = crest[:, None] - fall * np.maximum(0.0, abs(off) - wide / 2) - before
+    found = {}
+    for side in (-1, 1):
+        mine = side * off > 0
+        out, over = abs(off[mine])[::side], above[:, mine][:, ::side]
+        last = np.argmax(over <= 0, axis=1)  # beyond the face
+        last[(over > 0).all(axis=1)] = out.size - 1
+        row, before_last = np.arange(last.size), np.maximum(last - 1, 0)
+        down = np.maximum(over[row, before_last] - over[row, last], 1e-9)
+        part = np.clip(over[row, before_last] / down, 0.0, 1.0)
+        ends = out[before_last] + part * (out[last] - out[before_last])
+        found[side] = max(0.0, float(np.median(ends)) - wide / 2)
+    narrow = min(found, key=lambda side: found[side])
+    return found[narrow], narrow
+
+
+def _slope(
+    after: np.ndarray, own: np.ndarray, top: np.ndarray, off: np.ndarray, side: int
+) -> float:
+    """Angle of a face in the median [degree]: the chord from 10 to 90 % of the way down from the
+    crest to the toe."""
+    mine = side * off >= 0
+    z, of_dam, out = after[:, mine], own[:, mine], abs(off[mine])
+    if side < 0:
+        z, of_dam, out = z[:, ::-1], of_dam[:, ::-1], out[::-1]
+    toe = np.min(np.where(of_dam, z, np.inf), axis=1)
+    drop = top - toe
+    angles = [
+        math.degrees(math.atan2(0.8 * drop[k], out[low] - out[high]))
+        for k in np.flatnonzero(np.isfinite(drop) & (drop > 0))
+        for high in [int(np.argmax(z[k] <= top[k] - 0.1 * drop[k]))]
+        for low in [int(np.argmax(z[k] <= top[k] - 0.9 * drop[k]))]
+        if out[low] > out[high]
+    ]
+    return float(np.median(angles)) if angles else math.nan
 
 
 def _crest(

@@ -28,6 +28,7 @@ from rockfall.simulation.memory import machine_memory
 from rockfall.simulation.simulate import check_team, fields, run_chunks, start
 from rockfall.simulation.tally import Tally
 from rockfall.simulation.tally_dataset import MAXIMA
+from rockfall.text.dams import dam_lines
 
 PROBE_BOULDERS = 100  # to see how long they take
 PILOT_SECONDS = 0.05  # about, twice at most: the time is known to a few per cent
@@ -76,6 +77,7 @@ def preview(scene: Scene) -> str:
         ("impact sets", _sets(scene, values)),
         ("rebounds", _rebounds(values)),
         *_forest(scene),
+        *dam_lines(scene.dams),
         ("boulders", _boulders(scene)),
         *_attributes(scene),
         ("speed", _speed(scene)),

@@ -9,15 +9,17 @@ from typing import TYPE_CHECKING
 
 from rockfall.analysis.line_statistics import numbers
 from rockfall.analysis.lines.samples import LineSamples
-from rockfall.analysis.precision.intervals import longer_side
 from rockfall.analysis.model_limits import model_remarks
+from rockfall.analysis.precision.intervals import longer_side
 from rockfall.analysis.run_until import verdicts_of
 from rockfall.case import case_of
 from rockfall.protection.barriers import barrier_rows, barriers_of
+from rockfall.protection.dams import dams_of
 from rockfall.quantities import QUANTITIES, TOO_FEW, Quantity, percent
 from rockfall.result.grounds import GroundRebounds, rebounds_by_ground
 from rockfall.result.samples import simulated
 from rockfall.result.trajectories import ended
+from rockfall.text.dams import dam_lines
 from rockfall.text.table import table
 
 if TYPE_CHECKING:
@@ -35,6 +37,7 @@ def summary(result: Held) -> str:
         lines.append(table(_passages(result)))
     if barriers_of(result) and rows:
         lines.append(table(_barriers(result)))
+    lines += [f"  {name}: {line}" for name, line in dam_lines(dams_of(result))]
     lines += [f"  until {verdict}" for verdict in verdicts_of(result)]
     lines += _rebounds(result)
     if grounds := rebounds_by_ground(result):

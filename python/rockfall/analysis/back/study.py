@@ -18,6 +18,7 @@ from rockfall.analysis.observations import Observed, read_observed
 from rockfall.case import Case
 from rockfall.errors import RockfallError
 from rockfall.interrupts import interrupts
+from rockfall.scene.plausible import warn_of
 from rockfall.scene.read import read_scene
 from rockfall.scene.scene import Scene
 from rockfall.simulation.progress import progress_bar
@@ -100,7 +101,9 @@ def back_analysis(
     case = case.replace(ensemble={"runs": ROUND})
     if "draws" in case.ensemble:
         raise RockfallError(f"{case.name}: &ensemble draws: must be absent: they have no density")
-    scene = lean(read_scene(case, **arrays), "a back-analysis", ["passages"])
+    read = read_scene(case, **arrays)
+    warn_of(read)
+    scene = lean(read, "a back-analysis", ["passages"])
     inputs = Uncertain(scene)
     base = run_scene(scene)
     scene = replace(scene, case=scene.case.replace(output={"maps": None}))

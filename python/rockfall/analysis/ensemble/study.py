@@ -26,6 +26,7 @@ from rockfall.io.tables import write_csv
 from rockfall.quantities import QUANTITIES
 from rockfall.result.dataset import write_result
 from rockfall.scene.lines import with_lines_of
+from rockfall.scene.plausible import warn_of
 from rockfall.scene.read import read_scene
 from rockfall.scene.scene import Scene
 from rockfall.scene.sources import refuse_by_area
@@ -95,6 +96,7 @@ def run_ensemble(case: Case, *, progress: bool = False, **arrays: Any) -> xr.Dat
             f"{case.name}: an ensemble needs a &line, or &output maps = 'reach_probability'"
         )
     read = read_scene(case, **arrays)
+    warn_of(read)
     kept = ["passages", *(name for name in RANGED if name in asked)]
     scene = lean(read, "an ensemble", kept if needs_maps else None)
     inputs = Uncertain(scene)

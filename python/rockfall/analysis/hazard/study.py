@@ -36,9 +36,9 @@ from rockfall.result.contents import Contents
 from rockfall.result.dataset import read_result
 from rockfall.result.samples import simulated
 from rockfall.scene.frames import frame_files, is_frame, of_frames
-from rockfall.scene.plausible import implausible
+from rockfall.scene.plausible import implausible, input_warnings
 from rockfall.scene.read import read_scene
-from rockfall.scene.scene import Scene
+from rockfall.scene.scene import InputWarning, Scene
 from rockfall.simulation.maps import boulders_per_cluster
 from rockfall.simulation.memory import machine_memory
 from rockfall.simulation.simulate import run_scene
@@ -60,6 +60,7 @@ class Study:
     scenarios: list[Scenario]
     objects: Objects
     remarks: list[str] = field(default_factory=list)  # what is likely a mistake, a line each
+    warnings: list[InputWarning] = field(default_factory=list)  # those of its scenes
 
 
 def hazard(
@@ -113,8 +114,9 @@ def read_study(
         remarks = [of_frames(one, files) for one in remarks]
     case = case.replace(barrier=scene.case.barrier, dam=scene.case.dam)  # layers are read
     study = Study(case, scene, scenarios_of(scene, found.lines), found)
-    for scenario in study.scenarios:
-        remarks += implausible(replace(scene, case=scenario.case))
+    for one in (scene, *(replace(scene, case=k.case, warnings=None) for k in study.scenarios)):
+        remarks += implausible(one)
+        study.warnings += [found for found in input_warnings(one) if found not in study.warnings]
     check_room(found, scene.boulders)
     study.remarks = list(dict.fromkeys(remarks))
     return study
@@ -280,12 +282,13 @@ def _objects(study: Study, runs: list[_Run], matrix: Matrix) -> dict[str, np.nda
 def _attributes(study: Study, runs: list[_Run]) -> dict[str, Any]:
     first = runs[0].attrs
     kept = ("Conventions", "history", "source", "version", "case_file", "seed", "impact_set")
-    kept += ("impact_set_checksum", "input_checksums", "decoded_checksums", "threads")
+    kept += ("impact_set_checksum", "input_checksums", "decoded_checksums", "dams", "threads")
     clocks = ("wall_seconds", "cpu_seconds")
     return {
         "hazard_layout": LAYOUT,
         "title": study.case.case["title"],
-        **{name: first[name] for name in kept},
+        **{name: first[name] for name in kept if name in first},
+        "input_warnings": json.dumps(study.warnings),
         "case": study.case.text(),
         **{clock: sum(run.attrs[clock] for run in runs) for clock in clocks},
     }

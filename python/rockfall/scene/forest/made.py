@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 MAX_DENSITY = 1e6  # stems a hectare
 MAX_STEMS = 1e8  # of a forest
+THINNEST = 20.0  # stems a hectare: 22 m from each other, single trees and no forest
 DECIMALS = 2  # of a diameter [cm]
 
 
@@ -62,18 +63,23 @@ def made_trees(scene: Scene, rasters: dict[str, Any]) -> Trees:
 
 def _columns(scene: Scene, rasters: dict[str, Any]) -> Iterator[tuple[int, np.ndarray]]:
     """Each row, and the columns of its trees."""
-    forest, nx, total = scene.case.forest, scene.grid.nx, 0.0
+    forest, nx, total, densest = scene.case.forest, scene.grid.nx, 0.0, 0.0
     columns, even = np.arange(nx, dtype="i4"), int(forest["spread"] == "even")
     per_cell = scene.grid.cell**2 / HECTARE
     for rows, block in _blocks(scene, "stems", rasters):
         density = np.nan_to_num(np.asarray(block, float))  # none where nothing is known
         _check(scene, "stems", density, (density >= 0) & (density <= MAX_DENSITY))
         total += density.sum() * per_cell
+        densest = max(densest, density.max(initial=0.0))
         if total > MAX_STEMS:
             raise RockfallError(f"{scene.case.name}: &forest: more than {MAX_STEMS:,.0f} trees")
         for row, expected in enumerate(density * per_cell, start=rows.start):
             counts = _core.stand_counts(forest["seed"], nx, row + 1, expected, even)
             yield row, np.repeat(columns, counts)
+    if densest < THINNEST:
+        scene.remarks.append(
+            f"&forest stems: {densest:.3g} stems a hectare at most: were they meant for each cell?"
+        )
 
 
 def _diameters(scene: Scene, cells: Cells, u: np.ndarray, rasters: dict[str, Any]) -> np.ndarray:
@@ -97,8 +103,7 @@ def conifer_shares(scene: Scene, cells: Cells, rasters: dict[str, Any]) -> np.nd
     _check(scene, "conifers", percent, (percent >= 0) & (percent <= 100))
     if 0 < percent.max() <= 1:
         scene.remarks.append(
-            f"{scene.case.name}: &forest conifers: {percent.max():g} % at most: was it meant as a "
-            "share of one?"
+            f"&forest conifers: {percent.max():g} % at most: was it meant as a share of one?"
         )
     return percent / 100
 

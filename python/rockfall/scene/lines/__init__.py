@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from rockfall.scene.scene import Scene
 
 OF_LAYER = {"name", "x", "y", "file", "layer", "field"}  # keys that are no attributes
+LOGICAL = {"true": True, "1": True, "false": False, "0": False}  # as formats of layers write them
 STRENGTH = {"capacity", "class"}  # of which a barrier has one
 
 
@@ -120,6 +121,8 @@ def _plain(value: Any, kind: str) -> Any:
     are empty come as reals."""
     if (value := plain(value)) is None:
         return None
+    if kind == "logical":
+        return LOGICAL.get(str(value).strip().lower(), value)
     if kind != "real" and isinstance(value, float) and value.is_integer():
         value = int(value)
     return str(value).strip() if kind == "text" else value

@@ -164,6 +164,9 @@ def _check_laws(scene: Scene, table: Table, law: np.ndarray, given: np.ndarray) 
     patterns = np.vstack([law, ~np.isnan(given)]).T
     firsts = np.unique(patterns[law > 0], axis=0, return_index=True)[1]
     some = set(np.flatnonzero(law > 0)[firsts].tolist())
+    wide = np.where(law == 1 + LAWS.index("normal"), given[1] / given[0], np.nan)
+    if not np.isnan(wide).all():
+        some.add(int(np.nanargmax(wide)))
     spread = given[3] - given[2]
     if not np.isnan(spread).all():
         some.add(int(np.nanargmin(spread)))

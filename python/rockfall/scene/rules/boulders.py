@@ -1,0 +1,257 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Sources, releases, boulders, the rocks on the slope and trees in other units than the keys'."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rockfall.scene.ground import falls_and_rises
+from rockfall.scene.rebound import sphere_radius
+from rockfall.scene.scene import InputWarning, Scene
+from rockfall.scene.sources.attributes import LAWS, values_of
+from rockfall.scene.surface import radius_over_rg
+
+NO_DATA = (127, 255, 32767, 65535, 2147483647)  # the largest integers that rasters hold
+DENSITIES = (1000.0, 4000.0)  # [kg/m3] tuff with pores, ores
+GRAVITY = (1.0, 25.0)  # [m/s2] the Moon, Jupiter
+DROP = 50.0  # [m] a boulder that falls so far in the air has its source there
+SPEED = 50.0  # [m/s] of a release
+VOLUME = 150.0  # [m3] 6.6 m across: hardly a single boulder is; litres of 0.15 m3 are
+TRUNCATED = 0.02  # by which the mean of a normal distribution may grow when it is cut at zero
+SPREAD = 2.0  # standard deviation over mean from which a percentage is likelier than a volume
+RADIUS = 3.0  # [m] mean radius of the rocks on a slope
+DBH = (4.0, 150.0)  # [cm] mean diameters of stands
+SAPLING = 1.5  # [cm] thinner stems are not surveyed; in metres no stem is thicker
+THIN = 4.5  # [cm] up to here stems are more frequent than below SAPLING, where both are surveyed
+DENSE = 20_000.0  # stems a hectare: thickets
+ORDERED = 0.9  # of the places: in published tables of zones half are not in the usual order
+RG_FULL = 100.0  # [m] an Rg of Rockyfor3D that means water
+
+
+def boulder_rules(scene: Scene) -> Iterator[InputWarning]:
+    """Doubts about where boulders start, what they are, and what they meet."""
+    for rule in (
+        _release, _source_cells, _source_points, _densities, _volumes, _spreads, _gravity, _rocks,
+        _order, _forest,
+    ):  # fmt: skip
+        yield from rule(scene)
+
+
+def _source_cells(scene: Scene) -> Iterator[InputWarning]:
+    release, values = scene.case.release, scene.source_values
+    if "cells" not in release:
+        return
+    where, top = f"&release cells = '{release['cells']}'", -int(values.value)
+    if top in NO_DATA and values.next < math.inf:
+        yield InputWarning(
+            where,
+            f"{top} in {values.count:,} cells, which makes them sources: is it a nodata value that "
+            "the file does not declare?",
+        )
+    elif scene.x.size == scene.ground.known and not release["steep_cells"]:
+        yield InputWarning(
+            where,
+            f"every cell of the terrain is a source: is {top} a nodata value that the file does "
+            "not declare?",
+        )
+
+
+def _source_points(scene: Scene) -> Iterator[InputWarning]:
+    """Points given several times with the same boulders; other boulders may come from one place."""
+    release = scene.case.release
+    if not {"x", "points"} & release.keys():
+        return
+    columns = [scene.x, scene.y]
+    features = scene.features
+    if features is not None and features.law is not None and features.value is not None:
+        of = features.of - 1
+        columns += [*np.nan_to_num(features.value[of], nan=-1.0).T, features.law[of]]
+    places, counts = np.unique(columns, axis=1, return_counts=True)
+    k = int(np.argmax(counts))
+    if counts[k] > 1:
+        more = np.count_nonzero(counts > 1) - 1
+        also = f", {more:,} more several times" if more else ""
+        points = "x, y" if "x" in release else f"points = '{release['points']}'"
+        yield InputWarning(
+            f"&release {points}",
+            f"the source ({places[0, k]:.12g}, {places[1, k]:.12g}) is given {counts[k]} times"
+            f"{also}: it releases as many times the boulders",
+        )
+
+
+def _release(scene: Scene) -> Iterator[InputWarning]:
+    release = scene.case.release
+    drop, speed = release["drop_height"], math.hypot(*release["velocity"])
+    if (values := values_of(scene)) is not None:
+        drop, speed = values[:, 1].max(), np.linalg.norm(values[:, 2:], axis=1).max()
+    if not drop and not speed:
+        yield InputWarning(
+            "&release", "no drop_height and no velocity: boulders stop where they start"
+        )
+    if drop > DROP:
+        yield InputWarning(
+            f"&release drop_height = {drop:g}",
+            f"boulders start {drop:g} m above the ground: was it meant in cm, or as an elevation?",
+        )
+    if speed > SPEED:
+        yield InputWarning(
+            "&release velocity",
+            f"{speed:g} m/s, {3.6 * speed:,.0f} km/h: was it meant in km/h?",
+        )
+
+
+def _densities(scene: Scene) -> Iterator[InputWarning]:
+    told, values = scene.source_boulders, values_of(scene)
+    if told is not None and told.density is not None:
+        where, densities = "&boulder rock_density", told.density
+    else:
+        where = "&boulder density"
+        densities = np.array([scene.case.boulder["density"]]) if values is None else values[:, 0]
+    for density in dict.fromkeys((densities.min(), densities.max())):
+        if not DENSITIES[0] <= density <= DENSITIES[1]:
+            unit = "; was it meant in t/m3?" if 1 <= density <= 4 else ""
+            yield InputWarning(f"{where} = {density:g} kg/m3", f"rocks have 2000 to 3200{unit}")
+
+
+class _Volumes(NamedTuple):
+    """What is said of volumes."""
+
+    group: str  # one warning each
+    where: str
+    said: Mapping[str, Any]
+
+
+def _distributions(scene: Scene) -> Iterator[_Volumes]:
+    """Volumes by the case, by each scenario, and by each feature of a layer that says so itself."""
+    boulder = scene.case.boulder
+    yield _Volumes("", "&boulder", boulder)
+    for one in scene.case.scenario:
+        where = f"&scenario name = '{one['name']}'"
+        yield _Volumes(where, where, {"volume": boulder["volume"]} | one)
+    features = scene.features
+    if features is None or features.law is None or features.value is None:
+        return
+    for name, law, row in zip(features.names, features.law, features.value, strict=True):
+        if law:
+            numbers = zip(("volume_mean", "volume_std", "", "volume_max"), row[:4], strict=True)
+            told = {key: float(value) for key, value in numbers if key and not np.isnan(value)}
+            usual = {key: boulder[key] for key in ("volume_mean", "volume_std") if key in boulder}
+            said = usual | told | {"volume": LAWS[law - 1]}
+            yield _Volumes("layer", f"&release source '{name}'", said)
+
+
+def _volumes(scene: Scene) -> Iterator[InputWarning]:
+    """The largest volume of each key; of features and of rasters the largest of all."""
+    found: dict[str, tuple[float, str]] = {}
+    for group, where, said in _distributions(scene):
+        for key in ("volume_mean", "volume_max", "volumes"):
+            if (value := said.get(key)) is not None:
+                largest = float(np.max(value)), f"{where} {key} = {np.max(value):g} m3"
+                found[group + key] = max(found.get(group + key, largest), largest)
+    if scene.source_boulders is not None:
+        largest = float(scene.source_boulders.volume.max())
+        found["sides"] = largest, f"&boulder d1, d2, d3: {largest:g} m3"
+    for volume, where in found.values():
+        if volume > VOLUME:
+            yield InputWarning(
+                where,
+                f"a boulder {2 * sphere_radius(volume):.0f} m across: was it meant in dm3 "
+                "(litres)?",
+            )
+
+
+def _spreads(scene: Scene) -> Iterator[InputWarning]:
+    """Normal distributions whose mean is another after they are cut at zero: of features, the one
+    that is widest for its mean."""
+    found: dict[str, tuple[float, str, float, float]] = {}
+    for group, where, said in _distributions(scene):
+        mean, std = said.get("volume_mean"), said.get("volume_std")
+        if said.get("volume") == "normal" and mean and std:
+            widest = std / mean, where, mean, std
+            found[group] = max(found.get(group, widest), widest)
+    for ratio, where, mean, std in found.values():
+        after = truncated_mean(mean, std)
+        if after > (1 + TRUNCATED) * mean:
+            percent = "; was it meant in percent?" if ratio >= SPREAD else ""
+            yield InputWarning(
+                f"{where} volume_std = {std:g} m3",
+                f"cut at zero, the normal distribution has a mean of {after:.3g} m3, not "
+                f"{mean:g} m3{percent}",
+            )
+
+
+def truncated_mean(mean: float, std: float) -> float:
+    """Mean of a normal distribution that is cut at zero (Johnson, Kotz & Balakrishnan 1994)."""
+    lower = mean / std
+    density = math.exp(-(lower**2) / 2) / math.sqrt(2 * math.pi)
+    return mean + std * density / (0.5 * math.erfc(-lower / math.sqrt(2)))
+
+
+def _gravity(scene: Scene) -> Iterator[InputWarning]:
+    gravity = scene.case.flight["gravity"]
+    if not GRAVITY[0] <= gravity <= GRAVITY[1]:
+        unit = "; was it meant in cm/s2?" if 900 < gravity < 1000 else ""
+        yield InputWarning(f"&flight gravity = {gravity:g} m/s2", f"the Earth has 9.81{unit}")
+
+
+def _rocks(scene: Scene) -> Iterator[InputWarning]:
+    """Sizes of the rocks on the slope, far beyond those of slopes."""
+    ground, surface = scene.ground, scene.case.surface
+    limit = RADIUS
+    if surface["method"] == "A":
+        limit /= radius_over_rg(scene.case)
+    largest = ground.largest
+    if ground.used:
+        sizes = ground.sizes[sorted(ground.used)]
+        usual = np.isfinite(sizes) & (sizes != RG_FULL)
+        largest = np.max(sizes, initial=0.0, where=usual)
+    if largest > limit and (surface["method"] == "B" or largest != RG_FULL):
+        what = "obstacles" if surface["method"] == "A" else "a mean radius"
+        yield InputWarning(
+            "&surface",
+            f"{what} of {largest:g} m: the ground is made of rocks of that size; was it meant in "
+            "cm?",
+        )
+
+
+def _order(scene: Scene) -> Iterator[InputWarning]:
+    """Rg in the wrong order: larger where they are met more often, nearly everywhere. Published
+    tables have them so in some zones (Bourrier et al. 2009, table 1)."""
+    ground = scene.ground
+    if scene.case.surface["method"] == "B":
+        return
+    falling, rising = ground.falling, ground.rising
+    if ground.used:
+        falling, rising = falls_and_rises(ground.sizes[sorted(ground.used)].T)
+    if falling > ORDERED * (falling + rising):
+        yield InputWarning(
+            "&surface rg70, rg20, rg10",
+            "obstacles met at 70 % are larger than those met at 10 %, nearly everywhere: are they "
+            "in the wrong order?",
+        )
+
+
+def _forest(scene: Scene) -> Iterator[InputWarning]:
+    """Diameters and densities in other units."""
+    if scene.trees is None:
+        return
+    diameters = scene.trees.dbh
+    dbh, density = float(diameters.mean()), scene.trees.x.size / scene.trees.area()
+    thin = int(np.count_nonzero(diameters < SAPLING))
+    if not DBH[0] <= dbh <= DBH[1]:
+        unit = "m" if dbh < DBH[0] else "mm"
+        yield InputWarning("&forest", f"a mean diameter of {dbh:.3g} cm: was it meant in {unit}?")
+    elif "trees" in scene.case.forest and thin > np.count_nonzero(diameters < THIN) - thin:
+        yield InputWarning(
+            f"&forest trees = '{scene.case.forest['trees']}'",
+            f"{thin:,} of {diameters.size:,} stems have diameters below {SAPLING:g} cm: are they "
+            "in m among others in cm?",
+        )
+    if density > DENSE:
+        yield InputWarning(
+            "&forest", f"{density:,.0f} stems a hectare: were they meant for each cell?"
+        )

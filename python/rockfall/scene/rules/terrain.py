@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Elevations that are no elevations, or in other units; a projection that distorts lengths."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from rockfall.case import FROM_ARRAY
+from rockfall.io.crs import crs_name, length_scale
+from rockfall.scene.ground import LOWEST_LAND
+from rockfall.scene.scene import InputWarning, Scene
+
+LOW, HIGH = -9000.0, 9000.0  # elevations [m]: below the deepest sea slopes, above Everest
+GAP = 300.0  # [m] from the lowest elevation to the next: no terrain leaves out so much
+USUAL = (0.0, -1.0, -99.0, -999.0, -9999.0)  # what programs write for no data
+USUAL_GAP = 20.0  # [m] the same for these: a lake or the sea has a shore
+MOST = 0.5  # of the cells: fewer have no data; a plain below a cliff may have more
+FULL_CIRCLE = (-180.0, 360.0, -90.0, 90.0)  # west, east, south, north of degrees
+SMALL_CELL = 0.1  # of degrees: 11 km
+WALL = 50.0  # tangent of a slope (89 degrees) that terrain in degrees has, and no other on average
+STEEP = 60.0  # [degree] half of no terrain is steeper; elevations in feet turn 28 degrees into it
+FEET = (52.0, 68.0)  # [degree] median and 90 % quantile of slopes: hardly any 500 m of the Alps are
+#: so steep, but mountains of 21 and 37 degrees whose elevations are in feet
+SCALE = 0.03  # by which lengths of a projection may be off: within its own country none is
+STEPS = 0.05  # of places where whole metres bend to and fro: rounded slopes, not round numbers
+STEP_SLOPE = 2.0  # [degree] that a step of 1 m may turn a cell by: more than slopes are known to
+
+
+def dem_rules(scene: Scene) -> Iterator[InputWarning]:
+    """Doubts about the terrain model."""
+    file = scene.case.terrain["dem"]
+    where = "&terrain dem" if file == FROM_ARRAY else f"&terrain dem = '{file}'"
+    for rule in _nodata, _low, _spikes, _units, _projection, _steps:
+        yield from (InputWarning(where, text) for text in rule(scene))
+
+
+def _nodata(scene: Scene) -> Iterator[str]:
+    """Nodata that the file does not declare."""
+    ground = scene.ground
+    ends = (ground.low, 1, LOW, "below"), (ground.high, -1, -HIGH, "above")
+    for found, sign, limit, word in ends:
+        value, apart = sign * found.value, found.next - found.value
+        is_usual = sign > 0 and value in USUAL and found.count < MOST * ground.known
+        gap = USUAL_GAP if is_usual else GAP
+        if found.value <= limit or (found.count > 1 and gap < apart < math.inf):
+            where = "" if math.isinf(apart) else f", {apart:,.0f} m {word} all others"
+            yield (
+                f"elevation {value:.6g} m in {found.count:,} cells{where}: is it a nodata value "
+                "that the file does not declare?"
+            )
+
+
+def _low(scene: Scene) -> Iterator[str]:
+    """Elevations between those of land and a nodata value, as resampling makes them at voids."""
+    low, deep = scene.ground.low, scene.ground.deep
+    if LOW < low.value < LOWEST_LAND and not (low.count == deep and low.next - low.value > GAP):
+        yield (
+            f"{deep:,} cells are below {LOWEST_LAND:g} m, the lowest at {low.value:,.0f} m: no "
+            "land is so low; was a nodata value resampled as if it were an elevation?"
+        )
+
+
+def _spikes(scene: Scene) -> Iterator[str]:
+    """Single cells that stand out of all around them, and are not among the lines above."""
+    ground = scene.ground
+    if not ground.spikes or ground.low.value < LOWEST_LAND or -ground.high.value >= HIGH:
+        return
+    x, y, apart = ground.spike
+    yield (
+        f"cells that rise or fall from all eight around them like no rock: {ground.spikes:,}, the "
+        f"most at {x:.10g}, {y:.10g} by {apart:,.0f} m: are they errors of the survey, or nodata?"
+    )
+
+
+def _units(scene: Scene) -> Iterator[str]:
+    """Degrees or feet of which nothing tells."""
+    grid, (_, half, steep) = scene.grid, scene.ground.quantiles()
+    west, east, south, north = FULL_CIRCLE
+    inside = grid.west >= west and grid.east <= east and grid.south >= south and grid.north <= north
+    if grid.crs is None and grid.cell < SMALL_CELL and inside and half > _degrees(WALL):
+        cell = np.format_float_positional(grid.cell, 3, fractional=False, trim="-")
+        yield (
+            f"cells of {cell} between x {grid.west:g} and {grid.east:g}, y {grid.south:g} and "
+            f"{grid.north:g} look like degrees: metres are needed"
+        )
+    elif half > STEEP or (half > FEET[0] and steep > FEET[1]):
+        yield (
+            f"half of the terrain is steeper than {half:.0f} degrees: are its elevations in "
+            "metres, as its cells are?"
+        )
+
+
+def _degrees(tangent: float) -> float:
+    return math.degrees(math.atan(tangent))
+
+
+def _projection(scene: Scene) -> Iterator[str]:
+    scale = length_scale(scene.grid)
+    if abs(scale - 1) > SCALE:
+        yield (
+            f"{crs_name(scene.grid.crs)} draws lengths {scale:.2f} times as long as they are here, "
+            "elevations not: slopes are wrong; reproject to UTM or the country's own system"
+        )
+
+
+def _steps(scene: Scene) -> Iterator[str]:
+    ground, slope = scene.ground, _degrees(1 / scene.grid.cell)
+    if ground.integers and slope > STEP_SLOPE and ground.steps > STEPS * ground.spans:
+        yield (
+            "elevations are whole metres: the ground is made of steps, which turn slopes by up to "
+            f"{slope:.0f} degrees"
+        )

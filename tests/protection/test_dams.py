@@ -1,0 +1,139 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Dams are told as they came out; cells too coarse for one are a warning, or refused."""
+
+import json
+import warnings
+
+import numpy as np
+import pytest
+from affine import Affine
+
+import rockfall
+from made import make_raster, refused
+from programs import run_program
+from rockfall.cli import main
+from rockfall.html_report import report
+from rockfall.html_report.language import Speaker
+from rockfall.html_report.tables import dam_tables
+from rockfall.protection.dams import dams_of
+from rockfall.scene.plausible import implausible
+from rockfall.scene.prepare import prepare
+from rockfall.scene.read import read_scene
+from rockfall.terrain.dams import COARSE, FINE
+from scenes import make_case, sets
+
+GRADIENT = 0.5
+WIDE, HIGH = 160.0, 240.0  # [m] of the terrain
+DAM = {
+    "x": [10.0, 150.0], "y": [63.0, 67.0], "height": 4.0, "crest_width": 2.0, "slope": 55.0,
+}  # fmt: skip
+
+
+def plane(folder, cell):
+    """A southward slope on cells of this size, below its upper part a line and a source."""
+    ny, nx = round(HIGH / cell), round(WIDE / cell)
+    z = 500.0 + GRADIENT * cell * (np.arange(ny)[::-1, None] + 0.5) + np.zeros((ny, nx))
+    make_raster(folder / "dem.tif", z, Affine(cell, 0, 0, 0, -cell, HIGH), crs="EPSG:32632")
+    return make_case(
+        folder, *sets(), terrain={"dem": "dem.tif"}, case={"boulders": 600},
+        release={"x": [80.0], "y": [200.0]},
+        line=[{"name": "road", "x": [3.0, 157.0], "y": [40.0, 40.0]}],
+    )  # fmt: skip
+
+
+def shape_of(case):
+    (shape,) = read_scene(case).dams
+    return shape
+
+
+def test_on_fine_cells_it_is_as_requested(tmp_path):
+    shape = shape_of(plane(tmp_path, 0.5).replace(dam=[DAM]))
+    assert shape.length == pytest.approx(140.06, abs=0.5)
+    assert (shape.height, shape.height_min) == pytest.approx((4.0, 3.9), abs=0.15)
+    assert shape.slope == pytest.approx(55.0, abs=2.0)
+    assert 2.0 <= shape.crest_width < 2.6
+    low, high = (500.0 + GRADIENT * y + 4.0 for y in DAM["y"])
+    assert (shape.crest_min, shape.crest_max) == pytest.approx((low, high), abs=0.4)
+    # uphill from the edge of the crest: 4 - tan(55) s = 0.5 (1 + s)
+    assert shape.face == pytest.approx((4 - 0.5) / (np.tan(np.radians(55)) + 0.5), abs=0.1)
+    assert shape.face_cells == shape.face / 0.5
+    assert shape.requested == (4.0, 2.0, 55.0)
+
+
+def test_on_coarse_cells_it_is_lower_and_flatter(tmp_path):
+    coarse = plane(tmp_path, 5.0).replace(dam=[DAM | {"allow_coarse": True}])
+    shape = shape_of(coarse)
+    assert shape.height_min < 3.0 and shape.slope < 35.0 and shape.face_cells < 0.5
+
+
+def test_more_boulders_pass_on_coarse_cells(tmp_path):
+    """The plane is the same on all cells: what differs is the dam."""
+    passed = {}
+    for cell in (5.0, 0.5):
+        case = plane(tmp_path, cell)
+        for dam in ([], [DAM | {"allow_coarse": True}]):
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                result = rockfall.run(case.replace(dam=dam))
+            passed[cell, len(dam)] = np.isfinite(result.line_time.values).mean()
+    left = {cell: passed[cell, 1] / passed[cell, 0] for cell in (5.0, 0.5)}
+    assert left[5.0] > 1.5 * left[0.5]
+
+
+def test_too_coarse_is_refused_unless_allowed(tmp_path):
+    case = plane(tmp_path, 2.0).replace(dam=[DAM])
+    with refused(
+        "case: &dam height = 4, slope = 55: its face is 1.8 m wide, 0.91 cells of 2 m, which makes "
+        "a bump of it: resample the terrain to cells of 0.45 m or less, or say allow_coarse = "
+        ".true."
+    ):
+        read_scene(case)
+    allowed = case.replace(dam=[DAM | {"allow_coarse": True}])
+    assert shape_of(allowed).face_cells < COARSE
+    assert (
+        "its face is 1.8 m wide, 0.91 cells of 2 m: on fewer than 4"
+        in implausible(read_scene(allowed))[0]
+    )
+
+
+def test_cells_of_the_size_that_is_named_give_no_warning(tmp_path):
+    scene = read_scene(plane(tmp_path, 0.4).replace(dam=[DAM]))
+    assert scene.dams[0].face_cells > FINE and implausible(scene) == []
+
+
+def test_check_run_report_shards_and_the_program_tell_the_same(
+    tmp_path, capsys, monkeypatch, caplog
+):
+    monkeypatch.chdir(tmp_path)
+    case = plane(tmp_path, 0.8).replace(dam=[DAM], case={"boulders": 40, "threads": 1})
+    (tmp_path / "case.nml").write_text(case.text())
+    assert main(["check", "case.nml"]) == 0
+    page, checked = capsys.readouterr()
+    row = next(line for line in page.splitlines() if line.startswith("  dam 1"))
+    assert "on the raster 140 m long" in row and "requested 4 m, 55 degrees, crest 2 m" in row
+    assert main(["run", "case.nml", "-o", "a.nc"]) == 0
+    printed, warned = capsys.readouterr()
+    assert " ".join(row.split()[2:]) in printed
+    assert warned.splitlines()[0] == checked.splitlines()[0]
+    result = rockfall.read_result("a.nc")
+    told = json.loads(result.attrs["input_warnings"])
+    assert [
+        f"rockfall: warning: case.nml: {': '.join(one)}" for one in told
+    ] == checked.splitlines()
+    (shape,) = dams_of(result)
+    assert shape.face_cells == pytest.approx(shape_of(case).face_cells, abs=1e-3)
+    parts = [rockfall.run(rockfall.read_case("case.nml"), shard=(k, 2)) for k in (1, 2)]
+    prepare(rockfall.read_case("case.nml"), "ready")
+    assert run_program("case.nml", "--output", "b.nc", cwd="ready").returncode == 0
+    for other in (rockfall.merge(parts), rockfall.merge([tmp_path / "ready" / "b.nc"])):
+        assert other.attrs["dams"] == result.attrs["dams"]
+        assert other.attrs["input_warnings"] == result.attrs["input_warnings"]
+    html = report(result)
+    assert "&amp;dam 1, height = 4, slope = 55" in html
+    assert "Inputs to check" in html and "on fewer than 4 cells boulders meet another shape" in html
+    assert "Dams as they came out on the raster" in html and "4 requested" in html
+    (about,) = dam_tables(result)
+    for language in ("de", "fr", "it"):
+        for text in (about.caption, *about.head, *about.rows[0][1:]):
+            Speaker(language)(text)
+    assert not caplog.messages  # of texts that a language lacks
