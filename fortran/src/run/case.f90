@@ -4,7 +4,7 @@
 module rockfall_case
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail
-   use rockfall_text, only: integer_text
+   use rockfall_text, only: integer_text, first_repeated
    use rockfall_namelist, only: namelist_t, group_t
    use rockfall_values, only: has_key, value_count, get_text, get_integer, get_real, get_logical, refuse, about
    use rockfall_case_keys, only: read_keys, map_names, n_maps, max_thresholds, max_periods, hazard_classes, &
@@ -437,6 +437,7 @@ contains
       type(case_t), intent(inout) :: this
       type(error_t), allocatable, intent(out) :: error
       type(group_t), allocatable :: groups(:)
+      character(len=max_name), allocatable :: names(:)
       integer :: n
 
       call check_layers(list, this, error)
@@ -444,11 +445,20 @@ contains
       groups = [typed(list, "line"), typed(list, "barrier")]
       allocate (this%lines(size(groups)))
       do n = 1, size(groups)
-         call read_line(groups(n), this%lines(:n), error)
+         call read_line(groups(n), this%lines(n), error)
          if (allocated(error)) return
          if (groups(n)%name == "barrier") call read_barrier(groups(n), this%lines(n), error)
          if (allocated(error)) return
       end do
+      allocate (names(size(groups)))
+      do n = 1, size(groups)
+         names(n) = this%lines(n)%name
+      end do
+      n = first_repeated(names)
+      if (n > 0) then
+         call refuse(groups(n), "name", "must be another for each line and barrier", error)
+         return
+      end if
       groups = typed(list, "dam")
       do n = 1, size(groups)
          call check_polyline(groups(n), error)
@@ -505,27 +515,19 @@ contains
       end if
    end subroutine check_layer
 
-   !> The last of some lines.
-   pure subroutine read_line(group, lines, error)
+   pure subroutine read_line(group, line, error)
       type(group_t), intent(in) :: group
-      type(case_line_t), intent(inout) :: lines(:)
+      type(case_line_t), intent(inout) :: line
       type(error_t), allocatable, intent(out) :: error
-      integer :: k
 
       call check_polyline(group, error)
       if (.not. allocated(error)) call need(group, "name", "to tell it from others", error)
       if (allocated(error)) return
-      associate (line => lines(size(lines)))
-         line%name = text_of(group, "name")
-         line%x = reals_of(group, "x")
-         line%y = reals_of(group, "y")
-         do k = 1, size(lines) - 1
-            if (lines(k)%name == line%name) &
-               call refuse(group, "name", "must be another for each line and barrier", error)
-         end do
-         if (len(line%name) > max_name) &
-            call refuse(group, "name", "must be at most "//integer_text(max_name)//" characters", error)
-      end associate
+      line%name = text_of(group, "name")
+      line%x = reals_of(group, "x")
+      line%y = reals_of(group, "y")
+      if (len(line%name) > max_name) &
+         call refuse(group, "name", "must be at most "//integer_text(max_name)//" characters", error)
    end subroutine read_line
 
    !> As many y as x, and two different points.
