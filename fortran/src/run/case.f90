@@ -88,7 +88,8 @@ contains
       if (.not. allocated(error)) call read_lines(list, this, error)
       if (.not. allocated(error)) call read_output(group_of(list, "output"), group_of(list, "release"), &
                                                       this, error)
-      if (.not. allocated(error)) call check_ensemble(group_of(list, "ensemble"), this, error)
+      if (.not. allocated(error)) call check_ensemble(group_of(list, "ensemble"), group_of(list, "release"), &
+                                                         this, error)
       if (.not. allocated(error)) call read_hazard(group_of(list, "hazard"), list, this, error)
       if (.not. allocated(error)) call check_scenarios(list, this, error)
    end subroutine read_case
@@ -584,19 +585,18 @@ contains
                      //"the boulders of each place", error)
    end subroutine read_output
 
-   !> What `rockfall ensemble` varies; a run takes no notice of it.
-   pure subroutine check_ensemble(group, this, error)
-      type(group_t), intent(in) :: group
+   !> What `rockfall ensemble` varies; a run takes no notice of it. Factors are on what the case says of boulders, and
+   !> on what a layer of sources says, which is known when it has been read.
+   pure subroutine check_ensemble(group, release, this, error)
+      type(group_t), intent(in) :: group, release
       type(case_t), intent(in) :: this
       type(error_t), allocatable, intent(out) :: error
 
       if (real_of(group, "dem_error") > 0) call need(group, "dem_correlation", "for dem_error", error)
       if (.not. allocated(error) .and. has_key(group, "draws")) call check_draws(group, error)
-      if (allocated(error)) return
+      if (allocated(error) .or. has_key(release, "points") .or. has_key(release, "polygons")) return
       if (real_of(group, "volume_std_factor") > 1 .and. this%volumes%std <= 0) then
          call refuse(group, "volume_std_factor", "has no meaning without a volume_std", error)
-      else if (real_of(group, "volume_factor") > 1 .and. (this%by_source .or. this%by_feature)) then
-         call refuse(group, "volume_factor", "has no meaning for volume = 'source'", error)
       else if (real_of(group, "drop_height_factor") > 1 .and. this%drop_height <= 0) then
          call refuse(group, "drop_height_factor", "has no meaning without a drop_height", error)
       end if

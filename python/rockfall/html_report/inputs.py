@@ -134,7 +134,8 @@ def words_of(result: xr.Dataset) -> Iterator[str]:
     """Names and texts of the user's, which no page translates."""
     case = case_of(result)
     yield from (str(name) for name in result["line"].values) if "line" in result else ()
-    yield from (str(name) for name in result["ground"].values) if "ground" in result else ()
+    for names in ("ground", "feature"):
+        yield from (str(name) for name in result[names].values) if names in result else ()
     yield from (str(result.attrs["impact_set"]), str(result.attrs["title"]), case.terrain["dem"])
     yield from (one.rule.text for one in verdicts_of(result))
     yield from (str(value) for key, value in result["crs"].attrs.items() if key.endswith("_name"))
