@@ -117,9 +117,11 @@ def test_a_result_is_not_overwritten_unasked(many):
     assert b"--resume goes on" in running.communicate()[1]
     assert (many / "a.nc").exists() and (many / "a.nc.checkpoint").exists()
     refused(many, "a.nc.checkpoint: holds ", "--boulders", "1000000")
-    words = command("rockfall", "a.nc", *slow, "--resume")
+    state = many / "a.nc.checkpoint"
+    words, before = command("rockfall", "a.nc", *slow, "--resume"), state.stat().st_ino
     running = subprocess.Popen(words, cwd=many, stderr=subprocess.PIPE)
-    time.sleep(1)
+    while running.poll() is None and state.stat().st_ino == before:
+        time.sleep(0.01)
     running.send_signal(signal.SIGINT)
     assert b"a.nc holds " in running.communicate()[1]
 

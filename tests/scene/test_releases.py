@@ -152,7 +152,9 @@ def test_both_programs_and_parts_know_the_sources(case):
         parts = [rockfall.run(scene, shard=(k, 3), threads=2) for k in (3, 1, 2)]
         same_results(rockfall.merge(parts), whole)
         prepare(scene, "ready")
-        done = run_program("ready/case.nml", "--output", "part.nc", "--quiet", cwd=".")
+        done = run_program(
+            "ready/case.nml", "--output", "part.nc", "--quiet", "--overwrite", cwd="."
+        )
         assert done.returncode == 0, done.stderr
         same_results(rockfall.merge(["part.nc"]), whole)
     assert set(whole["source_feature"].values) == {1, 2}
@@ -352,7 +354,7 @@ def test_a_factor_on_what_nobody_gives_is_refused(case):
             rockfall.RockfallError, match=f"{key}: has no meaning without a {where}"
         ):
             Uncertain(read_scene(bare.replace(ensemble={key: 1.2}, **own)))
-    smooth = {"zones": None, "table": None, "uniform_mean_radius": 0.0}
+    smooth = {"zones": None, "table": None, "uniform_mean_radius": 0.0, "ground": "soil_4"}
     with pytest.raises(rockfall.RockfallError, match="radius_factor: has no effect: no zone has"):
         Uncertain(read_scene(bare.replace(surface=smooth, ensemble={"radius_factor": 1.5})))
 
