@@ -93,7 +93,7 @@ contains
       call read_case_file(arguments%case, arguments%boulders, arguments%total, arguments%seed, arguments%threads, &
                           text, case, error)
       if (.not. allocated(error)) call check_team(case%threads, error)
-      if (.not. allocated(error)) call check_output(output, arguments%case, scene, error)
+      if (.not. allocated(error)) call check_output(output, arguments, scene, error)
       if (.not. allocated(error)) call take_lock(output//".lock", warn, lock, error)
       if (allocated(error)) return
       call check_checkpoint(output//".checkpoint", arguments%resume, error)
@@ -146,6 +146,7 @@ contains
          "  --threads N          0 = all cores", &
          "  --shard I/N          the I-th of N parts", &
          "  --checkpoint SECONDS between checkpoints, in PART.checkpoint; default: 60, 0 = none", &
+         "  --overwrite          replace what an earlier command wrote there; default: refuse", &
          "  --resume             go on from the last checkpoint, if any, also one of `rockfall run`", &
          "  --quiet              no summary", &
          "  -h, --help, --version", &
@@ -157,9 +158,11 @@ contains
       write (output_unit, "(a)") (trim(help(k)), k=1, size(help))
    end subroutine print_help
 
-   !> Refuse a place where nothing can be written, what is read, and what is not a part of ours.
-   subroutine check_output(output, case, scene, error)
-      character(len=*), intent(in) :: output, case, scene
+   !> Refuse a place where nothing can be written, what is read, what is not a part of ours, and a part that is there,
+   !> unless it is to be replaced. What a stopped run left beside its checkpoint may go: check_checkpoint decides.
+   subroutine check_output(output, arguments, scene, error)
+      character(len=*), intent(in) :: output, scene
+      type(arguments_t), intent(in) :: arguments
       type(error_t), allocatable, intent(out) :: error
       integer :: unit, status
 
@@ -167,14 +170,17 @@ contains
          call fail(error, output//": is a folder; a file name is needed")
       else if (.not. is_folder(folder_of(output)//".")) then
          call fail(error, output//": there is no folder "//folder_of(output))
-      else if (same_file(output, case) .or. same_file(output, scene)) then
+      else if (same_file(output, arguments%case) .or. same_file(output, scene)) then
          call fail(error, output//": is an input; it is not overwritten")
       else if (path_exists(output)) then
-         if (.not. is_result(output)) &
+         if (.not. is_result(output)) then
             call fail(error, output//": is there, and not a result of a run that rockfall wrote; it is not overwritten")
+         else if (.not. (arguments%overwrite .or. path_exists(output//".checkpoint"))) then
+            call fail(error, output//": already exists; not overwritten (--overwrite replaces it)")
+         end if
       end if
       if (allocated(error)) return
-      open (newunit=unit, file=temporary_name(output), status="replace", action="write", iostat=status)
+      open (newunit=unit, file=temporary_name(output), status="new", action="write", iostat=status)
       if (status == 0) close (unit, status="delete", iostat=status)
       if (status /= 0) call fail(error, output//": cannot be written (is its folder writable?)")
    end subroutine check_output

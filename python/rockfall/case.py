@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from rockfall.result.contents import Held
 
 FROM_ARRAY = "(array)"  # the DEM of a case that gets its elevations from `run(case, dem=...)`
+WIDTH = 72  # columns of a line of lists
 REPEATABLE = tuple(_core.repeatable_groups().decode().split())  # groups that are lists
 
 
@@ -74,7 +75,7 @@ def case_of(result: Held) -> Case:
 def case_in(attrs: Mapping[str, Any]) -> Case:
     """The same from its attributes."""
     text, name = str(attrs["case"]), str(attrs["case_file"])
-    _check(text.encode(errors="replace"), name)
+    _checked(text.encode(errors="replace"), name)
     return _case(text, Path(name))
 
 
@@ -115,7 +116,7 @@ class Case:
         if "dem" not in groups["terrain"]:
             groups["terrain"] = {**groups["terrain"], "dem": FROM_ARRAY}
         self._groups = {group: plain_values(values) for group, values in groups.items()}
-        _check(self.text().encode(), name)
+        _checked(self.text().encode(), name)
         defaults = _defaults()
         for group, values in self._groups.items():
             self._groups[group] = _typed(group, defaults.get(group, {}) | values)
@@ -201,17 +202,46 @@ def namelist_text(
     import f90nml
 
     namelist = f90nml.Namelist({name: values for name, values in groups.items() if values})
-    for name, several in (lists or {}).items():
-        for one in several:
-            namelist.add_cogroup(name, f90nml.Namelist(one))
     namelist.indent = indent
     text = io.StringIO()
     namelist.write(text)
-    return text.getvalue()
+    several = [(name, one) for name, several in (lists or {}).items() for one in several]
+    repeated = [_group_text(name, one, " " * indent) for name, one in several]
+    return "\n".join([text.getvalue(), *repeated] if namelist else repeated)
 
 
+def _group_text(name: str, values: Mapping[str, Any], indent: str) -> str:
+    """A group as text, as f90nml has it, which takes quadratic time for many of a name: a layer of
+    lines is as many groups."""
+    lines = [f"&{name}"]
+    for key, value in sorted(values.items()):
+        line = f"{indent}{key} = "
+        blank = " " * len(line)
+        for k, one in enumerate(value if isinstance(value, list) else [value]):
+            literal = _literal(one)
+            if k and len(line) + len(literal) + 2 > WIDTH:
+                lines.append(f"{line},")
+                line = blank
+            elif k:
+                line += ", "
+            line += literal
+        lines.append(line)
+    return "\n".join([*lines, "/", ""])
+
+
+def _literal(value: Any) -> str:
+    """A value as a namelist has it."""
+    if isinstance(value, bool):
+        return ".true." if value else ".false."
+    if isinstance(value, str):
+        return "'" + value.replace("'", "''") + "'"
+    return float.__repr__(value) if isinstance(value, float) else str(value)
+
+
+@lru_cache(maxsize=8)
 def _parse(text: str) -> dict[str, Any]:
-    """Groups of a text that has been checked; those that may be repeated are lists."""
+    """Groups of a text that has been checked; those that may be repeated are lists. A `Case` made
+    of them copies what it takes: a result's case is looked at often, and f90nml is slow."""
     import f90nml
 
     namelist = f90nml.reads(text)
@@ -222,6 +252,12 @@ def _parse(text: str) -> dict[str, Any]:
             several = [dict(one) for one in (found if isinstance(found, list) else [found])]
             groups[name] = several if name in REPEATABLE else several[0]
     return groups
+
+
+@lru_cache(maxsize=8)
+def _checked(text: bytes, name: str) -> None:
+    """Check a text, once: a case of many lines takes long, and is made again and again."""
+    _check(text, name)
 
 
 @cache
@@ -255,12 +291,17 @@ def plain_values(values: Mapping[str, Any]) -> dict[str, Any]:
     return {key: value for key, value in found.items() if value is not None and value != []}
 
 
+@cache
+def _keys_of(group: str) -> dict[str, Key]:
+    return {key.name: key for key in key_table() if key.group == group}
+
+
 def _typed(group: str, values: Mapping[str, Any]) -> dict[str, Any]:
     """Reals as float, and a list wherever the table allows several values."""
-    kinds = {key.name: key for key in key_table() if key.group == group}
+    kinds = _keys_of(group)
     typed = {}
     for name, value in plain_values(values).items():
-        several = value if isinstance(value, list) else [value]
+        several = [*value] if isinstance(value, list) else [value]
         if kinds[name].kind == "real":
             several = [float(one) for one in several]
         typed[name] = several if kinds[name].most > 1 else several[0]

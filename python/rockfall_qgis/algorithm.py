@@ -215,7 +215,9 @@ class RunAlgorithm(CommandAlgorithm):
         options = [one for one in self.command.options if one.flag and one.name != "FOLDER"]
         words = self._words(options, parameters, context, feedback)
         said = self._program(feedback, "run", case, "-o", result, *words)
-        self._program(feedback, "export", result, self._maps(parameters, context))
+        export = ["export", result, self._maps(parameters, context)]
+        replace = self.parameterAsBool(parameters, "OVERWRITE", context)
+        self._program(feedback, *export, *(["--overwrite"] if replace else []))
         return said
 
     def _draft(self, folder, parameters, context, feedback):
@@ -224,7 +226,7 @@ class RunAlgorithm(CommandAlgorithm):
         for path in case, layers:
             if path in before:
                 raise QgsProcessingException(
-                    f"{path}: is there; it is not overwritten: run it as a case, or take "
+                    f"{path}: already exists; not overwritten: run it as a case, or take "
                     "another folder"
                 )
         given = [one for one in DRAFTS if parameters.get(one.name) not in (None, "")]

@@ -31,6 +31,7 @@ class Command:
 CASE = Option("CASE", "Case", "file", optional=False, choices=("nml",))
 RESULT = Option("RESULT", "Result of a run", "file", optional=False, choices=("nc",))
 FOLDER = Option("FOLDER", "Folder of the results", "folder", "-o", optional=False)
+OVERWRITE = Option("OVERWRITE", "Replace earlier results", "yes", "--overwrite")
 RUNS = (
     Option("BOULDERS", "Boulders from each source (empty: the case's)", "count", "--boulders"),
     Option("BOULDERS_TOTAL", "or: boulders from all sources together", "count",
@@ -71,13 +72,14 @@ COMMANDS = (
             Option("UNTIL", "Until intervals are narrow enough, as 'fraction@road<3%'", "text",
                    "--until", advanced=True),
             FOLDER,
+            OVERWRITE,
         ),
     ),
     Command(
         "export",
         "Load a result",
         "Writes a result as GeoTIFF, GeoPackage and CSV, and loads them with their styles.",
-        (RESULT, Option("FOLDER", "Folder of the maps", "folder", optional=False)),
+        (RESULT, Option("FOLDER", "Folder of the maps", "folder", optional=False), OVERWRITE),
     ),
     Command(
         "report",
@@ -89,6 +91,7 @@ COMMANDS = (
             Option("OBSERVED", "Observations", "file", "--observed", choices=("csv",)),
             Option("VIEW", "With a view in three dimensions", "yes", "--3d"),
             Option("PAGE", "Page", "page", "-o", optional=False),
+            OVERWRITE,
         ),
     ),
     Command(
@@ -101,6 +104,7 @@ COMMANDS = (
                    choices=(POINT, LINE, POLYGON)),
             *RUNS,
             FOLDER,
+            OVERWRITE,
         ),
     ),
     Command(
@@ -127,6 +131,7 @@ COMMANDS = (
                    choices=("csv",)),
             Option("COSTS", "Table of costs", "file", "--costs", advanced=True, choices=("csv",)),
             FOLDER,
+            OVERWRITE,
         ),
     ),
 )  # fmt: skip

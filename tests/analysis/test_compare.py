@@ -474,7 +474,6 @@ def test_several_results_are_ranked_by_the_command(result, capsys):
     rockfall.write_result(result.isel(boulder=slice(500)), "b.nc")
     file(SAMPLES + "".join(f"N,speed,m/s,{v}\n" for v in at(result, "speed")[:30]))
     assert main(["compare", "a.nc", "b.nc", "o.csv", "-o", "ranks.csv"]) == 0
-    assert main(["compare", "a.nc", "b.nc", "o.csv", "-o", "ranks.csv"]) == 0
     table = pd.read_csv("ranks.csv")
     assert table["measure"].to_list() == ["N.speed"] * 2 and "N.speed" in capsys.readouterr().out
     theirs = stats.wasserstein_distance(at(result, "speed")[:30], at(result, "speed"))

@@ -162,7 +162,7 @@ def test_the_command_prints_what_it_writes(tmp_path, capsys):
     assert code == 0 and said.endswith(f"{table}\n") and "  2 " in said
     lines = table.read_text().splitlines()
     assert lines[0].startswith("line,source,boulders,quantity,n,") and len(lines) == 1 + 2 * 12
-    assert command("--by", "volume", "--classes", "0.1,1", "-o", table)[0] == 0  # over one of ours
+    assert command("--by", "volume", "--classes", "0.1,1", "-o", table, "--overwrite")[0] == 0
     code, said, _ = command("--along", "road", "--width", "50", "-o", tmp_path / "p.csv")
     assert code == 0 and said.endswith("p.png\n")
     rows = np.genfromtxt(tmp_path / "p.csv", delimiter=",", names=True)

@@ -241,7 +241,7 @@ def test_other_commands_say_what_finishes_a_part(ready, batch, capsys):
         assert capsys.readouterr().err == said
     assert not (ready / "out").exists()
     shutil.copy(path, ready / "other.nc")
-    assert main(["merge", str(ready / "other.nc"), "-o", str(path)]) == 0  # over a part of ours
+    assert main(["merge", str(ready / "other.nc"), "-o", str(path), "--overwrite"]) == 0
     assert rockfall.read_result(path).attrs["complete"] == 1
 
 

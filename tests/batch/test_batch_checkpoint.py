@@ -99,6 +99,46 @@ def test_a_checkpoint_is_not_overwritten_unasked(stopped, batch):
     refused(stopped, "a.nc.checkpoint: is of another run, its ", "--resume", "--shard", "2/3")
 
 
+def test_a_result_is_not_overwritten_unasked(many):
+    """By both programs alike; what a stopped run left gives way to what goes on from it."""
+    few = ("--boulders", "3")
+    assert subprocess.run(command("rockfall", "a.nc", *few), cwd=many).returncode == 0
+    refused(many, "a.nc: already exists; not overwritten (--overwrite replaces it)", *few)
+    refused(many, "a.nc: already exists; not overwritten", "--resume", *few)
+    for program in PROGRAMS:
+        words = command(program, "a.nc", *few, "--overwrite")
+        assert subprocess.run(words, cwd=many, stderr=subprocess.DEVNULL).returncode == 0
+    (many / "a.nc").unlink()
+    slow = ("--boulders", "1000000", "--checkpoint", "0.001")
+    running = subprocess.Popen(command("rockfall", "a.nc", *slow), cwd=many, stderr=subprocess.PIPE)
+    while not (many / "a.nc.checkpoint").exists():
+        time.sleep(0.01)
+    running.send_signal(signal.SIGINT)
+    assert b"--resume goes on" in running.communicate()[1]
+    assert (many / "a.nc").exists() and (many / "a.nc.checkpoint").exists()
+    refused(many, "a.nc.checkpoint: holds ", "--boulders", "1000000")
+    state = many / "a.nc.checkpoint"
+    words, before = command("rockfall", "a.nc", *slow, "--resume"), state.stat().st_ino
+    running = subprocess.Popen(words, cwd=many, stderr=subprocess.PIPE)
+    while running.poll() is None and state.stat().st_ino == before:
+        time.sleep(0.01)
+    running.send_signal(signal.SIGINT)
+    assert b"a.nc holds " in running.communicate()[1]
+
+
+@pytest.mark.parametrize("program", PROGRAMS)
+def test_no_file_is_written_through_a_link_that_somebody_placed(many, program):
+    """Nor is anything left of it where the name was a known one."""
+    (many / "victim").write_text("mine\n")
+    (many / ".a.nc.checkpoint").symlink_to("victim")
+    words = ("--boulders", "2000", "--checkpoint", "1e-9")
+    ended = subprocess.run(command(program, "a.nc", *words), cwd=many, stderr=subprocess.PIPE)
+    assert ended.returncode == 0, ended.stderr
+    assert (many / "victim").read_text() == "mine\n"
+    assert (many / "a.nc").is_file() and not (many / "a.nc").is_symlink()
+    assert not [path for path in many.glob(".*") if path.is_symlink()]
+
+
 def test_what_differs_is_named(stopped, batch):
     def said(what):
         return (
@@ -133,6 +173,7 @@ def test_what_cannot_be_read_is_refused(stopped):
 def test_values_that_no_run_has_are_refused(stopped):
     good = (stopped / "a.nc.checkpoint").read_bytes()
     wrong = {"status": 9, "tally_cell": 10**9, "tally_shared_source": 10**9, "line_speed": np.inf}
+    wrong |= {"volume": -1, "stop_x": 1e30, "start_y": -1e7, "plan_distance": -1}
     for name, value in wrong.items():
         (stopped / "a.nc.checkpoint").write_bytes(good)
         with netCDF4.Dataset(stopped / "a.nc.checkpoint", "r+") as file:
@@ -178,7 +219,7 @@ def test_a_full_disk_is_said_once_and_the_last_good_checkpoint_stays(many, batch
 def test_a_crash_at_every_step(ready):
     """Each is followed by an interrupt right after the next has begun."""
     shim = build_shim(ready)
-    words = ["--checkpoint", "1e-9", "--resume", "--boulders", "400"]
+    words = ["--checkpoint", "1e-9", "--resume", "--overwrite", "--boulders", "400"]
 
     def run(**how):
         return subprocess.run(

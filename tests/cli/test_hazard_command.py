@@ -262,13 +262,13 @@ def test_a_hazard_that_was_killed_goes_on(hazard_case, monkeypatch, capsys):
     fly = simulate._fly
     killed_after(monkeypatch, 9)
     with pytest.raises(Killed):
-        main([*ARGUMENTS, "--checkpoint", "1e-9"])
+        main([*ARGUMENTS, "--checkpoint", "1e-9", "--overwrite"])
     assert Path("out.scenario1.checkpoint").exists()
     monkeypatch.setattr(simulate, "_fly", fly)
     capsys.readouterr()
-    assert main(ARGUMENTS) == 2  # not over what was done, unasked
+    assert main([*ARGUMENTS, "--overwrite"]) == 2  # not over what was done, unasked
     assert "go on with --resume" in capsys.readouterr().err
-    assert main([*ARGUMENTS, "--resume", "--threads", "2"]) == 0
+    assert main([*ARGUMENTS, "--resume", "--overwrite", "--threads", "2"]) == 0
     assert (Path("out/hazard_class.tif").read_bytes(), rockfall_counts()) == whole
     assert not list(Path().glob("*.checkpoint")) and not list(Path().glob("*.lock"))
 
@@ -356,7 +356,7 @@ def test_scenarios_may_be_run_elsewhere(hazard_case, capsys):
         if path.suffix in (".tif", ".csv"):
             assert path.read_bytes() == Path("again", path.name).read_bytes()
     capsys.readouterr()
-    elsewhere[3] = "out"
+    elsewhere[3] = "other"
     other = "is the result of another case; see --write-cases"
     refused_as = f"second.nc: scenario 'small': {other}"
     assert main([*elsewhere, "second.nc", "first.nc"]) == 2
@@ -380,7 +380,7 @@ def test_too_little_memory_is_said_before_the_runs(hazard_case, capsys):
 def test_an_earlier_hazard_is_replaced(hazard_case):
     assert main(ARGUMENTS) == 0
     before = Path("out/hazard.nc").stat().st_mtime_ns
-    assert main([*ARGUMENTS, "--seed", "3"]) == 0
+    assert main([*ARGUMENTS, "--seed", "3", "--overwrite"]) == 0
     assert Path("out/hazard.nc").stat().st_mtime_ns > before
 
 

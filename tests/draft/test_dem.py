@@ -222,5 +222,5 @@ def test_nothing_is_written_over_that_is_not_ours(tmp_path, monkeypatch, capsys)
         assert said in capsys.readouterr().err
     assert main(["dem", "dem.tif", "-o", "new.tif"]) == 2
     assert main(["dem", "dem.tif", "-o", "new.tif", "--smooth", "5", "--cell", "2"]) == 2
-    for _ in range(2):
-        assert main(["dem", "dem.tif", "-o", "new.tif", "--smooth", "5"]) == 0
+    for again in ([], ["--overwrite"]):
+        assert main(["dem", "dem.tif", "-o", "new.tif", "--smooth", "5", *again]) == 0

@@ -19,6 +19,7 @@ import scenes
 from made import PLACE, UTM, make_raster, refused, write_ascii
 from rockfall.case_files import input_files
 from rockfall.cli import main
+from rockfall.io.files import atomic_write
 from rockfall.io.output_files import FIGURE, LINE_TABLE, atomic_folder, kind_of
 from rockfall.plots.figures import Figure as Drawing
 from rockfall.plots.style import save
@@ -86,10 +87,19 @@ COMMANDS = {  # words, a file that is written, and what the command reads
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_a_command_replaces_its_own_file_and_no_other(name, place, capsys):
+def test_a_command_replaces_its_own_file_if_told_to_and_no_other(name, place, capsys):
     words, target, read = COMMANDS[name]
-    for _ in range(2):  # what is there is recognised
-        assert main(words) == 0, capsys.readouterr().err
+    assert main(words) == 0, capsys.readouterr().err
+    before = contents(place)
+    capsys.readouterr()
+    others = ["--time", "60"] if name == "slurm" else []  # the same scripts would be no loss
+    assert main([*words, *others]) == 2
+    out, err = capsys.readouterr()
+    said = "already exists; not overwritten (--overwrite replaces it)\n"
+    assert out == "" and err.endswith(said) and err.count("\n") == 1
+    assert contents(place) == before
+    words = [*words, "--overwrite"]
+    assert main(words) == 0, capsys.readouterr().err  # what is there is recognised
     assert kind_of(target)
     Path(target).unlink()
     Path(target).write_text("mine\n")
@@ -169,7 +179,7 @@ def test_layers_that_someone_added_to_are_kept(place, capsys):
     file.close()
     before = contents(place)
     capsys.readouterr()
-    assert main(["export", "r.nc", "out"]) == 2
+    assert main(["export", "r.nc", "out", "--overwrite"]) == 2
     assert "out/rockfall.gpkg: is there, and not layers of a result" in capsys.readouterr().err
     assert contents(place) == before
 
@@ -202,6 +212,26 @@ def rockfall_result():
     )  # fmt: skip
     z = rough()
     return rockfall.run(case, dem=z, transform=grid(z))
+
+
+def test_a_file_is_written_where_nobody_can_place_a_link(tmp_path):
+    """In a folder of its own, whose name cannot be foretold; it ends with the usual rights."""
+    (tmp_path / "victim").write_text("mine")
+    for name in (f".out.{os.getpid()}.csv", f".out.csv.{os.getpid()}"):
+        (tmp_path / name).symlink_to("victim")
+    before = os.umask(0o027)
+    try:
+        places = []
+        for _ in range(2):
+            with atomic_write(tmp_path / "out.csv") as part:
+                places.append(part.parent)
+                assert part.parent.stat().st_mode & 0o777 == 0o700 and part.name == "out.csv"
+                part.write_text("ours")
+    finally:
+        os.umask(before)
+    assert places[0] != places[1] and (tmp_path / "victim").read_text() == "mine"
+    assert (tmp_path / "out.csv").stat().st_mode & 0o777 == 0o640
+    assert not [path for path in tmp_path.iterdir() if path.is_dir()]
 
 
 # ---- all or none
@@ -273,7 +303,7 @@ def test_a_command_that_fails_half_way_changes_nothing(name, place, monkeypatch,
         def __getattr__(self, name):
             return getattr(os, name)
 
-    words = WORDS[name]
+    words = [*WORDS[name], "--overwrite"]
     for earlier in (False, True):  # nothing is there, then the files of another run
         before = contents(place)
         broken = Os()

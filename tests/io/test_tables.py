@@ -14,7 +14,10 @@ from rockfall.io.tables import table_rows, write_csv
 from rockfall.result.export import export
 from scenes import grid, make_case, rough, sets
 
-FORMULAS = ["=1+1", "+1", "-1.5", "@SUM(A1)", "\t=1", "'=1", "''+a", '=HYPERLINK("x";1)']
+FORMULAS = [
+    "=1+1", "+1", "-1.5", "@SUM(A1)", "\t=1", "'=1", "''+a", '=HYPERLINK("x";1)', " =1+1", "\n=1",
+    "\u00a0 +1", "\ufeff=1", "\uff1d1+1", "\uff0b1", " \uff0d1", "\uff20SUM(A1)", " '=1",
+]  # fmt: skip
 PLAIN = ["EL1", "1-2", "a=b", "'quoted'", "it's", "straße"]
 NUMBERS = [-1.5, 0.0, 1e-300, -math.inf, 2.0, -3e20]
 

@@ -22,7 +22,7 @@ from rockfall.plots import extent, style, terrain
 from rockfall.plots import map_figures as mapfigures
 from rockfall.plots import rebound_figures as reboundfigures
 from rockfall.plots.cartography import rasters
-from rockfall.plots.figures import figures, write_figures
+from rockfall.plots.figures import drawn_lines, figures, write_figures
 from rockfall.plots.terrain import terrain_of
 from rockfall.result import trajectories
 from rockfall.result.variables import MAP
@@ -212,6 +212,23 @@ def test_distributions_hold_the_boulders_that_pass(full, observed):
     rows = [bar.get_children()[0].get_xdata()[0] for bar in lower.containers]
     assert rows == pytest.approx([energy.mean(), 200.0])
     assert [text.get_text() for text in lower.get_yticklabels()] == ["this run", "observed"]
+
+
+def test_many_lines_are_drawn_a_few_at_a_time(tmp_path):
+    """Of more than a page has figures for, those that most boulders pass; it says so."""
+    y = [375.0 - 4 * k for k in range(19)]
+    several = [{"name": f"L{k}", "x": [0.0, 300.0], "y": [one, one]} for k, one in enumerate(y)]
+    result = run(tmp_path, several, case={"boulders": 30}, release=POINT)
+    passed = np.isfinite(result["line_x"].values).sum(axis=1)
+    drawn = {one.name: one for one in figures(result) if one.name.startswith("line_speed")}
+    assert [*drawn] == ["line_speed_1", "line_speed_2", "line_speed_3"]
+    assert [len(one.draw().axes) for one in drawn.values()] == [16, 16, 6]
+    some = {one.name: one for one in figures(result, most_lines=8)}
+    assert "8 of 19 lines, those that most boulders pass" in some["line_speed"].caption
+    assert "of 19 lines" not in drawn["line_speed_1"].caption
+    which = drawn_lines(result, 8)
+    assert len(which) == 8 and min(passed[which]) >= max(np.delete(passed, which))
+    assert [f"along_{k + 1}" in some for k in range(19)] == [k in which for k in range(19)]
 
 
 @pytest.mark.parametrize("value", [-1e100, 1e100])

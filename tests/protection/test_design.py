@@ -321,7 +321,7 @@ def test_the_command_prints_and_writes(file, tmp_path, capsys):
     loads = pd.read_csv(folder / "design_loads.csv")
     assert loads["result"].unique().tolist() == [str(file)] and len(loads) == 7
     again = ["design", str(file), "--factors", str(folder / "design_factors.csv")]
-    assert main([*again, "-o", str(folder)]) == 0  # over its own files; factors as it wrote them
+    assert main([*again, "-o", str(folder), "--overwrite"]) == 0  # factors as it wrote them
     assert main(["design", str(file), str(file)]) == 2
     assert "is given twice" in capsys.readouterr().err
     (folder / "design_loads.csv").write_text("mine\n")

@@ -1,8 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Lines, barriers and dams of vector layers: the same as typed ones, or refused in one line."""
 
+import io
 import os
+import sys
 
+import f90nml
 import numpy as np
 import pytest
 
@@ -16,7 +19,7 @@ from programs import (
     run_program,
     same_results,
 )
-from rockfall.case import read_case
+from rockfall.case import case_in, namelist_text, read_case
 from rockfall.case_files import files_behind, input_files
 from rockfall.scene.prepare import prepare
 from rockfall.scene.read import read_scene
@@ -49,6 +52,49 @@ def case(tmp_path, monkeypatch):
 def lines(case, **groups):
     """The case of its scene."""
     return read_scene(case.replace(**groups)).case
+
+
+def calls(function):
+    """How many functions of Python, and of its libraries, a call takes."""
+    counted = [0]
+
+    def count(frame, event, argument):
+        counted[0] += event in ("call", "c_call")
+
+    sys.setprofile(count)
+    try:
+        function()
+    finally:
+        sys.setprofile(None)
+    return counted[0]
+
+
+def test_lines_of_a_layer_cost_linear_time(case):
+    """Read, written as text, and read from it."""
+    cost = {}
+    for n in (100, 400):
+        y = N - 5 - 0.2 * np.arange(n)
+        several = [shapely.LineString([(W, north), (W + 300, north)]) for north in y]
+        make_layer(f"{n}.gpkg", several, name=[f"line {k}" for k in range(n)])
+        named = case.replace(line=[{"file": f"{n}.gpkg"}])
+        read_scene(named)  # imports
+        cost[n] = calls(lambda named=named: read_scene(named).case.text())
+    assert cost[400] < 4.4 * cost[100]
+    scene = read_scene(named)
+    assert case_in({"case": scene.case.text(), "case_file": "case.nml"}).line == scene.case.line
+    assert len(scene.case.line) == 400
+    twice = [*scene.case.line, {**scene.case.line[-1], "name": "line 7"}]
+    with pytest.raises(rockfall.RockfallError, match="name = 'line 7': must be another for each"):
+        case.replace(line=twice)
+
+
+def test_groups_of_a_name_are_written_as_f90nml_has_them(case):
+    x = [1.0, 2.5e-7, -0.0, 1e22, 123456.789012345, 2600689.7770308754, 3.0]
+    group = {"name": 'it\'s "B"', "x": x, "y": [float(k) for k in range(7)], "class": 3}
+    alone = f90nml.Namelist({"barrier": group})
+    alone.indent = 4
+    alone.write(text := io.StringIO())
+    assert namelist_text({}, {"barrier": [group]}) == text.getvalue()
 
 
 @pytest.mark.parametrize("name", FORMATS)

@@ -147,7 +147,7 @@ def test_layers_in_memory_run_and_results_load_with_their_styles(within):
         ("both", "Unable to execute algorithm\nGive either a case, or elevations .*"),
         ("neither", "Unable to execute algorithm\nGive either a case, or elevations .*"),
         ("not zones", r".*layer zones: left out \(.*mean_radius.*\)"),
-        ("again", r".*case\.nml: is there; it is not overwritten.*"),
+        ("again", r".*case\.nml: already exists; not overwritten.*"),
     ],
 )
 def test_what_is_wrong_is_one_line_and_leaves_nothing(within, what, line):

@@ -2,17 +2,25 @@
 """Sources of layers and tables: where they are, what they say of their releases, how they share
 boulders, and that results know them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import rockfall
 from made import make_layer
 from programs import find_program, make_full_case, refuses, run_program, same_results
+from rockfall.analysis.back.evidence import evidence
+from rockfall.analysis.compare import compare
 from rockfall.analysis.ensemble.study import run_ensemble
+from rockfall.analysis.ensemble.uncertain_inputs import Uncertain, drawn_scene
+from rockfall.analysis.hazard.study import read_study
+from rockfall.analysis.observations import read_observed
 from rockfall.cli import main
 from rockfall.scene.prepare import prepare
 from rockfall.scene.read import read_scene
 from rockfall.scene.sources.attributes import values_of
+from rockfall.simulation.simulate import run_scene
 
 shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
 pytestmark = pytest.mark.filterwarnings("ignore:.*no part of it lies over the terrain")
@@ -144,7 +152,9 @@ def test_both_programs_and_parts_know_the_sources(case):
         parts = [rockfall.run(scene, shard=(k, 3), threads=2) for k in (3, 1, 2)]
         same_results(rockfall.merge(parts), whole)
         prepare(scene, "ready")
-        done = run_program("ready/case.nml", "--output", "part.nc", "--quiet", cwd=".")
+        done = run_program(
+            "ready/case.nml", "--output", "part.nc", "--quiet", "--overwrite", cwd="."
+        )
         assert done.returncode == 0, done.stderr
         same_results(rockfall.merge(["part.nc"]), whole)
     assert set(whole["source_feature"].values) == {1, 2}
@@ -309,3 +319,103 @@ def test_what_cannot_be_is_refused_in_one_line(case, capsys):
     make_layer("f.gpkg", POINTS, frequency=[1.0, 2.0, 3.0, 4.0])
     with pytest.raises(rockfall.RockfallError, match="sources have a frequency: an ensemble needs"):
         run_ensemble(at(case, "f.gpkg"))
+
+
+# ---- what commands make of it
+
+
+@pytest.fixture
+def described(case):
+    """A case whose layer says something of the boulders of some points."""
+    make_layer("p.gpkg", POINTS, **ABOUT)
+    return at(case)
+
+
+def test_factors_of_an_ensemble_are_on_what_the_layer_or_the_case_gives(described):
+    factors = {"volume_factor": 1.2, "drop_height_factor": 1.3}
+    scene = read_scene(described.replace(ensemble=factors))
+    inputs = Uncertain(scene)
+    point = np.full(inputs.ends[-1], 0.9)
+    draws = [inputs.at(name, point, 0) for name in ("volume", "drop_height")]
+    made = drawn_scene(scene, draws, described.case["seed"])
+    size, height = draws[0].kept["volume"], draws[1].kept["drop_height"]
+    assert size > 1.1 and height > 1.1
+    before, after = values_of(scene), values_of(made)
+    assert after[:, 1] == pytest.approx(height * before[:, 1])
+    assert np.array_equal(np.delete(after, 1, axis=1), np.delete(before, 1, axis=1))
+    volumes = [run_scene(one)["volume"].values for one in (scene, made)]
+    assert volumes[1] == pytest.approx(size * volumes[0])
+
+
+def test_a_factor_on_what_nobody_gives_is_refused(case):
+    make_layer("p.gpkg", POINTS, volume=[1.0, 1.0, 2.0, 2.0])
+    bare = at(case, drop_height=0.0)
+    for key, where in (("volume_std_factor", "volume_std"), ("drop_height_factor", "drop_height")):
+        own = {"boulder": {"volume": "fixed", "volume_std": None}} if "std" in key else {}
+        with pytest.raises(
+            rockfall.RockfallError, match=f"{key}: has no meaning without a {where}"
+        ):
+            Uncertain(read_scene(bare.replace(ensemble={key: 1.2}, **own)))
+    smooth = {"zones": None, "table": None, "uniform_mean_radius": 0.0, "ground": "soil_4"}
+    with pytest.raises(rockfall.RockfallError, match="radius_factor: has no effect: no zone has"):
+        Uncertain(read_scene(bare.replace(surface=smooth, ensemble={"radius_factor": 1.5})))
+
+
+def test_scenarios_give_what_the_layer_does_not(case):
+    """A layer of drop heights leaves volumes to scenarios; what it says of each source comes
+    first; what it says of some is noted."""
+    both = case.replace(line=[], scenario=[
+        {"name": "small", "frequency": 1.0, "volume": "fixed", "volume_mean": 0.1},
+        {"name": "large", "frequency": 0.1, "volume": "fixed", "volume_mean": 4.0},
+    ])  # fmt: skip
+    make_layer("p.gpkg", POINTS, drop_height=[1.0, 9.0, 2.0, 3.0])
+    study = read_study(at(both))
+    for one, volume in zip(study.scenarios, (0.1, 4.0), strict=True):
+        scene = replace(study.scene, case=one.case)
+        assert set(run_scene(scene)["volume"].values) == {volume}
+        assert values_of(scene)[:, 1].tolist() == [1, 9, 2, 3]
+    make_layer("q.gpkg", POINTS, volume=[1.0, None, None, 2.0])
+    study = read_study(at(both, "q.gpkg"))
+    assert any("2 of 4 have their own in all scenarios" in line for line in study.remarks)
+    scene = replace(study.scene, case=study.scenarios[1].case)
+    assert sorted(set(run_scene(scene)["volume"].values)) == [1, 2, 4]
+    make_layer("r.gpkg", POINTS, volume=[1.0, 1.5, 1.5, 2.0])
+    with pytest.raises(
+        rockfall.RockfallError, match="gives a volume, and the layer of the sources"
+    ):
+        read_study(at(both, "r.gpkg"))
+
+
+def test_observed_boulders_are_set_beside_those_of_their_polygon(case, tmp_path):
+    """The same boulders in every number; without a layer, beside those of their cliff."""
+    make_layer("cliffs.gpkg", CLIFFS, name=["left", "right"])
+    result = rockfall.run(at(case, "cliffs.gpkg"))
+    mine = result["source_feature"].values == 1
+    n, some = int(mine.sum()), np.flatnonzero(mine)[::37][:10]
+    assert len({*result["source"].values[some]}) > 3 and n < mine.size
+    rows = np.column_stack([result[name].values[some] for name in
+                            ("stop_x", "stop_y", "start_x", "start_y")])  # fmt: skip
+    np.savetxt("seen.csv", rows + [3, 4, 1, 0], delimiter=",", header="x,y,start_x,start_y",
+               comments="")  # fmt: skip
+    seen = read_observed("seen.csv")
+    for one, names in (
+        (result, ["left"]),
+        (result.drop_vars(["source_feature", "feature"]), ["1"]),
+    ):
+        found = compare(one, seen)
+        assert found.notes[0] == (
+            f"Run-out is compared with the {n:,} of {mine.size:,} boulders from where those "
+            f"observed came: {names[0]}."
+        )
+        assert found.ks["n_simulated"].tolist() == [n]
+        assert set(found.run_out["n_simulated"]) == {n} and set(found.run_out["n_observed"]) == {10}
+        distances = result["plan_distance"].values[mine]
+        assert found.passing["simulated"].to_numpy() == pytest.approx(
+            [(distances >= d).mean() for d in found.passing["distance"]]
+        )
+        data, notes = evidence(one, seen)
+        assert [part.n for part in data] == [10, 10] and notes[0] == found.notes[0]
+        assert (~np.isnan(data[0].take(one))).sum() == n
+    (far := rows[:2].copy())[:, 2:] += 1000.0
+    np.savetxt("far.csv", far, delimiter=",", header="x,y,start_x,start_y", comments="")
+    assert "m from the nearest source" in compare(result, "far.csv").notes[0]

@@ -5,7 +5,7 @@ module rockfall_text
    use rockfall_error, only: error_t, fail
    implicit none
    private
-   public :: check_text, after_mark, lower, integer_text, joined, excerpt, line_of, max_text
+   public :: check_text, after_mark, lower, integer_text, joined, excerpt, line_of, first_repeated, max_text
 
    integer, parameter :: max_text = 64*1024**2  !! [bytes] of a file of text; more is none of ours
 
@@ -33,6 +33,29 @@ contains
          first = first + last
       end do
    end function line_of
+
+   !> Index of the first name that an earlier one equals, 0 without one. By a table of hashes: time grows with their
+   !> number and no faster.
+   pure integer function first_repeated(names) result(k)
+      character(len=*), intent(in) :: names(:)
+      integer :: table(2*size(names) + 1), slot, i
+      integer(i8) :: hash
+
+      table = 0
+      do k = 1, size(names)
+         hash = 0
+         do i = 1, len_trim(names(k))
+            hash = modulo(31*hash + iachar(names(k) (i:i)), size(table, kind=i8))
+         end do
+         slot = int(hash) + 1
+         do while (table(slot) /= 0)
+            if (names(table(slot)) == names(k)) return
+            slot = modulo(slot, size(table)) + 1
+         end do
+         table(slot) = k
+      end do
+      k = 0
+   end function first_repeated
 
    !> Refuse what is not text: control characters other than tabs and line ends, and broken UTF-8.
    pure subroutine check_text(text, file, error)

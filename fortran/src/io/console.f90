@@ -21,7 +21,7 @@ module rockfall_console
       character(len=:), allocatable :: boulders, total, seed, threads  !! the same; integers
       integer(i8) :: shard(2) = 1                               !! [1, 1]: all of it
       real(wp) :: checkpoint = 60.0_wp                          !! from one to the next [s]; 0 = never
-      logical :: resume = .false., quiet = .false.
+      logical :: resume = .false., overwrite = .false., quiet = .false.
       logical :: help = .false., version = .false.              !! asked for, and nothing else
    end type arguments_t
 
@@ -48,6 +48,7 @@ contains
          case ("--help", "-h"); arguments%help = .true.
          case ("--version"); arguments%version = .true.
          case ("--resume"); arguments%resume = .true.
+         case ("--overwrite"); arguments%overwrite = .true.
          case ("--quiet"); arguments%quiet = .true.
          case default; call take_word(word, arguments, k, error)
          end select

@@ -2,7 +2,7 @@
 !> netCDF-4 files: what is read is checked before it is used, what is written carries checksums (Fletcher, by HDF5).
 !> After the first failure nothing more is asked of a file.
 module rockfall_netcdf_file
-   use netcdf, only: nf90_open, nf90_create, nf90_close, nf90_nowrite, nf90_netcdf4, nf90_clobber, nf90_nofill, &
+   use netcdf, only: nf90_open, nf90_create, nf90_close, nf90_nowrite, nf90_netcdf4, nf90_noclobber, nf90_nofill, &
                      nf90_set_fill, nf90_noerr, nf90_edimsize, nf90_char, nf90_string, nf90_byte, nf90_int, &
                      nf90_int64, nf90_float, nf90_double, nf90_inq_varid, nf90_inq_dimid, nf90_inquire_dimension, &
                      nf90_inquire_variable, nf90_inquire_attribute, nf90_get_att, nf90_put_att, nf90_def_dim, &
@@ -13,7 +13,7 @@ module rockfall_netcdf_file
    use rockfall_error, only: error_t, fail
    use rockfall_text, only: max_text
    use rockfall_variables, only: piece, max_packing
-   use rockfall_filesystem, only: is_pipe
+   use rockfall_filesystem, only: is_pipe, remove_file
    use rockfall_interrupts, only: begin_reading, end_reading
    implicit none
    private
@@ -105,15 +105,17 @@ contains
       if (file%status /= nf90_noerr) call fail(error, name//": cannot be read as netCDF-4")
    end subroutine open_netcdf
 
-   !> Begin a new file, over one that may be there.
+   !> Begin a new file. What has its name is removed first, so that nothing is written through a link.
    subroutine create_netcdf(name, file)
       character(len=*), intent(in) :: name
       type(netcdf_file_t), intent(out) :: file
       integer :: before
+      logical :: removed
 
       file%name = name
       file%writes = .true.
-      file%status = nf90_create(name, ior(nf90_netcdf4, nf90_clobber), file%id)
+      removed = remove_file(name)
+      file%status = nf90_create(name, ior(nf90_netcdf4, nf90_noclobber), file%id)
       call keep(file, nf90_set_fill(file%id, nf90_nofill, before))
    end subroutine create_netcdf
 

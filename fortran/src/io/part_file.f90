@@ -10,6 +10,7 @@ module rockfall_part_file
    use rockfall_error, only: error_t, fail
    use rockfall_text, only: joined
    use rockfall_version, only: version
+   use rockfall_grid, only: grid_t
    use rockfall_filesystem, only: replace_file, remove_file
    use rockfall_netcdf_file, only: netcdf_file_t, axis_t, about_t, open_netcdf, create_netcdf, close_netcdf, keep, &
                                    sound, mark_damaged, fail_damaged, pass, length_of, text_of, integers_of, real_of
@@ -532,7 +533,7 @@ contains
          if (any(number /= results%number)) call mark_damaged(file, "boulder")
       end if
       if (sound(file) .and. allocated(number)) call read_samples(file, results)
-      if (sound(file)) call check_rows(file, results)
+      if (sound(file)) call check_rows(file, inputs%arrays%grid, results)
       call make_room(file, results, tally)
       if (sound(file)) call pass_tallies(file, results, tally)
       if (sound(file)) call check_tallies(file, results)
@@ -583,8 +584,9 @@ contains
    end subroutine check_run
 
    !> Rows are numbers; at lines only where there is a time.
-   subroutine check_rows(file, results)
+   subroutine check_rows(file, grid, results)
       type(netcdf_file_t), intent(inout) :: file
+      type(grid_t), intent(in) :: grid
       type(results_t), intent(in) :: results
       integer, parameter :: time = findloc(line_fields, "time", dim=1)
       integer :: k
@@ -593,6 +595,7 @@ contains
          do k = 1, size(boulder_fields)
             if (.not. all(ieee_is_finite(results%boulder(:n, k)))) call mark_damaged(file, trim(boulder_fields(k)))
          end do
+         call check_ranges(file, grid, results%boulder(:n, :))
          if (.not. all(ieee_is_finite(results%energy(:min(n, size(results%energy, 1, kind=i8)), :)))) &
             call mark_damaged(file, "energy_released, or another energy")
          if (any(results%status(:n) < 1 .or. results%status(:n) > size(statuses))) call mark_damaged(file, "status")
@@ -614,6 +617,33 @@ contains
          end do
       end associate
    end subroutine check_rows
+
+   !> Boulders have volumes, and lie on the terrain (as out_of_range of python/rockfall/result/validate.py has it).
+   subroutine check_ranges(file, grid, boulder)
+      type(netcdf_file_t), intent(inout) :: file
+      type(grid_t), intent(in) :: grid
+      real(wp), intent(in) :: boulder(:, :)
+      integer :: k
+      logical :: wrong
+
+      do k = 1, size(boulder_fields)
+         associate (values => boulder(:, k))
+            select case (boulder_fields(k))
+            case ("volume")
+               wrong = any(values <= 0)
+            case ("start_x", "stop_x")
+               wrong = any(values < grid%west .or. values > grid%west + grid%nx*grid%cell)
+            case ("start_y", "stop_y")
+               wrong = any(values < grid%north - grid%ny*grid%cell .or. values > grid%north)
+            case ("start_z", "stop_z")
+               wrong = .false.
+            case default  ! lengths, times, speeds
+               wrong = any(values < 0)
+            end select
+         end associate
+         if (wrong) call mark_damaged(file, trim(boulder_fields(k)))
+      end do
+   end subroutine check_ranges
 
    !> Places for what is to be read of cells.
    subroutine make_room(file, results, tally)

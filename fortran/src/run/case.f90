@@ -4,7 +4,7 @@
 module rockfall_case
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail
-   use rockfall_text, only: integer_text
+   use rockfall_text, only: integer_text, first_repeated
    use rockfall_namelist, only: namelist_t, group_t
    use rockfall_values, only: has_key, value_count, get_text, get_integer, get_real, get_logical, refuse, about
    use rockfall_case_keys, only: read_keys, map_names, n_maps, max_thresholds, max_periods, hazard_classes, &
@@ -91,7 +91,8 @@ contains
       if (.not. allocated(error)) call read_lines(list, this, error)
       if (.not. allocated(error)) call read_output(group_of(list, "output"), group_of(list, "release"), &
                                                       this, error)
-      if (.not. allocated(error)) call check_ensemble(group_of(list, "ensemble"), this, error)
+      if (.not. allocated(error)) call check_ensemble(group_of(list, "ensemble"), group_of(list, "release"), &
+                                                         this, error)
       if (.not. allocated(error)) call read_hazard(group_of(list, "hazard"), list, this, error)
       if (.not. allocated(error)) call check_scenarios(list, this, error)
    end subroutine read_case
@@ -444,6 +445,7 @@ contains
       type(case_t), intent(inout) :: this
       type(error_t), allocatable, intent(out) :: error
       type(group_t), allocatable :: groups(:)
+      character(len=max_name), allocatable :: names(:)
       integer :: n
 
       call check_layers(list, this, error)
@@ -451,11 +453,20 @@ contains
       groups = [typed(list, "line"), typed(list, "barrier")]
       allocate (this%lines(size(groups)))
       do n = 1, size(groups)
-         call read_line(groups(n), this%lines(:n), error)
+         call read_line(groups(n), this%lines(n), error)
          if (allocated(error)) return
          if (groups(n)%name == "barrier") call read_barrier(groups(n), this%lines(n), error)
          if (allocated(error)) return
       end do
+      allocate (names(size(groups)))
+      do n = 1, size(groups)
+         names(n) = this%lines(n)%name
+      end do
+      n = first_repeated(names)
+      if (n > 0) then
+         call refuse(groups(n), "name", "must be another for each line and barrier", error)
+         return
+      end if
       groups = typed(list, "dam")
       do n = 1, size(groups)
          call check_polyline(groups(n), error)
@@ -512,27 +523,19 @@ contains
       end if
    end subroutine check_layer
 
-   !> The last of some lines.
-   pure subroutine read_line(group, lines, error)
+   pure subroutine read_line(group, line, error)
       type(group_t), intent(in) :: group
-      type(case_line_t), intent(inout) :: lines(:)
+      type(case_line_t), intent(inout) :: line
       type(error_t), allocatable, intent(out) :: error
-      integer :: k
 
       call check_polyline(group, error)
       if (.not. allocated(error)) call need(group, "name", "to tell it from others", error)
       if (allocated(error)) return
-      associate (line => lines(size(lines)))
-         line%name = text_of(group, "name")
-         line%x = reals_of(group, "x")
-         line%y = reals_of(group, "y")
-         do k = 1, size(lines) - 1
-            if (lines(k)%name == line%name) &
-               call refuse(group, "name", "must be another for each line and barrier", error)
-         end do
-         if (len(line%name) > max_name) &
-            call refuse(group, "name", "must be at most "//integer_text(max_name)//" characters", error)
-      end associate
+      line%name = text_of(group, "name")
+      line%x = reals_of(group, "x")
+      line%y = reals_of(group, "y")
+      if (len(line%name) > max_name) &
+         call refuse(group, "name", "must be at most "//integer_text(max_name)//" characters", error)
    end subroutine read_line
 
    !> As many y as x, and two different points.
@@ -589,19 +592,18 @@ contains
                      //"the boulders of each place", error)
    end subroutine read_output
 
-   !> What `rockfall ensemble` varies; a run takes no notice of it.
-   pure subroutine check_ensemble(group, this, error)
-      type(group_t), intent(in) :: group
+   !> What `rockfall ensemble` varies; a run takes no notice of it. Factors are on what the case says of boulders, and
+   !> on what a layer of sources says, which is known when it has been read.
+   pure subroutine check_ensemble(group, release, this, error)
+      type(group_t), intent(in) :: group, release
       type(case_t), intent(in) :: this
       type(error_t), allocatable, intent(out) :: error
 
       if (real_of(group, "dem_error") > 0) call need(group, "dem_correlation", "for dem_error", error)
       if (.not. allocated(error) .and. has_key(group, "draws")) call check_draws(group, error)
-      if (allocated(error)) return
+      if (allocated(error) .or. has_key(release, "points") .or. has_key(release, "polygons")) return
       if (real_of(group, "volume_std_factor") > 1 .and. this%volumes%std <= 0) then
          call refuse(group, "volume_std_factor", "has no meaning without a volume_std", error)
-      else if (real_of(group, "volume_factor") > 1 .and. (this%by_source .or. this%by_feature)) then
-         call refuse(group, "volume_factor", "has no meaning for volume = 'source'", error)
       else if (real_of(group, "drop_height_factor") > 1 .and. this%drop_height <= 0) then
          call refuse(group, "drop_height_factor", "has no meaning without a drop_height", error)
       end if

@@ -3,6 +3,7 @@
 program test_namelist
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t
+   use rockfall_text, only: first_repeated
    use rockfall_namelist, only: namelist_t, parse_namelist
    use rockfall_values, only: has_key, value_count, get_text, get_integer, get_real, &
                               get_logical, refuse
@@ -22,10 +23,27 @@ program test_namelist
    call values_refused()
    call repeated_groups()
    call large_text()
+   call repeated_names()
    call files()
    call finish()
 
 contains
+
+   !> The first name that equals an earlier one, also where many have the same hash.
+   subroutine repeated_names()
+      character(len=8) :: names(1000)
+      integer :: k
+
+      do k = 1, size(names)
+         write (names(k), "(i0)") k
+      end do
+      call check("all names differ", first_repeated(names) == 0)
+      names(700) = names(3)
+      names(900) = names(4)
+      call check("the first that repeats another", first_repeated(names) == 700)
+      call check("of no names", first_repeated(names(:0)) == 0)
+      call check("of two", first_repeated([names(1), names(1)]) == 2)
+   end subroutine repeated_names
 
    subroutine groups_and_keys()
       type(namelist_t) :: list

@@ -21,7 +21,7 @@ from rockfall.analysis.precision.intervals import (
     limits_of_printed,
     sources,
 )
-from rockfall.analysis.run_out import run_out
+from rockfall.analysis.run_out import compared, run_out
 from rockfall.case import case_of
 from rockfall.errors import RockfallError
 from rockfall.io.output_files import COMPARISON, check_output
@@ -90,15 +90,17 @@ def compare(result: xr.Dataset, *observed: str | Path | Observed) -> Comparison:
     method = case_of(result).surface["method"]
     source = sources(result)
     distances, notes = _observed_distances(result, seen, source)
+    which, said = compared(result, seen)
+    ours = result.isel(boulder=np.flatnonzero(which))  # the same boulders in all numbers of run-out
     done = Comparison(
         title=f"{result.attrs['title'] or 'rockfall'}, beside what was observed",
         errors=_errors(result, seen, method, source, names),
-        ks=_ks(result, seen, method, distances, names),
-        passing=_passing(result, seen, distances, source),
+        ks=_ks(result, seen, method, distances, names, ours["plan_distance"].values),
+        passing=_passing(ours, seen, distances, sources(ours)),
         run_out=run_out(result, seen),
         stops=stops_table(result, seen),
         contacts=contacts_table(result, seen),
-        notes=(*notes, *_notes(result, seen, source)),
+        notes=(*([said] if said else []), *notes, *_notes(result, seen, source)),
     )
     if not any(len(getattr(done, name)) for name in TABLES):
         about = f"nothing to compare: no row is observed, or of the result's method {method}."
@@ -199,6 +201,7 @@ def _ks(
     method: str,
     distances: np.ndarray | None,
     names: list[str],
+    ours: np.ndarray,
 ) -> pd.DataFrame:
     """Two-sample Kolmogorov-Smirnov tests, and those printed for the method (paper, table 4)."""
     import pandas as pd
@@ -213,7 +216,7 @@ def _ks(
             found = _test(seen.samples[line, quantity], values[~np.isnan(values)])
         rows.append([line, quantity, *found, printed.get((line, quantity), np.nan)])
     if distances is not None:
-        found = _test(distances, result["plan_distance"].values)
+        found = _test(distances, ours)
         rows.append(["", STOPPING, *found, np.nan])
     sizes = ["n_observed", "n_simulated"]
     columns = ["line", "quantity", *sizes, "ks_statistic", "p", "printed_p"]

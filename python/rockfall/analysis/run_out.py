@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from rockfall.analysis.observations import Observed
+from rockfall.case import case_of
 from rockfall.limits import MIN_FOR_MEAN, MIN_FOR_STD
 
 if TYPE_CHECKING:
@@ -85,8 +86,9 @@ def run_out(result: xr.Dataset, seen: Observed) -> pd.DataFrame:
         known = [s for s in np.unique(observed.source)
                  if (observed.source == s).sum() >= MIN_BOULDERS]  # fmt: skip
         if len(np.unique(observed.source)) > 1:
+            names = starts(result).names
             for source in known:
-                rows += _rows(str(source + 1), observed.of(source), simulated.of(source))
+                rows += _rows(names[source], observed.of(source), simulated.of(source))
         if len(observed.source) >= MIN_BOULDERS:
             rows += _rows("all", observed, simulated)
     return pd.DataFrame(rows, columns=COLUMNS)
@@ -103,7 +105,7 @@ def samples(result: xr.Dataset, seen: Observed) -> tuple[Sample, Sample] | None:
     if not found:
         distance = result["plan_distance"].values[:, None]
         return observed, Sample(distance, np.zeros(len(distance), int))
-    source = start_order(result)[0]
+    source = starts(result).group
     values = np.full((source.size, 2), np.nan)
     for one, frame in found.items():
         mine = source == one
@@ -112,61 +114,129 @@ def samples(result: xr.Dataset, seen: Observed) -> tuple[Sample, Sample] | None:
     return observed, Sample(values[among], source[among])
 
 
-def start_order(result: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
-    """The place from which each boulder started, from 0 as they come, and these places (n, 2) [m]:
-    observed boulders tell no more of their source."""
+class Starts(NamedTuple):
+    """From where boulders came, as observers can tell it: a polygon or point of the layer of the
+    sources, a cliff (source cells that touch each other), or a point."""
+
+    group: np.ndarray  # of each boulder, from 0
+    names: list[str]  # of the groups
+    places: np.ndarray  # (n, 2): where sources release [m]
+    group_at: np.ndarray  # of each of the places
+
+
+def starts(result: xr.Dataset) -> Starts:
+    """The groups of sources of a result, in the order in which they come."""
     import pandas as pd
 
     number, place = pd.factorize(result["start_x"].values + 1j * result["start_y"].values)
-    return number, np.column_stack([place.real, place.imag])
+    places = np.column_stack([place.real, place.imag])
+    if "source_feature" in result:
+        group, features = pd.factorize(result["source_feature"].values)
+        names = [str(result["feature"].values[k - 1]) for k in features]
+        group_at = np.zeros(len(places), int)
+        group_at[number] = group
+        return Starts(group, names, places, group_at)
+    group_at = np.arange(len(places))
+    if "x" not in case_of(result).release:
+        group_at = _touching(places, _cell(result))
+    names = [str(k + 1) for k in range(group_at.max(initial=-1) + 1)]
+    return Starts(group_at[number], names, places, group_at)
+
+
+def _touching(places: np.ndarray, cell: float) -> np.ndarray:
+    """The number of the patch of source cells to which each belongs, in the order of the cells."""
+    import pandas as pd
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import KDTree
+
+    pairs = KDTree(places).query_pairs(1.5 * cell, output_type="ndarray")  # diagonals are 1.41
+    ones = np.ones(len(pairs), bool)
+    graph = coo_array((ones, (pairs[:, 0], pairs[:, 1])), shape=(len(places), len(places)))
+    return pd.factorize(connected_components(graph, directed=False)[1])[0]
+
+
+def _cell(result: xr.Dataset) -> float:
+    """The side of a cell of the terrain [m]."""
+    return float(str(result["crs"].attrs["GeoTransform"]).split()[1])
+
+
+def compared(result: xr.Dataset, seen: Observed) -> tuple[np.ndarray, str]:
+    """Which boulders of a result are set beside observed stopping places or distances: those from
+    where the observed ones came, or all where that is not known; and the same in words."""
+    total = result.sizes["boulder"]
+    if seen.stops is None or seen.starts is None:
+        return np.ones(total, bool), ""
+    found, nearest = starts(result), _nearest(seen.starts, starts(result).places)
+    groups = np.unique(found.group_at[nearest])
+    mine = np.isin(found.group, groups)
+    apart = np.hypot(*(seen.starts - found.places[nearest]).T).max()
+    said = []
+    if not mine.all():
+        of = ", ".join([*(found.names[k] for k in groups[:10]), *["..."][: groups.size > 10]])
+        said.append(
+            f"Run-out is compared with the {mine.sum():,} of {total:,} boulders from where those "
+            f"observed came: {of}."
+        )
+    if apart > 3 * _cell(result):
+        said.append(f"An observed release is {apart:,.0f} m from the nearest source.")
+    return mine, " ".join(said)
 
 
 def observed_boulders(result: xr.Dataset, seen: Observed) -> Sample | None:
     """Observed boulders: stopping distance, and where places are known the lateral offset [m], with
     the number of the source; None where the distances are not known."""
-    source, places = start_order(result)
-    if seen.stops is None or (seen.starts is None and len(places) > 1):
+    found = starts(result)
+    if seen.stops is None or (seen.starts is None and len(found.places) > 1):
         if seen.distances is None:
             return None
         return Sample(seen.distances[:, None], np.zeros(seen.distances.size, int))
-    ways, nearest = _observed_ways(seen, places)
+    ways, nearest = _observed_ways(seen, found)
     offsets = np.empty(len(ways))
     for one in np.unique(nearest):
         offsets[nearest == one] = ways[nearest == one] @ _across(ways[nearest == one])
     return Sample(np.column_stack([np.hypot(*ways.T), offsets]), nearest)
 
 
-def _observed_ways(seen: Observed, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """From releases to stopping places, and the nearest source of each."""
+def _observed_ways(seen: Observed, found: Starts) -> tuple[np.ndarray, np.ndarray]:
+    """From releases to stopping places, and the group of the source nearest to each release."""
     assert seen.stops is not None
-    given = places[:1].repeat(len(seen.stops), axis=0) if seen.starts is None else seen.starts
-    nearest = np.hypot(*(given[:, None] - places[None]).transpose(2, 0, 1)).argmin(axis=1)
-    return seen.stops - given, nearest
+    given = seen.starts
+    given = found.places[:1].repeat(len(seen.stops), axis=0) if given is None else given
+    return seen.stops - given, found.group_at[_nearest(given, found.places)]
+
+
+def _nearest(given: np.ndarray, places: np.ndarray) -> np.ndarray:
+    from scipy.spatial import KDTree
+
+    return KDTree(places).query(given)[1]
 
 
 class Frame(NamedTuple):
-    """Where boulders of a source started, and the unit vector across their way."""
+    """The name of a group of sources, and the unit vector across the observed ways from it."""
 
-    place: np.ndarray
+    name: str
     across: np.ndarray
 
 
 def frames(result: xr.Dataset, seen: Observed) -> dict[int, Frame]:
-    """The frames of the sources whose stopping places were observed."""
-    places = start_order(result)[1]
-    if seen.stops is None or (seen.starts is None and len(places) > 1):
+    """The frames of the groups of sources whose stopping places were observed."""
+    found = starts(result)
+    if seen.stops is None or (seen.starts is None and len(found.places) > 1):
         return {}
-    ways, nearest = _observed_ways(seen, places)
-    known = np.unique(nearest).tolist()
-    return {one: Frame(places[one], _across(ways[nearest == one])) for one in known}
+    ways, group = _observed_ways(seen, found)
+    known = np.unique(group).tolist()
+    return {one: Frame(found.names[one], _across(ways[group == one])) for one in known}
 
 
-def way_of(result: xr.Dataset, frame: Frame, source: int, column: int) -> np.ndarray:
+def way_of(result: xr.Dataset, frame: Frame, group: int, column: int) -> np.ndarray:
     """The distance (column 0) or lateral offset (1) [m] in a frame of each boulder of a result from
-    this source, NaN of others."""
-    ways = np.column_stack([result[f"stop_{axis}"].values for axis in "xy"]) - frame.place
+    this group, NaN of others."""
+    ways = np.column_stack(
+        [result[f"stop_{axis}"].values - result[f"start_{axis}"].values for axis in "xy"]
+    )
     found = ways @ frame.across if column else np.hypot(*ways.T)
-    return np.where(start_order(result)[0] == source, found, np.nan)
+    return np.where(starts(result).group == group, found, np.nan)
 
 
 def _across(ways: np.ndarray) -> np.ndarray:

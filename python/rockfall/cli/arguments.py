@@ -36,20 +36,36 @@ class _Version(argparse.Action):
         parser.exit()
 
 
-def _add(commands: _Commands, module: str, name: str, does: str, what: str = "") -> _Parser:
-    """A command, of a module in this folder, that reads one file, `what`."""
+def _add(
+    commands: _Commands, module: str, name: str, does: str, what: str = "", writes: bool = True
+) -> _Parser:
+    """A command, of a module in this folder, that reads one file, `what`; most may replace what
+    they wrote earlier."""
     one = commands.add_parser(name, help=does, description=does[0].upper() + does[1:] + ".")
     if what:
         one.add_argument(what.lower(), metavar=what, type=Path)
+    if writes:
+        _add_overwrite(one)
     one.set_defaults(command=_command(module, name.replace("-", "_")))
     return one
 
 
+def _add_overwrite(command: argparse.ArgumentParser) -> None:
+    about = "replace what an earlier command wrote there; default: refuse"
+    command.add_argument("--overwrite", action="store_true", help=about)
+
+
 def _command(module: str, name: str) -> Callable[[argparse.Namespace], int]:
     """The function of a command. Its module is imported when it is called: `rockfall --help` needs
-    no NumPy, and a check no figures."""
-    name = f"{name}_command"
-    return lambda given: getattr(import_module(f"rockfall.cli.{module}"), name)(given)
+    no NumPy, and a check no figures. No file is replaced but by `--overwrite`."""
+
+    def run(given: argparse.Namespace) -> int:
+        function = getattr(import_module(f"rockfall.cli.{module}"), f"{name}_command")
+        overwriting = import_module("rockfall.io.output_files").overwriting
+        with overwriting(getattr(given, "overwrite", False)):
+            return function(given)
+
+    return run
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -69,7 +85,8 @@ def make_parser() -> argparse.ArgumentParser:
 
 def _add_draft(commands: _Commands) -> None:
     about = "write a commented case for a DEM and layers of zones, sources, lines, barriers, trees"
-    new = _add(commands, "draft", "new", about, "DEM")
+    new = _add(commands, "draft", "new", about, "DEM", writes=False)
+    new.set_defaults(overwrite=True)  # a case never is; what was made beside one that is gone
     about = "GeoPackage, GeoJSON, shapefile: each layer is known by shapes, attributes and name"
     new.add_argument("layers", metavar="LAYER", type=Path, nargs="*", help=about)
     new.add_argument("-o", "--output", metavar="CASE.nml", type=Path, required=True)
@@ -106,7 +123,7 @@ def _add_draft(commands: _Commands) -> None:
 
 def _add_runs(commands: _Commands) -> None:
     about = "read and check everything, simulate a few boulders, estimate time and memory"
-    check = _add(commands, "check", "check", about, "CASE")
+    check = _add(commands, "check", "check", about, "CASE", writes=False)
     run = _add(commands, "run", "run", "run a case and write its result as netCDF", "CASE")
     for one in check, run:
         _add_memory(one)
@@ -328,5 +345,7 @@ def _add_lab(commands: _Commands) -> None:
     remake.add_argument("sets", metavar="SETS", nargs="+", help="shipped or files")
     for one in (pack, impact, remake):
         one.add_argument("--threads", metavar="N", type=int, default=0, help="default: all cores")
+    for one in (pack, impact, fit):
+        _add_overwrite(one)
     for one in (impact, fit, card, remake):
         one.add_argument("--quiet", action="store_true", help="no progress, no summary")

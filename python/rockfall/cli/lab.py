@@ -11,7 +11,7 @@ from rockfall.cli.messages import DONE, say
 from rockfall.errors import RockfallError, need
 from rockfall.impact_sets import shipped_sets
 from rockfall.interrupts import exit_status
-from rockfall.io.output_files import FIGURE, IMPACTS, SETS, check_output
+from rockfall.io.output_files import FIGURE, IMPACTS, SETS, check_output, overwriting
 from rockfall.lab.case import read_lab_case
 from rockfall.lab.contacts import contacts_provenance, fit_contacts, read_contacts
 from rockfall.lab.experiment import open_impacts, pack_layers, run_impacts
@@ -50,7 +50,8 @@ def pack_command(arguments: argparse.Namespace) -> int:
 def impact_command(arguments: argparse.Namespace) -> int:
     case = read_lab_case(arguments.case)
     path = arguments.output or Path(f"{arguments.case.stem}.nc")
-    check_output(path, IMPACTS, [arguments.case])
+    with overwriting(arguments.overwrite or arguments.resume):
+        check_output(path, IMPACTS, [arguments.case])
     try:
         data = run_impacts(
             case, progress=not arguments.quiet, threads=arguments.threads, path=path,

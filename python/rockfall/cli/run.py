@@ -15,11 +15,11 @@ from rockfall.cli.given import overridden, scene_of
 from rockfall.cli.messages import DONE, say, warn
 from rockfall.errors import RockfallError
 from rockfall.interrupts import exit_status, interrupts
-from rockfall.io.output_files import RESULT, check_output
+from rockfall.io.output_files import RESULT, check_output, overwriting
 from rockfall.result.dataset import write_result
 from rockfall.result.samples import simulated
 from rockfall.scene.scene import Scene
-from rockfall.simulation.checkpoint import Checkpoint
+from rockfall.simulation.checkpoint import Checkpoint, checkpoint_of
 from rockfall.simulation.dask import run_on_cluster
 from rockfall.simulation.lock import locked
 from rockfall.simulation.simulate import Interrupted, simulate
@@ -35,9 +35,17 @@ def run_command(arguments: argparse.Namespace) -> int:
     which, of = shard = (1, 1) if arguments.shard is None else _shard(arguments.shard)
     stem = arguments.case.stem
     path = arguments.output or Path(f"{stem}.nc" if of == 1 else f"{stem}.part{which}of{of}")
-    check_output(path, RESULT, input_files(case))
-    with locked(path, warn):
-        return _run_to(path, case, arguments, shard, _checkpoint(arguments, path))
+    with overwriting(arguments.overwrite or _was_stopped(path, arguments)):
+        check_output(path, RESULT, input_files(case))
+        with locked(path, warn):
+            return _run_to(path, case, arguments, shard, _checkpoint(arguments, path))
+
+
+def _was_stopped(path: Path, arguments: argparse.Namespace) -> bool:
+    """Whether an output is what a stopped run left beside its checkpoint: `--resume` replaces it.
+    Without that option the checkpoint is refused, which says more."""
+    checkpoints = arguments.until is None and arguments.dask is None
+    return checkpoints and checkpoint_of(path).exists()
 
 
 def _refuse_contradictions(arguments: argparse.Namespace) -> None:

@@ -37,7 +37,7 @@ def new_case(dem: str | Path, layers: Iterable[str | Path], out: str | Path) -> 
     if out.suffix.lower() != ".nml":
         raise RockfallError(f"{out}: is no name for a case; it must end in .nml")
     if os.path.lexists(out):
-        raise RockfallError(f"{out}: is there; it is not overwritten")
+        raise RockfallError(f"{out}: already exists; not overwritten")
     z, grid = read_dem(dem)
     new = New(dem, out, grid)
     for file in files:

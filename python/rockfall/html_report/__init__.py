@@ -73,7 +73,7 @@ from rockfall.html_report.terrain_view import terrain_view
 from rockfall.html_report.validity import cautions, warnings
 from rockfall.io.files import atomic_write
 from rockfall.io.output_files import FIGURE, PAGE, SIGNATURE, check_output
-from rockfall.plots.figures import figures
+from rockfall.plots.figures import drawn_lines, figures
 from rockfall.plots.hazard_figures import hazard_figures
 from rockfall.plots.style import save
 from rockfall.protection.barriers import barriers_of
@@ -100,6 +100,7 @@ DOTS_PER_INCH = 200
 GROUNDS = "Grounds: radii of their rocks"
 UNIT = re.compile(r"(?<=\d) (?=(?:%|kJ|m|m/s|m2|m³|kg/m³)(?!\w))")  # stays with its number
 COLOURS = 128  # of a figure of dots
+DRAWN_LINES = 8  # those with figures; the tables have all
 
 
 class Picture(NamedTuple):
@@ -182,7 +183,8 @@ def report(
     sheet = design(result) if rows and has_rows(result) else None
     ranges = range_tables(result, rows)
     zoomed = set() if on_paper else {f"map_{name}" for name in result.data_vars}
-    shown = [one for one in figures(result, terrain, observed, look) if one.name not in zoomed]
+    drawn = figures(result, terrain, observed, look, DRAWN_LINES)
+    shown = [one for one in drawn if one.name not in zoomed]
     grounds = ground_figure(result, terrain)
     endangered = [] if hazard is None else list(hazard_tables(hazard))
     outside = [*warnings(result), *missing_spread(result, models)]
@@ -247,10 +249,11 @@ def _convergence(
     caption += (
         "; the sources take turns, in a random order." if LineSamples(result).sources > 1 else "."
     )
+    which = drawn_lines(result, DRAWN_LINES) if has_rows(result) else []
     for k, (line, numbers) in enumerate(rows.items()):
         if numbers["speed"]["n"]:
             figure = None
-            if has_rows(result):
+            if k in which:
                 drawn = convergence_figure(result, k)
                 figure = _picture(drawn, f"Convergence at {line}", caption, say)
             yield line, figure, precision_table(line, numbers, simulated(result))

@@ -156,7 +156,8 @@ def words_of(result: xr.Dataset) -> Iterator[str]:
     """Names and texts of the user's, which no page translates."""
     case = case_of(result)
     yield from (str(name) for name in result["line"].values) if "line" in result else ()
-    yield from (str(name) for name in result["ground"].values) if "ground" in result else ()
+    for names in ("ground", "feature"):
+        yield from (str(name) for name in result[names].values) if names in result else ()
     yield from (str(result.attrs[name]) for name in ("impact_set", "title", "case_file"))
     yield case.terrain["dem"]
     yield from (one.rule.text for one in verdicts_of(result))

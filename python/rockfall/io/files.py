@@ -2,6 +2,7 @@
 """Files appear under their name only when they are whole."""
 
 import os
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -10,6 +11,7 @@ from rockfall.errors import RockfallError
 from rockfall.io.classic_header import overstates
 from rockfall.limits import MAX_TEXT
 
+TEMPORARY = ".rockfall-"  # how names of temporary folders begin
 #: First bytes of netCDF files, GeoTIFFs and GeoPackages.
 NETCDF = (b"CDF\1", b"CDF\2", b"CDF\5", b"\x89HDF\r\n\x1a\n")
 TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
@@ -52,16 +54,14 @@ def read_text(path: str | Path) -> str:
 
 @contextmanager
 def atomic_write(path: str | Path) -> Iterator[Path]:
-    """A temporary path beside `path`, renamed to it when the block ends well, removed when not.
-
-    It keeps the ending of the name, from which drivers tell the format.
-    """
+    """A temporary path of the same name, renamed to `path` when the block ends well, removed when
+    not. It is in a new folder beside `path` that only its owner may enter: in a folder that many
+    may write to, nobody can place a link where the drivers of formats will write."""
     path = Path(path)
-    part = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
     try:
-        yield part
-        os.replace(part, path)
+        with tempfile.TemporaryDirectory(dir=path.parent, prefix=TEMPORARY) as folder:
+            part = Path(folder) / path.name
+            yield part
+            os.replace(part, path)
     except OSError as error:
         raise RockfallError(f"{path}: cannot be written: {error.strerror or error}") from error
-    finally:
-        part.unlink(missing_ok=True)

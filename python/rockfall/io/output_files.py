@@ -13,11 +13,12 @@ import sqlite3
 import tempfile
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import closing, contextmanager
+from contextvars import ContextVar
 from pathlib import Path
 
 from rockfall.errors import RockfallError
 from rockfall.interrupts import interrupts
-from rockfall.io.files import NETCDF, SQLITE, TIFF, check_netcdf
+from rockfall.io.files import NETCDF, SQLITE, TEMPORARY, TIFF, check_netcdf
 
 RESULT, ENSEMBLE, IMPACTS = "a result of a run", "an ensemble", "impacts of the laboratory"
 HAZARD, STYLE, OBJECT_TABLE = "a hazard", "a style for QGIS", "a table of objects at risk"
@@ -67,6 +68,19 @@ SIGNS = (  # how a file of ours begins, what else its head holds, and what it is
 )
 RESULT_NAME = re.compile(r"(\.nc|(^|\.)part\d+of\d+)$")
 HEAD = 4096  # bytes
+EXISTS = "already exists; not overwritten (--overwrite replaces it)"
+#: Whether what an earlier command wrote may be replaced: yes in scripts, which say so by the call.
+_replacing: ContextVar[bool] = ContextVar("replacing", default=True)
+
+
+@contextmanager
+def overwriting(allowed: bool) -> Iterator[None]:
+    """Allow or refuse, within the block, to replace files that rockfall wrote earlier."""
+    before = _replacing.set(allowed)
+    try:
+        yield
+    finally:
+        _replacing.reset(before)
 
 
 def check_output(path: str | Path, kind: str, inputs: Iterable[str | Path] = ()) -> None:
@@ -90,9 +104,11 @@ def check_outputs(
     kinds: Mapping[Path, str | None],
     inputs: Iterable[str | Path] = (),
     former: Collection[Path] = (),
+    same: Collection[Path] = (),
 ) -> None:
-    """Refuse to write over an input, by whatever name it goes there, and over what is not of the
-    kind that is to be written, except for `former` files, which are known to be of ours."""
+    """Refuse to write over an input, by whatever name it goes there, over what is not of the kind
+    that is to be written, except for `former` files, which are known to be of ours, and, unless
+    `overwriting` allows it, over any file. Those that stay the `same` are no loss."""
     taken = [path for path in kinds if os.path.lexists(path)]
     read = {_identity(path) for path in inputs if os.path.exists(path)} if taken else set()
     for path in taken:
@@ -100,11 +116,13 @@ def check_outputs(
             raise RockfallError(f"{path}: is a folder; a file name is needed")
         if path.exists() and _identity(path) in read:
             raise RockfallError(f"{path}: is an input; it is not overwritten")
-        if path not in former and kind_of(path) != (kinds[path] or ""):
+        if path not in former and path not in same and kind_of(path) != (kinds[path] or ""):
             kind = kinds[path] or "a file"
             raise RockfallError(
                 f"{path}: is there, and not {kind} that rockfall wrote; it is not overwritten"
             )
+        if not _replacing.get() and path not in same:
+            raise RockfallError(f"{path}: {EXISTS}")
 
 
 def _same_bytes(path: Path, new: Path) -> bool:
@@ -199,16 +217,17 @@ def atomic_folder(
     check_folder(folder)
     place = folder.resolve()
     base = next(path for path in (place, *place.parents) if path.exists())
-    part = base / f".{place.name}.{os.getpid()}"
-    new, old = part / "new", part / "old"
+    part = None
     try:
-        for path in part, new, old:
+        part = Path(tempfile.mkdtemp(dir=base, prefix=TEMPORARY))  # nobody else may enter it
+        new, old = part / "new", part / "old"
+        for path in new, old:
             path.mkdir()
         yield new
         paths = sorted(new.iterdir(), key=lambda path: path.name == last)
         kinds = dict.fromkeys(former) | {folder / path.name: kind_of(path) for path in paths}
         same = [path for path in kinds if _same_bytes(path, new / path.name)]
-        check_outputs(kinds, inputs, [*former, *same])
+        check_outputs(kinds, inputs, former, same)
         there = sorted(filter(os.path.lexists, kinds), key=lambda path: path.name != last)
         moves = [(path, old / path.name) for path in there]
         moves += [(path, folder / path.name) for path in paths]
@@ -219,7 +238,8 @@ def atomic_folder(
     except RockfallError as error:
         raise RockfallError(str(error).replace(str(new), str(folder)), error.code) from error
     finally:
-        shutil.rmtree(part, ignore_errors=True)
+        if part:
+            shutil.rmtree(part, ignore_errors=True)
 
 
 @contextmanager

@@ -19,8 +19,9 @@ if TYPE_CHECKING:
     import pandas as pd
 
 MAX_COLUMNS = 1000
-# Texts that a spreadsheet would run as formulas, or that would be taken for such texts made safe.
-_FORMULA = re.compile(r"'*[=+\-@\t\r]")
+# Texts that a spreadsheet would run as formulas, or that would be taken for such texts made safe:
+# some skip blanks and marks that nobody sees, and take the full-width signs of East Asia for ours.
+_FORMULA = re.compile(r"['\s\x00-\x1f\u200b\ufeff]*[=+\-@\uff1d\uff0b\uff0d\uff20]|'*[\t\r]")
 # What Fortran takes for a number, and no more (Python would read 1_000 too).
 _DECIMAL = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eEdD][+-]?[0-9]+)?")
 

@@ -58,6 +58,9 @@ if TYPE_CHECKING:
     from rockfall.result.trajectories import Terrain
 
 
+PER_FIGURE = 8  # lines
+
+
 @dataclass(frozen=True)
 class Figure:
     """One figure: a name for files, a title, a sentence on what is seen; `draw` makes it."""
@@ -73,13 +76,15 @@ def figures(
     terrain: Terrain | None = None,
     observed: Any = None,
     look: Look | None = None,
+    most_lines: int | None = None,
 ) -> list[Figure]:
     """The figures of a result, in the order in which they are read.
 
     `terrain`, from `rockfall.plots.terrain.terrain_of`, puts relief under maps and ground under
     profiles. `observed` is what `rockfall.analysis.observations.read_observed` gives: its summaries
     and samples come beside the distributions at the lines, its distances and fractions beside the
-    curve of passing, its stops on the maps. `look` has limits between classes and a basemap.
+    curve of passing, its stops on the maps. `look` has limits between classes and a basemap. Of
+    more than `most_lines` lines those are drawn that most boulders pass.
     """
     if "boulder" not in result.sizes or not simulated(result):
         raise RockfallError("a result without boulders has no figures")
@@ -87,7 +92,7 @@ def figures(
     return [
         *_trajectories(result, terrain, look),
         *(_reach(result, terrain, observed, look) if rows else ()),
-        *(_at_lines(result, observed) if rows else ()),
+        *(_at_lines(result, observed, drawn_lines(result, most_lines)) if rows else ()),
         *_ranges(result),
         *_rebounds(result),
         *_maps(result, terrain, look),
@@ -169,25 +174,41 @@ def _reach(
         )
 
 
-def _at_lines(result: xr.Dataset, observed: Any) -> Iterator[Figure]:
-    """Distributions at the evaluation lines (paper, Figs 8 and 11)."""
+def drawn_lines(result: xr.Dataset, most: int | None = None) -> list[int]:
+    """The lines of figures, counted from 0, in their order: all, or those that most boulders
+    pass."""
     if not lines(result):
+        return []
+    passed = np.isfinite(result["line_x"].values).sum(axis=1)
+    return sorted(np.argsort(-passed, kind="stable")[:most].tolist())
+
+
+def _at_lines(result: xr.Dataset, observed: Any, which: list[int]) -> Iterator[Figure]:
+    """Distributions at the evaluation lines (paper, Figs 8 and 11), a few of them in a figure."""
+    if not which:
         return
-    source, passed = sources(result), []
-    for name, x in zip(result["line"].values, result["line_x"].values, strict=True):
-        fraction, low, high = (100 * f for f in fraction_interval(np.isfinite(x), source))
+    source, passed = sources(result), {}
+    for k in which:
+        crossed, name = np.isfinite(result["line_x"].values[k]), result["line"].values[k]
+        fraction, low, high = (100 * f for f in fraction_interval(crossed, source))
         interval = f"95 % confidence interval {low:.1f} to {high:.1f} %"
-        passed.append(f"{np.isfinite(x).sum():,} at {name} ({fraction:.1f} %, {interval})")
+        passed[k] = f"{crossed.sum():,} at {name} ({fraction:.1f} %, {interval})"
+    some = f" {len(which)} of {result.sizes['line']} lines, those that most boulders pass."
+    some = some if len(which) < result.sizes["line"] else ""
+    blocks = [which[k : k + PER_FIGURE] for k in range(0, len(which), PER_FIGURE)]
     for name in DRAWN:
         label = QUANTITIES[name].label
-        yield Figure(
-            f"line_{name}",
-            f"{capital(label)} at the lines",
-            f"Distribution of {label} among the boulders that pass: {'; '.join(passed)}; below: "
-            "mean ± one standard deviation; one in 500 lies beyond the axis.",
-            partial(distribution_figure, result, name, observed),
-        )
-    for k, name in enumerate(map(str, result["line"].values)):
+        for number, block in enumerate(blocks, start=1):
+            at = "; ".join(passed[k] for k in block)
+            yield Figure(
+                f"line_{name}" + (f"_{number}" if len(blocks) > 1 else ""),
+                f"{capital(label)} at the lines",
+                f"Distribution of {label} among the boulders that pass: {at}; below: mean ± one "
+                f"standard deviation; one in 500 lies beyond the axis.{some}",
+                partial(distribution_figure, result, name, observed, block),
+            )
+    for k in which:
+        name = str(result["line"].values[k])
         if np.isfinite(result["line_x"].values[k]).any():
             yield Figure(
                 f"along_{k + 1}",

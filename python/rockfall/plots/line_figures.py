@@ -58,11 +58,15 @@ class Row(NamedTuple):
 
 
 @styled
-def distribution_figure(result: xr.Dataset, quantity: str, observed: Any = None) -> Figure:
-    """The distribution of a quantity among the boulders that pass, a panel for each line; below it
-    mean and standard deviation, and those which `observed` has (see `rockfall.plots.figures`)."""
-    about, names = QUANTITIES[quantity], [str(name) for name in result["line"].values]
-    ours = [about.factor * _finite(line_values(result, quantity, k)) for k in range(len(names))]
+def distribution_figure(
+    result: xr.Dataset, quantity: str, observed: Any = None, which: Iterable[int] | None = None
+) -> Figure:
+    """The distribution of a quantity among the boulders that pass, a panel for each line or for
+    `which` of them, counted from 0; below it mean and standard deviation, and those which
+    `observed` has (see `rockfall.plots.figures`)."""
+    which = list(range(result.sizes["line"]) if which is None else which)
+    about, names = QUANTITIES[quantity], [str(result["line"].values[k]) for k in which]
+    ours = [about.factor * _finite(line_values(result, quantity, k)) for k in which]
     theirs = [about.factor * _sample(observed, name, quantity) for name in names]
     rows = [_rows(*of, quantity, observed) for of in zip(names, ours, theirs, strict=True)]
     edges = _bins([*ours, *theirs])
@@ -73,19 +77,23 @@ def distribution_figure(result: xr.Dataset, quantity: str, observed: Any = None)
     tall = 1.9 + 0.17 * deepest
     figure = new_figure(WIDE if abreast > 1 else NARROW, 0.3 + (tall + 0.5) * deep)
     blocks = figure.add_gridspec(deep, abreast)
-    first = None
+    panels = []  # not shared, which takes quadratic time
     for k, name in enumerate(names):
         block = blocks[k // abreast, k % abreast].subgridspec(
             2, 1, height_ratios=[1.9, 0.17 * deepest + 0.1], hspace=0
         )
-        upper = first = figure.add_subplot(block[0], sharex=first, sharey=first)
-        lower = figure.add_subplot(block[1], sharex=upper)
+        upper, lower = figure.add_subplot(block[0]), figure.add_subplot(block[1])
+        panels.append((upper, lower))
         _draw_bins(upper, ours[k], theirs[k], edges)
         _draw_rows(lower, rows[k], deepest)
-        upper.set_title(fill(f"{plain(name)}: {_passing(result, k)}", 54))
+        upper.set_title(fill(f"{plain(name)}: {_passing(result, which[k])}", 54))
         upper.set_ylabel(f"boulders [%] per {width:g} {about.unit}")
         lower.set_xlabel(about.title)
-    upper.set(xlim=(min(0.0, edges[0]), edges[-1]), ylim=(0, None))
+    high = max(upper.get_ylim()[1] for upper, _ in panels)
+    for upper, lower in panels:
+        upper.set_ylim(0, high)
+        for axes in upper, lower:
+            axes.set_xlim(min(0.0, edges[0]), edges[-1])
     return figure
 
 

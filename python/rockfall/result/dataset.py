@@ -122,12 +122,13 @@ def write_result(result: Held, path: str | Path, kind: str = RESULT) -> None:
 
 
 def put_netcdf(data: Held, path: str | Path, name: str | Path) -> None:
-    """Put all of it into a new file; `name` is for messages. By netCDF4 itself: xarray would copy
-    maps whole, and load Dask wherever it is installed, which takes longer than the writing."""
+    """Put all of it into a new file, through no link; `name` is for messages. By netCDF4 itself:
+    xarray would copy maps whole, and load Dask wherever it is installed, which takes longer than
+    the writing."""
     import netCDF4
 
     try:
-        with netCDF4.Dataset(path, "w") as file:
+        with netCDF4.Dataset(path, "x") as file:
             file.setncatts(data.attrs)
             for dim, size in data.sizes.items():
                 file.createDimension(str(dim), size)

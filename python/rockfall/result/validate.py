@@ -17,6 +17,8 @@ from rockfall.result.samples import lengths, possible, sample_dims
 if TYPE_CHECKING:
     import xarray as xr
 
+    from rockfall.io.grid import Grid
+
     #: Name of a variable -> its dimensions.
     _Group = dict[str, tuple[str, ...]]
 
@@ -31,6 +33,13 @@ NUMBERS = (  # and those of them that are numbers
 )  # fmt: skip
 TEXTS = ("line", "feature", "ground", "ground_model")  # variables that hold no numbers
 FIXED = ("place", "line", "quantity", "word", "tail", "rank", "status")  # dimensions of samples
+#: What boulders have, and their crossings: ranges that no run leaves.
+POSITIVE = {"volume"}
+NOT_NEGATIVE = {
+    "path_length", "plan_distance", "travel_time", "speed_max", "jump_height_max", "impacts",
+    "time", "speed", "energy_translational", "energy_rotational", "trees_hit",
+}  # fmt: skip
+PLACES = {"start_x", "start_y", "stop_x", "stop_y", "x", "y"}
 #: Along these every value is a number; at lines NaN says that a boulder did not cross.
 FINITE = ("x", "y", "boulder", "line_vertex", "trajectory_vertex")
 
@@ -134,6 +143,8 @@ def check_values(data: xr.Dataset, path: str | Path) -> None:
         at_line = dims == ("line", "boulder") and name.startswith("line_")
         if at_line and not are_crossings(values, data["line_time"].values):
             raise RockfallError(f"{path}: {name}: must be a number where a boulder crossed a line")
+        if fault := out_of_range(name, values) if "boulder" in dims else "":
+            raise RockfallError(f"{path}: {fault}")
         if name.endswith("_bin_bounds") and not _are_edges(values):
             raise RockfallError(f"{path}: {name}: must be the edges of bins, each above the last")
 
@@ -152,6 +163,26 @@ def check_samples(data: xr.Dataset, path: str | Path) -> None:
     wrong = next((f"sample_{dim}" for dim in FIXED if sizes[dim] != shape[dim]), "")
     if wrong := wrong or possible(arrays, shape, done):
         raise RockfallError(f"{path}: {wrong}: holds what no run has")
+
+
+def out_of_range(name: str, values: np.ndarray, grid: Grid | None = None) -> str:
+    """The value of a variable, along boulders or at lines, that no run can have, and the rule; ""
+    where there is none. Places are looked at where the `grid` of the terrain is known."""
+    field = name.removeprefix("line_")
+    if field in POSITIVE:
+        wrong, rule = values <= 0, "must be > 0"
+    elif field in NOT_NEGATIVE:
+        wrong, rule = values < 0, "must be >= 0"
+    elif grid is not None and field in PLACES:
+        place = grid.west, grid.cell, grid.nx
+        if field.endswith("y"):
+            place = grid.north - grid.ny * grid.cell, grid.cell, grid.ny
+        lowest, highest = place[0], place[0] + place[1] * place[2]
+        wrong = (values < lowest) | (values > highest)
+        rule = f"must be {lowest:.10g} to {highest:.10g}, on the terrain"
+    else:
+        return ""
+    return f"{name} = {values[wrong][0]:g}: {rule}" if wrong.any() else ""
 
 
 def are_crossings(values: np.ndarray, times: np.ndarray) -> bool:

@@ -22,6 +22,11 @@ from rockfall.simulation.tally import Tally, origin_of
 REST = 20.0  # a save that took so long is followed by this many times as long without another
 
 
+def checkpoint_of(output: Path) -> Path:
+    """The path of the checkpoint of a run to `output`."""
+    return output.with_name(f"{output.name}.checkpoint")
+
+
 class Checkpoint:
     """The checkpoint of a run in a file beside its output, written every so many seconds."""
 
@@ -33,7 +38,7 @@ class Checkpoint:
         keep: bool = False,
     ) -> None:
         output = Path(output)
-        self.path = output.with_name(f"{output.name}.checkpoint")
+        self.path = checkpoint_of(output)
         self.part = output.with_name(f".{output.name}.checkpoint")  # until it is whole
         self.every, self.say = every, say
         self.keep = keep  # also when all is done, for who has more to do
@@ -90,6 +95,7 @@ class Checkpoint:
             return
         begun = time.monotonic()
         try:
+            self.part.unlink(missing_ok=True)  # of a run that was killed while it saved
             put_netcdf(make_part(tally), self.part, self.path)
             _sync(self.part)
             os.replace(self.part, self.path)

@@ -35,7 +35,7 @@ def _open(path: Path) -> int:
     check_regular(path)
     if path.exists() and (path.is_dir() or path.stat().st_size):
         raise RockfallError(f"{path}: is there, and no lock; choose another output")
-    return os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+    return os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o666)
 
 
 def _hold(descriptor: int, path: Path, say: Callable[[str], None]) -> bool:

@@ -32,7 +32,7 @@ from rockfall.result.samples import (
     sample_dims,
     sample_variables,
 )
-from rockfall.result.validate import are_crossings
+from rockfall.result.validate import are_crossings, out_of_range
 from rockfall.scene.scene import Features, InputWarning
 from rockfall.simulation.maps import Maps, plan_of
 from rockfall.simulation.source_maps import SHARED, settle, shared_cells
@@ -465,11 +465,27 @@ def _check_values(part: Part) -> None:
             continue
         if not _possible(name, values, arrays.get("line_time"), cells):
             raise _damaged(part, name)
+        if fault := out_of_range(name, values, part.origin.grid):
+            raise _damaged(part, fault)
+    if not _are_sources(part):
+        raise _damaged(part, "source: must be that from which each boulder comes")
     if "trajectory_boulder" in arrays:
         numbers = arrays["trajectory_boulder"]
         inside = (numbers >= part.first) & (numbers <= part.last)
         if not (np.diff(numbers) >= 0).all() or not inside.all():
             raise _damaged(part, "trajectory_boulder")
+
+
+def _are_sources(part: Part) -> bool:
+    """Whether boulders come from sources in their order; from which, where each source releases as
+    many."""
+    sources, case = part.arrays["source"].astype(np.int64), part.origin.case
+    if not (np.diff(sources) >= 0).all():
+        return False
+    if "boulders" not in case.case or case.release["by_area"]:
+        return bool((sources <= part.origin.boulders).all())
+    numbers = part.arrays.get("boulder", np.arange(part.first, part.last + 1))
+    return np.array_equal(sources, (numbers - 1) // case.case["boulders"] + 1)
 
 
 def are_numbers(numbers: np.ndarray, first: int, last: int) -> bool:

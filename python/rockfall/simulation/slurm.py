@@ -34,8 +34,8 @@ set -eu
 mkdir -p $folder/parts
 part=$$SLURM_ARRAY_TASK_ID
 export OMP_NUM_THREADS="$${{SLURM_CPUS_PER_TASK:-$threads}}"
-exec $program $case --quiet --resume --threads "$$OMP_NUM_THREADS" --shard "$$part/$shards" \\
-  --output $folder/parts/"part$${{part}}of$shards"
+exec $program $case --quiet --resume --overwrite --threads "$$OMP_NUM_THREADS" \\
+  --shard "$$part/$shards" --output $folder/parts/"part$${{part}}of$shards"
 """
 )
 PROGRAMS = "python", "batch"

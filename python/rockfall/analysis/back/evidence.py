@@ -30,7 +30,7 @@ import numpy as np
 
 from rockfall.analysis.lines.values import line_values
 from rockfall.analysis.observations import Observed
-from rockfall.analysis.run_out import Frame, frames, observed_boulders, way_of
+from rockfall.analysis.run_out import Frame, compared, frames, observed_boulders, way_of
 from rockfall.errors import RockfallError
 
 if TYPE_CHECKING:
@@ -199,13 +199,15 @@ def evidence(result: xr.Dataset, seen: Observed) -> tuple[list[Evidence], list[s
 
 
 def _of_stops(result: xr.Dataset, seen: Observed, notes: list[str]) -> Iterator[Evidence]:
+    if seen.stops is not None and (said := compared(result, seen)[1]):
+        notes.append(said)
     known, several = observed_boulders(result, seen), len(frames(result, seen)) > 1
     if known is not None and not frames(result, seen):
         yield Counted("stopping distance", known.values[:, 0], _distance)
     elif known is not None:
         for source, frame in frames(result, seen).items():
             mine = known.of(source).values
-            name = f", source {source + 1}" if several else ""
+            name = f", source {frame.name}" if several else ""
             for column, label in enumerate(("stopping distance", "lateral offset")):
                 yield Counted(f"{label}{name}", mine[:, column], _way(frame, source, column))
     elif seen.stops is not None:

@@ -13,7 +13,7 @@ import numpy as np
 from rockfall.analysis.back.evidence import Evidence, as_record, evidence, predictive_p, shares
 from rockfall.analysis.back.sampling import Sampler, effective
 from rockfall.analysis.ensemble.study import lean
-from rockfall.analysis.ensemble.uncertain_inputs import INPUTS, Uncertain, drawn_scene
+from rockfall.analysis.ensemble.uncertain_inputs import INPUTS, Uncertain, drawn_scene, has_rocks
 from rockfall.analysis.observations import Observed, read_observed
 from rockfall.case import Case
 from rockfall.errors import RockfallError
@@ -218,12 +218,19 @@ def _sought(inputs: Uncertain, base: xr.Dataset) -> np.ndarray:
 
 
 def _reached_materials(scene: Scene, base: xr.Dataset) -> set[int]:
-    """Rows of the sizes of rocks, where these are finite, that boulders come to."""
-    if scene.zone is None:
+    """Rows of the sizes of rocks that boulders come to; of none, a factor does nothing."""
+    if scene.values is not None:
         return {0}
-    passed = base["passages"].values > 0
-    rows = set((np.unique(scene.zone[passed]) - 1).tolist())
-    return {row for row in rows if row >= 0 and np.isfinite(scene.sizes[row]).all()}
+    rows = {0}
+    if scene.zone is not None:
+        rows = set((np.unique(scene.zone[base["passages"].values > 0]) - 1).tolist())
+    found = {row for row in rows if row >= 0 and has_rocks(scene.sizes[row])}
+    if not found:
+        raise RockfallError(
+            f"{scene.case.name}: &ensemble radius_factor: has no effect: boulders come to no zone "
+            "with rocks (R_m > 0); take it out"
+        )
+    return found
 
 
 def _normal_scores(uniform: np.ndarray) -> np.ndarray:

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ from rockfall.io.tables import check_columns, read_table
 from rockfall.scene.coefficients import SetFile, draws_in
 from rockfall.scene.kernel_scene import known_at
 from rockfall.scene.scene import Scene
+from rockfall.scene.sources.attributes import VALUES, VOLUMES
 
 INPUTS = ("volume", "drop_height", "source", "sets", "dem", "radius", "draws")
 NUMBERS = (2, 1, 2, 1, 0)  # that an input needs in a draw; radius: one for each zone
@@ -31,20 +32,27 @@ class Draw:
 
     arrays: dict[str, Any] = field(default_factory=dict)  # by names of Scene
     groups: dict[str, dict[str, Any]] = field(default_factory=dict)  # as in Case.replace
+    factors: dict[str, float] = field(default_factory=dict)  # on VALUES of the layer of sources
     kept: dict[str, Any] = field(default_factory=dict)
 
     def __or__(self, other: Draw) -> Draw:
         """Both, of which neither changes what the other does."""
-        return Draw(self.arrays | other.arrays, self.groups | other.groups, self.kept | other.kept)
+        pairs = ((getattr(self, one.name), getattr(other, one.name)) for one in fields(Draw))
+        return Draw(*(mine | theirs for mine, theirs in pairs))
 
 
 def drawn_scene(scene: Scene, draws: Iterable[Draw], seed: int) -> Scene:
     """The scene with all that has been drawn, for boulders of this seed."""
     arrays: dict[str, Any] = {}
     groups: dict[str, Any] = {"case": {"seed": seed}}
+    factors: dict[str, float] = {}
     for one in draws:
         arrays |= one.arrays
         groups |= one.groups
+        factors |= one.factors
+    if factors and scene.features is not None and scene.features.value is not None:
+        by = np.array([factors.get(name, 1.0) for name in VALUES])
+        arrays["features"] = scene.features._replace(value=scene.features.value * by)
     return replace(scene, case=scene.case.replace(**groups), **arrays)
 
 
@@ -72,12 +80,7 @@ class Uncertain:
                 "volume_factor, volume_std_factor, drop_height_factor, dem_error, source_shift "
                 "or two sets"
             )
-        told = scene.features is not None and scene.features.law is not None
-        for name in {"volume", "drop_height"} & {*self.names} if told else ():
-            raise RockfallError(
-                f"{scene.case.name}: &ensemble {name}_factor: has no meaning where the layer "
-                "of the sources says what is released"
-            )
+        self._check_factors()
         self.ends = np.cumsum([0, *NUMBERS, self.radii, int("draws" in self.names)])
         self.design = self._design()
         longest = max(scene.grid.shape) * scene.grid.cell
@@ -87,6 +90,29 @@ class Uncertain:
                 f"{self.given['dem_correlation']:g}: must be at most {longest:g} m, the longer "
                 "side of the DEM"
             )
+
+    def _check_factors(self) -> None:
+        """Refuse factors on what neither the case nor the layer of the sources gives."""
+        scene = self.scene
+        of_case = {
+            "volume_std": scene.case.boulder.get("volume_std", 0.0),
+            "drop_height": scene.case.release["drop_height"],
+        }
+        for name, value in of_case.items():
+            own = np.zeros(1)
+            if scene.features is not None and scene.features.value is not None:
+                own = np.nan_to_num(scene.features.value[:, VALUES.index(name)])
+            if self.given[f"{name}_factor"] > 1 and not max(value, own.max()) > 0:
+                raise RockfallError(
+                    f"{scene.case.name}: &ensemble {name}_factor: has no meaning without a "
+                    f"{name}, in the case or in the layer of the sources"
+                )
+        if self.given["radius_factor"] > 1 and scene.values is None:
+            if not any(map(has_rocks, scene.sizes)):
+                raise RockfallError(
+                    f"{scene.case.name}: &ensemble radius_factor: has no effect: no zone has rocks "
+                    "(R_m > 0); take it out"
+                )
 
     def _varies(self, name: str) -> bool:
         if name == "draws":
@@ -153,7 +179,8 @@ class Uncertain:
         return Draw({"sizes": scene.sizes * factor[:, None]}, kept={"radius": factor})
 
     def _volume(self, numbers: np.ndarray) -> Draw:
-        """A factor on all volumes of the distribution, another on its standard deviation."""
+        """A factor on all volumes, whether the case, a layer or rasters give them; another on
+        standard deviations."""
         size = self._factor(numbers[0], "volume_factor")
         spread = self._factor(numbers[1], "volume_std_factor")
         return self._volumes_by(float(size), float(spread))
@@ -164,14 +191,23 @@ class Uncertain:
         changed = {key: np.asarray(boulder[key]) * size for key in keys if key in boulder}
         if "volume_std" in boulder:
             changed["volume_std"] *= spread
-        return Draw(groups={"boulder": changed}, kept={"volume": size, "volume_std": spread})
+        factors = dict.fromkeys(VOLUMES, size) | {"volume_std": size * spread}
+        found, arrays = self.scene.source_boulders, {}
+        if found is not None:
+            arrays["source_boulders"] = found._replace(volume=found.volume * size)
+        kept = {"volume": size, "volume_std": spread}
+        return Draw(arrays, {"boulder": changed} if changed else {}, factors, kept)
 
     def _drop_height(self, numbers: np.ndarray) -> Draw:
         return self._height_by(float(self._factor(numbers[0], "drop_height_factor")))
 
     def _height_by(self, factor: float) -> Draw:
         height = self.scene.case.release["drop_height"] * factor
-        return Draw(groups={"release": {"drop_height": height}}, kept={"drop_height": factor})
+        return Draw(
+            groups={"release": {"drop_height": height}},
+            factors={"drop_height": factor},
+            kept={"drop_height": factor},
+        )
 
     def _draws(self, numbers: np.ndarray) -> Draw:
         """A row of the file of draws: inputs that belong together."""
@@ -222,6 +258,11 @@ class Uncertain:
 
     def _set(self, which: int) -> Draw:
         return Draw({"sets": self.sets[which]}, kept={"set": which})
+
+
+def has_rocks(sizes: np.ndarray) -> bool:
+    """Whether a row of the sizes of rocks, R_m or three Rg [m], is known and above zero."""
+    return bool(np.isfinite(sizes).all() and (sizes > 0).any())
 
 
 def read_draws(path: Path, radii: int, sets: int) -> list[dict[str, float]]:

@@ -3,11 +3,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any, NamedTuple
+
+import numpy as np
 
 from rockfall.case import Case
 from rockfall.errors import RockfallError
 from rockfall.scene.scene import Scene
+from rockfall.scene.sources.attributes import DENSITY
 
 VOLUMES = (
     "volume", "volume_mean", "volume_std", "volume_min", "volume_max", "volumes",
@@ -46,19 +50,33 @@ def base_case(case: Case) -> Case:
 def scenarios_of(scene: Scene, lines: list[dict[str, Any]]) -> list[Scenario]:
     """Those of the scene of a base case, with evaluation lines."""
     case = scene.case.replace(line=lines)
-    if scene.features is not None and scene.features.law is not None:
+    for what, keys, given in _of_layer(scene):
         for one in case.scenario:
-            if {*VOLUMES, "density"} & one.keys():
+            if not {*keys} & one.keys() or not given.any():
+                continue
+            about = f"{case.name}: &scenario name = '{one['name']}'"
+            if given.all():
                 raise RockfallError(
-                    f"{case.name}: &scenario name = '{one['name']}': says what boulders are, and "
-                    "so does the layer of the sources: give one of the two. A scenario without "
-                    "volumes has those of the layer; one with volumes needs a layer without them, "
-                    "or x and y, cells or steep_cells in its place"
+                    f"{about}: gives a {what}, and the layer of the sources gives that of every "
+                    "source, which comes first: take it out of one of the two"
                 )
+            scene.remarks.append(
+                f"{about}: its {what} is that of the sources of which the layer says none; "
+                f"{np.count_nonzero(given):,} of {given.size:,} have their own in all scenarios"
+            )
     return [
         Scenario(one["name"], _frequency(one, scene), _case(case, one))
         for one in scene.case.scenario
     ]
+
+
+def _of_layer(scene: Scene) -> Iterator[tuple[str, tuple[str, ...], np.ndarray]]:
+    """What a layer of sources may give that a scenario gives too: its name, the keys of the
+    scenario, and whether the layer gives that of each source."""
+    found = scene.features
+    if found is not None and found.law is not None and found.value is not None:
+        yield "volume", VOLUMES, found.law[found.of - 1] > 0
+        yield "density", ("density",), ~np.isnan(found.value[found.of - 1, DENSITY])
 
 
 def _case(case: Case, scenario: dict[str, Any]) -> Case:

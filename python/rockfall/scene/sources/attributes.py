@@ -27,7 +27,6 @@ VALUES = (*VOLUMES, "density", "drop_height", *VELOCITY)  # in the kernel's orde
 DENSITY = VALUES.index("density")
 LAWS = ("fixed", "normal", "uniform", "lognormal")  # numbered from 1, as in rockfall_boulder
 RANGE = re.compile(r"\s*([0-9.eE+]+)\s*(?:-|to)\s*([0-9.eE+]+)\s*")  # a class of volumes [m3]
-NO_ENSEMBLE = {"volume_factor": None, "volume_std_factor": None}  # that the case may ask for
 
 
 class Table(NamedTuple):
@@ -177,9 +176,7 @@ def _check_laws(scene: Scene, table: Table, law: np.ndarray, given: np.ndarray) 
         values = {n: None if np.isnan(v) else v for n, v in zip(VOLUMES, given[:, k], strict=True)}
         alone = scene.case.replace()
         alone.name = table.where(k)
-        alone.replace(
-            boulder=own | {"volume": LAWS[law[k] - 1], **values}, ensemble=NO_ENSEMBLE
-        )  # refuses
+        alone.replace(boulder=own | {"volume": LAWS[law[k] - 1], **values})  # refuses
 
 
 def _check_source(scene: Scene, table: Table, law: np.ndarray, given: np.ndarray) -> None:
