@@ -23,6 +23,7 @@ from rockfall.plots.map_figures import Look
 from rockfall.plots.terrain import terrain_of
 from rockfall.result.classes import read_limits
 from rockfall.result.dataset import read_result
+from rockfall.scene.layers import file_checksum
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -65,8 +66,9 @@ def report(
     `dem` is the terrain under maps (default: the case's, if it is there), `observed` are CSV files
     of observations that are drawn beside the result, `basemap` is a raster picture under maps,
     `limits` are those of classes ("kJ=30,300"), and `view` puts the terrain with trajectories into
-    the page. It is in `language` (en, de, fr or it), names `project`, `client` and `author`, and
-    the date `dem_date` of the survey of the terrain; `hazard`, a file hazard.nc, adds its zones.
+    the page. It is in `language` (en, de, fr or it), names `project` (its name or number), `client`
+    and `author` on page 1, which is made to be signed, and the date `dem_date` of the survey of the
+    terrain; `hazard`, a file hazard.nc, adds its zones.
     Returns the path of the page. What cannot be drawn or written is a RockfallError,
     missing terrain a UserWarning.
 
@@ -82,7 +84,8 @@ def report(
     if view:
         check_view()
     drawn = _drawn(result, dem, observed, basemap, limits)
-    parties = Parties(project, client, author, dem_date)
+    checksum = file_checksum(Path(result)) if isinstance(result, str | Path) else ""
+    parties = Parties(project, client, author, dem_date, checksum)
     write_report(drawn.result, path, *drawn[1:], view, language, parties, zones)
     return path
 

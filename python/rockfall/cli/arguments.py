@@ -233,8 +233,12 @@ def _add_results(commands: _Commands) -> None:
         "--3d", dest="view", action="store_true", help="the terrain in three dimensions, too"
     )
     report.add_argument("--language", metavar="XX", default="en", help="en (default), de, fr or it")
-    for name in ("project", "client", "author"):
-        report.add_argument(f"--{name}", metavar="TEXT", default="", help="named on page 1")
+    for name, about in (
+        ("project", "its name or number"),
+        ("client", "who asked"),
+        ("author", "who signs"),
+    ):
+        report.add_argument(f"--{name}", metavar="TEXT", default="", help=f"{about}; on page 1")
     about = "date of the survey of the DEM"
     report.add_argument("--dem-date", metavar="TEXT", default="", help=about)
     report.add_argument("--hazard", metavar="HAZARD.nc", type=Path, help="its zones, too")

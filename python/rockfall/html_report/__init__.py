@@ -22,6 +22,7 @@ from rockfall.case_files import files_behind
 from rockfall.errors import RockfallError, need
 from rockfall.html_report.convergence import convergence_figure
 from rockfall.html_report.ensemble import PER_LINE, range_tables, range_words
+from rockfall.html_report.front import front_of, overview
 from rockfall.html_report.inputs import (
     Parties,
     ground_figure,
@@ -61,7 +62,7 @@ from rockfall.io.files import atomic_write
 from rockfall.io.output_files import FIGURE, PAGE, SIGNATURE, check_output
 from rockfall.plots.figures import figures
 from rockfall.plots.hazard_figures import hazard_figures
-from rockfall.plots.style import save
+from rockfall.plots.style import capital, save
 from rockfall.protection.barriers import barriers_of
 from rockfall.protection.design import design
 from rockfall.result.flat_maps import flat_maps
@@ -167,16 +168,25 @@ def report(
     grounds = ground_figure(result, terrain)
     endangered = [] if hazard is None else list(hazard_tables(hazard))
     outside = warnings(result)
+    texts: dict[str, Any] = {
+        "title": str(result.attrs["title"]) or "rockfall",
+        "question": question(rows, hazard is not None),
+        "warnings": outside,
+        "answers": answers(result, rows),
+        "certainty": [*certainty(result, rows, not outside), *range_words(result, ranges)],
+    }
+    shown_first = [*([headline(rows)] if rows else ()), *endangered[:1], *ranges[::PER_LINE]]
+    front = front_of(result, rows, parties, texts, shown_first, say)
+    stops = None if observed is None else observed.stops
+    drawn_first = list(overview(result, terrain, stops, hazard, look, front.room))
     return _rendered(
         say,
-        title=str(result.attrs["title"]) or "rockfall",
+        title=texts["title"],
         on_paper=on_paper,
         parties=parties,
-        question=question(rows, hazard is not None),
-        answers=answers(result, rows),
-        headline=[*([headline(rows)] if rows else ()), *endangered[:1], *ranges[::PER_LINE]],
-        warnings=outside,
-        certainty=[*certainty(result, rows, not outside), *range_words(result, ranges)],
+        question=texts["question"],
+        front=front,
+        overview=[_picture(figure, title, "", say) for title, figure in drawn_first],
         indices=[one for k, one in enumerate(ranges) if k % PER_LINE],
         inputs=[input_table(result, parties), *zone_table(result)],
         ground_map=_picture(grounds, GROUNDS, "", say) if grounds else None,
@@ -233,7 +243,7 @@ def _picture(figure: Figure, title: str, caption: str, say: Speaker) -> Picture:
     content, kind = _saved(figure, "svg"), "image/svg+xml"
     if len(content) > MAX_SVG:
         content, kind = _saved(figure, "png"), "image/png"
-    return Picture(say(title), say(caption), data_uri(content, kind), wide, high)
+    return Picture(capital(say(title)), say(caption), data_uri(content, kind), wide, high)
 
 
 def _saved(figure: Figure, ending: str) -> bytes:
@@ -262,6 +272,7 @@ def _rendered(say: Speaker, **content: Any) -> str:
         loader=jinja2.FunctionLoader(read), autoescape=True, undefined=jinja2.StrictUndefined,
         trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True,
     )  # fmt: skip
+    environment.filters["capital"] = capital
     environment.filters["say"] = lambda text: UNIT.sub("\u00a0", say(text))
     return environment.get_template("page.html.j2").render(
         signature=SIGNATURE,

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from rockfall.errors import RockfallError
 from rockfall.html_report.tables import Table
 from rockfall.html_report.validity import has
 from rockfall.io.tables import read_table
+from rockfall.io.zone_table import NAMES, read_zone_table
 from rockfall.plots.cartography.rasters import cropped, draw_image
 from rockfall.plots.cartography.sheet import finish, new_sheet
 from rockfall.plots.extent import reached
@@ -49,6 +50,7 @@ class Parties(NamedTuple):
     client: str = ""
     author: str = ""
     dem_date: str = ""
+    result: str = ""  # checksum of the file of the result
 
 
 def input_table(result: xr.Dataset, parties: Parties) -> Table:
@@ -120,10 +122,10 @@ def zone_table(result: xr.Dataset) -> Iterator[Table]:
 
 
 def _zones(columns: list[str], cells: list[dict[str, str]]) -> Table:
-    shown = [name for name in ("zone", *RADII, "ground", "description") if name in columns]
+    shown = [name for name in (*NAMES, "zone", *RADII, "ground") if name in columns]
     heads = [RADII.get(name, name) for name in shown]
     rows = [tuple(_size(row.get(name, ""), name) for name in shown) for row in cells]
-    return Table("Grounds and radii of their rocks", heads, rows, "noted")
+    return Table("Grounds and radii of their rocks", heads, rows)
 
 
 def _size(text: str, name: str) -> str:
@@ -140,7 +142,7 @@ def words_of(result: xr.Dataset) -> Iterator[str]:
     yield from (str(value) for key, value in result["crs"].attrs.items() if key.endswith("_name"))
     for one in zone_table(result):
         for k, name in enumerate(one.head):
-            if name in ("description", "ground"):
+            if name in (*NAMES, "ground"):
                 yield from (str(row[k]) for row in one.rows)
 
 
@@ -155,11 +157,22 @@ def ground_figure(result: xr.Dataset, terrain: Terrain | None) -> Figure | None:
         return None
     if scene.zone is None or scene.windows or not 1 < len(scene.sizes) <= MATERIALS:
         return None
-    return _drawn(scene, reached(result, terrain), terrain)
+    return _drawn(scene, _zone_labels(case), reached(result, terrain), terrain, result["crs"].attrs)
+
+
+def _zone_labels(case: Case) -> list[str]:
+    """What each row of the table of zones is called: its name, or its number, and its ground."""
+    zones = read_zone_table(case.path(case.surface["table"]))
+    return [
+        f"{zone.name or f'zone {number}'}{f' ({zone.ground})' if zone.ground else ''}"
+        for number, zone in zones.items()
+    ]
 
 
 @styled
-def _drawn(scene: Scene, extent: Extent, terrain: Terrain | None) -> Figure:
+def _drawn(
+    scene: Scene, names: list[str], extent: Extent, terrain: Terrain | None, crs: dict[str, Any]
+) -> Figure:
     from matplotlib import colormaps
     from matplotlib.colors import BoundaryNorm, ListedColormap
     from matplotlib.patches import Patch
@@ -168,17 +181,22 @@ def _drawn(scene: Scene, extent: Extent, terrain: Terrain | None) -> Figure:
     zone, grid = cropped(scene.zone, scene.grid, False, extent, np.maximum)
     there = [k for k in range(1, len(scene.sizes) + 1) if (zone == k).any()]
     colours = colormaps["Set3"](np.arange(MATERIALS))
-    key = [Patch(color=colours[k - 1], label=_radius(scene.sizes[k - 1])) for k in there]
+    key = [
+        Patch(color=colours[k - 1], label=f"{names[k - 1]}; {_radius(scene.sizes[k - 1])}")
+        for k in there
+    ]
     sheet = new_sheet(extent, terrain, key)
     norm = BoundaryNorm(np.arange(0.5, MATERIALS + 1), MATERIALS)
     shown = np.where(zone > 0, zone, np.nan).astype(float)
     draw_image(sheet.axes, shown, grid, norm=norm, cmap=ListedColormap(colours), alpha=0.7)
-    finish(sheet)
+    finish(sheet, crs)
     return sheet.figure
 
 
 def _radius(sizes: np.ndarray) -> str:
     name = "R_m" if sizes.size == 1 else "Rg70, Rg20, Rg10"
+    if np.isnan(sizes).all():
+        return f"{name} [m]: -"
     if np.isinf(sizes).any():
         return f"{name} [m]: absorbs"
     return f"{name} [m]: {', '.join(number(one) for one in sizes)}"
