@@ -124,6 +124,7 @@ def _add_runs(commands: _Commands) -> None:
     about = "make a case of a folder of Rockyfor3D, whose files stay where they are"
     rocky = _add(commands, "imports", "import-rockyfor3d", about, "DIR")
     rocky.add_argument("-o", "--output", metavar="CASEDIR", type=Path, required=True)
+    rocky.add_argument("--crs", metavar="CODE", help="of its rasters, such as EPSG:2056")
     about = "write a Slurm job array for a case, with its merge job"
     slurm = _add(commands, "parts", "slurm", about, "CASE")
     slurm.add_argument("folder", metavar="DIR", type=Path, help="is made; jobs, parts and result")
