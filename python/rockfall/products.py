@@ -120,7 +120,8 @@ def _drawn(
     """All that is asked for, read."""
     data = read_result(result) if isinstance(result, str | Path) else result
     seen = read_observed(*observed) if observed else None
-    terrain = terrain_of(data, dem)
+    beside = Path(result).parent if isinstance(result, str | Path) else None
+    terrain = terrain_of(data, dem, beside)
     picture = None if basemap is None else read_basemap(basemap, data, reached(data, terrain))
     return _Drawn(data, terrain, seen, Look(read_limits(limits), picture))
 
