@@ -17,7 +17,7 @@ from rockfall.html_report.validity import has
 from rockfall.io.tables import read_table
 from rockfall.io.zone_table import NAMES, read_zone_table
 from rockfall.plots.cartography.rasters import cropped, draw_image
-from rockfall.plots.cartography.sheet import finish, new_sheet
+from rockfall.plots.cartography.sheet import crs_text, finish, named_crs, new_sheet
 from rockfall.plots.extent import reached
 from rockfall.plots.style import styled
 from rockfall.protection.barriers import barriers_of
@@ -57,14 +57,12 @@ def input_table(result: xr.Dataset, parties: Parties) -> Table:
     """What was given to the run."""
     case = case_of(result)
     west, cell, _, north, _, _ = map(float, result["crs"].attrs["GeoTransform"].split())
-    names = (result["crs"].attrs.get(key) for key in ("projected_crs_name", "geographic_crs_name"))
-    trees = "trees stand on the slope" if has(case, "forest") else "none"
-    nets = ", ".join(str(result["line"].values[k]) for k in barriers_of(result)) or "none"
+    nets = ", ".join(str(result["line"].values[k]) for k in barriers_of(result))
     lines = ", ".join(map(str, result["line"].values)) if "line" in result else ""
     rows = [
         ("terrain model", _file(case.terrain["dem"])),
         ("cell size [m]", f"{cell:g}"),
-        ("coordinate system", next(filter(None, names), "none is given")),
+        ("coordinate system", crs_text(result["crs"].attrs)),
         ("date of the survey", parties.dem_date or "not stated"),
         ("sources", f"{LineSamples(result).sources:,}"),
         ("release", _release(case, "source_feature" in result)),
@@ -72,11 +70,11 @@ def input_table(result: xr.Dataset, parties: Parties) -> Table:
         ("volume [m³]", _range(result["volume"].values) if has_rows(result) else "not kept"),
         ("density [kg/m³]", _density(case, "source_feature" in result)),
         ("impact set", str(result.attrs["impact_set"])),
-        ("evaluation lines and barriers", lines or "none"),
-        ("barriers", nets),
-        ("dams", f"{len(case.dam)}" if case.dam else "none"),
-        ("trees", trees),
     ]
+    rows += [("evaluation lines and barriers", lines)] if lines else []
+    rows += [("barriers", nets)] if nets else []
+    rows += [("dams", f"{len(case.dam)}")] if case.dam else []
+    rows += [("trees", "trees stand on the slope")] if has(case, "forest") else []
     return Table("What the run was given", ("", "value"), rows, "inputs")
 
 
@@ -139,7 +137,7 @@ def words_of(result: xr.Dataset) -> Iterator[str]:
     yield from (str(name) for name in result["ground"].values) if "ground" in result else ()
     yield from (str(result.attrs["impact_set"]), str(result.attrs["title"]), case.terrain["dem"])
     yield from (one.rule.text for one in verdicts_of(result))
-    yield from (str(value) for key, value in result["crs"].attrs.items() if key.endswith("_name"))
+    yield named_crs(result["crs"].attrs)
     for one in zone_table(result):
         for k, name in enumerate(one.head):
             if name in (*NAMES, "ground"):

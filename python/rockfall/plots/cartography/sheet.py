@@ -43,6 +43,7 @@ SCALES = (1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)  # and powers
 APART = 1.0  # between two coordinates [inch]
 SMALL = 7  # size of texts about the map
 PALE = 0.35  # of white over a picture of the user's
+WKT_NAME = re.compile(r'\w+\["([^"]+)"')
 EPSG = re.compile(r'(?:AUTHORITY\["EPSG","|ID\["EPSG",)([0-9]+)"?\]\]$')  # at the end of a WKT
 
 
@@ -139,14 +140,19 @@ def scale_text(denominator: float) -> str:
     return f"1:{denominator:,.0f} on A4"
 
 
-def crs_text(crs: Mapping[str, Any]) -> str:
-    """The coordinate system by the attributes of a grid mapping; with its EPSG code, if it has one
-    that its text states."""
+def named_crs(crs: Mapping[str, Any]) -> str:
+    """The name of the coordinate system of a grid mapping; "" where it has none."""
     keys = ("projected_crs_name", "geographic_crs_name")
-    name = next((str(crs[key]) for key in keys if crs.get(key)), "")
+    found = WKT_NAME.match(str(crs.get("crs_wkt", "")))  # of some systems CF has no parameters
+    names = (str(crs[key]) for key in keys if crs.get(key))
+    return next(names, found[1] if found else "")
+
+
+def crs_text(crs: Mapping[str, Any]) -> str:
+    """The coordinate system of a grid mapping, with the EPSG code that its text states."""
     code = EPSG.search(str(crs.get("crs_wkt", "")).rstrip())
-    code_text = f"EPSG:{code[1]}" if code else ""
-    return ", ".join(filter(None, [name, code_text])) or "no coordinate system is given"
+    parts = [named_crs(crs), f"EPSG:{code[1]}" if code else ""]
+    return ", ".join(filter(None, parts)) or "no coordinate system is given"
 
 
 def finish(sheet: Sheet, crs: Mapping[str, Any]) -> None:
