@@ -176,6 +176,17 @@ class Case:
         lists = {group: [*map(plain_values, self.__dict__[group])] for group in REPEATABLE}
         return namelist_text(self._groups, lists)
 
+    def given_text(self) -> str:
+        """The same without the groups in which every key has its default: they change nothing."""
+        defaults = _defaults()
+        given = {
+            group: values
+            for group, values in self._groups.items()
+            if values != _typed(group, defaults.get(group, {}))
+        }
+        lists = {group: [*map(plain_values, self.__dict__[group])] for group in REPEATABLE}
+        return namelist_text(given, lists)
+
     def path(self, file: str) -> Path:
         """The path of a file that the case names."""
         return self.folder / file

@@ -60,12 +60,13 @@ from rockfall.html_report.terrain_view import terrain_view
 from rockfall.html_report.validity import cautions, warnings
 from rockfall.io.files import atomic_write
 from rockfall.io.output_files import FIGURE, PAGE, SIGNATURE, check_output
-from rockfall.plots.figures import figures
+from rockfall.plots.figures import LABORATORY, figures
 from rockfall.plots.hazard_figures import hazard_figures
 from rockfall.plots.style import capital, save
 from rockfall.protection.barriers import barriers_of
 from rockfall.protection.design import design
 from rockfall.result.flat_maps import flat_maps
+from rockfall.result.grounds import stochastic_fraction
 from rockfall.result.samples import has_rows, simulated
 from rockfall.text.design import factor_lines
 from rockfall.text.hazard import hazard_warnings
@@ -165,6 +166,9 @@ def report(
     ranges = range_tables(result, rows)
     zoomed = set() if on_paper else {f"map_{name}" for name in result.data_vars}
     shown = [one for one in figures(result, terrain, observed, look) if one.name not in zoomed]
+    laboratory = [one for one in shown if one.name in LABORATORY]
+    if not stochastic_fraction(result):
+        laboratory = []  # what they are set beside is not what rebounds followed
     grounds = ground_figure(result, terrain)
     endangered = [] if hazard is None else list(hazard_tables(hazard))
     outside = warnings(result)
@@ -211,7 +215,12 @@ def report(
         has_clusters=LineSamples(result).sampled,
         convergence=list(_convergence(result, rows, say)),
         comparison=None if observed is None else compared(compare(result, observed)),
-        figures=[_picture(one.draw(), one.title, one.caption, say) for one in shown],
+        figures=[
+            _picture(one.draw(), one.title, one.caption, say)
+            for one in shown
+            if one.name not in LABORATORY
+        ],
+        appendix=[_picture(one.draw(), one.title, one.caption, say) for one in laboratory],
         technical=[*technical(result), *requested(result)],
         provenance=provenance(result, say),
     )

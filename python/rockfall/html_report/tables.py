@@ -202,7 +202,7 @@ def provenance(result: xr.Dataset, say: Speaker) -> dict[str, Any]:
         "table": Table("What was run", ("", "value"), rows, "facts"),
         "command": "" if FROM_ARRAY in about["case"] else command,
         "is_complete": is_complete,
-        "case": about["case"],
+        "case": case.given_text(),
     }
 
 

@@ -38,6 +38,7 @@ from rockfall.plots.rebound_figures import ENERGY, RESTITUTION, histogram, histo
 from rockfall.plots.style import FORMATS, capital, save
 from rockfall.quantities import QUANTITIES, count
 from rockfall.result.flat_maps import flat_maps
+from rockfall.result.grounds import stochastic_fraction
 from rockfall.result.samples import has_rows, simulated
 from rockfall.result.trajectories import left_terrain, lines, trajectories
 from rockfall.scene.coefficients import open_sets
@@ -49,6 +50,10 @@ if TYPE_CHECKING:
     from rockfall.lab.sets import Sets
     from rockfall.plots.map_figures import Look
     from rockfall.result.trajectories import Terrain
+
+
+#: Figures of rebounds beside those of the laboratory and of the paper.
+LABORATORY = ("incident_energy", "incidence_angle", "restitution", "impact_set")
 
 
 @dataclass(frozen=True)
@@ -227,7 +232,7 @@ def _rebounds(result: xr.Dataset) -> Iterator[Figure]:
              RESTITUTION),
         ):  # fmt: skip
             yield Figure(name, title, what, partial(histogram_figure, result, *shown))
-    impact_set = set_of(result)
+    impact_set = set_of(result) if stochastic_fraction(result) > 0 else None
     if impact_set is not None:
         yield Figure(
             "impact_set",
