@@ -176,20 +176,22 @@ class Case:
         lists = {group: [*map(plain_values, self.__dict__[group])] for group in REPEATABLE}
         return namelist_text(self._groups, lists)
 
-    def given_text(self) -> str:
-        """The same without the groups in which every key has its default: they change nothing."""
-        defaults = _defaults()
-        given = {
-            group: values
-            for group, values in self._groups.items()
-            if values != _typed(group, defaults.get(group, {}))
-        }
-        lists = {group: [*map(plain_values, self.__dict__[group])] for group in REPEATABLE}
-        return namelist_text(given, lists)
-
     def path(self, file: str) -> Path:
         """The path of a file that the case names."""
         return self.folder / file
+
+
+def given_text(case: Case) -> str:
+    """The text of a case without the groups in which every key has its default."""
+    defaults, groups = _defaults(), case._groups
+    given = {
+        group: values
+        for group, values in groups.items()
+        if values != _typed(group, defaults.get(group, {}))
+    }
+    return namelist_text(
+        given, {name: map(plain_values, getattr(case, name)) for name in REPEATABLE}
+    )
 
 
 def _check(text: bytes, name: str) -> None:
