@@ -28,6 +28,7 @@ OWN = (
     "case_file",
     "history",
     "threads",
+    "date_created",
     "wall_seconds",
     "cpu_seconds",
 )  # attributes that are a run's own

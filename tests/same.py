@@ -4,7 +4,7 @@
 import numpy as np
 import xarray as xr
 
-OWN = ("wall_seconds", "cpu_seconds", "threads")  # of a run, and not of its numbers
+OWN = ("date_created", "wall_seconds", "cpu_seconds", "threads")  # of a run, and not of its numbers
 
 
 def same_bits(a, b):

@@ -182,6 +182,19 @@ class Case:
         return self.folder / file
 
 
+def given_text(case: Case) -> str:
+    """The text of a case without the groups in which every key has its default."""
+    defaults, groups = _defaults(), case._groups
+    given = {
+        group: values
+        for group, values in groups.items()
+        if values != _typed(group, defaults.get(group, {}))
+    }
+    return namelist_text(
+        given, {name: map(plain_values, getattr(case, name)) for name in REPEATABLE}
+    )
+
+
 def _check(text: bytes, name: str) -> None:
     check_namelist(_core.check_case, text, name)
 

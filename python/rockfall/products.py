@@ -26,6 +26,7 @@ from rockfall.plots.terrain import terrain_of
 from rockfall.result.classes import read_limits
 from rockfall.result.dataset import read_result
 from rockfall.result.same_case import check_same_case
+from rockfall.scene.layers import file_checksum
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -69,9 +70,10 @@ def report(
     `dem` is the terrain under maps (default: the case's, if it is there), `observed` are CSV files
     of observations that are drawn beside the result, `basemap` is a raster picture under maps,
     `limits` are those of classes ("kJ=30,300"), and `view` puts the terrain with trajectories into
-    the page. It is in `language` (en, de, fr or it), names `project`, `client` and `author`, and
-    the date `dem_date` of the survey of the terrain; `hazard`, a file hazard.nc, adds its zones,
-    `models`, a file models.nc of `rockfall models`, the spread over rebound models.
+    the page. It is in `language` (en, de, fr or it), names `project` (its name or number), `client`
+    and `author` on page 1, which is made to be signed, and the date `dem_date` of the survey of the
+    terrain; `hazard`, a file hazard.nc, adds its zones, `models`, a file models.nc of `rockfall
+    models`, the spread over rebound models.
     Returns the path of the page. What cannot be drawn or written is a RockfallError,
     missing terrain a UserWarning.
 
@@ -93,7 +95,8 @@ def report(
         check_same_case(drawn.result, zones, str(hazard))
     if spread is not None:
         check_models(drawn.result, spread, str(models))
-    parties = Parties(project, client, author, dem_date)
+    checksum = file_checksum(Path(result)) if isinstance(result, str | Path) else ""
+    parties = Parties(project, client, author, dem_date, checksum)
     write_report(drawn.result, path, *drawn[1:], view, language, parties, zones, spread)
     return path
 
@@ -128,7 +131,8 @@ def _drawn(
     """All that is asked for, read."""
     data = read_result(result) if isinstance(result, str | Path) else result
     seen = read_observed(*observed) if observed else None
-    terrain = terrain_of(data, dem)
+    beside = Path(result).parent if isinstance(result, str | Path) else None
+    terrain = terrain_of(data, dem, beside)
     picture = None if basemap is None else read_basemap(basemap, data, reached(data, terrain))
     return _Drawn(data, terrain, seen, Look(read_limits(limits), picture))
 

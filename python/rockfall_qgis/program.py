@@ -8,8 +8,9 @@ import signal
 import subprocess
 import threading
 
-#: Of QGIS's own Python, GDAL and PROJ, which are not the program's.
-FOREIGN = ("PYTHONHOME", "PYTHONPATH", "GDAL_DATA", "GDAL_DRIVER_PATH", "PROJ_LIB", "PROJ_DATA")
+#: Of the Python, GDAL and PROJ of QGIS, or of the environment that QGIS was started in, which are
+#: not those of the program.
+FOREIGN = ("PYTHON", "GDAL_", "PROJ_", "VIRTUAL_ENV", "CONDA_", "__PYVENV_LAUNCHER__")
 PROGRESS = re.compile(r"rockfall: (\d+) of (\d+) ")
 WARNING = "rockfall: warning: "
 INTERRUPTED = 130
@@ -29,7 +30,7 @@ def call(words, feedback):
     `feedback` is QgsProcessingFeedback, or has its setProgress, pushInfo, pushWarning, isCanceled.
     """
     feedback.pushInfo(" ".join(words))
-    env = {key: value for key, value in os.environ.items() if key not in FOREIGN}
+    env = {key: value for key, value in os.environ.items() if not key.startswith(FOREIGN)}
     try:
         process = subprocess.Popen(
             words, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE,

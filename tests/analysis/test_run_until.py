@@ -139,7 +139,7 @@ def test_the_result_is_that_of_run_with_as_many_boulders(tmp_path, x):
     assert n not in (case.case["boulders"], 5000, -(-FIRST // len(x)))  # several stages
     plain = rockfall.run(case.replace(case={"boulders": n}), **terrain())
     assert found.equals(plain)
-    own = {"until", "until_met", "wall_seconds", "cpu_seconds"}
+    own = {"until", "until_met", "date_created", "wall_seconds", "cpu_seconds"}
     for name in found.attrs.keys() - own:
         assert found.attrs[name] == plain.attrs[name], name
     assert found.attrs["until"] == rule and found.attrs["until_met"] == 1

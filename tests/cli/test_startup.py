@@ -44,7 +44,7 @@ def modules(*commands, cwd):
 
 def described(path):
     """All that a file holds but values and times: dimensions, types, storage, attributes."""
-    clocks = ("wall_seconds", "cpu_seconds")
+    clocks = ("date_created", "wall_seconds", "cpu_seconds")
     with netCDF4.Dataset(path) as file:
         yield {dim: one.size for dim, one in file.dimensions.items()}
         yield [(name, file.getncattr(name)) for name in file.ncattrs() if name not in clocks]

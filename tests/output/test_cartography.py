@@ -16,7 +16,7 @@ from rockfall.result.classes import LIMITS, classes_of, read_limits
 from scenes import grid, make_case, rough, sets
 
 pytest.importorskip("matplotlib", reason="the report extra is not installed").use("Agg")
-from rockfall.plots.cartography import basemap, marks, rasters, relief  # noqa: E402
+from rockfall.plots.cartography import basemap, marks, rasters, relief, sheet  # noqa: E402
 
 Z = rough()
 TERRAIN = (Z, grid(Z))
@@ -81,6 +81,31 @@ def test_the_scale_bar_is_as_long_as_it_says(crowded):
     west, east = frame.get_xlim()
     per_inch = (east - west) / (frame.get_position().width * figure.get_figwidth())
     assert sum(lengths) * per_inch == pytest.approx(float(end.split()[0]))
+
+
+def test_the_scale_of_a_map_is_round_and_holds_at_its_size(crowded):
+    """And the coordinate system is named, on every kind of map."""
+    place = {
+        "projected_crs_name": "ETRS89 / UTM zone 32N",
+        "crs_wkt": 'X[AUTHORITY["EPSG","25832"]]',
+    }
+    result = crowded.assign(crs=crowded["crs"].assign_attrs(place))
+    for room in (sheet.PAGE, sheet.Room(3.5, 4.0)):
+        for figure in (
+            map_figure(result, "passages", TERRAIN, room=room),
+            stops_figure(result, TERRAIN, room=room),
+        ):
+            said = next(one.get_text() for one in figure.texts if " on A4" in one.get_text())
+            assert said.endswith("on A4; ETRS89 / UTM zone 32N, EPSG:25832")
+            denominator = float(said.split(" on ")[0].removeprefix("1:").replace(",", ""))
+            frame = figure.axes[0]
+            west, east = frame.get_xlim()
+            printed = frame.get_position().width * figure.get_figwidth() * 0.0254  # [m]
+            assert (east - west) / printed == pytest.approx(denominator)
+            assert denominator == sheet.round_scale(denominator)
+            assert figure.get_figwidth() == room.wide and figure.get_figheight() <= room.high
+    said = [one.get_text() for one in stops_figure(crowded, TERRAIN).texts]
+    assert any(one.endswith("no coordinate system is given") for one in said)
 
 
 def test_classes_and_colours_are_the_same_for_every_result(crowded):

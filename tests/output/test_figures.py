@@ -426,6 +426,22 @@ def test_another_dem_is_refused_when_given_and_left_out_when_found(place):
         assert terrain_of(result) is None
 
 
+def test_a_result_that_was_moved_with_its_dem_keeps_its_relief(place, monkeypatch):
+    """Found next to the result, if it is the DEM of the run; else the places are named."""
+    moved = place / "moved"
+    moved.mkdir()
+    Path("out.nc").rename(moved / "out.nc")
+    Path("dem.tif").rename(moved / "dem.tif")
+    result = rockfall.read_result(moved / "out.nc")
+    assert terrain_of(result, None, moved) is not None
+    other = make_raster("dem.tif", Z.astype("f4") + 1, TERRAIN[1].transform, crs=None)
+    assert terrain_of(result, None, moved) is not None  # another of that name is passed over
+    Path(other).unlink()
+    (moved / "dem.tif").unlink()
+    with pytest.warns(UserWarning, match=r"dem.tif, .*moved/dem.tif: cannot be read: No such file"):
+        assert terrain_of(result, None, moved) is None
+
+
 def test_the_dem_of_a_run_from_an_array_must_lie_where_it_lay(full, tmp_path):
     with pytest.warns(UserWarning, match="came from an array"):
         assert terrain_of(full) is None

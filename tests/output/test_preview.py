@@ -31,7 +31,7 @@ def scene_of(folder, sources, each, maps=MAPS, **about):
 def test_the_cells_that_all_boulders_reach(tmp_path, monkeypatch, sources, each, few):
     scene = scene_of(tmp_path, sources, each)
     monkeypatch.setattr(preview, "PILOT_BOULDERS", few)
-    monkeypatch.setattr(preview, "PILOT_SECONDS", 60.0)
+    monkeypatch.setattr(preview, "PILOT_REBOUNDS", 10**9)
     pilot = preview._pilot(scene)
     assert pilot.tally.done == few
     reached = int((run_scene(scene)["passages"] > 0).sum())
@@ -57,3 +57,19 @@ def test_what_is_not_asked_for_takes_nothing(tmp_path):
     need = preview.memory(scene, preview._pilot(scene))
     assert need["maps"] == need["classes"] == 0
     assert need["made"] == preview.PACKAGES
+
+
+def test_check_prints_the_same_whenever_it_is_called(tmp_path, monkeypatch):
+    """But for the time that a run takes; also where the machine is slower."""
+    scene = scene_of(tmp_path, 50, 100)
+
+    def lines():
+        return [one for one in preview.preview(scene).splitlines() if not one.startswith("  time ")]
+
+    before = lines()
+    follow = preview._follow
+    monkeypatch.setattr(
+        preview, "_follow", lambda *given: follow(*given)._replace(seconds=7.0)
+        if hasattr(follow(*given), "_replace") else replace(follow(*given), seconds=7.0),
+    )  # fmt: skip
+    assert lines() == before and any("pilot run" in one for one in before)

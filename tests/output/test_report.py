@@ -40,7 +40,7 @@ pytest.importorskip("matplotlib", reason="the report extra is not installed")
 from rockfall.grounds import IMPACT_SETS, models  # noqa: E402
 from rockfall.html_report import Picture, report, write_report  # noqa: E402
 from rockfall.html_report.convergence import history, known_of, mixed, sizes  # noqa: E402
-from rockfall.html_report.inputs import Parties  # noqa: E402
+from rockfall.html_report.inputs import Parties, input_table  # noqa: E402
 from rockfall.html_report.intervals import estimate, rows_of  # noqa: E402
 from rockfall.html_report.language import LANGUAGES, Speaker, catalogue  # noqa: E402
 from rockfall.html_report.maps import (  # noqa: E402
@@ -522,7 +522,11 @@ def test_the_same_result_gives_the_same_bytes(result, monkeypatch):
 
 def test_the_case_and_its_origin_are_all_there(page, result):
     text = unescape(page.read_text())
-    assert result.attrs["case"] in text
+    printed = re.search("<pre tabindex.*?>(.*?)</pre>", text, re.DOTALL)[1]
+    assert case_of(result.assign_attrs(case=printed)) == case_of(result)
+    groups = set(re.findall(r"^&(\w+)", printed, re.MULTILINE))
+    assert {"boulder", "line", "output"} <= groups  # those that the case sets, and no others
+    assert not groups & {"barrier", "ensemble", "forest", "hazard", "flight"}
     assert result.attrs["impact_set_checksum"] in text and "20090601" in text
     assert "Rasters came as arrays" in text
 
@@ -892,6 +896,52 @@ def test_a_figure_opens_large_and_closes_by_key(browser, page):
     assert large.size["width"] > small
     browser.find_element(By.CSS_SELECTOR, "dialog button").send_keys(Keys.ESCAPE)
     assert not browser.find_elements(By.CSS_SELECTOR, "dialog[open]")
+
+
+def test_figures_of_the_laboratory_are_an_appendix_of_runs_by_impact_sets(result, monkeypatch):
+    """Not beside the others, and not of a run whose rebounds followed other laws."""
+    monkeypatch.setattr("rockfall.html_report._picture", only_said)
+    monkeypatch.setattr("rockfall.html_report.figures", undrawn)
+    monkeypatch.setattr("rockfall.html_report._convergence", lambda *_: iter(()))
+    front, appendix = report(result).split('<section id="appendix">')
+    assert "Tangential and normal restitution" in appendix and "Incidence angles" in appendix
+    assert "Incidence angles" not in front
+    monkeypatch.setattr("rockfall.html_report.stochastic_fraction", lambda *_: 0.0)
+    page = report(result)
+    assert 'id="appendix"' not in page and "Incidence angles" not in page
+
+
+def test_the_bands_of_few_boulders_do_not_set_the_axes_of_convergence(result, monkeypatch):
+    """30 boulders tell little of a quantile: its band may reach up to 1,000 m/s."""
+    from rockfall.html_report import convergence
+
+    def wide(*given):
+        found = history(*given)
+        for rows in found.values():
+            rows[0]["q95_high"] = 1e9
+        return found
+
+    monkeypatch.setattr(convergence, "history", wide)
+    rows = rows_of(result)["road <b>"]
+    figure = convergence.convergence_figure(result, 0)
+    for axes, (quantity, factor) in zip(
+        figure.axes[1:], (("speed", 1), ("passing_height", 1), ("energy_total", 1e-3)), strict=True
+    ):
+        top, last = axes.get_ylim()[1], factor * rows[quantity]["q95"]
+        assert last < top < 6 * last
+
+
+def test_only_obstacles_of_the_case_are_listed(result, tmp_path):
+    """And systems of coordinates by name, those too of which CF has no parameters."""
+    listed = {row[0]: row[1] for row in input_table(result, Parties()).rows}
+    assert not {"barriers", "dams", "trees"} & listed.keys()
+    lv95 = result.assign(crs=result["crs"].assign_attrs(
+        crs_wkt='PROJCRS["CH1903+ / LV95",BASEGEOGCRS["CH1903+"],ID["EPSG",2056]]'
+    ))  # fmt: skip
+    listed = {row[0]: row[1] for row in input_table(lv95, Parties()).rows}
+    assert listed["coordinate system"] == "CH1903+ / LV95, EPSG:2056"
+    netted = run(tmp_path, boulders=2, barrier=[NET])
+    assert dict(input_table(netted, Parties()).rows)["barriers"] == "net"
 
 
 def test_everything_has_a_name_for_those_who_cannot_see(browser, page):

@@ -40,6 +40,25 @@ def load(path):
     return module
 
 
+def test_the_program_inherits_no_python_of_qgis(tmp_path, monkeypatch):
+    """Nor what the environment says of another one, which would start the program with it."""
+
+    class Feedback:
+        def isCanceled(self):
+            return False
+
+        def __getattr__(self, name):
+            return lambda *_: None
+
+    for name in ("PYTHONHOME", "PYTHONPATH", "PYTHONSTARTUP", "PYTHONEXECUTABLE", "GDAL_DATA",
+                 "VIRTUAL_ENV", "PROJ_LIB", "__PYVENV_LAUNCHER__"):  # fmt: skip
+        monkeypatch.setenv(name, str(tmp_path / "elsewhere"))
+    monkeypatch.setenv("OMP_NUM_THREADS", "1")
+    printed = load(PLUGIN / "program.py").call(["/usr/bin/env"], Feedback())
+    assert not [line for line in printed if "elsewhere" in line]
+    assert "OMP_NUM_THREADS=1" in printed and "ROCKFALL_PROGRESS=lines" in printed
+
+
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
     """A folder with dem.tif, site.gpkg, and bin/rockfall: this package as a program."""

@@ -211,10 +211,10 @@ def test_densities_that_are_no_integers(tmp_path):
         ([(2, 1), (2, 2), (2, 3)], [5, 20], [12.5, 12.5]),
         ([(1, 2), (2, 2), (3, 2)], [12.5, 12.5], [20, 5]),
         ([(1, 1), (2, 2), (3, 3)], [5, 20], [20, 5]),
-        ([(3, 1), (3, 2), (2, 3), (1, 4)], [5, 12.5, 25], [7.5, 7.5, 20]),
+        ([(3, 1), (3, 2), (2, 3), (1, 4)], [5, 25], [7.5, 20]),
         ([(2, 2)], [10, 15], [12.5, 12.5]),
     ],
-    ids=["row", "column", "diagonal", "bent", "one cell"],
+    ids=["row", "column", "diagonal", "stairs", "one cell"],
 )  # fmt: skip
 def test_the_line_of_a_net(cells, x, y):
     dem = np.repeat(np.arange(5.0)[::-1, None], 5, 1)
@@ -223,6 +223,40 @@ def test_the_line_of_a_net(cells, x, y):
     if found[0, 0] > found[0, -1] or (x[0] == x[-1] and found[1, 0] < found[1, -1]):
         found = found[:, ::-1]
     assert np.allclose(found, [x, y])
+
+
+def test_the_line_of_a_net_has_no_stairs():
+    """A straight net at any angle has two points, and passes its cells."""
+    dem = np.zeros((60, 60))
+    for rise in (0.1, 0.3, 0.5, 0.77, 1.0):
+        columns = np.arange(5, 40)
+        cells = np.unique(np.column_stack([np.rint(5 + rise * (columns - 5)), columns]), axis=0)
+        way = nets.longest_way(cells.astype(int))
+        x, y = nets.centre_line(way, grid(dem, CELL), dem)
+        assert len(x) == 2, rise
+        row, column = (60 * CELL - np.array(y)) / CELL - 0.5, np.array(x) / CELL - 0.5
+        along = np.array([np.diff(row)[0], np.diff(column)[0]])
+        off = (way - [row[0], column[0]]) @ [-along[1], along[0]] / np.hypot(*along)
+        assert np.abs(off).max() <= nets.TOLERANCE
+    corner = np.array([(20, k) for k in range(5, 20)] + [(k, 20) for k in range(19, 4, -1)])
+    assert len(nets.centre_line(nets.longest_way(corner), grid(dem, CELL), dem)[0]) > 2
+
+
+def test_the_coordinate_system_of_a_folder_is_given(tmp_path):
+    """In the results and on their maps; one that is none is refused, and nothing written."""
+    folder, out = make_folder(tmp_path / "rocky"), tmp_path / "case"
+    assert main(["import-rockyfor3d", str(folder), "-o", str(out), "--crs", "EPSG:2056"]) == 0
+    case = rockfall.read_case(out / "case.nml")
+    found = rockfall.run(case.replace(case={"boulders": 2}))
+    assert "CH1903+ / LV95" in found["crs"].attrs["crs_wkt"]
+    rockfall.import_rockyfor3d(folder, tmp_path / "plain")
+    plain = rockfall.run(rockfall.read_case(tmp_path / "plain/case.nml").replace(
+        case={"boulders": 2}
+    ))  # fmt: skip
+    assert np.array_equal(plain["stop_x"], found["stop_x"])
+    with pytest.raises(RockfallError, match="--crs EPSG:1: is not known"):
+        rockfall.import_rockyfor3d(folder, tmp_path / "none", crs="EPSG:1")
+    assert not (tmp_path / "none").exists()
 
 
 def test_parts_of_a_net_are_barriers_of_their_own(tmp_path):

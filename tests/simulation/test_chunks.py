@@ -23,7 +23,7 @@ from scenes import grid, make_case, rough, sets
 
 EACH = 5
 X = np.array([110.0, 130.0, 150.0, 170.0, 190.0, 210.0, 230.0])
-CLOCKS = ("wall_seconds", "cpu_seconds")
+CLOCKS = ("date_created", "wall_seconds", "cpu_seconds")
 
 
 def case_in(folder, x=X, **case):

@@ -44,6 +44,19 @@ def test_parts_joined_in_any_order_are_the_run(tmp_path, case, of):
     same(rockfall.merge(paths[::-1]), whole)
 
 
+def test_the_run_is_dated_by_its_last_part(case):
+    """Whatever their order and time zones; one without a date, of an older program, is no bar."""
+    dates = ["2026-11-23T23:30:00+01:00", "2026-11-23T23:00:00+00:00", ""]
+    parts = [
+        run(case, shard=(k, 3)).assign_attrs(date_created=date)
+        for k, date in enumerate(dates, start=1)
+    ]
+    for order in parts, parts[::-1]:
+        assert rockfall.merge(order).attrs["date_created"] == dates[1]
+    with pytest.raises(rockfall.RockfallError, match="is damaged: date_created"):
+        rockfall.merge([parts[0].assign_attrs(date_created="yesterday")])
+
+
 def test_several_sources_and_a_part_in_the_middle_of_one(tmp_path):
     release = {"x": [130.0, 150.0, 170.0], "y": [380.0, 381.0, 379.0], "drop_height": 5.0}
     case = case_in(tmp_path, release=release)

@@ -125,6 +125,7 @@ contains
          call keep(file, nf90_put_att(file%id, nf90_global, "boulders_requested", results%asked))
          call keep(file, nf90_put_att(file%id, nf90_global, "complete", whole))
          call keep(file, nf90_put_att(file%id, nf90_global, "threads", int(results%threads, i8)))
+         call keep(file, nf90_put_att(file%id, nf90_global, "date_created", local_time()))
          call keep(file, nf90_put_att(file%id, nf90_global, "wall_seconds", results%wall))
          call keep(file, nf90_put_att(file%id, nf90_global, "cpu_seconds", results%cpu))
          call keep(file, nf90_put_att(file%id, nf90_global, "terrain_cells", [grid%nx, grid%ny]))
@@ -134,6 +135,18 @@ contains
          if (allocated(inputs%scene%grounds)) call describe_grounds(file, inputs%scene%grounds)
       end associate
    end subroutine describe
+
+   !> Date and time with their zone (ISO 8601).
+   function local_time() result(text)
+      character(len=25) :: text
+      character(len=8) :: date
+      character(len=10) :: time
+      character(len=5) :: zone
+
+      call date_and_time(date, time, zone)
+      text = date(1:4)//"-"//date(5:6)//"-"//date(7:8)//"T"//time(1:2)//":"//time(3:4)//":"//time(5:6) &
+             //zone(1:3)//":"//zone(4:5)
+   end function local_time
 
    !> Names and models of the grounds, a line each.
    subroutine describe_grounds(file, grounds)

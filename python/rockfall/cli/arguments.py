@@ -141,6 +141,7 @@ def _add_runs(commands: _Commands) -> None:
     about = "make a case of a folder of Rockyfor3D, whose files stay where they are"
     rocky = _add(commands, "imports", "import-rockyfor3d", about, "DIR")
     rocky.add_argument("-o", "--output", metavar="CASEDIR", type=Path, required=True)
+    rocky.add_argument("--crs", metavar="CODE", help="of its rasters, such as EPSG:2056")
     about = "write a Slurm job array for a case, with its merge job"
     slurm = _add(commands, "parts", "slurm", about, "CASE")
     slurm.add_argument("folder", metavar="DIR", type=Path, help="is made; jobs, parts and result")
@@ -250,8 +251,12 @@ def _add_results(commands: _Commands) -> None:
         "--3d", dest="view", action="store_true", help="the terrain in three dimensions, too"
     )
     report.add_argument("--language", metavar="XX", default="en", help="en (default), de, fr or it")
-    for name in ("project", "client", "author"):
-        report.add_argument(f"--{name}", metavar="TEXT", default="", help="named on page 1")
+    for name, about in (
+        ("project", "its name or number"),
+        ("client", "who asked"),
+        ("author", "who signs"),
+    ):
+        report.add_argument(f"--{name}", metavar="TEXT", default="", help=f"{about}; on page 1")
     about = "date of the survey of the DEM"
     report.add_argument("--dem-date", metavar="TEXT", default="", help=about)
     report.add_argument("--hazard", metavar="HAZARD.nc", type=Path, help="its zones, too")

@@ -28,9 +28,11 @@ from rockfall.html_report.ensemble import (
     range_tables,
     range_words,
 )
+from rockfall.html_report.front import front_of, overview
 from rockfall.html_report.inputs import (
     Parties,
     doubtful_inputs,
+    doubts_note,
     ground_figure,
     input_table,
     words_of,
@@ -73,12 +75,13 @@ from rockfall.html_report.terrain_view import terrain_view
 from rockfall.html_report.validity import cautions, warnings
 from rockfall.io.files import atomic_write
 from rockfall.io.output_files import FIGURE, PAGE, SIGNATURE, check_output
-from rockfall.plots.figures import drawn_lines, figures
+from rockfall.plots.figures import LABORATORY, drawn_lines, figures
 from rockfall.plots.hazard_figures import hazard_figures
-from rockfall.plots.style import save
+from rockfall.plots.style import capital, save
 from rockfall.protection.barriers import barriers_of
 from rockfall.protection.design import design
 from rockfall.result.flat_maps import flat_maps
+from rockfall.result.grounds import stochastic_fraction
 from rockfall.result.samples import has_rows, simulated
 from rockfall.text.design import factor_lines
 from rockfall.text.hazard import hazard_warnings
@@ -185,29 +188,42 @@ def report(
     zoomed = set() if on_paper else {f"map_{name}" for name in result.data_vars}
     drawn = figures(result, terrain, observed, look, DRAWN_LINES)
     shown = [one for one in drawn if one.name not in zoomed]
+    laboratory = [one for one in shown if one.name in LABORATORY]
+    if not stochastic_fraction(result):
+        laboratory = []  # what they are set beside is not what rebounds followed
     grounds = ground_figure(result, terrain)
     endangered = [] if hazard is None else list(hazard_tables(hazard))
-    outside = [*warnings(result), *missing_spread(result, models)]
-    return _rendered(
-        say,
-        title=str(result.attrs["title"]) or "rockfall",
-        on_paper=on_paper,
-        parties=parties,
-        question=question(rows, hazard is not None),
-        answers=range_answers(result) if ranges else answers(result, rows),
-        headline=[
-            *([range_headline(result) if ranges else headline(rows)] if rows else ()),
-            *spread_table(models),
-            *endangered[:1],
-            *ranges[::PER_LINE],
-        ],
-        warnings=outside,
-        certainty=[
+    doubts = doubtful_inputs(result, hazard)
+    outside = [*doubts_note(doubts), *warnings(result), *missing_spread(result, models)]
+    texts: dict[str, Any] = {
+        "title": str(result.attrs["title"]) or "rockfall",
+        "question": question(rows, hazard is not None),
+        "warnings": outside,
+        "answers": range_answers(result) if ranges else answers(result, rows),
+        "certainty": [
             *certainty(result, rows, not outside),
             *range_words(result, ranges),
             *spread_words(models),
         ],
-        doubtful_inputs=doubtful_inputs(result, hazard),
+    }
+    shown_first = [
+        *([range_headline(result) if ranges else headline(rows)] if rows else ()),
+        *spread_table(models),
+        *endangered[:1],
+        *ranges[::PER_LINE],
+    ]
+    front = front_of(result, rows, parties, texts, shown_first, say)
+    stops = None if observed is None else observed.stops
+    drawn_first = list(overview(result, terrain, stops, hazard, look, front.room))
+    return _rendered(
+        say,
+        title=texts["title"],
+        on_paper=on_paper,
+        parties=parties,
+        question=texts["question"],
+        front=front,
+        overview=[_picture(figure, title, "", say) for title, figure in drawn_first],
+        doubtful_inputs=doubts,
         indices=[one for k, one in enumerate(ranges) if k % PER_LINE],
         inputs=[input_table(result, parties), *zone_table(result), *dam_tables(result)],
         ground_map=_picture(grounds, GROUNDS, "", say) if grounds else None,
@@ -235,7 +251,12 @@ def report(
         has_clusters=LineSamples(result).sampled,
         convergence=list(_convergence(result, rows, say)),
         comparison=None if observed is None else compared(compare(result, observed)),
-        figures=[_picture(one.draw(), one.title, one.caption, say) for one in shown],
+        figures=[
+            _picture(one.draw(), one.title, one.caption, say)
+            for one in shown
+            if one.name not in LABORATORY
+        ],
+        appendix=[_picture(one.draw(), one.title, one.caption, say) for one in laboratory],
         technical=[*technical(result), *requested(result)],
         provenance=provenance(result, say),
     )
@@ -268,7 +289,7 @@ def _picture(figure: Figure, title: str, caption: str, say: Speaker) -> Picture:
     content, kind = _saved(figure, "svg"), "image/svg+xml"
     if len(content) > MAX_SVG:
         content, kind = _saved(figure, "png"), "image/png"
-    return Picture(say(title), say(caption), data_uri(content, kind), wide, high)
+    return Picture(capital(say(title)), say(caption), data_uri(content, kind), wide, high)
 
 
 def _saved(figure: Figure, ending: str) -> bytes:
@@ -297,6 +318,7 @@ def _rendered(say: Speaker, **content: Any) -> str:
         loader=jinja2.FunctionLoader(read), autoescape=True, undefined=jinja2.StrictUndefined,
         trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True,
     )  # fmt: skip
+    environment.filters["capital"] = capital
     environment.filters["say"] = lambda text: UNIT.sub("\u00a0", say(text))
     return environment.get_template("page.html.j2").render(
         signature=SIGNATURE,

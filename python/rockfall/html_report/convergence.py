@@ -90,19 +90,26 @@ def convergence_figure(result: xr.Dataset, line: int) -> Figure:
         panel.set_title(capital(QUANTITIES[quantity].title))
         panel.set_xscale("log")
         panel.xaxis.set_major_formatter("{x:,g}")
+    ends: dict[Axes, float] = {}
     for quantity, name in NUMBERS:
         rows = found["speed" if quantity == "fraction" else quantity]
-        _curve(panels[quantity], n, rows, name, QUANTITIES[quantity].factor)
-    for panel in axes.flat:
-        panel.set_ylim(0, None)
+        panel = panels[quantity]
+        ends[panel] = max(
+            ends.get(panel, 0.0), _curve(panel, n, rows, name, QUANTITIES[quantity].factor)
+        )
+    for panel, end in ends.items():
+        panel.set_ylim(0, end or None)
     for panel in axes[1]:
         panel.set_xlabel("boulders")
     figure.legend(*axes[0, 1].get_legend_handles_labels(), loc="outside lower center", ncols=3)
     return figure
 
 
-def _curve(axes: Axes, n: list[int], rows: list[dict[str, float]], name: str, scale: float) -> None:
-    """A number with its 95 % band."""
+def _curve(
+    axes: Axes, n: list[int], rows: list[dict[str, float]], name: str, scale: float
+) -> float:
+    """A number with its 95 % band; returns how far up the axis has to go: to twice the highest
+    number, since the bands of few boulders know no bound, and to the end of the last band."""
     value, low, high = (
         np.array([scale * row.get(f"{name}{end}", np.nan) for row in rows])
         for end in ("", "_low", "_high")
@@ -111,3 +118,5 @@ def _curve(axes: Axes, n: list[int], rows: list[dict[str, float]], name: str, sc
     about: dict[str, Any] = {"label": STATISTICS.get(name), "color": colour, "ls": dashes}
     axes.fill_between(n, low, high, color=colour, alpha=0.18, lw=0)
     axes.plot(n, value, lw=1.1, marker=".", ms=3, **about)
+    known = value[np.isfinite(value)]
+    return max(2 * known.max(initial=0.0), 1.05 * np.nan_to_num(high[-1]))

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -17,12 +17,13 @@ from rockfall.html_report.tables import Table
 from rockfall.html_report.validity import has
 from rockfall.io.layers import REPROJECTED
 from rockfall.io.tables import read_table
+from rockfall.io.zone_table import NAMES, read_zone_table
 from rockfall.plots.cartography.rasters import cropped, draw_image
-from rockfall.plots.cartography.sheet import finish, new_sheet
+from rockfall.plots.cartography.sheet import crs_text, finish, named_crs, new_sheet
 from rockfall.plots.extent import reached
 from rockfall.plots.style import styled
 from rockfall.protection.barriers import barriers_of
-from rockfall.quantities import number, percent
+from rockfall.quantities import count, number, percent
 from rockfall.result.grounds import rebounds_by_ground
 from rockfall.result.samples import has_rows, simulated
 from rockfall.scene.read import read_scene
@@ -52,20 +53,19 @@ class Parties(NamedTuple):
     client: str = ""
     author: str = ""
     dem_date: str = ""
+    result: str = ""  # checksum of the file of the result
 
 
 def input_table(result: xr.Dataset, parties: Parties) -> Table:
     """What was given to the run."""
     case = case_of(result)
     west, cell, _, north, _, _ = map(float, result["crs"].attrs["GeoTransform"].split())
-    names = (result["crs"].attrs.get(key) for key in ("projected_crs_name", "geographic_crs_name"))
-    trees = "trees stand on the slope" if has(case, "forest") else "none"
-    nets = ", ".join(str(result["line"].values[k]) for k in barriers_of(result)) or "none"
+    nets = ", ".join(str(result["line"].values[k]) for k in barriers_of(result))
     lines = ", ".join(map(str, result["line"].values)) if "line" in result else ""
     rows = [
         ("terrain model", _file(case.terrain["dem"])),
         ("cell size [m]", f"{cell:g}"),
-        ("coordinate system", next(filter(None, names), "none is given")),
+        ("coordinate system", crs_text(result["crs"].attrs)),
         ("date of the survey", parties.dem_date or "not stated"),
         ("sources", f"{LineSamples(result).sources:,}"),
         ("release", _release(case, "source_feature" in result)),
@@ -73,11 +73,11 @@ def input_table(result: xr.Dataset, parties: Parties) -> Table:
         ("volume [m³]", _range(result["volume"].values) if has_rows(result) else "not kept"),
         ("density [kg/m³]", _density(case, "source_feature" in result)),
         ("rebounds", _rebounds(result)),
-        ("evaluation lines and barriers", lines or "none"),
-        ("barriers", nets),
-        ("dams", f"{len(case.dam)}" if case.dam else "none"),
-        ("trees", trees),
     ]
+    rows += [("evaluation lines and barriers", lines)] if lines else []
+    rows += [("barriers", nets)] if nets else []
+    rows += [("dams", f"{len(case.dam)}")] if case.dam else []
+    rows += [("trees", "trees stand on the slope")] if has(case, "forest") else []
     return Table("What the run was given", ("", "value"), rows, "inputs")
 
 
@@ -124,6 +124,12 @@ def doubtful_inputs(result: xr.Dataset, hazard: xr.Dataset | None) -> list[tuple
     return [(where, text) for where, text in found if not text.startswith(REPROJECTED)]
 
 
+def doubts_note(doubts: list[tuple[str, str]]) -> Iterator[str]:
+    """The line of page 1 that leads to the inputs that are likely mistakes."""
+    if doubts:
+        yield f"{count(len(doubts), 'input')} may be mistaken: see Inputs to check, below."
+
+
 def zone_table(result: xr.Dataset) -> Iterator[Table]:
     """The sizes of the rocks on the slope; of zones, where their table is still there."""
     case = case_of(result)
@@ -142,10 +148,10 @@ def zone_table(result: xr.Dataset) -> Iterator[Table]:
 
 
 def _zones(columns: list[str], cells: list[dict[str, str]]) -> Table:
-    shown = [name for name in ("zone", *RADII, "ground", "description") if name in columns]
+    shown = [name for name in (*NAMES, "zone", *RADII, "ground") if name in columns]
     heads = [RADII.get(name, name) for name in shown]
     rows = [tuple(_size(row.get(name, ""), name) for name in shown) for row in cells]
-    return Table("Grounds and radii of their rocks", heads, rows, "noted")
+    return Table("Grounds and radii of their rocks", heads, rows)
 
 
 def _size(text: str, name: str) -> str:
@@ -161,10 +167,10 @@ def words_of(result: xr.Dataset) -> Iterator[str]:
     yield from (str(result.attrs[name]) for name in ("impact_set", "title", "case_file"))
     yield case.terrain["dem"]
     yield from (one.rule.text for one in verdicts_of(result))
-    yield from (str(value) for key, value in result["crs"].attrs.items() if key.endswith("_name"))
+    yield named_crs(result["crs"].attrs)
     for one in zone_table(result):
         for k, name in enumerate(one.head):
-            if name in ("description", "ground"):
+            if name in (*NAMES, "ground"):
                 yield from (str(row[k]) for row in one.rows)
 
 
@@ -179,11 +185,22 @@ def ground_figure(result: xr.Dataset, terrain: Terrain | None) -> Figure | None:
         return None
     if scene.zone is None or scene.windows or not 1 < len(scene.sizes) <= MATERIALS:
         return None
-    return _drawn(scene, reached(result, terrain), terrain)
+    return _drawn(scene, _zone_labels(case), reached(result, terrain), terrain, result["crs"].attrs)
+
+
+def _zone_labels(case: Case) -> list[str]:
+    """What each row of the table of zones is called: its name, or its number, and its ground."""
+    zones = read_zone_table(case.path(case.surface["table"]))
+    return [
+        f"{zone.name or f'zone {number}'}{f' ({zone.ground})' if zone.ground else ''}"
+        for number, zone in zones.items()
+    ]
 
 
 @styled
-def _drawn(scene: Scene, extent: Extent, terrain: Terrain | None) -> Figure:
+def _drawn(
+    scene: Scene, names: list[str], extent: Extent, terrain: Terrain | None, crs: dict[str, Any]
+) -> Figure:
     from matplotlib import colormaps
     from matplotlib.colors import BoundaryNorm, ListedColormap
     from matplotlib.patches import Patch
@@ -192,17 +209,22 @@ def _drawn(scene: Scene, extent: Extent, terrain: Terrain | None) -> Figure:
     zone, grid = cropped(scene.zone, scene.grid, False, extent, np.maximum)
     there = [k for k in range(1, len(scene.sizes) + 1) if (zone == k).any()]
     colours = colormaps["Set3"](np.arange(MATERIALS))
-    key = [Patch(color=colours[k - 1], label=_radius(scene.sizes[k - 1])) for k in there]
+    key = [
+        Patch(color=colours[k - 1], label=f"{names[k - 1]}; {_radius(scene.sizes[k - 1])}")
+        for k in there
+    ]
     sheet = new_sheet(extent, terrain, key)
     norm = BoundaryNorm(np.arange(0.5, MATERIALS + 1), MATERIALS)
     shown = np.where(zone > 0, zone, np.nan).astype(float)
     draw_image(sheet.axes, shown, grid, norm=norm, cmap=ListedColormap(colours), alpha=0.7)
-    finish(sheet)
+    finish(sheet, crs)
     return sheet.figure
 
 
 def _radius(sizes: np.ndarray) -> str:
     name = "R_m" if sizes.size == 1 else "Rg70, Rg20, Rg10"
+    if np.isnan(sizes).all():
+        return f"{name} [m]: -"
     if np.isinf(sizes).any():
         return f"{name} [m]: absorbs"
     return f"{name} [m]: {', '.join(number(one) for one in sizes)}"

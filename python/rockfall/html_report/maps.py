@@ -20,6 +20,7 @@ from rockfall.plots.cartography.labels import along
 from rockfall.plots.cartography.marks import FEW_SOURCES, inside, outlined, starts
 from rockfall.plots.cartography.rasters import cropped, edges, merged
 from rockfall.plots.cartography.relief import contours_of, shade
+from rockfall.plots.cartography.sheet import crs_text, round_scale, scale_text
 from rockfall.plots.extent import of_none, reached
 from rockfall.plots.map_figures import MAX_TRAJECTORIES, map_note, thin_cells
 from rockfall.plots.style import capital
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
     from rockfall.result.trajectories import Terrain
 
 MAX_CELLS = 4_000_000  # of the pictures of all maps: a page has a few MB, however many there are
+PRINTED = np.array([0.18, 0.2])  # width and height of a map on paper, at most [m]
 NAME_DEPTH = 6  # of halvings of a line, whose ends are places of its name
 MAX_POINTS = 3000  # stops that are drawn
 FINEST = 1 / 400  # side of a cell of the outline of sources, of the longer side of the window
@@ -127,8 +129,12 @@ def map_section(
     recorded = spread(vertices_of(result, "x", "y"), MAX_TRAJECTORIES)
     limits, basemap = look or (None, None)
     place, path = _sources(result, window)
+    side = np.array([window.nx, window.ny]) * window.cell
+    denominator = round_scale(float(max(side / PRINTED)))
     return {
         "window": window,
+        "printed": 1000 * side[0] / denominator,
+        "scale": f"{scale_text(denominator)}; {crs_text(result['crs'].attrs)}",
         "relief": _relief(terrain, window) if basemap is None else _picture(basemap, window),
         "ground": _ground(terrain, window),
         "maps": list(maps(result, window, limits)),

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import logging
+import warnings
 from pathlib import Path
 
 from rockfall.errors import RockfallError, need
@@ -27,5 +28,10 @@ def write_pdf(page: str, path: Path) -> None:
 
     logging.getLogger("weasyprint").setLevel(logging.ERROR)  # it speaks of CSS that is for screens
     with atomic_write(path) as part:
-        setter = HTML(string=page, url_fetcher=URLFetcher(allowed_protocols=["data"]))
-        setter.write_pdf(part, pdf_version="1.4")  # later ones hide whose they are in a stream
+        fetcher = URLFetcher(allowed_protocols=["data"])
+        about = {"pdf_version": "1.4"}  # later ones hide whose they are in a stream
+        document = HTML(string=page, url_fetcher=fetcher).render(**about)
+        if "signature" not in document.pages[0].anchors:
+            said = "the signature is not on page 1; shorten the title and the names of lines"
+            warnings.warn(f"{path}: {said}", stacklevel=3)
+        document.write_pdf(part, **about)

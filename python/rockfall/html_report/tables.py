@@ -17,7 +17,7 @@ from rockfall.analysis.precision.intervals import (
     half_width,
     rounded_up,
 )
-from rockfall.case import FROM_ARRAY, case_of
+from rockfall.case import FROM_ARRAY, case_of, given_text
 from rockfall.html_report.convergence import NUMBERS
 from rockfall.html_report.intervals import STATISTICS, TOO_FEW, estimate, in_unit
 from rockfall.io.layers import REPROJECTED
@@ -224,7 +224,7 @@ def provenance(result: xr.Dataset, say: Speaker) -> dict[str, Any]:
         "table": Table("What was run", ("", "value"), rows, "facts"),
         "command": "" if FROM_ARRAY in about["case"] else command,
         "is_complete": is_complete,
-        "case": about["case"],
+        "case": given_text(case),
     }
 
 

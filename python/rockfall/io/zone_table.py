@@ -18,6 +18,7 @@ from rockfall.io.tables import Row, check_columns, read_table
 
 #: Columns of lengths in metres, in the order of the values in a row.
 RADII = ("mean_radius", "rg70", "rg20", "rg10")
+NAMES = ("name", "description")  # columns of free text that say what a zone is called
 
 _INTEGER = re.compile(r"[+-]?[0-9]+")
 
@@ -28,6 +29,7 @@ class Zone(NamedTuple):
     sizes: tuple[float, ...]  # in the order of RADII [m]; NaN: not given, Inf: it absorbs
     ground: str = ""  # what its rebounds follow; "": the case's
     where: str = ""  # the row, for messages
+    name: str = ""  # what it is called; "": the table does not say
 
 
 def read_zone_table(path: str | Path) -> dict[int, Zone]:
@@ -49,7 +51,8 @@ def read_zone_table(path: str | Path) -> dict[int, Zone]:
         if zone in zones:
             raise RockfallError(f"{row.where}: zone {zone}: is in the table twice")
         sizes = tuple(_radius(row, name) if name in columns else math.nan for name in RADII)
-        zones[zone] = Zone(sizes, row.cells.get("ground", ""), row.where)
+        name = next((row.cells[one] for one in NAMES if row.cells.get(one)), "")
+        zones[zone] = Zone(sizes, row.cells.get("ground", ""), row.where, name)
     return zones
 
 

@@ -59,6 +59,8 @@ if TYPE_CHECKING:
 
 
 PER_FIGURE = 8  # lines
+#: Figures of rebounds beside those of the laboratory and of the paper.
+LABORATORY = ("incident_energy", "incidence_angle", "restitution", "impact_set")
 
 
 @dataclass(frozen=True)

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rockfall.analysis.hazard.files import DOUBTFUL, colours_of
-from rockfall.analysis.hazard.zones import Zones, uncertain_of, zones_of
+from rockfall.analysis.hazard.zones import uncertain_of, zones_of
 from rockfall.case import case_in
 from rockfall.io.arrays import grid_of
 from rockfall.plots.cartography.labels import beside
 from rockfall.plots.cartography.marks import OBJECT, draw_line
 from rockfall.plots.cartography.rasters import draw_image
-from rockfall.plots.cartography.sheet import Sheet, finish, new_sheet
+from rockfall.plots.cartography.sheet import PAGE, Room, Sheet, finish, new_sheet
 from rockfall.plots.extent import around
 from rockfall.plots.figures import Figure
 from rockfall.plots.style import styled
@@ -35,14 +35,13 @@ OPAQUE = 0.7  # classes let the relief through
 def hazard_figures(found: xr.Dataset, terrain: Terrain | None = None) -> list[Figure]:
     """The zones of a hazard, and the intensity that each return period brings."""
     minimum_area = case_in(found.attrs).hazard["minimum_area"]
-    zones = zones_of(found, minimum_area)
     least = f", of {minimum_area:g} m2 or more" if minimum_area else ""
     shown = [
         Figure(
             "hazard_class",
             "Zones of hazard",
             f"Classes of hazard{least}; orange: cells whose class is not certain.",
-            partial(_zones_figure, found, zones, terrain),
+            partial(zones_figure, found, terrain),
         )
     ]
     for name, data in layers(found["intensity"]).items():
@@ -53,11 +52,16 @@ def hazard_figures(found: xr.Dataset, terrain: Terrain | None = None) -> list[Fi
 
 
 @styled
-def _zones_figure(found: xr.Dataset, zones: Zones, terrain: Terrain | None) -> figure.Figure:
+def zones_figure(
+    found: xr.Dataset, terrain: Terrain | None = None, room: Room = PAGE
+) -> figure.Figure:
+    """The classes of a hazard, the cells whose class is not certain, and the objects."""
     from matplotlib.patches import Patch
 
     data = found["hazard_class"]
-    sheet = _begun(found, terrain, [*_key(data), Patch(color=DOUBTFUL, label="class not certain")])
+    zones = zones_of(found, case_in(found.attrs).hazard["minimum_area"])
+    key = [*_key(data), Patch(color=DOUBTFUL, label="class not certain")]
+    sheet = _begun(found, terrain, key, room)
     axes, (grid, _) = sheet.axes, grid_of(data)
     numbers = np.concatenate([[0], zones.number])[zones.patch]
     _draw_classes(axes, numbers, grid, data)
@@ -65,7 +69,7 @@ def _zones_figure(found: xr.Dataset, zones: Zones, terrain: Terrain | None) -> f
     colour, about = [DOUBTFUL], {"vmin": 0, "vmax": 1, "alpha": 0.8}
     draw_image(axes, np.where(doubtful, 1.0, np.nan), grid, cmap=_listed(colour), **about)
     _draw_objects(sheet, found)
-    finish(sheet)
+    finish(sheet, found["crs"].attrs)
     return sheet.figure
 
 
@@ -76,11 +80,11 @@ def _map_figure(found: xr.Dataset, data: xr.DataArray, terrain: Terrain | None) 
     values = data.values[::-1] if flipped else data.values
     _draw_classes(sheet.axes, values, grid, data)
     _draw_objects(sheet, found)
-    finish(sheet)
+    finish(sheet, found["crs"].attrs)
     return sheet.figure
 
 
-def _begun(found: xr.Dataset, terrain: Terrain | None, key: list[Any]) -> Sheet:
+def _begun(found: xr.Dataset, terrain: Terrain | None, key: list[Any], room: Room = PAGE) -> Sheet:
     """A map of all that boulders reached, and of the objects."""
     import shapely
 
@@ -91,7 +95,7 @@ def _begun(found: xr.Dataset, terrain: Terrain | None, key: list[Any]) -> Sheet:
         west, south, east, north = shapely.total_bounds(shapes)
         x, y = np.append(x, [west, east]), np.append(y, [south, north])
     extent = around(x, y, grid_of(found["hazard_class"])[0].cell, terrain)
-    return new_sheet(extent, terrain, key)
+    return new_sheet(extent, terrain, key, room=room)
 
 
 def _listed(colours: list[str]) -> Any:

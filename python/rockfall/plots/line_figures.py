@@ -17,7 +17,6 @@ from rockfall.plots.style import (
     GREY,
     INK,
     LINE,
-    NARROW,
     OBSERVED,
     WIDE,
     draw_bars,
@@ -75,7 +74,7 @@ def distribution_figure(
     deep = -(-len(names) // abreast)
     deepest = max(map(len, rows))
     tall = 1.9 + 0.17 * deepest
-    figure = new_figure(WIDE if abreast > 1 else NARROW, 0.3 + (tall + 0.5) * deep)
+    figure = new_figure(WIDE, 0.3 + (tall + 0.5) * deep)
     blocks = figure.add_gridspec(deep, abreast)
     panels = []  # not shared, which takes quadratic time
     for k, name in enumerate(names):

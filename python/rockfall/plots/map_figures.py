@@ -11,7 +11,7 @@ import numpy as np
 from rockfall.io.arrays import grid_of
 from rockfall.plots.cartography.marks import draw_marks, key_of
 from rockfall.plots.cartography.rasters import cropped, draw_image, edges
-from rockfall.plots.cartography.sheet import SMALL, Sheet, finish, new_sheet
+from rockfall.plots.cartography.sheet import PAGE, SMALL, Room, Sheet, finish, new_sheet
 from rockfall.plots.extent import PASSED, of_none, passed_map, reached
 from rockfall.plots.style import INK, OBSERVED, VERMILION, styled
 from rockfall.quantities import with_unit
@@ -49,6 +49,7 @@ def map_figure(
     terrain: Terrain | None = None,
     observed: np.ndarray | None = None,
     look: Look | None = None,
+    room: Room = PAGE,
 ) -> Figure:
     """A map variable of the result in classes, nothing where no boulder passed; observed stops
     (n, 2).
@@ -60,27 +61,30 @@ def map_figure(
     look = look or Look()
     key = [*key_of(result), *_observed_key(observed)]
     extent = reached(result, terrain, observed)
-    sheet = new_sheet(extent, terrain, key, BAR, look.basemap)
+    sheet = new_sheet(extent, terrain, key, BAR, look.basemap, room)
     _draw_map(sheet, result, name, look.limits)
     _draw_observed(sheet.axes, observed)
     draw_marks(sheet, result)
-    finish(sheet)
+    finish(sheet, result["crs"].attrs)
     return sheet.figure
 
 
 @styled
 def trajectories_figure(
-    result: xr.Dataset, terrain: Terrain | None = None, look: Look | None = None
+    result: xr.Dataset,
+    terrain: Terrain | None = None,
+    look: Look | None = None,
+    room: Room = PAGE,
 ) -> Figure:
     """Recorded trajectories in plan."""
     from matplotlib.lines import Line2D
 
     key = [*key_of(result), Line2D([], [], label="trajectory", color=VERMILION, lw=0.7)]
     basemap = (look or Look()).basemap
-    sheet = new_sheet(reached(result, terrain), terrain, key, 0.0, basemap)
+    sheet = new_sheet(reached(result, terrain), terrain, key, 0.0, basemap, room)
     _draw_trajectories(sheet.axes, result)
     draw_marks(sheet, result)
-    finish(sheet)
+    finish(sheet, result["crs"].attrs)
     return sheet.figure
 
 
@@ -90,15 +94,17 @@ def stops_figure(
     terrain: Terrain | None = None,
     observed: np.ndarray | None = None,
     look: Look | None = None,
+    room: Room = PAGE,
 ) -> Figure:
     """Where boulders ended, each status with a marker of its own; observed stops (n, 2)."""
     key = [*key_of(result), *_stops_key(result), *_observed_key(observed)]
     basemap = (look or Look()).basemap
-    sheet = new_sheet(reached(result, terrain, observed), terrain, key, 0.0, basemap)
+    extent = reached(result, terrain, observed)
+    sheet = new_sheet(extent, terrain, key, 0.0, basemap, room)
     _draw_stops(sheet.axes, result)
     _draw_observed(sheet.axes, observed)
     draw_marks(sheet, result)
-    finish(sheet)
+    finish(sheet, result["crs"].attrs)
     return sheet.figure
 
 
@@ -169,7 +175,8 @@ def _draw_classes(
     ends = [-np.inf, *np.nextafter(classes.limits, np.inf), np.inf]
     norm = BoundaryNorm(ends, len(classes.colours))
     draw_image(sheet.axes, values, grid, norm=norm, cmap=colours, alpha=OPAQUE)
-    place = sheet.box(sheet.left, sheet.bar, sheet.wide, 0.1)
+    left, bottom, wide = sheet.bar
+    place = sheet.box(left, bottom, wide, 0.1)
     bar = sheet.figure.add_axes(place)
     number = len(classes.colours)
     bar.imshow([range(number)], cmap=colours, aspect="auto", extent=(0, number, 0, 1))

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rockfall.plots.style import INK, NARROW, WIDE, draw_bars, new_figure, styled
+from rockfall.plots.style import INK, WIDE, draw_bars, new_figure, styled
 from rockfall.quantities import REBOUND
 from rockfall.result.grounds import classical_grounds
 
@@ -33,7 +33,7 @@ def beside_paper(result: xr.Dataset) -> bool:
 def histogram_figure(result: xr.Dataset, *names: str) -> Figure:
     """Histograms of the run side by side, each in per cent of its rebounds, with the values of the
     paper where these may be compared."""
-    figure = new_figure(NARROW if len(names) == 1 else WIDE, 2.3)
+    figure = new_figure(WIDE, 2.3)
     panels = figure.subplots(1, len(names), squeeze=False)[0]
     for axes, name in zip(panels, names, strict=True):
         frequency, edges = histogram(result, name)

@@ -14,7 +14,7 @@ import numpy as np
 from rockfall.case import FROM_ARRAY, case_of
 from rockfall.errors import RockfallError
 from rockfall.io.grid import Box, Grid
-from rockfall.io.raster_file import open_raster
+from rockfall.io.raster_file import open_raster, raster_file
 from rockfall.plots.extent import reached
 from rockfall.scene.layers import file_checksum
 from rockfall.terrain.dams import with_dam
@@ -27,16 +27,18 @@ if TYPE_CHECKING:
 MAX_CELLS = 16_000_000  # read at full resolution; of more, every second, third... row and column
 
 
-def terrain_of(result: xr.Dataset, dem: str | Path | None = None) -> Terrain | None:
+def terrain_of(
+    result: xr.Dataset, dem: str | Path | None = None, beside: Path | None = None
+) -> Terrain | None:
     """Elevations (ny, nx) [m] where boulders of a result came, and their grid.
 
     From the file `dem`, or else from that of the case, whose name is relative to the folder in
-    which it was run. A given file that is not the one of the run is a RockfallError; without a
-    given one, None with a warning that says why.
+    which it was run; where it is not there, from the file of that name in the folder `beside`, of
+    the result. A given file that is not the one of the run is a RockfallError; without a given one,
+    None with a warning that says why.
     """
     try:
-        path = _case_dem(result) if dem is None else Path(dem)
-        _check_same(result, path)
+        path = _found(result, _places(result, beside) if dem is None else [Path(dem)])
         z, grid = _read(result, path)
         for dam in case_of(result).dam:
             with contextlib.suppress(RockfallError):  # its crest goes on where no boulder came
@@ -49,11 +51,31 @@ def terrain_of(result: xr.Dataset, dem: str | Path | None = None) -> Terrain | N
         return None
 
 
-def _case_dem(result: xr.Dataset) -> Path:
+def _places(result: xr.Dataset, beside: Path | None) -> list[Path]:
+    """Where the DEM of the case may be: where it was run, or next to the result."""
     case = case_of(result)
     if case.terrain["dem"] == FROM_ARRAY:
         raise RockfallError(f"{case.name}: the elevations of the run came from an array, no file")
-    return case.path(case.terrain["dem"])
+    name = case.terrain["dem"]
+    places = [case.path(name)]
+    if beside is not None:
+        places += [beside / name, beside / Path(name).name]
+    return list(dict.fromkeys(places))
+
+
+def _found(result: xr.Dataset, places: list[Path]) -> Path:
+    """The first of these files that is the DEM of the run."""
+    there = [path for path in places if Path(raster_file(str(path))).exists()]
+    for path in there[:-1]:
+        with contextlib.suppress(RockfallError):
+            _check_same(result, path)
+            return path
+    if not there:
+        raise RockfallError(
+            f"{', '.join(map(str, places))}: cannot be read: No such file or directory"
+        )
+    _check_same(result, there[-1])
+    return there[-1]
 
 
 def _check_same(result: xr.Dataset, path: Path) -> None:

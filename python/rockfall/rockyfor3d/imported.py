@@ -15,17 +15,19 @@ import numpy as np
 from rockfall.analysis.model_limits import QUOTED, UNDERSTATED, forest_text
 from rockfall.case import read_case
 from rockfall.case_text import Entry, Group, case_text
+from rockfall.draft.dem import read_source
 from rockfall.errors import RockfallError
 from rockfall.io.files import read_text
 from rockfall.io.output_files import SIGNATURE, atomic_folder, check_folder
 from rockfall.io.raster import write_geotiff
 from rockfall.io.tables import plain_decimal
 from rockfall.rockyfor3d.folder import Folder
-from rockfall.rockyfor3d.nets import NETS, barriers
+from rockfall.rockyfor3d.nets import NETS, TOLERANCE, barriers
 
 MARK = "! Made by `rockfall import-rockyfor3d`"  # first words of a case of ours
-CASE, STEMS, SOURCES, TREES = "case.nml", "stems.tif", "sources.tif", "trees.csv"
-FILES = (CASE, STEMS, SOURCES, TREES)  # that an import may write
+CASE, DEM, STEMS, SOURCES = "case.nml", "dem.tif", "stems.tif", "sources.tif"
+TREES = "trees.csv"
+FILES = (CASE, DEM, STEMS, SOURCES, TREES)  # that an import may write
 HECTARE = 1e4  # [m2]
 BOULDERS = 100  # from each source
 DROP_HEIGHT = 1.0  # [m]
@@ -49,6 +51,7 @@ class Import:
     folder: Folder
     out: Path
     part: Path  # where the files of `out` are written first
+    crs: str | None = None  # of the rasters
     notes: list[str] = field(default_factory=list)  # what was not taken over, or is a guess
     model: list[str] = field(default_factory=list)  # what must be said of the model
 
@@ -57,14 +60,17 @@ class Import:
         return Path(os.path.relpath(self.folder.rasters[name], self.out.resolve())).as_posix()
 
 
-def import_rockyfor3d(directory: str | Path, out: str | Path) -> list[str]:
+def import_rockyfor3d(
+    directory: str | Path, out: str | Path, *, crs: str | None = None
+) -> list[str]:
     """Write to the folder `out` a case that runs a folder of Rockyfor3D as it is; returns what
-    could not be taken over, a line each."""
+    could not be taken over, a line each. `crs` (such as EPSG:2056) is the coordinate system of its
+    rasters, which name none: the case then has a DEM that names it."""
     folder, out = Folder(directory), Path(out)
     folder.rasters = {name: path.resolve() for name, path in folder.rasters.items()}
     inputs = [*folder.rasters.values(), *filter(None, [folder.trees])]
     with atomic_folder(out, inputs, _former(out), last=CASE) as part:
-        made = Import(folder, out, part)
+        made = Import(folder, out, part, crs)
         groups = list(_groups(made))
         made.notes += [f"{name}: not a file that we know; left out" for name in folder.unread]
         made.notes += made.model
@@ -90,13 +96,22 @@ def _groups(made: Import) -> Iterator[Group]:
     yield Group(
         "case", [Entry("title", title), Entry("boulders", BOULDERS, "from each source cell")]
     )
-    yield Group("terrain", [Entry("dem", made.path("dem"))])
+    yield _terrain(made)
     yield _surface(made)
     yield _boulder(made)
     yield _release(made)
     yield from _forest(made)
     yield from _nets(made)
     yield Group("output", [Entry("maps", list(MAPS)), Entry("rebounds", True)])
+
+
+def _terrain(made: Import) -> Group:
+    """The DEM where it is; where its system is given, a copy that names it."""
+    if made.crs is None:
+        return Group("terrain", [Entry("dem", made.path("dem"))])
+    z, made.folder.grid = read_source(made.folder.rasters["dem"], made.crs)[:2]
+    _write(made, DEM, z)
+    return Group("terrain", [Entry("dem", DEM, f"dem.asc in {made.crs}")])
 
 
 def _surface(made: Import) -> Group:
@@ -203,7 +218,11 @@ def _nets(made: Import) -> Iterator[Group]:
                 f"net_number.asc: {keys['name']}: {off} cells branch off its line and "
                 "stop nothing; give them a number of their own"
             )
-        yield Group("barrier", [Entry(key, value) for key, value in keys.items()])
+        within = f"through the cells of net_number, within {TOLERANCE * made.folder.grid.cell:g} m"
+        yield Group(
+            "barrier",
+            [Entry(key, value, within if key == "x" else "") for key, value in keys.items()],
+        )
 
 
 def _write(made: Import, name: str, values: np.ndarray) -> None:

@@ -8,12 +8,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rockfall.errors import RockfallError
+from rockfall.errors import RockfallError, need
 from rockfall.io.grid import Grid
 from rockfall.rockyfor3d.folder import Folder
 
 NETS = ("net_number", "net_energy", "net_height")
 AROUND = np.ones((3, 3), int)  # cells that touch belong together
+TOLERANCE = 1.0  # of a line through cells: a straight one passes their centres nearer [cells]
 TOUCH = 1.5  # centres of cells that touch, by a corner too, are nearer [cells]
 DECIMALS = 3  # of coordinates [m]
 
@@ -58,13 +59,13 @@ def _of_net(folder: Folder, raster: str, values: np.ndarray, name: str) -> float
 
 
 def centre_line(path: np.ndarray, grid: Grid, dem: np.ndarray) -> tuple[list[float], list[float]]:
-    """A line through cells from end to end, half a cell beyond their centres. That of one cell lies
-    along the contour."""
+    """A line through cells from end to end, half a cell beyond their centres, without the stairs of
+    the raster. That of one cell lies along the contour."""
     if len(path) == 1:
         along = _contour(dem, *path[0])
         path = path + 0.5 * np.array([-along, along])
     else:
-        path = _corners(_lengthened(path.astype(float)))
+        path = _simplified(_lengthened(path.astype(float)))
     row, column = path.T
     x, y = grid.west + (column + 0.5) * grid.cell, grid.north - (row + 0.5) * grid.cell
     return np.round(x, DECIMALS).tolist(), np.round(y, DECIMALS).tolist()
@@ -98,11 +99,13 @@ def _lengthened(path: np.ndarray) -> np.ndarray:
     return np.concatenate(([first], path[1:-1], [last]))
 
 
-def _corners(path: np.ndarray) -> np.ndarray:
-    """Without the points that lie straight between those beside them."""
-    step = np.sign(np.diff(path, axis=0))
-    turns = (step[1:] != step[:-1]).any(axis=1)
-    return path[np.concatenate(([True], turns, [True]))]
+def _simplified(path: np.ndarray) -> np.ndarray:
+    """With no more points than it takes to pass all of them within the tolerance (Douglas and
+    Peucker 1973)."""
+    need("nets need", "vector", "shapely")
+    import shapely
+
+    return shapely.get_coordinates(shapely.LineString(path).simplify(TOLERANCE))
 
 
 def _contour(dem: np.ndarray, row: int, column: int) -> np.ndarray:

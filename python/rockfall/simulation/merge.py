@@ -12,7 +12,7 @@ import numpy as np
 from rockfall.errors import RockfallError
 from rockfall.result.samples import empty_like, rows_kept
 from rockfall.simulation.maps import no_maps
-from rockfall.simulation.part_file import Part, read_part
+from rockfall.simulation.part_file import Part, read_part, when
 from rockfall.simulation.source_maps import join_sources
 from rockfall.simulation.tally import Tally, empty_tally
 from rockfall.simulation.tally_dataset import make_result
@@ -70,6 +70,7 @@ class Joined:
             )
         part.add_to(self.tally)
         self.tally.threads = max(self.tally.threads, part.threads)
+        self.tally.date = max(filter(None, (self.tally.date, part.date)), key=when, default="")
         self.shared += [part.shared()] if part.shared() else []
         self.trajectories |= part.trajectories()
         self.ranges.append((part.first, part.last, part.name))

@@ -10,6 +10,7 @@ import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -134,6 +135,7 @@ class Part:
     threads: int
     clocks: dict[str, float]
     crs: dict[str, Any]  # attributes of the grid mapping
+    date: str = ""  # when it was written; "": the part does not say
     arrays: dict[str, np.ndarray] = field(default_factory=dict)
 
     def add_to(self, tally: Tally) -> None:
@@ -308,6 +310,9 @@ def _head(attrs: Mapping[str, Any], crs: Mapping[str, Any], name: str) -> Part:
         for at in CLOCKS:
             if not 0 <= float(attrs[at]) < math.inf:
                 raise ValueError
+        at = "date_created"
+        date = str(attrs.get(at, ""))
+        when(date)
         at = "GeoTransform"
         west, cell, _, north, _, _ = map(float, str(crs[at]).split())
         if not (cell > 0 and all(map(math.isfinite, (west, cell, north)))):
@@ -346,10 +351,19 @@ def _head(attrs: Mapping[str, Any], crs: Mapping[str, Any], name: str) -> Part:
     )
     first, last = int(attrs["boulder_first"]), int(attrs["boulder_last"])
     clocks = {clock: float(attrs[clock]) for clock in CLOCKS}
-    part = Part(name, origin, first, last, int(attrs["threads"]), clocks, about)
+    part = Part(name, origin, first, last, int(attrs["threads"]), clocks, about, date)
     if not 1 <= first <= last + 1 <= origin.boulders + 1:
         raise _damaged(part, "boulders")
     return part
+
+
+def when(date: str) -> datetime:
+    """The time that an attribute `date_created` states (ISO 8601); the earliest one if it is empty,
+    a ValueError if it is no date."""
+    if not date:
+        return datetime.min.replace(tzinfo=UTC)
+    found = datetime.fromisoformat(date)
+    return found if found.tzinfo else found.replace(tzinfo=UTC)
 
 
 def _grounds(attrs: Mapping[str, Any]) -> list[GroundRule]:

@@ -78,6 +78,7 @@ class Tally:
     trajectories: dict[int, np.ndarray] = field(
         default_factory=dict
     )  # (vertices, fields) by boulder
+    date: str = ""  # of the last part of a run that there is in parts alone; "": now
     wall: float = 0.0
     cpu: float = 0.0
     threads: int = 0

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from datetime import datetime
 from typing import Any
 
 import numpy as np
@@ -269,6 +270,7 @@ def run_attributes(tally: Tally) -> dict[str, Any]:
         **feature_names(scene),
         **provenance(scene),
         "threads": _core.team(tally.threads),
+        "date_created": tally.date or datetime.now().astimezone().isoformat(timespec="seconds"),
         "wall_seconds": tally.wall,
         "cpu_seconds": tally.cpu,
     }

@@ -92,15 +92,19 @@ def check_row(row: Mapping[str, Any]) -> list[str]:
     """A barrier beside what is asked of it."""
     if not row["n"]:
         return [f"  {row['line']}", number(row["height"]), "-", "-", "-", "-", "no boulder comes"]
-    failed = [what for what in ("height", "energy") if not row[f"{what}_holds"]]
     unsure = [what for what in ("height", "energy") if not row[f"{what}_certain"]]
-    doubt = unconfirmed(row)
-    verdict = f"no: {'; '.join(failed)}" if failed else f"undecided{doubt}" if doubt else "yes"
+    failed = [
+        what for what in ("height", "energy") if not row[f"{what}_holds"] and what not in unsure
+    ]
+    verdict = [f"no: {', '.join(failed)}"] if failed else []
+    verdict += [f"undecided: {', '.join(unsure)}"] if unsure else []
+    doubt = "" if failed else unconfirmed(row)
+    said = "; ".join(verdict) or ("undecided" if doubt else "yes")
     return [
         f"  {row['line']}", number(row["height"]), number(row["height_needed"], up=True),
         number(row["energy_allowed"] / 1000), number(row["E_d"] / 1000, up=True),
         shown(row, "residual", 100.0),
-        verdict + (f"; undecided: {'; '.join(unsure)}" if unsure else ""),
+        said + doubt,
     ]  # fmt: skip
 
 

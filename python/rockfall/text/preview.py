@@ -30,8 +30,8 @@ from rockfall.simulation.tally import Tally
 from rockfall.simulation.tally_dataset import MAXIMA
 from rockfall.text.dams import dam_lines
 
-PROBE_BOULDERS = 100  # to see how long they take
-PILOT_SECONDS = 0.05  # about, twice at most: the time is known to a few per cent
+PROBE_BOULDERS = 100  # to see how often they rebound
+PILOT_REBOUNDS = 200_000  # about: some hundredths of a second, and the same on every machine
 PILOT_BOULDERS = 20_000  # at most; the cells that many reach are estimated from those of these
 PROGRAM = 80e6  # bytes of the program and its packages, while boulders are simulated
 PACKAGES = 20e6  # and of those that write results
@@ -126,9 +126,11 @@ def memory(scene: Scene, pilot: Pilot) -> dict[str, float]:
 
 
 def _pilot(scene: Scene) -> Pilot:
-    """As many boulders as there is time for."""
+    """Boulders whose number follows from the scene, not from a clock: `check` prints the same of a
+    case whenever it is called."""
     probe = _follow(scene, min(scene.boulders, PROBE_BOULDERS))
-    number = min(scene.boulders, PILOT_BOULDERS, int(PILOT_SECONDS / max(probe.seconds, 1e-9)))
+    rebounds = max(1.0, float(probe.tally.columns()["impacts"].mean()))
+    number = min(scene.boulders, PILOT_BOULDERS, int(PILOT_REBOUNDS / rebounds))
     return _follow(scene, number) if number > PROBE_BOULDERS else probe
 
 

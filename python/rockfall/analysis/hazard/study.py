@@ -283,6 +283,7 @@ def _attributes(study: Study, runs: list[_Run]) -> dict[str, Any]:
     first = runs[0].attrs
     kept = ("Conventions", "history", "source", "version", "case_file", "seed", "impact_set")
     kept += ("impact_set_checksum", "input_checksums", "decoded_checksums", "dams", "threads")
+    kept += ("date_created",)
     clocks = ("wall_seconds", "cpu_seconds")
     return {
         "hazard_layout": LAYOUT,

@@ -18,22 +18,28 @@
     rescale();
   }
 
+  // Pixels of a cell, on the screen or as it will be on paper; 0 where the map is not shown.
+  let isPrinting = false;
+  const pixels = (map) => isPrinting
+    ? (map.closest("figure").dataset.printed * 96) / 25.4 / wide
+    : map.getScreenCTM()?.a ?? 0;
+
   // Texts keep their size on the screen; coordinates and rulers are round numbers at any zoom.
   function rescale() {
     for (const map of maps) {
-      const matrix = map.getScreenCTM();
-      if (!matrix || !matrix.a) continue;
-      map.style.setProperty("--scale", 1 / matrix.a);
-      const dot = map.dataset.cell / matrix.a; // metres
+      const side = pixels(map);
+      if (!side) continue;
+      map.style.setProperty("--scale", 1 / side);
+      const dot = map.dataset.cell / side; // metres
       const length = round(60 * dot), ruler = map.parentElement.querySelector(".ruler");
       ruler.style.width = `${length / dot}px`;
       ruler.textContent = `${length} m`;
     }
     if (!maps.length) return;
-    const matrix = maps[0].getScreenCTM();
-    if (matrix && matrix.a) document.getElementById("hatch").setAttribute("patternTransform", `scale(${1 / matrix.a}) rotate(-45)`);
+    const side = pixels(maps[0]);
+    if (side) document.getElementById("hatch").setAttribute("patternTransform", `scale(${1 / side}) rotate(-45)`);
     coordinates();
-    part();
+    if (!isPrinting) part();
   }
 
   function round(rough) {
@@ -50,9 +56,9 @@
 
   // Along the lower and the left edge of what is shown.
   function coordinates() {
-    const matrix = maps[0].getScreenCTM(), { west, north, cell: size } = maps[0].dataset;
-    if (!matrix || !matrix.a) return;
-    const step = round((110 * size) / matrix.a), tick = 6 / matrix.a;
+    const side = pixels(maps[0]), { west, north, cell: size } = maps[0].dataset;
+    if (!side) return;
+    const step = round((110 * size) / side), tick = 6 / side;
     const bottom = view.y + high * view.part, right = view.x + wide * view.part, all = [];
     for (let e = Math.ceil((+west + view.x * size) / step) * step; e < +west + right * size; e += step) {
       const x = (e - west) / size;
@@ -175,7 +181,8 @@
       button.addEventListener("click", () => zoom(+button.dataset.zoom, middle()));
   }
   addEventListener("resize", rescale);
-  addEventListener("beforeprint", () => zoom(0, middle()));
+  addEventListener("beforeprint", () => { isPrinting = true; zoom(0, middle()); });
+  addEventListener("afterprint", () => { isPrinting = false; rescale(); });
   rescale();
 
   const terrain = document.getElementById("terrain");

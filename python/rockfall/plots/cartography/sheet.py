@@ -6,9 +6,10 @@ Everything has its place in inches, so that the scale is known before anything i
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -20,10 +21,12 @@ from rockfall.plots.cartography.relief import (
     draw_contours,
     draw_relief,
 )
-from rockfall.plots.style import INK, NARROW, WIDE
+from rockfall.plots.style import INK, WIDE
 from rockfall.quantities import round_step
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -31,12 +34,27 @@ if TYPE_CHECKING:
     from rockfall.plots.extent import Extent
     from rockfall.result.trajectories import Terrain
 
-TALLEST = 7.2  # of a map [inch]
 LEFT, RIGHT, TOP = 0.28, 0.1, 0.08  # margins of a map [inch]
-TICKS, STRIP, ROW = 0.24, 0.3, 0.19  # heights below it: coordinates, scale bar, a row of the key
+TICKS, STRIP, ROW = 0.24, 0.44, 0.19  # heights below it: coordinates, scale, a row of the key
+NARROWEST_BAR = 3.0  # of the bar of colours [inch]
+KEY_COLUMN = 1.75  # width of a column of the key [inch]
+INCH = 0.0254  # [m]
+SCALES = (1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)  # and powers of ten
 APART = 1.0  # between two coordinates [inch]
 SMALL = 7  # size of texts about the map
 PALE = 0.35  # of white over a picture of the user's
+WKT_NAME = re.compile(r'\w+\["([^"]+)"')
+EPSG = re.compile(r'(?:AUTHORITY\["EPSG","|ID\["EPSG",)([0-9]+)"?\]\]$')  # at the end of a WKT
+
+
+class Room(NamedTuple):
+    """The largest size that a map may have on paper, with all that belongs to it [inch]."""
+
+    wide: float = WIDE
+    high: float = 8.6
+
+
+PAGE = Room()
 
 
 @dataclass
@@ -56,9 +74,13 @@ class Sheet:
     contours: Contours | None
 
     @property
-    def bar(self) -> float:
-        """Where the bar of colours stands [inch]."""
-        return self.bottom - TICKS - STRIP - 0.1
+    def bar(self) -> tuple[float, float, float]:
+        """Where the bar of colours stands: left, bottom, width [inch]; under a slender map it is
+        wider than that, for its numbers."""
+        inner = self.figure.get_figwidth() - LEFT - RIGHT
+        wide = max(self.wide, min(NARROWEST_BAR, inner))
+        left = min(self.left + (self.wide - wide) / 2, LEFT + inner - wide)
+        return max(left, LEFT), self.bottom - TICKS - STRIP - 0.1, wide
 
     @property
     def dots(self) -> float:
@@ -77,29 +99,26 @@ def new_sheet(
     key: Sequence[Any] = (),
     below: float = 0.0,
     basemap: Basemap | None = None,
+    room: Room = PAGE,
 ) -> Sheet:
-    """A sheet as wide as a column, or as a page for a broad map, with a key of these handles and so
-    much room above it [inch]; what the map lies on is drawn."""
+    """A sheet as wide as its room, with a map at a round scale, a key of these handles and so much
+    space above it [inch]; what the map lies on is drawn."""
     from matplotlib.figure import Figure
 
     west, east, south, north = extent
-    aspect = (north - south) / (east - west)
-    width = NARROW if aspect > 0.8 else WIDE
-    wide = width - LEFT - RIGHT
-    high = min(aspect * wide, TALLEST)
-    wide = high / aspect
-    columns = 2 if width == NARROW else 4
+    width, columns = room.wide, max(1, int(room.wide / KEY_COLUMN))
     rows = -(-len(key) // columns)
     bottom = TICKS + STRIP + below + ROW * rows
+    inner, tallest = width - LEFT - RIGHT, room.high - bottom - TOP
+    scale = INCH * round_scale(max((east - west) / inner, (north - south) / tallest) / INCH)
+    wide, high = (east - west) / scale, (north - south) / scale
     figure = Figure(figsize=(width, bottom + high + TOP))
-    left = LEFT + (width - LEFT - RIGHT - wide) / 2
+    left = LEFT + (inner - wide) / 2
     w, h = figure.get_size_inches()
     axes = figure.add_axes((left / w, bottom / h, wide / w, high / h))
     axes.set(xlim=(west, east), ylim=(south, north))
     contours = contours_of(terrain, extent) if terrain is not None else None
-    sheet = Sheet(
-        figure, axes, extent, (east - west) / wide, left, wide, bottom, rows, Labels(axes), contours
-    )
+    sheet = Sheet(figure, axes, extent, scale, left, wide, bottom, rows, Labels(axes), contours)
     if basemap is not None:
         _draw_basemap(axes, basemap)
     elif terrain is not None:
@@ -110,13 +129,40 @@ def new_sheet(
     return sheet
 
 
-def finish(sheet: Sheet) -> None:
-    """Contours with their numbers where they are free, the frame, and what tells the scale."""
+def round_scale(rough: float) -> float:
+    """The round denominator of a scale (5000 of 1:5,000) that is next above `rough`."""
+    power = 10.0 ** np.floor(np.log10(rough))
+    return float(power * next(one for one in SCALES if one * power >= 0.9999 * rough))
+
+
+def scale_text(denominator: float) -> str:
+    """A scale, which holds at the size in which a map is drawn."""
+    return f"1:{denominator:,.0f} on A4"
+
+
+def named_crs(crs: Mapping[str, Any]) -> str:
+    """The name of the coordinate system of a grid mapping; "" where it has none."""
+    keys = ("projected_crs_name", "geographic_crs_name")
+    found = WKT_NAME.match(str(crs.get("crs_wkt", "")))  # of some systems CF has no parameters
+    names = (str(crs[key]) for key in keys if crs.get(key))
+    return next(names, found[1] if found else "")
+
+
+def crs_text(crs: Mapping[str, Any]) -> str:
+    """The coordinate system of a grid mapping, with the EPSG code that its text states."""
+    code = EPSG.search(str(crs.get("crs_wkt", "")).rstrip())
+    parts = [named_crs(crs), f"EPSG:{code[1]}" if code else ""]
+    return ", ".join(filter(None, parts)) or "no coordinate system is given"
+
+
+def finish(sheet: Sheet, crs: Mapping[str, Any]) -> None:
+    """Contours with their numbers where they are free, the frame, what tells the scale, and the
+    coordinate system, by the attributes of the grid mapping."""
     if sheet.contours is not None:
         draw_contours(sheet.axes, sheet.contours)
         _name_contours(sheet, sheet.contours)
     _draw_frame(sheet)
-    _draw_strip(sheet)
+    _draw_strip(sheet, crs_text(crs))
 
 
 def _draw_basemap(axes: Axes, basemap: Basemap) -> None:
@@ -157,26 +203,29 @@ def _inner(low: float, high: float, step: float) -> list[float]:
     return [step * k for k in range(first, int(np.floor((high - margin) / step)) + 1)]
 
 
-def _draw_strip(sheet: Sheet) -> None:
-    """Scale bar, interval of the contours, arrow to the north of the grid."""
+def _draw_strip(sheet: Sheet, crs: str) -> None:
+    """Scale bar and number, interval of the contours, arrow to the north of the grid; below them
+    the coordinate system."""
     from matplotlib.patches import Polygon, Rectangle
 
     figure, inches = sheet.figure, sheet.figure.dpi_scale_trans
-    base = sheet.bottom - TICKS - STRIP + 0.06
-    half = round_step(0.4 * sheet.scale)
+    base = sheet.bottom - TICKS - STRIP + 0.2
+    left, right = LEFT, figure.get_figwidth() - RIGHT
+    half = round_step(0.2 * sheet.scale)
     for k, colour in enumerate((INK, "white")):
         about: dict[str, Any] = {"facecolor": colour, "edgecolor": INK, "linewidth": 0.6}
-        corner = sheet.left + k * half / sheet.scale, base
+        corner = left + k * half / sheet.scale, base
         figure.add_artist(Rectangle(corner, half / sheet.scale, 0.05, transform=inches, **about))
     texts: dict[str, Any] = {"fontsize": SMALL, "transform": inches, "va": "bottom"}
     for k, end in enumerate(("0", f"{half:g}", f"{2 * half:g} m")):
-        at = sheet.left + k * half / sheet.scale
+        at = left + k * half / sheet.scale
         figure.text(at, base + 0.08, end, ha="center" if k else "left", **texts)
-    right = sheet.left + sheet.wide
     tip = [(right - 0.1, base + 0.2), (right - 0.16, base), (right - 0.1, base + 0.05)]
     tip += [(right - 0.04, base)]
     figure.add_artist(Polygon(tip, facecolor=INK, edgecolor=INK, linewidth=0.5, transform=inches))
     figure.text(right - 0.24, base + 0.02, "N", ha="center", **texts | {"fontsize": 9})
+    under = base - 0.18
+    figure.text(left, under, f"{scale_text(sheet.scale / INCH)}; {crs}", **texts)
     if sheet.contours is not None and sheet.contours.curves:
         note = f"contours every {sheet.contours.interval:g} m"
         figure.text(right - 0.4, base + 0.02, note, ha="right", color=BROWN, **texts)

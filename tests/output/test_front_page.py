@@ -1,0 +1,147 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Page 1 of a report can be signed: all of it, with the line to sign on, stands on one sheet."""
+
+import re
+import shutil
+import subprocess
+from html import unescape
+
+import pytest
+
+import rockfall
+from rockfall.cli import main
+from scenes import grid, make_case, rough, sets
+
+pytest.importorskip("matplotlib", reason="the report extra is not installed")
+from rockfall.html_report import report  # noqa: E402
+from rockfall.html_report.front import WARNING_LINES  # noqa: E402
+from rockfall.html_report.inputs import Parties  # noqa: E402
+from rockfall.html_report.language import LANGUAGES, catalogue  # noqa: E402
+
+NAMES = ["road", "track to the upper alp", "net", "railway", "school", "campsite by the river"]
+LINES = [
+    {"name": name, "x": [0.0, 300.0], "y": [370.0 - 6 * k, 370.0 - 6 * k]}
+    for k, name in enumerate(NAMES)
+]
+WARNINGS = [  # of three kinds that a run has, and more of them than a page has room for
+    f"{1000 + k:,} of 661,645 rebounds (61.9 %) had R_b/R_m outside 0.5 to 5.5, where the set is "
+    "not calibrated: the nearest ratio stood in."
+    for k in range(12)
+]
+PEOPLE = Parties("2026-117", "Service of natural hazards", "A. Muster", "2024", "17f2" * 16)
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory):
+    """A run with many lines and maps, in one of the commonest systems."""
+    groups = {"case": {"boulders": 200, "title": "Upper valley, road and railway below the face"}}
+    groups |= {"release": {"x": 150.0, "y": 380.0}, "output": {"maps": ["passages"]}}
+    case = make_case(tmp_path_factory.mktemp("case"), *sets(), line=LINES, terrain={}, **groups)
+    found = rockfall.run(case, dem=rough(), transform=grid(rough()))
+    return found.assign_attrs(date_created="2026-11-23T14:05:06+01:00")
+
+
+@pytest.fixture
+def bare(monkeypatch):
+    """A page without the figures that follow page 1."""
+    monkeypatch.setattr("rockfall.html_report.figures", lambda *_: [])
+    monkeypatch.setattr("rockfall.html_report._convergence", lambda *_: iter(()))
+
+
+def warned(monkeypatch, texts):
+    monkeypatch.setattr("rockfall.html_report.warnings", lambda *_: texts)
+
+
+def text_of(page):
+    return unescape(re.sub(r"<(style|script).*?</\1>|<[^>]*>", " ", page, flags=re.DOTALL))
+
+
+def page_1(result, language="en", **about):
+    return report(result, (rough(), grid(rough())), language=language, parties=PEOPLE, **about)
+
+
+@pytest.fixture(scope="module")
+def pages(result, tmp_path_factory):
+    """The page in each language, of a report with more warnings than page 1 has room for; and one
+    without any, as for paper."""
+    folder = tmp_path_factory.mktemp("pages")
+    with pytest.MonkeyPatch.context() as here:
+        here.setattr("rockfall.html_report.figures", lambda *_: [])
+        here.setattr("rockfall.html_report._convergence", lambda *_: iter(()))
+        here.setattr("rockfall.html_report.warnings", lambda *_: WARNINGS)
+        found = {language: page_1(result, language) for language in LANGUAGES}
+        here.setattr("rockfall.html_report.warnings", lambda *_: [])
+        found["without"] = page_1(result, "de", on_paper=True)
+    for name, text in found.items():
+        (folder / f"{name}.html").write_text(text, encoding="utf-8")
+    return folder
+
+
+@pytest.mark.parametrize("name", [*LANGUAGES, "without"])
+def test_the_signature_is_on_page_1_in_every_language(pages, name):
+    """Of a report of many lines, with and without more warnings than page 1 has room for."""
+    weasyprint = pytest.importorskip("weasyprint", reason="the pdf extra is not installed")
+    page = (pages / f"{name}.html").read_text(encoding="utf-8").split('<section id="results">')[0]
+    first, *others = weasyprint.HTML(string=page).render().pages
+    assert "signature" in first.anchors and "inputs" not in first.anchors
+    assert any("inputs" in one.anchors for one in others)
+    bottom = first.anchors["signature"][1]
+    assert bottom < first.height - 16 * 96 / 25.4
+
+
+def test_what_a_signature_needs_is_before_it(result, bare):
+    page = text_of(page_1(result).split('id="signature"')[0])
+    for word in ("2026-117", "Service of natural hazards", "2026-11-23", "rockfall 1", "17f2" * 16):
+        assert word in page
+    assert "How sure this is" in page and "Pass frequency" in page
+    older = result.copy()
+    del older.attrs["date_created"]
+    assert "not recorded" in text_of(report(older))
+
+
+def test_what_page_1_has_no_room_for_is_on_page_2(result, bare, monkeypatch):
+    warned(monkeypatch, WARNINGS)
+    page = page_1(result)
+    first, second = page.split('class="rest"')
+    on_paper = first.split('class="on-screen"')[0]
+    shown = [one for one in WARNINGS if one in unescape(on_paper).replace("\u00a0", " ")]
+    assert shown == WARNINGS[: len(shown)] and 0 < len(shown) <= WARNING_LINES
+    rest = unescape(second).replace("\u00a0", " ")
+    assert all(one in rest for one in WARNINGS[len(shown) :])
+    assert f"and {len(WARNINGS) - len(shown)} more on page 2" in first
+    for name in NAMES:  # the sentences and the rows of all lines
+        assert f"{name}: " in first and f">{name}<" in page
+    warned(monkeypatch, WARNINGS[:1])
+    assert "more on page 2" not in page_1(result).split("answers")[0]
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_a_browser_prints_the_signature_on_page_1_of_a4(pages, tmp_path, language):
+    chromium = next(filter(None, map(shutil.which, ("chromium", "google-chrome"))), None)
+    if not (chromium and shutil.which("pdftotext")):
+        pytest.skip("no chromium and pdftotext here: ./run browser")
+    options = ["--headless=new", "--no-sandbox", "--disable-gpu", "--no-pdf-header-footer"]
+    options += [f"--user-data-dir={tmp_path / 'profile'}", "--print-to-pdf=page.pdf"]
+    printed([chromium, *options, (pages / f"{language}.html").as_uri()], tmp_path)
+    first, *others = printed(["pdftotext", "-layout", "page.pdf", "-"], tmp_path).split("\f")
+    word = catalogue(language)["Place and date"]
+    assert word in first and not any(word in one for one in others)
+    assert "A4" in printed(["pdfinfo", "page.pdf"], tmp_path)
+
+
+def printed(words, folder):
+    done = subprocess.run(
+        words, cwd=folder, check=True, capture_output=True, text=True, timeout=120
+    )
+    return done.stdout
+
+
+def test_the_command_states_the_checksum_of_the_result(result, bare, tmp_path, monkeypatch, capsys):
+    import hashlib
+
+    monkeypatch.chdir(tmp_path)
+    rockfall.write_result(result, "out.nc")
+    assert main(["report", "out.nc", "--project", "P 17"]) == 0
+    page = text_of((tmp_path / "out.html").read_text())
+    assert hashlib.sha256((tmp_path / "out.nc").read_bytes()).hexdigest() in page
+    assert "P 17" in page
