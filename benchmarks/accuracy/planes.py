@@ -21,7 +21,7 @@ import numpy as np
 
 import rockfall
 from benchmarks.machine import ROOT
-from rockfall.analysis.line_statistics import Z, line_numbers
+from rockfall.analysis.line_statistics import line_numbers
 from rockfall.analysis.plane_bounce import neutral_slope, set_rebound
 from rockfall.analysis.precision.intervals import sources
 from rockfall.errors import RockfallError
@@ -29,6 +29,7 @@ from rockfall.impact_sets import shipped_sets
 from rockfall.io.files import atomic_write
 from rockfall.io.grid import Grid
 from rockfall.lab.sets import Sets, read_sets
+from rockfall.limits import Z
 from rockfall.plots.style import BLUE, GREEN, GREY, INK, VERMILION, new_figure, plain, save, styled
 
 SLOPES = range(24, 47, 2)  # [degree]

@@ -417,7 +417,7 @@ def test_the_headline_of_an_ensemble_is_its_range(small, monkeypatch):
         in_unit(at[name].item(), "fraction") for name in ("q05", "q95", "case_value")
     )
     assert f"L: {low} to {high} % of the boulders pass in 90 % of the draws" in first
-    assert f"{low} to {high}\n({case})" in first
+    assert f"{low} to {high} ({case})" in first
     assert "The ranges of the draws hold the uncertain inputs" in first
     for denied in ("The brackets hold no error", "of themselves or better", "Brackets are 95 %"):
         assert denied not in first

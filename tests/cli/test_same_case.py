@@ -32,7 +32,7 @@ def no_figures(monkeypatch):
 
 def run(text, name):
     Path("case.nml").write_text(text)
-    assert main(["run", "case.nml", "-o", name, "--quiet"]) == 0
+    assert main(["run", "case.nml", "-o", name, "--quiet", "--overwrite"]) == 0
     return name
 
 
@@ -64,7 +64,7 @@ def test_a_report_takes_hazard_and_models_of_its_own_case_only(place, capsys, wh
     old, new, said = OTHERS[change]
     run(CASE, "out.nc")
     Path("case.nml").write_text(CASE.replace(old, new) + SCENARIOS)
-    assert main([what, "case.nml", "-o", "more", "--quiet"]) == 0
+    assert main([what, "case.nml", "-o", "more", "--quiet", "--overwrite"]) == 0
     words = ["report", "out.nc", f"--{what}", f"more/{what}.nc"]
     capsys.readouterr()
     if said is None:
@@ -78,23 +78,24 @@ def test_a_report_takes_hazard_and_models_of_its_own_case_only(place, capsys, wh
 def test_a_report_refuses_what_is_of_another_terrain(place, capsys):
     run(CASE, "out.nc")
     elsewhere(steeper=0.1)
-    assert main(["models", "case.nml", "-o", "more", "--quiet"]) == 0
+    assert main(["models", "case.nml", "-o", "more", "--quiet", "--overwrite"]) == 0
     words = ["report", "out.nc", "--models", "more/models.nc"]
     refuses(words, "more/models.nc: belongs to another case: other terrain", capsys)
     elsewhere(crs="EPSG:32633")
-    assert main(["models", "case.nml", "-o", "more", "--quiet"]) == 0
+    assert main(["models", "case.nml", "-o", "more", "--quiet", "--overwrite"]) == 0
     refuses(words, "more/models.nc: has another coordinate system: .*33N in place of .*32N", capsys)
     refuses([*words[:-1], "out.nc"], "out.nc: is no models.nc of `rockfall models`", capsys)
     elsewhere()
     Path("case.nml").write_text(CASE.replace("y = 4999930.0,", "y = 4999935.0,"))
-    assert main(["models", "case.nml", "-o", "more", "--quiet"]) == 0
+    assert main(["models", "case.nml", "-o", "more", "--quiet", "--overwrite"]) == 0
     refuses(words, "more/models.nc: has no line 'L', or elsewhere: run .* again", capsys)
 
 
 def test_variants_of_a_site_may_be_compared_and_others_not(place, capsys):
     """A dam, another volume or ground: yes; another CRS, another place: no."""
     Path("observed.csv").write_text(OBSERVED)
-    dam = "&dam x = 600020.0, 600100.0, y = 4999940.0, 4999940.0, height = 3.0 /\n"
+    dam = "&dam x = 600020.0, 600100.0, y = 4999940.0, 4999940.0, height = 3.0,"
+    dam += " allow_coarse = .true. /\n"
     run(CASE, "bare.nc")
     run(CASE + dam, "dam.nc")
     run(ON_GROUND.replace("0.8", "2.0"), "large.nc")
@@ -122,7 +123,7 @@ def page(place, capsys):
     """The page of a run on classical ground, and its first section."""
 
     def made(*words):
-        assert main(["report", "out.nc", *words]) == 0
+        assert main(["report", "out.nc", "--overwrite", *words]) == 0
         text = Path("out.html").read_text().replace("\u00a0", " ")
         return text, text[text.index('id="answer"') : text.index('id="inputs"')]
 

@@ -14,6 +14,7 @@ and what cannot be run here has a line `<!-- not run: REASON -->` before it. The
 of its own, which also compares what is printed.
 """
 
+import argparse
 import contextlib
 import csv
 import glob
@@ -34,6 +35,7 @@ import scenes
 from made import make_layer, make_raster, write_ascii
 from programs import ROOT, find_program
 from rockfall.cli import main
+from rockfall.cli.arguments import make_parser
 from rockfall.scene.read import read_scene
 
 PAGES = sorted(
@@ -240,6 +242,14 @@ def away(words):
         path.write_bytes(before)
 
 
+def known_arguments(words):
+    """What a command takes; nothing where it only prints, as with --version."""
+    try:
+        return make_parser().parse_args(words)
+    except SystemExit:
+        return argparse.Namespace()
+
+
 def execute(command, capfd):
     """A command as a shell has it, without its substitutions."""
     words = shlex.split(command, comments=True)
@@ -254,9 +264,12 @@ def execute(command, capfd):
         assert program != "./run" or f"./run {rest[0]} " in known, f"{command}: no such command"
     elif program == "rockfall":
         few = "until" if "--until" in rest else "shard" if "--shard" in rest else rest[0]
+        words = [*rest, *SMALL.get(few, [])]
+        if vars(known_arguments(words)).get("overwrite") is False:  # other pages wrote there before
+            words.append("--overwrite")
         with away(rest):
-            assert main([*rest, *SMALL.get(few, [])]) == 0, f"{command}\n{capfd.readouterr().err}"
+            assert main(words) == 0, f"{command}\n{capfd.readouterr().err}"
     else:
-        own = {"python": sys.executable, "rockfall-batch": find_program()}
-        done = subprocess.run([own.get(program, program), *rest], capture_output=True, text=True)
+        own = {"python": [sys.executable], "rockfall-batch": [find_program(), "--overwrite"]}
+        done = subprocess.run([*own.get(program, [program]), *rest], capture_output=True, text=True)
         assert done.returncode == 0, f"{command}\n{done.stderr}"

@@ -97,6 +97,7 @@ def curve(axes, label):
           *MAPS]),
         ((), {}, ["passing", "stops"]),
         (FAR, {"case": {"boulders": 3}, "release": POINT | {"drop_height": 0.0},
+               "impact": {"rest_angle": 90.0},
                "output": {"rebounds": True, "trajectories": 2, "maps": ["speed_max_map"]}},
          ["passing", "stops", *AT_LINES, "map_speed_max_map"]),
         (LINE + FAR + [LINE[0] | {"name": "again"}],

@@ -117,7 +117,7 @@ def test_attributes_are_those_of_the_feature_or_else_of_the_case(case):
     ground = case.replace(
         release={"points": None, "x": X, "y": Y, "drop_height": 0.0}, case={"boulders": 1}
     )
-    with pytest.warns(UserWarning, match="boulders stop where they start"):
+    with pytest.warns(UserWarning, match="boulders stay where the ground"):
         heights = result["start_z"].values[::2000] - rockfall.run(ground)["start_z"].values
     assert np.allclose(heights, [1.0, 9.0, 5.0, 0.0])
     assert result["feature"].values.tolist() == ["left", "left", "tower", "4"]

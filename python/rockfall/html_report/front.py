@@ -81,7 +81,9 @@ def front_of(
     most = BESIDE_LINES if beside else SURE_LINES
     certainty, more_certainty = fit(texts["certainty"], sure, most)
     lines = {
-        "title": min(2, _lines(say, texts["title"], "title")),
+        "title": min(
+            2, -(-len(texts["title"]) // CHARACTERS["title"])
+        ),  # of the user: not translated
         "question": _lines(say, texts["question"], "question"),
         "warning": _lines(say, warnings, "warning"),
         "answer": _lines(say, answers, "answer"),

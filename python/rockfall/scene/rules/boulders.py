@@ -90,7 +90,9 @@ def _release(scene: Scene) -> Iterator[InputWarning]:
         drop, speed = values[:, 1].max(), np.linalg.norm(values[:, 2:], axis=1).max()
     if not drop and not speed:
         yield InputWarning(
-            "&release", "no drop_height and no velocity: boulders stop where they start"
+            "&release",
+            "no drop_height and no velocity: boulders stay where the ground is flatter than "
+            "rest_angle",
         )
     if drop > DROP:
         yield InputWarning(
