@@ -18,9 +18,16 @@ module lab_f2py
       material_row, packing_row, shot_row, range_row, &
       material_keys, packing_keys, shot_keys, range_keys, outcome_fields, outcome_counts, &
       layer_fields
+   use lab_block, only: block_t, make_block
+   use lab_yielding_ground, only: relief_t, make_relief, check_ground
+   use lab_block_motion, only: law_of
+   use lab_throw, only: cut_time_of
+   use lab_throws, only: thrown_t, check_throws, throw_blocks
+   use lab_block_tables, only: ground_of, throw_range_of, contact_row, contact_count_row, &
+      ground_keys, throw_keys, contact_fields, contact_counts
    implicit none
    private
-   public :: names, defaults, check_case, team, trouble_text, room_for_layer, pack, impact
+   public :: names, defaults, check_case, team, trouble_text, room_for_layer, pack, impact, throw, cut_time
 
 contains
 
@@ -39,6 +46,10 @@ contains
       case (6); text = joined(outcome_counts, " ")
       case (7); text = joined(layer_fields, " ")
       case (8); text = joined(status_names, " ")
+      case (9); text = joined(ground_keys, " ")
+      case (10); text = joined(throw_keys, " ")
+      case (11); text = joined(contact_fields, " ")
+      case (12); text = joined(contact_counts, " ")
       case default; text = ""
       end select
    end subroutine names
@@ -197,6 +208,81 @@ contains
          counts(:, k) = outcome_count_row(outcomes(k))
       end do
    end subroutine impact
+
+   !> Throws `first` to `first + n - 1` of a seed, each with its first contacts. The vertices and facets of
+   !> all blocks follow one another: vertices(k) and facets(k) of them are of block k.
+   subroutine throw(ground, ranges, radius, density, x, corner, vertices, facets, heights, width, step, seed, first, &
+                    threads, contacts, rows, counts, found, complete, inertia, code, message, nv, nf, nb, nc, np, n)
+      !f2py threadsafe
+      integer(c_int), intent(in) :: contacts, nv, nf, nb, nc, np, n
+      real(c_double), intent(in) :: ground(5), ranges(12)         !! names(9), names(10)
+      real(c_double), intent(in) :: radius, density               !! R_b [m], [kg/m3]
+      real(c_double), intent(in) :: x(3, nv)                      !! in any unit of length
+      integer(c_int32_t), intent(in) :: corner(3, nf)             !! from 1 for each block
+      integer(c_int32_t), intent(in) :: vertices(nb), facets(nb)
+      real(c_double), intent(in) :: heights(nc, nc, np), width    !! of patches [m]
+      real(c_double), intent(in) :: step                          !! time step over the usual one
+      integer(c_int64_t), intent(in) :: seed, first
+      integer(c_int), intent(in) :: threads                       !! 0: all
+      real(c_double), intent(out) :: rows(14, contacts, n)        !! names(11)
+      integer(c_int32_t), intent(out) :: counts(3, contacts, n)   !! names(12)
+      integer(c_int32_t), intent(out) :: found(n), complete(n)    !! contacts; 0: the time ran out
+      real(c_double), intent(out) :: inertia(nb)                  !! mean principal moment/(m R_b**2)
+      integer(c_int), intent(out) :: code
+      character(len=512), intent(out) :: message
+      type(block_t), allocatable :: blocks(:)
+      type(relief_t), allocatable :: reliefs(:)
+      type(thrown_t), allocatable :: thrown(:)
+      type(error_t), allocatable :: error
+      integer :: k, j, iv, jf
+
+      rows = 0
+      counts = 0
+      found = 0
+      complete = 0
+      inertia = 0
+      allocate (blocks(nb), reliefs(np), thrown(n))
+      call check_ground(ground_of(ground), error)
+      if (.not. allocated(error)) call check_throws(throw_range_of(ranges), contacts, error)
+      if (.not. allocated(error) .and. .not. (radius > 0 .and. density > 0 .and. step > 0)) &
+         call fail(error, "throw: radius, density and step must be > 0")
+      if (.not. allocated(error) .and. (sum(vertices) /= nv .or. sum(facets) /= nf .or. nb < 1 .or. np < 1)) &
+         call fail(error, "throw: vertices and facets must be those of the blocks")
+      iv = 0
+      jf = 0
+      do k = 1, nb
+         if (allocated(error)) exit
+         call make_block(x(:, iv + 1:iv + vertices(k)), corner(:, jf + 1:jf + facets(k)), radius, density, &
+                         blocks(k), error)
+         iv = iv + vertices(k)
+         jf = jf + facets(k)
+         inertia(k) = sum(blocks(k)%inertia)/(3*blocks(k)%mass*radius**2)
+      end do
+      do k = 1, np
+         if (allocated(error)) exit
+         call make_relief(heights(:, :, k), width, reliefs(k), error)
+      end do
+      call give_error(error, code, message)
+      if (code /= 0) return
+      call throw_blocks(blocks, law_of(ground_of(ground), radius, density), reliefs, throw_range_of(ranges), contacts, &
+                        step, random_key(seed), first, threads, thrown)
+      do k = 1, n
+         found(k) = thrown(k)%n
+         complete(k) = merge(1, 0, thrown(k)%complete)
+         do j = 1, thrown(k)%n
+            rows(:, j, k) = contact_row(thrown(k), j, radius, 2*ground(1)/density)
+            counts(:, j, k) = contact_count_row(thrown(k), j)
+         end do
+      end do
+   end subroutine throw
+
+   !> Time after which a contact is cut into records [s].
+   subroutine cut_time(radius, gravity, time)
+      real(c_double), intent(in) :: radius, gravity  !! [m], [m/s2]
+      real(c_double), intent(out) :: time
+
+      time = cut_time_of(radius, gravity)
+   end subroutine cut_time
 
    pure type(layer_t) function layer_of(x, radius, facts) result(layer)
       real(c_double), intent(in) :: x(:, :), radius(:), facts(6)
