@@ -22,17 +22,20 @@ module lab_f2py
    use lab_yielding_ground, only: relief_t, make_relief, check_ground
    use lab_block_motion, only: law_of
    use lab_throw, only: cut_time_of
-   use lab_throws, only: thrown_t, check_throws, throw_blocks
-   use lab_block_tables, only: ground_of, throw_range_of, contact_row, contact_count_row, &
-      ground_keys, throw_keys, contact_fields, contact_counts
+   use lab_throws, only: thrown_t, throw_range_t, check_throws, throw_blocks
+   use lab_block_tables, only: ground_of, throw_range_of, throw_range_row, contact_row, contact_count_row, &
+      plan_row, ground_keys, throw_keys, contact_fields, contact_counts, plan_keys
+   use lab_block_case, only: block_case_t, is_block_case, read_block_case
    implicit none
    private
-   public :: names, defaults, check_case, team, trouble_text, room_for_layer, pack, impact, throw, cut_time
+   public :: names, defaults, check_case, team, trouble_text, room_for_layer, pack, impact, &
+      throw, cut_time, names_ground, check_block_case
 
 contains
 
    !> Names in the order of the arrays: 1 material, 2 packing, 3 shot, 4 ranges, 5 outcome, 6 its
-   !> counts, 7 layer; 8 the statuses of an outcome, from 1.
+   !> counts, 7 layer; 8 the statuses of an outcome, from 1; of blocks 9 ground, 10 ranges of throws, 11 contact,
+   !> 12 its counts, 13 plan.
    subroutine names(kind, text)
       integer(c_int), intent(in) :: kind
       character(len=512), intent(out) :: text
@@ -50,12 +53,13 @@ contains
       case (10); text = joined(throw_keys, " ")
       case (11); text = joined(contact_fields, " ")
       case (12); text = joined(contact_counts, " ")
+      case (13); text = joined(plan_keys, " ")
       case default; text = ""
       end select
    end subroutine names
 
-   !> Defaults in the order of `names(kind)`, of its kinds 1 to 4; 5 is the plan: seed, five ratios,
-   !> layers, points, impacts.
+   !> Defaults in the order of `names(kind)`, of its kinds 1 to 4, 10 and 13; 5 is the plan: seed, five ratios,
+   !> layers, points, impacts; 14 that of throws: seed, throws, contacts.
    subroutine defaults(kind, row)
       integer(c_int), intent(in) :: kind
       real(c_double), intent(out) :: row(16)
@@ -64,6 +68,8 @@ contains
       type(shot_t) :: shot
       type(range_t) :: range
       type(lab_case_t) :: case
+      type(throw_range_t) :: range_of_throws
+      type(block_case_t) :: block_case
 
       row = 0
       select case (kind)
@@ -73,6 +79,9 @@ contains
       case (4); row(:size(range_keys)) = range_row(range)
       case (5); row(:9) = real([case%seed, int(default_ratios, c_int64_t), case%layers, case%points, case%impacts], &
                               c_double)
+      case (10); row(:size(throw_keys)) = throw_range_row(range_of_throws)
+      case (13); row(:size(plan_keys)) = plan_row(block_case%plan)
+      case (14); row(:3) = real([block_case%seed, block_case%throws, block_case%contacts], c_double)
       end select
    end subroutine defaults
 
@@ -87,6 +96,26 @@ contains
       call read_lab_case(text, name, case, error)
       call give_error(error, code, message)
    end subroutine check_case
+
+   !> 1 if the text is that of a case of blocks, 0 if not.
+   subroutine names_ground(text, name, yes)
+      character(len=*), intent(in) :: text, name
+      integer(c_int), intent(out) :: yes
+
+      yes = merge(1, 0, is_block_case(text, name))
+   end subroutine names_ground
+
+   !> Refuse the text of a case of blocks that is not as it must be.
+   subroutine check_block_case(text, name, code, message)
+      character(len=*), intent(in) :: text, name
+      integer(c_int), intent(out) :: code
+      character(len=512), intent(out) :: message
+      type(block_case_t) :: case
+      type(error_t), allocatable :: error
+
+      call read_block_case(text, name, case, error)
+      call give_error(error, code, message)
+   end subroutine check_block_case
 
    !> Threads that are used when `threads` are asked for.
    subroutine team(threads, size)

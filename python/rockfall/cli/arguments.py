@@ -280,7 +280,7 @@ def _add_design(commands: _Commands) -> None:
 
 def _add_lab(commands: _Commands) -> None:
     """Add the laboratory to the commands of `rockfall`."""
-    about = "discrete-element impacts, and impact sets from them"
+    about = "impacts of spheres on rocks or of blocks on a ground, and impact sets from them"
     lab = commands.add_parser("lab", help=about, description=about.capitalize() + ".")
     verbs = lab.add_subparsers(required=True, metavar="COMMAND")
 

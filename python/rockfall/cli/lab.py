@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""`rockfall lab ...`: discrete-element impacts, and impact sets from them."""
+"""`rockfall lab ...`: discrete-element impacts, and impact sets from them; throws of blocks."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ from rockfall.errors import RockfallError, need
 from rockfall.impact_sets import shipped_sets
 from rockfall.interrupts import exit_status
 from rockfall.io.output_files import FIGURE, IMPACTS, SETS, check_output
+from rockfall.lab.blocks.case import is_block_case, read_block_case
+from rockfall.lab.blocks.contacts import run_throws, save_contacts
 from rockfall.lab.case import read_lab_case
 from rockfall.lab.contacts import contacts_provenance, fit_contacts, read_contacts
 from rockfall.lab.experiment import open_impacts, pack_layers, run_impacts
@@ -23,7 +25,7 @@ from rockfall.lab.sets import read_sets
 from rockfall.lab.site import Site
 from rockfall.plots.lab import layer_figure
 from rockfall.simulation.progress import progress_bar
-from rockfall.text.lab import contacts_summary, fit_summary, impact_summary
+from rockfall.text.lab import contact_summary, contacts_summary, fit_summary, impact_summary
 
 #: Sets by ratio, their provenance, and what is printed of them.
 Fitted = tuple[dict[int, ImpactSet], list[str], Callable[[], str]]
@@ -48,9 +50,11 @@ def pack_command(arguments: argparse.Namespace) -> int:
 
 
 def impact_command(arguments: argparse.Namespace) -> int:
-    case = read_lab_case(arguments.case)
     path = arguments.output or Path(f"{arguments.case.stem}.nc")
     check_output(path, IMPACTS, [arguments.case])
+    if is_block_case(arguments.case):
+        return _throw(arguments, path)
+    case = read_lab_case(arguments.case)
     try:
         data = run_impacts(
             case, progress=not arguments.quiet, threads=arguments.threads, path=path,
@@ -60,6 +64,18 @@ def impact_command(arguments: argparse.Namespace) -> int:
         return say(f"interrupted: {path} goes on with --resume", exit_status())
     if not arguments.quiet:
         print(impact_summary(data))
+        print(path)
+    return DONE
+
+
+def _throw(arguments: argparse.Namespace, path: Path) -> int:
+    if arguments.resume:
+        raise RockfallError("--resume: throws of blocks take minutes at most and are not resumed")
+    case = read_block_case(arguments.case)
+    data = run_throws(case, progress=not arguments.quiet, threads=arguments.threads)
+    save_contacts(data, path)
+    if not arguments.quiet:
+        print(contact_summary(data))
         print(path)
     return DONE
 
