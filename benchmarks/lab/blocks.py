@@ -110,13 +110,14 @@ def field(arguments: argparse.Namespace) -> bool:
                 "meadow", arguments.throws,
                 block={"radius": radius, "density": mass / (4 / 3 * np.pi * radius**3)},
                 ground={"yield_pressure": strength},
-                throw={"speed": [speed] * 3, "angle": [angle] * 3, "spin": [0, 0.5, 1]},
+                throw={
+                    "speed": [speed] * 3, "angle": [angle] * 3, "spin": [0, 0.5, 1], "gravity": 9.81,
+                },
             )  # fmt: skip
             data = run_throws(case)
             found.append(float((data["vt_out"] ** 2 + data["vn_out"] ** 2).mean()))
-        print(
-            f"  p_y {strength / 1e6:3.1f} MPa, relief 0 {np.round(found, 2)} mean {np.mean(found):.2f}"
-        )
+        values = f"{np.round(found, 2)} mean {np.mean(found):.2f}"
+        print(f"  p_y {strength / 1e6:3.1f} MPa, flat   {values}")
     return True
 
 
