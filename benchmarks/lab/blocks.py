@@ -111,7 +111,8 @@ def field(arguments: argparse.Namespace) -> bool:
                 block={"radius": radius, "density": mass / (4 / 3 * np.pi * radius**3)},
                 ground={"yield_pressure": strength},
                 throw={
-                    "speed": [speed] * 3, "angle": [angle] * 3, "spin": [0, 0.5, 1], "gravity": 9.81,
+                    "speed": [speed] * 3, "angle": [angle] * 3, "spin": [0, 0.5, 1],
+                    "gravity": 9.81,
                 },
             )  # fmt: skip
             data = run_throws(case)
