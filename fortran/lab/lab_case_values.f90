@@ -70,17 +70,21 @@ contains
       real(wp), intent(inout) :: range(:)  !! 3 or 2, in the [unit] of its key
       type(error_t), allocatable, intent(out) :: error
       real(wp), allocatable :: values(:)
-      character(len=:), allocatable :: what
+      character(len=:), allocatable :: count, ends
 
-      what = "three values: min, median, max"
-      if (size(range) == 2) what = "two values: min, max"
+      count = "three values: min, median, max"
+      ends = "min, median and max"
+      if (size(range) == 2) then
+         count = "two values: min, max"
+         ends = "min and max"
+      end if
       allocate (values, source=range)
       call get_real(group, key, values, error)
       if (allocated(error)) return
       if (size(values) /= size(range)) then
-         call refuse(group, key, "must be "//what, error)
+         call refuse(group, key, "must be "//count, error)
       else if (any(values(2:) < values(:size(values) - 1))) then
-         call refuse(group, key, "must be "//what//", in this order", error)
+         call refuse(group, key, "must be "//ends//", in this order", error)
       else
          range = values
       end if

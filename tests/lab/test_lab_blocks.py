@@ -246,7 +246,10 @@ def test_single_values_of_a_ground_can_be_changed():
         ("&lab ground='meadow' / &ground friction=-1 /", "friction must be 0 to 5"),
         ("&lab ground='meadow' / &ground plough=3 /", "plough = 3: must be .true. or .false."),
         ("&lab ground='meadow' / &ground relief=60 /", "relief must be 0 (flat) to 45 degrees"),
-        ("&lab ground='meadow' / &throw speed=5, 3, 9 /", "three values: min, median, max"),
+        (
+            "&lab ground='meadow' / &throw speed=5, 3, 9 /",
+            "must be min, median and max, in this order",
+        ),
         ("&lab ground='meadow' / &throw slope=5 /", "must be two values: min, max"),
         ("&lab ground='meadow' / &throw slope=5, 60 /", "slope must be min and max, 0 to 45"),
         ("&lab ground='meadow' / &block count=0 /", "count must be 1 to 10000"),
