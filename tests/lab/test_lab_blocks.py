@@ -94,11 +94,20 @@ def test_a_contact_begins_downwards_or_where_one_was_cut(data):
 
 
 def test_where_a_contact_is_cut_the_next_begins_with_what_the_block_has(data):
+    """With the work of gravity, which was taken out along the fall line, put back."""
     rolls = np.flatnonzero((data["exit"].values[:-1] == ROLLS_ON) & (data["order"].values[1:] > 1))
     assert len(rolls) > 20
-    speed, angle = data["speed"].values, np.radians(data["incidence"].values)
-    out = speed[rolls] * data["vn_out"].values[rolls]
-    assert out == pytest.approx(-speed[rolls + 1] * np.sin(angle[rolls + 1]), abs=1e-4)
+    before = {name: values.values[rolls].astype("f8") for name, values in data.items()}
+    after = {name: values.values[rolls + 1].astype("f8") for name, values in data.items()}
+    angle = np.radians(after["incidence"])
+    out = before["speed"] * before["vn_out"]
+    assert out == pytest.approx(-after["speed"] * np.sin(angle), abs=1e-4)
+    heading = np.exp(1j * np.radians(before["heading"]))
+    turned = heading * np.exp(1j * np.radians(before["lateral"]))
+    gained = data.attrs["gravity"] * before["duration"] * np.sin(np.radians(before["slope"]))
+    along = before["speed"] * before["vt_out"] * turned + gained
+    expected = after["speed"] * np.cos(angle) * np.exp(1j * np.radians(after["heading"]))
+    assert np.abs(along - expected).max() < 1e-3
 
 
 def test_contacts_are_cut_at_their_time(data):

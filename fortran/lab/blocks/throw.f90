@@ -39,6 +39,7 @@ module lab_throw
    type :: contact_t
       integer :: entry = from_flight
       integer :: exit = flies
+      real(wp) :: heading(2) = 0    !! before it: components downhill and to the left of that, unit [-]
       real(wp) :: incoming(3) = 0   !! (V_t, V_n, W) [m/s]
       real(wp) :: outgoing(3) = 0   !! (V_t, V_n, W), gravity's work along the slope taken out [m/s]
       real(wp) :: lateral = 0       !! sine of the angle of V_t from the heading before, left > 0 [-]
@@ -188,6 +189,8 @@ contains
       speed = sqrt(sum(first%v(:2)**2))
       heading = throw%downhill
       if (speed > 0) heading = first%v(:2)/speed
+      c%heading = [dot_product(heading, throw%downhill), &
+                   heading(2)*throw%downhill(1) - heading(1)*throw%downhill(2)]
       c%advance = dot_product(last%x(:2) - first%x(:2), heading)
       c%incoming = [speed, first%v(3), rolling(first, heading)]
       call sine_cosine(throw%slope*degree, sine, cosine)

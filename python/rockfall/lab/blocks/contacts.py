@@ -28,7 +28,7 @@ EXITS = "flies", "rolls_on", "stops"
 THROWS_IN_CHUNK = 256  # of a thread: about a second
 ATTRIBUTES = "title", "lab_case", "version", "ground", "shape", "radius", "yield_pressure"
 
-UNITS = {"slope": "degree", "incidence": "degree", "lateral": "degree"}
+UNITS = dict.fromkeys(("slope", "heading", "incidence", "lateral"), "degree")
 UNITS |= {"speed": "m s-1", "duration": "s"}
 TYPES = {"sequence": "i4", "order": "i1", "block": "i2", "entry": "i1", "exit": "i1"}
 MEANING = {
@@ -38,6 +38,7 @@ MEANING = {
     "entry": "how the contact begins: at a touch, or where a long contact was cut",
     "exit": "how it ends: the block flies, rolls on (the contact was cut), or stops",
     "slope": "of the laboratory's mean plane",
+    "heading": "of V_t before, from the fall line, left > 0",
     "speed": "|V_in|, in the plane of V_t and V_n, of the centre of mass",
     "incidence": "angle of V_in from the mean plane, 90 = at right angles",
     "spin": "W/|V_in|, W = R_b omega about the axis in the plane across V_t, > 0 forward",
