@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
+from affine import Affine
 
-from made import refused
+from made import make_raster, refused
 from programs import refuses
 from rockfall.cli import main
 from rockfall.lab.blocks import contacts as module
@@ -212,6 +213,38 @@ def test_relief_has_its_slope_and_no_waves_but_its_own(slope):
     outside = (length < 1.99) | (length > 8.01)
     assert power[outside].sum() < 1e-6 * power.sum()
     assert abs(heights.mean()) < 1e-6
+
+
+def patch_file(path, slope, hurst, cell=0.1):
+    """Elevations of a patch, for blocks of 0.4 m, on a hillside of 35 degrees, in such cells."""
+    heights, width = patches(Spectrum(slope, 2, 16, hurst), 1, seed=3)
+    every = round(cell * CELLS / (0.4 * width))
+    side = 0.4 * heights[::every, ::every, 0]
+    tilt = 0.7 * every * 0.4 * width / CELLS * np.arange(len(side))
+    cell = every * 0.4 * width / CELLS
+    affine = Affine(cell, 0, 600000, 0, -cell, 5000000)
+    make_raster(path, side + tilt[:, None] + 2000, transform=affine)
+
+
+@pytest.mark.parametrize(("slope", "hurst"), [(12.0, 0.8), (25.0, 0.3)])
+def test_the_spectrum_of_a_measured_patch_comes_back(place, capsys, slope, hurst):
+    patch_file("patch.tif", slope, hurst)
+    assert main(["lab", "relief", "patch.tif", "--longest", "16"]) == 0
+    said = capsys.readouterr().out
+    found = {key: float(value) for key, value in re.findall(r"(\w+) = ([\d.]+)", said)}
+    assert found["relief"] == pytest.approx(slope, rel=0.1)
+    assert found["hurst"] == pytest.approx(hurst, abs=0.25)
+    Path("measured.nml").write_text(f"&lab ground = 'meadow' /\n{said}")
+    assert read_block_case("measured.nml").ground["relief"] == found["relief"]
+
+
+def test_a_patch_that_cannot_hold_the_waves_is_refused(place, capsys):
+    patch_file("patch.tif", 12, 0.8)
+    words = ["lab", "relief", "patch.tif"]
+    refuses([*words, "--longest", "32"], "patch.tif: 25.6 m wide: .*--longest 16 fits", capsys)
+    refuses([*words, "--shortest", "0.5"], "patch.tif: cells of 0.1 m: .*--shortest 1 fits", capsys)
+    refuses([*words, "--radius", "0"], "--radius 0.0: must be > 0", capsys)
+    refuses([*words, "--shortest", "16"], "--shortest 16.0: must be below --longest", capsys)
 
 
 def test_flat_ground_is_flat():

@@ -123,7 +123,8 @@ contains
          incidence = arcsine(min(1.0_wp, abs(c%incoming(2))/speed))/degree
          turn = arcsine(min(1.0_wp, abs(c%heading(2))))/degree
          if (c%heading(1) < 0) turn = 180 - turn
-         row = [o%throw%slope, sign(turn, c%heading(2)), speed, sign(incidence, -c%incoming(2)), c%incoming(3)/speed, c%incoming(2)**2/strength, &
+         row = [o%throw%slope, sign(turn, c%heading(2)), speed, sign(incidence, -c%incoming(2)), &
+                c%incoming(3)/speed, c%incoming(2)**2/strength, &
                 c%outgoing/speed, arcsine(min(1.0_wp, max(-1.0_wp, c%lateral)))/degree, c%duration, c%advance/radius, &
                 c%rise/radius, c%height/radius, c%energy]
       end associate

@@ -5,15 +5,19 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
+from math import inf
 from pathlib import Path
 
+from rockfall.case import namelist_text
 from rockfall.cli.messages import DONE, say
 from rockfall.errors import RockfallError, need
 from rockfall.impact_sets import shipped_sets
 from rockfall.interrupts import exit_status
 from rockfall.io.output_files import FIGURE, IMPACTS, SETS, check_output
-from rockfall.lab.blocks.case import is_block_case, read_block_case
+from rockfall.io.raster import read_dem
+from rockfall.lab.blocks.case import is_block_case, read_block_case, relief_keys
 from rockfall.lab.blocks.contacts import run_throws, save_contacts
+from rockfall.lab.blocks.relief import Spectrum, measure
 from rockfall.lab.case import read_lab_case
 from rockfall.lab.contacts import contacts_provenance, fit_contacts, read_contacts
 from rockfall.lab.experiment import open_impacts, pack_layers, run_impacts
@@ -77,6 +81,19 @@ def _throw(arguments: argparse.Namespace, path: Path) -> int:
     if not arguments.quiet:
         print(contact_summary(data))
         print(path)
+    return DONE
+
+
+def relief_command(arguments: argparse.Namespace) -> int:
+    for name in "radius", "shortest", "longest":
+        if not 0 < getattr(arguments, name) < inf:
+            raise RockfallError(f"--{name} {getattr(arguments, name)}: must be > 0")
+    if arguments.shortest >= arguments.longest:
+        raise RockfallError(f"--shortest {arguments.shortest}: must be below --longest")
+    heights, grid = read_dem(arguments.patch)
+    band = Spectrum(0.0, arguments.shortest, arguments.longest)
+    found = measure(heights, grid.cell, arguments.radius, band, str(arguments.patch))
+    print(namelist_text({"ground": relief_keys(found)}, indent=2), end="")
     return DONE
 
 

@@ -165,6 +165,16 @@ class BlockCase:
         return [refine(block, self.block["edge"]) for block in blocks]
 
 
+def relief_keys(spectrum: Spectrum) -> dict[str, float]:
+    """The keys of &ground that give a relief a spectrum."""
+    return {
+        "relief": round(spectrum.slope, 2),
+        "shortest": spectrum.shortest,
+        "longest": spectrum.longest,
+        "hurst": round(spectrum.hurst, 2),
+    }
+
+
 def _points(path: Path) -> tuple[np.ndarray, str]:
     """Points (n, 3) of a CSV file with columns x, y, z, in any unit of length, and its name."""
     where, columns, rows = read_table(path)

@@ -7,10 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rockfall.errors import RockfallError
 from rockfall.lab.blocks.random import Uniform
 
 CELLS = 512  # along a patch's side
 CELLS_OF_WAVE = 16  # along the shortest wave
+WAVES_OF_PATCH, CELLS_OF_MEASURED_WAVE = 4, 4  # what a measured patch must hold
+RINGS = 12  # of wave numbers, whose power has the Hurst exponent
 QUANTUM = 2.0**-20  # heights are rounded to it, of R_b: an FFT's last bits differ between libraries
 
 
@@ -48,3 +51,45 @@ def _patch(spectrum: Spectrum, width: float, seed: int, number: int) -> np.ndarr
     slope = 2 * np.pi * np.sqrt(power.sum()) / CELLS**2
     heights = np.fft.ifft2(spectrum_of_noise).real * np.tan(np.radians(spectrum.slope)) / slope
     return np.round(heights / QUANTUM) * QUANTUM
+
+
+def measure(heights: np.ndarray, cell: float, radius: float, band: Spectrum, name: str) -> Spectrum:
+    """Spectrum of measured heights (rows, columns) [m] in square cells [m], for blocks of a radius
+    R_b [m], between the wave lengths of a band.
+
+    A patch that is too small to hold the longest waves four times over, or too coarse for the
+    shortest, is refused; `name` is the file's. Power is that in a Hann window, after the plane that
+    fits best is taken off.
+    """
+    if not np.isfinite(heights).all():
+        raise RockfallError(f"{name}: has cells without an elevation: cut out a patch without any")
+    shortest, longest = band.shortest * radius, band.longest * radius
+    side = min(heights.shape) * cell
+    if longest > side / WAVES_OF_PATCH:
+        raise RockfallError(
+            f"{name}: {side:.4g} m wide: waves of {longest:.4g} m ({band.longest:g} R_b) need "
+            f"{WAVES_OF_PATCH * longest:.4g} m; --longest {side / WAVES_OF_PATCH / radius:.3g} fits"
+        )
+    if shortest < CELLS_OF_MEASURED_WAVE * cell:
+        least = CELLS_OF_MEASURED_WAVE * cell
+        raise RockfallError(
+            f"{name}: cells of {cell:.4g} m: waves of {shortest:.4g} m ({band.shortest:g} R_b) "
+            f"need {shortest / CELLS_OF_MEASURED_WAVE:.4g} m; --shortest {least / radius:.3g} fits"
+        )
+    y, x = np.indices(heights.shape)
+    terms = np.column_stack([x.ravel(), y.ravel(), np.ones(heights.size)])
+    plane = terms @ np.linalg.lstsq(terms, heights.ravel(), rcond=None)[0]
+    window = np.outer(*(np.hanning(n + 2)[1:-1] for n in heights.shape))
+    noise = (heights - plane.reshape(heights.shape)) * window
+    power = np.abs(np.fft.fft2(noise)) ** 2 / (window**2).sum() / heights.size
+    wave = np.hypot(*np.meshgrid(*(np.fft.fftfreq(n, cell) for n in heights.shape), indexing="ij"))
+    inside = (wave >= 1 / longest) & (wave <= 1 / shortest)
+    slope = np.sqrt((power * (2 * np.pi * wave) ** 2)[inside].sum() / 2)
+    edges = np.geomspace(1 / longest, 1 / shortest, RINGS + 1)
+    ring = np.digitize(wave[inside], edges[1:-1])
+    cells = np.bincount(ring, minlength=RINGS)
+    mean = np.bincount(ring, power[inside], RINGS)[cells > 0] / cells[cells > 0]
+    middle = np.bincount(ring, wave[inside], RINGS)[cells > 0] / cells[cells > 0]
+    fall = 0.0 if not slope > 0 else np.polyfit(np.log(middle), np.log(mean), 1)[0]
+    hurst = float(np.clip(-1 - fall / 2, 0, 2))
+    return Spectrum(float(np.degrees(np.arctan(slope))), band.shortest, band.longest, hurst)
