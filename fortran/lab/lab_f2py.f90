@@ -253,7 +253,7 @@ contains
       real(c_double), intent(in) :: step                          !! time step over the usual one
       integer(c_int64_t), intent(in) :: seed, first
       integer(c_int), intent(in) :: threads                       !! 0: all
-      real(c_double), intent(out) :: rows(15, contacts, n)        !! names(11)
+      real(c_double), intent(out) :: rows(16, contacts, n)        !! names(11)
       integer(c_int32_t), intent(out) :: counts(3, contacts, n)   !! names(12)
       integer(c_int32_t), intent(out) :: found(n), complete(n)    !! contacts; 0: the time ran out
       real(c_double), intent(out) :: inertia(nb)                  !! mean principal moment/(m R_b**2)

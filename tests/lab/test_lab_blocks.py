@@ -129,6 +129,20 @@ def test_gravity_is_taken_out_along_the_slope():
     assert data["vt_out"].values == pytest.approx(before, abs=2e-5)
     assert np.abs(data["lateral"].values).max() < 0.01
     assert data["duration"].values.max() > 0.1, "so that it mattered"
+    rolls = np.flatnonzero((data["exit"].values[:-1] == ROLLS_ON) & (data["order"].values[1:] > 1))
+    way, advance = data["downhill"].values, data["advance"].values
+    assert len(rolls) > 0
+    assert way[rolls + 1] == pytest.approx(way[rolls] + advance[rolls], abs=1e-3)
+
+
+@pytest.mark.parametrize("ground", ["rock", "meadow"])
+def test_every_block_comes_to_rest_on_flat_ground(ground):
+    case = SMALL.replace(lab={"ground": ground, "throws": 15, "contacts": 200})
+    data = run_throws(case.replace(throw={"slope": [0, 0]}))
+    last = np.r_[np.diff(data["sequence"].values) > 0, True]
+    assert (data["exit"].values[last] == STOPS).all()
+    assert (data["exit"].values == STOPS).sum() == 15
+    assert data.attrs["unfinished"] == 0
 
 
 def test_a_softer_ground_takes_more():
@@ -273,6 +287,8 @@ def test_single_values_of_a_ground_can_be_changed():
     case = BlockCase(lab={"ground": "talus"}, ground={"friction": 0.7})
     assert case.ground["friction"] == 0.7
     assert case.ground["yield_pressure"] == grounds()["talus"]["yield_pressure"]
+    other = case.replace(lab={"ground": "rock"}).ground
+    assert other["friction"] == grounds()["rock"]["friction"]
 
 
 @pytest.mark.parametrize(

@@ -82,7 +82,7 @@ contains
       end do
       call check_whole(file, "seed", case%seed, 0_i8, huge(1_i8), error)
       if (.not. allocated(error)) call check_whole(file, "throws", case%throws, 1_i8, max_throws, error)
-      if (.not. allocated(error)) call check_whole(file, "contacts", case%contacts, 1_i8, 100_i8, error)
+      if (.not. allocated(error)) call check_whole(file, "contacts", case%contacts, 1_i8, 1000_i8, error)
       if (allocated(error)) return
       call check_ground(case%strength, error)
       if (.not. allocated(error)) call check_plan(case%plan, error)

@@ -35,9 +35,9 @@ module lab_block_tables
    character(len=long), parameter :: throw_keys(12) = [character(len=long) :: &
       "slope_min", "slope_max", "speed_min", "speed_median", "speed_max", "angle_min", "angle_median", "angle_max", &
       "spin_min", "spin_median", "spin_max", "gravity"]
-   character(len=long), parameter :: contact_fields(15) = [character(len=long) :: &
-      "slope", "heading", "speed", "incidence", "spin", "s", "vt_out", "vn_out", "w_out", "lateral", "duration", &
-      "advance", "rise", "height", "energy_out"]
+   character(len=long), parameter :: contact_fields(16) = [character(len=long) :: &
+      "slope", "downhill", "heading", "speed", "incidence", "spin", "s", "vt_out", "vn_out", "w_out", "lateral", &
+      "duration", "advance", "rise", "height", "energy_out"]
    character(len=long), parameter :: contact_counts(3) = [character(len=long) :: &
       "block", "entry", "exit"]
 
@@ -123,7 +123,7 @@ contains
          incidence = arcsine(min(1.0_wp, abs(c%incoming(2))/speed))/degree
          turn = arcsine(min(1.0_wp, abs(c%heading(2))))/degree
          if (c%heading(1) < 0) turn = 180 - turn
-         row = [o%throw%slope, sign(turn, c%heading(2)), speed, sign(incidence, -c%incoming(2)), &
+         row = [o%throw%slope, c%downhill/radius, sign(turn, c%heading(2)), speed, sign(incidence, -c%incoming(2)), &
                 c%incoming(3)/speed, c%incoming(2)**2/strength, &
                 c%outgoing/speed, arcsine(min(1.0_wp, max(-1.0_wp, c%lateral)))/degree, c%duration, c%advance/radius, &
                 c%rise/radius, c%height/radius, c%energy]

@@ -39,6 +39,7 @@ module lab_throw
    type :: contact_t
       integer :: entry = from_flight
       integer :: exit = flies
+      real(wp) :: downhill = 0      !! from the place of the throw to its beginning, along the fall line [m]
       real(wp) :: heading(2) = 0    !! before it: components downhill and to the left of that, unit [-]
       real(wp) :: incoming(3) = 0   !! (V_t, V_n, W) [m/s]
       real(wp) :: outgoing(3) = 0   !! (V_t, V_n, W), gravity's work along the slope taken out [m/s]
@@ -183,6 +184,7 @@ contains
       c%entry = entry
       c%exit = exit
       c%duration = last%time - first%time
+      c%downhill = dot_product(first%x(:2) - throw%place, throw%downhill)
       c%height = first%x(3)
       c%rise = last%x(3) - first%x(3)
       c%energy = last%energy/max(first%energy, tiny(1.0_wp))

@@ -17,7 +17,7 @@ module lab_throws
    public :: throw_range_t, thrown_t, check_throws, draw_throw, throw_blocks
 
    integer(i8), parameter :: for_throw = 68, for_attitude = 69  !! purposes of random numbers
-   integer, parameter :: max_contacts = 100
+   integer, parameter :: max_contacts = 1000
 
    !> Slopes are uniform; speed, angle and spin have half of their draws below the median.
    type :: throw_range_t
@@ -56,7 +56,7 @@ contains
       else if (.not. (range%gravity >= 0.1_wp .and. range%gravity <= 100)) then
          call fail(error, "throw: gravity must be 0.1 to 100 m/s2")
       else if (contacts < 1 .or. contacts > max_contacts) then
-         call fail(error, "throw: contacts must be 1 to 100")
+         call fail(error, "throw: contacts must be 1 to 1000")
       end if
    end subroutine check_throws
 

@@ -131,9 +131,13 @@ class BlockCase:
         return isinstance(other, BlockCase) and self._groups == other._groups
 
     def replace(self, **groups: Mapping[str, Any]) -> BlockCase:
-        """With other values: `case.replace(ground={"friction": 0.6})`."""
-        changed = {name: {**self._groups.get(name, {}), **new} for name, new in groups.items()}
-        return BlockCase(name=self.name, folder=self.folder, **(self._groups | changed))
+        """With other values: `case.replace(ground={"friction": 0.6})`. Another ground comes with
+        all of its own: what was changed of the one before is not kept."""
+        kept = dict(self._groups)
+        if groups.get("lab", {}).get("ground", self.lab["ground"]) != self.lab["ground"]:
+            del kept["ground"]
+        changed = {name: {**kept.get(name, {}), **new} for name, new in groups.items()}
+        return BlockCase(name=self.name, folder=self.folder, **(kept | changed))
 
     def text(self) -> str:
         """The case, every value, as the text of a namelist file."""

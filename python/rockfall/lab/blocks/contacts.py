@@ -38,6 +38,7 @@ MEANING = {
     "entry": "how the contact begins: at a touch, or where a long contact was cut",
     "exit": "how it ends: the block flies, rolls on (the contact was cut), or stops",
     "slope": "of the laboratory's mean plane",
+    "downhill": "from the throw to the beginning, along the fall line, over R_b",
     "heading": "of V_t before, from the fall line, left > 0",
     "speed": "|V_in|, in the plane of V_t and V_n, of the centre of mass",
     "incidence": "angle of V_in from the mean plane, 90 = at right angles",
