@@ -6,12 +6,12 @@
 `gain`: the most energy after an impact on flat ground, over that before, of N impacts at 2 to 30
 m/s, shared among the grounds. `step`: how far means change with half the time step, and with half
 the longest edge of the facets, in units of |V_in|. `cost`: CPU time of a contact, and how contacts
-end, for each ground and shape. `field`: translational energy after / before of six impacts of a
-block of 780 kg on an alpine meadow (Caviezel et al. 2019, Earth Surface Dynamics 7, 199; a table
-with columns mass_kg, radius_m, incoming_total_speed_mps, impact_angle_deg,
-published_energy_transition_ratio), whose spin was not measured: W/V is drawn from 0 to 1, or is 0,
-or 1. Exit status 1 if an impact has gained more than 1e-4, or half the step changes a mean by more
-than 0.002.
+end, for each ground and shape. `planes`: blocks on planes of meadow with more and less relief.
+`field`: translational energy after / before of six impacts of a block of 780 kg on an alpine meadow
+(Caviezel et al. 2019, Earth Surface Dynamics 7, 199; a table with columns mass_kg, radius_m,
+incoming_total_speed_mps, impact_angle_deg, published_energy_transition_ratio), whose spin was not
+measured: W/V is drawn from 0 to 1, or is 0, or 1. Exit status 1 if an impact has gained more than
+1e-4, or half the step changes a mean by more than 0.002.
 """
 
 import argparse
@@ -92,6 +92,39 @@ def cost(arguments: argparse.Namespace) -> bool:
     return True
 
 
+def planes(arguments: argparse.Namespace) -> bool:
+    print("  meadow; of blocks set off at 5 m/s the part that passes 100 m, their mean speed there")
+    print("  and at 200 m [m/s], and the part of contacts that turn less than 22.5 degrees")
+    n = max(10, arguments.throws // 7)
+    for relief in 13.5, 18, 22, 26:
+        for slope in 24, 30, 38:
+            case = BlockCase(
+                lab={"ground": "meadow", "throws": n, "contacts": 200},
+                ground={"relief": relief},
+                throw={
+                    "slope": [slope, slope], "speed": [5, 5, 5], "angle": [30, 30, 30],
+                    "spin": [0, 0, 0],
+                },
+            )  # fmt: skip
+            data = run_throws(case)
+            sequence, speed = data["sequence"].values, data["speed"].values
+            way = data["downhill"].values * case.block["radius"]
+            first = {at: _first_beyond(sequence, way, at) for at in (100, 200)}
+            means = [speed[k].mean() if len(k) else np.nan for k in first.values()]
+            straight = np.abs(data["lateral"].values[data["entry"] == 0]) < 22.5
+            print(
+                f"  relief {relief:4.1f}, slope {slope}: {len(first[100]) / n:4.2f}"
+                f" {means[0]:5.1f} {means[1]:5.1f} {straight.mean():5.2f}"
+            )
+    return True
+
+
+def _first_beyond(sequence: np.ndarray, way: np.ndarray, at: float) -> np.ndarray:
+    """Index of the first contact of each throw beyond a way down the plane [m]."""
+    beyond = np.flatnonzero(way > at)
+    return beyond[np.unique(sequence[beyond], return_index=True)[1]]
+
+
 def field(arguments: argparse.Namespace) -> bool:
     if not arguments.field:
         print("  left out: needs --field IMPACTS.csv")
@@ -133,11 +166,11 @@ def main() -> int:
     parser.add_argument("--impacts", type=int, default=6000)
     parser.add_argument("--throws", type=int, default=300)
     parser.add_argument("--field", type=Path)
-    parser.add_argument("--only", default="", help="gain, step, cost or field")
+    parser.add_argument("--only", default="", help="gain, step, cost, planes or field")
     arguments = parser.parse_args()
     print(machine())
     sound = True
-    for look in gain, step, cost, field:
+    for look in gain, step, cost, planes, field:
         if arguments.only in look.__name__:
             print(look.__name__)
             sound &= look(arguments)
