@@ -3,11 +3,11 @@
 !> what can be packed and fired is for their modules to say.
 module lab_case
    use rockfall_kinds, only: wp, i8
-   use rockfall_error, only: error_t, fail
+   use rockfall_error, only: error_t
    use rockfall_text, only: integer_text
    use rockfall_namelist, only: namelist_t, group_t, parse_namelist
-   use rockfall_values, only: has_key, get_text, get_integer, get_real, get_logical, refuse, &
-                              check_names
+   use rockfall_values, only: get_text, get_integer, get_real, refuse, check_names
+   use lab_case_values, only: key_t, take_row, take_range, check_whole
    use lab_contact, only: material_t, check_material
    use lab_packing, only: packing_t, check_packing
    use lab_impact, only: shot_t
@@ -17,12 +17,6 @@ module lab_case
    implicit none
    private
    public :: lab_case_t, read_lab_case, default_ratios
-
-   type :: key_t
-      character(len=10) :: group
-      character(len=15) :: name
-      character(len=7) :: kind  !! text, integer, real, logical; range: min, median, max; list
-   end type key_t
 
    type(key_t), parameter :: key_table(*) = [ &
       key_t("lab", "title", "text"), key_t("lab", "seed", "integer"), &
@@ -107,15 +101,15 @@ contains
          call take_plan(group, case, error)
       case ("material")
          material = material_row(case%material)
-         call take_row(group, material_keys, material, error)
+         call take_row(group, key_table, material_keys, material, error)
          if (.not. allocated(error)) case%material = material_of(material)
       case ("packing")
          packing = packing_row(case%packing)
-         call take_row(group, packing_keys, packing, error)
+         call take_row(group, key_table, packing_keys, packing, error)
          if (.not. allocated(error)) case%packing = packing_of(packing)
       case ("impact")
          shot = shot_row(case%shot)
-         call take_row(group, shot_keys, shot, error)
+         call take_row(group, key_table, shot_keys, shot, error)
          if (.not. allocated(error)) case%shot = shot_of(shot)
          if (.not. allocated(error)) call take_range(group, "speed", case%range%speed, error)
          if (.not. allocated(error)) call take_range(group, "angle", case%range%angle, error)
@@ -148,69 +142,6 @@ contains
       end do
    end subroutine take_plan
 
-   !> Numbers with the names of a row, each into its place.
-   pure subroutine take_row(group, names, row, error)
-      type(group_t), intent(in) :: group
-      character(len=*), intent(in) :: names(:)
-      real(wp), intent(inout) :: row(:)  !! each in the [unit] of its key
-      type(error_t), allocatable, intent(out) :: error
-      integer :: k
-
-      do k = 1, size(names)
-         if (.not. has_key(group, trim(names(k)))) cycle
-         call take_number(group, trim(names(k)), row(k), error)
-         if (allocated(error)) return
-      end do
-   end subroutine take_row
-
-   !> A real, integer or logical as the number that a row holds.
-   pure subroutine take_number(group, key, number, error)
-      type(group_t), intent(in) :: group
-      character(len=*), intent(in) :: key
-      real(wp), intent(inout) :: number  !! in the [unit] of its key
-      type(error_t), allocatable, intent(out) :: error
-      integer(i8) :: whole
-      logical :: switch
-      integer :: k
-
-      do k = 1, size(key_table)
-         if (key_table(k)%group == group%name .and. key_table(k)%name == key) exit
-      end do
-      select case (key_table(k)%kind)
-      case ("logical")
-         call get_logical(group, key, switch, error)
-         if (.not. allocated(error)) number = merge(1.0_wp, 0.0_wp, switch)
-      case ("integer")
-         call get_integer(group, key, whole, error)
-         if (allocated(error)) return
-         number = real(whole, wp)
-         if (abs(number) > huge(1)) &
-            call refuse(group, key, "must be at most "//integer_text(huge(1)), error)
-      case ("real")
-         call get_real(group, key, number, error)
-      end select
-   end subroutine take_number
-
-   !> Minimum, median and maximum of what is drawn.
-   pure subroutine take_range(group, key, range, error)
-      type(group_t), intent(in) :: group
-      character(len=*), intent(in) :: key
-      real(wp), intent(inout) :: range(3)  !! in the [unit] of its key
-      type(error_t), allocatable, intent(out) :: error
-      real(wp), allocatable :: values(:)
-
-      allocate (values, source=range)
-      call get_real(group, key, values, error)
-      if (allocated(error)) return
-      if (size(values) /= 3) then
-         call refuse(group, key, "must be three values: min, median, max", error)
-      else if (values(1) > values(2) .or. values(2) > values(3)) then
-         call refuse(group, key, "must be min, median and max, in this order", error)
-      else
-         range = values
-      end if
-   end subroutine take_range
-
    !> Refuse a plan out of its bounds, and what cannot be packed or fired.
    pure subroutine check_lab_case(case, error)
       type(lab_case_t), intent(in) :: case
@@ -218,10 +149,10 @@ contains
       type(packing_t) :: packing
       integer :: k
 
-      call check_whole(case, "seed", case%seed, 0_i8, huge(1_i8), error)
-      if (.not. allocated(error)) call check_whole(case, "layers", case%layers, 1_i8, max_shots, error)
-      if (.not. allocated(error)) call check_whole(case, "points", case%points, 1_i8, max_shots, error)
-      if (.not. allocated(error)) call check_whole(case, "impacts", case%impacts, 1_i8, max_shots, error)
+      call check_whole(case%file, "seed", case%seed, 0_i8, huge(1_i8), error)
+      if (.not. allocated(error)) call check_whole(case%file, "layers", case%layers, 1_i8, max_shots, error)
+      if (.not. allocated(error)) call check_whole(case%file, "points", case%points, 1_i8, max_shots, error)
+      if (.not. allocated(error)) call check_whole(case%file, "impacts", case%impacts, 1_i8, max_shots, error)
       if (allocated(error)) return
       call check_material(case%material, error)
       do k = 1, size(case%ratios)
@@ -234,16 +165,4 @@ contains
       end do
       if (allocated(error)) error%message = case%file//": "//error%message
    end subroutine check_lab_case
-
-   pure subroutine check_whole(case, key, value, min, max, error)
-      type(lab_case_t), intent(in) :: case
-      character(len=*), intent(in) :: key
-      integer(i8), intent(in) :: value, min, max
-      type(error_t), allocatable, intent(out) :: error
-      character(len=80) :: rule
-
-      if (value >= min .and. value <= max) return
-      write (rule, "(3(i0,a))") value, ": must be ", min, " to ", max
-      call fail(error, case%file//": &lab "//key//" = "//trim(rule))
-   end subroutine check_whole
 end module lab_case

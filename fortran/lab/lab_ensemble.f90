@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Many layers, many impacts. The only file of the laboratory with threads. A layer is a pure
+!> Many layers, many impacts. With `lab_throws` the only file of the laboratory with threads. A layer is a pure
 !> function of (seed, ratio, layer), an impact of (seed, layer, point, impact), so threads and chunks
 !> cannot change a bit.
 module lab_ensemble
@@ -13,7 +13,7 @@ module lab_ensemble
    use lab_impact, only: shot_t, outcome_t, check_shot, fire
    implicit none
    private
-   public :: range_t, identity_t, draw_shot, check_range, pack_layers, fire_shots
+   public :: range_t, identity_t, between, draw_shot, check_range, pack_layers, fire_shots
 
    integer(i8), parameter :: for_point = 66, for_shot = 67  !! purposes of random numbers
 

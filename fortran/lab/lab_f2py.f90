@@ -18,14 +18,24 @@ module lab_f2py
       material_row, packing_row, shot_row, range_row, &
       material_keys, packing_keys, shot_keys, range_keys, outcome_fields, outcome_counts, &
       layer_fields
+   use lab_block, only: block_t, make_block
+   use lab_yielding_ground, only: relief_t, make_relief, check_ground
+   use lab_block_motion, only: law_of
+   use lab_throw, only: cut_time_of
+   use lab_throws, only: thrown_t, throw_range_t, check_throws, throw_blocks
+   use lab_block_tables, only: ground_of, throw_range_of, throw_range_row, contact_row, contact_count_row, &
+      plan_row, ground_keys, throw_keys, contact_fields, contact_counts, plan_keys
+   use lab_block_case, only: block_case_t, is_block_case, read_block_case
    implicit none
    private
-   public :: names, defaults, check_case, team, trouble_text, room_for_layer, pack, impact
+   public :: names, defaults, check_case, team, trouble_text, room_for_layer, pack, impact, &
+      throw, cut_time, names_ground, check_block_case
 
 contains
 
    !> Names in the order of the arrays: 1 material, 2 packing, 3 shot, 4 ranges, 5 outcome, 6 its
-   !> counts, 7 layer; 8 the statuses of an outcome, from 1.
+   !> counts, 7 layer; 8 the statuses of an outcome, from 1; of blocks 9 ground, 10 ranges of throws, 11 contact,
+   !> 12 its counts, 13 plan.
    subroutine names(kind, text)
       integer(c_int), intent(in) :: kind
       character(len=512), intent(out) :: text
@@ -39,12 +49,17 @@ contains
       case (6); text = joined(outcome_counts, " ")
       case (7); text = joined(layer_fields, " ")
       case (8); text = joined(status_names, " ")
+      case (9); text = joined(ground_keys, " ")
+      case (10); text = joined(throw_keys, " ")
+      case (11); text = joined(contact_fields, " ")
+      case (12); text = joined(contact_counts, " ")
+      case (13); text = joined(plan_keys, " ")
       case default; text = ""
       end select
    end subroutine names
 
-   !> Defaults in the order of `names(kind)`, of its kinds 1 to 4; 5 is the plan: seed, five ratios,
-   !> layers, points, impacts.
+   !> Defaults in the order of `names(kind)`, of its kinds 1 to 4, 10 and 13; 5 is the plan: seed, five ratios,
+   !> layers, points, impacts; 14 that of throws: seed, throws, contacts.
    subroutine defaults(kind, row)
       integer(c_int), intent(in) :: kind
       real(c_double), intent(out) :: row(16)
@@ -53,6 +68,8 @@ contains
       type(shot_t) :: shot
       type(range_t) :: range
       type(lab_case_t) :: case
+      type(throw_range_t) :: range_of_throws
+      type(block_case_t) :: block_case
 
       row = 0
       select case (kind)
@@ -62,6 +79,9 @@ contains
       case (4); row(:size(range_keys)) = range_row(range)
       case (5); row(:9) = real([case%seed, int(default_ratios, c_int64_t), case%layers, case%points, case%impacts], &
                               c_double)
+      case (10); row(:size(throw_keys)) = throw_range_row(range_of_throws)
+      case (13); row(:size(plan_keys)) = plan_row(block_case%plan)
+      case (14); row(:3) = real([block_case%seed, block_case%throws, block_case%contacts], c_double)
       end select
    end subroutine defaults
 
@@ -76,6 +96,26 @@ contains
       call read_lab_case(text, name, case, error)
       call give_error(error, code, message)
    end subroutine check_case
+
+   !> 1 if the text is that of a case of blocks, 0 if not.
+   subroutine names_ground(text, name, yes)
+      character(len=*), intent(in) :: text, name
+      integer(c_int), intent(out) :: yes
+
+      yes = merge(1, 0, is_block_case(text, name))
+   end subroutine names_ground
+
+   !> Refuse the text of a case of blocks that is not as it must be.
+   subroutine check_block_case(text, name, code, message)
+      character(len=*), intent(in) :: text, name
+      integer(c_int), intent(out) :: code
+      character(len=512), intent(out) :: message
+      type(block_case_t) :: case
+      type(error_t), allocatable :: error
+
+      call read_block_case(text, name, case, error)
+      call give_error(error, code, message)
+   end subroutine check_block_case
 
    !> Threads that are used when `threads` are asked for.
    subroutine team(threads, size)
@@ -197,6 +237,81 @@ contains
          counts(:, k) = outcome_count_row(outcomes(k))
       end do
    end subroutine impact
+
+   !> Throws `first` to `first + n - 1` of a seed, each with its first contacts. The vertices and facets of
+   !> all blocks follow one another: vertices(k) and facets(k) of them are of block k.
+   subroutine throw(ground, ranges, radius, density, x, corner, vertices, facets, heights, width, step, seed, first, &
+                    threads, contacts, rows, counts, found, complete, inertia, code, message, nv, nf, nb, nc, np, n)
+      !f2py threadsafe
+      integer(c_int), intent(in) :: contacts, nv, nf, nb, nc, np, n
+      real(c_double), intent(in) :: ground(5), ranges(12)         !! names(9), names(10)
+      real(c_double), intent(in) :: radius, density               !! R_b [m], [kg/m3]
+      real(c_double), intent(in) :: x(3, nv)                      !! in any unit of length
+      integer(c_int32_t), intent(in) :: corner(3, nf)             !! from 1 for each block
+      integer(c_int32_t), intent(in) :: vertices(nb), facets(nb)
+      real(c_double), intent(in) :: heights(nc, nc, np), width    !! of patches [m]
+      real(c_double), intent(in) :: step                          !! time step over the usual one
+      integer(c_int64_t), intent(in) :: seed, first
+      integer(c_int), intent(in) :: threads                       !! 0: all
+      real(c_double), intent(out) :: rows(16, contacts, n)        !! names(11)
+      integer(c_int32_t), intent(out) :: counts(3, contacts, n)   !! names(12)
+      integer(c_int32_t), intent(out) :: found(n), complete(n)    !! contacts; 0: the time ran out
+      real(c_double), intent(out) :: inertia(nb)                  !! mean principal moment/(m R_b**2)
+      integer(c_int), intent(out) :: code
+      character(len=512), intent(out) :: message
+      type(block_t), allocatable :: blocks(:)
+      type(relief_t), allocatable :: reliefs(:)
+      type(thrown_t), allocatable :: thrown(:)
+      type(error_t), allocatable :: error
+      integer :: k, j, iv, jf
+
+      rows = 0
+      counts = 0
+      found = 0
+      complete = 0
+      inertia = 0
+      allocate (blocks(nb), reliefs(np), thrown(n))
+      call check_ground(ground_of(ground), error)
+      if (.not. allocated(error)) call check_throws(throw_range_of(ranges), contacts, error)
+      if (.not. allocated(error) .and. .not. (radius > 0 .and. density > 0 .and. step > 0)) &
+         call fail(error, "throw: radius, density and step must be > 0")
+      if (.not. allocated(error) .and. (sum(vertices) /= nv .or. sum(facets) /= nf .or. nb < 1 .or. np < 1)) &
+         call fail(error, "throw: vertices and facets must be those of the blocks")
+      iv = 0
+      jf = 0
+      do k = 1, nb
+         if (allocated(error)) exit
+         call make_block(x(:, iv + 1:iv + vertices(k)), corner(:, jf + 1:jf + facets(k)), radius, density, &
+                         blocks(k), error)
+         iv = iv + vertices(k)
+         jf = jf + facets(k)
+         inertia(k) = sum(blocks(k)%inertia)/(3*blocks(k)%mass*radius**2)
+      end do
+      do k = 1, np
+         if (allocated(error)) exit
+         call make_relief(heights(:, :, k), width, reliefs(k), error)
+      end do
+      call give_error(error, code, message)
+      if (code /= 0) return
+      call throw_blocks(blocks, law_of(ground_of(ground), radius, density), reliefs, throw_range_of(ranges), contacts, &
+                        step, random_key(seed), first, threads, thrown)
+      do k = 1, n
+         found(k) = thrown(k)%n
+         complete(k) = merge(1, 0, thrown(k)%complete)
+         do j = 1, thrown(k)%n
+            rows(:, j, k) = contact_row(thrown(k), j, radius, 2*ground(1)/density)
+            counts(:, j, k) = contact_count_row(thrown(k), j)
+         end do
+      end do
+   end subroutine throw
+
+   !> Time after which a contact is cut into records [s].
+   subroutine cut_time(radius, gravity, time)
+      real(c_double), intent(in) :: radius, gravity  !! [m], [m/s2]
+      real(c_double), intent(out) :: time
+
+      time = cut_time_of(radius, gravity)
+   end subroutine cut_time
 
    pure type(layer_t) function layer_of(x, radius, facts) result(layer)
       real(c_double), intent(in) :: x(:, :), radius(:), facts(6)

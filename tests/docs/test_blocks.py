@@ -5,7 +5,8 @@ A block of
 
     sh                    is commands, of rockfall with few boulders
     python                runs after those before it on its page; `case` and `result` are there
-    fortran               is groups of a case that reads its files, with those of case.nml that lack
+    fortran               is groups of a case that reads its files, with those of case.nml that
+                          lack; or a whole case of the laboratory
     csv                   is a table: as many columns in every row
     fortran, csv, python  with title="FILE" is that file, for what comes after it
     text                  is what a program prints, or a drawing
@@ -213,8 +214,9 @@ def test_blocks_run(page, page_site, capfd):
 
 
 def write(name, code, kind):
-    Path(name).write_text(whole(code) if kind == "fortran" else code)
-    if kind == "fortran":
+    of_simulation = kind == "fortran" and "&lab" not in code  # the laboratory's are whole
+    Path(name).write_text(whole(code) if of_simulation else code)
+    if of_simulation:
         try:
             read_scene(rockfall.read_case(name))
         except rockfall.RockfallError as error:

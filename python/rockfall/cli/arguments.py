@@ -304,7 +304,7 @@ def _add_design(commands: _Commands) -> None:
 
 def _add_lab(commands: _Commands) -> None:
     """Add the laboratory to the commands of `rockfall`."""
-    about = "discrete-element impacts, and impact sets from them"
+    about = "impacts of spheres on rocks or of blocks on a ground, and impact sets from them"
     lab = commands.add_parser("lab", help=about, description=about.capitalize() + ".")
     verbs = lab.add_subparsers(required=True, metavar="COMMAND")
 
@@ -322,6 +322,14 @@ def _add_lab(commands: _Commands) -> None:
     impact.add_argument("case", metavar="LAB.nml", type=Path)
     impact.add_argument("-o", "--output", metavar="OUT.nc", type=Path, help="default: LAB.nc, here")
     impact.add_argument("--resume", action="store_true", help="go on with OUT.nc")
+    relief = verb("relief", "give the spectrum of a measured patch, for &ground of blocks")
+    relief.add_argument("patch", metavar="PATCH.tif", type=Path, help="elevations in small cells")
+    about = "R_b of the blocks [m]; default: 0.4"
+    relief.add_argument("--radius", metavar="R", type=float, default=0.4, help=about)
+    about = "wave over R_b; default: 2"
+    relief.add_argument("--shortest", metavar="L", type=float, default=2.0, help=about)
+    about = "wave over R_b; default: 16"
+    relief.add_argument("--longest", metavar="L", type=float, default=16.0, help=about)
     fit = verb("fit", "make impact sets from impacts, or from measured contacts")
     fit.add_argument(
         "impacts", metavar="IMPACTS", type=Path, help=".nc of the laboratory, or .csv of contacts"

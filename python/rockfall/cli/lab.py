@@ -1,17 +1,23 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""`rockfall lab ...`: discrete-element impacts, and impact sets from them."""
+"""`rockfall lab ...`: discrete-element impacts, and impact sets from them; throws of blocks."""
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
+from math import inf
 from pathlib import Path
 
+from rockfall.case import namelist_text
 from rockfall.cli.messages import DONE, say
 from rockfall.errors import RockfallError, need
 from rockfall.impact_sets import shipped_sets
 from rockfall.interrupts import exit_status
 from rockfall.io.output_files import FIGURE, IMPACTS, SETS, check_output, overwriting
+from rockfall.io.raster import read_dem
+from rockfall.lab.blocks.case import is_block_case, read_block_case, relief_keys
+from rockfall.lab.blocks.contacts import run_throws, save_contacts
+from rockfall.lab.blocks.relief import Spectrum, measure
 from rockfall.lab.case import read_lab_case
 from rockfall.lab.contacts import contacts_provenance, fit_contacts, read_contacts
 from rockfall.lab.experiment import open_impacts, pack_layers, run_impacts
@@ -23,7 +29,7 @@ from rockfall.lab.sets import read_sets
 from rockfall.lab.site import Site
 from rockfall.plots.lab import layer_figure
 from rockfall.simulation.progress import progress_bar
-from rockfall.text.lab import contacts_summary, fit_summary, impact_summary
+from rockfall.text.lab import contact_summary, contacts_summary, fit_summary, impact_summary
 
 #: Sets by ratio, their provenance, and what is printed of them.
 Fitted = tuple[dict[int, ImpactSet], list[str], Callable[[], str]]
@@ -48,10 +54,12 @@ def pack_command(arguments: argparse.Namespace) -> int:
 
 
 def impact_command(arguments: argparse.Namespace) -> int:
-    case = read_lab_case(arguments.case)
     path = arguments.output or Path(f"{arguments.case.stem}.nc")
     with overwriting(arguments.overwrite or arguments.resume):
         check_output(path, IMPACTS, [arguments.case])
+    if is_block_case(arguments.case):
+        return _throw(arguments, path)
+    case = read_lab_case(arguments.case)
     try:
         data = run_impacts(
             case, progress=not arguments.quiet, threads=arguments.threads, path=path,
@@ -62,6 +70,31 @@ def impact_command(arguments: argparse.Namespace) -> int:
     if not arguments.quiet:
         print(impact_summary(data))
         print(path)
+    return DONE
+
+
+def _throw(arguments: argparse.Namespace, path: Path) -> int:
+    if arguments.resume:
+        raise RockfallError("--resume: throws of blocks take minutes at most and are not resumed")
+    case = read_block_case(arguments.case)
+    data = run_throws(case, progress=not arguments.quiet, threads=arguments.threads)
+    save_contacts(data, path)
+    if not arguments.quiet:
+        print(contact_summary(data))
+        print(path)
+    return DONE
+
+
+def relief_command(arguments: argparse.Namespace) -> int:
+    for name in "radius", "shortest", "longest":
+        if not 0 < getattr(arguments, name) < inf:
+            raise RockfallError(f"--{name} {getattr(arguments, name)}: must be > 0")
+    if arguments.shortest >= arguments.longest:
+        raise RockfallError(f"--shortest {arguments.shortest}: must be below --longest")
+    heights, grid = read_dem(arguments.patch)
+    band = Spectrum(0.0, arguments.shortest, arguments.longest)
+    found = measure(heights, grid.cell, arguments.radius, band, str(arguments.patch))
+    print(namelist_text({"ground": relief_keys(found)}, indent=2), end="")
     return DONE
 
 

@@ -16,6 +16,7 @@ import numpy as np
 
 from rockfall._lab import lab_f2py as _lab
 from rockfall.case import check_namelist, namelist_text, plain_values
+from rockfall.errors import RockfallError
 from rockfall.io.files import read_text
 
 COEFFICIENTS = tuple(f"a{k}" for k in range(1, 10))
@@ -66,6 +67,11 @@ def lab_case_of(text: str, name: str) -> LabCase:
 
 
 def _check(text: str, name: str) -> None:
+    if names_ground(text, name):
+        raise RockfallError(
+            f"{name}: &lab ground: is for `rockfall lab impact`, which throws blocks at it; this "
+            "needs a case of rocks"
+        )
     check_namelist(_lab.check_case, text.encode(), name)
 
 
@@ -74,6 +80,11 @@ def _like(value: Any, default: Any) -> Any:
     if isinstance(default, list):
         return [float(one) for one in (value if isinstance(value, list) else [value])]
     return type(default)(value)
+
+
+def names_ground(text: str, name: str) -> bool:
+    """Does the text of a case name a ground, so that it is one of the laboratory of blocks?"""
+    return bool(_lab.names_ground(text.encode() or b"\n", name.encode()))
 
 
 class LabCase:

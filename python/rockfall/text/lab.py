@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,6 +15,7 @@ from rockfall.analysis.plane_bounce import (
     resampled_rebound,
     set_rebound,
 )
+from rockfall.lab.blocks.contacts import EXITS as CONTACT_EXITS
 from rockfall.lab.case import COEFFICIENTS
 from rockfall.lab.contacts import title
 from rockfall.lab.experiment import STATUS
@@ -26,6 +28,8 @@ if TYPE_CHECKING:
     from rockfall.lab.contacts import Contacts
     from rockfall.lab.fit import ImpactSet
 
+CONTACT_MEANS = "vt_out", "vn_out", "w_out"
+INCIDENCES = 0, 10, 20, 30, 45, 60, 91  # [degrees]
 ENDS = [name for name in STATUS if name != "not_done"]
 #: Means, and the standard error for which the number of contacts is estimated.
 AIMED, AIM = ("a1", "a4", "a5"), 0.05
@@ -42,6 +46,33 @@ def impact_summary(data: xr.Dataset) -> str:
         solid = float(data["solid"].sel(ratio=ratio).mean())
         lines.append(f"{ratio:8g}{solid:7.3f}{status.size:9,}{counts}")
     lines.append(f"{data.attrs['cpu_seconds']:.0f} s of CPU")
+    return "\n".join(lines)
+
+
+def contact_summary(data: xr.Dataset) -> str:
+    """How the contacts of thrown blocks ended, and what they left of the velocity."""
+    n, attrs = data.sizes["contact"], data.attrs
+    lines = [f"{attrs['shape']} blocks on {attrs['ground']}: {n:,} contacts"]
+    ends = data["exit"].values
+    lines.append(
+        ", ".join(f"{int((ends == k).sum()):,} {name}" for k, name in enumerate(CONTACT_EXITS))
+    )
+    lines.append(f"{'incidence':>12}{'contacts':>10}{'V_t':>8}{'V_n':>8}{'W':>8}  out over |V_in|")
+    angle = data["incidence"].values
+    flies = (ends == 0) & (data["entry"].values == 0)
+    for low, high in pairwise(INCIDENCES):
+        these = flies & (angle >= low) & (angle < high)
+        if these.any():
+            means = (float(data[name].values[these].mean()) for name in CONTACT_MEANS)
+            lines.append(
+                f"{low:>6}-{min(high, 90):<5}{int(these.sum()):10,}"
+                + "".join(f"{mean:8.2f}" for mean in means)
+            )
+    if attrs["unfinished"]:
+        lines.append(f"{attrs['unfinished']} throws were cut short: their last contact is missing")
+    lines.append(
+        f"{attrs['cpu_seconds']:.0f} s of CPU, {attrs['cpu_seconds'] / n * 1e3:.2f} ms each"
+    )
     return "\n".join(lines)
 
 

@@ -1,0 +1,140 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Names and order of the numbers of the laboratory of blocks in the Python interface.
+module lab_block_tables
+   use rockfall_kinds, only: wp
+   use rockfall_error, only: error_t, fail
+   use rockfall_math, only: arcsine, degree
+   use lab_yielding_ground, only: ground_t
+   use lab_throw, only: contact_t
+   use lab_throws, only: throw_range_t, thrown_t
+   implicit none
+   private
+   public :: ground_of, ground_row, throw_range_of, throw_range_row, contact_row, contact_count_row
+   public :: plan_t, plan_of, plan_row, check_plan, plan_keys
+   public :: ground_keys, throw_keys, contact_fields, contact_counts
+
+   !> Blocks, relief and time step: what is made of them is for others.
+   type :: plan_t
+      real(wp) :: radius = 0.4_wp        !! R_b of all blocks [m]
+      real(wp) :: density = 2700         !! [kg/m3]
+      integer :: count = 64              !! random blocks of the shape
+      real(wp) :: edge = 1               !! longest of a facet, over R_b
+      real(wp) :: relief = 13.5_wp       !! standard deviation of the slope along a line [degrees]
+      real(wp) :: shortest = 2           !! wave, over R_b
+      real(wp) :: longest = 16           !! wave, over R_b
+      real(wp) :: hurst = 0.8_wp         !! Hurst exponent between them
+      integer :: patches = 4             !! of relief
+      real(wp) :: step_factor = 1        !! time step over the usual one
+   end type plan_t
+
+   integer, parameter :: long = 16
+   character(len=long), parameter :: plan_keys(10) = [character(len=long) :: &
+      "radius", "density", "count", "edge", "relief", "shortest", "longest", "hurst", "patches", "step_factor"]
+   character(len=long), parameter :: ground_keys(5) = [character(len=long) :: &
+      "yield_pressure", "restitution", "friction", "soil_density", "plough"]
+   character(len=long), parameter :: throw_keys(12) = [character(len=long) :: &
+      "slope_min", "slope_max", "speed_min", "speed_median", "speed_max", "angle_min", "angle_median", "angle_max", &
+      "spin_min", "spin_median", "spin_max", "gravity"]
+   character(len=long), parameter :: contact_fields(16) = [character(len=long) :: &
+      "slope", "downhill", "heading", "speed", "incidence", "spin", "s", "vt_out", "vn_out", "w_out", "lateral", &
+      "duration", "advance", "rise", "height", "energy_out"]
+   character(len=long), parameter :: contact_counts(3) = [character(len=long) :: &
+      "block", "entry", "exit"]
+
+contains
+
+   pure type(ground_t) function ground_of(v)
+      real(wp), intent(in) :: v(size(ground_keys))  !! [units] of ground_t
+
+      ground_of = ground_t(yield_pressure=v(1), restitution=v(2), friction=v(3), soil_density=v(4), &
+                           plough=nint(v(5)) /= 0)
+   end function ground_of
+
+   pure function ground_row(g) result(row)
+      type(ground_t), intent(in) :: g
+      real(wp) :: row(size(ground_keys))
+
+      row = [g%yield_pressure, g%restitution, g%friction, g%soil_density, merge(1.0_wp, 0.0_wp, g%plough)]
+   end function ground_row
+
+   pure type(plan_t) function plan_of(v)
+      real(wp), intent(in) :: v(size(plan_keys))  !! [units] of plan_t
+
+      plan_of = plan_t(radius=v(1), density=v(2), count=nint(v(3)), edge=v(4), relief=v(5), shortest=v(6), &
+                       longest=v(7), hurst=v(8), patches=nint(v(9)), step_factor=v(10))
+   end function plan_of
+
+   pure function plan_row(p) result(row)
+      type(plan_t), intent(in) :: p
+      real(wp) :: row(size(plan_keys))
+
+      row = [p%radius, p%density, real(p%count, wp), p%edge, p%relief, p%shortest, p%longest, p%hurst, &
+             real(p%patches, wp), p%step_factor]
+   end function plan_row
+
+   pure subroutine check_plan(p, error)
+      type(plan_t), intent(in) :: p
+      type(error_t), allocatable, intent(out) :: error
+
+      if (.not. (p%radius >= 0.01_wp .and. p%radius <= 10)) then
+         call fail(error, "block: radius must be 0.01 to 10 m")
+      else if (.not. (p%density >= 100 .and. p%density <= 10000)) then
+         call fail(error, "block: density must be 100 to 10000 kg/m3")
+      else if (p%count < 1 .or. p%count > 10000) then
+         call fail(error, "block: count must be 1 to 10000")
+      else if (.not. (p%edge >= 0.2_wp .and. p%edge <= 10)) then
+         call fail(error, "block: edge must be 0.2 to 10 (over R_b)")
+      else if (.not. (p%relief >= 0 .and. p%relief <= 45)) then
+         call fail(error, "ground: relief must be 0 (flat) to 45 degrees")
+      else if (.not. (p%shortest >= 0.5_wp .and. p%shortest <= p%longest .and. p%longest <= 16*p%shortest)) then
+         call fail(error, "ground: shortest must be at least 0.5, longest from it to 16 times it (over R_b)")
+      else if (.not. (p%hurst >= 0 .and. p%hurst <= 2)) then
+         call fail(error, "ground: hurst must be 0 to 2")
+      else if (p%patches < 1 .or. p%patches > 64) then
+         call fail(error, "ground: patches must be 1 to 64")
+      else if (.not. (p%step_factor >= 0.01_wp .and. p%step_factor <= 4)) then
+         call fail(error, "throw: step_factor must be 0.01 to 4")
+      end if
+   end subroutine check_plan
+
+   pure type(throw_range_t) function throw_range_of(v)
+      real(wp), intent(in) :: v(size(throw_keys))  !! [units] of throw_range_t
+
+      throw_range_of = throw_range_t(slope=v(1:2), speed=v(3:5), angle=v(6:8), spin=v(9:11), gravity=v(12))
+   end function throw_range_of
+
+   pure function throw_range_row(r) result(row)
+      type(throw_range_t), intent(in) :: r
+      real(wp) :: row(size(throw_keys))
+
+      row = [r%slope, r%speed, r%angle, r%spin, r%gravity]
+   end function throw_range_row
+
+   !> Contact k of a throw, velocities over the speed before it, lengths over R_b.
+   pure function contact_row(o, k, radius, strength) result(row)
+      type(thrown_t), intent(in) :: o
+      integer, intent(in) :: k
+      real(wp), intent(in) :: radius    !! R_b [m]
+      real(wp), intent(in) :: strength  !! 2 p_y/rho_b [m2/s2]
+      real(wp) :: row(size(contact_fields)), speed, incidence, turn
+
+      associate (c => o%contacts(k))
+         speed = max(sqrt(c%incoming(1)**2 + c%incoming(2)**2), tiny(1.0_wp))
+         incidence = arcsine(min(1.0_wp, abs(c%incoming(2))/speed))/degree
+         turn = arcsine(min(1.0_wp, abs(c%heading(2))))/degree
+         if (c%heading(1) < 0) turn = 180 - turn
+         row = [o%throw%slope, c%downhill/radius, sign(turn, c%heading(2)), speed, sign(incidence, -c%incoming(2)), &
+                c%incoming(3)/speed, c%incoming(2)**2/strength, &
+                c%outgoing/speed, arcsine(min(1.0_wp, max(-1.0_wp, c%lateral)))/degree, c%duration, c%advance/radius, &
+                c%rise/radius, c%height/radius, c%energy]
+      end associate
+   end function contact_row
+
+   pure function contact_count_row(o, k) result(row)
+      type(thrown_t), intent(in) :: o
+      integer, intent(in) :: k
+      integer :: row(size(contact_counts))
+
+      row = [o%block, o%contacts(k)%entry, o%contacts(k)%exit]
+   end function contact_count_row
+end module lab_block_tables

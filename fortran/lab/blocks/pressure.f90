@@ -1,0 +1,213 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> What the ground does to the submerged part of a flat facet: pressure up to the yield pressure, elastic
+!> on retreat, and Coulomb friction with memory.
+module lab_pressure
+   use rockfall_kinds, only: wp
+   use lab_contact, only: cross
+   implicit none
+   private
+   public :: law_t, memory_t, facet_t, part_t, submerged_part, press, untouched
+
+   !> The ground's law, ready for use.
+   type :: law_t
+      real(wp) :: stiffness = 0      !! k [Pa/m]
+      real(wp) :: reserve = 0        !! p_y/k: the elastic path to yielding [m]
+      real(wp) :: friction = 0       !! mu [-]
+      real(wp) :: soil_density = 0   !! [kg/m3]
+      logical :: plough = .false.    !! pressure along the facet's normal; else along the ground's
+   end type law_t
+
+   !> What a facet remembers while any part of it is submerged.
+   type :: memory_t
+      real(wp) :: reserve = 0        !! e: the pressure is at most k e [m]
+      real(wp) :: area = 0           !! on which the ground acted last [m2]
+      real(wp) :: drag(3) = 0        !! tangential force [N]
+   end type memory_t
+
+   !> A facet and the ground below it at an instant.
+   type :: facet_t
+      real(wp) :: x(3, 3) = 0        !! corners, from the centre of mass [m]
+      real(wp) :: depth(3) = 0       !! of the corners, along the ground's normal; < 0 above it [m]
+      real(wp) :: normal(3) = 0      !! outwards [-]
+      real(wp) :: ground(3) = 0      !! the ground's normal [-]
+      real(wp) :: area = 0           !! [m2]
+   end type facet_t
+
+   !> Integrals over the part of a facet that lies deeper than a level, of its depth below the level.
+   type :: part_t
+      real(wp) :: area = 0           !! [m2]
+      real(wp) :: volume = 0         !! of the depth [m3]
+      real(wp) :: place(3) = 0       !! of the place [m3]
+      real(wp) :: moment(3) = 0      !! of depth times place [m4]
+   end type part_t
+
+   real(wp), parameter :: shear = 0.8_wp       !! tangential stiffness over k
+   real(wp), parameter :: upright = 0.4_wp     !! pressure on an upright facet of a plough, of that on a flat one
+
+contains
+
+   !> Memory of a facet that has not touched the ground. A ploughing facet gains its reserve by moving;
+   !> on hard ground it has all of it, and the depth alone says how much pressure there is.
+   pure type(memory_t) function untouched(law)
+      type(law_t), intent(in) :: law
+
+      untouched = memory_t(reserve=merge(0.0_wp, law%reserve, law%plough))
+   end function untouched
+
+   !> The part of a triangle deeper than a level: the depth is linear over it.
+   pure type(part_t) function submerged_part(x, depth, area, level) result(part)
+      real(wp), intent(in) :: x(3, 3)          !! corners [m]
+      real(wp), intent(in) :: depth(3), level  !! [m]
+      real(wp), intent(in) :: area             !! [m2]
+      type(part_t) :: dry
+      real(wp) :: f(3)
+      integer :: deep
+
+      f = depth - level
+      deep = count(f > 0)
+      select case (deep)
+      case (3)
+         part = of_triangle(x, f, area)
+      case (2)  ! all of it but the corner that is not
+         part = of_triangle(x, f, area)
+         dry = corner_part(x, f, area, minloc(f, 1))
+         part = part_t(part%area - dry%area, part%volume - dry%volume, part%place - dry%place, &
+                       part%moment - dry%moment)
+      case (1)
+         part = corner_part(x, f, area, maxloc(f, 1))
+      end select
+   end function submerged_part
+
+   !> The corner `i` of a triangle, cut off where the depth is 0.
+   pure type(part_t) function corner_part(x, f, area, i) result(part)
+      real(wp), intent(in) :: x(3, 3), f(3), area  !! [m], [m], [m2]
+      integer, intent(in) :: i
+      real(wp) :: y(3, 3), t, u
+      integer :: j, k
+
+      j = mod(i, 3) + 1
+      k = mod(j, 3) + 1
+      t = f(i)/(f(i) - f(j))
+      u = f(i)/(f(i) - f(k))
+      y(:, 1) = x(:, i)
+      y(:, 2) = x(:, i) + t*(x(:, j) - x(:, i))
+      y(:, 3) = x(:, i) + u*(x(:, k) - x(:, i))
+      part = of_triangle(y, [f(i), 0.0_wp, 0.0_wp], area*t*u)
+   end function corner_part
+
+   !> Integrals over a whole triangle of a linear depth, which may be negative.
+   pure type(part_t) function of_triangle(x, f, area) result(part)
+      real(wp), intent(in) :: x(3, 3), f(3), area  !! [m], [m], [m2]
+      real(wp) :: s
+
+      s = f(1) + f(2) + f(3)
+      part%area = area
+      part%volume = area*s/3
+      part%place = area/3*(x(:, 1) + x(:, 2) + x(:, 3))
+      part%moment = area/12*((s + f(1))*x(:, 1) + (s + f(2))*x(:, 2) + (s + f(3))*x(:, 3))
+   end function of_triangle
+
+   !> Force and torque on a facet after a step in which the block moved with velocity and spin. What the
+   !> facet pushes aside acts in the middle of its submerged part, as friction does.
+   pure subroutine press(law, facet, velocity, spin, dt, memory, force, torque)
+      type(law_t), intent(in) :: law
+      type(facet_t), intent(in) :: facet
+      real(wp), intent(in) :: velocity(3), spin(3), dt  !! of the block [m/s], [rad/s]; [s]
+      type(memory_t), intent(inout) :: memory
+      real(wp), intent(out) :: force(3), torque(3)      !! [N], about the centre of mass [N m]
+      type(part_t) :: wet
+      real(wp) :: facing, area, push, lever(3), place(3), along(3), at(3), inertial
+
+      force = 0
+      torque = 0
+      facing = -dot_product(facet%normal, facet%ground)
+      if (facing > 0) wet = submerged_part(facet%x, facet%depth, facet%area, 0.0_wp)
+      if (.not. wet%area > 0) then
+         memory = untouched(law)
+         return
+      end if
+      place = wet%place/wet%area
+      if (law%plough) then
+         along = -facet%normal
+         area = (upright + (1 - upright)*facing)*wet%area
+         call plough(law, area, -dt*dot_product(velocity + cross(spin, place), along), memory, push)
+         lever = push*place
+      else
+         along = facet%ground
+         area = facing*wet%area
+         call sink(law, facet, wet, velocity, spin, dt, memory, push, lever)
+         push = facing*push
+         lever = facing*lever
+      end if
+      at = velocity + cross(spin, place)
+      inertial = law%soil_density*area*max(0.0_wp, -dot_product(at, along))**2
+      push = push + inertial
+      lever = lever + inertial*place
+      call rub(law, at - dot_product(at, along)*along, along, area, push, dt, memory)
+      memory%area = area
+      force = push*along + memory%drag
+      torque = cross(lever, along) + cross(place, memory%drag)
+   end subroutine press
+
+   !> Hard ground: pressure p = k min(d, e) along the ground's normal, d the depth. Where d < e it is a
+   !> spring; where d > e the ground has yielded, and e falls with the retreat of that part and recovers with
+   !> its advance, up to p_y/k. The energy stored, k/2 times the integral of min(d, e)**2, changes by just the
+   !> work of the pressure.
+   pure subroutine sink(law, facet, wet, velocity, spin, dt, memory, push, lever)
+      type(law_t), intent(in) :: law
+      type(facet_t), intent(in) :: facet
+      type(part_t), intent(in) :: wet                    !! the submerged part
+      real(wp), intent(in) :: velocity(3), spin(3), dt   !! [m/s], [rad/s], [s]
+      type(memory_t), intent(inout) :: memory
+      real(wp), intent(out) :: push, lever(3)            !! of a facet that faces the ground [N], [N m]
+      type(part_t) :: yielded
+      real(wp) :: change, volume
+
+      change = 0
+      if (any(facet%depth > memory%reserve)) then
+         yielded = submerged_part(facet%x, facet%depth, facet%area, memory%reserve)
+         if (yielded%area > 0) then
+            change = -dt*dot_product(velocity + cross(spin, yielded%place/yielded%area), facet%ground)
+            change = min(max(change, -memory%reserve), law%reserve - memory%reserve)
+            memory%reserve = memory%reserve + change
+         end if
+      end if
+      push = 0
+      lever = 0
+      volume = wet%volume - yielded%volume + change*yielded%area
+      if (.not. volume > 0) return
+      push = law%stiffness*volume
+      lever = law%stiffness*(wet%moment - yielded%moment + change*yielded%place)
+   end subroutine sink
+
+   !> Soft ground: pressure p = k e along the facet's normal on its submerged part, e its advance, at most
+   !> p_y/k. Newly submerged parts share what force there is; those that emerge take theirs along: neither
+   !> adds to the energy stored.
+   pure subroutine plough(law, area, advance, memory, push)
+      type(law_t), intent(in) :: law
+      real(wp), intent(in) :: area, advance  !! submerged, by its attitude [m2]; along its normal [m]
+      type(memory_t), intent(inout) :: memory
+      real(wp), intent(out) :: push          !! [N]
+
+      if (area > memory%area) memory%reserve = memory%reserve*memory%area/area
+      memory%reserve = min(max(memory%reserve + advance, 0.0_wp), law%reserve)
+      push = law%stiffness*memory%reserve*area
+   end subroutine plough
+
+   !> Coulomb friction with memory: a tangential spring, cut off at mu times the push.
+   pure subroutine rub(law, slip, along, area, push, dt, memory)
+      type(law_t), intent(in) :: law
+      real(wp), intent(in) :: slip(3), along(3)  !! velocity in the plane [m/s], normal of the plane [-]
+      real(wp), intent(in) :: area, push, dt     !! [m2], [N], [s]
+      type(memory_t), intent(inout) :: memory
+      real(wp) :: square, most
+
+      associate (t => memory%drag)
+         if (area < memory%area) t = t*(area/memory%area)
+         t = t - dot_product(t, along)*along - (shear*law%stiffness*area*dt)*slip
+         most = law%friction*push
+         square = dot_product(t, t)
+         if (square > most**2) t = t*(most/sqrt(square))
+      end associate
+   end subroutine rub
+end module lab_pressure

@@ -1,0 +1,56 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Rotation of a rigid body: orientation as a unit quaternion, free motion by Euler's equations.
+module lab_rotation
+   use rockfall_kinds, only: wp
+   implicit none
+   private
+   public :: rotation_matrix, rotate_free
+
+contains
+
+   !> Columns are the body's axes in space.
+   pure function rotation_matrix(q) result(m)
+      real(wp), intent(in) :: q(4)  !! (scalar, vector), unit [-]
+      real(wp) :: m(3, 3)
+
+      m(:, 1) = [1 - 2*(q(3)**2 + q(4)**2), 2*(q(2)*q(3) + q(1)*q(4)), 2*(q(2)*q(4) - q(1)*q(3))]
+      m(:, 2) = [2*(q(2)*q(3) - q(1)*q(4)), 1 - 2*(q(2)**2 + q(4)**2), 2*(q(3)*q(4) + q(1)*q(2))]
+      m(:, 3) = [2*(q(2)*q(4) + q(1)*q(3)), 2*(q(3)*q(4) - q(1)*q(2)), 1 - 2*(q(2)**2 + q(3)**2)]
+   end function rotation_matrix
+
+   !> Free rotation for a time: five turns about principal axes (Dullweber, Leimkuhler, McLachlan 1997).
+   !> Keeps the angular momentum in space to rounding; its error of energy is bounded for all times.
+   pure subroutine rotate_free(q, momentum, inertia, dt)
+      real(wp), intent(inout) :: q(4), momentum(3)  !! [-], in the body's axes [kg m2/s]
+      real(wp), intent(in) :: inertia(3), dt        !! principal moments [kg m2], [s]
+
+      call turn(q, momentum, inertia, 1, 2, 3, 0.5_wp*dt)
+      call turn(q, momentum, inertia, 2, 3, 1, 0.5_wp*dt)
+      call turn(q, momentum, inertia, 3, 1, 2, dt)
+      call turn(q, momentum, inertia, 2, 3, 1, 0.5_wp*dt)
+      call turn(q, momentum, inertia, 1, 2, 3, 0.5_wp*dt)
+      q = q/sqrt(sum(q**2))
+   end subroutine rotate_free
+
+   !> Turn about body axis i, with j and k the other two in cyclic order. The tangent of half the angle is
+   !> taken as half the angle, an error of third order in the step as the splitting's own.
+   pure subroutine turn(q, momentum, inertia, i, j, k, dt)
+      real(wp), intent(inout) :: q(4), momentum(3)  !! [-], in the body's axes [kg m2/s]
+      real(wp), intent(in) :: inertia(3), dt        !! [kg m2], [s]
+      integer, intent(in) :: i, j, k
+      real(wp) :: t, c, s, m, p(4)
+
+      t = 0.5_wp*dt*momentum(i)/inertia(i)
+      c = (1 - t*t)/(1 + t*t)
+      s = 2*t/(1 + t*t)
+      m = momentum(j)
+      momentum(j) = c*m + s*momentum(k)
+      momentum(k) = c*momentum(k) - s*m
+      p = q
+      q(1) = p(1) - t*p(1 + i)
+      q(1 + i) = p(1 + i) + t*p(1)
+      q(1 + j) = p(1 + j) + t*p(1 + k)
+      q(1 + k) = p(1 + k) - t*p(1 + j)
+      q = q/sqrt(1 + t*t)
+   end subroutine turn
+end module lab_rotation

@@ -1,0 +1,199 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The case of the laboratory of blocks: which blocks are thrown at what ground, and how.
+
+A namelist file whose group &lab names a ground; the groups &block, &ground and &throw change single
+values. Names, defaults and limits of the physics are the kernel's; those of the grounds are in
+data/lab_grounds.csv.
+"""
+
+from __future__ import annotations
+
+import importlib.resources
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rockfall._lab import lab_f2py as _lab
+from rockfall.case import check_namelist, namelist_text, plain_values
+from rockfall.errors import RockfallError
+from rockfall.io.files import read_text
+from rockfall.io.tables import read_table
+from rockfall.lab.blocks.relief import Spectrum
+from rockfall.lab.blocks.shapes import SHAPES, Surface, hull, random_block, refine
+from rockfall.lab.case import ENDS, names, names_ground
+
+GROUND, THROW, CONTACT, COUNTS, PLAN, DEFAULT_PLAN = range(9, 15)  # kinds of the kernel's rows
+RANGED = {"slope": ("min", "max"), "speed": ENDS, "angle": ENDS, "spin": ENDS}  # of &throw
+PLANNED = {  # keys of the plan, by group
+    "block": ("radius", "density", "count", "edge"),
+    "ground": ("relief", "shortest", "longest", "hurst", "patches"),
+    "throw": ("step_factor",),
+}
+WHOLE = "count", "patches"
+POINTS = "points"  # the shape that the user's points have
+
+
+@cache
+def grounds() -> dict[str, dict[str, Any]]:
+    """Values of &ground of each ground that is shipped, by its name."""
+    path = Path(str(importlib.resources.files("rockfall") / "data" / "lab_grounds.csv"))
+    _, _, rows = read_table(path)
+    return {
+        row.text("name"): {
+            **{key: row.number(key, 0, 1e12) for key in names(GROUND) if key != "plough"},
+            "plough": row.choice("plough", ("true", "false")) == "true",
+            "relief": row.number("relief", 0, 45),
+        }
+        for row in rows
+    }
+
+
+@cache
+def _defaults() -> dict[str, dict[str, Any]]:
+    """Every key but those of a ground, with its default."""
+    plan = dict(zip(names(PLAN), _lab.defaults(PLAN).tolist(), strict=False))
+    limits = dict(zip(names(THROW), _lab.defaults(THROW).tolist(), strict=False))
+    seed, throws, contacts = (int(value) for value in _lab.defaults(DEFAULT_PLAN)[:3])
+    groups: dict[str, dict[str, Any]] = {
+        "lab": {"title": "", "seed": seed, "ground": "", "shape": "compact"},
+        **{group: {key: plan[key] for key in keys} for group, keys in PLANNED.items()},
+    }
+    groups["lab"] |= {"throws": throws, "contacts": contacts}
+    groups["block"]["points"] = ""
+    ranges = {key: [limits[f"{key}_{end}"] for end in ends] for key, ends in RANGED.items()}
+    groups["throw"] |= {**ranges, "gravity": limits["gravity"]}
+    for values in groups.values():
+        values |= {key: int(values[key]) for key in WHOLE if key in values}
+    return groups
+
+
+def is_block_case(path: str | Path) -> bool:
+    """Does the case in a file name a ground?"""
+    return names_ground(read_text(path), str(path))
+
+
+def read_block_case(path: str | Path) -> BlockCase:
+    """The case of the laboratory of blocks in a namelist file."""
+    return block_case_of(read_text(path), str(path), Path(path).parent)
+
+
+def block_case_of(text: str, name: str, folder: Path = Path()) -> BlockCase:
+    """The case in a text; files that it names are in a folder."""
+    import f90nml
+
+    check_namelist(_lab.check_block_case, text.encode(), name)
+    return BlockCase(name=name, folder=folder, **f90nml.reads(text).todict())
+
+
+class BlockCase:
+    """A case of the laboratory of blocks, group by group: `case.ground["friction"]`."""
+
+    def __init__(
+        self, *, name: str = "case of blocks", folder: Path = Path(), **groups: Mapping[str, Any]
+    ) -> None:
+        self.name, self.folder = name, folder
+        given = {group: plain_values(values) for group, values in groups.items()}
+        ground = given.get("lab", {}).get("ground", "")
+        if ground not in grounds():
+            known = ", ".join(grounds())
+            raise RockfallError(f"{name}: &lab ground = '{ground}': unknown; known: {known}")
+        shipped = {"ground": _defaults()["ground"] | grounds()[ground]}
+        self._groups = {
+            group: {
+                key: _like(given.get(group, {}).get(key, value), value)
+                for key, value in values.items()
+            }
+            for group, values in (_defaults() | shipped).items()
+        }
+        for group, values in given.items():  # also keys that are unknown
+            self._groups[group] = {**values, **self._groups.get(group, {})}
+        check_namelist(_lab.check_block_case, self.text().encode(), name)
+        if self.lab["shape"] not in (*SHAPES, POINTS):
+            allowed = ", ".join((*SHAPES, POINTS))
+            raise RockfallError(
+                f"{name}: &lab shape = '{self.lab['shape']}': unknown; known: {allowed}"
+            )
+        if (self.lab["shape"] == POINTS) != bool(self.block["points"]):
+            raise RockfallError(
+                f"{name}: &lab shape = 'points' and &block points = 'FILE.csv' need each other"
+            )
+
+    def __getattr__(self, group: str) -> dict[str, Any]:
+        try:
+            return self.__dict__["_groups"][group]
+        except KeyError:
+            raise AttributeError(f"a case of blocks has no group {group!r}") from None
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, BlockCase) and self._groups == other._groups
+
+    def replace(self, **groups: Mapping[str, Any]) -> BlockCase:
+        """With other values: `case.replace(ground={"friction": 0.6})`. Another ground comes with
+        all of its own: what was changed of the one before is not kept."""
+        kept = dict(self._groups)
+        if groups.get("lab", {}).get("ground", self.lab["ground"]) != self.lab["ground"]:
+            del kept["ground"]
+        changed = {name: {**kept.get(name, {}), **new} for name, new in groups.items()}
+        return BlockCase(name=self.name, folder=self.folder, **(kept | changed))
+
+    def text(self) -> str:
+        """The case, every value, as the text of a namelist file."""
+        return namelist_text(self._groups, indent=2)
+
+    def row(self, kind: int) -> np.ndarray:
+        """A row of the kernel, in the order of `names(kind)`."""
+        values = self.ground if kind == GROUND else {"gravity": self.throw["gravity"]}
+        if kind == THROW:
+            values |= {
+                f"{key}_{end}": value
+                for key, ends in RANGED.items()
+                for end, value in zip(ends, self.throw[key], strict=True)
+            }
+        return np.array([float(values[key]) for key in names(kind)])
+
+    def spectrum(self) -> Spectrum:
+        """Of the ground's relief."""
+        ground = self.ground
+        return Spectrum(ground["relief"], ground["shortest"], ground["longest"], ground["hurst"])
+
+    def surfaces(self) -> list[Surface]:
+        """The blocks' surfaces, in facets that are small enough."""
+        if self.lab["shape"] == POINTS:
+            blocks = [hull(*_points(self.folder / self.block["points"]))]
+        else:
+            seed, count = self.lab["seed"], self.block["count"]
+            blocks = [random_block(self.lab["shape"], seed, k) for k in range(count)]
+        return [refine(block, self.block["edge"]) for block in blocks]
+
+
+def relief_keys(spectrum: Spectrum) -> dict[str, float]:
+    """The keys of &ground that give a relief a spectrum."""
+    return {
+        "relief": round(spectrum.slope, 2),
+        "shortest": spectrum.shortest,
+        "longest": spectrum.longest,
+        "hurst": round(spectrum.hurst, 2),
+    }
+
+
+def _points(path: Path) -> tuple[np.ndarray, str]:
+    """Points (n, 3) of a CSV file with columns x, y, z, in any unit of length, and its name."""
+    where, columns, rows = read_table(path)
+    for name in "xyz":
+        if name not in columns:
+            raise RockfallError(f"{where}: column {name}: is missing")
+    points = [[row.number(name, -1e6, 1e6) for name in "xyz"] for row in rows]
+    return np.array(points), str(path)
+
+
+def _like(value: Any, default: Any) -> Any:
+    """A value with the type of the default."""
+    if isinstance(default, list):
+        return [float(one) for one in (value if isinstance(value, list) else [value])]
+    try:
+        return type(default)(value)
+    except (TypeError, ValueError):
+        return value  # the kernel says what is wrong
