@@ -25,7 +25,7 @@ from benchmarks.machine import machine
 from rockfall.analysis.back.posterior import parameters, posterior_table, warnings
 from rockfall.analysis.back.study import back_analysis
 from rockfall.analysis.ensemble.uncertain_inputs import Uncertain, drawn_scene
-from rockfall.analysis.line_statistics import line_values
+from rockfall.analysis.lines.values import line_values
 from rockfall.analysis.observations import Observed, read_observed
 from rockfall.io.grid import Grid
 from rockfall.scene.read import read_scene
