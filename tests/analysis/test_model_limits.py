@@ -110,6 +110,25 @@ def test_check_summary_and_report_say_the_same(case, monkeypatch):
     assert "sets.nml, fitted on 100 to 101 m/s and 2 to 90 degrees\n" in page
 
 
+@pytest.mark.parametrize(("angle", "said"), [(30.0, True), (90.0, False)])
+def test_who_rolls_past_a_line_is_said_to_lower_its_quantiles(tmp_path, angle, said):
+    """On a plane steeper than the rest angle nobody stops; on one where all rest there is no word,
+    nor of those that are slow on the flat."""
+    y = np.mgrid[79:-1:-1, 0:40][0] * 5.0
+    z = np.maximum(0.65 * (y - 100.0), 0.0)  # 33 degrees, then level
+    case = make_case(
+        tmp_path, *sets(), terrain={}, case={"boulders": 100}, impact={"rest_angle": angle},
+        release={"x": 100.0, "y": 380.0}, output={"rebounds": False},
+        line=[{"name": name, "x": [2.5, 197.5], "y": [at, at]}
+              for name, at in (("slope", 350.0), ("flat", 97.0))],
+    )  # fmt: skip
+    result = run_scene(read_scene(case, dem=z, transform=grid(z)))
+    texts = [one.text for one in model_remarks(result, case)]
+    rolling = [text for text in texts if "roll from rock to rock" in text]
+    assert np.isfinite(result.line_speed.values).any(axis=1).all()
+    assert [text.partition(":")[0] for text in rolling] == ["slope"] * said
+
+
 # ---- which rebounds
 
 

@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 
 MAX_OUTSIDE = 0.2  # of the rebounds, before it is a warning
 MAX_FAST = 0.05  # of the boulders
+SLOW = 2.0  # [m/s]: who bounces past a line is faster
+MAX_SLOW = 0.1  # of those that pass, before their quantiles are no load to design by
 #: Upper envelope of observed maximum speeds [m/s] per degree of the mean slope (Dorren 2015,
 #: Rockyfor3D revealed, ecorisQ; it uses 0.64 to 0.8).
 SPEED_PER_DEGREE = 0.8
@@ -61,6 +63,7 @@ def model_remarks(values: Variables, case: Case) -> Iterator[Remark]:
     and the case."""
     yield from rebound_remarks(values, case)
     yield from forest_remarks(case)
+    yield from roll_remarks(values, case)
     yield from (Remark(one.text, one.is_warning) for one in extrapolations(values))
 
 
@@ -123,6 +126,30 @@ def forest_experiment() -> dict[tuple[str, str], dict[str, float]]:
         (row.text("quantity"), row.text("case")): {name: row.number(name) for name in columns[2:]}
         for row in rows
     }
+
+
+def roll_remarks(values: Variables, case: Case) -> Iterator[Remark]:
+    """Lines where many of those that pass roll from rock to rock (theory, chapter 8): they lower
+    the numbers of those that pass, on which designs rest. Nothing where rows are not kept.
+
+    A boulder rolls where the ground is steeper than the rest angle. The passing height of a boulder
+    on the ground is R_b/cos(slope), which gives the slope there.
+    """
+    names = ("line", "line_speed", "line_passing_height", "line_jump_height", "volume")
+    if not all(name in values for name in names):
+        return
+    lines, speeds, passing, jump, volume = (np.asarray(values[name]) for name in names)
+    radius = np.cbrt(0.75 / np.pi * volume)
+    steep = radius < (passing - jump) * np.cos(np.radians(case.impact["rest_angle"]))
+    for name, speed, rolls in zip(lines, speeds, steep & (speeds < SLOW), strict=True):
+        passed = np.isfinite(speed)
+        if passed.any() and (fraction := float(rolls[passed].mean())) > MAX_SLOW:
+            yield Remark(
+                f"{name}: {percent(fraction)} of the boulders that pass are slower than {SLOW:g} "
+                "m/s: they roll from rock to rock, and lower the means and quantiles of those that "
+                "pass; compare with &impact rest_angle = 90",
+                True,
+            )
 
 
 class Extrapolation(NamedTuple):
