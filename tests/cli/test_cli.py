@@ -377,3 +377,20 @@ def test_ctrl_c_before_the_first_boulder_writes_nothing(place, capsys, monkeypat
     assert main(["run", "case.nml"]) == 130
     assert capsys.readouterr().err == "rockfall: interrupted; no file is half-written\n"
     assert files(place) == before
+
+
+@pytest.mark.parametrize(
+    ("command", "more"),
+    [("ensemble", ["--runs", "8"]), ("models", []), ("convergence", ["--reference", "40"]),
+     ("back", ["seen.csv", "--members", "64", "--effective", "2"])],
+)  # fmt: skip
+def test_studies_of_many_runs_say_what_is_doubtful_in_their_case(place, capsys, command, more):
+    """As `check` and `run` do: a volume in litres."""
+    pytest.importorskip("matplotlib", reason="the report extra is not installed")
+    text = CASE.replace("volume_mean = 0.8", "volume_mean = 800.0")
+    Path("case.nml").write_text(text + "&ensemble runs = 8, volume_factor = 1.2 /\n")
+    Path("seen.csv").write_text("line,quantity,unit,mean,std,n\nL,speed,m/s,12.5,5.2,80\n")
+    boulders = ["4", "8"] if command == "convergence" else ["4"]
+    main([command, "case.nml", *more, "--boulders", *boulders])
+    err = capsys.readouterr().err
+    assert "rockfall: warning: case.nml: &boulder volume_mean = 800 m3: a boulder 12 m across" in err

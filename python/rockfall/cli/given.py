@@ -29,6 +29,15 @@ def scene_of(case: Case, arguments: argparse.Namespace) -> Scene:
     """The scene of a case, with warnings of what is doubtful in it."""
     memory = machine_memory() if arguments.memory is None else read_memory(arguments.memory)
     scene = read_scene(case, memory=memory)
+    _warn_of(scene)
+    return scene
+
+
+def warn_of_inputs(case: Case) -> None:
+    """Print what is doubtful in a case, before the many runs of a study."""
+    _warn_of(read_scene(case, memory=machine_memory()))
+
+
+def _warn_of(scene: Scene) -> None:
     for line in implausible(scene):
         warn(line)
-    return scene

@@ -16,7 +16,7 @@ from rockfall.analysis.models import run_models, write_models
 from rockfall.analysis.observations import read_observed
 from rockfall.case import read_case
 from rockfall.case_files import input_files
-from rockfall.cli.given import overridden
+from rockfall.cli.given import overridden, warn_of_inputs
 from rockfall.cli.messages import DONE, say
 from rockfall.errors import RockfallError, need
 from rockfall.interrupts import exit_status
@@ -54,6 +54,7 @@ def ensemble_command(arguments: argparse.Namespace) -> int:
         case = case.replace(ensemble={"runs": arguments.runs})
     path = arguments.output or Path(f"{arguments.case.stem}-ensemble.nc")
     check_place(path, len(case.lines), input_files(case))
+    warn_of_inputs(case)
     try:
         found = run_ensemble(case, progress=not arguments.quiet)
     except StudyInterrupted as stop:
@@ -74,6 +75,7 @@ def back_command(arguments: argparse.Namespace) -> int:
     need("back needs", "report", "matplotlib")
     seen = read_observed(*arguments.observed)
     check_back(folder, [*input_files(case), *arguments.observed])
+    warn_of_inputs(case)
     how = {"members": arguments.members, "enough": arguments.effective}
     given = {name: value for name, value in how.items() if value is not None}
     try:
@@ -100,6 +102,7 @@ def convergence_command(arguments: argparse.Namespace) -> int:
     check_writable(folder, inputs)
     given = {key: getattr(arguments, key) for key in ("boulders", "reference")}
     given = {key: value for key, value in given.items() if value is not None}
+    warn_of_inputs(case)
     found = converge(case, **given, progress=True)
     paths = write_convergence(found, folder, inputs)
     print(text(found))
@@ -112,6 +115,7 @@ def models_command(arguments: argparse.Namespace) -> int:
     folder = arguments.output or Path(f"{arguments.case.stem}_models")
     inputs = list(input_files(case))
     _check_folder(folder, MODEL_FILES, "models", inputs)
+    warn_of_inputs(case)
     found = run_models(case, arguments.ground, progress=not arguments.quiet)
     with atomic_folder(folder, inputs) as part:
         write_csv(found.table, part / "models.csv")
