@@ -393,4 +393,4 @@ def test_studies_of_many_runs_say_what_is_doubtful_in_their_case(place, capsys, 
     boulders = ["4", "8"] if command == "convergence" else ["4"]
     main([command, "case.nml", *more, "--boulders", *boulders])
     err = capsys.readouterr().err
-    assert "rockfall: warning: case.nml: &boulder volume_mean = 800 m3: a boulder 12 m across" in err
+    assert "warning: case.nml: &boulder volume_mean = 800 m3: a boulder 12 m across: was" in err
