@@ -511,3 +511,17 @@ def test_the_command_refuses_in_one_line(place, capsys, arguments, message):
 def test_a_result_without_boulders_is_refused(full):
     with pytest.raises(RockfallError, match="without boulders has no figures"):
         figures(full.isel(boulder=slice(0)))
+
+
+def test_a_small_fraction_is_not_rounded_to_nothing(full):
+    """Neither in the figure nor in its caption, nor are the ends of its interval."""
+    crossed = np.full((1, 20_000), np.nan)
+    crossed[0, :6] = 150.0
+    names = [name for name in full if full[name].dims == ("line", "boulder")]
+    rare = full.drop_dims("boulder").assign(
+        {name: (("line", "boulder"), crossed, full[name].attrs) for name in names}
+        | {name: ("boulder", np.resize(full[name].values, 20_000), full[name].attrs)
+           for name in full if full[name].dims == ("boulder",)}
+    )  # fmt: skip
+    (speeds,) = (one for one in figures(rare, TERRAIN) if one.name == "line_speed")
+    assert "6 at L (0.0300 %, 95 % confidence interval 0.01" in speeds.caption

@@ -42,7 +42,7 @@ from rockfall.plots.rebound_figures import (
     histogram_figure,
 )
 from rockfall.plots.style import FORMATS, capital, save
-from rockfall.quantities import QUANTITIES, count
+from rockfall.quantities import QUANTITIES, count, number
 from rockfall.result.flat_maps import flat_maps
 from rockfall.result.grounds import sets_followed
 from rockfall.result.samples import has_rows, simulated
@@ -192,18 +192,18 @@ def _at_lines(result: xr.Dataset, observed: Any, which: list[int]) -> Iterator[F
     source, passed = sources(result), {}
     for k in which:
         crossed, name = np.isfinite(result["line_x"].values[k]), result["line"].values[k]
-        fraction, low, high = (100 * f for f in fraction_interval(crossed, source))
-        interval = f"95 % confidence interval {low:.1f} to {high:.1f} %"
-        passed[k] = f"{crossed.sum():,} at {name} ({fraction:.1f} %, {interval})"
+        fraction, low, high = (number(100 * f) for f in fraction_interval(crossed, source))
+        interval = f"95 % confidence interval {low} to {high} %"
+        passed[k] = f"{crossed.sum():,} at {name} ({fraction} %, {interval})"
     some = f" {len(which)} of {result.sizes['line']} lines, those that most boulders pass."
     some = some if len(which) < result.sizes["line"] else ""
     blocks = [which[k : k + PER_FIGURE] for k in range(0, len(which), PER_FIGURE)]
     for name in DRAWN:
         label = QUANTITIES[name].label
-        for number, block in enumerate(blocks, start=1):
+        for page, block in enumerate(blocks, start=1):
             at = "; ".join(passed[k] for k in block)
             yield Figure(
-                f"line_{name}" + (f"_{number}" if len(blocks) > 1 else ""),
+                f"line_{name}" + (f"_{page}" if len(blocks) > 1 else ""),
                 f"{capital(label)} at the lines",
                 f"Distribution of {label} among the boulders that pass: {at}; below: mean ± one "
                 f"standard deviation; one in 500 lies beyond the axis.{some}",

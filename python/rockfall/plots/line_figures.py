@@ -25,7 +25,7 @@ from rockfall.plots.style import (
     styled,
 )
 from rockfall.protection.barriers import barriers_of
-from rockfall.quantities import QUANTITIES, count, round_step
+from rockfall.quantities import QUANTITIES, count, number, round_step
 from rockfall.result.trajectories import from_start, left_terrain, lines, stop_distances
 
 if TYPE_CHECKING:
@@ -243,6 +243,6 @@ def _passing(result: xr.Dataset, line: int) -> str:
     """How many boulders pass a line or come to a barrier, and their fraction with its 95 %
     confidence interval."""
     crossed = np.isfinite(result["line_speed"].values[line])
-    fraction, low, high = (100 * f for f in fraction_interval(crossed, sources(result)))
+    fraction, low, high = (number(100 * f) for f in fraction_interval(crossed, sources(result)))
     do = "come" if line in barriers_of(result) else "pass"
-    return f"{crossed.sum():,} {do}, {fraction:.1f} % [{low:.1f}, {high:.1f}]"
+    return f"{crossed.sum():,} {do}, {fraction} % [{low}, {high}]"
