@@ -115,8 +115,8 @@ def models_command(arguments: argparse.Namespace) -> int:
     folder = arguments.output or Path(f"{arguments.case.stem}_models")
     inputs = list(input_files(case))
     _check_folder(folder, MODEL_FILES, "models", inputs)
-    warn_of_inputs(case)
     found = run_models(case, arguments.ground, progress=not arguments.quiet)
+    warn_of_inputs(case)
     with atomic_folder(folder, inputs) as part:
         write_csv(found.table, part / "models.csv")
         save(models_figure(found), part / "models.png", dpi=200)
