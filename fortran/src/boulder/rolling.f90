@@ -24,7 +24,7 @@ module rockfall_rolling
       real(wp) :: speed2(2) = 0.0_wp   !! squares of the rolling speed at its start and end [m2/s2]
       real(wp) :: direction(3)         !! from start to end, unit [-]
       type(flight_t) :: path           !! straight to its end at the mean speed: to be followed without gravity
-      type(landing_t) :: landing       !! where it ends: the next contact, or the edge of the known terrain
+      type(landing_t) :: landing       !! where it ends: there the next flight begins, or the known terrain ends
    end type roll_t
 
 contains

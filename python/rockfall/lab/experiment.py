@@ -144,8 +144,8 @@ def save_impacts(data: xr.Dataset, path: str | Path) -> None:
         data.to_netcdf(part, encoding={name: {"zlib": True, "complevel": 1} for name in data})
 
 
-def open_impacts(path: str | Path) -> xr.Dataset:
-    """Impacts from a file that `run_impacts` has written."""
+def load_measured(path: str | Path, what: str) -> xr.Dataset:
+    """Load a netCDF file of the laboratory; `what` names its contents in messages."""
     import xarray as xr
 
     check_netcdf(path)
@@ -154,7 +154,13 @@ def open_impacts(path: str | Path) -> xr.Dataset:
     except FileNotFoundError as error:
         raise RockfallError(f"{path}: cannot be read: no such file") from error
     except (OSError, ValueError, RuntimeError) as error:
-        raise RockfallError(f"{path}: is not a netCDF file of impacts: {error}") from error
+        raise RockfallError(f"{path}: is not a netCDF file of {what}: {error}") from error
+    return data
+
+
+def open_impacts(path: str | Path) -> xr.Dataset:
+    """Impacts from a file that `run_impacts` has written."""
+    data = load_measured(path, "impacts")
     variables = {*names(5), *names(6), *names(7)[:-1]}
     attributes = {"title", "lab_case", "version", "cpu_seconds"}
     if not (variables <= set(data) and attributes <= set(data.attrs)):

@@ -12,10 +12,11 @@ import numpy as np
 from rockfall._lab import lab_f2py as _lab
 from rockfall.errors import RockfallError, check_kernel
 from rockfall.interrupts import interrupts
-from rockfall.io.files import atomic_write, check_netcdf
+from rockfall.io.files import atomic_write
 from rockfall.lab.blocks.case import CONTACT, COUNTS, GROUND, THROW, BlockCase
 from rockfall.lab.blocks.relief import patches
 from rockfall.lab.case import names
+from rockfall.lab.experiment import load_measured
 from rockfall.simulation.progress import progress_bar
 from rockfall.simulation.simulate import check_team
 from rockfall.version import __version__
@@ -145,15 +146,7 @@ def save_contacts(data: xr.Dataset, path: str | Path) -> None:
 
 def open_contacts(path: str | Path) -> xr.Dataset:
     """Contacts from a file that `save_contacts` has written."""
-    import xarray as xr
-
-    check_netcdf(path)
-    try:
-        data = xr.load_dataset(path)
-    except FileNotFoundError as error:
-        raise RockfallError(f"{path}: cannot be read: no such file") from error
-    except (OSError, ValueError, RuntimeError) as error:
-        raise RockfallError(f"{path}: is not a netCDF file of contacts: {error}") from error
+    data = load_measured(path, "contacts")
     if not ({*MEANING} <= set(data) and {*ATTRIBUTES} <= set(data.attrs)):
         raise RockfallError(f"{path}: is not a file of contacts of the laboratory of blocks")
     return data
