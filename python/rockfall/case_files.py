@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from rockfall.case import FROM_ARRAY, REPEATABLE, Case, case_of
 from rockfall.errors import RockfallError
 from rockfall.impact_sets import find_set, set_path
+from rockfall.impact_tables import find_table
 from rockfall.io.raster_file import raster_files
 from rockfall.io.zone_table import read_zone_table
 
@@ -32,8 +33,9 @@ def input_files(case: Case) -> Iterator[Path]:
         if name != FROM_ARRAY:
             yield from _files_of(case, key.file, name)
     for name in _named_grounds(case):
-        if path := find_set(case, name):
-            yield path
+        for path in find_table(case, name), find_set(case, name):
+            if path is not None:
+                yield path
 
 
 def _named_grounds(case: Case) -> set[str]:
@@ -52,6 +54,9 @@ def _files_of(case: Case, kind: str, name: str) -> Iterator[Path]:
     if kind == "sets":
         with suppress(RockfallError):  # who reads it says that it is not there
             yield set_path(case, name)
+    elif kind == "impact_table":
+        if found := find_table(case, name):
+            yield found
     elif kind == "table":
         yield path
     if kind == "points" or "layer" in kind:

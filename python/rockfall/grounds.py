@@ -15,10 +15,12 @@ from rockfall._core import rockfall_f2py as _core
 from rockfall.case import Case
 from rockfall.errors import RockfallError
 from rockfall.impact_sets import find_set, shipped_sets
+from rockfall.impact_tables import find_table, open_table, table_names
 from rockfall.io.files import check_text_file
 from rockfall.io.tables import Row, check_columns, read_table
 
-IMPACT_SETS = "impact_sets"  # the model of a ground that is none of a table
+IMPACT_SETS = "impact_sets"  # the model of a ground that is none of a table of grounds
+TABLES = "impact_table", "ratio_table"  # those of tables of impacts, the second by R_b/R_m
 ABSORBS = "absorbs"  # the model of a ground that has no rebound
 MAX_NAME = 60  # characters
 MAX_GROUNDS = 127  # of a scene: their numbers are bytes
@@ -30,7 +32,9 @@ class GroundRule(NamedTuple):
 
     name: str
     model: str = IMPACT_SETS
-    text: bytes = b""  # a file of impact sets, or a group of parameters; empty: the case's sets
+    text: bytes = (
+        b""  # a file of impact sets, a packed table, or parameters; empty: the case's sets
+    )
     file: str = ""  # where that stands, for messages
 
     @property
@@ -116,7 +120,7 @@ class GroundTable:
     def ground(self, name: str) -> GroundRule:
         """A row of the table. Its numbers are looked at in the kernel."""
         row = self.rows[name]
-        model = row.choice("model", [one for one in models() if one != IMPACT_SETS])
+        model = row.choice("model", [one for one in models() if one not in (IMPACT_SETS, *TABLES)])
         given = [one.name for one in parameters() if row.cells.get(one.name)]
         for column in given:
             row.number(column)
@@ -125,8 +129,10 @@ class GroundTable:
 
 
 def find_ground(case: Case, table: GroundTable, name: str, where: str) -> GroundRule:
-    """The ground of a name: a row of the table, or impact sets, shipped or in a file; `where` says
-    who names it."""
+    """The ground of a name: a table of impacts, with `&impact form = 'table'`; a row of the table
+    of grounds; or impact sets, shipped or in a file. `where` says who names it."""
+    if case.impact["form"] == "table" and (found := find_table(case, name)):
+        return table_ground(name, found)
     if name in table.rows:
         return table.ground(name)
     path = find_set(case, name)
@@ -140,6 +146,28 @@ def find_ground(case: Case, table: GroundTable, name: str, where: str) -> Ground
     if len(name) > MAX_NAME:
         raise RockfallError(f"{where} = '{name}': must be at most {MAX_NAME} characters")
     return GroundRule(name, IMPACT_SETS, path.read_bytes(), str(path))
+
+
+def usual_ground(case: Case) -> GroundRule:
+    """What rebounds follow where nothing else is said: the case's impact sets, or its table."""
+    if case.impact["form"] == "matrix":
+        return GroundRule(case.impact["sets"])
+    name = case.impact["table"]
+    if path := find_table(case, name):
+        return table_ground(name, path)
+    known = ", ".join(table_names())
+    raise RockfallError(
+        f"{case.name}: &impact table = '{name}': no such table of impacts, and no file .nc; "
+        f"shipped tables: {known}"
+    )
+
+
+def table_ground(name: str, path: Path) -> GroundRule:
+    """The ground of a table of impacts in a file."""
+    if len(name) > MAX_NAME:
+        raise RockfallError(f"ground '{name}': must be at most {MAX_NAME} characters")
+    table = open_table(path)
+    return GroundRule(name, TABLES[len(table.ratio) > 1], table.pack(), str(path))
 
 
 def check_number(grounds: Iterable[GroundRule], where: str) -> None:

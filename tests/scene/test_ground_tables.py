@@ -12,6 +12,7 @@ from made import make_raster, refused
 from rockfall.errors import RockfallError
 from rockfall.grounds import (
     IMPACT_SETS,
+    TABLES,
     GroundTable,
     find_ground,
     models,
@@ -79,7 +80,7 @@ def test_the_kernels_table_is_that_of_the_file():
     names = [one.name for one in parameters()]
     assert [name for name in columns if name in names] == names
     of_models = {model for one in parameters() for model in one.models.split(", ")}
-    assert of_models | {IMPACT_SETS, "absorbs"} == {*models()}
+    assert of_models | {IMPACT_SETS, *TABLES, "absorbs"} == {*models()}
 
 
 # ---- where a ground is named

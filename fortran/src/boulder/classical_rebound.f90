@@ -12,11 +12,12 @@ module rockfall_classical_rebound
    implicit none
    private
    public :: scatter_t, scatter, drawn, classical_t, classical_rebound, lengthen_hop, penetration, absorbs
-   public :: by_sets, rockyfor3d, pfeiffer_bowen, bourrier_hungr, constant, absorbing
+   public :: by_sets, rockyfor3d, pfeiffer_bowen, bourrier_hungr, constant, absorbing, by_table, by_ratio_table
 
-   !> What a rebound follows: impact sets, that is rockfall_impact; a model of this module; or the boulder stays.
+   !> What a rebound follows: impact sets, that is rockfall_impact; a model of this module; the boulder stays; or a
+   !> table, rockfall_impact_table, with or without parts for R_b/R_m.
    integer, parameter :: by_sets = 1, rockyfor3d = 2, pfeiffer_bowen = 3, bourrier_hungr = 4, constant = 5, &
-                         absorbing = 6
+                         absorbing = 6, by_table = 7, by_ratio_table = 8
 
    !> Rockyfor3D marks with such an obstacle what no boulder leaves, such as a lake [m].
    real(wp), parameter :: absorbing_obstacle = 100.0_wp

@@ -9,7 +9,7 @@ module rockfall_direction
    private
    public :: turning_t, lateral_t, lateral, lateral_classes, lateral_quantiles
    public :: past_aspect, to_aspect, by_lab, turn_angle, lateral_angle, new_heading, unit_vector, any_heading, rotated
-   public :: turn_past_aspect, divide_by_length, shortest
+   public :: turn_past_aspect, divide_by_length, shortest, along_aspect
 
    !> How boulders turn: by the printed classes, past the aspect where the angle is the larger (as the paper is
    !> written) or ending at it; or as in the laboratory.

@@ -1,11 +1,12 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> What the rebounds of a place follow: impact sets, or a classical rebound.
+!> What the rebounds of a place follow: impact sets, a table of impacts, or a classical rebound.
 module rockfall_ground
    use rockfall_kinds, only: wp, i8
    use rockfall_random, only: random_key_t, normal_table_t, rebound_words
    use rockfall_boulder, only: boulder_t
    use rockfall_impact, only: impact_set_t, rebound_t, rebound
    use rockfall_direction, only: lateral_t
+   use rockfall_impact_table, only: impact_table_t
    use rockfall_classical_rebound, only: classical_t, classical_rebound, lengthen_hop, by_sets
    implicit none
    private
@@ -16,6 +17,7 @@ module rockfall_ground
       type(classical_t) :: classical              !! its model says whether the impact sets hold instead,
       type(impact_set_t), allocatable :: sets(:)  !! of R_b/R_m = 1, ..., and
       type(lateral_t), allocatable :: lateral(:)  !! their lateral deviations, where boulders turn by them
+      type(impact_table_t), allocatable :: table  !! instead of all
    end type ground_t
 
 contains

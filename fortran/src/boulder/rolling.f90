@@ -10,10 +10,10 @@ module rockfall_rolling
    use rockfall_kinds, only: wp
    use rockfall_boulder, only: inertia_factor
    use rockfall_terrain, only: terrain_t, patch_t, read_patch, in_window, height, gradient, within
-   use rockfall_flight, only: flight_t, landing_t, inverse_speed, exit_time
+   use rockfall_flight, only: flight_t, landing_t, flight_from, inverse_speed, exit_time
    implicit none
    private
-   public :: roll_t, find_roll, speed_within, cut_roll
+   public :: roll_t, touch_t, find_roll, find_slide, launch, speed_within, cut_roll
 
    !> A drop this little above that which friction holds, as a part of it, is held [-]: on a plane at the rest angle
    !> rounding must not decide.
@@ -25,7 +25,21 @@ module rockfall_rolling
       real(wp) :: direction(3)         !! from start to end, unit [-]
       type(flight_t) :: path           !! straight to its end at the mean speed: to be followed without gravity
       type(landing_t) :: landing       !! where it ends: there the next flight begins, or the known terrain ends
+      logical :: drawn = .false.       !! it is a contact from a table, and ends with
+      real(wp) :: v(3) = 0.0_wp        !! this velocity [m/s],
+      real(wp) :: w = 0.0_wp           !! W = R_b omega [m/s],
+      real(wp) :: heading(2) = 0.0_wp  !! heading [-], and
+      real(wp) :: above = 0.0_wp       !! height above the ground [m]; it stays on for
+      real(wp) :: waits = 0.0_wp       !! this time [s]
    end type roll_t
+
+   !> What a boulder that goes on in contact with a table's ground knows of the contact before.
+   type :: touch_t
+      logical :: rolling = .false.
+      real(wp) :: normal = 0.0_wp  !! V_n [m/s]
+      real(wp) :: height = 0.0_wp  !! of its centre above the mean ground, over R_b [-]
+      real(wp) :: lift = 0.0_wp    !! by which it has risen since it landed, over R_b [-]
+   end type touch_t
 
 contains
 
@@ -42,6 +56,7 @@ contains
       real(wp) :: g(2), steepness, length, drop, distance, mean
 
       roll%rolls = .false.
+      roll%drawn = .false.
       g = gradient(dem, landing%patch, landing%u, landing%w)
       steepness = sqrt(g(1)*g(1) + g(2)*g(2))
       if (.not. steepness > 0) return
@@ -70,6 +85,59 @@ contains
       roll%path%above = 0
       roll%path%rate = 0
    end subroutine find_roll
+
+   !> The path of a contact that a table gives: along a heading on the ground, in a given time. It is followed at the
+   !> speed that has the mean energy of the contact, so that none is missed at a line, and waits for the rest of the time.
+   !>
+   !> `off`: there the ground falls away faster than gravity pulls the boulder after it.
+   pure subroutine find_slide(dem, gravity, landing, heading, length, time, speed, roll, off)
+      type(terrain_t), intent(in) :: dem
+      real(wp), intent(in) :: gravity         !! [m/s2]
+      type(landing_t), intent(in) :: landing  !! the contact
+      real(wp), intent(in) :: heading(2)      !! in plan, unit [-]
+      real(wp), intent(in) :: length, time    !! in plan [m]; [s]
+      real(wp), intent(in) :: speed           !! [m/s]
+      type(roll_t), intent(inout) :: roll
+      logical, intent(out) :: off
+      real(wp) :: g(2), plan, distance, drop
+
+      roll%rolls = .true.
+      roll%drawn = .true.
+      roll%path%heading = heading
+      plan = length
+      call walk(dem, landing, plan, roll)
+      g = gradient(dem, landing%patch, landing%u, landing%w)
+      drop = landing%z - roll%landing%z
+      off = drop + plan*dot_product(g, heading) > 0.5_wp*gravity*time*time + held*plan
+      distance = 0  ! without a length, the drop is what rounding leaves
+      if (plan > 0) distance = sqrt(plan*plan + drop*drop)
+      roll%landing%time = distance/max(speed, tiny(speed)/epsilon(speed))
+      roll%waits = max(0.0_wp, time - roll%landing%time)
+      roll%path%patch = landing%patch
+      roll%path%x = landing%x
+      roll%path%y = landing%y
+      roll%path%z = landing%z
+      roll%path%v = 0
+      if (distance > 0) roll%path%v = speed/distance*[plan*heading, -drop]
+      roll%path%above = 0
+      roll%path%rate = 0
+   end subroutine find_slide
+
+   !> The flight after a roll.
+   pure type(flight_t) function launch(dem, roll, landing, v) result(flight)
+      type(terrain_t), intent(in) :: dem
+      type(roll_t), intent(in) :: roll
+      type(landing_t), intent(in) :: landing
+      real(wp), intent(in) :: v(3)  !! [m/s]
+
+      if (.not. roll%drawn) then
+         flight = flight_from(dem, landing, v, roll%path%heading)
+      else
+         flight = flight_from(dem, landing, v, roll%heading)
+         flight%above = flight%above + roll%above
+         flight%z = flight%z + roll%above
+      end if
+   end function launch
 
    !> Walk a distance along the heading, patch by patch, to its end or to the edge of the known terrain.
    pure subroutine walk(dem, start, length, roll)

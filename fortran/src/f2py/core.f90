@@ -73,9 +73,9 @@ contains
                          tree_x, tree_y, tree_dbh, tree_factor, sets_text, sets_name, draw, ground_text, &
                          ground_length, ground_names, material_ground, cell_ground, handle, code, message, &
                          nx8, ny8, nx4, ny4, nx1, ny1, nx2, ny2, nxv, nyv, nkv, ks, ms, ns, na, nb, nd, nt, &
-                         ng, mg, nxg, nyg, ne, nf, nw)
+                         nz, ng, mg, nxg, nyg, ne, nf, nw)
       integer(c_int), intent(in) :: nx8, ny8, nx4, ny4, nx1, ny1, nx2, ny2, nxv, nyv, nkv, ks, ms, ns, na, nb, nd, nt
-      integer(c_int), intent(in) :: ng, mg, nxg, nyg, ne, nf, nw
+      integer(c_int), intent(in) :: nz, ng, mg, nxg, nyg, ne, nf, nw
       character(len=*), intent(in) :: text, name                 !! of the case, and what it is called in messages
       real(c_double), intent(in), target :: z8(nx8, ny8)         !! elevations [m], or
       real(c_float), intent(in), target :: z4(nx4, ny4)          !! in single precision
@@ -93,7 +93,7 @@ contains
       real(c_double), intent(in), target :: tree_x(nt), tree_y(nt), tree_dbh(nt), tree_factor(nt)  !! stems
       character(len=*), intent(in) :: sets_text, sets_name       !! of the file of impact sets
       integer(c_int), intent(in) :: draw                         !! of its draws; 0: the only one
-      character(len=*), intent(in) :: ground_text                !! of grounds, one after the other,
+      integer(c_int8_t), intent(in) :: ground_text(nz)           !! bytes of grounds, one after the other,
       integer(c_int), intent(in) :: ground_length(ng)            !! of each; 0: the case's impact sets; -1: no grounds
       character(len=*), intent(in) :: ground_names               !! for each a line with its name, one with its file
       integer(c_int8_t), intent(in) :: material_ground(mg)       !! of each material, 0: none such, or
@@ -124,8 +124,8 @@ contains
       arrays%sets_text = sets_text
       arrays%sets_name = sets_name
       arrays%draw = draw
-      if (ground_length(1) >= 0) arrays%grounds = grounds_of(ground_text, ground_length, &
-                                                                   ground_names)
+      if (ground_length(1) >= 0) &
+         arrays%grounds = grounds_of(transfer(ground_text, repeat(" ", size(ground_text))), ground_length, ground_names)
       if (all(material_ground > 0)) arrays%material_ground = material_ground
       if (size(cell_ground) > 1) arrays%cell_ground => cell_ground
       call read_case(text, name, case, error)

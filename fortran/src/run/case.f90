@@ -48,6 +48,7 @@ module rockfall_case
       real(wp) :: gravity = 9.81_wp, drop_height = 0.0_wp, velocity(3) = 0.0_wp
       integer :: impact_limit = 100000
       integer :: turning = past_aspect           !! rule of turning_t
+      logical :: by_table = .false.         !! rebounds follow a table of impacts where nothing else is said
       logical :: between_ratios = .false.
       type(volume_distribution_t) :: volumes
       logical :: by_source = .false.             !! sources say what their boulders are; volumes are factors
@@ -173,6 +174,7 @@ contains
       this%gravity = real_of(group, "gravity")
       group = group_of(list, "impact")
       this%sets = text_of(group, "sets")
+      this%by_table = text_of(group, "form") == "table"
       this%between_ratios = text_of(group, "ratio") == "between"
       this%turning = turning_rule(text_of(group, "turning"))
       this%stop_speed = real_of(group, "stop_speed")
@@ -229,7 +231,8 @@ contains
       zones = has_key(group, "zones") .or. has_key(group, "table") .or. has_key(group, "default_zone")
       by_raster = any([(has_key(group, trim(rasters(k))), k=1, 4)])
       uniform = has_key(group, "uniform_mean_radius") .or. has_key(group, "uniform_rg")
-      if (.not. any([zones, by_raster, uniform]) .and. (this%ground /= "" .or. this%ground_map /= "")) then
+      if (.not. any([zones, by_raster, uniform]) &
+          .and. (this%ground /= "" .or. this%ground_map /= "" .or. this%by_table)) then
          return
       else if (count([zones, by_raster, uniform]) /= 1) then
          call fail(error, group%file//": &surface: give one of: zones with table; mean_radius (method B) or rg70, " &

@@ -86,6 +86,12 @@ module rockfall_case_keys
       key_t("surface", "ground_map", "text", 1, "absent", "", "", "raster of ids of grounds", in_scene, "raster"), &
       key_t("surface", "ground_table", "text", 1, "absent", "", "", &
             "CSV of grounds in place of those shipped", in_scene, "table"), &
+      key_t("impact", "form", "text", 1, "'matrix'", "matrix, table", "", &
+            "of the random operator: the paper's matrix, or a table of impacts; names of grounds mean tables first: " &
+            //"impact_tables.md", in_scene), &
+      key_t("impact", "table", "text", 1, "'rocky-slope'", "", "", &
+            "shipped table of impacts, or a file .nc: where nothing else is said, with form = 'table'", in_scene, &
+            "impact_table"), &
       key_t("impact", "sets", "text", 1, "'rocky-slope'", "", "", "shipped impact set, or a file", in_scene, "sets"), &
       key_t("impact", "turning", "text", 1, "'past_aspect'", "past_aspect, to_aspect, lab", "", &
             "by a random angle, past the cell's aspect or at most to it; or as in the laboratory: impact_sets.md"), &
@@ -104,6 +110,8 @@ module rockfall_case_keys
       key_t("boulder", "volume_max", "real", 1, "absent", "> 0", "m3", "uniform"), &
       key_t("boulder", "volumes", "real", many, "absent", "> 0", "m3", "list: each with equal probability"), &
       key_t("boulder", "density", "real", 1, "2800.0", "> 0", "kg/m3", "of the boulders"), &
+      key_t("boulder", "block_shape", "text", 1, "'compact'", "compact, elongated, platy", "", &
+            "of the blocks of a ground's table of impacts, where there is one for each shape", in_scene), &
       key_t("boulder", "d1", "text", 1, "absent", "", "", &
             "source: raster of one of the three sides of boulders [m]", in_scene, "raster"), &
       key_t("boulder", "d2", "text", 1, "absent", "", "", "of the second [m]", in_scene, "raster"), &

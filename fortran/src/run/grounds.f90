@@ -1,6 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> What the rebounds of a place follow, from text: a file of impact sets, or a classical rebound as a row of a table of
-!> grounds has it (docs/grounds.md), `&ground model = 'constant', r_n = 0.4, r_t = 0.9 /`. No text: the case's sets.
+!> What the rebounds of a place follow, from text: a file of impact sets, a packed table of impacts, or a classical
+!> rebound as a row of a table of grounds has it (docs/grounds.md),
+!> `&ground model = 'constant', r_n = 0.4, r_t = 0.9 /`. No text: the case's sets.
 module rockfall_grounds
    use rockfall_kinds, only: wp
    use rockfall_error, only: error_t, fail
@@ -12,8 +13,9 @@ module rockfall_grounds
    use rockfall_impact, only: impact_set_t, impact_set, impact_ratios, fitted
    use rockfall_direction, only: lateral, by_lab
    use rockfall_classical_rebound, only: classical_t, scatter_t, scatter, by_sets, rockyfor3d, &
-                                         pfeiffer_bowen, bourrier_hungr, constant, absorbing
+                                         pfeiffer_bowen, bourrier_hungr, constant, absorbing, by_table, by_ratio_table
    use rockfall_ground, only: ground_t
+   use rockfall_packed_table, only: is_packed_table, read_packed_table
    use rockfall_case_keys, only: key_t, check_key, row_text
    use rockfall_impact_sets, only: coefficients_t, read_sets
    implicit none
@@ -23,11 +25,12 @@ module rockfall_grounds
 
    !> The models, in the order of their numbers.
    character(len=*), parameter :: model_names(*) = [character(len=14) :: "impact_sets", "rockyfor3d", &
-                                                    "pfeiffer_bowen", "bourrier_hungr", "constant", "absorbs"]
+                                                    "pfeiffer_bowen", "bourrier_hungr", "constant", "absorbs", &
+                                                    "impact_table", "ratio_table"]
    !> What they must know of the rocks on the ground: nothing; their size, which may be zero; a size above zero.
    integer, parameter :: no_rocks = 0, any_rocks = 1, some_rocks = 2
    integer, parameter :: rocks_of_model(size(model_names)) = &
-                         [some_rocks, any_rocks, no_rocks, no_rocks, no_rocks, no_rocks]
+                         [some_rocks, any_rocks, no_rocks, no_rocks, no_rocks, no_rocks, no_rocks, some_rocks]
 
    !> A parameter as a key, and the models that take it.
    type :: parameter_t
@@ -90,6 +93,13 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(namelist_t) :: list
 
+      if (is_packed_table(text)) then
+         allocate (ground%table)
+         call read_packed_table(text, file, ground%table, error)
+         if (allocated(error)) return
+         ground%classical%model = merge(by_table, by_ratio_table, size(ground%table%ratio) == 1)
+         return
+      end if
       call parse_namelist(text, file, list, error)
       if (allocated(error)) return
       if (size(list%group) /= 1 .or. .not. all(list%group%name == "ground")) then

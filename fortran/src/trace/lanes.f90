@@ -18,9 +18,9 @@ module rockfall_lanes
    use rockfall_direction, only: turn_past_aspect, divide_by_length, shortest
    use rockfall_trajectory, only: scene_t, boulder_result_t, crossing_t, scratch_t, start_boulder, end_boulder, &
                                   clear, departure, record_crossings, handle_impact, find_rocks, &
-                                  find_class, count_outcome, close_impact, in_local_frame, rolled_before, &
-                                  launch_velocity, meet_ground, count_ground, rest_or_roll, roll_on, &
-                                  with_all, absorbed, obstacle_t
+                                  find_class, count_outcome, close_impact, meet_ground, count_ground, rest_or_roll, &
+                                  roll_on, with_all, absorbed, obstacle_t
+   use rockfall_local_frame, only: in_local_frame, rolled_before, launch_velocity
    use rockfall_line, only: comes_near
    use rockfall_ground, only: is_stochastic
    use rockfall_tallies, only: totals_t, prepare, add_boulder

@@ -13,13 +13,15 @@ module rockfall_trajectory
    use rockfall_boulder, only: boulder_t, source_boulder_t, feature_t, volume_distribution_t, release_t, draw_boulder, &
                                boulder_of, source_of, first_of, inertia_factor, kinetic_energy
    use rockfall_flight, only: flight_t, landing_t, span_t, fly, end_flight, flight_from, launch_rate, arc_length, never
-   use rockfall_rolling, only: roll_t, find_roll, speed_within, cut_roll
+   use rockfall_rolling, only: roll_t, touch_t, find_roll, launch, speed_within, cut_roll
    use rockfall_impact, only: impact_set_t, impact_ratios, ratio_class, ratio_between, beyond_fit, rebound_t, &
                               rebound, twice_energy
    use rockfall_classical_rebound, only: absorbs
    use rockfall_ground, only: ground_t, ground_rebound, is_stochastic
    use rockfall_direction, only: turning_t, lateral_t, past_aspect, by_lab, lateral_angle, new_heading, unit_vector, &
                                  any_heading, rotated
+   use rockfall_local_frame, only: decompose, launch_velocity
+   use rockfall_table_contact, only: table_contact_t, table_contact
    use rockfall_line, only: line_t, first_crossing, next_crossing
    use rockfall_barrier, only: barrier_t, barrier_outcome, stopped_there, broken_through, passed_over
    use rockfall_forest, only: forest_t, tree_hit_t, tree_impact_t, first_hit, tree_impact
@@ -32,7 +34,7 @@ module rockfall_trajectory
    public :: scene_t, boulder_result_t, crossing_t, contact_t, scratch_t, obstacle_t, trace_full, choose_trace
    public :: goes_in_lanes
    public :: has_obstacles, at_rest, start_boulder, end_boulder, departure, record_crossings, handle_impact, find_rocks
-   public :: in_local_frame, rolled_before, launch_velocity, clear, find_class, count_outcome
+   public :: clear, find_class, count_outcome
    public :: close_impact, rest_or_roll, roll_on, meet_ground, count_ground, with_all
    public :: one_by_one, narrow_lanes, wide_lanes
    public :: stopped, absorbed, left_domain, impact_limit, hit_nodata, stopped_by_tree, stopped_by_barrier, left_window
@@ -150,6 +152,7 @@ module rockfall_trajectory
       type(tree_hits_t) :: tree_hits
       type(contact_t), allocatable :: record(:)  !! allocated by who requests the trajectory
       integer :: recorded = 0                    !! vertices there were, also beyond size(record)
+      type(touch_t) :: touch                     !! of a boulder on the ground of a table
    end type scratch_t
 
 contains
@@ -310,6 +313,7 @@ contains
       type(scratch_t), intent(inout) :: scratch
 
       scratch%recorded = 0
+      scratch%touch = touch_t()
       if (level >= with_lines) then
          if (allocated(scratch%crossings)) scratch%crossings%crossed = .false.
          if (scene%histograms_requested) scratch%histograms%count = 0
@@ -514,8 +518,8 @@ contains
          call record_crossings(scene, gravity, result, flight, landing, omega_r, scratch%crossings, obstacle%time)
    end subroutine find_obstacle
 
-   !> Roll to the end of the roll, from where the boulder flies on, or to the first obstacle on the way there. Lines and
-   !> cells as on a flight; they get the mean speed, the end gets the exact one.
+   !> Roll, or slide in a contact that a table gave, to its end, from where the boulder flies on, or to the first
+   !> obstacle on the way there. Lines and cells as on a flight; they get the mean speed, the end gets the exact one.
    pure subroutine roll_on(scene, level, roll, result, flight, omega_r, landing, v, obstacle, scratch)
       type(scene_t), intent(in) :: scene
       integer, value :: level                 !! as in trace
@@ -529,7 +533,7 @@ contains
       type(scratch_t), intent(inout) :: scratch
       real(wp), parameter :: no_gravity = 0.0_wp
       type(span_t) :: span(1)
-      real(wp) :: before, mean, fraction
+      real(wp) :: before, mean, fraction, above
 
       before = square(flight%v) + inertia_factor*omega_r*omega_r
       flight = roll%path
@@ -545,21 +549,31 @@ contains
       end if
       fraction = 1
       if (obstacle%kind /= none) then
+         scratch%touch%rolling = .false.
          fraction = obstacle%time/landing%time
          call cut_roll(scene%dem, roll, obstacle%time, landing)
          span%t1 = landing%time
       end if
       if (level >= with_maps .and. scratch%cells_requested) &
          call visit_cells(scene, no_gravity, flight, mean, result%time, landing%time, span, scratch)
-      omega_r = speed_within(roll, fraction)
-      v = omega_r*roll%direction
+      if (.not. roll%drawn) then
+         omega_r = speed_within(roll, fraction)
+         v = omega_r*roll%direction
+      else
+         omega_r = roll%w
+         v = roll%v
+         if (obstacle%kind /= none) v = flight%v
+      end if
+      above = merge(roll%above, 0.0_wp, roll%drawn .and. landing%contact)
       result%path_length = result%path_length + mean*landing%time
       result%time = result%time + landing%time
+      if (roll%drawn .and. landing%contact) result%time = result%time + roll%waits
       result%speed_max = max(result%speed_max, square(v))
       if (level >= with_all) result%energy%ground = result%energy%ground + result%boulder%mass &
-         *(scene%gravity*(flight%z - landing%z) + 0.5_wp*(before - (1 + inertia_factor)*omega_r*omega_r))
+         *(scene%gravity*(flight%z - landing%z - above) &
+           + 0.5_wp*(before - square(v) - inertia_factor*omega_r*omega_r))
       if (.not. landing%contact) return
-      flight = flight_from(scene%dem, landing, v, flight%heading)
+      flight = launch(scene%dem, roll, landing, v)
       if (level >= with_all) call record(scratch, contact_t(landing%x, landing%y, landing%z, result%time, v))
    end subroutine roll_on
 
@@ -826,6 +840,14 @@ contains
          if (result%status == absorbed) return
       end if
       ratio = result%boulder%radius/radius
+      if (level >= with_all .and. ground > 0) then
+         if (allocated(scene%grounds(ground)%table)) then
+            call contact_by_table(scene, scene%grounds(ground), number, ground, landing, v, ratio, uniform(word), &
+                                  omega_r, level, result, flight, roll, scratch)
+            return
+         end if
+      end if
+      scratch%touch%rolling = .false.
       call find_class(scene, ratio, u_ground, class, outside)
       g = gradient(scene%dem, landing%patch, landing%u, landing%w)
       steepness = sqrt(1 + g(1)**2 + g(2)**2)
@@ -858,6 +880,51 @@ contains
       call close_impact(scene, square(flight%v), result, slow)
       if (slow) call rest_or_roll(scene, landing, square(flight%v), omega_r, result, roll)
    end subroutine handle_impact
+
+   !> A contact that is drawn from a table: where it leads, or where the boulder stops.
+   pure subroutine contact_by_table(scene, here, number, ground, landing, v, ratio, u, omega_r, level, result, flight, &
+                                    roll, scratch)
+      type(scene_t), intent(in) :: scene
+      type(ground_t), intent(in) :: here
+      integer(i8), intent(in) :: number
+      integer, intent(in) :: ground          !! its number
+      type(landing_t), intent(in) :: landing
+      real(wp), intent(in) :: v(3)           !! incoming velocity [m/s]
+      real(wp), intent(in) :: ratio          !! R_b/R_m [-]
+      real(wp), intent(in) :: u(words_per_block)  !! uniform in (0, 1) [-]
+      real(wp), intent(inout) :: omega_r     !! W [m/s]
+      integer, value :: level                !! as in trace
+      type(boulder_result_t), intent(inout) :: result
+      type(flight_t), intent(inout) :: flight
+      type(roll_t), intent(inout) :: roll
+      type(scratch_t), intent(inout) :: scratch
+      type(table_contact_t) :: contact
+      real(wp) :: before
+
+      before = square(v) + inertia_factor*omega_r*omega_r
+      call table_contact(scene%dem, scene%gravity, here%table, result%boulder, inertia_of(scene, number), ratio, u, &
+                         landing, v, flight%heading, omega_r, scratch%touch, roll, contact)
+      call count_outcome(rebound_t(contact%v_out, forced=contact%limited), .false., contact%fast, .false., result)
+      call count_ground(ground, scratch)
+      if (scene%histograms_requested) call count_rebound(scratch%histograms, contact%v_in, contact%v_out)
+      flight%v = roll%v
+      flight%heading = roll%heading
+      omega_r = roll%w
+      if (level >= with_all) then
+         call record(scratch, contact_t(landing%x, landing%y, landing%z, result%time, flight%v, contact%v_in, &
+                                        contact%v_out, ratio))
+         ! of a boulder that rolls on, V_n is in neither: it has it back at its next contact
+         result%energy%ground = result%energy%ground + 0.5_wp*result%boulder%mass &
+                                *(before - square(flight%v) - inertia_factor*omega_r*omega_r)
+      end if
+      result%speed_max = max(result%speed_max, square(flight%v))
+      if (contact%stops) then
+         scratch%touch%rolling = .false.
+         call rest_or_roll(scene, landing, square(flight%v), omega_r, result, roll)
+      else if (result%impacts >= scene%max_impacts) then
+         result%status = impact_limit
+      end if
+   end subroutine contact_by_table
 
    !> The radius of the rocks at a raster cell [m], and the random numbers of what a boulder meets there.
    pure subroutine find_rocks(scene, number, impact, at, radius, u_ground)
@@ -990,55 +1057,6 @@ contains
       u = uniform(word)
    end function ground_uniforms
 
-   !> The incoming velocity in the local frame of the impact (Bourrier et al. 2009, eqs 4, 5; theory, chapter 5): the
-   !> plane of the surface normal n = (-g, 1)/sqrt(1 + |g|**2) and the tangential direction of travel t. So
-   !> V_n = v.n <= 0 and V_t = |v - V_n n| >= 0. Also the plan heading of t; zero when there is none.
-   pure subroutine decompose(v, g, steepness, before, omega_r, v_in, heading)
-      real(wp), intent(in) :: v(3)         !! [m/s]
-      real(wp), intent(in) :: g(2)         !! gradient of the patch [-]
-      real(wp), intent(in) :: steepness    !! sqrt(1 + |g|**2) [-]
-      real(wp), intent(in) :: before(2)    !! heading after the last rebound [-]
-      real(wp), intent(in) :: omega_r      !! W with respect to it [m/s]
-      real(wp), intent(out) :: v_in(3)     !! V_t, V_n, W [m/s]
-      real(wp), intent(out) :: heading(2)  !! unit, or zero [-]
-      real(wp) :: plan(2)
-
-      call in_local_frame(v(1), v(2), v(3), g(1), g(2), steepness, v_in(1), v_in(2), plan(1), plan(2))
-      heading = unit_vector(plan)
-      v_in(3) = rolled_before(omega_r, before(1), before(2), heading(1), heading(2))
-   end subroutine decompose
-
-   !> V_t and V_n of a velocity, and the tangential part of it in plan.
-   elemental subroutine in_local_frame(v1, v2, v3, g1, g2, steepness, tangential, normal, plan1, plan2)
-      real(wp), intent(in) :: v1, v2, v3           !! [m/s]
-      real(wp), intent(in) :: g1, g2               !! gradient of the patch [-]
-      real(wp), intent(in) :: steepness            !! sqrt(1 + |g|**2) [-]
-      real(wp), intent(out) :: tangential, normal  !! V_t, V_n [m/s]
-      real(wp), intent(out) :: plan1, plan2        !! [m/s]
-      real(wp) :: n1, n2, n3, t3
-
-      n3 = 1/steepness
-      n1 = -g1*n3
-      n2 = -g2*n3
-      normal = v1*n1 + v2*n2 + v3*n3
-      plan1 = v1 - normal*n1
-      plan2 = v2 - normal*n2
-      t3 = v3 - normal*n3
-      tangential = sqrt(plan1*plan1 + plan2*plan2 + t3*t3)
-      normal = min(0.0_wp, normal)
-   end subroutine in_local_frame
-
-   !> W before an impact [m/s]: what rolled forward seen from the heading before rolls backward seen from an opposite
-   !> one.
-   elemental real(wp) function rolled_before(omega_r, before1, before2, heading1, heading2) result(w)
-      real(wp), intent(in) :: omega_r             !! W with respect to the heading before [m/s]
-      real(wp), intent(in) :: before1, before2    !! heading after the last rebound [-]
-      real(wp), intent(in) :: heading1, heading2  !! now [-]
-
-      w = omega_r
-      if (before1*heading1 + before2*heading2 < 0) w = -omega_r
-   end function rolled_before
-
    !> The next flight: V_t_out in the tangent plane over the new heading h, along (h, g.h)/sqrt(1 + (g.h)**2), V_n_out
    !> along the normal. A negative V_t_out turns the heading round first. The height above the patch grows at
    !> v.(-g, 1) = V_n_out sqrt(1 + |g|**2) (theory, chapters 5 and 6).
@@ -1072,23 +1090,6 @@ contains
       flight%heading = heading
       call start_from(landing, flight)
    end subroutine outgoing_flight
-
-   !> The velocity after an impact from V_t, of either sign, over a heading, and V_n.
-   elemental subroutine launch_velocity(tangential, normal, heading1, heading2, g1, g2, steepness, v1, v2, v3)
-      real(wp), intent(in) :: tangential, normal  !! V_t, V_n [m/s]
-      real(wp), intent(in) :: heading1, heading2  !! unit [-]
-      real(wp), intent(in) :: g1, g2              !! gradient of the patch [-]
-      real(wp), intent(in) :: steepness           !! sqrt(1 + |g|**2) [-]
-      real(wp), intent(out) :: v1, v2, v3         !! [m/s]
-      real(wp) :: along, forward, up
-
-      along = g1*heading1 + g2*heading2
-      forward = abs(tangential)/sqrt(1 + along*along)
-      up = normal/steepness
-      v1 = forward*heading1 - up*g1
-      v2 = forward*heading2 - up*g2
-      v3 = forward*along + up
-   end subroutine launch_velocity
 
    !> Start a flight on the ground, where the last one landed.
    pure subroutine start_from(landing, flight)

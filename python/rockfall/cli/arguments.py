@@ -342,6 +342,11 @@ def _add_lab(commands: _Commands) -> None:
         "--nearest-ratio", action="store_true",
         help="a ratio without measured contacts has the set of the nearest that has some",
     )  # fmt: skip
+    tables = verb("table", "make a table of impacts from contacts of the laboratory")
+    tables.add_argument("contacts", metavar="CONTACTS.nc", nargs="+", type=Path, help="of blocks")
+    tables.add_argument(
+        "-o", "--output", metavar="TABLE.nc", type=Path, required=True, help="for &impact table"
+    )
     card = verb("scorecard", "set impact sets beside what is known of rebounds on rocky slopes")
     card.add_argument("sets", metavar="SETS", nargs="*", help="shipped or files; default: shipped")
     card.add_argument(
@@ -354,11 +359,11 @@ def _add_lab(commands: _Commands) -> None:
     )  # fmt: skip
     card.add_argument("--turning", default="past_aspect", help="as &impact turning")
     card.add_argument("--rg-reading", default="diameter", help="as &surface rg_reading")
-    remake = verb("remake", "make set files again from their provenance, and compare all bits")
-    remake.add_argument("sets", metavar="SETS", nargs="+", help="shipped or files")
+    remake = verb("remake", "make set files and tables again from their provenance, and compare")
+    remake.add_argument("sets", metavar="FILE", nargs="+", help="shipped or files")
     for one in (pack, impact, remake):
         one.add_argument("--threads", metavar="N", type=int, default=0, help="default: all cores")
-    for one in (pack, impact, fit):
+    for one in (pack, impact, fit, tables):
         _add_overwrite(one)
-    for one in (impact, fit, card, remake):
+    for one in (impact, fit, tables, card, remake):
         one.add_argument("--quiet", action="store_true", help="no progress, no summary")

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""`rockfall lab ...`: discrete-element impacts, and impact sets from them; throws of blocks."""
+"""`rockfall lab ...`: discrete-element impacts, and impact sets from them; throws of
+blocks, and tables of impacts."""
 
 from __future__ import annotations
 
@@ -12,11 +13,12 @@ from rockfall.case import namelist_text
 from rockfall.cli.messages import DONE, say
 from rockfall.errors import RockfallError, need
 from rockfall.impact_sets import shipped_sets
+from rockfall.impact_tables import save_table, shipped_tables
 from rockfall.interrupts import exit_status
-from rockfall.io.output_files import FIGURE, IMPACTS, SETS, check_output, overwriting
+from rockfall.io.output_files import FIGURE, IMPACTS, SETS, TABLE, check_output, overwriting
 from rockfall.io.raster import read_dem
 from rockfall.lab.blocks.case import is_block_case, read_block_case, relief_keys
-from rockfall.lab.blocks.contacts import run_throws, save_contacts
+from rockfall.lab.blocks.contacts import open_contacts, run_throws, save_contacts
 from rockfall.lab.blocks.relief import Spectrum, measure
 from rockfall.lab.case import read_lab_case
 from rockfall.lab.contacts import contacts_provenance, fit_contacts, read_contacts
@@ -27,6 +29,7 @@ from rockfall.lab.scorecard import by_ratio, score, table, targets
 from rockfall.lab.setfile import provenance, write_sets
 from rockfall.lab.sets import read_sets
 from rockfall.lab.site import Site
+from rockfall.lab.tables import table_of
 from rockfall.plots.lab import layer_figure
 from rockfall.simulation.progress import progress_bar
 from rockfall.text.lab import contact_summary, contacts_summary, fit_summary, impact_summary
@@ -130,6 +133,16 @@ def _from_contacts(arguments: argparse.Namespace) -> Fitted:
     return sets, contacts_provenance(contacts), lambda: contacts_summary(contacts, sets)
 
 
+def table_command(arguments: argparse.Namespace) -> int:
+    check_output(arguments.output, TABLE, arguments.contacts)
+    made = table_of([open_contacts(path) for path in arguments.contacts])
+    save_table(made, arguments.output)
+    if not arguments.quiet:
+        print(f"{made.about['contacts']} contacts, {len(made.record)} records")
+        print(arguments.output)
+    return DONE
+
+
 def scorecard_command(arguments: argparse.Namespace) -> int:
     if arguments.slopes < 2:
         raise RockfallError(f"--slopes {arguments.slopes}: must be 2 or more")
@@ -145,7 +158,8 @@ def scorecard_command(arguments: argparse.Namespace) -> int:
 
 
 def remake_command(arguments: argparse.Namespace) -> int:
-    paths = [shipped_sets().get(name, Path(name)) for name in arguments.sets]
+    shipped = shipped_sets() | shipped_tables()
+    paths = [shipped.get(name, Path(name)) for name in arguments.sets]
     for path, source, difference in remake(paths, arguments.threads, not arguments.quiet):
         again = f"made again from {source}" if source else "made again"
         if difference:

@@ -21,6 +21,7 @@ from rockfall.interrupts import interrupts
 from rockfall.io.files import NETCDF, SQLITE, TEMPORARY, TIFF, check_netcdf
 
 RESULT, ENSEMBLE, IMPACTS = "a result of a run", "an ensemble", "impacts of the laboratory"
+TABLE = "a table of impacts"
 HAZARD, STYLE, OBJECT_TABLE = "a hazard", "a style for QGIS", "a table of objects at risk"
 SCENE, SCENARIO = "a scene file", "a case of a scenario"
 FIGURE, MAP, LAYERS, PAGE = "a figure", "a map", "layers of a result", "a report"
@@ -164,6 +165,8 @@ def _netcdf_kind(path: str | Path) -> str | None:
             attrs = {name: file.getncattr(name) for name in file.ncattrs()}
     except (OSError, RuntimeError, ValueError, AttributeError):  # damaged: whose it was is unknown
         return None
+    if "contacts_sha256" in attrs:
+        return TABLE
     if "lab_case" in attrs:
         return IMPACTS
     if "scene_layout" in attrs:

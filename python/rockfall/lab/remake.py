@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Make impact sets again from what their files say of their origin."""
+"""Make impact sets and tables again from what their files say of their origin."""
 
 from __future__ import annotations
 
@@ -8,20 +8,29 @@ from collections.abc import Iterable, Iterator
 from itertools import zip_longest
 from pathlib import Path
 
+from rockfall.errors import RockfallError
+from rockfall.impact_tables import ImpactTable, open_table
 from rockfall.io.files import read_text
-from rockfall.lab.case import LabCase
+from rockfall.lab.blocks.case import BlockCase, block_case_of
+from rockfall.lab.blocks.contacts import run_throws
+from rockfall.lab.case import LabCase, names_ground
 from rockfall.lab.contacts import Contacts, contacts_behind, contacts_provenance, fit_contacts
 from rockfall.lab.experiment import run_impacts
 from rockfall.lab.fit import fit_impacts
 from rockfall.lab.setfile import origin, provenance, write_sets
+from rockfall.lab.tables import table_of
 
 
 def remake(
     paths: Iterable[str | Path], threads: int = 0, progress: bool = False
 ) -> Iterator[tuple[Path, str, str]]:
-    """Each set file, what it was made from where that is no case of the laboratory, and the first
-    line in which the one made again differs; "" if none does."""
+    """Each set file or table, what it was made from where that is no case of the laboratory, and
+    the first line in which the one made again differs; "" if none does."""
     for path, source in {Path(path): _source(Path(path)) for path in paths}.items():
+        if isinstance(source, ImpactTable):
+            remade = table_of([run_throws(_lab_case(path, source), threads=threads)])
+            yield path, "", "" if remade.pack() == source.pack() else "its numbers"
+            continue
         if isinstance(source, Contacts):
             # which ratios have none is as it was
             sets, about = fit_contacts(source, nearest=True), contacts_provenance(source)
@@ -36,7 +45,17 @@ def remake(
             yield path, name, _first_difference(path.read_text("utf-8"), again.read_text("utf-8"))
 
 
-def _source(path: Path) -> Contacts | tuple[LabCase, str]:
+def _lab_case(path: Path, table: ImpactTable) -> BlockCase:
+    """The case of the laboratory that a table was made from."""
+    text = str(table.about.get("lab_case", ""))
+    if not names_ground(text, str(path)):
+        raise RockfallError(f"{path}: does not say which case of the laboratory of blocks made it")
+    return block_case_of(text, str(path))
+
+
+def _source(path: Path) -> Contacts | ImpactTable | tuple[LabCase, str]:
+    if path.suffix == ".nc":
+        return open_table(path)
     return contacts_behind(path, read_text(path)) or origin(path)
 
 

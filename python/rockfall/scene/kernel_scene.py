@@ -127,7 +127,7 @@ def _grounds(scene: Scene) -> dict[str, Any]:
     """What rebounds follow: texts one after the other, and their names and files by lines."""
     material, grounds = scene.material_ground, scene.grounds
     return {
-        "ground_text": b"".join(one.text for one in grounds) or b"\n",
+        "ground_text": np.frombuffer(b"".join(one.text for one in grounds) or b"\n", "i1"),
         "ground_length": [len(one.text) for one in grounds] or [-1],
         "ground_names": "\n".join(f"{one.name}\n{one.file}" for one in grounds).encode() or b"\n",
         "material_ground": ABSENT["material_ground"] if material is None else material,

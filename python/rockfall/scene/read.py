@@ -142,7 +142,11 @@ def _check_files(case: Case, arrays: dict[str, Any]) -> None:
     """Every file that the case names and that is to be read is there."""
     unread = {*RADII} - {*size_columns(case)}
     for key, file in case.files():
-        if key.file == "sets" or key.name in unread or arrays.get(key.name) is not None:
+        if (
+            key.file in ("sets", "impact_table")
+            or key.name in unread
+            or arrays.get(key.name) is not None
+        ):
             continue
         if file != FROM_ARRAY and not os.path.exists(raster_file(str(case.path(file)))):
             raise RockfallError(f"{case.name}: &{key.group} {key.name} = '{file}': no such file")

@@ -11,7 +11,7 @@ import numpy as np
 from rockfall._core import rockfall_f2py as _core
 from rockfall.case import Case
 from rockfall.errors import RockfallError
-from rockfall.grounds import GroundRule, GroundTable, check_number, find_ground, table_path
+from rockfall.grounds import GroundTable, check_number, find_ground, table_path, usual_ground
 from rockfall.io.grid import NO_ID, Box, row_blocks
 from rockfall.io.layers import burn_polygons
 from rockfall.io.raster import read_elevations
@@ -57,8 +57,9 @@ def read_grounds(scene: Scene) -> dict[int, Zone]:
     case, surface = scene.case, scene.case.surface
     zones = read_zone_table(case.path(surface["table"])) if "zones" in surface else {}
     named = [zone for zone in zones.values() if zone.ground]
-    if not named and {"ground", "ground_map"}.isdisjoint(surface):
-        return zones
+    if case.impact["form"] == "matrix" and not named:
+        if {"ground", "ground_map"}.isdisjoint(surface):
+            return zones
     if named and "ground_map" in surface:
         raise RockfallError(
             f"{case.name}: &surface ground_map: the zones have grounds of their own "
@@ -66,9 +67,10 @@ def read_grounds(scene: Scene) -> dict[int, Zone]:
         )
     table = GroundTable(table_path(case))
     scene.checksums.setdefault("ground_table", file_checksum(table.path))
-    usual = GroundRule(case.impact["sets"])
     if "ground" in surface:
         usual = find_ground(case, table, surface["ground"], f"{case.name}: &surface ground")
+    else:
+        usual = usual_ground(case)
     found = {usual.name: usual}
     for zone in named:
         if zone.ground not in found:

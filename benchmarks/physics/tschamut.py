@@ -1,0 +1,179 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Run-outs of real blocks on an alpine pasture (Volkwein and Gerber 2018, EnviDat,
+doi:10.16904/envidat.34) beside those of the program, by laws:
+
+    python -m benchmarks.physics.tschamut FOLDER [--half calibration|held-out] [--seeds 101 102]
+        [--law NAME=TABLE ...] [--boulders 100]
+
+FOLDER holds release_points.csv, observed_deposition.csv and terrain.asc as derived from the data in
+github.com/ofuhrer/rust_rockfall (commit 722f7c7, data/processed/tschamut2014). TABLE is the name of
+a shipped table of impacts, or of a file in which {shape} stands for the shape of the block. The
+matrix with R_m = 0.2 m is always run. What was chosen before: docs/validation/field/protocol.md.
+"""
+
+import argparse
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.stats import ks_2samp, wasserstein_distance
+
+import rockfall
+from benchmarks.machine import machine
+from rockfall.io.grid import Grid
+from rockfall.io.tables import read_table
+
+SHAPE_OF_BLOCK = {"1": "compact", "2": "elongated", "4": "platy"}
+HALVES = {"calibration": 0, "held-out": 1}  # places of runs, in the order of trajectory_id, from 0
+ROCKS = 0.2  # R_m of the matrix [m]
+QUANTILES = 0.05, 0.5, 0.95
+
+
+@dataclass(frozen=True)
+class Law:
+    """What rebounds follow: keys of the case by group; {shape} stands for the block's."""
+
+    name: str
+    keys: dict[str, dict[str, Any]]
+
+
+def matrix() -> Law:
+    """The paper's law."""
+    return Law(f"matrix, R_m {ROCKS} m", {"surface": {"uniform_mean_radius": ROCKS}})
+
+
+def table(text: str) -> Law:
+    """A law from NAME=TABLE."""
+    name, _, file = text.partition("=")
+    return Law(name, {"impact": {"form": "table", "table": file or name}})
+
+
+@dataclass(frozen=True)
+class Run:
+    """An observed boulder: first place [m] and velocity [m/s], rest, block."""
+
+    block: str
+    radius: float
+    mass: float
+    start: np.ndarray
+    velocity: np.ndarray
+    rest: np.ndarray
+
+
+def observed(folder: Path, half: str) -> list[Run]:
+    """The runs of a half, in the order of their names."""
+    _, _, starts = read_table(folder / "release_points.csv")
+    _, _, rests = read_table(folder / "observed_deposition.csv")
+    rest = {row.cells["trajectory_id"]: row for row in rests}
+    rows = sorted(starts, key=lambda row: row.cells["trajectory_id"])[HALVES[half] :: 2]
+
+    def numbers(cells: dict[str, str], *names: str) -> np.ndarray:
+        return np.array([float(cells[name]) for name in names])
+
+    return [
+        Run(
+            row.cells["block_id"],
+            *numbers(row.cells, "radius_m", "mass_kg").tolist(),
+            numbers(row.cells, "x_m", "y_m"),
+            numbers(row.cells, "vx_mps", "vy_mps", "vz_mps"),
+            numbers(rest[row.cells["trajectory_id"]].cells, "x_m", "y_m"),
+        )
+        for row in rows
+    ]
+
+
+def terrain(folder: Path) -> tuple[np.ndarray, Grid]:
+    """The proxy of the terrain."""
+    lines = (folder / "terrain.asc").read_text().splitlines()
+    head = {name.lower(): float(value) for name, value in (line.split() for line in lines[:5])}
+    first = 6 if lines[5].lower().startswith("nodata") else 5
+    z = np.array([[float(one) for one in line.split()] for line in lines[first:]])
+    if first == 6:
+        z[z == float(lines[5].split()[1])] = np.nan
+    ny, cell = int(head["nrows"]), head["cellsize"]
+    return z, Grid(head["xllcorner"], head["yllcorner"] + ny * cell, cell, int(head["ncols"]), ny)
+
+
+def simulated(run: Run, law: Law, place: tuple[np.ndarray, Grid], boulders: int, seed: int):
+    """Places of rest (boulders, 2) [m], and which of them came to rest."""
+    volume = 4 / 3 * np.pi * run.radius**3
+    shape = SHAPE_OF_BLOCK[run.block]
+    groups: dict[str, dict[str, Any]] = {
+        "case": {"title": "Tschamut", "seed": seed, "boulders": boulders},
+        "boulder": {
+            "volume": "fixed", "volume_mean": volume, "density": run.mass / volume,
+            "block_shape": shape,
+        },
+        "release": {
+            "x": [run.start[0]], "y": [run.start[1]], "drop_height": 0.001,
+            "velocity": run.velocity.tolist(),
+        },
+    }  # fmt: skip
+    for group, keys in law.keys.items():
+        filled = {
+            key: value.format(shape=shape) if isinstance(value, str) else value
+            for key, value in keys.items()
+        }
+        groups[group] = groups.get(group, {}) | filled
+    result = rockfall.run(rockfall.Case(**groups), dem=place[0], transform=place[1])
+    return np.stack([result.stop_x.values, result.stop_y.values], axis=1)
+
+
+def azimuths(way: np.ndarray) -> np.ndarray:
+    """Of ways (n, 2), from their mean direction [degree]."""
+    angle = np.arctan2(way[:, 1], way[:, 0])
+    middle = np.arctan2(np.sin(angle).mean(), np.cos(angle).mean())
+    return np.degrees((angle - middle + np.pi) % (2 * np.pi) - np.pi)
+
+
+def described(runs: list[Run], rests: list[np.ndarray]) -> dict[str, float]:
+    """Of places of rest, some for each run."""
+    ways = np.concatenate([rest - run.start for run, rest in zip(runs, rests, strict=True)])
+    out = np.hypot(*ways.T)
+    seen = np.array([np.hypot(*(run.rest - run.start)) for run in runs])
+    found = {"mean": out.mean(), "std": out.std(ddof=1)}
+    found |= {f"{100 * q:.0f} %": np.quantile(out, q) for q in QUANTILES}
+    found["azimuth std"] = azimuths(ways).std(ddof=1)
+    found["KS"] = ks_2samp(out, seen).statistic
+    found["Wasserstein"] = wasserstein_distance(out, seen)
+    for block in SHAPE_OF_BLOCK:
+        some = [
+            np.hypot(*(rest - run.start).T)
+            for run, rest in zip(runs, rests, strict=True)
+            if run.block == block
+        ]
+        found[f"block {block}"] = np.concatenate(some).mean() if some else np.nan
+    return found
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--half", choices=HALVES, default="calibration")
+    parser.add_argument("--seeds", type=int, nargs="+", default=[1])
+    parser.add_argument("--boulders", type=int, default=100)
+    parser.add_argument("--law", type=table, action="append", default=[])
+    given = parser.parse_args()
+    runs, place = observed(given.folder, given.half), terrain(given.folder)
+    print(machine())
+    seen = described(runs, [run.rest[None, :] for run in runs])
+    print(f"{given.half} half: {len(runs)} runs; mean over {len(given.seeds)} seeds and its error")
+    print("| law | " + " | ".join(seen) + " |")
+    print("|---" * (len(seen) + 1) + "|")
+    print("| observed | " + " | ".join(f"{value:.3g}" for value in seen.values()) + " |")
+    for law in [matrix(), *given.law]:
+        found = [
+            described(runs, [simulated(run, law, place, given.boulders, seed) for run in runs])
+            for seed in given.seeds
+        ]
+        cells = []
+        for name in seen:
+            values = np.array([one[name] for one in found])
+            error = values.std(ddof=1) / np.sqrt(len(values)) if len(values) > 1 else np.nan
+            cells.append(f"{values.mean():.3g}" + (f" ± {error:.1g}" if len(values) > 1 else ""))
+        print(f"| {law.name} | " + " | ".join(cells) + " |", flush=True)
+
+
+if __name__ == "__main__":
+    main()

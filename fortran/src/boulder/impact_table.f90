@@ -1,0 +1,277 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Contacts drawn from a table of contacts that happened in a laboratory (theory, chapter 5): the paper's random
+!> operator without its linearity. A contact finds the bin of its own velocity, draws one of the bin's records, and
+!> moves it to its own velocity by the least-squares map of the bin.
+!>
+!> Velocities are over U = sqrt(g R_b), times over sqrt(R_b/g), lengths over R_b: two contacts that are alike in these,
+!> and in the speed over what the ground yields to, are alike.
+module rockfall_impact_table
+   use rockfall_kinds, only: wp, sp
+   use rockfall_math, only: logarithm
+   implicit none
+   private
+   public :: impact_table_t, bins_t, approach_t, outcome_t, draw_contact, ratio_at, beyond_table
+   public :: record_fields, n_inputs, n_mapped, flies, rolls_on, stops
+
+   !> How a record ends, as the laboratory writes it.
+   integer, parameter :: flies = 0, rolls_on = 1, stops = 2
+
+   !> Places in a record: (V_t, V_n, W) before it, its speed, the height of its beginning; after it the velocity along
+   !> the heading before it, across it towards the descent, V_n, W; duration, advance, rise; gravity along and across,
+   !> over g; exit.
+   integer, parameter :: t_in = 1, n_in = 2, w_in = 3, speed_in = 4, height_in = 5, along_out = 6, across_out = 7, &
+                         n_out = 8, w_out = 9, lasts = 10, advances = 11, rises = 12, pull_along = 13, &
+                         pull_across = 14, exit_code = 15, record_fields = 16
+
+   integer, parameter :: n_inputs = 4  !! of the map of a bin: V_t, V_n, W, and the height where a block rolls
+   integer, parameter :: n_mapped = 3  !! along, V_n, W
+   integer, parameter :: window = 6    !! a contact draws from this part of its bin: the nearest in gravity along it
+
+   !> Bins of one kind of contacts. Each key has its edges within the bin of the key before.
+   type :: bins_t
+      integer :: n(3) = 0
+      real(wp), allocatable :: first_edge(:, :)         !! (n(1) - 1, ratios)
+      real(wp), allocatable :: second_edge(:, :, :)     !! (n(2) - 1, n(1), ratios)
+      real(wp), allocatable :: third_edge(:, :, :, :)   !! (n(3) - 1, n(2), n(1), ratios)
+   end type bins_t
+
+   type :: impact_table_t
+      real(wp), allocatable :: ratio(:)    !! R_b/R_m of each part, rising; one that is zero: it does not matter [-]
+      real(wp) :: speed2 = 0.0_wp          !! g R_b in the laboratory where the speed itself is a key, or 0 [m2/s2]
+      real(wp) :: density = 1.0_wp         !! of the laboratory's blocks [kg/m3]
+      real(wp) :: inertia = 0.4_wp         !! of its blocks, I/(m R_b**2) [-]
+      type(bins_t) :: flights, rolls       !! by (V_n/V)**2, W/V, speed; by speed, height, V_n
+      integer, allocatable :: first(:)     !! record of each bin, and past the last; flights before rolls, by ratio
+      real(wp), allocatable :: map(:, :, :)     !! (n_inputs, n_mapped, bins)
+      real(wp), allocatable :: low(:, :), high(:, :)  !! ends of the inputs of a bin's records (n_inputs, bins)
+      real(wp) :: fastest = huge(1.0_wp)   !! V**2 of the fastest record, as the key of speed
+      real(sp), allocatable :: record(:, :)     !! (record_fields, records), those of a bin by gravity along the heading
+   end type impact_table_t
+
+   !> A contact as it begins.
+   type :: approach_t
+      real(wp) :: v(3)              !! V_t, V_n, W [-]
+      real(wp) :: height = 0.0_wp   !! above the mean ground, of a block that rolls [-]
+      logical :: rolling = .false.  !! it goes on from a contact that was cut
+      real(wp) :: unit2             !! g R_b [m2/s2]
+      real(wp) :: density           !! of the boulder [kg/m3]
+      real(wp) :: inertia           !! I/(m R_b**2) [-]
+      real(wp) :: pull(2)           !! gravity along the heading, and across it towards the descent, over g [-]
+   end type approach_t
+
+   !> And as it ends.
+   type :: outcome_t
+      real(wp) :: along, across, normal, w  !! velocity along the heading before, towards the descent, V_n, W [-]
+      real(wp) :: duration, advance, rise   !! [-]
+      real(wp) :: height                    !! of the centre at its end, above the mean ground [-]
+      integer :: exit = flies
+      logical :: limited = .false.          !! no more than its energy was left to it
+   end type outcome_t
+
+contains
+
+   !> The part of a table that serves R_b/R_m: of the two beside it the upper one with the probability of how near the
+   !> ratio comes to it, in the logarithm.
+   pure integer function ratio_at(table, ratio, u) result(part)
+      type(impact_table_t), intent(in) :: table
+      real(wp), intent(in) :: ratio  !! R_b/R_m [-]
+      real(wp), intent(in) :: u      !! uniform in (0, 1) [-]
+
+      part = 1
+      if (size(table%ratio) == 1) return
+      do while (part < size(table%ratio) - 1)
+         if (ratio < table%ratio(part + 1)) exit
+         part = part + 1
+      end do
+      associate (low => table%ratio(part), high => table%ratio(part + 1))
+         if (ratio <= low) return
+         if (ratio >= high) then
+            part = part + 1
+         else if (u*logarithm(high/low) < logarithm(ratio/low)) then
+            part = part + 1
+         end if
+      end associate
+   end function ratio_at
+
+   !> One contact: one random number, one record.
+   pure subroutine draw_contact(table, part, u, in, out)
+      type(impact_table_t), intent(in) :: table
+      integer, intent(in) :: part      !! of the table, as of ratio_at
+      real(wp), intent(in) :: u        !! uniform in (0, 1) [-]
+      type(approach_t), intent(in) :: in
+      type(outcome_t), intent(out) :: out
+      real(wp) :: record(record_fields), scaled, change(n_inputs), shift(n_mapped), unshifted(4), before, hidden, allowed
+      integer :: bin
+
+      bin = bin_of(table, part, in)
+      record = real(table%record(:, chosen(table, bin, in%pull(1), u)), wp)
+      out%exit = nint(record(exit_code))
+      out%duration = record(lasts)
+      scaled = 1
+      if (.not. in%rolling) then
+         scaled = sqrt(in%v(1)**2 + in%v(2)**2)/record(speed_in)
+         ! at one speed a contact lasts as R_b, not as its root
+         if (table%speed2 > 0) out%duration = out%duration*sqrt(in%unit2/table%speed2)
+      end if
+      out%advance = record(advances)
+      out%rise = record(rises)
+      out%height = merge(in%height, record(height_in), in%rolling) + out%rise
+      ! velocities scale with the speed, the work of gravity with the duration alone: that of the record is taken out
+      unshifted = scaled*record(along_out:w_out)
+      unshifted(1) = unshifted(1) + in%pull(1)*out%duration - scaled*record(pull_along)*record(lasts)
+      unshifted(2) = unshifted(2) + in%pull(2)*out%duration - scaled*record(pull_across)*record(lasts)
+      change = within([in%v, in%height], table%low(:, bin), table%high(:, bin), in%rolling) &
+               - [scaled*record(t_in:w_in), record(height_in)]
+      if (.not. in%rolling) change(4) = 0
+      shift = matmul(change, table%map(:, :, bin))
+      out%along = unshifted(1) + shift(1)
+      out%across = unshifted(2)
+      out%normal = unshifted(3) + shift(2)
+      out%w = unshifted(4) + shift(3)
+      before = energy(in%v(1), 0.0_wp, in%v(2), in%v(3), in%inertia) &
+               + 2*max(0.0_wp, in%pull(1))*max(0.0_wp, out%advance)
+      hidden = max(0.0_wp, energy(unshifted(1), unshifted(2), unshifted(3), unshifted(4), in%inertia) - before)
+      allowed = before + hidden*hidden_part(in%pull(1), record(pull_along))
+      if (is_possible(out, in%inertia, allowed)) return
+      out%along = unshifted(1)
+      out%normal = unshifted(3)
+      out%w = unshifted(4)
+      if (is_possible(out, in%inertia, allowed)) return
+      out%limited = .true.
+      call limit(out, in%inertia, allowed)
+   end subroutine draw_contact
+
+   !> How much of what a record gained, beyond the work of gravity, a boulder may gain: the record had it of relief that
+   !> it stood on and of spin about other axes. All on ground as steep as the record's, nothing on the flat.
+   pure real(wp) function hidden_part(pull, of_record)
+      real(wp), intent(in) :: pull, of_record  !! gravity along the heading, over g [-]
+
+      hidden_part = 0
+      if (pull > 0) hidden_part = min(1.0_wp, pull/max(of_record, tiny(pull)))
+   end function hidden_part
+
+   !> The bin of a contact.
+   pure integer function bin_of(table, part, in) result(bin)
+      type(impact_table_t), intent(in) :: table
+      integer, intent(in) :: part
+      type(approach_t), intent(in) :: in
+      real(wp) :: speed2
+      integer :: bins_before
+
+      speed2 = in%v(1)**2 + in%v(2)**2
+      associate (f => table%flights%n, r => table%rolls%n)
+         bins_before = (part - 1)*(product(f) + product(r))
+         if (in%rolling) then
+            bin = bins_before + product(f) + bin_among(table%rolls, part, speed2, in%height, in%v(2))
+         else
+            bin = bins_before + bin_among(table%flights, part, in%v(2)**2/max(speed2, tiny(speed2)), &
+                                          in%v(3)/max(sqrt(speed2), tiny(speed2)), speed_key(table, in, speed2))
+         end if
+      end associate
+   end function bin_of
+
+   !> V**2 as the table has it: over g R_b; or where the ground yields to the speed itself, over that of the laboratory,
+   !> with the density, so that S = rho_b V_n**2/(2 p_y) is the same.
+   pure real(wp) function speed_key(table, in, speed2)
+      type(impact_table_t), intent(in) :: table
+      type(approach_t), intent(in) :: in
+      real(wp), intent(in) :: speed2  !! [-]
+
+      speed_key = speed2
+      if (table%speed2 > 0) speed_key = speed2*(in%unit2*in%density)/(table%speed2*table%density)
+   end function speed_key
+
+   pure integer function bin_among(bins, part, first, second, third) result(bin)
+      type(bins_t), intent(in) :: bins
+      integer, intent(in) :: part
+      real(wp), intent(in) :: first, second, third
+      integer :: i, j, k
+
+      i = place(bins%first_edge(:, part), first)
+      j = place(bins%second_edge(:, i, part), second)
+      k = place(bins%third_edge(:, j, i, part), third)
+      bin = ((i - 1)*bins%n(2) + j - 1)*bins%n(3) + k
+   end function bin_among
+
+   !> 1 + the number of edges below a value.
+   pure integer function place(edge, value)
+      real(wp), intent(in) :: edge(:), value
+
+      do place = 1, size(edge)
+         if (value <= edge(place)) return
+      end do
+   end function place
+
+   !> A record of a bin: uniform among those whose gravity along the heading is the nearest.
+   pure integer function chosen(table, bin, pull, u)
+      type(impact_table_t), intent(in) :: table
+      integer, intent(in) :: bin
+      real(wp), intent(in) :: pull, u
+      integer :: low, high, middle, n, from
+
+      low = table%first(bin)
+      high = table%first(bin + 1)
+      n = (high - low + window - 1)/window
+      do while (low < high)
+         middle = (low + high)/2
+         if (table%record(pull_along, middle) < pull) then
+            low = middle + 1
+         else
+            high = middle
+         end if
+      end do
+      from = max(table%first(bin), min(low - n/2, table%first(bin + 1) - n))
+      chosen = from + int(u*n)
+   end function chosen
+
+   !> The inputs of the map, no farther than the records of the bin reach: of a flight relative to its speed.
+   pure function within(input, low, high, rolling) result(x)
+      real(wp), intent(in) :: input(n_inputs), low(n_inputs), high(n_inputs)  !! [-]
+      logical, intent(in) :: rolling
+      real(wp) :: x(n_inputs), unit
+
+      unit = 1
+      if (.not. rolling) unit = sqrt(input(1)**2 + input(2)**2)
+      x = max(unit*low, min(unit*high, input))
+   end function within
+
+   !> Twice the kinetic energy, over m g R_b.
+   pure real(wp) function energy(along, across, normal, w, inertia)
+      real(wp), intent(in) :: along, across, normal, w, inertia
+
+      energy = along*along + across*across + normal*normal + inertia*w*w
+   end function energy
+
+   !> Whether a contact leaves no more energy than there was, and a boulder that flies leaves the ground.
+   pure logical function is_possible(out, inertia, allowed)
+      type(outcome_t), intent(in) :: out
+      real(wp), intent(in) :: inertia, allowed
+
+      is_possible = energy(out%along, out%across, out%normal, out%w, inertia) <= allowed &
+                    .and. (out%normal > 0 .or. out%exit /= flies)
+   end function is_possible
+
+   !> The nearest thing that is possible.
+   pure subroutine limit(out, inertia, allowed)
+      type(outcome_t), intent(inout) :: out
+      real(wp), intent(in) :: inertia, allowed
+      real(wp) :: total, part
+
+      if (out%exit == flies .and. .not. out%normal > 0) out%exit = rolls_on
+      total = energy(out%along, out%across, out%normal, out%w, inertia)
+      if (total <= allowed) return
+      part = sqrt(allowed/total)
+      out%along = part*out%along
+      out%across = part*out%across
+      out%normal = part*out%normal
+      out%w = part*out%w
+   end subroutine limit
+
+   !> Whether a contact is faster than any of the table.
+   pure logical function beyond_table(table, in)
+      type(impact_table_t), intent(in) :: table
+      type(approach_t), intent(in) :: in
+
+      beyond_table = .not. in%rolling .and. speed_key(table, in, in%v(1)**2 + in%v(2)**2) > table%fastest
+   end function beyond_table
+end module rockfall_impact_table

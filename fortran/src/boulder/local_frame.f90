@@ -1,0 +1,77 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The local frame of an impact: the plane of the surface normal and the tangential direction of travel.
+module rockfall_local_frame
+   use rockfall_kinds, only: wp
+   use rockfall_direction, only: unit_vector
+   implicit none
+   private
+   public :: decompose, in_local_frame, rolled_before, launch_velocity
+
+contains
+
+   !> The incoming velocity in the local frame of the impact (Bourrier et al. 2009, eqs 4, 5; theory, chapter 5): the
+   !> plane of the surface normal n = (-g, 1)/sqrt(1 + |g|**2) and the tangential direction of travel t. So
+   !> V_n = v.n <= 0 and V_t = |v - V_n n| >= 0. Also the plan heading of t; zero when there is none.
+   pure subroutine decompose(v, g, steepness, before, omega_r, v_in, heading)
+      real(wp), intent(in) :: v(3)         !! [m/s]
+      real(wp), intent(in) :: g(2)         !! gradient of the patch [-]
+      real(wp), intent(in) :: steepness    !! sqrt(1 + |g|**2) [-]
+      real(wp), intent(in) :: before(2)    !! heading after the last rebound [-]
+      real(wp), intent(in) :: omega_r      !! W with respect to it [m/s]
+      real(wp), intent(out) :: v_in(3)     !! V_t, V_n, W [m/s]
+      real(wp), intent(out) :: heading(2)  !! unit, or zero [-]
+      real(wp) :: plan(2)
+
+      call in_local_frame(v(1), v(2), v(3), g(1), g(2), steepness, v_in(1), v_in(2), plan(1), plan(2))
+      heading = unit_vector(plan)
+      v_in(3) = rolled_before(omega_r, before(1), before(2), heading(1), heading(2))
+   end subroutine decompose
+
+   !> V_t and V_n of a velocity, and the tangential part of it in plan.
+   elemental subroutine in_local_frame(v1, v2, v3, g1, g2, steepness, tangential, normal, plan1, plan2)
+      real(wp), intent(in) :: v1, v2, v3           !! [m/s]
+      real(wp), intent(in) :: g1, g2               !! gradient of the patch [-]
+      real(wp), intent(in) :: steepness            !! sqrt(1 + |g|**2) [-]
+      real(wp), intent(out) :: tangential, normal  !! V_t, V_n [m/s]
+      real(wp), intent(out) :: plan1, plan2        !! [m/s]
+      real(wp) :: n1, n2, n3, t3
+
+      n3 = 1/steepness
+      n1 = -g1*n3
+      n2 = -g2*n3
+      normal = v1*n1 + v2*n2 + v3*n3
+      plan1 = v1 - normal*n1
+      plan2 = v2 - normal*n2
+      t3 = v3 - normal*n3
+      tangential = sqrt(plan1*plan1 + plan2*plan2 + t3*t3)
+      normal = min(0.0_wp, normal)
+   end subroutine in_local_frame
+
+   !> W before an impact [m/s]: what rolled forward seen from the heading before rolls backward seen from an opposite
+   !> one.
+   elemental real(wp) function rolled_before(omega_r, before1, before2, heading1, heading2) result(w)
+      real(wp), intent(in) :: omega_r             !! W with respect to the heading before [m/s]
+      real(wp), intent(in) :: before1, before2    !! heading after the last rebound [-]
+      real(wp), intent(in) :: heading1, heading2  !! now [-]
+
+      w = omega_r
+      if (before1*heading1 + before2*heading2 < 0) w = -omega_r
+   end function rolled_before
+
+   !> The velocity after an impact from V_t, of either sign, over a heading, and V_n.
+   elemental subroutine launch_velocity(tangential, normal, heading1, heading2, g1, g2, steepness, v1, v2, v3)
+      real(wp), intent(in) :: tangential, normal  !! V_t, V_n [m/s]
+      real(wp), intent(in) :: heading1, heading2  !! unit [-]
+      real(wp), intent(in) :: g1, g2              !! gradient of the patch [-]
+      real(wp), intent(in) :: steepness           !! sqrt(1 + |g|**2) [-]
+      real(wp), intent(out) :: v1, v2, v3         !! [m/s]
+      real(wp) :: along, forward, up
+
+      along = g1*heading1 + g2*heading2
+      forward = abs(tangential)/sqrt(1 + along*along)
+      up = normal/steepness
+      v1 = forward*heading1 - up*g1
+      v2 = forward*heading2 - up*g2
+      v3 = forward*along + up
+   end subroutine launch_velocity
+end module rockfall_local_frame

@@ -1,0 +1,144 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> A table of impacts as bytes, in which it comes to the kernel and lies in scene files (docs/impact_tables.md): a
+!> first line, counts, and the arrays one after the other, in the byte order of the machine. The file that users see is
+!> netCDF; python/rockfall/impact_tables.py packs it.
+module rockfall_packed_table
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use rockfall_kinds, only: wp, sp, i4
+   use rockfall_error, only: error_t, fail
+   use rockfall_impact_table, only: impact_table_t, bins_t, record_fields, n_inputs, n_mapped
+   implicit none
+   private
+   public :: is_packed_table, read_packed_table
+
+   character(len=*), parameter :: first_line = "rockfall impact table 1"//new_line("a")
+   integer, parameter :: n_counts = 8   !! ratios; bins of flights and of rolls, three each; records
+   integer, parameter :: n_scales = 4   !! speed2, density, inertia, fastest
+   integer, parameter :: max_bins = 100000, max_ratios = 100
+
+contains
+
+   !> Whether a text is a packed table.
+   pure logical function is_packed_table(text)
+      character(len=*), intent(in) :: text
+
+      is_packed_table = index(text, first_line) == 1
+   end function is_packed_table
+
+   !> The table of a packed one. Errors: damaged.
+   pure subroutine read_packed_table(text, file, table, error)
+      character(len=*), intent(in) :: text
+      character(len=*), intent(in) :: file  !! for messages
+      type(impact_table_t), intent(out) :: table
+      type(error_t), allocatable, intent(out) :: error
+      real(wp) :: scales(n_scales)
+      integer :: counts(n_counts), bins, bin, at, k
+
+      at = len(first_line)
+      call take_integers(text, at, counts)
+      if (all(counts >= 1) .and. counts(1) <= max_ratios .and. all(counts(2:7) <= max_bins)) then
+         bins = counts(1)*(product(counts(2:4)) + product(counts(5:7)))
+         if (expected_size(counts, bins) == len(text)) then
+            allocate (table%ratio(counts(1)), table%first(bins + 1), table%map(n_inputs, n_mapped, bins))
+            allocate (table%low(n_inputs, bins), table%high(n_inputs, bins), table%record(record_fields, counts(8)))
+            call take_reals(text, at, table%ratio)
+            call take_reals(text, at, scales)
+            table%speed2 = scales(1)
+            table%density = scales(2)
+            table%inertia = scales(3)
+            table%fastest = scales(4)
+            call take_bins(text, at, counts(1), counts(2:4), table%flights)
+            call take_bins(text, at, counts(1), counts(5:7), table%rolls)
+            call take_integers(text, at, table%first)
+            do bin = 1, bins
+               do k = 1, n_mapped
+                  call take_reals(text, at, table%map(:, k, bin))
+               end do
+               call take_reals(text, at, table%low(:, bin))
+               call take_reals(text, at, table%high(:, bin))
+            end do
+            do k = 1, counts(8)
+               call take_singles(text, at, table%record(:, k))
+            end do
+            if (is_sound(table, counts(8), bins)) return
+         end if
+      end if
+      call fail(error, file//": is a damaged table of impacts")
+   end subroutine read_packed_table
+
+   !> What the kernel relies on: numbers, and a record in each bin.
+   pure logical function is_sound(table, records, bins)
+      type(impact_table_t), intent(in) :: table
+      integer, intent(in) :: records, bins
+
+      is_sound = all(ieee_is_finite(table%record)) .and. all(ieee_is_finite(table%map)) .and. table%first(1) == 1 &
+                 .and. table%first(bins + 1) == records + 1 .and. all(table%first(2:) > table%first(:bins)) &
+                 .and. table%density > 0 .and. table%inertia > 0 .and. all(table%record(4, :) > 0)
+   end function is_sound
+
+   !> Bytes of a packed table, with a last new line.
+   pure integer function expected_size(counts, bins) result(bytes)
+      integer, intent(in) :: counts(n_counts), bins
+      integer :: edges
+
+      associate (f => counts(2:4), r => counts(5:7))
+         edges = f(1) - 1 + f(1)*(f(2) - 1 + f(2)*(f(3) - 1)) + r(1) - 1 + r(1)*(r(2) - 1 + r(2)*(r(3) - 1))
+      end associate
+      bytes = len(first_line) + 4*(n_counts + bins + 1) + 8*(counts(1)*(1 + edges) + n_scales) &
+              + 8*bins*n_inputs*(n_mapped + 2) + 4*record_fields*counts(8) + 1
+   end function expected_size
+
+   pure subroutine take_bins(text, at, ratios, n, bins)
+      character(len=*), intent(in) :: text
+      integer, intent(inout) :: at
+      integer, intent(in) :: ratios, n(3)
+      type(bins_t), intent(out) :: bins
+      integer :: ratio, i, j
+
+      bins%n = n
+      allocate (bins%first_edge(n(1) - 1, ratios), bins%second_edge(n(2) - 1, n(1), ratios))
+      allocate (bins%third_edge(n(3) - 1, n(2), n(1), ratios))
+      do ratio = 1, ratios
+         call take_reals(text, at, bins%first_edge(:, ratio))
+         do i = 1, n(1)
+            call take_reals(text, at, bins%second_edge(:, i, ratio))
+            do j = 1, n(2)
+               call take_reals(text, at, bins%third_edge(:, j, i, ratio))
+            end do
+         end do
+      end do
+   end subroutine take_bins
+
+   !> The next numbers of a text: `at` is the last byte before them, and then their last.
+   pure subroutine take_integers(text, at, values)
+      character(len=*), intent(in) :: text
+      integer, intent(inout) :: at
+      integer, intent(out) :: values(:)
+      integer(i4) :: some(size(values))
+
+      values = 0
+      if (at + 4*size(values) > len(text)) return
+      some = transfer(text(at + 1:at + 4*size(values)), some)
+      values = int(some)
+      at = at + 4*size(values)
+   end subroutine take_integers
+
+   !> The same of reals; there are as many, as the size of the text has told.
+   pure subroutine take_reals(text, at, values)
+      character(len=*), intent(in) :: text
+      integer, intent(inout) :: at
+      real(wp), intent(out) :: values(:)
+
+      values = transfer(text(at + 1:at + 8*size(values)), values)
+      at = at + 8*size(values)
+   end subroutine take_reals
+
+   pure subroutine take_singles(text, at, values)
+      character(len=*), intent(in) :: text
+      integer, intent(inout) :: at
+      real(sp), intent(out) :: values(:)
+
+      values = transfer(text(at + 1:at + 4*size(values)), values)
+      at = at + 4*size(values)
+   end subroutine take_singles
+end module rockfall_packed_table

@@ -1,0 +1,160 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Tables of impacts: the netCDF files, shipped or beside a case, and their bytes for the kernel
+(docs/impact_tables.md)."""
+
+from __future__ import annotations
+
+import importlib.resources
+import os
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rockfall.case import Case
+from rockfall.errors import RockfallError
+from rockfall.io.files import atomic_write, check_netcdf
+
+FIRST_LINE = b"rockfall impact table 1\n"
+FIELDS = (
+    "vt_in", "vn_in", "w_in", "speed_in", "height_in", "along_out", "across_out", "vn_out", "w_out",
+    "duration", "advance", "rise", "pull_along", "pull_across", "exit", "unused",
+)  # fmt: skip
+INPUTS, MAPPED = 4, 3  # V_t, V_n, W, height; along, V_n, W
+SHAPES = "compact", "elongated", "platy"  # of the blocks of shipped tables
+KINDS = "flight", "roll"
+EDGES = tuple(f"{kind}_edge_{key}" for kind in KINDS for key in (1, 2, 3))
+
+
+@dataclass(frozen=True)
+class ImpactTable:
+    """Records of contacts in bins (theory, chapter 5). Edges: (ratio, bins of the keys before,
+    edges); `map` (bin, MAPPED, INPUTS), `low` and `high` (bin, INPUTS), `record` (record, FIELDS)
+    in the order of their bins, bin b from `first[b]` on, counted from 0."""
+
+    ratio: np.ndarray
+    edges: dict[str, np.ndarray]
+    first: np.ndarray
+    map: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    record: np.ndarray
+    speed2: float  # g R_b of the laboratory, where the speed itself is a key; or 0 [m2/s2]
+    density: float  # of its blocks [kg/m3]
+    inertia: float  # I/(m R_b^2) [-]
+    fastest: float  # V^2 of the fastest record that flew in, over g R_b [-]
+    about: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def bins(self) -> dict[str, list[int]]:
+        """How many bins each key of a kind has."""
+        return {
+            kind: [self.edges[f"{kind}_edge_{key}"].shape[-1] + 1 for key in (1, 2, 3)]
+            for kind in KINDS
+        }
+
+    def pack(self) -> bytes:
+        """The table as the kernel takes it."""
+        counts = [len(self.ratio), *self.bins["flight"], *self.bins["roll"], len(self.record)]
+        scales = [self.speed2, self.density, self.inertia, self.fastest]
+        parts = [
+            np.array(counts, "i4"), self.ratio.astype("f8"), np.array(scales, "f8"),
+            *(self._packed_edges(kind) for kind in KINDS),
+            (self.first + 1).astype("i4"),
+            np.concatenate(
+                [self.map.reshape(len(self.map), -1), self.low, self.high], axis=1
+            ).astype("f8"),
+            self.record.astype("f4"),
+        ]  # fmt: skip
+        return FIRST_LINE + b"".join(part.tobytes() for part in parts) + b"\n"
+
+    def _packed_edges(self, kind: str) -> np.ndarray:
+        """Ratio by ratio; within it each edge before those of the next key in its bin."""
+        first, second, third = (self.edges[f"{kind}_edge_{key}"] for key in (1, 2, 3))
+        found: list[np.ndarray] = []
+        for ratio in range(len(self.ratio)):
+            found.append(first[ratio])
+            for i, row in enumerate(second[ratio]):
+                found += [row, third[ratio, i].ravel()]
+        return np.concatenate(found).astype("f8")
+
+
+def save_table(table: ImpactTable, path: str | Path) -> None:
+    """Write a table as netCDF."""
+    import xarray as xr
+
+    data: dict[str, Any] = {
+        "ratio": ("ratio", table.ratio, {"long_name": "R_b/R_m; 0: it does not matter"}),
+        "first": ("bin_end", table.first.astype("i4"), {"long_name": "first record of each bin"}),
+        "map": (("bin", "mapped", "input"), table.map.astype("f4")),
+        "low": (("bin", "input"), table.low.astype("f4")),
+        "high": (("bin", "input"), table.high.astype("f4")),
+    }
+    for name, values in table.edges.items():
+        dims = ("ratio", *(f"{name}_{k}" for k in range(values.ndim - 1)))
+        data[name] = (dims, values.astype("f4"))
+    for k, name in enumerate(FIELDS[:-1]):
+        data[name] = ("record", table.record[:, k])
+    scales = {name: getattr(table, name) for name in ("speed2", "density", "inertia", "fastest")}
+    found = xr.Dataset(data, attrs={"title": "table of impacts", **scales, **table.about})
+    with atomic_write(path) as part:
+        found.to_netcdf(part, encoding={name: {"zlib": True, "complevel": 9} for name in data})
+
+
+@cache
+def shipped_tables() -> dict[str, Path]:
+    """Files of the tables that are shipped with the program, by name."""
+    folder = Path(str(importlib.resources.files("rockfall") / "data" / "impact_tables"))
+    return {path.stem: path for path in sorted(folder.glob("*.nc"))}
+
+
+def table_names() -> list[str]:
+    """What cases may call shipped tables: without the shape, which is the boulder's."""
+    endings = tuple(f"-{shape}" for shape in SHAPES)
+    names = {
+        name.rsplit("-", 1)[0] if name.endswith(endings) else name for name in shipped_tables()
+    }
+    return sorted(names)
+
+
+def find_table(case: Case, name: str) -> Path | None:
+    """The file of a table of a name: shipped, for the shape of the case's blocks where there are
+    several, or beside the case; None: there is none."""
+    shipped = shipped_tables()
+    for one in (name, f"{name}-{case.boulder['block_shape']}"):
+        if one in shipped:
+            return shipped[one]
+    if name.endswith(".nc") and os.path.isfile(case.path(name)):
+        return case.path(name)
+    return None
+
+
+@cache
+def open_table(path: str | Path) -> ImpactTable:
+    """A table from a file that `save_table` has written."""
+    import xarray as xr
+
+    check_netcdf(path)
+    try:
+        data = xr.load_dataset(path)
+    except (OSError, ValueError, RuntimeError) as error:
+        raise RockfallError(
+            f"{path}: is not a netCDF file of a table of impacts: {error}"
+        ) from error
+    scales = "speed2", "density", "inertia", "fastest"
+    arrays = {"ratio", "first", "map", "low", "high", *EDGES, *FIELDS[:-1]}
+    if not (arrays <= set(data.variables) and set(scales) <= set(data.attrs)):
+        raise RockfallError(f"{path}: is not a table of impacts")
+    record = np.zeros((data.sizes["record"], len(FIELDS)), "f4")
+    for k, name in enumerate(FIELDS[:-1]):
+        record[:, k] = data[name].values
+    first, shift, low, high = (data[name].values for name in ("first", "map", "low", "high"))
+    edges = {name: data[name].values for name in EDGES}
+    about = {str(name): value for name, value in data.attrs.items() if name not in scales}
+    speed2, density, inertia, fastest = (float(data.attrs[name]) for name in scales)
+    return ImpactTable(
+        data["ratio"].values, edges, first, shift, low, high, record, speed2, density, inertia,
+        fastest, about,
+    )  # fmt: skip

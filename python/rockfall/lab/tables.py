@@ -1,0 +1,227 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Tables of impacts from the contacts of a laboratory (theory, chapter 5)."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rockfall.errors import RockfallError
+from rockfall.impact_tables import FIELDS, INPUTS, KINDS, MAPPED, ImpactTable
+from rockfall.version import __version__
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+FLIGHT, ROLLING = 0, 1  # entries
+BINS = {"flight": (9, 4, 5), "roll": (6, 3, 2)}  # by each key, where there are records enough
+ENOUGH = 24  # records of a bin; with fewer there are fewer bins
+KEPT = {"flight": 100, "roll": 200}  # of a bin at most
+RIDGE = 0.01  # of the least squares of a bin, over the variance of each input
+SLOWEST = 0.05  # V/sqrt(g R_b) of a flight: slower ones have no direction to speak of
+DIGITS = 12  # bits of a record's numbers that are kept: their noise does not compress
+
+
+@dataclass(frozen=True)
+class _Contacts:
+    """Of one R_b/R_m, dimensionless: `record` (n, FIELDS) without what is derived."""
+
+    record: np.ndarray
+    entry: np.ndarray
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        return self.record[:, FIELDS.index(name)]
+
+
+def table_of(files: Sequence[xr.Dataset]) -> ImpactTable:
+    """A table from contacts: a file for each R_b/R_m where that matters, told by its attribute
+    `ratio`, or by its column; else one. Raises a RockfallError where contacts are too few."""
+    parts = sorted(_parts(files), key=lambda part: part[0])
+    ratios = [ratio for ratio, _ in parts]
+    if len(set(ratios)) < len(ratios) or (0.0 in ratios and len(ratios) > 1):
+        raise RockfallError("contacts: files of the same R_b/R_m, or without one beside others")
+    found = [_dimensionless(data) for _, data in parts]
+    sizes = {kind: _bins_for(kind, [_of_kind(one, kind) for one in found]) for kind in KINDS}
+    edges: dict[str, list[np.ndarray]] = {}
+    bins: list[_Bin] = []
+    for one in found:
+        for kind in KINDS:
+            some, of_kind = _sort_into_bins(one, kind, sizes[kind])
+            bins += some
+            for key, values in enumerate(of_kind, start=1):
+                edges.setdefault(f"{kind}_edge_{key}", []).append(values)
+    first = parts[0][1].attrs
+    speed2 = float(first["gravity"]) * float(first["radius"])
+    yields = float(first["yield_pressure"]) > 0
+    flights = np.concatenate([one["speed_in"][_of_kind(one, "flight")] for one in found])
+    return ImpactTable(
+        np.array(ratios),
+        {name: np.stack(values).astype("f4") for name, values in edges.items()},
+        np.cumsum([0, *(len(one.record) for one in bins)]).astype("i4"),
+        np.stack([one.map for one in bins]).astype("f4"),
+        np.stack([one.low for one in bins]).astype("f4"),
+        np.stack([one.high for one in bins]).astype("f4"),
+        np.concatenate([one.record for one in bins]),
+        speed2 if yields else 0.0,
+        float(first["density"]),
+        float(np.mean([data.attrs["inertia_factor"] for _, data in parts])),
+        float((flights**2).max()),
+        _provenance([data for _, data in parts]),
+    )
+
+
+def _parts(files: Sequence[xr.Dataset]) -> list[tuple[float, xr.Dataset]]:
+    """Contacts of each R_b/R_m; 0: it does not matter."""
+    found = []
+    for data in files:
+        if "ratio" in data:
+            ratios = np.unique(data["ratio"].values)
+            found += [
+                (float(one), data.isel(contact=data["ratio"].values == one)) for one in ratios
+            ]
+        else:
+            found.append((float(data.attrs.get("ratio", 0.0)), data))
+    return found
+
+
+def _provenance(files: list[xr.Dataset]) -> dict[str, str | int]:
+    """What a table says of its origin: enough to make it again."""
+    digest = hashlib.sha256()
+    for data in files:
+        for name in sorted(map(str, data)):
+            digest.update(np.ascontiguousarray(data[name].values).tobytes())
+    first = files[0].attrs
+    return {
+        "ground": str(first["ground"]),
+        "shape": str(first["shape"]),
+        "contacts": int(sum(data.sizes["contact"] for data in files)),
+        "contacts_sha256": digest.hexdigest(),
+        "lab_case": str(first["lab_case"]),
+        "version": __version__,
+    }
+
+
+def _dimensionless(data: xr.Dataset) -> _Contacts:
+    """Velocities over U = sqrt(g R_b), times over sqrt(R_b/g). Each contact is mirrored so that the
+    ground falls to its left; gravity's work is put back into what the laboratory took it out of."""
+    radius, gravity = float(data.attrs["radius"]), float(data.attrs["gravity"])
+    unit = np.sqrt(gravity * radius)
+    column = {name: data[name].values.astype(float) for name in data}
+    speed = column["speed"] / unit
+    incidence, heading, slope, lateral = (
+        np.radians(column[name]) for name in ("incidence", "heading", "slope", "lateral")
+    )
+    along = np.sin(slope) * np.cos(heading)
+    across = -np.sin(slope) * np.sin(heading)
+    left = np.where(across < 0, -1.0, 1.0)
+    duration = column["duration"] / np.sqrt(radius / gravity)
+    out = column["vt_out"] * speed
+    record = np.zeros((len(speed), len(FIELDS)))
+    values = {
+        "vt_in": speed * np.cos(incidence), "vn_in": -speed * np.sin(incidence),
+        "w_in": column["spin"] * speed, "speed_in": speed, "height_in": column["height"],
+        "along_out": out * np.cos(lateral) + along * duration,
+        "across_out": left * (out * np.sin(lateral) + across * duration),
+        "vn_out": column["vn_out"] * speed, "w_out": column["w_out"] * speed,
+        "duration": duration, "advance": column["advance"], "rise": column["rise"],
+        "pull_along": along, "pull_across": left * across, "exit": column["exit"],
+    }  # fmt: skip
+    for name, one in values.items():
+        record[:, FIELDS.index(name)] = one
+    return _Contacts(_rounded(record), data["entry"].values)
+
+
+def _rounded(record: np.ndarray) -> np.ndarray:
+    """In single precision, with fewer bits."""
+    bits = np.ascontiguousarray(record, "f4").view("u4")
+    drop = 23 - DIGITS
+    return ((bits + np.uint32(1 << (drop - 1))) >> drop << drop).view("f4")
+
+
+def _of_kind(contacts: _Contacts, kind: str) -> np.ndarray:
+    """Which contacts begin so."""
+    if kind == "roll":
+        return (contacts.entry == ROLLING) & (contacts["speed_in"] > 0)
+    falls = (contacts["vn_in"] < 0) & (contacts["speed_in"] > SLOWEST)
+    return (contacts.entry == FLIGHT) & falls
+
+
+def _keys(contacts: _Contacts, kind: str) -> list[np.ndarray]:
+    """What contacts are put into bins by, as the kernel does."""
+    speed = contacts["speed_in"].astype(float)
+    speed2 = contacts["vt_in"].astype(float) ** 2 + contacts["vn_in"].astype(float) ** 2
+    if kind == "roll":
+        return [speed2, contacts["height_in"].astype(float), contacts["vn_in"].astype(float)]
+    return [contacts["vn_in"] ** 2 / speed2, contacts["w_in"] / speed, speed2]
+
+
+def _bins_for(kind: str, chosen: list[np.ndarray]) -> tuple[int, ...]:
+    """As many bins as the part with the fewest contacts can fill."""
+    least = min(int(one.sum()) for one in chosen)
+    if least < ENOUGH:
+        what = {"flight": "from a flight", "roll": "that roll on"}[kind]
+        raise RockfallError(f"contacts: {least} {what}: at least {ENOUGH} are needed for a table")
+    bins = list(BINS[kind])
+    while np.prod(bins) * ENOUGH > least:
+        bins[int(np.argmax(bins))] -= 1
+    return tuple(bins)
+
+
+@dataclass(frozen=True)
+class _Bin:
+    record: np.ndarray
+    map: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+
+
+def _sort_into_bins(
+    contacts: _Contacts, kind: str, sizes: tuple[int, ...]
+) -> tuple[list[_Bin], list[np.ndarray]]:
+    """The bins of a kind, and the edges of each key: quantiles within the bin of the key before."""
+    keys = _keys(contacts, kind)
+    groups = [np.flatnonzero(_of_kind(contacts, kind))]
+    edges = []
+    for key, size in zip(keys, sizes, strict=True):
+        cuts = np.array(
+            [np.quantile(key[one], np.arange(1, size) / size) for one in groups], "f4"
+        ).reshape(len(groups), size - 1)
+        edges.append(cuts)
+        groups = [
+            one[place == k]
+            for one, cut in zip(groups, cuts, strict=True)
+            for place in [np.searchsorted(cut.astype(float), key[one])]
+            for k in range(size)
+        ]
+    if min(len(one) for one in groups) == 0:
+        raise RockfallError("contacts: too many are alike for a table")
+    shapes = (sizes[0] - 1,), (sizes[0], sizes[1] - 1), (*sizes[:2], sizes[2] - 1)
+    cut = [one.reshape(shape) for one, shape in zip(edges, shapes, strict=True)]
+    return [_bin(contacts.record[one], kind) for one in groups], cut
+
+
+def _bin(record: np.ndarray, kind: str) -> _Bin:
+    """The least-squares map of a bin, the reach of its inputs, and the records that are kept: some
+    evenly spaced ones, in the order of the gravity along the heading."""
+    value = {name: record[:, k].astype(float) for k, name in enumerate(FIELDS)}
+    scale = value["speed_in"] if kind == "flight" else np.ones(len(record))
+    inputs = np.stack([value[name] / scale for name in ("vt_in", "vn_in", "w_in")])
+    inputs = np.vstack([inputs, np.zeros(len(record)) if kind == "flight" else value["height_in"]])
+    free = value["along_out"] - value["pull_along"] * value["duration"]
+    outputs = np.stack([free, value["vn_out"], value["w_out"]]) / scale
+    x, y = (one - one.mean(axis=1, keepdims=True) for one in (inputs, outputs))
+    variance = np.maximum((x**2).mean(axis=1), 1e-4)
+    normal = x @ x.T + RIDGE * len(record) * np.diag(variance)
+    found = np.linalg.solve(normal, x @ y.T).T
+    order = record[np.lexsort((value["speed_in"], value["pull_along"]))]
+    kept = min(len(order), KEPT[kind])
+    return _Bin(
+        order[(np.arange(kept) * len(order)) // kept],
+        found.reshape(MAPPED, INPUTS),
+        inputs.min(axis=1),
+        inputs.max(axis=1),
+    )

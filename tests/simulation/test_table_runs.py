@@ -1,0 +1,216 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Runs by a table of impacts: the same bits however they are cut, in both programs; no energy from
+nothing; what the table knows is what boulders do; refusals."""
+
+import shutil
+
+import numpy as np
+import pytest
+from rockfall._core import rockfall_f2py as _core
+
+import rockfall
+from made import refused
+from programs import make_full_case, refuses, run_program, same_results
+from rockfall.cli import main
+from rockfall.impact_tables import FIELDS, open_table, save_table
+from rockfall.lab.blocks.case import BlockCase
+from rockfall.lab.blocks.contacts import run_throws, save_contacts
+from rockfall.lab.tables import table_of
+from rockfall.result.trajectories import vertices_of
+from rockfall.scene.prepare import prepare
+from rockfall.scene.read import read_scene
+from rockfall.simulation.simulate import run_scene
+from same import same
+from scenes import case_in, grid, place, rough
+
+CASE = BlockCase(
+    lab={"ground": "meadow", "throws": 400, "seed": 5}, block={"count": 6}, ground={"patches": 1}
+)
+BY_TABLE = {"form": "table", "table": "meadow.nc"}
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """A folder with the contacts of a small laboratory and a table of them."""
+    folder = tmp_path_factory.mktemp("made")
+    contacts = run_throws(CASE)
+    save_contacts(contacts, folder / "contacts.nc")
+    save_table(table_of([contacts]), folder / "meadow.nc")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def whole(made):
+    """A run with every output, over stripes of the table and of the case's grounds."""
+    case = case_in(made, impact=BY_TABLE, **place())
+    return case, rockfall.run(case, **terrain())
+
+
+def terrain():
+    z = rough()
+    return {"dem": z, "transform": grid(z)}
+
+
+def on_plane(folder, slope, boulders=200, **groups):
+    """A run down a plane, towards the south, with all trajectories."""
+    y = np.mgrid[199:-1:-1, 0:40][0] * 2.5
+    z = 500 + np.tan(np.radians(slope)) * y
+    case = {
+        "case": {"boulders": boulders, "seed": 11},
+        "impact": BY_TABLE,
+        "boulder": {"volume": "fixed", "volume_mean": 0.27, "density": 2700.0},
+        "release": {"x": [50.0], "y": [480.0], "drop_height": 2.0},
+        "output": {"trajectories": boulders},
+    }
+    case |= {name: case.get(name, {}) | given for name, given in groups.items()}
+    return rockfall.run(rockfall.Case(folder=folder, **case), dem=z, transform=grid(z, 2.5))
+
+
+def rebounds(result):
+    """V_t, V_n, W before and after each contact of all trajectories, and the boulder's speed."""
+    names = [f"{when}_{what}" for when in ("in", "out") for what in "tnw"]
+    rows = np.concatenate(vertices_of(result, *names), axis=1)
+    return rows[:, np.abs(rows[:3]).sum(axis=0) > 0]
+
+
+@pytest.mark.parametrize("lanes", [0, 1, 2])
+def test_no_bit_depends_on_lanes(whole, lanes):
+    case, result = whole
+    scene = read_scene(case, **terrain())
+    _core.carry_in_lanes(scene.kernel.handle, lanes)
+    same(run_scene(scene), result)
+
+
+def test_threads_and_chunks_change_nothing(whole):
+    case, result = whole
+    same(rockfall.run(case, threads=3, chunk=17, **terrain()), result)
+
+
+def test_parts_join_to_the_run(whole):
+    case, result = whole
+    parts = [rockfall.run(case, shard=(k, 3), **terrain()) for k in (1, 2, 3)]
+    same(rockfall.merge(parts), result)
+
+
+def test_both_programs_give_the_same(made, tmp_path):
+    shutil.copy(made / "meadow.nc", tmp_path)
+    case = make_full_case(tmp_path, impact=BY_TABLE)
+    prepare(case, tmp_path / "ready")
+    done = run_program("case.nml", "-o", "out.nc", "--quiet", cwd=tmp_path / "ready")
+    assert done.returncode == 0, done.stderr
+    same_results(rockfall.merge([tmp_path / "ready" / "out.nc"]), rockfall.run(case))
+
+
+def test_a_mirrored_scene_has_mirrored_boulders(made):
+    found = []
+    for side in (1, -1):
+        z = rough()[:, ::side]
+        x = 148.3 if side == 1 else 300.0 - 148.3
+        case = rockfall.Case(
+            folder=made, case={"boulders": 60, "seed": 3}, impact=BY_TABLE | {"impact_limit": 12},
+            boulder={"volume": "fixed", "volume_mean": 0.8},
+            release={"x": [x], "y": [381.1], "drop_height": 5.0, "velocity": [side * 1.0, -2.0, 0.0]},
+        )  # fmt: skip
+        found.append(rockfall.run(case, dem=z, transform=grid(z)))
+    one, other = found
+    assert np.allclose(one["stop_x"], 300.0 - other["stop_x"], atol=1e-6)
+    for name in ("stop_y", "stop_z", "speed_max", "impacts", "status", "travel_time"):
+        assert np.allclose(one[name], other[name], rtol=1e-7), name
+
+
+def test_no_contact_on_flat_ground_gains_energy(made):
+    result = on_plane(made, 0.0, 2000, release={"velocity": [0.0, -12.0, 0.0]})
+    v = rebounds(result)
+    weight = np.array([1.0, 1.0, 0.4])[:, None]
+    before, after = ((weight * one**2).sum(axis=0) for one in (v[:3], v[3:]))
+    assert v.shape[1] > 5000
+    assert (after <= before * (1 + 1e-12)).all()
+
+
+def test_energy_that_was_released_is_accounted_for(made):
+    result = on_plane(made, 30.0, output={"energy_balance": True})
+    energy = {name: result[f"energy_{name}"].values for name in ("released", "ground", "left")}
+    assert np.allclose(energy["released"], energy["ground"] + energy["left"], rtol=1e-9)
+
+
+def test_rebounds_are_those_of_the_laboratory(made):
+    """The first contacts of boulders that fall on a plane, beside records of that incidence."""
+    table = open_table(made / "meadow.nc")
+    record = dict(zip(FIELDS, table.record.T.astype(float), strict=True))
+    result = on_plane(made, 30.0, 3000)
+    first = np.stack([one[:, 1] for one in vertices_of(result, "in_t", "in_n", "out_n", "out_t")])
+    speed = np.hypot(first[:, 0], first[:, 1])
+    sine = first[:, 1] / speed
+    flight = np.arange(len(table.record)) < table.first[np.prod(table.bins["flight"])]
+    near = flight & (np.abs(-record["vn_in"] / record["speed_in"] - np.abs(sine).mean()) < 0.08)
+    near &= np.abs(record["w_in"]) < 0.3 * record["speed_in"]
+    assert near.sum() > 20
+    of_records = (record["vn_out"] / record["speed_in"])[near]
+    of_boulders = first[:, 2] / speed
+    error = of_records.std() / np.sqrt(near.sum())
+    assert abs(of_boulders.mean() - of_records.mean()) < 4 * error + 0.03
+
+
+def test_a_boulder_rolls_on_over_a_bench(made):
+    """Contacts that go on are followed: some boulders are in contact several times at a place."""
+    result = on_plane(made, 15.0)
+    assert int(result["rebounds"]) > 10 * result.sizes["boulder"]
+
+
+def test_the_density_of_the_blocks_matters_where_ground_yields(made):
+    light, heavy = (on_plane(made, 30.0, boulder={"density": rho}) for rho in (1500.0, 4000.0))
+    assert not np.array_equal(light["stop_y"], heavy["stop_y"])
+
+
+def test_a_table_is_made_again_bit_for_bit(made, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(made / "contacts.nc", tmp_path)
+    assert main(["lab", "table", "contacts.nc", "-o", "again.nc"]) == 0
+    assert open_table(tmp_path / "again.nc").pack() == open_table(made / "meadow.nc").pack()
+    assert main(["lab", "remake", "again.nc", "--quiet"]) == 0
+    assert "the same in every bit" in capsys.readouterr().out
+
+
+def test_bins_hold_their_records(made):
+    table = open_table(made / "meadow.nc")
+    flights = table.bins["flight"]
+    edge = table.edges["flight_edge_1"][0]
+    sine2 = (table.record[:, 1] / table.record[:, 3]).astype(float) ** 2
+    for bin_number in range(np.prod(flights)):
+        rows = slice(table.first[bin_number], table.first[bin_number + 1])
+        k = bin_number // (flights[1] * flights[2])
+        low = edge[k - 1] if k else 0.0
+        high = edge[k] if k < len(edge) else 1.0
+        assert (sine2[rows] >= low * 0.99).all() and (sine2[rows] <= high * 1.01).all()
+        assert (np.diff(table.record[rows, FIELDS.index("pull_along")]) >= 0).all()
+
+
+def test_an_unknown_table_is_refused(made):
+    case = rockfall.Case(
+        folder=made, case={"boulders": 1}, impact={"form": "table", "table": "mud"},
+        boulder={"volume": "fixed", "volume_mean": 1.0}, release={"x": [50.0], "y": [480.0]},
+    )  # fmt: skip
+    with pytest.raises(rockfall.RockfallError, match="no such table of impacts") as caught:
+        rockfall.run(case, **terrain())
+    assert caught.value.code == 2
+
+
+def test_a_damaged_table_is_refused(made, tmp_path):
+    table = open_table(made / "meadow.nc")
+    record = table.record.copy()
+    record[3, 5] = np.nan
+    save_table(type(table)(**{**vars(table), "record": record}), tmp_path / "meadow.nc")
+    case = rockfall.Case(
+        folder=tmp_path, case={"boulders": 1}, impact=BY_TABLE,
+        boulder={"volume": "fixed", "volume_mean": 1.0}, release={"x": [50.0], "y": [480.0]},
+    )  # fmt: skip
+    name = case.path("meadow.nc")
+    with refused(f"{name}: is a damaged table of impacts"):
+        rockfall.run(case, **terrain())
+
+
+def test_what_is_no_table_is_refused(made, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(made / "meadow.nc", tmp_path)
+    words = "meadow.nc: is not a file of contacts of the laboratory of blocks"
+    refuses(["lab", "table", "meadow.nc", "-o", "t.nc"], words, capsys)
