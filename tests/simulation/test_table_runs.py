@@ -109,7 +109,7 @@ def test_a_mirrored_scene_has_mirrored_boulders(made):
         case = rockfall.Case(
             folder=made, case={"boulders": 60, "seed": 3}, impact=BY_TABLE | {"impact_limit": 12},
             boulder={"volume": "fixed", "volume_mean": 0.8},
-            release={"x": [x], "y": [381.1], "drop_height": 5.0, "velocity": [side * 1.0, -2.0, 0.0]},
+            release={"x": [x], "y": [381.1], "drop_height": 5.0, "velocity": [side, -2.0, 0.0]},
         )  # fmt: skip
         found.append(rockfall.run(case, dem=z, transform=grid(z)))
     one, other = found

@@ -100,7 +100,8 @@ contains
       real(wp), intent(in) :: u        !! uniform in (0, 1) [-]
       type(approach_t), intent(in) :: in
       type(outcome_t), intent(out) :: out
-      real(wp) :: record(record_fields), scaled, change(n_inputs), shift(n_mapped), unshifted(4), before, hidden, allowed
+      real(wp) :: record(record_fields), scaled, change(n_inputs), shift(n_mapped), unshifted(4)
+      real(wp) :: before, allowed  !! energies
       integer :: bin
 
       bin = bin_of(table, part, in)
@@ -130,8 +131,8 @@ contains
       out%w = unshifted(4) + shift(3)
       before = energy(in%v(1), 0.0_wp, in%v(2), in%v(3), in%inertia) &
                + 2*max(0.0_wp, in%pull(1))*max(0.0_wp, out%advance)
-      hidden = max(0.0_wp, energy(unshifted(1), unshifted(2), unshifted(3), unshifted(4), in%inertia) - before)
-      allowed = before + hidden*hidden_part(in%pull(1), record(pull_along))
+      scaled = min(1.0_wp, (in%v(1)**2 + in%v(2)**2)/record(speed_in)**2)
+      allowed = before + scaled*hidden_gain(record, in%inertia)*hidden_part(in%pull(1), record(pull_along))
       if (is_possible(out, in%inertia, allowed)) return
       out%along = unshifted(1)
       out%normal = unshifted(3)
@@ -140,6 +141,15 @@ contains
       out%limited = .true.
       call limit(out, in%inertia, allowed)
    end subroutine draw_contact
+
+   !> What a record gained beyond the work of gravity along the slope.
+   pure real(wp) function hidden_gain(record, inertia)
+      real(wp), intent(in) :: record(record_fields), inertia
+
+      hidden_gain = max(0.0_wp, energy(record(along_out), record(across_out), record(n_out), record(w_out), inertia) &
+                        - energy(record(t_in), 0.0_wp, record(n_in), record(w_in), inertia) &
+                        - 2*max(0.0_wp, record(pull_along))*max(0.0_wp, record(advances)))
+   end function hidden_gain
 
    !> How much of what a record gained, beyond the work of gravity, a boulder may gain: the record had it of relief that
    !> it stood on and of spin about other axes. All on ground as steep as the record's, nothing on the flat.

@@ -87,7 +87,7 @@ contains
    end subroutine find_roll
 
    !> The path of a contact that a table gives: along a heading on the ground, in a given time. It is followed at the
-   !> speed that has the mean energy of the contact, so that none is missed at a line, and waits for the rest of the time.
+   !> speed that has the mean energy of the contact, so that none is missed at a line; the rest of the time it waits.
    !>
    !> `off`: there the ground falls away faster than gravity pulls the boulder after it.
    pure subroutine find_slide(dem, gravity, landing, heading, length, time, speed, roll, off)

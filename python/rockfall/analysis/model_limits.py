@@ -18,7 +18,7 @@ import numpy as np
 
 from rockfall.io.tables import read_table
 from rockfall.quantities import part_of, percent
-from rockfall.result.grounds import classical_grounds, stochastic_fraction
+from rockfall.result.grounds import classical_grounds, stochastic_fraction, table_grounds
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -49,6 +49,12 @@ UNDERSTATED = (
     "understated (docs/grounds.md)"
 )
 
+TABLES_IN_THE_FIELD = (
+    "tables are not validated: at the field site where they were tried run-outs were a fifth too "
+    "short, and on long slopes above 30 degrees boulders are faster than any observed "
+    "(docs/validation/field/tschamut.md)"
+)
+
 
 class Remark(NamedTuple):
     """What must be said of the model of a run."""
@@ -62,6 +68,7 @@ def model_remarks(values: Variables, case: Case) -> Iterator[Remark]:
     """All that must be said of the model, from the variables of a result, or of boulders by name,
     and the case."""
     yield from rebound_remarks(values, case)
+    yield from table_remarks(values)
     yield from forest_remarks(case)
     yield from roll_remarks(values, case)
     yield from (Remark(one.text, one.is_warning) for one in extrapolations(values))
@@ -82,6 +89,20 @@ def rebound_remarks(values: Variables, case: Case) -> Iterator[Remark]:
     )
     text = f"{followed} followed classical grounds in place of impact sets: {parts}"
     yield Remark(f"{text}; {coefficients_remark(case)}", True)
+
+
+def table_remarks(values: Variables) -> Iterator[Remark]:
+    """Which tables of impacts made which fraction, and what the field says of them; nothing of a
+    run without."""
+    if not (tables := table_grounds(values)):
+        return
+    drawn = part_of(
+        sum(one.rebounds for one in tables),
+        max(1, _total(values, "rebounds_by_ground")),
+        "rebound",
+    )
+    parts = "; ".join(f"{one.name} {percent(one.fraction)}" for one in tables)
+    yield Remark(f"{drawn} were drawn from tables of impacts: {parts}; {TABLES_IN_THE_FIELD}", True)
 
 
 def coefficients_remark(case: Case) -> str:

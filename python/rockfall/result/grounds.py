@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from rockfall.grounds import ABSORBS, IMPACT_SETS
+from rockfall.grounds import ABSORBS, IMPACT_SETS, TABLES
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -42,11 +42,11 @@ def rebounds_by_ground(values: Variables) -> list[GroundRebounds]:
 
 
 def stochastic_fraction(values: Variables) -> float:
-    """Which part of the rebounds followed impact sets."""
+    """Which part of the rebounds followed impact sets, or tables of impacts."""
     grounds = rebounds_by_ground(values)
     if not grounds:
         return 1.0
-    return sum(one.fraction for one in grounds if one.model == IMPACT_SETS)
+    return sum(one.fraction for one in grounds if one.model in (IMPACT_SETS, *TABLES))
 
 
 def classical_grounds(values: Variables) -> list[GroundRebounds]:
@@ -55,9 +55,14 @@ def classical_grounds(values: Variables) -> list[GroundRebounds]:
     found = [
         one
         for one in rebounds_by_ground(values)
-        if one.rebounds and one.model not in (IMPACT_SETS, ABSORBS)
+        if one.rebounds and one.model not in (IMPACT_SETS, ABSORBS, *TABLES)
     ]
     return sorted(found, key=lambda one: -one.rebounds)
+
+
+def table_grounds(values: Variables) -> list[GroundRebounds]:
+    """The tables of impacts that rebounds were drawn from."""
+    return [one for one in rebounds_by_ground(values) if one.rebounds and one.model in TABLES]
 
 
 def sets_followed(values: Variables, case_set: str) -> list[str]:
