@@ -11,8 +11,9 @@ from rockfall._core import rockfall_f2py as _core
 import rockfall
 from made import refused
 from programs import make_full_case, refuses, run_program, same_results
+from rockfall.analysis.model_limits import model_remarks
 from rockfall.cli import main
-from rockfall.impact_tables import FIELDS, open_table, save_table
+from rockfall.impact_tables import FIELDS, open_table, save_table, shipped_tables
 from rockfall.lab.blocks.case import BlockCase
 from rockfall.lab.blocks.contacts import run_throws, save_contacts
 from rockfall.lab.tables import table_of
@@ -214,3 +215,26 @@ def test_what_is_no_table_is_refused(made, tmp_path, monkeypatch, capsys):
     shutil.copy(made / "meadow.nc", tmp_path)
     words = "meadow.nc: is not a file of contacts of the laboratory of blocks"
     refuses(["lab", "table", "meadow.nc", "-o", "t.nc"], words, capsys)
+
+
+@pytest.mark.parametrize("path", shipped_tables().values(), ids=shipped_tables())
+def test_shipped_tables_are_small_and_sound(path):
+    table = open_table(path)
+    assert path.stat().st_size < 1_000_000
+    assert np.isfinite(table.record).all() and np.isfinite(table.map).all()
+    assert f"{table.about['ground']}-{table.about['shape']}" == path.stem
+    assert table.about["contacts"] > 20_000 and "&throw" in table.about["lab_case"]
+
+
+def test_a_zone_names_the_table_of_its_ground_and_boulders_their_shape(tmp_path):
+    found = []
+    for shape in "compact", "platy":
+        case = case_in(
+            tmp_path, impact={"form": "table"}, surface={"ground": "meadow"},
+            boulder={"block_shape": shape}, **place(),
+        )  # fmt: skip
+        found.append(rockfall.run(case, **terrain()))
+        assert found[-1]["ground_model"].values.tolist() == ["impact_table"]
+    assert not np.array_equal(*(one["stop_y"] for one in found))
+    said = [one.text for one in model_remarks(found[0], case)]
+    assert any("were drawn from tables of impacts: meadow 100" in text for text in said), said
