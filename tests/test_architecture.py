@@ -201,7 +201,7 @@ def test_folders_are_small():
     counts = {
         folder: sum(path.is_file() and path.suffix != ".so" for path in folder.iterdir())
         for folder in folders
-        if folder.name != "__pycache__"
+        if folder.name not in ("__pycache__", "impact_tables")  # one file a ground and shape
     }
     report(
         f"{folder.relative_to(ROOT)} has {count} files"
