@@ -131,7 +131,7 @@ class GroundTable:
 def find_ground(case: Case, table: GroundTable, name: str, where: str) -> GroundRule:
     """The ground of a name: a table of impacts, with `&impact form = 'table'`; a row of the table
     of grounds; or impact sets, shipped or in a file. `where` says who names it."""
-    if case.impact["form"] == "table" and (found := find_table(case, name)):
+    if found := find_table(case, name):
         return table_ground(name, found)
     if name in table.rows:
         return table.ground(name)

@@ -121,7 +121,9 @@ def table_names() -> list[str]:
 
 def find_table(case: Case, name: str) -> Path | None:
     """The file of a table of a name: shipped, for the shape of the case's blocks where there are
-    several, or beside the case; None: there is none."""
+    several, or beside the case; None: there is none, or the case takes none."""
+    if case.impact["form"] != "table":
+        return None
     shipped = shipped_tables()
     for one in (name, f"{name}-{case.boulder['block_shape']}"):
         if one in shipped:

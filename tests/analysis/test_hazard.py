@@ -134,6 +134,7 @@ def test_frequencies_of_sources_and_of_area_are_those_of_all(tmp_path):
 def test_a_scenario_changes_boulders(tmp_path):
     """One key of &boulder, or with a distribution of its own all keys of volumes."""
     boulder = {"volume": "normal", "volume_mean": 1.0, "volume_std": 0.2, "density": 2600.0}
+    boulder |= {"block_shape": "platy"}
     case = make_case(
         tmp_path,
         ONE | {"name": "as they are"},
@@ -145,7 +146,8 @@ def test_a_scenario_changes_boulders(tmp_path):
     one, two, three = (scenario.case.boulder for scenario in study.scenarios)
     assert one == boulder
     assert two == boulder | {"volume_mean": 3.0}
-    assert three == {"volume": "fixed", "volume_mean": 0.5, "density": 2700.0}
+    alike = {"block_shape": "platy"}
+    assert three == {"volume": "fixed", "volume_mean": 0.5, "density": 2700.0} | alike
 
 
 def test_a_run_takes_no_notice(tmp_path):

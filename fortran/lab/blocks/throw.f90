@@ -197,25 +197,31 @@ contains
       c%incoming = [speed, first%v(3), rolling(first, heading)]
       call sine_cosine(throw%slope*degree, sine, cosine)
       v = last%v(:2) - throw%gravity*sine*c%duration*throw%downhill
-      call split(v, last, heading, c)
+      call split(v, heading, c)
+      c%outgoing(3) = rolling(last, unit_vector(last%v(:2), heading))
 
    contains
 
       !> V_t is below zero where the block was thrown back; the frame of its heading stays.
-      pure subroutine split(v, last, heading, c)
+      pure subroutine split(v, heading, c)
          real(wp), intent(in) :: v(2), heading(2)
-         type(instant_t), intent(in) :: last
          type(contact_t), intent(inout) :: c
-         real(wp) :: along, across, size_v, t(2)
+         real(wp) :: along, across, size_v
 
          along = dot_product(v, heading)
          across = v(2)*heading(1) - v(1)*heading(2)
          size_v = sqrt(sum(v**2))
-         t = heading
-         if (size_v > 0) t = sign(1.0_wp, along)*v/size_v
-         c%outgoing = [sign(size_v, along), last%v(3), rolling(last, t)]
+         c%outgoing(1:2) = [sign(size_v, along), last%v(3)]
          if (size_v > 0) c%lateral = sign(1.0_wp, along)*across/size_v
       end subroutine split
+
+      pure function unit_vector(v, otherwise) result(t)
+         real(wp), intent(in) :: v(2), otherwise(2)
+         real(wp) :: t(2)
+
+         t = otherwise
+         if (any(v /= 0)) t = v/sqrt(sum(v**2))
+      end function unit_vector
 
       !> W = R_b omega about the axis in the surface across a direction: > 0 forward.
       pure real(wp) function rolling(now, t)

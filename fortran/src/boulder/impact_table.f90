@@ -25,7 +25,10 @@ module rockfall_impact_table
 
    integer, parameter :: n_inputs = 4  !! of the map of a bin: V_t, V_n, W, and the height where a block rolls
    integer, parameter :: n_mapped = 3  !! along, V_n, W
-   integer, parameter :: window = 6    !! a contact draws from this part of its bin: the nearest in gravity along it
+   integer, parameter :: window = 12   !! a contact draws from this part of its bin: the nearest in gravity along it
+
+   !> What is limited to its energy loses this part of it: no contact is without loss, and what rocks comes to rest [-].
+   real(wp), parameter :: least_loss = 0.02_wp
 
    !> Bins of one kind of contacts. Each key has its edges within the bin of the key before.
    type :: bins_t
@@ -43,7 +46,7 @@ module rockfall_impact_table
       type(bins_t) :: flights, rolls       !! by (V_n/V)**2, W/V, speed; by speed, height, V_n
       integer, allocatable :: first(:)     !! record of each bin, and past the last; flights before rolls, by ratio
       real(wp), allocatable :: map(:, :, :)     !! (n_inputs, n_mapped, bins)
-      real(wp), allocatable :: low(:, :), high(:, :)  !! ends of the inputs of a bin's records (n_inputs, bins)
+      real(wp), allocatable :: low(:, :), high(:, :)  !! ends of the inputs of a bin's records, W over V (n_inputs, bins)
       real(wp) :: fastest = huge(1.0_wp)   !! V**2 of the fastest record, as the key of speed
       real(sp), allocatable :: record(:, :)     !! (record_fields, records), those of a bin by gravity along the heading
    end type impact_table_t
@@ -100,20 +103,26 @@ contains
       real(wp), intent(in) :: u        !! uniform in (0, 1) [-]
       type(approach_t), intent(in) :: in
       type(outcome_t), intent(out) :: out
-      real(wp) :: record(record_fields), scaled, change(n_inputs), shift(n_mapped), unshifted(4)
-      real(wp) :: before, allowed  !! energies
+      real(wp) :: record(record_fields), speed, scaled, change(n_inputs), shift(n_mapped), unshifted(4)
+      real(wp) :: allowed  !! energy
       integer :: bin
 
       bin = bin_of(table, part, in)
       record = real(table%record(:, chosen(table, bin, in%pull(1), u)), wp)
       out%exit = nint(record(exit_code))
       out%duration = record(lasts)
-      scaled = 1
+      speed = sqrt(in%v(1)**2 + in%v(2)**2)
       if (.not. in%rolling) then
-         scaled = sqrt(in%v(1)**2 + in%v(2)**2)/record(speed_in)
-         ! at one speed a contact lasts as R_b, not as its root
-         if (table%speed2 > 0) out%duration = out%duration*sqrt(in%unit2/table%speed2)
+         scaled = speed/record(speed_in)
+      else
+         scaled = 1
+         ! the fastest bin has no end: beyond its records a contact is as one of them at a larger scale
+         associate (fastest => table%high(1, bin))
+            if (in%v(1) > fastest .and. fastest > 0) scaled = in%v(1)/fastest
+         end associate
       end if
+      ! at one speed a contact lasts as R_b, not as its root
+      if (table%speed2 > 0 .and. .not. in%rolling) out%duration = out%duration*sqrt(in%unit2/table%speed2)
       out%advance = record(advances)
       out%rise = record(rises)
       out%height = merge(in%height, record(height_in), in%rolling) + out%rise
@@ -121,7 +130,8 @@ contains
       unshifted = scaled*record(along_out:w_out)
       unshifted(1) = unshifted(1) + in%pull(1)*out%duration - scaled*record(pull_along)*record(lasts)
       unshifted(2) = unshifted(2) + in%pull(2)*out%duration - scaled*record(pull_across)*record(lasts)
-      change = within([in%v, in%height], table%low(:, bin), table%high(:, bin), in%rolling) &
+      change = within([in%v, in%height], merge(scaled, speed, in%rolling), speed, table%low(:, bin), &
+                      table%high(:, bin)) &
                - [scaled*record(t_in:w_in), record(height_in)]
       if (.not. in%rolling) change(4) = 0
       shift = matmul(change, table%map(:, :, bin))
@@ -129,16 +139,15 @@ contains
       out%across = unshifted(2)
       out%normal = unshifted(3) + shift(2)
       out%w = unshifted(4) + shift(3)
-      before = energy(in%v(1), 0.0_wp, in%v(2), in%v(3), in%inertia) &
-               + 2*max(0.0_wp, in%pull(1))*max(0.0_wp, out%advance)
-      scaled = min(1.0_wp, (in%v(1)**2 + in%v(2)**2)/record(speed_in)**2)
-      allowed = before + scaled*hidden_gain(record, in%inertia)*hidden_part(in%pull(1), record(pull_along))
-      if (is_possible(out, in%inertia, allowed)) return
-      out%along = unshifted(1)
-      out%normal = unshifted(3)
-      out%w = unshifted(4)
-      if (is_possible(out, in%inertia, allowed)) return
-      out%limited = .true.
+      if (out%exit == flies .and. .not. out%normal > 0) then
+         out%along = unshifted(1)
+         out%normal = unshifted(3)
+         out%w = unshifted(4)
+      end if
+      allowed = energy(in%v(1), 0.0_wp, in%v(2), in%v(3), in%inertia) &
+                + 2*max(0.0_wp, in%pull(1))*max(0.0_wp, out%advance) &
+                + min(1.0_wp, (speed/record(speed_in))**2)*hidden_gain(record, in%inertia) &
+                *hidden_part(in%pull(1), record(pull_along))
       call limit(out, in%inertia, allowed)
    end subroutine draw_contact
 
@@ -234,15 +243,15 @@ contains
       chosen = from + int(u*n)
    end function chosen
 
-   !> The inputs of the map, no farther than the records of the bin reach: of a flight relative to its speed.
-   pure function within(input, low, high, rolling) result(x)
+   !> The inputs of the map, no farther than the records of the bin reach.
+   pure function within(input, unit, speed, low, high) result(x)
       real(wp), intent(in) :: input(n_inputs), low(n_inputs), high(n_inputs)  !! [-]
-      logical, intent(in) :: rolling
-      real(wp) :: x(n_inputs), unit
+      real(wp), intent(in) :: unit   !! of V_t and V_n of the bin [-]
+      real(wp), intent(in) :: speed  !! which is that of W [-]
+      real(wp) :: x(n_inputs), of(n_inputs)
 
-      unit = 1
-      if (.not. rolling) unit = sqrt(input(1)**2 + input(2)**2)
-      x = max(unit*low, min(unit*high, input))
+      of = [unit, unit, speed, 1.0_wp]
+      x = max(of*low, min(of*high, input))
    end function within
 
    !> Twice the kinetic energy, over m g R_b.
@@ -252,25 +261,16 @@ contains
       energy = along*along + across*across + normal*normal + inertia*w*w
    end function energy
 
-   !> Whether a contact leaves no more energy than there was, and a boulder that flies leaves the ground.
-   pure logical function is_possible(out, inertia, allowed)
-      type(outcome_t), intent(in) :: out
-      real(wp), intent(in) :: inertia, allowed
-
-      is_possible = energy(out%along, out%across, out%normal, out%w, inertia) <= allowed &
-                    .and. (out%normal > 0 .or. out%exit /= flies)
-   end function is_possible
-
-   !> The nearest thing that is possible.
+   !> No more energy than there was, and a little less than that.
    pure subroutine limit(out, inertia, allowed)
       type(outcome_t), intent(inout) :: out
       real(wp), intent(in) :: inertia, allowed
       real(wp) :: total, part
 
-      if (out%exit == flies .and. .not. out%normal > 0) out%exit = rolls_on
       total = energy(out%along, out%across, out%normal, out%w, inertia)
-      if (total <= allowed) return
-      part = sqrt(allowed/total)
+      out%limited = total > allowed
+      if (.not. out%limited) return
+      part = sqrt((1 - least_loss)*allowed/total)
       out%along = part*out%along
       out%across = part*out%across
       out%normal = part*out%normal

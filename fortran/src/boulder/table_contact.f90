@@ -11,7 +11,7 @@ module rockfall_table_contact
    use rockfall_direction, only: unit_vector, any_heading, along_aspect
    use rockfall_local_frame, only: decompose, launch_velocity
    use rockfall_impact_table, only: impact_table_t, approach_t, outcome_t, draw_contact, ratio_at, beyond_table, &
-                                    rolls_on, stops
+                                    flies, rolls_on, stops
    implicit none
    private
    public :: table_contact_t, table_contact
@@ -102,7 +102,9 @@ contains
          call fall(out, (landing%z - roll%landing%z)/boulder%radius &
                    - in%pull(1)*slide*sqrt(1 + along*along)/boulder%radius, inertia)
       end if
-      contact%v_out = unit*[sign(sqrt(out%along**2 + out%across**2), out%along), out%normal, out%w]
+      if (out%exit == flies) call climb(out, touch%lift, 1/steepness)
+      contact%v_out = unit*[sign(sqrt(out%along**2 + out%across**2), out%along), out%normal, &
+                           merge(-out%w, out%w, out%along < 0)]
       contact%stops = out%exit == stops .or. energy_left(out, inertia) < rest_energy
       call leave(dem, g, steepness, heading, along, side, unit, out, touch, roll)
       roll%above = 0
@@ -124,6 +126,20 @@ contains
       out%normal = part*out%normal
       out%w = part*out%w
    end subroutine fall
+
+   !> What takes off lower than it landed, in a hollow of the relief, has that much to climb to the mean ground. What is
+   !> too slow for it lands in its hollow again.
+   pure subroutine climb(out, lift, gravity)
+      type(outcome_t), intent(inout) :: out
+      real(wp), intent(inout) :: lift   !! over R_b [-]
+      real(wp), intent(in) :: gravity   !! along the normal, over g [-]
+      real(wp) :: square
+
+      square = out%normal**2 + 2*gravity*lift
+      if (lift >= 0 .or. square <= 0) return
+      out%normal = sqrt(square)
+      lift = 0
+   end subroutine climb
 
    !> Twice the kinetic energy, over m g R_b.
    pure real(wp) function energy_left(out, inertia)
@@ -152,7 +168,7 @@ contains
       after = unit_vector(plan)
       if (all(after == 0)) after = heading
       speed = unit*sqrt(out%along**2 + out%across**2)
-      roll%w = unit*merge(-out%w, out%w, out%along < 0)
+      roll%w = unit*out%w
       roll%heading = after
       associate (end => roll%landing)
          v_end(1:2) = gradient(dem, end%patch, end%u, end%w)

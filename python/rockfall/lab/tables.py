@@ -18,10 +18,11 @@ if TYPE_CHECKING:
     import xarray as xr
 
 FLIGHT, ROLLING = 0, 1  # entries
-BINS = {"flight": (9, 4, 5), "roll": (6, 3, 2)}  # by each key, where there are records enough
+BINS = {"flight": (4, 4, 12), "roll": (6, 4, 1)}  # by each key, where there are records enough
 ENOUGH = 24  # records of a bin; with fewer there are fewer bins
-KEPT = {"flight": 100, "roll": 200}  # of a bin at most
+KEPT = {"flight": 120, "roll": 200}  # of a bin at most
 RIDGE = 0.01  # of the least squares of a bin, over the variance of each input
+USUAL = 0.02, 0.98  # of W/V where a block rolls: what is beyond is taken as at the end
 SLOWEST = 0.05  # V/sqrt(g R_b) of a flight: slower ones have no direction to speak of
 DIGITS = 12  # bits of a record's numbers that are kept: their noise does not compress
 
@@ -219,9 +220,9 @@ def _bin(record: np.ndarray, kind: str) -> _Bin:
     found = np.linalg.solve(normal, x @ y.T).T
     order = record[np.lexsort((value["speed_in"], value["pull_along"]))]
     kept = min(len(order), KEPT[kind])
+    low, high = inputs.min(axis=1), inputs.max(axis=1)
+    if kind == "roll":  # nearly all turn as they move: the few others teach the map nothing
+        low[2], high[2] = np.quantile(value["w_in"] / value["speed_in"], USUAL)
     return _Bin(
-        order[(np.arange(kept) * len(order)) // kept],
-        found.reshape(MAPPED, INPUTS),
-        inputs.min(axis=1),
-        inputs.max(axis=1),
+        order[(np.arange(kept) * len(order)) // kept], found.reshape(MAPPED, INPUTS), low, high
     )

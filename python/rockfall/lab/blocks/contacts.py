@@ -47,7 +47,7 @@ MEANING = {
     "s": "rho_b V_n**2/(2 p_y)",
     "vt_out": "V_t/|V_in| without gravity's work along the slope, < 0 thrown back",
     "vn_out": "V_n/|V_in|, away from the mean plane",
-    "w_out": "W/|V_in|",
+    "w_out": "W/|V_in|, about the axis across the V_t that the block has then, > 0 forward",
     "lateral": "turn of V_t from the heading before, left > 0",
     "duration": "from the first touch to the last, or to the cut",
     "advance": "displacement along the heading before, over R_b",
