@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A table of impacts beside the blocks that it was made from, on planes:
 
-    python -m benchmarks.lab.law [--ground meadow] [--shape compact] [--relief 14] [--blocks 300] [--seed 77]
+    python -m benchmarks.lab.law [--ground meadow] [--shape compact] [--relief 14]
+        [--blocks 300] [--seed 77]
 
 Throws blocks of R_b = 0.4 m at 5 m/s, 30 degrees from the plane, without spin, down planes in the
 laboratory, as far as 600 contacts carry them, and as many boulders in the program by a table of
@@ -31,9 +32,7 @@ SLOPES = 12, 15, 20, 25, 30, 38  # [degree]
 CELL, COLUMNS, ABOVE = 2.5, 80, 8  # [m]; cells, and rows above the release
 
 
-def thrown(
-    case: BlockCase, slope: float, blocks: int, seed: int
-) -> tuple[np.ndarray, np.ndarray]:
+def thrown(case: BlockCase, slope: float, blocks: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
     """Run-outs (blocks,) and speeds at the marks (blocks, marks) [m], [m/s], NaN: not reached. The
     speed within a contact is that of a square linear in the distance."""
     throw = {"slope": [slope] * 2, "speed": [SPEED] * 3, "angle": [ANGLE] * 3, "spin": [0.0] * 3}

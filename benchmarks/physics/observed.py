@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The boulders observed at Vaujany beside the program, on slopes that nothing was fitted on.
 
-    python -m benchmarks.physics.observed [--slopes 32] [--boulders 2000]
+    python -m benchmarks.physics.observed [--slopes 32] [--boulders 2000] [--first 1000]
+        [--law NAME=TABLE ...]
 
 Table 2 of the paper prints mean, deviation and maximum of 100 boulders at two lines. No calibration
 was given them: the impact sets were calibrated to what the paper *simulated*. Prints the relative
-errors of both methods, over slopes of the recipe of cases/vaujany with their standard errors, and
-those of the paper's own simulation.
+errors of both methods, and of tables of impacts in place of the matrix, over slopes of the recipe
+of cases/vaujany with their standard errors, and those of the paper's own simulation.
 """
 
 import argparse
@@ -17,16 +18,16 @@ import rasterio
 
 import rockfall
 from benchmarks.machine import NOTHING, ROOT, machine
+from benchmarks.physics.tschamut import table
 from rockfall.lab.talus import CELL, NORTH, WEST, Talus, zones
 
 CASES = ROOT / "cases" / "vaujany"
-SLOPES_FROM = 1000  # seeds of the relief that no calibration has seen
+FIRST = 1000  # seed of the relief: none that a calibration has seen
 METHODS = {"A": "case_A.nml", "B": "case.nml"}
 
 
-def measure(method: str, seed: int, boulders: int) -> pd.DataFrame:
+def measure(case: rockfall.Case, seed: int, boulders: int) -> pd.DataFrame:
     """Mean and deviation at the lines, by line and quantity; energies in kJ."""
-    case = rockfall.read_case(CASES / METHODS[method])
     case = case.replace(case={"boulders": boulders, "seed": seed}, output=NOTHING)
     place = rasterio.Affine(CELL, 0, WEST, 0, -CELL, NORTH)
     result = rockfall.run(case, dem=Talus(seed=seed).elevation(), transform=place, zones=zones())
@@ -39,16 +40,18 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--slopes", type=int, default=32)
     parser.add_argument("--boulders", type=int, default=2000)
+    parser.add_argument("--first", type=int, default=FIRST)
+    parser.add_argument("--law", type=table, action="append", default=[])
     given = parser.parse_args()
     printed = pd.read_csv(CASES / "paper.csv").set_index(["line", "method", "quantity"])
+    cases = {name: rockfall.read_case(CASES / file) for name, file in METHODS.items()}
+    cases |= {law.name: cases["B"].replace(**law.keys) for law in given.law}
     print(machine())
-    print("| line, quantity | observed | paper A, B | program A | program B |")
-    print("|---|---|---|---|---|")
+    print("| line, quantity | observed | paper A, B | " + " | ".join(cases) + " |")
+    print("|---" * (3 + len(cases)) + "|")
     runs = {
-        method: [
-            measure(method, SLOPES_FROM + seed, given.boulders) for seed in range(given.slopes)
-        ]
-        for method in METHODS
+        name: [measure(case, given.first + k, given.boulders) for k in range(given.slopes)]
+        for name, case in cases.items()
     }
     for line in ("EL1", "EL2"):
         for quantity in ("speed", "passing_height", "energy_translational"):
@@ -57,9 +60,9 @@ def main() -> None:
                 paper = [printed.loc[(line, one, quantity), number] / seen - 1 for one in METHODS]
                 cells = [f"{line}, {quantity}, {number}", f"{seen:g}"]
                 cells.append(", ".join(f"{error:+.0%}" for error in paper))
-                for one in METHODS:
-                    found = np.array([run.loc[(line, quantity), number] for run in runs[one]])
-                    off = found / seen - 1
+                for of_slopes in runs.values():
+                    off = np.array([run.loc[(line, quantity), number] for run in of_slopes])
+                    off = off / seen - 1
                     error = off.std(ddof=1) / np.sqrt(given.slopes)
                     cells.append(f"{off.mean():+.0%} ± {error:.0%}")
                 print("|", " | ".join(cells), "|")

@@ -89,7 +89,7 @@ def run_models(case: Case, grounds: Sequence[str] = (), progress: bool = False) 
 
     case = case.replace(output={"maps": None, "rebounds": False, "trajectories": 0, "kept": "all"})
     notes: list[str] = []
-    scenes = dict(_variants(case, grounds, notes))
+    scenes = dict(variants(case, grounds, notes))
     first: xr.Dataset | None = None
     rows: list[dict[str, Any]] = []
     total = sum(scene.boulders for scene in scenes.values())
@@ -142,8 +142,8 @@ def read_models(path: str | Path) -> Models:
     return Models(title, boulders, names, table, tuple(filter(None, notes)), found[["crs"]])
 
 
-def _variants(case: Case, grounds: Sequence[str], notes: list[str]) -> Iterator[tuple[str, Scene]]:
-    """Scenes by the name of their model, the case's own first."""
+def variants(case: Case, grounds: Sequence[str], notes: list[str]) -> Iterator[tuple[str, Scene]]:
+    """Scenes by the name of their model, the case's own first; `notes` takes what is to be said."""
     own = read_scene(case)
     table = GroundTable(table_path(case))
     chosen = [find_ground(case, table, name, "--ground") for name in grounds]

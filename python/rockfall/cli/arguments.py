@@ -210,6 +210,15 @@ def _add_studies(commands: _Commands) -> None:
     about = "a ground, in place of those that stand for rocks; several: --ground A --ground B"
     every.add_argument("--ground", metavar="NAME", action="append", default=[], help=about)
     _add_overrides(every)
+    about = "set a case by every law of rebound beside what was observed at its site"
+    site = _add(commands, "studies", "validate", about, "CASE")
+    site.add_argument("observed", metavar="OBSERVED.csv", type=Path, nargs="+")
+    site.add_argument("-o", "--output", metavar="TABLE.csv", type=Path, help="all numbers as CSV")
+    about = "a table of impacts; several: --table A --table B; default: all that are shipped"
+    site.add_argument("--table", metavar="NAME", action="append", default=[], help=about)
+    about = "runs of each law, by seeds after the case's; default: %(default)s"
+    site.add_argument("--seeds", metavar="N", type=int, default=5, help=about)
+    _add_overrides(site)
     about = "measure how a case's numbers converge, and the cost"
     converge = _add(commands, "studies", "convergence", about, "CASE")
     converge.add_argument(

@@ -14,6 +14,7 @@ from rockfall.analysis.convergence import Convergence, converge
 from rockfall.analysis.ensemble.study import check_place, run_ensemble, write_ensemble
 from rockfall.analysis.models import run_models, write_models
 from rockfall.analysis.observations import read_observed
+from rockfall.analysis.validation import validate
 from rockfall.case import read_case
 from rockfall.case_files import input_files
 from rockfall.cli.given import overridden, warn_of_inputs
@@ -24,6 +25,7 @@ from rockfall.io.output_files import (
     FIGURE,
     MODELS,
     STUDY,
+    VALIDATION,
     atomic_folder,
     check_folder,
     check_outputs,
@@ -38,6 +40,7 @@ from rockfall.text.back import back_text
 from rockfall.text.convergence import text
 from rockfall.text.ensemble import ensemble_summary
 from rockfall.text.models import models_text
+from rockfall.text.validation import validation_text
 
 TABLES = ("study", "error", "cost", "numerical")
 FILES = {  # of a study of convergence, and their kinds
@@ -124,6 +127,21 @@ def models_command(arguments: argparse.Namespace) -> int:
     if not arguments.quiet:
         print(models_text(found))
     print(*(folder / name for name in MODEL_FILES), sep="\n")
+    return DONE
+
+
+def validate_command(arguments: argparse.Namespace) -> int:
+    case = overridden(arguments)
+    inputs = [*input_files(case), *arguments.observed]
+    if arguments.output is not None:
+        check_outputs({arguments.output: VALIDATION}, inputs)
+    seen = read_observed(*arguments.observed)
+    tables = arguments.table or None
+    found = validate(case, seen, tables, arguments.seeds, progress=not arguments.quiet)
+    warn_of_inputs(case)
+    if arguments.output is not None:
+        write_csv(found.table, arguments.output)
+    print(validation_text(found))
     return DONE
 
 

@@ -29,6 +29,7 @@ ENSEMBLE_TABLE, STUDY = "the table of an ensemble", "a study of convergence"
 LINE_TABLE, LEVEL_TABLE = "a table of line statistics", "a table of return levels"
 GROUP_TABLE, PROFILE = "line statistics of groups", "a profile along a line"
 MODELS = "a table of rebound models"
+VALIDATION = "a validation"
 COMPARISON, SETS, JOB = "a comparison", "impact sets of the laboratory", "a Slurm job"
 DESIGN, FACTORS = "a table of a design", "a table of partial factors"
 POSTERIOR = "a back-analysis"
@@ -47,6 +48,7 @@ SIGNS = (  # how a file of ours begins, what else its head holds, and what it is
     (b"line,quantity,n,max,", b"", LEVEL_TABLE),
     (b"table,line,quantity,", b"", COMPARISON),
     (b"model,line,quantity,", b"", MODELS),
+    (b"law,line,quantity,", b"", VALIDATION),
     (b"table,distance,observed,", b"", COMPARISON),
     (b"table,source,statistic,", b"", COMPARISON),
     (b"measure,result,distance,", b"", COMPARISON),

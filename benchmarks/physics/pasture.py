@@ -1,0 +1,68 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The relief of the laboratory's meadow, by the run-outs of the half of Tschamut that calibrates,
+and by the planes (docs/validation/field/protocol.md):
+
+    python -m benchmarks.physics.pasture FOLDER TABLES [--relief 14 ...] [--hurst 0.8 1.4]
+        [--longest 16 32] [--throws 4000]
+
+FOLDER as of benchmarks.physics.tschamut; tables are kept in TABLES and not made again. One seed.
+"""
+
+import argparse
+from pathlib import Path
+
+from benchmarks.machine import machine
+from benchmarks.physics.runaway import SLOPES, beyond
+from benchmarks.physics.tschamut import described, observed, simulated, table, terrain
+from rockfall.impact_tables import SHAPES, save_table
+from rockfall.lab.blocks.case import BlockCase
+from rockfall.lab.blocks.contacts import run_throws
+from rockfall.lab.tables import table_of
+
+SEED, BOULDERS, ON_PLANES = 1, 100, 400
+
+
+def make(path: Path, shape: str, ground: dict[str, float], throws: int) -> None:
+    """The table of a spectrum, unless it is there."""
+    if not path.exists():
+        lab = {"ground": "meadow", "shape": shape, "throws": throws}
+        save_table(table_of([run_throws(BlockCase(lab=lab, ground=ground))]), path)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("tables", type=Path)
+    parser.add_argument("--relief", type=float, nargs="+", default=[10, 12, 14, 16, 18])
+    parser.add_argument("--hurst", type=float, nargs="+", default=[0.8, 1.4])
+    parser.add_argument("--longest", type=float, nargs="+", default=[16, 32])
+    parser.add_argument("--throws", type=int, default=4000)
+    given = parser.parse_args()
+    given.tables.mkdir(exist_ok=True)
+    runs, place = observed(given.folder, "calibration"), terrain(given.folder)
+    print(machine())
+    print("| hurst | longest | relief | mean | std | KS | Wasserstein | " + " | ".join(
+        f"{slope} degrees" for slope in SLOPES) + " | all |")  # fmt: skip
+    print("|---" * (8 + len(SLOPES)) + "|")
+    for hurst in given.hurst:
+        for longest in given.longest:
+            for relief in given.relief:
+                ground = {"relief": relief, "hurst": hurst, "longest": longest}
+                name = f"h{hurst:g}-l{longest:g}-r{relief:g}-{given.throws}"
+                for shape in SHAPES:
+                    make(given.tables / f"{name}-{shape}.nc", shape, ground, given.throws)
+                law = table(f"{name}={given.tables.resolve() / name}-{{shape}}.nc")
+                found = described(
+                    runs, [simulated(run, law, place, BOULDERS, SEED) for run in runs]
+                )
+                compact = table(f"{name}={given.tables.resolve() / name}-compact.nc")
+                share = [beyond(compact, slope, ON_PLANES) for slope in SLOPES]
+                cells = [f"{found[key]:.3g}" for key in ("mean", "std", "KS", "Wasserstein")]
+                cells += [f"{part:.2f}, {speed:.0f} m/s" for part, speed in share]
+                cells.append(f"{sum(part for part, _ in share) / len(share):.2f}")
+                print(f"| {hurst:g} | {longest:g} | {relief:g} | " + " | ".join(cells) + " |",
+                      flush=True)  # fmt: skip
+
+
+if __name__ == "__main__":
+    main()

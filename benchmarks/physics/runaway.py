@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Fraction of boulders that get faster than 0.8 m/s per degree, the limit of what was observed,
+on planes of 30 to 45 degrees over 400 m, and their mean maximum speed, by laws:
+
+    python -m benchmarks.physics.runaway [--law NAME=TABLE ...] [--boulders 400]
+
+TABLE is the name of a shipped table of impacts or of a file. The matrix with R_m = 0.2 m is always
+run. R_b = 0.4 m, released at 5 m/s.
+"""
+
+import argparse
+
+import numpy as np
+
+import rockfall
+from benchmarks.machine import machine
+from benchmarks.physics.tschamut import Law, matrix, table
+from rockfall.io.grid import Grid
+
+SLOPES = 30, 34, 38, 42, 45  # [degree]
+LIMIT = 0.8  # [m/s per degree]
+RADIUS, LENGTH, CELL, COLUMNS = 0.4, 400.0, 2.5, 160  # [m]
+
+
+def beyond(law: Law, slope: float, boulders: int, seed: int = 1) -> tuple[float, float]:
+    """The fraction of boulders beyond the limit, and their mean maximum speed [m/s]."""
+    angle = np.radians(slope)
+    rows = int(LENGTH * np.cos(angle) / CELL) + 12
+    z = 500 + np.tan(angle) * CELL * np.mgrid[rows - 1 : -1 : -1, 0:COLUMNS][0]
+    groups = {
+        "case": {"title": "plane", "seed": seed, "boulders": boulders},
+        "boulder": {"volume": "fixed", "volume_mean": 4 / 3 * np.pi * RADIUS**3, "density": 2700.0},
+        "release": {
+            "x": [COLUMNS * CELL / 2], "y": [(rows - 10) * CELL], "drop_height": 0.5,
+            "velocity": [0.0, -5 * np.cos(angle), -5 * np.sin(angle)],
+        },
+    }  # fmt: skip
+    case = rockfall.Case(**(groups | law.keys))
+    result = rockfall.run(case, dem=z, transform=Grid(0.0, rows * CELL, CELL, COLUMNS, rows))
+    fastest = result.speed_max.values
+    return float(np.mean(fastest > LIMIT * slope)), float(fastest.mean())
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--law", type=table, action="append", default=[])
+    parser.add_argument("--boulders", type=int, default=400)
+    given = parser.parse_args()
+    print(machine())
+    print("| law | " + " | ".join(f"{slope} degrees" for slope in SLOPES) + " |")
+    print("|---" * (1 + len(SLOPES)) + "|")
+    for law in [matrix(), *given.law]:
+        cells = [
+            "{:.2f}, {:.0f} m/s".format(*beyond(law, slope, given.boulders)) for slope in SLOPES
+        ]
+        print(f"| {law.name} | " + " | ".join(cells) + " |", flush=True)
+
+
+if __name__ == "__main__":
+    main()

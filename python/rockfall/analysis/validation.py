@@ -1,0 +1,222 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A site where boulders were observed, beside a case by every law of rebound, over fresh seeds."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from rockfall.analysis.lines.values import line_values
+from rockfall.analysis.models import variants
+from rockfall.analysis.observations import Observed
+from rockfall.analysis.run_out import RESAMPLES, Distance, moments, samples, weights
+from rockfall.case import Case
+from rockfall.errors import RockfallError
+from rockfall.impact_tables import table_names
+from rockfall.scene.read import read_scene
+from rockfall.simulation.progress import progress_bar
+from rockfall.simulation.simulate import run_scene
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+    from rockfall.scene.scene import Scene
+
+SEEDS = 5
+FEWEST = 2  # seeds for an error, boulders for a distribution
+BOUNDS = {"mean": 0.10, "std": 0.25}  # of an error over what was observed
+QUANTILES = {"q05": 0.05, "q50": 0.5, "q95": 0.95}
+APART = "ks", "p", "wasserstein"  # of both distributions
+RUN_OUT = "stopping_distance"
+COLUMNS = ["law", "line", "quantity", "statistic", "n_observed", "observed", "observed_error",
+           "simulated", "simulated_error", "verdict"]  # fmt: skip
+WITHIN, BEYOND, UNDECIDED = "within", "beyond", "undecided"
+SIGMAS = 1.96  # of an interval of 95 %
+
+Key = tuple[str, str, str]  # line, quantity, statistic
+
+
+class _Number(NamedTuple):
+    """A statistic: of how many observed boulders, what they have, its error, what a run has."""
+
+    n: float
+    observed: float
+    error: float
+    simulated: float
+
+
+@dataclass(frozen=True)
+class Validation:
+    """Distributions at a site, observed and by each law, in SI units.
+
+    `table` has COLUMNS: a row for each law, place (a line, or "" for the run-out), quantity and
+    statistic: mean, std, q05, q50, q95, of run-outs lateral_std (across the way to the mean of the
+    observed places), ks and its p, wasserstein. Errors are standard errors: of what was observed
+    from resampled boulders, of what was simulated over seeds. The verdict is on `BOUNDS`.
+    """
+
+    title: str
+    boulders: int
+    seeds: tuple[int, ...]
+    laws: tuple[str, ...]
+    table: pd.DataFrame
+    notes: tuple[str, ...]
+
+
+def validate(
+    case: Case,
+    seen: Observed,
+    tables: Sequence[str] | None = None,
+    seeds: int = SEEDS,
+    progress: bool = False,
+) -> Validation:
+    """Run a case by its own law, its impact sets, each classical model, and each table of impacts
+    (those of these names, by default all that are shipped), over seeds that follow the case's, and
+    set each beside what was observed: places or distances of rest, samples and numbers at lines.
+
+    Raises a RockfallError where nothing that was observed can be set beside a run.
+    """
+    import pandas as pd
+
+    if seeds < FEWEST:
+        raise RockfallError(f"--seeds {seeds}: at least {FEWEST} are needed for an error")
+    case = case.replace(output={"maps": None, "rebounds": False, "trajectories": 0, "kept": "all"})
+    notes: list[str] = []
+    laws = dict(_laws(case, table_names() if tables is None else tables, notes))
+    first = int(case.case["seed"]) + 1
+    numbers = tuple(range(first, first + seeds))
+    rows: list[dict[str, Any]] = []
+    total = sum(scene.boulders for scene in laws.values()) * seeds
+    with progress_bar(total, shown=progress) as advance:
+        for name, scene in laws.items():
+            found = []
+            for seed in numbers:
+                result = run_scene(replace(scene, case=scene.case.replace(case={"seed": seed})))
+                advance(result.sizes["boulder"])
+                found.append(dict(_described(result, seen)))
+            rows += [{"law": name, **row} for row in _over_seeds(found)]
+    if not rows:
+        raise RockfallError(
+            f"{case.name}: nothing that was observed can be set beside it: places or distances of "
+            "rest (with start_x, start_y where there are several sources), or lines of the case"
+        )
+    table = pd.DataFrame(rows, columns=COLUMNS)
+    title = case.case["title"] or case.name
+    boulders = next(iter(laws.values())).boulders
+    return Validation(title, boulders, numbers, tuple(laws), table, tuple(notes))
+
+
+def _laws(case: Case, tables: Sequence[str], notes: list[str]) -> Iterator[tuple[str, Scene]]:
+    """Scenes by the name of their law, the case's own first."""
+    own_table = case.impact["form"] == "table"
+    if own_table:
+        yield f"table {case.impact['table']}", read_scene(case)
+    try:
+        yield from variants(case.replace(impact={"form": "matrix"}), (), notes)
+    except RockfallError as error:
+        notes.append(f"not by impact sets and classical models: {error}")
+    for name in tables:
+        if own_table and name == case.impact["table"]:
+            continue
+        one = case.replace(impact={"form": "table", "table": name}, surface={"ground": None})
+        yield f"table {name}", read_scene(one)
+
+
+def _described(result: xr.Dataset, seen: Observed) -> Iterator[tuple[Key, _Number]]:
+    """What can be set beside each other, by line, quantity and statistic."""
+    found = samples(result, seen)
+    if found is not None:
+        observed, made = found
+        share = weights(observed, made)
+        numbers = dict(_of_values(observed.values[:, 0], made.values[:, 0], share))
+        fewest = np.unique(observed.source, return_counts=True)[1].min()
+        if observed.values.shape[1] > 1 and fewest >= FEWEST:
+            across = dict(_of_values(observed.values[:, 1], made.values[:, 1], share))
+            numbers["lateral_std"] = across["std"]
+        yield from ((("", RUN_OUT, name), one) for name, one in numbers.items())
+    for (line, quantity), values in seen.samples.items():
+        crossed = _crossed(result, line, quantity)
+        if crossed is not None:
+            of_values = _of_values(values, crossed, np.ones(len(crossed)))
+            yield from (((line, quantity, name), one) for name, one in of_values)
+    for row in seen.summaries.to_dict("records"):
+        key = row["line"], row["quantity"]
+        if row["method"] == "observed" and key not in seen.samples:
+            crossed = _crossed(result, *key)
+            if crossed is not None:
+                yield from (((*key, name), one) for name, one in _of_printed(row, crossed))
+
+
+def _crossed(result: xr.Dataset, line: str, quantity: str) -> np.ndarray | None:
+    """Values of the boulders that crossed a line; None: the case has no such line."""
+    lines = list(result["line"].values) if "line" in result else []
+    if line not in lines:
+        return None
+    values = line_values(result, quantity, lines.index(line))
+    return values[np.isfinite(values)]
+
+
+def _of_values(
+    seen: np.ndarray, made: np.ndarray, share: np.ndarray
+) -> Iterator[tuple[str, _Number]]:
+    """The numbers of both samples, and how far these are apart; errors from resampled boulders."""
+    from scipy.stats import ks_2samp
+
+    random, one = np.random.default_rng(0), np.ones(len(seen))
+    drawn = [_numbers(random.choice(seen, len(seen)), one) for _ in range(RESAMPLES)]
+    enough = min(len(seen), len(made)) >= FEWEST
+    simulated = _numbers(made, share) if enough else {}
+    for name, value in _numbers(seen, one).items():
+        error = float(np.std([each[name] for each in drawn], ddof=1))
+        yield name, _Number(len(seen), value, error, simulated.get(name, np.nan))
+    apart = [np.nan] * 3
+    if enough:
+        test = ks_2samp(seen, made)
+        apart = [test.statistic, test.pvalue, Distance(seen, made)(one, share)]
+    for name, value in zip(APART, apart, strict=True):
+        yield name, _Number(len(seen), np.nan, np.nan, float(value))
+
+
+def _numbers(values: np.ndarray, share: np.ndarray) -> dict[str, float]:
+    """Mean, standard deviation and quantiles of weighted values."""
+    order = np.argsort(values)
+    below = np.cumsum(share[order])
+    place = {name: np.searchsorted(below, q * below[-1]) for name, q in QUANTILES.items()}
+    mean, std = moments(values, share)
+    quantiles = {name: float(values[order[min(k, len(order) - 1)]]) for name, k in place.items()}
+    return {"mean": mean, "std": std, **quantiles}
+
+
+def _of_printed(row: dict[str, Any], crossed: np.ndarray) -> Iterator[tuple[str, _Number]]:
+    """Of a mean and a deviation that were printed; exact where nobody says of how many boulders."""
+    n, std = row["n"], row["std"]
+    errors = {"mean": std / np.sqrt(n), "std": std / np.sqrt(2 * max(n - 1, 1))}
+    found = _numbers(crossed, np.ones(len(crossed))) if len(crossed) >= FEWEST else {}
+    for name, error in errors.items():
+        if row[name] == row[name]:
+            yield name, _Number(n, row[name], error, found.get(name, np.nan))
+
+
+def _over_seeds(runs: list[dict[Key, _Number]]) -> Iterator[dict[str, Any]]:
+    """The mean over seeds, its standard error, and the verdict."""
+    for key, one in runs[0].items():
+        values = np.array([run[key].simulated for run in runs])
+        mean, error = float(values.mean()), float(values.std(ddof=1) / np.sqrt(len(values)))
+        numbers = [one.n, one.observed, one.error, mean, error]
+        yield dict(zip(COLUMNS[1:], [*key, *numbers, _verdict(key[2], one, mean, error)],
+                       strict=True))  # fmt: skip
+
+
+def _verdict(statistic: str, seen: _Number, simulated: float, error: float) -> str:
+    """On a bound, where there is one: undecided where the interval of the error straddles it."""
+    if statistic not in BOUNDS or not seen.observed > 0 or simulated != simulated:
+        return ""
+    off = abs(simulated / seen.observed - 1)
+    reach = SIGMAS * np.hypot(np.nan_to_num(seen.error), error) / seen.observed
+    if off + reach <= BOUNDS[statistic]:
+        return WITHIN
+    return BEYOND if off - reach > BOUNDS[statistic] else UNDECIDED
