@@ -3,12 +3,13 @@
 and by the planes (docs/validation/field/protocol.md):
 
     python -m benchmarks.physics.pasture FOLDER TABLES [--relief 14 ...] [--hurst 0.8 1.4]
-        [--longest 16 32] [--throws 4000]
+        [--longest 16 32] [--yields 1e6] [--throws 4000]
 
 FOLDER as of benchmarks.physics.tschamut; tables are kept in TABLES and not made again. One seed.
 """
 
 import argparse
+from itertools import product
 from pathlib import Path
 
 from benchmarks.machine import machine
@@ -36,32 +37,31 @@ def main() -> None:
     parser.add_argument("--relief", type=float, nargs="+", default=[10, 12, 14, 16, 18])
     parser.add_argument("--hurst", type=float, nargs="+", default=[0.8, 1.4])
     parser.add_argument("--longest", type=float, nargs="+", default=[16, 32])
+    parser.add_argument("--yields", type=float, nargs="+", default=[1e6])
     parser.add_argument("--throws", type=int, default=4000)
     given = parser.parse_args()
     given.tables.mkdir(exist_ok=True)
     runs, place = observed(given.folder, "calibration"), terrain(given.folder)
     print(machine())
-    print("| hurst | longest | relief | mean | std | KS | Wasserstein | " + " | ".join(
+    print("| yield [MPa] | hurst | longest | relief | mean | std | KS | Wasserstein | " + " | ".join(
         f"{slope} degrees" for slope in SLOPES) + " | all |")  # fmt: skip
-    print("|---" * (8 + len(SLOPES)) + "|")
-    for hurst in given.hurst:
-        for longest in given.longest:
-            for relief in given.relief:
-                ground = {"relief": relief, "hurst": hurst, "longest": longest}
-                name = f"h{hurst:g}-l{longest:g}-r{relief:g}-{given.throws}"
-                for shape in SHAPES:
-                    make(given.tables / f"{name}-{shape}.nc", shape, ground, given.throws)
-                law = table(f"{name}={given.tables.resolve() / name}-{{shape}}.nc")
-                found = described(
-                    runs, [simulated(run, law, place, BOULDERS, SEED) for run in runs]
-                )
-                compact = table(f"{name}={given.tables.resolve() / name}-compact.nc")
-                share = [beyond(compact, slope, ON_PLANES) for slope in SLOPES]
-                cells = [f"{found[key]:.3g}" for key in ("mean", "std", "KS", "Wasserstein")]
-                cells += [f"{part:.2f}, {speed:.0f} m/s" for part, speed in share]
-                cells.append(f"{sum(part for part, _ in share) / len(share):.2f}")
-                print(f"| {hurst:g} | {longest:g} | {relief:g} | " + " | ".join(cells) + " |",
-                      flush=True)  # fmt: skip
+    print("|---" * (9 + len(SLOPES)) + "|")
+    for strength, hurst, longest, relief in product(
+        given.yields, given.hurst, given.longest, given.relief
+    ):
+        ground = {"relief": relief, "hurst": hurst, "longest": longest, "yield_pressure": strength}
+        name = f"p{strength:g}-h{hurst:g}-l{longest:g}-r{relief:g}-{given.throws}"
+        for shape in SHAPES:
+            make(given.tables / f"{name}-{shape}.nc", shape, ground, given.throws)
+        law = table(f"{name}={given.tables.resolve() / name}-{{shape}}.nc")
+        found = described(runs, [simulated(run, law, place, BOULDERS, SEED) for run in runs])
+        compact = table(f"{name}={given.tables.resolve() / name}-compact.nc")
+        share = [beyond(compact, slope, ON_PLANES) for slope in SLOPES]
+        cells = [f"{strength / 1e6:g}", f"{hurst:g}", f"{longest:g}", f"{relief:g}"]
+        cells += [f"{found[key]:.3g}" for key in ("mean", "std", "KS", "Wasserstein")]
+        cells += [f"{part:.2f}, {speed:.0f} m/s" for part, speed in share]
+        cells.append(f"{sum(part for part, _ in share) / len(share):.3f}")
+        print("|", " | ".join(cells), "|", flush=True)
 
 
 if __name__ == "__main__":
