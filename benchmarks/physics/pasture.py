@@ -43,9 +43,10 @@ def main() -> None:
     given.tables.mkdir(exist_ok=True)
     runs, place = observed(given.folder, "calibration"), terrain(given.folder)
     print(machine())
-    print("| yield [MPa] | hurst | longest | relief | mean | std | KS | Wasserstein | " + " | ".join(
-        f"{slope} degrees" for slope in SLOPES) + " | all |")  # fmt: skip
-    print("|---" * (9 + len(SLOPES)) + "|")
+    columns = "yield [MPa] | hurst | longest | relief | mean | std | KS | Wasserstein".split(" | ")
+    columns += [f"{slope} degrees" for slope in SLOPES] + ["all"]
+    print("|", " | ".join(columns), "|")
+    print("|---" * len(columns) + "|")
     for strength, hurst, longest, relief in product(
         given.yields, given.hurst, given.longest, given.relief
     ):
