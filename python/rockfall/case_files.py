@@ -53,7 +53,7 @@ def _files_of(case: Case, kind: str, name: str) -> Iterator[Path]:
     path = case.path(name)
     if kind == "sets":
         with suppress(RockfallError):  # who reads it says that it is not there
-            yield set_path(case, name)
+            yield find_table(case, name) or set_path(case, name)
     elif kind == "impact_table":
         if found := find_table(case, name):
             yield found

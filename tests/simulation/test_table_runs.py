@@ -11,6 +11,7 @@ from rockfall._core import rockfall_f2py as _core
 import rockfall
 from made import refused
 from programs import make_full_case, refuses, run_program, same_results
+from rockfall.analysis.ensemble.uncertain_inputs import Uncertain, drawn_scene
 from rockfall.analysis.model_limits import model_remarks
 from rockfall.cli import main
 from rockfall.impact_tables import FIELDS, open_table, save_table, shipped_tables
@@ -238,3 +239,25 @@ def test_a_zone_names_the_table_of_its_ground_and_boulders_their_shape(tmp_path)
     assert not np.array_equal(*(one["stop_y"] for one in found))
     said = [one.text for one in model_remarks(found[0], case)]
     assert any("were drawn from tables of impacts: meadow 100" in text for text in said), said
+
+
+def test_the_ground_is_an_uncertain_input(made, tmp_path):
+    """A draw of an ensemble is the run by that table, bit for bit."""
+    case = case_in(
+        tmp_path, case={"seed": 5, "boulders": 40}, impact={"form": "table", "table": "talus"},
+        ensemble={"sets": ["meadow", "soft-soil"], "runs": 8}, output={"maps": None}, **place(),
+    )  # fmt: skip
+    scene = read_scene(case, **terrain())
+    inputs = Uncertain(scene)
+    assert inputs.names == ["sets"] and {*inputs.set_checksums} == {"meadow", "soft-soil"}
+    stops = []
+    for which, name in enumerate(["meadow", "soft-soil"]):
+        drawn = run_scene(drawn_scene(scene, [inputs._set(which)], 5))
+        alone = rockfall.run(case.replace(impact={"table": name}), **terrain())
+        assert np.array_equal(drawn["stop_x"], alone["stop_x"])
+        stops.append(drawn["stop_y"].values)
+    assert not np.array_equal(*stops)
+    with pytest.raises(rockfall.RockfallError, match="no such table of impacts"):
+        Uncertain(
+            read_scene(case.replace(ensemble={"sets": ["rocky-slope", "talus"]}), **terrain())
+        )

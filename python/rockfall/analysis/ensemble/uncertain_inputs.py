@@ -11,10 +11,13 @@ from typing import Any
 import numpy as np
 
 from rockfall.errors import RockfallError
+from rockfall.grounds import GroundRule, table_ground
 from rockfall.impact_sets import set_path
+from rockfall.impact_tables import find_table
 from rockfall.io.tables import check_columns, read_table
 from rockfall.scene.coefficients import SetFile, draws_in
 from rockfall.scene.kernel_scene import known_at
+from rockfall.scene.layers import file_checksum
 from rockfall.scene.scene import Scene
 from rockfall.scene.sources.attributes import VALUES, VOLUMES
 
@@ -61,13 +64,10 @@ class Uncertain:
 
     def __init__(self, scene: Scene) -> None:
         self.scene, self.given = scene, scene.case.ensemble
-        self.sets: list[SetFile] = []
+        self.sets: list[SetFile | GroundRule] = []
         self.set_checksums: dict[str, str] = {}
         for name in self.given.get("sets", []):
-            path = set_path(scene.case, name, "ensemble")
-            draws = draws_in(path, scene.case.impact["turning"])
-            self.set_checksums[name] = draws[0].checksum
-            self.sets += draws
+            self._take_set(name)
         self.radii = 1 if scene.values is not None else len(scene.sizes)
         self.rows: list[dict[str, float]] = []
         if "draws" in self.given:
@@ -90,6 +90,25 @@ class Uncertain:
                 f"{self.given['dem_correlation']:g}: must be at most {longest:g} m, the longer "
                 "side of the DEM"
             )
+
+    def _take_set(self, name: str) -> None:
+        """Impact sets of a name, each of its draws; or in a case by tables of impacts, a table that
+        stands in for the ground that holds where nothing else is said."""
+        case = self.scene.case
+        if case.impact["form"] == "table":
+            path = find_table(case, name)
+            if path is None:
+                raise RockfallError(
+                    f"{case.name}: &ensemble sets = '{name}': no such table of impacts: with "
+                    "&impact form = 'table' they stand in for the case's table"
+                )
+            self.set_checksums[name] = file_checksum(path)
+            self.sets.append(table_ground(name, path))
+            return
+        path = set_path(case, name, "ensemble")
+        draws = draws_in(path, case.impact["turning"])
+        self.set_checksums[name] = draws[0].checksum
+        self.sets += draws
 
     def _check_factors(self) -> None:
         """Refuse factors on what neither the case nor the layer of the sources gives."""
@@ -257,7 +276,12 @@ class Uncertain:
         return self._set(int(numbers[0] * len(self.sets)))
 
     def _set(self, which: int) -> Draw:
-        return Draw({"sets": self.sets[which]}, kept={"set": which})
+        drawn, case = self.sets[which], self.scene.case
+        if isinstance(drawn, SetFile):
+            return Draw({"sets": drawn}, kept={"set": which})
+        usual = case.surface.get("ground", case.impact["table"])
+        grounds = tuple(drawn if one.name == usual else one for one in self.scene.grounds)
+        return Draw({"grounds": grounds}, kept={"set": which})
 
 
 def has_rocks(sizes: np.ndarray) -> bool:
