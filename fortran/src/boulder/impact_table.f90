@@ -11,7 +11,7 @@ module rockfall_impact_table
    implicit none
    private
    public :: impact_table_t, bins_t, approach_t, outcome_t, draw_contact, ratio_at, beyond_table
-   public :: record_fields, n_inputs, n_mapped, flies, rolls_on, stops
+   public :: record_fields, pull_along, n_inputs, n_mapped, flies, rolls_on, stops
 
    !> How a record ends, as the laboratory writes it.
    integer, parameter :: flies = 0, rolls_on = 1, stops = 2
@@ -48,7 +48,8 @@ module rockfall_impact_table
       real(wp), allocatable :: map(:, :, :)     !! (n_inputs, n_mapped, bins)
       real(wp), allocatable :: low(:, :), high(:, :)  !! ends of the inputs of a bin's records, W over V (n_inputs, bins)
       real(wp) :: fastest = huge(1.0_wp)   !! V**2 of the fastest record, as the key of speed
-      real(sp), allocatable :: record(:, :)     !! (record_fields, records), those of a bin by gravity along the heading
+      real(sp), allocatable :: record(:, :)     !! (record_fields, records), those of a bin by
+      real(sp), allocatable :: pull(:)          !! gravity along the heading, over g: to search in [-]
    end type impact_table_t
 
    !> A contact as it begins.
@@ -105,7 +106,7 @@ contains
       type(outcome_t), intent(out) :: out
       real(wp) :: record(record_fields), speed, scaled, change(n_inputs), shift(n_mapped), unshifted(4)
       real(wp) :: allowed  !! energy
-      integer :: bin
+      integer :: bin, k
 
       bin = bin_of(table, part, in)
       record = real(table%record(:, chosen(table, bin, in%pull(1), u)), wp)
@@ -134,7 +135,9 @@ contains
                       table%high(:, bin)) &
                - [scaled*record(t_in:w_in), record(height_in)]
       if (.not. in%rolling) change(4) = 0
-      shift = matmul(change, table%map(:, :, bin))
+      do k = 1, n_mapped  ! matmul of parts of an array is a call of the library
+         shift(k) = sum(change*table%map(:, k, bin))
+      end do
       out%along = unshifted(1) + shift(1)
       out%across = unshifted(2)
       out%normal = unshifted(3) + shift(2)
@@ -233,7 +236,7 @@ contains
       n = (high - low + window - 1)/window
       do while (low < high)
          middle = (low + high)/2
-         if (table%record(pull_along, middle) < pull) then
+         if (table%pull(middle) < pull) then
             low = middle + 1
          else
             high = middle

@@ -46,6 +46,7 @@ def grounds() -> dict[str, dict[str, Any]]:
             **{key: row.number(key, 0, 1e12) for key in names(GROUND) if key != "plough"},
             "plough": row.choice("plough", ("true", "false")) == "true",
             "relief": row.number("relief", 0, 45),
+            "longest": row.number("longest", 0, 1e3),
         }
         for row in rows
     }
