@@ -22,7 +22,7 @@ import numpy as np
 import rockfall
 from benchmarks.machine import ROOT
 from rockfall.analysis.line_statistics import line_numbers
-from rockfall.analysis.plane_bounce import neutral_slope, set_rebound
+from rockfall.analysis.planes.plane_bounce import neutral_slope, set_rebound
 from rockfall.analysis.precision.intervals import sources
 from rockfall.errors import RockfallError
 from rockfall.impact_sets import shipped_sets

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.machine import ROOT, machine
-from rockfall.analysis.plane_bounce import neutral_slope, resampled_rebound, set_rebound
+from rockfall.analysis.planes.plane_bounce import neutral_slope, resampled_rebound, set_rebound
 from rockfall.errors import RockfallError
 from rockfall.lab.case import LabCase, read_lab_case
 from rockfall.lab.experiment import ENDED, STATES, STATUS, run_impacts

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rockfall.analysis.neutral_slopes import NeutralSlopes, rocks_of
+from rockfall.analysis.planes.neutral_slopes import NeutralSlopes, rocks_of
 from rockfall.scene.read import read_scene
 from rockfall.text.preview import preview
 from scenes import grid, make_case

@@ -8,7 +8,7 @@ import pytest
 
 from made import refused
 from programs import refuses
-from rockfall.analysis.plane_bounce import set_rebound
+from rockfall.analysis.planes.plane_bounce import set_rebound
 from rockfall.cli import main
 from rockfall.lab.contacts import (
     contacts_provenance,

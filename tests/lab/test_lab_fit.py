@@ -7,7 +7,12 @@ import threadpoolctl
 from rockfall._core import rockfall_f2py as kernel
 
 from rockfall import RockfallError
-from rockfall.analysis.plane_bounce import growth, neutral_slope, resampled_rebound, set_rebound
+from rockfall.analysis.planes.plane_bounce import (
+    growth,
+    neutral_slope,
+    resampled_rebound,
+    set_rebound,
+)
 from rockfall.lab import fit
 from rockfall.lab.fit import Impacts, as_rebounds, fit_set
 from rockfall.lab.setfile import write_sets

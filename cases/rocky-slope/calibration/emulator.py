@@ -20,7 +20,7 @@ from sklearn.exceptions import ConvergenceWarning
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
-from rockfall.analysis.plane_bounce import growth, neutral_slope, set_rebound
+from rockfall.analysis.planes.plane_bounce import growth, neutral_slope, set_rebound
 from rockfall.lab.experiment import STATES
 
 COMPONENTS = 10

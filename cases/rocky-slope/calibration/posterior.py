@@ -31,7 +31,7 @@ from emulator import Emulator
 from scipy.special import log_ndtr
 from scipy.stats import qmc
 
-from rockfall.analysis.plane_bounce import growth, set_rebound
+from rockfall.analysis.planes.plane_bounce import growth, set_rebound
 from rockfall.lab.experiment import STATES
 from rockfall.lab.sets import Sets
 from rockfall.lab.site import Site, at_lines

@@ -11,7 +11,7 @@ module rockfall_impact_table
    implicit none
    private
    public :: impact_table_t, bins_t, approach_t, outcome_t, draw_contact, ratio_at, beyond_table
-   public :: record_fields, pull_along, n_inputs, n_mapped, flies, rolls_on, stops
+   public :: record_fields, pull_along, pull_across, n_inputs, n_mapped, flies, rolls_on, stops
 
    !> How a record ends, as the laboratory writes it.
    integer, parameter :: flies = 0, rolls_on = 1, stops = 2
@@ -25,7 +25,8 @@ module rockfall_impact_table
 
    integer, parameter :: n_inputs = 4  !! of the map of a bin: V_t, V_n, W, and the height where a block rolls
    integer, parameter :: n_mapped = 3  !! along, V_n, W
-   integer, parameter :: window = 12   !! a contact draws from this part of its bin: the nearest in gravity along it
+   integer, parameter :: window = 6      !! a contact draws from this part of its bin: the nearest in gravity along it
+   integer, parameter :: candidates = 3  !! of which the nearest in gravity across is taken
 
    !> What is limited to its energy loses this part of it: no contact is without loss, and what rocks comes to rest [-].
    real(wp), parameter :: least_loss = 0.02_wp
@@ -46,10 +47,10 @@ module rockfall_impact_table
       type(bins_t) :: flights, rolls       !! by (V_n/V)**2, W/V, speed; by speed, height, V_n
       integer, allocatable :: first(:)     !! record of each bin, and past the last; flights before rolls, by ratio
       real(wp), allocatable :: map(:, :, :)     !! (n_inputs, n_mapped, bins)
-      real(wp), allocatable :: low(:, :), high(:, :)  !! ends of the inputs of a bin's records, W over V (n_inputs, bins)
+      real(wp), allocatable :: low(:, :), high(:, :)  !! ends of a bin's inputs, W over V (n_inputs, bins)
       real(wp) :: fastest = huge(1.0_wp)   !! V**2 of the fastest record, as the key of speed
       real(sp), allocatable :: record(:, :)     !! (record_fields, records), those of a bin by
-      real(sp), allocatable :: pull(:)          !! gravity along the heading, over g: to search in [-]
+      real(sp), allocatable :: pull(:, :)       !! gravity along and across the heading, over g (2, records)
    end type impact_table_t
 
    !> A contact as it begins.
@@ -109,7 +110,7 @@ contains
       integer :: bin, k
 
       bin = bin_of(table, part, in)
-      record = real(table%record(:, chosen(table, bin, in%pull(1), u)), wp)
+      record = real(table%record(:, chosen(table, bin, in%pull, u)), wp)
       out%exit = nint(record(exit_code))
       out%duration = record(lasts)
       speed = sqrt(in%v(1)**2 + in%v(2)**2)
@@ -224,26 +225,37 @@ contains
       end do
    end function place
 
-   !> A record of a bin: uniform among those whose gravity along the heading is the nearest.
+   !> A record of a bin: of three, evenly spaced among those whose gravity along the heading is the nearest, that whose
+   !> gravity across it is. What is slow answers to gravity as its slope lets it, not in proportion.
    pure integer function chosen(table, bin, pull, u)
       type(impact_table_t), intent(in) :: table
       integer, intent(in) :: bin
-      real(wp), intent(in) :: pull, u
-      integer :: low, high, middle, n, from
+      real(wp), intent(in) :: pull(2), u
+      integer :: low, high, middle, n, from, one, k
+      real(wp) :: apart, least
 
       low = table%first(bin)
       high = table%first(bin + 1)
       n = (high - low + window - 1)/window
       do while (low < high)
          middle = (low + high)/2
-         if (table%pull(middle) < pull) then
+         if (table%pull(1, middle) < pull(1)) then
             low = middle + 1
          else
             high = middle
          end if
       end do
       from = max(table%first(bin), min(low - n/2, table%first(bin + 1) - n))
-      chosen = from + int(u*n)
+      chosen = from
+      least = huge(least)
+      do k = 0, candidates - 1
+         one = from + mod(int(u*n) + (k*n)/candidates, n)
+         apart = abs(table%pull(2, one) - pull(2))
+         if (apart < least) then
+            least = apart
+            chosen = one
+         end if
+      end do
    end function chosen
 
    !> The inputs of the map, no farther than the records of the bin reach.

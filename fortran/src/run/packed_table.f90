@@ -6,7 +6,7 @@ module rockfall_packed_table
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use rockfall_kinds, only: wp, sp, i4
    use rockfall_error, only: error_t, fail
-   use rockfall_impact_table, only: impact_table_t, bins_t, record_fields, pull_along, n_inputs, n_mapped
+   use rockfall_impact_table, only: impact_table_t, bins_t, record_fields, pull_along, pull_across, n_inputs, n_mapped
    implicit none
    private
    public :: is_packed_table, read_packed_table
@@ -60,7 +60,7 @@ contains
             do k = 1, counts(8)
                call take_singles(text, at, table%record(:, k))
             end do
-            table%pull = table%record(pull_along, :)
+            table%pull = table%record(pull_along:pull_across, :)
             if (is_sound(table, counts(8), bins)) return
          end if
       end if

@@ -39,8 +39,7 @@ from rockfall.simulation.simulate import StudyInterrupted
 from rockfall.text.back import back_text
 from rockfall.text.convergence import text
 from rockfall.text.ensemble import ensemble_summary
-from rockfall.text.models import models_text
-from rockfall.text.validation import validation_text
+from rockfall.text.models import models_text, validation_text
 
 TABLES = ("study", "error", "cost", "numerical")
 FILES = {  # of a study of convergence, and their kinds

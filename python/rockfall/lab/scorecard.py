@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rockfall.analysis.plane_bounce import neutral_slope, set_rebound
+from rockfall.analysis.planes.plane_bounce import neutral_slope, set_rebound
 from rockfall.errors import RockfallError
 from rockfall.lab.sets import Sets, restitution
 from rockfall.lab.site import QUANTITIES, Site

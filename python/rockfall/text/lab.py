@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rockfall.analysis.plane_bounce import (
+from rockfall.analysis.planes.plane_bounce import (
     Rebound,
     growth,
     neutral_slope,

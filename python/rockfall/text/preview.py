@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from rockfall.analysis.model_limits import fractions_outside, model_remarks
-from rockfall.analysis.neutral_slopes import NeutralSlopes, Rocks, rocks_of
+from rockfall.analysis.planes.neutral_slopes import NeutralSlopes, Rocks, rocks_of
 from rockfall.io.crs import crs_name
 from rockfall.io.grid import row_blocks
 from rockfall.limits import CORES

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rockfall.analysis.plane_bounce import mixed_rebound, neutral_slope, set_rebound
+from rockfall.analysis.planes.plane_bounce import mixed_rebound, neutral_slope, set_rebound
 from rockfall.io.zone_table import read_zone_table
 from rockfall.scene.coefficients import set_weights, size_weights
 from rockfall.scene.surface import radius_over_rg
