@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Prints the table of README.md: what the experiment had, and what the program has beside it.
 
-`python expected.py [SEEDS]` after `python make_terrain.py`; ten seconds for 40 seeds. Each seed is
-one of boulders and of trees. With `--write` the table goes into README.md, and its numbers into
-`python/rockfall/data/forest_experiment.csv`, from which the program says how far its forest is
-from the experiment.
+`python expected.py [SEEDS] [--table NAME]` after `python make_terrain.py`; ten seconds for 40
+seeds, each of boulders and of trees. With `--write` the table goes into README.md, and its
+numbers into `python/rockfall/data/forest_experiment.csv`, from which the program says how far its
+forest is from the experiment. `--table` runs by a table of impacts in place of the matrix.
 """
 
 import argparse
@@ -42,11 +42,11 @@ def numbers(result: xr.Dataset) -> list[float]:
     return [100 * np.isfinite(speed).mean(), float(np.nanmean(speed)), some.max(axis=1).mean()]
 
 
-def simulated(seeds: int) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+def simulated(seeds: int, impact: dict[str, str]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """By case: means over the seeds and their standard errors, (quantities,)."""
     found = {}
     for name in CASES:
-        case = rockfall.read_case(HERE / f"{name}.nml")
+        case = rockfall.read_case(HERE / f"{name}.nml").replace(impact=impact)
         values = np.array([numbers(run(case, seed)) for seed in range(1, seeds + 1)])
         found[name] = values.mean(axis=0), values.std(axis=0, ddof=1) / np.sqrt(seeds)
     return found
@@ -77,10 +77,11 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("seeds", type=int, nargs="?", default=40)
     parser.add_argument("--write", action="store_true")
+    parser.add_argument("--table", metavar="NAME", help="of impacts, in place of the matrix")
     given = parser.parse_args()
-    found = simulated(given.seeds)
+    found = simulated(given.seeds, {"form": "table", "table": given.table} if given.table else {})
     print(table(found))
-    if given.write:
+    if given.write and not given.table:
         readme = HERE / "README.md"
         text = readme.read_text(encoding="utf-8")
         readme.write_text(
