@@ -3,18 +3,22 @@
 on planes of 30 to 45 degrees over 400 m, and their mean maximum speed, by laws:
 
     python -m benchmarks.physics.runaway [--law NAME=TABLE ...] [--boulders 400]
+        [--terrain DEM ...]
 
 TABLE is the name of a shipped table of impacts or of a file. The matrix with R_m = 0.2 m is always
-run. R_b = 0.4 m, released at 5 m/s.
+run. R_b = 0.4 m, released at 5 m/s. With --terrain on real ones in place of planes: two boulders of
+0.5 m3 from each cell steeper than 50 degrees.
 """
 
 import argparse
+from pathlib import Path
 
 import numpy as np
 
 import rockfall
 from benchmarks.machine import machine
 from benchmarks.physics.tschamut import Law, matrix, table
+from rockfall.analysis.model_limits import faster_than_observed
 from rockfall.io.grid import Grid
 
 SLOPES = 30, 34, 38, 42, 45  # [degree]
@@ -41,18 +45,32 @@ def beyond(law: Law, slope: float, boulders: int, seed: int = 1) -> tuple[float,
     return float(np.mean(fastest > LIMIT * slope)), float(fastest.mean())
 
 
+def beyond_on(terrain: str, law: Law) -> tuple[float, float]:
+    """The same on a real terrain."""
+    groups = {
+        "case": {"title": "terrain", "seed": 3, "boulders": 2},
+        "terrain": {"dem": terrain},
+        "boulder": {"volume": "fixed", "volume_mean": 0.5, "density": 2700.0},
+        "release": {"steep_cells": True, "slope_threshold": 50.0, "drop_height": 1.0},
+    }
+    result = rockfall.run(rockfall.Case(**(groups | law.keys)))
+    return float(faster_than_observed(result).mean()), float(result.speed_max.mean())
+
+
 def main() -> None:
     parser = argparse.ArgumentParser()
+    parser.add_argument("--terrain", nargs="+", default=[])
     parser.add_argument("--law", type=table, action="append", default=[])
     parser.add_argument("--boulders", type=int, default=400)
     given = parser.parse_args()
     print(machine())
-    print("| law | " + " | ".join(f"{slope} degrees" for slope in SLOPES) + " |")
-    print("|---" * (1 + len(SLOPES)) + "|")
+    columns = given.terrain or [f"{slope} degrees" for slope in SLOPES]
+    print("| law | " + " | ".join(Path(one).stem for one in columns) + " |")
+    print("|---" * (1 + len(columns)) + "|")
     for law in [matrix(), *given.law]:
-        cells = [
-            "{:.2f}, {:.0f} m/s".format(*beyond(law, slope, given.boulders)) for slope in SLOPES
-        ]
+        found = [beyond_on(terrain, law) for terrain in given.terrain]
+        found = found or [beyond(law, slope, given.boulders) for slope in SLOPES]
+        cells = [f"{part:.2f}, {speed:.0f} m/s" for part, speed in found]
         print(f"| {law.name} | " + " | ".join(cells) + " |", flush=True)
 
 

@@ -241,6 +241,22 @@ def test_a_zone_names_the_table_of_its_ground_and_boulders_their_shape(tmp_path)
     assert any("were drawn from tables of impacts: meadow 100" in text for text in said), said
 
 
+def test_where_terrain_ends_within_a_contact_all_is_known(made):
+    """Boulders that roll over the edge of the terrain, or into a hole in it."""
+    z = 500 + np.tan(np.radians(25.0)) * 2.5 * np.mgrid[79:-1:-1, 0:40][0]
+    z[60:63, 10:14] = np.nan
+    case = rockfall.Case(
+        folder=made, case={"boulders": 300, "seed": 2}, impact=BY_TABLE,
+        boulder={"volume": "fixed", "volume_mean": 0.3},
+        release={"x": [40.0], "y": [190.0], "drop_height": 2.0}, output={"trajectories": 300},
+    )  # fmt: skip
+    result = rockfall.run(case, dem=z, transform=grid(z, 2.5))
+    edge, hole = ((result["status"] == one).sum() for one in (3, 5))
+    assert edge > 50 and hole > 50, "boulders that leave the known terrain"
+    for name in ("speed_max", "stop_x", "stop_z", "travel_time", "trajectory_velocity_x"):
+        assert np.isfinite(result[name]).all(), name
+
+
 def test_the_ground_is_an_uncertain_input(made, tmp_path):
     """A draw of an ensemble is the run by that table, bit for bit."""
     case = case_in(

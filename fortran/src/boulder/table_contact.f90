@@ -170,8 +170,9 @@ contains
       speed = unit*sqrt(out%along**2 + out%across**2)
       roll%w = unit*out%w
       roll%heading = after
+      v_end(1:2) = g  ! where the known terrain ends, the ground goes on as it was
       associate (end => roll%landing)
-         v_end(1:2) = gradient(dem, end%patch, end%u, end%w)
+         if (end%contact) v_end(1:2) = gradient(dem, end%patch, end%u, end%w)
       end associate
       there = sqrt(1 + v_end(1)**2 + v_end(2)**2)
       if (.not. touch%rolling) then
