@@ -87,8 +87,7 @@ module rockfall_case_keys
       key_t("surface", "ground_table", "text", 1, "absent", "", "", &
             "CSV of grounds in place of those shipped", in_scene, "table"), &
       key_t("impact", "form", "text", 1, "'matrix'", "matrix, table", "", &
-            "of the random operator: the paper's matrix, or a table of impacts; names of grounds mean tables first: " &
-            //"impact_tables.md", in_scene), &
+            "of the random operator: the paper's matrix, or a table of impacts (impact_tables.md)", in_scene), &
       key_t("impact", "table", "text", 1, "'talus'", "", "", &
             "shipped table of impacts, or a file .nc: where nothing else is said, with form = 'table'", in_scene, &
             "impact_table"), &
