@@ -49,7 +49,7 @@ module rockfall_impact_table
       real(wp), allocatable :: map(:, :, :)     !! (n_inputs, n_mapped, bins)
       real(wp), allocatable :: low(:, :), high(:, :)  !! ends of a bin's inputs, W over V (n_inputs, bins)
       real(wp) :: fastest = huge(1.0_wp)   !! V**2 of the fastest record, as the key of speed
-      real(sp), allocatable :: record(:, :)     !! (record_fields, records), those of a bin by
+      real(sp), allocatable :: record(:, :)     !! (record_fields, records), those of a bin by its pull(1, :)
       real(sp), allocatable :: pull(:, :)       !! gravity along and across the heading, over g (2, records)
    end type impact_table_t
 

@@ -31,9 +31,7 @@ SAPLING = 1.5  # [cm] thinner stems are not surveyed; in metres no stem is thick
 THIN = 4.5  # [cm] up to here stems are more frequent than below SAPLING, where both are surveyed
 DENSE = 20_000.0  # stems a hectare: thickets
 ORDERED = 0.9  # of the places: in published tables of zones half are not in the usual order
-SMOOTH_REST = (
-    27.0  # [degree] on ground without rocks boulders rest up to here (Azzoni 1995: 27 to 31)
-)
+SMOOTH_REST = 27.0  # [degree] ground without rocks may hold no boulder above (theory, chapter 8)
 OF_ROCKS = "talus", "scree"  # in the name of a ground that takes no sizes of rocks and has some
 RESTING = 0.1  # of the terrain, before it is said
 RG_FULL = 100.0  # [m] an Rg of Rockyfor3D that means water
