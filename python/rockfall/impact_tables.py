@@ -20,7 +20,7 @@ from rockfall.io.files import atomic_write, check_netcdf
 FIRST_LINE = b"rockfall impact table 1\n"
 FIELDS = (
     "vt_in", "vn_in", "w_in", "speed_in", "height_in", "along_out", "across_out", "vn_out", "w_out",
-    "duration", "advance", "rise", "pull_along", "pull_across", "exit", "unused",
+    "duration", "advance", "rise", "pull_along", "pull_across", "exit", "follower",
 )  # fmt: skip
 INPUTS, MAPPED = 4, 3  # V_t, V_n, W, height; along, V_n, W
 SHAPES = "compact", "elongated", "platy"  # of the blocks of shipped tables
@@ -95,7 +95,7 @@ def save_table(table: ImpactTable, path: str | Path) -> None:
     for name, values in table.edges.items():
         dims = ("ratio", *(f"{name}_{k}" for k in range(values.ndim - 1)))
         data[name] = (dims, values.astype("f4"))
-    for k, name in enumerate(FIELDS[:-1]):
+    for k, name in enumerate(FIELDS):
         data[name] = ("record", table.record[:, k])
     scales = {name: getattr(table, name) for name in ("speed2", "density", "inertia", "fastest")}
     found = xr.Dataset(data, attrs={"title": "table of impacts", **scales, **table.about})
@@ -150,8 +150,9 @@ def open_table(path: str | Path) -> ImpactTable:
     if not (arrays <= set(data.variables) and set(scales) <= set(data.attrs)):
         raise RockfallError(f"{path}: is not a table of impacts")
     record = np.zeros((data.sizes["record"], len(FIELDS)), "f4")
-    for k, name in enumerate(FIELDS[:-1]):
-        record[:, k] = data[name].values
+    for k, name in enumerate(FIELDS):
+        if name in data:  # a table without followers draws each contact on its own
+            record[:, k] = data[name].values
     first, shift, low, high = (data[name].values for name in ("first", "map", "low", "high"))
     edges = {name: data[name].values for name in EDGES}
     about = {str(name): value for name, value in data.attrs.items() if name not in scales}

@@ -187,6 +187,41 @@ def test_bins_hold_their_records(made):
         assert (np.diff(table.record[rows, FIELDS.index("pull_along")]) >= 0).all()
 
 
+def test_a_record_knows_what_followed_it_in_its_throw(made):
+    """What rolls on has the speed with which the next contact begins; what stops has none."""
+    table = open_table(made / "meadow.nc")
+    record = dict(zip(FIELDS, table.record.T.astype(float), strict=True))
+    follower = record["follower"].astype(int)
+    known = follower > 0
+    assert known.mean() > 0.8 and not known[record["exit"] == 2].any()
+    assert len(np.unique(follower[known])) == known.sum(), "each contact follows one"
+    rolls = known & (record["exit"] == 1)
+    ends = np.sqrt(sum(record[name] ** 2 for name in ("along_out", "across_out", "vn_out")))
+    begins = record["speed_in"][follower - 1]
+    assert np.allclose(ends[rolls], begins[rolls], rtol=0.01, atol=1e-3)
+    risen = record["height_in"] + record["rise"]
+    assert np.allclose(risen[rolls], record["height_in"][follower - 1][rolls], atol=0.02)
+
+
+def test_as_many_stop_as_blocks_do(made):
+    """On a slope where blocks come to rest now and then, in hollows: they stay in them as long."""
+    slope, away = np.radians(20.0), np.radians(30.0)  # thrown at 30 degrees from the plane
+    throw = {"slope": [20.0] * 2, "speed": [5.0] * 3, "angle": [30.0] * 3, "spin": [0.0] * 3}
+    lab = {"throws": 120, "contacts": 300, "seed": 6}
+    rough_ground = CASE.replace(ground={"relief": 18.0, "patches": 4})
+    blocks = run_throws(rough_ground.replace(lab=lab, throw=throw))
+    far = blocks["downhill"].groupby(blocks["sequence"]).max().values * blocks.attrs["radius"]
+    table = table_of([run_throws(rough_ground.replace(lab={"throws": 1000}))])
+    save_table(table, made / "rough.nc")
+    velocity = [0.0, -5 * np.cos(slope + away), -5 * np.sin(slope + away)]
+
+    release = {"drop_height": 0.001, "velocity": velocity}
+    result = on_plane(made, 20.0, 400, impact={"table": "rough.nc"}, release=release)
+    along = (480.0 - result["stop_y"].values) / np.cos(slope)
+    for mark in (10.0, 40.0):
+        assert abs((far > mark).mean() - (along > mark).mean()) < 0.12, mark
+
+
 def test_an_unknown_table_is_refused(made):
     case = rockfall.Case(
         folder=made, case={"boulders": 1}, impact={"form": "table", "table": "mud"},
@@ -197,10 +232,11 @@ def test_an_unknown_table_is_refused(made):
     assert caught.value.code == 2
 
 
-def test_a_damaged_table_is_refused(made, tmp_path):
+@pytest.mark.parametrize(("field", "value"), [("along_out", np.nan), ("follower", 1e6)])
+def test_a_damaged_table_is_refused(made, tmp_path, field, value):
     table = open_table(made / "meadow.nc")
     record = table.record.copy()
-    record[3, 5] = np.nan
+    record[3, FIELDS.index(field)] = value
     save_table(type(table)(**{**vars(table), "record": record}), tmp_path / "meadow.nc")
     case = rockfall.Case(
         folder=tmp_path, case={"boulders": 1}, impact=BY_TABLE,

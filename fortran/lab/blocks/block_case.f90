@@ -35,8 +35,8 @@ module lab_block_case
    type :: block_case_t
       character(len=:), allocatable :: file, title, ground, shape, points
       integer(i8) :: seed = 1
-      integer(i8) :: throws = 7000   !! about 50,000 contacts
-      integer(i8) :: contacts = 8    !! of a throw, at most
+      integer(i8) :: throws = 2000   !! about 50,000 contacts
+      integer(i8) :: contacts = 32   !! of a throw, at most
       type(plan_t) :: plan
       type(ground_t) :: strength
       type(throw_range_t) :: range

@@ -11,22 +11,29 @@ module rockfall_impact_table
    implicit none
    private
    public :: impact_table_t, bins_t, approach_t, outcome_t, draw_contact, ratio_at, beyond_table
-   public :: record_fields, pull_along, pull_across, n_inputs, n_mapped, flies, rolls_on, stops
+   public :: record_fields, pull_along, pull_across, follower, n_inputs, n_mapped, flies, rolls_on, stops
 
    !> How a record ends, as the laboratory writes it.
    integer, parameter :: flies = 0, rolls_on = 1, stops = 2
 
    !> Places in a record: (V_t, V_n, W) before it, its speed, the height of its beginning; after it the velocity along
    !> the heading before it, across it towards the descent, V_n, W; duration, advance, rise; gravity along and across,
-   !> over g; exit.
+   !> over g; exit; the place of the record that followed in the laboratory, 0: none is known.
    integer, parameter :: t_in = 1, n_in = 2, w_in = 3, speed_in = 4, height_in = 5, along_out = 6, across_out = 7, &
                          n_out = 8, w_out = 9, lasts = 10, advances = 11, rises = 12, pull_along = 13, &
-                         pull_across = 14, exit_code = 15, record_fields = 16
+                         pull_across = 14, exit_code = 15, follower = 16, record_fields = 16
 
    integer, parameter :: n_inputs = 4  !! of the map of a bin: V_t, V_n, W, and the height where a block rolls
    integer, parameter :: n_mapped = 3  !! along, V_n, W
    integer, parameter :: window = 6      !! a contact draws from this part of its bin: the nearest in gravity along it
    integer, parameter :: candidates = 3  !! of which the nearest in gravity across is taken
+
+   !> A contact is like the one that followed in the laboratory where V, V_n and W differ by no more than the speed there,
+   !> or than `slow`; gravity along and across the heading by no more than `alike_pull`, over g; and the height of what
+   !> rolls by no more than `alike_height`, over R_b [-].
+   real(wp), parameter :: alike_pull = 0.2_wp, alike_height = 0.6_wp
+   !> A block this slow, over sqrt(g R_b), moves as its hollow lets it, not in proportion to its velocity [-].
+   real(wp), parameter :: slow = 0.5_wp
 
    !> What is limited to its energy loses this part of it: no contact is without loss, and what rocks comes to rest [-].
    real(wp), parameter :: least_loss = 0.02_wp
@@ -62,6 +69,7 @@ module rockfall_impact_table
       real(wp) :: density           !! of the boulder [kg/m3]
       real(wp) :: inertia           !! I/(m R_b**2) [-]
       real(wp) :: pull(2)           !! gravity along the heading, and across it towards the descent, over g [-]
+      integer :: next = 0           !! record that followed that of the contact before; 0: none
    end type approach_t
 
    !> And as it ends.
@@ -70,6 +78,7 @@ module rockfall_impact_table
       real(wp) :: duration, advance, rise   !! [-]
       real(wp) :: height                    !! of the centre at its end, above the mean ground [-]
       integer :: exit = flies
+      integer :: next = 0                   !! record that followed in the laboratory; 0: none
       logical :: limited = .false.          !! no more than its energy was left to it
    end type outcome_t
 
@@ -105,15 +114,59 @@ contains
       real(wp), intent(in) :: u        !! uniform in (0, 1) [-]
       type(approach_t), intent(in) :: in
       type(outcome_t), intent(out) :: out
-      real(wp) :: record(record_fields), speed, scaled, change(n_inputs), shift(n_mapped), unshifted(4)
+      real(wp) :: record(record_fields), speed
       real(wp) :: allowed  !! energy
-      integer :: bin, k
+      logical :: follows
 
-      bin = bin_of(table, part, in)
-      record = real(table%record(:, chosen(table, bin, in%pull, u)), wp)
+      follows = goes_on(table, in)
+      if (follows) then
+         record = real(table%record(:, in%next), wp)
+      else
+         record = real(table%record(:, chosen(table, bin_of(table, part, in), in%pull, u)), wp)
+      end if
       out%exit = nint(record(exit_code))
-      out%duration = record(lasts)
+      out%next = nint(record(follower))
+      out%advance = record(advances)
+      out%rise = record(rises)
       speed = sqrt(in%v(1)**2 + in%v(2)**2)
+      if (follows .and. record(speed_in) < slow) then
+         call take_over(record, out)
+      else
+         call move(table, bin_of(table, part, in), in, speed, record, out)
+      end if
+      allowed = energy(in%v(1), 0.0_wp, in%v(2), in%v(3), in%inertia) &
+                + 2*max(0.0_wp, in%pull(1))*max(0.0_wp, out%advance) &
+                + min(1.0_wp, (speed/record(speed_in))**2)*hidden_gain(record, in%inertia) &
+                *hidden_part(in%pull(1), record(pull_along))
+      call limit(out, in%inertia, allowed)
+   end subroutine draw_contact
+
+   !> The block of the record itself: what is slow is held by its hollow, so that a small difference in velocity or slope
+   !> changes nothing.
+   pure subroutine take_over(record, out)
+      real(wp), intent(in) :: record(record_fields)
+      type(outcome_t), intent(inout) :: out
+
+      out%duration = record(lasts)
+      out%height = record(height_in) + out%rise
+      out%along = record(along_out)
+      out%across = record(across_out)
+      out%normal = record(n_out)
+      out%w = record(w_out)
+   end subroutine take_over
+
+   !> The record moved to the boulder's own velocity, by the map of its bin, and to its own slope.
+   pure subroutine move(table, bin, in, speed, record, out)
+      type(impact_table_t), intent(in) :: table
+      integer, intent(in) :: bin
+      type(approach_t), intent(in) :: in
+      real(wp), intent(in) :: speed   !! of the boulder [-]
+      real(wp), intent(in) :: record(record_fields)
+      type(outcome_t), intent(inout) :: out
+      real(wp) :: scaled, change(n_inputs), shift(n_mapped), unshifted(4)
+      integer :: k
+
+      out%duration = record(lasts)
       if (.not. in%rolling) then
          scaled = speed/record(speed_in)
       else
@@ -125,8 +178,6 @@ contains
       end if
       ! at one speed a contact lasts as R_b, not as its root
       if (table%speed2 > 0 .and. .not. in%rolling) out%duration = out%duration*sqrt(in%unit2/table%speed2)
-      out%advance = record(advances)
-      out%rise = record(rises)
       out%height = merge(in%height, record(height_in), in%rolling) + out%rise
       ! velocities scale with the speed, the work of gravity with the duration alone: that of the record is taken out
       unshifted = scaled*record(along_out:w_out)
@@ -148,12 +199,7 @@ contains
          out%normal = unshifted(3)
          out%w = unshifted(4)
       end if
-      allowed = energy(in%v(1), 0.0_wp, in%v(2), in%v(3), in%inertia) &
-                + 2*max(0.0_wp, in%pull(1))*max(0.0_wp, out%advance) &
-                + min(1.0_wp, (speed/record(speed_in))**2)*hidden_gain(record, in%inertia) &
-                *hidden_part(in%pull(1), record(pull_along))
-      call limit(out, in%inertia, allowed)
-   end subroutine draw_contact
+   end subroutine move
 
    !> What a record gained beyond the work of gravity along the slope.
    pure real(wp) function hidden_gain(record, inertia)
@@ -257,6 +303,25 @@ contains
          end if
       end do
    end function chosen
+
+   !> Whether a boulder goes on as the block of its last record did: the contact that followed there began as this one
+   !> does. So what sits in a hollow of the relief stays in it as long as it did in the laboratory.
+   pure logical function goes_on(table, in)
+      type(impact_table_t), intent(in) :: table
+      type(approach_t), intent(in) :: in
+      real(wp) :: speed, alike
+
+      goes_on = .false.
+      if (in%next == 0) return
+      associate (record => table%record(:, in%next))
+         if (any(abs(in%pull - record(pull_along:pull_across)) > alike_pull)) return
+         if (in%rolling .and. abs(in%height - record(height_in)) > alike_height) return
+         speed = sqrt(in%v(1)**2 + in%v(2)**2)
+         alike = max(slow, real(record(speed_in), wp))
+         goes_on = abs(speed - record(speed_in)) <= alike .and. abs(in%v(2) - record(n_in)) <= alike &
+                   .and. abs(in%v(3) - record(w_in)) <= alike
+      end associate
+   end function goes_on
 
    !> The inputs of the map, no farther than the records of the bin reach.
    pure function within(input, unit, speed, low, high) result(x)

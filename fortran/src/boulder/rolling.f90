@@ -33,8 +33,11 @@ module rockfall_rolling
       real(wp) :: waits = 0.0_wp       !! this time [s]
    end type roll_t
 
-   !> What a boulder that goes on in contact with a table's ground knows of the contact before.
+   !> What a boulder on a table's ground knows of the contact before.
    type :: touch_t
+      integer :: ground = 0        !! on which it was; 0: none
+      integer :: next = 0          !! record that followed its record in the laboratory; 0: none
+      real(wp) :: ratio = 0.0_wp   !! R_b/R_m [-]
       logical :: rolling = .false.
       real(wp) :: normal = 0.0_wp  !! V_n [m/s]
       real(wp) :: height = 0.0_wp  !! of its centre above the mean ground, over R_b [-]

@@ -68,13 +68,17 @@ contains
       call decompose(v, g, steepness, before, omega_r, contact%v_in, heading)
       if (all(heading == 0)) heading = unit_vector(-g)
       if (all(heading == 0)) heading = any_heading(u(side_u))
-      touch%rolling = touch%rolling .and. landing%jump_height <= hop*boulder%radius
+      if (landing%jump_height > hop*boulder%radius .and. touch%rolling) then
+         touch%rolling = .false.
+         touch%next = 0
+      end if
       if (touch%rolling) contact%v_in(2) = touch%normal
       if (.not. touch%rolling) touch%lift = 0
       unit = sqrt(gravity*boulder%radius)
       in%v = contact%v_in/unit
       in%height = touch%height
       in%rolling = touch%rolling
+      in%next = touch%next
       in%unit2 = gravity*boulder%radius
       in%density = boulder%mass/boulder%volume
       in%inertia = inertia
@@ -90,6 +94,7 @@ contains
       touch%lift = touch%lift + out%rise
       touch%height = out%height
       touch%rolling = out%exit == rolls_on
+      touch%next = out%next
       slide = max(0.0_wp, out%advance)*boulder%radius/sqrt(1 + along*along)
       speed = unit*sqrt(0.5_wp*(in%v(1)**2 + in%v(2)**2 + out%along**2 + out%across**2 + out%normal**2))
       if (.not. speed > still*unit) slide = 0
@@ -98,6 +103,7 @@ contains
       if (off) then
          call find_slide(dem, gravity, landing, heading, 0.0_wp, 0.0_wp, 0.0_wp, roll, off)
          touch%rolling = .false.
+         touch%next = 0
       else
          call fall(out, (landing%z - roll%landing%z)/boulder%radius &
                    - in%pull(1)*slide*sqrt(1 + along*along)/boulder%radius, inertia)
@@ -186,6 +192,7 @@ contains
       touch%normal = unit*out%normal + roll%v(2)
       if (roll%v(2) >= 0) roll%v(1) = speed  ! falling ground turns it
       touch%rolling = touch%normal > -meets*roll%v(1) .or. roll%v(2) >= 0
+      if (.not. touch%rolling) touch%next = 0
       speed = roll%v(1)
       call launch_velocity(speed, merge(0.0_wp, touch%normal, touch%rolling), roll%heading(1), roll%heading(2), &
                            v_end(1), v_end(2), there, roll%v(1), roll%v(2), roll%v(3))

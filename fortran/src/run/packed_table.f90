@@ -6,7 +6,8 @@ module rockfall_packed_table
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use rockfall_kinds, only: wp, sp, i4
    use rockfall_error, only: error_t, fail
-   use rockfall_impact_table, only: impact_table_t, bins_t, record_fields, pull_along, pull_across, n_inputs, n_mapped
+   use rockfall_impact_table, only: impact_table_t, bins_t, record_fields, pull_along, pull_across, follower, &
+                                    n_inputs, n_mapped
    implicit none
    private
    public :: is_packed_table, read_packed_table
@@ -67,14 +68,15 @@ contains
       call fail(error, file//": is a damaged table of impacts")
    end subroutine read_packed_table
 
-   !> What the kernel relies on: numbers, and a record in each bin.
+   !> What the kernel relies on: numbers, a record in each bin, and followers that are records.
    pure logical function is_sound(table, records, bins)
       type(impact_table_t), intent(in) :: table
       integer, intent(in) :: records, bins
 
       is_sound = all(ieee_is_finite(table%record)) .and. all(ieee_is_finite(table%map)) .and. table%first(1) == 1 &
                  .and. table%first(bins + 1) == records + 1 .and. all(table%first(2:) > table%first(:bins)) &
-                 .and. table%density > 0 .and. table%inertia > 0 .and. all(table%record(4, :) > 0)
+                 .and. table%density > 0 .and. table%inertia > 0 .and. all(table%record(4, :) > 0) &
+                 .and. all(table%record(follower, :) >= 0 .and. table%record(follower, :) <= records)
    end function is_sound
 
    !> Bytes of a packed table, with a last new line.

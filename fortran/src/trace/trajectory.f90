@@ -549,7 +549,7 @@ contains
       end if
       fraction = 1
       if (obstacle%kind /= none) then
-         scratch%touch%rolling = .false.
+         scratch%touch = touch_t()
          fraction = obstacle%time/landing%time
          call cut_roll(scene%dem, roll, obstacle%time, landing)
          span%t1 = landing%time
@@ -847,7 +847,7 @@ contains
             return
          end if
       end if
-      scratch%touch%rolling = .false.
+      scratch%touch = touch_t()
       call find_class(scene, ratio, u_ground, class, outside)
       g = gradient(scene%dem, landing%patch, landing%u, landing%w)
       steepness = sqrt(1 + g(1)**2 + g(2)**2)
@@ -902,6 +902,9 @@ contains
       real(wp) :: before
 
       before = square(v) + inertia_factor*omega_r*omega_r
+      if (scratch%touch%ground /= ground .or. scratch%touch%ratio /= ratio) scratch%touch%next = 0
+      scratch%touch%ground = ground
+      scratch%touch%ratio = ratio
       call table_contact(scene%dem, scene%gravity, here%table, result%boulder, inertia_of(scene, number), ratio, u, &
                          landing, v, flight%heading, omega_r, scratch%touch, roll, contact)
       call count_outcome(rebound_t(contact%v_out, forced=contact%limited), .false., contact%fast, .false., result)
@@ -919,7 +922,7 @@ contains
       end if
       result%speed_max = max(result%speed_max, square(flight%v))
       if (contact%stops) then
-         scratch%touch%rolling = .false.
+         scratch%touch = touch_t()
          call rest_or_roll(scene, landing, square(flight%v), omega_r, result, roll)
       else if (result%impacts >= scene%max_impacts) then
          result%status = impact_limit

@@ -20,11 +20,11 @@ if TYPE_CHECKING:
 FLIGHT, ROLLING = 0, 1  # entries
 BINS = {"flight": (4, 4, 12), "roll": (6, 4, 1)}  # by each key, where there are records enough
 ENOUGH = 24  # records of a bin; with fewer there are fewer bins
-KEPT = {"flight": 120, "roll": 200}  # of a bin at most
+KEPT = 34_000  # contacts of a table at most: whole throws, so that a record knows what followed it
 RIDGE = 0.01  # of the least squares of a bin, over the variance of each input
 USUAL = 0.02, 0.98  # of W/V where a block rolls: what is beyond is taken as at the end
 SLOWEST = 0.05  # V/sqrt(g R_b) of a flight: slower ones have no direction to speak of
-DIGITS = 12  # bits of a record's numbers that are kept: their noise does not compress
+DIGITS = 9  # bits of a record's numbers that are kept: their noise does not compress
 
 
 @dataclass(frozen=True)
@@ -33,6 +33,8 @@ class _Contacts:
 
     record: np.ndarray
     entry: np.ndarray
+    sequence: np.ndarray
+    order: np.ndarray
 
     def __getitem__(self, name: str) -> np.ndarray:
         return self.record[:, FIELDS.index(name)]
@@ -49,12 +51,19 @@ def table_of(files: Sequence[xr.Dataset]) -> ImpactTable:
     sizes = {kind: _bins_for(kind, [_of_kind(one, kind) for one in found]) for kind in KINDS}
     edges: dict[str, list[np.ndarray]] = {}
     bins: list[_Bin] = []
+    sizes_of_bins: list[int] = []
+    records: list[np.ndarray] = []
     for one in found:
+        kept = _kept_throws(one, KEPT // len(found))
+        rows: list[np.ndarray] = []
         for kind in KINDS:
-            some, of_kind = _sort_into_bins(one, kind, sizes[kind])
-            bins += some
+            groups, of_kind = _sort_into_bins(one, kind, sizes[kind])
+            bins += [_bin(one.record[group], kind) for group in groups]
+            rows += [_kept_rows(one, group, kept) for group in groups]
             for key, values in enumerate(of_kind, start=1):
                 edges.setdefault(f"{kind}_edge_{key}", []).append(values)
+        sizes_of_bins += [len(group) for group in rows]
+        records.append(_with_followers(one, np.concatenate(rows), sum(map(len, records))))
     first = parts[0][1].attrs
     speed2 = float(first["gravity"]) * float(first["radius"])
     yields = float(first["yield_pressure"]) > 0
@@ -62,11 +71,11 @@ def table_of(files: Sequence[xr.Dataset]) -> ImpactTable:
     return ImpactTable(
         np.array(ratios),
         {name: np.stack(values).astype("f4") for name, values in edges.items()},
-        np.cumsum([0, *(len(one.record) for one in bins)]).astype("i4"),
+        np.cumsum([0, *sizes_of_bins]).astype("i4"),
         np.stack([one.map for one in bins]).astype("f4"),
         np.stack([one.low for one in bins]).astype("f4"),
         np.stack([one.high for one in bins]).astype("f4"),
-        np.concatenate([one.record for one in bins]),
+        np.concatenate(records),
         speed2 if yields else 0.0,
         float(first["density"]),
         float(np.mean([data.attrs["inertia_factor"] for _, data in parts])),
@@ -133,7 +142,8 @@ def _dimensionless(data: xr.Dataset) -> _Contacts:
     }  # fmt: skip
     for name, one in values.items():
         record[:, FIELDS.index(name)] = one
-    return _Contacts(_rounded(record), data["entry"].values)
+    throws = data["sequence"].values, data["order"].values
+    return _Contacts(_rounded(record), data["entry"].values, *throws)
 
 
 def _rounded(record: np.ndarray) -> np.ndarray:
@@ -174,7 +184,6 @@ def _bins_for(kind: str, chosen: list[np.ndarray]) -> tuple[int, ...]:
 
 @dataclass(frozen=True)
 class _Bin:
-    record: np.ndarray
     map: np.ndarray
     low: np.ndarray
     high: np.ndarray
@@ -182,8 +191,9 @@ class _Bin:
 
 def _sort_into_bins(
     contacts: _Contacts, kind: str, sizes: tuple[int, ...]
-) -> tuple[list[_Bin], list[np.ndarray]]:
-    """The bins of a kind, and the edges of each key: quantiles within the bin of the key before."""
+) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """The contacts in each bin of a kind, and the edges of each key: quantiles within the bin of the
+    key before."""
     keys = _keys(contacts, kind)
     groups = [np.flatnonzero(_of_kind(contacts, kind))]
     edges = []
@@ -202,12 +212,41 @@ def _sort_into_bins(
         raise RockfallError("contacts: too many are alike for a table")
     shapes = (sizes[0] - 1,), (sizes[0], sizes[1] - 1), (*sizes[:2], sizes[2] - 1)
     cut = [one.reshape(shape) for one, shape in zip(edges, shapes, strict=True)]
-    return [_bin(contacts.record[one], kind) for one in groups], cut
+    return groups, cut
+
+
+def _kept_throws(contacts: _Contacts, most: int) -> np.ndarray:
+    """Which throws are kept, by number: evenly spaced ones, with `most` contacts in all."""
+    numbers, counts = np.unique(contacts.sequence, return_counts=True)
+    n = min(len(numbers), int(most / counts.mean()))
+    return numbers[(np.arange(n) * len(numbers)) // n]
+
+
+def _kept_rows(contacts: _Contacts, group: np.ndarray, throws: np.ndarray) -> np.ndarray:
+    """The contacts of a bin that are kept, at least one, in the order of the gravity along the
+    heading."""
+    kept = group[np.isin(contacts.sequence[group], throws)]
+    rows = kept if len(kept) else group[:1]
+    return rows[np.lexsort((contacts["speed_in"][rows], contacts["pull_along"][rows]))]
+
+
+def _with_followers(contacts: _Contacts, rows: np.ndarray, before: int) -> np.ndarray:
+    """The records of contacts in their order, each with the place of that which followed it in its
+    throw, counted from 1; 0: none is kept. `before` records stand before them."""
+    place = {
+        key: before + k + 1
+        for k, key in enumerate(zip(contacts.sequence[rows], contacts.order[rows], strict=True))
+    }
+    record = contacts.record[rows]
+    record[:, FIELDS.index("follower")] = [
+        place.get((sequence, order + 1), 0)
+        for sequence, order in zip(contacts.sequence[rows], contacts.order[rows], strict=True)
+    ]
+    return record
 
 
 def _bin(record: np.ndarray, kind: str) -> _Bin:
-    """The least-squares map of a bin, the reach of its inputs, and the records that are kept: some
-    evenly spaced ones, in the order of the gravity along the heading."""
+    """The least-squares map of a bin, and the reach of its inputs."""
     value = {name: record[:, k].astype(float) for k, name in enumerate(FIELDS)}
     scale = value["speed_in"] if kind == "flight" else np.ones(len(record))
     inputs = np.stack([value[name] / scale for name in ("vt_in", "vn_in", "w_in")])
@@ -218,11 +257,7 @@ def _bin(record: np.ndarray, kind: str) -> _Bin:
     variance = np.maximum((x**2).mean(axis=1), 1e-4)
     normal = x @ x.T + RIDGE * len(record) * np.diag(variance)
     found = np.linalg.solve(normal, x @ y.T).T
-    order = record[np.lexsort((value["speed_in"], value["pull_along"]))]
-    kept = min(len(order), KEPT[kind])
     low, high = inputs.min(axis=1), inputs.max(axis=1)
     if kind == "roll":  # nearly all turn as they move: the few others teach the map nothing
         low[2], high[2] = np.quantile(value["w_in"] / value["speed_in"], USUAL)
-    return _Bin(
-        order[(np.arange(kept) * len(order)) // kept], found.reshape(MAPPED, INPUTS), low, high
-    )
+    return _Bin(found.reshape(MAPPED, INPUTS), low, high)
