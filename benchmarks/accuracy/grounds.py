@@ -40,7 +40,10 @@ SEEDS = range(1, 6)
 FLATTEST, STEEPEST, NEAR = 2.0, 80.0, 0.1  # where half of them pass [degree]
 OBSTACLES = 0.1  # size of obstacles, which rockyfor3d minds [m]
 RATIOS = (1, 3, 5)  # R_b/R_m of the impact set
-COLOURS = {"impact_sets": INK, "rockyfor3d": BLUE, "pfeiffer_bowen": VERMILION, "constant": GREEN}
+COLOURS = {
+    "impact_sets": INK, "rockyfor3d": BLUE, "pfeiffer_bowen": VERMILION, "constant": GREEN,
+    "bourrier_hungr": GREY,
+}  # fmt: skip
 BEGIN = "## On planes\n"
 
 
@@ -141,7 +144,9 @@ def draw(found: list[Measured]):
         panel.set(xlabel="slope [degree]", ylabel=f"{label} [{unit}]")
     for model, colour in COLOURS.items():
         panels[0].plot([], [], color=colour, label=model.replace("_", " "))
-    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
+    figure.legend(
+        *panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=len(COLOURS)
+    )
     return figure
 
 
