@@ -15,6 +15,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator
 from pathlib import Path
+from textwrap import fill
 from typing import NamedTuple
 
 import numpy as np
@@ -110,13 +111,14 @@ def look(kind: Kind, boulders: int) -> Measured:
 
 def section(found: list[Measured], boulders: int) -> Iterator[str]:
     yield BEGIN
-    yield (
+    about = (
         f"{len(SEEDS)} seeds of {boulders:,} boulders of {VOLUME:g} m3 for each number, released "
         f"{DROP:g} m above a plane; a line {DISTANCE:g} m further down, in plan. Obstacles are "
         f"{OBSTACLES:g} m high. ± is the standard error over the seeds; - where too few pass. The "
         f"slope on which half of them pass is found to {NEAR / 2:g} degrees. "
-        "`python -m benchmarks.accuracy.grounds` writes this section and its figure.\n"
+        "`python -m benchmarks.accuracy.grounds` writes this section and its figure."
     )
+    yield fill(about, 100, break_on_hyphens=False) + "\n"
     yield "![share passing, mean speed and jump height against the slope](figures/grounds.png)\n"
     yield "| ground | model | half of the boulders pass from [degree] |\n| --- | --- | --: |"
     for one in found:
