@@ -32,7 +32,7 @@ from benchmarks.accuracy.planes import (
     text,
 )
 from benchmarks.machine import ROOT
-from rockfall.grounds import GroundTable, shipped_grounds
+from rockfall.grounds import GroundTable, other_tables, shipped_grounds
 from rockfall.io.files import atomic_write
 from rockfall.plots.style import BLUE, GREEN, GREY, INK, VERMILION, new_figure, save, styled
 
@@ -60,6 +60,7 @@ class Kind(NamedTuple):
     model: str
     ground: str
     radius: float
+    table: str | None = None  # of grounds, where it is not the usual one
 
 
 class Measured(NamedTuple):
@@ -69,17 +70,27 @@ class Measured(NamedTuple):
 
 
 def kinds() -> Iterator[Kind]:
-    """The impact set with rocks of several sizes, then the rows of the shipped table."""
+    """The impact set with rocks of several sizes, the rows of the shipped table, and those of other
+    shipped tables that differ from them."""
     for ratio in RATIOS:
         yield Kind(f"rocky-slope, R_b/R_m = {ratio}", "impact_sets", "rocky-slope", RADIUS / ratio)
-    for name, row in GroundTable(shipped_grounds()).rows.items():
+    usual = GroundTable(shipped_grounds())
+    for name, row in usual.rows.items():
         if row.cells["model"] != "absorbs":
             yield Kind(name, row.cells["model"], name, OBSTACLES / 2)
+    for table, path in other_tables().items():
+        other = GroundTable(path)
+        for name, row in other.rows.items():
+            if other.ground(name).text != usual.ground(name).text:
+                label = f"{table}: {name}"
+                yield Kind(label, row.cells["model"], name, OBSTACLES / 2, table)
 
 
 def run(kind: Kind, slope: float, boulders: int, seed: int) -> dict[str, float]:
     """What boulders do at the line: HOW -> a number."""
     surface = {"uniform_mean_radius": kind.radius, "ground": kind.ground}
+    if kind.table:
+        surface["ground_table"] = kind.table
     speed, height = at_line(slope, boulders, seed, surface=surface)
     known = speed["n"] >= FEW
     return {
