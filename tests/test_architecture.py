@@ -12,7 +12,7 @@ PACKAGE = ROOT / "python/rockfall"
 LEVELS = [
     ["errors", "interrupts", "limits", "version"],
     ["io"],
-    ["terrain"],
+    ["field", "terrain"],
     [
         "case",
         "case_files",

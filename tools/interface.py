@@ -22,7 +22,7 @@ from rockfall.analysis.line_statistics import COLUMNS
 from rockfall.case import REPEATABLE, key_table
 from rockfall.cli.arguments import make_parser
 from rockfall.cli.messages import DONE, FAULT, REFUSED
-from rockfall.grounds import models, parameters, shipped_grounds
+from rockfall.grounds import models, other_tables, parameters, shipped_grounds
 from rockfall.impact_sets import shipped_sets
 from rockfall.quantities import QUANTITIES
 from rockfall.result import variables
@@ -49,7 +49,7 @@ def listed() -> str:
         "columns of line statistics, and quantities with units": _statistics(),
         "names in Python": _names(),
         "impact sets that are shipped": iter(shipped_sets()),
-        "models of grounds, columns of their table, rows that are shipped": _grounds(),
+        "models of grounds, columns of their table, rows and tables that are shipped": _grounds(),
         "layouts of files": iter(
             [f"scene {SCENE_LAYOUT}", f"part {PART_LAYOUT}", f"hazard {HAZARD_LAYOUT}"]
         ),
@@ -141,6 +141,7 @@ def _grounds() -> Iterator[str]:
     yield " ".join(one.name for one in parameters())
     rows = shipped_grounds().read_text(encoding="utf-8").splitlines()
     yield from (row.split(",")[0] for row in rows[1:])
+    yield from (f"ground_table {name}" for name in other_tables())
 
 
 def _names() -> Iterator[str]:

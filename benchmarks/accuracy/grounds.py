@@ -15,6 +15,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator
 from pathlib import Path
+from textwrap import fill
 from typing import NamedTuple
 
 import numpy as np
@@ -31,7 +32,7 @@ from benchmarks.accuracy.planes import (
     text,
 )
 from benchmarks.machine import ROOT
-from rockfall.grounds import GroundTable, shipped_grounds
+from rockfall.grounds import GroundTable, other_tables, shipped_grounds
 from rockfall.io.files import atomic_write
 from rockfall.plots.style import BLUE, GREEN, GREY, INK, VERMILION, new_figure, save, styled
 
@@ -40,7 +41,10 @@ SEEDS = range(1, 6)
 FLATTEST, STEEPEST, NEAR = 2.0, 80.0, 0.1  # where half of them pass [degree]
 OBSTACLES = 0.1  # size of obstacles, which rockyfor3d minds [m]
 RATIOS = (1, 3, 5)  # R_b/R_m of the impact set
-COLOURS = {"impact_sets": INK, "rockyfor3d": BLUE, "pfeiffer_bowen": VERMILION, "constant": GREEN}
+COLOURS = {
+    "impact_sets": INK, "rockyfor3d": BLUE, "pfeiffer_bowen": VERMILION, "constant": GREEN,
+    "bourrier_hungr": GREY,
+}  # fmt: skip
 BEGIN = "## On planes\n"
 
 
@@ -56,6 +60,7 @@ class Kind(NamedTuple):
     model: str
     ground: str
     radius: float
+    table: str | None = None  # of grounds, where it is not the usual one
 
 
 class Measured(NamedTuple):
@@ -65,17 +70,27 @@ class Measured(NamedTuple):
 
 
 def kinds() -> Iterator[Kind]:
-    """The impact set with rocks of several sizes, then the rows of the shipped table."""
+    """The impact set with rocks of several sizes, the rows of the shipped table, and those of other
+    shipped tables that differ from them."""
     for ratio in RATIOS:
         yield Kind(f"rocky-slope, R_b/R_m = {ratio}", "impact_sets", "rocky-slope", RADIUS / ratio)
-    for name, row in GroundTable(shipped_grounds()).rows.items():
+    usual = GroundTable(shipped_grounds())
+    for name, row in usual.rows.items():
         if row.cells["model"] != "absorbs":
             yield Kind(name, row.cells["model"], name, OBSTACLES / 2)
+    for table, path in other_tables().items():
+        other = GroundTable(path)
+        for name, row in other.rows.items():
+            if other.ground(name).text != usual.ground(name).text:
+                label = f"{table}: {name}"
+                yield Kind(label, row.cells["model"], name, OBSTACLES / 2, table)
 
 
 def run(kind: Kind, slope: float, boulders: int, seed: int) -> dict[str, float]:
     """What boulders do at the line: HOW -> a number."""
     surface = {"uniform_mean_radius": kind.radius, "ground": kind.ground}
+    if kind.table:
+        surface["ground_table"] = kind.table
     speed, height = at_line(slope, boulders, seed, surface=surface)
     known = speed["n"] >= FEW
     return {
@@ -107,13 +122,14 @@ def look(kind: Kind, boulders: int) -> Measured:
 
 def section(found: list[Measured], boulders: int) -> Iterator[str]:
     yield BEGIN
-    yield (
+    about = (
         f"{len(SEEDS)} seeds of {boulders:,} boulders of {VOLUME:g} m3 for each number, released "
         f"{DROP:g} m above a plane; a line {DISTANCE:g} m further down, in plan. Obstacles are "
         f"{OBSTACLES:g} m high. ± is the standard error over the seeds; - where too few pass. The "
         f"slope on which half of them pass is found to {NEAR / 2:g} degrees. "
-        "`python -m benchmarks.accuracy.grounds` writes this section and its figure.\n"
+        "`python -m benchmarks.accuracy.grounds` writes this section and its figure."
     )
+    yield fill(about, 100, break_on_hyphens=False) + "\n"
     yield "![share passing, mean speed and jump height against the slope](figures/grounds.png)\n"
     yield "| ground | model | half of the boulders pass from [degree] |\n| --- | --- | --: |"
     for one in found:
@@ -141,7 +157,9 @@ def draw(found: list[Measured]):
         panel.set(xlabel="slope [degree]", ylabel=f"{label} [{unit}]")
     for model, colour in COLOURS.items():
         panels[0].plot([], [], color=colour, label=model.replace("_", " "))
-    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
+    figure.legend(
+        *panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=len(COLOURS)
+    )
     return figure
 
 

@@ -136,13 +136,13 @@ def field(arguments: argparse.Namespace) -> bool:
         (1e6, (0, 0.5, 1), 0), (0.5e6, (0, 0.5, 1), 0), (2e6, (0, 0.5, 1), 0),
         (1e6, (0, 0, 0), 0), (1e6, (1, 1, 1), 0), (1e6, (0, 0.5, 1), 13.5),
     ):  # fmt: skip
-        left = [_left(row, arguments.throws, strength, spin, relief) for row in rows]
+        left = [energy_left(row, arguments.throws, strength, spin, relief) for row in rows]
         about = f"p_y {strength / 1e6:3.1f} MPa, W/V {spin}, relief {relief}"
         print(f"  {about:40s}{np.round(left, 2)} mean {np.mean(left):.2f}")
     return True
 
 
-def _left(row: Row, throws: int, strength: float, spin: tuple, relief: float) -> float:
+def energy_left(row: Row, throws: int, strength: float, spin: tuple, relief: float) -> float:
     """Translational energy after / before, the mean over attitudes and blocks."""
     radius, speed = (
         row.number(name, 0.01, 100) for name in ("radius_m", "incoming_total_speed_mps")

@@ -2,12 +2,13 @@
 """The boulders observed at Vaujany beside the program, on slopes that nothing was fitted on.
 
     python -m benchmarks.physics.observed [--slopes 32] [--boulders 2000] [--first 1000]
-        [--law NAME=TABLE ...]
+        [--law NAME=TABLE ...] [--ground ROW ...]
 
 Table 2 of the paper prints mean, deviation and maximum of 100 boulders at two lines. No calibration
 was given them: the impact sets were calibrated to what the paper *simulated*. Prints the relative
-errors of both methods, and of tables of impacts in place of the matrix, over slopes of the recipe
-of cases/vaujany with their standard errors, and those of the paper's own simulation.
+errors of both methods, and of tables of impacts or classical grounds in place of the matrix
+(benchmarks.physics.laws), over slopes of the recipe of cases/vaujany with their standard errors,
+and those of the paper's own simulation.
 """
 
 import argparse
@@ -18,7 +19,7 @@ import rasterio
 
 import rockfall
 from benchmarks.machine import NOTHING, ROOT, machine
-from benchmarks.physics.tschamut import table
+from benchmarks.physics.laws import add_laws
 from rockfall.lab.talus import CELL, NORTH, WEST, Talus, zones
 
 CASES = ROOT / "cases" / "vaujany"
@@ -41,11 +42,11 @@ def main() -> None:
     parser.add_argument("--slopes", type=int, default=32)
     parser.add_argument("--boulders", type=int, default=2000)
     parser.add_argument("--first", type=int, default=FIRST)
-    parser.add_argument("--law", type=table, action="append", default=[])
+    add_laws(parser)
     given = parser.parse_args()
     printed = pd.read_csv(CASES / "paper.csv").set_index(["line", "method", "quantity"])
     cases = {name: rockfall.read_case(CASES / file) for name, file in METHODS.items()}
-    cases |= {law.name: cases["B"].replace(**law.keys) for law in given.law}
+    cases |= {law.name: cases["B"].replace(**law.of("compact")) for law in given.law}
     print(machine())
     print("| line, quantity | observed | paper A, B | " + " | ".join(cases) + " |")
     print("|---" * (3 + len(cases)) + "|")

@@ -13,8 +13,9 @@ from itertools import product
 from pathlib import Path
 
 from benchmarks.machine import machine
+from benchmarks.physics.laws import table
 from benchmarks.physics.runaway import SLOPES, beyond
-from benchmarks.physics.tschamut import described, observed, simulated, table, terrain
+from benchmarks.physics.tschamut import described, observed, simulated, terrain
 from rockfall.impact_tables import SHAPES, save_table
 from rockfall.lab.blocks.case import BlockCase
 from rockfall.lab.blocks.contacts import run_throws

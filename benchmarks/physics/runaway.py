@@ -2,12 +2,12 @@
 """Fraction of boulders that get faster than 0.8 m/s per degree, the limit of what was observed,
 on planes of 30 to 45 degrees over 400 m, and their mean maximum speed, by laws:
 
-    python -m benchmarks.physics.runaway [--law NAME=TABLE ...] [--boulders 400]
-        [--terrain DEM ...]
+    python -m benchmarks.physics.runaway [--law NAME=TABLE ...] [--ground ROW ...]
+        [--boulders 400] [--terrain DEM ...]
 
-TABLE is the name of a shipped table of impacts or of a file. The matrix with R_m = 0.2 m is always
-run. R_b = 0.4 m, released at 5 m/s. With --terrain on real ones in place of planes: two boulders of
-0.5 m3 from each cell steeper than 50 degrees.
+Laws are those of benchmarks.physics.laws. The matrix with R_m = 0.2 m is always run. R_b = 0.4 m,
+released at 5 m/s. With --terrain on real ones in place of planes: two boulders
+of 0.5 m3 from each cell steeper than 50 degrees.
 """
 
 import argparse
@@ -17,7 +17,7 @@ import numpy as np
 
 import rockfall
 from benchmarks.machine import machine
-from benchmarks.physics.tschamut import Law, matrix, table
+from benchmarks.physics.laws import Law, add_laws, matrix
 from rockfall.analysis.model_limits import faster_than_observed
 from rockfall.io.grid import Grid
 
@@ -39,7 +39,7 @@ def beyond(law: Law, slope: float, boulders: int, seed: int = 1) -> tuple[float,
             "velocity": [0.0, -5 * np.cos(angle), -5 * np.sin(angle)],
         },
     }  # fmt: skip
-    case = rockfall.Case(**(groups | law.keys))
+    case = rockfall.Case(**(groups | law.everywhere("compact")))
     result = rockfall.run(case, dem=z, transform=Grid(0.0, rows * CELL, CELL, COLUMNS, rows))
     fastest = result.speed_max.values
     return float(np.mean(fastest > LIMIT * slope)), float(fastest.mean())
@@ -53,14 +53,14 @@ def beyond_on(terrain: str, law: Law) -> tuple[float, float]:
         "boulder": {"volume": "fixed", "volume_mean": 0.5, "density": 2700.0},
         "release": {"steep_cells": True, "slope_threshold": 50.0, "drop_height": 1.0},
     }
-    result = rockfall.run(rockfall.Case(**(groups | law.keys)))
+    result = rockfall.run(rockfall.Case(**(groups | law.everywhere("compact"))))
     return float(faster_than_observed(result).mean()), float(result.speed_max.mean())
 
 
 def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--terrain", nargs="+", default=[])
-    parser.add_argument("--law", type=table, action="append", default=[])
+    add_laws(parser)
     parser.add_argument("--boulders", type=int, default=400)
     given = parser.parse_args()
     print(machine())

@@ -3,12 +3,12 @@
 doi:10.16904/envidat.34) beside those of the program, by laws:
 
     python -m benchmarks.physics.tschamut FOLDER [--half calibration|held-out] [--seeds 101 102]
-        [--law NAME=TABLE ...] [--boulders 100]
+        [--law NAME=TABLE ...] [--ground ROW ...] [--boulders 100]
 
 FOLDER holds release_points.csv, observed_deposition.csv and terrain.asc as derived from the data in
-github.com/ofuhrer/rust_rockfall (commit 722f7c7, data/processed/tschamut2014). TABLE is the name of
-a shipped table of impacts, or of a file in which {shape} stands for the shape of the block. The
-matrix with R_m = 0.2 m is always run. What was chosen before: docs/validation/field/protocol.md.
+github.com/ofuhrer/rust_rockfall (commit 722f7c7, data/processed/tschamut2014). Laws are those of
+benchmarks.physics.laws; the matrix with R_m = 0.2 m is always run. What was chosen before:
+docs/validation/field/protocol.md.
 """
 
 import argparse
@@ -17,36 +17,20 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.stats import ks_2samp, wasserstein_distance
 
 import rockfall
 from benchmarks.machine import machine
+from benchmarks.physics.laws import Law, add_laws, matrix
+from rockfall.analysis.validation import distribution_numbers
 from rockfall.io.grid import Grid
 from rockfall.io.tables import read_table
 
 SHAPE_OF_BLOCK = {"1": "compact", "2": "elongated", "4": "platy"}
+TITLES = {
+    "mean": "mean", "std": "std", "q05": "5 %", "q50": "50 %", "q95": "95 %", "ks": "KS", "p": "p",
+    "wasserstein": "Wasserstein",
+}  # fmt: skip
 HALVES = {"calibration": 0, "held-out": 1}  # places of runs, in the order of trajectory_id, from 0
-ROCKS = 0.2  # R_m of the matrix [m]
-QUANTILES = 0.05, 0.5, 0.95
-
-
-@dataclass(frozen=True)
-class Law:
-    """What rebounds follow: keys of the case by group; {shape} stands for the block's."""
-
-    name: str
-    keys: dict[str, dict[str, Any]]
-
-
-def matrix() -> Law:
-    """The paper's law."""
-    return Law(f"matrix, R_m {ROCKS} m", {"surface": {"uniform_mean_radius": ROCKS}})
-
-
-def table(text: str) -> Law:
-    """A law from NAME=TABLE."""
-    name, _, file = text.partition("=")
-    return Law(name, {"impact": {"form": "table", "table": file or name}})
 
 
 @dataclass(frozen=True)
@@ -110,12 +94,8 @@ def simulated(run: Run, law: Law, place: tuple[np.ndarray, Grid], boulders: int,
             "velocity": run.velocity.tolist(),
         },
     }  # fmt: skip
-    for group, keys in law.keys.items():
-        filled = {
-            key: value.format(shape=shape) if isinstance(value, str) else value
-            for key, value in keys.items()
-        }
-        groups[group] = groups.get(group, {}) | filled
+    for group, keys in law.everywhere(shape).items():
+        groups[group] = groups.get(group, {}) | keys
     result = rockfall.run(rockfall.Case(**groups), dem=place[0], transform=place[1])
     return np.stack([result.stop_x.values, result.stop_y.values], axis=1)
 
@@ -128,15 +108,13 @@ def azimuths(way: np.ndarray) -> np.ndarray:
 
 
 def described(runs: list[Run], rests: list[np.ndarray]) -> dict[str, float]:
-    """Of places of rest, some for each run."""
+    """Numbers of places of rest, as many for each run, beside those observed."""
     ways = np.concatenate([rest - run.start for run, rest in zip(runs, rests, strict=True)])
     out = np.hypot(*ways.T)
     seen = np.array([np.hypot(*(run.rest - run.start)) for run in runs])
-    found = {"mean": out.mean(), "std": out.std(ddof=1)}
-    found |= {f"{100 * q:.0f} %": np.quantile(out, q) for q in QUANTILES}
+    numbers = distribution_numbers(seen, out, np.ones(len(out)))
+    found = {title: numbers[name].simulated for name, title in TITLES.items()}
     found["azimuth std"] = azimuths(ways).std(ddof=1)
-    found["KS"] = ks_2samp(out, seen).statistic
-    found["Wasserstein"] = wasserstein_distance(out, seen)
     for block in SHAPE_OF_BLOCK:
         some = [
             np.hypot(*(rest - run.start).T)
@@ -153,7 +131,7 @@ def main() -> None:
     parser.add_argument("--half", choices=HALVES, default="calibration")
     parser.add_argument("--seeds", type=int, nargs="+", default=[1])
     parser.add_argument("--boulders", type=int, default=100)
-    parser.add_argument("--law", type=table, action="append", default=[])
+    add_laws(parser)
     given = parser.parse_args()
     runs, place = observed(given.folder, given.half), terrain(given.folder)
     print(machine())

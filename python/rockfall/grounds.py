@@ -80,10 +80,18 @@ def shipped_grounds() -> Path:
     return Path(str(importlib.resources.files("rockfall") / "data" / "grounds.csv"))
 
 
+def other_tables() -> dict[str, Path]:
+    """Tables of grounds that are shipped beside the usual one, by the name that cases give them."""
+    folder = shipped_grounds().parent
+    return {path.stem.partition("_")[2]: path for path in sorted(folder.glob("grounds_*.csv"))}
+
+
 def table_path(case: Case) -> Path:
-    """The table of grounds of a case: its own, or that shipped."""
+    """The table of grounds of a case: its own, or one that is shipped."""
     own = case.surface.get("ground_table")
-    return case.path(own) if own else shipped_grounds()
+    if not own:
+        return shipped_grounds()
+    return other_tables().get(own) or case.path(own)
 
 
 class GroundTable:

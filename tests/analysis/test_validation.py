@@ -1,15 +1,25 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """`rockfall validate`: a law is within the bounds of boulders that it made itself, and beyond those
-of others; nothing is judged where chance may decide."""
+of others; nothing is judged where chance may decide. Weights of boulders enter every number."""
 
 import numpy as np
 import pandas as pd
 import pytest
+from scipy import stats
 
 import rockfall
 from programs import make_full_case, refuses
 from rockfall.analysis.observations import read_observed
-from rockfall.analysis.validation import BEYOND, COLUMNS, UNDECIDED, WITHIN, validate
+from rockfall.analysis.run_out import kolmogorov_smirnov
+from rockfall.analysis.validation import (
+    BEYOND,
+    COLUMNS,
+    RUN_OUT,
+    UNDECIDED,
+    WITHIN,
+    numbers_beside,
+    validate,
+)
 from rockfall.cli import main
 
 OWN = "impact sets, method B"
@@ -100,3 +110,90 @@ def test_what_cannot_be_compared_is_refused(case, made, tmp_path, capsys, monkey
     refuses(["validate", name, "apart.csv"], ".*: nothing that was observed .*", capsys)
     refuses(["validate", name, stops, "--seeds", "1"], "--seeds 1: at least 2 .*", capsys)
     refuses(["validate", name, stops, "--table", "moon"], ".* no such table of impacts.*", capsys)
+
+
+# ---- the test of two samples with weights
+
+
+def test_equal_weights_give_the_test_of_two_samples():
+    random = np.random.default_rng(1)
+    seen, made = random.normal(size=30), random.normal(0.4, 1.2, 70)
+    scipys = stats.ks_2samp(seen, made)
+    for weight in (1.0, 3.5):
+        found = kolmogorov_smirnov(seen, made, np.full(70, weight))
+        assert found == (scipys.statistic, scipys.pvalue)
+
+
+def test_a_weight_counts_as_that_many_boulders():
+    """Also where values are equal, within a sample and across both."""
+    random = np.random.default_rng(2)
+    seen, made = random.integers(0, 12, 25) * 1.0, random.integers(0, 15, 40) * 1.0
+    share = random.integers(1, 5, 40)
+    statistic, p = kolmogorov_smirnov(seen, made, share * 1.0)
+    assert statistic == pytest.approx(stats.ks_2samp(seen, np.repeat(made, share)).statistic)
+    effective = share.sum() ** 2 / (share**2).sum()
+    size = round(25 * effective / (25 + effective))
+    assert p == pytest.approx(stats.kstwo.sf(statistic, size))
+    assert p > stats.ks_2samp(seen, np.repeat(made, share), method="asymp").pvalue
+
+
+def test_more_boulders_of_a_source_do_not_move_the_test():
+    """Ten times as many boulders of one source, of a tenth of the weight."""
+    random = np.random.default_rng(3)
+    seen, near, far = random.normal(size=20), random.normal(-1, 1, 30), random.normal(1, 1, 30)
+    even = kolmogorov_smirnov(seen, np.concatenate([near, far]), np.ones(60))
+    many = np.concatenate([near, np.repeat(far, 10)])
+    found = kolmogorov_smirnov(seen, many, np.repeat([1.0, 0.1], [30, 300]))
+    assert found[0] == pytest.approx(even[0])
+    unweighted = stats.ks_2samp(seen, many).statistic
+    assert abs(unweighted - even[0]) > 0.1
+
+
+def test_p_of_the_same_distribution_is_uniform():
+    """Weights that do not depend on values: p below 5, 20 and 50 % as often, by theory; with the
+    number of boulders in place of the effective one it would be far more often."""
+    random = np.random.default_rng(4)
+    runs, found, naive = 2000, [], []
+    for _ in range(runs):
+        seen, made = random.normal(size=60), random.normal(size=300)
+        share = np.where(random.random(300) < 0.1, 20.0, 0.2)
+        statistic, p = kolmogorov_smirnov(seen, made, share)
+        found.append(p)
+        naive.append(stats.kstwo.sf(statistic, 50))  # 60 * 300 / 360
+    for level in (0.05, 0.2, 0.5):
+        error = np.sqrt(level * (1 - level) / runs)
+        assert abs(np.mean(np.array(found) < level) - level) < 5 * error + 0.1 * level
+    assert np.mean(np.array(naive) < 0.05) > 0.15
+
+
+def test_several_results_count_as_one_site(case, made):
+    """A result given twice is one with twice the boulders: the same numbers, a smaller p."""
+    folder, line, _ = made
+    seen = read_observed(folder / "stops.csv", folder / "speeds.csv")
+    result = rockfall.run(case)
+    once, twice = (numbers_beside([(result, seen)] * n) for n in (1, 2))
+    for key, one in once.items():
+        place, quantity, statistic = key
+        if statistic not in ("p", "std", "lateral_std"):
+            assert twice[key].simulated == pytest.approx(one.simulated), key
+        assert twice[key].n == 2 * one.n
+    for key in (("", RUN_OUT), (line, "speed")):
+        assert twice[*key, "p"].simulated <= once[*key, "p"].simulated
+        assert twice[*key, "std"].simulated == pytest.approx(once[*key, "std"].simulated, rel=0.01)
+    assert twice["", RUN_OUT, "lateral_std"].simulated > 0
+
+
+def test_a_part_weighs_as_often_as_it_was_observed(case, made, tmp_path):
+    """Two results with unlike run-outs: the mean is that of the parts by what was observed."""
+    folder, _, _ = made
+    stops = pd.read_csv(folder / "stops.csv")
+    stops.iloc[:40].to_csv(tmp_path / "many.csv", index=False)
+    stops.iloc[40:50].to_csv(tmp_path / "few.csv", index=False)
+    many, few = (read_observed(tmp_path / f"{name}.csv") for name in ("many", "few"))
+    result = rockfall.run(case)
+    short = rockfall.run(case.replace(surface={"ground": "soil_1"}))
+    key = "", RUN_OUT, "mean"
+    parts = [numbers_beside([pair])[key] for pair in ((result, many), (short, few))]
+    both = numbers_beside([(result, many), (short, few)])[key]
+    assert both.simulated == pytest.approx((40 * parts[0].simulated + 10 * parts[1].simulated) / 50)
+    assert both.observed == pytest.approx((40 * parts[0].observed + 10 * parts[1].observed) / 50)

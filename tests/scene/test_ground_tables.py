@@ -9,6 +9,7 @@ from affine import Affine
 
 import rockfall
 from made import make_raster, refused
+from rockfall.analysis.model_limits import has_own_grounds
 from rockfall.errors import RockfallError
 from rockfall.grounds import (
     IMPACT_SETS,
@@ -16,6 +17,7 @@ from rockfall.grounds import (
     GroundTable,
     find_ground,
     models,
+    other_tables,
     parameters,
     shipped_grounds,
 )
@@ -81,6 +83,34 @@ def test_the_kernels_table_is_that_of_the_file():
     assert [name for name in columns if name in names] == names
     of_models = {model for one in parameters() for model in one.models.split(", ")}
     assert of_models | {IMPACT_SETS, *TABLES, "absorbs"} == {*models()}
+
+
+def test_ranges_of_2023_are_a_table_of_their_own(tmp_path):
+    """Chosen by name, with the same names and ids; a shipped table, not one of the user's."""
+    (path,) = other_tables().values()
+    table = GroundTable(path)
+    assert table.names == SHIPPED.names
+    keys = "r_n_min", "r_n", "r_n_max"
+    numbers = {
+        name: [float(row.cells[key]) for key in keys]
+        for name, row in table.rows.items()
+        if row.cells["model"] != "absorbs"
+    }
+    usual = {name: [float(SHIPPED.rows[name].cells[key]) for key in keys] for name in numbers}
+    differ = {name for name, row in numbers.items() if row != usual[name]}
+    assert differ == {"soil_2", "soil_3", "soil_4", "soil_5"}
+    assert numbers["soil_2"][::2] == [0.30, 0.36] and numbers["soil_5"][::2] == [0.21, 0.25]
+    case = case_with(
+        tmp_path, uniform_mean_radius=0.05, ground="soil_4", ground_table="rockyfor3d-2023"
+    )
+    assert not has_own_grounds(case)
+    assert has_own_grounds(case.replace(surface={"ground_table": "mine.csv"}))
+    (ground,) = read(case).grounds
+    assert b"r_n = 0.43 " in ground.text
+    mean = rockfall.run(case, dem=rough(), transform=grid(rough()))["plan_distance"].mean()
+    usual_case = case.replace(surface={"ground_table": None})
+    usual_mean = rockfall.run(usual_case, dem=rough(), transform=grid(rough()))["plan_distance"]
+    assert mean > usual_mean.mean()
 
 
 # ---- where a ground is named

@@ -21,7 +21,13 @@ from rockfall.analysis.precision.intervals import (
     limits_of_printed,
     sources,
 )
-from rockfall.analysis.run_out import compared, run_out
+from rockfall.analysis.run_out import (
+    compared,
+    kolmogorov_smirnov,
+    run_out,
+    samples,
+    weights,
+)
 from rockfall.case import case_of
 from rockfall.errors import RockfallError
 from rockfall.io.output_files import COMPARISON, check_output
@@ -92,10 +98,12 @@ def compare(result: xr.Dataset, *observed: str | Path | Observed) -> Comparison:
     distances, notes = _observed_distances(result, seen, source)
     which, said = compared(result, seen)
     ours = result.isel(boulder=np.flatnonzero(which))  # the same boulders in all numbers of run-out
+    stopped = samples(result, seen)
+    share = np.ones(which.sum()) if stopped is None else weights(*stopped)
     done = Comparison(
         title=f"{result.attrs['title'] or 'rockfall'}, beside what was observed",
         errors=_errors(result, seen, method, source, names),
-        ks=_ks(result, seen, method, distances, names, ours["plan_distance"].values),
+        ks=_ks(result, seen, method, distances, names, ours["plan_distance"].values, share),
         passing=_passing(ours, seen, distances, sources(ours)),
         run_out=run_out(result, seen),
         stops=stops_table(result, seen),
@@ -202,8 +210,10 @@ def _ks(
     distances: np.ndarray | None,
     names: list[str],
     ours: np.ndarray,
+    share: np.ndarray,
 ) -> pd.DataFrame:
-    """Two-sample Kolmogorov-Smirnov tests, and those printed for the method (paper, table 4)."""
+    """Two-sample Kolmogorov-Smirnov tests, and those printed for the method (paper, table 4).
+    `share` are the weights of our boulders, in the test of distances."""
     import pandas as pd
 
     own = seen.tests[seen.tests["method"] == method]
@@ -213,24 +223,25 @@ def _ks(
         found = np.nan, np.nan, np.nan, np.nan
         if (line, quantity) in seen.samples:
             values = line_values(result, quantity, names.index(line))
-            found = _test(seen.samples[line, quantity], values[~np.isnan(values)])
+            values = values[~np.isnan(values)]
+            found = _test(seen.samples[line, quantity], values, np.ones(values.size))
         rows.append([line, quantity, *found, printed.get((line, quantity), np.nan)])
     if distances is not None:
-        found = _test(distances, ours)
+        found = _test(distances, ours, share)
         rows.append(["", STOPPING, *found, np.nan])
     sizes = ["n_observed", "n_simulated"]
     columns = ["line", "quantity", *sizes, "ks_statistic", "p", "printed_p"]
     return pd.DataFrame(rows, columns=columns).astype(dict.fromkeys(sizes, "Int64"))
 
 
-def _test(observed: np.ndarray, simulated: np.ndarray) -> tuple[int, int, float, float]:
+def _test(
+    observed: np.ndarray, simulated: np.ndarray, share: np.ndarray
+) -> tuple[int, int, float, float]:
     """Sizes, statistic and p; NaN where there is nothing to test."""
-    from scipy.stats import ks_2samp
-
     if not simulated.size:
         return observed.size, 0, np.nan, np.nan
-    found = ks_2samp(observed, simulated)
-    return observed.size, simulated.size, float(found.statistic), float(found.pvalue)
+    statistic, p = kolmogorov_smirnov(observed, simulated, share)
+    return observed.size, simulated.size, statistic, p
 
 
 def _observed_distances(

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from rockfall.grounds import other_tables
 from rockfall.io.tables import read_table
 from rockfall.quantities import part_of, percent
 from rockfall.result.grounds import classical_grounds, stochastic_fraction, table_grounds
@@ -113,7 +114,8 @@ def coefficients_remark(case: Case) -> str:
 
 def has_own_grounds(case: Case) -> bool:
     """Whether the grounds are rows of a table of the user's, in place of the shipped one."""
-    return bool(case.surface.get("ground_table"))
+    own = case.surface.get("ground_table")
+    return bool(own) and own not in other_tables()
 
 
 def forest_remarks(case: Case) -> Iterator[Remark]:

@@ -47,6 +47,7 @@ ROCKS = {
     "rockyfor3d": ("soil_3", "soil_4"),
     "pfeiffer_bowen": ("pfeiffer_talus", "pfeiffer_rock"),
     "constant": ("talus", "rock_ledge"),
+    "bourrier_hungr": ("bourrier_hungr", "bourrier_hungr"),
 }
 #: Obstacles of this size [m] stop every boulder in Rockyfor3D; impact sets know nothing of that.
 STOPPING = 100.0

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How far and how wide boulders came, in the field and in a result; distances of distributions.
+"""How far and how wide boulders came, in the field and in a result; distances of distributions,
+and the Kolmogorov-Smirnov test of a sample and a weighted one.
 
 Intervals are those of resampled boulders (Efron 1979), observed and simulated ones, each within its
 source; fewer boulders than `rockfall.limits` has for a mean or a standard deviation have none. That
@@ -10,7 +11,7 @@ below it, the difference may be one of chance.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -69,6 +70,31 @@ class Distance:
         return float(np.abs(np.cumsum(apart[self.order])[:-1]) @ self.gaps)
 
 
+def kolmogorov_smirnov(
+    seen: np.ndarray, made: np.ndarray, share: np.ndarray
+) -> tuple[float, float]:
+    """Kolmogorov-Smirnov statistic of a sample and a weighted one, and its p.
+
+    Equal weights give SciPy's test of two samples, exact where these are small. Others give the
+    largest distance of the two distribution functions, and p as if the weighted sample had
+    (sum w)^2 / sum w^2 boulders (Kish 1965): the variance of its distribution function F is F (1 -
+    F) over that number, where weights do not depend on values.
+    """
+    from scipy.stats import ks_2samp, kstwo
+
+    if np.ptp(share) == 0:
+        test = ks_2samp(seen, made)
+        return float(test.statistic), float(test.pvalue)
+    both = np.concatenate([seen, made])
+    order = np.argsort(both, kind="stable")
+    apart = np.concatenate([np.full(len(seen), 1 / len(seen)), -share / share.sum()])[order]
+    last = np.append(np.diff(both[order]) > 0, True)  # of equal values
+    statistic = float(np.abs(np.cumsum(apart)[last]).max())
+    effective = share.sum() ** 2 / (share @ share)
+    size = len(seen) * effective / (len(seen) + effective)
+    return statistic, float(kstwo.sf(statistic, max(round(size), 1)))
+
+
 def run_out(result: xr.Dataset, seen: Observed) -> pd.DataFrame:
     """COLUMNS: for each source, and for all, mean and standard deviation of the stopping distance,
     the Wasserstein distance, lateral spread and offset [m]; empty where nothing of it was observed.
@@ -112,6 +138,52 @@ def samples(result: xr.Dataset, seen: Observed) -> tuple[Sample, Sample] | None:
         values[mine] = np.column_stack([way_of(result, frame, one, k)[mine] for k in (0, 1)])
     among = np.isin(source, [*found])
     return observed, Sample(values[among], source[among])
+
+
+def pooled_samples(pairs: Sequence[tuple[xr.Dataset, Observed]]) -> tuple[Sample, Sample] | None:
+    """Samples of several results of one site as one, each result with what was observed of it;
+    lateral offsets are across the mean of all observed ways. One result has those of `samples`."""
+    if len(pairs) == 1:
+        return samples(*pairs[0])
+    parts = [part for part in (_ways(*pair) for pair in pairs) if part is not None]
+    if len(parts) == len(pairs):
+        across = _across(np.concatenate([seen.values for seen, _ in parts]))
+        parts = [
+            (_in_frame(seen, across), _in_frame(made, across)) for seen, made in parts
+        ]  # fmt: skip
+    else:
+        known = [part for part in (samples(*pair) for pair in pairs) if part is not None]
+        if len(known) < len(pairs):
+            return None
+        parts = [
+            (Sample(seen.values[:, :1], seen.source), Sample(made.values[:, :1], made.source))
+            for seen, made in known
+        ]
+    first = np.cumsum([0, *(made.source.max() + 1 for _, made in parts)])
+    found = [
+        Sample(
+            np.concatenate([part[k].values for part in parts]),
+            np.concatenate([part[k].source + at for part, at in zip(parts, first, strict=False)]),
+        )
+        for k in (0, 1)
+    ]
+    return found[0], found[1]
+
+
+def _ways(result: xr.Dataset, seen: Observed) -> tuple[Sample, Sample] | None:
+    """Vectors from release to rest, observed and simulated; None where places are not known."""
+    found = starts(result)
+    if seen.stops is None or (seen.starts is None and len(found.places) > 1):
+        return None
+    ways, group = _observed_ways(seen, found)
+    made = [result[f"stop_{axis}"].values - result[f"start_{axis}"].values for axis in "xy"]
+    among = np.isin(found.group, group)
+    return Sample(ways, group), Sample(np.column_stack(made)[among], found.group[among])
+
+
+def _in_frame(ways: Sample, across: np.ndarray) -> Sample:
+    """Distances and lateral offsets of ways."""
+    return Sample(np.column_stack([np.hypot(*ways.values.T), ways.values @ across]), ways.source)
 
 
 class Starts(NamedTuple):

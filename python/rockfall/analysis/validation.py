@@ -12,7 +12,15 @@ import numpy as np
 from rockfall.analysis.lines.values import line_values
 from rockfall.analysis.models import variants
 from rockfall.analysis.observations import Observed
-from rockfall.analysis.run_out import RESAMPLES, Distance, moments, samples, weights
+from rockfall.analysis.run_out import (
+    RESAMPLES,
+    Distance,
+    Sample,
+    kolmogorov_smirnov,
+    moments,
+    pooled_samples,
+    weights,
+)
 from rockfall.case import Case
 from rockfall.errors import RockfallError
 from rockfall.impact_tables import table_names
@@ -40,8 +48,8 @@ SIGMAS = 1.96  # of an interval of 95 %
 Key = tuple[str, str, str]  # line, quantity, statistic
 
 
-class _Number(NamedTuple):
-    """A statistic: of how many observed boulders, what they have, its error, what a run has."""
+class Number(NamedTuple):
+    """A statistic: of how many observed boulders, their value, its error, and that of a run."""
 
     n: float
     observed: float
@@ -97,8 +105,8 @@ def validate(
             for seed in numbers:
                 result = run_scene(replace(scene, case=scene.case.replace(case={"seed": seed})))
                 advance(result.sizes["boulder"])
-                found.append(dict(_described(result, seen)))
-            rows += [{"law": name, **row} for row in _over_seeds(found)]
+                found.append(numbers_beside([(result, seen)]))
+            rows += [{"law": name, **row} for row in over_runs(found)]
     if not rows:
         raise RockfallError(
             f"{case.name}: nothing that was observed can be set beside it: places or distances of "
@@ -126,29 +134,51 @@ def _laws(case: Case, tables: Sequence[str], notes: list[str]) -> Iterator[tuple
         yield f"table {name}", read_scene(one)
 
 
-def _described(result: xr.Dataset, seen: Observed) -> Iterator[tuple[Key, _Number]]:
-    """What can be set beside each other, by line, quantity and statistic."""
-    found = samples(result, seen)
-    if found is not None:
-        observed, made = found
-        share = weights(observed, made)
-        numbers = dict(_of_values(observed.values[:, 0], made.values[:, 0], share))
-        fewest = np.unique(observed.source, return_counts=True)[1].min()
-        if observed.values.shape[1] > 1 and fewest >= FEWEST:
-            across = dict(_of_values(observed.values[:, 1], made.values[:, 1], share))
-            numbers["lateral_std"] = across["std"]
-        yield from ((("", RUN_OUT, name), one) for name, one in numbers.items())
-    for (line, quantity), values in seen.samples.items():
-        crossed = _crossed(result, line, quantity)
-        if crossed is not None:
-            of_values = _of_values(values, crossed, np.ones(len(crossed)))
-            yield from (((line, quantity, name), one) for name, one in of_values)
-    for row in seen.summaries.to_dict("records"):
+def numbers_beside(pairs: Sequence[tuple[xr.Dataset, Observed]]) -> dict[Key, Number]:
+    """The numbers of results of one site that can be set beside what was observed of each, by line,
+    quantity and statistic. Several results, say of the kinds of blocks there, count as one sample,
+    in which each source weighs as often as it was observed."""
+    found: dict[Key, Number] = {}
+    stopped = pooled_samples(pairs)
+    if stopped is not None:
+        numbers = run_out_numbers(*stopped, one_frame=len(pairs) > 1)
+        found |= {("", RUN_OUT, name): one for name, one in numbers.items()}
+    for line, quantity in dict.fromkeys(key for _, seen in pairs for key in seen.samples):
+        values = [
+            (seen.samples[line, quantity], crossed)
+            for result, seen in pairs
+            if (line, quantity) in seen.samples
+            and (crossed := _crossed(result, line, quantity)) is not None
+        ]
+        if values:
+            share = [np.full(len(made), len(some) / max(len(made), 1)) for some, made in values]
+            each = np.concatenate(share)
+            some, made = (np.concatenate(one) for one in zip(*values, strict=True))
+            at_line = distribution_numbers(some, made, each / (each.mean() if each.size else 1))
+            found |= {(line, quantity, name): one for name, one in at_line.items()}
+    for row in pairs[0][1].summaries.to_dict("records"):
         key = row["line"], row["quantity"]
-        if row["method"] == "observed" and key not in seen.samples:
-            crossed = _crossed(result, *key)
-            if crossed is not None:
-                yield from (((*key, name), one) for name, one in _of_printed(row, crossed))
+        if row["method"] == "observed" and key not in pairs[0][1].samples:
+            at_lines = [_crossed(result, *key) for result, _ in pairs]
+            crossed = [one for one in at_lines if one is not None]
+            if crossed:
+                printed = _of_printed(row, np.concatenate(crossed))
+                found |= {(*key, name): one for name, one in printed}
+    return found
+
+
+def run_out_numbers(
+    observed: Sample, simulated: Sample, one_frame: bool = False
+) -> dict[str, Number]:
+    """Statistics of stopping distances, and where several boulders came from each source, or all
+    share one frame, of lateral offsets."""
+    share = weights(observed, simulated)
+    numbers = distribution_numbers(observed.values[:, 0], simulated.values[:, 0], share)
+    alike = len(observed.source) if one_frame else np.unique(observed.source, return_counts=True)[1]
+    if observed.values.shape[1] > 1 and np.min(alike) >= FEWEST:
+        across = distribution_numbers(observed.values[:, 1], simulated.values[:, 1], share)
+        numbers["lateral_std"] = across["std"]
+    return numbers
 
 
 def _crossed(result: xr.Dataset, line: str, quantity: str) -> np.ndarray | None:
@@ -160,25 +190,25 @@ def _crossed(result: xr.Dataset, line: str, quantity: str) -> np.ndarray | None:
     return values[np.isfinite(values)]
 
 
-def _of_values(
+def distribution_numbers(
     seen: np.ndarray, made: np.ndarray, share: np.ndarray
-) -> Iterator[tuple[str, _Number]]:
-    """The numbers of both samples, and how far these are apart; errors from resampled boulders."""
-    from scipy.stats import ks_2samp
-
+) -> dict[str, Number]:
+    """The numbers of an observed sample and of a weighted simulated one, and how far these are
+    apart; errors of what was observed are those of resampled boulders."""
     random, one = np.random.default_rng(0), np.ones(len(seen))
     drawn = [_numbers(random.choice(seen, len(seen)), one) for _ in range(RESAMPLES)]
     enough = min(len(seen), len(made)) >= FEWEST
     simulated = _numbers(made, share) if enough else {}
+    numbers = {}
     for name, value in _numbers(seen, one).items():
         error = float(np.std([each[name] for each in drawn], ddof=1))
-        yield name, _Number(len(seen), value, error, simulated.get(name, np.nan))
+        numbers[name] = Number(len(seen), value, error, simulated.get(name, np.nan))
     apart = [np.nan] * 3
     if enough:
-        test = ks_2samp(seen, made)
-        apart = [test.statistic, test.pvalue, Distance(seen, made)(one, share)]
+        apart = [*kolmogorov_smirnov(seen, made, share), Distance(seen, made)(one, share)]
     for name, value in zip(APART, apart, strict=True):
-        yield name, _Number(len(seen), np.nan, np.nan, float(value))
+        numbers[name] = Number(len(seen), np.nan, np.nan, float(value))
+    return numbers
 
 
 def _numbers(values: np.ndarray, share: np.ndarray) -> dict[str, float]:
@@ -191,18 +221,19 @@ def _numbers(values: np.ndarray, share: np.ndarray) -> dict[str, float]:
     return {"mean": mean, "std": std, **quantiles}
 
 
-def _of_printed(row: dict[str, Any], crossed: np.ndarray) -> Iterator[tuple[str, _Number]]:
+def _of_printed(row: dict[str, Any], crossed: np.ndarray) -> Iterator[tuple[str, Number]]:
     """Of a mean and a deviation that were printed; exact where nobody says of how many boulders."""
     n, std = row["n"], row["std"]
     errors = {"mean": std / np.sqrt(n), "std": std / np.sqrt(2 * max(n - 1, 1))}
     found = _numbers(crossed, np.ones(len(crossed))) if len(crossed) >= FEWEST else {}
     for name, error in errors.items():
         if row[name] == row[name]:
-            yield name, _Number(n, row[name], error, found.get(name, np.nan))
+            yield name, Number(n, row[name], error, found.get(name, np.nan))
 
 
-def _over_seeds(runs: list[dict[Key, _Number]]) -> Iterator[dict[str, Any]]:
-    """The mean over seeds, its standard error, and the verdict."""
+def over_runs(runs: Sequence[dict[Key, Number]]) -> Iterator[dict[str, Any]]:
+    """Rows of a table (COLUMNS but the law): means over runs, which differ by their seed or their
+    terrain, their standard errors, and verdicts."""
     for key, one in runs[0].items():
         values = np.array([run[key].simulated for run in runs])
         mean, error = float(values.mean()), float(values.std(ddof=1) / np.sqrt(len(values)))
@@ -211,7 +242,7 @@ def _over_seeds(runs: list[dict[Key, _Number]]) -> Iterator[dict[str, Any]]:
                        strict=True))  # fmt: skip
 
 
-def _verdict(statistic: str, seen: _Number, simulated: float, error: float) -> str:
+def _verdict(statistic: str, seen: Number, simulated: float, error: float) -> str:
     """On a bound, where there is one: undecided where the interval of the error straddles it."""
     if statistic not in BOUNDS or not seen.observed > 0 or simulated != simulated:
         return ""

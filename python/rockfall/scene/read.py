@@ -11,6 +11,7 @@ import numpy as np
 
 from rockfall.case import FROM_ARRAY, Case, file_keys
 from rockfall.errors import RockfallError
+from rockfall.grounds import other_tables
 from rockfall.impact_sets import set_path
 from rockfall.io.arrays import from_array
 from rockfall.io.raster import dem_header, packing_note, read_dem
@@ -144,6 +145,7 @@ def _check_files(case: Case, arrays: dict[str, Any]) -> None:
     for key, file in case.files():
         if (
             key.file in ("sets", "impact_table")
+            or (key.name == "ground_table" and file in other_tables())
             or key.name in unread
             or arrays.get(key.name) is not None
         ):

@@ -1,0 +1,355 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Field sites beside the program, by every law of rebounds: the tables of docs/validation/field.
+
+    python -m benchmarks.physics.field [--site tschamut vaujany impacts mel-de-la-niva]
+        [--data FOLDER] [--half calibration|held-out|all] [--seeds 301 302 303]
+        [--tables FOLDER] [--throws 4000] [--platrock PYTHON] [--law NAME=TABLE] [--ground ROW]
+        [--write]
+
+For each place and quantity that was observed prints one table in Markdown: mean, standard
+deviation, 5, 50 and 95 % quantiles, Kolmogorov-Smirnov statistic and its p, Wasserstein distance,
+lateral spread; means over seeds (or, at Vaujany, over slopes of the recipe) and standard errors of
+the last digit shown. Means within 10 % of what was observed, and deviations within 25 %, are marked
+✓, those beyond ✗, ? where errors do not decide. Statistics are those of `rockfall validate`.
+
+Data are downloaded (pip install 'rockfall[field]') or taken from FOLDER, as rockfall.field.download
+says. Only the half of Tschamut that calibrates is run unless --half says otherwise: what was chosen
+before looking at the other half stands in docs/validation/field/protocol.md. Tables of impacts with
+0.7 and 1.4 times the relief of the ground are made on the way, and kept in FOLDER of --tables:
+remove them when the laboratory has changed. PYTHON is one that has PlatRock (benchmarks.speed.
+platrock); without it that row is left out, and the output says so. --write puts the tables in their
+places on docs/validation/field/every_law.md.
+"""
+
+import argparse
+import os
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import rasterio
+import xarray as xr
+
+import rockfall
+from benchmarks.machine import NOTHING, ROOT, machine
+from benchmarks.physics import impacts, platrock_runs
+from benchmarks.physics.laws import Law, add_laws, ground, matrix, table
+from benchmarks.physics.tschamut import SHAPE_OF_BLOCK
+from cases.tschamut.make_case import HALVES, make
+from rockfall.analysis.lines.values import line_values
+from rockfall.analysis.observations import Observed, read_observed
+from rockfall.analysis.run_out import Sample
+from rockfall.analysis.validation import (
+    BEYOND,
+    COLUMNS,
+    FEWEST,
+    QUANTILES,
+    RUN_OUT,
+    UNDECIDED,
+    WITHIN,
+    Key,
+    Number,
+    numbers_beside,
+    over_runs,
+    run_out_numbers,
+)
+from rockfall.errors import RockfallError
+from rockfall.field.download import fetch
+from rockfall.impact_tables import SHAPES, save_table
+from rockfall.io.files import atomic_write
+from rockfall.lab.blocks.case import BlockCase, grounds
+from rockfall.lab.blocks.contacts import run_throws
+from rockfall.lab.tables import table_of
+from rockfall.lab.talus import CELL, NORTH, WEST, Talus, zones
+from rockfall.quantities import QUANTITIES
+
+PAGE = ROOT / "docs" / "validation" / "field" / "every_law.md"
+RELIEFS = 0.7, 1.4  # times that of the ground
+SLOPES = 16  # of the recipe of cases/vaujany
+FIRST_SLOPE = 3000  # seed of the first: none that a calibration has seen
+MARKS = {WITHIN: " ✓", BEYOND: " ✗", UNDECIDED: " ?", "": ""}
+TITLES = {
+    "mean": "mean", "std": "std", "q05": "5 %", "q50": "50 %", "q95": "95 %", "ks": "KS", "p": "p",
+    "wasserstein": "Wasserstein", "lateral_std": "lateral std",
+}  # fmt: skip
+BARE = "ks", "p"  # without a unit
+ON_PASTURE = (
+    "soil_1", "soil_2", "rockyfor3d-2023:soil_2", "pfeiffer_soil", "meadow", "bourrier_hungr_soft",
+    "bourrier_hungr",
+)  # fmt: skip
+ON_TALUS = (
+    "soil_4", "rockyfor3d-2023:soil_4", "pfeiffer_talus", "pfeiffer_rock", "talus", "rock_ledge",
+    "bourrier_hungr",
+)  # fmt: skip
+PASTURE_TABLES = "meadow", "vegetated-soil", "talus"
+TALUS_TABLES = "talus", "rock"
+
+
+@dataclass(frozen=True)
+class Part:
+    """A part of a site: a case, what was observed of it, and the shape of its blocks."""
+
+    case: rockfall.Case
+    seen: Observed
+    shape: str
+
+
+def relief_laws(name: str, shapes: Sequence[str], folder: Path, throws: int) -> Iterator[Law]:
+    """Tables of a ground with other reliefs for blocks of these shapes, made unless they exist."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for factor in RELIEFS:
+        relief = factor * grounds()[name]["relief"]
+        stem = f"{name}-r{relief:g}-{throws}"
+        for shape in shapes:
+            path = folder / f"{stem}-{shape}.nc"
+            if not path.exists():
+                lab = {"ground": name, "shape": shape, "throws": throws}
+                case = BlockCase(lab=lab, ground={"relief": relief})
+                save_table(table_of([run_throws(case)]), path)
+        seen = os.path.relpath(folder, ROOT / "cases" / "site")  # from a case: names are short
+        yield table(f"table {name}, relief x {factor:g}={seen}/{stem}-{{shape}}.nc")
+
+
+def site_laws(
+    given: argparse.Namespace,
+    tables: Sequence[str],
+    rows: Sequence[str],
+    shapes: Sequence[str] = SHAPES[:1],
+) -> list[Law]:
+    """The matrix, tables, the first of these with other reliefs, classical grounds, and those that
+    were asked for besides."""
+    reliefs = relief_laws(tables[0], shapes, given.tables, given.throws)
+    shipped = [table(f"table {name}={name}") for name in tables]
+    return [matrix(), *shipped, *reliefs, *map(ground, rows), *given.law]
+
+
+def rows_of(name: str, runs: Sequence[dict]) -> list[dict[str, Any]]:
+    """Rows of a law."""
+    return [{"law": name, **row} for row in over_runs(runs)]
+
+
+# ---- Tschamut
+
+
+def pasture_parts(folder: Path) -> list[Part]:
+    """The blocks of Tschamut, each with its shape."""
+    case = rockfall.read_case(ROOT / "cases" / "tschamut" / "case.nml")
+    parts = []
+    for block, shape in SHAPE_OF_BLOCK.items():
+        part = case.replace(
+            terrain={"dem": str(folder / "dem.asc")},
+            release={"points": str(folder / f"releases-{block}.csv")},
+            boulder={"block_shape": shape},
+            output=NOTHING,
+        )
+        parts.append(Part(part, read_observed(folder / f"observed-{block}.csv"), shape))
+    return parts
+
+
+def pasture(given: argparse.Namespace) -> Iterator[dict[str, Any]]:
+    """Rows of every law at Tschamut."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        make(given.half, given.data, folder)
+        parts = pasture_parts(folder)
+        for law in site_laws(given, PASTURE_TABLES, ON_PASTURE, SHAPES):
+            runs = []
+            for seed in given.seeds:
+                pairs = []
+                for part in parts:
+                    case = part.case.replace(case={"seed": seed}, **law.everywhere(part.shape))
+                    pairs.append((rockfall.run(case), part.seen))
+                runs.append(numbers_beside(pairs))
+            yield from rows_of(law.name, runs)
+        if given.platrock is None:
+            print("PlatRock is left out: --platrock names no Python that has it")
+            return
+        yield from _by_platrock(given, folder)
+
+
+def _by_platrock(given: argparse.Namespace, folder: Path) -> Iterator[dict[str, Any]]:
+    """The same by PlatRock; nothing but a line where it does not run."""
+    seen = pd.read_csv(folder / "observed.csv")
+    ways = seen[["x", "y"]].values - seen[["start_x", "start_y"]].values
+    x, y = ways.mean(axis=0)
+    across = np.array([-y, x]) / np.hypot(x, y)
+
+    def sample(ways: np.ndarray, source: np.ndarray) -> Sample:
+        return Sample(np.column_stack([np.hypot(*ways.T), ways @ across]), source)
+
+    observed = sample(ways, np.arange(len(ways)))
+    runs = []
+    for seed in given.seeds:
+        try:
+            ways, source = platrock_runs.stops(given.platrock, folder, seed)
+        except platrock_runs.PlatRockError as error:
+            print(f"PlatRock is left out: {error}")
+            return
+        numbers = run_out_numbers(observed, sample(ways, source), one_frame=True)
+        runs.append({("", RUN_OUT, name): one for name, one in numbers.items()})
+    yield from rows_of(platrock_runs.NAME, runs)
+
+
+# ---- Vaujany
+
+
+def talus(given: argparse.Namespace) -> Iterator[dict[str, Any]]:
+    """Rows of every law at the two lines of Vaujany, over slopes of the recipe."""
+    folder = ROOT / "cases" / "vaujany"
+    cases = {
+        f"matrix, method {method}": rockfall.read_case(folder / name)
+        for method, name in (("A", "case_A.nml"), ("B", "case.nml"))
+    }
+    for law in site_laws(given, TALUS_TABLES, ON_TALUS)[1:]:
+        cases[law.name] = cases["matrix, method B"].replace(**law.of("compact"))
+    seen = read_observed(folder / "paper.csv")
+    place = rasterio.Affine(CELL, 0, WEST, 0, -CELL, NORTH)
+    for name, case in cases.items():
+        runs = []
+        for k in range(given.slopes):
+            one = case.replace(
+                case={"boulders": given.boulders, "seed": FIRST_SLOPE + k}, output=NOTHING
+            )
+            z = Talus(seed=FIRST_SLOPE + k).elevation()
+            result = rockfall.run(one, dem=z, transform=place, zones=zones())
+            runs.append(numbers_beside([(result, seen)]) | dict(_quantiles(result, seen)))
+        yield from rows_of(name, runs)
+
+
+def _quantiles(result: xr.Dataset, seen: Observed) -> Iterator[tuple[Key, Number]]:
+    """Simulated quantiles at the lines, beside which nothing is printed."""
+    names = list(result["line"].values)
+    observed = seen.summaries[seen.summaries["method"] == "observed"]
+    for line, quantity in observed[["line", "quantity"]].values:
+        values = line_values(result, quantity, names.index(line))
+        values = values[np.isfinite(values)]
+        for name, q in QUANTILES.items():
+            value = float(np.quantile(values, q)) if values.size >= FEWEST else np.nan
+            yield (line, quantity, name), Number(np.nan, np.nan, np.nan, value)
+
+
+# ---- Mel de la Niva
+
+
+def event(given: argparse.Namespace) -> Iterator[dict[str, Any]]:
+    """Rows of every law at the Mel de la Niva, whose inputs `make_case.py` there has made."""
+    folder = ROOT / "cases" / "mel-de-la-niva"
+    if not (folder / "observed.csv").exists():
+        raise RockfallError(f"{folder}: has no observed.csv: run make_case.py there first")
+    seen = read_observed(folder / "observed.csv")
+    case = rockfall.read_case(folder / "case.nml").replace(
+        case={"boulders": given.boulders}, output=NOTHING
+    )
+    for law in site_laws(given, TALUS_TABLES, ON_TALUS):
+        of_law = case.replace(**law.everywhere("compact"))
+        runs = [
+            numbers_beside([(rockfall.run(of_law.replace(case={"seed": seed})), seen)])
+            for seed in given.seeds
+        ]
+        yield from rows_of(law.name, runs)
+
+
+# ---- tables
+
+
+def markdown(rows: list[dict[str, Any]]) -> Iterator[str]:
+    """A table in Markdown for each place and quantity."""
+    found = pd.DataFrame(rows, columns=COLUMNS)
+    for (line, quantity), of_place in found.groupby(["line", "quantity"], sort=False):
+        about = QUANTITIES[quantity]
+        n = of_place["n_observed"].max()
+        count = f"{n:.0f} observed" if np.isfinite(n) else "observed numbers as printed"
+        yield f"\n{line + ', ' if line else ''}{about.label} [{about.unit}], {count}\n"
+        yield "| law | " + " | ".join(TITLES.values()) + " |"
+        yield "|---" * (len(TITLES) + 1) + "|"
+        first = of_place.drop_duplicates("statistic").set_index("statistic")
+        cells = [_cell(first, name, "observed", about.factor) for name in TITLES]
+        yield "| observed | " + " | ".join(cells) + " |"
+        for law, of_law in of_place.groupby("law", sort=False):
+            each = of_law.set_index("statistic")
+            cells = [_cell(each, name, "simulated", about.factor) for name in TITLES]
+            yield f"| {law} | " + " | ".join(cells) + " |"
+
+
+def _cell(rows: pd.DataFrame, name: str, whose: str, factor: float) -> str:
+    """A number with its standard error, and the mark of its verdict."""
+    if name not in rows.index or not np.isfinite(rows.loc[name, whose]):
+        return "-"
+    row = rows.loc[name]
+    factor = 1.0 if name in BARE else factor
+    value, error = factor * row[whose], factor * row[f"{whose}_error"]
+    text = f"{value:.2g}" if name == "p" else f"{float(f'{value:.3g}'):g}"
+    if name != "p" and np.isfinite(error):
+        text += f" ± {float(f'{error:.1g}'):g}"
+    return text + (MARKS[row["verdict"]] if whose == "simulated" else "")
+
+
+def place(name: str, half: str) -> str:
+    """What marks the place of a site's tables on the page."""
+    return f"{name}, {half} half" if name == "tschamut" else name
+
+
+def put(name: str, text: str) -> None:
+    """Put tables in the place of this name on the page."""
+    page = PAGE.read_text(encoding="utf-8")
+    begin, end = f"<!-- {name} -->\n", f"<!-- end of {name} -->\n"
+    if page.count(begin) != 1 or page.count(end) != 1:
+        raise RockfallError(f"{PAGE}: expected one place '{begin.strip()}' to '{end.strip()}'")
+    before, _, rest = page.partition(begin)
+    _, _, after = rest.partition(end)
+    with atomic_write(PAGE) as part:
+        part.write_text(f"{before}{begin}\n{text.strip()}\n\n{end}{after}", encoding="utf-8")
+
+
+SITES = {"tschamut": pasture, "vaujany": talus, "mel-de-la-niva": event}
+IMPACTS = "impacts"
+
+
+def _of_site(name: str, given: argparse.Namespace) -> Iterator[str]:
+    """The tables of a site."""
+    if name == IMPACTS:
+        yield from impacts.page(fetch("chant_sura_esurf2019", given.data)["impacts.csv"])
+    else:
+        yield from markdown(list(SITES[name](given)))
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    names = [*SITES, IMPACTS]
+    parser.add_argument(
+        "--site", nargs="+", choices=names, default=["tschamut", "vaujany", IMPACTS]
+    )
+    parser.add_argument("--data", type=Path, help="folder of field data, in place of downloads")
+    parser.add_argument("--half", choices=HALVES, default="calibration")
+    parser.add_argument("--seeds", type=int, nargs="+", default=[301, 302, 303])
+    parser.add_argument("--slopes", type=int, default=SLOPES, help="of Vaujany")
+    parser.add_argument("--boulders", type=int, default=1000, help="of each source but at Tschamut")
+    parser.add_argument("--tables", type=Path, default=ROOT / "out" / "field-tables")
+    parser.add_argument("--throws", type=int, default=4000, help="of the laboratory, for a table")
+    parser.add_argument("--platrock", type=Path, help="a Python that has PlatRock")
+    parser.add_argument("--write", action="store_true", help="put the tables on their page")
+    add_laws(parser)
+    given = parser.parse_args()
+    if min(len(given.seeds), given.slopes) < 2:
+        parser.error("at least 2 seeds, and 2 slopes, are needed for an error")
+    print(machine())
+    try:
+        for name in given.site:
+            print(f"\n## {place(name, given.half)}")
+            text = "\n".join(_of_site(name, given))
+            print(text, flush=True)
+            if given.write:
+                put(place(name, given.half), text)
+    except RockfallError as error:
+        print(f"field.py: {error}", file=sys.stderr)
+        return error.code
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

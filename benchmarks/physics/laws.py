@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What rebounds follow, as benchmarks of sites name it: the matrix, tables of impacts, and rows of
+a table of grounds.
+
+`--law NAME=TABLE` is a table of impacts: one that is shipped, or a file in whose name {shape}
+stands for the shape of the block. `--ground ROW` is a classical rebound: a row of the shipped table
+of grounds; `ROW@16` the same with a `roughness_angle` of 16 degrees; `TABLE:ROW` a row of another
+shipped table or of a file of grounds.
+"""
+
+import argparse
+import csv
+import tempfile
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from rockfall.grounds import other_tables, shipped_grounds
+from rockfall.impact_tables import table_names
+
+ROCKS = 0.2  # R_m of the matrix [m]
+OBSTACLES = 0.1  # height of the obstacles on classical grounds, which rockyfor3d heeds [m]
+
+
+@dataclass(frozen=True)
+class Law:
+    """A rule of rebounds: keys of the case by group, in which {shape} stands for the block's; and
+    the mean radius of rocks [m] where a site knows none."""
+
+    name: str
+    keys: dict[str, dict[str, Any]]
+    radius: float | None = None
+
+    def of(self, shape: str) -> dict[str, dict[str, Any]]:
+        """The keys for a block of this shape, at a site that knows the sizes of its rocks."""
+        return {
+            group: {
+                key: value.format(shape=shape) if isinstance(value, str) else value
+                for key, value in keys.items()
+            }
+            for group, keys in self.keys.items()
+        }
+
+    def everywhere(self, shape: str) -> dict[str, dict[str, Any]]:
+        """The keys for a block of this shape, at a site that knows no sizes of rocks."""
+        found = self.of(shape)
+        if self.radius is not None:
+            found["surface"] = found.get("surface", {}) | {"uniform_mean_radius": self.radius}
+        return found
+
+
+def matrix() -> Law:
+    """The paper's matrix with its shipped sets."""
+    return Law(f"matrix, R_m {ROCKS} m", {"impact": {"form": "matrix"}}, ROCKS)
+
+
+def table(text: str) -> Law:
+    """The law of NAME=TABLE."""
+    name, _, file = text.partition("=")
+    return Law(name, {"impact": {"form": "table", "table": file or name}})
+
+
+def ground(text: str) -> Law:
+    """The law of ROW, ROW@ROUGHNESS or TABLE:ROW."""
+    where, _, row = text.rpartition(":")
+    row, _, roughness = row.partition("@")
+    path = other_tables().get(where, Path(where)) if where else shipped_grounds()
+    if roughness:
+        path = _roughened(path, float(roughness))
+    surface = {"ground": row, "ground_table": str(path)}
+    return Law(text, {"impact": {"form": "matrix"}, "surface": surface}, OBSTACLES / 2)
+
+
+@cache
+def _roughened(path: Path, roughness: float) -> Path:
+    """A table of grounds with this `roughness_angle` [degree] in place of its own."""
+    with path.open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    made = Path(_folder().name) / f"{path.stem}-{roughness:g}.csv"
+    with made.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, list(rows[0]))
+        writer.writeheader()
+        for row in rows:
+            if row["roughness_angle"]:
+                row["roughness_angle"] = f"{roughness:g}"
+            writer.writerow(row)
+    return made
+
+
+@cache
+def _folder() -> tempfile.TemporaryDirectory:
+    """A folder that lasts as long as the process."""
+    return tempfile.TemporaryDirectory(prefix="grounds-")
+
+
+def shipped_table_laws() -> list[Law]:
+    """A law for each table of impacts that is shipped."""
+    return [table(name) for name in table_names()]
+
+
+def add_laws(parser: argparse.ArgumentParser) -> None:
+    """Let a command take `--law` and `--ground`, repeated, as one list `law`."""
+    parser.add_argument("--law", type=table, action="append", default=[], metavar="NAME=TABLE")
+    parser.add_argument(
+        "--ground", type=ground, action="append", dest="law", metavar="[TABLE:]ROW[@ROUGHNESS]"
+    )

@@ -1,0 +1,102 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Files of published field experiments and events, with their sources, licences and checksums."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+#: A repository that derives tables from data of EnviDat, at the commit whose files are known here.
+DERIVED = "https://github.com/ofuhrer/rust_rockfall/raw/722f7c7"
+
+
+class RemoteFile(NamedTuple):
+    """A file: its local name, its address, and its checksum as `algorithm:digest`."""
+
+    name: str
+    url: str
+    checksum: str
+
+
+@dataclass(frozen=True)
+class Archive:
+    """The files that are used of a published data set. `doi` is that of the data; `origin` says
+    where the files come from; `tried` whether this program has ever read the real ones."""
+
+    title: str
+    doi: str
+    licence: str
+    citation: str
+    origin: str
+    files: tuple[RemoteFile, ...]
+    tried: bool = True
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Local names of the files."""
+        return tuple(one.name for one in self.files)
+
+
+def _tschamut(name: str, digest: str) -> RemoteFile:
+    return RemoteFile(name, f"{DERIVED}/data/processed/tschamut2014/{name}", f"sha256:{digest}")
+
+
+def _zenodo(name: str, digest: str) -> RemoteFile:
+    return RemoteFile(name, f"doi:10.5281/zenodo.7257979/{name}", f"md5:{digest}")
+
+
+ARCHIVES = {
+    "tschamut2014": Archive(
+        "Repetitive trajectory testing in Tschamut 2014",
+        "10.16904/envidat.34",
+        "ODbL, contents DbCL",
+        "Volkwein, A. and Gerber, W. (2018): Repetitive trajectory testing in Tschamut 2014. "
+        "EnviDat.",
+        "tables and a terrain of 5 m derived in github.com/ofuhrer/rust_rockfall, commit 722f7c7",
+        (
+            _tschamut(
+                "release_points.csv",
+                "70baa2707cc3efff8e7f466fe2b9228763df8883a43b1464531143966069c203",
+            ),
+            _tschamut(
+                "observed_deposition.csv",
+                "8087131cb9b0807ca6d16ded63ed5eeffd44741928618e7ae797dd01d1bfeccb",
+            ),
+            _tschamut(
+                "terrain.asc",
+                "23fa4c3bc326987cbfa4343cbe568ace9ff1637f69e874fd2e5cfcc8b8b53620",
+            ),
+        ),
+    ),
+    "chant_sura_esurf2019": Archive(
+        "Six impacts of a block of 780 kg on an alpine meadow",
+        "10.5194/esurf-7-199-2019",
+        "as of the article (CC BY 4.0)",
+        "Caviezel, A. et al. (2019): Reconstruction of four-dimensional rockfall trajectories "
+        "using remote sensing and rock-based accelerometers and gyroscopes. Earth Surf. Dynam. 7, "
+        "199.",
+        "a table derived in github.com/ofuhrer/rust_rockfall, commit 722f7c7",
+        (
+            RemoteFile(
+                "impacts.csv",
+                f"{DERIVED}/calibration/data/scarring_single_impact/"
+                "chant_sura_esurf_2019_impacts.csv",
+                "sha256:ad83c4fedffbf544d44625ed79308fa1a9a4db3f3792173a6a02362d105a0496",
+            ),
+        ),
+    ),
+    "mel_de_la_niva_2015": Archive(
+        "Highly energetic rockfalls: Dataset of the 2015 event from the Mel de la Niva",
+        "10.5281/zenodo.7257979",
+        "CC BY 4.0",
+        "Noël, F. et al. (2022): Highly energetic rockfalls: Dataset of the 2015 event from the "
+        "Mel de la Niva, Switzerland. Zenodo.",
+        "Zenodo; names and MD5 sums of the files as listed in github.com/ofuhrer/rust_rockfall",
+        (
+            _zenodo("3d_trajectories_epsg21781_lv03.zip", "dba538e90510c30eaa8cf9fcbdadad99"),
+            _zenodo("gis_shapes_epsg21781_lv03.zip", "b88775690c74aff171f341a3681df4f8"),
+            _zenodo("sfm_rasters_epsg21781_lv03.zip", "a17874b6c82d8739e2eda21455780515"),
+        ),
+        tried=False,
+    ),
+}
