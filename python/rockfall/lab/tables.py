@@ -192,8 +192,8 @@ class _Bin:
 def _sort_into_bins(
     contacts: _Contacts, kind: str, sizes: tuple[int, ...]
 ) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """The contacts in each bin of a kind, and the edges of each key: quantiles within the bin of the
-    key before."""
+    """The contacts in each bin of a kind, and the edges of each key: quantiles within the bin of
+    the key before."""
     keys = _keys(contacts, kind)
     groups = [np.flatnonzero(_of_kind(contacts, kind))]
     edges = []
